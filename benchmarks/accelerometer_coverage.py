@@ -104,7 +104,7 @@ def q_set(rng: np.random.Generator) -> Outcome:
     )
     terms = affine_model.AffineTerms(0, 0, 0)
     fitted = affine.fit(indication, np.zeros(len(reference)), reference, terms=terms)
-    found, covariance = affine.evaluate_q(fitted, 0.0)
+    found, covariance = fitted.evaluate_q(0.0)
     score = (found - q) / np.sqrt(np.diag(covariance))
     return Outcome(score, float(t.ppf(0.975, fitted.dof)), fitted.residual_rms / NOISE_G)
 

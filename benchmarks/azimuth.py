@@ -147,7 +147,7 @@ def other_run(seed: int, latitude: float, theta: tuple[float, float]) -> Campaig
     rng = np.random.default_rng(np.random.SeedSequence([seed, 1]))
     attitudes = simulate.random_attitudes(36, theta, rng)
     temperature = rng.uniform(25.0, 115.0, 36)
-    columns, _ = simulate.stations(tool, attitudes, latitude, temperature, rng)
+    columns, _ = tool.stations(attitudes, latitude, temperature, rng)
     truth = {"stations": {"azimuth_deg": attitudes.azimuth_deg.tolist()}}
     return Campaign({"stations.csv": columns}, simulate.DECIMALS, truth)
 
@@ -187,9 +187,7 @@ def over_noise(
         *(np.repeat(getattr(attitudes, f), draws) for f in simulate.Attitudes.__slots__)
     )
     temperature = np.full(stations * draws, 60.0)
-    columns, _ = simulate.stations(
-        simulate.Tool((pair, pair)), repeated, latitude, temperature, rng
-    )
+    columns, _ = simulate.Tool((pair, pair)).stations(repeated, latitude, temperature, rng)
     parts = components(Campaign({"stations.csv": columns}, {}, {}), "x")
     prior = root_choice.Prior(np.ones(temperature.size), np.full(temperature.size, 0.01))
     found = root_choice.solve(parts, latitude, prior)

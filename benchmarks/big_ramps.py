@@ -21,7 +21,7 @@ import numpy as np
 
 from calibkit.instruments.fog_thermal import simulate_gyro
 from calibkit.simulate import noise
-from calibkit.simulate.chamber import Chamber, air as air_of, ramp, set_points
+from calibkit.simulate.chamber import Chamber, ramp
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -59,12 +59,12 @@ def _write_one(path: Path, rate: float, rows: int) -> None:
     )
     end = simulate_gyro.COLD_DEGC + rate * ramp_s / 60.0
     after = DURATION_S - SOAK_S - ramp_s + 60.0  # the chamber runs on when the log ends
-    seconds, set_degc = set_points(
-        ramp(simulate_gyro.COLD_DEGC, end, rate, soak_before_s=SOAK_S, soak_after_s=after)
-    )
-    air = air_of(chamber, set_degc, rng)
-    heat = simulate_gyro.heat_flow(device, air, simulate_gyro.COLD_DEGC)
-    bias = device.input_rate_dph + device.bias_dph + simulate_gyro.drift(device, heat)
+    seconds, set_degc = ramp(
+        simulate_gyro.COLD_DEGC, end, rate, soak_before_s=SOAK_S, soak_after_s=after
+    ).set_points()
+    air = chamber.air(set_degc, rng)
+    heat = device.heat_flow(air, simulate_gyro.COLD_DEGC)
+    bias = device.input_rate_dph + device.bias_dph + device.drift(heat)
     bias += noise.flicker(device.B, seconds.size, rng)
     step = DURATION_S / rows
     decimals = max(4, math.ceil(-math.log10(step)))

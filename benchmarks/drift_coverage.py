@@ -33,8 +33,6 @@ from calibkit.instruments.fog_thermal.numeric.terms import (
     Drivers,
     Scales,
     ThermalModel,
-    raw_design,
-    to_raw,
 )
 from calibkit.numeric import gum, intervals
 from calibkit.simulate import noise
@@ -66,14 +64,14 @@ def truth(seed: int, form: str) -> Truth:
     )
     lags = (rng.uniform(90.0, 360.0), rng.uniform(60.0, 300.0)) if form == "lagged" else ()
     scaled[8] *= form == "level"
-    return Truth(to_raw(SCALES) @ scaled, tuple(map(float, lags)))
+    return Truth(SCALES.to_raw() @ scaled, tuple(map(float, lags)))
 
 
 def true_drivers(form: str, lags: tuple[float, ...], log: fog.SimulatedLog) -> Drivers:
     """Drivers at 1 Hz by the model's own equations on the true temperatures."""
     seconds = log.columns["time_s"].astype(np.float64)
     if form == "lagged":
-        return coil.drivers(coil.path([(seconds, log.heat.case)]), *lags)
+        return coil.path([(seconds, log.heat.case)]).drivers(*lags)
     held = intervals.find_intervals(seconds, INTERVAL_S)
     middle, case = held.means(seconds), held.means(log.heat.case)
     env = held.means(log.air)
@@ -103,7 +101,7 @@ def of_the_family(seed: int, form: str) -> np.ndarray:
     bias = device.input_rate_dph + device.bias_dph
     logs = []
     for name, log in fog.logs(device, fog.programmes(RATES, ()), seed, Chamber()).items():
-        drift = raw_design(true_drivers(form, true.lags, log)) @ true.coefficients
+        drift = true_drivers(form, true.lags, log).raw_design() @ true.coefficients
         random = (
             noise.angle_random_walk(device.N, drift.size, rng)
             + noise.flicker(device.B, drift.size, rng)
@@ -115,9 +113,9 @@ def of_the_family(seed: int, form: str) -> np.ndarray:
     basis = level.basis(stacked)
     if form == "lagged":
         surveyed = lagged.survey(stacked, basis.robust)
-        model = lagged.finish(lagged.solve(surveyed, lagged.LAGGED_TERMS), stacked)
+        model = lagged.finish(surveyed.solve(lagged.LAGGED_TERMS), stacked)
     else:
-        model = pooled_fit.finish(level.solve(basis, TERMS), stacked)
+        model = basis.solve(TERMS).finish(stacked)
     expected = true.coefficients + np.concatenate([[bias], np.zeros(8)])
     errors = np.concatenate([model.coefficients - expected, np.subtract(model.lags, true.lags)])
     stated = model.standard_uncertainty
@@ -131,9 +129,7 @@ def physical(seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Error of the drift over its expanded uncertainty along the withheld ramps; over twice its
     type A one alone.
     """
-    device = simulate_gyro.scale_drift(
-        simulate_gyro.draw_gyro(seed), hysteresis_scale=float(seed % 2)
-    )
+    device = simulate_gyro.draw_gyro(seed).scale_drift(hysteresis_scale=float(seed % 2))
     made = fog.logs(device, fog.programmes(RATES, (3.0, 6.0)), seed, Chamber())
     logs = {name: thermal_log(name, log, log.columns["gyro_dph"]) for name, log in made.items()}
     choice = thermal_choice.choose(

@@ -74,7 +74,7 @@ def gyro(seed: int, kind: str) -> simulate_gyro.FogGyro:
     )
     scale = {"none": 0.0, "weak": float(rng.uniform(0.02, 0.3))}.get(kind, 1.0)
     hysteresis = {"hysteresis": 1.0, "strong hysteresis": 4.0}.get(kind, 0.0)
-    return simulate_gyro.scale_drift(device, drift_scale=scale, hysteresis_scale=hysteresis)
+    return device.scale_drift(drift_scale=scale, hysteresis_scale=hysteresis)
 
 
 def thermal_log(
@@ -118,9 +118,7 @@ def judged(
         blocks = thermal_log(name, log)
         count = blocks.time.size
         share = device.inner_share
-        hysteresis = simulate_gyro.hysteresis(
-            device, (1.0 - share) * log.heat.outer + share * log.heat.inner
-        )
+        hysteresis = device.hysteresis((1.0 - share) * log.heat.outer + share * log.heat.inner)
         drift, own = (means(values, int(INTERVAL_S))[:count] for values in (log.drift, hysteresis))
         model = np.zeros(count)
         if choice.model is not None:

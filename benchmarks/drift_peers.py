@@ -154,7 +154,7 @@ def judged(
     model = choice.choose(blocks).model
     seconds = {"calibkit, chosen": time.perf_counter() - start}
     stacked = pooled_fit.stack(blocks)
-    plain = pooled_fit.finish(level.solve(level.basis(stacked), TERMS), stacked)
+    plain = level.basis(stacked).solve(TERMS).finish(stacked)
     peer, seconds["ardupilot"] = packaged(python, fitted)
     start = time.perf_counter()
     px4 = cubic(fitted)

@@ -155,6 +155,21 @@ class Record:
             hint=f"models there: {', '.join(model.name for model in self.models) or 'none'}",
         )
 
+    def document(self) -> dict[str, Any]:
+        """Content of a coefficient file without its digest: of an input only what identifies it."""
+        return asdict(self) | {"inputs": [entry.identity() for entry in self.inputs]}
+
+    def dumps(self) -> str:
+        """Text of a coefficient file; the same record gives the same bytes."""
+        for model in self.models:
+            for entry in model.coefficients:
+                if not math.isfinite(entry.value) or not math.isfinite(entry.standard_uncertainty):
+                    raise CoefficientError(
+                        f"{self.stage} {model.name}: {entry.name} is {entry.value}",
+                        hint="this is a bug",
+                    )
+        return seal(self.document())
+
 
 @dataclass(frozen=True, slots=True)
 class StageResult:
@@ -171,6 +186,25 @@ class StageResult:
         """Name of the stage's coefficient file."""
         return f"{self.stage}.json"
 
+    def as_record(self, identity: Identity, supersedes: str) -> Record:
+        """Coefficient record of a stage's result; `supersedes` is the digest of the stage's file
+        before, or empty.
+        """
+        return Record(
+            stage=self.stage,
+            serial=identity.serial,
+            revision=identity.revision,
+            supersedes=supersedes,
+            effective_from=identity.effective_from,
+            software=identity.software,
+            recipe_sha256=identity.recipe_sha256,
+            inputs=tuple(Input(entry.name, entry.sha256, entry.rows) for entry in identity.inputs),
+            conditions=(*self.conditions, *_clocks(identity.inputs)),
+            models=self.models,
+            figures=self.figures,
+            flags=self.flags,
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class Identity:
@@ -182,26 +216,6 @@ class Identity:
     software: str
     recipe_sha256: str
     inputs: tuple[Input, ...]
-
-
-def record(result: StageResult, identity: Identity, supersedes: str) -> Record:
-    """Coefficient record of a stage's result; `supersedes` is the digest of the stage's file
-    before, or empty.
-    """
-    return Record(
-        stage=result.stage,
-        serial=identity.serial,
-        revision=identity.revision,
-        supersedes=supersedes,
-        effective_from=identity.effective_from,
-        software=identity.software,
-        recipe_sha256=identity.recipe_sha256,
-        inputs=tuple(Input(entry.name, entry.sha256, entry.rows) for entry in identity.inputs),
-        conditions=(*result.conditions, *_clocks(identity.inputs)),
-        models=result.models,
-        figures=result.figures,
-        flags=result.flags,
-    )
 
 
 def _clocks(inputs: Sequence[Input]) -> tuple[Condition, ...]:
@@ -277,23 +291,6 @@ def _distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(found) != len(pairs):
         raise ValueError("a key stands twice")
     return found
-
-
-def dumps(record: Record) -> str:
-    """Text of a coefficient file; the same record gives the same bytes."""
-    for model in record.models:
-        for entry in model.coefficients:
-            if not math.isfinite(entry.value) or not math.isfinite(entry.standard_uncertainty):
-                raise CoefficientError(
-                    f"{record.stage} {model.name}: {entry.name} is {entry.value}",
-                    hint="this is a bug",
-                )
-    return seal(document(record))
-
-
-def document(record: Record) -> dict[str, Any]:
-    """Content of a coefficient file without its digest: of each input only what identifies it."""
-    return asdict(record) | {"inputs": [entry.identity() for entry in record.inputs]}
 
 
 def loads(text: str, name: str) -> Record:

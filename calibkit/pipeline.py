@@ -87,7 +87,7 @@ def _placed(source: recipe.Source) -> Iterator[None]:
     try:
         yield
     except RecipeError as error:
-        raise recipe.located(source, error) from None
+        raise source.located(error) from None
 
 
 def _guesses(inputs: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
@@ -121,15 +121,13 @@ def check(source: recipe.Source, data: Path, figure: Path | None = None) -> tupl
         outcomes = [examination.examine_log(instrument, spec, data, file) for file in files]
     compared = examination.compare_logs(outcomes)
     if figure is not None:
-        from calibkit.report import logs
-
         shown = [outcome.figure for outcome in outcomes if outcome.figure is not None]
         if not shown:
             raise FrameError(
                 f"{data}: no log could be read, nothing to draw", hint="see check without --figure"
             )
         with figures.styled():
-            new_files.write_new(figure, figures.pdf([logs.draw_log(one) for one in shown]))
+            new_files.write_new(figure, figures.pdf([one.draw() for one in shown]))
     return tuple(
         replace(one, findings=(*one.findings, *(found for at, found in compared if at == one.file)))
         for one in (outcome.report for outcome in outcomes)
@@ -138,13 +136,14 @@ def check(source: recipe.Source, data: Path, figure: Path | None = None) -> tupl
 
 def init(folder: Path) -> Proposal:
     """Commented recipe for the logs of a folder, with what check finds in the first of them."""
-    from calibkit.check import examination
     from calibkit.ingest import proposal
 
     proposed = proposal.propose(
         folder, instruments.parse_recipe, [one.propose for one in instruments.REGISTRY.values()]
     )
     spec = instruments.parse_recipe(recipe.Source("proposed recipe", proposed.text))
+    from calibkit.check import examination
+
     instrument, file = instruments.find(spec.procedure), ingest.find_logs(spec, folder)[0]
     try:
         report = examination.examine_log(instrument, spec, folder, file).report
@@ -289,7 +288,7 @@ def _firmware_export(run: store.Run, number: str, prefix: str, *, allow_rejected
     spec = run_recipe(run, ())
     firmware = _firmware(spec)
     chain = firmware.chain(spec, run.records)
-    stages = store.stage_digests(run)
+    stages = run.stage_digests()
     identity = export.Identity(
         document["serial"],
         document["revision"],

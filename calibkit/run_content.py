@@ -37,10 +37,10 @@ def build_run(
     """
     identity = coefficients.Identity(serial, revision, date, SOFTWARE, source.sha256, fitted.inputs)
     records = {
-        result.file: coefficients.record(result, identity, superseded.get(result.stage, ""))
+        result.file: result.as_record(identity, superseded.get(result.stage, ""))
         for result in fitted.results
     }
-    files = {name: coefficients.dumps(record).encode() for name, record in records.items()}
+    files = {name: record.dumps().encode() for name, record in records.items()}
     with figures.styled():
         drawn = instruments.find(spec.procedure).draw(f"{serial} r{revision:03d}", fitted)
     files |= documents.printed(drawn)

@@ -48,6 +48,13 @@ class Run:
         """SERIAL@rNNN."""
         return f"{self.document['serial']}@r{self.document['revision']:03d}"
 
+    def stage_digests(self) -> dict[str, str]:
+        """Stage → digest that its coefficient file states of itself."""
+        return {
+            record.stage: str(coefficients.unseal(_text(self.folder / name), name)["sha256"])
+            for name, record in self.records.items()
+        }
+
 
 def check_serial(serial: str) -> str:
     """Return a serial that can name a folder on every system, or raise UsageError."""
@@ -82,14 +89,6 @@ def _entries(folder: Path) -> list[Path]:
         raise CoefficientError(
             f"{folder}: cannot be read: {error.strerror}", hint="check the permissions"
         ) from None
-
-
-def stage_digests(run: Run) -> dict[str, str]:
-    """Stage → digest that its coefficient file states of itself."""
-    return {
-        record.stage: str(coefficients.unseal(_text(run.folder / name), name)["sha256"])
-        for name, record in run.records.items()
-    }
 
 
 def save(
@@ -322,7 +321,7 @@ def next_revision(
     refuse_run_folder(out / serial)
     with contextlib.nullcontext() if dry_run else held(out, serial):
         newest = max(revisions(out / serial), default=0)
-        yield newest + 1, stage_digests(load_revision(out, serial, newest)) if newest else {}
+        yield newest + 1, load_revision(out, serial, newest).stage_digests() if newest else {}
 
 
 @contextlib.contextmanager

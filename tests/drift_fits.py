@@ -17,7 +17,7 @@ def block_log(name, columns, interval_s, begins=()):
 def fit_level(logs, terms=TERMS):
     """Level model of all logs at once."""
     stacked = pooled_fit.stack(logs)
-    return pooled_fit.finish(level.solve(level.basis(stacked), terms), stacked)
+    return level.basis(stacked).solve(terms).finish(stacked)
 
 
 def survey(stacked):
@@ -28,4 +28,4 @@ def survey(stacked):
 def fit_lagged(logs, terms=LAGGED_TERMS):
     """Lagged model of all logs at once."""
     stacked = pooled_fit.stack(logs)
-    return lagged.finish(lagged.solve(survey(stacked), terms), stacked)
+    return lagged.finish(survey(stacked).solve(terms), stacked)

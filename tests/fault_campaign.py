@@ -116,9 +116,7 @@ def after(folder, what):
     numbers = store.revisions(folder / "S-1")
     last = store.load_revision(folder, "S-1", numbers[-1])
     before = store.load_revision(folder, "S-1", numbers[-2])
-    follows = (
-        last.records["gyro_scale.json"].supersedes == store.stage_digests(before)["gyro_scale"]
-    )
+    follows = last.records["gyro_scale.json"].supersedes == before.stage_digests()["gyro_scale"]
     return f"r{numbers[-1]:03d}{' supersedes' if follows else ' BROKEN CHAIN'}", litter(folder)
 
 

@@ -52,8 +52,8 @@ def keep(
         result = StageResult(
             stage, tuple(models), tuple(Coefficient(*figure) for figure in figures)
         )
-        record = coefficients.record(result, identity, superseded.get(stage, ""))
-        contents = {f"{stage}.json": coefficients.dumps(record).encode(), "report.txt": b"hello\n"}
+        record = result.as_record(identity, superseded.get(stage, ""))
+        contents = {f"{stage}.json": record.dumps().encode(), "report.txt": b"hello\n"}
         return {"run.json": coefficients.seal(document(identity, contents)).encode(), **contents}
 
     def document(identity, contents):

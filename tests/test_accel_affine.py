@@ -131,7 +131,7 @@ def test_model_is_the_equation_written_out_in_loops():
 @settings(max_examples=10, deadline=None)
 def test_derivatives_are_those_of_central_differences(seed):
     """The Jacobian of the model agrees with differences to 1e-8."""
-    entries = affine_model.list_entries(EVERYTHING, triangular=True)
+    entries = EVERYTHING.list_entries(triangular=True)
     values, mapped = drawn(entries, seed), (TEMPERATURE[:30] - MIDDLE) / HALF
     slopes = affine_model.evaluate(entries, values, INDICATION[:30], mapped)[1]
     numeric = q_factor.differentiate(
@@ -162,7 +162,7 @@ def test_nuisance_rotations_are_rotations():
 def test_names_are_read_back():
     """Every parameter that can be fitted has a name that means it."""
     for triangular in (False, True):
-        for entry in affine_model.list_entries(EVERYTHING, triangular=triangular):
+        for entry in EVERYTHING.list_entries(triangular=triangular):
             assert affine_model.find_entry(entry.name) == entry
     with pytest.raises(FitError, match="no parameter 'm_xw0'"):
         affine_model.find_entry("m_xw0")
@@ -172,7 +172,7 @@ def test_everything_at_once_comes_out_of_one_fit():
     """Polynomial entries, higher orders, tilt and fixture are all within 4 u, and the residual is
     the noise.
     """
-    entries = affine_model.list_entries(EVERYTHING, triangular=True)
+    entries = EVERYTHING.list_entries(triangular=True)
     truth = drawn(entries, 1)
     exact = indications(entries, truth, tilted_and_turned(entries, truth))
     indicated = exact + np.random.default_rng(2).normal(0.0, NOISE_G, exact.shape)
@@ -190,7 +190,7 @@ def test_everything_at_once_comes_out_of_one_fit():
 def test_intervals_cover_the_truth():
     """Over simulated sets the 95 % intervals cover 93 to 97 % of the parameters."""
     terms = AffineTerms(2, 1, 2)
-    entries = affine_model.list_entries(terms, triangular=False)
+    entries = terms.list_entries(triangular=False)
     covered = []
     for seed in range(25):
         truth = drawn(entries, seed)
@@ -233,7 +233,7 @@ def test_tilt_lands_in_the_cross_axis_terms_unless_it_is_fitted():
 def test_fixture_angles_come_out_however_crooked_the_triad():
     """Mounting and non-orthogonality are told apart: angles to 1e-10 rad from exact dwells."""
     terms = AffineTerms(1, 0, 1, fixture=True)
-    entries = affine_model.list_entries(terms, triangular=True)
+    entries = terms.list_entries(triangular=True)
     truth = drawn(entries, 4)
     truth[-3:] = [0.05, -0.12, 0.2]
     exact = indications(entries, truth, REFERENCE @ affine._rotation(truth[-3:]))
@@ -256,7 +256,7 @@ def test_q_factor_is_a_special_case_at_every_temperature():
     indicated = REFERENCE @ sensitivity.T + np.random.default_rng(6).normal(
         0.0, NOISE_G, REFERENCE.shape
     )
-    found, covariance = affine.evaluate_q(affine.fit(indicated, TEMPERATURE, REFERENCE), 80.0)
+    found, covariance = affine.fit(indicated, TEMPERATURE, REFERENCE).evaluate_q(80.0)
     u = np.sqrt(np.diag(covariance))
     assert np.all(np.abs(found - q) < 4.0 * u)
     assert np.all(u < 2e-5)  # rad
@@ -295,7 +295,7 @@ def test_a_sweep_at_two_attitudes_determines_a_diagonal_model():
 def test_a_wild_dwell_is_named_and_moves_nothing():
     """The robust fit names the dwell, not the rows of its axes, and stays within an uncertainty."""
     terms = AffineTerms(2, 0, 2)
-    entries = affine_model.list_entries(terms, triangular=False)
+    entries = terms.list_entries(triangular=False)
     truth = drawn(entries, 8)
     indicated = indications(entries, truth, REFERENCE)
     indicated = indicated + np.random.default_rng(9).normal(0.0, NOISE_G, indicated.shape)
@@ -326,7 +326,7 @@ def test_covariance_of_the_correction_is_that_of_many_fits():
     calibrations.
     """
     terms = AffineTerms(1, 0, 1)
-    entries = affine_model.list_entries(terms, triangular=False)
+    entries = terms.list_entries(triangular=False)
     exact = indications(entries, drawn(entries, 11), REFERENCE)
     found, stated = [], 0.0
     for seed in range(60):
@@ -347,7 +347,7 @@ def test_covariance_of_the_correction_is_that_of_many_fits():
 def test_lengths_alone_give_scale_and_bias_over_temperature():
     """Without attitudes, a triangular model over temperature is within 4 u of its truth."""
     terms = AffineTerms(2, 0, 2)
-    entries = affine_model.list_entries(terms, triangular=True)
+    entries = terms.list_entries(triangular=True)
     truth = drawn(entries, 12)
     indicated = indications(entries, truth, REFERENCE)
     indicated = indicated + np.random.default_rng(13).normal(0.0, NOISE_G, indicated.shape)

@@ -127,7 +127,7 @@ def test_fit_recovers_a_triad_in_a_fixture():
         fitted.entries, fitted.coefficients, np.zeros(1)
     )
     found = q_factor.axes_from_sensitivity(np.linalg.inv(matrix[0]))
-    np.testing.assert_allclose(affine.evaluate_q(fitted, 0.0)[0], Q, atol=1e-12)
+    np.testing.assert_allclose(fitted.evaluate_q(0.0)[0], Q, atol=1e-12)
     np.testing.assert_allclose(found[0], q_factor.axes_from_angles(Q), atol=1e-12)
     np.testing.assert_allclose(found[1], rotation, atol=1e-12)
     np.testing.assert_allclose(found[2], scale, rtol=1e-12)
@@ -141,7 +141,7 @@ def test_unit_diagonal_least_squares_is_another_number():
     indicated = REFERENCE @ AXES.T
     q1 = np.linalg.lstsq(indicated[:, :2], REFERENCE[:, 2] - indicated[:, 2], rcond=None)[0][1]
     assert abs(q1 / AUTHORITY["Q1"] - 1.0) > 5e-5
-    found, _ = affine.evaluate_q(fit_triad(indicated), 0.0)
+    found, _ = fit_triad(indicated).evaluate_q(0.0)
     assert found[0] == pytest.approx(AUTHORITY["Q1"], rel=1e-9)
 
 
@@ -152,7 +152,7 @@ def test_intervals_of_q_cover_the_truth():
     covered = []
     for _ in range(150):
         fitted = fit_triad(indicated + rng.normal(0.0, 2e-5, REFERENCE.shape))
-        found, covariance = affine.evaluate_q(fitted, 0.0)
+        found, covariance = fitted.evaluate_q(0.0)
         width = t.ppf(0.975, fitted.dof) * np.sqrt(np.diag(covariance))
         covered.append(np.abs(found - Q) <= width)
     assert 0.93 <= np.mean(covered) <= 0.97
@@ -165,9 +165,7 @@ def test_weights_hold_noisy_dwells_back():
     indicated[:4] += rng.normal(0.0, 1e-2, (4, 3))
     weights = np.ones(len(SPOTS))
     weights[:4] = 1e-8
-    plain, weighted = (
-        affine.evaluate_q(fit_triad(indicated, weights=w), 0.0)[0] for w in (None, weights)
-    )
+    plain, weighted = (fit_triad(indicated, weights=w).evaluate_q(0.0)[0] for w in (None, weights))
     assert np.max(np.abs(weighted - Q)) < 1e-8  # rad
     assert np.max(np.abs(plain - Q)) > 1e-4  # rad
 
@@ -176,7 +174,7 @@ def test_a_reversed_axis_is_refused():
     """A triad with one sign wrong is left-handed, and said to be."""
     reversed_axis = fit_triad(REFERENCE * [1.0, -1.0, 1.0])
     with pytest.raises(FitError, match="left-handed"):
-        affine.evaluate_q(reversed_axis, 0.0)
+        reversed_axis.evaluate_q(0.0)
 
 
 def test_axes_in_one_plane_are_refused():

@@ -102,13 +102,13 @@ def triad_stand(**limits):
         figures["toolface"],
     )
     found = triad_errors.DwellErrors(np.full((1, 3), figures["residual"]), errors)
-    return triad_errors.judge_errors(found, SimpleNamespace(acceptance=_AccelAcceptance(**limits)))
+    return found.judge_errors(SimpleNamespace(acceptance=_AccelAcceptance(**limits)))
 
 
 def triad_unseen(value):
     """Criterion of unseen dwells whose residual rms was 0.5 g before."""
     before, after = (triad_errors.DwellErrors(np.full((1, 3), r), None) for r in (0.5, value))
-    return [triad_errors.judge_improvement(before, after)]
+    return [before.judge_improvement(after)]
 
 
 def station(*, unseen=False, angle="after", value=0.1, **limits):
@@ -116,8 +116,7 @@ def station(*, unseen=False, angle="after", value=0.1, **limits):
     columns = {name: np.array([0.1, 0.1, np.nan]) for name in ("inclination", "toolface", "before")}
     columns |= {"after": np.array([0.1, 0.1, np.nan]), "standard_uncertainty": np.full(3, 0.1)}
     columns[angle] = np.array([columns[angle][0], -value, np.nan])
-    return angle_limits.criteria(
-        angle_limits.AngleErrors(**columns),
+    return angle_limits.AngleErrors(**columns).criteria(
         SimpleNamespace(acceptance=_InclinometerAcceptance(**limits)),
         unseen=unseen,
     )
@@ -127,8 +126,7 @@ def azimuth_rms(value, **limits):
     """Criteria of three stations whose azimuths are off by 0.7 and 0.1 times the rms."""
     found = np.array([1.4 * value, 0.2 * value, np.nan])
     same = np.array([0.0, 0.0, np.nan])
-    return angle_limits.criteria(
-        angle_limits.AngleErrors(same, same, same, found, np.ones(3)),
+    return angle_limits.AngleErrors(same, same, same, found, np.ones(3)).criteria(
         SimpleNamespace(acceptance=_InclinometerAcceptance(**limits)),
         unseen=False,
     )

@@ -20,7 +20,7 @@ CHAIN = [
     "pipeline.apply",
     "instruments.fog_thermal.instrument._apply",
     "instruments.fog_thermal.compensate.compensate_log",
-    "instruments.fog_thermal.compensate.drift_along",
+    "instruments.fog_thermal.compensate.DriftModel.drift_along",
     "instruments.fog_thermal.numeric.evaluate.evaluate",
 ]
 """From the command to the drift along a log."""

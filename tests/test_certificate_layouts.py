@@ -15,7 +15,7 @@ from calibkit.errors import RecipeError
 from calibkit.instruments import silent
 from calibkit.instruments.accelerometer import forms
 from calibkit.instruments.fog_thermal.numeric import coil
-from calibkit.instruments.fog_thermal.numeric.terms import TERMS, raw_design
+from calibkit.instruments.fog_thermal.numeric.terms import TERMS
 from conftest import ROOT, write_log
 
 ISSUED = dt.date(2026, 11, 21)
@@ -145,8 +145,8 @@ def test_drift_on_a_ramp_is_what_the_model_gives_on_a_log_of_such_a_ramp(run):
     rate = 5.0
     time = np.arange(0.0, 7200.0, 1.0)
     case = -560.0 + rate * time / 60.0  # long before 25 °C, so that the start is forgotten
-    drivers = coil.drivers(coil.path([(time, case)]), value["tau_outer"], value["tau_inner"])
-    drift = raw_design(drivers) @ np.array([value[term] for term in TERMS])
+    drivers = coil.path([(time, case)]).drivers(value["tau_outer"], value["tau_inner"])
+    drift = drivers.raw_design() @ np.array([value[term] for term in TERMS])
     at_rest = sum(value[f"b{k}"] * 25.0**k for k in range(4))
     for t in (0.0, 15.0, 25.0):
         key = f"drift_rate.drift.drift_+5@{t:g}"

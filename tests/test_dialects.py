@@ -62,7 +62,7 @@ def coefficient_files(source, folder):
         result.file: re.sub(
             r"(ramp_\w+)\.\w+: ",
             r"\1: ",
-            coefficients.dumps(coefficients.record(result, identity, "")),
+            result.as_record(identity, "").dumps(),
         )
         for result in fitted.results
     }

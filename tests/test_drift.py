@@ -28,7 +28,7 @@ def vector_blocks(ramp):
 def vector_fits(estimate="levels"):
     """Fits of every ramp of the vector."""
     return [
-        drift.fit_ramp(vector_blocks(ramp), ramp["ramp_degc_min"], estimate=estimate)
+        vector_blocks(ramp).fit_ramp(ramp["ramp_degc_min"], estimate=estimate)
         for ramp in VECTOR["ramps"]
     ]
 
@@ -201,10 +201,10 @@ def test_a_ramp_that_cannot_determine_its_coefficients_is_refused():
     flat = np.full(30, -5.0)
     blocks = drift.Blocks(np.arange(30.0), flat, flat, np.arange(30.0), flat)
     with pytest.raises(FitError, match="cannot determine"):
-        drift.fit_ramp(blocks, 1.0)
+        blocks.fit_ramp(1.0)
     short = drift.Blocks(*(np.arange(5.0) for _ in range(5)))
     with pytest.raises(FitError, match="5 intervals"):
-        drift.fit_ramp(short, 1.0)
+        short.fit_ramp(1.0)
 
 
 def test_levels_know_the_coefficients_better_than_increments():
@@ -223,7 +223,7 @@ def test_levels_know_the_coefficients_better_than_increments():
             blocks.rate,
         )
         for estimate, found in scatter.items():
-            found.append(drift.fit_ramp(noisy, 10.0, estimate=estimate).coefficients[1])
+            found.append(noisy.fit_ramp(10.0, estimate=estimate).coefficients[1])
     assert np.std(scatter["levels"]) < np.std(scatter["increments"]) / 1.5
 
 
@@ -245,7 +245,7 @@ def test_a_lower_order_through_exact_data_finds_the_exact_polynomials():
         steps = np.vander(G, 3, increasing=True) @ (truth @ [1.0, r])
         indication = np.concatenate([[5.0], 5.0 + np.cumsum(steps)])
         exact = drift.Blocks(blocks.time, G, blocks.gradient, indication, blocks.rate)
-        fits.append(drift.fit_ramp(exact, r))
+        fits.append(exact.fit_ramp(r))
     found = drift.fit_over_rates(fits, 1, "heating")
     assert np.abs(found.c / truth - 1.0).max() < 1e-9
     assert found.dof == 2
@@ -272,7 +272,7 @@ def test_the_cubic_is_never_chosen_from_four_rates():
     """
     rng = np.random.default_rng(9)
     logs = [physical_log(rate, rng) for rate in (1.0, 5.0, 8.0, 10.0)]
-    fits = [drift.fit_ramp(log, log.rate[0]) for log in logs]
+    fits = [log.fit_ramp(log.rate[0]) for log in logs]
     assert [result.order for result in gradient_order.candidates(fits, logs, "heating", 10)] == [
         0,
         1,
@@ -286,7 +286,7 @@ def test_a_linear_bias_is_caught_by_constant_coefficients():
     """
     rng = np.random.default_rng(10)
     logs = [physical_log(rate, rng) for rate in (1.0, 5.0, 8.0, 10.0)]
-    fits = [drift.fit_ramp(log, log.rate[0]) for log in logs]
+    fits = [log.fit_ramp(log.rate[0]) for log in logs]
     best = gradient_order.best(gradient_order.candidates(fits, logs, "heating", 10))
     assert best is not None
     assert best.helps
@@ -305,7 +305,7 @@ def test_pure_noise_is_given_no_drift_term():
     for seed in range(20):
         rng = np.random.default_rng(seed)
         logs = [physical_log(rate, rng, linear=0.0) for rate in (1.0, 5.0, 8.0, 10.0)]
-        fits = [drift.fit_ramp(log, log.rate[0]) for log in logs]
+        fits = [log.fit_ramp(log.rate[0]) for log in logs]
         chosen += (
             gradient_order.best(gradient_order.candidates(fits, logs, "heating", 10)) is not None
         )
@@ -316,7 +316,7 @@ def test_ramps_of_one_rate_are_left_out_together():
     """Two ramps at 5 and 5.2 °C/min count as one rate."""
     rng = np.random.default_rng(11)
     logs = [physical_log(rate, rng) for rate in (1.0, 5.0, 5.2, 10.0)]
-    fits = [drift.fit_ramp(log, log.rate[0]) for log in logs]
+    fits = [log.fit_ramp(log.rate[0]) for log in logs]
     assert gradient_order._rate_groups(fits) == [[0], [1, 2], [3]]
 
 

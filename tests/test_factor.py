@@ -10,7 +10,7 @@ import pywt
 
 from calibkit.errors import FitError
 from calibkit.numeric.wavelet import factor
-from calibkit.numeric.wavelet.factor import LITERAL, _condition, factor_bank, polyphase
+from calibkit.numeric.wavelet.factor import LITERAL, _condition, factor_bank
 
 SPLINES = [name for name in pywt.wavelist(kind="discrete") if name.startswith(("bior", "rbio"))]
 BANKS = [
@@ -57,7 +57,7 @@ def test_the_steps_multiply_to_the_filters_of_the_bank(bank):
     # so they cannot come closer than that.
     scheme, wavelet = factor_bank(bank), pywt.Wavelet(bank)
     for taps, table in zip(
-        filter_taps(polyphase(scheme)), (wavelet.dec_lo, wavelet.dec_hi), strict=True
+        filter_taps(scheme.polyphase()), (wavelet.dec_lo, wavelet.dec_hi), strict=True
     ):
         expected = {1 - k - scheme.parity: tap for k, tap in enumerate(table)}
         worst = max(
@@ -100,7 +100,7 @@ def test_the_hand_written_cdf97_has_the_taps_of_bior44():
     """
     wavelet = pywt.Wavelet("bior4.4")
     for taps, table in zip(
-        filter_taps(polyphase(LITERAL["cdf97"])), (wavelet.dec_lo, wavelet.dec_hi), strict=True
+        filter_taps(LITERAL["cdf97"].polyphase()), (wavelet.dec_lo, wavelet.dec_hi), strict=True
     ):
         found = np.array([taps[m] for m in sorted(taps)])
         expected = np.trim_zeros(np.array(table))

@@ -203,7 +203,7 @@ def test_the_recursive_gradient_form_sums_the_float64_increments(number, runs):
         stored["temp_env_rate_degc_min"],
     )
     model = compensate.DriftModel.read(this.run.records, this.spec)
-    expected = np.cumsum(compensate.drift_along(model, blocks).delta)
+    expected = np.cumsum(model.drift_along(blocks).delta)
     error = np.abs(along(quantised, inputs) - expected)
     assert np.abs(expected).max() > 0.2  # °/h
     assert (error <= bound * np.arange(1, time.size + 1) + FLOAT64_NOISE["drift_dph"]).all()

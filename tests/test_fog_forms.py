@@ -101,7 +101,7 @@ def test_the_increment_over_rates_is_that_of_the_recursion():
     found = forms.OVER_RATES.evaluate(
         forms.write_rates(RATES, 10.0), {forms.GRADIENT: G, forms.RATE: r}
     )
-    a = gradient.evaluate(RATES, r)
+    a = RATES.evaluate(r)
     assert found == pytest.approx(a[:, 0] + a[:, 1] * G + a[:, 2] * G**2, rel=1e-13)
 
 

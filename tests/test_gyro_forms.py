@@ -94,7 +94,7 @@ def test_a_triad_without_biases_has_none_in_its_gradient():
     assert forms.TRIAD.gradient(unknown, AT).shape == (7, 3, 9)
     matrix = forms.GyroMatrix(("x", "y", "z"), ("a", "b", "c"), unknown, tuple("123456789"))
     with pytest.raises(CoefficientError, match="does not know the biases"):
-        forms.require_biases(matrix)
+        matrix.require_biases()
 
 
 def test_rates_of_a_base_come_back_from_the_indications_of_its_gyros():

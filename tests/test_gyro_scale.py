@@ -142,11 +142,11 @@ def test_the_bias_is_what_the_earth_leaves_of_the_intercept():
     """A bias of 1.5 °/h comes back to 1e-9 °/h, along the axis and for a gyro at 60° to it."""
     vertical = float(earth.vertical_rate(34.2)) / 3600.0
     own = scale_factor._scale_factor(RATES, line(RATES, bias_dps=1.5 / 3600.0), np.ones(RATES.size))
-    assert scale_factor.bias_dps(own, vertical)[0] * 3600.0 == pytest.approx(1.5, abs=1e-9)
+    assert own.bias_dps(vertical)[0] * 3600.0 == pytest.approx(1.5, abs=1e-9)
     across = scale_factor._scale_factor(
         RATES, 0.5 * line(RATES) + K * 1.5 / 3600.0, np.ones(RATES.size)
     )
-    value, uncertainty = scale_factor.bias_dps(across, vertical, own_K=K)
+    value, uncertainty = across.bias_dps(vertical, own_K=K)
     assert value * 3600.0 == pytest.approx(1.5, abs=1e-9)
     assert uncertainty == pytest.approx(1.0 / np.sqrt(RATES.size) / K, rel=1e-6)
 

@@ -22,7 +22,6 @@ from calibkit.coefficients import (
     Identity,
     Input,
     StageResult,
-    record,
 )
 from calibkit.report import figures, html, html_tables, svg
 from calibkit.report.documents import Drawn, printed
@@ -75,8 +74,8 @@ def made(text=HOSTILE, *, accepted=True, drawings=(), excluded=()):
     )
     inputs = (Input(text, "ab" * 32, 7, (text,)),)
     records = {
-        "gyro_scale.json": record(
-            result, Identity("S-1", 1, "2026-11-21", text, "00", inputs), text
+        "gyro_scale.json": result.as_record(
+            Identity("S-1", 1, "2026-11-21", text, "00", inputs), text
         )
     }
     document = {
@@ -295,8 +294,7 @@ def test_a_number_of_numpy_stands_on_the_page_as_every_other_number():
     one = np.float64(0.1) + np.float64(0.2)
     quantity = Coefficient("drift_rms", one, "deg/h", 0.0)
     made_of = html_tables._figures(
-        record(
-            StageResult("drift_rate", (), (quantity,)),
+        StageResult("drift_rate", (), (quantity,)).as_record(
             Identity("S-1", 1, "2026-11-21", "calibkit", "00", ()),
             "",
         )

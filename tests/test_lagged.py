@@ -11,7 +11,7 @@ from calibkit.errors import FitError
 from calibkit.instruments.fog_thermal.numeric import coil, evaluate, lagged, pooled_fit
 from calibkit.instruments.fog_thermal.numeric.lagged import LAGGED_TERMS
 from calibkit.instruments.fog_thermal.numeric.pooled_fit import ThermalLog
-from calibkit.instruments.fog_thermal.numeric.terms import TERMS, raw_design
+from calibkit.instruments.fog_thermal.numeric.terms import TERMS
 from drift_fits import fit_lagged, fit_level, survey
 
 LAGS = (210.0, 120.0)
@@ -38,7 +38,7 @@ def case_of(rate, seconds, step=10.0, lag=250.0):
 def drift_of(time, case, coefficients=TRUE, lags=LAGS):
     """Return the drift [°/h] of a lagged model."""
     inner = lags[1] if len(lags) > 1 else None
-    return raw_design(coil.drivers(coil.path([(time, case)]), lags[0], inner)) @ coefficients
+    return coil.path([(time, case)]).drivers(lags[0], inner).raw_design() @ coefficients
 
 
 def campaign(*, noise=0.0, seed=0, coefficients=TRUE, lags=LAGS):
@@ -112,7 +112,7 @@ def test_on_a_long_ramp_each_temperature_is_behind_by_rate_times_lag():
     over 300,000 s.
     """
     time = np.arange(0.0, 300_000.0, 10.0)
-    drivers = coil.drivers(coil.path([(time, 0.001 * time)]), 200.0, 100.0)
+    drivers = coil.path([(time, 0.001 * time)]).drivers(200.0, 100.0)
     assert 0.001 * time[-1] - drivers.temperature[-1] == pytest.approx(0.2, abs=1e-9)  # °C
     assert drivers.gradient[-1] == pytest.approx(0.1, abs=1e-9)  # °C
     assert drivers.rate[-1] == pytest.approx(0.06, abs=1e-9)  # °C/min
@@ -142,7 +142,7 @@ def test_logs_side_by_side_are_logs_one_by_one():
 
 def test_a_single_sample_is_at_rest():
     """One instant tells of no motion."""
-    drivers = coil.drivers(coil.path([(np.array([5.0]), np.array([31.0]))]), 100.0, 50.0)
+    drivers = coil.path([(np.array([5.0]), np.array([31.0]))]).drivers(100.0, 50.0)
     assert [float(x[0]) for x in (drivers.temperature, drivers.rate, drivers.gradient)] == [
         31.0,
         0.0,
@@ -183,7 +183,7 @@ def test_the_lags_are_those_of_an_exhaustive_search():
     logs = campaign(noise=0.02, seed=3)
     stacked = pooled_fit.stack(logs)
     surveyed = survey(stacked)
-    solution = lagged.solve(surveyed, LAGGED_TERMS)
+    solution = surveyed.solve(LAGGED_TERMS)
     problem = lagged.Problem(surveyed, np.arange(1, 8), solution.weights)
     outer, inner = np.exp(solution.log_lags)
     grid = [
@@ -287,14 +287,14 @@ def test_leaving_out_a_ramp_is_fitting_the_others():
     logs = campaign(noise=0.05, seed=9)
     stacked = pooled_fit.stack(logs)
     surveyed = survey(stacked)
-    solution = lagged.solve(surveyed, LAGGED_TERMS)
+    solution = surveyed.solve(LAGGED_TERMS)
     problem = lagged.Problem(surveyed, np.arange(1, 8), solution.weights)
-    moments = lagged.tangent_moments(problem, solution.log_lags)
+    moments = problem.tangent_moments(solution.log_lags)
     for ramp, rows in enumerate(stacked.ramps):
         others = lagged.Problem(surveyed, np.arange(1, 8), solution.weights, ramp)
         full = lagged._projected(others, solution.log_lags)
         expected = (others.design(full.log_lags) @ full.coefficients)[rows]
-        found = lagged.leave_out(problem, solution.log_lags, moments, ramp)[rows]
+        found = problem.leave_out(solution.log_lags, moments, ramp)[rows]
         moved = (problem.design(solution.log_lags) @ solution.coefficients)[rows]
         scale = np.std(expected - expected.mean() - moved + moved.mean())
         assert np.std(found - expected) < 0.3 * scale + 1e-5  # °/h

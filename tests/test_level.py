@@ -15,7 +15,7 @@ from calibkit.instruments.fog_thermal.numeric import (
     terms as thermal_terms,
 )
 from calibkit.instruments.fog_thermal.numeric.pooled_fit import ThermalLog
-from calibkit.instruments.fog_thermal.numeric.terms import TERMS, Drivers, Scales, Valid, raw_design
+from calibkit.instruments.fog_thermal.numeric.terms import TERMS, Drivers, Scales, Valid
 from drift_fits import block_log, fit_level
 
 TRUE = np.array([8.0, 9e-3, -3e-4, 2e-6, -0.18, -0.05, 4e-4, 1.3e-3, 0.015])
@@ -42,7 +42,7 @@ def temperatures(rate, seconds=9000.0, step=10.0, lag=300.0):
 def log_of(name, rate, coefficients=TRUE, *, noise=0.0, turn_on=0.0, seed=0, seconds=9000.0):
     """Return a log whose drift is a level model's on its own temperatures."""
     time, case, env = temperatures(rate, seconds)
-    drift = raw_design(level.drivers(time, case, env)) @ coefficients
+    drift = level.drivers(time, case, env).raw_design() @ coefficients
     rng = np.random.default_rng([seed, *name.encode()])
     seen = drift + turn_on + (rng.normal(0.0, noise, time.size) if noise else 0.0)
     return ThermalLog(name, time, case, env, seen, np.zeros(time.size, dtype=np.int64))
@@ -137,8 +137,8 @@ def test_scaled_coefficients_mean_the_same_drift_in_raw_units(seed):
     drivers = Drivers(*rng.uniform(-60.0, 60.0, (4, 50)))
     scales = Scales(rng.uniform(-20.0, 20.0), rng.uniform(10.0, 60.0), *rng.uniform(1.0, 20.0, 3))
     beta = rng.normal(0.0, 1.0, 9)
-    expected = thermal_terms.scaled_design(drivers, scales) @ beta
-    assert raw_design(drivers) @ (thermal_terms.to_raw(scales) @ beta) == pytest.approx(
+    expected = drivers.scaled_design(scales) @ beta
+    assert drivers.raw_design() @ (scales.to_raw() @ beta) == pytest.approx(
         expected, rel=1e-9, abs=1e-9
     )
 
@@ -294,7 +294,7 @@ def _white_uncertainty(logs):
         dummy = np.zeros((log.time.size, len(logs)))
         dummy[:, number] = 1.0
         columns.append(
-            np.hstack([dummy, raw_design(level.drivers(log.time, log.case, log.env))[:, 1:]])
+            np.hstack([dummy, level.drivers(log.time, log.case, log.env).raw_design()[:, 1:]])
         )
     design = np.vstack(columns)
     found, square, *_ = np.linalg.lstsq(design, indication)

@@ -221,7 +221,7 @@ def test_what_cannot_be_fitted_at_all_is_refused():
     auto = SimpleNamespace(accel_noise_g="auto", gyro_noise_dph="auto")
     shown, _ = noise.judge_closures(found.squares, found.dofs, (0.0, 0.0))
     with pytest.raises(FitError, match="no station tells the noise"):
-        noise.decide_noise(shown, None, (0.0, 0.0), SimpleNamespace(stations=auto), "x")
+        shown.decide(None, (0.0, 0.0), SimpleNamespace(stations=auto), "x")
     with pytest.raises(FitError, match="none of 1 stations"):
         fit(log_of((0.0, 90.0)))
     with pytest.raises(FitError, match="without times"):

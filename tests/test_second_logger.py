@@ -139,7 +139,7 @@ def test_a_stated_clock_is_a_condition_and_one_clock_is_none(
     assert log.clock == expected
     entry = coefficients.Input.of(log)
     identity = coefficients.Identity("S", 1, "2026-11-21", "calibkit", "0" * 64, (entry,))
-    made = coefficients.record(coefficients.StageResult("drift", (), ()), identity, "")
+    made = coefficients.StageResult("drift", (), ()).as_record(identity, "")
     found = [(c.name, c.value, c.unit, c.standard_uncertainty) for c in made.conditions]
     name = f"second_logger_clock_offset.{LOG}.csv"
     assert found == ([] if expected is None else [(name, OFFSET_S, "s", 0.5)])

@@ -17,9 +17,7 @@ from calibkit.simulate.chamber import (
     Chamber,
     Programme,
     _controlled,
-    air,
     ramp,
-    set_points,
     staircase,
 )
 
@@ -66,7 +64,7 @@ def test_on_a_steady_ramp_each_difference_is_rate_times_time_constant(rate):
     """
     device = linear(simulate_gyro.draw_gyro(1))
     air_degc = 20.0 + rate / 60.0 * np.arange(40_000)
-    heat = simulate_gyro.heat_flow(device, air_degc, 20.0)
+    heat = device.heat_flow(air_degc, 20.0)
     per_s = rate / 60.0
     assert air_degc[-1] - heat.case[-1] == pytest.approx(per_s * device.tau_case_s, abs=1e-6)  # °C
     assert heat.case[-1] - heat.outer[-1] == pytest.approx(
@@ -83,7 +81,7 @@ def test_a_step_of_the_air_is_answered_as_the_matrix_exponential_says():
     """
     device = linear(simulate_gyro.draw_gyro(2))
     matrix = np.column_stack([simulate_gyro._flows(device, 0.0, *unit) for unit in np.eye(3)])
-    heat = simulate_gyro.heat_flow(device, np.full(2001, 10.0), 0.0)
+    heat = device.heat_flow(np.full(2001, 10.0), 0.0)
     for second in (0, 1, 37, 600, 2000):
         exact = 10.0 - expm(matrix * second) @ np.full(3, 10.0)
         nodes = (heat.case[second], heat.outer[second], heat.inner[second])
@@ -95,9 +93,9 @@ def test_the_heat_that_flows_in_is_the_heat_that_is_stored():
     the electronics.
     """
     device = simulate_gyro.draw_gyro(3)
-    _, set_degc = set_points(ramp(-40.0, 60.0, 10.0, soak_before_s=100.0, soak_after_s=900.0))
+    _, set_degc = ramp(-40.0, 60.0, 10.0, soak_before_s=100.0, soak_after_s=900.0).set_points()
     air_degc = _controlled(CALM, set_degc)
-    heat = simulate_gyro.heat_flow(device, air_degc, -40.0)
+    heat = device.heat_flow(air_degc, -40.0)
     difference = air_degc - heat.case
     inflow = (
         difference * (1.0 + device.convection_per_degc * np.abs(difference))
@@ -113,7 +111,7 @@ def test_the_heat_that_flows_in_is_the_heat_that_is_stored():
 def test_the_rates_are_the_slopes_of_the_temperatures():
     """The coil's rates agree with central differences of its temperatures."""
     device = simulate_gyro.draw_gyro(4)
-    heat = simulate_gyro.heat_flow(device, 10.0 * np.sin(np.arange(3000) / 300.0), 0.0)
+    heat = device.heat_flow(10.0 * np.sin(np.arange(3000) / 300.0), 0.0)
     for degc, per_s in ((heat.outer, heat.outer_rate), (heat.inner, heat.inner_rate)):
         assert per_s[1:-1] == pytest.approx((degc[2:] - degc[:-2]) / 2.0, abs=1e-5)  # °C/s, of 0.03
 
@@ -122,16 +120,16 @@ def test_the_rates_are_the_slopes_of_the_temperatures():
 def test_a_record_of_any_length_is_integrated(count):
     """The number of samples need not be a multiple of the integration step."""
     air_degc = np.linspace(0.0, 1.0, 9)
-    whole = simulate_gyro.heat_flow(simulate_gyro.draw_gyro(4), air_degc, 0.0)
-    assert simulate_gyro.heat_flow(
-        simulate_gyro.draw_gyro(4), air_degc[:count], 0.0
-    ).case == pytest.approx(whole.case[:count], abs=1e-6)
+    whole = simulate_gyro.draw_gyro(4).heat_flow(air_degc, 0.0)
+    assert simulate_gyro.draw_gyro(4).heat_flow(air_degc[:count], 0.0).case == pytest.approx(
+        whole.case[:count], abs=1e-6
+    )
 
 
 def test_a_gyro_at_rest_is_warmer_than_the_air_by_its_own_heat_and_stays_so():
     """In still air nothing moves, and the heat given off is the heat made."""
     device = simulate_gyro.draw_gyro(5)
-    heat = simulate_gyro.heat_flow(device, np.full(3600, -40.0), -40.0)
+    heat = device.heat_flow(np.full(3600, -40.0), -40.0)
     above = heat.case[0] + 40.0
     assert 0.4 < above < device.self_heating_degc
     assert above * (1.0 + device.convection_per_degc * above) == pytest.approx(
@@ -146,18 +144,18 @@ def test_a_gyro_at_rest_is_warmer_than_the_air_by_its_own_heat_and_stays_so():
 
 def test_drift_is_zero_in_equilibrium_at_the_reference_temperature():
     """A coil that rests at 25 °C has no drift."""
-    assert simulate_gyro.drift(
-        simulate_gyro.draw_gyro(6), still(np.full(3, 25.0))
-    ) == pytest.approx([0.0, 0.0, 0.0], abs=1e-15)
+    assert simulate_gyro.draw_gyro(6).drift(still(np.full(3, 25.0))) == pytest.approx(
+        [0.0, 0.0, 0.0], abs=1e-15
+    )
 
 
 def test_without_hysteresis_drift_is_a_function_of_the_thermal_state():
     """The same temperatures and rates give the same drift, whatever came before."""
-    device = simulate_gyro.scale_drift(simulate_gyro.draw_gyro(7), hysteresis_scale=0.0)
+    device = simulate_gyro.draw_gyro(7).scale_drift(hysteresis_scale=0.0)
     there = np.linspace(-40.0, 60.0, 201)
     path = np.concatenate((there, there[::-1]))
     heat = simulate_gyro.Heat(path, path + 1.0, path - 2.0, np.full(402, 0.02), np.full(402, 0.01))
-    drift = simulate_gyro.drift(device, heat)
+    drift = device.drift(heat)
     assert drift[:201] == pytest.approx(drift[:200:-1], abs=1e-15)
 
 
@@ -167,7 +165,7 @@ def test_with_hysteresis_cooling_is_above_heating_by_its_width():
     """
     device = replace(simulate_gyro.draw_gyro(7), hysteresis_dph=0.04)
     there = np.linspace(-40.0, 60.0, 201)
-    drift = simulate_gyro.drift(device, still(np.concatenate((there, there[::-1]))))
+    drift = device.drift(still(np.concatenate((there, there[::-1]))))
     apart = drift[:200:-1] - drift[:201]
     assert apart[100] == pytest.approx(0.04, abs=1e-12)  # °/h, at 10 °C
     assert apart[200] == pytest.approx(0.0, abs=1e-12)  # °/h, at 60 °C
@@ -177,8 +175,8 @@ def test_hysteresis_does_not_depend_on_the_rate():
     """The same path at half the speed gives the same branch."""
     device = simulate_gyro.draw_gyro(8)
     path = np.concatenate((np.linspace(25.0, 50.0, 101), np.linspace(50.0, 30.0, 81)))
-    assert simulate_gyro.hysteresis(device, np.repeat(path, 2))[::2] == pytest.approx(
-        simulate_gyro.hysteresis(device, path), abs=1e-15
+    assert device.hysteresis(np.repeat(path, 2))[::2] == pytest.approx(
+        device.hysteresis(path), abs=1e-15
     )
 
 
@@ -196,28 +194,26 @@ def test_the_shupe_effect_of_a_steady_ramp_is_its_coefficient_times_the_rate(rat
     being steady.
     """
     device = replace(
-        simulate_gyro.scale_drift(linear(simulate_gyro.draw_gyro(9)), hysteresis_scale=0.0),
+        linear(simulate_gyro.draw_gyro(9)).scale_drift(hysteresis_scale=0.0),
         static_dph=(0.0,),
         shupe_per_degc=0.0,
         shupe_rate=0.07,
     )
-    drift = simulate_gyro.drift(
-        device, simulate_gyro.heat_flow(device, rate / 60.0 * np.arange(20_000), 0.0)
-    )
+    drift = device.drift(device.heat_flow(rate / 60.0 * np.arange(20_000), 0.0))
     assert drift[-1] == pytest.approx(0.07 * rate, abs=1e-9)  # °/h
 
 
 def test_the_shupe_effect_of_the_gradient_shows_where_a_ramp_begins():
     """The gradient term alone swings while the gradient builds up, and integrates to it."""
     device = replace(
-        simulate_gyro.scale_drift(linear(simulate_gyro.draw_gyro(9)), hysteresis_scale=0.0),
+        linear(simulate_gyro.draw_gyro(9)).scale_drift(hysteresis_scale=0.0),
         static_dph=(0.0,),
         shupe_per_degc=0.0,
         shupe_rate=0.0,
         shupe_gradient_rate=0.1,
     )
-    heat = simulate_gyro.heat_flow(device, 5.0 / 60.0 * np.arange(20_000), 0.0)
-    drift = simulate_gyro.drift(device, heat)
+    heat = device.heat_flow(5.0 / 60.0 * np.arange(20_000), 0.0)
+    drift = device.drift(heat)
     assert drift[-1] == pytest.approx(0.0, abs=1e-9)  # °/h
     assert np.trapezoid(drift) / 60.0 == pytest.approx(
         0.1 * (heat.outer[-1] - heat.inner[-1]), abs=1e-5
@@ -226,7 +222,7 @@ def test_the_shupe_effect_of_the_gradient_shows_where_a_ramp_begins():
 
 def test_a_gyro_without_drift_has_none():
     """drift_scale = 0 leaves nothing but noise around a constant."""
-    device = simulate_gyro.scale_drift(simulate_gyro.draw_gyro(10), drift_scale=0.0)
+    device = simulate_gyro.draw_gyro(10).scale_drift(drift_scale=0.0)
     logged = fog.logs(device, {"ramp.csv": fog.programmes()["ramp_heating_10.csv"]}, 10, Chamber())[
         "ramp.csv"
     ]
@@ -285,7 +281,7 @@ def test_the_air_is_late_on_the_ramp_and_overshoots_its_end(rate):
     rate.
     """
     programme = ramp(-40.0, 60.0, rate, soak_before_s=600.0, soak_after_s=1800.0)
-    _, set_degc = set_points(programme)
+    _, set_degc = programme.set_points()
     air_degc = _controlled(CALM, set_degc)
     late = int(programme.time_s[2]) - 60
     assert set_degc[late] - air_degc[late] == pytest.approx(rate / 60.0 * CALM.lag_s, rel=1e-3)
@@ -299,7 +295,7 @@ def test_turbulence_has_its_standard_deviation_and_forgets_in_its_correlation_ti
     is left.
     """
     turbulent = replace(CALM, turbulence_degc=0.05)
-    about = air(turbulent, np.full(100_000, 20.0), np.random.default_rng(4)) - 20.0
+    about = turbulent.air(np.full(100_000, 20.0), np.random.default_rng(4)) - 20.0
     assert np.std(about) == pytest.approx(0.05, rel=0.05)  # °C; one sigma is 1.4 %
     assert np.mean(about[20:] * about[:-20]) / np.var(about) == pytest.approx(
         np.exp(-1.0), abs=0.06
@@ -309,7 +305,7 @@ def test_turbulence_has_its_standard_deviation_and_forgets_in_its_correlation_ti
 def test_the_air_cycles_and_is_turbulent_in_a_soak():
     """In a long soak the air scatters by its cycling and its turbulence together."""
     chamber = Chamber()
-    soak = air(chamber, np.full(36_000, 20.0), np.random.default_rng(3)) - 20.0
+    soak = chamber.air(np.full(36_000, 20.0), np.random.default_rng(3)) - 20.0
     assert np.std(soak) == pytest.approx(
         np.hypot(chamber.cycling_degc / np.sqrt(2.0), chamber.turbulence_degc), rel=0.05
     )
@@ -318,7 +314,7 @@ def test_the_air_cycles_and_is_turbulent_in_a_soak():
 
 def test_a_staircase_climbs_by_one_degree_at_a_time():
     """Every set point of a staircase is held for its dwell, then steps by one degree."""
-    time, set_degc = set_points(staircase(20.0, 23.0, dwell_s=300.0))
+    time, set_degc = staircase(20.0, 23.0, dwell_s=300.0).set_points()
     assert time[-1] == 1200.0
     assert [set_degc[second] for second in (0, 299, 300, 599, 600, 900, 1200)] == [
         20.0,
@@ -334,7 +330,7 @@ def test_a_staircase_climbs_by_one_degree_at_a_time():
 
 def test_set_points_between_corners_lie_on_a_line():
     """A ramp passes its middle half way."""
-    _, set_degc = set_points(ramp(0.0, 10.0, 5.0, soak_before_s=60.0, soak_after_s=60.0))
+    _, set_degc = ramp(0.0, 10.0, 5.0, soak_before_s=60.0, soak_after_s=60.0).set_points()
     assert set_degc[[0, 60, 120, 180, 240]] == pytest.approx([0.0, 0.0, 5.0, 10.0, 10.0], abs=1e-12)
 
 

@@ -93,9 +93,9 @@ def test_the_best_line_is_that_of_the_response_over_the_rates():
     rng = np.random.default_rng(1)
     gyro = simulate_rate_table.draw(rng)
     table = simulate_rate_table.Table()
-    slope, _ = simulate_rate_table.best_line(gyro, table, simulate_rate_table.both_ways(), 25.0)
-    straight, intercept = simulate_rate_table.best_line(
-        simulate_pair._linear(gyro), table, simulate_rate_table.both_ways(), 25.0
+    slope, _ = gyro.best_line(table, simulate_rate_table.both_ways(), 25.0)
+    straight, intercept = simulate_pair._linear(gyro).best_line(
+        table, simulate_rate_table.both_ways(), 25.0
     )
     assert straight == pytest.approx(gyro.K, rel=1e-12)
     assert abs(slope / gyro.K - 1.0) > 1e-8
@@ -136,7 +136,7 @@ def test_an_ideal_inclinometer_reads_what_rotation_matrices_say():
     count = 400
     attitudes = simulate.Attitudes(np.full(count, 30.0), np.full(count, 40.0), np.full(count, 70.0))
     tool = simulate.Tool((pair, pair), index_deg=0.0)
-    columns, scales = simulate.stations(tool, attitudes, 34.2, np.full(count, 60.0), rng)
+    columns, scales = tool.stations(attitudes, 34.2, np.full(count, 60.0), rng)
     assert (scales == pair.s).all()
     for axis, k in (("x", 0), ("y", 1)):
         accel, gyro = (

@@ -35,8 +35,8 @@ WITHHELD = "withheld/"
 
 def simulated(seed, *, drift_scale=1.0, hysteresis_scale=0.0):
     """Return the logs of one gyro on ±1, 5, 8, 10 °C/min and withheld ±3, ±6 °C/min."""
-    device = simulate_gyro.scale_drift(
-        simulate_gyro.draw_gyro(seed), drift_scale=drift_scale, hysteresis_scale=hysteresis_scale
+    device = simulate_gyro.draw_gyro(seed).scale_drift(
+        drift_scale=drift_scale, hysteresis_scale=hysteresis_scale
     )
     return fog.logs(device, fog.programmes((1.0, 5.0, 8.0, 10.0), (3.0, 6.0)), seed, Chamber())
 

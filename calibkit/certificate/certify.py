@@ -25,6 +25,37 @@ class Issued:
         """Items that make it a DRAFT."""
         return self.certificate.missing
 
+    def summarise(self) -> dict[str, Any]:
+        """JSON object of a certificate: its files, what is missing, every result by its key, every
+        statement of conformity.
+        """
+        certificate = self.certificate
+        return {
+            "out": [str(path) for path in self.files],
+            "number": certificate.profile.certificate.number,
+            "draft": certificate.draft,
+            "accepted": certificate.run.accepted,
+            "missing": [{"key": item.key, "what": item.what.en} for item in self.missing],
+            "results": [
+                {
+                    "key": r.key,
+                    "value": r.value,
+                    "unit": r.unit,
+                    "expanded_uncertainty": (
+                        None if r.uncertainty is None else r.uncertainty.expanded_uncertainty
+                    ),
+                    "coverage_factor": None
+                    if r.uncertainty is None
+                    else r.uncertainty.coverage_factor,
+                }
+                for r in certificate.results
+            ],
+            "statements": [
+                {"key": s.result.key, "rule": s.rule, "verdict": s.verdict}
+                for s in certificate.statements
+            ],
+        }
+
 
 def certify(
     run_folder: Path,
@@ -49,7 +80,7 @@ def certify(
     .pdf, OutputError where a file exists or a DCC does not fit the schema.
     """
     beside = _beside(out)
-    signer = None if key is None else sign.load_signer(key)
+    signer = None if key is None else key.load_signer()
     run = run_files.read_run(store.load(run_folder))
     stated, text = profile.load(profile_path, overrides)
     validated = None if validation is None else run_files.load_validation(validation, run)
@@ -59,7 +90,7 @@ def certify(
         )
     except RecipeError as error:
         name = "profile" if profile_path is None else profile_path.name
-        raise loader.located(loader.Source(name, text, overrides), error) from None
+        raise loader.Source(name, text, overrides).located(error) from None
     folder = Path() if profile_path is None else profile_path.parent
     fonts = tuple(folder / font for font in stated.certificate.fonts)
     certificate, digital, document = _rendered(certificate, lang, fonts, schema_dir)
@@ -99,37 +130,7 @@ def _rendered(
     try:
         return whole, digital, pdf.render(whole, lang, fonts)
     except pdf.UnshownError as found:
-        draft = content.without_glyphs(certificate, found.characters)
+        draft = certificate.without_glyphs(found.characters)
         if draft.unshown == certificate.unshown:
             raise
     return _rendered(draft, lang, fonts, schema_dir)
-
-
-def summarise(issued: Issued) -> dict[str, Any]:
-    """JSON object of a certificate: its files, what is missing, every result by its key, every
-    statement of conformity.
-    """
-    certificate = issued.certificate
-    return {
-        "out": [str(path) for path in issued.files],
-        "number": certificate.profile.certificate.number,
-        "draft": certificate.draft,
-        "accepted": certificate.run.accepted,
-        "missing": [{"key": item.key, "what": item.what.en} for item in issued.missing],
-        "results": [
-            {
-                "key": r.key,
-                "value": r.value,
-                "unit": r.unit,
-                "expanded_uncertainty": (
-                    None if r.uncertainty is None else r.uncertainty.expanded_uncertainty
-                ),
-                "coverage_factor": None if r.uncertainty is None else r.uncertainty.coverage_factor,
-            }
-            for r in certificate.results
-        ],
-        "statements": [
-            {"key": s.result.key, "rule": s.rule, "verdict": s.verdict}
-            for s in certificate.statements
-        ],
-    }

@@ -11,7 +11,7 @@ from typing import Any, Literal, TypeAlias
 from calibkit.certificate import checklist, conformity, uncertainty
 from calibkit.certificate.profile import Profile
 from calibkit.certificate.results import Block, Result, Uncertainty
-from calibkit.certificate.run_files import AsFoundAsLeft, RunFacts, RunFiles, run_facts
+from calibkit.certificate.run_files import AsFoundAsLeft, RunFacts, RunFiles
 from calibkit.certificate.stated import Stated
 from calibkit.certificate.words import Words
 from calibkit.errors import RecipeError
@@ -95,6 +95,16 @@ class Certificate:
         """Every result in the order of printing."""
         return tuple(result for block in self.blocks for result in block.results)
 
+    def without_glyphs(self, characters: Iterable[str]) -> "Certificate":
+        """The certificate with characters that no font has: they are printed by their numbers and
+        make it a DRAFT.
+        """
+        unshown = "".join(sorted({*self.unshown, *characters}))
+        if not unshown:
+            return self
+        kept = tuple(item for item in self.missing if item.key != checklist.FONTS)
+        return replace(self, missing=(*kept, checklist.missing_glyphs(unshown)), unshown=unshown)
+
 
 def build(
     run: RunFiles,
@@ -125,7 +135,7 @@ def build(
         title=Words(title) if title else TITLE,
         profile=profile,
         issued=issued,
-        run=run_facts(run),
+        run=run.facts(),
         blocks=blocks,
         statements=conformity.judge_results(
             profile.specification, results, profile.results.decision_rule
@@ -135,17 +145,6 @@ def build(
         unused_terms=_name_unused_terms(terms.terms, used),
         missing=checklist.list_missing(profile, issued, validated=as_found is not None),
     )
-
-
-def without_glyphs(certificate: Certificate, characters: Iterable[str]) -> Certificate:
-    """The certificate with characters that no font has: they are printed by their numbers and make
-    it a DRAFT.
-    """
-    unshown = "".join(sorted({*certificate.unshown, *characters}))
-    if not unshown:
-        return certificate
-    kept = tuple(item for item in certificate.missing if item.key != checklist.FONTS)
-    return replace(certificate, missing=(*kept, checklist.missing_glyphs(unshown)), unshown=unshown)
 
 
 def _attachments(

@@ -229,7 +229,7 @@ def load(path: Path | None, overrides: tuple[str, ...] = ()) -> tuple[Profile, s
             raise RecipeError(
                 f"{path}: cannot be read as UTF-8 text: {error}", hint="name a profile"
             ) from None
-    found = loader.table(loader.Source(name, text, overrides), Profile)
+    found = loader.Source(name, text, overrides).table(Profile)
     end = "\n" if overrides and text and not text.endswith("\n") else ""
     return found, text + end + "".join(f"{OVERRIDE}{override}\n" for override in overrides)
 
@@ -241,4 +241,4 @@ def parse(text: str, name: str) -> Profile:
     while first and lines[first - 1].startswith(OVERRIDE):
         first -= 1
     overrides = tuple(line.removeprefix(OVERRIDE).rstrip("\n") for line in lines[first:])
-    return loader.table(loader.Source(name, "".join(lines[:first]), overrides), Profile)
+    return loader.Source(name, "".join(lines[:first]), overrides).table(Profile)

@@ -33,6 +33,27 @@ class RunFiles:
         """SERIAL@rNNN."""
         return f"{self.document['serial']}@r{self.document['revision']:03d}"
 
+    def facts(self) -> "RunFacts":
+        """What run.json and the coefficient files state of a run."""
+        document = self.document
+        conditions = {c.name: c for record in self.records.values() for c in record.conditions}
+        return RunFacts(
+            name=self.name,
+            serial=document["serial"],
+            procedure=document["procedure"],
+            sha256=document["sha256"],
+            software=document["software"],
+            effective_from=document["effective_from"],
+            recipe=document["recipe"]["name"],
+            recipe_sha256=document["recipe"]["sha256"],
+            inputs=_stated_inputs(document["inputs"]),
+            excluded=tuple((_range(e), e["reason"], e["person"]) for e in document["excluded"]),
+            criteria=stated_criteria(document),
+            flags=tuple(document["flags"]),
+            conditions=tuple(conditions.values()),
+            accepted=document["accepted"],
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class RunFacts:
@@ -71,28 +92,6 @@ def read_run(run: Run) -> RunFiles:
     """The files of a run folder."""
     contents = {name: (run.folder / name).read_bytes() for name in (*run.records, RUN_FILE)}
     return RunFiles(run.document, run.records, contents)
-
-
-def run_facts(run: RunFiles) -> RunFacts:
-    """What run.json and the coefficient files state of a run."""
-    document = run.document
-    conditions = {c.name: c for record in run.records.values() for c in record.conditions}
-    return RunFacts(
-        name=run.name,
-        serial=document["serial"],
-        procedure=document["procedure"],
-        sha256=document["sha256"],
-        software=document["software"],
-        effective_from=document["effective_from"],
-        recipe=document["recipe"]["name"],
-        recipe_sha256=document["recipe"]["sha256"],
-        inputs=_stated_inputs(document["inputs"]),
-        excluded=tuple((_range(e), e["reason"], e["person"]) for e in document["excluded"]),
-        criteria=stated_criteria(document),
-        flags=tuple(document["flags"]),
-        conditions=tuple(conditions.values()),
-        accepted=document["accepted"],
-    )
 
 
 def _range(entry: Mapping[str, Any]) -> str:

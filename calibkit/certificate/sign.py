@@ -38,22 +38,21 @@ class Key:
     passphrase: str = field(repr=False)
     now: dt.datetime
 
-
-def load_signer(key: Key) -> Any:  # noqa: ANN401 (a class of an optional library)
-    """Signer of a PKCS#12 file, opened before anything is made; UsageError where it cannot sign,
-    OutputError without pyHanko.
-    """
-    found = _opened(key)
-    valid = found.signing_cert["tbs_certificate"]["validity"]
-    first, last = valid["not_before"].native, valid["not_after"].native
-    if not first <= key.now <= last:
-        raise UsageError(
-            f"--sign {key.path}: the key's certificate is valid from {first:%Y-%m-%d} to"
-            f" {last:%Y-%m-%d}",
-            hint="sign with a certificate that is valid now",
-        )
-    found.signed_attr_prov_spec = _attributes(found)
-    return found
+    def load_signer(self) -> Any:  # noqa: ANN401 (a class of an optional library)
+        """Signer of a PKCS#12 file, opened before anything is made; UsageError where it cannot
+        sign, OutputError without pyHanko.
+        """
+        found = _opened(self)
+        valid = found.signing_cert["tbs_certificate"]["validity"]
+        first, last = valid["not_before"].native, valid["not_after"].native
+        if not first <= self.now <= last:
+            raise UsageError(
+                f"--sign {self.path}: the key's certificate is valid from {first:%Y-%m-%d} to"
+                f" {last:%Y-%m-%d}",
+                hint="sign with a certificate that is valid now",
+            )
+        found.signed_attr_prov_spec = _attributes(found)
+        return found
 
 
 def _opened(key: Key) -> Any:  # noqa: ANN401 (a class of an optional library)

@@ -231,7 +231,7 @@ def _remade(
     )
     try:
         certificate = _rebuilt(attached, layout_of, issued)
-        certificate = content.without_glyphs(certificate, _unshown(root))
+        certificate = certificate.without_glyphs(_unshown(root))
         made = dcc.render(certificate, lang)
     except (CalibkitError, KeyError, TypeError, ValueError, UnicodeDecodeError) as error:
         return [f"the attached files do not make a certificate: {error}{other}"], 0, False

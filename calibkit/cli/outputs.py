@@ -75,7 +75,7 @@ def certify(
         print_message("DRAFT: not a calibration certificate; missing:")
         for item in issued.missing:
             print_message(f"  {item.key}: {item.what.en}")
-    print_result(certificates.summarise(issued), issued.files, as_json=as_json, dry_run=dry_run)
+    print_result(issued.summarise(), issued.files, as_json=as_json, dry_run=dry_run)
     return 0
 
 

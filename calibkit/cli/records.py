@@ -108,7 +108,6 @@ def show(run: str, runs: Path, date: str | None, *, as_csv: bool, as_json: bool)
     calibkit show runs/FOG-0001/r002 --csv
     """
     from calibkit import store
-    from calibkit.coefficients import document
     from calibkit.report.run import list_numbers, summarize_run
 
     _one_format(as_csv=as_csv, as_json=as_json)
@@ -117,7 +116,7 @@ def show(run: str, runs: Path, date: str | None, *, as_csv: bool, as_json: bool)
         lambda: {
             "ok": True,
             "run": dict(found.document),
-            "records": {name: document(record) for name, record in found.records.items()},
+            "records": {name: record.document() for name, record in found.records.items()},
         },
         lambda: list_numbers(found.records.values()),
         lambda: summarize_run(found.name, found.document, found.records),

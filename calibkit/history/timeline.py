@@ -162,7 +162,7 @@ def _chain_faults(runs: Sequence[Run], numbers: Sequence[int]) -> Iterator[str]:
                 " here or not readable"
             )
             continue
-        before = store.stage_digests(readable[number - 1]) if number > 1 else {}
+        before = readable[number - 1].stage_digests() if number > 1 else {}
         for record in run.records.values():
             expected = before.get(record.stage, "")
             if record.supersedes != expected:

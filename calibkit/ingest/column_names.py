@@ -81,40 +81,39 @@ class LogColumn:
         """Dimension of the unit that the log states, or ""."""
         return units.TABLE[self.stated].dimension if self.stated else ""
 
-
-def guess_canonical(column: LogColumn) -> str:
-    """Canonical column that a log's column most likely is, or "" where nothing indicates one."""
-    name = column.plain
-    if is_canonical(name):
-        return name
-    if column.is_time or re.search(
-        r"^(time|t|t_m?s|zeit|timestamp|date.?time|uhrzeit|elapsed|x_value|sec(onds?)?)([_"
-        r" .].*)?$|时间|时刻",
-        name,
-    ):
-        return "time_s"
-    if (
-        re.search(_TEMPERATURE, name)
-        or column.dimension == "temperature"
-        or re.search(r"^(case|chamber|air|geh[äa]use|kammer)$", name)
-    ):
-        return (
-            "temp_env_degc"
-            if re.search(_AIR, name)
-            else "temp_case_degc"
-            if re.search(_CASE, name)
-            else "temp_degc"
-        )
-    if re.search(_TABLE, name):
-        return (
-            "table_angle_deg"
-            if re.search(_ANGLE, name) or column.dimension == "angle"
-            else "table_rate_dps"
-        )
-    for meant, words in _WORDS:
-        if re.search(words, name):
-            return meant
-    return _guess_indication(column)
+    def guess_canonical(self) -> str:
+        """Canonical column that a log's column most likely is, "" where nothing indicates one."""
+        name = self.plain
+        if is_canonical(name):
+            return name
+        if self.is_time or re.search(
+            r"^(time|t|t_m?s|zeit|timestamp|date.?time|uhrzeit|elapsed|x_value|sec(onds?)?)([_"
+            r" .].*)?$|时间|时刻",
+            name,
+        ):
+            return "time_s"
+        if (
+            re.search(_TEMPERATURE, name)
+            or self.dimension == "temperature"
+            or re.search(r"^(case|chamber|air|geh[äa]use|kammer)$", name)
+        ):
+            return (
+                "temp_env_degc"
+                if re.search(_AIR, name)
+                else "temp_case_degc"
+                if re.search(_CASE, name)
+                else "temp_degc"
+            )
+        if re.search(_TABLE, name):
+            return (
+                "table_angle_deg"
+                if re.search(_ANGLE, name) or self.dimension == "angle"
+                else "table_rate_dps"
+            )
+        for meant, words in _WORDS:
+            if re.search(words, name):
+                return meant
+        return _guess_indication(self)
 
 
 def _guess_indication(column: LogColumn) -> str:
@@ -147,7 +146,7 @@ def assign_columns(
     others: list[tuple[str, LogColumn]] = []
     # a column that is called canonically comes first, then in the log's order
     for column in sorted(columns, key=lambda column: not is_canonical(column.plain)):
-        meant = guess_canonical(column)
+        meant = column.guess_canonical()
         if meant and meant not in taken:
             taken[meant] = column
         elif meant:

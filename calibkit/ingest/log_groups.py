@@ -43,7 +43,7 @@ class Group:
         """Whether the logs hold temperatures over time and nothing else that is known, as those of
         a chamber's logger do.
         """
-        meant = {column_names.guess_canonical(column) for column in self.columns}
+        meant = {column.guess_canonical() for column in self.columns}
         known = {"", "time_s", *_TEMPERATURES}
         return "time_s" in meant and bool(meant & _TEMPERATURES) and meant <= known
 

@@ -1,6 +1,6 @@
 """Recipes: frozen records of what a laboratory decided, and their strict loader."""
 
-from calibkit.recipe.loader import Source, find, located, parse, shipped
+from calibkit.recipe.loader import Source, find, parse, shipped
 from calibkit.recipe.tables import Column, Exclude, Logs, Recipe, Site
 from calibkit.recipe.type_b import TypeB
 
@@ -13,7 +13,6 @@ __all__ = [
     "Source",
     "TypeB",
     "find",
-    "located",
     "parse",
     "shipped",
 ]

@@ -42,6 +42,21 @@ class Source:
         lines = (f"# --set {override}\n" for override in self.overrides)
         return hashlib.sha256("".join((self.text, *lines)).encode()).hexdigest()
 
+    def table(self, model: type[AnyTable]) -> AnyTable:
+        """Turn a TOML text into any strict record, or raise RecipeError with every fault, one a
+        line.
+        """
+        return _validate(self, model, *_read_tables(self))
+
+    def located(self, error: RecipeError) -> RecipeError:
+        """The same error with file and line of the key that is at fault, where it names one."""
+        if not error.at:
+            return error
+        _, lines = _read_tables(self)
+        return RecipeError(
+            f"{_format_place(self, error.at, lines)}: {error.message}", hint=error.hint
+        )
+
 
 def shipped() -> dict[str, Path]:
     """Name → file of the recipes that come with calibkit, installed or in a checkout."""
@@ -104,13 +119,6 @@ def parse(source: Source, kinds: Mapping[str, _Kind]) -> Recipe:
     return recipe
 
 
-def table(source: Source, model: type[AnyTable]) -> AnyTable:
-    """Turn a TOML text into any strict record, or raise RecipeError with every fault, one a
-    line.
-    """
-    return _validate(source, model, *_read_tables(source))
-
-
 def _read_tables(source: Source) -> tuple[dict[str, Any], dict[Location, str]]:
     """Tables of a TOML text with the command line's overrides, and where each key stands."""
     try:
@@ -151,16 +159,6 @@ def _require_known_columns(source: Source, recipe: Recipe, lines: Mapping[Locati
     ]
     if faults:
         raise RecipeError("\n".join(faults))
-
-
-def located(source: Source, error: RecipeError) -> RecipeError:
-    """The same error with file and line of the key that is at fault, where it names one."""
-    if not error.at:
-        return error
-    _, lines = _read_tables(source)
-    return RecipeError(
-        f"{_format_place(source, error.at, lines)}: {error.message}", hint=error.hint
-    )
 
 
 def _key_lines(text: str) -> dict[Location, str]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from calibkit.report import figures, summary
+from calibkit.report import figures
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -32,6 +32,4 @@ class Drawn:
 def printed(drawn: Drawn) -> dict[str, bytes]:
     """report.pdf, where there is something to draw, and report.txt."""
     pages = (*drawn.figures, *drawn.table_pages)
-    return ({PDF: figures.pdf(pages)} if pages else {}) | {
-        TEXT: summary.text(drawn.summary).encode()
-    }
+    return ({PDF: figures.pdf(pages)} if pages else {}) | {TEXT: drawn.summary.text().encode()}

@@ -51,6 +51,22 @@ class LogFigure:
     marks: tuple[tuple[float, str, str], ...]
     occupancy: tuple[tuple[float, float, float], ...]
 
+    def draw(self) -> Figure:
+        """Page of one log: panels of the columns below each other, and the temperature occupancy
+        where there is one.
+        """
+        shown = self.curves[:9]
+        count = max(1, len(shown)) + (1 if len(self.occupancy) > 1 else 0)
+        figure, axes = page(count, 1, title=self.file, height=1.0 + 1.7 * count)
+        for ax, curve in zip(axes, shown, strict=False):
+            _panel(ax, self, curve)
+        if shown:
+            axes[len(shown) - 1].set_xlabel(self.axis)
+            _key(axes[0], self)
+        if len(self.occupancy) > 1:
+            _occupancy(axes[-1], self)
+        return figure
+
 
 def envelope(along: Array, values: Array) -> tuple[Array, Array, Array]:
     """Smallest and largest of values [n] in at most 2000 pieces: along [m], low [m], high [m];
@@ -62,23 +78,6 @@ def envelope(along: Array, values: Array) -> tuple[Array, Array, Array]:
         return along, values, values
     first = np.linspace(0, values.size, POINTS + 1)[:-1].astype(np.int64)
     return along[first], np.minimum.reduceat(values, first), np.maximum.reduceat(values, first)
-
-
-def draw_log(log: LogFigure) -> Figure:
-    """Page of one log: panels of the columns below each other, and the temperature occupancy where
-    there is one.
-    """
-    shown = log.curves[:9]
-    count = max(1, len(shown)) + (1 if len(log.occupancy) > 1 else 0)
-    figure, axes = page(count, 1, title=log.file, height=1.0 + 1.7 * count)
-    for ax, curve in zip(axes, shown, strict=False):
-        _panel(ax, log, curve)
-    if shown:
-        axes[len(shown) - 1].set_xlabel(log.axis)
-        _key(axes[0], log)
-    if len(log.occupancy) > 1:
-        _occupancy(axes[-1], log)
-    return figure
 
 
 def _panel(ax: Axes, log: LogFigure, curve: Curve) -> None:

@@ -43,6 +43,24 @@ class Summary:
             for c in failed
         )
 
+    def text(self) -> str:
+        """Summary as plain text of 110 columns, the same bytes on every machine."""
+        import io
+
+        from rich.console import Console
+
+        buffer = io.StringIO()
+        console = Console(
+            file=buffer,
+            width=110,
+            color_system=None,
+            force_terminal=False,
+            legacy_windows=False,
+            _environ={},
+        )
+        show(self, console)
+        return "\n".join(line.rstrip() for line in buffer.getvalue().splitlines()) + "\n"
+
 
 def number(value: float, digits: int = 4) -> str:
     """A number in a few significant digits, without an exponent where one can do without."""
@@ -73,22 +91,3 @@ def show(summary: Summary, console: Console) -> None:
         console.print(Text(f"! {flag}", style="yellow"))
     judged = "green" if summary.accepted else "bold red"
     console.print(Text(summary.verdict, style=judged if summary.criteria else ""))
-
-
-def text(summary: Summary) -> str:
-    """Summary as plain text of 110 columns, the same bytes on every machine."""
-    import io
-
-    from rich.console import Console
-
-    buffer = io.StringIO()
-    console = Console(
-        file=buffer,
-        width=110,
-        color_system=None,
-        force_terminal=False,
-        legacy_windows=False,
-        _environ={},
-    )
-    show(summary, console)
-    return "\n".join(line.rstrip() for line in buffer.getvalue().splitlines()) + "\n"

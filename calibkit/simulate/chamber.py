@@ -21,6 +21,17 @@ class Programme:
     rate_degc_per_min: float
     """Signed rate between the ends: of the ramp, or of the whole staircase."""
 
+    def set_points(self) -> tuple[Array, Array]:
+        """Time [n] [s] at 1 Hz and set point [n] [°C] of a programme; at a step the new set point
+        holds.
+        """
+        time = np.arange(np.floor(self.time_s[-1]) + 1.0)
+        after = np.searchsorted(self.time_s, time, side="right").clip(1, len(self.time_s) - 1)
+        t, value = np.asarray(self.time_s), np.asarray(self.set_degc)
+        share = (time - t[after - 1]) / (t[after] - t[after - 1])
+        set_degc: Array = (1.0 - share) * value[after - 1] + share * value[after]
+        return time, set_degc
+
 
 @dataclass(frozen=True, slots=True)
 class Chamber:
@@ -39,6 +50,28 @@ class Chamber:
     """Correlation time of the turbulence."""
     reading_noise_degc: float = 0.03
     resolution_degc: float = 0.1
+
+    def air(self, set_degc: Array, rng: np.random.Generator) -> Array:
+        """Air temperature [n] [°C] at 1 Hz around the gyro: controlled, with the compressor's
+        cycling and turbulence.
+        """
+        from scipy.signal import lfilter  # a slow import
+
+        count = len(set_degc)
+        phase = rng.uniform(0.0, 2.0 * np.pi)
+        cycling = self.cycling_degc * np.sin(
+            2.0 * np.pi * np.arange(count) / self.cycling_period_s + phase
+        )
+        memory = math.exp(-1.0 / self.turbulence_s)
+        white = rng.normal(0.0, math.sqrt(1.0 - memory**2), count)
+        white[0] = rng.normal(0.0, 1.0)
+        turbulence: Array = np.asarray(lfilter([1.0], [1.0, -memory], white))
+        disturbed: Array = _controlled(self, set_degc) + cycling + self.turbulence_degc * turbulence
+        return disturbed
+
+    def air_reading(self, air_degc: Array, rng: np.random.Generator) -> Array:
+        """Read the air [n] [°C] as the chamber's own thermometer logs it [n] [°C]."""
+        return reading(air_degc, self.resolution_degc, self.reading_noise_degc, rng)
 
 
 def ramp(
@@ -69,18 +102,6 @@ def staircase(
     )
 
 
-def set_points(programme: Programme) -> tuple[Array, Array]:
-    """Time [n] [s] at 1 Hz and set point [n] [°C] of a programme; at a step the new set point
-    holds.
-    """
-    time = np.arange(np.floor(programme.time_s[-1]) + 1.0)
-    after = np.searchsorted(programme.time_s, time, side="right").clip(1, len(programme.time_s) - 1)
-    t, value = np.asarray(programme.time_s), np.asarray(programme.set_degc)
-    share = (time - t[after - 1]) / (t[after] - t[after - 1])
-    set_degc: Array = (1.0 - share) * value[after - 1] + share * value[after]
-    return time, set_degc
-
-
 def _controlled(chamber: Chamber, set_degc: Array) -> Array:
     """Air [n] [°C] at 1 Hz that follows set points [n] [°C], at rest at the first: T'' + 2ζω T' +
     ω² T = ω² set.
@@ -96,29 +117,3 @@ def _controlled(chamber: Chamber, set_degc: Array) -> Array:
     )
     above: Array = np.asarray(lfilter(numerator, denominator, set_degc - set_degc[0]))
     return above + float(set_degc[0])
-
-
-def air(chamber: Chamber, set_degc: Array, rng: np.random.Generator) -> Array:
-    """Air temperature [n] [°C] at 1 Hz around the gyro: controlled, with the compressor's cycling
-    and turbulence.
-    """
-    from scipy.signal import lfilter  # a slow import
-
-    count = len(set_degc)
-    phase = rng.uniform(0.0, 2.0 * np.pi)
-    cycling = chamber.cycling_degc * np.sin(
-        2.0 * np.pi * np.arange(count) / chamber.cycling_period_s + phase
-    )
-    memory = math.exp(-1.0 / chamber.turbulence_s)
-    white = rng.normal(0.0, math.sqrt(1.0 - memory**2), count)
-    white[0] = rng.normal(0.0, 1.0)
-    turbulence: Array = np.asarray(lfilter([1.0], [1.0, -memory], white))
-    disturbed: Array = (
-        _controlled(chamber, set_degc) + cycling + chamber.turbulence_degc * turbulence
-    )
-    return disturbed
-
-
-def air_reading(chamber: Chamber, air_degc: Array, rng: np.random.Generator) -> Array:
-    """Read the air [n] [°C] as the chamber's own thermometer logs it [n] [°C]."""
-    return reading(air_degc, chamber.resolution_degc, chamber.reading_noise_degc, rng)

@@ -55,6 +55,30 @@ class DwellErrors:
         """Root mean square of the residual [g]."""
         return rms(self.residual)
 
+    def judge_errors(self, spec: AccelerometerRecipe) -> tuple[Criterion, ...]:
+        """Acceptance limits of the recipe on the corrected dwells."""
+        limits, angles = spec.acceptance, self.angles
+        stated = [("residual rms", self.residual_rms_g, limits.max_residual_rms_g, "g")]
+        if angles is not None:
+            inclination, toolface = angles.inclination_max_deg, angles.toolface_scaled_max_deg
+            scaled = "largest toolface error times sin(inclination)"
+            stated = [
+                ("largest inclination error", inclination, limits.max_inclination_error_deg, "deg"),
+                (scaled, toolface, limits.max_toolface_error_sin_deg, "deg"),
+                *stated,
+            ]
+        return tuple(
+            at_most(name, value, limit, unit)
+            for name, value, limit, unit in stated
+            if limit is not None
+        )
+
+    def judge_improvement(self, after: "DwellErrors") -> Criterion:
+        """Correction may not make unseen dwells worse than they were."""
+        rms_before = self.residual_rms_g
+        share = after.residual_rms_g / rms_before if rms_before > 0.0 else 1.0
+        return at_most("residual rms after/before", share, 1.0, "1")
+
 
 def compare_dwells(
     dwells: DwellSet, spec: AccelerometerRecipe, correction: Correction | None = None
@@ -95,32 +119,6 @@ def propagate_uncertainty(
         scaled = float((u_toolface * np.sin(np.radians(tilt)))[inside].max())
         figures.append(Figure("toolface_sin_standard_uncertainty_max", scaled, "deg", 0.0))
     return tuple(figures)
-
-
-def judge_errors(after: DwellErrors, spec: AccelerometerRecipe) -> tuple[Criterion, ...]:
-    """Acceptance limits of the recipe on the corrected dwells."""
-    limits, angles = spec.acceptance, after.angles
-    stated = [("residual rms", after.residual_rms_g, limits.max_residual_rms_g, "g")]
-    if angles is not None:
-        inclination, toolface = angles.inclination_max_deg, angles.toolface_scaled_max_deg
-        scaled = "largest toolface error times sin(inclination)"
-        stated = [
-            ("largest inclination error", inclination, limits.max_inclination_error_deg, "deg"),
-            (scaled, toolface, limits.max_toolface_error_sin_deg, "deg"),
-            *stated,
-        ]
-    return tuple(
-        at_most(name, value, limit, unit)
-        for name, value, limit, unit in stated
-        if limit is not None
-    )
-
-
-def judge_improvement(before: DwellErrors, after: DwellErrors) -> Criterion:
-    """Correction may not make unseen dwells worse than they were."""
-    rms_before = before.residual_rms_g
-    share = after.residual_rms_g / rms_before if rms_before > 0.0 else 1.0
-    return at_most("residual rms after/before", share, 1.0, "1")
 
 
 def _attitude_errors(

@@ -138,7 +138,7 @@ def _fit_lengths(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
     else:
         angles = found.parameters[6:9], found.covariance[6:9, 6:9]
         at = float(dwells.temperature.mean())
-        model, q = _triad_models(*magnitude.as_affine(found), found, angles, at, dwells)
+        model, q = _triad_models(*found.as_affine(), found, angles, at, dwells)
     return TriadFit(q=q, affine=model, affine_flags=flags, intervals=intervals)
 
 
@@ -198,7 +198,7 @@ def _affine_models(
     low, high = dwells.valid[forms.TEMPERATURE]
     at = float(np.clip(spec.reference_temp_degc, low, high))
     named = found.names, found.coefficients, found.covariance
-    return _triad_models(*named, found, affine.evaluate_q(found, at), at, dwells)
+    return _triad_models(*named, found, found.evaluate_q(at), at, dwells)
 
 
 def _triad_models(

@@ -87,7 +87,7 @@ def _fit(
     return Fitted(
         results,
         tuple(Input.of(log) for log in logs),
-        Summary(spec.title, tuple(shown), tuple(flags), errors.judge_errors(after, spec)),
+        Summary(spec.title, tuple(shown), tuple(flags), after.judge_errors(spec)),
         TriadReport(dwells, found["indication"], after, spec.toolface_range_deg),
     )
 
@@ -153,7 +153,7 @@ def _validate(
         )
         both = {"indication": before, "corrected": after}
         shown.append(tables.tabulate_errors(both, spec, log.file))
-        criteria += [errors.judge_improvement(before, after), *errors.judge_errors(after, spec)]
+        criteria += [before.judge_improvement(after), *after.judge_errors(spec)]
         flags += dwells.flags
         if (outside := correction.outside(dwells.temperature)) > 0.0:
             flags.append(

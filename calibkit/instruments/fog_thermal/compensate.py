@@ -99,6 +99,46 @@ class DriftModel:
             recipe.reference_temp_degc,
         )
 
+    def drift_along(self, blocks: Blocks) -> _Drift:
+        """Drift along block means, zero at the reference temperature (clamped to the fitted range).
+
+        A model on levels needs no integration and forgets nothing in soaks.
+        """
+        if self.thermal is not None:
+            found = evaluate.evaluate(
+                self.thermal,
+                blocks.time,
+                blocks.case,
+                blocks.case - blocks.gradient,
+                self.reference_temp_degc,
+            )
+            clamped = {
+                "temperature": found.temperature_clamped,
+                "temperature rate": found.rate_clamped,
+                "gradient": found.gradient_clamped,
+            }
+            bounds = {
+                f"{name} clamped to the fitted range": float(where.mean())
+                for name, where in clamped.items()
+            }
+            return _Drift(found.drift, np.diff(found.drift, prepend=found.drift[:1]), bounds)
+        steps = compensation.increments(self.polynomials, blocks.gradient, blocks.rate)
+        if not self.polynomials:
+            return _Drift(np.zeros_like(steps.delta), steps.delta, {})
+        cases = np.array([polynomial.case for polynomial in self.polynomials])
+        level = compensation.referenced(
+            compensation.recursive(steps.delta),
+            blocks.case,
+            self.reference_temp_degc,
+            (float(cases[:, 0].min()), float(cases[:, 1].max())),
+        )
+        bounds = {
+            "drift held in soaks or on a side that was not fitted": float(steps.held[1:].mean()),
+            "temperature rate clamped to the fitted range": float(steps.rate_clamped[1:].mean()),
+            "gradient clamped to the fitted range": float(steps.gradient_clamped[1:].mean()),
+        }
+        return _Drift(level, steps.delta, bounds)
+
 
 @dataclass(frozen=True, slots=True)
 class LogFigures:
@@ -120,51 +160,10 @@ class LogFigures:
         return self.before / self.after if self.after > 0.0 else float("inf")
 
 
-def drift_along(model: DriftModel, blocks: Blocks) -> _Drift:
-    """Drift along block means, zero at the reference temperature (clamped to the fitted range).
-
-    A model on levels needs no integration and forgets nothing in soaks.
-    """
-    if model.thermal is not None:
-        found = evaluate.evaluate(
-            model.thermal,
-            blocks.time,
-            blocks.case,
-            blocks.case - blocks.gradient,
-            model.reference_temp_degc,
-        )
-        clamped = {
-            "temperature": found.temperature_clamped,
-            "temperature rate": found.rate_clamped,
-            "gradient": found.gradient_clamped,
-        }
-        bounds = {
-            f"{name} clamped to the fitted range": float(where.mean())
-            for name, where in clamped.items()
-        }
-        return _Drift(found.drift, np.diff(found.drift, prepend=found.drift[:1]), bounds)
-    steps = compensation.increments(model.polynomials, blocks.gradient, blocks.rate)
-    if not model.polynomials:
-        return _Drift(np.zeros_like(steps.delta), steps.delta, {})
-    cases = np.array([polynomial.case for polynomial in model.polynomials])
-    level = compensation.referenced(
-        compensation.recursive(steps.delta),
-        blocks.case,
-        model.reference_temp_degc,
-        (float(cases[:, 0].min()), float(cases[:, 1].max())),
-    )
-    bounds = {
-        "drift held in soaks or on a side that was not fitted": float(steps.held[1:].mean()),
-        "temperature rate clamped to the fitted range": float(steps.rate_clamped[1:].mean()),
-        "gradient clamped to the fitted range": float(steps.gradient_clamped[1:].mean()),
-    }
-    return _Drift(level, steps.delta, bounds)
-
-
 def summarize_log(name: str, blocks: Blocks, model: DriftModel) -> LogFigures:
     """Figures of one log from its block means."""
     group = compensation.blocks_per_figure(model.interval_s)
-    drift, indication = drift_along(model, blocks), blocks.indication
+    drift, indication = model.drift_along(blocks), blocks.indication
     return LogFigures(
         name,
         compensation.drift_rms(indication, group),
@@ -189,7 +188,7 @@ def compensate_log(
     if not model.exported:
         return gyro, ("no drift term: the indication is returned as it is",)
     held, blocks = ramps.block_means(log, recipe, rated=bool(model.polynomials))
-    drift = drift_along(model, blocks)
+    drift = model.drift_along(blocks)
     flags, output = drift.flags(log.file), log.room(gyro.size)
     if model.mode == "recursive":
         for a, b in chunks.ranges_along(time, gyro, output):

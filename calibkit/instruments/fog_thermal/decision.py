@@ -28,6 +28,42 @@ class Export:
     share_of_raw: float | None
     flags: tuple[str, ...]
 
+    def result(
+        self,
+        choices: Sequence[SideChoice],
+        levels: ThermalChoice,
+        logs: Sequence[LogFigures],
+        recipe: FogThermalRecipe,
+    ) -> StageResult:
+        """drift_rate.json: the exported model, and every drift figure with its rate gain."""
+        figures = _left_out_figures(choices, levels)
+        for log in logs:
+            figures += [
+                Figure(f"drift_rms_before.{log.name}", log.before, "deg/h", 0.0),
+                Figure(f"drift_rms_after.{log.name}", log.after, "deg/h", 0.0),
+                Figure(f"rate_gain_recursive.{log.name}", log.gain_recursive, "1", 0.0),
+                Figure(f"one_step_rms_after.{log.name}", log.after_one_step, "deg/h", 0.0),
+                Figure(f"rate_gain_one_step.{log.name}", log.gain_one_step, "1", 0.0),
+            ]
+        flags = [
+            *self.flags,
+            *(f"not tested: {reason}" for reason in levels.refused),
+        ]
+        if recipe.drift.compensation == "one_step":
+            flags.append(
+                "one_step compensation is a first difference: it removes the true rate"
+                " (rate gain 0)"
+            )
+        models = [
+            forms.write_rates(polynomial, recipe.drift.interval_s)
+            for polynomial in self.model.polynomials
+        ]
+        if self.model.thermal is not None:
+            models.append(forms.write_thermal(self.model.thermal, recipe.drift.interval_s))
+        return StageResult(
+            "drift_rate", models=tuple(models), figures=tuple(figures), flags=tuple(flags)
+        )
+
 
 def choose_on_levels(logs: Sequence[PreparedLog], spec: Drift) -> ThermalChoice:
     """Test the models on levels by leaving out each ramp; none is tested where the recipe asks for
@@ -89,42 +125,6 @@ def _share_of_rates(choices: Sequence[SideChoice]) -> float | None:
     left = np.concatenate([result.compensated for result in tested])
     raw = np.concatenate([result.raw for result in tested])
     return float(np.sqrt(np.sum(left**2) / np.sum(raw**2)))
-
-
-def result(
-    export: Export,
-    choices: Sequence[SideChoice],
-    levels: ThermalChoice,
-    logs: Sequence[LogFigures],
-    recipe: FogThermalRecipe,
-) -> StageResult:
-    """drift_rate.json: the exported model and every drift figure with its rate gain beside it."""
-    figures = _left_out_figures(choices, levels)
-    for log in logs:
-        figures += [
-            Figure(f"drift_rms_before.{log.name}", log.before, "deg/h", 0.0),
-            Figure(f"drift_rms_after.{log.name}", log.after, "deg/h", 0.0),
-            Figure(f"rate_gain_recursive.{log.name}", log.gain_recursive, "1", 0.0),
-            Figure(f"one_step_rms_after.{log.name}", log.after_one_step, "deg/h", 0.0),
-            Figure(f"rate_gain_one_step.{log.name}", log.gain_one_step, "1", 0.0),
-        ]
-    flags = [
-        *export.flags,
-        *(f"not tested: {reason}" for reason in levels.refused),
-    ]
-    if recipe.drift.compensation == "one_step":
-        flags.append(
-            "one_step compensation is a first difference: it removes the true rate (rate gain 0)"
-        )
-    models = [
-        forms.write_rates(polynomial, recipe.drift.interval_s)
-        for polynomial in export.model.polynomials
-    ]
-    if export.model.thermal is not None:
-        models.append(forms.write_thermal(export.model.thermal, recipe.drift.interval_s))
-    return StageResult(
-        "drift_rate", models=tuple(models), figures=tuple(figures), flags=tuple(flags)
-    )
 
 
 def _left_out_figures(choices: Sequence[SideChoice], levels: ThermalChoice) -> list[Figure]:

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.instruments.fog_thermal.numeric import gradient
 from calibkit.report.figures import ALERT, DENOISED, GOOD, INK, MUTED, RAW, SIDES, page
 
 if TYPE_CHECKING:
@@ -17,6 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from calibkit.arrays import Array
+    from calibkit.instruments.fog_thermal.numeric import gradient
     from calibkit.instruments.fog_thermal.numeric.uncertainty import Hysteresis
 
 
@@ -129,7 +129,7 @@ def _coefficients_page(report: DriftReport) -> Figure:
             )
         for polynomial in report.polynomials:
             rate, colour = np.linspace(*polynomial.rates, 101), SIDES[polynomial.side]
-            a = gradient.evaluate(polynomial, rate)
+            a = polynomial.evaluate(rate)
             ax.plot(rate, a[:, j], color=colour, ls="-" if report.polynomials_exported else "--")
             ax.axvspan(*polynomial.rates, color=colour, alpha=0.06, lw=0)
         ax.axhline(0.0, color=MUTED, lw=0.6)

@@ -23,9 +23,6 @@ from calibkit.instruments.fog_thermal.numeric.terms import (
     Drivers,
     ThermalModel,
     Valid,
-    raw_design,
-    slope_over_gradient,
-    slope_over_temperature,
 )
 
 FILE = "drift_rate.json"
@@ -77,7 +74,7 @@ def drivers_at(model: Model, at: Inputs) -> Drivers:
 
 def _sum_of_terms(model: Model, at: Inputs) -> Array:
     """Indicated rate [n, °/h]."""
-    return raw_design(drivers_at(model, at)) @ _terms(model)
+    return drivers_at(model, at).raw_design() @ _terms(model)
 
 
 def _terms(model: Model) -> Array:
@@ -90,15 +87,15 @@ def _term_gradient(model: Model, at: Inputs) -> Array:
     drivers, terms = drivers_at(model, at), _terms(model)
     per_second = drivers.rate / SECONDS_PER_MINUTE
     by_lags = (
-        -(slope_over_temperature(drivers) @ terms) * per_second,
-        (slope_over_gradient(drivers) @ terms) * per_second,
+        -(drivers.slope_over_temperature() @ terms) * per_second,
+        (drivers.slope_over_gradient() @ terms) * per_second,
     )
-    return np.column_stack([raw_design(drivers), *by_lags[: len(model.coefficients) - len(TERMS)]])
+    return np.column_stack([drivers.raw_design(), *by_lags[: len(model.coefficients) - len(TERMS)]])
 
 
 def slope_over_case(model: Model, at: Inputs) -> Array:
     """Derivative [n, °/h/°C] of the indicated rate of a model on levels by the case temperature."""
-    return slope_over_temperature(drivers_at(model, at)) @ _terms(model)
+    return drivers_at(model, at).slope_over_temperature() @ _terms(model)
 
 
 PER_RAMP = Form(

@@ -40,8 +40,8 @@ def fit_ramps(logs: Sequence[PreparedLog], spec: Drift) -> list[FittedRamp]:
     for log in logs:
         for ramp in log.ramps:
             try:
-                found = gradient.fit_ramp(
-                    log.denoised.between(ramp.start, ramp.stop), ramp.rate, estimate=spec.estimate
+                found = log.denoised.between(ramp.start, ramp.stop).fit_ramp(
+                    ramp.rate, estimate=spec.estimate
                 )
             except FitError as error:
                 raise FitError(f"{log.source.name}: {error.message}", hint=error.hint) from None

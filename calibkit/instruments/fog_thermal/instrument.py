@@ -48,7 +48,7 @@ def _fit(
     model = export.model
     compensated = [compensate.summarize_log(log.name, log.raw, model) for log in logs]
     at_rest = bias.state_bias(model, logs, spec)
-    exported = decision.result(export, choices, levels, compensated, spec)
+    exported = export.result(choices, levels, compensated, spec)
     results = (
         ramps.denoise_result(logs),
         gradient_file.drift_result(fitted, spec.drift),

@@ -15,9 +15,6 @@ from calibkit.instruments.fog_thermal.simulate_gyro import (
     FogGyro,
     Heat,
     draw_gyro,
-    drift,
-    heat_flow,
-    scale_drift,
 )
 from calibkit.numeric.dispersion import rms
 from calibkit.simulate import noise
@@ -25,10 +22,7 @@ from calibkit.simulate.campaign import Campaign
 from calibkit.simulate.chamber import (
     Chamber,
     Programme,
-    air,
-    air_reading,
     ramp,
-    set_points,
     staircase,
 )
 
@@ -73,17 +67,17 @@ def _log(
     device: FogGyro, chamber: Chamber, programme: Programme, rng: np.random.Generator
 ) -> SimulatedLog:
     """One log at 1 Hz of a gyro in a chamber that runs a programme, both at rest before it."""
-    time, set_degc = set_points(programme)
-    air_degc = air(chamber, set_degc, rng)
-    heat = heat_flow(device, air_degc, float(set_degc[0]))
-    drift_dph = drift(device, heat)
+    time, set_degc = programme.set_points()
+    air_degc = chamber.air(set_degc, rng)
+    heat = device.heat_flow(air_degc, float(set_degc[0]))
+    drift_dph = device.drift(heat)
     turn_on_dph = rng.normal(0.0, 1.0) * device.turn_on_dph
     columns: dict[str, NDArray[Any]] = {
         "time_s": time.astype(np.int64),
         "temp_case_degc": noise.reading(
             heat.case, device.case_resolution_degc, device.case_noise_degc, rng
         ),
-        "temp_env_degc": air_reading(chamber, air_degc, rng),
+        "temp_env_degc": chamber.air_reading(air_degc, rng),
         "gyro_dph": _indication(device, drift_dph, turn_on_dph, rng),
     }
     return SimulatedLog(columns, air_degc, heat, drift_dph, turn_on_dph)
@@ -156,9 +150,7 @@ def campaign(
     case_resolution_degc : of the case thermometer [°C].
 
     """
-    device = scale_drift(
-        draw_gyro(seed), drift_scale=drift_scale, hysteresis_scale=hysteresis_scale
-    )
+    device = draw_gyro(seed).scale_drift(drift_scale=drift_scale, hysteresis_scale=hysteresis_scale)
     device = replace(device, case_resolution_degc=case_resolution_degc)
     chamber, runs = Chamber(), programmes(rates, withheld, steps=steps)
     made = logs(device, runs, seed, chamber)

@@ -84,6 +84,73 @@ class FogGyro:
     """Standard deviation of a reading of the case thermometer before rounding."""
     case_resolution_degc: float
 
+    def scale_drift(self, *, drift_scale: float = 1.0, hysteresis_scale: float = 1.0) -> "FogGyro":
+        """Multiply all drift of a gyro, or its hysteresis alone; 0 takes it away."""
+        return replace(
+            self,
+            static_dph=tuple(factor * drift_scale for factor in self.static_dph),
+            shupe_rate=self.shupe_rate * drift_scale,
+            shupe_gradient_rate=self.shupe_gradient_rate * drift_scale,
+            hysteresis_dph=self.hysteresis_dph * drift_scale * hysteresis_scale,
+        )
+
+    def heat_flow(self, air_degc: Array, rest_degc: float) -> "Heat":
+        """Temperatures of case and coil under air [n] [°C] at 1 Hz, from equilibrium with air at
+        rest [°C].
+
+        Classical Runge-Kutta in steps of 4 s, cubic Hermite between them.
+        """
+        from scipy.interpolate import CubicHermiteSpline  # a slow import
+
+        count = len(air_degc)
+        padded = np.pad(air_degc, (0, -(count - 1) % STEP), mode="reflect", reflect_type="odd")
+        before, middle, after = (
+            padded[at : at - STEP or None : STEP].tolist() for at in (0, STEP // 2, STEP)
+        )
+        start = _resting_case(self, rest_degc)
+        nodes = [(start, start, start)]
+        for supplied in zip(before, middle, after, strict=True):
+            nodes.append(_runge_kutta(self, supplied, nodes[-1]))
+        coarse = np.array(nodes)
+        smooth = CubicHermiteSpline(
+            np.arange(len(nodes)) * float(STEP),
+            coarse,
+            np.column_stack(_flows(self, padded[::STEP], *coarse.T)),
+        )(np.arange(count))
+        case, outer, inner = smooth.T
+        _, outer_rate, inner_rate = _flows(self, air_degc, case, outer, inner)
+        return Heat(case, outer, inner, outer_rate, inner_rate)
+
+    def hysteresis(self, coil_degc: Array) -> Array:
+        """Hysteresis of the bias [n] [°/h] along a coil temperature [n] [°C]: Prandtl-Ishlinskii
+        sum of play operators.
+        """
+        if self.hysteresis_dph == 0.0:
+            return np.zeros(len(coil_degc))
+        widths = self.hysteresis_play_degc
+        behind: Array = np.sum(
+            [_play(coil_degc, half_width) - coil_degc for half_width in widths], axis=0
+        )
+        return self.hysteresis_dph / (2.0 * sum(widths)) * behind
+
+    def drift(self, heat: "Heat") -> Array:
+        """Change of bias [n] [°/h] from equilibrium at the reference temperature: static, Shupe
+        effects, hysteresis.
+        """
+        share = self.inner_share
+        coil = (1.0 - share) * heat.outer + share * heat.inner
+        coil_rate = (1.0 - share) * heat.outer_rate + share * heat.inner_rate
+        above = coil - REFERENCE_DEGC
+        shupe = self.shupe_rate * coil_rate + self.shupe_gradient_rate * (
+            heat.outer_rate - heat.inner_rate
+        )
+        static: Array = polynomial.polyval(above, np.array([0.0, *self.static_dph]))
+        return (
+            static
+            + shupe * SECONDS_PER_MINUTE * (1.0 + self.shupe_per_degc * above)
+            + self.hysteresis(coil)
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class Heat:
@@ -145,19 +212,6 @@ def _static_shape(peak_to_peak: float, rng: np.random.Generator) -> tuple[float,
     return tuple(float(factor) * peak_to_peak / float(swing) for factor in powers.coef[1:])
 
 
-def scale_drift(
-    device: FogGyro, *, drift_scale: float = 1.0, hysteresis_scale: float = 1.0
-) -> FogGyro:
-    """Multiply all drift of a gyro, or its hysteresis alone; 0 takes it away."""
-    return replace(
-        device,
-        static_dph=tuple(factor * drift_scale for factor in device.static_dph),
-        shupe_rate=device.shupe_rate * drift_scale,
-        shupe_gradient_rate=device.shupe_gradient_rate * drift_scale,
-        hysteresis_dph=device.hysteresis_dph * drift_scale * hysteresis_scale,
-    )
-
-
 def _flows(
     device: FogGyro, air_degc: Value, case: Value, outer: Value, inner: Value
 ) -> tuple[Value, Value, Value]:
@@ -196,34 +250,6 @@ def _resting_case(device: FogGyro, air_degc: float) -> float:
     return air_degc + 2.0 * heating / (1.0 + math.sqrt(1.0 + 4.0 * growth * heating))
 
 
-def heat_flow(device: FogGyro, air_degc: Array, rest_degc: float) -> Heat:
-    """Temperatures of case and coil under air [n] [°C] at 1 Hz, from equilibrium with air at rest
-    [°C].
-
-    Classical Runge-Kutta in steps of 4 s, cubic Hermite between them.
-    """
-    from scipy.interpolate import CubicHermiteSpline  # a slow import
-
-    count = len(air_degc)
-    padded = np.pad(air_degc, (0, -(count - 1) % STEP), mode="reflect", reflect_type="odd")
-    before, middle, after = (
-        padded[at : at - STEP or None : STEP].tolist() for at in (0, STEP // 2, STEP)
-    )
-    start = _resting_case(device, rest_degc)
-    nodes = [(start, start, start)]
-    for supplied in zip(before, middle, after, strict=True):
-        nodes.append(_runge_kutta(device, supplied, nodes[-1]))
-    coarse = np.array(nodes)
-    smooth = CubicHermiteSpline(
-        np.arange(len(nodes)) * float(STEP),
-        coarse,
-        np.column_stack(_flows(device, padded[::STEP], *coarse.T)),
-    )(np.arange(count))
-    case, outer, inner = smooth.T
-    _, outer_rate, inner_rate = _flows(device, air_degc, case, outer, inner)
-    return Heat(case, outer, inner, outer_rate, inner_rate)
-
-
 def _runge_kutta(device: FogGyro, supplied: Triple, nodes: Triple) -> Triple:
     """One classical step of STEP seconds; air at its beginning, middle and end."""
     case, outer, inner = nodes
@@ -253,35 +279,3 @@ def _play(degc: Array, half_width: float) -> Array:
         state = min(max(state, low), high)
         followed.append(state)
     return np.array(followed)
-
-
-def hysteresis(device: FogGyro, coil_degc: Array) -> Array:
-    """Hysteresis of the bias [n] [°/h] along a coil temperature [n] [°C]: Prandtl-Ishlinskii sum of
-    play operators.
-    """
-    if device.hysteresis_dph == 0.0:
-        return np.zeros(len(coil_degc))
-    widths = device.hysteresis_play_degc
-    behind: Array = np.sum(
-        [_play(coil_degc, half_width) - coil_degc for half_width in widths], axis=0
-    )
-    return device.hysteresis_dph / (2.0 * sum(widths)) * behind
-
-
-def drift(device: FogGyro, heat: Heat) -> Array:
-    """Change of bias [n] [°/h] from equilibrium at the reference temperature: static, Shupe
-    effects, hysteresis.
-    """
-    share = device.inner_share
-    coil = (1.0 - share) * heat.outer + share * heat.inner
-    coil_rate = (1.0 - share) * heat.outer_rate + share * heat.inner_rate
-    above = coil - REFERENCE_DEGC
-    shupe = device.shupe_rate * coil_rate + device.shupe_gradient_rate * (
-        heat.outer_rate - heat.inner_rate
-    )
-    static: Array = polynomial.polyval(above, np.array([0.0, *device.static_dph]))
-    return (
-        static
-        + shupe * SECONDS_PER_MINUTE * (1.0 + device.shupe_per_degc * above)
-        + hysteresis(device, coil)
-    )

@@ -7,7 +7,7 @@ import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.frame import Log
-from calibkit.instruments.fog_thermal.compensate import DriftModel, LogFigures, drift_along
+from calibkit.instruments.fog_thermal.compensate import DriftModel, LogFigures
 from calibkit.instruments.fog_thermal.decision import Export
 from calibkit.instruments.fog_thermal.figures import DriftLog, DriftReport, Tested
 from calibkit.instruments.fog_thermal.gradient_file import FittedRamp, SideChoice
@@ -56,7 +56,7 @@ def log_view(log: PreparedLog, model: DriftModel) -> DriftLog:
         log.raw.case,
         log.raw.indication,
         log.denoised.indication,
-        drift_along(model, log.raw).subtract(log.raw.indication, "recursive"),
+        model.drift_along(log.raw).subtract(log.raw.indication, "recursive"),
     )
 
 

@@ -39,6 +39,46 @@ class _Record:
         """Log, and column where it is not the only gyro's."""
         return self.log if self.column == "gyro_dph" else f"{self.column}.{self.log}"
 
+    def estimate_noise(self, recipe: GyroNoiseRecipe) -> "NoiseFigures":
+        """Curves, terms and bias stability of one record; what a record is too short for is flagged
+        and left out.
+        """
+        spec = recipe.noise
+        try:
+            curve = allan.overlapping(
+                self.rate,
+                self.interval_s,
+                spacing=spec.spacing,
+                points=spec.points,
+                probability=spec.probability,
+            )
+            terms = allan_fit.fit_noise(curve)
+            wavelet = allan.wavelet_deviation(
+                self.rate, self.interval_s, wavelet=spec.wavelet, probability=spec.probability
+            )
+        except FitError as error:
+            raise FitError(f"{self.name}: {error.message}", hint=error.hint) from None
+        stability, flags = [], [f"{self.name}: {flag}" for flag in terms.flags]
+        for block_s in spec.bias_stability_s:
+            try:
+                stability.append(allan.bias_stability(self.rate, self.interval_s, block_s=block_s))
+            except FitError as error:
+                flags.append(f"{self.name}: no bias stability over {block_s:g} s: {error.message}")
+        missing = int(np.isnan(self.rate).sum())
+        if missing:
+            flags.append(
+                f"{self.name}: {missing} of {self.rate.size} samples are missing and counted as"
+                " gaps"
+            )
+        flags += [
+            f"{self.name}: {term.name} ({term.symbol}) not observable: {term.reason}"
+            for term in terms.not_observable
+        ]
+        mean = float(np.nanmean(self.rate))
+        return NoiseFigures(
+            self, curve, wavelet, terms, tuple(stability), mean, missing, tuple(flags)
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class NoiseFigures:
@@ -133,47 +173,6 @@ def read_records(log: Log, columns: Sequence[str]) -> list[_Record]:
         rate[place] = values(log.frame, column)
         found.append(_Record(log.name, column, interval, rate))
     return found
-
-
-def estimate_noise(record: _Record, recipe: GyroNoiseRecipe) -> NoiseFigures:
-    """Curves, terms and bias stability of one record; what a record is too short for is flagged and
-    left out.
-    """
-    spec = recipe.noise
-    try:
-        curve = allan.overlapping(
-            record.rate,
-            record.interval_s,
-            spacing=spec.spacing,
-            points=spec.points,
-            probability=spec.probability,
-        )
-        terms = allan_fit.fit_noise(curve)
-        wavelet = allan.wavelet_deviation(
-            record.rate, record.interval_s, wavelet=spec.wavelet, probability=spec.probability
-        )
-    except FitError as error:
-        raise FitError(f"{record.name}: {error.message}", hint=error.hint) from None
-    stability, flags = [], [f"{record.name}: {flag}" for flag in terms.flags]
-    for block_s in spec.bias_stability_s:
-        try:
-            stability.append(allan.bias_stability(record.rate, record.interval_s, block_s=block_s))
-        except FitError as error:
-            flags.append(f"{record.name}: no bias stability over {block_s:g} s: {error.message}")
-    missing = int(np.isnan(record.rate).sum())
-    if missing:
-        flags.append(
-            f"{record.name}: {missing} of {record.rate.size} samples are missing and counted as"
-            " gaps"
-        )
-    flags += [
-        f"{record.name}: {term.name} ({term.symbol}) not observable: {term.reason}"
-        for term in terms.not_observable
-    ]
-    mean = float(np.nanmean(record.rate))
-    return NoiseFigures(
-        record, curve, wavelet, terms, tuple(stability), mean, missing, tuple(flags)
-    )
 
 
 def result(found: Sequence[NoiseFigures], flags: Sequence[str]) -> StageResult:

@@ -56,8 +56,7 @@ def _figures(spec: GyroNoiseRecipe, log: Log) -> tuple[list[NoiseFigures], list[
     found = deviations.find_faults(log, spec)
     refuse(found)
     figures = [
-        deviations.estimate_noise(record, spec)
-        for record in deviations.read_records(log, spec.noise.columns)
+        record.estimate_noise(spec) for record in deviations.read_records(log, spec.noise.columns)
     ]
     return figures, [
         *(f"{log.file}: {note}" for note in log.notes),

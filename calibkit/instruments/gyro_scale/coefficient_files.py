@@ -332,5 +332,5 @@ def _bias_figures(
     vertical = table_runs.vertical_rate_dps(spec)
     if vertical is None:
         return []
-    value, u = scale_factor.bias_dps(line, vertical, own_K=own_K)
+    value, u = line.bias_dps(vertical, own_K=own_K)
     return [Figure(f"bias.{name}", value * DPH_PER_DPS, "deg/h", u * DPH_PER_DPS)]

@@ -19,7 +19,6 @@ from calibkit.instruments.gyro_scale.forms import (
     gyro_column,
     read_earth_rate,
     read_matrices,
-    require_biases,
 )
 from calibkit.instruments.gyro_scale.recipe import AnyRecipe, GyroTriadRecipe
 from calibkit.numeric import chunks
@@ -42,7 +41,7 @@ def read_invertible(spec: AnyRecipe, records: Mapping[str, Record]) -> tuple[Gyr
     """Matrices of a run; raises CoefficientError where they do not give rates."""
     known = read_matrices(spec, records)
     for matrix in known if isinstance(spec, GyroTriadRecipe) else ():
-        require_biases(matrix)
+        matrix.require_biases()
         rows, _ = matrix.reference
         unit = rows / np.linalg.norm(rows, axis=1, keepdims=True)
         if len(unit) < unit.shape[1] or not np.linalg.cond(unit) < LARGEST_CONDITION:

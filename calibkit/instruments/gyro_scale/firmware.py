@@ -23,7 +23,6 @@ from calibkit.instruments.gyro_scale.forms import (
     gyro_column,
     read_earth_rate,
     read_matrices,
-    require_biases,
 )
 from calibkit.instruments.gyro_scale.recipe import (
     AnyRecipe,
@@ -86,7 +85,7 @@ def _chain_about_base(matrix: GyroMatrix) -> Chain:
             f"{len(matrix.gyros)} gyros over three axes",
             hint="the firmware form is for three gyros",
         )
-    require_biases(matrix, OutputError)
+    matrix.require_biases(OutputError)
     draft = Draft()
     S, B = _polynomials(draft, matrix, "u")
     low, high = matrix.model.valid[RATE]

@@ -178,6 +178,15 @@ class GyroMatrix:
             lambda rate: RESPONSE.evaluate(bent, {RATE: rate}), self.rate_limits, above / S[:, 0]
         )
 
+    def require_biases(self, error: type[CalibkitError] = CoefficientError) -> None:
+        """Raise an error where the biases are mixed with the earth's rate."""
+        if len(self.names) == len(self.gyros) * len(self.outputs):
+            raise error(
+                "the run does not know the biases of its gyros:"
+                " they are mixed with the earth's rate",
+                hint="fit with [site] latitude_deg",
+            )
+
 
 def read_matrices(spec: AnyRecipe, records: Mapping[str, Record]) -> tuple[GyroMatrix, ...]:
     """Matrices of a run: of each gyro about its own axis, or of all gyros about three axes; raises
@@ -228,15 +237,6 @@ def _find_curves(record: Record, names: Sequence[str]) -> tuple[Model, ...]:
     models = {model.name: model for model in record.models}
     found = tuple(models[name] for name in names if name in models)
     return found if len(found) == len(names) else ()
-
-
-def require_biases(matrix: GyroMatrix, error: type[CalibkitError] = CoefficientError) -> None:
-    """Raise an error where the biases are mixed with the earth's rate."""
-    if len(matrix.names) == len(matrix.gyros) * len(matrix.outputs):
-        raise error(
-            "the run does not know the biases of its gyros: they are mixed with the earth's rate",
-            hint="fit with [site] latitude_deg",
-        )
 
 
 def read_earth_rate(

@@ -10,7 +10,6 @@ from calibkit.ingest.column_names import LogColumn
 from calibkit.ingest.log_groups import file_patterns
 from calibkit.ingest.proposal import Choice, Evidence
 from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe
-from calibkit.recipe import loader
 
 TABLE_AXIS = re.compile(r"(?:^|[^a-z]|axis|achse|about|um)([xyz])(?![a-z])", re.IGNORECASE)
 """Table axis in the name of a log: a letter by itself, or behind a word for an axis."""
@@ -77,7 +76,7 @@ def _triad_keys(names: Sequence[str], turned: Mapping[str, Sequence[str]]) -> di
     the shipped ones.
     """
     keys = {} if names == ["x", "y", "z"] else {"gyros": json.dumps(names)}
-    shipped = loader.table(recipe.find("gyro_triad"), GyroTriadRecipe)
+    shipped = recipe.find("gyro_triad").table(GyroTriadRecipe)
     every = [file for files in turned.values() for file in files]
     if all(shipped.list_axes(file) == [axis] for axis in turned for file in turned[axis]):
         return keys

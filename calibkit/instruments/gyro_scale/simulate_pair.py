@@ -99,6 +99,6 @@ def _turn(
         logs[f"table_axis_{axis}.csv"] = columns
         degc = float(np.mean(columns["temp_case_degc"]))
         for g, gyro in mounted.items():
-            slope, intercept = simulate_rate_table.best_line(gyro, table, rates, degc)
+            slope, intercept = gyro.best_line(table, rates, degc)
             lines[f"{g}_about_{axis}"] = {"K": slope, "F0": intercept, "temp_case_degc": degc}
     return logs, lines

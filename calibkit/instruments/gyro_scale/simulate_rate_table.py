@@ -55,6 +55,21 @@ class RateGyro:
     lag_s: float
     """Time constant of the output filter."""
 
+    def best_line(
+        self, table: "Table", rates_dps: Sequence[float], temp_degc: float
+    ) -> tuple[float, float]:
+        """Slope [1/s/(°/s)] and intercept [1/s] of the straight line by least squares over table
+        rates, without noise.
+        """
+        rates = np.asarray(rates_dps, dtype=np.float64)
+        vertical = EARTH_RATE_DPS * np.sin(np.radians(table.latitude_deg))
+        # a whole revolution averages over every direction of the horizontal part; to first order
+        # that is its mean, zero
+        slope, intercept = np.polyfit(
+            rates, _response(self, (rates + vertical) * self.axis[2], temp_degc), 1
+        )
+        return float(slope), float(intercept)
+
 
 @dataclass(frozen=True, slots=True)
 class Table:
@@ -97,22 +112,6 @@ def _response(gyro: RateGyro, rate_dps: Array, temp_degc: Array | float) -> Arra
         + gyro.bias_dps_per_degc * warmer
     )
     return np.asarray(gyro.K * (1.0 + gyro.K_per_degc * warmer) * seen, dtype=np.float64)
-
-
-def best_line(
-    gyro: RateGyro, table: Table, rates_dps: Sequence[float], temp_degc: float
-) -> tuple[float, float]:
-    """Slope [1/s/(°/s)] and intercept [1/s] of the straight line by least squares over table rates,
-    without noise.
-    """
-    rates = np.asarray(rates_dps, dtype=np.float64)
-    vertical = EARTH_RATE_DPS * np.sin(np.radians(table.latitude_deg))
-    # a whole revolution averages over every direction of the horizontal part; to first order that
-    # is its mean, zero
-    slope, intercept = np.polyfit(
-        rates, _response(gyro, (rates + vertical) * gyro.axis[2], temp_degc), 1
-    )
-    return float(slope), float(intercept)
 
 
 def _motion(table: Table, rates_dps: Sequence[float]) -> _Motion:
@@ -262,7 +261,7 @@ def campaign(
     lines: dict[str, dict[str, object]] = {}
     for name, columns in logs.items():
         mean = float(np.mean(columns["temp_case_degc"]))
-        K, F0 = best_line(gyro, table, rates, mean)
+        K, F0 = gyro.best_line(table, rates, mean)
         lines[name] = {"temp_case_degc": mean, "gyro_x_lsb": {"K": K, "F0": F0}}
     truth = {
         "procedure": "rate_table",

@@ -104,9 +104,7 @@ def _turn(
         }
         runs[name] = simulate_rate_table.run(mounted, table, rates, degc, rng)
         case = float(np.mean(runs[name]["temp_case_degc"]))
-        lines[:, axis] = [
-            simulate_rate_table.best_line(gyro, table, rates, case)[0] for gyro in mounted.values()
-        ]
+        lines[:, axis] = [gyro.best_line(table, rates, case)[0] for gyro in mounted.values()]
     cosines = np.clip(directions @ directions.T, -1.0, 1.0)
     return runs, {
         "sensitivity": lines.tolist(),

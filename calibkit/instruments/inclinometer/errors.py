@@ -38,6 +38,35 @@ class AngleErrors:
         worse = np.abs(self.after[known]) - np.abs(self.before[known])
         return np.asarray(worse / self.standard_uncertainty[known], dtype=np.float64)
 
+    def criteria(self, spec: InclinometerRecipe, *, unseen: bool) -> tuple[Criterion, ...]:
+        """Acceptance limits of the recipe; on unseen stations also that correction makes no azimuth
+        worse.
+        """
+        limits, known = spec.acceptance, self.known
+        tests = [
+            ("azimuth rms", rms(self.after[known]), limits.max_azimuth_rms_deg),
+            ("largest azimuth error", largest(self.after), limits.max_azimuth_error_deg),
+            (
+                "largest inclination error",
+                largest(self.inclination),
+                limits.max_inclination_error_deg,
+            ),
+            ("largest toolface error", largest(self.toolface), limits.max_toolface_error_deg),
+        ]
+        made = [
+            at_most(name, value, limit, "deg")
+            for name, value, limit in tests
+            if limit is not None and np.isfinite(value)
+        ]
+        if unseen and self.excess.size:
+            from scipy.special import ndtri
+
+            # what the largest of so many normal errors keeps in 95 % of cases (Bonferroni)
+            limit = float(ndtri(1.0 - 0.05 / (2.0 * self.excess.size)))
+            worst = float(self.excess.max())
+            made.append(at_most("azimuth worse than uncorrected, over its u", worst, limit, "1"))
+        return tuple(made)
+
 
 def angle_errors(stations: Stations, seen: SolvedStations) -> AngleErrors:
     """Errors of all stations."""
@@ -55,38 +84,6 @@ def angle_errors(stations: Stations, seen: SolvedStations) -> AngleErrors:
 def rms(values: Array) -> float:
     """Root mean square of the finite values, NaN where there is none."""
     return dispersion.rms(values[np.isfinite(values)])
-
-
-def criteria(
-    found: AngleErrors, spec: InclinometerRecipe, *, unseen: bool
-) -> tuple[Criterion, ...]:
-    """Acceptance limits of the recipe; on unseen stations also that correction makes no azimuth
-    worse.
-    """
-    limits, known = spec.acceptance, found.known
-    tests = [
-        ("azimuth rms", rms(found.after[known]), limits.max_azimuth_rms_deg),
-        ("largest azimuth error", largest(found.after), limits.max_azimuth_error_deg),
-        (
-            "largest inclination error",
-            largest(found.inclination),
-            limits.max_inclination_error_deg,
-        ),
-        ("largest toolface error", largest(found.toolface), limits.max_toolface_error_deg),
-    ]
-    made = [
-        at_most(name, value, limit, "deg")
-        for name, value, limit in tests
-        if limit is not None and np.isfinite(value)
-    ]
-    if unseen and found.excess.size:
-        from scipy.special import ndtri
-
-        # what the largest of so many normal errors keeps in 95 % of cases (Bonferroni)
-        limit = float(ndtri(1.0 - 0.05 / (2.0 * found.excess.size)))
-        worst = float(found.excess.max())
-        made.append(at_most("azimuth worse than uncorrected, over its u", worst, limit, "1"))
-    return tuple(made)
 
 
 def largest(values: Array) -> float:

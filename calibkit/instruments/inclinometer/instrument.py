@@ -79,7 +79,7 @@ def _seek(
         rows, spec, {axis: model.noise for axis, model in models.items()}
     )
     seen = solve.seek_north(stations, models, spec)
-    solve.require_consistent(seen, log.file)
+    seen.require_consistent(log.file)
     flags = (*coefficient_files.flag_temperatures(log.file, stations, models),)
     return stations, seen, (*flags, *coefficient_files.flag_stations(stations, seen))
 
@@ -151,7 +151,7 @@ def _validate(
         np.concatenate([getattr(part, field.name) for part in parts])
         for field in fields(errors.AngleErrors)
     )
-    criteria = errors.criteria(errors.AngleErrors(*pooled), spec, unseen=True)
+    criteria = errors.AngleErrors(*pooled).criteria(spec, unseen=True)
     return {"logs": entries}, Summary("", tuple(shown), tuple(flags), criteria)
 
 

@@ -31,6 +31,52 @@ class Noise:
     gyro_dph: float
     dof: int
 
+    def decide(
+        self,
+        known: "Noise | None",
+        last_digit: tuple[float, float],
+        spec: InclinometerRecipe,
+        axis: Sensor,
+    ) -> "Noise":
+        """Noise as the recipe states it, else the readings' own pooled with that of a calibration;
+        never below the last digit.
+
+        Raises FitError where it is unknown.
+        """
+        stated = spec.stations.accel_noise_g, spec.stations.gyro_noise_dph
+        before = known or NO_NOISE
+        pairs = ((self.accel_g, before.accel_g), (self.gyro_dph, before.gyro_dph))
+        found = []
+        for given, (mine, calibrated), digit, (kind, unit, _) in zip(
+            stated, pairs, last_digit, KINDS, strict=True
+        ):
+            if given != "auto":
+                found.append(given)
+            elif self.dof + before.dof == 0:
+                raise FitError(
+                    f"{kind}_{axis}_{unit}: no station tells the noise of a reading",
+                    hint=(
+                        f"give stations.{kind}_noise_{unit} in the recipe, or stations with more"
+                        " positions"
+                    ),
+                )
+            else:
+                found.append(
+                    max(_pool_noise(mine, self.dof, calibrated, before.dof), digit / np.sqrt(12.0))
+                )
+        return Noise(float(found[0]), float(found[1]), self.dof + before.dof)
+
+    def widen(self, spec: InclinometerRecipe) -> "Noise":
+        """Noise for propagation: one known from few degrees of freedom is raised by Student's t, so
+        that k = 2 still means 95 %.
+        """
+        if not self.dof:
+            return self
+        factor = gum.widening(self.dof)
+        given = spec.stations.accel_noise_g != "auto", spec.stations.gyro_noise_dph != "auto"
+        accel, gyro = (1.0 if stated else factor for stated in given)
+        return Noise(accel * self.accel_g, gyro * self.gyro_dph, self.dof)
+
 
 NO_NOISE = Noise(0.0, 0.0, 0)
 """What is known of the noise before anything is read."""
@@ -77,54 +123,6 @@ def judge_closures(
     square, dof = np.where(kept, squares, 0.0), np.where(kept, dofs, 0)
     accel, gyro = (closure.estimate_noise(square[:, column], dof[:, column]) for column in (0, 1))
     return Noise(accel, gyro, int(dof[:, 1].sum())), tuple(reasons)
-
-
-def decide_noise(
-    own: Noise,
-    known: Noise | None,
-    last_digit: tuple[float, float],
-    spec: InclinometerRecipe,
-    axis: Sensor,
-) -> Noise:
-    """Noise as the recipe states it, else the readings' own pooled with that of a calibration;
-    never below the last digit.
-
-    Raises FitError where it is unknown.
-    """
-    stated = spec.stations.accel_noise_g, spec.stations.gyro_noise_dph
-    before = known or NO_NOISE
-    pairs = ((own.accel_g, before.accel_g), (own.gyro_dph, before.gyro_dph))
-    found = []
-    for given, (mine, calibrated), digit, (kind, unit, _) in zip(
-        stated, pairs, last_digit, KINDS, strict=True
-    ):
-        if given != "auto":
-            found.append(given)
-        elif own.dof + before.dof == 0:
-            raise FitError(
-                f"{kind}_{axis}_{unit}: no station tells the noise of a reading",
-                hint=(
-                    f"give stations.{kind}_noise_{unit} in the recipe, or stations with more"
-                    " positions"
-                ),
-            )
-        else:
-            found.append(
-                max(_pool_noise(mine, own.dof, calibrated, before.dof), digit / np.sqrt(12.0))
-            )
-    return Noise(float(found[0]), float(found[1]), own.dof + before.dof)
-
-
-def widen_noise(noise: Noise, spec: InclinometerRecipe) -> Noise:
-    """Noise for propagation: one known from few degrees of freedom is raised by Student's t, so
-    that k = 2 still means 95 %.
-    """
-    if not noise.dof:
-        return noise
-    factor = gum.widening(noise.dof)
-    given = spec.stations.accel_noise_g != "auto", spec.stations.gyro_noise_dph != "auto"
-    accel, gyro = (1.0 if stated else factor for stated in given)
-    return Noise(accel * noise.accel_g, gyro * noise.gyro_dph, noise.dof)
 
 
 def _pool_noise(own: float, own_dof: int, known: float, known_dof: int) -> float:

@@ -62,6 +62,38 @@ class Tool:
     dwell_s: float = 60.0
     station_s: float = 600.0
 
+    def stations(
+        self,
+        attitudes: "Attitudes",
+        latitude_deg: float,
+        temp_degc: Array,
+        rng: np.random.Generator,
+    ) -> tuple[dict[str, Array | Integers], Array]:
+        """Columns of the log of n stations, four rows a station, and the scale factors of both
+        pairs [n, 2].
+        """
+        gravity = _rotated(attitudes, np.array([0.0, 0.0, 1.0]))
+        rate = _rotated(attitudes, earth.north_east_down(latitude_deg))
+        count = temp_degc.size
+        turned = POSITIONS_DEG + self.index_deg * rng.normal(0.0, 1.0, (count, 4))
+        numbers = np.arange(count)
+        columns: dict[str, Array | Integers] = {
+            "station": np.repeat(numbers + 1, 4),
+            "position_deg": np.tile(POSITIONS_DEG, count),
+            "time_s": (numbers[:, None] * self.station_s + np.arange(4) * self.dwell_s).ravel(),
+            "temp_case_degc": np.repeat(temp_degc, 4),
+        }
+        scales = np.column_stack([_scale(pair, temp_degc, rng) for pair in self.pairs])
+        made = [
+            _readings(pair, nominal, turned, gravity, rate, scales[:, j], temp_degc, rng)
+            for j, (pair, nominal) in enumerate(zip(self.pairs, (0.0, 90.0), strict=True))
+        ]
+        for axis, (accel, _) in zip("xy", made, strict=True):
+            columns[f"accel_{axis}_g"] = accel.ravel()
+        for axis, (_, gyro) in zip("xy", made, strict=True):
+            columns[f"gyro_{axis}_dph"] = gyro.ravel()
+        return columns, scales
+
 
 @dataclass(frozen=True, slots=True)
 class Attitudes:
@@ -169,39 +201,6 @@ def random_attitudes(
     )
 
 
-def stations(
-    tool: Tool,
-    attitudes: Attitudes,
-    latitude_deg: float,
-    temp_degc: Array,
-    rng: np.random.Generator,
-) -> tuple[dict[str, Array | Integers], Array]:
-    """Columns of the log of n stations, four rows a station, and the scale factors of both pairs
-    [n, 2].
-    """
-    gravity = _rotated(attitudes, np.array([0.0, 0.0, 1.0]))
-    rate = _rotated(attitudes, earth.north_east_down(latitude_deg))
-    count = temp_degc.size
-    turned = POSITIONS_DEG + tool.index_deg * rng.normal(0.0, 1.0, (count, 4))
-    numbers = np.arange(count)
-    columns: dict[str, Array | Integers] = {
-        "station": np.repeat(numbers + 1, 4),
-        "position_deg": np.tile(POSITIONS_DEG, count),
-        "time_s": (numbers[:, None] * tool.station_s + np.arange(4) * tool.dwell_s).ravel(),
-        "temp_case_degc": np.repeat(temp_degc, 4),
-    }
-    scales = np.column_stack([_scale(pair, temp_degc, rng) for pair in tool.pairs])
-    made = [
-        _readings(pair, nominal, turned, gravity, rate, scales[:, j], temp_degc, rng)
-        for j, (pair, nominal) in enumerate(zip(tool.pairs, (0.0, 90.0), strict=True))
-    ]
-    for axis, (accel, _) in zip("xy", made, strict=True):
-        columns[f"accel_{axis}_g"] = accel.ravel()
-    for axis, (_, gyro) in zip("xy", made, strict=True):
-        columns[f"gyro_{axis}_dph"] = gyro.ravel()
-    return columns, scales
-
-
 def campaign(
     seed: int,
     *,
@@ -236,7 +235,7 @@ def campaign(
     tool = Tool((first, second), index_deg=0.0 if ideal else 0.01)
     attitudes = random_attitudes(count, inclination_deg, rng)
     temperature = np.round(np.linspace(*temperature_degc, count) + rng.normal(0.0, 1.0, count), 2)
-    columns, scales = stations(tool, attitudes, latitude_deg, temperature, rng)
+    columns, scales = tool.stations(attitudes, latitude_deg, temperature, rng)
     truth: dict[str, object] = {
         "procedure": "inclinometer",
         "seed": seed,
@@ -273,7 +272,7 @@ def _withheld(
     rng = np.random.default_rng(np.random.SeedSequence([seed, 1]))
     attitudes = random_attitudes(count, inclination_deg, rng)
     temperature = np.round(np.linspace(*temperature_degc, count) + rng.normal(0.0, 1.0, count), 2)
-    columns, scales = stations(tool, attitudes, latitude_deg, temperature, rng)
+    columns, scales = tool.stations(attitudes, latitude_deg, temperature, rng)
     for name in REFERENCE:
         columns[name] = np.repeat(getattr(attitudes, name), 4)
     return columns, {"s_x": scales[:, 0].tolist(), "s_y": scales[:, 1].tolist()}

@@ -64,37 +64,37 @@ class SolvedStations:
             found |= off | [WRONG in reason for reason in pair.status]
         return found
 
+    def require_consistent(self, where: str) -> None:
+        """Refuse a log most of whose stations cannot have been read like this; one odd station is
+        refused by itself.
 
-def require_consistent(seen: SolvedStations, where: str) -> None:
-    """Refuse a log most of whose stations cannot have been read like this; one odd station is
-    refused by itself.
-
-    Raises FitError where most stations contradict s(T), or most have pairs that see different
-    toolfaces.
-    """
-    count = len(seen.combined.status)
-    if count < FEW_STATIONS:
-        return
-    impossible = np.zeros(count, dtype=np.bool_)
-    for axis, pair in seen.solutions.items():
-        with np.errstate(invalid="ignore"):
-            far = np.abs(pair.s_root - seen.priors[axis].s) > IMPLAUSIBLE
-            impossible |= far & (pair.s_root_uncertainty < SHARP * np.abs(pair.s_root))
-        impossible |= np.array([WRONG in reason for reason in pair.status])
-    if 2 * int(impossible.sum()) > count:
-        raise FitError(
-            f"{where}: {int(impossible.sum())} of {count} stations contradict s(T)", hint=WRONG
-        )
-    if len(seen.solutions) == 2:
-        x, y = (seen.solutions[axis].toolface_deg for axis in ("x", "y"))
-        with np.errstate(invalid="ignore"):
-            apart = int(np.sum(np.abs(wrapped(x - y)) > APART_DEG))
-        if 2 * apart > count:
+        Raises FitError where most stations contradict s(T), or most have pairs that see different
+        toolfaces.
+        """
+        count = len(self.combined.status)
+        if count < FEW_STATIONS:
+            return
+        impossible = np.zeros(count, dtype=np.bool_)
+        for axis, pair in self.solutions.items():
+            with np.errstate(invalid="ignore"):
+                far = np.abs(pair.s_root - self.priors[axis].s) > IMPLAUSIBLE
+                impossible |= far & (pair.s_root_uncertainty < SHARP * np.abs(pair.s_root))
+            impossible |= np.array([WRONG in reason for reason in pair.status])
+        if 2 * int(impossible.sum()) > count:
             raise FitError(
-                f"{where}: the two sensor pairs see toolfaces more than {APART_DEG:g}° apart at"
-                f" {apart} of {count} stations",
-                hint="check the signs of both axes and the direction in which position_deg counts",
+                f"{where}: {int(impossible.sum())} of {count} stations contradict s(T)", hint=WRONG
             )
+        if len(self.solutions) == 2:
+            x, y = (self.solutions[axis].toolface_deg for axis in ("x", "y"))
+            with np.errstate(invalid="ignore"):
+                apart = int(np.sum(np.abs(wrapped(x - y)) > APART_DEG))
+            if 2 * apart > count:
+                raise FitError(
+                    f"{where}: the two sensor pairs see toolfaces more than {APART_DEG:g}° apart at"
+                    f" {apart} of {count} stations",
+                    hint="check the signs of both axes and the direction in which position_deg"
+                    " counts",
+                )
 
 
 def fit_scale(
@@ -116,7 +116,7 @@ def fit_scale(
         for axis in spec.axes
     }
     seen = _solve_stations(kept, {axis: scale.left_out for axis, scale in fits.items()}, spec)
-    require_consistent(seen, "the stations")
+    seen.require_consistent("the stations")
     return fits, seen
 
 

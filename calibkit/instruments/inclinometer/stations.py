@@ -189,8 +189,8 @@ def solve_components(
         before, last_digit = None if known is None else known[axis], rows.resolution[axis]
         least = inclinometer_noise.least_noise(before, last_digit, spec)
         shown, outliers = inclinometer_noise.judge_closures(squares, dofs, least)
-        noises[axis] = inclinometer_noise.decide_noise(shown, before, last_digit, spec, axis)
-        widened = inclinometer_noise.widen_noise(noises[axis], spec)
+        noises[axis] = shown.decide(before, last_digit, spec, axis)
+        widened = noises[axis].widen(spec)
         components[axis] = _with_noise(parts, widened, np.array([bool(text) for text in outliers]))
         status[axis] = tuple(text or reason for text, reason in zip(outliers, own, strict=True))
     reference = [

@@ -8,7 +8,6 @@ import numpy as np
 from calibkit.instruments.inclinometer.errors import (
     AngleErrors,
     angle_errors,
-    criteria,
     largest,
     rms,
 )
@@ -144,7 +143,7 @@ def summarize(
                 found, "Errors against the reference, each station by the s(T) of the others"
             )
         )
-    return Summary(spec.title, tuple(tables), flags, criteria(found, spec, unseen=False))
+    return Summary(spec.title, tuple(tables), flags, found.criteria(spec, unseen=False))
 
 
 def collect_drawing(

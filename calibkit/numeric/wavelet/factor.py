@@ -71,6 +71,21 @@ class Scheme:
         """
         return hash(self.name)
 
+    def polyphase(self) -> tuple[Row, Row]:
+        """Rows of the analysis polyphase matrix that the steps multiply to: of the approximation,
+        of the detail.
+        """
+        rows: list[Row] = [(ONE, ZERO), (ZERO, ONE)]
+        for step in self.steps:
+            own, other, q = rows[step.updates], rows[1 - step.updates], (step.first, step.taps)
+            rows[step.updates] = (
+                _plus(own[0], _times(q, other[0])),
+                _plus(own[1], _times(q, other[1])),
+            )
+        (low, high), shifts, gains = rows, self.shifts, self.gains
+        a, d = (shifts[0], (gains[0],)), (shifts[1], (gains[1],))
+        return (_times(a, low[0]), _times(a, low[1])), (_times(d, high[0]), _times(d, high[1]))
+
 
 ROOT2, ROOT3 = math.sqrt(2.0), math.sqrt(3.0)
 ALPHA, BETA, GAMMA, DELTA = (
@@ -187,22 +202,6 @@ def _condition(scheme: Scheme) -> float:
     return approximation + detail + sum(_shear(step.taps) for step in scheme.steps)
 
 
-def polyphase(scheme: Scheme) -> tuple[Row, Row]:
-    """Rows of the analysis polyphase matrix that the steps multiply to: of the approximation, of
-    the detail.
-    """
-    rows: list[Row] = [(ONE, ZERO), (ZERO, ONE)]
-    for step in scheme.steps:
-        own, other, q = rows[step.updates], rows[1 - step.updates], (step.first, step.taps)
-        rows[step.updates] = (
-            _plus(own[0], _times(q, other[0])),
-            _plus(own[1], _times(q, other[1])),
-        )
-    (low, high), shifts, gains = rows, scheme.shifts, scheme.gains
-    a, d = (shifts[0], (gains[0],)), (shifts[1], (gains[1],))
-    return (_times(a, low[0]), _times(a, low[1])), (_times(d, high[0]), _times(d, high[1]))
-
-
 def _polyphase(taps: Sequence[float], parity: int) -> Row:
     """Polyphase components of a PyWavelets analysis filter: output_i = Σ_k taps[k] · sample_(2i + 1
     − k).
@@ -307,7 +306,7 @@ def _difference(scheme: Scheme, bank: tuple[Row, Row]) -> Array:
         + 64
     )
     out = np.zeros((4, width))
-    for sign, rows in ((1.0, polyphase(scheme)), (-1.0, bank)):
+    for sign, rows in ((1.0, scheme.polyphase()), (-1.0, bank)):
         for line, (low, taps) in zip(out, (*rows[0], *rows[1]), strict=True):
             line[width // 2 + low : width // 2 + low + len(taps)] += sign * np.asarray(taps)
     return out.ravel()

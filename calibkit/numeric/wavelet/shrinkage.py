@@ -14,7 +14,7 @@ from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.numeric import order_statistics
 from calibkit.numeric.dispersion import MAD_OF_UNIT_NORMAL
-from calibkit.numeric.wavelet.factor import Laurent, Scheme, polyphase
+from calibkit.numeric.wavelet.factor import Laurent, Scheme
 
 Threshold = Literal["universal", "sure", "bayes", "minimax"]
 Rule = Literal["soft", "hard", "garrote", "firm"]
@@ -58,7 +58,7 @@ def noise_gains(scheme: Scheme, levels: int) -> Array:
     by whole steps: a handful of numbers per level, where the filters of level 20 themselves would
     be a million taps long.
     """
-    low, high = (_interleaved(even, odd) for even, odd in polyphase(scheme))
+    low, high = (_interleaved(even, odd) for even, odd in scheme.polyphase())
     reach = max(low.size, high.size) - 1
     of_low, of_high = (_products(taps, reach) for taps in (low, high))
     shift = np.arange(-reach, reach + 1)

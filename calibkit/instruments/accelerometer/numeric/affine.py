@@ -22,7 +22,6 @@ from calibkit.instruments.accelerometer.numeric.affine_model import (
     AffineTerms,
     Entry,
     evaluate,
-    list_entries,
     matrix_and_bias,
 )
 from calibkit.instruments.accelerometer.numeric.dwell_fit import MappedFit
@@ -47,6 +46,21 @@ class AffineFit(MappedFit):
     def names(self) -> tuple[str, ...]:
         """Names of the parameters."""
         return tuple(entry.name for entry in self.entries)
+
+    def evaluate_q(self, temperature: float) -> tuple[Array, Array]:
+        """Q1, Q2, Q3 [3] [rad] of the axes of an affine fit at one temperature [°C], and their
+        covariance [3, 3].
+        """
+        mapped = np.array([(temperature - self.middle) / self.half])
+
+        def angles(values: Array) -> Array:
+            matrix = matrix_and_bias(self.entries, values, mapped)[0][0]
+            return q_factor.small_angles(q_factor.axes_from_sensitivity(np.linalg.inv(matrix))[0])
+
+        values = self.mapped_coefficients
+        largest = max(abs(v) for e, v in zip(self.entries, values, strict=True) if e.kind == "m")
+        slope = q_factor.differentiate(angles, values, scale=np.full(values.size, float(largest)))
+        return angles(values), slope @ self.mapped_covariance @ slope.T
 
 
 def fit(
@@ -85,7 +99,7 @@ def fit(
         add.
 
     """
-    entries = list_entries(terms, triangular=terms.fixture)
+    entries = terms.list_entries(triangular=terms.fixture)
     _require_enough(len(indication), indication.size, len(entries))
     if terms.tilt and tool_rotation is None:
         raise FitError(
@@ -142,7 +156,7 @@ def fit_magnitude(
         raise FitError(
             "lengths see no tilt and no fixture", hint="leave them out, or give reference attitudes"
         )
-    entries = list_entries(terms, triangular=True)
+    entries = terms.list_entries(triangular=True)
     _require_enough(len(indication), len(indication), len(entries))
     order = max(entry.power for entry in entries)
     levels, _ = determination.distinct_temperatures(temperature)
@@ -157,22 +171,6 @@ def fit_magnitude(
     middle, half = polynomial.middle_and_half(temperature)
     problem = _Problem(entries, indication, temperature, middle, half or 1.0, root, gravity=gravity)
     return _solve(problem, begin, loss)
-
-
-def evaluate_q(fitted: AffineFit, temperature: float) -> tuple[Array, Array]:
-    """Q1, Q2, Q3 [3] [rad] of the axes of an affine fit at one temperature [°C], and their
-    covariance [3, 3].
-    """
-    mapped = np.array([(temperature - fitted.middle) / fitted.half])
-
-    def angles(values: Array) -> Array:
-        matrix = matrix_and_bias(fitted.entries, values, mapped)[0][0]
-        return q_factor.small_angles(q_factor.axes_from_sensitivity(np.linalg.inv(matrix))[0])
-
-    values = fitted.mapped_coefficients
-    largest = max(abs(v) for e, v in zip(fitted.entries, values, strict=True) if e.kind == "m")
-    slope = q_factor.differentiate(angles, values, scale=np.full(values.size, float(largest)))
-    return angles(values), slope @ fitted.mapped_covariance @ slope.T
 
 
 def _require_enough(dwells: int, residuals: int, parameters: int) -> None:

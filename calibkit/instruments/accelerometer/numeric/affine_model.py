@@ -35,6 +35,28 @@ class AffineTerms:
     fixture: bool = False
     """Three angles from the triad to the tool, with M lower triangular."""
 
+    def list_entries(self, *, triangular: bool) -> "tuple[Entry, ...]":
+        """List the parameters of a model in their order: M row by row, b, higher orders, nuisance
+        angles.
+        """
+        listed: list[Entry] = []
+        for i in range(3):
+            for j in range(i + 1 if triangular else 3):
+                order = self.scale_order if i == j else self.cross_order
+                symbol = f"m_{AXES[i]}{AXES[j]}"
+                listed += [Entry(symbol, "m", i, (j,), power) for power in range(order + 1)]
+        for i in range(3):
+            listed += [Entry(f"b_{AXES[i]}", "b", i, (), k) for k in range(self.bias_order + 1)]
+        for i in range(3):
+            others = ((i, i), *((i, j) for j in range(3) if j != i)) if self.second_order else ()
+            for factors in (*others, *(((i, i, i),) if self.third_order else ())):
+                symbol = f"n_{AXES[i]}_{''.join(AXES[j] for j in factors)}"
+                listed.append(Entry(symbol, "n", i, factors))
+        tilt, fixture = TILT if self.tilt else (), FIXTURE if self.fixture else ()
+        listed += [Entry(name, "tilt", i, ()) for i, name in enumerate(tilt)]
+        listed += [Entry(name, "fixture", i, ()) for i, name in enumerate(fixture)]
+        return tuple(listed)
+
 
 @dataclass(frozen=True, slots=True)
 class Entry:
@@ -56,34 +78,11 @@ class Entry:
         return f"{self.symbol}{self.power}" if self.kind in ("m", "b") else self.symbol
 
 
-def list_entries(terms: AffineTerms, *, triangular: bool) -> tuple[Entry, ...]:
-    """List the parameters of a model in their order: M row by row, b, higher orders, nuisance
-    angles.
-    """
-    listed: list[Entry] = []
-    for i in range(3):
-        for j in range(i + 1 if triangular else 3):
-            order = terms.scale_order if i == j else terms.cross_order
-            symbol = f"m_{AXES[i]}{AXES[j]}"
-            listed += [Entry(symbol, "m", i, (j,), power) for power in range(order + 1)]
-    for i in range(3):
-        listed += [Entry(f"b_{AXES[i]}", "b", i, (), k) for k in range(terms.bias_order + 1)]
-    for i in range(3):
-        others = ((i, i), *((i, j) for j in range(3) if j != i)) if terms.second_order else ()
-        for factors in (*others, *(((i, i, i),) if terms.third_order else ())):
-            symbol = f"n_{AXES[i]}_{''.join(AXES[j] for j in factors)}"
-            listed.append(Entry(symbol, "n", i, factors))
-    tilt, fixture = TILT if terms.tilt else (), FIXTURE if terms.fixture else ()
-    listed += [Entry(name, "tilt", i, ()) for i, name in enumerate(tilt)]
-    listed += [Entry(name, "fixture", i, ()) for i, name in enumerate(fixture)]
-    return tuple(listed)
-
-
 _ENTRIES = {
     entry.name: entry
-    for entry in list_entries(
-        # a name has one digit for the power of temperature
-        AffineTerms(9, 9, 9, second_order=True, third_order=True, tilt=True, fixture=True),
+    for entry in AffineTerms(
+        9, 9, 9, second_order=True, third_order=True, tilt=True, fixture=True
+    ).list_entries(
         triangular=False,
     )
 }

@@ -75,6 +75,16 @@ class MagnitudeFit(DwellFit):
         """[3], unit of the indication."""
         return self.parameters[3:6]
 
+    def as_affine(self) -> tuple[tuple[str, ...], Array, Array]:
+        """Names, values [9] and covariance [9, 9] of the affine parameters that correct as a fit
+        does.
+        """
+        parameters = self.parameters
+        scale = np.maximum(np.abs(parameters), 1e-3)
+        slopes = q_factor.differentiate(_to_triangle, parameters, scale=scale)
+        names = (*(f"m_{'xyz'[i]}{'xyz'[j]}0" for i, j in LOWER), "b_x0", "b_y0", "b_z0")
+        return names, _to_triangle(parameters), slopes @ self.covariance @ slopes.T
+
 
 def _correction_matrix(parameters: Array) -> Array:
     """Lower triangular correction matrix [3, 3] of the nine parameters: exact Q · diag(1/k)."""
@@ -201,17 +211,6 @@ def _bounded(about: Array, indication: Array, gravity: float, root: Array) -> pr
     low = np.concatenate([about[:3] * 0.2, about[3:6] - reach, np.full(3, -LARGEST_Q)])
     high = np.concatenate([about[:3] * 5.0, about[3:6] + reach, np.full(3, LARGEST_Q)])
     return profile.Bounded(NAMES, low, high, residuals, slopes)
-
-
-def as_affine(fitted: MagnitudeFit) -> tuple[tuple[str, ...], Array, Array]:
-    """Names, values [9] and covariance [9, 9] of the affine parameters that correct as a fit
-    does.
-    """
-    parameters = fitted.parameters
-    scale = np.maximum(np.abs(parameters), 1e-3)
-    slopes = q_factor.differentiate(_to_triangle, parameters, scale=scale)
-    names = (*(f"m_{'xyz'[i]}{'xyz'[j]}0" for i, j in LOWER), "b_x0", "b_y0", "b_z0")
-    return names, _to_triangle(parameters), slopes @ fitted.covariance @ slopes.T
 
 
 def fit_sphere(indication: Array, gravity: float) -> Array:

@@ -144,8 +144,10 @@ def choose(
     if best is None:
         return ThermalChoice(tested, refused, None, None, _nothing_helps(tested, refused))
     solution = solutions[best].solution
-    finish = lagged.finish if solution.form == "lagged" else pooled_fit.finish
-    model = finish(solution, stacked)
+    if solution.form == "lagged":
+        model = lagged.finish(solution, stacked)
+    else:
+        model = solution.finish(stacked)
     model = replace(
         model,
         model_error=uncertainty.model_error(
@@ -213,9 +215,9 @@ def _solutions_of(
     for candidate in candidates:
         try:
             if surveyed is not None and candidate.form == "lagged":
-                solution = lagged.solve(surveyed, candidate.terms)
+                solution = surveyed.solve(candidate.terms)
             else:
-                solution = level.solve(prepared, candidate.terms)
+                solution = prepared.solve(candidate.terms)
         except FitError as error:
             refused.append(f"{candidate.name}: {error.message}")
             continue
@@ -262,9 +264,9 @@ def _predicted(fitted: _Fitted, stacked: Stack) -> Iterator[Array]:
         return
     chosen = chosen_columns(solution.terms)[1:]
     problem = lagged.Problem(fitted.survey, chosen, solution.weights)
-    moments = lagged.tangent_moments(problem, solution.log_lags)
+    moments = problem.tangent_moments(solution.log_lags)
     for number, rows in enumerate(stacked.ramps):
-        yield lagged.leave_out(problem, solution.log_lags, moments, number)[rows]
+        yield problem.leave_out(solution.log_lags, moments, number)[rows]
 
 
 def _figure_means(values: Array, robust: Array, group: int) -> Array:

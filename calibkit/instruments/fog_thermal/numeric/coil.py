@@ -37,6 +37,19 @@ class Path:
     inside: Mask
     """[L, n], which of the instants are there."""
 
+    def drivers(self, tau_outer: float, tau_inner: float | None) -> Drivers:
+        """Drivers [n] of logs, one after the other; without an inner lag the coil is one mass and
+        has no gradient.
+        """
+        outer, inner, rate = _temperatures(self, tau_outer, tau_inner)
+        per_minute = rate * SECONDS_PER_MINUTE
+        gradient = outer - inner
+        if tau_inner is None:
+            return Drivers(outer, per_minute, gradient, gradient)
+        return Drivers(
+            outer, per_minute, gradient, per_minute - gradient / tau_inner * SECONDS_PER_MINUTE
+        )
+
 
 def path(logs: Sequence[tuple[Array, Array]]) -> Path:
     """Path of logs, each with its time [n, s] and case temperature [n, °C]."""
@@ -108,20 +121,6 @@ def _decaying(exponent: Array, supply: Array) -> Array:
             state[:, start + 1 : stop + 1] = (state[:, start : start + 1] + sums) / grown
         start = stop
     return state
-
-
-def drivers(along: Path, tau_outer: float, tau_inner: float | None) -> Drivers:
-    """Drivers [n] of logs, one after the other; without an inner lag the coil is one mass and has
-    no gradient.
-    """
-    outer, inner, rate = _temperatures(along, tau_outer, tau_inner)
-    per_minute = rate * SECONDS_PER_MINUTE
-    gradient = outer - inner
-    if tau_inner is None:
-        return Drivers(outer, per_minute, gradient, gradient)
-    return Drivers(
-        outer, per_minute, gradient, per_minute - gradient / tau_inner * SECONDS_PER_MINUTE
-    )
 
 
 def settled(case: Array, rate: Array, tau_outer: float, tau_inner: float = 0.0) -> Drivers:

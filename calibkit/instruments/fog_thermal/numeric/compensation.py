@@ -66,7 +66,7 @@ def increments(
     for polynomial in polynomials:
         served = np.flatnonzero(_served(polynomial, r))
         clamped = np.clip(G[served], *polynomial.gradient)
-        a = drift.evaluate(polynomial, r[served])
+        a = polynomial.evaluate(r[served])
         delta[served + 1] = a[:, 0] + a[:, 1] * clamped + a[:, 2] * clamped**2
         held[served + 1] = False
         low, high = polynomial.rates

@@ -8,7 +8,7 @@ import numpy as np
 
 from calibkit.arrays import Array, Mask
 from calibkit.instruments.fog_thermal.numeric import coil, level
-from calibkit.instruments.fog_thermal.numeric.terms import Drivers, ThermalModel, raw_design
+from calibkit.instruments.fog_thermal.numeric.terms import Drivers, ThermalModel
 
 REFERENCE_DEGC = 25.0
 RELATIVE_STEP = 1e-3
@@ -37,8 +37,8 @@ def _drivers(model: ThermalModel, time: Array, case: Array, env: Array) -> Drive
     """
     if model.form == "level":
         return level.drivers(time, case, env, model.window_s)
-    return coil.drivers(
-        coil.path([(time, case)]), model.lags[0], model.lags[1] if len(model.lags) > 1 else None
+    return coil.path([(time, case)]).drivers(
+        model.lags[0], model.lags[1] if len(model.lags) > 1 else None
     )
 
 
@@ -70,7 +70,7 @@ def evaluate(
     found = _drivers(model, time, case, env)
     inside = _clamp(found, model)
     rest = design_at_rest(model, reference_degc)
-    rows = raw_design(inside) - rest
+    rows = inside.raw_design() - rest
     by_lag = [_by_lag(model, k, found, inside, (time, case, env)) for k in range(len(model.lags))]
     temperature, rate, gradient, gradient_rate = (
         np.asarray(values != held) for values, held in zip(found, inside, strict=True)
@@ -78,7 +78,7 @@ def evaluate(
     return Evaluation(
         rows @ model.coefficients,
         np.column_stack([rows, *by_lag]),
-        (raw_design(found) - rest - rows) @ model.coefficients,
+        (found.raw_design() - rest - rows) @ model.coefficients,
         temperature,
         rate | gradient_rate,
         gradient,
@@ -105,9 +105,9 @@ def _clamp(drivers: Drivers, model: ThermalModel) -> Drivers:
 def design_at_rest(model: ThermalModel, reference_degc: float) -> Array:
     """Design row [1, 9] of rest at the reference temperature, clamped to the fitted range."""
     still = np.zeros(1)
-    return raw_design(
-        Drivers(np.array([model.nearest_fitted(reference_degc)]), still, still, still)
-    )
+    return Drivers(
+        np.array([model.nearest_fitted(reference_degc)]), still, still, still
+    ).raw_design()
 
 
 def _by_lag(
@@ -127,5 +127,5 @@ def _by_lag(
         )
     )
     return np.asarray(
-        (raw_design(held) - raw_design(inside)) @ model.coefficients / step, dtype=np.float64
+        (held.raw_design() - inside.raw_design()) @ model.coefficients / step, dtype=np.float64
     )

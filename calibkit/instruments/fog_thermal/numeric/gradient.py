@@ -37,6 +37,39 @@ class Blocks(NamedTuple):
         """Intervals start … stop − 1."""
         return Blocks(*(values[start:stop] for values in self))
 
+    def fit_ramp(self, rate: float, *, estimate: str = "levels") -> "RampFit":
+        """Fit a0, a1, a2 of one ramp.
+
+        estimate = "increments" regresses ω_k − ω_{k−1} on G_{k−1} as published. "levels" regresses
+        the same equation summed from the ramp's start, ω_k = ω_0 + Σ (a0 + a1 G + a2 G²): white
+        noise on ω makes the increments' errors correlated at −1/2, and on levels it is white again,
+        so the same coefficients come out with a fraction of the uncertainty. Raises FitError when
+        the ramp is too short or its gradient does not vary.
+        """
+        G = self.gradient[:-1]
+        if G.size < 6:
+            raise FitError(
+                f"the ramp has {G.size + 1} intervals, expected at least 7",
+                hint="shorten drift.interval_s",
+            )
+        design, target, names = np.vander(G, 3, increasing=True), np.diff(self.indication), [*TERMS]
+        if estimate == "levels":
+            summed = np.vstack([np.zeros(3), np.cumsum(design, axis=0)])
+            design = np.column_stack([np.ones(G.size + 1), summed])
+            target, names = self.indication, ["start", *TERMS]
+        found = fit.linear(design, target, names=names)
+        covariance = hac.covariance(lambda part: design[part], found.residuals)
+        return RampFit(
+            found.coefficients[-3:],
+            covariance[-3:, -3:],
+            np.asarray(np.linalg.qr(design)[1][-3:, -3:] / np.sqrt(design.shape[0])),
+            found.dof,
+            found.residual_rms,
+            rate,
+            (float(G.min()), float(G.max())),
+            (float(self.case.min()), float(self.case.max())),
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class RampFit:
@@ -85,6 +118,13 @@ class RatePolynomial:
         """Order M of the polynomials."""
         return int(self.c.shape[1]) - 1
 
+    def evaluate(self, rate: Array) -> Array:
+        """a_j(r) [n, 3] at temperature rates [n, °C/min], which are clamped to the fitted range."""
+        return np.asarray(
+            np.vander(np.clip(rate, *self.rates), self.order + 1, increasing=True) @ self.c.T,
+            dtype=np.float64,
+        )
+
 
 def fill_blocks(held: Intervals, means: Iterable[Array], slope: Array) -> Blocks:
     """Block means of a log from the means [m] of its time, case, chamber and indication over the
@@ -96,40 +136,6 @@ def fill_blocks(held: Intervals, means: Iterable[Array], slope: Array) -> Blocks
     time, *others = means
     case, env, indication, rate = map(held.filled, (*others, held.last(slope)))
     return Blocks(held.centres(time), case, case - env, indication, rate)
-
-
-def fit_ramp(blocks: Blocks, rate: float, *, estimate: str = "levels") -> RampFit:
-    """Fit a0, a1, a2 of one ramp.
-
-    estimate = "increments" regresses ω_k − ω_{k−1} on G_{k−1} as published. "levels" regresses the
-    same equation summed from the ramp's start, ω_k = ω_0 + Σ (a0 + a1 G + a2 G²): white noise on ω
-    makes the increments' errors correlated at −1/2, and on levels it is white again, so the same
-    coefficients come out with a fraction of the uncertainty. Raises FitError when the ramp is too
-    short or its gradient does not vary.
-    """
-    G = blocks.gradient[:-1]
-    if G.size < 6:
-        raise FitError(
-            f"the ramp has {G.size + 1} intervals, expected at least 7",
-            hint="shorten drift.interval_s",
-        )
-    design, target, names = np.vander(G, 3, increasing=True), np.diff(blocks.indication), [*TERMS]
-    if estimate == "levels":
-        summed = np.vstack([np.zeros(3), np.cumsum(design, axis=0)])
-        design = np.column_stack([np.ones(G.size + 1), summed])
-        target, names = blocks.indication, ["start", *TERMS]
-    found = fit.linear(design, target, names=names)
-    covariance = hac.covariance(lambda part: design[part], found.residuals)
-    return RampFit(
-        found.coefficients[-3:],
-        covariance[-3:, -3:],
-        np.asarray(np.linalg.qr(design)[1][-3:, -3:] / np.sqrt(design.shape[0])),
-        found.dof,
-        found.residual_rms,
-        rate,
-        (float(G.min()), float(G.max())),
-        (float(blocks.case.min()), float(blocks.case.max())),
-    )
 
 
 def fit_over_rates(ramps: Sequence[RampFit], order: int, side: str) -> RatePolynomial:
@@ -201,12 +207,3 @@ def _inflation(deviations: Array, ramps: Sequence[RampFit], fitted: int) -> floa
     except np.linalg.LinAlgError:  # noise-free data have no covariance to compare with
         return 1.0
     return max(1.0, float(chi_square) / dof)
-
-
-def evaluate(polynomial: RatePolynomial, rate: Array) -> Array:
-    """a_j(r) [n, 3] at temperature rates [n, °C/min], which are clamped to the fitted range."""
-    return np.asarray(
-        np.vander(np.clip(rate, *polynomial.rates), polynomial.order + 1, increasing=True)
-        @ polynomial.c.T,
-        dtype=np.float64,
-    )

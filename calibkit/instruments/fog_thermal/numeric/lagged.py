@@ -24,9 +24,6 @@ from calibkit.instruments.fog_thermal.numeric.terms import (
     Scales,
     ThermalModel,
     chosen_columns,
-    scaled_design,
-    scales_of,
-    valid_of,
 )
 
 LAGGED_TERMS = tuple(term for term in TERMS if term != "s_grad_rate")
@@ -70,15 +67,39 @@ class Survey:
     moments: Array
     """[g, ramps, 9, 9], of (1, LAGGED_TERMS without b0, indication)."""
 
+    def solve(self, terms: Sequence[str]) -> Solution:
+        """Solve a lagged model on surveyed logs; the coil is one mass with one lag unless a
+        gradient is among the terms.
+
+        Raises FitError for terms that are not a lagged model's or that the logs cannot determine.
+        """
+        chosen = chosen_columns(terms)[1:]
+        names = tuple(TERMS[k] for k in chosen)
+        if "s_grad_rate" in names:
+            raise FitError(
+                "s_grad_rate is not a term of a lagged model:"
+                " G' = T' − G/τ_i is a sum of the others",
+                hint="drop it",
+            )
+        problem = Problem(self, chosen, self.robust)
+        count = 2 if "s_grad" in names else 1
+        reached = [_projected(problem, start[:count]) for start in _starts(self, chosen, count)]
+        rough = min(reached, key=lambda lags: lags.square)
+        weights = pooled_fit.balanced_weights(
+            problem.design(rough.log_lags), self.robust, self.stacked, names
+        )
+        problem = Problem(self, chosen, weights)
+        return _solution(problem, _polished(problem, _projected(problem, rough.log_lags)), names)
+
 
 def survey(stacked: Stack, robust: Array) -> Survey:
     """Survey of logs with robust weights [n] from another fit to them."""
     along = coil.path([(log.time, log.case) for log in stacked.logs])
     middle = float(np.sqrt(STARTS_S[2] * STARTS_S[3]))
-    scales = scales_of(valid_of(coil.drivers(along, middle, middle)))
+    scales = along.drivers(middle, middle).valid().scales()
     every = np.arange(1, len(LAGGED_TERMS))
     grid = np.log(np.stack(np.meshgrid(STARTS_S, STARTS_S, indexing="ij"), axis=-1).reshape(-1, 2))
-    designs = (scaled_design(coil.drivers(along, *np.exp(lags)), scales)[:, every] for lags in grid)
+    designs = (along.drivers(*np.exp(lags)).scaled_design(scales)[:, every] for lags in grid)
     found = np.stack([pooled_fit.moments(design, robust, stacked) for design in designs])
     return Survey(stacked, along, scales, robust, grid, found)
 
@@ -109,11 +130,11 @@ class Problem:
     def drivers(self, log_lags: Array) -> Drivers:
         """Drivers of the logs, one after the other, for logarithms of one lag or two."""
         outer, *inner = np.exp(log_lags).tolist()
-        return coil.drivers(self.survey.along, outer, inner[0] if inner else None)
+        return self.survey.along.drivers(outer, inner[0] if inner else None)
 
     def design(self, log_lags: Array) -> Array:
         """Scaled columns [n, k] of the chosen terms."""
-        return scaled_design(self.drivers(log_lags), self.survey.scales)[:, self.chosen]
+        return self.drivers(log_lags).scaled_design(self.survey.scales)[:, self.chosen]
 
     def at(self, log_lags: Array, design: Array) -> _Lags | None:
         """Linear coefficients for given lags; None where the terms are then dependent."""
@@ -145,6 +166,41 @@ class Problem:
             if found is None
             else np.clip(found[0][self.chosen.size :], -LARGEST_STEP, LARGEST_STEP)
         )
+
+    def tangent_moments(self, log_lags: Array) -> Array:
+        """Moments [ramps, (1 + lags) k + 2, ...] of (1, columns, derivatives by the logarithm of
+        each lag, indication) at given lags, with which any ramp can be left out.
+        """
+        design = self.design(log_lags)
+        moved = [
+            (self.design(log_lags + step) - design) / step.sum()
+            for step in np.diag(_shifts(log_lags))
+        ]
+        return pooled_fit.moments(
+            np.concatenate([design, *moved], axis=1), self.weights, self.survey.stacked
+        )
+
+    def leave_out(self, log_lags: Array, moments: Array, ramp: int) -> Array:
+        """Drift [n, °/h, up to a constant] of the fit to all ramps but one: one Gauss-Newton step
+        from the lags of all of them, by their tangent moments.
+
+        Where the step does not lower the square sum of the ramps that remain, the lags stay.
+        """
+        problem = replace(self, left_out=ramp)
+        k, lags = problem.chosen.size, log_lags.size
+        matrix = pooled_fit.pool_moments(moments, problem.survey.stacked, ramp)
+        own = np.r_[:k, matrix.shape[0] - 1]
+        here = pooled_fit.solve_moments(matrix[np.ix_(own, own)])
+        if here is not None:
+            along = np.zeros((matrix.shape[0], k + lags + 1))
+            along[:k, :k] = np.eye(k)
+            along[k:-1, k:-1] = np.kron(np.eye(lags), here[0][:, None])
+            along[-1, -1] = 1.0
+            step = pooled_fit.solve_moments(along.T @ matrix @ along)
+            lower = None if step is None else _lower(problem, _Lags(log_lags, *here), step[0][k:])
+            if lower is not None:
+                return lower[1] @ lower[0].coefficients
+        return problem.design(log_lags) @ (np.zeros(k) if here is None else here[0])
 
 
 def _undetermined() -> FitError:
@@ -184,43 +240,6 @@ def _projected(problem: Problem, start: Array) -> _Lags:
     return here
 
 
-def tangent_moments(problem: Problem, log_lags: Array) -> Array:
-    """Moments [ramps, (1 + lags) k + 2, ...] of (1, columns, derivatives by the logarithm of each
-    lag, indication) at given lags, with which any ramp can be left out.
-    """
-    design = problem.design(log_lags)
-    moved = [
-        (problem.design(log_lags + step) - design) / step.sum()
-        for step in np.diag(_shifts(log_lags))
-    ]
-    return pooled_fit.moments(
-        np.concatenate([design, *moved], axis=1), problem.weights, problem.survey.stacked
-    )
-
-
-def leave_out(everything: Problem, log_lags: Array, moments: Array, ramp: int) -> Array:
-    """Drift [n, °/h, up to a constant] of the fit to all ramps but one: one Gauss-Newton step from
-    the lags of all of them, by their tangent moments.
-
-    Where the step does not lower the square sum of the ramps that remain, the lags stay.
-    """
-    problem = replace(everything, left_out=ramp)
-    k, lags = problem.chosen.size, log_lags.size
-    matrix = pooled_fit.pool_moments(moments, problem.survey.stacked, ramp)
-    own = np.r_[:k, matrix.shape[0] - 1]
-    here = pooled_fit.solve_moments(matrix[np.ix_(own, own)])
-    if here is not None:
-        along = np.zeros((matrix.shape[0], k + lags + 1))
-        along[:k, :k] = np.eye(k)
-        along[k:-1, k:-1] = np.kron(np.eye(lags), here[0][:, None])
-        along[-1, -1] = 1.0
-        step = pooled_fit.solve_moments(along.T @ matrix @ along)
-        lower = None if step is None else _lower(problem, _Lags(log_lags, *here), step[0][k:])
-        if lower is not None:
-            return lower[1] @ lower[0].coefficients
-    return problem.design(log_lags) @ (np.zeros(k) if here is None else here[0])
-
-
 def _lower(problem: Problem, here: _Lags, step: Array) -> tuple[_Lags, Array] | None:
     """First point along a step, halved again and again, at which the square sum is lower; None
     where there is none.
@@ -254,30 +273,6 @@ def _polished(problem: Problem, here: _Lags) -> _Lags:
         if size < SETTLED:
             break
     return here
-
-
-def solve(surveyed: Survey, terms: Sequence[str]) -> Solution:
-    """Solve a lagged model on surveyed logs; the coil is one mass with one lag unless a gradient is
-    among the terms.
-
-    Raises FitError for terms that are not a lagged model's or that the logs cannot determine.
-    """
-    chosen = chosen_columns(terms)[1:]
-    names = tuple(TERMS[k] for k in chosen)
-    if "s_grad_rate" in names:
-        raise FitError(
-            "s_grad_rate is not a term of a lagged model: G' = T' − G/τ_i is a sum of the others",
-            hint="drop it",
-        )
-    problem = Problem(surveyed, chosen, surveyed.robust)
-    count = 2 if "s_grad" in names else 1
-    reached = [_projected(problem, start[:count]) for start in _starts(surveyed, chosen, count)]
-    rough = min(reached, key=lambda lags: lags.square)
-    weights = pooled_fit.balanced_weights(
-        problem.design(rough.log_lags), surveyed.robust, surveyed.stacked, names
-    )
-    problem = Problem(surveyed, chosen, weights)
-    return _solution(problem, _polished(problem, _projected(problem, rough.log_lags)), names)
 
 
 def _starts(surveyed: Survey, chosen: Integers, count: int) -> list[Array]:
@@ -338,7 +333,7 @@ def finish(solution: Solution, stacked: Stack) -> ThermalModel:
     """Drift model of a lagged solution; lags that the logs do not determine are flagged, with the
     terms that they cannot be told from.
     """
-    model = pooled_fit.finish(solution, stacked)
+    model = solution.finish(stacked)
     relative = model.standard_uncertainty[9:] / np.array(model.lags)
     flags: list[str] = []
     entangled: list[str] = []

@@ -21,9 +21,6 @@ from calibkit.instruments.fog_thermal.numeric.terms import (
     Drivers,
     Scales,
     chosen_columns,
-    scaled_design,
-    scales_of,
-    valid_of,
 )
 
 WINDOW_S = 90.0
@@ -114,6 +111,27 @@ class _Basis:
     design: Array
     robust: Array
 
+    def solve(self, terms: Sequence[str]) -> Solution:
+        """Solve a level model; raises FitError for terms that the logs cannot determine."""
+        chosen = chosen_columns(terms)[1:]
+        design = self.design[:, chosen]
+        names = tuple(TERMS[k] for k in chosen)
+        weights = pooled_fit.balanced_weights(design, self.robust, self.stacked, names)
+        return Solution(
+            form="level",
+            terms=("b0", *names),
+            scales=self.scales,
+            drivers=self.drivers,
+            columns=design,
+            sensitivities=np.zeros((design.shape[0], 0)),
+            coefficients=pooled_fit.coefficients(design, weights, self.stacked, names),
+            log_lags=np.zeros(0),
+            free=np.zeros(0, dtype=bool),
+            robust=self.robust,
+            weights=weights,
+            window_s=self.window_s,
+        )
+
 
 def basis(stacked: Stack) -> _Basis:
     """Basis of a level fit; the robust weights of the rows are those of all terms together.
@@ -124,30 +142,8 @@ def basis(stacked: Stack) -> _Basis:
     window_s = max(WINDOW_S, 2.0 * (LEAST_SAMPLES - 1) * round(step, 3))
     parts = [drivers(log.time, log.case, log.env, window_s) for log in stacked.logs]
     found = Drivers(*map(np.concatenate, zip(*parts, strict=True)))
-    scales = scales_of(valid_of(found))
-    design = scaled_design(found, scales)
+    scales = found.valid().scales()
+    design = found.scaled_design(scales)
     return _Basis(
         stacked, window_s, found, scales, design, pooled_fit.robust_weights(design[:, 1:], stacked)
-    )
-
-
-def solve(prepared: _Basis, terms: Sequence[str]) -> Solution:
-    """Solve a level model; raises FitError for terms that the logs cannot determine."""
-    chosen = chosen_columns(terms)[1:]
-    design = prepared.design[:, chosen]
-    names = tuple(TERMS[k] for k in chosen)
-    weights = pooled_fit.balanced_weights(design, prepared.robust, prepared.stacked, names)
-    return Solution(
-        form="level",
-        terms=("b0", *names),
-        scales=prepared.scales,
-        drivers=prepared.drivers,
-        columns=design,
-        sensitivities=np.zeros((design.shape[0], 0)),
-        coefficients=pooled_fit.coefficients(design, weights, prepared.stacked, names),
-        log_lags=np.zeros(0),
-        free=np.zeros(0, dtype=bool),
-        robust=prepared.robust,
-        weights=weights,
-        window_s=prepared.window_s,
     )

@@ -21,8 +21,6 @@ from calibkit.instruments.fog_thermal.numeric.terms import (
     Scales,
     ThermalModel,
     chosen_columns,
-    to_raw,
-    valid_of,
 )
 from calibkit.numeric.dispersion import mad_sigma, rms
 from calibkit.numeric.intervals import Intervals
@@ -310,46 +308,45 @@ class Solution:
     """[n], these with the occupancy of the temperatures."""
     window_s: float
 
+    def finish(self, stacked: Stack) -> ThermalModel:
+        """Drift model of a solution, in raw units, with a covariance for noise that is as long as
+        the logs.
 
-def finish(solution: Solution, stacked: Stack) -> ThermalModel:
-    """Drift model of a solution, in raw units, with a covariance for noise that is as long as the
-    logs.
-
-    Raises FitError naming the terms that the logs cannot determine.
-    """
-    chosen = chosen_columns(solution.terms)[1:]
-    exact = _exact(solution, stacked)
-    design = np.column_stack([solution.columns, solution.sensitivities])
-    residual, level = _residuals(solution.columns, exact, solution.weights, stacked)
-    groups = [
-        thermal_noise.group_rows(design[rows], residual[rows], solution.weights[rows])
-        for rows in stacked.log_rows
-    ]
-    noise = thermal_noise.estimate(groups)
-    matrix = _to_raw_and_lags(solution, len(stacked.logs), chosen)
-    found = thermal_noise.covariance(groups, noise)
-    covariance = matrix @ found @ matrix.T
-    covariance[0, 0] += _turn_on_variance(level, found)
-    scaled = np.concatenate([[level.mean()], np.zeros(8)])
-    scaled[chosen] = exact
-    used = int(np.count_nonzero(solution.robust))
-    return ThermalModel(
-        form=solution.form,
-        terms=solution.terms,
-        coefficients=to_raw(solution.scales) @ scaled,
-        lags=tuple(np.exp(solution.log_lags).tolist()),
-        covariance=covariance,
-        window_s=solution.window_s,
-        valid=valid_of(solution.drivers),
-        turn_on=level - level.mean(),
-        dof=used - chosen.size - int(solution.free.sum()) - len(stacked.logs),
-        residual_rms=float(np.sqrt(np.average(residual**2, weights=solution.robust))),
-        noise=noise,
-        model_error=0.0,
-        model_error_dof=float("inf"),
-        entangled=(),
-        flags=(),
-    )
+        Raises FitError naming the terms that the logs cannot determine.
+        """
+        chosen = chosen_columns(self.terms)[1:]
+        exact = _exact(self, stacked)
+        design = np.column_stack([self.columns, self.sensitivities])
+        residual, level = _residuals(self.columns, exact, self.weights, stacked)
+        groups = [
+            thermal_noise.group_rows(design[rows], residual[rows], self.weights[rows])
+            for rows in stacked.log_rows
+        ]
+        noise = thermal_noise.estimate(groups)
+        matrix = _to_raw_and_lags(self, len(stacked.logs), chosen)
+        found = thermal_noise.covariance(groups, noise)
+        covariance = matrix @ found @ matrix.T
+        covariance[0, 0] += _turn_on_variance(level, found)
+        scaled = np.concatenate([[level.mean()], np.zeros(8)])
+        scaled[chosen] = exact
+        used = int(np.count_nonzero(self.robust))
+        return ThermalModel(
+            form=self.form,
+            terms=self.terms,
+            coefficients=self.scales.to_raw() @ scaled,
+            lags=tuple(np.exp(self.log_lags).tolist()),
+            covariance=covariance,
+            window_s=self.window_s,
+            valid=self.drivers.valid(),
+            turn_on=level - level.mean(),
+            dof=used - chosen.size - int(self.free.sum()) - len(stacked.logs),
+            residual_rms=float(np.sqrt(np.average(residual**2, weights=self.robust))),
+            noise=noise,
+            model_error=0.0,
+            model_error_dof=float("inf"),
+            entangled=(),
+            flags=(),
+        )
 
 
 def _exact(solution: Solution, stacked: Stack) -> Array:
@@ -374,7 +371,7 @@ def _to_raw_and_lags(solution: Solution, logs: int, chosen: Integers) -> Array:
     free = np.flatnonzero(solution.free)
     scaled[9 + free, logs + k + np.arange(free.size)] = np.exp(solution.log_lags[free])
     raw = np.eye(9 + lags)
-    raw[:9, :9] = to_raw(solution.scales)
+    raw[:9, :9] = solution.scales.to_raw()
     # a term that was not fitted stays out of the others' raw values: its column is zero already
     return np.asarray(raw @ scaled, dtype=np.float64)
 

@@ -52,6 +52,39 @@ class Drivers(NamedTuple):
     gradient: Array
     gradient_rate: Array
 
+    def valid(self) -> "Valid":
+        """Ranges that the drivers cover."""
+        return Valid(*((float(values.min()), float(values.max())) for values in self))
+
+    def raw_design(self) -> Array:
+        """Design [n, 9] in raw units, one column per term."""
+        T, r, G, q = self
+        design, square = np.ones((T.size, 9)), T * T
+        for k, term in enumerate((T, square, square * T, r, G, G * G, T * r, q), start=1):
+            design[:, k] = term
+        return design
+
+    def slope_over_temperature(self) -> Array:
+        """Derivatives [n, 9] of the terms by the temperature [1/°C]."""
+        T, slope = self.temperature, np.zeros((self.temperature.size, 9))
+        slope[:, 1], slope[:, 2], slope[:, 3], slope[:, 7] = 1.0, 2.0 * T, 3.0 * T**2, self.rate
+        return slope
+
+    def slope_over_gradient(self) -> Array:
+        """Derivatives [n, 9] of the terms by the gradient [1/K]."""
+        slope = np.zeros((self.gradient.size, 9))
+        slope[:, 5], slope[:, 6] = 1.0, 2.0 * self.gradient
+        return slope
+
+    def scaled_design(self, scales: "Scales") -> Array:
+        """Design [n, 9] on scaled drivers: the same terms, well conditioned."""
+        return Drivers(
+            (self.temperature - scales.middle) / scales.half,
+            self.rate / scales.rate,
+            self.gradient / scales.gradient,
+            self.gradient_rate / scales.gradient_rate,
+        ).raw_design()
+
 
 class Valid(NamedTuple):
     """Fitted ranges of the drivers: temperature [°C], its rate [°C/min], gradient [K], its rate
@@ -62,6 +95,14 @@ class Valid(NamedTuple):
     rate: Span
     gradient: Span
     gradient_rate: Span
+
+    def scales(self) -> "Scales":
+        """Scales of the ranges that drivers cover; a driver that is always zero keeps its unit."""
+        low, high = self.temperature
+        largest = [
+            max(abs(a), abs(b)) or 1.0 for a, b in (self.rate, self.gradient, self.gradient_rate)
+        ]
+        return Scales((low + high) / 2.0, (high - low) / 2.0 or 1.0, *largest)
 
 
 def chosen_columns(terms: Sequence[str]) -> Integers:
@@ -78,34 +119,6 @@ def chosen_columns(terms: Sequence[str]) -> Integers:
     return np.array([k for k, term in enumerate(TERMS) if term in terms], dtype=np.int64)
 
 
-def valid_of(drivers: Drivers) -> Valid:
-    """Ranges that the drivers cover."""
-    return Valid(*((float(values.min()), float(values.max())) for values in drivers))
-
-
-def raw_design(drivers: Drivers) -> Array:
-    """Design [n, 9] in raw units, one column per term."""
-    T, r, G, q = drivers
-    design, square = np.ones((T.size, 9)), T * T
-    for k, term in enumerate((T, square, square * T, r, G, G * G, T * r, q), start=1):
-        design[:, k] = term
-    return design
-
-
-def slope_over_temperature(drivers: Drivers) -> Array:
-    """Derivatives [n, 9] of the terms by the temperature [1/°C]."""
-    T, slope = drivers.temperature, np.zeros((drivers.temperature.size, 9))
-    slope[:, 1], slope[:, 2], slope[:, 3], slope[:, 7] = 1.0, 2.0 * T, 3.0 * T**2, drivers.rate
-    return slope
-
-
-def slope_over_gradient(drivers: Drivers) -> Array:
-    """Derivatives [n, 9] of the terms by the gradient [1/K]."""
-    slope = np.zeros((drivers.gradient.size, 9))
-    slope[:, 5], slope[:, 6] = 1.0, 2.0 * drivers.gradient
-    return slope
-
-
 @dataclass(frozen=True, slots=True)
 class Scales:
     """Maps of the drivers to about [−1, 1]: u = (T − middle)/half, the others divided by their
@@ -118,37 +131,15 @@ class Scales:
     gradient: float
     gradient_rate: float
 
-
-def scales_of(valid: Valid) -> Scales:
-    """Scales of the ranges that drivers cover; a driver that is always zero keeps its unit."""
-    low, high = valid.temperature
-    largest = [
-        max(abs(a), abs(b)) or 1.0 for a, b in (valid.rate, valid.gradient, valid.gradient_rate)
-    ]
-    return Scales((low + high) / 2.0, (high - low) / 2.0 or 1.0, *largest)
-
-
-def scaled_design(drivers: Drivers, scales: Scales) -> Array:
-    """Design [n, 9] on scaled drivers: the same terms, well conditioned."""
-    return raw_design(
-        Drivers(
-            (drivers.temperature - scales.middle) / scales.half,
-            drivers.rate / scales.rate,
-            drivers.gradient / scales.gradient,
-            drivers.gradient_rate / scales.gradient_rate,
-        )
-    )
-
-
-def to_raw(scales: Scales) -> Array:
-    """Matrix [9, 9] from coefficients of the scaled design to those in raw units."""
-    matrix = np.zeros((9, 9))
-    matrix[:4, :4] = polynomial.to_raw_powers(scales.middle, scales.half, 3)
-    product = scales.half * scales.rate
-    matrix[4, 4], matrix[4, 7] = 1.0 / scales.rate, -scales.middle / product
-    matrix[5, 5], matrix[6, 6] = 1.0 / scales.gradient, 1.0 / scales.gradient**2
-    matrix[7, 7], matrix[8, 8] = 1.0 / product, 1.0 / scales.gradient_rate
-    return matrix
+    def to_raw(self) -> Array:
+        """Matrix [9, 9] from coefficients of the scaled design to those in raw units."""
+        matrix = np.zeros((9, 9))
+        matrix[:4, :4] = polynomial.to_raw_powers(self.middle, self.half, 3)
+        product = self.half * self.rate
+        matrix[4, 4], matrix[4, 7] = 1.0 / self.rate, -self.middle / product
+        matrix[5, 5], matrix[6, 6] = 1.0 / self.gradient, 1.0 / self.gradient**2
+        matrix[7, 7], matrix[8, 8] = 1.0 / product, 1.0 / self.gradient_rate
+        return matrix
 
 
 @dataclass(frozen=True, slots=True)

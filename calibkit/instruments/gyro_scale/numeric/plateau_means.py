@@ -100,10 +100,10 @@ def _means(record: plateau_noise.Record, held: Integers, temp_degc: Array | None
     """Averages over the rows of held rates [p, 2]."""
     turn = record.turn
     parts = [_whole_revolutions(record, first, stop) for first, stop in held.tolist()]
-    wave = plateau_noise.modulation(record, parts)
+    wave = record.modulation(parts)
     parts, left_out = _without_rest(turn, parts, determined=wave.earth)
     values = _averages(record, parts, chunks.row_reader(record.signals))
-    covariance, flags = plateau_noise.noise_of(record, parts, wave, values)
+    covariance, flags = record.noise(parts, wave, values)
     if wave.earth:
         values, covariance = _unmodulated(record, parts, wave, values, covariance)
     rate = _averages(record, parts, chunks.row_reader(record.rate))

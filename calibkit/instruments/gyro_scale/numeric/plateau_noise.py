@@ -66,6 +66,63 @@ class Record:
         # apart
         return np.column_stack((basis, basis * own, self.rate[first:stop]))
 
+    def modulation(self, parts: "list[Part]") -> "Modulation":
+        """Least squares of what varies within plateaus, all plateaus together."""
+        count = sum(part.stop - part.first for part in parts)
+        gram, product = np.zeros((5, 5)), np.zeros((5, self.signals.shape[1]))
+        for columns, target in _through(self, parts):
+            gram += columns.T @ columns
+            product += columns.T @ target
+        size = np.sqrt(np.diag(gram))
+        # rounding of a commanded rate is no unevenness
+        present = size > 1e-7 * np.sqrt(count) * np.array(
+            [1.0, 1.0, *[max(map(abs, chunks.extremes(self.rate)))] * 3]
+        )
+        to_raw = np.where(present, 1.0 / np.where(present, size, 1.0), 0.0)
+        values, vectors = np.linalg.eigh(gram * np.outer(to_raw, to_raw))
+        firm = values > 1e-8 * max(float(values[-1]), np.finfo(np.float64).tiny)
+        inverse = (vectors[:, firm] / values[firm]) @ vectors[:, firm].T
+        factors = (inverse @ (to_raw[:, None] * product)) * to_raw[:, None]
+        dof = max(count - len(parts) - int(firm.sum()), 1)
+        left = sum(
+            np.sum((target - columns @ factors) ** 2, axis=0)
+            for columns, target in _through(self, parts)
+        )
+        return Modulation(
+            factors=factors,
+            unit_covariance=(inverse * np.outer(to_raw, to_raw))[:2, :2],
+            variance=np.asarray(left / dof, dtype=np.float64),
+            earth=bool(present[:2].all() and np.all(np.abs(vectors[:2, ~firm]) < 1e-3)),
+        )
+
+    def noise(
+        self, parts: "list[Part]", wave: "Modulation", values: Array
+    ) -> tuple[Array, tuple[str, ...]]:
+        """Covariance of the means [p, m, m] from the noise in the plateaus, raised where the noise
+        is not white.
+        """
+        scatters = [_scatter(self, part, wave) for part in parts]
+        ratio = np.sqrt(np.maximum(_block_ratio(scatters), 1.0))
+        covariance = np.array(
+            [
+                one.square / max(one.rows - 1, 1) * part.square_s2 / part.duration_s**2
+                for one, part in zip(scatters, parts, strict=True)
+            ]
+        )
+        flags = []
+        if (ratio > 1.0).any():
+            flags.append(
+                "noise within plateaus is autocorrelated: variances raised up to"
+                f" {ratio.max() ** 2:.1f} times"
+            )
+        creeping = sum(_creeps(one, float(np.max(np.abs(values)))) for one in scatters)
+        if creeping > UNSETTLED * len(scatters):
+            flags.append(
+                f"{creeping} of {len(scatters)} plateaus begin off their mean: the gyro had not"
+                " settled, allow a longer plateaus.settle_s"
+            )
+        return covariance * np.outer(ratio, ratio), tuple(flags)
+
 
 @dataclass(frozen=True, slots=True)
 class Part:
@@ -150,36 +207,6 @@ class Modulation:
     """Whether the first two, the earth's horizontal rate, are told from the others."""
 
 
-def modulation(record: Record, parts: list[Part]) -> Modulation:
-    """Least squares of what varies within plateaus, all plateaus together."""
-    count = sum(part.stop - part.first for part in parts)
-    gram, product = np.zeros((5, 5)), np.zeros((5, record.signals.shape[1]))
-    for columns, target in _through(record, parts):
-        gram += columns.T @ columns
-        product += columns.T @ target
-    size = np.sqrt(np.diag(gram))
-    # rounding of a commanded rate is no unevenness
-    present = size > 1e-7 * np.sqrt(count) * np.array(
-        [1.0, 1.0, *[max(map(abs, chunks.extremes(record.rate)))] * 3]
-    )
-    to_raw = np.where(present, 1.0 / np.where(present, size, 1.0), 0.0)
-    values, vectors = np.linalg.eigh(gram * np.outer(to_raw, to_raw))
-    firm = values > 1e-8 * max(float(values[-1]), np.finfo(np.float64).tiny)
-    inverse = (vectors[:, firm] / values[firm]) @ vectors[:, firm].T
-    factors = (inverse @ (to_raw[:, None] * product)) * to_raw[:, None]
-    dof = max(count - len(parts) - int(firm.sum()), 1)
-    left = sum(
-        np.sum((target - columns @ factors) ** 2, axis=0)
-        for columns, target in _through(record, parts)
-    )
-    return Modulation(
-        factors=factors,
-        unit_covariance=(inverse * np.outer(to_raw, to_raw))[:2, :2],
-        variance=np.asarray(left / dof, dtype=np.float64),
-        earth=bool(present[:2].all() and np.all(np.abs(vectors[:2, ~firm]) < 1e-3)),
-    )
-
-
 def _through(record: Record, parts: list[Part]) -> Iterator[tuple[Array, Array]]:
     """What may vary, and the indications, of all rows of plateaus, a span after the other."""
     for part in parts:
@@ -236,35 +263,6 @@ def _phase(record: Record, part: Part, wave: Modulation) -> tuple[Array, Array]:
     return mean, np.asarray(
         np.linalg.pinv(gram, rcond=1e-14, hermitian=True) @ product, dtype=np.float64
     )
-
-
-def noise_of(
-    record: Record, parts: list[Part], wave: Modulation, values: Array
-) -> tuple[Array, tuple[str, ...]]:
-    """Covariance of the means [p, m, m] from the noise in the plateaus, raised where the noise is
-    not white.
-    """
-    scatters = [_scatter(record, part, wave) for part in parts]
-    ratio = np.sqrt(np.maximum(_block_ratio(scatters), 1.0))
-    covariance = np.array(
-        [
-            one.square / max(one.rows - 1, 1) * part.square_s2 / part.duration_s**2
-            for one, part in zip(scatters, parts, strict=True)
-        ]
-    )
-    flags = []
-    if (ratio > 1.0).any():
-        flags.append(
-            "noise within plateaus is autocorrelated: variances raised up to"
-            f" {ratio.max() ** 2:.1f} times"
-        )
-    creeping = sum(_creeps(one, float(np.max(np.abs(values)))) for one in scatters)
-    if creeping > UNSETTLED * len(scatters):
-        flags.append(
-            f"{creeping} of {len(scatters)} plateaus begin off their mean: the gyro had not"
-            " settled, allow a longer plateaus.settle_s"
-        )
-    return covariance * np.outer(ratio, ratio), tuple(flags)
 
 
 def _block_ratio(scatters: list[_Scatter]) -> Array:

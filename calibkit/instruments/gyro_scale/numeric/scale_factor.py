@@ -61,6 +61,26 @@ class ScaleFactor:
         """Of the coefficients [2]."""
         return np.sqrt(np.diag(self.covariance))
 
+    def bias_dps(
+        self, vertical_rate_dps: float, *, own_K: float | None = None
+    ) -> tuple[float, float]:
+        """Bias [°/s] and its standard uncertainty: what is left of F0 without the earth's rate
+        about the table axis.
+
+        Parameters
+        ----------
+        scale : of one run.
+        vertical_rate_dps : earth's rate about the table axis [°/s], positive when it turns like
+            positive table rates.
+        own_K : scale factor about the gyro's own axis, where the run's K is a projection of it.
+        """
+        divisor = self.K if own_K is None else own_K
+        if divisor == 0.0:
+            raise FitError("a bias needs a scale factor other than zero")
+        value = (self.F0 - self.K * vertical_rate_dps) / divisor
+        slope = -self.F0 / divisor**2 if own_K is None else -vertical_rate_dps / divisor
+        return value, gum.standard_uncertainty(np.array([slope, 1.0 / divisor]), self.covariance)
+
 
 @dataclass(frozen=True, slots=True)
 class RunScales:
@@ -179,28 +199,6 @@ def of_run(plateaus: Plateaus, *, reference: Literal["rate", "angle"] = "rate") 
     return RunScales(
         gyros, np.array([gyro.K for gyro in gyros]), correlation * np.outer(stated, stated)
     )
-
-
-def bias_dps(
-    scale: ScaleFactor, vertical_rate_dps: float, *, own_K: float | None = None
-) -> tuple[float, float]:
-    """Bias [°/s] and its standard uncertainty: what is left of F0 without the earth's rate about
-    the table axis.
-
-    Parameters
-    ----------
-    scale : of one run.
-    vertical_rate_dps : earth's rate about the table axis [°/s], positive when it turns like
-        positive table rates.
-    own_K : scale factor about the gyro's own axis, where the run's K is a projection of it.
-
-    """
-    divisor = scale.K if own_K is None else own_K
-    if divisor == 0.0:
-        raise FitError("a bias needs a scale factor other than zero")
-    value = (scale.F0 - scale.K * vertical_rate_dps) / divisor
-    slope = -scale.F0 / divisor**2 if own_K is None else -vertical_rate_dps / divisor
-    return value, gum.standard_uncertainty(np.array([slope, 1.0 / divisor]), scale.covariance)
 
 
 def over_temperature(

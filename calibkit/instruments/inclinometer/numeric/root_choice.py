@@ -72,6 +72,31 @@ class Estimates:
     status: tuple[str, ...]
     """[n]: empty, or why the station is refused."""
 
+    def choose_root(
+        self, prior: Prior, forced: Integers, rows: slice = slice(None)
+    ) -> tuple[Integers, Mask]:
+        """Column [m] of the likelier root of each of some stations, or of the one that is forced,
+        and whether both are about as likely.
+        """
+        usable = self.usable[rows]
+        score = _log_likelihood(self.s[rows], self.uncertainty[rows], prior)
+        with np.errstate(invalid="ignore"):
+            alike = np.abs(score[:, 0] - score[:, 1]) < LIKELIER
+        column = np.where(forced >= 0, forced, np.argmax(score, axis=1))
+        return column, (forced < 0) & usable.all(axis=1) & alike
+
+    def choose_by_heading(self, heading_deg: Array | None) -> Integers:
+        """Column [n] of the root whose azimuth is nearer a heading [n] [°]; −1 without heading or
+        positive root.
+        """
+        if heading_deg is None:
+            return np.full(len(self.s), -1)
+        difference = np.abs(wrapped(np.degrees(self.azimuth) - heading_deg[:, None]))
+        difference = np.where(self.s > 0.0, difference, np.inf)
+        nearer = np.argmin(np.where(np.isnan(difference), np.inf, difference), axis=1)
+        known = np.isfinite(heading_deg) & (self.s > 0.0).any(axis=1)
+        return np.where(known, nearer, -1)
+
 
 @dataclass(frozen=True, slots=True)
 class Solution:
@@ -150,20 +175,6 @@ def estimate_roots(
     return Estimates(found, roots, s, spread, psi, usable, status)
 
 
-def choose_root(
-    found: Estimates, prior: Prior, forced: Integers, rows: slice = slice(None)
-) -> tuple[Integers, Mask]:
-    """Column [m] of the likelier root of each of some stations, or of the one that is forced, and
-    whether both are about as likely.
-    """
-    usable = found.usable[rows]
-    score = _log_likelihood(found.s[rows], found.uncertainty[rows], prior)
-    with np.errstate(invalid="ignore"):
-        alike = np.abs(score[:, 0] - score[:, 1]) < LIKELIER
-    column = np.where(forced >= 0, forced, np.argmax(score, axis=1))
-    return column, (forced < 0) & usable.all(axis=1) & alike
-
-
 def _log_likelihood(s: Array, uncertainty: Array, prior: Prior) -> Array:
     """Log-likelihood [n, 2] of roots [n, 2] given their priors; −inf for a root that cannot be."""
     variance = uncertainty**2 + prior.standard_uncertainty[:, None] ** 2
@@ -172,19 +183,6 @@ def _log_likelihood(s: Array, uncertainty: Array, prior: Prior) -> Array:
     # both roots of an infinite uncertainty are equally unlikely, a negative one is impossible
     score = np.where(np.isfinite(score), score, -1e300)
     return np.where(s > 0.0, score, -np.inf)
-
-
-def choose_by_heading(found: Estimates, heading_deg: Array | None) -> Integers:
-    """Column [n] of the root whose azimuth is nearer a heading [n] [°]; −1 without heading or
-    positive root.
-    """
-    if heading_deg is None:
-        return np.full(len(found.s), -1)
-    difference = np.abs(wrapped(np.degrees(found.azimuth) - heading_deg[:, None]))
-    difference = np.where(found.s > 0.0, difference, np.inf)
-    nearer = np.argmin(np.where(np.isnan(difference), np.inf, difference), axis=1)
-    known = np.isfinite(heading_deg) & (found.s > 0.0).any(axis=1)
-    return np.where(known, nearer, -1)
 
 
 def solve(
@@ -226,7 +224,7 @@ def solve(
     _require_prior(prior, parts.accel_x.size)
     latitude = np.broadcast_to(np.asarray(latitude_deg, dtype=np.float64), parts.accel_x.shape)
     found = estimate_roots(parts, latitude, refused=refused, limits=limits)
-    column, ambiguous = choose_root(found, prior, choose_by_heading(found, heading_deg))
+    column, ambiguous = found.choose_root(prior, found.choose_by_heading(heading_deg))
     rows = np.arange(column.size)
     s_root, u_root = found.s[rows, column], found.uncertainty[rows, column]
     possible = s_root > 0.0

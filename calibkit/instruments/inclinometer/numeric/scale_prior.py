@@ -17,8 +17,6 @@ from calibkit.instruments.inclinometer.numeric.root_choice import (
     Limits,
     Prior,
     Solution,
-    choose_by_heading,
-    choose_root,
     estimate_roots,
     solve,
 )
@@ -121,7 +119,7 @@ def history_prior(
         raise FitError(
             "the stations' times decrease or are not finite", hint="sort the stations by time"
         )
-    forced = choose_by_heading(found, heading_deg)
+    forced = found.choose_by_heading(heading_deg)
     state = np.array([start.s, start.rate])
     covariance = np.diag([start.standard_uncertainty**2, start.rate_uncertainty**2])
     value, spread = np.empty_like(elapsed), np.empty_like(elapsed)
@@ -132,9 +130,7 @@ def history_prior(
         # the filter may predict what no gyro has; the prior stays a scale factor
         value[k], spread[k] = max(float(state[0]), 1e-3), float(np.sqrt(covariance[0, 0]))
         here = slice(k, k + 1)
-        columns, ambiguous = choose_root(
-            found, Prior(value[here], spread[here]), forced[here], here
-        )
+        columns, ambiguous = found.choose_root(Prior(value[here], spread[here]), forced[here], here)
         root = k, int(columns[0])
         if not found.status[k] and found.usable[root] and not ambiguous[0]:
             state, covariance = _update_state(
