@@ -145,7 +145,7 @@ def other_run(seed: int, latitude: float, theta: tuple[float, float]) -> Campaig
     pairs = tuple(simulate.draw(rng, gyro_noise_dph=0.01, ideal=False) for _ in range(2))
     tool = simulate.Tool(pairs)
     rng = np.random.default_rng(np.random.SeedSequence([seed, 1]))
-    attitudes = simulate.random_attitudes(36, theta, rng)
+    attitudes = simulate.Attitudes.draw(36, theta, rng)
     temperature = rng.uniform(25.0, 115.0, 36)
     columns, _ = tool.stations(attitudes, latitude, temperature, rng)
     truth = {"stations": {"azimuth_deg": attitudes.azimuth_deg.tolist()}}
@@ -182,7 +182,7 @@ def over_noise(
     """
     rng = np.random.default_rng(0)
     pair = simulate.draw(rng, gyro_noise_dph=0.01, ideal=False)
-    attitudes = simulate.random_attitudes(stations, theta, rng)
+    attitudes = simulate.Attitudes.draw(stations, theta, rng)
     repeated = simulate.Attitudes(
         *(np.repeat(getattr(attitudes, f), draws) for f in simulate.Attitudes.__slots__)
     )

@@ -21,7 +21,7 @@ import numpy as np
 
 from calibkit.instruments.fog_thermal import simulate_gyro
 from calibkit.simulate import noise
-from calibkit.simulate.chamber import Chamber, ramp
+from calibkit.simulate.chamber import Chamber, Programme
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -52,14 +52,14 @@ def write(folder: Path, rows: int = 3_600_000, rates: Sequence[float] = RATES) -
 
 def _write_one(path: Path, rate: float, rows: int) -> None:
     """Write one log, a block of rows at a time."""
-    device, chamber = simulate_gyro.draw_gyro(SEED), Chamber()
+    device, chamber = simulate_gyro.FogGyro.draw(SEED), Chamber()
     rng = np.random.default_rng([SEED, round(1000.0 * rate)])
     ramp_s = min(
         (simulate_gyro.HOT_DEGC - simulate_gyro.COLD_DEGC) / rate * 60.0, DURATION_S - SOAK_S
     )
     end = simulate_gyro.COLD_DEGC + rate * ramp_s / 60.0
     after = DURATION_S - SOAK_S - ramp_s + 60.0  # the chamber runs on when the log ends
-    seconds, set_degc = ramp(
+    seconds, set_degc = Programme.ramp(
         simulate_gyro.COLD_DEGC, end, rate, soak_before_s=SOAK_S, soak_after_s=after
     ).set_points()
     air = chamber.air(set_degc, rng)

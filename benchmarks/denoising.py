@@ -83,7 +83,7 @@ def ramps(seed: int) -> list[tuple[Array, float]]:
     """True drift [n, °/h] along each ramp of one gyro, and the standard deviation of its white
     noise at 1 Hz.
     """
-    device = simulate_gyro.draw_gyro(seed)
+    device = simulate_gyro.FogGyro.draw(seed)
     made = fog.logs(device, fog.programmes(RATES, ()), seed, Chamber())
     white = device.N * np.sqrt(SECONDS_PER_HOUR)
     found = []

@@ -72,7 +72,7 @@ def true_drivers(form: str, lags: tuple[float, ...], log: fog.SimulatedLog) -> D
     seconds = log.columns["time_s"].astype(np.float64)
     if form == "lagged":
         return coil.path([(seconds, log.heat.case)]).drivers(*lags)
-    held = intervals.find_intervals(seconds, INTERVAL_S)
+    held = intervals.Intervals.find(seconds, INTERVAL_S)
     middle, case = held.means(seconds), held.means(log.heat.case)
     env = held.means(log.air)
     coarse = level.drivers(middle, case, env)
@@ -84,7 +84,7 @@ def thermal_log(name: str, log: fog.SimulatedLog, indication: np.ndarray) -> poo
     """Block means of a log with the given indication."""
     columns = log.columns
     seconds = columns["time_s"].astype(np.float64)
-    held = intervals.find_intervals(seconds, INTERVAL_S)
+    held = intervals.Intervals.find(seconds, INTERVAL_S)
     means = (
         held.means(column)
         for column in (seconds, columns["temp_case_degc"], columns["temp_env_degc"])
@@ -96,7 +96,7 @@ def of_the_family(seed: int, form: str) -> np.ndarray:
     """Errors over standard uncertainties of the coefficients (and lags) of one gyro whose drift is
     of the fitted family.
     """
-    device, true = simulate_gyro.draw_gyro(seed), truth(seed, form)
+    device, true = simulate_gyro.FogGyro.draw(seed), truth(seed, form)
     rng = np.random.default_rng([seed, 8])
     bias = device.input_rate_dph + device.bias_dph
     logs = []
@@ -109,10 +109,10 @@ def of_the_family(seed: int, form: str) -> np.ndarray:
         )
         seen = bias + rng.normal(0.0, device.turn_on_dph) + drift + random
         logs.append(thermal_log(name, log, noise.pulses(seen, device.resolution_dph)))
-    stacked = pooled_fit.stack(logs)
+    stacked = pooled_fit.Stack.of_logs(logs)
     basis = level.basis(stacked)
     if form == "lagged":
-        surveyed = lagged.survey(stacked, basis.robust)
+        surveyed = lagged.Survey.of_logs(stacked, basis.robust)
         model = lagged.finish(surveyed.solve(lagged.LAGGED_TERMS), stacked)
     else:
         model = basis.solve(TERMS).finish(stacked)
@@ -129,7 +129,7 @@ def physical(seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Error of the drift over its expanded uncertainty along the withheld ramps; over twice its
     type A one alone.
     """
-    device = simulate_gyro.draw_gyro(seed).scale_drift(hysteresis_scale=float(seed % 2))
+    device = simulate_gyro.FogGyro.draw(seed).scale_drift(hysteresis_scale=float(seed % 2))
     made = fog.logs(device, fog.programmes(RATES, (3.0, 6.0)), seed, Chamber())
     logs = {name: thermal_log(name, log, log.columns["gyro_dph"]) for name, log in made.items()}
     choice = thermal_choice.choose(
@@ -157,7 +157,7 @@ def compared(
     _, _, values, dof = zip(*parts, strict=True)
     _, _, expanded = gum.expand_along(np.stack(values), np.array(dof))
     seconds = log.columns["time_s"].astype(np.float64)
-    error = found.drift - intervals.find_intervals(seconds, INTERVAL_S).means(log.drift)
+    error = found.drift - intervals.Intervals.find(seconds, INTERVAL_S).means(log.drift)
     return error / expanded, error / (2.0 * values[0])
 
 

@@ -64,7 +64,7 @@ def gyro(seed: int, kind: str) -> simulate_gyro.FogGyro:
     one.
     """
     rng = np.random.default_rng([seed, 5])
-    device = simulate_gyro.draw_gyro(seed)
+    device = simulate_gyro.FogGyro.draw(seed)
     case, outer, inner = np.exp(rng.uniform(-np.log(1.5), np.log(1.5), 3))
     device = replace(
         device,
@@ -89,7 +89,7 @@ def thermal_log(
             2.0, 50.0, hit.sum()
         )
     seconds = columns["time_s"].astype(np.float64)
-    held = intervals.find_intervals(seconds, INTERVAL_S)
+    held = intervals.Intervals.find(seconds, INTERVAL_S)
     means = (
         held.means(column)
         for column in (seconds, columns["temp_case_degc"], columns["temp_env_degc"])

@@ -139,7 +139,7 @@ def thermal_log(name: str, log: fog.SimulatedLog) -> pooled_fit.ThermalLog:
     """Block means of a log."""
     c = log.columns
     seconds = c["time_s"].astype(np.float64)
-    held = intervals.find_intervals(seconds, INTERVAL_S)
+    held = intervals.Intervals.find(seconds, INTERVAL_S)
     means = (held.means(column) for column in (seconds, c["temp_case_degc"], c["temp_env_degc"]))
     return pooled_fit.thermal_blocks(name, held, means, c["gyro_dph"])
 
@@ -153,7 +153,7 @@ def judged(
     start = time.perf_counter()
     model = choice.choose(blocks).model
     seconds = {"calibkit, chosen": time.perf_counter() - start}
-    stacked = pooled_fit.stack(blocks)
+    stacked = pooled_fit.Stack.of_logs(blocks)
     plain = level.basis(stacked).solve(TERMS).finish(stacked)
     peer, seconds["ardupilot"] = packaged(python, fitted)
     start = time.perf_counter()
@@ -163,7 +163,7 @@ def judged(
     for name, log in logs.items():
         if name.startswith("withheld/"):
             b = thermal_log(name, log)
-            truth = intervals.find_intervals(
+            truth = intervals.Intervals.find(
                 log.columns["time_s"].astype(np.float64), INTERVAL_S
             ).means(log.drift)
             found = {
@@ -191,7 +191,7 @@ def main() -> int:
         results = []
         for seed in range(first, first + count):
             made = fog.logs(
-                simulate_gyro.draw_gyro(seed),
+                simulate_gyro.FogGyro.draw(seed),
                 fog.programmes((1.0, 5.0, 8.0, 10.0), (3.0, 6.0)),
                 seed,
                 Chamber(),

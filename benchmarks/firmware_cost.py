@@ -171,7 +171,7 @@ def main() -> None:
                 "U", 1, "2026-11-21", "0" * 64, {"a": "0" * 64}, "calibkit", accepted=True
             )
             for number in ("f32", "f64", "q31", "q15"):
-                one = export.prepare(chain, identity, formats.find_format(number), "unit")
+                one = export.prepare(chain, identity, formats.Format.find(number), "unit")
                 cells = [
                     f"{size} | {count}"
                     for size, count in (cost(one, folder, core) for core in CORES)

@@ -102,7 +102,7 @@ class Log:
     def steps(self) -> intervals.Steps:
         """Steps of the log's time, which must be finite."""
         if "" not in self._known:
-            self._known[""] = intervals.steps(values(self.frame, "time_s"))
+            self._known[""] = intervals.Steps.find(values(self.frame, "time_s"))
         known: intervals.Steps = self._known[""]
         return known
 

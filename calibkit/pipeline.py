@@ -170,7 +170,7 @@ def _apply_as_firmware(
 
     firmware = _firmware(spec)
     chain = firmware.chain(spec, records)
-    quantised = program.quantise(chain, formats.find_format(number))
+    quantised = program.quantise(chain, formats.Format.find(number))
     return firmware.apply(spec.on_site(), chain, quantised, data)
 
 
@@ -299,7 +299,7 @@ def _firmware_export(run: store.Run, number: str, prefix: str, *, allow_rejected
         document["accepted"],
     )
     lines = sources.describe_sources(spec, chain, firmware.conventions(spec))
-    return export.prepare(chain, identity, formats.find_format(number), prefix, lines)
+    return export.prepare(chain, identity, formats.Format.find(number), prefix, lines)
 
 
 def export(

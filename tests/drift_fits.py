@@ -9,23 +9,23 @@ from calibkit.numeric import intervals
 def block_log(name, columns, interval_s, begins=()):
     """Block means of a log [n] of time [s], case, chamber [°C] and indication [°/h]."""
     *slow, indication = columns
-    held = intervals.find_intervals(slow[0], interval_s)
+    held = intervals.Intervals.find(slow[0], interval_s)
     means = (held.means(column) for column in slow)
     return pooled_fit.thermal_blocks(name, held, means, indication, begins)
 
 
 def fit_level(logs, terms=TERMS):
     """Level model of all logs at once."""
-    stacked = pooled_fit.stack(logs)
+    stacked = pooled_fit.Stack.of_logs(logs)
     return level.basis(stacked).solve(terms).finish(stacked)
 
 
 def survey(stacked):
     """Survey of stacked logs with the robust weights of a level fit."""
-    return lagged.survey(stacked, level.basis(stacked).robust)
+    return lagged.Survey.of_logs(stacked, level.basis(stacked).robust)
 
 
 def fit_lagged(logs, terms=LAGGED_TERMS):
     """Lagged model of all logs at once."""
-    stacked = pooled_fit.stack(logs)
+    stacked = pooled_fit.Stack.of_logs(logs)
     return lagged.finish(survey(stacked).solve(terms), stacked)

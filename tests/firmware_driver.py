@@ -24,7 +24,7 @@ UPDATES = 12
 
 def exported(chain, number, prefix):
     """Export of a chain under a prefix of its own."""
-    return export.prepare(chain, IDENTITY, formats.find_format(number), prefix)
+    return export.prepare(chain, IDENTITY, formats.Format.find(number), prefix)
 
 
 def write(exports, folder):

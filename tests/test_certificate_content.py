@@ -444,7 +444,7 @@ def test_a_validation_of_another_run_is_refused(tmp_path):
     path.write_text(coefficients.seal(document), encoding="utf-8")
     run = SimpleNamespace(document={"sha256": "this"}, name="S@r001")
     with pytest.raises(CoefficientError, match="not of S@r001 as it is here"):
-        run_files.load_validation(path, run)
+        run_files.AsFoundAsLeft.load(path, run)
 
 
 @pytest.mark.parametrize(

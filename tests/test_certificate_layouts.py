@@ -51,7 +51,7 @@ def run(tmp_path_factory):
 def certificate(run, name=None, *overrides, validation=None):
     """Certificate of a run after the sample profile, or without one."""
     path = None if name is None else ROOT / "reports" / "profiles" / f"{name}.toml"
-    files = run_files.read_run(run)
+    files = run_files.RunFiles.read(run)
     return content.build(
         files, instruments.certificate_layout, *profile.load(path, overrides), validation, ISSUED
     )
@@ -270,7 +270,7 @@ def test_as_found_and_as_left_come_from_logs_that_were_not_fitted(run, tmp_path)
     document, _ = pipeline.validate(
         made, ROOT / "datasets" / "fog_thermal" / "withheld", out, silent
     )
-    validation = run_files.load_validation(out, run_files.read_run(made))
+    validation = run_files.AsFoundAsLeft.load(out, run_files.RunFiles.read(made))
     rows = {(row.log, row.what.en): (row.found, row.left) for row in validation.rows}
     entry = document["logs"][0]
     assert rows[entry["name"], "drift rms, 100 s means"] == (

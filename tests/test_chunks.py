@@ -99,15 +99,16 @@ def test_steps_of_a_clock_are_those_of_its_differences(size: int) -> None:
     time = np.cumsum(np.random.default_rng(size).uniform(0.5, 1.5, size))
     time[size // 2 :] += 20.0
     step = np.diff(time)
-    assert intervals.steps(time) == intervals.Steps(step.min(), step.max(), np.median(step))
-    assert np.isnan(intervals.steps(time[:1]).usual)
+    assert intervals.Steps.find(time) == intervals.Steps(step.min(), step.max(), np.median(step))
+    assert np.isnan(intervals.Steps.find(time[:1]).usual)
 
 
 def test_an_interval_that_is_known_changes_no_model_interval() -> None:
     """Model intervals are the same whether the sampling interval is given or measured."""
     time = np.arange(0.0, 500.0, 0.1)
     given_step, measured = (
-        intervals.find_intervals(time, 10.0, step) for step in (intervals.steps(time).usual, None)
+        intervals.Intervals.find(time, 10.0, step)
+        for step in (intervals.Steps.find(time).usual, None)
     )
     assert isinstance(given_step, Intervals)
     assert np.array_equal(given_step.first, measured.first)
@@ -134,7 +135,7 @@ def test_means_of_parts_are_those_of_the_whole(cuts: list[int]) -> None:
     all their rows.
     """
     values = np.random.default_rng(5).normal(size=300_000)
-    held = intervals.find_intervals(np.arange(300_000.0), 250.0)
+    held = intervals.Intervals.find(np.arange(300_000.0), 250.0)
     parts = np.split(values, cuts)
     assert np.array_equal(held.means_of_parts(parts), held.means(values))
 

@@ -15,7 +15,9 @@ def two_logs(seed, *, rate=5.0, soak=600.0, every=5.0):
     drift, middle [s].
     """
     rng = np.random.default_rng(seed)
-    programme = chamber.ramp(-40.0, 60.0, rate, soak_before_s=soak, soak_after_s=2.0 * soak)
+    programme = chamber.Programme.ramp(
+        -40.0, 60.0, rate, soak_before_s=soak, soak_after_s=2.0 * soak
+    )
     time, points = programme.set_points()
     air = chamber.Chamber().air(points, rng)
     offset, drift = rng.uniform(-30.0, 30.0), rng.normal(0.0, 50e-6)

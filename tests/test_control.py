@@ -18,7 +18,9 @@ def test_a_faultless_fleet_has_somebody_named_once_in_a_hundred(count):
     """
     rng = np.random.default_rng(count)
     samples = 8_000 if count < 100 else 4_000
-    named = sum(bool(control.control(rng.standard_normal(count)).outliers) for _ in range(samples))
+    named = sum(
+        bool(control.Control.chart(rng.standard_normal(count)).outliers) for _ in range(samples)
+    )
     # between the table's counts, and for even counts, the rate is up to a third lower
     assert (
         0.006 - 4.0 * math.sqrt(0.006 / samples)
@@ -31,7 +33,7 @@ def test_the_lines_are_those_of_the_definition():
     """Centre is the median and sigma the MAD over the normal quantile 0.6745, by hand of seven
     values.
     """
-    found = control.control(np.array([1.0, 2.0, 4.0, 7.0, 11.0, 16.0, 22.0]))
+    found = control.Control.chart(np.array([1.0, 2.0, 4.0, 7.0, 11.0, 16.0, 22.0]))
     assert found.centre == 7.0
     assert found.sigma == pytest.approx(
         5.0 / 0.6744897501960817, rel=1e-14
@@ -48,8 +50,8 @@ def test_outliers_are_named_furthest_first_and_do_not_cover_for_one_another():
     values = np.random.default_rng(3).standard_normal(20)
     values[[2, 5, 7, 11]] += 50.0
     values[13] -= 100.0
-    assert control.control(values).outliers[0] == 13
-    assert set(control.control(values).outliers) == {2, 5, 7, 11, 13}
+    assert control.Control.chart(values).outliers[0] == 13
+    assert set(control.Control.chart(values).outliers) == {2, 5, 7, 11, 13}
     assert np.max(np.abs(values - values.mean())) / values.std(ddof=1) < control._limit(20)
 
 
@@ -58,7 +60,7 @@ def test_outliers_are_named_furthest_first_and_do_not_cover_for_one_another():
 )
 def test_values_without_a_spread_judge_nobody(values):
     """Where most values are equal, or differ by rounding, no z is stated and nobody is named."""
-    found = control.control(np.array(values))
+    found = control.Control.chart(np.array(values))
     assert found.sigma == 0.0
     assert found.outliers == ()
     assert not found.z.any()
@@ -72,7 +74,10 @@ def test_the_unit_of_a_figure_changes_nobodys_z(values, scale):
     """A change of scale by a power of two scales centre and sigma exactly and leaves the z but for
     their sign.
     """
-    one, other = control.control(np.array(values)), control.control(scale * np.array(values))
+    one, other = (
+        control.Control.chart(np.array(values)),
+        control.Control.chart(scale * np.array(values)),
+    )
     assert other.centre == scale * one.centre
     assert other.sigma == abs(scale) * one.sigma
     np.testing.assert_array_equal(other.z, np.sign(scale) * one.z)

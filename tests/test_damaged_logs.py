@@ -291,8 +291,8 @@ def test_the_guess_prints_and_pins(tmp_path):
     """A guess turned into a recipe table and read back is the same dialect, nothing guessed."""
     path = tmp_path / "log.csv"
     path.write_bytes(BYTES["preamble, names and units on two lines"])
-    found = sniff.guess_dialect(path, "log.csv")
+    found = sniff.Dialect.guess(path, "log.csv")
     assert "guessed" in " ".join(found.describe())
-    pinned = sniff.guess_dialect(path, "log.csv", TextSpec(**found.recipe_keys()))
+    pinned = sniff.Dialect.guess(path, "log.csv", TextSpec(**found.recipe_keys()))
     assert pinned.guessed == ()
     assert (pinned.columns, pinned.first_line) == (found.columns, found.first_line)

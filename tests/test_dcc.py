@@ -115,7 +115,7 @@ def run(tmp_path_factory):
 def certificate(run, stated=None, text=""):
     """The certificate record of a run, skipped where the procedure has no layout."""
     return content.build(
-        run_files.read_run(run),
+        run_files.RunFiles.read(run),
         instruments.certificate_layout,
         profile.Profile() if stated is None else stated,
         text,

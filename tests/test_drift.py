@@ -156,9 +156,9 @@ def test_the_drift_is_zero_at_the_reference_temperature():
 
 def filled(time, case, env):
     """Block means at 10 s of a log whose indication and slope are its case temperature."""
-    held = intervals.find_intervals(time, 10.0)
+    held = intervals.Intervals.find(time, 10.0)
     means = (held.means(column) for column in (time, case, env, case))
-    return drift.fill_blocks(held, means, case)
+    return drift.Blocks.fill(held, means, case)
 
 
 @pytest.mark.parametrize("step", [0.1, 1.0, 2.5, 10.0])
@@ -177,7 +177,7 @@ def test_jitter_of_the_clock_moves_no_sample_into_another_block():
     """A millisecond of jitter on 10 s samples leaves one sample a block."""
     rng = np.random.default_rng(7)
     time = np.arange(0.0, 400.0, 10.0) + rng.uniform(-1e-3, 1e-3, 40)
-    held = intervals.find_intervals(time, 10.0)
+    held = intervals.Intervals.find(time, 10.0)
     assert held.number.tolist() == list(range(40))
     assert held.count.tolist() == [1] * 40
 
@@ -193,7 +193,7 @@ def test_an_interval_without_samples_is_bridged():
 def test_a_log_slower_than_the_model_interval_is_refused():
     """Coefficients per 10 s cannot be fitted to samples every 20 s."""
     with pytest.raises(FitError, match="sampled every 20 s, the model interval is 10 s"):
-        intervals.find_intervals(np.arange(0.0, 400.0, 20.0), 10.0)
+        intervals.Intervals.find(np.arange(0.0, 400.0, 20.0), 10.0)
 
 
 def test_a_ramp_that_cannot_determine_its_coefficients_is_refused():

@@ -8,7 +8,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
-from calibkit.numeric.control import control
+from calibkit.numeric.control import Control
 from calibkit.report import control_charts, figures, svg
 
 pytestmark = pytest.mark.drawn
@@ -78,7 +78,7 @@ def test_every_word_of_a_control_chart_is_on_its_page_and_beside_the_others(name
         serials=tuple(serial.format(k) for k in range(units)),
         values=values,
         standard_uncertainties=np.full(units, 0.1 * scale),
-        control=control(values),
+        control=Control.chart(values),
         acceptance=limit,
         units=units,
     )

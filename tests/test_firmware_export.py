@@ -208,7 +208,7 @@ def test_literals_read_back_to_the_same_number_in_c():
     """Nine and seventeen significant digits, with a point or an exponent, and F for single
     precision.
     """
-    f32, f64 = formats.find_format("f32"), formats.find_format("f64")
+    f32, f64 = formats.Format.find("f32"), formats.Format.find("f64")
     assert f32.text(1.0) == "1.0F"
     assert f32.text(f32.nearest(formats.Fraction(1, 10))) == "0.100000001F"
     assert f64.text(0.1) == "0.10000000000000001"

@@ -314,7 +314,7 @@ def test_a_rejected_run_is_never_in_force_and_a_later_one_of_the_same_day_replac
     for date, accepted in (("2022-01-01", True), ("2022-01-01", True), ("2023-01-01", False)):
         keep(tmp_path, values, date=date, accepted=accepted)
     assert store.find("S-1", tmp_path, "2024-01-01").name == "r002"
-    found = timeline.read_timeline("S-1", tmp_path, FORMS)
+    found = timeline.Timeline.read("S-1", tmp_path, FORMS)
     assert [found.in_force[n].since for n in (1, 2, 3)] == ["", "2022-01-01", ""]
     assert "S-1@r003 was not accepted: it is never in force by date" in found.flags
 
@@ -327,13 +327,13 @@ def test_a_revision_that_holds_from_before_the_one_it_supersedes_is_flagged(tmp_
     assert store.find("S-1", tmp_path, "2024-06-01").name == "r001"
     assert any(
         "S-1@r002 holds from 2023-01-01, before" in flag
-        for flag in timeline.read_timeline("S-1", tmp_path, FORMS).flags
+        for flag in timeline.Timeline.read("S-1", tmp_path, FORMS).flags
     )
 
 
 def test_a_whole_chain_is_sound(three_years):
     """Three fits in a row supersede each other, and each holds until the next."""
-    found = timeline.read_timeline("S-1", three_years, FORMS)
+    found = timeline.Timeline.read("S-1", three_years, FORMS)
     assert found.sound
     assert [(found.in_force[n].since, found.in_force[n].until) for n in (1, 2, 3)] == [
         ("2022-01-01", "2023-01-01"),
@@ -347,7 +347,7 @@ def test_a_missing_revision_breaks_the_chain(three_years, calibkit):
     is 4.
     """
     shutil.rmtree(three_years / "S-1" / "r002")
-    found = timeline.read_timeline("S-1", three_years, FORMS)
+    found = timeline.Timeline.read("S-1", three_years, FORMS)
     assert not found.sound
     assert found.breaks[0] == "r002 is missing"
     assert found.breaks[1].startswith("r003: what it supersedes cannot be checked")
@@ -365,7 +365,7 @@ def test_an_exchanged_revision_breaks_the_chain(three_years, tmp_path_factory):
     )
     shutil.rmtree(three_years / "S-1" / "r001")
     shutil.copytree(other, three_years / "S-1" / "r001")
-    (fault,) = timeline.read_timeline("S-1", three_years, FORMS).breaks
+    (fault,) = timeline.Timeline.read("S-1", three_years, FORMS).breaks
     assert fault.startswith("r002: gyro_scale supersedes")
     assert "of r001" in fault
 
@@ -394,24 +394,24 @@ def test_the_run_of_another_unit_under_a_serial_is_refused(three_years, calibkit
     with pytest.raises(CoefficientError, match="says S-2 r1, expected S-1 r004"):
         store.find("S-1", three_years)
     assert calibkit("show", "S-1", "--runs", three_years).code == 4
-    assert not timeline.read_timeline("S-1", three_years, FORMS).sound
+    assert not timeline.Timeline.read("S-1", three_years, FORMS).sound
     with pytest.raises(CoefficientError, match="says S-2"):
         keep(three_years, model({"K": (5.0, "1/deg", 0.02)}))
 
 
 def test_a_series_follows_a_quantity_with_its_slope(three_years):
     """K falls by 0.1 a year: −0.1 within the length of a leap year, −0.2 in all, which is 7.1 u."""
-    found = timeline.read_timeline("S-1", three_years, FORMS)
+    found = timeline.Timeline.read("S-1", three_years, FORMS)
     K = next(series for series in found.series if series.quantity.name == "K")
     assert [point.value for point in K.points] == [10.0, 9.9, 9.8]
     assert K.trend.slope == pytest.approx(-0.1, abs=2e-4)
     assert K.overall.in_u == pytest.approx(-0.2 / math.hypot(0.02, 0.02), rel=1e-9)
     assert K.largest_step == pytest.approx(0.1 / math.hypot(0.02, 0.02), rel=1e-9)
     assert {series.quantity.name for series in found.series} == {"K", "F0"}
-    only = timeline.read_timeline("S-1", three_years, FORMS, "gyro_scale.N").series
+    only = timeline.Timeline.read("S-1", three_years, FORMS, "gyro_scale.N").series
     assert [series.quantity.name for series in only] == ["N"]
     with pytest.raises(UsageError, match="no coefficient or figure of S-1 matches"):
-        timeline.read_timeline("S-1", three_years, FORMS, "nothing.*")
+        timeline.Timeline.read("S-1", three_years, FORMS, "nothing.*")
 
 
 def test_the_slope_is_that_of_weighted_least_squares():
@@ -447,7 +447,7 @@ def test_runs_that_share_logs_are_one_determination(tmp_path):
     for revision, K in enumerate((10.0, 5.0, 9.8, 9.7), start=1):
         logs = ("same",) if revision in (2, 3) else (f"log{revision}",)
         keep(tmp_path, model({"K": (K, "1/deg", 0.02)}), date=f"202{revision}-01-01", logs=logs)
-    found = timeline.read_timeline("S-1", tmp_path, FORMS)
+    found = timeline.Timeline.read("S-1", tmp_path, FORMS)
     assert found.flags == (
         (
             "S-1@r003 was fitted to logs of S-1@r002 as well: one determination, not two; slopes"
@@ -463,7 +463,7 @@ def test_the_figure_is_a_picture_and_the_same_bytes_twice(three_years, calibkit,
     """The figure of `history` is a PDF or PNG, the same for the same runs, and never over another
     file.
     """
-    found = timeline.read_timeline("S-1", three_years, FORMS)
+    found = timeline.Timeline.read("S-1", three_years, FORMS)
     assert figure.render(found, ".png").startswith(b"\x89PNG")
     assert figure.render(found, ".pdf") == figure.render(found, ".pdf")
     out = tmp_path / "drift.pdf"
@@ -488,7 +488,7 @@ def test_a_single_run_has_a_history_without_series(tmp_path, calibkit):
 def test_a_serial_whose_runs_were_all_rejected_has_a_history(tmp_path):
     """Nothing is in force when nothing was accepted, and the runs are listed all the same."""
     keep(tmp_path, model({"K": (1.0, "1", 0.1)}), accepted=False)
-    found = timeline.read_timeline("S-1", tmp_path, FORMS)
+    found = timeline.Timeline.read("S-1", tmp_path, FORMS)
     assert found.sound
     assert found.in_force[1].since == ""
     with pytest.raises(UsageError, match="none was accepted"):

@@ -181,7 +181,7 @@ def test_the_lags_are_those_of_an_exhaustive_search():
     fit.
     """
     logs = campaign(noise=0.02, seed=3)
-    stacked = pooled_fit.stack(logs)
+    stacked = pooled_fit.Stack.of_logs(logs)
     surveyed = survey(stacked)
     solution = surveyed.solve(LAGGED_TERMS)
     problem = lagged.Problem(surveyed, np.arange(1, 8), solution.weights)
@@ -285,7 +285,7 @@ def test_leaving_out_a_ramp_is_fitting_the_others():
     the others does.
     """
     logs = campaign(noise=0.05, seed=9)
-    stacked = pooled_fit.stack(logs)
+    stacked = pooled_fit.Stack.of_logs(logs)
     surveyed = survey(stacked)
     solution = surveyed.solve(LAGGED_TERMS)
     problem = lagged.Problem(surveyed, np.arange(1, 8), solution.weights)

@@ -232,7 +232,7 @@ def test_a_lasting_misfit_keeps_its_say():
     out as an outlier.
     """
     logs = campaign(noise=0.01)
-    stacked = pooled_fit.stack(logs)
+    stacked = pooled_fit.Stack.of_logs(logs)
     basis = level.basis(stacked)
     trust = pooled_fit.robust_weights(basis.design[:, 1:4], stacked)
     missed = np.abs(basis.drivers.rate) > 3.0

@@ -13,7 +13,7 @@ from hypothesis import given, settings, strategies as st
 
 from calibkit.errors import FitError
 from calibkit.numeric.wavelet import lifting
-from calibkit.numeric.wavelet.extension import continue_signal, fit_continuation
+from calibkit.numeric.wavelet.extension import Continuation, continue_signal
 from calibkit.numeric.wavelet.factor import factor_bank
 from calibkit.numeric.wavelet.lifting import EXTENSIONS, find_scheme, forward, inverse
 
@@ -199,7 +199,7 @@ def test_a_loop_only_twin_gives_the_same_coefficients(name, extension):
 
 def extended(signal, start, stop, extension, window):
     """Samples start … stop − 1 of a signal and of what goes on beyond its ends."""
-    return continue_signal(signal, start, stop, fit_continuation(signal, extension, window))
+    return continue_signal(signal, start, stop, Continuation.fit(signal, extension, window))
 
 
 def naive_level(values, lifting_scheme):

@@ -206,7 +206,7 @@ def test_mapped_arrays_let_go_of_their_pages_and_keep_their_values():
     column[:] = np.arange(300_000.0)
     chunks.release(column, column[1000:2000], np.zeros(3))
     assert column.sum() == 299_999 * 150_000
-    held = intervals.find_intervals(np.arange(300_000.0), 10.0)
+    held = intervals.Intervals.find(np.arange(300_000.0), 10.0)
     assert held.means(column)[-1] == 299_994.5
     assert occupancy.spikes(column, held).size == 0
     noisy = logs_on_disk._allocate_column(40_000)

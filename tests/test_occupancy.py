@@ -12,7 +12,7 @@ RNG = np.random.default_rng(1)
 
 def blocks_of(size, count):
     """Return the intervals of `count` blocks of `size` samples."""
-    return intervals.find_intervals(np.arange(float(count * size)), float(size))
+    return intervals.Intervals.find(np.arange(float(count * size)), float(size))
 
 
 def test_spikes_are_found_and_normal_noise_is_not():
@@ -73,7 +73,7 @@ def test_block_means_are_those_of_a_loop_and_leave_empty_intervals_out():
     time = np.sort(RNG.choice(3000, 1200, replace=False)).astype(np.float64)
     time = time[(time < 500) | (time > 900)] - time[0]
     values = RNG.normal(0.0, 1.0, time.size)
-    held = intervals.find_intervals(time, 25.0)
+    held = intervals.Intervals.find(time, 25.0)
     middle, means = held.means(time), held.means(values)
     numbers = [
         int(np.floor(t / 25.0 + 0.5 * min(np.median(np.diff(time)) / 25.0, 1.0))) for t in time

@@ -80,7 +80,7 @@ def test_a_gyro_across_the_axis_sees_the_earth_turn_with_the_table():
     """
     table = simulate_rate_table.Table(unevenness=0.0)
     moved = simulate_rate_table._motion(table, (5.0,))
-    gyro = simulate_rate_table.draw(np.random.default_rng(0), axis=(1.0, 0.0, 0.0))
+    gyro = simulate_rate_table.RateGyro.draw(np.random.default_rng(0), axis=(1.0, 0.0, 0.0))
     rate = simulate_rate_table._input_rate(gyro, table, moved) * 3600.0
     level = 15.041067 * np.cos(np.radians(34.2))
     assert np.abs(rate).max() == pytest.approx(level, rel=1e-3)
@@ -91,7 +91,7 @@ def test_a_gyro_across_the_axis_sees_the_earth_turn_with_the_table():
 def test_the_best_line_is_that_of_the_response_over_the_rates():
     """A gyro with ripple has a best line that is not its constant K, and one without has."""
     rng = np.random.default_rng(1)
-    gyro = simulate_rate_table.draw(rng)
+    gyro = simulate_rate_table.RateGyro.draw(rng)
     table = simulate_rate_table.Table()
     slope, _ = gyro.best_line(table, simulate_rate_table.both_ways(), 25.0)
     straight, intercept = simulate_pair._linear(gyro).best_line(
@@ -107,7 +107,7 @@ def test_the_response_is_no_polynomial_the_fit_knows():
     """Ripple leaves residuals about the line and about a septic of at least a third of its
     amplitude.
     """
-    gyro = simulate_rate_table.draw(np.random.default_rng(2))
+    gyro = simulate_rate_table.RateGyro.draw(np.random.default_rng(2))
     rates = np.linspace(-100.0, 100.0, 401)
     shape = simulate_rate_table._response(gyro, rates, 25.0)
     residual = shape - np.polynomial.Polynomial.fit(rates, shape, 7)(rates)

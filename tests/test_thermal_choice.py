@@ -35,7 +35,7 @@ WITHHELD = "withheld/"
 
 def simulated(seed, *, drift_scale=1.0, hysteresis_scale=0.0):
     """Return the logs of one gyro on ±1, 5, 8, 10 °C/min and withheld ±3, ±6 °C/min."""
-    device = simulate_gyro.draw_gyro(seed).scale_drift(
+    device = simulate_gyro.FogGyro.draw(seed).scale_drift(
         drift_scale=drift_scale, hysteresis_scale=hysteresis_scale
     )
     return fog.logs(device, fog.programmes((1.0, 5.0, 8.0, 10.0), (3.0, 6.0)), seed, Chamber())
@@ -73,7 +73,7 @@ def withheld(logs, model):
     for name, made in logs.items():
         if name.startswith(WITHHELD):
             log = blocks(name, made)
-            true = intervals.find_intervals(
+            true = intervals.Intervals.find(
                 made.columns["time_s"].astype(np.float64), INTERVAL_S
             ).means(made.drift)
             found = evaluate.evaluate(model, log.time, log.case, log.env)
@@ -202,7 +202,7 @@ def test_left_out_errors_of_a_level_model_are_those_of_a_plain_fit_to_the_other_
     figure.
     """
     candidate = _Candidate("cubic", "level", ("b0", "b1", "b2", "b3"))
-    stacked = pooled_fit.stack(fitted(logs))
+    stacked = pooled_fit.Stack.of_logs(fitted(logs))
     solved, _ = thermal_choice._solutions_of(stacked, (candidate,))
     solution = solved[0].solution
     found = thermal_choice._left_out(solved[0], stacked, 10)

@@ -153,7 +153,7 @@ def signed(run, key, tmp_path_factory):
 def record(run):
     """The certificate as a record, with its DCC."""
     stated, text = profile.load(PROFILE, (STATED,))
-    files = run_files.read_run(run)
+    files = run_files.RunFiles.read(run)
     made = content.build(files, instruments.certificate_layout, stated, text, None, ISSUED)
     return replace(made, attachments=(*made.attachments, dcc.attach_dcc(made, "en")))
 
@@ -425,7 +425,7 @@ def test_a_changed_number_in_the_dcc_is_named(record, tmp_path):
 def test_a_draft_that_hides_it_and_a_name_that_was_changed_are_named(run, record, tmp_path):
     """DRAFT stands on every page or the certificate is refused; so do the texts of the profile."""
     stated, text = profile.load(PROFILE)
-    files = run_files.read_run(run)
+    files = run_files.RunFiles.read(run)
     draft = content.build(
         files, instruments.certificate_layout, replace_profile(stated), text, None, ISSUED
     )

@@ -136,7 +136,7 @@ def ramps(rows: int) -> dict[str, dict[str, Array]]:
         for programme in fog.programmes(RATES, ()).values()
         if programme.rate_degc_per_min > 0.0
     }
-    gyro = simulate_gyro.draw_gyro(7)
+    gyro = simulate_gyro.FogGyro.draw(7)
     made = fog.logs(gyro, programmes, 7, Chamber())
     interval = sum(log.columns["time_s"][-1] for log in made.values()) / rows
     rng = np.random.default_rng(7)

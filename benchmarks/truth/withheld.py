@@ -110,7 +110,7 @@ def compensated(folder: Path, logs: dict[str, fog.SimulatedLog]) -> dict[str, Ar
 def means(log: fog.SimulatedLog, values: Array) -> Array:
     """Block means of a value at every sample of a log."""
     time_s = np.asarray(log.columns["time_s"], dtype=np.float64)
-    return intervals.find_intervals(time_s, BLOCK_S).means(np.asarray(values, dtype=np.float64))
+    return intervals.Intervals.find(time_s, BLOCK_S).means(np.asarray(values, dtype=np.float64))
 
 
 def polynomial_drift(log: fog.SimulatedLog, rng_seed: int) -> fog.SimulatedLog:
@@ -131,7 +131,7 @@ def polynomial_drift(log: fog.SimulatedLog, rng_seed: int) -> fog.SimulatedLog:
 def withheld(seed: int, python: Path, *, hit: bool, physical: bool) -> dict[str, list[float]]:
     """Drift rms [°/h] by truth of what each model leaves of each withheld ramp of a gyro."""
     made = fog.logs(
-        simulate_gyro.draw_gyro(seed), fog.programmes((1.0, 5.0, 10.0), (8.0,)), seed, Chamber()
+        simulate_gyro.FogGyro.draw(seed), fog.programmes((1.0, 5.0, 10.0), (8.0,)), seed, Chamber()
     )
     if not physical:
         made = {name: polynomial_drift(log, seed) for name, log in made.items()}

@@ -81,9 +81,9 @@ def certify(
     """
     beside = _beside(out)
     signer = None if key is None else key.load_signer()
-    run = run_files.read_run(store.load(run_folder))
+    run = run_files.RunFiles.read(store.load(run_folder))
     stated, text = profile.load(profile_path, overrides)
-    validated = None if validation is None else run_files.load_validation(validation, run)
+    validated = None if validation is None else run_files.AsFoundAsLeft.load(validation, run)
     try:
         certificate = content.build(
             run, layout_of, stated, text, validated, dt.date.fromisoformat(date)

@@ -5,7 +5,7 @@ state.
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from calibkit import coefficients
 from calibkit.certificate.words import Words
@@ -54,6 +54,12 @@ class RunFiles:
             accepted=document["accepted"],
         )
 
+    @classmethod
+    def read(cls, run: Run) -> Self:
+        """The files of a run folder."""
+        contents = {name: (run.folder / name).read_bytes() for name in (*run.records, RUN_FILE)}
+        return cls(run.document, run.records, contents)
+
 
 @dataclass(frozen=True, slots=True)
 class RunFacts:
@@ -86,12 +92,6 @@ class RunFacts:
             " file is another): ",
             f"处理记录 {self.name}，内容摘要（run.json 的 sha256 字段，并非文件的 SHA-256）：",
         ) + Words(self.sha256)
-
-
-def read_run(run: Run) -> RunFiles:
-    """The files of a run folder."""
-    contents = {name: (run.folder / name).read_bytes() for name in (*run.records, RUN_FILE)}
-    return RunFiles(run.document, run.records, contents)
 
 
 def _range(entry: Mapping[str, Any]) -> str:
@@ -135,46 +135,46 @@ class AsFoundAsLeft:
     flags: tuple[str, ...]
     text: str
 
+    @staticmethod
+    def load(path: Path, run: RunFiles) -> "AsFoundAsLeft":
+        """Read a validation of a run; CoefficientError for another run's, UsageError where there is
+        no such file.
+        """
+        try:
+            content = path.read_bytes()
+        except OSError as error:
+            raise UsageError(
+                f"--validation {path}: {error.strerror}", hint="write one with calibkit validate"
+            ) from None
+        return AsFoundAsLeft.parse(content, str(path), run)
 
-def load_validation(path: Path, run: RunFiles) -> AsFoundAsLeft:
-    """Read a validation of a run; CoefficientError for another run's, UsageError where there is no
-    such file.
-    """
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise UsageError(
-            f"--validation {path}: {error.strerror}", hint="write one with calibkit validate"
-        ) from None
-    return parse_validation(content, str(path), run)
-
-
-def parse_validation(content: bytes, name: str, run: RunFiles) -> AsFoundAsLeft:
-    """Validation of a run from the bytes of its file; CoefficientError for another file, or another
-    run's.
-    """
-    try:
-        text = content.decode("utf-8")
-    except UnicodeDecodeError:
-        raise CoefficientError(
-            f"{name}: not UTF-8 text", hint="name what calibkit validate wrote"
-        ) from None
-    document = coefficients.unseal(text, name, VALIDATION_FORMATS)
-    if document["run_sha256"] != run.document["sha256"]:
-        raise CoefficientError(
-            f"{name}: a validation of {document['serial']} r{document['revision']:03d}, not of"
-            f" {run.name} as it is here",
-            hint=f"run calibkit validate {run.name}",
+    @classmethod
+    def parse(cls, content: bytes, name: str, run: RunFiles) -> Self:
+        """Validation of a run from the bytes of its file; CoefficientError for another file, or
+        another run's.
+        """
+        try:
+            text = content.decode("utf-8")
+        except UnicodeDecodeError:
+            raise CoefficientError(
+                f"{name}: not UTF-8 text", hint="name what calibkit validate wrote"
+            ) from None
+        document = coefficients.unseal(text, name, VALIDATION_FORMATS)
+        if document["run_sha256"] != run.document["sha256"]:
+            raise CoefficientError(
+                f"{name}: a validation of {document['serial']} r{document['revision']:03d}, not of"
+                f" {run.name} as it is here",
+                hint=f"run calibkit validate {run.name}",
+            )
+        logs = document["logs"]
+        return cls(
+            (*(row for entry in logs for row in _rows(entry)), *_pair(document)),
+            tuple(row for entry in logs for row in _stations(entry)),
+            _stated_inputs(logs),
+            stated_criteria(document),
+            tuple(document["flags"]),
+            text,
         )
-    logs = document["logs"]
-    return AsFoundAsLeft(
-        (*(row for entry in logs for row in _rows(entry)), *_pair(document)),
-        tuple(row for entry in logs for row in _stations(entry)),
-        _stated_inputs(logs),
-        stated_criteria(document),
-        tuple(document["flags"]),
-        text,
-    )
 
 
 def _rows(entry: Mapping[str, Any]) -> Iterator[BeforeAfter]:

@@ -30,7 +30,7 @@ from calibkit.certificate import (
 )
 from calibkit.certificate.content import Attachment
 from calibkit.certificate.dcc_xml import LANGUAGES, NAMES
-from calibkit.certificate.run_files import RunFiles, parse_validation
+from calibkit.certificate.run_files import AsFoundAsLeft, RunFiles
 from calibkit.certificate.sign import quiet
 from calibkit.errors import CalibkitError, CoefficientError, OutputError
 
@@ -290,7 +290,7 @@ def _rebuilt(
     records = {name: coefficients.loads(attached[name].decode("utf-8"), name) for name in names}
     run, validated = RunFiles(document, records, attached), None
     if content.VALIDATION in attached:
-        validated = parse_validation(attached[content.VALIDATION], content.VALIDATION, run)
+        validated = AsFoundAsLeft.parse(attached[content.VALIDATION], content.VALIDATION, run)
     text = attached.get(content.PROFILE, b"").decode("utf-8")
     stated = profile.parse(text, content.PROFILE)
     return content.build(run, layout_of, stated, text, validated, issued)

@@ -103,7 +103,7 @@ def _examine_chunks(
         if log.frame.empty:
             continue
         found += _examine_chunk(recipe, log, last)
-        parts.append(facts.describe_log(log))
+        parts.append(facts.Facts.describe(log))
         frames.append(_thin(log.frame, every))
         last = replace(log, frame=log.frame.iloc[-1:])
     if last is None:
@@ -113,7 +113,7 @@ def _examine_chunks(
         " rows"
     )
     thin = replace(last, frame=pd.concat(frames), rows=rows, notes=(*last.notes, note))
-    return ChunkedLog(thin, every, tuple(_merge_findings(found)), facts.merge_facts(parts))
+    return ChunkedLog(thin, every, tuple(_merge_findings(found)), facts.Facts.merge(parts))
 
 
 def _thin(frame: pd.DataFrame, every: int) -> pd.DataFrame:

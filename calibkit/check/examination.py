@@ -77,7 +77,7 @@ def examine_log(
         examined = procedure.examine(spec, log)
     except (FrameError, FitError) as error:
         examined = Examined((Finding.of(error),))
-    findings, whole = examined.findings, facts.describe_log(log)
+    findings, whole = examined.findings, facts.Facts.describe(log)
     if in_chunks:
         rest = (finding for finding in findings if finding.name not in chunked.FOUND_IN_CHUNKS)
         findings, whole = (*in_chunks[0].findings, *rest), in_chunks[0].facts
@@ -171,7 +171,7 @@ def _abscissa(log: Log) -> Array:
 
 def _draw_log(log: Log, held: Sequence[HeldCondition], findings: Sequence[Finding]) -> LogFigure:
     """Curves of every column over time or row, thinned to their envelope."""
-    along, described = _abscissa(log), facts.describe_log(log)
+    along, described = _abscissa(log), facts.Facts.describe(log)
     return LogFigure(
         log.file,
         "time [s]" if "time_s" in log.frame.columns else "row",

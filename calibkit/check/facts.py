@@ -4,6 +4,7 @@ temperature occupancy.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -55,29 +56,50 @@ class Facts:
     columns: tuple[_ColumnFacts, ...]
     occupancy: tuple[_Occupancy, ...]
 
+    @classmethod
+    def describe(cls, log: Log) -> Self:
+        """Facts of a log that was read."""
+        frame = log.frame
+        names = [name for name in frame.columns if name not in ("run", "time_s")]
+        columns = tuple(_describe_column(name, values(frame, name)) for name in names)
+        temperature = next((name for name in names if name.endswith("_degc")), "")
+        occupancy = _count_occupancy(values(frame, temperature)) if temperature else ()
+        if "time_s" not in frame.columns or len(frame) < 2:
+            return cls(len(frame), 0.0, 0.0, 0.0, 0, columns, occupancy)
+        time = values(frame, "time_s")
+        step = np.diff(time)
+        usual = float(np.median(step))
+        ordinary = step[np.abs(step) < GAP * abs(usual)] if usual else step
+        return cls(
+            len(frame),
+            duration_s=float(time[-1] - time[0]),
+            rate_hz=1.0 / usual if usual > 0.0 else 0.0,
+            irregularity=float(np.std(ordinary) / usual) if usual and ordinary.size else 0.0,
+            gaps=int(np.sum(step > GAP * usual)) if usual > 0.0 else 0,
+            columns=columns,
+            occupancy=occupancy,
+        )
 
-def describe_log(log: Log) -> Facts:
-    """Facts of a log that was read."""
-    frame = log.frame
-    names = [name for name in frame.columns if name not in ("run", "time_s")]
-    columns = tuple(_describe_column(name, values(frame, name)) for name in names)
-    temperature = next((name for name in names if name.endswith("_degc")), "")
-    occupancy = _count_occupancy(values(frame, temperature)) if temperature else ()
-    if "time_s" not in frame.columns or len(frame) < 2:
-        return Facts(len(frame), 0.0, 0.0, 0.0, 0, columns, occupancy)
-    time = values(frame, "time_s")
-    step = np.diff(time)
-    usual = float(np.median(step))
-    ordinary = step[np.abs(step) < GAP * abs(usual)] if usual else step
-    return Facts(
-        len(frame),
-        duration_s=float(time[-1] - time[0]),
-        rate_hz=1.0 / usual if usual > 0.0 else 0.0,
-        irregularity=float(np.std(ordinary) / usual) if usual and ordinary.size else 0.0,
-        gaps=int(np.sum(step > GAP * usual)) if usual > 0.0 else 0,
-        columns=columns,
-        occupancy=occupancy,
-    )
+    @classmethod
+    def merge(cls, parts: "Sequence[Facts]") -> Self:
+        """Facts of a log from those of its chunks, one after the other."""
+        rows = sum(part.rows for part in parts)
+        occupied: dict[tuple[float, float], float] = {}
+        for part in parts:
+            for place in part.occupancy:
+                ends = place.low, place.high
+                occupied[ends] = occupied.get(ends, 0.0) + place.share * part.rows
+        rates = [part.rate_hz for part in parts if part.rate_hz]
+        between = [1.0 / rate for rate in rates[:-1]]
+        return cls(
+            rows,
+            float(sum(part.duration_s for part in parts) + sum(between)),
+            float(np.median(rates)) if rates else 0.0,
+            max(part.irregularity for part in parts),
+            sum(part.gaps for part in parts),
+            tuple(map(_merge_column, zip(*(part.columns for part in parts), strict=True))),
+            tuple(_Occupancy(*ends, share / rows) for ends, share in sorted(occupied.items())),
+        )
 
 
 def _describe_column(name: str, data: Array) -> _ColumnFacts:
@@ -112,27 +134,6 @@ def _count_occupancy(temperature: Array) -> tuple[_Occupancy, ...]:
     return tuple(
         _Occupancy((first + k) * BIN_DEGC, (first + k + 1) * BIN_DEGC, float(part))
         for k, part in enumerate(share)
-    )
-
-
-def merge_facts(parts: Sequence[Facts]) -> Facts:
-    """Facts of a log from those of its chunks, one after the other."""
-    rows = sum(part.rows for part in parts)
-    occupied: dict[tuple[float, float], float] = {}
-    for part in parts:
-        for place in part.occupancy:
-            ends = place.low, place.high
-            occupied[ends] = occupied.get(ends, 0.0) + place.share * part.rows
-    rates = [part.rate_hz for part in parts if part.rate_hz]
-    between = [1.0 / rate for rate in rates[:-1]]
-    return Facts(
-        rows,
-        float(sum(part.duration_s for part in parts) + sum(between)),
-        float(np.median(rates)) if rates else 0.0,
-        max(part.irregularity for part in parts),
-        sum(part.gaps for part in parts),
-        tuple(map(_merge_column, zip(*(part.columns for part in parts), strict=True))),
-        tuple(_Occupancy(*ends, share / rows) for ends, share in sorted(occupied.items())),
     )
 
 

@@ -54,6 +54,22 @@ class LogReport:
         """Whether a fit refuses the log."""
         return any(finding.refused for finding in self.findings)
 
+    def lines(self) -> list[str]:
+        """Lines about one log: what it holds, then what was found, the worst first."""
+        more = len(self.held) - MOST_HELD
+        order = list(WORDS)
+        ranked = sorted(self.findings, key=lambda finding: order.index(finding.severity))
+        lines = [
+            *(_describe_facts(self.facts) if self.facts else ()),
+            *self.reading,
+            *self.notes,
+            *map(str, self.held[:MOST_HELD]),
+            *([f"… and {more} more {self.held[-1].kind}s"] if more > 0 else ()),
+            *(f"{WORDS[finding.severity]} {finding}" for finding in ranked),
+        ]
+        title = self.file if self.findings else f"{self.file}: ok"
+        return [title, *(f"  {line}" for line in lines)]
+
 
 def report_document(reports: Sequence[LogReport]) -> dict[str, Any]:
     """JSON document of a check: `ok` where a fit would go on, else the first thing that stops it,
@@ -88,23 +104,6 @@ def _finding_entry(finding: Finding) -> dict[str, Any]:
     entry = asdict(finding) | {"refused": finding.refused}
     del entry["column"]
     return entry
-
-
-def report_lines(report: LogReport) -> list[str]:
-    """Lines about one log: what it holds, then what was found, the worst first."""
-    more = len(report.held) - MOST_HELD
-    order = list(WORDS)
-    ranked = sorted(report.findings, key=lambda finding: order.index(finding.severity))
-    lines = [
-        *(_describe_facts(report.facts) if report.facts else ()),
-        *report.reading,
-        *report.notes,
-        *map(str, report.held[:MOST_HELD]),
-        *([f"… and {more} more {report.held[-1].kind}s"] if more > 0 else ()),
-        *(f"{WORDS[finding.severity]} {finding}" for finding in ranked),
-    ]
-    title = report.file if report.findings else f"{report.file}: ok"
-    return [title, *(f"  {line}" for line in lines)]
 
 
 def _describe_facts(facts: Facts) -> list[str]:

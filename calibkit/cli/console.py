@@ -194,11 +194,9 @@ def _announced(items: Sequence[str], what: str) -> Iterator[str]:
 
 def print_summary(summary: Summary) -> None:
     """Print a summary on stdout."""
-    from calibkit.report.summary import show
-
     if SETTINGS.log:
         log_line("summary", summary.text())
-    show(summary, _console())
+    summary.show(_console())
 
 
 def print_verdict(summary: Summary) -> None:

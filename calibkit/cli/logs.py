@@ -105,14 +105,14 @@ def check(
     """
     tune_memory()
     from calibkit import pipeline
-    from calibkit.check.report import report_document, report_lines
+    from calibkit.check.report import report_document
     from calibkit.recipe import find
 
     reports = pipeline.check(find(recipe, overrides), data, figure)
     if as_json:
         print_json(report_document(reports))
     else:
-        click.echo("\n".join(line for report in reports for line in report_lines(report)))
+        click.echo("\n".join(line for report in reports for line in report.lines()))
     return FrameError.exit_code if any(report.refused for report in reports) else 0
 
 

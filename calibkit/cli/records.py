@@ -187,10 +187,10 @@ def history(
     """
     from calibkit import instruments, new_files
     from calibkit.history import figure as drawing, timeline_tables as tables
-    from calibkit.history.timeline import read_timeline
+    from calibkit.history.timeline import Timeline
 
     _one_format(as_csv=as_csv, as_json=as_json)
-    found = read_timeline(serial, runs, instruments.model_forms, only)
+    found = Timeline.read(serial, runs, instruments.model_forms, only)
     if figure is not None:
         new_files.write_new(figure, drawing.render(found, figure.suffix))
     broken = None

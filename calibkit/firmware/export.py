@@ -98,7 +98,7 @@ def prepare(
         chain,
         quantised,
         bounds.find_bounds(chain, quantised),
-        vectors.make_vectors(chain, quantised),
+        vectors.Vectors.make(chain, quantised),
         sources,
     )
 

@@ -45,6 +45,16 @@ class Format:
         whole = digits if any(mark in digits for mark in ".e") else f"{digits}.0"
         return f"{whole}F" if self.bits == 24 else whole
 
+    @staticmethod
+    def find(name: str) -> "Format":
+        """Number format of that name, or UsageError."""
+        if name not in FORMATS:
+            raise UsageError(
+                f"--number {name}: no such number format",
+                hint=f"the formats are {', '.join(FORMATS)}",
+            )
+        return FORMATS[name]
+
 
 FORMATS = {
     "f32": Format("f32", "float", 24, fixed=False),
@@ -52,12 +62,3 @@ FORMATS = {
     "q31": Format("q31", "int32_t", 32, fixed=True),
     "q15": Format("q15", "int16_t", 16, fixed=True),
 }
-
-
-def find_format(name: str) -> Format:
-    """Number format of that name, or UsageError."""
-    if name not in FORMATS:
-        raise UsageError(
-            f"--number {name}: no such number format", hint=f"the formats are {', '.join(FORMATS)}"
-        )
-    return FORMATS[name]

@@ -72,7 +72,7 @@ def read_program(
             tuple(outputs),
             head["interval_s"],
         )
-        return Program(structure, formats.find_format(head["number"]), dict(tables), head["scales"])
+        return Program(structure, formats.Format.find(head["number"]), dict(tables), head["scales"])
     except (ValueError, KeyError, TypeError, IndexError) as error:
         raise CoefficientError(
             f"{name}: its steps cannot be read: {error}", hint="export it again"

@@ -27,17 +27,17 @@ class Vectors:
     outputs: Mapping[str, tuple[float, ...]]
     status: tuple[int, ...]
 
-
-def make_vectors(chain: Chain, program: Program) -> Vectors:
-    """Vectors that reach both ends of every range and the clamping beyond, and in which every
-    coefficient counts.
-    """
-    trials = chain.trials or Trials(_spread_inputs(chain), (1,) * COUNT)
-    words = {name: twin.encode(program, name, values) for name, values in trials.inputs.items()}
-    if program.format.fixed and chain.trials is None:  # the word that stands for no number
-        words[program.structure.inputs[0].name][-1] = program.format.no_number
-    columns = {name: tuple(column.tolist()) for name, column in words.items()}
-    return _recomputed(program, columns, trials.updates)
+    @staticmethod
+    def make(chain: Chain, program: Program) -> "Vectors":
+        """Vectors that reach both ends of every range and the clamping beyond, and in which every
+        coefficient counts.
+        """
+        trials = chain.trials or Trials(_spread_inputs(chain), (1,) * COUNT)
+        words = {name: twin.encode(program, name, values) for name, values in trials.inputs.items()}
+        if program.format.fixed and chain.trials is None:  # the word that stands for no number
+            words[program.structure.inputs[0].name][-1] = program.format.no_number
+        columns = {name: tuple(column.tolist()) for name, column in words.items()}
+        return _recomputed(program, columns, trials.updates)
 
 
 def _recomputed(

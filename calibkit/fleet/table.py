@@ -10,7 +10,7 @@ import numpy as np
 from calibkit.check import copies
 from calibkit.fleet.device import Failure, Outcome, Row
 from calibkit.fleet.keys import KeyFigure
-from calibkit.numeric.control import control
+from calibkit.numeric.control import Control
 from calibkit.report.control_charts import ControlChart
 
 _Identity = tuple[str, str, str]
@@ -148,7 +148,7 @@ def _chart(
         serials=tuple(having),
         values=values,
         standard_uncertainties=np.array([one.standard_uncertainty for one in having.values()]),
-        control=control(values),
+        control=Control.chart(values),
         acceptance=limits.pop() if len(limits) == 1 else math.nan,
         units=units,
     )

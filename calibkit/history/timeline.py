@@ -8,6 +8,7 @@ import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
@@ -104,47 +105,49 @@ class Timeline:
         """Whether every revision could be read and supersedes the one before."""
         return not self.refused and not self.breaks
 
+    @classmethod
+    def read(cls, serial: str, runs_folder: Path, forms_of: FormsOf, pattern: str = "") -> Self:
+        """Timeline of a serial under a folder of runs; UsageError where there is none, or no number
+        matches the pattern.
 
-def read_timeline(serial: str, runs_folder: Path, forms_of: FormsOf, pattern: str = "") -> Timeline:
-    """Timeline of a serial under a folder of runs; UsageError where there is none, or no number
-    matches the pattern.
-
-    Without a pattern the coefficients of models are followed; with one, every coefficient and
-    figure whose stage.model.name matches it.
-    """
-    numbers = store.revisions(runs_folder / store.check_serial(serial))
-    if not numbers:
-        raise UsageError(
-            f"serial '{serial}': no run under {runs_folder}", hint="give --runs, or fit it first"
+        Without a pattern the coefficients of models are followed; with one, every coefficient and
+        figure whose stage.model.name matches it.
+        """
+        numbers = store.revisions(runs_folder / store.check_serial(serial))
+        if not numbers:
+            raise UsageError(
+                f"serial '{serial}': no run under {runs_folder}",
+                hint="give --runs, or fit it first",
+            )
+        runs, refused = [], []
+        for number in numbers:
+            try:
+                runs.append(store.load_revision(runs_folder, serial, number))
+            except CoefficientError as error:
+                refused.append(_Refused(number, str(error)))
+        series = tuple(
+            entry
+            for entry in _series(runs, forms_of)
+            if (
+                fnmatch.fnmatchcase(entry.quantity.label, pattern)
+                if pattern
+                else bool(entry.quantity.form)
+            )
         )
-    runs, refused = [], []
-    for number in numbers:
-        try:
-            runs.append(store.load_revision(runs_folder, serial, number))
-        except CoefficientError as error:
-            refused.append(_Refused(number, str(error)))
-    series = tuple(
-        entry
-        for entry in _series(runs, forms_of)
-        if (
-            fnmatch.fnmatchcase(entry.quantity.label, pattern)
-            if pattern
-            else bool(entry.quantity.form)
+        if runs and not series and pattern:
+            raise UsageError(
+                f"--only {pattern}: no coefficient or figure of {serial} matches",
+                hint="try --only '*'",
+            )
+        return cls(
+            serial,
+            tuple(runs),
+            _dates_in_force(runs),
+            tuple(refused),
+            tuple(_chain_faults(runs, numbers)),
+            _flags(runs),
+            series,
         )
-    )
-    if runs and not series and pattern:
-        raise UsageError(
-            f"--only {pattern}: no coefficient or figure of {serial} matches", hint="try --only '*'"
-        )
-    return Timeline(
-        serial,
-        tuple(runs),
-        _dates_in_force(runs),
-        tuple(refused),
-        tuple(_chain_faults(runs, numbers)),
-        _flags(runs),
-        series,
-    )
 
 
 def _chain_faults(runs: Sequence[Run], numbers: Sequence[int]) -> Iterator[str]:

@@ -105,7 +105,7 @@ def _layout_of_format(path: Path, name: str) -> _Layout:
 
 def _layout_of_text(path: Path) -> _Layout:
     """Layout of a text log; clean CSV has format "csv" and no dialect to state."""
-    dialect = sniff.guess_dialect(path, path.name)
+    dialect = sniff.Dialect.guess(path, path.name)
     columns = tuple(
         column_names.LogColumn(column.name, column.unit, column.kind == "time", column.time_format)
         for column in dialect.columns

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -51,6 +52,17 @@ class Control:
         order = np.argsort(-np.abs(self.z), kind="stable")
         return tuple(int(k) for k in order if abs(self.z[k]) > self.limit)
 
+    @classmethod
+    def chart(cls, values: Array) -> Self:
+        """Centre line, limits and robust z of values [n] ≥ 1 of one quantity; outliers up to half
+        of them move neither.
+        """
+        centre = float(np.median(values))
+        sigma = mad_sigma(values - centre)
+        if sigma <= ROUNDING * float(np.max(np.abs(values))):
+            return cls(centre, 0.0, math.inf, np.zeros(len(values)))
+        return cls(centre, sigma, _limit(len(values)), (values - centre) / sigma)
+
 
 def _limit(count: int) -> float:
     """Robust z that no one of `count` normal values exceeds in 99 samples of 100; infinite for
@@ -62,14 +74,3 @@ def _limit(count: int) -> float:
         return math.inf
     counts, limits = zip(*LIMITS, strict=True)
     return float(np.interp(math.log(count), np.log(counts), limits))
-
-
-def control(values: Array) -> Control:
-    """Centre line, limits and robust z of values [n] ≥ 1 of one quantity; outliers up to half of
-    them move neither.
-    """
-    centre = float(np.median(values))
-    sigma = mad_sigma(values - centre)
-    if sigma <= ROUNDING * float(np.max(np.abs(values))):
-        return Control(centre, 0.0, math.inf, np.zeros(len(values)))
-    return Control(centre, sigma, _limit(len(values)), (values - centre) / sigma)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -109,39 +110,37 @@ class Intervals:
         """Number of the interval that a row falls in."""
         return int(self.number[np.searchsorted(self.first, row, side="right") - 1])
 
+    @classmethod
+    def find(cls, time: Array, length_s: float, step_s: float | None = None) -> Self:
+        """Intervals of a log from its time [n, s]; half a sample of jitter moves nothing.
 
-def find_intervals(time: Array, length_s: float, step_s: float | None = None) -> Intervals:
-    """Intervals of a log from its time [n, s]; half a sample of jitter moves nothing.
-
-    `step_s` is the log's sampling interval, where it is known already. Raises FitError when the log
-    is sampled more slowly than the interval, because coefficients are per interval.
-    """
-    step = steps(time).usual if step_s is None else step_s
-    if step > length_s * 1.01:
-        raise FitError(
-            f"sampled every {step:g} s, the model interval is {length_s:g} s",
-            hint=(
-                "the coefficients are per interval: use a log that is sampled at least that fast,"
-                " or fit with that interval"
-            ),
-        )
-    first: list[Integers] = []
-    number: list[Integers] = []
-    last = -1.0
-    for start, stop in chunks.ranges_along(time):
-        found = time[start:stop] - float(time[0])
-        found /= length_s
-        found += 0.5 * min(step / length_s, 1.0)
-        np.floor(found, out=found)
-        new = chunks.changed_rows(found, last)
-        first.append(new + start)
-        number.append(found[new].astype(np.int64))
-        last = float(found[-1])
-    begins = np.concatenate(first)
-    count = np.diff(np.append(begins, time.size))
-    return Intervals(
-        np.concatenate(number), begins, count, time.size, float(time[0]), length_s, step
-    )
+        `step_s` is the log's sampling interval, where it is known already. Raises FitError when the
+        log is sampled more slowly than the interval, because coefficients are per interval.
+        """
+        step = Steps.find(time).usual if step_s is None else step_s
+        if step > length_s * 1.01:
+            raise FitError(
+                f"sampled every {step:g} s, the model interval is {length_s:g} s",
+                hint=(
+                    "the coefficients are per interval: use a log that is sampled at least that"
+                    " fast, or fit with that interval"
+                ),
+            )
+        first: list[Integers] = []
+        number: list[Integers] = []
+        last = -1.0
+        for start, stop in chunks.ranges_along(time):
+            found = time[start:stop] - float(time[0])
+            found /= length_s
+            found += 0.5 * min(step / length_s, 1.0)
+            np.floor(found, out=found)
+            new = chunks.changed_rows(found, last)
+            first.append(new + start)
+            number.append(found[new].astype(np.int64))
+            last = float(found[-1])
+        begins = np.concatenate(first)
+        count = np.diff(np.append(begins, time.size))
+        return cls(np.concatenate(number), begins, count, time.size, float(time[0]), length_s, step)
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,29 +153,29 @@ class Steps:
     longest: float
     usual: float
 
-
-def steps(time: Array) -> Steps:
-    """Steps of a log's time [n, s], which must be finite."""
-    every = max(1, (time.size - 1) // order_statistics.SAMPLE)
-    ends, sample = [], []
-    for step in _steps(time):
-        if step.size:
-            ends.append((step.min(), step.max()))
-            # a copy: a slice would keep the whole part
-            sample.append(step[step.size % every // 2 :: every].copy())
-    if not ends:
-        return Steps(*(float("nan"),) * 3)
-    low, high = np.array(ends).T
-    bracket = (
-        order_statistics.quantile_bracket(np.concatenate(sample))
-        if time.size > order_statistics.COLLECTED
-        else None
-    )
-    return Steps(
-        float(low.min()),
-        float(high.max()),
-        order_statistics.median_of_chunks(lambda: _steps(time), time.size - 1, bracket),
-    )
+    @classmethod
+    def find(cls, time: Array) -> Self:
+        """Steps of a log's time [n, s], which must be finite."""
+        every = max(1, (time.size - 1) // order_statistics.SAMPLE)
+        ends, sample = [], []
+        for step in _steps(time):
+            if step.size:
+                ends.append((step.min(), step.max()))
+                # a copy: a slice would keep the whole part
+                sample.append(step[step.size % every // 2 :: every].copy())
+        if not ends:
+            return cls(*(float("nan"),) * 3)
+        low, high = np.array(ends).T
+        bracket = (
+            order_statistics.quantile_bracket(np.concatenate(sample))
+            if time.size > order_statistics.COLLECTED
+            else None
+        )
+        return cls(
+            float(low.min()),
+            float(high.max()),
+            order_statistics.median_of_chunks(lambda: _steps(time), time.size - 1, bracket),
+        )
 
 
 def _steps(time: Array) -> Iterator[Array]:

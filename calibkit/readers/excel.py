@@ -39,7 +39,7 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
         skip_lines=logs.text.skip_lines,
         header_lines=logs.text.header_lines,
     )
-    found = sniff.recognise_dialect(content, "utf-8", file, spec, logs.names)
+    found = sniff.Dialect.recognise(content, "utf-8", file, spec, logs.names)
     table = text.parse_text(
         content,
         sha256,

@@ -38,7 +38,7 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     spec = logs.text.model_copy(
         update={"skip_lines": line, "header_lines": 1, "delimiter": delimiter}
     )
-    found = sniff.recognise_dialect(content, encoding, file, spec, ())
+    found = sniff.Dialect.recognise(content, encoding, file, spec, ())
     scan = found.names[0]
     table = text.parse_text(
         content,

@@ -103,46 +103,46 @@ class Dialect:
         ]
         return tuple(texts)
 
+    @staticmethod
+    def guess(
+        path: Path, file: str, spec: TextSpec | None = None, names: Sequence[str] = ()
+    ) -> "Dialect":
+        """Guess the dialect of a text log from its first bytes; raises LogFormatError where there
+        is none that explains it.
+        """
+        with delimited.open_log(path, file) as stream:
+            data = stream.read(_HEAD_BYTES + 1)
+        if len(data) > _HEAD_BYTES:
+            # a whole number of lines, and of characters: no line end is part of another character
+            # in any encoding here
+            cut = data.rfind(b"\n", 0, _HEAD_BYTES) + 1
+            data = data[: cut + (cut % 2 if data[:2] == b"\xff\xfe" else 0)] if cut else data
+        spec = spec or TextSpec()
+        text, encoding = encodings.decode(data, file, spec.encoding)
+        return Dialect.recognise(text, encoding, file, spec, names)
 
-def guess_dialect(
-    path: Path, file: str, spec: TextSpec | None = None, names: Sequence[str] = ()
-) -> Dialect:
-    """Guess the dialect of a text log from its first bytes; raises LogFormatError where there is
-    none that explains it.
-    """
-    with delimited.open_log(path, file) as stream:
-        data = stream.read(_HEAD_BYTES + 1)
-    if len(data) > _HEAD_BYTES:
-        # a whole number of lines, and of characters: no line end is part of another character in
-        # any encoding here
-        cut = data.rfind(b"\n", 0, _HEAD_BYTES) + 1
-        data = data[: cut + (cut % 2 if data[:2] == b"\xff\xfe" else 0)] if cut else data
-    spec = spec or TextSpec()
-    text, encoding = encodings.decode(data, file, spec.encoding)
-    return recognise_dialect(text, encoding, file, spec, names)
-
-
-def recognise_dialect(
-    text: str, encoding: str, file: str, spec: TextSpec, names: Sequence[str] = ()
-) -> Dialect:
-    """Dialect of a decoded log: what the recipe pins is taken, the rest is guessed."""
-    lines = text.split("\n", _HEAD_LINES + _MOST_PREAMBLE)[: _HEAD_LINES + _MOST_PREAMBLE]
-    while lines and not lines[-1].strip():
-        lines.pop()
-    if spec.footer_lines:
-        lines = lines[: -spec.footer_lines] if len(lines) < _HEAD_LINES else lines
-    delimiters = _DELIMITERS if spec.delimiter == "auto" else (spec.delimiter,)
-    layouts = (_cut_at(lines, delimiter, spec, names) for delimiter in delimiters if lines)
-    best = max(filter(None, layouts), key=lambda layout: layout.score, default=None)
-    if best is None:
-        raise LogFormatError(
-            f"{file}: no rows of numbers found in the first {len(lines)} lines",
-            hint=(
-                "describe the log in [logs.text] of the recipe: delimiter, decimal, skip_lines,"
-                " header_lines"
-            ),
-        )
-    return _build_dialect(best, _guess_decimal(best, spec, file), encoding, file, spec, names)
+    @staticmethod
+    def recognise(
+        text: str, encoding: str, file: str, spec: TextSpec, names: Sequence[str] = ()
+    ) -> "Dialect":
+        """Dialect of a decoded log: what the recipe pins is taken, the rest is guessed."""
+        lines = text.split("\n", _HEAD_LINES + _MOST_PREAMBLE)[: _HEAD_LINES + _MOST_PREAMBLE]
+        while lines and not lines[-1].strip():
+            lines.pop()
+        if spec.footer_lines:
+            lines = lines[: -spec.footer_lines] if len(lines) < _HEAD_LINES else lines
+        delimiters = _DELIMITERS if spec.delimiter == "auto" else (spec.delimiter,)
+        layouts = (_cut_at(lines, delimiter, spec, names) for delimiter in delimiters if lines)
+        best = max(filter(None, layouts), key=lambda layout: layout.score, default=None)
+        if best is None:
+            raise LogFormatError(
+                f"{file}: no rows of numbers found in the first {len(lines)} lines",
+                hint=(
+                    "describe the log in [logs.text] of the recipe: delimiter, decimal, skip_lines,"
+                    " header_lines"
+                ),
+            )
+        return _build_dialect(best, _guess_decimal(best, spec, file), encoding, file, spec, names)
 
 
 @dataclass(frozen=True, slots=True)

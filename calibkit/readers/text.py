@@ -44,7 +44,7 @@ def parse(data: bytes, sha256: str, file: str, logs: Logs, needed: Collection[st
     be read.
     """
     text, encoding = encodings.decode(data, file, logs.text.encoding)
-    found = sniff.recognise_dialect(text, encoding, file, logs.text, logs.names)
+    found = sniff.Dialect.recognise(text, encoding, file, logs.text, logs.names)
     return parse_text(text, sha256, file, found, logs, needed)
 
 

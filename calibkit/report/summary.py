@@ -58,36 +58,35 @@ class Summary:
             legacy_windows=False,
             _environ={},
         )
-        show(self, console)
+        self.show(console)
         return "\n".join(line.rstrip() for line in buffer.getvalue().splitlines()) + "\n"
+
+    def show(self, console: Console) -> None:
+        """Print a summary on a console; the first column of a table is left-aligned."""
+        from rich import box
+        from rich.table import Table
+        from rich.text import Text
+
+        console.print(Text(self.title, style="bold"))
+        for table in self.tables:
+            shown = Table(
+                title=Text(table.title),
+                title_justify="left",
+                title_style="",
+                box=box.SIMPLE_HEAD,
+                pad_edge=False,
+            )
+            for at, head in enumerate(table.heads):
+                shown.add_column(Text(head), justify="right" if at else "left", overflow="fold")
+            for row in table.texts:
+                shown.add_row(*map(Text, row))
+            console.print(shown)
+        for flag in self.flags:
+            console.print(Text(f"! {flag}", style="yellow"))
+        judged = "green" if self.accepted else "bold red"
+        console.print(Text(self.verdict, style=judged if self.criteria else ""))
 
 
 def number(value: float, digits: int = 4) -> str:
     """A number in a few significant digits, without an exponent where one can do without."""
     return f"{value:.{digits}g}"
-
-
-def show(summary: Summary, console: Console) -> None:
-    """Print a summary on a console; the first column of a table is left-aligned."""
-    from rich import box
-    from rich.table import Table
-    from rich.text import Text
-
-    console.print(Text(summary.title, style="bold"))
-    for table in summary.tables:
-        shown = Table(
-            title=Text(table.title),
-            title_justify="left",
-            title_style="",
-            box=box.SIMPLE_HEAD,
-            pad_edge=False,
-        )
-        for at, head in enumerate(table.heads):
-            shown.add_column(Text(head), justify="right" if at else "left", overflow="fold")
-        for row in table.texts:
-            shown.add_row(*map(Text, row))
-        console.print(shown)
-    for flag in summary.flags:
-        console.print(Text(f"! {flag}", style="yellow"))
-    judged = "green" if summary.accepted else "bold red"
-    console.print(Text(summary.verdict, style=judged if summary.criteria else ""))

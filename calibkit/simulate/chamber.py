@@ -4,6 +4,7 @@ ends, and cycles.
 
 import math
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -31,6 +32,40 @@ class Programme:
         share = (time - t[after - 1]) / (t[after] - t[after - 1])
         set_degc: Array = (1.0 - share) * value[after - 1] + share * value[after]
         return time, set_degc
+
+    @classmethod
+    def ramp(
+        cls,
+        start_degc: float,
+        end_degc: float,
+        rate: float,
+        *,
+        soak_before_s: float,
+        soak_after_s: float,
+    ) -> Self:
+        """One ramp at an unsigned rate [°C/min] between two soaks."""
+        ramp_s = abs(end_degc - start_degc) / rate * SECONDS_PER_MINUTE
+        return cls(
+            (0.0, soak_before_s, soak_before_s + ramp_s, soak_before_s + ramp_s + soak_after_s),
+            (start_degc, start_degc, end_degc, end_degc),
+            float(np.copysign(rate, end_degc - start_degc)),
+        )
+
+    @classmethod
+    def staircase(
+        cls, start_degc: float, end_degc: float, *, step_degc: float = 1.0, dwell_s: float = 120.0
+    ) -> Self:
+        """Set points that go from one temperature to another in equal steps [°C], holding each for
+        a dwell [s].
+        """
+        steps = round(abs(end_degc - start_degc) / step_degc)
+        held = np.linspace(start_degc, end_degc, steps + 1)
+        edges = np.arange(steps + 2) * dwell_s
+        return cls(
+            tuple(np.column_stack((edges[:-1], edges[1:])).ravel().tolist()),
+            tuple(np.repeat(held, 2).tolist()),
+            float(np.copysign(step_degc / dwell_s * SECONDS_PER_MINUTE, end_degc - start_degc)),
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,34 +107,6 @@ class Chamber:
     def air_reading(self, air_degc: Array, rng: np.random.Generator) -> Array:
         """Read the air [n] [°C] as the chamber's own thermometer logs it [n] [°C]."""
         return reading(air_degc, self.resolution_degc, self.reading_noise_degc, rng)
-
-
-def ramp(
-    start_degc: float, end_degc: float, rate: float, *, soak_before_s: float, soak_after_s: float
-) -> Programme:
-    """One ramp at an unsigned rate [°C/min] between two soaks."""
-    ramp_s = abs(end_degc - start_degc) / rate * SECONDS_PER_MINUTE
-    return Programme(
-        (0.0, soak_before_s, soak_before_s + ramp_s, soak_before_s + ramp_s + soak_after_s),
-        (start_degc, start_degc, end_degc, end_degc),
-        float(np.copysign(rate, end_degc - start_degc)),
-    )
-
-
-def staircase(
-    start_degc: float, end_degc: float, *, step_degc: float = 1.0, dwell_s: float = 120.0
-) -> Programme:
-    """Set points that go from one temperature to another in equal steps [°C], holding each for a
-    dwell [s].
-    """
-    steps = round(abs(end_degc - start_degc) / step_degc)
-    held = np.linspace(start_degc, end_degc, steps + 1)
-    edges = np.arange(steps + 2) * dwell_s
-    return Programme(
-        tuple(np.column_stack((edges[:-1], edges[1:])).ravel().tolist()),
-        tuple(np.repeat(held, 2).tolist()),
-        float(np.copysign(step_degc / dwell_s * SECONDS_PER_MINUTE, end_degc - start_degc)),
-    )
 
 
 def _controlled(chamber: Chamber, set_degc: Array) -> Array:

@@ -1,6 +1,7 @@
 """Dwells under a correction → errors of inclination and toolface, and what a recipe accepts."""
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -79,22 +80,25 @@ class DwellErrors:
         share = after.residual_rms_g / rms_before if rms_before > 0.0 else 1.0
         return at_most("residual rms after/before", share, 1.0, "1")
 
-
-def compare_dwells(
-    dwells: DwellSet, spec: AccelerometerRecipe, correction: Correction | None = None
-) -> DwellErrors:
-    """Errors of dwells against reference attitudes, or against the length of gravity alone: of the
-    indication, or as a correction leaves it.
-    """
-    vector = dwells.indication
-    if correction is not None:
-        vector = correction(vector, dwells.temperature)
-    if spec.reference.kind == "magnitude":
-        return DwellErrors(np.linalg.norm(vector, axis=1)[:, None] - 1.0, None)
-    angles = _attitude_errors(
-        vector, dwells.inclination, dwells.toolface, inclination_range_deg=spec.toolface_range_deg
-    )
-    return DwellErrors(vector - dwells.reference, angles)
+    @classmethod
+    def compare(
+        cls, dwells: DwellSet, spec: AccelerometerRecipe, correction: Correction | None = None
+    ) -> Self:
+        """Errors of dwells against reference attitudes, or against the length of gravity alone: of
+        the indication, or as a correction leaves it.
+        """
+        vector = dwells.indication
+        if correction is not None:
+            vector = correction(vector, dwells.temperature)
+        if spec.reference.kind == "magnitude":
+            return cls(np.linalg.norm(vector, axis=1)[:, None] - 1.0, None)
+        angles = _attitude_errors(
+            vector,
+            dwells.inclination,
+            dwells.toolface,
+            inclination_range_deg=spec.toolface_range_deg,
+        )
+        return cls(vector - dwells.reference, angles)
 
 
 def propagate_uncertainty(

@@ -71,12 +71,12 @@ def _fit(
     )
     results = coefficient_files.list_results(fitted, dwells, spec.site.local_gravity(), uncertainty)
     stages, found = {result.stage for result in results}, {}
-    found["indication"] = errors.compare_dwells(dwells, spec)
+    found["indication"] = errors.DwellErrors.compare(dwells, spec)
     for compensation, name in CORRECTIONS.items():
         needed = set(coefficient_files.COMPENSATIONS[compensation])
         if needed <= stages and compensation in ("k", "affine", spec.compensation):
             correction = coefficient_files.find_correction(compensation, results)
-            found[name] = errors.compare_dwells(dwells, spec, correction)
+            found[name] = errors.DwellErrors.compare(dwells, spec, correction)
     after = found[CORRECTIONS[spec.compensation]]
     shown = [
         *tables.tabulate_fit(fitted),
@@ -140,8 +140,8 @@ def _validate(
     criteria: list[Criterion] = []
     for log in logs:
         dwells = triad_dwells.collect_dwells([log], spec)
-        before = errors.compare_dwells(dwells, spec)
-        after = errors.compare_dwells(dwells, spec, correction)
+        before = errors.DwellErrors.compare(dwells, spec)
+        after = errors.DwellErrors.compare(dwells, spec, correction)
         entries.append(
             {
                 "name": log.file,

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 
@@ -159,20 +159,22 @@ class LogFigures:
         """Before divided by after."""
         return self.before / self.after if self.after > 0.0 else float("inf")
 
-
-def summarize_log(name: str, blocks: Blocks, model: DriftModel) -> LogFigures:
-    """Figures of one log from its block means."""
-    group = compensation.blocks_per_figure(model.interval_s)
-    drift, indication = model.drift_along(blocks), blocks.indication
-    return LogFigures(
-        name,
-        compensation.drift_rms(indication, group),
-        compensation.drift_rms(drift.subtract(indication, "recursive"), group),
-        compensation.rate_gain(lambda shifted: drift.subtract(shifted, "recursive"), indication),
-        compensation.rate_gain(lambda shifted: drift.subtract(shifted, "one_step"), indication),
-        compensation.drift_rms(drift.subtract(indication, "one_step")[1:], group),
-        drift.flags(name),
-    )
+    @classmethod
+    def summarize(cls, name: str, blocks: Blocks, model: DriftModel) -> Self:
+        """Figures of one log from its block means."""
+        group = compensation.blocks_per_figure(model.interval_s)
+        drift, indication = model.drift_along(blocks), blocks.indication
+        return cls(
+            name,
+            compensation.drift_rms(indication, group),
+            compensation.drift_rms(drift.subtract(indication, "recursive"), group),
+            compensation.rate_gain(
+                lambda shifted: drift.subtract(shifted, "recursive"), indication
+            ),
+            compensation.rate_gain(lambda shifted: drift.subtract(shifted, "one_step"), indication),
+            compensation.drift_rms(drift.subtract(indication, "one_step")[1:], group),
+            drift.flags(name),
+        )
 
 
 def compensate_log(

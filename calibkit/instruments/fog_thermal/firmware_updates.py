@@ -64,9 +64,9 @@ def apply(
     time, case, env, gyro = (values(log.frame, column) for column in ramps.COLUMNS)
     slope = segments.causal_slope(time, env, spec.segments.slope_window_s)
     interval = spec.drift.interval_s
-    held = intervals.find_intervals(time, interval)
+    held = intervals.Intervals.find(time, interval)
     means = (held.means(column) for column in (time, case, env, gyro))
-    blocks = gradient.fill_blocks(held, means, slope)
+    blocks = gradient.Blocks.fill(held, means, slope)
     heard = {
         "temp_case_degc": blocks.case,
         "temp_env_degc": blocks.case - blocks.gradient,

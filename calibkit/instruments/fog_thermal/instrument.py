@@ -46,7 +46,7 @@ def _fit(
     levels = decision.choose_on_levels(logs, spec.drift)
     export = decision.decide(choices, levels, spec)
     model = export.model
-    compensated = [compensate.summarize_log(log.name, log.raw, model) for log in logs]
+    compensated = [compensate.LogFigures.summarize(log.name, log.raw, model) for log in logs]
     at_rest = bias.state_bias(model, logs, spec)
     exported = export.result(choices, levels, compensated, spec)
     results = (
@@ -186,7 +186,7 @@ def _validate(
     for log in logs:
         refuse(ramps.find_unusable(log))
         _, blocks = ramps.block_means(log, spec, rated=bool(model.polynomials))
-        found = compensate.summarize_log(log.name, blocks, model)
+        found = compensate.LogFigures.summarize(log.name, blocks, model)
         compensated.append(found)
         output, _ = compensate.compensate_log(log, model, spec)
         time, gyro = (values(log.frame, column) for column in ("time_s", "gyro_dph"))

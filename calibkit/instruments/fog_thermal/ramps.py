@@ -171,14 +171,14 @@ def _prepared(log: Log, recipe: FogThermalRecipe, found: Sequence[Finding]) -> P
     """A checked log, cut, denoised and averaged."""
     time, case, env, gyro = (values(log.frame, column) for column in COLUMNS)
     try:
-        held = intervals.find_intervals(time, recipe.drift.interval_s, log.steps.usual)
+        held = intervals.Intervals.find(time, recipe.drift.interval_s, log.steps.usual)
     except FitError as error:
         raise FitError(f"{log.file}: {error.message}", hint=error.hint) from None
     cuts, slope = _cut(log, recipe)
     chunks.release(time, env)
     smooth, noise, flags = _denoised(log, gyro, cuts, held, recipe)
     means = [held.means(column) for column in (time, case, env)]
-    raw = gradient.fill_blocks(held, [*means, held.means(gyro)], slope)
+    raw = gradient.Blocks.fill(held, [*means, held.means(gyro)], slope)
     # a soak belongs to the ramp before it, the first soak to the first ramp
     begins = [segment.start for segment in cuts if segment.kind == "ramp"][1:]
     return PreparedLog(
@@ -201,10 +201,10 @@ def block_means(
     where it is not asked for.
     """
     time, case, env, gyro = (values(log.frame, column) for column in COLUMNS)
-    held = intervals.find_intervals(time, recipe.drift.interval_s, log.steps.usual)
+    held = intervals.Intervals.find(time, recipe.drift.interval_s, log.steps.usual)
     slope = _cut(log, recipe)[1] if rated else np.broadcast_to(0.0, time.shape)
     means = (held.means(column) for column in (time, case, env, gyro))
-    return held, gradient.fill_blocks(held, means, slope)
+    return held, gradient.Blocks.fill(held, means, slope)
 
 
 def _coarse(case: Array, env: Array, recipe: FogThermalRecipe) -> list[str]:

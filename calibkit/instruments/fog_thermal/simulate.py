@@ -14,7 +14,6 @@ from calibkit.instruments.fog_thermal.simulate_gyro import (
     HOT_DEGC,
     FogGyro,
     Heat,
-    draw_gyro,
 )
 from calibkit.numeric.dispersion import rms
 from calibkit.simulate import noise
@@ -22,8 +21,6 @@ from calibkit.simulate.campaign import Campaign
 from calibkit.simulate.chamber import (
     Chamber,
     Programme,
-    ramp,
-    staircase,
 )
 
 TRUTH_EVERY = 60
@@ -96,7 +93,7 @@ def programmes(
     """
     ends = {"heating": (COLD_DEGC, HOT_DEGC), "cooling": (HOT_DEGC, COLD_DEGC)}
     ramps = {
-        f"{folder}ramp_{sense}_{rate:02g}.csv": ramp(
+        f"{folder}ramp_{sense}_{rate:02g}.csv": Programme.ramp(
             *between, rate, soak_before_s=soak_before_s, soak_after_s=soak_after_s
         )
         for folder, members in (("", rates), ("withheld/", withheld))
@@ -104,7 +101,7 @@ def programmes(
         for rate in members
     }
     return ramps | (
-        {f"steps_{sense}.csv": staircase(*between) for sense, between in ends.items()}
+        {f"steps_{sense}.csv": Programme.staircase(*between) for sense, between in ends.items()}
         if steps
         else {}
     )
@@ -150,7 +147,9 @@ def campaign(
     case_resolution_degc : of the case thermometer [°C].
 
     """
-    device = draw_gyro(seed).scale_drift(drift_scale=drift_scale, hysteresis_scale=hysteresis_scale)
+    device = FogGyro.draw(seed).scale_drift(
+        drift_scale=drift_scale, hysteresis_scale=hysteresis_scale
+    )
     device = replace(device, case_resolution_degc=case_resolution_degc)
     chamber, runs = Chamber(), programmes(rates, withheld, steps=steps)
     made = logs(device, runs, seed, chamber)

@@ -8,7 +8,7 @@ hysteresis of play operators: physics, of which every fitted model is an approxi
 
 import math
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import Self, TypeVar
 
 import numpy as np
 from numpy.polynomial import chebyshev, polynomial
@@ -151,6 +151,41 @@ class FogGyro:
             + self.hysteresis(coil)
         )
 
+    @classmethod
+    def draw(cls, seed: int) -> Self:
+        """Draw a gyro whose drift is 0.5 to 3 °/h peak to peak over a ramp of 1 to 10 °C/min from
+        −40 to 60 °C.
+        """
+        rng = np.random.default_rng(np.random.SeedSequence(seed))
+        static_pp = float(np.exp(rng.uniform(np.log(0.8), np.log(1.4))))
+        sign = rng.choice((-1.0, 1.0), 2)
+        inner_share = rng.uniform(0.35, 0.6)
+        return cls(
+            tau_case_s=rng.uniform(180.0, 480.0),
+            tau_outer_s=rng.uniform(90.0, 360.0),
+            tau_inner_s=rng.uniform(60.0, 300.0),
+            coil_share=rng.uniform(0.1, 0.3),
+            inner_share=inner_share,
+            self_heating_degc=rng.uniform(0.5, 4.0),
+            convection_per_degc=rng.uniform(0.0, 0.004),
+            conduction_per_degc=rng.uniform(0.0, 1e-3),
+            static_dph=_static_shape(static_pp, rng),
+            shupe_rate=sign[0] * static_pp * rng.uniform(0.05, 0.15),
+            shupe_gradient_rate=sign[1] * static_pp * rng.uniform(0.05, 0.15),
+            shupe_per_degc=rng.uniform(0.0, 2e-3),
+            hysteresis_dph=static_pp * rng.uniform(0.01, 0.04),
+            hysteresis_play_degc=(2.0, 5.0, 10.0, 20.0),
+            bias_dph=rng.normal(0.0, 0.5),
+            turn_on_dph=0.02,
+            input_rate_dph=EARTH_RATE_DPH * np.sin(np.radians(LATITUDE_DEG)),
+            N=0.01,
+            B=rng.uniform(0.002, 0.006),
+            K=rng.uniform(0.0, 0.002),
+            resolution_dph=float(rng.choice((0.01, 0.02, 0.05))),
+            case_noise_degc=0.02,
+            case_resolution_degc=CASE_RESOLUTION_DEGC,
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class Heat:
@@ -161,41 +196,6 @@ class Heat:
     inner: Array
     outer_rate: Array
     inner_rate: Array
-
-
-def draw_gyro(seed: int) -> FogGyro:
-    """Draw a gyro whose drift is 0.5 to 3 °/h peak to peak over a ramp of 1 to 10 °C/min from −40
-    to 60 °C.
-    """
-    rng = np.random.default_rng(np.random.SeedSequence(seed))
-    static_pp = float(np.exp(rng.uniform(np.log(0.8), np.log(1.4))))
-    sign = rng.choice((-1.0, 1.0), 2)
-    inner_share = rng.uniform(0.35, 0.6)
-    return FogGyro(
-        tau_case_s=rng.uniform(180.0, 480.0),
-        tau_outer_s=rng.uniform(90.0, 360.0),
-        tau_inner_s=rng.uniform(60.0, 300.0),
-        coil_share=rng.uniform(0.1, 0.3),
-        inner_share=inner_share,
-        self_heating_degc=rng.uniform(0.5, 4.0),
-        convection_per_degc=rng.uniform(0.0, 0.004),
-        conduction_per_degc=rng.uniform(0.0, 1e-3),
-        static_dph=_static_shape(static_pp, rng),
-        shupe_rate=sign[0] * static_pp * rng.uniform(0.05, 0.15),
-        shupe_gradient_rate=sign[1] * static_pp * rng.uniform(0.05, 0.15),
-        shupe_per_degc=rng.uniform(0.0, 2e-3),
-        hysteresis_dph=static_pp * rng.uniform(0.01, 0.04),
-        hysteresis_play_degc=(2.0, 5.0, 10.0, 20.0),
-        bias_dph=rng.normal(0.0, 0.5),
-        turn_on_dph=0.02,
-        input_rate_dph=EARTH_RATE_DPH * np.sin(np.radians(LATITUDE_DEG)),
-        N=0.01,
-        B=rng.uniform(0.002, 0.006),
-        K=rng.uniform(0.0, 0.002),
-        resolution_dph=float(rng.choice((0.01, 0.02, 0.05))),
-        case_noise_degc=0.02,
-        case_resolution_degc=CASE_RESOLUTION_DEGC,
-    )
 
 
 def _static_shape(peak_to_peak: float, rng: np.random.Generator) -> tuple[float, ...]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -66,56 +67,59 @@ class GyroReport:
     misalignment: tuple[Curve, ...] = ()
     """Components of the input axes across the axis that each senses most [mrad]."""
 
-
-def report_runs(gyros: Sequence[over_runs.GyroOverRuns]) -> GyroReport:
-    """Lines of rate-table runs, and K over temperature relative to its mean."""
-    return GyroReport(
-        tuple(_line_curve(run, one.gyro) for one in gyros for run in one.runs),
-        tuple(
-            _temperature_curve(one.gyro, one.runs, one.K_over_temperature, one.K[0])
-            for one in gyros
-            if one.K_over_temperature is not None
-        ),
-    )
-
-
-def report_pair(fitted: pair_fit.PairFit) -> GyroReport:
-    """Lines of a pair about own axes, and its angle."""
-    lines = tuple(_line_curve(run, gyro) for gyro, run in fitted.runs.items())
-    return GyroReport(lines, pair=fitted.found)
-
-
-def report_triad(fitted: triad_fit.AxesFit) -> GyroReport:
-    """Lines and K about the axis that each gyro senses most, angles, input axes."""
-    main = [(g, forms.AXES.index(fitted.main_axis(gyro))) for g, gyro in enumerate(fitted.gyros)]
-    lines, curves = [], []
-    for g, a in main:
-        gyro, runs = fitted.gyros[g], fitted.runs[forms.AXES[a]]
-        lines += [_line_curve(run, gyro) for run in runs]
-        if fitted.over is not None:
-            K = float(fitted.sets[fitted.reference].triad.sensitivity[g, a])
-            curves.append(_temperature_curve(gyro, runs, fitted.over.curves[g][a], K))
-
-    def orthogonality(g: int, h: int) -> Callable[[gyro_triad.Triad], tuple[float, float]]:
-        return lambda found: (90.0 - found.angles_deg[g, h], found.angle_uncertainty_deg[g, h])
-
-    def component(g: int, a: int) -> Callable[[gyro_triad.Triad], tuple[float, float]]:
-        return lambda found: (
-            MRAD * found.misalignment[g, a],
-            MRAD * found.misalignment_uncertainty[g, a],
+    @classmethod
+    def of_runs(cls, gyros: Sequence[over_runs.GyroOverRuns]) -> Self:
+        """Lines of rate-table runs, and K over temperature relative to its mean."""
+        return cls(
+            tuple(_line_curve(run, one.gyro) for one in gyros for run in one.runs),
+            tuple(
+                _temperature_curve(one.gyro, one.runs, one.K_over_temperature, one.K[0])
+                for one in gyros
+                if one.K_over_temperature is not None
+            ),
         )
 
-    gyros = fitted.gyros
-    angles = tuple(
-        _set_curve(f"{gyros[g]}, {gyros[h]}", fitted, orthogonality(g, h)) for g, h in fitted.pairs
-    )
-    across = tuple(
-        _set_curve(f"{gyros[g]} to {axis}", fitted, component(g, a))
-        for g, own in main
-        for a, axis in enumerate(forms.AXES)
-        if a != own
-    )
-    return GyroReport(tuple(lines), tuple(curves), angles=angles, misalignment=across)
+    @classmethod
+    def of_pair(cls, fitted: pair_fit.PairFit) -> Self:
+        """Lines of a pair about own axes, and its angle."""
+        lines = tuple(_line_curve(run, gyro) for gyro, run in fitted.runs.items())
+        return cls(lines, pair=fitted.found)
+
+    @classmethod
+    def of_triad(cls, fitted: triad_fit.AxesFit) -> Self:
+        """Lines and K about the axis that each gyro senses most, angles, input axes."""
+        main = [
+            (g, forms.AXES.index(fitted.main_axis(gyro))) for g, gyro in enumerate(fitted.gyros)
+        ]
+        lines, curves = [], []
+        for g, a in main:
+            gyro, runs = fitted.gyros[g], fitted.runs[forms.AXES[a]]
+            lines += [_line_curve(run, gyro) for run in runs]
+            if fitted.over is not None:
+                K = float(fitted.sets[fitted.reference].triad.sensitivity[g, a])
+                curves.append(_temperature_curve(gyro, runs, fitted.over.curves[g][a], K))
+
+        def orthogonality(g: int, h: int) -> Callable[[gyro_triad.Triad], tuple[float, float]]:
+            return lambda found: (90.0 - found.angles_deg[g, h], found.angle_uncertainty_deg[g, h])
+
+        def component(g: int, a: int) -> Callable[[gyro_triad.Triad], tuple[float, float]]:
+            return lambda found: (
+                MRAD * found.misalignment[g, a],
+                MRAD * found.misalignment_uncertainty[g, a],
+            )
+
+        gyros = fitted.gyros
+        angles = tuple(
+            _set_curve(f"{gyros[g]}, {gyros[h]}", fitted, orthogonality(g, h))
+            for g, h in fitted.pairs
+        )
+        across = tuple(
+            _set_curve(f"{gyros[g]} to {axis}", fitted, component(g, a))
+            for g, own in main
+            for a, axis in enumerate(forms.AXES)
+            if a != own
+        )
+        return cls(tuple(lines), tuple(curves), angles=angles, misalignment=across)
 
 
 def _line_curve(run: table_runs.TableRun, gyro: str) -> LineCurve:

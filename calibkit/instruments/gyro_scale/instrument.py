@@ -96,7 +96,7 @@ def _fit_rate_table(
         results,
         shown,
         acceptance.judge_runs(scales.figures, spec.acceptance),
-        curves.report_runs(gyros),
+        curves.GyroReport.of_runs(gyros),
     )
 
 
@@ -117,7 +117,7 @@ def _fit_pair(
     scales = results[0]
     shown = tables.summarize_pair(fitted, scales, spec.gyros)
     criteria = acceptance.judge_pair(fitted, scales.figures, spec.acceptance)
-    return _fitted(spec, runs, results, shown, criteria, curves.report_pair(fitted))
+    return _fitted(spec, runs, results, shown, criteria, curves.GyroReport.of_pair(fitted))
 
 
 def _fit_triad(
@@ -132,7 +132,7 @@ def _fit_triad(
     scales = results[0]
     shown = tables.summarize_triad(fitted, scales)
     criteria = acceptance.judge_triad(fitted, scales.figures, spec.acceptance)
-    return _fitted(spec, runs, results, shown, criteria, curves.report_triad(fitted))
+    return _fitted(spec, runs, results, shown, criteria, curves.GyroReport.of_triad(fitted))
 
 
 def _draw(title: str, fitted: Fitted[GyroReport]) -> Drawn:

@@ -58,7 +58,8 @@ def campaign(
         name: simulate_rate_table.tilted(tilt, about)
         for name, tilt, about in zip(AXES, tilts, rng.uniform(0.0, 360.0, 4), strict=True)
     }
-    drawn = {name: simulate_rate_table.draw(rng, noise_lsb=noise_lsb) for name in ("a", "b")}
+    gyro = simulate_rate_table.RateGyro
+    drawn = {name: gyro.draw(rng, noise_lsb=noise_lsb) for name in ("a", "b")}
     gyros = {name: _linear(gyro) for name, gyro in drawn.items()} if ideal else drawn
     rates = simulate_rate_table.both_ways() if rates_dps is None else tuple(rates_dps)
     stand = table or simulate_rate_table.Table(start_angle_deg=rng.uniform(0.0, 360.0))

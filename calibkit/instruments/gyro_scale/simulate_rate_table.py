@@ -4,6 +4,7 @@ quite linear.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from typing import Self
 
 import numpy as np
 
@@ -69,6 +70,28 @@ class RateGyro:
             rates, _response(self, (rates + vertical) * self.axis[2], temp_degc), 1
         )
         return float(slope), float(intercept)
+
+    @classmethod
+    def draw(
+        cls,
+        rng: np.random.Generator,
+        *,
+        axis: tuple[float, float, float] = (0.0, 0.0, 1.0),
+        noise_lsb: float = 3.0,
+    ) -> Self:
+        """Draw a closed-loop gyro of a few ppm nonlinearity."""
+        return cls(
+            K=10000.0 * (1.0 + rng.normal(0.0, 0.01)),
+            axis=axis,
+            K_per_degc=rng.normal(0.0, 1.0) * 10e-6,
+            ripple_dps=rng.uniform(0.5e-4, 2e-4),
+            ripple_period_dps=rng.uniform(25.0, 60.0),
+            asymmetry=rng.normal(0.0, 1.0) * 1e-6,
+            bias_dps=rng.normal(0.0, 1.0) / DPH_PER_DPS,
+            bias_dps_per_degc=rng.normal(0.0, 0.01) / DPH_PER_DPS,
+            noise_lsb=noise_lsb,
+            lag_s=rng.uniform(0.02, 0.1),
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,27 +224,6 @@ def both_ways(rates_dps: Sequence[float] = RATES_DPS) -> tuple[float, ...]:
     return (*rates_dps, *(-rate for rate in rates_dps))
 
 
-def draw(
-    rng: np.random.Generator,
-    *,
-    axis: tuple[float, float, float] = (0.0, 0.0, 1.0),
-    noise_lsb: float = 3.0,
-) -> RateGyro:
-    """Draw a closed-loop gyro of a few ppm nonlinearity."""
-    return RateGyro(
-        K=10000.0 * (1.0 + rng.normal(0.0, 0.01)),
-        axis=axis,
-        K_per_degc=rng.normal(0.0, 1.0) * 10e-6,
-        ripple_dps=rng.uniform(0.5e-4, 2e-4),
-        ripple_period_dps=rng.uniform(25.0, 60.0),
-        asymmetry=rng.normal(0.0, 1.0) * 1e-6,
-        bias_dps=rng.normal(0.0, 1.0) / DPH_PER_DPS,
-        bias_dps_per_degc=rng.normal(0.0, 0.01) / DPH_PER_DPS,
-        noise_lsb=noise_lsb,
-        lag_s=rng.uniform(0.02, 0.1),
-    )
-
-
 def tilted(degrees: float, direction_deg: float) -> tuple[float, float, float]:
     """Unit vector at an angle [°] to the table axis, in a direction [°] about it."""
     tilt, about = np.radians(degrees), np.radians(direction_deg)
@@ -250,7 +252,7 @@ def campaign(
 
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed))
-    gyro = draw(rng, axis=tilted(rng.uniform(0.0, 0.3), rng.uniform(0.0, 360.0)))
+    gyro = RateGyro.draw(rng, axis=tilted(rng.uniform(0.0, 0.3), rng.uniform(0.0, 360.0)))
     table = Table(interval_s=1.0, start_angle_deg=rng.uniform(0.0, 360.0))
     planned = {f"room_{k + 1}.csv": REFERENCE_DEGC for k in range(room_runs)}
     planned |= {f"at_{degc:.0f}.csv": degc for degc in temperatures_degc}

@@ -53,7 +53,7 @@ def campaign(
     tilts = np.tan(np.radians(LARGEST_MOUNTING_DEG)) * rng.uniform(-1.0, 1.0, (3, 3)) / np.sqrt(2.0)
     axes = _normalise(np.eye(3) + tilts * (1.0 - np.eye(3)))
     turns = np.radians(LARGEST_TURN_DEG) * rng.uniform(-1.0, 1.0, (3, 3))
-    gyros = [simulate_rate_table.draw(rng, noise_lsb=noise_lsb) for _ in GYROS]
+    gyros = [simulate_rate_table.RateGyro.draw(rng, noise_lsb=noise_lsb) for _ in GYROS]
     table = simulate_rate_table.Table(interval_s=1.0, start_angle_deg=rng.uniform(0.0, 360.0))
     rates = simulate_rate_table.both_ways(RATES_DPS) if rates_dps is None else tuple(rates_dps)
     logs: dict[str, dict[str, Array]] = {}

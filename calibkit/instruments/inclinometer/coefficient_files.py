@@ -6,7 +6,7 @@ import numpy as np
 
 from calibkit.coefficients import Condition, Figure, Record, StageResult
 from calibkit.errors import CoefficientError
-from calibkit.instruments.inclinometer.errors import angle_errors, rms
+from calibkit.instruments.inclinometer.errors import AngleErrors, rms
 from calibkit.instruments.inclinometer.forms import (
     FILE,
     ScaleFit,
@@ -61,7 +61,7 @@ def _figures(
             Figure(f"s_{axis}", float(prior.s[0]), "1", float(prior.standard_uncertainty[0])),
             Figure(f"roots_used_{axis}", float(scale.used.sum()), "1", 0.0),
         ]
-    refused, found = int(seen.refused.sum()), angle_errors(stations, seen)
+    refused, found = int(seen.refused.sum()), AngleErrors.compare(stations, seen)
     figures += [
         Figure("stations_used", float(seen.refused.size - refused), "1", 0.0),
         Figure("stations_refused", float(refused), "1", 0.0),

@@ -1,6 +1,7 @@
 """Angle errors of solved stations before and after, and the acceptance limits on them."""
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -67,18 +68,18 @@ class AngleErrors:
             made.append(at_most("azimuth worse than uncorrected, over its u", worst, limit, "1"))
         return tuple(made)
 
-
-def angle_errors(stations: Stations, seen: SolvedStations) -> AngleErrors:
-    """Errors of all stations."""
-    reference, combined = stations.reference, seen.combined
-    with np.errstate(invalid="ignore"):
-        return AngleErrors(
-            np.where(seen.refused, np.nan, combined.inclination_deg - reference[:, 0]),
-            wrapped(combined.toolface_deg - reference[:, 1]),
-            wrapped(combined.uncorrected_deg - reference[:, 2]),
-            wrapped(combined.azimuth_deg - reference[:, 2]),
-            combined.standard_uncertainty[:, 2],
-        )
+    @classmethod
+    def compare(cls, stations: Stations, seen: SolvedStations) -> Self:
+        """Errors of all stations."""
+        reference, combined = stations.reference, seen.combined
+        with np.errstate(invalid="ignore"):
+            return cls(
+                np.where(seen.refused, np.nan, combined.inclination_deg - reference[:, 0]),
+                wrapped(combined.toolface_deg - reference[:, 1]),
+                wrapped(combined.uncorrected_deg - reference[:, 2]),
+                wrapped(combined.azimuth_deg - reference[:, 2]),
+                combined.standard_uncertainty[:, 2],
+            )
 
 
 def rms(values: Array) -> float:

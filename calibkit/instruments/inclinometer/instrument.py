@@ -52,7 +52,7 @@ def _fit(
         )
     )
     admitted, found = inclinometer_stations.admit_logs(logs, spec)
-    rows = inclinometer_rows.gather_rows(admitted, spec.on_site())
+    rows = inclinometer_rows.Rows.gather(admitted, spec.on_site())
     stations = inclinometer_stations.solve_components(rows, spec)
     fits, seen = solve.fit_scale(stations, spec)
     notes = [f"{log.file}: {note}" for log in logs for note in log.notes]
@@ -74,7 +74,7 @@ def _seek(
 ) -> tuple[inclinometer_stations.Stations, solve.SolvedStations, tuple[str, ...]]:
     """Stations of one log with one row per position, solved with a run's s(T), and the flags."""
     models = coefficient_files.read_models(records, spec)
-    rows = inclinometer_rows.gather_rows([log], spec.on_site())
+    rows = inclinometer_rows.Rows.gather([log], spec.on_site())
     stations = inclinometer_stations.solve_components(
         rows, spec, {axis: model.noise for axis, model in models.items()}
     )
@@ -130,7 +130,7 @@ def _validate(
         file = log.file
         (admitted,), _ = inclinometer_stations.admit_logs([log], spec)
         stations, seen, found = _seek(spec, records, admitted)
-        angles = errors.angle_errors(stations, seen)
+        angles = errors.AngleErrors.compare(stations, seen)
         if not angles.known.any():
             raise FrameError(
                 f"{file}: no station has both a reference azimuth and a result",

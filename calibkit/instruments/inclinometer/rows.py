@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
+from typing import Self
 
 import numpy as np
 
@@ -38,42 +39,42 @@ class Rows:
     reference: Array
     """[r, 3] of inclination, toolface, azimuth [°]; NaN where a log has none."""
 
-
-def gather_rows(logs: Sequence[Log], spec: InclinometerRecipe) -> Rows:
-    """Rows of all logs, their stations counted from 0 in the order in which they appear."""
-    station, names, offset = [], [], 0
-    for log in logs:
-        unique, first, inverse = np.unique(
-            values(log.frame, "station"), return_index=True, return_inverse=True
-        )
-        rank = np.empty_like(first)
-        rank[np.argsort(first)] = np.arange(first.size)
-        station.append(rank[inverse] + offset)
-        offset += first.size
-        prefix = f"{log.name}:" if len(logs) > 1 else ""
-        names += [f"{prefix}{name:g}" for name in unique[np.argsort(first)]]
-    accel = {axis: _join_column(logs, f"accel_{axis}_g") for axis in spec.axes}
-    gyro = {axis: _join_column(logs, f"gyro_{axis}_dph") for axis in spec.axes}
-    return Rows(
-        np.concatenate(station),
-        tuple(names),
-        _join_column(logs, "position_deg"),
-        {
-            axis: gravity_positive(column, spec.reference.convention)
-            for axis, column in accel.items()
-        },
-        gyro,
-        {
-            axis: (
-                _resolution(accel[axis], f"accel_{axis}_g", spec),
-                _resolution(gyro[axis], f"gyro_{axis}_dph", spec),
+    @classmethod
+    def gather(cls, logs: Sequence[Log], spec: InclinometerRecipe) -> Self:
+        """Rows of all logs, their stations counted from 0 in the order in which they appear."""
+        station, names, offset = [], [], 0
+        for log in logs:
+            unique, first, inverse = np.unique(
+                values(log.frame, "station"), return_index=True, return_inverse=True
             )
-            for axis in spec.axes
-        },
-        _join_times(logs),
-        _join_column(logs, TEMPERATURE),
-        np.column_stack([_join_column(logs, column) for column in REFERENCE]),
-    )
+            rank = np.empty_like(first)
+            rank[np.argsort(first)] = np.arange(first.size)
+            station.append(rank[inverse] + offset)
+            offset += first.size
+            prefix = f"{log.name}:" if len(logs) > 1 else ""
+            names += [f"{prefix}{name:g}" for name in unique[np.argsort(first)]]
+        accel = {axis: _join_column(logs, f"accel_{axis}_g") for axis in spec.axes}
+        gyro = {axis: _join_column(logs, f"gyro_{axis}_dph") for axis in spec.axes}
+        return cls(
+            np.concatenate(station),
+            tuple(names),
+            _join_column(logs, "position_deg"),
+            {
+                axis: gravity_positive(column, spec.reference.convention)
+                for axis, column in accel.items()
+            },
+            gyro,
+            {
+                axis: (
+                    _resolution(accel[axis], f"accel_{axis}_g", spec),
+                    _resolution(gyro[axis], f"gyro_{axis}_dph", spec),
+                )
+                for axis in spec.axes
+            },
+            _join_times(logs),
+            _join_column(logs, TEMPERATURE),
+            np.column_stack([_join_column(logs, column) for column in REFERENCE]),
+        )
 
 
 def _join_column(logs: Sequence[Log], column: str) -> Array:

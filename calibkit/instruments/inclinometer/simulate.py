@@ -3,6 +3,7 @@ in time.
 """
 
 from dataclasses import asdict, dataclass
+from typing import Self
 
 import numpy as np
 
@@ -103,6 +104,19 @@ class Attitudes:
     toolface_deg: Array
     azimuth_deg: Array
 
+    @classmethod
+    def draw(
+        cls, count: int, inclination_deg: tuple[float, float], rng: np.random.Generator
+    ) -> Self:
+        """Attitudes of n stations: inclination even over a range [°], toolface and azimuth over the
+        circle.
+        """
+        return cls(
+            rng.uniform(*inclination_deg, count),
+            rng.uniform(-180.0, 180.0, count),
+            rng.uniform(0.0, 360.0, count),
+        )
+
 
 def draw(rng: np.random.Generator, *, gyro_noise_dph: float, ideal: bool) -> _SensorPair:
     """Draw a sensor pair; an ideal one has the scale factor, a constant bias and noise alone."""
@@ -188,19 +202,6 @@ def _readings(
     return accel + pair.accel_noise_g * noise[0], gyro + pair.gyro_noise_dph * noise[1]
 
 
-def random_attitudes(
-    count: int, inclination_deg: tuple[float, float], rng: np.random.Generator
-) -> Attitudes:
-    """Attitudes of n stations: inclination even over a range [°], toolface and azimuth over the
-    circle.
-    """
-    return Attitudes(
-        rng.uniform(*inclination_deg, count),
-        rng.uniform(-180.0, 180.0, count),
-        rng.uniform(0.0, 360.0, count),
-    )
-
-
 def campaign(
     seed: int,
     *,
@@ -233,7 +234,7 @@ def campaign(
     rng = np.random.default_rng(np.random.SeedSequence(seed))
     first, second = (draw(rng, gyro_noise_dph=gyro_noise_dph, ideal=ideal) for _ in range(2))
     tool = Tool((first, second), index_deg=0.0 if ideal else 0.01)
-    attitudes = random_attitudes(count, inclination_deg, rng)
+    attitudes = Attitudes.draw(count, inclination_deg, rng)
     temperature = np.round(np.linspace(*temperature_degc, count) + rng.normal(0.0, 1.0, count), 2)
     columns, scales = tool.stations(attitudes, latitude_deg, temperature, rng)
     truth: dict[str, object] = {
@@ -270,7 +271,7 @@ def _withheld(
     scale factors.
     """
     rng = np.random.default_rng(np.random.SeedSequence([seed, 1]))
-    attitudes = random_attitudes(count, inclination_deg, rng)
+    attitudes = Attitudes.draw(count, inclination_deg, rng)
     temperature = np.round(np.linspace(*temperature_degc, count) + rng.normal(0.0, 1.0, count), 2)
     columns, scales = tool.stations(attitudes, latitude_deg, temperature, rng)
     for name in REFERENCE:

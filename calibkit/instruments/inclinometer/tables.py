@@ -7,7 +7,6 @@ import numpy as np
 
 from calibkit.instruments.inclinometer.errors import (
     AngleErrors,
-    angle_errors,
     largest,
     rms,
 )
@@ -31,7 +30,7 @@ TITLE = "Stations before (s = 1) and after"
 
 def _tabulate_stations(stations: Stations, seen: SolvedStations, title: str) -> Table:
     """Azimuth before and after, station by station."""
-    combined, found = seen.combined, angle_errors(stations, seen)
+    combined, found = seen.combined, AngleErrors.compare(stations, seen)
     against = bool(found.known.any())
     heads = [
         "station",
@@ -131,7 +130,7 @@ def summarize(
     spec: InclinometerRecipe,
 ) -> Summary:
     """Summary of a fit, as the console shows it."""
-    found = angle_errors(stations, seen)
+    found = AngleErrors.compare(stations, seen)
     table, count = _tabulate_stations(stations, seen, TITLE), len(stations.names)
     if count > SHOWN:
         title = f"{TITLE} (the first {SHOWN} of {count}, all in report.txt)"
@@ -153,7 +152,7 @@ def collect_drawing(
     spec: InclinometerRecipe,
 ) -> SeekingReport:
     """What the figures show."""
-    found = angle_errors(stations, seen)
+    found = AngleErrors.compare(stations, seen)
     curves = tuple(_collect_curve(axis, scale, stations, seen) for axis, scale in fits.items())
     label = published.root_label(
         np.radians(seen.combined.inclination_deg),

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal, Self, get_args
 
 import numpy as np
 
@@ -31,14 +31,14 @@ class Continuation:
     left: float
     right: float
 
-
-def fit_continuation(signal: Array, extension: Extension, window: int) -> Continuation:
-    """Continuation of a signal [n]; "trend" fits its lines to at most `window` samples."""
-    if extension == "trend":
-        ends = _end_value(signal, window), _end_value(signal[::-1], window)
-    else:
-        ends = float(signal[0]), float(signal[-1])
-    return Continuation(extension, *ends)
+    @classmethod
+    def fit(cls, signal: Array, extension: Extension, window: int) -> Self:
+        """Continuation of a signal [n]; "trend" fits its lines to at most `window` samples."""
+        if extension == "trend":
+            ends = _end_value(signal, window), _end_value(signal[::-1], window)
+        else:
+            ends = float(signal[0]), float(signal[-1])
+        return cls(extension, *ends)
 
 
 def continue_signal(signal: Array, start: int, stop: int, beyond: Continuation) -> Array:

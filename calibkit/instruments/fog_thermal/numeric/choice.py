@@ -131,7 +131,7 @@ def choose(
     FitError : no log, or a ramp too short.
 
     """
-    stacked = pooled_fit.stack(logs)
+    stacked = pooled_fit.Stack.of_logs(logs)
     if len(stacked.ramps) < LEAST_RAMPS:
         reason = (
             f"{len(stacked.ramps)} ramps, expected at least {LEAST_RAMPS} to leave one out: no"
@@ -206,7 +206,7 @@ def _solutions_of(
     """
     prepared = level.basis(stacked)
     surveyed = (
-        lagged.survey(stacked, prepared.robust)
+        lagged.Survey.of_logs(stacked, prepared.robust)
         if any(c.form == "lagged" for c in candidates)
         else None
     )

@@ -9,7 +9,7 @@ Source: CN102095419A (Shen & Chen, 2010). Per ramp, with G = T_case − T_env at
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -70,6 +70,19 @@ class Blocks(NamedTuple):
             (float(self.case.min()), float(self.case.max())),
         )
 
+    @classmethod
+    def fill(cls, held: Intervals, means: Iterable[Array], slope: Array) -> Self:
+        """Block means of a log from the means [m] of its time, case, chamber and indication over
+        the model intervals that hold samples; the rate is the causal slope [n] at each block's last
+        sample.
+
+        Intervals with less than half of their samples, whose means would be noisier than the
+        others, are filled by straight lines between their neighbours.
+        """
+        time, *others = means
+        case, env, indication, rate = map(held.filled, (*others, held.last(slope)))
+        return cls(held.centres(time), case, case - env, indication, rate)
+
 
 @dataclass(frozen=True, slots=True)
 class RampFit:
@@ -124,18 +137,6 @@ class RatePolynomial:
             np.vander(np.clip(rate, *self.rates), self.order + 1, increasing=True) @ self.c.T,
             dtype=np.float64,
         )
-
-
-def fill_blocks(held: Intervals, means: Iterable[Array], slope: Array) -> Blocks:
-    """Block means of a log from the means [m] of its time, case, chamber and indication over the
-    model intervals that hold samples; the rate is the causal slope [n] at each block's last sample.
-
-    Intervals with less than half of their samples, whose means would be noisier than the others,
-    are filled by straight lines between their neighbours.
-    """
-    time, *others = means
-    case, env, indication, rate = map(held.filled, (*others, held.last(slope)))
-    return Blocks(held.centres(time), case, case - env, indication, rate)
 
 
 def fit_over_rates(ramps: Sequence[RampFit], order: int, side: str) -> RatePolynomial:

@@ -10,6 +10,7 @@ Pereyra 1973).
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -91,17 +92,19 @@ class Survey:
         problem = Problem(self, chosen, weights)
         return _solution(problem, _polished(problem, _projected(problem, rough.log_lags)), names)
 
-
-def survey(stacked: Stack, robust: Array) -> Survey:
-    """Survey of logs with robust weights [n] from another fit to them."""
-    along = coil.path([(log.time, log.case) for log in stacked.logs])
-    middle = float(np.sqrt(STARTS_S[2] * STARTS_S[3]))
-    scales = along.drivers(middle, middle).valid().scales()
-    every = np.arange(1, len(LAGGED_TERMS))
-    grid = np.log(np.stack(np.meshgrid(STARTS_S, STARTS_S, indexing="ij"), axis=-1).reshape(-1, 2))
-    designs = (along.drivers(*np.exp(lags)).scaled_design(scales)[:, every] for lags in grid)
-    found = np.stack([pooled_fit.moments(design, robust, stacked) for design in designs])
-    return Survey(stacked, along, scales, robust, grid, found)
+    @classmethod
+    def of_logs(cls, stacked: Stack, robust: Array) -> Self:
+        """Survey of logs with robust weights [n] from another fit to them."""
+        along = coil.path([(log.time, log.case) for log in stacked.logs])
+        middle = float(np.sqrt(STARTS_S[2] * STARTS_S[3]))
+        scales = along.drivers(middle, middle).valid().scales()
+        every = np.arange(1, len(LAGGED_TERMS))
+        grid = np.log(
+            np.stack(np.meshgrid(STARTS_S, STARTS_S, indexing="ij"), axis=-1).reshape(-1, 2)
+        )
+        designs = (along.drivers(*np.exp(lags)).scaled_design(scales)[:, every] for lags in grid)
+        found = np.stack([pooled_fit.moments(design, robust, stacked) for design in designs])
+        return cls(stacked, along, scales, robust, grid, found)
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ turn, and fitting lags, ask for again and again.
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 
@@ -91,44 +91,45 @@ class Stack:
     ramp_log: Integers
     ramp_names: tuple[str, ...]
 
-
-def stack(logs: Sequence[ThermalLog]) -> Stack:
-    """Put logs one after the other; raises FitError for no log, a value that is not finite, a ramp
-    of less than ten blocks.
-    """
-    if not logs:
-        raise FitError("no log to fit", hint="check the file names in [logs]")
-    for log in logs:
-        if not all(
-            np.isfinite(values).all() for values in (log.time, log.case, log.env, log.indication)
-        ):
-            raise FitError(
-                f"{log.name}: a value that is not finite reached the fit",
-                hint="exclude the rows that hold it",
-            )
-    ramps, owners, names, log_rows = [], [], [], []
-    row = 0
-    for number, log in enumerate(logs):
-        edges = [0, *(np.flatnonzero(np.diff(log.part)) + 1).tolist(), log.part.size]
-        for k, (start, stop) in enumerate(pairwise(edges), start=1):
-            if stop - start < 10:
+    @classmethod
+    def of_logs(cls, logs: Sequence[ThermalLog]) -> Self:
+        """Put logs one after the other; raises FitError for no log, a value that is not finite, a
+        ramp of less than ten blocks.
+        """
+        if not logs:
+            raise FitError("no log to fit", hint="check the file names in [logs]")
+        for log in logs:
+            if not all(
+                np.isfinite(values).all()
+                for values in (log.time, log.case, log.env, log.indication)
+            ):
                 raise FitError(
-                    f"{log.name}: a ramp of {stop - start} blocks",
-                    hint="shorten the model interval",
+                    f"{log.name}: a value that is not finite reached the fit",
+                    hint="exclude the rows that hold it",
                 )
-            ramps.append(slice(row + start, row + stop))
-            owners.append(number)
-            names.append(log.name if len(edges) == 2 else f"{log.name}:{k}")
-        log_rows.append(slice(row, row + log.part.size))
-        row += log.part.size
-    return Stack(
-        tuple(logs),
-        np.concatenate([log.indication for log in logs]),
-        tuple(log_rows),
-        tuple(ramps),
-        np.array(owners, dtype=np.int64),
-        tuple(names),
-    )
+        ramps, owners, names, log_rows = [], [], [], []
+        row = 0
+        for number, log in enumerate(logs):
+            edges = [0, *(np.flatnonzero(np.diff(log.part)) + 1).tolist(), log.part.size]
+            for k, (start, stop) in enumerate(pairwise(edges), start=1):
+                if stop - start < 10:
+                    raise FitError(
+                        f"{log.name}: a ramp of {stop - start} blocks",
+                        hint="shorten the model interval",
+                    )
+                ramps.append(slice(row + start, row + stop))
+                owners.append(number)
+                names.append(log.name if len(edges) == 2 else f"{log.name}:{k}")
+            log_rows.append(slice(row, row + log.part.size))
+            row += log.part.size
+        return cls(
+            tuple(logs),
+            np.concatenate([log.indication for log in logs]),
+            tuple(log_rows),
+            tuple(ramps),
+            np.array(owners, dtype=np.int64),
+            tuple(names),
+        )
 
 
 def moments(columns: Array, weights: Array, stacked: Stack) -> Array:
