@@ -185,8 +185,7 @@ def _report_spikes(log: Log, column: str, data: Array, found: Integers, unit: st
     """One finding for the spikes at the rows found, at the worst."""
     if not found.size:
         return []
-    around = chunks.take_rows(data, np.clip(found[:, None] + np.arange(-3, 4), 0, data.size - 1))
-    off = np.abs(around[:, 3] - np.median(around, axis=1))
+    off = anomalies.from_median(data, found)
     worst = int(found[np.argmax(off)])
     count = int(np.sum(np.diff(found, prepend=-2) > 1))
     before, after = data[max(worst - 1, 0)], data[min(worst + 1, data.size - 1)]

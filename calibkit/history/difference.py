@@ -21,10 +21,6 @@ from calibkit.store import Run
 Verdict = Literal["moved", "held", "equal", "no uncertainty", "not comparable", "appeared", "gone"]
 ABSENT = Coefficient("", math.nan, "", math.nan)
 """Stands for a number that a run does not have."""
-MEASURED = {"gyro-scale/1": {"temp_case": 0.1}}
-"""Form → parameters that say where its coefficients were measured, with the difference from
-which on it is noted [their unit].
-"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,7 +160,7 @@ def _obstacles(old: Model, new: Model, form: Form | None) -> tuple[str, ...]:
 
 def _measured(old: Model, new: Model, form: Form | None) -> tuple[str, ...]:
     """Where the two were measured, when that differs."""
-    matters = form.measured if form and form.measured else MEASURED.get(old.form, {})
+    matters = form.measured if form else {}
     return tuple(
         f"measured at {name} {a:.4g} and {b:.4g}: part of a difference may be that"
         for name, a, b in _parameters(old, new, matters)

@@ -121,10 +121,10 @@ def spikes(values: Array, *, least: float = 0.0) -> Integers:
     usual = HIGH_TO_SIGMA * order_statistics.quantile(_sampled_steps(values), HIGH) / np.sqrt(2.0)
     wide = _wide_steps(values, max(SPIKE / 2.0 * usual, floor / 2.0))
     suspect = max(SPIKE / 2.0 * usual, floor)
-    near = [rows[_from_median(values, rows) > suspect] for rows in _neighbours(wide, values)]
+    near = [rows[from_median(values, rows) > suspect] for rows in _neighbours(wide, values)]
     rows = np.unique(np.concatenate(near))
     limit = np.maximum(SPIKE * _local(values, rows), floor)
-    return np.asarray(rows[_from_median(values, rows) > limit], dtype=np.int64)
+    return np.asarray(rows[from_median(values, rows) > limit], dtype=np.int64)
 
 
 def _neighbours(wide: Integers, values: Array) -> Iterator[Integers]:
@@ -138,7 +138,7 @@ def _neighbours(wide: Integers, values: Array) -> Iterator[Integers]:
         chunks.release(values)
 
 
-def _from_median(values: Array, rows: Integers) -> Array:
+def from_median(values: Array, rows: Integers) -> Array:
     """How far rows [m] of a series [n] are from the medians of the seven rows around them."""
     around = chunks.take_rows(
         values, np.clip(rows[:, None] + np.arange(-WIDTH, WIDTH + 1), 0, values.size - 1)

@@ -36,10 +36,6 @@ class Triad:
     """
     misalignment_uncertainty: Array
     """[g, 3]."""
-    compensation: Array
-    """[3, g], takes indications without bias to rates about the table axes [°/s] (least squares for
-    g > 3).
-    """
     angles_deg: Array
     """Angles between the input axes [g, g] [°]."""
     angle_uncertainty_deg: Array
@@ -137,7 +133,6 @@ def _triad(sensitivity: Array, covariance: Array, *, flags: Sequence[str] = ()) 
         magnitude_uncertainty=u_size,
         misalignment=unit,
         misalignment_uncertainty=u_unit,
-        compensation=np.asarray(np.linalg.pinv(sensitivity, rcond=1e-6), dtype=np.float64),
         angles_deg=angles,
         angle_uncertainty_deg=uncertainty,
         flags=(*flags, *noted),
@@ -178,18 +173,4 @@ def over_temperature(
     count = len(triads[0].sensitivity)
     return TriadOverTemperature(
         tuple(tuple(curve(g, axis) for axis in range(3)) for g in range(count))
-    )
-
-
-def turned(indication: Array, offset: Array, interval_s: Array, angle_deg: float) -> Array:
-    """Sensitivity [g] about one axis from a turn through a known angle: ∫(indication − offset) dt
-    over the angle.
-
-    indication, offset : [n, g], the offset bias and acceleration sensitivity; interval_s : [n].
-    Ferraris, Grimaldi & Parvis 1995, equations 12 to 15; a column of the sensitivity matrix.
-    """
-    if angle_deg == 0.0:
-        raise FitError("a turn through 0° has no sensitivity")
-    return np.asarray(
-        ((indication - offset) * interval_s[:, None]).sum(axis=0) / angle_deg, dtype=np.float64
     )
