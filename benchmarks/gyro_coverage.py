@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.instruments.gyro_scale import simulate_pair as simulated, simulate_rate_table
+from calibkit.instruments.gyro_scale import forms, simulate_pair as simulated, simulate_rate_table
 from calibkit.instruments.gyro_scale.numeric import pair, plateau_means, scale_factor
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def normalized(seed: int, alpha_deg: float) -> dict[str, float]:
     values = (result.N, result.epsilon, result.gamma, result.alpha_deg)
     true_values = (truth["N"], truth["epsilon"], truth["gamma"], truth["alpha_deg"])
     for name, value, true, u in zip(
-        pair.ORDER, values, true_values, result.standard_uncertainty, strict=True
+        forms.PAIR_UNITS, values, true_values, result.standard_uncertainty, strict=True
     ):
         errors[name] = (value - true) / u
     return errors

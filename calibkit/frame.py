@@ -49,6 +49,8 @@ PATTERNS = (
 """Canonical columns that are named after their axis."""
 
 
+GAP = 2.5
+"""Sampling intervals, in medians, that are a gap."""
 COMPARED_ROWS = 1000
 """Rows of a log by which it is compared with others."""
 KEPT_ROWS, KEPT_DIGITS = 64, 12

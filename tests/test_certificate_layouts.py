@@ -3,6 +3,7 @@ coefficient files themselves.
 """
 
 import datetime as dt
+import importlib
 import json
 import math
 
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 
 from calibkit import instruments, pipeline, recipe, store
-from calibkit.certificate import content, pdf, profile, run_files, tables
+from calibkit.certificate import content, pdf, profile, results, run_files, tables
 from calibkit.errors import RecipeError
 from calibkit.instruments import silent
 from calibkit.instruments.accelerometer import forms
@@ -343,3 +344,19 @@ def test_excluded_logs_and_flags_are_on_the_certificate(run):
     found = certificate(changed)
     assert found.run.excluded == (("a.csv from 10 s to 20 s", "door opened", "op"),)
     assert found.run.flags == ("something odd",)
+
+
+def test_every_equation_that_a_layout_states_is_drawn():
+    """The page's layout has the equation of each form; one without would print none."""
+    drawn = (ROOT / "calibkit" / "certificate" / "certificate.typ").read_text(encoding="utf-8")
+    stated = {
+        one.form
+        for path in (ROOT / "calibkit" / "instruments").glob("*/*.py")
+        if "Equation(" in path.read_text(encoding="utf-8")
+        for one in vars(
+            importlib.import_module(f"calibkit.instruments.{path.parent.name}.{path.stem}")
+        ).values()
+        if isinstance(one, results.Equation)
+    }
+    assert len(stated) > 10
+    assert {form for form in stated if f'"{form}": $' not in drawn} == set()

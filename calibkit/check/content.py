@@ -8,15 +8,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from calibkit.arrays import Array, Integers
-from calibkit.frame import Finding, Log, Severity, values
+from calibkit.frame import GAP, Finding, Log, Severity, values
 from calibkit.numeric import chunks
 
 LARGEST_RATE_DPH = 1e7
 """Indication [°/h] beyond which a log is not a gyro's: some 2800 °/s."""
 COLDEST_DEGC, HOTTEST_DEGC = -100.0, 250.0
 """Temperatures that no chamber of this field leaves."""
-GAP = 2.5
-"""Sampling intervals, in medians, that are a gap."""
 
 
 def finding_at_row(

@@ -10,8 +10,7 @@ import numpy as np
 
 from calibkit import units
 from calibkit.arrays import Array
-from calibkit.check.content import GAP
-from calibkit.frame import Log, values
+from calibkit.frame import GAP, Log, values
 from calibkit.numeric import anomalies
 
 BIN_DEGC = 10.0

@@ -34,7 +34,7 @@ def render(export: Export) -> str:
         '#ifdef __cplusplus\nextern "C" {\n#endif\n',
         _identity(export),
         statuses(export),
-        _scales(export) if export.program.format.fixed else "",
+        _bits_defines(export) if export.program.format.fixed else "",
         structs(export),
         prototypes(export),
         "#ifdef __cplusplus\n}\n#endif\n",
@@ -72,7 +72,7 @@ def statuses(export: Export) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _scales(export: Export) -> str:
+def _bits_defines(export: Export) -> str:
     """Fixed point: how many fraction bits each quantity has."""
     scales, structure = export.program.scales, export.structure
     word = "INT32_MIN" if export.program.format.bits == 32 else "INT16_MIN"

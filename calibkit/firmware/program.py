@@ -1,4 +1,6 @@
-"""A chain in one number format: the same steps, with the numbers that the firmware holds."""
+"""A chain in one number format, floating or fixed point: the same steps, with the numbers that the
+firmware holds.
+"""
 
 import itertools
 from collections.abc import Mapping
@@ -65,7 +67,8 @@ def quantise(chain: Chain, number: Format) -> Program:
             name: tuple(map(number.nearest, numbers)) for name, numbers in chain.tables.items()
         }
         return Program(chain.structure, number, tables, {})
-    scales = _scales(chain, Program(chain.structure, number, {}, {}).word, number.bits)
+    word = Program(chain.structure, number, {}, {}).word
+    scales = _choose_fixed_point_scales(chain, word, number.bits)
     return Program(chain.structure, number, _fixed_tables(chain, scales), scales)
 
 
@@ -81,7 +84,7 @@ def _scale(reach: Fraction, word: int) -> int:
     return scale
 
 
-def _scales(chain: Chain, word: int, io: int) -> dict[str, int]:
+def _choose_fixed_point_scales(chain: Chain, word: int, io: int) -> dict[str, int]:
     """Scale of every value, partial product, table, reciprocal and output."""
     known = ranges.find_ranges(chain, usual=False)
     scales = {e.name: _scale(ranges.magnitude(known[e.name]), io) for e in chain.structure.inputs}

@@ -14,6 +14,7 @@ import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.errors import FitError
+from calibkit.frame import GAP
 from calibkit.numeric import anomalies, dispersion
 from calibkit.numeric.least_squares import hac
 
@@ -21,8 +22,6 @@ _MOST_POINTS = 20_000
 """Rows of logger A that enter the estimate: more would add only correlated noise."""
 _COARSE_POINTS = 4_000
 """Rows that enter the search over offsets."""
-_GAP = 2.5
-"""Sampling intervals, in medians, across which nothing is interpolated."""
 _SMOOTH = 10.0
 """Sampling intervals of logger B on each side over which its slope is evaluated."""
 _UNLIKE = 6.0
@@ -81,7 +80,7 @@ def resample(time_s: Array, value: Array, at_s: Array) -> Array:
     # a time that was logged needs no neighbour, though a gap may begin or end there
     logged = (time_s[after] == at_s) | (time_s[after - 1] == at_s)
     return np.where(
-        there & (logged | (step[after - 1] <= _GAP * usual)), np.interp(at_s, time_s, value), np.nan
+        there & (logged | (step[after - 1] <= GAP * usual)), np.interp(at_s, time_s, value), np.nan
     )
 
 

@@ -1,4 +1,4 @@
-/* Lengths of the corrected vectors of a triad, and their derivatives (calibkit/numeric/lengths.py), in one pass.
+/* Lengths of the corrected vectors of a triad, and their derivatives (calibkit/instruments/accelerometer/numeric/norms.py), in one pass.
  *
  * Every product, sum, quotient and root is the one that is done with arrays without this, each rounded by itself. The products
  * of matrices stay with BLAS, whose order of summation is its own.

@@ -1,6 +1,6 @@
 /* Lifting steps of the wavelet transform, a stretch of one level at a time.
  *
- * Every sum and product is the one that calibkit/numeric/lifting_level.py does with arrays, in the same order and each rounded by
+ * Every sum and product is the one that calibkit/numeric/wavelet/level.py does with arrays, in the same order and each rounded by
  * itself, so that the results are the same to the last bit. A block of pairs goes through all steps of a level while it lies
  * in the first-level cache.
  *
@@ -22,7 +22,7 @@
 #include "doubles.h"
 
 enum { PAIRS = 1024 };   /* of a block: two channels of them are 16 KiB */
-enum { WIDEST = 256 };   /* reach of the steps beyond a block; calibkit/numeric/lifting_compiled.py asks for no more */
+enum { WIDEST = 256 };   /* reach of the steps beyond a block; calibkit/numeric/wavelet/level.py asks for no more */
 enum { MOVES = 8 };      /* where in a plan the moves begin */
 enum { SOFT = 1, HARD = 2, GARROTE = 3, FIRM = 4 };
 

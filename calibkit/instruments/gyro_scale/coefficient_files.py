@@ -16,7 +16,6 @@ from calibkit.instruments.gyro_scale import (
 )
 from calibkit.instruments.gyro_scale.numeric import (
     gjb_figures,
-    pair as gyro_pair,
     response as rate_response,
     scale_factor,
 )
@@ -216,7 +215,10 @@ def _pair_model(fitted: pair_fit.PairFit) -> Model:
     found = fitted.found
     return forms.PAIR.write(
         "pair",
-        list(zip(gyro_pair.ORDER, found.values, ("1", "1", "1", "deg"), strict=True)),
+        [
+            (name, value, unit)
+            for (name, unit), value in zip(forms.PAIR_UNITS.items(), found.values, strict=True)
+        ],
         found.covariance,
         dof=min(run.scale(gyro).dof for run in fitted.runs.values() for gyro in fitted.runs),
         residual_rms=fitted.runs["b"].scale("b").residual_rms,

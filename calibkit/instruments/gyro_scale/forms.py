@@ -108,6 +108,8 @@ open-loop gyro.
 """
 PAIR = Form("gyro-orthogonality/1", _pair_gradient)
 """N, ε, γ and α [n, 4] of two gyros: its coefficients are its results."""
+PAIR_UNITS = {"N": "1", "epsilon": "1", "gamma": "1", "alpha_deg": "deg"}
+"""Coefficient of a pair → unit, in the order of their covariance."""
 TRIAD = Form("gyro-triad/1", _triad_gradient)
 """Indications [n, g, 1/s] over the rates about three axes: F = S Ω + B."""
 FORMS = (LINE, POLYNOMIAL, RESPONSE, PAIR, TRIAD)

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
+from calibkit.numeric.least_squares.polynomial import HIGHEST_ORDER
 from calibkit.recipe.tables import NonNegative, Positive, Recipe, Site, Table
 
 Degrees = Annotated[float, Field(gt=0.0, le=90.0)]
@@ -73,7 +74,7 @@ class _DepartureSpec(Table):
 class _ScaleSpec(Table):
     """s(T): order of the polynomial over temperature, and the values that a gyro can have."""
 
-    order: Annotated[int, Field(ge=0, le=3)] | Literal["auto"] = "auto"
+    order: Annotated[int, Field(ge=0, le=HIGHEST_ORDER)] | Literal["auto"] = "auto"
     smallest: Positive = 0.8
     largest: Positive = 1.25
 

@@ -14,6 +14,9 @@ from calibkit.numeric import chunks, gum
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares import fit as least_squares, leave_out
 
+HIGHEST_ORDER = 3
+"""Of the polynomials over temperature that are compared."""
+
 
 @dataclass(frozen=True, slots=True)
 class TemperaturePolynomial:

@@ -14,8 +14,6 @@ from calibkit.instruments.gyro_scale.numeric.scale_factor import RunScales
 
 Side = Literal["same", "opposite"]
 
-ORDER = ("N", "epsilon", "gamma", "alpha_deg")
-"""Of the covariance's rows and columns."""
 NEAR_ONE = 10.0
 """Standard uncertainties of γ from |γ| = 1 within which first-order propagation to α fails."""
 ONE_SIDED = 3.0

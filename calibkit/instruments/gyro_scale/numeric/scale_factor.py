@@ -19,8 +19,6 @@ from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
 
 TERMS = ("K", "F0")
 """Scale factor [1/s/(°/s)] and zero intercept [1/s]."""
-HIGHEST_ORDER = 3
-"""Of the polynomials of temperature that are compared."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,7 +218,7 @@ def over_temperature(
     """
     # all runs at a temperature are left out together
     level = np.round(temp_degc)
-    highest = min(HIGHEST_ORDER, np.unique(level).size - 2)
+    highest = min(polynomial.HIGHEST_ORDER, np.unique(level).size - 2)
     chosen = order
     if chosen is None:
         chosen = polynomial.choose_order(temp_degc, K, highest, groups=level)

@@ -29,8 +29,6 @@ GAIN = 4.0
 """Mean squares by which a higher order must lower the sum of squares: a coefficient of two standard
 uncertainties.
 """
-HIGHEST_ORDER = 3
-"""Of the polynomials s(T) that are compared."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -292,7 +290,7 @@ def _choose_order(s: Array, u: Array, temperature: Array) -> int:
     return polynomial.choose_order(
         temperature,
         s,
-        min(HIGHEST_ORDER, np.unique(np.round(temperature)).size - 1, s.size - 2),
+        min(polynomial.HIGHEST_ORDER, np.unique(np.round(temperature)).size - 1, s.size - 2),
         margin=float(np.sqrt(max(1.0 - GAIN / s.size, 0.0))),
         weights=1.0 / (u**2 + _excess_scatter(s, u, np.ones((s.size, 1))) ** 2),
     )
