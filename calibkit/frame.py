@@ -84,7 +84,7 @@ class Log:
     """Plugins that read it."""
     excluded_rows: int = 0
     """Rows that the recipe's exclusions took."""
-    room: Callable[[int], Array] = np.empty
+    allocate: Callable[[int], Array] = np.empty
     """Makes arrays along the rows where the log lies: in memory, or on disk."""
     _known: dict[str, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
     """What was asked of the columns before, by many checks; a log that replaces this one begins
@@ -113,7 +113,7 @@ class Log:
         """Whether the columns of the frame are on disk: what is computed along them goes span by
         span.
         """
-        return self.room is not np.empty
+        return self.allocate is not np.empty
 
     def _file_and_line(self, row: int) -> tuple[str, int]:
         """File and line that a row of the frame came from: of a split log, those of a part."""

@@ -211,8 +211,8 @@ def test_mapped_arrays_let_go_of_their_pages_and_keep_their_values():
     assert occupancy.spikes(column, held).size == 0
     noisy = logs_on_disk._allocate_column(40_000)
     noisy[:] = RNG.normal(0.0, 1.0, 40_000)
-    kept = denoise.denoise(noisy, room=logs_on_disk._allocate_column)
+    kept = denoise.denoise(noisy, allocate=logs_on_disk._allocate_column)
     assert np.array_equal(kept.signal, denoise.denoise(np.array(noisy)).signal)
     time = np.arange(300_000.0)
-    slope = segments.causal_slope(time, column, 60.0, room=logs_on_disk._allocate_column)
+    slope = segments.causal_slope(time, column, 60.0, allocate=logs_on_disk._allocate_column)
     assert np.array_equal(slope, segments.causal_slope(time, np.array(column), 60.0))

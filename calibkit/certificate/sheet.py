@@ -63,7 +63,7 @@ def _in_words(rows: Iterable[tuple[Words, str]], lang: Lang) -> Rows:
     return [[label.of(lang), text] for label, text in rows]
 
 
-def _given(*rows: tuple[Words, str]) -> list[tuple[Words, str]]:
+def _list_given(*rows: tuple[Words, str]) -> list[tuple[Words, str]]:
     """The rows that have a text."""
     return [(label, text) for label, text in rows if text.strip()]
 
@@ -80,9 +80,9 @@ def _party(party: Party, lang: Lang) -> Rows:
         [
             (label, party.name),
             (Words("Address", "地址"), party.address),
-            *_given((Words("Country", "国家"), party.country)),
+            *_list_given((Words("Country", "国家"), party.country)),
             *place,
-            *_given(
+            *_list_given(
                 (Words("E-mail", "电子邮件"), party.email),
                 (Words("Telephone", "电话"), party.phone),
             ),
@@ -101,9 +101,9 @@ def _item(certificate: Certificate, lang: Lang) -> Rows:
             (Words("Maker", "制造商"), item.maker),
             (Words("Model", "型号"), item.model),
             (Words("Serial number", "编号"), certificate.run.serial),
-            *_given((Words("Identification", "标识"), item.identification)),
+            *_list_given((Words("Identification", "标识"), item.identification)),
             (Words("Condition", "状态"), item.condition),
-            *_given((Words("Received", "接收日期"), str(dates.received or ""))),
+            *_list_given((Words("Received", "接收日期"), str(dates.received or ""))),
             (Words("Calibrated", "校准日期"), f"{dates.performed or ''}{until}"),
             (Words("Issued", "签发日期"), str(certificate.issued)),
         ],
@@ -137,7 +137,7 @@ def _conditions(certificate: Certificate, lang: Lang) -> Rows:
     """Conditions that the profile states, and those that the coefficient files hold."""
     stated = certificate.profile.conditions
     rows = [(words, getattr(stated, key)) for key, words in CONDITIONS]
-    rows += _given(*((Words(""), text) for text in stated.others))
+    rows += _list_given(*((Words(""), text) for text in stated.others))
     for condition in certificate.run.conditions:
         label = Words("In the computation: ", "计算中采用：") + Words(
             condition.name.replace("_", " ")

@@ -161,7 +161,7 @@ def _bag(embedded: Any) -> Iterator[str]:  # noqa: ANN401 (a class of an optiona
     """
     from cryptography import x509
 
-    listed = _named(embedded)
+    listed = _list_named(embedded)
     every = [
         x509.load_der_x509_certificate(one.dump())
         for one in (embedded.signer_cert, *embedded.other_embedded_certs)
@@ -174,7 +174,7 @@ def _bag(embedded: Any) -> Iterator[str]:  # noqa: ANN401 (a class of an optiona
             yield "a certificate beside the signer's is not one that was signed with"
 
 
-def _named(embedded: Any) -> set[bytes]:  # noqa: ANN401 (a class of an optional library)
+def _list_named(embedded: Any) -> set[bytes]:  # noqa: ANN401 (a class of an optional library)
     """Digests (SHA-256) of the certificates that the signed attributes name."""
     from pyhanko.sign.general import find_unique_cms_attribute
 

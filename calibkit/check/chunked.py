@@ -81,7 +81,7 @@ def examine_on_disk(recipe: Recipe, log: Log) -> ChunkedLog:
 
     def parts() -> Iterator[Log]:
         for start in range(0, len(log.frame), rows):
-            yield replace(log, frame=log.frame.iloc[start : start + rows], room=np.empty)
+            yield replace(log, frame=log.frame.iloc[start : start + rows], allocate=np.empty)
             release(*(values(log.frame, str(name)) for name in log.frame.columns))
 
     found = _examine_chunks(recipe, parts(), log.rows, every)

@@ -25,7 +25,7 @@ def verify_header(name: str, content: bytes) -> str:
     text = c_text.unseal(content, name)
     if LOADER in text[:200]:
         return "C header of a loader of blobs"
-    return f"C header of {_found(DEVICE, text, name)}{_mark(text)}"
+    return f"C header of {_search(DEVICE, text, name)}{_mark(text)}"
 
 
 def verify_source(name: str, content: bytes) -> str:
@@ -39,14 +39,14 @@ def verify_source(name: str, content: bytes) -> str:
     vectors.require_recomputed(program, stated, name, of="coefficients")
     count, number = len(stated.status), program.format.name
     return (
-        f"C source of {_found(DEVICE, text, name)}, {number}, {count} vectors"
+        f"C source of {_search(DEVICE, text, name)}, {number}, {count} vectors"
         f" recomputed{_mark(text)}"
     )
 
 
 def _read(text: str, name: str) -> tuple[Program, vectors.Vectors]:
     """Program and vectors of a source's text, every number as the compiler reads it."""
-    prefix, lines = _found(INCLUDE, text, name), LINE.findall(text)
+    prefix, lines = _search(INCLUDE, text, name), LINE.findall(text)
     bare = layout.read_program(lines, {}, name)
     maps = {step.table for step in bare.structure.maps}
     tables = {}
@@ -89,7 +89,7 @@ def _columns(names: list[str], flat: tuple[float, ...]) -> dict[str, tuple[float
     return {name: flat[k :: len(names)] for k, name in enumerate(names)}
 
 
-def _found(pattern: re.Pattern[str], text: str, name: str) -> str:
+def _search(pattern: re.Pattern[str], text: str, name: str) -> str:
     """First group of a pattern, or CoefficientError."""
     found = pattern.search(text)
     if found is None:

@@ -88,7 +88,7 @@ def read_to_disk(
         ),
         notes=(*notes, *mapping.note_exclusions(recipe.exclude, taken, file)),
         excluded_rows=sum(taken.values()),
-        room=_allocate_column,
+        allocate=_allocate_column,
     )
 
 
@@ -113,7 +113,7 @@ def scan_large_log(recipe: Recipe, path: Path, file: str, largest: float) -> cle
 
 
 def _allocate_column(rows: int) -> Array:
-    """Allocate an array [rows], not initialised, in a file of the system's folder for temporary
+    """Room an array [rows], not initialised, in a file of the system's folder for temporary
     files (TMPDIR).
 
     The file is gone when the array is, and when the process ends, however it ends. Raises

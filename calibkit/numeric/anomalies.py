@@ -275,14 +275,14 @@ def frozen(values: Array, least: float, runs: Integers) -> Integers:
     return np.asarray(runs[leaps], dtype=np.int64)
 
 
-def remove_spikes(values: Array, *, room: Callable[[int], Array] = np.empty) -> Array:
+def remove_spikes(values: Array, *, allocate: Callable[[int], Array] = np.empty) -> Array:
     """The series [n] with its spikes replaced by the median of their seven neighbours, in an array
-    that `room` allocates.
+    that `allocate` makes.
     """
     rows = spikes(values)
     if not rows.size:
         return values
-    clean = room(values.size)
+    clean = allocate(values.size)
     for a, b in chunks.ranges_along(values, clean):
         clean[a:b] = values[a:b]
     around = np.clip(rows[:, None] + np.arange(-WIDTH, WIDTH + 1), 0, values.size - 1)

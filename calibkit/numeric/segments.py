@@ -12,7 +12,7 @@ from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.native import kernels
 from calibkit.numeric import chunks, order_statistics
 
-Room = Callable[[int], Array]
+Allocate = Callable[[int], Array]
 """Allocates an array for so many values."""
 
 COARSE_DEGC_MIN = 0.3
@@ -44,16 +44,16 @@ class Segment:
 
 
 def causal_slope(
-    time: Array, temperature: Array, window_s: float, *, room: Room = np.empty
+    time: Array, temperature: Array, window_s: float, *, allocate: Allocate = np.empty
 ) -> Array:
     """Slope [°C/min] of temperature [n, °C] over time [n, s] by least squares over the window that
     ends at each sample.
 
     Only samples at or before an instant enter its slope; where less than half a window has passed,
     the slope is 0. A window of tens of seconds keeps the steps of a quantised thermometer out of
-    the rate. `room` allocates the result.
+    the rate. `allocate` makes the result.
     """
-    slope = room(time.size)
+    slope = allocate(time.size)
     row = 0
     for start, stop in chunks.ranges_along(time, temperature, slope):
         # windows end in this chunk and begin in it or before it
@@ -136,7 +136,7 @@ def coarse(temperature: Array, window_s: float) -> bool:
 
 
 def measured_slope(
-    time: Array, temperature: Array, window_s: float, *, room: Room = np.empty
+    time: Array, temperature: Array, window_s: float, *, allocate: Allocate = np.empty
 ) -> Array:
     """Slope [n, °C/min] of a thermometer's readings [n, °C]: `causal_slope`, over longer windows
     where the steps are coarse.
@@ -147,12 +147,12 @@ def measured_slope(
     Only samples at or before an instant enter.
     """
     if not coarse(temperature, window_s):
-        return causal_slope(time, temperature, window_s, room=room)
+        return causal_slope(time, temperature, window_s, allocate=allocate)
     step = quantum(temperature)
     windows = [window_s]
     while 2.0 * windows[-1] <= step * SECONDS_PER_MINUTE / FINEST_DEGC_MIN * (1.0 + 1e-9):
         windows.append(2.0 * windows[-1])
-    slope = room(time.size)
+    slope = allocate(time.size)
     row, changed = 0, float(time[0])
     for start, stop in chunks.ranges_along(time, temperature, slope):
         row += int(

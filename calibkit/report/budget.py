@@ -11,7 +11,9 @@ from calibkit.recipe import TypeB, type_b
 from calibkit.report.table import number_or_none
 
 
-def _named(results: Sequence[StageResult]) -> Iterator[tuple[str, str, Coefficient, float]]:
+def _iterate_results(
+    results: Sequence[StageResult],
+) -> Iterator[tuple[str, str, Coefficient, float]]:
     """Stage, full name, coefficient or figure, and type A degrees of freedom of everything that a
     run found.
     """
@@ -32,7 +34,7 @@ def name_results(results: Sequence[StageResult]) -> set[str]:
     """Names of all that a fit found: figures, and coefficients by themselves and as
     model.coefficient.
     """
-    return {name for _, full, entry, _ in _named(results) for name in (full, entry.name)}
+    return {name for _, full, entry, _ in _iterate_results(results) for name in (full, entry.name)}
 
 
 def combine_results(
@@ -43,7 +45,7 @@ def combine_results(
     """
     found = list(stated)
     already = {entry["result"] for entry in found}
-    for stage, name, entry, dof in _named(results):
+    for stage, name, entry, dof in _iterate_results(results):
         parts = [
             part
             for wanted in dict.fromkeys((name, entry.name))

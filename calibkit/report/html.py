@@ -15,7 +15,7 @@ from typing import Any
 from calibkit.coefficients import Record
 from calibkit.report import html_tables as tables, svg
 from calibkit.report.documents import Drawn
-from calibkit.report.markup import Markup, element, joined
+from calibkit.report.markup import Markup, element, join_markup
 
 SECTIONS = (
     "Verdict",
@@ -54,12 +54,12 @@ def page(document: Mapping[str, Any], records: Mapping[str, Record], drawn: Draw
     ]
     body = [
         _top(document, drawn),
-        element("main", joined(_sections(document, records, drawn)), id="content"),
+        element("main", join_markup(_sections(document, records, drawn)), id="content"),
         Markup(f"<script>{script}</script>"),
     ]
     return (
-        "<!DOCTYPE html>\n<html"
-        f' lang="en">\n<head>\n{joined(head)}\n</head>\n<body>\n{joined(body)}\n</body>\n</html>\n'
+        f'<!DOCTYPE html>\n<html lang="en">\n<head>\n{join_markup(head)}\n</head>\n'
+        f"<body>\n{join_markup(body)}\n</body>\n</html>\n"
     ).encode()
 
 
@@ -93,14 +93,14 @@ def _top(document: Mapping[str, Any], drawn: Drawn) -> Markup:
     kind = "rejected" if not accepted else "accepted" if limits else "open"
     facts = f"{document['procedure']}, effective from {document['effective_from']}"
     links = [element("a", section, href=f"#{section.lower()}") for section in SECTIONS]
-    return joined(
+    return join_markup(
         [
             element("a", "Skip to the verdict", href="#verdict", class_="skip"),
             element("header", element("h1", _run_name(document)), element("p", facts)),
             element(
                 "p", element("strong", drawn.summary.verdict), class_=f"band {kind}", id="band"
             ),
-            element("nav", joined(links, " "), aria_label="Sections"),
+            element("nav", join_markup(links, " "), aria_label="Sections"),
         ]
     )
 
@@ -128,7 +128,7 @@ def _sections(
             "section",
             element("h2", name, id=name.lower()),
             Markup("\n"),
-            joined(parts[name]),
+            join_markup(parts[name]),
             aria_labelledby=name.lower(),
         )
         for name in SECTIONS

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from calibkit.coefficients import Model, Record
-from calibkit.report.markup import Content, Markup, element, escaped, joined
+from calibkit.report.markup import Content, Markup, element, escaped, join_markup
 from calibkit.report.run import quantity_table
 from calibkit.report.table import Cell, Column, Table
 
@@ -52,17 +52,17 @@ def _table(
         ),
     )
     parts = [element("caption", element("span", caption)), element("thead", head)]
-    parts += [Markup(f"<tbody>\n{joined(rows)}\n</tbody>") for rows in bodies]
+    parts += [Markup(f"<tbody>\n{join_markup(rows)}\n</tbody>") for rows in bodies]
     return element(
         "div",
-        Markup(f"<table>\n{joined(parts)}\n</table>"),
+        Markup(f"<table>\n{join_markup(parts)}\n</table>"),
         class_="wide",
         tabindex="0",
         role="group",
     )
 
 
-def _shown(column: Column, cell: Cell) -> Content:
+def _show_cell(column: Column, cell: Cell) -> Content:
     """A cell as people read it; a number with every digit as its machine value."""
     text = column.text(cell)
     return element("data", text, value=repr(float(cell))) if isinstance(cell, float) else text
@@ -71,7 +71,7 @@ def _shown(column: Column, cell: Cell) -> Content:
 def _rows_of(made: Table, numbers: Sequence[int]) -> list[Markup]:
     """Rows of a table of records."""
     columns = made.formats
-    return [_row(*map(_shown, columns, cells), numbers=numbers) for cells in made.rows]
+    return [_row(*map(_show_cell, columns, cells), numbers=numbers) for cells in made.rows]
 
 
 def _record_table(made: Table, numbers: Sequence[int]) -> Markup:
@@ -100,8 +100,8 @@ def list_limits(criteria: Sequence[Mapping[str, Any]]) -> Markup:
     rows = [
         _row(
             entry["name"],
-            _shown(six, float(entry["value"])),
-            _shown(six, float(entry["limit"])),
+            _show_cell(six, float(entry["value"])),
+            _show_cell(six, float(entry["limit"])),
             entry["unit"],
             "held" if entry["passed"] else element("strong", "FAILED"),
             kind="" if entry["passed"] else "failed",
@@ -209,7 +209,7 @@ def _logs(inputs: Sequence[Mapping[str, Any]]) -> Markup:
             entry["name"],
             str(entry["rows"]),
             element("code", entry["sha256"]),
-            joined([element("div", line) for line in entry.get("reading", ())], ""),
+            join_markup([element("div", line) for line in entry.get("reading", ())], ""),
             numbers=(1,),
         )
         for entry in inputs
@@ -241,7 +241,7 @@ def _facts(caption: str, pairs: Sequence[tuple[str, Content]]) -> Markup:
 
 def list_flags(flags: Sequence[str]) -> Markup:
     """Flags, one below the other."""
-    return element("ul", joined([element("li", flag) for flag in flags]), class_="flags")
+    return element("ul", join_markup([element("li", flag) for flag in flags]), class_="flags")
 
 
 def list_coefficients(document: Mapping[str, Any], records: Mapping[str, Record]) -> list[Markup]:

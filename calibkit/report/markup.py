@@ -45,6 +45,6 @@ def element(tag: str, *parts: Content, **attributes: str) -> Markup:
     return Markup(f"<{tag}{stated}>{''.join(map(escaped, parts))}</{tag}>")
 
 
-def joined(parts: Iterable[Markup], between: str = "\n") -> Markup:
+def join_markup(parts: Iterable[Markup], between: str = "\n") -> Markup:
     """Pieces one after the other."""
     return Markup(between.join(part.text for part in parts))

@@ -174,7 +174,7 @@ def _stack_columns(log: Log, columns: Sequence[Array], spec: AccelerometerRecipe
     """Columns beside each other [n, c], where the log lies; the first three, which are gravity,
     positive along it.
     """
-    made = log.room(len(log.frame) * len(columns)).reshape(-1, len(columns))
+    made = log.allocate(len(log.frame) * len(columns)).reshape(-1, len(columns))
     for a, b in chunks.ranges_along(made, *columns):
         beside = np.column_stack([column[a:b] for column in columns])
         made[a:b, :3] = attitude.gravity_positive(beside[:, :3], spec.reference.convention)

@@ -116,8 +116,8 @@ def _apply(spec: AccelerometerRecipe, records: Mapping[str, Record], data: Path)
         f" {100.0 * outside:.1f} % of the rows"
     )
     indication = triad_dwells.read_indication(log, spec)
-    columns = {name: log.room(len(indication)) for name in forms.COMPONENTS}
-    angles = {name: log.room(len(indication)) for name in triad_dwells.ATTITUDE}
+    columns = {name: log.allocate(len(indication)) for name in forms.COMPONENTS}
+    angles = {name: log.allocate(len(indication)) for name in triad_dwells.ATTITUDE}
     outputs = (*columns.values(), *angles.values())
     for a, b in chunks.ranges_along(indication, temperature, *outputs):
         vector = correction(indication[a:b], temperature[a:b])

@@ -34,19 +34,19 @@ def _read(
 def _findings(spec: BiasTemperatureRecipe, log: Log) -> list[Finding]:
     """What is wrong with a log; one on disk is looked at in pieces."""
     if not log.on_disk:
-        return _found(spec, log)
+        return _find_faults(spec, log)
     pieced = chunked.examine_on_disk(spec, log)
     if any(finding.refused for finding in pieced.findings):
         return list(pieced.findings)
     rest = (
         finding
-        for finding in _found(spec, pieced.log)
+        for finding in _find_faults(spec, pieced.log)
         if finding.name not in chunked.FOUND_IN_CHUNKS
     )
     return [*checks.find_too_few_rows(log, spec.polynomials.min_rows), *pieced.findings, *rest]
 
 
-def _found(spec: BiasTemperatureRecipe, log: Log) -> list[Finding]:
+def _find_faults(spec: BiasTemperatureRecipe, log: Log) -> list[Finding]:
     """What is wrong with a log that is looked at whole."""
     early = [
         *checks.find_too_few_rows(log, spec.polynomials.min_rows),

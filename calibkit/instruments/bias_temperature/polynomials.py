@@ -53,7 +53,7 @@ def fit(logs: Sequence[Log], spec: Polynomials) -> list[_BiasFit]:
     The covariance allows for autocorrelated residuals (Newey & West 1987): the noise of a sensor
     that warms up is not white.
     """
-    allocate = next((log.room for log in logs if log.on_disk), np.empty)
+    allocate = next((log.allocate for log in logs if log.on_disk), np.empty)
     abscissa = _concatenate(logs, spec.abscissa, allocate)
     return [
         _fit_channel(
@@ -88,7 +88,7 @@ def _fit_channel(
     """One channel's polynomial over the abscissa of that name."""
     design, to_raw = polynomial.mapped_powers(abscissa, entry.order)
     found = fold.linear(
-        design, indication, names=[f"p{k}" for k in range(entry.order + 1)], room=allocate
+        design, indication, names=[f"p{k}" for k in range(entry.order + 1)], allocate=allocate
     )
     raw, covariance = polynomial.in_raw_powers(
         found.coefficients, hac.covariance(design, found.residuals), to_raw
@@ -166,7 +166,7 @@ def compensate(
         reference = spec.reference_temp_degc if abscissa.endswith("_degc") else (low + high) / 2.0
         x, y, outside = values(log.frame, abscissa), values(log.frame, entry.indication), 0
         zero = POLYNOMIAL.evaluate(model, {abscissa: np.clip([reference], low, high)})
-        columns[entry.indication] = made = log.room(x.size)
+        columns[entry.indication] = made = log.allocate(x.size)
         for a, b in chunks.ranges_along(x, y, made):
             bias = POLYNOMIAL.evaluate(model, {abscissa: np.clip(x[a:b], low, high)})
             made[a:b] = y[a:b] - (bias - zero)

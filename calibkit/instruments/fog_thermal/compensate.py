@@ -191,7 +191,7 @@ def compensate_log(
         return gyro, ("no drift term: the indication is returned as it is",)
     held, blocks = ramps.block_means(log, recipe, rated=bool(model.polynomials))
     drift = model.drift_along(blocks)
-    flags, output = drift.flags(log.file), log.room(gyro.size)
+    flags, output = drift.flags(log.file), log.allocate(gyro.size)
     if model.mode == "recursive":
         for a, b in chunks.ranges_along(time, gyro, output):
             output[a:b] = gyro[a:b] - np.interp(time[a:b], blocks.time, drift.level)

@@ -167,7 +167,7 @@ def _apply(spec: FogThermalRecipe, records: Mapping[str, Record], data: Path) ->
     log = ingest.read_log(spec, data, data.name, ramps.COLUMNS)
     refuse(ramps.find_unusable(log))
     output, flags = compensate.compensate_log(log, model, spec)
-    gyro, drift = values(log.frame, "gyro_dph"), log.room(output.size)
+    gyro, drift = values(log.frame, "gyro_dph"), log.allocate(output.size)
     for a, b in chunks.ranges_along(gyro, output, drift):
         np.subtract(gyro[a:b], output[a:b], out=drift[a:b])
     flags = (*flag_bridged_gaps(log), *magnitude.flag_missing_drift(log.file, drift, gyro), *flags)

@@ -106,7 +106,7 @@ def _as_ordered(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
     given = recipe.drift.rates_degc_min.get(log.name)
     if given is None:
         return []
-    cuts, _ = _found(log, recipe)
+    cuts, _ = _find_segments(log, recipe)
     ramps = [segment.rate for segment in cuts if segment.kind == "ramp"]
     return (
         check.thermometers.check_stated_rate(log, "temp_env_degc", given, max(ramps, key=abs))
@@ -239,12 +239,14 @@ def _cut(log: Log, recipe: FogThermalRecipe) -> tuple[list[segments.Segment], Ar
             )
             if kind == "ramp"
         ]
-        slope = segments.measured_slope(time, env, recipe.segments.slope_window_s, room=log.room)
+        slope = segments.measured_slope(
+            time, env, recipe.segments.slope_window_s, allocate=log.allocate
+        )
         return segments.pinned(time, env, slope, ramps), slope
-    return _found(log, recipe)
+    return _find_segments(log, recipe)
 
 
-def _found(log: Log, recipe: FogThermalRecipe) -> tuple[list[segments.Segment], Array]:
+def _find_segments(log: Log, recipe: FogThermalRecipe) -> tuple[list[segments.Segment], Array]:
     """Segments that the chamber air shows, and its slope."""
     time, env = (values(log.frame, column) for column in ("time_s", "temp_env_degc"))
     low, high = log.extremes("temp_env_degc")
@@ -253,7 +255,7 @@ def _found(log: Log, recipe: FogThermalRecipe) -> tuple[list[segments.Segment], 
     first: tuple[list[segments.Segment], Array] | None = None
     for doubled in range(LONGER_WINDOWS + 1):
         window = spec.slope_window_s * 2.0**doubled
-        slope = segments.measured_slope(time, env, window, room=log.room)
+        slope = segments.measured_slope(time, env, window, allocate=log.allocate)
         cuts = segments.segments(slope, env, **limits, merge=round(window / log.steps.usual))
         if any(segment.kind == "ramp" for segment in cuts) or high - low < spec.ramp_min_span_degc:
             return cuts, slope
@@ -339,7 +341,7 @@ def _of_segment(
             threshold=spec.threshold,
             rule=spec.rule,
             extension=spec.extension,
-            room=log.room,
+            allocate=log.allocate,
         )
     except FitError as error:
         if segment.kind == "ramp":

@@ -177,7 +177,7 @@ def along_rows(log: Log, model: DriftModel, recipe: FogThermalRecipe) -> Array:
     time = values(log.frame, "time_s")
     _, blocks = ramps.block_means(log, recipe, rated=False)
     found = _along_blocks(model, blocks, recipe.type_b)
-    standard = log.room(time.size)
+    standard = log.allocate(time.size)
     for a, b in chunks.ranges_along(time, standard):
         standard[a:b] = np.interp(time[a:b], blocks.time, found.standard)
     return standard

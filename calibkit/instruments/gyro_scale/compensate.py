@@ -103,7 +103,7 @@ def _compensate(
     logged, rows = TEMPERATURE in log.frame.columns, len(log.frame)
     temperature = values(log.frame, TEMPERATURE) if logged else np.broadcast_to(0.0, rows)
     indications = [values(log.frame, gyro_column(gyro)) for gyro in matrix.gyros]
-    made, beyond = {name: log.room(rows) for name in matrix.outputs}, 0
+    made, beyond = {name: log.allocate(rows) for name in matrix.outputs}, 0
     low, high = matrix.rate_limits
     for a, b in chunks.ranges_along(*indications, temperature, *made.values()):
         rates = matrix.rates(np.column_stack([one[a:b] for one in indications]), temperature[a:b])

@@ -75,7 +75,7 @@ class TableRun:
         if forms.TEMPERATURE not in self.log.frame.columns:
             return float("nan"), float("nan")
         temperature = anomalies.remove_spikes(
-            values(self.log.frame, forms.TEMPERATURE), room=self.log.room
+            values(self.log.frame, forms.TEMPERATURE), allocate=self.log.allocate
         )
         ends = [chunks.extremes(temperature)]
         if ends[0][1] - ends[0][0] > ONE_SOAK_DEGC:
@@ -214,7 +214,7 @@ def _average_held_rates(spec: AnyRecipe, log: Log) -> plateau_means.Plateaus:
         temp_degc=values(log.frame, forms.TEMPERATURE) if forms.TEMPERATURE in present else None,
         rules=rules,
         held=stated_segments.stated_rows(log, spec, ["rate"]),
-        room=log.room,
+        allocate=log.allocate,
     )
 
 
@@ -222,7 +222,7 @@ def _beside(columns: Sequence[Array], log: Log) -> Array:
     """Columns of a log beside each other [n, m], where the log lies."""
     if len(columns) == 1:
         return columns[0].reshape(-1, 1)
-    made = log.room(len(log.frame) * len(columns)).reshape(-1, len(columns))
+    made = log.allocate(len(log.frame) * len(columns)).reshape(-1, len(columns))
     for a, b in chunks.ranges_along(made, *columns):
         for k, one in enumerate(columns):
             made[a:b, k] = one[a:b]

@@ -166,7 +166,7 @@ def _scale(pair: _SensorPair, temp_degc: Array, rng: np.random.Generator) -> Arr
     )
 
 
-def _along(vectors: Array, direction_deg: Array, tilt_deg: float) -> Array:
+def _resolve_along(vectors: Array, direction_deg: Array, tilt_deg: float) -> Array:
     """Component [n, 4] of vectors [n, 3] along an axis at directions [n, 4] [°] about the tool,
     tilted to its axis.
     """
@@ -192,12 +192,14 @@ def _readings(
     """
     direction = nominal_deg + turned_deg + pair.axis_deg
     accel = (
-        _along(gravity, direction, pair.axis_tilt_deg) * (1.0 + pair.accel_scale)
+        _resolve_along(gravity, direction, pair.axis_tilt_deg) * (1.0 + pair.accel_scale)
         + pair.accel_bias_g
     )
     bias = pair.bias_dph + pair.bias_dph_per_degc * (temp_degc - REFERENCE_DEGC)
     walk = np.cumsum(pair.bias_walk_dph * rng.normal(0.0, 1.0, turned_deg.shape), axis=1)
-    gyro = _along(rate_dph, direction, pair.axis_tilt_deg) / s[:, None] + bias[:, None] + walk
+    gyro = (
+        _resolve_along(rate_dph, direction, pair.axis_tilt_deg) / s[:, None] + bias[:, None] + walk
+    )
     noise = rng.normal(0.0, 1.0, (2, *turned_deg.shape))
     return accel + pair.accel_noise_g * noise[0], gyro + pair.gyro_noise_dph * noise[1]
 

@@ -84,9 +84,9 @@ def linear(
     *,
     weights: Array | None = None,
     names: Sequence[str] = (),
-    room: Callable[[int], Array] = np.empty,
+    allocate: Callable[[int], Array] = np.empty,
 ) -> least_squares.LinearFit:
-    """Fit as `reduced` does, and give the residuals [n] too, in an array that `room` allocates.
+    """Fit as `reduced` does, and give the residuals [n] too, in an array that `allocate` makes.
 
     Raises
     ------
@@ -95,7 +95,7 @@ def linear(
 
     """
     found = reduced(design, indication, weights=weights, names=names)
-    residuals = gram.residuals(design, indication, found.coefficients, room=room)
+    residuals = gram.residuals(design, indication, found.coefficients, allocate=allocate)
     return least_squares.with_residuals(found, residuals)
 
 

@@ -68,14 +68,14 @@ def residuals(
     indication: Array,
     coefficients: Array,
     *,
-    room: Callable[[int], Array] = np.empty,
+    allocate: Callable[[int], Array] = np.empty,
 ) -> Array:
     """Residuals [n] of an indication [n] from coefficients [p] and the columns [m, p] of slices of
     rows.
 
-    `room` allocates their array.
+    `allocate` makes their array.
     """
-    left = room(len(indication))
+    left = allocate(len(indication))
     for part in blocks(len(indication), block_rows(coefficients.size)):
         np.matmul(design(part), coefficients, out=left[part])
         np.subtract(indication[part], left[part], out=left[part])

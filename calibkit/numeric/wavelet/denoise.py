@@ -14,7 +14,7 @@ from calibkit.numeric.wavelet import reach
 from calibkit.numeric.wavelet.extension import Extension
 from calibkit.numeric.wavelet.factor import Scheme
 from calibkit.numeric.wavelet.lifting import (
-    Room,
+    Allocate,
     find_scheme,
     forward,
     inverse,
@@ -66,7 +66,7 @@ def denoise(
     threshold: Threshold = "universal",
     rule: Rule = "firm",
     extension: Extension = "trend",
-    room: Room = np.empty,
+    allocate: Allocate = np.empty,
 ) -> Denoised:
     """Remove from a segment [n] of equidistant samples what its wavelet details hold of noise.
 
@@ -77,7 +77,7 @@ def denoise(
     levels : depth; that of `_deepest` when absent, 6 for 600 samples, 9 for 6000.
     threshold, rule : names in `shrinkage.THRESHOLDS` and `shrinkage.RULES`.
     extension : how the signal goes on beyond its ends (see `extension.Continuation`).
-    room : allocates the arrays of details and of the result; memory beyond them is that of a chunk,
+    allocate : makes the arrays of details and of the result; memory beyond them is that of a chunk,
         unless the threshold is "sure".
 
     Raises
@@ -103,8 +103,8 @@ def denoise(
             hint="use fewer levels, a shorter wavelet or a longer segment",
         )
     _require_known(threshold, rule)
-    out, details_room = _allocate_shared(scheme, samples.size, room)
-    parts = forward(samples, scheme, depth, extension=extension, room=details_room)
+    out, allocate_details = _allocate_shared(scheme, samples.size, allocate)
+    parts = forward(samples, scheme, depth, extension=extension, allocate=allocate_details)
     gains = noise_gains(scheme, depth)
     noise, thresholds = np.zeros(depth), np.zeros(depth)
     for j, (detail, interior) in enumerate(zip(parts.details, parts.interior, strict=True)):
@@ -115,7 +115,7 @@ def denoise(
         thresholds[j] = estimate(own, float(noise[j]), samples.size)
         release(detail)
     _, inner = untouched(scheme, samples.size, depth)
-    shrunk = inverse(parts, Shrinkage(rule, thresholds), room=room, into=out)
+    shrunk = inverse(parts, Shrinkage(rule, thresholds), allocate=allocate, into=out)
     return Denoised(shrunk, noise, thresholds, inner, depth)
 
 
@@ -180,7 +180,7 @@ def _require_known(threshold: str, rule: str) -> None:
             )
 
 
-def _allocate_shared(scheme: Scheme, length: int, room: Room) -> tuple[Array, Room]:
+def _allocate_shared(scheme: Scheme, length: int, allocate: Allocate) -> tuple[Array, Allocate]:
     """Array [length] for the signal that `inverse` makes, and what allocates the details: the
     finest in its second half.
 
@@ -188,6 +188,6 @@ def _allocate_shared(scheme: Scheme, length: int, room: Room) -> tuple[Array, Ro
     it.
     """
     _, (low, high) = reach.coefficients_of(scheme, (0, length), 1)
-    whole = room(max(shared_length(scheme, length), length, high - low))
+    whole = allocate(max(shared_length(scheme, length), length, high - low))
     free = [whole[whole.size - (high - low) :]]
-    return whole[:length], lambda size: free.pop() if free else room(size)
+    return whole[:length], lambda size: free.pop() if free else allocate(size)

@@ -17,7 +17,7 @@ from calibkit.numeric.wavelet.factor import LITERAL, Scheme, factor_bank
 from calibkit.numeric.wavelet.level import analyse_level, synthesise_level
 from calibkit.numeric.wavelet.reach import Span, coefficients_of, covering_pairs, passes, sources
 
-Room = Callable[[int], Array]
+Allocate = Callable[[int], Array]
 """Allocates an array for so many values."""
 CHUNK = 1 << 18
 """Samples that go through all levels at a time, so that approximations stay in the cache too."""
@@ -76,7 +76,12 @@ def find_scheme(name: str) -> Scheme:
 
 
 def forward(
-    signal: Array, scheme: Scheme, levels: int, *, extension: Extension, room: Room = np.empty
+    signal: Array,
+    scheme: Scheme,
+    levels: int,
+    *,
+    extension: Extension,
+    allocate: Allocate = np.empty,
 ) -> _Decomposition:
     """Wavelet coefficients of a signal [n], any n ≥ 1, over a number of levels.
 
@@ -84,7 +89,7 @@ def forward(
     ----------
     signal : [n], equidistant samples in any unit.
     extension : what stands beyond the ends (see `extension.Continuation`).
-    room : allocates the arrays that details are put in; memory beyond them is that of a chunk.
+    allocate : makes the arrays that details are put in; memory beyond them is that of a chunk.
 
     Raises
     ------
@@ -109,10 +114,9 @@ def forward(
         )
     wanted = reach.coefficients_of(scheme, (0, samples.size), levels)
     needed = _approximations_needed(scheme, wanted)
-    details = tuple(room(high - low) for low, high in wanted[1:])
+    details = tuple(allocate(high - low) for low, high in wanted[1:])
     beyond = Continuation.fit(samples, extension, 3 << (levels - 1))
-    values, first = samples, 0
-    buffers = [np.empty(0), np.empty(0)]
+    values, first, buffers = samples, 0, [np.empty(0), np.empty(0)]
     for above in range(0, levels, TOGETHER):
         below = min(above + TOGETHER, levels)
         approximation = np.empty(needed[below][1] - needed[below][0])
@@ -128,20 +132,19 @@ def forward(
             approximation[_slice_within(shares[-1], needed[below])] = part
         values, first = approximation, needed[below][0]
     (_, *clean), _ = reach.untouched(scheme, samples.size, levels)
-    interior = tuple(map(_slice_within, clean, wanted[1:]))
-    starts = tuple(low for low, _ in wanted[1:])
-    return _Decomposition(scheme, samples.size, values, details, starts, interior)
+    starts, interior = [low for low, _ in wanted[1:]], map(_slice_within, clean, wanted[1:])
+    return _Decomposition(scheme, samples.size, values, details, tuple(starts), tuple(interior))
 
 
 def inverse(
     decomposition: _Decomposition,
     shrink: Callable[[int, Array], Array] | None = None,
     *,
-    room: Room = np.empty,
+    allocate: Allocate = np.empty,
     into: Array | None = None,
 ) -> Array:
     """Signal [n] from its wavelet coefficients, thresholded or not, put into an array [n] or one
-    that `room` allocates.
+    that `allocate` makes.
 
     `shrink` makes of any part of the details of a level, 0 the finest, those to be used; it is
     called block by block while they are in the cache, for some of them twice, and must treat each
@@ -164,7 +167,8 @@ def inverse(
     buffers = [np.empty(0), np.empty(0)]
     for above in range((levels - 1) // TOGETHER * TOGETHER, -1, -TOGETHER):
         below = min(above + TOGETHER, levels)
-        out = into if above == 0 and into is not None else room(wanted[above][1] - wanted[above][0])
+        low, high = wanted[above]
+        out = into if above == 0 and into is not None else allocate(high - low)
         for chunk in reach.cut_span(wanted[above], max(CHUNK, COARSEST << (below - above))):
             spans = reach.coefficients_of(scheme, chunk, below - above)
             signal = known[_slice_within(spans[-1], wanted[below])]

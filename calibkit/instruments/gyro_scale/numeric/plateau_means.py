@@ -12,7 +12,7 @@ from calibkit.constants import REVOLUTION_DEG
 from calibkit.errors import FitError
 from calibkit.instruments.gyro_scale.numeric import plateau_noise, plateaus
 from calibkit.instruments.gyro_scale.numeric.plateau_noise import Modulation
-from calibkit.instruments.gyro_scale.numeric.plateaus import Room, Series, Turn
+from calibkit.instruments.gyro_scale.numeric.plateaus import Allocate, Series, Turn
 from calibkit.numeric import chunks
 
 DISAGREEMENT = 10e-6
@@ -58,7 +58,7 @@ def means(
     temp_degc: Array | None = None,
     rules: plateaus.Rules = plateaus.DEFAULT_RULES,
     held: Integers | None = None,
-    room: Room = np.empty,
+    allocate: Allocate = np.empty,
 ) -> Plateaus:
     """Average each held rate of a rate-table log over whole revolutions of the table.
 
@@ -69,8 +69,8 @@ def means(
     indication : [n, m], one column a gyro; each row is the mean rate over the interval that ends at
         it.
     temp_degc : [n] [°C].
-    room : makes arrays along the rows; columns that lie in mapped files are worked on in the memory
-        of a span.
+    allocate : makes arrays along the rows; columns that lie in mapped files are worked on in the
+        memory of a chunk.
 
     Returns
     -------
@@ -91,7 +91,7 @@ def means(
         raise FitError(
             f"the indication in row {row} is not finite", hint="exclude the rows that hold it"
         )
-    turn = plateaus.turn_of(time_s, table_rate_dps, table_angle_deg, room=room)
+    turn = plateaus.turn_of(time_s, table_rate_dps, table_angle_deg, allocate=allocate)
     found = plateaus.find(time_s, table_rate_dps, rules=rules, turn=turn) if held is None else held
     return _means(plateau_noise.Record(turn, table_rate_dps, signals), found, temp_degc)
 

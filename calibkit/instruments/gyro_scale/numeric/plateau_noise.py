@@ -70,7 +70,7 @@ class Record:
         """Least squares of what varies within plateaus, all plateaus together."""
         count = sum(part.stop - part.first for part in parts)
         gram, product = np.zeros((5, 5)), np.zeros((5, self.signals.shape[1]))
-        for columns, target in _through(self, parts):
+        for columns, target in _read_spans(self, parts):
             gram += columns.T @ columns
             product += columns.T @ target
         size = np.sqrt(np.diag(gram))
@@ -86,7 +86,7 @@ class Record:
         dof = max(count - len(parts) - int(firm.sum()), 1)
         left = sum(
             np.sum((target - columns @ factors) ** 2, axis=0)
-            for columns, target in _through(self, parts)
+            for columns, target in _read_spans(self, parts)
         )
         return Modulation(
             factors=factors,
@@ -207,7 +207,7 @@ class Modulation:
     """Whether the first two, the earth's horizontal rate, are told from the others."""
 
 
-def _through(record: Record, parts: list[Part]) -> Iterator[tuple[Array, Array]]:
+def _read_spans(record: Record, parts: list[Part]) -> Iterator[tuple[Array, Array]]:
     """What may vary, and the indications, of all rows of plateaus, a span after the other."""
     for part in parts:
         for a, b in part.spans():

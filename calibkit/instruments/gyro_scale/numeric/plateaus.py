@@ -14,7 +14,7 @@ from calibkit.errors import FitError
 from calibkit.numeric import chunks, order_statistics
 from calibkit.numeric.dispersion import MAD_TO_SIGMA
 
-Room = Callable[[int], Array]
+Allocate = Callable[[int], Array]
 Series = Callable[[int, int], Array]
 """Values of rows first … stop − 1."""
 
@@ -124,7 +124,7 @@ def find(
 
     runs = chunks.find_runs(max(time_s.size - window + 1, 0), held)
     least, kept = max(rules.shortest_samples // 2, 2), []
-    for run in _joined(runs, window):
+    for run in _join_runs(runs, window):
         steady = _steady(table_rate_dps, *run, rules, still[0].quantum)
         first, stop = _settled(time_s, *steady, rules)
         if stop - first >= least:
@@ -155,16 +155,20 @@ def _require_record(time_s: Array, table_rate_dps: Array) -> None:
 
 
 def turn_of(
-    time_s: Array, table_rate_dps: Array, table_angle_deg: Array | None, *, room: Room = np.empty
+    time_s: Array,
+    table_rate_dps: Array,
+    table_angle_deg: Array | None,
+    *,
+    allocate: Allocate = np.empty,
 ) -> Turn:
     """Turn of the table in each interval.
 
     From the logged angle, unwrapped about the turn that the rate lets expect; without one, from the
-    rate. `room` makes the arrays.
+    rate. `allocate` makes the arrays.
     """
     if table_angle_deg is not None and not chunks.all_finite(table_angle_deg):
         raise FitError("a table angle is not finite", hint="exclude the rows that hold it")
-    interval, turned, middle = (room(time_s.size) for _ in range(3))
+    interval, turned, middle = (allocate(time_s.size) for _ in range(3))
     angle = 0.0
     for a, b in chunks.ranges_along(time_s, table_rate_dps, interval, turned, middle):
         interval[a:b] = np.diff(
@@ -271,7 +275,7 @@ def _unbroken(interval_s: Array, window: int, median_s: float) -> Mask:
     return np.asarray(gaps[window - 1 :] == gaps[: gaps.size - window + 1], dtype=np.bool_)
 
 
-def _joined(runs: list[tuple[int, int]], window: int) -> list[tuple[int, int]]:
+def _join_runs(runs: list[tuple[int, int]], window: int) -> list[tuple[int, int]]:
     """Rows that runs of held windows cover; where two share rows, the first keeps them."""
     spans: list[tuple[int, int]] = []
     for begin, end in runs:
