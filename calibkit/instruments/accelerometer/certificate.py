@@ -31,8 +31,8 @@ ATTITUDE = {
     "inclination_deg": (0.0, math.pi / 180.0),
     "toolface_deg": (0.0, math.pi / 180.0),
 }
-"""Sensitivity of a cross term to the reference attitude, which turns the frame when it is off;
-scale and bias do not change.
+"""Sensitivities of a cross-axis term to errors of the reference attitude, which rotate the frame;
+scale factor and bias are insensitive to them.
 """
 
 K_EQUATION = Equation(
@@ -65,7 +65,7 @@ OVER = Words(" over temperature", "随温度")
 
 
 def blocks(stated: Stated) -> tuple[Block, ...]:
-    """Blocks of the stages that the run holds."""
+    """Result blocks of the stages (K-factor, Q-factor, affine) that the run holds."""
     layouts = {"accel_k.json": _k, "accel_q.json": _q, "accel_affine.json": _affine}
     return tuple(
         layout(stated, stated.records[file])
@@ -75,8 +75,8 @@ def blocks(stated: Stated) -> tuple[Block, ...]:
 
 
 def _k(stated: Stated, record: Record) -> Block:
-    """K-factor: coefficients of the three axes side by side, scale factor and zero offset at
-    temperatures.
+    """Block of the K-factor: coefficients of the three axes side by side, scale factor and zero
+    offset against temperature.
     """
     models = record.models
     same = [cs for cs in zip(*(m.coefficients for m in models), strict=True) if _any_value(cs)]
@@ -118,7 +118,7 @@ def _k(stated: Stated, record: Record) -> Block:
 
 
 def _q(stated: Stated, record: Record) -> Block:
-    """Q-factor at its temperature."""
+    """Block of the Q-factor at the temperature that it was found at."""
     model = record.models[0]
     name = Words("Non-orthogonality", "非正交角")
     results = tuple(
@@ -137,7 +137,7 @@ def _q(stated: Stated, record: Record) -> Block:
 
 
 def _affine(stated: Stated, record: Record) -> Block:
-    """Affine triad: every coefficient, matrix and bias at temperatures."""
+    """Block of the affine triad: every coefficient, and matrix and bias against temperature."""
     model = record.models[0]
     entries = [find_entry(c.name) for c in model.coefficients]
     results = tuple(
@@ -181,12 +181,12 @@ def _axis(model: Model) -> str:
 
 
 def _is_cross(entry: Entry) -> bool:
-    """Whether an affine parameter belongs to a cross term of the matrix."""
+    """Whether an affine parameter is an off-diagonal (cross-axis) term of the matrix."""
     return entry.kind == "m" and entry.factors != (entry.row,)
 
 
 def _any_value(coefficients: Sequence[Coefficient]) -> bool:
-    """Whether one of some coefficients was fitted."""
+    """Whether at least one of the coefficients was fitted."""
     return any(c.value or c.standard_uncertainty for c in coefficients)
 
 
@@ -200,7 +200,9 @@ def _coefficient(
     cross: bool,
     principal: bool = False,
 ) -> Result:
-    """One coefficient; a cross term is as uncertain as the reference attitude."""
+    """Result of one coefficient; the uncertainty of a cross-axis term includes the reference
+    attitude's.
+    """
     return stated.linear(
         record,
         model,
@@ -225,7 +227,7 @@ def _column(
     *,
     cross: bool = False,
 ) -> Column:
-    """A quantity Σ c_k t^k of the coefficients that are its terms, as a function of temperature."""
+    """Column of a quantity Σ c_k t^k against temperature; `terms` names its coefficients c_k."""
 
     def at(t: float) -> Result:
         return stated.linear(
@@ -245,7 +247,7 @@ def _column(
 
 
 def _plot_change(table: GridTable) -> Figure:
-    """Change of every column from its first row, with its expanded uncertainty."""
+    """Plot of the change of every column from its first row, with expanded uncertainties."""
     series = []
     for k, head in enumerate(table.heads):
         found = [row[k] for row in table.cells]

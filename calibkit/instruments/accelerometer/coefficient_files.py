@@ -15,29 +15,29 @@ from calibkit.instruments.accelerometer.fit import TriadFit
 from calibkit.numeric import chunks
 
 STAGES = {"accel_k": forms.K, "accel_q": forms.Q, "accel_affine": forms.AFFINE}
-"""Stage → form of its models; its coefficient file is named by it."""
+"""Stage → form of its models; the stage names its coefficient file."""
 COMPENSATIONS = {
     "k": ("accel_k",),
     "kq": ("accel_k", "accel_q"),
     "affine": ("accel_affine",),
 }
-"""Compensation of a recipe → stages that correct indications, one after the other."""
+"""Compensation of a recipe → stages that correct the indications, in the order of application."""
 
 
 @dataclass(frozen=True, slots=True)
 class Correction:
-    """Models that correct a triad's indications, one stage after the other."""
+    """Correction of a triad's indications by the models of one or more stages, applied in order."""
 
     stages: tuple[tuple[Form, tuple[Model, ...]], ...]
 
     @property
     def temperature_range(self) -> tuple[float, float]:
-        """Temperatures [°C] of the calibration."""
+        """Temperature range [°C] of the calibration."""
         return self.stages[0][1][0].valid[forms.TEMPERATURE]
 
     def __call__(self, indication: Array, temperature: Array) -> Array:
         """Corrected components [n, 3, g] of indications [n, 3, g]; temperatures [n, °C] are clamped
-        to those of the calibration.
+        to the range of the calibration.
         """
         for form, models in self.stages:
             at, _ = within_ranges(models[0], forms.inputs(indication, temperature))
@@ -45,7 +45,8 @@ class Correction:
         return indication
 
     def outside(self, temperature: Array) -> float:
-        """Share of temperatures [n, °C] that are clamped."""
+        """Share of the temperatures [n, °C] that lie outside the calibrated range and are clamped.
+        """
         low, high = self.temperature_range
         return (
             chunks.count(temperature, lambda part: (part < low) | (part > high)) / temperature.size
@@ -53,8 +54,8 @@ class Correction:
 
 
 def find_correction(compensation: str, stages: Iterable[Record | StageResult]) -> Correction:
-    """Correction that a recipe names, by the models of a run or of a fit; raises CoefficientError
-    where a stage is missing.
+    """Correction that a recipe names, from the stages of a run or of a fit; raises CoefficientError
+    for a missing stage.
     """
     models = {stage.stage: stage.models for stage in stages}
     for name in COMPENSATIONS[compensation]:
@@ -71,7 +72,7 @@ def list_results(
     gravity_mps2: float | None,
     attitude_figures: tuple[Figure, ...],
 ) -> tuple[StageResult, ...]:
-    """Coefficient files of what was fitted."""
+    """Coefficient files of the models that were fitted."""
     conditions = (
         (Condition("local_gravity", gravity_mps2, "m/s^2"),) if gravity_mps2 is not None else ()
     )

@@ -17,10 +17,9 @@ from calibkit.numeric import attitude, chunks, dwells
 
 ATTITUDE = ("inclination_deg", "toolface_deg")
 SATURATED_G = 50.0
-"""Indication [g] beyond which a log is not in g: a triad is calibrated in the field of the earth.
-"""
+"""Indication [g] above which a log cannot be in g: a triad is calibrated in the earth's gravity."""
 UNSTATED_DEGC = 25.0
-"""Case temperature [°C] that a magnitude-only log without temperatures is given."""
+"""Case temperature [°C] assumed for a magnitude-only log without a temperature column."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,17 +43,17 @@ class DwellSet:
 
     @property
     def valid(self) -> dict[str, tuple[float, float]]:
-        """Range of the temperatures, by their column."""
+        """Temperature range [°C] of the dwells, by the name of its column."""
         return {TEMPERATURE: (float(self.temperature.min()), float(self.temperature.max()))}
 
     @property
     def reference(self) -> Array:
-        """Reference gravity [n, 3, g] of the angles."""
+        """Reference gravity vectors [n, 3, g] from inclination and toolface."""
         return attitude.gravity_vector(self.inclination, self.toolface)
 
     @property
     def weights(self) -> Array | None:
-        """1/variance [n, 3] of the means where every dwell has its noise, else None."""
+        """Weights 1/variance [n, 3] of the means; None unless every dwell has a standard error."""
         return (
             1.0 / self.noise**2
             if np.isfinite(self.noise).all() and (self.noise > 0.0).all()
@@ -63,7 +62,7 @@ class DwellSet:
 
 
 def needed_columns(spec: AccelerometerRecipe) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Columns that the recipe needs, and columns that it uses where they are."""
+    """Columns that the recipe needs, and optional columns that it uses where a log has them."""
     series = ("time_s",) if spec.dwells.mode == "series" else ()
     if spec.reference.kind == "attitude":
         return (*series, TEMPERATURE, *ATTITUDE, *COMPONENTS), () if series else ("time_s",)
@@ -71,7 +70,7 @@ def needed_columns(spec: AccelerometerRecipe) -> tuple[tuple[str, ...], tuple[st
 
 
 def find_faults(log: Log, spec: AccelerometerRecipe) -> list[Finding]:
-    """Faults of a log; it is not fitted when one of them is refused."""
+    """Faults of a log; a log with a refused fault is not fitted."""
     columns = [column for column in log.frame.columns if column != "time_s"]
     early = [
         *check.find_too_few_rows(log, 1),
@@ -98,8 +97,8 @@ def find_faults(log: Log, spec: AccelerometerRecipe) -> list[Finding]:
 
 
 def _find_wrong_units(log: Log, spec: AccelerometerRecipe) -> list[Finding]:
-    """Units and signs that the numbers give away; of a continuous log also its gaps, which end a
-    dwell.
+    """Findings on units and signs that the values contradict, and on gaps of a continuous log,
+    which end a dwell.
     """
     found = [
         *check.magnitude.check_gravity_unit(log, COMPONENTS),
@@ -121,7 +120,7 @@ def _find_wrong_units(log: Log, spec: AccelerometerRecipe) -> list[Finding]:
 
 
 def _find_beyond(log: Log, columns: Sequence[str], limit: float, unit: str) -> list[Finding]:
-    """Values that are larger than the column's unit allows."""
+    """Findings on columns with values above the limit that is plausible in their unit."""
     found = []
     for column in columns:
         if max(map(abs, log.extremes(column))) <= limit:
@@ -171,8 +170,8 @@ def read_indication(log: Log, spec: AccelerometerRecipe) -> Array:
 
 
 def _stack_columns(log: Log, columns: Sequence[Array], spec: AccelerometerRecipe) -> Array:
-    """Columns beside each other [n, c], where the log lies; the first three, which are gravity,
-    positive along it.
+    """Columns stacked into an array [n, c], in the log's own storage (memory or mapped file); the
+    sign of the first three, the indications, is made positive along gravity.
     """
     made = log.allocate(len(log.frame) * len(columns)).reshape(-1, len(columns))
     for a, b in chunks.ranges_along(made, *columns):
@@ -183,7 +182,7 @@ def _stack_columns(log: Log, columns: Sequence[Array], spec: AccelerometerRecipe
 
 
 def optional_column(log: Log, column: str, otherwise: float = np.nan) -> Array:
-    """A column [n], or one value throughout where the log does not have it."""
+    """A column of a log [n], or a constant where the log does not have it."""
     return (
         values(log.frame, column)
         if column in log.frame.columns
@@ -207,8 +206,8 @@ def _read_row_dwells(log: Log, spec: AccelerometerRecipe) -> DwellSet:
 
 
 def _read_series_dwells(log: Log, spec: AccelerometerRecipe) -> DwellSet:
-    """Dwells found in a continuous log by its stillness, cut at gaps, in pieces where the recipe
-    asks for them.
+    """Dwells of a continuous log: stretches at rest, cut at gaps, and divided into pieces where the
+    recipe states piece_s.
     """
     time = values(log.frame, "time_s")
     step = log.steps.usual
@@ -241,8 +240,8 @@ def _read_series_dwells(log: Log, spec: AccelerometerRecipe) -> DwellSet:
 def _find_dwell_rows(
     log: Log, triad: Array, time: Array, step: float, spec: AccelerometerRecipe
 ) -> Integers:
-    """Rows [m, 2] of the dwells: those that the recipe pins, or those found by stillness between
-    the gaps of the log.
+    """First and end row [m, 2] of each dwell: pinned by the recipe, or detected as rest between the
+    gaps of the log.
     """
     pinned = stated_segments.stated_rows(log, spec, ["dwell"])
     if pinned is not None:
@@ -272,7 +271,7 @@ def _find_dwell_rows(
 
 
 def examine(spec: AccelerometerRecipe, log: Log) -> Examined:
-    """Findings of a log, and the dwells of a continuous one."""
+    """Findings of a log, and the dwells where the log is continuous."""
     found = find_faults(log, spec)
     if any(finding.refused for finding in found) or spec.dwells.mode == "rows":
         return Examined(tuple(found))

@@ -16,13 +16,13 @@ from calibkit.numeric import attitude
 from calibkit.numeric.dispersion import rms
 
 TOOLFACE_RANGE_DEG = (10.0, 170.0)
-"""Inclinations between which a toolface is quoted unless the caller says otherwise [°]."""
+"""Default inclination range [°] in which toolface errors are quoted."""
 
 
 @dataclass(frozen=True, slots=True)
 class AttitudeErrors:
-    """Attitude errors of dwells against a reference, the toolface only where the inclination allows
-    one.
+    """Inclination and toolface errors of n dwells against a reference attitude; toolface errors
+    only within an inclination range.
     """
 
     inclination_error_deg: Array
@@ -30,15 +30,15 @@ class AttitudeErrors:
     toolface_error_deg: Array
     """[n], indicated minus reference in (−180, 180] [°], NaN outside the inclination range."""
     inclination_range_deg: tuple[float, float]
-    """Reference inclinations that the toolface figures hold for [°]."""
+    """Range of reference inclination [°] that the toolface figures refer to."""
     inclination_rms_deg: float
     inclination_max_deg: float
     toolface_rms_deg: float
-    """NaN when no dwell lies in the range."""
+    """NaN where no dwell lies in the inclination range."""
     toolface_max_deg: float
     toolface_scaled_max_deg: float
-    """Largest |toolface error| · sin(inclination) in the range [°]: the figure that does not depend
-    on the range.
+    """Largest |toolface error| · sin(inclination) in the range [°]: hardly depends on the range,
+    because toolface errors grow as 1/sin(inclination).
     """
 
 
@@ -47,9 +47,9 @@ class DwellErrors:
     """Errors of a set of dwells against the reference."""
 
     residual: Array
-    """Of each component [n, 3, g], or of the length of gravity alone [n, 1, g]."""
+    """Residuals of the components [n, 3, g], or of the magnitude of gravity [n, 1, g]."""
     angles: AttitudeErrors | None
-    """Of inclination and toolface; None where the length of gravity is the reference."""
+    """Attitude errors; None where the magnitude of gravity is the only reference."""
 
     @property
     def residual_rms_g(self) -> float:
@@ -57,7 +57,7 @@ class DwellErrors:
         return rms(self.residual)
 
     def judge_errors(self, spec: AccelerometerRecipe) -> tuple[Criterion, ...]:
-        """Acceptance limits of the recipe on the corrected dwells."""
+        """Criteria of the recipe's acceptance limits on the corrected dwells."""
         limits, angles = spec.acceptance, self.angles
         stated = [("residual rms", self.residual_rms_g, limits.max_residual_rms_g, "g")]
         if angles is not None:
@@ -75,7 +75,7 @@ class DwellErrors:
         )
 
     def judge_improvement(self, after: "DwellErrors") -> Criterion:
-        """Correction may not make unseen dwells worse than they were."""
+        """Criterion that the correction does not increase the errors of unseen dwells."""
         rms_before = self.residual_rms_g
         share = after.residual_rms_g / rms_before if rms_before > 0.0 else 1.0
         return at_most("residual rms after/before", share, 1.0, "1")
@@ -84,8 +84,8 @@ class DwellErrors:
     def compare(
         cls, dwells: DwellSet, spec: AccelerometerRecipe, correction: Correction | None = None
     ) -> Self:
-        """Errors of dwells against reference attitudes, or against the length of gravity alone: of
-        the indication, or as a correction leaves it.
+        """Errors of dwells against the reference attitudes or the magnitude of gravity, for raw
+        indications or, where a correction is given, for corrected components.
         """
         vector = dwells.indication
         if correction is not None:
@@ -104,10 +104,10 @@ class DwellErrors:
 def propagate_uncertainty(
     affine: Model, dwells: DwellSet, toolface_range_deg: tuple[float, float]
 ) -> tuple[Figure, ...]:
-    """Largest standard uncertainties (type A) of inclination and toolface over the dwells, from
-    coefficients and residual of an affine model.
+    """Largest standard uncertainties (type A) of inclination and toolface over the dwells,
+    propagated from the covariance of the coefficients and the residual of an affine model.
 
-    The toolface's is given times sin(inclination), over the inclinations of the range.
+    The toolface uncertainty is multiplied by sin(inclination) and limited to the inclination range.
     """
     at = forms.inputs(dwells.indication, dwells.temperature)
     vector, slopes = forms.AFFINE.evaluate(affine, at), forms.AFFINE.gradient(affine, at)
@@ -167,8 +167,8 @@ def _attitude_uncertainty(vector: Array, covariance: Array) -> tuple[Array, Arra
     """Standard uncertainties [n], [n] [°] of inclination and toolface from the covariance [n, 3, 3]
     of vectors [n, 3].
 
-    First order (GUM 5.2.2); along the vertical the toolface has none and is NaN, and the
-    inclination is that of the horizontal components' root mean square.
+    First order (GUM 5.2.2). For a vertical vector the toolface uncertainty is NaN, and the
+    inclination uncertainty is the root mean square of the two horizontal components.
     """
     gx, gy, gz = np.moveaxis(vector, -1, 0)
     flat, square = np.hypot(gx, gy), np.sum(vector**2, axis=-1)

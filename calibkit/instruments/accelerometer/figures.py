@@ -1,5 +1,5 @@
-"""Figures of a triad: residuals against temperature, coverage of the sphere, attitude errors before
-and after.
+"""Figures of a triad: residuals against temperature, coverage of attitudes on the sphere, attitude
+errors before and after correction.
 """
 
 from __future__ import annotations
@@ -29,7 +29,9 @@ class TriadReport:
 
 
 def draw_pages(title: str, report: TriadReport) -> tuple[Figure, ...]:
-    """Residuals and coverage, then the attitude errors where there is a reference attitude."""
+    """Page of residuals and coverage, and a page of attitude errors where there is a reference
+    attitude.
+    """
     first = _draw_residuals(title, report)
     before, after = report.before.angles, report.after.angles
     if before is None or after is None:
@@ -38,7 +40,9 @@ def draw_pages(title: str, report: TriadReport) -> tuple[Figure, ...]:
 
 
 def _draw_residuals(title: str, report: TriadReport) -> Figure:
-    """Residual of each component against temperature, and which attitudes were held."""
+    """Residual of each component against temperature, and the measured attitudes on an equal-area
+    map.
+    """
     figure, axes = page(2, 2, title=f"{title}: residual after correction, and the attitudes held")
     dwells, residual = report.dwells, report.after.residual
     names = ("x", "y", "z") if residual.shape[1] == 3 else ("| |G| - g |",)
@@ -48,7 +52,7 @@ def _draw_residuals(title: str, report: TriadReport) -> Figure:
         axes[k].set(title=f"residual {name}", xlabel="case temperature [°C]", ylabel="[µg]")
     for ax in axes[len(names) : 3]:
         ax.set_visible(False)
-    # directions of gravity in the triad, equal-area: the sphere's poles are top and bottom
+    # directions of gravity in the triad's frame, equal-area: the sphere's poles are top and bottom
     unit = dwells.indication / np.linalg.norm(dwells.indication, axis=1)[:, None]
     around = np.degrees(np.arctan2(unit[:, 1], unit[:, 0]))
     axes[3].plot(around, unit[:, 2], "o", ms=3, color=ALERT, alpha=0.5)
@@ -60,7 +64,9 @@ def _draw_residuals(title: str, report: TriadReport) -> Figure:
 def _draw_angles(
     title: str, report: TriadReport, before: AttitudeErrors, after: AttitudeErrors
 ) -> Figure:
-    """Inclination and toolface errors before and after, against inclination and temperature."""
+    """Inclination and toolface errors before and after correction, against inclination and
+    temperature.
+    """
     low, high = report.toolface_range_deg
     figure, axes = page(2, 2, title=f"{title}: attitude errors before (grey) and after (green)")
     pairs = (

@@ -25,7 +25,7 @@ from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.numeric import attitude
 
 LARGEST_G = Fraction(2)
-"""Indication [g] beyond which it is clamped: a triad is calibrated in the field of the earth."""
+"""Indication [g] above which the firmware clamps: a triad is calibrated in the earth's gravity."""
 SENSE = {
     "gravity": "positive along gravity",
     "specific_force": "specific force, positive against gravity",
@@ -33,7 +33,7 @@ SENSE = {
 
 
 def _chain(spec: AccelerometerRecipe, records: Mapping[str, Record]) -> Chain:
-    """Chain of the correction that the recipe names; indications and results have the recipe's sign
+    """Chain of the correction that the recipe names; inputs and outputs follow the recipe's sign
     convention.
     """
     compensation, convention = spec.compensation, spec.reference.convention
@@ -71,15 +71,15 @@ def _chain(spec: AccelerometerRecipe, records: Mapping[str, Record]) -> Chain:
 
 
 def _files(spec: AccelerometerRecipe) -> tuple[str, ...]:
-    """Coefficient files that the chain takes its numbers from."""
+    """Coefficient files that the chain takes its coefficients from."""
     return tuple(f"{stage}.json" for stage in coefficient_files.COMPENSATIONS[spec.compensation])
 
 
 def _affine(
     draft: Draft, model: Model, mapping: tuple[Fraction, Fraction], sign: int
 ) -> list[Entry]:
-    """M(u) (V − b(u)) and the higher orders, and the parameters; specific force turns the sign of b
-    and of the second order.
+    """Add M(u) (V − b(u)) and the higher orders to the draft and return the parameters; for
+    specific force, b and the second-order terms change sign.
     """
     entries = [find_entry(c.name) for c in model.coefficients]
     powers: dict[str, list[Fraction]] = {entry.symbol: [] for entry in entries}
@@ -111,7 +111,9 @@ def _affine(
 
 
 def _k(draft: Draft, record: Record, mapping: tuple[Fraction, Fraction], sign: int) -> None:
-    """S(u) V − Z(u) − K8 V − K9 V of each axis, the largest term last."""
+    """Add S(u) V − Z(u) − K8 V′ − K9 V″ of each axis to the draft, V′ and V″ the other axes; the
+    largest term is added last.
+    """
     for own, axis in enumerate(AXES):
         model = record.model(forms.K_MODELS[own])
         scale = exact.mapped(numbers(model, *forms.SCALE_FACTOR), *mapping)
@@ -137,8 +139,8 @@ def _k(draft: Draft, record: Record, mapping: tuple[Fraction, Fraction], sign: i
 
 
 def _q(draft: Draft, model: Model) -> None:
-    """Exact form of the Q-factor: lower triangular, from Q1, Q2, Q3 by the unit axes that have
-    them.
+    """Add the exact lower triangular Q matrix to the draft, from the unit axes whose small angles
+    are Q1, Q2, Q3.
     """
     q1, q2, q3 = numbers(model, *q_factor.NAMES)
     ye1, ze2, ze1 = -q3, -q1, q3 * q1 - q2

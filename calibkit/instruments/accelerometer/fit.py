@@ -20,34 +20,34 @@ from calibkit.instruments.accelerometer.numeric.dwell_fit import DwellFit
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 
 LEAST_GROUPS = 12
-"""Logs below which leaving out one at a time gives no covariance: six sweeps understated it
-fivefold in simulation.
+"""Fewest logs for a leave-one-log-out covariance: with six sweeps it was five times too small in
+simulation.
 """
 Found = TypeVar("Found")
 
 
 @dataclass(frozen=True, slots=True)
 class TriadFit:
-    """What was fitted to a set of dwells, each with what must be known of it."""
+    """Models fitted to a set of dwells, with their flags."""
 
     k: tuple[Model, ...] = ()
-    """K-factor of the three axes, where it was asked for."""
+    """K models of the three axes; empty where the recipe does not enable K."""
     k_flags: tuple[str, ...] = ()
     k_not_fitted: tuple[str, ...] = ()
-    """Coefficients that the recipe's orders leave at zero, one text per axis."""
+    """Coefficients fixed at zero by the recipe's orders, one text per axis."""
     q: Model | None = None
     affine: Model | None = None
     affine_flags: tuple[str, ...] = ()
-    """Of Q-factor and affine triad."""
+    """Flags of the Q-factor and the affine triad."""
     intervals: tuple[Figure, ...] = ()
-    """Ends of 95 % profile intervals of the nine magnitude-only parameters, where lmfit was asked
-    for.
+    """Ends of the 95 % profile intervals of the nine magnitude-only parameters; empty unless the
+    solver is lmfit.
     """
 
 
 def fit_triad(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
-    """Fit what the recipe asks for; raises FitError naming the coefficients that the dwells cannot
-    determine.
+    """Fit the models that the recipe enables; raises FitError naming the coefficients that the
+    dwells do not determine.
     """
     if spec.reference.kind == "magnitude":
         return _fit_lengths(dwells, spec)
@@ -111,8 +111,8 @@ def _fit_k(
 
 
 def _fit_lengths(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
-    """Scale factor, bias and Q from the length of gravity alone; over temperature where affine is
-    enabled.
+    """Fit scale factors, biases and Q to the magnitude of gravity alone; over temperature where
+    affine is enabled.
     """
     noise = None if dwells.weights is None else np.sqrt(np.mean(dwells.noise**2, axis=1))
     intervals: tuple[Figure, ...] = ()
@@ -145,7 +145,7 @@ def _fit_lengths(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
 def _fit_bounded(
     dwells: DwellSet, noise: Array | None
 ) -> tuple[magnitude.MagnitudeFit, tuple[Figure, ...], tuple[str, ...]]:
-    """Magnitude-only fit by lmfit, the ends of its intervals, and its flags."""
+    """Magnitude-only fit by lmfit, the ends of its 95 % intervals, and its flags."""
     found, intervals = magnitude.fit_bounded(dwells.indication, 1.0, noise=noise)
     units = dict(zip(magnitude.NAMES, ("1",) * 3 + ("g",) * 3 + ("rad",) * 3, strict=True))
     figures = tuple(
@@ -166,8 +166,8 @@ def _fit_bounded(
 def _fit_or_fall_back(
     fit_with: Callable[..., Found], loss: str, what: str
 ) -> tuple[Found, tuple[str, ...]]:
-    """A fit with the recipe's loss; where a robust fit does not converge, the plain one and a flag
-    that states it.
+    """Fit with the recipe's loss and its flags; where a robust fit does not converge, the
+    least-squares fit and a flag that states it.
     """
     try:
         return fit_with(loss=loss), ()
@@ -182,19 +182,21 @@ def _fit_or_fall_back(
 
 
 def _name_suspects(what: str, suspects: Sequence[int], dwells: DwellSet) -> tuple[str, ...]:
-    """Flags that name the dwells which no noise explains."""
+    """Flags that name the dwells which were found to be outliers."""
     return tuple(f"{what}: suspect dwell {dwells.place[i]}" for i in suspects)
 
 
 def _affine_terms(spec: AccelerometerRecipe) -> AffineTerms:
-    """Parameters of the affine triad."""
+    """Parameters of the affine triad that the recipe enables."""
     return AffineTerms(**spec.affine.model_dump(exclude={"enabled"}))
 
 
 def _affine_models(
     found: AffineFit, dwells: DwellSet, spec: AccelerometerRecipe
 ) -> tuple[Model, Model]:
-    """Affine model, and Q at the reference temperature or at that of the dwells nearest to it."""
+    """Affine model, and Q model at the reference temperature, or at the dwell temperature nearest
+    to it.
+    """
     low, high = dwells.valid[forms.TEMPERATURE]
     at = float(np.clip(spec.reference_temp_degc, low, high))
     named = found.names, found.coefficients, found.covariance
@@ -210,8 +212,8 @@ def _triad_models(
     temperature: float,
     dwells: DwellSet,
 ) -> tuple[Model, Model]:
-    """Model of affine parameters in °C, and of Q1, Q2, Q3 [3, rad] with their covariance [3, 3] at
-    a temperature [°C], both with the residual of the fit.
+    """Model of affine parameters in powers of °C, and model of Q1, Q2, Q3 [3, rad] with their
+    covariance [3, 3] at a temperature [°C]; both hold the residual of the fit.
     """
     named = names, values, [forms.affine_unit(name) for name in names]
     small = q_factor.NAMES, angles[0], ("rad",) * 3
@@ -231,8 +233,8 @@ def _model(
     dwells: DwellSet,
     parameters: tuple[Parameter, ...] = (),
 ) -> Model:
-    """Model of a form from names, values and units of its coefficients, with the residual of their
-    fit and the temperatures of the dwells.
+    """Model of a form from the names, values and units of its coefficients, the residual of the fit
+    and the temperature range of the dwells.
     """
     names, values, units = coefficients
     return form.write(
@@ -248,8 +250,8 @@ def _model(
 
 
 def _tool_rotation(inclination_deg: Array, toolface_deg: Array) -> Array:
-    """Passive rotations R_z(φ) R_y(θ) [n, 3, 3] from the table's base to the tool; the last column
-    is gravity [g].
+    """Passive rotations R_z(φ) R_y(θ) [n, 3, 3] from the table's base to the tool; their last
+    column is the gravity vector [g].
     """
     theta, phi = np.radians(inclination_deg), np.radians(toolface_deg)
     ct, st, cp, sp = np.cos(theta), np.sin(theta), np.cos(phi), np.sin(phi)

@@ -14,13 +14,13 @@ K_MODELS = ("accel_x", "accel_y", "accel_z")
 
 
 def _over_temperature(unit: str, power: int) -> str:
-    """Unit of the coefficient of a power of the temperature."""
+    """Unit of the coefficient of t^power, t in °C, of a quantity in `unit`."""
     return unit if power == 0 else f"{unit}/degC{power if power > 1 else ''}"
 
 
 SCALE_FACTOR, ZERO_OFFSET, CROSS = k_factor.NAMES[:4], k_factor.NAMES[4:8], k_factor.NAMES[8:]
-"""K of the scale factor and of the zero offset in ascending powers of the temperature, and K of the
-two other axes.
+"""Names of K0 … K3 (scale factor) and K4 … K7 (zero offset) in ascending powers of temperature, and
+of K8, K9 (cross-axis terms).
 """
 K_UNITS = (*(_over_temperature(unit, k) for unit in ("1", "g") for k in range(4)), "1", "1")
 
@@ -40,7 +40,7 @@ def inputs(indication: Array, temperature: Array) -> Inputs:
 
 
 def _indication(at: Inputs) -> Array:
-    """Indications [n, 3, g] beside each other."""
+    """Indications [n, 3, g] of the three axes, stacked."""
     return np.column_stack([at[component] for component in COMPONENTS])
 
 
@@ -50,7 +50,7 @@ def _q_matrix(coefficients: Array) -> Array:
 
 
 def _q_correct(model: Model, at: Inputs) -> Array:
-    """Orthogonal components [n, 3, g] by the exact matrix."""
+    """Orthogonal components [n, 3, g] by the exact Q matrix."""
     return _indication(at) @ _q_matrix(Q.read(model)).T
 
 

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from calibkit.simulate.campaign import Campaign
 
 CORRECTIONS = {"k": "K-factor", "kq": "K- and Q-factor", "affine": "affine"}
-"""Compensation of a recipe → what the row of its errors is called."""
+"""Compensation of a recipe → name of the correction in the table of errors."""
 
 
 def _read(
@@ -132,7 +132,7 @@ def _apply(spec: AccelerometerRecipe, records: Mapping[str, Record], data: Path)
 def _validate(
     spec: AccelerometerRecipe, records: Mapping[str, Record], logs: Iterable[Log]
 ) -> tuple[dict[str, Any], Summary]:
-    """Attitude errors before and after on dwells that were not fitted."""
+    """Attitude errors before and after correction on dwells that were not used in the fit."""
     correction = coefficient_files.find_correction(spec.compensation, records.values())
     entries: list[dict[str, object]] = []
     shown: list[Table] = []

@@ -14,7 +14,9 @@ ATTITUDE = ("temp_case_degc", "inclination_deg", "toolface_deg")
 
 
 def propose(evidence: Evidence) -> Choice | None:
-    """A triad with reference attitudes and temperature; without them by magnitude alone."""
+    """Choice of a recipe with reference attitudes and temperature; without these columns, of the
+    magnitude-only recipe.
+    """
     columns = evidence.columns
     if not set(COMPONENTS) <= columns.keys():
         return None

@@ -13,7 +13,7 @@ Inclination = Annotated[float, Field(gt=0.0, lt=180.0)]
 
 
 class _Reference(Table):
-    """What the indications are fitted to, and the sign that a positive indication has."""
+    """Reference that the indications are fitted to, and sign convention of the indications."""
 
     kind: Literal["attitude", "magnitude"] = "attitude"
     convention: Literal["gravity", "specific_force"] = "gravity"
@@ -32,7 +32,7 @@ class _DwellSpec(Table):
 
 
 class _KAxisSpec(Table):
-    """Orders of one axis."""
+    """Polynomial orders of one axis."""
 
     scale_order: Order = 3
     zero_order: Order = 3
@@ -40,7 +40,7 @@ class _KAxisSpec(Table):
 
 
 class _KSpec(_KAxisSpec):
-    """K-factor: the same orders for the three axes, or each its own."""
+    """Orders of the K-factor, common to the three axes or per axis."""
 
     enabled: bool = True
     groups: Literal["none", "log"] = "none"

@@ -35,17 +35,17 @@ class _Sensor:
     scale_factor: float
     """Indication per g at 25 °C [1]."""
     flux_loss: float
-    """Reversible loss of the magnet, as the share of the scale factor [1/°C]."""
+    """Reversible loss of the magnet's flux, relative to the scale factor [1/°C]."""
     flux_curvature: float
-    """Of the loss [1/°C²]."""
+    """Second-order coefficient of the flux loss [1/°C²]."""
     bias: float
-    """At 25 °C [g]."""
+    """Bias at 25 °C [g]."""
     bias_slope: float
-    """[g/°C]."""
+    """Bias temperature coefficient [g/°C]."""
     bias_bend: float
     """Saturating part of the bias [g]."""
     bend_width: float
-    """Temperature over which it saturates [°C]."""
+    """Temperature scale of the saturation [°C]."""
     second_order: float
     """K₂ [g/g²]."""
     third_order: float
@@ -60,7 +60,7 @@ class _Sensor:
 
 @dataclass(frozen=True, slots=True)
 class _Conditions:
-    """How a campaign is run."""
+    """Conditions of a simulated campaign."""
 
     noise_g: float = 2e-5
     """Standard deviation of a logged indication [g]."""
@@ -69,20 +69,20 @@ class _Conditions:
     thermometer_noise_degc: float = 0.02
     temperatures_degc: tuple[float, ...] = TEMPERATURES_DEGC
     inclinations_deg: tuple[float, ...] = (30.0, 60.0, 90.0, 120.0, 150.0)
-    """Between the two upright positions, which are always held."""
+    """Inclinations held beside the two vertical positions, which are always held."""
     toolfaces: int = 8
-    """Evenly spaced over a turn."""
+    """Number of toolfaces, evenly spaced over a turn."""
     wild: int = 0
-    """Dwells spoilt by a bumped table or a wrong entry."""
+    """Number of dwells spoilt by a bumped table or a wrong entry."""
     sweep: bool = False
-    """Temperature swept continuously at a few attitudes in place of dwells on a grid."""
+    """Whether the temperature is swept at a few attitudes, instead of dwells on a grid."""
     sweep_rate_degc_per_min: float = 1.0
     sweep_interval_s: float = 10.0
     sweep_attitudes_deg: tuple[tuple[float, float], ...] = field(
         default=((0.0, 0.0), (90.0, 0.0), (90.0, 90.0), (90.0, 180.0), (90.0, -90.0), (180.0, 0.0))
     )
     lag_s: float = 60.0
-    """Time constant between the case, which is logged, and the sensors [s]."""
+    """Time constant of the sensors behind the logged case temperature [s]."""
 
 
 def campaign(seed: int, conditions: _Conditions = _Conditions()) -> Campaign:
@@ -111,8 +111,8 @@ def campaign(seed: int, conditions: _Conditions = _Conditions()) -> Campaign:
 
 
 def _indications(sensors: tuple[_Sensor, ...], gravity: Array, temperature: Array) -> Array:
-    """Indications [n, 3] without noise of three sensors in gravity [n, 3] [g] at sensor
-    temperatures [n] [°C].
+    """Noise-free indications [n, 3] of three sensors in gravity [n, 3] [g] at sensor temperatures
+    [n] [°C].
     """
     along = np.column_stack(
         [np.sum(gravity * _sensitive_axis(s, temperature), axis=1) for s in sensors]
@@ -148,7 +148,7 @@ def _sensitive_axis(sensor: _Sensor, temperature: Array) -> Array:
 
 
 def _sensor(rng: np.random.Generator, index: int) -> _Sensor:
-    """Draw one accelerometer of the kind that goes down a hole."""
+    """Draw the constants of one servo accelerometer for downhole tools."""
     axis = np.eye(3)[index] + rng.normal(0.0, 3e-3, 3)
     first, second, third = (axis / np.linalg.norm(axis)).tolist()
     turn_x, turn_y, turn_z = rng.normal(0.0, 8e-7, 3).tolist()

@@ -1,4 +1,4 @@
-"""A triad of MEMS accelerometers that a hand put down in many positions: a log of holds and turns,
+"""A triad of MEMS accelerometers turned by hand into many positions: a log of rests and turns,
 attitudes unknown.
 
 The sensors are physical, not the model that is fitted: scale factors, biases and axes that are off,
@@ -16,16 +16,16 @@ INTERVAL_S = 0.04
 HOLD_S, TURN_S = 4.0, 1.2
 DECIMALS = {"time_s": 2, "accel_x_g": 5, "accel_y_g": 5, "accel_z_g": 5}
 NOISE_G, SHAKE_G, WALK_G = 2e-4, 3e-2, 2e-6
-"""Standard deviations of a sample at rest, of the hand while it turns, and of a step of the
-wandering bias [g].
+"""Standard deviations [g] of a sample at rest, of the hand's shaking during a turn, and of one step
+of the bias's random walk.
 """
 SECOND_ORDER = 2e-5
 """Largest second-order error [g/g²]."""
 
 
 def campaign(seed: int, *, positions: int = 24) -> Campaign:
-    """Log one triad in a number of positions, and the same triad in half as many others for
-    validation.
+    """Simulate a log of one triad in a number of positions, and a validation log of the same triad
+    in half as many others.
 
     Parameters
     ----------
@@ -76,14 +76,18 @@ def campaign(seed: int, *, positions: int = 24) -> Campaign:
 
 
 def _directions(rng: np.random.Generator, count: int) -> Array:
-    """Unit vectors [count, 3] of gravity: the six faces within a few degrees, then any."""
+    """Unit vectors [count, 3] of gravity: six faces within a few degrees, the others in random
+    directions.
+    """
     faces = np.vstack((np.eye(3), -np.eye(3)))[:count] + rng.normal(0.0, 0.04, (min(count, 6), 3))
     vectors = np.vstack((faces, rng.normal(size=(max(count - 6, 0), 3))))
     return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True), dtype=np.float64)
 
 
 def _path(rng: np.random.Generator, directions: Array) -> Array:
-    """Specific gravity [n, 3] along holds and the turns between them, which a hand shakes."""
+    """Gravity vectors [n, 3, g] in the triad's frame along the rests and the shaken turns between
+    them.
+    """
     hold, turn = round(HOLD_S / INTERVAL_S), round(TURN_S / INTERVAL_S)
     share = np.linspace(0.0, 1.0, turn, endpoint=False)[:, None]
     pieces = []

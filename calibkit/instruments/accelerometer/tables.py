@@ -37,7 +37,7 @@ def tabulate_fit(fitted: TriadFit) -> list[Table]:
 def tabulate_errors(
     errors: Mapping[str, DwellErrors], spec: AccelerometerRecipe, title: str
 ) -> Table:
-    """Errors under each correction, by its name; the toolface only with its inclination range."""
+    """Table of errors, a row for each correction; toolface with its inclination range."""
     if spec.reference.kind == "magnitude":
         lengths = tuple((name, 1e6 * one.residual_rms_g) for name, one in errors.items())
         return Table(title, ("", Column("| |G| - g | rms [µg]", ".1f")), lengths)
@@ -64,7 +64,7 @@ def tabulate_errors(
 
 
 def tabulate_uncertainty(figures: Sequence[Figure]) -> Table:
-    """Largest uncertainties of one corrected dwell."""
+    """Table of the largest uncertainties of one corrected dwell."""
     rows = tuple((figure.name, number(figure.value, 2), figure.unit) for figure in figures)
     return Table("Uncertainty of one corrected dwell (type A)", ("", "largest", "unit"), rows)
 

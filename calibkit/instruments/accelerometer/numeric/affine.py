@@ -4,8 +4,8 @@ cases.
 Every entry of M and b is a polynomial in temperature. Optional are the second- and third-order
 terms and cross products of the IEEE 1293 model equation (K₂, K₃, K_ip, K_io, here on the
 indications and constant in temperature), and nuisance parameters: the tilt of the table's base and
-the angles of the fixture, which otherwise land in the cross-axis terms. A fixture turns the triad
-as M could too, so with fixture angles M is lower triangular: the frame of the triad is e1 = x.
+the angles of the fixture, which otherwise bias the cross-axis terms. M can represent the rotation
+of a fixture too, so with fixture angles M is lower triangular: the frame of the triad is e1 = x.
 """
 
 from dataclasses import dataclass
@@ -28,15 +28,15 @@ from calibkit.instruments.accelerometer.numeric.dwell_fit import MappedFit
 from calibkit.numeric.least_squares import fit as least_squares, gauss_newton, polynomial, robust
 
 WEAKEST = 1e-4
-"""Smallest singular value of the scaled Jacobian, relative to the largest, that counts as
-determined.
+"""Smallest singular value of the scaled Jacobian, relative to the largest, with which all
+parameters count as determined.
 """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AffineFit(MappedFit):
-    """A finished affine fit; its residuals [n, 3] are corrected (and turned by the fixture) minus
-    reference, or [n, 1] of lengths.
+    """Result of an affine fit; residuals are corrected components (rotated by the fixture) minus
+    reference [n, 3], or magnitudes minus gravity [n, 1].
     """
 
     entries: tuple[Entry, ...]
@@ -48,8 +48,8 @@ class AffineFit(MappedFit):
         return tuple(entry.name for entry in self.entries)
 
     def evaluate_q(self, temperature: float) -> tuple[Array, Array]:
-        """Q1, Q2, Q3 [3] [rad] of the axes of an affine fit at one temperature [°C], and their
-        covariance [3, 3].
+        """Q1, Q2, Q3 [3] [rad] of the fitted axes at one temperature [°C], and their covariance [3,
+        3].
         """
         mapped = np.array([(temperature - self.middle) / self.half])
 
@@ -128,8 +128,8 @@ def fit_magnitude(
     weights: Array | None = None,
     loss: Literal["least_squares", "robust"] = "least_squares",
 ) -> AffineFit:
-    """Fit the affine triad to the length of gravity alone, M lower triangular: attitudes unknown,
-    temperatures known.
+    """Fit the affine triad to the magnitude of gravity alone, M lower triangular: attitudes
+    unknown, temperatures known.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ def fit_magnitude(
 
 
 def _require_enough(dwells: int, residuals: int, parameters: int) -> None:
-    """Refuse fewer residuals than can judge the parameters."""
+    """Raise FitError for fewer residuals than the parameters need."""
     if residuals <= parameters:
         raise FitError(
             f"{dwells} dwells for {parameters} parameters", hint="add dwells or lower the orders"
@@ -196,8 +196,8 @@ class _Problem:
     gravity: float = 1.0
 
     def __call__(self, parameters: Array, rows: slice) -> tuple[Array, Array]:
-        """Weighted residuals [3 n] against vectors, or [n] against the length, and derivatives by
-        the parameters.
+        """Weighted residuals [3 n] against reference vectors, or [n] against gravity's magnitude,
+        and their derivatives by the parameters.
         """
         mapped = (self.temperature[rows] - self.middle) / self.half
         corrected, slopes = evaluate(self.entries, parameters, self.indication[rows], mapped)
@@ -233,9 +233,9 @@ class _Problem:
 
 
 def _starting_parameters(entries: tuple[Entry, ...], indication: Array, reference: Array) -> Array:
-    """Starting parameters [p]: M and b without temperature, linear in M and M b."""
+    """Starting parameters [p]: temperature-independent M and b, by a fit linear in M and M b."""
     design = np.column_stack([indication, np.ones(len(indication))])
-    # noise makes any indications look full: the reference says how many attitudes there are
+    # noise makes the indications appear full rank: the rank of the reference attitudes decides
     if determination.affine_rank(reference) == 4 and least_squares.rank(design) == 4:
         solved = np.array(
             [least_squares.linear(design, reference[:, i]).coefficients for i in range(3)]
@@ -261,7 +261,7 @@ def _constant_parameters(
     bias: Array,
     angles: Array = np.zeros(3),  # noqa: B008
 ) -> Array:
-    """Parameters [p] of a matrix [3, 3], a bias [3] and fixture angles [3] without temperature."""
+    """Parameters [p] of a constant matrix [3, 3], bias [3] and fixture angles [3]."""
     values = {
         "m": lambda e: matrix[e.row, e.factors[0]],
         "b": lambda e: bias[e.row],
@@ -273,7 +273,9 @@ def _constant_parameters(
 
 
 def _require_determined(entries: tuple[Entry, ...], reference: Array, temperature: Array) -> None:
-    """Refuse conditions that leave an entry of M or b, or a higher-order term, undetermined."""
+    """Raise FitError where the conditions do not determine an entry of M or b or a higher-order
+    term.
+    """
     nominal = np.array(
         [float(e.kind == "m" and e.power == 0 and e.factors == (e.row,)) for e in entries]
     )
@@ -300,8 +302,8 @@ def _require_determined(entries: tuple[Entry, ...], reference: Array, temperatur
 
 
 def _solve(problem: _Problem, begin: Array, loss: Literal["least_squares", "robust"]) -> AffineFit:
-    """Gauss-Newton, then robust fits of the linearised problem where they are asked for, in mapped
-    temperature.
+    """Solve by Gauss-Newton in mapped temperature; for a robust loss, go on with robust fits of the
+    linearised problem.
     """
     entries, rows = problem.entries, len(problem.indication)
     names = [entry.name for entry in entries]
@@ -340,7 +342,7 @@ def _solve(problem: _Problem, begin: Array, loss: Literal["least_squares", "robu
 def _to_raw_matrix(
     entries: tuple[Entry, ...], middle: float, half: float
 ) -> NDArray[np.longdouble]:
-    """Matrix [p, p] from parameters in mapped temperature to parameters in °C."""
+    """Matrix [p, p] that converts parameters in mapped temperature to powers of °C."""
     matrix = np.eye(len(entries), dtype=np.longdouble)
     powers = polynomial.to_raw_powers(middle, half, max(entry.power for entry in entries))
     for row, this in enumerate(entries):
@@ -361,8 +363,8 @@ def _rotation(angles: Array) -> Array:
 
 
 def _tilted_gravity(tool_rotation: Array, tilt: Array) -> tuple[Array, Array]:
-    """Gravity [n, 3] in the tool on a base tilted by two angles, and its derivatives [n, 3, 2] by
-    them.
+    """Gravity vectors [n, 3] in the tool with the base tilted by two angles, and their derivatives
+    [n, 3, 2] by these angles.
     """
     length = np.sqrt(1.0 + tilt @ tilt)
     down = np.array([tilt[0], tilt[1], 1.0]) / length

@@ -18,7 +18,7 @@ FIXTURE = ("fixture_x_rad", "fixture_y_rad", "fixture_z_rad")
 
 @dataclass(frozen=True, slots=True)
 class AffineTerms:
-    """Which parameters are fitted."""
+    """Selection of the parameters that are fitted."""
 
     scale_order: int = 3
     """Highest power of temperature in the diagonal of M."""
@@ -66,11 +66,13 @@ class Entry:
     """m_xy, b_z, n_x_xx, tilt_north_rad: the name without the power of temperature."""
     kind: Literal["m", "b", "n", "tilt", "fixture"]
     row: int
-    """Axis that it belongs to, or number of the nuisance angle."""
+    """Index of the parameter's axis, or of the nuisance angle."""
     factors: tuple[int, ...]
-    """Indications that it multiplies: one for M, empty for b, two or three for higher orders."""
+    """Axes of the indications that the parameter multiplies: one for M, none for b, two or three
+    for higher orders.
+    """
     power: int = 0
-    """Of temperature."""
+    """Power of temperature."""
 
     @property
     def name(self) -> str:
@@ -86,12 +88,12 @@ _ENTRIES = {
         triangular=False,
     )
 }
-"""Every parameter that a coefficient file can hold, by its name."""
+"""Name → parameter, for every parameter that a coefficient file can hold."""
 
 
 def find_entry(name: str) -> Entry:
-    """Parameter of a name in a coefficient file; raises FitError for a name that the affine triad
-    does not have.
+    """Parameter of the affine triad by its name in a coefficient file; raises FitError for an
+    unknown name.
     """
     if name not in _ENTRIES:
         raise FitError(
@@ -104,8 +106,8 @@ def find_entry(name: str) -> Entry:
 def matrix_and_bias(
     entries: Sequence[Entry], values: Array, temperature: Array
 ) -> tuple[Array, Array]:
-    """M [n, 3, 3] and b [n, 3] at temperatures [n] in the unit that the values are meant for: °C,
-    or mapped.
+    """M [n, 3, 3] and b [n, 3] at temperatures [n], in the unit of the parameter values: °C, or
+    mapped.
     """
     powers = _powers(entries, temperature)
     matrix, bias = np.zeros((len(powers), 3, 3)), np.zeros((len(powers), 3))
@@ -125,8 +127,8 @@ def _powers(entries: Sequence[Entry], temperature: Array) -> Array:
 def evaluate(
     entries: Sequence[Entry], values: Array, indication: Array, temperature: Array
 ) -> tuple[Array, Array]:
-    """Corrected components [n, 3] and their derivatives [n, 3, p] by the parameters; nuisance
-    angles do nothing here.
+    """Corrected components [n, 3] and their derivatives [n, 3, p] by the parameters; derivatives by
+    nuisance angles are zero.
 
     `temperature` [n] is in the unit that the values are meant for: °C, or mapped.
     """

@@ -1,9 +1,9 @@
-"""Which coefficients the held temperatures and attitudes determine, and which dwells would
-determine the rest.
+"""Which coefficients the temperatures and attitudes of the dwells determine, and which further
+dwells would determine the rest.
 
-Rank is read from the conditions that were commanded, never from the indications, whose noise makes
-any matrix look full; and from singular values, never from an assumed grid, so that temperature
-sweeps at a few attitudes count for what they are.
+The rank is computed from the reference attitudes and temperatures, because the noise of the
+indications gives any design matrix full rank; and from singular values, so that no grid of dwells
+is assumed and temperature sweeps at a few attitudes are judged correctly.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,29 +17,29 @@ from calibkit.numeric import attitude
 from calibkit.numeric.least_squares import fold, gram, polynomial
 
 TEMPERATURE_STEP_DEGC = 1.0
-"""Temperatures closer than this count as one."""
+"""Temperatures closer than this [°C] count as one level."""
 WEAK = 1e-3
-"""Smallest singular value, relative to the largest after column scaling, that counts as determined:
-0.06° of attitude.
+"""Smallest singular value, relative to the largest after column scaling, that counts as determined;
+it corresponds to 0.06° of attitude.
 """
 TUMBLE_DEG = np.array(
     [[90.0, 0.0], [90.0, 90.0], [90.0, 180.0], [90.0, -90.0], [0.0, 0.0], [180.0, 0.0]]
 )
-"""Inclination and toolface [°] of the six positions that are proposed first."""
+"""Inclination and toolface [°] of the six-position tumble test, proposed first."""
 
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """What one axis is to determine."""
+    """Coefficients of one axis and their design matrix."""
 
     label: str
-    """What the error calls the axis."""
+    """Name of the axis in error messages."""
     names: tuple[str, ...]
-    """Of the columns, the most important first: of two that the data cannot separate, the later is
-    undetermined.
+    """Names of the p coefficients, the most important first: of two that the data cannot separate,
+    the later one is undetermined.
     """
     design: Callable[[Array, Array], Array]
-    """Columns [n, p] from reference vectors [n, 3] and mapped temperatures [n]."""
+    """Design matrix [n, p] from reference vectors [n, 3] and mapped temperatures [n]."""
 
 
 def require_determined(
@@ -50,7 +50,8 @@ def require_determined(
     order: int,
     lower: str,
 ) -> None:
-    """Refuse conditions that leave a coefficient undetermined: which, why, and which dwells to add.
+    """Raise FitError where a coefficient is undetermined, stating which, why, and which dwells to
+    add.
 
     Parameters
     ----------
@@ -108,8 +109,8 @@ def require_determined(
 def distinct_temperatures(
     temperature: Array, step: float = TEMPERATURE_STEP_DEGC
 ) -> tuple[Array, Array]:
-    """Levels [k] [°C] at least `step` apart, and the level [n] that each temperature [n] is counted
-    to.
+    """Temperature levels [k] [°C] at least `step` apart, and the index [n] of the level that each
+    temperature [n] belongs to.
 
     A level opens at the lowest temperature that is a step above the last one's opening, so a sweep
     counts as many levels as it has steps, and the scatter of a chamber about its set point counts
@@ -127,11 +128,11 @@ def distinct_temperatures(
 
 
 def _level_numbers(openings: Array, temperature: Array, step: float) -> Integers:
-    """Number of the last opening [k] at or below each temperature [n], openings at least a step
-    apart.
+    """Index [n] of the last level start [k] at or below each temperature [n]; starts are at least
+    `step` apart.
 
-    Looked up in cells of a step, of which each holds one opening at most: four times as fast as a
-    search.
+    Temperatures are looked up in cells one step wide, which hold at most one opening each: four
+    times as fast as a binary search.
     """
     span = float(np.max(temperature)) - openings[0]
     if not 0.0 < span < gram.TALL * step or temperature.size < gram.TALL:
@@ -141,14 +142,14 @@ def _level_numbers(openings: Array, temperature: Array, step: float) -> Integers
     label: Integers = (np.searchsorted(openings, edges, side="right") - 1)[cell]
     fenced = np.append(openings, np.inf)
     label += temperature >= fenced[label + 1]
-    # a quotient that was rounded up to the next cell
+    # correct a quotient that rounding lifted into the next cell
     label -= temperature < fenced[label]
     return label
 
 
 def affine_rank(reference: Array) -> int:
-    """How many of the attitudes [n, 3] are affinely independent: 4 when they span space, 3 on one
-    cone or plane.
+    """Affine rank of the attitudes [n, 3]: 4 when they span space, 3 when they lie on one cone or
+    plane.
     """
     return _rank(np.column_stack([np.ones(len(reference)), reference]))
 
@@ -159,8 +160,8 @@ def _undetermined(
     mapped: Array,
     condense: Callable[[Callable[[slice], Array], int], Array],
 ) -> list[str]:
-    """Names of the columns that the earlier ones make superfluous, in the design of a part that is
-    condensed to p rows.
+    """Names of the coefficients whose columns depend linearly on earlier columns; `condense` reduces
+    the design matrix to p rows.
     """
     design = condense(lambda rows: part.design(reference[rows], mapped[rows]), len(mapped))
     undetermined: list[str] = []
@@ -177,9 +178,9 @@ def _undetermined(
 def _propose_dwells(
     parts: Sequence[Part], reference: Array, mapped: Array, offered: Array
 ) -> Array:
-    """Further dwells [m, 3], mapped temperature, inclination [°] and toolface [°], that determine
-    every column of every part, at offered mapped temperatures [k]; what is proposed for one part
-    counts for the next.
+    """Further dwells [m, 3] (mapped temperature, inclination [°], toolface [°]) at offered mapped
+    temperatures [k] that determine every column of every part; dwells proposed for one part count
+    for the next.
     """
     angle = np.tile(TUMBLE_DEG, (offered.size, 1))
     dwells = np.column_stack([np.repeat(offered, len(TUMBLE_DEG)), angle])
@@ -209,7 +210,8 @@ def _propose_dwells(
 
 
 def _describe_dwells(dwells: Array) -> str:
-    """Dwells [m, 3], temperature [°C], inclination and toolface [°], as a phrase."""
+    """Text of dwells [m, 3] (temperature [°C], inclination and toolface [°]) for an error message.
+    """
     parts = []
     for level in np.unique(dwells[:, 0]):
         spots = [f"{tilt:g}°/{roll:g}°" for _, tilt, roll in dwells[dwells[:, 0] == level]]
@@ -218,8 +220,8 @@ def _describe_dwells(dwells: Array) -> str:
 
 
 def _offered_levels(levels: Array, needed: int) -> Array:
-    """Temperatures [°C] to propose: those held already, and new ones in the widest gaps when they
-    are too few.
+    """Temperatures [°C] to propose: the levels of the data, and further levels in the widest gaps
+    where there are fewer than needed.
     """
     offered = (
         np.array([levels[0] - 20.0, levels[0], levels[0] + 20.0]) if levels.size == 1 else levels

@@ -1,4 +1,4 @@
-"""What fits to dwells report: of any parameters, and of coefficients over temperature."""
+"""Results of fits to dwells: covariance and residuals, and coefficients over temperature."""
 
 from dataclasses import dataclass
 
@@ -9,39 +9,40 @@ from calibkit.arrays import Array
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DwellFit:
-    """Covariance of the p parameters of a fit to n dwells, and how well it fits."""
+    """Covariance of the p parameters of a fit to n dwells, and the quality of the fit."""
 
     covariance: Array
     """[p, p], type A."""
     residuals: Array
-    """[n] or [n, m], of the dwells [unit of the reference]."""
+    """[n] or [n, m], residuals of the dwells [unit of the reference]."""
     suspects: tuple[int, ...]
-    """Dwells that no noise explains, by index, worst first; empty for a plain fit."""
+    """Indices of outlying dwells, worst first; empty for a least-squares fit."""
     dof: int
-    """Of the uncertainty: residuals less parameters, or fewer where dwells share an error."""
-    residual_rms: float
-    """Over the degrees of freedom, so that it estimates the noise without bias [unit of the
-    reference].
+    """Degrees of freedom of the uncertainty: residuals less parameters, or fewer where dwells share
+    an error.
     """
+    residual_rms: float
+    """Root of the sum of squares over the degrees of freedom [unit of the reference]."""
     condition: float
 
     @property
     def standard_uncertainty(self) -> Array:
-        """Of the parameters [p], type A."""
+        """Standard uncertainties [p] of the parameters, type A."""
         return np.sqrt(np.diag(self.covariance))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MappedFit(DwellFit):
-    """A fit in u = (t − middle)/half, reported for temperatures t in °C too."""
+    """Fit in mapped temperature u = (t − middle)/half, with coefficients also in powers of t in °C.
+    """
 
     coefficients: Array
-    """[p], for temperatures in °C; the covariance is of these."""
+    """[p], in powers of °C; `covariance` belongs to these."""
     mapped_coefficients: Array
-    """[p], for u: well conditioned, for prediction and for single precision."""
+    """[p], in powers of u: well conditioned, for prediction and single precision."""
     mapped_covariance: Array
-    """[p, p]."""
+    """[p, p], of `mapped_coefficients`."""
     middle: float
-    """[°C]."""
+    """Middle of the temperature range [°C]."""
     half: float
-    """[°C]; 1 when the temperature was constant."""
+    """Half-width of the temperature range [°C]; 1 when the temperature was constant."""

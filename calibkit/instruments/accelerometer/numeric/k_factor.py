@@ -33,16 +33,16 @@ from calibkit.numeric.least_squares import (
 AXES = ("x", "y", "z")
 NAMES = ("K0", "K1", "K2", "K3", "K4", "K5", "K6", "K7", "K8", "K9")
 CROSS = ((1, 2), (2, 0), (0, 1))
-"""Columns that K8 and K9 multiply, axis by axis: y and z, z and x, x and y."""
+"""Indices of the two axes that K8 and K9 multiply, axis by axis: y and z, z and x, x and y."""
 IMPORTANCE = (0, 4, 8, 9, 1, 5, 2, 6, 3, 7)
-"""Order in which coefficients are determined: where the data cannot separate two, the later one is
+"""Indices of the coefficients by importance: of two that the data cannot separate, the later one is
 reported as undetermined.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class KTerms:
-    """Which of the ten coefficients of an axis are fitted; the others are zero."""
+    """Selection of the ten coefficients of an axis that are fitted; the others are zero."""
 
     scale_order: int = 3
     """Highest power of temperature in the scale factor, 0..3: K0..K3."""
@@ -60,25 +60,26 @@ class KTerms:
 
     @property
     def fitted(self) -> tuple[int, ...]:
-        """Numbers of the fitted coefficients, ascending."""
+        """Indices of the fitted coefficients, ascending."""
         cross = (8, 9) if self.cross else ()
         return (*range(self.scale_order + 1), *range(4, 5 + self.zero_order), *cross)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _KAxis(MappedFit):
-    """K0 … K9 of one axis, zero where not fitted; its residuals [n] are reference minus
-    corrected.
+    """Fit of K0 … K9 of one axis, zero where not fitted; residuals [n] are reference minus
+    corrected component.
     """
 
     fitted: tuple[int, ...]
-    """Numbers of the coefficients that were fitted, ascending."""
+    """Indices of the fitted coefficients, ascending."""
 
 
 def columns(
     indication: Array, temperature: Array, axis: int, numbers: Sequence[int] = range(10)
 ) -> Array:
-    """Columns [n, p] that the K of one axis multiply, K of the given numbers in their order.
+    """Design matrix [n, p] of one axis for the coefficients K with the given indices, in their
+    order.
 
     `temperature` [n] is in the unit that the coefficients are meant for: °C, or mapped to [−1, 1].
     """
@@ -152,7 +153,7 @@ def fit(
 
 
 def _require_determined(reference: Array, temperature: Array, terms: Sequence[KTerms]) -> None:
-    """Refuse conditions (references [n, 3], temperatures [n] [°C]) that leave a K undetermined, as
+    """Raise FitError where references [n, 3] and temperatures [n] [°C] leave a K undetermined, see
     `determination.require_determined`.
     """
     ranked = [[k for k in IMPORTANCE if k in part.fitted] for part in terms]
@@ -174,8 +175,8 @@ def _require_determined(reference: Array, temperature: Array, terms: Sequence[KT
 
 
 def indications(coefficients: Array, reference: Array, temperature: Array) -> Array:
-    """Indications [n, 3] that the K of three axes [3, 10] correct to the reference [n, 3]: the
-    model backwards.
+    """Inverse model: indications [n, 3] that the coefficients K [3, 10] correct to the reference
+    [n, 3].
     """
     powers = np.vander(temperature, 4, increasing=True)
     matrix = np.zeros((len(temperature), 3, 3))
@@ -198,7 +199,9 @@ def _fit_axis(
     groups: Integers | None,
     held: tuple[float, float],
 ) -> _KAxis:
-    """Fit the K of one axis in mapped temperature; `held` is the middle and half-width [°C]."""
+    """Fit the K of one axis in mapped temperature; `held` is the middle and half-width of the
+    temperature range [°C].
+    """
     names = [f"{NAMES[k]} of accel_{AXES[axis]}" for k in numbers]
     weight = None if weights is None else (weights if weights.ndim == 1 else weights[:, axis])
     target = reference[:, axis]
@@ -224,8 +227,8 @@ def _fit_axis(
         covariance = leave_out.jackknife_covariance(
             design, result.residuals, groups, weights=row_weights
         )
-        # a group is one attitude, or a part of one: four coefficients are what attitudes have to
-        # determine
+        # a group is one attitude, or a part of one; attitudes determine four coefficients, so the
+        # groups leave at most their number less four degrees of freedom
         dof = min(dof, max(len(np.unique(groups)) - 4, 1))
     return _in_degrees(result, covariance, suspects, dof, numbers, held)
 
@@ -238,8 +241,8 @@ def _in_degrees(
     numbers: tuple[int, ...],
     held: tuple[float, float],
 ) -> _KAxis:
-    """A fit in mapped temperature in powers of °C; the conversion is in extended precision, K3 and
-    K7 need it.
+    """Convert a fit in mapped temperature to powers of °C, in extended precision because K3 and K7
+    lose digits in double precision.
     """
     mapped, mapped_covariance = np.zeros(10), np.zeros((10, 10))
     mapped[list(numbers)] = result.coefficients

@@ -1,4 +1,4 @@
-"""Scale factor, bias and non-orthogonality of a triad from the length of gravity alone, when
+"""Scale factor, bias and non-orthogonality of a triad from the magnitude of gravity alone, when
 attitudes are unknown.
 
 Nine parameters: scale factors k, biases b, and Q1, Q2, Q3 (Zhou, Hu & Fu 2010, exact form). The
@@ -26,20 +26,20 @@ from calibkit.numeric.least_squares import fit as least_squares, fold, gauss_new
 
 NAMES = ("k_x", "k_y", "k_z", "b_x", "b_y", "b_z", "Q1", "Q2", "Q3")
 LARGEST_Q = 0.35
-"""Bound of each Q [rad]: 20°, far beyond any triad."""
+"""Bound of each Q [rad]: 20°, far above the non-orthogonality of any triad."""
 POOR_Q, POOR_SHARE = np.radians(0.25), 5e-3
-"""95 % half-widths that are too wide: of a Q [rad]; of a scale factor, or a bias over it, relative
-to gravity.
+"""95 % half-widths that are flagged as too wide: of a Q [rad]; of a relative scale factor, or of a
+bias relative to gravity.
 """
 ILL_CONDITIONED = 20.0
-"""Condition number above which attitudes leave some combination of parameters poorly seen; six
-faces have 1.7.
+"""Condition number above which the attitudes determine some combination of parameters poorly; the
+six-position tumble has 1.7.
 """
 ENOUGH_TO_START = 20_000
-"""Rows of a large set that the start is read from, evenly spread."""
+"""Rows, evenly spread over a larger set, from which the starting parameters are found."""
 WEAKEST = 1e-4
-"""Smallest singular value of the scaled Jacobian, relative to the largest, below which nothing is
-reported at all.
+"""Smallest singular value of the scaled Jacobian, relative to the largest, below which the fit is
+refused.
 """
 FEW_DOF = 5
 """Degrees of freedom below which the residuals are too few to judge the uncertainty."""
@@ -56,13 +56,13 @@ class MagnitudeFit(DwellFit):
     parameters: Array
     """k [indication per g unit], b [indication], Q [rad]: [9]."""
     leverage: Array
-    """[n], share of each dwell in its own fitted value: near 1, no other dwell checks it."""
+    """[n], leverage (diagonal of the hat matrix): near 1, no other dwell checks this one."""
     flags: tuple[str, ...]
-    """Reasons to doubt these numbers; empty when there are none."""
+    """Reasons to doubt the fit; empty when there are none."""
 
     @property
     def half_width(self) -> Array:
-        """Half-widths [9] of 95 % intervals, Student's t at the degrees of freedom."""
+        """Half-widths [9] of the 95 % intervals by Student's t."""
         return self.standard_uncertainty * _t95(self.dof)
 
     @property
@@ -76,8 +76,7 @@ class MagnitudeFit(DwellFit):
         return self.parameters[3:6]
 
     def as_affine(self) -> tuple[tuple[str, ...], Array, Array]:
-        """Names, values [9] and covariance [9, 9] of the affine parameters that correct as a fit
-        does.
+        """Names, values [9] and covariance [9, 9] of the equivalent parameters of the affine model.
         """
         parameters = self.parameters
         scale = np.maximum(np.abs(parameters), 1e-3)
@@ -98,8 +97,8 @@ def fit(
     noise: Array | None = None,
     loss: Literal["least_squares", "robust"] = "least_squares",
 ) -> MagnitudeFit:
-    """Fit the nine parameters by blocked Gauss-Newton with a step guard; memory does not grow with
-    the rows.
+    """Fit the nine parameters by Gauss-Newton with step control, block by block: memory does not
+    grow with the rows.
 
     Parameters
     ----------
@@ -184,8 +183,8 @@ def fit_bounded(
     fitted = _complete_fit(
         triangle, inverse @ inverse.T * variance, indication, gravity, root, solver
     )
-    # the F-test judges by the residuals alone: where the stated noise is larger, the intervals are
-    # widened as u is
+    # the F-test uses the residuals alone: where the stated noise is larger, the intervals are
+    # widened by the same factor as the standard uncertainties
     widening = float(np.sqrt(variance * dof / square)) if square > 0.0 and dof > 0 else 1.0
     centre, unit = fitted.parameters, fitted.standard_uncertainty
     wide = _bounded(centre, indication, gravity, root)
@@ -195,8 +194,8 @@ def fit_bounded(
 
 
 def _bounded(about: Array, indication: Array, gravity: float, root: Array) -> profile.Bounded:
-    """Residuals of the nine parameters within bounds about some [9] that no working triad
-    touches.
+    """Residuals of the nine parameters within bounds around starting values [9], wide enough for
+    any working triad.
     """
     reach = float(np.max(np.ptp(indication, axis=0)))
 
@@ -214,8 +213,8 @@ def _bounded(about: Array, indication: Array, gravity: float, root: Array) -> pr
 
 
 def fit_sphere(indication: Array, gravity: float) -> Array:
-    """Nine starting parameters [9] from the best sphere through indications [n, 3], linear in
-    centre and radius.
+    """Nine starting parameters [9] from the sphere fitted to indications [n, 3], linear in centre
+    and radius.
     """
     indication = indication[:: 1 + len(indication) // ENOUGH_TO_START]
     centre = indication.mean(axis=0)
@@ -235,14 +234,18 @@ _TRIANGLE_NAMES = ("k_x", "Q3", "k_y", "Q2", "Q1", "k_z", "b_x", "b_y", "b_z")
 
 
 def _to_triangle(parameters: Array) -> Array:
-    """Six entries of the correction matrix and the bias [9] from scale factors, bias and Q [9]."""
+    """Convert scale factors, bias and Q [9] to the six entries of the correction matrix and the
+    bias [9].
+    """
     return np.concatenate(
         [_correction_matrix(parameters)[tuple(np.transpose(LOWER))], parameters[3:6]]
     )
 
 
 def _from_triangle(triangle: Array) -> Array:
-    """Scale factors, bias and Q [9] from six entries of the correction matrix and the bias [9]."""
+    """Convert the six entries of the correction matrix and the bias [9] to scale factors, bias and
+    Q [9].
+    """
     sensitivity = np.linalg.inv(lower_matrix(triangle[:6]))
     scale = np.linalg.norm(sensitivity, axis=1)
     return np.concatenate(
@@ -259,8 +262,8 @@ def _require_enough(indication: Array) -> None:
 
 
 def _variance(square: float, dof: int, *, absolute: bool) -> float:
-    """Factor on the inverse normal matrix: residual variance, never below the stated noise (Birge
-    1932).
+    """Variance factor on the inverse normal matrix: residual variance, never below the stated noise
+    (Birge 1932).
     """
     if dof <= 0 and not absolute:
         raise FitError(
@@ -280,8 +283,8 @@ def _complete_fit(
     solver: tuple[float, tuple[int, ...]],
     normal_inverse: Array | None = None,
 ) -> MagnitudeFit:
-    """Complete record from the triangle parameters and their covariance, the condition number and
-    suspects of the solver, and (JᵀJ)⁻¹ of all rows where it is known.
+    """MagnitudeFit from the triangle parameters and their covariance, the solver's condition number
+    and suspects, and (JᵀJ)⁻¹ of all rows where it is known.
     """
     condition, suspects = solver
     steps = np.concatenate(
@@ -337,7 +340,7 @@ def _residual_and_leverage(
 def _flags(
     parameters: Array, half_width: Array, leverage: Array, condition: float, dof: int
 ) -> tuple[str, ...]:
-    """What is wrong with a set of dwells, in words for the engineer."""
+    """Flags for poorly determined parameters, poorly spread attitudes and unchecked dwells."""
     flags: list[str] = []
     if dof < FEW_DOF:
         flags.append(
@@ -370,7 +373,7 @@ def _flags(
 
 
 def _t95(dof: int) -> float:
-    """Two-sided 95 % quantile of Student's t; that of one degree of freedom when there are zero."""
+    """Two-sided 95 % quantile of Student's t; zero degrees of freedom count as one."""
     from scipy.stats import t
 
     return float(t.ppf(0.975, max(dof, 1)))

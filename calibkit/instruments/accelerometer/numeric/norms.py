@@ -1,4 +1,4 @@
-"""Lengths of the corrected vectors of a triad and their derivatives, many at a time."""
+"""Magnitudes of the corrected vectors of a triad and their derivatives, for many rows at a time."""
 
 import numpy as np
 
@@ -6,13 +6,14 @@ from calibkit.arrays import Array
 from calibkit.native import kernels_for
 
 LOWER = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
-"""Entries of the lower triangular correction matrix, in the order of the fast solver's parameters.
+"""(row, column) of the entries of the lower triangular correction matrix, in the order of the
+parameters.
 """
 _ROWS, _COLUMNS = np.transpose(LOWER)
 
 
 def lower_matrix(entries: Array) -> Array:
-    """Lower triangular matrix [3, 3] of its six entries [6], in the order of LOWER."""
+    """Lower triangular matrix [3, 3] from its six entries [6] in the order of LOWER."""
     matrix = np.zeros((3, 3))
     matrix[_ROWS, _COLUMNS] = entries
     return matrix
@@ -43,7 +44,7 @@ def length_residuals(
     matrix, count = lower_matrix(triangle[:6]), len(indication)
     library = kernels_for(indication, root)
     if library is not None:
-        # the same in two passes
+        # the NumPy equivalent of the compiled function, in two passes
         bias = triangle[6:].copy()
         shifted, direction, slopes, residual = (np.empty((k, count)) for k in (3, 3, 9, 1))
         library.calibkit_components(
@@ -71,7 +72,7 @@ def length_residuals(
 
 
 def sum_squares(rows: Array) -> Array:
-    """Sums [n] of the squares of rows [k, n] down the columns, from the first row to the last."""
+    """Sums [n] over k of the squares of rows [k, n], added from the first row to the last."""
     library = kernels_for(rows)
     if library is not None:
         sums = np.empty(rows.shape[1])

@@ -11,28 +11,28 @@ from calibkit.arrays import Array
 from calibkit.errors import FitError
 
 TOLERANCES = {"xtol": 1e-14, "ftol": 1e-14, "gtol": 0.0, "max_nfev": 2000}
-"""Of lmfit's leastsq: to the last digits."""
+"""Options of lmfit's leastsq: convergence close to machine precision."""
 ORIGIN = 10.0
-"""Place of the solution on the scale of a profile, in standard uncertainties."""
+"""Value of a parameter's scaled coordinate at the solution, in standard uncertainties."""
 
 
 @dataclass(frozen=True, slots=True)
 class Bounded:
-    """Residuals of p named parameters within bounds."""
+    """Residual function of p named parameters with bounds."""
 
     names: tuple[str, ...]
     low: Array
-    """[p]."""
+    """[p], lower bounds."""
     high: Array
-    """[p]."""
+    """[p], upper bounds."""
     residuals: Callable[[Array], Array]
     """Weighted residuals [n] at parameters [p]."""
     slopes: Callable[[Array, Array], Array]
-    """Derivatives [n, p] of the residuals at parameters [p] by steps of units [p]."""
+    """Derivatives [n, p] of the residuals at parameters [p], by parameters in units [p]."""
 
     def minimize(self, begin: Array) -> tuple[Array, float]:
-        """Parameters [p] from a start [p] on, and the sum of squares; raises FitError where there
-        is no minimum.
+        """Minimise from starting parameters [p]; returns parameters [p] and the sum of squares,
+        raises FitError where there is no minimum.
         """
         plain = np.zeros(begin.size), np.ones(begin.size)
         result = self._minimize(begin, self.low, self.high, *plain)[1]
@@ -45,13 +45,13 @@ class Bounded:
         return values, float(np.sum(result.residual**2))
 
     def profile_intervals(self, solution: Array, unit: Array) -> Array:
-        """Ends [p, 2] of the 95 % profile intervals of a solution [p] with standard uncertainties
-        [p], in these from the solution; an end that the data never reject is infinite.
+        """Ends [p, 2] of the 95 % profile intervals about a solution [p], as departures in standard
+        uncertainties [p]; an end that the F-test never rejects is infinite.
 
-        Each parameter is stepped and the others fitted again until the F-test rejects at 5 %. The
-        profile is drawn in standard uncertainties, ten of them at the solution: lmfit steps by the
-        uncertainty and places the ends to 5e-5 of the value, which for a scale factor near 1 would
-        be five uncertainties of 1e-5.
+        Each parameter is stepped and the others are refitted until the F-test rejects at 5 %.
+        Parameters are scaled by their standard uncertainty, with the value ORIGIN at the solution:
+        lmfit finds the ends to 5e-5 of the value, which for an unscaled scale factor near 1 with an
+        uncertainty of 1e-5 would be five uncertainties.
         """
         import lmfit
 
@@ -62,7 +62,7 @@ class Bounded:
             low, high = (ORIGIN + (end - solution) / unit for end in (self.low, self.high))
             minimizer, result = self._minimize(begin, low, high, solution - ORIGIN * unit, unit)
             for name in self.names:
-                # 1 by construction; lmfit may have none where it starts at the solution
+                # 1 by construction; lmfit may report none where it starts at the solution
                 result.params[name].stderr = result.params[name].stderr or 1.0
             table = lmfit.conf_interval(minimizer, result, sigmas=[0.95])
         found = np.array([[table[name][0][1], table[name][-1][1]] for name in self.names]) - ORIGIN
@@ -71,7 +71,9 @@ class Bounded:
     def _minimize(
         self, begin: Array, low: Array, high: Array, centre: Array, unit: Array
     ) -> tuple[Any, Any]:
-        """Minimizer of lmfit and its result; the parameters are centre + unit · lmfit's."""
+        """Minimizer and result of lmfit, whose variables v give the parameters as centre + unit ·
+        v.
+        """
         import lmfit
 
         def values(named: Any) -> Array:  # noqa: ANN401 lmfit has no types
@@ -79,7 +81,7 @@ class Bounded:
             return np.asarray(centre + unit * found, dtype=np.float64)
 
         def varying(named: Any) -> Array:  # noqa: ANN401 lmfit has no types
-            # a profile holds one of the parameters still
+            # a profile fixes one of the parameters
             columns = [j for j, name in enumerate(self.names) if named[name].vary]
             return self.slopes(values(named), unit)[:, columns]
 

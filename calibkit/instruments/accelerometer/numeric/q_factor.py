@@ -14,7 +14,7 @@ from calibkit.errors import FitError
 
 NAMES = ("Q1", "Q2", "Q3")
 DERIVATIVE_STEP = 1e-5
-"""Relative step of central differences: their error is its square."""
+"""Relative step h of central differences; their error is of order h²."""
 
 
 def exact_matrix(axes: Array) -> Array:
@@ -43,8 +43,7 @@ def small_angles(axes: Array) -> Array:
 
 
 def axes_from_angles(coefficients: Array) -> Array:
-    """Unit axes [3, 3] that have the small-angle Q1, Q2, Q3 [3] [rad]: the way back from
-    `small_angles`.
+    """Unit axes [3, 3] with the small angles Q1, Q2, Q3 [3] [rad]: the inverse of `small_angles`.
     """
     q1, q2, q3 = coefficients
     ye1, ze2, ze1 = -q3, -q1, q3 * q1 - q2
@@ -58,8 +57,8 @@ def axes_from_angles(coefficients: Array) -> Array:
 
 
 def axes_from_sensitivity(sensitivity: Array) -> tuple[Array, Array, Array]:
-    """Unit axes [3, 3] in the frame e1 = x, mounting rotation [3, 3] and scale factors [3] of a
-    sensitivity matrix.
+    """Factor a sensitivity matrix into unit axes [3, 3] in the frame e1 = x, mounting rotation [3,
+    3] and scale factors [3].
 
     Parameters
     ----------
