@@ -45,8 +45,7 @@ class Correction:
         return indication
 
     def outside(self, temperature: Array) -> float:
-        """Share of the temperatures [n, °C] that lie outside the calibrated range and are clamped.
-        """
+        """Share of the temperatures [n, °C] that are outside the calibrated range and clamped."""
         low, high = self.temperature_range
         return (
             chunks.count(temperature, lambda part: (part < low) | (part > high)) / temperature.size

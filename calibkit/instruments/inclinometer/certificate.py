@@ -80,7 +80,7 @@ def blocks(stated: Stated) -> tuple[Block, ...]:
 
 
 def _stations(stated: Stated, record: Record) -> ListTable:
-    """S at the reference temperature, and the numbers of stations."""
+    """List of s at the reference temperature and the numbers of stations."""
     results = tuple(
         stated.figure(
             record,
@@ -96,8 +96,8 @@ def _stations(stated: Stated, record: Record) -> ListTable:
 
 
 def _latitude(record: Record, value: float) -> dict[str, tuple[float, float]]:
-    """Sensitivity of s, and of what is proportional to it, to the latitude α: −s tan α, that of a
-    vertical tool.
+    """Sensitivity of s, and of quantities proportional to s, to the latitude α: −s tan α, exact for
+    a vertical tool.
     """
     found = next((c for c in record.conditions if c.name == "latitude"), None)
     if found is None:

@@ -18,7 +18,7 @@ from calibkit.instruments.inclinometer.solve import WRONG, SolvedStations
 from calibkit.instruments.inclinometer.stations import Stations
 
 FEW = 5
-"""Degrees of freedom below which a noise or a scatter is hardly known."""
+"""Degrees of freedom below which an estimated noise or scatter is flagged as uncertain."""
 
 
 def make_result(
@@ -50,8 +50,8 @@ def _figures(
     seen: SolvedStations,
     spec: InclinometerRecipe,
 ) -> tuple[Figure, ...]:
-    """Scale factors at the reference temperature, how many stations carried it, and the azimuth
-    before and after.
+    """Scale factors at the reference temperature, number of stations used, and azimuth errors
+    before and after correction.
     """
     figures = []
     for axis, scale in fits.items():
@@ -75,7 +75,7 @@ def _figures(
 
 
 def _hardly_known(fits: Mapping[Sensor, ScaleFit]) -> list[str]:
-    """What rests on so few degrees of freedom that its uncertainty is a guess."""
+    """Flags of noises and scatters that are estimated from too few degrees of freedom."""
     flags = []
     for axis, scale in fits.items():
         if scale.model.noise.dof < FEW:
@@ -91,7 +91,7 @@ def _hardly_known(fits: Mapping[Sensor, ScaleFit]) -> list[str]:
 
 
 def flag_stations(stations: Stations, seen: SolvedStations) -> tuple[str, ...]:
-    """Flags of the stations, the refused ones first; stations of one flag share a line."""
+    """Flags of the stations, refused stations first; stations with the same flag share a line."""
     contradicted = int(seen.contradicted.sum())
     lines = []
     if 2 * contradicted > len(stations.names):
@@ -117,7 +117,7 @@ def flag_stations(stations: Stations, seen: SolvedStations) -> tuple[str, ...]:
 def flag_temperatures(
     file: str, stations: Stations, found: Mapping[Sensor, ScaleModel]
 ) -> tuple[str, ...]:
-    """Flags of stations outside the temperatures of the calibration, or without a temperature."""
+    """Flags of stations without a temperature or outside the calibration's temperature range."""
     valid = next(iter(found.values())).valid
     if valid is None:
         return ()
@@ -141,8 +141,8 @@ def flag_temperatures(
 def read_models(
     records: Mapping[str, Record], spec: InclinometerRecipe
 ) -> dict[Sensor, ScaleModel]:
-    """s(T) of each gyro that the recipe reads, from a run's file; raises CoefficientError where it
-    holds none.
+    """s(T) of each gyro that the recipe reads, from the coefficient file of a run; raises
+    CoefficientError for a missing gyro.
     """
     if FILE not in records:
         raise CoefficientError(f"the run holds no {FILE}", hint="it is not a run of inclinometer")

@@ -27,21 +27,21 @@ if TYPE_CHECKING:
 
 
 FEWEST = 3
-"""Fewest rows of a dwell: its standard error is found from them."""
+"""Fewest rows of a dwell: the standard error of its mean is estimated from them."""
 DIRECTIONS = ("position_deg", "toolface_deg", "azimuth_deg")
-"""Columns that end where they begin."""
+"""Columns of angles that wrap at 360° and are averaged on the circle."""
 CLOSURE = {"accel": (0.01, "g"), "gyro": (1.0, "deg/h")}
-"""What the four positions of one station may fail to close by, whatever they hold: bias drift and
-position errors of a tool.
+"""Closure of the four positions of a station that bias drift and position errors of a tool may
+cause.
 """
 CERTAIN = 10.0
-"""Standard errors from which a closure is no noise."""
+"""Closure, in standard errors, from which it is attributed to a moved tool and not to noise."""
 
 
 @dataclass(frozen=True, slots=True)
 class DwellLog:
-    """A log with one row per position, and the rows start … stop − 1 of the log as it was read that
-    each row stands for.
+    """A log with one row per position; row k stands for rows start[k] … stop[k] − 1 of the log as
+    it was read.
     """
 
     log: Log
@@ -51,21 +51,23 @@ class DwellLog:
     continuous: bool = False
 
     def along(self, of_row: Array, rows: int) -> Array:
-        """Value of each row of the log as it was read [rows]: of its dwell, between dwells of the
-        one before.
+        """Expand a value of each dwell to the rows of the log as it was read [rows]; a row between
+        two dwells takes the value of the earlier one.
         """
         dwell = np.searchsorted(self.start, np.arange(rows), side="right") - 1
         return of_row[np.maximum(dwell, 0)]
 
     def standing(self, rows: int) -> Mask:
-        """Whether each row of the log as it was read lies in a dwell [rows]."""
+        """Mask [rows] of the rows of the log as it was read that lie in a dwell."""
         edges = np.zeros(rows + 1, dtype=np.int64)
         np.add.at(edges, self.start, 1)
         np.add.at(edges, self.stop, -1)
         return np.cumsum(edges[:-1]) > 0
 
     def held(self) -> tuple[Held, ...]:
-        """Stations and, of a continuous log, dwells, as rows of the log as it was read."""
+        """Row ranges, in the log as it was read, of the stations and, for a continuous log, of the
+        dwells.
+        """
         station = values(self.log.frame, "station")
         bounds = [0, *(np.flatnonzero(np.diff(station)) + 1).tolist(), station.size]
         held = [
@@ -80,8 +82,8 @@ class DwellLog:
 
 
 def find_dwells(log: Log, spec: InclinometerRecipe) -> DwellLog:
-    """One row a position: a log that has several rows in a position is averaged over each dwell,
-    another is left as it is.
+    """Reduce a log to one row per position: a log with several rows in a position is averaged over
+    each dwell, any other log is returned unchanged.
 
     A dwell is a run of rows whose position_deg (and station, where there is one) stays the same to
     0.2°, of at least stations.dwell_s, less stations.settle_s at both ends. Without a column
@@ -96,7 +98,7 @@ def find_dwells(log: Log, spec: InclinometerRecipe) -> DwellLog:
         rows = np.arange(len(frame))
         return DwellLog(log, rows, rows + 1)
     if "station" not in frame.columns and spec.stations.method != "four_differences":
-        # a station may then have any number of positions: where the next one begins is unknown
+        # such a station may have any number of positions, so the start of the next one is unknown
         require(log.file, frame.columns, ("station",))
     there = np.isfinite(values(frame, "position_deg"))[start]
     start, stop = _settled_runs(values(frame, "time_s"), start[there], stop[there], spec)
@@ -117,7 +119,7 @@ def find_dwells(log: Log, spec: InclinometerRecipe) -> DwellLog:
 
 
 def _find_runs(log: Log) -> tuple[Integers, Integers]:
-    """First row and end of each run of rows in one position of one station."""
+    """First row and end row of each run of rows with the same position and station."""
     turned = np.remainder(values(log.frame, "position_deg"), 360.0) / (
         2.0 * published.POSITION_TOLERANCE_DEG
     )
@@ -136,7 +138,7 @@ def _find_runs(log: Log) -> tuple[Integers, Integers]:
 def _settled_runs(
     time: Array, start: Integers, stop: Integers, spec: InclinometerRecipe
 ) -> tuple[Integers, Integers]:
-    """Runs that last, less the time that the tool takes to settle at their beginning and end."""
+    """Rows of the runs that last long enough, without the settling time at both ends."""
     lasting = time[stop - 1] - time[start] >= spec.stations.dwell_s
     start, stop = start[lasting], stop[lasting]
     first = np.searchsorted(time, time[start] + spec.stations.settle_s, side="left")
@@ -148,8 +150,8 @@ def _settled_runs(
 def _average_dwells(
     log: Log, start: Integers, stop: Integers
 ) -> tuple[pd.DataFrame, dict[str, Array]]:
-    """Mean of every column over each dwell, directions around the circle, and its standard error;
-    index of the first row.
+    """Mean of every column over each dwell (circular for angles), with the index of the dwell's
+    first row, and the standard errors of the means by column.
     """
     import pandas as pd
 
@@ -158,7 +160,8 @@ def _average_dwells(
     columns = np.column_stack([values(log.frame, name) for name in names])
     for k, name in enumerate(names):
         if name in DIRECTIONS:
-            # the rows of a dwell as departures from its first: 359.98° and 0.01° are neighbours
+            # departures of a dwell's rows from its first row, wrapped, so that 359.98° and 0.01°
+            # are neighbours
             first = np.repeat(columns[start, k], np.diff(np.append(start, len(columns))))
             columns[start[0] :, k] = first + attitude.wrapped(columns[start[0] :, k] - first)
     found = average_dwells(columns, intervals)
@@ -167,8 +170,8 @@ def _average_dwells(
 
 
 def _number_stations(position: Array) -> Array:
-    """Station number of each dwell [d], from 1: the next station begins where a position comes
-    again or four are there.
+    """Station number [d] of each dwell, from 1: a new station begins where a position repeats or
+    after four positions.
     """
     station, seen = 1, set[int]()
     numbers = np.empty(position.size)
@@ -183,8 +186,8 @@ def _number_stations(position: Array) -> Array:
 def _find_open_stations(
     log: Log, errors: Mapping[str, Array], spec: InclinometerRecipe
 ) -> list[Finding]:
-    """Stations known by their positions alone whose four readings do not close: the tool was moved
-    between them.
+    """Findings on stations, identified by their positions alone, whose four readings do not close:
+    the tool was moved between them.
 
     r₀ − r₉₀ + r₁₈₀ − r₂₇₀ of one attitude holds neither signal nor bias.
     """

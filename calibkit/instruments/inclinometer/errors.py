@@ -16,8 +16,8 @@ from calibkit.numeric.attitude import wrapped
 
 @dataclass(frozen=True, slots=True)
 class AngleErrors:
-    """Errors [n] [°] against the reference, NaN where there is none or no result; before is with s
-    = 1.
+    """Errors [n] [°] against the reference; NaN without reference or result. `before` is the
+    azimuth error with s = 1.
     """
 
     inclination: Array
@@ -25,23 +25,25 @@ class AngleErrors:
     before: Array
     after: Array
     standard_uncertainty: Array
-    """Of the azimuth after."""
+    """Of the corrected azimuth [n] [°]."""
 
     @property
     def known(self) -> Mask:
-        """Stations with a reference azimuth and a result."""
+        """Mask [n] of the stations with a reference azimuth and a result."""
         return np.isfinite(self.after) & np.isfinite(self.before)
 
     @property
     def excess(self) -> Array:
-        """By how many of its standard uncertainties the azimuth came out worse than uncorrected."""
+        """Increase of the azimuth error's magnitude by the correction, in its standard
+        uncertainties, for the known stations.
+        """
         known = self.known
         worse = np.abs(self.after[known]) - np.abs(self.before[known])
         return np.asarray(worse / self.standard_uncertainty[known], dtype=np.float64)
 
     def criteria(self, spec: InclinometerRecipe, *, unseen: bool) -> tuple[Criterion, ...]:
-        """Acceptance limits of the recipe; on unseen stations also that correction makes no azimuth
-        worse.
+        """Criteria of the recipe's acceptance limits; for unseen stations also that the correction
+        does not increase any azimuth error.
         """
         limits, known = spec.acceptance, self.known
         tests = [
@@ -62,7 +64,7 @@ class AngleErrors:
         if unseen and self.excess.size:
             from scipy.special import ndtri
 
-            # what the largest of so many normal errors keeps in 95 % of cases (Bonferroni)
+            # 95 % quantile of the largest of so many normal errors (Bonferroni)
             limit = float(ndtri(1.0 - 0.05 / (2.0 * self.excess.size)))
             worst = float(self.excess.max())
             made.append(at_most("azimuth worse than uncorrected, over its u", worst, limit, "1"))

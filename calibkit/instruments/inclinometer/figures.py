@@ -1,5 +1,5 @@
-"""Figures of a north-seeking inclinometer: s(T), azimuth error against C, the stations before and
-after.
+"""Figures of a north-seeking inclinometer: s(T), azimuth error against C, stations before and after
+correction.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ ROWS = 36
 
 @dataclass(frozen=True, slots=True)
 class ScaleCurve:
-    """Roots of s of one gyro [n] with standard uncertainties, which of them were used, and s(T) on
-    a grid.
+    """Roots of s of one gyro [n] with standard uncertainties, mask of the roots used in the fit,
+    and s(T) on a grid.
     """
 
     axis: str
@@ -43,7 +43,7 @@ class ScaleCurve:
 
 @dataclass(frozen=True, slots=True)
 class SeekingReport:
-    """All that the figures show: C, azimuth error before and after, azimuth shift by s, its
+    """Data of the figures: C, azimuth error before and after correction, azimuth shift by s and its
     uncertainty, each [n].
     """
 
@@ -57,12 +57,12 @@ class SeekingReport:
 
 
 def draw_pages(title: str, report: SeekingReport) -> list[Figure]:
-    """s(T), and azimuth against C."""
+    """Page of s(T), and page of azimuth error against C."""
     return [_draw_scale(title, report), _draw_azimuth(title, report)]
 
 
 def _draw_scale(title: str, report: SeekingReport) -> Figure:
-    """s(T) of each gyro with its band, over the roots that carried it."""
+    """s(T) of each gyro with its uncertainty band, over the roots that were used in the fit."""
     count = len(report.curves)
     figure, axes = page(
         count, 1, title=f"{title}: in-situ scale factor s", height=1.0 + 3.4 * count
@@ -91,7 +91,7 @@ def _draw_scale(title: str, report: SeekingReport) -> Figure:
         ax.plot(curve.grid, curve.s, color=GOOD, label="s(T), band k = 2")
         ax.set(title=f"gyro {curve.axis}: bars k = 2", xlabel=curve.label, ylabel="s [1]")
         ax.ticklabel_format(useOffset=False)
-        # s(T) and the roots that carried it are shown; a root near C = 0 may lie far outside
+        # axis limits cover s(T) and the roots used; a root near C = 0 may lie far outside
         used = curve.used & known
         least = min([*(curve.root - bars)[used], *low])
         most = max([*(curve.root + bars)[used], *high])
@@ -102,8 +102,8 @@ def _draw_scale(title: str, report: SeekingReport) -> Figure:
 
 
 def _draw_azimuth(title: str, report: SeekingReport) -> Figure:
-    """Azimuth error before and after against C, or what s changes where there is no reference
-    azimuth.
+    """Azimuth error before and after correction against C; without a reference azimuth, the azimuth
+    shift that s causes.
     """
     against = bool(np.isfinite(report.after).any())
     figure, axes = page(2, 1, title=f"{title}: azimuth against C = cos α cos θ + sin α sin θ cos ψ")
@@ -146,7 +146,7 @@ def _draw_azimuth(title: str, report: SeekingReport) -> Figure:
 
 
 def draw_table_pages(title: str, table: Table) -> list[Figure]:
-    """The stations before and after, so many a page."""
+    """Table of the stations before and after correction, ROWS stations on a page."""
     chunks = [table.texts[start : start + ROWS] for start in range(0, len(table.rows), ROWS)]
     return [_draw_table(f"{title}: {table.title}", table.heads, rows) for rows in chunks]
 
@@ -169,7 +169,7 @@ def _draw_table(title: str, columns: Sequence[str], rows: Sequence[tuple[str, ..
             fontweight="bold",
             color=INK,
         )
-        # one text a column: a text a cell takes a second to draw
+        # one text object per column: one per cell takes a second to draw
         cells = "\n".join(row[number] for row in rows)
         ax.text(
             x,

@@ -13,8 +13,8 @@ from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 
 
 def _chain(spec: InclinometerRecipe, records: Mapping[str, Record]) -> Chain:
-    """s(T) of each gyro, which multiplies its indication; a station's own s is the matter of its
-    solution.
+    """Chain that evaluates s(T) of each gyro and multiplies its indication by it; the s of single
+    stations is not exported.
     """
     record = required_record(records, FILE, spec)
     draft = Draft()

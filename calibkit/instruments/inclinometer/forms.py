@@ -1,5 +1,5 @@
-"""In-situ scale factor s(T) of one gyro: as a fit found it, as a file holds it, and the model form
-of inclinometer_scale.json.
+"""In-situ scale factor s(T) of one gyro: result of a fit, content of a coefficient file, and model
+form of inclinometer_scale.json.
 """
 
 from dataclasses import dataclass
@@ -21,8 +21,8 @@ TEMPERATURE = "temp_case_degc"
 
 @dataclass(frozen=True, slots=True)
 class ScaleModel:
-    """s(T) of one gyro as it leaves a file: powers of °C, their covariance, scatter, range [°C]
-    (None: no temperature).
+    """s(T) of one gyro from a coefficient file: coefficients of powers of °C, covariance, scatter,
+    range [°C] (None where no temperature was logged).
     """
 
     coefficients: Array
@@ -32,14 +32,16 @@ class ScaleModel:
     noise: Noise
 
     def prior(self, temperature: Array) -> Prior:
-        """Prior at temperatures [n] [°C]; where one is not known, the whole range is possible."""
+        """Prior of s at temperatures [n] [°C]; for an unknown temperature its uncertainty covers
+        the whole range.
+        """
         low, high = valid = self.valid or (0.0, 0.0)
         predict = partial(
             scale_prior.predict_scale, self.coefficients, self.covariance, self.scatter, valid
         )
         there = np.isfinite(temperature)
         at, span = predict(np.where(there, temperature, low)), predict(np.linspace(low, high, 41))
-        # an unknown temperature may be any of the range: a rectangular distribution
+        # an unknown temperature is distributed uniformly over the range (GUM 4.3.7)
         spread = np.hypot(span.standard_uncertainty.max(), np.ptp(span.s) / np.sqrt(12.0))
         middle = (span.s.min() + span.s.max()) / 2.0
         return Prior(
@@ -63,7 +65,7 @@ class ScaleModel:
 
 @dataclass(frozen=True, slots=True)
 class ScaleFit:
-    """s(T) of one gyro, how well it fits, and which stations [n] carried it."""
+    """s(T) of one gyro, quality of the fit, and mask [n] of the stations used in it."""
 
     model: ScaleModel
     dof: int
@@ -72,8 +74,8 @@ class ScaleFit:
     left_out: Prior
 
     def write(self, axis: str) -> Model:
-        """Model of the gyro of an axis, with its scatter and the noise of its readings as
-        parameters.
+        """Model of the gyro on an axis; its parameters are the scatter of s and the noise of the
+        readings.
         """
         model = self.model
         return SCALE.write(
@@ -94,7 +96,9 @@ class ScaleFit:
 
 
 def _powers(model: Model, at: Inputs) -> Array:
-    """Ascending powers [n, p] of the case temperature; of a model without temperature, ones."""
+    """Powers [n, p] of the case temperature in ascending order; ones for a model without
+    temperature.
+    """
     abscissa = at[TEMPERATURE] if model.valid else np.zeros(len(next(iter(at.values()))))
     return np.vander(abscissa, len(model.coefficients), increasing=True)
 

@@ -72,7 +72,7 @@ def _fit(
 def _seek(
     spec: InclinometerRecipe, records: Mapping[str, Record], log: Log
 ) -> tuple[inclinometer_stations.Stations, solve.SolvedStations, tuple[str, ...]]:
-    """Stations of one log with one row per position, solved with a run's s(T), and the flags."""
+    """Stations of a log with one row per position, solved with a run's s(T), and their flags."""
     models = coefficient_files.read_models(records, spec)
     rows = inclinometer_rows.Rows.gather([log], spec.on_site())
     stations = inclinometer_stations.solve_components(
@@ -85,7 +85,7 @@ def _seek(
 
 
 def _apply(spec: InclinometerRecipe, records: Mapping[str, Record], data: Path) -> Applied:
-    """Correct the rates of every row, in the log's own unit, and add each station's angles to its
+    """Correct the rates of every row, in the log's own unit, and add the station's angles to its
     rows.
     """
     log = _read(spec, data.parent, data.name)
@@ -96,7 +96,7 @@ def _apply(spec: InclinometerRecipe, records: Mapping[str, Record], data: Path) 
     rows = len(log.frame)
     columns = {}
     for axis, solution in seen.solutions.items():
-        # a station without a result still has the s(T) of its calibration
+        # a station without a result is corrected by the s(T) of the calibration
         s = np.where(np.isfinite(solution.s), solution.s, seen.priors[axis].s)
         along = dwelt.along(s[stations.row_station], rows)
         columns[f"gyro_{axis}_dph"] = along * values(log.frame, f"gyro_{axis}_dph")
@@ -108,7 +108,7 @@ def _apply(spec: InclinometerRecipe, records: Mapping[str, Record], data: Path) 
     }
     if spec.output.azimuth_uncertainty:
         angles["azimuth_standard_uncertainty_deg"] = combined.standard_uncertainty[:, 2]
-    # while the tool turns it has no angles
+    # rows recorded while the tool was being turned have no angles
     standing = dwelt.standing(rows)
     derived = {
         name: np.where(
@@ -124,7 +124,7 @@ def _apply(spec: InclinometerRecipe, records: Mapping[str, Record], data: Path) 
 def _validate(
     spec: InclinometerRecipe, records: Mapping[str, Record], logs: Iterable[Log]
 ) -> tuple[dict[str, Any], Summary]:
-    """Angle errors before and after on stations that were not fitted."""
+    """Angle errors before and after correction on stations that were not used in the fit."""
     entries, flags, shown, parts = [], [], [], []
     for log in logs:
         file = log.file
@@ -156,7 +156,7 @@ def _validate(
 
 
 def _draw(title: str, fitted: Fitted[figures.SeekingReport]) -> Drawn:
-    """Figures, and the summary with every station, which the PDF has on pages of their own."""
+    """Figures and summary of a fit; the table of all stations has PDF pages of its own."""
     first, _, *others = fitted.summary.tables
     whole = replace(fitted.summary, tables=(first, fitted.drawing.table, *others))
     stations = tuple(figures.draw_table_pages(title, fitted.drawing.table))

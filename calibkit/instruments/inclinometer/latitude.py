@@ -1,5 +1,5 @@
-"""A latitude that the stations contradict: it shows as scatter of the roots of s that their
-readings do not explain.
+"""Detection of a wrong latitude: it causes a scatter of the roots of s that the noise of the
+readings does not explain.
 """
 
 from collections.abc import Mapping
@@ -14,15 +14,15 @@ from calibkit.instruments.inclinometer.solve import SolvedStations
 from calibkit.instruments.inclinometer.stations import Stations
 
 SCATTERS = 3.0
-"""Scatter of s, in standard uncertainties of a root, that is flagged; 16 sensors of simulated
-campaigns have 0 to 1.6.
+"""Scatter of s, in standard uncertainties of a root, above which it is flagged; 16 simulated
+sensors showed 0 to 1.6.
 """
 STEP_DEG = 0.02
-"""Change of latitude [°] by which the roots' dependence on it is found."""
+"""Step of latitude [°] for the numerical derivative of the roots of s."""
 SIGNIFICANT, LEAST_DEG = 4.0, 0.03
-"""Standard uncertainties, and degrees, by which a latitude must be off to be named."""
+"""Least offset of the latitude that is reported, in standard uncertainties and in degrees."""
 FEWEST = 5
-"""Stations beyond the coefficients of s(T) from which a latitude is looked for."""
+"""Fewest stations, beyond the number of coefficients of s(T), for an estimate of the latitude."""
 
 
 def flag_latitude(
@@ -31,8 +31,8 @@ def flag_latitude(
     seen: SolvedStations,
     spec: InclinometerRecipe,
 ) -> list[str]:
-    """Flags of the gyros whose s scatters by more than their readings explain: the latitude that
-    would explain the scatter, or what else may.
+    """Flags of gyros with more scatter of s than their readings explain; each states the latitude
+    that would explain it, or other causes.
     """
     flags = []
     for axis, fit in fits.items():
@@ -60,8 +60,8 @@ def flag_latitude(
 def _fit_offset(
     axis: Sensor, fit: ScaleFit, stations: Stations, seen: SolvedStations, spec: InclinometerRecipe
 ) -> tuple[float, float]:
-    """Latitude that the stations fit less that of the recipe, and its standard uncertainty [°]; 0
-    where the stations do not determine it.
+    """Latitude fitted to the stations minus the recipe's, and its standard uncertainty [°]; 0 where
+    the stations do not determine it.
     """
     pair, latitude = seen.solutions[axis], spec.site.latitude_deg
     higher, lower = (
@@ -84,7 +84,7 @@ def _fit_offset(
     if int(kept.sum()) < order + FEWEST:
         return 0.0, 0.0
     temperature = np.where(np.isfinite(stations.temperature), stations.temperature, 0.0)[kept]
-    # s measured at the recipe's latitude is s(T) less slope times what the latitude is off by
+    # model: the root at the recipe's latitude is s(T) − slope × latitude offset
     design = np.column_stack([np.vander(temperature / 100.0, order, increasing=True), -slope[kept]])
     weight = 1.0 / pair.s_root_uncertainty[kept]
     solved, _, rank, _ = np.linalg.lstsq(

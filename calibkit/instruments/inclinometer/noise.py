@@ -1,5 +1,5 @@
-"""Noise of one reading of a sensor pair: as the recipe states it, as the readings show it, as a
-calibration knew it.
+"""Noise of one reading of a sensor pair: stated by the recipe, estimated from the readings, or
+taken from a calibration.
 """
 
 from dataclasses import dataclass
@@ -14,8 +14,8 @@ from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.numeric import gum
 
 CONTRADICTED = 1e-6
-"""Probability of closures so much smaller or larger than the known noise, below which they have a
-noise of their own.
+"""Probability below which closures contradict a known noise; the noise is then estimated from the
+readings alone.
 """
 KINDS = (("accel", "g", "g"), ("gyro", "dph", "deg/h"))
 """Sensors of a pair: name, last word of their column, unit."""
@@ -23,8 +23,8 @@ KINDS = (("accel", "g", "g"), ("gyro", "dph", "deg/h"))
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """Standard deviation of one reading of a sensor pair, and from how many degrees of freedom it
-    is known.
+    """Standard deviations of one reading of a sensor pair, and the degrees of freedom of their
+    estimate.
     """
 
     accel_g: float
@@ -38,8 +38,8 @@ class Noise:
         spec: InclinometerRecipe,
         axis: Sensor,
     ) -> "Noise":
-        """Noise as the recipe states it, else the readings' own pooled with that of a calibration;
-        never below the last digit.
+        """Noise stated by the recipe, otherwise estimated from the readings and pooled with a
+        calibration's; never below the last digit's.
 
         Raises FitError where it is unknown.
         """
@@ -67,8 +67,8 @@ class Noise:
         return Noise(float(found[0]), float(found[1]), self.dof + before.dof)
 
     def widen(self, spec: InclinometerRecipe) -> "Noise":
-        """Noise for propagation: one known from few degrees of freedom is raised by Student's t, so
-        that k = 2 still means 95 %.
+        """Noise for propagation: a noise estimated from few degrees of freedom is raised by
+        Student's t, so that k = 2 covers 95 %.
         """
         if not self.dof:
             return self
@@ -79,14 +79,14 @@ class Noise:
 
 
 NO_NOISE = Noise(0.0, 0.0, 0)
-"""What is known of the noise before anything is read."""
+"""Noise before any reading: zero, from no degrees of freedom."""
 
 
 def least_noise(
     known: Noise | None, last_digit: tuple[float, float], spec: InclinometerRecipe
 ) -> tuple[float, float]:
-    """Least noise of (accelerometer [g], gyro [°/h]): the recipe's, a calibration's, that of the
-    last digit.
+    """Lower limits of the noise of accelerometer [g] and gyro [°/h]: the largest of the recipe's,
+    the calibration's and the last digit's.
     """
     stated = spec.stations.accel_noise_g, spec.stations.gyro_noise_dph
     before = known or NO_NOISE
@@ -102,7 +102,8 @@ def least_noise(
 def judge_closures(
     squares: Array, dofs: Integers, least: tuple[float, float]
 ) -> tuple[Noise, tuple[str, ...]]:
-    """Noise of the stations that close, and why each [n] of the others is refused (or empty).
+    """Noise estimated from the stations that close, and for each station [n] the reason why it is
+    refused, or an empty string.
 
     `squares` and `dofs` [n, 2] are the sums of squares by which stations fail to close, of
     accelerometer and gyro, and their degrees of freedom. A station that fails by far more than the
@@ -126,8 +127,8 @@ def judge_closures(
 
 
 def _pool_noise(own: float, own_dof: int, known: float, known_dof: int) -> float:
-    """Noise of both, weighted by degrees of freedom, or the readings' own where the known one
-    cannot be theirs.
+    """Noise pooled by degrees of freedom; the readings' own noise alone where the known noise
+    contradicts it.
     """
     if own_dof and known_dof and known > 0.0:
         from scipy.special import fdtr, fdtrc

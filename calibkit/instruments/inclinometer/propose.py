@@ -17,7 +17,9 @@ READ = (
 
 
 def propose(evidence: Evidence) -> Choice | None:
-    """Gyros with a rotation about the tool axis, and times or stations."""
+    """Choice of the inclinometer recipe for logs with gyros, a rotation about the tool axis, and
+    times or stations.
+    """
     columns = evidence.columns
     if "position_deg" in columns and {"station", "time_s"} & columns.keys() and evidence.gyros():
         return evidence.choose("inclinometer", READ)

@@ -13,20 +13,22 @@ Degrees = Annotated[float, Field(gt=0.0, le=90.0)]
 
 
 class _Place(Site):
-    """Where the stations are; the earth's rate across the tool needs the latitude."""
+    """Site of the stations; the latitude is required for the earth's rate across the tool."""
 
     latitude_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
     latitude_uncertainty_deg: NonNegative = 0.0
 
 
 class _Sign(Table):
-    """The sign that a positive accelerometer indication has."""
+    """Sign convention of the accelerometer indications."""
 
     convention: Literal["gravity", "specific_force"] = "gravity"
 
 
 class _StationSpec(Table):
-    """Which sensor pairs are read, and how a station's components come from its positions."""
+    """Sensor pairs that are read, and method by which a station's components are found from its
+    positions.
+    """
 
     pairs: Literal["both", "x", "y"] = "both"
     method: Literal["four_differences", "least_squares"] = "four_differences"
@@ -44,14 +46,14 @@ class _StationSpec(Table):
 
 
 class _RootSpec(Table):
-    """What decides between two positive roots of s."""
+    """Criterion for the choice between two positive roots of s."""
 
     choice: Literal["history", "heading"] = "history"
 
 
 class _HistorySpec(Table):
-    """What s is before the first station of a calibration, and how it may change by the hour (by
-    the station without times).
+    """Prior of s before the first station of a calibration, and its rate of change per hour (per
+    station without times).
     """
 
     s: Positive = 1.0
@@ -62,8 +64,8 @@ class _HistorySpec(Table):
 
 
 class _DepartureSpec(Table):
-    """How far s may have moved from s(T) since the calibration, relative, and how that may change
-    by the hour.
+    """Relative departure of s from s(T) since the calibration: its uncertainty, and how it may
+    change per hour.
     """
 
     standard_uncertainty: Positive = 1e-4
@@ -72,7 +74,7 @@ class _DepartureSpec(Table):
 
 
 class _ScaleSpec(Table):
-    """s(T): order of the polynomial over temperature, and the values that a gyro can have."""
+    """s(T): order of the polynomial over temperature, and plausible range of s."""
 
     order: Annotated[int, Field(ge=0, le=HIGHEST_ORDER)] | Literal["auto"] = "auto"
     smallest: Positive = 0.8
@@ -88,7 +90,7 @@ class _ScaleSpec(Table):
 
 
 class _LimitSpec(Table):
-    """Where a station is refused, and where its own s is not used."""
+    """Limits beyond which a station is refused, or its own s is not used."""
 
     latitude_deg: Degrees = 80.0
     vertical_deg: Degrees = 0.5
@@ -98,7 +100,7 @@ class _LimitSpec(Table):
 
 
 class _OutputSpec(Table):
-    """What `apply` adds beside the angles."""
+    """Columns that `apply` adds beside the angles."""
 
     azimuth_uncertainty: bool = False
 

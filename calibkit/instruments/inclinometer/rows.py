@@ -21,8 +21,8 @@ REFERENCE = ("inclination_deg", "toolface_deg", "azimuth_deg")
 
 @dataclass(frozen=True, slots=True)
 class Rows:
-    """Rows of all logs: number of each one's station [r], counted from 0 over the logs, and what
-    was read there.
+    """Rows of all logs: station index [r] of each row, counted from 0 over all logs, and its
+    readings.
 
     `accel` [g, positive along gravity] and `gyro` [°/h] are by axis; `resolution` is the last digit
     of (accel, gyro).
@@ -78,7 +78,7 @@ class Rows:
 
 
 def _join_column(logs: Sequence[Log], column: str) -> Array:
-    """A column of all logs [r], NaN where a log does not have it."""
+    """A column of all logs [r]; NaN for the rows of a log without it."""
     return np.concatenate(
         [
             (
@@ -92,8 +92,8 @@ def _join_column(logs: Sequence[Log], column: str) -> Array:
 
 
 def _join_times(logs: Sequence[Log]) -> Array:
-    """Times [r] [s] of all logs, each beginning an hour after the one before; NaN where any log has
-    none.
+    """Times [r] [s] of all logs, each log starting one hour after the end of the previous one; NaN
+    where any log has no times.
     """
     parts, start = [], 0.0
     for log in logs:
@@ -106,7 +106,7 @@ def _join_times(logs: Sequence[Log]) -> Array:
 
 
 def _resolution(data: Array, column: str, spec: InclinometerRecipe) -> float:
-    """Size of the last digit [unit of the column] that a log's own numbers are written with."""
+    """Size of the last digit [unit of the column] with which a log's values are written."""
     known = data[np.isfinite(data)]
     step = 1.0
     if column in spec.columns:

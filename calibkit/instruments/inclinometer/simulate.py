@@ -1,5 +1,5 @@
-"""A north-seeking inclinometer read in four positions: scale factors drift with temperature, biases
-in time.
+"""A north-seeking inclinometer read in four positions, with scale factors that vary with
+temperature and biases that drift in time.
 """
 
 from dataclasses import asdict, dataclass
@@ -30,13 +30,13 @@ class _SensorPair:
     """Constants of one gyro and one accelerometer on one axis."""
 
     s: float
-    """In-situ scale factor at 25 °C: what multiplies the reading."""
+    """In-situ scale factor at 25 °C, by which the reading is multiplied."""
     s_per_degc: float
     s_wave: float
-    """Amplitude of its departure from a straight line in temperature."""
+    """Amplitude of the periodic departure of s from a straight line in temperature."""
     s_wave_degc: float
     s_repeat: float
-    """Standard deviation from one station to the next."""
+    """Standard deviation of s from one station to the next."""
     bias_dph: float
     bias_dph_per_degc: float
     bias_walk_dph: float
@@ -50,16 +50,16 @@ class _SensorPair:
     axis_deg: float
     """Departure of the pair's axis from its nominal direction about the tool [°]."""
     axis_tilt_deg: float
-    """Its inclination to the plane across the tool [°]."""
+    """Inclination of the axis to the plane across the tool [°]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Tool:
-    """An inclinometer and how it is read."""
+    """An inclinometer and the timing of its readings."""
 
     pairs: tuple[_SensorPair, _SensorPair]
     index_deg: float = 0.01
-    """Standard deviation of the four positions."""
+    """Standard deviation of the four positions about their nominal angles [°]."""
     dwell_s: float = 60.0
     station_s: float = 600.0
 
@@ -70,7 +70,7 @@ class Tool:
         temp_degc: Array,
         rng: np.random.Generator,
     ) -> tuple[dict[str, Array | Integers], Array]:
-        """Columns of the log of n stations, four rows a station, and the scale factors of both
+        """Log columns of n stations, four rows per station, and the true scale factors of both
         pairs [n, 2].
         """
         gravity = _rotated(attitudes, np.array([0.0, 0.0, 1.0]))
@@ -108,8 +108,8 @@ class Attitudes:
     def draw(
         cls, count: int, inclination_deg: tuple[float, float], rng: np.random.Generator
     ) -> Self:
-        """Attitudes of n stations: inclination even over a range [°], toolface and azimuth over the
-        circle.
+        """Draw the attitudes of n stations: inclination uniform over a range [°], toolface and
+        azimuth uniform over the circle.
         """
         return cls(
             rng.uniform(*inclination_deg, count),
@@ -119,7 +119,7 @@ class Attitudes:
 
 
 def draw(rng: np.random.Generator, *, gyro_noise_dph: float, ideal: bool) -> _SensorPair:
-    """Draw a sensor pair; an ideal one has the scale factor, a constant bias and noise alone."""
+    """Draw a sensor pair; an ideal one has only a scale factor, a constant bias and noise."""
     drift = 0.0 if ideal else 1.0
     return _SensorPair(
         s=1.0 + rng.normal(0.0, 1.0) * 3e-3,
@@ -167,8 +167,8 @@ def _scale(pair: _SensorPair, temp_degc: Array, rng: np.random.Generator) -> Arr
 
 
 def _resolve_along(vectors: Array, direction_deg: Array, tilt_deg: float) -> Array:
-    """Component [n, 4] of vectors [n, 3] along an axis at directions [n, 4] [°] about the tool,
-    tilted to its axis.
+    """Components [n, 4] of vectors [n, 3] along a sensor axis at directions [n, 4] [°] about the
+    tool axis, tilted out of the plane across the tool.
     """
     angle, tilt = np.radians(direction_deg), np.radians(tilt_deg)
     across = vectors[:, :1] * np.cos(angle) + vectors[:, 1:2] * np.sin(angle)
@@ -214,8 +214,8 @@ def campaign(
     gyro_noise_dph: float = 0.01,
     ideal: bool = False,
 ) -> Campaign:
-    """Log `stations.csv` of random attitudes while the tool warms, two sensor pairs, four positions
-    each.
+    """Simulate `stations.csv`: random attitudes while the tool warms, two sensor pairs in four
+    positions each.
 
     Parameters
     ----------
@@ -269,8 +269,8 @@ def _withheld(
     inclination_deg: tuple[float, float],
     temperature_degc: tuple[float, float],
 ) -> tuple[dict[str, Array | Integers], dict[str, object]]:
-    """Stations of the same tool on another day, with the reference attitude beside them, and their
-    scale factors.
+    """Stations of the same tool on another day with their reference attitude, and the true scale
+    factors.
     """
     rng = np.random.default_rng(np.random.SeedSequence([seed, 1]))
     attitudes = Attitudes.draw(count, inclination_deg, rng)

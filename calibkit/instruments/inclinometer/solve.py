@@ -1,4 +1,6 @@
-"""Stations → s(T) of each gyro, and with it or its history the attitude of every station."""
+"""Stations → s(T) of each gyro; then the attitude of every station with s from s(T) or from its
+history.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -23,24 +25,25 @@ from calibkit.instruments.inclinometer.stations import Stations
 from calibkit.numeric.attitude import wrapped
 
 WRONG = "check the gyro's unit in [columns], reference.convention and site.latitude_deg"
-"""What makes a scale factor that no gyro has."""
+"""Advice for a scale factor that no gyro has."""
 CLAMPED = "negative discriminant clamped to zero"
-"""Flag of a station whose roots have merged."""
+"""Flag of a station whose two roots coincide."""
 
 
 SHARP = 0.1
 """Relative standard uncertainty of a root below which it counts as measured."""
 IMPLAUSIBLE = 0.05
-"""Departure of a measured s from its prior that no gyro shows between a calibration and its use."""
+"""Departure of a measured s from its prior that no drift since the calibration explains.
+"""
 FEW_STATIONS = 3
-"""Stations below which a majority is not evidence."""
+"""Fewest stations for a majority decision on a log."""
 APART_DEG = 5.0
-"""Difference of the pairs' toolfaces [°] that no misalignment of axes explains."""
+"""Difference between the toolfaces of two pairs [°] that no misalignment of axes explains."""
 
 
 @dataclass(frozen=True, slots=True)
 class SolvedStations:
-    """Stations as both sensor pairs, or the one that is read, see them."""
+    """Solutions of the stations by each sensor pair that is read, and combined."""
 
     solutions: Mapping[Sensor, Solution]
     priors: Mapping[Sensor, Prior]
@@ -48,12 +51,14 @@ class SolvedStations:
 
     @property
     def refused(self) -> Mask:
-        """Which stations [n] have no result."""
+        """Mask [n] of the stations without a result."""
         return np.array([bool(reason) for reason in self.combined.status], dtype=np.bool_)
 
     @property
     def contradicted(self) -> Mask:
-        """Which stations [n] have an s that is not their prior's, or none at all, by any pair."""
+        """Mask [n] of the stations where any pair's root of s differs significantly from its prior,
+        or is impossible.
+        """
         found = np.zeros(len(self.combined.status), dtype=np.bool_)
         for axis, pair in self.solutions.items():
             prior = self.priors[axis]
@@ -65,8 +70,8 @@ class SolvedStations:
         return found
 
     def require_consistent(self, where: str) -> None:
-        """Refuse a log most of whose stations cannot have been read like this; one odd station is
-        refused by itself.
+        """Raise FitError for a log most of whose stations are inconsistent; single inconsistent
+        stations are only refused.
 
         Raises FitError where most stations contradict s(T), or most have pairs that see different
         toolfaces.
@@ -100,8 +105,8 @@ class SolvedStations:
 def fit_scale(
     stations: Stations, spec: InclinometerRecipe
 ) -> tuple[dict[Sensor, ScaleFit], SolvedStations]:
-    """s(T) of each gyro from all stations, and every station solved with the s(T) of all the
-    others.
+    """Fit s(T) of each gyro to all stations, and solve every station with the s(T) fitted to all
+    the others.
 
     Raises FitError where a gyro has no usable root of s, or an s that no gyro has.
     """
@@ -123,8 +128,8 @@ def fit_scale(
 def seek_north(
     stations: Stations, models: Mapping[Sensor, ScaleModel], spec: InclinometerRecipe
 ) -> SolvedStations:
-    """Every station solved with the s(T) of a calibration and the departure from it that the
-    stations before show.
+    """Solve every station with the s(T) of a calibration, corrected by the departure from it at the
+    stations before.
 
     A station whose s no gyro has is refused, and does not shift the others.
     """
@@ -145,7 +150,7 @@ def seek_north(
 
 
 def _solve_in_sequence(stations: Stations, spec: InclinometerRecipe, axis: Sensor) -> Solution:
-    """Stations of one sensor pair in their order, before any s(T) is known."""
+    """Solve the stations of one sensor pair in order, with the history of s as prior."""
     return scale_prior.predict_in_sequence(
         stations.components[axis],
         spec.site.latitude_deg,
@@ -161,14 +166,16 @@ def _solve_in_sequence(stations: Stations, spec: InclinometerRecipe, axis: Senso
 def _refuse_contradictions(
     solution: Solution, before: tuple[str, ...], spec: InclinometerRecipe
 ) -> tuple[str, ...]:
-    """Why stations are refused, with those added whose readings no gyro can have had there."""
+    """Reasons [n] why stations are refused, including stations whose readings no gyro can have
+    produced.
+    """
     return tuple(
         reason or _explain_contradiction(solution, k, spec) for k, reason in enumerate(before)
     )
 
 
 def _explain_contradiction(solution: Solution, k: int, spec: InclinometerRecipe) -> str:
-    """Why no working gyro gives the readings of station k; empty where one does.
+    """Reason why no working gyro can produce the readings of station k, or an empty string.
 
     The true s is always a root. Noise may merge it with the other (a clamped discriminant), not
     make it disappear.
@@ -178,8 +185,8 @@ def _explain_contradiction(solution: Solution, k: int, spec: InclinometerRecipe)
     if solution.root[k] == 0:
         return f"no positive root of s: {WRONG}"
     low, high, s = spec.scale.smallest, spec.scale.largest, float(solution.s_root[k])
-    # a root that is known to a tenth is a measurement, however little its own uncertainty lets it
-    # move the prior
+    # a root with a relative uncertainty below 10 % is a measurement, even if its weight against the
+    # prior is small
     sharp = float(solution.s_root_uncertainty[k]) < SHARP * abs(s)
     measured = solution.weight[k] > 0.0 or CLAMPED in solution.flags[k] or sharp
     return (
@@ -190,7 +197,7 @@ def _explain_contradiction(solution: Solution, k: int, spec: InclinometerRecipe)
 
 
 def _heading(stations: Stations, spec: InclinometerRecipe) -> Array | None:
-    """Outside headings [n] [°] where the recipe lets them choose the root."""
+    """External headings [n] [°]; None unless the recipe lets them choose the root."""
     return stations.reference[:, 2] if spec.root.choice == "heading" else None
 
 
@@ -210,8 +217,7 @@ def _fit_over_temperature(
     if usable.sum() == 1:
         return _fit_one_root(first, usable, temperature, spec, noise, timed=timed)
     over = scale_prior.fit_over_temperature(first, temperature, order=order)
-    # without degrees of freedom the scatter of s is unknown: its uncertainty before the calibration
-    # is kept
+    # without degrees of freedom the scatter of s is unknown; the recipe's prior uncertainty is used
     scatter = over.scatter if over.dof else spec.history.standard_uncertainty
     left_out = over.left_out
     if not over.dof:
@@ -231,8 +237,8 @@ def _fit_one_root(
     *,
     timed: bool,
 ) -> ScaleFit:
-    """s0 from a single root; it stays as uncertain as s was before, because its scatter is
-    unknown.
+    """s0 from a single root, with the prior uncertainty of s as scatter, which one root does not
+    determine.
     """
     if timed and spec.scale.order not in ("auto", 0):
         raise FitError(
@@ -250,8 +256,8 @@ def _fit_one_root(
 def _require_plausible(
     first: Solution, stations: Stations, spec: InclinometerRecipe, axis: Sensor
 ) -> None:
-    """Refuse a gyro without a usable root of s, or with one that only a wrong unit, sign or
-    latitude explains.
+    """Raise FitError for a gyro without a usable root of s, or with an s that only a wrong unit,
+    sign or latitude explains.
     """
     usable = first.root_used
     low, high = spec.scale.smallest, spec.scale.largest
@@ -283,8 +289,8 @@ def _require_plausible(
 def _predict_departure(
     stations: Stations, model: ScaleModel, spec: InclinometerRecipe, axis: Sensor
 ) -> Prior:
-    """Prior of s at each station: s(T), times the departure from it that the stations before show
-    (step D).
+    """Prior of s at each station: s(T) times the relative departure from it that the stations
+    before show (step D).
     """
     base = model.prior(stations.temperature)
     found = root_choice.estimate_roots(
@@ -293,7 +299,7 @@ def _predict_departure(
         refused=stations.status[axis],
         limits=root_choice.Limits(**spec.limits.model_dump()),
     )
-    # a root measures the departure as well as s(T) and the root are known
+    # the uncertainty of the measured departure combines those of s(T) and of the root
     ratio = found.s / base.s[:, None]
     uncertainty = np.hypot(found.uncertainty, base.standard_uncertainty[:, None]) / base.s[:, None]
     departure = scale_prior.history_prior(
@@ -311,7 +317,7 @@ def _predict_departure(
 def _solve_stations(
     stations: Stations, priors: Mapping[Sensor, Prior], spec: InclinometerRecipe
 ) -> SolvedStations:
-    """Every station solved with its priors, both pairs combined where both are read."""
+    """Solve every station with its priors, and combine both pairs where both are read."""
     solutions = {
         axis: root_choice.solve(
             stations.components[axis],
@@ -330,7 +336,7 @@ def _solve_stations(
 
 
 def _as_combined(pair: Solution) -> Combined:
-    """One sensor pair's solution in the shape of two."""
+    """Solution of a single sensor pair as a Combined."""
     rows = list(sensor_pairs.ANGLES)
     return sensor_pairs.Combined(
         inclination_deg=pair.inclination_deg,

@@ -25,13 +25,13 @@ from calibkit.instruments.inclinometer.rows import REFERENCE, Rows
 from calibkit.numeric import attitude
 
 PLAUSIBLE = {"accel": (1.5, "g"), "gyro": (1000.0, "deg/h")}
-"""Largest indication of a tool at rest, bias included: beyond it the log's unit is another."""
+"""Largest indication of a tool at rest, bias included; a larger one shows a wrong unit."""
 
 
 @dataclass(frozen=True, slots=True)
 class Stations:
-    """n stations: components by axis, noise by axis, why each is refused (or empty), and what
-    surrounds them.
+    """n stations: components and noise by axis, reasons for refusal (or empty), temperature, time
+    and reference attitude.
     """
 
     names: tuple[str, ...]
@@ -41,13 +41,13 @@ class Stations:
     status: Mapping[Sensor, tuple[str, ...]]
     temperature: Array
     elapsed: Array
-    """Hours since the first station, or its number where the logs have no times [n]."""
+    """Hours [n] since the first station; the station's number where the logs have no times."""
     reference: Array
     """[n, 3] of inclination, toolface, azimuth [°]; NaN where there is none."""
 
 
 def needed_columns(spec: InclinometerRecipe) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Columns that the recipe needs, and columns that it uses where they are."""
+    """Columns that the recipe needs, and optional columns that it uses where a log has them."""
     wanted = [
         "position_deg",
         *(f"accel_{axis}_g" for axis in spec.axes),
@@ -63,16 +63,16 @@ def needed_columns(spec: InclinometerRecipe) -> tuple[tuple[str, ...], tuple[str
 
 
 def examine(spec: InclinometerRecipe, log: Log) -> Examined:
-    """Findings of a log, and its stations: the rows of one station number that follow each other,
-    or its dwells.
+    """Findings of a log, and its stations: consecutive rows with the same station number, or
+    dwells.
     """
     dwelt, found = _examine_dwells(log, spec)
     return Examined(tuple(found), () if dwelt is None else dwelt.held())
 
 
 def admit_logs(logs: Sequence[Log], spec: InclinometerRecipe) -> tuple[list[Log], list[Finding]]:
-    """Logs with one row per position and the findings of all; raises FrameError with all that are
-    refused.
+    """Logs reduced to one row per position, and the findings of all logs; raises FrameError listing
+    all refused findings.
     """
     looked = [_examine_dwells(log, spec) for log in logs]
     found = [finding for _, findings in looked for finding in findings]
@@ -81,8 +81,8 @@ def admit_logs(logs: Sequence[Log], spec: InclinometerRecipe) -> tuple[list[Log]
 
 
 def _examine_dwells(log: Log, spec: InclinometerRecipe) -> tuple[DwellLog | None, list[Finding]]:
-    """Dwells of a log, None where it is refused as a whole, and everything that is wrong with it
-    and its stations.
+    """Dwells of a log, None where the log is refused as a whole, and all findings on the log and
+    its stations.
     """
     columns = [name for name in log.frame.columns if name not in REFERENCE]
     found = [*check.find_too_few_rows(log, 3), *check.find_missing_values(log, columns)]
@@ -131,7 +131,7 @@ def find_unusable(log: Log, spec: InclinometerRecipe) -> list[Finding]:
 
 
 def _find_position_faults(log: Log) -> list[Finding]:
-    """Positions that a station has twice, not at all, or that are no multiple of 90°."""
+    """Findings on stations with a repeated or missing position, or none of the nominal four."""
     station, position = values(log.frame, "station"), values(log.frame, "position_deg")
     names, first = np.unique(station, return_index=True)
     found = []
@@ -155,8 +155,8 @@ def _find_position_faults(log: Log) -> list[Finding]:
 
 
 def _position_fault(position: Array) -> tuple[int, str] | None:
-    """Row and description of what keeps positions [r] [°] of one station from the four differences;
-    None where they fit.
+    """Row and description of the first fault that prevents the four differences at positions [r]
+    [°] of one station; None without a fault.
     """
     if not np.isfinite(position).all():
         return int(np.flatnonzero(~np.isfinite(position))[0]), "a position is missing"
@@ -175,8 +175,8 @@ def _position_fault(position: Array) -> tuple[int, str] | None:
 def solve_components(
     rows: Rows, spec: InclinometerRecipe, known: Mapping[Sensor, Noise] | None = None
 ) -> Stations:
-    """Components of every station (step B), with the noise that the recipe states or the readings
-    show.
+    """Components of every station (step B), with the noise stated by the recipe or estimated from
+    the readings.
 
     `known` is the noise of a calibration: it is pooled with the readings' own unless they
     contradict it. Raises FitError where the noise is unknown.
@@ -212,7 +212,7 @@ def solve_components(
 
 
 def _elapsed_hours(rows: Rows) -> Array:
-    """Hours of each station since the first; its number where a log has no times."""
+    """Hours [n] of each station since the first; the station's number where a log has no times."""
     time = rows.time[np.unique(rows.station, return_index=True)[1]]
     if np.isfinite(time).all():
         return np.asarray((time - time[0]) / SECONDS_PER_HOUR, dtype=np.float64)
@@ -225,7 +225,7 @@ def _by_differences(
     """Components by the four differences for readings of unit noise; squares and degrees of freedom
     [n, 2] of the closures r₀ − r₉₀ + r₁₈₀ − r₂₇₀; and why each station is refused.
     """
-    del spec  # least squares has options, the four differences have none
+    del spec  # the four differences have no options, as least squares has
     placed = np.where(np.isfinite(rows.position), rows.position, 0.0)
     readings = np.column_stack((rows.accel[axis], rows.gyro[axis]))
     _, four = published.arrange(rows.station, placed, readings)
@@ -246,7 +246,9 @@ def _by_differences(
 def _by_least_squares(
     rows: Rows, axis: Sensor, spec: InclinometerRecipe
 ) -> tuple[Components, Array, Integers, tuple[str, ...]]:
-    """The same by least squares over any positions; squares of the residuals."""
+    """Components by least squares over any positions; results as `_by_differences`, with the
+    squares of the residuals.
+    """
     found = sinusoid_fit.fit_stations(
         rows.station,
         rows.position,
@@ -260,8 +262,8 @@ def _by_least_squares(
 
 
 def _with_noise(parts: Components, noise: Noise, outliers: Mask) -> Components:
-    """Components of readings with a noise, from those of unit noise; NaN where a station [n] holds
-    an outlier.
+    """Scale the covariance of components of unit noise to a noise; NaN for stations [n] with an
+    outlier.
     """
     u = np.array([noise.accel_g, noise.accel_g, noise.gyro_dph, noise.gyro_dph])
     accel_x, accel_y, gyro_x, gyro_y = (
@@ -272,7 +274,7 @@ def _with_noise(parts: Components, noise: Noise, outliers: Mask) -> Components:
 
 
 def _mean_by_station(column: Array, station: Integers, count: int) -> Array:
-    """Mean of the finite values of each station [count]; NaN where there is none."""
+    """Mean [count] of the finite values of each station; NaN where there is none."""
     finite = np.isfinite(column)
     rows = np.bincount(station[finite], minlength=count)
     total = np.bincount(station[finite], column[finite], minlength=count)
@@ -280,11 +282,11 @@ def _mean_by_station(column: Array, station: Integers, count: int) -> Array:
 
 
 def _mean_direction_by_station(column: Array, station: Integers, count: int) -> Array:
-    """Mean direction [°] of each station [count], around the circle; one value a station is kept as
-    it is.
+    """Circular mean direction [count] [°] of each station; a station with equal values keeps them
+    exactly.
     """
     first = np.full(count, np.nan)
     finite = np.isfinite(column)
     first[station[finite][::-1]] = column[finite][::-1]
-    # the mean departure from the first value: no rounding where all are the same
+    # mean departure from the first value: exactly zero where all values are equal
     return first + _mean_by_station(attitude.wrapped(column - first[station]), station, count)

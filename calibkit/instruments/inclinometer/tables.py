@@ -1,4 +1,4 @@
-"""What an inclinometer run states: tables, summary, figures and JSON of its stations."""
+"""Results of an inclinometer run: tables, summary, data of the figures and JSON of its stations."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -22,14 +22,14 @@ from calibkit.report.summary import Summary, number
 from calibkit.report.table import Table, number_or_none
 
 SHOWN = 40
-"""Stations that the console shows; report.txt shows all."""
+"""Stations listed on the console; report.txt lists all."""
 COVERAGE = 2.0
 """Coverage factor of the stated uncertainty U (GUM 6.3.3)."""
 TITLE = "Stations before (s = 1) and after"
 
 
 def _tabulate_stations(stations: Stations, seen: SolvedStations, title: str) -> Table:
-    """Azimuth before and after, station by station."""
+    """Table of the azimuth before and after correction, a row for each station."""
     combined, found = seen.combined, AngleErrors.compare(stations, seen)
     against = bool(found.known.any())
     heads = [
@@ -65,12 +65,12 @@ def _tabulate_stations(stations: Stations, seen: SolvedStations, title: str) -> 
 
 
 def _format_fixed(value: float, decimals: int) -> str:
-    """A number in fixed decimals, a dash where there is none."""
+    """A number with fixed decimals; a dash for NaN."""
     return f"{value:.{decimals}f}" if np.isfinite(value) else "-"
 
 
 def tabulate_errors(found: AngleErrors, title: str) -> Table:
-    """Errors of all stations together, before and after; the correction of s does not touch
+    """Table of the errors over all stations, before and after correction; s does not affect
     inclination and toolface.
     """
     known = found.known
@@ -93,7 +93,7 @@ def tabulate_errors(found: AngleErrors, title: str) -> Table:
 
 
 def _tabulate_scale(fits: Mapping[Sensor, ScaleFit]) -> Table:
-    """s(T) of each gyro."""
+    """Table of s(T) of each gyro."""
     rows = []
     for axis, scale in fits.items():
         model = scale.model
@@ -151,7 +151,7 @@ def collect_drawing(
     seen: SolvedStations,
     spec: InclinometerRecipe,
 ) -> SeekingReport:
-    """What the figures show."""
+    """Data of the figures."""
     found = AngleErrors.compare(stations, seen)
     curves = tuple(_collect_curve(axis, scale, stations, seen) for axis, scale in fits.items())
     label = published.root_label(
@@ -169,7 +169,7 @@ def collect_drawing(
 def _collect_curve(
     axis: Sensor, scale: ScaleFit, stations: Stations, seen: SolvedStations
 ) -> ScaleCurve:
-    """s(T) of one gyro with the roots that carried it; against the station's number without
+    """s(T) of one gyro with its roots; against the station's number where there are no
     temperatures.
     """
     pair, valid = seen.solutions[axis], scale.model.valid

@@ -160,8 +160,8 @@ def _undetermined(
     mapped: Array,
     condense: Callable[[Callable[[slice], Array], int], Array],
 ) -> list[str]:
-    """Names of the coefficients whose columns depend linearly on earlier columns; `condense` reduces
-    the design matrix to p rows.
+    """Names of the coefficients whose columns depend linearly on earlier columns; `condense`
+    reduces the design matrix to p rows.
     """
     design = condense(lambda rows: part.design(reference[rows], mapped[rows]), len(mapped))
     undetermined: list[str] = []
@@ -210,8 +210,7 @@ def _propose_dwells(
 
 
 def _describe_dwells(dwells: Array) -> str:
-    """Text of dwells [m, 3] (temperature [°C], inclination and toolface [°]) for an error message.
-    """
+    """Text of dwells [m, 3] (temperature [°C], inclination, toolface [°]) for an error message."""
     parts = []
     for level in np.unique(dwells[:, 0]):
         spots = [f"{tilt:g}°/{roll:g}°" for _, tilt, roll in dwells[dwells[:, 0] == level]]

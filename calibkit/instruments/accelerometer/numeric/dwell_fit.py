@@ -33,8 +33,7 @@ class DwellFit:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MappedFit(DwellFit):
-    """Fit in mapped temperature u = (t − middle)/half, with coefficients also in powers of t in °C.
-    """
+    """Fit in mapped temperature u = (t − middle)/half, converted also to powers of t in °C."""
 
     coefficients: Array
     """[p], in powers of °C; `covariance` belongs to these."""

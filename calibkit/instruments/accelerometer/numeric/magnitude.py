@@ -76,8 +76,7 @@ class MagnitudeFit(DwellFit):
         return self.parameters[3:6]
 
     def as_affine(self) -> tuple[tuple[str, ...], Array, Array]:
-        """Names, values [9] and covariance [9, 9] of the equivalent parameters of the affine model.
-        """
+        """Names, values [9] and covariance [9, 9] of the equivalent affine parameters."""
         parameters = self.parameters
         scale = np.maximum(np.abs(parameters), 1e-3)
         slopes = q_factor.differentiate(_to_triangle, parameters, scale=scale)

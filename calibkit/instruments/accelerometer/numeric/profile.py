@@ -71,9 +71,7 @@ class Bounded:
     def _minimize(
         self, begin: Array, low: Array, high: Array, centre: Array, unit: Array
     ) -> tuple[Any, Any]:
-        """Minimizer and result of lmfit, whose variables v give the parameters as centre + unit ·
-        v.
-        """
+        """Minimizer and result of lmfit, whose variables v mean parameters centre + unit · v."""
         import lmfit
 
         def values(named: Any) -> Array:  # noqa: ANN401 lmfit has no types

@@ -43,8 +43,7 @@ def small_angles(axes: Array) -> Array:
 
 
 def axes_from_angles(coefficients: Array) -> Array:
-    """Unit axes [3, 3] with the small angles Q1, Q2, Q3 [3] [rad]: the inverse of `small_angles`.
-    """
+    """Unit axes [3, 3] with small angles Q1, Q2, Q3 [3] [rad]: the inverse of `small_angles`."""
     q1, q2, q3 = coefficients
     ye1, ze2, ze1 = -q3, -q1, q3 * q1 - q2
     ye2, ze3 = 1.0 - ye1**2, 1.0 - ze1**2 - ze2**2

@@ -1,26 +1,28 @@
-"""Noise of a reading from how stations close, and the stations that hold an outlier."""
+"""Noise of a reading estimated from the closures of stations, and detection of stations with an
+outlier.
+"""
 
 import numpy as np
 
 from calibkit.arrays import Array, Integers, Mask
 
 FEWEST = 8
-"""Stations below which their median is too uncertain to find outliers."""
+"""Fewest stations for outlier detection: the median of fewer is too uncertain."""
 IMPROBABLE = 1e-20
-"""Probability of a closure from which it is no noise: 9.3 standard deviations with one degree of
-freedom.
+"""Probability of a closure by noise below which it is an outlier: 9.3 standard deviations with one
+degree of freedom.
 
-With eight stations of one degree of freedom 0.08 % of campaigns have such a one by chance, with
-twelve 0.02 %: the median of few is uncertain itself.
+With eight stations of one degree of freedom 0.08 % of campaigns have such a closure by chance,
+with twelve 0.02 %, because the median of a few stations is uncertain itself.
 """
 
 
 def usual_square(squares: Array, dof: Integers) -> float:
-    """Variance of one reading from sums of squares [n] with degrees of freedom [n], by their
-    median: one outlier does not move it.
+    """Variance of one reading from the median of sums of squares [n] with degrees of freedom [n];
+    robust against one outlier.
 
-    The median of χ²/ν is not 1: it is divided by that of the median degrees of freedom. NaN where
-    no station has any.
+    The median is divided by that of χ²/ν at the median degrees of freedom, which is not 1; NaN
+    where no station has any.
     """
     known = dof > 0
     if not known.any():
@@ -33,8 +35,8 @@ def usual_square(squares: Array, dof: Integers) -> float:
 
 
 def find_outliers(squares: Array, dof: Integers, least: float) -> Mask:
-    """Which stations [n] hold an outlier: their squares are far above the usual variance, or above
-    the `least` that it can be.
+    """Mask [n] of stations with an outlier: their sums of squares are far above those of the usual
+    variance, or of `least` if that is larger.
     """
     found = np.zeros(squares.size, dtype=np.bool_)
     known = dof > 0

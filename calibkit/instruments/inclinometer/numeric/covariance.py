@@ -1,4 +1,4 @@
-"""How noise of the components, of the latitude and of the prior of s comes into θ, φ, s and ψ."""
+"""Propagation of the uncertainties of components, latitude and prior of s to θ, φ, s and ψ."""
 
 import numpy as np
 
@@ -58,8 +58,8 @@ def root_gradient(parts: Components, found: Attitude, latitude_deg: Array, s: Ar
 def _azimuth_gradient(
     parts: Components, found: Attitude, latitude_deg: Array, s: Array
 ) -> tuple[Array, Array]:
-    """Derivatives of ψ: [n, 5] by g_x, g_y, ω_x, ω_y, latitude at constant s, and [n] by s (step
-    F).
+    """Derivatives of ψ (step F): [n, 5] by g_x, g_y, ω_x, ω_y, latitude at constant s, and [n] by
+    s.
     """
     A, B, inner = _inner_jacobian(parts, found)
     latitude = np.radians(latitude_deg)
@@ -105,7 +105,7 @@ def covariance(
     jacobian = np.zeros((s.size, 4, 6))
     jacobian[:, :2, :5] = inner[:, :2]
     gradient = root_gradient(parts, found, latitude_deg, s_root)
-    # a root that is not used may have no gradient: its weight of zero must not meet an infinity
+    # the gradient of an unused root may be infinite, and 0 · ∞ is NaN
     jacobian[:, 2, :5] = weight[:, None] * np.where((weight > 0.0)[:, None], gradient, 0.0)
     jacobian[:, 2, 5] = 1.0 - weight
     direct, by_s = _azimuth_gradient(parts, found, latitude_deg, s)

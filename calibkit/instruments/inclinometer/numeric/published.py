@@ -19,13 +19,15 @@ Sensor = Literal["x", "y"]
 """Axis of a sensor pair: at 90° the x sensor lies where y was, the y sensor where −x was."""
 POSITIONS_DEG = (0.0, 90.0, 180.0, 270.0)
 POSITION_TOLERANCE_DEG = 0.1
-"""How far a position may be from its nominal one for the four differences to hold."""
+"""Largest departure of a position from its nominal angle [°] with which the four differences are
+used.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Components:
-    """Gravity and the earth's rate across the tool at n stations, free of constant bias (step B),
-    and their noise.
+    """Gravity and earth rate across the tool at n stations, free of constant bias (step B), and
+    their covariance.
     """
 
     accel_x: Array
@@ -55,7 +57,7 @@ class Roots:
     plus: Array
     minus: Array
     half_difference: Array
-    """(s₊ − s₋)/2; 0 where the discriminant is."""
+    """(s₊ − s₋)/2; zero where the discriminant is zero."""
     clamped: Mask
     """Whether a negative discriminant was clamped to zero."""
 
@@ -91,14 +93,14 @@ def arrange(station: ArrayLike, position_deg: Array, indication: Array) -> tuple
 
 
 def nearest_position(position_deg: Array) -> Integers:
-    """Number [r] of the position 0°, 90°, 180° or 270° that is nearest to each rotation [r] [°]."""
+    """Index [r] of the nearest position (0°, 90°, 180°, 270°) to each rotation [r] [°]."""
     turned = np.remainder(position_deg + 45.0, 360.0)
     return np.clip(np.floor(turned / 90.0), 0, 3).astype(np.int64)
 
 
 def _four_differences(indication: Array, sensor: Sensor) -> tuple[Array, Array]:
-    """Components along x and y [n] from indications [n, 4] of one sensor: halved differences, bias
-    cancels (step B).
+    """Components along x and y [n] from indications [n, 4] of one sensor by half differences, in
+    which constant bias cancels (step B).
     """
     at_0, at_90, at_180, at_270 = np.moveaxis(indication, -1, 0)
     along, across = (at_0 - at_180) / 2.0, (at_90 - at_270) / 2.0
@@ -106,8 +108,8 @@ def _four_differences(indication: Array, sensor: Sensor) -> tuple[Array, Array]:
 
 
 def closures(indication: Array) -> Array:
-    """Half of r₀ − r₉₀ + r₁₈₀ − r₂₇₀ [n] of indications [n, 4]: noise alone, as large as that of
-    one reading.
+    """Closures (r₀ − r₉₀ + r₁₈₀ − r₂₇₀)/2 [n] of indications [n, 4]: noise alone, with the standard
+    deviation of one reading.
     """
     found: Array = indication @ np.array([0.5, -0.5, 0.5, -0.5])
     return found
@@ -145,7 +147,7 @@ def attitude(accel_x: Array, accel_y: Array) -> Attitude:
 
 
 def level_rates(gyro_x: Array, gyro_y: Array, toolface: Array) -> tuple[Array, Array]:
-    """Rates A, B [n] in units of the earth's rate, turned back by the toolface [rad] (step D)."""
+    """Rates A, B [n] in units of the earth's rate, rotated back by the toolface [rad] (step D)."""
     cosine, sine = np.cos(toolface), np.sin(toolface)
     x, y = gyro_x / EARTH_RATE_DPH, gyro_y / EARTH_RATE_DPH
     return x * cosine - y * sine, x * sine + y * cosine
@@ -213,11 +215,11 @@ def toolface_plus_azimuth(gyro_x: Array, gyro_y: Array) -> Array:
 
 
 def _atan2(y: Array, x: Array) -> Array:
-    """Angle (−π, π] of a vector; a negative zero below the axis does not turn π into −π."""
+    """Angle of a vector in (−π, π]; y = −0.0 counts as +0.0, which gives π instead of −π."""
     return np.arctan2(y + 0.0, x)
 
 
 def full_circle(angle: Array, turn: float) -> Array:
-    """Angle in [0, turn); a remainder that rounding lifts to the full turn is zero."""
+    """Angle in [0, turn); a remainder that rounds up to `turn` becomes zero."""
     turned = np.remainder(angle, turn)
     return np.where(turned >= turn, 0.0, turned)

@@ -16,25 +16,25 @@ from calibkit.instruments.inclinometer.numeric.published import Attitude, Compon
 from calibkit.numeric.attitude import wrapped
 
 LIKELIER = 3.0
-"""Difference of log-likelihood, odds of 20 to 1, by which one of two positive roots must win."""
+"""Least difference of log-likelihood between two positive roots for an unambiguous choice: odds of
+20 to 1.
+"""
 DISAGREES = 5.0
-"""Standard uncertainties by which a root may differ from its prior."""
+"""Difference between a root and its prior, in standard uncertainties, above which it is flagged."""
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Where a station is refused, and where its s is not used."""
+    """Limits beyond which a station is refused, or its root of s is not used."""
 
     latitude_deg: float = 80.0
     """|latitude| above which the earth's horizontal rate is too small for an azimuth."""
     vertical_deg: float = 0.5
     """Inclination below which toolface and azimuth are not separable."""
     horizontal_deg: float = 85.0
-    """Inclination above which neither inclination nor azimuth can be had from the sensors across
-    the tool.
-    """
+    """Inclination above which sensors across the tool determine neither inclination nor azimuth."""
     s_uncertainty: float = 0.02
-    """Standard uncertainty of a root above which s is its prior."""
+    """Standard uncertainty of a root above which the prior of s is used instead."""
     separation: float = 6.0
     """Standard uncertainties from the middle of both roots, twice those of the discriminant from
     zero, below which noise alone could have parted the roots.
@@ -46,7 +46,7 @@ DEFAULT_LIMITS = Limits()
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """What is known of s at each station before its own readings."""
+    """Value and standard uncertainty of s at each station [n] before its own readings."""
 
     s: Array
     standard_uncertainty: Array
@@ -65,7 +65,7 @@ class Estimates:
     uncertainty: Array
     """[n, 2]."""
     azimuth: Array
-    """[n, 2] [rad], each of its root."""
+    """[n, 2] [rad], azimuth by each root."""
     usable: Mask
     """[n, 2]: positive, certain enough, and far enough from the other for its uncertainty to hold.
     """
@@ -75,8 +75,8 @@ class Estimates:
     def choose_root(
         self, prior: Prior, forced: Integers, rows: slice = slice(None)
     ) -> tuple[Integers, Mask]:
-        """Column [m] of the likelier root of each of some stations, or of the one that is forced,
-        and whether both are about as likely.
+        """Column [m] of the likelier, or forced, root of each selected station, and whether both
+        roots are about equally likely.
         """
         usable = self.usable[rows]
         score = _log_likelihood(self.s[rows], self.uncertainty[rows], prior)
@@ -86,8 +86,8 @@ class Estimates:
         return column, (forced < 0) & usable.all(axis=1) & alike
 
     def choose_by_heading(self, heading_deg: Array | None) -> Integers:
-        """Column [n] of the root whose azimuth is nearer a heading [n] [°]; −1 without heading or
-        positive root.
+        """Column [n] of the root whose azimuth is nearer the heading [n] [°]; −1 without a heading
+        or a positive root.
         """
         if heading_deg is None:
             return np.full(len(self.s), -1)
@@ -100,8 +100,8 @@ class Estimates:
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """North seeking of n stations by one sensor pair; what is refused is NaN and has its reason in
-    status.
+    """North seeking of n stations by one sensor pair; results of refused stations are NaN, with the
+    reason in `status`.
     """
 
     inclination_deg: Array
@@ -112,14 +112,14 @@ class Solution:
     uncorrected_deg: Array
     """Azimuth with s = 1 [n] [°]."""
     s: Array
-    """Used [n]."""
+    """s that was used [n]."""
     s_root: Array
     """Chosen root [n], before it was shrunk to the prior."""
     s_root_uncertainty: Array
     root: Integers
-    """1 for the + root, −1 for the − root, 0 where neither could be."""
+    """1 for the + root, −1 for the − root, 0 where neither is possible."""
     weight: Array
-    """Of the root in s [n]; 0 where s is its prior."""
+    """Weight of the root in s [n]; 0 where s is its prior."""
     C: Array
     covariance: Array
     """[n, 4, 4] of inclination [°], toolface [°], s, azimuth [°]."""
@@ -128,12 +128,12 @@ class Solution:
 
     @property
     def standard_uncertainty(self) -> Array:
-        """Of inclination [°], toolface [°], s, azimuth [°] [n, 4]."""
+        """Standard uncertainties [n, 4] of inclination [°], toolface [°], s, azimuth [°]."""
         return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
 
     @property
     def root_used(self) -> Mask:
-        """Stations [n] whose own root of s counts."""
+        """Mask [n] of the stations whose own root contributes to s."""
         return np.array([not reason for reason in self.status], dtype=np.bool_) & (
             self.weight > 0.0
         )
@@ -176,11 +176,11 @@ def estimate_roots(
 
 
 def _log_likelihood(s: Array, uncertainty: Array, prior: Prior) -> Array:
-    """Log-likelihood [n, 2] of roots [n, 2] given their priors; −inf for a root that cannot be."""
+    """Log-likelihood [n, 2] of roots [n, 2] given their priors; −inf for an impossible root."""
     variance = uncertainty**2 + prior.standard_uncertainty[:, None] ** 2
     with np.errstate(divide="ignore", invalid="ignore"):
         score = -0.5 * (s - prior.s[:, None]) ** 2 / variance - 0.5 * np.log(variance)
-    # both roots of an infinite uncertainty are equally unlikely, a negative one is impossible
+    # roots with infinite uncertainty are equally unlikely, negative roots impossible
     score = np.where(np.isfinite(score), score, -1e300)
     return np.where(s > 0.0, score, -np.inf)
 
@@ -213,7 +213,7 @@ def solve(
     -------
     Solution. s = w s_root + (1 − w) s_prior, w by inverse variance, and 0 where the root is not
     usable or both are equally likely. A station that cannot be solved has NaN and a reason; the
-    others do not suffer from it.
+    others are not affected.
 
     Raises
     ------
@@ -231,7 +231,7 @@ def solve(
     accepted = found.usable[rows, column] & ~ambiguous
     total = u_root**2 + prior.standard_uncertainty**2
     with np.errstate(divide="ignore", invalid="ignore"):
-        # by inverse variance; a root and a prior that are both exact agree
+        # inverse-variance weight; where both are exact, they are taken to agree
         share = np.where(total > 0.0, prior.standard_uncertainty**2 / total, 1.0)
     weight = np.where(accepted, share, 0.0)
     s = np.where(accepted, weight * s_root + (1.0 - weight) * prior.s, prior.s)
@@ -253,7 +253,7 @@ def solve(
 
 
 def _require_prior(prior: Prior, count: int) -> None:
-    """Refuse a prior that cannot be one."""
+    """Raise FitError for a prior of the wrong length, or not positive and finite."""
     values = np.concatenate((prior.s, prior.standard_uncertainty))
     if prior.s.size != count or prior.standard_uncertainty.size != count:
         raise FitError(f"{prior.s.size} priors of s for {count} stations")
@@ -278,7 +278,7 @@ def _list_flags(
     accepted: Mask,
     ambiguous: Mask,
 ) -> tuple[tuple[str, ...], ...]:
-    """What a reader of each station must know [n]."""
+    """Flags of each station [n]."""
     with np.errstate(divide="ignore", invalid="ignore"):
         off = np.asarray(
             np.abs(s_root - prior.s) / np.hypot(u_root, prior.standard_uncertainty),
@@ -323,7 +323,9 @@ def _assemble(
     spread: Array,
     flags: tuple[tuple[str, ...], ...],
 ) -> Solution:
-    """Correct the rates (step E), seek north (step F), and put NaN where a station is refused."""
+    """Correct the rates (step E), seek north (step F), and set the results of refused stations to
+    NaN.
+    """
     solved = np.array([not reason for reason in found.status])
     x, y = s * parts.gyro_x, s * parts.gyro_y
     psi = published.azimuth(parts.accel_x, parts.accel_y, x, y, latitude)
@@ -352,7 +354,7 @@ def _assemble(
 def _list_refusals(
     parts: Components, found: Attitude, latitude: Array, limits: Limits
 ) -> tuple[str, ...]:
-    """Why each station is refused; empty where it is not."""
+    """Reason [n] why each station is refused, or an empty string."""
     inclination = np.degrees(found.inclination)
     total = np.degrees(published.toolface_plus_azimuth(parts.gyro_x, parts.gyro_y))
     inputs = np.column_stack((parts.accel_x, parts.accel_y, parts.gyro_x, parts.gyro_y, latitude))
@@ -372,7 +374,7 @@ def _refuse_station(
     total: float,
     limits: Limits,
 ) -> str:
-    """Reason to refuse one station; empty where it is not refused."""
+    """Reason to refuse one station, or an empty string."""
     if not finite:
         return "an indication or the latitude is not finite"
     if abs(latitude) > limits.latitude_deg:

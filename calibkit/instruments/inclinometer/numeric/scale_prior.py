@@ -1,4 +1,4 @@
-"""What is known of s before a station is read: its history along the stations, or s(T) over a
+"""Prior of s at a station: from the history of the stations before it, or from s(T) over a
 calibration.
 """
 
@@ -26,15 +26,15 @@ from calibkit.numeric.least_squares.fit import linear
 from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
 
 GAIN = 4.0
-"""Mean squares by which a higher order must lower the sum of squares: a coefficient of two standard
-uncertainties.
+"""Least reduction of the sum of squares by a higher order, in mean squares: the added coefficient
+is then two standard uncertainties.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class History:
-    """What s is before the first station and how it may change, by the unit of the abscissa: hours,
-    or stations.
+    """Initial state and process noise of s along the stations, per unit of the abscissa: hours, or
+    stations.
     """
 
     s: float = 1.0
@@ -51,16 +51,16 @@ DEFAULT_HISTORY = History()
 
 @dataclass(frozen=True, slots=True)
 class _ScaleOverTemperature(TemperaturePolynomial):
-    """s(T) = s0 + s1 T + …, T in °C; its residual rms is weighted, dimensionless."""
+    """s(T) = s0 + s1 T + …, T in °C; its residual rms is weighted and dimensionless."""
 
     scatter: float
-    """Standard deviation of s about the polynomial beyond the stations' own noise; part of every
-    prior.
+    """Standard deviation of s about the polynomial in excess of the stations' own noise; added to
+    every prior.
     """
     used: Mask
-    """Which stations [n] entered the fit."""
+    """Mask [n] of the stations used in the fit."""
     left_out: Prior
-    """s(T) at each station [n] from all the others: the prior that does not know the station's own
+    """s(T) at each station [n] fitted to all the others: a prior independent of the station's own
     reading.
     """
 
@@ -72,7 +72,7 @@ def predict_scale(
     valid_degc: tuple[float, float],
     temp_degc: ArrayLike,
 ) -> Prior:
-    """Prior [n] of s(T) at temperatures [n] [°C] from what a coefficient file holds.
+    """Prior [n] of s at temperatures [n] [°C] from the s(T) of a coefficient file.
 
     Temperatures are clamped to the fitted range; the uncertainty then grows by what the slope at
     its end would add.
@@ -125,7 +125,7 @@ def history_prior(
         state, covariance = _predict_state(
             state, covariance, float(elapsed[k] - elapsed[max(k - 1, 0)]), start.rate_walk
         )
-        # the filter may predict what no gyro has; the prior stays a scale factor
+        # the filter's prediction may be zero or negative; the prior must be a positive scale factor
         value[k], spread[k] = max(float(state[0]), 1e-3), float(np.sqrt(covariance[0, 0]))
         here = slice(k, k + 1)
         columns, ambiguous = found.choose_root(Prior(value[here], spread[here]), forced[here], here)
@@ -140,7 +140,7 @@ def history_prior(
 def _predict_state(
     state: Array, covariance: Array, step: float, walk: float
 ) -> tuple[Array, Array]:
-    """State and covariance a step later."""
+    """State and covariance predicted one step ahead."""
     move = np.array([[1.0, step], [0.0, 1.0]])
     added = walk**2 * np.array([[step**3 / 3.0, step**2 / 2.0], [step**2 / 2.0, step]])
     return move @ state, gum.propagate(move, covariance) + added
@@ -149,7 +149,7 @@ def _predict_state(
 def _update_state(
     state: Array, covariance: Array, s: float, uncertainty: float
 ) -> tuple[Array, Array]:
-    """State and covariance after a root of s."""
+    """State and covariance updated by a root of s."""
     gain = (
         covariance[:, 0] / (covariance[0, 0] + uncertainty**2)
         if covariance[0, 0] > 0.0
@@ -169,8 +169,8 @@ def predict_in_sequence(
     refused: Sequence[str] = (),
     limits: Limits = DEFAULT_LIMITS,
 ) -> Solution:
-    """Solve n stations in their order, s of each from its own root and the history before it; see
-    `solve`.
+    """Solve n stations in order; s of each from its own root and the history of the stations
+    before; see `solve`.
     """
     found = estimate_roots(parts, latitude_deg, refused=refused, limits=limits)
     prior = history_prior(found, elapsed, start=start, heading_deg=heading_deg)
@@ -261,8 +261,8 @@ def _predict_left_out(
 
 
 def _excess_scatter(s: Array, u: Array, design: Array) -> float:
-    """Standard deviation beyond noise for which the weighted sum of squared residuals is its
-    degrees of freedom.
+    """Standard deviation in excess of noise with which the weighted sum of squared residuals equals
+    its degrees of freedom.
     """
     from scipy.optimize import brentq
 
@@ -284,8 +284,8 @@ def _excess_scatter(s: Array, u: Array, design: Array) -> float:
 
 
 def _choose_order(s: Array, u: Array, temperature: Array) -> int:
-    """Order of least weighted leave-one-out error that the temperatures carry; a higher one must
-    gain beyond chance.
+    """Order with the least weighted leave-one-out error among those that the temperatures
+    determine; a higher order must improve it significantly (GAIN).
     """
     return polynomial.choose_order(
         temperature,

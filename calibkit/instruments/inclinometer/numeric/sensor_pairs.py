@@ -1,6 +1,4 @@
-"""Two sensor pairs at one station: each has its own s and its own solution, then both are
-combined.
-"""
+"""Two sensor pairs at one station: each is solved with its own s, then both are combined."""
 
 from dataclasses import dataclass
 
@@ -12,16 +10,16 @@ from calibkit.instruments.inclinometer.numeric.root_choice import Solution
 from calibkit.numeric.attitude import wrapped
 
 ANGLES = (0, 1, 3)
-"""Rows of a solution's covariance that are angles: inclination, toolface, azimuth."""
+"""Indices of the angles in a solution's covariance: inclination, toolface, azimuth."""
 NAMES = ("inclination", "toolface", "azimuth")
 DISAGREE = 5.0
-"""Standard uncertainties by which two sensor pairs may differ."""
+"""Difference of two sensor pairs, in standard uncertainties, above which it is flagged."""
 
 
 @dataclass(frozen=True, slots=True)
 class Combined:
-    """North seeking of n stations by both sensor pairs; what neither gives is NaN and has its
-    reason in status.
+    """North seeking of n stations by both sensor pairs; a station that neither pair solves is NaN,
+    with the reason in `status`.
     """
 
     inclination_deg: Array
@@ -38,16 +36,16 @@ class Combined:
 
     @property
     def standard_uncertainty(self) -> Array:
-        """Of inclination, toolface, azimuth [°] [n, 3]."""
+        """Standard uncertainties [n, 3] of inclination, toolface, azimuth [°]."""
         return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
 
 
 def combine(x: Solution, y: Solution) -> Combined:
-    """Combine the solutions of the x and the y sensor pair, each angle by inverse variance and
-    around the circle.
+    """Combine the solutions of the x and y sensor pairs, angle by angle: circular means weighted by
+    inverse variance.
 
-    A station that one pair cannot solve is the other's, and flagged; one that neither can is
-    refused with both reasons.
+    A station that only one pair solves has that pair's result and is flagged; a station that
+    neither pair solves is refused with both reasons.
     """
     used = np.column_stack([[not reason for reason in pair.status] for pair in (x, y)]).astype(
         np.bool_
@@ -55,7 +53,7 @@ def combine(x: Solution, y: Solution) -> Combined:
     weight = _weights(x, y, used)
     angles_x, angles_y = _angles(x), _angles(y)
     difference = wrapped(angles_y - angles_x)
-    # where only one pair is used the weight picks it; NaN of the other must not spread
+    # a weight of 0 or 1 selects a single pair; NaN of the other pair must not propagate
     combined = np.where(
         used[:, :1],
         np.where(used[:, 1:], angles_x + (1.0 - weight) * difference, angles_x),
@@ -103,13 +101,13 @@ def _weights(x: Solution, y: Solution, used: Mask) -> Array:
 
 
 def _covariance(pair: Solution, weight: Array, used: Mask) -> Array:
-    """One pair's share [n, 3, 3] of the combined covariance."""
+    """Contribution [n, 3, 3] of one pair to the combined covariance."""
     own = pair.covariance[:, ANGLES][:, :, ANGLES]
     return np.where(used[:, None, None], weight[:, :, None] * own * weight[:, None, :], 0.0)
 
 
 def _flags(x: Solution, y: Solution, used: Mask, difference: Array) -> tuple[tuple[str, ...], ...]:
-    """Flags of both pairs, a pair that could not be used, and pairs that disagree [n]."""
+    """Flags [n] of both pairs, of pairs that could not be used, and of pairs that disagree."""
     lines = []
     variance = np.asarray(np.diagonal(x.covariance + y.covariance, axis1=1, axis2=2)[:, ANGLES])
     for k in range(len(x.status)):

@@ -1,5 +1,5 @@
-"""Stations of any number and sequence of positions: sinusoid, bias and bias ramp of each sensor by
-least squares.
+"""Least-squares fit of sinusoid, bias and bias ramp to stations with any number and sequence of
+positions.
 """
 
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ NAMES = ("x", "y", "bias", "ramp")
 
 @dataclass(frozen=True, slots=True)
 class _Fitted:
-    """Components of n stations by least squares, and what the sensors' biases did."""
+    """Components of n stations by least squares, with the biases of the sensors."""
 
     station: Array
     """Name of each station [n], in the order of first appearance."""
@@ -28,12 +28,11 @@ class _Fitted:
     """[n] [°/h²]; 0 where it was not fitted."""
     accel_bias_g: Array
     status: tuple[str, ...]
-    """[n]: empty, or why the station cannot be solved; its components are NaN."""
+    """[n]: empty, or why the station cannot be solved; its components are then NaN."""
     squares: Array
-    """Sums of squared residuals [n, 2] of accelerometer and gyro; 0 where a station is not solved.
-    """
+    """Sums of squared residuals [n, 2] of accelerometer and gyro; 0 for an unsolved station."""
     dofs: Integers
-    """Degrees of freedom of each of them [n, 2]."""
+    """Degrees of freedom [n, 2] of `squares`."""
 
 
 def fit_stations(
@@ -105,8 +104,8 @@ def fit_stations(
 def _reason(
     position_deg: Array, indications: Array, sensor: Sensor, time_s: Array | None, *, ramp: bool
 ) -> str:
-    """Why a station of readings at positions [r] with indications [r, m] cannot be fitted; empty
-    where it can.
+    """Reason why a station with indications [r, m] at positions [r] cannot be fitted, or an empty
+    string.
     """
     if not (np.isfinite(indications).all() and np.isfinite(position_deg).all()):
         return "an indication or a position is not finite"
@@ -122,7 +121,9 @@ def _reason(
 def _design(
     position_deg: Array, sensor: Sensor, time_s: Array | None, *, ramp: bool
 ) -> tuple[Array, tuple[str, ...]]:
-    """Columns [r, 3 or 4] and names of the components, the bias and the ramp."""
+    """Design matrix [r, 3 or 4] of the components, the bias and the ramp, and the names of its
+    columns.
+    """
     angle = np.radians(position_deg)
     cosine, sine = np.cos(angle), np.sin(angle)
     columns = [cosine, sine] if sensor == "x" else [-sine, cosine]
@@ -145,6 +146,6 @@ def _fit(
     coefficients[: len(names)] = fit.coefficients
     size = np.linalg.norm(design, axis=0)
     inverse = np.linalg.inv(np.linalg.qr(design / size, mode="r")) / size[:, None]
-    # exactly zero without degrees of freedom, where only rounding is left
+    # without degrees of freedom the residuals are rounding errors
     square = float(np.sum(fit.residuals**2)) if fit.dof else 0.0
     return coefficients, (inverse @ inverse.T)[:2, :2], square, fit.dof
