@@ -14,44 +14,46 @@ from calibkit.numeric import chunks, order_statistics
 from calibkit.numeric.dispersion import mad_sigma
 
 SAMPLE = 1 << 16
-"""Rows that the noise and the resolution of a series are taken from."""
+"""Largest number of rows from which the noise of a series is estimated."""
 HIGH = 0.85
-"""Share of deviations that are taken for noise, whatever the others are."""
+"""Quantile of the deviations from which the noise is estimated: larger deviations may be faults."""
 HIGH_TO_SIGMA = 1.0 / 1.4395314709384563
-"""Standard deviation of normal noise over that quantile of its absolute values."""
+"""Standard deviation of normal noise divided by the quantile HIGH of its magnitude."""
 BLOCK = 512
-"""Rows over which the scatter of a series is taken as one."""
+"""Rows of a block; the noise is taken as constant within one."""
 SPIKE = 10.0
-"""Standard deviations from the median of seven neighbours that make a spike."""
+"""Deviation from the median of seven rows, in standard deviations, above which a row is a spike."""
 SMALL = 0.01
-"""Share of a series' span below which nothing is called a spike."""
+"""Deviation, as a share of the span of the series, below which no row is a spike."""
 QUIET = 1e-4
-"""Noise, as a share of the span, below which a series is not one of noise: a smooth one may stand
-still.
+"""Noise, as a share of the span, below which a series counts as smooth, not noisy: a smooth series
+may repeat values.
 """
 WIDTH = 3
-"""Rows on each side of a sample that its median is taken of: a spike is at most this wide."""
+"""Rows on each side of a row that enter its running median; a spike is at most this wide."""
 SHORTEST_RUN = 10
-"""Equal values in a row that may be called stuck."""
+"""Fewest equal consecutive values that count as stuck."""
 CHANCE = 1e-9
-"""Probability that a healthy series has an equal run of that length."""
+"""Probability with which a healthy series contains a run of equal values that is called stuck."""
 NOISY = 0.5
-"""Share of repeated values up to which a series is one of noise: a quantised thermometer repeats
+"""Share of repeated values up to which a series counts as noisy: a quantised thermometer repeats
 most of its values.
 """
 PILE = 10
-"""Rows at the extreme value from which clipping is looked for."""
+"""Fewest rows at an extreme value for which clipping is tested."""
 PILED = 5.0
-"""How many times as many rows the extreme value has as its neighbour where a series is clipped."""
-MOST_MEANS = 1 << 17
-"""Rows above which jumps are looked for in block means."""
-JUMP = 8.0
-"""Standard deviations that a change of level must have."""
-SUDDEN = 0.6
-"""Share of a change of level that must happen within an eighth of the window: drift is not sudden.
+"""Ratio of the rows at an extreme value to those at the next value above which a series is clipped.
 """
+MOST_MEANS = 1 << 17
+"""Largest number of rows in which jumps are searched directly; a longer series is averaged first.
+"""
+JUMP = 8.0
+"""Smallest change of level, in its standard deviations, that is a jump."""
+SUDDEN = 0.6
+"""Share of a change of level that must happen within an eighth of the window: drift is slower."""
 START_UP = 10.0
-"""Standard deviations from the line through the rows behind them that make rows start-up rows."""
+"""Deviation from the line through the later rows, in standard deviations, that marks start-up rows.
+"""
 
 
 def sample(values: Array) -> Array:
@@ -107,12 +109,12 @@ def repeats(values: Array) -> float:
 
 
 def spikes(values: Array, *, least: float = 0.0) -> Integers:
-    """Rows of a series [n] that stand out of their neighbours and are gone after at most three
-    rows.
+    """Rows [m] of a series [n] that hold a spike of at most three rows.
 
-    A row is a spike when it is farther than ten standard deviations, five resolutions and `least`
-    [unit of the series] from the median of the seven rows around it: steps and bends keep their
-    medians. The scatter is that of 512 rows, or that of the whole series where that is larger.
+    A row is a spike if it differs from the median of the seven rows around it by more than ten
+    standard deviations, five resolutions and `least` [unit of the series]; steps and bends do not.
+    The standard deviation is that of the row's block of 512 rows or of the whole series, whichever
+    is larger.
     """
     if values.size < 8 * WIDTH:
         return np.zeros(0, dtype=np.int64)
@@ -128,8 +130,8 @@ def spikes(values: Array, *, least: float = 0.0) -> Integers:
 
 
 def _neighbours(wide: Integers, values: Array) -> Iterator[Integers]:
-    """Rows about wide steps of a series [n], one part after the other; all rows where more than a
-    twentieth of the steps are wide.
+    """Rows next to wide steps of a series [n], chunk by chunk; all rows if more than a twentieth of
+    the steps are wide.
     """
     everywhere = wide.size > values.size // 20
     steps = (np.arange(a, b) for a, b in chunks.ranges(values.size - 1, chunks.CACHED_ROWS))
@@ -139,7 +141,9 @@ def _neighbours(wide: Integers, values: Array) -> Iterator[Integers]:
 
 
 def from_median(values: Array, rows: Integers) -> Array:
-    """How far rows [m] of a series [n] are from the medians of the seven rows around them."""
+    """Absolute deviations [m] of rows [m] of a series [n] from the medians of the seven rows around
+    them.
+    """
     around = chunks.take_rows(
         values, np.clip(rows[:, None] + np.arange(-WIDTH, WIDTH + 1), 0, values.size - 1)
     )
@@ -147,8 +151,8 @@ def from_median(values: Array, rows: Integers) -> Array:
 
 
 def _sampled_steps(values: Array) -> Array:
-    """Magnitudes of the steps of a series [n], of its sample where it is long: those that `sample`
-    would choose of all.
+    """Magnitudes of the steps between consecutive rows of a series [n]; of a long series, those
+    steps that `sample` would choose.
     """
     count = values.size - 1
     starts, length = ([0], count) if count <= SAMPLE else (_section_starts(count), SAMPLE // 16)
@@ -157,8 +161,8 @@ def _sampled_steps(values: Array) -> Array:
 
 
 def _wide_steps(values: Array, limit: float) -> Integers:
-    """Rows before a step of a series [n] of more than a limit, looked for in parts that stay in a
-    processor's cache.
+    """Rows followed by a step larger than a limit; the series [n] is searched in chunks that fit in
+    a processor's cache.
     """
     found = []
     for start, stop in chunks.ranges_along(values, rows=chunks.CACHED_ROWS):
@@ -168,8 +172,8 @@ def _wide_steps(values: Array, limit: float) -> Integers:
 
 
 def _local(values: Array, rows: Integers) -> Array:
-    """Standard deviation of the noise of a series [n] about rows [m]: that of the block, or of the
-    whole where it is larger.
+    """Standard deviation [m] of the noise at rows [m] of a series [n]: that of the row's block or
+    of the whole series, whichever is larger.
     """
     whole = _noise(sample(values))
     blocks = max(1, values.size // BLOCK)
@@ -183,9 +187,11 @@ def _local(values: Array, rows: Integers) -> Array:
 
 
 def _noise(values: Array) -> float:
-    """Standard deviation of noise from a high quantile of differences from the neighbours' mean.
+    """Standard deviation of noise from a high quantile of the deviations from the mean of both
+    neighbours.
 
-    Most rows of a coarse series do not differ at all: a median would see no noise.
+    In a coarsely quantised series most deviations are 0, and so would be an estimate from the
+    median.
     """
     if values.size < 3:
         return 0.0
@@ -194,9 +200,7 @@ def _noise(values: Array) -> float:
 
 
 def equal_runs(values: Array, shortest: int) -> Integers:
-    """First row and the row after the last [m, 2] of the runs of at least `shortest` equal values
-    in a series [n].
-    """
+    """First row and row after the last [m, 2] of each run of at least `shortest` equal values."""
     shortest = max(shortest, 2)
     if values.size < shortest:
         return np.zeros((0, 2), dtype=np.int64)
@@ -219,10 +223,11 @@ def equal_runs(values: Array, shortest: int) -> Integers:
 
 
 def stuck(values: Array) -> Integers:
-    """Runs [m, 2] of equal values that chance does not give a series [n] of noise; none in a series
-    that mostly repeats.
+    """Runs [m, 2] of equal values that are too long to be chance in a noisy series [n]; none if the
+    series is smooth or mostly repeats values.
 
-    Where a share p of the values repeats, a run of L equal ones comes with probability n p^(L−1).
+    If a share p of the values repeats the one before, a run of L equal values has probability n
+    p^(L−1).
     """
     runs = equal_runs(values, SHORTEST_RUN)
     if not len(runs):
@@ -239,8 +244,8 @@ def stuck(values: Array) -> Integers:
 
 
 def stuck_against(driver: Array, moved: float, runs: Integers) -> Integers:
-    """Those runs [m, 2] of equal values of a series during which what drives it [n] moves by more
-    than `moved`.
+    """Runs [m, 2] of equal values during which the driving quantity [n] changes by more than
+    `moved`.
     """
     if not len(runs):
         return runs
@@ -256,15 +261,16 @@ def stuck_against(driver: Array, moved: float, runs: Integers) -> Integers:
 
 
 def _apart(rows: Integers) -> Integers:
-    """Where rows [m] are cut into groups that lie in one chunk each."""
+    """Positions at which ascending rows [m] are split into groups, each within one chunk."""
     return np.flatnonzero(np.diff(rows // chunks.ROWS)) + 1
 
 
 def frozen(values: Array, least: float, runs: Integers) -> Integers:
-    """Those runs [m, 2] of equal values of a smooth series [n] that end in a leap: what it did
-    meanwhile was not logged.
+    """Runs [m, 2] of equal values of a smooth series [n] that end in a leap: changes during the run
+    were not logged.
 
-    The leap exceeds twenty of the series' usual steps and `least` [unit of the series].
+    The leap exceeds twenty times the median non-zero step of the series, and `least` [unit of the
+    series].
     """
     step = np.abs(np.diff(sample(values)))
     if not len(runs) or not step.any():
@@ -292,8 +298,8 @@ def remove_spikes(values: Array, *, allocate: Callable[[int], Array] = np.empty)
 
 
 def clipped(values: Array) -> tuple[int, float] | None:
-    """Rows at the largest or smallest value of a noisy series [n], and the value, where they pile
-    up there; else None.
+    """Number of rows at the largest or smallest value of a noisy series [n], and this value, if the
+    series is clipped there; otherwise None.
     """
     if (
         values.size < 10 * PILE
@@ -319,9 +325,9 @@ def jumps(values: Array, window: int) -> tuple[Integers, Array]:
     """Rows [m] at which the level of a series [n] changes suddenly and stays, and the changes [m]
     in its unit.
 
-    The change between the means of the windows before and after a row, less the change that the
-    windows farther out let expect, must exceed eight standard deviations and happen within an
-    eighth of a window: drift does not.
+    The change is the difference of the means of the windows before and after a row, less the trend
+    that the next windows outwards show. It must exceed eight standard deviations and happen within
+    an eighth of a window, which drift does not.
     """
     every = values.size // MOST_MEANS + 1
     if every > 1:
@@ -354,7 +360,7 @@ def jumps(values: Array, window: int) -> tuple[Integers, Array]:
 
 
 def _peaks(row: Integers, change: Array, apart: int) -> tuple[Integers, Array]:
-    """The row of the largest change of each group of rows that are closer than `apart`."""
+    """Rows and changes of the largest change in each group of rows that are closer than `apart`."""
     groups = np.split(np.arange(row.size), np.flatnonzero(np.diff(row) > 1) + 1)
     tops = [int(group[np.argmax(np.abs(change[group]))]) for group in groups if group.size]
     kept: list[int] = []
@@ -366,11 +372,10 @@ def _peaks(row: Integers, change: Array, apart: int) -> tuple[Integers, Array]:
 
 
 def start_up(values: Array, window: int = 100) -> int:
-    """Count the rows at the head of a series [n] that lie off the line through the rows that follow
-    them.
+    """Number of rows at the start of a series [n] that lie off the line through the later rows; 0
+    if none do.
 
-    The line is that of the medians of two windows behind the first; 0 where the head is like the
-    rest.
+    The line passes through the medians of the second and the third window of the series.
     """
     if values.size < 10 * window:
         return 0

@@ -1,8 +1,7 @@
-"""Long columns in chunks of rows: in a processor's cache, and in bounded memory where a column
-lies on disk.
+"""Processing of long columns in chunks of rows that fit in a processor's cache, and in bounded
+memory for columns on disk.
 
-What is computed along a column is computed over the same chunks wherever the column lies, so that
-the numbers are the same.
+A column in memory and one on disk are processed in the same chunks, so that results are identical.
 """
 
 import math
@@ -15,21 +14,21 @@ from numpy.typing import NDArray
 from calibkit.arrays import Array, Integers, Mask
 
 ROWS = 1 << 17
-"""Rows of a chunk: a few columns of them stay in a cache."""
+"""Rows of a chunk: a few columns of this length fit in a cache."""
 CACHED_ROWS = 1 << 15
-"""Rows of a chunk that is passed over several times: it stays in a processor's nearest cache."""
+"""Rows of a chunk that is read several times: it fits in a processor's nearest cache."""
 
 
 def ranges(size: int, rows: int = 0) -> Iterator[tuple[int, int]]:
-    """First row and row after the last of consecutive chunks of so many rows."""
+    """First row and row after the last of consecutive chunks of `rows` rows, ROWS by default."""
     step = rows or ROWS
     for start in range(0, size, step):
         yield start, min(start + step, size)
 
 
 def ranges_along(*columns: NDArray[np.generic], rows: int = 0) -> Iterator[tuple[int, int]]:
-    """First row and row after the last of consecutive chunks of columns [n]; the pages of a chunk
-    are released behind it.
+    """First row and row after the last of consecutive chunks of columns [n]; the memory pages of
+    each chunk are released after it.
     """
     for start, stop in ranges(columns[0].shape[0], rows):
         yield start, stop
@@ -37,8 +36,8 @@ def ranges_along(*columns: NDArray[np.generic], rows: int = 0) -> Iterator[tuple
 
 
 def row_reader(values: Array) -> Callable[[int, int], Array]:
-    """Function that reads rows first … stop − 1 of values [n, ...] and releases the pages of those
-    read before.
+    """Function that reads rows first … stop − 1 of values [n, ...] and first releases the pages of
+    earlier rows.
     """
 
     def read(first: int, stop: int) -> Array:
@@ -49,23 +48,23 @@ def row_reader(values: Array) -> Callable[[int, int], Array]:
 
 
 def take_slice(column: Array, part: slice) -> Array:
-    """Values of a column [n] in a slice of its rows; where it skips some, of a file no more than a
-    chunk is in memory.
+    """Values of a column [n] in a slice of its rows; a slice with a step holds at most one chunk of
+    a file in memory.
     """
     if part.step in {None, 1}:
         return column[part]
     whole = column[part.start : part.stop]
-    # copies: views would keep what they are views of
+    # copies, as views would keep the whole column in memory
     return np.concatenate(
         [whole[a + -a % part.step : b : part.step].copy() for a, b in ranges_along(whole)]
     )
 
 
 def take_rows(values: Array, rows: Integers) -> Array:
-    """Values [...] of a column [n] at rows [...] that ascend but for neighbours: of a file, those
-    of a chunk at a time.
+    """Values [...] of a column [n] at rows [...] in approximately ascending order; a file is read
+    chunk by chunk.
 
-    Reading one page of a file brings up to a megabyte of others with it.
+    Reading one page of a file loads up to a megabyte of pages around it.
     """
     if _mapped_file(values) is None:
         return values[rows]
@@ -77,9 +76,7 @@ def take_rows(values: Array, rows: Integers) -> Array:
 
 
 def release(*columns: NDArray[np.generic]) -> None:
-    """Release the pages that memory-mapped columns hold in memory; nothing for columns that are in
-    memory.
-    """
+    """Release the memory pages of memory-mapped columns; columns in memory are left as they are."""
     for column in columns:
         mapped = _mapped_file(column)
         if mapped is not None and hasattr(mmap, "MADV_DONTNEED"):
@@ -97,8 +94,8 @@ def _mapped_file(column: NDArray[np.generic]) -> mmap.mmap | None:
 
 
 def all_finite(values: Array) -> bool:
-    """Whether all values [n] are finite: a sum is finite only where every term is, and takes a
-    tenth of the time of testing each.
+    """Whether all values [n] are finite, tested by their sum, which takes a tenth of the time of
+    testing each.
     """
     with np.errstate(all="ignore"):
         whole = sum(float(np.sum(values[a:b])) for a, b in ranges_along(values))
@@ -109,7 +106,7 @@ def all_finite(values: Array) -> bool:
 
 
 def extremes(values: Array) -> tuple[float, float]:
-    """Smallest and largest of values [n]; NaN where one of them is NaN, or for no values."""
+    """Smallest and largest of values [n]; NaN if a value is NaN or if there is no value."""
     if not values.size:
         return float("nan"), float("nan")
     ends = [
@@ -131,13 +128,13 @@ def mean(values: Array) -> float:
 
 
 def count(values: Array, chosen: Callable[[Array], Mask]) -> int:
-    """Number of values of a column [n] that are chosen."""
+    """Number of values of a column [n] for which `chosen` is true."""
     return sum(int(np.count_nonzero(chosen(values[a:b]))) for a, b in ranges_along(values))
 
 
 def rows_where(values: Array, chosen: Callable[[Array], Mask], *, step: bool = False) -> Integers:
-    """Rows [m] of a column [n] whose value is chosen; with `step`, those whose step to the next row
-    is.
+    """Rows [m] of a column [n] for whose values `chosen` is true; with `step`, for whose steps to
+    the next row it is.
     """
     rows = []
     for start, stop in ranges_along(values):
@@ -147,7 +144,7 @@ def rows_where(values: Array, chosen: Callable[[Array], Mask], *, step: bool = F
 
 
 def changed_rows(values: NDArray[np.generic], before: float) -> Integers:
-    """Rows at which values [n] differ from the one before them, which for the first is `before`."""
+    """Rows at which values [n] differ from the value before; `before` precedes the first one."""
     changed = np.empty(values.size, dtype=np.bool_)
     changed[:1] = values[:1] != before
     np.not_equal(values[1:], values[:-1], out=changed[1:])
@@ -155,8 +152,8 @@ def changed_rows(values: NDArray[np.generic], before: float) -> Integers:
 
 
 def find_runs(size: int, chosen: Callable[[int, int], Mask]) -> list[tuple[int, int]]:
-    """First row and row after the last of each run of chosen rows among so many; `chosen` is asked
-    chunk by chunk.
+    """First row and row after the last of each run of chosen rows among `size`; `chosen` returns
+    the mask of one chunk.
     """
     runs: list[tuple[int, int]] = []
     for start, stop in ranges(size):

@@ -1,8 +1,8 @@
-"""Medians and quantiles, exactly those of numpy, of columns of any length in bounded memory.
+"""Medians and quantiles of columns of any length, in bounded memory, equal to those of numpy.
 
-A sample brackets the order statistic; one pass counts the values below the bracket and collects
-those inside, and only these are partitioned (Floyd & Rivest 1975). Where the bracket
-misses it, the next one is within the part that holds the statistic.
+A sample gives a bracket around the order statistic. One pass counts the values below the bracket
+and collects those inside, and only these are partitioned (Floyd & Rivest 1975). If the statistic
+lies outside the bracket, the search is repeated in the part that holds it.
 """
 
 import math
@@ -16,28 +16,28 @@ from calibkit.native import kernels_for
 from calibkit.numeric import chunks
 
 COLLECTED = 1 << 19
-"""Values that a search holds at once."""
+"""Largest number of values that a search holds in memory."""
 SAMPLE = 1 << 13
-"""Values of a sample that brackets an order statistic."""
+"""Size of the sample from which the bracket is taken."""
 MARGIN = 4.0
-"""Standard deviations of a sample's quantile by which it may be off: 1 of 15,000 is, and another
-bracket is looked for.
+"""Half width of the bracket in standard deviations of the sample's quantile; 1 of 15,000 brackets
+misses and is replaced.
 """
 MANY = 1 << 16
-"""Magnitudes from which taking a sample of them first saves time."""
+"""Number of values from which sampling first saves time."""
 NOT_FINITE = -1
-"""What the compiled pass returns where it meets a value that is not finite."""
+"""Return value of the compiled pass for a value that is not finite."""
 
 
 def median(values: Array) -> float:
-    """Median of values [n] in any order: that of `np.median`, in bounded memory."""
+    """Median of values [n] in bounded memory, equal to `np.median`."""
     return median_of_chunks(
         lambda: (values[a:b] for a, b in chunks.ranges_along(values)), values.size
     )
 
 
 def row_medians(rows: Array) -> Array:
-    """Median of each row [m] of values [m, n]: that of `np.median`. The values must be finite."""
+    """Median of each row of finite values [m, n], shape [m], equal to `np.median`."""
     count, size = rows.shape
     step = max(1, chunks.ROWS // size)
     parts = (np.partition(rows[k : k + step], size // 2, axis=1) for k in range(0, count, step))
@@ -47,11 +47,11 @@ def row_medians(rows: Array) -> Array:
 def median_of_chunks(
     parts: Callable[[], Iterable[Array]], count: int, bracket: tuple[float, float] | None = None
 ) -> float:
-    """Median of `count` finite values that come in chunks, as often as they are asked for; the same
-    number as from all of them at once.
+    """Median of `count` finite values in chunks, equal to that of the whole array; `parts` yields
+    the chunks anew at each call.
 
-    `bracket` are two values that it is probably between; without one the chunks are asked for once
-    more. NaN where there is no value.
+    `bracket` are two values between which the median probably lies; without them one more pass is
+    made. NaN for no value.
     """
     if count == 0:
         return float("nan")
@@ -68,8 +68,8 @@ def median_of_chunks(
 
 
 def median_magnitude(values: Array, about: float = 0.0) -> float:
-    """Median of |values − about| of values [n], exactly that of a full sort; the mean of the two
-    in the middle where n is even.
+    """Median of |values − about| of values [n], equal to that of a full sort; the mean of the two
+    middle ones for even n.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def median_magnitude(values: Array, about: float = 0.0) -> float:
         for start, stop in chunks.ranges_along(values, rows=chunks.CACHED_ROWS):
             block = values[start:stop]
             here = np.abs(block if about == 0.0 else block - about)
-            # a NaN lies on no side of anything, but it is the largest
+            # NaN compares false with both bounds, but propagates to the maximum
             if not math.isfinite(float(here.max())):
                 raise _not_finite()
             yield here
@@ -105,8 +105,8 @@ def median_magnitude(values: Array, about: float = 0.0) -> float:
 
 
 def quantile(values: Array, share: float) -> float:
-    """Quantile of values [n] by linear interpolation: that of `np.quantile`, three times as fast;
-    NaN where a value is NaN.
+    """Quantile of values [n] by linear interpolation, equal to `np.quantile` and three times as
+    fast; NaN if a value is NaN.
     """
     at = (values.size - 1) * share
     before, behind = int(at), min(int(at) + 1, values.size - 1)
@@ -117,8 +117,8 @@ def quantile(values: Array, share: float) -> float:
 
 
 def quantile_of_chunks(parts: Callable[[], Iterable[Array]], count: int, share: float) -> float:
-    """Quantile of `count` finite values that come in chunks, as often as they are asked for: that
-    of `np.quantile`.
+    """Quantile of `count` finite values in chunks, equal to `np.quantile`; `parts` yields the
+    chunks anew at each call.
     """
     if count <= COLLECTED:
         return quantile(np.concatenate(list(parts())), share)
@@ -128,8 +128,8 @@ def quantile_of_chunks(parts: Callable[[], Iterable[Array]], count: int, share: 
 
 
 def quantile_bracket(sample: Array, share: float = 0.5) -> tuple[float, float]:
-    """Two values of a sample [n] between which a quantile, by default the median, of what it was
-    drawn from probably is.
+    """Bracket of a quantile (by default the median) of a population: two values of a sample [n]
+    between which it probably lies.
     """
     ordered = np.sort(sample)
     reach = MARGIN * np.sqrt(share * (1.0 - share) / ordered.size) + 2.0 / ordered.size
@@ -140,11 +140,11 @@ def quantile_bracket(sample: Array, share: float = 0.5) -> tuple[float, float]:
 
 
 def smallest_step(values: Array, *, enough: float = 0.0, decimals: int | None = None) -> float:
-    """Smallest difference between two values of a column [n], rounded where `decimals` are given; 0
-    where all are alike.
+    """Smallest difference between two distinct values of a column [n], rounded if `decimals` is
+    given; 0 if all are equal.
 
-    A difference of at most `enough` is given for it as soon as one is found: values of noise are
-    never gathered.
+    The search ends at the first difference of at most `enough`, so that distinct values of noise
+    are not all collected.
     """
     levels, step = np.zeros(0), 0.0
     for start, stop in chunks.ranges_along(values):
@@ -160,30 +160,32 @@ def smallest_step(values: Array, *, enough: float = 0.0, decimals: int | None = 
 
 
 def _interpolated(low: float, high: float, share: float) -> float:
-    """Value at a share of the way between two, from the nearer end, as numpy does."""
+    """Linear interpolation at a share [1] between two values, computed from the nearer one as in
+    numpy.
+    """
     return low + (high - low) * share if share < 0.5 else high - (high - low) * (1.0 - share)
 
 
 def _median_of_parted(parted: Array, size: int) -> Array:
-    """Median along the last axis of values that are parted at half their number.
+    """Median along the last axis of values partitioned at index size // 2.
 
-    One element is put in its place and the other of the middle two is looked for below it: numpy's
-    selection of a single element is vectorised, that of two is not and takes five times as long.
+    For even sizes the lower middle value is the maximum of those below: numpy's selection of one
+    element is vectorised, that of two is not and takes five times as long.
     """
     upper = parted[..., size // 2]
     return upper if size % 2 else np.asarray((parted[..., : size // 2].max(axis=-1) + upper) / 2.0)
 
 
 def _select(values: Array, ranks: tuple[int, int]) -> tuple[float, float]:
-    """Values of two ranks (neighbours or one) among values [n], which are reordered."""
+    """Values at two ranks (equal or consecutive) of values [n], which are reordered."""
     values.partition(ranks[1])
     upper = float(values[ranks[1]])
     return (upper if ranks[0] == ranks[1] else float(values[: ranks[1]].max())), upper
 
 
 def _compiled_median(values: Array, about: float, bracket: tuple[float, float]) -> float | None:
-    """The median magnitude in one compiled pass; None where nothing is compiled, or where it is not
-    between those two magnitudes.
+    """Median of |values − about| by the compiled kernel; None without the kernel or if the median
+    lies outside the bracket.
     """
     library = kernels_for(values)
     if library is None:
@@ -206,14 +208,14 @@ def _compiled_median(values: Array, about: float, bracket: tuple[float, float]) 
 
 
 def _not_finite() -> FitError:
-    """Refusal of a value that is not finite."""
+    """Error for a value that is not finite."""
     return FitError("a value that is not finite has no place in a median", hint="exclude it")
 
 
 def _sampled_magnitudes(values: Array, about: float) -> Array:
-    """Magnitudes of an evenly spread sample of values [n]."""
+    """Magnitudes |values − about| of an evenly spaced sample of values [n]."""
     step = values.size // (2 * SAMPLE)
-    # no common divisor with what logs repeat by: every 200th value may be of another kind
+    # no common divisor with periods in a log, where every 200th value may be of another kind
     while math.gcd(step, 210) > 1:
         step += 1
     return np.abs(chunks.take_slice(values, slice(0, values.size, step)) - about)
@@ -225,8 +227,8 @@ def _ranked(
     count: int,
     bracket: tuple[float, float] | None = None,
 ) -> tuple[float, float]:
-    """Values of two ranks (from 0, neighbours or one) among all: a bracket about them is guessed,
-    counted, narrowed.
+    """Values at two ranks (from 0; equal or consecutive) among all, by a bracket that is narrowed
+    until they are found.
     """
     low, high, below, inside = -np.inf, np.inf, 0, count
     while True:
@@ -236,7 +238,7 @@ def _ranked(
         bracket = None
         counts, kept = _counted(parts, first, last)
         cell = np.searchsorted(counts, ranks, side="right")
-        if cell[0] != cell[1]:  # two neighbours on both sides of a bound
+        if cell[0] != cell[1]:  # the ranks lie on both sides of a bound
             return (
                 _ranked(parts, (ranks[0],) * 2, count)[0],
                 _ranked(parts, (ranks[1],) * 2, count)[0],
@@ -253,8 +255,8 @@ def _ranked(
 def _next_bracket(
     parts: Callable[[], Iterable[Array]], bounds: tuple[float, float], share: float, inside: int
 ) -> tuple[float, float]:
-    """Two values strictly between bounds, that the given share of what lies between them is
-    probably between too.
+    """Bracket of the quantile `share` of those `inside` values that lie strictly between two
+    bounds, from a sample of them.
     """
     sampled: list[Array] = []
     every = max(1, inside // SAMPLE)
@@ -270,8 +272,8 @@ def _next_bracket(
 def _counted(
     parts: Callable[[], Iterable[Array]], first: float, last: float
 ) -> tuple[tuple[int, int, int, int], Array | None]:
-    """How many values are below and up to each of two, and those between them where they are not
-    too many to hold.
+    """Numbers of values < first, ≤ first, < last and ≤ last, and the values between both unless
+    they are too many to hold.
     """
     counts = np.zeros(4, dtype=np.int64)
     kept: list[Array] = []

@@ -16,26 +16,22 @@ Allocate = Callable[[int], Array]
 """Allocates an array for so many values."""
 
 COARSE_DEGC_MIN = 0.3
-"""Rate [°C/min] that one step of a thermometer within the window may amount to: what separates a
+"""Slope [°C/min] that one quantisation step within the window may cause: the rate that separates a
 ramp from a soak.
 """
 FINEST_DEGC_MIN = 0.1
-"""Rate [°C/min] that one step of a coarse thermometer amounts to in the longest window."""
+"""Slope [°C/min] that one step of a coarsely quantised thermometer causes in the longest window."""
 MOVED = 4.0
-"""Steps of a coarse thermometer that a window must hold: the slope of a staircase of so many is
-right within 5 %.
-"""
+"""Quantisation steps that a window must span: the slope of that many steps is right within 5 %."""
 UNSEEN_STEPS = 2.0
-"""Steps that cannot pass unseen since the last change of a reading, noise about the next one
-included.
+"""Expected quantisation steps since the last change of the reading above which the temperature is
+at rest; noise near the next step is allowed for.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """A held condition: rows start … stop − 1, its kind and its measured temperature rate
-    [°C/min].
-    """
+    """A soak or a ramp: rows start … stop − 1 and the measured temperature rate [°C/min]."""
 
     kind: Literal["soak", "ramp"]
     start: int
@@ -49,9 +45,9 @@ def causal_slope(
     """Slope [°C/min] of temperature [n, °C] over time [n, s] by least squares over the window that
     ends at each sample.
 
-    Only samples at or before an instant enter its slope; where less than half a window has passed,
-    the slope is 0. A window of tens of seconds keeps the steps of a quantised thermometer out of
-    the rate. `allocate` makes the result.
+    The slope is causal: only samples up to an instant enter. It is 0 until half a window has
+    passed. A window of tens of seconds suppresses the quantisation steps of the thermometer.
+    `allocate` makes the array of the result.
     """
     slope = allocate(time.size)
     row = 0
@@ -65,8 +61,8 @@ def causal_slope(
 
 
 def _slopes(time: Array, temperature: Array, window_s: float, skipped: int) -> Array:
-    """Slopes [°C/min] at the samples after the first `skipped` ones of a section [n] that holds
-    all their windows.
+    """Slopes [n − skipped, °C/min] at the samples of a section [n] after the first `skipped`, whose
+    windows lie within the section.
     """
     library = kernels()
     if library is not None:
@@ -79,7 +75,7 @@ def _slopes(time: Array, temperature: Array, window_s: float, skipped: int) -> A
 
 
 def _slopes_of_arrays(time: Array, temperature: Array, window_s: float, skipped: int) -> Array:
-    """As `_slopes`, where there are no compiled kernels or the time runs backwards."""
+    """`_slopes` in numpy, for a machine without compiled kernels or a time that runs backwards."""
     ends = time[skipped:]
     first = _first_in_window(time, ends - window_s * (1.0 + 1e-9), skipped)
     t = (time - time[time.size // 2]) / SECONDS_PER_MINUTE
@@ -98,10 +94,10 @@ def _slopes_of_arrays(time: Array, temperature: Array, window_s: float, skipped:
 
 
 def _first_in_window(time: Array, begins: Array, skipped: int) -> Integers | slice:
-    """First sample of a section [n] at or after each instant [m], that of sample skipped + k being
-    the k-th.
+    """First sample of a section [n] at or after the start [m] of each window; window k ends at
+    sample skipped + k.
 
-    They are a slice where the clock is so steady that they follow each other.
+    The result is a slice where the sampling is so even that the first samples are consecutive.
     """
     # samples of a steady clock lie equally many rows behind: testing a guess takes less
     # time than a search
@@ -119,14 +115,12 @@ def _first_in_window(time: Array, begins: Array, skipped: int) -> Integers | sli
 
 
 def quantum(temperature: Array, *, enough: float = 0.0) -> float:
-    """Step [°C] in which a thermometer reads [n, °C]; 0 where all readings are alike."""
+    """Quantisation step [°C] of thermometer readings [n, °C]; 0 if all readings are equal."""
     return order_statistics.smallest_step(temperature, enough=enough, decimals=6)
 
 
 def coarse(temperature: Array, window_s: float) -> bool:
-    """Whether a thermometer's steps show in slopes over a window: one of them is more than
-    COARSE_DEGC_MIN.
-    """
+    """Whether one quantisation step changes the slope over a window by over COARSE_DEGC_MIN."""
     return (
         quantum(temperature, enough=COARSE_DEGC_MIN * window_s / SECONDS_PER_MINUTE)
         * SECONDS_PER_MINUTE
@@ -138,13 +132,13 @@ def coarse(temperature: Array, window_s: float) -> bool:
 def measured_slope(
     time: Array, temperature: Array, window_s: float, *, allocate: Allocate = np.empty
 ) -> Array:
-    """Slope [n, °C/min] of a thermometer's readings [n, °C]: `causal_slope`, over longer windows
-    where the steps are coarse.
+    """Causal slope [n, °C/min] of thermometer readings [n, °C], over longer windows if the
+    quantisation is coarse.
 
-    Of windows of window_s and its doubles the first is taken in which the reading moved by MOVED
-    steps, at most one in which a step is FINEST_DEGC_MIN. A reading that has stood still for so
-    long that the slope would have made UNSEEN_STEPS steps of it has come to rest: its slope is 0.
-    Only samples at or before an instant enter.
+    The window at each sample is the first of window_s, 2 window_s, 4 window_s, … in which the
+    reading changes by MOVED steps; in the longest, one step is a slope of FINEST_DEGC_MIN. The
+    slope is 0 where the reading has not changed for so long that this slope would have produced
+    UNSEEN_STEPS steps. Only samples up to an instant enter.
     """
     if not coarse(temperature, window_s):
         return causal_slope(time, temperature, window_s, allocate=allocate)
@@ -179,8 +173,8 @@ def measured_slope(
 def _coarse_slopes(
     time: Array, temperature: Array, windows: Sequence[float], step: float, skipped: int
 ) -> Array:
-    """Slopes at the samples after the first `skipped` of a section, each over the first window in
-    which the reading moved.
+    """Slopes [n − skipped, °C/min] at the samples after the first `skipped`, each over the first
+    window in which the reading moved.
     """
     slope = np.zeros(time.size - skipped)
     unsettled = np.ones(slope.size, dtype=bool)
@@ -195,9 +189,7 @@ def _coarse_slopes(
 
 
 def _window_sums(x: Array, first: Integers | slice, skipped: int) -> Array:
-    """Sums of x [n] over the rows from `first` [m] to sample skipped + k, the k-th window's
-    last.
-    """
+    """Sums [m] of x [n] over windows; window k has the rows from first[k] to sample skipped + k."""
     total = np.empty(x.size + 1)
     total[0] = 0.0
     np.cumsum(x, out=total[1:])
@@ -225,8 +217,7 @@ def segments(
 def pinned(
     time: Array, temperature: Array, slope: Array, ramps: list[tuple[int, int]]
 ) -> list[Segment]:
-    """Segments of a log [n] whose ramps are known as first row and row after the last; all else is
-    soak.
+    """Segments of a log [n] with given ramps (first row and row after the last); all else is soak.
 
     The rate of a ramp is the slope [°C/min] of the straight line through its temperatures [°C] over
     time [s].
@@ -265,8 +256,8 @@ def _runs(slope: Array, ramp_min: float) -> list[tuple[int, int, float]]:
 
 
 def _merged(runs: list[tuple[int, int, float]], merge: int) -> list[tuple[int, int, float]]:
-    """Runs in motion, two of one direction merged where at most `merge` rows of standstill part
-    them.
+    """Runs with a direction; two of the same direction are merged if at most `merge` rows lie
+    between.
     """
     merged: list[tuple[int, int, float]] = []
     for start, stop, direction in runs:

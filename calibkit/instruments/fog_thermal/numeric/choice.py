@@ -1,5 +1,5 @@
-"""The choice between no drift term, level models and lagged models, by what each does to a ramp
-that it has not seen.
+"""Choice between no drift term, level models and lagged models by their errors on ramps that were
+left out of the fit.
 """
 
 from collections.abc import Iterator, Sequence
@@ -17,24 +17,27 @@ from calibkit.instruments.fog_thermal.numeric.pooled_fit import Solution, Stack,
 from calibkit.instruments.fog_thermal.numeric.terms import TERMS, ThermalModel, chosen_columns
 
 CLEARLY = 0.95
-"""Share of the raw drift figure that a model must get below on left-out ramps."""
+"""Largest ratio of the error on left-out ramps to the raw drift with which a model may be exported.
+"""
 ALIKE = 1.0025
-"""Ratio of pooled errors up to which two candidates count as alike: the noise of 100 s means hides
-more.
+"""Ratio of pooled errors up to which two candidates count as equal; the noise of 100 s means is
+larger than that.
 """
 FIGURE_BLOCKS = 10
-"""Blocks that the drift figure averages: 100 s, the longer of the two intervals of GJB 2426A, at a
+"""Blocks that one mean of the drift figure averages: 100 s (the longer interval of GJB 2426A) at a
 model interval of 10 s.
 """
 LEAST_RAMPS = 3
-"""Ramps that leaving one out needs: one more than the sides of a thermal cycle."""
+"""Fewest ramps for leaving one out: one more than the two sides of a thermal cycle."""
 LEAST_WEIGHT = 0.5
-"""Mean robust weight of a group of rows, over the median of all rows, from which it counts."""
+"""Smallest mean robust weight of a group of rows, relative to the median of all rows, with which
+the group counts.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class _Candidate:
-    """A model that may be chosen."""
+    """Candidate model: its name, form and terms."""
 
     name: str
     form: Literal["level", "lagged"]
@@ -57,8 +60,8 @@ CANDIDATES = (
 
 @dataclass(frozen=True, slots=True)
 class _Fitted:
-    """A candidate with its solution on all ramps, and the survey that a lagged one is fitted again
-    with.
+    """Candidate with its solution on all ramps, and the survey of the logs (of a lagged candidate)
+    for further fits.
     """
 
     candidate: _Candidate
@@ -68,25 +71,23 @@ class _Fitted:
 
 @dataclass(frozen=True, slots=True)
 class _LeftOut(LeftOutRamps):
-    """What a candidate did to each ramp that was left out of its fit: drift rms of 100 s means, the
-    ramp's mean removed.
+    """Errors of a candidate on each ramp when this ramp was left out of the fit: drift rms of 100 s
+    means, the ramp's mean removed.
     """
 
     candidate: _Candidate
     ramps: tuple[str, ...]
     errors: tuple[Array, ...]
-    """Each ramp's compensated 100 s means [°/h], the mean removed."""
+    """Compensated 100 s means of each ramp [°/h], the ramp's mean removed."""
     parameters: int
     """Number of coefficients and lags."""
     endless: bool
-    """Whether a lag came out as the longest that is looked for: then it stands for something that
-    is not a lag.
-    """
+    """Whether a lag lies at its upper bound, so that it does not describe a real lag."""
 
     @property
     def helps(self) -> bool:
-        """Whether the left-out ramps came out clearly below raw together, and none of them
-        above.
+        """Whether the pooled error on left-out ramps is clearly below raw and no left-out ramp
+        became worse.
         """
         return self.pooled <= CLEARLY * self.pooled_raw and bool(
             np.all(self.compensated <= WORSE * self.raw)
@@ -95,8 +96,8 @@ class _LeftOut(LeftOutRamps):
 
 @dataclass(frozen=True, slots=True)
 class ThermalChoice:
-    """Every candidate's left-out errors, and the model that is exported (or none), with the
-    reason.
+    """Errors of all candidates on left-out ramps, the exported model or None, and the reason for
+    the choice.
     """
 
     tested: tuple[_LeftOut, ...]
@@ -112,13 +113,13 @@ def choose(
     *,
     figure_blocks: int = FIGURE_BLOCKS,
 ) -> ThermalChoice:
-    """Fit each candidate without each ramp in turn, and export the one with the smallest error on
-    what it had not seen.
+    """Fit each candidate without each ramp in turn and choose the one with the smallest pooled
+    error on left-out ramps.
 
-    Never worse than raw: a candidate whose pooled error is not below CLEARLY times the raw drift,
-    or that makes any left-out ramp worse, is out; where all are, no drift term is exported.
-    Left-out ramps are evaluated without clamping: the exported model has seen their ranges, and the
-    question is whether its form holds.
+    A candidate is rejected if its pooled error is not below CLEARLY times the raw drift or if it
+    makes any left-out ramp worse; if all are rejected, no drift term is exported. Left-out ramps
+    are evaluated without clamping: the test is of the model's form, and the exported model is
+    fitted to all their ranges.
 
     Parameters
     ----------
@@ -129,7 +130,6 @@ def choose(
     Raises
     ------
     FitError : no log, or a ramp too short.
-
     """
     stacked = pooled_fit.Stack.of_logs(logs)
     if len(stacked.ramps) < LEAST_RAMPS:
@@ -159,10 +159,10 @@ def choose(
 
 
 def _best_of(tested: Sequence[_LeftOut]) -> int | None:
-    """Number of the candidate to export: of those that help and are alike the least, the one with
-    the fewest parameters.
+    """Index of the candidate to export, None if none helps: the one with the fewest parameters
+    among those whose pooled error equals the smallest within ALIKE.
 
-    One with a lag on its upper bound is only taken where no other helps.
+    A candidate with a lag at its upper bound is taken only if no other helps.
     """
     helping = [k for k, result in enumerate(tested) if result.helps]
     helping = [k for k in helping if not tested[k].endless] or helping
@@ -200,9 +200,10 @@ def _nothing_helps(tested: Sequence[_LeftOut], refused: Sequence[str]) -> str:
 def _solutions_of(
     stacked: Stack, candidates: Sequence[_Candidate]
 ) -> tuple[list[_Fitted], tuple[str, ...]]:
-    """Solutions of the candidates that the logs can determine, and why the others are not there.
+    """Solutions of the candidates that the logs can determine, and the reasons why the others
+    failed.
 
-    The robust weights of the rows are the same for every candidate, so that their errors compare.
+    All candidates have the same robust weights, so that their errors are comparable.
     """
     prepared = level.basis(stacked)
     surveyed = (
@@ -228,8 +229,8 @@ def _solutions_of(
 
 
 def _left_out(fitted: _Fitted, stacked: Stack, figure_blocks: int) -> _LeftOut:
-    """Errors of a candidate on each ramp when it is fitted to the others; lags start from the fit
-    to all of them.
+    """Errors of a candidate on each ramp, fitted to all other ramps; lags start from the fit to all
+    ramps.
     """
     raw, compensated, errors = [], [], []
     robust = fitted.solution.robust
@@ -252,7 +253,9 @@ def _left_out(fitted: _Fitted, stacked: Stack, figure_blocks: int) -> _LeftOut:
 
 
 def _predicted(fitted: _Fitted, stacked: Stack) -> Iterator[Array]:
-    """Drift [rows, °/h] of each ramp, up to a constant, by the model of all the others."""
+    """Drift [rows, °/h] of each ramp, up to a constant, predicted by the model fitted to all other
+    ramps.
+    """
     solution = fitted.solution
     if fitted.survey is None:
         moment = pooled_fit.moments(solution.columns, solution.weights, stacked)
@@ -270,8 +273,8 @@ def _predicted(fitted: _Fitted, stacked: Stack) -> Iterator[Array]:
 
 
 def _figure_means(values: Array, robust: Array, group: int) -> Array:
-    """Means [m] of values [n] over groups of rows, by robust weights, without the groups of little
-    weight; a rest that fills no group is left out.
+    """Robustly weighted means [m] of values [n] over groups of rows; groups of little weight and an
+    incomplete last group are left out.
     """
     whole = max(values.size // group, 1) * min(group, values.size)
     weight = robust[:whole].reshape(-1, min(group, values.size))

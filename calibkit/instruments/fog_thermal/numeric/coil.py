@@ -1,10 +1,10 @@
-"""Coil temperatures that follow the case through two first-order lags, solved exactly between
-samples.
+"""Coil temperatures that follow the case temperature through two first-order lags, solved exactly
+between samples.
 
     τ_o T_o' = T_s − T_o,        τ_i T_i' = T_o − T_i
 
-The rates are exact by the equations themselves, T_o' = (T_s − T_o)/τ_o and T_i' = (T_o − T_i)/τ_i:
-no difference of a quantised thermometer is ever taken.
+The rates T_o' = (T_s − T_o)/τ_o and T_i' = (T_o − T_i)/τ_i follow from the equations themselves,
+without differences of a quantised thermometer.
 """
 
 from collections.abc import Sequence
@@ -17,13 +17,13 @@ from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.instruments.fog_thermal.numeric.terms import Drivers
 
 LONGEST_EXPONENT = 200.0
-"""Exponent up to which decays are summed in one go: e^200 squared is still a number."""
+"""Largest exponent of one cumulative sum of decays: e^200 squared does not overflow."""
 
 
 @dataclass(frozen=True, slots=True)
 class Path:
-    """Case temperatures of logs, one a row, straight between samples; short logs are padded with
-    steps that take no time.
+    """Case temperatures of L logs, one per row, linear between samples; short logs are padded with
+    steps of no length.
     """
 
     start: Array
@@ -35,11 +35,11 @@ class Path:
     change: Array
     """[L, n − 1], change of the case temperature over each step [°C]."""
     inside: Mask
-    """[L, n], which of the instants are there."""
+    """[L, n], which of the instants are samples, not padding."""
 
     def drivers(self, tau_outer: float, tau_inner: float | None) -> Drivers:
-        """Drivers [n] of logs, one after the other; without an inner lag the coil is one mass and
-        has no gradient.
+        """Drivers [n] of all logs in sequence for the lags [s]; without an inner lag the coil is
+        one mass without gradient.
         """
         outer, inner, rate = _temperatures(self, tau_outer, tau_inner)
         per_minute = rate * SECONDS_PER_MINUTE
@@ -52,7 +52,7 @@ class Path:
 
 
 def path(logs: Sequence[tuple[Array, Array]]) -> Path:
-    """Path of logs, each with its time [n, s] and case temperature [n, °C]."""
+    """Path of logs, each given by its time [n, s] and case temperature [n, °C]."""
     longest = max(time.size for time, _ in logs)
     step, change = np.zeros((len(logs), longest - 1)), np.zeros((len(logs), longest - 1))
     inside = np.zeros((len(logs), longest), dtype=bool)
@@ -66,14 +66,13 @@ def path(logs: Sequence[tuple[Array, Array]]) -> Path:
 def _temperatures(
     along: Path, tau_outer: float, tau_inner: float | None
 ) -> tuple[Array, Array, Array]:
-    """Outer and inner coil temperature and T_o' [each n, °C, °C, °C/s] of logs, one after the
-    other.
+    """Outer and inner coil temperature [n, °C] and T_o' [n, °C/s] of all logs in sequence.
 
-    Both start at the case temperature of a log's first sample, as after a long soak. The case is
-    taken as straight between samples and the equations are solved exactly there, so that the step
-    makes no difference, and gaps may be of any length: with m the slope over a step h and a =
-    exp(−h/τ), T_o ← a T_o + x1 − a x0 − m τ_o (1 − a). Without an inner lag the inner temperature
-    is that of the outer coil.
+    Both temperatures start at the first case temperature of a log, as after a long soak. With the
+    case temperature linear between samples, the solution is exact for any step and gap: with m the
+    slope over a step h and a = exp(−h/τ), T_o ← a T_o + x1 − a x0 − m τ_o (1 − a), where x0 and x1
+    are the case temperatures at both ends. Without an inner lag the inner temperature equals the
+    outer one.
     """
     h, x = along.step, along.above[:, :-1]
     m = along.change / np.where(h > 0.0, h, 1.0)
@@ -92,8 +91,8 @@ def _temperatures(
 
 
 def _carried(h: Array, tau_outer: float, tau_inner: float) -> Array:
-    """Response of the inner lag after h [s] to an outer lag that starts at 1 and decays; also where
-    both are equal.
+    """Response of the inner lag after h [s] to a difference of 1 across the outer lag, which
+    decays; τ_o = τ_i is allowed.
     """
     apart = h * abs(1.0 / tau_inner - 1.0 / tau_outer)
     ratio = np.where(apart > 0.0, -np.expm1(-apart) / np.where(apart > 0.0, apart, 1.0), 1.0)
@@ -103,8 +102,8 @@ def _carried(h: Array, tau_outer: float, tau_inner: float) -> Array:
 
 
 def _decaying(exponent: Array, supply: Array) -> Array:
-    """States [L, n + 1] of s_k = exp(−exponent_k) s_{k−1} + supply_k from 0, summed in pieces that
-    cannot overflow.
+    """States [L, n + 1] of s_k = exp(−exponent_k) s_{k−1} + supply_k from s_0 = 0, by cumulative
+    sums that cannot overflow.
     """
     passed = np.cumsum(exponent, axis=1)
     state = np.zeros((exponent.shape[0], exponent.shape[1] + 1))
@@ -124,8 +123,8 @@ def _decaying(exponent: Array, supply: Array) -> Array:
 
 
 def settled(case: Array, rate: Array, tau_outer: float, tau_inner: float = 0.0) -> Drivers:
-    """Drivers [n] at case temperatures [n, °C] on ramps [n, °C/min] that have lasted until the lags
-    [s] settled: T_o = T_s − τ_o r, G = τ_i r.
+    """Drivers [n] at case temperatures [n, °C] on steady ramps r [n, °C/min], transients over: T_o
+    = T_s − τ_o r, G = τ_i r.
     """
     per_second = rate / SECONDS_PER_MINUTE
     return Drivers(case - tau_outer * per_second, rate, tau_inner * per_second, np.zeros_like(rate))

@@ -1,4 +1,4 @@
-"""Thermal drift taken out of a gyro's indication, and the check that its rate was left in."""
+"""Compensation of thermal drift in a gyro's indication, and its gain for a true rate."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -14,14 +14,14 @@ FIGURE_INTERVAL_S = 100.0
 INJECTED_RATE_DPH = 7.5
 """Constant rate that the rate-gain check adds to the indication [°/h]."""
 WORSE = 1.01
-"""Factor above raw at which a left-out ramp counts as made worse: the drift rms of a log repeats to
-about a percent.
+"""Ratio of compensated to raw drift rms above which a ramp became worse: the drift rms of a log
+repeats to about a percent.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class LeftOutRamps:
-    """Drift rms [ramps, °/h] of ramps that a model was not fitted to, raw and compensated by it."""
+    """Drift rms [ramps, °/h] of ramps that were left out of the fit, raw and compensated."""
 
     raw: Array
     compensated: Array
@@ -39,8 +39,8 @@ class LeftOutRamps:
 
 @dataclass(frozen=True, slots=True)
 class _Increments:
-    """Drift increments Δ̂_k [n, °/h] from interval k − 1 to k, and where the model was held or
-    clamped.
+    """Drift increments Δ̂_k [n, °/h] from interval k − 1 to k, and masks [n] of held and clamped
+    intervals.
     """
 
     delta: Array
@@ -55,9 +55,10 @@ def increments(
     """Δ̂_k = a0(r) + a1(r) G + a2(r) G² with r [°C/min] and G [K] taken at k − 1 (CN102095419A step
     4); Δ̂_0 = 0.
 
-    Each rate is served by the side it was fitted on. The drift is held (Δ̂ = 0) below half of the
-    smallest fitted rate, where a0 would be integrated without bound, and on a side that was not
-    fitted. Rates and gradients beyond the fitted ranges are clamped to them, and marked.
+    The polynomial of a side (heating or cooling) holds for the rates of that side. The drift is
+    held (Δ̂ = 0) on a side that was not fitted, and below half of the smallest fitted rate, where
+    a0 would be integrated without bound. Rates and gradients outside the fitted ranges are clamped
+    and marked.
     """
     n = gradient.size
     delta, held = np.zeros(n), np.ones(n, dtype=bool)
@@ -78,7 +79,9 @@ def increments(
 
 
 def _served(polynomial: drift.RatePolynomial, rate: Array) -> Mask:
-    """Where a rate is on the polynomial's side and not so slow that the chamber is at rest."""
+    """Mask [n] of rates [n, °C/min] that are on the polynomial's side and not so slow that the
+    chamber is at rest.
+    """
     low, high = polynomial.rates
     moving = np.abs(rate) >= polynomial.slowest / 2.0
     return np.asarray(moving & (rate > 0.0 if low > 0.0 else rate < 0.0 if high < 0.0 else True))
@@ -93,9 +96,9 @@ def recursive(delta: Array) -> Array:
 
 def one_step(indication: Array, delta: Array) -> Array:
     """Output ω_k − (ω_{k−1} + Δ̂_k) [n, °/h] as published (CN102095419A step 4): a first
-    difference, the rate is lost.
+    difference, which loses the true rate.
 
-    The first output is NaN-free by definition 0, because there is no interval before it.
+    The first output, which has no interval before it, is 0.
     """
     output = np.zeros_like(indication)
     output[1:] = indication[1:] - (indication[:-1] + delta[1:])
@@ -105,33 +108,32 @@ def one_step(indication: Array, delta: Array) -> Array:
 def referenced(
     level: Array, temperature: Array, reference: float, valid: tuple[float, float]
 ) -> Array:
-    """Drift [n, °/h] shifted to zero at the instant whose temperature is closest to the reference
-    [°C], clamped to valid.
+    """Drift [n, °/h] shifted to zero at the instant whose temperature [n, °C] is closest to the
+    reference [°C], which is clamped to `valid`.
     """
     target = min(max(reference, valid[0]), valid[1])
     return np.asarray(level - level[int(np.argmin(np.abs(temperature - target)))], dtype=np.float64)
 
 
 def rate_gain(compensate: Callable[[Array], Array], indication: Array) -> float:
-    """Share [1] of a constant rate added to the indication [n, °/h] that arrives at the compensated
-    output.
+    """Ratio of the change of the compensated output to a constant rate that is added to the
+    indication [n, °/h].
     """
     moved = compensate(indication + INJECTED_RATE_DPH) - compensate(indication)
     return float(np.mean(moved[1:]) / INJECTED_RATE_DPH)
 
 
 def blocks_per_figure(interval_s: float) -> int:
-    """Number of model intervals [s] that the drift figure averages."""
+    """Number of model intervals of `interval_s` in one mean of the drift figure."""
     return max(1, round(FIGURE_INTERVAL_S / interval_s))
 
 
 def drift_rms(output: Array, group: int = 1) -> float:
-    """Standard deviation [°/h] of an output [n] averaged over groups of intervals, its mean
-    removed.
+    """Standard deviation [°/h] of the means of an output [n, °/h] over groups of intervals.
 
-    With groups of 100 s this is the bias stability of GJB 2426A over the log. Averaging keeps angle
-    random walk from hiding the drift; a rest that fills no group is left out unless there would be
-    fewer than two groups.
+    With groups of 100 s this is the bias stability of GJB 2426A over the log; averaging suppresses
+    the angle random walk. An incomplete last group is left out; with fewer than two groups nothing
+    is averaged.
     """
     whole = output.size // group
     if whole < 2:

@@ -1,5 +1,5 @@
-"""Drift along a log by a fitted level or lagged model: what is taken off the indication, and where
-the model was clamped.
+"""Drift along a log by a fitted level or lagged model, its sensitivities, and the rows where a
+driver was clamped.
 """
 
 from dataclasses import dataclass, replace
@@ -12,29 +12,27 @@ from calibkit.instruments.fog_thermal.numeric.terms import Drivers, ThermalModel
 
 REFERENCE_DEGC = 25.0
 RELATIVE_STEP = 1e-3
-"""Change of a lag by which the drift is differentiated."""
+"""Relative change of a lag for the numerical derivative of the drift."""
 
 
 @dataclass(frozen=True, slots=True)
 class Evaluation:
-    """Drift [n, °/h] along a log, how it follows the coefficients, and where [n] a driver was
-    outside its fitted range.
+    """Drift [n, °/h] along a log, its derivatives, and masks [n] of drivers outside their fitted
+    ranges.
     """
 
     drift: Array
     sensitivities: Array
     """[n, 9 + lags], derivative of the drift by each coefficient and each lag."""
     beyond: Array
-    """[n, °/h], what clamping took off: the model's drift without it, less that with it."""
+    """[n, °/h], drift without clamping less drift with clamping."""
     temperature_clamped: Mask
     rate_clamped: Mask
     gradient_clamped: Mask
 
 
 def _drivers(model: ThermalModel, time: Array, case: Array, env: Array) -> Drivers:
-    """Drivers [n] of a log as the model's form has them; a coil starts at the case temperature of
-    the first sample.
-    """
+    """Drivers [n] of a log by the model's form; a coil starts at the first case temperature."""
     if model.form == "level":
         return level.drivers(time, case, env, model.window_s)
     return coil.path([(time, case)]).drivers(
@@ -60,11 +58,11 @@ def evaluate(
 
     Notes
     -----
-    Only samples at or before an instant enter its drift. Outside the fitted ranges of temperature,
-    rate and gradient the drift is that at the bound, and flagged. Lags start in equilibrium at the
-    first sample: a log that starts on the move is off until they have passed. Their equations are
-    solved exactly between samples, whatever the sampling; the rates of a level model ask for at
-    least four samples in its window.
+    The drift is causal: only samples up to an instant enter. Outside the fitted ranges of
+    temperature, rate and gradient, drivers are clamped and flagged. Lags start in equilibrium at
+    the first sample: if the temperature already changes there, the drift is wrong until this
+    transient has decayed. The equations of the lags are solved exactly at any sampling; the rates
+    of a level model need at least four samples in their window.
 
     """
     found = _drivers(model, time, case, env)
@@ -86,7 +84,9 @@ def evaluate(
 
 
 def _clamp(drivers: Drivers, model: ThermalModel) -> Drivers:
-    """Drivers inside the fitted ranges; those that no term of the model uses stay as they are."""
+    """Drivers [n] clamped to the fitted ranges; a driver that no term of the model uses is not
+    clamped.
+    """
     terms = set(model.terms)
     used = (
         len(terms) > 1,
@@ -103,7 +103,9 @@ def _clamp(drivers: Drivers, model: ThermalModel) -> Drivers:
 
 
 def design_at_rest(model: ThermalModel, reference_degc: float) -> Array:
-    """Design row [1, 9] of rest at the reference temperature, clamped to the fitted range."""
+    """Design row [1, 9] at rest (no rate, no gradient) at the reference temperature, clamped to the
+    fitted range.
+    """
     still = np.zeros(1)
     return Drivers(
         np.array([model.nearest_fitted(reference_degc)]), still, still, still
@@ -113,9 +115,7 @@ def design_at_rest(model: ThermalModel, reference_degc: float) -> Array:
 def _by_lag(
     model: ThermalModel, k: int, found: Drivers, inside: Drivers, log: tuple[Array, Array, Array]
 ) -> Array:
-    """Derivative [n, °/h/s] of the drift by the k-th lag; a driver that is clamped does not move
-    with it.
-    """
+    """Derivative [n, °/h/s] of the drift by the k-th lag; a clamped driver is taken as constant."""
     step = model.lags[k] * RELATIVE_STEP
     moved = _drivers(
         replace(model, lags=tuple(lag + step * (j == k) for j, lag in enumerate(model.lags))), *log

@@ -1,5 +1,5 @@
-"""Thermal drift of a FOG on the temperature gradient, its coefficients as polynomials of
-temperature rate.
+"""Thermal drift of a FOG as a function of the temperature gradient, with coefficients that are
+polynomials of the temperature rate.
 
 Source: CN102095419A (Shen & Chen, 2010). Per ramp, with G = T_case − T_env at the model interval
 Δt,
@@ -23,8 +23,8 @@ TERMS = ("a0", "a1", "a2")
 
 
 class Blocks(NamedTuple):
-    """Block means at the model interval: time [s], case and chamber temperature [°C], indication
-    [°/h], rate [°C/min].
+    """Block means [n] at the model interval: time [s], case temperature [°C], gradient T_case −
+    T_env [K], indication [°/h], rate of the chamber air [°C/min].
     """
 
     time: Array
@@ -42,9 +42,9 @@ class Blocks(NamedTuple):
 
         estimate = "increments" regresses ω_k − ω_{k−1} on G_{k−1} as published. "levels" regresses
         the same equation summed from the ramp's start, ω_k = ω_0 + Σ (a0 + a1 G + a2 G²): white
-        noise on ω makes the increments' errors correlated at −1/2, and on levels it is white again,
-        so the same coefficients come out with a fraction of the uncertainty. Raises FitError when
-        the ramp is too short or its gradient does not vary.
+        noise on ω correlates neighbouring increments at −1/2 but leaves levels uncorrelated, so
+        that levels give the same coefficients with a fraction of the uncertainty. Raises FitError
+        when the ramp is too short or its gradient does not vary.
         """
         G = self.gradient[:-1]
         if G.size < 6:
@@ -72,12 +72,11 @@ class Blocks(NamedTuple):
 
     @classmethod
     def fill(cls, held: Intervals, means: Iterable[Array], slope: Array) -> Self:
-        """Block means of a log from the means [m] of its time, case, chamber and indication over
-        the model intervals that hold samples; the rate is the causal slope [n] at each block's last
-        sample.
+        """Block means of a log from the interval means [m] of time, case, chamber and indication;
+        the rate of a block is the causal slope [n, °C/min] at its last sample.
 
-        Intervals with less than half of their samples, whose means would be noisier than the
-        others, are filled by straight lines between their neighbours.
+        Intervals with less than half of their samples, whose means are noisier, are interpolated
+        linearly between their neighbours.
         """
         time, *others = means
         case, env, indication, rate = map(held.filled, (*others, held.last(slope)))
@@ -86,11 +85,11 @@ class Blocks(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class RampFit:
-    """a0 [°/h], a1 [°/h/K], a2 [°/h/K²] per interval of one ramp, with a covariance that survives
-    autocorrelation.
+    """a0 [°/h], a1 [°/h/K], a2 [°/h/K²] of one ramp, per interval, with a covariance that allows
+    for autocorrelated residuals.
 
-    `information` [3, 3] is the triangular factor of the ramp's regression, per interval and with
-    the start eliminated: it knows which combinations of the a_j the ramp determines.
+    `information` [3, 3] is the triangular factor R of the ramp's design (QR), per interval and with
+    the start eliminated: it weights the combinations of the a_j that the ramp determines.
     """
 
     coefficients: Array
@@ -110,8 +109,8 @@ class RampFit:
 
 @dataclass(frozen=True, slots=True)
 class RatePolynomial:
-    """a_j(r) of one side: c [3, M + 1] for powers of r [°C/min], valid for rates and gradients in
-    the given ranges.
+    """Polynomials a_j(r) = Σ_m c_jm r^m of one side: c [3, M + 1], r in °C/min, with the fitted
+    ranges of rate and gradient.
 
     `slowest` is the smallest fitted |r|: below half of it the chamber counts as at rest.
     """
@@ -140,14 +139,14 @@ class RatePolynomial:
 
 
 def fit_over_rates(ramps: Sequence[RampFit], order: int, side: str) -> RatePolynomial:
-    """Fit a_j(r) = Σ_m c_jm r^m to the ramps' a_j; raises FitError for fewer distinct rates than
-    coefficients.
+    """Fit a_j(r) = Σ_m c_jm r^m to the a_j of all ramps; raises FitError if there are fewer
+    distinct rates than coefficients.
 
-    Within one ramp a0, a1 and a2 are known far better together than one by one, so the three
-    polynomials are fitted together and each ramp's deviations are weighted by its own regression;
-    each ramp counts once however long it took. Where the order uses up the rates this is the
-    published interpolation, and dof is zero. The covariance is propagated from the ramps' own and
-    scaled up, never down, where the deviations exceed it; residual_rms is that of a0 [°/h].
+    The estimates a0, a1 and a2 of a ramp are strongly correlated; therefore the three polynomials
+    are fitted together, with the deviations of each ramp weighted by its information matrix, and
+    each ramp counts once whatever its duration. With as many coefficients as rates this is the
+    published interpolation, and dof is 0. The covariance is propagated from those of the ramps and
+    scaled up, never down, if the deviations exceed it; residual_rms is that of a0 [°/h].
     """
     rates = np.array([ramp.rate for ramp in ramps])
     if order > 0 and np.unique(rates).size <= order:
@@ -181,7 +180,9 @@ def fit_over_rates(ramps: Sequence[RampFit], order: int, side: str) -> RatePolyn
 
 
 def _solver(basis: Array, ramps: Sequence[RampFit]) -> Array:
-    """Matrix [3(M+1), 3·ramps] that takes the ramps' a_j, ramp by ramp, to the scaled c00 … c2M."""
+    """Matrix [3(M+1), 3·ramps] from the a_j of all ramps (ramp by ramp) to the scaled coefficients
+    c00 … c2M.
+    """
     if basis.shape[0] == basis.shape[1]:
         # interpolation: weights drop out, and would only cost digits
         inverse = np.linalg.inv(basis)
@@ -194,8 +195,8 @@ def _solver(basis: Array, ramps: Sequence[RampFit]) -> Array:
 
 
 def _inflation(deviations: Array, ramps: Sequence[RampFit], fitted: int) -> float:
-    """Variance factor of at least 1 by which the a_j [ramps, 3] deviate more than their covariances
-    explain.
+    """Variance factor, at least 1: reduced chi-square of the deviations [ramps, 3] of the a_j by
+    their covariances.
     """
     dof = deviations.size - fitted
     if dof <= 0:

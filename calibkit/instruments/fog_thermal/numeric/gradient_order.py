@@ -1,5 +1,5 @@
-"""The order of the drift coefficients over temperature rate, chosen by what it does to a rate it
-has not seen.
+"""Order of the polynomials of the drift coefficients over temperature rate, chosen by
+leave-one-rate-out.
 """
 
 from collections.abc import Sequence
@@ -14,15 +14,15 @@ from calibkit.instruments.fog_thermal.numeric.compensation import WORSE, LeftOut
 SAME_RATE = 0.1
 """Relative difference up to which two ramps count as one temperature rate."""
 MARGIN = 0.9
-"""Factor below raw that the pooled error must reach: of several orders one beats raw by some
-percent by luck alone.
+"""Largest ratio of the pooled error to raw with which an order helps: of several orders one is some
+percent better by chance.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class LeftOutRates(LeftOutRamps):
-    """Drift rms [°/h] of each ramp's log for an order of the polynomials: `compensated` is by a
-    model that was fitted without that ramp's rate, `fitted` by one that was fitted with it.
+    """Drift rms [ramps, °/h] of the ramps' logs for one order: `compensated` by a model fitted
+    without the ramp's rate, `fitted` by the model fitted to all rates.
     """
 
     order: int
@@ -30,11 +30,11 @@ class LeftOutRates(LeftOutRamps):
 
     @property
     def helps(self) -> bool:
-        """Whether the left-out ramps came out clearly better than raw, and no ramp worse, left out
-        or not.
+        """Whether the pooled error on left-out ramps is clearly below raw and no ramp became worse,
+        left out or not.
 
-        A left-out edge rate is held or clamped, so that only the full fit shows what the model does
-        to it.
+        If the slowest or the fastest rate is left out, the model holds or clamps it; only the fit
+        to all rates shows the effect of the model there.
         """
         worst = np.maximum(self.compensated, self.fitted)
         return self.pooled <= MARGIN * self.pooled_raw and bool(np.all(worst <= WORSE * self.raw))
@@ -60,12 +60,11 @@ def _leave_one_rate_out(
     side: str,
     group: int,
 ) -> LeftOutRates:
-    """Fit the polynomials without each rate in turn and compensate that rate's logs as the
-    instrument would.
+    """Fit the polynomials without each rate in turn and compensate the logs of that rate as at run
+    time.
 
-    The left-out rate may lie outside the remaining ones: it is then clamped or held exactly as at
-    run time. `group` is the number of intervals that the drift figure averages. Needs more rates
-    than order + 1.
+    A left-out rate outside the remaining ones is held or clamped as at run time. `group` is the
+    number of intervals in one mean of the drift figure. More rates than order + 1 are needed.
     """
     raw = np.array([compensation.drift_rms(log.indication, group) for log in logs])
     compensated = np.zeros(len(ramps))
@@ -83,7 +82,7 @@ def _leave_one_rate_out(
 
 
 def _left(polynomial: gradient.RatePolynomial, log: gradient.Blocks, group: int) -> float:
-    """Drift rms [°/h] that a side's polynomials leave of a log."""
+    """Drift rms [°/h] of a log after compensation by the polynomials of a side."""
     delta = compensation.increments([polynomial], log.gradient, log.rate).delta
     return compensation.drift_rms(log.indication - compensation.recursive(delta), group)
 
@@ -91,8 +90,8 @@ def _left(polynomial: gradient.RatePolynomial, log: gradient.Blocks, group: int)
 def candidates(
     ramps: Sequence[gradient.RampFit], logs: Sequence[gradient.Blocks], side: str, group: int
 ) -> list[LeftOutRates]:
-    """Leave-one-rate-out results of every order that the rates of a side can test: four rates never
-    test the cubic.
+    """Leave-one-rate-out results of every order that the rates of a side can test; four rates
+    cannot test the cubic.
     """
     return [
         _leave_one_rate_out(ramps, logs, order, side, group)
@@ -101,6 +100,6 @@ def candidates(
 
 
 def best(results: Sequence[LeftOutRates]) -> LeftOutRates | None:
-    """Of the orders that help, the one with the smallest pooled error; none when no order helps."""
+    """Result of the order with the smallest pooled error among those that help; None if none do."""
     helping = [result for result in results if result.helps]
     return min(helping, key=lambda result: result.pooled) if helping else None

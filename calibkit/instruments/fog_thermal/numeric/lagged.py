@@ -1,11 +1,11 @@
-"""The `lagged` model: drift on coil temperatures that follow the case through first-order lags, by
-variable projection.
+"""The `lagged` model: drift as a function of coil temperatures that follow the case through
+first-order lags, fitted by variable projection.
 
     τ_o T_o' = T_s − T_o,        τ_i T_i' = T_o − T_i,        T = T_o,  G = T_o − T_i
 
-As G' = T_o' − G/τ_i is a sum of T' and G, s_grad_rate is not a term of this model. The linear
-coefficients are eliminated at every step, so that the descent is over the lags alone (Golub &
-Pereyra 1973).
+As G' = T_o' − G/τ_i is a linear combination of T' and G, s_grad_rate is not a term of this model.
+The linear coefficients are eliminated at every step, so that the minimisation is over the lags
+alone (Golub & Pereyra 1973).
 """
 
 from collections.abc import Sequence
@@ -29,33 +29,35 @@ from calibkit.instruments.fog_thermal.numeric.terms import (
 
 LAGGED_TERMS = tuple(term for term in TERMS if term != "s_grad_rate")
 BOUNDS_S = (20.0, 3600.0)
-"""Range of the lags: shorter ones are within two model intervals, longer ones are not over when a
-soak is.
+"""Bounds of the lags [s]: shorter lags are not resolved by model intervals, longer ones outlast a
+soak.
 """
 STARTS_S = (30.0, 70.0, 160.0, 360.0, 800.0, 1800.0)
-"""Lags from which the minimum is looked for."""
+"""Grid of lags [s] for the start of the minimisation."""
 MOST_STARTS = 3
 STEP = 1e-3
-"""Change of the logarithm of a lag by which the columns are differentiated."""
+"""Change of the logarithm of a lag for numerical derivatives of the columns."""
 LARGEST_STEP = 0.7
-"""Change of the logarithm of a lag in one iteration: a factor of two."""
+"""Largest change of the logarithm of a lag in one iteration: a factor of two."""
 ITERATIONS = 25
 HALVINGS = 6
 CLOSE = 1e-4
-"""Square sum of a step, in that of an average row, that ends a descent."""
+"""Decrease of the sum of squares, relative to that of an average row, below which the minimisation
+ends.
+"""
 DETERMINED = 0.3
-"""Relative standard uncertainty of a lag above which its interval, and those of the terms that it
-cannot be told from, are not normal.
+"""Relative standard uncertainty of a lag above which its distribution, and those of the terms
+correlated with it, are not normal.
 """
 ONE_WITH_LAGS = ("s_rate", "s_grad", "s_grad2")
 SETTLED = 1e-10
-"""Change of the logarithm of a lag that ends the polishing."""
+"""Change of the logarithm of a lag that ends `_polished`."""
 
 
 @dataclass(frozen=True, slots=True)
 class Survey:
-    """The logs of a lagged fit, and moments of all terms on a grid of lags, from which every
-    candidate starts.
+    """Logs of a lagged fit, with moments of all terms on a grid of lags for the start of every
+    candidate.
     """
 
     stacked: Stack
@@ -66,13 +68,14 @@ class Survey:
     grid: Array
     """[g, 2], logarithms of the lags."""
     moments: Array
-    """[g, ramps, 9, 9], of (1, LAGGED_TERMS without b0, indication)."""
+    """[g, ramps, 9, 9], moments of (1, LAGGED_TERMS without b0, indication)."""
 
     def solve(self, terms: Sequence[str]) -> Solution:
-        """Solve a lagged model on surveyed logs; the coil is one mass with one lag unless a
-        gradient is among the terms.
+        """Fit a lagged model with these terms; the coil has one lag unless s_grad is among them,
+        then two.
 
-        Raises FitError for terms that are not a lagged model's or that the logs cannot determine.
+        Raises FitError for terms that do not belong to a lagged model or that the logs cannot
+        determine.
         """
         chosen = chosen_columns(terms)[1:]
         names = tuple(TERMS[k] for k in chosen)
@@ -94,7 +97,7 @@ class Survey:
 
     @classmethod
     def of_logs(cls, stacked: Stack, robust: Array) -> Self:
-        """Survey of logs with robust weights [n] from another fit to them."""
+        """Survey of logs; the robust weights [n] come from another fit to the same logs."""
         along = coil.path([(log.time, log.case) for log in stacked.logs])
         middle = float(np.sqrt(STARTS_S[2] * STARTS_S[3]))
         scales = along.drivers(middle, middle).valid().scales()
@@ -109,8 +112,8 @@ class Survey:
 
 @dataclass(frozen=True, slots=True)
 class _Lags:
-    """Lags at the minimum of the weighted square sum, as logarithms, and the coefficients [k] that
-    go with them.
+    """Logarithms of the lags, the linear coefficients [k] for them, and the weighted sum of
+    squares.
     """
 
     log_lags: Array
@@ -120,18 +123,16 @@ class _Lags:
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """What variable projection minimises: the square sum of a fit whose columns depend on the
-    lags.
-    """
+    """Separable least-squares problem for variable projection: the columns depend on the lags."""
 
     survey: Survey
     chosen: Integers
     weights: Array
     left_out: int | None = None
-    """Ramp that is left out of the fit."""
+    """Index of the ramp that is left out of the fit."""
 
     def drivers(self, log_lags: Array) -> Drivers:
-        """Drivers of the logs, one after the other, for logarithms of one lag or two."""
+        """Drivers [n] of all logs in sequence, for the logarithms of one lag or two."""
         outer, *inner = np.exp(log_lags).tolist()
         return self.survey.along.drivers(outer, inner[0] if inner else None)
 
@@ -140,12 +141,16 @@ class Problem:
         return self.drivers(log_lags).scaled_design(self.survey.scales)[:, self.chosen]
 
     def at(self, log_lags: Array, design: Array) -> _Lags | None:
-        """Linear coefficients for given lags; None where the terms are then dependent."""
+        """Linear coefficients and sum of squares at given lags; None if the columns are linearly
+        dependent.
+        """
         found = self.solve(design)
         return None if found is None else _Lags(log_lags, *found)
 
     def solve(self, design: Array) -> tuple[Array, float] | None:
-        """Coefficients [k] and square sum of a fit of scaled columns; None where dependent."""
+        """Coefficients [k] and weighted sum of squares for scaled columns; None if they are
+        linearly dependent.
+        """
         pooled = pooled_fit.pool_moments(
             pooled_fit.moments(design, self.weights, self.survey.stacked),
             self.survey.stacked,
@@ -154,14 +159,14 @@ class Problem:
         return pooled_fit.solve_moments(pooled)
 
     def sensitivities(self, here: _Lags, design: Array) -> Array:
-        """Change [n, lags] of the fitted drift for a change of the logarithm of each lag."""
+        """Derivatives [n, lags] of the fitted drift by the logarithm of each lag."""
         shifts = _shifts(here.log_lags)
         moved = [self.design(here.log_lags + step) - design for step in np.diag(shifts)]
         return np.column_stack([change @ here.coefficients for change in moved]) / shifts
 
     def direction(self, here: _Lags, design: Array) -> Array | None:
-        """Gauss-Newton step of the log lags, coefficients free to follow (Golub & Pereyra 1973,
-        Kaufman 1975).
+        """Gauss-Newton step of the logarithms of the lags with free coefficients (Golub & Pereyra
+        1973, Kaufman 1975).
         """
         found = self.solve(np.column_stack([design, self.sensitivities(here, design)]))
         return (
@@ -171,8 +176,8 @@ class Problem:
         )
 
     def tangent_moments(self, log_lags: Array) -> Array:
-        """Moments [ramps, (1 + lags) k + 2, ...] of (1, columns, derivatives by the logarithm of
-        each lag, indication) at given lags, with which any ramp can be left out.
+        """Moments [ramps, (1 + lags) k + 2, ...] of (1, columns, derivatives of the columns by the
+        logarithm of each lag, indication) at given lags, for leaving out each ramp.
         """
         design = self.design(log_lags)
         moved = [
@@ -184,10 +189,11 @@ class Problem:
         )
 
     def leave_out(self, log_lags: Array, moments: Array, ramp: int) -> Array:
-        """Drift [n, °/h, up to a constant] of the fit to all ramps but one: one Gauss-Newton step
-        from the lags of all of them, by their tangent moments.
+        """Drift [n, °/h, up to a constant] of the fit without one ramp, by one Gauss-Newton step
+        from the lags of the fit to all ramps.
 
-        Where the step does not lower the square sum of the ramps that remain, the lags stay.
+        `moments` are the tangent moments. If the step does not lower the sum of squares, the lags
+        stay.
         """
         problem = replace(self, left_out=ramp)
         k, lags = problem.chosen.size, log_lags.size
@@ -207,24 +213,24 @@ class Problem:
 
 
 def _undetermined() -> FitError:
-    """Error of logs that show too little."""
+    """Error for logs that cannot determine the terms."""
     return FitError(
         "the logs cannot determine the terms of the lagged model", hint="vary temperature and rate"
     )
 
 
 def _shifts(log_lags: Array) -> Array:
-    """Steps [lags] by which columns are differentiated, inside the bounds."""
+    """Steps [lags] of the logarithms for numerical derivatives, inside the bounds."""
     return np.where(log_lags + STEP < np.log(BOUNDS_S[1]), STEP, -STEP)
 
 
 def _projected(problem: Problem, start: Array) -> _Lags:
-    """Minimise over the lags from a start [lags], the linear coefficients eliminated at every step;
-    lags stay in BOUNDS_S.
+    """Minimise the sum of squares over the lags within BOUNDS_S from a start [lags], by variable
+    projection.
 
-    It ends where a step lowers the square sum by less than CLOSE times that of an average row:
-    √CLOSE is about what is then missing to the minimum, in standard deviations. Raises FitError
-    where the terms are dependent at the start.
+    The iteration ends when a step lowers the sum of squares by less than CLOSE times that of an
+    average row; the remaining distance to the minimum is about √CLOSE standard deviations. Raises
+    FitError if the columns are linearly dependent at the start.
     """
     design = problem.design(start)
     here = problem.at(start, design)
@@ -244,8 +250,8 @@ def _projected(problem: Problem, start: Array) -> _Lags:
 
 
 def _lower(problem: Problem, here: _Lags, step: Array) -> tuple[_Lags, Array] | None:
-    """First point along a step, halved again and again, at which the square sum is lower; None
-    where there is none.
+    """First point with a lower sum of squares along a step that is halved repeatedly; None if there
+    is none.
     """
     for halving in range(HALVINGS):
         log_lags = np.clip(here.log_lags + step * 0.5**halving, *np.log(BOUNDS_S))
@@ -257,8 +263,8 @@ def _lower(problem: Problem, here: _Lags, step: Array) -> tuple[_Lags, Array] | 
 
 
 def _polished(problem: Problem, here: _Lags) -> _Lags:
-    """Take the full steps that square sums are too coarse to judge, as long as each is less than
-    half of the last.
+    """Refine a minimum by full Gauss-Newton steps, each less than half of the last; differences of
+    the sum of squares are below rounding here.
     """
     last = np.inf
     for _ in range(ITERATIONS):
@@ -279,11 +285,9 @@ def _polished(problem: Problem, here: _Lags) -> _Lags:
 
 
 def _starts(surveyed: Survey, chosen: Integers, count: int) -> list[Array]:
-    """Logarithms [2] of the surveyed lags from which descents start: the best MOST_STARTS of the
-    grid's local minima.
+    """Starting points (logarithms [2] of the lags): the best MOST_STARTS local minima on the grid.
 
-    Which of two lags is the outer one is told by little, and each order may have a minimum of its
-    own.
+    The logs hardly determine which of two lags is the outer one, and each order may have a minimum.
     """
     columns = np.concatenate([[0], chosen, [len(LAGGED_TERMS)]])
     squares = np.full(len(surveyed.grid), np.inf)
@@ -304,9 +308,7 @@ def _starts(surveyed: Survey, chosen: Integers, count: int) -> list[Array]:
 
 
 def _solution(problem: Problem, found: _Lags, names: tuple[str, ...]) -> Solution:
-    """Solution at the minimum; a lag on its bound, or without a trace in the drift, counts as
-    given.
-    """
+    """Solution at the minimum; a lag at its bound, or without effect on drift, counts as given."""
     design = problem.design(found.log_lags)
     changes = problem.sensitivities(found, design)
     low, high = np.log(BOUNDS_S)
@@ -333,8 +335,8 @@ def _solution(problem: Problem, found: _Lags, names: tuple[str, ...]) -> Solutio
 
 
 def finish(solution: Solution, stacked: Stack) -> ThermalModel:
-    """Drift model of a lagged solution; lags that the logs do not determine are flagged, with the
-    terms that they cannot be told from.
+    """Drift model of a lagged solution; flags name the lags that the logs do not determine, and the
+    terms entangled with them are listed.
     """
     model = solution.finish(stacked)
     relative = model.standard_uncertainty[9:] / np.array(model.lags)

@@ -1,8 +1,8 @@
-"""The `level` model: drift on case temperature, its gradient to the chamber air, and the rates of
-both.
+"""The `level` model: drift as a function of case temperature, its gradient to the chamber air, and
+the rates of both.
 
-T is the case temperature, G = T_case − T_env; their rates are the end slopes of parabolas over a
-trailing window, so that they can be had at run time, come without delay, and do not show the steps
+T is the case temperature, G = T_case − T_env. Their rates are the slopes, at the newest sample, of
+least-squares parabolas over a trailing window: causal, without delay, and insensitive to the steps
 of a quantised thermometer.
 """
 
@@ -24,20 +24,20 @@ from calibkit.instruments.fog_thermal.numeric.terms import (
 )
 
 WINDOW_S = 90.0
-"""Trailing window of the rates: a 0.0625 °C step then moves them by less than 0.1 °C/min."""
+"""Trailing window of the rates [s]: a step of 0.0625 °C changes them by less than 0.1 °C/min."""
 LEAST_SAMPLES = 4
 """Samples that a parabola and one degree of freedom need."""
 CHUNK = 1 << 20
-"""Window elements that are worked on at a time."""
+"""Largest number of window elements in memory at a time."""
 
 
 def _end_slope(time: Array, values: Array, window_s: float = WINDOW_S) -> Array:
-    """Rate [n, 1/min] of values [n] at each instant [s]: end slope of the least-squares parabola
-    over the window before it.
+    """Rate [n, 1/min] of values [n] at each time [n, s]: slope of the least-squares parabola over
+    the trailing window at its newest sample.
 
-    Only samples at or before an instant enter; a straight line would give the rate half a window
-    ago. Where less than half a window has been seen the rate is 0: the log is taken to start at
-    rest. Irregular sampling and gaps are allowed.
+    The rate is causal; a straight line would give the rate of half a window before. It is 0 until
+    half a window has passed: the log is taken to start at rest. Uneven sampling and gaps are
+    allowed.
     """
     first = np.searchsorted(time, time - window_s * (1.0 + 1e-9), side="left")
     width = int(np.max(np.arange(time.size) - first)) + 1
@@ -57,8 +57,8 @@ def _end_slopes(
     width: int,
     window_s: float,
 ) -> Array:
-    """End slopes [m, 1/s] of the windows first … ends, by the normal equations of a parabola in x =
-    (t − t_end)/window.
+    """Slopes [m, 1/s] at the newest sample of the windows first … ends, by the normal equations of
+    a parabola in x = (t − t_end)/window.
     """
     rows = ends[:, None] - np.arange(width)
     inside = (rows >= first[:, None]).astype(np.float64)
@@ -83,7 +83,7 @@ def _end_slopes(
 def drivers(time: Array, case: Array, env: Array, window_s: float = WINDOW_S) -> Drivers:
     """Drivers [n] of a log: case temperature and its gradient to the chamber air, with their rates.
 
-    Raises FitError when the log is sampled too slowly for the window: its rates would all be 0.
+    Raises FitError if the log is sampled too slowly for the window: all rates would be 0.
     """
     step = float(np.median(np.diff(time))) if time.size > 1 else 0.0
     if step * (LEAST_SAMPLES - 1) > window_s * (1.0 + 1e-9):
@@ -102,7 +102,7 @@ def drivers(time: Array, case: Array, env: Array, window_s: float = WINDOW_S) ->
 
 @dataclass(frozen=True, slots=True)
 class _Basis:
-    """The logs of a level fit: their drivers, scaled design [n, 9] and robust weights [n]."""
+    """Logs of a level fit with their drivers, scaled design [n, 9] and robust weights [n]."""
 
     stacked: Stack
     window_s: float
@@ -112,7 +112,7 @@ class _Basis:
     robust: Array
 
     def solve(self, terms: Sequence[str]) -> Solution:
-        """Solve a level model; raises FitError for terms that the logs cannot determine."""
+        """Fit a level model with these terms; raises FitError if the logs cannot determine them."""
         chosen = chosen_columns(terms)[1:]
         design = self.design[:, chosen]
         names = tuple(TERMS[k] for k in chosen)
@@ -134,9 +134,9 @@ class _Basis:
 
 
 def basis(stacked: Stack) -> _Basis:
-    """Basis of a level fit; the robust weights of the rows are those of all terms together.
+    """Basis of a level fit; the robust weights are those of a fit of all terms.
 
-    The trailing window of the rates is WINDOW_S, or twice what they need where blocks are long.
+    The trailing window is WINDOW_S, or for long blocks twice the shortest that gives rates.
     """
     step = max(float(np.median(np.diff(log.time))) for log in stacked.logs)
     window_s = max(WINDOW_S, 2.0 * (LEAST_SAMPLES - 1) * round(step, 3))

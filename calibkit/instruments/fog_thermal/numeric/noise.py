@@ -1,10 +1,10 @@
-"""Noise of block means along logs, estimated from what a fit leaves, and the covariance that
-follows for the coefficients.
+"""Noise of block means, estimated from the residuals of a fit, and the covariance of the
+coefficients that it causes.
 
-White noise averages away; flicker (bias instability) and what a model leaves do not, and it is they
-that drift coefficients suffer from. Their covariance function is taken as that of flicker noise,
-whose level B is found by restricted maximum likelihood: unlike a kernel estimate (Newey & West
-1987) it does not lose the correlation that is as long as the log.
+White noise averages out; flicker noise (bias instability) and model misfit do not and dominate the
+uncertainty of drift coefficients. Both are modelled as flicker noise of level B, estimated by
+restricted maximum likelihood. Unlike a kernel estimate (Newey & West 1987), this keeps correlation
+that is as long as the log.
 """
 
 from collections.abc import Sequence
@@ -15,25 +15,24 @@ import numpy as np
 from calibkit.arrays import Array
 
 LEVELS = np.concatenate([np.linspace(0.0, 2.0, 51), np.geomspace(2.0, 200.0, 31)[1:]])
-"""Flicker levels that are compared, in standard deviations of the white noise of a group."""
+"""Grid of flicker levels, in standard deviations of the white noise of a group."""
 FINER = 8
-"""Samples of flicker noise in an interval whose mean is meant: with 100 the variogram is 2 % lower.
-"""
+"""Samples of flicker noise per averaging interval; with 100 the variogram is 2 % lower."""
 MOST_GROUPS = 250
-"""Most groups of a log: matrices of that size are factored."""
+"""Largest number of groups of a log: the size of the matrices that are factored."""
 DEPENDENT = 1e-12
 """Eigenvalue of a correlation matrix below which its columns count as dependent."""
 GROUP = 10
-"""Blocks in a group where logs are short: flicker is what the averages of some minutes show."""
+"""Fewest blocks in a group: flicker noise shows in averages of some minutes."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Grouped:
-    """One log averaged over groups of rows: design [m, k], indication [m], sums of weights [m] and
-    of their squares [m].
+    """One log averaged over m groups of rows: design [m, k], indication [m], sums of the weights
+    [m] and of their squares [m].
 
-    `bread` and `white` [1 + k, 1 + k] are Z'WZ and Z'W²Z of its rows, Z being (1, design), W their
-    weights.
+    `bread` and `white` [1 + k, 1 + k] are Z'WZ and Z'W²Z of its rows, with Z = (1, design) and
+    weights W.
     """
 
     design: Array
@@ -45,23 +44,23 @@ class _Grouped:
 
     @property
     def effective(self) -> Array:
-        """Number [m] of equally weighted rows whose mean is as noisy as that of the group."""
+        """Effective number of rows [m]: that of equally weighted rows whose mean has the same
+        noise.
+        """
         return self.weight**2 / self.square
 
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """Variance of the white noise of a row [(°/h)²] and level B [°/h] of the flicker noise of the
-    groups.
-    """
+    """Variance of the white noise of a row [(°/h)²] and level B of the flicker noise [°/h]."""
 
     white_variance: float
     flicker: float
 
 
 def group_rows(design: Array, indication: Array, weights: Array) -> _Grouped:
-    """Weighted means of a log's design [n, k] and indication [n] over groups of rows; a rest joins
-    the last group.
+    """Weighted means of a log's design [n, k] and indication [n] over groups of rows; the last
+    group holds the remainder.
     """
     n = indication.size
     size = max(GROUP, -(-n // MOST_GROUPS))
@@ -80,11 +79,12 @@ def group_rows(design: Array, indication: Array, weights: Array) -> _Grouped:
 
 
 def flicker_kernel(count: int) -> Array:
-    """Covariance [count, count] of means of flicker noise of level 1 over equal intervals, the
-    noise starting with the log.
+    """Covariance [count, count] of interval means of flicker noise of level 1 that starts with the
+    log.
 
-    Half-order integration of white noise (Kasdin 1995, Proc. IEEE 83(5):802, α = 1); the level is
-    free of the interval. An offset that is older than the log is its turn-on bias.
+    The noise is white noise integrated to order one half (Kasdin 1995, Proc. IEEE 83(5):802, α =
+    1); the level does not depend on the interval. Any older offset is part of the log's turn-on
+    bias.
     """
     fine = count * FINER
     lags = np.arange(1, fine)
@@ -97,11 +97,11 @@ def flicker_kernel(count: int) -> Array:
 
 
 def estimate(logs: Sequence[_Grouped]) -> Noise:
-    """White variance and flicker level of the residuals of logs, each with a free offset and all
-    with common coefficients.
+    """White variance and flicker level of the residuals of logs with a free offset each and common
+    coefficients.
 
-    The level is the root mean square over its posterior for a flat prior on B: near zero, where the
-    likelihood has its maximum on the boundary half of the time, the maximum would understate it.
+    The level is the root mean square over the posterior for a flat prior on B. The maximum of the
+    likelihood would understate a level near zero, as half of the time it lies on the boundary.
     """
     typical = float(np.median(np.concatenate([log.effective for log in logs])))
     kernel = flicker_kernel(max(log.weight.size for log in logs))
@@ -115,10 +115,10 @@ def estimate(logs: Sequence[_Grouped]) -> Noise:
 
 
 def _turned(log: _Grouped, typical: float, kernel: Array) -> tuple[Array, Array]:
-    """Flicker variances [m] and (1, design, indication) [m, k + 2] along the principal axes of
-    flicker against white noise.
+    """Flicker variances [m] and (1, design, indication) [m, k + 2] in the eigenbasis of flicker
+    noise relative to white noise.
 
-    Flicker of level one is worth the white noise of a group of `typical` rows.
+    Flicker noise of level 1 is scaled to the white noise of a group of `typical` rows.
     """
     root = np.sqrt(log.effective)
     values, vectors = np.linalg.eigh(
@@ -129,8 +129,8 @@ def _turned(log: _Grouped, typical: float, kernel: Array) -> tuple[Array, Array]
 
 
 def _restricted(turned: Sequence[tuple[Array, Array]], ratio: float) -> tuple[float, float]:
-    """−2 log restricted likelihood of a flicker variance ratio, the white variance profiled out,
-    and that variance.
+    """−2 log restricted likelihood at a ratio of flicker to white variance, and the white variance
+    that maximises it.
     """
     size = turned[0][1].shape[1] - 1
     total = np.zeros((size, size))
@@ -153,11 +153,11 @@ def _restricted(turned: Sequence[tuple[Array, Array]], ratio: float) -> tuple[fl
 
 
 def covariance(logs: Sequence[_Grouped], noise: Noise) -> Array:
-    """Covariance [L + k, L + k] of the offsets of L logs and the k coefficients of a weighted fit
-    under that noise.
+    """Covariance [L + k, L + k] of the L offsets and the k coefficients of a weighted fit for the
+    given noise.
 
-    (Z'WZ)⁻¹ Z'W Ω W Z (Z'WZ)⁻¹ with Ω white noise of the rows and flicker noise of the groups, each
-    log by itself.
+    It is (Z'WZ)⁻¹ Z'W Ω W Z (Z'WZ)⁻¹; Ω is white noise of the rows plus flicker noise of the
+    groups, independent between logs.
     """
     count = len(logs)
     size = count + logs[0].design.shape[1]

@@ -1,5 +1,5 @@
-"""Block means that a spike cannot move, and weights that keep the temperatures a log dwells at from
-ruling the fit.
+"""Block means without spikes, and weights that limit the influence of temperatures at which a log
+dwells.
 """
 
 from collections.abc import Iterator, Sequence
@@ -12,23 +12,21 @@ from calibkit.numeric.dispersion import MAD_TO_SIGMA
 from calibkit.numeric.intervals import Intervals
 
 SPIKE = 5.0
-"""Deviation from its interval's median, in standard deviations, above which a sample is a spike: 6
-of 10 million normal ones.
+"""Deviation from the median of the interval, in standard deviations, above which a sample is a
+spike: 6 of 10 million normal samples are.
 """
 BIN_DEGC = 2.5
-"""Width of the temperature bins that occupancy is counted in: a model's misfit does not change
-within it.
-"""
+"""Width of the temperature bins for the occupancy [°C]; model misfit is constant within a bin."""
 
 
 def spikes(indication: Array, held: Intervals) -> Integers:
-    """Samples [k] of an indication [n] that stand out of their model interval.
+    """Rows [k] of the spikes in an indication [n].
 
-    A sample is compared with its interval's median. The standard deviation is that of the whole
-    log's deviations, by their median absolute value, or the interval's own where that is larger:
-    where the indication truly moves within an interval, nothing is a spike. Where most samples are
-    alike (counts of a quiet gyro) the smallest step stands in for it. Of two samples in an interval
-    neither stands out.
+    A sample is compared with the median of its model interval. The standard deviation is estimated
+    from the median absolute deviation over the whole log or over the interval, whichever is larger,
+    so that true changes within an interval are not spikes. If most samples equal their median
+    (counts of a quiet gyro), the smallest non-zero deviation is used instead. With two samples in
+    an interval neither is a spike.
     """
     own, middles, largest = (np.empty(held.first.size) for _ in range(3))
     every = max(1, held.rows // order_statistics.SAMPLE)
@@ -66,7 +64,7 @@ def spikes(indication: Array, held: Intervals) -> Integers:
 
 
 def _deviation(values: Array, middles: Array, count: Integers) -> Array:
-    """Absolute deviations of values [n] from the medians [m] of their intervals of `count` [m]
+    """Absolute deviations [n] of values [n] from the medians [m] of their intervals of `count` [m]
     samples.
     """
     away = np.repeat(middles, count)
@@ -75,8 +73,8 @@ def _deviation(values: Array, middles: Array, count: Integers) -> Array:
 
 
 def _medians(values: Array, first: Integers) -> Array:
-    """Median of each interval [m], which start at `first`, from values [n]; those of one size are
-    partitioned together.
+    """Medians [m] of values [n] over intervals that begin at rows `first` [m]; intervals of equal
+    size are partitioned together.
     """
     count = np.diff(np.append(first, values.size))
     out = np.empty(first.size)
@@ -92,8 +90,8 @@ def _medians(values: Array, first: Integers) -> Array:
 
 
 def means(values: Array, held: Intervals, *, without: Integers) -> Array:
-    """Means [m] of values [n] over the model intervals without some samples [k], but where that
-    would leave none.
+    """Means [m] of values [n] over the model intervals without the rows `without` [k]; an interval
+    with no other rows keeps them.
     """
     found = held.means(values)
     hit, at = np.unique(np.searchsorted(held.first, without, side="right") - 1, return_index=True)
@@ -108,7 +106,7 @@ def means(values: Array, held: Intervals, *, without: Integers) -> Array:
 
 
 def counts(temperature: Array, width: float = BIN_DEGC) -> Array:
-    """How many of the temperatures [n, °C] lie in each one's own bin of that width: [n]."""
+    """Numbers [n] of temperatures [n, °C] in the same bin as each."""
     _, number, count = np.unique(
         np.floor(temperature / width), return_inverse=True, return_counts=True
     )
@@ -116,12 +114,12 @@ def counts(temperature: Array, width: float = BIN_DEGC) -> Array:
 
 
 def weights(count: Array, noise: float, misfit: float) -> Array:
-    """Weights [n] of blocks whose temperature is occupied by count [n] blocks, 1 on average.
+    """Weights [n], mean 1, of blocks whose temperature bins hold `count` [n] blocks.
 
-    The mean over a bin has variance noise²/count from noise and misfit² from the model, which does
-    not average: a bin is worth count/(noise² + count misfit²) in all, each of its blocks 1/(noise²
-    + count misfit²). Without misfit all blocks count alike; without noise all temperatures do,
-    however long they were dwelt at.
+    The mean over a bin has the variance noise²/count from noise and misfit² from the model, which
+    does not average out. A bin therefore has weight count/(noise² + count misfit²) and each of its
+    blocks 1/(noise² + count misfit²). Without misfit all blocks have equal weight, without noise
+    all bins.
     """
     largest = max(noise, misfit)
     if largest == 0.0:
@@ -131,11 +129,11 @@ def weights(count: Array, noise: float, misfit: float) -> Array:
 
 
 def misfit(residuals: Array, robust: Array, lags: Sequence[int]) -> float:
-    """Misfit [°/h] of a model along one log: root of the mean product of residuals [n] that are
-    some blocks apart.
+    """Misfit [°/h] of a model along one log: root of the mean product of residuals [n, °/h] at the
+    given lags [blocks].
 
-    White noise drops out of such products; what lasts for longer than the lags does not. The
-    robust weights [n] weigh the rows, and the mean is 0 where it comes out negative.
+    White noise is uncorrelated at these lags; slower deviations remain. The products are weighted
+    by the robust weights [n]; a negative mean counts as 0.
     """
     products, shares = 0.0, 0.0
     weighted = residuals * robust

@@ -1,9 +1,9 @@
-"""Many logs in one fit of drift on levels: each log with its own turn-on bias, spikes without
-weight, every temperature with its share.
+"""Joint fit of a level or lagged model to many logs, with a turn-on bias per log, robust weights
+against spikes, and weights by the occupancy of temperatures.
 
-The fit works on moments of the scaled columns, one matrix per ramp. Sums of them give the fit to
-any choice of ramps at the cost of a small linear system, which is what leaving out each ramp in
-turn, and fitting lags, ask for again and again.
+The fit uses moment matrices of the scaled columns, one per ramp. Their sum over any choice of ramps
+gives the fit to these ramps by a small linear system, which makes leaving out each ramp and fitting
+lags cheap.
 """
 
 from collections.abc import Iterable, Sequence
@@ -28,27 +28,26 @@ from calibkit.numeric.least_squares import fit
 from calibkit.numeric.least_squares.robust import HUBER, TUKEY
 
 NEIGHBOURS = 7
-"""Blocks whose median residual a block is compared with: a misfit that lasts longer is the model's,
-not a spike's.
+"""Blocks in the running median of the residuals: a longer deviation is model misfit, not a spike.
 """
 ITERATIONS = 30
 SETTLED = 1e-3
 """Largest change of a robust weight that ends the iteration."""
 LASTING_S = (60.0, 300.0)
-"""Times apart at which residuals are compared for what lasts."""
+"""Shortest and longest lag [s] of the residual products that give the misfit."""
 LASTING_LAGS = 25
 DEPENDENT = 1e-10
-"""Eigenvalue of the columns' correlation matrix, of which the mean is one, below which they are
-dependent.
+"""Smallest eigenvalue of the columns' correlation matrix (mean 1) below which they count as
+linearly dependent.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class ThermalLog:
-    """Block means of one log: time [s], case and chamber temperature [°C], indication [°/h], ramp
-    each block belongs to.
+    """Block means [n] of one log: time [s], case and chamber temperature [°C], indication [°/h],
+    and the index of each block's ramp.
 
-    `part` [n] counts the log's ramps upwards from 0; a soak belongs to the ramp before it.
+    `part` [n] is the index of the ramp in the log, from 0; a soak belongs to the ramp before it.
     """
 
     name: str
@@ -66,11 +65,10 @@ def thermal_blocks(
     indication: Array,
     begins: Sequence[int] = (),
 ) -> ThermalLog:
-    """Block means of a log: those [m] of its time, case and chamber over the intervals that hold
-    samples, and those of an indication [n].
+    """Block means of a log from the interval means [m] of time, case and chamber, and an indication
+    [n, °/h].
 
-    Spikes of the indication are left out. `begins` are the first samples of the ramps after the
-    log's first.
+    Spikes of the indication are left out. `begins` are the first rows of all ramps but the first.
     """
     time, case, env = means
     rate = occupancy.means(indication, held, without=occupancy.spikes(indication, held))
@@ -80,9 +78,7 @@ def thermal_blocks(
 
 @dataclass(frozen=True, slots=True)
 class Stack:
-    """Several logs one after the other: indication [n, °/h], and which rows make up which ramp of
-    which log.
-    """
+    """Several logs in sequence: indication [n, °/h], and the rows of each log and of each ramp."""
 
     logs: tuple[ThermalLog, ...]
     indication: Array
@@ -93,8 +89,8 @@ class Stack:
 
     @classmethod
     def of_logs(cls, logs: Sequence[ThermalLog]) -> Self:
-        """Put logs one after the other; raises FitError for no log, a value that is not finite, a
-        ramp of less than ten blocks.
+        """Stack logs; raises FitError for no log, a value that is not finite, or a ramp of less
+        than ten blocks.
         """
         if not logs:
             raise FitError("no log to fit", hint="check the file names in [logs]")
@@ -133,8 +129,8 @@ class Stack:
 
 
 def moments(columns: Array, weights: Array, stacked: Stack) -> Array:
-    """Moment matrices [ramps, k + 2, k + 2] of (1, columns [n, k], indication), weighted, one
-    per ramp.
+    """Weighted moment matrices [ramps, k + 2, k + 2] of (1, columns [n, k], indication), one per
+    ramp.
     """
     whole = np.empty((columns.shape[0], columns.shape[1] + 2))
     whole[:, 0], whole[:, 1:-1], whole[:, -1] = 1.0, columns, stacked.indication
@@ -143,7 +139,7 @@ def moments(columns: Array, weights: Array, stacked: Stack) -> Array:
 
 
 def pool_moments(moment: Array, stacked: Stack, left_out: int | None = None) -> Array:
-    """Moment matrix [k + 1, k + 1] of all ramps, or all but one, a free offset of each log
+    """Moment matrix [k + 1, k + 1] of all ramps but `left_out`, with a free offset per log
     eliminated.
     """
     kept = [ramp for ramp in range(len(stacked.ramps)) if ramp != left_out]
@@ -154,8 +150,8 @@ def pool_moments(moment: Array, stacked: Stack, left_out: int | None = None) -> 
 
 
 def solve_moments(matrix: Array) -> tuple[Array, float] | None:
-    """Coefficients [k] and weighted square sum of the residuals of a moment matrix [k + 1, k + 1];
-    None where dependent.
+    """Coefficients [k] and weighted residual sum of squares from a moment matrix [k + 1, k + 1];
+    None if columns are dependent.
     """
     left, right = matrix[:-1, :-1], matrix[:-1, -1]
     square = np.diag(left)
@@ -173,8 +169,8 @@ def solve_moments(matrix: Array) -> tuple[Array, float] | None:
 def _residuals(
     columns: Array, coefficients: Array, weights: Array, stacked: Stack
 ) -> tuple[Array, Array]:
-    """Residuals [n, °/h] less their weighted mean in each log, and these means [logs]: b0 with the
-    turn-on bias of each log.
+    """Residuals [n, °/h] about their weighted mean in each log, and these means [logs, °/h]: b0
+    plus the turn-on bias.
     """
     residual = stacked.indication - columns @ coefficients
     offsets = np.array(
@@ -184,7 +180,7 @@ def _residuals(
 
 
 def _centre(columns: Array, weights: Array, stacked: Stack) -> Array:
-    """Columns [n, k] less their weighted mean in each log."""
+    """Columns [n, k] about their weighted mean in each log."""
     centred = columns.copy(order="K")
     for rows in stacked.log_rows:
         centred[rows] -= np.average(centred[rows], axis=0, weights=weights[rows])
@@ -192,9 +188,7 @@ def _centre(columns: Array, weights: Array, stacked: Stack) -> Array:
 
 
 def _isolated(residual: Array, stacked: Stack) -> Array:
-    """Residuals [n] less the median of their neighbourhood in the same log: what no smooth misfit
-    explains.
-    """
+    """Residuals [n] less their running median in the same log, which removes slow misfit."""
     apart = np.empty_like(residual)
     half = NEIGHBOURS // 2
     for rows in stacked.log_rows:
@@ -206,7 +200,9 @@ def _isolated(residual: Array, stacked: Stack) -> Array:
 
 
 def _loss_weights(apart: Array, *, biweight: bool) -> Array:
-    """Weights [n] of Huber's loss, or of Tukey's, for isolated residuals [n] over their scale."""
+    """Weights [n] of Huber's loss or of Tukey's biweight for isolated residuals [n] relative to
+    their scale.
+    """
     ratio = np.abs(apart) / (mad_sigma(apart) or 1.0)
     if biweight:
         return np.asarray((1.0 - np.minimum(ratio / TUKEY, 1.0) ** 2) ** 2, dtype=np.float64)
@@ -214,7 +210,7 @@ def _loss_weights(apart: Array, *, biweight: bool) -> Array:
 
 
 def coefficients(columns: Array, weights: Array, stacked: Stack, names: Sequence[str]) -> Array:
-    """Coefficients [k] of a weighted fit, each log with its own offset.
+    """Coefficients [k] of a weighted fit with a free offset per log.
 
     Raises FitError naming the terms that the logs cannot determine.
     """
@@ -231,10 +227,10 @@ def coefficients(columns: Array, weights: Array, stacked: Stack, names: Sequence
 
 
 def robust_weights(columns: Array, stacked: Stack) -> Array:
-    """Tukey's weights [n] of the rows of a fit to these columns, started from Huber's.
+    """Tukey's biweight weights [n] of the rows of a fit to these columns, iterated from Huber's.
 
-    The loss acts on isolated residuals: where a model misses a transient for minutes no row loses
-    its weight, and columns that the logs cannot tell apart do not matter.
+    The loss acts on isolated residuals, so that rows keep their weight where a model misses a
+    transient of minutes; linearly dependent columns are allowed.
     """
     weights = np.ones(stacked.indication.size)
     for biweight in (False, True):
@@ -247,15 +243,17 @@ def robust_weights(columns: Array, stacked: Stack) -> Array:
 
 
 def _lasting(log: ThermalLog) -> list[int]:
-    """Numbers of blocks that are LASTING_S apart, at most LASTING_LAGS of them."""
+    """Lags [blocks] of the residual products of a log, between both LASTING_S; about LASTING_LAGS
+    of them.
+    """
     step = float(np.median(np.diff(log.time)))
     first, last = (max(round(apart / step), 1) for apart in LASTING_S)
     return list(range(first, last + 1, max((last - first) // (LASTING_LAGS - 1), 1)))
 
 
 def _projected_out(columns: Array, weights: Array, stacked: Stack) -> Array:
-    """Residuals [n] of a weighted fit of whatever the columns determine, each log with its own
-    offset.
+    """Residuals [n, °/h] of a weighted least-squares fit (pseudo-inverse) with a free offset per
+    log.
     """
     matrix = pool_moments(moments(columns, weights, stacked), stacked)
     square = np.diag(matrix)[:-1]
@@ -270,8 +268,8 @@ def _projected_out(columns: Array, weights: Array, stacked: Stack) -> Array:
 
 
 def balanced_weights(columns: Array, robust: Array, stacked: Stack, names: Sequence[str]) -> Array:
-    """Weights [n] of the rows: their robust weights [n], shared out over the temperatures by their
-    occupancy.
+    """Weights [n] of the rows: robust weights [n] times the weights by the occupancy of their
+    temperatures.
     """
     found = coefficients(columns, robust, stacked, names)
     residual, _ = _residuals(columns, found, robust, stacked)
@@ -287,7 +285,7 @@ def balanced_weights(columns: Array, robust: Array, stacked: Stack, names: Seque
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """A solved model in the scaled basis: what it is made of, and where its minimum is."""
+    """Fitted model in the scaled basis, with the columns and weights of its fit."""
 
     form: Literal["level", "lagged"]
     terms: tuple[str, ...]
@@ -296,22 +294,21 @@ class Solution:
     columns: Array
     """[n, k], the scaled terms without b0."""
     sensitivities: Array
-    """[n, m], change of the drift for a change of the logarithm of each lag that is free."""
+    """[n, m], derivative of the drift by the logarithm of each free lag."""
     coefficients: Array
     """[k]."""
     log_lags: Array
-    """Logarithms of the lags [s]; none of a level model."""
+    """Logarithms of the lags [s]; empty for a level model."""
     free: Mask
-    """[lags], whether a lag was fitted and is not on its bound."""
+    """[lags], whether a lag is determined by the fit and not at its bound."""
     robust: Array
     """[n], robust weights."""
     weights: Array
-    """[n], these with the occupancy of the temperatures."""
+    """[n], robust weights times those by the occupancy of the temperatures."""
     window_s: float
 
     def finish(self, stacked: Stack) -> ThermalModel:
-        """Drift model of a solution, in raw units, with a covariance for noise that is as long as
-        the logs.
+        """Drift model in raw units, with a covariance for white and flicker noise.
 
         Raises FitError naming the terms that the logs cannot determine.
         """
@@ -351,8 +348,8 @@ class Solution:
 
 
 def _exact(solution: Solution, stacked: Stack) -> Array:
-    """Coefficients [k] by orthogonal factorisation of the columns less their weighted means in each
-    log.
+    """Coefficients [k] by orthogonal factorisation of the columns, centred by their weighted means
+    in each log.
     """
     whole = np.column_stack([solution.columns, stacked.indication])
     centred = _centre(whole, solution.weights, stacked)
@@ -362,8 +359,8 @@ def _exact(solution: Solution, stacked: Stack) -> Array:
 
 
 def _to_raw_and_lags(solution: Solution, logs: int, chosen: Integers) -> Array:
-    """Matrix [9 + lags, logs + k + free lags] from offsets, scaled coefficients and free log lags
-    to raw units and seconds.
+    """Matrix [9 + lags, logs + k + free lags] from (offsets, scaled coefficients, logarithms of the
+    free lags) to raw units and seconds.
     """
     k, lags = chosen.size, solution.log_lags.size
     scaled = np.zeros((9 + lags, logs + k + int(solution.free.sum())))
@@ -378,8 +375,8 @@ def _to_raw_and_lags(solution: Solution, logs: int, chosen: Integers) -> Array:
 
 
 def _turn_on_variance(level: Array, covariance: Array) -> float:
-    """Variance [(°/h)²] of the mean turn-on bias of the logs: what their offsets scatter beyond
-    their own uncertainty.
+    """Variance [(°/h)²] of the mean turn-on bias: the scatter of the logs' offsets beyond their own
+    uncertainty, over their number.
     """
     count = level.size
     if count < 2:

@@ -1,12 +1,12 @@
-"""Terms of the thermal drift models on levels, their scaled basis, and the ranges they may be
-evaluated in.
+"""Terms of the level and lagged drift models, their scaled basis, and the fitted ranges of their
+drivers.
 
     ω = b0 + b1 T + b2 T² + b3 T³ + s_rate Ṫ + s_grad G + s_grad2 G² + s_temp_rate T Ṫ + s_grad_rate
     Ġ
 
-is the environmental model of IEEE Std 952 (D_T ΔT + D_Ṫ dT/dt + D_∇T d∇T/dt) with the static part
-to third order and the products that a coil's conduction and Shupe effect bring. What T and G stand
-for is the matter of `level` and `lagged`.
+is the environmental model of IEEE Std 952 (D_T ΔT + D_Ṫ dT/dt + D_∇T d∇T/dt), with the static part
+to third order and products for the coil's conduction and Shupe effect. The modules `level` and
+`lagged` define T and G.
 """
 
 from collections.abc import Sequence
@@ -35,15 +35,13 @@ UNITS = (
     "deg/h/(K/min)",
 )
 LAGS = ("tau_outer", "tau_inner")
-"""Lags of a lagged model [s], whose derivatives stand behind those of the terms."""
+"""Names of the lags of a lagged model [s]; their derivatives follow those of the terms."""
 NEEDS = {"b2": "b1", "b3": "b2", "s_grad2": "s_grad", "s_temp_rate": "s_rate"}
-"""A term that is only meaningful beside another: without it the model would depend on where a scale
-has its zero.
-"""
+"""Term → lower term that it needs: without it the model would depend on the zero of a scale."""
 
 
 class Drivers(NamedTuple):
-    """What drift is a function of, each [n]: temperature [°C], its rate [°C/min], gradient [K], its
+    """Inputs of the drift model, each [n]: temperature [°C], its rate [°C/min], gradient [K], its
     rate [K/min].
     """
 
@@ -53,7 +51,7 @@ class Drivers(NamedTuple):
     gradient_rate: Array
 
     def valid(self) -> "Valid":
-        """Ranges that the drivers cover."""
+        """Range of each driver."""
         return Valid(*((float(values.min()), float(values.max())) for values in self))
 
     def raw_design(self) -> Array:
@@ -77,7 +75,7 @@ class Drivers(NamedTuple):
         return slope
 
     def scaled_design(self, scales: "Scales") -> Array:
-        """Design [n, 9] on scaled drivers: the same terms, well conditioned."""
+        """Design [n, 9] of the same terms on scaled drivers, well conditioned."""
         return Drivers(
             (self.temperature - scales.middle) / scales.half,
             self.rate / scales.rate,
@@ -97,7 +95,7 @@ class Valid(NamedTuple):
     gradient_rate: Span
 
     def scales(self) -> "Scales":
-        """Scales of the ranges that drivers cover; a driver that is always zero keeps its unit."""
+        """Scales for these ranges; a driver that is always zero has scale 1."""
         low, high = self.temperature
         largest = [
             max(abs(a), abs(b)) or 1.0 for a, b in (self.rate, self.gradient, self.gradient_rate)
@@ -106,7 +104,9 @@ class Valid(NamedTuple):
 
 
 def chosen_columns(terms: Sequence[str]) -> Integers:
-    """Columns of the design that a term set uses; raises FitError for a set that is not one."""
+    """Design columns of a set of terms; raises FitError for an unknown term or one without the term
+    it needs.
+    """
     for term in terms:
         if term not in TERMS:
             raise FitError(
@@ -121,8 +121,8 @@ def chosen_columns(terms: Sequence[str]) -> Integers:
 
 @dataclass(frozen=True, slots=True)
 class Scales:
-    """Maps of the drivers to about [−1, 1]: u = (T − middle)/half, the others divided by their
-    largest magnitude.
+    """Scales of the drivers to about [−1, 1]: u = (T − middle)/half; the others are divided by
+    their largest magnitude.
     """
 
     middle: float
@@ -132,7 +132,7 @@ class Scales:
     gradient_rate: float
 
     def to_raw(self) -> Array:
-        """Matrix [9, 9] from coefficients of the scaled design to those in raw units."""
+        """Matrix [9, 9] from coefficients of the scaled design to coefficients in raw units."""
         matrix = np.zeros((9, 9))
         matrix[:4, :4] = polynomial.to_raw_powers(self.middle, self.half, 3)
         product = self.half * self.rate
@@ -144,39 +144,40 @@ class Scales:
 
 @dataclass(frozen=True, slots=True)
 class ThermalModel:
-    """A finished drift model on levels, of either form."""
+    """Fitted drift model of form level or lagged."""
 
     form: Literal["level", "lagged"]
     terms: tuple[str, ...]
-    """The terms that were fitted; the others are 0."""
+    """Fitted terms; the coefficients of the others are 0."""
     coefficients: Array
     """[9], in the order and units of TERMS and UNITS."""
     lags: tuple[float, ...]
-    """tau_outer and, unless the coil is one mass, tau_inner [s]; none of a level model."""
+    """tau_outer and, for a coil of two masses, tau_inner [s]; empty for a level model."""
     covariance: Array
-    """[9 + lags, 9 + lags], type A, of the coefficients and the lags; zero for terms that were not
-    fitted.
+    """[9 + lags, 9 + lags], type A covariance of coefficients and lags; zero for terms that were
+    not fitted.
     """
     window_s: float
-    """Trailing window of the rates of a level model [s]; 0 of a lagged one."""
+    """Trailing window of the rates of a level model [s]; 0 for a lagged model."""
     valid: Valid
     turn_on: Array
-    """Bias [°/h] of each log against b0."""
+    """[logs], bias of each log relative to b0 [°/h]."""
     dof: int
     residual_rms: float
-    """Of the block means [°/h], spikes left out."""
+    """Residual rms of the block means without spikes [°/h]."""
     noise: Noise
-    """White noise of a block and flicker (model misfit included) that the uncertainties stand on.
+    """White noise of a block and flicker noise (including model misfit), from which the covariance
+    follows.
     """
     model_error: float
-    """What lasts in ramps that were left out of the fit [°/h], beyond type A and noise; 0 where
-    none was.
+    """Standard deviation of the model's error on left-out ramps beyond type A and noise [°/h]; 0 if
+    none was left out.
     """
     model_error_dof: float
-    """Degrees of freedom of the model error: ramps that were left out, less one."""
+    """Degrees of freedom of the model error: number of left-out ramps less one."""
     entangled: tuple[str, ...]
-    """Coefficients and lags whose uncertainties hold together, through the covariance, but not one
-    by one.
+    """Coefficients and lags whose uncertainties hold jointly, through the covariance, but not
+    individually.
     """
     flags: tuple[str, ...]
 
@@ -186,6 +187,6 @@ class ThermalModel:
         return np.sqrt(np.clip(np.diag(self.covariance), 0.0, None))
 
     def nearest_fitted(self, temperature: float) -> float:
-        """Temperature [°C], brought into the fitted range."""
+        """Temperature [°C] clamped to the fitted range."""
         low, high = self.valid.temperature
         return min(max(temperature, low), high)

@@ -1,5 +1,5 @@
-"""What the compensated rate is uncertain by: coefficients, model error on ramps not seen, clamping;
-and the hysteresis left.
+"""Uncertainty of the compensated rate (coefficients, model error on left-out ramps, clamping), and
+the residual hysteresis.
 """
 
 from collections.abc import Sequence
@@ -17,27 +17,26 @@ from calibkit.instruments.fog_thermal.numeric.terms import ThermalModel
 from calibkit.numeric import gum
 
 NEIGHBOURING = (1, 2, 3)
-"""How many means apart left-out errors are compared: 100 to 300 s."""
+"""Lags, in 100 s means, of the products of left-out errors: 100 to 300 s."""
 POSTERIOR_REACH = 6.0
-"""Standard errors beyond which nothing of the model error's posterior is left."""
+"""Standard errors beyond which the posterior of the model error is negligible."""
 POSTERIOR_LEVELS = 2001
 MOVING_DEGC_MIN = 0.3
-"""Temperature rate [°C/min] above which a block counts as heating, below minus which as cooling."""
+"""Temperature rate [°C/min] above which a block is heating, and below its negative cooling."""
 HYSTERESIS_BIN_DEGC = 5.0
 LEAST_BLOCKS = 5
-"""Blocks on each side that a bin of the hysteresis needs."""
+"""Fewest heating and fewest cooling blocks in a bin of the hysteresis."""
 
 
 def model_error(errors: Sequence[Array], explained: float = 0.0) -> float:
-    """Model error [°/h] from errors of left-out ramps [m, °/h each]: what lasts in them beyond
+    """Model error [°/h] from the errors [m, °/h] of each left-out ramp: what persists beyond
     `explained` [(°/h)²].
 
-    White noise drops out of products of neighbouring errors; what a model misses on a ramp that it
-    has not seen lasts, and stays. So do flicker noise and the uncertainty of the coefficients,
-    whose mean product `explained` takes off: they are stated apart. The mean product has a standard
-    error, from the scatter of the ramps, so that what is left of it may come out small, or
-    negative, by chance: the model error is the root mean square over its posterior for a flat
-    prior.
+    White noise cancels in the mean product of neighbouring errors; the persistent error of the
+    model does not. Neither do flicker noise and the uncertainty of the coefficients, which are
+    stated separately: their mean product `explained` is subtracted. The difference may be small or
+    negative by chance; the model error is therefore the root mean square over its posterior for a
+    flat prior, with the standard error from the scatter of the ramps.
     """
     products, counts = _products(errors)
     if counts.sum() == 0:
@@ -55,7 +54,9 @@ def model_error(errors: Sequence[Array], explained: float = 0.0) -> float:
 
 
 def _products(errors: Sequence[Array]) -> tuple[Array, Array]:
-    """Sum of the products of neighbouring errors of each ramp [r], and how many they are [r]."""
+    """Sums [ramps] of the products of neighbouring errors of each ramp, and the numbers of products
+    [ramps].
+    """
     sums = [sum(float(e[k:] @ e[: e.size - k]) for k in NEIGHBOURING if k < e.size) for e in errors]
     return np.array(sums), np.array(
         [sum(max(e.size - k, 0) for k in NEIGHBOURING) for e in errors], dtype=np.float64
@@ -63,10 +64,10 @@ def _products(errors: Sequence[Array]) -> tuple[Array, Array]:
 
 
 def explained(model: ThermalModel, logs: Sequence[ThermalLog], group: int) -> float:
-    """Mean product [(°/h)²] of neighbouring errors, means over a group of blocks, that type A and
-    flicker noise make.
+    """Mean product [(°/h)²] of neighbouring errors (means over a group of blocks) that type A
+    uncertainty and flicker noise cause.
 
-    Each ramp is taken about its own mean, as left-out errors are.
+    The mean of each ramp is removed, as for left-out errors.
     """
     longest = max(log.time.size for log in logs) // group
     flicker = model.noise.flicker**2 * thermal_noise.flicker_kernel(max(longest, 1))
@@ -89,7 +90,7 @@ def explained(model: ThermalModel, logs: Sequence[ThermalLog], group: int) -> fl
 
 
 def about_its_mean(covariance: Array) -> Array:
-    """Covariance [m, m] of values less their mean."""
+    """Covariance [m, m] of values less their mean, from that of the values."""
     columns = covariance - covariance.mean(axis=0)
     return np.asarray(columns - columns.mean(axis=1)[:, None], dtype=np.float64)
 
@@ -100,11 +101,11 @@ def contributions(
     """Independent contributions to the uncertainty of the drift along a log, each with its name,
     kind, values [n, °/h] and degrees of freedom.
 
-    Type A of coefficients and lags, propagated (JCGM 100, 5.2.2); the model error on left-out
-    ramps; where a driver was clamped, a rectangular distribution as wide to either side as what the
-    model would have given without clamping. The type A variance is already the mean over what the
-    noise may be (thermal_noise.estimated), so that k = 2 covers 95 %: its degrees of freedom count
-    as infinite (Kacker & Jones 2003, Metrologia 40:235).
+    They are: type A uncertainty of coefficients and lags, propagated (JCGM 100, 5.2.2); the model
+    error on left-out ramps; and where a driver was clamped, a rectangular distribution whose half
+    width is the change of drift by clamping. The type A variance already is the mean over the
+    posterior of the noise (`noise.estimate`), so that k = 2 covers 95 %; its degrees of freedom
+    count as infinite (Kacker & Jones 2003, Metrologia 40:235).
     """
     type_a = gum.uncertainty_along(evaluation.sensitivities, model.covariance)
     missed = np.full(type_a.size, model.model_error)
@@ -117,8 +118,8 @@ def contributions(
 
 @dataclass(frozen=True, slots=True)
 class Hysteresis:
-    """Cooling less heating [m, °/h] of what a model leaves, over case temperature [m, °C], with
-    standard uncertainties [m].
+    """Residual drift on cooling less that on heating ramps [m, °/h] at case temperatures [m, °C],
+    with standard uncertainties [m, °/h].
     """
 
     temperature: Array
@@ -127,20 +128,20 @@ class Hysteresis:
 
     @property
     def rms(self) -> float:
-        """Root mean square [°/h] of the differences beyond their uncertainties; 0 where these
-        explain them.
+        """Root mean square [°/h] of the differences beyond their uncertainties; 0 if the
+        uncertainties explain them.
         """
         excess = float(np.mean(self.difference**2 - self.standard_uncertainty**2))
         return float(np.sqrt(max(excess, 0.0)))
 
 
 def hysteresis(model: ThermalModel | None, logs: Sequence[ThermalLog]) -> Hysteresis:
-    """Compare what a model leaves (without one: the indication) on heating and on cooling ramps at
-    the same case temperature.
+    """Compare the residual drift of a model (without one, the indication) on heating and on cooling
+    ramps at equal case temperature.
 
-    Each log's mean is taken off first, as its turn-on bias cannot be told from it: of the
-    hysteresis its shape is shown, not a constant part. Raises FitError where no temperature was
-    passed in both directions.
+    The mean of each log, which contains its turn-on bias, is removed first: the result is the shape
+    of the hysteresis without its constant part. Raises FitError if no temperature was passed in
+    both directions.
     """
     parts = []
     for log in logs:
@@ -167,5 +168,5 @@ def hysteresis(model: ThermalModel | None, logs: Sequence[ThermalLog]) -> Hyster
 
 
 def _smoothed(values: Array) -> Array:
-    """Running mean [n] over nine blocks: the steps of a quantised thermometer are no motion."""
+    """Running mean [n] over nine blocks, which suppresses the steps of a quantised thermometer."""
     return np.convolve(np.pad(values, 4, mode="edge"), np.full(9, 1.0 / 9.0), mode="valid")
