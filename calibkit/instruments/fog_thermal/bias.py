@@ -1,8 +1,7 @@
-"""A thermal drift model and its logs → mean rate at the reference temperature, the earth's part of
-it, and the bias.
+"""Thermal drift model and its logs → mean rate at the reference temperature, earth's rate along the
+input axis, and bias.
 
-Beside it the turn-on bias of each log, and the hysteresis that the model leaves, cooling against
-heating.
+Also the turn-on bias of each log, and the hysteresis of the residual drift (cooling less heating).
 """
 
 from collections.abc import Sequence
@@ -35,7 +34,7 @@ NO_BIAS = (
 @dataclass(frozen=True, slots=True)
 class _StatedBias:
     """Bias at rest and hysteresis of a run: figures of drift_rate.json, flags, tables, combined
-    uncertainties as JSON objects, and the hysteresis by the name of what it is of.
+    uncertainties as JSON objects, and named hysteresis curves.
     """
 
     figures: tuple[Figure, ...]
@@ -47,8 +46,8 @@ class _StatedBias:
 
 @dataclass(frozen=True, slots=True)
 class _Rest:
-    """Rate at rest at a temperature with its type A standard uncertainty, and the earth's along the
-    input axis, where known.
+    """Rate at rest at a temperature, its type A standard uncertainty, and the earth's rate along
+    the input axis, if known.
     """
 
     temp_degc: float
@@ -58,21 +57,21 @@ class _Rest:
     by_latitude: float
     """Derivative of the earth's rate by latitude [°/h/°]."""
     turn_on: tuple[tuple[str, float], ...]
-    """Bias [°/h] of each log against their mean."""
+    """Names of the logs and their biases relative to the mean of all [°/h]."""
 
     @property
     def bias_dph(self) -> float | None:
-        """Rate less that of the earth."""
+        """Rate at rest less the earth's rate [°/h]; None if the latter is not known."""
         return None if self.earth_dph is None else self.rate_dph - self.earth_dph
 
 
 @dataclass(frozen=True, slots=True)
 class _BothWays:
-    """Cooling less heating at the same case temperature: of the indication, and of what the model
-    leaves (where there is one).
+    """Hysteresis (cooling less heating at equal case temperature) of the indication and of the
+    residual drift of the model, if there is one.
 
-    `constant` is that of the logs' turn-on biases with its standard uncertainty: a constant part of
-    the hysteresis, or chance.
+    `constant` is the difference of the turn-on biases of cooling and heating logs and its standard
+    uncertainty [°/h]: a constant part of the hysteresis, or chance.
     """
 
     before: Hysteresis
@@ -83,7 +82,7 @@ class _BothWays:
 def state_bias(
     model: DriftModel, logs: Sequence[PreparedLog], recipe: FogThermalRecipe
 ) -> _StatedBias:
-    """Bias at rest at the reference temperature, and hysteresis, where the logs show them."""
+    """Bias at rest at the reference temperature and hysteresis, if the logs determine them."""
     rest, ways = _at_rest(model, logs, recipe), _compare_ways(model, logs)
     figures: list[Figure] = []
     tables: list[Table] = []
@@ -107,10 +106,8 @@ def state_bias(
 
 
 def _earth_rate(recipe: FogThermalRecipe) -> tuple[float | None, float]:
-    """Earth's rate [°/h] along the input axis and its derivative by latitude [°/h/°]; none and 0
-    where it is not known.
-
-    It is where latitude and attitude of the axis are given.
+    """Earth's rate [°/h] along the input axis and its derivative by latitude [°/h/°]; (None, 0) if
+    latitude or axis is not given.
     """
     axis, latitude = recipe.input_axis, recipe.site.latitude_deg
     if axis is None or latitude is None:
@@ -122,8 +119,8 @@ def _earth_rate(recipe: FogThermalRecipe) -> tuple[float | None, float]:
 def _at_rest(
     model: DriftModel, logs: Sequence[PreparedLog], recipe: FogThermalRecipe
 ) -> _Rest | None:
-    """Rate at rest at the reference temperature; none without a model on levels, which alone tells
-    it from the drift.
+    """Rate at rest at the reference temperature; None without a level or lagged model, which
+    separates rate and drift.
     """
     if model.thermal is None:
         return None
@@ -141,7 +138,7 @@ def _at_rest(
 
 
 def _flags(rest: _Rest, recipe: FogThermalRecipe) -> list[str]:
-    """Flag of a rate at rest that is not at the temperature that was asked for."""
+    """Flag if the rate at rest is stated at another temperature than the recipe asks for."""
     if rest.temp_degc == recipe.reference_temp_degc:
         return []
     outside = f"reference_temp_degc = {recipe.reference_temp_degc:g} lies outside the fitted"
@@ -149,7 +146,7 @@ def _flags(rest: _Rest, recipe: FogThermalRecipe) -> list[str]:
 
 
 def conditions(recipe: FogThermalRecipe) -> tuple[Condition, ...]:
-    """Latitude and attitude of the input axis, where they are given."""
+    """Latitude [°], and elevation and azimuth of the input axis [°], if given."""
     found = []
     if recipe.site.latitude_deg is not None:
         found.append(Condition("latitude", recipe.site.latitude_deg, "deg"))
@@ -161,7 +158,7 @@ def conditions(recipe: FogThermalRecipe) -> tuple[Condition, ...]:
 
 
 def _rest_figures(rest: _Rest) -> list[Figure]:
-    """Figures at rest, type A."""
+    """Figures of the rates at rest with type A standard uncertainties."""
     found = [Figure("mean_rate_at_reference", rest.rate_dph, "deg/h", rest.standard_uncertainty)]
     if rest.earth_dph is not None and rest.bias_dph is not None:
         found.append(Figure("earth_rate_along_input_axis", rest.earth_dph, "deg/h", 0.0))
@@ -171,8 +168,8 @@ def _rest_figures(rest: _Rest) -> list[Figure]:
 
 
 def _uncertainty(rest: _Rest, recipe: FogThermalRecipe) -> list[dict[str, Any]]:
-    """Combined uncertainty of the bias as a JSON object, type B terms of the latitude and of the
-    rate in it; none without one.
+    """Combined uncertainty of the bias with type B terms of latitude and rate, as a JSON object;
+    empty without a bias or such terms.
     """
     if rest.bias_dph is None or recipe.site.latitude_deg is None:
         return []
@@ -193,7 +190,7 @@ def _uncertainty(rest: _Rest, recipe: FogThermalRecipe) -> list[dict[str, Any]]:
 
 
 def _rest_table(rest: _Rest) -> Table:
-    """Mean rate, the earth's part, the bias, and the turn-on bias of each log."""
+    """Table of mean rate, earth's rate, bias, and the turn-on bias of each log."""
     u = number(rest.standard_uncertainty, 2)
     rows = [("mean rate", f"{rest.rate_dph:+.4f}", u)]
     if rest.earth_dph is None:
@@ -212,7 +209,7 @@ def _rest_table(rest: _Rest) -> Table:
 
 
 def _compare_ways(model: DriftModel, logs: Sequence[PreparedLog]) -> _BothWays | None:
-    """Heating against cooling; none without ramps both ways."""
+    """Hysteresis of indication and residual drift; None without ramps in both directions."""
     thermal = [log.thermal for log in logs]
     try:
         before = thermal_uncertainty.hysteresis(None, thermal)
@@ -228,8 +225,8 @@ def _compare_ways(model: DriftModel, logs: Sequence[PreparedLog]) -> _BothWays |
 
 
 def _constant(model: ThermalModel, logs: Sequence[PreparedLog]) -> tuple[float, float] | None:
-    """Turn-on biases of cooling logs less those of heating ones; none where a log has ramps both
-    ways or a side has one log.
+    """Mean turn-on bias of cooling logs less that of heating logs, and its standard uncertainty
+    [°/h]; None with fewer than two logs a side, or a log with ramps in both directions.
     """
     ways = [{ramp.rate > 0.0 for ramp in log.ramps} for log in logs]
     heating, cooling = (
@@ -242,7 +239,9 @@ def _constant(model: ThermalModel, logs: Sequence[PreparedLog]) -> tuple[float, 
 
 
 def _hysteresis_figures(ways: _BothWays) -> list[Figure]:
-    """Rms beyond noise, and the difference at each temperature, before and after."""
+    """Figures of the hysteresis: rms beyond noise and difference at each temperature, before and
+    after compensation.
+    """
     figures = []
     for name, side in (("hysteresis_before", ways.before), ("hysteresis", ways.after)):
         if side is not None:
@@ -260,7 +259,7 @@ def _hysteresis_figures(ways: _BothWays) -> list[Figure]:
 
 
 def _hysteresis_table(ways: _BothWays) -> Table:
-    """Table of cooling against heating."""
+    """Table of the hysteresis at each case temperature."""
     before, after, left, rms_left = ways.before, ways.before, [""] * len(ways.before.difference), ""
     if ways.after is not None:
         after, rms_left = ways.after, number(ways.after.rms, 2)

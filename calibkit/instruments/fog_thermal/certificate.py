@@ -1,6 +1,4 @@
-"""Results of a gyro's thermal drift: what each ramp gave, the exported drift model, drift at rest
-and on ramps, hysteresis.
-"""
+"""Certificate of the thermal drift: exported model, drift at rest and on ramps, hysteresis."""
 
 import math
 from collections.abc import Callable
@@ -32,9 +30,7 @@ from calibkit.instruments.fog_thermal.bias import RESULT as BIAS
 from calibkit.numeric import earth, gum
 
 RATES = (10.0, 5.0, 2.0, 1.0, 0.5)
-"""Temperature rates [°C/min] of which the fastest that the model holds at is taken for the ramp
-values.
-"""
+"""Rates [°C/min]; drift on ramps is stated at the fastest that was fitted."""
 COEFFICIENT_RATES = (-10.0, -8.0, -5.0, -3.0, -1.0, 1.0, 3.0, 5.0, 8.0, 10.0)
 """Temperature rates [°C/min] that the coefficients of the published scheme are stated at."""
 AT_REST = Words("at rest", "稳态")
@@ -42,7 +38,7 @@ MODEL_ERROR = Words("model error on ramps left out", "留出温变的模型误�
 
 
 def blocks(stated: Stated) -> tuple[Block, ...]:
-    """What was exported first, then what each ramp gave by itself."""
+    """Blocks of the exported drift model and of the coefficients of each ramp."""
     made: list[Block] = []
     if forms.FILE in stated.records:
         made.append(_exported(stated, stated.records[forms.FILE]))
@@ -52,7 +48,7 @@ def blocks(stated: Stated) -> tuple[Block, ...]:
 
 
 def _exported(stated: Stated, record: Record) -> Block:
-    """The exported drift model, or the statement that none was."""
+    """Block of the exported drift model, or of the statement that none was exported."""
     tables: list[ListTable | GridTable] = []
     notes: list[Words] = []
     for model in record.models:
@@ -91,16 +87,14 @@ def _exported(stated: Stated, record: Record) -> Block:
 
 
 _State = tuple[float, float, Array]
-"""Indicated rate [°/h], its slope over the case temperature [°/h/°C], and its derivatives [p] by
-the coefficients.
+"""Indicated rate [°/h], its derivative by case temperature [°/h/°C], and its derivatives [p] by the
+coefficients.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class _OnLevels:
-    """A model on levels as a certificate states it: bias at the reference, drift at rest over
-    temperature, and of a lagged model on ramps that last.
-    """
+    """Results of a level or lagged model: bias at the reference, drift at rest and on ramps."""
 
     stated: Stated
     record: Record
@@ -108,12 +102,12 @@ class _OnLevels:
 
     @property
     def reference(self) -> float:
-        """Reference temperature [°C], brought into the fitted range."""
+        """Reference temperature [°C], clamped to the fitted range."""
         low, high = self.model.valid[TEMPERATURE]
         return min(max(self.stated.reference_degc, low), high)
 
     def tables(self) -> list[ListTable | GridTable]:
-        """Bias at the reference, and drift over temperature where there is any to state it at."""
+        """Tables of the bias at the reference and of the drift over temperature."""
         at = f"{self.reference:g} °C"
         bias = ListTable(Words(f"Bias at {at}", f"{at} 零偏"), self._bias())
         temperatures = self.stated.grid(self.model)
@@ -135,7 +129,7 @@ class _OnLevels:
         return [bias, drift]
 
     def _state(self, t: float, rate: float = 0.0) -> _State:
-        """State at a case temperature [°C] and a rate [°C/min] that was held."""
+        """State at a case temperature [°C] on a steady ramp [°C/min]."""
         at = {forms.CASE: np.array([t]), forms.RATE: np.array([rate])}
         form = forms.ON_LEVELS[self.model.form]
         value, slope = form.evaluate(self.model, at), forms.slope_over_case(self.model, at)
@@ -152,7 +146,7 @@ class _OnLevels:
         symbol: str = "D",
         principal: bool = False,
     ) -> Result:
-        """Result at a case temperature [°C], on a ramp [°C/min] where a rate is given."""
+        """Result at a case temperature [°C] and rate [°C/min], with uncertainty."""
         value, slope, derivatives = state
         quantity = f"{self.record.stage}.{self.model.name}.{name}"
         ramp = (("temp_rate", rate, "degC/min"),) if rate else ()
@@ -174,14 +168,14 @@ class _OnLevels:
         )
 
     def _model_error(self) -> tuple[tuple[Words, float, float], ...]:
-        """What lasts on ramps that were left out of the fit, with its degrees of freedom."""
+        """Model error on left-out ramps [°/h] with its degrees of freedom; empty if 0."""
         chosen = {parameter.name: parameter.value for parameter in self.model.parameters}
         error, dof = chosen.get("model_error", 0.0), chosen.get("model_error_dof", math.inf)
         return ((MODEL_ERROR, error, dof),) if error > 0.0 else ()
 
     def _bias(self) -> tuple[Result, ...]:
-        """Bias at the reference with the earth's rate, and without it where the run knew latitude
-        and attitude of the input axis.
+        """Bias at the reference including the earth's rate, and without it if latitude and attitude
+        of the input axis are known.
         """
         state = self._state(self.reference)
         words = Words("bias at rest, the earth's rate included", "稳态零偏（含地球自转分量）")
@@ -219,12 +213,12 @@ class _OnLevels:
         return bias, own
 
     def _against_reference(self, state: _State) -> _State:
-        """State less that at rest at the reference, which stays where it is."""
+        """State relative to rest at the reference; the derivative by temperature is unchanged."""
         value, _, derivatives = self._state(self.reference)
         return state[0] - value, state[1], state[2] - derivatives
 
     def _at_rest(self, t: float, *, principal: bool) -> Result:
-        """Drift at rest."""
+        """Drift at rest at a case temperature [°C]."""
         found = self._result(
             "drift",
             Words("thermal drift at rest", "稳态热致漂移"),
@@ -237,8 +231,8 @@ class _OnLevels:
         )
 
     def _on_ramps(self) -> list[tuple[Words, str, Callable[[float], Result | None]]]:
-        """Columns of drift on ramps both ways and their difference, of a lagged model; empty where
-        the coil was outside its fitted temperatures.
+        """Columns of a lagged model's drift on ramps; cells are empty where the coil is out of
+        range.
         """
         if self.model.form != forms.LAGGED.name:
             return []
@@ -278,14 +272,16 @@ class _OnLevels:
         ]
 
     def _coil_fitted(self, t: float, *rates: float) -> bool:
-        """Whether the coil is inside its fitted temperatures at a case temperature on ramps."""
+        """Whether the coil is within its fitted temperatures at a case temperature [°C] on ramps
+        [°C/min].
+        """
         at = {forms.CASE: np.full(len(rates), t), forms.RATE: np.array(rates)}
         coil, (low, high) = forms.drivers_at(self.model, at), self.model.valid[TEMPERATURE]
         return bool(np.all((low <= coil.temperature) & (coil.temperature <= high)))
 
 
 def _plot(table: GridTable) -> Figure:
-    """Drift over case temperature, at rest and on ramps."""
+    """Figure of the drift over case temperature, at rest and on ramps."""
     series = []
     for k, head in enumerate(table.heads[:3]):
         points = [
@@ -306,7 +302,7 @@ def _plot(table: GridTable) -> Figure:
 
 
 def _rate_values(stated: Stated, record: Record, model: Model) -> GridTable:
-    """a_j at rates inside the fitted range."""
+    """Table of a_j at temperature rates within the fitted range."""
     low, high = model.valid[forms.RATE]
     rates = [rate for rate in COEFFICIENT_RATES if low <= rate <= high] or [low, high]
     order = len(model.coefficients) // 3 - 1
@@ -337,7 +333,7 @@ def _rate_values(stated: Stated, record: Record, model: Model) -> GridTable:
 
 
 def _before_after(stated: Stated, record: Record) -> GridTable:
-    """Drift rms of the fitted logs before and after, with the rate gain: descriptors."""
+    """Table of the fitted logs' drift rms before and after compensation, with the rate gain."""
     found = {figure.name: figure for figure in record.figures}
     logs = [name.partition(".")[2] for name in found if name.startswith("drift_rms_before.")]
     kinds = (
@@ -368,7 +364,7 @@ def _before_after(stated: Stated, record: Record) -> GridTable:
 
 
 def _ramps(stated: Stated, record: Record) -> Block:
-    """a0, a1, a2 of every ramp, per interval."""
+    """Block of a0, a1, a2 of every ramp, per interval."""
     units = forms.GRADIENT_UNITS
     cells = tuple(
         tuple(

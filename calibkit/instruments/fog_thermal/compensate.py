@@ -1,4 +1,4 @@
-"""Drift model of a run and a log → compensated indication, and what the compensation is worth."""
+"""Drift model of a run and a log → compensated indication, and drift figures before and after."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -19,14 +19,14 @@ from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 from calibkit.numeric import chunks
 
 FLAGGED_SHARE = 0.005
-"""Share of a log up to which a bound may be met without a flag."""
+"""Largest share of a log that may be held or clamped without a flag."""
 Mode = Literal["recursive", "one_step"]
 
 
 @dataclass(frozen=True, slots=True)
 class _Drift:
-    """Drift [n, °/h] along block means, its increments from block to block, and the share of the
-    log over which each bound was met.
+    """Drift [n, °/h] along block means, its increments [n, °/h] between blocks, and the share of
+    blocks at each bound.
     """
 
     level: Array
@@ -34,7 +34,7 @@ class _Drift:
     bounds: Mapping[str, float]
 
     def flags(self, name: str) -> tuple[str, ...]:
-        """What was held or clamped along the log of that name, in shares of its length."""
+        """Flags of what was held or clamped along the log `name`, with its share of the blocks."""
         return tuple(
             f"{name}: {what} over {100.0 * share:.0f} %"
             for what, share in self.bounds.items()
@@ -52,8 +52,8 @@ class _Drift:
 
 @dataclass(frozen=True, slots=True)
 class DriftModel:
-    """The exported drift term: rate polynomials, or a thermal model on levels, or neither;
-    interval, mode, reference.
+    """Exported drift term: rate polynomials, a level or lagged model, or neither; interval, mode
+    and reference temperature.
     """
 
     polynomials: tuple[RatePolynomial, ...]
@@ -69,10 +69,10 @@ class DriftModel:
 
     @classmethod
     def read(cls, records: Mapping[str, Record], recipe: FogThermalRecipe) -> "DriftModel":
-        """Drift model of a run's files.
+        """Drift model from the coefficient files of a run.
 
-        Raises CoefficientError for a run of another procedure, FitError where the recipe now asks
-        for another interval.
+        Raises CoefficientError for a run of another procedure, FitError if the recipe has another
+        interval.
         """
         if FILE not in records:
             raise CoefficientError(
@@ -100,9 +100,10 @@ class DriftModel:
         )
 
     def drift_along(self, blocks: Blocks) -> _Drift:
-        """Drift along block means, zero at the reference temperature (clamped to the fitted range).
+        """Drift along block means, zero at the reference temperature, which is clamped to the
+        fitted range.
 
-        A model on levels needs no integration and forgets nothing in soaks.
+        A level or lagged model needs no integration, so that no error accumulates in soaks.
         """
         if self.thermal is not None:
             found = evaluate.evaluate(
@@ -142,8 +143,8 @@ class DriftModel:
 
 @dataclass(frozen=True, slots=True)
 class LogFigures:
-    """Drift rms [°/h] of a log before and after, the gain of both modes for a constant rate, and
-    the flags.
+    """Drift rms [°/h] of a log before and after compensation, the rate gain [1] of both modes, and
+    flags.
     """
 
     name: str
@@ -156,7 +157,7 @@ class LogFigures:
 
     @property
     def reduction(self) -> float:
-        """Before divided by after."""
+        """Ratio of the drift rms before to that after."""
         return self.before / self.after if self.after > 0.0 else float("inf")
 
     @classmethod
@@ -180,11 +181,10 @@ class LogFigures:
 def compensate_log(
     log: Log, model: DriftModel, recipe: FogThermalRecipe
 ) -> tuple[Array, tuple[str, ...]]:
-    """Compensated indication [rows, °/h] of a whole log, no row denoised or resampled, and the
-    flags.
+    """Compensated indication [rows, °/h] of a log, without denoising or resampling, and flags.
 
-    The drift is evaluated on block means at the model interval, as it was fitted, and interpolated
-    to the rows.
+    The drift is evaluated on block means at the model interval, as in the fit, and interpolated to
+    the rows.
     """
     time, gyro = (values(log.frame, column) for column in ("time_s", "gyro_dph"))
     if not model.exported:

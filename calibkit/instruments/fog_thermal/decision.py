@@ -1,6 +1,4 @@
-"""Models tested on withheld ramps → the one drift term that is exported, or none, and
-drift_rate.json.
-"""
+"""Choice of the exported drift term (or none) by tests on left-out ramps, and drift_rate.json."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,8 +17,8 @@ from calibkit.instruments.fog_thermal.recipe import Drift, FogThermalRecipe
 
 @dataclass(frozen=True, slots=True)
 class Export:
-    """The exported drift term, what withheld ramps were left with (share of raw; none where
-    untested), and why.
+    """Exported drift term, its share of the raw drift on left-out ramps (None if not tested), and
+    flags with the reason.
     """
 
     model: DriftModel
@@ -35,7 +33,9 @@ class Export:
         logs: Sequence[LogFigures],
         recipe: FogThermalRecipe,
     ) -> StageResult:
-        """drift_rate.json: the exported model, and every drift figure with its rate gain."""
+        """drift_rate.json: the exported model, and the drift figures of all tests and logs with
+        rate gains.
+        """
         figures = _left_out_figures(choices, levels)
         for log in logs:
             figures += [
@@ -66,7 +66,7 @@ class Export:
 
 
 def choose_on_levels(logs: Sequence[PreparedLog], spec: Drift) -> ThermalChoice:
-    """Test the models on levels by leaving out each ramp; none is tested where the recipe asks for
+    """Test level and lagged models by leaving out each ramp; an empty choice if the recipe asks for
     the published scheme alone.
     """
     if spec.model == "gradient_rate" or (spec.model == "auto" and spec.order != "auto"):
@@ -81,8 +81,8 @@ def choose_on_levels(logs: Sequence[PreparedLog], spec: Drift) -> ThermalChoice:
 def decide(
     choices: Sequence[SideChoice], levels: ThermalChoice, recipe: FogThermalRecipe
 ) -> Export:
-    """Export the scheme that leaves withheld ramps the smallest share of their raw drift; none
-    where none helps.
+    """Export the scheme with the smallest share of the raw drift on left-out ramps; none if none
+    helps.
     """
     spec, thermal = recipe.drift, levels.model
     rates = tuple(choice.chosen for choice in choices if choice.chosen is not None)
@@ -116,7 +116,9 @@ def decide(
 
 
 def _share_of_rates(choices: Sequence[SideChoice]) -> float | None:
-    """Share of the raw drift that the exported orders leave on left-out rates, over both sides."""
+    """Share of the raw drift on left-out rates after compensation by the exported orders, over both
+    sides.
+    """
     tested = [
         r for c in choices if c.chosen is not None for r in c.tested if r.order == c.chosen.order
     ]
@@ -128,8 +130,8 @@ def _share_of_rates(choices: Sequence[SideChoice]) -> float | None:
 
 
 def _left_out_figures(choices: Sequence[SideChoice], levels: ThermalChoice) -> list[Figure]:
-    """Drift rms on left-out rates of every tested order, and on left-out ramps of every tested
-    candidate, raw beside them.
+    """Figures of the drift rms, raw and compensated: on left-out rates for each order, on left-out
+    ramps for each candidate.
     """
     found = []
     for side in choices:

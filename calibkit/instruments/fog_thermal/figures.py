@@ -1,4 +1,4 @@
-"""Figures of a gyro's thermal run: what was measured, what was fitted, what is left."""
+"""Figures of a gyro's thermal run: logs, coefficients over temperature rate, residuals."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ COEFFICIENTS = ("a0 [°/h]", "a1 [°/h/K]", "a2 [°/h/K²]")
 
 @dataclass(frozen=True, slots=True)
 class DriftLog:
-    """Block means of a log: time [s], case temperature [°C], indication raw, denoised and
-    compensated [°/h].
+    """Block means [n] of a log: time [s], case temperature [°C], raw, denoised and compensated
+    indication [°/h].
     """
 
     name: str
@@ -39,9 +39,7 @@ class DriftLog:
 
 @dataclass(frozen=True, slots=True)
 class Tested:
-    """What one model leaves of the drift on ramps that were left out of its fit, and the raw drift
-    [°/h].
-    """
+    """Drift rms on ramps left out of the fit of one model, raw and after compensation [°/h]."""
 
     name: str
     raw: float
@@ -50,13 +48,13 @@ class Tested:
 
     @property
     def share(self) -> float:
-        """Share of the raw drift that is left [1]."""
+        """Ratio of the drift rms after compensation to raw [1]."""
         return self.left / self.raw
 
 
 @dataclass(frozen=True, slots=True)
 class DriftReport:
-    """All that the figures show."""
+    """Data of all figures."""
 
     title: str
     interval_s: float
@@ -66,7 +64,7 @@ class DriftReport:
     tested: tuple[Tested, ...]
     polynomials_exported: bool = False
     hysteresis: tuple[tuple[str, Hysteresis], ...] = ()
-    """With the name of what it is of."""
+    """Hysteresis curves and their labels."""
 
 
 def pages(report: DriftReport) -> list[Figure]:
@@ -80,7 +78,9 @@ def pages(report: DriftReport) -> list[Figure]:
 
 
 def logs_page(report: DriftReport, logs: Sequence[DriftLog]) -> Figure:
-    """Raw, denoised and compensated indication over time, one panel per log, all to one scale."""
+    """Raw, denoised and compensated indication over time, one panel per log, all with the same
+    scale.
+    """
     rows = max(1, -(-len(logs) // 2))
     figure, axes = page(
         rows,
@@ -109,8 +109,8 @@ def logs_page(report: DriftReport, logs: Sequence[DriftLog]) -> Figure:
 
 
 def _coefficients_page(report: DriftReport) -> Figure:
-    """a_j against temperature rate with error bars (k = 2), the exported polynomials over their
-    fitted range, the orders.
+    """a_j over temperature rate with error bars (k = 2), the polynomials over their fitted ranges,
+    and the test results.
     """
     figure, axes = page(
         2, 2, title=f"{report.title}: drift coefficients per {report.interval_s:g} s interval"
@@ -143,7 +143,7 @@ def _coefficients_page(report: DriftReport) -> Figure:
 
 
 def _tested(ax: Axes, tested: Sequence[Tested]) -> None:
-    """Share of the raw drift that each model leaves on ramps it has not seen; raw is 1."""
+    """Panel of each tested model's share of the raw drift on left-out ramps; raw is 1."""
     shown = sorted(tested, key=lambda entry: -entry.share)
     ax.barh(
         [entry.name for entry in shown],
@@ -170,8 +170,8 @@ def _tested(ax: Axes, tested: Sequence[Tested]) -> None:
 
 
 def _residual_page(report: DriftReport) -> Figure:
-    """What is left after compensation, mean of each log removed, against case temperature and
-    against time.
+    """Residuals after compensation (the mean of each log removed) over case temperature and over
+    time, and the hysteresis.
     """
     rows = 3 if report.hysteresis else 2
     figure, axes = page(
@@ -196,7 +196,7 @@ def _residual_page(report: DriftReport) -> Figure:
 
 
 def _hysteresis(ax: Axes, sides: Sequence[tuple[str, Hysteresis]]) -> None:
-    """Cooling less heating at the same case temperature, with error bars (k = 2)."""
+    """Panel of the hysteresis curves with error bars (k = 2)."""
     for (name, side), colour in zip(sides, (RAW, DENOISED), strict=False):
         ax.errorbar(
             side.temperature,
@@ -218,6 +218,6 @@ def _hysteresis(ax: Axes, sides: Sequence[tuple[str, Hysteresis]]) -> None:
 
 
 def _means(values: Array, group: int) -> Array:
-    """Means of whole groups of values, or the values themselves where there is no whole group."""
+    """Means of values [n] over whole groups, or the values themselves if no group is whole."""
     whole = values.size // group
     return values if whole == 0 else values[: whole * group].reshape(whole, group).mean(axis=1)

@@ -1,5 +1,5 @@
-"""drift_rate.json → chain that a gyro's firmware updates once an interval: level, lagged, or
-recursive gradient form.
+"""drift_rate.json → chain of steps by which a gyro's firmware updates the drift once per interval:
+level, lagged or recursive gradient form.
 """
 
 from collections.abc import Mapping, Sequence
@@ -33,14 +33,15 @@ AIR, AIR_RATE = "temp_env_degc", "temp_env_rate_degc_min"
 CASE_MEANING = "temperature of the sensor case, mean of the interval"
 AIR_MEANING = "temperature of the air around the sensor, mean of the interval"
 WIDEST = 2
-"""Halves of the fitted range that the word of an input reaches from its middle."""
+"""Range of an input's word on each side of the middle, in half widths of the fitted range."""
 FASTEST = 2
-"""Times the largest fitted rate up to which the printed error bound of a chain with memory holds.
+"""Multiple of the largest fitted rate up to which the printed error bound of a chain with memory
+holds.
 """
 LEAST_SAMPLES = 4
-"""Values that the rate of a level model needs at least; its oldest must lie half a window back."""
+"""Fewest values for the rate of a level model; they must also span half a window."""
 LONGEST_DRIFT = 1024
-"""Largest increments [intervals] that the recursive form sums before it is limited."""
+"""Bound of the recursive drift, in multiples of the largest increment per interval."""
 FORMULA = (
     "corrected = indication - drift, both in deg/h; the drift is 0 at rest at {reference:g} degC"
 )
@@ -51,8 +52,8 @@ RECURSIVE = (
 
 
 def _chain(spec: FogThermalRecipe, records: Mapping[str, Record]) -> Chain:
-    """Chain of the drift term that a run exports, with the trials of its self-test; OutputError
-    where it has none, or one that removes the true rate.
+    """Chain of the exported drift term with the trials of its self-test; OutputError if there is
+    none, or if it removes the true rate.
     """
     models = required_record(records, FILE, spec).models
     if not models:
@@ -73,7 +74,7 @@ def _chain(spec: FogThermalRecipe, records: Mapping[str, Record]) -> Chain:
 
 
 def _output(draft: Draft, source: str) -> None:
-    """The drift as the only result."""
+    """Declare the drift as the only output."""
     draft.output(
         "drift_dph",
         "deg/h",
@@ -84,11 +85,13 @@ def _output(draft: Draft, source: str) -> None:
 
 
 def _on_levels(model: Model, reference_degc: float) -> Chain:
-    """Sum of the drift terms of a model on levels, zero at rest at the reference temperature."""
+    """Chain of a level or lagged model: the sum of its terms, zero at rest at the reference
+    temperature.
+    """
     draft, h = Draft(), Fraction(model.value("interval"))
     middle, half = exact.span(*model.valid[CASE])
     reach = (middle - WIDEST * half, middle + WIDEST * half)
-    draft.input(CASE, "degC", CASE_MEANING, reach)  # the map limits it, and says so
+    draft.input(CASE, "degC", CASE_MEANING, reach)  # the map clamps it and sets the flag
     draft.map("x", CASE, model.valid[CASE], flag="TEMP_CLAMPED", beyond=BEYOND)
     fastest = FASTEST * _largest(model, RATE)
     lagged = model.form == LAGGED.name
@@ -105,18 +108,18 @@ def _on_levels(model: Model, reference_degc: float) -> Chain:
 
 
 def _largest(model: Model, column: str) -> Fraction:
-    """Largest magnitude of a fitted range; 1 where it is a single 0."""
+    """Largest magnitude of a fitted range; 1 if the range is only 0."""
     return max(abs(Fraction(limit)) for limit in model.valid[column]) or Fraction(1)
 
 
 def _limited(draft: Draft, model: Model, name: str, source: str, column: str, flag: str) -> None:
-    """A driver inside its fitted range, in units of its largest magnitude."""
+    """Clamp a driver to its fitted range, in units of its largest fitted magnitude."""
     low, high = (Fraction(limit) / _largest(model, column) for limit in model.valid[column])
     draft.limit(name, source, low, high, flag)
 
 
 def _limited_temperature(draft: Draft, model: Model, source: str) -> None:
-    """The temperature u inside its fitted range."""
+    """Clamp the mapped temperature u to its fitted range."""
     middle, half = exact.span(*model.valid[CASE])
     low, high = ((Fraction(limit) - middle) / half for limit in model.valid[CASE])
     draft.limit("u", source, low, high, "TEMP_CLAMPED")
@@ -125,8 +128,8 @@ def _limited_temperature(draft: Draft, model: Model, source: str) -> None:
 def _terms(
     draft: Draft, model: Model, reference_degc: float, middle: Fraction, half: Fraction
 ) -> str:
-    """Sum of the drift terms over u, rate, gradient and gradient_rate, less the drift at rest at
-    the reference.
+    """Sum of the drift terms of u, rate, gradient and gradient_rate, less the drift at rest at the
+    reference temperature.
     """
     r, g, q = (_largest(model, column) for column in DRIVERS[1:])
     low, high = model.valid[CASE]
@@ -149,7 +152,7 @@ def _terms(
 
 
 def _uses(model: Model, driver: str) -> bool:
-    """Whether a driver enters a model on levels."""
+    """Whether a level or lagged model depends on a driver."""
     _, _, _, _, s_rate, s_grad, s_grad2, s_temp_rate, s_grad_rate = numbers(model, *TERMS)
     entering = {
         RATE: (s_rate, s_temp_rate),
@@ -160,19 +163,19 @@ def _uses(model: Model, driver: str) -> bool:
 
 
 def _ranges(draft: Draft, model: Model, whose: str) -> None:
-    """Fitted ranges in words."""
+    """Append the fitted ranges in words."""
     for column, (low, high) in model.valid.items():
         draft.ranges.append(f"{column} of the {whose} {low:.4g} to {high:.4g}")
 
 
 def _follow_coil(draft: Draft, model: Model, h: Fraction, half: Fraction) -> None:
-    """Coil temperatures behind the case: lag = T_case − T_o and fall = T_o − T_i, both in units of
-    half.
+    """Coil temperatures as differences lag = T_case − T_o and fall = T_o − T_i, both in units of
+    `half`.
 
-    The case is taken as straight over an interval h and the equations are solved exactly over it:
-    with a = exp(−h/τ_o), b = exp(−h/τ_i), lag ← a lag + τ_o (1 − a)/h ΔT and fall ← b fall + κ lag
-    + λ ΔT, κ = τ_i (a − b)/(τ_o − τ_i), λ = (τ_i (1 − b) − τ_o κ)/h. States that vanish at rest
-    keep their digits there.
+    The equations are solved exactly for a case temperature linear over an interval h: with a =
+    exp(−h/τ_o), b = exp(−h/τ_i), lag ← a lag + τ_o (1 − a)/h ΔT and fall ← b fall + κ lag + λ ΔT, κ
+    = τ_i (a − b)/(τ_o − τ_i), λ = (τ_i (1 − b) − τ_o κ)/h. States that are zero at rest keep full
+    precision there.
     """
     tau = Fraction(model.value(LAGS[0]))
     a = exact.exp(-h / tau)
@@ -199,9 +202,7 @@ def _follow_coil(draft: Draft, model: Model, h: Fraction, half: Fraction) -> Non
 
 
 def _bound(draft: Draft, name: str, limit: Fraction, usual: Fraction) -> None:
-    """Bounds of a value and of what is remembered of it; the filters pass an error of x with a gain
-    of at most 2.
-    """
+    """Bounds of a value and of its memory; the filters amplify an error of x by at most 2."""
     for key in (name, f"{name}_before"):
         draft.limits[key], draft.usual[key] = limit, usual
     draft.gains[name] = Fraction(2)
@@ -210,7 +211,7 @@ def _bound(draft: Draft, name: str, limit: Fraction, usual: Fraction) -> None:
 def _follow_inner_coil(
     draft: Draft, model: Model, outer: tuple[Fraction, Fraction, Fraction], half: Fraction
 ) -> None:
-    """The inner coil: its gradient to the outer one and that gradient's rate."""
+    """Gradient of the outer to the inner coil temperature, and the rate of the gradient."""
     (h, tau, a), tau_i = outer, Fraction(model.value(LAGS[1]))
     b = exact.exp(-h / tau_i)
     carried = tau_i * (a - b) / (tau - tau_i) if tau != tau_i else h / tau * a
@@ -241,8 +242,8 @@ def _follow_inner_coil(
 
 
 def _follow_case(draft: Draft, model: Model, h: Fraction, half: Fraction) -> None:
-    """Case temperature, its gradient to the air, and their rates by parabolas over the window
-    before.
+    """Case temperature, its gradient to the air, and their rates from parabolas over the trailing
+    window.
     """
     _limited_temperature(draft, model, "x")
     length, least = _window(h, Fraction(model.value("window")))
@@ -275,18 +276,20 @@ def _follow_case(draft: Draft, model: Model, h: Fraction, half: Fraction) -> Non
 
 
 def _window(h: Fraction, window: Fraction) -> tuple[int, int]:
-    """Values in a full window, and the fewest that give a rate: four, and half a window."""
+    """Number of values in a full window, and the smallest that gives a rate: LEAST_SAMPLES and half
+    a window.
+    """
     length = int(window / h) + 1
     half_window = -(-window // (2 * h)) + 1
     return length, max(LEAST_SAMPLES, int(half_window))
 
 
 def _weights(h: Fraction, length: int, least: int) -> exact.Poly:
-    """Rows of weights [1/min] of v_i − v_0, i = 1 … length − 1: end slope of the least-squares
-    parabola, exactly.
+    """Rows of exact weights [1/min] of v_i − v_0, i = 1 … length − 1: slope of the least-squares
+    parabola at its newest sample.
 
-    With x = −i the parabola through m values has the slope at its newest end e₂ᵀ (AᵀA)⁻¹ Aᵀ v, A =
-    (1, x, x²).
+    With x = −i the parabola fitted to m values has the slope e₂ᵀ (AᵀA)⁻¹ Aᵀ v at its newest sample,
+    A = (1, x, x²).
     """
     rows: list[Fraction] = []
     for m in range(least, length + 1):
@@ -305,8 +308,8 @@ def _weights(h: Fraction, length: int, least: int) -> exact.Poly:
 
 
 def _recursive(models: Sequence[Model], slope_window_s: float) -> Chain:
-    """D ← D + Δ, Δ = Σ_j a_j(r) G^j of the side that the chamber moves on, from the values of the
-    update before.
+    """Chain D ← D + Δ with Δ = Σ_j a_j(r) G^j of the side (heating or cooling) by the inputs of the
+    previous update.
     """
     draft, h = Draft(), Fraction(models[0].value("interval"))
     cases = [model.valid[CASE] for model in models]
@@ -321,7 +324,7 @@ def _recursive(models: Sequence[Model], slope_window_s: float) -> Chain:
     )
     draft.input(
         AIR_RATE, "degC/min", meaning, (-fastest, fastest)
-    )  # the sides limit it, and say so
+    )  # the sides clamp it and set the flag
     draft.sum("apart", factor(CASE), factor(AIR, -1))
     sides, bounds = zip(*(_side(draft, model) for model in models), strict=True)
     draft.steps.append(Select("increment", AIR_RATE, sides, "HELD"))
@@ -341,8 +344,8 @@ def _recursive(models: Sequence[Model], slope_window_s: float) -> Chain:
 
 
 def _side(draft: Draft, model: Model) -> tuple[Case, Fraction]:
-    """Increment of one side, a_j(r) as polynomials of the mapped rate for powers of the mapped
-    gradient, and its largest magnitude [°/h].
+    """Increment of one side as polynomials of the mapped rate times powers of the mapped gradient,
+    and its largest magnitude [°/h].
     """
     name, (low, high) = model.name, model.valid[RATE]
     r_middle, r_half = draft.map(

@@ -1,4 +1,4 @@
-"""A drift chain update by update: over a log, and over the thermal history of its self-test."""
+"""Updates of a drift chain along a log, and the thermal history of its self-test."""
 
 from pathlib import Path
 
@@ -17,7 +17,9 @@ from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 from calibkit.numeric import intervals, segments
 
 SUMMED = 3
-"""Updates of each row of a chain that sums increments: the error bound grows with them."""
+"""Updates per row of IN_TURN for a chain that sums increments, whose error bound grows with their
+number.
+"""
 IN_TURN = (
     (0.0, 0.0, 0.0, 1),
     (0.03, 0.1, 0.3, 1),
@@ -44,9 +46,9 @@ IN_TURN = (
     (-0.2, 0.2, 0.5, 6),
     (0.1, -0.3, -0.2, 12),
 )
-"""A chain with memory, from its reset on: case temperature over the range of its input, how far the
-air is ahead over the largest gradient, rate of the air over the largest fitted one, and how many
-updates that lasts; both ends of every range.
+"""Thermal history of the self-test from the reset on, one tuple per row: case temperature relative
+to the half range of its input, air less case relative to the largest gradient, air rate relative to
+the largest fitted rate, and number of updates. It reaches both ends of every range.
 """
 
 
@@ -56,8 +58,8 @@ def apply(
     quantised: Program,
     data: Path,
 ) -> Applied:
-    """Correct every row of a log by the drift of the interval before, which is updated once per
-    interval with means over it.
+    """Correct every row of a log by the drift of the previous interval; the chain is updated once
+    per interval with means over it.
     """
     log = logs.read_log(spec, data, data.name, ramps.COLUMNS)
     refuse(ramps.find_unusable(log))
@@ -94,11 +96,11 @@ def apply(
 
 
 def thermal_history(chain: Chain) -> Trials:
-    """Trials of a drift chain: one thermal history that reaches both ends of every range."""
+    """Trials of a drift chain: one thermal history that covers every range from end to end."""
     ranges = {entry.name: chain.tables[entry.table] for entry in chain.structure.inputs}
     low, high = (float(limit) for limit in ranges["temp_case_degc"])
     half = (high - low) / 2.0
-    if "x_map" in chain.tables:  # the case is followed beyond the fitted range
+    if "x_map" in chain.tables:  # the input exceeds the fitted range
         half = float(chain.tables["x_map"][3] / chain.tables["x_map"][1])
     gradients = [
         abs(chain.tables[step.table][0]) + 1 / chain.tables[step.table][1]

@@ -1,9 +1,8 @@
-"""Model forms of the thermal drift, and how fitted models stand in coefficient files.
+"""Model forms of the thermal drift, and their conversion to and from coefficient files.
 
-A lagged model is evaluated in two ways. Its form gives the drift at a temperature rate that was
-held until the lags have settled, which is what a certificate states. Along a log, as `apply` needs
-it, the lags are followed from sample to sample: `numeric.evaluate` does that with what
-`read_thermal` returns.
+A lagged model is evaluated in two ways. Its form gives the drift on a steady ramp after the lags
+have settled, for certificates. Along a log, for `apply`, `numeric.evaluate` solves the lags from
+sample to sample with the model that `read_thermal` returns.
 """
 
 import math
@@ -31,11 +30,11 @@ CASE = "temp_case_degc"
 RATE = "temp_rate_degc_min"
 GRADIENT = "gradient_degc"
 DRIVERS = (CASE, RATE, GRADIENT, "gradient_rate_degc_min")
-"""Columns that a model on levels is a function of, and its fitted ranges; those of a lagged model
-are of its coil.
+"""Input columns of a level or lagged model, and of its fitted ranges; for a lagged model the latter
+refer to the coil.
 """
 GRADIENT_UNITS = ("deg/h", "deg/h/K", "deg/h/K^2")
-"""Units of a0, a1 and a2, which are per model interval."""
+"""Units of a0, a1 and a2, per model interval."""
 UNKNOWN_DOF = (
     "degrees of freedom of the model error: not in the file, taken as infinite; fit again to have"
     " them"
@@ -53,16 +52,17 @@ def _gradient_powers(model: Model, at: Inputs) -> Array:  # noqa: ARG001 (as eve
 
 
 def _rate_products(model: Model, at: Inputs) -> Array:
-    """Products G^j r^m [n, 3 (M + 1)] of powers of gradient [K] and temperature rate [°C/min]."""
+    """Products G^j r^m [n, 3 (M + 1)] of gradient [K] and temperature rate [°C/min]."""
     by_gradient = np.vander(at[GRADIENT], 3, increasing=True)
     by_rate = np.vander(at[RATE], len(model.coefficients) // 3, increasing=True)
     return (by_gradient[:, :, None] * by_rate[:, None, :]).reshape(len(by_rate), -1)
 
 
 def drivers_at(model: Model, at: Inputs) -> Drivers:
-    """Drivers [n] of a model on levels, of a coil whose lags have settled on the temperature rate.
+    """Drivers [n] of a level or lagged model; for the latter on a steady ramp, with the lags
+    settled.
 
-    Inputs that are not given are 0, as at rest.
+    Missing inputs are 0, as at rest.
     """
     still = np.zeros_like(at[CASE])
     if model.form == LAGGED.name:
@@ -78,12 +78,14 @@ def _sum_of_terms(model: Model, at: Inputs) -> Array:
 
 
 def _terms(model: Model) -> Array:
-    """Coefficients [9] of the terms of a model on levels."""
+    """Coefficients [9] of the terms of a level or lagged model."""
     return ON_LEVELS[model.form].read(model)[: len(TERMS)]
 
 
 def _term_gradient(model: Model, at: Inputs) -> Array:
-    """Derivatives [n, 9 + lags] of the indicated rate by the terms and the lags [°/h/s]."""
+    """Derivatives [n, 9 + lags] of the indicated rate [°/h] by the coefficients and by the lags
+    [°/h/s].
+    """
     drivers, terms = drivers_at(model, at), _terms(model)
     per_second = drivers.rate / SECONDS_PER_MINUTE
     by_lags = (
@@ -94,7 +96,7 @@ def _term_gradient(model: Model, at: Inputs) -> Array:
 
 
 def slope_over_case(model: Model, at: Inputs) -> Array:
-    """Derivative [n, °/h/°C] of the indicated rate of a model on levels by the case temperature."""
+    """Derivative [n, °/h/°C] of a level or lagged model's rate by case temperature."""
     return drivers_at(model, at).slope_over_temperature() @ _terms(model)
 
 
@@ -105,18 +107,18 @@ PER_RAMP = Form(
     measured={"rate": 0.05},
     per_log=True,
 )
-"""Increment of the drift per model interval, a0 + a1 G + a2 G², of one ramp."""
+"""Drift increment per model interval of one ramp: a0 + a1 G + a2 G²."""
 OVER_RATES = Form("fog-drift-rate/1", _rate_products, meaning=("interval",))
-"""The same increment with a_j(r) = Σ_m c_jm r^m."""
+"""Drift increment per model interval of one side: a0 + a1 G + a2 G² with a_j(r) = Σ_m c_jm r^m."""
 LEVEL = Form("fog-drift-level/1", _term_gradient, _sum_of_terms, meaning=("interval",))
-"""Indicated rate as the sum of the terms, of case temperature and gradient to the chamber air."""
+"""Indicated rate as the sum of TERMS of case temperature and gradient to the chamber air."""
 LAGGED = Form("fog-drift-lagged/1", _term_gradient, _sum_of_terms, meaning=("interval",))
-"""The same of coil temperatures that follow the case with lags."""
+"""Indicated rate as the sum of TERMS of coil temperatures that lag behind the case."""
 ON_LEVELS = {LEVEL.name: LEVEL, LAGGED.name: LAGGED}
 
 
 def write_ramp(name: str, fit: gradient.RampFit, interval_s: float) -> Model:
-    """Model of one ramp."""
+    """Model of one ramp for the coefficient file."""
     return PER_RAMP.write(
         name,
         list(zip(gradient.TERMS, fit.coefficients.tolist(), GRADIENT_UNITS, strict=True)),
@@ -133,7 +135,7 @@ def write_ramp(name: str, fit: gradient.RampFit, interval_s: float) -> Model:
 
 
 def write_rates(polynomial: gradient.RatePolynomial, interval_s: float) -> Model:
-    """Model of one side of the published scheme, named by the side."""
+    """Model of the polynomials of one side for the coefficient file, named by the side."""
     coefficients = [
         (name, value, power_unit(unit, "degC/min", m))
         for names, row, unit in zip(
@@ -174,7 +176,7 @@ def read_rates(model: Model) -> gradient.RatePolynomial:
 
 
 def write_thermal(model: ThermalModel, interval_s: float) -> Model:
-    """Model on levels; terms that were not fitted are 0."""
+    """Level or lagged model for the coefficient file; terms that were not fitted are 0."""
     lags = [(name, lag, "s") for name, lag in zip(LAGS, model.lags, strict=False)]
     parameters = [
         Parameter("interval", interval_s, "s"),
@@ -199,11 +201,11 @@ def write_thermal(model: ThermalModel, interval_s: float) -> Model:
 
 
 def read_thermal(model: Model) -> ThermalModel:
-    """Model on levels: the inverse of `write_thermal`, but for the turn-on biases of the fitted
+    """Level or lagged model: the inverse of `write_thermal`, without the turn-on biases of the
     logs.
 
-    Files of before the degrees of freedom of the model error were stated are taken as they were
-    then: infinite, and flagged.
+    Older files do not state the degrees of freedom of the model error: these are then infinite, and
+    flagged.
     """
     lags = LAGS[: len(model.coefficients) - len(TERMS)]
     stated = any(parameter.name == "model_error_dof" for parameter in model.parameters)

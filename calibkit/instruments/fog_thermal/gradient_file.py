@@ -15,7 +15,7 @@ from calibkit.instruments.fog_thermal.recipe import Drift
 
 @dataclass(frozen=True, slots=True)
 class FittedRamp:
-    """A ramp, the log it stands in, and its drift coefficients."""
+    """Ramp, its log, and the fit of its drift coefficients."""
 
     ramp: Ramp
     log: PreparedLog
@@ -24,9 +24,7 @@ class FittedRamp:
 
 @dataclass(frozen=True, slots=True)
 class SideChoice:
-    """Results of leave-one-rate-out for each order on one side, and the polynomial that is exported
-    (or none).
-    """
+    """Leave-one-rate-out results of each order on one side, and the exported polynomial."""
 
     side: str
     tested: tuple[gradient_order.LeftOutRates, ...]
@@ -35,7 +33,9 @@ class SideChoice:
 
 
 def fit_ramps(logs: Sequence[PreparedLog], spec: Drift) -> list[FittedRamp]:
-    """Fit a0, a1, a2 of every ramp; raises FitError naming the ramp that cannot determine them."""
+    """Fit a0, a1, a2 of every ramp; raises FitError that names the log if a ramp cannot determine
+    them.
+    """
     fitted = []
     for log in logs:
         for ramp in log.ramps:
@@ -60,7 +60,9 @@ def drift_result(ramps: Sequence[FittedRamp], spec: Drift) -> StageResult:
 
 
 def choose(ramps: Sequence[FittedRamp], spec: Drift) -> list[SideChoice]:
-    """Polynomials of each side: the pinned order, or the best by leave-one-rate-out, or none."""
+    """Polynomials of each side, of the order in the recipe or the best by leave-one-rate-out, or
+    None.
+    """
     choices = []
     for side in ("both",) if spec.sides == "joint" else ("heating", "cooling"):
         members = [
@@ -72,10 +74,10 @@ def choose(ramps: Sequence[FittedRamp], spec: Drift) -> list[SideChoice]:
 
 
 def _whole_cycle(choices: list[SideChoice]) -> list[SideChoice]:
-    """Withdraw a side's model where the other measured side has none.
+    """Withdraw the model of a side if the other measured side has none.
 
-    The recursion would follow one half of a thermal cycle and not the other, and keep the
-    difference as a bias.
+    The recursion would otherwise follow only one half of a thermal cycle and keep the difference as
+    a bias.
     """
     if all(choice.chosen is not None for choice in choices):
         return choices
@@ -91,7 +93,7 @@ def _whole_cycle(choices: list[SideChoice]) -> list[SideChoice]:
 
 
 def _choose_side(members: Sequence[FittedRamp], spec: Drift, side: str) -> SideChoice:
-    """Choice of one side."""
+    """Choose the polynomials of one side."""
     fits = [item.fit for item in members]
     tested = gradient_order.candidates(
         fits,
@@ -130,8 +132,8 @@ def _pinned(
     pinned: int,
     side: str,
 ) -> SideChoice:
-    """The order that the recipe pins, exported whatever leave-one-rate-out shows, with flags for
-    what is missing or worse.
+    """Export the order in the recipe whatever leave-one-rate-out shows; flags state what is missing
+    or worse.
     """
     polynomial = gradient.fit_over_rates(fits, pinned, side)
     flags = []

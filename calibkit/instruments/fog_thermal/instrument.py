@@ -78,9 +78,7 @@ def _fit(
 
 
 def _prepare(spec: FogThermalRecipe, data: Path, files: Iterable[str]) -> list[ramps.PreparedLog]:
-    """Logs as later stages need them; each is read and checked while the one before it is
-    denoised.
-    """
+    """Prepared logs; each is read and checked while the previous one is denoised."""
     findings: dict[str, list[Finding]] = {}
 
     def checked(file: str) -> Log:
@@ -95,7 +93,7 @@ def _prepare(spec: FogThermalRecipe, data: Path, files: Iterable[str]) -> list[r
 
 
 def _flags(spec: FogThermalRecipe, logs: Sequence[ramps.PreparedLog]) -> list[str]:
-    """Type B terms without effect, and what only the logs together show to be wrong."""
+    """Flags of type B terms without effect, and of findings from the comparison of several logs."""
     slopes = {
         log.source.name: magnitude.fit_drift_slope(log.raw.case, log.raw.indication) for log in logs
     }
@@ -112,8 +110,8 @@ def _read(spec: FogThermalRecipe, data: Path, file: str, reader: Reader = ingest
 def _fit_criteria(
     spec: FogThermalRecipe, export: decision.Export, logs: Sequence[compensate.LogFigures]
 ) -> tuple[Criterion, ...]:
-    """Acceptance limits of a fit: on withheld ramps where they could be tested, and the rate gain
-    of what is exported.
+    """Acceptance criteria of a fit: drift reduction on left-out ramps, the worst log, and those
+    shared with validation.
     """
     least = spec.acceptance.min_reduction
     criteria = []
@@ -126,7 +124,7 @@ def _fit_criteria(
 
 
 def _worst_share(logs: Sequence[compensate.LogFigures]) -> Criterion:
-    """No log may come out of compensation worse than it went in."""
+    """Criterion that compensation makes no log worse."""
     return at_most(
         "largest after/before of a log", max(log.after / log.before for log in logs), 1.0, "1"
     )
@@ -135,8 +133,8 @@ def _worst_share(logs: Sequence[compensate.LogFigures]) -> Criterion:
 def _common_criteria(
     spec: FogThermalRecipe, logs: Sequence[compensate.LogFigures], model: compensate.DriftModel
 ) -> tuple[Criterion, ...]:
-    """Limits that fits and validations share: the largest drift left, and the rate gain of the
-    chosen compensation.
+    """Criteria of fits and validations: the largest drift rms after compensation, and the rate
+    gain.
     """
     limits = spec.acceptance
     criteria: list[Criterion] = []
@@ -162,7 +160,7 @@ def _common_criteria(
 
 
 def _apply(spec: FogThermalRecipe, records: Mapping[str, Record], data: Path) -> Applied:
-    """Compensate every row of a log; the indication keeps the log's own unit and sign."""
+    """Compensate every row of a log; the indication keeps its unit and sign in the log."""
     model = compensate.DriftModel.read(records, spec)
     log = ingest.read_log(spec, data, data.name, ramps.COLUMNS)
     refuse(ramps.find_unusable(log))
@@ -180,7 +178,9 @@ def _apply(spec: FogThermalRecipe, records: Mapping[str, Record], data: Path) ->
 def _validate(
     spec: FogThermalRecipe, records: Mapping[str, Record], logs: Iterable[Log]
 ) -> tuple[dict[str, Any], Summary]:
-    """Drift rms before and after, and the rate gain, of logs that were not fitted."""
+    """Validation: drift rms before and after, rate gain and coverage of the uncertainty on logs
+    that were not fitted.
+    """
     model = compensate.DriftModel.read(records, spec)
     compensated, entries = [], []
     for log in logs:
@@ -215,8 +215,8 @@ def _validate(
 
 
 def _covered(spec: FogThermalRecipe, logs: Sequence[Mapping[str, Any]]) -> tuple[Criterion, ...]:
-    """The limit on how many 100 s means are as near to their log's mean as the stated uncertainty
-    says.
+    """Criterion for the share of 100 s means that lie within the stated uncertainty of their log's
+    mean.
     """
     least = spec.acceptance.min_share_within_uncertainty
     stated = [log["uncertainty"] for log in logs if "means_of_100_s" in log["uncertainty"]]
@@ -234,7 +234,7 @@ def _covered(spec: FogThermalRecipe, logs: Sequence[Mapping[str, Any]]) -> tuple
 def _validation_criteria(
     spec: FogThermalRecipe, logs: Sequence[compensate.LogFigures]
 ) -> tuple[Criterion, ...]:
-    """No log may come out worse than raw, and the reduction limit holds for the logs together."""
+    """Criteria of a validation: no log worse than raw, and the drift reduction over all logs."""
     criteria = [_worst_share(logs)]
     least = spec.acceptance.min_reduction
     if least is not None:
@@ -250,14 +250,14 @@ def _draw(title: str, fitted: Fitted[figures.DriftReport]) -> Drawn:
 
 
 def _certificate(stated: Stated) -> tuple[Block, ...]:
-    """Blocks of results on a certificate."""
+    """Result blocks of a certificate."""
     from calibkit.instruments.fog_thermal.certificate import blocks
 
     return blocks(stated)
 
 
 def _firmware() -> Firmware[FogThermalRecipe]:
-    """How a run becomes firmware."""
+    """Firmware export of a run."""
     from calibkit.instruments.fog_thermal.firmware import FIRMWARE
 
     return FIRMWARE
@@ -271,8 +271,8 @@ def _simulate(seed: int) -> Campaign:
 
 
 def _propose(evidence: Evidence) -> Choice | None:
-    """Recipe for a gyro with times, case temperature and chamber air; the first of several
-    gyros.
+    """Proposed recipe for a log with time, case and chamber temperature and a gyro (the first of
+    several); None otherwise.
     """
     gyros, columns = evidence.gyros(), evidence.columns
     if not gyros or not {"time_s", "temp_case_degc", "temp_env_degc"} <= columns.keys():

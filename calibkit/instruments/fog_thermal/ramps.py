@@ -21,19 +21,19 @@ from calibkit.numeric import chunks, intervals, segments
 from calibkit.numeric.wavelet import denoise
 
 LONGER_WINDOWS = 3
-"""How often the window of the slope is doubled where a log moves and shows no ramp: a chamber that
-climbs in small steps.
+"""Largest number of doublings of the slope window for a log that changes temperature but shows no
+ramp: its chamber climbs in small steps.
 """
 LEAST_LEAD_DEGC = 2.0
-"""Growth of the case's lead over the air [°C] that self-heating and noisy thermometers do not
-reach.
+"""Growth of T_case − T_env in the direction of a ramp [°C] above which the columns are swapped;
+self-heating and noise stay below.
 """
 COLUMNS = ("time_s", "temp_case_degc", "temp_env_degc", "gyro_dph")
 
 
 @dataclass(frozen=True, slots=True)
 class Ramp:
-    """One ramp of a log: model intervals start … stop − 1, measured (or given) temperature rate
+    """Ramp of a log: model intervals start … stop − 1, and the measured or stated temperature rate
     [°C/min].
     """
 
@@ -45,8 +45,8 @@ class Ramp:
 
 @dataclass(frozen=True, slots=True)
 class PreparedLog:
-    """All that later stages need of a log: block means of the indication, of the denoised
-    indication, ramps, noise.
+    """Log after preparation: block means of the raw and the denoised indication, ramps, and noise
+    per segment and level.
     """
 
     name: str
@@ -60,8 +60,8 @@ class PreparedLog:
 
 
 def find_faults(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
-    """Check a log that is to be fitted; nothing is fitted to one in which something is refused. One
-    on disk goes in pieces.
+    """Findings of a log for a fit, which a refused one prevents; a log on disk is checked in
+    chunks.
     """
     if not log.on_disk:
         return _faults(log, recipe)
@@ -77,7 +77,7 @@ def find_faults(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
 
 
 def _faults(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
-    """Findings of a log that is looked at whole."""
+    """Findings of a log that is checked as a whole."""
     found = find_unusable(log, recipe.checks.min_rows)
     if any(finding.refused for finding in found):
         return found
@@ -102,7 +102,7 @@ def _faults(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
 
 
 def _as_ordered(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
-    """A chamber that changed at another rate than the recipe says it did."""
+    """Finding if the measured temperature rate differs from the one stated in the recipe."""
     given = recipe.drift.rates_degc_min.get(log.name)
     if given is None:
         return []
@@ -116,9 +116,7 @@ def _as_ordered(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
 
 
 def find_unusable(log: Log, min_rows: int = 3) -> list[Finding]:
-    """Check a log that is to be compensated, which may be at rest, and in which time may be
-    missing.
-    """
+    """Findings of a log for compensation, which may be at rest and may have gaps."""
     early = [*check.find_too_few_rows(log, min_rows), *check.find_missing_values(log, COLUMNS)]
     if any(finding.refused for finding in early):
         return early
@@ -131,11 +129,11 @@ def find_unusable(log: Log, min_rows: int = 3) -> list[Finding]:
 
 
 def _leading(log: PreparedLog) -> None:
-    """Refuse a case that runs ahead of the air that drives it: the two columns are swapped.
+    """Refuse a log whose case temperature leads the air temperature: the columns are swapped.
 
-    Without a soak after the ramp rates do not tell it (`check.thermometers`). From the ramp's
-    beginning to its middle: at its end a case that lags comes nearer, which a log that begins on
-    its way shows as a gain.
+    Without a soak after the ramp, rates do not show this (`check.thermometers`). The lead is
+    compared between the start and the middle of the ramp: towards the end, the lag of a case that
+    was not at rest at the start may shrink, which looks like a lead.
     """
     for ramp in log.ramps:
         grown = float(
@@ -150,9 +148,7 @@ def _leading(log: PreparedLog) -> None:
 
 
 def prepare(log: Log, recipe: FogThermalRecipe, found: Sequence[Finding]) -> PreparedLog:
-    """Cut, denoise and average one log by its findings; raises FrameError or FitError naming the
-    log.
-    """
+    """Segment, denoise and average a checked log; raises FrameError or FitError naming the log."""
     refuse(found)
     suspected = next((finding for finding in found if finding.name == "unit"), None)
     try:
@@ -168,7 +164,7 @@ def prepare(log: Log, recipe: FogThermalRecipe, found: Sequence[Finding]) -> Pre
 
 
 def _prepared(log: Log, recipe: FogThermalRecipe, found: Sequence[Finding]) -> PreparedLog:
-    """A checked log, cut, denoised and averaged."""
+    """Segments, denoised indication and block means of a checked log."""
     time, case, env, gyro = (values(log.frame, column) for column in COLUMNS)
     try:
         held = intervals.Intervals.find(time, recipe.drift.interval_s, log.steps.usual)
@@ -197,8 +193,8 @@ def _prepared(log: Log, recipe: FogThermalRecipe, found: Sequence[Finding]) -> P
 def block_means(
     log: Log, recipe: FogThermalRecipe, *, rated: bool
 ) -> tuple[intervals.Intervals, gradient.Blocks]:
-    """Model intervals of a log that is not fitted, and its block means; the temperature rate is 0
-    where it is not asked for.
+    """Model intervals and block means of a log that is not fitted; the temperature rate is 0 unless
+    `rated`.
     """
     time, case, env, gyro = (values(log.frame, column) for column in COLUMNS)
     held = intervals.Intervals.find(time, recipe.drift.interval_s, log.steps.usual)
@@ -208,7 +204,7 @@ def block_means(
 
 
 def _coarse(case: Array, env: Array, recipe: FogThermalRecipe) -> list[str]:
-    """Words on thermometers that read in coarse steps."""
+    """Notes on coarsely quantised thermometers."""
     window = recipe.segments.slope_window_s
     return [
         f"{column} is read in steps of {segments.quantum(values):g} °C: its rate is taken over as"
@@ -219,12 +215,12 @@ def _coarse(case: Array, env: Array, recipe: FogThermalRecipe) -> list[str]:
 
 
 def _cut(log: Log, recipe: FogThermalRecipe) -> tuple[list[segments.Segment], Array]:
-    """Segments of a log and the causal slope [°C/min] of its chamber air; a rate given in the
+    """Segments of a log and the causal slope [n, °C/min] of its chamber air; a rate stated in the
     recipe replaces both.
 
-    Segments that the recipe pins replace those found. A chamber that climbs in steps of a degree,
-    each held for minutes, shows its rate over some steps only: where a log moves and no ramp is
-    found, the window is doubled up to LONGER_WINDOWS times.
+    Segments in the recipe replace those found. A chamber that climbs in steps of a degree, each
+    held for minutes, shows its rate only over several steps: if the temperature changes but no ramp
+    is found, the window is doubled up to LONGER_WINDOWS times.
     """
     time, env = (values(log.frame, column) for column in ("time_s", "temp_env_degc"))
     given = recipe.drift.rates_degc_min.get(log.name)
@@ -247,7 +243,7 @@ def _cut(log: Log, recipe: FogThermalRecipe) -> tuple[list[segments.Segment], Ar
 
 
 def _find_segments(log: Log, recipe: FogThermalRecipe) -> tuple[list[segments.Segment], Array]:
-    """Segments that the chamber air shows, and its slope."""
+    """Segments found in the chamber air temperature, and its causal slope [n, °C/min]."""
     time, env = (values(log.frame, column) for column in ("time_s", "temp_env_degc"))
     low, high = log.extremes("temp_env_degc")
     spec = recipe.segments
@@ -265,7 +261,7 @@ def _find_segments(log: Log, recipe: FogThermalRecipe) -> tuple[list[segments.Se
 
 
 def examine(recipe: FogThermalRecipe, log: Log) -> Examined:
-    """Findings of a log, all that would stop a fit, and its soaks and ramps."""
+    """Findings of a log, including errors that would stop a fit, and its soaks and ramps."""
     found = find_faults(log, recipe)
     if any(finding.refused for finding in found):
         return Examined(tuple(found))
@@ -302,8 +298,8 @@ def _denoised(
     held: intervals.Intervals,
     recipe: FogThermalRecipe,
 ) -> tuple[Array, tuple[tuple[str, tuple[float, ...], tuple[float, ...]], ...], list[str]]:
-    """Block means [m] of the indication, each segment denoised by itself, with what was taken for
-    noise, and flags.
+    """Block means [m] of the indication with each segment denoised separately, noise and thresholds
+    per level, and flags.
     """
     if not recipe.denoise.enabled:
         return held.means(gyro), (), []
@@ -329,8 +325,8 @@ def _denoised(
 def _of_segment(
     log: Log, part: Array, segment: segments.Segment, recipe: FogThermalRecipe
 ) -> denoise.Denoised | None:
-    """A segment [n] denoised; none for a soak that is too short for the filter. A ramp too short is
-    refused.
+    """Denoised segment [n]; None for a soak that is too short for the filter. Such a ramp raises
+    FitError.
     """
     spec = recipe.denoise
     try:
@@ -354,7 +350,7 @@ def _of_segment(
 def _ramps(
     log: Log, cuts: Sequence[segments.Segment], held: intervals.Intervals, env: Array
 ) -> tuple[Ramp, ...]:
-    """Ramps in model intervals, named by their log (numbered where a log has several)."""
+    """Ramps in model intervals, named by their log (and numbered if it has several)."""
     moving = [segment for segment in cuts if segment.kind == "ramp"]
     if not moving:
         raise FrameError(
@@ -375,8 +371,8 @@ def _ramps(
 
 
 def denoise_result(logs: Sequence[PreparedLog]) -> StageResult:
-    """denoise.json: noise and threshold of every level of every denoised segment (named
-    log.segment).
+    """denoise.json: noise and threshold of every level of every denoised segment, named
+    log.segment.
     """
     figures = tuple(
         Figure(f"{name}.{kind}_{level}", value, "deg/h", 0.0)

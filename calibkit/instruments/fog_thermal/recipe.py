@@ -11,14 +11,14 @@ from calibkit.recipe.tables import NonNegative, Positive, Recipe, Table
 
 
 class _Checks(Table):
-    """What a log must be like before anything is fitted to it."""
+    """Requirements on a log for a fit."""
 
     min_rows: Annotated[int, Field(ge=3)] = 100
     max_gap_s: Positive = 60.0
 
 
 class _Segments(Table):
-    """How soaks and ramps are told apart from the chamber air's measured rate."""
+    """Detection of soaks and ramps from the measured rate of the chamber air."""
 
     slope_window_s: Positive = 60.0
     ramp_min_degc_min: Positive = 0.3
@@ -26,7 +26,7 @@ class _Segments(Table):
 
 
 class Denoise(Table):
-    """Lifting-wavelet denoising of the indication, each segment by itself."""
+    """Lifting-wavelet denoising of the indication, separately for each segment."""
 
     enabled: bool = True
     wavelet: str = "cdf97"
@@ -50,9 +50,7 @@ class Denoise(Table):
 
 
 class Drift(Table):
-    """Which drift model is exported, and the published one of each ramp over temperature rate
-    (CN102095419A).
-    """
+    """Choice of the drift model, and options of the published one (CN102095419A)."""
 
     model: Literal["auto", "gradient_rate", "level", "lagged"] = "auto"
     interval_s: Positive = 10.0
@@ -64,9 +62,7 @@ class Drift(Table):
 
 
 class _InputAxis(Table):
-    """Where the gyro's input axis points in the chamber: elevation above the horizontal, azimuth
-    from north [°].
-    """
+    """Direction of the gyro's input axis: elevation above horizontal, azimuth from north [°]."""
 
     elevation_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
     azimuth_deg: Annotated[float, Field(ge=-360.0, le=360.0)] | None = None
@@ -82,15 +78,13 @@ class _InputAxis(Table):
 
 
 class _Output(Table):
-    """What `apply` adds beside the compensated rate."""
+    """Columns that `apply` adds to the compensated rate."""
 
     rate_uncertainty: bool = False
 
 
 class _Acceptance(Table):
-    """Limits that a fit and a validation are held against; a limit that is not stated is not
-    tested.
-    """
+    """Acceptance limits of fits and validations; a limit that is None is not tested."""
 
     min_reduction: NonNegative | None = None
     max_drift_rms_dph: Positive | None = None
@@ -113,7 +107,7 @@ class FogThermalRecipe(Recipe):
     acceptance: _Acceptance = _Acceptance()
 
     def named_logs(self) -> tuple[tuple[tuple[str, ...], tuple[str, ...]], ...]:
-        """The rates that are given for logs by their names."""
+        """Tables of the recipe that name logs: the stated temperature rates."""
         return ((("drift", "rates_degc_min"), tuple(self.drift.rates_degc_min)),)
 
     def largest_gap_s(self) -> float:

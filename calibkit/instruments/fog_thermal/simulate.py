@@ -1,4 +1,4 @@
-"""Logs of a simulated fibre-optic gyro on temperature ramps in a chamber, with the truth."""
+"""Simulated logs of a fibre-optic gyro on temperature ramps, with their true values."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -24,20 +24,19 @@ from calibkit.simulate.chamber import (
 )
 
 TRUTH_EVERY = 60
-"""Samples between two rows of truth."""
+"""Samples between two rows of true values."""
 DECIMALS = {"temp_case_degc": 4, "temp_env_degc": 1, "gyro_dph": 3}
 
 
 @dataclass(frozen=True, slots=True)
 class SimulatedLog:
-    """One log, as logged and as it truly was."""
+    """Simulated log: logged columns and true values."""
 
     columns: Mapping[str, NDArray[Any]]
     air: Array
     heat: Heat
     drift: Array
-    """Change of bias [n] [°/h] from equilibrium at 25 °C; without turn-on bias, the earth's rate
-    and noise.
+    """Bias [n, °/h] relative to equilibrium at 25 °C, without turn-on bias, earth's rate and noise.
     """
     turn_on_dph: float
 
@@ -45,9 +44,7 @@ class SimulatedLog:
 def _indication(
     device: FogGyro, drift_dph: Array, turn_on_dph: float, rng: np.random.Generator
 ) -> Array:
-    """Count in whole pulses at 1 Hz what a gyro sees: earth's rate, bias, drift [n] [°/h] and
-    noise; [n] [°/h].
-    """
+    """Indication [n, °/h] at 1 Hz in whole pulses: earth's rate, bias, drift [n, °/h] and noise."""
     count = len(drift_dph)
     random = (
         noise.angle_random_walk(device.N, count, rng)
@@ -63,7 +60,7 @@ def _indication(
 def _log(
     device: FogGyro, chamber: Chamber, programme: Programme, rng: np.random.Generator
 ) -> SimulatedLog:
-    """One log at 1 Hz of a gyro in a chamber that runs a programme, both at rest before it."""
+    """Simulate a log at 1 Hz of a gyro in a chamber programme; both start at rest."""
     time, set_degc = programme.set_points()
     air_degc = chamber.air(set_degc, rng)
     heat = device.heat_flow(air_degc, float(set_degc[0]))
@@ -88,8 +85,8 @@ def programmes(
     soak_before_s: float = 600.0,
     soak_after_s: float = 3600.0,
 ) -> dict[str, Programme]:
-    """File names and programmes: a ramp up and one down for each rate [°C/min], on request 1 °C
-    steps both ways.
+    """Programmes by file name: a heating and a cooling ramp for each rate [°C/min], and with
+    `steps` staircases of 1 °C in both directions.
     """
     ends = {"heating": (COLD_DEGC, HOT_DEGC), "cooling": (HOT_DEGC, COLD_DEGC)}
     ramps = {
@@ -110,8 +107,8 @@ def programmes(
 def logs(
     device: FogGyro, runs: Mapping[str, Programme], seed: int, chamber: Chamber
 ) -> dict[str, SimulatedLog]:
-    """Run a gyro through programmes by file name; each log draws from its own stream: another log
-    changes none.
+    """Simulate the logs of programmes by file name; each log has its own random stream, independent
+    of the other logs.
     """
     return {
         name: _log(
@@ -134,8 +131,8 @@ def campaign(
     hysteresis_scale: float = 1.0,
     case_resolution_degc: float = CASE_RESOLUTION_DEGC,
 ) -> Campaign:
-    """Log one gyro on heating and cooling ramps, one ramp per file, the withheld ones in a
-    folder of their own.
+    """Simulate one gyro on heating and cooling ramps, one ramp per file, withheld ramps in a
+    separate folder.
 
     Parameters
     ----------
@@ -145,7 +142,6 @@ def campaign(
     drift_scale : multiplies all drift; 0 is a gyro without any.
     hysteresis_scale : multiplies the hysteresis alone.
     case_resolution_degc : of the case thermometer [°C].
-
     """
     device = FogGyro.draw(seed).scale_drift(
         drift_scale=drift_scale, hysteresis_scale=hysteresis_scale
@@ -168,7 +164,7 @@ def campaign(
 
 
 def _truth_of(programme: Programme, simulated: SimulatedLog) -> dict[str, object]:
-    """Sum up what one log was made from, every 60 s, JSON-able."""
+    """True values of one log every 60 s, as a JSON object."""
     heat = simulated.heat
     series = {
         "air_degc": (simulated.air, 3),

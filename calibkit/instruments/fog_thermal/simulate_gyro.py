@@ -1,9 +1,9 @@
-"""A fibre-optic gyro on temperature ramps: heat flows through case and coil, and its bias follows
-the coil.
+"""Simulated fibre-optic gyro: heat flow through case and coil, and the bias as a function of the
+coil temperatures.
 
-The bias is a polynomial of the coil's mean temperature, the Shupe effect (Shupe 1980, Applied
-Optics 19:654) of the coil's temperature rate and of the rate of the gradient across it, and a
-hysteresis of play operators: physics, of which every fitted model is an approximation.
+The bias is the sum of a polynomial of the coil's mean temperature, the Shupe effect (Shupe 1980,
+Applied Optics 19:654) of the coil's temperature rate and of the rate of the gradient across it, and
+a hysteresis of play operators. Every fitted model only approximates this.
 """
 
 import math
@@ -21,22 +21,18 @@ Triple = tuple[float, float, float]
 Value = TypeVar("Value", float, "Array")
 
 REFERENCE_DEGC = 25.0
-"""Where drift is zero: a coil in equilibrium at this temperature, before any hysteresis."""
+"""Temperature at which drift is zero, in equilibrium and before any hysteresis [°C]."""
 COLD_DEGC, HOT_DEGC = -40.0, 60.0
 LATITUDE_DEG = 34.2
-"""Of the laboratory; the input axis points up."""
+"""Latitude of the laboratory [°]; the input axis points up."""
 CASE_RESOLUTION_DEGC = 0.0625
 STEP = 4
-"""Samples per integration step of the heat flow: a tenth of the shortest time constant that a coil
-has.
-"""
+"""Integration step of the heat flow [samples]: a tenth of the shortest time constant of a coil."""
 
 
 @dataclass(frozen=True, slots=True)
 class FogGyro:
-    """Constants of one gyro: heat, drift, and what stands between the rotation and the
-    indication.
-    """
+    """Constants of one gyro: heat flow, drift, noise and resolution."""
 
     tau_case_s: float
     """Lag of the case behind the air on a steady ramp, at small differences."""
@@ -46,23 +42,25 @@ class FogGyro:
     tau_inner_s: float
     """Lag of the coil's inner layers behind the outer ones, likewise."""
     coil_share: float
-    """Heat capacity of the coil, of that of the whole gyro."""
+    """Heat capacity of the coil relative to the whole gyro."""
     inner_share: float
-    """Heat capacity of the inner layers, of that of the coil."""
+    """Heat capacity of the inner layers relative to the coil."""
     self_heating_degc: float
-    """What the electronics would warm the case above still air, at small differences."""
+    """Excess of the case over still air due to the electronics, at small differences."""
     convection_per_degc: float
     """Relative growth of the heat transfer to the air with its temperature difference [1/°C]."""
     conduction_per_degc: float
-    """Relative growth of the conductances inside with temperature [1/°C]."""
+    """Relative growth of the internal conductances with temperature [1/°C]."""
     static_dph: tuple[float, ...]
-    """Bias in equilibrium: factors of (T − 25)¹, (T − 25)² ... [°/h/°C, °/h/°C² ...]."""
+    """Bias in equilibrium: coefficients of (T − 25)¹, (T − 25)² ... [°/h/°C, °/h/°C² ...]."""
     shupe_rate: float
     """Shupe effect of the coil's mean temperature rate [°/h/(°C/min)]."""
     shupe_gradient_rate: float
     """Shupe effect of the rate of the difference of outer and inner layers [°/h/(°C/min)]."""
     shupe_per_degc: float
-    """Relative growth of both with temperature [1/°C], as the fibre's index gets steeper."""
+    """Relative growth of both Shupe effects with temperature [1/°C], as the fibre's index gets
+    steeper.
+    """
     hysteresis_dph: float
     """Bias cooling less bias heating, far from the turning points."""
     hysteresis_play_degc: tuple[float, ...]
@@ -71,7 +69,7 @@ class FogGyro:
     turn_on_dph: float
     """Standard deviation of the bias from one log to the next."""
     input_rate_dph: float
-    """Rotation that the gyro truly sees: the earth's."""
+    """True rotation rate: the earth's."""
     N: float
     """Angle random walk [°/√h]."""
     B: float
@@ -85,7 +83,7 @@ class FogGyro:
     case_resolution_degc: float
 
     def scale_drift(self, *, drift_scale: float = 1.0, hysteresis_scale: float = 1.0) -> "FogGyro":
-        """Multiply all drift of a gyro, or its hysteresis alone; 0 takes it away."""
+        """Gyro with all drift, or the hysteresis alone, multiplied by a factor."""
         return replace(
             self,
             static_dph=tuple(factor * drift_scale for factor in self.static_dph),
@@ -95,8 +93,8 @@ class FogGyro:
         )
 
     def heat_flow(self, air_degc: Array, rest_degc: float) -> "Heat":
-        """Temperatures of case and coil under air [n] [°C] at 1 Hz, from equilibrium with air at
-        rest [°C].
+        """Temperatures of case and coil for air temperatures [n, °C] at 1 Hz, from equilibrium with
+        air at `rest_degc`.
 
         Classical Runge-Kutta in steps of 4 s, cubic Hermite between them.
         """
@@ -122,8 +120,8 @@ class FogGyro:
         return Heat(case, outer, inner, outer_rate, inner_rate)
 
     def hysteresis(self, coil_degc: Array) -> Array:
-        """Hysteresis of the bias [n] [°/h] along a coil temperature [n] [°C]: Prandtl-Ishlinskii
-        sum of play operators.
+        """Hysteresis of the bias [n, °/h] for coil temperatures [n, °C]: Prandtl-Ishlinskii sum of
+        play operators.
         """
         if self.hysteresis_dph == 0.0:
             return np.zeros(len(coil_degc))
@@ -134,7 +132,7 @@ class FogGyro:
         return self.hysteresis_dph / (2.0 * sum(widths)) * behind
 
     def drift(self, heat: "Heat") -> Array:
-        """Change of bias [n] [°/h] from equilibrium at the reference temperature: static, Shupe
+        """Bias [n, °/h] relative to equilibrium at the reference temperature: static part, Shupe
         effects, hysteresis.
         """
         share = self.inner_share
@@ -189,7 +187,7 @@ class FogGyro:
 
 @dataclass(frozen=True, slots=True)
 class Heat:
-    """Temperatures [n] [°C] of case and coil at 1 Hz, and the coil's rates [n] [°C/s]."""
+    """Temperatures [n, °C] of case and coil at 1 Hz, and the coil's rates [n, °C/s]."""
 
     case: Array
     outer: Array
@@ -199,8 +197,8 @@ class Heat:
 
 
 def _static_shape(peak_to_peak: float, rng: np.random.Generator) -> tuple[float, ...]:
-    """Draw a quartic in T − 25 °C without constant term, of a peak-to-peak value [°/h] over the
-    range.
+    """Draw a quartic in T − 25 °C without constant term, with a peak-to-peak value [°/h] over the
+    chamber's range.
     """
     orders = [0.0, rng.choice((-1.0, 1.0)), *(rng.normal(0.0, size) for size in (0.5, 0.2, 0.01))]
     in_chamber = chebyshev.Chebyshev(orders, domain=[COLD_DEGC, HOT_DEGC])
@@ -215,11 +213,11 @@ def _static_shape(peak_to_peak: float, rng: np.random.Generator) -> tuple[float,
 def _flows(
     device: FogGyro, air_degc: Value, case: Value, outer: Value, inner: Value
 ) -> tuple[Value, Value, Value]:
-    """Heat balance of three nodes: the rates [°C/s] of case, outer and inner layers, the whole heat
-    capacity being one.
+    """Rates [°C/s] of case, outer and inner layers by the heat balance of three nodes; heat
+    capacities are relative to that of the whole gyro.
 
-    The conductances are such that, at small differences, a steady ramp of rate r has
-    case = air − r τ_case + self-heating, outer = case − r τ_outer, inner = outer − r τ_inner.
+    The conductances follow from the lags: at small differences, a steady ramp of rate r has case =
+    air − r τ_case + self-heating, outer = case − r τ_outer, inner = outer − r τ_inner.
     """
     difference = air_degc - case
     to_case = (
@@ -251,7 +249,9 @@ def _resting_case(device: FogGyro, air_degc: float) -> float:
 
 
 def _runge_kutta(device: FogGyro, supplied: Triple, nodes: Triple) -> Triple:
-    """One classical step of STEP seconds; air at its beginning, middle and end."""
+    """One classical Runge-Kutta step of STEP seconds from air temperatures at its beginning, middle
+    and end.
+    """
     case, outer, inner = nodes
     a1, b1, c1 = _flows(device, supplied[0], case, outer, inner)
     half = STEP / 2.0
@@ -267,11 +267,10 @@ def _runge_kutta(device: FogGyro, supplied: Triple, nodes: Triple) -> Triple:
 
 
 def _play(degc: Array, half_width: float) -> Array:
-    """Play operator [n] [°C] of a temperature [n] [°C]: it follows only where pushed by more than
-    its half width.
+    """Play operator [n, °C] of a temperature [n, °C]: it follows only if pushed by more than its
+    half width.
 
-    At rest at the reference temperature before the first sample (Krasnosel'skii & Pokrovskii 1989,
-    chapter 1).
+    It starts at the reference temperature (Krasnosel'skii & Pokrovskii 1989, chapter 1).
     """
     state = REFERENCE_DEGC
     followed = []

@@ -1,4 +1,4 @@
-"""Results of a gyro's thermal run → the records that the report draws and prints."""
+"""Results of a gyro's thermal run → data of the report's figures and tables."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -21,8 +21,7 @@ from calibkit.report.summary import number
 from calibkit.report.table import Table
 
 UNEVEN = 0.05
-"""Deviation of a sampling step from the usual one, relative to it, from which a log is not evenly
-sampled.
+"""Largest relative deviation of a sampling step from the median with which a log is evenly sampled.
 """
 
 
@@ -35,7 +34,7 @@ def drift_report(
     model: DriftModel,
     hysteresis: tuple[tuple[str, Hysteresis], ...],
 ) -> DriftReport:
-    """Everything that the figures of a fit show."""
+    """Data of the figures of a fit."""
     return DriftReport(
         recipe.title or recipe.procedure,
         model.interval_s,
@@ -49,7 +48,7 @@ def drift_report(
 
 
 def log_view(log: PreparedLog, model: DriftModel) -> DriftLog:
-    """What the figures show of one log."""
+    """Data of one log for the figures."""
     return DriftLog(
         log.name,
         log.raw.time,
@@ -63,8 +62,8 @@ def log_view(log: PreparedLog, model: DriftModel) -> DriftLog:
 def list_tested(
     choices: Sequence[SideChoice], levels: ThermalChoice, export: Export
 ) -> tuple[Tested, ...]:
-    """Every model that was tested on withheld ramps, the orders of the published scheme side by
-    side.
+    """Results of all models tested on left-out ramps or rates; each order of the published scheme
+    is listed.
     """
     orders = tuple(
         Tested(
@@ -95,8 +94,8 @@ def fit_tables(
     logs: Sequence[LogFigures],
     stated: Sequence[Statement],
 ) -> list[Table]:
-    """Coefficients of each ramp with standard uncertainties, every model's drift rms on withheld
-    ramps, each log before and after, and the uncertainty where it can be stated.
+    """Tables of the ramps' coefficients with standard uncertainties, of the drift rms of tested
+    models on left-out ramps, of each log before and after, and of the uncertainty if stated.
     """
     coefficients = []
     for item in ramps:
@@ -130,7 +129,7 @@ def fit_tables(
 
 
 def before_after_table(figures: Sequence[LogFigures]) -> Table:
-    """Drift rms of each log before and after with the rate gain beside it."""
+    """Table of each log's drift rms before and after compensation, with the rate gain."""
     rows = tuple(
         (
             log.name,
@@ -151,8 +150,8 @@ def before_after_table(figures: Sequence[LogFigures]) -> Table:
 
 
 def coverage_tables(logs: Sequence[Mapping[str, Any]]) -> tuple[Table, ...]:
-    """Stated uncertainty of the compensated rate of each validated log, and the share of its 100 s
-    means that it covers.
+    """Table of the stated uncertainty of the compensated rate of each validated log, and the share
+    of 100 s means within it.
     """
     rows = []
     for log in logs:
@@ -178,10 +177,10 @@ def coverage_tables(logs: Sequence[Mapping[str, Any]]) -> tuple[Table, ...]:
 
 
 def allan_deviations(time: Array, before: Array, after: Array) -> dict[str, object]:
-    """JSON object: overlapping Allan deviations [°/h] of the indication and of the compensated rate
-    [n], or why there are none.
+    """JSON object of the overlapping Allan deviations [°/h] of indication and compensated rate [n,
+    °/h], or the reason why there are none.
 
-    Nothing is denoised or resampled: an Allan deviation of either would be that of the filter.
+    Nothing is denoised or resampled, as the Allan deviation would show the filter.
     """
     step = np.diff(time)
     usual = float(np.median(step))

@@ -1,5 +1,5 @@
-"""Uncertainty of the compensated rate: along a log, component by component, and whether it covers
-what is left on logs that were not fitted.
+"""Uncertainty of the compensated rate along a log by component, and its coverage of the residuals
+on logs that were not fitted.
 """
 
 from collections.abc import Sequence
@@ -30,17 +30,17 @@ from calibkit.report.summary import number
 from calibkit.report.table import Table, number_or_none
 
 RESULT = "gyro_dph"
-"""Name under which type B terms speak of the compensated rate."""
+"""Name of the compensated rate in type B terms."""
 SHIFTS_DEGC = {"temp_case_degc": (0.05, 0.0), "temp_env_degc": (0.0, 0.05)}
-"""Changes of case and chamber by which the drift is differentiated: it is smooth over degrees."""
+"""Changes of case and chamber temperature for the numerical derivative of the drift."""
 POINTS = 5
-"""Temperatures at which the uncertainty at rest is stated."""
+"""Number of temperatures at which the uncertainty at rest is stated."""
 
 
 @dataclass(frozen=True, slots=True)
 class _RateUncertainty:
     """Drift [n, °/h] along a log, contributions [m, n, °/h] to its uncertainty with names and
-    kinds, and their combination.
+    kinds, and the combined uncertainty.
     """
 
     drift: Array
@@ -54,9 +54,7 @@ class _RateUncertainty:
 
 @dataclass(frozen=True, slots=True)
 class Statement:
-    """The combined uncertainty at one instant: where that is, the drift there [°/h], and every
-    component.
-    """
+    """Combined uncertainty at one instant: place, drift [°/h] and all components."""
 
     where: str
     temp_case_degc: float
@@ -88,8 +86,8 @@ class Statement:
 
 
 def _influenced(term: TypeB) -> str:
-    """Column through which a type B term enters the compensated rate: a thermometer, or that rate
-    itself; empty where it does not enter.
+    """Column through which a type B term enters the compensated rate: a thermometer or the rate
+    itself; empty if it does not.
     """
     if term.sensitivity is not None:
         return RESULT if term.result == RESULT else ""
@@ -98,7 +96,7 @@ def _influenced(term: TypeB) -> str:
 
 
 def flag_unused(terms: Sequence[TypeB]) -> list[str]:
-    """Flag that names the type B terms which do not enter the compensated rate."""
+    """Flag that names the type B terms without effect on the compensated rate."""
     idle = ", ".join(term.name for term in terms if not _influenced(term))
     return [f"type B terms that do not enter the compensated rate: {idle}"] if idle else []
 
@@ -111,12 +109,11 @@ def _propagate(
     terms: Sequence[TypeB],
     reference_degc: float,
 ) -> _RateUncertainty:
-    """Uncertainty of what is taken off the indication along a log: type A, model error, clamping,
-    and the type B terms.
+    """Uncertainty of the drift along a log: type A, model error, clamping, and type B terms.
 
-    A type B term of temp_case_degc or temp_env_degc acts through the drift's change where that
-    thermometer is off all along the log; one of the compensated rate (gyro_dph) acts itself; one
-    with a sensitivity to it by that.
+    A type B term of temp_case_degc or temp_env_degc is propagated by the derivative of the drift
+    for a constant error of that thermometer. A term of the compensated rate (gyro_dph) enters
+    directly, one with a sensitivity multiplied by it.
     """
     found = evaluate.evaluate(thermal, time, case, env, reference_degc)
     known = uncertainty.contributions(thermal, found)
@@ -146,9 +143,7 @@ def _propagate(
 
 
 def _along_blocks(model: DriftModel, blocks: Blocks, terms: Sequence[TypeB]) -> _RateUncertainty:
-    """Uncertainty along block means; raises UsageError where the run exports no model on levels, of
-    which it can be stated.
-    """
+    """Uncertainty along block means; raises UsageError without a level or lagged model."""
     if model.thermal is None:
         found = (
             "gradient_rate, whose error on other rates is not known"
@@ -171,8 +166,8 @@ def _along_blocks(model: DriftModel, blocks: Blocks, terms: Sequence[TypeB]) -> 
 
 
 def along_rows(log: Log, model: DriftModel, recipe: FogThermalRecipe) -> Array:
-    """Standard uncertainty [rows, °/h] of the compensated rate: of the drift that was taken off,
-    noise not included.
+    """Standard uncertainty [rows, °/h] of the compensated rate due to the drift model, without
+    noise.
     """
     time = values(log.frame, "time_s")
     _, blocks = ramps.block_means(log, recipe, rated=False)
@@ -203,8 +198,8 @@ def _state(where: str, temperature: float, found: _RateUncertainty, row: int) ->
 def state_along_logs(
     model: DriftModel, logs: Sequence[PreparedLog], terms: Sequence[TypeB]
 ) -> tuple[Statement, ...]:
-    """Uncertainty at rest over the fitted temperatures, and where it is largest along each log;
-    needs a model on levels.
+    """Statements at rest over the fitted temperatures and at the largest uncertainty along each
+    log; empty without a level or lagged model.
     """
     if model.thermal is None:
         return ()
@@ -257,11 +252,11 @@ def tabulate_statements(statements: Sequence[Statement]) -> Table:
 
 
 def check_coverage(model: DriftModel, blocks: Blocks, terms: Sequence[TypeB]) -> dict[str, Any]:
-    """JSON object: standard uncertainties along a log, and the share of its 100 s means that lie
-    within U of the mean of the log.
+    """JSON object: uncertainties along a log, and the share of its 100 s means within U of the
+    log's mean.
 
-    A mean may be off the log's own mean by the uncertainty of the drift and by noise: white noise
-    of the blocks and flicker noise about its mean, at the levels that the fit found.
+    The limit for a mean combines the expanded uncertainty of the drift with noise about the log's
+    mean: white noise of the blocks and flicker noise, at the levels of the fit.
     """
     if model.thermal is None:
         return {"not_available": "the run exports no model on levels"}

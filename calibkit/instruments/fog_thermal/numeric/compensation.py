@@ -71,7 +71,7 @@ def increments(
         delta[served + 1] = a[:, 0] + a[:, 1] * clamped + a[:, 2] * clamped**2
         held[served + 1] = False
         low, high = polynomial.rates
-        # the measured rate of one ramp wanders by some percent
+        # the measured rate varies by some percent along a ramp
         slack = 0.1 * max(abs(low), abs(high))
         rate_clamped[served + 1] = (r[served] < low - slack) | (r[served] > high + slack)
         gradient_clamped[served + 1] = clamped != G[served]

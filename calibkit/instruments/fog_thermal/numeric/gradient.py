@@ -184,7 +184,7 @@ def _solver(basis: Array, ramps: Sequence[RampFit]) -> Array:
     c00 … c2M.
     """
     if basis.shape[0] == basis.shape[1]:
-        # interpolation: weights drop out, and would only cost digits
+        # interpolation: weights cancel, and would only lose precision
         inverse = np.linalg.inv(basis)
         return np.concatenate([np.kron(inverse, np.eye(3)[j]) for j in range(3)])
     weighted = np.concatenate(
@@ -206,6 +206,6 @@ def _inflation(deviations: Array, ramps: Sequence[RampFit], fitted: int) -> floa
             d @ np.linalg.solve(ramp.covariance, d)
             for d, ramp in zip(deviations, ramps, strict=True)
         )
-    except np.linalg.LinAlgError:  # noise-free data have no covariance to compare with
+    except np.linalg.LinAlgError:  # noise-free data have a singular covariance
         return 1.0
     return max(1.0, float(chi_square) / dof)

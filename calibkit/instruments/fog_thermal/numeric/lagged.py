@@ -312,7 +312,7 @@ def _solution(problem: Problem, found: _Lags, names: tuple[str, ...]) -> Solutio
     design = problem.design(found.log_lags)
     changes = problem.sensitivities(found, design)
     low, high = np.log(BOUNDS_S)
-    # free only where the drift changes with the lags otherwise than with the coefficients
+    # free only if the derivatives by the lags are independent of the columns
     free = (
         (found.log_lags > low + STEP)
         & (found.log_lags < high - STEP)

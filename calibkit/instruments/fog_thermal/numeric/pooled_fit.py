@@ -370,7 +370,7 @@ def _to_raw_and_lags(solution: Solution, logs: int, chosen: Integers) -> Array:
     scaled[9 + free, logs + k + np.arange(free.size)] = np.exp(solution.log_lags[free])
     raw = np.eye(9 + lags)
     raw[:9, :9] = solution.scales.to_raw()
-    # a term that was not fitted stays out of the others' raw values: its column is zero already
+    # terms that were not fitted have zero rows in `scaled`
     return np.asarray(raw @ scaled, dtype=np.float64)
 
 
