@@ -1,4 +1,4 @@
-"""Figures of fits and of unseen runs against the limits of a recipe."""
+"""Acceptance limits of a recipe on the figures of fits and of unseen runs."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -18,7 +18,7 @@ LINE_LIMITS = {
     "nonlinearity_full_scale": ("nonlinearity over full scale", "max_nonlinearity_ppm", "ppm"),
     "asymmetry": ("asymmetry", "max_asymmetry_ppm", "ppm"),
 }
-"""Figure of a line (GJB 2426A) → its limit: name, key of the recipe, unit."""
+"""Figure of a line (GJB 2426A) → name, recipe key and unit of its limit."""
 RUN_LIMITS = LINE_LIMITS | {
     "repeatability": ("repeatability", "max_repeatability_ppm", "ppm"),
     "temperature_sensitivity": (
@@ -44,7 +44,9 @@ UNSEEN_BASE_LIMITS = {
 def _judge(
     limits: LineAcceptance, *found: tuple[tuple[str, str, str], float]
 ) -> tuple[Criterion, ...]:
-    """Criteria of values that must not exceed limits, where those are stated."""
+    """Criteria that values do not exceed their limits; a limit that the recipe does not state is
+    left out.
+    """
     return tuple(
         at_most(name, value, getattr(limits, key), unit)
         for (name, key, unit), value in found
@@ -57,8 +59,8 @@ def _judge_figures(
     kinds: Mapping[str, tuple[str, str, str]],
     limits: LineAcceptance,
 ) -> tuple[Criterion, ...]:
-    """Criteria of the largest figure of each kind; raises FitError where a limit is stated and no
-    run shows the figure.
+    """Criteria on the largest figure of each kind; raises FitError where a limit is stated but no
+    run gives the figure.
     """
     found = []
     for what, limit in kinds.items():
@@ -78,14 +80,16 @@ def _judge_figures(
 
 
 def judge_runs(figures: Sequence[Figure], limits: RateTableAcceptance) -> tuple[Criterion, ...]:
-    """Limits on the runs of a rate table."""
+    """Criteria on the runs of a rate table."""
     return _judge_figures(figures, RUN_LIMITS, limits)
 
 
 def judge_pair(
     fitted: pair_fit.PairFit, figures: Sequence[Figure], limits: PairAcceptance
 ) -> tuple[Criterion, ...]:
-    """Limits on the lines of a pair about own axes, and on its angle."""
+    """Criteria on the lines of a pair's gyros about their own axes, and on the angle between the
+    gyros.
+    """
     u_gamma = float(fitted.found.standard_uncertainty[2])
     error = abs(fitted.found.orthogonality_error_deg)
     return _judge_figures(figures, LINE_LIMITS, limits) + _judge(
@@ -98,7 +102,7 @@ def judge_pair(
 def judge_triad(
     fitted: triad_fit.AxesFit, figures: Sequence[Figure], limits: TriadAcceptance
 ) -> tuple[Criterion, ...]:
-    """Limits on the lines about main axes, and on the angles in every set."""
+    """Criteria on the lines about the main axes, and on the angles of every set of runs."""
     angles = [
         (
             abs(90.0 - float(one.triad.angles_deg[pair])),
@@ -118,8 +122,8 @@ def judge_triad(
 def judge_unseen_lines(
     compared: Sequence[Mapping[str, Any]], limits: PairAcceptance | RateTableAcceptance
 ) -> tuple[Criterion, ...]:
-    """Limits on runs that were not fitted: scale factor against the frozen one, and the run's own
-    nonlinearity.
+    """Criteria on unseen runs: scale factor against the frozen one, and nonlinearity of the run
+    itself.
     """
     return _judge(
         limits,
@@ -133,7 +137,7 @@ def judge_unseen_lines(
 def judge_unseen_base(
     compared: Sequence[Mapping[str, Any]], limits: TriadAcceptance
 ) -> tuple[Criterion, ...]:
-    """Limits on rates of runs that were not fitted, along and across the turned axis."""
+    """Criteria on the rates of unseen runs along and across the turned axis."""
     return _judge(
         limits,
         *(

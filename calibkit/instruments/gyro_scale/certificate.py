@@ -1,5 +1,5 @@
-"""Rate-table results: scale factors and figures of each gyro, K and F0 over temperature; then what
-stands between gyros.
+"""Rate-table results: scale factors and figures of each gyro, K and F0 over temperature; for
+several gyros also the results between them.
 """
 
 import math
@@ -24,7 +24,7 @@ from calibkit.instruments.gyro_scale import certificate_angles, forms
 from calibkit.instruments.gyro_scale.numeric.gjb_figures import IEEE, PPM
 
 MOST_NOTES = 8
-"""Models up to which each has a note of its own."""
+"""Largest number of models with a note for each; more share one note."""
 
 LINE_EQUATION = Equation(
     forms.LINE.name,
@@ -53,7 +53,7 @@ NAMES = {
     "temperature_sensitivity": Words("temperature sensitivity", "温度灵敏度"),
     "bias": Words("bias", "零偏"),
 }
-"""Figures in the standards' terms."""
+"""Figure → its term in the standards."""
 MAGNITUDES = {
     "nonlinearity_full_scale",
     "nonlinearity_per_point",
@@ -61,13 +61,14 @@ MAGNITUDES = {
     "asymmetry",
     "repeatability",
 }
-"""Figures that cannot be negative."""
+"""Figures that are magnitudes and cannot be negative."""
 ONE_TEMPERATURE_DEGC = 1.0
-"""Span of the runs' case temperatures above which both ends are printed."""
+"""Span of the runs' case temperatures [°C] above which both ends are printed instead of the mean.
+"""
 
 
 def list_blocks(stated: Stated) -> tuple[Block, ...]:
-    """Scale factors, and of several gyros what stands between them."""
+    """Blocks of scale factors and, for several gyros, of angles and misalignment."""
     found = (
         (forms.SCALE_FILE, _state_scale),
         (forms.ORTHOGONALITY_FILE, certificate_angles.state_angles),
@@ -78,7 +79,7 @@ def list_blocks(stated: Stated) -> tuple[Block, ...]:
 
 
 def _state_scale(stated: Stated, record: Record) -> Block:
-    """Lines, curves over temperature, figures."""
+    """Block of lines, curves over temperature and figures."""
     lines = [model for model in record.models if model.form == forms.LINE.name]
     others = [model for model in record.models if model.form != forms.LINE.name]
     curves = [model for model in others if model.form == POLYNOMIAL.name]
@@ -109,7 +110,7 @@ def _state_scale(stated: Stated, record: Record) -> Block:
 
 
 def _tabulate_lines(stated: Stated, record: Record, models: Sequence[Model]) -> GridTable:
-    """K and F0 of every line."""
+    """Table of K and F0 of every line."""
     cells = []
     for model in models:
         results = (
@@ -123,7 +124,7 @@ def _tabulate_lines(stated: Stated, record: Record, models: Sequence[Model]) -> 
                 sensitivities=certificate_angles.list_rate_influences(
                     model.value("K"), certificate_angles.find_full_scale(model)
                 ),
-                # a gyro about its own axis, the mean of its runs
+                # the mean of the runs of a gyro about its own axis
                 principal="." not in model.name and not _is_cross(model.name),
             ),
             stated.linear(
@@ -143,7 +144,9 @@ def _tabulate_lines(stated: Stated, record: Record, models: Sequence[Model]) -> 
 
 
 def _find_temperature(model: Model) -> tuple[tuple[str, float, str], ...] | None:
-    """Mean case temperature that a line was found at, as a condition, where it was logged."""
+    """Mean case temperature of a line's runs as a condition of the result; None where it was not
+    logged.
+    """
     if forms.TEMPERATURE not in model.valid:
         return None
     known = {parameter.name: parameter.value for parameter in model.parameters}
@@ -157,9 +160,7 @@ def _find_temperature(model: Model) -> tuple[tuple[str, float, str], ...] | None
 
 
 def _label(model: Model) -> str:
-    """A line by its name and the case temperature that it holds at; both ends where its runs lie
-    apart.
-    """
+    """Label of a line: its name and its case temperature, or the range where its runs differ."""
     at = _find_temperature(model)
     if at is None:
         return model.name
@@ -175,7 +176,7 @@ def _tabulate_curves(
     letter: str,
     temperatures: Sequence[float],
 ) -> GridTable:
-    """Values of the polynomials of K or F0 over temperature, one column a gyro."""
+    """Table of the polynomials of K or F0 over temperature, one column per gyro."""
     columns = [
         (
             Words(model.name.split(".")[0]),
@@ -192,7 +193,7 @@ def _tabulate_curves(
 def _state_curve(
     stated: Stated, record: Record, model: Model, letter: str, t: float
 ) -> Result | None:
-    """Value of one polynomial at a temperature inside its range."""
+    """Value of one polynomial at a temperature [°C]; None outside its range."""
     low, high = model.valid[forms.TEMPERATURE]
     if not low <= t <= high:
         return None
@@ -214,8 +215,8 @@ def _state_curve(
 
 
 def _plot(table: GridTable, *, relative: bool) -> Figure:
-    """Values over temperature with their expanded uncertainties, of K in ppm of the largest K from
-    the middle.
+    """Plot of values over temperature with expanded uncertainties; K is shown in ppm of the largest
+    K, as departure from the middle.
     """
     columns = [
         [
@@ -246,11 +247,11 @@ def _plot(table: GridTable, *, relative: bool) -> Figure:
 def _tabulate_figures(
     stated: Stated, record: Record, names: Sequence[str]
 ) -> list[ListTable | GridTable]:
-    """Figures in the standards' terms: rows of figure and standard, models side by side."""
+    """Tables of figures in the standards' terms: rows are figures, columns are models."""
     kinds: dict[tuple[str, str, str], dict[str, Result]] = {}
     for figure in record.figures:
         what, standard, model = forms.read_figure_name(figure.name)
-        # a rate per count is the reciprocal of a count per rate
+        # IEEE Std 952 states rate per count, whose relative change is minus that of counts per rate
         value = -figure.value if standard == IEEE else figure.value
         found = stated.figure(
             record,
@@ -275,7 +276,7 @@ def _tabulate_group(
     shown: tuple[object, ...],
     group: Sequence[str],
 ) -> GridTable:
-    """Those figures that models have in common, a row a figure."""
+    """Table of the figures that a group of models has in common, a row for each figure."""
     rows = [(kind, row) for kind, row in kinds.items() if kind in shown]
     return GridTable(
         Words("Figures of the scale factor", "标度因数特征量"),
@@ -289,8 +290,8 @@ def _tabulate_group(
 
 
 def _find_dof(record: Record, what: str, name: str) -> float:
-    """Degrees of freedom of a figure: those of its model; of a standard deviation over runs one
-    less than the runs.
+    """Degrees of freedom of a figure: those of its model, or the number of runs less one for a
+    standard deviation over runs.
     """
     model = next((m for m in record.models if m.name == name), None)
     if model is None:
@@ -301,7 +302,7 @@ def _find_dof(record: Record, what: str, name: str) -> float:
 
 
 def _many_residuals(models: Sequence[Model]) -> tuple[Words, ...]:
-    """What the fits left: a note a model, or one for all where there are many."""
+    """Notes on fit residuals: one per model, or a common one for more than MOST_NOTES models."""
     if len(models) <= MOST_NOTES:
         return tuple(map(residual_words, models))
     rms = sorted(model.residual_rms for model in models)
@@ -317,6 +318,6 @@ def _many_residuals(models: Sequence[Model]) -> tuple[Words, ...]:
 
 
 def _is_cross(name: str) -> bool:
-    """Whether a line or a curve of one is of a gyro about another's axis."""
+    """Whether a line, or the curve of a line, is of a gyro about another gyro's axis."""
     gyro, about, axis = name.partition(".")[0].partition("_about_")
     return bool(about) and gyro != axis

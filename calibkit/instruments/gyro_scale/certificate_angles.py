@@ -1,5 +1,5 @@
-"""Results between gyros: N, ε, γ and α of a pair, or sensitivities, unit vectors of the input axes
-and angles between them.
+"""Results between gyros: N, ε, γ and α of a pair; sensitivities, unit vectors of the input axes and
+the angles between them for three axes.
 """
 
 import math
@@ -46,28 +46,28 @@ PAIR_WORDS = {
     "gamma": ("γ", Words("orthogonality coefficient", "正交系数")),
     "alpha_deg": ("α", Words("angle between the axes", "两轴夹角")),
 }
-"""Coefficient of a pair → its symbol and what it is."""
+"""Coefficient of a pair → its symbol and its name."""
 GYRO = Words("gyro", "陀螺")
 FULL_SCALE = 100.0
-"""Table rate [°/s] that shares of it are taken of where a model does not name its own."""
+"""Table rate [°/s] taken as full scale where a model does not state its own."""
 
 
 def list_rate_influences(
     value: float, largest: float = FULL_SCALE
 ) -> dict[str, tuple[float, float]]:
-    """Sensitivity of K, and of what is proportional to it, to the table rate at full scale and to
-    the time base (of 1 s).
+    """Sensitivity of K, and of quantities proportional to K, to the table rate at full scale and to
+    the time base (per 1 s).
     """
     return {RATE: (largest, -value / largest), "time_s": (1.0, value)}
 
 
 def find_full_scale(model: Model, default: float = FULL_SCALE) -> float:
-    """Largest table rate [°/s] of a model."""
+    """Largest table rate [°/s] of a model, or `default` where the model has none."""
     return max(map(abs, model.valid.get(RATE, ())), default=0.0) or default
 
 
 def state_angles(stated: Stated, record: Record) -> Block:
-    """Block of a gyro_orthogonality.json of a pair or of sets of runs about three axes."""
+    """Block of gyro_orthogonality.json, for a pair or for runs about three axes."""
     if any(model.form == PAIR.name for model in record.models):
         return _state_pair(stated, record)
     models = [model for model in record.models if model.form == TRIAD.name]
@@ -89,7 +89,7 @@ def state_angles(stated: Stated, record: Record) -> Block:
 
 
 def _tabulate_sensitivities(stated: Stated, record: Record, models: list[Model]) -> GridTable:
-    """Rows of S, one a gyro and temperature."""
+    """Table of the rows of S, one for each gyro and temperature."""
     labels: list[str] = []
     cells: list[tuple[Result, ...]] = []
     for model in models:
@@ -123,7 +123,7 @@ def _tabulate_sensitivities(stated: Stated, record: Record, models: list[Model])
 
 
 def _where(model: Model) -> str:
-    """Temperature that a triad was found at, where it was logged."""
+    """Mean temperature of a triad's runs; the model's name where it was not logged."""
     span = model.valid.get(TEMPERATURE)
     return model.name if span is None else f"{sum(span) / 2.0:.1f} °C".replace("-", "−")
 
@@ -131,8 +131,8 @@ def _where(model: Model) -> str:
 def _tabulate_figures(
     stated: Stated, record: Record, models: list[Model], what: str, title: Words, unit: str
 ) -> GridTable:
-    """Figures named what.<pair>[.<temperature>]: a row for each set of runs and, but for angles,
-    each gyro.
+    """Table of the figures named what.<pair>[.<temperature>]: a row for each set of runs and,
+    unless they are angles, for each gyro.
     """
     labels: list[str] = []
     cells: list[tuple[Result, ...]] = []
@@ -156,8 +156,8 @@ def _tabulate_figures(
 
 
 def _by_angle(model: Model, name: str) -> dict[str, tuple[float, float]]:
-    """Sensitivity of γ = cos α and ε = N γ to the angle, which type B terms on alpha_deg reach them
-    by.
+    """Sensitivity of γ = cos α and ε = N γ to α, through which type B terms on alpha_deg enter
+    them.
     """
     alpha = model.value("alpha_deg")
     slope = -math.sin(math.radians(alpha)) * math.pi / 180.0
@@ -170,7 +170,7 @@ def _by_angle(model: Model, name: str) -> dict[str, tuple[float, float]]:
 
 
 def _state_pair(stated: Stated, record: Record) -> Block:
-    """N, ε, γ, α; the table's rate and the time base cancel in them."""
+    """Block of N, ε, γ, α; errors of table rate and time base cancel in these ratios."""
     model = record.model("pair")
     figures = {figure.name: figure for figure in record.figures}
     *ratios, alpha = (
@@ -210,7 +210,7 @@ def _state_pair(stated: Stated, record: Record) -> Block:
 
 
 def _note_pair(model: Model, figures: Mapping[str, Figure]) -> tuple[Words, ...]:
-    """Side of gyro B, ranges, and whether γ was clamped."""
+    """Notes of a pair: sign of γ, ranges, and whether γ was clamped."""
     side = Words("Gyro B lies on the same side as gyro A.", "两陀螺同侧。")
     if figures["side"].value < 0.0:
         side = Words(
@@ -221,8 +221,8 @@ def _note_pair(model: Model, figures: Mapping[str, Figure]) -> tuple[Words, ...]
 
 
 def _bounded(alpha: Result, figures: Mapping[str, Figure]) -> Result:
-    """α with the interval of the file where α ± U would leave 0° to 180°: there u(α) to first order
-    diverges.
+    """α with the interval from the file where α ± U would exceed 0° to 180°: first-order u(α)
+    diverges there.
     """
     if alpha.uncertainty is None:
         return alpha

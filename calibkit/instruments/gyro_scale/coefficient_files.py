@@ -1,4 +1,4 @@
-"""Fits → gyro_scale.json and, of several gyros about several axes, gyro_orthogonality.json."""
+"""Fits → gyro_scale.json and, for several gyros about several axes, gyro_orthogonality.json."""
 
 from collections.abc import Iterator, Sequence
 
@@ -24,7 +24,7 @@ from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
 
 PAIR_LINES = (("a", "a"), ("b", "b"), ("b", "a"), ("a", "b"))
-"""Gyro and table axis of the models of a pair: own axes first."""
+"""(gyro, table axis) of the lines of a pair, own axes first."""
 
 
 def _result(
@@ -34,8 +34,8 @@ def _result(
     figures: Sequence[Figure],
     flags: Sequence[str],
 ) -> StageResult:
-    """Content of a file; its conditions are the latitude and the earth's rate about the table axis,
-    where they are known: F0 holds that rate.
+    """Content of a coefficient file; its conditions state the latitude and the earth's rate about
+    the table axis, which F0 includes, where they are known.
     """
     vertical, latitude = table_runs.vertical_rate_dps(spec), spec.site.latitude_deg
     conditions: tuple[Condition, ...] = ()
@@ -52,8 +52,9 @@ def _result(
 def list_rate_table_results(
     gyros: Sequence[over_runs.GyroOverRuns], flags: Sequence[str], spec: OwnAxisRecipe
 ) -> tuple[StageResult, ...]:
-    """Of every gyro the mean at the reference temperature, K and F0 over temperature, a line a run,
-    the response; figures over all runs and of each.
+    """Coefficient file of rate-table runs: for every gyro the mean at the reference temperature, K
+    and F0 over temperature, the line of each run and the response; figures over all runs and of
+    each run.
     """
     models: list[Model] = []
     figures: list[Figure] = []
@@ -77,8 +78,8 @@ def list_rate_table_results(
 
 
 def list_pair_results(fitted: pair_fit.PairFit, spec: OwnAxisRecipe) -> tuple[StageResult, ...]:
-    """A line for each gyro about each axis, the figures of each about its own; N, ε, γ, α as a
-    model and as figures, the interval of α, both γ.
+    """Coefficient files of a pair: lines of each gyro about each axis with figures about the own
+    axes; N, ε, γ, α as model and figures, the interval of α and both estimates of γ.
     """
     models = [_line_model(forms.line_name(g, axis), fitted.runs[axis], g) for g, axis in PAIR_LINES]
     figures: list[Figure] = []
@@ -89,7 +90,7 @@ def list_pair_results(fitted: pair_fit.PairFit, spec: OwnAxisRecipe) -> tuple[St
         if response is not None:
             models.append(_response_model(forms.response_name(name), response, run))
     for g, axis in PAIR_LINES:
-        # a projection is referred to the gyro's own K
+        # a projection's bias is referred to the gyro's own K
         own = fitted.runs[g].scale(g).K if g != axis else None
         figures += _bias_figures(forms.line_name(g, axis), fitted.runs[axis].scale(g), spec, own)
     pair = _pair_model(fitted)
@@ -100,8 +101,9 @@ def list_pair_results(fitted: pair_fit.PairFit, spec: OwnAxisRecipe) -> tuple[St
 
 
 def list_triad_results(fitted: triad_fit.AxesFit, spec: GyroRecipe) -> tuple[StageResult, ...]:
-    """A line for each gyro about each axis in each run, polynomials, figures about main axes;
-    sensitivities and biases of every set with their covariance, angles and misalignment matrix.
+    """Coefficient files of a triad: lines of each gyro about each axis in each run, polynomials,
+    figures about main axes; sensitivities and biases of every set with covariance, angles and
+    misalignment matrix.
     """
     models: list[Model] = []
     figures: list[Figure] = []
@@ -124,7 +126,7 @@ def list_triad_results(fitted: triad_fit.AxesFit, spec: GyroRecipe) -> tuple[Sta
 
 
 def _valid(runs: Sequence[table_runs.TableRun]) -> dict[str, tuple[float, float]]:
-    """Rates and temperatures that runs covered."""
+    """Ranges of rate and temperature that the runs cover."""
     rate = np.concatenate([run.plateaus.rate_dps for run in runs])
     temperature = np.array([run.temp_range for run in runs])
     spans = {forms.RATE: rate} | (
@@ -134,7 +136,7 @@ def _valid(runs: Sequence[table_runs.TableRun]) -> dict[str, tuple[float, float]
 
 
 def _line_model(name: str, run: table_runs.TableRun, gyro: str) -> Model:
-    """K and F0 of one gyro in one run."""
+    """Line model (K and F0) of one gyro in one run."""
     line = run.scale(gyro)
     known = np.isfinite(run.temp_degc)
     return forms.LINE.write(
@@ -150,7 +152,7 @@ def _line_model(name: str, run: table_runs.TableRun, gyro: str) -> Model:
 
 
 def _mean_model(name: str, one: over_runs.GyroOverRuns) -> Model:
-    """K and F0 of the mean of the runs at the reference temperature."""
+    """Line model (K and F0) of the mean over the runs at the reference temperature."""
     lines = [run.scale(one.gyro) for run in one.at_room]
     (K, u_K), (F0, u_F0) = one.K, one.F0
     noise = np.sum([line.covariance for line in lines], axis=0)
@@ -172,7 +174,7 @@ def _mean_model(name: str, one: over_runs.GyroOverRuns) -> Model:
 def _curve_model(
     name: str, unit: str, curve: TemperaturePolynomial, runs: Sequence[table_runs.TableRun]
 ) -> Model:
-    """One quantity over case temperature, which holds over all that the runs covered."""
+    """Model of one quantity over case temperature, valid over the range of all runs."""
     per = ["", "/degC", *(f"/degC^{k}" for k in range(2, curve.coefficients.size))]
     return POLYNOMIAL.write(
         name,
@@ -189,7 +191,7 @@ def _curve_model(
 
 
 def _response_model(name: str, response: rate_response.Response, run: table_runs.TableRun) -> Model:
-    """Indicated rate over table rate."""
+    """Model of indicated rate against table rate."""
     is_sine, rate = response.form == "sine", run.plateaus.rate_dps
     units = ["deg/s", "1", *(f"1/(deg/s)^{k - 1}" for k in range(3, response.order + 1, 2))]
     if is_sine:
@@ -211,7 +213,7 @@ def _response_model(name: str, response: rate_response.Response, run: table_runs
 
 
 def _pair_model(fitted: pair_fit.PairFit) -> Model:
-    """N, ε, γ and α of a pair."""
+    """Model of N, ε, γ and α of a pair."""
     found = fitted.found
     return forms.PAIR.write(
         "pair",
@@ -228,7 +230,7 @@ def _pair_model(fitted: pair_fit.PairFit) -> Model:
 
 
 def _pair_figures(fitted: pair_fit.PairFit, pair: Model) -> list[Figure]:
-    """N, ε, γ and α, and what else is known of the angle."""
+    """Figures of N, ε, γ and α, the interval of α, and the second estimate of γ."""
     found = fitted.found
     low, high = found.alpha_interval_deg
     _, _, u_gamma, u_alpha = (c.standard_uncertainty for c in pair.coefficients)
@@ -246,7 +248,7 @@ def _pair_figures(fitted: pair_fit.PairFit, pair: Model) -> list[Figure]:
 
 
 def _triad_model(fitted: triad_fit.AxesFit, one: triad_fit.AxesSet) -> Model:
-    """Sensitivities of one set, then the biases where the latitude is known."""
+    """Model of the sensitivities of one set and, where the latitude is known, of the biases."""
     names, biases = forms.triad_names(fitted.gyros)
     values, units = one.triad.sensitivity.ravel(), ["1/deg"] * len(names)
     covariance = one.triad.covariance.reshape(len(names), len(names))
@@ -267,7 +269,7 @@ def _triad_model(fitted: triad_fit.AxesFit, one: triad_fit.AxesSet) -> Model:
 
 
 def _triad_curves(fitted: triad_fit.AxesFit) -> Iterator[Model]:
-    """Every sensitivity and bias over case temperature."""
+    """Models of every sensitivity and bias over case temperature."""
     every = [run for axis in forms.AXES for run in fitted.runs[axis]]
     for gyro, row in zip(fitted.gyros, fitted.over.curves if fitted.over else (), strict=False):
         for axis, curve in zip(forms.AXES, row, strict=True):
@@ -279,7 +281,7 @@ def _triad_curves(fitted: triad_fit.AxesFit) -> Iterator[Model]:
 
 
 def _triad_biases(fitted: triad_fit.AxesFit, one: triad_fit.AxesSet) -> Iterator[Figure]:
-    """Biases of one set, where the latitude is known."""
+    """Figures of the biases of one set; none where the latitude is unknown."""
     dph = DPH_PER_DPS / one.triad.magnitude
     entries = zip(
         fitted.gyros, (one.bias * dph).tolist(), (one.bias_uncertainty * dph).tolist(), strict=True
@@ -290,7 +292,9 @@ def _triad_biases(fitted: triad_fit.AxesFit, one: triad_fit.AxesSet) -> Iterator
 
 
 def _triad_figures(fitted: triad_fit.AxesFit, one: triad_fit.AxesSet) -> Iterator[Figure]:
-    """Scale factors about the input axes, misalignment matrix and pairwise angles of one set."""
+    """Figures of one set: scale factors about the input axes, misalignment matrix and pairwise
+    angles.
+    """
 
     def figure(name: str, value: float, unit: str, u: float) -> Figure:
         return Figure(fitted.named(name, one), float(value), unit, float(u))
@@ -328,8 +332,8 @@ def _line_figures(name: str, run: table_runs.TableRun, gyro: str) -> list[Figure
 def _bias_figures(
     name: str, line: scale_factor.ScaleFactor, spec: GyroRecipe, own_K: float | None = None
 ) -> list[Figure]:
-    """Bias of a line without the earth's rate, where that is known; referred to another K where one
-    is given.
+    """Figures of a line's bias, earth rate removed where it is known; `own_K` is the K that a
+    projection is referred to.
     """
     vertical = table_runs.vertical_rate_dps(spec)
     if vertical is None:

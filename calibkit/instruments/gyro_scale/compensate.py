@@ -24,12 +24,12 @@ from calibkit.instruments.gyro_scale.recipe import AnyRecipe, GyroTriadRecipe
 from calibkit.numeric import chunks
 
 LARGEST_CONDITION = 1e3
-"""Of the unit vectors of the input axes: beyond it noise of the gyros comes out a thousand times
-larger.
+"""Largest condition number of the unit vectors of the input axes: noise of the gyros is amplified
+by at most this factor.
 """
 TEMPERATURE_SLACK = 5.0
-"""Kelvin beyond the fitted temperatures at which coefficients for all of them are still used
-without a flag.
+"""Temperatures [°C] beyond the calibrated range in which coefficients without a temperature model
+are used without a flag.
 """
 RESTED = (
     "rates are zero where the gyro rested on the laboratory's table: the earth's rate there"
@@ -38,7 +38,7 @@ RESTED = (
 
 
 def read_invertible(spec: AnyRecipe, records: Mapping[str, Record]) -> tuple[GyroMatrix, ...]:
-    """Matrices of a run; raises CoefficientError where they do not give rates."""
+    """Matrices of a run; raises CoefficientError where they cannot be solved for rates."""
     known = read_matrices(spec, records)
     for matrix in known if isinstance(spec, GyroTriadRecipe) else ():
         matrix.require_biases()
@@ -76,8 +76,8 @@ def apply(spec: AnyRecipe, records: Mapping[str, Record], data: Path) -> Applied
 
 
 def _read(spec: AnyRecipe, data: Path, known: Sequence[GyroMatrix]) -> Log:
-    """One log that can be compensated, with the temperature where it is needed or logged: with
-    every gyro of a triad, else with those gyros that it has.
+    """Read a log with its temperature where it is needed or logged; a triad needs all its gyros,
+    else the gyros in the log are read.
     """
     columns = tuple(gyro_column(gyro) for matrix in known for gyro in matrix.gyros)
     if isinstance(spec, GyroTriadRecipe):
@@ -97,7 +97,7 @@ def _read(spec: AnyRecipe, data: Path, known: Sequence[GyroMatrix]) -> Log:
 def _compensate(
     log: Log, matrix: GyroMatrix, added_dps: float
 ) -> tuple[dict[str, Array], list[str]]:
-    """Rates [n, °/s] by their columns, and what must be said of them."""
+    """Rates [n, °/s] by column name, and flags."""
     if matrix.over_temperature:
         require(log.file, log.frame.columns, [TEMPERATURE])
     logged, rows = TEMPERATURE in log.frame.columns, len(log.frame)
@@ -120,8 +120,8 @@ def _compensate(
 
 
 def flag_temperatures(file: str, matrix: GyroMatrix, temperature: Array) -> list[str]:
-    """Temperatures [n, °C] that are clamped, or at which coefficients for all temperatures were not
-    found.
+    """Flags for temperatures [n, °C] that are clamped, or outside the range of coefficients without
+    a temperature model.
     """
     if matrix.temperature is None:
         return []

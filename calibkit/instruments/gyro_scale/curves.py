@@ -1,4 +1,4 @@
-"""What the figures of gyros on a rate table show, as data."""
+"""Data of the figures of gyros on a rate table."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -26,8 +26,8 @@ MRAD = 1e3
 
 @dataclass(frozen=True, slots=True)
 class LineCurve:
-    """One gyro in one run: held rates [p, °/s], residual and its standard uncertainty [p], relative
-    deviation [p, ppm].
+    """One gyro in one run at p held rates [p, °/s]: residual and its standard uncertainty [p, ppm
+    of full scale], relative deviation and its standard uncertainty [p, ppm].
     """
 
     gyro: str
@@ -41,8 +41,9 @@ class LineCurve:
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """A quantity of q runs or sets of runs at temperatures [q, °C], NaN where they were not logged,
-    with its standard uncertainty [q], and over a grid of temperatures [n] or, at one, nothing.
+    """A quantity with standard uncertainty in q runs or sets of runs at temperatures [q, °C] (NaN
+    where not logged), and its polynomial on a grid of temperatures [n], empty for a single
+    temperature.
     """
 
     name: str
@@ -56,7 +57,7 @@ class Curve:
 
 @dataclass(frozen=True, slots=True)
 class GyroReport:
-    """All that the figures show."""
+    """Data of all figures of a fit."""
 
     lines: tuple[LineCurve, ...]
     temperatures: tuple[Curve, ...] = ()
@@ -65,7 +66,7 @@ class GyroReport:
     angles: tuple[Curve, ...] = ()
     """90° less each angle between two input axes [°]."""
     misalignment: tuple[Curve, ...] = ()
-    """Components of the input axes across the axis that each senses most [mrad]."""
+    """Components of the input axes across each gyro's main axis [mrad]."""
 
     @classmethod
     def of_runs(cls, gyros: Sequence[over_runs.GyroOverRuns]) -> Self:
@@ -81,13 +82,13 @@ class GyroReport:
 
     @classmethod
     def of_pair(cls, fitted: pair_fit.PairFit) -> Self:
-        """Lines of a pair about own axes, and its angle."""
+        """Lines of a pair's gyros about their own axes, and the angle between the gyros."""
         lines = tuple(_line_curve(run, gyro) for gyro, run in fitted.runs.items())
         return cls(lines, pair=fitted.found)
 
     @classmethod
     def of_triad(cls, fitted: triad_fit.AxesFit) -> Self:
-        """Lines and K about the axis that each gyro senses most, angles, input axes."""
+        """Lines and K about each gyro's main axis, angles, and components of the input axes."""
         main = [
             (g, forms.AXES.index(fitted.main_axis(gyro))) for g, gyro in enumerate(fitted.gyros)
         ]
@@ -164,7 +165,9 @@ def _set_curve(
     fitted: triad_fit.AxesFit,
     quantity: Callable[[gyro_triad.Triad], tuple[float, float]],
 ) -> Curve:
-    """A quantity (value, standard uncertainty) of every set, and over temperature."""
+    """A quantity, given as value and standard uncertainty of a triad, for every set and over
+    temperature.
+    """
     value, u = np.array([quantity(one.triad) for one in fitted.sets]).T
     temperature = np.array([one.temp_degc for one in fitted.sets])
     if fitted.over is None:

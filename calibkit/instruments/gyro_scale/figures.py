@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from calibkit.instruments.gyro_scale.numeric.pair import GyroPair
 
 COLOURS = (DENOISED, ALERT, GOOD, "#aa3377", "#ccbb44", "#66ccee")
-"""Of the runs in order; told apart by their markers too."""
+"""Colours of the runs in order; markers distinguish them too."""
 MARKERS = "osD^v<>P"
 PANELS = 3
 """Rows of panels on one page."""
@@ -49,13 +49,13 @@ def draw_pages(title: str, report: GyroReport) -> tuple[Figure, ...]:
 
 
 def _mark(number: int) -> tuple[str, str]:
-    """Colour and marker of one of several series."""
+    """Colour and marker of the series with an index."""
     return COLOURS[number % len(COLOURS)], MARKERS[number % len(MARKERS)]
 
 
 def _draw_errors(title: str, lines: tuple[LineCurve, ...], gyros: list[str]) -> Figure:
-    """Residuals of the line over full scale, and the relative deviation of each rate, one row a
-    gyro.
+    """Residuals of the line in ppm of full scale, and relative deviation at each rate, one row of
+    panels per gyro.
     """
     figure, axes = page(
         len(gyros),
@@ -86,7 +86,7 @@ def _draw_errors(title: str, lines: tuple[LineCurve, ...], gyros: list[str]) -> 
 
 
 def _draw_line(left: Axes, right: Axes, line: LineCurve, number: int) -> None:
-    """Errors of one run, of full scale and of each rate."""
+    """Draw the errors of one run: left in ppm of full scale, right in ppm of each rate."""
     colour, marker = _mark(number)
     bars: Any = {
         "ms": 3.5,
@@ -112,8 +112,8 @@ def _draw_line(left: Axes, right: Axes, line: LineCurve, number: int) -> None:
 
 
 def _set_decades(ax: Axes, lines: list[LineCurve]) -> None:
-    """Scale that shows both the few ppm of fast rates and the noise of slow ones, with round
-    labels.
+    """Set a scale that shows both the few ppm of fast rates and the noise of slow ones, with round
+    tick labels.
     """
     reach = max(
         float(np.nanmax(np.abs(line.deviation_ppm) + 2.0 * line.u_deviation_ppm)) for line in lines
@@ -128,8 +128,8 @@ def _set_decades(ax: Axes, lines: list[LineCurve]) -> None:
 
 
 def _draw_temperatures(title: str, curves: tuple[Curve, ...]) -> Figure:
-    """K of every run over case temperature with the polynomial, and what it leaves, one row a
-    gyro.
+    """K of every run against case temperature with the fitted polynomial, and its residuals, one
+    row of panels per gyro.
     """
     rows = len(curves)
     figure, axes = page(
@@ -164,7 +164,7 @@ def _draw_temperatures(title: str, curves: tuple[Curve, ...]) -> Figure:
 
 
 def _draw_gamma(title: str, pair: GyroPair) -> Figure:
-    """γ by both gyros with 95 % bars about the first, and α with its interval."""
+    """Both estimates of γ with 95 % bars relative to the first, and α with its interval."""
     figure, (left, right) = page(
         1, 2, title=f"{title}: gamma and alpha, {pair.side} side", height=4.6
     )
@@ -201,7 +201,7 @@ def _draw_gamma(title: str, pair: GyroPair) -> Figure:
 
 
 def _draw_axes(title: str, report: GyroReport) -> Figure:
-    """Angles between input axes and their components across main axes."""
+    """Angles between input axes, and components of the input axes across their main axes."""
     figure, (left, right) = page(1, 2, title=f"{title}: input axes", height=5.2)
     _draw_sets(left, report.angles)
     left.set(title="90° - angle between input axes, bars k = 2", ylabel="[°]")
@@ -211,7 +211,7 @@ def _draw_axes(title: str, report: GyroReport) -> Figure:
 
 
 def _draw_sets(ax: Axes, curves: tuple[Curve, ...]) -> None:
-    """Values with bars against temperature, or side by side at one temperature."""
+    """Values with uncertainty bars against temperature, or side by side at a single temperature."""
     ax.axhline(0.0, color=MUTED, lw=0.6)
     if not curves:
         ax.text(

@@ -33,17 +33,19 @@ from calibkit.instruments.gyro_scale.recipe import (
 )
 
 MARGIN = Fraction(21, 20)
-"""Rates beyond the fitted ones by this factor are still counts that a gyro may give."""
+"""Factor by which the firmware's rate range exceeds the fitted rates."""
 Polynomials = list[list[exact.Poly]]
 
 
 def _files(spec: AnyRecipe) -> tuple[str, ...]:
-    """Files that the chain takes its numbers from."""
+    """Coefficient files that the chain takes its coefficients from."""
     return (SCALE_FILE,) if isinstance(spec, RateTableRecipe) else (SCALE_FILE, ORTHOGONALITY_FILE)
 
 
 def _chain(spec: AnyRecipe, records: Mapping[str, Record]) -> Chain:
-    """Rates S(T)⁻¹ (F − B(T)); raises OutputError where there is no firmware form."""
+    """Chain of the rates S(T)⁻¹ (F − B(T)); raises OutputError where the models have no firmware
+    form.
+    """
     for name in _files(spec):
         required_record(records, name, spec)
     known = read_matrices(spec, records)
@@ -55,8 +57,8 @@ def _chain(spec: AnyRecipe, records: Mapping[str, Record]) -> Chain:
 def _chain_about_own_axes(
     spec: OwnAxisRecipe, records: Mapping[str, Record], known: Sequence[GyroMatrix]
 ) -> Chain:
-    """Rates of gyros, (F − F0(T))/K(T); of a pair also the rate across the first gyro's axis in
-    their plane.
+    """Chain of the rates (F − F0(T))/K(T) of gyros; for a pair also the rate perpendicular to the
+    first gyro's axis, in the plane of both axes.
     """
     added_dps = read_earth_rate(spec, records, OutputError)
     draft = Draft()
@@ -77,8 +79,8 @@ def _chain_about_own_axes(
 
 
 def _chain_about_base(matrix: GyroMatrix) -> Chain:
-    """Rates about the axes of the base: the inverse by cofactors, each an exact polynomial of u,
-    over the determinant.
+    """Chain of the rates about the axes of the base: S inverted by cofactors, each an exact
+    polynomial of u, over the determinant.
     """
     if len(matrix.gyros) != len(AXES):
         raise OutputError(
@@ -106,7 +108,7 @@ def _chain_about_base(matrix: GyroMatrix) -> Chain:
 def _polynomials(
     draft: Draft, matrix: GyroMatrix, over: str
 ) -> tuple[Polynomials, list[exact.Poly]]:
-    """Sensitivities [gyro][axis] and biases [gyro] as polynomials of u, or plain numbers."""
+    """Sensitivities [gyro][axis] and biases [gyro] as polynomials of u, or as constants."""
     if matrix.curves:
         middle, half = draft.temperature(matrix.curves[0].valid[TEMPERATURE], over)
         found = [exact.mapped(powers(model, "p"), middle, half) for model in matrix.curves]
@@ -120,7 +122,9 @@ def _polynomials(
 def _add_indication(
     draft: Draft, matrix: GyroMatrix, gyro: str, row: Sequence[exact.Poly], bias: exact.Poly
 ) -> None:
-    """Indication of a gyro, up to what the fastest fitted rate about any axis gives."""
+    """Add the indication of a gyro to the draft, with the range that the fastest fitted rate about
+    any axis gives.
+    """
     fastest = MARGIN * max(abs(Fraction(limit)) for limit in matrix.model.valid[RATE])
     steepest = max(sum(map(abs, entry), Fraction(0)) for entry in row)
     largest = Fraction(ceil(fastest * steepest + sum(map(abs, bias), Fraction(0))))
@@ -134,8 +138,8 @@ def _add_indication(
 
 
 def _add_quotient(draft: Draft, matrix: GyroMatrix, added_dps: float) -> None:
-    """Rate of one gyro about its own axis; added_dps [°/s] is the earth's rate where the recipe
-    leaves it in.
+    """Add the rate of one gyro about its own axis to the draft; added_dps [°/s] is the earth's
+    rate, which the recipe may leave in the result.
     """
     (gyro,) = matrix.gyros
     over = f"u_{gyro}" if matrix.curves else ""
@@ -158,8 +162,8 @@ def _add_quotient(draft: Draft, matrix: GyroMatrix, added_dps: float) -> None:
 
 
 def _add_across(draft: Draft, pair: Model, gyros: Sequence[str]) -> None:
-    """Misalignment: from the rates about both axes that about the axis at right angles to the first
-    in their plane.
+    """Add the rate perpendicular to the first gyro's axis, in the plane of both axes, from the
+    rates about both axes and γ.
     """
     (gamma,) = numbers(pair, "gamma")
     if abs(gamma) >= 1:
@@ -176,8 +180,8 @@ def _add_across(draft: Draft, pair: Model, gyros: Sequence[str]) -> None:
 
 
 def _add_inverse(draft: Draft, S: Polynomials, gyros: Sequence[str]) -> None:
-    """Cofactors and determinant, divided by the determinant in the middle of the range, and the
-    rates.
+    """Add the cofactors and the determinant, both divided by the determinant at mid-range, and the
+    rates to the draft.
     """
     cofactors = [[_cofactor(S, g, a) for a in range(3)] for g in range(3)]
     determinant = exact.add(*(exact.product(S[0][a], cofactors[0][a]) for a in range(3)))

@@ -1,6 +1,6 @@
-"""Model forms of gyros on a rate table, what their models and figures are called, and the models of
-a run read back: sensitivities of g gyros about a axes, for gyros about their own axes (1 by 1 each)
-and for gyros about three axes of their base.
+"""Model forms of gyros on a rate table, names of their models and figures, and matrices read from
+the files of a run: sensitivities of g gyros about a axes (1 by 1 for each gyro about its own axis;
+g by 3 for gyros about three axes of their base).
 """
 
 import re
@@ -20,12 +20,14 @@ from calibkit.instruments.gyro_scale.recipe import AnyRecipe, GyroTriadRecipe, O
 SCALE_FILE, ORTHOGONALITY_FILE = "gyro_scale.json", "gyro_orthogonality.json"
 RATE, TEMPERATURE = "table_rate_dps", "temp_case_degc"
 AXES = ("x", "y", "z")
-"""Axes of the base that the table turns a triad about."""
+"""Axes of the base that a triad is turned about."""
 _FIGURE = re.compile(rf"(\w+)\.(?:({gjb_figures.GJB}|{gjb_figures.IEEE})\.)?(.+)")
 
 
 class FigureName(NamedTuple):
-    """What a figure of gyro_scale.json is, the standard that defines it (or ""), and its model."""
+    """Parts of a figure's name in gyro_scale.json: quantity, standard that defines it (or ""), and
+    model.
+    """
 
     what: str
     standard: str
@@ -33,12 +35,12 @@ class FigureName(NamedTuple):
 
     @property
     def text(self) -> str:
-        """Name in the file."""
+        """Name in the coefficient file."""
         return ".".join(filter(None, self))
 
 
 def read_figure_name(name: str) -> FigureName:
-    """Parts of the name of a figure of gyro_scale.json."""
+    """Split the name of a figure of gyro_scale.json into its parts."""
     found = _FIGURE.fullmatch(name)
     return FigureName(found[1], found[2] or "", found[3]) if found else FigureName(name, "", "")
 
@@ -49,22 +51,22 @@ def gyro_column(gyro: str) -> str:
 
 
 def line_name(gyro: str, axis: str = "") -> str:
-    """Name of the line of a gyro about a table axis, or about its own where none has a name."""
+    """Name of the line of a gyro about a table axis; without an axis name, about its own axis."""
     return f"{gyro}_about_{axis}" if axis else f"gyro_{gyro}"
 
 
 def curve_name(line: str, letter: str) -> str:
-    """Name of the polynomial over temperature of K or F0 of a line, or of the bias of a gyro."""
+    """Name of a polynomial over temperature: K or F0 of a line, or the bias of a gyro."""
     return f"{line}.{letter}_over_temperature"
 
 
 def response_name(line: str) -> str:
-    """Name of the response over rate that belongs to a line."""
+    """Name of the response over rate of a line."""
     return f"{line}.response"
 
 
 def triad_names(gyros: tuple[str, ...]) -> tuple[list[str], list[str]]:
-    """Names of the sensitivities of a triad, gyro by gyro, and of its biases."""
+    """Names of the sensitivities of a triad, gyro by gyro, and names of its biases."""
     return [f"S_{gyro}{axis}" for gyro in gyros for axis in AXES], [f"B_{gyro}" for gyro in gyros]
 
 
@@ -84,14 +86,14 @@ def _indicated_rate(model: Model, at: Inputs) -> Array:
 
 
 def _pair_gradient(model: Model, at: Inputs) -> Array:
-    """Derivatives [n, 4, 4] of N, ε, γ, α by themselves."""
+    """Derivatives [n, 4, 4] of N, ε, γ, α by these coefficients: unit matrices."""
     rows, count = len(next(iter(at.values()))), len(model.coefficients)
     return np.broadcast_to(np.eye(count), (rows, count, count))
 
 
 def _triad_gradient(model: Model, at: Inputs) -> Array:
-    """Derivatives [n, g, p] of the indications by the sensitivities and, where they are known, the
-    biases.
+    """Derivatives [n, g, p] of the indications by the sensitivities and, where they are known, by
+    the biases.
     """
     rates = np.column_stack([at[f"rate_{axis}_dps"] for axis in AXES])
     own = np.eye(sum(c.name.endswith(AXES[0]) for c in model.coefficients if c.name[0] == "S"))
@@ -109,7 +111,7 @@ open-loop gyro.
 PAIR = Form("gyro-orthogonality/1", _pair_gradient)
 """N, ε, γ and α [n, 4] of two gyros: its coefficients are its results."""
 PAIR_UNITS = {"N": "1", "epsilon": "1", "gamma": "1", "alpha_deg": "deg"}
-"""Coefficient of a pair → unit, in the order of their covariance."""
+"""Coefficient of a pair → unit, in the order of the covariance."""
 TRIAD = Form("gyro-triad/1", _triad_gradient)
 """Indications [n, g, 1/s] over the rates about three axes: F = S Ω + B."""
 FORMS = (LINE, POLYNOMIAL, RESPONSE, PAIR, TRIAD)
@@ -117,45 +119,45 @@ FORMS = (LINE, POLYNOMIAL, RESPONSE, PAIR, TRIAD)
 
 @dataclass(frozen=True, slots=True)
 class GyroMatrix:
-    """Sensitivities S [g, a] and biases B [g] as they stand in the files of a run: F = S Ω + B,
-    with rates Ω about a axes.
+    """Sensitivities S [g, a] and biases B [g] from the files of a run: F = S Ω + B, with rates Ω
+    about a axes.
     """
 
     gyros: tuple[str, ...]
     outputs: tuple[str, ...]
-    """Columns of the rates [a]."""
+    """Names of the rate columns [a]."""
     model: Model
-    """S and B at one temperature, with the ranges that they hold in."""
+    """Model of S and B at one temperature, with its ranges."""
     names: tuple[str, ...]
-    """Coefficients of the model: S row by row, then B."""
+    """Coefficient names of the model: S row by row, then B."""
     curves: tuple[Model, ...] = ()
-    """The same over temperature; empty where they do not vary."""
+    """Polynomials of the same quantities over temperature; empty where they were not fitted."""
     response: Model | None = None
-    """What bends the response of a gyro about its own axis."""
+    """Nonlinear response of a gyro about its own axis; None for a straight line."""
 
     @property
     def temperature(self) -> tuple[float, float] | None:
-        """Range of temperatures [°C]; None where they were not logged."""
+        """Temperature range [°C]; None where temperature was not logged."""
         return (*self.curves, self.model)[0].valid.get(TEMPERATURE)
 
     @property
     def over_temperature(self) -> bool:
-        """Whether a temperature is needed."""
+        """Whether S and B depend on temperature."""
         return any(len(curve.coefficients) > 1 for curve in self.curves)
 
     @property
     def rate_limits(self) -> tuple[float, float]:
-        """Rates [°/s] that a bent response was fitted over; a straight one has no limits."""
+        """Rate range [°/s] of the fit of a nonlinear response; unlimited for a straight line."""
         return (-np.inf, np.inf) if self.response is None else self.response.valid[RATE]
 
     @property
     def reference(self) -> tuple[Array, Array]:
-        """S [g, a] and B [g] of the model at one temperature."""
+        """S [g, a] and B [g] at the model's own temperature."""
         S, B = replace(self, curves=()).at(np.zeros(1))
         return S[0], B[0]
 
     def at(self, temperature: Array) -> tuple[Array, Array]:
-        """S [n, g, a] and B [n, g] at temperatures [n, °C], clamped to the fitted ones."""
+        """S [n, g, a] and B [n, g] at temperatures [n, °C], clamped to the fitted range."""
         columns = [np.full(temperature.size, self.model.value(name)) for name in self.names]
         if self.curves:
             held = np.clip(temperature, *self.curves[0].valid[TEMPERATURE])
@@ -165,8 +167,8 @@ class GyroMatrix:
 
     def rates(self, indication: Array, temperature: Array) -> Array:
         """Rates [n, a, °/s] of indications [n, g, 1/s] at temperatures [n, °C]: of a gyro about its
-        own axis, zero where it rested on the laboratory's table; about axes of a base by least
-        squares where g > a.
+        own axis, zero at rest on the laboratory's table; about the axes of a base, by least squares
+        where g > a.
         """
         S, B = self.at(temperature)
         above, bent = indication - B, self.response
@@ -181,7 +183,7 @@ class GyroMatrix:
         )
 
     def require_biases(self, error: type[CalibkitError] = CoefficientError) -> None:
-        """Raise an error where the biases are mixed with the earth's rate."""
+        """Raise `error` where the biases are unknown: F0 still contains the earth's rate."""
         if len(self.names) == len(self.gyros) * len(self.outputs):
             raise error(
                 "the run does not know the biases of its gyros:"
@@ -191,8 +193,8 @@ class GyroMatrix:
 
 
 def read_matrices(spec: AnyRecipe, records: Mapping[str, Record]) -> tuple[GyroMatrix, ...]:
-    """Matrices of a run: of each gyro about its own axis, or of all gyros about three axes; raises
-    CoefficientError for a file or model that is not there.
+    """Matrices of a run: one for each gyro about its own axis, or one for all gyros about three
+    axes; raises CoefficientError for a missing file or model.
     """
     if isinstance(spec, GyroTriadRecipe):
         return (_read_triad(spec, records),)
@@ -203,14 +205,16 @@ def read_matrices(spec: AnyRecipe, records: Mapping[str, Record]) -> tuple[GyroM
 
 
 def _require(records: Mapping[str, Record], name: str, procedure: str) -> Record:
-    """A file of the run."""
+    """Coefficient file of the run; raises CoefficientError where it is missing."""
     if name not in records:
         raise CoefficientError(f"the run holds no {name}", hint=f"it is not a run of {procedure}")
     return records[name]
 
 
 def _read_own_axis(record: Record, gyro: str, name: str) -> GyroMatrix:
-    """One gyro about its own axis, by the line of that name and what stands beside it."""
+    """Matrix of one gyro about its own axis, from the line of that name with its curves and
+    response.
+    """
     line = record.model(name)
     curves = _find_curves(record, [curve_name(name, "K"), curve_name(name, "F0")])
     bent = [model for model in record.models if model.name == response_name(name)]
@@ -220,7 +224,7 @@ def _read_own_axis(record: Record, gyro: str, name: str) -> GyroMatrix:
 
 
 def _read_triad(spec: GyroTriadRecipe, records: Mapping[str, Record]) -> GyroMatrix:
-    """Gyros about three axes; the names of their biases are left out where they are unknown."""
+    """Matrix of gyros about three axes; without the names of the biases where these are unknown."""
     scale, angles = (
         _require(records, name, "gyro_triad") for name in (SCALE_FILE, ORTHOGONALITY_FILE)
     )
@@ -235,7 +239,7 @@ def _read_triad(spec: GyroTriadRecipe, records: Mapping[str, Record]) -> GyroMat
 
 
 def _find_curves(record: Record, names: Sequence[str]) -> tuple[Model, ...]:
-    """Polynomials over temperature of these names; empty where one of them is missing."""
+    """Polynomials over temperature with these names; empty where any of them is missing."""
     models = {model.name: model for model in record.models}
     found = tuple(models[name] for name in names if name in models)
     return found if len(found) == len(names) else ()
@@ -244,8 +248,8 @@ def _find_curves(record: Record, names: Sequence[str]) -> tuple[Model, ...]:
 def read_earth_rate(
     spec: OwnAxisRecipe, records: Mapping[str, Record], error: type[CalibkitError]
 ) -> float:
-    """What is added to a compensated rate [°/s]: the earth's rate about the laboratory's table axis
-    where the recipe leaves it in the result; raises an error where it is unknown.
+    """Earth rate about the laboratory's table axis [°/s], added to a compensated rate: zero unless
+    the recipe asks for inertial rates; raises `error` where it is unknown.
     """
     if spec.compensation == "laboratory":
         return 0.0

@@ -1,4 +1,6 @@
-"""Gyros on a rate table: runs of single gyros, a pair about two axes, any number about three."""
+"""Gyros on a rate table: runs of single gyros, a pair about two axes, any number of gyros about
+three axes.
+"""
 
 from __future__ import annotations
 
@@ -73,7 +75,7 @@ def _fitted(
     criteria: tuple[Criterion, ...],
     drawing: GyroReport,
 ) -> Fitted[GyroReport]:
-    """What a fit gives; every file carries all flags."""
+    """Result of a fit; every coefficient file carries all flags."""
     inputs = tuple(Input.of(run.log) for group in runs.values() for run in group)
     summary = Summary(spec.title, tuple(shown), results[0].flags, criteria)
     return Fitted(results, inputs, summary, drawing)
@@ -157,7 +159,7 @@ def _firmware() -> Firmware[Any]:
 
 
 LINE_KEYS = r"gyro_scale\.(nonlinearity_full_scale|asymmetry)\.GJB 2426A\..+"
-"""Key figures of lines."""
+"""Pattern of the key figures of lines."""
 
 RATE_TABLE = Instrument(
     recipe=RateTableRecipe,

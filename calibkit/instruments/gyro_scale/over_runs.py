@@ -1,5 +1,5 @@
-"""Table runs of one gyro, repeated and over temperature: mean, K and F0 over temperature, response
-over rate, repeatability.
+"""Table runs of one gyro, repeated and over temperature: mean K and F0, polynomials over
+temperature, response over rate, repeatability.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,9 +21,11 @@ from calibkit.numeric import gum
 from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
 
 ROOM_DEGC = 5.0
-"""Runs this near the reference temperature repeat each other (GJB 2426A)."""
+"""Largest difference from the reference temperature [°C] of runs that count as repeated (GJB
+2426A).
+"""
 VARIES_DEGC = 5.0
-"""Span of the runs' temperatures from which K is fitted over temperature."""
+"""Least span of the runs' temperatures [°C] for a fit of K over temperature."""
 UNLOGGED = (
     "temperature is not logged in every run: nothing is fitted over it, all runs count as repeated"
 )
@@ -31,8 +33,8 @@ UNLOGGED = (
 
 @dataclass(frozen=True, slots=True)
 class GyroOverRuns:
-    """One gyro in all runs: which repeat each other at the reference temperature, their mean, K and
-    F0 over temperature.
+    """One gyro in all runs: the repeated runs at the reference temperature with their mean, and K
+    and F0 over temperature.
     """
 
     gyro: str
@@ -41,7 +43,7 @@ class GyroOverRuns:
     K: tuple[float, float]
     """Mean and its standard uncertainty [1/deg]."""
     F0: tuple[float, float]
-    """The same [1/s]."""
+    """Mean and its standard uncertainty [1/s]."""
     K_over_temperature: TemperaturePolynomial | None
     F0_over_temperature: TemperaturePolynomial | None
     response: rate_response.Response | None
@@ -50,8 +52,8 @@ class GyroOverRuns:
 def fit_over_runs(
     spec: OwnAxisRecipe, gyro: str, runs: Sequence[table_runs.TableRun]
 ) -> GyroOverRuns:
-    """One gyro over all runs: the mean at the reference temperature, and K and F0 over temperature
-    where it varies.
+    """Fit one gyro over all runs: the mean at the reference temperature, and K and F0 over
+    temperature where the temperature varies.
     """
     temperature = np.array([run.temp_degc for run in runs])
     near = np.isnan(temperature) | (np.abs(temperature - spec.reference_temp_degc) <= ROOM_DEGC)
@@ -79,7 +81,7 @@ def _points(gyro: str, runs: Sequence[table_runs.TableRun], name: str) -> tuple[
 def choose_response(
     spec: OwnAxisRecipe, gyro: str, runs: Sequence[table_runs.TableRun]
 ) -> rate_response.Response | None:
-    """Response over rate, (F − F0)/K [°/s] against the table rate, of runs together: chosen by
+    """Response over rate of all runs together, (F − F0)/K [°/s] against the table rate, chosen by
     leave-one-rate-out error.
 
     None where the recipe asks for the line alone, or the line is the best.
@@ -89,7 +91,7 @@ def choose_response(
     rate = np.concatenate([run.plateaus.rate_dps for run in runs])
     lines = [run.scale(gyro) for run in runs]
     indicated = np.concatenate([(line.indication - line.F0) / line.K for line in lines])
-    # runs repeat their rates: a rate is left out only when it is left out of all of them
+    # runs repeat their rates: leaving out a rate means leaving it out of all runs
     group = np.round(rate, 3)
     levels = [group == level for level in np.unique(group)]
     means = [np.array([x[level].mean() for level in levels]) for x in (rate, indicated)]
@@ -101,7 +103,7 @@ def choose_response(
 
 
 def run_figures(name: str, one: GyroOverRuns, spec: GyroRecipe) -> list[Figure]:
-    """Repeatability and temperature sensitivity, where the runs can show them."""
+    """Figures of repeatability and temperature sensitivity, where the runs determine them."""
     figures = []
     if _repeats(one):
         at_room, _ = _points(one.gyro, one.at_room, "K")
@@ -143,8 +145,8 @@ def run_figures(name: str, one: GyroOverRuns, spec: GyroRecipe) -> list[Figure]:
 
 
 def _scatter(one: GyroOverRuns) -> float:
-    """How much K differs from run to run, at the reference temperature and about K(T); few runs
-    widen it by Student's t.
+    """Standard deviation of K between runs, at the reference temperature and about K(T); raised by
+    Student's t for few runs.
     """
     found = []
     if _repeats(one):
@@ -164,7 +166,9 @@ def _scatter(one: GyroOverRuns) -> float:
 
 
 def _repeats(one: GyroOverRuns) -> bool:
-    """Whether there are several runs of the mean, at one temperature or at none that is known."""
+    """Whether the mean is of several runs, all at one temperature or all without a known
+    temperature.
+    """
     temperature = np.array([run.temp_degc for run in one.at_room])
     alike = np.isnan(temperature).any() or np.ptp(temperature) <= 2.0 * ROOM_DEGC
     return bool(temperature.size > 1 and alike)
@@ -185,8 +189,8 @@ def _propagated(
 
 
 def _flag_other_gyro(one: GyroOverRuns) -> list[str]:
-    """Flag for a run at the reference temperature whose K is not that of the others: another gyro
-    or setting.
+    """Flag for a run at the reference temperature whose K differs from the others', as of another
+    gyro or setting.
     """
     K, _ = _points(one.gyro, one.at_room, "K")
     off = np.abs(K / np.median(K) - 1.0)
@@ -198,7 +202,7 @@ def _flag_other_gyro(one: GyroOverRuns) -> list[str]:
 
 
 def flag_runs(gyros: Sequence[GyroOverRuns], spec: GyroRecipe) -> tuple[str, ...]:
-    """What a reader of figures over several runs must know."""
+    """Flags of figures over several runs."""
     runs = gyros[0].runs
     flags = [flag for run in runs for flag in run.flags]
     for one in gyros:

@@ -10,18 +10,18 @@ from calibkit.instruments.gyro_scale import forms, table_runs
 from calibkit.instruments.gyro_scale.numeric import pair as gyro_pair
 
 OPPOSITE = 20.0
-"""Standard uncertainties apart, while their sum is within as many, that make two gammas equal and
-opposite.
+"""Standard uncertainties: two γ that differ by more than this, while their sum is within it, count
+as equal and opposite.
 """
 ONE_TEMPERATURE_DEGC = 2.0
-"""Difference of the two runs of a pair from which gamma carries the temperature of K."""
+"""Difference between the two runs' temperatures [°C] above which γ is flagged for the temperature
+dependence of K.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class PairFit:
-    """Both runs of a pair by their table axis, its ratios and angle, and what must be said of
-    them.
-    """
+    """Both runs of a pair by their table axis, the ratios and angle of the pair, and flags."""
 
     runs: Mapping[str, table_runs.TableRun]
     found: gyro_pair.GyroPair
@@ -29,8 +29,8 @@ class PairFit:
 
 
 def fit_pair(about_a: table_runs.TableRun, about_b: table_runs.TableRun) -> PairFit:
-    """N, ε, γ and α from the runs about both table axes, with what the runs share in the
-    covariance.
+    """Fit N, ε, γ and α to the runs about both table axes; the covariance includes the noise that
+    K_A and K_Ba of one run share.
     """
     runs = {"a": about_a, "b": about_b}
     found = gyro_pair.from_runs(about_a.scales, about_b.scales)

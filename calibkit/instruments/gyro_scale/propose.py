@@ -12,13 +12,13 @@ from calibkit.ingest.proposal import Choice, Evidence
 from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe
 
 TABLE_AXIS = re.compile(r"(?:^|[^a-z]|axis|achse|about|um)([xyz])(?![a-z])", re.IGNORECASE)
-"""Table axis in the name of a log: a letter by itself, or behind a word for an axis."""
+"""Table axis in the name of a log: a single letter, or a letter after a word for axis."""
 REFERENCE = ("time_s", "table_rate_dps", "table_angle_deg", "temp_case_degc")
 """Columns that every rate-table recipe reads."""
 
 
 def propose_pair(evidence: Evidence) -> Choice | None:
-    """Two gyros in two logs are a pair."""
+    """Choice of the pair recipe for two gyros in two logs."""
     axes, files = _axes(evidence), evidence.group.files
     if len(axes) != 2 or len(files) != 2:
         return None
@@ -30,7 +30,7 @@ def propose_pair(evidence: Evidence) -> Choice | None:
 
 
 def propose_triad(evidence: Evidence) -> Choice | None:
-    """Several gyros in logs named by three axes are a triad."""
+    """Choice of the triad recipe for several gyros in logs named after three axes."""
     axes = _axes(evidence)
     turned = _table_axes(evidence.group.files) if len(axes) > 1 else {}
     if not turned:
@@ -39,7 +39,7 @@ def propose_triad(evidence: Evidence) -> Choice | None:
 
 
 def propose_rate_table(evidence: Evidence) -> Choice | None:
-    """Any other logs with gyros and a table rate are runs of a rate table."""
+    """Choice of the rate-table recipe for any other logs with gyros and a table rate."""
     axes = _axes(evidence)
     if not axes:
         return None
@@ -49,7 +49,7 @@ def propose_rate_table(evidence: Evidence) -> Choice | None:
 
 
 def _axes(evidence: Evidence) -> list[tuple[str, LogColumn]]:
-    """Axis and column of each gyro; empty for logs that are of no rate table."""
+    """Axis and column of each gyro; empty for logs that are not of a rate table."""
     if not {"time_s", "table_rate_dps"} <= evidence.columns.keys():
         return []
     return [
@@ -64,7 +64,7 @@ def _choose(
     axes: Sequence[tuple[str, LogColumn]],
     keys: Mapping[str, str],
 ) -> Choice:
-    """Choice of a recipe that reads the gyros in counts per second."""
+    """Choice of a recipe that reads the gyros' columns in counts per second."""
     gyros = evidence.gyros()
     reference = {name: one for name, one in evidence.columns.items() if name not in gyros}
     renamed = {f"gyro_{axis}_lsb": column for axis, column in axes}
@@ -72,8 +72,8 @@ def _choose(
 
 
 def _triad_keys(names: Sequence[str], turned: Mapping[str, Sequence[str]]) -> dict[str, str]:
-    """Keys of the recipe of a triad: its gyros, and the logs of each table axis, where they are not
-    the shipped ones.
+    """Recipe keys of a triad that differ from the shipped recipe: gyros, and logs of each table
+    axis.
     """
     keys = {} if names == ["x", "y", "z"] else {"gyros": json.dumps(names)}
     shipped = recipe.find("gyro_triad").table(GyroTriadRecipe)
@@ -87,8 +87,8 @@ def _triad_keys(names: Sequence[str], turned: Mapping[str, Sequence[str]]) -> di
 
 
 def _table_axes(files: Sequence[str]) -> dict[str, list[str]]:
-    """Table axis → its logs where every log's name names one of x, y, z and each has a log; else
-    nothing.
+    """Table axis → its logs, if every log is named after one of x, y, z and each axis has a log;
+    else empty.
     """
     found: dict[str, list[str]] = {axis: [] for axis in "xyz"}
     for file in files:

@@ -1,5 +1,5 @@
-"""Recipes of gyros on a rate table: two gyros on one base, runs over temperature, any number of
-gyros over three axes.
+"""Recipes of gyros on a rate table: runs of single gyros over temperature, two gyros on one base,
+any number of gyros over three axes.
 """
 
 from fnmatch import fnmatchcase
@@ -16,20 +16,20 @@ Patterns = Annotated[tuple[str, ...], Field(min_length=1, strict=False)]
 
 
 def _refuse_doubles(gyros: tuple[str, ...]) -> None:
-    """Refuse a gyro that stands twice."""
+    """Raise an error for a gyro that is listed twice."""
     if len(set(gyros)) != len(gyros):
         raise ValueError(f"gyros = {list(gyros)}: a gyro stands twice")
 
 
 class _TableSpec(Table):
-    """Rate table: which way its axis points for positive rates, and what its rate is taken from."""
+    """Rate table: direction of its axis for positive rates, and source of its reference rate."""
 
     axis: Literal["up", "down"] = "up"
     reference: Literal["rate", "angle"] = "rate"
 
 
 class _PlateauSpec(Table):
-    """What counts as a held rate."""
+    """Criteria of a held rate."""
 
     shortest_s: Positive = 2.0
     shortest_samples: Annotated[int, Field(ge=4)] = 8
@@ -40,7 +40,7 @@ class _PlateauSpec(Table):
 
 
 class GyroRecipe(Recipe):
-    """What all procedures of the rate table share."""
+    """Keys that all rate-table procedures share."""
 
     table: _TableSpec = _TableSpec()
     plateaus: _PlateauSpec = _PlateauSpec()
@@ -54,14 +54,14 @@ class GyroRecipe(Recipe):
 
 
 class LineAcceptance(Table):
-    """Limits of lines; a limit that is not stated is not tested."""
+    """Limits on lines; a limit that is not stated is not tested."""
 
     max_nonlinearity_ppm: Positive | None = None
     max_asymmetry_ppm: Positive | None = None
 
 
 class OwnAxisRecipe(GyroRecipe):
-    """Gyros compensated about their own axes, each by itself."""
+    """Gyros that are compensated about their own axes, independently of each other."""
 
     response: Literal["line", "auto"] = "line"
     compensation: Literal["laboratory", "inertial"] = "laboratory"
@@ -77,7 +77,7 @@ class OwnAxisRecipe(GyroRecipe):
 
 
 class _PairLogs(Table):
-    """Which log is of which table axis."""
+    """Log of each table axis."""
 
     axis_a: str = "table_axis_a.csv"
     axis_b: str = "table_axis_b.csv"
@@ -111,7 +111,7 @@ class GyroPairRecipe(OwnAxisRecipe):
     acceptance: PairAcceptance = PairAcceptance()
 
     def own_axis(self, gyro: str) -> str:
-        """Table axis of a gyro's own line."""
+        """Table axis that is the gyro's own axis."""
         return gyro
 
     def find_axis(self, file: str) -> str:
@@ -133,7 +133,7 @@ class RateTableAcceptance(LineAcceptance):
 
 
 class RateTableRecipe(OwnAxisRecipe):
-    """Runs of one or more gyros about the table axis, one run a log, repeated and over
+    """Runs of one or more gyros about the table axis, one log per run, repeated and over
     temperature.
     """
 
@@ -158,7 +158,7 @@ class RateTableRecipe(OwnAxisRecipe):
 
 
 class _TriadLogs(Table):
-    """Which logs are of which table axis, by file name patterns."""
+    """Logs of each table axis, by file name patterns."""
 
     x: Patterns = ("about_x*.csv",)
     y: Patterns = ("about_y*.csv",)
@@ -185,7 +185,7 @@ class GyroTriadRecipe(GyroRecipe):
     acceptance: TriadAcceptance = TriadAcceptance()
 
     def list_axes(self, file: str) -> list[str]:
-        """Table axes that a log is named for."""
+        """Table axes whose patterns match a log's name."""
         return [
             axis
             for axis, patterns in self.axes

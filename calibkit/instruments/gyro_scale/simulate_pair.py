@@ -13,13 +13,13 @@ from calibkit.simulate.campaign import Campaign
 
 START_DEGC = 25.0
 AXES = ("a_about_a", "b_about_a", "b_about_b", "a_about_b")
-"""Input axes of A and B about the table axis of each run."""
+"""Input axis and table axis of the logs: gyros A and B in both runs."""
 LARGEST_MOUNTING_ERROR_DEG = 0.02
-"""Of a gyro's input axis from the table axis that is meant to be its own."""
+"""Largest angle between a gyro's input axis and the table axis nominally its own [°]."""
 
 
 def _linear(gyro: simulate_rate_table.RateGyro) -> simulate_rate_table.RateGyro:
-    """The same gyro with a straight line for a response and no temperature terms."""
+    """The same gyro with a straight-line response and no temperature terms."""
     return replace(gyro, K_per_degc=0.0, ripple_dps=0.0, asymmetry=0.0, bias_dps_per_degc=0.0)
 
 
@@ -32,7 +32,7 @@ def campaign(
     ideal: bool = False,
     table: simulate_rate_table.Table | None = None,
 ) -> Campaign:
-    """Logs `table_axis_a.csv` and `table_axis_b.csv` of two gyros, both logged in both.
+    """Simulate `table_axis_a.csv` and `table_axis_b.csv`, each with both gyros.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def campaign(
     alpha = 90.0 + float(rng.normal(0.0, 1.0)) * 0.3 if alpha_deg is None else alpha_deg
     mounting = np.zeros(2) if ideal else rng.uniform(0.0, LARGEST_MOUNTING_ERROR_DEG, 2)
     tilts = (mounting[0], alpha, mounting[1], alpha)
-    # by gyro and run; each run has its own direction about its table axis
+    # by gyro and run: each run has its own orientation about its table axis
     directions = {
         name: simulate_rate_table.tilted(tilt, about)
         for name, tilt, about in zip(AXES, tilts, rng.uniform(0.0, 360.0, 4), strict=True)
@@ -89,7 +89,7 @@ def _turn(
     rates: Sequence[float],
     rng: np.random.Generator,
 ) -> tuple[dict[str, dict[str, Array]], dict[str, dict[str, float]]]:
-    """Logs of the runs about both table axes, and the best line of each gyro in each."""
+    """Logs of the runs about both table axes, and the best straight line of each gyro in each."""
     logs: dict[str, dict[str, Array]] = {}
     lines: dict[str, dict[str, float]] = {}
     for axis in ("a", "b"):

@@ -1,5 +1,5 @@
-"""Gyros on a rate table: it accelerates, turns unevenly and stands on the earth; the gyros are not
-quite linear.
+"""Gyros on a rate table that accelerates between rates, turns unevenly and rotates with the earth;
+the gyros are slightly nonlinear.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,7 +16,7 @@ from calibkit.simulate.campaign import Campaign
 EARTH_RATE_DPS = EARTH_RATE_DPH / DPH_PER_DPS
 REFERENCE_DEGC = 25.0
 RATES_DPS = (1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 80.0, 100.0)
-"""Held by the table, each way."""
+"""Rates that the table holds in each direction [°/s]."""
 DECIMALS = {
     "time_s": 1,
     "table_rate_dps": 6,
@@ -27,9 +27,9 @@ DECIMALS = {
     "gyro_b_lsb": 1,
 }
 SPARE_S = 6.0
-"""Held beyond a whole revolution, for settling."""
+"""Hold time beyond a whole revolution [s], for settling."""
 FINE = 10
-"""Steps of the simulated motion in a sampling interval."""
+"""Integration steps of the simulated motion per sampling interval."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,13 +59,13 @@ class RateGyro:
     def best_line(
         self, table: "Table", rates_dps: Sequence[float], temp_degc: float
     ) -> tuple[float, float]:
-        """Slope [1/s/(°/s)] and intercept [1/s] of the straight line by least squares over table
-        rates, without noise.
+        """Slope [1/s/(°/s)] and intercept [1/s] of the noise-free least-squares line over table
+        rates.
         """
         rates = np.asarray(rates_dps, dtype=np.float64)
         vertical = EARTH_RATE_DPS * np.sin(np.radians(table.latitude_deg))
-        # a whole revolution averages over every direction of the horizontal part; to first order
-        # that is its mean, zero
+        # over a whole revolution the horizontal part of the earth's rate averages to zero, to first
+        # order
         slope, intercept = np.polyfit(
             rates, _response(self, (rates + vertical) * self.axis[2], temp_degc), 1
         )
@@ -96,25 +96,25 @@ class RateGyro:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Constants of a rate table with a vertical axis and of the room it stands in."""
+    """Constants of a rate table with a vertical axis and of its room."""
 
     latitude_deg: float = 34.2
     acceleration_dps2: float = 20.0
     unevenness: float = 1e-5
-    """Relative amplitude of the rate within a revolution."""
+    """Relative amplitude of the rate's variation within a revolution."""
     interval_s: float = 0.5
-    """Between logged samples."""
+    """Sampling interval [s]."""
     shortest_hold_s: float = 30.0
     start_angle_deg: float = 0.0
     warming_degc: float = 0.2
-    """What the case warms by from the first sample to long after the last."""
+    """Total warming of the case [°C], from the first sample to the steady state."""
     warming_s: float = 1200.0
 
 
 @dataclass(frozen=True, slots=True)
 class _Motion:
-    """What the table does at fine steps [k]: end of step [s], nominal rate [°/s], angle [°], and
-    the fine interval.
+    """Motion of the table at k fine steps: end of step [s], nominal rate [°/s], angle [°], and step
+    length.
     """
 
     time_s: Array
@@ -124,7 +124,7 @@ class _Motion:
 
 
 def _response(gyro: RateGyro, rate_dps: Array, temp_degc: Array | float) -> Array:
-    """Indication [1/s] of a gyro at rest in a rate [°/s] about its input axis, without noise."""
+    """Noise-free static indication [1/s] of a gyro at a rate [°/s] about its input axis."""
     warmer = np.asarray(temp_degc) - REFERENCE_DEGC
     ripple = np.sin(2.0 * np.pi * rate_dps / gyro.ripple_period_dps)
     seen = (
@@ -138,7 +138,7 @@ def _response(gyro: RateGyro, rate_dps: Array, temp_degc: Array | float) -> Arra
 
 
 def _motion(table: Table, rates_dps: Sequence[float]) -> _Motion:
-    """_Motion of the table through held rates, at rest before the first and after the last."""
+    """Motion of the table through held rates, at rest before the first and after the last."""
     corners, held = [0.0, 3.0], [0.0, 0.0]
     for rate in (*rates_dps, 0.0):
         begin = corners[-1] + abs(rate - held[-1]) / table.acceleration_dps2
@@ -159,14 +159,12 @@ def _motion(table: Table, rates_dps: Sequence[float]) -> _Motion:
 
 
 def _integral(rate: Array, step: float) -> Array:
-    """Integral [k + 1] of a rate [k + 1] from its first value, by trapezoids."""
+    """Integral [k + 1] of a rate [k + 1] from its first value, by the trapezoidal rule."""
     return np.concatenate(([0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1])) * step))
 
 
 def _input_rate(gyro: RateGyro, table: Table, moved: _Motion) -> Array:
-    """Rate about the gyro's input axis [k] [°/s] over each fine step: the table's, and the earth's
-    in table axes.
-    """
+    """Rate about the gyro's input axis [k] [°/s] in each fine step: table rate plus earth rate."""
     middle = np.radians(0.5 * (moved.angle_deg[1:] + moved.angle_deg[:-1]))
     latitude = np.radians(table.latitude_deg)
     along = np.diff(moved.angle_deg) / moved.step_s + EARTH_RATE_DPS * np.sin(latitude)
@@ -182,8 +180,8 @@ def _input_rate(gyro: RateGyro, table: Table, moved: _Motion) -> Array:
 def _indication(
     gyro: RateGyro, table: Table, moved: _Motion, temp_degc: Array, rng: np.random.Generator
 ) -> Array:
-    """Indication [n] [1/s], whole counts over each sampling interval divided by it, of case
-    temperatures [n] [°C].
+    """Indication [n] [1/s] at case temperatures [n] [°C]: whole counts in each sampling interval
+    over the interval's length.
     """
     from scipy.signal import lfilter
 
@@ -202,7 +200,7 @@ def run(
     start_degc: float,
     rng: np.random.Generator,
 ) -> dict[str, Array]:
-    """Columns of one log of the table turning through held rates [°/s], with one column a gyro."""
+    """Log columns of the table turning through held rates [°/s], with one column per gyro."""
     moved = _motion(table, rates_dps)
     angle = moved.angle_deg[::FINE]
     time = moved.time_s[::FINE]
@@ -220,7 +218,7 @@ def run(
 
 
 def both_ways(rates_dps: Sequence[float] = RATES_DPS) -> tuple[float, ...]:
-    """Rates up one way, then up the other."""
+    """Rates in increasing order in one direction, then in the other."""
     return (*rates_dps, *(-rate for rate in rates_dps))
 
 
@@ -237,7 +235,8 @@ def tilted(degrees: float, direction_deg: float) -> tuple[float, float, float]:
 def campaign(
     seed: int, *, room_runs: int = 3, temperatures_degc: Sequence[float] = (-40.0, 0.0, 60.0)
 ) -> Campaign:
-    """Rate-table logs of one gyro: repeated at 25 °C, then once at each other temperature.
+    """Simulate rate-table logs of one gyro: repeated runs at 25 °C, then one at each other
+    temperature.
 
     Parameters
     ----------

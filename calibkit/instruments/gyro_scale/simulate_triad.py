@@ -1,5 +1,5 @@
-"""Three gyros on one base: the table turned about each axis of the base, at room temperature and at
-others.
+"""Three gyros on one base that the table turns about each axis of the base, at several
+temperatures.
 """
 
 from collections.abc import Sequence
@@ -13,14 +13,14 @@ from calibkit.simulate.campaign import Campaign
 
 GYROS = ("x", "y", "z")
 LARGEST_MOUNTING_DEG = 0.3
-"""Of an input axis from the axis of the base that it is named after."""
+"""Largest angle of an input axis from the base axis that it is named after [°]."""
 LARGEST_TURN_DEG = 0.02
-"""That an input axis turns by over 100 °C."""
+"""Largest rotation of an input axis over 100 °C [°]."""
 RATES_DPS = (2.0, 5.0, 10.0, 20.0, 40.0, 60.0, 80.0, 100.0)
 
 
 def _normalise(vectors: Array) -> Array:
-    """Vectors [3, 3] as rows, each of length one."""
+    """Rows of vectors [3, 3] scaled to unit length."""
     return np.array([vector / np.linalg.norm(vector) for vector in vectors])
 
 
@@ -90,13 +90,13 @@ def _turn(
     degc: float,
     rng: np.random.Generator,
 ) -> tuple[dict[str, dict[str, Array]], dict[str, list[list[float]]]]:
-    """Columns of the runs about each axis at one temperature [°C], gyros along directions [3, 3],
-    and the truth of them.
+    """Log columns of the runs about each axis at one temperature [°C], for gyros with input axes
+    along `directions` [3, 3], and the true lines.
     """
     runs: dict[str, dict[str, Array]] = {}
     lines = np.zeros((3, 3))
     for axis, name in enumerate(GYROS):
-        # as seen from the table: two components that turn with it, and the one along its axis
+        # in table axes: two components that turn with the table, and one along its axis
         seen = np.roll(directions, 2 - axis, axis=1).tolist()
         mounted = {
             f"gyro_{g}_lsb": replace(gyro, axis=tuple(direction))

@@ -19,24 +19,24 @@ from calibkit.numeric import anomalies, chunks, earth, order_statistics
 
 ANGLE = "table_angle_deg"
 FASTEST_DPS = 2e4
-"""Table rate [°/s] that no table reaches: the column is in another unit."""
+"""Table rate [°/s] above every real table's: the column is in another unit."""
 ONE_TABLE = 0.01
-"""Relative difference between table angle and table rate beyond which one of them is in another
-unit or sign.
+"""Relative difference between table angle and table rate above which one of them is in another unit
+or sign.
 """
 BEYOND = 1000.0
-"""Times the counts of all but a hundredth of the rows that no row has: what is as large is a
-logger's mark.
-"""
+"""Multiple of the 99 % quantile of |counts| above which counts are a logger's overload mark."""
 HALF_TURN_DEG = 180.0
-"""Turn [°] between two rows from which an angle does not say how far the table turned."""
+"""Turn [°] between two rows from which the wrapped angle is ambiguous."""
 ONE_SOAK_DEGC = 2.0
-"""Span of a run's temperatures [°C] up to which it stood at one."""
+"""Largest span of a run's temperatures [°C] at which the run counts as isothermal."""
 LEAST_ROWS = 16
 UNCERTAIN = 1e-3
-"""Relative standard uncertainty from which a scale factor is flagged."""
+"""Relative standard uncertainty above which a scale factor is flagged."""
 LEAST_TRIAD = 3
-"""Gyros over three axes from which one of them is along the table axis of every log."""
+"""Fewest gyros over three axes with which at least one is assumed to be along the table axis of
+every log.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,7 @@ class TableRun:
         return self.scales.gyros[self.gyros.index(gyro)]
 
     def noise(self, gyro: str) -> Array:
-        """Standard uncertainty [p, 1/s] of the gyro's means over the held rates."""
+        """Standard uncertainty [p, 1/s] of a gyro's means over the held rates."""
         return np.asarray(
             self.plateaus.standard_uncertainty[:, self.gyros.index(gyro)], dtype=np.float64
         )
@@ -66,11 +66,11 @@ class TableRun:
 
     @property
     def temp_range(self) -> tuple[float, float]:
-        """Coldest and hottest row [°C] of the run: of all of it where it stood at one temperature,
-        else of its held rates.
+        """Lowest and highest row temperature [°C]: of the whole run where it was isothermal, else
+        of its held rates.
 
-        What was calibrated is the soak with its spread, not the mean of it: its own rows are
-        inside.
+        The calibrated range is that of the soak's rows, not of their mean: it contains all rows of
+        the run.
         """
         if forms.TEMPERATURE not in self.log.frame.columns:
             return float("nan"), float("nan")
@@ -84,9 +84,7 @@ class TableRun:
 
 
 def read(spec: AnyRecipe, data: Path, file: str, reader: logs.Reader = logs.read_log) -> Log:
-    """One log of the table in canonical columns; table angle and temperature are read where the log
-    has them.
-    """
+    """Read one log of the table in canonical columns; table angle and temperature are optional."""
     needed: tuple[str, ...] = ("time_s", forms.RATE, *map(forms.gyro_column, spec.gyros))
     optional: tuple[str, ...] = (ANGLE, forms.TEMPERATURE)
     if spec.table.reference == "angle":
@@ -95,8 +93,8 @@ def read(spec: AnyRecipe, data: Path, file: str, reader: logs.Reader = logs.read
 
 
 def flag_uncertain(name: str, line: scale_factor.ScaleFactor) -> list[str]:
-    """Flag for a scale factor about a gyro's own axis that hardly is any: too slow, too short or
-    too noisy a run.
+    """Flag for a poorly determined scale factor about a gyro's own axis: the run was too slow, too
+    short or too noisy.
     """
     u = float(line.standard_uncertainty[0])
     if u < UNCERTAIN * abs(line.K):
@@ -106,7 +104,7 @@ def flag_uncertain(name: str, line: scale_factor.ScaleFactor) -> list[str]:
 
 
 def vertical_rate_dps(spec: GyroRecipe) -> float | None:
-    """Earth's rate about the table axis [°/s] in the sense of positive table rates; none where the
+    """Earth rate about the table axis [°/s], positive as positive table rates; None where the
     latitude is unknown.
     """
     latitude, sign = spec.site.latitude_deg, 1.0 if spec.table.axis == "up" else -1.0
@@ -114,7 +112,7 @@ def vertical_rate_dps(spec: GyroRecipe) -> float | None:
 
 
 def examine(spec: AnyRecipe, log: Log) -> Examined:
-    """Find what is wrong with one log, and its held rates."""
+    """Findings of one log, and its held rates."""
     found, held = _find_faults(spec, log)
     if held is None:
         return Examined(tuple(found), ())
@@ -141,7 +139,7 @@ def fit_run(spec: AnyRecipe, log: Log) -> TableRun:
 
 
 def _find_faults(spec: AnyRecipe, log: Log) -> tuple[list[Finding], plateau_means.Plateaus | None]:
-    """What is wrong with a log, and its held rates where it is fit for them."""
+    """Findings of a log, and its held rates unless a finding prevents them."""
     found = [
         *check.find_too_few_rows(log, LEAST_ROWS),
         *check.find_missing_values(log, list(log.frame.columns)),
@@ -165,7 +163,7 @@ def _find_faults(spec: AnyRecipe, log: Log) -> tuple[list[Finding], plateau_mean
 
 
 def _find_implausible(log: Log, gyros: Sequence[str]) -> list[Finding]:
-    """Faults of single columns, of which those of gyros are named."""
+    """Findings on implausible values of single columns."""
     thermometers = [forms.TEMPERATURE] if forms.TEMPERATURE in log.frame.columns else []
     return [
         *check.find_unordered_times(log),
@@ -184,7 +182,7 @@ def _find_implausible(log: Log, gyros: Sequence[str]) -> list[Finding]:
 
 
 def _find_suspicious(spec: AnyRecipe, log: Log) -> list[Finding]:
-    """What a sensor or its logger did, and signs: a fit goes on and says so."""
+    """Findings on suspicious sensors, loggers and signs, which do not stop a fit."""
     columns = [forms.gyro_column(gyro) for gyro in spec.gyros]
     found = (
         check.series.check_temperature(log, forms.TEMPERATURE)
@@ -192,11 +190,11 @@ def _find_suspicious(spec: AnyRecipe, log: Log) -> list[Finding]:
         else []
     )
     reach = {name: _span(values(log.frame, name)) for name in columns}
-    # a gyro across the table axis answers with its misalignment, of either sign
+    # a gyro across the table axis indicates its misalignment, of either sign
     along = max(columns, key=lambda name: reach[name])
     for name in columns:
         found += check.series.check_driven_indication(log, name, forms.RATE, "1/s", reach[along])
-    # none of two gyros of a triad need be along this axis
+    # with two gyros of a triad, neither need be along this axis
     if spec.procedure != "gyro_triad" or len(columns) >= LEAST_TRIAD:
         found += check.magnitude.check_gyro_sign(log, along, forms.RATE)
     return [*found, *check.magnitude.find_compensated_names(log, spec, columns)]
@@ -219,7 +217,7 @@ def _average_held_rates(spec: AnyRecipe, log: Log) -> plateau_means.Plateaus:
 
 
 def _beside(columns: Sequence[Array], log: Log) -> Array:
-    """Columns of a log beside each other [n, m], where the log lies."""
+    """Columns of a log stacked [n, m], in the log's own storage (memory or mapped file)."""
     if len(columns) == 1:
         return columns[0].reshape(-1, 1)
     made = log.allocate(len(log.frame) * len(columns)).reshape(-1, len(columns))
@@ -232,7 +230,7 @@ def _beside(columns: Sequence[Array], log: Log) -> Array:
 def _find_beyond(
     log: Log, column: str, limit: float, unit: str, expected: str, advice: str
 ) -> list[Finding]:
-    """First value of a column beyond a limit in its unit, and how many there are."""
+    """Finding on a column's values beyond a limit in its unit: the first one, and their number."""
     if max(map(abs, log.extremes(column))) <= limit:
         return []
     data = values(log.frame, column)
@@ -250,7 +248,7 @@ def _find_beyond(
 
 
 def _span(counts: Array) -> float:
-    """Range of an indication without its two hundredth outermost rows: a spike is no span."""
+    """Range between the 0.5 % and 99.5 % quantiles of an indication, which excludes spikes."""
     low, high = (
         order_statistics.quantile_of_chunks(
             lambda: (counts[a:b] for a, b in chunks.ranges_along(counts)), counts.size, share
@@ -261,7 +259,7 @@ def _span(counts: Array) -> float:
 
 
 def _find_overload(log: Log, column: str) -> list[Finding]:
-    """Counts that no rate of the log explains: what loggers write for overload."""
+    """Finding on counts that no rate of the log explains, as loggers write for overload."""
     data = values(log.frame, column)
     usual = order_statistics.quantile_of_chunks(
         lambda: (np.abs(data[a:b]) for a, b in chunks.ranges_along(data)), data.size, 0.99
@@ -276,8 +274,8 @@ def _find_overload(log: Log, column: str) -> list[Finding]:
 
 
 def _find_few_rates(spec: GyroRecipe, log: Log, held: plateau_means.Plateaus) -> list[Finding]:
-    """Fewer distinct held rates than tell a line and how far it holds: those that differ by no more
-    than a held rate may vary are one.
+    """Finding on fewer distinct held rates than a line and its range need; rates closer than a held
+    rate may vary count as one.
     """
     rates, rules = np.sort(held.rate_dps), spec.plateaus
     near = np.maximum(2.0 * rules.floor_dps, 2.0 * rules.relative * np.abs(rates[1:]))
@@ -298,12 +296,11 @@ def _find_few_rates(spec: GyroRecipe, log: Log, held: plateau_means.Plateaus) ->
 
 
 def _find_two_tables(log: Log, held: plateau_means.Plateaus) -> list[Finding]:
-    """Table angle and table rate that differ by more than a table can: one is in another unit or
-    sign.
+    """Finding on table angle and table rate that differ by more than a table can: one is in another
+    unit or sign.
 
-    The angle is unwrapped about the turn that the rate lets expect: where that is half a turn or
-    more from row to row, any rate agrees with it within half a turn, and nothing is held against
-    another.
+    The angle is unwrapped about the turn expected from the rate. Where that is half a turn or more
+    from row to row, the angle agrees with any rate within half a turn and cannot contradict it.
     """
     if np.isnan(held.angle_rate_dps).any():
         return []
@@ -325,7 +322,7 @@ def _find_two_tables(log: Log, held: plateau_means.Plateaus) -> list[Finding]:
 
 
 def _find_aliased(log: Log, turn: Array, slower: int) -> list[Finding]:
-    """Rates at which the angle is logged too seldom to say how fast the table turned."""
+    """Finding on rates at which the angle is sampled too slowly to determine the table rate."""
     found = f"the table turns by up to {turn.max():.0f}° from row to row at {turn.size} held rates"
     held = f"the {slower} slower ones" if slower else "none"
     advice = (

@@ -13,19 +13,19 @@ from calibkit.report.summary import number
 from calibkit.report.table import Table
 
 COLUMNS = 3
-"""Runs beside each other in a table of the summary."""
+"""Largest number of runs side by side in a table of the summary."""
 
 
 def _table_of(
     title: str, heads: Sequence[str], rows: Iterable[tuple[str, ...]]
 ) -> tuple[Table, ...]:
-    """A table, where it has rows."""
+    """A table as a tuple of one; empty where it has no rows."""
     made = Table(title, tuple(heads), tuple(rows))
     return (made,) if made.rows else ()
 
 
 def _tabulate_lines(models: Sequence[Model]) -> Table:
-    """K and F0 of every line."""
+    """Table of K and F0 of every line."""
     rows = []
     for model in (m for m in models if m.form == forms.LINE.name):
         K, F0 = model.coefficients
@@ -50,7 +50,9 @@ def _tabulate_lines(models: Sequence[Model]) -> Table:
 
 
 def _tabulate_curves(models: Sequence[Model]) -> tuple[Table, ...]:
-    """Polynomials over temperature and responses over rate, where there are any."""
+    """Tables of polynomials over temperature and responses over rate; none where there are no such
+    models.
+    """
     rows = (
         (
             model.name if k == 0 else "",
@@ -71,7 +73,7 @@ def _tabulate_curves(models: Sequence[Model]) -> tuple[Table, ...]:
 def _tabulate_figures(
     figures: Sequence[Figure], names: Sequence[str], title: str
 ) -> tuple[Table, ...]:
-    """Figures in the standards' terms, one row a figure, one column a model."""
+    """Table of figures in the standards' terms, one row per figure and one column per model."""
     kinds: dict[tuple[str, str, str], dict[str, Figure]] = {}
     for figure in figures:
         what, standard, model = forms.read_figure_name(figure.name)
@@ -90,7 +92,7 @@ def _tabulate_figures(
 
 
 def _with_uncertainty(figure: Figure) -> str:
-    """Value ± standard uncertainty."""
+    """Text of value ± standard uncertainty."""
     value = number(figure.value, {"1/deg": 8, "arcsec": 7}.get(figure.unit, 3))
     u = figure.standard_uncertainty
     if not u:
@@ -101,7 +103,7 @@ def _with_uncertainty(figure: Figure) -> str:
 def _tabulate_runs(
     gyros: Sequence[over_runs.GyroOverRuns], figures: Sequence[Figure]
 ) -> Iterator[Table]:
-    """Figures over all runs of a gyro, then of its single runs."""
+    """Tables of the figures over all runs of each gyro, then of the single runs."""
     for one in gyros:
         name = forms.line_name(one.gyro)
         yield from _tabulate_figures(figures, (name,), f"Figures of {name} over its runs")
@@ -113,7 +115,7 @@ def _tabulate_runs(
 
 
 def _tabulate_biases(figures: Sequence[Figure]) -> tuple[Table, ...]:
-    """Biases without the earth's rate, where the latitude is known."""
+    """Table of biases without the earth's rate; none where the latitude is unknown."""
     rows = (
         (
             figure.name.partition(".")[2],
@@ -132,7 +134,7 @@ def _tabulate_biases(figures: Sequence[Figure]) -> tuple[Table, ...]:
 
 
 def _tabulate_pair(fitted: pair_fit.PairFit) -> Table:
-    """N, ε, γ, α, the orthogonality error, the second γ."""
+    """Table of N, ε, γ, α, the orthogonality error and the second γ."""
     found, u = fitted.found, [f"{u:.1e}" for u in fitted.found.standard_uncertainty]
     low, high = found.alpha_interval_deg
     gamma, u_gamma = found.gamma_from_a
@@ -153,7 +155,7 @@ def _tabulate_pair(fitted: pair_fit.PairFit) -> Table:
 
 
 def _tabulate_triad(fitted: triad_fit.AxesFit) -> tuple[Table, ...]:
-    """Sensitivities, input axes and angles of every set of runs."""
+    """Tables of sensitivities, input axes and angles of every set of runs."""
     gyros = list(enumerate(fitted.gyros))
 
     def sensitivities(g: int, one: triad_fit.AxesSet) -> tuple[str, ...]:
@@ -195,7 +197,7 @@ def _rows_of_sets(
     things: Sequence[tuple[Any, str]],
     cells: Callable[[Any, triad_fit.AxesSet], tuple[str, ...]],
 ) -> Iterator[tuple[str, ...]]:
-    """A row for each of several things (number, name) and each set of runs."""
+    """Table rows, one for each thing (index, name) and each set of runs."""
     for thing, name in things:
         for s, one in enumerate(fitted.sets):
             where = f"{one.temp_degc:.1f}" if np.isfinite(one.temp_degc) else ""
@@ -205,7 +207,7 @@ def _rows_of_sets(
 def summarize_rate_table(
     gyros: Sequence[over_runs.GyroOverRuns], scales: StageResult
 ) -> tuple[Table, ...]:
-    """Lines and curves, figures over the runs and of single runs, biases."""
+    """Tables of lines and curves, figures over the runs and of single runs, and biases."""
     return (
         _tabulate_lines(scales.models),
         *_tabulate_curves(scales.models),
@@ -217,7 +219,7 @@ def summarize_rate_table(
 def summarize_pair(
     fitted: pair_fit.PairFit, scales: StageResult, gyros: Sequence[str]
 ) -> tuple[Table, ...]:
-    """Lines and curves, figures of the gyros about their own axes, biases, the angle."""
+    """Tables of lines and curves, figures about the own axes, biases, and the angle."""
     own = [forms.line_name(gyro, gyro) for gyro in gyros]
     return (
         _tabulate_lines(scales.models),
@@ -229,7 +231,7 @@ def summarize_pair(
 
 
 def summarize_triad(fitted: triad_fit.AxesFit, scales: StageResult) -> tuple[Table, ...]:
-    """Sensitivities, input axes and angles, biases, curves."""
+    """Tables of sensitivities, input axes and angles, biases, and curves."""
     return (
         *_tabulate_triad(fitted),
         *_tabulate_biases(scales.figures),

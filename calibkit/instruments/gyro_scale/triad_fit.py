@@ -1,5 +1,5 @@
-"""Table runs about three axes of one base → sensitivities of any number of gyros, angles between
-them, over temperature.
+"""Table runs about three axes of one base → sensitivities of any number of gyros and angles between
+them, also over temperature.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,16 +17,16 @@ from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe
 from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
 
 ONE_SET_DEGC = 5.0
-"""Runs no further apart in temperature than this belong together."""
+"""Largest difference in temperature [°C] between the runs of one set."""
 
 
 @dataclass(frozen=True, slots=True)
 class AxesSet:
-    """Runs about all three axes at one temperature, and what they give."""
+    """Runs about all three axes at one temperature, with their triad and biases."""
 
     runs: tuple[table_runs.TableRun, ...]
     temp_degc: float
-    """Mean of the runs; NaN where none was logged."""
+    """Mean of the runs [°C]; NaN where no temperature was logged."""
     triad: gyro_triad.Triad
     bias: Array
     """[g, 1/s], without the earth's rate; NaN where the latitude is unknown."""
@@ -34,13 +34,13 @@ class AxesSet:
 
     @property
     def prefix(self) -> str:
-        """Where a flag comes from."""
+        """Prefix of the set's flags."""
         return f"{self.temp_degc:.0f} °C: " if np.isfinite(self.temp_degc) else ""
 
 
 @dataclass(frozen=True, slots=True)
 class AxesFit:
-    """Gyros over three axes: all runs, the sets they make, the one that is the reference, and
+    """Gyros over three axes: all runs, the sets of runs, index of the reference set, and
     polynomials over temperature.
     """
 
@@ -55,7 +55,7 @@ class AxesFit:
 
     @property
     def pairs(self) -> list[tuple[int, int]]:
-        """Numbers of every two gyros."""
+        """Index pairs (g, h) of all pairs of gyros."""
         return list(combinations(range(len(self.gyros)), 2))
 
     def main_axis(self, gyro: str) -> str:
@@ -69,13 +69,13 @@ class AxesFit:
         return name if len(self.runs[axis]) == 1 else f"{name}.{run.log.name}"
 
     def named(self, name: str, one: AxesSet) -> str:
-        """Name of a model or figure, with the temperature of a set that is not the reference."""
+        """Name of a model or figure; outside the reference set with the set's temperature."""
         return name if (one is self.sets[self.reference]) else f"{name}.at_{one.temp_degc:.0f}"
 
 
 def fit_axes(spec: GyroTriadRecipe, runs: Mapping[str, tuple[table_runs.TableRun, ...]]) -> AxesFit:
-    """Sensitivities and angles of each set of runs, and each sensitivity over temperature where it
-    varies.
+    """Fit sensitivities and angles of each set of runs, and each sensitivity over temperature where
+    the temperature varies.
 
     Raises FitError for a table axis without a run at some temperature.
     """
@@ -110,8 +110,8 @@ def fit_axes(spec: GyroTriadRecipe, runs: Mapping[str, tuple[table_runs.TableRun
 
 
 def _require_own_axes(one: AxesSet, gyros: Sequence[str]) -> None:
-    """Refuse a gyro named x, y or z that senses another of these axes most: logs or columns are
-    exchanged.
+    """Raise FitError where a gyro named x, y or z senses another of these axes most: logs or
+    columns are exchanged.
     """
     for gyro, row in zip(gyros, one.triad.misalignment, strict=True):
         most = forms.AXES[int(np.argmax(np.abs(row)))]
@@ -129,7 +129,7 @@ def _require_own_axes(one: AxesSet, gyros: Sequence[str]) -> None:
 def _groups(
     runs: Mapping[str, tuple[table_runs.TableRun, ...]],
 ) -> list[dict[str, tuple[table_runs.TableRun, ...]]]:
-    """Runs by temperature, coldest first, each group with every axis."""
+    """Runs grouped by temperature, coldest first, each group with every axis."""
     pairs = sorted(
         ((run.temp_degc, axis, run) for axis in forms.AXES for run in runs[axis]),
         key=lambda pair: pair[0],
@@ -156,7 +156,7 @@ def _groups(
 
 
 def _set_of(group: Mapping[str, tuple[table_runs.TableRun, ...]], spec: GyroTriadRecipe) -> AxesSet:
-    """Triad and biases of runs that belong together."""
+    """Set of the triad and biases of a group of runs."""
     means = [_mean([run.scales for run in group[axis]]) for axis in forms.AXES]
     every = tuple(run for axis in forms.AXES for run in group[axis])
     bias, uncertainty = _bias(every, spec)
@@ -173,8 +173,8 @@ def _mean(runs: Sequence[scale_factor.RunScales]) -> scale_factor.RunScales:
     """Mean K of repeated runs with the covariance of one of them, raised to the scatter of the mean
     where that is larger.
 
-    It is not divided by the number of runs: the table's unevenness and a gyro's departure from the
-    line repeat.
+    The covariance is not divided by the number of runs: the table's unevenness and a gyro's
+    departure from the line are the same in every run.
     """
     K = np.array([run.K for run in runs])
     covariance = np.mean([run.covariance for run in runs], axis=0)
@@ -202,8 +202,8 @@ def _bias(runs: Sequence[table_runs.TableRun], spec: GyroTriadRecipe) -> tuple[A
 
 
 def _flag_sets(spec: GyroTriadRecipe, sets: Sequence[AxesSet]) -> Iterator[str]:
-    """Input axes that are left-handed, scale factors that hardly are any, and what the biases leave
-    open.
+    """Flags for left-handed input axes, poorly determined scale factors, and biases that are
+    inconsistent or unknown.
     """
     for one in sets:
         yield from (f"{one.prefix}{flag}" for flag in one.triad.flags)
@@ -224,8 +224,8 @@ def _flag_sets(spec: GyroTriadRecipe, sets: Sequence[AxesSet]) -> Iterator[str]:
             " rate about each table axis, and `apply` is refused"
         )
     for one in sets:
-        # a bias that differs between the three attitudes depends on the acceleration, or the
-        # earth's rate is wrong
+        # a bias that differs between the attitudes depends on acceleration, or the earth's rate is
+        # wrong
         largest = float(np.max(one.bias_uncertainty / one.triad.magnitude)) * DPH_PER_DPS
         if largest > 1.0:
             yield (

@@ -1,4 +1,4 @@
-"""Frozen coefficients on runs that they were not fitted to: errors before and after."""
+"""Frozen coefficients compared with unseen runs: errors before and after compensation."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -30,14 +30,16 @@ from calibkit.report.summary import Summary
 from calibkit.report.table import Table
 
 OTHER_AXIS = 0.1
-"""Departure of a rate gain from 1 that no drift of a scale factor makes."""
+"""Departure of a rate gain from 1 above which the run is about another axis: no scale factor drifts
+so far.
+"""
 
 
 def validate(
     spec: AnyRecipe, records: Mapping[str, Record], logs: Iterable[Log]
 ) -> tuple[dict[str, Any], Summary]:
-    """Scale factors and rates of unseen runs against the frozen coefficients; with both logs of a
-    pair, N and γ again.
+    """Compare scale factors and rates of unseen runs with the frozen coefficients; with both logs
+    of a pair, also N and γ.
     """
     known = compensate.read_invertible(spec, records)
     runs: dict[str, table_runs.TableRun] = {}
@@ -77,8 +79,8 @@ def validate(
 def _compare_run(
     spec: AnyRecipe, run: table_runs.TableRun, axis: str, known: Sequence[forms.GyroMatrix]
 ) -> tuple[Sequence[forms.GyroMatrix], list[dict[str, Any]]]:
-    """Matrices to hold a run about a table axis against, and a JSON object for each: all gyros of a
-    triad, but single gyros about their own axes alone.
+    """Matrices that a run about a table axis is compared with, and a JSON object for each: the
+    matrix of a triad, or those of the gyros about their own axes.
     """
     if isinstance(spec, GyroTriadRecipe):
         return known, [
@@ -97,7 +99,7 @@ def _temperatures(run: table_runs.TableRun) -> Array:
 def _compare_line(
     spec: OwnAxisRecipe, run: table_runs.TableRun, matrix: forms.GyroMatrix
 ) -> dict[str, Any]:
-    """JSON object: one gyro of a run about its own axis."""
+    """JSON object of one gyro of a run about its own axis."""
     (gyro,) = matrix.gyros
     line, temperature = run.scale(gyro), _temperatures(run)
     if matrix.over_temperature and not np.isfinite(run.temp_degc):
@@ -138,7 +140,7 @@ def _compare_line(
 
 
 def _uncertainty_of_K(matrix: forms.GyroMatrix, temperature: Array) -> float:  # noqa: N802 - its letter
-    """Standard uncertainty of K [1/deg] at a temperature [1, °C], clamped to the fitted ones."""
+    """Standard uncertainty of K [1/deg] at a temperature [1, °C], clamped to the fitted range."""
     if not matrix.curves:
         return matrix.model.coefficients[0].standard_uncertainty
     curve = matrix.curves[0]
@@ -147,7 +149,7 @@ def _uncertainty_of_K(matrix: forms.GyroMatrix, temperature: Array) -> float:  #
 
 
 def _line_errors(rate: Array, reference: Array, slope: Array) -> dict[str, float]:
-    """How rates [p] stand against the table's: slope error, rms and largest error over full
+    """Errors of rates [p] against the table's: slope error, rms and largest error relative to full
     scale.
     """
     error = rate - reference
@@ -162,8 +164,8 @@ def _line_errors(rate: Array, reference: Array, slope: Array) -> dict[str, float
 def _compare_base(
     run: table_runs.TableRun, axis: str, matrix: forms.GyroMatrix, vertical_dps: float
 ) -> dict[str, Any]:
-    """JSON object: rates of a run along the turned axis and across it; without compensation each
-    gyro stands for the axis that it senses most, with its scale factor about that alone.
+    """JSON object of the rates of a run along and across the turned axis; the uncompensated rates
+    use each gyro alone, with its scale factor about its main axis.
     """
     held, temperature = run.plateaus, _temperatures(run)
     if matrix.over_temperature and not np.isfinite(run.temp_degc):
@@ -198,8 +200,8 @@ def _compare_base(
 
 
 def _base_errors(error: Array, along: Mask, rate_dps: Array) -> dict[str, float]:
-    """Largest errors [n, m] along the turned axis and across it, of full scale; zero where no
-    column is of that kind.
+    """Largest errors [n, m] along and across the turned axis, relative to full scale; zero where
+    there is no such column.
     """
     full = float(np.max(np.abs(rate_dps))) / gjb_figures.PPM
     return {
@@ -209,7 +211,7 @@ def _base_errors(error: Array, along: Mask, rate_dps: Array) -> dict[str, float]
 
 
 def _compare_pair(records: Mapping[str, Record], again: pair_fit.PairFit) -> list[dict[str, Any]]:
-    """N, ε, γ, α of unseen runs against the frozen ones."""
+    """JSON objects of N, ε, γ, α of unseen runs against the frozen values."""
     if forms.ORTHOGONALITY_FILE not in records:
         raise CoefficientError(
             f"the run holds no {forms.ORTHOGONALITY_FILE}", hint="it is not a run of gyro_pair"
@@ -232,7 +234,7 @@ def _compare_pair(records: Mapping[str, Record], again: pair_fit.PairFit) -> lis
 
 
 def _tabulate_line_errors(compared: Sequence[tuple[str, Mapping[str, Any]]]) -> Table:
-    """Lines of unseen runs: frozen against found, before and after."""
+    """Table of the lines of unseen runs: frozen and found K, errors before and after."""
     rows = []
     for name, one in compared:
         before, after = one["before"], one["after"]
@@ -258,7 +260,9 @@ def _tabulate_line_errors(compared: Sequence[tuple[str, Mapping[str, Any]]]) -> 
 
 
 def _tabulate_base_errors(compared: Sequence[tuple[str, Mapping[str, Any]]]) -> Table:
-    """Rates of unseen runs along the turned axis and across it, before and after."""
+    """Table of rates of unseen runs along and across the turned axis, before and after
+    compensation.
+    """
     kinds = ("rate_error_max_ppm_of_full_scale", "cross_axis_max_ppm_of_full_scale")
     rows = tuple(
         (
@@ -276,7 +280,7 @@ def _tabulate_base_errors(compared: Sequence[tuple[str, Mapping[str, Any]]]) -> 
 
 
 def _tabulate_pair_again(entries: Sequence[Mapping[str, Any]]) -> Table:
-    """N, ε, γ, α of unseen runs, frozen and found."""
+    """Table of N, ε, γ, α of unseen runs, frozen and found."""
     rows = tuple(
         (
             e["name"],

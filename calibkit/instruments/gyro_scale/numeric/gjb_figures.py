@@ -1,5 +1,5 @@
-"""Figures of a gyro's scale factor as GJB 2426A and IEEE Std 952 define them, in parts per million,
-each labelled.
+"""Figures of a gyro's scale factor as defined by GJB 2426A and IEEE Std 952, in ppm, labelled with
+the standard.
 """
 
 from dataclasses import dataclass
@@ -16,16 +16,16 @@ PPM = 1e6
 GJB, IEEE = "GJB 2426A", "IEEE Std 952"
 """Standards that define the figures."""
 HALF = 0.5
-"""Share of the expected output that counts as a response (GJB 2426A, IEEE Std 952: threshold,
-resolution).
+"""Share of the expected output from which a rate or step counts as detected (GJB 2426A, IEEE Std
+952: threshold, resolution).
 """
 SEEN = 4.0
-"""Standard uncertainties by which a response is told from none."""
+"""Least significance of a response, in standard uncertainties."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Figure:
-    """A value, its uncertainty (type A), its unit and the standard that defines it."""
+    """A value with its standard uncertainty (type A), its unit and the standard that defines it."""
 
     name: str
     value: float
@@ -52,8 +52,8 @@ def nonlinearity_per_point(scale: ScaleFactor) -> Array:
 
 
 def _asymmetry_gjb(scale: ScaleFactor) -> float:
-    """Asymmetry |K₊ − K₋|/K̄ [ppm]: a straight line of its own on each side, K̄ their mean (GJB
-    2426A).
+    """Asymmetry |K₊ − K₋|/K̄ [ppm]: separate straight lines for positive and negative rates, K̄
+    their mean (GJB 2426A).
 
     Raises FitError where a side has fewer than two rates.
     """
@@ -62,8 +62,8 @@ def _asymmetry_gjb(scale: ScaleFactor) -> float:
 
 
 def _asymmetry_ieee(scale: ScaleFactor) -> float:
-    """Asymmetry |K₊ − K₋|/K [ppm]: slopes on both sides of one intercept, K over the whole range
-    (IEEE Std 952).
+    """Asymmetry |K₊ − K₋|/K [ppm]: slopes for positive and negative rates with a common intercept,
+    K over the whole range (IEEE Std 952).
 
     Raises FitError where the rates are not of both signs or are too few.
     """
@@ -74,8 +74,8 @@ def _asymmetry_ieee(scale: ScaleFactor) -> float:
 
 
 def _slopes_of_sides(rate_dps: Array) -> Array:
-    """Matrix [2, p] from indications to the slopes of the positive and negative side, each with its
-    intercept.
+    """Matrix [2, p] from indications to the slopes of positive and of negative rates, each with its
+    own intercept.
     """
     solver = np.zeros((2, rate_dps.size))
     for row, side, name in ((0, rate_dps > 0.0, "positive"), (1, rate_dps < 0.0, "negative")):
@@ -104,7 +104,7 @@ def _slopes_about_intercept(rate_dps: Array) -> Array:
 
 
 def repeatability(K: Array) -> float:
-    """Repeatability sd(K_i)/K̄ [ppm] over the scale factors of Q runs [Q] (GJB 2426A); FitError for
+    """Repeatability sd(K_i)/K̄ [ppm] of the scale factors K [Q] of Q runs (GJB 2426A); FitError for
     one run.
     """
     if K.size < 2:
@@ -133,8 +133,8 @@ def temperature_sensitivity(K: Array, temp_degc: Array, room_degc: float) -> flo
 
 
 def _threshold_dps(scale: ScaleFactor, standard_uncertainty: Array) -> float:
-    """Smallest tested rate [°/s] from which the output is at least half of the expected; NaN where
-    noise hides it.
+    """Threshold: smallest tested rate [°/s] from which the output is at least half of the expected
+    one; NaN where noise hides it.
 
     An upper limit of the threshold: smaller rates were not tested. `standard_uncertainty` [p] is of
     the plateau means.
@@ -148,8 +148,8 @@ def _threshold_dps(scale: ScaleFactor, standard_uncertainty: Array) -> float:
 
 
 def _resolution_dps(scale: ScaleFactor, standard_uncertainty: Array) -> float:
-    """Smallest tested step of rate [°/s] from which the output changes by half of the expected; NaN
-    as above.
+    """Resolution: smallest tested step of rate [°/s] from which the output changes by at least half
+    of the expected change; NaN where noise hides it.
     """
     order = np.argsort(scale.rate_dps, kind="stable")
     step = np.diff(scale.rate_dps[order])
@@ -162,14 +162,15 @@ def _resolution_dps(scale: ScaleFactor, standard_uncertainty: Array) -> float:
 
 
 def figures(scale: ScaleFactor, standard_uncertainty: Array) -> tuple[_Figure, ...]:
-    """All figures that one run can show, labelled; what its rates cannot show is left out.
+    """All figures that one run determines, labelled; figures that its rates do not determine are
+    left out.
 
-    `standard_uncertainty` [p] is of the plateau means; each figure's own is what that noise makes
-    of it.
+    `standard_uncertainty` [p] is of the plateau means; each figure's uncertainty is propagated
+    from it.
     """
     u_K = float(scale.standard_uncertainty[0])
     pulse = ARCSECONDS_PER_DEGREE / abs(scale.K)
-    # tested rates have no uncertainty; noise may hide them
+    # tested rates have no uncertainty, but noise may hide the response
     tested = {
         "threshold": _threshold_dps(scale, standard_uncertainty),
         "resolution": _resolution_dps(scale, standard_uncertainty),
@@ -210,7 +211,7 @@ def _nonlinearities(scale: ScaleFactor, standard_uncertainty: Array) -> list[_Fi
 
 
 def _asymmetries(scale: ScaleFactor, standard_uncertainty: Array) -> list[_Figure]:
-    """Asymmetry in both senses, where the rates can show it."""
+    """Asymmetry by both definitions, where the rates determine it."""
     rate = scale.rate_dps
     if any(np.unique(np.round(side, 9)).size < 2 for side in (rate[rate > 0.0], rate[rate < 0.0])):
         return []
@@ -225,14 +226,14 @@ def _asymmetries(scale: ScaleFactor, standard_uncertainty: Array) -> list[_Figur
 
 
 def _turning(rate_dps: Array) -> Mask:
-    """Whether a plateau is not at rest."""
+    """Mask [p] of the plateaus that are not at rest."""
     return np.asarray(
         np.abs(rate_dps) > 1e-9 * np.max(np.abs(rate_dps), initial=0.0), dtype=np.bool_
     )
 
 
 def _smallest_from_which(sizes: Array, responds: Mask) -> float:
-    """Smallest size from which on all respond; NaN where the largest does not."""
+    """Smallest size for which it and all larger sizes respond; NaN where the largest does not."""
     order = np.argsort(sizes, kind="stable")
     silent = np.flatnonzero(~responds[order])
     first = int(silent[-1]) + 1 if silent.size else 0

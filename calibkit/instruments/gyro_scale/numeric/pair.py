@@ -17,18 +17,21 @@ Side = Literal["same", "opposite"]
 NEAR_ONE = 10.0
 """Standard uncertainties of γ from |γ| = 1 within which first-order propagation to α fails."""
 ONE_SIDED = 3.0
-"""The same, within which α = 0° or 180° is possible and the interval of α is one-sided."""
+"""Standard uncertainties of γ from |γ| = 1 within which α may be 0° or 180° and its interval is
+one-sided.
+"""
 IMPOSSIBLE = 0.05
-"""Excess of |γ| over one that no noise and no misalignment explains: the logs are of other axes."""
+"""Excess of |γ| over 1 that neither noise nor misalignment explains: the logs belong to other axes.
+"""
 DRAWS = 200_000
 CONSISTENT = 4.0
-"""Standard uncertainties by which two results may differ."""
+"""Difference of two results, in standard uncertainties, above which they are inconsistent."""
 
 
 @dataclass(frozen=True, slots=True)
 class GyroPair:
-    """Ratios and angle of two gyros, from K_A and K_B about their own axes and K_Ba, B about A's
-    axis.
+    """Ratios and angle of two gyros, from K_A and K_B about their own axes and K_Ba of gyro B about
+    A's axis.
     """
 
     N: float
@@ -52,8 +55,8 @@ class GyroPair:
     """K_Ba/K_B before it was clamped."""
     flags: tuple[str, ...]
     gamma_from_a: tuple[float, float] = (float("nan"), float("nan"))
-    """γ again from gyro A about B's axis, and its standard uncertainty; NaN where it was not
-    turned about that.
+    """Second estimate of γ, from gyro A about B's axis, and its standard uncertainty; NaN where A
+    was not turned about B's axis.
     """
 
     @property
@@ -63,12 +66,12 @@ class GyroPair:
 
     @property
     def standard_uncertainty(self) -> Array:
-        """Of N, ε, γ, α [°] [4]."""
+        """Standard uncertainties [4] of N, ε, γ, α [°]."""
         return np.sqrt(np.diag(self.covariance))
 
     @property
     def orthogonality_error_deg(self) -> float:
-        """90° − α [°]."""
+        """Orthogonality error 90° − α [°]."""
         return 90.0 - self.alpha_deg
 
 
@@ -88,8 +91,7 @@ def _pair(
     Returns
     -------
     GyroPair, after the published method: N = K_B/K_A, ε = K_Ba/K_A = N cos α, γ = ε/N = K_Ba/K_B.
-    K_A enters N and ε alone and K_B is shared by N and γ, so that their variances cannot be added;
-    the covariance says so.
+    N and ε share K_A, N and γ share K_B: their errors are correlated, as the covariance states.
 
     Raises
     ------
@@ -137,8 +139,8 @@ def _pair(
 
 
 def from_runs(about_a: RunScales, about_b: RunScales, *, seed: int = 0) -> GyroPair:
-    """Pair from the table runs about A's reference axis and about B's own axis, gyro A first and B
-    second in both.
+    """Pair from the table runs about A's reference axis and about B's own axis; gyro A is first and
+    B second in both.
 
     K_A and K_Ba come from the first run and share its noise, K_B from the second; gyro A in the
     second run checks γ.
@@ -173,8 +175,8 @@ def _ratios_jacobian(K_A: float, K_B: float, K_Ba: float) -> Array:
 def _first_order(
     ratios: Array, gamma: float, alpha_deg: float
 ) -> tuple[Array, tuple[float, float]]:
-    """Covariance [4, 4] with α added by dα = −dγ/sin α, and the 95 % interval of α [°] from that of
-    γ.
+    """Covariance [4, 4] of N, ε, γ, α by dα = −dγ/sin α, and the 95 % interval of α [°] from the
+    interval of γ.
     """
     extend = np.vstack((np.eye(3), [0.0, 0.0, -np.degrees(1.0 / np.sqrt(1.0 - gamma**2))]))
     u_gamma = float(np.sqrt(ratios[2, 2]))
@@ -208,7 +210,8 @@ def _by_draws(
     limited = np.clip(gamma, -1.0, 1.0)
     drawn = np.vstack((K_B / K_A, K_Ba / K_A, limited, np.degrees(np.arccos(limited))))
     if possible.any():
-        # none is only left where there is no uncertainty to draw from: the limit itself then stands
+        # no draw is possible only where there is no uncertainty to draw from: the limit is then the
+        # result
         drawn = drawn[:, possible]
     one_sided = 1.0 - abs(indicated) < ONE_SIDED * float(gamma.std())
     quantiles = (0.025, 0.975) if not one_sided else (0.0, 0.95) if sign > 0.0 else (0.05, 1.0)
@@ -219,7 +222,7 @@ def _by_draws(
 
 
 def _flags(indicated: float, u_gamma: float) -> tuple[str, ...]:
-    """What a reader of the angle must know."""
+    """Flags of γ and its angle."""
     flags = []
     excess = abs(indicated) - 1.0
     if excess > 0.0:
@@ -241,7 +244,7 @@ def _flags(indicated: float, u_gamma: float) -> tuple[str, ...]:
 def _cross_check(
     result: GyroPair, K_A: float, K_Ab: float, covariance: Array
 ) -> tuple[float, float, tuple[str, ...]]:
-    """Second γ from gyro A turned about B's axis, K_Ab/K_A, which must agree with the first.
+    """Second estimate of γ, K_Ab/K_A from gyro A turned about B's axis, compared with the first.
 
     Parameters
     ----------

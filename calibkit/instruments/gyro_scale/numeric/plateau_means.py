@@ -1,5 +1,5 @@
-"""Means over the held rates of a rate-table log: whole revolutions, the earth's rate, and the noise
-of the means.
+"""Means over the held rates of a rate-table log: averages over whole revolutions, correction for
+the earth's rate, noise of the means.
 """
 
 from collections.abc import Iterator
@@ -16,7 +16,7 @@ from calibkit.instruments.gyro_scale.numeric.plateaus import Allocate, Series, T
 from calibkit.numeric import chunks
 
 DISAGREEMENT = 10e-6
-"""Relative difference of table angle and table rate from which it is flagged."""
+"""Relative difference between table angle and table rate above which it is flagged."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +28,7 @@ class Plateaus:
     indication: Array
     """Means [p, m] in the unit of the indication."""
     covariance: Array
-    """Of the means [p, m, m]: noise within each plateau, type A."""
+    """Covariance of the means [p, m, m] by the noise within each plateau, type A."""
     revolutions: Integers
     """Whole revolutions averaged [p]; 0 where the table turned less than one."""
     samples: Integers
@@ -36,7 +36,7 @@ class Plateaus:
     temp_degc: Array
     """Mean temperature [p] [°C]; NaN where none was logged."""
     angle_rate_dps: Array
-    """Rate [p] [°/s] that the logged table angle gives over the same samples; NaN where none was
+    """Rate [p] [°/s] from the logged table angle over the same samples; NaN where no angle was
     logged.
     """
     span: Integers
@@ -45,7 +45,7 @@ class Plateaus:
 
     @property
     def standard_uncertainty(self) -> Array:
-        """Of the means [p, m]."""
+        """Standard uncertainties [p, m] of the means."""
         return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
 
 
@@ -97,7 +97,7 @@ def means(
 
 
 def _means(record: plateau_noise.Record, held: Integers, temp_degc: Array | None) -> Plateaus:
-    """Averages over the rows of held rates [p, 2]."""
+    """Plateaus of the held rates with rows [p, 2]."""
     turn = record.turn
     parts = [_whole_revolutions(record, first, stop) for first, stop in held.tolist()]
     wave = record.modulation(parts)
@@ -131,14 +131,14 @@ def _means(record: plateau_noise.Record, held: Integers, temp_degc: Array | None
 
 
 def _whole_revolutions(record: plateau_noise.Record, first: int, stop: int) -> plateau_noise.Part:
-    """A plateau over whole revolutions: the last interval counts for the fraction that completes
-    the last of them.
+    """Part of a plateau over whole revolutions; its last interval is weighted by the fraction that
+    completes the last revolution.
     """
     turned = record.turn.turn_deg
     travelled, reached, last = 0.0, 0.0, 0
     for _, travel in _travel(turned, first, stop):
         travelled = float(travel[-1])
-    # a table that stops on the revolution it began with may log a hair less
+    # a table that stops exactly after a revolution may log slightly less than 360°
     whole = int(np.floor(travelled / REVOLUTION_DEG + 1e-6))
     if whole < 1:
         return plateau_noise.Part.of(record, first, stop, 1.0, 0)
@@ -153,9 +153,7 @@ def _whole_revolutions(record: plateau_noise.Record, first: int, stop: int) -> p
 
 
 def _travel(turned: Array, first: int, stop: int) -> Iterator[tuple[int, Array]]:
-    """Way turned [°] since row `first`, a span of rows after the other, each with the rows before
-    it.
-    """
+    """Angle travelled [°] since row `first`, span by span, each with its offset in rows."""
     before = 0.0
     for a, b in chunks.ranges_along(turned[first:stop]):
         travel = turned[first + a : first + b].copy()
@@ -175,7 +173,9 @@ def _averages(
 def _without_rest(
     turn: Turn, parts: list[plateau_noise.Part], *, determined: bool
 ) -> tuple[list[plateau_noise.Part], tuple[str, ...]]:
-    """Plateaus without those at rest whose share of the earth's horizontal rate nobody knows."""
+    """Plateaus except those at rest at which the earth's horizontal rate is unknown, and a flag for
+    the removed ones.
+    """
     kept = [
         part
         for part in parts
@@ -202,8 +202,8 @@ def _unmodulated(
     values: Array,
     covariance: Array,
 ) -> tuple[Array, Array]:
-    """Means without the earth's horizontal rate where the table turned less than a revolution, and
-    their covariance.
+    """Means and their covariance, corrected for the earth's horizontal rate at plateaus of less
+    than a revolution.
     """
     values, covariance = values.copy(), covariance.copy()
     for j, part in enumerate(parts):
@@ -216,7 +216,7 @@ def _unmodulated(
 
 
 def _partial(revolutions: Integers, *, corrected: bool) -> tuple[str, ...]:
-    """Flag for plateaus of less than a revolution."""
+    """Flag for plateaus over less than a revolution."""
     count = int(np.sum(revolutions == 0))
     fate = "was fitted and taken out" if corrected else "is not averaged out"
     flag = f"{count} plateaus of less than a revolution: the earth's horizontal rate {fate}"
@@ -224,7 +224,7 @@ def _partial(revolutions: Integers, *, corrected: bool) -> tuple[str, ...]:
 
 
 def _disagreement(rate: Array, angle_rate: Array) -> tuple[str, ...]:
-    """Flag where the logged angle and the logged rate are not of one table."""
+    """Flag where logged angle and logged rate contradict each other."""
     if np.isnan(angle_rate).any() or not np.any(rate):
         return ()
     relative = float(angle_rate @ rate / (rate @ rate)) - 1.0

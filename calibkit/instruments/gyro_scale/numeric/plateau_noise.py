@@ -1,8 +1,8 @@
-"""What varies within held rates of a rate table: the earth's horizontal rate, the table's
-unevenness, and noise.
+"""Variation of indications within held rates of a rate table: the earth's horizontal rate, the
+unevenness of the table, and noise.
 
-All of it is gone through a span of rows at a time: whatever the length of a plateau, its memory is
-that of a span.
+Rows are processed in spans of limited length, so that memory does not grow with the length of a
+plateau.
 """
 
 from collections.abc import Iterator
@@ -16,41 +16,39 @@ from calibkit.instruments.gyro_scale.numeric.plateaus import Series, Turn
 from calibkit.numeric import chunks
 
 BLOCKS = 16
-"""Blocks that a plateau is cut into to see whether its noise is white."""
+"""Number of blocks that a plateau is divided into for the test of white noise."""
 WHITE_RATIO = 1.3
-"""Variance of block means over that of white noise from which the noise is taken to be
+"""Ratio of the variance of block means to that of white noise, above which the noise counts as
 autocorrelated.
 """
 CHANCE = 4.0
-"""Standard deviations by which that ratio must exceed one."""
+"""Standard deviations by which the ratio must exceed 1."""
 SETTLING = 8.0
-"""Standard deviations of block means by which a plateau's first differs when the gyro has not
-settled.
+"""Departure of a plateau's first block mean, in standard deviations of block means, from which the
+gyro counts as not settled.
 """
 UNSETTLED = 0.1
-"""Share of the plateaus that must differ: a gyro that lags does so after most changes of rate, one
-plateau is chance.
+"""Least share of unsettled plateaus for a flag: a lagging gyro is unsettled after most changes of
+rate, a single plateau may be by chance.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """Columns of a log along its rows: what the table did, its rate [n] [°/s], and the indications
-    [n, m].
-    """
+    """Columns of a log: motion of the table, its rate [n] [°/s], and the indications [n, m]."""
 
     turn: Turn
     rate: Array
     signals: Array
 
     def release(self) -> None:
-        """Let go of the pages of columns that lie in files."""
+        """Release the memory pages of columns that are mapped from files."""
         turn = self.turn
         chunks.release(turn.interval_s, turn.turn_deg, turn.middle_rad, self.rate, self.signals)
 
     def basis(self, first: int, stop: int) -> Array:
-        """Means of cos and sin of the table angle over each interval of rows first … stop − 1: [k,
-        2].
+        """Means [k, 2] of cos and sin of the table angle over the intervals that end at rows first
+        … stop − 1.
         """
         half = np.radians(self.turn.turn_deg[first:stop]) / 2.0
         fading = np.sinc(half / np.pi)
@@ -58,23 +56,23 @@ class Record:
         return np.column_stack((np.cos(middle) * fading, np.sin(middle) * fading))
 
     def columns(self, first: int, stop: int, own: float) -> Array:
-        """What may vary within a plateau of mean rate `own`: [k, 5]; the angle's columns are zero
-        where it is not logged.
+        """Design matrix [k, 5] of the variation within a plateau of mean rate `own`; the angle's
+        columns are zero where the angle is not logged.
         """
         basis = self.basis(first, stop) if self.turn.logged else np.zeros((stop - first, 2))
-        # the table's unevenness grows with its rate, the earth's rate does not: this tells them
-        # apart
+        # the unevenness grows with the table rate and the earth's rate does not, which separates
+        # them
         return np.column_stack((basis, basis * own, self.rate[first:stop]))
 
     def modulation(self, parts: "list[Part]") -> "Modulation":
-        """Least squares of what varies within plateaus, all plateaus together."""
+        """Least-squares fit of the variation within plateaus, common to all plateaus."""
         count = sum(part.stop - part.first for part in parts)
         gram, product = np.zeros((5, 5)), np.zeros((5, self.signals.shape[1]))
         for columns, target in _read_spans(self, parts):
             gram += columns.T @ columns
             product += columns.T @ target
         size = np.sqrt(np.diag(gram))
-        # rounding of a commanded rate is no unevenness
+        # rounding errors of a commanded rate are not unevenness
         present = size > 1e-7 * np.sqrt(count) * np.array(
             [1.0, 1.0, *[max(map(abs, chunks.extremes(self.rate)))] * 3]
         )
@@ -98,8 +96,8 @@ class Record:
     def noise(
         self, parts: "list[Part]", wave: "Modulation", values: Array
     ) -> tuple[Array, tuple[str, ...]]:
-        """Covariance of the means [p, m, m] from the noise in the plateaus, raised where the noise
-        is not white.
+        """Covariance [p, m, m] of the means from the noise within plateaus, raised where the noise
+        is not white, and flags.
         """
         scatters = [_scatter(self, part, wave) for part in parts]
         ratio = np.sqrt(np.maximum(_block_ratio(scatters), 1.0))
@@ -126,26 +124,26 @@ class Record:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Rows first … stop − 1 of one plateau, over whole revolutions or over all; for how long they
-    count.
+    """Rows first … stop − 1 of one plateau, over whole revolutions or over all its rows, with their
+    sums.
     """
 
     first: int
     stop: int
     last: float
-    """Share of its last interval that counts."""
+    """Weight of the last interval, as a share of its length."""
     revolutions: int
     duration_s: float
     square_s2: float
-    """Sum of the squares of the times for which its rows count."""
+    """Sum of the squared durations of its rows."""
     columns: Array
-    """Means [5] of what may vary within it."""
+    """Time-weighted means [5] of the columns of the design matrix."""
     signals: Array
-    """Means [m] of its indications, each row alike."""
+    """Unweighted means [m] of the indications."""
 
     @classmethod
     def of(cls, record: Record, first: int, stop: int, last: float, revolutions: int) -> Self:
-        """Sums over the rows of a plateau."""
+        """Part with the sums over the rows of a plateau."""
         count, duration, square = stop - first, 0.0, 0.0
         own = chunks.mean(record.rate[first:stop])
         columns, signals = np.zeros(5), np.zeros(record.signals.shape[1])
@@ -161,7 +159,7 @@ class Part:
         )
 
     def spans(self) -> Iterator[tuple[int, int]]:
-        """First row and row after the last of its spans."""
+        """First and end row of each of the spans that it is processed in."""
         return ((self.first + a, self.first + b) for a, b in chunks.ranges(self.stop - self.first))
 
     def average(self, record: Record, values: Series) -> Array:
@@ -174,16 +172,16 @@ class Part:
         return np.asarray(total / self.duration_s, dtype=np.float64)
 
     def centred(self, record: Record, first: int, stop: int) -> tuple[Array, Array]:
-        """What may vary within it [k, 5], and the indications [k, m], of some of its rows, without
-        their means over all.
+        """Design matrix [k, 5] and indications [k, m] of rows first … stop − 1, less their means
+        over the plateau.
         """
-        # the mean rate is the mean of the last column
+        # the mean of the last column is the plateau's mean rate
         columns = record.columns(first, stop, float(self.columns[-1])) - self.columns
         return columns, record.signals[first:stop] - self.signals
 
 
 def _weights(record: Record, first: int, stop: int, last: float) -> Array:
-    """Times [k] [s] for which rows count; the last of them by a share."""
+    """Durations [k] [s] of the rows; that of the last row is multiplied by `last`."""
     weights = record.turn.interval_s[first:stop].copy()
     weights[-1] *= last
     return weights
@@ -191,24 +189,26 @@ def _weights(record: Record, first: int, stop: int, last: float) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class Modulation:
-    """What varies within plateaus, common to all: with the table angle, and with the table's own
-    unevenness.
+    """Variation within plateaus, common to all: with the table angle, and by the unevenness of the
+    table.
     """
 
     factors: Array
-    """[5, m]: of cos and sin of the angle, of both times the mean rate, and of the rate's departure
-    from its mean.
+    """[5, m]: factors of cos and sin of the angle, of both times the mean rate, and of the rate's
+    departure from its mean.
     """
     unit_covariance: Array
-    """[2, 2] of the first two, for unit variance."""
+    """[2, 2] of the factors of cos and sin, for unit variance."""
     variance: Array
-    """Of one sample about the fit [m]."""
+    """Variance [m] of one sample about the fit."""
     earth: bool
-    """Whether the first two, the earth's horizontal rate, are told from the others."""
+    """Whether the factors of cos and sin, the earth's horizontal rate, are separable from the
+    others.
+    """
 
 
 def _read_spans(record: Record, parts: list[Part]) -> Iterator[tuple[Array, Array]]:
-    """What may vary, and the indications, of all rows of plateaus, a span after the other."""
+    """Centred design matrix and indications of all rows of the plateaus, span by span."""
     for part in parts:
         for a, b in part.spans():
             yield part.centred(record, a, b)
@@ -217,8 +217,8 @@ def _read_spans(record: Record, parts: list[Part]) -> Iterator[tuple[Array, Arra
 
 @dataclass(frozen=True, slots=True)
 class _Scatter:
-    """Noise of one plateau of so many rows: sums of products [m, m], and means [BLOCKS, m] of
-    blocks of `length` rows.
+    """Noise of one plateau of `rows` rows: sums of products [m, m], and means [BLOCKS, m] of blocks
+    of `length` rows.
     """
 
     rows: int
@@ -228,8 +228,8 @@ class _Scatter:
 
 
 def _scatter(record: Record, part: Part, wave: Modulation) -> _Scatter:
-    """Noise of one plateau: its samples less their mean and less what varies with table angle and
-    rate.
+    """Noise of one plateau: its samples less their mean and less the fitted variation with table
+    angle and rate.
     """
     rows, gyros = part.stop - part.first, part.signals.size
     phase = _phase(record, part, wave) if part.revolutions and not record.turn.logged else None
@@ -249,8 +249,8 @@ def _scatter(record: Record, part: Part, wave: Modulation) -> _Scatter:
 
 
 def _phase(record: Record, part: Part, wave: Modulation) -> tuple[Array, Array]:
-    """Mean [2] of the angle's columns and their factors [2, m]: the phase of the earth's rate is
-    each plateau's own.
+    """Mean [2] of the angle's columns and their factors [2, m], fitted to each plateau because the
+    phase of the earth's rate is its own.
     """
     mean = sum(record.basis(a, b).sum(axis=0) for a, b in part.spans()) / (part.stop - part.first)
     gram, product = np.zeros((2, 2)), np.zeros((2, part.signals.size))
@@ -266,8 +266,8 @@ def _phase(record: Record, part: Part, wave: Modulation) -> tuple[Array, Array]:
 
 
 def _block_ratio(scatters: list[_Scatter]) -> Array:
-    """Variance of block means over that of white noise [m], averaged over the plateaus; 1 where it
-    passes for white.
+    """Ratio [m] of the variance of block means to that of white noise, averaged over the plateaus;
+    1 where the noise passes for white.
     """
     ratios = []
     for one in scatters:
@@ -278,14 +278,14 @@ def _block_ratio(scatters: list[_Scatter]) -> Array:
     if not ratios:
         return np.ones(len(scatters[0].square))
     mean = np.mean(ratios, axis=0)
-    # a variance of b − 1 degrees of freedom is uncertain by √(2/(b − 1)) of itself
+    # the relative standard deviation of a variance with b − 1 degrees of freedom is √(2/(b − 1))
     chance = 1.0 + CHANCE * np.sqrt(2.0 / ((BLOCKS - 1) * len(ratios)))
     return np.asarray(np.where(mean > max(WHITE_RATIO, chance), mean, 1.0), dtype=np.float64)
 
 
 def _creeps(one: _Scatter, full_scale: float) -> bool:
-    """Whether a plateau's first sixteenth differs from its second half by more than noise and 1 ppm
-    of full scale.
+    """Whether the first block of a plateau differs from its second half by more than noise and 1
+    ppm of full scale.
     """
     if one.length < 1:
         return False

@@ -1,4 +1,4 @@
-"""Rate plateaus of a rate-table log: where the table holds a rate, without acceleration and
+"""Rate plateaus of a rate-table log: rows in which the table holds a rate, without acceleration and
 settling.
 """
 
@@ -16,41 +16,44 @@ from calibkit.numeric.dispersion import MAD_TO_SIGMA
 
 Allocate = Callable[[int], Array]
 Series = Callable[[int, int], Array]
-"""Values of rows first … stop − 1."""
+"""Function that returns the values of rows first … stop − 1."""
 
 FIFTH_TO_SIGMA = 1.0 / 0.2533471031357997
-"""The same over its 0.2 quantile."""
+"""Standard deviation of normal noise over the 0.2 quantile of its magnitude."""
 NOISE_RANGE = 10.0
-"""Peak-to-peak range of the rate, in standard deviations of its noise, that a held rate may show.
-"""
+"""Largest peak-to-peak range of a held rate, in standard deviations of the rate's noise."""
 QUANTA = 3.5
-"""Range that a flickering resolution may add, in quanta."""
+"""Largest range, in quanta, that a rate flickering between quantised values adds."""
 FLICKER = 0.02
-"""Share of the rows at which a rate must flicker."""
+"""Least share of the rows at which a quantised rate must flicker."""
 SOON = 8
-"""Rows within which a flicker is taken back."""
+"""Rows within which a flicker must reverse."""
 SMALL = 5e-3
-"""Of the largest rate, above which a change is a step of the table."""
+"""Change of rate, relative to the largest rate, above which it is a step of the table and not a
+flicker.
+"""
 GAP = 3.0
-"""Sampling intervals, in medians, that end a plateau: nobody knows what the table did meanwhile."""
+"""Sampling interval, in median intervals, above which a gap ends the plateau."""
 
 ANGLE_SLACK = 10.0
-"""How much more the rate from the table angle may range: the jitter of the time stamps is in it."""
+"""Factor on the allowed range for the rate from the table angle, which includes the jitter of the
+time stamps.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Rules:
-    """What counts as a held rate."""
+    """Criteria of a held rate."""
 
     shortest_s: float = 2.0
-    """Shortest plateau."""
+    """Shortest plateau [s]."""
     shortest_samples: int = 8
     settle_s: float = 1.0
-    """Dropped after each change of rate; at most a quarter of the plateau."""
+    """Settling time [s] dropped after each change of rate; at most a quarter of the plateau."""
     relative: float = 1e-3
-    """Range of the rate within `shortest_s`, of the rate."""
+    """Largest range of the rate within `shortest_s`, relative to the rate."""
     floor_dps: float = 1e-4
-    """The same near zero rate [°/s]."""
+    """Largest range of the rate near zero rate [°/s]."""
 
 
 DEFAULT_RULES = Rules()
@@ -61,8 +64,8 @@ NO_RATE_HINT = (
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """What the table did in each sampling interval that ends at a row: turn [n] [°], angle in its
-    middle [n] [rad].
+    """Motion of the table in the sampling interval that ends at each row: turn [n] [°], and angle
+    in mid-interval [n] [rad].
     """
 
     interval_s: Array
@@ -138,7 +141,7 @@ def find(
 
 
 def _require_record(time_s: Array, table_rate_dps: Array) -> None:
-    """Refuse times that do not increase and table rates that are not finite."""
+    """Raise FitError for times that do not increase and table rates that are not finite."""
     if time_s.size < 4 or time_s.size != table_rate_dps.size:
         raise FitError(
             f"{time_s.size} times and {table_rate_dps.size} table rates, expected at least four of"
@@ -161,7 +164,7 @@ def turn_of(
     *,
     allocate: Allocate = np.empty,
 ) -> Turn:
-    """Turn of the table in each interval.
+    """Turn of the table in each sampling interval.
 
     From the logged angle, unwrapped about the turn that the rate lets expect; without one, from the
     rate. `allocate` makes the arrays.
@@ -193,27 +196,27 @@ def turn_of(
 
 @dataclass(frozen=True, slots=True)
 class _Stillness:
-    """What it takes for a rate to be held over a window of rows."""
+    """Criterion that a rate is held over a window of rows."""
 
     rate: Series
     window: int
     rules: Rules
     noise: float
-    """Range [°/s] that its noise may add."""
+    """Range [°/s] that noise may add."""
     quantum: float
-    """Range [°/s] that its flickering resolution may add."""
+    """Range [°/s] that flicker between quantised values may add."""
 
     @classmethod
     def of(cls, rate: Series, rows: int, window: int, rules: Rules) -> Self:
-        """That of a rate of so many rows."""
+        """Criterion for a rate of `rows` rows, with noise and quantum estimated from it."""
         if rows < window:
             return cls(rate, window, rules, 0.0, 0.0)
 
         def bends() -> Iterator[Array]:
             return (np.abs(np.diff(rate(a, b + 2), 2)) for a, b in chunks.ranges(rows - 2))
 
-        # second differences, the smaller ones: neither a steady acceleration nor many short
-        # plateaus are noise
+        # small second differences: excludes steady acceleration and the steps between short
+        # plateaus
         noise = (
             FIFTH_TO_SIGMA
             * order_statistics.quantile_of_chunks(bends, rows - 2, 0.2)
@@ -222,7 +225,7 @@ class _Stillness:
         return cls(rate, window, rules, NOISE_RANGE * noise, QUANTA * _quantum(rate, rows))
 
     def held(self, first: int, stop: int) -> Mask:
-        """Whether the rate is held over the windows that begin in rows first … stop − 1."""
+        """Mask of the windows, beginning in rows first … stop − 1, over which the rate is held."""
         from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
         rate = self.rate(first, stop + self.window - 1)
@@ -240,7 +243,8 @@ class _Stillness:
 
 
 def _quantum(rate: Series, rows: int) -> float:
-    """Resolution of a logged rate that flickers between neighbouring values; 0 where it does not.
+    """Resolution [°/s] of a logged rate that flickers between neighbouring values; 0 where it does
+    not.
 
     A flicker is the smallest change there is, small against the rates, frequent, and soon taken
     back.
@@ -270,13 +274,15 @@ def _quantum(rate: Series, rows: int) -> float:
 
 
 def _unbroken(interval_s: Array, window: int, median_s: float) -> Mask:
-    """Whether the window that begins at each row has no gap in it."""
+    """Mask of the windows, one beginning at each row, that contain no gap."""
     gaps = np.concatenate(([0], np.cumsum(interval_s[1:] > GAP * median_s)))
     return np.asarray(gaps[window - 1 :] == gaps[: gaps.size - window + 1], dtype=np.bool_)
 
 
 def _join_runs(runs: list[tuple[int, int]], window: int) -> list[tuple[int, int]]:
-    """Rows that runs of held windows cover; where two share rows, the first keeps them."""
+    """First and end rows covered by runs of held windows; rows shared by two runs belong to the
+    first.
+    """
     spans: list[tuple[int, int]] = []
     for begin, end in runs:
         first = max(begin, spans[-1][1]) if spans else begin
@@ -286,8 +292,8 @@ def _join_runs(runs: list[tuple[int, int]], window: int) -> list[tuple[int, int]
 
 
 def _steady(rate: Array, first: int, stop: int, rules: Rules, quantum: float) -> tuple[int, int]:
-    """Longest stretch of a span whose rate stays by its median: a slow creep into or out of it is
-    cut off.
+    """First and end row of the longest stretch of a span whose rate stays near the span's median; a
+    slow creep at its ends is cut off.
     """
     part = rate[first:stop]
     middle = order_statistics.median(part)
@@ -300,8 +306,8 @@ def _steady(rate: Array, first: int, stop: int, rules: Rules, quantum: float) ->
 
 
 def _settled(time_s: Array, first: int, stop: int, rules: Rules) -> tuple[int, int]:
-    """Span without its settling time, without its first interval, which began before it, and
-    without its last.
+    """First and end row of a span without its settling time and without its first and last sampling
+    interval.
     """
     wait = min(rules.settle_s, 0.25 * float(time_s[stop - 1] - time_s[first]))
     begin = max(int(np.searchsorted(time_s, time_s[first] + wait, side="right")), first + 1)

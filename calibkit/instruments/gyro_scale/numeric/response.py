@@ -18,11 +18,11 @@ Form = Literal["odd-polynomial", "sine"]
 ORDERS = (1, 3, 5, 7)
 """Highest powers of the odd polynomials that are compared."""
 LARGEST_PHASE = np.pi / 2.0
-"""Where the sine stops growing: an open-loop gyro is used below it."""
+"""Largest phase Ω/Ω_s: at π/2 the sine has its maximum, and an open-loop gyro is used below it."""
 GRID = 24
-"""Rates of the sine that are tried before refinement."""
+"""Number of rate scales of the sine that are tried before refinement."""
 INVERSE_GRID = 20001
-"""Rates on which a response is turned around before one Newton step."""
+"""Number of rates at which a response is tabulated for inversion, before one Newton step."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,14 +35,15 @@ class Response:
 
     form: Form
     order: int
-    """Highest power; 1 for the sine, which is counted by its form."""
+    """Highest power of the odd polynomial; 1 for the sine."""
     names: tuple[str, ...]
     coefficients: Array
     covariance: Array
     dof: int
     residuals: Array
     left_out_rms: float
-    """Of the errors at each plateau when it is left out, in the unit of the indication."""
+    """Root mean square of the leave-one-out errors of the plateaus, in the unit of the indication.
+    """
 
     def at(self, rate_dps: Array) -> Array:
         """Indication at rates [n] [°/s]."""
@@ -78,8 +79,8 @@ def gradient(coefficients: Array, rate_dps: Array, *, is_sine: bool) -> Array:
 
 
 def invert(curve: Callable[[Array], Array], limits: tuple[float, float], indicated: Array) -> Array:
-    """Rates [n] at which a response gives indicated rates [n] [°/s]; beyond the limits of the
-    fitted rates the correction of their end is held.
+    """Rates [n] at which a response gives indicated rates [n] [°/s]; outside the fitted rates the
+    correction at the nearer limit is kept.
 
     Raises CoefficientError for a response that is not monotonic.
     """
@@ -163,8 +164,8 @@ def _sine_factors(rate_dps: Array, indication: Array, scale: float) -> tuple[flo
 
 
 def _best_scale(rate_dps: Array, indication: Array) -> float:
-    """Rate scale [°/s] of least squares, the linear coefficients eliminated (Golub & Pereyra
-    1973).
+    """Rate scale [°/s] by least squares with the linear coefficients eliminated (variable
+    projection, Golub & Pereyra 1973).
     """
     from scipy.optimize import minimize_scalar
 
@@ -186,7 +187,7 @@ def _best_scale(rate_dps: Array, indication: Array) -> float:
 
 
 def _left_out_sine(rate_dps: Array, indication: Array) -> Array:
-    """Error of each plateau [p] when it is left out of the sine."""
+    """Leave-one-out error [p] of the sine at each plateau."""
     errors = np.empty_like(indication)
     for row in range(rate_dps.size):
         others = np.arange(rate_dps.size) != row
@@ -199,8 +200,8 @@ def _left_out_sine(rate_dps: Array, indication: Array) -> Array:
 def choose(
     rate_dps: Array, indication: Array, *, orders: Sequence[int] = ORDERS, with_sine: bool = True
 ) -> tuple[Response, tuple[Response, ...]]:
-    """Choose the response by leave-one-plateau-out error; the simplest that is not clearly worse
-    than the best.
+    """Choose the response by leave-one-plateau-out error: the simplest one not clearly worse than
+    the best.
 
     Parameters
     ----------

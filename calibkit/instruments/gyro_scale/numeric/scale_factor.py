@@ -1,5 +1,5 @@
-"""Scale factor of a gyro from plateaus of a rate table: F = K Ω + F0, the earth's rate about the
-table axis in F0.
+"""Scale factor of a gyro from plateaus of a rate table: F = K Ω + F0, F0 including the earth's rate
+about the table axis.
 """
 
 from dataclasses import dataclass
@@ -28,8 +28,8 @@ class ScaleFactor:
     coefficients: Array
     """K and F0 [2]."""
     covariance: Array
-    """Type A [2, 2]: noise of the plateaus, raised by the square of the Birge ratio where that
-    exceeds chance.
+    """Covariance [2, 2], type A: noise of the plateaus, multiplied by the squared Birge ratio where
+    that exceeds chance.
     """
     dof: int
     rate_dps: Array
@@ -38,7 +38,9 @@ class ScaleFactor:
     """F − F̂ [p] in the unit of the indication."""
     residual_rms: float
     birge_ratio: float
-    """Residuals over what the noise of the plateaus lets expect; NaN where no noise was given."""
+    """Residuals relative to those expected from the noise of the plateaus; NaN where no noise was
+    given.
+    """
     solver: Array
     """Matrix [2, p] from indications to coefficients."""
 
@@ -49,25 +51,24 @@ class ScaleFactor:
 
     @property
     def F0(self) -> float:  # noqa: N802 - the letter of the standards
-        """Zero intercept: bias and the earth's rate about the table axis, in the unit of the
-        indication.
+        """Zero intercept in the unit of the indication: bias and the earth's rate about the table
+        axis.
         """
         return float(self.coefficients[1])
 
     @property
     def standard_uncertainty(self) -> Array:
-        """Of the coefficients [2]."""
+        """Standard uncertainties [2] of the coefficients."""
         return np.sqrt(np.diag(self.covariance))
 
     def bias_dps(
         self, vertical_rate_dps: float, *, own_K: float | None = None
     ) -> tuple[float, float]:
-        """Bias [°/s] and its standard uncertainty: what is left of F0 without the earth's rate
-        about the table axis.
+        """Bias (F0 − K ω)/K [°/s] and its standard uncertainty, ω the earth's rate about the table
+        axis.
 
         Parameters
         ----------
-        scale : of one run.
         vertical_rate_dps : earth's rate about the table axis [°/s], positive when it turns like
             positive table rates.
         own_K : scale factor about the gyro's own axis, where the run's K is a projection of it.
@@ -82,13 +83,13 @@ class ScaleFactor:
 
 @dataclass(frozen=True, slots=True)
 class RunScales:
-    """Scale factors of m gyros in one run of the table, which share its rates."""
+    """Scale factors of m gyros in one run of the table, which have the table's rates in common."""
 
     gyros: tuple[ScaleFactor, ...]
     K: Array
-    """[m]."""
+    """Scale factors [m]."""
     covariance: Array
-    """Of the m scale factors [m, m]."""
+    """Covariance [m, m] of the scale factors."""
 
 
 def _scale_factor(
@@ -162,15 +163,15 @@ def _covariance(
     form = remover @ remover.T
     expected, spread = float(np.trace(form)), float(np.sqrt(2.0 * np.sum(form**2)))
     square = float(np.sum(fit.residuals**2 / variance))
-    # raised for every square above its expectation, the intervals of pure noise would cover too
-    # often
+    # raised for every square above its expectation, the covariance would be too large for pure
+    # noise
     raised = square / expected if square > expected + spread else 1.0
     return propagated * raised, float(np.sqrt(square / expected))
 
 
 def of_run(plateaus: Plateaus, *, reference: Literal["rate", "angle"] = "rate") -> RunScales:
-    """Scale factors of all gyros of one run with the covariance of their K [m, m], which share
-    table and time.
+    """Scale factors of all gyros of one run and the covariance [m, m] of their K, correlated by the
+    common table rates.
 
     The reference is the logged table rate, or the rate that the logged table angle turned by: the
     better one where the rate is noisy or only commanded. Raises FitError as `_scale_factor`, and
@@ -189,7 +190,7 @@ def of_run(plateaus: Plateaus, *, reference: Literal["rate", "angle"] = "rate") 
     )
     slopes = np.array([gyro.solver[0] for gyro in gyros])
     covariance = np.einsum("gp,hp,pgh->gh", slopes, slopes, plateaus.covariance)
-    # each gyro's own variance already carries its Birge ratio; the correlation is that of the noise
+    # variances include each gyro's Birge ratio; correlations are those of the noise
     own = np.sqrt(np.diag(covariance))
     stated = np.array([gyro.standard_uncertainty[0] for gyro in gyros])
     correlation = covariance / np.where(np.outer(own, own) > 0.0, np.outer(own, own), 1.0)
@@ -227,13 +228,13 @@ def over_temperature(
         [polynomial.fit_polynomial(temp_degc, row, chosen)[1] for row in np.eye(temp_degc.size)]
     ).T
     noise = (solver * standard_uncertainty**2) @ solver.T
-    # runs repeat less well than their noise: the larger of both covariances, by the trace in K over
-    # the range
+    # runs repeat less well than their noise: of the two covariances, use the one with the larger
+    # trace in K over the range
     columns = polynomial.powers(temp_degc, chosen)
     scatter, stated = (np.sum(gum.variance_along(columns, c)) for c in (covariance, noise))
     larger = np.array(covariance if scatter > stated else noise)
-    # what the runs share does not average: nowhere is the curve better known than a run of its own
-    # would tell it
+    # errors common to all runs do not average out: the curve is nowhere better known than a single
+    # run
     least = float(np.min(gum.variance_along(columns, larger)))
     larger[0, 0] += max(float(np.mean(standard_uncertainty**2)) - least, 0.0)
     return TemperaturePolynomial(

@@ -1,4 +1,4 @@
-"""Any number of gyros over three table axes: sensitivity vectors, the angles between them,
+"""Any number of gyros over three table axes: sensitivity vectors, angles between input axes,
 misalignment matrix.
 """
 
@@ -14,8 +14,8 @@ from calibkit.instruments.gyro_scale.numeric.scale_factor import RunScales
 from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
 
 COLLINEAR = 4.0
-"""Standard uncertainties from 0° or 180° below which an angle's first-order uncertainty does not
-hold.
+"""Distance of an angle from 0° or 180°, in standard uncertainties, below which its first-order
+uncertainty is flagged.
 """
 
 
@@ -39,24 +39,24 @@ class Triad:
     angles_deg: Array
     """Angles between the input axes [g, g] [°]."""
     angle_uncertainty_deg: Array
-    """[g, g]; first order, flagged where an angle is within noise of 0° or 180°."""
+    """[g, g] [°], first order; flagged where an angle is within noise of 0° or 180°."""
     flags: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class TriadOverTemperature:
-    """Each sensitivity a polynomial of temperature in °C, of an order of its own."""
+    """Sensitivities of g gyros as polynomials of temperature in °C, each of its own order."""
 
     curves: tuple[tuple[TemperaturePolynomial, ...], ...]
     """[g][3]."""
 
     @property
     def valid_degc(self) -> tuple[float, float]:
-        """Temperatures that were fitted."""
+        """Fitted temperature range [°C]."""
         return self.curves[0][0].valid_degc
 
     def at(self, temp_degc: float) -> Triad:
-        """Triad at a temperature [°C], clamped to the fitted range and flagged where it was."""
+        """Triad at a temperature [°C], which is clamped to the fitted range with a flag."""
         points = [[curve.at(temp_degc) for curve in row] for row in self.curves]
         sensitivity = np.array([[float(value[0]) for value, _ in row] for row in points])
         u = np.array([[float(u[0]) for _, u in row] for row in points])
@@ -78,7 +78,7 @@ def from_runs(about_x: RunScales, about_y: RunScales, about_z: RunScales) -> Tri
     size = count.pop()
     covariance = np.zeros((size, 3, size, 3))
     for axis, run in enumerate(runs):
-        # the three runs share no samples; gyros of one run do
+        # gyros of one run share samples, the three runs do not
         covariance[:, axis, :, axis] = run.covariance
     return _triad(np.column_stack([run.K for run in runs]), covariance.reshape(3 * size, 3 * size))
 
@@ -145,7 +145,7 @@ def _angle(unit: Array, size: Array, covariance: Array, g: int, h: int) -> tuple
     cosine, sine = float(a @ b), float(np.linalg.norm(np.cross(a, b)))
     angle = float(np.degrees(np.arctan2(sine, cosine)))
     if sine < 1e-12:
-        # any direction across the axis: the largest of them
+        # every direction across the axis is possible: the largest variance counts
         spread = covariance[g, :, g, :] / size[g] ** 2 + covariance[h, :, h, :] / size[h] ** 2
         return angle, float(np.degrees(np.sqrt(np.linalg.eigvalsh(spread)[-1])))
     toward_b, toward_a = (b - cosine * a) / sine, (a - cosine * b) / sine
