@@ -1,5 +1,5 @@
-"""Faults of a sensor or its logger in a series: spikes, stuck and clipped values, jumps, start-up
-rows.
+"""Detection of sensor and logger faults in a series: spikes, stuck and clipped values, jumps,
+start-up rows.
 
 The thresholds are wide on purpose: a false alarm in a healthy log does more harm than a missed
 spike of six standard deviations.
@@ -57,7 +57,7 @@ START_UP = 10.0
 
 
 def sample(values: Array) -> Array:
-    """At most 65,536 rows of a series [n], in sixteen sections of neighbours spread over it."""
+    """Sample of a series [n]: all rows, or 65,536 of them in sixteen evenly spaced sections."""
     if values.size <= SAMPLE:
         return values
     return np.concatenate(
@@ -66,14 +66,14 @@ def sample(values: Array) -> Array:
 
 
 def _section_starts(size: int) -> list[int]:
-    """First rows of the sixteen sections of a sample of a series of so many rows."""
+    """First rows of the sixteen sections of a sample of a series of `size` rows."""
     starts: list[int] = np.linspace(0, size - SAMPLE // 16, 16).astype(np.int64).tolist()
     return starts
 
 
 def scatter(values: Array) -> float:
-    """Standard deviation of the noise of a series [n], from second differences; 0 where most of
-    them are 0.
+    """Standard deviation of the noise of a series [n] from second differences; 0 if most of them
+    are 0.
     """
     if values.size < 3:
         return 0.0
@@ -83,8 +83,8 @@ def scatter(values: Array) -> float:
 
 
 def resolution(values: Array, rows: int = 20_000) -> float:
-    """Smallest step between the distinct values of a series [n], of its first rows; 0 where there
-    is one value.
+    """Smallest step between distinct values in the first rows of a series [n]; 0 if there is one
+    value.
     """
     distinct = np.unique(values[:rows])
     steps = np.diff(distinct)
@@ -97,7 +97,7 @@ def resolution(values: Array, rows: int = 20_000) -> float:
 
 
 def _span(values: Array) -> float:
-    """Span of a series [n] without its outermost hundredths, from at most 20,000 of its rows."""
+    """Span between the 1 % and 99 % quantiles of a series [n], from at most 20,000 of its rows."""
     thinned = chunks.take_slice(values, slice(0, values.size, max(1, values.size // 20_000)))
     return order_statistics.quantile(thinned, 0.99) - order_statistics.quantile(thinned, 0.01)
 
@@ -125,7 +125,7 @@ def spikes(values: Array, *, least: float = 0.0) -> Integers:
     suspect = max(SPIKE / 2.0 * usual, floor)
     near = [rows[from_median(values, rows) > suspect] for rows in _neighbours(wide, values)]
     rows = np.unique(np.concatenate(near))
-    limit = np.maximum(SPIKE * _local(values, rows), floor)
+    limit = np.maximum(SPIKE * _local_noise(values, rows), floor)
     return np.asarray(rows[from_median(values, rows) > limit], dtype=np.int64)
 
 
@@ -135,7 +135,7 @@ def _neighbours(wide: Integers, values: Array) -> Iterator[Integers]:
     """
     everywhere = wide.size > values.size // 20
     steps = (np.arange(a, b) for a, b in chunks.ranges(values.size - 1, chunks.CACHED_ROWS))
-    for part in steps if everywhere else np.split(wide, _apart(wide)):
+    for part in steps if everywhere else np.split(wide, _chunk_boundaries(wide)):
         yield np.unique(np.clip(part[:, None] + np.arange(-1, 3), 0, values.size - 1))
         chunks.release(values)
 
@@ -171,7 +171,7 @@ def _wide_steps(values: Array, limit: float) -> Integers:
     return np.concatenate(found)
 
 
-def _local(values: Array, rows: Integers) -> Array:
+def _local_noise(values: Array, rows: Integers) -> Array:
     """Standard deviation [m] of the noise at rows [m] of a series [n]: that of the row's block or
     of the whole series, whichever is larger.
     """
@@ -250,7 +250,7 @@ def stuck_against(driver: Array, moved: float, runs: Integers) -> Integers:
     if not len(runs):
         return runs
     moves = []
-    for near in np.split(runs, _apart(runs[:, 0])):
+    for near in np.split(runs, _chunk_boundaries(runs[:, 0])):
         first = int(near[0, 0])
         part = driver[first : int(near[-1, 1]) + 1]
         # the runs' rows are pairs of first and stop: every second part between them is a run
@@ -260,7 +260,7 @@ def stuck_against(driver: Array, moved: float, runs: Integers) -> Integers:
     return np.asarray(runs[np.concatenate(moves) > moved], dtype=np.int64)
 
 
-def _apart(rows: Integers) -> Integers:
+def _chunk_boundaries(rows: Integers) -> Integers:
     """Positions at which ascending rows [m] are split into groups, each within one chunk."""
     return np.flatnonzero(np.diff(rows // chunks.ROWS)) + 1
 
@@ -282,8 +282,8 @@ def frozen(values: Array, least: float, runs: Integers) -> Integers:
 
 
 def remove_spikes(values: Array, *, allocate: Callable[[int], Array] = np.empty) -> Array:
-    """The series [n] with its spikes replaced by the median of their seven neighbours, in an array
-    that `allocate` makes.
+    """Series [n] with each spike replaced by the median of the seven rows around it; `allocate`
+    makes the array.
     """
     rows = spikes(values)
     if not rows.size:

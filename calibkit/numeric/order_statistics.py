@@ -63,7 +63,7 @@ def median_of_chunks(
             if not np.isnan(whole[count // 2 :].max())
             else float("nan")
         )
-    low, high = _ranked(parts, ((count - 1) // 2, count // 2), count, bracket)
+    low, high = _values_at_ranks(parts, ((count - 1) // 2, count // 2), count, bracket)
     return (low + high) / 2.0
 
 
@@ -123,7 +123,7 @@ def quantile_of_chunks(parts: Callable[[], Iterable[Array]], count: int, share: 
     if count <= COLLECTED:
         return quantile(np.concatenate(list(parts())), share)
     at = share * (count - 1)
-    low, high = _ranked(parts, (int(at), min(int(at) + 1, count - 1)), count)
+    low, high = _values_at_ranks(parts, (int(at), min(int(at) + 1, count - 1)), count)
     return _interpolated(low, high, at - int(at))
 
 
@@ -221,7 +221,7 @@ def _sampled_magnitudes(values: Array, about: float) -> Array:
     return np.abs(chunks.take_slice(values, slice(0, values.size, step)) - about)
 
 
-def _ranked(
+def _values_at_ranks(
     parts: Callable[[], Iterable[Array]],
     ranks: tuple[int, int],
     count: int,
@@ -236,12 +236,12 @@ def _ranked(
             parts, (low, high), (sum(ranks) / 2.0 - below) / inside, inside
         )
         bracket = None
-        counts, kept = _counted(parts, first, last)
+        counts, kept = _count_and_collect(parts, first, last)
         cell = np.searchsorted(counts, ranks, side="right")
         if cell[0] != cell[1]:  # the ranks lie on both sides of a bound
             return (
-                _ranked(parts, (ranks[0],) * 2, count)[0],
-                _ranked(parts, (ranks[1],) * 2, count)[0],
+                _values_at_ranks(parts, (ranks[0],) * 2, count)[0],
+                _values_at_ranks(parts, (ranks[1],) * 2, count)[0],
             )
         if cell[0] in {1, 3}:
             return (first,) * 2 if cell[0] == 1 else (last,) * 2
@@ -269,7 +269,7 @@ def _next_bracket(
     return quantile_bracket(np.concatenate(sampled), share)
 
 
-def _counted(
+def _count_and_collect(
     parts: Callable[[], Iterable[Array]], first: float, last: float
 ) -> tuple[tuple[int, int, int, int], Array | None]:
     """Numbers of values < first, ≤ first, < last and ≤ last, and the values between both unless

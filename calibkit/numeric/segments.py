@@ -202,8 +202,8 @@ def segments(
     """Cut a log [n] into ramps and soaks.
 
     A ramp is a run of rows whose slope [°C/min] keeps one sign at or above ramp_min and whose
-    temperature spans at least min_span [°C]; two such runs of one sign that are at most `merge`
-    rows apart are one. All else is soak.
+    temperature changes by at least min_span [°C]; runs of the same sign are merged if at most
+    `merge` rows lie between. All else is soak.
     """
     runs = _merged(_runs(slope, ramp_min), merge)
     ramps = [

@@ -34,7 +34,7 @@ class _Drift:
     bounds: Mapping[str, float]
 
     def flags(self, name: str) -> tuple[str, ...]:
-        """Flags of what was held or clamped along the log `name`, with its share of the blocks."""
+        """Flags of held or clamped quantities along the log `name`, with the share of blocks."""
         return tuple(
             f"{name}: {what} over {100.0 * share:.0f} %"
             for what, share in self.bounds.items()

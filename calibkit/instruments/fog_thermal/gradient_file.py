@@ -97,7 +97,7 @@ def _choose_side(members: Sequence[FittedRamp], spec: Drift, side: str) -> SideC
     fits = [item.fit for item in members]
     tested = gradient_order.candidates(
         fits,
-        [_stretch(item) for item in members],
+        [_ramp_and_soaks(item) for item in members],
         side,
         compensation.blocks_per_figure(spec.interval_s),
     )
@@ -119,7 +119,7 @@ def _choose_side(members: Sequence[FittedRamp], spec: Drift, side: str) -> SideC
     return SideChoice(side, tuple(tested), None, (f"gradient_rate {side}: not exported: {reason}",))
 
 
-def _stretch(item: FittedRamp) -> gradient.Blocks:
+def _ramp_and_soaks(item: FittedRamp) -> gradient.Blocks:
     """Block means of a ramp with the soaks around it: the whole log where it has one ramp."""
     before = [ramp.stop for ramp in item.log.ramps if ramp.stop <= item.ramp.start]
     after = [ramp.start for ramp in item.log.ramps if ramp.start >= item.ramp.stop]

@@ -92,7 +92,7 @@ def _faults(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
         *found,
         *check.magnitude.check_time_unit(log, air),
         *check.thermometers.check_pair(log, case, air),
-        *_as_ordered(log, recipe),
+        *_check_stated_rate(log, recipe),
         *check.magnitude.check_gyro_unit(log, "gyro_dph"),
         *check.magnitude.find_compensated_names(log, recipe, ["gyro_dph"]),
         *check.series.check_case_and_air(log, case, air),
@@ -101,7 +101,7 @@ def _faults(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
     ]
 
 
-def _as_ordered(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
+def _check_stated_rate(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
     """Finding if the measured temperature rate differs from the one stated in the recipe."""
     given = recipe.drift.rates_degc_min.get(log.name)
     if given is None:
@@ -128,7 +128,7 @@ def find_unusable(log: Log, min_rows: int = 3) -> list[Finding]:
     ]
 
 
-def _leading(log: PreparedLog) -> None:
+def _refuse_leading_case(log: PreparedLog) -> None:
     """Refuse a log whose case temperature leads the air temperature: the columns are swapped.
 
     Without a soak after the ramp, rates do not show this (`check.thermometers`). The lead is
@@ -154,7 +154,7 @@ def prepare(log: Log, recipe: FogThermalRecipe, found: Sequence[Finding]) -> Pre
     try:
         prepared = _prepared(log, recipe, found)
         if suspected is None:
-            _leading(prepared)
+            _refuse_leading_case(prepared)
     except (FrameError, FitError) as error:
         if suspected is None:
             raise
@@ -309,7 +309,7 @@ def _denoised(
     def parts() -> Iterator[Array]:
         for number, segment in enumerate(cuts):
             part = gyro[segment.start : segment.stop]
-            found = _of_segment(log, part, segment, recipe)
+            found = _denoise_segment(log, part, segment, recipe)
             if found is None:
                 flags.append(
                     f"soak of {part.size} rows is shorter than the filter and was not denoised"
@@ -322,11 +322,11 @@ def _denoised(
     return held.means_of_parts(parts()), tuple(noise), flags
 
 
-def _of_segment(
+def _denoise_segment(
     log: Log, part: Array, segment: segments.Segment, recipe: FogThermalRecipe
 ) -> denoise.Denoised | None:
-    """Denoised segment [n]; None for a soak that is too short for the filter. Such a ramp raises
-    FitError.
+    """Denoised segment [n]; None for a soak that is too short for the filter. A ramp that is too
+    short raises FitError.
     """
     spec = recipe.denoise
     try:

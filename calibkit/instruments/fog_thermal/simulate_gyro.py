@@ -67,7 +67,7 @@ class FogGyro:
     """Half widths of equally weighted play operators."""
     bias_dph: float
     turn_on_dph: float
-    """Standard deviation of the bias from one log to the next."""
+    """Standard deviation of the turn-on bias between logs."""
     input_rate_dph: float
     """True rotation rate: the earth's."""
     N: float

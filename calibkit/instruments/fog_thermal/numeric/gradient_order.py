@@ -74,14 +74,14 @@ def _leave_one_rate_out(
             [ramps[i] for other in groups if other is not left for i in other], order, side
         )
         for i in left:
-            compensated[i] = _left(polynomial, logs[i], group)
+            compensated[i] = _residual_rms(polynomial, logs[i], group)
     whole = gradient.fit_over_rates(ramps, order, side)
     return LeftOutRates(
-        raw, compensated, order, np.array([_left(whole, log, group) for log in logs])
+        raw, compensated, order, np.array([_residual_rms(whole, log, group) for log in logs])
     )
 
 
-def _left(polynomial: gradient.RatePolynomial, log: gradient.Blocks, group: int) -> float:
+def _residual_rms(polynomial: gradient.RatePolynomial, log: gradient.Blocks, group: int) -> float:
     """Drift rms [°/h] of a log after compensation by the polynomials of a side."""
     delta = compensation.increments([polynomial], log.gradient, log.rate).delta
     return compensation.drift_rms(log.indication - compensation.recursive(delta), group)

@@ -105,7 +105,7 @@ def estimate(logs: Sequence[_Grouped]) -> Noise:
     """
     typical = float(np.median(np.concatenate([log.effective for log in logs])))
     kernel = flicker_kernel(max(log.weight.size for log in logs))
-    turned = [_turned(log, typical, kernel) for log in logs]
+    turned = [_to_eigenbasis(log, typical, kernel) for log in logs]
     found = [_restricted(turned, float(level) ** 2) for level in LEVELS]
     likelihood = np.array([value for value, _ in found])
     share = np.exp(-0.5 * (likelihood - likelihood.min())) * np.gradient(LEVELS)
@@ -114,7 +114,7 @@ def estimate(logs: Sequence[_Grouped]) -> Noise:
     return Noise(float(share @ white), float(np.sqrt(share @ (LEVELS**2 * white) / typical)))
 
 
-def _turned(log: _Grouped, typical: float, kernel: Array) -> tuple[Array, Array]:
+def _to_eigenbasis(log: _Grouped, typical: float, kernel: Array) -> tuple[Array, Array]:
     """Flicker variances [m] and (1, design, indication) [m, k + 2] in the eigenbasis of flicker
     noise relative to white noise.
 

@@ -242,7 +242,7 @@ def robust_weights(columns: Array, stacked: Stack) -> Array:
     return weights
 
 
-def _lasting(log: ThermalLog) -> list[int]:
+def _misfit_lags(log: ThermalLog) -> list[int]:
     """Lags [blocks] of the residual products of a log, between both LASTING_S; about LASTING_LAGS
     of them.
     """
@@ -275,7 +275,7 @@ def balanced_weights(columns: Array, robust: Array, stacked: Stack, names: Seque
     residual, _ = _residuals(columns, found, robust, stacked)
     noise = mad_sigma(_isolated(residual, stacked))
     lasting = [
-        occupancy.misfit(residual[rows], robust[rows], _lasting(log))
+        occupancy.misfit(residual[rows], robust[rows], _misfit_lags(log))
         for rows, log in zip(stacked.log_rows, stacked.logs, strict=True)
     ]
     return robust * occupancy.weights(
