@@ -219,9 +219,8 @@ def _read_series_dwells(log: Log, spec: AccelerometerRecipe) -> DwellSet:
     if spec.dwells.piece_s is not None:
         intervals = dwells.cut_dwells(intervals, max(2, round(spec.dwells.piece_s / step)))
     means = dwells.average_dwells(columns, intervals)
-    middle = intervals.mean(axis=1).astype(
-        np.int64
-    )  # a held angle is what it is in the middle of the hold
+    # reference angles are read at the middle of the dwell
+    middle = intervals.mean(axis=1).astype(np.int64)
     return DwellSet(
         means.mean[:, :3],
         means.mean[:, 3],

@@ -216,7 +216,7 @@ def _state_curve(
 
 def _plot(table: GridTable, *, relative: bool) -> Figure:
     """Plot of values over temperature with expanded uncertainties; K is shown in ppm of the largest
-    K, as departure from the middle.
+    K, as departure from the middle point of its column.
     """
     columns = [
         [

@@ -13,7 +13,7 @@ from calibkit.simulate.campaign import Campaign
 
 START_DEGC = 25.0
 AXES = ("a_about_a", "b_about_a", "b_about_b", "a_about_b")
-"""Input axis and table axis of the logs: gyros A and B in both runs."""
+"""Keys <gyro>_about_<table axis> of the input axes of both gyros in both runs."""
 LARGEST_MOUNTING_ERROR_DEG = 0.02
 """Largest angle between a gyro's input axis and the table axis nominally its own [°]."""
 

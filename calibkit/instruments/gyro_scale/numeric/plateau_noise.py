@@ -249,8 +249,8 @@ def _scatter(record: Record, part: Part, wave: Modulation) -> _Scatter:
 
 
 def _phase(record: Record, part: Part, wave: Modulation) -> tuple[Array, Array]:
-    """Mean [2] of the angle's columns and their factors [2, m], fitted to each plateau because the
-    phase of the earth's rate is its own.
+    """Mean [2] of the angle's columns, and their factors [2, m] fitted to what the common fit
+    leaves in this plateau: the phase of the earth's rate differs between plateaus.
     """
     mean = sum(record.basis(a, b).sum(axis=0) for a, b in part.spans()) / (part.stop - part.first)
     gram, product = np.zeros((2, 2)), np.zeros((2, part.signals.size))

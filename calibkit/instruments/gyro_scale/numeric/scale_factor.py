@@ -139,9 +139,9 @@ def _covariance(
 ) -> tuple[Array, float]:
     """Covariance of the coefficients and the Birge ratio (Birge 1932, Physical Review 40:207).
 
-    With equal weights and unequal noise the residuals of the quiet plateaus carry the noise of the
-    loud ones: the sum of squares is compared with what it then is expected to be, not with the
-    degrees of freedom.
+    With equal weights and unequal noise, the residuals of plateaus with little noise contain the
+    noise of the others: the sum of squares is compared with its expectation for this noise, not
+    with the degrees of freedom.
     """
     if standard_uncertainty is None:
         if fit.dof == 0:
