@@ -111,7 +111,7 @@ def test_every_item_of_the_checklist_is_on_the_certificate(certificate):
         "laboratory": "Sample calibration laboratory",
         "street": "1 Sample Street",
         "town": "10000 Sampletown",
-        "place of work": "rate-table allocate, ground floor",
+        "place of work": "rate-table room, ground floor",
         "customer": "Sample customer",
         "method": "Scale factor and orthogonality of a gyro pair, procedure LP-03",
         "revision": "2, 2026-09-01",
