@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calibkit import coefficients, frame, instruments, pipeline, recipe as recipes, store
+from calibkit.arrays import Array
 from calibkit.certificate import certify as certificates
 from calibkit.check import examination
-from calibkit.errors import CalibkitError, CoefficientError
+from calibkit.errors import CalibkitError, CoefficientError, UsageError
 from calibkit.ingest import logs
 from calibkit.instruments import silent
 from calibkit.numeric.gum import Component as UncertaintyComponent, combine as combine_uncertainty
@@ -27,11 +28,11 @@ if TYPE_CHECKING:
     import pandas as pd
     from numpy.typing import ArrayLike
 
-    from calibkit.arrays import Array
     from calibkit.certificate.certify import Issued
     from calibkit.certificate.words import Lang
     from calibkit.check.report import LogReport
-    from calibkit.coefficients import Record
+    from calibkit.coefficients import Model, Record
+    from calibkit.forms import Form
     from calibkit.simulate.campaign import Campaign
     from calibkit.store import Run
 
@@ -228,8 +229,9 @@ def evaluate(run: Run | AnyPath, model: str, **at: ArrayLike) -> tuple[Array, Ar
     run : from `fit` or `find_run`, or its folder.
     model : name of the model in the run's coefficient files; ``stage.model`` where several files
         have one of that name.
-    at : canonical column = values [n] in its unit, one per input of the model's form. Ranges are
-        those of `valid` in the file; beyond them the form is extrapolated.
+    at : canonical column = values [n] in its unit, one per input of the model's form; rates and
+        gradients of a drift model on levels that are not given are 0, as at rest. Ranges are those
+        of `valid` in the file; beyond them the form is extrapolated.
 
     Returns
     -------
@@ -237,7 +239,8 @@ def evaluate(run: Run | AnyPath, model: str, **at: ArrayLike) -> tuple[Array, Ar
 
     Raises
     ------
-    CalibkitError : no such model, or one whose form has no result by itself.
+    CalibkitError : no such model or one whose form has no result by itself; an input that is
+        missing, unknown, or no numbers.
 
     """
     found_run = _run(run)
@@ -256,11 +259,44 @@ def evaluate(run: Run | AnyPath, model: str, **at: ArrayLike) -> tuple[Array, Ar
         raise CoefficientError(
             f"model '{model}': form {found[0].form} is not known", hint="use a newer calibkit"
         )
-    columns = np.broadcast_arrays(*map(np.atleast_1d, at.values()))
-    values = {
-        name: np.asarray(column, dtype=np.float64) for name, column in zip(at, columns, strict=True)
-    }
-    return form.evaluate(found[0], values), form.standard_uncertainty(found[0], values)
+    return _evaluate_form(form, found[0], at)
+
+
+class _Inputs(dict[str, Array]):
+    """Inputs of a model, and which of them its form asked for."""
+
+    def __init__(self, *given: Any) -> None:  # noqa: ANN401 (as dict)
+        super().__init__(*given)
+        self.asked: set[str] = set()
+
+    def __getitem__(self, name: str) -> Array:
+        self.asked.add(name)
+        return super().__getitem__(name)
+
+    def get(self, name: str, default: Any = None) -> Any:  # noqa: ANN401 (as dict)
+        """Input of a name that need not be given."""
+        self.asked.add(name)
+        return super().get(name, default)
+
+
+def _evaluate_form(form: Form, model: Model, at: Mapping[str, ArrayLike]) -> tuple[Array, Array]:
+    """Result of a model and its standard uncertainty; UsageError for inputs that it cannot have."""
+    try:
+        columns = [np.asarray(values, dtype=np.float64) for values in at.values()]
+        inputs = _Inputs(zip(at, np.broadcast_arrays(*map(np.atleast_1d, columns)), strict=True))
+        result = form.evaluate(model, inputs), form.standard_uncertainty(model, inputs)
+    except KeyError as error:
+        raise UsageError(f"model '{model.name}' needs {error}", hint="give it by name") from None
+    except (TypeError, ValueError) as error:
+        raise UsageError(
+            f"model '{model.name}': {error}", hint="give real numbers, as many of each"
+        ) from None
+    if unknown := at.keys() - inputs.asked:
+        raise UsageError(
+            f"model '{model.name}' has no input {', '.join(sorted(unknown))}",
+            hint=f"its inputs are {', '.join(sorted(inputs.asked))}",
+        )
+    return result
 
 
 def read_log(recipe: Source | AnyPath, log: AnyPath) -> pd.DataFrame:

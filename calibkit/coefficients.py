@@ -7,6 +7,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import re
 from dataclasses import asdict, dataclass, field, fields
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -190,6 +191,11 @@ class StageResult:
         """Coefficient record of a stage's result; `supersedes` is the digest of the stage's file
         before, or empty.
         """
+        if not re.fullmatch(r"[a-z][a-z0-9_]*", self.stage):
+            raise CoefficientError(
+                f"stage '{self.stage}': not the name of a coefficient file",
+                hint="small letters, digits and _ make a name; tell the authors of the instrument",
+            )
         return Record(
             stage=self.stage,
             serial=identity.serial,

@@ -138,9 +138,8 @@ def init(folder: Path) -> Proposal:
     """Commented recipe for the logs of a folder, with what check finds in the first of them."""
     from calibkit.ingest import proposal
 
-    proposed = proposal.propose(
-        folder, instruments.parse_recipe, [one.propose for one in instruments.REGISTRY.values()]
-    )
+    proposers = [one.propose for one in instruments.list_usable().values()]
+    proposed = proposal.propose(folder, instruments.parse_recipe, proposers)
     spec = instruments.parse_recipe(recipe.Source("proposed recipe", proposed.text))
     from calibkit.check import examination
 

@@ -97,7 +97,7 @@ def _imported(entry: EntryPoint) -> tuple[Any, str]:
         return entry.load(), ""
     try:
         loaded = entry.load()
-    except Exception as error:  # noqa: BLE001 (the code of others raises anything)
+    except (Exception, SystemExit) as error:  # noqa: BLE001 (the code of others raises anything)
         return None, f"cannot be imported: {type(error).__name__}: {' '.join(str(error).split())}"
     version = getattr(sys.modules[entry.module], "CALIBKIT_INTERFACE", None)
     if version != INTERFACE:

@@ -154,3 +154,10 @@ def test_a_model_of_a_run_is_evaluated_with_its_uncertainty(tmp_path):
     np.testing.assert_allclose(u, expected, rtol=1e-9)
     with pytest.raises(calibkit.CalibkitError, match="0 models are called 'z'; there are: "):
         calibkit.evaluate(run, "z", temp_case_degc=30.0)
+    for inputs, found in (
+        ({}, "'x' needs 'temp_case_degc'"),
+        ({"temp_case_degc": 30.0, "temp_degc": 30.0}, "no input temp_degc; its inputs are"),
+        ({"temp_case_degc": "warm"}, "could not convert"),
+    ):
+        with pytest.raises(calibkit.CalibkitError, match=found):
+            calibkit.evaluate(run, "x", **inputs)

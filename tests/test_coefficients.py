@@ -134,3 +134,11 @@ def test_every_released_format_keeps_loading(path):
         coefficients.loads(path.read_text(encoding="utf-8"), path.name).format
         in coefficients.FORMATS
     )
+
+
+@pytest.mark.parametrize("stage", ["../evil", "a/b", "C:evil", "", "Drift", "con.txt"])
+def test_a_stage_is_named_as_a_file_of_its_run_can_be(stage):
+    """Nothing that an instrument calls a stage is written outside its run's folder."""
+    identity = coefficients.Identity("S-1", 1, "2026-11-21", "calibkit 0", "00", ())
+    with pytest.raises(CoefficientError, match="not the name of a coefficient file"):
+        coefficients.StageResult(stage).as_record(identity, "")

@@ -2,6 +2,8 @@
 
 import ast
 import re
+import sys
+import tomllib
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -156,3 +158,25 @@ def test_few_names_are_public():
         for path in (ROOT / "calibkit").rglob("*.py")
     )
     assert len(public) / lines <= PUBLIC_PER_LINE
+
+
+def test_a_plain_install_imports_every_module():
+    """Libraries of extras are imported where they are used, or for annotations."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    needed = {re.match(r"[\w-]+", one)[0].lower() for one in project["dependencies"]}
+    known = {*needed, "pywt", "pydantic_core", "calibkit", *sys.stdlib_module_names}
+    imported = {
+        f"{module}: {name}"
+        for module, tree in modules().items()
+        if module != "calibkit.native.build"  # the build backend runs it
+        for node in tree.body
+        for name in (
+            [alias.name for alias in node.names]
+            if isinstance(node, ast.Import)
+            else [node.module]
+            if isinstance(node, ast.ImportFrom)
+            else []
+        )
+        if name.split(".")[0] not in known
+    }
+    assert imported == set()

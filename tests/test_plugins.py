@@ -65,7 +65,7 @@ def install(tmp_path, monkeypatch):
         for function in forgotten:
             function.cache_clear()
 
-    def added(name, source, *, version="1.0", module=None):
+    def added(name, source, *, version="1.0", module=None, group="readers"):
         module = module or f"{name}_reader"
         site = tmp_path / "site" / f"{name}-{version}-{module}"
         about = site / f"{module}-{version}.dist-info"
@@ -73,7 +73,7 @@ def install(tmp_path, monkeypatch):
         (site / f"{module}.py").write_text(source, encoding="utf-8")
         (about / "METADATA").write_text(f"Name: {module}\nVersion: {version}\n", encoding="utf-8")
         (about / "entry_points.txt").write_text(
-            f"[calibkit.readers]\n{name} = {module}\n", encoding="utf-8"
+            f"[calibkit.{group}]\n{name} = {module}\n", encoding="utf-8"
         )
         (about / "RECORD").write_text(
             f"{module}.py,,\n__pycache__/{module}.cpython-311.pyc,,\n"
@@ -182,6 +182,29 @@ def test_a_plugin_that_cannot_be_used_is_skipped_with_a_warning_where_none_asks(
         "'broken' of broken_reader 1.0 is skipped: the package cannot be imported:"
         " ZeroDivisionError: division by zero"
     )
+
+
+def test_a_mark_that_is_not_in_a_list_is_one_mark(tmp_path, install):
+    """`SIGNATURES = b"PAIRS1"` is what its author means; text is no mark."""
+    install("pairs", READER.replace('(b"PAIRS1",)', 'b"PAIRS1"'))
+    install("other", READER.replace('(b"PAIRS1",)', '"PAIRS1"'))
+    assert read(tmp_path, PAIRS).plugins[0].name == "pairs"
+
+
+def test_an_instrument_that_cannot_be_used_is_left_out_where_none_asks(
+    install, monkeypatch, caplog
+):
+    """`init` and `simulate` go on with the others; a recipe of the broken one is refused."""
+    install("solo", "1 / 0", group="instruments")
+    install("duo", "CALIBKIT_INTERFACE = 1", group="instruments")
+    monkeypatch.setattr(instruments, "REGISTRY", instruments.Registry())
+    with caplog.at_level(logging.WARNING, logger="calibkit"):
+        assert set(instruments.list_usable()) == set(instruments.SHIPPED)
+    duo, solo = sorted((record.getMessage() for record in caplog.records), reverse=True)
+    assert "solo_reader 1.0 is skipped: the package cannot be imported: ZeroDivision" in solo
+    assert "duo_reader, whose entry point duo_reader is module, expected an Instrument" in duo
+    with pytest.raises(UsageError, match="duo_reader"):
+        instruments.find("duo")
 
 
 def test_what_calibkit_reads_by_itself_no_plugin_takes(tmp_path, install):

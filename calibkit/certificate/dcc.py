@@ -11,8 +11,6 @@ from __future__ import annotations
 import base64
 from typing import TYPE_CHECKING
 
-from lxml.etree import _Element
-
 from calibkit import coefficients
 from calibkit.certificate import dcc_check, dcc_results, dcc_xml as xml
 from calibkit.certificate.content import Attachment, Relationship

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import EntryPoint
@@ -154,7 +155,15 @@ class Registry(Mapping[str, "Instrument[Any, Any]"]):
     def __getitem__(self, name: str) -> Instrument[Any, Any]:
         """Instrument of a procedure; KeyError where there is none."""
         if name not in self._loaded:
-            self._loaded[name] = plugins.load(self._entry_points()[name])
+            entry = self._entry_points()[name]
+            loaded = plugins.load(entry)
+            if not isinstance(loaded, Instrument):
+                raise UsageError(
+                    f"'{name}' is added by {plugins.identify(entry).distribution}, whose entry"
+                    f" point {entry.value} is {type(loaded).__name__}, expected an Instrument",
+                    hint="update or repair that package, or uninstall it",
+                )
+            self._loaded[name] = loaded
         return self._loaded[name]
 
     def __contains__(self, name: object) -> bool:
@@ -169,6 +178,17 @@ class Registry(Mapping[str, "Instrument[Any, Any]"]):
 
 
 REGISTRY = Registry()
+
+
+def list_usable() -> dict[str, Instrument[Any, Any]]:
+    """Procedure → instrument; a warning names each plugin that cannot be used."""
+    found = {name: REGISTRY[name] for name in SHIPPED}
+    for name in plugins.usable(plugins.INSTRUMENTS):
+        try:
+            found.setdefault(name, REGISTRY[name])
+        except UsageError as error:
+            logging.getLogger("calibkit").warning("skipped: %s", error)
+    return found
 
 
 def find(procedure: str) -> Instrument[Any, Any]:
@@ -201,7 +221,7 @@ def campaigns() -> dict[str, Callable[[int], Campaign]]:
     """Name → simulated campaign by its seed, of every instrument."""
     return {
         name: campaign
-        for instrument in REGISTRY.values()
+        for instrument in list_usable().values()
         for name, campaign in instrument.campaigns.items()
     }
 

@@ -91,7 +91,9 @@ def recognise_format(head: bytes) -> str:
 def recognise_plugin(head: bytes) -> str:
     """Format of an installed plugin with a signature that a file begins with, or ""."""
     for name, module in plugins.usable(plugins.READERS).items():
-        if any(mark and head.startswith(mark) for mark in getattr(module, "SIGNATURES", ())):
+        stated = getattr(module, "SIGNATURES", ())
+        marks = [stated] if isinstance(stated, bytes) else stated
+        if any(isinstance(mark, bytes) and mark and head.startswith(mark) for mark in marks):
             return name
     return ""
 
