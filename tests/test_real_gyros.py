@@ -59,9 +59,8 @@ def ferraris(gyro, accel, interval_s, reference):
     for axis in "xyz":
         acceleration = (accel[f"{axis}_rot"] - np.array(reference["b_a"])) @ to_accel.T
         offset = bias + acceleration @ sensitivity.T
-        turns.append(
-            triad.turned(gyro[f"{axis}_rot"], offset, np.full(len(offset), interval_s), -360.0)
-        )
+        # ∫(indication − offset) dt over the angle turned
+        turns.append((gyro[f"{axis}_rot"] - offset).sum(axis=0) * interval_s / -360.0)
     return triad._triad(np.column_stack(turns), np.zeros((9, 9))), bias, sensitivity
 
 
