@@ -3,7 +3,6 @@ run.json, which lists them.
 """
 
 import functools
-import hashlib
 import importlib.metadata
 import platform
 from collections.abc import Mapping
@@ -45,8 +44,8 @@ def build_run(
         drawn = instruments.find(spec.procedure).draw(f"{serial} r{revision:03d}", fitted)
     files |= documents.printed(drawn)
     facts = _run_facts(source, spec, identity, fitted)
-    files[documents.PAGE] = html.page(facts | {"files": list_files(files)}, records, drawn)
-    text = coefficients.seal(facts | {"files": list_files(files)})
+    files[documents.PAGE] = html.page(facts | {"files": store.list_files(files)}, records, drawn)
+    text = coefficients.seal(facts | {"files": store.list_files(files)})
     document = coefficients.unseal(text, new_files.RUN_FILE, store.RUN_FORMATS)
     return document, records, {new_files.RUN_FILE: text.encode(), **files}
 
@@ -96,14 +95,6 @@ def describe_recipe(source: Source) -> dict[str, Any]:
         "overrides": list(source.overrides),
         "text": source.text,
     }
-
-
-def list_files(files: Mapping[str, bytes]) -> list[dict[str, str]]:
-    """Files with their digests, in order of their names, as run.json and fleet.json list them."""
-    return [
-        {"name": name, "sha256": hashlib.sha256(content).hexdigest()}
-        for name, content in sorted(files.items())
-    ]
 
 
 def _installed_plugin(procedure: str) -> Plugin | None:

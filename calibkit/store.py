@@ -251,6 +251,16 @@ def load_fleet(folder: Path) -> Mapping[str, Any]:
     return document
 
 
+def list_files(files: Mapping[str, bytes]) -> list[dict[str, str]]:
+    """Files with their digests, in order of their names, as run.json, fleet.json and the manifest
+    of an export list them.
+    """
+    return [
+        {"name": name, "sha256": hashlib.sha256(content).hexdigest()}
+        for name, content in sorted(files.items())
+    ]
+
+
 def _listed(folder: Path, document: Mapping[str, Any], listing: str) -> list[Path]:
     """Paths of the files that a folder's record lists; CoefficientError unless each is there as
     listed, and no other.

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from calibkit import coefficients
+from calibkit import coefficients, store
 from calibkit.errors import CoefficientError, OutputError, UsageError
 from calibkit.firmware import (
     blob,
@@ -157,17 +157,10 @@ def _manifest(
     exports: Sequence[Export], own: Sequence[Mapping[str, bytes]], shared: Mapping[str, bytes]
 ) -> bytes:
     """What was delivered: every device with its run and its files, every file with its digest."""
-
-    def listed(content: Mapping[str, bytes]) -> list[dict[str, str]]:
-        return [
-            {"name": name, "sha256": hashlib.sha256(data).hexdigest()}
-            for name, data in sorted(content.items())
-        ]
-
     document: dict[str, Any] = {
         "format": MANIFEST,
         "software": exports[0].identity.software,
-        "files": listed(shared),
+        "files": store.list_files(shared),
         "units": [
             {
                 "serial": export.identity.serial,
@@ -175,7 +168,7 @@ def _manifest(
                 "effective_from": export.identity.effective_from,
                 "run_sha256": export.identity.run_sha256,
                 "accepted": export.identity.accepted,
-                "files": listed(files),
+                "files": store.list_files(files),
             }
             for export, files in zip(exports, own, strict=True)
         ],

@@ -43,7 +43,7 @@ def _document(table: FleetTable, plan: Plan, contents: Mapping[str, bytes]) -> d
         "recipe": run_content.describe_recipe(plan.source),
         "units": tabulate("", DEVICE_KEYS, table.entries).to_objects(),
         "figures": [_figure(table, chart) for chart in table.charts],
-        "files": run_content.list_files(contents),
+        "files": store.list_files(contents),
     }
 
 
