@@ -4,14 +4,13 @@ of its own.
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
 import re
 from dataclasses import asdict, dataclass, field, fields
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from calibkit.errors import CoefficientError
+from calibkit.sealed import seal, unseal
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -19,8 +18,8 @@ if TYPE_CHECKING:
     from calibkit.frame import Log
     from calibkit.plugins import Plugin
 
-FORMAT = "calibkit-coefficients/1"
-FORMATS = (FORMAT,)
+FORMAT = "calibkit-coefficients/2"
+FORMATS = ("calibkit-coefficients/1", FORMAT)
 """Every coefficient format ever released; each keeps loading."""
 
 
@@ -32,10 +31,36 @@ class Coefficient:
     value: float
     unit: str
     standard_uncertainty: float
+    effective_dof: float | None = None
+    """Effective degrees of freedom of the standard uncertainty; None: those of the model."""
+
+    def __post_init__(self) -> None:
+        if self.effective_dof is not None and not self.effective_dof > 0.0:
+            raise ValueError(f"{self.name}: {self.effective_dof!r} effective degrees of freedom")
 
 
 Figure = Coefficient
-"""A result that is not a coefficient of a model: the same four facts."""
+"""A result that is not a coefficient of a model: the same facts."""
+
+
+@dataclass(frozen=True, slots=True)
+class Component:
+    """Standard deviation of an error that all observations of a group share: the zero of a soak,
+    the scale of a session.
+    """
+
+    group: str
+    effect: str
+    value: float
+    unit: str
+    standard_uncertainty: float
+    groups: int
+    """Number of groups that it was estimated from."""
+
+    @property
+    def name(self) -> str:
+        """Its name in messages: "soak-to-soak zero"."""
+        return f"{self.group}-to-{self.group} {self.effect}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,6 +140,13 @@ class Model:
     residual_unit: str
     valid: Mapping[str, tuple[float, float]]
     parameters: tuple[Parameter, ...] = ()
+    components: tuple[Component, ...] = ()
+
+    def dof_of(self, coefficient: Coefficient) -> float:
+        """Effective degrees of freedom of a coefficient's standard uncertainty: its own, else those
+        of the model.
+        """
+        return coefficient.effective_dof or float(self.dof)
 
     def value(self, name: str) -> float:
         """Value of the coefficient or parameter of that name, or CoefficientError."""
@@ -157,19 +189,31 @@ class Record:
         )
 
     def document(self) -> dict[str, Any]:
-        """Content of a coefficient file without its digest: of an input only what identifies it."""
-        return asdict(self) | {"inputs": [entry.identity() for entry in self.inputs]}
+        """Content of a coefficient file without its digest: of an input only what identifies it,
+        and no key for what is absent.
+        """
+        inputs = [entry.identity() for entry in self.inputs]
+        return asdict(self, dict_factory=_without_absent) | {"inputs": inputs}
 
     def dumps(self) -> str:
         """Text of a coefficient file; the same record gives the same bytes."""
         for model in self.models:
-            for entry in model.coefficients:
+            entries: list[Coefficient | Component] = [*model.coefficients, *model.components]
+            for entry in entries:
                 if not math.isfinite(entry.value) or not math.isfinite(entry.standard_uncertainty):
                     raise CoefficientError(
-                        f"{self.stage} {model.name}: {entry.name} is {entry.value}",
+                        f"{self.stage} {model.name}: {entry.name} is {entry.value}, standard"
+                        f" uncertainty {entry.standard_uncertainty}",
                         hint="this is a bug",
                     )
         return seal(self.document())
+
+
+def _without_absent(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Keys and values of a record in a coefficient file."""
+    return {
+        key: value for key, value in pairs if value is not None and (value or key != "components")
+    }
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,78 +279,14 @@ def _clocks(inputs: Sequence[Input]) -> tuple[Condition, ...]:
     )
 
 
-def _digest(document: Mapping[str, Any]) -> str:
-    """SHA-256 of the canonical JSON (RFC 8785) of every key but `sha256`; raises CoefficientError
-    for what JSON lacks.
-    """
-    import rfc8785
-
-    try:
-        canonical = rfc8785.dumps(
-            {key: value for key, value in document.items() if key != "sha256"}
-        )
-    except (rfc8785.CanonicalizationError, RecursionError, UnicodeError) as error:
-        raise CoefficientError(
-            f"not a JSON document: {error}", hint="a NaN or an infinity is not a coefficient"
-        ) from None
-    return hashlib.sha256(canonical).hexdigest()
-
-
-def seal(document: Mapping[str, Any]) -> str:
-    """Text of a JSON document with its own digest beside it, one line per scalar, keys in order,
-    ending in a newline.
-    """
-    plain: dict[str, Any] = json.loads(json.dumps(document, allow_nan=True))
-    body = {"format": plain.pop("format"), "sha256": "", **plain}
-    body["sha256"] = _digest(body)
-    return json.dumps(body, ensure_ascii=False, indent=1, allow_nan=False) + "\n"
-
-
-def unseal(text: str, name: str, formats: tuple[str, ...] = FORMATS) -> dict[str, Any]:
-    """Document of a sealed JSON text, or CoefficientError that states why it cannot be trusted."""
-    try:
-        document = json.loads(text, object_pairs_hook=_distinct)
-    except (ValueError, RecursionError) as error:
-        raise CoefficientError(
-            f"{name}: not a whole JSON document: {error}", hint="restore it from the run's copy"
-        ) from None
-    if not isinstance(document, dict) or not isinstance(document.get("format"), str):
-        raise CoefficientError(
-            f"{name}: no 'format' key", hint=f"expected one of {', '.join(formats)}"
-        )
-    if document["format"] not in formats:
-        raise CoefficientError(
-            f"{name}: format '{document['format']}', expected one of {', '.join(formats)}",
-            hint="use a newer calibkit",
-        )
-    expected = _digest(document)
-    if document.get("sha256") != expected:
-        raise CoefficientError(
-            f"{name}: digest {str(document.get('sha256'))[:12]}… is not that of its content,"
-            f" {expected[:12]}…",
-            hint="the file was changed after it was written; do not use it",
-        )
-    return document
-
-
-def _distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """A JSON object whose keys are distinct; two values for one key would make the digest
-    meaningless.
-    """
-    found = dict(pairs)
-    if len(found) != len(pairs):
-        raise ValueError("a key stands twice")
-    return found
-
-
 def loads(text: str, name: str) -> Record:
     """Record of a coefficient file's text; raises CoefficientError for a wrong digest, format or
     shape.
     """
-    document = unseal(text, name)
+    document = unseal(text, name, FORMATS)
     document.pop("sha256")
     try:
-        return _typed(
+        record = _typed(
             Record,
             {
                 **document,
@@ -317,10 +297,22 @@ def loads(text: str, name: str) -> Record:
                 "flags": tuple(_plain(flag, "str") for flag in document["flags"]),
             },
         )
+        _require_format(record)
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise CoefficientError(
             f"{name}: not a coefficient record: {error}", hint="restore it from the run's copy"
         ) from None
+    return record
+
+
+def _require_format(record: Record) -> None:
+    """Raise ValueError for a record of format 1 with a key that only format 2 has."""
+    numbers = (*record.figures, *(entry for model in record.models for entry in model.coefficients))
+    if record.format == FORMATS[0] and (
+        any(entry.effective_dof is not None for entry in numbers)
+        or any(model.components for model in record.models)
+    ):
+        raise ValueError(f"effective_dof and components are not keys of {record.format}")
 
 
 def _model(entry: Mapping[str, Any]) -> Model:
@@ -338,6 +330,7 @@ def _model(entry: Mapping[str, Any]) -> Model:
                 for column, (low, high) in entry["valid"].items()
             },
             "parameters": tuple(_typed(Parameter, item) for item in entry.get("parameters", ())),
+            "components": tuple(_typed(Component, item) for item in entry.get("components", ())),
         },
     )
     size = len(model.coefficients)
@@ -349,6 +342,7 @@ def _model(entry: Mapping[str, Any]) -> Model:
 _PLAIN: dict[str, tuple[tuple[type, ...], str]] = {
     "str": ((str,), "text"),
     "float": ((int, float), "number"),
+    "float | None": ((int, float), "number"),
     "int": ((int,), "whole number"),
 }
 """Annotation of a field → types that its value may have, and their name. What is made of other

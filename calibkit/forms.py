@@ -9,13 +9,15 @@ from typing import TypeAlias
 import numpy as np
 
 from calibkit.arrays import Array, Mask
-from calibkit.coefficients import Coefficient, Model, Parameter
+from calibkit.coefficients import Coefficient, Component, Model, Parameter
 from calibkit.errors import CoefficientError
 
 Inputs: TypeAlias = "Mapping[str, Array]"
 """Canonical column → values [n] in its unit."""
 FormsOf: TypeAlias = "Callable[[str], Mapping[str, Form]]"
 """Procedure → its model forms by name."""
+INFINITE_DOF = 1e9
+"""What a file states for infinite degrees of freedom, which JSON cannot write."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,16 +52,25 @@ class Form:
         residual_unit: str,
         valid: Mapping[str, tuple[float, float]],
         parameters: tuple[Parameter, ...] = (),
+        effective_dof: Array | None = None,
+        components: tuple[Component, ...] = (),
     ) -> Model:
         """Model of this form from (name, value, unit) of each coefficient and their covariance
-        [p, p]; standard uncertainties are the roots of its diagonal.
+        [p, p]; standard uncertainties are the roots of its diagonal, with effective degrees of
+        freedom [p] where they are not `dof`.
         """
+        own_dof = (
+            [None] * len(coefficients)
+            if effective_dof is None
+            else np.minimum(effective_dof, INFINITE_DOF).tolist()
+        )
         uncertainty = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
         return Model(
             name=name,
             form=self.name,
             coefficients=tuple(
-                Coefficient(*entry, u) for entry, u in zip(coefficients, uncertainty, strict=True)
+                Coefficient(*entry, u, own)
+                for entry, u, own in zip(coefficients, uncertainty, own_dof, strict=True)
             ),
             covariance=tuple(map(tuple, covariance.tolist())),
             dof=dof,
@@ -67,6 +78,7 @@ class Form:
             residual_unit=residual_unit,
             valid=valid,
             parameters=parameters,
+            components=components,
         )
 
     def read(self, model: Model) -> Array:

@@ -7,7 +7,7 @@ import difflib
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from calibkit import coefficients, instruments, new_files, recipe, run_content, store
+from calibkit import coefficients, instruments, new_files, recipe, run_content, sealed, store
 from calibkit.check import copies
 from calibkit.errors import (
     CoefficientError,
@@ -253,9 +253,9 @@ def validate(
         "accepted": summary.accepted,
         "flags": list(summary.flags),
     }
-    text = coefficients.seal(document)
+    text = sealed.seal(document)
     new_files.write_new(out, text.encode(), dry_run=dry_run)
-    return coefficients.unseal(text, str(out), (VALIDATION_FORMAT,)), summary
+    return sealed.unseal(text, str(out), (VALIDATION_FORMAT,)), summary
 
 
 def _firmware(spec: recipe.Recipe) -> Firmware[Any]:
@@ -356,7 +356,7 @@ def _check_digests(path: Path) -> str:
             f"{path}: not a text that calibkit wrote", hint="verify takes calibkit's own files"
         ) from None
     formats = (*coefficients.FORMATS, *store.RUN_FORMATS, VALIDATION_FORMAT, targets.MANIFEST)
-    document = coefficients.unseal(text, str(path), formats)
+    document = sealed.unseal(text, str(path), formats)
     if document["format"] == targets.MANIFEST:
         return targets.verify_manifest(path)
     if document["format"] in coefficients.FORMATS:

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-from calibkit import coefficients, instruments, new_files, plugins, store
+from calibkit import coefficients, instruments, new_files, plugins, sealed, store
 from calibkit.check import copies
 from calibkit.instruments import SHIPPED, Fitted
 from calibkit.plugins import Plugin
@@ -45,8 +45,8 @@ def build_run(
     files |= documents.printed(drawn)
     facts = _run_facts(source, spec, identity, fitted)
     files[documents.PAGE] = html.page(facts | {"files": store.list_files(files)}, records, drawn)
-    text = coefficients.seal(facts | {"files": store.list_files(files)})
-    document = coefficients.unseal(text, new_files.RUN_FILE, store.RUN_FORMATS)
+    text = sealed.seal(facts | {"files": store.list_files(files)})
+    document = sealed.unseal(text, new_files.RUN_FILE, store.RUN_FORMATS)
     return document, records, {new_files.RUN_FILE: text.encode(), **files}
 
 

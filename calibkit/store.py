@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from calibkit import atomic, coefficients, run_document
+from calibkit import atomic, coefficients, run_document, sealed
 from calibkit.errors import CoefficientError, OutputError, UsageError
 from calibkit.new_files import RUN_FILE, WRITING, output_errors, refuse_run_folder
 
@@ -51,7 +51,9 @@ class Run:
     def stage_digests(self) -> dict[str, str]:
         """Stage → digest that its coefficient file states of itself."""
         return {
-            record.stage: str(coefficients.unseal(_text(self.folder / name), name)["sha256"])
+            record.stage: str(
+                sealed.unseal(_text(self.folder / name), name, coefficients.FORMATS)["sha256"]
+            )
             for name, record in self.records.items()
         }
 
@@ -210,7 +212,7 @@ def own_document(runs: Path, serial: str, revision: int) -> dict[str, Any]:
     another.
     """
     path = _folder(runs, serial, revision) / RUN_FILE
-    document = coefficients.unseal(_text(path), f"{path}", RUN_FORMATS)
+    document = sealed.unseal(_text(path), f"{path}", RUN_FORMATS)
     if (document.get("serial"), document.get("revision")) != (serial, revision):
         raise CoefficientError(
             f"{path}: says {document.get('serial')} r{document.get('revision')}, expected {serial}"
@@ -230,7 +232,7 @@ def load(folder: Path) -> Run:
     """Read a run folder whole, or raise CoefficientError that names the first file that cannot be
     trusted.
     """
-    document = coefficients.unseal(_text(folder / RUN_FILE), f"{folder / RUN_FILE}", RUN_FORMATS)
+    document = sealed.unseal(_text(folder / RUN_FILE), f"{folder / RUN_FILE}", RUN_FORMATS)
     run_document.require_shape(document, f"{folder / RUN_FILE}")
     records = {
         path.name: _own_record(document, path)
@@ -245,7 +247,7 @@ def load_fleet(folder: Path) -> Mapping[str, Any]:
     CoefficientError.
     """
     name = f"{folder / FLEET_FILE}"
-    document = coefficients.unseal(_text(folder / FLEET_FILE), name, (FLEET_FORMAT,))
+    document = sealed.unseal(_text(folder / FLEET_FILE), name, (FLEET_FORMAT,))
     run_document.require_fleet_shape(document, name)
     _listed(folder, document, FLEET_FILE)
     return document

@@ -4,7 +4,7 @@ test states them.
 
 import hashlib
 
-from calibkit import coefficients, store
+from calibkit import sealed, store
 from calibkit.coefficients import Coefficient, Identity, Input, Model, Parameter, StageResult
 
 RECIPE = 'procedure = "rate_table"\n'
@@ -54,7 +54,7 @@ def keep(
         )
         record = result.as_record(identity, superseded.get(stage, ""))
         contents = {f"{stage}.json": record.dumps().encode(), "report.txt": b"hello\n"}
-        return {"run.json": coefficients.seal(document(identity, contents)).encode(), **contents}
+        return {"run.json": sealed.seal(document(identity, contents)).encode(), **contents}
 
     def document(identity, contents):
         return {

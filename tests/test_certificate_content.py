@@ -429,7 +429,7 @@ def test_every_plain_field_of_the_checklist_is_a_field_of_the_profile():
 
 def test_a_validation_of_another_run_is_refused(tmp_path):
     """As-found and as-left results belong to the coefficients of the certificate."""
-    from calibkit import coefficients
+    from calibkit import sealed
     from calibkit.certificate import run_files
     from calibkit.errors import CoefficientError
 
@@ -441,7 +441,7 @@ def test_a_validation_of_another_run_is_refused(tmp_path):
         "logs": [],
     }
     path = tmp_path / "v.json"
-    path.write_text(coefficients.seal(document), encoding="utf-8")
+    path.write_text(sealed.seal(document), encoding="utf-8")
     run = SimpleNamespace(document={"sha256": "this"}, name="S@r001")
     with pytest.raises(CoefficientError, match="not of S@r001 as it is here"):
         run_files.AsFoundAsLeft.load(path, run)

@@ -7,10 +7,20 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from calibkit import coefficients
-from calibkit.coefficients import Coefficient, Condition, Figure, Input, Model, Parameter, Record
+from calibkit import coefficients, forms, sealed
+from calibkit.coefficients import (
+    Coefficient,
+    Component,
+    Condition,
+    Figure,
+    Input,
+    Model,
+    Parameter,
+    Record,
+)
 from calibkit.errors import CoefficientError
 
 GOLDEN = Path(__file__).parent / "golden"
@@ -48,15 +58,80 @@ def test_a_record_survives_its_file():
     assert coefficients.loads(RECORD.dumps(), "x") == RECORD
 
 
+SHARED = Component("soak", "zero", 1.4e-5, "g", 5e-6, 7)
+SHARING = replace(
+    RECORD,
+    models=(
+        replace(
+            RECORD.models[0],
+            coefficients=(
+                Coefficient("K0", 1.0042, "1", 2e-7, 3.4),
+                RECORD.models[0].coefficients[1],
+            ),
+            components=(SHARED,),
+        ),
+    ),
+    figures=(Figure("gamma", 0.7, "1", 1e-5, 2.5),),
+)
+
+
+def test_degrees_of_freedom_and_shared_errors_survive_the_file():
+    """Effective degrees of freedom and components read back; a coefficient without its own has
+    those of the model.
+    """
+    assert coefficients.loads(SHARING.dumps(), "x") == SHARING
+    (model,) = SHARING.models
+    assert [model.dof_of(one) for one in model.coefficients] == [3.4, 368.0]
+    assert model.components[0].name == "soak-to-soak zero"
+
+
+def test_what_is_absent_has_no_key():
+    """A file without shared errors states neither null nor an empty list of them."""
+    text = RECORD.dumps()
+    assert "effective_dof" not in text
+    assert "components" not in text
+    assert '"parameters"' in text
+
+
+def test_a_file_of_format_1_has_no_key_of_format_2():
+    """What was not in a format is refused in it."""
+    with pytest.raises(CoefficientError, match="not keys of calibkit-coefficients/1"):
+        coefficients.loads(replace(SHARING, format="calibkit-coefficients/1").dumps(), "x")
+
+
+@pytest.mark.parametrize("dof", ["0", "-1", "null", '"3"'])
+def test_degrees_of_freedom_are_a_number_above_zero(dof):
+    """Null, text, zero and less are refused, also where the digest is made to fit."""
+    document = json.loads(SHARING.dumps())
+    document["models"][0]["coefficients"][0]["effective_dof"] = json.loads(dof)
+    with pytest.raises(CoefficientError, match="not a coefficient record"):
+        coefficients.loads(sealed.seal(document), "x")
+
+
+def test_infinite_degrees_of_freedom_are_written_as_a_large_number():
+    """JSON has no infinity; a fit with components that are exactly known can be written."""
+    found = forms.POLYNOMIAL.write(
+        "bias",
+        [("p0", 1.0, "g")],
+        np.array([[1e-6]]),
+        dof=9,
+        residual_rms=1.0,
+        residual_unit="g",
+        valid={"temp_case_degc": (0.0, 1.0)},
+        effective_dof=np.array([np.inf]),
+        components=(SHARED,),
+    )
+    assert found.coefficients[0].effective_dof == 1e9
+    assert found.components == (SHARED,)
+
+
 def test_the_digest_is_that_of_the_canonical_json():
     """The digest is SHA-256 over RFC 8785, spelt out here without the library for a small
     document.
     """
-    sealed = json.loads(
-        coefficients.seal({"format": "calibkit-coefficients/1", "b": 1.0, "a": "°"})
-    )
+    found = json.loads(sealed.seal({"format": "calibkit-coefficients/1", "b": 1.0, "a": "°"}))
     canonical = '{"a":"°","b":1,"format":"calibkit-coefficients/1"}'
-    assert sealed["sha256"] == hashlib.sha256(canonical.encode()).hexdigest()
+    assert found["sha256"] == hashlib.sha256(canonical.encode()).hexdigest()
 
 
 def test_the_same_record_gives_the_same_bytes():
@@ -105,7 +180,7 @@ def test_a_sealed_file_of_another_shape_is_refused():
     """A right digest over a wrong shape is not a record."""
     with pytest.raises(CoefficientError, match="not a coefficient record"):
         coefficients.loads(
-            coefficients.seal({"format": "calibkit-coefficients/1", "stage": "x"}), "x.json"
+            sealed.seal({"format": "calibkit-coefficients/1", "stage": "x"}), "x.json"
         )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from calibkit import coefficients, store
+from calibkit import sealed, store
 from calibkit.check import copies
 from calibkit.frame import COMPARED_ROWS, KEPT_DIGITS, KEPT_ROWS, fingerprint
 from conftest import ROOT
@@ -195,7 +195,7 @@ def test_a_run_of_before_loads_and_says_what_it_cannot_tell(fitted, tmp_path, ca
     for one in document["inputs"]:
         del one["fingerprint"]
     del document["sha256"]
-    (run / "run.json").write_text(coefficients.seal(document), encoding="utf-8")
+    (run / "run.json").write_text(sealed.seal(document), encoding="utf-8")
     for folder, told in ((run, True), (fitted / "S" / "r001", False)):
         out = tmp_path / f"{told}.json"
         outcome = calibkit(
@@ -217,7 +217,7 @@ def test_a_fingerprint_that_is_none_is_refused(fitted, tmp_path, calibkit, mark)
     document = json.loads((run / "run.json").read_text(encoding="utf-8"))
     document["inputs"][0]["fingerprint"] = mark
     del document["sha256"]
-    (run / "run.json").write_text(coefficients.seal(document), encoding="utf-8")
+    (run / "run.json").write_text(sealed.seal(document), encoding="utf-8")
     assert calibkit("verify", run).code == 4
 
 

@@ -3,9 +3,11 @@
 import tomllib
 
 import pytest
+from pydantic import ValidationError
 
 from calibkit import instruments, recipe
 from calibkit.errors import RecipeError, UsageError
+from calibkit.recipe import Recipe
 from calibkit.recipe.loader import _key_lines
 
 GOOD = 'procedure = "fog_thermal"\n[logs]\nfiles = ["*.csv"]\n'
@@ -65,6 +67,13 @@ def test_every_shipped_recipe_parses(name):
             "to_s = 4 is not after from_s = 5",
         ),
         ("[site]\nlatitude_deg = 91", "r.toml:5: site.latitude_deg: found 91"),
+        ("[errors]\ngroups = 'auto'", "r.toml:4: errors: this procedure estimates no errors"),
+        ("[errors]\ngroups = 'all'", "r.toml:5: errors.groups: found 'all', expected 'auto' or a"),
+        ("[errors]\nform = 'none'", "allowed: groups, from, component; did you mean 'from'?"),
+        (
+            "[[errors.component]]\ngroup = 'soak'\neffect = 'zero'\nvalue = 1e-5\nunit = 'g'",
+            "r.toml:4: missing key 'errors.component.0.dof'",
+        ),
     ],
 )
 def test_a_fault_is_named_with_line_value_and_what_is_allowed(line, fault):
@@ -145,3 +154,52 @@ def test_line_numbers_follow_tables_arrays_and_dotted_keys():
     assert lines[("quoted key", "x")] == "3"
     assert lines[("t", 0, "y")] == "5"
     assert lines[("t", 1, "y")] == "7"
+
+
+class _Sharing(Recipe):
+    """A procedure that estimates errors shared by soaks."""
+
+    error_groups = ("soak", "attitude")
+    procedure: str = "x"
+
+
+def sharing(errors):
+    """The [errors] of such a recipe."""
+    tables = tomllib.loads(f'[logs]\nfiles = ["*"]\n{errors}')
+    return _Sharing.model_validate(tables).errors
+
+
+def test_shared_errors_are_stated_by_group():
+    """Groups are tried by name, and a component is known with its degrees of freedom."""
+    found = sharing(
+        '[errors]\ngroups = ["soak"]\nfrom = "none"\n[[errors.component]]\ngroup = "soak"\n'
+        'effect = "zero"\nvalue = 15e-6\nunit = "g"\ndof = 12\n'
+    )
+    assert (found.groups, found.source) == (("soak",), "none")
+    (known,) = found.component
+    assert (known.group, known.effect, known.value, known.unit, known.dof) == (
+        "soak",
+        "zero",
+        15e-6,
+        "g",
+        12.0,
+    )
+    assert sharing("").groups == "auto"
+
+
+COMPONENT = '[[errors.component]]\ngroup="{}"\neffect="zero"\nvalue=1e-5\nunit="g"\ndof=3\n'
+
+
+@pytest.mark.parametrize(
+    ("errors", "words"),
+    [
+        ('[errors]\ngroups = ["soka"]', "group 'soka', expected soak or attitude"),
+        (COMPONENT.format("run"), "group 'run', expected soak or attitude"),
+        (COMPONENT.format("soak") * 2, "the component 'zero' of group 'soak' is stated twice"),
+        ('[errors]\nfrom = "history"', "not available yet"),
+    ],
+)
+def test_a_group_that_the_procedure_does_not_know_is_refused(errors, words):
+    """A misspelt group, a component stated twice, and what cannot be done yet."""
+    with pytest.raises(ValidationError, match=words):
+        sharing(errors)

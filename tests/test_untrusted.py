@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibkit import coefficients, instruments, pipeline, recipe, store
+from calibkit import coefficients, instruments, pipeline, recipe, sealed, store
 from calibkit.errors import CalibkitError, CoefficientError, LogFormatError, RecipeError, UsageError
 from calibkit.readers import hdf5
 from calibkit.recipe.logs import Logs
@@ -167,14 +167,14 @@ def reseal(folder, **changes):
         )
         for entry in document["files"]
     ]
-    (folder / "run.json").write_text(coefficients.seal(document), encoding="utf-8")
+    (folder / "run.json").write_text(sealed.seal(document), encoding="utf-8")
 
 
 def forge(path, change):
     """Change a coefficient file and give it a digest that fits."""
     document = json.loads(path.read_text(encoding="utf-8"))
     change(document)
-    path.write_text(coefficients.seal(document), encoding="utf-8")
+    path.write_text(sealed.seal(document), encoding="utf-8")
 
 
 def test_a_forged_coefficient_file_is_not_the_one_that_the_run_lists(golden):
@@ -261,7 +261,7 @@ def test_a_document_of_another_shape_is_one_message_and_never_an_internal_error(
         if not isinstance(document.get("format"), str):
             continue
         (golden / "run.json").write_bytes(run_document)
-        (golden / name).write_text(coefficients.seal(document), encoding="utf-8")
+        (golden / name).write_text(sealed.seal(document), encoding="utf-8")
         if name != "run.json":
             reseal(golden)
         for command in (

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import pytest
 
-from calibkit import cli, coefficients, instruments, store
+from calibkit import cli, instruments, sealed, store
 from calibkit.certificate import (
     content,
     dcc,
@@ -179,7 +179,7 @@ def other(name, run):
     """A coefficient file of the run with its first value changed and its digest right."""
     document = json.loads((run.folder / name).read_text(encoding="utf-8"))
     document["models"][0]["coefficients"][0]["value"] *= 1.0 + 1e-6
-    return coefficients.seal(document).encode()
+    return sealed.seal(document).encode()
 
 
 def relisted(run, name, data):
@@ -190,7 +190,7 @@ def relisted(run, name, data):
     for entry in document["files"]:
         if entry["name"] == name:
             entry["sha256"] = sha256(data).hexdigest()
-    return coefficients.seal(document).encode()
+    return sealed.seal(document).encode()
 
 
 def test_an_intact_signature_by_a_stranger_passes_with_a_warning(signed, key, calibkit):
@@ -658,7 +658,7 @@ def test_a_rejected_run_is_called_one_on_its_first_page_and_by_every_command(
     shutil.copytree(run.folder, folder)
     document = json.loads((folder / "run.json").read_text(encoding="utf-8"))
     limit = {"name": "scale_residual", "value": 2.0, "limit": 1.0, "unit": "ppm", "passed": False}
-    changed_run = coefficients.seal(document | {"accepted": False, "acceptance": [limit]})
+    changed_run = sealed.seal(document | {"accepted": False, "acceptance": [limit]})
     (folder / "run.json").chmod(0o644)
     (folder / "run.json").write_bytes(changed_run.encode())
     out = tmp_path / "c.pdf"

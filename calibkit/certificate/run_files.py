@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
-from calibkit import coefficients
+from calibkit import sealed
 from calibkit.certificate.words import Words
 from calibkit.coefficients import Condition, Criterion, Input, Record
 from calibkit.errors import CoefficientError, UsageError
@@ -159,7 +159,7 @@ class AsFoundAsLeft:
             raise CoefficientError(
                 f"{name}: not UTF-8 text", hint="name what calibkit validate wrote"
             ) from None
-        document = coefficients.unseal(text, name, VALIDATION_FORMATS)
+        document = sealed.unseal(text, name, VALIDATION_FORMATS)
         if document["run_sha256"] != run.document["sha256"]:
             raise CoefficientError(
                 f"{name}: a validation of {document['serial']} r{document['revision']:03d}, not of"

@@ -16,7 +16,7 @@ import re
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from calibkit import coefficients, extras, new_files, store
+from calibkit import coefficients, extras, new_files, sealed, store
 from calibkit.certificate import (
     checklist,
     content,
@@ -206,7 +206,7 @@ def _records(attached: Mapping[str, bytes], run: Mapping[str, Any]) -> Iterator[
 def _document(attached: Mapping[str, bytes]) -> dict[str, Any]:
     """The attached run.json, or CoefficientError."""
     data = attached.get(new_files.RUN_FILE, b"").decode("utf-8", errors="replace")
-    return coefficients.unseal(data, new_files.RUN_FILE, store.RUN_FORMATS)
+    return sealed.unseal(data, new_files.RUN_FILE, store.RUN_FORMATS)
 
 
 def _remade(

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from calibkit import coefficients, store
+from calibkit import sealed, store
 from calibkit.errors import CoefficientError, OutputError, UsageError
 from calibkit.firmware import (
     blob,
@@ -173,12 +173,12 @@ def _manifest(
             for export, files in zip(exports, own, strict=True)
         ],
     }
-    return coefficients.seal(document).encode()
+    return sealed.seal(document).encode()
 
 
 def verify_manifest(path: Path) -> str:
     """Check a manifest and the digest of every file that it lists beside it; returns what it is."""
-    document = coefficients.unseal(path.read_text(encoding="utf-8"), str(path), (MANIFEST,))
+    document = sealed.unseal(path.read_text(encoding="utf-8"), str(path), (MANIFEST,))
     entries = [
         *document["files"],
         *(entry for unit in document["units"] for entry in unit["files"]),

@@ -5,7 +5,7 @@ of all of them.
 from collections.abc import Mapping
 from typing import Any
 
-from calibkit import coefficients, run_content, store
+from calibkit import run_content, sealed, store
 from calibkit.fleet.device import Plan
 from calibkit.fleet.table import FleetTable
 from calibkit.report import control_charts, figures as drawing
@@ -27,7 +27,7 @@ def make_files(table: FleetTable, plan: Plan, title: str) -> dict[str, bytes]:
     if table.charts:
         contents["control_charts.pdf"] = drawing.pdf(control_charts.pages(title, table.charts))
     return {
-        store.FLEET_FILE: coefficients.seal(_document(table, plan, contents)).encode(),
+        store.FLEET_FILE: sealed.seal(_document(table, plan, contents)).encode(),
         **contents,
     }
 

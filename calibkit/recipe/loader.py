@@ -231,7 +231,7 @@ def _describe_faults(
             part
             for part in fault["loc"]
             if part not in {"int", "float", "str"}
-            and not str(part).startswith(("literal[", "constrained-"))
+            and not str(part).startswith(("literal[", "constrained-", "tuple["))
         )
         grouped.setdefault(location, []).append(dict(fault))
     return [

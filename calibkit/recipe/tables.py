@@ -15,6 +15,7 @@ from calibkit.recipe.type_b import TypeB
 
 __all__ = [
     "Column",
+    "Errors",
     "Exclude",
     "Logs",
     "NonNegative",
@@ -131,6 +132,40 @@ class SecondLogger(Logs):
         return self
 
 
+class ErrorComponent(Table):
+    """Standard deviation of an error that all observations of a group share, known beforehand, with
+    the degrees of freedom of that knowledge.
+    """
+
+    group: Annotated[str, Field(min_length=1)]
+    effect: Annotated[str, Field(min_length=1)]
+    value: NonNegative
+    unit: str
+    dof: Positive
+
+    @field_validator("unit")
+    @classmethod
+    def _known(cls, unit: str) -> str:
+        return units.ALIASES.get(unit, unit)
+
+
+class Errors(Table):
+    """Errors that observations share: which groups are tried, and which components are known."""
+
+    groups: Literal["auto"] | Annotated[tuple[str, ...], Field(strict=False)] = "auto"
+    source: Annotated[Literal["none", "history"], Field(alias="from")] = "none"
+    component: Annotated[tuple[ErrorComponent, ...], Field(strict=False)] = ()
+
+    @field_validator("component")
+    @classmethod
+    def _stated_once(cls, components: tuple[ErrorComponent, ...]) -> tuple[ErrorComponent, ...]:
+        names = [(entry.group, entry.effect) for entry in components]
+        twice = next((name for name in names if names.count(name) > 1), None)
+        if twice is not None:
+            raise ValueError(f"the component '{twice[1]}' of group '{twice[0]}' is stated twice")
+        return components
+
+
 CORRECTED = ("temp_", "table_", "inclination_", "toolface_", "azimuth_", "position_")
 """Beginnings of the columns that reference instruments write: only they have certificates of their
 own.
@@ -188,8 +223,13 @@ class Recipe(Table):
 
     along_chunks: ClassVar[bool] = False
     """Whether fits work along chunks of a log: then large logs are kept on disk."""
+    error_groups: ClassVar[tuple[str, ...]] = ()
+    """Groups of observations whose shared errors the procedure estimates; without one it takes no
+    [errors].
+    """
 
     procedure: str
+    type: str = ""
     title: str = ""
     serial: str = ""
     reference_temp_degc: Annotated[float, Field(ge=-273.15)] = 25.0
@@ -201,6 +241,20 @@ class Recipe(Table):
     correction: Annotated[tuple[Correction, ...], Field(strict=False)] = ()
     segment: Annotated[tuple[Pin, ...], Field(strict=False)] = ()
     type_b: Annotated[tuple[TypeB, ...], Field(strict=False)] = ()
+    errors: Errors = Errors()
+
+    @field_validator("errors")
+    @classmethod
+    def _of_known_groups(cls, errors: Errors) -> Errors:
+        if not cls.error_groups:
+            raise ValueError("this procedure estimates no errors that observations share")
+        named = () if errors.groups == "auto" else errors.groups
+        for group in (*named, *(entry.group for entry in errors.component)):
+            if group not in cls.error_groups:
+                raise ValueError(f"group '{group}', expected {' or '.join(cls.error_groups)}")
+        if errors.source == "history":
+            raise ValueError("from = 'history': not available yet; state [[errors.component]]")
+        return errors
 
     @field_validator("columns")
     @classmethod

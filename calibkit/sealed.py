@@ -1,0 +1,72 @@
+"""JSON documents with their own digest inside: whoever changes one is noticed."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from calibkit.errors import CoefficientError
+
+
+def _digest(document: Mapping[str, Any]) -> str:
+    """SHA-256 of the canonical JSON (RFC 8785) of every key but `sha256`; raises CoefficientError
+    for what JSON lacks.
+    """
+    import rfc8785
+
+    try:
+        canonical = rfc8785.dumps(
+            {key: value for key, value in document.items() if key != "sha256"}
+        )
+    except (rfc8785.CanonicalizationError, RecursionError, UnicodeError) as error:
+        raise CoefficientError(
+            f"not a JSON document: {error}", hint="a NaN or an infinity is not a coefficient"
+        ) from None
+    return hashlib.sha256(canonical).hexdigest()
+
+
+def seal(document: Mapping[str, Any]) -> str:
+    """Text of a JSON document with its own digest beside it, one line per scalar, keys in order,
+    ending in a newline.
+    """
+    plain: dict[str, Any] = json.loads(json.dumps(document, allow_nan=True))
+    body = {"format": plain.pop("format"), "sha256": "", **plain}
+    body["sha256"] = _digest(body)
+    return json.dumps(body, ensure_ascii=False, indent=1, allow_nan=False) + "\n"
+
+
+def unseal(text: str, name: str, formats: tuple[str, ...]) -> dict[str, Any]:
+    """Document of a sealed JSON text, or CoefficientError that states why it cannot be trusted."""
+    try:
+        document = json.loads(text, object_pairs_hook=_distinct)
+    except (ValueError, RecursionError) as error:
+        raise CoefficientError(
+            f"{name}: not a whole JSON document: {error}", hint="restore it from the run's copy"
+        ) from None
+    if not isinstance(document, dict) or not isinstance(document.get("format"), str):
+        raise CoefficientError(
+            f"{name}: no 'format' key", hint=f"expected one of {', '.join(formats)}"
+        )
+    if document["format"] not in formats:
+        raise CoefficientError(
+            f"{name}: format '{document['format']}', expected one of {', '.join(formats)}",
+            hint="use a newer calibkit",
+        )
+    expected = _digest(document)
+    if document.get("sha256") != expected:
+        raise CoefficientError(
+            f"{name}: digest {str(document.get('sha256'))[:12]}… is not that of its content,"
+            f" {expected[:12]}…",
+            hint="the file was changed after it was written; do not use it",
+        )
+    return document
+
+
+def _distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """A JSON object whose keys are distinct; two values for one key would make the digest
+    meaningless.
+    """
+    found = dict(pairs)
+    if len(found) != len(pairs):
+        raise ValueError("a key stands twice")
+    return found
