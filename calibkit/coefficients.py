@@ -146,7 +146,7 @@ class Model:
         """Effective degrees of freedom of a coefficient's standard uncertainty: its own, else those
         of the model.
         """
-        return coefficient.effective_dof or float(self.dof)
+        return coefficient.effective_dof or self.dof
 
     def value(self, name: str) -> float:
         """Value of the coefficient or parameter of that name, or CoefficientError."""

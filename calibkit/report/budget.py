@@ -20,14 +20,10 @@ def _iterate_results(
     for result in results:
         for model in result.models:
             for coefficient in model.coefficients:
-                yield (
-                    result.stage,
-                    f"{model.name}.{coefficient.name}",
-                    coefficient,
-                    float(max(model.dof, 1)),
-                )
+                dof = float(max(model.dof_of(coefficient), 1))
+                yield result.stage, f"{model.name}.{coefficient.name}", coefficient, dof
         for figure in result.figures:
-            yield result.stage, figure.name, figure, float("inf")
+            yield result.stage, figure.name, figure, figure.effective_dof or float("inf")
 
 
 def name_results(results: Sequence[StageResult]) -> set[str]:

@@ -105,10 +105,10 @@ def _number_rows(record: Record) -> Iterator[tuple[Cell, ...]]:
     for model in record.models:
         of_model = (model.name, model.form)
         for c in model.coefficients:
-            u = c.standard_uncertainty
-            yield (*place, "coefficient", *of_model, c.name, c.value, c.unit, u, model.dof)
+            u, dof = c.standard_uncertainty, model.dof_of(c)
+            yield (*place, "coefficient", *of_model, c.name, c.value, c.unit, u, dof)
         for p in model.parameters:
             yield (*place, "parameter", *of_model, p.name, p.value, p.unit, None, None)
     for f in record.figures:
         u = f.standard_uncertainty
-        yield (*place, "figure", "", "", f.name, f.value, f.unit, u or None, None)
+        yield (*place, "figure", "", "", f.name, f.value, f.unit, u or None, f.effective_dof)
