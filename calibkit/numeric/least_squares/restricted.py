@@ -1,0 +1,209 @@
+"""Restricted likelihood of the variances of errors that rows share (Patterson & Thompson 1971),
+from matrices of the size of the groups.
+
+V = σ² I + Σ_g θ_g Z_g Z_gᵀ for weighted rows; M = I − X (Xᵀ X)⁻¹ Xᵀ projects onto what the
+coefficients leave; P = V⁻¹ − V⁻¹ X (Xᵀ V⁻¹ X)⁻¹ Xᵀ V⁻¹.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibkit.arrays import Array, Integers, Mask
+
+ITERATIONS = 60
+HALVINGS = 30
+TOLERANCE = 1e-9
+"""Change of the deviance that ends the iteration."""
+DETERMINED = 1e-9
+"""Share of an effect's own length that must be left beside the coefficients for a level to count.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """What is known of a variance θ before the fit: ν s²/θ is distributed as χ² with ν degrees of
+    freedom.
+    """
+
+    square: float = 0.0
+    """s²."""
+    dof: float = 0.0
+    """ν; 0 where nothing is known, infinite where the variance is held at s²."""
+
+    def deviance(self, theta: float) -> float:
+        """−2 × logarithm of the likelihood of θ, up to a constant."""
+        if self.dof in (0.0, np.inf):
+            return 0.0
+        return float(self.dof * (np.log(theta) + self.square / theta)) if theta > 0.0 else np.inf
+
+    def information(self, theta: float) -> tuple[float, float]:
+        """Score and expected information of θ."""
+        if self.dof in (0.0, np.inf):
+            return 0.0, 0.0
+        return -0.5 * self.dof * (1.0 - self.square / theta) / theta, 0.5 * self.dof / theta**2
+
+
+@dataclass(frozen=True, slots=True)
+class Solution:
+    """Coefficients at the most likely variances."""
+
+    coefficients: Array
+    """[p]."""
+    covariance: Array
+    """[p, p], with what the estimation of the variances adds (Kenward & Roger 1997)."""
+    shared: Array
+    """Predicted shared errors [q]."""
+    variances: Array
+    """σ² and θ [1 + g]."""
+    slopes: Array
+    """Derivatives [1 + g, p, p] of (Xᵀ V⁻¹ X)⁻¹ by σ² and θ."""
+    variance_covariance: Array
+    """Covariance [1 + g, 1 + g] of the estimated variances; zero for one that is held."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reduced:
+    """Weighted rows reduced to matrices of the size of the levels."""
+
+    whole: Array
+    """Diagonal [q] of Zᵀ Z."""
+    between: Array
+    """S = Zᵀ M Z [q, q]."""
+    target: Array
+    """Zᵀ M y [q]."""
+    square: float
+    """yᵀ M y."""
+    spare: int
+    """n − p."""
+    member: Integers
+    """[q], number of the effect of each column of Z."""
+    into: Array
+    """F = (Xᵀ X)⁻¹ Xᵀ Z [p, q]."""
+    basis: Array
+    """(Xᵀ X)⁻¹ [p, p]."""
+
+    def degrees(self, number: int) -> int:
+        """Degrees of freedom that the coefficients leave between the levels of an effect."""
+        at = self.member == number
+        whole = float(np.max(self.whole[at], initial=0.0))
+        values = np.linalg.eigvalsh(self.between[np.ix_(at, at)])
+        return int(np.sum(values > DETERMINED * whole))
+
+    def maximise(self, priors: Sequence[Prior]) -> Array:
+        """σ² and θ [1 + g] that maximise the restricted likelihood times that of what is known, by
+        Fisher's scoring from a small and from a large start.
+        """
+        noise = self.square / self.spare
+        found = []
+        for size in (0.1, 10.0):
+            start = np.array([noise, *(prior.square for prior in priors)])
+            for g, prior in enumerate(priors):
+                if not prior.dof:
+                    start[g + 1] = size * noise / np.mean(self.whole[self.member == g])
+            found.append(self._ascend(priors, start))
+        return min(found, key=lambda each: each[0])[1]
+
+    def _ascend(self, priors: Sequence[Prior], variances: Array) -> tuple[float, Array]:
+        """Deviance and variances [1 + g] where Fisher's scoring from a start ends."""
+        free = _free(priors)
+        deviance = self._deviance(priors, variances)
+        for _ in range(ITERATIONS):
+            score, information = self._information(priors, variances)
+            moved = free & ((variances > 0.0) | (score > 0.0))
+            step = np.where(moved, _inverse(information, moved) @ np.where(moved, score, 0.0), 0.0)
+            for halving in range(HALVINGS):
+                tried = np.maximum(variances + step * 0.5**halving, 0.0)
+                tried[0] = max(tried[0], 0.1 * variances[0])
+                reached = self._deviance(priors, tried)
+                if reached <= deviance:
+                    break
+            else:
+                break
+            gain, deviance, variances = deviance - reached, reached, tried
+            if gain < TOLERANCE:
+                break
+        return deviance, variances
+
+    def _solve(self, variances: Array) -> tuple[Array, Array, Array]:
+        """λ = θ/σ² of each column [q], T = S (I + Λ S)⁻¹ [q, q] and u = (I + S Λ)⁻¹ Zᵀ M y [q]."""
+        ratio = (variances[1:] / variances[0])[self.member]
+        inner = np.eye(len(ratio)) + self.between * ratio
+        solved = np.linalg.solve(inner, np.column_stack([self.between, self.target]))
+        return ratio, solved[:, :-1], solved[:, -1]
+
+    def _deviance(self, priors: Sequence[Prior], variances: Array) -> float:
+        """−2 × logarithm of the likelihood, up to a constant."""
+        ratio, _, u = self._solve(variances)
+        logarithm = np.linalg.slogdet(np.eye(len(ratio)) + self.between * ratio)[1]
+        left = self.square - float((self.target * ratio) @ u)
+        known = sum(p.deviance(float(t)) for p, t in zip(priors, variances[1:], strict=True))
+        return float(self.spare * np.log(variances[0]) + logarithm + left / variances[0]) + known
+
+    def _information(self, priors: Sequence[Prior], variances: Array) -> tuple[Array, Array]:
+        """Score [1 + g] and expected information [1 + g, 1 + g] of σ² and θ, what is known
+        included.
+        """
+        noise, theta = variances[0], variances[1:]
+        ratio, inner, u = self._solve(variances)
+        groups = [self.member == g for g in range(len(theta))]
+        trace = np.array([np.trace(inner[np.ix_(g, g)]) for g in groups]) / noise
+        square = np.array([float(u[g] @ u[g]) for g in groups]) / noise**2
+        cross = np.array([[np.sum(inner[np.ix_(g, h)] ** 2) for h in groups] for g in groups])
+        cross = cross.reshape(len(groups), len(groups)) / noise**2
+        left = (self.square - float((self.target * ratio) @ u)) / noise
+        # P V P = P gives the terms of σ² from those of the θ
+        score = np.array(
+            [((theta @ (trace - square)) - self.spare + left) / noise, *square - trace]
+        )
+        information = np.empty((len(variances), len(variances)))
+        information[1:, 1:] = cross
+        information[0, 1:] = information[1:, 0] = (trace - cross @ theta) / noise
+        information[0, 0] = (self.spare - theta @ (2.0 * trace - cross @ theta)) / noise**2
+        score, information = 0.5 * score, 0.5 * information
+        for g, prior in enumerate(priors, start=1):
+            slope, curvature = prior.information(float(variances[g]))
+            score[g] += slope
+            information[g, g] += curvature
+        return score, information
+
+    def solve(self, coefficients: Array, priors: Sequence[Prior]) -> Solution:
+        """Generalised least squares at the most likely variances; `coefficients` [p] are those of
+        ordinary least squares.
+        """
+        variances = self.maximise(priors)
+        noise, theta = variances[0], variances[1:]
+        ratio, inner, u = self._solve(variances)
+        # Φ Xᵀ V⁻¹ Z, Φ = (Xᵀ V⁻¹ X)⁻¹
+        onto = self.into - (self.into * ratio) @ inner
+        groups = [self.member == g for g in range(len(theta))]
+        slopes = np.empty((len(variances), *self.basis.shape))
+        cross = np.zeros((len(variances), *slopes.shape))
+        for g, at in enumerate(groups, start=1):
+            slopes[g] = onto[:, at] @ onto[:, at].T
+            for h, beside in enumerate(groups, start=1):
+                part = inner[np.ix_(at, beside)] / noise
+                cross[g, h] = onto[:, at] @ part @ onto[:, beside].T
+        slopes[0] = self.basis + (self.into * ratio) @ onto.T
+        slopes[0] -= np.tensordot(theta / noise, slopes[1:], 1)
+        cross[0, 1:] = -np.tensordot(theta / noise, cross[1:, 1:], 1)
+        cross[1:, 0] = np.swapaxes(cross[0, 1:], 1, 2)
+        cross[0, 0] = -np.tensordot(theta / noise, cross[1:, 0], 1)
+        spread = _inverse(self._information(priors, variances)[1], _free(priors))
+        covariance = np.tensordot(variances, slopes, 1) + 2.0 * np.tensordot(spread, cross, 2)
+        found = coefficients - self.into @ (ratio * u)
+        return Solution(found, covariance, ratio * u, variances, slopes, spread)
+
+
+def _free(priors: Sequence[Prior]) -> Mask:
+    """Which of σ² and θ [1 + g] the data have a say in."""
+    return np.array([True, *(prior.dof < np.inf for prior in priors)])
+
+
+def _inverse(information: Array, free: Mask) -> Array:
+    """Inverse [m, m] of the information of the free variances, zero elsewhere."""
+    size = np.where(free, np.sqrt(np.diag(information)), 1.0)
+    scaled = np.where(free & free[:, None], information / np.outer(size, size), np.eye(len(size)))
+    inverse = np.linalg.pinv(scaled, hermitian=True) / np.outer(size, size)
+    return np.where(free & free[:, None], inverse, 0.0)
