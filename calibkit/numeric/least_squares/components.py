@@ -81,15 +81,11 @@ class MixedFit:
     """[p, p], type A, with what the estimation of the variances adds."""
     residuals: Array
     """[n], indication less design · coefficients: shared errors are part of them."""
-    conditional: Array
-    """[n], residuals less the predicted shared errors."""
     dof: int
     residual_rms: float
     """Standard deviation of the errors that are not shared, for a row of weight 1."""
     condition: float
     components: tuple[Component, ...]
-    predictions: tuple[Array, ...]
-    """Predicted shared errors [levels, k] of each component."""
     _solution: Solution
 
     @property
@@ -152,29 +148,23 @@ def fit(
     dof = [0 if exact else reduced.degrees(g) for g in range(len(effects))]
     priors = [_prior(effect, rank) for effect, rank in zip(effects, dof, strict=True)]
     found = reduced.solve(plain.coefficients, priors)
-    residuals = indication - design @ found.coefficients
-    parts = [found.shared[reduced.member == g] for g in range(len(effects))]
-    shared = [block @ part for block, part in zip(blocks, parts, strict=True)]
+    levels = [block.shape[1] // _width(e) for block, e in zip(blocks, effects, strict=True)]
     return MixedFit(
         coefficients=found.coefficients,
         covariance=found.covariance,
-        residuals=residuals,
-        conditional=residuals - np.sum(shared, axis=0),
+        residuals=indication - design @ found.coefficients,
         dof=plain.dof,
         residual_rms=float(np.sqrt(found.variances[0] * len(root) / np.sum(root**2))),
         condition=plain.condition,
-        components=_components(effects, parts, dof, found),
-        predictions=tuple(
-            part.reshape(-1, _width(e)) for part, e in zip(parts, effects, strict=True)
-        ),
+        components=_components(effects, levels, dof, found),
         _solution=found,
     )
 
 
 def _components(
-    effects: Sequence[Effect], parts: Sequence[Array], dof: Sequence[int], found: Solution
+    effects: Sequence[Effect], levels: Sequence[int], dof: Sequence[int], found: Solution
 ) -> tuple[Component, ...]:
-    """Standard deviations of the effects; `parts` are their predicted errors."""
+    """Standard deviations of the effects."""
     variances, spread = found.variances[1:], np.sqrt(np.diag(found.variance_covariance))[1:]
     return tuple(
         Component(
@@ -183,11 +173,11 @@ def _components(
             float(np.sqrt(theta)),
             # of a standard deviation from that of its square; near 0 the square alone tells
             float(u / (2.0 * np.sqrt(theta)) if theta > u else np.sqrt(u)),
-            len(part) // _width(effect),
+            count,
             degrees,
         )
-        for effect, part, degrees, theta, u in zip(
-            effects, parts, dof, variances, spread, strict=True
+        for effect, count, degrees, theta, u in zip(
+            effects, levels, dof, variances, spread, strict=True
         )
     )
 
