@@ -146,7 +146,7 @@ def collect_dwells(logs: Sequence[Log], spec: AccelerometerRecipe) -> DwellSet:
         refuse(found)
         flags += [str(finding) for finding in found if finding.flagged]
         parts.append(
-            _read_row_dwells(log, spec)
+            read_row_dwells(log, spec)
             if spec.dwells.mode == "rows"
             else _read_series_dwells(log, spec)
         )
@@ -190,7 +190,7 @@ def optional_column(log: Log, column: str, otherwise: float = np.nan) -> Array:
     )
 
 
-def _read_row_dwells(log: Log, spec: AccelerometerRecipe) -> DwellSet:
+def read_row_dwells(log: Log, spec: AccelerometerRecipe) -> DwellSet:
     """Dwells of a log with one row per dwell."""
     count = len(log.frame)
     return DwellSet(

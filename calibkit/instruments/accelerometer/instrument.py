@@ -16,6 +16,7 @@ from calibkit.instruments.accelerometer import (
     dwells as triad_dwells,
     errors,
     forms,
+    plausibility,
     tables,
 )
 from calibkit.instruments.accelerometer.figures import TriadReport, draw_pages
@@ -62,7 +63,7 @@ def _fit(
             ingest.read_ahead(progress(files, "reading"), lambda file: _read(spec, data, file))
         )
     )
-    dwells = triad_dwells.collect_dwells(logs, spec)
+    dwells = plausibility.screen(triad_dwells.collect_dwells(logs, spec), spec)
     fitted = fit_triad(dwells, spec)
     uncertainty = (
         errors.propagate_uncertainty(fitted.affine, dwells, spec.toolface_range_deg)
@@ -193,7 +194,7 @@ def _simulate_magnitude(seed: int) -> Campaign:
 INSTRUMENT = Instrument(
     recipe=AccelerometerRecipe,
     read=_read,
-    examine=triad_dwells.examine,
+    examine=plausibility.examine,
     fit=_fit,
     draw=lambda title, fitted: Drawn(draw_pages(title, fitted.drawing), fitted.summary),
     validate=_validate,

@@ -1,0 +1,243 @@
+"""Dwells that physics contradicts: a length far from 1 g, a wrong attitude, axes reversed or
+exchanged.
+
+A sensor that was never calibrated passes: indications are compared with what its own scale factors,
+biases and axes, fitted robustly to all dwells, make of the reference.
+"""
+
+from dataclasses import replace
+from itertools import permutations, product
+
+import numpy as np
+
+from calibkit.arrays import Array, Integers
+from calibkit.errors import FitError
+from calibkit.frame import Examined, Finding, Log, refuse
+from calibkit.instruments.accelerometer import dwells as triad_dwells
+from calibkit.instruments.accelerometer.dwells import DwellSet
+from calibkit.instruments.accelerometer.forms import COMPONENTS
+from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
+from calibkit.numeric import attitude
+from calibkit.numeric.dispersion import mad_sigma
+from calibkit.numeric.least_squares import robust
+
+LEAST_G = 0.03
+"""Departure [g] below which no dwell is implausible: 1.7° of a table, the robust fit judges it."""
+FAR = 10.0
+"""Departure, in standard deviations of those of all dwells, above which a dwell is implausible."""
+LARGEST_SHARE = 0.1
+"""Share of implausible dwells above which the campaign is at fault, not a dwell."""
+NAMED = 5
+"""Implausible dwells that a refusal names one by one."""
+ENOUGH = 20_000
+"""Dwells, evenly spread over more, that the preliminary fit uses."""
+TWICE = 2.0
+"""Factor by which another order of the axes must agree better, and a length is never off."""
+
+
+def screen(dwells: DwellSet, spec: AccelerometerRecipe) -> DwellSet:
+    """Dwells without those that physics contradicts, which are flagged; FrameError where the rest
+    could not be trusted.
+    """
+    rows, found = find_implausible(dwells, spec)
+    refuse(found)
+    if not found:
+        return dwells
+    keep = np.delete(np.arange(len(dwells.place)), rows)
+    return replace(
+        dwells,
+        indication=dwells.indication[keep],
+        temperature=dwells.temperature[keep],
+        inclination=dwells.inclination[keep],
+        toolface=dwells.toolface[keep],
+        noise=dwells.noise[keep],
+        log=dwells.log[keep],
+        place=tuple(dwells.place[k] for k in keep),
+        flags=(*dwells.flags, *(str(finding) for finding in found)),
+    )
+
+
+def examine(spec: AccelerometerRecipe, log: Log) -> Examined:
+    """Findings of a log, implausible dwells among them where it has one row per dwell, and the
+    dwells of a continuous log.
+    """
+    seen = triad_dwells.examine(spec, log)
+    if spec.dwells.mode != "rows" or any(finding.refused for finding in seen.findings):
+        return seen
+    _, found = find_implausible(triad_dwells.read_row_dwells(log, spec), spec)
+    return Examined((*seen.findings, *found), seen.held)
+
+
+def find_implausible(
+    dwells: DwellSet, spec: AccelerometerRecipe
+) -> tuple[Integers, tuple[Finding, ...]]:
+    """Rows of the implausible dwells, and a finding on each or on the axes.
+
+    A few are left out; they are refused where a fit by least squares would use them, where they are
+    many, and where they are all dwells of an attitude.
+    """
+    none = np.zeros(0, dtype=np.int64)
+    by_attitude = spec.reference.kind == "attitude"
+    if by_attitude and (axes := _find_turned_axes(dwells, spec)) is not None:
+        return none, (axes,)
+    expected, scatter = (_predict if by_attitude else _predict_lengths)(dwells)
+    off = np.linalg.norm(dwells.indication - expected, axis=1)
+    rows = np.flatnonzero(off > max(LEAST_G, FAR * scatter))
+    worst = rows[np.argsort(-off[rows], kind="stable")]
+    describe = _describe_dwell if by_attitude else _describe_length
+    if spec.loss == "least_squares":
+        reason = 'loss = "least_squares" leaves no dwell out'
+    elif rows.size > LARGEST_SHARE * off.size:
+        reason = f"{rows.size} of {off.size} dwells are implausible"
+    elif by_attitude and (whole := _whole_attitude(dwells, rows)):
+        reason = f"all dwells at {whole} are"
+    else:
+        advice = "left out of the fit: correct the row, or repeat the dwell"
+        return rows, tuple(
+            replace(describe(dwells, expected, k), advice=advice, severity="warn")
+            for k in rows.tolist()
+        )
+    advice = f"correct these rows or take them out of the log: {reason}"
+    return rows, tuple(
+        replace(describe(dwells, expected, k), advice=advice) for k in worst[:NAMED].tolist()
+    )
+
+
+def _find_turned_axes(dwells: DwellSet, spec: AccelerometerRecipe) -> Finding | None:
+    """Finding where most dwells agree with their reference only after axes are reversed or
+    exchanged.
+
+    It is refused where the triad is left-handed, and where K0 … K3 would multiply another axis; a
+    mounting that the recipe fits may be any.
+    """
+    every = slice(None, None, 1 + len(dwells.place) // ENOUGH)
+    indication, reference = dwells.indication[every], dwells.reference[every]
+
+    def disagreement(order: tuple[int, ...], sign: tuple[float, ...]) -> float:
+        off = indication[:, order] * np.array(sign) - reference
+        return float(np.median(np.linalg.norm(off, axis=1)))
+
+    same, plain = (0, 1, 2), (1.0, 1.0, 1.0)
+    order, sign = min(
+        product(permutations(same), product((1.0, -1.0), repeat=3)),
+        key=lambda turned: disagreement(*turned),
+    )
+    usual, best = disagreement(same, plain), disagreement(order, sign)
+    if spec.affine.fixture or usual < TWICE * max(best, 0.1):
+        return None
+    handed = float(np.linalg.det(np.eye(3)[list(order)])) * sign[0] * sign[1] * sign[2]
+    shown = ", ".join(
+        f"{COMPONENTS[k]} shows {'−' if sign[axis] < 0.0 else ''}{'xyz'[axis]}"
+        for axis, k in enumerate(order)
+        if k != axis or sign[axis] < 0.0
+    )
+    return Finding(
+        dwells.place[0].rpartition(":")[0],
+        f"axes of wrong sign or order: {shown} (as they are, they disagree with the"
+        f" attitudes by {usual:.2f} g, so by {best:.2f} g; medians)",
+        "each axis to show its own component of gravity",
+        "state sign and from in [columns], or reference.convention; or correct sense and zero of"
+        " toolface",
+        "refuse" if handed < 0.0 or spec.k.enabled else "warn",
+        "sign",
+        figure=usual,
+    )
+
+
+def _predict(dwells: DwellSet) -> tuple[Array, float]:
+    """Indications [n, 3, g] that the reference lets expect of this triad, and the scatter [g] of a
+    component about them.
+
+    The reference is the regressor: its length is 1 g whatever was typed, so that no row has
+    leverage over all others.
+    """
+    every = slice(None, None, 1 + len(dwells.place) // ENOUGH)
+    reference, indication = dwells.reference, dwells.indication
+    warm = dwells.temperature - dwells.temperature.mean()
+    plain = np.column_stack([np.ones(len(warm)), reference])
+    for design in (np.column_stack([plain, plain * warm[:, None]]), plain):
+        try:
+            solved = [robust.linear(design[every], axis).fit for axis in indication[every].T]
+        except FitError:
+            continue
+        expected = design @ np.column_stack([one.coefficients for one in solved])
+        return expected, max(mad_sigma(one.residuals) for one in solved)
+    # too few dwells for a fit: a nominal sensor, with any bias and scale factor that one may have
+    return reference, 0.25 / FAR
+
+
+def _predict_lengths(dwells: DwellSet) -> tuple[Array, float]:
+    """Points [n, 3, g] on the sphere that most indications lie on, in the directions of the
+    indications, and the scatter [g] of the lengths about it.
+    """
+    indication = dwells.indication
+    length = np.linalg.norm(indication, axis=1)
+    usual = float(np.median(length))
+    near = np.flatnonzero(np.abs(np.log(length / usual)) < np.log(TWICE))
+    some = indication[near[:: 1 + near.size // ENOUGH]]
+    centre, radius = np.zeros(3), usual
+    try:
+        design = np.column_stack([2.0 * some, np.ones(len(some))])
+        sphere = robust.linear(design, np.sum(some**2, axis=1)).fit.coefficients
+        centre, radius = sphere[:3], float(np.sqrt(sphere[3] + sphere[:3] @ sphere[:3]))
+        scatter = mad_sigma(np.linalg.norm(some - centre, axis=1) - radius)
+    except FitError:
+        scatter = usual / TWICE / FAR
+    away = indication - centre
+    return centre + radius * away / np.linalg.norm(away, axis=1)[:, None], scatter
+
+
+def _whole_attitude(dwells: DwellSet, rows: Integers) -> str:
+    """First attitude at which two dwells or more were held and all are in `rows`, as words."""
+    angles = np.column_stack([dwells.inclination, dwells.toolface])
+    for angle in np.unique(angles[rows], axis=0):
+        same = np.flatnonzero((angles == angle).all(axis=1))
+        if same.size > 1 and np.isin(same, rows).all():
+            return f"inclination {angle[0]:g}°, toolface {angle[1]:g}°"
+    return ""
+
+
+def _describe_dwell(dwells: DwellSet, expected: Array, row: int) -> Finding:
+    """Finding on a dwell that its reference attitude does not explain: the component that is
+    furthest off, or the attitude that all three show.
+    """
+    found, due = dwells.indication[row], expected[row]
+    axis = int(np.argmax(np.abs(found - due)))
+    stated = f"inclination {dwells.inclination[row]:g}°, toolface {dwells.toolface[row]:g}°"
+    length, usual = float(np.linalg.norm(found)), float(np.linalg.norm(due))
+    if abs(length - usual) > 0.5 * float(np.linalg.norm(found - due)):
+        words = (
+            f"{COMPONENTS[axis]} reads {found[axis]:.4g} g, the length is {length:.4g} g",
+            f"{due[axis]:.4g} g and {usual:.4g} g at {stated}",
+        )
+    else:
+        shown = found - due + dwells.reference[row]
+        turned = attitude.wrapped(attitude.toolface(shown) - dwells.toolface[row])
+        words = (
+            (
+                f"the triad shows about inclination {float(attitude.inclination(shown)):.0f}°,"
+                f" toolface {float(dwells.toolface[row] + turned):.0f}° ({COMPONENTS[axis]} reads"
+                f" {found[axis]:.4g} g)"
+            ),
+            f"{stated} as the reference states ({due[axis]:.4g} g)",
+        )
+    off = float(np.linalg.norm(found - due))
+    return Finding(
+        dwells.place[row], *words, "", name="implausible", figure=off, column=COMPONENTS[axis]
+    )
+
+
+def _describe_length(dwells: DwellSet, expected: Array, row: int) -> Finding:
+    """Finding on a dwell whose length is not that of gravity."""
+    found, due = (float(np.linalg.norm(vector[row])) for vector in (dwells.indication, expected))
+    axis = int(np.argmax(np.abs(dwells.indication[row] - expected[row])))
+    return Finding(
+        dwells.place[row],
+        f"the length is {found:.4g} g ({COMPONENTS[axis]} reads"
+        f" {dwells.indication[row, axis]:.4g} g)",
+        f"{due:.4g} g, as the other dwells in this direction",
+        "",
+        name="implausible",
+        figure=abs(found - due),
+        column=COMPONENTS[axis],
+    )
