@@ -1,13 +1,21 @@
 """Noise type of an Allan variance and its equivalent degrees of freedom (Riley & Greenhall)."""
 
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
 from calibkit.arrays import Array, Integers
 
-Noise = Literal["quantization", "angle_random_walk", "bias_instability", "rate_random_walk"]
+Noise = Literal[
+    "quantization",
+    "flicker_phase_noise",
+    "angle_random_walk",
+    "bias_instability",
+    "rate_random_walk",
+]
+"""Noise types by falling exponent α of the rate's spectrum f^α, from 2 to −2."""
 
+TYPES: tuple[Noise, ...] = get_args(Noise)
 LAGS = 200
 """Lags at which the correlation of overlapping pairs is summed; more windows than this are sampled
 evenly.
@@ -16,18 +24,22 @@ ENOUGH_MEANS = 30
 """Block means below which their lag-1 autocorrelation no longer separates noise types (Riley &
 Greenhall 2004).
 """
+FEWEST_MEANS = 6
+"""Block means below which their variance shows no noise type either."""
 MOST_MEANS = 1 << 16
 """Block means, from the middle of the record, that the noise type is read from."""
 
 
-def identify_noise(total: Array, missing: Integers | None, factors: Integers) -> tuple[str, ...]:
-    """Noise type at each averaging factor from the lag-1 autocorrelation of block means (after
-    Riley & Greenhall 2004).
+def identify_noise(total: Array, missing: Integers | None, factors: Integers) -> tuple[Noise, ...]:
+    """Noise type at each averaging factor from the lag-1 autocorrelation of block means (Riley &
+    Greenhall 2004).
 
-    A factor that leaves fewer than 30 block means takes the type of the one before it; with none
-    before it, rate random walk, which has the fewest degrees of freedom.
+    Fewer than 30 block means name no type. The type assumed there is the one with the fewest
+    degrees of freedom of three: that at the factor before, angle random walk, and the one that the
+    ratio of the means' variance to their Allan variance shows. With no factor before it is rate
+    random walk.
     """
-    kinds: list[str] = []
+    kinds: list[Noise] = []
     for factor in factors:
         blocks = (total.size - 1) // int(factor)
         first = max(blocks - MOST_MEANS, 0) // 2 * int(factor)
@@ -38,25 +50,51 @@ def identify_noise(total: Array, missing: Integers | None, factors: Integers) ->
         if int(np.sum(~np.isnan(means))) >= ENOUGH_MEANS:
             kinds.append(_lag_one_type(means))
         else:
-            kinds.append(kinds[-1] if kinds else "rate_random_walk")
+            before = kinds[-1] if kinds else TYPES[-1]
+            kinds.append(max(before, _ratio_type(means), key=TYPES.index))
     return tuple(kinds)
 
 
-def _lag_one_type(means: Array) -> str:
+def _lag_one_type(means: Array) -> Noise:
     """Noise type of block means [k], NaN where not whole, a straight line taken out.
 
-    Expected are −1/2 for quantization and 0 for angle random walk; differences of what is above 1/3
-    have −0.217 for bias instability and 1/4 for rate random walk (`_pair_covariance` at one
-    averaging time). Limits lie halfway, but nearer to quantization, whose many degrees of freedom
-    must not be claimed by chance.
+    A series of spectrum f^α is one of fractional order δ = −α/2 with the lag-1 autocorrelation
+    r = δ/(1 − δ); one of δ above 1/4 is differenced once, which adds 2 to −α. The exponent is
+    rounded, as Stable32 rounds it. Means of flicker, −0.217 after differencing, lie near the limit
+    of −0.2 to a random walk.
     """
     present = ~np.isnan(means)
     place = np.arange(means.size, dtype=np.float64)
     level = means - np.polyval(np.polyfit(place[present], means[present], 1), place)
-    correlation = _lag_one(level)
-    if correlation < 1.0 / 3.0:
-        return "quantization" if correlation < -0.4 else "angle_random_walk"
-    return "bias_instability" if _lag_one(np.diff(level)) < 0.017 else "rate_random_walk"
+    order, differenced = _fraction(level), 0
+    if order >= 0.25:
+        order, differenced = _fraction(np.diff(level)), 1
+    exponent = -round(2.0 * order) - 2 * differenced
+    return TYPES[2 - min(max(exponent, -2), 2)]
+
+
+def _fraction(series: Array) -> float:
+    """Fractional order δ = r/(1 + r) of a series [k] from its lag-1 autocorrelation r."""
+    correlation = _lag_one(series)
+    return correlation / (1.0 + correlation)
+
+
+def _ratio_type(means: Array) -> Noise:
+    """Noise type that few block means [k], NaN where not whole, show in B₁, the ratio of their
+    variance to their Allan variance (Barnes 1969); no phase noise.
+
+    Expected are 1 of angle random walk, k log k/(2 (k − 1) log 2) of flicker and k/2 of a random
+    walk. It is flicker from its expectation on, so that angle random walk rarely passes for it.
+    """
+    count = float(np.sum(~np.isnan(means)))
+    steps = np.diff(means)
+    if count < FEWEST_MEANS or np.isnan(steps).all() or not np.nansum(steps**2) > 0.0:
+        return "angle_random_walk"
+    ratio = float(np.nanvar(means, ddof=1) / (0.5 * np.nanmean(steps**2)))
+    flicker = count * np.log(count) / (2.0 * (count - 1.0) * np.log(2.0))
+    if ratio**2 > flicker * count / 2.0:
+        return "rate_random_walk"
+    return "bias_instability" if ratio > flicker else "angle_random_walk"
 
 
 def _lag_one(series: Array) -> float:
@@ -64,13 +102,13 @@ def _lag_one(series: Array) -> float:
     or nothing varies.
     """
     product, square = series[1:] * series[:-1], series**2
-    count, power = int(np.sum(~np.isnan(product))), float(np.nansum(square))
-    if count == 0 or power == 0.0:
+    if np.isnan(product).all() or not np.nansum(square) > 0.0:
         return 1.0
-    return float(np.nansum(product)) / count / (power / int(np.sum(~np.isnan(square))))
+    share = product.size / series.size
+    return share * float(np.nanmean(product) / np.nanmean(square))
 
 
-def equivalent_dof(factor: int, runs: Integers, noise: str) -> float:
+def equivalent_dof(factor: int, runs: Integers, noise: Noise) -> float:
     """Equivalent degrees of freedom of the overlapping Allan variance at one averaging factor.
 
     Parameters
@@ -86,16 +124,16 @@ def equivalent_dof(factor: int, runs: Integers, noise: str) -> float:
     10: 1/dof is the sum of the squared correlations of all pairs over the squared number of pairs.
     Correlations from the generalised autocovariance of the integrated rate, −|t|, t² log|t| and
     |t|³ (their eq. 7 without a bandwidth filter: a gyro's samples are integrals of the rate
-    already); quantization from the two lags at which it correlates at all.
+    already). Phase noise from the two lags at which quantization correlates at all, but never more
+    than angle random walk has: overlapping gives phase noise new information at every sample, which
+    no few blocks can vouch for.
     """
-    lengths, many = np.unique(
-        (runs - 2 * factor + 1)[runs >= 2 * factor].astype(np.float64), return_counts=True
-    )
+    if noise in ("quantization", "flicker_phase_noise"):
+        return min(
+            _phase_noise_dof(factor, runs), equivalent_dof(factor, runs, "angle_random_walk")
+        )
+    lengths, many = _pair_counts(factor, runs)
     pairs = float(lengths @ many)
-    if noise == "quantization":
-        lags = factor * np.arange(3.0)
-        weight = np.array([1.0, 2.0, 2.0]) * np.array([1.0, -4.0 / 6.0, 1.0 / 6.0]) ** 2
-        return float(pairs**2 / (weight @ np.maximum(lengths - lags[:, None], 0.0) @ many))
     reach = min(int(lengths[-1]), 3 * factor)
     lags = np.unique(np.round(np.linspace(0.0, reach, min(reach, LAGS) + 1)))
     shared = np.maximum(lengths - lags[:, None], 0.0) @ many
@@ -103,7 +141,25 @@ def equivalent_dof(factor: int, runs: Integers, noise: str) -> float:
     return float(pairs**2 / (2.0 * np.trapezoid(shared * correlation**2, lags)))
 
 
-def _pair_covariance(shift: Array, noise: str) -> Array:
+def _phase_noise_dof(factor: int, runs: Integers) -> float:
+    """Equivalent degrees of freedom of the overlapping Allan variance of quantization."""
+    lengths, many = _pair_counts(factor, runs)
+    lags = factor * np.arange(3.0)
+    weight = np.array([1.0, 2.0, 2.0]) * np.array([1.0, -4.0 / 6.0, 1.0 / 6.0]) ** 2
+    shared = weight @ np.maximum(lengths - lags[:, None], 0.0) @ many
+    return float((lengths @ many) ** 2 / shared)
+
+
+def _pair_counts(factor: int, runs: Integers) -> tuple[Array, Integers]:
+    """Numbers of whole pairs of averages in the runs [g] that have any, and how often each number
+    occurs.
+    """
+    return np.unique(
+        (runs - 2 * factor + 1)[runs >= 2 * factor].astype(np.float64), return_counts=True
+    )
+
+
+def _pair_covariance(shift: Array, noise: Noise) -> Array:
     """Covariance, up to a factor, of two pairs `shift` [k] averaging times apart (Greenhall & Riley
     2003 eq. 9).
     """
