@@ -10,7 +10,7 @@ import numpy as np
 
 from calibkit.arrays import Array, Mask
 from calibkit.coefficients import Coefficient, Component, Model, Parameter
-from calibkit.errors import CoefficientError
+from calibkit.errors import CoefficientError, FitError
 
 Inputs: TypeAlias = "Mapping[str, Array]"
 """Canonical column → values [n] in its unit."""
@@ -57,8 +57,9 @@ class Form:
     ) -> Model:
         """Model of this form from (name, value, unit) of each coefficient and their covariance
         [p, p]; standard uncertainties are the roots of its diagonal, with effective degrees of
-        freedom [p] where they are not `dof`.
+        freedom [p] where they are not `dof`. Raises FitError where a number is not finite.
         """
+        _require_finite(name, [*(v for _, v, _ in coefficients), *covariance.flat, residual_rms])
         own_dof = (
             [None] * len(coefficients)
             if effective_dof is None
@@ -102,6 +103,15 @@ class Form:
         gradient, covariance = self.gradient(model, at), np.array(model.covariance)
         variance = np.sum((gradient @ covariance) * gradient, axis=-1)
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)), dtype=np.float64)
+
+
+def _require_finite(name: str, numbers: Sequence[float]) -> None:
+    """Raise FitError where a number of a model that is to be written is none."""
+    if not np.isfinite(numbers).all():
+        raise FitError(
+            f"model '{name}': a coefficient, covariance or residual is not a number",
+            hint="the data do not determine it: measure more conditions, or lower the orders",
+        )
 
 
 def within_ranges(model: Model, at: Inputs) -> tuple[Inputs, Mask]:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibkit.errors import CoefficientError
+from calibkit.errors import CoefficientError, FitError
 from calibkit.instruments.accelerometer import forms
 from calibkit.instruments.accelerometer.numeric import affine_model, k_factor, q_factor
 
@@ -149,3 +149,26 @@ def test_a_model_of_another_form_is_refused():
     """K is not read as Q, whatever its coefficients are called."""
     with pytest.raises(CoefficientError, match="is of form accel-k/1, expected accel-q/1"):
         forms.Q.read(MODELS["accel_x"][1])
+
+
+@pytest.mark.parametrize("wrong", ["coefficient", "covariance", "residual"])
+def test_what_is_not_a_number_is_refused_before_it_reaches_a_file(wrong):
+    """A coefficient, a variance or a residual that is not a number is a fit that failed, named by
+    its model.
+    """
+    values, covariance = [1.0, 2.0], np.eye(2)
+    if wrong == "coefficient":
+        values[1] = float("nan")
+    if wrong == "covariance":
+        covariance[1, 1] = np.inf
+    named = [(name, value, "rad") for name, value in zip(("Q1", "Q2"), values, strict=True)]
+    with pytest.raises(FitError, match=r"model 'triad'.*not a number"):
+        forms.Q.write(
+            "triad",
+            named,
+            covariance,
+            dof=3,
+            residual_rms=float("nan") if wrong == "residual" else 1.0,
+            residual_unit="g",
+            valid={},
+        )

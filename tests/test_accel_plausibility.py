@@ -7,6 +7,7 @@ import pytest
 
 from calibkit import store
 from calibkit.instruments.accelerometer import simulate as simulator
+from calibkit.numeric import attitude
 
 AXES = ("accel_x_g", "accel_y_g", "accel_z_g")
 
@@ -148,3 +149,29 @@ def test_a_length_far_from_one_g_is_named_without_a_reference(columns, fitted):
     (flag,) = [flag for flag in run.document["flags"] if "positions.csv" in flag]
     assert flag.startswith("positions.csv:42: the length is 9.8")
     assert same_within_u(run, clean)
+
+
+def test_an_eccentric_encoder_gives_numbers(fitted):
+    """An encoder of the toolface, eccentric by 0.05°, makes some component of every dwell suspect:
+    no coefficient file holds a NaN, and the degrees of freedom are those of the components fitted.
+    """
+    rng = np.random.default_rng(29)
+    sensors = tuple(simulator._sensor(rng, axis) for axis in range(3))
+    around = [(tilt, 45.0 * k) for tilt in (45.0, 90.0, 135.0) for k in range(8)]
+    angles = np.tile([(0.0, 0.0), *around, (180.0, 0.0)], (7, 1))
+    warm = np.repeat([-20.0, 0.0, 25.0, 50.0, 75.0, 100.0, 125.0], 26)
+    warm = warm + rng.normal(0.0, 0.2, warm.size)
+    phase = rng.uniform(0.0, 2.0 * np.pi, 2)[1]
+    off = 0.05 * np.sin(np.radians(angles[:, 1]) + phase)
+    stood = attitude.gravity_vector(angles[:, 0], angles[:, 1] + off)
+    logged = simulator._indications(sensors, stood, warm) + rng.normal(0.0, 2e-5, stood.shape)
+    columns = {
+        "temp_case_degc": warm,
+        "inclination_deg": angles[:, 0],
+        "toolface_deg": angles[:, 1],
+    }
+    outcome, run = fitted("A", columns | dict(zip(AXES, logged.T, strict=True)))
+    assert outcome.code == 0, outcome.err
+    model = run.records["accel_affine.json"].models[0]
+    assert model.dof > 182
+    assert 2e-5 < model.residual_rms < 9e-4

@@ -310,16 +310,18 @@ def _solve(problem: _Problem, begin: Array, loss: Literal["least_squares", "robu
     found = gauss_newton.fit(problem, begin, rows, names=names, weakest=WEAKEST)
     values, matrix, condition = found.parameters, found.covariance, found.condition
     suspects: tuple[int, ...] = ()
+    used = np.ones(problem.root.shape, dtype=np.bool_)
     if loss == "robust":
         values, tough = robust.nonlinear(
             lambda at: problem(at, slice(0, rows)), values, names=names
         )
         matrix, condition = tough.fit.covariance, tough.fit.condition
         suspects = tuple(dict.fromkeys(row // problem.root.shape[1] for row in tough.suspects))
+        # of a suspect dwell the other components are fitted
+        used.flat[list(tough.suspects)] = False
     residuals = problem(values, slice(0, rows))[0].reshape(rows, -1)
-    kept = np.delete(residuals, suspects, axis=0)
-    weight = np.delete(problem.root, suspects, axis=0) ** 2
-    dof = kept.size - len(entries)
+    dof = int(used.sum()) - len(entries)
+    variance = float(np.sum(residuals[used] ** 2)) / dof
     coefficients, covariance = polynomial.in_raw_powers(
         values, matrix, _to_raw_matrix(entries, problem.middle, problem.half)
     )
@@ -334,7 +336,7 @@ def _solve(problem: _Problem, begin: Array, loss: Literal["least_squares", "robu
         residuals=residuals / problem.root,
         suspects=suspects,
         dof=dof,
-        residual_rms=float(np.sqrt(np.sum(kept**2) / np.sum(weight) * kept.size / max(dof, 1))),
+        residual_rms=float(np.sqrt(variance * used.sum() / np.sum(problem.root[used] ** 2))),
         condition=condition,
     )
 
