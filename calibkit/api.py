@@ -125,8 +125,8 @@ def fit(
 
     Returns
     -------
-    Run: folder, records (one per stage) and document (run.json), whose "accepted" states whether
-    the acceptance limits held.
+    Run: folder, records (one per stage) and document (run.json), whose "verdict" is accepted,
+    rejected or no verdict.
 
     Raises
     ------

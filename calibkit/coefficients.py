@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import asdict, dataclass, field, fields
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 from calibkit.errors import CoefficientError
 from calibkit.sealed import seal, unseal
@@ -381,6 +381,8 @@ class Criterion:
     limit: float
     unit: str
     passed: bool
+    set_by: Literal["recipe", "calibkit"] = "recipe"
+    """Whose limit it is: one of calibkit rejects, and meeting it alone accepts nothing."""
 
 
 def at_most(name: str, value: float, limit: float, unit: str) -> Criterion:

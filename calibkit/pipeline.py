@@ -7,7 +7,16 @@ import difflib
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from calibkit import coefficients, instruments, new_files, recipe, run_content, sealed, store
+from calibkit import (
+    coefficients,
+    instruments,
+    new_files,
+    recipe,
+    run_content,
+    run_document,
+    sealed,
+    store,
+)
 from calibkit.check import copies
 from calibkit.errors import (
     CoefficientError,
@@ -35,8 +44,6 @@ if TYPE_CHECKING:
     from calibkit.instruments import Firmware, Progress
     from calibkit.report.summary import Summary
     from calibkit.simulate.campaign import Campaign
-
-VALIDATION_FORMAT = "calibkit-validation/1"
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,19 +250,20 @@ def validate(
         flags=(*seen, *copies.flag_missing_fingerprints(run.name, inputs), *summary.flags),
     )
     document = {
-        "format": VALIDATION_FORMAT,
+        "format": run_document.VALIDATION_FORMATS[-1],
         "serial": run.document["serial"],
         "revision": run.document["revision"],
         "run_sha256": run.document["sha256"],
         "software": SOFTWARE,
         **body,
         "acceptance": [asdict(criterion) for criterion in summary.criteria],
-        "accepted": summary.accepted,
+        "verdict": summary.verdict,
+        "accepted": run_document.ACCEPTED[summary.verdict],
         "flags": list(summary.flags),
     }
     text = sealed.seal(document)
     new_files.write_new(out, text.encode(), dry_run=dry_run)
-    return sealed.unseal(text, str(out), (VALIDATION_FORMAT,)), summary
+    return sealed.unseal(text, str(out), run_document.VALIDATION_FORMATS), summary
 
 
 def _firmware(spec: recipe.Recipe) -> Firmware[Any]:
@@ -275,14 +283,11 @@ def _firmware_export(run: store.Run, number: str, prefix: str, *, allow_rejected
     from calibkit.firmware import export, formats, sources
 
     document = run.document
-    if not document["accepted"] and not allow_rejected:
+    if document["verdict"] == "rejected" and not allow_rejected:
         failed = [entry["name"] for entry in document["acceptance"] if not entry["passed"]]
         raise OutputError(
             f"{run.name} was rejected: {', '.join(failed)}",
-            hint=(
-                "fit it again within its limits, or export it marked as rejected with"
-                " --allow-rejected"
-            ),
+            hint="fit it again within its limits, or export it as rejected with --allow-rejected",
         )
     spec = run_recipe(run, ())
     firmware = _firmware(spec)
@@ -295,7 +300,7 @@ def _firmware_export(run: store.Run, number: str, prefix: str, *, allow_rejected
         document["sha256"],
         {name: stages[name.removesuffix(".json")] for name in firmware.files(spec)},
         SOFTWARE,
-        document["accepted"],
+        document["verdict"],
     )
     lines = sources.describe_sources(spec, chain, firmware.conventions(spec))
     return export.prepare(chain, identity, formats.Format.find(number), prefix, lines)
@@ -355,9 +360,10 @@ def _check_digests(path: Path) -> str:
         raise CoefficientError(
             f"{path}: not a text that calibkit wrote", hint="verify takes calibkit's own files"
         ) from None
-    formats = (*coefficients.FORMATS, *store.RUN_FORMATS, VALIDATION_FORMAT, targets.MANIFEST)
+    of_runs = run_document.FORMATS + run_document.VALIDATION_FORMATS
+    formats = coefficients.FORMATS + of_runs + targets.MANIFESTS
     document = sealed.unseal(text, str(path), formats)
-    if document["format"] == targets.MANIFEST:
+    if document["format"] in targets.MANIFESTS:
         return targets.verify_manifest(path)
     if document["format"] in coefficients.FORMATS:
         record = coefficients.loads(text, str(path))

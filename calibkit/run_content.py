@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-from calibkit import coefficients, instruments, new_files, plugins, sealed, store
+from calibkit import coefficients, instruments, new_files, plugins, run_document, sealed
 from calibkit.check import copies
 from calibkit.instruments import SHIPPED, Fitted
 from calibkit.plugins import Plugin
@@ -46,7 +46,7 @@ def build_run(
     facts = _run_facts(source, spec, identity, fitted)
     files[documents.PAGE] = html.page(facts | {"files": store.list_files(files)}, records, drawn)
     text = sealed.seal(facts | {"files": store.list_files(files)})
-    document = sealed.unseal(text, new_files.RUN_FILE, store.RUN_FORMATS)
+    document = run_document.loads(text, new_files.RUN_FILE)
     return document, records, {new_files.RUN_FILE: text.encode(), **files}
 
 
@@ -58,10 +58,11 @@ def _run_facts(
     readers = {plugin for log in identity.inputs for plugin in log.plugins}
     plugins = [*([own] if own else []), *sorted(readers, key=lambda plugin: plugin.name)]
     facts = {
-        "format": store.RUN_FORMAT,
+        "format": run_document.FORMAT,
         "serial": identity.serial,
         "revision": identity.revision,
         "procedure": spec.procedure,
+        "type": spec.type,
         "effective_from": identity.effective_from,
         "software": SOFTWARE,
         "python": platform.python_version(),
@@ -72,12 +73,13 @@ def _run_facts(
         "excluded": [entry.model_dump() for entry in spec.exclude],
         "corrections": [entry.model_dump() for entry in spec.correction],
         "type_b": type_b.dumps(spec.type_b),
-        "accepted": fitted.summary.accepted,
+        "verdict": fitted.summary.verdict,
+        "accepted": run_document.ACCEPTED[fitted.summary.verdict],
         "acceptance": [asdict(criterion) for criterion in fitted.summary.criteria],
         "uncertainty": budget.combine_results(fitted.results, spec.type_b, fitted.uncertainty),
         "flags": list(fitted.summary.flags),
     }
-    optional = ("plugins", "corrections")
+    optional = ("type", "plugins", "corrections")
     return {key: value for key, value in facts.items() if value or key not in optional}
 
 

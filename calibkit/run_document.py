@@ -1,13 +1,26 @@
-"""What a run.json holds: the keys that every format ever released has, and their types."""
+"""What a run.json holds: the verdict in its three values, the keys that every format ever released
+has, and their types.
+"""
 
 import datetime as dt
 import re
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Literal
 
+from calibkit import sealed
+from calibkit.coefficients import Criterion
 from calibkit.errors import CoefficientError
 from calibkit.frame import KEPT_DIGITS
 
+FORMAT = "calibkit-run/2"
+FORMATS = ("calibkit-run/1", FORMAT)
+"""Every format of run.json ever released; each keeps loading."""
+VALIDATION_FORMATS = ("calibkit-validation/1", "calibkit-validation/2")
+"""Every format of a validation ever released."""
+Verdict = Literal["accepted", "rejected", "no verdict"]
+ACCEPTED: Mapping[str, bool | None] = {"accepted": True, "rejected": False, "no verdict": None}
+"""Verdict → `accepted` of a JSON document."""
+NO_VERDICT = "No verdict: the recipe sets no [acceptance] limits"
 Kind = type | tuple[type, ...]
 SHAPE: dict[str, Kind] = {
     "serial": str,
@@ -20,12 +33,13 @@ SHAPE: dict[str, Kind] = {
     "recipe": dict,
     "inputs": list,
     "excluded": list,
-    "accepted": bool,
+    "accepted": (bool, type(None)),
+    "verdict": str,
     "acceptance": list,
     "flags": list,
     "files": list,
 }
-"""Keys that every run.json ever released has, and what they hold."""
+"""Keys that every run.json that was loaded has, and what they hold."""
 TABLES: dict[str, dict[str, Kind]] = {
     "inputs": {"name": str, "sha256": str, "rows": int},
     "acceptance": {
@@ -47,6 +61,29 @@ FLEET_SHAPE: dict[str, Kind] = {
 }
 _HEX = re.compile(r"[0-9a-f]+")
 _FILE_NAME = re.compile(r"[^\W_][\w.+-]*", re.UNICODE)
+
+
+def judge(criteria: Iterable[Criterion]) -> Verdict:
+    """Rejected where a criterion failed, accepted where limits of the recipe are met, else no
+    verdict.
+    """
+    tested = tuple(criteria)
+    if not all(criterion.passed for criterion in tested):
+        return "rejected"
+    return "accepted" if any(one.set_by == "recipe" for one in tested) else "no verdict"
+
+
+def loads(text: str, name: str) -> dict[str, Any]:
+    """run.json of its text, one of format 1 with the verdict that it stands for; CoefficientError
+    for a wrong digest or format.
+    """
+    document = sealed.unseal(text, name, FORMATS)
+    if document["format"] == FORMATS[0]:
+        if document.get("accepted") is True and not document.get("acceptance"):
+            document["accepted"] = None
+        stated = document.get("accepted", "")
+        document["verdict"] = next((one for one, value in ACCEPTED.items() if value is stated), "")
+    return document
 
 
 def require_shape(document: Mapping[str, Any], path: str) -> None:
@@ -101,6 +138,9 @@ def _wrong_contents(document: Mapping[str, Any]) -> list[str]:
         for text in found
         if not isinstance(text, str)
     ]
+    stated = document.get("accepted", "absent")
+    if ACCEPTED.get(document["verdict"], "") is not stated:
+        faults.append(f"verdict: {document['verdict']!r:.40}, accepted: {stated}")
     if not _is_date(document["effective_from"]):
         faults.append(f"effective_from: {document['effective_from']!r:.40}")
     if document["revision"] <= 0:

@@ -18,9 +18,7 @@ from calibkit import atomic, coefficients, run_document, sealed
 from calibkit.errors import CoefficientError, OutputError, UsageError
 from calibkit.new_files import RUN_FILE, WRITING, output_errors, refuse_run_folder
 
-RUN_FORMAT = "calibkit-run/1"
-RUN_FORMATS = (RUN_FORMAT,)
-FLEET_FORMAT = "calibkit-fleet/1"
+FLEET_FORMATS = ("calibkit-fleet/1", "calibkit-fleet/2")
 FLEET_FILE = "fleet.json"
 FLEETS = "_fleet"
 """Folder of the tables of fleets, beside the serials' folders; no serial begins like it."""
@@ -190,20 +188,20 @@ def _in_force_on(runs: Path, serial: str, numbers: Sequence[int], date: str) -> 
     dates = [since for since in winners if since <= date]
     if not dates:
         raise UsageError(
-            f"{serial} has no accepted run that holds on {date}",
-            hint=f"the first holds from {min(winners)}" if winners else "none was accepted",
+            f"{serial} has no run in force on {date}",
+            hint=f"the first is from {min(winners)}" if winners else "every run was rejected",
         )
     return _folder(runs, serial, winners[max(dates)])
 
 
 def in_force(documents: Sequence[Mapping[str, Any]]) -> dict[str, int]:
-    """Effective date → revision that holds from then on: of one date the newest; a run that was not
-    accepted never.
+    """Effective date → revision that holds from then on: of one date the newest, never a rejected
+    one.
     """
     return {
         document["effective_from"]: document["revision"]
         for document in sorted(documents, key=lambda document: int(document["revision"]))
-        if document["accepted"]
+        if document["verdict"] != "rejected"
     }
 
 
@@ -212,7 +210,7 @@ def own_document(runs: Path, serial: str, revision: int) -> dict[str, Any]:
     another.
     """
     path = _folder(runs, serial, revision) / RUN_FILE
-    document = sealed.unseal(_text(path), f"{path}", RUN_FORMATS)
+    document = run_document.loads(_text(path), f"{path}")
     if (document.get("serial"), document.get("revision")) != (serial, revision):
         raise CoefficientError(
             f"{path}: says {document.get('serial')} r{document.get('revision')}, expected {serial}"
@@ -232,7 +230,7 @@ def load(folder: Path) -> Run:
     """Read a run folder whole, or raise CoefficientError that names the first file that cannot be
     trusted.
     """
-    document = sealed.unseal(_text(folder / RUN_FILE), f"{folder / RUN_FILE}", RUN_FORMATS)
+    document = run_document.loads(_text(folder / RUN_FILE), f"{folder / RUN_FILE}")
     run_document.require_shape(document, f"{folder / RUN_FILE}")
     records = {
         path.name: _own_record(document, path)
@@ -247,7 +245,7 @@ def load_fleet(folder: Path) -> Mapping[str, Any]:
     CoefficientError.
     """
     name = f"{folder / FLEET_FILE}"
-    document = sealed.unseal(_text(folder / FLEET_FILE), name, (FLEET_FORMAT,))
+    document = sealed.unseal(_text(folder / FLEET_FILE), name, FLEET_FORMATS)
     run_document.require_fleet_shape(document, name)
     _listed(folder, document, FLEET_FILE)
     return document

@@ -15,7 +15,7 @@ IDENTITY = export.Identity(
     "0" * 64,
     {"coefficients.json": "0" * 64},
     "calibkit test",
-    accepted=True,
+    verdict="accepted",
 )
 STRIDES = (1, 40503, 30029, 20011)
 UPDATES = 12

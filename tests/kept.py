@@ -4,7 +4,7 @@ test states them.
 
 import hashlib
 
-from calibkit import sealed, store
+from calibkit import run_document, sealed, store
 from calibkit.coefficients import Coefficient, Identity, Input, Model, Parameter, StageResult
 
 RECIPE = 'procedure = "rate_table"\n'
@@ -36,7 +36,7 @@ def keep(
     serial="S-1",
     date="2024-01-01",
     logs=(),
-    accepted=True,
+    verdict="no verdict",
     figures=(),
     stage="gyro_scale",
     procedure="rate_table",
@@ -58,7 +58,7 @@ def keep(
 
     def document(identity, contents):
         return {
-            "format": store.RUN_FORMAT,
+            "format": run_document.FORMAT,
             "serial": serial,
             "revision": identity.revision,
             "procedure": procedure,
@@ -70,7 +70,8 @@ def keep(
             "inputs": [entry.identity() for entry in identity.inputs],
             "excluded": [],
             "type_b": [],
-            "accepted": accepted,
+            "verdict": verdict,
+            "accepted": run_document.ACCEPTED[verdict],
             "acceptance": [],
             "uncertainty": [],
             "flags": [],

@@ -156,7 +156,10 @@ def test_a_rejected_run_is_refused_or_marked(tmp_path, tmp_path_factory):
     """
     run = cached("k", tmp_path_factory).run
     failed = {"name": "residual rms", "value": 2.0, "limit": 1.0, "unit": "g", "passed": False}
-    run = replace(run, document={**run.document, "accepted": False, "acceptance": [failed]})
+    run = replace(
+        run,
+        document={**run.document, "verdict": "rejected", "accepted": False, "acceptance": [failed]},
+    )
     with pytest.raises(OutputError, match="residual rms") as refused:
         pipeline.export([run], "c", "f32", "cal", tmp_path, allow_rejected=False)
     assert refused.value.exit_code == 4
@@ -164,7 +167,32 @@ def test_a_rejected_run_is_refused_or_marked(tmp_path, tmp_path_factory):
     for path in pipeline.export([run], "c", "f32", "cal", tmp_path, allow_rejected=True):
         assert "REJECTED" in path.read_text()
         assert pipeline.verify(path).what.endswith(", REJECTED")
-    assert "#define CAL_ACCEPTED 0" in (tmp_path / "cal.h").read_text()
+    header = (tmp_path / "cal.h").read_text()
+    assert "#define CAL_VERDICT 0\n#define CAL_ACCEPTED 0\n" in header
+
+
+@pytest.mark.parametrize(
+    ("verdict", "accepted", "stated", "mark"),
+    [
+        ("accepted", True, "1\n#define CAL_ACCEPTED 1", ""),
+        ("no verdict", None, "2\n#define CAL_ACCEPTED 0", ", no verdict"),
+    ],
+)
+def test_a_run_without_a_verdict_is_exported_and_says_so(
+    tmp_path, tmp_path_factory, verdict, accepted, stated, mark
+):
+    """No option is needed; header, comment and verify tell it from an accepted one."""
+    run = cached("k", tmp_path_factory).run
+    run = replace(run, document={**run.document, "verdict": verdict, "accepted": accepted})
+    for path in pipeline.export([run], "c", "f32", "cal", tmp_path, allow_rejected=False):
+        assert re.search(
+            f"{verdict} +(this run met its|the recipe of this run sets no) acceptance limits",
+            path.read_text(),
+        )
+        what = pipeline.verify(path).what
+        assert what.endswith(mark)
+        assert ("no verdict" in what, "REJECTED" in what) == (bool(mark), False)
+    assert f"#define CAL_VERDICT {stated}\n" in (tmp_path / "cal.h").read_text()
 
 
 def test_a_changed_digit_fails_verification_even_under_a_new_digest(drift_run, tmp_path, calibkit):

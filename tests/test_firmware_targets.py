@@ -228,25 +228,31 @@ def test_several_units_are_delivered_with_a_manifest(calibkit, runs, tmp_path, t
 
 
 @pytest.mark.parametrize("target", ["blob", "hex", "srec", "csv", "px4", "ardupilot"])
-def test_verify_says_of_every_target_that_a_unit_was_rejected(runs, tmp_path, target):
-    """One rejected unit beside an accepted one: its own file, the table of both and the manifest
-    say so, the other does not.
+def test_verify_states_the_verdict_on_each_device_of_every_target(runs, tmp_path, target):
+    """A rejected device, one without a verdict, an accepted one: its own file, the table of all
+    three and the manifest state it in three values.
     """
-    good, bad = (store.load(runs / name / "r001") for name in UNITS[:2])
-    bad = replace(bad, document={**bad.document, "accepted": False, "acceptance": []})
+    verdicts = (("no verdict", None), ("rejected", False), ("accepted", True))
+    three = [
+        replace(run, document={**run.document, "verdict": verdict, "accepted": accepted})
+        for run, (verdict, accepted) in zip(
+            (store.load(runs / name / "r001") for name in UNITS[:3]), verdicts, strict=True
+        )
+    ]
     said = {
         path.name: pipeline.verify(path).what
-        for path in pipeline.export(
-            [good, bad], target, "f32", "cal", tmp_path, allow_rejected=True
-        )
+        for path in pipeline.export(three, target, "f32", "cal", tmp_path, allow_rejected=True)
     }
     for name, what in said.items():
         if "IMU-2" in name:
             assert what.endswith(", REJECTED")
         elif name.endswith(("manifest.json", ".csv")):
-            assert what.endswith(", REJECTED: IMU-2")
+            assert what.endswith(", REJECTED: IMU-2, no verdict: IMU-1")
+        elif "IMU-1" in name:
+            assert what.endswith(", no verdict")
         else:
             assert "REJECTED" not in what
+            assert "no verdict" not in what
 
 
 def test_what_cannot_be_delivered_together_is_refused(calibkit, runs, tmp_path):

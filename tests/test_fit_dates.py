@@ -58,7 +58,7 @@ def test_the_flag_says_what_selection_by_date_then_does(two_years, date):
 def test_a_rejected_run_is_in_force_on_no_date(two_years):
     """Its date says nothing."""
     (said,) = flags(two_years, "2022-05-01", accepted=False)
-    assert "2023-01-01: not accepted, r003 is in force on no date; without" in said
+    assert "2023-01-01: rejected, r003 is in force on no date; without" in said
 
 
 def test_fit_says_it_and_keeps_it(tmp_path, calibkit):

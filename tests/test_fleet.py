@@ -97,7 +97,7 @@ def test_a_unit_that_kills_every_process_is_given_up_and_the_others_are_not(
     monkeypatch.setattr(run, "fit_device", quick_device.poisonous)
     done = fit(tmp_path / "units", tmp_path / "runs", jobs=2, keep_going=True)
     verdicts = {entry.serial: entry.verdict for entry in done.table.entries}
-    assert verdicts == {f"U{k:03d}": "failed" if k == 2 else "no limits" for k in range(5)}
+    assert verdicts == {f"U{k:03d}": "failed" if k == 2 else "no verdict" for k in range(5)}
     assert done.exit_code == 70
 
 
@@ -293,7 +293,7 @@ def test_keep_going_fits_the_others_and_tells_what_is_wrong_with_each(tmp_path, 
         csv.DictReader(io.StringIO((done.folder / "fleet.csv").read_text(encoding="utf-8")))
     )
     assert [row["serial"] for row in rows] == ["A-1", "A-2", "U000", "U001", "U002", "bad name"]
-    assert [row["verdict"] for row in rows] == ["failed", "failed", *["no limits"] * 3, "failed"]
+    assert [row["verdict"] for row in rows] == ["failed", "failed", *["no verdict"] * 3, "failed"]
     errors = [row["error"] for row in rows]
     assert errors[0].startswith("log_format: warmup.csv:2")
     assert errors[1].startswith("frame: A-2: no log matches")
@@ -389,7 +389,7 @@ def test_a_copied_folder_of_logs_is_nobodys_calibration(tmp_path, quick):
     verdicts = {entry.serial: (entry.verdict, entry.error[-4:]) for entry in done.table.entries}
     assert verdicts["U001"] == ("copied logs", "U009")
     assert verdicts["U009"] == ("copied logs", "U001")
-    assert verdicts["U000"] == ("no limits", "")
+    assert verdicts["U000"] == ("no verdict", "")
     assert done.exit_code == 3
 
 
@@ -407,9 +407,9 @@ def test_a_copied_folder_with_other_line_ends_is_seen_too(tmp_path, quick):
     done = fit(tmp_path / "units", tmp_path / "runs")
     verdicts = {entry.serial: entry.verdict for entry in done.table.entries}
     assert verdicts == {
-        "U000": "no limits",
+        "U000": "no verdict",
         "U001": "copied logs",
-        "U002": "no limits",
+        "U002": "no verdict",
         "U009": "copied logs",
     }
     assert done.exit_code == 3
@@ -430,7 +430,7 @@ def test_the_unit_that_is_not_like_the_others_is_named_everywhere(tmp_path, quic
     assert [row["serial"] for row in rows if row["outlier_in"]] == ["U007"]
     record = json.loads((done.folder / "fleet.json").read_text(encoding="utf-8"))
     schema = json.loads(
-        (ROOT / "docs" / "schemas" / "calibkit-fleet-1.schema.json").read_text(encoding="utf-8")
+        (ROOT / "docs" / "schemas" / "calibkit-fleet-2.schema.json").read_text(encoding="utf-8")
     )
     pytest.importorskip("jsonschema").Draft202012Validator(schema).validate(record)
     at_reference = record["figures"][0]
@@ -475,7 +475,7 @@ def test_verify_says_whether_a_fleets_files_are_what_they_were(tmp_path, quick, 
     assert (found.code, "fleet of 2 units" in found.out) == (0, True)
     table_of, charts = folder / "fleet.csv", folder / "control_charts.pdf"
     before = table_of.read_bytes()
-    table_of.write_bytes(before.replace(b"no limits", b"accepted!"))
+    table_of.write_bytes(before.replace(b"no verdict", b"accepted!"))
     assert calibkit("verify", folder).code == 4
     table_of.write_bytes(before)
     (folder / "note.txt").touch()
@@ -588,7 +588,7 @@ def test_a_dry_run_of_a_fleet_that_is_finished_in_part_says_what_is_left(tmp_pat
     told = calibkit(*call)
     assert told.code == 0
     assert told.out.splitlines() == [
-        "3 units: 3 no limits; 1 were fitted before",
+        "3 units: 3 no verdict; 1 were fitted before",
         "U000@r001: was fitted before to warmup.csv",
         "U001@r002: would be fitted with bias.toml to warmup.csv",
         "U002@r001: would be fitted with bias.toml to warmup.csv",
@@ -632,7 +632,7 @@ def test_json_names_the_units_that_failed(tmp_path, calibkit):
     assert kept.code == 3
     assert kept.json["ok"] is False
     assert kept.json["error"]["message"] == "1 of 2 units have no calibration of their own"
-    assert [entry["verdict"] for entry in kept.json["units"]] == ["failed", "no limits"]
+    assert [entry["verdict"] for entry in kept.json["units"]] == ["failed", "no verdict"]
 
 
 @pytest.mark.parametrize(
@@ -697,7 +697,7 @@ def test_figures_of_different_forms_or_units_are_not_compared():
             f"S{k}",
             "r001",
             "",
-            "no limits",
+            "no verdict",
             (keys.KeyFigure("drift.b0", form, unit_of, None, float(k), 0.1),),
             ({"name": f"{k}.csv", "sha256": str(k)},),
             (),

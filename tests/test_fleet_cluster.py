@@ -96,7 +96,7 @@ def test_two_workers_fit_a_fleet_though_one_is_killed_and_write_what_one_process
     done = fit(tmp_path / "units", tmp_path / "cluster", address=address, progress=killing)
     assert rehearsed.table.entries == done.table.entries[:2]
     assert workers[0].wait() == -signal.SIGKILL
-    assert {(entry.run, entry.verdict) for entry in done.table.entries} == {("r001", "no limits")}
+    assert {(entry.run, entry.verdict) for entry in done.table.entries} == {("r001", "no verdict")}
     assert left_over(tmp_path / "cluster") == []
     fit(tmp_path / "units", tmp_path / "here")
     assert tree(tmp_path / "cluster") == tree(tmp_path / "here")

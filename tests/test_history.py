@@ -242,12 +242,12 @@ def test_shared_logs_two_instruments_and_a_rejected_run_are_flagged(tmp_path):
     """What keeps a difference from being a change of the instrument stands above the numbers."""
     first = store.load(keep(tmp_path, model({"K": (1.0, "1", 0.1)}), logs=("aa", "bb")))
     second = store.load(
-        keep(tmp_path, model({"K": (1.0, "1", 0.1)}), logs=("bb", "cc"), accepted=False)
+        keep(tmp_path, model({"K": (1.0, "1", 0.1)}), logs=("bb", "cc"), verdict="rejected")
     )
     other = store.load(keep(tmp_path, model({"K": (1.0, "1", 0.1)}), serial="S-2"))
     flags = difference.compare_runs(first, second, FORMS).flags
     assert flags[0].startswith("1 of 3 logs are in both runs")
-    assert flags[1] == "S-1@r002 was not accepted"
+    assert flags[1] == "S-1@r002 was rejected"
     assert difference.compare_runs(first, other, FORMS).flags == ("two instruments: S-1 and S-2",)
 
 
@@ -296,7 +296,7 @@ def test_before_the_first_run_nothing_is_in_force(three_years):
     """A date before the first effective date is refused with that date."""
     with pytest.raises(
         UsageError,
-        match="no accepted run that holds on 2021-12-31; the first holds from 2022-01-01",
+        match="no run in force on 2021-12-31; the first is from 2022-01-01",
     ):
         store.find("S-1", three_years, "2021-12-31")
 
@@ -309,14 +309,18 @@ def test_a_date_beside_a_single_run_is_refused(three_years, run):
 
 
 def test_a_rejected_run_is_never_in_force_and_a_later_one_of_the_same_day_replaces(tmp_path):
-    """Of two runs of a day the newer holds; a run that was not accepted never does."""
+    """Of two runs of a day the newer holds; a run without a verdict can, a rejected one never."""
     values = model({"K": (1.0, "1", 0.1)})
-    for date, accepted in (("2022-01-01", True), ("2022-01-01", True), ("2023-01-01", False)):
-        keep(tmp_path, values, date=date, accepted=accepted)
+    for date, verdict in (
+        ("2022-01-01", "accepted"),
+        ("2022-01-01", "no verdict"),
+        ("2023-01-01", "rejected"),
+    ):
+        keep(tmp_path, values, date=date, verdict=verdict)
     assert store.find("S-1", tmp_path, "2024-01-01").name == "r002"
     found = timeline.Timeline.read("S-1", tmp_path, FORMS)
     assert [found.in_force[n].since for n in (1, 2, 3)] == ["", "2022-01-01", ""]
-    assert "S-1@r003 was not accepted: it is never in force by date" in found.flags
+    assert "S-1@r003 was rejected: it is never in force by date" in found.flags
 
 
 def test_a_revision_that_holds_from_before_the_one_it_supersedes_is_flagged(tmp_path):
@@ -487,11 +491,11 @@ def test_a_single_run_has_a_history_without_series(tmp_path, calibkit):
 
 def test_a_serial_whose_runs_were_all_rejected_has_a_history(tmp_path):
     """Nothing is in force when nothing was accepted, and the runs are listed all the same."""
-    keep(tmp_path, model({"K": (1.0, "1", 0.1)}), accepted=False)
+    keep(tmp_path, model({"K": (1.0, "1", 0.1)}), verdict="rejected")
     found = timeline.Timeline.read("S-1", tmp_path, FORMS)
     assert found.sound
     assert found.in_force[1].since == ""
-    with pytest.raises(UsageError, match="none was accepted"):
+    with pytest.raises(UsageError, match="every run was rejected"):
         store.find("S-1", tmp_path, "2030-01-01")
 
 

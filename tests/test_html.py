@@ -91,6 +91,7 @@ def made(text=HOSTILE, *, accepted=True, drawings=(), excluded=()):
         "excluded": [{"log": text, "reason": text, "person": text}] if excluded else [],
         "corrections": [{"certificate": text}],
         "type_b": [{"name": text}],
+        "verdict": "accepted" if accepted else "rejected",
         "accepted": accepted,
         "acceptance": [
             {"name": text, "value": 2.0, "limit": 1.0, "unit": text, "passed": accepted}

@@ -358,7 +358,7 @@ def test_the_reader_of_the_page_is_installed_and_reads_logs(tmp_path):
     environment.follow(ROOT / "docs" / "how_to" / "10_a_format_of_my_own.md")
     run = tmp_path / "runs" / "FOG-0001" / "r001"
     document = json.loads((run / "run.json").read_text(encoding="utf-8"))
-    validators()["calibkit-run/1"].validate(document)
+    validators()["calibkit-run/2"].validate(document)
     (plugin,) = document["plugins"]
     assert (plugin["name"], plugin["distribution"]) == ("sentences", "lab-sentences")
     source = (tmp_path / "lab-sentences" / "lab_sentences.py").read_bytes()
@@ -386,7 +386,7 @@ def test_the_instrument_of_the_page_is_installed_and_calibrates(tmp_path):
     environment.follow(ROOT / "docs" / "how_to" / "11_an_instrument_of_my_own.md")
     run = tmp_path / "runs" / "T-0001" / "r001"
     document = json.loads((run / "run.json").read_text(encoding="utf-8"))
-    validators()["calibkit-run/1"].validate(document)
+    validators()["calibkit-run/2"].validate(document)
     (plugin,) = document["plugins"]
     assert (plugin["name"], plugin["distribution"]) == ("case_thermometer", "lab-thermometer")
     validation = json.loads((tmp_path / "validation.json").read_text(encoding="utf-8"))

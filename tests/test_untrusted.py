@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibkit import coefficients, instruments, pipeline, recipe, sealed, store
+from calibkit import coefficients, instruments, recipe, run_document, sealed, store
 from calibkit.errors import CalibkitError, CoefficientError, LogFormatError, RecipeError, UsageError
 from calibkit.readers import hdf5
 from calibkit.recipe.logs import Logs
@@ -67,27 +67,58 @@ def test_there_is_a_golden_file_of_every_format():
     }
     assert named >= {
         *coefficients.FORMATS,
-        *store.RUN_FORMATS,
-        store.FLEET_FORMAT,
-        pipeline.VALIDATION_FORMAT,
+        *run_document.FORMATS,
+        *store.FLEET_FORMATS,
+        *run_document.VALIDATION_FORMATS,
     }
     assert named - kept == {"calibkit-firmware/1"}
 
 
-EXPORTS = sorted(path for path in (GOLDEN.parent / "exports-1").rglob("*") if path.is_file())
+EXPORTS = sorted(path for path in GOLDEN.parent.glob("exports-*/**/*") if path.is_file())
+FLEETS = sorted(GOLDEN.parent.glob("fleet-*"))
 
 
-@pytest.mark.parametrize("path", [*EXPORTS, GOLDEN.parent / "fleet-1"], ids=lambda path: path.name)
-def test_an_export_and_a_fleet_of_the_first_formats_still_verify(calibkit, path):
-    """Sources, loader, blobs, records, table and manifest as calibkit 0.1.0 wrote them: digests
-    hold, vectors come out.
+@pytest.mark.parametrize("path", [*EXPORTS, *FLEETS], ids=lambda path: path.name)
+def test_an_export_and_a_fleet_of_every_format_still_verify(calibkit, path):
+    """Sources, loader, blobs, records, table and manifest as each version wrote them: digests hold,
+    vectors come out.
     """
     outcome = calibkit("verify", path)
     assert (outcome.code, outcome.err) == (0, "")
-    assert len(EXPORTS) == 10
+    assert (len(EXPORTS), len(FLEETS)) == (15, 2)
 
 
-def test_a_damaged_export_of_the_first_formats_is_refused(tmp_path, calibkit):
+def test_a_run_of_the_second_format_is_read(calibkit):
+    """Effective degrees of freedom, components and a run without a verdict."""
+    run = store.load(GOLDEN.parent / "run-2" / "RT-2" / "r001")
+    assert (run.document["verdict"], run.document["accepted"]) == ("no verdict", None)
+    (found,) = run.records["gyro_scale.json"].models
+    assert [one.effective_dof for one in found.coefficients] == [3.25, None]
+    assert [one.name for one in found.components] == ["run-to-run scale"]
+    assert calibkit("verify", run.folder, GOLDEN.parent / "run-2" / "validation.json").code == 0
+
+
+def test_a_run_of_the_first_format_without_limits_has_no_verdict(golden):
+    """Its `accepted` was true because nothing could fail; with a limit it is what it was."""
+    assert json.loads((golden / "run.json").read_text(encoding="utf-8"))["accepted"] is True
+    document = store.load(golden).document
+    assert (document["verdict"], document["accepted"]) == ("no verdict", None)
+    limit = {"name": "x", "value": 1.0, "limit": 2.0, "unit": "1"}
+    for passed, verdict in ((True, "accepted"), (False, "rejected")):
+        reseal(golden, accepted=passed, acceptance=[limit | {"passed": passed}])
+        document = store.load(golden).document
+        assert (document["verdict"], document["accepted"]) == (verdict, passed)
+
+
+@pytest.mark.parametrize(("verdict", "accepted"), [("accepted", None), ("fine", True), ("", None)])
+def test_a_verdict_that_contradicts_itself_is_refused(golden, verdict, accepted):
+    """`verdict` has three values, and `accepted` beside it is the one that belongs to it."""
+    reseal(golden, format="calibkit-run/2", verdict=verdict, accepted=accepted)
+    with pytest.raises(CoefficientError, match="not a run document: verdict"):
+        store.load(golden)
+
+
+def test_a_damaged_export_is_refused(tmp_path, calibkit):
     """One digit of a C source, one byte of a blob, one digit of a table: exit code 4, and the file
     is named.
     """
@@ -136,7 +167,7 @@ def same_document(a, b):
 
 
 @pytest.mark.parametrize(
-    "format_", ["calibkit-run/2", "calibkit-coefficients/1", "somebody-else/1"]
+    "format_", ["calibkit-run/9", "calibkit-coefficients/1", "somebody-else/1"]
 )
 def test_a_run_of_a_future_or_foreign_format_is_refused_by_name(golden, format_):
     """A well sealed run.json of a format that this calibkit does not know is refused with the

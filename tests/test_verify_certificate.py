@@ -658,7 +658,9 @@ def test_a_rejected_run_is_called_one_on_its_first_page_and_by_every_command(
     shutil.copytree(run.folder, folder)
     document = json.loads((folder / "run.json").read_text(encoding="utf-8"))
     limit = {"name": "scale_residual", "value": 2.0, "limit": 1.0, "unit": "ppm", "passed": False}
-    changed_run = sealed.seal(document | {"accepted": False, "acceptance": [limit]})
+    changed_run = sealed.seal(
+        document | {"verdict": "rejected", "accepted": False, "acceptance": [limit]}
+    )
     (folder / "run.json").chmod(0o644)
     (folder / "run.json").write_bytes(changed_run.encode())
     out = tmp_path / "c.pdf"

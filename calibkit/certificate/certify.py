@@ -11,6 +11,7 @@ from calibkit.certificate.checklist import Missing
 from calibkit.certificate.words import Lang
 from calibkit.errors import RecipeError, UsageError
 from calibkit.recipe import loader
+from calibkit.run_document import ACCEPTED
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +35,8 @@ class Issued:
             "out": [str(path) for path in self.files],
             "number": certificate.profile.certificate.number,
             "draft": certificate.draft,
-            "accepted": certificate.run.accepted,
+            "verdict": certificate.run.verdict,
+            "accepted": ACCEPTED[certificate.run.verdict],
             "missing": [{"key": item.key, "what": item.what.en} for item in self.missing],
             "results": [
                 {

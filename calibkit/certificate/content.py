@@ -17,10 +17,18 @@ from calibkit.certificate.words import Words
 from calibkit.errors import RecipeError
 from calibkit.new_files import RUN_FILE
 from calibkit.recipe import Recipe, TypeB, type_b
+from calibkit.run_document import Verdict
 
 TITLE = Words("Calibration certificate", "校准证书")
 Relationship = Literal["source", "data", "alternative", "supplement"]
 JSON = "application/json"
+VERDICTS: dict[Verdict, Words] = {
+    "accepted": Words("accepted, the acceptance limits are met", "合格，满足接受限"),
+    "rejected": Words("rejected, an acceptance limit is not met", "不合格，未满足接受限"),
+    "no verdict": Words(
+        "no verdict, the recipe sets no acceptance limits", "无判定，配方未规定接受限"
+    ),
+}
 VALIDATION, PROFILE = "validation.json", "profile.toml"
 """Names of two attached files."""
 
@@ -77,13 +85,18 @@ class Certificate:
 
     @property
     def rejection(self) -> Words:
-        """Statement on a run that failed its acceptance limits; empty for one that met them."""
-        if self.run.accepted:
+        """Statement on a run that failed its acceptance limits; empty for another."""
+        if self.run.verdict != "rejected":
             return Words("")
         failed = ", ".join(c.name for c in self.run.criteria if not c.passed) or "acceptance"
         return Words(
             f"The run failed its acceptance limits: {failed}", f"本次处理未满足接受限：{failed}"
         )
+
+    @property
+    def verdict(self) -> Words:
+        """Verdict on the acceptance limits of the run's recipe, in three values."""
+        return Words("Verdict on the run: ", "本次处理的判定：") + VERDICTS[self.run.verdict]
 
     @property
     def draft(self) -> bool:

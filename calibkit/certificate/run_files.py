@@ -13,9 +13,8 @@ from calibkit.coefficients import Condition, Criterion, Input, Record
 from calibkit.errors import CoefficientError, UsageError
 from calibkit.new_files import RUN_FILE
 from calibkit.report.run import stated_criteria
+from calibkit.run_document import VALIDATION_FORMATS, Verdict
 from calibkit.store import Run
-
-VALIDATION_FORMATS = ("calibkit-validation/1",)
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +50,7 @@ class RunFiles:
             criteria=stated_criteria(document),
             flags=tuple(document["flags"]),
             conditions=tuple(conditions.values()),
-            accepted=document["accepted"],
+            verdict=document["verdict"],
         )
 
     @classmethod
@@ -79,8 +78,8 @@ class RunFacts:
     criteria: tuple[Criterion, ...]
     flags: tuple[str, ...]
     conditions: tuple[Condition, ...]
-    accepted: bool
-    """Whether the run met its acceptance limits."""
+    verdict: Verdict
+    """On the run's acceptance limits."""
 
     @property
     def content_digest(self) -> Words:

@@ -350,6 +350,7 @@ def _data(certificate: Certificate, lang: Lang) -> dict[str, Any]:
         run.content_digest.of(lang),
         Words("Coefficients hold from ", "系数生效日期 ").of(lang) + run.effective_from,
     ]
+    notes += [certificate.verdict.of(lang)]
     notes += [_criterion(criterion).of(lang) for criterion in run.criteria]
     heads = [Words("file", "文件"), Words("content", "内容"), Words("SHA-256")]
     log_heads = [Words("log", "数据"), Words("rows", "行数"), Words("SHA-256")]

@@ -16,7 +16,7 @@ import re
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from calibkit import coefficients, extras, new_files, sealed, store
+from calibkit import coefficients, extras, new_files, run_document
 from calibkit.certificate import (
     checklist,
     content,
@@ -107,7 +107,7 @@ def verify(
         warnings.append("not signed: nothing says who made it")
     if draft:
         warnings.append("a DRAFT: not a calibration certificate")
-    if not _document(attached)["accepted"]:
+    if _document(attached)["verdict"] == "rejected":
         warnings.append("the run failed its acceptance limits")
     return Verified(_what(attached, signatures, count), tuple(warnings))
 
@@ -206,7 +206,7 @@ def _records(attached: Mapping[str, bytes], run: Mapping[str, Any]) -> Iterator[
 def _document(attached: Mapping[str, bytes]) -> dict[str, Any]:
     """The attached run.json, or CoefficientError."""
     data = attached.get(new_files.RUN_FILE, b"").decode("utf-8", errors="replace")
-    return sealed.unseal(data, new_files.RUN_FILE, store.RUN_FORMATS)
+    return run_document.loads(data, new_files.RUN_FILE)
 
 
 def _remade(

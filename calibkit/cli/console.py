@@ -207,8 +207,8 @@ def print_verdict(summary: Summary) -> None:
         print_summary(summary)
         return
     print_flags(summary.flags)
-    if not summary.accepted:
-        print_message(summary.verdict)
+    if summary.verdict == "rejected":
+        print_message(summary.last_line)
 
 
 def print_json(document: dict[str, Any]) -> None:

@@ -26,6 +26,7 @@ VERDICT_KEYS = (
     "revision",
     "procedure",
     "effective_from",
+    "verdict",
     "accepted",
     "acceptance",
     "uncertainty",
@@ -85,7 +86,7 @@ def fit(
         **{key: run.document[key] for key in VERDICT_KEYS},
     }
     print_result(document, (folder,), as_json=as_json, dry_run=dry_run)
-    return 0 if outcome.summary.accepted else 1
+    return 1 if outcome.summary.verdict == "rejected" else 0
 
 
 @command()
@@ -203,7 +204,7 @@ def validate(run: str, data: Path, out: Path, runs: Path, *, dry_run: bool, as_j
     if not as_json:
         print_verdict(summary)
     print_result(document, (out,), as_json=as_json, dry_run=dry_run)
-    return 0 if summary.accepted else 1
+    return 1 if summary.verdict == "rejected" else 0
 
 
 @command()

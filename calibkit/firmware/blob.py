@@ -2,7 +2,8 @@
 their reading.
 
 Little-endian. Header of 112 bytes: magic "CALB", schema major and minor (u16), length of the whole
-(u32), bits of a number (u16), flags (u16, bit 0: accepted), layout (8 bytes: which program the
+(u32), bits of a number (u16), flags (u16, bit 0: not rejected,
+bit 1: no verdict), layout (8 bytes: which program the
 numbers are for), revision (u32), serial (32 bytes of UTF-8, zeros behind), digest of run.json (32
 bytes), effective date (10 characters and 2 zeros), numbers (u32), vectors (u32). Then the numbers
 of every table in the order of the layout; a tolerance an output; the vectors, each inputs, outputs
@@ -23,9 +24,10 @@ from calibkit.firmware import c_selftest, c_text, layout, vectors
 from calibkit.firmware.export import Export
 from calibkit.firmware.program import Program
 
-MAGIC, MAJOR, MINOR = b"CALB", 1, 0
+MAGIC, MAJOR, MINOR = b"CALB", 1, 1
 HEADER = struct.Struct("<4sHHIHH8sI32s32s12sII")
 SERIAL_BYTES = 32
+FLAGS = {"rejected": 0, "accepted": 1, "no verdict": 3}
 CODES = {32: "f", 64: "d"}
 """Bits of a number → its letter in `struct`."""
 
@@ -87,7 +89,7 @@ def render(export: Export) -> bytes:
         MINOR,
         HEADER.size + len(content) + 4,
         8 * size,
-        int(identity.accepted),
+        FLAGS[identity.verdict],
         found.digest,
         identity.revision,
         serial,
@@ -118,7 +120,7 @@ def verify(name: str, content: bytes) -> str:
     program, stated = _read(content, bits, digest, count, rows, name)
     vectors.require_recomputed(program, stated, name)
     device = serial.rstrip(b"\0").decode()
-    mark = "" if flags & 1 else ", REJECTED"
+    mark = c_text.MARKS[next((name for name, bits in FLAGS.items() if bits == flags), "rejected")]
     kind = f"{program.format.name}, {count} numbers, {rows} vectors recomputed{mark}"
     return (
         f"blob of {device} revision {revision}, effective from {day.rstrip(bytes(1)).decode()},"

@@ -21,6 +21,8 @@ STATUS = {
     "DRIFT_LIMITED": "the summed drift reached its limit: reset or anchor it",
 }
 """Status → its meaning."""
+VERDICTS = ("rejected", "accepted", "no verdict")
+"""Verdicts by the number that a header states."""
 
 
 def render(export: Export) -> str:
@@ -51,7 +53,10 @@ def _identity(export: Export) -> str:
     return (
         f'#define @P_SERIAL "{serial}"\n#define @P_REVISION {identity.revision}\n'
         f"/* {c_text.CONTENT} of {name} */\n"
-        f'#define @P_COEFFICIENTS_SHA256 "{digest}"\n#define @P_ACCEPTED {int(identity.accepted)}\n'
+        f'#define @P_COEFFICIENTS_SHA256 "{digest}"\n'
+        f"/* {', '.join(f'{k} {verdict}' for k, verdict in enumerate(VERDICTS))} */\n"
+        f"#define @P_VERDICT {VERDICTS.index(identity.verdict)}\n"
+        f"#define @P_ACCEPTED {int(identity.verdict == 'accepted')}\n"
     )
 
 

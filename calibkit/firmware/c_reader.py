@@ -71,8 +71,8 @@ def _read(text: str, name: str) -> tuple[Program, vectors.Vectors]:
 
 
 def _mark(text: str) -> str:
-    """Mark of a rejected run, by the facts in the comment at the top."""
-    return c_text.rejection_mark(
+    """Verdict on the run, by the facts in the comment at the top."""
+    return c_text.verdict_mark(
         line.removeprefix(" * ") for line in text.partition("*/")[0].splitlines()
     )
 

@@ -3,10 +3,11 @@
 import hashlib
 import re
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 from calibkit.errors import CoefficientError
 from calibkit.firmware.export import SCHEMA, Export
+from calibkit.run_document import ACCEPTED
 
 NUMBERS = {
     "f32": "IEEE 754 single precision",
@@ -20,6 +21,14 @@ CONTENT = "content digest (field sha256)"
 another.
 """
 REJECTED = "REJECTED"
+VERDICTS = {
+    "rejected": f"{REJECTED}      this run failed its acceptance limits: not for use in a product",
+    "no verdict": "no verdict    the recipe of this run sets no acceptance limits",
+    "accepted": "accepted      this run met its acceptance limits",
+}
+"""Verdict → what every export states of it."""
+MARKS = {"rejected": f", {REJECTED}", "no verdict": ", no verdict", "accepted": ""}
+"""Verdict → what verify appends."""
 SEALED = re.compile(r"(?:/\*|#) sha256 of all lines above: ([0-9a-f]{64})(?: \*/)?\n\Z")
 
 
@@ -45,10 +54,7 @@ def facts(export: Export, *, bounds: bool = True) -> list[str]:
     ]
     if structure.has_memory:
         lines.append(f"interval      update every {structure.interval_s:g} s, with means over it")
-    if not identity.accepted:
-        lines.insert(
-            0, f"{REJECTED}      this run failed its acceptance limits: not for use in a product"
-        )
+    lines.insert(0, VERDICTS[identity.verdict])
     return [ascii_only(line) for line in (*lines, *(_bounds(export) if bounds else []))]
 
 
@@ -65,9 +71,20 @@ def _bounds(export: Export) -> list[str]:
     return [*lines, f"              (worst case of {case})"]
 
 
-def rejection_mark(lines: Iterable[str]) -> str:
-    """What verify appends for a file whose facts, one per line, state that its run was rejected."""
-    return f", {REJECTED}" if any(line.startswith(f"{REJECTED} ") for line in lines) else ""
+def verdict_mark(lines: Iterable[str]) -> str:
+    """What verify appends for a file whose facts, one per line, state the verdict on its run."""
+    stated = set(lines)
+    return next((mark for verdict, mark in MARKS.items() if VERDICTS[verdict] in stated), "")
+
+
+def list_verdicts(accepted: Mapping[str, bool | None]) -> str:
+    """What verify appends for a file of several devices (serial → accepted, None: no verdict)."""
+    listed = (
+        (mark, [serial for serial, value in accepted.items() if value is ACCEPTED[verdict]])
+        for verdict, mark in MARKS.items()
+        if mark
+    )
+    return "".join(f"{mark}: {', '.join(serials)}" for mark, serials in listed if serials)
 
 
 def ascii_only(text: str) -> str:

@@ -12,6 +12,7 @@ from calibkit.firmware.chain import Chain, Structure
 from calibkit.firmware.formats import Format
 from calibkit.firmware.program import Program
 from calibkit.firmware.vectors import Vectors
+from calibkit.run_document import Verdict
 
 SCHEMA = "calibkit-firmware/1"
 C_WORDS = (
@@ -60,7 +61,7 @@ class Identity:
     files: Mapping[str, str]
     """Coefficient file → the digest that it states of itself."""
     software: str
-    accepted: bool
+    verdict: Verdict
     title: str = ""
 
 

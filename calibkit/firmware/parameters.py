@@ -322,7 +322,7 @@ def verify(name: str, content: bytes) -> str:
             f"{name}: cannot be read: {error!r}", hint="export it again"
         ) from None
     device = next((line[16:] for line in lines if line.startswith("# device")), "a unit")
-    mark = c_text.rejection_mark(line[2:] for line in lines if line.startswith("#"))
+    mark = c_text.verdict_mark(line[2:] for line in lines if line.startswith("#"))
     return f"{stated['pilot']} parameters of {device}, {len(errors)} channels recomputed{mark}"
 
 

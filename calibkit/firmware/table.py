@@ -13,6 +13,7 @@ from calibkit.errors import CoefficientError, OutputError
 from calibkit.firmware import c_text, layout, vectors
 from calibkit.firmware.export import Export
 from calibkit.report.table import Table
+from calibkit.run_document import ACCEPTED
 
 FACTS = (
     "serial",
@@ -24,6 +25,8 @@ FACTS = (
     "formula",
     "fitted_over",
 )
+CELLS = {"1": True, "0": False, "": None}
+"""What a table states under `accepted`: nothing where there is no verdict."""
 PROOF = ("program", "vectors", "row_sha256")
 
 
@@ -51,7 +54,9 @@ def _row(export: Export) -> dict[str, str]:
         "serial": identity.serial,
         "revision": str(identity.revision),
         "effective_from": identity.effective_from,
-        "accepted": str(int(identity.accepted)),
+        "accepted": next(
+            cell for cell, value in CELLS.items() if value is ACCEPTED[identity.verdict]
+        ),
         "run_sha256": identity.run_sha256,
         "number": program.format.name,
         "formula": c_text.ascii_only(structure.formula),
@@ -100,8 +105,7 @@ def verify(name: str, content: bytes) -> str:
                 f"{place}: its digest is not that of its content", hint="export it again"
             )
         _recomputed(row, place)
-    rejected = [row["serial"] for row in rows if row["accepted"] != "1"]
-    mark = f", {c_text.REJECTED}: {', '.join(rejected)}" if rejected else ""
+    mark = c_text.list_verdicts({row["serial"]: CELLS.get(row["accepted"]) for row in rows})
     return f"table of {len(rows)} units, {rows[0]['number']}, their vectors recomputed{mark}"
 
 

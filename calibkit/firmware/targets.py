@@ -23,8 +23,9 @@ from calibkit.firmware import (
     table,
 )
 from calibkit.firmware.export import Export
+from calibkit.run_document import ACCEPTED
 
-MANIFEST = "calibkit-manifest/1"
+MANIFESTS = ("calibkit-manifest/1", "calibkit-manifest/2")
 FLOATS = ("f32", "f64")
 
 
@@ -158,7 +159,7 @@ def _manifest(
 ) -> bytes:
     """What was delivered: every device with its run and its files, every file with its digest."""
     document: dict[str, Any] = {
-        "format": MANIFEST,
+        "format": MANIFESTS[-1],
         "software": exports[0].identity.software,
         "files": store.list_files(shared),
         "units": [
@@ -167,7 +168,8 @@ def _manifest(
                 "revision": export.identity.revision,
                 "effective_from": export.identity.effective_from,
                 "run_sha256": export.identity.run_sha256,
-                "accepted": export.identity.accepted,
+                "verdict": export.identity.verdict,
+                "accepted": ACCEPTED[export.identity.verdict],
                 "files": store.list_files(files),
             }
             for export, files in zip(exports, own, strict=True)
@@ -178,7 +180,7 @@ def _manifest(
 
 def verify_manifest(path: Path) -> str:
     """Check a manifest and the digest of every file that it lists beside it; returns what it is."""
-    document = sealed.unseal(path.read_text(encoding="utf-8"), str(path), (MANIFEST,))
+    document = sealed.unseal(path.read_text(encoding="utf-8"), str(path), MANIFESTS)
     entries = [
         *document["files"],
         *(entry for unit in document["units"] for entry in unit["files"]),
@@ -193,6 +195,5 @@ def verify_manifest(path: Path) -> str:
             raise CoefficientError(
                 f"{file}: not the file that the manifest lists", hint="export it again"
             )
-    rejected = [unit["serial"] for unit in document["units"] if not unit["accepted"]]
-    mark = f", {c_text.REJECTED}: {', '.join(rejected)}" if rejected else ""
+    mark = c_text.list_verdicts({unit["serial"]: unit["accepted"] for unit in document["units"]})
     return f"manifest of {len(document['units'])} units, {len(entries)} files{mark}"

@@ -43,7 +43,7 @@ class Row:
     run_sha256: str
     """Digest that run.json states of itself."""
     verdict: str
-    """accepted, rejected, or no limits."""
+    """accepted, rejected, or no verdict."""
     figures: tuple[KeyFigure, ...]
     inputs: tuple[Mapping[str, Any], ...]
     """Each log as run.json lists it: name, digest, fingerprint of its values."""
@@ -178,12 +178,11 @@ def _second_loggers(folder: Path, spec: recipe.Recipe) -> set[str]:
 def _row(run: store.Run, spec: recipe.Recipe, *, before: bool) -> Row:
     """What the fleet's table states of a run."""
     document = run.document
-    accepted = "accepted" if document["accepted"] else "rejected"
     return Row(
         serial=document["serial"],
         run=f"r{document['revision']:03d}",
         run_sha256=document["sha256"],
-        verdict=accepted if document["acceptance"] else "no limits",
+        verdict=document["verdict"],
         figures=keys.select_key_figures(
             run, instruments.find(spec.procedure).key_figures, spec.reference_temp_degc
         ),

@@ -37,7 +37,7 @@ def _document(table: FleetTable, plan: Plan, contents: Mapping[str, bytes]) -> d
     digests of the files.
     """
     return {
-        "format": store.FLEET_FORMAT,
+        "format": store.FLEET_FORMATS[-1],
         "software": SOFTWARE,
         "effective_from": plan.date,
         "recipe": run_content.describe_recipe(plan.source),

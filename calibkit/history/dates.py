@@ -30,7 +30,7 @@ def flag_date_order(summary: Summary, runs: Path, serial: str, revision: int, da
             return summary
     if not earlier:
         return summary
-    own = {"revision": revision, "effective_from": date, "accepted": summary.accepted}
+    own = {"revision": revision, "effective_from": date, "verdict": summary.verdict}
     before = (
         f"effective from {date}, before r{earlier[0]['revision']:03d}'s"
         f" {earlier[0]['effective_from']}"
@@ -42,8 +42,8 @@ def flag_date_order(summary: Summary, runs: Path, serial: str, revision: int, da
 def _by_date(own: dict[str, Any], earlier: list[dict[str, Any]]) -> str:
     """Between which dates a revision is the one in force."""
     name, date = f"r{own['revision']:03d}", own["effective_from"]
-    if not own["accepted"]:
-        return f"not accepted, {name} is in force on no date"
+    if own["verdict"] == "rejected":
+        return f"rejected, {name} is in force on no date"
     winners = store.in_force([*earlier, own])
     after = min((since for since in winners if since > date), default="")
     if not after:

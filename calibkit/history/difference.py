@@ -285,6 +285,8 @@ def _flags(before: Run, after: Run) -> tuple[str, ...]:
             " is too large, and what moved is due to recipe, software or the other logs"
         )
     flags += [
-        f"{run.name} was not accepted" for run in (before, after) if not run.document["accepted"]
+        f"{run.name} was rejected"
+        for run in (before, after)
+        if run.document["verdict"] == "rejected"
     ]
     return tuple(flags)

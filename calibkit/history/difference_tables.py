@@ -136,8 +136,8 @@ def difference_document(found: Difference) -> dict[str, Any]:
 
 def identify_run(run: Run) -> dict[str, Any]:
     """What identifies a run."""
-    keys = ("serial", "revision", "procedure", "effective_from", "accepted", "software", "sha256")
-    return {"name": run.name, **{key: run.document[key] for key in keys}}
+    facts = ("serial", "revision", "procedure", "effective_from", "verdict", "accepted")
+    return {"name": run.name, **{key: run.document[key] for key in (*facts, "software", "sha256")}}
 
 
 def _model_document(model: ModelChange) -> dict[str, Any]:

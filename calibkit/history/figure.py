@@ -70,7 +70,7 @@ def _panel(ax: Axes, series: Series) -> None:
             ms=4.5,
             capsize=3,
             color=DENOISED,
-            mfc=DENOISED if point.accepted else "none",
+            mfc="none" if point.verdict == "rejected" else DENOISED,
         )
         ax.annotate(f"r{point.revision:03d}", (date.toordinal(), point.value - first), (4, 4),
                     textcoords="offset points", fontsize=6.5, color=MUTED)  # fmt: skip
@@ -84,7 +84,7 @@ def _panel(ax: Axes, series: Series) -> None:
 
 
 def _line(ax: Axes, series: Series) -> None:
-    """The weighted straight line through the accepted determinations."""
+    """The weighted straight line through the determinations that were not rejected."""
     trend = series.trend
     if trend is None:
         return

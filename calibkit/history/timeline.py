@@ -52,7 +52,7 @@ class Point:
     effective_from: str
     value: float
     standard_uncertainty: float
-    accepted: bool
+    verdict: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,9 +197,9 @@ def _dates_in_force(runs: Sequence[Run]) -> dict[int, _InForce]:
 def _flags(runs: Sequence[Run]) -> tuple[str, ...]:
     """What a reader of a timeline must know."""
     flags = [
-        f"{run.name} was not accepted: it is never in force by date"
+        f"{run.name} was rejected: it is never in force by date"
         for run in runs
-        if not run.document["accepted"]
+        if run.document["verdict"] == "rejected"
     ]
     for older, newer in itertools.pairwise(runs):
         dates = older.document["effective_from"], newer.document["effective_from"]
@@ -222,11 +222,12 @@ def _flags(runs: Sequence[Run]) -> tuple[str, ...]:
 
 
 def _independent(runs: Sequence[Run]) -> set[int]:
-    """Revisions that were accepted and share no log with a newer one of them."""
+    """Revisions that were not rejected and share no log with a newer one of them."""
     seen: list[Mapping[str, object]] = []
     kept = set()
     for run in sorted(runs, key=lambda run: -int(run.document["revision"])):
-        if run.document["accepted"] and not copies.shared_logs(run.document["inputs"], seen):
+        usable = run.document["verdict"] != "rejected"
+        if usable and not copies.shared_logs(run.document["inputs"], seen):
             kept.add(int(run.document["revision"]))
             seen += run.document["inputs"]
     return kept
@@ -243,9 +244,8 @@ def _series(runs: Sequence[Run], forms_of: FormsOf) -> Iterator[Series]:
         when = (run.document["revision"], run.document["effective_from"])
         for quantity, number in _numbers(run, forms_of(run.document["procedure"])):
             if number.standard_uncertainty > 0.0:
-                point = Point(
-                    *when, number.value, number.standard_uncertainty, bool(run.document["accepted"])
-                )
+                verdict = run.document["verdict"]
+                point = Point(*when, number.value, number.standard_uncertainty, verdict)
                 points.setdefault(quantity, []).append(point)
     independent = _independent(runs)
     for quantity, found in points.items():

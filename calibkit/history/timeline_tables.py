@@ -11,13 +11,13 @@ from calibkit.store import Run
 
 OVER_TIME = (
     "change: from the first date to the last; step: largest between neighbours; a year: slope of"
-    " the accepted runs"
+    " the runs that were not rejected"
 )
 REVISION_HEADS = (
     "revision",
     "effective from",
     "in force before",
-    "accepted",
+    "verdict",
     "procedure",
     "logs",
     "calibkit",
@@ -74,7 +74,7 @@ def _revision_row(found: Timeline, run: Run) -> tuple[Cell, ...]:
         f"r{document['revision']:03d}",
         document["effective_from"],
         dates.until or ("open" if dates.since else "never"),
-        "yes" if document["accepted"] else "NO",
+        "REJECTED" if document["verdict"] == "rejected" else document["verdict"],
         document["procedure"],
         len(document["inputs"]),
         document["software"].removeprefix("calibkit "),

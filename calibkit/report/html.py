@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from importlib import resources
 from typing import Any
 
+from calibkit import run_document
 from calibkit.coefficients import Record
 from calibkit.report import html_tables as tables, svg
 from calibkit.report.documents import Drawn
@@ -41,7 +42,8 @@ def page(document: Mapping[str, Any], records: Mapping[str, Record], drawn: Draw
     """The page of a run as UTF-8: `document` is its run.json but for what cannot know this page
     yet, digest and file list.
     """
-    style = _own("page.css") + ("" if document["accepted"] else REJECTED)
+    rejected = document["verdict"] == "rejected"
+    style = _own("page.css") + (REJECTED if rejected else "")
     script = _own("page.js")
     title = f"{_run_name(document)}, {document['procedure']}"
     head = [
@@ -49,7 +51,7 @@ def page(document: Mapping[str, Any], records: Mapping[str, Record], drawn: Draw
         Markup(f'<meta http-equiv="Content-Security-Policy" content="{_policy(style, script)}">'),
         Markup('<meta name="viewport" content="width=device-width, initial-scale=1">'),
         Markup('<meta name="color-scheme" content="light dark">'),
-        element("title", title if document["accepted"] else f"REJECTED: {title}"),
+        element("title", f"REJECTED: {title}" if rejected else title),
         Markup(f"<style>{style}</style>"),
     ]
     body = [
@@ -89,8 +91,7 @@ def _policy(style: str, script: str) -> str:
 
 def _top(document: Mapping[str, Any], drawn: Drawn) -> Markup:
     """Whose run this is, the verdict on it, and the way to each section."""
-    limits, accepted = bool(document["acceptance"]), document["accepted"]
-    kind = "rejected" if not accepted else "accepted" if limits else "open"
+    kind = "open" if document["verdict"] == "no verdict" else document["verdict"]
     facts = f"{document['procedure']}, effective from {document['effective_from']}"
     links = [element("a", section, href=f"#{section.lower()}") for section in SECTIONS]
     return join_markup(
@@ -98,7 +99,7 @@ def _top(document: Mapping[str, Any], drawn: Drawn) -> Markup:
             element("a", "Skip to the verdict", href="#verdict", class_="skip"),
             element("header", element("h1", _run_name(document)), element("p", facts)),
             element(
-                "p", element("strong", drawn.summary.verdict), class_=f"band {kind}", id="band"
+                "p", element("strong", drawn.summary.last_line), class_=f"band {kind}", id="band"
             ),
             element("nav", join_markup(links, " "), aria_label="Sections"),
         ]
@@ -110,14 +111,12 @@ def _sections(
 ) -> list[Markup]:
     """Every section in order, under its heading."""
     limits = document["acceptance"]
-    without = element(
-        "p", "The recipe states no acceptance limits: nothing was accepted or rejected."
-    )
+    without = element("p", f"{run_document.NO_VERDICT}.")
     parts = {
         "Verdict": [tables.list_limits(limits) if limits else without],
         "Flags": _flags(document),
         "Results": [tables.summary_table(shown) for shown in drawn.summary.tables],
-        "Figures": _figures(drawn, rejected=not document["accepted"]),
+        "Figures": _figures(drawn, rejected=document["verdict"] == "rejected"),
         "Coefficients": tables.list_coefficients(document, records),
         "Uncertainty": tables.list_uncertainties(document),
         "Logs": tables.list_logs(document),

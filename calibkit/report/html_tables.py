@@ -247,7 +247,7 @@ def list_flags(flags: Sequence[str]) -> Markup:
 def list_coefficients(document: Mapping[str, Any], records: Mapping[str, Record]) -> list[Markup]:
     """Models and figures of every stage, as the coefficient files have them."""
     parts = []
-    if not document["accepted"]:
+    if document["verdict"] == "rejected":
         rejected = "REJECTED: these coefficients failed the acceptance limits."
         parts.append(element("p", element("strong", rejected), class_="warn"))
     parts.append(

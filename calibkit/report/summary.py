@@ -5,11 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from calibkit import run_document
+
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from rich.console import Console
 
     from calibkit.coefficients import Criterion
     from calibkit.report.table import Table
+    from calibkit.run_document import Verdict
+
+STYLES: Mapping[str, str] = {"accepted": "green", "rejected": "bold red", "no verdict": ""}
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,20 +31,20 @@ class Summary:
     """Last line instead of the verdict on acceptance limits, where there is nothing to accept."""
 
     @property
-    def accepted(self) -> bool:
-        """Whether no acceptance limit failed."""
-        return all(criterion.passed for criterion in self.criteria)
+    def verdict(self) -> Verdict:
+        """Verdict on the criteria."""
+        return run_document.judge(self.criteria)
 
     @property
-    def verdict(self) -> str:
-        """One sentence on the acceptance limits; without limits nothing is called accepted."""
+    def last_line(self) -> str:
+        """One sentence on the verdict, with each limit that failed."""
         if self.conclusion:
             return self.conclusion
-        if not self.criteria:
-            return "no acceptance limits in the recipe: nothing was accepted or rejected"
+        if self.verdict == "no verdict":
+            return run_document.NO_VERDICT
         failed = [c for c in self.criteria if not c.passed]
         if not failed:
-            return f"accepted: {len(self.criteria)} of {len(self.criteria)} limits held"
+            return f"accepted: {len(self.criteria)} of {len(self.criteria)} limits met"
         return "REJECTED: " + "; ".join(
             f"{c.name} {c.value:.6g} against {c.limit:.6g}{f' {c.unit}' if c.unit != '1' else ''}"
             for c in failed
@@ -83,8 +90,7 @@ class Summary:
             console.print(shown)
         for flag in self.flags:
             console.print(Text(f"! {flag}", style="yellow"))
-        judged = "green" if self.accepted else "bold red"
-        console.print(Text(self.verdict, style=judged if self.criteria else ""))
+        console.print(Text(self.last_line, style="" if self.conclusion else STYLES[self.verdict]))
 
 
 def number(value: float, digits: int = 4) -> str:
