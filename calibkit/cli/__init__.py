@@ -28,8 +28,8 @@ def cli() -> None:
     calibkit fit fog_thermal --data logs --serial FOG-0001
     calibkit apply FOG-0001 --data field.csv --out compensated.csv
 
-    Exit codes: 0 accepted or no verdict, 1 an acceptance limit failed, 2 usage or recipe, 3 data unreadable or
-    unusable, 4 output or verification, 70 internal error, 130 interrupted.
+    Exit codes: 0 accepted or no verdict, 1 an acceptance limit failed, 2 usage or recipe, 3 data
+    unreadable or unusable, 4 output or verification, 70 internal error, 130 interrupted.
     """
 
 
