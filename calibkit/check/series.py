@@ -9,7 +9,7 @@ import numpy as np
 from calibkit.arrays import Array, Integers
 from calibkit.check.content import finding_at_row
 from calibkit.frame import Finding, Log, values
-from calibkit.numeric import anomalies, chunks, order_statistics
+from calibkit.numeric import anomalies, chunks, level_changes, order_statistics
 
 SPIKE_DEGC = 0.5
 """Departure from its neighbours [°C] below which a temperature is no spike: air is turbulent."""
@@ -129,15 +129,17 @@ def check_driven_indication(
     log: Log, column: str, driver: str, unit: str, full_span: float
 ) -> list[Finding]:
     """Stuck or clipped values of an indication: it stands still while what drives it moves by a
-    hundredth of its span.
+    hundredth of its span and by three of the indication's own steps.
 
     `full_span` is the largest span of an indication in the log: a table's unevenness is a share of
     it, across its axis too.
     """
     data, cause = values(log.frame, column), values(log.frame, driver)
     low, high = log.extremes(driver)
+    least, largest = log.extremes(column)
+    share = max(0.01, 3.0 * anomalies.resolution(data) / max(largest - least, np.finfo(float).tiny))
     runs = anomalies.stuck_against(
-        cause, 0.01 * (high - low), anomalies.equal_runs(data, anomalies.SHORTEST_RUN)
+        cause, share * (high - low), anomalies.equal_runs(data, anomalies.SHORTEST_RUN)
     )
     noisy = anomalies.stuck(data)
     # an indication of held rates may be coarser than its noise: only values at an extreme are
@@ -265,7 +267,7 @@ def _check_clipping(log: Log, column: str, data: Array, unit: str) -> list[Findi
 
 def _check_jumps(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
     """One finding for the sudden changes of the bias that stay, at the largest."""
-    rows, change = anomalies.jumps(data, int(np.clip(data.size // 50, 20, 2000)))
+    rows, change = level_changes.jumps(data, int(np.clip(data.size // 50, 20, 2000)))
     if not rows.size:
         return []
     k = int(np.argmax(np.abs(change)))
@@ -290,7 +292,7 @@ def _check_jumps(log: Log, column: str, data: Array, unit: str) -> list[Finding]
 
 def _check_start_up(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
     """Rows at the head of a log that were written before the instrument ran."""
-    count = anomalies.start_up(data)
+    count = level_changes.start_up(data)
     if not count:
         return []
     after = float(np.median(data[count : count + 100]))

@@ -1,5 +1,4 @@
-"""Detection of sensor and logger faults in a series: spikes, stuck and clipped values, jumps,
-start-up rows.
+"""Detection of sensor and logger faults in a series: spikes, stuck and clipped values.
 
 The thresholds are wide on purpose: a false alarm in a healthy log does more harm than a missed
 spike of six standard deviations.
@@ -20,7 +19,13 @@ HIGH = 0.85
 HIGH_TO_SIGMA = 1.0 / 1.4395314709384563
 """Standard deviation of normal noise divided by the quantile HIGH of its magnitude."""
 BLOCK = 512
-"""Rows of a block; the noise is taken as constant within one."""
+"""Rows of a block, whose noise a spike must exceed."""
+AROUND = 32
+"""Rows on each side of a spike whose noise it must exceed, too: a knock rings for tens of rows."""
+QUIET_SHARE = 0.3
+"""Quantile of the steps that the rows tested closely are chosen by: that of a quiet third."""
+QUIET_TO_SIGMA = 1.0 / 0.38532046640756773
+"""Standard deviation of normal noise divided by the quantile QUIET_SHARE of its magnitude."""
 SPIKE = 10.0
 """Deviation from the median of seven rows, in standard deviations, above which a row is a spike."""
 SMALL = 0.01
@@ -43,16 +48,6 @@ PILE = 10
 """Fewest rows at an extreme value for which clipping is tested."""
 PILED = 5.0
 """Ratio of the rows at an extreme value to those at the next value above which a series is clipped.
-"""
-MOST_MEANS = 1 << 17
-"""Largest number of rows in which jumps are searched directly; a longer series is averaged first.
-"""
-JUMP = 8.0
-"""Smallest change of level, in its standard deviations, that is a jump."""
-SUDDEN = 0.6
-"""Share of a change of level that must happen within an eighth of the window: drift is slower."""
-START_UP = 10.0
-"""Deviation from the line through the later rows, in standard deviations, that marks start-up rows.
 """
 
 
@@ -96,7 +91,7 @@ def resolution(values: Array, rows: int = 20_000) -> float:
     return float(steps.min()) if steps.size else 0.0
 
 
-def _span(values: Array) -> float:
+def span(values: Array) -> float:
     """Span between the 1 % and 99 % quantiles of a series [n], from at most 20,000 of its rows."""
     thinned = chunks.take_slice(values, slice(0, values.size, max(1, values.size // 20_000)))
     return order_statistics.quantile(thinned, 0.99) - order_statistics.quantile(thinned, 0.01)
@@ -113,20 +108,23 @@ def spikes(values: Array, *, least: float = 0.0) -> Integers:
 
     A row is a spike if it differs from the median of the seven rows around it by more than ten
     standard deviations, five resolutions and `least` [unit of the series]; steps and bends do not.
-    The standard deviation is that of the row's block of 512 rows or of the whole series, whichever
-    is larger.
+    The standard deviation is that of the row's block of 512 rows or of the 65 rows around it,
+    whichever is larger: a series may be noisier elsewhere, and a knock is no row of spikes.
     """
     if values.size < 8 * WIDTH:
         return np.zeros(0, dtype=np.int64)
-    floor = max(least, 5.0 * resolution(values), SMALL * _span(values))
+    floor = max(least, 5.0 * resolution(values), SMALL * span(values))
     # an outlier steps away from a neighbour: only rows after a large step are tested closely
-    usual = HIGH_TO_SIGMA * order_statistics.quantile(_sampled_steps(values), HIGH) / np.sqrt(2.0)
+    steps = order_statistics.quantile(_sampled_steps(values), QUIET_SHARE)
+    usual = QUIET_TO_SIGMA * steps / np.sqrt(2.0)
     wide = _wide_steps(values, max(SPIKE / 2.0 * usual, floor / 2.0))
     suspect = max(SPIKE / 2.0 * usual, floor)
     near = [rows[from_median(values, rows) > suspect] for rows in _neighbours(wide, values)]
     rows = np.unique(np.concatenate(near))
-    limit = np.maximum(SPIKE * _local_noise(values, rows), floor)
-    return np.asarray(rows[from_median(values, rows) > limit], dtype=np.int64)
+    for noise_at in (_block_noise, _noise_around):
+        limit = np.maximum(SPIKE * noise_at(values, rows), floor)
+        rows = rows[from_median(values, rows) > limit]
+    return np.asarray(rows, dtype=np.int64)
 
 
 def _neighbours(wide: Integers, values: Array) -> Iterator[Integers]:
@@ -171,11 +169,8 @@ def _wide_steps(values: Array, limit: float) -> Integers:
     return np.concatenate(found)
 
 
-def _local_noise(values: Array, rows: Integers) -> Array:
-    """Standard deviation [m] of the noise at rows [m] of a series [n]: that of the row's block or
-    of the whole series, whichever is larger.
-    """
-    whole = _noise(sample(values))
+def _block_noise(values: Array, rows: Integers) -> Array:
+    """Standard deviation [m] of the noise in the blocks of rows [m] of a series [n]."""
     blocks = max(1, values.size // BLOCK)
     edges = np.linspace(0, values.size, blocks + 1).astype(np.int64)
     number = np.searchsorted(edges, rows, side="right") - 1
@@ -183,7 +178,13 @@ def _local_noise(values: Array, rows: Integers) -> Array:
     for k in np.unique(number).tolist():
         own[k] = _noise(values[edges[k] : edges[k + 1]])
         chunks.release(values)
-    return np.array([max(whole, own[k]) for k in number.tolist()], dtype=np.float64)
+    return np.array([own[k] for k in number.tolist()], dtype=np.float64)
+
+
+def _noise_around(values: Array, rows: Integers) -> Array:
+    """Standard deviation [m] of the noise in the rows around each of rows [m] of a series [n]."""
+    first = np.clip(rows - AROUND, 0, max(values.size - 2 * AROUND - 1, 0)).tolist()
+    return np.array([_noise(values[k : k + 2 * AROUND + 1]) for k in first], dtype=np.float64)
 
 
 def _noise(values: Array) -> float:
@@ -227,7 +228,9 @@ def stuck(values: Array) -> Integers:
     series is smooth or mostly repeats values.
 
     If a share p of the values repeats the one before, a run of L equal values has probability n
-    p^(L−1).
+    p^(L−1). The share is that of the series, or that of as many rows before and behind the run
+    where it is larger: a counter at a slow rate, or a dithered gyro at the turn of a beat, repeats
+    values there too.
     """
     runs = equal_runs(values, SHORTEST_RUN)
     if not len(runs):
@@ -235,12 +238,22 @@ def stuck(values: Array) -> Integers:
     inside = int(np.sum(runs[:, 1] - runs[:, 0] - 1))
     others = max(values.size - 1 - inside, 1)
     share = (repeats(values) * (values.size - 1) - inside) / others
-    if share > NOISY or others < values.size // 4 or scatter(values) < QUIET * _span(values):
+    if share > NOISY or others < values.size // 4 or scatter(values) < QUIET * span(values):
         return runs[:0]
-    shortest = SHORTEST_RUN
-    if share > 0.0:
-        shortest = max(shortest, 1 + int(np.ceil(np.log(CHANCE / values.size) / np.log(share))))
-    return np.asarray(runs[runs[:, 1] - runs[:, 0] >= shortest], dtype=np.int64)
+    length = runs[:, 1] - runs[:, 0]
+    shares = np.array([_share_beside(values, *run) for run in runs.tolist()])
+    chance = values.size * np.maximum(shares, share) ** (length - 1)
+    return np.asarray(runs[chance < CHANCE], dtype=np.int64)
+
+
+def _share_beside(values: Array, first: int, stop: int) -> float:
+    """Share of values that repeat the one before in as many rows before and behind a run of equal
+    values as it has.
+    """
+    length = stop - first
+    sides = values[max(first - length, 0) : first], values[stop : stop + length]
+    equal = sum(int(np.count_nonzero(side[1:] == side[:-1])) for side in sides)
+    return equal / max(sum(side.size for side in sides), 1)
 
 
 def stuck_against(driver: Array, moved: float, runs: Integers) -> Integers:
@@ -301,11 +314,7 @@ def clipped(values: Array) -> tuple[int, float] | None:
     """Number of rows at the largest or smallest value of a noisy series [n], and this value, if the
     series is clipped there; otherwise None.
     """
-    if (
-        values.size < 10 * PILE
-        or repeats(values) > NOISY
-        or scatter(values) < QUIET * _span(values)
-    ):
+    if values.size < 10 * PILE or repeats(values) > NOISY or scatter(values) < QUIET * span(values):
         return None
     low, high = chunks.extremes(values)
     for end, sense in ((high, 1.0), (low, -1.0)):
@@ -319,69 +328,3 @@ def clipped(values: Array) -> tuple[int, float] | None:
         if at > PILED * int(np.sum(values == nearest)):
             return at, end
     return None
-
-
-def jumps(values: Array, window: int) -> tuple[Integers, Array]:
-    """Rows [m] at which the level of a series [n] changes suddenly and stays, and the changes [m]
-    in its unit.
-
-    The change is the difference of the means of the windows before and after a row, less the trend
-    that the next windows outwards show. It must exceed eight standard deviations and happen within
-    an eighth of a window, which drift does not.
-    """
-    every = values.size // MOST_MEANS + 1
-    if every > 1:
-        means = values[: values.size // every * every].reshape(-1, every).mean(axis=1)
-        rows, change = jumps(means, max(window // every, 20))
-        return np.asarray(rows * every + every // 2, dtype=np.int64), change
-    none = np.zeros(0, dtype=np.int64), np.zeros(0)
-    short = max(window // 8, 3)
-    if values.size < 5 * window:
-        return none
-    noise = scatter(values)
-    # without the outermost values, which must not pass for a level
-    low, high = np.quantile(values, (0.001, 0.999)).tolist()
-    calm = np.clip(values, low - 3.0 * noise, high + 3.0 * noise)
-    total = np.concatenate(([0.0], np.cumsum(calm - calm.mean())))
-    means = (total[window:] - total[:-window]) / window
-    a, b, c, d = (means[k * window : means.size - (3 - k) * window] for k in range(4))
-    change = (c - b) - ((b - a) + (d - c)) / 2.0
-    row = np.arange(change.size) + 2 * window
-    brief = (total[row + short] - 2.0 * total[row] + total[row - short]) / short
-    limit = JUMP * max(noise * np.sqrt(5.0 / window), mad_sigma(change))
-    sure = (
-        (np.abs(change) > limit)
-        & (brief * change > 0.0)
-        & (np.abs(brief) > SUDDEN * np.abs(change))
-    )
-    sure &= np.abs(brief) > JUMP * noise * np.sqrt(2.0 / short)
-    sure &= np.abs(change) > max(2.0 * resolution(values), 2.0 * SMALL * _span(values))
-    return _peaks(row[sure], change[sure], 2 * window)
-
-
-def _peaks(row: Integers, change: Array, apart: int) -> tuple[Integers, Array]:
-    """Rows and changes of the largest change in each group of rows that are closer than `apart`."""
-    groups = np.split(np.arange(row.size), np.flatnonzero(np.diff(row) > 1) + 1)
-    tops = [int(group[np.argmax(np.abs(change[group]))]) for group in groups if group.size]
-    kept: list[int] = []
-    for k in sorted(tops, key=lambda k: -abs(float(change[k]))):
-        if all(abs(int(row[k] - row[j])) >= apart for j in kept):
-            kept.append(k)
-    kept.sort(key=lambda k: int(row[k]))
-    return row[kept], change[kept]
-
-
-def start_up(values: Array, window: int = 100) -> int:
-    """Number of rows at the start of a series [n] that lie off the line through the later rows; 0
-    if none do.
-
-    The line passes through the medians of the second and the third window of the series.
-    """
-    if values.size < 10 * window:
-        return 0
-    first, second = (float(np.median(values[k * window : (k + 1) * window])) for k in (1, 2))
-    line = first + (np.arange(window) - 1.5 * window) * (second - first) / window
-    sigma = max(scatter(values[window : 10 * window]), resolution(values) / np.sqrt(12.0))
-    off = np.abs(values[:window] - line) > START_UP * sigma + 2.0 * abs(second - first)
-    inside = np.flatnonzero(~off)
-    return int(inside[0]) if inside.size else window

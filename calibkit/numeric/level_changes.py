@@ -1,0 +1,127 @@
+"""Levels of a series that change suddenly: jumps that stay, and start-up rows."""
+
+import numpy as np
+
+from calibkit.arrays import Array, Integers
+from calibkit.numeric.anomalies import SMALL, resolution, scatter, span
+from calibkit.numeric.dispersion import mad_sigma
+
+MOST_MEANS = 1 << 17
+"""Largest number of rows in which jumps are searched directly; a longer series is averaged first.
+"""
+JUMP = 8.0
+"""Smallest change of level, in its standard deviations, that is a jump."""
+SUDDEN = 0.6
+"""Share of a change of level that must happen within an eighth of the window: drift is slower."""
+SETTLED_WINDOWS, SETTLED_ROWS = 4, 300
+"""Windows, and rows at least, on each side of a change whose outer halves show the settled levels.
+"""
+STAYS, STAYS_SIGMA = 0.5, 3.0
+"""Share of a change, and its standard deviations, by which the settled levels must differ."""
+START_UP = 10.0
+"""Deviation from the line through the later rows, in standard deviations, that marks start-up rows.
+"""
+
+
+def jumps(values: Array, window: int) -> tuple[Integers, Array]:
+    """Rows [m] at which the level of a series [n] changes suddenly and stays, and the changes [m]
+    in its unit.
+
+    The change is the difference of the means of the windows before and after a row, less the trend
+    that the next windows outwards show. It must exceed eight standard deviations and happen within
+    an eighth of a window, which drift does not; and the settled levels on both sides must differ by
+    half of it, which those beside a knock do not.
+    """
+    every = values.size // MOST_MEANS + 1
+    if every > 1:
+        means = values[: values.size // every * every].reshape(-1, every).mean(axis=1)
+        rows, change = jumps(means, max(window // every, 20))
+        return np.asarray(rows * every + every // 2, dtype=np.int64), change
+    none = np.zeros(0, dtype=np.int64), np.zeros(0)
+    short = max(window // 8, 3)
+    if values.size < 5 * window:
+        return none
+    noise = scatter(values)
+    # without the outermost values, which must not pass for a level
+    low, high = np.quantile(values, (0.001, 0.999)).tolist()
+    calm = np.clip(values, low - 3.0 * noise, high + 3.0 * noise)
+    total = np.concatenate(([0.0], np.cumsum(calm - calm.mean())))
+    means = (total[window:] - total[:-window]) / window
+    a, b, c, d = (means[k * window : means.size - (3 - k) * window] for k in range(4))
+    change = (c - b) - ((b - a) + (d - c)) / 2.0
+    row = np.arange(change.size) + 2 * window
+    brief = (total[row + short] - 2.0 * total[row] + total[row - short]) / short
+    limit = JUMP * max(noise * np.sqrt(5.0 / window), mad_sigma(change))
+    sure = (
+        (np.abs(change) > limit)
+        & (brief * change > 0.0)
+        & (np.abs(brief) > SUDDEN * np.abs(change))
+    )
+    sure &= np.abs(brief) > JUMP * noise * np.sqrt(2.0 / short)
+    sure &= np.abs(change) > max(2.0 * resolution(values), 2.0 * SMALL * span(values))
+    rows, change = _peaks(row[sure], change[sure], 2 * window)
+    reach = max(SETTLED_WINDOWS * window, SETTLED_ROWS)
+    settled = [_settled_change(values, int(k), reach, noise) for k in rows]
+    stays = np.array(
+        [
+            settled_change * np.sign(sudden) > max(STAYS * abs(sudden), STAYS_SIGMA * sigma)
+            for (settled_change, sigma), sudden in zip(settled, change.tolist(), strict=True)
+        ],
+        dtype=np.bool_,
+    )
+    return rows[stays], change[stays]
+
+
+def _settled_change(values: Array, row: int, reach: int, noise: float) -> tuple[float, float]:
+    """Change of level of a series [n] at a row, between straight lines through the outer halves of
+    `reach` rows on each side, and its standard deviation for a standard deviation of the noise.
+    """
+    level, variance = [], 0.0
+    for side in (values[max(row - reach, 0) : row][::-1], values[row : row + reach]):
+        inner, outer = np.array_split(side[side.size // 2 :], 2)
+        # the quarters' middles lie 5/8 and 7/8 of the side away; a median has π/2 of the variance
+        level.append(3.5 * float(np.median(inner)) - 2.5 * float(np.median(outer)))
+        variance += (3.5**2 + 2.5**2) * np.pi / 2.0 * noise**2 / inner.size
+    return level[1] - level[0], float(np.sqrt(variance))
+
+
+def _peaks(row: Integers, change: Array, apart: int) -> tuple[Integers, Array]:
+    """Rows and changes of the largest change in each group of rows that are closer than `apart`."""
+    groups = np.split(np.arange(row.size), np.flatnonzero(np.diff(row) > 1) + 1)
+    tops = [int(group[np.argmax(np.abs(change[group]))]) for group in groups if group.size]
+    kept: list[int] = []
+    for k in sorted(tops, key=lambda k: -abs(float(change[k]))):
+        if all(abs(int(row[k] - row[j])) >= apart for j in kept):
+            kept.append(k)
+    kept.sort(key=lambda k: int(row[k]))
+    return row[kept], change[kept]
+
+
+def start_up(values: Array, window: int = 100) -> int:
+    """Number of rows at the start of a series [n] that lie off the line through the later rows; 0
+    if none do.
+
+    The line passes through the medians of the second and the third window of the series. Start-up
+    rows lie further off it than those of later windows do off theirs, which may oscillate.
+    """
+    if values.size < 10 * window:
+        return 0
+    off, change = _off_line(values, window)
+    usual = max(
+        float(np.quantile(_off_line(values[k * window :], window)[0], 0.98)) for k in range(1, 8)
+    )
+    sigma = max(
+        scatter(values[window : 10 * window]),
+        resolution(values) / np.sqrt(12.0),
+    )
+    inside = np.flatnonzero(off <= max(START_UP * sigma + 2.0 * change, 1.5 * usual))
+    return int(inside[0]) if inside.size else window
+
+
+def _off_line(values: Array, window: int) -> tuple[Array, float]:
+    """Deviations [window] of the first window of a series from the line through the medians of the
+    second and the third, and the difference of these.
+    """
+    first, second = (float(np.median(values[k * window : (k + 1) * window])) for k in (1, 2))
+    line = first + (np.arange(window) - 1.5 * window) * (second - first) / window
+    return np.abs(values[:window] - line), abs(second - first)
