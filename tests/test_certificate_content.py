@@ -11,6 +11,7 @@ import pytest
 from hypothesis import example, given, settings, strategies as st
 from scipy import stats
 
+import kept
 from calibkit.certificate import (
     checklist,
     conformity,
@@ -516,3 +517,13 @@ def test_a_printed_value_lies_on_the_side_of_its_limit_that_it_lies_on(limit, sh
     text = tables.format_beside(value, limit).replace("−", "-").replace(" × 10", "e")
     printed = float(text.translate(str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")))
     assert (printed > limit, printed < limit) == (value > limit, value < limit)
+
+
+def test_a_result_has_the_degrees_of_freedom_of_the_coefficients_that_it_is_made_of():
+    """A level whose uncertainty has 3 degrees of freedom has Student's factor, whatever
+    the residual's degrees of freedom; a result that it is no part of is not.
+    """
+    model = kept.model({"K": (1000.0, "1/deg", 0.002), "F0": (0.004, "1/s", 3e-4, 3.0)}, dof=1000)
+    scale, level = (stated._weighted(model, {name: 2.0}) for name in ("K", "F0"))
+    assert (scale[2], level[2]) == (pytest.approx(1000.0), pytest.approx(3.0))
+    assert stated._weighted(model, {"K": 1e-4, "F0": 1.0})[2] == pytest.approx(3.0, rel=1e-5)

@@ -371,3 +371,17 @@ def test_what_has_no_uncertainty_is_refused():
     for value, uncertainty in ((1.0, 0.0), (1.0, np.nan), (np.inf, 1.0), (1.0, -2.0)):
         with pytest.raises(FitError, match="cannot round"):
             gum.rounded(value, uncertainty)
+
+
+def test_degrees_of_freedom_of_a_combination():
+    """Of one input its own; of independent ones after Welch and Satterthwaite; of correlated ones
+    the fewest; an input that does not take part counts for nothing.
+    """
+    dof, free = np.array([3.0, 20.0]), np.diag([4.0, 1.0])
+    assert gum.degrees_of_freedom(np.array([1.0, 0.0]), free, dof) == pytest.approx(3.0)
+    both = gum.degrees_of_freedom(np.array([1.0, 2.0]), free, dof)
+    assert both == pytest.approx(8.0**2 / (4.0**2 / 3.0 + 4.0**2 / 20.0))
+    tied = np.array([[4.0, 1.0], [1.0, 1.0]])
+    assert gum.degrees_of_freedom(np.array([1.0, 2.0]), tied, dof) == pytest.approx(3.0)
+    assert gum.degrees_of_freedom(np.array([0.0, 2.0]), tied, np.array([0.0, 20.0])) == 20.0
+    assert gum.degrees_of_freedom(np.array([1.0, 2.0]), tied, np.array([0.0, 20.0])) == 0.0

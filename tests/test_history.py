@@ -54,6 +54,19 @@ def test_a_difference_is_stated_in_units_and_in_its_standard_uncertainty(tmp_pat
     assert (K.in_u, F0.in_u) == (pytest.approx(1.8, abs=1e-12), pytest.approx(2.2, abs=1e-12))
 
 
+def test_few_degrees_of_freedom_widen_what_counts_as_moved(tmp_path):
+    """A difference of 2.8 u moved where u is well known; with 3 degrees of freedom Student's factor
+    is 3.3, and 4 u moved again.
+    """
+    for dof, step, verdict in ((None, 2.8, "moved"), (3.0, 2.8, "held"), (3.0, 4.0, "moved")):
+        old, new = (
+            model({"K": (value, "1/deg", 1e-9 if first else 1.0, None if first else dof)})
+            for first, value in ((True, 10.0), (False, 10.0 + step))
+        )
+        found = between(tmp_path / f"{dof}-{step}", old, new)
+        assert found.models[0].steps[0].verdict == verdict
+
+
 def test_the_other_way_round_only_the_sign_changes(tmp_path):
     """`diff A B` and `diff B A` give opposite differences and the same verdicts."""
     a, b = runs_of(

@@ -197,7 +197,7 @@ def _covariance(model: Model, units: Sequence[Unit]) -> _Element:
         )
         for j, second in enumerate(units)
     ]
-    factor = _format_factor(_region_factor(len(units), model.dof))
+    factor = _format_factor(_region_factor(len(units), min(map(model.dof_of, model.coefficients))))
     return node(
         "si:measurementUncertaintyMultivariateXMLList",
         node(

@@ -132,7 +132,7 @@ class Stated:
         """Σ w_i c_i of a model's coefficients with u² = wᵀ C w; slope holds dw/dT where it depends
         on temperature.
         """
-        value, type_a = _weighted(model, weights)
+        value, type_a, dof = _weighted(model, weights)
         known = dict(sensitivities or {})
         if slope is not None and at is not None:
             known[condition[0]] = (at, _weighted(model, slope)[0])
@@ -145,7 +145,7 @@ class Stated:
             value,
             unit,
             type_a=type_a,
-            dof=model.dof,
+            dof=dof,
             called=(quantity, f"{model.name}.{name}", name),
             sensitivities=known,
             at=() if at is None else ((condition[0], at, condition[1]),),
@@ -176,7 +176,7 @@ class Stated:
             figure.value,
             figure.unit,
             type_a=figure.standard_uncertainty,
-            dof=dof,
+            dof=figure.effective_dof or dof,
             called=(figure.name,),
             sensitivities=sensitivities,
             standard=standard,
@@ -229,13 +229,16 @@ class Stated:
         )
 
 
-def _weighted(model: Model, weights: Mapping[str, float]) -> tuple[float, float]:
-    """Σ w_i c_i of a model's coefficients, and its type A standard uncertainty from the
-    covariance.
+def _weighted(model: Model, weights: Mapping[str, float]) -> tuple[float, float, float]:
+    """Σ w_i c_i of a model's coefficients, its type A standard uncertainty from the covariance, and
+    the degrees of freedom of that.
     """
     w = np.array([weights.get(c.name, 0.0) for c in model.coefficients])
     values = np.array([c.value for c in model.coefficients])
-    return float(w @ values), math.sqrt(max(float(w @ np.array(model.covariance) @ w), 0.0))
+    dof = np.array([float(model.dof_of(c)) for c in model.coefficients])
+    covariance = np.array(model.covariance)
+    type_a = math.sqrt(max(float(w @ covariance @ w), 0.0))
+    return float(w @ values), type_a, gum.degrees_of_freedom(w, covariance, dof)
 
 
 def powers(

@@ -5,7 +5,7 @@ the difference.
 import difflib
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -14,7 +14,7 @@ from calibkit.check import copies
 from calibkit.coefficients import Coefficient, Model, Record
 from calibkit.errors import UsageError
 from calibkit.forms import Form, FormsOf
-from calibkit.numeric import change
+from calibkit.numeric import change, gum
 from calibkit.numeric.change import Joint
 from calibkit.store import Run
 
@@ -135,14 +135,14 @@ def _models(
         if name in olds and name in news:
             yield _model(stage, olds[name], model, forms.get(olds[name].form))
         else:
-            pair = (models[name].coefficients if name in models else () for models in (olds, news))
+            pair = (with_dof(models[name]) if name in models else () for models in (olds, news))
             yield ModelChange(stage, name, model.form, compare_numbers(*pair), None, ())
 
 
 def _model(stage: str, old: Model, new: Model, form: Form | None) -> ModelChange:
     """One model in two runs; where its equation or a chosen parameter changed nothing is judged."""
     obstacles, notes = _obstacles(old, new, form), _measured(old, new, form)
-    changes = compare_numbers(old.coefficients, new.coefficients, comparable=not obstacles)
+    changes = compare_numbers(with_dof(old), with_dof(new), comparable=not obstacles)
     together = None if obstacles else _joint(old, new, changes)
     return ModelChange(stage, old.name, new.form, changes, together, (*obstacles, *notes))
 
@@ -179,6 +179,11 @@ def _parameters(old: Model, new: Model, names: Iterable[str]) -> Iterator[tuple[
             yield name, olds.get(name, math.nan), news.get(name, math.nan)
 
 
+def with_dof(model: Model) -> tuple[Coefficient, ...]:
+    """Coefficients of a model, each with its degrees of freedom; None where the model has none."""
+    return tuple(replace(c, effective_dof=model.dof_of(c) or None) for c in model.coefficients)
+
+
 def compare_numbers(
     old: Sequence[Coefficient], new: Sequence[Coefficient], *, comparable: bool = True
 ) -> tuple[Change, ...]:
@@ -202,7 +207,9 @@ def compare_numbers(
 
 
 def _verdict(a: Coefficient, b: Coefficient, *, comparable: bool) -> Verdict:
-    """Whether a number moved by more than 2 standard uncertainties of the difference."""
+    """Whether a number moved by more than the expanded uncertainty of the difference: 2 u, or
+    Student's quantile where degrees of freedom are few.
+    """
     u = math.hypot(a.standard_uncertainty, b.standard_uncertainty)
     if ABSENT in (a, b):
         return "gone" if b is ABSENT else "appeared"
@@ -212,7 +219,13 @@ def _verdict(a: Coefficient, b: Coefficient, *, comparable: bool) -> Verdict:
         return "held" if u > 0.0 else "equal"
     if u == 0.0:
         return "no uncertainty"
-    return "moved" if abs(b.value - a.value) > change.SIGNIFICANT * u else "held"
+    parts = [
+        gum.Component(
+            name, c.value, c.standard_uncertainty, "A", dof=max(c.effective_dof or math.inf, 1.0)
+        )
+        for name, c in (("before", a), ("after", b))
+    ]
+    return "moved" if abs(b.value - a.value) > gum.combine(parts).expanded_uncertainty else "held"
 
 
 def _joint(old: Model, new: Model, changes: Sequence[Change]) -> Joint | None:
@@ -230,7 +243,7 @@ def _joint(old: Model, new: Model, changes: Sequence[Change]) -> Joint | None:
     ):
         return None
     covariance = np.asarray(old.covariance) + np.asarray(new.covariance)
-    dof = float(min(old.dof, new.dof)) if min(old.dof, new.dof) > 0 else math.inf
+    dof = min(model.dof_of(c) for model in (old, new) for c in model.coefficients) or math.inf
     return change.joint(np.array([entry.difference for entry in changes]), covariance, dof)
 
 

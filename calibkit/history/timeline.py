@@ -52,6 +52,8 @@ class Point:
     effective_from: str
     value: float
     standard_uncertainty: float
+    effective_dof: float | None
+    """Degrees of freedom of the standard uncertainty; None where they are not stated."""
     verdict: str
 
 
@@ -245,7 +247,8 @@ def _series(runs: Sequence[Run], forms_of: FormsOf) -> Iterator[Series]:
         for quantity, number in _numbers(run, forms_of(run.document["procedure"])):
             if number.standard_uncertainty > 0.0:
                 verdict = run.document["verdict"]
-                point = Point(*when, number.value, number.standard_uncertainty, verdict)
+                u, dof = number.standard_uncertainty, number.effective_dof
+                point = Point(*when, number.value, u, dof, verdict)
                 points.setdefault(quantity, []).append(point)
     independent = _independent(runs)
     for quantity, found in points.items():
@@ -264,7 +267,7 @@ def _numbers(run: Run, forms: Mapping[str, Form]) -> Iterator[tuple[Quantity, Co
             meaning = ", ".join(
                 f"{p.name} {p.value:g} {p.unit}" for p in model.parameters if p.name in names
             )
-            for c in model.coefficients:
+            for c in difference.with_dof(model):
                 yield Quantity(record.stage, model.name, model.form, meaning, c.name, c.unit), c
         for figure in record.figures:
             yield Quantity(record.stage, "", "", "", figure.name, figure.unit), figure
@@ -292,7 +295,13 @@ def _one_series(quantity: Quantity, points: tuple[Point, ...], independent: set[
 def _change(quantity: Quantity, a: Point, b: Point) -> Change:
     """Change from one determination to another."""
     old, new = (
-        Coefficient(quantity.name, point.value, quantity.unit, point.standard_uncertainty)
+        Coefficient(
+            quantity.name,
+            point.value,
+            quantity.unit,
+            point.standard_uncertainty,
+            point.effective_dof,
+        )
         for point in (a, b)
     )
     return difference.compare_numbers((old,), (new,))[0]

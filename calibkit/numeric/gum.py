@@ -130,6 +130,18 @@ def _welch_satterthwaite(variance: float, pairwise: Array, correlation: Array, d
     return variance**2 / total if total > 0.0 else float("inf")
 
 
+def degrees_of_freedom(weights: Array, covariance: Array, dof: Array) -> float:
+    """Effective degrees of freedom of Σ w_i x_i from those [n] of the x_i with covariance [n, n],
+    as `combine` finds them; 0 where one that takes part has none.
+    """
+    used = weights != 0.0
+    own = covariance[np.ix_(used, used)]
+    pairwise = np.outer(weights[used], weights[used]) * own
+    if not (dof[used] > 0.0).all():
+        return 0.0
+    return _welch_satterthwaite(max(float(pairwise.sum()), 0.0), pairwise, own, dof[used])
+
+
 def _require_correlation(correlation: Array, size: int) -> Array:
     """The matrix itself when it is symmetric, of unit diagonal and positive semidefinite, or a
     refusal.

@@ -7,7 +7,7 @@ from typing import Any
 
 from calibkit.coefficients import Model, Record
 from calibkit.report.markup import Content, Markup, element, escaped, join_markup
-from calibkit.report.run import quantity_table
+from calibkit.report.run import list_components, quantity_table, states_dof
 from calibkit.report.table import Cell, Column, Table
 
 FOLDED = 40
@@ -115,19 +115,21 @@ def list_limits(criteria: Sequence[Mapping[str, Any]]) -> Markup:
 def _coefficients(record: Record) -> Markup:
     """Every coefficient of a stage, its models below each other."""
     caption = f"Coefficients of {record.stage}.json"
+    dof = states_dof(record.models)
     made = [
-        quantity_table(caption, model.coefficients, head="coefficient", digits=EXACT)
+        quantity_table(caption, model.coefficients, head="coefficient", digits=EXACT, dof=dof)
         for model in record.models
     ]
+    heads = made[0].heads
     bodies = [
-        [_model_row(model), *_rows_of(one, (1, 2))]
+        [_model_row(model, len(heads)), *_rows_of(one, (1, 2, 4))]
         for model, one in zip(record.models, made, strict=True)
     ]
     rows = sum(len(one.rows) for one in made)
-    return _folded(caption, rows, _table(caption, made[0].heads, bodies, (1, 2)))
+    return _folded(caption, rows, _table(caption, heads, bodies, (1, 2, 4)))
 
 
-def _model_row(model: Model) -> Markup:
+def _model_row(model: Model, columns: int) -> Markup:
     """The head of a model's rows: its name, form, validity, degrees of freedom and residual."""
     valid = [
         f"{column} from {low:.6g} to {high:.6g}" for column, (low, high) in model.valid.items()
@@ -144,7 +146,9 @@ def _model_row(model: Model) -> Markup:
     )
     residual = f"residual rms {model.residual_rms:.6g} {model.residual_unit}"
     head = (element("b", model.name), f" {'; '.join(about)}, {residual}")
-    return element("tr", element("th", *head, scope="rowgroup", colspan="4"), class_="model")
+    return element(
+        "tr", element("th", *head, scope="rowgroup", colspan=f"{columns}"), class_="model"
+    )
 
 
 def _figures(record: Record) -> Markup:
@@ -262,6 +266,8 @@ def list_coefficients(document: Mapping[str, Any], records: Mapping[str, Record]
         parts += [element("h3", f"{record.stage}.json")]
         parts += [list_flags(own)] if own else []
         parts += [_coefficients(record)] if record.models else []
+        shared = list_components(record)
+        parts += [_record_table(shared, (2, 3, 5))] if shared.rows else []
         parts += [_figures(record)] if record.figures else []
         if not record.models and not record.figures:
             parts.append(element("p", "This stage exports nothing."))

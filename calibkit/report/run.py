@@ -32,19 +32,40 @@ def quantity_table(
     head: str,
     digits: tuple[str, str],
     unstated: str = "0",
+    dof: bool = False,
 ) -> Table:
     """Names, values, standard uncertainties and units of coefficients, figures or conditions.
 
     `digits` are the formats of value and uncertainty, `unstated` is what people read for an
-    uncertainty of 0.
+    uncertainty of 0; `dof` adds effective degrees of freedom where a coefficient has its own.
     """
     columns = (
         Column(head, key="name"),
         Column("value", digits[0]),
         Column("standard uncertainty", digits[1], key="standard_uncertainty", zero=unstated),
         "unit",
+        *((Column("degrees of freedom", ".3g", key="effective_dof", missing=""),) if dof else ()),
     )
     return tabulate(title, columns, quantities)
+
+
+def states_dof(models: Iterable[Model]) -> bool:
+    """Whether a coefficient of a model has effective degrees of freedom of its own."""
+    return any(c.effective_dof is not None for model in models for c in model.coefficients)
+
+
+def list_components(record: Record) -> Table:
+    """Errors that observations share, in the models of a stage: standard deviations with their
+    standard uncertainties.
+    """
+    rows = tuple(
+        (model.name, part.name, part.value, part.standard_uncertainty, part.unit, part.groups)
+        for model in record.models
+        for part in model.components
+    )
+    numbers = Column("standard deviation", ".3g"), Column("standard uncertainty", ".2g")
+    columns = ("model", "error", *numbers, "unit", Column("groups", ".0f"))
+    return Table(f"{record.stage}: errors that observations share", columns, rows)
 
 
 def summarize_run(name: str, document: Mapping[str, Any], records: Mapping[str, Record]) -> Summary:
@@ -55,10 +76,12 @@ def summarize_run(name: str, document: Mapping[str, Any], records: Mapping[str, 
             model.coefficients,
             head="coefficient",
             digits=(".9g", ".2g"),
+            dof=states_dof([model]),
         )
         for record in records.values()
         for model in record.models
     ]
+    tables += [table for table in map(list_components, records.values()) if table.rows]
     tables += [
         quantity_table(
             f"{record.stage}: figures",
@@ -109,6 +132,9 @@ def _number_rows(record: Record) -> Iterator[tuple[Cell, ...]]:
             yield (*place, "coefficient", *of_model, c.name, c.value, c.unit, u, dof)
         for p in model.parameters:
             yield (*place, "parameter", *of_model, p.name, p.value, p.unit, None, None)
+        for part in model.components:
+            u, name = part.standard_uncertainty, part.name
+            yield (*place, "component", *of_model, name, part.value, part.unit, u, None)
     for f in record.figures:
         u = f.standard_uncertainty
         yield (*place, "figure", "", "", f.name, f.value, f.unit, u or None, f.effective_dof)
