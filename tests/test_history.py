@@ -64,7 +64,7 @@ def test_few_degrees_of_freedom_widen_what_counts_as_moved(tmp_path):
             for first, value in ((True, 10.0), (False, 10.0 + step))
         )
         found = between(tmp_path / f"{dof}-{step}", old, new)
-        assert found.models[0].steps[0].verdict == verdict
+        assert found.models[0].changes[0].verdict == verdict
 
 
 def test_the_other_way_round_only_the_sign_changes(tmp_path):
