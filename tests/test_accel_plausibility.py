@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from calibkit import store
-from calibkit.instruments.accelerometer import simulate as simulator
+from calibkit.errors import FitError
+from calibkit.instruments.accelerometer import robust_choice, simulate as simulator
+from calibkit.instruments.accelerometer.numeric.dwell_fit import MappedFit
 from calibkit.numeric import attitude
 
 AXES = ("accel_x_g", "accel_y_g", "accel_z_g")
@@ -175,3 +177,80 @@ def test_an_eccentric_encoder_gives_numbers(fitted):
     model = run.records["accel_affine.json"].models[0]
     assert model.dof > 182
     assert 2e-5 < model.residual_rms < 9e-4
+
+
+def stub(residual, value, suspects=()):
+    """A fit whose residuals are all of one size, of ten coefficients with u = 1e-3."""
+    return MappedFit(
+        covariance=1e-6 * np.eye(10),
+        residuals=np.full(20, residual),
+        suspects=suspects,
+        dof=40,
+        residual_rms=residual,
+        condition=1.0,
+        coefficients=np.full(10, value),
+        mapped_coefficients=np.full(10, value),
+        mapped_covariance=1e-6 * np.eye(10),
+        middle=0.0,
+        half=1.0,
+    )
+
+
+def chosen(robust_fit, plain_fit, before, loss="robust"):
+    """Fit that is exported, and its flags."""
+    fits = {"robust": (robust_fit,), "least_squares": (plain_fit,)}
+    found, flags = robust_choice.choose(
+        lambda loss: fits[loss], loss, ["accel_x"], [np.full(20, before)]
+    )
+    return found[0], flags
+
+
+def test_a_robust_fit_that_fits_most_dwells_worse_is_not_exported():
+    """More than 10 % above least squares, or above no correction: least squares is used, and said
+    where dwells were suspect; within 10 % or rounding the robust fit is exported.
+    """
+    plain = stub(1e-4, 1.0)
+    worse, alike = stub(1.2e-4, 1.0, suspects=(3,)), stub(1.05e-4, 1.0, suspects=(3,))
+    found, flags = chosen(worse, plain, 1e-2)
+    assert found is plain
+    assert "1.20e-04 g, least squares 1.00e-04 g" in flags[0]
+    assert chosen(stub(1.2e-4, 1.0), plain, 1e-2) == (plain, ())
+    assert chosen(alike, plain, 1e-2) == (alike, ())
+    exact, rounded = stub(1e-16, 1.0), stub(1e-12, 1.0, suspects=(3,))
+    assert chosen(rounded, exact, 1e-2) == (rounded, ())
+
+
+def test_no_fit_is_exported_that_is_worse_than_no_correction():
+    """Least squares that leave a larger median residual than the raw dwells are refused."""
+    poor = stub(2e-4, 1.0)
+    for loss in ("robust", "least_squares"):
+        with pytest.raises(FitError, match=r"2\.00e-04 g after .* 1\.00e-04 g before"):
+            chosen(poor, poor, 1e-4, loss)
+
+
+def test_fits_that_differ_by_more_than_u_are_both_printed():
+    """U is 2 × 10⁻³ at 40 degrees of freedom."""
+    tough = stub(1e-4, 1.0, suspects=(3,))
+    assert chosen(tough, stub(1e-4, 1.0019), 1e-2) == (tough, ())
+    found, (flag,) = chosen(tough, stub(1e-4, 1.0021), 1e-2)
+    assert found is tough
+    assert "K0 is 1 ± 2.0e-03 by the robust fit, which is exported, 1.0021 by least" in flag
+
+
+def test_bumped_dwells_among_good_ones_do_not_ruin_a_calibrated_sensor(columns, fitted):
+    """A sensor that is already right, eight dwells bumped by 15 mg: least squares would make most
+    dwells worse and is refused; the robust fit is exported, with the other's value beside its own.
+    """
+    rng = np.random.default_rng(1)
+    vector = attitude.gravity_vector(columns["inclination_deg"], columns["toolface_deg"])
+    columns |= dict(zip(AXES, (vector + rng.normal(0.0, 2e-5, vector.shape)).T, strict=True))
+    for axis in AXES:
+        columns[axis][rng.choice(130, 8, replace=False)] += 0.015
+    outcome, _ = fitted("A", columns, "loss=least_squares")
+    assert outcome.code == 3
+    assert "after correction by least squares" in outcome.err
+    outcome, run = fitted("B", columns)
+    assert outcome.code == 0, outcome.err
+    assert any("differ by more than U" in flag for flag in run.document["flags"])
+    for coefficient in run.records["accel_k.json"].model("accel_x").coefficients[4:5]:
+        assert abs(coefficient.value) < 3.0 * coefficient.standard_uncertainty

@@ -1,9 +1,8 @@
 """Dwells of a triad → models of its K-factor, Q-factor and affine triad."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TypeVar
 
 import numpy as np
 
@@ -11,7 +10,7 @@ from calibkit.arrays import Array
 from calibkit.coefficients import Figure, Model, Parameter
 from calibkit.errors import FitError
 from calibkit.forms import Form
-from calibkit.instruments.accelerometer import forms
+from calibkit.instruments.accelerometer import forms, robust_choice
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.numeric import affine, k_factor, magnitude, q_factor
 from calibkit.instruments.accelerometer.numeric.affine import AffineFit
@@ -23,7 +22,6 @@ LEAST_GROUPS = 12
 """Fewest logs for a leave-one-log-out covariance: with six sweeps it was five times too small in
 simulation.
 """
-Found = TypeVar("Found")
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +62,8 @@ def fit_triad(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
         weights=dwells.weights,
         tool_rotation=rotation,
     )
-    found, flags = _fit_or_fall_back(affine_fit, spec.loss, "affine")
+    off = dwells.indication - dwells.reference
+    found, flags = robust_choice.choose(affine_fit, spec.loss, ["affine"], [off])
     model, q = _affine_models(found, dwells, spec)
     flags += _name_suspects("affine", found.suspects, dwells)
     return TriadFit(k, k_flags, not_fitted, q, model, flags)
@@ -92,7 +91,8 @@ def _fit_k(
         weights=dwells.weights,
         groups=dwells.log if by_log else None,
     )
-    axes, flags = _fit_or_fall_back(k_fit, spec.loss, "K-factor")
+    off = (dwells.indication - dwells.reference).T
+    axes, flags = robust_choice.choose(k_fit, spec.loss, forms.K_MODELS, list(off))
     models, not_fitted = [], []
     for name, axis in zip(forms.K_MODELS, axes, strict=True):
         scaled = zip(k_factor.NAMES, axis.mapped_coefficients.tolist(), strict=True)
@@ -115,12 +115,13 @@ def _fit_lengths(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
     affine is enabled.
     """
     noise = None if dwells.weights is None else np.sqrt(np.mean(dwells.noise**2, axis=1))
+    off = np.linalg.norm(dwells.indication, axis=1) - 1.0
     intervals: tuple[Figure, ...] = ()
     if spec.reference.solver == "lmfit":
         found, intervals, flags = _fit_bounded(dwells, noise)
     else:
         length_fit = partial(magnitude.fit, dwells.indication, 1.0, noise=noise)
-        found, flags = _fit_or_fall_back(length_fit, spec.loss, "magnitude")
+        found, flags = robust_choice.choose(length_fit, spec.loss, ["magnitude"], [off])
     flags += tuple(f"magnitude: {flag}" for flag in found.flags)
     flags += _name_suspects("magnitude", found.suspects, dwells)
     if spec.affine.enabled:
@@ -132,7 +133,7 @@ def _fit_lengths(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
             terms=_affine_terms(spec),
             weights=None if noise is None else 1.0 / noise**2,
         )
-        over_temperature, more = _fit_or_fall_back(affine_fit, spec.loss, "affine")
+        over_temperature, more = robust_choice.choose(affine_fit, spec.loss, ["affine"], [off])
         model, q = _affine_models(over_temperature, dwells, spec)
         flags += (*more, *_name_suspects("affine", over_temperature.suspects, dwells))
     else:
@@ -161,24 +162,6 @@ def _fit_bounded(
     ]
     plain = "magnitude: lmfit solves by plain least squares, wild dwells are not left out"
     return found, figures, (*flags, plain)
-
-
-def _fit_or_fall_back(
-    fit_with: Callable[..., Found], loss: str, what: str
-) -> tuple[Found, tuple[str, ...]]:
-    """Fit with the recipe's loss and its flags; where a robust fit does not converge, the
-    least-squares fit and a flag that states it.
-    """
-    try:
-        return fit_with(loss=loss), ()
-    except FitError as error:
-        if loss == "least_squares":
-            raise
-        # raises again where the dwells do not determine the model
-        found = fit_with(loss="least_squares")
-        return found, (
-            f"{what}: {error.message}; plain least squares was used, wild dwells are not left out",
-        )
 
 
 def _name_suspects(what: str, suspects: Sequence[int], dwells: DwellSet) -> tuple[str, ...]:

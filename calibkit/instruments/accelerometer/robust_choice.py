@@ -1,0 +1,113 @@
+"""Which fit of a triad is exported: the robust one, or plain least squares where that agrees better
+with the dwells.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import TypeVar
+
+import numpy as np
+
+from calibkit.arrays import Array
+from calibkit.errors import FitError
+from calibkit.instruments.accelerometer.numeric import k_factor, magnitude
+from calibkit.instruments.accelerometer.numeric.affine import AffineFit
+from calibkit.instruments.accelerometer.numeric.dwell_fit import DwellFit, MappedFit
+from calibkit.instruments.accelerometer.numeric.magnitude import MagnitudeFit
+from calibkit.numeric import gum
+
+WORSE = 1.1
+"""Ratio of median absolute residuals above which one fit is worse than the other: on clean data the
+two differ by chance.
+"""
+ROUNDING_G = 1e-9
+"""Difference of median absolute residuals [g] that is rounding."""
+Found = TypeVar("Found", bound="DwellFit | Sequence[DwellFit]")
+
+
+def choose(
+    fit_with: Callable[..., Found], loss: str, names: Sequence[str], uncorrected: Sequence[Array]
+) -> tuple[Found, tuple[str, ...]]:
+    """Fit with the recipe's loss, and flags; `names` and `uncorrected` residuals [n] or [n, m, g]
+    are those of each model of the fit.
+
+    Plain least squares stands in where a robust fit does not converge, or leaves a median absolute
+    residual that is 10 % larger than that of least squares or of no correction. Where the two fits
+    differ by more than U, both values are flagged. Raises FitError where no fit is better than
+    none.
+    """
+    plain = fit_with(loss="least_squares")
+    flags: tuple[str, ...] = ()
+    if loss == "robust":
+        try:
+            tough = fit_with(loss="robust")
+        except FitError as error:
+            flags = (f"{names[0]}: {error.message}",)
+        else:
+            medians = zip(names, *map(_medians, (tough, plain)), _medians(uncorrected), strict=True)
+            worse = [
+                f"{name}: the robust fit leaves a median residual of {one:.2e} g, least squares"
+                f" {other:.2e} g, no correction {raw:.2e} g: look for an error that dwells share"
+                for name, one, other, raw in medians
+                if one > WORSE * min(other, raw) + ROUNDING_G
+            ]
+            if not worse:
+                return tough, _flag_differences(names, tough, plain)
+            # without suspects the two differ by chance
+            flags = tuple(worse) if any(one.suspects for one in _models(tough)) else ()
+        flags = tuple(
+            f"{flag}; plain least squares was used, wild dwells are not left out" for flag in flags
+        )
+    for name, one, raw in zip(names, _medians(plain), _medians(uncorrected), strict=True):
+        if one > WORSE * raw + ROUNDING_G:
+            raise FitError(
+                f"{name}: the median residual is {one:.2e} g after correction by least squares,"
+                f" {raw:.2e} g before, expected a smaller one",
+                hint="look for wrong rows or references: gross errors move such a fit",
+            )
+    return plain, flags
+
+
+def _medians(found: "DwellFit | Sequence[DwellFit | Array]") -> list[float]:
+    """Median absolute residuals [g] of the models of a fit, or of residuals themselves."""
+    models = (found,) if isinstance(found, DwellFit) else found
+    residuals = (one.residuals if isinstance(one, DwellFit) else one for one in models)
+    return [float(np.median(np.abs(each))) for each in residuals]
+
+
+def _models(found: "DwellFit | Sequence[DwellFit]") -> "Sequence[DwellFit]":
+    """Models of a fit."""
+    return (found,) if isinstance(found, DwellFit) else found
+
+
+def _flag_differences(
+    names: Sequence[str],
+    tough: "DwellFit | Sequence[DwellFit]",
+    plain: "DwellFit | Sequence[DwellFit]",
+) -> tuple[str, ...]:
+    """Flag for each model whose robust and least-squares fits differ by more than U, with both
+    values of the coefficient that differs most.
+    """
+    flags = []
+    for name, one, other in zip(names, _models(tough), _models(plain), strict=True):
+        (symbols, value), (_, beside) = _coefficients(one), _coefficients(other)
+        expanded = gum.coverage_factor(max(one.dof, 1)) * one.standard_uncertainty
+        share = np.abs(value - beside) / np.where(expanded > 0.0, expanded, np.inf)
+        if np.max(share) > 1.0 and np.max(np.abs(one.residuals)) > ROUNDING_G:
+            k, count = int(np.argmax(share)), int(np.sum(share > 1.0)) - 1
+            others = f", and {count} more coefficients differ" if count else ""
+            flags.append(
+                f"{name}: the fits differ by more than U: {symbols[k]} is {value[k]:.7g} ±"
+                f" {expanded[k]:.1e} by the robust fit, which is exported, {beside[k]:.7g} by least"
+                f" squares{others}; look at the suspects before you rely on it"
+            )
+    return tuple(flags)
+
+
+def _coefficients(found: DwellFit) -> tuple[Sequence[str], Array]:
+    """Names and values [p] of the coefficients of a fit."""
+    if isinstance(found, MagnitudeFit):
+        return magnitude.NAMES, found.parameters
+    if isinstance(found, AffineFit):
+        return found.names, found.coefficients
+    assert isinstance(found, MappedFit)  # noqa: S101 (K0 … K9 of an axis)
+    return k_factor.NAMES, found.coefficients
