@@ -16,6 +16,7 @@ from calibkit.instruments.fog_thermal.compensate import LogFigures
 from calibkit.instruments.fog_thermal.recipe import _Acceptance
 from calibkit.instruments.gyro_noise import tables as noise_tables
 from calibkit.instruments.gyro_noise.recipe import NoiseAcceptance
+from calibkit.instruments.gyro_noise.sensors import ACCELEROMETER, GYRO
 from calibkit.instruments.gyro_scale import acceptance
 from calibkit.instruments.gyro_scale.recipe import (
     PairAcceptance,
@@ -132,17 +133,17 @@ def azimuth_rms(value, **limits):
     )
 
 
-def noise(value, *, observed=True, **limits):
+def noise(value, *, observed=True, sensor=GYRO, **limits):
     """Criteria of a record with one noise term, or whose deviation is 60 times this at 1 s."""
-    term = SimpleNamespace(name="angle_random_walk", value=value)
+    term = SimpleNamespace(name=sensor.laws[1].name, value=value)
     curve = SimpleNamespace(
-        upper_dph=np.array([120.0, 60.0 * value, 120.0]), tau_s=np.array([0.5, 1.0, 2.0])
+        upper=np.array([120.0, 60.0 * value, 120.0]), tau_s=np.array([0.5, 1.0, 2.0])
     )
     one = SimpleNamespace(
-        record=SimpleNamespace(name="gyro_x of still.csv"),
+        record=SimpleNamespace(name="gyro_x of still.csv", sensor=sensor),
         terms=SimpleNamespace(terms=(term,) if observed else ()),
         curve=curve,
-        stability=(SimpleNamespace(block_s=10.0, value_dph=value),),
+        stability=(SimpleNamespace(block_s=10.0, value=value),),
     )
     return noise_tables.criteria([one], NoiseAcceptance(**limits))
 
@@ -234,6 +235,10 @@ AT_MOST = {
     "angle_random_walk of gyro_x of still.csv (not observable: at most)": (
         "deg/sqrt(h)",
         lambda v: noise(v, observed=False, max_angle_random_walk=LIMIT),
+    ),
+    "velocity_random_walk of gyro_x of still.csv": (
+        "ug/sqrt(Hz)",
+        lambda v: noise(v, sensor=ACCELEROMETER, max_velocity_random_walk=LIMIT),
     ),
     "bias stability over 10 s of gyro_x of still.csv": (
         "deg/h",

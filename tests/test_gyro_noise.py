@@ -1,14 +1,18 @@
-"""Noise of gyros at rest by the command line: figures, gaps, what is not observable, limits, logs
-that cannot be used.
+"""Noise of gyros and accelerometers at rest by the command line: figures, gaps, what is not
+observable, limits, logs that cannot be used.
 """
 
 import allantools
 import numpy as np
 import pytest
 
-from calibkit import store
-from calibkit.instruments.gyro_noise import simulate
-from calibkit.numeric.noise import allan, allan_fit
+from calibkit import instruments, pipeline, recipe, store
+from calibkit.certificate.stated import Stated
+from calibkit.certificate.uncertainty import Source
+from calibkit.instruments.gyro_noise import certificate, simulate
+from calibkit.numeric.noise import allan
+from calibkit.numeric.noise.laws import LAWS
+from calibkit.report.summary import number
 from calibkit.simulate import noise
 
 HOURS = 2.0
@@ -97,7 +101,7 @@ def test_a_gap_in_time_and_a_missing_rate_are_gaps(calibkit, white, tmp_path, lo
     rate[100] = np.nan
     expected = allan.overlapping(rate, 0.5)
     found = [f.value for n, f in figures(run).items() if n.startswith("allan_deviation")]
-    assert found == pytest.approx(expected.deviation_dph, rel=1e-9)
+    assert found == pytest.approx(expected.deviation, rel=1e-9)
     assert any("101 of 8000 samples are missing" in flag for flag in run.document["flags"])
 
 
@@ -109,8 +113,8 @@ def test_a_limit_on_a_term_that_is_not_observable_is_held_against_what_it_can_be
     """
     folder, rate = white
     bound = allan.overlapping(rate, 0.5)
-    law = next(law for law in allan_fit.LAWS if law.symbol == "K")
-    most = float(np.min(law.scale * bound.upper_dph / np.sqrt(bound.tau_s)))
+    law = next(law for law in LAWS if law.symbol == "K")
+    most = float(np.min(law.scale * bound.upper / np.sqrt(bound.tau_s)))
     for limit, code in ((1.01 * most, 0), (0.99 * most, 1)):
         outcome, _ = fitted(
             calibkit,
@@ -173,7 +177,7 @@ def test_validation_states_the_noise_of_other_records_against_the_limits(calibki
     assert done.code == 1
     (record,) = done.json["logs"][0]["records"]
     assert record["allan_deviation"]["deviation"] == pytest.approx(
-        allan.overlapping(rate, 1.0).deviation_dph, rel=1e-9
+        allan.overlapping(rate, 1.0).deviation, rel=1e-9
     )
     assert record["wavelet_deviation"]["estimator"] == "wavelet db2"
 
@@ -292,3 +296,164 @@ def test_a_record_in_another_unit_is_suspected(
         entry for log in document["logs"] for entry in log["findings"] if entry["name"] == "unit"
     ]
     assert [said in str(entry) for entry in found] == [True] * bool(said)
+
+
+def test_the_mean_rate_is_printed_and_kept(calibkit, white, tmp_path):
+    """The table and gyro_noise.json state the mean of the record, without an uncertainty."""
+    outcome, run = fitted(calibkit, white[0], tmp_path)
+    mean = figures(run)["mean_rate.still"]
+    assert (mean.value, mean.unit) == (pytest.approx(white[1].mean(), rel=1e-12), "deg/h")
+    assert mean.standard_uncertainty == 0.0
+    row = next(line for line in outcome.out.splitlines() if "mean rate" in line)
+    assert f"{white[1].mean():.6g}" in row
+
+
+def states(run):
+    """Tables and figures of a run on its certificate."""
+    stated = Stated(run.records, Source(()), (), 25.0)
+    (block,) = certificate.blocks(stated)
+    return block
+
+
+@pytest.mark.parametrize("probability", [0.95, 0.8])
+def test_limits_are_the_same_in_table_figure_and_certificate(white, tmp_path, probability):
+    """Of the Allan and of the wavelet deviation, at every averaging time, with the probability of
+    the recipe.
+    """
+    folder, rate = white
+    source = recipe.find("gyro_noise", (f"noise.probability={probability}",))
+    outcome = pipeline.fit(source, folder, "G", tmp_path, "2026-11-21", instruments.silent)
+    curves = (
+        allan.overlapping(rate, 0.5, probability=probability),
+        allan.wavelet_deviation(rate, 0.5, probability=probability),
+    )
+    block = states(outcome.run)
+    grid, plot = block.tables[1], block.figures[0]
+    report = (outcome.run.folder / "report.txt").read_text(encoding="utf-8")
+    for k, curve in enumerate(curves):
+        expected = np.column_stack([curve.lower, curve.upper])
+        stated = [row[k].interval for row in grid.cells if row[k] is not None]
+        np.testing.assert_allclose(stated, expected, rtol=1e-9)
+        np.testing.assert_allclose(plot.series[k].ends, expected, rtol=1e-9)
+        assert all(row[k].uncertainty.probability == probability for row in grid.cells if row[k])
+        for low, high in expected:
+            assert any(number(low) in line and number(high) in line for line in report.splitlines())
+
+
+def test_limits_of_a_file_from_before_are_those_of_two_sigma(white, tmp_path, calibkit):
+    """A coefficient file that names no probability has the chi-square limits of 95.45 %."""
+    from dataclasses import replace
+
+    _, run = fitted(calibkit, white[0], tmp_path)
+    record = replace(run.records["gyro_noise.json"], conditions=())
+    stated = Stated({"gyro_noise.json": record}, Source(()), (), 25.0)
+    cells = certificate.blocks(stated)[0].tables[1].cells
+    expected = allan.overlapping(white[1], 0.5, probability=0.9545)
+    found = [row[0].interval for row in cells]
+    np.testing.assert_allclose(found, np.column_stack([expected.lower, expected.upper]), rtol=1e-9)
+
+
+@pytest.fixture(scope="module")
+def acceleration():
+    """Return three hours of an accelerometer at rest in g at 1 Hz, z up: 80 µg/√Hz."""
+    rng = np.random.default_rng(12)
+    return {
+        f"accel_{axis}_g": level + 80e-6 * rng.standard_normal(10_800)
+        for axis, level in (("x", 0.002), ("y", -0.001), ("z", 1.001))
+    }
+
+
+COLUMNS = 'noise.columns=["accel_x_g", "accel_y_g", "accel_z_g"]'
+
+
+def test_noise_of_accelerometers_is_stated_in_their_units(
+    calibkit, acceleration, tmp_path, log_writer
+):
+    """Velocity random walk in µg/√Hz, mean and deviations in mg, in file, table, certificate and
+    figure; what is not observable has the names of accelerometers.
+    """
+    log_writer(tmp_path / "d/still.csv", time_s=np.arange(10_800.0), **acceleration)
+    outcome, run = fitted(calibkit, tmp_path / "d", tmp_path, "--set", COLUMNS)
+    assert outcome.code == 0, outcome.err
+    found = figures(run)
+    for axis in "xyz":
+        column = f"accel_{axis}_g"
+        walk = found[f"velocity_random_walk.{column}.still"]
+        assert walk.unit == "ug/sqrt(Hz)"
+        assert abs(walk.value - 80.0) < 3.0 * walk.standard_uncertainty < 3.0
+        mean = found[f"mean_acceleration.{column}.still"]
+        assert (mean.value, mean.unit) == (pytest.approx(1e3 * acceleration[column].mean()), "mg")
+        deviation = found[f"allan_deviation_1_s.{column}.still"]
+        assert (deviation.value, deviation.unit) == (pytest.approx(0.08, rel=0.05), "mg")
+    assert "acceleration_random_walk (K) not observable" in " ".join(run.document["flags"])
+    assert "overlapping Allan deviation [mg]" in outcome.out
+    assert not any(word in outcome.out for word in ("deg", "°", "angle", "rate random walk"))
+    block = states(run)
+    assert block.figures[0].y_label.en == "σ [mg]"
+    assert block.tables[1].units == ("mg", "mg")
+    made = calibkit("certify", "G", "--runs", tmp_path, "--out", tmp_path / "c.pdf")
+    assert made.code == 0, made.err
+    assert "\\hertz" in (tmp_path / "c.xml").read_text(encoding="utf-8")
+
+
+def test_limits_on_accelerometers_are_held(calibkit, acceleration, tmp_path, log_writer):
+    """80 µg/√Hz meets a limit of 85 and not one of 75; a limit for gyros is refused."""
+    log_writer(
+        tmp_path / "d/still.csv",
+        time_s=np.arange(10_800.0),
+        accel_x_g=acceleration["accel_x_g"],
+    )
+    for limit, code in (
+        ("velocity_random_walk=85", 0),
+        ("velocity_random_walk=75", 1),
+        ("angle_random_walk=1", 2),
+    ):
+        outcome, _ = fitted(
+            calibkit,
+            tmp_path / "d",
+            tmp_path / str(code),
+            "--set",
+            'noise.columns=["accel_x_g"]',
+            "--set",
+            f"acceptance.max_{limit}.0",
+        )
+        assert outcome.code == code, outcome.out
+    assert "max_angle_random_walk" in outcome.err
+
+
+def test_an_accelerometer_logged_in_another_unit_is_suspected(
+    calibkit, acceleration, tmp_path, log_writer
+):
+    """An axis at rest with 9.81 where local g is expected names m/s², missing rows or not."""
+    up = 9.80665 * acceleration["accel_z_g"]
+    up[5] = np.nan
+    log_writer(tmp_path / "d/still.csv", time_s=np.arange(10_800.0), accel_z_g=up)
+    done = calibkit(
+        "check",
+        "gyro_noise",
+        "--data",
+        tmp_path / "d",
+        "--set",
+        'noise.columns=["accel_z_g"]',
+    )
+    assert 'unit = "m/s^2"' in done.out + done.err
+
+
+def test_sentences_about_what_is_not_observable_agree(calibkit, tmp_path, log_writer):
+    """A rise at the end of the curve that B, K or R explain alike: each has one sentence, and all
+    of them name the same terms.
+    """
+    rng = np.random.default_rng(0)
+    rate = noise.angle_random_walk(0.01, 10_000, rng) + noise.rate_random_walk(0.1, 10_000, rng)
+    log_writer(tmp_path / "d/still.csv", time_s=np.arange(10_000.0), gyro_dph=rate)
+    _, run = fitted(calibkit, tmp_path / "d", tmp_path)
+    reasons = {
+        flag.split("(")[1][0]: flag.partition("not observable: ")[2]
+        for flag in run.document["flags"]
+        if "not observable" in flag
+    }
+    assert not any("in the curve" in flag for flag in run.document["flags"])
+    rising = [symbol for symbol, reason in reasons.items() if "cannot tell" in reason]
+    assert len(rising) > 1
+    (reason,) = {reasons[symbol] for symbol in rising}
+    assert f"the curve shows {' or '.join(rising)}; the record cannot tell which" in reason

@@ -44,9 +44,7 @@ def test_noise_types_and_deviations_are_those_of_stable32(real, name):
     rows = np.loadtxt(results)
     # rows of Stable32: factor, averaging time, pairs, exponent, lower limit, deviation, upper limit
     curve = allan.overlapping(rate, 1.0, tau_s=rows[:, 0])
-    np.testing.assert_allclose(
-        curve.deviation_dph, rows[:, 5], rtol=3e-3 if name == "OCXO" else 1e-4
-    )
+    np.testing.assert_allclose(curve.deviation, rows[:, 5], rtol=3e-3 if name == "OCXO" else 1e-4)
     found = [2 - confidence.TYPES.index(noise) for noise in curve.noise]
     enough = rate.size // curve.factor >= ENOUGH_BLOCKS
     np.testing.assert_array_equal(np.array(found)[enough], rows[enough, 3])

@@ -123,10 +123,8 @@ def allan(rate: Array, *, hertz: float) -> Prepared:
     del stats  # loaded now rather than in the call that is weighed
 
     def answer(curve: DeviationCurve) -> Answer:
-        error = curve.deviation_dph / np.sqrt(
-            curve.pairs
-        )  # as the peer's, which knows no noise type
-        return {"tau": curve.tau_s, "deviation": curve.deviation_dph, "error": error}
+        error = curve.deviation / np.sqrt(curve.pairs)  # as the peer's, which knows no noise type
+        return {"tau": curve.tau_s, "deviation": curve.deviation, "error": error}
 
     return (lambda: core.overlapping(rate, 1.0 / hertz)), answer
 

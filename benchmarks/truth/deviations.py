@@ -38,10 +38,10 @@ def measured(units: int, environments: Path) -> str:
             peer.ask("once", times=1)
             theirs, ours = pairs.answers(peer), allan.overlapping(rate, 1.0)
             digits = min(
-                digits, pairs.agreeing_digits({"d": ours.deviation_dph}, {"d": theirs["deviation"]})
+                digits, pairs.agreeing_digits({"d": ours.deviation}, {"d": theirs["deviation"]})
             )
             truth, error = 1.0 / np.sqrt(factor), 1.959964 * theirs["error"][at]
-            held["calibkit"] += bool(ours.lower_dph[at] <= truth <= ours.upper_dph[at])
+            held["calibkit"] += bool(ours.lower[at] <= truth <= ours.upper[at])
             held["allantools"] += bool(abs(theirs["deviation"][at] - truth) <= error)
             peer.ask(
                 "load",
@@ -57,7 +57,7 @@ def measured(units: int, environments: Path) -> str:
         peer.ask("load", side="allan", files={"rate": str(path)}, settings={"hertz": 1.0})
         peer.ask("once", times=1)
         gap = pairs.answers(peer)["deviation"]
-    own = allan.overlapping(rate, 1.0).deviation_dph
+    own = allan.overlapping(rate, 1.0).deviation
     shares = {key: f"{count / records:.1%}" for key, count in held.items()}
     own_error = (
         f"{shares['allantools']} by ± 1.96 of the error that `oadev` returns, which takes all"

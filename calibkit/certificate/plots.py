@@ -40,6 +40,7 @@ def _logarithmic(figure: Figure) -> Figure:
             y_u=tuple(math.log10((y + u) / y) for y, u in zip(s.y, s.y_u, strict=True))
             if s.y_u
             else (),
+            ends=tuple((math.log10(low), math.log10(high)) for low, high in s.ends),
         )
         for s in figure.series
     )
@@ -48,9 +49,9 @@ def _logarithmic(figure: Figure) -> Figure:
 
 def _edges(series: Series) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Lower and upper edge of a curve."""
-    if not series.y_u:
+    if not (series.y_u or series.ends):
         return series.y, series.y
-    pairs = [(y - u, y + u) for y, u in zip(series.y, series.y_u, strict=True)]
+    pairs = series.ends or [(y - u, y + u) for y, u in zip(series.y, series.y_u, strict=True)]
     return tuple(low for low, _ in pairs), tuple(high for _, high in pairs)
 
 
@@ -67,7 +68,7 @@ def _curve(
         ],
         "low": low,
         "high": high,
-        "bars": bool(series.y_u),
+        "bars": bool(series.y_u or series.ends),
     }
 
 

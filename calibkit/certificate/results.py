@@ -107,12 +107,15 @@ class GridTable:
 
 @dataclass(frozen=True, slots=True)
 class Series:
-    """One curve or set of points of a figure, with ± bars or a band where y_u is given."""
+    """One curve or set of points of a figure, with ± bars or a band where y_u is given, or bars
+    from end to end where `ends` are.
+    """
 
     label: Words
     x: tuple[float, ...]
     y: tuple[float, ...]
     y_u: tuple[float, ...] = ()
+    ends: tuple[tuple[float, float], ...] = ()
     style: Literal["line", "points"] = "line"
 
 

@@ -240,9 +240,15 @@ def text_table(
 
 def _factor_words(results: Sequence[Result]) -> Words | None:
     """What U is in a table: its coverage factor and degrees of freedom, or the range of them."""
-    found = [r.uncertainty for r in results if r.uncertainty is not None]
+    brackets = Words(
+        "Brackets hold the coverage interval of a quantity that cannot be negative: Monte Carlo, of"
+        " a deviation chi-square.",
+        "方括号内为非负量的包含区间（蒙特卡洛法；偏差采用卡方分布）。",
+    )
+    bracketed = any(r.interval is not None for r in results)
+    found = [r.uncertainty for r in results if r.uncertainty is not None and r.interval is None]
     if not found:
-        return None
+        return brackets if bracketed else None
     factors = sorted({f"{one.coverage_factor:.2f}" for one in found})
     k = factors[0].removesuffix(".00") if len(factors) == 1 else f"{factors[0]} … {factors[-1]}"
     few = _few([one.effective_dof for one in found if one.effective_dof < gum.FEW_DOF])
@@ -250,13 +256,7 @@ def _factor_words(results: Sequence[Result]) -> Words | None:
         f"U = k·u with k = {k}{few.en}, coverage probability about 95 %.",
         f"U = k·u，k = {k}{few.zh}，包含概率约 95 %。",
     )
-    if any(r.interval is not None for r in results):
-        words += Words(
-            " Brackets hold the coverage interval of a quantity that cannot be negative (Monte"
-            " Carlo).",
-            "方括号内为非负量的包含区间（蒙特卡洛法）。",
-        )
-    return words
+    return words + Words(f" {brackets.en}", brackets.zh) if bracketed else words
 
 
 def _few(dof: Sequence[float]) -> Words:

@@ -92,6 +92,9 @@ UNIT_MARKS = {
     "m/s^2": "m/s²",
     "ug": "µg",
     "deg/sqrt(h)": "°/√h",
+    "ug/sqrt(Hz)": "µg/√Hz",
+    "mg/sqrt(h)": "mg/√h",
+    "mg*s": "mg·s",
 }
 """Printed form of units, and of parts of compound units, that differ from their spelling in files.
 """

@@ -137,7 +137,9 @@ def check_time_unit(log: Log, air: str) -> list[Finding]:
 
 
 def check_gravity_unit(log: Log, axes: Sequence[str]) -> list[Finding]:
-    """A triad whose length is not one g in most rows: another unit."""
+    """A triad at rest whose length is not one g in most rows, or one or two axes that show more:
+    another unit.
+    """
     columns = [values(log.frame, axis) for axis in axes]
 
     def lengths() -> Iterator[Array]:
@@ -145,7 +147,7 @@ def check_gravity_unit(log: Log, axes: Sequence[str]) -> list[Finding]:
             yield np.sqrt(np.sum(np.column_stack([column[a:b] for column in columns]) ** 2, axis=1))
 
     usual = order_statistics.median_of_chunks(lengths, len(log.frame))
-    if len(axes) < 3 or 0.8 < usual < 1.25:
+    if (0.8 if len(axes) == 3 else 0.0) <= usual < 1.25:
         return []
     unit = next((unit for unit, g in G_OF_UNIT.items() if 0.8 < usual / g < 1.25), None)
     advice = (
@@ -153,7 +155,7 @@ def check_gravity_unit(log: Log, axes: Sequence[str]) -> list[Finding]:
         if unit
         else "state the log's unit"
     )
-    found = f"the three axes have a length of {usual:.4g} g in most rows"
+    found = f"{', '.join(axes)} have a length of {usual:.4g} g in most rows"
     return [finding_of_column(log, axes[0], found, "1 g", advice, "unit", usual)]
 
 

@@ -191,10 +191,10 @@ def allan_deviations(time: Array, before: Array, after: Array) -> dict[str, obje
         "estimator": "overlapping Allan deviation",
         "unit": "deg/h",
         "tau_s": left.tau_s.tolist(),
-        "before": raw.deviation_dph.tolist(),
-        "after": left.deviation_dph.tolist(),
-        "after_lower": left.lower_dph.tolist(),
-        "after_upper": left.upper_dph.tolist(),
+        "before": raw.deviation.tolist(),
+        "after": left.deviation.tolist(),
+        "after_lower": left.lower.tolist(),
+        "after_upper": left.upper.tolist(),
         "probability": left.probability,
     }
 

@@ -1,1 +1,1 @@
-"""Noise of gyros at rest: Allan and wavelet deviations."""
+"""Noise of gyros and accelerometers at rest: Allan and wavelet deviations."""

@@ -1,7 +1,10 @@
-"""Results of a gyro at rest: noise terms, bias stability, Allan and wavelet deviation."""
+"""Results of a sensor at rest: mean, noise terms, bias stability, Allan and wavelet deviation."""
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
 
 from calibkit.certificate.results import (
     Block,
@@ -13,25 +16,29 @@ from calibkit.certificate.results import (
     Series,
 )
 from calibkit.certificate.stated import Stated
-from calibkit.certificate.words import Words
+from calibkit.certificate.words import Words, unit_mark
 from calibkit.coefficients import Figure as Found, Record
 from calibkit.instruments.gyro_noise.forms import (
     ALLAN_DEVIATION,
     KINDS,
+    PROBABILITY,
     Deviation,
     read_deviation,
     read_term,
 )
+from calibkit.numeric import gum
+from calibkit.numeric.noise.confidence import chi_square_limits
 
 ALLAN = Equation(
     ALLAN_DEVIATION,
     r"\sigma^2(\tau) = \frac{R^2\tau^2}{2} + \frac{K^2\tau}{3} + \frac{2 \ln 2}{\pi} B^2 "
     r"+ \frac{N^2}{\tau} + \frac{3 Q^2}{\tau^2}",
     Words(
-        "σ Allan deviation, τ averaging time; N angle random walk, B bias instability, K rate"
-        " random walk, R rate ramp, Q quantization.",
-        "σ 为 Allan 偏差，τ 为平均时间；N 角度随机游走，B 零偏不稳定性，K 速率随机游走，R"
-        " 速率斜坡，Q 量化噪声。",
+        "σ Allan deviation, τ averaging time; N angle random walk (of an accelerometer: velocity"
+        " random walk), B bias instability, K rate (acceleration) random walk, R rate"
+        " (acceleration) ramp, Q quantization.",
+        "σ 为 Allan 偏差，τ 为平均时间；N 角度随机游走（加速度计：速度随机游走），B"
+        " 零偏不稳定性，K 速率（加速度）随机游走，R 速率（加速度）斜坡，Q 量化噪声。",
     ),
 )
 NAMES = {
@@ -40,6 +47,11 @@ NAMES = {
     "rate_random_walk": Words("rate random walk K", "速率随机游走 K"),
     "rate_ramp": Words("rate ramp R", "速率斜坡 R"),
     "quantization": Words("quantization Q", "量化噪声 Q"),
+    "velocity_random_walk": Words("velocity random walk N", "速度随机游走 N"),
+    "acceleration_random_walk": Words("acceleration random walk K", "加速度随机游走 K"),
+    "acceleration_ramp": Words("acceleration ramp R", "加速度斜坡 R"),
+    "mean_rate": Words("mean rate", "平均角速率"),
+    "mean_acceleration": Words("mean acceleration", "平均加速度"),
     "bias_stability_10_s": Words(
         "bias stability, 10 s means (GJB 2426A)", "零偏稳定性（10 s 平均，GJB 2426A）"
     ),
@@ -88,7 +100,26 @@ def _state(stated: Stated, record: Record, figure: Found) -> Result:
     term, log = read_term(figure.name)
     words = NAMES.get(term, Words(term.replace("_", " "))) + Words(f", {log}" if log else "")
     near_zero = figure.value < FEW * figure.standard_uncertainty
-    return stated.figure(record, figure, words, math.inf, magnitude=near_zero)
+    dof = figure.effective_dof or math.inf
+    return stated.figure(record, figure, words, dof, magnitude=near_zero)
+
+
+def _state_deviation(stated: Stated, record: Record, figure: Found, words: Words) -> Result:
+    """A deviation within the chi-square limits that the report prints; type B terms take away
+    degrees of freedom, as many as give σ/√(2 dof) the combined uncertainty.
+    """
+    result = stated.figure(record, figure, words, math.inf)
+    if result.uncertainty is None:
+        return result
+    found = [c.value for c in record.conditions if c.name == PROBABILITY]
+    probability = found[0] if found else gum.TWO_SIGMA
+    dof = 0.5 * (figure.value / result.uncertainty.standard_uncertainty) ** 2
+    low, high = chi_square_limits(np.array(figure.value), np.array(dof), probability)
+    return replace(
+        result,
+        uncertainty=replace(result.uncertainty, probability=probability, effective_dof=dof),
+        interval=(float(low), float(high)),
+    )
 
 
 def _deviations(
@@ -105,7 +136,7 @@ def _deviations(
     cells = tuple(
         tuple(
             (
-                stated.figure(record, found[kind, tau], words[kind], math.inf)
+                _state_deviation(stated, record, found[kind, tau], words[kind])
                 if (kind, tau) in found
                 else None
             )
@@ -117,14 +148,14 @@ def _deviations(
         Words(f"Deviation over averaging time, {name}", f"随平均时间的偏差（{name}）"),
         Words("τ [s]"),
         tuple(words[kind] for kind in kinds),
-        ("deg/h",) * len(kinds),
+        (next(iter(curve.values())).unit,) * len(kinds),
         tuple(f"{tau:g}" for tau in taus),
         cells,
     )
 
 
 def _plot(table: GridTable, taus: Sequence[float]) -> Figure:
-    """Deviation over τ, both logarithmic, with expanded uncertainty."""
+    """Deviation over τ, both logarithmic, with the limits of the table."""
     series = []
     for k, head in enumerate(table.heads):
         points = [
@@ -132,12 +163,13 @@ def _plot(table: GridTable, taus: Sequence[float]) -> Figure:
             for tau, row in zip(taus, table.cells, strict=True)
             if (r := row[k]) is not None
         ]
-        # a bar that would reach zero has no place on a logarithmic axis
-        U = tuple(
-            min(r.uncertainty.expanded_uncertainty, 0.8 * r.value) if r.uncertainty else 0.0
-            for _, r in points
-        )
         series.append(
-            Series(head, tuple(tau for tau, _ in points), tuple(r.value for _, r in points), U)
+            Series(
+                head,
+                tuple(tau for tau, _ in points),
+                tuple(r.value for _, r in points),
+                ends=tuple(r.interval or (r.value, r.value) for _, r in points),
+            )
         )
-    return Figure(table.title, Words("τ [s]"), Words("σ [°/h]"), tuple(series), log=True)
+    unit = unit_mark(table.units[0])
+    return Figure(table.title, Words("τ [s]"), Words(f"σ [{unit}]"), tuple(series), log=True)

@@ -1,19 +1,20 @@
-"""Records of gyros at rest → Allan deviation, noise terms, wavelet deviation and bias stability,
+"""Records of sensors at rest → Allan deviation, noise terms, wavelet deviation and bias stability,
 and gyro_noise.json.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibkit import check
+from calibkit import check, units
 from calibkit.arrays import Array
-from calibkit.coefficients import Figure, StageResult
+from calibkit.coefficients import Condition, Figure, StageResult
 from calibkit.errors import FitError
 from calibkit.frame import Finding, Log, values
 from calibkit.instruments.gyro_noise import forms
 from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe
+from calibkit.instruments.gyro_noise.sensors import ACCELEROMETER, Sensor, find_sensor
 from calibkit.numeric.noise import allan, allan_fit
 
 CASE = "temp_case_degc"
@@ -27,7 +28,9 @@ LONGEST_GRID = 1 << 27
 
 @dataclass(frozen=True, slots=True)
 class _Record:
-    """One gyro's rate [n, °/h] in one log, on an even grid, NaN where samples are missing."""
+    """One sensor's indication [n] in one log, in the unit of its noise, on an even grid, NaN where
+    samples are missing.
+    """
 
     log: str
     column: str
@@ -38,6 +41,11 @@ class _Record:
     def name(self) -> str:
         """Log, and column where it is not the only gyro's."""
         return self.log if self.column == "gyro_dph" else f"{self.column}.{self.log}"
+
+    @property
+    def sensor(self) -> Sensor:
+        """Kind of sensor."""
+        return find_sensor(self.column)
 
     def estimate_noise(self, recipe: GyroNoiseRecipe) -> "NoiseFigures":
         """Curves, terms and bias stability of one record; what a record is too short for is flagged
@@ -52,7 +60,7 @@ class _Record:
                 points=spec.points,
                 probability=spec.probability,
             )
-            terms = allan_fit.fit_noise(curve)
+            terms = allan_fit.fit_noise(curve, self.sensor.laws)
             wavelet = allan.wavelet_deviation(
                 self.rate, self.interval_s, wavelet=spec.wavelet, probability=spec.probability
             )
@@ -89,7 +97,7 @@ class NoiseFigures:
     wavelet: allan.DeviationCurve
     terms: allan_fit.NoiseFit
     stability: tuple[allan.BiasStability, ...]
-    mean_dph: float
+    mean: float
     missing: int
     flags: tuple[str, ...]
 
@@ -119,11 +127,18 @@ def find_faults(log: Log, recipe: GyroNoiseRecipe) -> list[Finding]:
         elif np.ptp(present) == 0.0:
             found += check.find_constant_columns(log, [column])
         else:
-            implausible = check.find_implausible_rates(log, column)
-            found += implausible or check.magnitude.check_noise_unit(log, column)
+            of_gyro = find_sensor(column) is not ACCELEROMETER
+            implausible = check.find_implausible_rates(log, column) if of_gyro else []
+            if of_gyro:
+                found += implausible or check.magnitude.check_noise_unit(log, column)
             if present.size == rate.size and not implausible:
                 # only without missing rates are the rows an even series
-                found += check.series.check_indication(log, column, "deg/h")
+                found += check.series.check_indication(log, column, units.column_unit(column))
+    accelerations = [name for name in spec.columns if find_sensor(name) is ACCELEROMETER]
+    if accelerations and not any(finding.refused for finding in found):
+        found += check.magnitude.check_gravity_unit(
+            replace(log, frame=log.frame.dropna(subset=accelerations)), accelerations
+        )
     if not any(finding.refused for finding in found):
         found += check.magnitude.check_sampling_unit(log)
     return [*found, *_steady(log)]
@@ -152,7 +167,7 @@ def _steady(log: Log) -> list[Finding]:
 
 
 def read_records(log: Log, columns: Sequence[str]) -> list[_Record]:
-    """Rates of a log on an even grid; raises FitError where the samples do not lie on one."""
+    """Indications of a log on an even grid; raises FitError where the samples do not lie on one."""
     time = values(log.frame, "time_s")
     step = np.diff(time)
     usual = float(np.median(step))
@@ -170,21 +185,27 @@ def read_records(log: Log, columns: Sequence[str]) -> list[_Record]:
     found = []
     for column in columns:
         rate = np.full(int(place[-1]) + 1, np.nan)
-        rate[place] = values(log.frame, column)
+        own, shown = units.column_unit(column), find_sensor(column).unit
+        rate[place] = units.convert(values(log.frame, column), own, shown)
         found.append(_Record(log.name, column, interval, rate))
     return found
 
 
-def result(found: Sequence[NoiseFigures], flags: Sequence[str]) -> StageResult:
+def result(found: Sequence[NoiseFigures], flags: Sequence[str], probability: float) -> StageResult:
     """gyro_noise.json: figures named quantity.log (or quantity.column.log); a term that is not
-    observable is a flag.
+    observable is a flag. The probability of the deviations' limits is a condition.
     """
     figures = []
     for one in found:
-        name = one.record.name
+        name, sensor = one.record.name, one.record.sensor
+        figures.append(Figure(forms.term_name(sensor.mean, name), one.mean, sensor.unit, 0.0))
         figures += [
             Figure(
-                forms.term_name(term.name, name), term.value, term.unit, term.standard_uncertainty
+                forms.term_name(term.name, name),
+                term.value,
+                term.unit,
+                term.standard_uncertainty,
+                term.dof,
             )
             for term in one.terms.terms
         ]
@@ -192,9 +213,10 @@ def result(found: Sequence[NoiseFigures], flags: Sequence[str]) -> StageResult:
         figures += [
             Figure(
                 forms.term_name(f"bias_stability_{entry.block_s:g}_s", name),
-                entry.value_dph,
-                "deg/h",
+                entry.value,
+                sensor.unit,
                 stability_uncertainty(entry),
+                entry.blocks - 1.0,
             )
             for entry in one.stability
         ]
@@ -203,16 +225,20 @@ def result(found: Sequence[NoiseFigures], flags: Sequence[str]) -> StageResult:
                 Figure(
                     forms.Deviation(kind, tau, name).name,
                     float(deviation),
-                    "deg/h",
+                    sensor.unit,
                     float(deviation / np.sqrt(2.0 * dof)),
+                    float(dof),
                 )
-                for tau, deviation, dof in zip(
-                    curve.tau_s, curve.deviation_dph, curve.dof, strict=True
-                )
+                for tau, deviation, dof in zip(curve.tau_s, curve.deviation, curve.dof, strict=True)
             ]
-    return StageResult("gyro_noise", figures=tuple(figures), flags=tuple(flags))
+    return StageResult(
+        "gyro_noise",
+        figures=tuple(figures),
+        flags=tuple(flags),
+        conditions=(Condition(forms.PROBABILITY, probability, "1"),),
+    )
 
 
 def stability_uncertainty(entry: allan.BiasStability) -> float:
-    """Standard uncertainty [°/h] of a standard deviation of n values, σ/√(2(n − 1))."""
-    return float(entry.value_dph / np.sqrt(2.0 * (entry.blocks - 1)))
+    """Standard uncertainty of a standard deviation of n values in its unit, σ/√(2(n − 1))."""
+    return float(entry.value / np.sqrt(2.0 * (entry.blocks - 1)))

@@ -1,5 +1,5 @@
-"""Figures of gyros at rest: deviations over averaging time with the noise terms, and the rate over
-time.
+"""Figures of sensors at rest: deviations over averaging time with the noise terms, and the
+indication over time.
 """
 
 from __future__ import annotations
@@ -16,25 +16,21 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from calibkit.arrays import Array
+    from calibkit.numeric.noise.allan import DeviationCurve
 
 
 @dataclass(frozen=True, slots=True)
 class NoiseView:
-    """One record: Allan deviation with limits, fitted curve, wavelet deviation [°/h] over τ [s],
-    terms, means over time.
+    """One record: Allan and wavelet deviation with limits over τ [s], fitted curve, terms, means
+    over time, in the printed unit given.
     """
 
     name: str
-    tau: Array
-    deviation: Array
-    lower: Array
-    upper: Array
+    unit: str
+    curves: tuple[DeviationCurve, ...]
     model: Array
-    wavelet: str
-    wavelet_tau: Array
-    wavelet_deviation: Array
     terms: tuple[tuple[str, Array], ...]
-    """Label and share [m, °/h] in the deviation of every term that is observable."""
+    """Label and share [m] in the Allan deviation of every term that is observable."""
     hours: Array
     means: Array
     block_s: float
@@ -47,44 +43,41 @@ def record_page(title: str, view: NoiseView) -> Figure:
     axes[1].plot(view.hours, view.means, color=DENOISED, lw=0.8)
     axes[1].set(
         xlabel="time [h]",
-        ylabel="rate [°/h]",
+        ylabel=f"indication [{view.unit}]",
         title=f"means of {view.block_s:g} s; gaps are left open",
     )
     return figure
 
 
 def _deviations(ax: Axes, view: NoiseView) -> None:
-    """Allan and wavelet deviation over averaging time."""
-    ax.errorbar(
-        view.tau,
-        view.deviation,
-        np.stack([view.deviation - view.lower, view.upper - view.deviation]),
-        fmt="o",
-        ms=4,
-        capsize=3,
-        color=INK,
-        label="overlapping Allan deviation",
-    )
-    ax.plot(
-        view.wavelet_tau,
-        view.wavelet_deviation,
-        "s",
-        ms=4,
-        mfc="none",
-        color=ALERT,
-        label=f"{view.wavelet} deviation",
-    )
-    ax.plot(view.tau, view.model, color=GOOD, label="noise terms together")
+    """Allan and wavelet deviation with their limits over averaging time."""
+    styles = (("o", INK, INK), ("s", ALERT, "none"))
+    for curve, (mark, colour, face) in zip(view.curves, styles, strict=True):
+        ax.errorbar(
+            curve.tau_s,
+            curve.deviation,
+            np.stack([curve.deviation - curve.lower, curve.upper - curve.deviation]),
+            fmt=mark,
+            ms=4,
+            mfc=face,
+            capsize=3,
+            color=colour,
+            label=f"{curve.estimator} deviation",
+        )
+    allan = view.curves[0]
+    ax.plot(allan.tau_s, view.model, color=GOOD, label="noise terms together")
     for _, share in view.terms:
-        ax.plot(view.tau, share, color=MUTED, ls="--", lw=0.8)
+        ax.plot(allan.tau_s, share, color=MUTED, ls="--", lw=0.8)
     shown = ", ".join(label for label, _ in view.terms) or "none"
     ax.set_xscale("log")
     ax.set_yscale("log")
-    least = float(np.min(view.lower))
-    ax.set_ylim(0.3 * least, 3.0 * float(np.max(view.upper)))
+    ax.set_ylim(
+        0.3 * min(float(np.min(curve.lower)) for curve in view.curves),
+        3.0 * max(float(np.max(curve.upper)) for curve in view.curves),
+    )
     ax.set(
         xlabel="averaging time τ [s]",
-        ylabel="deviation [°/h]",
+        ylabel=f"deviation [{view.unit}]",
         title=f"dashed: noise terms that are observable: {shown}",
     )
     ax.legend(loc="best")

@@ -6,6 +6,8 @@ from typing import NamedTuple
 ALLAN_DEVIATION = "allan-deviation/1"
 """Equation that the noise terms belong to."""
 KINDS = ("allan", "wavelet")
+PROBABILITY = "probability_of_deviation_limits"
+"""Condition that holds the coverage probability of the deviations' limits."""
 _DEVIATION = re.compile(rf"({'|'.join(KINDS)})_deviation_([0-9.e+-]+)_s\.(.+)")
 
 

@@ -1,5 +1,5 @@
-"""Noise of gyros at rest: records → Allan deviation, noise terms, bias stability →
-gyro_noise.json.
+"""Noise of gyros and accelerometers at rest: records → Allan deviation, noise terms, bias
+stability → gyro_noise.json.
 """
 
 import json
@@ -79,7 +79,7 @@ def _fit(
         inputs.append(Input.of(log))
         figures += found
         flags += noted
-    result = deviations.result(figures, flags)
+    result = deviations.result(figures, flags, spec.noise.probability)
     return Fitted(
         (result,),
         tuple(inputs),

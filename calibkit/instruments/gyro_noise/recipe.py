@@ -1,18 +1,21 @@
-"""Recipe of the noise of gyros at rest: Allan deviation, its noise terms, bias stability."""
+"""Recipe of the noise of gyros and accelerometers at rest: Allan deviation, its noise terms, bias
+stability.
+"""
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
+from calibkit.instruments.gyro_noise.sensors import find_sensor
 from calibkit.recipe.tables import Positive, Recipe, Table
 
-GyroColumn = Annotated[str, Field(pattern=r"^gyro(_[a-z0-9]+)?_dph$")]
+Indication = Annotated[str, Field(pattern=r"^(gyro(_[a-z0-9]+)?_dph|accel_[a-z0-9]+_g)$")]
 
 
 class _Noise(Table):
-    """Which columns are rates, and what is estimated from them."""
+    """Which columns are indications, and what is estimated from them."""
 
-    columns: Annotated[tuple[GyroColumn, ...], Field(min_length=1, strict=False)] = ("gyro_dph",)
+    columns: Annotated[tuple[Indication, ...], Field(min_length=1, strict=False)] = ("gyro_dph",)
     points: Annotated[int, Field(ge=1, le=20)] = 1
     spacing: Literal["octave", "decade"] = "octave"
     probability: Annotated[float, Field(gt=0.5, lt=1.0)] = 0.95
@@ -46,11 +49,26 @@ class NoiseAcceptance(Table):
     max_bias_instability_dph: Positive | None = None
     max_rate_random_walk: Positive | None = None
     max_bias_stability_dph: Positive | None = None
+    max_velocity_random_walk: Positive | None = None
+    max_bias_instability_mg: Positive | None = None
+    max_acceleration_random_walk: Positive | None = None
+    max_bias_stability_mg: Positive | None = None
 
 
 class GyroNoiseRecipe(Recipe):
-    """Gyros at rest at one temperature, one record a log."""
+    """Gyros or accelerometers at rest at one temperature, one record a log."""
 
     procedure: Literal["gyro_noise"]
     noise: _Noise = _Noise()
     acceptance: NoiseAcceptance = NoiseAcceptance()
+
+    @model_validator(mode="after")
+    def _limits_are_tested(self) -> Self:
+        tested = {key for name in self.noise.columns for key in find_sensor(name).limits.values()}
+        idle = sorted(self.acceptance.model_fields_set - tested)
+        if idle:
+            raise ValueError(
+                f"[acceptance] {', '.join(idle)}: no sensor of [noise] columns has it; its limits"
+                f" are {', '.join(sorted(tested))}"
+            )
+        return self

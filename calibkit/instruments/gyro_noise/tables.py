@@ -5,21 +5,17 @@ from collections.abc import Sequence
 import numpy as np
 
 from calibkit.arrays import Array
+from calibkit.certificate.words import unit_mark
 from calibkit.coefficients import Criterion, at_most
 from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.instruments.gyro_noise.deviations import NoiseFigures, stability_uncertainty
 from calibkit.instruments.gyro_noise.figures import NoiseView
 from calibkit.instruments.gyro_noise.recipe import NoiseAcceptance
 from calibkit.numeric.noise import allan, allan_fit
+from calibkit.numeric.noise.confidence import TYPES
+from calibkit.numeric.noise.laws import PowerLaw
 from calibkit.report.summary import number
 from calibkit.report.table import Table
-
-LIMITS = {
-    "angle_random_walk": "max_angle_random_walk",
-    "bias_instability": "max_bias_instability_dph",
-    "rate_random_walk": "max_rate_random_walk",
-}
-"""Noise term → key of its acceptance limit."""
 
 
 def criteria(found: Sequence[NoiseFigures], limits: NoiseAcceptance) -> tuple[Criterion, ...]:
@@ -28,9 +24,11 @@ def criteria(found: Sequence[NoiseFigures], limits: NoiseAcceptance) -> tuple[Cr
     """
     tested = []
     for one in found:
+        sensor = one.record.sensor
+        stated = {name: getattr(limits, key) for name, key in sensor.limits.items()}
         observed = {term.name: term.value for term in one.terms.terms}
-        for law in allan_fit.LAWS:
-            limit = getattr(limits, LIMITS[law.name]) if law.name in LIMITS else None
+        for law in sensor.laws:
+            limit = stated.get(law.name)
             if limit is not None:
                 name = f"{law.name} of {one.record.name}"
                 value = observed.get(law.name)
@@ -38,13 +36,13 @@ def criteria(found: Sequence[NoiseFigures], limits: NoiseAcceptance) -> tuple[Cr
                     name += " (not observable: at most)"
                     value = _largest_possible(one.curve, law)
                 tested.append(at_most(name, value, limit, law.unit))
-        if limits.max_bias_stability_dph is not None:
+        if stated["bias_stability"] is not None:
             tested += [
                 at_most(
                     f"bias stability over {entry.block_s:g} s of {one.record.name}",
-                    entry.value_dph,
-                    limits.max_bias_stability_dph,
-                    "deg/h",
+                    entry.value,
+                    stated["bias_stability"],
+                    sensor.unit,
                 )
                 for entry in one.stability
             ]
@@ -52,23 +50,27 @@ def criteria(found: Sequence[NoiseFigures], limits: NoiseAcceptance) -> tuple[Cr
 
 
 def tables(found: Sequence[NoiseFigures]) -> tuple[Table, ...]:
-    """Noise terms and bias stability of every record, and the deviations over averaging time."""
+    """Mean, noise terms and bias stability of every record, and the deviations over averaging
+    time.
+    """
     rows = []
     for one in found:
+        name, sensor = one.record.name, one.record.sensor
+        rows.append((name, sensor.mean.replace("_", " "), number(one.mean, 6), "", sensor.unit))
         shown = {
             term.name: (number(term.value), number(term.standard_uncertainty, 2))
             for term in one.terms.terms
         }
-        for law in allan_fit.LAWS:
+        for law in sensor.laws:
             cells = shown.get(law.name, ("not observable", ""))
-            rows.append((one.record.name, f"{law.name} {law.symbol}", *cells, law.unit))
+            rows.append((name, f"{law.name} {law.symbol}", *cells, law.unit))
         rows += [
             (
-                one.record.name,
+                name,
                 f"bias stability, {s.block_s:g} s",
-                number(s.value_dph),
+                number(s.value),
                 number(stability_uncertainty(s), 2),
-                "deg/h",
+                sensor.unit,
             )
             for s in one.stability
         ]
@@ -79,53 +81,44 @@ def tables(found: Sequence[NoiseFigures]) -> tuple[Table, ...]:
             ("record", "figure", "value", "standard uncertainty", "unit"),
             tuple(rows),
         ),
-        *(_curve_table(one) for one in found),
+        *(_curve_table(one, curve) for one in found for curve in (one.curve, one.wavelet)),
     )
 
 
-def _curve_table(one: NoiseFigures) -> Table:
-    """Deviations of one record over averaging time with confidence limits."""
-    wavelet = dict(
-        zip(one.wavelet.factor.tolist(), one.wavelet.deviation_dph.tolist(), strict=True)
-    )
-    rows = tuple(
-        (
-            f"{tau:g}",
-            number(deviation),
-            number(low),
-            number(high),
-            f"{dof:.0f}",
-            number(wavelet[factor]) if factor in wavelet else "",
-        )
-        for tau, deviation, low, high, dof, factor in zip(
-            one.curve.tau_s,
-            one.curve.deviation_dph,
-            one.curve.lower_dph,
-            one.curve.upper_dph,
-            one.curve.dof,
-            one.curve.factor.tolist(),
-            strict=True,
-        )
-    )
-    share = f"{100.0 * one.curve.probability:g} %"
+def _curve_table(one: NoiseFigures, curve: allan.DeviationCurve) -> Table:
+    """A deviation of one record over averaging time with confidence limits, and the exponent α of
+    the noise type that those of the Allan deviation assume.
+    """
+    columns = {
+        "τ [s]": [f"{tau:g}" for tau in curve.tau_s],
+        "deviation": map(number, curve.deviation),
+        "lower": map(number, curve.lower),
+        "upper": map(number, curve.upper),
+        "dof": [f"{dof:.{0 if dof >= 100.0 else 1}f}" for dof in curve.dof],
+    }
+    if curve.noise:
+        columns["α"] = [f"{2 - TYPES.index(noise)}" for noise in curve.noise]
     title = (
-        f"{one.record.name}: overlapping Allan deviation [°/h] with {share} limits, and"
-        f" {one.wavelet.estimator} deviation"
+        f"{one.record.name}: {curve.estimator} deviation [{unit_mark(one.record.sensor.unit)}] with"
+        f" {100.0 * curve.probability:g} % limits"
     )
-    return Table(title, ("τ [s]", "deviation", "lower", "upper", "dof", "wavelet"), rows)
+    return Table(title, tuple(columns), tuple(zip(*columns.values(), strict=True)))
 
 
 def validation_entry(one: NoiseFigures) -> dict[str, object]:
     """JSON object of one record's figures."""
+    unit = one.record.sensor.unit
     curves = {
         key: {
             "estimator": curve.estimator,
             "tau_s": curve.tau_s.tolist(),
-            "deviation": curve.deviation_dph.tolist(),
-            "lower": curve.lower_dph.tolist(),
-            "upper": curve.upper_dph.tolist(),
+            "deviation": curve.deviation.tolist(),
+            "lower": curve.lower.tolist(),
+            "upper": curve.upper.tolist(),
+            "dof": curve.dof.tolist(),
+            "noise": list(curve.noise),
             "probability": curve.probability,
-            "unit": "deg/h",
+            "unit": unit,
         }
         for key, curve in (("allan_deviation", one.curve), ("wavelet_deviation", one.wavelet))
     }
@@ -133,7 +126,8 @@ def validation_entry(one: NoiseFigures) -> dict[str, object]:
         "name": one.record.name,
         "interval_s": one.record.interval_s,
         "missing": one.missing,
-        "mean": one.mean_dph,
+        "mean": one.mean,
+        "unit": unit,
         "terms": [
             {
                 "name": t.name,
@@ -149,7 +143,7 @@ def validation_entry(one: NoiseFigures) -> dict[str, object]:
             for t in one.terms.not_observable
         ],
         "bias_stability": [
-            {"block_s": s.block_s, "value": s.value_dph, "unit": "deg/h", "blocks": s.blocks}
+            {"block_s": s.block_s, "value": s.value, "unit": unit, "blocks": s.blocks}
             for s in one.stability
         ],
         **curves,
@@ -158,23 +152,22 @@ def validation_entry(one: NoiseFigures) -> dict[str, object]:
 
 def view(one: NoiseFigures) -> NoiseView:
     """Page of one record; the lower panel has some 600 means."""
-    record, curve = one.record, one.curve
+    record = one.record
     size = max(1, record.rate.size // 600)
     blocks = record.rate[: record.rate.size // size * size].reshape(-1, size)
+    laws = {law.name: law for law in record.sensor.laws}
     shares = [
-        (f"{term.symbol} {term.value:.3g} {term.unit}", _share(term, curve.tau_s))
+        (
+            f"{term.symbol} {term.value:.3g} {unit_mark(term.unit)}",
+            _share(term, laws[term.name], one.curve.tau_s),
+        )
         for term in one.terms.terms
     ]
     return NoiseView(
         record.name,
-        curve.tau_s,
-        curve.deviation_dph,
-        curve.lower_dph,
-        curve.upper_dph,
-        one.terms.model_dph,
-        one.wavelet.estimator,
-        one.wavelet.tau_s,
-        one.wavelet.deviation_dph,
+        unit_mark(record.sensor.unit),
+        (one.curve, one.wavelet),
+        one.terms.model,
         tuple(shares),
         np.asarray(
             (np.arange(blocks.shape[0]) + 0.5) * (size * record.interval_s / SECONDS_PER_HOUR),
@@ -185,14 +178,13 @@ def view(one: NoiseFigures) -> NoiseView:
     )
 
 
-def _share(term: allan_fit.NoiseTerm, tau: Array) -> Array:
-    """Deviation [m, °/h] that one term makes alone."""
-    law = next(law for law in allan_fit.LAWS if law.name == term.name)
+def _share(term: allan_fit.NoiseTerm, law: PowerLaw, tau: Array) -> Array:
+    """Deviation [m] that one term makes alone."""
     return np.asarray(term.value / law.scale * tau ** (law.exponent / 2.0), dtype=np.float64)
 
 
-def _largest_possible(curve: allan.DeviationCurve, law: allan_fit.PowerLaw) -> float:
+def _largest_possible(curve: allan.DeviationCurve, law: PowerLaw) -> float:
     """Largest value that a noise term can have: no term is larger than the whole of σ² at any
     averaging time, its upper limit taken.
     """
-    return float(np.min(law.scale * curve.upper_dph / curve.tau_s ** (law.exponent / 2.0)))
+    return float(np.min(law.scale * curve.upper / curve.tau_s ** (law.exponent / 2.0)))

@@ -1,5 +1,5 @@
 """Allan deviation with gaps and confidence limits, wavelet deviation, and the bias stability of GJB
-2426A.
+2426A. A rate here is the indication of any sensor at rest, and results are in its unit.
 """
 
 from collections.abc import Iterator, Sequence
@@ -11,7 +11,12 @@ import numpy as np
 from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError
 from calibkit.numeric import chunks
-from calibkit.numeric.noise.confidence import Noise, equivalent_dof, identify_noise
+from calibkit.numeric.noise.confidence import (
+    Noise,
+    chi_square_limits,
+    equivalent_dof,
+    identify_noise,
+)
 
 Spacing = Literal["octave", "decade"]
 
@@ -27,8 +32,8 @@ refused.
 
 @dataclass(frozen=True, slots=True)
 class DeviationCurve:
-    """A deviation over averaging time: one entry [m] a cluster time, ascending, with chi-square
-    confidence limits.
+    """A deviation over averaging time in the unit of the rate: one entry [m] a cluster time,
+    ascending, with chi-square confidence limits.
     """
 
     estimator: str
@@ -36,23 +41,39 @@ class DeviationCurve:
     samples: int
     factor: Integers
     tau_s: Array
-    deviation_dph: Array
+    deviation: Array
     pairs: Integers
-    noise: tuple[str, ...]
+    noise: tuple[Noise, ...]
+    """Type at each averaging time; empty for wavelets, whose degrees of freedom assume none."""
     dof: Array
-    lower_dph: Array
-    upper_dph: Array
+    lower: Array
+    upper: Array
     probability: float
+
+    @property
+    def deviation_dph(self) -> Array:
+        """Deviation of a gyro [deg/h]."""
+        return self.deviation
+
+    @property
+    def lower_dph(self) -> Array:
+        """Lower limit of a gyro's deviation [deg/h]."""
+        return self.lower
+
+    @property
+    def upper_dph(self) -> Array:
+        """Upper limit of a gyro's deviation [deg/h]."""
+        return self.upper
 
 
 @dataclass(frozen=True, slots=True)
 class BiasStability:
-    """Standard deviation of block means [deg/h], the GJB figure: not an Allan deviation, and drift
-    is in it.
+    """Standard deviation of block means in the unit of the rate, the GJB figure: not an Allan
+    deviation, and drift is in it.
     """
 
     block_s: float
-    value_dph: float
+    value: float
     blocks: int
 
 
@@ -70,14 +91,15 @@ def overlapping(
 
     Parameters
     ----------
-    rate : [n], deg/h, evenly sampled; NaN marks a gap, and only pairs of neighbouring averages that
-        are whole are used.
+    rate : [n], evenly sampled; NaN marks a gap, and only pairs of neighbouring averages that are
+        whole are used.
     interval_s : sampling interval [s].
     tau_s : averaging times [s], each rounded to whole samples (the curve carries the rounded ones);
         without them
         `points` an octave or a decade, from one sample to a third of the record.
     noise : the type that the degrees of freedom assume, or "identify" for Riley's lag-1 test at
-    each averaging time. probability : of the two-sided limits, which are chi-square's.
+        each averaging time.
+    probability : of the two-sided limits, which are chi-square's.
 
     Raises
     ------
@@ -106,7 +128,9 @@ def overlapping(
     missing = None if chunks.all_finite(rate) else np.cumsum(np.concatenate(([0], np.isnan(rate))))
     variance, pairs = np.array([_pair_variance(total, missing, int(m)) for m in factors]).T
     kinds = (
-        identify_noise(total, missing, factors) if noise == "identify" else (noise,) * factors.size
+        identify_noise(total, missing, factors)
+        if noise == "identify"
+        else (noise,) * int(factors.size)
     )
     dof = np.array(
         [equivalent_dof(int(m), runs, kind) for m, kind in zip(factors, kinds, strict=True)]
@@ -187,7 +211,7 @@ def bias_stability(rate: Array, interval_s: float, *, block_s: float = 10.0) -> 
 
     Parameters
     ----------
-    rate : [n], deg/h, evenly sampled; a block with a gap (NaN) is left out.
+    rate : [n], evenly sampled; a block with a gap (NaN) is left out.
     block_s : length of a block [s].
 
     Raises
@@ -226,7 +250,7 @@ def wavelet_deviation(
 
     Parameters
     ----------
-    rate : [n], deg/h, evenly sampled; a coefficient that touches a gap (NaN) or an end of the
+    rate : [n], evenly sampled; a coefficient that touches a gap (NaN) or an end of the
         record is left out.
     wavelet : an orthogonal PyWavelets name with p vanishing moments, blind to drift of degree p −
         1: "haar" (p = 1) is
@@ -264,10 +288,9 @@ def wavelet_deviation(
         )
     variance, factors, pairs = np.array(found).T
     dof = np.maximum(pairs / (2.0 * factors), 1.0)
-    kinds = ("any",) * factors.size
     factors = factors.astype(np.int64)
     return _curve(
-        f"wavelet {wavelet}", rate, interval_s, factors, variance, pairs, kinds, dof, probability
+        f"wavelet {wavelet}", rate, interval_s, factors, variance, pairs, (), dof, probability
     )
 
 
@@ -306,27 +329,25 @@ def _curve(
     factors: Integers,
     variance: Array,
     pairs: Array | Integers,
-    kinds: tuple[str, ...],
+    kinds: tuple[Noise, ...],
     dof: Array,
     probability: float,
 ) -> DeviationCurve:
-    """Assemble a curve with its limits σ √(dof/χ²) (NIST SP 1065 section 5.3)."""
-    from scipy.stats import chi2
-
+    """Assemble a curve with its limits."""
     deviation = np.sqrt(variance)
-    tail = (1.0 - probability) / 2.0
+    lower, upper = chi_square_limits(deviation, dof, probability)
     return DeviationCurve(
         estimator=estimator,
         interval_s=interval_s,
         samples=int(rate.size),
         factor=factors,
         tau_s=np.asarray(factors * interval_s, dtype=np.float64),
-        deviation_dph=deviation,
+        deviation=deviation,
         pairs=pairs.astype(np.int64),
         noise=kinds,
         dof=dof,
-        lower_dph=deviation * np.sqrt(dof / chi2.ppf(1.0 - tail, dof)),
-        upper_dph=deviation * np.sqrt(dof / chi2.ppf(tail, dof)),
+        lower=lower,
+        upper=upper,
         probability=probability,
     )
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibkit.arrays import Array, Mask
-from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.errors import FitError
 from calibkit.numeric.noise.allan import DeviationCurve
+from calibkit.numeric.noise.laws import LAWS, PowerLaw
 
 SIGNIFICANCE = 0.00135
 """One-sided probability (3σ of a normal) under which chance is ruled out as the cause of a term or
@@ -31,29 +31,6 @@ ITERATIONS = 20
 """Rounds of reweighting, of which a handful settle six digits."""
 FEWEST_TIMES = 6
 """Averaging times below which five coefficients leave nothing to judge the fit by."""
-
-
-@dataclass(frozen=True, slots=True)
-class PowerLaw:
-    """One term of σ²(τ) = Σ c τ^exponent, with value = scale·√c in the unit given."""
-
-    name: str
-    symbol: str
-    unit: str
-    exponent: int
-    scale: float
-
-
-LAWS = (
-    PowerLaw("quantization", "Q", "arcsec", -2, float(1.0 / np.sqrt(3.0))),
-    PowerLaw("angle_random_walk", "N", "deg/sqrt(h)", -1, 1.0 / 60.0),
-    PowerLaw("bias_instability", "B", "deg/h", 0, float(np.sqrt(np.pi / (2.0 * np.log(2.0))))),
-    PowerLaw("rate_random_walk", "K", "deg/h/sqrt(h)", 1, 60.0 * float(np.sqrt(3.0))),
-    PowerLaw("rate_ramp", "R", "deg/h/h", 2, SECONDS_PER_HOUR * float(np.sqrt(2.0))),
-)
-"""IEEE Std 952 annex C: 3Q²/τ² + N²/τ + (2 ln 2/π) B² + K² τ/3 + R² τ²/2, τ in s, σ in deg/h (1
-deg/h·s = 1 arcsec).
-"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +65,7 @@ class NoiseFit:
     terms: tuple[NoiseTerm, ...]
     not_observable: tuple[_NotObservable, ...]
     tau_s: Array
-    model_dph: Array
+    model: Array
     misfit: float
     flags: tuple[str, ...]
 
@@ -122,14 +99,20 @@ class _Attempt:
     misfit: float
     surprising: bool
 
+    @property
+    def failed(self) -> bool:
+        """Whether no scaling makes the terms mean anything."""
+        return self.surprising and self.misfit > GROSS_MISFIT
 
-def fit_noise(curve: DeviationCurve) -> NoiseFit:
+
+def fit_noise(curve: DeviationCurve, laws: tuple[PowerLaw, ...] = LAWS) -> NoiseFit:
     """Fit the five noise terms to an overlapping Allan deviation by non-negative weighted least
     squares.
 
     Parameters
     ----------
     curve : from `allan.overlapping`, at least six averaging times; octaves serve.
+    laws : LAWS for a gyro in deg/h, ACCELEROMETER_LAWS for an accelerometer in mg.
 
     Raises
     ------
@@ -145,7 +128,8 @@ def fit_noise(curve: DeviationCurve) -> NoiseFit:
     Criterion: all five terms stay in the fit; one is reported only where the others, refitted
     without it, leave an excess in its direction that noise of the refitted kind (1 % model error
     included) would show with a probability below 0.00135. What another term can stand in for is
-    therefore not observable, and what is not reported still widens and unbiases what is. The tail
+    therefore not observable, and what is not reported still widens and unbiases what is. Terms that
+    each explain alone what the reported ones leave have one reason, which names them all. The tail
     follows a Pearson type III law with the excess's own skewness: at the longest times σ̂² has two
     or three degrees of freedom, and a normal tail would see ramps in random walks.
 
@@ -156,13 +140,15 @@ def fit_noise(curve: DeviationCurve) -> NoiseFit:
     """
     _require_curve(curve)
     attempt = _first_that_fits(curve)
-    chances = np.array([_chance(attempt, j, np.arange(len(LAWS)) != j) for j in range(len(LAWS))])
-    shown = (chances < SIGNIFICANCE) & (attempt.misfit <= GROSS_MISFIT or not attempt.surprising)
+    shown = (attempt.coefficients > 0.0) & (not attempt.failed)
+    for j in np.flatnonzero(shown).tolist():
+        shown[j] = _chance(attempt, j, np.arange(len(LAWS)) != j) < SIGNIFICANCE
+    reasons = _reasons(attempt, shown)
     terms: list[NoiseTerm] = []
     absent: list[_NotObservable] = []
-    for j, law in enumerate(LAWS):
+    for j, law in enumerate(laws):
         if not shown[j]:
-            absent.append(_NotObservable(law.name, law.symbol, _reason(attempt, j)))
+            absent.append(_NotObservable(law.name, law.symbol, reasons[j]))
             continue
         value = law.scale * float(np.sqrt(attempt.coefficients[j]))
         relative = float(attempt.uncertainty[j]) / float(attempt.coefficients[j])
@@ -170,7 +156,7 @@ def fit_noise(curve: DeviationCurve) -> NoiseFit:
         u, dof = value * relative / 2.0, 2.0 / relative**2
         terms.append(NoiseTerm(law.name, law.symbol, value, law.unit, u, dof))
     model = np.sqrt(_design(curve.tau_s) @ attempt.coefficients)
-    flags = _flags(attempt, shown, curve)
+    flags = _flags(attempt, curve)
     return NoiseFit(tuple(terms), tuple(absent), curve.tau_s, model, attempt.misfit, flags)
 
 
@@ -215,16 +201,25 @@ def _attempt(curve: DeviationCurve, first: int) -> _Attempt:
     return _Attempt(first, record, coefficients, uncertainty, misfit, surprising)
 
 
-def _reason(attempt: _Attempt, term: int) -> str:
-    """Why a term is not observable."""
-    if attempt.surprising and attempt.misfit > GROSS_MISFIT:
-        return "the five noise terms do not describe the curve"
-    if attempt.coefficients[term] <= 0.0:
-        return "the record shows none of it beside the other terms"
-    return "the other terms can stand in for it within the noise"
+def _reasons(attempt: _Attempt, shown: Mask) -> list[str]:
+    """Why each of the five terms would not be observable, given which are."""
+    if attempt.failed:
+        return ["the five noise terms do not describe the curve"] * len(LAWS)
+    if attempt.surprising or not shown.any():
+        return ["the other terms can stand in for it within the noise"] * len(LAWS)
+    rest = np.flatnonzero(~shown).tolist()
+    candidates = [j for j in rest if _chance(attempt, j, shown) < SIGNIFICANCE]
+    names = " or ".join(LAWS[j].symbol for j in candidates)
+    which = "which" if len(candidates) > 1 else "it from others together"
+    return [
+        f"beside the reported terms the curve shows {names}; the record cannot tell {which}"
+        if j in candidates
+        else "beside the reported terms the curve shows none of it above the noise"
+        for j in range(len(LAWS))
+    ]
 
 
-def _flags(attempt: _Attempt, shown: Mask, curve: DeviationCurve) -> tuple[str, ...]:
+def _flags(attempt: _Attempt, curve: DeviationCurve) -> tuple[str, ...]:
     """What a reader must know of the fit, in sentences."""
     flags = []
     if attempt.first:
@@ -232,19 +227,11 @@ def _flags(attempt: _Attempt, shown: Mask, curve: DeviationCurve) -> tuple[str, 
             f"averaging times below {curve.tau_s[attempt.first]:g} s left out: the noise terms do"
             " not describe them"
         )
-    if attempt.surprising and attempt.misfit > GROSS_MISFIT:
+    if attempt.failed:
         flags.append("no noise term reported: the five of them do not describe the curve")
     elif attempt.surprising:
         scale = np.sqrt(attempt.misfit)
         flags.append(f"the noise terms miss the curve: uncertainties scaled up by {scale:.2g}")
-    elif shown.any():
-        rest = np.flatnonzero(~shown & (attempt.coefficients > 0.0)).tolist()
-        suspects = [LAWS[j].symbol for j in rest if _chance(attempt, j, shown) < SIGNIFICANCE]
-        if suspects:
-            flags.append(
-                f"beside the reported terms there is {' or '.join(suspects)} in the curve, not"
-                " enough to report"
-            )
     return tuple(flags)
 
 
@@ -260,7 +247,7 @@ def _require_curve(curve: DeviationCurve) -> None:
             " terms",
             hint="record for longer or ask for more averaging times",
         )
-    if not np.all(curve.deviation_dph > 0.0):
+    if not np.all(curve.deviation > 0.0):
         raise FitError(
             "the Allan deviation is zero: the rate does not change",
             hint="check the log's resolution",
@@ -290,7 +277,7 @@ def _record(curve: DeviationCurve, first: int) -> _Record:
     )
     factor, pairs = curve.factor[first:].astype(np.float64), curve.pairs[first:].astype(np.float64)
     difference = 2.0 * np.sin(np.pi * np.outer(factor, nu)) * _averaging(factor, nu)
-    variance = curve.deviation_dph[first:] ** 2
+    variance = curve.deviation[first:] ** 2
     return _Record(
         variance=variance,
         start=2.0 * variance**2 / curve.dof[first:],
@@ -376,8 +363,6 @@ def _chance(attempt: _Attempt, term: int, others: Mask) -> float:
     """
     from scipy.special import gammaincc, ndtr
 
-    if attempt.coefficients[term] <= 0.0:
-        return 1.0
     record = attempt.record
     coefficients, spread, covariance = _fitted(record, others)
     active = coefficients > 0.0

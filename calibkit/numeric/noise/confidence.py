@@ -150,6 +150,19 @@ def _phase_noise_dof(factor: int, runs: Integers) -> float:
     return float((lengths @ many) ** 2 / shared)
 
 
+def chi_square_limits(deviation: Array, dof: Array, probability: float) -> tuple[Array, Array]:
+    """Two-sided limits σ √(dof/χ²) [m each] of deviations [m] with degrees of freedom [m] (NIST SP
+    1065 section 5.3).
+    """
+    from scipy.special import chdtri
+
+    tail = (1.0 - probability) / 2.0
+    return (
+        deviation * np.sqrt(dof / chdtri(dof, tail)),
+        deviation * np.sqrt(dof / chdtri(dof, 1.0 - tail)),
+    )
+
+
 def _pair_counts(factor: int, runs: Integers) -> tuple[Array, Integers]:
     """Numbers of whole pairs of averages in the runs [g] that have any, and how often each number
     occurs.
