@@ -2,7 +2,7 @@
 and gyro_noise.json.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -195,48 +195,31 @@ def result(found: Sequence[NoiseFigures], flags: Sequence[str], probability: flo
     """gyro_noise.json: figures named quantity.log (or quantity.column.log); a term that is not
     observable is a flag. The probability of the deviations' limits is a condition.
     """
-    figures = []
-    for one in found:
-        name, sensor = one.record.name, one.record.sensor
-        figures.append(Figure(forms.term_name(sensor.mean, name), one.mean, sensor.unit, 0.0))
-        figures += [
-            Figure(
-                forms.term_name(term.name, name),
-                term.value,
-                term.unit,
-                term.standard_uncertainty,
-                term.dof,
-            )
-            for term in one.terms.terms
-        ]
-        # n − 1 block means, were they independent and normal
-        figures += [
-            Figure(
-                forms.term_name(f"bias_stability_{entry.block_s:g}_s", name),
-                entry.value,
-                sensor.unit,
-                stability_uncertainty(entry),
-                entry.blocks - 1.0,
-            )
-            for entry in one.stability
-        ]
-        for kind, curve in zip(forms.KINDS, (one.curve, one.wavelet), strict=True):
-            figures += [
-                Figure(
-                    forms.Deviation(kind, tau, name).name,
-                    float(deviation),
-                    sensor.unit,
-                    float(deviation / np.sqrt(2.0 * dof)),
-                    float(dof),
-                )
-                for tau, deviation, dof in zip(curve.tau_s, curve.deviation, curve.dof, strict=True)
-            ]
     return StageResult(
         "gyro_noise",
-        figures=tuple(figures),
+        figures=tuple(figure for one in found for figure in _figures(one)),
         flags=tuple(flags),
         conditions=(Condition(forms.PROBABILITY, probability, "1"),),
     )
+
+
+def _figures(one: NoiseFigures) -> Iterator[Figure]:
+    """Figures of one record."""
+    name, sensor = one.record.name, one.record.sensor
+    yield Figure(forms.term_name(sensor.mean, name), one.mean, sensor.unit, 0.0)
+    for term in one.terms.terms:
+        called = forms.term_name(term.name, name)
+        yield Figure(called, term.value, term.unit, term.standard_uncertainty, term.dof)
+    for entry in one.stability:
+        called = forms.term_name(f"bias_stability_{entry.block_s:g}_s", name)
+        u = stability_uncertainty(entry)
+        # n − 1 block means, were they independent and normal
+        yield Figure(called, entry.value, sensor.unit, u, entry.blocks - 1.0)
+    for kind, curve in zip(forms.KINDS, (one.curve, one.wavelet), strict=True):
+        points = np.column_stack([curve.tau_s, curve.deviation, curve.dof]).tolist()
+        for tau, deviation, dof in points:
+            called, u = forms.Deviation(kind, tau, name).name, deviation / np.sqrt(2.0 * dof)
+            yield Figure(called, deviation, sensor.unit, float(u), dof)
 
 
 def stability_uncertainty(entry: allan.BiasStability) -> float:

@@ -1,6 +1,7 @@
 """What a noise run states: acceptance limits, tables, JSON and figures of each record."""
 
 from collections.abc import Sequence
+from dataclasses import asdict
 
 import numpy as np
 
@@ -128,20 +129,8 @@ def validation_entry(one: NoiseFigures) -> dict[str, object]:
         "missing": one.missing,
         "mean": one.mean,
         "unit": unit,
-        "terms": [
-            {
-                "name": t.name,
-                "symbol": t.symbol,
-                "value": t.value,
-                "unit": t.unit,
-                "standard_uncertainty": t.standard_uncertainty,
-            }
-            for t in one.terms.terms
-        ],
-        "not_observable": [
-            {"name": t.name, "symbol": t.symbol, "reason": t.reason}
-            for t in one.terms.not_observable
-        ],
+        "terms": [asdict(term) for term in one.terms.terms],
+        "not_observable": [asdict(term) for term in one.terms.not_observable],
         "bias_stability": [
             {"block_s": s.block_s, "value": s.value, "unit": unit, "blocks": s.blocks}
             for s in one.stability
