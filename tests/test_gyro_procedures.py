@@ -800,18 +800,15 @@ def test_a_temperature_sensitivity_is_as_uncertain_as_runs_repeat():
         K = 12345.6 * (
             1.0 + 13e-6 * (temperature - 25.0) + 3e-6 * rng.standard_normal(temperature.size)
         )
-        u = np.full(temperature.size, 12345.6 * 0.1e-6)
+        held = np.array(RATES)
         lines = [
-            SimpleNamespace(K=k, standard_uncertainty=(s, s)) for k, s in zip(K, u, strict=True)
+            scale_factor._scale_factor(held, k * held + rng.normal(0.0, 0.3, held.size)) for k in K
         ]
         runs = [
             SimpleNamespace(temp_degc=t, scale=lambda _, line=line: line)
             for t, line in zip(temperature, lines, strict=True)
         ]
-        curve = scale_factor.over_temperature(K, u, temperature)
-        one = SimpleNamespace(
-            gyro="x", runs=runs, at_room=runs[:3], K=(12345.6, 0.01), K_over_temperature=curve
-        )
+        one = over_runs.fit_over_runs(spec, "x", runs)
         found = {
             figure.name.partition(".")[2]: figure
             for figure in over_runs.run_figures("gyro_x", one, spec)

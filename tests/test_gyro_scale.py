@@ -362,14 +362,6 @@ def test_a_slope_over_temperature_must_lower_the_left_out_error_by_a_tenth(ratio
     assert over.coefficients.size == order + 1
 
 
-def test_mean_of_runs_takes_the_larger_of_noise_and_scatter():
-    """Runs that scatter more than their noise have the scatter's uncertainty, and the other way
-    round.
-    """
-    assert scale_factor.mean_of_runs([1.0, 3.0], [0.1, 0.1]) == pytest.approx((2.0, 1.0))
-    assert scale_factor.mean_of_runs([2.0, 2.0], [0.1, 0.1]) == pytest.approx((2.0, 0.1))
-
-
 @given(
     st.floats(1.0, 1e6),
     st.floats(-0.1, 0.1),

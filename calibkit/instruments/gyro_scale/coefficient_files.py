@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from calibkit.coefficients import Condition, Figure, Model, Parameter, StageResult
+from calibkit.coefficients import Component, Condition, Figure, Model, Parameter, StageResult
 from calibkit.constants import DPH_PER_DPS
 from calibkit.forms import POLYNOMIAL
 from calibkit.instruments.gyro_scale import (
@@ -153,21 +153,45 @@ def _line_model(name: str, run: table_runs.TableRun, gyro: str) -> Model:
 
 def _mean_model(name: str, one: over_runs.GyroOverRuns) -> Model:
     """Line model (K and F0) of the mean over the runs at the reference temperature."""
-    lines = [run.scale(one.gyro) for run in one.at_room]
-    (K, u_K), (F0, u_F0) = one.K, one.F0
-    noise = np.sum([line.covariance for line in lines], axis=0)
-    variances = noise[0, 0] * noise[1, 1]
-    correlation = float(noise[0, 1] / np.sqrt(variances)) if variances > 0.0 else 0.0
-    cross = correlation * u_K * u_F0
+    lines = [run.scale(one.gyro) for run in one.runs]
+    cross = one.correlation * one.K.standard_uncertainty * one.F0.standard_uncertainty
+    degc = float(np.mean([run.temp_degc for run in one.at_room]))
+    parameters = [Parameter("runs", float(len(one.at_room)), "1")]
+    if np.isfinite(degc):
+        parameters.append(Parameter("temp_case", degc, "degC"))
     return forms.LINE.write(
         name,
-        [("K", K, "1/deg"), ("F0", F0, "1/s")],
-        np.array([[u_K**2, cross], [cross, u_F0**2]]),
+        [("K", one.K.value, "1/deg"), ("F0", one.F0.value, "1/s")],
+        np.array(
+            [
+                [one.K.standard_uncertainty**2, cross],
+                [cross, one.F0.standard_uncertainty**2],
+            ]
+        ),
         dof=sum(line.dof for line in lines),
         residual_rms=rms([line.residual_rms for line in lines]),
         residual_unit="1/s",
         valid=_valid(one.at_room),
-        parameters=(Parameter("runs", float(len(lines)), "1"),),
+        parameters=tuple(parameters),
+        effective_dof=np.array([one.K.dof, one.F0.dof]),
+        components=_components(one),
+    )
+
+
+def _components(one: over_runs.GyroOverRuns) -> tuple[Component, ...]:
+    """Run-to-run standard deviations: of the scale factor in ppm, of the zero in °/h."""
+    size = {"scale": (gjb_figures.PPM, "ppm"), "zero": (DPH_PER_DPS, "deg/h")}
+    return tuple(
+        Component(
+            entry.group,
+            entry.effect,
+            entry.value * size[entry.effect][0] / abs(one.K.value),
+            size[entry.effect][1],
+            entry.standard_uncertainty * size[entry.effect][0] / abs(one.K.value),
+            entry.groups,
+        )
+        for entry in (one.model.mixed.components if one.model else ())
+        if entry.dof
     )
 
 

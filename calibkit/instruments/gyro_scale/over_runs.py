@@ -2,28 +2,34 @@
 temperature, response over rate, repeatability.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.coefficients import Figure
+from calibkit.constants import DPH_PER_DPS
 from calibkit.errors import FitError
 from calibkit.instruments.gyro_scale import forms, table_runs
 from calibkit.instruments.gyro_scale.numeric import (
+    all_runs,
     gjb_figures,
+    line_terms,
     response as rate_response,
     scale_factor,
 )
 from calibkit.instruments.gyro_scale.recipe import GyroRecipe, OwnAxisRecipe
 from calibkit.numeric import gum
+from calibkit.numeric.least_squares import components, polynomial
 from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
 
 ROOM_DEGC = 5.0
 """Largest difference from the reference temperature [°C] of runs that count as repeated (GJB
 2426A).
 """
+FEW_DOF = 3.0
+"""Effective degrees of freedom below which the wide interval is flagged."""
 VARIES_DEGC = 5.0
 """Least span of the runs' temperatures [°C] for a fit of K over temperature."""
 UNLOGGED = (
@@ -40,13 +46,17 @@ class GyroOverRuns:
     gyro: str
     runs: tuple[table_runs.TableRun, ...]
     at_room: tuple[table_runs.TableRun, ...]
-    K: tuple[float, float]
-    """Mean and its standard uncertainty [1/deg]."""
-    F0: tuple[float, float]
-    """Mean and its standard uncertainty [1/s]."""
+    K: all_runs.Estimate
+    """At the mean temperature of the repeated runs [1/deg]."""
+    F0: all_runs.Estimate
+    """The same [1/s]."""
+    correlation: float
+    """Of K and F0."""
     K_over_temperature: TemperaturePolynomial | None
     F0_over_temperature: TemperaturePolynomial | None
     response: rate_response.Response | None
+    model: all_runs.AllRuns | None
+    """Model of all runs; None for a single run."""
 
 
 def fit_over_runs(
@@ -59,13 +69,103 @@ def fit_over_runs(
     near = np.isnan(temperature) | (np.abs(temperature - spec.reference_temp_degc) <= ROOM_DEGC)
     at_room = tuple(run for run, is_near in zip(runs, near, strict=True) if is_near) or tuple(runs)
     varies = np.isfinite(temperature).all() and np.ptp(temperature) >= VARIES_DEGC
-    K, F0 = (scale_factor.mean_of_runs(*_points(gyro, at_room, name)) for name in ("K", "F0"))
+    known = _known_components(spec, runs[0].scale(gyro).K)
+    response = choose_response(spec, gyro, runs)
+    if len(runs) == 1:
+        K, F0, correlation = _of_single(runs[0].scale(gyro), known)
+        return GyroOverRuns(
+            gyro, tuple(runs), at_room, K, F0, correlation, None, None, response, None
+        )
+    found = _fit_all(gyro, runs, temperature, known, varies=bool(varies))
+    degc = float(np.mean([run.temp_degc for run in at_room]))
     K_curve, F0_curve = (
-        scale_factor.over_temperature(*_points(gyro, runs, name), temperature) if varies else None
-        for name in ("K", "F0")
+        found.curve(which, temperature) if varies else None
+        for which in (all_runs.SCALE, all_runs.ZERO)
     )
     return GyroOverRuns(
-        gyro, tuple(runs), at_room, K, F0, K_curve, F0_curve, choose_response(spec, gyro, runs)
+        gyro,
+        tuple(runs),
+        at_room,
+        found.at(all_runs.SCALE, degc),
+        found.at(all_runs.ZERO, degc),
+        found.correlation,
+        K_curve,
+        F0_curve,
+        response,
+        found,
+    )
+
+
+def _known_components(spec: OwnAxisRecipe, K: float) -> dict[str, components.Known]:
+    """Run-to-run standard deviations that the recipe states: of the scale factor [1/s/(°/s)] and of
+    the zero [1/s].
+    """
+    size = {"scale": 1.0 / gjb_figures.PPM, "zero": 1.0 / DPH_PER_DPS}
+    return {
+        entry.effect: components.Known(entry.value * size[entry.effect] * abs(K), entry.dof)
+        for entry in spec.errors.component
+    }
+
+
+def _of_single(
+    line: scale_factor.ScaleFactor, known: Mapping[str, components.Known]
+) -> tuple[all_runs.Estimate, all_runs.Estimate, float]:
+    """K and F0 of a single run with the repeatability that is known, and their correlation."""
+    found = []
+    for value, effect, variance in zip(
+        (line.K, line.F0), ("scale", "zero"), np.diag(line.covariance).tolist(), strict=True
+    ):
+        between = known.get(effect, components.Known(0.0))
+        total = variance + between.value**2
+        spread = variance**2 / max(line.dof, 1) + between.value**4 / between.dof
+        dof = total**2 / spread if spread > 0.0 else float(line.dof)
+        found.append(all_runs.Estimate(value, float(np.sqrt(total)), dof))
+    K, F0 = found
+    product = K.standard_uncertainty * F0.standard_uncertainty
+    return K, F0, float(line.covariance[0, 1]) / product if product > 0.0 else 0.0
+
+
+def _fit_all(
+    gyro: str,
+    runs: Sequence[table_runs.TableRun],
+    temp_degc: Array,
+    known: Mapping[str, components.Known],
+    *,
+    varies: bool,
+    K_order: int | None = None,
+) -> all_runs.AllRuns:
+    """Fit one model over all runs of a gyro, its orders over temperature chosen by the errors at
+    left-out temperatures where they are not given.
+    """
+    lines = [run.scale(gyro) for run in runs]
+    rows = all_runs.Rows(
+        np.concatenate([line.rate_dps for line in lines]),
+        np.concatenate([line.indication for line in lines]),
+        np.repeat(np.arange(len(runs)), [line.rate_dps.size for line in lines]),
+        temp_degc,
+    )
+    shapes, own, variances = all_runs.own_lines(rows)
+    if not shapes:
+        variances = np.array([np.diag(line.covariance) for line in lines]).T
+    # all runs at a temperature are left out together
+    level = np.round(temp_degc)
+    highest = min(polynomial.HIGHEST_ORDER, np.unique(level).size - 2) if varies else 0
+    orders = [
+        polynomial.choose_order(
+            temp_degc, all_runs.without_sides(rows, values, highest), highest, groups=level
+        )
+        if highest > 0
+        else 0
+        for values in own
+    ]
+    K_shared, F0_shared = variances.mean(axis=1).tolist()
+    return all_runs.fit(
+        rows,
+        (orders[0] if K_order is None else K_order, orders[1]),
+        shapes,
+        (K_shared, F0_shared),
+        shared_dof=float(max(sum(line.dof for line in lines), 1)),
+        known=known,
     )
 
 
@@ -102,7 +202,7 @@ def choose_response(
     return None if chosen.form == "odd-polynomial" and chosen.order == 1 else chosen
 
 
-def run_figures(name: str, one: GyroOverRuns, spec: GyroRecipe) -> list[Figure]:
+def run_figures(name: str, one: GyroOverRuns, spec: OwnAxisRecipe) -> list[Figure]:
     """Figures of repeatability and temperature sensitivity, where the runs determine them."""
     figures = []
     if _repeats(one):
@@ -115,33 +215,35 @@ def run_figures(name: str, one: GyroOverRuns, spec: GyroRecipe) -> list[Figure]:
     if one.K_over_temperature is None:
         return figures
     temperature = np.array([run.temp_degc for run in one.runs])
-    K, u_K = _points(one.gyro, one.runs, "K")
-
-    def slope(values: Array) -> float:
-        line = scale_factor.over_temperature(values, u_K, temperature, order=1)
-        return float(line.coefficients[1] / abs(one.K[0])) * gjb_figures.PPM
-
-    def largest(values: Array) -> float:
-        return gjb_figures.temperature_sensitivity(values, temperature, spec.reference_temp_degc)
-
-    spread = np.hypot(u_K, _scatter(one))
+    size = gjb_figures.PPM / abs(one.K[0])
+    kinds = [(gjb_figures.IEEE, *_slope(one, spec, temperature))]
     room = np.abs(temperature - spec.reference_temp_degc) <= ROOM_DEGC
-    kinds = (
-        [(gjb_figures.GJB, largest), (gjb_figures.IEEE, slope)]
-        if room.any() and not room.all()
-        else [(gjb_figures.IEEE, slope)]
-    )
-    for standard, function in kinds:
-        value, u = _propagated(function, K, spread)
-        figures.append(
-            Figure(
-                forms.FigureName("temperature_sensitivity", standard, name).text,
-                value,
-                "ppm/degC",
-                u,
-            )
+    if room.any() and not room.all():
+        K, u_K = _points(one.gyro, one.runs, "K")
+        value, u = _propagated(
+            lambda values: gjb_figures.temperature_sensitivity(
+                values, temperature, spec.reference_temp_degc
+            ),
+            K,
+            np.hypot(u_K, _scatter(one)),
         )
+        kinds.insert(0, (gjb_figures.GJB, value / size, u / size))
+    for standard, value, u in kinds:
+        text = forms.FigureName("temperature_sensitivity", standard, name).text
+        figures.append(Figure(text, value * size, "ppm/degC", u * size))
     return figures
+
+
+def _slope(one: GyroOverRuns, spec: OwnAxisRecipe, temp_degc: Array) -> tuple[float, float]:
+    """Slope of K over temperature [1/deg/°C] by the model over all runs, and its standard
+    uncertainty, raised by Student's t for few runs.
+    """
+    known = _known_components(spec, one.K[0])
+    line = _fit_all(one.gyro, one.runs, temp_degc, known, varies=True, K_order=1).curve(
+        all_runs.SCALE, temp_degc
+    )
+    u = float(np.sqrt(line.covariance[1, 1]))
+    return float(line.coefficients[1]), u * gum.widening(line.dof)
 
 
 def _scatter(one: GyroOverRuns) -> float:
@@ -201,6 +303,35 @@ def _flag_other_gyro(one: GyroOverRuns) -> list[str]:
     return [f"{forms.line_name(one.gyro)}: K of {name} is {apart}"]
 
 
+def _flag_between(one: GyroOverRuns, spec: GyroRecipe) -> Iterator[str]:
+    """Flags on what the runs cannot tell of their repeatability and of the response."""
+    name, cure = forms.line_name(one.gyro), 'state [[errors.component]] group = "run"'
+    stated = {entry.effect for entry in spec.errors.component}
+    unknown = [effect for effect in ("scale", "zero") if effect not in stated]
+    if one.model is None and unknown:
+        yield (
+            f"{name}: one run does not show how runs repeat; u of K and F0 holds within this run"
+            f" only: repeat it, or {cure}, effect = {' and '.join(map(repr, unknown))}"
+        )
+    for letter, found in (("K", one.K), ("F0", one.F0)):
+        if one.model is not None and found.dof < FEW_DOF:
+            factor = gum.coverage_factor(found.dof)
+            yield (
+                f"{name}: {letter} has {found.dof:.2g} degrees of freedom between"
+                f" {len(one.runs)} runs, its interval is ± {factor:.3g} standard uncertainties:"
+                f" add runs, or {cure}"
+            )
+    sides = {float(s) for run in one.runs for s in np.sign(run.plateaus.rate_dps) if s}
+    bent = one.model.shapes if one.model else ()
+    if len(sides) == 1 and (
+        bent or set(one.runs[0].scale(one.gyro).terms) & set(line_terms.CURVATURES)
+    ):
+        yield (
+            f"{name}: every run turns one way and the response is bent: F0, the bias and the other"
+            " direction are not known from these runs; run the table both ways"
+        )
+
+
 def flag_runs(gyros: Sequence[GyroOverRuns], spec: GyroRecipe) -> tuple[str, ...]:
     """Flags of figures over several runs."""
     runs = gyros[0].runs
@@ -211,7 +342,7 @@ def flag_runs(gyros: Sequence[GyroOverRuns], spec: GyroRecipe) -> tuple[str, ...
                 f"{forms.line_name(one.gyro)} in {run.log.file}", run.scale(one.gyro)
             )
     for one in gyros:
-        flags += _flag_other_gyro(one)
+        flags += [*_flag_other_gyro(one), *_flag_between(one, spec)]
     temperature = np.array([run.temp_degc for run in runs])
     near = np.abs(temperature - spec.reference_temp_degc) <= ROOM_DEGC
     if len(temperature) > 1 and np.isnan(temperature).any():

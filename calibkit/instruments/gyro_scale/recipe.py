@@ -138,6 +138,7 @@ class RateTableRecipe(OwnAxisRecipe):
     """
 
     along_chunks: ClassVar[bool] = True
+    error_groups: ClassVar[tuple[str, ...]] = ("run",)
 
     procedure: Literal["rate_table"]
     gyros: Gyros = ("x",)

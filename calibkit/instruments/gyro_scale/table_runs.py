@@ -1,7 +1,7 @@
 """Logs of a rate table → held rates → scale factors of every gyro in every run."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +13,15 @@ from calibkit.errors import FitError
 from calibkit.frame import Examined, Finding, Held, Log, refuse, values
 from calibkit.ingest import logs, stated_segments
 from calibkit.instruments.gyro_scale import forms
-from calibkit.instruments.gyro_scale.numeric import plateau_means, plateaus, scale_factor
+from calibkit.instruments.gyro_scale.numeric import (
+    line_terms,
+    plateau_means,
+    plateaus,
+    scale_factor,
+)
 from calibkit.instruments.gyro_scale.recipe import AnyRecipe, GyroRecipe
 from calibkit.numeric import anomalies, chunks, earth, order_statistics
+from calibkit.numeric.dispersion import rms
 
 ANGLE = "table_angle_deg"
 FASTEST_DPS = 2e4
@@ -33,6 +39,10 @@ ONE_SOAK_DEGC = 2.0
 LEAST_ROWS = 16
 UNCERTAIN = 1e-3
 """Relative standard uncertainty above which a scale factor is flagged."""
+DRIFTED = 2.0
+"""Change during a run, in standard uncertainties of a held rate (both rms), from which it is
+flagged.
+"""
 LEAST_TRIAD = 3
 """Fewest gyros over three axes with which at least one is assumed to be along the table axis of
 every log.
@@ -52,6 +62,10 @@ class TableRun:
     def scale(self, gyro: str) -> scale_factor.ScaleFactor:
         """Scale factor of one gyro."""
         return self.scales.gyros[self.gyros.index(gyro)]
+
+    def indication(self, gyro: str) -> Array:
+        """Means [p, 1/s] of a gyro over the held rates, as they were logged."""
+        return np.asarray(self.plateaus.indication[:, self.gyros.index(gyro)], dtype=np.float64)
 
     def noise(self, gyro: str) -> Array:
         """Standard uncertainty [p, 1/s] of a gyro's means over the held rates."""
@@ -135,7 +149,29 @@ def fit_run(spec: AnyRecipe, log: Log) -> TableRun:
         raise FitError(f"{log.file}: {error.message}", hint=error.hint) from None
     notes = (f"{log.file}: {note}" for note in (*log.notes, *held.flags))
     flags = (*notes, *(str(finding) for finding in found if finding.flagged))
-    return TableRun(log, spec.gyros, held, scales, flags)
+    run = TableRun(log, spec.gyros, held, scales, flags)
+    return replace(run, flags=(*flags, *_flag_terms(run)))
+
+
+def _flag_terms(run: TableRun) -> Iterator[str]:
+    """Flags on what drifted during a run by more than its noise, and was taken out."""
+    largest = float(np.max(np.abs(run.scales.K)))
+    for gyro, line, raw in zip(run.gyros, run.scales.gyros, run.plateaus.indication.T, strict=True):
+        if not rms(raw - line.indication) > DRIFTED * rms(run.noise(gyro)):
+            continue
+        found = []
+        for name, factors in line.terms.items():
+            if name not in line_terms.DRIFTS:
+                continue
+            per = line_terms.DRIFTS[name]
+            if len(factors) > 1:
+                found.append(f"its scale factor by {factors[0] / largest * 1e6:+.2g} ppm/{per}")
+            zero = factors[-1] / largest * DPH_PER_DPS
+            found.append(f"its zero by {zero:+.2g} (°/h)/{per}")
+        yield (
+            f"{run.log.file}: gyro {gyro} changed during the run, {' and '.join(found)}: taken out,"
+            " K and F0 hold at the middle of the run and at its mean temperature"
+        )
 
 
 def _find_faults(spec: AnyRecipe, log: Log) -> tuple[list[Finding], plateau_means.Plateaus | None]:

@@ -108,11 +108,13 @@ def _compare_line(
     K = float(matrix.at(mean)[0].item())
     u_frozen = _uncertainty_of_K(matrix, mean)
     u_found = float(line.standard_uncertainty[0])
-    after = matrix.rates(line.indication[:, None], temperature)[:, 0]
-    K_before, F0_before = (part.item() for part in matrix.reference)
-    if spec.nominal_scale_factor is not None:
-        K_before, F0_before = spec.nominal_scale_factor, 0.0
-    before = (line.indication - F0_before) / K_before
+    indication = run.indication(gyro)
+    after = matrix.rates(indication[:, None], temperature)[:, 0]
+    nominal = spec.nominal_scale_factor
+    K_before, F0_before = (
+        (part.item() for part in matrix.reference) if nominal is None else (nominal, 0.0)
+    )
+    before = (indication - F0_before) / K_before
     figures = gjb_figures.figures(line, run.noise(gyro))
     return {
         "gyro": gyro,
@@ -129,9 +131,7 @@ def _compare_line(
         ),
         "rate_gain": float(line.solver[0] @ after),
         "before_is": (
-            "nominal scale factor"
-            if spec.nominal_scale_factor is not None
-            else "K and F0 of the mean model"
+            "nominal scale factor" if nominal is not None else "K and F0 of the mean model"
         ),
         "before": _line_errors(before, line.rate_dps, line.solver[0]),
         "after": _line_errors(after, line.rate_dps, line.solver[0]),

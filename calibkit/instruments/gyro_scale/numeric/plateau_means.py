@@ -3,7 +3,7 @@ the earth's rate, noise of the means.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -42,6 +42,10 @@ class Plateaus:
     span: Integers
     """First row and one past the last row used [p, 2]."""
     flags: tuple[str, ...]
+    time_s: Array = field(default_factory=lambda: np.empty(0))
+    """Middle [p] [s] of each; empty where times are not known."""
+    middle_s: float = 0.0
+    """Middle of the log [s]."""
 
     @property
     def standard_uncertainty(self) -> Array:
@@ -93,7 +97,12 @@ def means(
         )
     turn = plateaus.turn_of(time_s, table_rate_dps, table_angle_deg, allocate=allocate)
     found = plateaus.find(time_s, table_rate_dps, rules=rules, turn=turn) if held is None else held
-    return _means(plateau_noise.Record(turn, table_rate_dps, signals), found, temp_degc)
+    averaged = _means(plateau_noise.Record(turn, table_rate_dps, signals), found, temp_degc)
+    return replace(
+        averaged,
+        time_s=0.5 * (time_s[averaged.span[:, 0]] + time_s[averaged.span[:, 1] - 1]),
+        middle_s=0.5 * float(time_s[0] + time_s[-1]),
+    )
 
 
 def _means(record: plateau_noise.Record, held: Integers, temp_degc: Array | None) -> Plateaus:

@@ -2,21 +2,24 @@
 about the table axis.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from calibkit.arrays import Array
 from calibkit.errors import FitError
+from calibkit.instruments.gyro_scale.numeric import line_terms
 from calibkit.instruments.gyro_scale.numeric.plateau_means import Plateaus
 from calibkit.numeric import gum
-from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares import polynomial
 from calibkit.numeric.least_squares.fit import LinearFit, linear
 from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
 
+BOTH_WAYS = 2.0
+"""Range of the signs of rates of both directions."""
 TERMS = ("K", "F0")
 """Scale factor [1/s/(°/s)] and zero intercept [1/s]."""
 
@@ -42,7 +45,17 @@ class ScaleFactor:
     given.
     """
     solver: Array
-    """Matrix [2, p] from indications to coefficients."""
+    """Matrix [2, p] from raw indications to coefficients."""
+    rest: float
+    """Indication at rest [unit of the indication]: of held zero rates, else of the line with a
+    term for asymmetry where the residuals ask for it.
+    """
+    rest_covariance: Array
+    """Covariance [2, 2] of K and `rest`."""
+    terms: Mapping[str, tuple[float, ...]]
+    """Terms beside the line that the residuals ask for, with their coefficients; what time and
+    temperature add is taken out of `indication`.
+    """
 
     @property
     def K(self) -> float:  # noqa: N802 - the letter of the standards
@@ -64,8 +77,8 @@ class ScaleFactor:
     def bias_dps(
         self, vertical_rate_dps: float, *, own_K: float | None = None
     ) -> tuple[float, float]:
-        """Bias (F0 − K ω)/K [°/s] and its standard uncertainty, ω the earth's rate about the table
-        axis.
+        """Bias (F at rest − K ω)/K [°/s] and its standard uncertainty, ω the earth's rate about the
+        table axis.
 
         Parameters
         ----------
@@ -76,9 +89,11 @@ class ScaleFactor:
         divisor = self.K if own_K is None else own_K
         if divisor == 0.0:
             raise FitError("a bias needs a scale factor other than zero")
-        value = (self.F0 - self.K * vertical_rate_dps) / divisor
-        slope = -self.F0 / divisor**2 if own_K is None else -vertical_rate_dps / divisor
-        return value, gum.standard_uncertainty(np.array([slope, 1.0 / divisor]), self.covariance)
+        value = (self.rest - self.K * vertical_rate_dps) / divisor
+        slope = -self.rest / divisor**2 if own_K is None else -vertical_rate_dps / divisor
+        return value, gum.standard_uncertainty(
+            np.array([slope, 1.0 / divisor]), self.rest_covariance
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +108,10 @@ class RunScales:
 
 
 def _scale_factor(
-    rate_dps: Array, indication: Array, standard_uncertainty: Array | None = None
+    rate_dps: Array,
+    indication: Array,
+    standard_uncertainty: Array | None = None,
+    candidates: Mapping[str, Array] = MappingProxyType({}),
 ) -> ScaleFactor:
     """Fit F = K Ω + F0 to plateau means by least squares with equal weights (GJB 2426A, IEEE Std
     952).
@@ -103,12 +121,14 @@ def _scale_factor(
     rate_dps : [p] table rates [°/s], of one sign or both.
     indication : [p] means.
     standard_uncertainty : [p] of the means from their noise.
+    candidates : terms of time and temperature that are included where the residuals ask for them,
+        name → columns [p, k].
 
     Returns
     -------
     ScaleFactor. The weights are equal because the standards' K is the slope of the best straight
     line over the rates; F0 is always fitted, so that rates of one sign or unequal rates give the
-    same K.
+    same K. What each term that is not included would change is in the covariance.
 
     Raises
     ------
@@ -117,56 +137,84 @@ def _scale_factor(
         uncertainty.
 
     """
-    design = np.column_stack([rate_dps, np.ones_like(rate_dps)])
-    fit = linear(design, indication, names=TERMS)
-    solver = np.linalg.pinv(design)
-    covariance, ratio = _covariance(fit, design, solver, standard_uncertainty)
+    chosen = line_terms.choose(rate_dps, indication, candidates)
+    corrected = indication - chosen.solved.taken_out @ indication
+    fit = linear(np.column_stack([rate_dps, np.ones_like(rate_dps)]), corrected, names=TERMS)
+    full = linear(chosen.solved.design, indication)
+    results = chosen.solved.results()
+    covariance, ratio = _covariance(full, chosen, indication, standard_uncertainty)
+    # of the model, or of the held zero rates where these know it better
+    rest = 3 if covariance[3, 3] < covariance[2, 2] else 2
     return ScaleFactor(
         coefficients=fit.coefficients,
-        covariance=covariance,
-        dof=fit.dof,
+        covariance=covariance[:2, :2],
+        dof=full.dof,
         rate_dps=rate_dps,
-        indication=indication,
+        indication=corrected,
         residuals=fit.residuals,
         residual_rms=fit.residual_rms,
         birge_ratio=ratio,
-        solver=solver,
+        solver=results[:2],
+        rest=float(results[rest] @ indication),
+        rest_covariance=covariance[np.ix_((0, rest), (0, rest))],
+        terms=chosen.terms,
     )
 
 
 def _covariance(
-    fit: LinearFit, design: Array, solver: Array, standard_uncertainty: Array | None
+    fit: LinearFit,
+    chosen: line_terms.Chosen,
+    indication: Array,
+    standard_uncertainty: Array | None,
 ) -> tuple[Array, float]:
-    """Covariance of the coefficients and the Birge ratio (Birge 1932, Physical Review 40:207).
+    """Covariance [4, 4] of K, F0 and both indications at rest, and the Birge ratio (Birge 1932,
+    Physical Review 40:207).
 
     With equal weights and unequal noise, the residuals of plateaus with little noise contain the
     noise of the others: the sum of squares is compared with its expectation for this noise, not
     with the degrees of freedom.
     """
-    if standard_uncertainty is None:
-        if fit.dof == 0:
-            raise FitError(
-                f"{fit.residuals.size} plateaus for {fit.coefficients.size} coefficients and no"
-                " noise of the plateaus",
-                hint="add rates, or give the standard uncertainty of each plateau",
-            )
-        return fit.covariance, float("nan")
-    variance = standard_uncertainty**2
-    propagated = (solver * variance) @ solver.T
+    results = chosen.solved.results()
+    noise = standard_uncertainty
+    if noise is None and fit.dof == 0:
+        raise FitError(
+            f"{fit.residuals.size} plateaus for {fit.coefficients.size} coefficients and no"
+            " noise of the plateaus",
+            hint="add rates, or give the standard uncertainty of each plateau",
+        )
+    if noise is None or (fit.dof and not (noise > 0.0).all()):
+        spread = float(np.sqrt(np.sum(fit.residuals**2) / fit.dof))
+        raised, ratio, noise = np.ones(4), float("nan"), np.full(fit.residuals.size, spread)
+    else:
+        ratio, excess = _birge(fit, chosen.solved, noise)
+        # what is held at rest has no part in the residuals of the line
+        raised = np.array([excess, excess, excess, 1.0])
+    covariance = (results * noise**2) @ results.T * np.outer(raised, raised)
+    for other in chosen.left_out:
+        # an effect too small to be found is still there
+        shift = (other.results() - results) @ indication
+        covariance += np.outer(shift, shift)
+    if np.ptp(np.sign(chosen.solved.design[:, 0])) < BOTH_WAYS:
+        # one direction alone: nothing tells the line of the other one from a bend of the response
+        bend = float((chosen.solved.solver[1] - results[1]) @ indication)
+        covariance[1, 1] += bend**2
+    return covariance, ratio
+
+
+def _birge(fit: LinearFit, solved: line_terms.Solved, noise: Array) -> tuple[float, float]:
+    """Residuals relative to those expected from noise [p], NaN without degrees of freedom, and the
+    factor that they raise standard uncertainties by.
+    """
     if fit.dof == 0:
-        return propagated, float("nan")
-    if not (variance > 0.0).all():
-        return fit.covariance, float("nan")
-    remover = (np.eye(variance.size) - design @ solver) * (
-        standard_uncertainty / standard_uncertainty[:, None]
-    )
+        return float("nan"), 1.0
+    remover = (np.eye(noise.size) - solved.design @ solved.solver) * (noise / noise[:, None])
     form = remover @ remover.T
     expected, spread = float(np.trace(form)), float(np.sqrt(2.0 * np.sum(form**2)))
-    square = float(np.sum(fit.residuals**2 / variance))
+    square = float(np.sum(fit.residuals**2 / noise**2))
+    ratio = float(np.sqrt(square / expected))
     # raised for every square above its expectation, the covariance would be too large for pure
     # noise
-    raised = square / expected if square > expected + spread else 1.0
-    return propagated * raised, float(np.sqrt(square / expected))
+    return ratio, ratio if square > expected + spread else 1.0
 
 
 def of_run(plateaus: Plateaus, *, reference: Literal["rate", "angle"] = "rate") -> RunScales:
@@ -182,8 +230,9 @@ def of_run(plateaus: Plateaus, *, reference: Literal["rate", "angle"] = "rate") 
         raise FitError(
             "the table angle was not logged, it cannot be the reference", hint="use the table rate"
         )
+    courses = line_terms.courses(plateaus)
     gyros = tuple(
-        _scale_factor(rate, means, uncertainty)
+        _scale_factor(rate, means, uncertainty, courses)
         for means, uncertainty in zip(
             plateaus.indication.T, plateaus.standard_uncertainty.T, strict=True
         )
@@ -240,19 +289,3 @@ def over_temperature(
     return TemperaturePolynomial(
         raw, larger, fit.dof, fit.residual_rms, (float(np.min(temp_degc)), float(np.max(temp_degc)))
     )
-
-
-def mean_of_runs(K: ArrayLike, standard_uncertainty: ArrayLike) -> tuple[float, float]:
-    """Mean of repeated runs and its standard uncertainty: the larger of a run's own and of the
-    scatter of the mean.
-
-    A run's own uncertainty is not divided by √n: the table's unevenness and the gyro's departure
-    from a straight line are in it, and runs over the same rates repeat them.
-    """
-    values, noise = (
-        np.asarray(K, dtype=np.float64),
-        np.asarray(standard_uncertainty, dtype=np.float64),
-    )
-    shared = rms(noise)
-    scatter = float(values.std(ddof=1) / np.sqrt(values.size)) if values.size > 1 else 0.0
-    return float(values.mean()), max(shared, scatter)
