@@ -236,6 +236,8 @@ def _reweighted(
     for _ in range(ITERATIONS):
         ratio = np.abs(_studentised(basis, target, solution, row_weights)) / scale
         if biweight:
+            # a row that is left out is not let in again for standing far from all others
+            ratio = np.maximum(ratio, np.abs(target - basis @ solution) / scale)
             proposed = (1.0 - np.minimum(ratio / TUKEY, 1.0) ** 2) ** 2 * _balanced(
                 basis, row_weights
             )
