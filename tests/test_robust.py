@@ -190,3 +190,76 @@ def test_a_group_that_alone_determines_a_coefficient_is_refused():
     residuals = fit.linear(alone, indication).residuals
     with pytest.raises(FitError, match="group 0 alone"):
         leave_out.jackknife_covariance(alone, residuals, np.arange(30) // 5)
+
+
+def six_faces(seed, shared=1.75e-4):
+    """Tumbles of one axis on six faces at seven temperatures, noise 20 µg, each face set up a
+    little wrong, the same way at every temperature: design, indication, labels of faces and of
+    temperatures.
+    """
+    rng = np.random.default_rng(seed)
+    face, soak = np.repeat(np.arange(6), 7), np.tile(np.arange(7), 6)
+    gravity = np.repeat(np.vstack([np.eye(3), -np.eye(3)]), 7, axis=0)
+    design = np.column_stack([np.ones(42), gravity, (soak - 3.0) / 3.0])
+    truth = np.array([1e-3, 1.0, 2e-3, -1e-3, 5e-4])
+    wrong = rng.normal(0.0, shared, 6)
+    wrong[:3] += wrong[3:].mean() - wrong[:3].mean()
+    indication = design @ truth + wrong[face] + rng.normal(0.0, 2e-5, 42)
+    return design, truth, indication, face, soak
+
+
+def test_a_face_that_is_set_up_wrong_is_an_effect_and_is_not_dropped():
+    """All rows of a face go one way: they stay in the fit, are reported with their size, and no
+    suspect names them.
+    """
+    dropped = 0
+    for seed in range(10):
+        design, truth, indication, face, soak = six_faces(seed)
+        free = robust.linear(design, indication)
+        held = robust.linear(design, indication, groups=(soak, face))
+        dropped += any(np.max(free.row_weights[face == k]) < 0.1 for k in range(6))
+        assert all(np.mean(held.row_weights[face == k]) > 0.5 for k in range(6))
+        assert np.max(np.abs(held.fit.coefficients - truth)) < 5e-4
+        assert len(held.suspects) <= 1
+        assert {one.group for one in held.structured} <= {1}
+        plain = fit.linear(design, indication)
+        assert np.max(np.abs(held.fit.coefficients - plain.coefficients)) < 1e-4
+    assert dropped >= 3
+
+
+def test_a_wild_row_of_a_face_with_an_effect_is_still_left_out():
+    """A row is held against the other rows of its face."""
+    design, _, indication, face, soak = six_faces(1)
+    clean = robust.linear(design, indication, groups=(face, soak))
+    spoilt = indication.copy()
+    row = int(clean.structured[0].rows[3])
+    spoilt[row] += 0.3
+    found = robust.linear(design, spoilt, groups=(face, soak))
+    assert found.suspects[0] == row
+    assert found.row_weights[row] == 0.0
+    assert np.max(np.abs(found.fit.coefficients - clean.fit.coefficients)) < 5e-5
+
+
+def test_groups_change_nothing_where_no_level_is_removed():
+    """Without an effect, weights and coefficients are the same with and without groups."""
+    design, _, indication = problem(14)
+    indication[[5, 77]] += 50.0
+    labels = np.arange(150) % 15
+    free, held = (
+        robust.linear(design, indication),
+        robust.linear(design, indication, groups=[labels]),
+    )
+    np.testing.assert_array_equal(free.row_weights, held.row_weights)
+    np.testing.assert_array_equal(free.fit.coefficients, held.fit.coefficients)
+    assert held.structured == ()
+
+
+def test_three_wild_rows_in_ten_move_nothing():
+    """Where wild rows agree with one another, and are more than any one component leaves out, the
+    S-estimate finds the others.
+    """
+    design, _, indication = problem(2, rows=100, columns=4)
+    spoilt = indication.copy()
+    spoilt[:30] = 12.0 + 3.0 * design[:30, 1] + 0.3 * np.random.default_rng(1).normal(size=30)
+    clean = robust.linear(design[30:], indication[30:])
+    assert moved(clean, robust.linear(design, spoilt)) < 1.5

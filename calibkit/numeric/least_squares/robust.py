@@ -2,9 +2,10 @@
 
 Two faults hide an outlier from ordinary residuals: it drags the fit towards itself, the more the
 higher its leverage, and several of them hide one another. So the start is the best of Huber's
-fit and of fits with rows left out along the principal sensitivity components (Peña & Yohai 1999);
-the finish is Tukey's biweight on residuals studentised by leverage, at the scale of the start
-(Yohai 1987).
+fit, of fits with rows left out along the principal sensitivity components (Peña & Yohai 1999) and
+of the S-estimate; the finish is Tukey's biweight at the scale of the start (Yohai 1987). Rows that
+go one way together, because they share an attitude or a temperature, are no outliers: they are kept
+and reported.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -12,10 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibkit.arrays import Array
+from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError
 from calibkit.numeric.dispersion import mad_sigma
-from calibkit.numeric.least_squares import fit as least_squares
+from calibkit.numeric.least_squares import fit as least_squares, s_estimate, weighted_rows
 
 HUBER = 1.345
 """Studentised residual above which Huber's weights fall: 95 % efficient on normal noise (Huber
@@ -31,6 +32,12 @@ LEFT_OUT = 0.2
 """Share of the rows that a candidate start leaves out along each component."""
 CLEANED = 2.5
 """Studentised residual above which the start's own refinement leaves a row out."""
+FAR_SMALLER = 0.6
+"""Scale of the S-estimate, relative to that of the other starts, below which it is believed."""
+ROWS_A_COEFFICIENT = 8
+"""Rows a coefficient from which on an S-estimate is tried: of fewer, some agree by chance."""
+EMPTIED = 0.2
+"""Mean weight of the rows of a level below which the weights are said to remove the level."""
 ITERATIONS = 60
 TOLERANCE = 1e-10
 """A change of the fitted values, relative to the noise, that ends an iteration."""
@@ -40,17 +47,23 @@ SPARE_ROWS = 5
 """Degrees of freedom below which residuals cannot tell an outlier from a good row."""
 ROUNDING = 1e-13
 """Residuals this small, relative to the indications, are rounding: no row is suspect for them."""
-LONGEST_LEVER = 1e14
-"""Leverage against all other rows at which the balancing stops, so that a row that alone fixes a
-coefficient still does.
-"""
-WELL_CONDITIONED = 1e-3
-"""Pivot, relative to the largest, above which normal equations of an orthonormal basis lose nothing
-that matters.
-"""
-DEPENDENT = 1e-9
-"""Pivot, relative to the largest, below which a candidate's rows do not determine the coefficients.
-"""
+
+
+@dataclass(frozen=True, slots=True)
+class _Structure:
+    """Rows of one level of a group that stand apart together: an effect, not outliers."""
+
+    group: int
+    """Index of the group among those that were stated."""
+    level: int
+    rows: Integers
+    size: float
+    """Median residual of its rows [unit of the indication]."""
+
+    @classmethod
+    def of(cls, group: int, level: int, rows: Integers, residuals: Array) -> "_Structure":
+        """Structure of the rows of a level, from the residuals [n] of all rows."""
+        return cls(group, level, rows, float(np.median(residuals[rows])))
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,18 +76,28 @@ class _RobustFit:
     """
     row_weights: Array
     """[n], Tukey's weight: near 1 for a row that is kept, 0 for one that is left out."""
-    studentised: Array
-    """[n], residual over its own standard deviation."""
+    ratio: Array
+    """[n], size of a residual over its own standard deviation; of rows with structure, over the
+    spread within their level.
+    """
+    structured: tuple[_Structure, ...]
+    """Levels that the weights would have removed; their rows are kept."""
 
     @property
     def suspects(self) -> tuple[int, ...]:
         """Rows, by index, whose residual no noise explains, the worst first."""
-        worst_first = np.argsort(-np.abs(self.studentised), kind="stable")
-        return tuple(int(i) for i in worst_first if abs(self.studentised[i]) > SUSPECT)
+        worst_first = np.argsort(-self.ratio, kind="stable")
+        return tuple(int(i) for i in worst_first if self.ratio[i] > SUSPECT)
 
 
 def linear(
-    design: Array, indication: Array, *, weights: Array | None = None, names: Sequence[str] = ()
+    design: Array,
+    indication: Array,
+    *,
+    weights: Array | None = None,
+    names: Sequence[str] = (),
+    groups: Sequence[Integers] = (),
+    search: bool = True,
 ) -> _RobustFit:
     """Fit indication = design · coefficients so that no few rows move it: an MM-estimate.
 
@@ -88,6 +111,12 @@ def linear(
         [n], proportional to 1/variance of each row; equal when absent.
     names
         What the error calls the coefficients that the data cannot determine.
+    groups
+        Labels [n] of what rows share (attitude, temperature, station, side), −1 for nothing. Where
+        the weights would remove all rows of a level, two at least, the rows are held against their
+        own level and kept.
+    search
+        Whether an S-estimate is tried; not where a fit is near.
 
     Returns
     -------
@@ -102,8 +131,40 @@ def linear(
 
     """
     rows, columns = design.shape
-    whole = least_squares.linear(design, indication, weights=weights, names=names)
-    if whole.dof < SPARE_ROWS:
+    # refuses what no rows determine
+    least_squares.linear(design, indication, weights=weights, names=names)
+    _require_spare_rows(rows, columns)
+    root = np.ones(rows) if weights is None else np.sqrt(weights)
+    weighted = design * root[:, None]
+    basis, _ = np.linalg.qr(weighted / np.linalg.norm(weighted, axis=0))
+    target = indication * root
+    floor = ROUNDING * float(np.max(np.abs(target)))
+    search = search and rows >= ROWS_A_COEFFICIENT * columns
+    solution, row_weights = _start(basis, target, floor, search=search)
+    scale = max(mad_sigma(weighted_rows.studentise(basis, target, solution, row_weights)), floor)
+    row_weights, ratio, apart, found = _finish(basis, target, solution, row_weights, scale, groups)
+    kept = ratio < TUKEY
+    final = least_squares.linear(
+        design[kept],
+        indication[kept],
+        weights=(root * np.sqrt(row_weights))[kept] ** 2,
+        names=names,
+    )
+    residuals = indication - design @ final.coefficients
+    balance = weighted_rows.balance(basis, row_weights)[kept]
+    covariance = _m_covariance(weighted[kept], balance, ratio[kept], apart[kept], scale)
+    good = ratio <= SUSPECT
+    rms = float(np.sqrt(np.sum((root * residuals)[good] ** 2) / np.sum(root[good] ** 2)))
+    finished = least_squares.LinearFit(
+        final.coefficients, covariance, int(good.sum()) - columns, rms, final.condition, residuals
+    )
+    structured = tuple(_Structure.of(*key, rows, residuals) for key, rows in found.items())
+    return _RobustFit(finished, row_weights, ratio, structured)
+
+
+def _require_spare_rows(rows: int, columns: int) -> None:
+    """Raise FitError where too few rows are left over to show which is wild."""
+    if rows - columns < SPARE_ROWS:
         raise FitError(
             f"{rows} rows for {columns} coefficients cannot show which row is wild",
             hint=(
@@ -111,37 +172,14 @@ def linear(
                 " plain fit"
             ),
         )
-    root = np.ones(rows) if weights is None else np.sqrt(weights)
-    weighted = design * root[:, None]
-    basis, _ = np.linalg.qr(weighted / np.linalg.norm(weighted, axis=0))
-    target = indication * root
-    floor = ROUNDING * float(np.max(np.abs(target)))
-    solution, row_weights = _start(basis, target, floor)
-    scale = max(mad_sigma(_studentised(basis, target, solution, row_weights)), floor)
-    solution, row_weights = _reweighted(
-        basis, target, solution, row_weights, scale=scale, biweight=True
-    )
-    studentised = _studentised(basis, target, solution, row_weights) / scale
-    kept = np.abs(studentised) < TUKEY
-    final = least_squares.linear(
-        design[kept],
-        indication[kept],
-        weights=(root * np.sqrt(row_weights))[kept] ** 2,
-        names=names,
-    )
-    balance = _balanced(basis, row_weights)[kept]
-    covariance = _m_covariance(weighted[kept], balance, studentised[kept], scale)
-    residuals = indication - design @ final.coefficients
-    good = np.abs(studentised) <= SUSPECT
-    rms = float(np.sqrt(np.sum((root * residuals)[good] ** 2) / np.sum(root[good] ** 2)))
-    finished = least_squares.LinearFit(
-        final.coefficients, covariance, int(good.sum()) - columns, rms, final.condition, residuals
-    )
-    return _RobustFit(finished, row_weights, studentised)
 
 
 def nonlinear(
-    linearised: Callable[[Array], tuple[Array, Array]], start: Array, *, names: Sequence[str] = ()
+    linearised: Callable[[Array], tuple[Array, Array]],
+    start: Array,
+    *,
+    names: Sequence[str] = (),
+    groups: Sequence[Integers] = (),
 ) -> tuple[Array, _RobustFit]:
     """Robust fit of a nearly linear problem: robust fits of its linearisation until the parameters
     rest.
@@ -154,6 +192,8 @@ def nonlinear(
         [p], the least-squares solution.
     names
         What the error calls the parameters.
+    groups
+        As for `linear`.
 
     Returns
     -------
@@ -166,9 +206,9 @@ def nonlinear(
 
     """
     parameters = start
-    for _ in range(ITERATIONS):
+    for number in range(ITERATIONS):
         residual, slopes = linearised(parameters)
-        step = linear(slopes, -residual, names=names)
+        step = linear(slopes, -residual, names=names, groups=groups, search=number == 0)
         parameters = parameters + step.fit.coefficients
         if float(np.max(np.abs(step.fit.coefficients) / step.fit.standard_uncertainty)) < AT_REST:
             return parameters, step
@@ -177,27 +217,47 @@ def nonlinear(
     )
 
 
-def _start(basis: Array, target: Array, floor: float) -> tuple[Array, Array]:
+def _start(basis: Array, target: Array, floor: float, *, search: bool) -> tuple[Array, Array]:
     """Candidate with the smallest robust scale, refined on the rows that agree with it: solution
     [p], row weights [n].
+
+    The S-estimate, which more wild rows cannot move, wins where its scale is far smaller alone: of
+    few rows it finds some that agree by chance.
     """
     candidates = (
-        (mad_sigma(_studentised(basis, target, *candidate)), *candidate)
+        (mad_sigma(weighted_rows.studentise(basis, target, *candidate)), *candidate)
         for candidate in _candidates(basis, target, floor)
     )
     # the first candidate, Huber's, always exists
     start = (0.0, np.zeros(basis.shape[1]), np.ones(len(target)))
-    scale, solution, row_weights = min(candidates, key=lambda found: found[0], default=start)
+    _, solution, row_weights = min(candidates, key=lambda found: found[0], default=start)
+    best = _refined(basis, target, solution, row_weights, floor)
+    if search:
+        solution = s_estimate.search(basis, target, floor)
+        apart = np.abs(target - basis @ solution)
+        agreeing = (apart <= CLEANED * max(mad_sigma(apart), floor)).astype(np.float64)
+        other = _refined(basis, target, solution, agreeing, floor)
+        best = other if other[0] < FAR_SMALLER * best[0] else best
+    return best[1:]
+
+
+def _refined(
+    basis: Array, target: Array, solution: Array, row_weights: Array, floor: float
+) -> tuple[float, Array, Array]:
+    """Scale, solution [p] and row weights [n] of a start after some fits to the rows that agree
+    with the fit before.
+    """
+    scale = mad_sigma(weighted_rows.studentise(basis, target, solution, row_weights))
     for _ in range(3):
-        agreeing = np.abs(_studentised(basis, target, solution, row_weights)) <= CLEANED * max(
-            scale, floor
-        )
-        refined = _solved(basis, target, agreeing.astype(np.float64))
+        agreeing = np.abs(
+            weighted_rows.studentise(basis, target, solution, row_weights)
+        ) <= CLEANED * max(scale, floor)
+        refined = weighted_rows.solve(basis, target, agreeing.astype(np.float64))
         if refined is None:
             break
         solution, row_weights = refined, agreeing.astype(np.float64)
-        scale = mad_sigma(_studentised(basis, target, solution, row_weights))
-    return solution, row_weights
+        scale = mad_sigma(weighted_rows.studentise(basis, target, solution, row_weights))
+    return scale, solution, row_weights
 
 
 def _candidates(basis: Array, target: Array, floor: float) -> Iterator[tuple[Array, Array]]:
@@ -205,11 +265,11 @@ def _candidates(basis: Array, target: Array, floor: float) -> Iterator[tuple[Arr
     out.
     """
     rows, columns = basis.shape
-    plain = _solved(basis, target, np.ones(rows))
+    plain = weighted_rows.solve(basis, target, np.ones(rows))
     if plain is None:
         return
-    scale = max(mad_sigma(_studentised(basis, target, plain, np.ones(rows))), floor)
-    yield _reweighted(basis, target, plain, np.ones(rows), scale=scale, biweight=False)
+    scale = max(mad_sigma(weighted_rows.studentise(basis, target, plain, np.ones(rows))), floor)
+    yield _reweighted(basis, target, plain, np.ones(rows), scale=scale, effects=None)[:2]
     residual = target - basis @ plain
     deleted = residual / np.maximum(1.0 - np.sum(basis**2, axis=1), 1e-12)
     _, vectors = np.linalg.eigh((basis * deleted[:, None] ** 2).T @ basis)
@@ -218,9 +278,39 @@ def _candidates(basis: Array, target: Array, floor: float) -> Iterator[tuple[Arr
         for measure in (component, -component, np.abs(component)):
             kept = np.ones(rows)
             kept[np.argsort(measure, kind="stable")[rows - count :]] = 0.0
-            solution = _solved(basis, target, kept)
+            solution = weighted_rows.solve(basis, target, kept)
             if solution is not None:
                 yield solution, kept
+
+
+def _finish(
+    basis: Array,
+    target: Array,
+    solution: Array,
+    row_weights: Array,
+    scale: float,
+    groups: Sequence[Integers],
+) -> tuple[Array, Array, Array, dict[tuple[int, int], Integers]]:
+    """Row weights [n], the ratios [n] that they are of, studentised residuals [n] over the scale,
+    and the rows of each level of a group that the weights would have removed.
+    """
+    found: dict[tuple[int, int], Integers] = {}
+    while True:
+        effects = tuple(found.values())
+        solution, row_weights, determined = _reweighted(
+            basis, target, solution, row_weights, scale=scale, effects=effects
+        )
+        ratio = _ratio(basis, target, solution, row_weights, scale, effects)
+        removed = _removed(_tukey(ratio), groups)
+        if removed.keys() <= found.keys():
+            if not determined:
+                raise FitError(
+                    "too few rows agree with one another for a robust fit",
+                    hint="check the references by eye",
+                )
+            apart = np.abs(weighted_rows.studentise(basis, target, solution, row_weights)) / scale
+            return row_weights, ratio, apart, found
+        found |= removed
 
 
 def _reweighted(
@@ -230,108 +320,75 @@ def _reweighted(
     row_weights: Array,
     *,
     scale: float,
-    biweight: bool,
-) -> tuple[Array, Array]:
-    """Iteratively reweighted least squares at a fixed scale: solution [p] and row weights [n]."""
+    effects: Sequence[Integers] | None,
+) -> tuple[Array, Array, bool]:
+    """Iteratively reweighted least squares at a fixed scale: solution [p], row weights [n], and
+    whether they determine it; with Tukey's weights, or Huber's where `effects` is absent.
+    """
     for _ in range(ITERATIONS):
-        ratio = np.abs(_studentised(basis, target, solution, row_weights)) / scale
-        if biweight:
-            # a row that is left out is not let in again for standing far from all others
-            ratio = np.maximum(ratio, np.abs(target - basis @ solution) / scale)
-            proposed = (1.0 - np.minimum(ratio / TUKEY, 1.0) ** 2) ** 2 * _balanced(
-                basis, row_weights
-            )
+        if effects is None:
+            apart = np.abs(weighted_rows.studentise(basis, target, solution, row_weights)) / scale
+            proposed = HUBER / np.maximum(apart, HUBER)
         else:
-            proposed = HUBER / np.maximum(ratio, HUBER)
-        moved = _solved(basis, target, proposed)
+            ratio = _ratio(basis, target, solution, row_weights, scale, effects)
+            proposed = _tukey(ratio) * weighted_rows.balance(basis, row_weights)
+        moved = weighted_rows.solve(basis, target, proposed)
         if moved is None:
-            raise FitError(
-                "too few rows agree with one another for a robust fit",
-                hint="check the references by eye",
-            )
+            return solution, row_weights, False
         done = float(np.max(np.abs(basis @ (moved - solution)))) <= TOLERANCE * scale
         solution, row_weights = moved, proposed
         if done:
             break
-    return solution, row_weights
+    return solution, row_weights, True
 
 
-def _solved(basis: Array, target: Array, row_weights: Array) -> Array | None:
-    """Weighted solution [p], or None when the weighted rows do not determine it."""
-    triangle = _triangle(basis, row_weights)
-    if triangle is not None:
-        half = np.linalg.solve(triangle.T, basis.T @ (row_weights * target))
-        return np.asarray(np.linalg.solve(triangle, half), dtype=np.float64)
-    root = np.sqrt(row_weights)
-    q, r = np.linalg.qr(basis * root[:, None])
-    pivots = np.abs(np.diag(r))
-    if np.min(pivots) <= DEPENDENT * np.max(pivots):
-        return None
-    return np.asarray(np.linalg.solve(r, q.T @ (target * root)), dtype=np.float64)
+def _tukey(ratio: Array) -> Array:
+    """Tukey's weights [n] of residuals in standard deviations."""
+    return np.asarray((1.0 - np.minimum(ratio / TUKEY, 1.0) ** 2) ** 2, dtype=np.float64)
 
 
-def _triangle(basis: Array, row_weights: Array) -> Array | None:
-    """R [p, p] with RᵀR = XᵀWX by Cholesky, or None where that would lose digits.
+def _ratio(
+    basis: Array,
+    target: Array,
+    solution: Array,
+    row_weights: Array,
+    scale: float,
+    effects: Sequence[Integers],
+) -> Array:
+    """Sizes [n] of residuals over their scale; of the rows of an effect, over the spread about
+    their median.
 
-    The columns are orthonormal, so normal equations lose nothing until the weights take out rows
-    that the columns were made of; then the caller factorises the rows themselves.
+    A row that is left out is not let in again for standing far from all others: its residual is not
+    divided by more than 1.
     """
-    gram = (basis * row_weights[:, None]).T @ basis
-    try:
-        triangle = np.linalg.cholesky(gram).T
-    except np.linalg.LinAlgError:
-        return None
-    pivots = np.diag(triangle)
-    return (
-        np.asarray(triangle, dtype=np.float64)
-        if np.min(pivots) > WELL_CONDITIONED * np.max(pivots)
-        else None
-    )
+    residual = target - basis @ solution
+    ratio = np.abs(weighted_rows.studentise(basis, target, solution, row_weights))
+    ratio = np.maximum(ratio, np.abs(residual)) / scale
+    for rows in effects:
+        own = np.abs(residual[rows] - np.median(residual[rows]))
+        ratio[rows] = np.minimum(ratio[rows], own / max(scale, mad_sigma(own)))
+    return np.asarray(ratio, dtype=np.float64)
 
 
-def _hat(basis: Array, row_weights: Array) -> Array:
-    """Rows X R⁻¹ [n, p] with RᵀR = XᵀWX: their squared lengths are leverages."""
-    triangle = _triangle(basis, row_weights)
-    if triangle is None:
-        triangle = np.asarray(
-            np.linalg.qr(basis * np.sqrt(row_weights)[:, None], mode="r"), dtype=np.float64
-        )
-    return basis @ np.linalg.inv(triangle)
+def _removed(row_weights: Array, groups: Sequence[Integers]) -> dict[tuple[int, int], Integers]:
+    """Rows of each (group, level) of two rows or more that the weights leave out, nearly all."""
+    found = {}
+    for number, labels in enumerate(groups):
+        for level in np.unique(labels[labels >= 0]).tolist():
+            rows = np.flatnonzero(labels == level)
+            if rows.size > 1 and float(np.mean(row_weights[rows])) < EMPTIED:
+                found[number, level] = rows
+    return found
 
 
-def _balanced(basis: Array, row_weights: Array) -> Array:
-    """Weights [n] that let no row count for far more than the others do, whatever its residual
-    (Mallows 1975).
-
-    A row is held back where its leverage against all others exceeds 1 (it counts for more than they
-    do together) and four times what is usual in the basis.
-    """
-    leverage = np.sum(_hat(basis, row_weights) ** 2, axis=1)
-    others = leverage / np.maximum(1.0 - row_weights * leverage, 1e-12)
-    bound = max(1.0, 4.0 * float(np.median(others)))
-    return np.asarray(bound / np.clip(others, bound, bound * LONGEST_LEVER), dtype=np.float64)
-
-
-def _studentised(basis: Array, target: Array, solution: Array, row_weights: Array) -> Array:
-    """Residuals [n] over the factor by which the fit itself shrinks them, or widens those that it
-    left out.
-    """
-    hat = _hat(basis, row_weights)
-    leverage = np.sum(hat**2, axis=1)
-    square = (hat * row_weights[:, None] ** 2).T @ hat
-    variance = 1.0 - 2.0 * row_weights * leverage + np.sum(hat @ square * hat, axis=1)
-    spread = np.sqrt(np.maximum(variance, 1e-12))
-    return np.asarray((target - basis @ solution) / spread, dtype=np.float64)
-
-
-def _m_covariance(design: Array, balance: Array, studentised: Array, scale: float) -> Array:
-    """Huber's covariance [p, p] of an M-estimate from the rows [m, p] that were kept, their
-    balance and studentised residuals.
+def _m_covariance(design: Array, balance: Array, ratio: Array, apart: Array, scale: float) -> Array:
+    """Huber's covariance [p, p] of an M-estimate from the rows [m, p] that were kept: their
+    balance, the ratio that they were weighed by, and their residuals over the scale.
     """
     rows, columns = design.shape
-    ratio = (studentised / TUKEY) ** 2
-    influence = studentised * (1.0 - ratio) ** 2
-    slope = (1.0 - ratio) * (1.0 - 5.0 * ratio)
+    square = (ratio / TUKEY) ** 2
+    influence = apart * (1.0 - square) ** 2
+    slope = (1.0 - square) * (1.0 - 5.0 * square)
     mean = float(np.mean(slope))
     correction = 1.0 + columns / rows * float(np.var(slope)) / mean**2
     # residuals are studentised already: their mean square needs no n/(n − p)
