@@ -65,7 +65,10 @@ def fit_triad(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
     off = dwells.indication - dwells.reference
     found, flags = robust_choice.choose(affine_fit, spec.loss, ["affine"], [off])
     model, q = _affine_models(found, dwells, spec)
-    flags += _name_suspects("affine", found.suspects, dwells)
+    flags += (
+        *_name_suspects("affine", found.suspects, dwells),
+        *_name_common("affine", found, dwells),
+    )
     return TriadFit(k, k_flags, not_fitted, q, model, flags)
 
 
@@ -104,6 +107,7 @@ def _fit_k(
         named = k_factor.NAMES, axis.coefficients, forms.K_UNITS
         models.append(_model(forms.K, name, named, axis.covariance, axis, dwells, mapping))
         flags += _name_suspects(name, axis.suspects, dwells)
+        flags += _name_common(name, axis, dwells)
         missing = [k for number, k in enumerate(k_factor.NAMES) if number not in axis.fitted]
         if missing:
             not_fitted.append(f"{name}: {', '.join(missing)} not fitted, taken as 0")
@@ -136,6 +140,7 @@ def _fit_lengths(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
         over_temperature, more = robust_choice.choose(affine_fit, spec.loss, ["affine"], [off])
         model, q = _affine_models(over_temperature, dwells, spec)
         flags += (*more, *_name_suspects("affine", over_temperature.suspects, dwells))
+        flags += _name_common("affine", over_temperature, dwells)
     else:
         angles = found.parameters[6:9], found.covariance[6:9, 6:9]
         at = float(dwells.temperature.mean())
@@ -167,6 +172,29 @@ def _fit_bounded(
 def _name_suspects(what: str, suspects: Sequence[int], dwells: DwellSet) -> tuple[str, ...]:
     """Flags that name the dwells which were found to be outliers."""
     return tuple(f"{what}: suspect dwell {dwells.place[i]}" for i in suspects)
+
+
+def _name_common(what: str, found: DwellFit, dwells: DwellSet) -> tuple[str, ...]:
+    """Flags on dwells that stand apart together, one for attitudes and one for temperatures."""
+    flags = []
+    for common in dict.fromkeys(error.common for error in found.common_errors):
+        errors = [error for error in found.common_errors if error.common == common]
+        worst = max(errors, key=lambda error: abs(error.size))
+        first, count = worst.dwells[0], len({error.dwells for error in errors})
+        where = (
+            f"{dwells.temperature[list(worst.dwells)].mean():.3g} °C"
+            if common == "temperature"
+            else f"inclination {dwells.inclination[first]:.6g}°,"
+            f" toolface {dwells.toolface[first]:.6g}°"
+        )
+        along = "" if found.residuals.ndim == 1 else f" along {'xyz'[worst.component]}"
+        flags.append(
+            f"{what}: dwells of one {common} are off together, by more than their scatter, at"
+            f" {count} {common}s; most at {where}: {len(worst.dwells)} dwells by"
+            f" {1e6 * worst.size:+.3g} µg{along}. An error of the {common}, not outliers: they are"
+            " kept in the fit"
+        )
+    return tuple(flags)
 
 
 def _affine_terms(spec: AccelerometerRecipe) -> AffineTerms:

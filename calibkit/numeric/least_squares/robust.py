@@ -16,7 +16,12 @@ import numpy as np
 from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError
 from calibkit.numeric.dispersion import mad_sigma
-from calibkit.numeric.least_squares import fit as least_squares, s_estimate, weighted_rows
+from calibkit.numeric.least_squares import (
+    fit as least_squares,
+    s_estimate,
+    structure,
+    weighted_rows,
+)
 
 HUBER = 1.345
 """Studentised residual above which Huber's weights fall: 95 % efficient on normal noise (Huber
@@ -36,8 +41,6 @@ FAR_SMALLER = 0.6
 """Scale of the S-estimate, relative to that of the other starts, below which it is believed."""
 ROWS_A_COEFFICIENT = 8
 """Rows a coefficient from which on an S-estimate is tried: of fewer, some agree by chance."""
-EMPTIED = 0.2
-"""Mean weight of the rows of a level below which the weights are said to remove the level."""
 ITERATIONS = 60
 TOLERANCE = 1e-10
 """A change of the fitted values, relative to the noise, that ends an iteration."""
@@ -50,24 +53,7 @@ ROUNDING = 1e-13
 
 
 @dataclass(frozen=True, slots=True)
-class _Structure:
-    """Rows of one level of a group that stand apart together: an effect, not outliers."""
-
-    group: int
-    """Index of the group among those that were stated."""
-    level: int
-    rows: Integers
-    size: float
-    """Median residual of its rows [unit of the indication]."""
-
-    @classmethod
-    def of(cls, group: int, level: int, rows: Integers, residuals: Array) -> "_Structure":
-        """Structure of the rows of a level, from the residuals [n] of all rows."""
-        return cls(group, level, rows, float(np.median(residuals[rows])))
-
-
-@dataclass(frozen=True, slots=True)
-class _RobustFit:
+class RobustFit:
     """A finished robust fit."""
 
     fit: least_squares.LinearFit
@@ -80,8 +66,10 @@ class _RobustFit:
     """[n], size of a residual over its own standard deviation; of rows with structure, over the
     spread within their level.
     """
-    structured: tuple[_Structure, ...]
-    """Levels that the weights would have removed; their rows are kept."""
+    scale: float
+    """Standard deviation [unit of the indication] of a row of weight 1."""
+    structured: tuple[structure.Structure, ...]
+    """Levels whose rows stand apart together, and are kept."""
 
     @property
     def suspects(self) -> tuple[int, ...]:
@@ -97,8 +85,8 @@ def linear(
     weights: Array | None = None,
     names: Sequence[str] = (),
     groups: Sequence[Integers] = (),
-    search: bool = True,
-) -> _RobustFit:
+    near: RobustFit | None = None,
+) -> RobustFit:
     """Fit indication = design · coefficients so that no few rows move it: an MM-estimate.
 
     Parameters
@@ -113,10 +101,11 @@ def linear(
         What the error calls the coefficients that the data cannot determine.
     groups
         Labels [n] of what rows share (attitude, temperature, station, side), −1 for nothing. Where
-        the weights would remove all rows of a level, two at least, the rows are held against their
-        own level and kept.
-    search
-        Whether an S-estimate is tried; not where a fit is near.
+        two or more rows of a level, and four in ten of them, would be suspects, its rows are held
+        against one another: those that go one way together are kept.
+    near
+        Fit of nearly the same rows, to whose residuals this one is fitted: it starts from its
+        weights, at its scale, with its structure.
 
     Returns
     -------
@@ -134,15 +123,35 @@ def linear(
     # refuses what no rows determine
     least_squares.linear(design, indication, weights=weights, names=names)
     _require_spare_rows(rows, columns)
-    root = np.ones(rows) if weights is None else np.sqrt(weights)
+    root = np.sqrt(np.ones(rows) if weights is None else weights)
     weighted = design * root[:, None]
     basis, _ = np.linalg.qr(weighted / np.linalg.norm(weighted, axis=0))
     target = indication * root
     floor = ROUNDING * float(np.max(np.abs(target)))
-    search = search and rows >= ROWS_A_COEFFICIENT * columns
-    solution, row_weights = _start(basis, target, floor, search=search)
-    scale = max(mad_sigma(weighted_rows.studentise(basis, target, solution, row_weights)), floor)
-    row_weights, ratio, apart, found = _finish(basis, target, solution, row_weights, scale, groups)
+    if near is None:
+        scale, solution, row_weights = _start(basis, target, floor)
+    else:
+        scale, solution, row_weights = near.scale, np.zeros(columns), near.row_weights
+    found = {(one.group, one.level): one.rows for one in near.structured} if near else {}
+    row_weights, ratio, apart = _finish(basis, target, solution, row_weights, scale, groups, found)
+    structured = tuple(structure.Structure(*key, members) for key, members in found.items())
+    finished = _fit_kept(design, indication, root, names, basis, (row_weights, ratio, apart), scale)
+    return RobustFit(finished, row_weights, ratio, scale, structured)
+
+
+def _fit_kept(
+    design: Array,
+    indication: Array,
+    root: Array,
+    names: Sequence[str],
+    basis: Array,
+    weighed: tuple[Array, Array, Array],
+    scale: float,
+) -> least_squares.LinearFit:
+    """Fit to the rows that are kept, from the row weights, ratios and studentised residuals [n]
+    that the weights are of.
+    """
+    row_weights, ratio, apart = weighed
     kept = ratio < TUKEY
     final = least_squares.linear(
         design[kept],
@@ -151,15 +160,17 @@ def linear(
         names=names,
     )
     residuals = indication - design @ final.coefficients
-    balance = weighted_rows.balance(basis, row_weights)[kept]
-    covariance = _m_covariance(weighted[kept], balance, ratio[kept], apart[kept], scale)
+    balance, square = weighted_rows.balance(basis, row_weights), (ratio / TUKEY) ** 2
+    influence, slope = apart * (1.0 - square) ** 2, (1.0 - square) * (1.0 - 5.0 * square)
+    covariance = weighted_rows.m_covariance(
+        (design * root[:, None])[kept], balance[kept], influence[kept], slope[kept], scale
+    )
     good = ratio <= SUSPECT
     rms = float(np.sqrt(np.sum((root * residuals)[good] ** 2) / np.sum(root[good] ** 2)))
-    finished = least_squares.LinearFit(
-        final.coefficients, covariance, int(good.sum()) - columns, rms, final.condition, residuals
+    dof = int(good.sum()) - design.shape[1]
+    return least_squares.LinearFit(
+        final.coefficients, covariance, dof, rms, final.condition, residuals
     )
-    structured = tuple(_Structure.of(*key, rows, residuals) for key, rows in found.items())
-    return _RobustFit(finished, row_weights, ratio, structured)
 
 
 def _require_spare_rows(rows: int, columns: int) -> None:
@@ -180,7 +191,7 @@ def nonlinear(
     *,
     names: Sequence[str] = (),
     groups: Sequence[Integers] = (),
-) -> tuple[Array, _RobustFit]:
+) -> tuple[Array, RobustFit]:
     """Robust fit of a nearly linear problem: robust fits of its linearisation until the parameters
     rest.
 
@@ -206,9 +217,12 @@ def nonlinear(
 
     """
     parameters = start
+    step: RobustFit | None = None
     for number in range(ITERATIONS):
         residual, slopes = linearised(parameters)
-        step = linear(slopes, -residual, names=names, groups=groups, search=number == 0)
+        # the start may be far: a few linearisations are looked at afresh, the others follow them
+        near = step if number > 2 else None
+        step = linear(slopes, -residual, names=names, groups=groups, near=near)
         parameters = parameters + step.fit.coefficients
         if float(np.max(np.abs(step.fit.coefficients) / step.fit.standard_uncertainty)) < AT_REST:
             return parameters, step
@@ -217,9 +231,9 @@ def nonlinear(
     )
 
 
-def _start(basis: Array, target: Array, floor: float, *, search: bool) -> tuple[Array, Array]:
-    """Candidate with the smallest robust scale, refined on the rows that agree with it: solution
-    [p], row weights [n].
+def _start(basis: Array, target: Array, floor: float) -> tuple[float, Array, Array]:
+    """Candidate with the smallest robust scale, refined on the rows that agree with it: scale,
+    solution [p], row weights [n].
 
     The S-estimate, which more wild rows cannot move, wins where its scale is far smaller alone: of
     few rows it finds some that agree by chance.
@@ -232,13 +246,13 @@ def _start(basis: Array, target: Array, floor: float, *, search: bool) -> tuple[
     start = (0.0, np.zeros(basis.shape[1]), np.ones(len(target)))
     _, solution, row_weights = min(candidates, key=lambda found: found[0], default=start)
     best = _refined(basis, target, solution, row_weights, floor)
-    if search:
+    if len(target) >= ROWS_A_COEFFICIENT * basis.shape[1]:
         solution = s_estimate.search(basis, target, floor)
         apart = np.abs(target - basis @ solution)
         agreeing = (apart <= CLEANED * max(mad_sigma(apart), floor)).astype(np.float64)
         other = _refined(basis, target, solution, agreeing, floor)
         best = other if other[0] < FAR_SMALLER * best[0] else best
-    return best[1:]
+    return max(best[0], floor), *best[1:]
 
 
 def _refined(
@@ -290,27 +304,54 @@ def _finish(
     row_weights: Array,
     scale: float,
     groups: Sequence[Integers],
-) -> tuple[Array, Array, Array, dict[tuple[int, int], Integers]]:
-    """Row weights [n], the ratios [n] that they are of, studentised residuals [n] over the scale,
-    and the rows of each level of a group that the weights would have removed.
+    found: dict[tuple[int, int], Integers],
+) -> tuple[Array, Array, Array]:
+    """Row weights [n], the ratios [n] that they are of, studentised residuals [n] over the scale.
+
+    To the rows `found` of levels with an effect those of each level are added that stand apart;
+    what a distant start made of them is forgotten where the fit has come near.
     """
-    found: dict[tuple[int, int], Integers] = {}
-    while True:
-        effects = tuple(found.values())
-        solution, row_weights, determined = _reweighted(
-            basis, target, solution, row_weights, scale=scale, effects=effects
+    for near in (bool(found), True):
+        effects = None
+        while effects is None or len(effects) < len(found):
+            effects = tuple(found.values())
+            solution, row_weights, determined = _reweighted(
+                basis, target, solution, row_weights, scale=scale, effects=effects
+            )
+            ratio = _explain(basis, target, solution, row_weights, scale, groups, found)
+        if near or not found:
+            break
+        found.clear()
+        _explain(basis, target, solution, row_weights, scale, groups, found)
+    if not determined:
+        raise FitError(
+            "too few rows agree with one another for a robust fit",
+            hint="check the references by eye",
         )
-        ratio = _ratio(basis, target, solution, row_weights, scale, effects)
-        removed = _removed(_tukey(ratio), groups)
-        if removed.keys() <= found.keys():
-            if not determined:
-                raise FitError(
-                    "too few rows agree with one another for a robust fit",
-                    hint="check the references by eye",
-                )
-            apart = np.abs(weighted_rows.studentise(basis, target, solution, row_weights)) / scale
-            return row_weights, ratio, apart, found
-        found |= removed
+    apart = np.abs(weighted_rows.studentise(basis, target, solution, row_weights)) / scale
+    return row_weights, ratio, apart
+
+
+def _explain(
+    basis: Array,
+    target: Array,
+    solution: Array,
+    row_weights: Array,
+    scale: float,
+    groups: Sequence[Integers],
+    found: dict[tuple[int, int], Integers],
+) -> Array:
+    """Ratios [n] at a solution, after the rows of all levels that stand apart were added to
+    `found`.
+    """
+    while True:
+        ratio = weighted_rows.ratio(
+            basis, target, solution, row_weights, scale, tuple(found.values())
+        )
+        more = structure.find(target - basis @ solution, ratio > SUSPECT, groups)
+        if more.keys() <= found.keys():
+            return ratio
+        found |= more
 
 
 def _reweighted(
@@ -330,7 +371,7 @@ def _reweighted(
             apart = np.abs(weighted_rows.studentise(basis, target, solution, row_weights)) / scale
             proposed = HUBER / np.maximum(apart, HUBER)
         else:
-            ratio = _ratio(basis, target, solution, row_weights, scale, effects)
+            ratio = weighted_rows.ratio(basis, target, solution, row_weights, scale, effects)
             proposed = _tukey(ratio) * weighted_rows.balance(basis, row_weights)
         moved = weighted_rows.solve(basis, target, proposed)
         if moved is None:
@@ -345,58 +386,3 @@ def _reweighted(
 def _tukey(ratio: Array) -> Array:
     """Tukey's weights [n] of residuals in standard deviations."""
     return np.asarray((1.0 - np.minimum(ratio / TUKEY, 1.0) ** 2) ** 2, dtype=np.float64)
-
-
-def _ratio(
-    basis: Array,
-    target: Array,
-    solution: Array,
-    row_weights: Array,
-    scale: float,
-    effects: Sequence[Integers],
-) -> Array:
-    """Sizes [n] of residuals over their scale; of the rows of an effect, over the spread about
-    their median.
-
-    A row that is left out is not let in again for standing far from all others: its residual is not
-    divided by more than 1.
-    """
-    residual = target - basis @ solution
-    ratio = np.abs(weighted_rows.studentise(basis, target, solution, row_weights))
-    ratio = np.maximum(ratio, np.abs(residual)) / scale
-    for rows in effects:
-        own = np.abs(residual[rows] - np.median(residual[rows]))
-        ratio[rows] = np.minimum(ratio[rows], own / max(scale, mad_sigma(own)))
-    return np.asarray(ratio, dtype=np.float64)
-
-
-def _removed(row_weights: Array, groups: Sequence[Integers]) -> dict[tuple[int, int], Integers]:
-    """Rows of each (group, level) of two rows or more that the weights leave out, nearly all."""
-    found = {}
-    for number, labels in enumerate(groups):
-        for level in np.unique(labels[labels >= 0]).tolist():
-            rows = np.flatnonzero(labels == level)
-            if rows.size > 1 and float(np.mean(row_weights[rows])) < EMPTIED:
-                found[number, level] = rows
-    return found
-
-
-def _m_covariance(design: Array, balance: Array, ratio: Array, apart: Array, scale: float) -> Array:
-    """Huber's covariance [p, p] of an M-estimate from the rows [m, p] that were kept: their
-    balance, the ratio that they were weighed by, and their residuals over the scale.
-    """
-    rows, columns = design.shape
-    square = (ratio / TUKEY) ** 2
-    influence = apart * (1.0 - square) ** 2
-    slope = (1.0 - square) * (1.0 - 5.0 * square)
-    mean = float(np.mean(slope))
-    correction = 1.0 + columns / rows * float(np.var(slope)) / mean**2
-    # residuals are studentised already: their mean square needs no n/(n − p)
-    variance = (scale * correction / mean) ** 2 * float(np.mean(influence**2))
-    length = np.linalg.norm(design, axis=0)
-    bread = (
-        np.linalg.inv(np.linalg.qr(design / length * np.sqrt(balance)[:, None], mode="r"))
-        / length[:, None]
-    )
-    weighted = design * balance[:, None] @ bread
-    return np.asarray(variance * (bread @ (weighted.T @ weighted) @ bread.T), dtype=np.float64)

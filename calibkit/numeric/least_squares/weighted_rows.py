@@ -2,9 +2,12 @@
 row and the size of its residual.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from calibkit.arrays import Array
+from calibkit.arrays import Array, Integers
+from calibkit.numeric.dispersion import mad_sigma
 
 LONGEST_LEVER = 1e14
 """Leverage against all other rows at which the balancing stops, so that a row that alone fixes a
@@ -85,3 +88,46 @@ def studentise(basis: Array, target: Array, solution: Array, row_weights: Array)
     variance = 1.0 - 2.0 * row_weights * leverage + np.sum(hat @ square * hat, axis=1)
     spread = np.sqrt(np.maximum(variance, 1e-12))
     return np.asarray((target - basis @ solution) / spread, dtype=np.float64)
+
+
+def ratio(
+    basis: Array,
+    target: Array,
+    solution: Array,
+    row_weights: Array,
+    scale: float,
+    effects: Sequence[Integers],
+) -> Array:
+    """Sizes [n] of residuals over their scale; of the rows of an effect, over the spread about
+    their median.
+
+    A row that is left out is not let in again for standing far from all others: its residual is not
+    divided by more than 1.
+    """
+    residual = target - basis @ solution
+    sizes = np.abs(studentise(basis, target, solution, row_weights))
+    sizes = np.maximum(sizes, np.abs(residual)) / scale
+    for rows in effects:
+        own = np.abs(residual[rows] - np.median(residual[rows]))
+        sizes[rows] = np.minimum(sizes[rows], own / max(scale, mad_sigma(own)))
+    return np.asarray(sizes, dtype=np.float64)
+
+
+def m_covariance(
+    design: Array, balance: Array, influence: Array, slope: Array, scale: float
+) -> Array:
+    """Huber's covariance [p, p] of an M-estimate (1981, eq. 7.6.6) from the rows [m, p] that were
+    kept, their balance, and the influence function and its slope [m] at their residuals, which are
+    studentised: their mean square needs no n/(n − p).
+    """
+    rows, columns = design.shape
+    mean = float(np.mean(slope))
+    correction = 1.0 + columns / rows * float(np.var(slope)) / mean**2
+    variance = (scale * correction / mean) ** 2 * float(np.mean(influence**2))
+    length = np.linalg.norm(design, axis=0)
+    bread = (
+        np.linalg.inv(np.linalg.qr(design / length * np.sqrt(balance)[:, None], mode="r"))
+        / length[:, None]
+    )
+    weighted = design * balance[:, None] @ bread
+    return np.asarray(variance * (bread @ (weighted.T @ weighted) @ bread.T), dtype=np.float64)

@@ -16,7 +16,12 @@ from numpy.typing import NDArray
 
 from calibkit.arrays import Array
 from calibkit.errors import FitError
-from calibkit.instruments.accelerometer.numeric import determination, magnitude, q_factor
+from calibkit.instruments.accelerometer.numeric import (
+    common_errors,
+    determination,
+    magnitude,
+    q_factor,
+)
 from calibkit.instruments.accelerometer.numeric.affine_model import (
     AXES,
     AffineTerms,
@@ -310,17 +315,19 @@ def _solve(problem: _Problem, begin: Array, loss: Literal["least_squares", "robu
     found = gauss_newton.fit(problem, begin, rows, names=names, weakest=WEAKEST)
     values, matrix, condition = found.parameters, found.covariance, found.condition
     suspects: tuple[int, ...] = ()
+    tough: robust.RobustFit | None = None
     used = np.ones(problem.root.shape, dtype=np.bool_)
     if loss == "robust":
+        common = common_errors.label(problem.temperature, problem.reference, problem.root.shape[1])
         values, tough = robust.nonlinear(
-            lambda at: problem(at, slice(0, rows)), values, names=names
+            lambda at: problem(at, slice(0, rows)), values, names=names, groups=common
         )
         matrix, condition = tough.fit.covariance, tough.fit.condition
         suspects = tuple(dict.fromkeys(row // problem.root.shape[1] for row in tough.suspects))
         # of a suspect dwell the other components are fitted
         used.flat[list(tough.suspects)] = False
     residuals = problem(values, slice(0, rows))[0].reshape(rows, -1)
-    dof = int(used.sum()) - len(entries)
+    unweighted, dof = residuals / problem.root, int(used.sum()) - len(entries)
     variance = float(np.sum(residuals[used] ** 2)) / dof
     coefficients, covariance = polynomial.in_raw_powers(
         values, matrix, _to_raw_matrix(entries, problem.middle, problem.half)
@@ -333,8 +340,9 @@ def _solve(problem: _Problem, begin: Array, loss: Literal["least_squares", "robu
         mapped_covariance=matrix,
         middle=problem.middle,
         half=problem.half,
-        residuals=residuals / problem.root,
+        residuals=unweighted,
         suspects=suspects,
+        common_errors=common_errors.read(tough.structured if tough else (), unweighted),
         dof=dof,
         residual_rms=float(np.sqrt(variance * used.sum() / np.sum(problem.root[used] ** 2))),
         condition=condition,

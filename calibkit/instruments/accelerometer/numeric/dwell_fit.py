@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibkit.arrays import Array
+from calibkit.instruments.accelerometer.numeric.common_errors import CommonError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -17,6 +18,8 @@ class DwellFit:
     """[n] or [n, m], residuals of the dwells [unit of the reference]."""
     suspects: tuple[int, ...]
     """Indices of outlying dwells, worst first; empty for a least-squares fit."""
+    common_errors: tuple[CommonError, ...] = ()
+    """Dwells that stand apart together and were kept."""
     dof: int
     """Degrees of freedom of the uncertainty: residuals less parameters, or fewer where dwells share
     an error.

@@ -19,7 +19,7 @@ import numpy as np
 
 from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError
-from calibkit.instruments.accelerometer.numeric import determination
+from calibkit.instruments.accelerometer.numeric import common_errors, determination
 from calibkit.instruments.accelerometer.numeric.dwell_fit import MappedFit
 from calibkit.numeric.least_squares import (
     fit as least_squares,
@@ -212,13 +212,14 @@ def _fit_axis(
             weights=weight,
             names=names,
         )
-        return _in_degrees(result, result.covariance, (), result.dof, numbers, held)
-    suspects: tuple[int, ...] = ()
+        return _in_degrees(result, result.covariance, None, result.dof, numbers, held)
+    tough: robust.RobustFit | None = None
     row_weights = np.ones(len(mapped)) if weight is None else weight
     design = columns(indication, mapped, axis, numbers)
     if loss == "robust":
-        tough = robust.linear(design, target, weights=weight, names=names)
-        result, suspects = tough.fit, tough.suspects
+        common = common_errors.label(mapped * held[1], reference)
+        tough = robust.linear(design, target, weights=weight, names=names, groups=common)
+        result = tough.fit
         row_weights = row_weights * tough.row_weights
     else:
         result = least_squares.linear(design, target, weights=weight, names=names)
@@ -227,16 +228,15 @@ def _fit_axis(
         covariance = leave_out.jackknife_covariance(
             design, result.residuals, groups, weights=row_weights
         )
-        # a group is one attitude, or a part of one; attitudes determine four coefficients, so the
-        # groups leave at most their number less four degrees of freedom
+        # attitudes determine four coefficients: as many degrees of freedom fewer than groups
         dof = min(dof, max(len(np.unique(groups)) - 4, 1))
-    return _in_degrees(result, covariance, suspects, dof, numbers, held)
+    return _in_degrees(result, covariance, tough, dof, numbers, held)
 
 
 def _in_degrees(
     result: least_squares.LinearFit,
     covariance: Array,
-    suspects: tuple[int, ...],
+    tough: robust.RobustFit | None,
     dof: int,
     numbers: tuple[int, ...],
     held: tuple[float, float],
@@ -259,7 +259,8 @@ def _in_degrees(
         middle=held[0],
         half=held[1],
         residuals=result.residuals,
-        suspects=suspects,
+        suspects=tough.suspects if tough else (),
+        common_errors=common_errors.read(tough.structured if tough else (), result.residuals),
         dof=dof,
         residual_rms=result.residual_rms * float(np.sqrt(1.0 + len(numbers) / result.dof)),
         condition=result.condition,
