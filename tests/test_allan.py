@@ -493,6 +493,8 @@ def test_records_without_a_deviation_are_refused():
         allan.overlapping(np.array([1.0, np.nan, 2.0]), 1.0)
     with pytest.raises(FitError, match="infinite"):
         allan.overlapping(np.array([1.0, np.inf, 2.0, 3.0]), 1.0)
+    with pytest.raises(FitError, match="noise type 'white'"):
+        allan.overlapping(white, 1.0, noise="white")
     with pytest.raises(FitError, match="interval"):
         allan.overlapping(white, 0.0)
     with pytest.raises(FitError, match="averaging times"):

@@ -19,6 +19,7 @@ CASES = {
         "Keysight53230A_ti_noise_floor/tic_oadev.txt",
     ),
     "OCXO": ("ocxo/ocxo_frequency.txt", "ocxo/oadev_octave.txt"),
+    "pink": ("pink_frequency/pink_frequency.txt", "pink_frequency/s32_oadev_octave.txt"),
     "GPS": ("gps/gps_1pps_phase_data.txt.gz", "gps/stable32_OADEV_octave.txt"),
 }
 
@@ -40,7 +41,7 @@ def test_noise_types_and_deviations_are_those_of_stable32(real, name):
     if not data.is_file():
         pytest.skip("allantools' test data are not among the real measurements")
     log = numbers(data)
-    rate = log / 1e7 if name == "OCXO" else np.diff(log)
+    rate = {"OCXO": log / 1e7, "pink": log}.get(name, np.diff(log))
     rows = np.loadtxt(results)
     # rows of Stable32: factor, averaging time, pairs, exponent, lower limit, deviation, upper limit
     curve = allan.overlapping(rate, 1.0, tau_s=rows[:, 0])

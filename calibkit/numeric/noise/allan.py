@@ -12,6 +12,7 @@ from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError
 from calibkit.numeric import chunks
 from calibkit.numeric.noise.confidence import (
+    TYPES,
     Noise,
     chi_square_limits,
     equivalent_dof,
@@ -104,7 +105,7 @@ def overlapping(
     Raises
     ------
     FitError : fewer than three samples, an infinite one, an averaging time that the record has no
-        whole pair for.
+        whole pair for, a noise type that is none.
 
     Notes
     -----
@@ -113,6 +114,8 @@ def overlapping(
     digits to it.
     """
     _require_record(rate, interval_s)
+    if noise not in ("identify", *TYPES):
+        raise FitError(f"noise type '{noise}'", hint=f"expected identify or {', '.join(TYPES)}")
     runs = _whole_runs(rate)
     if tau_s is None:
         wanted = _averaging_factors(rate.size, spacing=spacing, points=points)
