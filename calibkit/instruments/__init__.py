@@ -125,8 +125,8 @@ SHIPPED = {
     "gyro_triad": "gyro_scale.instrument:TRIAD",
     "rate_table": "gyro_scale.instrument:RATE_TABLE",
     "inclinometer": "inclinometer.instrument:INSTRUMENT",
-    "accelerometer": "accelerometer.instrument:INSTRUMENT",
     "gyro_noise": "gyro_noise.instrument:INSTRUMENT",
+    "accelerometer": "accelerometer.instrument:INSTRUMENT",
     "fog_thermal": "fog_thermal.instrument:INSTRUMENT",
     "bias_temperature": "bias_temperature.instrument:INSTRUMENT",
 }

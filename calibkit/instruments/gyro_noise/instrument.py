@@ -3,6 +3,7 @@ stability → gyro_noise.json.
 """
 
 import json
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -24,11 +25,19 @@ from calibkit.instruments import Fitted, Instrument, Progress
 from calibkit.instruments.gyro_noise import deviations, figures as pages, tables
 from calibkit.instruments.gyro_noise.deviations import NoiseFigures
 from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe
+from calibkit.instruments.gyro_noise.sensors import ACCELEROMETER, find_sensor
 from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary
 from calibkit.simulate.campaign import Campaign
 
 TEMPERATURES = ("temp_case_degc", "temp_env_degc")
+REFERENCES = {"inclination_deg", "toolface_deg", "position", "station", "position_deg"}
+"""Columns that say in which attitude a sensor was."""
+ACCELERATION = r"accel_[a-z0-9]+_g"
+BLOCKS = 50
+"""Parts of a log in whose medians an accelerometer that was turned shows it."""
+STILL_G = 0.02
+"""Change [g] of these medians up to which an accelerometer stood still."""
 LONG_S = 600.0
 """Duration [s] from which a steady temperature shows that nothing changed: no chamber ramps so
 slowly.
@@ -151,15 +160,18 @@ def _simulate(seed: int) -> Campaign:
 
 
 def _propose(evidence: Evidence) -> Choice | None:
-    """Recipe for logs with times and rates of gyros, no reference, and no temperature that
-    changes.
+    """Recipe for logs with times and rates of gyros, or one log of accelerometers that stood still,
+    no reference, and no temperature that changes.
     """
-    rates = list(evidence.gyros("dph"))
+    accelerations = [name for name in evidence.columns if re.fullmatch(ACCELERATION, name)]
+    columns = [*evidence.gyros("dph"), *accelerations]
     alone = evidence.second_logger and not evidence.columns.keys() & set(TEMPERATURES)
-    if "time_s" not in evidence.columns or not rates or alone:
+    if "time_s" not in evidence.columns or not columns or alone:
         return None
-    keys = {} if rates == ["gyro_dph"] else {"columns": json.dumps(rates)}
-    choice = evidence.choose("gyro_noise", ("time_s", *TEMPERATURES, *rates), keys=keys)
+    if accelerations and (len(evidence.group.files) > 1 or evidence.columns.keys() & REFERENCES):
+        return None
+    keys = {} if columns == ["gyro_dph"] else {"columns": json.dumps(columns)}
+    choice = evidence.choose("gyro_noise", ("time_s", *TEMPERATURES, *columns), keys=keys)
     spec = evidence.recipe(choice)
     if not isinstance(spec, GyroNoiseRecipe):
         return None
@@ -171,18 +183,26 @@ def _propose(evidence: Evidence) -> Choice | None:
     return replace(
         choice,
         remark=(
-            "# Taken for gyros at rest, for want of anything that says they moved: a log cannot"
-            " show it."
+            "# Taken for sensors at rest, for want of anything that says they moved: of a gyro a"
+            " log cannot show it."
         ),
     )
 
 
 def _is_steady(spec: GyroNoiseRecipe, folder: Path, file: str) -> bool:
-    """Whether one log has rows enough for noise and no temperature in it changes."""
+    """Whether one log has rows enough for noise, and no acceleration and no temperature in it
+    changes.
+    """
     columns = ("time_s", *spec.noise.columns)
     frame = ingest.read_log(spec, folder / file, file, columns, TEMPERATURES).frame
     if len(frame) < spec.noise.min_rows:
         return False
+    for name in spec.noise.columns:
+        if find_sensor(name) is ACCELEROMETER:
+            data = values(frame, name)
+            blocks = np.array_split(data[~np.isnan(data)], BLOCKS)
+            if np.ptp([np.median(block) for block in blocks if block.size]) > STILL_G:
+                return False
     logged = [values(frame, name) for name in TEMPERATURES if name in frame.columns]
     long = float(np.ptp(values(frame, "time_s"))) >= LONG_S
     return not logged or (
