@@ -254,3 +254,36 @@ def test_bumped_dwells_among_good_ones_do_not_ruin_a_calibrated_sensor(columns, 
     assert any("differ by more than U" in flag for flag in run.document["flags"])
     for coefficient in run.records["accel_k.json"].model("accel_x").coefficients[4:5]:
         assert abs(coefficient.value) < 3.0 * coefficient.standard_uncertainty
+
+
+def flagged_suspects(run):
+    """Flags of a run that name a suspect."""
+    return [flag for flag in run.document["flags"] if "suspect dwell" in flag]
+
+
+def test_good_dwells_on_an_inaccurate_table_are_not_suspect(fitted):
+    """A table wrong by 0.01° from dwell to dwell moves the components that lie across gravity, and
+    others not at all: the long tail of such residuals is no reason to suspect anyone.
+    """
+    suspects = 0
+    for seed in range(6):
+        logged = simulator.campaign(seed, simulator._Conditions()).logs["positions.csv"]
+        _, run = fitted(f"A{seed}", logged)
+        suspects += len(flagged_suspects(run))
+    assert suspects <= 1
+
+
+def test_suspects_say_that_they_were_left_out_and_summaries_do_not_count_them(fitted):
+    """A dwell bumped by 20 mg: the flag states how far it is off, the table of errors, the residual
+    and the acceptance limits are those of the other dwells.
+    """
+    conditions = simulator._Conditions(table_noise_deg=0.001)
+    logged = simulator.campaign(11, conditions).logs["positions.csv"]
+    logged = {name: np.array(column) for name, column in logged.items()}
+    logged["accel_y_g"][100] += 0.02
+    outcome, run = fitted("A", logged, "acceptance.max_inclination_error_deg=0.02")
+    assert outcome.code == 0, outcome.err
+    assert "before and after, 1 left out" in outcome.out
+    for what, flag in zip(("accel_y", "affine"), flagged_suspects(run), strict=True):
+        assert flag.startswith(f"{what}: suspect dwell positions.csv:102, 0.02")
+        assert flag.endswith(" g off, left out")

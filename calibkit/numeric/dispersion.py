@@ -26,3 +26,21 @@ def rms(values: ArrayLike) -> float:
     """Root mean square of values [n]; NaN for no values."""
     square = np.asarray(values, dtype=np.float64) ** 2
     return float(np.sqrt(np.mean(square))) if square.size else float("nan")
+
+
+def largest_by_chance(sizes: Array, *, chance: float = 0.001) -> float:
+    """Size that the largest of deviations [n] exceeds with a given probability where none of them
+    is an outlier.
+
+    The deviations are taken as s |z|^k, z normal, with s and k from their median and their 80 %
+    quantile: where some scatter more than others, as attitudes on a table do, the tail is longer
+    than a normal one. k is 1 … 1.4, which outliers cannot exceed.
+    """
+    from scipy.special import ndtri
+
+    half, most = np.quantile(np.abs(sizes), (0.5, 0.8)).tolist()
+    z_half, z_most, z_largest = -ndtri([0.25, 0.1, chance / sizes.size / 2.0])
+    if half == 0.0:
+        return 0.0
+    power = float(np.clip(np.log(most / half) / np.log(z_most / z_half), 1.0, 1.4))
+    return float(half * (z_largest / z_half) ** power)

@@ -1,7 +1,7 @@
 """Logs of a triad → dwells: mean indication, temperature, reference attitude, noise."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -58,6 +58,21 @@ class DwellSet:
             1.0 / self.noise**2
             if np.isfinite(self.noise).all() and (self.noise > 0.0).all()
             else None
+        )
+
+    def without(self, rows: Iterable[int], flags: Iterable[str] = ()) -> "DwellSet":
+        """Dwells without those at the rows, with further flags."""
+        keep = np.setdiff1d(np.arange(len(self.place)), list(rows))
+        return replace(
+            self,
+            indication=self.indication[keep],
+            temperature=self.temperature[keep],
+            inclination=self.inclination[keep],
+            toolface=self.toolface[keep],
+            noise=self.noise[keep],
+            log=self.log[keep],
+            place=tuple(self.place[k] for k in keep),
+            flags=(*self.flags, *flags),
         )
 
 

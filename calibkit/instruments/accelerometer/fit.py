@@ -1,7 +1,7 @@
 """Dwells of a triad → models of its K-factor, Q-factor and affine triad."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -41,6 +41,8 @@ class TriadFit:
     """Ends of the 95 % profile intervals of the nine magnitude-only parameters; empty unless the
     solver is lmfit.
     """
+    left_out: frozenset[int] = frozenset()
+    """Suspect dwells that a fit left out."""
 
 
 def fit_triad(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
@@ -49,9 +51,9 @@ def fit_triad(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
     """
     if spec.reference.kind == "magnitude":
         return _fit_lengths(dwells, spec)
-    k, k_flags, not_fitted = _fit_k(dwells, spec) if spec.k.enabled else ((), (), ())
+    of_axes = _fit_k(dwells, spec) if spec.k.enabled else TriadFit()
     if not spec.affine.enabled:
-        return TriadFit(k, k_flags, not_fitted)
+        return of_axes
     rotation = _tool_rotation(dwells.inclination, dwells.toolface) if spec.affine.tilt else None
     affine_fit = partial(
         affine.fit,
@@ -65,16 +67,12 @@ def fit_triad(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
     off = dwells.indication - dwells.reference
     found, flags = robust_choice.choose(affine_fit, spec.loss, ["affine"], [off])
     model, q = _affine_models(found, dwells, spec)
-    flags += (
-        *_name_suspects("affine", found.suspects, dwells),
-        *_name_common("affine", found, dwells),
-    )
-    return TriadFit(k, k_flags, not_fitted, q, model, flags)
+    flags += (*_name_suspects("affine", found, dwells), *_name_common("affine", found, dwells))
+    left_out = of_axes.left_out.union(found.left_out)
+    return replace(of_axes, q=q, affine=model, affine_flags=flags, left_out=left_out)
 
 
-def _fit_k(
-    dwells: DwellSet, spec: AccelerometerRecipe
-) -> tuple[tuple[Model, ...], tuple[str, ...], tuple[str, ...]]:
+def _fit_k(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
     """K-factor of the three axes, its flags, and the coefficients that are not fitted."""
     by_log, logs = spec.k.groups == "log", np.unique(dwells.log).size
     if by_log and logs < LEAST_GROUPS:
@@ -106,12 +104,13 @@ def _fit_k(
         )
         named = k_factor.NAMES, axis.coefficients, forms.K_UNITS
         models.append(_model(forms.K, name, named, axis.covariance, axis, dwells, mapping))
-        flags += _name_suspects(name, axis.suspects, dwells)
+        flags += _name_suspects(name, axis, dwells)
         flags += _name_common(name, axis, dwells)
         missing = [k for number, k in enumerate(k_factor.NAMES) if number not in axis.fitted]
         if missing:
             not_fitted.append(f"{name}: {', '.join(missing)} not fitted, taken as 0")
-    return tuple(models), flags, tuple(not_fitted)
+    left_out = frozenset(dwell for axis in axes for dwell in axis.left_out)
+    return TriadFit(tuple(models), flags, tuple(not_fitted), left_out=left_out)
 
 
 def _fit_lengths(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
@@ -127,7 +126,8 @@ def _fit_lengths(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
         length_fit = partial(magnitude.fit, dwells.indication, 1.0, noise=noise)
         found, flags = robust_choice.choose(length_fit, spec.loss, ["magnitude"], [off])
     flags += tuple(f"magnitude: {flag}" for flag in found.flags)
-    flags += _name_suspects("magnitude", found.suspects, dwells)
+    flags += _name_suspects("magnitude", found, dwells)
+    over_temperature: AffineFit | None = None
     if spec.affine.enabled:
         affine_fit = partial(
             affine.fit_magnitude,
@@ -139,13 +139,19 @@ def _fit_lengths(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
         )
         over_temperature, more = robust_choice.choose(affine_fit, spec.loss, ["affine"], [off])
         model, q = _affine_models(over_temperature, dwells, spec)
-        flags += (*more, *_name_suspects("affine", over_temperature.suspects, dwells))
+        flags += (*more, *_name_suspects("affine", over_temperature, dwells))
         flags += _name_common("affine", over_temperature, dwells)
     else:
         angles = found.parameters[6:9], found.covariance[6:9, 6:9]
         at = float(dwells.temperature.mean())
         model, q = _triad_models(*found.as_affine(), found, angles, at, dwells)
-    return TriadFit(q=q, affine=model, affine_flags=flags, intervals=intervals)
+    return TriadFit(
+        q=q,
+        affine=model,
+        affine_flags=flags,
+        intervals=intervals,
+        left_out=frozenset((over_temperature or found).left_out),
+    )
 
 
 def _fit_bounded(
@@ -169,9 +175,16 @@ def _fit_bounded(
     return found, figures, (*flags, plain)
 
 
-def _name_suspects(what: str, suspects: Sequence[int], dwells: DwellSet) -> tuple[str, ...]:
-    """Flags that name the dwells which were found to be outliers."""
-    return tuple(f"{what}: suspect dwell {dwells.place[i]}" for i in suspects)
+def _name_suspects(what: str, found: DwellFit, dwells: DwellSet) -> tuple[str, ...]:
+    """Flags that name the dwells which were found to be outliers, and whether they were left
+    out.
+    """
+    residuals = found.residuals.reshape(len(dwells.place), -1)
+    return tuple(
+        f"{what}: suspect dwell {dwells.place[k]}, {np.abs(residuals[k]).max():.3g} g off,"
+        f" {'left out' if k in found.left_out else 'kept with little weight'}"
+        for k in found.suspects
+    )
 
 
 def _name_common(what: str, found: DwellFit, dwells: DwellSet) -> tuple[str, ...]:

@@ -65,23 +65,25 @@ def _fit(
     )
     dwells = plausibility.screen(triad_dwells.collect_dwells(logs, spec), spec)
     fitted = fit_triad(dwells, spec)
+    counted = dwells.without(fitted.left_out) if fitted.left_out else dwells
     uncertainty = (
-        errors.propagate_uncertainty(fitted.affine, dwells, spec.toolface_range_deg)
+        errors.propagate_uncertainty(fitted.affine, counted, spec.toolface_range_deg)
         if fitted.affine is not None
         else ()
     )
     results = coefficient_files.list_results(fitted, dwells, spec.site.local_gravity(), uncertainty)
     stages, found = {result.stage for result in results}, {}
-    found["indication"] = errors.DwellErrors.compare(dwells, spec)
+    found["indication"] = errors.DwellErrors.compare(counted, spec)
     for compensation, name in CORRECTIONS.items():
         needed = set(coefficient_files.COMPENSATIONS[compensation])
         if needed <= stages and compensation in ("k", "affine", spec.compensation):
             correction = coefficient_files.find_correction(compensation, results)
-            found[name] = errors.DwellErrors.compare(dwells, spec, correction)
+            found[name] = errors.DwellErrors.compare(counted, spec, correction)
     after = found[CORRECTIONS[spec.compensation]]
+    out = f", {len(fitted.left_out)} left out" if fitted.left_out else ""
     shown = [
         *tables.tabulate_fit(fitted),
-        tables.tabulate_errors(found, spec, "The fitted dwells before and after"),
+        tables.tabulate_errors(found, spec, f"The fitted dwells before and after{out}"),
         *([tables.tabulate_uncertainty(uncertainty)] if uncertainty else ()),
     ]
     flags = dict.fromkeys((*dwells.flags, *fitted.k_flags, *fitted.affine_flags))
@@ -89,7 +91,7 @@ def _fit(
         results,
         tuple(Input.of(log) for log in logs),
         Summary(spec.title, tuple(shown), tuple(flags), after.judge_errors(spec)),
-        TriadReport(dwells, found["indication"], after, spec.toolface_range_deg),
+        TriadReport(counted, found["indication"], after, spec.toolface_range_deg),
     )
 
 

@@ -25,7 +25,7 @@ LEAST_G = 0.03
 """Departure [g] below which no dwell is implausible: 1.7° of a table, the robust fit judges it."""
 FAR = 10.0
 """Departure, in standard deviations of those of all dwells, above which a dwell is implausible."""
-LARGEST_SHARE = 0.1
+LARGEST_SHARE = 0.2
 """Share of implausible dwells above which the campaign is at fault, not a dwell."""
 NAMED = 5
 """Implausible dwells that a refusal names one by one."""
@@ -41,20 +41,7 @@ def screen(dwells: DwellSet, spec: AccelerometerRecipe) -> DwellSet:
     """
     rows, found = find_implausible(dwells, spec)
     refuse(found)
-    if not found:
-        return dwells
-    keep = np.delete(np.arange(len(dwells.place)), rows)
-    return replace(
-        dwells,
-        indication=dwells.indication[keep],
-        temperature=dwells.temperature[keep],
-        inclination=dwells.inclination[keep],
-        toolface=dwells.toolface[keep],
-        noise=dwells.noise[keep],
-        log=dwells.log[keep],
-        place=tuple(dwells.place[k] for k in keep),
-        flags=(*dwells.flags, *(str(finding) for finding in found)),
-    )
+    return dwells.without(rows, map(str, found)) if found else dwells
 
 
 def examine(spec: AccelerometerRecipe, log: Log) -> Examined:

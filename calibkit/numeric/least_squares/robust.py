@@ -15,7 +15,7 @@ import numpy as np
 
 from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError
-from calibkit.numeric.dispersion import mad_sigma
+from calibkit.numeric.dispersion import largest_by_chance, mad_sigma
 from calibkit.numeric.least_squares import (
     fit as least_squares,
     s_estimate,
@@ -31,8 +31,8 @@ TUKEY = 4.685
 """Studentised residual above which Tukey's weight is 0: 95 % efficient on normal noise (Beaton &
 Tukey 1974).
 """
-SUSPECT = 4.0
-"""Studentised residual above which a row is named: 6 of 100,000 normal rows."""
+DOUBTFUL = 4.0
+"""Studentised residual above which a row is not believed: 6 of 100,000 normal rows."""
 LEFT_OUT = 0.2
 """Share of the rows that a candidate start leaves out along each component."""
 CLEANED = 2.5
@@ -73,9 +73,12 @@ class RobustFit:
 
     @property
     def suspects(self) -> tuple[int, ...]:
-        """Rows, by index, whose residual no noise explains, the worst first."""
+        """Rows, by index, whose residual neither noise nor the tail of all residuals explains, the
+        worst first.
+        """
+        limit = max(largest_by_chance(self.ratio), DOUBTFUL)
         worst_first = np.argsort(-self.ratio, kind="stable")
-        return tuple(int(i) for i in worst_first if self.ratio[i] > SUSPECT)
+        return tuple(int(i) for i in worst_first if self.ratio[i] > limit)
 
 
 def linear(
@@ -165,7 +168,7 @@ def _fit_kept(
     covariance = weighted_rows.m_covariance(
         (design * root[:, None])[kept], balance[kept], influence[kept], slope[kept], scale
     )
-    good = ratio <= SUSPECT
+    good = ratio <= DOUBTFUL
     rms = float(np.sqrt(np.sum((root * residuals)[good] ** 2) / np.sum(root[good] ** 2)))
     dof = int(good.sum()) - design.shape[1]
     return least_squares.LinearFit(
@@ -348,7 +351,7 @@ def _explain(
         ratio = weighted_rows.ratio(
             basis, target, solution, row_weights, scale, tuple(found.values())
         )
-        more = structure.find(target - basis @ solution, ratio > SUSPECT, groups)
+        more = structure.find(target - basis @ solution, ratio > DOUBTFUL, groups)
         if more.keys() <= found.keys():
             return ratio
         found |= more

@@ -314,7 +314,6 @@ def _solve(problem: _Problem, begin: Array, loss: Literal["least_squares", "robu
     names = [entry.name for entry in entries]
     found = gauss_newton.fit(problem, begin, rows, names=names, weakest=WEAKEST)
     values, matrix, condition = found.parameters, found.covariance, found.condition
-    suspects: tuple[int, ...] = ()
     tough: robust.RobustFit | None = None
     used = np.ones(problem.root.shape, dtype=np.bool_)
     if loss == "robust":
@@ -323,10 +322,10 @@ def _solve(problem: _Problem, begin: Array, loss: Literal["least_squares", "robu
             lambda at: problem(at, slice(0, rows)), values, names=names, groups=common
         )
         matrix, condition = tough.fit.covariance, tough.fit.condition
-        suspects = tuple(dict.fromkeys(row // problem.root.shape[1] for row in tough.suspects))
         # of a suspect dwell the other components are fitted
-        used.flat[list(tough.suspects)] = False
+        used = (tough.ratio <= robust.DOUBTFUL).reshape(used.shape)
     residuals = problem(values, slice(0, rows))[0].reshape(rows, -1)
+    suspects, left_out = common_errors.find_suspects(tough, problem.root.shape[1])
     unweighted, dof = residuals / problem.root, int(used.sum()) - len(entries)
     variance = float(np.sum(residuals[used] ** 2)) / dof
     coefficients, covariance = polynomial.in_raw_powers(
@@ -342,6 +341,7 @@ def _solve(problem: _Problem, begin: Array, loss: Literal["least_squares", "robu
         half=problem.half,
         residuals=unweighted,
         suspects=suspects,
+        left_out=left_out,
         common_errors=common_errors.read(tough.structured if tough else (), unweighted),
         dof=dof,
         residual_rms=float(np.sqrt(variance * used.sum() / np.sum(problem.root[used] ** 2))),

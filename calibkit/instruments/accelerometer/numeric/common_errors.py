@@ -11,6 +11,7 @@ import numpy as np
 
 from calibkit.arrays import Array, Integers
 from calibkit.instruments.accelerometer.numeric import determination
+from calibkit.numeric.least_squares import robust
 from calibkit.numeric.least_squares.structure import Structure
 
 COMMON = ("attitude", "temperature")
@@ -64,3 +65,17 @@ def read(structured: Sequence[Structure], residuals: Array) -> tuple[CommonError
         )
         for one in structured
     )
+
+
+def find_suspects(
+    tough: robust.RobustFit | None, components: int = 1
+) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Suspect dwells of a robust fit to residuals [n, components] in rows, the worst first, and
+    those of them that it left out; none of a fit by least squares.
+    """
+    rows = tough.suspects if tough else ()
+    out = [row for row in rows if tough and tough.row_weights[row] == 0.0]
+    suspects, left_out = (
+        tuple(dict.fromkeys(row // components for row in part)) for part in (rows, out)
+    )
+    return suspects, left_out

@@ -18,6 +18,8 @@ class DwellFit:
     """[n] or [n, m], residuals of the dwells [unit of the reference]."""
     suspects: tuple[int, ...]
     """Indices of outlying dwells, worst first; empty for a least-squares fit."""
+    left_out: tuple[int, ...] = ()
+    """Those of them that the fit left out, in one component at least."""
     common_errors: tuple[CommonError, ...] = ()
     """Dwells that stand apart together and were kept."""
     dof: int

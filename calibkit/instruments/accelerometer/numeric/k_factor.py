@@ -250,6 +250,7 @@ def _in_degrees(
     to_raw = np.eye(10, dtype=np.longdouble)
     to_raw[:4, :4] = to_raw[4:8, 4:8] = polynomial.to_raw_powers(*held, 3)
     raw, raw_covariance = polynomial.in_raw_powers(mapped, mapped_covariance, to_raw)
+    suspects, left_out = common_errors.find_suspects(tough)
     return _KAxis(
         fitted=numbers,
         coefficients=raw,
@@ -259,7 +260,8 @@ def _in_degrees(
         middle=held[0],
         half=held[1],
         residuals=result.residuals,
-        suspects=tough.suspects if tough else (),
+        suspects=suspects,
+        left_out=left_out,
         common_errors=common_errors.read(tough.structured if tough else (), result.residuals),
         dof=dof,
         residual_rms=result.residual_rms * float(np.sqrt(1.0 + len(numbers) / result.dof)),

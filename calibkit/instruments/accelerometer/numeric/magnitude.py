@@ -14,7 +14,7 @@ import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.errors import FitError
-from calibkit.instruments.accelerometer.numeric import profile, q_factor
+from calibkit.instruments.accelerometer.numeric import common_errors, profile, q_factor
 from calibkit.instruments.accelerometer.numeric.dwell_fit import DwellFit
 from calibkit.instruments.accelerometer.numeric.norms import (
     LOWER,
@@ -134,12 +134,15 @@ def fit(
             found.parameters,
             names=_TRIANGLE_NAMES,
         )
-        solver = (tough.fit.condition, tough.suspects)
-        return _complete_fit(triangle, tough.fit.covariance, indication, gravity, root, solver)
+        return _complete_fit(
+            *(triangle, tough.fit.covariance, indication, gravity, root),
+            (tough.fit.condition, tough),
+        )
     inverse = found.normal_inverse * _variance(found.square, found.dof, absolute=noise is not None)
-    solver = (found.condition, ())
     return _complete_fit(
-        found.parameters, inverse, indication, gravity, root, solver, found.normal_inverse
+        *(found.parameters, inverse, indication, gravity, root),
+        (found.condition, None),
+        found.normal_inverse,
     )
 
 
@@ -178,7 +181,7 @@ def fit_bounded(
     dof = len(indication) - len(NAMES)
     variance = _variance(square, dof, absolute=noise is not None)
     singular = np.linalg.svd(jacobian / np.linalg.norm(jacobian, axis=0), compute_uv=False)
-    solver = (float(singular[0] / singular[-1]), ())
+    solver = (float(singular[0] / singular[-1]), None)
     fitted = _complete_fit(
         triangle, inverse @ inverse.T * variance, indication, gravity, root, solver
     )
@@ -279,13 +282,14 @@ def _complete_fit(
     indication: Array,
     gravity: float,
     root: Array,
-    solver: tuple[float, tuple[int, ...]],
+    solver: tuple[float, robust.RobustFit | None],
     normal_inverse: Array | None = None,
 ) -> MagnitudeFit:
     """MagnitudeFit from the triangle parameters and their covariance, the solver's condition number
-    and suspects, and (JᵀJ)⁻¹ of all rows where it is known.
+    and robust fit, and (JᵀJ)⁻¹ of all rows where it is known.
     """
-    condition, suspects = solver
+    condition, tough = solver
+    suspects, left_out = common_errors.find_suspects(tough)
     steps = np.concatenate(
         [np.full(6, float(np.max(np.abs(triangle[:6])))), gravity / np.abs(triangle[[0, 2, 5]])]
     )
@@ -293,7 +297,7 @@ def _complete_fit(
     parameters = _from_triangle(triangle)
     residual, leverage = _residual_and_leverage(triangle, indication, gravity, root, normal_inverse)
     used, weight = (
-        np.delete(column, suspects) if suspects else column for column in (residual, root)
+        column[tough.ratio <= robust.DOUBTFUL] if tough else column for column in (residual, root)
     )
     dof = used.size - len(NAMES)
     square = float(np.sum(used**2) / np.sum(weight**2))
@@ -304,6 +308,7 @@ def _complete_fit(
         residuals=residual / root,
         leverage=leverage,
         suspects=suspects,
+        left_out=left_out,
         dof=dof,
         residual_rms=float(np.sqrt(square * used.size / max(dof, 1))),
         condition=condition,
