@@ -17,6 +17,7 @@ from calibkit.numeric.noise.confidence import (
     chi_square_limits,
     equivalent_dof,
     identify_noise,
+    wavelet_correlation,
 )
 
 Spacing = Literal["octave", "decade"]
@@ -267,7 +268,8 @@ def wavelet_deviation(
     -----
     Percival & Guttorp 1994: √2 times the unbiased wavelet deviation at scale τ = 2^(j−1) τ₀. Equal
     to the Allan deviation for angle random walk with every wavelet, for other noise a little below
-    it. Degrees of freedom max(M/2^j, 1), M the number of coefficients (Percival 1995, η₃).
+    it. Degrees of freedom: the number of coefficients over the sum of their squared correlations
+    (Percival 1995, η₁), for the noise type that has the fewest, and at least 1.
     """
     import pywt
 
@@ -276,7 +278,8 @@ def wavelet_deviation(
         raise FitError(
             f"'{wavelet}' is not an orthogonal wavelet", hint="use haar, db2, db3, sym4 ..."
         )
-    half = pywt.Wavelet(wavelet).dec_len // 2
+    bank = pywt.Wavelet(wavelet)
+    half = bank.dec_len // 2
     levels = int(np.log2(1.0 + (rate.size - 1) / (2 * half - 1)))
     if levels < 1:
         raise FitError(
@@ -290,8 +293,10 @@ def wavelet_deviation(
             hint="use haar or a longer record",
         )
     variance, factors, pairs = np.array(found).T
-    dof = np.maximum(pairs / (2.0 * factors), 1.0)
     factors = factors.astype(np.int64)
+    low, high = np.array(bank.dec_lo), np.array(bank.dec_hi)
+    correlation = np.array([wavelet_correlation(low, high, m) for m in factors.tolist()])
+    dof = np.maximum(pairs / correlation, 1.0)
     return _curve(
         f"wavelet {wavelet}", rate, interval_s, factors, variance, pairs, (), dof, probability
     )

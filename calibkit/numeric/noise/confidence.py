@@ -26,6 +26,8 @@ Greenhall 2004).
 """
 FEWEST_MEANS = 6
 """Block means below which their variance shows no noise type either."""
+FREQUENCIES = 2000
+"""Points of the logarithmic frequency grid that correlations of wavelet details are found on."""
 MOST_MEANS = 1 << 16
 """Block means, from the middle of the record, that the noise type is read from."""
 
@@ -148,6 +150,34 @@ def _phase_noise_dof(factor: int, runs: Integers) -> float:
     weight = np.array([1.0, 2.0, 2.0]) * np.array([1.0, -4.0 / 6.0, 1.0 / 6.0]) ** 2
     shared = weight @ np.maximum(lengths - lags[:, None], 0.0) @ many
     return float((lengths @ many) ** 2 / shared)
+
+
+def wavelet_correlation(low: Array, high: Array, factor: int) -> float:
+    """Sum over all lags of the squared correlations of wavelet details, by which their number is
+    divided to give degrees of freedom: the largest that a noise type of `TYPES` has.
+
+    Parameters
+    ----------
+    low, high : [k] taps of the wavelet's decomposition filters.
+    factor : averaging factor 2^(j − 1) of level j.
+
+    Notes
+    -----
+    ∫S² dν / (∫S dν)² by Parseval, S the spectrum of the noise behind the filters of the level.
+    """
+    nu = np.geomspace(1e-3 / factor, 0.5, FREQUENCIES)
+    step = nu * np.log(nu[1] / nu[0])
+    step[[0, -1]] /= 2.0
+    gain = _response(high, factor * nu)
+    for below in range(factor.bit_length() - 1):
+        gain *= _response(low, 2**below * nu)
+    spectra = gain * np.sin(np.pi * nu) ** np.arange(2.0, -3.0, -1.0)[:, None]
+    return float(np.max(spectra**2 @ step / (2.0 * (spectra @ step) ** 2)))
+
+
+def _response(taps: Array, nu: Array) -> Array:
+    """Squared magnitude [f] of a filter's frequency response, taps [k], cycles per sample [f]."""
+    return np.asarray(np.abs(taps @ np.exp(-2j * np.pi * np.outer(np.arange(taps.size), nu))) ** 2)
 
 
 def chi_square_limits(deviation: Array, dof: Array, probability: float) -> tuple[Array, Array]:
