@@ -59,7 +59,9 @@ class Component:
 
     @property
     def name(self) -> str:
-        """Its name in messages: "soak-to-soak zero"."""
+        """Its name in messages: "soak-to-soak zero", "tilt of the table"."""
+        if self.groups == 1:
+            return f"{self.effect} of the {self.group}"
         return f"{self.group}-to-{self.group} {self.effect}"
 
 

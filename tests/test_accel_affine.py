@@ -13,7 +13,13 @@ from scipy.stats import t
 
 from calibkit.errors import FitError
 from calibkit.instruments.accelerometer import fit as accelerometer_fit
-from calibkit.instruments.accelerometer.numeric import affine, affine_model, k_factor, q_factor
+from calibkit.instruments.accelerometer.numeric import (
+    affine,
+    affine_model,
+    affine_solve,
+    k_factor,
+    q_factor,
+)
 from calibkit.instruments.accelerometer.numeric.affine_model import AffineTerms
 from calibkit.numeric import attitude
 
@@ -76,7 +82,7 @@ def tilted_and_turned(entries, values):
     """What the triad is really exposed to when table base and fixture are crooked."""
     tilt, turn = kind(entries, values, "tilt"), kind(entries, values, "fixture")
     down = np.array([*tilt, 1.0]) / np.linalg.norm([*tilt, 1.0])
-    return (ROTATION @ down) @ affine._rotation(turn)
+    return (ROTATION @ down) @ affine_solve._rotation(turn)
 
 
 def scores(fitted, truth):
@@ -147,15 +153,15 @@ def test_nuisance_rotations_are_rotations():
     is exact.
     """
     for vector in ([0.0, 0.0, 0.0], [1e-9, 0.0, 0.0], [0.3, -0.2, 0.5], [1.0, 2.0, -1.5]):
-        matrix = affine._rotation(np.array(vector))
+        matrix = affine_solve._rotation(np.array(vector))
         np.testing.assert_allclose(matrix, Rotation.from_rotvec(vector).as_matrix(), atol=1e-14)
     tilt = np.array([0.2, -0.1])
     tool = ROTATION[:5]
     numeric = q_factor.differentiate(
-        lambda at: affine._tilted_gravity(tool, at)[0].ravel(), tilt, scale=np.ones(2)
+        lambda at: affine_solve._tilted_gravity(tool, at)[0].ravel(), tilt, scale=np.ones(2)
     )
     np.testing.assert_allclose(
-        affine._tilted_gravity(tool, tilt)[1].reshape(15, 2), numeric, atol=1e-9
+        affine_solve._tilted_gravity(tool, tilt)[1].reshape(15, 2), numeric, atol=1e-9
     )
 
 
@@ -236,7 +242,7 @@ def test_fixture_angles_come_out_however_crooked_the_triad():
     entries = terms.list_entries(triangular=True)
     truth = drawn(entries, 4)
     truth[-3:] = [0.05, -0.12, 0.2]
-    exact = indications(entries, truth, REFERENCE @ affine._rotation(truth[-3:]))
+    exact = indications(entries, truth, REFERENCE @ affine_solve._rotation(truth[-3:]))
     fitted = affine.fit(exact, TEMPERATURE, REFERENCE, terms=terms)
     np.testing.assert_allclose(fitted.coefficients[-3:], truth[-3:], atol=1e-10)
 

@@ -28,8 +28,8 @@ class DwellSet:
     [n, °], weights.
 
     Angles are NaN where the reference is the magnitude alone; `noise` [n, 3, g] is the standard
-    error of each mean, NaN where a dwell is one row; `log` [n] counts the logs, `place` says where
-    each dwell came from.
+    error of each mean, NaN where a dwell is one row; `time` [n, s] is that of the log, NaN where it
+    has none; `log` [n] counts the logs, `place` says where each dwell came from.
     """
 
     indication: Array
@@ -37,6 +37,7 @@ class DwellSet:
     inclination: Array
     toolface: Array
     noise: Array
+    time: Array
     log: Integers
     place: tuple[str, ...]
     flags: tuple[str, ...]
@@ -63,14 +64,10 @@ class DwellSet:
     def without(self, rows: Iterable[int], flags: Iterable[str] = ()) -> "DwellSet":
         """Dwells without those at the rows, with further flags."""
         keep = np.setdiff1d(np.arange(len(self.place)), list(rows))
+        arrays = ("indication", "temperature", "inclination", "toolface", "noise", "time", "log")
         return replace(
             self,
-            indication=self.indication[keep],
-            temperature=self.temperature[keep],
-            inclination=self.inclination[keep],
-            toolface=self.toolface[keep],
-            noise=self.noise[keep],
-            log=self.log[keep],
+            **{name: getattr(self, name)[keep] for name in arrays},
             place=tuple(self.place[k] for k in keep),
             flags=(*self.flags, *flags),
         )
@@ -171,6 +168,7 @@ def collect_dwells(logs: Sequence[Log], spec: AccelerometerRecipe) -> DwellSet:
         np.concatenate([part.inclination for part in parts]),
         np.concatenate([part.toolface for part in parts]),
         np.concatenate([part.noise for part in parts]),
+        np.concatenate([part.time for part in parts]),
         np.concatenate(
             [np.full(len(part.place), number, dtype=np.int64) for number, part in enumerate(parts)]
         ),
@@ -214,6 +212,7 @@ def read_row_dwells(log: Log, spec: AccelerometerRecipe) -> DwellSet:
         optional_column(log, "inclination_deg"),
         optional_column(log, "toolface_deg"),
         np.full((count, 3), np.nan),
+        np.asarray(optional_column(log, "time_s")),
         np.zeros(count, dtype=np.int64),
         tuple(f"{log.file}:{log.line(row)}" for row in range(count)),
         tuple(f"{log.file}: {note}" for note in log.notes),
@@ -242,6 +241,7 @@ def _read_series_dwells(log: Log, spec: AccelerometerRecipe) -> DwellSet:
         chunks.take_rows(optional_column(log, "inclination_deg"), middle),
         chunks.take_rows(optional_column(log, "toolface_deg"), middle),
         means.standard_error[:, :3],
+        chunks.take_rows(time, middle),
         np.zeros(len(intervals), dtype=np.int64),
         tuple(f"{log.file}:{log.line(a)}-{log.line(b - 1)}" for a, b in intervals.tolist()),
         (

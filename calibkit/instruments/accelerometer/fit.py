@@ -11,12 +11,21 @@ from calibkit.coefficients import Figure, Model, Parameter
 from calibkit.errors import FitError
 from calibkit.forms import Form
 from calibkit.instruments.accelerometer import forms, robust_choice
+from calibkit.instruments.accelerometer.circumstances import SHARED_UNITS, refine_with
 from calibkit.instruments.accelerometer.dwells import DwellSet
-from calibkit.instruments.accelerometer.numeric import affine, k_factor, magnitude, q_factor
-from calibkit.instruments.accelerometer.numeric.affine import AffineFit
+from calibkit.instruments.accelerometer.numeric import (
+    affine,
+    k_factor,
+    k_together,
+    magnitude,
+    magnitude_together,
+    q_factor,
+)
 from calibkit.instruments.accelerometer.numeric.affine_model import AffineTerms
+from calibkit.instruments.accelerometer.numeric.affine_solve import AffineFit
 from calibkit.instruments.accelerometer.numeric.dwell_fit import DwellFit
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
+from calibkit.recipe.shared_errors import list_components, warn_of_few_groups
 
 LEAST_GROUPS = 12
 """Fewest logs for a leave-one-log-out covariance: with six sweeps it was five times too small in
@@ -63,9 +72,11 @@ def fit_triad(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
         terms=_affine_terms(spec),
         weights=dwells.weights,
         tool_rotation=rotation,
+        refine=refine_with(dwells, spec, affine=True),
     )
     off = dwells.indication - dwells.reference
     found, flags = robust_choice.choose(affine_fit, spec.loss, ["affine"], [off])
+    flags += (*found.flags, *warn_of_few_groups(found.components))
     model, q = _affine_models(found, dwells, spec)
     flags += (*_name_suspects("affine", found, dwells), *_name_common("affine", found, dwells))
     left_out = of_axes.left_out.union(found.left_out)
@@ -84,33 +95,41 @@ def _fit_k(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
             ),
         )
     k_fit = partial(
-        k_factor.fit,
+        k_together.fit,
         dwells.indication,
         dwells.temperature,
         dwells.reference,
         terms=[k_factor.KTerms(a.scale_order, a.zero_order, a.cross) for a in spec.k.axes],
         weights=dwells.weights,
         groups=dwells.log if by_log else None,
+        refine=refine_with(dwells, spec),
     )
     off = (dwells.indication - dwells.reference).T
     axes, flags = robust_choice.choose(k_fit, spec.loss, forms.K_MODELS, list(off))
-    models, not_fitted = [], []
+    flags += (*axes[0].flags, *warn_of_few_groups(axes[0].components))
     for name, axis in zip(forms.K_MODELS, axes, strict=True):
-        scaled = zip(k_factor.NAMES, axis.mapped_coefficients.tolist(), strict=True)
-        mapping = (
-            Parameter("middle", axis.middle, "degC"),
-            Parameter("half", axis.half, "degC"),
-            *(Parameter(f"scaled_{k}", value, "1") for k, value in scaled),
-        )
-        named = k_factor.NAMES, axis.coefficients, forms.K_UNITS
-        models.append(_model(forms.K, name, named, axis.covariance, axis, dwells, mapping))
         flags += _name_suspects(name, axis, dwells)
         flags += _name_common(name, axis, dwells)
-        missing = [k for number, k in enumerate(k_factor.NAMES) if number not in axis.fitted]
-        if missing:
-            not_fitted.append(f"{name}: {', '.join(missing)} not fitted, taken as 0")
+    not_fitted = [
+        f"{name}: {', '.join(missing)} not fitted, taken as 0"
+        for name, axis in zip(forms.K_MODELS, axes, strict=True)
+        if (missing := [k for n, k in enumerate(k_factor.NAMES) if n not in axis.fitted])
+    ]
     left_out = frozenset(dwell for axis in axes for dwell in axis.left_out)
-    return TriadFit(tuple(models), flags, tuple(not_fitted), left_out=left_out)
+    models = tuple(map(partial(_k_model, dwells), forms.K_MODELS, axes))
+    return TriadFit(models, flags, tuple(not_fitted), left_out=left_out)
+
+
+def _k_model(dwells: DwellSet, name: str, axis: k_factor.KAxis) -> Model:
+    """K model of an axis, with its coefficients in scaled temperature."""
+    scaled = zip(k_factor.NAMES, axis.mapped_coefficients.tolist(), strict=True)
+    mapping = (
+        Parameter("middle", axis.middle, "degC"),
+        Parameter("half", axis.half, "degC"),
+        *(Parameter(f"scaled_{k}", value, "1") for k, value in scaled),
+    )
+    named = k_factor.NAMES, axis.coefficients, forms.K_UNITS
+    return _model(forms.K, name, named, axis.covariance, axis, dwells, mapping, axis.effective_dof)
 
 
 def _fit_lengths(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
@@ -119,14 +138,8 @@ def _fit_lengths(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
     """
     noise = None if dwells.weights is None else np.sqrt(np.mean(dwells.noise**2, axis=1))
     off = np.linalg.norm(dwells.indication, axis=1) - 1.0
-    intervals: tuple[Figure, ...] = ()
-    if spec.reference.solver == "lmfit":
-        found, intervals, flags = _fit_bounded(dwells, noise)
-    else:
-        length_fit = partial(magnitude.fit, dwells.indication, 1.0, noise=noise)
-        found, flags = robust_choice.choose(length_fit, spec.loss, ["magnitude"], [off])
+    found, intervals, flags = _fit_constant(dwells, spec, noise, off)
     flags += tuple(f"magnitude: {flag}" for flag in found.flags)
-    flags += _name_suspects("magnitude", found, dwells)
     over_temperature: AffineFit | None = None
     if spec.affine.enabled:
         affine_fit = partial(
@@ -136,15 +149,17 @@ def _fit_lengths(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
             1.0,
             terms=_affine_terms(spec),
             weights=None if noise is None else 1.0 / noise**2,
+            refine=refine_with(dwells, spec, affine=True),
         )
         over_temperature, more = robust_choice.choose(affine_fit, spec.loss, ["affine"], [off])
         model, q = _affine_models(over_temperature, dwells, spec)
-        flags += (*more, *_name_suspects("affine", over_temperature, dwells))
+        flags += (*more, *over_temperature.flags)
+        flags += warn_of_few_groups(over_temperature.components)
+        flags += _name_suspects("affine", over_temperature, dwells)
         flags += _name_common("affine", over_temperature, dwells)
     else:
-        angles = found.parameters[6:9], found.covariance[6:9, 6:9]
-        at = float(dwells.temperature.mean())
-        model, q = _triad_models(*found.as_affine(), found, angles, at, dwells)
+        model, q = _constant_models(found, dwells)
+        flags += _name_suspects("magnitude", found, dwells)
     return TriadFit(
         q=q,
         affine=model,
@@ -152,6 +167,26 @@ def _fit_lengths(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
         intervals=intervals,
         left_out=frozenset((over_temperature or found).left_out),
     )
+
+
+def _fit_constant(
+    dwells: DwellSet, spec: AccelerometerRecipe, noise: Array | None, off: Array
+) -> tuple[magnitude.MagnitudeFit, tuple[Figure, ...], tuple[str, ...]]:
+    """Magnitude-only fit that knows no temperature, the ends of its 95 % intervals by lmfit, and
+    its flags; `off` are the lengths [n] less 1 g.
+    """
+    if spec.reference.solver == "lmfit":
+        return _fit_bounded(dwells, noise)
+    length_fit = partial(
+        magnitude_together.fit,
+        dwells.indication,
+        1.0,
+        noise=noise,
+        # over temperature the affine fit stands in the files
+        refine=None if spec.affine.enabled else refine_with(dwells, spec),
+    )
+    found, flags = robust_choice.choose(length_fit, spec.loss, ["magnitude"], [off])
+    return found, (), (*flags, *warn_of_few_groups(found.components))
 
 
 def _fit_bounded(
@@ -223,28 +258,40 @@ def _affine_models(
     """
     low, high = dwells.valid[forms.TEMPERATURE]
     at = float(np.clip(spec.reference_temp_degc, low, high))
-    named = found.names, found.coefficients, found.covariance
-    return _triad_models(*named, found, found.evaluate_q(at), at, dwells)
+    named = found.names, found.coefficients, found.covariance, found.effective_dof
+    angles = (*found.evaluate_q(at), found.q_dof(at))
+    return _triad_models(*named, found, angles, at, dwells)
+
+
+def _constant_models(found: magnitude.MagnitudeFit, dwells: DwellSet) -> tuple[Model, Model]:
+    """Affine and Q model of a fit that knows no temperature, at the mean of the dwells."""
+    own = None if found.effective_dof is None else found.effective_dof[6:9]
+    angles = found.parameters[6:9], found.covariance[6:9, 6:9], own
+    affine_dof = None if found.mixed is None else found.mixed.effective_dof
+    at = float(dwells.temperature.mean())
+    return _triad_models(*found.as_affine(), affine_dof, found, angles, at, dwells)
 
 
 def _triad_models(
     names: Sequence[str],
     values: Array,
     covariance: Array,
+    effective_dof: Array | None,
     found: DwellFit,
-    angles: tuple[Array, Array],
+    angles: tuple[Array, Array, Array | None],
     temperature: float,
     dwells: DwellSet,
 ) -> tuple[Model, Model]:
     """Model of affine parameters in powers of °C, and model of Q1, Q2, Q3 [3, rad] with their
-    covariance [3, 3] at a temperature [°C]; both hold the residual of the fit.
+    covariance [3, 3] and degrees of freedom at a temperature [°C]; both hold the residual of the
+    fit.
     """
     named = names, values, [forms.affine_unit(name) for name in names]
     small = q_factor.NAMES, angles[0], ("rad",) * 3
     at = (Parameter("temperature", temperature, "degC"),)
     return (
-        _model(forms.AFFINE, "triad", named, covariance, found, dwells),
-        _model(forms.Q, "triad", small, angles[1], found, dwells, at),
+        _model(forms.AFFINE, "triad", named, covariance, found, dwells, (), effective_dof),
+        _model(forms.Q, "triad", small, angles[1], found, dwells, at, angles[2]),
     )
 
 
@@ -256,6 +303,7 @@ def _model(
     found: DwellFit,
     dwells: DwellSet,
     parameters: tuple[Parameter, ...] = (),
+    effective_dof: Array | None = None,
 ) -> Model:
     """Model of a form from the names, values and units of its coefficients, the residual of the fit
     and the temperature range of the dwells.
@@ -270,6 +318,8 @@ def _model(
         residual_unit="g",
         valid=dwells.valid,
         parameters=parameters,
+        effective_dof=effective_dof,
+        components=list_components(found.components, SHARED_UNITS),
     )
 
 

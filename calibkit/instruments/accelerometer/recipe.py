@@ -81,6 +81,7 @@ class AccelerometerRecipe(Recipe):
     """Dwells of a triaxial accelerometer at attitudes and temperatures."""
 
     along_chunks: ClassVar[bool] = True
+    error_groups: ClassVar[tuple[str, ...]] = ("soak", "session", "attitude", "table", "sensor")
 
     procedure: Literal["accelerometer"]
     reference: _Reference = _Reference()

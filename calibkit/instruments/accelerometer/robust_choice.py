@@ -10,7 +10,7 @@ import numpy as np
 from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.instruments.accelerometer.numeric import k_factor, magnitude
-from calibkit.instruments.accelerometer.numeric.affine import AffineFit
+from calibkit.instruments.accelerometer.numeric.affine_solve import AffineFit
 from calibkit.instruments.accelerometer.numeric.dwell_fit import DwellFit, MappedFit
 from calibkit.instruments.accelerometer.numeric.magnitude import MagnitudeFit
 from calibkit.numeric import gum

@@ -31,6 +31,22 @@ def tabulate_fit(fitted: TriadFit) -> list[Table]:
             for c in fitted.q.coefficients
         )
         tables.append(Table(title, ("", "small-angle"), rows))
+    models = {"K": fitted.k[0] if fitted.k else None, "affine": fitted.affine}
+    shared = tuple(
+        (
+            f"{name}: {one.name}",
+            number(one.value, 2),
+            number(one.standard_uncertainty, 2),
+            one.unit,
+            str(one.groups),
+        )
+        for name, model in models.items()
+        if model is not None
+        for one in model.components
+    )
+    if shared:
+        heads = ("", "standard deviation", "standard uncertainty", "unit", "groups")
+        tables.append(Table("Errors that dwells share", heads, shared))
     return tables
 
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers
+from calibkit.arrays import Array, Integers, Mask
 from calibkit.errors import FitError
 from calibkit.numeric.least_squares import fit as least_squares
 from calibkit.numeric.least_squares.restricted import Prior, Reduced, Solution
@@ -34,6 +34,8 @@ class Known:
     """[unit of the indication, or per unit of the loading]."""
     dof: float = float("inf")
     """Degrees of freedom of the value; infinite where it is taken as exact."""
+    bound: bool = False
+    """Whether the value is merely larger than the error can be: then it is no result."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,9 +53,13 @@ class Effect:
     known: Known | None = None
 
     @property
-    def name(self) -> str:
-        """Name of the effect in messages."""
-        return f"{self.group}-to-{self.group} {self.effect}"
+    def width(self) -> int:
+        """Effects of one level."""
+        return 1 if self.loading.ndim == 1 else self.loading.shape[1]
+
+    def of_rows(self, rows: Mask) -> "Effect":
+        """The effect on some of the rows [n]."""
+        return Effect(self.group, self.effect, self.labels[rows], self.loading[rows], self.known)
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +76,8 @@ class Component:
     """Levels less what the coefficients take from them; 0 where the data cannot tell the effect
     from the coefficients.
     """
+    known: bool
+    """Whether its size was stated or pooled, not estimated alone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +94,10 @@ class MixedFit:
     """Standard deviation of the errors that are not shared, for a row of weight 1."""
     condition: float
     components: tuple[Component, ...]
+    deviance: float
+    """−2 × restricted log-likelihood, for fits of the same design to the same rows."""
+    predicted: tuple[Array, ...]
+    """Shared errors [levels, k] of each effect, as the rows show them."""
     _solution: Solution
 
     @property
@@ -97,6 +109,17 @@ class MixedFit:
     def effective_dof(self) -> Array:
         """Effective degrees of freedom [p] of the coefficients."""
         return self.effective_dof_of(np.eye(len(self.coefficients)))
+
+    def shared(self, effects: Sequence[Effect]) -> Array:
+        """Shared errors [m] of any rows of the same effects; 0 for a level that the fit has not
+        seen.
+        """
+        total = np.zeros(len(effects[0].labels)) if effects else np.zeros(1)
+        for effect, part in zip(effects, self.predicted, strict=True):
+            seen = (effect.labels >= 0) & (effect.labels < len(part))
+            loading = effect.loading.reshape(len(total), -1)[seen]
+            total[seen] += np.sum(loading * part[effect.labels[seen]], axis=1)
+        return total
 
     def effective_dof_of(self, combinations: Array) -> Array:
         """Effective degrees of freedom [m] of combinations [m, p] of the coefficients: 2 v²/var(v)
@@ -148,7 +171,7 @@ def fit(
     dof = [0 if exact else reduced.degrees(g) for g in range(len(effects))]
     priors = [_prior(effect, rank) for effect, rank in zip(effects, dof, strict=True)]
     found = reduced.solve(plain.coefficients, priors)
-    levels = [block.shape[1] // _width(e) for block, e in zip(blocks, effects, strict=True)]
+    levels = [block.shape[1] // e.width for block, e in zip(blocks, effects, strict=True)]
     return MixedFit(
         coefficients=found.coefficients,
         covariance=found.covariance,
@@ -157,6 +180,11 @@ def fit(
         residual_rms=float(np.sqrt(found.variances[0] * len(root) / np.sum(root**2))),
         condition=plain.condition,
         components=_components(effects, levels, dof, found),
+        deviance=reduced.deviance(priors, found.variances),
+        predicted=tuple(
+            found.shared[reduced.member == g].reshape(-1, effect.width)
+            for g, effect in enumerate(effects)
+        ),
         _solution=found,
     )
 
@@ -175,10 +203,12 @@ def _components(
             float(u / (2.0 * np.sqrt(theta)) if theta > u else np.sqrt(u)),
             count,
             degrees,
+            effect.known is not None,
         )
         for effect, count, degrees, theta, u in zip(
             effects, levels, dof, variances, spread, strict=True
         )
+        if effect.known is None or not effect.known.bound
     )
 
 
@@ -194,16 +224,11 @@ def _prior(effect: Effect, degrees: int) -> Prior:
     return Prior() if degrees else Prior(0.0, np.inf)
 
 
-def _width(effect: Effect) -> int:
-    """Effects of one level."""
-    return 1 if effect.loading.ndim == 1 else effect.loading.shape[1]
-
-
 def _spread(effect: Effect) -> Any:  # noqa: ANN401 (a sparse array)
     """Sparse loadings [n, levels · k] of an effect; the k effects of a level stand side by side."""
     from scipy import sparse
 
-    width, rows = _width(effect), np.flatnonzero(effect.labels >= 0)
+    width, rows = effect.width, np.flatnonzero(effect.labels >= 0)
     columns = effect.labels[rows, None] * width + np.arange(width)
     return sparse.csr_array(
         (effect.loading[rows].ravel(), (np.repeat(rows, width), columns.ravel())),

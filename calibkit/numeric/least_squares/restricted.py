@@ -16,9 +16,10 @@ ITERATIONS = 60
 HALVINGS = 30
 TOLERANCE = 1e-9
 """Change of the deviance that ends the iteration."""
-DETERMINED = 1e-9
-"""Share of an effect's own length that must be left beside the coefficients for a level to count.
-"""
+DETERMINED = 1e-6
+"""Share of an effect's square that must be left beside the coefficients for a level to count."""
+LEAST_NOISE = 1e-10
+"""Share of the residual variance below which the variance of the noise is not sought."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,15 +109,15 @@ class Reduced:
     def _ascend(self, priors: Sequence[Prior], variances: Array) -> tuple[float, Array]:
         """Deviance and variances [1 + g] where Fisher's scoring from a start ends."""
         free = _free(priors)
-        deviance = self._deviance(priors, variances)
+        deviance = self.deviance(priors, variances)
         for _ in range(ITERATIONS):
             score, information = self._information(priors, variances)
             moved = free & ((variances > 0.0) | (score > 0.0))
             step = np.where(moved, _inverse(information, moved) @ np.where(moved, score, 0.0), 0.0)
             for halving in range(HALVINGS):
                 tried = np.maximum(variances + step * 0.5**halving, 0.0)
-                tried[0] = max(tried[0], 0.1 * variances[0])
-                reached = self._deviance(priors, tried)
+                tried[0] = max(tried[0], 0.1 * variances[0], LEAST_NOISE * self.square / self.spare)
+                reached = self.deviance(priors, tried)
                 if reached <= deviance:
                     break
             else:
@@ -133,7 +134,7 @@ class Reduced:
         solved = np.linalg.solve(inner, np.column_stack([self.between, self.target]))
         return ratio, solved[:, :-1], solved[:, -1]
 
-    def _deviance(self, priors: Sequence[Prior], variances: Array) -> float:
+    def deviance(self, priors: Sequence[Prior], variances: Array) -> float:
         """−2 × logarithm of the likelihood, up to a constant."""
         ratio, _, u = self._solve(variances)
         logarithm = np.linalg.slogdet(np.eye(len(ratio)) + self.between * ratio)[1]

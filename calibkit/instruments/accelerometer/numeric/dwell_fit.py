@@ -6,6 +6,7 @@ import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.instruments.accelerometer.numeric.common_errors import CommonError
+from calibkit.numeric.least_squares.components import Component, MixedFit
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,6 +30,17 @@ class DwellFit:
     residual_rms: float
     """Root of the sum of squares over the degrees of freedom [unit of the reference]."""
     condition: float
+    effective_dof: Array | None = None
+    """[p], of the parameters; None: `dof`."""
+    mixed: MixedFit | None = None
+    """The last step with errors that dwells share, in the parameters of the solver."""
+    flags: tuple[str, ...] = ()
+    """Reasons to doubt the fit."""
+
+    @property
+    def components(self) -> tuple[Component, ...]:
+        """Errors that dwells share."""
+        return () if self.mixed is None else self.mixed.components
 
     @property
     def standard_uncertainty(self) -> Array:

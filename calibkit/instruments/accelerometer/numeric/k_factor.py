@@ -66,7 +66,7 @@ class KTerms:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _KAxis(MappedFit):
+class KAxis(MappedFit):
     """Fit of K0 … K9 of one axis, zero where not fitted; residuals [n] are reference minus
     corrected component.
     """
@@ -103,7 +103,7 @@ def fit(
     weights: Array | None = None,
     loss: Literal["least_squares", "robust"] = "least_squares",
     groups: Integers | None = None,
-) -> tuple[_KAxis, _KAxis, _KAxis]:
+) -> tuple[KAxis, KAxis, KAxis]:
     """Fit K0 … K9 of the three axes.
 
     Parameters
@@ -198,7 +198,7 @@ def _fit_axis(
     loss: Literal["least_squares", "robust"],
     groups: Integers | None,
     held: tuple[float, float],
-) -> _KAxis:
+) -> KAxis:
     """Fit the K of one axis in mapped temperature; `held` is the middle and half-width of the
     temperature range [°C].
     """
@@ -212,7 +212,7 @@ def _fit_axis(
             weights=weight,
             names=names,
         )
-        return _in_degrees(result, result.covariance, None, result.dof, numbers, held)
+        return in_degrees(result, result.covariance, None, result.dof, numbers, held)
     tough: robust.RobustFit | None = None
     row_weights = np.ones(len(mapped)) if weight is None else weight
     design = columns(indication, mapped, axis, numbers)
@@ -230,17 +230,17 @@ def _fit_axis(
         )
         # attitudes determine four coefficients: as many degrees of freedom fewer than groups
         dof = min(dof, max(len(np.unique(groups)) - 4, 1))
-    return _in_degrees(result, covariance, tough, dof, numbers, held)
+    return in_degrees(result, covariance, tough, dof, numbers, held)
 
 
-def _in_degrees(
+def in_degrees(
     result: least_squares.LinearFit,
     covariance: Array,
     tough: robust.RobustFit | None,
     dof: int,
     numbers: tuple[int, ...],
     held: tuple[float, float],
-) -> _KAxis:
+) -> KAxis:
     """Convert a fit in mapped temperature to powers of °C, in extended precision because K3 and K7
     lose digits in double precision.
     """
@@ -251,7 +251,7 @@ def _in_degrees(
     to_raw[:4, :4] = to_raw[4:8, 4:8] = polynomial.to_raw_powers(*held, 3)
     raw, raw_covariance = polynomial.in_raw_powers(mapped, mapped_covariance, to_raw)
     suspects, left_out = common_errors.find_suspects(tough)
-    return _KAxis(
+    return KAxis(
         fitted=numbers,
         coefficients=raw,
         covariance=raw_covariance,

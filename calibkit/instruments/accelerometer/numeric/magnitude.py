@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from calibkit.arrays import Array
+from calibkit.arrays import Array, Mask
 from calibkit.errors import FitError
 from calibkit.instruments.accelerometer.numeric import common_errors, profile, q_factor
 from calibkit.instruments.accelerometer.numeric.dwell_fit import DwellFit
@@ -57,8 +57,6 @@ class MagnitudeFit(DwellFit):
     """k [indication per g unit], b [indication], Q [rad]: [9]."""
     leverage: Array
     """[n], leverage (diagonal of the hat matrix): near 1, no other dwell checks this one."""
-    flags: tuple[str, ...]
-    """Reasons to doubt the fit; empty when there are none."""
 
     @property
     def half_width(self) -> Array:
@@ -79,9 +77,9 @@ class MagnitudeFit(DwellFit):
         """Names, values [9] and covariance [9, 9] of the equivalent affine parameters."""
         parameters = self.parameters
         scale = np.maximum(np.abs(parameters), 1e-3)
-        slopes = q_factor.differentiate(_to_triangle, parameters, scale=scale)
+        slopes = q_factor.differentiate(to_triangle, parameters, scale=scale)
         names = (*(f"m_{'xyz'[i]}{'xyz'[j]}0" for i, j in LOWER), "b_x0", "b_y0", "b_z0")
-        return names, _to_triangle(parameters), slopes @ self.covariance @ slopes.T
+        return names, to_triangle(parameters), slopes @ self.covariance @ slopes.T
 
 
 def _correction_matrix(parameters: Array) -> Array:
@@ -123,23 +121,23 @@ def fit(
     def residuals(parameters: Array, rows: slice) -> tuple[Array, Array]:
         return length_residuals(parameters, indication[rows], gravity, root[rows])
 
-    begin = _to_triangle(fit_sphere(indication, gravity))
+    begin = to_triangle(fit_sphere(indication, gravity))
     near = gauss_newton.fit_some_rows(residuals, begin, len(indication), enough=ENOUGH_TO_START)
     found = gauss_newton.fit(
-        residuals, near, len(indication), names=_TRIANGLE_NAMES, weakest=WEAKEST
+        residuals, near, len(indication), names=TRIANGLE_NAMES, weakest=WEAKEST
     )
     if loss == "robust":
         triangle, tough = robust.nonlinear(
             lambda at: length_residuals(at, indication, gravity, root),
             found.parameters,
-            names=_TRIANGLE_NAMES,
+            names=TRIANGLE_NAMES,
         )
-        return _complete_fit(
+        return complete_fit(
             *(triangle, tough.fit.covariance, indication, gravity, root),
             (tough.fit.condition, tough),
         )
     inverse = found.normal_inverse * _variance(found.square, found.dof, absolute=noise is not None)
-    return _complete_fit(
+    return complete_fit(
         *(found.parameters, inverse, indication, gravity, root),
         (found.condition, None),
         found.normal_inverse,
@@ -175,14 +173,14 @@ def fit_bounded(
     begin = fit_sphere(indication, gravity)
     problem = _bounded(begin, indication, gravity, root)
     parameters, square = problem.minimize(begin)
-    triangle = _to_triangle(parameters)
+    triangle = to_triangle(parameters)
     jacobian = length_residuals(triangle, indication, gravity, root)[1]
     inverse = np.linalg.inv(np.linalg.qr(jacobian, mode="r"))
     dof = len(indication) - len(NAMES)
     variance = _variance(square, dof, absolute=noise is not None)
     singular = np.linalg.svd(jacobian / np.linalg.norm(jacobian, axis=0), compute_uv=False)
     solver = (float(singular[0] / singular[-1]), None)
-    fitted = _complete_fit(
+    fitted = complete_fit(
         triangle, inverse @ inverse.T * variance, indication, gravity, root, solver
     )
     # the F-test uses the residuals alone: where the stated noise is larger, the intervals are
@@ -202,12 +200,12 @@ def _bounded(about: Array, indication: Array, gravity: float, root: Array) -> pr
     reach = float(np.max(np.ptp(indication, axis=0)))
 
     def residuals(values: Array) -> Array:
-        return length_residuals(_to_triangle(values), indication, gravity, root)[0]
+        return length_residuals(to_triangle(values), indication, gravity, root)[0]
 
     def slopes(values: Array, unit: Array) -> Array:
         steps = np.concatenate([values[:3], values[:3], np.ones(3)])
-        inner = q_factor.differentiate(_to_triangle, values, scale=steps) * unit
-        return length_residuals(_to_triangle(values), indication, gravity, root)[1] @ inner
+        inner = q_factor.differentiate(to_triangle, values, scale=steps) * unit
+        return length_residuals(to_triangle(values), indication, gravity, root)[1] @ inner
 
     low = np.concatenate([about[:3] * 0.2, about[3:6] - reach, np.full(3, -LARGEST_Q)])
     high = np.concatenate([about[:3] * 5.0, about[3:6] + reach, np.full(3, LARGEST_Q)])
@@ -232,10 +230,10 @@ def fit_sphere(indication: Array, gravity: float) -> Array:
     )
 
 
-_TRIANGLE_NAMES = ("k_x", "Q3", "k_y", "Q2", "Q1", "k_z", "b_x", "b_y", "b_z")
+TRIANGLE_NAMES = ("k_x", "Q3", "k_y", "Q2", "Q1", "k_z", "b_x", "b_y", "b_z")
 
 
-def _to_triangle(parameters: Array) -> Array:
+def to_triangle(parameters: Array) -> Array:
     """Convert scale factors, bias and Q [9] to the six entries of the correction matrix and the
     bias [9].
     """
@@ -276,7 +274,7 @@ def _variance(square: float, dof: int, *, absolute: bool) -> float:
     return max(1.0, ratio) if absolute else ratio
 
 
-def _complete_fit(
+def complete_fit(
     triangle: Array,
     covariance: Array,
     indication: Array,
@@ -284,21 +282,19 @@ def _complete_fit(
     root: Array,
     solver: tuple[float, robust.RobustFit | None],
     normal_inverse: Array | None = None,
+    kept: Mask | None = None,
 ) -> MagnitudeFit:
     """MagnitudeFit from the triangle parameters and their covariance, the solver's condition number
-    and robust fit, and (JᵀJ)⁻¹ of all rows where it is known.
+    and robust fit, (JᵀJ)⁻¹ of all rows where it is known, and the rows [n] that were fitted.
     """
     condition, tough = solver
     suspects, left_out = common_errors.find_suspects(tough)
-    steps = np.concatenate(
-        [np.full(6, float(np.max(np.abs(triangle[:6])))), gravity / np.abs(triangle[[0, 2, 5]])]
-    )
-    slope = q_factor.differentiate(_from_triangle, triangle, scale=steps)
+    slope = parameter_slopes(triangle, gravity)
     parameters = _from_triangle(triangle)
     residual, leverage = _residual_and_leverage(triangle, indication, gravity, root, normal_inverse)
-    used, weight = (
-        column[tough.ratio <= robust.DOUBTFUL] if tough else column for column in (residual, root)
-    )
+    if kept is None:
+        kept = tough.ratio <= robust.DOUBTFUL if tough else np.ones(len(root), dtype=np.bool_)
+    used, weight = residual[kept], root[kept]
     dof = used.size - len(NAMES)
     square = float(np.sum(used**2) / np.sum(weight**2))
     mapped = slope @ covariance @ slope.T
@@ -314,6 +310,14 @@ def _complete_fit(
         condition=condition,
         flags=_flags(parameters, np.sqrt(np.diag(mapped)) * _t95(dof), leverage, condition, dof),
     )
+
+
+def parameter_slopes(triangle: Array, gravity: float) -> Array:
+    """Derivatives [9, 9] of scale factors, bias and Q by the triangle parameters [9]."""
+    steps = np.concatenate(
+        [np.full(6, float(np.max(np.abs(triangle[:6])))), gravity / np.abs(triangle[[0, 2, 5]])]
+    )
+    return q_factor.differentiate(_from_triangle, triangle, scale=steps)
 
 
 def _residual_and_leverage(

@@ -1,0 +1,254 @@
+"""Errors that dwells of a triad share, as effects of a least-squares fit.
+
+A soak shares a zero, an attitude the error of the table's index: these are always estimated. A
+scale factor of each soak, the tilt of the table's base, the eccentricity of its encoders and
+second-order errors of the sensors that the model lacks are kept where the likelihood asks for them.
+A zero that drifts with time is estimated wherever the log tells the time. Residuals are components
+along three axes, or lengths along gravity: each has a dwell and a direction.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibkit.arrays import Array, Integers, Mask
+from calibkit.numeric.least_squares import shared_fit
+from calibkit.numeric.least_squares.components import Effect, Known
+from calibkit.numeric.least_squares.shared_fit import SharedFit
+
+State = Callable[[Sequence[Effect], Sequence[Effect]], tuple[Sequence[Effect], Sequence[Effect]]]
+"""Effects and candidates → those of the groups that a recipe names, with what it states of them."""
+
+SAME_SOAK_DEGC = 2.0
+"""Change of temperature from a dwell to the next [°C] above which a new soak begins."""
+SAME_ATTITUDE = 5e-3
+"""Distance of reference vectors [g] below which attitudes are the same: 0.3°."""
+MOST_DWELLS = 6_000
+"""Dwells, evenly spread over more, from which shared errors are estimated."""
+SEPARATE = 1e-6
+"""Share of a drift's length that the coefficients must leave for the two to be told apart."""
+ANY_SIZE = Known(0.01, bound=True)
+"""Drift of the zero [g/h], beyond that of any sensor: the data alone tell it."""
+STEPS = 2
+"""Linearisations of a nonlinear fit that starts where ordinary least squares ended."""
+
+
+@dataclass(frozen=True, slots=True)
+class Circumstances:
+    """What n dwells have in common."""
+
+    soak: Integers
+    """[n], number of the soak."""
+    hours: Array | None
+    """[n], time since the first dwell [h]; None where the logs do not tell."""
+    gravity: Array
+    """Reference vectors [n, 3] [g], or corrected indications where attitudes are unknown."""
+    inclination: Array | None = None
+    """[n] [rad]; None where attitudes are unknown."""
+    toolface: Array | None = None
+    """[n] [rad]."""
+
+    @property
+    def attitude(self) -> Integers:
+        """Number [n] of the attitude that a dwell repeats."""
+        number = np.full(len(self.gravity), -1)
+        while (rest := np.flatnonzero(number < 0)).size:
+            apart = np.linalg.norm(self.gravity[rest] - self.gravity[rest[0]], axis=1)
+            number[rest[apart < SAME_ATTITUDE]] = number.max() + 1
+        return number
+
+    def of_dwells(self, chosen: Integers) -> "Circumstances":
+        """Circumstances of some of the dwells."""
+        fields = (self.hours, self.gravity, self.inclination, self.toolface)
+        return Circumstances(
+            self.soak[chosen],
+            *(None if field is None else field[chosen] for field in fields),  # type: ignore[arg-type]
+        )
+
+
+def number_soaks(temperature: Array, log: Integers) -> Integers:
+    """Number [n] of the soak of each dwell, from temperatures [n] [°C] in the order of the logs and
+    the number of the log [n].
+
+    A soak ends where the temperature steps or the log does. Where that leaves hardly a dwell to a
+    soak, the dwells are not in the order of the soaks: those of one level of temperature are one.
+    """
+    starts = np.diff(temperature, prepend=temperature[:1])
+    new = (np.abs(starts) > SAME_SOAK_DEGC) | (np.diff(log, prepend=log[:1]) != 0)
+    soak = np.cumsum(new)
+    if 3 * (soak[-1] + 1) <= len(soak):
+        return soak
+    order = np.argsort(temperature, kind="stable")
+    level = np.empty(len(order), dtype=np.int64)
+    level[order] = np.cumsum(np.diff(temperature[order], prepend=-np.inf) > SAME_SOAK_DEGC)
+    return np.asarray(np.unique(level, return_inverse=True)[1]).reshape(-1)
+
+
+@dataclass(frozen=True, slots=True)
+class Residuals:
+    """Where the residuals [m] of a fit to dwells point."""
+
+    dwell: Integers
+    """[m], number of the dwell."""
+    direction: Array
+    """Unit vectors [m, 3]: a component, or along gravity for a length."""
+    channel: Integers
+    """[m], sensors with a noise of their own."""
+
+    @classmethod
+    def of_components(cls, dwells: int) -> "Residuals":
+        """Residuals of three components, dwell by dwell."""
+        axis = np.tile(np.arange(3), dwells)
+        return cls(np.repeat(np.arange(dwells), 3), np.eye(3)[axis], axis)
+
+    @classmethod
+    def of_lengths(cls, corrected: Array) -> "Residuals":
+        """Residuals of the lengths of corrected vectors [n, 3]."""
+        count = len(corrected)
+        unit = corrected / np.linalg.norm(corrected, axis=1)[:, None]
+        return cls(np.arange(count), unit, np.zeros(count, dtype=np.int64))
+
+    @property
+    def per_dwell(self) -> int:
+        """Residuals of one dwell."""
+        return 3 if self.channel.any() else 1
+
+    def along(self, slopes: Array) -> Array:
+        """Derivatives [m, k] of the residuals from those [n, 3, k] of the reference vectors."""
+        return np.asarray(np.einsum("mi,mik->mk", self.direction, slopes[self.dwell]))
+
+
+def list_effects(where: Circumstances, at: Residuals) -> tuple[Effect, ...]:
+    """Effects that the residuals can show: zeros of the soaks, index errors of the attitudes, and
+    where the time is known, a drift of the zeros.
+    """
+    one = np.tile(np.eye(3), (len(where.soak), 1, 1))
+    found = [Effect("soak", "zero", where.soak[at.dwell], at.along(one))]
+    if where.hours is not None:
+        session = np.zeros(len(at.dwell), dtype=np.int64)
+        drift = at.along(one * (where.hours - where.hours.mean())[:, None, None])
+        found.append(Effect("session", "drift", session, drift, ANY_SIZE))
+    if where.inclination is not None and where.toolface is not None:
+        up, across = _angle_slopes(where.inclination, where.toolface)
+        index = np.stack([up, across], axis=2)
+        found.append(Effect("attitude", "index", where.attitude[at.dwell], at.along(index)))
+    return tuple(found)
+
+
+def list_candidates(where: Circumstances, at: Residuals) -> tuple[Effect, ...]:
+    """Effects of the equipment and the sensors that are kept where the likelihood asks for them."""
+    diagonal = np.eye(3) * where.gravity[:, None, :]
+    tried = [("soak", "scale", where.soak, diagonal)]
+    every = np.zeros(len(where.soak), dtype=np.int64)
+    tried.append(("sensor", "second order", every, diagonal * where.gravity[:, None, :]))
+    if where.inclination is not None and where.toolface is not None:
+        tilt, turn = where.inclination, where.toolface
+        up, across = _angle_slopes(tilt, turn)
+        around = across * np.sin(tilt)[:, None]
+        eccentric = [up * f(tilt)[:, None] for f in (np.sin, np.cos)]
+        eccentric += [around * f(turn)[:, None] for f in (np.sin, np.cos)]
+        tried += [
+            ("table", "tilt", every, np.stack([up, across], axis=2)),
+            ("table", "eccentricity", every, np.stack(eccentric, axis=2)),
+        ]
+    return tuple(
+        Effect(group, effect, labels[at.dwell], at.along(slopes))
+        for group, effect, labels, slopes in tried
+    )
+
+
+def _angle_slopes(inclination: Array, toolface: Array) -> tuple[Array, Array]:
+    """Unit vectors [n, 3] in which gravity moves with inclination, and at right angles to it."""
+    sine, cosine = np.sin(toolface), np.cos(toolface)
+    up = [-np.cos(inclination) * cosine, np.cos(inclination) * sine, -np.sin(inclination)]
+    return np.stack(up, axis=1), np.stack([sine, cosine, np.zeros(len(sine))], axis=1)
+
+
+@dataclass(frozen=True, slots=True)
+class Refined:
+    """Parameters of a fit with errors that dwells share."""
+
+    parameters: Array
+    """[p]."""
+    shared: SharedFit
+    """Its coefficients are the last step of the parameters."""
+    used: Mask
+    """[m], residuals that the fit used, of all dwells."""
+    flags: tuple[str, ...]
+
+
+Refine = Callable[..., Refined]
+"""`refine` for the circumstances of a set of dwells."""
+
+
+def refine(
+    linearised: Callable[[Array, Integers], tuple[Array, Array]],
+    start: Array,
+    *,
+    where: Circumstances,
+    at: Residuals,
+    weights: Array,
+    used: Mask,
+    leave_out: bool,
+    state: State,
+    names: Sequence[str] = (),
+) -> Refined:
+    """Fit again from the solution of ordinary least squares, now with errors that dwells share.
+
+    Parameters
+    ----------
+    linearised : residuals [m] (corrected less reference) and derivatives [m, p] at parameters [p],
+        of the chosen dwells.
+    start : [p].
+    weights : [m], 1/variance of the noise, or 1.
+    used : [m], residuals that are no outliers so far.
+    leave_out : whether residuals are judged.
+    """
+    dwells = np.arange(0, len(where.soak), 1 + (len(where.soak) - 1) // MOST_DWELLS)
+    rows = np.isin(at.dwell, dwells)
+    some = Residuals(
+        np.repeat(np.arange(len(dwells)), at.per_dwell), at.direction[rows], at.channel[rows]
+    )
+    near = where.of_dwells(dwells)
+    effects, candidates = state(list_effects(near, some), list_candidates(near, some))
+    effects, flags = _without_hidden_drift(effects, linearised(start, dwells)[1])
+    used, inside = used.copy(), used[rows]
+    values = start
+    for _ in range(STEPS):
+        residual, slopes = linearised(values, dwells)
+        found = shared_fit.fit(
+            slopes,
+            -residual,
+            effects,
+            candidates,
+            weights=weights[rows],
+            channel=some.channel,
+            used=inside,
+            leave_out=leave_out,
+            names=names,
+        )
+        values = values + found.found.coefficients
+        effects, candidates, inside = found.effects, (), found.used
+    used[rows] = inside
+    return Refined(values, found, used, flags)
+
+
+def _without_hidden_drift(
+    effects: Sequence[Effect], slopes: Array
+) -> tuple[tuple[Effect, ...], tuple[str, ...]]:
+    """Effects without a drift of any size that the parameters, whose derivatives are `slopes`
+    [m, p], hold already, and a flag that states it.
+    """
+    q, _ = np.linalg.qr(slopes / np.linalg.norm(slopes, axis=0))
+    for effect in effects:
+        if effect.known is ANY_SIZE:
+            left = np.linalg.norm(effect.loading - q @ (q.T @ effect.loading), axis=0)
+            if np.any(left <= SEPARATE * np.linalg.norm(effect.loading, axis=0)):
+                flag = (
+                    "a zero that drifts with time cannot be told from its temperature coefficients"
+                    " and is in no uncertainty: return to the first temperature at the end, or"
+                    " state the drift of the session in [[errors.component]]"
+                )
+                return tuple(one for one in effects if one is not effect), (flag,)
+    return tuple(effects), ()

@@ -1,0 +1,81 @@
+"""Errors that observations share, from a recipe's [errors] to a fit and from the fit to a model."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from calibkit import units
+from calibkit.coefficients import Component
+from calibkit.numeric.least_squares import components
+from calibkit.numeric.least_squares.components import Effect, Known
+from calibkit.recipe.tables import Errors
+
+Units = Mapping[tuple[str, str], str]
+"""(group, effect) → unit of its standard deviation."""
+FEW_DOF = 3
+"""Degrees of freedom between groups below which a warning says how wide intervals become."""
+
+
+def state_effects(
+    errors: Errors, effects: Sequence[Effect], candidates: Sequence[Effect], unit_of: Units
+) -> tuple[tuple[Effect, ...], tuple[Effect, ...]]:
+    """Effects of the groups that a recipe names, with what it states of their size, and the
+    candidates among them; one whose size is stated is an effect.
+    """
+    stated = {(entry.group, entry.effect): entry for entry in errors.component}
+    surely, perhaps = [], []
+    for number, effect in enumerate((*effects, *candidates)):
+        if errors.groups != "auto" and effect.group not in errors.groups:
+            continue
+        entry = stated.get((effect.group, effect.effect))
+        if entry is not None:
+            unit = unit_of[effect.group, effect.effect]
+            value = float(units.convert(np.array(entry.value), entry.unit, unit))
+            surely.append(replace(effect, known=Known(value, entry.dof)))
+        elif number < len(effects):
+            surely.append(effect)
+        else:
+            perhaps.append(effect)
+    return tuple(surely), tuple(perhaps)
+
+
+def list_components(found: Sequence[components.Component], unit_of: Units) -> tuple[Component, ...]:
+    """Components that the data show, or that are known, as a coefficient file holds them."""
+    return tuple(
+        Component(
+            one.group,
+            one.effect,
+            one.value,
+            unit_of[one.group, one.effect],
+            one.standard_uncertainty,
+            one.groups,
+        )
+        for one in found
+        if one.known or one.dof
+    )
+
+
+def warn_of_few_groups(found: Sequence[components.Component]) -> tuple[str, ...]:
+    """Flags for errors of groups that are too few to show them."""
+    cure = "measure more of them, or state the size in [[errors.component]]"
+    flags = []
+    for one in found:
+        if one.known or one.dof >= FEW_DOF or (one.groups == 1 and one.dof):
+            continue
+        if one.groups == 1:
+            flags.append(
+                f"{one.effect} of the {one.group}: one {one.group} cannot show how another differs,"
+                f" so it is in no uncertainty; {cure}"
+            )
+        elif one.dof == 0:
+            flags.append(
+                f"{one.effect} of the {one.group}: {one.groups} of them do not tell it from the"
+                f" coefficients, so it is in no uncertainty; {cure}, or lower an order"
+            )
+        else:
+            flags.append(
+                f"{one.effect} of the {one.group}: {one.groups} of them leave {one.dof} degrees of"
+                f" freedom, so intervals are wide; {cure}, or lower an order"
+            )
+    return tuple(flags)

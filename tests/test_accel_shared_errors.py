@@ -1,0 +1,172 @@
+"""Triads calibrated with the errors that laboratories have: corrected vectors within their U."""
+
+import numpy as np
+import pytest
+from scipy.stats import t
+
+from calibkit.instruments.accelerometer import forms
+from calibkit.instruments.accelerometer.dwells import DwellSet
+from calibkit.instruments.accelerometer.fit import fit_triad
+from calibkit.instruments.accelerometer.numeric import shared_errors
+from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
+from calibkit.numeric import attitude
+
+MANY = np.array([(0, 0), *((i, j) for i in (45, 90, 135) for j in range(0, 360, 45)), (180, 0)])
+SIX = np.array([(0, 0), (180, 0), (90, 0), (90, 90), (90, 180), (90, -90)])
+NOISE_G = 20e-6
+SCALE, BIAS_G = np.array([1.003, 0.996, 1.001]), np.array([5e-3, -3e-3, 2e-3])
+
+
+def recipe(**tables):
+    """Recipe with the tables stated."""
+    start = {"procedure": "accelerometer", "title": "a triad", "logs": {"files": ["a.csv"]}}
+    return AccelerometerRecipe.model_validate(start | tables, strict=False)
+
+
+PLAIN = recipe(loss="least_squares", affine={"enabled": False}, compensation="k")
+
+
+def turned(vectors, rotation):
+    """Vectors [n, 3] turned by small rotation vectors [n, 3] or [3] [rad]."""
+    return vectors + np.cross(np.broadcast_to(rotation, vectors.shape), vectors)
+
+
+def dwells(seed, *, spots=MANY, zero=0.0, index=0.0, tilt=0.0, eccentric=0.0, second=0.0):
+    """A triad of orthogonal axes at seven soaks: zeros of soaks [g], faces set up wrong [°],
+    base tilted [°], encoders eccentric [°], second-order error [g/g²].
+    """
+    rng = np.random.default_rng(seed)
+    soak = np.repeat(np.arange(7), len(spots))
+    temperature = np.linspace(-40.0, 125.0, 7)[soak] + rng.normal(0.0, 0.2, len(soak))
+    angle = np.tile(spots, (7, 1)).astype(float)
+    stood = angle + eccentric * np.sin(np.radians(angle) + rng.uniform(0.0, 6.3, 2))
+    theta, phi = np.radians(stood).T
+    down = attitude.gravity_vector(*stood.T)
+    north, east = np.radians(tilt) * rng.normal(size=2)
+    down += north * np.column_stack(
+        [np.cos(theta) * np.cos(phi), -np.cos(theta) * np.sin(phi), np.sin(theta)]
+    )
+    down += east * np.column_stack([np.sin(phi), np.cos(phi), np.zeros_like(phi)])
+    faces = rng.normal(size=(len(spots), 3))
+    faces *= np.radians(index) / np.linalg.norm(faces, axis=1)[:, None]
+    down = turned(down, np.tile(faces, (7, 1)))
+    indicated = SCALE * down + BIAS_G + second * down**2 + zero * rng.normal(size=(7, 3))[soak]
+    indicated += NOISE_G * rng.normal(size=down.shape)
+    unknown = np.full(len(soak), np.nan)
+    return DwellSet(
+        *(indicated, temperature, *angle.T, np.full(down.shape, np.nan), unknown),
+        np.zeros(len(soak), dtype=np.int64),
+        tuple(f"a.csv:{row}" for row in range(len(soak))),
+        (),
+    )
+
+
+def inside(fitted):
+    """Which corrected components of ±1 g along the axes at five temperatures lie within U."""
+    vectors = np.tile(np.vstack([np.eye(3), -np.eye(3)]), (5, 1))
+    at = forms.inputs(SCALE * vectors + BIAS_G, np.repeat([-30.0, 0.0, 40.0, 80.0, 115.0], 6))
+    found = []
+    for axis, model in enumerate(fitted.k):
+        slopes = forms.K.gradient(model, at)
+        u = np.sqrt(np.einsum("np,pq,nq->n", slopes, np.array(model.covariance), slopes))
+        dof = np.median([c.effective_dof for c in model.coefficients])
+        found.append(
+            np.abs(forms.K.evaluate(model, at) - vectors[:, axis]) <= t.ppf(0.975, dof) * u
+        )
+    return np.array(found)
+
+
+@pytest.mark.parametrize(
+    "errors",
+    [
+        {},
+        {"zero": 5e-6},
+        {"zero": 15e-6},
+        {"zero": 30e-6},
+        {"index": 0.01, "spots": SIX},
+        {"tilt": 0.01},
+        {"eccentric": 0.005},
+        {"eccentric": 0.05},
+        {"second": 50e-6},
+    ],
+    ids=lambda errors: " ".join(map(str, errors)) or "none",
+)
+def test_the_truth_lies_within_u_whatever_dwells_share(errors):
+    """100 campaigns, thirty vectors each: at least 88 % of the corrected components."""
+    share = [np.mean(inside(fit_triad(dwells(seed, **errors), PLAIN))) for seed in range(100)]
+    assert 0.88 <= np.mean(share) <= 0.99
+
+
+def test_a_face_that_is_set_up_wrong_every_time_is_no_outlier():
+    """Robust loss, six faces 0.01° off: no face is dropped, Q is within its U and within 0.02°."""
+    covered = []
+    for seed in range(12):
+        fitted = fit_triad(dwells(seed, index=0.01, spots=SIX), recipe())
+        named = [
+            flag for flag in (*fitted.k_flags, *fitted.affine_flags) if "suspect dwell" in flag
+        ]
+        assert len(named) <= 2
+        for entry in fitted.q.coefficients:
+            assert abs(entry.value) < np.radians(0.02)
+            u = t.ppf(0.975, entry.effective_dof) * entry.standard_uncertainty
+            covered.append(abs(entry.value) <= u)
+    assert np.mean(covered) >= 0.88
+
+
+def test_components_are_results():
+    """Soak-to-soak zero of 15 µg, found with 18 degrees of freedom, on every K model and the affine
+    triad.
+    """
+    fitted = fit_triad(dwells(4, zero=15e-6), recipe())
+    for model in (*fitted.k, fitted.affine):
+        zero = next(one for one in model.components if one.name == "soak-to-soak zero")
+        assert (zero.unit, zero.groups) == ("g", 7)
+        assert abs(zero.value - 15e-6) < 3.0 * zero.standard_uncertainty < 25e-6
+
+
+def test_a_component_that_is_stated_narrows_the_interval():
+    """15 µg given with 1,000 degrees of freedom: K4 has more of its own, and a smaller U."""
+    measured = dwells(4, zero=15e-6)
+    stated = [{"group": "soak", "effect": "zero", "value": 15.0, "unit": "ug", "dof": 1000.0}]
+    known = PLAIN.model_validate(
+        PLAIN.model_dump(by_alias=True) | {"errors": {"component": stated}}, strict=False
+    )
+    alone, given = (fit_triad(measured, spec).k[0].coefficients[4] for spec in (PLAIN, known))
+    assert alone.effective_dof < 20.0
+    assert given.effective_dof > 100.0
+
+
+def test_an_outlier_is_named_beside_errors_of_soaks():
+    """One component 1 mg off among zeros of 30 µg: that dwell alone is a suspect."""
+    measured = dwells(2, zero=30e-6)
+    measured.indication[40, 1] += 1e-3
+    fitted = fit_triad(measured, recipe(affine={"enabled": False}, compensation="k"))
+    named = [flag for flag in fitted.k_flags if "suspect dwell" in flag]
+    assert [flag.split(",")[0] for flag in named] == ["accel_y: suspect dwell a.csv:40"]
+
+
+def test_soaks_are_found_in_either_order_of_the_rows():
+    """Temperature by temperature, and attitude by attitude."""
+    level = np.repeat(np.arange(5), 8)
+    temperature = 20.0 * level + np.random.default_rng(1).normal(0.0, 0.2, 40)
+    log = np.zeros(40, dtype=np.int64)
+    assert np.array_equal(shared_errors.number_soaks(temperature, log), level)
+    mixed = np.argsort(np.tile(np.arange(8), 5), kind="stable")
+    assert np.array_equal(shared_errors.number_soaks(temperature[mixed], log), level[mixed])
+
+
+def test_a_temperature_that_is_visited_twice_is_two_soaks():
+    """Up and down again: the second visit has a zero of its own."""
+    temperature = np.repeat([0.0, 50.0, 0.0], 6)
+    soak = shared_errors.number_soaks(temperature, np.zeros(18, dtype=np.int64))
+    assert np.array_equal(soak, np.repeat([0, 1, 2], 6))
+
+
+def test_a_single_soak_cannot_show_how_another_differs():
+    """The flag names the zero of the soak."""
+    measured = dwells(2)
+    fitted = fit_triad(
+        measured.without(range(26, 182)),
+        recipe(k={"enabled": False}, affine={"scale_order": 0, "cross_order": 0, "bias_order": 0}),
+    )
+    assert any("one soak cannot show how another differs" in flag for flag in fitted.affine_flags)
