@@ -269,6 +269,16 @@ def test_one_log_of_accelerometers_that_stood_still_is_one_of_noise(
         assert spec["noise"]["columns"] == ["accel_x_g", "accel_y_g", "accel_z_g"]
 
 
+def test_accelerometers_that_stood_still_may_be_logged_in_si(tmp_path, calibkit, log_writer):
+    """That a log in m/s² is one of noise needs no local gravity; the recipe states the unit."""
+    rng = np.random.default_rng(4)
+    axes = {f"a{a}_mps2": rng.normal(9.81 * (a == "z"), 1e-3, 2000) for a in "xyz"}
+    log_writer(tmp_path / "a.csv", time_s=np.arange(2000.0), **axes)
+    spec = tomllib.loads(proposed(calibkit, tmp_path))
+    assert spec["procedure"] == "gyro_noise"
+    assert spec["columns"]["accel_z_g"] == {"from": "az_mps2", "unit": "m/s^2"}
+
+
 def test_rates_beside_a_chamber_log_are_no_record_at_rest(tmp_path, calibkit, log_writer):
     """Where only another logger has the temperature, nothing is proposed: nothing says that it
     stood still.

@@ -15,6 +15,7 @@ from calibkit.certificate.results import Block
 from calibkit.certificate.stated import Stated
 from calibkit.check import copies
 from calibkit.coefficients import Input, Record
+from calibkit.constants import STANDARD_GRAVITY_MPS2
 from calibkit.errors import CalibkitError, FitError, UsageError
 from calibkit.frame import Examined, Finding, Log, refuse, values
 from calibkit.ingest import logs as ingest
@@ -194,7 +195,10 @@ def _is_steady(spec: GyroNoiseRecipe, folder: Path, file: str) -> bool:
     changes.
     """
     columns = ("time_s", *spec.noise.columns)
-    frame = ingest.read_log(spec, folder / file, file, columns, TEMPERATURES).frame
+    # whether a sensor stood still, any gravity tells
+    site = spec.site.model_copy(update={"gravity_mps2": STANDARD_GRAVITY_MPS2})
+    near = spec.model_copy(update={"site": site})
+    frame = ingest.read_log(near, folder / file, file, columns, TEMPERATURES).frame
     if len(frame) < spec.noise.min_rows:
         return False
     for name in spec.noise.columns:
