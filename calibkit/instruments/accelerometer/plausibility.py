@@ -15,7 +15,7 @@ from calibkit.errors import FitError
 from calibkit.frame import Examined, Finding, Log, refuse
 from calibkit.instruments.accelerometer import dwells as triad_dwells
 from calibkit.instruments.accelerometer.dwells import DwellSet
-from calibkit.instruments.accelerometer.forms import COMPONENTS
+from calibkit.instruments.accelerometer.forms import COMPONENTS, TEMPERATURE
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.numeric import attitude
 from calibkit.numeric.dispersion import mad_sigma
@@ -29,6 +29,10 @@ LARGEST_SHARE = 0.2
 """Share of implausible dwells above which the campaign is at fault, not a dwell."""
 NAMED = 5
 """Implausible dwells that a refusal names one by one."""
+FEW, LONE_DEGC, LONE_SHARE = 12, 5.0, 0.2
+"""Dwells below which any may be alone at its temperature; distance [°C], and share of the range of
+all others, from which on a dwell is.
+"""
 ENOUGH = 20_000
 """Dwells, evenly spread over more, that the preliminary fit uses."""
 TWICE = 2.0
@@ -69,9 +73,15 @@ def find_implausible(
         return none, (axes,)
     expected, scatter = (_predict if by_attitude else _predict_lengths)(dwells)
     off = np.linalg.norm(dwells.indication - expected, axis=1)
+    alone = _find_lone_temperature(dwells)
+    off[list(alone)] = np.inf
     rows = np.flatnonzero(off > max(LEAST_G, FAR * scatter))
     worst = rows[np.argsort(-off[rows], kind="stable")]
-    describe = _describe_dwell if by_attitude else _describe_length
+    of_dwell = _describe_dwell if by_attitude else _describe_length
+
+    def describe(row: int) -> Finding:
+        return alone.get(row) or of_dwell(dwells, expected, row)
+
     if spec.loss == "least_squares":
         reason = 'loss = "least_squares" leaves no dwell out'
     elif rows.size > LARGEST_SHARE * off.size:
@@ -79,15 +89,12 @@ def find_implausible(
     elif by_attitude and (whole := _whole_attitude(dwells, rows)):
         reason = f"all dwells at {whole} are"
     else:
-        advice = "left out of the fit: correct the row, or repeat the dwell"
+        advice = "a fit leaves it out: correct the row, or repeat the dwell"
         return rows, tuple(
-            replace(describe(dwells, expected, k), advice=advice, severity="warn")
-            for k in rows.tolist()
+            replace(describe(k), advice=advice, severity="warn") for k in rows.tolist()
         )
     advice = f"correct these rows or take them out of the log: {reason}"
-    return rows, tuple(
-        replace(describe(dwells, expected, k), advice=advice) for k in worst[:NAMED].tolist()
-    )
+    return rows, tuple(replace(describe(k), advice=advice) for k in worst[:NAMED].tolist())
 
 
 def _find_turned_axes(dwells: DwellSet, spec: AccelerometerRecipe) -> Finding | None:
@@ -129,6 +136,30 @@ def _find_turned_axes(dwells: DwellSet, spec: AccelerometerRecipe) -> Finding | 
         "sign",
         figure=usual,
     )
+
+
+def _find_lone_temperature(dwells: DwellSet) -> dict[int, Finding]:
+    """Finding, by row, of the coldest and of the hottest dwell where all others are far from it: a
+    polynomial would run through it alone.
+    """
+    order = np.argsort(dwells.temperature, kind="stable")
+    found: dict[int, Finding] = {}
+    if order.size < FEW:
+        return found
+    for lone, nearest, last in (order[[0, 1, -1]], order[[-1, -2, 0]]):
+        at, next_to, end = dwells.temperature[[lone, nearest, last]].tolist()
+        if abs(at - next_to) > max(LONE_DEGC, LONE_SHARE * abs(next_to - end)):
+            found[int(lone)] = Finding(
+                dwells.place[lone],
+                f"{TEMPERATURE} is {at:.4g} °C",
+                f"a temperature near the others, {min(next_to, end):.4g} to"
+                f" {max(next_to, end):.4g} °C",
+                "",
+                name="implausible",
+                figure=at,
+                column=TEMPERATURE,
+            )
+    return found
 
 
 def _predict(dwells: DwellSet) -> tuple[Array, float]:
