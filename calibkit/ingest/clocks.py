@@ -276,7 +276,8 @@ def _estimate_covariance(
             "a clock offset cannot be told from another level of the two sensors",
             hint="log a change that both loggers see, or state the clock",
         )
-    covariance = hac.covariance(lambda part: design[part] / size, left) / np.outer(size, size)
+    scaled = hac.covariance(lambda part: design[part] / size, left).covariance
+    covariance = scaled / np.outer(size, size)
     pair = np.zeros((2, 2))
     pair[: theta.size, : theta.size] = covariance[: theta.size, : theta.size]
     skew = float(theta[1]) if theta.size > 1 else 0.0

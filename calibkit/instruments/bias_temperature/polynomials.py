@@ -40,6 +40,8 @@ class _BiasFit:
     abscissa: str
     coefficients: Array
     covariance: Array
+    effective_dof: Array
+    """[p], degrees of freedom of the standard uncertainties of the coefficients."""
     dof: int
     residual_rms: float
     valid: tuple[float, float]
@@ -51,7 +53,7 @@ def fit(logs: Sequence[Log], spec: Polynomials) -> list[_BiasFit]:
     rows of all logs.
 
     The covariance allows for autocorrelated residuals (Newey & West 1987): the noise of a sensor
-    that warms up is not white.
+    that warms up is not white. Few cold rows leave few degrees of freedom.
     """
     allocate = next((log.allocate for log in logs if log.on_disk), np.empty)
     abscissa = _concatenate(logs, spec.abscissa, allocate)
@@ -90,9 +92,10 @@ def _fit_channel(
     found = fold.linear(
         design, indication, names=[f"p{k}" for k in range(entry.order + 1)], allocate=allocate
     )
-    raw, covariance = polynomial.in_raw_powers(
-        found.coefficients, hac.covariance(design, found.residuals), to_raw
+    consistent = hac.covariance(
+        design, found.residuals, combinations=np.asarray(to_raw, dtype=np.float64)
     )
+    raw, covariance = polynomial.in_raw_powers(found.coefficients, consistent.covariance, to_raw)
     shown = _bin_means(abscissa, indication)
     curve = np.asarray(np.polynomial.polynomial.polyval(shown[0], raw), dtype=np.float64)
     return _BiasFit(
@@ -100,6 +103,7 @@ def _fit_channel(
         name,
         raw,
         covariance,
+        consistent.effective_dof,
         found.dof,
         found.residual_rms,
         chunks.extremes(abscissa),
@@ -125,6 +129,7 @@ def _model(found: _BiasFit) -> Model:
         ],
         found.covariance,
         dof=found.dof,
+        effective_dof=found.effective_dof,
         residual_rms=found.residual_rms,
         residual_unit=unit,
         valid={found.abscissa: found.valid},

@@ -1,37 +1,50 @@
 """Covariance of linear coefficients whose residuals are autocorrelated, in the memory of a chunk
 whatever the rows and the lag.
 
-A Bartlett kernel of lag L weights the product of scores k rows apart by 1 − k/(L + 1). The same sum
-is that of the squares of the sums over L + 1 consecutive scores, over L + 1: one pass, however long
-the lag.
+Residuals are whitened by an autoregression. What is left is weighed by a Bartlett kernel: products
+of scores k rows apart by 1 − k/(L + 1), which is the sum of the squares of the sums over L + 1
+consecutive scores, over L + 1: one pass, however long the lag.
+
+A fit draws the residuals of rows with leverage towards zero, the few cold rows of a warm-up first
+of all. So the residuals and the sum are divided by what they would be of white innovations, and the
+degrees of freedom are those of that sum (Bell & McCaffrey 2002).
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.numeric import chunks
 from calibkit.numeric.least_squares import fit, fold
-
-Series = Callable[[int, int], Array]
-"""Values [..., stop − first] of the rows first … stop − 1 of a series."""
+from calibkit.numeric.least_squares.autoregression import Autoregression, Series
 
 LAGS = (1 << 14, 1 << 19)
 """Lags that are computed together: first few, then as many at a time as a block has memory for."""
-LONGEST_MEMORY = 0.97
-"""Of the autoregression that whitens the scores."""
+HIGHEST_ORDER = 20
+"""Of the autoregression; the kernel takes what correlation is longer."""
+DETAILED = 512
+"""Rows up to which the correction is computed row by row; of more, from as many blocks."""
+LEAST_SHARE = 0.01
+"""Variance of a residual, relative to an innovation's, below which it says nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Consistent:
+    """Covariance [p, p] of coefficients, and degrees of freedom [m] of the variances of
+    combinations of them.
+    """
+
+    covariance: Array
+    effective_dof: Array
 
 
 def covariance(
-    design: Callable[[slice], Array],
-    residuals: Array,
-    *,
-    lag: int | None = None,
-    prewhiten: bool = True,
-) -> Array:
-    """Covariance [p, p] of linear coefficients when the residuals are autocorrelated (Newey & West
-    1987).
+    design: Callable[[slice], Array], residuals: Array, *, combinations: Array | None = None
+) -> _Consistent:
+    """Covariance of linear coefficients when the residuals are autocorrelated (Newey & West 1987,
+    Andrews & Monahan 1992), without bias and with its degrees of freedom for white innovations.
 
     Parameters
     ----------
@@ -39,90 +52,194 @@ def covariance(
         Columns [m, p] of a slice of rows.
     residuals
         [n], in memory or mapped.
-    lag
-        Of the kernel. By default three times that at which the autocorrelation of the (prewhitened)
-        residuals falls below 2/√n, at least the Newey-West rule 4 (n/100)^(2/9).
-    prewhiten
-        The scores are prewhitened by a first-order autoregression and recoloured (Andrews & Monahan
-        1992), because a kernel alone understates slowly decaying correlation.
-
-    Notes
-    -----
-    The estimate carries the n/(n − p) small-sample factor.
+    combinations
+        [m, p], of the coefficients, whose degrees of freedom are asked for; by default the
+        coefficients.
 
     """
     rows = residuals.size
     root = fold.triangle(design, rows)
     columns = root.shape[1]
-    scores, count = _scores(design, residuals, root), rows
-    colour: Array = np.eye(columns)
-    memory = 0.0
-    if prewhiten and rows > 10 * columns:
-        transition = _transition(scores, rows, columns)
-        colour = np.asarray(np.linalg.inv(np.eye(columns) - transition), dtype=np.float64)
-        memory = _memory(residuals)
-        scores, count = _steps(scores, transition), rows - 1
-    lag = min(_bandwidth(residuals, memory) if lag is None else lag, rows - 2)
-    bread = fit.triangular(root, colour)
+    unit, plain = _held(_unit(design, root), rows), _plain(residuals)
+    model = _choose(plain, rows, columns)
+    power = _power(model.whiten_adjoint(unit, rows), rows)
+    if model.order and rows <= chunks.ROWS:
+        # what the fit took from the residuals, it took from the slow ones
+        model = _choose(plain, rows, columns, model.variances[-1] * np.trace(power) / rows)
+        power = _power(model.whiten_adjoint(unit, rows), rows)
+    innovations = _held(model.whiten(plain), rows)
+    lag = min(_bandwidth(innovations, rows), rows - 2)
+    a, f = (
+        _held(series, rows) for series in (model.whiten_adjoint(unit, rows), model.whiten(unit))
+    )
+    both = _Columns(a, f, power, rows > chunks.ROWS)
+    meat = _meat(
+        _held(lambda a, b: both.weighed(a, b) * innovations(a, b), rows), rows, lag, columns
+    )
+    working = _Working.of(both, rows, lag)
+    bread = fit.triangular(root, working.correction)
+    if combinations is None:
+        combinations = np.eye(columns)
+    dof = working.effective_dof(combinations @ bread)
+    spread = model.relative_variance(rows)
+    return _Consistent(
+        np.asarray(bread @ meat @ bread.T, dtype=np.float64), 1.0 / (1.0 / dof + spread / 2.0)
+    )
+
+
+def _held(series: Series, rows: int) -> Series:
+    """Series of a chunk of rows, computed once; a longer one, computed where it is asked for."""
+    if rows > chunks.ROWS:
+        return series
+    values = series(0, rows)
+    return lambda first, stop: values[..., first:stop]
+
+
+def _unit(design: Callable[[slice], Array], root: Array) -> Series:
+    """Columns [p, m] of length one, made of the design by its triangle [p, p]."""
+    return lambda first, stop: fit.triangular(root, design(slice(first, stop)).T, trans="T")
+
+
+def _plain(residuals: Array) -> Series:
+    """Residuals [m], copied, so that the pages of a file are released."""
+
+    def between(first: int, stop: int) -> Array:
+        values = np.array(residuals[first:stop])
+        chunks.release(residuals)
+        return values
+
+    return between
+
+
+def _choose(plain: Series, rows: int, columns: int, missing: float = 0.0) -> Autoregression:
+    """Autoregression of the residuals, to whose autocovariances is added what is missing."""
+    length = min(LAGS[0], 1 << rows.bit_length())
+    most = min(HIGHEST_ORDER, int(10.0 * np.log10(rows)), rows // 10, length - 1)
+    most = most if rows > 10 * columns else 0
+    products = _products(plain, rows, 0, length)[: most + 1] / rows
+    return Autoregression.choose(products + missing * (1.0 - np.arange(most + 1) / rows), rows)
+
+
+def _power(series: Series, rows: int) -> Array:
+    """Sum [p, p] of the products of a series [p, n] with itself."""
     return np.asarray(
-        bread @ _meat(scores, count, lag, columns) @ bread.T * (rows / max(rows - columns, 1)),
+        sum(part @ part.T for part in (series(a, b) for a, b in chunks.ranges(rows))),
         dtype=np.float64,
     )
 
 
-def _scores(design: Callable[[slice], Array], residuals: Array, root: Array) -> Series:
-    """Scores [p, m]: columns of length one, made of the design by its triangle [p, p], times the
+@dataclass(frozen=True, slots=True)
+class _Columns:
+    """What coefficients are made of, and what a fit takes from innovations ε: the coefficients are
+    Σ a ε, the whitened residuals (1 − f aᵀ) ε.
+    """
+
+    a: Series
+    f: Series
+    power: Array
+    """Σ a aᵀ [p, p]."""
+    many: bool
+    """Whether rows are so many that none keeps less than the others."""
+
+    def weighed(self, first: int, stop: int) -> Array:
+        """Columns a [p, m] over the root of the share of an innovation's variance that is left."""
+        a = self.a(first, stop)
+        if self.many:
+            return a
+        f = self.f(first, stop)
+        share = 1.0 - 2.0 * np.sum(a * f, axis=0) + np.sum(f * (self.power @ f), axis=0)
+        return np.asarray(a / np.sqrt(np.maximum(share, LEAST_SHARE)), dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True)
+class _Working:
+    """The estimate where innovations are white: G = 1 + U S Uᵀ is the covariance of the whitened
     residuals.
     """
 
-    def between(first: int, stop: int) -> Array:
-        part = slice(first, stop)
-        unit = fit.triangular(root, design(part).T, trans="T")
-        unit *= residuals[part]
-        chunks.release(residuals)
-        return unit
+    weighed: Array
+    """[p, k], of rows or of blocks of rows."""
+    taken: Array
+    """Uᵀ [2 p, k]."""
+    core: Array
+    """S [2 p, 2 p]."""
+    kernel: Array
+    """Weights [k] of the kernel by distance."""
+    squares: Array
+    """The same of its square."""
+    correction: Array
+    """Matrix [p, p] C for which C meat Cᵀ is expected to be the covariance."""
 
-    return between
+    @classmethod
+    def of(cls, columns: _Columns, rows: int, lag: int) -> "_Working":
+        """Sums over blocks of rows; single rows where they are few."""
+        size = -(-rows // DETAILED)
+        parts = []
+        for first, stop in chunks.ranges(rows, size * (chunks.ROWS // size)):
+            stacked = np.concatenate(
+                [columns.weighed(first, stop), columns.f(first, stop), columns.a(first, stop)]
+            )
+            parts.append(np.add.reduceat(stacked, np.arange(0, stop - first, size), axis=1))
+        blocks = np.concatenate(parts, axis=1) / np.sqrt(size)
+        p, count = len(columns.power), blocks.shape[1]
+        weighed, taken = blocks[:p], blocks[p:]
+        core = np.block([[columns.power, -np.eye(p)], [-np.eye(p), np.zeros((p, p))]])
+        weights, squares = _kernel(count, size, lag + 1.0)
+        products = (weighed[:, None, :] * taken).reshape(-1, count)
+        sums = (products @ _smoothed(weights, products).T).reshape(p, 2 * p, p, 2 * p)
+        expected = weighed @ weighed.T + np.einsum("ikjl,kl->ij", sums, core)
+        return cls(weighed, taken, core, weights, squares, _ratio(columns.power, expected))
+
+    def effective_dof(self, combinations: Array) -> Array:
+        """Degrees of freedom [m] of the variances of combinations [m, p] of the weighed columns
+        (Satterthwaite 1946).
+        """
+        found = []
+        for alpha in combinations @ self.weighed:
+            across = alpha * _smoothed(self.kernel, alpha * self.taken)
+            turned = self.core @ self.taken @ across.T
+            square = (alpha**2) @ _smoothed(self.squares, alpha**2)
+            mean = float(alpha @ alpha + np.trace(turned))
+            spread = square + np.trace(2.0 * self.core @ across @ across.T + turned @ turned)
+            found.append(mean**2 / float(spread) if spread > 0.0 else np.inf)
+        return np.array(found)
 
 
-def _steps(series: Series, transition: Array | float) -> Series:
-    """What a series does from each value to the next beyond a first-order autoregression; one value
-    less.
+def _kernel(count: int, size: int, width: float) -> tuple[Array, Array]:
+    """Means of the Bartlett kernel and of its square [count] over pairs of rows of two blocks of
+    `size` rows, by distance of the blocks.
     """
-
-    def between(first: int, stop: int) -> Array:
-        values = series(first, stop + 1)
-        before = values[..., :-1]
-        expected = (
-            transition @ before if isinstance(transition, np.ndarray) else transition * before
-        )
-        return np.asarray(values[..., 1:] - expected, dtype=np.float64)
-
-    return between
-
-
-def _transition(scores: Series, rows: int, columns: int) -> Array:
-    """First-order autoregression matrix [p, p] of the scores, its singular values kept below
-    0.97.
-    """
-    square, product = np.zeros((columns, columns)), np.zeros((columns, columns))
-    for start, stop in chunks.ranges(rows - 1):
-        values = scores(start, stop + 1)
-        square += values[:, :-1] @ values[:, :-1].T
-        product += values[:, 1:] @ values[:, :-1].T
-    matrix = product @ np.linalg.pinv(square, rcond=1e-12, hermitian=True)
-    u, singular, vt = np.linalg.svd(matrix)
-    return np.asarray(u @ np.diag(np.minimum(singular, LONGEST_MEMORY)) @ vt, dtype=np.float64)
+    if size == 1:
+        weights = np.maximum(1.0 - np.arange(count) / width, 0.0)
+        return weights, weights**2
+    # second differences of the functions whose second derivative the kernel and its square are
+    at = size * np.arange(-1.0, count + 1.0)
+    inside, beyond = np.minimum(np.abs(at), width), np.maximum(np.abs(at) - width, 0.0)
+    single = inside**2 / 2.0 - inside**3 / (6.0 * width) + beyond * width / 2.0
+    double = (
+        inside**2 / 2.0
+        - inside**3 / (3.0 * width)
+        + inside**4 / (12.0 * width**2)
+        + beyond * width / 3.0
+    )
+    return np.diff(single, 2) / size**2, np.diff(double, 2) / size**2
 
 
-def _memory(residuals: Array) -> float:
-    """Share [1] of a residual that the next one keeps, from 0 to 0.97."""
-    power = product = 0.0
-    for start, stop in chunks.ranges_along(residuals):
-        values = residuals[start : stop + 1]
-        power += float(residuals[start:stop] @ residuals[start:stop])
-        product += float(values[1:] @ values[:-1])
-    return min(max(product / power, 0.0), LONGEST_MEMORY) if power > 0.0 else 0.0
+def _smoothed(weights: Array, values: Array) -> Array:
+    """Sums [..., k] of values [..., k] near each row, weighted by weights [k] of their distance."""
+    size = 2 * weights.size
+    both = np.concatenate([weights, [0.0], weights[:0:-1]])
+    product = np.fft.rfft(both) * np.fft.rfft(values, size)
+    return np.asarray(np.fft.irfft(product, size)[..., : weights.size], dtype=np.float64)
+
+
+def _ratio(wanted: Array, expected: Array) -> Array:
+    """Matrix [p, p] C with C · expected · Cᵀ = wanted, the same whatever the columns' units."""
+    values, vectors = np.linalg.eigh(wanted)
+    root, inverse = vectors * np.sqrt(values) @ vectors.T, vectors / np.sqrt(values) @ vectors.T
+    shares, axes = np.linalg.eigh(inverse @ expected @ inverse)
+    scaled = axes / np.sqrt(np.maximum(shares, LEAST_SHARE)) @ axes.T
+    return np.asarray(root @ scaled @ inverse, dtype=np.float64)
 
 
 def _meat(scores: Series, count: int, lag: int, columns: int) -> Array:
@@ -143,17 +260,10 @@ def _meat(scores: Series, count: int, lag: int, columns: int) -> Array:
     return meat / (lag + 1.0)
 
 
-def _bandwidth(residuals: Array, memory: float) -> int:
-    """Lag of the Bartlett kernel that covers the visible autocorrelation of the residuals [n],
-    prewhitened by their memory.
+def _bandwidth(series: Series, count: int) -> int:
+    """Lag of the Bartlett kernel that covers what autocorrelation of a whitened series of `count`
+    values is left.
     """
-
-    def plain(first: int, stop: int) -> Array:
-        values = np.array(residuals[first:stop])
-        chunks.release(residuals)
-        return values
-
-    series, count = _steps(plain, memory), residuals.size - 1
     rule = int(np.ceil(4.0 * (count / 100.0) ** (2.0 / 9.0)))
     mean = sum(float(np.sum(series(a, b))) for a, b in chunks.ranges(count)) / count
     power = sum(float(np.sum((series(a, b) - mean) ** 2)) for a, b in chunks.ranges(count))

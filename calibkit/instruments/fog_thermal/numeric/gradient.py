@@ -58,7 +58,7 @@ class Blocks(NamedTuple):
             design = np.column_stack([np.ones(G.size + 1), summed])
             target, names = self.indication, ["start", *TERMS]
         found = fit.linear(design, target, names=names)
-        covariance = hac.covariance(lambda part: design[part], found.residuals)
+        covariance = hac.covariance(lambda part: design[part], found.residuals).covariance
         return RampFit(
             found.coefficients[-3:],
             covariance[-3:, -3:],

@@ -1,0 +1,86 @@
+"""Do 95 % intervals of a bias over a warm-up cover the truth? Print the table for the
+documentation.
+
+    python benchmarks/warm_up_coverage.py [--sets 2000]
+
+Every set is one warm-up, from 15 to 50 °C with a time constant of a tenth of the log: a tenth of
+the rows are cold. A straight line or a cubic of temperature is fitted; its slope at the middle of
+the range is covered where the truth lies within Student's 95 % interval with the effective degrees
+of freedom of the covariance that allows for autocorrelation.
+"""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.signal import lfilter
+from scipy.stats import t
+
+from calibkit.numeric.least_squares import fit, hac, polynomial
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+NOISE: dict[str, Callable[[Array], Array]] = {
+    "white": lambda draws: draws[0],
+    "first-order, 0.5": lambda draws: lfilter([1.0], [1.0, -0.5], draws[0]),
+    "first-order, 0.8": lambda draws: lfilter([1.0], [1.0, -0.8], draws[0]),
+    "white and first-order, 0.9": lambda draws: (
+        draws[0] + lfilter([np.sqrt(0.19)], [1.0, -0.9], draws[1])
+    ),
+}
+BEFORE = 200
+"""Rows of noise before a log."""
+
+
+def cover(
+    rows: int, order: int, noise: Callable[[Array], Array], sets: int
+) -> tuple[float, float, float]:
+    """Share of sets whose slope is covered, mean half-width over that of known noise, and the
+    median of the degrees of freedom.
+    """
+    rng = np.random.default_rng([rows, order])
+    temperature = 50.0 - 35.0 * np.exp(-np.arange(rows) / (0.1 * rows))
+    design, _ = polynomial.mapped_powers(temperature, order)
+    columns = design(slice(0, rows))
+    slope = np.zeros((1, order + 1))
+    slope[0, 1] = 1.0
+    found, half, dofs = [], [], []
+    for _ in range(sets):
+        values = noise(rng.normal(size=(2, BEFORE + rows)))[BEFORE:]
+        fitted = fit.linear(columns, values)
+        consistent = hac.covariance(design, fitted.residuals, combinations=slope)
+        dofs.append(float(consistent.effective_dof[0]))
+        found.append(fitted.coefficients[1])
+        half.append(t.ppf(0.975, dofs[-1]) * np.sqrt(consistent.covariance[1, 1]))
+    covered = float(np.mean(np.abs(found) < half))
+    return covered, float(np.mean(half) / (1.96 * np.std(found))), float(np.median(dofs))
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--sets", type=int, default=2000)
+    sets = parser.parse_args().sets
+    print("| noise | rows | order | coverage | half-width, of known noise | degrees of freedom |")
+    print("|---|---|---|---|---|---|")
+    for name, noise in NOISE.items():
+        for rows in (300, 600, 1000):
+            for order in (1, 3):
+                covered, width, dof = cover(rows, order, noise, sets)
+                error = 100.0 * np.sqrt(covered * (1.0 - covered) / sets)
+                print(
+                    f"| {name} | {rows} | {order} | {100.0 * covered:.1f} ± {error:.1f} %"
+                    f" | {width:.2f} | {dof:.0f} |",
+                    flush=True,
+                )
+
+
+if __name__ == "__main__":
+    main()
