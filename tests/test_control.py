@@ -91,3 +91,70 @@ def test_the_limit_falls_while_the_spread_gets_known_and_rises_with_the_number_o
     limits = [control._limit(count) for count in (9, 10, 20, 50, 200, 1000, 10_000)]
     assert math.isinf(limits[0])
     assert limits[1] > limits[2] > limits[3] > limits[4] < limits[5] < limits[6]
+
+
+def fleets(count, kind):
+    """Values of a faultless fleet, their standard uncertainties and degrees of freedom."""
+    rng = np.random.default_rng(count)
+    normal, known = rng.standard_normal(count), np.full(count, np.inf)
+    while True:
+        normal = rng.standard_normal(count)
+        if kind == "short logs":
+            u = np.where(rng.random(count) < 0.05, 10.0, 1.0)
+            yield u * normal, u, known
+        elif kind == "unequal, and devices differ":
+            u = np.exp(0.7 * rng.standard_normal(count))
+            yield u * normal + rng.standard_normal(count), u, known
+        elif kind == "few degrees of freedom":
+            yield normal, np.sqrt(rng.chisquare(6, count) / 6.0), np.full(count, 6.0)
+        elif kind == "noise":
+            yield np.exp(0.3 * normal), np.zeros(count), known
+        else:
+            yield np.abs(normal), np.zeros(count), known
+
+
+@pytest.mark.parametrize("count", [100, 1000])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "short logs",
+        "unequal, and devices differ",
+        "few degrees of freedom",
+        "noise",
+        "absolute value",
+    ],
+)
+def test_a_device_is_judged_by_its_own_uncertainty_and_figures_by_their_own_shape(count, kind):
+    """Of faultless fleets with unequal uncertainties or a skewed figure at most 2 of 100 have
+    somebody named, within 3 standard errors; by the spread of all alone, up to all of them.
+    """
+    samples, made = 250, fleets(count, kind)
+    named = sum(bool(control.Control.chart(*next(made)).outliers) for _ in range(samples))
+    assert named / samples < 0.02 + 3.0 * math.sqrt(0.02 / samples)
+
+
+def test_a_device_that_is_off_by_its_own_uncertainty_is_named():
+    """Among devices of ten times the uncertainty, a precise one that is 12 u off is named, and one
+    of the others as far off is not.
+    """
+    rng = np.random.default_rng(4)
+    u = np.where(np.arange(60) < 30, 1.0, 10.0)
+    values = u * rng.standard_normal(60)
+    values[3], values[40] = 12.0, 12.0
+    assert control.Control.chart(values, u).outliers == (3,)
+    assert 3 not in control.Control.chart(values).outliers
+
+
+def test_the_ends_are_where_the_limit_is():
+    """Values beyond an end are named and no others, of a skewed figure and of one with
+    uncertainties.
+    """
+    rng = np.random.default_rng(5)
+    values = np.exp(0.4 * rng.standard_normal(201))
+    values[:20] *= np.geomspace(1.0, 1e3, 20)
+    values[-10:] /= np.geomspace(1.0, 1e3, 10)
+    for found in (control.Control.chart(values), control.Control.chart(values, np.full(201, 0.1))):
+        low, high = found.ends
+        beyond = set(np.flatnonzero((values < low) | (values > high)))
+        assert set(found.outliers) == beyond
+        assert 5 <= len(beyond) <= 30

@@ -1,5 +1,6 @@
 """The key figures of a run: what a laboratory compares from device to device, by procedure."""
 
+import math
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -27,6 +28,8 @@ class KeyFigure:
     """Acceptance limit, where the figure is held against one."""
     value: float
     standard_uncertainty: float
+    dof: float = math.inf
+    """Degrees of freedom of the standard uncertainty."""
 
     @property
     def identity(self) -> tuple[str, str, str]:
@@ -69,6 +72,7 @@ def _all_figures(record: Record, reference_temp_degc: float) -> Iterator[KeyFigu
                 None,
                 entry.value,
                 entry.standard_uncertainty,
+                model.dof_of(entry) or math.inf,
             )
         yield KeyFigure(
             f"{name}.residual_rms", model.form, model.residual_unit, None, model.residual_rms, 0.0
@@ -81,6 +85,7 @@ def _all_figures(record: Record, reference_temp_degc: float) -> Iterator[KeyFigu
             None,
             entry.value,
             entry.standard_uncertainty,
+            entry.effective_dof or math.inf,
         )
 
 
@@ -100,4 +105,5 @@ def _bias(name: str, model: Model, reference_temp_degc: float) -> Iterator[KeyFi
             None,
             float(powers @ np.array([entry.value for entry in model.coefficients])),
             float(np.sqrt(variance)),
+            min(map(model.dof_of, model.coefficients)) or math.inf,
         )

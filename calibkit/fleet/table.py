@@ -141,14 +141,16 @@ def _chart(
         name = f"{name} ({unit})"
     having = {serial: own[identity] for serial, own in figures.items() if identity in own}
     values = np.array([figure.value for figure in having.values()])
+    uncertainties = np.array([figure.standard_uncertainty for figure in having.values()])
+    dof = np.array([figure.dof for figure in having.values()])
     limits = {math.nan if figure.limit is None else figure.limit for figure in having.values()}
     return ControlChart(
         name=name,
         unit=unit,
         serials=tuple(having),
         values=values,
-        standard_uncertainties=np.array([one.standard_uncertainty for one in having.values()]),
-        control=Control.chart(values),
+        standard_uncertainties=uncertainties,
+        control=Control.chart(values, uncertainties, dof),
         acceptance=limits.pop() if len(limits) == 1 else math.nan,
         units=units,
     )

@@ -27,6 +27,17 @@ LIMITS = (
 """Values, and the robust z that the largest of so many normal ones exceeds in 1 of 100 samples, by
 simulation.
 """
+FEWEST_SKEWED = 50
+"""Values from which the skewness of their distribution is known well enough to be allowed for."""
+WIDER = 1.08
+"""Factor of the limit where more is estimated than a median and a spread: the power that makes a
+distribution symmetric, or a spread that a part of the values tells. By simulation.
+"""
+MOST_TOLD = 0.9
+"""Share of values of equal weight, below which a part of the values tells the spread."""
+MANY_DOF = 1e4
+"""Degrees of freedom from which on an uncertainty is taken as known."""
+BISECTIONS = 40
 ROUNDING = 1e-12
 """Spread, relative to the largest value, below which values differ by rounding alone."""
 
@@ -44,7 +55,11 @@ class Control:
     limit: float
     """Robust z beyond which a value is named; infinite where none can be."""
     z: Array
-    """[n], (value − centre) / sigma; zeros where sigma is 0."""
+    """[n], distance from the centre over the value's own standard deviation, as a normal deviate:
+    (value − centre) / sigma where no uncertainty is stated; zeros where sigma is 0.
+    """
+    ends: tuple[float, float]
+    """Values of the usual uncertainty whose z is the limit; infinite where none can be named."""
 
     @property
     def outliers(self) -> tuple[int, ...]:
@@ -53,15 +68,106 @@ class Control:
         return tuple(int(k) for k in order if abs(self.z[k]) > self.limit)
 
     @classmethod
-    def chart(cls, values: Array) -> Self:
+    def chart(
+        cls, values: Array, uncertainties: Array | None = None, dof: Array | None = None
+    ) -> Self:
         """Centre line, limits and robust z of values [n] ≥ 1 of one quantity; outliers up to half
         of them move neither.
+
+        A value that states an uncertainty [n], with degrees of freedom [n], is judged by it and by
+        what the values differ beyond their uncertainties. Positive values without any, which are
+        skewed by nature (a residual, a nonlinearity), are judged on the scale of a power of them.
         """
         centre = float(np.median(values))
         sigma = mad_sigma(values - centre)
         if sigma <= ROUNDING * float(np.max(np.abs(values))):
-            return cls(centre, 0.0, math.inf, np.zeros(len(values)))
-        return cls(centre, sigma, _limit(len(values)), (values - centre) / sigma)
+            return cls(centre, 0.0, math.inf, np.zeros(len(values)), (-math.inf, math.inf))
+        limit = _limit(len(values))
+        if uncertainties is not None and np.any(uncertainties > 0.0):
+            degrees = np.full(len(values), np.inf) if dof is None else dof
+            middle, between, z = _between(values, uncertainties, degrees, sigma)
+            usual = math.hypot(float(np.median(uncertainties)), between)
+            # the precise values alone tell how much the values differ
+            precise = 1.0 / np.maximum(np.hypot(uncertainties, between), ROUNDING * sigma) ** 2
+            told = int(precise.sum() ** 2 / np.sum(precise**2))
+            if told < MOST_TOLD * len(values):
+                limit = WIDER * max(limit, _limit(max(told, FEWEST)))
+            return cls(centre, sigma, limit, z, (middle - limit * usual, middle + limit * usual))
+        power = _power(values)
+        if power == 1.0:
+            z = (values - centre) / sigma
+            return cls(centre, sigma, limit, z, (centre - limit * sigma, centre + limit * sigma))
+        limit *= WIDER
+        straight = _straightened(values, power)
+        middle = float(np.median(straight))
+        spread = mad_sigma(straight - middle)
+        low, high = (_bent(middle + sign * limit * spread, power) for sign in (-1.0, 1.0))
+        return cls(centre, sigma, limit, (straight - middle) / spread, (low, high))
+
+
+def _between(
+    values: Array, uncertainties: Array, dof: Array, largest: float
+) -> tuple[float, float, Array]:
+    """Centre of values [n], the standard deviation, up to `largest`, by which they differ beyond
+    their uncertainties [n], and the normal deviates [n] of their distances: that standard deviation
+    makes the usual deviate what it is of normal values.
+    """
+    low, high = 0.0, largest
+    order, usual = np.argsort(values), float(np.median(uncertainties))
+    for _ in range(BISECTIONS):
+        between = (low + high) / 2.0
+        own = np.maximum(np.hypot(uncertainties, between), ROUNDING * largest)
+        weights = np.cumsum(1.0 / own[order])
+        centre = float(values[order[np.searchsorted(weights, weights[-1] / 2.0)]])
+        # of an uncertainty from few values, a small one is small by chance
+        raised = np.maximum(own / np.maximum(uncertainties, max(usual, ROUNDING * largest)), 1.0)
+        z = _normal_deviates((values - centre) / own, dof * raised**4)
+        low, high = (between, high) if mad_sigma(z) > 1.0 else (low, between)
+    return centre, between, z
+
+
+def _normal_deviates(ratios: Array, dof: Array) -> Array:
+    """Normal deviates [n] as improbable as Student's ratios [n] with degrees of freedom [n]."""
+    few = dof < MANY_DOF
+    if not few.any():
+        return ratios
+    from scipy.special import ndtri, stdtr  # slow to import
+
+    tail = np.maximum(stdtr(dof[few], -np.abs(ratios[few])), np.finfo(float).tiny)
+    found = ratios.copy()
+    found[few] = -np.sign(ratios[few]) * ndtri(tail)
+    return found
+
+
+def _power(values: Array) -> float:
+    """Power, from 0 (the logarithm) to 1, that puts the deciles of positive values [n] at equal
+    distances from their median (Box & Cox 1964); 1 for few values or where some are not positive.
+    """
+    if len(values) < FEWEST_SKEWED or not np.all(values > 0.0):
+        return 1.0
+    low, high = 0.0, 1.0
+    deciles = np.quantile(values, (0.1, 0.5, 0.9))
+    for _ in range(BISECTIONS):
+        middle = (low + high) / 2.0
+        below, above = np.diff(_straightened(deciles, middle))
+        low, high = (low, middle) if above > below else (middle, high)
+    return (low + high) / 2.0
+
+
+def _straightened(values: Array, power: float) -> Array:
+    """Power of positive values [n], less 1 and over the power: the logarithm where it is 0."""
+    logarithm = np.log(values)
+    return np.asarray(
+        np.expm1(power * logarithm) / power if power > ROUNDING else logarithm, dtype=np.float64
+    )
+
+
+def _bent(straight: float, power: float) -> float:
+    """Value of which that is the power; 0 where none is so small."""
+    inside = 1.0 + power * straight
+    if power <= ROUNDING:
+        return math.exp(straight)
+    return float(inside ** (1.0 / power)) if inside > 0.0 else 0.0
 
 
 def _limit(count: int) -> float:

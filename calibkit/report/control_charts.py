@@ -131,10 +131,9 @@ def _draw(ax: Axes, chart: ControlChart) -> list[str]:
 
 def _window(chart: ControlChart) -> tuple[float, float]:
     """Range of values that is drawn: twice the distance of the limits, where there are limits."""
-    half = WINDOW * chart.control.limit * chart.control.sigma
-    if chart.control.sigma == 0.0 or not math.isfinite(half):
-        return -math.inf, math.inf
-    return chart.control.centre - half, chart.control.centre + half
+    centre = chart.control.centre
+    low, high = (centre + WINDOW * (end - centre) for end in chart.control.ends)
+    return low, high
 
 
 def _name(ax: Axes, chart: ControlChart, k: int, height: float) -> None:
@@ -159,12 +158,9 @@ def _draw_lines(ax: Axes, chart: ControlChart) -> list[str]:
     ax.axhline(control.centre, color=GOOD)
     lines = [(control.centre, GOOD, f"median {control.centre:.6g}")]
     if math.isfinite(control.limit):
-        for sign in (-1.0, 1.0):
-            value = control.centre + sign * control.limit * control.sigma
+        for sign, value in zip("−+", control.ends, strict=True):
             ax.axhline(value, color=ALERT, ls="--")
-            lines.append(
-                (value, ALERT, f"{'+' if sign > 0.0 else '−'}{control.limit:.2f} σ  {value:.6g}")
-            )
+            lines.append((value, ALERT, f"z = {sign}{control.limit:.2f}: {value:.6g}"))
     if math.isfinite(chart.acceptance):
         ax.axhline(chart.acceptance, color=INK, ls=":")
         lines.append((chart.acceptance, INK, f"acceptance limit {chart.acceptance:.6g}"))
@@ -208,4 +204,5 @@ def _explanation(chart: ControlChart) -> str:
         )
     if not math.isfinite(chart.control.limit):
         return f"{count}; fewer than {FEWEST}: no unit can be judged by their spread"
-    return f"{count}; σ = {chart.control.sigma:.4g} by median absolute deviation"
+    own = "; limits of a unit of usual uncertainty" if np.any(chart.standard_uncertainties) else ""
+    return f"{count}; σ = {chart.control.sigma:.4g} by median absolute deviation{own}"
