@@ -28,7 +28,10 @@ def refine_with(dwells: DwellSet, spec: AccelerometerRecipe, *, affine: bool = F
     """Fit with the errors that dwells share; of an affine triad the recipe makes some of them
     coefficients.
     """
-    own = {"tilt": spec.affine.tilt, "second order": spec.affine.second_order}
+    own = {
+        "tilt": spec.affine.tilt,
+        "second order": spec.affine.second_order,
+    }
     known = spec.reference.kind == "attitude"
     soak = shared_errors.number_soaks(dwells.temperature, dwells.log)
     # the clocks of several logs have no common start

@@ -1,5 +1,6 @@
 """Dwells under a correction → errors of inclination and toolface, and what a recipe accepts."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -11,6 +12,7 @@ from calibkit.errors import FitError
 from calibkit.instruments.accelerometer import forms
 from calibkit.instruments.accelerometer.coefficient_files import Correction
 from calibkit.instruments.accelerometer.dwells import DwellSet
+from calibkit.instruments.accelerometer.numeric.shared_errors import Unexplained
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.numeric import attitude
 from calibkit.numeric.dispersion import rms
@@ -99,6 +101,17 @@ class DwellErrors:
             inclination_range_deg=spec.toolface_range_deg,
         )
         return cls(vector - dwells.reference, angles)
+
+
+def judge_lack_of_fit(found: Sequence[Unexplained]) -> tuple[Criterion, ...]:
+    """Failed criteria for residuals that differ from group to group by more than U, whatever limits
+    the recipe sets.
+    """
+    return tuple(
+        at_most(f"unexplained residual, {one.what}", abs(one.size_g), one.expanded_g, "g")
+        for one in found
+        if abs(one.size_g) > one.expanded_g
+    )
 
 
 def propagate_uncertainty(

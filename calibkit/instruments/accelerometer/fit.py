@@ -24,6 +24,7 @@ from calibkit.instruments.accelerometer.numeric import (
 from calibkit.instruments.accelerometer.numeric.affine_model import AffineTerms
 from calibkit.instruments.accelerometer.numeric.affine_solve import AffineFit
 from calibkit.instruments.accelerometer.numeric.dwell_fit import DwellFit
+from calibkit.instruments.accelerometer.numeric.shared_errors import Unexplained
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.recipe.shared_errors import list_components, warn_of_few_groups
 
@@ -52,6 +53,8 @@ class TriadFit:
     """
     left_out: frozenset[int] = frozenset()
     """Suspect dwells that a fit left out."""
+    lack_of_fit: tuple[Unexplained, ...] = ()
+    """Residuals of the exported models that differ from group to group."""
 
 
 def fit_triad(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
@@ -80,7 +83,10 @@ def fit_triad(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
     model, q = _affine_models(found, dwells, spec)
     flags += (*_name_suspects("affine", found, dwells), *_name_common("affine", found, dwells))
     left_out = of_axes.left_out.union(found.left_out)
-    return replace(of_axes, q=q, affine=model, affine_flags=flags, left_out=left_out)
+    lack = of_axes.lack_of_fit if spec.compensation == "k" else found.lack_of_fit
+    return replace(
+        of_axes, q=q, affine=model, affine_flags=flags, left_out=left_out, lack_of_fit=lack
+    )
 
 
 def _fit_k(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
@@ -117,7 +123,9 @@ def _fit_k(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
     ]
     left_out = frozenset(dwell for axis in axes for dwell in axis.left_out)
     models = tuple(map(partial(_k_model, dwells), forms.K_MODELS, axes))
-    return TriadFit(models, flags, tuple(not_fitted), left_out=left_out)
+    # the axes are fitted together
+    lack = axes[0].lack_of_fit
+    return TriadFit(models, flags, tuple(not_fitted), left_out=left_out, lack_of_fit=lack)
 
 
 def _k_model(dwells: DwellSet, name: str, axis: k_factor.KAxis) -> Model:
@@ -166,6 +174,7 @@ def _fit_lengths(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
         affine_flags=flags,
         intervals=intervals,
         left_out=frozenset((over_temperature or found).left_out),
+        lack_of_fit=(over_temperature or found).lack_of_fit,
     )
 
 

@@ -87,10 +87,11 @@ def _fit(
         *([tables.tabulate_uncertainty(uncertainty)] if uncertainty else ()),
     ]
     flags = dict.fromkeys((*dwells.flags, *fitted.k_flags, *fitted.affine_flags))
+    judged = (*after.judge_errors(spec), *errors.judge_lack_of_fit(fitted.lack_of_fit))
     return Fitted(
         results,
         tuple(Input.of(log) for log in logs),
-        Summary(spec.title, tuple(shown), tuple(flags), after.judge_errors(spec)),
+        Summary(spec.title, tuple(shown), tuple(flags), judged),
         TriadReport(counted, found["indication"], after, spec.toolface_range_deg),
     )
 

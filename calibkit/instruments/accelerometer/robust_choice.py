@@ -19,6 +19,10 @@ WORSE = 1.1
 """Ratio of median absolute residuals above which one fit is worse than the other: on clean data the
 two differ by chance.
 """
+WORSE_THAN_NONE = 1.3
+"""Ratio of the median absolute residual of least squares to that of no correction above which no
+fit is exported: a triad that needs no correction differs by less, by chance.
+"""
 ROUNDING_G = 1e-9
 """Difference of median absolute residuals [g] that is rounding."""
 Found = TypeVar("Found", bound="DwellFit | Sequence[DwellFit]")
@@ -58,7 +62,7 @@ def choose(
             f"{flag}; plain least squares was used, wild dwells are not left out" for flag in flags
         )
     for name, one, raw in zip(names, _medians(plain), _medians(uncorrected), strict=True):
-        if one > WORSE * raw + ROUNDING_G:
+        if one > WORSE_THAN_NONE * raw + ROUNDING_G:
             raise FitError(
                 f"{name}: the median residual is {one:.2e} g after correction by least squares,"
                 f" {raw:.2e} g before, expected a smaller one",

@@ -171,6 +171,7 @@ def solve(
         _finish(problem, values, mixed.covariance, refined.used, mixed.condition, structured),
         effective_dof=mixed.effective_dof_of(np.asarray(to_raw, dtype=np.float64)),
         mixed=mixed,
+        lack_of_fit=refined.lack_of_fit,
         flags=refined.flags,
     )
 

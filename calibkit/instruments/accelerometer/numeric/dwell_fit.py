@@ -6,6 +6,7 @@ import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.instruments.accelerometer.numeric.common_errors import CommonError
+from calibkit.instruments.accelerometer.numeric.shared_errors import Unexplained
 from calibkit.numeric.least_squares.components import Component, MixedFit
 
 
@@ -34,6 +35,8 @@ class DwellFit:
     """[p], of the parameters; None: `dof`."""
     mixed: MixedFit | None = None
     """The last step with errors that dwells share, in the parameters of the solver."""
+    lack_of_fit: tuple[Unexplained, ...] = ()
+    """Residuals that differ from group to group."""
     flags: tuple[str, ...] = ()
     """Reasons to doubt the fit."""
 

@@ -142,5 +142,6 @@ def _axis_of(found: Refined, axis: KAxis, own: slice, residuals: Array, weight: 
         left_out=tuple(worst_first.tolist()),
         common_errors=axis.common_errors,
         mixed=mixed,
+        lack_of_fit=found.lack_of_fit,
         flags=found.flags,
     )

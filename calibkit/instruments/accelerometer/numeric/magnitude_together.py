@@ -64,5 +64,6 @@ def fit(
         left_out=suspects,
         effective_dof=mixed.effective_dof_of(slopes),
         mixed=mixed,
+        lack_of_fit=refined.lack_of_fit,
         flags=(*finished.flags, *refined.flags),
     )

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibkit.arrays import Array, Integers, Mask
+from calibkit.numeric import lack_of_fit
 from calibkit.numeric.least_squares import shared_fit
 from calibkit.numeric.least_squares.components import Effect, Known
 from calibkit.numeric.least_squares.shared_fit import SharedFit
@@ -28,6 +29,8 @@ MOST_DWELLS = 6_000
 """Dwells, evenly spread over more, from which shared errors are estimated."""
 SEPARATE = 1e-6
 """Share of a drift's length that the coefficients must leave for the two to be told apart."""
+LACKING = "lacking terms"
+"""Group of the zeros that stand for errors of the sensors without coefficients."""
 ANY_SIZE = Known(0.01, bound=True)
 """Drift of the zero [g/h], beyond that of any sensor: the data alone tell it."""
 STEPS = 2
@@ -166,6 +169,17 @@ def _angle_slopes(inclination: Array, toolface: Array) -> tuple[Array, Array]:
 
 
 @dataclass(frozen=True, slots=True)
+class Unexplained:
+    """Residuals that differ from group to group, beside all errors that dwells share."""
+
+    what: str
+    """Which residuals: "attitude 3, x"."""
+    size_g: float
+    expanded_g: float
+    """U of a corrected component."""
+
+
+@dataclass(frozen=True, slots=True)
 class Refined:
     """Parameters of a fit with errors that dwells share."""
 
@@ -176,6 +190,7 @@ class Refined:
     used: Mask
     """[m], residuals that the fit used, of all dwells."""
     flags: tuple[str, ...]
+    lack_of_fit: tuple[Unexplained, ...]
 
 
 Refine = Callable[..., Refined]
@@ -229,9 +244,49 @@ def refine(
             names=names,
         )
         values = values + found.found.coefficients
-        effects, candidates, inside = found.effects, (), found.used
+        effects, candidates, inside = _with_sensor_errors(found, some), (), found.used
     used[rows] = inside
-    return Refined(values, found, used, flags)
+    return Refined(values, found, used, flags, _find_unexplained(near, some, found, slopes))
+
+
+def _find_unexplained(
+    where: Circumstances, at: Residuals, fitted: SharedFit, slopes: Array
+) -> tuple[Unexplained, ...]:
+    """Residuals that differ from group to group where shared errors are taken out."""
+    from scipy.stats import t
+
+    left = fitted.residuals - fitted.found.shared(fitted.effects)
+    quarter = np.minimum(4 * where.soak // (where.soak.max() + 1), 3)
+    groups = {"soak": where.soak, "attitude": where.attitude, "quarter of the soaks": quarter}
+    labels = {
+        name: np.where(fitted.used, at.per_dwell * label[at.dwell] + at.channel, -1)
+        for name, label in groups.items()
+    }
+    u = np.sqrt(np.einsum("mp,pq,mq->m", slopes, fitted.found.covariance, slopes))
+    k = float(t.ppf(0.975, np.median(fitted.found.effective_dof)))
+    expanded = k * float(np.sqrt(np.mean(u**2)))
+    axes = ("along x", "along y", "along z") if at.per_dwell == 3 else ("of the length",)
+    return tuple(
+        Unexplained(
+            f"{one.group} {1 + one.level // at.per_dwell}, {axes[one.level % at.per_dwell]}",
+            one.size,
+            expanded,
+        )
+        for one in lack_of_fit.find(left, labels)
+    )
+
+
+def _with_sensor_errors(fitted: SharedFit, at: Residuals) -> tuple[Effect, ...]:
+    """Effects of a fit, and for errors of the sensors that its coefficients lack a zero of their
+    size: every corrected component has them, so that U must hold them.
+    """
+    effects = list(fitted.effects)
+    for effect, part in zip(fitted.effects, fitted.found.predicted, strict=True):
+        if effect.group == "sensor" and not any(one.group == LACKING for one in effects):
+            size = Known(float(np.max(np.abs(part))), bound=True)
+            every = np.zeros(len(at.dwell), dtype=np.int64)
+            effects.append(Effect(LACKING, "zero", every, at.direction, size))
+    return tuple(effects)
 
 
 def _without_hidden_drift(

@@ -1,0 +1,62 @@
+"""Lack of fit: residuals that differ from group to group by more than their noise."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibkit.arrays import Array, Integers
+
+CHANCE = 0.001
+"""Probability with which any grouping of faultless residuals is called a lack of fit."""
+
+
+@dataclass(frozen=True, slots=True)
+class LackOfFit:
+    """A grouping whose means differ by more than noise."""
+
+    group: str
+    level: int
+    """Group with the largest mean."""
+    size: float
+    """That mean [unit of the residuals]."""
+
+
+def find(residuals: Array, groupings: Mapping[str, Integers]) -> tuple[LackOfFit, ...]:
+    """Groupings of residuals [n] whose means differ, by an F test against the scatter within groups
+    with Holm's correction for several tests (1979), the most significant first.
+
+    `groupings` are labels [n] by name, −1 for a row that belongs to no group. Residuals of a fit
+    differ less than errors do, so that the test is on the safe side.
+    """
+    tested = []
+    for name, labels in groupings.items():
+        rows = labels >= 0
+        _, level, count = np.unique(labels[rows], return_inverse=True, return_counts=True)
+        spare = int(rows.sum()) - count.size
+        if count.size < 2 or spare < 1:
+            continue
+        values = residuals[rows]
+        mean = np.bincount(level, values) / count
+        within = float(np.sum((values - mean[level]) ** 2)) / spare
+        between = float(np.sum(count * (mean - values.mean()) ** 2)) / (count.size - 1)
+        # the group of the largest mean beyond what its noise explains
+        worst = int(np.argmax(np.abs(mean) * np.sqrt(count)))
+        found = LackOfFit(name, int(labels[rows][level == worst][0]), float(mean[worst]))
+        tested.append((_chance(between, within, count.size - 1, spare), found))
+    tested.sort(key=lambda one: one[0])
+    kept = []
+    for number, (chance, found) in enumerate(tested):
+        if chance * (len(tested) - number) > CHANCE:
+            break
+        kept.append(found)
+    return tuple(kept)
+
+
+def _chance(between: float, within: float, numerator: int, denominator: int) -> float:
+    """Probability of so large a ratio of mean squares by chance."""
+    from scipy.stats import f  # slow to import
+
+    if within == 0.0:
+        return 1.0 if between == 0.0 else 0.0
+    return float(f.sf(between / within, numerator, denominator))
