@@ -1,10 +1,13 @@
 """Triads calibrated with the errors that laboratories have: corrected vectors within their U."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.stats import t
 
-from calibkit.instruments.accelerometer import forms
+from calibkit.errors import RecipeError
+from calibkit.instruments.accelerometer import circumstances, forms
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.errors import judge_lack_of_fit
 from calibkit.instruments.accelerometer.fit import fit_triad
@@ -185,3 +188,51 @@ def test_a_single_soak_cannot_show_how_another_differs():
         recipe(k={"enabled": False}, affine={"scale_order": 0, "cross_order": 0, "bias_order": 0}),
     )
     assert any("one soak cannot show how another differs" in flag for flag in fitted.affine_flags)
+
+
+def drifting(seed, *, timed, back):
+    """Zeros that drift by 5 µg/h while temperature rises from soak to soak, and returns or not."""
+    measured = dwells(seed)
+    hours = 2.0 * np.repeat(np.arange(7), 26) + np.tile(np.arange(26) / 30.0, 7)
+    temperature = measured.temperature.copy()
+    if back:
+        temperature[-26:] = temperature[:26]
+    return dataclasses.replace(
+        measured,
+        indication=measured.indication + 5e-6 * hours[:, None],
+        temperature=temperature,
+        time=3600.0 * hours if timed else measured.time,
+    )
+
+
+def test_a_drift_of_the_zero_with_time_is_in_u():
+    """60 µg between the first and the last soak: slopes of the zero over temperature within U; a
+    return to the first temperature makes it at least five times smaller.
+    """
+    widths = {}
+    for back in (False, True):
+        covered = []
+        for seed in range(30):
+            for model in fit_triad(drifting(seed, timed=True, back=back), PLAIN).k:
+                slope = model.coefficients[5]
+                u = t.ppf(0.975, slope.effective_dof) * slope.standard_uncertainty
+                covered.append(abs(slope.value) <= u)
+        widths[back] = u
+        assert np.mean(covered) >= 0.88
+    assert widths[True] < widths[False] / 5.0
+
+
+def test_temperatures_that_follow_time_are_flagged():
+    """Rising from soak to soak, with and without a clock; a return to the first is not."""
+    for timed, word in ((True, "temperature follows time"), (False, "no time_s is logged")):
+        (flag,) = circumstances.warn_of_order(drifting(1, timed=timed, back=False))
+        assert word in flag
+    assert circumstances.warn_of_order(drifting(1, timed=True, back=True)) == ()
+
+
+def test_a_stated_error_that_the_logs_cannot_have_is_refused():
+    """A drift without a clock."""
+    stated = {"group": "session", "effect": "drift", "value": 1e-6, "unit": "g/h", "dof": 10.0}
+    spec = recipe(errors={"component": [stated]})
+    with pytest.raises(RecipeError, match="'drift' of group 'session'"):
+        fit_triad(dwells(1), spec)

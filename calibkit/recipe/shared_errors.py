@@ -7,6 +7,7 @@ import numpy as np
 
 from calibkit import units
 from calibkit.coefficients import Component
+from calibkit.errors import RecipeError
 from calibkit.numeric.least_squares import components
 from calibkit.numeric.least_squares.components import Effect, Known
 from calibkit.recipe.tables import Errors
@@ -22,8 +23,17 @@ def state_effects(
 ) -> tuple[tuple[Effect, ...], tuple[Effect, ...]]:
     """Effects of the groups that a recipe names, with what it states of their size, and the
     candidates among them; one whose size is stated is an effect.
+
+    Raises RecipeError for a stated size of an error that the logs or the model do not have.
     """
     stated = {(entry.group, entry.effect): entry for entry in errors.component}
+    offered = [(effect.group, effect.effect) for effect in (*effects, *candidates)]
+    for group, name in stated.keys() - set(offered):
+        raise RecipeError(
+            f"[[errors.component]] '{name}' of group '{group}': these logs and this model have no"
+            " such error",
+            hint=f"there are {', '.join(f'{one} of {other}' for other, one in offered)}",
+        )
     surely, perhaps = [], []
     for number, effect in enumerate((*effects, *candidates)):
         if errors.groups != "auto" and effect.group not in errors.groups:
@@ -31,7 +41,9 @@ def state_effects(
         entry = stated.get((effect.group, effect.effect))
         if entry is not None:
             unit = unit_of[effect.group, effect.effect]
-            value = float(units.convert(np.array(entry.value), entry.unit, unit))
+            value = entry.value
+            if entry.unit != unit:
+                value = float(units.convert(np.array(value), entry.unit, unit))
             surely.append(replace(effect, known=Known(value, entry.dof)))
         elif number < len(effects):
             surely.append(effect)

@@ -28,14 +28,10 @@ def refine_with(dwells: DwellSet, spec: AccelerometerRecipe, *, affine: bool = F
     """Fit with the errors that dwells share; of an affine triad the recipe makes some of them
     coefficients.
     """
-    own = {
-        "tilt": spec.affine.tilt,
-        "second order": spec.affine.second_order,
-    }
+    own = {"tilt": spec.affine.tilt, "second order": spec.affine.second_order}
     known = spec.reference.kind == "attitude"
     soak = shared_errors.number_soaks(dwells.temperature, dwells.log)
-    # the clocks of several logs have no common start
-    timed = dwells.log.max() == 0 and np.isfinite(dwells.time).all() and soak.max() > 0
+    timed = _tells_time(dwells) and soak.max() > 0
     where = shared_errors.Circumstances(
         soak,
         dwells.time / 3600.0 if timed else None,
@@ -51,3 +47,32 @@ def refine_with(dwells: DwellSet, spec: AccelerometerRecipe, *, affine: bool = F
         return state_effects(spec.errors, effects, tried, SHARED_UNITS)
 
     return partial(shared_errors.refine, where=where, state=state)
+
+
+def warn_of_order(dwells: DwellSet) -> tuple[str, ...]:
+    """Flag for temperatures that only rise or only fall from soak to soak: a zero that drifts with
+    time looks like one that follows temperature.
+    """
+    soak = shared_errors.number_soaks(dwells.temperature, dwells.log)
+    level = np.bincount(soak, dwells.temperature) / np.bincount(soak)
+    steps = np.sign(np.diff(level))
+    if steps.size < 2 or abs(steps.sum()) < steps.size:
+        return ()
+    cure = "return to the first temperature at the end"
+    if _tells_time(dwells):
+        flag = (
+            "temperature follows time: U of what follows temperature holds any drift of the zero"
+            f" that the dwells of a soak allow; {cure}, or state the drift of the session in"
+            " [[errors.component]]"
+        )
+    else:
+        flag = (
+            "temperature follows the order of the rows and no time_s is logged: a zero that drifts"
+            f" would be taken for one that follows temperature; log time_s, and {cure}"
+        )
+    return (flag,)
+
+
+def _tells_time(dwells: DwellSet) -> bool:
+    """Whether the dwells have one clock; those of several logs have no common start."""
+    return bool(dwells.log.max() == 0 and np.isfinite(dwells.time).all())

@@ -12,6 +12,7 @@ from calibkit.frame import refuse, require
 from calibkit.ingest import logs as ingest, write_back
 from calibkit.instruments import Fitted, Instrument
 from calibkit.instruments.accelerometer import (
+    circumstances,
     coefficient_files,
     dwells as triad_dwells,
     errors,
@@ -86,7 +87,8 @@ def _fit(
         tables.tabulate_errors(found, spec, f"The fitted dwells before and after{out}"),
         *([tables.tabulate_uncertainty(uncertainty)] if uncertainty else ()),
     ]
-    flags = dict.fromkeys((*dwells.flags, *fitted.k_flags, *fitted.affine_flags))
+    order = circumstances.warn_of_order(dwells)
+    flags = dict.fromkeys((*dwells.flags, *order, *fitted.k_flags, *fitted.affine_flags))
     judged = (*after.judge_errors(spec), *errors.judge_lack_of_fit(fitted.lack_of_fit))
     return Fitted(
         results,
