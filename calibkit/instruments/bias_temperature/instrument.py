@@ -89,7 +89,8 @@ def _fit(
         logs.append(log)
         flags += [f"{log.file}: {note}" for note in log.notes]
         flags += [str(finding) for finding in found if finding.flagged]
-    fits = polynomials.fit(logs, spec.polynomials)
+    fits = polynomials.fit(logs, spec.polynomials, spec.errors)
+    flags += [flag for found in fits for flag in found.flags]
     return Fitted(
         (polynomials.result(fits, flags),),
         tuple(Input.of(log) for log in logs),

@@ -3,14 +3,15 @@ abscissa.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from calibkit import units
 from calibkit.arrays import Array
-from calibkit.coefficients import Model, Record, StageResult
+from calibkit.coefficients import Component, Model, Record, StageResult
 from calibkit.forms import POLYNOMIAL, power_unit
 from calibkit.frame import Log, values
 from calibkit.instruments.bias_temperature.figures import BiasCurve
@@ -21,11 +22,17 @@ from calibkit.instruments.bias_temperature.recipe import (
 )
 from calibkit.numeric import chunks
 from calibkit.numeric.chunks import mean, ranges_along
-from calibkit.numeric.least_squares import fold, hac, polynomial
+from calibkit.numeric.least_squares import components, fold, hac, levels, polynomial
+from calibkit.numeric.least_squares.components import Effect, Known
+from calibkit.numeric.least_squares.levels import LevelFit
+from calibkit.recipe.shared_errors import list_components, state_effects, warn_of_few_groups
+from calibkit.recipe.tables import Errors
 from calibkit.report.summary import Summary, number
 from calibkit.report.table import Table
 
 BINS = 200
+GROUP, EFFECT = "log", "turn-on bias"
+"""Error that all rows of a log share."""
 
 Allocate = Callable[[int], Array]
 
@@ -46,24 +53,38 @@ class _BiasFit:
     residual_rms: float
     valid: tuple[float, float]
     curve: BiasCurve
+    components: tuple[Component, ...]
+    flags: tuple[str, ...]
 
 
-def fit(logs: Sequence[Log], spec: Polynomials) -> list[_BiasFit]:
+@dataclass(frozen=True, slots=True)
+class _Rows:
+    """Rows of all logs, one after the other."""
+
+    abscissa: Array
+    indication: Array
+    bounds: tuple[tuple[int, int], ...]
+    """First row of each log and row after its last."""
+    allocate: Allocate
+
+
+def fit(logs: Sequence[Log], spec: Polynomials, errors: Errors) -> list[_BiasFit]:
     """Fit each channel's polynomial by least squares on the abscissa mapped to [−1, 1], over the
-    rows of all logs.
+    rows of all logs, each of which has a turn-on bias of its own.
 
     The covariance allows for autocorrelated residuals (Newey & West 1987): the noise of a sensor
     that warms up is not white. Few cold rows leave few degrees of freedom.
     """
     allocate = next((log.allocate for log in logs if log.on_disk), np.empty)
     abscissa = _concatenate(logs, spec.abscissa, allocate)
+    ends = np.cumsum([0, *(log.rows for log in logs)]).tolist()
+    bounds = tuple(pairwise(ends))
     return [
         _fit_channel(
             entry,
             spec.abscissa,
-            abscissa,
-            _concatenate(logs, entry.indication, allocate),
-            allocate,
+            _Rows(abscissa, _concatenate(logs, entry.indication, allocate), bounds, allocate),
+            errors,
         )
         for entry in spec.bias
     ]
@@ -84,31 +105,62 @@ def _concatenate(logs: Sequence[Log], column: str, allocate: Allocate) -> Array:
     return whole
 
 
-def _fit_channel(
-    entry: Bias, name: str, abscissa: Array, indication: Array, allocate: Allocate
-) -> _BiasFit:
+def _fit_channel(entry: Bias, name: str, rows: _Rows, errors: Errors) -> _BiasFit:
     """One channel's polynomial over the abscissa of that name."""
-    design, to_raw = polynomial.mapped_powers(abscissa, entry.order)
-    found = fold.linear(
-        design, indication, names=[f"p{k}" for k in range(entry.order + 1)], allocate=allocate
-    )
-    consistent = hac.covariance(
-        design, found.residuals, combinations=np.asarray(to_raw, dtype=np.float64)
-    )
-    raw, covariance = polynomial.in_raw_powers(found.coefficients, consistent.covariance, to_raw)
-    shown = _bin_means(abscissa, indication)
+    unit = units.column_unit(entry.indication)
+    unit_of = {(GROUP, EFFECT): unit}
+    single = np.zeros(1, dtype=np.int64)
+    stated, _ = state_effects(errors, (Effect(GROUP, EFFECT, single, np.ones(1)),), (), unit_of)
+    known = stated[0].known if stated else None
+    design, to_raw = polynomial.mapped_powers(rows.abscissa, entry.order)
+    names = [f"p{k}" for k in range(entry.order + 1)]
+    turned = np.asarray(to_raw, dtype=np.float64)
+    if stated and len(rows.bounds) > 1:
+        blocks = levels.Blocks.of(design, rows.indication, rows.abscissa, rows.bounds)
+        effect = replace(blocks.effect(GROUP, EFFECT), known=known)
+        shared = levels.fit(blocks, effect, turned, names=names)
+    else:
+        shared = _of_one_level(design, rows, names, turned, known)
+    raw, covariance = polynomial.in_raw_powers(shared.coefficients, shared.covariance, to_raw)
+    shown, rms = _bin_means(rows, shared.levels, raw)
     curve = np.asarray(np.polynomial.polynomial.polyval(shown[0], raw), dtype=np.float64)
+    found = (shared.component,) if stated else ()
     return _BiasFit(
         entry.indication,
         name,
         raw,
         covariance,
-        consistent.effective_dof,
-        found.dof,
-        found.residual_rms,
-        chunks.extremes(abscissa),
+        shared.effective_dof,
+        rows.indication.size - raw.size,
+        rms,
+        chunks.extremes(rows.abscissa),
         BiasCurve(entry.indication, *shown, curve),
+        list_components(found, unit_of),
+        tuple(f"{entry.indication}: {flag}" for flag in warn_of_few_groups(found)),
     )
+
+
+def _of_one_level(
+    design: Callable[[slice], Array],
+    rows: _Rows,
+    names: Sequence[str],
+    to_raw: Array,
+    known: Known | None,
+) -> LevelFit:
+    """Ordinary least squares, for one log, or where the recipe names no group; a turn-on bias of
+    known size is an uncertainty of p0.
+    """
+    found = fold.linear(design, rows.indication, names=names, allocate=rows.allocate)
+    consistent = hac.covariance(design, found.residuals, combinations=to_raw)
+    covariance, dof = consistent.covariance, consistent.effective_dof
+    size = known or Known(0.0)
+    before = float(to_raw[0] @ covariance @ to_raw[0])
+    covariance[0, 0] += size.value**2
+    if size.value > 0.0:
+        spread = before**2 / dof[0] + size.value**4 / size.dof
+        dof[0] = (before + size.value**2) ** 2 / spread
+    one = components.Component(GROUP, EFFECT, size.value, 0.0, 1, 0, known is not None)
+    return LevelFit(found.coefficients, covariance, dof, one, np.zeros(len(rows.bounds)))
 
 
 def result(fits: Sequence[_BiasFit], flags: Sequence[str]) -> StageResult:
@@ -133,6 +185,7 @@ def _model(found: _BiasFit) -> Model:
         residual_rms=found.residual_rms,
         residual_unit=unit,
         valid={found.abscissa: found.valid},
+        components=found.components,
     )
 
 
@@ -220,19 +273,23 @@ def validation_summary(entries: Sequence[dict[str, Any]]) -> Summary:
     )
 
 
-def _bin_means(abscissa: Array, indication: Array) -> tuple[Array, Array]:
-    """Means of abscissa and indication [bins] over equal steps of the abscissa; empty steps are
-    left out.
+def _bin_means(rows: _Rows, level: Array, raw: Array) -> tuple[tuple[Array, Array], float]:
+    """Means of abscissa and indication [bins] over equal steps of the abscissa, empty steps left
+    out, and rms of the residuals; of indications less the level of their log.
     """
-    edges = np.linspace(*chunks.extremes(abscissa), BINS + 1)
-    count, sums = np.zeros(BINS, dtype=np.int64), np.zeros((2, BINS))
-    for start, stop in chunks.ranges_along(abscissa, indication):
-        x, y = abscissa[start:stop], indication[start:stop]
-        index = np.clip(np.digitize(x, edges) - 1, 0, BINS - 1)
-        count += np.bincount(index, minlength=BINS)
-        sums += [np.bincount(index, weights=values, minlength=BINS) for values in (x, y)]
+    edges = np.linspace(*chunks.extremes(rows.abscissa), BINS + 1)
+    count, sums, square = np.zeros(BINS, dtype=np.int64), np.zeros((2, BINS)), 0.0
+    for (first, end), shift in zip(rows.bounds, level, strict=True):
+        x_of, y_of = rows.abscissa[first:end], rows.indication[first:end]
+        for start, stop in chunks.ranges_along(x_of, y_of):
+            x, y = x_of[start:stop], y_of[start:stop] - shift
+            index = np.clip(np.digitize(x, edges) - 1, 0, BINS - 1)
+            count += np.bincount(index, minlength=BINS)
+            sums += [np.bincount(index, weights=values, minlength=BINS) for values in (x, y)]
+            square += float(np.sum((y - np.polynomial.polynomial.polyval(x, raw)) ** 2))
     full = count > 0
-    return sums[0][full] / count[full], sums[1][full] / count[full]
+    means = sums[0][full] / count[full], sums[1][full] / count[full]
+    return means, float(np.sqrt(square / rows.indication.size))
 
 
 def _standard_deviation(values: Array) -> float:

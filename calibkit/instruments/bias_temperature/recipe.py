@@ -27,6 +27,7 @@ class BiasTemperatureRecipe(Recipe):
     """A static instrument that warms up: each channel's bias as a polynomial of a temperature."""
 
     along_chunks: ClassVar[bool] = True
+    error_groups: ClassVar[tuple[str, ...]] = ("log",)
 
     procedure: Literal["bias_temperature"]
     polynomials: Polynomials
