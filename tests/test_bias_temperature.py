@@ -58,6 +58,22 @@ def bias_log(folder, log_writer, seed, offset=0.0, rows=4000):
     )
 
 
+def test_few_cold_rows_leave_few_degrees_of_freedom(tmp_path, calibkit, log_writer):
+    """Coefficients of a warm-up state the degrees of freedom of their uncertainty: of 300 rows
+    fewer than 100, of 4,000 more.
+    """
+    few, many = [], []
+    for rows, into in ((300, few), (4000, many)):
+        bias_log(tmp_path / f"{rows}", log_writer, 1, rows=rows)
+        options = ("--data", tmp_path / f"{rows}", "--serial", f"G{rows}", "--out", tmp_path)
+        assert calibkit("fit", "bias_temperature", *options).code == 0
+        model = store.load(tmp_path / f"G{rows}" / "r001").records["bias.json"].models[0]
+        into += [entry.effective_dof for entry in model.coefficients]
+        assert model.dof == rows - 4
+    assert max(few) < 100.0
+    assert min(many) > max(few)
+
+
 def test_compensation_is_zero_at_the_reference_and_keeps_the_mean_rate(
     tmp_path, calibkit, log_writer
 ):

@@ -89,6 +89,7 @@ def linear(
     names: Sequence[str] = (),
     groups: Sequence[Integers] = (),
     near: RobustFit | None = None,
+    largest: float = 0.0,
 ) -> RobustFit:
     """Fit indication = design · coefficients so that no few rows move it: an MM-estimate.
 
@@ -109,6 +110,8 @@ def linear(
     near
         Fit of nearly the same rows, to whose residuals this one is fitted: it starts from its
         weights, at its scale, with its structure.
+    largest
+        Size of what the indications are differences of, for the rounding that is in them.
 
     Returns
     -------
@@ -130,7 +133,7 @@ def linear(
     weighted = design * root[:, None]
     basis, _ = np.linalg.qr(weighted / np.linalg.norm(weighted, axis=0))
     target = indication * root
-    floor = ROUNDING * float(np.max(np.abs(target)))
+    floor = ROUNDING * max(float(np.max(np.abs(target))), largest)
     if near is None:
         scale, solution, row_weights = _start(basis, target, floor)
     else:
@@ -225,9 +228,12 @@ def nonlinear(
         residual, slopes = linearised(parameters)
         # the start may be far: a few linearisations are looked at afresh, the others follow them
         near = step if number > 2 else None
-        step = linear(slopes, -residual, names=names, groups=groups, near=near)
+        largest = float(np.max(np.abs(slopes @ parameters)))
+        step = linear(slopes, -residual, names=names, groups=groups, near=near, largest=largest)
         parameters = parameters + step.fit.coefficients
-        if float(np.max(np.abs(step.fit.coefficients) / step.fit.standard_uncertainty)) < AT_REST:
+        change, still = step.fit.coefficients, AT_REST * step.fit.standard_uncertainty
+        moved = float(np.max(np.abs(slopes @ change)))
+        if np.all(np.abs(change) < still) or moved <= ROUNDING * largest:
             return parameters, step
     raise FitError(
         "the robust fit does not come to rest", hint="use the plain fit and look at its residuals"
