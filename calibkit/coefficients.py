@@ -361,6 +361,7 @@ def _plain(value: Any, annotation: str) -> Any:  # noqa: ANN401 (a value of JSON
 
 
 _Made = TypeVar("_Made")
+SetBy = Literal["recipe", "calibkit"]
 
 
 def _typed(kind: type[_Made], values: Mapping[str, Any]) -> _Made:
@@ -383,13 +384,15 @@ class Criterion:
     limit: float
     unit: str
     passed: bool
-    set_by: Literal["recipe", "calibkit"] = "recipe"
+    set_by: SetBy = "recipe"
     """Whose limit it is: one of calibkit rejects, and meeting it alone accepts nothing."""
 
 
-def at_most(name: str, value: float, limit: float, unit: str) -> Criterion:
+def at_most(
+    name: str, value: float, limit: float, unit: str, set_by: SetBy = "recipe"
+) -> Criterion:
     """Criterion that a value must not exceed its limit; equality passes, NaN fails."""
-    return Criterion(name, value, limit, unit, passed=bool(value <= limit))
+    return Criterion(name, value, limit, unit, bool(value <= limit), set_by)
 
 
 def at_least(name: str, value: float, limit: float, unit: str) -> Criterion:

@@ -377,8 +377,8 @@ def test_scale_and_zero_then_q_is_the_published_chain(tmp_path, calibkit, log_wr
 
 
 def test_coefficients_of_another_unit_fail_their_validation(tmp_path, calibkit, log_writer):
-    """Dwells that come out worse than they were reject the run, and few logs give no grouped
-    covariance.
+    """Errors far beyond their uncertainty reject the run, also where they are smaller than those of
+    the raw indication; few logs give no grouped covariance.
     """
     simulated(tmp_path / "logs", 6, log_writer)
     simulated(tmp_path / "other", 7, log_writer)
@@ -394,7 +394,7 @@ def test_coefficients_of_another_unit_fail_their_validation(tmp_path, calibkit, 
         tmp_path / "v.json",
     )
     assert outcome.code == 1
-    assert "residual rms after/before" in outcome.out
+    assert "positions.csv: rms error over its u" in outcome.out
     refused, _ = fit(calibkit, tmp_path / "logs", tmp_path / "more", "k.groups=log")
     assert refused.code == 3
     assert "expected at least 12" in refused.err

@@ -46,12 +46,12 @@ def test_the_published_polynomials_come_out_to_every_printed_digit(real, tmp_pat
         assert tuple(f"{coefficient.value:.6e}" for coefficient in model.coefficients) == digits
 
 
-def bias_log(folder, log_writer, seed, offset=0.0, rows=4000):
+def bias_log(folder, log_writer, seed, offset=0.0, rows=4000, slope=0.02):
     """Write a static gyro's warm-up: a cubic bias with 0.05 °/h noise."""
     rng = np.random.default_rng(seed)
     time = np.arange(float(rows))
     temperature = 60.0 - 80.0 * np.exp(-time / 1500.0)
-    bias = offset + 0.02 * temperature - 1e-4 * temperature**2 + 2e-6 * temperature**3
+    bias = offset + slope * temperature - 1e-4 * temperature**2 + 2e-6 * temperature**3
     gyro = bias + rng.normal(0.0, 0.05, rows)
     return log_writer(
         folder / f"warmup_{seed}.csv", time_s=time, temp_case_degc=temperature, gyro_dph=gyro
@@ -110,6 +110,24 @@ def test_compensation_is_zero_at_the_reference_and_keeps_the_mean_rate(
         0
     ]
     assert channel["after"] < 0.15 * channel["before"]  # 0.05 °/h of noise stay
+
+
+def test_the_drift_of_another_gyro_is_rejected(tmp_path, calibkit, log_writer):
+    """A slope of 0.05 instead of 0.02 °/h/°C: the frozen polynomial makes its errors smaller, and
+    they are far beyond their uncertainty all the same.
+    """
+    bias_log(tmp_path / "logs", log_writer, 1)
+    bias_log(tmp_path / "other", log_writer, 3, slope=0.05)
+    folders = ("--data", tmp_path / "logs", "--serial", "G", "--out", tmp_path / "runs")
+    assert calibkit("fit", "bias_temperature", *folders).code == 0
+    data = ("--data", tmp_path / "other", "--out", tmp_path / "v.json")
+    outcome = calibkit("validate", "G", "--runs", tmp_path / "runs", *data)
+    assert outcome.code == 1
+    assert "warmup_3.csv gyro_dph: drift over its u" in outcome.out
+    document = json.loads((tmp_path / "v.json").read_text(encoding="utf-8"))
+    (channel,) = document["logs"][0]["channels"]
+    assert channel["after"] < channel["before"]
+    assert document["verdict"] == "rejected"
 
 
 def test_beyond_the_fitted_range_the_polynomial_is_clamped_and_said(tmp_path, calibkit, log_writer):

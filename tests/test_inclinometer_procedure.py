@@ -646,7 +646,7 @@ def test_validation_needs_a_reference_azimuth(tmp_path, command):
     assert outcome.code == 1
     assert document["accepted"] is False
     names = [criterion["name"] for criterion in document["acceptance"]]
-    assert names == ["azimuth rms", "azimuth worse than uncorrected, over its u"]
+    assert names == ["stations.csv: rms azimuth error over its u", "azimuth rms"]
 
 
 def test_the_sample_stations_go_through_every_command(tmp_path, calibkit, command, monkeypatch):

@@ -251,6 +251,14 @@ def uncertainty_along(jacobian: Array, covariance: Array) -> Array:
     return np.sqrt(np.maximum(variance_along(jacobian, covariance), 0.0))
 
 
+def square_root(covariance: Array) -> Array:
+    """Matrix R [n, n] with R Rᵀ = covariance [n, n], whatever the units of its rows."""
+    u = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    scale = np.where(u > 0.0, u, 1.0)
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    return np.asarray(scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
 def standard_uncertainty(gradient: Array, covariance: Array) -> float:
     """Standard uncertainty of one result from its gradient [p] and the covariance [p, p] of its
     inputs (JCGM 100 eq. 13).

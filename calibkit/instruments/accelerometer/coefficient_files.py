@@ -12,7 +12,7 @@ from calibkit.forms import Form, within_ranges
 from calibkit.instruments.accelerometer import forms
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.fit import TriadFit
-from calibkit.numeric import chunks
+from calibkit.numeric import chunks, gum
 
 STAGES = {"accel_k": forms.K, "accel_q": forms.Q, "accel_affine": forms.AFFINE}
 """Stage → form of its models; the stage names its coefficient file."""
@@ -43,6 +43,35 @@ class Correction:
             at, _ = within_ranges(models[0], forms.inputs(indication, temperature))
             indication = np.column_stack([form.evaluate(model, at) for model in models])
         return indication
+
+    def uncertainty(self, indication: Array, temperature: Array) -> tuple[Array, Array]:
+        """Type A uncertainty of corrected components [n, 3, g] of a log of its own: errors that its
+        dwells share [n, 3, k, g], and variances [n, 3, g²] of those that they do not.
+        """
+        shared, own, dwells = [], np.zeros_like(indication), len(indication)
+        for form, models in self.stages:
+            at, _ = within_ranges(models[0], forms.inputs(indication, temperature))
+            for axis, model in enumerate(models):
+                along = np.eye(3) if len(models) == 1 else np.eye(3)[:, axis : axis + 1]
+                slopes = form.gradient(model, at) @ gum.square_root(np.array(model.covariance))
+                slopes = slopes.reshape(dwells, along.shape[1], -1)
+                shared.append(np.einsum("ia,nak->nik", along, slopes))
+                own += along.sum(axis=1) * model.residual_rms**2
+                for part in model.components:
+                    size = part.value * (indication if part.unit == "1" else np.ones((dwells, 3)))
+                    if part.group == "attitude":  # which a log seldom repeats
+                        own += along.sum(axis=1) * size**2
+                    else:
+                        shared.append(size[:, :, None] * along)
+            indication = np.column_stack([form.evaluate(model, at) for model in models])
+        return np.concatenate(shared, axis=2), own
+
+    @property
+    def dof(self) -> tuple[float, float]:
+        """Fewest effective degrees of freedom of a coefficient, and those of the residuals."""
+        models = [model for _, models in self.stages for model in models]
+        coefficients = (model.dof_of(c) for model in models for c in model.coefficients)
+        return max(min(coefficients), 1.0), max(min(model.dof for model in models), 1.0)
 
     def outside(self, temperature: Array) -> float:
         """Share of the temperatures [n, °C] that are outside the calibrated range and clamped."""

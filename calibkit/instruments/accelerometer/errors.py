@@ -14,7 +14,7 @@ from calibkit.instruments.accelerometer.coefficient_files import Correction
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.numeric.shared_errors import Unexplained
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
-from calibkit.numeric import attitude
+from calibkit.numeric import attitude, consistency
 from calibkit.numeric.dispersion import rms
 
 TOOLFACE_RANGE_DEG = (10.0, 170.0)
@@ -76,11 +76,23 @@ class DwellErrors:
             if limit is not None
         )
 
-    def judge_improvement(self, after: "DwellErrors") -> Criterion:
-        """Criterion that the correction does not increase the errors of unseen dwells."""
-        rms_before = self.residual_rms_g
-        share = after.residual_rms_g / rms_before if rms_before > 0.0 else 1.0
-        return at_most("residual rms after/before", share, 1.0, "1")
+    def judge_uncertainty(self, name: str, dwells: DwellSet, correction: Correction) -> Criterion:
+        """Criterion that the errors of unseen, corrected dwells are as large as their uncertainty
+        states, whose part of the coefficients they share.
+        """
+        shared, own = correction.uncertainty(dwells.indication, dwells.temperature)
+        if self.angles is None:  # lengths: along the corrected vector
+            vector = correction(dwells.indication, dwells.temperature)
+            unit = vector / np.linalg.norm(vector, axis=1)[:, None]
+            shared = np.einsum("ni,nik->nk", unit, shared)[:, None]
+            own = np.sum(unit**2 * own, axis=1)[:, None]
+        found = consistency.compare_errors(
+            self.residual.ravel(),
+            shared.reshape(self.residual.size, -1),
+            own.ravel(),
+            dof=correction.dof,
+        )
+        return at_most(f"{name}: rms error over its u", found.ratio, found.limit, "1", "calibkit")
 
     @classmethod
     def compare(

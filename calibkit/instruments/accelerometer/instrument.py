@@ -159,7 +159,10 @@ def _validate(
         )
         both = {"indication": before, "corrected": after}
         shown.append(tables.tabulate_errors(both, spec, log.file))
-        criteria += [before.judge_improvement(after), *after.judge_errors(spec)]
+        criteria += [
+            after.judge_uncertainty(log.file, dwells, correction),
+            *after.judge_errors(spec),
+        ]
         flags += (*dwells.flags, *map(str, plausibility.find_implausible(dwells, spec)[1]))
         if (outside := correction.outside(dwells.temperature)) > 0.0:
             flags.append(

@@ -11,7 +11,7 @@ import numpy as np
 
 from calibkit import units
 from calibkit.arrays import Array
-from calibkit.coefficients import Component, Model, Record, StageResult
+from calibkit.coefficients import Component, Model, Record, StageResult, at_most
 from calibkit.forms import POLYNOMIAL, power_unit
 from calibkit.frame import Log, values
 from calibkit.instruments.bias_temperature.figures import BiasCurve
@@ -20,7 +20,7 @@ from calibkit.instruments.bias_temperature.recipe import (
     BiasTemperatureRecipe,
     Polynomials,
 )
-from calibkit.numeric import chunks
+from calibkit.numeric import chunks, consistency
 from calibkit.numeric.chunks import mean, ranges_along
 from calibkit.numeric.least_squares import components, fold, hac, levels, polynomial
 from calibkit.numeric.least_squares.components import Effect, Known
@@ -251,6 +251,7 @@ def validation_entry(log: Log, record: Record, spec: BiasTemperatureRecipe) -> d
                 "unit": units.column_unit(name),
                 "before": _standard_deviation(values(log.frame, name)),
                 "after": _standard_deviation(output),
+                **_judge_drift(record.model(name), log, spec.polynomials.abscissa),
             }
             for name, output in columns.items()
         ],
@@ -265,12 +266,49 @@ def validation_summary(entries: Sequence[dict[str, Any]]) -> Summary:
         for entry in entries
         for c in entry["channels"]
     )
+    judged = (
+        at_most(
+            f"{entry['name']} {c['name']}: drift over its u",
+            c["rms_error_over_uncertainty"],
+            c["largest_rms_error_over_uncertainty"],
+            "1",
+            "calibkit",
+        )
+        for entry in entries
+        for c in entry["channels"]
+        if "rms_error_over_uncertainty" in c
+    )
     return Summary(
         "",
         (Table("Standard deviation", ("log", "channel", "before", "after", "unit"), rows),),
         tuple(flag for entry in entries for flag in entry["flags"]),
-        (),
+        tuple(judged),
     )
+
+
+def _judge_drift(model: Model, log: Log, abscissa: str) -> dict[str, float]:
+    """How the polynomial of an unseen log differs from the frozen one, over its uncertainty: every
+    power but the level, which a turn-on changes. Empty where nothing drifts.
+    """
+    x, order = values(log.frame, abscissa), len(model.coefficients) - 1
+    low, high = chunks.extremes(x)
+    if order == 0 or low == high:
+        return {}
+    design, to_raw = polynomial.mapped_powers(x, order)
+    found = fold.linear(design, values(log.frame, model.name), allocate=log.allocate)
+    own, covariance = polynomial.in_raw_powers(
+        found.coefficients, hac.covariance(design, found.residuals).covariance, to_raw
+    )
+    both = covariance + np.array(model.covariance)
+    judged = consistency.compare_coefficients(
+        (own - POLYNOMIAL.read(model))[1:],
+        both[1:, 1:],
+        dof=max(1.0, min(map(model.dof_of, model.coefficients[1:]))),
+    )
+    return {
+        "rms_error_over_uncertainty": judged.ratio,
+        "largest_rms_error_over_uncertainty": judged.limit,
+    }
 
 
 def _bin_means(rows: _Rows, level: Array, raw: Array) -> tuple[tuple[Array, Array], float]:

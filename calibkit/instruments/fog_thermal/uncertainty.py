@@ -23,7 +23,7 @@ from calibkit.instruments.fog_thermal.numeric.gradient import Blocks
 from calibkit.instruments.fog_thermal.numeric.terms import ThermalModel
 from calibkit.instruments.fog_thermal.ramps import PreparedLog
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
-from calibkit.numeric import chunks, gum
+from calibkit.numeric import chunks, consistency, gum
 from calibkit.recipe import TypeB
 from calibkit.recipe.type_b import RELATIVE
 from calibkit.report.summary import number
@@ -282,6 +282,14 @@ def check_coverage(model: DriftModel, blocks: Blocks, terms: Sequence[TypeB]) ->
     flicker = noise.flicker**2 * np.diag(
         uncertainty.about_its_mean(thermal_noise.flicker_kernel(count))
     )
-    limit = np.sqrt(grouped(found.expanded) ** 2 + 4.0 * (noise.white_variance / group + flicker))
-    share = float(np.mean(np.abs(left - left.mean()) <= limit))
-    return entry | {"means_of_100_s": count, "share_within_expanded_uncertainty": share}
+    own = noise.white_variance / group + flicker
+    limit = np.sqrt(grouped(found.expanded) ** 2 + 4.0 * own)
+    error = left - left.mean()
+    # the error of the drift is taken as one pattern along the log
+    judged = consistency.compare_errors(error, grouped(found.standard)[:, None], own)
+    return entry | {
+        "means_of_100_s": count,
+        "share_within_expanded_uncertainty": float(np.mean(np.abs(error) <= limit)),
+        "rms_error_over_uncertainty": judged.ratio,
+        "largest_rms_error_over_uncertainty": judged.limit,
+    }

@@ -10,7 +10,7 @@ from calibkit.coefficients import Criterion, at_most
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.solve import SolvedStations
 from calibkit.instruments.inclinometer.stations import Stations
-from calibkit.numeric import dispersion
+from calibkit.numeric import consistency, dispersion
 from calibkit.numeric.attitude import wrapped
 
 
@@ -41,10 +41,17 @@ class AngleErrors:
         worse = np.abs(self.after[known]) - np.abs(self.before[known])
         return np.asarray(worse / self.standard_uncertainty[known], dtype=np.float64)
 
-    def criteria(self, spec: InclinometerRecipe, *, unseen: bool) -> tuple[Criterion, ...]:
-        """Criteria of the recipe's acceptance limits; for unseen stations also that the correction
-        does not increase any azimuth error.
+    def judge_uncertainty(self, name: str) -> Criterion:
+        """Criterion that azimuth errors of unseen stations are as large as stated; they may share
+        them altogether, since s(T) is common to all.
         """
+        u = self.standard_uncertainty[self.known]
+        found = consistency.compare_errors(self.after[self.known], u[:, None], np.zeros(u.size))
+        what = f"{name}: rms azimuth error over its u"
+        return at_most(what, found.ratio, found.limit, "1", "calibkit")
+
+    def criteria(self, spec: InclinometerRecipe) -> tuple[Criterion, ...]:
+        """Criteria of the recipe's acceptance limits."""
         limits, known = spec.acceptance, self.known
         tests = [
             ("azimuth rms", rms(self.after[known]), limits.max_azimuth_rms_deg),
@@ -56,19 +63,11 @@ class AngleErrors:
             ),
             ("largest toolface error", largest(self.toolface), limits.max_toolface_error_deg),
         ]
-        made = [
+        return tuple(
             at_most(name, value, limit, "deg")
             for name, value, limit in tests
             if limit is not None and np.isfinite(value)
-        ]
-        if unseen and self.excess.size:
-            from scipy.special import ndtri
-
-            # 95 % quantile of the largest of so many normal errors (Bonferroni)
-            limit = float(ndtri(1.0 - 0.05 / (2.0 * self.excess.size)))
-            worst = float(self.excess.max())
-            made.append(at_most("azimuth worse than uncorrected, over its u", worst, limit, "1"))
-        return tuple(made)
+        )
 
     @classmethod
     def compare(cls, stations: Stations, seen: SolvedStations) -> Self:

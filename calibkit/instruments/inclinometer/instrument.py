@@ -125,7 +125,7 @@ def _validate(
     spec: InclinometerRecipe, records: Mapping[str, Record], logs: Iterable[Log]
 ) -> tuple[dict[str, Any], Summary]:
     """Angle errors before and after correction on stations that were not used in the fit."""
-    entries, flags, shown, parts = [], [], [], []
+    entries, flags, shown, parts, judged = [], [], [], [], []
     for log in logs:
         file = log.file
         (admitted,), _ = inclinometer_stations.admit_logs([log], spec)
@@ -147,11 +147,12 @@ def _validate(
                 " reference azimuths"
             )
         parts.append(angles)
+        judged.append(angles.judge_uncertainty(file))
     pooled = (
         np.concatenate([getattr(part, field.name) for part in parts])
         for field in fields(errors.AngleErrors)
     )
-    criteria = errors.AngleErrors(*pooled).criteria(spec, unseen=True)
+    criteria = (*judged, *errors.AngleErrors(*pooled).criteria(spec))
     return {"logs": entries}, Summary("", tuple(shown), tuple(flags), criteria)
 
 

@@ -142,7 +142,7 @@ def summarize(
                 found, "Errors against the reference, each station by the s(T) of the others"
             )
         )
-    return Summary(spec.title, tuple(tables), flags, found.criteria(spec, unseen=False))
+    return Summary(spec.title, tuple(tables), flags, found.criteria(spec))
 
 
 def collect_drawing(
