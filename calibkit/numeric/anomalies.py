@@ -109,7 +109,8 @@ def spikes(values: Array, *, least: float = 0.0) -> Integers:
     A row is a spike if it differs from the median of the seven rows around it by more than ten
     standard deviations, five resolutions and `least` [unit of the series]; steps and bends do not.
     The standard deviation is that of the row's block of 512 rows or of the 65 rows around it,
-    whichever is larger: a series may be noisier elsewhere, and a knock is no row of spikes.
+    whichever is larger: a series may be noisier elsewhere, and a knock is no row of spikes. A
+    level that does not come back begins something else.
     """
     if values.size < 8 * WIDTH:
         return np.zeros(0, dtype=np.int64)
@@ -124,7 +125,7 @@ def spikes(values: Array, *, least: float = 0.0) -> Integers:
     for noise_at in (_block_noise, _noise_around):
         limit = np.maximum(SPIKE * noise_at(values, rows), floor)
         rows = rows[from_median(values, rows) > limit]
-    return np.asarray(rows, dtype=np.int64)
+    return np.asarray(rows[_level_change(values, rows) < from_median(values, rows)], dtype=np.int64)
 
 
 def _neighbours(wide: Integers, values: Array) -> Iterator[Integers]:
@@ -146,6 +147,20 @@ def from_median(values: Array, rows: Integers) -> Array:
         values, np.clip(rows[:, None] + np.arange(-WIDTH, WIDTH + 1), 0, values.size - 1)
     )
     return np.asarray(np.abs(around[:, WIDTH] - np.median(around, axis=1)), dtype=np.float64)
+
+
+def _level_change(values: Array, rows: Integers) -> Array:
+    """Absolute difference [m] between the medians of the three rows before and of the three behind
+    the seven rows around rows [m] of a series [n].
+    """
+    beyond = np.arange(WIDTH + 1, 2 * WIDTH + 1)
+    before, behind = (
+        np.median(
+            chunks.take_rows(values, np.clip(rows[:, None] + side, 0, values.size - 1)), axis=1
+        )
+        for side in (-beyond, beyond)
+    )
+    return np.asarray(np.abs(behind - before), dtype=np.float64)
 
 
 def _sampled_steps(values: Array) -> Array:
