@@ -78,7 +78,7 @@ def fit_triad(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
         refine=refine_with(dwells, spec, affine=True),
     )
     off = dwells.indication - dwells.reference
-    found, flags = robust_choice.choose(affine_fit, spec.loss, ["affine"], [off])
+    found, flags = robust_choice.choose(affine_fit, spec.loss, ["affine"], off)
     flags += (*found.flags, *warn_of_few_groups(found.components))
     model, q = _affine_models(found, dwells, spec)
     flags += (*_name_suspects("affine", found, dwells), *_name_common("affine", found, dwells))
@@ -110,8 +110,8 @@ def _fit_k(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
         groups=dwells.log if by_log else None,
         refine=refine_with(dwells, spec),
     )
-    off = (dwells.indication - dwells.reference).T
-    axes, flags = robust_choice.choose(k_fit, spec.loss, forms.K_MODELS, list(off))
+    off = dwells.indication - dwells.reference
+    axes, flags = robust_choice.choose(k_fit, spec.loss, forms.K_MODELS, off)
     flags += (*axes[0].flags, *warn_of_few_groups(axes[0].components))
     for name, axis in zip(forms.K_MODELS, axes, strict=True):
         flags += _name_suspects(name, axis, dwells)
@@ -159,7 +159,7 @@ def _fit_lengths(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
             weights=None if noise is None else 1.0 / noise**2,
             refine=refine_with(dwells, spec, affine=True),
         )
-        over_temperature, more = robust_choice.choose(affine_fit, spec.loss, ["affine"], [off])
+        over_temperature, more = robust_choice.choose(affine_fit, spec.loss, ["affine"], off)
         model, q = _affine_models(over_temperature, dwells, spec)
         flags += (*more, *over_temperature.flags)
         flags += warn_of_few_groups(over_temperature.components)
@@ -194,7 +194,7 @@ def _fit_constant(
         # over temperature the affine fit stands in the files
         refine=None if spec.affine.enabled else refine_with(dwells, spec),
     )
-    found, flags = robust_choice.choose(length_fit, spec.loss, ["magnitude"], [off])
+    found, flags = robust_choice.choose(length_fit, spec.loss, ["magnitude"], off)
     return found, (), (*flags, *warn_of_few_groups(found.components))
 
 

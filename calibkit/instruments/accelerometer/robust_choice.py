@@ -29,10 +29,10 @@ Found = TypeVar("Found", bound="DwellFit | Sequence[DwellFit]")
 
 
 def choose(
-    fit_with: Callable[..., Found], loss: str, names: Sequence[str], uncorrected: Sequence[Array]
+    fit_with: Callable[..., Found], loss: str, names: Sequence[str], uncorrected: Array
 ) -> tuple[Found, tuple[str, ...]]:
-    """Fit with the recipe's loss, and flags; `names` and `uncorrected` residuals [n] or [n, m, g]
-    are those of each model of the fit.
+    """Fit with the recipe's loss, and flags; `names` are those of the fit's models, `uncorrected`
+    the residuals [n] or [n, m, g] of the raw dwells.
 
     Plain least squares stands in where a robust fit does not converge, or leaves a median absolute
     residual that is 10 % larger than that of least squares or of no correction. Where the two fits
@@ -40,42 +40,48 @@ def choose(
     none.
     """
     plain = fit_with(loss="least_squares")
-    flags: tuple[str, ...] = ()
+    other, raw = _median_length(_residuals(plain)), _median_length(uncorrected)
+    what, flags = ", ".join(names), list[str]()
     if loss == "robust":
         try:
             tough = fit_with(loss="robust")
         except FitError as error:
-            flags = (f"{names[0]}: {error.message}",)
+            worse = error.message
         else:
-            medians = zip(names, *map(_medians, (tough, plain)), _medians(uncorrected), strict=True)
-            worse = [
-                f"{name}: the robust fit leaves a median residual of {one:.2e} g, least squares"
-                f" {other:.2e} g, no correction {raw:.2e} g: look for an error that dwells share"
-                for name, one, other, raw in medians
-                if one > WORSE * min(other, raw) + ROUNDING_G
-            ]
-            if not worse:
+            one = _median_length(_residuals(tough))
+            if one <= WORSE * min(other, raw) + ROUNDING_G:
                 return tough, _flag_differences(names, tough, plain)
             # without suspects the two differ by chance
-            flags = tuple(worse) if any(one.suspects for one in _models(tough)) else ()
-        flags = tuple(
-            f"{flag}; plain least squares was used, wild dwells are not left out" for flag in flags
-        )
-    for name, one, raw in zip(names, _medians(plain), _medians(uncorrected), strict=True):
-        if one > WORSE_THAN_NONE * raw + ROUNDING_G:
-            raise FitError(
-                f"{name}: the median residual is {one:.2e} g after correction by least squares,"
-                f" {raw:.2e} g before, expected a smaller one",
-                hint="look for wrong rows or references: gross errors move such a fit",
+            worse = (
+                f"the robust fit leaves a median residual of {one:.2e} g, least squares"
+                f" {other:.2e} g, no correction {raw:.2e} g: look for an error that dwells share"
+                if any(model.suspects for model in _models(tough))
+                else ""
             )
-    return plain, flags
+        if worse:
+            flags.append(
+                f"{what}: {worse}; plain least squares was used, wild dwells are not left out"
+            )
+    if other > WORSE_THAN_NONE * raw + ROUNDING_G:
+        raise FitError(
+            f"{what}: the median residual is {other:.2e} g after correction by least squares,"
+            f" {raw:.2e} g before, expected a smaller one",
+            hint="look for wrong rows or references: gross errors move such a fit",
+        )
+    return plain, tuple(flags)
 
 
-def _medians(found: "DwellFit | Sequence[DwellFit | Array]") -> list[float]:
-    """Median absolute residuals [g] of the models of a fit, or of residuals themselves."""
-    models = (found,) if isinstance(found, DwellFit) else found
-    residuals = (one.residuals if isinstance(one, DwellFit) else one for one in models)
-    return [float(np.median(np.abs(each))) for each in residuals]
+def _residuals(found: "DwellFit | Sequence[DwellFit]") -> Array:
+    """Residuals [n] or [n, m, g] of a fit, m axes side by side."""
+    residuals = [model.residuals for model in _models(found)]
+    return residuals[0] if len(residuals) == 1 else np.column_stack(residuals)
+
+
+def _median_length(residuals: Array) -> float:
+    """Median absolute residual [g] of dwells, over their components together: alone, most may be
+    zero at the attitudes that were held.
+    """
+    return float(np.median(np.linalg.norm(residuals.reshape(len(residuals), -1), axis=1)))
 
 
 def _models(found: "DwellFit | Sequence[DwellFit]") -> "Sequence[DwellFit]":

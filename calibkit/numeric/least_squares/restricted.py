@@ -18,6 +18,8 @@ TOLERANCE = 1e-9
 """Change of the deviance that ends the iteration."""
 DETERMINED = 1e-6
 """Share of an effect's square that must be left beside the coefficients for a level to count."""
+ROUNDING = 1e-9
+"""Share of the degrees of freedom that is rounding."""
 LEAST_NOISE = 1e-10
 """Share of the residual variance below which the variance of the noise is not sought."""
 
@@ -162,6 +164,9 @@ class Reduced:
         information[1:, 1:] = cross
         information[0, 1:] = information[1:, 0] = (trace - cross @ theta) / noise
         information[0, 0] = (self.spare - theta @ (2.0 * trace - cross @ theta)) / noise**2
+        if information[0, 0] * noise**2 < ROUNDING * self.spare:
+            # the effects take all degrees of freedom: nothing but rounding is left for the noise
+            information[0] = information[:, 0] = 0.0
         score, information = 0.5 * score, 0.5 * information
         for g, prior in enumerate(priors, start=1):
             slope, curvature = prior.information(float(variances[g]))
@@ -203,8 +208,11 @@ def _free(priors: Sequence[Prior]) -> Mask:
 
 
 def _inverse(information: Array, free: Mask) -> Array:
-    """Inverse [m, m] of the information of the free variances, zero elsewhere."""
-    size = np.where(free, np.sqrt(np.diag(information)), 1.0)
+    """Inverse [m, m] of the information of the free variances that the data tell of, zero
+    elsewhere.
+    """
+    free = free & (np.diag(information) > 0.0)
+    size = np.sqrt(np.where(free, np.diag(information), 1.0))
     scaled = np.where(free & free[:, None], information / np.outer(size, size), np.eye(len(size)))
     inverse = np.linalg.pinv(scaled, hermitian=True) / np.outer(size, size)
     return np.where(free & free[:, None], inverse, 0.0)
