@@ -17,6 +17,7 @@ from calibkit.instruments import silent
 from calibkit.instruments.accelerometer import forms
 from calibkit.instruments.fog_thermal.numeric import coil
 from calibkit.instruments.fog_thermal.numeric.terms import TERMS
+from calibkit.numeric import gum
 from conftest import ROOT, write_log
 
 ISSUED = dt.date(2026, 11, 21)
@@ -250,13 +251,15 @@ def test_type_b_of_a_rate_table_scales_k_and_leaves_the_pair_alone(run):
 
 
 def test_a_few_runs_widen_the_coverage_factor(run):
-    """K over temperature of six runs at four temperatures has 4 degrees of freedom: k = 2.87
-    without type B.
+    """The repeatability of three runs has 2 degrees of freedom: k = 4.53; K over temperature has
+    those of its model, which the runs' own noise rules where they repeat within it.
     """
-    found = by_key(certificate(run("rate_table")))
+    made = run("rate_table")
+    found = by_key(certificate(made))
+    curve = made.records["gyro_scale.json"].model("gyro_x.K_over_temperature")
     assert found[
         "gyro_scale.gyro_x.K_over_temperature.value@25"
-    ].uncertainty.coverage_factor == pytest.approx(2.869, abs=1e-3)
+    ].uncertainty.coverage_factor == pytest.approx(gum.coverage_factor(curve.dof))
     assert found[
         "gyro_scale.repeatability.GJB 2426A.gyro_x"
     ].uncertainty.coverage_factor == pytest.approx(4.527, abs=1e-3)

@@ -239,6 +239,10 @@ def _response_model(name: str, response: rate_response.Response, run: table_runs
 def _pair_model(fitted: pair_fit.PairFit) -> Model:
     """Model of N, ε, γ and α of a pair."""
     found = fitted.found
+    angle, dof = found.mounting_deg
+    u = angle / float(np.sqrt(2.0 * dof))
+    mounting = Component("mounting", "angle", angle, "deg", u, 2)
+    noise_dof = min(run.scale(gyro).dof for run in fitted.runs.values() for gyro in fitted.runs)
     return forms.PAIR.write(
         "pair",
         [
@@ -246,10 +250,12 @@ def _pair_model(fitted: pair_fit.PairFit) -> Model:
             for (name, unit), value in zip(forms.PAIR_UNITS.items(), found.values, strict=True)
         ],
         found.covariance,
-        dof=min(run.scale(gyro).dof for run in fitted.runs.values() for gyro in fitted.runs),
+        dof=noise_dof,
         residual_rms=fitted.runs["b"].scale("b").residual_rms,
         residual_unit="1/s",
         valid=_valid(list(fitted.runs.values())),
+        effective_dof=np.minimum(np.array(found.dof), max(float(noise_dof), 1.0)),
+        components=(mounting,) if mounting.value > 0.0 else (),
     )
 
 
@@ -320,8 +326,9 @@ def _triad_figures(fitted: triad_fit.AxesFit, one: triad_fit.AxesSet) -> Iterato
     angles.
     """
 
-    def figure(name: str, value: float, unit: str, u: float) -> Figure:
-        return Figure(fitted.named(name, one), float(value), unit, float(u))
+    def figure(name: str, value: float, unit: str, u: float, dof: float = np.inf) -> Figure:
+        own = float(dof) if np.isfinite(dof) else None
+        return Figure(fitted.named(name, one), float(value), unit, float(u), own)
 
     found, gyros = one.triad, fitted.gyros
     for g, gyro in enumerate(gyros):
@@ -334,8 +341,9 @@ def _triad_figures(fitted: triad_fit.AxesFit, one: triad_fit.AxesSet) -> Iterato
     for g, h in fitted.pairs:
         angle, u = found.angles_deg[g, h], found.angle_uncertainty_deg[g, h]
         name = f"{gyros[g]}_{gyros[h]}"
-        yield figure(f"angle_deg.{name}", angle, "deg", u)
-        yield figure(f"orthogonality_error_deg.{name}", 90.0 - angle, "deg", u)
+        dof = found.angle_dof[g, h]
+        yield figure(f"angle_deg.{name}", angle, "deg", u, dof)
+        yield figure(f"orthogonality_error_deg.{name}", 90.0 - angle, "deg", u, dof)
 
 
 def _line_figures(name: str, run: table_runs.TableRun, gyro: str) -> list[Figure]:

@@ -114,7 +114,7 @@ def _fit_pair(
                 hint="a pair needs the log of each table axis; see [logs] files and [[exclude]]",
             )
     runs = _read_runs(spec, data, sorted(files, key=spec.find_axis), progress)
-    fitted = pair_fit.fit_pair(*runs["a"], *runs["b"])
+    fitted = pair_fit.fit_pair(runs["a"][0], runs["b"][0], spec)
     results = coefficient_files.list_pair_results(fitted, spec)
     scales = results[0]
     shown = tables.summarize_pair(fitted, scales, spec.gyros)

@@ -2,6 +2,7 @@
 any number of gyros over three axes.
 """
 
+from collections.abc import Mapping
 from fnmatch import fnmatchcase
 from typing import Annotated, ClassVar, Literal, Self
 
@@ -42,9 +43,22 @@ class _PlateauSpec(Table):
 class GyroRecipe(Recipe):
     """Keys that all rate-table procedures share."""
 
+    component_units: ClassVar[Mapping[str, str]] = {"angle": "deg"}
+    """Effect of a known component → the unit that it is stated in."""
+
     table: _TableSpec = _TableSpec()
     plateaus: _PlateauSpec = _PlateauSpec()
     nominal_scale_factor: float | None = None
+
+    @model_validator(mode="after")
+    def _components_have_units(self) -> Self:
+        for entry in self.errors.component:
+            if self.component_units.get(entry.effect) != entry.unit:
+                known = " or ".join(f"{k} in {unit}" for k, unit in self.component_units.items())
+                raise ValueError(
+                    f"errors.component: effect '{entry.effect}' in '{entry.unit}', expected {known}"
+                )
+        return self
 
     @model_validator(mode="after")
     def _scale_factor_scales(self) -> Self:
@@ -76,11 +90,23 @@ class OwnAxisRecipe(GyroRecipe):
         return self
 
 
+class _OfBoth(Table):
+    """A value for each gyro of a pair."""
+
+    a: float
+    b: float
+
+
 class _PairLogs(Table):
-    """Log of each table axis."""
+    """Log of each table axis, and how the scale factors change with temperature, where runs are not
+    at one temperature.
+    """
 
     axis_a: str = "table_axis_a.csv"
     axis_b: str = "table_axis_b.csv"
+    temperature_coefficients_ppm_degc: _OfBoth | None = None
+    temperature_coefficient_uncertainty_ppm_degc: Positive = 5.0
+    largest_temperature_coefficient_ppm_degc: Positive = 100.0
 
     @model_validator(mode="after")
     def _two_logs(self) -> Self:
@@ -105,6 +131,7 @@ class GyroPairRecipe(OwnAxisRecipe):
     """
 
     gyros: ClassVar[tuple[str, ...]] = ("a", "b")
+    error_groups: ClassVar[tuple[str, ...]] = ("mounting",)
 
     procedure: Literal["gyro_pair"]
     pair: _PairLogs = _PairLogs()
@@ -139,6 +166,7 @@ class RateTableRecipe(OwnAxisRecipe):
 
     along_chunks: ClassVar[bool] = True
     error_groups: ClassVar[tuple[str, ...]] = ("run",)
+    component_units: ClassVar[Mapping[str, str]] = {"scale": "ppm", "zero": "deg/h"}
 
     procedure: Literal["rate_table"]
     gyros: Gyros = ("x",)
@@ -179,6 +207,8 @@ class GyroTriadRecipe(GyroRecipe):
     """Any number of gyros on one base, all logged while the table turns about each of three
     orthogonal axes of the base.
     """
+
+    error_groups: ClassVar[tuple[str, ...]] = ("mounting",)
 
     procedure: Literal["gyro_triad"]
     gyros: Gyros = ("x", "y", "z")

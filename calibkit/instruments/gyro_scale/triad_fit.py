@@ -160,10 +160,11 @@ def _set_of(group: Mapping[str, tuple[table_runs.TableRun, ...]], spec: GyroTria
     means = [_mean([run.scales for run in group[axis]]) for axis in forms.AXES]
     every = tuple(run for axis in forms.AXES for run in group[axis])
     bias, uncertainty = _bias(every, spec)
+    stated = [(entry.value, entry.dof) for entry in spec.errors.component]
     return AxesSet(
         every,
         float(np.mean([run.temp_degc for run in every])),
-        gyro_triad.from_runs(*means),
+        gyro_triad.from_runs(*means, mounting_deg=stated[0] if stated else (0.0, np.inf)),
         bias,
         uncertainty,
     )
@@ -218,6 +219,11 @@ def _flag_sets(spec: GyroTriadRecipe, sets: Sequence[AxesSet]) -> Iterator[str]:
                     f"{one.prefix}{gyro}: the scale factor is known to {100.0 * share:.2g} % only:"
                     " hold faster rates, or longer"
                 )
+    if not spec.errors.component and len(spec.gyros) > 1:
+        yield (
+            "the errors of mounting are not in u of the angles and unit vectors: state how a"
+            ' mounting repeats in [[errors.component]] group = "mounting", effect = "angle"'
+        )
     if spec.site.latitude_deg is None:
         yield (
             "the latitude is not known ([site] latitude_deg): the bias stays mixed with the earth's"

@@ -68,8 +68,8 @@ def validate(
     else:
         shown = [_tabulate_line_errors(compared)]
         criteria = acceptance.judge_unseen_lines(errors, spec.acceptance)
-    if len(runs) > 1:
-        again = pair_fit.fit_pair(runs["a"], runs["b"])
+    if isinstance(spec, GyroPairRecipe) and len(runs) > 1:
+        again = pair_fit.fit_pair(runs["a"], runs["b"], spec)
         body["pair"] = _compare_pair(records, again)
         shown.append(_tabulate_pair_again(body["pair"]))
         flags += again.flags

@@ -8,9 +8,9 @@ from typing import Literal
 import numpy as np
 
 from calibkit.arrays import Array
-from calibkit.constants import NORMAL_95
 from calibkit.errors import FitError
 from calibkit.instruments.gyro_scale.numeric.scale_factor import RunScales
+from calibkit.numeric import gum
 
 Side = Literal["same", "opposite"]
 
@@ -23,9 +23,23 @@ one-sided.
 IMPOSSIBLE = 0.05
 """Excess of |γ| over 1 that neither noise nor misalignment explains: the logs belong to other axes.
 """
+SMALL_SINE = 0.01
+"""Sine of the angle between the gyros below which two γ do not tell the error of mounting."""
 DRAWS = 200_000
 CONSISTENT = 4.0
 """Difference of two results, in standard uncertainties, above which they are inconsistent."""
+
+
+@dataclass(frozen=True, slots=True)
+class OneTemperature:
+    """What brings the scale factors of both runs to one temperature."""
+
+    warmer_degc: tuple[float, float]
+    """From the temperature of the run about A's axis, and of that about B's, to the common one."""
+    coefficients: Array
+    """Relative change of the scale factors of A and B [2] [1/°C]."""
+    covariance: Array
+    """[2, 2] of the coefficients."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,9 +69,17 @@ class GyroPair:
     """K_Ba/K_B before it was clamped."""
     flags: tuple[str, ...]
     gamma_from_a: tuple[float, float] = (float("nan"), float("nan"))
-    """Second estimate of γ, from gyro A about B's axis, and its standard uncertainty; NaN where A
-    was not turned about B's axis.
+    """Second estimate of γ, from gyro A about B's axis, and its standard uncertainty by noise; NaN
+    where A was not turned about B's axis.
     """
+    noise_of_gamma: float = float("nan")
+    """Standard uncertainty of γ by noise alone."""
+    mounting_deg: tuple[float, float] = (0.0, float("inf"))
+    """Standard deviation of the angle between a gyro's axis and the table axis that is nominally
+    its own, and its degrees of freedom.
+    """
+    dof: tuple[float, ...] = (float("inf"),) * 4
+    """Effective degrees of freedom of N, ε, γ, α."""
 
     @property
     def values(self) -> tuple[float, float, float, float]:
@@ -76,7 +98,14 @@ class GyroPair:
 
 
 def _pair(
-    K_A: float, K_B: float, K_Ba: float, covariance: Array, *, seed: int = 0, draws: int = DRAWS
+    K_A: float,
+    K_B: float,
+    K_Ba: float,
+    covariance: Array,
+    *,
+    seed: int = 0,
+    draws: int = DRAWS,
+    dof: float = float("inf"),
 ) -> GyroPair:
     """Ratios and angle of two gyros with their full covariance.
 
@@ -87,6 +116,7 @@ def _pair(
     covariance : [3, 3] of K_A, K_B, K_Ba; K_A and K_Ba of one table run are correlated by what the
         run shares.
     seed, draws : of the Monte Carlo propagation near |γ| = 1.
+    dof : effective degrees of freedom of γ.
 
     Returns
     -------
@@ -123,7 +153,8 @@ def _pair(
     if near:
         full, interval = _by_draws(values, covariance, np.random.default_rng(seed), draws)
     else:
-        full, interval = _first_order(ratios, gamma, alpha)
+        factor = gum.coverage_factor(dof, probability=0.95)
+        full, interval = _first_order(ratios, gamma, alpha, factor)
     return GyroPair(
         N=K_B / K_A,
         epsilon=K_Ba / K_A,
@@ -138,27 +169,79 @@ def _pair(
     )
 
 
-def from_runs(about_a: RunScales, about_b: RunScales, *, seed: int = 0) -> GyroPair:
+def from_runs(
+    about_a: RunScales,
+    about_b: RunScales,
+    *,
+    one_temperature: OneTemperature | None = None,
+    mounting_deg: tuple[float, float] | None = None,
+    seed: int = 0,
+) -> GyroPair:
     """Pair from the table runs about A's reference axis and about B's own axis; gyro A is first and
     B second in both.
 
     K_A and K_Ba come from the first run and share its noise, K_B from the second; gyro A in the
-    second run checks γ.
+    second run checks γ. What the two γ differ by beyond their noise is the error of mounting, with
+    one degree of freedom; `mounting_deg` adds what is known of it, a standard deviation and its
+    degrees of freedom.
     """
     if about_a.K.size != 2 or about_b.K.size != 2:
         raise FitError(
             f"{about_a.K.size} and {about_b.K.size} gyros in the runs of a pair",
             hint="give two columns",
         )
-    covariance = np.zeros((3, 3))
+    values = np.array([about_a.K[0], about_b.K[1], about_a.K[1], about_b.K[0]])
+    covariance = np.zeros((4, 4))
     covariance[np.ix_((0, 2), (0, 2))] = about_a.covariance
-    covariance[1, 1] = about_b.covariance[1, 1]
+    covariance[np.ix_((3, 1), (3, 1))] = about_b.covariance
+    if one_temperature is not None:
+        # gyro and run of K_A, K_B, K_Ba, K_Ab
+        warmer = np.array(one_temperature.warmer_degc)[[0, 1, 0, 1]]
+        slopes = (values * warmer)[:, None] * np.eye(2)[[0, 1, 1, 0]]
+        values = values + slopes @ one_temperature.coefficients
+        covariance = covariance + slopes @ one_temperature.covariance @ slopes.T
+    K_A, K_B, K_Ba, K_Ab = (float(value) for value in values)
+    noise = _pair(K_A, K_B, K_Ba, covariance[:3, :3], seed=seed)
+    gamma, uncertainty, flags = _cross_check(noise, K_A, K_Ab, covariance[np.ix_((0, 3), (0, 3))])
+    tilt, tilt_dof = _mounting(noise, gamma, uncertainty, mounting_deg)
+    across = np.sin(np.radians(noise.alpha_deg)) * tilt
+    # a cosine is lost about a gyro's own axis, a sine about the other's
+    mounted = np.array([K_A * tilt**2, K_B * tilt**2, K_B * across]) ** 2
+    shares = _ratios_jacobian(K_A, K_B, K_Ba) ** 2 @ mounted
+    all_of_it = np.diag(noise.covariance)[:3] + shares
+    # the degrees of freedom of noise are not counted: they are many
+    dof = np.append(tilt_dof * (all_of_it / np.where(shares > 0.0, shares, np.nan)) ** 2, np.nan)
+    dof[3] = dof[2]
+    dof = np.where(np.isfinite(dof), dof, np.inf)
     found = _pair(
-        float(about_a.K[0]), float(about_b.K[1]), float(about_a.K[1]), covariance, seed=seed
+        K_A, K_B, K_Ba, covariance[:3, :3] + np.diag(mounted), seed=seed, dof=float(dof[2])
     )
-    own = np.diag([about_a.covariance[0, 0], about_b.covariance[0, 0]])
-    gamma, uncertainty, flags = _cross_check(found, float(about_a.K[0]), float(about_b.K[0]), own)
-    return replace(found, flags=(*found.flags, *flags), gamma_from_a=(gamma, uncertainty))
+    return replace(
+        found,
+        flags=(*noise.flags, *flags),
+        gamma_from_a=(gamma, uncertainty),
+        noise_of_gamma=float(noise.standard_uncertainty[2]),
+        mounting_deg=(float(np.degrees(tilt)), tilt_dof),
+        dof=tuple(dof.tolist()),
+    )
+
+
+def _mounting(
+    noise: GyroPair, gamma: float, uncertainty: float, known: tuple[float, float] | None
+) -> tuple[float, float]:
+    """Standard deviation [rad] of the angle between a gyro's axis and its table axis, and its
+    degrees of freedom: what two γ differ by beyond noise, pooled with what is known [°].
+    """
+    expected = uncertainty**2 + float(noise.standard_uncertainty[2]) ** 2
+    sine = float(np.sin(np.radians(noise.alpha_deg)))
+    excess = max((gamma - noise.gamma_indicated) ** 2 - expected, 0.0)
+    # a tilt in any direction may hide from the difference: u is at least the disagreement
+    square = excess / sine**2 if sine > SMALL_SINE else 0.0
+    if known is None:
+        return float(np.sqrt(square)), 1.0
+    value, dof = np.radians(known[0]), known[1]
+    pooled = (dof * value**2 + square) / (dof + 1.0) if np.isfinite(dof) else value**2
+    return float(np.sqrt(pooled)), dof + 1.0
 
 
 def _ratios_jacobian(K_A: float, K_B: float, K_Ba: float) -> Array:
@@ -173,7 +256,7 @@ def _ratios_jacobian(K_A: float, K_B: float, K_Ba: float) -> Array:
 
 
 def _first_order(
-    ratios: Array, gamma: float, alpha_deg: float
+    ratios: Array, gamma: float, alpha_deg: float, factor: float
 ) -> tuple[Array, tuple[float, float]]:
     """Covariance [4, 4] of N, ε, γ, α by dα = −dγ/sin α, and the 95 % interval of α [°] from the
     interval of γ.
@@ -181,7 +264,7 @@ def _first_order(
     extend = np.vstack((np.eye(3), [0.0, 0.0, -np.degrees(1.0 / np.sqrt(1.0 - gamma**2))]))
     u_gamma = float(np.sqrt(ratios[2, 2]))
     low, high = np.degrees(
-        np.arccos(np.clip([gamma + NORMAL_95 * u_gamma, gamma - NORMAL_95 * u_gamma], -1.0, 1.0))
+        np.arccos(np.clip([gamma + factor * u_gamma, gamma - factor * u_gamma], -1.0, 1.0))
     )
     return np.asarray(extend @ ratios @ extend.T), (
         min(float(low), alpha_deg),

@@ -191,8 +191,8 @@ def _covariance(
         raised = np.array([excess, excess, excess, 1.0])
     covariance = (results * noise**2) @ results.T * np.outer(raised, raised)
     for other in chosen.left_out:
-        # an effect too small to be found is still there
-        shift = (other.results() - results) @ indication
+        # an effect too small to be found is still there; what the model explains changes nothing
+        shift = (other.results() - results) @ fit.residuals
         covariance += np.outer(shift, shift)
     if np.ptp(np.sign(chosen.solved.design[:, 0])) < BOTH_WAYS:
         # one direction alone: nothing tells the line of the other one from a bend of the response

@@ -3,7 +3,7 @@ misalignment matrix.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -41,6 +41,8 @@ class Triad:
     angle_uncertainty_deg: Array
     """[g, g] [°], first order; flagged where an angle is within noise of 0° or 180°."""
     flags: tuple[str, ...]
+    angle_dof: Array
+    """Effective degrees of freedom of the angles [g, g]; infinite where noise alone is known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,8 +69,18 @@ class TriadOverTemperature:
         )
 
 
-def from_runs(about_x: RunScales, about_y: RunScales, about_z: RunScales) -> Triad:
-    """Triad from one table run about each axis, the same gyros in the same order in all three."""
+def from_runs(
+    about_x: RunScales,
+    about_y: RunScales,
+    about_z: RunScales,
+    *,
+    mounting_deg: tuple[float, float] = (0.0, float("inf")),
+) -> Triad:
+    """Triad from one table run about each axis, the same gyros in the same order in all three.
+
+    `mounting_deg` is the standard deviation of the tilt of each mounting, about each of the two
+    axes across the table's, and its degrees of freedom.
+    """
     runs = (about_x, about_y, about_z)
     count = {run.K.size for run in runs}
     if len(count) > 1:
@@ -76,11 +88,21 @@ def from_runs(about_x: RunScales, about_y: RunScales, about_z: RunScales) -> Tri
             f"the runs about the three axes have {', '.join(str(run.K.size) for run in runs)} gyros"
         )
     size = count.pop()
-    covariance = np.zeros((size, 3, size, 3))
+    covariance, mounted = np.zeros((size, 3, size, 3)), np.zeros((size, 3, size, 3))
+    sensitivity = np.column_stack([run.K for run in runs])
     for axis, run in enumerate(runs):
-        # gyros of one run share samples, the three runs do not
+        # gyros of one run share samples and mounting, the three runs do not
         covariance[:, axis, :, axis] = run.covariance
-    return _triad(np.column_stack([run.K for run in runs]), covariance.reshape(3 * size, 3 * size))
+        across = np.radians(mounting_deg[0]) * np.delete(sensitivity, axis, axis=1)
+        mounted[:, axis, :, axis] = across @ across.T
+    noise, full = (
+        _triad(sensitivity, part.reshape(3 * size, 3 * size))
+        for part in (covariance, covariance + mounted)
+    )
+    share = full.angle_uncertainty_deg**2 - noise.angle_uncertainty_deg**2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        dof = mounting_deg[1] * (full.angle_uncertainty_deg**2 / share) ** 2
+    return replace(full, angle_dof=np.where(share > 0.0, dof, np.inf))
 
 
 def _triad(sensitivity: Array, covariance: Array, *, flags: Sequence[str] = ()) -> Triad:
@@ -136,6 +158,7 @@ def _triad(sensitivity: Array, covariance: Array, *, flags: Sequence[str] = ()) 
         angles_deg=angles,
         angle_uncertainty_deg=uncertainty,
         flags=(*flags, *noted),
+        angle_dof=np.full((count, count), np.inf),
     )
 
 

@@ -1,0 +1,224 @@
+"""Pairs and triads in a real laboratory: runs at two temperatures, input axes off the table axis,
+mountings that do not repeat. Gyros are input axes in space; the table turns them about another one.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from calibkit.errors import RecipeError
+from calibkit.frame import Log
+from calibkit.instruments import parse_recipe
+from calibkit.instruments.gyro_scale import (
+    coefficient_files,
+    pair_fit,
+    simulate_rate_table,
+    table_runs,
+    triad_fit,
+)
+from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe, GyroTriadRecipe
+from calibkit.numeric import gum
+from calibkit.recipe import find
+
+SEEDS = range(100)
+LEAST = 88
+"""Of 100 campaigns that the stated interval must cover."""
+RATES = simulate_rate_table.both_ways((10.0, 20.0, 40.0, 60.0, 80.0, 100.0))
+LOGS = {"files": ["*.csv"]}
+
+
+def across(axis, rng):
+    """Two unit vectors across an axis, in a direction drawn about it."""
+    first = np.cross(axis, rng.normal(size=3))
+    first /= np.linalg.norm(first)
+    return first, np.cross(axis, first)
+
+
+def run_about(name, table_axis, gyros, axes, start_degc, spec, rng):
+    """Run of a table that turns gyros, name → constants, with input axes in space about an axis."""
+    x, y = across(table_axis, rng)
+    seen = {
+        f"gyro_{g}_lsb": replace(
+            gyro, axis=tuple(float(axes[g] @ one) for one in (x, y, table_axis))
+        )
+        for g, gyro in gyros.items()
+    }
+    table = simulate_rate_table.Table(interval_s=1.0, start_angle_deg=rng.uniform(0.0, 360.0))
+    columns = simulate_rate_table.run(seen, table, RATES, start_degc, rng)
+    log = Log(name, f"{name}.csv", name, len(columns["time_s"]), pd.DataFrame(columns))
+    return table_runs.fit_run(spec, log)
+
+
+def tilted(axis, size_rad, rng):
+    """Axis off by an angle in a direction drawn about it."""
+    first, _ = across(axis, rng)
+    return np.cos(size_rad) * axis + np.sin(size_rad) * first
+
+
+def pair(seed, spec, *, apart_degc=0.0, per_degc=None, off_deg=0.0):
+    """Model of a pair, flags, and the true N at the middle temperature and angle between the
+    gyros [°].
+    """
+    rng = np.random.default_rng([seed, 2])
+    alpha = 90.0 + 0.3 * rng.normal()
+    axes = {
+        "a": np.array([0.0, 0.0, 1.0]),
+        "b": np.array([np.sin(np.radians(alpha)), 0.0, np.cos(np.radians(alpha))]),
+    }
+    gyros = {g: simulate_rate_table.RateGyro.draw(rng) for g in axes}
+    if per_degc is not None:
+        gyros = {g: replace(gyro, K_per_degc=per_degc) for g, gyro in gyros.items()}
+    runs = [
+        run_about(g, tilted(axes[g], np.radians(off_deg), rng), gyros, axes, degc, spec, rng)
+        for g, degc in (("a", 25.0), ("b", 25.0 + apart_degc))
+    ]
+    fitted = pair_fit.fit_pair(*runs, spec)
+    degc = np.mean([run.temp_degc for run in runs])
+    table = simulate_rate_table.Table()
+    K = {g: gyro.best_line(table, RATES, degc)[0] for g, gyro in gyros.items()}
+    _, angles = coefficient_files.list_pair_results(fitted, spec)
+    return angles.models[0], fitted.flags, K["b"] / K["a"], alpha
+
+
+def inside(model, name, truth):
+    """Whether the truth lies within the expanded uncertainty of a coefficient."""
+    (c,) = (c for c in model.coefficients if c.name == name)
+    return abs(c.value - truth) <= gum.coverage_factor(model.dof_of(c)) * c.standard_uncertainty
+
+
+PAIR = GyroPairRecipe(procedure="gyro_pair", logs=LOGS)
+
+
+def test_the_ratio_of_runs_at_two_temperatures_carries_what_they_are_apart():
+    """1.9 °C apart at 60 ppm/°C: N covers, and the flag names N with its size; at one temperature u
+    stays below 3 ppm.
+    """
+    covered = []
+    for seed in SEEDS:
+        model, flags, N, _ = pair(seed, PAIR, apart_degc=1.9, per_degc=60e-6)
+        covered.append(inside(model, "N", N))
+    assert sum(covered) >= LEAST
+    assert any("1.9 °C apart" in flag and "u of N holds 1.1e+02 ppm" in flag for flag in flags)
+    model, flags, N, _ = pair(0, PAIR, per_degc=60e-6)
+    assert inside(model, "N", N)
+    assert model.coefficients[0].standard_uncertainty < 3e-6
+    assert not any("apart" in flag for flag in flags)
+
+
+def test_stated_temperature_coefficients_bring_the_runs_to_one_temperature():
+    """60 ± 5 ppm/°C stated for both gyros: N covers with a tenth of the uncertainty, unflagged."""
+    spec = GyroPairRecipe(
+        procedure="gyro_pair",
+        logs=LOGS,
+        pair={"temperature_coefficients_ppm_degc": {"a": 57.0, "b": 63.0}},
+    )
+    covered = []
+    for seed in range(30):
+        model, flags, N, _ = pair(seed, spec, apart_degc=1.9, per_degc=60e-6)
+        covered.append(inside(model, "N", N))
+        assert model.coefficients[0].standard_uncertainty < 11e-6
+    assert np.mean(covered) >= LEAST / 100.0
+    assert not any("apart" in flag for flag in flags)
+
+
+def test_axes_off_the_table_axis_are_in_the_uncertainty_of_the_angle():
+    """Each gyro's axis 0.05° off the table axis: γ and α cover the angle between the gyros, and the
+    component of mounting is stated; known to 0.05° / √2 beforehand, the interval is a third.
+    """
+    known = GyroPairRecipe(
+        procedure="gyro_pair",
+        logs=LOGS,
+        errors={
+            "component": [
+                {"group": "mounting", "effect": "angle", "value": 0.035, "unit": "deg", "dof": 20.0}
+            ]
+        },
+    )
+    covered, sizes = {"none": [], "known": []}, {"none": [], "known": []}
+    for name, spec in (("none", PAIR), ("known", known)):
+        for seed in SEEDS:
+            model, flags, _, alpha = pair(seed, spec, off_deg=0.05)
+            c = model.coefficients[3]
+            covered[name].append(
+                [
+                    inside(model, "alpha_deg", alpha),
+                    inside(model, "gamma", np.cos(np.radians(alpha))),
+                ]
+            )
+            sizes[name].append(gum.coverage_factor(model.dof_of(c)) * c.standard_uncertainty)
+        assert np.sum(covered[name], axis=0).min() >= LEAST
+        assert model.components[0].group == "mounting"
+        assert any("mounting error" in flag for flag in flags) == (name == "none")
+    assert np.median(sizes["known"]) < np.median(sizes["none"]) / 3.0
+
+
+def triad(seed, spec, arcsec):
+    """Triad file of three gyros whose mountings tilt by `arcsec` about each axis across the
+    table's, flags, and the true angles [°].
+    """
+    rng = np.random.default_rng([seed, 3])
+    axes = np.eye(3) + np.radians(0.2) * rng.uniform(-1.0, 1.0, (3, 3))
+    axes = {g: row / np.linalg.norm(row) for g, row in zip("xyz", axes, strict=True)}
+    gyros = {g: simulate_rate_table.RateGyro.draw(rng) for g in axes}
+    tilt = np.radians(arcsec / 3600.0)
+    runs = {}
+    for g, axis in zip("xyz", np.eye(3), strict=True):
+        first, second = across(axis, rng)
+        turned = axis + tilt * (rng.normal() * first + rng.normal() * second)
+        turned = turned / np.linalg.norm(turned)
+        runs[g] = (run_about(f"about_{g}", turned, gyros, axes, 25.0, spec, rng),)
+    fitted = triad_fit.fit_axes(spec, runs)
+    _, angles = coefficient_files.list_triad_results(fitted, spec)
+    true = {
+        f"angle_deg.{g}_{h}": np.degrees(np.arccos(axes[g] @ axes[h]))
+        for g, h in ("xy", "xz", "yz")
+    }
+    return angles, true
+
+
+def test_mountings_that_repeat_to_ten_arcseconds_are_in_the_angles_once_stated():
+    """Three mountings tilted by 10″: without a word of it u is named incomplete; stated, the
+    angles cover.
+    """
+    stated = GyroTriadRecipe(
+        procedure="gyro_triad",
+        logs=LOGS,
+        errors={
+            "component": [
+                {
+                    "group": "mounting",
+                    "effect": "angle",
+                    "value": 10.0 / 3600.0,
+                    "unit": "deg",
+                    "dof": 10.0,
+                }
+            ]
+        },
+    )
+    covered = []
+    for seed in SEEDS:
+        found, true = triad(seed, stated, 10.0)
+        figures = {figure.name: figure for figure in found.figures}
+        for name, truth in true.items():
+            one = figures[name]
+            U = gum.coverage_factor(one.effective_dof) * one.standard_uncertainty
+            covered.append(abs(one.value - truth) <= U)
+    assert not any("mounting" in flag for flag in found.flags)
+    assert np.mean(covered) >= LEAST / 100.0
+    found, _ = triad(0, GyroTriadRecipe(procedure="gyro_triad", logs=LOGS), 10.0)
+    assert any("errors of mounting are not in u" in flag for flag in found.flags)
+
+
+@pytest.mark.parametrize(
+    ("group", "effect", "unit"),
+    [("mounting", "angle", "arcsec"), ("mounting", "scale", "ppm"), ("run", "scale", "ppm")],
+)
+def test_a_component_in_another_unit_or_of_another_effect_is_refused(group, effect, unit):
+    """Of a pair, the angle of mounting in degrees is known and nothing else."""
+    settings = (
+        f'errors.component=[{{group="{group}",effect="{effect}",value=1.0,unit="{unit}",dof=9.0}}]',
+    )
+    with pytest.raises(RecipeError, match="expected"):
+        parse_recipe(find("gyro_pair", settings))
