@@ -12,5 +12,3 @@ DPH_PER_DPS = 3600.0
 """Degrees per hour in one degree per second."""
 ARCSECONDS_PER_DEGREE = 3600.0
 REVOLUTION_DEG = 360.0
-NORMAL_95 = 1.959963984540054
-"""Standard deviations within which 95 % of a normal distribution lie to both sides."""
