@@ -131,19 +131,8 @@ def _pair(
 
     """
     values = np.array([K_A, K_B, K_Ba])
-    if (
-        not (np.isfinite(values).all() and np.isfinite(covariance).all())
-        or K_A == 0.0
-        or K_B == 0.0
-    ):
-        raise FitError(f"scale factors K_A {K_A:g}, K_B {K_B:g}, K_Ba {K_Ba:g} cannot give ratios")
+    _require_ratios(values, covariance)
     indicated = K_Ba / K_B
-    if abs(indicated) > 1.0 + IMPOSSIBLE:
-        raise FitError(
-            f"gamma {indicated:g} is far beyond 1: gyro B indicates more about A's axis than about"
-            " its own",
-            hint="check which log is of which table axis and which column is of which gyro",
-        )
     jacobian = _ratios_jacobian(K_A, K_B, K_Ba)
     ratios = jacobian @ covariance @ jacobian.T
     u_gamma = float(np.sqrt(ratios[2, 2]))
@@ -169,6 +158,23 @@ def _pair(
     )
 
 
+def _require_ratios(values: Array, covariance: Array) -> None:
+    """Raise FitError for K_A, K_B, K_Ba that no pair can have."""
+    K_A, K_B, K_Ba = values.tolist()
+    if (
+        not (np.isfinite(values).all() and np.isfinite(covariance).all())
+        or K_A == 0.0
+        or K_B == 0.0
+    ):
+        raise FitError(f"scale factors K_A {K_A:g}, K_B {K_B:g}, K_Ba {K_Ba:g} cannot give ratios")
+    if abs(K_Ba / K_B) > 1.0 + IMPOSSIBLE:
+        raise FitError(
+            f"gamma {K_Ba / K_B:g} is far beyond 1: gyro B indicates more about A's axis than"
+            " about its own",
+            hint="check which log is of which table axis and which column is of which gyro",
+        )
+
+
 def from_runs(
     about_a: RunScales,
     about_b: RunScales,
@@ -185,6 +191,36 @@ def from_runs(
     one degree of freedom; `mounting_deg` adds what is known of it, a standard deviation and its
     degrees of freedom.
     """
+    values, covariance = _scale_factors(about_a, about_b, one_temperature)
+    K_A, K_B, K_Ba, K_Ab = values.tolist()
+    noise = _pair(K_A, K_B, K_Ba, covariance[:3, :3], seed=seed)
+    gamma, uncertainty, flags = _cross_check(noise, K_A, K_Ab, covariance[np.ix_((0, 3), (0, 3))])
+    tilt, tilt_dof = _mounting(noise, gamma, uncertainty, mounting_deg)
+    # a cosine is lost about a gyro's own axis, a sine about the other's
+    across = np.sin(np.radians(noise.alpha_deg))
+    mounted = np.array([K_A * tilt**2, K_B * tilt**2, K_B * tilt * across]) ** 2
+    shares = _ratios_jacobian(K_A, K_B, K_Ba) ** 2 @ mounted
+    # the degrees of freedom of noise are not counted: they are many
+    dof = np.full(3, np.inf)
+    held = shares > 0.0
+    dof[held] = tilt_dof * ((np.diag(noise.covariance)[:3] + shares)[held] / shares[held]) ** 2
+    found = _pair(
+        K_A, K_B, K_Ba, covariance[:3, :3] + np.diag(mounted), seed=seed, dof=float(dof[2])
+    )
+    return replace(
+        found,
+        flags=(*noise.flags, *flags),
+        gamma_from_a=(gamma, uncertainty),
+        noise_of_gamma=float(noise.standard_uncertainty[2]),
+        mounting_deg=(float(np.degrees(tilt)), tilt_dof),
+        dof=(*dof.tolist(), float(dof[2])),
+    )
+
+
+def _scale_factors(
+    about_a: RunScales, about_b: RunScales, one_temperature: OneTemperature | None
+) -> tuple[Array, Array]:
+    """K_A, K_B, K_Ba and K_Ab of two runs at one temperature, and their covariance [4, 4]."""
     if about_a.K.size != 2 or about_b.K.size != 2:
         raise FitError(
             f"{about_a.K.size} and {about_b.K.size} gyros in the runs of a pair",
@@ -195,35 +231,12 @@ def from_runs(
     covariance[np.ix_((0, 2), (0, 2))] = about_a.covariance
     covariance[np.ix_((3, 1), (3, 1))] = about_b.covariance
     if one_temperature is not None:
-        # gyro and run of K_A, K_B, K_Ba, K_Ab
+        # gyro and run of each
         warmer = np.array(one_temperature.warmer_degc)[[0, 1, 0, 1]]
         slopes = (values * warmer)[:, None] * np.eye(2)[[0, 1, 1, 0]]
         values = values + slopes @ one_temperature.coefficients
         covariance = covariance + slopes @ one_temperature.covariance @ slopes.T
-    K_A, K_B, K_Ba, K_Ab = (float(value) for value in values)
-    noise = _pair(K_A, K_B, K_Ba, covariance[:3, :3], seed=seed)
-    gamma, uncertainty, flags = _cross_check(noise, K_A, K_Ab, covariance[np.ix_((0, 3), (0, 3))])
-    tilt, tilt_dof = _mounting(noise, gamma, uncertainty, mounting_deg)
-    across = np.sin(np.radians(noise.alpha_deg)) * tilt
-    # a cosine is lost about a gyro's own axis, a sine about the other's
-    mounted = np.array([K_A * tilt**2, K_B * tilt**2, K_B * across]) ** 2
-    shares = _ratios_jacobian(K_A, K_B, K_Ba) ** 2 @ mounted
-    all_of_it = np.diag(noise.covariance)[:3] + shares
-    # the degrees of freedom of noise are not counted: they are many
-    dof = np.append(tilt_dof * (all_of_it / np.where(shares > 0.0, shares, np.nan)) ** 2, np.nan)
-    dof[3] = dof[2]
-    dof = np.where(np.isfinite(dof), dof, np.inf)
-    found = _pair(
-        K_A, K_B, K_Ba, covariance[:3, :3] + np.diag(mounted), seed=seed, dof=float(dof[2])
-    )
-    return replace(
-        found,
-        flags=(*noise.flags, *flags),
-        gamma_from_a=(gamma, uncertainty),
-        noise_of_gamma=float(noise.standard_uncertainty[2]),
-        mounting_deg=(float(np.degrees(tilt)), tilt_dof),
-        dof=tuple(dof.tolist()),
-    )
+    return values, covariance
 
 
 def _mounting(
