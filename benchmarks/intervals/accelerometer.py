@@ -4,7 +4,7 @@ The sensors are physical: magnets lose flux by an exponential law, the bias satu
 does. Errors act where they arise: on the sensor's zero, flux or second order, on the base, the
 fixture and the encoders of the table. The truth of a coefficient is that of a fit to the same
 dwells without any error; the truth of a corrected vector is gravity. It is judged at indications
-free of errors: the error of the correction, not of the indication that is corrected.
+free of errors but for the sensors' own second order: that is in every indication.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import numpy as np
 from calibkit.errors import CalibkitError
 from calibkit.instruments.accelerometer import forms
 from calibkit.instruments.accelerometer.dwells import DwellSet
+from calibkit.instruments.accelerometer.errors import judge_lack_of_fit
 from calibkit.instruments.accelerometer.fit import fit_triad
 from calibkit.instruments.accelerometer.numeric import (
     affine,
@@ -107,7 +108,7 @@ def _case(procedure: str, error: str, ratio: float, soaks: int, *, given: bool =
         between = 3 * (soaks - (1 if procedure.startswith(LENGTH) else CUBIC))
     elif error == DRIFT:
         between = 3 * (soaks - CUBIC - 1)
-    return Case("accelerometer", procedure, error, ratio, soaks, given, between)
+    return Case("accelerometer", procedure, error, ratio, soaks, given=given, between=between)
 
 
 @dataclass(frozen=True)
@@ -269,18 +270,21 @@ def simulate(case: Case, number: int) -> Outcome:
     except CalibkitError as error:
         return Outcome({}, {}, refused=str(error))
     wide = _exact(case)
+    second = errors if case.error == SECOND else np.zeros(3)
     if case.procedure.startswith(K):
-        inside, width = _judge_k(fitted.k, triad, plan, wide)
+        inside, width = _judge_k(fitted.k, triad, plan, second, wide)
     elif case.procedure.startswith(AFFINE):
         assert fitted.affine is not None  # noqa: S101 (the recipe enables it)
         assert fitted.q is not None  # noqa: S101
-        inside, width = _judge_affine(fitted.affine, fitted.q, triad, plan, wide)
+        inside, width = _judge_affine(fitted.affine, fitted.q, triad, plan, second, wide)
     else:
         assert fitted.affine is not None  # noqa: S101
         assert fitted.q is not None  # noqa: S101
         inside, width = _judge_lengths(fitted.affine, fitted.q, triad, plan, wide)
     flags = (*fitted.k_flags, *fitted.affine_flags)
-    return Outcome(inside, width, warned=any(text in flag for flag in flags for text in FEW))
+    warned = any(text in flag for flag in flags for text in FEW)
+    rejected = bool(judge_lack_of_fit(fitted.lack_of_fit))
+    return Outcome(inside, width, warned=warned, rejected=rejected)
 
 
 def _dwells(case: Case, plan: _Plan, indicated: Array) -> DwellSet:
@@ -326,11 +330,12 @@ def _coefficients(model: Model) -> tuple[Array, Array, Array]:
     return values, u, dof
 
 
-def _corrected(model: Model, triad: _Triad, axes: Sequence[int]) -> tuple[Array, ...]:
+def _corrected(
+    model: Model, triad: _Triad, axes: Sequence[int], second: Array
+) -> tuple[Array, ...]:
     """Corrected components, their truth, standard uncertainties and degrees of freedom [m]."""
     vectors, degc = _faces()
-    nothing = np.zeros(vectors.shape)
-    at = forms.inputs(triad.indication(vectors, degc, nothing, nothing, np.zeros(3)), degc)
+    at = forms.inputs(_at_faces(triad, second), degc)
     form = forms.K if len(axes) == 1 else forms.AFFINE
     values = form.evaluate(model, at).reshape(len(degc), -1).ravel()
     slopes = form.gradient(model, at).reshape(values.size, -1)
@@ -338,6 +343,13 @@ def _corrected(model: Model, triad: _Triad, axes: Sequence[int]) -> tuple[Array,
     u = np.sqrt(np.einsum("mp,pq,mq->m", slopes, covariance, slopes))
     own = np.array([gum.degrees_of_freedom(row, covariance, dof) for row in slopes])
     return values, vectors[:, list(axes)].ravel(), u, own
+
+
+def _at_faces(triad: _Triad, second: Array) -> Array:
+    """Indications [m, 3] at the faces of a sensor with an error of second order [3]."""
+    vectors, degc = _faces()
+    nothing = np.zeros(vectors.shape)
+    return triad.indication(vectors, degc, nothing, nothing, second)
 
 
 def _faces() -> tuple[Array, Array]:
@@ -353,14 +365,16 @@ def _true_k(triad: _Triad, plan: _Plan) -> tuple[k_factor.KAxis, ...]:
     return k_factor.fit(clean, plan.degc, down)
 
 
-def _judge_k(models: Sequence[Model], triad: _Triad, plan: _Plan, wide: dict[str, Array]) -> Judged:
+def _judge_k(
+    models: Sequence[Model], triad: _Triad, plan: _Plan, second: Array, wide: dict[str, Array]
+) -> Judged:
     """K4 … K7 and corrected components of three axes."""
     truth = _true_k(triad, plan)
     zeros, vectors = [], []
     for axis, model in enumerate(models):
         values, u, dof = _coefficients(model)
         zeros.append(np.array([values[4:8], truth[axis].coefficients[4:8], u[4:8], dof[4:8]]))
-        vectors.append(np.array(_corrected(model, triad, [axis])))
+        vectors.append(np.array(_corrected(model, triad, [axis], second)))
     parts = {"K4–K7": np.hstack(zeros), "corrected vector": np.hstack(vectors)}
     return _compare([(name, *part) for name, part in parts.items()], wide)
 
@@ -373,7 +387,7 @@ def _affine_truth(triad: _Triad, plan: _Plan) -> affine.AffineFit:
 
 
 def _judge_affine(
-    model: Model, q: Model, triad: _Triad, plan: _Plan, wide: dict[str, Array]
+    model: Model, q: Model, triad: _Triad, plan: _Plan, second: Array, wide: dict[str, Array]
 ) -> Judged:
     """Affine parameters, corrected components, and Q at the reference temperature."""
     truth = _affine_truth(triad, plan)
@@ -382,7 +396,7 @@ def _judge_affine(
     return _compare(
         [
             ("affine parameters", values, truth.coefficients, u, dof),
-            ("corrected vector", *_corrected(model, triad, [0, 1, 2])),
+            ("corrected vector", *_corrected(model, triad, [0, 1, 2], second)),
             ("Q", angles, truth.evaluate_q(ROOM_DEGC)[0], u_q, dof_q),
         ],
         wide,
@@ -428,19 +442,30 @@ def _exact(case: Case) -> dict[str, Array]:
     moved = [_indicated(case, triad, plan, step * row) - clean for row in np.eye(count)]
     shared = np.array(moved).reshape(count, clean.size).T * (size / step)
     if case.procedure.startswith(K):
-        return _exact_k(triad, plan, clean, shared)
+        return _exact_k(triad, plan, clean, shared, size if case.error == SECOND else 0.0)
     if case.procedure.startswith(AFFINE):
-        return _exact_affine(triad, plan, clean, shared)
+        return _exact_affine(triad, plan, clean, shared, size if case.error == SECOND else 0.0)
     return _exact_lengths(triad, plan, clean, shared)
 
 
-def _exact_k(triad: _Triad, plan: _Plan, clean: Array, shared: Array) -> dict[str, Array]:
-    """Of the three axes together."""
+def _own_second(size: float, q: int) -> Array:
+    """Derivatives [m, 3, q] of the components at the faces by errors of second order; none where
+    there are no such errors.
+    """
+    faces, _ = _faces()
+    if size == 0.0:
+        return np.zeros((*faces.shape, q))
+    return np.asarray(size * np.eye(3) * faces[:, :, None] ** 2)
+
+
+def _exact_k(
+    triad: _Triad, plan: _Plan, clean: Array, shared: Array, second: float
+) -> dict[str, Array]:
+    """Of the three axes together; `second` is the size of second-order errors."""
     mapped = [k_factor.columns(clean, plan.degc, axis) for axis in range(3)]
     design = np.zeros((len(clean), 3, 30))
-    faces, degc = _faces()
-    nothing = np.zeros(faces.shape)
-    shown = triad.indication(faces, degc, nothing, nothing, np.zeros(3))
+    _, degc = _faces()
+    shown = _at_faces(triad, np.zeros(3))
     zeros, vectors = [], []
     for axis in range(3):
         own = slice(10 * axis, 10 * axis + 10)
@@ -450,20 +475,24 @@ def _exact_k(triad: _Triad, plan: _Plan, clean: Array, shared: Array) -> dict[st
         rows[:, own] = k_factor.columns(shown, degc, axis)
         vectors.append(rows)
     flat = design.reshape(-1, 30)
+    own_errors = np.concatenate(list(np.swapaxes(_own_second(second, shared.shape[1]), 0, 1)))
     return {
         "K4–K7": exact.half_widths(flat, shared, NOISE_G, np.vstack(zeros)),
-        "corrected vector": exact.half_widths(flat, shared, NOISE_G, np.vstack(vectors)),
+        "corrected vector": exact.half_widths(
+            flat, shared, NOISE_G, np.vstack(vectors), own_errors
+        ),
     }
 
 
-def _exact_affine(triad: _Triad, plan: _Plan, clean: Array, shared: Array) -> dict[str, Array]:
-    """Of the affine triad."""
+def _exact_affine(
+    triad: _Triad, plan: _Plan, clean: Array, shared: Array, second: float
+) -> dict[str, Array]:
+    """Of the affine triad; `second` is the size of second-order errors."""
     truth = _affine_truth(triad, plan)
     values, entries = truth.coefficients, truth.entries
     design = affine_model.evaluate(entries, values, clean, plan.degc)[1].reshape(clean.size, -1)
     faces, degc = _faces()
-    nothing = np.zeros(faces.shape)
-    shown = triad.indication(faces, degc, nothing, nothing, np.zeros(3))
+    shown = _at_faces(triad, np.zeros(3))
     vectors = affine_model.evaluate(entries, values, shown, degc)[1].reshape(faces.size, -1)
 
     def angles(at: Array) -> Array:
@@ -471,8 +500,12 @@ def _exact_affine(triad: _Triad, plan: _Plan, clean: Array, shared: Array) -> di
         return q_factor.small_angles(q_factor.axes_from_sensitivity(np.linalg.inv(matrix))[0])
 
     slopes = q_factor.differentiate(angles, values, scale=np.maximum(np.abs(values), 1e-6))
-    named = {"affine parameters": np.eye(values.size), "corrected vector": vectors, "Q": slopes}
-    return {name: exact.half_widths(design, shared, NOISE_G, rows) for name, rows in named.items()}
+    own = _own_second(second, shared.shape[1]).reshape(faces.size, -1)
+    return {
+        "affine parameters": exact.half_widths(design, shared, NOISE_G, np.eye(values.size)),
+        "corrected vector": exact.half_widths(design, shared, NOISE_G, vectors, own),
+        "Q": exact.half_widths(design, shared, NOISE_G, slopes),
+    }
 
 
 def _exact_lengths(triad: _Triad, plan: _Plan, clean: Array, shared: Array) -> dict[str, Array]:

@@ -39,9 +39,9 @@ class Case:
     ratio: float
     """Size of the error, in dwell noises."""
     groups: int
-    given: bool = False
+    given: bool = field(default=False, kw_only=True)
     """Whether the recipe states the component."""
-    between: int | None = None
+    between: int | None = field(default=None, kw_only=True)
     """Degrees of freedom between the groups, by design; None where the error is not of groups."""
 
     @property
@@ -63,6 +63,8 @@ class Outcome:
     """Whether a flag names groups that are too few."""
     refused: str = ""
     """Why there is no fit."""
+    rejected: bool = False
+    """Whether a criterion failed, though the recipe sets no limits."""
 
 
 @dataclass
@@ -88,6 +90,7 @@ class Row:
     warned: float
     """Share of campaigns with a warning of few groups."""
     refused: int
+    rejected: int
     reasons: list[str] = field(default_factory=list)
 
     @property
@@ -106,8 +109,8 @@ class Row:
         """What the row must show and does not."""
         found = []
         (least, most), widest = (COVERED_GIVEN, WIDEST_GIVEN) if self.given else (COVERED, WIDEST)
-        if self.refused and self.groups == GROUPS[1] and self.ratio <= 1.0:
-            found.append("refused")
+        if self.groups == GROUPS[1] and self.ratio <= 1.0:
+            found += [name for name in ("refused", "rejected") if getattr(self, name)]
         if not self.campaigns:
             return found
         low, high = self.interval
@@ -124,6 +127,7 @@ class Row:
     def cell(self) -> str:
         """Coverage with its interval, and width."""
         refused = f", {self.refused} refused" if self.refused else ""
+        refused += f", {self.rejected} rejected" if self.rejected else ""
         if not self.campaigns:
             return f"all {self.refused} refused"
         low, high = self.interval
@@ -160,6 +164,7 @@ def judge(case: Case, outcomes: Sequence[Outcome]) -> list[Row]:
                 else float("inf"),
                 warned=float(np.mean([one.warned for one in good])) if good else 0.0,
                 refused=len(refused),
+                rejected=sum(one.rejected for one in good),
                 reasons=sorted(set(refused))[:3],
             )
         )
