@@ -48,6 +48,7 @@ NAMES = {
     "linearity_error_rms": Words("linearity error, rms", "线性误差均方根"),
     "asymmetry": Words("asymmetry", "不对称度"),
     "threshold": Words("threshold, at most", "阈值（不大于）"),
+    "dead_zone": Words("dead zone", "死区"),
     "resolution": Words("resolution, at most", "分辨率（不大于）"),
     "repeatability": Words("repeatability", "重复性"),
     "temperature_sensitivity": Words("temperature sensitivity", "温度灵敏度"),

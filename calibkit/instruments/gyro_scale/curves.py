@@ -135,7 +135,7 @@ def _line_curve(run: table_runs.TableRun, gyro: str) -> LineCurve:
         line.rate_dps,
         line.residuals * full,
         noise * full,
-        gjb_figures.nonlinearity_per_point(line),
+        gjb_figures.nonlinearity_per_point(line, noise),
         noise * of_point,
     )
 

@@ -38,6 +38,8 @@ class _PlateauSpec(Table):
     relative: Positive = 1e-3
     floor_dps: Positive = 1e-4
     min_rates: Annotated[int, Field(ge=3)] = 3
+    one_row: bool = False
+    """Whether each row is the mean over a held rate."""
 
 
 class GyroRecipe(Recipe):

@@ -12,7 +12,7 @@ from calibkit.constants import DPH_PER_DPS
 from calibkit.errors import FitError
 from calibkit.frame import Examined, Finding, Held, Log, refuse, values
 from calibkit.ingest import logs, stated_segments
-from calibkit.instruments.gyro_scale import forms
+from calibkit.instruments.gyro_scale import dropouts, forms
 from calibkit.instruments.gyro_scale.numeric import (
     line_terms,
     plateau_means,
@@ -177,7 +177,9 @@ def _flag_terms(run: TableRun) -> Iterator[str]:
 def _find_faults(spec: AnyRecipe, log: Log) -> tuple[list[Finding], plateau_means.Plateaus | None]:
     """Findings of a log, and its held rates unless a finding prevents them."""
     found = [
-        *check.find_too_few_rows(log, LEAST_ROWS),
+        *check.find_too_few_rows(
+            log, spec.plateaus.min_rates if spec.plateaus.one_row else LEAST_ROWS
+        ),
         *check.find_missing_values(log, list(log.frame.columns)),
     ]
     if not found:
@@ -193,8 +195,9 @@ def _find_faults(spec: AnyRecipe, log: Log) -> tuple[list[Finding], plateau_mean
             Finding(log.file, error.message, "held rates of the table", advice, name="held_rates"),
         ], None
     found += [*_find_few_rates(spec, log, held), *_find_two_tables(log, held)]
-    if not any(finding.refused for finding in found):
+    if not spec.plateaus.one_row and not any(finding.refused for finding in found):
         found += _find_suspicious(spec, log)
+    found += dropouts.find(log, held, [forms.gyro_column(gyro) for gyro in spec.gyros])
     return found, held
 
 
@@ -238,8 +241,15 @@ def _find_suspicious(spec: AnyRecipe, log: Log) -> list[Finding]:
 
 def _average_held_rates(spec: AnyRecipe, log: Log) -> plateau_means.Plateaus:
     """Means over the held rates of a log."""
-    rules = plateaus.Rules(**spec.plateaus.model_dump(exclude={"min_rates"}))
+    rules = plateaus.Rules(**spec.plateaus.model_dump(exclude={"min_rates", "one_row"}))
     present = log.frame.columns
+    if spec.plateaus.one_row:
+        return plateau_means.of_rows(
+            values(log.frame, "time_s"),
+            values(log.frame, forms.RATE),
+            np.column_stack([values(log.frame, forms.gyro_column(gyro)) for gyro in spec.gyros]),
+            values(log.frame, forms.TEMPERATURE) if forms.TEMPERATURE in present else None,
+        )
     return plateau_means.means(
         values(log.frame, "time_s"),
         values(log.frame, forms.RATE),

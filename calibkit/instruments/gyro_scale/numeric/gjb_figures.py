@@ -44,11 +44,16 @@ def _nonlinearity_full_scale(scale: ScaleFactor) -> float:
     return float(np.max(np.abs(scale.residuals))) / largest * PPM
 
 
-def nonlinearity_per_point(scale: ScaleFactor) -> Array:
-    """Relative deviation (F_j − F̂_j)/|K Ω_j| of each plateau [p] [ppm]; NaN at rest."""
+def nonlinearity_per_point(scale: ScaleFactor, standard_uncertainty: Array | None = None) -> Array:
+    """Relative deviation (F_j − F̂_j)/|K Ω_j| of each plateau [p] [ppm]; NaN at rest, and where the
+    noise [p] of the means, if it is given, hides the turn: a table that stops still turns by its
+    encoder's noise.
+    """
     expected = np.abs(scale.K * scale.rate_dps)
+    noise = np.zeros_like(expected) if standard_uncertainty is None else standard_uncertainty
+    seen = _turning(scale.rate_dps) & (noise * SEEN < HALF * expected)
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(_turning(scale.rate_dps), scale.residuals / expected * PPM, np.nan)
+        return np.where(seen, scale.residuals / expected * PPM, np.nan)
 
 
 def _asymmetry_gjb(scale: ScaleFactor) -> float:
@@ -161,6 +166,26 @@ def _resolution_dps(scale: ScaleFactor, standard_uncertainty: Array) -> float:
     return _smallest_from_which(step[real], seen & (share >= HALF))
 
 
+def _dead_zone_dps(scale: ScaleFactor, standard_uncertainty: Array) -> tuple[float, float]:
+    """Dead zone: width [°/s] of the rates through zero without response, and its standard
+    uncertainty from the steps between the tested rates; NaN where a direction has no fine rate
+    without response that noise does not hide.
+    """
+    width, variance = 0.0, 0.0
+    seen = standard_uncertainty * SEEN < HALF * np.abs(scale.K * scale.rate_dps)
+    for direction in (1.0, -1.0):
+        own = seen & (direction * scale.rate_dps > 0.0)
+        rates = np.abs(scale.rate_dps[own])
+        share = (scale.indication - scale.F0)[own] / (scale.K * scale.rate_dps)[own]
+        first = _smallest_from_which(rates, share >= HALF)
+        below = rates[rates < first]
+        if not below.size:
+            return float("nan"), float("nan")
+        step = first - float(below.max())
+        width, variance = width + first - step / 2.0, variance + step**2 / 12.0
+    return width, float(np.sqrt(variance))
+
+
 def figures(scale: ScaleFactor, standard_uncertainty: Array) -> tuple[_Figure, ...]:
     """All figures that one run determines, labelled; figures that its rates do not determine are
     left out.
@@ -175,6 +200,7 @@ def figures(scale: ScaleFactor, standard_uncertainty: Array) -> tuple[_Figure, .
         "threshold": _threshold_dps(scale, standard_uncertainty),
         "resolution": _resolution_dps(scale, standard_uncertainty),
     }
+    dead, u_dead = _dead_zone_dps(scale, standard_uncertainty)
     return (
         _Figure("scale_factor_gjb", scale.K, u_K, "1/deg", GJB),
         _Figure("scale_factor_ieee", pulse, pulse * u_K / abs(scale.K), "arcsec", IEEE),
@@ -185,6 +211,7 @@ def figures(scale: ScaleFactor, standard_uncertainty: Array) -> tuple[_Figure, .
             for name, value in tested.items()
             if np.isfinite(value)
         ),
+        *([_Figure("dead_zone", dead, u_dead, "deg/s", GJB)] if np.isfinite(dead) else []),
     )
 
 
@@ -192,22 +219,21 @@ def _nonlinearities(scale: ScaleFactor, standard_uncertainty: Array) -> list[_Fi
     """Nonlinearity over full scale and per point, with the noise of the point that decides it."""
     worst = int(np.argmax(np.abs(scale.residuals)))
     of_full = PPM / float(np.max(np.abs(scale.indication)))
-    per_point = np.abs(nonlinearity_per_point(scale))
-    point = int(np.nanargmax(per_point))
-    of_point = PPM / abs(scale.K * float(scale.rate_dps[point]))
-    u_full, u_point = (
-        float(standard_uncertainty[worst]) * of_full,
-        float(standard_uncertainty[point]) * of_point,
-    )
+    full = float(standard_uncertainty[worst]) * of_full
     rms = scale.residual_rms / abs(scale.K)
     u_rms = float(np.sqrt(np.mean(standard_uncertainty**2) / (2.0 * scale.rate_dps.size))) / abs(
         scale.K
     )
-    return [
-        _Figure("nonlinearity_full_scale", _nonlinearity_full_scale(scale), u_full, "ppm", GJB),
-        _Figure("nonlinearity_per_point", float(per_point[point]), u_point, "ppm", GJB),
+    found = [
+        _Figure("nonlinearity_full_scale", _nonlinearity_full_scale(scale), full, "ppm", GJB),
         _Figure("linearity_error_rms", rms, u_rms, "deg/s", IEEE),
     ]
+    per_point = np.abs(nonlinearity_per_point(scale, standard_uncertainty))
+    if np.isfinite(per_point).any():
+        point = int(np.nanargmax(per_point))
+        u = float(standard_uncertainty[point] / abs(scale.K * scale.rate_dps[point])) * PPM
+        found.insert(1, _Figure("nonlinearity_per_point", float(per_point[point]), u, "ppm", GJB))
+    return found
 
 
 def _asymmetries(scale: ScaleFactor, standard_uncertainty: Array) -> list[_Figure]:

@@ -105,6 +105,32 @@ def means(
     )
 
 
+def of_rows(
+    time_s: Array, table_rate_dps: Array, indication: Array, temp_degc: Array | None
+) -> Plateaus:
+    """Rows that are means over a held rate each, as they are: columns as for `means`.
+
+    Their noise is not known by itself: it is that of the residuals of straight lines.
+    """
+    count = time_s.size
+    q, _ = np.linalg.qr(np.column_stack((table_rate_dps, np.ones(count))))
+    left = indication - q @ (q.T @ indication)
+    nan = np.full(count, np.nan)
+    return Plateaus(
+        rate_dps=np.array(table_rate_dps),
+        indication=np.array(indication),
+        covariance=np.tile(left.T @ left / max(count - 2, 1), (count, 1, 1)),
+        revolutions=np.zeros(count, dtype=np.int64),
+        samples=np.ones(count, dtype=np.int64),
+        temp_degc=nan if temp_degc is None else np.array(temp_degc),
+        angle_rate_dps=nan,
+        span=np.arange(count)[:, None] + np.array([0, 1]),
+        flags=("one row a held rate: noise is that of the residuals of the line",),
+        time_s=np.array(time_s),
+        middle_s=0.5 * float(time_s[0] + time_s[-1]),
+    )
+
+
 def _means(record: plateau_noise.Record, held: Integers, temp_degc: Array | None) -> Plateaus:
     """Plateaus of the held rates with rows [p, 2]."""
     turn = record.turn

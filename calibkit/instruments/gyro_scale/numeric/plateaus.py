@@ -58,7 +58,8 @@ class Rules:
 
 DEFAULT_RULES = Rules()
 NO_RATE_HINT = (
-    "check that the rate column is the table's, or allow shorter plateaus or a wider range of rate"
+    "check that the rate column is the table's, or allow shorter plateaus or a wider range of rate;"
+    " where each row is the mean over a held rate: plateaus.one_row = true"
 )
 
 

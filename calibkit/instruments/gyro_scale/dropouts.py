@@ -1,0 +1,50 @@
+"""Rows of held rates in which a gyro indicates far less than the table turns: pulses were lost."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from calibkit import check
+from calibkit.frame import Finding, Log, values
+from calibkit.instruments.gyro_scale.numeric.plateau_means import Plateaus
+from calibkit.numeric import order_statistics
+from calibkit.numeric.dispersion import MAD_TO_SIGMA
+
+SHARE = 0.5
+"""Share of the expected indication below which a row is a dropout."""
+CLEAR = 8.0
+"""Standard deviations of single rows that a dropout is below what is expected."""
+
+
+def find(log: Log, held: Plateaus, columns: Sequence[str]) -> Iterator[Finding]:
+    """Findings on the first dropout of each gyro's column, with the number of rows and what the
+    other held rates let expect there.
+
+    A held rate without any response is a dead zone or a gyro across the table axis, no dropout.
+    """
+    for column in columns:
+        data = values(log.frame, column)
+        middle = np.array([order_statistics.median(data[a:b]) for a, b in held.span.tolist()])
+        fast = np.abs(held.rate_dps) >= np.median(np.abs(held.rate_dps))
+        K = float(np.median(middle[fast] / held.rate_dps[fast]))
+        lost, first, expected = 0, -1, 0.0
+        for (a, b), rate, median in zip(
+            held.span.tolist(), held.rate_dps.tolist(), middle.tolist(), strict=True
+        ):
+            noise = MAD_TO_SIGMA * order_statistics.median_magnitude(data[a:b], median)
+            low = data[a:b] * np.sign(K * rate) < SHARE * abs(K * rate)
+            if SHARE * abs(K * rate) > CLEAR * noise and low.any() and not low.all():
+                first, expected = (first, expected) if lost else (a + int(low.argmax()), K * rate)
+                lost += int(np.count_nonzero(low))
+        if lost:
+            yield check.finding_at_row(
+                log,
+                first,
+                column,
+                f"{data[first]:.4g} 1/s while the table turns ({lost} such"
+                f" row{'s' if lost > 1 else ''})",
+                f"about {expected:.4g} 1/s, as the other held rates let expect",
+                "pulses were lost: leave the rows out with [[exclude]], or repair the logger",
+                "dropout",
+                figure=float(data[first]),
+            )

@@ -1,0 +1,107 @@
+"""Held rates of a real table: lost pulses, stops, fine rates through zero, one row a held rate."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from calibkit.errors import FrameError
+from calibkit.frame import Log
+from calibkit.instruments.gyro_scale import simulate_rate_table, table_runs
+from calibkit.instruments.gyro_scale.numeric import gjb_figures, scale_factor
+from calibkit.instruments.gyro_scale.recipe import RateTableRecipe
+
+K = 10000.0
+RATES = simulate_rate_table.both_ways((5.0, 10.0, 20.0, 50.0, 100.0))
+LOGS = {"files": ["*.csv"]}
+SPEC = RateTableRecipe(procedure="rate_table", logs=LOGS)
+
+
+def log_of(columns):
+    """Log of columns in memory."""
+    return Log("run", "run.csv", "run", len(columns["time_s"]), pd.DataFrame(columns))
+
+
+def held(seed, rates=RATES):
+    """Log of a table that steps from rate to rate, 40 rows each, and of a straight-line gyro."""
+    rng = np.random.default_rng(seed)
+    rate = np.repeat(np.array(rates), 40)
+    return {
+        "time_s": np.arange(rate.size) * 1.0,
+        "table_rate_dps": rate,
+        "gyro_x_lsb": K * rate + 20.0 + rng.normal(0.0, 3.0, rate.size),
+    }
+
+
+def test_lost_pulses_are_named_with_row_and_expected_value():
+    """Three rows of zero while the table turns 50 °/s: refused with line, number and expectation;
+    before, K was 0.7 % off; a whole log has no finding, at any of 20 seeds.
+    """
+    columns = held(1)
+    first = int(np.flatnonzero(columns["table_rate_dps"] == 50.0)[20])
+    columns["gyro_x_lsb"][first : first + 3] = 0.0
+    with pytest.raises(FrameError, match=rf"run.csv:{first + 2}.*3 such rows.*about 5e\+05"):
+        table_runs.fit_run(SPEC, log_of(columns))
+    for seed in range(20):
+        found = table_runs.examine(SPEC, log_of(held(seed))).findings
+        assert not [finding for finding in found if finding.name == "dropout"]
+
+
+def test_no_nonlinearity_is_computed_at_stops():
+    """A stop at which the encoder's noise gives 1e-5 °/s: nonlinearity per point stays below that
+    of the turning rates.
+    """
+    rng = np.random.default_rng(2)
+    rate = np.array([*RATES, 1e-5, -2e-5])
+    u = np.full(rate.size, 0.5)
+    indication = K * rate + 20.0 + rng.normal(0.0, 0.5, rate.size)
+    indication[-2:] += 10.0
+    line = scale_factor._scale_factor(rate, indication, u)
+    (worst,) = (f for f in gjb_figures.figures(line, u) if f.name == "nonlinearity_per_point")
+    assert worst.value < 500.0
+
+
+def test_fine_rates_through_zero_give_the_dead_zone():
+    """No response within ±0.008 °/s, tested at 5 and 10 thousandths: 0.015 ± 0.002 °/s; a gyro that
+    responds to all rates has no such figure.
+    """
+    fine = np.array([0.001, 0.002, 0.005, 0.01, 0.1, 1.0, 10.0])
+    rate = np.concatenate([-fine[::-1], fine])
+    u = np.full(rate.size, 0.1)
+    dead = K * np.where(np.abs(rate) < 0.008, 0.0, rate)
+    found = {f.name: f for f in gjb_figures.figures(scale_factor._scale_factor(rate, dead, u), u)}
+    assert found["dead_zone"].value == pytest.approx(0.015)
+    assert found["dead_zone"].standard_uncertainty == pytest.approx(0.005 / np.sqrt(6.0))
+    whole = gjb_figures.figures(scale_factor._scale_factor(rate, K * rate, u), u)
+    assert "dead_zone" not in {f.name for f in whole}
+
+
+def test_one_row_a_held_rate_is_valid_data():
+    """Twelve rows that are means: refused with the key that states it, then K within 4 standard
+    uncertainties, u from the residuals.
+    """
+    rng = np.random.default_rng(4)
+    rate = np.array([*RATES, 2.0, -2.0])
+    columns = {
+        "time_s": np.arange(rate.size) * 60.0,
+        "table_rate_dps": rate,
+        "gyro_x_lsb": K * rate + 20.0 + rng.normal(0.0, 1.0, rate.size),
+    }
+    with pytest.raises(FrameError):
+        table_runs.fit_run(SPEC, log_of(columns))
+    spec = RateTableRecipe(procedure="rate_table", logs=LOGS, plateaus={"one_row": True})
+    run = table_runs.fit_run(spec, log_of(columns))
+    line = run.scale("x")
+    assert abs(line.K - K) < 4.0 * line.standard_uncertainty[0] < 0.2
+    assert any("one row a held rate" in flag for flag in run.flags)
+    assert np.median(run.noise("x")) == pytest.approx(1.0, rel=0.5)
+
+
+def test_the_bias_comes_from_held_zero_rates_where_they_know_it_better():
+    """Asymmetry of 50 ppm and long stops: the indication at rest is that of the stops."""
+    rng = np.random.default_rng(5)
+    rate = np.array([*RATES, 0.0, 0.0])
+    u = np.where(rate == 0.0, 0.01, 1.0)
+    indication = K * (rate + 25e-6 * np.abs(rate)) + 20.0 + u * rng.normal(size=rate.size)
+    line = scale_factor._scale_factor(rate, indication, u)
+    assert line.rest == pytest.approx(20.0, abs=0.03)
+    assert line.F0 > 25.0
