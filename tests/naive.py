@@ -71,7 +71,7 @@ def corrected_newey_west(design, residuals, combinations):
     innovations = matrix @ residuals
     first = innovations - innovations.mean()
     first = [(first[k:] @ first[: n - k]) < 2 / np.sqrt(n) * (first @ first) for k in range(n)]
-    lag = max(int(np.ceil(4 * (n / 100) ** (2 / 9))), 3 * first.index(True))
+    lag = 3 * (first.index(True) - 1)
     apart = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
     kernel = np.maximum(1.0 - apart / (lag + 1.0), 0.0)
     scores = weighed * innovations[:, None]

@@ -261,19 +261,18 @@ def _meat(scores: Series, count: int, lag: int, columns: int) -> Array:
 
 
 def _bandwidth(series: Series, count: int) -> int:
-    """Lag of the Bartlett kernel that covers what autocorrelation of a whitened series of `count`
-    values is left.
+    """Lag of the Bartlett kernel for what autocorrelation of a whitened series of `count` values is
+    left: 0 where the first falls below 2/√n, three times the lags that do not.
     """
-    rule = int(np.ceil(4.0 * (count / 100.0) ** (2.0 / 9.0)))
     mean = sum(float(np.sum(series(a, b))) for a, b in chunks.ranges(count)) / count
     power = sum(float(np.sum((series(a, b) - mean) ** 2)) for a, b in chunks.ranges(count))
     if power == 0.0:
-        return rule
+        return 0
     most = max(count // 3, 1)
     first = _first_below(
         lambda a, b: series(a, b) - mean, count, most, 2.0 / np.sqrt(count) * power
     )
-    return min(max(rule, 3 * first), most)
+    return min(3 * max(first - 1, 0), most)
 
 
 def _first_below(series: Series, count: int, most: int, limit: float) -> int:
