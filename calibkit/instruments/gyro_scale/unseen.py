@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from calibkit.arrays import Array, Mask
-from calibkit.coefficients import Record
+from calibkit.coefficients import Criterion, Record, at_most
 from calibkit.constants import DPH_PER_DPS
 from calibkit.errors import CoefficientError, FrameError
 from calibkit.forms import POLYNOMIAL
@@ -25,6 +25,7 @@ from calibkit.instruments.gyro_scale.recipe import (
     GyroTriadRecipe,
     OwnAxisRecipe,
 )
+from calibkit.numeric import consistency
 from calibkit.numeric.dispersion import rms
 from calibkit.report.summary import Summary
 from calibkit.report.table import Table
@@ -46,6 +47,7 @@ def validate(
     entries: list[dict[str, Any]] = []
     compared: list[tuple[str, dict[str, Any]]] = []
     flags: list[str] = []
+    judged: list[Criterion] = []
     for log in logs:
         axis = spec.find_axis(log.file)
         run = table_runs.fit_run(spec, log)
@@ -60,6 +62,7 @@ def validate(
             entry | found[0] if isinstance(spec, GyroTriadRecipe) else entry | {"gyros": found}
         )
         compared += [(log.file, one) for one in found]
+        judged.append(_judge_uncertainty(run, axis, turned))
     body: dict[str, Any] = {"logs": entries}
     errors = [one for _, one in compared]
     if isinstance(spec, GyroTriadRecipe):
@@ -73,7 +76,55 @@ def validate(
         body["pair"] = _compare_pair(records, again)
         shown.append(_tabulate_pair_again(body["pair"]))
         flags += again.flags
-    return body, Summary("", tuple(shown), tuple(dict.fromkeys(flags)), criteria)
+    return body, Summary("", tuple(shown), tuple(dict.fromkeys(flags)), (*judged, *criteria))
+
+
+def _judge_uncertainty(
+    run: table_runs.TableRun, axis: str, matrices: Sequence[forms.GyroMatrix]
+) -> Criterion:
+    """Criterion that the sensitivities found on an unseen run differ from the frozen ones as their
+    uncertainties and the repeatability of runs state.
+    """
+    mean = np.array([_temperatures(run).mean()])
+    rows = []
+    for matrix in matrices:
+        column = forms.AXES.index(axis) if len(matrix.outputs) > 1 else 0
+        frozen = matrix.at(mean)[0][0, :, column]
+        for row, gyro in enumerate(matrix.gyros):
+            line, entry = run.scale(gyro), row * len(matrix.outputs) + column
+            u, dof = _uncertainty_of_sensitivity(matrix, entry, mean)
+            rows.append(
+                (line.K - frozen[row], float(np.hypot(line.standard_uncertainty[0], u)), dof)
+            )
+    error, u, dofs = np.array(rows).T
+    found = consistency.compare_errors(
+        error, np.zeros((error.size, 1)), u**2, dof=(np.inf, max(float(dofs.sum()), 1.0))
+    )
+    what = f"{run.log.file}: rms error of K over its u"
+    return at_most(what, found.ratio, found.limit, "1", "calibkit")
+
+
+def _uncertainty_of_sensitivity(
+    matrix: forms.GyroMatrix, entry: int, temperature: Array
+) -> tuple[float, float]:
+    """Standard uncertainty [1/deg] of a sensitivity of another run at a temperature [1, °C], with
+    how runs repeat, and degrees of freedom of the coefficient; clamped to the fitted range.
+    """
+    model = matrix.model
+    coefficient = model.coefficients[entry]
+    u, dof = coefficient.standard_uncertainty, model.dof_of(coefficient)
+    repeats = [
+        part.value / gjb_figures.PPM * abs(coefficient.value)
+        for part in model.components
+        if (part.effect, part.unit) == ("scale", "ppm")
+    ]
+    if matrix.curves:
+        curve = matrix.curves[entry]
+        held = np.clip(temperature, *curve.valid[forms.TEMPERATURE])
+        u = float(POLYNOMIAL.standard_uncertainty(curve, {forms.TEMPERATURE: held})[0])
+        dof = min(map(curve.dof_of, curve.coefficients))
+        repeats = repeats or [curve.residual_rms]
+    return float(np.hypot(u, max(repeats, default=0.0))), float(dof)
 
 
 def _compare_run(
@@ -106,7 +157,7 @@ def _compare_line(
         require(run.log.file, run.log.frame.columns, [forms.TEMPERATURE])
     mean = np.array([temperature.mean()])
     K = float(matrix.at(mean)[0].item())
-    u_frozen = _uncertainty_of_K(matrix, mean)
+    u_frozen, _ = _uncertainty_of_sensitivity(matrix, 0, mean)
     u_found = float(line.standard_uncertainty[0])
     indication = run.indication(gyro)
     after = matrix.rates(indication[:, None], temperature)[:, 0]
@@ -137,15 +188,6 @@ def _compare_line(
         "after": _line_errors(after, line.rate_dps, line.solver[0]),
         **{f"{f.name}_ppm": f.value for f in figures if f.unit == "ppm"},
     }
-
-
-def _uncertainty_of_K(matrix: forms.GyroMatrix, temperature: Array) -> float:  # noqa: N802 - its letter
-    """Standard uncertainty of K [1/deg] at a temperature [1, °C], clamped to the fitted range."""
-    if not matrix.curves:
-        return matrix.model.coefficients[0].standard_uncertainty
-    curve = matrix.curves[0]
-    held = np.clip(temperature, *curve.valid[forms.TEMPERATURE])
-    return float(POLYNOMIAL.standard_uncertainty(curve, {forms.TEMPERATURE: held})[0])
 
 
 def _line_errors(rate: Array, reference: Array, slope: Array) -> dict[str, float]:
