@@ -436,7 +436,8 @@ def test_a_dry_run_of_any_writer_does_all_but_write(rated, tmp_path, calibkit, m
         calibkit(*arguments, "--dry-run"),
         calibkit(*arguments, "--dry-run", "--json"),
     )
-    assert (rehearsed.code, listed.code, list(tmp_path.iterdir())) == (0, 0, [])
+    ends = int(call[0] == "validate")  # rejected: the logs are another gyro's
+    assert (rehearsed.code, listed.code, list(tmp_path.iterdir())) == (ends, ends, [])
     assert listed.json["dry_run"] is True
     written = calibkit(*arguments)
     assert rehearsed.out.replace(" (dry run: not written)", "") == written.out != rehearsed.out

@@ -336,7 +336,11 @@ def test_a_limit_that_fails_gives_exit_code_1(runs, tmp_path, calibkit):
     )
     assert outcome.code == 1
     verdict = json.loads((tmp_path / "v.json").read_text(encoding="utf-8"))["acceptance"]
-    assert [(entry["name"], entry["passed"]) for entry in verdict] == [
+    found = {entry["name"]: entry["passed"] for entry in verdict if entry["set_by"] == "calibkit"}
+    assert found
+    assert all(found.values())
+    assert all(name.endswith(".csv: rms error of K over its u") for name in found)
+    assert [(e["name"], e["passed"]) for e in verdict if e["set_by"] == "recipe"] == [
         ("scale-factor error", True),
         ("nonlinearity over full scale", False),
     ]
@@ -454,6 +458,27 @@ def test_apply_clamps_the_temperature_and_needs_it_where_k_follows_it(
 
 
 @pytest.mark.usefixtures("undrawn")
+def test_the_coefficients_of_another_gyro_are_rejected(runs, tmp_path, calibkit, log_writer):
+    """A scale factor 50 ppm off what was frozen: its rate errors are small for many a recipe,
+    and far beyond their uncertainty. No limit of the recipe is needed.
+    """
+    root, _ = runs
+    log = min((root / "unseen").glob("*.csv"))
+    raw = np.genfromtxt(log, delimiter=",", names=True)
+    columns = {name: raw[name] for name in raw.dtype.names}
+    columns["gyro_x_lsb"] = columns["gyro_x_lsb"] * (1.0 + 50e-6)
+    (tmp_path / "other").mkdir()
+    log_writer(tmp_path / "other" / log.name, **columns)
+    out = tmp_path / "v.json"
+    data = ("--data", tmp_path / "other", "--out", out)
+    outcome = calibkit("validate", "G", "--runs", root / "runs", *data)
+    assert outcome.code == 1, outcome.out
+    (judged,) = json.loads(out.read_text(encoding="utf-8"))["acceptance"][:1]
+    assert (judged["passed"], judged["set_by"]) == (False, "calibkit")
+    assert judged["value"] > 2.0 * judged["limit"]
+
+
+@pytest.mark.usefixtures("undrawn")
 def test_an_open_loop_gyro_is_straightened_by_its_sine(tmp_path, calibkit, log_writer):
     """F = K Ω_s sin(Ω/Ω_s), Ω_s 200 °/s: apply gives the table's rate within five counts, the line
     is 1 °/s off.
@@ -470,7 +495,12 @@ def test_an_open_loop_gyro_is_straightened_by_its_sine(tmp_path, calibkit, log_w
     errors = {}
     for response in ("line", "auto"):
         run = fit(
-            calibkit, "rate_table", tmp_path / "logs", tmp_path / response, f"response={response}"
+            calibkit,
+            "rate_table",
+            tmp_path / "logs",
+            tmp_path / response,
+            f"response={response}",
+            "acceptance.max_nonlinearity_ppm=1e5",
         )
         names = [model.name for model in run.records["gyro_scale.json"].models]
         assert ("gyro_x.response" in names) == (response == "auto")

@@ -12,7 +12,6 @@ from collections.abc import Mapping
 from importlib import resources
 from typing import Any
 
-from calibkit import run_document
 from calibkit.coefficients import Record
 from calibkit.report import html_tables as tables, svg
 from calibkit.report.documents import Drawn
@@ -111,7 +110,7 @@ def _sections(
 ) -> list[Markup]:
     """Every section in order, under its heading."""
     limits = document["acceptance"]
-    without = element("p", f"{run_document.NO_VERDICT}.")
+    without = element("p", f"{drawn.summary.last_line}.")
     parts = {
         "Verdict": [tables.list_limits(limits) if limits else without],
         "Flags": _flags(document),

@@ -122,6 +122,9 @@ def _tabulate_scale(fits: Mapping[Sensor, ScaleFit]) -> Table:
     return Table("In-situ scale factor s(T)", heads, tuple(rows))
 
 
+NOT_TESTED = "No verdict: no reference azimuth in the logs to test the [acceptance] limits on"
+
+
 def summarize(
     fits: Mapping[Sensor, ScaleFit],
     stations: Stations,
@@ -142,7 +145,10 @@ def summarize(
                 found, "Errors against the reference, each station by the s(T) of the others"
             )
         )
-    return Summary(spec.title, tuple(tables), flags, found.criteria(spec))
+    criteria = found.criteria(spec)
+    stated = any(limit is not None for _, limit in spec.acceptance)
+    untested = "" if criteria or not stated else NOT_TESTED
+    return Summary(spec.title, tuple(tables), flags, criteria, untested)
 
 
 def collect_drawing(
