@@ -241,9 +241,23 @@ def _recipe(case: Case, plan: _Plan) -> AccelerometerRecipe:
         "reference_temp_degc": ROOM_DEGC,
     }
     if case.given:
-        group, effect, unit = COMPONENT[case.error]
-        stated = {"group": group, "effect": effect, "value": _size(case, plan), "unit": unit}
-        tables["errors"] = {"component": [{**stated, "dof": 1000.0}]}
+        # what is estimated whatever its size is stated too
+        sizes = {ZERO: 0.0, INDEX: 0.0} | {case.error: _size(case, plan)}
+        if case.procedure.startswith(LENGTH):
+            del sizes[INDEX]
+        tables["errors"] = {
+            "component": [
+                {
+                    "group": group,
+                    "effect": effect,
+                    "value": sizes[error],
+                    "unit": unit,
+                    "dof": 1000.0,
+                }
+                for error, (group, effect, unit) in COMPONENT.items()
+                if error in sizes
+            ]
+        }
     if case.procedure.startswith(K):
         tables |= {"affine": {"enabled": False}, "compensation": "k"}
     elif case.procedure.startswith(LENGTH):
