@@ -22,6 +22,8 @@ from calibkit.numeric.least_squares.autoregression import Autoregression, Series
 
 LAGS = (1 << 14, 1 << 19)
 """Lags that are computed together: first few, then as many at a time as a block has memory for."""
+FEW = 1 << 17
+"""Rows up to which what a fit takes from a single residual is allowed for."""
 HIGHEST_ORDER = 20
 """Of the autoregression; the kernel takes what correlation is longer."""
 DETAILED = 512
@@ -63,7 +65,7 @@ def covariance(
     unit, plain = _held(_unit(design, root), rows), _plain(residuals)
     model = _choose(plain, rows, columns)
     power = _power(model.whiten_adjoint(unit, rows), rows)
-    if model.order and rows <= chunks.ROWS:
+    if model.order and rows <= FEW:
         # what the fit took from the residuals, it took from the slow ones
         model = _choose(plain, rows, columns, model.variances[-1] * np.trace(power) / rows)
         power = _power(model.whiten_adjoint(unit, rows), rows)
@@ -72,7 +74,7 @@ def covariance(
     a, f = (
         _held(series, rows) for series in (model.whiten_adjoint(unit, rows), model.whiten(unit))
     )
-    both = _Columns(a, f, power, rows > chunks.ROWS)
+    both = _Columns(a, f, power, rows > FEW)
     meat = _meat(
         _held(lambda a, b: both.weighed(a, b) * innovations(a, b), rows), rows, lag, columns
     )
@@ -113,8 +115,8 @@ def _plain(residuals: Array) -> Series:
 
 def _choose(plain: Series, rows: int, columns: int, missing: float = 0.0) -> Autoregression:
     """Autoregression of the residuals, to whose autocovariances is added what is missing."""
-    length = min(LAGS[0], 1 << rows.bit_length())
-    most = min(HIGHEST_ORDER, int(10.0 * np.log10(rows)), rows // 10, length - 1)
+    length = min(1 << 14, 1 << rows.bit_length())
+    most = min(HIGHEST_ORDER, int(10.0 * np.log10(rows)), rows // 10)
     most = most if rows > 10 * columns else 0
     products = _products(plain, rows, 0, length)[: most + 1] / rows
     return Autoregression.choose(products + missing * (1.0 - np.arange(most + 1) / rows), rows)
@@ -175,7 +177,7 @@ class _Working:
         """Sums over blocks of rows; single rows where they are few."""
         size = -(-rows // DETAILED)
         parts = []
-        for first, stop in chunks.ranges(rows, size * (chunks.ROWS // size)):
+        for first, stop in chunks.ranges(rows, size * max(chunks.ROWS // size, 1)):
             stacked = np.concatenate(
                 [columns.weighed(first, stop), columns.f(first, stop), columns.a(first, stop)]
             )
