@@ -22,6 +22,7 @@ from calibkit.instruments.inclinometer.numeric import (
     closure,
     published,
     root_choice,
+    scale_fit,
     scale_prior,
     sensor_pairs,
 )
@@ -82,14 +83,14 @@ def solved(
         if way == "history":
             solutions.append(by_history)
         elif way == "s(T), same stations":
-            over = scale_prior.fit_over_temperature(by_history, temperatures(logs))
+            over = scale_fit.fit_over_temperature(by_history, temperatures(logs))
             solutions.append(root_choice.solve(parts, latitude, over.left_out))
         else:
             other = components(calibration, axis)
             first = scale_prior.predict_in_sequence(
                 other, LATITUDE_DEG, hours[: other.accel_x.size]
             )
-            over = scale_prior.fit_over_temperature(first, temperatures(calibration))
+            over = scale_fit.fit_over_temperature(first, temperatures(calibration))
             prior = scale_prior.predict_scale(
                 *(over.coefficients, over.covariance, over.scatter, over.valid_degc),
                 temperatures(logs),

@@ -646,7 +646,11 @@ def test_validation_needs_a_reference_azimuth(tmp_path, command):
     assert outcome.code == 1
     assert document["accepted"] is False
     names = [criterion["name"] for criterion in document["acceptance"]]
-    assert names == ["stations.csv: rms azimuth error over its u", "azimuth rms"]
+    assert names == [
+        "stations.csv: rms azimuth error over its u",
+        "stations.csv: turn that azimuths share, over its u",
+        "azimuth rms",
+    ]
 
 
 def test_the_sample_stations_go_through_every_command(tmp_path, calibkit, command, monkeypatch):

@@ -197,6 +197,7 @@ def test_a_station_that_lacks_a_position_has_its_reason_and_the_other_is_kept():
     read = station_steps.Rows(
         station=station[keep].astype(int) - 1,
         names=("1", "2", "3", "4"),
+        log=np.zeros(4, dtype=int),
         position=position[keep],
         accel={"x": indication[keep, 0]},
         gyro={"x": indication[keep, 0]},

@@ -16,6 +16,7 @@ from calibkit.instruments.inclinometer.numeric import (
     covariance as northseek_covariance,
     published,
     root_choice,
+    scale_fit,
     scale_prior,
     sensor_pairs,
 )
@@ -442,7 +443,7 @@ def test_s_over_temperature_follows_the_truth():
     polynomial.
     """
     _, found, temperature, truth = fitted(4, count=120)
-    over = scale_prior.fit_over_temperature(found, temperature)
+    over = scale_fit.fit_over_temperature(found, temperature)
     prior = prior_at(over, temperature)
     error = prior.s - np.array(truth["s_x"])
     assert np.abs(error).max() < 4e-4
@@ -458,7 +459,7 @@ def test_s_over_temperature_has_honest_uncertainty():
     z = []
     for seed in range(60):
         _, found, temperature, truth = fitted(seed, ideal=True)
-        over = scale_prior.fit_over_temperature(found, temperature, order=1)
+        over = scale_fit.fit_over_temperature(found, temperature, order=1)
         prior = prior_at(over, 60.0)
         z.append((prior.s[0] - truth["s_x"][0]) / prior.standard_uncertainty[0])
     assert 0.88 <= np.mean(np.abs(z) < 1.96) <= 1.0
@@ -481,14 +482,14 @@ def test_a_slope_of_s_must_lower_the_left_out_sum_of_squares_by_four_mean_square
         s_root=1.0 + 1e-4 * (slope * temperature + residuals),
         s_root_uncertainty=np.full(8, 1e-5),
     )
-    over = scale_prior.fit_over_temperature(solution, temperature)
+    over = scale_fit.fit_over_temperature(solution, temperature)
     assert over.coefficients.size == order + 1
 
 
 def test_a_station_is_left_out_of_its_own_prior():
     """The closed form of s(T) without station k equals a refit without it, to 1e-9."""
     _, found, temperature, _ = fitted(8, ideal=True, count=12)
-    over = scale_prior.fit_over_temperature(found, temperature, order=1)
+    over = scale_fit.fit_over_temperature(found, temperature, order=1)
     # with another scatter the refit would have other weights
     assert over.scatter == 0.0
     u = found.s_root_uncertainty
@@ -511,7 +512,7 @@ def test_scatter_beyond_noise_is_in_the_prior():
         np.full(80, 20.0), 40.0, rng.uniform(0.0, 360.0, 80), 34.2, s, noise=NOISE * 1e-2
     )
     found = root_choice.solve(parts, 34.2, prior_of(80))
-    over = scale_prior.fit_over_temperature(found, np.linspace(20.0, 120.0, 80))
+    over = scale_fit.fit_over_temperature(found, np.linspace(20.0, 120.0, 80))
     assert over.scatter == pytest.approx(1e-3, rel=0.3)
     assert prior_at(over, 60.0).standard_uncertainty[0] > over.scatter
 
@@ -536,11 +537,11 @@ def test_s_over_temperature_needs_stations_and_temperatures():
     """One usable station, or one temperature for a slope, are refused."""
     found = root_choice.solve(parts_of([30.0, 0.1], 40.0, 70.0, 34.2), 34.2, prior_of(2))
     with pytest.raises(FitError, match="1 usable"):
-        scale_prior.fit_over_temperature(found, np.array([20.0, 30.0]))
+        scale_fit.fit_over_temperature(found, np.array([20.0, 30.0]))
     found = root_choice.solve(parts_of([30.0, 20.0, 25.0], 40.0, 70.0, 34.2), 34.2, prior_of(3))
     with pytest.raises(FitError, match="one temperature"):
-        scale_prior.fit_over_temperature(found, np.full(3, 20.0), order=1)
-    assert scale_prior.fit_over_temperature(found, np.full(3, 20.0)).coefficients.size == 1
+        scale_fit.fit_over_temperature(found, np.full(3, 20.0), order=1)
+    assert scale_fit.fit_over_temperature(found, np.full(3, 20.0)).coefficients.size == 1
 
 
 def test_two_sensor_pairs_are_combined_by_inverse_variance_around_the_circle():
@@ -612,7 +613,7 @@ def test_the_azimuth_of_random_stations_is_within_five_hundredths_of_a_degree(wa
             )
             found = scale_prior.predict_in_sequence(parts, 34.2, log["time_s"][::4] / 3600.0)
             if way == "other run":
-                over = scale_prior.fit_over_temperature(found, log["temp_case_degc"][::4])
+                over = scale_fit.fit_over_temperature(found, log["temp_case_degc"][::4])
                 found = root_choice.solve(parts, 34.2, over.left_out)
             solutions.append(found)
         both = sensor_pairs.combine(*solutions)

@@ -39,7 +39,7 @@ def make_result(
         "inclinometer_scale",
         tuple(scale.write(axis) for axis, scale in fits.items()),
         _figures(fits, stations, seen, spec),
-        (*notes, *_hardly_known(fits), *flag_stations(stations, seen)),
+        (*notes, *_hardly_known(fits), *_of_fits(fits), *flag_stations(stations, seen)),
         tuple(site),
     )
 
@@ -72,6 +72,11 @@ def _figures(
             u = float(value * np.sqrt(1.0 / (2.0 * found.known.sum())))
             figures.append(Figure(f"azimuth_rms_{when}", value, "deg", u))
     return tuple(figures)
+
+
+def _of_fits(fits: Mapping[Sensor, ScaleFit]) -> list[str]:
+    """Flags of the fits, with the axis of the gyro."""
+    return [f"{axis}: {flag}" for axis, scale in fits.items() for flag in scale.flags]
 
 
 def _hardly_known(fits: Mapping[Sensor, ScaleFit]) -> list[str]:

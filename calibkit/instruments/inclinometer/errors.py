@@ -13,6 +13,11 @@ from calibkit.instruments.inclinometer.stations import Stations
 from calibkit.numeric import consistency, dispersion
 from calibkit.numeric.attitude import wrapped
 
+TURNED = 5.0
+"""Standard uncertainties above which unseen azimuths are turned together; 260 simulated tools had
+at most 3.4.
+"""
+
 
 @dataclass(frozen=True, slots=True)
 class AngleErrors:
@@ -26,6 +31,12 @@ class AngleErrors:
     after: Array
     standard_uncertainty: Array
     """Of the corrected azimuth [n] [°]."""
+    noise: Array
+    """The same without what the mounting of the sensors adds [n] [°]."""
+    stated: Array
+    """What the recipe states of the mounting, or of the reference [n] [°]."""
+    by_turn: Array
+    """Derivative of the azimuth by a turn of the gyros against the accelerometers [n] [°/°]."""
 
     @property
     def known(self) -> Mask:
@@ -41,6 +52,16 @@ class AngleErrors:
         worse = np.abs(self.after[known]) - np.abs(self.before[known])
         return np.asarray(worse / self.standard_uncertainty[known], dtype=np.float64)
 
+    def turn(self) -> tuple[float, float]:
+        """Turn of the gyros against the accelerometers, or of the reference azimuths, that the
+        errors of the known stations share, and its standard uncertainty [°].
+        """
+        slope, u, known = self.by_turn, self.noise, self.known
+        weight = np.where(known, slope / u**2, 0.0)
+        power = float(np.nansum(weight * slope))
+        shared = rms(self.stated[known]) / rms(slope[known])
+        return float(np.nansum(weight * self.after)) / power, float(np.hypot(power**-0.5, shared))
+
     def judge_uncertainty(self, name: str) -> Criterion:
         """Criterion that azimuth errors of unseen stations are as large as stated; they may share
         them altogether, since s(T) is common to all.
@@ -49,6 +70,12 @@ class AngleErrors:
         found = consistency.compare_errors(self.after[self.known], u[:, None], np.zeros(u.size))
         what = f"{name}: rms azimuth error over its u"
         return at_most(what, found.ratio, found.limit, "1", "calibkit")
+
+    def judge_turn(self, name: str) -> Criterion:
+        """Criterion that azimuth errors of unseen stations share no turn."""
+        angle, u = self.turn()
+        what = f"{name}: turn that azimuths share, over its u"
+        return at_most(what, abs(angle) / u, TURNED, "1", "calibkit")
 
     def criteria(self, spec: InclinometerRecipe) -> tuple[Criterion, ...]:
         """Criteria of the recipe's acceptance limits."""
@@ -72,7 +99,7 @@ class AngleErrors:
     @classmethod
     def compare(cls, stations: Stations, seen: SolvedStations) -> Self:
         """Errors of all stations."""
-        reference, combined = stations.reference, seen.combined
+        reference, combined, mounted = stations.reference, seen.combined, seen.mounted
         with np.errstate(invalid="ignore"):
             return cls(
                 np.where(seen.refused, np.nan, combined.inclination_deg - reference[:, 0]),
@@ -80,6 +107,9 @@ class AngleErrors:
                 wrapped(combined.uncorrected_deg - reference[:, 2]),
                 wrapped(combined.azimuth_deg - reference[:, 2]),
                 combined.standard_uncertainty[:, 2],
+                np.sqrt(combined.covariance[:, 2, 2] - mounted.variance),
+                np.sqrt(mounted.stated),
+                mounted.by_turn,
             )
 
 

@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 
 from calibkit.arrays import Array, Mask
-from calibkit.coefficients import Model, Parameter
+from calibkit.coefficients import Component, Model, Parameter
 from calibkit.forms import Form, Inputs
 from calibkit.instruments.inclinometer.noise import Noise
 from calibkit.instruments.inclinometer.numeric import scale_prior
@@ -17,6 +17,8 @@ from calibkit.instruments.inclinometer.numeric.root_choice import Prior
 
 FILE = "inclinometer_scale.json"
 TEMPERATURE = "temp_case_degc"
+MOUNTING = "mounting"
+"""Group of the errors of how gyros and accelerometers are mounted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +32,8 @@ class ScaleModel:
     scatter: float
     valid: tuple[float, float] | None
     noise: Noise
+    turn_deg: float = 0.0
+    """Standard deviation of the turn of the gyro against its accelerometer [°]."""
 
     def prior(self, temperature: Array) -> Prior:
         """Prior of s at temperatures [n] [°C]; for an unknown temperature its uncertainty covers
@@ -60,6 +64,7 @@ class ScaleModel:
                 *(model.value("accel_noise"), model.value("gyro_noise")),
                 round(model.value("noise_dof")),
             ),
+            next((one.value for one in model.components if one.group == MOUNTING), 0.0),
         )
 
 
@@ -72,6 +77,9 @@ class ScaleFit:
     residual_rms: float
     used: Mask
     left_out: Prior
+    effective_dof: Array | None = None
+    components: tuple[Component, ...] = ()
+    flags: tuple[str, ...] = ()
 
     def write(self, axis: str) -> Model:
         """Model of the gyro on an axis; its parameters are the scatter of s and the noise of the
@@ -83,6 +91,8 @@ class ScaleFit:
             [(f"s{k}", value, _unit(k)) for k, value in enumerate(model.coefficients.tolist())],
             model.covariance,
             dof=self.dof,
+            effective_dof=self.effective_dof,
+            components=self.components,
             residual_rms=self.residual_rms,
             residual_unit="1",
             valid={} if model.valid is None else {TEMPERATURE: model.valid},

@@ -146,8 +146,16 @@ def _validate(
                 " uncorrected: s(T) does not hold here; see site.latitude_deg, the gyros, and the"
                 " reference azimuths"
             )
+        angle, u = angles.turn()
+        if abs(angle) > errors.TURNED * u:
+            flags.append(
+                f"{file}: the azimuths are turned together by {angle:.3f}° ± {u:.2g}°, expected 0°:"
+                " the gyros are turned against the accelerometers, or the reference is; align"
+                " them, or state what is known of the reference in [[type_b]] with quantity ="
+                " 'azimuth_deg'"
+            )
         parts.append(angles)
-        judged.append(angles.judge_uncertainty(file))
+        judged += [angles.judge_uncertainty(file), angles.judge_turn(file)]
     pooled = (
         np.concatenate([getattr(part, field.name) for part in parts])
         for field in fields(errors.AngleErrors)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
@@ -123,6 +123,8 @@ class InclinometerRecipe(Recipe):
     """Stations of a north-seeking inclinometer, each read in several rotations about the tool
     axis.
     """
+
+    error_groups: ClassVar[tuple[str, ...]] = ("log", "mounting")
 
     procedure: Literal["inclinometer"]
     site: _Place = Field(default_factory=_no_place, validate_default=True)

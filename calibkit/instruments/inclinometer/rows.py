@@ -30,6 +30,8 @@ class Rows:
 
     station: Integers
     names: tuple[str, ...]
+    log: Integers
+    """[n], number of the log of each station."""
     position: Array
     accel: Mapping[Sensor, Array]
     gyro: Mapping[Sensor, Array]
@@ -42,8 +44,8 @@ class Rows:
     @classmethod
     def gather(cls, logs: Sequence[Log], spec: InclinometerRecipe) -> Self:
         """Rows of all logs, their stations counted from 0 in the order in which they appear."""
-        station, names, offset = [], [], 0
-        for log in logs:
+        station, names, numbers, offset = [], [], [], 0
+        for number, log in enumerate(logs):
             unique, first, inverse = np.unique(
                 values(log.frame, "station"), return_index=True, return_inverse=True
             )
@@ -51,6 +53,7 @@ class Rows:
             rank[np.argsort(first)] = np.arange(first.size)
             station.append(rank[inverse] + offset)
             offset += first.size
+            numbers += [number] * first.size
             prefix = f"{log.name}:" if len(logs) > 1 else ""
             names += [f"{prefix}{name:g}" for name in unique[np.argsort(first)]]
         accel = {axis: _join_column(logs, f"accel_{axis}_g") for axis in spec.axes}
@@ -58,6 +61,7 @@ class Rows:
         return cls(
             np.concatenate(station),
             tuple(names),
+            np.array(numbers),
             _join_column(logs, "position_deg"),
             {
                 axis: gravity_positive(column, spec.reference.convention)

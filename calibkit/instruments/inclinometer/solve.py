@@ -9,10 +9,12 @@ import numpy as np
 
 from calibkit.arrays import Array, Mask
 from calibkit.errors import FitError
+from calibkit.instruments.inclinometer import mounting
 from calibkit.instruments.inclinometer.forms import ScaleFit, ScaleModel
 from calibkit.instruments.inclinometer.noise import Noise
 from calibkit.instruments.inclinometer.numeric import (
     root_choice,
+    scale_fit,
     scale_prior,
     sensor_pairs,
 )
@@ -48,6 +50,8 @@ class SolvedStations:
     solutions: Mapping[Sensor, Solution]
     priors: Mapping[Sensor, Prior]
     combined: Combined
+    mounted: mounting.Mounted
+    """Its variance is part of that of the combined azimuth."""
 
     @property
     def refused(self) -> Mask:
@@ -120,7 +124,9 @@ def fit_scale(
         axis: _fit_over_temperature(_solve_in_sequence(kept, spec, axis), kept, spec, axis)
         for axis in spec.axes
     }
-    seen = _solve_stations(kept, {axis: scale.left_out for axis, scale in fits.items()}, spec)
+    turn_deg = max(scale.model.turn_deg for scale in fits.values())
+    left_out = {axis: scale.left_out for axis, scale in fits.items()}
+    seen = _solve_stations(kept, left_out, spec, turn_deg)
     seen.require_consistent("the stations")
     return fits, seen
 
@@ -139,6 +145,7 @@ def seek_north(
             kept,
             {axis: _predict_departure(kept, models[axis], spec, axis) for axis in spec.axes},
             spec,
+            max(models[axis].turn_deg for axis in spec.axes),
         )
         status = {
             axis: _refuse_contradictions(seen.solutions[axis], kept.status[axis], spec)
@@ -216,16 +223,32 @@ def _fit_over_temperature(
     order = 0 if not timed else None if spec.scale.order == "auto" else spec.scale.order
     if usable.sum() == 1:
         return _fit_one_root(first, usable, temperature, spec, noise, timed=timed)
-    over = scale_prior.fit_over_temperature(first, temperature, order=order)
+    found = mounting.Circumstances.of(first, stations, spec, axis)
+    over = scale_fit.fit_over_temperature(
+        first, temperature, order=order, turn=found.turn, log=found.log
+    )
     # without degrees of freedom the scatter of s is unknown; the recipe's prior uncertainty is used
     scatter = over.scatter if over.dof else spec.history.standard_uncertainty
     left_out = over.left_out
     if not over.dof:
         left_out = Prior(left_out.s, np.hypot(left_out.standard_uncertainty, scatter))
     model = ScaleModel(
-        over.coefficients, over.covariance, scatter, over.valid_degc if timed else None, noise
+        over.coefficients,
+        over.covariance,
+        scatter,
+        over.valid_degc if timed else None,
+        noise,
+        found.turn_deg(over.turn_deg),
     )
-    return ScaleFit(model, over.dof, over.residual_rms, over.used, left_out)
+    return ScaleFit(
+        model,
+        over.dof,
+        over.residual_rms,
+        over.used,
+        left_out,
+        over.effective_dof,
+        *found.state(over.components, over.turn_deg),
+    )
 
 
 def _fit_one_root(
@@ -315,9 +338,14 @@ def _predict_departure(
 
 
 def _solve_stations(
-    stations: Stations, priors: Mapping[Sensor, Prior], spec: InclinometerRecipe
+    stations: Stations,
+    priors: Mapping[Sensor, Prior],
+    spec: InclinometerRecipe,
+    turn_deg: float,
 ) -> SolvedStations:
-    """Solve every station with its priors, and combine both pairs where both are read."""
+    """Solve every station with its priors, and combine both pairs where both are read; the azimuth
+    is as uncertain as how the sensors are mounted makes it.
+    """
     solutions = {
         axis: root_choice.solve(
             stations.components[axis],
@@ -332,7 +360,10 @@ def _solve_stations(
     }
     pairs = tuple(solutions.values())
     combined = sensor_pairs.combine(*pairs) if len(pairs) == 2 else _as_combined(pairs[0])
-    return SolvedStations(solutions, priors, combined)
+    mounted = mounting.Mounted.of(stations, solutions, spec, turn_deg)
+    covariance = combined.covariance.copy()
+    covariance[:, 2, 2] += mounted.variance
+    return SolvedStations(solutions, priors, replace(combined, covariance=covariance), mounted)
 
 
 def _as_combined(pair: Solution) -> Combined:

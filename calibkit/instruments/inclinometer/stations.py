@@ -30,11 +30,12 @@ PLAUSIBLE = {"accel": (1.5, "g"), "gyro": (1000.0, "deg/h")}
 
 @dataclass(frozen=True, slots=True)
 class Stations:
-    """n stations: components and noise by axis, reasons for refusal (or empty), temperature, time
-    and reference attitude.
+    """n stations, of numbered logs: components and noise by axis, reasons for refusal (or empty),
+    temperature, time and reference attitude.
     """
 
     names: tuple[str, ...]
+    log: Integers
     row_station: Integers
     components: Mapping[Sensor, Components]
     noise: Mapping[Sensor, Noise]
@@ -201,6 +202,7 @@ def solve_components(
     ]
     return Stations(
         rows.names,
+        rows.log,
         rows.station,
         components,
         noises,

@@ -116,13 +116,7 @@ def fit(
     """
     basis, count = blocks.basis(), blocks.design.shape[1]
     if basis.shape[1] == count and effect.known is None:
-        raise FitError(
-            f"the {effect.effect} of each {effect.group} cannot be told from {', '.join(names)}:"
-            f" {int(blocks.log[-1]) + 1} of them, each at one value of the abscissa, expected more"
-            f" than {count}, or changes of the abscissa within each",
-            hint="measure more of them, lower the order, or state how much the"
-            f" {effect.effect} differs in [[errors.component]]",
-        )
+        raise coincidence(effect, count, names)
     mixed = components.fit(
         blocks.design, blocks.indication, [effect], weights=blocks.root**2, names=names
     )
@@ -147,6 +141,17 @@ def fit(
         dof = np.where(spread > 0.0, variance**2 / spread, mixed.dof)
     return LevelFit(
         mixed.coefficients, covariance, np.maximum(dof, 1.0), component, mixed.predicted[0][:, 0]
+    )
+
+
+def coincidence(effect: Effect, count: int, names: Sequence[str]) -> FitError:
+    """Refusal of levels that the coefficients, `count` of them, hold already."""
+    return FitError(
+        f"the {effect.effect} of each {effect.group} cannot be told from {', '.join(names)}:"
+        f" {int(effect.labels.max()) + 1} of them, each at one value of the abscissa, expected more"
+        f" than {count}, or changes of the abscissa within each",
+        hint="measure more of them, lower the order, or state how much the"
+        f" {effect.effect} differs in [[errors.component]]",
     )
 
 

@@ -82,6 +82,27 @@ def _azimuth_gradient(
     return np.einsum("ni,nij->nj", by_inner, inner), np.asarray(by_s, dtype=np.float64)
 
 
+def angle_slopes(
+    parts: Components,
+    latitude_deg: Array,
+    s: Array,
+    s_root: Array,
+    weight: Array,
+    moved: Array,
+) -> tuple[Array, Array]:
+    """Derivatives [n] of a root [1/°] and of ψ [°/°] by an angle about the tool axis that moves
+    g_x, g_y, ω_x, ω_y by `moved` [n, 4] a radian; s, s_root, weight as for `covariance`.
+    """
+    found = published.attitude(parts.accel_x, parts.accel_y)
+    direct, by_s = _azimuth_gradient(parts, found, latitude_deg, s)
+    of_root = root_gradient(parts, found, latitude_deg, s_root)
+    # the gradient of a root may be infinite, and 0 · ∞ is NaN
+    with np.errstate(invalid="ignore"):
+        by_root, by_azimuth = (np.sum(each[:, :4] * moved, axis=1) for each in (of_root, direct))
+        along = np.where(weight > 0.0, weight * by_root, 0.0)
+    return np.radians(by_root), by_azimuth + by_s * along
+
+
 def covariance(
     parts: Components,
     found: Attitude,

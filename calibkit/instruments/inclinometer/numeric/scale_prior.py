@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calibkit.arrays import Array, Mask
+from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.instruments.inclinometer.numeric.published import Components
 from calibkit.instruments.inclinometer.numeric.root_choice import (
@@ -22,13 +22,6 @@ from calibkit.instruments.inclinometer.numeric.root_choice import (
 )
 from calibkit.numeric import gum
 from calibkit.numeric.least_squares import polynomial
-from calibkit.numeric.least_squares.fit import linear
-from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
-
-GAIN = 4.0
-"""Least reduction of the sum of squares by a higher order, in mean squares: the added coefficient
-is then two standard uncertainties.
-"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,22 +40,6 @@ class History:
 
 
 DEFAULT_HISTORY = History()
-
-
-@dataclass(frozen=True, slots=True)
-class _ScaleOverTemperature(TemperaturePolynomial):
-    """s(T) = s0 + s1 T + …, T in °C; its residual rms is weighted and dimensionless."""
-
-    scatter: float
-    """Standard deviation of s about the polynomial in excess of the stations' own noise; added to
-    every prior.
-    """
-    used: Mask
-    """Mask [n] of the stations used in the fit."""
-    left_out: Prior
-    """s(T) at each station [n] fitted to all the others: a prior independent of the station's own
-    reading.
-    """
 
 
 def predict_scale(
@@ -182,115 +159,4 @@ def predict_in_sequence(
         latitude_uncertainty_deg=latitude_uncertainty_deg,
         refused=refused,
         limits=limits,
-    )
-
-
-def fit_over_temperature(
-    solution: Solution, temp_degc: Array, *, order: int | None = None
-) -> _ScaleOverTemperature:
-    """Fit the chosen roots of n stations as s(T), weighted by their uncertainty and their common
-    scatter.
-
-    Parameters
-    ----------
-    solution : of one sensor pair; stations whose root was not used do not enter.
-    temp_degc : [n] [°C].
-    order : of the polynomial; by default the one of least leave-one-out error, at most cubic.
-
-    Returns
-    -------
-    ScaleOverTemperature. The scatter is the standard deviation that makes the weighted residuals
-    agree with their degrees of freedom (Mandel & Paule 1970, Analytical Chemistry 42:1194); zero
-    where noise explains all.
-
-    Raises
-    ------
-    FitError
-        Fewer usable stations than coefficients, or temperatures that do not vary for an order above
-        zero.
-
-    """
-    used = solution.root_used & np.isfinite(temp_degc)
-    if used.sum() < 2:
-        raise FitError(
-            f"{int(used.sum())} usable roots of s for s(T)", hint="add stations away from C = 0"
-        )
-    s, u, temperature = solution.s_root[used], solution.s_root_uncertainty[used], temp_degc[used]
-    u = np.maximum(u, 1e-3 * float(np.median(u)) if np.median(u) > 0.0 else 1.0)
-    chosen = _choose_order(s, u, temperature) if order is None else order
-    middle, half = polynomial.middle_and_half(temperature)
-    if chosen > 0 and half == 0.0:
-        raise FitError(
-            f"one temperature, {middle:g} °C, for s(T) of order {chosen}",
-            hint="add other temperatures",
-        )
-    limits = (float(temperature.min()), float(temperature.max()))
-    half = half or 1.0
-    every = polynomial.powers(np.clip(temp_degc, *limits), chosen, middle=middle, half=half)
-    design = every[used]
-    scatter = _excess_scatter(s, u, design)
-    variance = np.asarray(u**2 + scatter**2, dtype=np.float64)
-    fit = linear(design, s, weights=1.0 / variance, names=[f"s{k}" for k in range(chosen + 1)])
-    inverse = np.asarray(np.linalg.inv((design / variance[:, None]).T @ design), dtype=np.float64)
-    to_raw = np.asarray(polynomial.to_raw_powers(middle, half, chosen), dtype=np.float64)
-    own = np.zeros(used.size)
-    own[used] = 1.0 / variance
-    roots = np.where(used, solution.s_root, 0.0)
-    return _ScaleOverTemperature(
-        coefficients=to_raw @ fit.coefficients,
-        covariance=gum.propagate(to_raw, inverse),
-        scatter=scatter,
-        dof=fit.dof,
-        residual_rms=fit.residual_rms,
-        valid_degc=limits,
-        used=used,
-        left_out=_predict_left_out(every, fit.coefficients, inverse, own, roots, scatter),
-    )
-
-
-def _predict_left_out(
-    design: Array, factors: Array, inverse: Array, own_weight: Array, s: Array, scatter: float
-) -> Prior:
-    """s(T) at each station without its own root: ŷ_(i) = (ŷ − h y)/(1 − h), its variance x P x/(1 −
-    h).
-    """
-    power = gum.variance_along(design, inverse)
-    leverage = np.minimum(power * own_weight, 1.0 - 1e-6)
-    value = (design @ factors - leverage * s) / (1.0 - leverage)
-    return Prior(value, np.sqrt(power / (1.0 - leverage) + scatter**2))
-
-
-def _excess_scatter(s: Array, u: Array, design: Array) -> float:
-    """Standard deviation in excess of noise with which the weighted sum of squared residuals equals
-    its degrees of freedom.
-    """
-    from scipy.optimize import brentq
-
-    dof = s.size - int(design.shape[1])
-    if dof < 1:
-        return 0.0
-
-    def excess(scatter: float) -> float:
-        variance = u**2 + scatter**2
-        residuals = linear(design, s, weights=1.0 / variance).residuals
-        return float(np.sum(residuals**2 / variance)) - dof
-
-    if excess(0.0) <= 0.0:
-        return 0.0
-    upper = float(np.std(s)) + float(np.max(u))
-    while excess(upper) > 0.0:
-        upper *= 2.0
-    return float(brentq(excess, 0.0, upper, xtol=1e-12))
-
-
-def _choose_order(s: Array, u: Array, temperature: Array) -> int:
-    """Order with the least weighted leave-one-out error among those that the temperatures
-    determine; a higher order must improve it significantly (GAIN).
-    """
-    return polynomial.choose_order(
-        temperature,
-        s,
-        min(polynomial.HIGHEST_ORDER, np.unique(np.round(temperature)).size - 1, s.size - 2),
-        margin=float(np.sqrt(max(1.0 - GAIN / s.size, 0.0))),
-        weights=1.0 / (u**2 + _excess_scatter(s, u, np.ones((s.size, 1))) ** 2),
     )

@@ -1,0 +1,153 @@
+"""How gyros, accelerometers and stations go together: the turn of a gyro about the tool axis, index
+errors of the positions, logs that share a scale factor; what a recipe states of them.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from calibkit.arrays import Array
+from calibkit.coefficients import Component
+from calibkit.instruments.inclinometer.forms import MOUNTING
+from calibkit.instruments.inclinometer.numeric.covariance import angle_slopes
+from calibkit.instruments.inclinometer.numeric.published import Components, Sensor
+from calibkit.instruments.inclinometer.numeric.root_choice import Solution
+from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
+from calibkit.instruments.inclinometer.stations import Stations
+from calibkit.numeric.least_squares import components
+from calibkit.numeric.least_squares.components import Effect
+from calibkit.recipe.shared_errors import list_components, state_effects, warn_of_few_groups
+from calibkit.recipe.type_b import terms_of
+
+UNITS = {("log", "scale"): "1", ("station", "scale"): "1", (MOUNTING, "gyro turn"): "deg"}
+"""Errors that stations share and the units of their standard deviations."""
+
+SHOWN = 3.0
+"""Standard uncertainties above which a turn is flagged; it is in the azimuth's from 2 on."""
+
+
+@dataclass(frozen=True, slots=True)
+class Circumstances:
+    """What the stations of one sensor pair share."""
+
+    turn: Array | None
+    """Derivatives [n] of the roots of s by a turn of the gyro [1/°]; None where the recipe leaves
+    it out.
+    """
+    log: Effect | None
+    """Part of s that the stations of a log share; None for a single log."""
+    stated_deg: float
+    """Standard deviation of the turn that the recipe states [°], or 0."""
+
+    @classmethod
+    def of(
+        cls, found: Solution, stations: Stations, spec: InclinometerRecipe, axis: Sensor
+    ) -> Self:
+        """Circumstances of stations of which s is known."""
+        parts = stations.components[axis]
+        by_root, _ = _slopes(found, parts, spec, _turned(parts))
+        every = np.zeros(by_root.size, dtype=np.int64)
+        tried = [Effect(MOUNTING, "gyro turn", every, by_root)]
+        if stations.log.max() > 0:
+            tried.append(Effect("log", "scale", stations.log, np.ones(by_root.size)))
+        named = {one.group: one for one in state_effects(spec.errors, tried, (), UNITS)[0]}
+        turn = named.get(MOUNTING)
+        known = turn.known if turn is not None else None
+        return cls(
+            None if turn is None else by_root,
+            named.get("log"),
+            0.0 if known is None else known.value,
+        )
+
+    def turn_deg(self, measured: tuple[float, float]) -> float:
+        """Standard deviation of the turn [°] that azimuths are corrected without: at least the one
+        that the roots show, with its standard uncertainty, and the stated one.
+        """
+        return max(self.stated_deg, float(np.hypot(*measured)))
+
+    def state(
+        self, found: Sequence[components.Component], measured: tuple[float, float]
+    ) -> tuple[tuple[Component, ...], tuple[str, ...]]:
+        """Components of a coefficient file, and flags."""
+        size, (angle, u) = self.turn_deg(measured), measured
+        every = list(found)
+        if size:
+            every.append(components.Component(MOUNTING, "gyro turn", size, u, 1, 1, known=True))
+        flags = warn_of_few_groups([one for one in found if one.group == "log"])
+        if abs(angle) > SHOWN * u:
+            found_deg = f"{angle:.3f}° ± {u:.2g}°"
+            text = (
+                f"the roots of s show a gyro that is turned by {found_deg} against the"
+                " accelerometers about the tool axis, expected 0°: it is in the uncertainty of the"
+                " azimuth; align the sensors and measure again"
+            )
+            flags = (*flags, text)
+        return list_components(every, UNITS), flags
+
+
+@dataclass(frozen=True, slots=True)
+class Mounted:
+    """What n azimuths owe to how sensors and positions are mounted."""
+
+    by_turn: Array
+    """Derivatives [°/°] by a turn of the gyros, which both sensor pairs share."""
+    variance: Array
+    """[°²]."""
+    stated: Array
+    """Part of it that the recipe states [°²]."""
+
+    @classmethod
+    def of(
+        cls,
+        stations: Stations,
+        solutions: Mapping[Sensor, Solution],
+        spec: InclinometerRecipe,
+        turn_deg: float,
+    ) -> Self:
+        """Azimuths whose gyros are turned by an unknown angle of standard deviation `turn_deg`;
+        `[[errors.component]]` and type B terms on `azimuth_deg` and `position_deg` are stated.
+        """
+        slopes = []
+        for axis, found in solutions.items():
+            parts = stations.components[axis]
+            # positions ±x and ±y that are turned to different sides by half an index error
+            sheared = [parts.accel_y, parts.accel_x, parts.gyro_y, parts.gyro_x]
+            slopes.append(
+                [
+                    _slopes(found, parts, spec, moved)[1]
+                    for moved in (_turned(parts), np.column_stack(sheared) / 2.0)
+                ]
+            )
+        by_turn, by_index = np.moveaxis(np.array(slopes), 0, 1)
+        largest = np.fmax.reduce(np.abs(by_turn))
+        whole, own = (
+            sum((one.sensitivity * one.standard_uncertainty) ** 2 for one in terms.components)
+            for terms in (
+                terms_of(spec.type_b, "azimuth_deg", 0.0, {"position_deg": (0.0, 1.0)}),
+                terms_of(spec.type_b, "azimuth_deg", 0.0),
+            )
+        )
+        index = np.fmax.reduce(np.abs(by_index)) ** 2 * (whole - own)
+        known = [one.value for one in spec.errors.component if one.group == MOUNTING]
+        stated = own + index + (largest * max(known, default=0.0)) ** 2
+        return cls(
+            np.fmax.reduce(by_turn), own + index + (largest * turn_deg) ** 2, np.asarray(stated)
+        )
+
+
+def _slopes(
+    found: Solution, parts: Components, spec: InclinometerRecipe, moved: Array
+) -> tuple[Array, Array]:
+    """Derivatives [n] of root and azimuth by an angle."""
+    latitude = np.full(found.s.size, spec.site.latitude_deg)
+    return angle_slopes(parts, latitude, found.s, found.s_root, found.weight, moved)
+
+
+def _turned(parts: Components) -> Array:
+    """What a gyro reads more [n, 4] for each radian of its turn: ω_x' = ω_x + δ ω_y, ω_y' = ω_y − δ
+    ω_x.
+    """
+    none = np.zeros_like(parts.gyro_x)
+    return np.column_stack([none, none, parts.gyro_y, -parts.gyro_x])
