@@ -90,7 +90,7 @@ def _recipe(case: Case) -> RateTableRecipe:
     if case.given:
         effect, unit = COMPONENT[case.error]
         size = 1e6 / TOP_DPS if case.error == SCALE else DPH_PER_DPS
-        value = case.ratio * _noise_dps() * size
+        value = case.ratio * noise_dps() * size
         stated = {"group": "run", "effect": effect, "value": value, "unit": unit, "dof": 1000.0}
         tables["errors"] = {"component": [stated]}
     return RateTableRecipe.model_validate(tables, strict=False)
@@ -99,7 +99,7 @@ def _recipe(case: Case) -> RateTableRecipe:
 def _draw(rng: np.random.Generator, case: Case) -> simulated.RateGyro:
     """A linear gyro, unless the error is of its response."""
     gyro = replace(simulated.RateGyro.draw(rng), ripple_dps=0.0, asymmetry=0.0)
-    size = case.ratio * _noise_dps() * float(rng.normal())
+    size = case.ratio * noise_dps() * float(rng.normal())
     if case.error == ASYMMETRY:
         return replace(gyro, asymmetry=2.0 * size / TOP_DPS)
     if case.error == RIPPLE:
@@ -117,7 +117,7 @@ def _log(
 ) -> dict[str, Array]:
     """Columns of one run, with the errors of its own."""
     table = simulated.Table(interval_s=INTERVAL_S, start_angle_deg=rng.uniform(0.0, 360.0))
-    size = case.ratio * _noise_dps() * rng.normal() if case.error in OF_RUNS else 0.0
+    size = case.ratio * noise_dps() * rng.normal() if case.error in OF_RUNS else 0.0
     if case.error == SCALE:
         gyro = replace(gyro, K=gyro.K * (1.0 + size / TOP_DPS))
     if case.error == ZERO:
@@ -194,7 +194,7 @@ class _Held(NamedTuple):
 
 
 @lru_cache(maxsize=1)
-def _held() -> _Held:
+def held_rates() -> _Held:
     """Held rates of any run."""
     rng = np.random.default_rng(1)
     gyro = simulated.RateGyro.draw(rng)
@@ -209,16 +209,16 @@ def _held() -> _Held:
     return _Held(held.rate_dps, time, gyro.noise_lsb / gyro.K / np.sqrt(held.samples))
 
 
-def _noise_dps() -> float:
+def noise_dps() -> float:
     """Noise of the mean over a held rate [°/s], rms over the rates."""
-    return float(np.sqrt(np.mean(_held().noise ** 2)))
+    return float(np.sqrt(np.mean(held_rates().noise ** 2)))
 
 
 @lru_cache(maxsize=4)
 def _exact(case: Case) -> dict[str, Array]:
     """Exact half-widths of each quantity, of a gyro of nominal scale factor."""
-    held, degc, K = _held(), _degc(case), 10_000.0
-    count, size = held.rate.size, case.ratio * _noise_dps()
+    held, degc, K = held_rates(), _degc(case), 10_000.0
+    count, size = held.rate.size, case.ratio * noise_dps()
     run = np.repeat(np.arange(degc.size), count)
     rate, time = np.tile(held.rate, degc.size), np.tile(held.time, degc.size)
     warm = degc[run] / 100.0
