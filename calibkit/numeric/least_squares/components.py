@@ -193,7 +193,8 @@ def _components(
     effects: Sequence[Effect], levels: Sequence[int], dof: Sequence[int], found: Solution
 ) -> tuple[Component, ...]:
     """Standard deviations of the effects."""
-    variances, spread = found.variances[1:], np.sqrt(np.diag(found.variance_covariance))[1:]
+    variances = found.variances[1:]
+    spread = np.sqrt(np.maximum(np.diag(found.variance_covariance)[1:], 0.0))
     return tuple(
         Component(
             effect.group,

@@ -18,10 +18,12 @@ TOLERANCE = 1e-9
 """Change of the deviance that ends the iteration."""
 DETERMINED = 1e-6
 """Share of an effect's square that must be left beside the coefficients for a level to count."""
-ROUNDING = 1e-9
-"""Share of the degrees of freedom that is rounding."""
 LEAST_NOISE = 1e-10
 """Share of the residual variance below which the variance of the noise is not sought."""
+LARGEST_RATIO = 1e10
+"""Variance of an effect over that of the noise of a level, above which no digit changes but those
+lost to rounding.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,17 +131,17 @@ class Reduced:
                 break
         return deviance, variances
 
-    def _solve(self, variances: Array) -> tuple[Array, Array, Array]:
-        """λ = θ/σ² of each column [q], T = S (I + Λ S)⁻¹ [q, q] and u = (I + S Λ)⁻¹ Zᵀ M y [q]."""
+    def _solve(self, variances: Array) -> tuple[Array, Array, Array, Array]:
+        """λ = θ/σ² of each column [q], A = (I + S Λ)⁻¹ and T = A S [q, q], u = A Zᵀ M y [q]."""
         ratio = (variances[1:] / variances[0])[self.member]
-        inner = np.eye(len(ratio)) + self.between * ratio
-        solved = np.linalg.solve(inner, np.column_stack([self.between, self.target]))
-        return ratio, solved[:, :-1], solved[:, -1]
+        ratio = np.minimum(ratio, LARGEST_RATIO / np.max(self.whole, initial=1e-300))
+        inverse = np.linalg.inv(np.eye(len(ratio)) + self.between * ratio)
+        return ratio, inverse, inverse @ self.between, inverse @ self.target
 
     def deviance(self, priors: Sequence[Prior], variances: Array) -> float:
         """−2 × logarithm of the likelihood, up to a constant."""
-        ratio, _, u = self._solve(variances)
-        logarithm = np.linalg.slogdet(np.eye(len(ratio)) + self.between * ratio)[1]
+        ratio, inverse, _, u = self._solve(variances)
+        logarithm = -np.linalg.slogdet(inverse)[1]
         left = self.square - float((self.target * ratio) @ u)
         known = sum(p.deviance(float(t)) for p, t in zip(priors, variances[1:], strict=True))
         return float(self.spare * np.log(variances[0]) + logarithm + left / variances[0]) + known
@@ -148,26 +150,23 @@ class Reduced:
         """Score [1 + g] and expected information [1 + g, 1 + g] of σ² and θ, what is known
         included.
         """
-        noise, theta = variances[0], variances[1:]
-        ratio, inner, u = self._solve(variances)
-        groups = [self.member == g for g in range(len(theta))]
-        trace = np.array([np.trace(inner[np.ix_(g, g)]) for g in groups]) / noise
-        square = np.array([float(u[g] @ u[g]) for g in groups]) / noise**2
-        cross = np.array([[np.sum(inner[np.ix_(g, h)] ** 2) for h in groups] for g in groups])
-        cross = cross.reshape(len(groups), len(groups)) / noise**2
-        left = (self.square - float((self.target * ratio) @ u)) / noise
-        # P V P = P gives the terms of σ² from those of the θ
-        score = np.array(
-            [((theta @ (trace - square)) - self.spare + left) / noise, *square - trace]
-        )
-        information = np.empty((len(variances), len(variances)))
-        information[1:, 1:] = cross
-        information[0, 1:] = information[1:, 0] = (trace - cross @ theta) / noise
-        information[0, 0] = (self.spare - theta @ (2.0 * trace - cross @ theta)) / noise**2
-        if information[0, 0] * noise**2 < ROUNDING * self.spare:
-            # the effects take all degrees of freedom: nothing but rounding is left for the noise
-            information[0] = information[:, 0] = 0.0
-        score, information = 0.5 * score, 0.5 * information
+        noise, count = variances[0], len(variances) - 1
+        ratio, inverse, inner, u = self._solve(variances)
+        groups = [self.member == g for g in range(count)]
+        shared = ratio * u
+        free = self.spare - len(ratio)
+        twice = np.diag(inverse @ inner)
+        # yᵀ P Z Zᵀ P y and tr(Zᵀ P Z) with the powers of σ² in them; for σ² itself Z is I
+        square = [self.square - shared @ (self.target + u), *(u[g] @ u[g] for g in groups)]
+        trace = [free + np.trace(inverse), *(np.trace(inner[np.ix_(g, g)]) for g in groups)]
+        score = 0.5 * (np.array(square) / noise - np.array(trace)) / noise
+        information = np.empty((count + 1, count + 1))
+        # where effects can explain every row, rounding is left: one degree of freedom at least
+        information[0, 0] = max(free + np.sum(inverse * inverse.T), 1.0)
+        information[0, 1:] = information[1:, 0] = [np.sum(twice[g]) for g in groups]
+        for g, at in enumerate(groups, start=1):
+            information[g, 1:] = [np.sum(inner[np.ix_(at, other)] ** 2) for other in groups]
+        information *= 0.5 / noise**2
         for g, prior in enumerate(priors, start=1):
             slope, curvature = prior.information(float(variances[g]))
             score[g] += slope
@@ -180,7 +179,7 @@ class Reduced:
         """
         variances = self.maximise(priors)
         noise, theta = variances[0], variances[1:]
-        ratio, inner, u = self._solve(variances)
+        ratio, _, inner, u = self._solve(variances)
         # Φ Xᵀ V⁻¹ Z, Φ = (Xᵀ V⁻¹ X)⁻¹
         onto = self.into - (self.into * ratio) @ inner
         groups = [self.member == g for g in range(len(theta))]
@@ -208,10 +207,7 @@ def _free(priors: Sequence[Prior]) -> Mask:
 
 
 def _inverse(information: Array, free: Mask) -> Array:
-    """Inverse [m, m] of the information of the free variances that the data tell of, zero
-    elsewhere.
-    """
-    free = free & (np.diag(information) > 0.0)
+    """Inverse [m, m] of the information of the free variances, zero elsewhere."""
     size = np.sqrt(np.where(free, np.diag(information), 1.0))
     scaled = np.where(free & free[:, None], information / np.outer(size, size), np.eye(len(size)))
     inverse = np.linalg.pinv(scaled, hermitian=True) / np.outer(size, size)

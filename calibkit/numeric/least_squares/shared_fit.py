@@ -122,7 +122,7 @@ def _scatter(size: Array, found: MixedFit, weights: Array, used: Mask) -> Array:
     """
     fitted = float(np.mean(size[used] ** 2))
     noise = found.residual_rms**2 * float(np.mean(weights[used]))
-    return np.sqrt(np.where(used, fitted, 2.0 * noise - fitted))
+    return np.sqrt(np.where(used, fitted, max(2.0 * noise - fitted, fitted)))
 
 
 def _balance(left: Array, weights: Array, used: Mask, channel: Integers) -> Array:

@@ -11,6 +11,7 @@ from calibkit.arrays import Array, Integers
 from calibkit.instruments.accelerometer.numeric import k_factor
 from calibkit.instruments.accelerometer.numeric.k_factor import (
     AXES,
+    CROSS,
     NAMES,
     KAxis,
     KTerms,
@@ -19,7 +20,11 @@ from calibkit.instruments.accelerometer.numeric.k_factor import (
 )
 from calibkit.instruments.accelerometer.numeric.shared_errors import Refine, Refined, Residuals
 from calibkit.numeric.least_squares import polynomial
+from calibkit.numeric.least_squares.components import Effect, Known
 from calibkit.numeric.least_squares.fit import LinearFit
+
+LARGEST_MISALIGNMENT = Known(0.1, bound=True)
+"""Angle [rad] beyond that of any sensor to its axis: 6°."""
 
 
 def fit(
@@ -95,9 +100,8 @@ def _share(
         weights=weight.ravel(),
         used=used.ravel(),
         leave_out=leave_out,
-        names=[
-            f"{NAMES[k]} of accel_{a}" for a, x in zip(AXES, axes, strict=True) for k in x.fitted
-        ],
+        nuisance=_misalignment(axes, reference),
+        names=[f"{NAMES[k]} of accel_{AXES[i]}" for i in range(3) for k in axes[i].fitted],
     )
     every = linearised(found.parameters, np.arange(count))[0].reshape(-1, 3)
     weight = np.where(found.used.reshape(-1, 3), weight, 0.0)
@@ -105,6 +109,19 @@ def _share(
         _axis_of(found, axis, part, -residual, used)
         for axis, part, residual, used in zip(axes, own, every.T, weight.T, strict=True)
     )
+
+
+def _misalignment(axes: Sequence[KAxis], reference: Array) -> tuple[Effect, ...]:
+    """Misalignment of the axes that have no cross-axis terms: it stays in their residuals, and must
+    not be taken for an error of the table.
+    """
+    axis = np.tile(np.arange(3), len(reference))
+    crossless = [i for i, one in enumerate(axes) if 8 not in one.fitted]
+    if not crossless:
+        return ()
+    others = reference[np.repeat(np.arange(len(reference)), 3)[:, None], np.array(CROSS)[axis]]
+    labels = np.where(np.isin(axis, crossless), axis, -1)
+    return (Effect("sensor", "misalignment", labels, others, LARGEST_MISALIGNMENT),)
 
 
 def _axis_of(found: Refined, axis: KAxis, own: slice, residuals: Array, weight: Array) -> KAxis:

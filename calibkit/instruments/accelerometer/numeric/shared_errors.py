@@ -8,13 +8,13 @@ along three axes, or lengths along gravity: each has a dwell and a direction.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calibkit.arrays import Array, Integers, Mask
 from calibkit.numeric import lack_of_fit
-from calibkit.numeric.least_squares import shared_fit
+from calibkit.numeric.least_squares import components, shared_fit
 from calibkit.numeric.least_squares.components import Effect, Known
 from calibkit.numeric.least_squares.shared_fit import SharedFit
 
@@ -31,8 +31,11 @@ SEPARATE = 1e-6
 """Share of a drift's length that the coefficients must leave for the two to be told apart."""
 LACKING = "lacking terms"
 """Group of the zeros that stand for errors of the sensors without coefficients."""
-ANY_SIZE = Known(0.01, bound=True)
-"""Drift of the zero [g/h], beyond that of any sensor: the data alone tell it."""
+DRIFT = "session", "drift"
+ANY_SIZE = Known(1e-3, bound=True)
+"""Drift of the zero [g/h] beyond that of any sensor that is worth a calibration: U holds as much
+of it as the data allow, however small it looks.
+"""
 STEPS = 2
 """Linearisations of a nonlinear fit that starts where ordinary least squares ended."""
 
@@ -123,16 +126,13 @@ class Residuals:
 
 
 def list_effects(where: Circumstances, at: Residuals) -> tuple[Effect, ...]:
-    """Effects that the residuals can show: zeros of the soaks, index errors of the attitudes, and
-    where the time is known, a drift of the zeros.
+    """Effects that the residuals can show: zeros of the soaks, and where attitudes are repeated
+    their index errors, which are noise otherwise.
     """
     one = np.tile(np.eye(3), (len(where.soak), 1, 1))
     found = [Effect("soak", "zero", where.soak[at.dwell], at.along(one))]
-    if where.hours is not None:
-        session = np.zeros(len(at.dwell), dtype=np.int64)
-        drift = at.along(one * (where.hours - where.hours.mean())[:, None, None])
-        found.append(Effect("session", "drift", session, drift, ANY_SIZE))
-    if where.inclination is not None and where.toolface is not None:
+    repeated = 2 * (where.attitude.max() + 1) <= len(where.soak)
+    if where.inclination is not None and where.toolface is not None and repeated:
         up, across = _angle_slopes(where.inclination, where.toolface)
         index = np.stack([up, across], axis=2)
         found.append(Effect("attitude", "index", where.attitude[at.dwell], at.along(index)))
@@ -145,6 +145,9 @@ def list_candidates(where: Circumstances, at: Residuals) -> tuple[Effect, ...]:
     tried = [("soak", "scale", where.soak, diagonal)]
     every = np.zeros(len(where.soak), dtype=np.int64)
     tried.append(("sensor", "second order", every, diagonal * where.gravity[:, None, :]))
+    if where.hours is not None:
+        hours = where.hours - where.hours.mean()
+        tried.append((*DRIFT, every, np.eye(3) * hours[:, None, None]))
     if where.inclination is not None and where.toolface is not None:
         tilt, turn = where.inclination, where.toolface
         up, across = _angle_slopes(tilt, turn)
@@ -208,6 +211,7 @@ def refine(
     leave_out: bool,
     state: State,
     names: Sequence[str] = (),
+    nuisance: Sequence[Effect] = (),
 ) -> Refined:
     """Fit again from the solution of ordinary least squares, now with errors that dwells share.
 
@@ -219,6 +223,7 @@ def refine(
     weights : [m], 1/variance of the noise, or 1.
     used : [m], residuals that are no outliers so far.
     leave_out : whether residuals are judged.
+    nuisance : further effects, of all residuals.
     """
     dwells = np.arange(0, len(where.soak), 1 + (len(where.soak) - 1) // MOST_DWELLS)
     rows = np.isin(at.dwell, dwells)
@@ -227,16 +232,13 @@ def refine(
     )
     near = where.of_dwells(dwells)
     effects, candidates = state(list_effects(near, some), list_candidates(near, some))
-    effects, flags = _without_hidden_drift(effects, linearised(start, dwells)[1])
-    used, inside = used.copy(), used[rows]
-    values = start
+    tried = (*effects, *candidates)
+    effects = (*effects, *(one.of_rows(rows) for one in nuisance))
+    values, inside = start, used[rows]
     for _ in range(STEPS):
         residual, slopes = linearised(values, dwells)
         found = shared_fit.fit(
-            slopes,
-            -residual,
-            effects,
-            candidates,
+            *(slopes, -residual, effects, candidates),
             weights=weights[rows],
             channel=some.channel,
             used=inside,
@@ -245,7 +247,9 @@ def refine(
         )
         values = values + found.found.coefficients
         effects, candidates, inside = _with_sensor_errors(found, some), (), found.used
+    used = used.copy()
     used[rows] = inside
+    found, flags = _with_any_drift(found, tried, (slopes, -residual, weights[rows]))
     return Refined(values, found, used, flags, _find_unexplained(near, some, found, slopes))
 
 
@@ -282,28 +286,43 @@ def _with_sensor_errors(fitted: SharedFit, at: Residuals) -> tuple[Effect, ...]:
     """
     effects = list(fitted.effects)
     for effect, part in zip(fitted.effects, fitted.found.predicted, strict=True):
-        if effect.group == "sensor" and not any(one.group == LACKING for one in effects):
+        own = effect.group == "sensor" and effect.known is None
+        if own and not any(one.group == LACKING for one in effects):
             size = Known(float(np.max(np.abs(part))), bound=True)
             every = np.zeros(len(at.dwell), dtype=np.int64)
             effects.append(Effect(LACKING, "zero", every, at.direction, size))
     return tuple(effects)
 
 
-def _without_hidden_drift(
-    effects: Sequence[Effect], slopes: Array
-) -> tuple[tuple[Effect, ...], tuple[str, ...]]:
-    """Effects without a drift of any size that the parameters, whose derivatives are `slopes`
-    [m, p], hold already, and a flag that states it.
+def _with_any_drift(
+    fitted: SharedFit,
+    tried: Sequence[Effect],
+    problem: tuple[Array, Array, Array],
+) -> tuple[SharedFit, tuple[str, ...]]:
+    """Fit whose U holds any drift of the zero that the data allow, where one was `tried`;
+    coefficients and components stay. `problem` holds slopes [m, p], target and weights [m].
     """
+    drifts = [one for one in tried if (one.group, one.effect) == DRIFT and one.known is None]
+    if not drifts:
+        return fitted, ()
+    slopes, target, weights = problem
     q, _ = np.linalg.qr(slopes / np.linalg.norm(slopes, axis=0))
-    for effect in effects:
-        if effect.known is ANY_SIZE:
-            left = np.linalg.norm(effect.loading - q @ (q.T @ effect.loading), axis=0)
-            if np.any(left <= SEPARATE * np.linalg.norm(effect.loading, axis=0)):
-                flag = (
-                    "a zero that drifts with time cannot be told from its temperature coefficients"
-                    " and is in no uncertainty: return to the first temperature at the end, or"
-                    " state the drift of the session in [[errors.component]]"
-                )
-                return tuple(one for one in effects if one is not effect), (flag,)
-    return tuple(effects), ()
+    left = np.linalg.norm(drifts[0].loading - q @ (q.T @ drifts[0].loading), axis=0)
+    if np.any(left <= SEPARATE * np.linalg.norm(drifts[0].loading, axis=0)):
+        flag = (
+            "a zero that drifts with time cannot be told from its temperature coefficients and is"
+            " in no uncertainty: return to the first temperature at the end, or state the drift of"
+            " the session in [[errors.component]]"
+        )
+        return fitted, (flag,)
+    others = [one for one in fitted.effects if (one.group, one.effect) != DRIFT]
+    part = [one.of_rows(fitted.used) for one in (*others, replace(drifts[0], known=ANY_SIZE))]
+    used = fitted.used
+    wide = components.fit(slopes[used], target[used], part, weights=weights[used])
+    found = replace(
+        wide,
+        coefficients=fitted.found.coefficients,
+        components=fitted.found.components,
+        predicted=fitted.found.predicted,
+    )
+    return replace(fitted, found=found), ()
