@@ -242,7 +242,7 @@ def _slope(one: GyroOverRuns, spec: OwnAxisRecipe, temp_degc: Array) -> tuple[fl
     line = _fit_all(one.gyro, one.runs, temp_degc, known, varies=True, K_order=1).curve(
         all_runs.SCALE, temp_degc
     )
-    u = float(np.sqrt(line.covariance[1, 1]))
+    u = float(np.sqrt(max(line.covariance[1, 1], 0.0)))
     return float(line.coefficients[1]), u * gum.widening(line.dof)
 
 

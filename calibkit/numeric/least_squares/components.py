@@ -20,7 +20,7 @@ from calibkit.errors import FitError
 from calibkit.numeric.least_squares import fit as least_squares
 from calibkit.numeric.least_squares.restricted import Prior, Reduced, Solution
 
-ROUNDING = 1e-14
+ROUNDING = 1e-11
 """Residuals this small, relative to the indications, are rounding: nothing is estimated of them."""
 LEAST_DOF = 1.0
 """Fewest effective degrees of freedom: below, an interval is not wider but meaningless."""
@@ -250,6 +250,7 @@ def _reduce(
     q, r = np.linalg.qr(weighted / scale)
     across = np.asarray(shared.T @ q).T
     left = plain.residuals * root
+    largest = float(np.max(np.abs(weighted @ plain.coefficients + left)))
     inverse = least_squares.triangular(r, np.eye(len(scale))) / scale[:, None]
     return Reduced(
         whole=np.asarray((shared.T @ shared).diagonal()),
@@ -257,6 +258,7 @@ def _reduce(
         target=np.asarray(shared.T @ left),
         square=float(left @ left),
         spare=plain.dof,
+        least=max((ROUNDING * largest) ** 2, float(np.finfo(np.float64).tiny)),
         member=np.repeat(np.arange(len(blocks)), [block.shape[1] for block in blocks]),
         into=inverse @ across,
         basis=inverse @ inverse.T,

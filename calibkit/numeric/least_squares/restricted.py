@@ -88,6 +88,8 @@ class Reduced:
     """F = (Xᵀ X)⁻¹ Xᵀ Z [p, q]."""
     basis: Array
     """(Xᵀ X)⁻¹ [p, p]."""
+    least: float
+    """Least σ²: below, rounding errors of the indications rule the likelihood."""
 
     def degrees(self, number: int) -> int:
         """Degrees of freedom that the coefficients leave between the levels of an effect."""
@@ -100,7 +102,7 @@ class Reduced:
         """σ² and θ [1 + g] that maximise the restricted likelihood times that of what is known, by
         Fisher's scoring from a small and from a large start.
         """
-        noise = self.square / self.spare
+        noise = max(self.square / self.spare, self.least)
         found = []
         for size in (0.1, 10.0):
             start = np.array([noise, *(prior.square for prior in priors)])
@@ -120,7 +122,8 @@ class Reduced:
             step = np.where(moved, _inverse(information, moved) @ np.where(moved, score, 0.0), 0.0)
             for halving in range(HALVINGS):
                 tried = np.maximum(variances + step * 0.5**halving, 0.0)
-                tried[0] = max(tried[0], 0.1 * variances[0], LEAST_NOISE * self.square / self.spare)
+                least = max(LEAST_NOISE * self.square / self.spare, self.least)
+                tried[0] = max(tried[0], 0.1 * variances[0], least)
                 reached = self.deviance(priors, tried)
                 if reached <= deviance:
                     break

@@ -80,6 +80,7 @@ class AllRuns:
 
     def _raised(self, which: int, variance: Array, dof: Array) -> tuple[Array, Array]:
         """Variances [m] raised to what every run repeats, and their degrees of freedom."""
+        variance = np.maximum(variance, 0.0)  # of exact data, rounding may be below zero
         more = np.maximum(self.shared[which] - variance, 0.0)
         total = variance + more
         spread = variance**2 / dof + more**2 / self.shared_dof
