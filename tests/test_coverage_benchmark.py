@@ -33,6 +33,7 @@ def test_a_few_campaigns_of_every_instrument_give_rows_and_a_page(benchmark, tmp
     asked = ["--sets", "2", "--results", str(results), "--page", str(page), "--only", "'none'"]
     command.main([*asked, "--only", "groups=5"])
     command.main([*asked, "--only", "gyro_pair"])
+    command.main([*asked, "--only", "gyro_triad"])
     first = [line for line in capsys.readouterr().out.splitlines() if "×" in line]
     command.main(["--sets", "0", "--results", str(results), "--page", str(page)])
     again = [line for line in capsys.readouterr().out.splitlines() if "×" in line]

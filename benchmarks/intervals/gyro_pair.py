@@ -47,23 +47,23 @@ def list_cases() -> list[Case]:
     return [none, *made, *given]
 
 
-def _size_rad(case: Case) -> float:
+def mounting_rad(case: Case) -> float:
     """Standard deviation of each mounting angle: the noise of a held rate over the largest rate."""
     return case.ratio * noise_dps() / max(RATES_DPS)
 
 
-def _recipe(case: Case) -> GyroPairRecipe:
-    """Recipe of a case."""
-    tables: dict[str, object] = {"procedure": "gyro_pair", "logs": {"files": ["*.csv"]}}
+def state_mounting(case: Case) -> dict[str, object]:
+    """Tables of a recipe that state the logs, the site and, where it is given, the mounting."""
+    tables: dict[str, object] = {"logs": {"files": ["*.csv"]}}
     tables["site"] = {"latitude_deg": simulated.Table().latitude_deg}
     if case.given:
-        value = float(np.degrees(_size_rad(case)))
-        stated = {"group": "mounting", "effect": "angle", "value": value, "unit": "deg"}
+        value = float(np.degrees(mounting_rad(case)))
+        stated = {"group": MOUNTING, "effect": "angle", "value": value, "unit": "deg"}
         tables["errors"] = {"component": [{**stated, "dof": 1000.0}]}
-    return GyroPairRecipe.model_validate(tables, strict=False)
+    return tables
 
 
-def _run(
+def log_run(
     name: str,
     turned: Array,
     gyros: dict[str, simulated.RateGyro],
@@ -88,7 +88,10 @@ def _run(
 def simulate(case: Case, number: int) -> Outcome:
     """Simulate and fit one pair, and judge its results."""
     rng = np.random.default_rng([*case.seed, number])
-    alpha, spec = np.radians(ALPHA_DEG + rng.normal()), _recipe(case)
+    alpha = np.radians(ALPHA_DEG + rng.normal())
+    spec = GyroPairRecipe.model_validate(
+        state_mounting(case) | {"procedure": "gyro_pair"}, strict=False
+    )
     axes = {"a": np.array([0.0, 0.0, 1.0]), "b": np.array([np.sin(alpha), 0.0, np.cos(alpha)])}
     gyros = {
         g: replace(simulated.RateGyro.draw(rng), ripple_dps=0.0, asymmetry=0.0, K_per_degc=0.0)
@@ -96,8 +99,8 @@ def simulate(case: Case, number: int) -> Outcome:
     }
     runs = []
     for g, axis in axes.items():
-        turned = axis + np.cross(_size_rad(case) * rng.normal(size=3), axis)
-        log = _run(g, turned / np.linalg.norm(turned), gyros, axes, rng)
+        turned = axis + np.cross(mounting_rad(case) * rng.normal(size=3), axis)
+        log = log_run(g, turned / np.linalg.norm(turned), gyros, axes, rng)
         runs.append(log)
     try:
         fitted = pair_fit.fit_pair(*(table_runs.fit_run(spec, log) for log in runs), spec)
@@ -122,13 +125,19 @@ def simulate(case: Case, number: int) -> Outcome:
 @lru_cache(maxsize=4)
 def _exact(case: Case) -> dict[str, float]:
     """Exact half-widths of a pair of nominal scale factors at the nominal angle."""
-    held, alpha = held_rates(), np.radians(ALPHA_DEG)
-    design = np.column_stack((held.rate, np.ones(held.rate.size)))
-    (scale,) = exact.half_widths(design, np.zeros((held.rate.size, 1)), held.noise, np.eye(2)[:1])
-    angle = exact.NORMAL_95 * _size_rad(case)
+    scale, alpha = scale_half_width(), np.radians(ALPHA_DEG)
+    angle = exact.NORMAL_95 * mounting_rad(case)
     gamma = np.hypot(scale * np.hypot(1.0, np.cos(alpha)), angle * np.sin(alpha))
     return {
         "N": float(scale * np.sqrt(2.0)),
         "gamma": float(gamma),
         "alpha_deg": float(np.degrees(gamma / np.sin(alpha))),
     }
+
+
+def scale_half_width() -> float:
+    """Relative half-width of the scale factor of one run."""
+    held = held_rates()
+    design = np.column_stack((held.rate, np.ones(held.rate.size)))
+    none = np.zeros((held.rate.size, 1))
+    return float(exact.half_widths(design, none, held.noise, np.eye(2)[:1])[0])
