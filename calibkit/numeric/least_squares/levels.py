@@ -12,7 +12,7 @@ import numpy as np
 
 from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError
-from calibkit.numeric import chunks
+from calibkit.numeric import chunks, gum
 from calibkit.numeric.least_squares import components, fit as least_squares, hac
 from calibkit.numeric.least_squares.components import Component, Effect
 
@@ -121,27 +121,34 @@ def fit(
         blocks.design, blocks.indication, [effect], weights=blocks.root**2, names=names
     )
     (component,) = mixed.components
-    noise, theta = mixed.residual_rms**2, component.value**2
-    onto = _combine_rows(blocks, noise, theta) @ basis
+    onto = _combine_rows(blocks, mixed.residual_rms**2, component.value**2)
     target = blocks.root * blocks.indication
     own = hac.covariance(
         lambda part: basis[part],
         target - basis @ (basis.T @ target),
-        combinations=combinations @ onto,
+        combinations=combinations @ onto @ basis,
     )
-    white = noise * (onto @ onto.T)
-    by_noise = onto @ own.covariance @ onto.T
-    covariance = mixed.covariance - white + by_noise
-    variance, of_mixed, of_noise = (
-        np.einsum("mp,pq,mq->m", combinations, part, combinations)
-        for part in (covariance, mixed.covariance, by_noise)
-    )
-    spread = of_mixed**2 / mixed.effective_dof_of(combinations) + of_noise**2 / own.effective_dof
+    # a level moves the coefficients by `moved`; the derivative of their covariance by its variance
+    moved = onto @ (blocks.root[:, None] * (blocks.log[:, None] == np.arange(blocks.log[-1] + 1)))
+    by_noise, by_level = gum.propagate(onto @ basis, own.covariance), moved @ moved.T
+    of_noise, of_level = (gum.variance_along(combinations, part) for part in (by_noise, by_level))
+    variance = of_noise + component.value**2 * of_level
+    spread = (_spread_of_square(component) * of_level) ** 2 / 2.0 + of_noise**2 / own.effective_dof
     with np.errstate(divide="ignore", invalid="ignore"):
         dof = np.where(spread > 0.0, variance**2 / spread, mixed.dof)
     return LevelFit(
-        mixed.coefficients, covariance, np.maximum(dof, 1.0), component, mixed.predicted[0][:, 0]
+        mixed.coefficients,
+        by_noise + component.value**2 * by_level,
+        np.maximum(dof, 1.0),
+        component,
+        mixed.predicted[0][:, 0],
     )
+
+
+def _spread_of_square(component: Component) -> float:
+    """Standard uncertainty of the square of a component, of which that of the root was made."""
+    value, u = component.value, component.standard_uncertainty
+    return 2.0 * value * u if value > 2.0 * u else u**2
 
 
 def coincidence(effect: Effect, count: int, names: Sequence[str]) -> FitError:
