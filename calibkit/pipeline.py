@@ -26,7 +26,7 @@ from calibkit.errors import (
     RecipeError,
     UsageError,
 )
-from calibkit.history import dates
+from calibkit.history import dates, pooling
 from calibkit.ingest import logs as ingest
 from calibkit.recipe import type_b
 from calibkit.report import budget, figures
@@ -67,20 +67,20 @@ def fit(
     *,
     dry_run: bool = False,
 ) -> _FitOutcome:
-    """Fit a recipe to the logs of a folder and write the next revision of the serial's run folder;
-    a dry run only names it.
-    """
+    """Fit a recipe to logs and write the next revision of a run folder; a dry run only names it."""
     spec = instruments.parse_recipe(source)
     serial = store.check_serial(serial or spec.serial)
+    pooled = pooling.pool_components(spec, out, serial)
     with _placed(source):
         logs = ingest.find_logs(spec, data)
         ingest.require_named_logs(spec, logs)
-        fitted = instruments.find(spec.procedure).fit(spec, data, logs, progress)
+        fitted = instruments.find(spec.procedure).fit(pooled.recipe, data, logs, progress)
     type_b.require_known(spec.type_b, (*budget.name_results(fitted.results), *spec.own_columns()))
     with store.next_revision(out, serial, dry_run=dry_run) as (revision, superseded):
-        summary = dates.flag_date_order(fitted.summary, out, serial, revision, date)
+        found = replace(fitted.summary, flags=(*pooled.flags, *fitted.summary.flags))
+        summary = dates.flag_date_order(found, out, serial, revision, date)
         document, records, files = run_content.build_run(
-            source, spec, replace(fitted, summary=summary), serial, revision, date, superseded
+            source, pooled, replace(fitted, summary=summary), serial, revision, date, superseded
         )
         folder = store.save(out, serial, revision, files, dry_run=dry_run)
     run = store.Run(folder, document, records)

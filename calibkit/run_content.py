@@ -11,9 +11,10 @@ from typing import Any
 
 from calibkit import coefficients, instruments, new_files, plugins, run_document, sealed
 from calibkit.check import copies
+from calibkit.history.pooling import POOLED, Pooled
 from calibkit.instruments import SHIPPED, Fitted
 from calibkit.plugins import Plugin
-from calibkit.recipe import Recipe, Source, type_b
+from calibkit.recipe import Source, type_b
 from calibkit.report import budget, documents, figures, html
 from calibkit.version import SOFTWARE
 
@@ -22,7 +23,7 @@ _LIBRARIES = ("numpy", "scipy", "pandas", "PyWavelets", "lmfit", "matplotlib")
 
 def build_run(
     source: Source,
-    spec: Recipe,
+    pooled: Pooled,
     fitted: Fitted[Any],
     serial: str,
     revision: int,
@@ -41,9 +42,9 @@ def build_run(
     }
     files = {name: record.dumps().encode() for name, record in records.items()}
     with figures.styled():
-        drawn = instruments.find(spec.procedure).draw(f"{serial} r{revision:03d}", fitted)
+        drawn = instruments.find(pooled.recipe.procedure).draw(f"{serial} r{revision:03d}", fitted)
     files |= documents.printed(drawn)
-    facts = _run_facts(source, spec, identity, fitted)
+    facts = _run_facts(source, pooled, identity, fitted)
     files[documents.PAGE] = html.page(facts | {"files": store.list_files(files)}, records, drawn)
     text = sealed.seal(facts | {"files": store.list_files(files)})
     document = run_document.loads(text, new_files.RUN_FILE)
@@ -51,9 +52,10 @@ def build_run(
 
 
 def _run_facts(
-    source: Source, spec: Recipe, identity: coefficients.Identity, fitted: Fitted[Any]
+    source: Source, pooled: Pooled, identity: coefficients.Identity, fitted: Fitted[Any]
 ) -> dict[str, Any]:
     """run.json without its list of files: the recipe, the logs, the software, the verdict."""
+    spec = pooled.recipe
     own = _installed_plugin(spec.procedure)
     readers = {plugin for log in identity.inputs for plugin in log.plugins}
     plugins = [*([own] if own else []), *sorted(readers, key=lambda plugin: plugin.name)]
@@ -73,13 +75,14 @@ def _run_facts(
         "excluded": [entry.model_dump() for entry in spec.exclude],
         "corrections": [entry.model_dump() for entry in spec.correction],
         "type_b": type_b.dumps(spec.type_b),
+        POOLED: list(pooled.runs),
         "verdict": fitted.summary.verdict,
         "accepted": run_document.ACCEPTED[fitted.summary.verdict],
         "acceptance": [asdict(criterion) for criterion in fitted.summary.criteria],
         "uncertainty": budget.combine_results(fitted.results, spec.type_b, fitted.uncertainty),
         "flags": list(fitted.summary.flags),
     }
-    optional = ("type", "plugins", "corrections")
+    optional = ("type", "plugins", "corrections", POOLED)
     return {key: value for key, value in facts.items() if value or key not in optional}
 
 

@@ -196,10 +196,10 @@ COMPONENT = '[[errors.component]]\ngroup="{}"\neffect="zero"\nvalue=1e-5\nunit="
         ('[errors]\ngroups = ["soka"]', "group 'soka', expected soak or attitude"),
         (COMPONENT.format("run"), "group 'run', expected soak or attitude"),
         (COMPONENT.format("soak") * 2, "the component 'zero' of group 'soak' is stated twice"),
-        ('[errors]\nfrom = "history"', "not available yet"),
+        ('[errors]\nfrom = "history"', "needs type"),
     ],
 )
 def test_a_group_that_the_procedure_does_not_know_is_refused(errors, words):
-    """A misspelt group, a component stated twice, and what cannot be done yet."""
+    """A misspelt group, a component stated twice, and a history of no type."""
     with pytest.raises(ValidationError, match=words):
         sharing(errors)

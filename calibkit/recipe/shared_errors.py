@@ -28,7 +28,9 @@ def state_effects(
     """
     stated = {(entry.group, entry.effect): entry for entry in errors.component}
     offered = [(effect.group, effect.effect) for effect in (*effects, *candidates)]
-    for group, name in stated.keys() - set(offered):
+    # what earlier runs had, these logs need not have
+    unknown = set() if errors.source == "history" else stated.keys() - set(offered)
+    for group, name in unknown:
         raise RecipeError(
             f"[[errors.component]] '{name}' of group '{group}': these logs and this model have no"
             " such error",

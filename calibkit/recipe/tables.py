@@ -252,9 +252,15 @@ class Recipe(Table):
         for group in (*named, *(entry.group for entry in errors.component)):
             if group not in cls.error_groups:
                 raise ValueError(f"group '{group}', expected {' or '.join(cls.error_groups)}")
-        if errors.source == "history":
-            raise ValueError("from = 'history': not available yet; state [[errors.component]]")
         return errors
+
+    @model_validator(mode="after")
+    def _history_of_a_type(self) -> Self:
+        if self.errors.source == "history" and not self.type:
+            raise ValueError(
+                "errors.from = 'history' needs type: runs of the same type of device are pooled"
+            )
+        return self
 
     @field_validator("columns")
     @classmethod

@@ -1,0 +1,104 @@
+"""Errors that observations share, pooled from earlier runs of the same type of device."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from calibkit import store
+from calibkit.coefficients import Component
+from calibkit.recipe import Recipe
+from calibkit.recipe.tables import ErrorComponent
+from calibkit.store import Run
+
+POOLED = "pooled"
+"""Key of run.json that lists the runs which a fit took components from."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pooled:
+    """A recipe with the components of earlier runs, and where they came from."""
+
+    recipe: Recipe
+    runs: tuple[Mapping[str, object], ...] = ()
+    """Serial, revision and digest of each run, as run.json lists them."""
+    flags: tuple[str, ...] = ()
+
+
+def pool_components(spec: Recipe, runs: Path, serial: str) -> Pooled:
+    """Recipe whose errors are known from runs of other devices of its type, where it says from =
+    "history".
+
+    The newest revision of each other serial counts, unless it took its components from history
+    itself. The variance is the mean over the runs, weighted by their groups; degrees of freedom add
+    up. What the recipe states stands.
+    """
+    if spec.errors.source != "history":
+        return Pooled(spec)
+    earlier = list(_earlier_runs(spec, runs, serial))
+    if not earlier:
+        flag = f"no run of another device of type '{spec.type}' in {runs.name}: nothing was pooled"
+        return Pooled(spec, flags=(flag,))
+    found: dict[tuple[str, str], list[Component]] = {}
+    for run in earlier:
+        for key, component in _components(run).items():
+            found.setdefault(key, []).append(component)
+    stated = {(one.group, one.effect) for one in spec.errors.component}
+    pooled = [_pool(each) for key, each in sorted(found.items()) if key not in stated]
+    errors = spec.errors.model_copy(update={"component": (*spec.errors.component, *pooled)})
+    flags = tuple(
+        f"{one.effect} of the {one.group}: {one.value:.2g} {one.unit} with {one.dof:.0f} degrees of"
+        f" freedom, pooled from {len(earlier)} runs of type '{spec.type}'"
+        for one in pooled
+    )
+    listed = tuple(
+        {
+            "serial": run.document["serial"],
+            "revision": run.document["revision"],
+            "sha256": run.document["sha256"],
+        }
+        for run in earlier
+    )
+    return Pooled(spec.model_copy(update={"errors": errors}), listed, flags)
+
+
+def _earlier_runs(spec: Recipe, runs: Path, serial: str) -> Iterator[Run]:
+    """Newest run of each other serial whose type and procedure are those of a recipe."""
+    for folder in sorted(runs.iterdir()) if runs.is_dir() else ():
+        revisions = store.revisions(folder) if folder.is_dir() else []
+        # a run of this serial may be of the same logs
+        if revisions and folder.name != serial:
+            run = store.load_revision(runs, folder.name, max(revisions))
+            wanted = (spec.procedure, spec.type)
+            found = (run.document["procedure"], run.document.get("type", ""))
+            if found == wanted and not run.document.get(POOLED):
+                yield run
+
+
+def _components(run: Run) -> dict[tuple[str, str], Component]:
+    """(group, effect) → component of the first model that has it: models of one run share them."""
+    found: dict[tuple[str, str], Component] = {}
+    for name in sorted(run.records):
+        for model in run.records[name].models:
+            for one in model.components:
+                found.setdefault((one.group, one.effect), one)
+    return found
+
+
+def _pool(components: list[Component]) -> ErrorComponent:
+    """Root mean square of standard deviations, and the degrees of freedom s²/(2 u²) of each, 1
+    where it is not larger than its own uncertainty.
+    """
+    value = np.array([one.value for one in components])
+    u = np.array([one.standard_uncertainty for one in components])
+    groups = np.array([one.groups for one in components])
+    shown = value > u
+    dof = np.where(shown, value**2 / (2.0 * np.where(shown, u, 1.0) ** 2), 1.0)
+    return ErrorComponent(
+        group=components[0].group,
+        effect=components[0].effect,
+        value=float(np.sqrt(np.average(value**2, weights=groups))),
+        unit=components[0].unit,
+        dof=float(dof.sum()),
+    )
