@@ -182,22 +182,22 @@ class Reduced:
         """
         variances = self.maximise(priors)
         noise, theta = variances[0], variances[1:]
-        ratio, _, inner, u = self._solve(variances)
-        # Φ Xᵀ V⁻¹ Z, Φ = (Xᵀ V⁻¹ X)⁻¹
-        onto = self.into - (self.into * ratio) @ inner
+        ratio, inverse, inner, u = self._solve(variances)
+        # Φ Xᵀ V⁻¹ = (Xᵀ X)⁻¹ Xᵀ − pull Zᵀ M, and its products with the Z_g; Φ = (Xᵀ V⁻¹ X)⁻¹
+        pull = (self.into * ratio) @ inverse
+        onto = self.into @ inverse.T
         groups = [self.member == g for g in range(len(theta))]
         slopes = np.empty((len(variances), *self.basis.shape))
-        cross = np.zeros((len(variances), *slopes.shape))
+        cross = np.empty((len(variances), *slopes.shape))
+        slopes[0] = self.basis + pull @ self.between @ pull.T
+        cross[0, 0] = pull @ inner @ pull.T / noise
         for g, at in enumerate(groups, start=1):
             slopes[g] = onto[:, at] @ onto[:, at].T
+            cross[0, g] = -pull @ inner[:, at] @ onto[:, at].T / noise
+            cross[g, 0] = cross[0, g].T
             for h, beside in enumerate(groups, start=1):
                 part = inner[np.ix_(at, beside)] / noise
                 cross[g, h] = onto[:, at] @ part @ onto[:, beside].T
-        slopes[0] = self.basis + (self.into * ratio) @ onto.T
-        slopes[0] -= np.tensordot(theta / noise, slopes[1:], 1)
-        cross[0, 1:] = -np.tensordot(theta / noise, cross[1:, 1:], 1)
-        cross[1:, 0] = np.swapaxes(cross[0, 1:], 1, 2)
-        cross[0, 0] = -np.tensordot(theta / noise, cross[1:, 0], 1)
         spread = _inverse(self._information(priors, variances)[1], _free(priors))
         covariance = np.tensordot(variances, slopes, 1) + 2.0 * np.tensordot(spread, cross, 2)
         found = coefficients - self.into @ (ratio * u)
