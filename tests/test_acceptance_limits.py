@@ -30,6 +30,14 @@ LIMIT = 0.5
 NEAR = 0.4999
 """Just within a limit of 0.5; the same distance beyond it is 0.5001."""
 
+UNTURNED = {
+    "standard_uncertainty": np.full(3, 0.1),
+    "noise": np.full(3, 0.1),
+    "stated": np.zeros(3),
+    "by_turn": np.ones(3),
+}
+"""Uncertainties of three stations of gyros that are not turned."""
+
 
 def fog_log(*, before=4.0, after=0.25, gain=1.0):
     """Figures of one compensated log."""
@@ -133,7 +141,7 @@ def triad_unseen(value, temperature=25.0):
 def station(*, angle="after", value=0.1, **limits):
     """Criteria of three stations: a good one, one with this error and one without a result."""
     columns = {name: np.array([0.1, 0.1, np.nan]) for name in ("inclination", "toolface", "before")}
-    columns |= {"after": np.array([0.1, 0.1, np.nan]), "standard_uncertainty": np.full(3, 0.1)}
+    columns |= {"after": np.array([0.1, 0.1, np.nan]), **UNTURNED}
     columns[angle] = np.array([columns[angle][0], -value, np.nan])
     return angle_limits.AngleErrors(**columns).criteria(
         SimpleNamespace(acceptance=_InclinometerAcceptance(**limits))
@@ -144,7 +152,7 @@ def azimuth_rms(value, **limits):
     """Criteria of three stations whose azimuths are off by 0.7 and 0.1 times the rms."""
     found = np.array([1.4 * value, 0.2 * value, np.nan])
     same = np.array([0.0, 0.0, np.nan])
-    return angle_limits.AngleErrors(same, same, same, found, np.ones(3)).criteria(
+    return angle_limits.AngleErrors(same, same, same, found, **UNTURNED).criteria(
         SimpleNamespace(acceptance=_InclinometerAcceptance(**limits))
     )
 
@@ -341,7 +349,7 @@ def test_a_least_value_is_met_from_the_value_that_the_recipe_states(
 
 def test_errors_of_unseen_dwells_are_judged_by_their_uncertainty():
     """Twice u along one axis passes, a hundred times u is rejected, however small it is beside the
-    raw indication. The limit is calibkit's own.
+    raw indication, by a limit of calibkit's own.
     """
     for errors, passed in ((10e-6, True), (500e-6, False)):
         (made,) = triad_unseen(errors)
@@ -353,9 +361,9 @@ def test_azimuth_errors_of_unseen_stations_are_judged_by_their_uncertainty():
     """Stations may err alike: up to 3.29 u all together, the normal quantile of 1 in 2000."""
     for error, passed in ((3.29, True), (3.30, False)):
         columns = {name: np.full(4, 0.1) for name in ("inclination", "toolface", "before")}
-        found = angle_limits.AngleErrors(
-            **columns, after=np.full(4, 0.1 * error), standard_uncertainty=np.full(4, 0.1)
-        ).judge_uncertainty("x")
+        columns |= {name: np.full(4, values[0]) for name, values in UNTURNED.items()}
+        found = angle_limits.AngleErrors(**columns, after=np.full(4, 0.1 * error))
+        found = found.judge_uncertainty("x")
         assert found.value == pytest.approx(error)
         assert found.passed is passed
 

@@ -460,7 +460,7 @@ def test_apply_clamps_the_temperature_and_needs_it_where_k_follows_it(
 @pytest.mark.usefixtures("undrawn")
 def test_the_coefficients_of_another_gyro_are_rejected(runs, tmp_path, calibkit, log_writer):
     """A scale factor 50 ppm off what was frozen: its rate errors are small for many a recipe,
-    and far beyond their uncertainty. No limit of the recipe is needed.
+    and far beyond their uncertainty, which needs no limit of the recipe.
     """
     root, _ = runs
     log = min((root / "unseen").glob("*.csv"))

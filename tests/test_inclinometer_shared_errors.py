@@ -87,7 +87,7 @@ def covered(found):
 
 @pytest.mark.parametrize("deg", [0.0, 0.05, 0.3])
 def test_azimuths_of_turned_gyros_are_within_u_and_validation_rejects_them(deg):
-    """100 tools: 88 % of the azimuths within U or more. Gyros turned by 0.05° or 0.3° are rejected
+    """100 tools: 88 % of the azimuths within U or more; gyros turned by 0.05° or 0.3° are rejected
     by unseen stations, the others are not; 0.3° is always named by the fit, 0° in 5 of 100.
     """
     inside, accepted, named = [], [], []
