@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-from calibkit import coefficients, instruments, new_files, plugins, run_document, sealed
+from calibkit import coefficients, instruments, new_files, plugins, run_document, sealed, store
 from calibkit.check import copies
 from calibkit.history.pooling import POOLED, Pooled
 from calibkit.instruments import SHIPPED, Fitted
