@@ -2,11 +2,13 @@
 stated, and the side on which the limit lies.
 """
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from calibkit import instruments, recipe
 from calibkit.coefficients import Figure
 from calibkit.instruments.accelerometer import coefficient_files, errors as triad_errors, forms
 from calibkit.instruments.accelerometer.errors import AttitudeErrors
@@ -26,6 +28,7 @@ from calibkit.instruments.gyro_scale.recipe import (
 from calibkit.instruments.inclinometer import errors as angle_limits
 from calibkit.instruments.inclinometer.recipe import _InclinometerAcceptance
 
+RECIPES = Path(__file__).parents[1] / "recipes"
 LIMIT = 0.5
 NEAR = 0.4999
 """Just within a limit of 0.5; the same distance beyond it is 0.5001."""
@@ -138,6 +141,23 @@ def triad_unseen(value, temperature=25.0):
     return [triad_errors.DwellErrors(residual, angles).judge_uncertainty("x", dwells, correction)]
 
 
+def triad_noise(value, **limits):
+    """Criteria of corrected dwells whose noise, by the fit, is 0.1 g and whose residual is this
+    many times as large.
+    """
+    found = triad_errors.DwellErrors(np.full((2, 1), 0.1 * value), None, 0.1)
+    return found.judge_errors(SimpleNamespace(acceptance=_AccelAcceptance(**limits)))
+
+
+def lines(value, **limits):
+    """Criteria of two runs of a rate table, one of unknown noise, the other with this ratio."""
+    runs = [
+        SimpleNamespace(scales=SimpleNamespace(gyros=[SimpleNamespace(birge_ratio=ratio)]))
+        for ratio in (np.nan, value)
+    ]
+    return acceptance.judge_noise(runs, RateTableAcceptance(**limits))
+
+
 def station(*, angle="after", value=0.1, **limits):
     """Criteria of three stations: a good one, one with this error and one without a result."""
     columns = {name: np.array([0.1, 0.1, np.nan]) for name in ("inclination", "toolface", "before")}
@@ -239,6 +259,8 @@ AT_MOST = {
         "g",
         lambda v: triad_stand(figures={"residual": v}, max_residual_rms_g=LIMIT),
     ),
+    "triad: residual over noise": ("1", limited("max_residual_over_noise", triad_noise)),
+    "runs: residual over noise": ("1", limited("max_residual_over_noise", lines)),
     "azimuth rms": ("deg", limited("max_azimuth_rms_deg", azimuth_rms)),
     "largest azimuth error": (
         "deg",
@@ -304,6 +326,13 @@ def test_a_limit_is_met_up_to_the_value_that_the_recipe_states(name, value, pass
     )
     assert made.value == pytest.approx(value, rel=1e-12)
     assert (made.limit, made.unit, made.passed) == (LIMIT, unit, passed)
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in RECIPES.glob("*.toml")))
+def test_every_shipped_recipe_limits_residuals_by_the_noise(name):
+    """Of what the fit itself measures, so that the limit suits a coarse sensor and a fine one."""
+    limits = instruments.parse_recipe(recipe.find(name)).acceptance
+    assert getattr(limits, "max_residual_over_noise", None) or name == "fog_thermal"
 
 
 @pytest.mark.parametrize(

@@ -46,13 +46,15 @@ def test_the_published_polynomials_come_out_to_every_printed_digit(real, tmp_pat
         assert tuple(f"{coefficient.value:.6e}" for coefficient in model.coefficients) == digits
 
 
-def bias_log(folder, log_writer, seed, offset=0.0, rows=4000, slope=0.02):
-    """Write a static gyro's warm-up: a cubic bias with 0.05 °/h noise."""
+def bias_log(folder, log_writer, seed, offset=0.0, rows=4000, slope=0.02, shaken=0.05):
+    """Write a static gyro's warm-up: a cubic bias with 0.05 °/h noise, more in a tenth of it."""
     rng = np.random.default_rng(seed)
     time = np.arange(float(rows))
     temperature = 60.0 - 80.0 * np.exp(-time / 1500.0)
     bias = offset + slope * temperature - 1e-4 * temperature**2 + 2e-6 * temperature**3
-    gyro = bias + rng.normal(0.0, 0.05, rows)
+    noise = np.full(rows, 0.05)
+    noise[rows // 2 : rows * 6 // 10] = shaken
+    gyro = bias + rng.normal(0.0, noise)
     return log_writer(
         folder / f"warmup_{seed}.csv", time_s=time, temp_case_degc=temperature, gyro_dph=gyro
     )
@@ -128,6 +130,28 @@ def test_the_drift_of_another_gyro_is_rejected(tmp_path, calibkit, log_writer):
     (channel,) = document["logs"][0]["channels"]
     assert channel["after"] < channel["before"]
     assert document["verdict"] == "rejected"
+
+
+def test_a_gyro_that_was_shaken_is_rejected(tmp_path, calibkit, log_writer):
+    """Residuals are held against the noise within parts of the log, in a fit and in a validation;
+    one at rest is accepted.
+    """
+    bias_log(tmp_path / "still", log_writer, 1)
+    bias_log(tmp_path / "shaken", log_writer, 2, shaken=1.0)
+    outcomes = {
+        name: calibkit(
+            *("fit", "bias_temperature", "--data", tmp_path / name),
+            *("--serial", name, "--out", tmp_path / "runs"),
+        )
+        for name in ("still", "shaken")
+    }
+    assert [outcomes[name].code for name in ("still", "shaken")] == [0, 1]
+    assert "accepted: 1 of 1 limits met" in outcomes["still"].out
+    assert "REJECTED: gyro_dph: residual over noise" in outcomes["shaken"].out
+    data = ("--data", tmp_path / "shaken", "--out", tmp_path / "v.json")
+    unseen = calibkit("validate", "still", "--runs", tmp_path / "runs", *data)
+    assert unseen.code == 1
+    assert "warmup_2.csv gyro_dph: residual over noise" in unseen.out
 
 
 def test_beyond_the_fitted_range_the_polynomial_is_clamped_and_said(tmp_path, calibkit, log_writer):

@@ -182,6 +182,20 @@ def test_validation_states_the_noise_of_other_records_against_the_limits(calibki
     assert record["wavelet_deviation"]["estimator"] == "wavelet db2"
 
 
+def test_a_record_that_was_shaken_is_rejected(calibkit, white, tmp_path):
+    """By the shipped recipe: a twentieth of it has twenty times the noise of the rest."""
+    from conftest import write_log
+
+    rate = white[1].copy()
+    rate[3000:3400] += np.random.default_rng(8).normal(0.0, 20.0 * np.std(rate), 400)
+    write_log(tmp_path / "logs/still.csv", time_s=np.arange(8000) * 0.5, gyro_dph=rate)
+    assert fitted(calibkit, white[0], tmp_path / "still")[0].code == 0
+    outcome, run = fitted(calibkit, tmp_path / "logs", tmp_path / "shaken")
+    assert outcome.code == 1
+    assert run.document["verdict"] == "rejected"
+    assert "still: residual over noise" in outcome.out
+
+
 def test_a_noise_run_compensates_nothing(calibkit, white, tmp_path):
     """Apply of a noise run is refused with exit 2 and a word on what to apply."""
     fitted(calibkit, white[0], tmp_path)

@@ -2,6 +2,8 @@
 deviation stands for.
 """
 
+from collections.abc import Iterable
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -44,3 +46,27 @@ def largest_by_chance(sizes: Array, *, chance: float = 0.001) -> float:
         return 0.0
     power = float(np.clip(np.log(most / half) / np.log(z_most / z_half), 1.0, 1.4))
     return float(half * (z_largest / z_half) ** power)
+
+
+_PARTS, _ROWS_OF_PART = 32, 16
+"""Most parts of a stretch, and fewest rows of a part, that its noise is measured within."""
+
+
+def variances_within(residuals: Array, indication: Array) -> Array:
+    """Variances [k] of residuals [n] within consecutive parts, none below that of the rounding of
+    their indication [n]; their median is the noise where less than half of the parts are disturbed,
+    and correlation is part of it.
+    """
+    parts = np.array_split(residuals, int(np.clip(residuals.size // _ROWS_OF_PART, 1, _PARTS)))
+    steps = np.abs(np.diff(indication))
+    step = float(np.min(steps, where=steps > 0.0, initial=np.inf))
+    rounding = step**2 / 12.0 if np.isfinite(step) else 0.0
+    return np.maximum([np.var(part) for part in parts], rounding)
+
+
+def over_noise(scatter: float, variances: Iterable[Array]) -> float:
+    """A standard deviation over the noise, the root of the median of variances within parts; 0
+    where all values are equal.
+    """
+    noise = float(np.sqrt(np.median(np.concatenate(list(variances)))))
+    return scatter / noise if noise > 0.0 else 0.0

@@ -13,6 +13,7 @@ from calibkit.instruments.accelerometer import forms
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.fit import TriadFit
 from calibkit.numeric import chunks, gum
+from calibkit.numeric.dispersion import rms
 
 STAGES = {"accel_k": forms.K, "accel_q": forms.Q, "accel_affine": forms.AFFINE}
 """Stage → form of its models; the stage names its coefficient file."""
@@ -34,6 +35,11 @@ class Correction:
     def temperature_range(self) -> tuple[float, float]:
         """Temperature range [°C] of the calibration."""
         return self.stages[0][1][0].valid[forms.TEMPERATURE]
+
+    @property
+    def noise_g(self) -> float:
+        """Noise of a component of a dwell [g], by the fit: residual rms of its models."""
+        return rms([model.residual_rms for model in self.stages[0][1]])
 
     def __call__(self, indication: Array, temperature: Array) -> Array:
         """Corrected components [n, 3, g] of indications [n, 3, g]; temperatures [n, °C] are clamped

@@ -52,6 +52,8 @@ class DwellErrors:
     """Residuals of the components [n, 3, g], or of the magnitude of gravity [n, 1, g]."""
     angles: AttitudeErrors | None
     """Attitude errors; None where the magnitude of gravity is the only reference."""
+    noise_g: float = np.nan
+    """Noise of a dwell by the fit of the correction [g]; NaN where nothing is corrected."""
 
     @property
     def residual_rms_g(self) -> float:
@@ -61,7 +63,11 @@ class DwellErrors:
     def judge_errors(self, spec: AccelerometerRecipe) -> tuple[Criterion, ...]:
         """Criteria of the recipe's acceptance limits on the corrected dwells."""
         limits, angles = spec.acceptance, self.angles
-        stated = [("residual rms", self.residual_rms_g, limits.max_residual_rms_g, "g")]
+        over_noise = self.residual_rms_g / self.noise_g if self.noise_g > 0.0 else 0.0
+        stated = [
+            ("residual rms", self.residual_rms_g, limits.max_residual_rms_g, "g"),
+            ("residual over noise", over_noise, limits.max_residual_over_noise, "1"),
+        ]
         if angles is not None:
             inclination, toolface = angles.inclination_max_deg, angles.toolface_scaled_max_deg
             scaled = "largest toolface error times sin(inclination)"
@@ -101,18 +107,18 @@ class DwellErrors:
         """Errors of dwells against the reference attitudes or the magnitude of gravity, for raw
         indications or, where a correction is given, for corrected components.
         """
-        vector = dwells.indication
+        vector, noise = dwells.indication, np.nan
         if correction is not None:
-            vector = correction(vector, dwells.temperature)
+            vector, noise = correction(vector, dwells.temperature), correction.noise_g
         if spec.reference.kind == "magnitude":
-            return cls(np.linalg.norm(vector, axis=1)[:, None] - 1.0, None)
+            return cls(np.linalg.norm(vector, axis=1)[:, None] - 1.0, None, noise)
         angles = _attitude_errors(
             vector,
             dwells.inclination,
             dwells.toolface,
             inclination_range_deg=spec.toolface_range_deg,
         )
-        return cls(vector - dwells.reference, angles)
+        return cls(vector - dwells.reference, angles, noise)
 
 
 def judge_lack_of_fit(found: Sequence[Unexplained]) -> tuple[Criterion, ...]:

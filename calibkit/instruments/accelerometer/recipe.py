@@ -75,6 +75,7 @@ class _AccelAcceptance(Table):
     max_inclination_error_deg: Positive | None = None
     max_toolface_error_sin_deg: Positive | None = None
     max_residual_rms_g: Positive | None = None
+    max_residual_over_noise: Positive | None = None
 
 
 class AccelerometerRecipe(Recipe):

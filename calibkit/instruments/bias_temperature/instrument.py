@@ -94,7 +94,7 @@ def _fit(
     return Fitted(
         (polynomials.result(fits, flags),),
         tuple(Input.of(log) for log in logs),
-        polynomials.summary(spec.title, fits, flags),
+        polynomials.summary(spec, fits, flags),
         pages.BiasReport(fits[0].abscissa, tuple(found.curve for found in fits)),
     )
 
@@ -115,7 +115,7 @@ def _validate(
     for log in logs:
         refuse(_findings(spec, log))
         entries.append(polynomials.validation_entry(log, records["bias.json"], spec))
-    return {"logs": entries}, polynomials.validation_summary(entries)
+    return {"logs": entries}, polynomials.validation_summary(entries, spec)
 
 
 def _draw(title: str, fitted: Fitted[pages.BiasReport]) -> Drawn:

@@ -4,23 +4,24 @@ abscissa.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import Any
 
 import numpy as np
 
 from calibkit import units
 from calibkit.arrays import Array
-from calibkit.coefficients import Component, Model, Record, StageResult, at_most
+from calibkit.coefficients import Component, Criterion, Model, Record, StageResult, at_most
 from calibkit.forms import POLYNOMIAL, power_unit
 from calibkit.frame import Log, values
 from calibkit.instruments.bias_temperature.figures import BiasCurve
 from calibkit.instruments.bias_temperature.recipe import (
     Bias,
+    BiasAcceptance,
     BiasTemperatureRecipe,
     Polynomials,
 )
-from calibkit.numeric import chunks, consistency
+from calibkit.numeric import chunks, consistency, dispersion
 from calibkit.numeric.chunks import mean, ranges_along
 from calibkit.numeric.least_squares import components, fold, hac, levels, polynomial
 from calibkit.numeric.least_squares.components import Effect, Known
@@ -51,6 +52,8 @@ class _BiasFit:
     """[p], degrees of freedom of the standard uncertainties of the coefficients."""
     dof: int
     residual_rms: float
+    over_noise: float
+    """Residual rms over the noise within parts of the logs."""
     valid: tuple[float, float]
     curve: BiasCurve
     components: tuple[Component, ...]
@@ -122,7 +125,7 @@ def _fit_channel(entry: Bias, name: str, rows: _Rows, errors: Errors) -> _BiasFi
     else:
         shared = _of_one_level(design, rows, names, turned, known)
     raw, covariance = polynomial.in_raw_powers(shared.coefficients, shared.covariance, to_raw)
-    shown, rms = _bin_means(rows, shared.levels, raw)
+    shown, rms, over_noise = _bin_means(rows, shared.levels, raw)
     curve = np.asarray(np.polynomial.polynomial.polyval(shown[0], raw), dtype=np.float64)
     found = (shared.component,) if stated else ()
     return _BiasFit(
@@ -133,6 +136,7 @@ def _fit_channel(entry: Bias, name: str, rows: _Rows, errors: Errors) -> _BiasFi
         shared.effective_dof,
         rows.indication.size - raw.size,
         rms,
+        over_noise,
         chunks.extremes(rows.abscissa),
         BiasCurve(entry.indication, *shown, curve),
         list_components(found, unit_of),
@@ -189,7 +193,17 @@ def _model(found: _BiasFit) -> Model:
     )
 
 
-def summary(title: str, fits: Sequence[_BiasFit], flags: Sequence[str]) -> Summary:
+def _judge_noise(name: str, over_noise: float, limits: BiasAcceptance) -> tuple[Criterion, ...]:
+    """Criterion that a channel's residuals are as small as its noise, where the recipe limits
+    them.
+    """
+    limit = limits.max_residual_over_noise
+    return (
+        () if limit is None else (at_most(f"{name}: residual over noise", over_noise, limit, "1"),)
+    )
+
+
+def summary(spec: BiasTemperatureRecipe, fits: Sequence[_BiasFit], flags: Sequence[str]) -> Summary:
     """Summary of a fit: coefficients of every channel, highest power last."""
     rows = []
     for found in fits:
@@ -204,7 +218,8 @@ def summary(title: str, fits: Sequence[_BiasFit], flags: Sequence[str]) -> Summa
         ("channel", "power", "coefficient", "standard uncertainty"),
         tuple(rows),
     )
-    return Summary(title, (table,), tuple(flags), ())
+    judged = (_judge_noise(one.indication, one.over_noise, spec.acceptance) for one in fits)
+    return Summary(spec.title, (table,), tuple(flags), tuple(chain.from_iterable(judged)))
 
 
 def compensate(
@@ -251,6 +266,13 @@ def validation_entry(log: Log, record: Record, spec: BiasTemperatureRecipe) -> d
                 "unit": units.column_unit(name),
                 "before": _standard_deviation(values(log.frame, name)),
                 "after": _standard_deviation(output),
+                "residual_over_noise": dispersion.over_noise(
+                    _standard_deviation(output),
+                    (
+                        dispersion.variances_within(output[a:b], output[a:b])
+                        for a, b in ranges_along(output)
+                    ),
+                ),
                 **_judge_drift(record.model(name), log, spec.polynomials.abscissa),
             }
             for name, output in columns.items()
@@ -259,7 +281,7 @@ def validation_entry(log: Log, record: Record, spec: BiasTemperatureRecipe) -> d
     }
 
 
-def validation_summary(entries: Sequence[dict[str, Any]]) -> Summary:
+def validation_summary(entries: Sequence[dict[str, Any]], spec: BiasTemperatureRecipe) -> Summary:
     """Summary of a validation."""
     rows = tuple(
         (entry["name"], c["name"], number(c["before"]), number(c["after"]), c["unit"])
@@ -278,11 +300,16 @@ def validation_summary(entries: Sequence[dict[str, Any]]) -> Summary:
         for c in entry["channels"]
         if "rms_error_over_uncertainty" in c
     )
+    limited = (
+        _judge_noise(f"{entry['name']} {c['name']}", c["residual_over_noise"], spec.acceptance)
+        for entry in entries
+        for c in entry["channels"]
+    )
     return Summary(
         "",
         (Table("Standard deviation", ("log", "channel", "before", "after", "unit"), rows),),
         tuple(flag for entry in entries for flag in entry["flags"]),
-        tuple(judged),
+        (*judged, *chain.from_iterable(limited)),
     )
 
 
@@ -311,12 +338,14 @@ def _judge_drift(model: Model, log: Log, abscissa: str) -> dict[str, float]:
     }
 
 
-def _bin_means(rows: _Rows, level: Array, raw: Array) -> tuple[tuple[Array, Array], float]:
+def _bin_means(rows: _Rows, level: Array, raw: Array) -> tuple[tuple[Array, Array], float, float]:
     """Means of abscissa and indication [bins] over equal steps of the abscissa, empty steps left
-    out, and rms of the residuals; of indications less the level of their log.
+    out, rms of the residuals, and the same over their noise; of indications less the level of
+    their log.
     """
     edges = np.linspace(*chunks.extremes(rows.abscissa), BINS + 1)
     count, sums, square = np.zeros(BINS, dtype=np.int64), np.zeros((2, BINS)), 0.0
+    within = []
     for (first, end), shift in zip(rows.bounds, level, strict=True):
         x_of, y_of = rows.abscissa[first:end], rows.indication[first:end]
         for start, stop in chunks.ranges_along(x_of, y_of):
@@ -324,10 +353,13 @@ def _bin_means(rows: _Rows, level: Array, raw: Array) -> tuple[tuple[Array, Arra
             index = np.clip(np.digitize(x, edges) - 1, 0, BINS - 1)
             count += np.bincount(index, minlength=BINS)
             sums += [np.bincount(index, weights=values, minlength=BINS) for values in (x, y)]
-            square += float(np.sum((y - np.polynomial.polynomial.polyval(x, raw)) ** 2))
+            residual = y - np.polynomial.polynomial.polyval(x, raw)
+            square += float(np.sum(residual**2))
+            within.append(dispersion.variances_within(residual, y))
     full = count > 0
     means = sums[0][full] / count[full], sums[1][full] / count[full]
-    return means, float(np.sqrt(square / rows.indication.size))
+    rms = float(np.sqrt(square / rows.indication.size))
+    return means, rms, dispersion.over_noise(rms, within)
 
 
 def _standard_deviation(values: Array) -> float:

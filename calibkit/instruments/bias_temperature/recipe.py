@@ -23,6 +23,12 @@ class Polynomials(Table):
     max_gap_s: Positive = 60.0
 
 
+class BiasAcceptance(Table):
+    """Limits on each channel; a limit that is not stated is not tested."""
+
+    max_residual_over_noise: Positive | None = None
+
+
 class BiasTemperatureRecipe(Recipe):
     """A static instrument that warms up: each channel's bias as a polynomial of a temperature."""
 
@@ -31,6 +37,7 @@ class BiasTemperatureRecipe(Recipe):
 
     procedure: Literal["bias_temperature"]
     polynomials: Polynomials
+    acceptance: BiasAcceptance = BiasAcceptance()
 
     def own_columns(self) -> tuple[str, ...]:
         """The abscissa and the indications, whatever they are called."""

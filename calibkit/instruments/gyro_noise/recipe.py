@@ -45,6 +45,7 @@ class _Noise(Table):
 class NoiseAcceptance(Table):
     """Limits; one on a term that is not observable is held against what the term can be at most."""
 
+    max_residual_over_noise: Positive | None = None
     max_angle_random_walk: Positive | None = None
     max_bias_instability_dph: Positive | None = None
     max_rate_random_walk: Positive | None = None
@@ -65,6 +66,7 @@ class GyroNoiseRecipe(Recipe):
     @model_validator(mode="after")
     def _limits_are_tested(self) -> Self:
         tested = {key for name in self.noise.columns for key in find_sensor(name).limits.values()}
+        tested.add("max_residual_over_noise")
         idle = sorted(self.acceptance.model_fields_set - tested)
         if idle:
             raise ValueError(

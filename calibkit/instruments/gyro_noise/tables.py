@@ -12,6 +12,7 @@ from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.instruments.gyro_noise.deviations import NoiseFigures, stability_uncertainty
 from calibkit.instruments.gyro_noise.figures import NoiseView
 from calibkit.instruments.gyro_noise.recipe import NoiseAcceptance
+from calibkit.numeric.dispersion import over_noise, variances_within
 from calibkit.numeric.noise import allan, allan_fit
 from calibkit.numeric.noise.confidence import TYPES
 from calibkit.numeric.noise.laws import PowerLaw
@@ -37,6 +38,11 @@ def criteria(found: Sequence[NoiseFigures], limits: NoiseAcceptance) -> tuple[Cr
                     name += " (not observable: at most)"
                     value = _largest_possible(one.curve, law)
                 tested.append(at_most(name, value, limit, law.unit))
+        if limits.max_residual_over_noise is not None:
+            present = one.record.rate[~np.isnan(one.record.rate)]
+            scatter = over_noise(float(np.std(present)), [variances_within(present, present)])
+            name = f"{one.record.name}: residual over noise"
+            tested.append(at_most(name, scatter, limits.max_residual_over_noise, "1"))
         if stated["bias_stability"] is not None:
             tested += [
                 at_most(

@@ -1,7 +1,9 @@
 """Acceptance limits of a recipe on the figures of fits and of unseen runs."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
+
+import numpy as np
 
 from calibkit.coefficients import Criterion, Figure, at_most
 from calibkit.errors import FitError
@@ -13,6 +15,7 @@ from calibkit.instruments.gyro_scale.recipe import (
     RateTableAcceptance,
     TriadAcceptance,
 )
+from calibkit.instruments.gyro_scale.table_runs import TableRun
 
 LINE_LIMITS = {
     "nonlinearity_full_scale": ("nonlinearity over full scale", "max_nonlinearity_ppm", "ppm"),
@@ -77,6 +80,16 @@ def _judge_figures(
             )
         found.append((limit, max(shown, default=0.0)))
     return _judge(limits, *found)
+
+
+def judge_noise(runs: Iterable[TableRun], limits: LineAcceptance) -> tuple[Criterion, ...]:
+    """Criterion on the residuals of the lines of runs over the noise of their held rates, the
+    largest of all gyros, where the recipe limits it and noise was measured.
+    """
+    ratios = np.array([line.birge_ratio for run in runs for line in run.scales.gyros])
+    known = ratios[np.isfinite(ratios)]
+    limit = ("residual over noise", "max_residual_over_noise", "1")
+    return _judge(limits, (limit, float(known.max()))) if known.size else ()
 
 
 def judge_runs(figures: Sequence[Figure], limits: RateTableAcceptance) -> tuple[Criterion, ...]:

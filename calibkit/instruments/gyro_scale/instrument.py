@@ -76,7 +76,9 @@ def _fitted(
     drawing: GyroReport,
 ) -> Fitted[GyroReport]:
     """Result of a fit; every coefficient file carries all flags."""
-    inputs = tuple(Input.of(run.log) for group in runs.values() for run in group)
+    every = [run for group in runs.values() for run in group]
+    inputs = tuple(Input.of(run.log) for run in every)
+    criteria = (*criteria, *acceptance.judge_noise(every, spec.acceptance))
     summary = Summary(spec.title, tuple(shown), results[0].flags, criteria)
     return Fitted(results, inputs, summary, drawing)
 

@@ -74,6 +74,7 @@ class LineAcceptance(Table):
 
     max_nonlinearity_ppm: Positive | None = None
     max_asymmetry_ppm: Positive | None = None
+    max_residual_over_noise: Positive | None = None
 
 
 class OwnAxisRecipe(GyroRecipe):

@@ -51,8 +51,7 @@ def validate(
     for log in logs:
         axis = spec.find_axis(log.file)
         run = table_runs.fit_run(spec, log)
-        if isinstance(spec, GyroPairRecipe):
-            runs[axis] = run
+        runs[axis if isinstance(spec, GyroPairRecipe) else log.file] = run
         flags += run.flags
         turned, found = _compare_run(spec, run, axis, known)
         for matrix in turned if np.isfinite(run.temp_degc) else ():
@@ -76,7 +75,8 @@ def validate(
         body["pair"] = _compare_pair(records, again)
         shown.append(_tabulate_pair_again(body["pair"]))
         flags += again.flags
-    return body, Summary("", tuple(shown), tuple(dict.fromkeys(flags)), (*judged, *criteria))
+    criteria = (*judged, *criteria, *acceptance.judge_noise(runs.values(), spec.acceptance))
+    return body, Summary("", tuple(shown), tuple(dict.fromkeys(flags)), criteria)
 
 
 def _judge_uncertainty(

@@ -112,6 +112,7 @@ class _InclinometerAcceptance(Table):
     max_azimuth_error_deg: Positive | None = None
     max_inclination_error_deg: Positive | None = None
     max_toolface_error_deg: Positive | None = None
+    max_residual_over_noise: Positive | None = None
 
 
 def _no_place() -> Any:  # noqa: ANN401 (pydantic validates it into a Place and names what is missing)

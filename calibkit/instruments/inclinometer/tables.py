@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from calibkit.coefficients import at_most
 from calibkit.instruments.inclinometer.errors import (
     AngleErrors,
     largest,
@@ -14,6 +15,7 @@ from calibkit.instruments.inclinometer.figures import ScaleCurve, SeekingReport
 from calibkit.instruments.inclinometer.forms import ScaleFit
 from calibkit.instruments.inclinometer.numeric import published
 from calibkit.instruments.inclinometer.numeric.published import Sensor
+from calibkit.instruments.inclinometer.numeric.root_choice import Solution
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.solve import SolvedStations
 from calibkit.instruments.inclinometer.stations import Stations
@@ -122,7 +124,11 @@ def _tabulate_scale(fits: Mapping[Sensor, ScaleFit]) -> Table:
     return Table("In-situ scale factor s(T)", heads, tuple(rows))
 
 
-NOT_TESTED = "No verdict: no reference azimuth in the logs to test the [acceptance] limits on"
+COMPUTED = 1e-9
+"""Standard uncertainty of a root of s below which stations are computed ones: closures of 0 show no
+noise.
+"""
+UNTESTED = "no reference azimuth in the logs to test the [acceptance] limits on"
 
 
 def summarize(
@@ -145,10 +151,31 @@ def summarize(
                 found, "Errors against the reference, each station by the s(T) of the others"
             )
         )
-    criteria = found.criteria(spec)
-    stated = any(limit is not None for _, limit in spec.acceptance)
-    untested = "" if criteria or not stated else NOT_TESTED
-    return Summary(spec.title, tuple(tables), flags, criteria, untested)
+    criteria, limits = found.criteria(spec), spec.acceptance
+    stated = any(limit is not None for name, limit in limits if name.endswith("_deg"))
+    untested = stated and not criteria
+    if limits.max_residual_over_noise is not None:
+        criteria += tuple(
+            at_most(
+                f"gyro {axis}: residual over noise",
+                _over_noise(seen.solutions[axis], scale, stations),
+                limits.max_residual_over_noise,
+                "1",
+            )
+            for axis, scale in fits.items()
+            if seen.solutions[axis].s_root_uncertainty[scale.used].min() > COMPUTED
+        )
+    if untested and criteria:
+        flags = (*flags, f"{UNTESTED} of angles")
+    conclusion = f"No verdict: {UNTESTED}" if untested and not criteria else ""
+    return Summary(spec.title, tuple(tables), flags, criteria, conclusion)
+
+
+def _over_noise(solution: Solution, scale: ScaleFit, stations: Stations) -> float:
+    """Root mean square of the roots that s(T) was fitted to about it, over their uncertainties."""
+    at = np.nan_to_num(stations.temperature[scale.used])
+    residual = solution.s_root[scale.used] - scale.model.prior(at).s
+    return rms(residual / solution.s_root_uncertainty[scale.used])
 
 
 def collect_drawing(
