@@ -27,6 +27,7 @@ from calibkit.instruments.accelerometer.numeric import (
     magnitude,
     q_factor,
 )
+from calibkit.instruments.accelerometer.numeric.norms import lower_matrix
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.numeric import gum
 from intervals import exact
@@ -51,6 +52,8 @@ LOW_DEGC, HIGH_DEGC, ROOM_DEGC = -40.0, 125.0, 25.0
 SOAK_H, DWELL_H = 1.5, 2.0 / 60.0
 BETWEEN_DEGC = np.array([-30.0, 0.0, 40.0, 80.0, 115.0])
 """Temperatures at which corrected vectors are judged, in two opposite faces each."""
+AT_ROOM_DEGC = np.full(5, ROOM_DEGC)
+"""Those of a triad that knows no temperature."""
 ZERO, SCALE, INDEX, TILT, ECCENTRIC, SECOND, DRIFT = (
     "zero of a soak",
     "scale factor of a soak",
@@ -102,12 +105,10 @@ def list_cases() -> list[Case]:
 
 
 def _case(procedure: str, error: str, ratio: float, soaks: int, *, given: bool = False) -> Case:
-    """Case with the degrees of freedom between its soaks; the three axes have one variance."""
-    between = None
-    if error in (ZERO, SCALE):
-        between = 3 * (soaks - (1 if procedure.startswith(LENGTH) else CUBIC))
-    elif error == DRIFT:
-        between = 3 * (soaks - CUBIC - 1)
+    """Case with the degrees of freedom that its design leaves an axis between its soaks: their
+    zeros are estimated in every case.
+    """
+    between = soaks - (1 if procedure.startswith(LENGTH) else CUBIC)
     return Case("accelerometer", procedure, error, ratio, soaks, given=given, between=between)
 
 
@@ -245,6 +246,7 @@ def _recipe(case: Case, plan: _Plan) -> AccelerometerRecipe:
         sizes = {ZERO: 0.0, INDEX: 0.0} | {case.error: _size(case, plan)}
         if case.procedure.startswith(LENGTH):
             del sizes[INDEX]
+            sizes = {SECOND: 0.0} | sizes
         tables["errors"] = {
             "component": [
                 {
@@ -294,7 +296,7 @@ def simulate(case: Case, number: int) -> Outcome:
     else:
         assert fitted.affine is not None  # noqa: S101
         assert fitted.q is not None  # noqa: S101
-        inside, width = _judge_lengths(fitted.affine, fitted.q, triad, plan, wide)
+        inside, width = _judge_lengths(fitted.affine, fitted.q, triad, plan, second, wide)
     flags = (*fitted.k_flags, *fitted.affine_flags)
     warned = any(text in flag for flag in flags for text in FEW)
     rejected = bool(judge_lack_of_fit(fitted.lack_of_fit))
@@ -345,11 +347,15 @@ def _coefficients(model: Model) -> tuple[Array, Array, Array]:
 
 
 def _corrected(
-    model: Model, triad: _Triad, axes: Sequence[int], second: Array
+    model: Model,
+    triad: _Triad,
+    axes: Sequence[int],
+    second: Array,
+    held_degc: Array = BETWEEN_DEGC,
 ) -> tuple[Array, ...]:
     """Corrected components, their truth, standard uncertainties and degrees of freedom [m]."""
-    vectors, degc = _faces()
-    at = forms.inputs(_at_faces(triad, second), degc)
+    vectors, degc = _faces(held_degc)
+    at = forms.inputs(_at_faces(triad, second, held_degc), degc)
     form = forms.K if len(axes) == 1 else forms.AFFINE
     values = form.evaluate(model, at).reshape(len(degc), -1).ravel()
     slopes = form.gradient(model, at).reshape(values.size, -1)
@@ -359,17 +365,17 @@ def _corrected(
     return values, vectors[:, list(axes)].ravel(), u, own
 
 
-def _at_faces(triad: _Triad, second: Array) -> Array:
+def _at_faces(triad: _Triad, second: Array, held_degc: Array = BETWEEN_DEGC) -> Array:
     """Indications [m, 3] at the faces of a sensor with an error of second order [3]."""
-    vectors, degc = _faces()
+    vectors, degc = _faces(held_degc)
     nothing = np.zeros(vectors.shape)
     return triad.indication(vectors, degc, nothing, nothing, second)
 
 
-def _faces() -> tuple[Array, Array]:
+def _faces(held_degc: Array = BETWEEN_DEGC) -> tuple[Array, Array]:
     """Gravity [m, 3] and temperatures [m] at which corrected vectors are judged."""
-    faces = np.vstack([(np.eye(3)[k % 3], -np.eye(3)[k % 3]) for k in range(len(BETWEEN_DEGC))])
-    return faces, np.repeat(BETWEEN_DEGC, 2)
+    faces = np.vstack([(np.eye(3)[k % 3], -np.eye(3)[k % 3]) for k in range(len(held_degc))])
+    return faces, np.repeat(held_degc, 2)
 
 
 def _true_k(triad: _Triad, plan: _Plan) -> tuple[k_factor.KAxis, ...]:
@@ -425,15 +431,16 @@ def _lengths(parameters: Array, indication: Array) -> Array:
 
 
 def _judge_lengths(
-    model: Model, q: Model, triad: _Triad, plan: _Plan, wide: dict[str, Array]
+    model: Model, q: Model, triad: _Triad, plan: _Plan, second: Array, wide: dict[str, Array]
 ) -> Judged:
-    """Constant matrix and bias, and Q, from lengths alone."""
+    """Constant matrix and bias, corrected components, and Q, from lengths alone."""
     truth = _true_lengths(triad, plan)
     values, u, dof = _coefficients(model)
     angles, u_q, dof_q = _coefficients(q)
     return _compare(
         [
             ("matrix and bias", values, truth.as_affine()[1], u, dof),
+            ("corrected vector", *_corrected(model, triad, [0, 1, 2], second, AT_ROOM_DEGC)),
             ("Q", angles, truth.parameters[6:], u_q, dof_q),
         ],
         wide,
@@ -459,7 +466,7 @@ def _exact(case: Case) -> dict[str, Array]:
         return _exact_k(triad, plan, clean, shared, size if case.error == SECOND else 0.0)
     if case.procedure.startswith(AFFINE):
         return _exact_affine(triad, plan, clean, shared, size if case.error == SECOND else 0.0)
-    return _exact_lengths(triad, plan, clean, shared)
+    return _exact_lengths(triad, plan, clean, shared, size if case.error == SECOND else 0.0)
 
 
 def _own_second(size: float, q: int) -> Array:
@@ -470,6 +477,17 @@ def _own_second(size: float, q: int) -> Array:
     if size == 0.0:
         return np.zeros((*faces.shape, q))
     return np.asarray(size * np.eye(3) * faces[:, :, None] ** 2)
+
+
+def _scale_factors(names: Sequence[str], size: float, q: int) -> Array:
+    """Derivatives [p, q] of what scale factors are by errors of second order: the slopes to +1 g
+    and to −1 g differ by two such errors, and a scale factor is one or the other.
+    """
+    own = np.zeros((len(names), q))
+    for axis, name in enumerate(("m_xx0", "m_yy0", "m_zz0")):
+        if size:
+            own[list(names).index(name), axis] = size
+    return own
 
 
 def _exact_k(
@@ -515,15 +533,20 @@ def _exact_affine(
 
     slopes = q_factor.differentiate(angles, values, scale=np.maximum(np.abs(values), 1e-6))
     own = _own_second(second, shared.shape[1]).reshape(faces.size, -1)
+    scales = _scale_factors(truth.names, second, shared.shape[1])
     return {
-        "affine parameters": exact.half_widths(design, shared, NOISE_G, np.eye(values.size)),
+        "affine parameters": exact.half_widths(
+            design, shared, NOISE_G, np.eye(values.size), scales
+        ),
         "corrected vector": exact.half_widths(design, shared, NOISE_G, vectors, own),
         "Q": exact.half_widths(design, shared, NOISE_G, slopes),
     }
 
 
-def _exact_lengths(triad: _Triad, plan: _Plan, clean: Array, shared: Array) -> dict[str, Array]:
-    """Of the nine parameters from lengths."""
+def _exact_lengths(
+    triad: _Triad, plan: _Plan, clean: Array, shared: Array, second: float
+) -> dict[str, Array]:
+    """Of the nine parameters from lengths; `second` is the size of second-order errors."""
     truth = _true_lengths(triad, plan)
     at, scale = truth.parameters, np.ones(9)
     design = q_factor.differentiate(lambda p: _lengths(p, clean), at, scale=scale)
@@ -531,5 +554,20 @@ def _exact_lengths(triad: _Triad, plan: _Plan, clean: Array, shared: Array) -> d
     down = _gravity(plan.angle, np.array([0.0, 0.0, 1.0]))
     along = np.einsum("ni,niq->nq", down, shared.reshape(len(clean), 3, -1))
     to_affine = q_factor.differentiate(magnitude.to_triangle, at, scale=scale)
-    named = {"matrix and bias": to_affine, "Q": np.eye(9)[6:]}
-    return {name: exact.half_widths(design, along, NOISE_G, rows) for name, rows in named.items()}
+    names, entries, _ = truth.as_affine()
+    faces, shown = _faces(AT_ROOM_DEGC)[0], _at_faces(triad, np.zeros(3), AT_ROOM_DEGC)
+
+    def corrected(values: Array) -> Array:
+        return ((shown - values[6:]) @ lower_matrix(values[:6]).T).ravel()
+
+    vectors = q_factor.differentiate(corrected, entries, scale=scale) @ to_affine
+    own = _own_second(second, shared.shape[-1]).reshape(faces.size, -1)
+    named = {
+        "matrix and bias": (to_affine, _scale_factors(names, second, shared.shape[-1])),
+        "corrected vector": (vectors, own),
+        "Q": (np.eye(9)[6:], 0.0),
+    }
+    return {
+        name: exact.half_widths(design, along, NOISE_G, rows, part)
+        for name, (rows, part) in named.items()
+    }

@@ -70,12 +70,18 @@ def list_components(found: Sequence[components.Component], unit_of: Units) -> tu
     )
 
 
-def warn_of_few_groups(found: Sequence[components.Component]) -> tuple[str, ...]:
-    """Flags for errors of groups that are too few to show them."""
+def warn_of_few_groups(
+    found: Sequence[components.Component], taken: Mapping[tuple[str, str], int] | None = None
+) -> tuple[str, ...]:
+    """Flags for errors of groups that are too few to show them. `taken` says by (group, effect) how
+    many coefficients each axis takes from the groups, where several axes share the variance.
+    """
     cure = "measure more of them, or state the size in [[errors.component]]"
     flags = []
     for one in found:
-        if one.known or one.dof >= FEW_DOF or (one.groups == 1 and one.dof):
+        own = (taken or {}).get((one.group, one.effect))
+        left = one.dof if own is None else min(one.dof, one.groups - own)
+        if one.known or left >= FEW_DOF or (one.groups == 1 and one.dof):
             continue
         if one.groups == 1:
             flags.append(
@@ -88,8 +94,9 @@ def warn_of_few_groups(found: Sequence[components.Component]) -> tuple[str, ...]
                 f" coefficients, so it is in no uncertainty; {cure}, or lower an order"
             )
         else:
+            less = f", less {own} coefficients of an axis," if own else ""
             flags.append(
-                f"{one.effect} of the {one.group}: {one.groups} of them leave {one.dof} degrees of"
-                f" freedom, so intervals are wide; {cure}, or lower an order"
+                f"{one.effect} of the {one.group}: {one.groups} of them{less} leave {left} degrees"
+                f" of freedom, so intervals are wide; {cure}, or lower an order"
             )
     return tuple(flags)

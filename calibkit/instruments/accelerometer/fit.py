@@ -79,7 +79,7 @@ def fit_triad(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
     )
     off = dwells.indication - dwells.reference
     found, flags = robust_choice.choose(affine_fit, spec.loss, ["affine"], off)
-    flags += (*found.flags, *warn_of_few_groups(found.components))
+    flags += (*found.flags, *warn_of_few_groups(found.components, _taken(spec.affine.bias_order)))
     model, q = _affine_models(found, dwells, spec)
     flags += (*_name_suspects("affine", found, dwells), *_name_common("affine", found, dwells))
     left_out = of_axes.left_out.union(found.left_out)
@@ -112,7 +112,8 @@ def _fit_k(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
     )
     off = dwells.indication - dwells.reference
     axes, flags = robust_choice.choose(k_fit, spec.loss, forms.K_MODELS, off)
-    flags += (*axes[0].flags, *warn_of_few_groups(axes[0].components))
+    most = max(axis.zero_order for axis in spec.k.axes)
+    flags += (*axes[0].flags, *warn_of_few_groups(axes[0].components, _taken(most)))
     for name, axis in zip(forms.K_MODELS, axes, strict=True):
         flags += _name_suspects(name, axis, dwells)
         flags += _name_common(name, axis, dwells)
@@ -162,7 +163,8 @@ def _fit_lengths(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
         over_temperature, more = robust_choice.choose(affine_fit, spec.loss, ["affine"], off)
         model, q = _affine_models(over_temperature, dwells, spec)
         flags += (*more, *over_temperature.flags)
-        flags += warn_of_few_groups(over_temperature.components)
+        taken = _taken(spec.affine.bias_order)
+        flags += warn_of_few_groups(over_temperature.components, taken)
         flags += _name_suspects("affine", over_temperature, dwells)
         flags += _name_common("affine", over_temperature, dwells)
     else:
@@ -195,7 +197,12 @@ def _fit_constant(
         refine=None if spec.affine.enabled else refine_with(dwells, spec),
     )
     found, flags = robust_choice.choose(length_fit, spec.loss, ["magnitude"], off)
-    return found, (), (*flags, *warn_of_few_groups(found.components))
+    return found, (), (*flags, *warn_of_few_groups(found.components, _taken(0)))
+
+
+def _taken(order: int) -> dict[tuple[str, str], int]:
+    """Coefficients that a zero of an order over temperature takes from the soaks of each axis."""
+    return {("soak", "zero"): order + 1}
 
 
 def _fit_bounded(

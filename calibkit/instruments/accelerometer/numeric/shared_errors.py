@@ -29,9 +29,14 @@ MOST_DWELLS = 6_000
 """Dwells, evenly spread over more, from which shared errors are estimated."""
 SEPARATE = 1e-6
 """Share of a drift's length that the coefficients must leave for the two to be told apart."""
-LACKING = "lacking terms"
-"""Group of the zeros that stand for errors of the sensors without coefficients."""
+SECOND_ORDER = "sensor", "second order"
+LACKING = "lacking terms", "scale"
+"""What stands for errors of second order where the model has no coefficients for them."""
 DRIFT = "session", "drift"
+WHOLE = Known(0.8, bound=True)
+"""Standard deviation for an error of 1: U of 95 % holds it beside a noise whose U is as large."""
+LARGEST_SECOND_ORDER = 1e-3
+"""Error of second order [1/g] beyond that of any sensor that is worth a calibration."""
 ANY_SIZE = Known(1e-3, bound=True)
 """Drift of the zero [g/h] beyond that of any sensor that is worth a calibration: U holds as much
 of it as the data allow, however small it looks.
@@ -144,7 +149,7 @@ def list_candidates(where: Circumstances, at: Residuals) -> tuple[Effect, ...]:
     diagonal = np.eye(3) * where.gravity[:, None, :]
     tried = [("soak", "scale", where.soak, diagonal)]
     every = np.zeros(len(where.soak), dtype=np.int64)
-    tried.append(("sensor", "second order", every, diagonal * where.gravity[:, None, :]))
+    tried.append((*SECOND_ORDER, every, diagonal * where.gravity[:, None, :]))
     if where.hours is not None:
         hours = where.hours - where.hours.mean()
         tried.append((*DRIFT, every, np.eye(3) * hours[:, None, None]))
@@ -246,7 +251,8 @@ def refine(
             names=names,
         )
         values = values + found.found.coefficients
-        effects, candidates, inside = _with_sensor_errors(found, some), (), found.used
+        lacking = _list_lacking_terms(found, tried, slopes, near, some)
+        effects, candidates, inside = (*found.effects, *lacking), (), found.used
     used = used.copy()
     used[rows] = inside
     found, flags = _with_any_drift(found, tried, (slopes, -residual, weights[rows]))
@@ -280,18 +286,35 @@ def _find_unexplained(
     )
 
 
-def _with_sensor_errors(fitted: SharedFit, at: Residuals) -> tuple[Effect, ...]:
-    """Effects of a fit, and for errors of the sensors that its coefficients lack a zero of their
-    size: every corrected component has them, so that U must hold them.
+def _list_lacking_terms(
+    fitted: SharedFit, tried: Sequence[Effect], slopes: Array, where: Circumstances, at: Residuals
+) -> tuple[Effect, ...]:
+    """What stands for second-order errors of the sensors that the coefficients lack.
+
+    A corrected component a has an error b a²: U of a scale factor of that size, b |a|, holds it in
+    every direction. Of lengths, a bias takes most of an error that is too small for the likelihood
+    to ask for: such may be as large as its own standard uncertainty.
     """
-    effects = list(fitted.effects)
-    for effect, part in zip(fitted.effects, fitted.found.predicted, strict=True):
-        own = effect.group == "sensor" and effect.known is None
-        if own and not any(one.group == LACKING for one in effects):
-            size = Known(float(np.max(np.abs(part))), bound=True)
-            every = np.zeros(len(at.dwell), dtype=np.int64)
-            effects.append(Effect(LACKING, "zero", every, at.direction, size))
-    return tuple(effects)
+    shown = [
+        part[0]
+        for one, part in zip(fitted.effects, fitted.found.predicted, strict=True)
+        if (one.group, one.effect) == SECOND_ORDER
+    ]
+    if shown:
+        along = at.along(np.eye(3) * shown[0] * where.gravity[:, None, :])
+        return (Effect(*LACKING, np.zeros(len(along), dtype=np.int64), along, WHOLE),)
+    hidden = [one for one in tried if (one.group, one.effect) == SECOND_ORDER]
+    if at.per_dwell > 1 or not hidden:
+        return ()
+    left = np.sqrt(np.mean(_beside(slopes, hidden[0].loading) ** 2))
+    size = min(fitted.found.residual_rms / float(left), LARGEST_SECOND_ORDER)
+    return (replace(hidden[0], known=Known(size, bound=True)),)
+
+
+def _beside(slopes: Array, loading: Array) -> Array:
+    """Lengths [k] of what coefficients with derivatives [m, p] leave of loadings [m, k]."""
+    q, _ = np.linalg.qr(slopes / np.linalg.norm(slopes, axis=0))
+    return np.asarray(np.linalg.norm(loading - q @ (q.T @ loading), axis=0))
 
 
 def _with_any_drift(
@@ -306,8 +329,7 @@ def _with_any_drift(
     if not drifts:
         return fitted, ()
     slopes, target, weights = problem
-    q, _ = np.linalg.qr(slopes / np.linalg.norm(slopes, axis=0))
-    left = np.linalg.norm(drifts[0].loading - q @ (q.T @ drifts[0].loading), axis=0)
+    left = _beside(slopes, drifts[0].loading)
     if np.any(left <= SEPARATE * np.linalg.norm(drifts[0].loading, axis=0)):
         flag = (
             "a zero that drifts with time cannot be told from its temperature coefficients and is"
