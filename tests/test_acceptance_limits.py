@@ -27,6 +27,7 @@ from calibkit.instruments.gyro_scale.recipe import (
 )
 from calibkit.instruments.inclinometer import errors as angle_limits
 from calibkit.instruments.inclinometer.recipe import _InclinometerAcceptance
+from calibkit.recipe.type_b import TypeB
 
 RECIPES = Path(__file__).parents[1] / "recipes"
 LIMIT = 0.5
@@ -115,7 +116,7 @@ def triad_stand(**limits):
     return found.judge_errors(SimpleNamespace(acceptance=_AccelAcceptance(**limits)))
 
 
-def triad_unseen(value, temperature=25.0):
+def triad_unseen(value, temperature=25.0, terms=()):
     """Criterion of four unseen dwells that err by this along x, where u is 5 µg: 3 of the residual
     and 4 of the zero of x, which they share.
     """
@@ -125,7 +126,10 @@ def triad_unseen(value, temperature=25.0):
     covariance[9, 9] = 16e-12
     model = forms.AFFINE.write(
         "triad",
-        [(name, number, "1") for name, number in zip(names, values, strict=True)],
+        [
+            (name, number, "g" if name[0] == "b" else "1")
+            for name, number in zip(names, values, strict=True)
+        ],
         covariance,
         dof=10**9,
         residual_rms=3e-6,
@@ -138,7 +142,9 @@ def triad_unseen(value, temperature=25.0):
     none = np.zeros(0)
     angles = AttitudeErrors(none, none, (10.0, 170.0), 0.1, 0.1, 0.1, 9.0, 0.1)
     residual = np.column_stack([np.full(4, value), np.zeros((4, 2))])
-    return [triad_errors.DwellErrors(residual, angles).judge_uncertainty("x", dwells, correction)]
+    return [
+        triad_errors.DwellErrors(residual, angles).judge_uncertainty("x", dwells, correction, terms)
+    ]
 
 
 def triad_noise(value, **limits):
@@ -326,6 +332,15 @@ def test_a_limit_is_met_up_to_the_value_that_the_recipe_states(name, value, pass
     )
     assert made.value == pytest.approx(value, rel=1e-12)
     assert (made.limit, made.unit, made.passed) == (LIMIT, unit, passed)
+
+
+@pytest.mark.parametrize("quantity", ["accel_x_g", "b_x0", "triad.b_x0"])
+def test_what_is_known_of_a_triad_is_in_the_uncertainty_of_unseen_dwells(quantity):
+    """12 µg of type B beside the 5 µg that the coefficients and the residual give."""
+    term = TypeB(name="known", quantity=quantity, unit="g", standard_uncertainty=12e-6)
+    (alone,), (both,) = triad_unseen(26e-6), triad_unseen(26e-6, terms=(term,))
+    assert both.value == pytest.approx(alone.value * 5.0 / 13.0, rel=1e-3)
+    assert (alone.passed, both.passed) == (False, True)
 
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in RECIPES.glob("*.toml")))

@@ -366,6 +366,63 @@ def test_a_pair_is_validated_by_its_angle_too(pair, tmp_path, calibkit):
         assert entry["found"] == pytest.approx(truth[entry["name"]], abs=1e-4)
 
 
+@pytest.mark.parametrize(
+    ("ratio", "scale", "turn"), [("N", 40e-6, 0.0), ("gamma", 0.0, 40e-6)], ids=["N", "gamma"]
+)
+def test_another_pair_is_rejected_by_its_ratios(
+    pair, tmp_path, calibkit, log_writer, ratio, scale, turn
+):
+    """Runs of which gyro B has 40 ppm more counts, or of gyros 40 µrad nearer to each other: N or
+    γ of the unseen runs differs by far more than its uncertainty.
+    """
+    root, _ = pair
+    campaign = simulate_pair.campaign(1, noise_lsb=5.0)
+    write(tmp_path / "again", campaign)
+    for axis, other in (("a", "b"), ("b", "a")):
+        path = tmp_path / "again" / f"table_axis_{axis}.csv"
+        raw = np.genfromtxt(path, delimiter=",", names=True)
+        columns = {name: raw[name] for name in raw.dtype.names}
+        columns[f"gyro_{other}_lsb"] += 1e4 * turn * columns["table_rate_dps"]
+        columns["gyro_b_lsb"] *= 1.0 + scale
+        log_writer(path, **columns)
+    out = tmp_path / "v.json"
+    data = ("--data", tmp_path / "again", "--out", out)
+    outcome = calibkit("validate", "G", "--runs", root / "runs", *data)
+    assert outcome.code == 1, outcome.out
+    judged = {entry["name"]: entry for entry in json.loads(out.read_text())["acceptance"]}
+    passed = {
+        name: judged[f"pair: error of {name} over its u"]["passed"] for name in ("N", "gamma")
+    }
+    assert passed == {"N": ratio != "N", "gamma": ratio != "gamma"}
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_what_is_known_of_the_table_is_in_the_uncertainty_of_k(runs, tmp_path, calibkit):
+    """A run 50 ppm off is rejected, and accepted where the table's rate is known to 100 ppm."""
+    root, _ = runs
+    text = (ROOT / "recipes" / "rate_table.toml").read_text(encoding="utf-8")
+    text += '\n[[type_b]]\nname = "rate"\nquantity = "table_rate_dps"\nunit = "ppm"\n'
+    (tmp_path / "table.toml").write_text(text + "standard_uncertainty = 100.0\n")
+    fit(calibkit, tmp_path / "table.toml", root / "logs", tmp_path / "runs")
+    log = root / "unseen" / "at_0.csv"
+    lines = log.read_text(encoding="utf-8").splitlines()
+    at = lines[0].split(",").index("gyro_x_lsb")
+    rows = [line.split(",") for line in lines[1:]]
+    for row in rows:
+        row[at] = repr(float(row[at]) * (1.0 + 50e-6))
+    (tmp_path / "other").mkdir()
+    shifted = "\n".join([lines[0], *map(",".join, rows)])
+    (tmp_path / "other" / log.name).write_text(shifted, encoding="utf-8")
+    codes = [
+        calibkit(
+            *("validate", "G", "--runs", folder, "--data", tmp_path / "other"),
+            *("--out", tmp_path / f"{number}.json"),
+        ).code
+        for number, folder in enumerate((root / "runs", tmp_path / "runs"))
+    ]
+    assert codes == [1, 0]
+
+
 def rows_of(path):
     """Header and rows of a CSV as texts."""
     header, *rows = (line.split(",") for line in path.read_text(encoding="utf-8").splitlines())

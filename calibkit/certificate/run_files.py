@@ -2,6 +2,7 @@
 state.
 """
 
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,7 @@ from calibkit.certificate.words import Words
 from calibkit.coefficients import Condition, Criterion, Input, Record
 from calibkit.errors import CoefficientError, UsageError
 from calibkit.new_files import RUN_FILE
+from calibkit.numeric import gum
 from calibkit.report.run import stated_criteria
 from calibkit.run_document import VALIDATION_FORMATS, Verdict
 from calibkit.store import Run
@@ -120,7 +122,7 @@ class BeforeAfter:
     left: float | None
     unit: str
     left_u: float | None = None
-    """Expanded uncertainty (k = 2) of the as-left result where the validation states one."""
+    """Expanded uncertainty (about 95 %) of the as-left result where the validation states one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,7 +199,8 @@ def _gyro(log: str, gyro: Mapping[str, Any]) -> Iterator[BeforeAfter]:
     before, after = gyro["before"], gyro["after"]
     name = gyro["gyro"]
     what = Words(f"gyro {name}: scale-factor error", f"{name} 陀螺：标度因数误差")
-    u = 2.0 * gyro["scale_factor_error_standard_uncertainty_ppm"]
+    factor = gum.coverage_factor(max(gyro.get("scale_factor_error_dof", math.inf), 1.0))
+    u = factor * gyro["scale_factor_error_standard_uncertainty_ppm"]
     yield BeforeAfter(
         log, what, before["scale_factor_error_ppm"], after["scale_factor_error_ppm"], "ppm", u
     )
@@ -249,6 +252,6 @@ def _pair(document: Mapping[str, Any]) -> Iterator[BeforeAfter]:
     """Differences of N, ε, γ, α found on other runs from those of the coefficients."""
     for entry in document.get("pair", ()):
         what = Words(f"{entry['name']}: difference of the new runs", f"{entry['name']}：新测次之差")
-        yield BeforeAfter(
-            "", what, None, entry["difference"], entry["unit"], 2.0 * entry["standard_uncertainty"]
-        )
+        u = gum.coverage_factor(max(entry.get("dof", math.inf), 1.0))
+        u *= entry["standard_uncertainty"]
+        yield BeforeAfter("", what, None, entry["difference"], entry["unit"], u)

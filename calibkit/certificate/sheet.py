@@ -246,7 +246,10 @@ def _before_after(rows: Sequence[BeforeAfter], title: Words, lang: Lang) -> dict
     expanded = [tables.U] if certain else []
     heads = [Words(""), Words(""), AS_FOUND, AS_LEFT, *expanded, tables.UNIT]
     align = "llrrrl" if certain else "llrrl"
-    note = Words("U with k = 2 (type A of the validation).", "U：k = 2（验证的 A 类）。")
+    note = Words(
+        "U with k = 2, or Student's factor of few degrees of freedom, of the validation.",
+        "U：k = 2，自由度少时取 t 分布因子（验证）。",
+    )
     return tables.text_table(
         heads, align, shown, lang, title=title, notes=[note] if certain else []
     )

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from calibkit.errors import UsageError
 from calibkit.history.timeline import YEAR_DAYS
+from calibkit.numeric import gum
 from calibkit.report.figures import ALERT, DENOISED, MUTED, page, pdf, png
 
 if TYPE_CHECKING:
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from calibkit.history.timeline import Series, Timeline
+    from calibkit.history.timeline import Point, Series, Timeline
 
 ROWS, COLUMNS = 4, 3
 SUFFIXES = (".pdf", ".png")
@@ -45,7 +46,7 @@ def render(found: Timeline, suffix: str) -> bytes:
 def _page(serial: str, block: Sequence[Series]) -> Figure:
     """One page of panels."""
     title = (
-        f"{serial}: coefficients over time, bars U (k = 2, type A), line: weighted slope where"
+        f"{serial}: coefficients over time, bars U (type A), line: weighted slope where"
         " three dates or more"
     )
     rows = -(-len(block) // COLUMNS)
@@ -57,6 +58,13 @@ def _page(serial: str, block: Sequence[Series]) -> Figure:
     return figure
 
 
+def _factor(point: Point) -> float:
+    """Coverage factor of a point's uncertainty; 2 where its degrees of freedom are not stated."""
+    return (
+        2.0 if point.effective_dof is None else gum.coverage_factor(max(point.effective_dof, 1.0))
+    )
+
+
 def _panel(ax: Axes, series: Series) -> None:
     """One quantity: change from its first determination against date; rejected runs are hollow."""
     first = series.points[0].value
@@ -65,7 +73,7 @@ def _panel(ax: Axes, series: Series) -> None:
         ax.errorbar(
             [date.toordinal()],
             [point.value - first],
-            2.0 * point.standard_uncertainty,
+            _factor(point) * point.standard_uncertainty,
             fmt="o",
             ms=4.5,
             capsize=3,

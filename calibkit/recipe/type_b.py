@@ -16,6 +16,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, Self
 
+import numpy as np
 from pydantic import Field, ValidationError, field_validator, model_validator
 
 from calibkit import units
@@ -212,6 +213,28 @@ def terms_of(
         else:
             unused.append(term.name)
     return _Applied(tuple(components), tuple(unused))
+
+
+def combine_terms(
+    terms: Sequence[TypeB],
+    names: Sequence[str],
+    estimate: float,
+    unit: str,
+    sensitivities: Mapping[str, tuple[float, float]] | None = None,
+) -> float:
+    """Type B standard uncertainty of a result in its unit; `names` are those that terms may call it
+    by, the rest is that of `terms_of`.
+    """
+    variance = 0.0
+    for term in {term.name: term for term in terms}.values():
+        named = term.quantity in names
+        called = next((name for name in names if name in (term.quantity, term.result)), names[0])
+        # a result has no column that would state its unit
+        own = named and term.unit not in (*RELATIVE, unit)
+        factor = difference_factor(term.unit, unit) if own else 1.0
+        for part in terms_of((term,), called, estimate, sensitivities).components:
+            variance += (part.sensitivity * part.standard_uncertainty * factor) ** 2
+    return float(np.sqrt(variance))
 
 
 def require_known(terms: Iterable[TypeB], names: Iterable[str]) -> None:

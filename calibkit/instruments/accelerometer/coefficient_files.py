@@ -1,7 +1,7 @@
 """Fits of a triad → accel_k.json, accel_q.json, accel_affine.json → corrected indications."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,8 +12,10 @@ from calibkit.forms import Form, within_ranges
 from calibkit.instruments.accelerometer import forms
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.fit import TriadFit
-from calibkit.numeric import chunks, gum
+from calibkit.numeric import attitude, chunks, gum
 from calibkit.numeric.dispersion import rms
+from calibkit.recipe import type_b
+from calibkit.recipe.type_b import RELATIVE, TypeB
 
 STAGES = {"accel_k": forms.K, "accel_q": forms.Q, "accel_affine": forms.AFFINE}
 """Stage → form of its models; the stage names its coefficient file."""
@@ -71,6 +73,51 @@ class Correction:
                         shared.append(size[:, :, None] * along)
             indication = np.column_stack([form.evaluate(model, at) for model in models])
         return np.concatenate(shared, axis=2), own
+
+    def by_term(self, dwells: DwellSet, term: TypeB) -> Array:
+        """Errors [n, 3, g] of corrected dwells against the reference for one standard uncertainty
+        of a type B term: on the reference's angles, the thermometer, an indication or a
+        coefficient; 0 of any other.
+        """
+        indication, temperature = dwells.indication, dwells.temperature
+        if term.quantity in {"inclination_deg", "toolface_deg"}:
+            which = {"inclination_deg": (1.0, 0.0), "toolface_deg": (0.0, 1.0)}[term.quantity]
+            tilt, roll = (size * term.u_of(0.0) for size in which)
+            turned = attitude.gravity_vector(dwells.inclination + tilt, dwells.toolface + roll)
+            return np.nan_to_num(
+                turned - dwells.reference
+            )  # no angles: lengths do not depend on them
+        if term.quantity == forms.TEMPERATURE:
+            return self(indication, temperature + term.u_of(0.0)) - self(indication, temperature)
+        if term.quantity in forms.COMPONENTS:
+            axis, size = forms.COMPONENTS.index(term.quantity), term.u_of(1.0)
+            off = np.zeros_like(indication)
+            off[:, axis] = size * (indication[:, axis] if term.unit in RELATIVE else 1.0)
+            return self(indication + off, temperature) - self(indication, temperature)
+        return self._by_coefficient(dwells, term)
+
+    def _by_coefficient(self, dwells: DwellSet, term: TypeB) -> Array:
+        """Errors [n, 3, g] by a type B term on a coefficient, or that leads to one."""
+        wanted, corrected = (
+            term.result or term.quantity,
+            self(dwells.indication, dwells.temperature),
+        )
+        for k, (form, models) in enumerate(self.stages):
+            for m, model in enumerate(models):
+                for j, c in enumerate(model.coefficients):
+                    if wanted in {c.name, f"{model.name}.{c.name}"}:
+                        size = type_b.combine_terms((term,), (wanted,), c.value, c.unit)
+                        moved = replace(c, value=c.value + size)
+                        entries = (*model.coefficients[:j], moved, *model.coefficients[j + 1 :])
+                        with_it = (
+                            *models[:m],
+                            replace(model, coefficients=entries),
+                            *models[m + 1 :],
+                        )
+                        stages = (*self.stages[:k], (form, with_it), *self.stages[k + 1 :])
+                        other = Correction(stages)(dwells.indication, dwells.temperature)
+                        return other - corrected
+        return np.zeros_like(corrected)
 
     @property
     def dof(self) -> tuple[float, float]:

@@ -16,6 +16,7 @@ from calibkit.instruments.accelerometer.numeric.shared_errors import Unexplained
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.numeric import attitude, consistency
 from calibkit.numeric.dispersion import rms
+from calibkit.recipe.type_b import TypeB
 
 TOOLFACE_RANGE_DEG = (10.0, 170.0)
 """Default inclination range [°] in which toolface errors are quoted."""
@@ -82,11 +83,15 @@ class DwellErrors:
             if limit is not None
         )
 
-    def judge_uncertainty(self, name: str, dwells: DwellSet, correction: Correction) -> Criterion:
+    def judge_uncertainty(
+        self, name: str, dwells: DwellSet, correction: Correction, terms: Sequence[TypeB] = ()
+    ) -> Criterion:
         """Criterion that the errors of unseen, corrected dwells are as large as their uncertainty
-        states, whose part of the coefficients they share.
+        states, whose parts of the coefficients and of type B terms they share.
         """
         shared, own = correction.uncertainty(dwells.indication, dwells.temperature)
+        known = [correction.by_term(dwells, term) for term in terms]
+        shared = np.concatenate([shared, *(part[:, :, None] for part in known)], axis=2)
         if self.angles is None:  # lengths: along the corrected vector
             vector = correction(dwells.indication, dwells.temperature)
             unit = vector / np.linalg.norm(vector, axis=1)[:, None]

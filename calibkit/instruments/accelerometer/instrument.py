@@ -160,7 +160,7 @@ def _validate(
         both = {"indication": before, "corrected": after}
         shown.append(tables.tabulate_errors(both, spec, log.file))
         criteria += [
-            after.judge_uncertainty(log.file, dwells, correction),
+            after.judge_uncertainty(log.file, dwells, correction, spec.type_b),
             *after.judge_errors(spec),
         ]
         flags += (*dwells.flags, *map(str, plausibility.find_implausible(dwells, spec)[1]))

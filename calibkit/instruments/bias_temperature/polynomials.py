@@ -28,6 +28,7 @@ from calibkit.numeric.least_squares.components import Effect, Known
 from calibkit.numeric.least_squares.levels import LevelFit
 from calibkit.recipe.shared_errors import list_components, state_effects, warn_of_few_groups
 from calibkit.recipe.tables import Errors
+from calibkit.recipe.type_b import RELATIVE, TypeB, combine_terms
 from calibkit.report.summary import Summary, number
 from calibkit.report.table import Table
 
@@ -273,7 +274,7 @@ def validation_entry(log: Log, record: Record, spec: BiasTemperatureRecipe) -> d
                         for a, b in ranges_along(output)
                     ),
                 ),
-                **_judge_drift(record.model(name), log, spec.polynomials.abscissa),
+                **_judge_drift(record.model(name), log, spec),
             }
             for name, output in columns.items()
         ],
@@ -313,10 +314,11 @@ def validation_summary(entries: Sequence[dict[str, Any]], spec: BiasTemperatureR
     )
 
 
-def _judge_drift(model: Model, log: Log, abscissa: str) -> dict[str, float]:
+def _judge_drift(model: Model, log: Log, spec: BiasTemperatureRecipe) -> dict[str, float]:
     """How the polynomial of an unseen log differs from the frozen one, over its uncertainty: every
     power but the level, which a turn-on changes. Empty where nothing drifts.
     """
+    abscissa = spec.polynomials.abscissa
     x, order = values(log.frame, abscissa), len(model.coefficients) - 1
     low, high = chunks.extremes(x)
     if order == 0 or low == high:
@@ -326,7 +328,7 @@ def _judge_drift(model: Model, log: Log, abscissa: str) -> dict[str, float]:
     own, covariance = polynomial.in_raw_powers(
         found.coefficients, hac.covariance(design, found.residuals).covariance, to_raw
     )
-    both = covariance + np.array(model.covariance)
+    both = covariance + np.array(model.covariance) + _type_b(model, abscissa, spec.type_b)
     judged = consistency.compare_coefficients(
         (own - POLYNOMIAL.read(model))[1:],
         both[1:, 1:],
@@ -336,6 +338,31 @@ def _judge_drift(model: Model, log: Log, abscissa: str) -> dict[str, float]:
         "rms_error_over_uncertainty": judged.ratio,
         "largest_rms_error_over_uncertainty": judged.limit,
     }
+
+
+def _type_b(model: Model, abscissa: str, terms: Sequence[TypeB]) -> Array:
+    """Covariance [p, p] of the coefficients by type B terms: on the abscissa, which shifts the
+    polynomial, on the indication or on single coefficients.
+    """
+    p = POLYNOMIAL.read(model)
+    slopes = np.append(p[1:] * np.arange(1, p.size), 0.0)
+    errors = []
+    for term in terms:
+        if term.quantity == abscissa:
+            errors.append(slopes * term.u_of(0.0))
+        elif term.quantity == model.name:
+            scale = term.u_of(1.0) if term.unit in RELATIVE else 0.0
+            errors.append(p * scale)
+        else:
+            errors.append(
+                np.array(
+                    [
+                        combine_terms((term,), (f"{model.name}.{c.name}", c.name), c.value, c.unit)
+                        for c in model.coefficients
+                    ]
+                )
+            )
+    return np.einsum("ti,tj->ij", errors, errors) if errors else np.zeros((p.size, p.size))
 
 
 def _bin_means(rows: _Rows, level: Array, raw: Array) -> tuple[tuple[Array, Array], float, float]:

@@ -155,7 +155,7 @@ def _tabulate_figures(
     return GridTable(title, GYRO, heads, (unit,) * len(heads), tuple(labels), tuple(cells))
 
 
-def _by_angle(model: Model, name: str) -> dict[str, tuple[float, float]]:
+def by_angle(model: Model, name: str) -> dict[str, tuple[float, float]]:
     """Sensitivity of γ = cos α and ε = N γ to α, through which type B terms on alpha_deg enter
     them.
     """
@@ -182,7 +182,7 @@ def _state_pair(stated: Stated, record: Record) -> Block:
             {c.name: 1.0},
             c.unit,
             symbol=PAIR_WORDS[c.name][0],
-            sensitivities=_by_angle(model, c.name),
+            sensitivities=by_angle(model, c.name),
             principal=True,
         )
         for c in model.coefficients
@@ -193,7 +193,7 @@ def _state_pair(stated: Stated, record: Record) -> Block:
         error,
         Words("orthogonality error 90° − α", "正交误差 90° − α"),
         model.dof,
-        sensitivities=_by_angle(model, error.name),
+        sensitivities=by_angle(model, error.name),
     )
     results = (*ratios, _bounded(alpha, figures), off)
     title = Words("Orthogonality of the gyro pair", "陀螺组合正交性")

@@ -1,7 +1,7 @@
 """Data of the figures of gyros on a rate table."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -19,6 +19,7 @@ from calibkit.instruments.gyro_scale.numeric import (
     pair as gyro_pair,
     triad as gyro_triad,
 )
+from calibkit.numeric import gum
 from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
 
 MRAD = 1e3
@@ -53,6 +54,8 @@ class Curve:
     grid: Array
     curve: Array
     u_curve: Array
+    coverage_factor: float = 2.0
+    """Of the uncertainty of the polynomial, or of the sets'."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +114,12 @@ class GyroReport:
 
         gyros = fitted.gyros
         angles = tuple(
-            _set_curve(f"{gyros[g]}, {gyros[h]}", fitted, orthogonality(g, h))
+            replace(
+                _set_curve(f"{gyros[g]}, {gyros[h]}", fitted, orthogonality(g, h)),
+                coverage_factor=gum.coverage_factor(
+                    min(float(one.triad.angle_dof[g, h]) for one in fitted.sets)
+                ),
+            )
             for g, h in fitted.pairs
         )
         across = tuple(
@@ -157,6 +165,7 @@ def _temperature_curve(
         grid,
         (curve - reference) * sign * ppm,
         u_curve * ppm,
+        gum.coverage_factor(fit.dof),
     )
 
 

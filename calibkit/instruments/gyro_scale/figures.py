@@ -10,6 +10,7 @@ import numpy as np
 
 from calibkit.constants import ARCSECONDS_PER_DEGREE
 from calibkit.instruments.gyro_scale.numeric.gjb_figures import PPM
+from calibkit.numeric import gum
 from calibkit.report.figures import ALERT, DENOISED, GOOD, INK, MUTED, RAW, page
 
 if TYPE_CHECKING:
@@ -140,9 +141,9 @@ def _draw_temperatures(title: str, curves: tuple[Curve, ...]) -> Figure:
         left.plot(curve.grid, curve.curve, color=GOOD, label="polynomial")
         left.plot(curve.temperature, curve.value, "o", ms=4, color=DENOISED, label="runs")
         residual = curve.value - np.interp(curve.temperature, curve.grid, curve.curve)
-        band = 2.0 * curve.u_curve
+        band = curve.coverage_factor * curve.u_curve
         right.fill_between(
-            curve.grid, -band, band, color=RAW, alpha=0.5, lw=0, label="polynomial, k = 2"
+            curve.grid, -band, band, color=RAW, alpha=0.5, lw=0, label="polynomial, U"
         )
         right.errorbar(
             curve.temperature,
@@ -173,9 +174,10 @@ def _draw_gamma(title: str, pair: GyroPair) -> Figure:
         "B about A's axis": (first, float(pair.standard_uncertainty[2])),
         "A about B's axis": pair.gamma_from_a,
     }
+    factor = gum.coverage_factor(pair.dof[2], probability=0.95)
     for k, (gamma, u) in enumerate(points.values()):
         offset = (gamma - first) * PPM
-        bar = 1.96 * PPM * u
+        bar = factor * PPM * u
         left.errorbar(k, offset, bar, fmt="o", ms=6, capsize=5, color=COLOURS[k])
         text = f"{gamma:.8f} ± {u:.1e}"
         left.annotate(
@@ -204,9 +206,9 @@ def _draw_axes(title: str, report: GyroReport) -> Figure:
     """Angles between input axes, and components of the input axes across their main axes."""
     figure, (left, right) = page(1, 2, title=f"{title}: input axes", height=5.2)
     _draw_sets(left, report.angles)
-    left.set(title="90° - angle between input axes, bars k = 2", ylabel="[°]")
+    left.set(title="90° - angle between input axes, bars U", ylabel="[°]")
     _draw_sets(right, report.misalignment)
-    right.set(title="input axes across their main axis, bars k = 2", ylabel="[mrad]")
+    right.set(title="input axes across their main axis, bars U", ylabel="[mrad]")
     return figure
 
 
@@ -227,7 +229,7 @@ def _draw_sets(ax: Axes, curves: tuple[Curve, ...]) -> None:
     for k, one in enumerate(curves):
         colour, marker = _mark(k)
         where = np.array([float(k)]) if single else one.temperature
-        bar = 2.0 * one.standard_uncertainty
+        bar = one.coverage_factor * one.standard_uncertainty
         ax.errorbar(
             where, one.value, bar, fmt=marker, ms=5, capsize=4, color=colour, label=one.name
         )

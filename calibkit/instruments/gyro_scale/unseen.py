@@ -6,13 +6,14 @@ from typing import Any
 import numpy as np
 
 from calibkit.arrays import Array, Mask
-from calibkit.coefficients import Criterion, Record, at_most
+from calibkit.coefficients import Coefficient, Criterion, Model, Record, at_most
 from calibkit.constants import DPH_PER_DPS
 from calibkit.errors import CoefficientError, FrameError
 from calibkit.forms import POLYNOMIAL
 from calibkit.frame import Log, require
 from calibkit.instruments.gyro_scale import (
     acceptance,
+    certificate_angles,
     compensate,
     forms,
     pair_fit,
@@ -25,11 +26,14 @@ from calibkit.instruments.gyro_scale.recipe import (
     GyroTriadRecipe,
     OwnAxisRecipe,
 )
-from calibkit.numeric import consistency
+from calibkit.numeric import consistency, gum
 from calibkit.numeric.dispersion import rms
+from calibkit.recipe import type_b
 from calibkit.report.summary import Summary
 from calibkit.report.table import Table
 
+MOST_DOF = 1e6
+"""Degrees of freedom that stand for any number above."""
 OTHER_AXIS = 0.1
 """Departure of a rate gain from 1 above which the run is about another axis: no scale factor drifts
 so far.
@@ -61,7 +65,7 @@ def validate(
             entry | found[0] if isinstance(spec, GyroTriadRecipe) else entry | {"gyros": found}
         )
         compared += [(log.file, one) for one in found]
-        judged.append(_judge_uncertainty(run, axis, turned))
+        judged.append(_judge_uncertainty(run, axis, turned, spec.type_b))
     body: dict[str, Any] = {"logs": entries}
     errors = [one for _, one in compared]
     if isinstance(spec, GyroTriadRecipe):
@@ -72,18 +76,22 @@ def validate(
         criteria = acceptance.judge_unseen_lines(errors, spec.acceptance)
     if isinstance(spec, GyroPairRecipe) and len(runs) > 1:
         again = pair_fit.fit_pair(runs["a"], runs["b"], spec)
-        body["pair"] = _compare_pair(records, again)
+        body["pair"] = _compare_pair(records, again, spec.type_b)
         shown.append(_tabulate_pair_again(body["pair"]))
         flags += again.flags
+        judged += [_judge_ratio(one) for one in body["pair"] if one["name"] in ("N", "gamma")]
     criteria = (*judged, *criteria, *acceptance.judge_noise(runs.values(), spec.acceptance))
     return body, Summary("", tuple(shown), tuple(dict.fromkeys(flags)), criteria)
 
 
 def _judge_uncertainty(
-    run: table_runs.TableRun, axis: str, matrices: Sequence[forms.GyroMatrix]
+    run: table_runs.TableRun,
+    axis: str,
+    matrices: Sequence[forms.GyroMatrix],
+    terms: Sequence[type_b.TypeB],
 ) -> Criterion:
     """Criterion that the sensitivities found on an unseen run differ from the frozen ones as their
-    uncertainties and the repeatability of runs state.
+    uncertainties, type B terms and the repeatability of runs state.
     """
     mean = np.array([_temperatures(run).mean()])
     rows = []
@@ -92,7 +100,7 @@ def _judge_uncertainty(
         frozen = matrix.at(mean)[0][0, :, column]
         for row, gyro in enumerate(matrix.gyros):
             line, entry = run.scale(gyro), row * len(matrix.outputs) + column
-            u, dof = _uncertainty_of_sensitivity(matrix, entry, mean)
+            u, dof = _uncertainty_of_sensitivity(matrix, entry, mean, terms)
             rows.append(
                 (line.K - frozen[row], float(np.hypot(line.standard_uncertainty[0], u)), dof)
             )
@@ -105,13 +113,21 @@ def _judge_uncertainty(
 
 
 def _uncertainty_of_sensitivity(
-    matrix: forms.GyroMatrix, entry: int, temperature: Array
+    matrix: forms.GyroMatrix, entry: int, temperature: Array, terms: Sequence[type_b.TypeB]
 ) -> tuple[float, float]:
     """Standard uncertainty [1/deg] of a sensitivity of another run at a temperature [1, °C], with
-    how runs repeat, and degrees of freedom of the coefficient; clamped to the fitted range.
+    how runs repeat and type B terms, and degrees of freedom of the coefficient; clamped to the
+    fitted range.
     """
     model = matrix.model
     coefficient = model.coefficients[entry]
+    at = temperature[0] + np.array([-0.5, 0.5])
+    slope = float(np.diff(matrix.at(at)[0].reshape(2, -1)[:, entry])[0])
+    full_scale = certificate_angles.find_full_scale(model)
+    known = certificate_angles.list_rate_influences(coefficient.value, full_scale)
+    known |= {forms.TEMPERATURE: (float(temperature[0]), slope)}
+    names = (f"{model.name}.{coefficient.name}", coefficient.name)
+    other = type_b.combine_terms(terms, names, coefficient.value, coefficient.unit, known)
     u, dof = coefficient.standard_uncertainty, model.dof_of(coefficient)
     repeats = [
         part.value / gjb_figures.PPM * abs(coefficient.value)
@@ -124,7 +140,7 @@ def _uncertainty_of_sensitivity(
         u = float(POLYNOMIAL.standard_uncertainty(curve, {forms.TEMPERATURE: held})[0])
         dof = min(map(curve.dof_of, curve.coefficients))
         repeats = repeats or [curve.residual_rms]
-    return float(np.hypot(u, max(repeats, default=0.0))), float(dof)
+    return float(np.linalg.norm([u, max(repeats, default=0.0), other])), float(dof)
 
 
 def _compare_run(
@@ -157,9 +173,8 @@ def _compare_line(
         require(run.log.file, run.log.frame.columns, [forms.TEMPERATURE])
     mean = np.array([temperature.mean()])
     K = float(matrix.at(mean)[0].item())
-    u_frozen, _ = _uncertainty_of_sensitivity(matrix, 0, mean)
-    u_found = float(line.standard_uncertainty[0])
-    indication = run.indication(gyro)
+    u_frozen, dof = _uncertainty_of_sensitivity(matrix, 0, mean, spec.type_b)
+    u_found, indication = float(line.standard_uncertainty[0]), run.indication(gyro)
     after = matrix.rates(indication[:, None], temperature)[:, 0]
     nominal = spec.nominal_scale_factor
     K_before, F0_before = (
@@ -177,6 +192,7 @@ def _compare_line(
         "scale_factor_error_standard_uncertainty_ppm": (
             float(np.hypot(u_found, u_frozen) / abs(K)) * gjb_figures.PPM
         ),
+        "scale_factor_error_dof": min(dof, MOST_DOF),
         "zero_error_dph": (
             (line.F0 / line.K - float(matrix.at(temperature)[1].mean()) / K) * DPH_PER_DPS
         ),
@@ -252,27 +268,56 @@ def _base_errors(error: Array, along: Mask, rate_dps: Array) -> dict[str, float]
     }
 
 
-def _compare_pair(records: Mapping[str, Record], again: pair_fit.PairFit) -> list[dict[str, Any]]:
+def _compare_pair(
+    records: Mapping[str, Record], again: pair_fit.PairFit, terms: Sequence[type_b.TypeB]
+) -> list[dict[str, Any]]:
     """JSON objects of N, ε, γ, α of unseen runs against the frozen values."""
     if forms.ORTHOGONALITY_FILE not in records:
         raise CoefficientError(
             f"the run holds no {forms.ORTHOGONALITY_FILE}", hint="it is not a run of gyro_pair"
         )
     frozen = records[forms.ORTHOGONALITY_FILE].model("pair")
-    found = again.found
-    return [
-        {
-            "name": c.name,
-            "frozen": c.value,
-            "found": value,
-            "difference": value - c.value,
-            "standard_uncertainty": float((u**2 + c.standard_uncertainty**2) ** 0.5),
-            "unit": c.unit,
-        }
-        for c, value, u in zip(
-            frozen.coefficients, found.values, found.standard_uncertainty.tolist(), strict=True
+    found, compared = again.found, []
+    for c, value, u, dof in zip(
+        *(frozen.coefficients, found.values, found.standard_uncertainty.tolist(), found.dof),
+        strict=True,
+    ):
+        of_both = [
+            gum.Component("found", value, u, "A", dof=dof),
+            gum.Component("frozen", c.value, c.standard_uncertainty, "A", dof=frozen.dof_of(c)),
+            gum.Component("type B", c.value, _type_b_of_ratio(frozen, c, terms), "B"),
+        ]
+        both = gum.combine(of_both)
+        compared.append(
+            {
+                "name": c.name,
+                "frozen": c.value,
+                "found": value,
+                "difference": value - c.value,
+                "standard_uncertainty": both.standard_uncertainty,
+                "dof": min(both.effective_dof, MOST_DOF),
+                "unit": c.unit,
+            }
         )
-    ]
+    return compared
+
+
+def _type_b_of_ratio(frozen: Model, c: Coefficient, terms: Sequence[type_b.TypeB]) -> float:
+    """Type B standard uncertainty of N, ε, γ or α: terms on it, or on α."""
+    slopes = certificate_angles.by_angle(frozen, c.name)
+    return type_b.combine_terms(terms, (f"pair.{c.name}", c.name), c.value, c.unit, slopes)
+
+
+def _judge_ratio(compared: Mapping[str, Any]) -> Criterion:
+    """Criterion that N or γ of unseen runs differs from the frozen one as its u states."""
+    found = consistency.compare_errors(
+        np.array([compared["difference"]]),
+        np.zeros((1, 1)),
+        np.array([compared["standard_uncertainty"] ** 2]),
+        dof=(np.inf, compared["dof"]),
+    )
+    what = f"pair: error of {compared['name']} over its u"
+    return at_most(what, found.ratio, found.limit, "1", "calibkit")
 
 
 def _tabulate_line_errors(compared: Sequence[tuple[str, Mapping[str, Any]]]) -> Table:
