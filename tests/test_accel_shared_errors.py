@@ -217,6 +217,23 @@ def test_an_outlier_is_named_beside_errors_of_soaks():
     assert [flag.split(",")[0] for flag in named] == ["accel_y: suspect dwell a.csv:40"]
 
 
+def test_what_a_robust_fit_leaves_out_is_counted_where_it_is_no_suspect():
+    """Noise with long tails, fitted without shared errors: the one dwell of weight 0 is counted and
+    flagged, and is not called a suspect.
+    """
+    measured, rng = dwells(0), np.random.default_rng(100)
+    tails = 20e-6 * rng.laplace(size=measured.indication.shape)
+    measured = dataclasses.replace(
+        measured, indication=measured.indication + tails, log=np.tile(np.arange(26), 7)
+    )
+    fitted = fit_triad(
+        measured, recipe(k={"groups": "log"}, affine={"enabled": False}, compensation="k")
+    )
+    assert fitted.left_out == {34}
+    (flag,) = [flag for flag in fitted.k_flags if "left out" in flag]
+    assert flag.startswith("accel_y: left out beside the suspects: 1, first a.csv:34;")
+
+
 def test_soaks_are_found_in_either_order_of_the_rows():
     """Temperature by temperature, and attitude by attitude."""
     level = np.repeat(np.arange(5), 8)

@@ -5,13 +5,10 @@ twin, mutations, MISRA.
 import re
 import shutil
 import subprocess
-from dataclasses import replace
 
-import numpy as np
 import pytest
 
-from calibkit.firmware import c_selftest, ranges, twin
-from calibkit.firmware.chain import Sum
+from calibkit.firmware import vectors
 from firmware_driver import COMMON, LINKER, expected, exported, write
 from firmware_runs import RUNS, cached
 
@@ -298,27 +295,9 @@ def immaterial(one):
     """
     if one.chain.structure.interval_s is not None:
         return set()
-    known, rng = ranges.find_ranges(one.chain, usual=False), np.random.default_rng(2)
-    words = {
-        entry.name: twin.encode(
-            one.program, entry.name, rng.uniform(*map(float, known[entry.name]), 4096)
-        )
-        for entry in one.chain.structure.inputs
-    }
-    right, found = twin.call(one.program, words).outputs, set()
-    tables = {
-        t.table for s in one.chain.structure.steps if isinstance(s, Sum) for t in s.terms if t.table
-    }
-    for table in tables:
-        numbers = one.program.tables[table]
-        for place in range(len(numbers)):
-            changed = (*numbers[:place], 2.0 * numbers[place], *numbers[place + 1 :])
-            program = replace(one.program, tables={**one.program.tables, table: changed})
-            wrong = twin.call(program, words).outputs
-            if all(
-                np.abs(wrong[o] - right[o]).max() < c_selftest.tolerance_of(one, o) for o in right
-            ):
-                found.add((table, place))
+    allowed = vectors.tolerances(one.chain, one.bounds)
+    anywhere = vectors.candidates(one.chain, one.program)
+    found = vectors.find_unnoticed(one.program, anywhere, allowed)
     # the cofactors of a matrix that hardly varies with temperature have high powers of next to
     # nothing
     assert len(found) <= (60 if one.prefix.startswith("triad") else 2), found

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from calibkit.firmware import c_helpers
 from calibkit.firmware.chain import Structure
 from calibkit.firmware.export import Export
+from calibkit.firmware.vectors import tolerances
 
 
 def render(export: Export) -> str:
@@ -127,11 +128,5 @@ def _structs(export: Export, side: str, names: Sequence[str]) -> list[str]:
 
 
 def tolerance_of(export: Export, output: str) -> float:
-    """Difference that the self-test allows: both sides may be off by the bound, which a sum adds
-    up.
-    """
-    summed = max(export.vectors.updates) if export.structure.summing else 1
-    jumps = (
-        2.0 if export.chain.condition else 1.0
-    )  # the test's temperatures jump, which the bound leaves out
-    return float(f"{2.0 * jumps * export.bounds[output] * summed:.2g}")
+    """Difference that the self-test allows an output."""
+    return tolerances(export.chain, export.bounds, export.vectors.updates)[output]

@@ -93,15 +93,9 @@ def prepare(
     """Quantise a chain, bound its error and work out its self-test."""
     _check_prefix(prefix)
     quantised = program.quantise(chain, number)
-    return Export(
-        prefix,
-        identity,
-        chain,
-        quantised,
-        bounds.find_bounds(chain, quantised),
-        vectors.Vectors.make(chain, quantised),
-        sources,
-    )
+    bound = bounds.find_bounds(chain, quantised)
+    tests = vectors.Vectors.make(chain, quantised, bound)
+    return Export(prefix, identity, chain, quantised, bound, tests, sources)
 
 
 def _check_prefix(prefix: str) -> None:

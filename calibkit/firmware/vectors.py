@@ -1,7 +1,7 @@
 """Inputs of the self-test and what the twin makes of them."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from math import frexp, ldexp
 
 import numpy as np
@@ -9,11 +9,19 @@ import numpy as np
 from calibkit.arrays import Array
 from calibkit.errors import CoefficientError
 from calibkit.firmware import twin
-from calibkit.firmware.chain import Chain, Trials
+from calibkit.firmware.chain import Chain, Sum, Trials
 from calibkit.firmware.program import Program
 
 COUNT = 16
 """Vectors of a chain without memory."""
+BEYOND = 4
+"""Those of them beyond a range, the last ones."""
+TRIED = 512
+"""Inputs within their ranges at which a coefficient may count."""
+LEAST = float(np.finfo(np.float64).tiny)
+"""Tolerance of an output that is exact."""
+Coefficient = tuple[str, int]
+"""Table, and place in it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,16 +36,91 @@ class Vectors:
     status: tuple[int, ...]
 
     @staticmethod
-    def make(chain: Chain, program: Program) -> "Vectors":
+    def make(chain: Chain, program: Program, bounds: Mapping[str, float]) -> "Vectors":
         """Vectors that reach both ends of every range and the clamping beyond, and in which every
-        coefficient counts.
+        coefficient counts that does so anywhere by more than the self-test allows.
         """
         trials = chain.trials or Trials(_spread_inputs(chain), (1,) * COUNT)
         words = {name: twin.encode(program, name, values) for name, values in trials.inputs.items()}
         if program.format.fixed and chain.trials is None:  # the word that stands for no number
             words[program.structure.inputs[0].name][-1] = program.format.no_number
+        if chain.trials is None and not program.format.fixed:
+            words = _with_every_coefficient(chain, program, words, tolerances(chain, bounds))
         columns = {name: tuple(column.tolist()) for name, column in words.items()}
         return _recomputed(program, columns, trials.updates)
+
+
+def tolerances(
+    chain: Chain, bounds: Mapping[str, float], updates: Sequence[int] = (1,)
+) -> dict[str, float]:
+    """Difference that the self-test allows an output: both sides may be off by the bound, which a
+    sum adds up.
+    """
+    summed = max(updates) if chain.structure.summing else 1
+    # the test's temperatures jump, which the bound leaves out
+    jumps = 2.0 if chain.condition else 1.0
+    return {name: float(f"{2.0 * jumps * bound * summed:.2g}") for name, bound in bounds.items()}
+
+
+def candidates(chain: Chain, program: Program) -> dict[str, twin.Words]:
+    """Inputs of TRIED calls anywhere within their ranges."""
+    rng, found = np.random.default_rng(2), {}
+    for entry in chain.structure.inputs:
+        low, high = (float(limit) for limit in chain.tables[entry.table])
+        values = coarsen(rng.uniform(low, high, TRIED), (high - low) / 2.0)
+        found[entry.name] = twin.encode(program, entry.name, values)
+    return found
+
+
+def find_unnoticed(
+    program: Program, words: Mapping[str, twin.Words], allowed: Mapping[str, float]
+) -> set[Coefficient]:
+    """Coefficients whose doubling moves no output by more than is allowed, at any of the inputs."""
+    listed = {t.table for s in program.structure.steps if isinstance(s, Sum) for t in s.terms}
+    return {
+        (table, place)
+        for table in listed - {""}
+        for place in range(len(program.tables[table]))
+        if _moves(program, words, allowed, (table, place)).max() <= 1.0
+    }
+
+
+def _moves(
+    program: Program,
+    words: Mapping[str, twin.Words],
+    allowed: Mapping[str, float],
+    coefficient: Coefficient,
+) -> Array:
+    """By how much [n] the doubling of a coefficient moves an output, over what is allowed."""
+    table, place = coefficient
+    numbers = list(program.tables[table])
+    numbers[place] *= 2.0
+    changed = replace(program, tables={**program.tables, table: tuple(numbers)})
+    right, wrong = (twin.call(one, words).outputs for one in (program, changed))
+    shares = [np.abs(wrong[o] - right[o]) / max(allowed[o], LEAST) for o in right]
+    return np.asarray(np.max(shares, axis=0), dtype=np.float64)
+
+
+def _with_every_coefficient(
+    chain: Chain,
+    program: Program,
+    words: dict[str, twin.Words],
+    allowed: Mapping[str, float],
+) -> dict[str, twin.Words]:
+    """Inputs of which some have given way to candidates that notice what none did."""
+    missed, others = find_unnoticed(program, words, allowed), candidates(chain, program)
+    for coefficient in sorted(missed):
+        moves = _moves(program, others, allowed, coefficient)
+        best = int(np.argmax(moves))
+        for row in range(COUNT - BEYOND) if moves[best] > 1.0 else ():
+            tried = {name: column.copy() for name, column in words.items()}
+            for name, column in tried.items():
+                column[row] = others[name][best]
+            left = find_unnoticed(program, tried, allowed)
+            if left <= missed - {coefficient}:
+                words, missed = tried, left
+                break
+    return words
 
 
 def _recomputed(
@@ -71,7 +154,7 @@ def _spread_inputs(chain: Chain) -> dict[str, Array]:
     last ones beyond the ranges.
     """
     found = {}
-    inside = COUNT - 4
+    inside = COUNT - BEYOND
     steps = (np.arange(inside) * 2 + 1) / inside - 1.0
     for number, entry in enumerate(chain.structure.inputs):
         low, high = (float(limit) for limit in chain.tables[entry.table])

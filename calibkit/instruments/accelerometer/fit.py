@@ -227,15 +227,21 @@ def _fit_bounded(
 
 
 def _name_suspects(what: str, found: DwellFit, dwells: DwellSet) -> tuple[str, ...]:
-    """Flags that name the dwells which were found to be outliers, and whether they were left
-    out.
+    """Flags that name the dwells which were found to be outliers, and whether they were left out,
+    and one that counts what was left out beside them.
     """
     residuals = found.residuals.reshape(len(dwells.place), -1)
-    return tuple(
+    flags = tuple(
         f"{what}: suspect dwell {dwells.place[k]}, {np.abs(residuals[k]).max():.3g} g off,"
         f" {'left out' if k in found.left_out else 'kept with little weight'}"
         for k in found.suspects
     )
+    others = sorted(set(found.left_out) - set(found.suspects))
+    if others:
+        first = dwells.place[others[0]]
+        why = "the tail of all residuals is as long"
+        flags += (f"{what}: left out beside the suspects: {len(others)}, first {first}; {why}",)
+    return flags
 
 
 def _name_common(what: str, found: DwellFit, dwells: DwellSet) -> tuple[str, ...]:

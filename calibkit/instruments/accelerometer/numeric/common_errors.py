@@ -70,11 +70,11 @@ def read(structured: Sequence[Structure], residuals: Array) -> tuple[CommonError
 def find_suspects(
     tough: robust.RobustFit | None, components: int = 1
 ) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Suspect dwells of a robust fit to residuals [n, components] in rows, the worst first, and
-    those of them that it left out; none of a fit by least squares.
+    """Suspect dwells of a robust fit to residuals [n, components] in rows, the worst first, and all
+    dwells that it left out, suspect or not; none of a fit by least squares.
     """
     rows = tough.suspects if tough else ()
-    out = [row for row in rows if tough and tough.row_weights[row] == 0.0]
+    out = np.flatnonzero(tough.row_weights == 0.0).tolist() if tough else []
     suspects, left_out = (
         tuple(dict.fromkeys(row // components for row in part)) for part in (rows, out)
     )

@@ -21,7 +21,9 @@ class DwellFit:
     suspects: tuple[int, ...]
     """Indices of outlying dwells, worst first; empty for a least-squares fit."""
     left_out: tuple[int, ...] = ()
-    """Those of them that the fit left out, in one component at least."""
+    """Indices of dwells that the fit left out, in one component at least; they may be no suspects
+    where the tail of all residuals is long.
+    """
     common_errors: tuple[CommonError, ...] = ()
     """Dwells that stand apart together and were kept."""
     dof: int
