@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
+from calibkit.constants import STANDARD_GRAVITY_MPS2
 from calibkit.errors import RecipeError, did_you_mean
 
 if TYPE_CHECKING:
@@ -264,6 +265,72 @@ def convert(values: Array, source: str, target: str, *, gravity_mps2: float | No
     if (a.factor, a.divisor) == (b.factor, b.divisor):
         return values + (a.shift - b.shift)
     return (values + a.shift) * a.factor / a.divisor * b.divisor / b.factor - b.shift
+
+
+SHARES = {"%": 1e-2, "ppm": 1e-6, "ppb": 1e-9}
+"""Units that are a share of the quantity itself."""
+_MADE_OF: dict[str, tuple[float, dict[str, int]]] = {
+    "angular rate": (1.0 / TABLE["h"].size, {"angle": 1, "time": -1}),
+    "acceleration in SI": (1.0 / STANDARD_GRAVITY_MPS2, {"acceleration": 1}),
+    "count rate": (1.0, {"time": -1}),
+    "count per sample": (1.0, {"sample": -1}),
+    "count": (1.0, {}),
+}
+"""Dimension → size of its base unit, and what it is made of, where that is not itself."""
+_POWER = re.compile(r"(.+?)\^?([1-9²³])")
+
+
+def _take_apart(spelling: str) -> tuple[float, dict[str, int]]:
+    """Size of a difference of one in a unit or a quotient of units, and powers of its dimensions;
+    RecipeError for an unknown part.
+    """
+    parts = [part.strip() for part in spelling.split("/")]
+    # m/s^2 is one unit, m/s^2/h a quotient
+    heads = ("/".join(parts[:count]) for count in range(len(parts), 0, -1))
+    head = next((head for head in heads if head in TABLE or head in ALIASES), parts[0])
+    size, powers = 1.0, dict[str, int]()
+    for number, part in enumerate([head, *parts[head.count("/") + 1 :]]):
+        whole = part in TABLE or part in ALIASES
+        raised = None if whole else _POWER.fullmatch(part)
+        name, digit = (raised[1], raised[2]) if raised else (part, "1")
+        power = {"²": 2, "³": 3}.get(digit) or int(digit)
+        power *= -1 if number else 1
+        if name in SHARES:
+            size *= SHARES[name] ** power
+            continue
+        unit = TABLE[known(name)]
+        of_base, made_of = _MADE_OF.get(unit.dimension, (1.0, {unit.dimension: 1}))
+        size *= (unit.size * of_base) ** power
+        for dimension, times in made_of.items():
+            powers[dimension] = powers.get(dimension, 0) + times * power
+    return size, {dimension: power for dimension, power in powers.items() if power}
+
+
+def difference_factor(source: str, target: str) -> float:
+    """Factor from a difference in one unit to one in another, of units and quotients of units
+    (ug/h, ppm/degC); of temperatures the scales' zeros do not matter, and g is standard gravity,
+    as local gravity would change an uncertainty by half a percent.
+
+    Raises RecipeError with the units that are accepted for one of another kind.
+    """
+    (a, of_source), (b, of_target) = _take_apart(source), _take_apart(target)
+    if of_source == of_target:
+        return a / b
+    raise RecipeError(
+        f"'{source}' is not of the kind of '{target}'", hint=f"state it in {_alike(target)}"
+    )
+
+
+def _alike(target: str) -> str:
+    """Units of the kind of a unit, by the parts of its quotient: "g, mg, ug per s, ms, us"."""
+    parts = [target] if target in TABLE else target.split("/")
+    lists = []
+    for part in parts:
+        name = part.partition("^")[0]
+        _, made_of = _take_apart(name)
+        alike = [name, *(one for one in (*TABLE, *SHARES) if _take_apart(one)[1] == made_of)]
+        lists.append(", ".join(dict.fromkeys(alike)) if made_of else ", ".join((name, *SHARES)))
+    return " per ".join(lists)
 
 
 def scaled(values: Array, factor: float, *, offset: float = 0.0) -> Array:

@@ -202,3 +202,42 @@ def test_whole_milliseconds_are_the_nearest_seconds():
         units.convert(counts, "ms", "s"),
         np.array([float(f"{count}e-3") for count in range(100_000)]),
     )
+
+
+@pytest.mark.parametrize(
+    ("source", "target", "factor"),
+    [
+        ("µg/h", "g/h", 1e-6),
+        ("mg/d", "g/h", 1e-3 / 24.0),
+        ("mm/s^2/h", "g/h", 1e-3 / 9.80665),
+        ("ppm/°C", "1/degC", 1e-6),
+        ("ppm/K^2", "1/degC^2", 1e-6),
+        ("%/degF", "1/degC", 0.018),
+        ("1/mg", "1/g", 1e3),
+        ("ppm/mg", "1/g", 1e-3),
+        ("mrad", "deg", 0.18 / np.pi),
+        ("deg/h/h", "deg/s/s", 1.0 / 3600.0**2),
+        ("ppb", "ppm", 1e-3),
+        ("°/h", "deg/s", 1.0 / 3600.0),
+    ],
+)
+def test_uncertainties_convert_between_quotients_of_units(source, target, factor):
+    """Differences, so that zeros of temperature scales do not matter."""
+    assert units.difference_factor(source, target) == pytest.approx(factor, rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("source", "target", "named"),
+    [
+        ("ug/s", "1/g", "state it in 1, %, ppm, ppb per g, mg, ug, m/s^2"),
+        ("deg", "g/h", "state it in g, mg, ug, m/s^2, mm/s^2, cm/s^2 per h, s, ms, us, ns, min, d"),
+        ("uu/h", "g/h", "did you mean|known units"),
+    ],
+)
+def test_an_uncertainty_in_a_unit_of_another_kind_names_those_that_are_accepted(
+    source, target, named
+):
+    """One line, whatever the kind."""
+    with pytest.raises(RecipeError, match=named.replace("^", r"\^")) as refused:
+        units.difference_factor(source, target)
+    assert "\n" not in str(refused.value)

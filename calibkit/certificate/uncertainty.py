@@ -122,7 +122,7 @@ def _in_base(term: TypeB, result_unit: str | None) -> TypeB:
             f"[[type_b]] '{term.name}' is in '{term.unit}', {term.quantity} in '{target}'",
             hint="state it in the unit of the result, in ppm or in %",
         )
-    factor = type_b.difference_factor(term.unit, target)
+    factor = units.difference_factor(term.unit, target)
     stated = ("standard_uncertainty", "half_width", "expanded_uncertainty")
     scaled = {key: value * factor for key in stated if (value := getattr(term, key)) is not None}
     return term.model_copy(update={"unit": target, **scaled})

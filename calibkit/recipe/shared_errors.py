@@ -3,9 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-import numpy as np
-
-from calibkit import units
 from calibkit.coefficients import Component
 from calibkit.errors import RecipeError
 from calibkit.numeric.least_squares import components
@@ -42,10 +39,7 @@ def state_effects(
             continue
         entry = stated.get((effect.group, effect.effect))
         if entry is not None:
-            unit = unit_of[effect.group, effect.effect]
-            value = entry.value
-            if entry.unit != unit:
-                value = float(units.convert(np.array(value), entry.unit, unit))
+            value = entry.value_in(unit_of[effect.group, effect.effect])
             surely.append(replace(effect, known=Known(value, entry.dof)))
         elif number < len(effects):
             surely.append(effect)

@@ -148,6 +148,18 @@ class ErrorComponent(Table):
     def _known(cls, unit: str) -> str:
         return units.ALIASES.get(unit, unit)
 
+    def value_in(self, unit: str) -> float:
+        """Its value in a unit of the same kind; RecipeError with the units that are."""
+        if self.unit == unit:
+            return self.value
+        try:
+            return self.value * units.difference_factor(self.unit, unit)
+        except RecipeError as error:
+            raise RecipeError(
+                f"[[errors.component]] '{self.effect}' of group '{self.group}': {error.message}",
+                hint=error.hint,
+            ) from None
+
 
 class Errors(Table):
     """Errors that observations share: which groups are tried, and which components are known."""

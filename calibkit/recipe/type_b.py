@@ -20,13 +20,12 @@ import numpy as np
 from pydantic import Field, ValidationError, field_validator, model_validator
 
 from calibkit import units
-from calibkit.constants import STANDARD_GRAVITY_MPS2
 from calibkit.errors import CoefficientError, RecipeError, did_you_mean
 from calibkit.frame import is_canonical
 from calibkit.numeric import gum
 from calibkit.recipe.strict import Positive, Table
 
-RELATIVE = {"ppm": 1e-6, "%": 1e-2}
+RELATIVE = {unit: units.SHARES[unit] for unit in ("ppm", "%")}
 """Units of an uncertainty that is a share of the quantity itself."""
 SITE = {"latitude_deg": "deg", "gravity_mps2": "m/s^2"}
 """Influence quantities that are facts of the site, with the unit of their names."""
@@ -122,7 +121,7 @@ class TypeB(Table):
         if self.unit in RELATIVE:
             return self.u * RELATIVE[self.unit] * abs(estimate)
         target = quantity_unit(self.quantity)
-        return self.u if target is None else self.u * difference_factor(self.unit, target)
+        return self.u if target is None else self.u * units.difference_factor(self.unit, target)
 
     def component(self, estimate: float, sensitivity: float) -> gum.Component:
         """Component of a combination: the quantity's estimate in its base unit, sensitivity of the
@@ -141,30 +140,13 @@ def quantity_unit(quantity: str) -> str | None:
     return SITE.get(quantity) or (units.column_unit(quantity) if is_canonical(quantity) else None)
 
 
-def difference_factor(source: str, target: str) -> float:
-    """Factor from a difference in one unit to one in another; of temperatures the scales' zeros do
-    not matter.
-    """
-    a, b = units.TABLE[units.known(source)], units.TABLE[units.known(target)]
-    if a.dimension == b.dimension:
-        return a.size / b.size
-    if {a.dimension, b.dimension} == {"acceleration", "acceleration in SI"}:
-        # local gravity would change an uncertainty by half a percent
-        in_si = a.dimension == "acceleration in SI"
-        return a.size / b.size * (1.0 / STANDARD_GRAVITY_MPS2 if in_si else STANDARD_GRAVITY_MPS2)
-    raise RecipeError(
-        f"'{source}' is a {a.dimension}, '{target}' a {b.dimension}",
-        hint="state a unit of the quantity",
-    )
-
-
 def _require_unit(term: TypeB) -> None:
     """Raise ValueError for a unit that the quantity of a column or site value cannot have."""
     target = quantity_unit(term.quantity)
     if target is None or term.unit in RELATIVE:
         return
     try:
-        difference_factor(term.unit, target)
+        units.difference_factor(term.unit, target)
     except RecipeError as error:
         raise ValueError(f"'{term.name}': {error}") from None
 
@@ -231,7 +213,7 @@ def combine_terms(
         called = next((name for name in names if name in (term.quantity, term.result)), names[0])
         # a result has no column that would state its unit
         own = named and term.unit not in (*RELATIVE, unit)
-        factor = difference_factor(term.unit, unit) if own else 1.0
+        factor = units.difference_factor(term.unit, unit) if own else 1.0
         for part in terms_of((term,), called, estimate, sensitivities).components:
             variance += (part.sensitivity * part.standard_uncertainty * factor) ** 2
     return float(np.sqrt(variance))

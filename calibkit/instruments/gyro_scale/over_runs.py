@@ -102,8 +102,8 @@ def _known_components(spec: OwnAxisRecipe, K: float) -> dict[str, components.Kno
     """
     size = {"scale": 1.0 / gjb_figures.PPM, "zero": 1.0 / DPH_PER_DPS}
     return {
-        entry.effect: components.Known(entry.value * size[entry.effect] * abs(K), entry.dof)
-        for entry in spec.errors.component
+        effect: components.Known(value * size[effect] * abs(K), dof)
+        for effect, value, dof in spec.known_errors()
     }
 
 

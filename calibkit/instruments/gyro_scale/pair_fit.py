@@ -38,7 +38,7 @@ def fit_pair(
     """
     runs = {"a": about_a, "b": about_b}
     apart = about_b.temp_degc - about_a.temp_degc
-    stated = [(entry.value, entry.dof) for entry in spec.errors.component]
+    stated = [(value, dof) for _, value, dof in spec.known_errors()]
     found = gyro_pair.from_runs(
         about_a.scales,
         about_b.scales,

@@ -55,12 +55,23 @@ class GyroRecipe(Recipe):
     @model_validator(mode="after")
     def _components_have_units(self) -> Self:
         for entry in self.errors.component:
-            if self.component_units.get(entry.effect) != entry.unit:
+            if entry.effect not in self.component_units:
                 known = " or ".join(f"{k} in {unit}" for k, unit in self.component_units.items())
-                raise ValueError(
-                    f"errors.component: effect '{entry.effect}' in '{entry.unit}', expected {known}"
-                )
+                raise ValueError(f"errors.component: effect '{entry.effect}', expected {known}")
+            try:
+                entry.value_in(self.component_units[entry.effect])
+            except RecipeError as error:
+                raise ValueError(f"{error.message}; {error.hint}") from None
         return self
+
+    def known_errors(self) -> tuple[tuple[str, float, float], ...]:
+        """Effect, standard deviation in the unit of `component_units`, and degrees of freedom of
+        each component that the recipe states.
+        """
+        return tuple(
+            (entry.effect, entry.value_in(self.component_units[entry.effect]), entry.dof)
+            for entry in self.errors.component
+        )
 
     @model_validator(mode="after")
     def _scale_factor_scales(self) -> Self:

@@ -160,7 +160,7 @@ def _set_of(group: Mapping[str, tuple[table_runs.TableRun, ...]], spec: GyroTria
     means = [_mean([run.scales for run in group[axis]]) for axis in forms.AXES]
     every = tuple(run for axis in forms.AXES for run in group[axis])
     bias, uncertainty = _bias(every, spec)
-    stated = [(entry.value, entry.dof) for entry in spec.errors.component]
+    stated = [(value, dof) for _, value, dof in spec.known_errors()]
     return AxesSet(
         every,
         float(np.mean([run.temp_degc for run in every])),

@@ -130,7 +130,7 @@ class Mounted:
             )
         )
         index = np.fmax.reduce(np.abs(by_index)) ** 2 * (whole - own)
-        known = [one.value for one in spec.errors.component if one.group == MOUNTING]
+        known = [one.value_in("deg") for one in spec.errors.component if one.group == MOUNTING]
         stated = own + index + (largest * max(known, default=0.0)) ** 2
         return cls(
             np.fmax.reduce(by_turn), own + index + (largest * turn_deg) ** 2, np.asarray(stated)
