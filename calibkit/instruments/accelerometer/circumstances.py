@@ -17,6 +17,7 @@ SHARED_UNITS = {
     ("soak", "scale"): "1",
     ("session", "drift"): "g/h",
     ("attitude", "index"): "rad",
+    shared_errors.SET_UP: "rad",
     ("table", "tilt"): "rad",
     ("table", "eccentricity"): "rad",
     ("sensor", "second order"): "1/g",
@@ -28,7 +29,11 @@ def refine_with(dwells: DwellSet, spec: AccelerometerRecipe, *, affine: bool = F
     """Fit with the errors that dwells share; of an affine triad the recipe makes some of them
     coefficients.
     """
-    own = {"tilt": spec.affine.tilt, "second order": spec.affine.second_order}
+    own = {
+        "tilt": spec.affine.tilt,
+        "second order": spec.affine.second_order,
+        "set-up": spec.affine.fixture,
+    }
     known = spec.reference.kind == "attitude"
     soak = shared_errors.number_soaks(dwells.temperature, dwells.log)
     timed = _tells_time(dwells) and soak.max() > 0
@@ -44,9 +49,28 @@ def refine_with(dwells: DwellSet, spec: AccelerometerRecipe, *, affine: bool = F
         effects: Sequence[Effect], candidates: Sequence[Effect]
     ) -> tuple[Sequence[Effect], Sequence[Effect]]:
         tried = [one for one in candidates if not (affine and own.get(one.effect))]
-        return state_effects(spec.errors, effects, tried, SHARED_UNITS)
+        sure, perhaps = state_effects(spec.errors, effects, tried, SHARED_UNITS)
+        return sure, [one for one in perhaps if (one.group, one.effect) != shared_errors.SET_UP]
 
     return partial(shared_errors.refine, where=where, state=state)
+
+
+def warn_of_set_up(spec: AccelerometerRecipe) -> tuple[str, ...]:
+    """Flag for a set-up in the fixture of which nothing is known: no dwell tells it from axes that
+    are turned together.
+    """
+    stated = [(one.group, one.effect) for one in spec.errors.component]
+    angles = [one for one in spec.type_b if one.quantity in {"inclination_deg", "toolface_deg"}]
+    known = spec.affine.fixture or angles or shared_errors.SET_UP in stated
+    if known or spec.reference.kind != "attitude":
+        return ()
+    group, effect = shared_errors.SET_UP
+    flag = (
+        "how the triad is set up in its fixture is in no uncertainty, and turns every corrected"
+        f' vector: state it in [[errors.component]] group = "{group}", effect = "{effect}", or what'
+        " is known of inclination_deg and toolface_deg in [[type_b]]"
+    )
+    return (flag,)
 
 
 def warn_of_order(dwells: DwellSet) -> tuple[str, ...]:

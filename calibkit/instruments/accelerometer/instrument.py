@@ -87,8 +87,8 @@ def _fit(
         tables.tabulate_errors(found, spec, f"The fitted dwells before and after{out}"),
         *([tables.tabulate_uncertainty(uncertainty)] if uncertainty else ()),
     ]
-    order = circumstances.warn_of_order(dwells)
-    flags = dict.fromkeys((*dwells.flags, *order, *fitted.k_flags, *fitted.affine_flags))
+    doubts = (*circumstances.warn_of_order(dwells), *circumstances.warn_of_set_up(spec))
+    flags = dict.fromkeys((*dwells.flags, *doubts, *fitted.k_flags, *fitted.affine_flags))
     judged = (*after.judge_errors(spec), *errors.judge_lack_of_fit(fitted.lack_of_fit))
     return Fitted(
         results,

@@ -82,7 +82,10 @@ class AccelerometerRecipe(Recipe):
     """Dwells of a triaxial accelerometer at attitudes and temperatures."""
 
     along_chunks: ClassVar[bool] = True
-    error_groups: ClassVar[tuple[str, ...]] = ("soak", "session", "attitude", "table", "sensor")
+    error_groups: ClassVar[tuple[str, ...]] = (
+        *("soak", "session", "attitude"),
+        *("fixture", "table", "sensor"),
+    )
 
     procedure: Literal["accelerometer"]
     reference: _Reference = _Reference()

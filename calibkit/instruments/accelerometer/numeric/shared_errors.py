@@ -33,6 +33,7 @@ SECOND_ORDER = "sensor", "second order"
 LACKING = "lacking terms", "scale"
 """What stands for errors of second order where the model has no coefficients for them."""
 DRIFT = "session", "drift"
+SET_UP = "fixture", "set-up"
 WHOLE = Known(0.8, bound=True)
 """Standard deviation for an error of 1: U of 95 % holds it beside a noise whose U is as large."""
 LARGEST_SECOND_ORDER = 1e-3
@@ -145,7 +146,9 @@ def list_effects(where: Circumstances, at: Residuals) -> tuple[Effect, ...]:
 
 
 def list_candidates(where: Circumstances, at: Residuals) -> tuple[Effect, ...]:
-    """Effects of the equipment and the sensors that are kept where the likelihood asks for them."""
+    """Effects of the equipment and the sensors that are kept where the likelihood asks for them,
+    and the set-up in the fixture, which it cannot tell from misaligned axes.
+    """
     diagonal = np.eye(3) * where.gravity[:, None, :]
     tried = [("soak", "scale", where.soak, diagonal)]
     every = np.zeros(len(where.soak), dtype=np.int64)
@@ -159,7 +162,9 @@ def list_candidates(where: Circumstances, at: Residuals) -> tuple[Effect, ...]:
         around = across * np.sin(tilt)[:, None]
         eccentric = [up * f(tilt)[:, None] for f in (np.sin, np.cos)]
         eccentric += [around * f(turn)[:, None] for f in (np.sin, np.cos)]
+        turns = np.swapaxes(np.cross(np.eye(3), where.gravity[:, None, :]), 1, 2)
         tried += [
+            (*SET_UP, every, turns),
             ("table", "tilt", every, np.stack([up, across], axis=2)),
             ("table", "eccentricity", every, np.stack(eccentric, axis=2)),
         ]
