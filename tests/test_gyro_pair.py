@@ -190,7 +190,7 @@ def test_the_runs_of_a_pair_keep_what_they_share_and_check_each_other():
     about_a, about_b = (
         scale_factor.RunScales(run.gyros, run.K, shared) for run in (about_a, about_b)
     )
-    found = pair.from_runs(about_a, about_b)
+    found = pair.from_runs(about_a, about_b, mounting_deg=(0.0, np.inf))
     full = np.array([[4.0, 0.0, 1.8], [0.0, 1.0, 0.0], [1.8, 0.0, 1.0]]) * 1e-4
     expected = pair._pair(about_a.K[0], about_b.K[1], about_a.K[1], full)
     assert found.covariance == pytest.approx(expected.covariance, rel=1e-12)

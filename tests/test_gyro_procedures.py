@@ -893,7 +893,14 @@ def test_a_temperature_sensitivity_is_as_uncertain_as_runs_repeat():
             scale_factor._scale_factor(held, k * held + rng.normal(0.0, 0.3, held.size)) for k in K
         ]
         runs = [
-            SimpleNamespace(temp_degc=t, scale=lambda _, line=line: line)
+            SimpleNamespace(
+                temp_degc=t,
+                scale=lambda _, line=line: line,
+                indication=lambda _, line=line: line.indication,
+                plateaus=SimpleNamespace(
+                    temp_degc=np.full(held.size, t), hours=np.zeros(held.size)
+                ),
+            )
             for t, line in zip(temperature, lines, strict=True)
         ]
         one = over_runs.fit_over_runs(spec, "x", runs)

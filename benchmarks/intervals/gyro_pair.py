@@ -41,7 +41,7 @@ FEW = "u of gamma and alpha holds a mounting error of"
 
 def list_cases() -> list[Case]:
     """Mounting errors of every size, estimated from the two γ and given."""
-    none = Case("gyro_pair", "pair", NONE, 0.0, RUNS)
+    none = Case("gyro_pair", "pair", NONE, 0.0, RUNS, between=1)
     made = [Case("gyro_pair", "pair", MOUNTING, r, RUNS, between=1) for r in RATIOS]
     given = [Case("gyro_pair", "pair", MOUNTING, r, RUNS, given=True) for r in (0.0, *RATIOS)]
     return [none, *made, *given]

@@ -88,12 +88,16 @@ def _recipe(case: Case) -> RateTableRecipe:
         "site": {"latitude_deg": simulated.Table().latitude_deg},
     }
     if case.given:
-        effect, unit = COMPONENT[case.error]
-        size = 1e6 / TOP_DPS if case.error == SCALE else DPH_PER_DPS
-        value = case.ratio * noise_dps() * size
-        stated = {"group": "run", "effect": effect, "value": value, "unit": unit, "dof": 1000.0}
-        tables["errors"] = {"component": [stated]}
+        tables["errors"] = {"component": [_state(case, error) for error in COMPONENT]}
     return RateTableRecipe.model_validate(tables, strict=False)
+
+
+def _state(case: Case, error: str) -> dict[str, object]:
+    """What the recipe states of a component; the one that the case has not is stated as zero."""
+    effect, unit = COMPONENT[error]
+    size = 1e6 / TOP_DPS if error == SCALE else DPH_PER_DPS
+    value = case.ratio * noise_dps() * size if error == case.error else 0.0
+    return {"group": "run", "effect": effect, "value": value, "unit": unit, "dof": 1000.0}
 
 
 def _draw(rng: np.random.Generator, case: Case) -> simulated.RateGyro:

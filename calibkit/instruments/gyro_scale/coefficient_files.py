@@ -191,7 +191,7 @@ def _components(one: over_runs.GyroOverRuns) -> tuple[Component, ...]:
             entry.groups,
         )
         for entry in (one.model.mixed.components if one.model else ())
-        if entry.dof
+        if entry.dof and entry.effect in size
     )
 
 

@@ -30,6 +30,12 @@ ROOM_DEGC = 5.0
 """
 FEW_DOF = 3.0
 """Effective degrees of freedom below which the wide interval is flagged."""
+LOWEST_ORDER = 1
+"""Of K and F0 over temperature: that a slope is not seen is no proof that there is none."""
+HIGHER_ORDER = 0.75
+"""Factor by which a higher order over temperature must lower the left-out error of K or F0: runs
+are few, and an order too high by chance widens intervals more than a bend that is missed.
+"""
 VARIES_DEGC = 5.0
 """Least span of the runs' temperatures [°C] for a fit of K over temperature."""
 UNLOGGED = (
@@ -140,33 +146,32 @@ def _fit_all(
     lines = [run.scale(gyro) for run in runs]
     rows = all_runs.Rows(
         np.concatenate([line.rate_dps for line in lines]),
+        np.concatenate([run.indication(gyro) for run in runs]),
         np.concatenate([line.indication for line in lines]),
         np.repeat(np.arange(len(runs)), [line.rate_dps.size for line in lines]),
-        temp_degc,
+        np.concatenate([run.plateaus.temp_degc for run in runs]),
+        np.concatenate([run.plateaus.hours for run in runs]),
     )
-    shapes, own, variances = all_runs.own_lines(rows)
-    if not shapes:
-        variances = np.array([np.diag(line.covariance) for line in lines]).T
+    shapes, own = all_runs.own_lines(rows)
     # all runs at a temperature are left out together
     level = np.round(temp_degc)
     highest = min(polynomial.HIGHEST_ORDER, np.unique(level).size - 2) if varies else 0
     orders = [
-        polynomial.choose_order(
-            temp_degc, all_runs.without_sides(rows, values, highest), highest, groups=level
+        max(
+            polynomial.choose_order(
+                temp_degc,
+                all_runs.without_sides(rows, values, highest),
+                highest,
+                margin=HIGHER_ORDER,
+                groups=level,
+            ),
+            LOWEST_ORDER,
         )
         if highest > 0
         else 0
         for values in own
     ]
-    K_shared, F0_shared = variances.mean(axis=1).tolist()
-    return all_runs.fit(
-        rows,
-        (orders[0] if K_order is None else K_order, orders[1]),
-        shapes,
-        (K_shared, F0_shared),
-        shared_dof=float(max(sum(line.dof for line in lines), 1)),
-        known=known,
-    )
+    return all_runs.fit(rows, (orders[0] if K_order is None else K_order, orders[1]), shapes, known)
 
 
 def _points(gyro: str, runs: Sequence[table_runs.TableRun], name: str) -> tuple[Array, Array]:

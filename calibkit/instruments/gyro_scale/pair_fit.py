@@ -15,8 +15,6 @@ OPPOSITE = 20.0
 """Standard uncertainties: two γ that differ by more than this, while their sum is within it, count
 as equal and opposite.
 """
-FEW_DOF = 3.0
-"""Effective degrees of freedom below which the wide interval is flagged."""
 FLAGGED_DEGC = 0.2
 """Difference between the two runs' temperatures [°C] from which it is flagged."""
 
@@ -57,7 +55,7 @@ def fit_pair(
             ),
         )
     flags = [*about_a.flags, *about_b.flags, *found.flags, *_flag_temperatures(apart, spec)]
-    if found.mounting_deg[0] > 0.0 and found.dof[2] < FEW_DOF:
+    if found.mounting_deg[0] > 0.0 and not stated:
         flags.append(
             f"u of gamma and alpha holds a mounting error of {found.mounting_deg[0]:.2g}° by"
             f" {found.dof[2]:.2g} degrees of freedom, its interval is"

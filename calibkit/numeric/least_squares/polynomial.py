@@ -139,7 +139,8 @@ def choose_order(
     groups: Array | None = None,
 ) -> int:
     """Order from 0 to `highest` of the polynomial whose errors at left-out values have the least
-    weighted rms; a higher order must lower it below `margin` times that of the best lower one.
+    weighted rms, times Student's t of the values that are left over; a higher order must lower it
+    below `margin` times that of the best lower one.
 
     Parameters
     ----------
@@ -151,10 +152,11 @@ def choose_order(
         [n], label of the group that each value is left out with; each by itself when absent.
     """
     middle, half = middle_and_half(abscissa)
-    errors = []
+    errors, count = [], abscissa.size if groups is None else np.unique(groups).size
     for order in range(highest + 1):
         design = powers(abscissa, order, middle=middle, half=half or 1.0)
         residuals = least_squares.linear(design, indication, weights=weights).residuals
         left = leave_out.left_out_errors(design, residuals, weights=weights, groups=groups)
-        errors.append(rms(left if weights is None else left * np.sqrt(weights)))
+        few = gum.widening(max(count - order - 1, 1))
+        errors.append(few * rms(left if weights is None else left * np.sqrt(weights)))
     return leave_out.choose_simplest(errors, margin)

@@ -20,6 +20,10 @@ DETERMINED = 1e-6
 """Share of an effect's square that must be left beside the coefficients for a level to count."""
 LEAST_NOISE = 1e-10
 """Share of the residual variance below which the variance of the noise is not sought."""
+CUT_AT_ZERO = float(np.sqrt(0.5 - 0.5 / np.pi))
+"""Standard deviation of a normal estimate about 0 that is cut off there, relative to that of one
+that is not.
+"""
 LARGEST_RATIO = 1e10
 """Variance of an effect over that of the noise of a level, above which no digit changes but those
 lost to rounding.
@@ -199,9 +203,14 @@ class Reduced:
                 part = inner[np.ix_(at, beside)] / noise
                 cross[g, h] = onto[:, at] @ part @ onto[:, beside].T
         spread = _inverse(self._information(priors, variances)[1], _free(priors))
-        covariance = np.tensordot(variances, slopes, 1) + 2.0 * np.tensordot(spread, cross, 2)
+        # a variance at zero is on average above the true one: what it adds is in the estimate
+        inside = np.where(np.outer(variances, variances) > 0.0, spread, 0.0)
+        covariance = np.tensordot(variances, slopes, 1) + 2.0 * np.tensordot(inside, cross, 2)
+        cut = np.where(variances > 0.0, 1.0, CUT_AT_ZERO)
         found = coefficients - self.into @ (ratio * u)
-        return Solution(found, covariance, ratio * u, variances, slopes, spread)
+        return Solution(
+            found, covariance, ratio * u, variances, slopes, spread * np.outer(cut, cut)
+        )
 
 
 def _free(priors: Sequence[Prior]) -> Mask:

@@ -1,12 +1,14 @@
 """One model over all runs of a gyro on a rate table.
 
-    F = K(T) (Ω + Σ a_k s_k(Ω)) + F0(T) + Ω b_scale,run + b_zero,run + ε
+    F = K(T) Ω + F0(T) + Σ b_l p_l(Ω) + b_zero,run + Ω b_scale,run + t b_drift,run + ε
 
-K and F0 polynomials of temperature, s_k terms of the response over the rate where the residuals ask
-for them and not every run turns both ways, b random effects (Patterson & Thompson 1971).
+K and F0 polynomials of temperature at each held rate, p_l what the runs have in common at each rate
+that they repeat, or terms of the response where not every run turns both ways, b random effects, t
+the time from the middle of the run (Patterson & Thompson 1971). K and F0 are those of the best
+straight line over the rates, so p_l is perpendicular to Ω and 1.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -22,6 +24,10 @@ SCALE, ZERO = 0, 1
 """Number of the polynomial of K, and of that of F0."""
 BOTH_WAYS = 2.0
 """Range of the signs of rates of both directions."""
+SAME_RATE = 0.01
+"""Relative difference below which two held rates are one."""
+TINY = 1e-6
+"""Difference below which two held rates are one, relative to the largest rate."""
 GRID = 9
 """Temperatures at which a polynomial's degrees of freedom are compared; the fewest are stated."""
 
@@ -33,23 +39,50 @@ class Rows:
     rate_dps: Array
     """[n]."""
     indication: Array
-    """[n], without what time and temperature added within the runs."""
+    """[n], as logged."""
+    corrected: Array
+    """[n], without what time and temperature added within the runs, as single runs tell."""
     run: Integers
     """[n], number of the run of each row."""
-    temp_degc: Array
-    """[r], of each run, NaN where it is not known."""
+    row_degc: Array
+    """[n], NaN where it is not known."""
+    hours: Array
+    """[n], from the middle of the run; 0 where times are not known."""
+
+    @property
+    def temp_degc(self) -> Array:
+        """Mean temperature [r] of each run."""
+        return np.array(
+            [float(np.mean(self.row_degc[self.run == k])) for k in range(self.run.max() + 1)]
+        )
 
     @property
     def both_ways(self) -> bool:
         """Whether every run turned both ways."""
         return all(
             np.ptp(np.sign(self.rate_dps[self.run == k])) == BOTH_WAYS
-            for k in range(self.temp_degc.size)
+            for k in range(self.run.max() + 1)
         )
+
+    def pattern(self) -> Array:
+        """Columns [n, k] of what the runs have in common at each rate that two of them held, beside
+        a straight line over the rates of all.
+        """
+        order = np.argsort(self.rate_dps, kind="stable")
+        rate = self.rate_dps[order]
+        far = np.diff(rate) > SAME_RATE * np.abs(rate[1:]) + TINY * np.max(np.abs(rate))
+        level = np.empty(rate.size, dtype=np.int64)
+        level[order] = np.concatenate(([0], np.cumsum(far)))
+        own = (level[:, None] == np.arange(level.max() + 1)).astype(np.float64)
+        shared = [k for k in range(own.shape[1]) if np.unique(self.run[level == k]).size > 1]
+        line, _ = np.linalg.qr(np.column_stack((self.rate_dps, np.ones(rate.size))))
+        own = own[:, shared] - line @ (line.T @ own[:, shared])
+        left, spread, _ = np.linalg.svd(own, full_matrices=False)
+        return np.asarray((left * spread)[:, spread > SAME_RATE], dtype=np.float64)
 
     def own_lines(self) -> Array:
         """Design [n, 2 r] of a line for each run: slopes, then intercepts."""
-        own = (self.run[:, None] == np.arange(self.temp_degc.size)).astype(np.float64)
+        own = (self.run[:, None] == np.arange(self.run.max() + 1)).astype(np.float64)
         return np.column_stack((own * self.rate_dps[:, None], own))
 
 
@@ -72,20 +105,12 @@ class AllRuns:
     """
     middle_half: tuple[float, float]
     """Middle and half-width [°C] of the runs' temperatures."""
-    shared: tuple[float, float]
-    """Variances of K and F0 that every run repeats, which do not average out."""
-    shared_dof: float
+    hidden: float
+    """Variance of F0 that the rows do not show: runs of one direction alone do not tell a bend of
+    the response from F0.
+    """
     shapes: tuple[str, ...]
     """Terms of the response over the rate that the residuals asked for."""
-
-    def _raised(self, which: int, variance: Array, dof: Array) -> tuple[Array, Array]:
-        """Variances [m] raised to what every run repeats, and their degrees of freedom."""
-        variance = np.maximum(variance, 0.0)  # of exact data, rounding may be below zero
-        more = np.maximum(self.shared[which] - variance, 0.0)
-        total = variance + more
-        spread = variance**2 / dof + more**2 / self.shared_dof
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return total, np.where(spread > 0.0, total**2 / spread, dof)
 
     def at(self, which: int, temp_degc: float) -> Estimate:
         """K or F0 at a temperature [°C]; any where the runs' temperatures are not known."""
@@ -93,14 +118,11 @@ class AllRuns:
         order = len(self.lines[which]) - 1
         at = np.array([temp_degc if order else middle])
         row = polynomial.powers(at, order, middle=middle, half=half) @ self.lines[which]
-        variance, dof = self._raised(
-            which,
-            gum.variance_along(row, self.mixed.covariance),
-            self.mixed.effective_dof_of(row),
-        )
-        return Estimate(
-            float((row @ self.mixed.coefficients)[0]), float(np.sqrt(variance[0])), float(dof[0])
-        )
+        # of exact data, rounding may be below zero
+        variance = max(float(gum.variance_along(row, self.mixed.covariance)[0]), 0.0)
+        variance += self.hidden if which == ZERO else 0.0
+        dof = float(self.mixed.effective_dof_of(row)[0])
+        return Estimate(float((row @ self.mixed.coefficients)[0]), float(np.sqrt(variance)), dof)
 
     @property
     def correlation(self) -> float:
@@ -121,11 +143,8 @@ class AllRuns:
         )
         low, high = float(temp_degc.min()), float(temp_degc.max())
         rows = polynomial.powers(np.linspace(low, high, GRID), order, middle=middle, half=half)
-        variance = gum.variance_along(rows @ lines, self.mixed.covariance)
-        least = int(np.argmin(variance))
-        total, dof = self._raised(which, variance, self.mixed.effective_dof_of(rows @ lines))
-        # the curve is nowhere better known than what every run repeats
-        covariance[0, 0] += total[least] - variance[least]
+        dof = self.mixed.effective_dof_of(rows @ lines)
+        covariance[0, 0] += self.hidden if which == ZERO else 0.0
         return TemperaturePolynomial(
             raw, covariance, max(int(np.min(dof)), 1), self.mixed.residual_rms, (low, high)
         )
@@ -135,9 +154,6 @@ def fit(
     rows: Rows,
     orders: tuple[int, int],
     shapes: Mapping[str, Array],
-    shared: tuple[float, float],
-    *,
-    shared_dof: float,
     known: Mapping[str, components.Known],
 ) -> AllRuns:
     """Fit all runs.
@@ -147,7 +163,6 @@ def fit(
     rows : of two runs or more.
     orders : of the polynomials of K and F0 over temperature.
     shapes : terms of the response, name → [n, 1], from `own_lines`.
-    shared : variances of K and F0 that every run repeats, with `shared_dof` degrees of freedom.
     known : run-to-run standard deviations that are known: "scale" [1/s/(°/s)], "zero" [1/s].
 
     Raises
@@ -158,31 +173,44 @@ def fit(
     """
     middle, half = polynomial.middle_and_half(rows.temp_degc) if max(orders) else (0.0, 1.0)
     mapped = [
-        polynomial.powers(rows.temp_degc, order, middle=middle, half=half)[rows.run]
+        polynomial.powers(rows.row_degc, order, middle=middle, half=half)
         if order
         else np.ones((rows.run.size, 1))
         for order in orders
     ]
     base = np.column_stack((mapped[SCALE] * rows.rate_dps[:, None], mapped[ZERO]))
-    design = np.column_stack((base, *shapes.values()))
-    effects = [
-        components.Effect("run", "scale", rows.run, rows.rate_dps, known.get("scale")),
-        components.Effect("run", "zero", rows.run, np.ones(rows.run.size), known.get("zero")),
-    ]
-    mixed = components.fit(design, rows.indication, effects, names=_names(orders, list(shapes)))
-    lines = _lines(rows.rate_dps, orders, shapes, mixed.coefficients)
-    if np.ptp(np.sign(rows.rate_dps)) < BOTH_WAYS:
-        # one direction alone: nothing tells the line of the other one from a bend of the response
-        bend = lines[ZERO][0] @ mixed.coefficients - mixed.coefficients[orders[SCALE] + 1]
-        shared = shared[SCALE], shared[ZERO] + float(bend) ** 2
-    return AllRuns(
-        mixed,
-        lines,
-        (middle, half),
-        shared,
-        shared_dof,
-        tuple(shapes),
+    mixed = components.fit(
+        np.column_stack((base, *shapes.values())),
+        rows.indication,
+        list(_effects(rows, orders, known)),
+        names=_names(orders, list(shapes)),
     )
+    lines = _lines(rows.rate_dps, orders, shapes, mixed.coefficients)
+    hidden = 0.0
+    if np.ptp(np.sign(rows.rate_dps)) < BOTH_WAYS:
+        bend = lines[ZERO][0] @ mixed.coefficients - mixed.coefficients[orders[SCALE] + 1]
+        hidden = float(bend) ** 2
+    return AllRuns(mixed, lines, (middle, half), hidden, tuple(shapes))
+
+
+def _effects(
+    rows: Rows, orders: tuple[int, int], known: Mapping[str, components.Known]
+) -> Iterator[components.Effect]:
+    """What differs from run to run: scale factor, zero, and what changes during a run; and what the
+    response at a rate is off the line in every run.
+    """
+    yield components.Effect("run", "scale", rows.run, rows.rate_dps, known.get("scale"))
+    yield components.Effect("run", "zero", rows.run, np.ones(rows.run.size), known.get("zero"))
+    if rows.hours.any():
+        yield components.Effect("run", "zero drift", rows.run, rows.hours)
+    warmer = rows.row_degc - rows.temp_degc[rows.run]
+    if not orders[SCALE] and np.isfinite(warmer).all() and warmer.any():
+        yield components.Effect("run", "scale over temperature", rows.run, rows.rate_dps * warmer)
+    elif rows.hours.any() and not np.isfinite(warmer).all():
+        yield components.Effect("run", "scale drift", rows.run, rows.rate_dps * rows.hours)
+    pattern = rows.pattern() if rows.both_ways else np.empty((rows.run.size, 0))
+    if pattern.size:
+        yield components.Effect("rate", "response", np.zeros_like(rows.run), pattern)
 
 
 def _names(orders: tuple[int, int], shapes: Sequence[str]) -> list[str]:
@@ -191,27 +219,24 @@ def _names(orders: tuple[int, int], shapes: Sequence[str]) -> list[str]:
     return [*(f"{letter} T^{k}" for letter, order in letters for k in range(order + 1)), *shapes]
 
 
-def own_lines(rows: Rows) -> tuple[dict[str, Array], Array, Array]:
+def own_lines(rows: Rows) -> tuple[dict[str, Array], Array]:
     """Terms of the response that the runs ask for, each run with its own line; K and F0 [2, r] of
-    these lines and their variances [2, r].
+    these lines.
     """
-    lines, runs, shapes = rows.own_lines(), rows.temp_degc.size, dict[str, Array]()
+    lines, runs, shapes = rows.own_lines(), int(rows.run.max()) + 1, dict[str, Array]()
     if not rows.both_ways:
-        slopes = (np.linalg.pinv(lines) @ rows.indication)[:runs]
+        slopes = (np.linalg.pinv(lines) @ rows.corrected)[:runs]
         size = (slopes / slopes.mean())[rows.run, None]
         bends = line_terms.shapes(rows.rate_dps)
         tried = {name: size * bend for name, bend in bends.items()}
-        shapes, _ = line_terms.ask(lines, rows.indication, tried)
+        shapes, _ = line_terms.ask(lines, rows.corrected, tried)
     design = np.column_stack((lines, *shapes.values()))
-    solver = np.linalg.pinv(design)
-    residuals = rows.indication - design @ (solver @ rows.indication)
-    variance = float(residuals @ residuals) / max(rows.run.size - design.shape[1], 1)
-    found, own = (solver @ rows.indication)[: 2 * runs], np.sum(solver[: 2 * runs] ** 2, axis=1)
+    found = (np.linalg.pinv(design) @ rows.corrected)[: 2 * runs]
     sides = np.array([np.sign(rows.rate_dps[rows.run == k]).sum() for k in range(runs)])
     if not rows.both_ways and np.ptp(np.sign(sides)) == BOTH_WAYS:
         # runs of one direction each tell asymmetry from each other only
         shapes[line_terms.ASYMMETRY] = tried[line_terms.ASYMMETRY]
-    return shapes, found.reshape(2, runs), variance * own.reshape(2, runs)
+    return shapes, found.reshape(2, runs)
 
 
 def without_sides(rows: Rows, values: Array, order: int) -> Array:

@@ -91,7 +91,7 @@ def courses(plateaus: Plateaus) -> dict[str, Array]:
     """
     rate, found = plateaus.rate_dps, {}
     if plateaus.time_s.size:
-        hours = (plateaus.time_s - plateaus.middle_s) / 3600.0
+        hours = plateaus.hours
         found[ZERO_DRIFT] = hours[:, None]
         if np.isnan(plateaus.temp_degc).any():
             found[SCALE_DRIFT] = np.column_stack((rate * hours, hours))

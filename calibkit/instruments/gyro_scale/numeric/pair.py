@@ -187,9 +187,9 @@ def from_runs(
     B second in both.
 
     K_A and K_Ba come from the first run and share its noise, K_B from the second; gyro A in the
-    second run checks γ. What the two γ differ by beyond their noise is the error of mounting, with
-    one degree of freedom; `mounting_deg` adds what is known of it, a standard deviation and its
-    degrees of freedom.
+    second run checks γ. What the two γ differ by is the error of mounting, with one degree of
+    freedom; `mounting_deg` gives what is known of it, a standard deviation and its degrees of
+    freedom.
     """
     values, covariance = _scale_factors(about_a, about_b, one_temperature)
     K_A, K_B, K_Ba, K_Ab = values.tolist()
@@ -243,17 +243,17 @@ def _mounting(
     noise: GyroPair, gamma: float, uncertainty: float, known: tuple[float, float] | None
 ) -> tuple[float, float]:
     """Standard deviation [rad] of the angle between a gyro's axis and its table axis, and its
-    degrees of freedom: what two γ differ by beyond noise, pooled with what is known [°].
+    degrees of freedom: what two γ differ by, or what is known [°] pooled with it.
     """
-    expected = uncertainty**2 + float(noise.standard_uncertainty[2]) ** 2
     sine = float(np.sin(np.radians(noise.alpha_deg)))
-    excess = max((gamma - noise.gamma_indicated) ** 2 - expected, 0.0)
-    # a tilt in any direction may hide from the difference: u is at least the disagreement
-    square = excess / sine**2 if sine > SMALL_SINE else 0.0
+    square = (gamma - noise.gamma_indicated) ** 2 / sine**2 if sine > SMALL_SINE else 0.0
     if known is None:
+        # noise is not taken off: two γ that agree by chance would hide the tilts
         return float(np.sqrt(square)), 1.0
     value, dof = np.radians(known[0]), known[1]
-    pooled = (dof * value**2 + square) / (dof + 1.0) if np.isfinite(dof) else value**2
+    by_noise = (uncertainty**2 + float(noise.standard_uncertainty[2]) ** 2) / max(sine, SMALL_SINE)
+    tilt = 0.5 * max(square - by_noise / max(sine, SMALL_SINE), 0.0)
+    pooled = (dof * value**2 + tilt) / (dof + 1.0) if np.isfinite(dof) else value**2
     return float(np.sqrt(pooled)), dof + 1.0
 
 

@@ -48,6 +48,13 @@ class Plateaus:
     """Middle of the log [s]."""
 
     @property
+    def hours(self) -> Array:
+        """Times [p] [h] from the middle of the log; zeros where they are not known."""
+        if not self.time_s.size:
+            return np.zeros(self.rate_dps.size)
+        return (self.time_s - self.middle_s) / 3600.0
+
+    @property
     def standard_uncertainty(self) -> Array:
         """Standard uncertainties [p, m] of the means."""
         return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))

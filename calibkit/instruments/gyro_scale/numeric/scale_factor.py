@@ -190,10 +190,11 @@ def _covariance(
         # what is held at rest has no part in the residuals of the line
         raised = np.array([excess, excess, excess, 1.0])
     covariance = (results * noise**2) @ results.T * np.outer(raised, raised)
-    for other in chosen.left_out:
+    shifts = [(other.results() - results) @ fit.residuals for other in chosen.left_out]
+    if shifts:
         # an effect too small to be found is still there; what the model explains changes nothing
-        shift = (other.results() - results) @ fit.residuals
-        covariance += np.outer(shift, shift)
+        largest = max(shifts, key=lambda shift: abs(float(shift[0])))
+        covariance += np.outer(largest, largest)
     if np.ptp(np.sign(chosen.solved.design[:, 0])) < BOTH_WAYS:
         # one direction alone: nothing tells the line of the other one from a bend of the response
         bend = float((chosen.solved.solver[1] - results[1]) @ indication)
