@@ -3,7 +3,7 @@ abscissa.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import chain, pairwise
 from typing import Any
 
@@ -33,8 +33,8 @@ from calibkit.report.summary import Summary, number
 from calibkit.report.table import Table
 
 BINS = 200
-GROUP, EFFECT = "log", "turn-on bias"
-"""Error that all rows of a log share."""
+GROUP, EFFECTS = "log", ("turn-on bias", "drift in time", "bend in time", "wave in time")
+"""Errors that all rows of a log share: its level, and courses that are tried."""
 
 Allocate = Callable[[int], Array]
 
@@ -112,23 +112,25 @@ def _concatenate(logs: Sequence[Log], column: str, allocate: Allocate) -> Array:
 def _fit_channel(entry: Bias, name: str, rows: _Rows, errors: Errors) -> _BiasFit:
     """One channel's polynomial over the abscissa of that name."""
     unit = units.column_unit(entry.indication)
-    unit_of = {(GROUP, EFFECT): unit}
-    single = np.zeros(1, dtype=np.int64)
-    stated, _ = state_effects(errors, (Effect(GROUP, EFFECT, single, np.ones(1)),), (), unit_of)
-    known = stated[0].known if stated else None
+    unit_of = {(GROUP, effect): unit for effect in EFFECTS}
     design, to_raw = polynomial.mapped_powers(rows.abscissa, entry.order)
     names = [f"p{k}" for k in range(entry.order + 1)]
     turned = np.asarray(to_raw, dtype=np.float64)
-    if stated and len(rows.bounds) > 1:
+    offered: tuple[Effect, ...] = (Effect(GROUP, EFFECTS[0], np.zeros(1, int), np.ones(1)),)
+    if several := len(rows.bounds) > 1:
         blocks = levels.Blocks.of(design, rows.indication, rows.abscissa, rows.bounds)
-        effect = replace(blocks.effect(GROUP, EFFECT), known=known)
-        shared = levels.fit(blocks, effect, turned, names=names)
+        blocks = blocks.without_memory()
+        offered = blocks.effects(GROUP, EFFECTS)
+    stated, tried = state_effects(errors, offered[:1], offered[1:], unit_of)
+    if stated and several:
+        shared = levels.fit(blocks, stated, tried, turned, names=names)
     else:
+        known = stated[0].known if stated else None
         shared = _of_one_level(design, rows, names, turned, known)
     raw, covariance = polynomial.in_raw_powers(shared.coefficients, shared.covariance, to_raw)
     shown, rms, over_noise = _bin_means(rows, shared.levels, raw)
     curve = np.asarray(np.polynomial.polynomial.polyval(shown[0], raw), dtype=np.float64)
-    found = (shared.component,) if stated else ()
+    found = shared.components if stated else ()
     return _BiasFit(
         entry.indication,
         name,
@@ -164,8 +166,8 @@ def _of_one_level(
     if size.value > 0.0:
         spread = before**2 / dof[0] + size.value**4 / size.dof
         dof[0] = (before + size.value**2) ** 2 / spread
-    one = components.Component(GROUP, EFFECT, size.value, 0.0, 1, 0, known is not None)
-    return LevelFit(found.coefficients, covariance, dof, one, np.zeros(len(rows.bounds)))
+    one = components.Component(GROUP, EFFECTS[0], size.value, 0.0, 1, 0, known is not None)
+    return LevelFit(found.coefficients, covariance, dof, (one,), np.zeros(len(rows.bounds)))
 
 
 def result(fits: Sequence[_BiasFit], flags: Sequence[str]) -> StageResult:

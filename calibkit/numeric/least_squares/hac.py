@@ -190,7 +190,7 @@ class _Working:
         products = (weighed[:, None, :] * taken).reshape(-1, count)
         sums = (products @ _smoothed(weights, products).T).reshape(p, 2 * p, p, 2 * p)
         expected = weighed @ weighed.T + np.einsum("ikjl,kl->ij", sums, core)
-        return cls(weighed, taken, core, weights, squares, _ratio(columns.power, expected))
+        return cls(weighed, taken, core, weights, squares, matching_factor(columns.power, expected))
 
     def effective_dof(self, combinations: Array) -> Array:
         """Degrees of freedom [m] of the variances of combinations [m, p] of the weighed columns
@@ -235,7 +235,7 @@ def _smoothed(weights: Array, values: Array) -> Array:
     return np.asarray(np.fft.irfft(product, size)[..., : weights.size], dtype=np.float64)
 
 
-def _ratio(wanted: Array, expected: Array) -> Array:
+def matching_factor(wanted: Array, expected: Array) -> Array:
     """Matrix [p, p] C with C · expected · Cᵀ = wanted, the same whatever the columns' units."""
     values, vectors = np.linalg.eigh(wanted)
     root, inverse = vectors * np.sqrt(values) @ vectors.T, vectors / np.sqrt(values) @ vectors.T

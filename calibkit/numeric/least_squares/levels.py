@@ -1,8 +1,9 @@
 """Linear fit to long logs, each with a level of its own, whose noise is autocorrelated.
 
 A turn-on bias is common to a log: it is a random effect, with restricted likelihood of the means of
-blocks of rows. What the noise adds to the covariance is that of the fit with a free level of each
-log (`hac`), of which the coefficients are combinations.
+blocks of rows. So is a drift in time, where the likelihood asks for it. What the noise adds to the
+covariance is that of the fit with free effects of each log (`hac`), of which the coefficients are
+combinations.
 """
 
 from collections.abc import Callable, Sequence
@@ -13,11 +14,17 @@ import numpy as np
 from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError
 from calibkit.numeric import chunks, gum
-from calibkit.numeric.least_squares import components, fit as least_squares, hac
+from calibkit.numeric.least_squares import components, fit as least_squares, hac, shared_fit
 from calibkit.numeric.least_squares.components import Component, Effect
 
 MOST_BLOCKS = 4096
 """Blocks of rows of all logs, whose means are fitted; fewer rows are fitted as they are."""
+COURSES = 3
+"""Highest power of time by which a bias is tried to wander in a log."""
+LEAST_LOGS = 4
+"""Fewest logs from which the covariance of biases that wander is taken between logs."""
+LEAST_BLOCKS = 12
+"""Fewest blocks of a log that are joined no more."""
 STILL = 0.05
 """Range of an abscissa in a log, relative to that of all logs, below which it is the noise of a
 thermometer more than a change: such a log has a level alone.
@@ -32,8 +39,8 @@ class LevelFit:
     covariance: Array
     effective_dof: Array
     """[m], of combinations of the coefficients."""
-    component: Component
-    """Standard deviation of the levels."""
+    components: tuple[Component, ...]
+    """Standard deviations of the levels, and of the drifts that were kept."""
     levels: Array
     """[q], about the mean of all logs that the coefficients stand for."""
 
@@ -50,6 +57,10 @@ class Blocks:
     """[k]."""
     log: Integers
     """[k], number of the log."""
+    courses: Array
+    """[k, COURSES], polynomials of the number of the row in its log, of mean 0, variance 1 and
+    independent of each other.
+    """
 
     @classmethod
     def of(
@@ -72,18 +83,62 @@ class Blocks:
             counts.append(count)
         whole, rows = np.concatenate(parts), np.concatenate(counts)
         log = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
-        return cls(whole[:, :-1], whole[:, -1], np.sqrt(rows / np.mean(rows)), log)
+        return cls._of_means(whole, rows, log)
 
-    def effect(self, group: str, name: str) -> Effect:
-        """The level of a log as an effect."""
-        return Effect(group, name, self.log, np.ones(len(self.log)))
+    @classmethod
+    def _of_means(cls, whole: Array, rows: Array, log: Integers) -> "Blocks":
+        """Blocks of design and indication [k, p + 1] and numbers of rows [k]."""
+        courses = np.concatenate([_courses(int(count)) for count in np.bincount(log)])
+        return cls(whole[:, :-1], whole[:, -1], np.sqrt(rows / np.mean(rows)), log, courses)
 
-    def basis(self) -> Array:
-        """Orthonormal columns [k, r] that span design and levels of the weighted blocks."""
-        level = (self.log[:, None] == np.arange(self.log[-1] + 1)).astype(np.float64)
-        whole = np.column_stack([self.design, level]) * self.root[:, None]
+    def without_memory(self) -> "Blocks":
+        """Blocks joined to pairs as long as neighbours are correlated: what is left beside level
+        and drift is noise that the likelihood takes as white.
+        """
+        blocks = self
+        while np.bincount(blocks.log).min() >= 2 * LEAST_BLOCKS:
+            basis = blocks.basis(blocks.effects("", [""] * (COURSES + 1)))
+            target = blocks.root * blocks.indication
+            left = target - basis @ (basis.T @ target)
+            same = np.diff(blocks.log) == 0
+            product = float(np.sum((left[1:] * left[:-1])[same]))
+            if product <= 2.0 / np.sqrt(left.size) * float(left @ left):
+                break
+            number = np.concatenate([np.arange(count) for count in np.bincount(blocks.log)])
+            start, rows = np.flatnonzero(number % 2 == 0), blocks.root**2
+            stacked = np.column_stack([blocks.design, blocks.indication]) * rows[:, None]
+            joined = np.add.reduceat(rows, start)
+            means = np.add.reduceat(stacked, start, axis=0) / joined[:, None]
+            blocks = self._of_means(means, joined, blocks.log[start])
+        return blocks
+
+    def effects(self, group: str, names: Sequence[str]) -> tuple[Effect, ...]:
+        """Level of a log and its courses in time, of one name each, as effects."""
+        loadings = [np.ones(len(self.log)), *self.courses.T]
+        return tuple(
+            Effect(group, name, self.log, loading)
+            for name, loading in zip(names, loadings, strict=True)
+        )
+
+    def columns(self, effect: Effect) -> Array:
+        """Columns [k, q] of the weighted blocks by which an effect of each log enters them."""
+        own = self.log[:, None] == np.arange(self.log[-1] + 1)
+        return np.asarray((effect.loading.ravel() * self.root)[:, None] * own, dtype=np.float64)
+
+    def basis(self, effects: Sequence[Effect]) -> Array:
+        """Orthonormal columns [k, r] that span design and effects of the weighted blocks."""
+        whole = np.column_stack([self.design * self.root[:, None], *map(self.columns, effects)])
         u, singular, _ = np.linalg.svd(whole / np.linalg.norm(whole, axis=0), full_matrices=False)
         return np.asarray(u[:, singular > least_squares.RANK_TOLERANCE * singular[0]])
+
+
+def _courses(count: int) -> Array:
+    """Polynomials in time [count, COURSES] of a log; 0 where blocks are too few to tell them."""
+    time = np.linspace(-1.0, 1.0, count)
+    q, _ = np.linalg.qr(np.vander(time, COURSES + 1, increasing=True))
+    found = np.zeros((count, COURSES))
+    found[:, : max(q.shape[1] - 1, 0)] = np.sqrt(count) * q[:, 1:]
+    return found
 
 
 def _means(
@@ -104,9 +159,15 @@ def _means(
 
 
 def fit(
-    blocks: Blocks, effect: Effect, combinations: Array, *, names: Sequence[str] = ()
+    blocks: Blocks,
+    effects: Sequence[Effect],
+    candidates: Sequence[Effect],
+    combinations: Array,
+    *,
+    names: Sequence[str] = (),
 ) -> LevelFit:
-    """Fit logs with a level of each, `effect`, and degrees of freedom of combinations [m, p].
+    """Fit logs with a level of each, the first of the effects, with candidates that the likelihood
+    asks for, and degrees of freedom of combinations [m, p].
 
     Raises
     ------
@@ -114,35 +175,89 @@ def fit(
         As `components.fit`; the levels, whose size is not known, coincide with the coefficients.
 
     """
-    basis, count = blocks.basis(), blocks.design.shape[1]
-    if basis.shape[1] == count and effect.known is None:
-        raise coincidence(effect, count, names)
-    mixed = components.fit(
-        blocks.design, blocks.indication, [effect], weights=blocks.root**2, names=names
+    count = blocks.design.shape[1]
+    if effects[0].known is None and blocks.basis(effects[:1]).shape[1] == count:
+        raise coincidence(effects[0], count, names)
+
+    def solve(parts: Sequence[Effect]) -> components.MixedFit:
+        weights = blocks.root**2
+        return components.fit(blocks.design, blocks.indication, parts, weights=weights, names=names)
+
+    mixed, every = solve(effects), (*effects, *candidates)
+    tried = [solve([*effects, effect]) for effect in candidates]
+    if any(mixed.deviance - one.deviance > shared_fit.ASKED_FOR for one in tried):
+        # a bias that wanders has more than one course
+        mixed, effects = solve(every), every
+    basis = blocks.basis(effects)
+    columns = [blocks.columns(effect) for effect in effects]
+    sizes = [component.value for component in mixed.components]
+    scaled = np.column_stack([z * size for z, size in zip(columns, sizes, strict=True)])
+    onto = _combine_rows(blocks, scaled / mixed.residual_rms)
+    if len(effects) > 1 and len(scaled.T) >= LEAST_LOGS * len(effects):
+        covariance, dof = _between_logs(blocks, onto, scaled, mixed.residual_rms, combinations)
+    else:
+        covariance, dof = _by_components(blocks, onto, basis, columns, mixed, combinations)
+    return LevelFit(
+        mixed.coefficients,
+        covariance,
+        np.maximum(dof, 1.0),
+        mixed.components,
+        mixed.predicted[0][:, 0],
     )
-    (component,) = mixed.components
-    onto = _combine_rows(blocks, mixed.residual_rms**2, component.value**2)
+
+
+def _by_components(
+    blocks: Blocks,
+    onto: Array,
+    basis: Array,
+    columns: Sequence[Array],
+    mixed: components.MixedFit,
+    combinations: Array,
+) -> tuple[Array, Array]:
+    """Covariance [p, p] by noise and by the effects, and degrees of freedom [m]."""
     target = blocks.root * blocks.indication
     own = hac.covariance(
         lambda part: basis[part],
         target - basis @ (basis.T @ target),
         combinations=combinations @ onto @ basis,
     )
-    # a level moves the coefficients by `moved`; the derivative of their covariance by its variance
-    moved = onto @ (blocks.root[:, None] * (blocks.log[:, None] == np.arange(blocks.log[-1] + 1)))
-    by_noise, by_level = gum.propagate(onto @ basis, own.covariance), moved @ moved.T
-    of_noise, of_level = (gum.variance_along(combinations, part) for part in (by_noise, by_level))
-    variance = of_noise + component.value**2 * of_level
-    spread = (_spread_of_square(component) * of_level) ** 2 / 2.0 + of_noise**2 / own.effective_dof
+    covariance = gum.propagate(onto @ basis, own.covariance)
+    variance = gum.variance_along(combinations, covariance)
+    spread = variance**2 / own.effective_dof
+    for component, column in zip(mixed.components, columns, strict=True):
+        # an effect moves the coefficients; the derivative of their covariance by its variance
+        moved = onto @ column
+        by_effect = moved @ moved.T
+        along = gum.variance_along(combinations, by_effect)
+        covariance = covariance + component.value**2 * by_effect
+        variance = variance + component.value**2 * along
+        spread = spread + (_spread_of_square(component) * along) ** 2 / 2.0
     with np.errstate(divide="ignore", invalid="ignore"):
-        dof = np.where(spread > 0.0, variance**2 / spread, mixed.dof)
-    return LevelFit(
-        mixed.coefficients,
-        by_noise + component.value**2 * by_level,
-        np.maximum(dof, 1.0),
-        component,
-        mixed.predicted[0][:, 0],
-    )
+        return covariance, np.where(spread > 0.0, variance**2 / spread, mixed.dof)
+
+
+def _between_logs(
+    blocks: Blocks, onto: Array, effects: Array, noise: float, combinations: Array
+) -> tuple[Array, Array]:
+    """Covariance [p, p] by what the residuals of each log move the coefficients by, whatever their
+    course, and degrees of freedom [m]; without bias where errors are effects [k, r] and white noise
+    (Bell & McCaffrey 2002).
+    """
+    design = blocks.design * blocks.root[:, None]
+    target = blocks.root * blocks.indication
+    own = blocks.log == np.arange(blocks.log[-1] + 1)[:, None]
+    parts = onto[:, None, :] * own
+    sums = parts @ (target - design @ (onto @ target))
+    # what an error of each kind moves the sums by
+    of_noise = noise * (parts - parts @ design @ onto)
+    kinds = np.concatenate([parts @ (effects - design @ (onto @ effects)), of_noise], axis=2)
+    wanted = np.column_stack([onto @ effects, noise * onto])
+    factor = hac.matching_factor(wanted @ wanted.T, np.einsum("pqr,sqr->ps", kinds, kinds))
+    moved = factor @ sums
+    along = np.einsum("mp,pqr->mqr", combinations @ factor, kinds)
+    products = along @ np.swapaxes(along, 1, 2)
+    dof = np.trace(products, axis1=1, axis2=2) ** 2 / np.sum(products**2, axis=(1, 2))
+    return moved @ moved.T, np.asarray(dof, dtype=np.float64)
 
 
 def _spread_of_square(component: Component) -> float:
@@ -162,17 +277,13 @@ def coincidence(effect: Effect, count: int, names: Sequence[str]) -> FitError:
     )
 
 
-def _combine_rows(blocks: Blocks, noise: float, theta: float) -> Array:
+def _combine_rows(blocks: Blocks, effects: Array) -> Array:
     """Matrix [p, k] by which generalised least squares makes the coefficients of the weighted
-    blocks.
+    blocks; effects [k, r] are in standard deviations, over that of the noise.
     """
     weighted = blocks.design * blocks.root[:, None]
-    left = weighted.copy()
-    for log in range(int(blocks.log[-1]) + 1):
-        own = blocks.log == log
-        root = blocks.root[own]
-        share = theta / (noise + float(root @ root) * theta) if theta > 0.0 else 0.0
-        left[own] -= np.outer(root, share * (root @ weighted[own]))
+    inner = np.eye(effects.shape[1]) + effects.T @ effects
+    left = weighted - effects @ np.linalg.solve(inner, effects.T @ weighted)
     size = np.sqrt(np.abs(np.einsum("kp,kp->p", weighted, left)))
     inner = (weighted / size).T @ (left / size)
     return np.asarray(np.linalg.solve(inner, (left / size).T) / size[:, None], dtype=np.float64)
