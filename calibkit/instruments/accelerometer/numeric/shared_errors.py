@@ -245,7 +245,7 @@ def refine(
     tried = (*effects, *candidates)
     effects = (*effects, *(one.of_rows(rows) for one in nuisance))
     values, inside = start, used[rows]
-    for _ in range(STEPS):
+    for step in range(STEPS):
         residual, slopes = linearised(values, dwells)
         found = shared_fit.fit(
             *(slopes, -residual, effects, candidates),
@@ -256,7 +256,7 @@ def refine(
             names=names,
         )
         values = values + found.found.coefficients
-        lacking = _list_lacking_terms(found, tried, slopes, near, some)
+        lacking = () if step else _list_lacking_terms(found, tried, slopes, near, some)
         effects, candidates, inside = (*found.effects, *lacking), (), found.used
     used = used.copy()
     used[rows] = inside
@@ -298,22 +298,24 @@ def _list_lacking_terms(
 
     A corrected component a has an error b a²: U of a scale factor of that size, b |a|, holds it in
     every direction. Of lengths, a bias takes most of an error that is too small for the likelihood
-    to ask for: such may be as large as its own standard uncertainty.
+    to ask for: such may lie anywhere below that size.
     """
-    shown = [
-        part[0]
-        for one, part in zip(fitted.effects, fitted.found.predicted, strict=True)
-        if (one.group, one.effect) == SECOND_ORDER
-    ]
-    if shown:
-        along = at.along(np.eye(3) * shown[0] * where.gravity[:, None, :])
-        return (Effect(*LACKING, np.zeros(len(along), dtype=np.int64), along, WHOLE),)
-    hidden = [one for one in tried if (one.group, one.effect) == SECOND_ORDER]
-    if at.per_dwell > 1 or not hidden:
+    own = [one for one in tried if (one.group, one.effect) == SECOND_ORDER]
+    if not own:
         return ()
-    left = np.sqrt(np.mean(_beside(slopes, hidden[0].loading) ** 2))
-    size = min(fitted.found.residual_rms / float(left), LARGEST_SECOND_ORDER)
-    return (replace(hidden[0], known=Known(size, bound=True)),)
+    found, noise = fitted.found, fitted.found.residual_rms / _beside(slopes, own[0].loading)
+    effects = [(one.group, one.effect) for one in fitted.effects]
+    if SECOND_ORDER in effects:
+        spread = next(c.value for c in found.components if (c.group, c.effect) == SECOND_ORDER)
+        unsure = spread * noise / np.hypot(spread, np.maximum(noise, np.finfo(np.float64).tiny))
+        size = np.hypot(found.predicted[effects.index(SECOND_ORDER)][0], unsure)
+        along = at.along(np.eye(3) * size * where.gravity[:, None, :])
+        return (Effect(*LACKING, np.zeros(len(along), dtype=np.int64), along, WHOLE),)
+    if at.per_dwell > 1:
+        return ()
+    # anywhere below what would be asked for, as a rectangular distribution
+    hidden = float(np.sqrt(np.mean(noise**2) * shared_fit.ASKED_FOR / 3.0))
+    return (replace(own[0], known=Known(min(hidden, LARGEST_SECOND_ORDER), bound=True)),)
 
 
 def _beside(slopes: Array, loading: Array) -> Array:
