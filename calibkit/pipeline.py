@@ -70,10 +70,10 @@ def fit(
     """Fit a recipe to logs and write the next revision of a run folder; a dry run only names it."""
     spec = instruments.parse_recipe(source)
     serial = store.check_serial(serial or spec.serial)
-    pooled = pooling.pool_components(spec, out, serial)
     with _placed(source):
         logs = ingest.find_logs(spec, data)
         ingest.require_named_logs(spec, logs)
+        pooled = pooling.pool_components(spec, out, [data / name for name in logs])
         fitted = instruments.find(spec.procedure).fit(pooled.recipe, data, logs, progress)
     type_b.require_known(spec.type_b, (*budget.name_results(fitted.results), *spec.own_columns()))
     with store.next_revision(out, serial, dry_run=dry_run) as (revision, superseded):

@@ -1,6 +1,7 @@
 """Errors that observations share, pooled from earlier runs of the same type of device."""
 
-from collections.abc import Iterator, Mapping
+import hashlib
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,19 +27,20 @@ class Pooled:
     flags: tuple[str, ...] = ()
 
 
-def pool_components(spec: Recipe, runs: Path, serial: str) -> Pooled:
-    """Recipe whose errors are known from runs of other devices of its type, where it says from =
+def pool_components(spec: Recipe, runs: Path, logs: Sequence[Path]) -> Pooled:
+    """Recipe whose errors are known from earlier runs of devices of its type, where it says from =
     "history".
 
-    The newest revision of each other serial counts, unless it took its components from history
-    itself. The variance is the mean over the runs, weighted by their groups; degrees of freedom add
-    up. What the recipe states stands.
+    Of each serial counts the newest revision of other logs than these that did not take its
+    components from history itself. The variance is the mean over the runs, weighted by their
+    groups; degrees of freedom add up. What the recipe states stands.
     """
     if spec.errors.source != "history":
         return Pooled(spec)
-    earlier = list(_earlier_runs(spec, runs, serial))
+    digests = {hashlib.sha256(path.read_bytes()).hexdigest() for path in logs}
+    earlier = list(_earlier_runs(spec, runs, digests))
     if not earlier:
-        flag = f"no run of another device of type '{spec.type}' in {runs.name}: nothing was pooled"
+        flag = f"no earlier run of type '{spec.type}' in {runs.name}: nothing was pooled"
         return Pooled(spec, flags=(flag,))
     found: dict[tuple[str, str], list[Component]] = {}
     for run in earlier:
@@ -63,17 +65,19 @@ def pool_components(spec: Recipe, runs: Path, serial: str) -> Pooled:
     return Pooled(spec.model_copy(update={"errors": errors}), listed, flags)
 
 
-def _earlier_runs(spec: Recipe, runs: Path, serial: str) -> Iterator[Run]:
-    """Newest run of each other serial whose type and procedure are those of a recipe."""
+def _earlier_runs(spec: Recipe, runs: Path, digests: set[str]) -> Iterator[Run]:
+    """Newest run of each serial whose type and procedure are those of a recipe and whose logs are
+    none of these.
+    """
     for folder in sorted(runs.iterdir()) if runs.is_dir() else ():
-        revisions = store.revisions(folder) if folder.is_dir() else []
-        # a run of this serial may be of the same logs
-        if revisions and folder.name != serial:
-            run = store.load_revision(runs, folder.name, max(revisions))
+        for revision in sorted(store.revisions(folder) if folder.is_dir() else (), reverse=True):
+            run = store.load_revision(runs, folder.name, revision)
             wanted = (spec.procedure, spec.type)
             found = (run.document["procedure"], run.document.get("type", ""))
-            if found == wanted and not run.document.get(POOLED):
+            same = digests & {entry["sha256"] for entry in run.document["inputs"]}
+            if found == wanted and not same and not run.document.get(POOLED):
                 yield run
+                break
 
 
 def _components(run: Run) -> dict[tuple[str, str], Component]:
