@@ -151,6 +151,14 @@ def test_u_holds_a_second_order_error_where_it_is_and_not_elsewhere(spec, model)
     assert across[50e-6] <= 3.0 * across[0.0]
 
 
+def test_a_sensor_that_points_one_way_only_has_the_second_order_of_the_others():
+    """Sixteen attitudes with z between 0 and 1 g: no error of z alone is too large to be hidden by
+    its bias, yet U of the bias stays below 0.5 mg, for three sensors are alike.
+    """
+    fitted = fit_triad(dwells(2).without(range(16, 182)), recipe(**LENGTHS))
+    assert 2.2 * max(c.standard_uncertainty for c in fitted.affine.coefficients) < 5e-4
+
+
 def test_few_soaks_for_the_coefficients_of_an_axis_are_flagged():
     """A cubic zero at five soaks has one degree of freedom, at seven three: the flag says what is
     left and what to do, once.

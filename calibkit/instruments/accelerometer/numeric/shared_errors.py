@@ -42,6 +42,8 @@ ANY_SIZE = Known(1e-3, bound=True)
 """Drift of the zero [g/h] beyond that of any sensor that is worth a calibration: U holds as much
 of it as the data allow, however small it looks.
 """
+LEAST_NOISE_G = 1e-15
+"""Noise [g] of a residual that is rounding."""
 STEPS = 2
 """Linearisations of a nonlinear fit that starts where ordinary least squares ended."""
 
@@ -303,18 +305,20 @@ def _list_lacking_terms(
     own = [one for one in tried if (one.group, one.effect) == SECOND_ORDER]
     if not own:
         return ()
-    found, noise = fitted.found, fitted.found.residual_rms / _beside(slopes, own[0].loading)
+    # of a sensor that gravity never lies along nothing is left
+    left = np.maximum(_beside(slopes, own[0].loading), SEPARATE)
+    found, noise = fitted.found, max(fitted.found.residual_rms, LEAST_NOISE_G) / left
     effects = [(one.group, one.effect) for one in fitted.effects]
     if SECOND_ORDER in effects:
         spread = next(c.value for c in found.components if (c.group, c.effect) == SECOND_ORDER)
-        unsure = spread * noise / np.hypot(spread, np.maximum(noise, np.finfo(np.float64).tiny))
+        unsure = spread * noise / np.hypot(spread, noise)
         size = np.hypot(found.predicted[effects.index(SECOND_ORDER)][0], unsure)
         along = at.along(np.eye(3) * size * where.gravity[:, None, :])
         return (Effect(*LACKING, np.zeros(len(along), dtype=np.int64), along, WHOLE),)
     if at.per_dwell > 1:
         return ()
-    # anywhere below what would be asked for, as a rectangular distribution
-    hidden = float(np.sqrt(np.mean(noise**2) * shared_fit.ASKED_FOR / 3.0))
+    # anywhere below what would be asked for, of three sensors alike, as a rectangular distribution
+    hidden = float(np.sqrt(shared_fit.ASKED_FOR / 3.0 / np.mean(noise**-2.0)))
     return (replace(own[0], known=Known(min(hidden, LARGEST_SECOND_ORDER), bound=True)),)
 
 
