@@ -3,7 +3,8 @@ F0(T).
 
 The gyro, the table and their log are those of `simulate_rate_table`: a table that accelerates and
 turns unevenly, the earth's rate, whole counts, a filter that lags. Errors act on the gyro: its
-scale factor or zero differs from run to run, the zero drifts during each run, the response is bent.
+scale factor or zero differs from run to run, the zero also from one direction to the other, the
+zero drifts during each run, the response is bent.
 The truth is the gyro's best straight line over the rates, without the errors of single runs.
 """
 
@@ -45,9 +46,10 @@ LOW_DEGC, HIGH_DEGC = -35.0, 85.0
 AT_DEGC = (-20.0, 20.0, 60.0)
 """Temperatures at which K(T) and F0(T) are judged."""
 GYRO, INTERVAL_S = "gyro_x_lsb", 1.0
-SCALE, ZERO, DRIFT, ASYMMETRY, RIPPLE = (
+SCALE, ZERO, SIDE, DRIFT, ASYMMETRY, RIPPLE = (
     "scale factor of a run",
     "zero of a run",
+    "zero of a side of the table",
     "drift of the zero in a run",
     "asymmetry",
     "ripple of the response",
@@ -65,7 +67,7 @@ def list_cases() -> list[Case]:
     found = []
     for runs in GROUPS:
         found.append(Case("rate_table", "rate table", NONE, 0.0, runs))
-        for error in (*OF_RUNS, ASYMMETRY, RIPPLE):
+        for error in (*OF_RUNS, SIDE, ASYMMETRY, RIPPLE):
             between = runs - LINEAR if error in COMPONENT else None
             found += [
                 Case("rate_table", "rate table", error, ratio, runs, between=between)
@@ -127,6 +129,10 @@ def _log(
     if case.error == ZERO:
         gyro = replace(gyro, bias_dps=gyro.bias_dps + size)
     log = simulated.run({GYRO: gyro}, table, RATES_DPS, degc, rng)
+    if case.error == SIDE:
+        sides = case.ratio * noise_dps() * rng.normal(size=2)
+        rate = log["table_rate_dps"]
+        log[GYRO] = log[GYRO] + gyro.K * np.where(rate > 0.0, sides[0], np.where(rate, sides[1], 0))
     if case.error == DRIFT:
         share = log["time_s"] - log["time_s"].mean()
         log[GYRO] = log[GYRO] + gyro.K * size * share / share.std()
@@ -233,6 +239,7 @@ def _exact(case: Case) -> dict[str, Array]:
     shared = {
         SCALE: own * rate[:, None] / TOP_DPS,
         ZERO: own,
+        SIDE: np.hstack((own * (rate > 0.0)[:, None], own * (rate < 0.0)[:, None])),
         DRIFT: own * (time / time.std())[:, None],
     } | {
         name: (bend - line @ np.linalg.lstsq(line, bend)[0])[:, None]

@@ -17,7 +17,7 @@ import numpy as np
 from calibkit.arrays import Array, Integers
 from calibkit.instruments.gyro_scale.numeric import line_terms
 from calibkit.numeric import gum
-from calibkit.numeric.least_squares import components, polynomial
+from calibkit.numeric.least_squares import components, polynomial, shared_fit
 from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
 
 SCALE, ZERO = 0, 1
@@ -179,12 +179,18 @@ def fit(
         for order in orders
     ]
     base = np.column_stack((mapped[SCALE] * rows.rate_dps[:, None], mapped[ZERO]))
-    mixed = components.fit(
+    count = rows.run.size
+    mixed = shared_fit.fit(
         np.column_stack((base, *shapes.values())),
         rows.indication,
         list(_effects(rows, orders, known)),
+        list(_candidates(rows)),
+        weights=np.ones(count),
+        channel=np.zeros(count, dtype=np.int64),
+        used=np.ones(count, dtype=np.bool_),
+        leave_out=False,
         names=_names(orders, list(shapes)),
-    )
+    ).found
     lines = _lines(rows.rate_dps, orders, shapes, mixed.coefficients)
     hidden = 0.0
     if np.ptp(np.sign(rows.rate_dps)) < BOTH_WAYS:
@@ -211,6 +217,14 @@ def _effects(
     pattern = rows.pattern() if rows.both_ways else np.empty((rows.run.size, 0))
     if pattern.size:
         yield components.Effect("rate", "response", np.zeros_like(rows.run), pattern)
+
+
+def _candidates(rows: Rows) -> Iterator[components.Effect]:
+    """Errors that are kept where the likelihood asks for them: of each side of each run."""
+    if rows.both_ways:
+        side = 2 * rows.run + (rows.rate_dps < 0.0)
+        yield components.Effect("side", "zero", side, np.ones(rows.run.size))
+        yield components.Effect("side", "scale", rows.run, np.abs(rows.rate_dps))
 
 
 def _names(orders: tuple[int, int], shapes: Sequence[str]) -> list[str]:
