@@ -39,7 +39,14 @@ BEGIN, END = (
     "<!-- measured: benchmarks/coverage.py writes what stands below -->",
     "<!-- end of what is measured -->",
 )
-INSTRUMENTS = ("accelerometer", "rate_table", "gyro_pair", "gyro_triad", "bias_temperature")
+INSTRUMENTS = (
+    "accelerometer",
+    "rate_table",
+    "gyro_pair",
+    "gyro_triad",
+    "bias_temperature",
+    "inclinometer",
+)
 """Modules of `intervals`; each has `list_cases()` and `simulate(case, number)`."""
 FAST_S, MANY, FEWER, CHUNK = 0.2, 1000, 200, 20
 
