@@ -14,7 +14,7 @@ from calibkit.coefficients import Condition, Figure
 from calibkit.errors import FitError
 from calibkit.instruments.fog_thermal.compensate import DriftModel
 from calibkit.instruments.fog_thermal.numeric import evaluate, uncertainty as thermal_uncertainty
-from calibkit.instruments.fog_thermal.numeric.terms import ThermalModel
+from calibkit.instruments.fog_thermal.numeric.bank import OnLevels
 from calibkit.instruments.fog_thermal.numeric.uncertainty import Hysteresis
 from calibkit.instruments.fog_thermal.ramps import PreparedLog
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
@@ -125,9 +125,8 @@ def _at_rest(
     if model.thermal is None:
         return None
     temperature = model.thermal.nearest_fitted(recipe.reference_temp_degc)
-    row = evaluate.design_at_rest(model.thermal, temperature)[0]
-    rate = float(row @ model.thermal.coefficients)
-    u = float(np.sqrt(row @ model.thermal.covariance[:9, :9] @ row))
+    rate, row = evaluate.at_rest(model.thermal, temperature)
+    u = float(np.sqrt(row @ model.thermal.covariance @ row + model.thermal.model_error**2))
     return _Rest(
         temperature,
         rate,
@@ -224,7 +223,7 @@ def _compare_ways(model: DriftModel, logs: Sequence[PreparedLog]) -> _BothWays |
     )
 
 
-def _constant(model: ThermalModel, logs: Sequence[PreparedLog]) -> tuple[float, float] | None:
+def _constant(model: OnLevels, logs: Sequence[PreparedLog]) -> tuple[float, float] | None:
     """Mean turn-on bias of cooling logs less that of heating logs, and its standard uncertainty
     [°/h]; None with fewer than two logs a side, or a log with ramps in both directions.
     """

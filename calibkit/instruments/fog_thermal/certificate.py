@@ -234,7 +234,7 @@ class _OnLevels:
         """Columns of a lagged model's drift on ramps; cells are empty where the coil is out of
         range.
         """
-        if self.model.form != forms.LAGGED.name:
+        if self.model.form not in (forms.LAGGED.name, forms.BANK.name):
             return []
         low, high = self.model.valid.get(forms.RATE, (0.0, 0.0))
         rate = next((rate for rate in RATES if rate <= min(-low, high)), None)
@@ -276,8 +276,8 @@ class _OnLevels:
         [°C/min].
         """
         at = {forms.CASE: np.full(len(rates), t), forms.RATE: np.array(rates)}
-        coil, (low, high) = forms.drivers_at(self.model, at), self.model.valid[TEMPERATURE]
-        return bool(np.all((low <= coil.temperature) & (coil.temperature <= high)))
+        coil, (low, high) = forms.coil_temperature(self.model, at), self.model.valid[TEMPERATURE]
+        return bool(np.all((low <= coil) & (coil <= high)))
 
 
 def _plot(table: GridTable) -> Figure:

@@ -13,8 +13,8 @@ from calibkit.frame import Log, values
 from calibkit.instruments.fog_thermal import forms, ramps
 from calibkit.instruments.fog_thermal.forms import FILE
 from calibkit.instruments.fog_thermal.numeric import compensation, evaluate
+from calibkit.instruments.fog_thermal.numeric.bank import OnLevels
 from calibkit.instruments.fog_thermal.numeric.gradient import Blocks, RatePolynomial
-from calibkit.instruments.fog_thermal.numeric.terms import ThermalModel
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 from calibkit.numeric import chunks
 
@@ -57,7 +57,7 @@ class DriftModel:
     """
 
     polynomials: tuple[RatePolynomial, ...]
-    thermal: ThermalModel | None
+    thermal: OnLevels | None
     interval_s: float
     mode: Mode
     reference_temp_degc: float

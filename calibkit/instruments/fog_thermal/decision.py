@@ -89,7 +89,7 @@ def decide(
     share_rates, share_levels = _share_of_rates(choices), None
     if levels.chosen is not None:
         share_levels = levels.chosen.pooled / levels.chosen.pooled_raw
-    if spec.model in ("level", "lagged"):
+    if spec.model in ("level", "lagged", "bank"):
         rates = ()
     if rates and thermal is not None:
         if share_rates is not None and share_levels is not None and share_rates < share_levels:

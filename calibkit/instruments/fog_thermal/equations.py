@@ -41,4 +41,19 @@ LAGGED = Equation(
     rf"{LATEX}, \quad \tau_o \dot T_o = T_s - T_o, \quad \tau_i \dot T_i = T_o - T_i",
     LAGGED_WHERE,
 )
-EXPORTED = (OVER_RATES, LEVEL, LAGGED)
+BANK = Equation(
+    forms.BANK.name,
+    r"D = \omega - \omega(T_0), \quad \omega = b_0 + \sum_j (a_j + b_j z) \rho_j "
+    r"+ \sum_k s_k z^k + g(T) + \sum_m h_m d_m + \sum_m w_m e^{-t/\theta_m}, "
+    r"\quad \rho_j = (u - x_j)/\tau_j, \quad \tau_j \dot x_j = u - x_j",
+    Words(
+        "u case temperature, ρⱼ its rate behind the lag τⱼ [°C/min]; T follows u with the lags"
+        " tau_fast and tau_static, z = (T − 25 °C)/50 °C; g a table over T, dₘ a play operator of"
+        " T, t the time since switch-on, each where the model has it. D, which is taken off, is ω less"
+        " its value at rest at the reference temperature T₀: bias and earth's rate stay.",
+        "u 为壳温，ρⱼ 为经时间常数 τⱼ 滞后的温变速率 [°C/min]；T 以 tau_fast、tau_static 跟随 u，"
+        "z = (T − 25 °C)/50 °C；g 为 T 的表，dₘ 为 T 的滞回算子，t 为通电后的时间（模型含有时）。"
+        "补偿量 D 为 ω 减去参考温度 T₀ 稳态时的值：零偏与地球自转分量保留在输出中。",
+    ),
+)
+EXPORTED = (OVER_RATES, LEVEL, LAGGED, BANK)

@@ -1,8 +1,8 @@
 """Model forms of the thermal drift, and their conversion to and from coefficient files.
 
-A lagged model is evaluated in two ways. Its form gives the drift on a steady ramp after the lags
-have settled, for certificates. Along a log, for `apply`, `numeric.evaluate` solves the lags from
-sample to sample with the model that `read_thermal` returns.
+A lagged model or a bank is evaluated in two ways. Its form gives the drift on a steady ramp after
+the lags have settled, for certificates. Along a log, for `apply`, `numeric.evaluate` solves the
+lags from sample to sample with the model that `read_thermal` returns.
 """
 
 import math
@@ -14,6 +14,13 @@ from calibkit.coefficients import Model, Parameter
 from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.forms import Form, Inputs, power_unit
 from calibkit.instruments.fog_thermal.numeric import coil, gradient
+from calibkit.instruments.fog_thermal.numeric.bank import (
+    STATIC_LAGS,
+    Bank,
+    BankDrivers,
+    BankModel,
+    OnLevels,
+)
 from calibkit.instruments.fog_thermal.numeric.noise import Noise
 from calibkit.instruments.fog_thermal.numeric.terms import (
     LAGS,
@@ -95,8 +102,18 @@ def _term_gradient(model: Model, at: Inputs) -> Array:
     return np.column_stack([drivers.raw_design(), *by_lags[: len(model.coefficients) - len(TERMS)]])
 
 
+def coil_temperature(model: Model, at: Inputs) -> Array:
+    """Temperature [n, °C] that a model on levels refers to, with its lags settled."""
+    if model.form == BANK.name:
+        return _bank_drivers(model, at)[1].temperature
+    return drivers_at(model, at).temperature
+
+
 def slope_over_case(model: Model, at: Inputs) -> Array:
-    """Derivative [n, °/h/°C] of a level or lagged model's rate by case temperature."""
+    """Derivative [n, °/h/°C] of the rate of a model on levels by case temperature."""
+    if model.form == BANK.name:
+        terms, drivers, _ = _bank_drivers(model, at)
+        return terms.slope(BANK.read(model)[: -len(STATIC_LAGS)], drivers)
     return drivers_at(model, at).slope_over_temperature() @ _terms(model)
 
 
@@ -114,7 +131,60 @@ LEVEL = Form("fog-drift-level/1", _term_gradient, _sum_of_terms, meaning=("inter
 """Indicated rate as the sum of TERMS of case temperature and gradient to the chamber air."""
 LAGGED = Form("fog-drift-lagged/1", _term_gradient, _sum_of_terms, meaning=("interval",))
 """Indicated rate as the sum of TERMS of coil temperatures that lag behind the case."""
-ON_LEVELS = {LEVEL.name: LEVEL, LAGGED.name: LAGGED}
+
+
+def read_bank(model: Model) -> Bank:
+    """Terms of a bank of lags."""
+    stated = {parameter.name: parameter.value for parameter in model.parameters}
+
+    def numbered(name: str) -> tuple[float, ...]:
+        return tuple(stated[f"{name}_{k}"] for k in range(1, 99) if f"{name}_{k}" in stated)
+
+    return Bank(*(numbered(name) for name in _NUMBERED))
+
+
+_NUMBERED = {"tau": "s", "knot": "degC", "width": "degC", "warm_up": "s"}
+"""Parameters of a bank that are numbered from 1, in the order of the fields of `Bank`, and their
+units.
+"""
+
+
+def _bank_drivers(model: Model, at: Inputs) -> tuple[Bank, BankDrivers, Array]:
+    """Terms, drivers [n] on a steady ramp after the lags have settled, and derivatives [n, 3] of T
+    by the static lag; play operators are then behind by their width.
+    """
+    terms, case = read_bank(model), at[CASE]
+    rate = at.get(RATE, np.zeros_like(case))
+    fast, slow, share = BANK.read(model)[-len(STATIC_LAGS) :]
+    behind = -rate / SECONDS_PER_MINUTE
+    return (
+        terms,
+        BankDrivers(
+            case + behind * (fast + share * (slow - fast)),
+            np.repeat(rate[:, None], len(terms.lags), axis=1),
+            np.repeat(-np.sign(rate)[:, None], len(terms.widths), axis=1),
+            np.zeros((case.size, len(terms.warm_up))),
+        ),
+        behind[:, None] * np.array([1.0 - share, share, slow - fast]),
+    )
+
+
+def _bank_gradient(model: Model, at: Inputs) -> Array:
+    """Derivatives [n, p + 3] of the indicated rate [°/h] by the coefficients and the static lag."""
+    terms, drivers, by_lag = _bank_drivers(model, at)
+    slope = terms.slope(BANK.read(model)[: -len(STATIC_LAGS)], drivers)
+    return np.column_stack([terms.columns(drivers), by_lag * slope[:, None]])
+
+
+def _bank_rate(model: Model, at: Inputs) -> Array:
+    """Indicated rate [n, °/h]."""
+    terms, drivers, _ = _bank_drivers(model, at)
+    return terms.columns(drivers) @ BANK.read(model)[: -len(STATIC_LAGS)]
+
+
+BANK = Form("fog-drift-bank/1", _bank_gradient, _bank_rate, meaning=("interval",))
+"""Indicated rate through a bank of first-order lags of the case temperature."""
+ON_LEVELS = {LEVEL.name: LEVEL, LAGGED.name: LAGGED, BANK.name: BANK}
 
 
 def write_ramp(name: str, fit: gradient.RampFit, interval_s: float) -> Model:
@@ -175,16 +245,12 @@ def read_rates(model: Model) -> gradient.RatePolynomial:
     )
 
 
-def write_thermal(model: ThermalModel, interval_s: float) -> Model:
-    """Level or lagged model for the coefficient file; terms that were not fitted are 0."""
+def write_thermal(model: OnLevels, interval_s: float) -> Model:
+    """Level, lagged or bank model for the coefficient file; terms that were not fitted are 0."""
+    if isinstance(model, BankModel):
+        return _write_bank(model, interval_s)
     lags = [(name, lag, "s") for name, lag in zip(LAGS, model.lags, strict=False)]
-    parameters = [
-        Parameter("interval", interval_s, "s"),
-        Parameter("white_variance", model.noise.white_variance, "(deg/h)^2"),
-        Parameter("flicker", model.noise.flicker, "deg/h"),
-        Parameter("model_error", model.model_error, "deg/h"),
-        Parameter("model_error_dof", model.model_error_dof, "1"),
-    ]
+    parameters = _errors(model, interval_s)
     if model.form == "level":
         parameters.append(Parameter("window", model.window_s, "s"))
     form = LEVEL if model.form == "level" else LAGGED
@@ -200,13 +266,75 @@ def write_thermal(model: ThermalModel, interval_s: float) -> Model:
     )
 
 
-def read_thermal(model: Model) -> ThermalModel:
-    """Level or lagged model: the inverse of `write_thermal`, without the turn-on biases of the
-    logs.
+def _errors(model: OnLevels, interval_s: float) -> list[Parameter]:
+    """Parameters that every model on levels has: interval, noise and model error."""
+    return [
+        Parameter("interval", interval_s, "s"),
+        Parameter("white_variance", model.noise.white_variance, "(deg/h)^2"),
+        Parameter("flicker", model.noise.flicker, "deg/h"),
+        Parameter("model_error", model.model_error, "deg/h"),
+        Parameter("model_error_dof", model.model_error_dof, "1"),
+    ]
+
+
+def _write_bank(model: BankModel, interval_s: float) -> Model:
+    """Bank of lags for the coefficient file."""
+    bank = model.bank
+    parts = (bank.lags, bank.knots, bank.widths, bank.warm_up)
+    numbered = [
+        Parameter(f"{name}_{k}", value, unit)
+        for (name, unit), part in zip(_NUMBERED.items(), parts, strict=True)
+        for k, value in enumerate(part, start=1)
+    ]
+    coefficients = [
+        (name, value, unit)
+        for (name, unit), value in zip(bank.terms, model.coefficients.tolist(), strict=True)
+    ]
+    return BANK.write(
+        "drift",
+        [*coefficients, *zip(STATIC_LAGS, model.static_lag, ("s", "s", "1"), strict=True)],
+        model.covariance,
+        dof=model.dof,
+        residual_rms=model.residual_rms,
+        residual_unit="deg/h",
+        valid={CASE: model.valid.temperature, RATE: model.valid.rate},
+        parameters=(
+            *_errors(model, interval_s),
+            Parameter("turn_on", model.turn_on_sd, "deg/h"),
+            *numbered,
+        ),
+    )
+
+
+def _read_bank_model(model: Model) -> BankModel:
+    """Bank of lags: the inverse of `_write_bank`, without the turn-on biases of the logs."""
+    values = BANK.read(model)
+    fast, slow, share = values[-len(STATIC_LAGS) :].tolist()
+    return BankModel(
+        bank=read_bank(model),
+        coefficients=values[: -len(STATIC_LAGS)],
+        static_lag=(fast, slow, share),
+        covariance=np.array(model.covariance),
+        valid=Valid(model.valid[CASE], model.valid[RATE], (0.0, 0.0), (0.0, 0.0)),
+        turn_on=np.zeros(0),
+        turn_on_sd=model.value("turn_on"),
+        dof=model.dof,
+        residual_rms=model.residual_rms,
+        noise=Noise(model.value("white_variance"), model.value("flicker")),
+        model_error=model.value("model_error"),
+        model_error_dof=model.value("model_error_dof"),
+    )
+
+
+def read_thermal(model: Model) -> OnLevels:
+    """Level, lagged or bank model: the inverse of `write_thermal`, without the turn-on biases of
+    the logs.
 
     Older files do not state the degrees of freedom of the model error: these are then infinite, and
     flagged.
     """
+    if model.form == BANK.name:
+        return _read_bank_model(model)
     lags = LAGS[: len(model.coefficients) - len(TERMS)]
     stated = any(parameter.name == "model_error_dof" for parameter in model.parameters)
     return ThermalModel(

@@ -294,7 +294,7 @@ INSTRUMENT = Instrument(
     firmware=_firmware,
     key_figures=(
         r"drift\..+\.(a\d|residual_rms)",
-        r"drift_rate\..+\.([bcs]\w+|tau_\w+|residual_rms)",
+        r"drift_rate\..+\.([abcsghw]\d+|s_\w+|tau_\w+|residual_rms)",
         r"drift_rate\.(raw_drift_rms|drift_rms_before|drift_rms_after|rate_gain_recursive)\..+",
     ),
     campaigns={"fog_thermal": _simulate},

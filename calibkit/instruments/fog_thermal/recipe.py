@@ -52,7 +52,7 @@ class Denoise(Table):
 class Drift(Table):
     """Choice of the drift model, and options of the published one (CN102095419A)."""
 
-    model: Literal["auto", "gradient_rate", "level", "lagged"] = "auto"
+    model: Literal["auto", "gradient_rate", "level", "lagged", "bank"] = "auto"
     interval_s: Positive = 10.0
     estimate: Literal["levels", "increments"] = "levels"
     order: Annotated[int, Field(ge=0, le=5)] | Literal["auto"] = "auto"

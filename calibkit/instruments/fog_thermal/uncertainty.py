@@ -19,8 +19,8 @@ from calibkit.instruments.fog_thermal.numeric import (
     noise as thermal_noise,
     uncertainty,
 )
+from calibkit.instruments.fog_thermal.numeric.bank import OnLevels
 from calibkit.instruments.fog_thermal.numeric.gradient import Blocks
-from calibkit.instruments.fog_thermal.numeric.terms import ThermalModel
 from calibkit.instruments.fog_thermal.ramps import PreparedLog
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 from calibkit.numeric import chunks, consistency, gum
@@ -102,7 +102,7 @@ def flag_unused(terms: Sequence[TypeB]) -> list[str]:
 
 
 def _propagate(
-    thermal: ThermalModel,
+    thermal: OnLevels,
     time: Array,
     case: Array,
     env: Array,

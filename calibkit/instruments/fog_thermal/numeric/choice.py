@@ -1,8 +1,8 @@
-"""Choice between no drift term, level models and lagged models by their errors on ramps that were
-left out of the fit.
+"""Choice between no drift term, level models, lagged models and banks of lags by their errors on
+ramps that were left out of the fit.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -10,18 +10,26 @@ import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.errors import FitError
-from calibkit.instruments.fog_thermal.numeric import lagged, level, pooled_fit, uncertainty
+from calibkit.instruments.fog_thermal.numeric import (
+    bank_fit,
+    lagged,
+    level,
+    pooled_fit,
+    uncertainty,
+)
+from calibkit.instruments.fog_thermal.numeric.bank import OnLevels
+from calibkit.instruments.fog_thermal.numeric.bank_groups import Groups
 from calibkit.instruments.fog_thermal.numeric.compensation import WORSE, LeftOutRamps
 from calibkit.instruments.fog_thermal.numeric.lagged import Survey
 from calibkit.instruments.fog_thermal.numeric.pooled_fit import Solution, Stack, ThermalLog
-from calibkit.instruments.fog_thermal.numeric.terms import TERMS, ThermalModel, chosen_columns
+from calibkit.instruments.fog_thermal.numeric.terms import TERMS, chosen_columns
 
 CLEARLY = 0.95
 """Largest ratio of the error on left-out ramps to the raw drift with which a model may be exported.
 """
-ALIKE = 1.0025
-"""Ratio of pooled errors up to which two candidates count as equal; the noise of 100 s means is
-larger than that.
+GAINED = 1.0
+"""Increase of the logarithm of the evidence from which a further term of a bank is tested on
+left-out ramps: odds of e to 1.
 """
 FIGURE_BLOCKS = 10
 """Blocks that one mean of the drift figure averages: 100 s (the longer interval of GJB 2426A) at a
@@ -40,7 +48,7 @@ class _Candidate:
     """Candidate model: its name, form and terms."""
 
     name: str
-    form: Literal["level", "lagged"]
+    form: Literal["level", "lagged", "bank"]
     terms: tuple[str, ...]
 
 
@@ -55,7 +63,10 @@ CANDIDATES = (
     _Candidate("lagged T³, one lag", "lagged", (*STATIC, "s_rate", "s_temp_rate")),
     _Candidate("lagged T³, rate, gradient", "lagged", (*STATIC, "s_rate", "s_grad", "s_temp_rate")),
     _Candidate("lagged, all terms", "lagged", lagged.LAGGED_TERMS),
+    _Candidate("bank of lags", "bank", ()),
 )
+FURTHER = {"g": "table over temperature", "h": "hysteresis", "w": "warm-up"}
+"""Further terms of a bank, and what they describe."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,8 +76,34 @@ class _Fitted:
     """
 
     candidate: _Candidate
-    solution: Solution
+    solution: Solution | bank_fit.Solution
     survey: Survey | None
+    logs: int
+
+    @property
+    def parameters(self) -> int:
+        """Number of free parameters: coefficients, lags and offsets of logs; the coefficients of a
+        bank have priors, whose variances count instead.
+        """
+        if isinstance(self.solution, bank_fit.Solution):
+            return self.solution.parameters
+        return len(self.candidate.terms) + self.solution.log_lags.size + self.logs - 1
+
+    @property
+    def endless(self) -> bool:
+        """Whether a fitted lag lies at its upper bound, so that it does not describe a real lag."""
+        if isinstance(self.solution, bank_fit.Solution):
+            return False
+        bound = np.log(lagged.BOUNDS_S[1]) - lagged.STEP
+        return bool(np.any(self.solution.log_lags > bound))
+
+    def finish(self, stacked: Stack) -> OnLevels:
+        """Drift model in raw units."""
+        if isinstance(self.solution, bank_fit.Solution):
+            return self.solution.finish()
+        if self.solution.form == "lagged":
+            return lagged.finish(self.solution, stacked)
+        return self.solution.finish(stacked)
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,9 +117,7 @@ class _LeftOut(LeftOutRamps):
     errors: tuple[Array, ...]
     """Compensated 100 s means of each ramp [°/h], the ramp's mean removed."""
     parameters: int
-    """Number of coefficients and lags."""
     endless: bool
-    """Whether a lag lies at its upper bound, so that it does not describe a real lag."""
 
     @property
     def helps(self) -> bool:
@@ -92,6 +127,13 @@ class _LeftOut(LeftOutRamps):
         return self.pooled <= CLEARLY * self.pooled_raw and bool(
             np.all(self.compensated <= WORSE * self.raw)
         )
+
+    def as_good_as(self, best: "_LeftOut") -> bool:
+        """Whether the mean square error is within one standard error of that of the best: of the
+        difference ramp by ramp, in which the noise of a ramp cancels.
+        """
+        more = self.compensated**2 - best.compensated**2
+        return bool(more.mean() <= np.std(more, ddof=1) / np.sqrt(more.size))
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +145,7 @@ class ThermalChoice:
     tested: tuple[_LeftOut, ...]
     refused: tuple[str, ...]
     chosen: _LeftOut | None
-    model: ThermalModel | None
+    model: OnLevels | None
     reason: str
 
 
@@ -113,8 +155,8 @@ def choose(
     *,
     figure_blocks: int = FIGURE_BLOCKS,
 ) -> ThermalChoice:
-    """Fit each candidate without each ramp in turn and choose the one with the smallest pooled
-    error on left-out ramps.
+    """Fit each candidate without each ramp in turn and choose the simplest within one standard
+    error of the smallest error on left-out ramps.
 
     A candidate is rejected if its pooled error is not below CLEARLY times the raw drift or if it
     makes any left-out ramp worse; if all are rejected, no drift term is exported. Left-out ramps
@@ -140,14 +182,10 @@ def choose(
         return ThermalChoice((), (), None, None, reason)
     solutions, refused = _solutions_of(stacked, candidates)
     tested = tuple(_left_out(fitted, stacked, figure_blocks) for fitted in solutions)
-    best = _best_of(tested)
+    best = _best_of(tested, one_sided=_one_sided(stacked))
     if best is None:
         return ThermalChoice(tested, refused, None, None, _nothing_helps(tested, refused))
-    solution = solutions[best].solution
-    if solution.form == "lagged":
-        model = lagged.finish(solution, stacked)
-    else:
-        model = solution.finish(stacked)
+    model = solutions[best].finish(stacked)
     model = replace(
         model,
         model_error=uncertainty.model_error(
@@ -155,29 +193,42 @@ def choose(
         ),
         model_error_dof=float(len(stacked.ramps) - 1),
     )
-    return ThermalChoice(tested, refused, tested[best], model, _why(tested[best]))
+    return ThermalChoice(tested, refused, tested[best], model, _why(tested[best], tested))
 
 
-def _best_of(tested: Sequence[_LeftOut]) -> int | None:
+def _best_of(tested: Sequence[_LeftOut], *, one_sided: bool) -> int | None:
     """Index of the candidate to export, None if none helps: the one with the fewest parameters
-    among those whose pooled error equals the smallest within ALIKE.
+    among those as good as the best within the noise.
 
-    A candidate with a lag at its upper bound is taken only if no other helps.
+    A candidate with a lag at its upper bound counts as less simple than any other. Where all ramps
+    go one way, a bank is taken if it helps: the priors of its terms hold for the other way, where
+    nothing tests the others.
     """
     helping = [k for k, result in enumerate(tested) if result.helps]
-    helping = [k for k in helping if not tested[k].endless] or helping
+    if one_sided:
+        helping = [k for k in helping if tested[k].candidate.form == "bank"] or helping
     if not helping:
         return None
-    least = min(tested[k].pooled for k in helping)
-    alike = [k for k in helping if tested[k].pooled <= ALIKE * least]
-    return min(alike, key=lambda k: (tested[k].parameters, tested[k].pooled))
+    best = min((tested[k] for k in helping), key=lambda result: result.pooled)
+    alike = [k for k in helping if tested[k].as_good_as(best)]
+    return min(alike, key=lambda k: (tested[k].endless, tested[k].parameters, tested[k].pooled))
 
 
-def _why(best: _LeftOut) -> str:
+def _one_sided(stacked: Stack) -> bool:
+    """Whether the case gets only warmer or only colder from ramp to ramp."""
+    case = np.concatenate([log.case for log in stacked.logs])
+    changes = [case[rows.stop - 1] - case[rows.start] for rows in stacked.ramps]
+    return bool(np.all(np.sign(changes) == np.sign(changes[0])))
+
+
+def _why(chosen: _LeftOut, tested: Sequence[_LeftOut]) -> str:
+    least = min((one for one in tested if one.helps), key=lambda one: one.pooled)
+    left = f"{chosen.pooled:.3g} deg/h on left-out ramps against {chosen.pooled_raw:.3g} deg/h raw"
+    if least is chosen:
+        return f"{chosen.candidate.name}: {left}, the smallest error of the candidates"
     return (
-        f"{best.candidate.name}: {best.pooled:.3g} deg/h on left-out ramps against"
-        f" {best.pooled_raw:.3g} deg/h raw, the least, or the simplest of those alike, of the"
-        " candidates that make no ramp worse"
+        f"{chosen.candidate.name}: {left}, the simplest model within the noise of the best on"
+        f" left-out ramps ({least.candidate.name}, {least.pooled:.3g} deg/h)"
     )
 
 
@@ -212,44 +263,97 @@ def _solutions_of(
         else None
     )
     solved: list[_Fitted] = []
-    refused = []
+    refused, logs = [], len(stacked.logs)
     for candidate in candidates:
         try:
-            if surveyed is not None and candidate.form == "lagged":
-                solution = surveyed.solve(candidate.terms)
+            if candidate.form == "bank":
+                solved += _grow_bank(candidate, stacked, prepared.robust)
+            elif surveyed is not None and candidate.form == "lagged":
+                solved.append(_Fitted(candidate, surveyed.solve(candidate.terms), surveyed, logs))
             else:
-                solution = prepared.solve(candidate.terms)
+                solved.append(_Fitted(candidate, prepared.solve(candidate.terms), None, logs))
         except FitError as error:
             refused.append(f"{candidate.name}: {error.message}")
-            continue
-        solved.append(
-            _Fitted(candidate, solution, surveyed if candidate.form == "lagged" else None)
-        )
     return solved, tuple(refused)
+
+
+def _grow_bank(candidate: _Candidate, stacked: Stack, robust: Array) -> Iterator[_Fitted]:
+    """Bank of lags, then with one further term after the other, as long as the evidence asks for it
+    and left-out ramps come out better.
+    """
+    groups = Groups.of_stack(stacked, robust)
+    logs = len(stacked.logs)
+    here = _Fitted(candidate, bank_fit.solve(bank_fit.state_problem(stacked, groups)), None, logs)
+    yield here
+    left, taken = set(FURTHER) - ({"h"} if _one_sided(stacked) else set()), ""
+    while left:
+        assert isinstance(here.solution, bank_fit.Solution)  # noqa: S101 (mypy)
+        was = here.solution
+        tried = {
+            letter: bank_fit.solve_at(
+                bank_fit.state_problem(stacked, groups, taken + letter),
+                was.lag,
+                was.posterior.theta,
+            )
+            for letter in sorted(left)
+        }
+        letter = max(tried, key=lambda name: tried[name].posterior.log_integral)
+        if tried[letter].posterior.log_integral < was.posterior.log_integral + GAINED:
+            return
+        if _mean_square(tried[letter], stacked) >= _mean_square(was, stacked):
+            return
+        taken, left = taken + letter, left - {letter}
+        solution = bank_fit.solve(tried[letter].problem)
+        here = _Fitted(
+            replace(candidate, name=f"{here.candidate.name}, {FURTHER[letter]}"),
+            solution,
+            None,
+            logs,
+        )
+        yield here
+
+
+def _mean_square(solution: bank_fit.Solution, stacked: Stack) -> float:
+    """Mean over the ramps of the variance of the error on each left-out ramp, in groups of
+    blocks.
+    """
+    errors = _errors(solution.leave_out(), stacked, solution.problem.groups.weights, FIGURE_BLOCKS)
+    return float(np.mean([np.var(error) for error in errors]))
 
 
 def _left_out(fitted: _Fitted, stacked: Stack, figure_blocks: int) -> _LeftOut:
     """Errors of a candidate on each ramp, fitted to all other ramps; lags start from the fit to all
     ramps.
     """
-    raw, compensated, errors = [], [], []
-    robust = fitted.solution.robust
-    for rows, predicted in zip(stacked.ramps, _predicted(fitted, stacked), strict=True):
-        indication = stacked.indication[rows]
-        raw.append(float(np.std(_figure_means(indication, robust[rows], figure_blocks))))
-        error = _figure_means(indication - predicted, robust[rows], figure_blocks)
-        errors.append(error - error.mean())
-        compensated.append(float(np.std(error)))
-    lags = fitted.solution.log_lags
+    solution = fitted.solution
+    robust = (
+        solution.problem.groups.weights
+        if isinstance(solution, bank_fit.Solution)
+        else solution.robust
+    )
+    raw = _errors((np.zeros(1) for _ in stacked.ramps), stacked, robust, figure_blocks)
+    errors = _errors(_predicted(fitted, stacked), stacked, robust, figure_blocks)
     return _LeftOut(
         candidate=fitted.candidate,
         ramps=stacked.ramp_names,
-        raw=np.array(raw),
-        compensated=np.array(compensated),
-        errors=tuple(errors),
-        parameters=len(fitted.candidate.terms) + lags.size,
-        endless=bool(np.any(lags > np.log(lagged.BOUNDS_S[1]) - lagged.STEP)),
+        raw=np.array([np.std(values) for values in raw]),
+        compensated=np.array([np.std(values) for values in errors]),
+        errors=errors,
+        parameters=fitted.parameters,
+        endless=fitted.endless,
     )
+
+
+def _errors(
+    predicted: Iterable[Array], stacked: Stack, robust: Array, figure_blocks: int
+) -> tuple[Array, ...]:
+    """Indication less a prediction of each ramp [m, °/h], as figure means about their mean."""
+    found = []
+    for rows, values in zip(stacked.ramps, predicted, strict=True):
+        left = stacked.indication[rows] - values
+        error = _figure_means(left, robust[rows], figure_blocks)
+        found.append(error - error.mean())
+    return tuple(found)
 
 
 def _predicted(fitted: _Fitted, stacked: Stack) -> Iterator[Array]:
@@ -257,6 +361,9 @@ def _predicted(fitted: _Fitted, stacked: Stack) -> Iterator[Array]:
     ramps.
     """
     solution = fitted.solution
+    if isinstance(solution, bank_fit.Solution):
+        yield from solution.leave_out()
+        return
     if fitted.survey is None:
         moment = pooled_fit.moments(solution.columns, solution.weights, stacked)
         for number, rows in enumerate(stacked.ramps):

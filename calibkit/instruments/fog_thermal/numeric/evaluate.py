@@ -1,5 +1,5 @@
-"""Drift along a log by a fitted level or lagged model, its sensitivities, and the rows where a
-driver was clamped.
+"""Drift along a log by a fitted level, lagged or bank model, its sensitivities, and the rows where
+a driver was clamped.
 """
 
 from dataclasses import dataclass, replace
@@ -7,10 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibkit.arrays import Array, Mask
-from calibkit.instruments.fog_thermal.numeric import coil, level
+from calibkit.instruments.fog_thermal.numeric import bank, coil, level
+from calibkit.instruments.fog_thermal.numeric.bank import BankModel, OnLevels
 from calibkit.instruments.fog_thermal.numeric.terms import Drivers, ThermalModel
 
 REFERENCE_DEGC = 25.0
+ONE_SIDED = 0.1
+"""Share of the largest fitted rate below which a direction counts as not measured."""
 RELATIVE_STEP = 1e-3
 """Relative change of a lag for the numerical derivative of the drift."""
 
@@ -23,12 +26,14 @@ class Evaluation:
 
     drift: Array
     sensitivities: Array
-    """[n, 9 + lags], derivative of the drift by each coefficient and each lag."""
+    """[n, p], derivative of the drift by each coefficient and each lag, as in the covariance."""
     beyond: Array
     """[n, °/h], drift without clamping less drift with clamping."""
     temperature_clamped: Mask
     rate_clamped: Mask
     gradient_clamped: Mask
+    unmeasured: Mask
+    """The temperature goes in a direction in which none was fitted."""
 
 
 def _drivers(model: ThermalModel, time: Array, case: Array, env: Array) -> Drivers:
@@ -41,7 +46,7 @@ def _drivers(model: ThermalModel, time: Array, case: Array, env: Array) -> Drive
 
 
 def evaluate(
-    model: ThermalModel,
+    model: OnLevels,
     time: Array,
     case: Array,
     env: Array,
@@ -65,9 +70,11 @@ def evaluate(
     of a level model need at least four samples in their window.
 
     """
+    if isinstance(model, BankModel):
+        return _evaluate_bank(model, time, case, reference_degc)
     found = _drivers(model, time, case, env)
     inside = _clamp(found, model)
-    rest = design_at_rest(model, reference_degc)
+    rest = _design_at_rest(model, reference_degc)
     rows = inside.raw_design() - rest
     by_lag = [_by_lag(model, k, found, inside, (time, case, env)) for k in range(len(model.lags))]
     temperature, rate, gradient, gradient_rate = (
@@ -80,7 +87,71 @@ def evaluate(
         temperature,
         rate | gradient_rate,
         gradient,
+        _unmeasured(model, found.rate),
     )
+
+
+def _unmeasured(model: OnLevels, rate: Array) -> Mask:
+    """Whether rates [n, °C/min] go in a direction in which no ramp was fitted."""
+    low, high = model.valid.rate
+    slack = ONE_SIDED * max(-low, high)
+    return np.asarray(
+        ((rate < -slack) & (low > -2.0 * slack)) | ((rate > slack) & (high < 2.0 * slack))
+    )
+
+
+def _evaluate_bank(model: BankModel, time: Array, case: Array, reference_degc: float) -> Evaluation:
+    """Evaluation of a bank model, whose temperature and lagged rates are clamped to the fitted
+    ranges, rates to the largest fitted magnitude on either side.
+    """
+    logs, along = [(time, case)], coil.path([(time, case)])
+    lag = np.array([*np.log(model.static_lag[:2]), model.static_lag[2]])
+    temperature = bank.static_temperature(along, lag)
+    rates = bank.lagged_rates(model.bank, along)
+    free = bank.log_drivers(model.bank, logs, temperature, rates)
+    largest = max(map(abs, model.valid.rate))
+    inside = replace(
+        free,
+        temperature=np.clip(temperature, *model.valid.temperature),
+        rates=np.clip(rates, -largest, largest),
+    )
+    rest = at_rest(model, reference_degc)[1][: model.coefficients.size]
+    rows = model.bank.columns(inside) - rest
+    slope = np.where(
+        inside.temperature == temperature, model.bank.slope(model.coefficients, inside), 0.0
+    )
+    by_lag = bank.static_derivatives(along, lag, temperature) * slope[:, None]
+    by_lag[:, :2] /= model.static_lag[:2]
+    return Evaluation(
+        rows @ model.coefficients,
+        np.column_stack([rows, by_lag]),
+        (model.bank.columns(free) - rest - rows) @ model.coefficients,
+        np.asarray(inside.temperature != temperature),
+        np.any(inside.rates != rates, axis=1),
+        np.zeros(time.size, dtype=bool),
+        _unmeasured(model, rates[:, 0]),
+    )
+
+
+def at_rest(model: OnLevels, temperature: float) -> tuple[float, Array]:
+    """Indicated rate at rest [°/h] (no rate, no gradient, long after switch-on) at a temperature
+    [°C], clamped to the fitted range, and its derivatives [p] as in the covariance.
+    """
+    if isinstance(model, BankModel):
+        still = np.array([model.nearest_fitted(temperature)])
+        row = model.bank.columns(
+            bank.BankDrivers(
+                still,
+                *(
+                    np.zeros((1, len(part)))
+                    for part in (model.bank.lags, model.bank.widths, model.bank.warm_up)
+                ),
+            )
+        )[0]
+    else:
+        row = _design_at_rest(model, temperature)[0]
+    rate = float(row @ model.coefficients)
+    return rate, np.pad(row, (0, model.covariance.shape[0] - row.size))
 
 
 def _clamp(drivers: Drivers, model: ThermalModel) -> Drivers:
@@ -102,7 +173,7 @@ def _clamp(drivers: Drivers, model: ThermalModel) -> Drivers:
     )
 
 
-def design_at_rest(model: ThermalModel, reference_degc: float) -> Array:
+def _design_at_rest(model: ThermalModel, reference_degc: float) -> Array:
     """Design row [1, 9] at rest (no rate, no gradient) at the reference temperature, clamped to the
     fitted range.
     """

@@ -11,9 +11,9 @@ from calibkit.arrays import Array
 from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.errors import FitError
 from calibkit.instruments.fog_thermal.numeric import evaluate, noise as thermal_noise
+from calibkit.instruments.fog_thermal.numeric.bank import OnLevels
 from calibkit.instruments.fog_thermal.numeric.evaluate import Evaluation
 from calibkit.instruments.fog_thermal.numeric.pooled_fit import ThermalLog
-from calibkit.instruments.fog_thermal.numeric.terms import ThermalModel
 from calibkit.numeric import gum
 
 NEIGHBOURING = (1, 2, 3)
@@ -63,7 +63,7 @@ def _products(errors: Sequence[Array]) -> tuple[Array, Array]:
     )
 
 
-def explained(model: ThermalModel, logs: Sequence[ThermalLog], group: int) -> float:
+def explained(model: OnLevels, logs: Sequence[ThermalLog], group: int) -> float:
     """Mean product [(°/h)²] of neighbouring errors (means over a group of blocks) that type A
     uncertainty and flicker noise cause.
 
@@ -95,9 +95,7 @@ def about_its_mean(covariance: Array) -> Array:
     return np.asarray(columns - columns.mean(axis=1)[:, None], dtype=np.float64)
 
 
-def contributions(
-    model: ThermalModel, evaluation: Evaluation
-) -> list[tuple[str, str, Array, float]]:
+def contributions(model: OnLevels, evaluation: Evaluation) -> list[tuple[str, str, Array, float]]:
     """Independent contributions to the uncertainty of the drift along a log, each with its name,
     kind, values [n, °/h] and degrees of freedom.
 
@@ -135,7 +133,7 @@ class Hysteresis:
         return float(np.sqrt(max(excess, 0.0)))
 
 
-def hysteresis(model: ThermalModel | None, logs: Sequence[ThermalLog]) -> Hysteresis:
+def hysteresis(model: OnLevels | None, logs: Sequence[ThermalLog]) -> Hysteresis:
     """Compare the residual drift of a model (without one, the indication) on heating and on cooling
     ramps at equal case temperature.
 

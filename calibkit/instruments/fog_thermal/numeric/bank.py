@@ -1,0 +1,211 @@
+"""The `bank` model: drift as a function of the case temperature through a bank of first-order
+lags.
+
+    τ_j x_j' = u − x_j,   ρ_j = (u − x_j)/τ_j
+    T = (1 − f) L(τ_fast) u + f L(τ_static) u,   z = (T − 25 °C)/50 °C
+    ω = b0 + Σ_j (a_j + b_j z) ρ_j + Σ_k s_k z^k + g(T) + Σ_m h_m d_m/c_m + Σ_m w_m exp(−t/θ_m)
+
+u is the case temperature, L(τ) a first-order lag. Any linear response of the coil is close to a sum of lags; T follows the
+case as the mean of a wound coil does, which is heated from its outside and from its hub. g is a
+table over temperature, d_m a play operator of half width c_m (Krasnosel'skii & Pokrovskii 1989) and
+the last sum a warm-up after switch-on; a model has these only where left-out ramps ask for them.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+
+from calibkit.arrays import Array
+from calibkit.instruments.fog_thermal.numeric import coil
+from calibkit.instruments.fog_thermal.numeric.noise import Noise
+from calibkit.instruments.fog_thermal.numeric.terms import ThermalModel, Valid
+
+ORIGIN_DEGC = 25.0
+"""Temperature at which z, g and the play operators are 0."""
+SCALE_DEGC = 50.0
+POWERS = 4
+STATIC_LAGS = ("tau_fast", "tau_static", "share_static")
+"""Coefficients of the lag of T: two lags [s], and the share of the slower one [1]."""
+STEP = 1e-3
+"""Change of the logarithm of a lag, or of the share, for numerical derivatives."""
+
+
+@dataclass(frozen=True, slots=True)
+class Bank:
+    """Which terms a model has: lags [s], temperatures of the table [°C], half widths of the play
+    operators [°C] and time constants of the warm-up [s]; a part without entries is absent.
+    """
+
+    lags: tuple[float, ...]
+    knots: tuple[float, ...] = ()
+    widths: tuple[float, ...] = ()
+    warm_up: tuple[float, ...] = ()
+
+    @property
+    def terms(self) -> tuple[tuple[str, str], ...]:
+        """Name and unit of each linear coefficient."""
+        rate, lags = "deg/h/(degC/min)", range(1, len(self.lags) + 1)
+        return (
+            ("b0", "deg/h"),
+            *((f"a{j}", rate) for j in lags),
+            *((f"b{j}", rate) for j in lags),
+            *((f"s{k}", "deg/h") for k in range(1, POWERS + 1)),
+            *((f"g{k}", "deg/h") for k in range(1, len(self.knots) + 1)),
+            *((f"h{k}", "deg/h") for k in range(1, len(self.widths) + 1)),
+            *((f"w{k}", "deg/h") for k in range(1, len(self.warm_up) + 1)),
+        )
+
+    def part(self, letter: str) -> slice:
+        """Linear coefficients whose names begin with a letter; b without b0."""
+        first = 1 + (letter == "b") * len(self.lags)
+        if letter in "ab":
+            return slice(first, first + len(self.lags))
+        first = 1 + 2 * len(self.lags)
+        for other, count in zip(
+            "sghw",
+            (POWERS, len(self.knots), len(self.widths), len(self.warm_up)),
+            strict=True,
+        ):
+            if other == letter:
+                break
+            first += count
+        return slice(first, first + count)
+
+    def columns(self, drivers: "BankDrivers") -> Array:
+        """Derivatives [n, p] of the indicated rate by the linear coefficients."""
+        z = (drivers.temperature - ORIGIN_DEGC) / SCALE_DEGC
+        return np.column_stack(
+            [
+                np.ones(z.size),
+                drivers.rates,
+                drivers.rates * z[:, None],
+                z[:, None] ** np.arange(1, POWERS + 1),
+                self._table(drivers.temperature),
+                drivers.behind,
+                drivers.faded,
+            ]
+        )
+
+    def _table(self, temperature: Array) -> Array:
+        """Weights [n, knots] of linear interpolation between the knots, less those at the
+        origin.
+        """
+        knots = np.array(self.knots)
+        if not knots.size:
+            return np.zeros((temperature.size, 0))
+        hats = np.eye(knots.size)
+        at = np.column_stack([np.interp(temperature, knots, hat) for hat in hats])
+        origin = np.array([np.interp(ORIGIN_DEGC, knots, hat) for hat in hats])
+        return np.asarray(at - origin, dtype=np.float64)
+
+    def slope(self, coefficients: Array, drivers: "BankDrivers") -> Array:
+        """Derivative [n, °/h/°C] of the indicated rate by T; play operators count as constant."""
+        z = (drivers.temperature - ORIGIN_DEGC) / SCALE_DEGC
+        powers = np.arange(1, POWERS + 1)
+        found = (powers * z[:, None] ** (powers - 1)) @ coefficients[self.part("s")]
+        found = (found + drivers.rates @ coefficients[self.part("b")]) / SCALE_DEGC
+        if self.knots:
+            steps = np.diff(coefficients[self.part("g")]) / np.diff(self.knots)
+            place = np.searchsorted(self.knots, drivers.temperature, side="right") - 1
+            found = found + steps[np.clip(place, 0, steps.size - 1)]
+        return np.asarray(found, dtype=np.float64)
+
+    def behind(self, temperature: Array) -> Array:
+        """Play operators [n, widths] of a temperature [n, °C] along one log, from −1 to 1; the gyro
+        came from the origin to the first temperature.
+        """
+        found = np.empty((temperature.size, len(self.widths)))
+        for k, width in enumerate(self.widths):
+            away, last = 0.0, ORIGIN_DEGC
+            followed = []
+            for value in temperature.tolist():
+                away = min(max(away - (value - last), -width), width)
+                last = value
+                followed.append(away / width)
+            found[:, k] = followed
+        return found
+
+
+@dataclass(frozen=True, slots=True)
+class BankDrivers:
+    """Inputs of the columns: T [n, °C], lagged rates ρ_j [n, lags, °C/min], play operators
+    [n, widths] and decayed shares of the warm-up [n, warm_up].
+    """
+
+    temperature: Array
+    rates: Array
+    behind: Array
+    faded: Array
+
+
+def lagged_rates(bank: Bank, along: coil.Path) -> Array:
+    """Lagged rates ρ_j [n, lags, °C/min] of logs in sequence."""
+    return np.column_stack([along.drivers(lag, None).rate for lag in bank.lags])
+
+
+def static_temperature(along: coil.Path, lag: Array) -> Array:
+    """T [n, °C] of logs in sequence, for the logarithms of both lags and the share [3]."""
+    fast, slow = (along.drivers(float(np.exp(tau)), None).temperature for tau in lag[:2])
+    return fast + float(lag[2]) * (slow - fast)
+
+
+def static_derivatives(along: coil.Path, lag: Array, temperature: Array) -> Array:
+    """Derivatives [n, 3] of T by the logarithms of both lags and by the share."""
+    moved = [static_temperature(along, lag + step) for step in np.eye(3) * STEP]
+    return np.column_stack([(one - temperature) / STEP for one in moved])
+
+
+def log_drivers(
+    bank: Bank, logs: Sequence[tuple[Array, Array]], temperature: Array, rates: Array
+) -> BankDrivers:
+    """Drivers of logs in sequence, each given by its time [n, s] and case temperature."""
+    ends = np.cumsum([time.size for time, _ in logs])[:-1]
+    behind = np.concatenate([bank.behind(part) for part in np.split(temperature, ends)])
+    since = np.concatenate([time - time[0] for time, _ in logs])
+    faded = np.exp(-since[:, None] / np.array(bank.warm_up)[None, :])
+    return BankDrivers(temperature, rates, behind, faded)
+
+
+@dataclass(frozen=True, slots=True)
+class BankModel:
+    """Fitted drift model of form bank."""
+
+    bank: Bank
+    coefficients: Array
+    """[p], in the order of the bank's terms."""
+    static_lag: tuple[float, float, float]
+    """tau_fast [s], tau_static [s] and the share of the slower lag [1]."""
+    covariance: Array
+    """[p + 3, p + 3] of the coefficients and the static lag, averaged over the variances of the
+    priors and over the noise.
+    """
+    valid: Valid
+    """Fitted ranges of T [°C] and of the lagged rates [°C/min]; gradients are not used."""
+    turn_on: Array
+    """[logs], bias of each log relative to b0 [°/h]."""
+    turn_on_sd: float
+    """Standard deviation of the turn-on biases [°/h]."""
+    dof: int
+    residual_rms: float
+    """Residual rms of the block means without spikes [°/h]."""
+    noise: Noise
+    model_error: float = 0.0
+    model_error_dof: float = float("inf")
+    entangled: tuple[str, ...] = ()
+    flags: tuple[str, ...] = ()
+
+    @property
+    def form(self) -> str:
+        """Family of the model."""
+        return "bank"
+
+    def nearest_fitted(self, temperature: float) -> float:
+        """Temperature [°C] clamped to the fitted range."""
+        low, high = self.valid.temperature
+        return min(max(temperature, low), high)
+
+
+OnLevels: TypeAlias = ThermalModel | BankModel
+"""Drift model whose value is known at every instant, without integration."""

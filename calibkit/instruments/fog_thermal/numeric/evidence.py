@@ -1,0 +1,181 @@
+"""Linear regression with Gaussian priors whose variances follow from the marginal likelihood
+(MacKay 1992, Neural Computation 4:415; with a flat prior on a column it is REML).
+
+y = Z β + e,  e ~ N(0, I) after whitening;  β_j ~ N(0, shape_j · v_g(j));  ln v = M θ,
+θ ~ N(m, S²).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibkit.arrays import Array, Integers
+
+ITERATIONS = 40
+LARGEST_STEP = 1.5
+"""Largest change of the logarithm of a variance in one iteration."""
+CLOSE = 1e-3
+"""Increase of the logarithm of the evidence below which the iteration ends."""
+FLAT = -1
+"""Group of a column with a flat prior."""
+
+
+@dataclass(frozen=True, slots=True)
+class Gram:
+    """Moments of whitened rows: Z'Z [p, p], Z'y [p], y'y, logarithm of the determinant of their
+    noise covariance, and number of rows.
+    """
+
+    matrix: Array
+    right: Array
+    square: float
+    log_noise: float
+
+    def plus(self, other: "Gram") -> "Gram":
+        """Moments of the rows of both."""
+        return Gram(
+            self.matrix + other.matrix,
+            self.right + other.right,
+            self.square + other.square,
+            self.log_noise + other.log_noise,
+        )
+
+    def minus(self, other: "Gram") -> "Gram":
+        """Moments without some of the rows."""
+        return Gram(
+            self.matrix - other.matrix,
+            self.right - other.right,
+            self.square - other.square,
+            self.log_noise - other.log_noise,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """Groups of the columns, shapes of their variances, and what is known of the variances."""
+
+    group: Integers
+    """[p], index of a variance, or FLAT."""
+    shape: Array
+    """[p]."""
+    mixing: Array
+    """M [variances, θ]."""
+    mean: Array
+    """[θ]."""
+    spread: Array
+    """[θ], standard deviations of θ."""
+
+
+@dataclass(frozen=True, slots=True)
+class Posterior:
+    """Coefficients [p] with covariance [p, p] at θ, logarithm of the evidence with the prior of θ,
+    and the covariance of θ (Laplace).
+    """
+
+    theta: Array
+    coefficients: Array
+    covariance: Array
+    log_evidence: float
+    theta_covariance: Array
+
+    @property
+    def log_integral(self) -> float:
+        """Logarithm of the evidence integrated over θ (Laplace), up to a constant."""
+        return self.log_evidence + 0.5 * float(np.linalg.slogdet(self.theta_covariance)[1])
+
+
+def log_variances(prior: Prior, theta: Array) -> Array:
+    """Logarithms of the prior variances [p]; infinite for a flat prior."""
+    known = prior.group != FLAT
+    found = np.full(prior.group.size, np.inf)
+    found[known] = (prior.mixing @ theta)[prior.group[known]] + np.log(prior.shape[known])
+    return found
+
+
+def condition(gram: Gram, prior: Prior, theta: Array) -> tuple[Array, Array, float]:
+    """Coefficients [p], covariance [p, p] and logarithm of the evidence (with the prior of θ) for
+    given variances.
+    """
+    log_v = log_variances(prior, theta)
+    # columns in units of their prior, flat ones in units of their length
+    scale = np.where(np.isinf(log_v), 1.0 / np.sqrt(np.maximum(np.diag(gram.matrix), 1e-300)), 0.0)
+    scale[scale == 0.0] = np.exp(0.5 * log_v[scale == 0.0])
+    information = gram.matrix * np.outer(scale, scale)
+    information[np.diag_indices_from(information)] += np.isfinite(log_v)
+    root = np.linalg.cholesky(information)
+    inverse = np.linalg.inv(root)
+    turned = inverse @ (gram.right * scale)
+    covariance = inverse.T @ inverse * np.outer(scale, scale)
+    log_evidence = -0.5 * (
+        gram.square - turned @ turned + gram.log_noise + 2.0 * np.sum(np.log(np.diag(root)))
+    ) - 0.5 * np.sum(((theta - prior.mean) / prior.spread) ** 2)
+    return inverse.T @ turned * scale, covariance, float(log_evidence)
+
+
+def _score(prior: Prior, theta: Array, mean: Array, covariance: Array) -> tuple[Array, Array]:
+    """Gradient [θ] of the logarithm of the evidence by θ, and its expected information [θ, θ],
+    both with the prior.
+    """
+    known = np.flatnonzero(prior.group != FLAT)
+    root = np.exp(0.5 * log_variances(prior, theta)[known])
+    left = np.eye(known.size) - covariance[np.ix_(known, known)] / np.outer(root, root)
+    members = (prior.group[known] == np.arange(prior.mixing.shape[0])[:, None]).astype(np.float64)
+    gradient = 0.5 * members @ ((mean[known] / root) ** 2 - np.diag(left))
+    information = 0.5 * members @ left**2 @ members.T
+    precision = prior.spread**-2.0
+    return (
+        prior.mixing.T @ gradient - (theta - prior.mean) * precision,
+        prior.mixing.T @ information @ prior.mixing + np.diag(precision),
+    )
+
+
+def maximise(gram: Gram, prior: Prior, start: Array | None = None) -> Posterior:
+    """Variances of the largest evidence by Fisher scoring, and the posterior there."""
+    theta = prior.mean.copy() if start is None else start.copy()
+    mean, covariance, value = condition(gram, prior, theta)
+    for _ in range(ITERATIONS):
+        gradient, information = _score(prior, theta, mean, covariance)
+        step = np.linalg.solve(information, gradient)
+        step *= min(1.0, LARGEST_STEP / max(float(np.max(np.abs(step))), 1e-300))
+        for _ in range(8):
+            there = condition(gram, prior, theta + step)
+            if there[2] > value:
+                break
+            step *= 0.5
+        else:
+            break
+        gained, theta = there[2] - value, theta + step
+        mean, covariance, value = there
+        if gained < CLOSE:
+            break
+    information = _score(prior, theta, mean, covariance)[1]
+    inverse = np.asarray(np.linalg.inv(information), dtype=np.float64)
+    return Posterior(theta, mean, covariance, value, inverse)
+
+
+def average(
+    grams: Sequence[Gram], prior: Prior, found: Sequence[Posterior], points: Array
+) -> tuple[Array, Array, Array]:
+    """Coefficients [p] and covariance [p, p] averaged over θ and over alternatives of the noise,
+    and the share [alternatives] of each.
+
+    `points` [m, θ] are standard normal; each alternative is importance-sampled about its maximum.
+    """
+    means, covariances, weights = [], [], []
+    for gram, best in zip(grams, found, strict=True):
+        root = np.linalg.cholesky(best.theta_covariance)
+        volume = float(np.sum(np.log(np.diag(root))))
+        for point in points:
+            mean, covariance, value = condition(gram, prior, best.theta + root @ point)
+            means.append(mean)
+            covariances.append(covariance)
+            weights.append(value + 0.5 * float(point @ point) + volume)
+    share = np.exp(np.array(weights) - max(weights))
+    share /= share.sum()
+    stacked = np.array(means)
+    mean = share @ stacked
+    away = stacked - mean
+    within = np.einsum("m,mij->ij", share, np.array(covariances))
+    of_each = share.reshape(len(found), -1).sum(axis=1)
+    return mean, within + (away * share[:, None]).T @ away, of_each
