@@ -13,6 +13,7 @@ HOWEVER_MOUNTED = ("acceptance.max_residual_rms_g=0.1", "acceptance.max_toolface
 """Limits for a correction that leaves how the triad is mounted."""
 RUNS = {
     "lagged": ("fog_thermal", ("drift.model=lagged",)),
+    "bank": ("fog_thermal", ("drift.model=bank",)),
     "level": ("fog_thermal", ("drift.model=level",)),
     "gradient": ("fog_thermal", ("drift.model=gradient_rate", "drift.order=2")),
     "affine": ("accelerometer", ("affine.second_order=true", "affine.third_order=true")),

@@ -203,7 +203,16 @@ def test_hysteresis_that_no_model_follows_is_left_and_shown(log_writer, calibkit
             gyro_dph=8.0 + 0.02 * case + bump + rng.normal(0.0, 0.3, time.size),
         )
     outcome = calibkit(
-        "fit", "fog_thermal", "--data", tmp_path / "d", "--serial", "H", "--out", tmp_path
+        "fit",
+        "fog_thermal",
+        "--data",
+        tmp_path / "d",
+        "--serial",
+        "H",
+        "--out",
+        tmp_path,
+        "--set",
+        "drift.model=lagged",
     )
     assert outcome.code in (0, 1), outcome.err
     found, _ = figures(tmp_path / "H/r001")

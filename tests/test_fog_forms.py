@@ -10,6 +10,7 @@ import pytest
 from calibkit.errors import CoefficientError
 from calibkit.instruments.fog_thermal import forms
 from calibkit.instruments.fog_thermal.numeric import evaluate, gradient
+from calibkit.instruments.fog_thermal.numeric.bank import Bank, BankModel
 from calibkit.instruments.fog_thermal.numeric.noise import Noise
 from calibkit.instruments.fog_thermal.numeric.terms import TERMS, ThermalModel, Valid
 from naive import sensitivities
@@ -122,10 +123,81 @@ def test_a_lagged_model_at_a_held_rate_is_what_a_ramp_that_lasts_settles_on(lags
     assert along == pytest.approx(settled[0], abs=1e-6)  # °/h
 
 
+BANK = Bank((30.0, 300.0, 3000.0), (-44.0, 0.0, 40.0, 64.0), (4.0, 16.0), (300.0,))
+
+
+def bank_model(bank=BANK):
+    """Return a bank of lags with every term."""
+    count = len(bank.terms)
+    return BankModel(
+        bank=bank,
+        coefficients=0.1 * np.random.default_rng(3).normal(size=count),
+        static_lag=(250.0, 1400.0, 0.4),
+        covariance=covariance(count + 3),
+        valid=Valid((-41.0, 61.0), (-10.0, 10.0), (0.0, 0.0), (0.0, 0.0)),
+        turn_on=np.zeros(0),
+        turn_on_sd=0.02,
+        dof=100,
+        residual_rms=0.02,
+        noise=Noise(1e-4, 0.01),
+        model_error=0.005,
+        model_error_dof=7.0,
+    )
+
+
+def test_a_bank_is_read_back_as_it_was_written():
+    """Lags, table, play operators and warm-up are numbered parameters; all else as it was."""
+    model = bank_model()
+    written = forms.write_thermal(model, 10.0)
+    assert [c.name for c in written.coefficients] == [
+        *("b0", "a1", "a2", "a3", "b1", "b2", "b3", "s1", "s2", "s3", "s4"),
+        *("g1", "g2", "g3", "g4", "h1", "h2", "w1", "tau_fast", "tau_static", "share_static"),
+    ]
+    found = forms.read_thermal(written)
+    for name in ("bank", "static_lag", "valid", "turn_on_sd", "noise", "model_error_dof"):
+        assert getattr(found, name) == getattr(model, name)
+    assert np.array_equal(found.coefficients, model.coefficients)
+    assert np.array_equal(found.covariance, model.covariance)
+
+
+def test_a_bank_at_a_held_rate_is_what_a_ramp_that_lasts_settles_on():
+    """After ten of the longest lags of a ramp the drift along the log is the form's, less that at
+    rest at the reference, to 1e-4 °/h.
+    """
+    model = replace(bank_model(), valid=Valid(*[(-1e4, 1e4)] * 4))
+    written = forms.write_thermal(model, 10.0)
+    for rate in (5.0, -2.0):
+        time = np.arange(0.0, 10.0 * 3000.0, 10.0)
+        case = rate / 60.0 * (time - time[-1]) + 20.0
+        along = evaluate.evaluate(model, time, case, case, 25.0).drift[-1]
+        held = {forms.CASE: case[-1:], forms.RATE: np.array([rate])}
+        settled = forms.BANK.evaluate(written, held) - evaluate.at_rest(model, 25.0)[0]
+        assert along == pytest.approx(settled[0], abs=1e-4)  # °/h
+
+
+def test_the_sensitivities_of_a_bank_along_a_log_are_those_of_differences():
+    """By each coefficient and by the static lag, in a log that heats, cools and leaves the fitted
+    rates.
+    """
+    model = bank_model(Bank((30.0, 300.0, 3000.0), (), (), (300.0,)))
+    time = np.arange(0.0, 6000.0, 10.0)
+    case = np.interp(time, [600.0, 900.0, 2400.0, 6000.0], [-30.0, 40.0, 20.0, 55.0])
+    found = evaluate.evaluate(model, time, case, case)
+    assert found.rate_clamped.any()
+    whole = np.concatenate([model.coefficients, model.static_lag])
+
+    def drift(values):
+        moved = replace(model, coefficients=values[:-3], static_lag=tuple(values[-3:].tolist()))
+        return evaluate.evaluate(moved, time, case, case).drift
+
+    expected = sensitivities(drift, whole, 1e-5 * np.maximum(np.abs(whole), 1e-2))
+    assert found.sensitivities == pytest.approx(expected, rel=1e-3, abs=1e-5)
+
+
 @pytest.mark.parametrize(
     "model",
-    [on_levels("level"), on_levels(), on_levels(lags=(210.0,))],
-    ids=["level", "two", "one"],
+    [on_levels("level"), on_levels(), on_levels(lags=(210.0,)), bank_model()],
+    ids=["level", "two", "one", "bank"],
 )
 def test_derivatives_of_a_model_on_levels_are_those_of_differences(model):
     """By every term and lag, and by the case temperature, at rest and on ramps both ways."""

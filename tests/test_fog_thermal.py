@@ -607,7 +607,7 @@ def test_each_drift_model_improves_the_withheld_ramps_it_is_asked_for(
 
 
 def test_the_best_model_on_left_out_ramps_is_exported_with_its_reason(runs):
-    """The default recipe exports the model with the smallest share of raw, and the flag says
+    """The default recipe exports a model within the noise of the smallest error, and the flag says
     against what.
     """
     run = store.load(runs / "FOG-2" / "r001")
@@ -615,11 +615,12 @@ def test_the_best_model_on_left_out_ramps_is_exported_with_its_reason(runs):
     tested = {
         name: value for name, value in figures.items() if name.startswith("leave_one_ramp_out_rms.")
     }
-    best = min(tested, key=tested.get).partition(".")[2]
-    assert any(flag.startswith(f"exported: {best}") for flag in run.document["flags"])
+    chosen = "bank of lags"
+    assert tested[f"leave_one_ramp_out_rms.{chosen}"] < 1.05 * min(tested.values())
+    assert any(flag.startswith(f"exported: {chosen}") for flag in run.document["flags"])
     names = [c.name for c in run.records["drift_rate.json"].model("drift").coefficients]
-    assert names[:6] == ["b0", "b1", "b2", "b3", "s_rate", "s_grad"]
-    assert names[-2:] == ["tau_outer", "tau_inner"]
+    assert names[:3] == ["b0", "a1", "a2"]
+    assert names[-3:] == ["tau_fast", "tau_static", "share_static"]
 
 
 def test_a_pinned_order_means_the_published_scheme(campaign, tmp_path, calibkit):

@@ -39,6 +39,10 @@ half_width = 0.001
 """
 
 
+LAGGED = recipe.find("fog_thermal").text.replace('model = "auto"', 'model = "lagged"') + TERMS
+"""Recipe of a lagged model, of which there are files from before."""
+
+
 @pytest.fixture(scope="module")
 def run(campaign, tmp_path_factory):
     """Return the run of a fit with type B terms, and its folder of runs."""
@@ -46,7 +50,10 @@ def run(campaign, tmp_path_factory):
     from calibkit.instruments import silent
 
     folder = tmp_path_factory.mktemp("runs")
-    source = recipe.Source("mine.toml", recipe.find("fog_thermal").text + TERMS)
+    source = recipe.Source(
+        "mine.toml",
+        recipe.find("fog_thermal").text.replace('model = "auto"', 'model = "lagged"') + TERMS,
+    )
     outcome = pipeline.fit(source, campaign, "F", folder, "2026-11-21", silent)
     return store.load(outcome.run.folder), folder
 
@@ -187,7 +194,7 @@ def test_the_report_and_json_show_the_uncertainty(run, calibkit, campaign, tmp_p
     assert "Uncertainty of the drift taken off" in report
     assert "at rest" in report
     path = tmp_path / "mine.toml"
-    path.write_text(recipe.find("fog_thermal").text + TERMS, encoding="utf-8")
+    path.write_text(LAGGED, encoding="utf-8")
     outcome = calibkit(
         "fit", path, "--data", campaign, "--serial", "F", "--out", tmp_path / "r", "--json"
     )

@@ -192,7 +192,7 @@ class _OnLevels:
             Words("bias at rest without the earth's rate", "稳态零偏（不含地球自转分量）"),
             figures[BIAS].value,
             "deg/h",
-            type_a=figures[BIAS].standard_uncertainty,
+            type_a=gum.standard_uncertainty(state[2], np.array(self.model.covariance)),
             dof=self.model.dof,
             called=(BIAS, bias.quantity, "bias"),
             sensitivities={

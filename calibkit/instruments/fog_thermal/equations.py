@@ -49,8 +49,8 @@ BANK = Equation(
     Words(
         "u case temperature, ρⱼ its rate behind the lag τⱼ [°C/min]; T follows u with the lags"
         " tau_fast and tau_static, z = (T − 25 °C)/50 °C; g a table over T, dₘ a play operator of"
-        " T, t the time since switch-on, each where the model has it. D, which is taken off, is ω less"
-        " its value at rest at the reference temperature T₀: bias and earth's rate stay.",
+        " T, t the time since switch-on, each where the model has it. D, which is taken off, is ω"
+        " less its value at rest at the reference temperature T₀: bias and earth's rate stay.",
         "u 为壳温，ρⱼ 为经时间常数 τⱼ 滞后的温变速率 [°C/min]；T 以 tau_fast、tau_static 跟随 u，"
         "z = (T − 25 °C)/50 °C；g 为 T 的表，dₘ 为 T 的滞回算子，t 为通电后的时间（模型含有时）。"
         "补偿量 D 为 ω 减去参考温度 T₀ 稳态时的值：零偏与地球自转分量保留在输出中。",

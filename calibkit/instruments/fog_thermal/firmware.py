@@ -14,8 +14,9 @@ from calibkit.firmware.chain import Case, Chain, Map, Memory, Select, Slope, Ter
 from calibkit.firmware.draft import BEYOND, Draft, factor, numbers
 from calibkit.firmware.sources import required_record
 from calibkit.instruments import Firmware
-from calibkit.instruments.fog_thermal import firmware_updates
+from calibkit.instruments.fog_thermal import firmware_bank, firmware_updates
 from calibkit.instruments.fog_thermal.forms import (
+    BANK,
     CASE,
     DRIVERS,
     FILE,
@@ -94,9 +95,13 @@ def _on_levels(model: Model, reference_degc: float) -> Chain:
     draft.input(CASE, "degC", CASE_MEANING, reach)  # the map clamps it and sets the flag
     draft.map("x", CASE, model.valid[CASE], flag="TEMP_CLAMPED", beyond=BEYOND)
     fastest = FASTEST * _largest(model, RATE)
-    lagged = model.form == LAGGED.name
-    (_follow_coil if lagged else _follow_case)(draft, model, h, half)
-    _output(draft, _terms(draft, model, reference_degc, middle, half))
+    lagged = model.form in (LAGGED.name, BANK.name)
+    if model.form == BANK.name:
+        pace = fastest / 60 / half
+        _output(draft, firmware_bank.follow_bank(draft, model, h, pace, reference_degc))
+    else:
+        (_follow_coil if lagged else _follow_case)(draft, model, h, half)
+        _output(draft, _terms(draft, model, reference_degc, middle, half))
     _ranges(draft, model, "coil" if lagged else "case")
     moved = f"the case moves by no more than {float(fastest):.3g} degC/min"
     return draft.chain(
@@ -178,20 +183,13 @@ def _follow_coil(draft: Draft, model: Model, h: Fraction, half: Fraction) -> Non
     precision there.
     """
     tau = Fraction(model.value(LAGS[0]))
-    a = exact.exp(-h / tau)
-    draft.steps += [Memory("x_before", "x", "same"), Memory("lag_before", "lag", "zero")]
-    draft.sum("move", factor("x"), factor("x_before", -1))
-    draft.sum(
-        "lag",
-        draft.polynomial("lag_decay", (1 - a,), "", "lag_before", sign=-1),
-        draft.polynomial("lag_move", (tau * (1 - a) / h,), "", "move"),
-        factor("lag_before"),
-    )
     fastest = FASTEST * _largest(model, RATE) / 60 / half
-    _bound(draft, "move", 2 * BEYOND, fastest * h)
-    _bound(draft, "lag", 2 * BEYOND, min(2 * BEYOND, fastest * tau))
+    draft.steps.append(Memory("x_before", "x", "same"))
+    draft.sum("move", factor("x"), factor("x_before", -1))
+    firmware_bank.bound_memory(draft, "move", 2 * BEYOND, fastest * h)
+    firmware_bank.follow_lag(draft, "lag", h, tau, fastest)
     if _uses(model, GRADIENT) or _uses(model, GRADIENT_RATE):
-        _follow_inner_coil(draft, model, (h, tau, a), half)
+        _follow_inner_coil(draft, model, (h, tau, exact.exp(-h / tau)), half)
     draft.sum("coil", factor("x"), factor("lag", -1))
     _limited_temperature(draft, model, "coil")
     draft.sum(
@@ -199,13 +197,6 @@ def _follow_coil(draft: Draft, model: Model, h: Fraction, half: Fraction) -> Non
         draft.polynomial("rate_of_lag", (60 * half / tau / _largest(model, RATE),), "", "lag"),
     )
     _limited(draft, model, "rate", "coil_rate", RATE, "RATE_CLAMPED")
-
-
-def _bound(draft: Draft, name: str, limit: Fraction, usual: Fraction) -> None:
-    """Bounds of a value and of its memory; the filters amplify an error of x by at most 2."""
-    for key in (name, f"{name}_before"):
-        draft.limits[key], draft.usual[key] = limit, usual
-    draft.gains[name] = Fraction(2)
 
 
 def _follow_inner_coil(
@@ -225,7 +216,7 @@ def _follow_inner_coil(
         factor("fall_before"),
     )
     share = min(Fraction(1), tau_i / tau)
-    _bound(draft, "fall", 2 * BEYOND * share, draft.usual["lag"] * share)
+    firmware_bank.bound_memory(draft, "fall", 2 * BEYOND * share, draft.usual["lag"] * share)
     draft.sum(
         "coil_gradient",
         draft.polynomial("gradient_of_fall", (half / _largest(model, GRADIENT),), "", "fall"),

@@ -5,10 +5,11 @@ lags.
     T = (1 − f) L(τ_fast) u + f L(τ_static) u,   z = (T − 25 °C)/50 °C
     ω = b0 + Σ_j (a_j + b_j z) ρ_j + Σ_k s_k z^k + g(T) + Σ_m h_m d_m/c_m + Σ_m w_m exp(−t/θ_m)
 
-u is the case temperature, L(τ) a first-order lag. Any linear response of the coil is close to a sum of lags; T follows the
-case as the mean of a wound coil does, which is heated from its outside and from its hub. g is a
-table over temperature, d_m a play operator of half width c_m (Krasnosel'skii & Pokrovskii 1989) and
-the last sum a warm-up after switch-on; a model has these only where left-out ramps ask for them.
+u is the case temperature, L(τ) a first-order lag. Any linear response of the coil is close to a sum
+of lags; T follows the case as the mean of a wound coil does, which is heated from its outside and
+from its hub. g is a table over temperature, d_m a play operator of half width c_m (Krasnosel'skii &
+Pokrovskii 1989) and the last sum a warm-up after switch-on; a model has these only where left-out
+ramps ask for them.
 """
 
 from collections.abc import Sequence
@@ -109,7 +110,8 @@ class Bank:
         if self.knots:
             steps = np.diff(coefficients[self.part("g")]) / np.diff(self.knots)
             place = np.searchsorted(self.knots, drivers.temperature, side="right") - 1
-            found = found + steps[np.clip(place, 0, steps.size - 1)]
+            inside = (place >= 0) & (place < steps.size)
+            found = found + np.where(inside, steps[np.clip(place, 0, steps.size - 1)], 0.0)
         return np.asarray(found, dtype=np.float64)
 
     def behind(self, temperature: Array) -> Array:

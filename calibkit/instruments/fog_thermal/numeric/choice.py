@@ -196,7 +196,7 @@ def choose(
     return ThermalChoice(tested, refused, tested[best], model, _why(tested[best], tested))
 
 
-def _best_of(tested: Sequence[_LeftOut], *, one_sided: bool) -> int | None:
+def _best_of(tested: Sequence[_LeftOut], *, one_sided: bool = False) -> int | None:
     """Index of the candidate to export, None if none helps: the one with the fewest parameters
     among those as good as the best within the noise.
 

@@ -1,0 +1,167 @@
+"""Steps of a bank of lags: each lag as a difference to the case temperature, exact for a
+temperature that is linear over an interval.
+"""
+
+from fractions import Fraction
+from itertools import pairwise
+
+from calibkit.coefficients import Model
+from calibkit.errors import OutputError
+from calibkit.firmware import exact
+from calibkit.firmware.chain import Memory, Term
+from calibkit.firmware.draft import BEYOND, Draft, factor, numbers
+from calibkit.instruments.fog_thermal.forms import CASE, RATE, read_bank
+from calibkit.instruments.fog_thermal.numeric.bank import (
+    ORIGIN_DEGC,
+    POWERS,
+    SCALE_DEGC,
+    STATIC_LAGS,
+    Bank,
+)
+
+
+def follow_lag(draft: Draft, name: str, h: Fraction, tau: Fraction, fastest: Fraction) -> None:
+    """Difference x − L(τ) x of the mapped case temperature x, from its change "move" over an
+    interval h: lag ← a lag + τ (1 − a)/h ΔT, a = exp(−h/τ).
+    """
+    a = exact.exp(-h / tau)
+    draft.steps.append(Memory(f"{name}_before", name, "zero"))
+    draft.sum(
+        name,
+        draft.polynomial(f"{name}_decay", (1 - a,), "", f"{name}_before", sign=-1),
+        draft.polynomial(f"{name}_move", (tau * (1 - a) / h,), "", "move"),
+        factor(f"{name}_before"),
+    )
+    bound_memory(draft, name, 2 * BEYOND, min(2 * BEYOND, fastest * tau))
+
+
+def bound_memory(draft: Draft, name: str, limit: Fraction, usual: Fraction) -> None:
+    """Bounds of a value and of its memory; the filters amplify an error of x by at most 2."""
+    for key in (name, f"{name}_before"):
+        draft.limits[key], draft.usual[key] = limit, usual
+    draft.gains[name] = Fraction(2)
+
+
+def follow_bank(
+    draft: Draft, model: Model, h: Fraction, fastest: Fraction, reference_degc: float
+) -> str:
+    """Drift of a bank of lags from the mapped case temperature "x"; OutputError for a model with
+    hysteresis.
+    """
+    bank = read_bank(model)
+    if bank.widths:
+        raise OutputError(
+            "the model has a hysteresis, which has no bounded error in firmware",
+            hint="compensate with `calibkit apply`, or fit with drift.hysteresis = false",
+        )
+    middle, half = exact.span(*model.valid[CASE])
+    draft.steps.append(Memory("x_before", "x", "same"))
+    draft.sum("move", factor("x"), factor("x_before", -1))
+    bound_memory(draft, "move", 2 * BEYOND, fastest * h)
+    _static_temperature(draft, model, h, fastest)
+    low, high = ((Fraction(limit) - middle) / half for limit in model.valid[CASE])
+    draft.limit("u", "coil", low, high, "TEMP_CLAMPED")
+    to_z = ((middle - Fraction(ORIGIN_DEGC)) / Fraction(SCALE_DEGC), half / Fraction(SCALE_DEGC))
+    lowest, highest = model.valid[CASE]
+    at_rest = (Fraction(min(max(reference_degc, lowest), highest)) - middle) / half
+    static = _powers(numbers(model, *(f"s{k}" for k in range(1, POWERS + 1))), to_z)
+    table, offset = _table(draft, model, bank, (middle, half), at_rest)
+    constant = -exact.value(static, at_rest) - offset
+    rates = [
+        _by_rate(draft, model, k, (h, Fraction(lag), fastest), to_z)
+        for k, lag in enumerate(bank.lags, start=1)
+    ]
+    return draft.sum(
+        "drift",
+        *rates,
+        table,
+        _warm_up(draft, model, bank, h),
+        draft.polynomial("static_terms", exact.add(static, (constant,)), "u"),
+    )
+
+
+def _by_rate(
+    draft: Draft,
+    model: Model,
+    k: int,
+    timing: tuple[Fraction, Fraction, Fraction],
+    to_z: exact.Poly,
+) -> list[Term]:
+    """Term (a + b z) ρ of the k-th lag, its rate limited to the largest fitted one on either side;
+    `timing` is the interval [s], the lag [s] and the fastest change of x [1/s].
+    """
+    h, tau, fastest = timing
+    half = exact.span(*model.valid[CASE])[1]
+    largest = max(abs(Fraction(limit)) for limit in model.valid[RATE]) or Fraction(1)
+    follow_lag(draft, f"lag_{k}", h, tau, fastest)
+    to_rate = (60 * half / tau / largest,)
+    rate = draft.sum(f"behind_{k}", draft.polynomial(f"rate_of_{k}", to_rate, "", f"lag_{k}"))
+    if to_rate[0] * draft.limits[f"lag_{k}"] > 1:  # a slow lag cannot get that fast
+        rate = draft.limit(f"rate_{k}", rate, Fraction(-1), Fraction(1), "RATE_CLAMPED")
+    a, b = numbers(model, f"a{k}", f"b{k}")
+    weight = exact.scale(exact.add((a,), exact.scale(to_z, b)), largest)
+    return draft.polynomial(f"by_rate_{k}", weight, "u", rate)
+
+
+def _static_temperature(draft: Draft, model: Model, h: Fraction, fastest: Fraction) -> None:
+    """T = x − (1 − f) lag_fast − f lag_static, mapped as the case temperature."""
+    fast, slow, share = numbers(model, *STATIC_LAGS)
+    parts = (("lag_fast", fast, 1 - share), ("lag_static", slow, share))
+    for name, tau, _ in parts:
+        follow_lag(draft, name, h, tau, fastest)
+    draft.sum(
+        "coil",
+        factor("x"),
+        *(draft.polynomial(f"share_of_{name}", (-part,), "", name) for name, _, part in parts),
+    )
+
+
+def _powers(weights: exact.Poly, to_z: exact.Poly) -> exact.Poly:
+    """Σ_k s_k z^k as a polynomial of u, z a polynomial of u."""
+    found: exact.Poly = (Fraction(0),)
+    for weight in reversed(weights):
+        found = exact.product(exact.add(found, (weight,)), to_z)
+    return found
+
+
+def _table(
+    draft: Draft,
+    model: Model,
+    bank: Bank,
+    span: tuple[Fraction, Fraction],
+    at_rest: Fraction,
+) -> tuple[list[Term], Fraction]:
+    """Terms of the table over temperature, one per segment between knots: slope times u limited to
+    the segment; and their sum at rest at the reference.
+    """
+    middle, half = span
+    knots = [(Fraction(knot) - middle) / half for knot in bank.knots]
+    values = numbers(model, *(f"g{k}" for k in range(1, len(knots) + 1)))
+    terms: list[Term] = []
+    offset = Fraction(0)
+    for k, ((low, high), (first, last)) in enumerate(
+        zip(pairwise(knots), pairwise(values), strict=True), start=1
+    ):
+        slope = (last - first) / (high - low)
+        draft.limit(f"segment_{k}", "u", low, high, "")
+        terms += draft.polynomial(f"slope_{k}", (slope,), "", f"segment_{k}")
+        offset += slope * min(max(at_rest, low), high)
+    return terms, offset
+
+
+def _warm_up(draft: Draft, model: Model, bank: Bank, h: Fraction) -> list[Term]:
+    """Terms of the warm-up since the reset: w (1 − f), f ← f + (1 − a)(1 − f) from 0."""
+    terms: list[Term] = []
+    for k, theta in enumerate(bank.warm_up, start=1):
+        a, name = exact.exp(-h / Fraction(theta)), f"warm_{k}"
+        draft.steps.append(Memory(f"{name}_before", name, "zero"))
+        draft.sum(
+            name,
+            draft.polynomial(f"{name}_kept", (a,), "", f"{name}_before"),
+            draft.polynomial(f"{name}_grown", (1 - a,), ""),
+        )
+        bound_memory(draft, name, Fraction(1), Fraction(1))
+        (weight,) = numbers(model, f"w{k}")
+        terms += draft.polynomial(f"{name}_weight", (weight,), "")
+        terms += draft.polynomial(f"{name}_faded", (-weight,), "", f"{name}_before")
+    return terms

@@ -1,0 +1,150 @@
+"""A bank of lags on logs of a coil through which heat diffuses: another physics than the model."""
+
+import importlib.util
+from functools import cache
+
+import numpy as np
+import pytest
+
+from calibkit.instruments.fog_thermal.numeric import bank_fit, choice, evaluate, evidence
+from conftest import ROOT
+
+BANK = [one for one in choice.CANDIDATES if one.form == "bank"]
+LAGGED = [one for one in choice.CANDIDATES if one.form == "lagged"]
+REST_DEGC = (-40.0, -20.0, 0.0, 40.0, 60.0)
+
+
+@cache
+def plant():
+    """Return the module of the diffusion coil."""
+    path = ROOT / "benchmarks" / "diffusion_coil.py"
+    spec = importlib.util.spec_from_file_location("diffusion_coil", path)
+    module = importlib.util.module_from_spec(spec)
+    import sys
+
+    sys.modules["diffusion_coil"] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+@cache
+def fitted(seed, kind="plain", candidates="bank", **options):
+    """Return the coil of a seed and what is chosen for its eight ramps."""
+    coil = plant().draw(seed, kind)
+    made = plant().campaign(coil, seed, **options)
+    found = choice.choose(
+        [one.log for one in made], BANK if candidates == "bank" else choice.CANDIDATES
+    )
+    return coil, found
+
+
+def errors_at_rest(coil, model):
+    """Errors of the drift at rest against 25 °C, and their standard uncertainties [°/h]."""
+    rate, origin = evaluate.at_rest(model, 25.0)
+    errors, sizes = [], []
+    for degc in REST_DEGC:
+        there, row = evaluate.at_rest(model, degc)
+        row = row - origin
+        errors.append(there - rate - plant().drift_at_rest(coil, degc))
+        sizes.append(np.sqrt(row @ model.covariance @ row + model.model_error**2))
+    return np.array(errors), np.array(sizes)
+
+
+def test_drift_at_rest_is_right_where_soaks_are_shorter_than_the_coils_lags():
+    """Six gyros of 30 min soaks: the median error is below 0.02 °/h, and of five gyros U holds the
+    truth at every temperature.
+    """
+    errors, held = [], 0
+    for seed in range(200, 206):
+        coil, found = fitted(seed)
+        away, sizes = errors_at_rest(coil, found.model)
+        errors.append(np.abs(away))
+        held += bool(np.all(np.abs(away) <= 2.0 * sizes))
+    assert np.median(errors) < 0.02
+    assert held >= 5
+
+
+def test_logs_that_were_not_fitted_are_corrected_nearly_as_well_as_their_noise_allows():
+    """Ramps of other rates, a mission and a sine: 20 times in the median by truth, each at least
+    0.4 of what a model reaches that knows the physics; U covers the errors.
+    """
+    reductions, shares, covered = [], [], []
+    for seed in (200, 201, 202):
+        coil, found = fitted(seed)
+        unseen = plant().unseen(coil, seed)
+        limits = plant().noise_limit(coil, plant().campaign(coil, seed), unseen)
+        for made, limit in zip(unseen, limits, strict=True):
+            log, model = made.log, found.model
+            there = evaluate.evaluate(model, log.time, log.case, log.env)
+            rows = there.sensitivities
+            u = np.sqrt(np.sum(rows @ model.covariance * rows, axis=1) + model.model_error**2)
+            reductions.append(np.std(made.drift) / np.std(made.drift - there.drift))
+            shares.append(reductions[-1] / limit)
+            covered.append(np.mean(np.abs(made.drift - there.drift) <= 2.0 * u))
+    assert np.median(reductions) > 20.0
+    assert min(shares) > 0.4
+    assert np.mean(covered) > 0.9
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"),
+    [
+        ("plain", "bank of lags"),
+        ("strong hysteresis", "bank of lags, hysteresis"),
+        ("bump", "bank of lags, table over temperature"),
+        ("warm-up", "bank of lags, warm-up"),
+    ],
+)
+def test_a_term_is_added_where_the_logs_have_what_it_describes(kind, name):
+    """Hysteresis of 0.2 °/h, a bump of 0.25 °/h, a warm-up of 0.2 °/h: each is found first."""
+    _, found = fitted(203, kind)
+    assert found.tested[-1].candidate.name.startswith(name)
+    assert (len(found.tested) == 1) == (kind == "plain")
+
+
+def test_a_posterior_is_that_of_dense_normal_equations():
+    """Coefficients, covariance and evidence of a random problem with flat and Gaussian columns are
+    those of the covariance matrix of the rows.
+    """
+    rng = np.random.default_rng(5)
+    columns, values = rng.normal(size=(30, 4)), rng.normal(size=30)
+    gram = evidence.Gram(columns.T @ columns, columns.T @ values, float(values @ values), 0.0)
+    prior = evidence.Prior(
+        np.array([evidence.FLAT, 0, 0, 1]),
+        np.array([1.0, 1.0, 0.5, 1.0]),
+        np.eye(2),
+        np.zeros(2),
+        np.full(2, 3.0),
+    )
+    theta = np.array([0.4, -1.0])
+    mean, covariance, value = evidence.condition(gram, prior, theta)
+    variances = np.array([np.exp(0.4), 0.5 * np.exp(0.4), np.exp(-1.0)])
+    precision = columns.T @ columns + np.diag([0.0, *(1.0 / variances)])
+    assert covariance == pytest.approx(np.linalg.inv(precision), rel=1e-9, abs=1e-12)
+    assert mean == pytest.approx(np.linalg.solve(precision, columns.T @ values), rel=1e-9)
+    other = evidence.condition(gram, prior, np.zeros(2))[2]
+
+    def restricted(sizes):
+        rows = np.eye(30) + columns[:, 1:] * sizes @ columns[:, 1:].T
+        inverse, one = np.linalg.inv(rows), columns[:, :1]
+        middle = one.T @ inverse @ one
+        left = inverse - inverse @ one @ np.linalg.solve(middle, one.T @ inverse)
+        logs = np.linalg.slogdet(rows)[1] + np.linalg.slogdet(middle)[1]
+        return -0.5 * float(logs + values @ left @ values)
+
+    apart = restricted(variances) - restricted(np.array([1.0, 0.5, 1.0]))
+    assert value - other == pytest.approx(apart - 0.5 * float(np.sum((theta / 3.0) ** 2)), rel=1e-9)
+
+
+def test_the_search_for_variances_ends_at_the_largest_evidence():
+    """No variance of a fitted bank can be changed by a tenth to a larger evidence."""
+    coil = plant().draw(204)
+    logs = [one.log for one in plant().campaign(coil, 204)]
+    stacked = choice.Stack.of_logs(logs)
+    groups = choice.Groups.of_stack(stacked, np.ones(stacked.indication.size))
+    found = bank_fit.solve(bank_fit.state_problem(stacked, groups))
+    gram = bank_fit._total(found.grams)
+    best = found.posterior
+    for step in 0.1 * np.concatenate([np.eye(best.theta.size), -np.eye(best.theta.size)]):
+        there = evidence.condition(gram, found.problem.prior, best.theta + step)[2]
+        assert there < best.log_evidence + 0.01
