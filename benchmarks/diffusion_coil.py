@@ -8,14 +8,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.arrays import Array
 from calibkit.instruments.fog_thermal.numeric import noise as thermal_noise, pooled_fit
 from calibkit.numeric import intervals
 from calibkit.simulate import noise
 from calibkit.simulate.chamber import Chamber, Programme
+
+if TYPE_CHECKING:
+    from calibkit.arrays import Array
 
 STEP_S = 5.0
 NODES = 36
@@ -136,8 +139,8 @@ def _layers(coil: Coil, case: Array, start: Array) -> Array:
 
 
 def _bias(coil: Coil, nodes: Array, state: float | None) -> tuple[Array, Array, float]:
-    """Drift [n, °/h] of coil nodes against rest at 25 °C, the terms [n, layers + 4] of a plain gyro,
-    and the last state of the play operator.
+    """Drift [n, °/h] of coil nodes against rest at 25 °C, the terms [n, layers + 4] of a plain
+    gyro, and the last state of the play operator.
     """
     inside = nodes[:, :NODES]
     place = (np.arange(len(coil.weights)) + 0.5) / len(coil.weights) * NODES - 0.5
@@ -166,11 +169,6 @@ def _bias(coil: Coil, nodes: Array, state: float | None) -> tuple[Array, Array, 
     return drift, terms, last
 
 
-def _settle(coil: Coil, air: float) -> Array:
-    """All nodes at rest."""
-    return np.full(NODES + 1, air)
-
-
 def _log(
     coil: Coil,
     name: str,
@@ -183,7 +181,11 @@ def _log(
     """
     time, set_degc = programme.set_points()
     air = Chamber().air(set_degc, rng)
-    case0, nodes0, play = start or (float(set_degc[0]), _settle(coil, float(set_degc[0])), None)
+    case0, nodes0, play = start or (
+        float(set_degc[0]),
+        np.full(NODES + 1, float(set_degc[0])),
+        None,
+    )
     from scipy.signal import lfilter
 
     keep = math.exp(-1.0 / coil.case_lag_s)
