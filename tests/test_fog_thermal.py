@@ -640,3 +640,26 @@ def test_a_pinned_order_means_the_published_scheme(campaign, tmp_path, calibkit)
     assert outcome.code == 0
     models = store.load(tmp_path / "S" / "r001").records["drift_rate.json"].models
     assert {model.form for model in models} == {"fog-drift-rate/1"}
+
+
+def test_ramps_of_one_direction_are_flagged_by_fit_and_apply(campaign, tmp_path, calibkit):
+    """Heating alone: the fit names what was not measured, and a cooling log says how much of it
+    that is.
+    """
+    data = tmp_path / "heating"
+    data.mkdir()
+    for path in campaign.glob("*heating*.csv"):
+        (data / path.name).write_bytes(path.read_bytes())
+    runs = ("--out", tmp_path / "r")
+    outcome = calibkit("fit", "fog_thermal", "--data", data, "--serial", "O", *runs)
+    assert "every ramp heats: cooling was not measured" in outcome.err + outcome.out
+    (model,) = store.load(tmp_path / "r/O/r001").records["drift_rate.json"].models
+    low, high = model.valid["temp_rate_degc_min"]
+    assert (low > -0.5, high > 5.0) == (True, True)
+    cooling = min(campaign.glob("*cooling*.csv"))
+    applied = calibkit(
+        "apply", tmp_path / "r/O/r001", "--data", cooling, "--out", tmp_path / "out.csv"
+    )
+    assert "in a direction in which no ramp was fitted" in applied.err + applied.out
+    both = calibkit("fit", "fog_thermal", "--data", campaign, "--serial", "B", *runs)
+    assert "was not measured" not in both.err + both.out

@@ -121,6 +121,10 @@ class DriftModel:
             bounds = {
                 f"{name} clamped to the fitted range": float(where.mean())
                 for name, where in clamped.items()
+            } | {
+                "temperature changes in a direction in which no ramp was fitted": float(
+                    found.unmeasured.mean()
+                )
             }
             return _Drift(found.drift, np.diff(found.drift, prepend=found.drift[:1]), bounds)
         steps = compensation.increments(self.polynomials, blocks.gradient, blocks.rate)

@@ -10,6 +10,7 @@ from calibkit.instruments.fog_thermal import forms
 from calibkit.instruments.fog_thermal.compensate import DriftModel, LogFigures
 from calibkit.instruments.fog_thermal.gradient_file import SideChoice
 from calibkit.instruments.fog_thermal.numeric import choice, compensation
+from calibkit.instruments.fog_thermal.numeric.bank import BankModel
 from calibkit.instruments.fog_thermal.numeric.choice import ThermalChoice
 from calibkit.instruments.fog_thermal.ramps import PreparedLog
 from calibkit.instruments.fog_thermal.recipe import Drift, FogThermalRecipe
@@ -145,3 +146,19 @@ def _left_out_figures(choices: Sequence[SideChoice], levels: ThermalChoice) -> l
         found.append(("raw_drift_rms.ramps", levels.tested[0].pooled_raw))
     found += [(f"leave_one_ramp_out_rms.{one.candidate.name}", one.pooled) for one in levels.tested]
     return [Figure(name, value, "deg/h", 0.0) for name, value in found]
+
+
+def flag_one_way(logs: Sequence[PreparedLog], model: DriftModel) -> list[str]:
+    """Flag that ramps of one direction alone were measured, and what the drift term is in the
+    other.
+    """
+    ways = {ramp.rate > 0.0 for log in logs for ramp in log.ramps}
+    if len(ways) != 1 or not model.exported:
+        return []
+    measured, other = ("heats", "cooling") if ways == {True} else ("cools", "heating")
+    if isinstance(model.thermal, BankModel):
+        held = "follows from the heat flow in the coil, and its uncertainty grows"
+    else:
+        held = "is not known: it may come out worse than uncorrected"
+    found = f"every ramp {measured}: {other} was not measured; there the drift {held}"
+    return [f"{found}. Measure a ramp each way"]

@@ -64,7 +64,9 @@ def _fit(
     summary = Summary(
         spec.title,
         (*tables.fit_tables(fitted, tested, compensated, stated), *at_rest.tables),
-        tuple(dict.fromkeys([*(f for r in results[1:] for f in r.flags), *_flags(spec, logs)])),
+        tuple(
+            dict.fromkeys([*(f for r in results[1:] for f in r.flags), *_flags(spec, logs, model)])
+        ),
         _fit_criteria(spec, export, compensated),
     )
     drawing = tables.drift_report(spec, logs, fitted, choices, tested, model, at_rest.hysteresis)
@@ -92,14 +94,22 @@ def _prepare(spec: FogThermalRecipe, data: Path, files: Iterable[str]) -> list[r
     ]
 
 
-def _flags(spec: FogThermalRecipe, logs: Sequence[ramps.PreparedLog]) -> list[str]:
-    """Flags of type B terms without effect, and of findings from the comparison of several logs."""
+def _flags(
+    spec: FogThermalRecipe, logs: Sequence[ramps.PreparedLog], model: compensate.DriftModel
+) -> list[str]:
+    """Flags of type B terms without effect, of a direction without ramps, and of findings from the
+    comparison of several logs.
+    """
     slopes = {
         log.source.name: magnitude.fit_drift_slope(log.raw.case, log.raw.indication) for log in logs
     }
     rates = {log.source.name: log.ramps[0].rate for log in logs if len(log.ramps) == 1}
     found = (*magnitude.find_compensated_logs(slopes), *thermometers.check_rates_in_names(rates))
-    return [*uncertainty.flag_unused(spec.type_b), *(str(finding) for _, finding in found)]
+    return [
+        *uncertainty.flag_unused(spec.type_b),
+        *decision.flag_one_way(logs, model),
+        *(str(finding) for _, finding in found),
+    ]
 
 
 def _read(spec: FogThermalRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
