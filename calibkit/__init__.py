@@ -1,7 +1,7 @@
 """Calibration of fibre-optic gyros, accelerometers and borehole inclinometers.
 
 The names of `__all__` are the public interface: what the commands do, for scripts and notebooks,
-and three of the numeric core's functions. They are loaded when they are asked for; everything else
+and four of the numeric core's functions. They are loaded when they are asked for; everything else
 may change between versions.
 """
 
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
         load_coefficients,
         load_recipe,
         read_log,
+        regress,
         simulated,
         validate,
         verify,
@@ -49,6 +50,7 @@ __all__ = [
     "load_coefficients",
     "load_recipe",
     "read_log",
+    "regress",
     "simulated",
     "validate",
     "verify",

@@ -17,6 +17,7 @@ from calibkit.errors import CalibkitError, CoefficientError, UsageError
 from calibkit.ingest import logs
 from calibkit.instruments import silent
 from calibkit.numeric.gum import Component as UncertaintyComponent, combine as combine_uncertainty
+from calibkit.numeric.least_squares.regression import regress
 from calibkit.numeric.noise.allan import overlapping as allan_deviation
 from calibkit.numeric.wavelet.denoise import denoise
 from calibkit.recipe import Source
@@ -54,6 +55,7 @@ __all__ = [
     "load_coefficients",
     "load_recipe",
     "read_log",
+    "regress",
     "simulated",
     "validate",
     "verify",

@@ -3,12 +3,14 @@ standard deviations too.
 """
 
 import csv
+import math
 import re
 
 import lmfit
 import numpy as np
 import pytest
 
+import calibkit
 from calibkit.errors import FitError
 from calibkit.instruments.accelerometer.numeric import profile
 from calibkit.numeric.least_squares import fit, gauss_newton
@@ -31,19 +33,58 @@ def rational(b, x, numerator):
     return top / (1.0 + sum(c * x[0] ** (k + 1) for k, c in enumerate(b[numerator:])))
 
 
+def gauss(b, x):
+    """A decaying exponential and two bells."""
+    bells = (b[k] * np.exp(-((x[0] - b[k + 1]) ** 2) / b[k + 2] ** 2) for k in (2, 5))
+    return b[0] * np.exp(-b[1] * x[0]) + sum(bells)
+
+
+def exponentials(b, x):
+    """Sum of three decaying exponentials."""
+    return sum(b[k] * np.exp(-b[k + 1] * x[0]) for k in (0, 2, 4))
+
+
+def periods(b, x):
+    """A mean and waves of a year and of two unknown periods."""
+    turn = 2.0 * np.pi * x[0]
+    waves = ((12.0, 1, 2), (b[3], 4, 5), (b[6], 7, 8))
+    return b[0] + sum(b[i] * np.cos(turn / p) + b[j] * np.sin(turn / p) for p, i, j in waves)
+
+
+def chwirut(b, x):
+    """Response of an ultrasonic block."""
+    return np.exp(-b[0] * x[0]) / (b[1] + b[2] * x[0])
+
+
 NONLINEAR = {
     "Misra1a": lambda b, x: b[0] * (1.0 - np.exp(-b[1] * x[0])),
-    "Chwirut1": lambda b, x: np.exp(-b[0] * x[0]) / (b[1] + b[2] * x[0]),
+    "Chwirut1": chwirut,
     "DanWood": lambda b, x: b[0] * x[0] ** b[1],
-    "Gauss1": lambda b, x: (
-        b[0] * np.exp(-b[1] * x[0])
-        + b[2] * np.exp(-((x[0] - b[3]) ** 2) / b[4] ** 2)
-        + b[5] * np.exp(-((x[0] - b[6]) ** 2) / b[7] ** 2)
-    ),
+    "Gauss1": gauss,
     "Kirby2": lambda b, x: rational(b, x, 3),
     "Nelson": lambda b, x: b[0] - b[1] * x[0] * np.exp(-b[2] * x[1]),
     "Rat43": lambda b, x: b[0] / (1.0 + np.exp(b[1] - b[2] * x[0])) ** (1.0 / b[3]),
     "Thurber": lambda b, x: rational(b, x, 4),
+}
+ALL_NONLINEAR = NONLINEAR | {
+    "Bennett5": lambda b, x: b[0] * (b[1] + x[0]) ** (-1.0 / b[2]),
+    "BoxBOD": lambda b, x: b[0] * (1.0 - np.exp(-b[1] * x[0])),
+    "Chwirut2": chwirut,
+    "ENSO": periods,
+    "Eckerle4": lambda b, x: b[0] / b[1] * np.exp(-0.5 * ((x[0] - b[2]) / b[1]) ** 2),
+    "Gauss2": gauss,
+    "Gauss3": gauss,
+    "Lanczos1": exponentials,
+    "Lanczos2": exponentials,
+    "Lanczos3": exponentials,
+    "MGH09": lambda b, x: b[0] * (x[0] ** 2 + x[0] * b[1]) / (x[0] ** 2 + x[0] * b[2] + b[3]),
+    "MGH10": lambda b, x: b[0] * np.exp(b[1] / (x[0] + b[2])),
+    "MGH17": lambda b, x: b[0] + b[1] * np.exp(-x[0] * b[3]) + b[2] * np.exp(-x[0] * b[4]),
+    "Misra1b": lambda b, x: b[0] * (1.0 - (1.0 + b[1] * x[0] / 2.0) ** -2),
+    "Misra1c": lambda b, x: b[0] * (1.0 - (1.0 + 2.0 * b[1] * x[0]) ** -0.5),
+    "Misra1d": lambda b, x: b[0] * b[1] * x[0] / (1.0 + b[1] * x[0]),
+    "Rat42": lambda b, x: b[0] / (1.0 + np.exp(b[1] - b[2] * x[0])),
+    "Roszman1": lambda b, x: b[0] - b[1] * x[0] - np.arctan(b[2] / (x[0] - b[3])) / np.pi,
 }
 CASES = [(name, start) for name in NONLINEAR for start in (0, 1)]
 
@@ -153,3 +194,43 @@ def test_lmfit_as_the_magnitude_fit_calls_it_gives_seven_digits(name):
     np.testing.assert_allclose(
         [result.params[f"b{j}"].stderr for j in range(len(parameters))], deviations, rtol=1e-6
     )
+
+
+@pytest.mark.parametrize("start", [0, 1])
+@pytest.mark.parametrize("name", ALL_NONLINEAR)
+def test_regress_gives_six_digits_of_all_sets_from_both_starts(name, start):
+    """Parameters to 6 digits; standard deviations too, but where residuals are rounding."""
+    starts, parameters, deviations, y, x = certified(name)
+    found = calibkit.regress(lambda x, *b: ALL_NONLINEAR[name](b, x), x, y, starts[start])
+    np.testing.assert_allclose(found.parameters, parameters, rtol=1e-6)
+    if name != "Lanczos1":
+        np.testing.assert_allclose(found.standard_uncertainty, deviations, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("model", "start", "match"),
+    [
+        (lambda x, a, b: (a + b) * x, (1.0, 2.0), "do not determine"),
+        (lambda x, a, b: a * np.exp(-b * x) + 1e4, (1.0, 1e6), "do not determine|no minimum"),
+        (lambda x, a: a, (1.0,), "the model gives"),
+        (lambda x, a: a * x, (np.nan,), "not all finite"),
+        (lambda x, *p: np.polyval(p, x), np.ones(20), "values for 20 parameters"),
+    ],
+)
+def test_regress_refuses_what_is_no_answer(model, start, match):
+    """Parameters that data do not determine, a wrong shape, numbers that are none, too many."""
+    x = np.linspace(0.0, 1.0, 20)
+    with pytest.raises(FitError, match=match):
+        calibkit.regress(model, x, 1e4 + x, start)
+
+
+def test_regress_takes_names_and_models_without_complex_numbers():
+    """Parameters by name; a model of real functions alone gives the same to seven digits."""
+    starts, parameters, _, y, x = certified("Misra1a")
+    begin = dict(zip(("a", "b"), starts[1], strict=True))
+    found = calibkit.regress(
+        lambda x, a, b: [a * (1.0 - math.exp(-b * each)) for each in x[0]], x, y, begin
+    )
+    assert found.names == ("a", "b")
+    np.testing.assert_allclose(found.parameters, parameters, rtol=1e-7)
+    assert (found.half_width_95 > 2.0 * found.standard_uncertainty).all()
