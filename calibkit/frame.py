@@ -58,6 +58,25 @@ KEPT_ROWS, KEPT_DIGITS = 64, 12
 
 
 @dataclass(frozen=True, slots=True)
+class Origin:
+    """What the stamps of a log say at its second 0, and of which kind they are: stamps of one kind
+    can be compared from file to file.
+    """
+
+    kind: Literal["date-times", "date-times with a zone", "times of day", "numbers"]
+    nanoseconds: int = 0
+    """Since 1970-01-01, since midnight, or since 0."""
+
+    def stamp(self, seconds: float) -> str:
+        """What a stamp says a number of seconds later, to the second."""
+        if self.kind == "numbers":
+            return f"{self.nanoseconds / 1e9 + seconds:.10g} s"
+        instant = np.datetime64(self.nanoseconds // 10**9 + round(seconds), "s")
+        date, _, time = str(instant).partition("T")
+        return time if self.kind == "times of day" else f"{date} {time}"
+
+
+@dataclass(frozen=True, slots=True)
 class Log:
     """One log as it was read: its file, the digest of its bytes, its rows, what was noted, how it
     was read, the tidy frame.
@@ -80,6 +99,8 @@ class Log:
     """
     second_logger_sha256: str = ""
     """Digest of the second logger's file that was joined."""
+    origin: Origin | None = None
+    """Stamp of second 0; None where there is no time, or where its date is not certain."""
     plugins: tuple[Plugin, ...] = ()
     """Plugins that read it."""
     excluded_rows: int = 0

@@ -159,7 +159,9 @@ def test_days_that_no_calendar_has_are_no_times(tmp_path):
     """A damaged spreadsheet day is missing rather than some other day."""
     from calibkit.readers import times
 
-    seconds = times.spreadsheet_to_seconds(np.array([40000.0, 40000.5, 1e300, np.nan, 40001.0]))
+    seconds = times.spreadsheet_to_seconds(
+        np.array([40000.0, 40000.5, 1e300, np.nan, 40001.0])
+    ).seconds
     np.testing.assert_array_equal(seconds, [0.0, 43200.0, np.nan, np.nan, 86400.0])
 
 

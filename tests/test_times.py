@@ -166,6 +166,6 @@ def test_spreadsheet_days_are_instants_to_the_microsecond():
     """
     found = times.spreadsheet_to_seconds(
         np.array([np.nan, 46000.25, 46000.25 + 1.5 / 86400.0, 1e9])
-    )
+    ).seconds
     assert np.isnan(found[[0, 3]]).all()
     assert found[1:3].tolist() == [0.0, pytest.approx(1.5, abs=1e-6)]

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from calibkit import units
 from calibkit.errors import FrameError, LogFormatError, RecipeError, did_you_mean
+from calibkit.frame import Origin
 from calibkit.ingest import column_names
 from calibkit.readers import times
 from calibkit.recipe import Column
@@ -43,6 +44,8 @@ class MappedColumn:
     reading: tuple[str, ...] = ()
     since_row_before: bool = False
     """Whether they are counts since the row before: the first row then has no value."""
+    origin: Origin | None = None
+    """Stamp of second 0 of a time, where it is certain."""
 
 
 def find_column(source: str, table: Table) -> str | None:
@@ -90,16 +93,19 @@ def read_time(table: Table, source: str, recipe: Recipe) -> MappedColumn:
                 f"{table.file}: column '{source}': text, expected numbers",
                 hint="correct [columns], or time_format",
             ) from None
+        counted = times.spreadsheet_to_seconds(days)
         return MappedColumn(
-            times.spreadsheet_to_seconds(days),
+            counted.seconds,
             reading=(f"column '{source}': days since 1899-12-30",),
+            origin=counted.origin,
         )
     if not form and raw.dtype.kind in "fiub":
-        return read_values(table, source, "time_s", recipe, None)
+        numbers = read_values(table, source, "time_s", recipe, None)
+        return replace(numbers, origin=Origin("numbers"))
     form = form or _time_format(raw, table.file, source)
     found = times.to_seconds(raw, form, table.file, source)
     reading = tuple(type(note)(f"column '{source}': {note}") for note in found.notes)
-    return MappedColumn(found.seconds, (), reading)
+    return MappedColumn(found.seconds, (), reading, origin=found.origin)
 
 
 def _time_format(raw: pd.Series, file: str, source: str) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 
 from calibkit import units
 from calibkit.errors import FrameError, RecipeError
-from calibkit.frame import Log, require
+from calibkit.frame import Log, Origin, require
 from calibkit.ingest import column_values
 from calibkit.ingest.column_values import MappedColumn
 from calibkit.readers import parts, registry
@@ -83,6 +83,7 @@ def map_log(
         (*reading, *corrections),
         table.parts,
         plugins=table.plugins,
+        origin=mapped["time_s"].origin if "time_s" in mapped else None,
         excluded_rows=sum(taken.values()),
     )
 
@@ -106,7 +107,8 @@ def _map_columns(
                 f" '{own['time_s']}' holds the time",
                 hint="remove rate_hz, or map time_s to nothing that the log has",
             )
-        mapped["time_s"] = MappedColumn(np.arange(len(table.frame)) / recipe.logs.rate_hz)
+        counted = np.arange(len(table.frame)) / recipe.logs.rate_hz
+        mapped["time_s"] = MappedColumn(counted, origin=Origin("numbers"))
     return mapped
 
 

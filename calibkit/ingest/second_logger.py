@@ -10,13 +10,15 @@ import numpy as np
 from calibkit.arrays import Array, Mask
 from calibkit.errors import FitError, FrameError
 from calibkit.frame import Log, values
-from calibkit.ingest import clocks, mapping
+from calibkit.ingest import clocks, mapping, stamps
 from calibkit.recipe import Recipe
 from calibkit.recipe.logs import Logs
 from calibkit.recipe.tables import SecondLogger
 
 _GAIN = 0.1
 """Departure from 1 of the gain between two sensors of one quantity that is noted."""
+_HOW_RELATED = {"same": "one clock", "stated": "stated", "estimate": "estimated"}
+"""[chamber] clock → how the two clocks are related, in words."""
 _PROBE = "shared_quantity"
 """Name under which the log's own column of the shared quantity is read."""
 
@@ -61,37 +63,34 @@ def read_joined(
         )
     first, probe = _read_first(recipe, chamber, path, file, needed, optional)
     second = _read_second(recipe, chamber, path.parent / names[0])
-    clock = _relate_clocks(chamber, first, probe, second)
-    return _join(first, second, clock, chamber, (*needed, *optional))
+    begins = stamps.relate_origins(first, second, same=chamber.clock == "same")
+    if begins:
+        second = replace(second, frame=second.frame.assign(time_s=second.frame["time_s"] + begins))
+    if probe:
+        second = _crop(second, values(first.frame, "time_s"), chamber)
+    clock = _relate_clocks(chamber, first, probe, second, begins)
+    return _join(first, second, clock, chamber, (*needed, *optional), begins)
 
 
 def _join(
-    first: Log, second: Log, clock: clocks.Clocks, chamber: SecondLogger, columns: Sequence[str]
+    first: Log,
+    second: Log,
+    clock: clocks.Clocks,
+    chamber: SecondLogger,
+    columns: Sequence[str],
+    begins: float,
 ) -> Log:
-    """The log with the second logger's values at its own times; rows without one are left out."""
+    """The log with the second logger's values at its own times; rows without one are left out.
+
+    By their stamps the second logger begins `begins` [s] after the log.
+    """
     time, on_a = values(first.frame, "time_s"), clock.on_a(values(second.frame, "time_s"))
-    if np.any(np.diff(on_a) <= 0.0):
-        raise FrameError(
-            f"{second.file}: its time does not increase",
-            hint="sort or split the file, or repair its clock",
-        )
-    steps = [float(np.median(np.diff(times))) for times in (on_a, time)]
-    take, how = clocks.resample, "linear between its rows at"
-    if steps[1] >= 2.0 * steps[0]:
-        take, how = clocks.average, "means about"
-    taken = {name: take(on_a, values(second.frame, name), time) for name in chamber.provides}
+    taken, joined = _take(chamber, second, on_a, time)
     frame = first.frame.assign(**taken)
     lost = frame[list(chamber.provides)].isna().any(axis=1).to_numpy()
     frame = frame.loc[~lost, [name for name in columns if name in frame.columns]]
     if frame.empty:
-        raise FrameError(
-            f"{first.file}: no row has a value of {second.file}",
-            hint="state offset_s in [chamber]",
-        )
-    joined = (
-        f"{', '.join(chamber.provides)} from {second.file} (sha256 {second.sha256},"
-        f" {second.rows} rows of {steps[0]:.4g} s): {how} the log's rows of {steps[1]:.4g} s"
-    )
+        raise stamps.nothing_common(first, time, second.file, on_a)
     u = clock.largest_uncertainty(values(second.frame, "time_s"))
     return replace(
         first,
@@ -101,10 +100,39 @@ def _join(
         notes=(
             *first.notes,
             *_note_lost_rows(time, on_a, lost, second.file),
+            *_note_stamps(chamber, second.file, begins),
             *(f"{second.file}: {note}" for note in second.notes),
         ),
-        reading=(*first.reading, joined, *_describe_clock(chamber, clock, second), *second.reading),
+        reading=(
+            stamps.describe_overlap(first, time[~lost])
+            + _state_offset(chamber, clock, second.file),
+            *first.reading,
+            joined,
+            *_describe_clock(chamber, clock, second),
+            *second.reading,
+        ),
         plugins=tuple(dict.fromkeys((*first.plugins, *second.plugins))),
+    )
+
+
+def _take(
+    chamber: SecondLogger, second: Log, on_a: Array, time: Array
+) -> tuple[dict[str, Array], str]:
+    """Values [n] of the second logger's columns at the times [n, s] of a log, from its own on the
+    log's clock [m, s], and a text on how they were taken.
+    """
+    if np.any(np.diff(on_a) <= 0.0):
+        raise FrameError(
+            f"{second.file}: its time does not increase",
+            hint="sort or split the file, or repair its clock",
+        )
+    steps = [float(np.median(np.diff(times))) for times in (on_a, time)]
+    take, how = clocks.resample, "linear between its rows at"
+    if steps[1] >= 2.0 * steps[0]:
+        take, how = clocks.average, "means about"
+    return {name: take(on_a, values(second.frame, name), time) for name in chamber.provides}, (
+        f"{', '.join(chamber.provides)} from {second.file} (sha256 {second.sha256},"
+        f" {second.rows} rows of {steps[0]:.4g} s): {how} the log's rows of {steps[1]:.4g} s"
     )
 
 
@@ -173,16 +201,27 @@ def _read_second(recipe: Recipe, chamber: SecondLogger, path: Path) -> Log:
     return replace(second, frame=second.frame[whole], notes=(*second.notes, note))
 
 
-def _relate_clocks(chamber: SecondLogger, first: Log, probe: str, second: Log) -> clocks.Clocks:
-    """Clock of the second logger against that of the log: the same, stated or estimated, as the
-    recipe says.
+def _crop(second: Log, time_a: Array, chamber: SecondLogger) -> Log:
+    """A file of the whole day, without the hours that are far from the log's times [n, s]: its
+    clock is wanted where the log is.
     """
-    time_b = values(second.frame, "time_s")
+    low, high = (time_a[k] - chamber.offset_s for k in (0, -1))
+    near = second.frame["time_s"].between(low - chamber.search_s, high + chamber.search_s)
+    return replace(second, frame=second.frame[near]) if near.any() else second
+
+
+def _relate_clocks(
+    chamber: SecondLogger, first: Log, probe: str, second: Log, begins: float
+) -> clocks.Clocks:
+    """Clock of the second logger against that of the log: the same, stated or estimated, as the
+    recipe says. A stated drift counts from the second logger's own second 0, `begins`.
+    """
     if not probe:
         covariance = np.diag([(chamber.standard_uncertainty_s or 0.0) ** 2, 0.0])
         return clocks.Clocks(
-            chamber.offset_s, chamber.drift_ppm * 1e-6, covariance, 0.0, 1.0, 0.0, 0
+            chamber.offset_s, chamber.drift_ppm * 1e-6, covariance, begins, 1.0, 0.0, 0
         )
+    time_b = values(second.frame, "time_s")
     try:
         found = clocks.estimate_clock(
             values(first.frame, "time_s"),
@@ -221,6 +260,27 @@ def _note_lost_rows(time: Array, on_a: Array, lost: Mask, file: str) -> tuple[st
     counts = {where: int(np.sum(lost & place)) for where, place in places.items()}
     parts = ", ".join(f"{count} {where}" for where, count in counts.items() if count)
     return (f"{int(lost.sum())} rows without a value of {file} left out: {parts}",)
+
+
+def _note_stamps(chamber: SecondLogger, file: str, begins: float) -> tuple[str, ...]:
+    """Note on the offset that stamps make, where earlier releases took another one."""
+    if not begins or chamber.clock == "estimate":
+        return ()
+    order, now = "after" if begins > 0.0 else "before", begins + chamber.offset_s
+    return (
+        (
+            f"{file} begins {abs(begins):.10g} s {order} the log by the stamps of both: the offset"
+            f" from first row to first row is {now:+.10g} s, calibkit 0.1 took"
+            f" {chamber.offset_s:+.10g} s"
+        ),
+    )
+
+
+def _state_offset(chamber: SecondLogger, clock: clocks.Clocks, file: str) -> str:
+    """How far the clock of the second logger is off, to 0.1 s, and how that is known."""
+    off, way = round(clock.offset_s, 1), "behind" if clock.offset_s > 0.0 else "ahead"
+    by = f"{abs(off):.10g} s {way}" if off else "as it is"
+    return f"; clock of {file} {by} ({_HOW_RELATED[chamber.clock]})"
 
 
 def _describe_clock(chamber: SecondLogger, clock: clocks.Clocks, second: Log) -> tuple[str, ...]:

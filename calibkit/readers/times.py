@@ -12,13 +12,14 @@ different seconds.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from decimal import Decimal, InvalidOperation
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from calibkit.errors import LogFormatError
+from calibkit.frame import Origin
 from calibkit.readers.table import Guess
 
 if TYPE_CHECKING:
@@ -36,6 +37,10 @@ EITHER = "%?"
 SPREADSHEET_DAYS = 2_958_466
 """Days from 1899-12-30 to the end of the year 9999."""
 _REPAIR = "repair the row, or pin time_format in the recipe"
+_SINCE_1899, _SINCE_1900 = -2_209_161_600 * 10**9, 2_208_988_800 * 10**9
+"""Nanoseconds of 1970 at spreadsheets' day 0, 1899-12-30, and of midnight in the year 1900 that a
+time of day alone is read in, to midnight.
+"""
 FIRST_YEAR, LAST_YEAR = 1678, 2261
 """Years that nanoseconds in 64 bits reach; a time of day alone counts from 1900."""
 
@@ -55,12 +60,13 @@ _DATES = (
 
 @dataclass(frozen=True, slots=True)
 class _TimeColumn:
-    """Seconds since the first row [n], NaN where no time is written, and what was decided on the
-    way.
+    """Seconds since the first row [n], NaN where no time is written, what was decided on the way,
+    and the stamp of second 0 (None where it is not certain).
     """
 
     seconds: Array
-    notes: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+    origin: Origin | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,41 +148,57 @@ def to_seconds(raw: pd.Series, form: str, file: str, column: str) -> _TimeColumn
     missing = (raw.isna() | texts.isin(["", "nan", "NaN", "None"])).to_numpy()
     fields = _Fields(texts, missing, file, column)
     if form == DECIMAL:
-        return _subtract_first(_parse_decimal(fields), missing)
+        nanoseconds, first = _parse_decimal(fields)
+        return _subtract_first(nanoseconds, missing, Origin("numbers", first))
     if form == ELAPSED:
-        return _TimeColumn(_parse_elapsed(fields), ())
+        return _TimeColumn(_parse_elapsed(fields), origin=Origin("numbers"))
     if EITHER in form:
         return _parse_either_order(fields, form)
     nanoseconds = _parse_instants(fields, form)
     if re.search(r"%[dYymj]", form):
-        return _subtract_first(nanoseconds, missing)
-    return _subtract_first(*_add_midnights(nanoseconds, missing))
+        return _subtract_first(nanoseconds, missing, _dated(form))
+    nanoseconds, notes = _add_midnights(nanoseconds, missing)
+    return _subtract_first(nanoseconds, missing, Origin("times of day", _SINCE_1900), notes)
 
 
-def spreadsheet_to_seconds(days: Array) -> Array:
+def _dated(form: str) -> Origin | None:
+    """Zero of the instants of a format with a date; None for one without the year."""
+    if not re.search(r"%[Yy]", form):
+        return None
+    return Origin("date-times with a zone" if "%z" in form else "date-times")
+
+
+def spreadsheet_to_seconds(days: Array) -> _TimeColumn:
     """Seconds since the first row of days [n] since 1899-12-30, rounded to the microsecond; days no
     calendar has are missing.
     """
     finite = np.isfinite(days) & (np.abs(days) < SPREADSHEET_DAYS)
     microseconds = np.zeros(days.shape, dtype=np.int64)
     microseconds[finite] = np.round(days[finite] * 86400e6).astype(np.int64)
-    return _subtract_first(microseconds * 1000, ~finite).seconds
+    # in microseconds: nanoseconds of 64 bits end in the year 2262
+    first = int(microseconds[np.argmax(finite)]) if finite.any() else 0
+    since = np.where(finite, microseconds - first, 0) * 1000
+    origin = Origin("date-times", _SINCE_1899 + 1000 * first)
+    return _subtract_first(since, ~finite, origin)
 
 
 def _subtract_first(
-    nanoseconds: Integers, missing: Mask, notes: tuple[str, ...] = ()
+    nanoseconds: Integers, missing: Mask, zero: Origin | None, notes: tuple[str, ...] = ()
 ) -> _TimeColumn:
-    """Seconds since the first time that is there; each the float64 nearest to the written
-    digits.
+    """Seconds since the first time that is there; each the float64 nearest to the written digits.
+
+    `zero` is the stamp of nanosecond 0.
     """
     there = np.flatnonzero(~missing)
     if not there.size:
         return _TimeColumn(np.full(nanoseconds.shape, np.nan), notes)
+    if zero is not None:
+        zero = replace(zero, nanoseconds=zero.nanoseconds + int(nanoseconds[there[0]]))
     apart = nanoseconds - nanoseconds[there[0]]
     seconds = apart // 1000 / 1e6
     if np.any(apart % 1000):
         seconds = np.where(np.abs(apart) < 1 << 53, apart / 1e9, apart / 1e6 / 1e3)
-    return _TimeColumn(np.where(missing, np.nan, seconds), notes)
+    return _TimeColumn(np.where(missing, np.nan, seconds), notes, zero)
 
 
 def _parse_instants(fields: _Fields, form: str) -> Integers:
@@ -242,7 +264,7 @@ def _parse_either_order(fields: _Fields, form: str) -> _TimeColumn:
             refused = error
             continue
         guess = Guess(f"dates read {order} (time_format guessed)")
-        clocks.append(_subtract_first(nanoseconds, fields.missing, (guess,)))
+        clocks.append(_subtract_first(nanoseconds, fields.missing, _dated(form), (guess,)))
     if not clocks:
         raise refused
     forwards = [clock for clock in clocks if np.all(np.diff(clock.seconds[there]) > 0.0)]
@@ -271,9 +293,9 @@ def _without_leaps(clocks: list[_TimeColumn], there: Mask) -> list[_TimeColumn]:
     return clocks
 
 
-def _add_midnights(nanoseconds: Integers, missing: Mask) -> tuple[Integers, Mask, tuple[str, ...]]:
-    """Times of day with a day added at each midnight (a step back by more than half a day), those
-    that are missing, and a note on the midnights.
+def _add_midnights(nanoseconds: Integers, missing: Mask) -> tuple[Integers, tuple[str, ...]]:
+    """Times of day with a day added at each midnight (a step back by more than half a day), and a
+    note on the midnights.
     """
     day = 86_400_000_000_000
     there = np.flatnonzero(~missing)
@@ -282,7 +304,7 @@ def _add_midnights(nanoseconds: Integers, missing: Mask) -> tuple[Integers, Mask
     added[there] = np.concatenate([[0], np.cumsum(back)])
     count = int(back.sum())
     notes = (f"midnight passed {count} time{'s' if count > 1 else ''}",) if count else ()
-    return nanoseconds + added * day, missing, notes
+    return nanoseconds + added * day, notes
 
 
 def _parse_elapsed(fields: _Fields) -> Array:
@@ -307,8 +329,10 @@ def _parse_elapsed(fields: _Fields) -> Array:
     return seconds
 
 
-def _parse_decimal(fields: _Fields) -> Integers:
-    """Nanoseconds of decimal seconds of any length, counted from the first."""
+def _parse_decimal(fields: _Fields) -> tuple[Integers, int]:
+    """Nanoseconds of decimal seconds of any length, counted from the first, and those of the
+    first.
+    """
     nanoseconds = np.zeros(fields.missing.size, dtype=np.int64)
     first: Decimal | None = None
     for row, text in enumerate(fields.texts):
@@ -322,4 +346,4 @@ def _parse_decimal(fields: _Fields) -> Integers:
         except (InvalidOperation, OverflowError, ValueError):
             hint = "repair the row, or leave the range out with [[exclude]]"
             raise fields.fault(row, "a number", hint) from None
-    return nanoseconds
+    return nanoseconds, 0 if first is None else int(first.scaleb(9).to_integral_value())
