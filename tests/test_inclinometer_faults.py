@@ -34,7 +34,7 @@ def test_a_wrong_latitude_is_flagged_and_the_right_one_named(off, healthy):
     """0.2° off: both gyros scatter by several times what their readings explain, and fit the true
     34.2° to 0.1°.
     """
-    assert healthy[1] == ()
+    assert not any("latitude" in flag for flag in healthy[1])
     _, flags = fitted(DATA, f"site.latitude_deg={34.2 + off}")
     named = [flag for flag in flags if "the stations fit a latitude of" in flag]
     assert len(named) == 2

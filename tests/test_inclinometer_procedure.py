@@ -278,7 +278,9 @@ def test_random_stations_are_within_five_hundredths_of_a_degree_on_the_command_l
     assert np.sqrt(np.mean(after**2)) < 0.035
     assert np.sqrt(np.mean(after**2)) < 0.75 * np.sqrt(np.mean(before**2))
     assert (after - before <= stated).all()
-    assert 0.90 <= np.mean(after < stated) <= 0.99
+    # stations this few leave a turn of the gyros open, which is in U: twice what noise alone gives
+    assert np.mean(after < stated) >= 0.90
+    assert np.median(stated) < 4.5 * np.sqrt(np.mean(after**2))
 
 
 def test_a_single_station_states_an_interval_that_holds(tmp_path):

@@ -74,9 +74,12 @@ class Circumstances:
         size, (angle, u) = self.turn_deg(measured), measured
         every = list(found)
         if size:
-            every.append(components.Component(MOUNTING, "gyro turn", size, u, 1, 1, known=True))
+            unsure = u or size
+            every.append(
+                components.Component(MOUNTING, "gyro turn", size, unsure, 1, 1, known=True)
+            )
         flags = warn_of_few_groups([one for one in found if one.group == "log"])
-        if abs(angle) > SHOWN * u:
+        if abs(angle) > SHOWN * u > 0.0:
             found_deg = f"{angle:.3f}° ± {u:.2g}°"
             text = (
                 f"the roots of s show a gyro that is turned by {found_deg} against the"

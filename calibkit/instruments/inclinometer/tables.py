@@ -128,7 +128,7 @@ COMPUTED = 1e-9
 """Standard uncertainty of a root of s below which stations are computed ones: closures of 0 show no
 noise.
 """
-UNTESTED = "no reference azimuth in the logs to test the [acceptance] limits on"
+UNTESTED = "no reference azimuth in the logs to test the [acceptance] limits of angles on"
 
 
 def summarize(
@@ -166,7 +166,7 @@ def summarize(
             if seen.solutions[axis].s_root_uncertainty[scale.used].min() > COMPUTED
         )
     if untested and criteria:
-        flags = (*flags, f"{UNTESTED} of angles")
+        flags = (*flags, UNTESTED)
     conclusion = f"No verdict: {UNTESTED}" if untested and not criteria else ""
     return Summary(spec.title, tuple(tables), flags, criteria, conclusion)
 

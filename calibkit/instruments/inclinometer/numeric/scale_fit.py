@@ -91,8 +91,8 @@ def fit_over_temperature(
     rows, angle = every, (0.0, 0.0)
     if turn is not None:
         wide = np.column_stack([every, np.where(used, turn, 0.0)])
-        angle = _measure_turn(s, u, wide[used], effects)
-        rows = wide if angle[0] else every
+        angle, asked = _measure_turn(s, u, wide[used], effects)
+        rows = wide if asked else every
     fit = _fit_roots(s, u, rows[used], effects)
     size = chosen + 1
     own = np.zeros(used.size)
@@ -218,21 +218,23 @@ def _uncertainty_of(scatter: float, u: Array, dof: int) -> float:
 
 def _measure_turn(
     s: Array, u: Array, design: Array, effects: Sequence[Effect]
-) -> tuple[float, float]:
-    """Turn of the gyro [°], the last coefficient of a design, and its standard uncertainty; zeros
-    where noise explains it.
+) -> tuple[tuple[float, float], bool]:
+    """Turn of the gyro [°], the last coefficient of a design, and its standard uncertainty, zeros
+    where the roots cannot tell it; whether it is more than noise explains. A turn that noise may
+    explain stays in the azimuth's uncertainty with its own size.
     """
     spare = s.size - design.shape[1]
     if spare < SPARE or np.linalg.matrix_rank(_with_levels(design, effects)) < design.shape[1]:
-        return 0.0, 0.0
+        return (0.0, 0.0), False
     fit = _fit_roots(s, u, design, effects)
     angle = float(fit.coefficients[-1])
     spread = float(np.sqrt(fit.covariance[-1, -1]))
     from scipy.special import stdtr
 
-    if abs(angle) < LEAST_DEG or 2.0 * stdtr(spare, -abs(angle) / spread) > BY_CHANCE:
-        return 0.0, 0.0
-    return angle, spread
+    asked = 2.0 * stdtr(spare, -abs(angle) / spread) <= BY_CHANCE
+    if abs(angle) < LEAST_DEG:
+        return (0.0, 0.0), False
+    return (angle, spread if asked else 0.0), bool(asked)
 
 
 def _predict_left_out(
