@@ -15,6 +15,7 @@ from calibkit.instruments.accelerometer.errors import AttitudeErrors
 from calibkit.instruments.accelerometer.recipe import _AccelAcceptance
 from calibkit.instruments.fog_thermal import instrument as fog
 from calibkit.instruments.fog_thermal.compensate import LogFigures
+from calibkit.instruments.fog_thermal.numeric.compensation import NoiseSplit
 from calibkit.instruments.fog_thermal.recipe import _Acceptance
 from calibkit.instruments.gyro_noise import tables as noise_tables
 from calibkit.instruments.gyro_noise.recipe import NoiseAcceptance
@@ -45,7 +46,7 @@ UNTURNED = {
 
 def fog_log(*, before=4.0, after=0.25, gain=1.0):
     """Figures of one compensated log."""
-    return LogFigures("ramp.csv", before, after, gain, 0.0, after, ())
+    return LogFigures("ramp.csv", before, after, NoiseSplit(after, 0.0, 0.0), gain, 0.0, after, ())
 
 
 def fog_drift(value, **limits):

@@ -1,16 +1,26 @@
 """A bank of lags on logs of a coil through which heat diffuses: another physics than the model."""
 
 import importlib.util
+from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from calibkit.instruments.fog_thermal.numeric import bank_fit, choice, evaluate, evidence
+from calibkit.instruments.fog_thermal import compensate, decision
+from calibkit.instruments.fog_thermal.numeric import (
+    bank_fit,
+    choice,
+    compensation,
+    evaluate,
+    evidence,
+)
+from calibkit.instruments.fog_thermal.numeric.noise import Noise
+from calibkit.instruments.fog_thermal.numeric.terms import TERMS, ThermalModel, Valid
 from conftest import ROOT
 
 BANK = [one for one in choice.CANDIDATES if one.form == "bank"]
-LAGGED = [one for one in choice.CANDIDATES if one.form == "lagged"]
 REST_DEGC = (-40.0, -20.0, 0.0, 40.0, 60.0)
 
 
@@ -36,6 +46,27 @@ def fitted(seed, kind="plain", candidates="bank", **options):
         [one.log for one in made], BANK if candidates == "bank" else choice.CANDIDATES
     )
     return coil, found
+
+
+def thermal_model():
+    """Return a lagged model."""
+    return ThermalModel(
+        form="lagged",
+        terms=TERMS[:5],
+        coefficients=np.zeros(9),
+        lags=(100.0,),
+        covariance=np.zeros((10, 10)),
+        window_s=0.0,
+        valid=Valid((-40.0, 60.0), (-10.0, 10.0), (0.0, 0.0), (0.0, 0.0)),
+        turn_on=np.zeros(0),
+        dof=100,
+        residual_rms=0.02,
+        noise=Noise(1e-4, 0.01),
+        model_error=0.0,
+        model_error_dof=7.0,
+        entangled=(),
+        flags=(),
+    )
 
 
 def errors_at_rest(coil, model):
@@ -103,6 +134,60 @@ def test_a_term_is_added_where_the_logs_have_what_it_describes(kind, name):
     _, found = fitted(203, kind)
     assert found.tested[-1].candidate.name.startswith(name)
     assert (len(found.tested) == 1) == (kind == "plain")
+
+
+def test_noise_and_drift_of_an_output_are_told_apart():
+    """White noise of 0.06 °/h in 100 s means over a drift of 0.02 °/h, in 200 logs: both come out
+    on average, and U covers what is left, also where that is nothing.
+    """
+    rng = np.random.default_rng(8)
+    slow = 0.02 * np.sqrt(2.0) * np.sin(np.arange(1000) / 70.0)
+    slow -= slow.mean()
+    for drift in (slow, 0.0 * slow):
+        found = [
+            compensation.split_noise(drift + rng.normal(0.0, 0.06 * np.sqrt(10.0), 1000), 10)
+            for _ in range(200)
+        ]
+        noise, left = (
+            np.array([getattr(one, name) for one in found]) for name in ("noise", "left")
+        )
+        assert np.sqrt(np.mean(noise**2)) == pytest.approx(0.06, rel=0.05)
+        reach = 2.0 * np.array([one.left_uncertainty for one in found])
+        assert np.mean(np.abs(left - np.std(drift)) <= reach) > 0.9
+        if drift.any():
+            assert np.sqrt(np.mean(left**2)) == pytest.approx(0.02, rel=0.2)
+
+
+def test_a_difference_of_turn_on_biases_between_the_ways_enters_the_uncertainty():
+    """0.7 °/h between cooling and heating where logs repeat to 0.02: half of it is model error, and
+    the flag states the soak that a coil of 1,050 s needs; one within the scatter is chance.
+    """
+
+    def export(turn_on):
+        model = replace(
+            thermal_model(),
+            turn_on=np.array(turn_on),
+            lags=(1050.0,),
+            model_error=0.003,
+        )
+        drift = compensate.DriftModel((), model, 10.0, "recursive", 25.0)
+        return decision.widen_by_turn_on(decision.Export(drift, "lagged", 0.1, ()), logs)
+
+    time = np.arange(0.0, 6600.0, 10.0)
+    logs = [
+        SimpleNamespace(
+            raw=SimpleNamespace(time=time),
+            ramps=(SimpleNamespace(rate=rate, stop=480),),
+        )
+        for rate in (5.0, 8.0, 10.0, -5.0, -8.0, -10.0)
+    ]
+    wide = export([0.36, 0.34, 0.35, -0.34, -0.36, -0.35])
+    assert wide.model.thermal.model_error == pytest.approx(0.35, rel=1e-3)
+    (flag,) = wide.flags
+    assert "-0.700 deg/h" in flag
+    assert "soaks of 30 min are too short for this coil (70 min would do)" in flag
+    chance = export([0.02, -0.01, 0.0, 0.01, -0.02, 0.015])
+    assert (chance.flags, chance.model.thermal.model_error) == ((), 0.003)
 
 
 def test_a_posterior_is_that_of_dense_normal_equations():

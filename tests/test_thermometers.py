@@ -8,7 +8,10 @@ from hypothesis import given, settings, strategies as st
 
 from calibkit import recipe
 from calibkit.check import thermometers
+from calibkit.ingest import logs as ingest
 from calibkit.instruments.fog_thermal import simulate
+from calibkit.instruments.fog_thermal.ramps import COLUMNS
+from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 from conftest import write_log
 
 
@@ -89,6 +92,31 @@ def test_a_campaign_with_exchanged_columns_is_refused_log_by_log(ramps, tmp_path
     )
     assert fitted.code == 3
     assert "temp_case_degc and temp_env_degc are swapped" in fitted.err
+
+
+@pytest.mark.parametrize("lag", [180.0, 300.0, 480.0])
+@pytest.mark.parametrize("rate", [5.0, 8.0, 10.0])
+@pytest.mark.parametrize("heating", [True, False])
+def test_a_case_that_short_soaks_do_not_settle_is_not_told_as_degf(rate, lag, heating, tmp_path):
+    """Soaks of 5 min: the case moves 0.5 to 0.9 as far as the air, as °C beside °F would; a case in
+    °F is still found.
+    """
+    end = 600.0 + 6000.0 / rate
+    time, case, air = (column[300 : int(end) + 300] for column in lagged(rate, lag, offset=0.0))
+    if not heating:
+        case, air = 20.0 - case, 20.0 - air
+    spec = recipe.find("fog_thermal").table(FogThermalRecipe)
+    for change, expected in ((lambda x: x, []), (lambda x: x * 1.8 + 32.0, ["unit"])):
+        write_log(
+            tmp_path / "a.csv",
+            time_s=time,
+            temp_case_degc=change(case),
+            temp_env_degc=air,
+            gyro_dph=np.zeros_like(time),
+        )
+        log = ingest.read_log(spec, tmp_path / "a.csv", "a.csv", COLUMNS)
+        found = thermometers.check_pair(log, "temp_case_degc", "temp_env_degc")
+        assert [finding.name for finding in found] == expected
 
 
 def test_a_log_that_begins_on_its_way_is_not_told_as_swapped_columns(tmp_path, calibkit):

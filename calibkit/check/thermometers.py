@@ -21,13 +21,18 @@ APART_DEGC = 20.0
 STILL_DEGC = 0.3
 """Change [°C] within a fiftieth of a log below which a temperature stands still."""
 FAHRENHEIT, ZERO_DEGF = 1.8, 32.0
-GAIN, OFFSET_DEGF = 0.12, 15.0
-"""Relative deviation of the gain from 9/5, and deviation of the zero point [°F], up to which they
-are those of °F.
+GAIN = 0.12
+"""Deviation of the gain from 1 from which the unit is looked into.
 
 On 400 simulated ramps of 1 to 10 °C/min in one unit the gain is 0.91 to 1 (air over case: 1 to
 1.05): a lag of more than one node is no pure delay.
 """
+LAGS_S = np.geomspace(10.0, 7200.0, 40)
+"""Lags of a case behind the air [s]."""
+FOLLOWS = 0.5
+"""Misfit of a lag with one of the two in °F over that with both in °C, below which it is in °F."""
+MISFIT_DEGC = 6.0
+"""Misfit of one lag that a case of several lags, and a warmer inside, may have [°C]."""
 LEAST_LEAD_DEGC = 2.0
 """_Lead of the case over the air [°C] that noisy thermometers do not show."""
 SURE = 0.5
@@ -127,16 +132,29 @@ def check_pair(log: Log, case: str, air: str) -> list[Finding]:
 
 
 def _find_unit(log: Log, case: str, air: str, lead: _Lead) -> list[Finding]:
-    """One of the two in °F: gain and zero point of the straight line between them."""
-    of_case = lead.gain, lead.offset
-    of_air = 1.0 / lead.gain, -lead.offset / lead.gain
-    for column, other, (gain, offset) in ((case, air, of_case), (air, case, of_air)):
-        if abs(gain / FAHRENHEIT - 1.0) < GAIN and abs(offset - ZERO_DEGF) < OFFSET_DEGF:
+    """One of the two in °F: with it the case follows the air through a lag; with both in °C neither
+    follows the other.
+
+    A case that soaks are too short for moves less than the air, by as much as °C in place of °F
+    would: its gain alone is no proof.
+    """
+    if abs(lead.gain - 1.0) < GAIN:
+        return []
+    time, a, b = (values(log.frame, column) for column in ("time_s", case, air))
+    in_degc = min(_misfit(time, a, b), _misfit(time, b, a))
+    cooler = [(x - ZERO_DEGF) / FAHRENHEIT for x in (a, b)]
+    for column, other, there in (
+        (case, air, _misfit(time, cooler[0], b)),
+        (air, case, _misfit(time, a, cooler[1])),
+    ):
+        if there < FOLLOWS * in_degc and there < MISFIT_DEGC:
+            gain = lead.gain if column == case else 1.0 / lead.gain
+            offset = lead.offset if column == case else -lead.offset / lead.gain
             finding = finding_of_column(
                 log,
                 column,
                 f"it moves by {gain:.3g} for each °C of '{other}' and is {offset:.3g} at 0 °C",
-                expected="a gain of 1",
+                expected="a case that follows the air through a lag, as it does if this is °F",
                 advice=f'it is in °F: state it, [columns.{column}] unit = "degF"',
                 name="unit",
                 figure=gain,
@@ -144,6 +162,23 @@ def _find_unit(log: Log, case: str, air: str, lead: _Lead) -> list[Finding]:
             )
             return [finding]
     return []
+
+
+def _misfit(time: Array, case: Array, air: Array) -> float:
+    """Rms [°C] of a case [n, °C] about the best first-order lag of the air [n, °C], which starts at
+    the first case temperature.
+    """
+    count = min(BLOCKS, time.size // 3)
+    if count < 10:
+        return 0.0
+    t, c, d = (_block_means(series, count) for series in (time, case, air))
+    kept = np.exp(-np.diff(t)[:, None] / LAGS_S)
+    followed = np.empty((count, LAGS_S.size))
+    followed[0] = c[0]
+    middle = 0.5 * (d[1:] + d[:-1])
+    for k in range(count - 1):
+        followed[k + 1] = middle[k] + (followed[k] - middle[k]) * kept[k]
+    return float(np.sqrt(np.mean((followed - c[:, None]) ** 2, axis=0)).min())
 
 
 def _find_apart(log: Log, case: str, air: str, a: Array, b: Array) -> list[Finding]:

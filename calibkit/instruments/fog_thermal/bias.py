@@ -12,9 +12,9 @@ import numpy as np
 
 from calibkit.coefficients import Condition, Figure
 from calibkit.errors import FitError
+from calibkit.instruments.fog_thermal import decision
 from calibkit.instruments.fog_thermal.compensate import DriftModel
 from calibkit.instruments.fog_thermal.numeric import evaluate, uncertainty as thermal_uncertainty
-from calibkit.instruments.fog_thermal.numeric.bank import OnLevels
 from calibkit.instruments.fog_thermal.numeric.uncertainty import Hysteresis
 from calibkit.instruments.fog_thermal.ramps import PreparedLog
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
@@ -219,22 +219,8 @@ def _compare_ways(model: DriftModel, logs: Sequence[PreparedLog]) -> _BothWays |
     return _BothWays(
         before,
         thermal_uncertainty.hysteresis(model.thermal, thermal),
-        _constant(model.thermal, logs),
+        decision.compare_turn_on(model.thermal, logs),
     )
-
-
-def _constant(model: OnLevels, logs: Sequence[PreparedLog]) -> tuple[float, float] | None:
-    """Mean turn-on bias of cooling logs less that of heating logs, and its standard uncertainty
-    [°/h]; None with fewer than two logs a side, or a log with ramps in both directions.
-    """
-    ways = [{ramp.rate > 0.0 for ramp in log.ramps} for log in logs]
-    heating, cooling = (
-        model.turn_on[[way == {warmer} for way in ways]] for warmer in (True, False)
-    )
-    if any(len(way) != 1 for way in ways) or min(heating.size, cooling.size) < 2:
-        return None
-    u = np.sqrt(np.var(heating, ddof=1) / heating.size + np.var(cooling, ddof=1) / cooling.size)
-    return float(cooling.mean() - heating.mean()), float(u)
 
 
 def _hysteresis_figures(ways: _BothWays) -> list[Figure]:

@@ -336,11 +336,15 @@ def _before_after(stated: Stated, record: Record) -> GridTable:
     """Table of the fitted logs' drift rms before and after compensation, with the rate gain."""
     found = {figure.name: figure for figure in record.figures}
     logs = [name.partition(".")[2] for name in found if name.startswith("drift_rms_before.")]
-    kinds = (
+    named = (
         ("drift_rms_before", Words("before", "补偿前"), "deg/h"),
         ("drift_rms_after", Words("after", "补偿后"), "deg/h"),
+        ("noise_rms", Words("noise alone", "仅噪声"), "deg/h"),
+        ("drift_left_rms", Words("drift left", "剩余漂移"), "deg/h"),
         ("rate_gain_recursive", Words("rate gain", "速率增益"), "1"),
     )
+    # files of before do not state the noise
+    kinds = [kind for kind in named if all(f"{kind[0]}.{log}" in found for log in logs)]
     cells = tuple(
         tuple(
             stated.figure(record, found[f"{kind}.{log}"], words, math.inf)

@@ -154,6 +154,8 @@ class LogFigures:
     name: str
     before: float
     after: float
+    split: compensation.NoiseSplit
+    """Noise and drift in the figure after compensation."""
     gain_recursive: float
     gain_one_step: float
     after_one_step: float
@@ -169,10 +171,12 @@ class LogFigures:
         """Figures of one log from its block means."""
         group = compensation.blocks_per_figure(model.interval_s)
         drift, indication = model.drift_along(blocks), blocks.indication
+        output = drift.subtract(indication, "recursive")
         return cls(
             name,
             compensation.drift_rms(indication, group),
-            compensation.drift_rms(drift.subtract(indication, "recursive"), group),
+            compensation.drift_rms(output, group),
+            compensation.split_noise(output, group),
             compensation.rate_gain(
                 lambda shifted: drift.subtract(shifted, "recursive"), indication
             ),

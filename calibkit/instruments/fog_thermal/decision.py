@@ -1,19 +1,28 @@
 """Choice of the exported drift term (or none) by tests on left-out ramps, and drift_rate.json."""
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calibkit.coefficients import Figure, StageResult
+from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.instruments.fog_thermal import forms
 from calibkit.instruments.fog_thermal.compensate import DriftModel, LogFigures
 from calibkit.instruments.fog_thermal.gradient_file import SideChoice
 from calibkit.instruments.fog_thermal.numeric import choice, compensation
-from calibkit.instruments.fog_thermal.numeric.bank import BankModel
+from calibkit.instruments.fog_thermal.numeric.bank import BankModel, OnLevels
 from calibkit.instruments.fog_thermal.numeric.choice import ThermalChoice
 from calibkit.instruments.fog_thermal.ramps import PreparedLog
 from calibkit.instruments.fog_thermal.recipe import Drift, FogThermalRecipe
+
+CHANCE = 4.0
+"""Difference of turn-on biases, in standard uncertainties of some six degrees of freedom, up to
+which it is chance: beyond it are 0.7 %.
+"""
+SETTLED_LAGS = 4.0
+"""Lags after which 2 % of a coil's difference to the case are left."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,14 +47,7 @@ class Export:
         rate gains.
         """
         figures = _left_out_figures(choices, levels)
-        for log in logs:
-            figures += [
-                Figure(f"drift_rms_before.{log.name}", log.before, "deg/h", 0.0),
-                Figure(f"drift_rms_after.{log.name}", log.after, "deg/h", 0.0),
-                Figure(f"rate_gain_recursive.{log.name}", log.gain_recursive, "1", 0.0),
-                Figure(f"one_step_rms_after.{log.name}", log.after_one_step, "deg/h", 0.0),
-                Figure(f"rate_gain_one_step.{log.name}", log.gain_one_step, "1", 0.0),
-            ]
+        figures += [figure for log in logs for figure in _log_figures(log)]
         flags = [
             *self.flags,
             *(f"not tested: {reason}" for reason in levels.refused),
@@ -64,6 +66,20 @@ class Export:
         return StageResult(
             "drift_rate", models=tuple(models), figures=tuple(figures), flags=tuple(flags)
         )
+
+
+def _log_figures(log: LogFigures) -> tuple[Figure, ...]:
+    """Drift figures of a log before and after compensation, and its rate gains."""
+    split = log.split
+    return (
+        Figure(f"drift_rms_before.{log.name}", log.before, "deg/h", 0.0),
+        Figure(f"drift_rms_after.{log.name}", log.after, "deg/h", 0.0),
+        Figure(f"noise_rms.{log.name}", split.noise, "deg/h", 0.0),
+        Figure(f"drift_left_rms.{log.name}", split.left, "deg/h", split.left_uncertainty),
+        Figure(f"rate_gain_recursive.{log.name}", log.gain_recursive, "1", 0.0),
+        Figure(f"one_step_rms_after.{log.name}", log.after_one_step, "deg/h", 0.0),
+        Figure(f"rate_gain_one_step.{log.name}", log.gain_one_step, "1", 0.0),
+    )
 
 
 def choose_on_levels(logs: Sequence[PreparedLog], spec: Drift) -> ThermalChoice:
@@ -146,6 +162,53 @@ def _left_out_figures(choices: Sequence[SideChoice], levels: ThermalChoice) -> l
         found.append(("raw_drift_rms.ramps", levels.tested[0].pooled_raw))
     found += [(f"leave_one_ramp_out_rms.{one.candidate.name}", one.pooled) for one in levels.tested]
     return [Figure(name, value, "deg/h", 0.0) for name, value in found]
+
+
+def compare_turn_on(model: OnLevels, logs: Sequence[PreparedLog]) -> tuple[float, float] | None:
+    """Mean turn-on bias of cooling logs less that of heating logs, and its standard uncertainty
+    [°/h]; None with fewer than two logs a side, or a log with ramps in both directions.
+    """
+    ways = [{ramp.rate > 0.0 for ramp in log.ramps} for log in logs]
+    heating, cooling = (
+        model.turn_on[[way == {warmer} for way in ways]] for warmer in (True, False)
+    )
+    if any(len(way) != 1 for way in ways) or min(heating.size, cooling.size) < 2:
+        return None
+    u = np.sqrt(np.var(heating, ddof=1) / heating.size + np.var(cooling, ddof=1) / cooling.size)
+    return float(cooling.mean() - heating.mean()), float(u)
+
+
+def widen_by_turn_on(export: Export, logs: Sequence[PreparedLog]) -> Export:
+    """Export whose model error includes half of a difference between the turn-on biases of cooling
+    and heating logs that is not chance, with a flag that explains it.
+
+    A turn-on bias does not know the direction of the ramp that follows. A coil that the soaks do
+    not settle makes a difference, and so does a hysteresis; the drift at rest is then off by up to
+    half of it.
+    """
+    thermal = export.model.thermal
+    found = None if thermal is None else compare_turn_on(thermal, logs)
+    if thermal is None or found is None or abs(found[0]) <= CHANCE * found[1]:
+        return export
+    difference, u = found
+    lag_s = (
+        thermal.static_lag[1] if isinstance(thermal, BankModel) else max(thermal.lags, default=0)
+    )
+    needed = SETTLED_LAGS * lag_s / SECONDS_PER_MINUTE
+    soaks = [log.raw.time[-1] - log.raw.time[log.ramps[-1].stop - 1] for log in logs]
+    shortest = float(min(soaks)) / SECONDS_PER_MINUTE
+    cause = "the gyro has a hysteresis that the model does not follow"
+    if shortest < needed:
+        cause = (
+            f"soaks of {shortest:.0f} min are too short for this coil ({needed:.0f} min would do),"
+            f" or {cause}"
+        )
+    wider = replace(thermal, model_error=math.hypot(thermal.model_error, 0.5 * difference))
+    flag = (
+        f"turn-on biases cooling less heating {difference:+.3f} deg/h (u {u:.2g}), expected 0:"
+        f" {cause}; half of it is in the uncertainty"
+    )
+    return replace(export, model=replace(export.model, thermal=wider), flags=(*export.flags, flag))
 
 
 def flag_one_way(logs: Sequence[PreparedLog], model: DriftModel) -> list[str]:

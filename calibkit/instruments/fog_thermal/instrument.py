@@ -44,7 +44,7 @@ def _fit(
     fitted = gradient_file.fit_ramps(logs, spec.drift)
     choices = gradient_file.choose(fitted, spec.drift)
     levels = decision.choose_on_levels(logs, spec.drift)
-    export = decision.decide(choices, levels, spec)
+    export = decision.widen_by_turn_on(decision.decide(choices, levels, spec), logs)
     model = export.model
     compensated = [compensate.LogFigures.summarize(log.name, log.raw, model) for log in logs]
     at_rest = bias.state_bias(model, logs, spec)

@@ -135,16 +135,25 @@ def before_after_table(figures: Sequence[LogFigures]) -> Table:
             log.name,
             number(log.before),
             number(log.after),
+            number(log.split.noise),
+            f"{number(log.split.left, 2)} (+{number(log.split.left_uncertainty, 1)})",
             f"{log.reduction:.2f}",
             f"{log.gain_recursive:.4f}",
-            f"{log.after_one_step:.3g} ({log.gain_one_step + 0.0:.3f})",
         )
         for log in figures
     )
     return Table(
         "Drift rms of each log [°/h, 100 s means]; rate gain: share of a true constant rate that is"
         " left in the output",
-        ("log", "before", "after", "before/after", "rate gain", "one_step (its gain)"),
+        (
+            "log",
+            "before",
+            "after",
+            "noise alone",
+            "drift left (+u)",
+            "before/after",
+            "rate gain",
+        ),
         rows,
     )
 
@@ -208,6 +217,9 @@ def validation_entry(log: Log, figures: LogFigures, model: DriftModel) -> dict[s
         "mode": model.mode,
         "drift_rms_before": figures.before,
         "drift_rms_after": figures.after if model.mode == "recursive" else figures.after_one_step,
+        "noise_rms": figures.split.noise,
+        "drift_left_rms": figures.split.left,
+        "drift_left_standard_uncertainty": figures.split.left_uncertainty,
         "reduction": figures.reduction,
         "rate_gain": figures.gain_recursive if model.mode == "recursive" else figures.gain_one_step,
         "one_step": {"drift_rms_after": figures.after_one_step, "rate_gain": figures.gain_one_step},
