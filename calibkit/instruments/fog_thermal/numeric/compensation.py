@@ -155,7 +155,8 @@ def split_noise(output: Array, group: int = 1) -> NoiseSplit:
     # the mean of the log is removed from both, and with it a share of the noise
     square = products / pairs + total / count if pairs else 0.0
     left = min(max(square, 0.0), total)
-    spread = total / float(np.sqrt(max(pairs, 1)))
+    # by products of noise with noise, and of noise with drift
+    spread = np.sqrt(total**2 / max(pairs, 1) + 4.0 * left * (total - left) / count)
     low, middle, high = np.sqrt([max(left - spread, 0.0), left, left + spread]).tolist()
     return NoiseSplit(float(np.sqrt(total - left)), middle, max(high - middle, middle - low))
 
