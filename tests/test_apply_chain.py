@@ -91,7 +91,14 @@ def is_numeric(name):
 def chains(campaign, tmp_path_factory):
     """Return the chains of `apply` of one log of a run with a model on levels."""
     folder = tmp_path_factory.mktemp("runs")
-    outcome = pipeline.fit(recipe.find("fog_thermal"), campaign, "F", folder, "2026-11-21", silent)
+    outcome = pipeline.fit(
+        recipe.find("fog_thermal", ("drift.model=lagged",)),
+        campaign,
+        "F",
+        folder,
+        "2026-11-21",
+        silent,
+    )
     log = min(campaign.glob("withheld/*.csv"))
     return calls(
         "apply", str(outcome.run.folder), "--data", str(log), "--out", str(folder / "x.csv")

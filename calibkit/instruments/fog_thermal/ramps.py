@@ -2,7 +2,7 @@
 interval.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +18,7 @@ from calibkit.instruments.fog_thermal.numeric import gradient, pooled_fit
 from calibkit.instruments.fog_thermal.numeric.pooled_fit import ThermalLog
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 from calibkit.numeric import chunks, intervals, segments
-from calibkit.numeric.wavelet import denoise
+from calibkit.numeric.wavelet import shifted
 
 LONGER_WINDOWS = 3
 """Largest number of doublings of the slope window for a log that changes temperature but shows no
@@ -46,7 +46,7 @@ class Ramp:
 @dataclass(frozen=True, slots=True)
 class PreparedLog:
     """Log after preparation: block means of the raw and the denoised indication, ramps, and noise
-    per segment and level.
+    per level.
     """
 
     name: str
@@ -148,7 +148,7 @@ def _refuse_leading_case(log: PreparedLog) -> None:
 
 
 def prepare(log: Log, recipe: FogThermalRecipe, found: Sequence[Finding]) -> PreparedLog:
-    """Segment, denoise and average a checked log; raises FrameError or FitError naming the log."""
+    """Denoise, segment and average a checked log; raises FrameError or FitError naming the log."""
     refuse(found)
     suspected = next((finding for finding in found if finding.name == "unit"), None)
     try:
@@ -172,7 +172,7 @@ def _prepared(log: Log, recipe: FogThermalRecipe, found: Sequence[Finding]) -> P
         raise FitError(f"{log.file}: {error.message}", hint=error.hint) from None
     cuts, slope = _cut(log, recipe)
     chunks.release(time, env)
-    smooth, noise, flags = _denoised(log, gyro, cuts, held, recipe)
+    smooth, noise = _denoised(log, gyro, held, recipe)
     means = [held.means(column) for column in (time, case, env)]
     raw = gradient.Blocks.fill(held, [*means, held.means(gyro)], slope)
     # a soak belongs to the ramp before it, the first soak to the first ramp
@@ -185,7 +185,7 @@ def _prepared(log: Log, recipe: FogThermalRecipe, found: Sequence[Finding]) -> P
         pooled_fit.thermal_blocks(log.name, held, means, gyro, begins),
         _ramps(log, cuts, held, env),
         noise,
-        tuple(f"{log.file}: {note}" for note in (*log.notes, *flags, *_coarse(case, env, recipe)))
+        tuple(f"{log.file}: {note}" for note in (*log.notes, *_coarse(case, env, recipe)))
         + tuple(str(finding) for finding in found if finding.flagged),
     )
 
@@ -292,46 +292,19 @@ def examine(recipe: FogThermalRecipe, log: Log) -> Examined:
 
 
 def _denoised(
-    log: Log,
-    gyro: Array,
-    cuts: Sequence[segments.Segment],
-    held: intervals.Intervals,
-    recipe: FogThermalRecipe,
-) -> tuple[Array, tuple[tuple[str, tuple[float, ...], tuple[float, ...]], ...], list[str]]:
-    """Block means [m] of the indication with each segment denoised separately, noise and thresholds
-    per level, and flags.
-    """
-    if not recipe.denoise.enabled:
-        return held.means(gyro), (), []
-    noise: list[tuple[str, tuple[float, ...], tuple[float, ...]]] = []
-    flags: list[str] = []
+    log: Log, gyro: Array, held: intervals.Intervals, recipe: FogThermalRecipe
+) -> tuple[Array, tuple[tuple[str, tuple[float, ...], tuple[float, ...]], ...]]:
+    """Block means [m] of the denoised indication, and noise and thresholds per level.
 
-    def parts() -> Iterator[Array]:
-        for number, segment in enumerate(cuts):
-            part = gyro[segment.start : segment.stop]
-            found = _denoise_segment(log, part, segment, recipe)
-            if found is None:
-                flags.append(
-                    f"soak of {part.size} rows is shorter than the filter and was not denoised"
-                )
-            else:
-                noise.append((f"{log.name}.{number}", tuple(found.noise), tuple(found.thresholds)))
-            yield part if found is None else found.signal
-            chunks.release(gyro)
-
-    return held.means_of_parts(parts()), tuple(noise), flags
-
-
-def _denoise_segment(
-    log: Log, part: Array, segment: segments.Segment, recipe: FogThermalRecipe
-) -> denoise.Denoised | None:
-    """Denoised segment [n]; None for a soak that is too short for the filter. A ramp that is too
-    short raises FitError.
+    A log is denoised in one piece: cut at the ends of its ramps, short soaks keep waves of noise
+    and the pieces meet in steps.
     """
     spec = recipe.denoise
+    if not spec.enabled:
+        return held.means(gyro), ()
     try:
-        return denoise.denoise(
-            part,
+        found = shifted.denoise_shifted(
+            gyro,
             wavelet=spec.wavelet,
             levels=None if spec.levels == "auto" else spec.levels,
             threshold=spec.threshold,
@@ -340,11 +313,11 @@ def _denoise_segment(
             allocate=log.allocate,
         )
     except FitError as error:
-        if segment.kind == "ramp":
-            raise FitError(
-                f"{log.file}: ramp of {part.size} rows: {error.message}", hint=error.hint
-            ) from None
-        return None
+        raise FitError(f"{log.file}: {error.message}", hint=error.hint) from None
+    noise = (log.name, tuple(found.noise), tuple(found.thresholds))
+    means = held.means(found.signal)
+    chunks.release(gyro)
+    return means, (noise,)
 
 
 def _ramps(
@@ -371,9 +344,7 @@ def _ramps(
 
 
 def denoise_result(logs: Sequence[PreparedLog]) -> StageResult:
-    """denoise.json: noise and threshold of every level of every denoised segment, named
-    log.segment.
-    """
+    """denoise.json: noise and threshold of every level of every log."""
     figures = tuple(
         Figure(f"{name}.{kind}_{level}", value, "deg/h", 0.0)
         for log in logs

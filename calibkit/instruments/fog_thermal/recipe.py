@@ -26,7 +26,7 @@ class _Segments(Table):
 
 
 class Denoise(Table):
-    """Lifting-wavelet denoising of the indication, separately for each segment."""
+    """Lifting-wavelet denoising of the indication of each log."""
 
     enabled: bool = True
     wavelet: str = "cdf97"
