@@ -7,7 +7,7 @@ from typing import Any
 
 from calibkit.coefficients import Model, Record
 from calibkit.report.markup import Content, Markup, element, escaped, join_markup
-from calibkit.report.run import list_components, quantity_table, states_dof
+from calibkit.report.run import SHARED, list_components, quantity_table, states_dof
 from calibkit.report.table import Cell, Column, Table
 
 FOLDED = 40
@@ -266,7 +266,7 @@ def list_coefficients(document: Mapping[str, Any], records: Mapping[str, Record]
         parts += [element("h3", f"{record.stage}.json")]
         parts += [list_flags(own)] if own else []
         parts += [_coefficients(record)] if record.models else []
-        shared = list_components(record)
+        shared = list_components(f"{record.stage}: {SHARED}", record.models)
         parts += [_record_table(shared, (2, 3, 5))] if shared.rows else []
         parts += [_figures(record)] if record.figures else []
         if not record.models and not record.figures:

@@ -9,6 +9,7 @@ from calibkit.report.table import Cell, Column, Table, tabulate
 
 MOST_FIGURES = 40
 """Figures of a stage that the console shows."""
+SHARED = "errors that observations share"
 RUN_COLUMNS = (
     "serial",
     "revision",
@@ -54,18 +55,18 @@ def states_dof(models: Iterable[Model]) -> bool:
     return any(c.effective_dof is not None for model in models for c in model.coefficients)
 
 
-def list_components(record: Record) -> Table:
-    """Errors that observations share, in the models of a stage: standard deviations with their
-    standard uncertainties.
+def list_components(title: str, models: Iterable[Model]) -> Table:
+    """Errors that observations share, in some models: standard deviations with their standard
+    uncertainties.
     """
     rows = tuple(
         (model.name, part.name, part.value, part.standard_uncertainty, part.unit, part.groups)
-        for model in record.models
+        for model in models
         for part in model.components
     )
     numbers = Column("standard deviation", ".3g"), Column("standard uncertainty", ".2g")
     columns = ("model", "error", *numbers, "unit", Column("groups", ".0f"))
-    return Table(f"{record.stage}: errors that observations share", columns, rows)
+    return Table(title, columns, rows)
 
 
 def summarize_run(name: str, document: Mapping[str, Any], records: Mapping[str, Record]) -> Summary:
@@ -81,7 +82,10 @@ def summarize_run(name: str, document: Mapping[str, Any], records: Mapping[str, 
         for record in records.values()
         for model in record.models
     ]
-    tables += [table for table in map(list_components, records.values()) if table.rows]
+    shared = (
+        list_components(f"{record.stage}: {SHARED}", record.models) for record in records.values()
+    )
+    tables += [table for table in shared if table.rows]
     tables += [
         quantity_table(
             f"{record.stage}: figures",

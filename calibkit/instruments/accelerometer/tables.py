@@ -6,6 +6,7 @@ from calibkit.coefficients import Figure
 from calibkit.instruments.accelerometer.errors import DwellErrors
 from calibkit.instruments.accelerometer.fit import TriadFit
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
+from calibkit.report.run import list_components
 from calibkit.report.summary import number
 from calibkit.report.table import Column, Number, Table, number_or_none
 
@@ -31,23 +32,9 @@ def tabulate_fit(fitted: TriadFit) -> list[Table]:
             for c in fitted.q.coefficients
         )
         tables.append(Table(title, ("", "small-angle"), rows))
-    models = {"K": fitted.k[0] if fitted.k else None, "affine": fitted.affine}
-    shared = tuple(
-        (
-            f"{name}: {one.name}",
-            number(one.value, 2),
-            number(one.standard_uncertainty, 2),
-            one.unit,
-            str(one.groups),
-        )
-        for name, model in models.items()
-        if model is not None
-        for one in model.components
-    )
-    if shared:
-        heads = ("", "standard deviation", "standard uncertainty", "unit", "groups")
-        tables.append(Table("Errors that dwells share", heads, shared))
-    return tables
+    models = [model for model in (*fitted.k[:1], fitted.affine) if model is not None]
+    shared = list_components("Errors that dwells share", models)
+    return [*tables, shared] if shared.rows else tables
 
 
 def tabulate_errors(

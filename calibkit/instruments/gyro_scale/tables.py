@@ -9,6 +9,7 @@ from calibkit.coefficients import Figure, Model, StageResult
 from calibkit.forms import POLYNOMIAL
 from calibkit.instruments.gyro_scale import forms, over_runs, pair_fit, triad_fit
 from calibkit.instruments.gyro_scale.numeric.gjb_figures import PPM
+from calibkit.report.run import list_components
 from calibkit.report.summary import number
 from calibkit.report.table import Table
 
@@ -207,9 +208,13 @@ def _rows_of_sets(
 def summarize_rate_table(
     gyros: Sequence[over_runs.GyroOverRuns], scales: StageResult
 ) -> tuple[Table, ...]:
-    """Tables of lines and curves, figures over the runs and of single runs, and biases."""
+    """Tables of lines and curves, errors of the runs, figures over the runs and of single runs, and
+    biases.
+    """
+    shared = list_components("Errors that held rates share", scales.models)
     return (
         _tabulate_lines(scales.models),
+        *((shared,) if shared.rows else ()),
         *_tabulate_curves(scales.models),
         *_tabulate_runs(gyros, scales.figures),
         *_tabulate_biases(scales.figures),
