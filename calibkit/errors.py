@@ -1,7 +1,8 @@
 """What can go wrong, one class a kind, each with the exit code that a script can rely on."""
 
 import difflib
-from collections.abc import Iterable
+import json
+from collections.abc import Iterable, Sequence
 
 
 class CalibkitError(Exception):
@@ -90,6 +91,27 @@ class StoppedError(CalibkitError):
 
     exit_code = 130
     code = "interrupted"
+
+
+def format_ranges(numbers: Sequence[int], most: int = 8) -> str:
+    """Ascending numbers as ranges: 3, 7-12, 40."""
+    runs: list[list[int]] = []
+    for number in numbers:
+        if runs and number == runs[-1][1] + 1:
+            runs[-1][1] = number
+        else:
+            runs.append([number, number])
+    ranges = [str(a) if a == b else f"{a}-{b}" for a, b in runs[:most]]
+    return ", ".join(ranges) + (f" and {len(runs) - most} more ranges" if len(runs) > most else "")
+
+
+def advise_exclude(log: str, **where: object) -> str:
+    """An [[exclude]] of a log or a part of it on one line, for the head of a recipe or `--set`."""
+    keys = {"log": log, **where, "reason": "…", "person": "…"}
+    written = ", ".join(
+        f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in keys.items()
+    )
+    return f"[[exclude]], above the first table of the recipe: exclude = [{{ {written} }}]"
 
 
 def did_you_mean(name: str, known: Iterable[str], otherwise: str) -> str:

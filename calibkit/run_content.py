@@ -72,7 +72,10 @@ def _run_facts(
         "plugins": [asdict(plugin) for plugin in plugins],
         "recipe": describe_recipe(source),
         "inputs": [copies.describe_input(log) for log in identity.inputs],
-        "excluded": [entry.model_dump() for entry in spec.exclude],
+        "excluded": [
+            {key: value for key, value in entry.model_dump().items() if value != ()}
+            for entry in spec.exclude
+        ],
         "corrections": [entry.model_dump() for entry in spec.correction],
         "type_b": type_b.dumps(spec.type_b),
         POOLED: list(pooled.runs),

@@ -96,13 +96,18 @@ class RunFacts:
 
 
 def _range(entry: Mapping[str, Any]) -> str:
-    """A log that was left out, or which range of it [s]."""
+    """A log that was left out, or which part of it: a range of time [s], rows or lines."""
     ends = [
-        f"{word} {entry[key]:g} s"
+        f"{word} {entry[key]:.12g} s"
         for word, key in (("from", "from_s"), ("to", "to_s"))
         if entry.get(key) is not None
     ]
-    return " ".join((entry["log"], *ends))
+    parts = [
+        f"{key} {', '.join(map(str, entry[key]))}"
+        for key in ("rows", "lines", "positions", "stations")
+        if entry.get(key)
+    ]
+    return " ".join((entry["log"], *ends, *parts))
 
 
 def _stated_inputs(entries: Iterable[Mapping[str, Any]]) -> tuple[Input, ...]:

@@ -154,8 +154,14 @@ def read_unseen(
         return f"{file} was fitted by this run and is left out"
     log = read(spec, data, file)
     name = _find_fitted_copy(log.first_rows(), inputs)
-    if not name and excluded and "time_s" in log.frame.columns:
-        kept = replace(log, frame=mapping.drop_excluded_rows(log.frame, excluded, file)[0])
+    usable = [
+        entry
+        for entry in excluded
+        if ("time_s" in log.frame.columns or not entry.timed)
+        and not (entry.positions or entry.stations)
+    ]
+    if not name and usable:
+        kept = replace(log, frame=mapping.drop_excluded_rows(log.frame, usable, file)[0])
         name = _find_fitted_copy(kept.first_rows(), inputs)
     if name:
         return f"{file} holds the values of {name}, which this run was fitted to, and is left out"

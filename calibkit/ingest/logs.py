@@ -47,14 +47,13 @@ def find_logs(recipe: Recipe, folder: Path) -> list[str]:
                 hint="check --data, or [logs] files in the recipe",
             )
         found += [match for match in matches if match not in found]
+    files = found
     if recipe.logs.split:
         found = [log[0] for log in parts.group_parts(found)]
     if recipe.chamber is not None:
         found = second_logger.exclude_second_logger(recipe.chamber, found, folder)
-    skipped = {
-        exclude.log for exclude in recipe.exclude if exclude.from_s is None and exclude.to_s is None
-    }
-    _require_there("[[exclude]] log", [one.log for one in recipe.exclude], found, at=("exclude",))
+    skipped = {exclude.log for exclude in recipe.exclude if exclude.whole}
+    _require_named_there(recipe, found, files)
     kept = [name for name in found if not skipped & {name, log_name(name)}]
     for name in kept:
         try:
@@ -71,6 +70,18 @@ def find_logs(recipe: Recipe, folder: Path) -> list[str]:
     return kept
 
 
+def _require_named_there(recipe: Recipe, found: Sequence[str], files: Sequence[str]) -> None:
+    """Raise RecipeError where an exclusion or a number of lines to skip is of no log that is there;
+    lines may be those of the files of a split log.
+    """
+    for number, exclude in enumerate(recipe.exclude):
+        there = files if exclude.lines else found
+        _require_there("[[exclude]] log", [exclude.log], there, at=("exclude",), first=number)
+    if isinstance(recipe.logs.text.skip_lines, dict):
+        at = ("logs", "text", "skip_lines")
+        _require_there(".".join(at), recipe.logs.text.skip_lines, files, at=at)
+
+
 def require_named_logs(recipe: Recipe, found: Sequence[str]) -> None:
     """Raise RecipeError where a recipe states rates or segments of logs that it does not read."""
     for at, names in recipe.named_logs():
@@ -79,7 +90,7 @@ def require_named_logs(recipe: Recipe, found: Sequence[str]) -> None:
 
 
 def _require_there(
-    where: str, names: Iterable[str], found: Sequence[str], *, at: tuple[str, ...]
+    where: str, names: Iterable[str], found: Sequence[str], *, at: tuple[str, ...], first: int = 0
 ) -> None:
     """Raise RecipeError for the name of a log that is not there: a typing error would let bad data
     in.
@@ -88,7 +99,7 @@ def _require_there(
     are the names.
     """
     there = {*found, *map(log_name, found)}
-    for number, name in enumerate(names):
+    for number, name in enumerate(names, first):
         if name not in there:
             place: tuple[str | int, ...] = (*at, name) if len(at) > 1 else (*at, number, "log")
             raise RecipeError(

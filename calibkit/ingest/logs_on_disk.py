@@ -104,6 +104,7 @@ def scan_large_log(recipe: Recipe, path: Path, file: str, largest: float) -> cle
         or (column.unit and units.known(column.unit) == "1/sample")
         for column in recipe.columns.values()
     )
+    stateful |= any(entry.positions or entry.stations for entry in recipe.exclude)
     logs = recipe.logs
     plain = logs.format in ("auto", "csv") and not logs.names and not logs.split
     if stateful or not plain or recipe.chamber is not None:

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit import units
-from calibkit.errors import FrameError, RecipeError
-from calibkit.frame import Log, Origin, require
+from calibkit.errors import FrameError, RecipeError, format_ranges
+from calibkit.frame import Log, Origin, require, values
 from calibkit.ingest import column_values
 from calibkit.ingest.column_values import MappedColumn
 from calibkit.readers import parts, registry
+from calibkit.readers.table import FIRST_ROW
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
+    from calibkit.arrays import Array, Mask
     from calibkit.readers.table import Table
     from calibkit.recipe import Exclude, Recipe
     from calibkit.recipe.tables import Correction
@@ -42,7 +44,12 @@ def read_file(
     written = {timed.source} if timed and (timed.time_format or timed.date) else set()
     wanted = {sources.get(name, name) for name in (*needed, *optional)} - written
     read = parts.read if recipe.logs.split else registry.read
-    return map_log(recipe, read(path, file, recipe.logs, wanted), needed, optional)
+    lines: dict[str, frozenset[int]] = {}
+    for entry in recipe.exclude:
+        for a, b in entry.parts.get("lines", ()):
+            lines[entry.log] = lines.get(entry.log, frozenset()) | frozenset(range(a, b + 1))
+    logs = recipe.logs.without_lines(lines) if lines else recipe.logs
+    return map_log(recipe, read(path, file, logs, wanted), needed, optional)
 
 
 def map_log(
@@ -54,24 +61,19 @@ def map_log(
     whole: bool = True,
 ) -> Log:
     """Map a log, or a chunk of one, to canonical columns; raises as `read_file`."""
-    import pandas as pd
-
     file = table.file
+    columns = (*needed, *optional)
+    optional = (*optional, *_excluded_by(recipe.exclude, file, columns))
     mapped = _map_columns(recipe, table, needed, optional)
     require(file, mapped, needed)
     notes = [*table.notes, *(note for column in mapped.values() for note in column.notes)]
     reading = [*table.reading, *(text for column in mapped.values() for text in column.reading)]
-    # an unconverted column is a view of the table, which stays in memory for it: a copy where most
-    # of the table is not needed
-    many = table.frame.shape[1] > 2 * len(mapped)
-    kept = {name: mapped[name].numbers for name in (*needed, *optional) if name in mapped}
-    frame = pd.DataFrame(kept, index=table.frame.index, copy=many)
-    if counted := [name for name, column in mapped.items() if column.since_row_before]:
-        frame = frame.iloc[1:]
-        notes.append(f"the first row removed: {', '.join(counted)} are counts since the row before")
+    frame, first_lost = _frame_columns(table, mapped, (*needed, *optional))
+    notes += first_lost
     frame, corrections = _correct_references(frame, recipe.correction, file)
     frame, dropped = _drop_incomplete_rows(frame, needed, recipe)
-    frame, taken = drop_excluded_rows(frame, recipe.exclude, file)
+    frame, taken = drop_excluded_rows(frame, recipe.exclude, file, table)
+    frame = frame.drop(columns=[name for name in optional if name not in columns], errors="ignore")
     taken = {number: rows for number, rows in taken.items() if rows or whole}
     return Log(
         log_name(file),
@@ -86,6 +88,26 @@ def map_log(
         origin=mapped["time_s"].origin if "time_s" in mapped else None,
         excluded_rows=sum(taken.values()),
     )
+
+
+def _frame_columns(
+    table: Table, mapped: Mapping[str, MappedColumn], columns: Sequence[str]
+) -> tuple[pd.DataFrame, tuple[str, ...]]:
+    """Frame of mapped columns, without its first row where one has no value there, and a note on
+    that.
+    """
+    import pandas as pd
+
+    # an unconverted column is a view of the table, which stays in memory for it: a copy where most
+    # of the table is not needed
+    many = table.frame.shape[1] > 2 * len(mapped)
+    kept = {name: mapped[name].numbers for name in columns if name in mapped}
+    frame = pd.DataFrame(kept, index=table.frame.index, copy=many)
+    counted = [name for name, column in mapped.items() if column.since_row_before]
+    if not counted:
+        return frame, ()
+    note = f"the first row removed: {', '.join(counted)} are counts since the row before"
+    return frame.iloc[1:], (note,)
 
 
 def _map_columns(
@@ -107,7 +129,8 @@ def _map_columns(
                 f" '{own['time_s']}' holds the time",
                 hint="remove rate_hz, or map time_s to nothing that the log has",
             )
-        counted = np.arange(len(table.frame)) / recipe.logs.rate_hz
+        rows = np.arange(len(table.frame)) if table.numbers is None else table.numbers
+        counted = rows / recipe.logs.rate_hz
         mapped["time_s"] = MappedColumn(counted, origin=Origin("numbers"))
     return mapped
 
@@ -172,22 +195,71 @@ def _correct_references(
 
 
 def drop_excluded_rows(
-    frame: pd.DataFrame, excludes: Sequence[Exclude], file: str
+    frame: pd.DataFrame,
+    excludes: Sequence[Exclude],
+    file: str,
+    table: Table | None = None,
 ) -> tuple[pd.DataFrame, dict[int, int]]:
-    """The frame without the ranges that the recipe excludes, its index unchanged, and number of an
-    exclusion of this log → rows that it took.
+    """The frame without what the recipe excludes, its index unchanged, and number of an exclusion
+    of this log → rows that it took, lines that were no rows included.
+
+    Rows are those of the table that was read; without one each line below the first is a row.
     """
     taken = {}
     for number, exclude in enumerate(excludes):
-        if exclude.log not in (file, log_name(file)) or (
-            exclude.from_s is None and exclude.to_s is None
-        ):
+        offset = _offset_of_part(exclude.log, file, table)
+        if offset is None or exclude.whole:
             continue
-        require(file, frame.columns, ["time_s"])
-        out = frame["time_s"].between(*_excluded_range(exclude))
-        taken[number] = int(out.sum())
-        frame = frame[~out] if taken[number] else frame
+        rows = _row_numbers(frame, table) if exclude.rows else None
+        out = _find_excluded(frame, exclude, file, rows, offset)
+        unread = () if table is None else table.left_out
+        ranges = exclude.parts.get("lines", ())
+        torn = sum(any(a <= line - offset <= b for a, b in ranges) for line in unread)
+        taken[number] = int(out.sum()) + torn
+        frame = frame[~out] if out.any() else frame
     return frame, taken
+
+
+def _excluded_by(excludes: Sequence[Exclude], file: str, there: Sequence[str]) -> list[str]:
+    """Columns that are read only for exclusions of positions or stations of a log."""
+    own = (entry.parts for entry in excludes if entry.log in (file, log_name(file)))
+    named = {key.removesuffix("s") for keys in own for key in keys}
+    return [name for name in ("position", "station") if name in named and name not in there]
+
+
+def _offset_of_part(log: str, file: str, table: Table | None) -> int | None:
+    """What was added to the index of the rows of a log, or of a part of it; None of another log."""
+    parts = dict(table.parts) if table is not None else {}
+    return parts.get(log, 0 if log in (file, log_name(file)) else None)
+
+
+def _row_numbers(frame: pd.DataFrame, table: Table | None) -> Array:
+    """Number, from 1, of each row of a frame among the rows of its log."""
+    if table is None:
+        return np.asarray(frame.index, dtype=np.float64) + 1
+    at = table.frame.index.get_indexer(frame.index)
+    return np.asarray(at if table.numbers is None else table.numbers[at], dtype=np.float64) + 1
+
+
+def _find_excluded(
+    frame: pd.DataFrame, exclude: Exclude, file: str, rows: Array | None, offset: int
+) -> Mask:
+    """Which rows [n] of a frame an exclusion takes."""
+    if exclude.timed:
+        require(file, frame.columns, ["time_s"])
+        low, high = _excluded_range(exclude)
+        inside: Mask = frame["time_s"].between(low, high).to_numpy()
+        return inside
+    ((key, ranges),) = exclude.parts.items()
+    if key == "lines":
+        found = np.asarray(frame.index, dtype=np.float64) - offset + FIRST_ROW
+    elif rows is not None:
+        found = rows
+    else:
+        require(file, frame.columns, [key.removesuffix("s")])
+        found = values(frame, key.removesuffix("s"))
+    taken: Mask = np.any([(a <= found) & (found <= b) for a, b in ranges], axis=0)
+    return taken
 
 
 def note_exclusions(
@@ -197,18 +269,26 @@ def note_exclusions(
     notes = []
     for number, rows in taken.items():
         exclude = excludes[number]
-        low, high = _excluded_range(exclude)
+        part = _describe_part(exclude)
         if not rows:
             raise RecipeError(
-                f"[[exclude]] of {file}: no row between {low:g} s and {high:g} s",
-                hint="check from_s and to_s",
+                f"[[exclude]] of {file}: no row {part}",
+                hint=f"check {' and '.join(exclude.parts) or 'from_s and to_s'}",
                 at=("exclude", number),
             )
-        notes.append(
-            f"{rows} rows from {low:g} s to {high:g} s excluded by {exclude.person}:"
-            f" {exclude.reason}"
-        )
+        notes.append(f"{rows} rows {part} excluded by {exclude.person}: {exclude.reason}")
     return tuple(notes)
+
+
+def _describe_part(exclude: Exclude) -> str:
+    """The part of a log that is left out, in words."""
+    for key, ranges in exclude.parts.items():
+        listed = ", ".join(f"{a}" if a == b else f"{a}-{b}" for a, b in ranges)
+        return f"with number {listed}" if key == "rows" else f"in {key} {listed}"
+    if exclude.from_s is not None and exclude.to_s is not None:
+        return f"between {exclude.from_s:.12g} s and {exclude.to_s:.12g} s"
+    ends = (("from", exclude.from_s), ("up to", exclude.to_s))
+    return " ".join(f"{word} {end:.12g} s" for word, end in ends if end is not None)
 
 
 def _excluded_range(exclude: Exclude) -> tuple[float, float]:
@@ -232,17 +312,5 @@ def _drop_incomplete_rows(
     if not out.any():
         return frame, ()
     why = ", ".join(f"{rows} without {name}" for name, rows in absent.sum().items() if rows)
-    lines = _format_ranges([int(row) + 2 for row in frame.index[out]])
+    lines = format_ranges([int(row) + 2 for row in frame.index[out]])
     return frame[~out], (f'{int(out.sum())} rows removed ({why}), lines {lines}: missing = "drop"',)
-
-
-def _format_ranges(lines: Sequence[int], most: int = 8) -> str:
-    """Lines as ranges: 3, 7-12, 40."""
-    runs: list[list[int]] = []
-    for line in lines:
-        if runs and line == runs[-1][1] + 1:
-            runs[-1][1] = line
-        else:
-            runs.append([line, line])
-    ranges = [str(a) if a == b else f"{a}-{b}" for a, b in runs[:most]]
-    return ", ".join(ranges) + (f" and {len(runs) - most} more ranges" if len(runs) > most else "")

@@ -18,6 +18,7 @@ import numpy as np
 
 from calibkit import units
 from calibkit.errors import LogFormatError
+from calibkit.readers import damage, tokens
 from calibkit.readers.table import Table
 
 if TYPE_CHECKING:
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     import pandas as pd
+
+    from calibkit.arrays import Integers
 
 _BLOCK = 1 << 24
 """Bytes whose fields are counted at once."""
@@ -76,7 +79,7 @@ def parse(data: bytes, sha256: str, file: str, needed: Collection[str]) -> Table
         except (ValueError, OverflowError):
             raise _bad_token(body, header, needed, file) from None
     frame.columns = header
-    return Table(file, sha256, frame, check_last_line(body, file))
+    return Table(file, sha256, frame, check_last_line(body, file, body.count(b"\n") + 2))
 
 
 def looks_clean(data: bytes) -> bool:
@@ -149,6 +152,11 @@ def split_header(data: bytes, file: str) -> tuple[list[str], bytes]:
 
 def _require_names(header: list[str], file: str) -> None:
     """Raise LogFormatError for a header that is not distinct names separated by commas."""
+    if tokens.is_comment(header[0]):
+        raise LogFormatError(
+            f"{file}:1: a comment, expected column names",
+            hint="read it as format = 'text', which knows comments",
+        )
     if len(header) == 1:
         other = any(mark in header[0] for mark in ";\t|")
         raise LogFormatError(
@@ -183,13 +191,9 @@ def _is_number(token: str) -> bool:
     return "_" not in token and token.isascii()
 
 
-def require_fields(
-    body: bytes, fields: int, file: str, delimiter: bytes = b",", first: int = 2
-) -> None:
-    """Raise LogFormatError for the first line that has another number of fields than the header: a
-    short row has lost a number.
-    """
-    line, carried = first - 1, 0
+def count_fields(body: bytes, delimiter: bytes = b",") -> Integers:
+    """Number of fields of every line [n]."""
+    found, carried = [], 0
     for start in range(0, len(body), _BLOCK):
         block = np.frombuffer(body, np.uint8, min(_BLOCK, len(body) - start), start)
         ends = np.flatnonzero(block == ord("\n"))
@@ -199,20 +203,28 @@ def require_fields(
         if counts.size:
             counts[0] += carried
             carried = 0
-        wrong = np.flatnonzero(counts != fields - 1)
-        if wrong.size:
-            raise _wrong_fields(file, line + 1 + int(wrong[0]), int(counts[wrong[0]]) + 1, fields)
+        found.append(counts + 1)
         carried += int(commas[-1] - upto[-1])
-        line += ends.size
-    if not body.endswith(b"\n") and carried != fields - 1:
-        raise _wrong_fields(file, line + 1, carried + 1, fields)
+    if not body.endswith(b"\n"):
+        found.append(np.array([carried + 1]))
+    return np.concatenate(found) if found else np.zeros(0, dtype=np.int64)
 
 
-def _wrong_fields(file: str, line: int, found: int, expected: int) -> LogFormatError:
+def require_fields(body: bytes, fields: int, file: str) -> None:
+    """Raise LogFormatError for the first row that has another number of fields than the header: a
+    short row has lost a number.
+    """
+    counts = count_fields(body)
+    if (wrong := np.flatnonzero(counts != fields)).size:
+        raise wrong_fields(counts, int(wrong[0]), _advise(body, fields, file))
+
+
+def wrong_fields(counts: Integers, row: int, advice: damage.Advice) -> LogFormatError:
     """The error of a row with too few or too many fields."""
     return LogFormatError(
-        f"{file}:{line}: {found} fields, expected {expected} as in the header",
-        hint="the row is cut short or holds an extra comma; repair or remove it",
+        f"{advice.file}:{int(advice.lines[row])}: {int(counts[row])} fields, expected"
+        f" {advice.fields} as in the header",
+        hint=advice.of_fields(row),
     )
 
 
@@ -220,7 +232,8 @@ def _bad_token(
     body: bytes, header: list[str], needed: Collection[str], file: str
 ) -> LogFormatError:
     """The error that names line, column and text of the first token that is not a number."""
-    for number, line in enumerate(body.decode().split("\n"), start=2):
+    advice = _advise(body, len(header), file)
+    for row, line in enumerate(advice.texts):
         for name, token in zip(header, line.split(","), strict=False):
             if (
                 is_needed(name, needed)
@@ -228,15 +241,21 @@ def _bad_token(
                 and not _is_number(token.strip())
             ):
                 return LogFormatError(
-                    f"{file}:{number}: column '{name}': found '{token.strip()[:40]}', expected a"
+                    f"{file}:{row + 2}: column '{name}': found '{token.strip()[:40]}', expected a"
                     " number",
-                    hint="repair the row, or leave the range out with [[exclude]]",
+                    hint=advice.of_token(row, token.strip()),
                 )
     return LogFormatError(f"{file}: not a table of numbers", hint="check the file")
 
 
+def _advise(body: bytes, fields: int, file: str) -> damage.Advice:
+    """What to do about a row of clean comma-separated text that is none."""
+    texts, open_end = body.decode().removesuffix("\n").split("\n"), not body.endswith(b"\n")
+    return damage.Advice(file, texts, range(2, len(texts) + 2), fields, ",", ".", open_end)
+
+
 def check_last_line(
-    body: bytes, file: str, delimiter: str = ",", decimal: str = ".", first: int = 2
+    body: bytes, file: str, line: int, delimiter: str = ",", decimal: str = "."
 ) -> tuple[str, ...]:
     """Note on a last line without a line end; LogFormatError where its last number is cut."""
     if body.endswith(b"\n"):
@@ -247,10 +266,9 @@ def check_last_line(
     ][-50:]
     decimals = [len(row[-1].partition(decimal)[2]) for row in rows]
     if len(decimals) > 2 and len(set(decimals[:-1])) == 1 and decimals[-1] < decimals[0]:
-        line = body.count(b"\n") + first
         raise LogFormatError(
             f"{file}:{line}: the last number '{rows[-1][-1]}' has {decimals[-1]} decimals and no"
             f" line end, expected {decimals[0]}",
-            hint="the file is cut off; copy it again or remove the last line",
+            hint=('the file is cut off: copy it again, or set last_line = "drop" in [logs.text]'),
         )
     return ("the last line has no line end; its row was kept",)

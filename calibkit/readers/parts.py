@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from calibkit.arrays import Integers
 from calibkit.errors import LogFormatError
 from calibkit.readers import registry
 from calibkit.readers.keysight import SCAN_NUMBERS
@@ -80,15 +81,7 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
         return tables[0]
     first, frames, begins, offset = tables[0], [], [], 0
     for table in tables:
-        if list(table.frame.columns) != list(first.frame.columns):
-            raise LogFormatError(
-                f"{table.file}: columns {', '.join(map(str, table.frame.columns[:8]))}, expected"
-                f" those of {first.file}",
-                hint=(
-                    "parts of one log have the same columns; set [logs] split = false for logs of"
-                    " their own"
-                ),
-            )
+        _require_same_columns(table, first)
         frames.append(table.frame.set_axis(table.frame.index + offset))
         begins.append((table.file, offset))
         offset = int(frames[-1].index[-1]) + 2
@@ -105,7 +98,36 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
             *dict.fromkeys(text for table in tables for text in table.reading),
         ),
         parts=tuple(begins),
+        left_out=tuple(
+            line + begin for k, (_, begin) in enumerate(begins) for line in tables[k].left_out
+        ),
+        numbers=_number_rows(tables),
     )
+
+
+def _require_same_columns(table: Table, first: Table) -> None:
+    """Raise LogFormatError for a part with other columns than the first."""
+    if list(table.frame.columns) != list(first.frame.columns):
+        raise LogFormatError(
+            f"{table.file}: columns {', '.join(map(str, table.frame.columns[:8]))}, expected"
+            f" those of {first.file}",
+            hint=(
+                "parts of one log have the same columns; set [logs] split = false for logs of their"
+                " own"
+            ),
+        )
+
+
+def _number_rows(tables: Sequence[Table]) -> Integers | None:
+    """Number of each row among the rows of all parts, torn ones counted; None where none is."""
+    if all(table.numbers is None for table in tables):
+        return None
+    numbers, count = [], 0
+    for table in tables:
+        own = np.arange(len(table.frame)) if table.numbers is None else table.numbers
+        numbers.append(own + count)
+        count += int(own[-1]) + 1
+    return np.concatenate(numbers)
 
 
 def _note_scan_jumps(tables: Sequence[Table]) -> tuple[str, ...]:

@@ -124,7 +124,7 @@ def _read_text(
     """Read text in its dialect; of comma-separated text that is not clean for a fault, the message
     of the strict reader is the one to give.
     """
-    from calibkit.readers import text
+    from calibkit.readers import encoding as encodings, sniff, text
 
     strict: LogFormatError | None = None
     if not described and delimited.looks_clean(data):
@@ -133,7 +133,10 @@ def _read_text(
         except LogFormatError as error:
             strict = error
     try:
-        table = text.parse(data, sha256, file, logs, needed)
+        content, encoding = encodings.decode(data, file, logs.text.encoding)
+        found = sniff.Dialect.recognise(content, encoding, file, logs.text, logs.names)
     except LogFormatError as error:
         raise (strict or error) from None
+    # from here on it is the dialect's rows that are at fault, whose message is the better one
+    table = text.parse_text(content, sha256, file, found, logs, needed)
     return replace(table, reading=(Guess("format = 'text' (guessed)"), *table.reading))

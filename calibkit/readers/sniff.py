@@ -6,16 +6,14 @@ it. Where two dialects are possible that would give different numbers, nothing i
 is refused with the key of the recipe that decides it.
 """
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from calibkit import units
 from calibkit.errors import LogFormatError
-from calibkit.readers import delimited, encoding as encodings, times, tokens
+from calibkit.readers import delimited, encoding as encodings, header as headers, times, tokens
 from calibkit.readers.table import Guess
-from calibkit.recipe.logs import TextSpec
+from calibkit.recipe.logs import AUTO, TextSpec
 
 _HEAD_LINES = 400
 """Lines from which a dialect is guessed."""
@@ -24,7 +22,6 @@ _HEAD_BYTES = 1 << 20
 _MOST_PREAMBLE = 120
 """Largest number of lines above the first row."""
 _DELIMITERS = ("\t", ";", ",", "|", "space")
-_PIN_HEADER = "pin skip_lines and header_lines in [logs.text], or list the columns in [logs] names"
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,6 +123,7 @@ class Dialect:
         text: str, encoding: str, file: str, spec: TextSpec, names: Sequence[str] = ()
     ) -> "Dialect":
         """Dialect of a decoded log: what the recipe pins is taken, the rest is guessed."""
+        spec = spec.of_log(file)
         lines = text.split("\n", _HEAD_LINES + _MOST_PREAMBLE)[: _HEAD_LINES + _MOST_PREAMBLE]
         while lines and not lines[-1].strip():
             lines.pop()
@@ -163,13 +161,17 @@ def _cut_at(
     lines: Sequence[str], delimiter: str, spec: TextSpec, names: Sequence[str]
 ) -> _Layout | None:
     """Cut the head of a log at a delimiter; None where that gives no rows of numbers."""
-    cut = [tuple(tokens.split_line(line, delimiter, spec.widths)) for line in lines]
+    cut = [
+        tuple(tokens.split_line("" if tokens.is_comment(line) else line, delimiter, spec.widths))
+        for line in lines
+    ]
     sample = [fields for fields in cut[len(cut) // 3 :] if len(fields) > 1] or cut[-1:]
     width = _usual_width(sample)
-    if spec.skip_lines != "auto" and spec.header_lines != "auto":
-        first: int | None = spec.skip_lines + spec.header_lines
+    start = spec.skip_lines if isinstance(spec.skip_lines, int) else 0
+    if isinstance(spec.skip_lines, int) and spec.header_lines != "auto":
+        first: int | None = start + spec.header_lines
     else:
-        first = _find_first_row(cut, width)
+        first = _find_first_row(cut, width, start)
     rows = tuple(fields for fields in cut[first:] if fields != ("",))
     if first is None or not rows:
         return None
@@ -183,7 +185,7 @@ def _cut_at(
         float(width > 1),
         round(len(whole) / len(rows), 3),
         float(
-            _is_header_above(cut, first, width, delimiter, lines)
+            headers.is_header_above(lines[:first], delimiter, spec.widths, width)
             or (len(names) == width and first == 0)
         ),
         sum(known) / max(len(known), 1),
@@ -198,9 +200,10 @@ def _usual_width(rows: Sequence[Sequence[str]]) -> int:
     return max(set(counts), key=counts.count)
 
 
-def _find_first_row(cut: Sequence[Sequence[str]], width: int) -> int | None:
-    """Line, from 0, of the first row: one of `width` fields, with numbers, times or words for
-    missing values in most of the columns that hold numbers or times in the last rows.
+def _find_first_row(cut: Sequence[Sequence[str]], width: int, start: int) -> int | None:
+    """Line, from 0, of the first row from line `start` on: one of `width` fields, with numbers,
+    times or words for missing values in most of the columns that hold numbers or times in the last
+    rows.
     """
     rows = [fields for fields in cut if len(fields) == width]
     last = rows[(len(rows) + 1) // 2 :][-50:] or rows
@@ -209,7 +212,7 @@ def _find_first_row(cut: Sequence[Sequence[str]], width: int) -> int | None:
         for k in range(width)
         if 2 * sum(tokens.is_measured(fields[k]) for fields in last) > len(last)
     ]
-    for line, fields in enumerate(cut[:_MOST_PREAMBLE]):
+    for line, fields in enumerate(cut[start : start + _MOST_PREAMBLE], start):
         if len(fields) != width:
             continue
         measured = sum(tokens.is_measured(fields[k]) for k in numeric)
@@ -220,28 +223,6 @@ def _find_first_row(cut: Sequence[Sequence[str]], width: int) -> int | None:
     return None
 
 
-def _is_header_above(
-    cut: Sequence[Sequence[str]], first: int, width: int, delimiter: str, lines: Sequence[str]
-) -> bool:
-    """Whether the line above the first row names as many columns as the rows have."""
-    above = first - 1
-    while above >= 0 and not lines[above].strip():
-        above -= 1
-    return above >= 0 and len(_column_names(lines[above], delimiter, width, cut[above])) == width
-
-
-def _column_names(line: str, delimiter: str, width: int, fields: Sequence[str]) -> tuple[str, ...]:
-    """Fields of a header line. Where blanks separate columns, a single blank may stand
-    inside a name where two or more part the names.
-    """
-    if delimiter == "space" and len(fields) != width:
-        wide = tuple(part.strip() for part in re.split(r"\t+|\s{2,}", line.strip()))
-        return wide if len(wide) == width else tuple(fields)
-    if len(fields) == width - 1:
-        return (*fields, "")  # every row ends with a delimiter, the header does not
-    return tuple(fields)
-
-
 def _guess_decimal(layout: _Layout, spec: TextSpec, file: str) -> str:
     """Decimal mark of the rows; LogFormatError where a comma could also part thousands."""
     if spec.decimal != "auto":
@@ -249,6 +230,9 @@ def _guess_decimal(layout: _Layout, spec: TextSpec, file: str) -> str:
     if layout.delimiter == ",":
         return "."
     fields = [field for row in layout.rows for field in row]
+    for mark, grouped in tokens.GROUPED.items():
+        if any(mark in field and grouped.fullmatch(field) for field in fields):
+            return mark  # both marks in a number: the last one is the decimal mark
     commas = [field for field in fields if tokens.NUMBER[","].fullmatch(field) and "," in field]
     points = [field for field in fields if tokens.NUMBER["."].fullmatch(field) and "." in field]
     if commas and points and not any(times.looks_like_time(field) for field in points):
@@ -270,15 +254,7 @@ def _build_dialect(
 ) -> Dialect:
     """Dialect of a layout: its header lines, and name, unit and kind of each column."""
     width = _usual_width(layout.rows)
-    header, stated = _read_header(layout, width, file, spec, names)
-    skip = layout.first - header
-    _refuse_rows_above(layout.above[:skip], layout.delimiter, layout.widths, width, file)
-    if not header and skip and spec.skip_lines == "auto":
-        fields = len(tokens.split_line(layout.above[0], layout.delimiter, layout.widths))
-        raise LogFormatError(
-            f"{file}:1: {fields} fields, expected {width} as in the rows below",
-            hint="repair the row, or pin skip_lines in [logs.text] where rows begin further down",
-        )
+    skip, header, stated = _find_header(layout, width, file, spec, names)
     rows = [row for row in layout.rows if len(row) == width]
     return Dialect(
         encoding,
@@ -290,95 +266,51 @@ def _build_dialect(
             _TextColumn(name, unit, *_classify_column([row[k] for row in rows], decimal))
             for k, (name, unit) in enumerate(stated)
         ),
-        guessed=tuple(key for key, value in spec if value == "auto"),
+        guessed=tuple(key for key, value in spec if value == AUTO),
         widths=layout.widths,
         renamed=bool(names) and header > 0,
     )
 
 
-def _read_header(
+def _find_header(
     layout: _Layout, width: int, file: str, spec: TextSpec, names: Sequence[str]
-) -> tuple[int, list[tuple[str, str]]]:
-    """Number of header lines, without blank lines below them, and name and unit of every column."""
-    above = [
-        _column_names(
-            line, layout.delimiter, width, tokens.split_line(line, layout.delimiter, layout.widths)
-        )
-        for line in layout.above[-2:]
-    ]
-    lines = _count_header_lines(above, width) if spec.header_lines == "auto" else spec.header_lines
-    stated = len(above[-lines]) if lines and len(above) >= lines else 0
-    if lines and stated != width:
+) -> tuple[int, int, list[tuple[str, str]]]:
+    """Lines above the header, lines of header, and name and unit of every column. Blank lines and
+    comments may lie between header and rows; without a header they are above it.
+    """
+    delimiter, widths = layout.delimiter, layout.widths
+    pinned = isinstance(spec.skip_lines, int) and spec.header_lines != AUTO
+    above, between = headers.split_header(layout.above, delimiter, widths, width, pinned=pinned)
+    last = layout.first - between
+    header, stated = headers.read_header(above, last, width, file, spec, names)
+    skip = last - header if header else layout.first
+    filled = [k for k, line in enumerate(layout.above[:skip]) if _is_filled(line)]
+    headers.refuse_rows_above(layout.above[:skip], delimiter, widths, width, file)
+    if not isinstance(spec.skip_lines, int):
+        if header or not filled:
+            return skip, header, stated
+        if spec.torn_lines == "drop":
+            return 0, 0, stated  # they are torn rows, which are counted
+        fields = len(tokens.split_line(layout.above[filled[0]], delimiter, widths))
         raise LogFormatError(
-            f"{file}:{layout.first - lines + 1}: {stated} column names, expected {width} as in the"
-            " rows",
-            hint=_PIN_HEADER,
+            f"{file}:{filled[0] + 1}: {fields} fields, expected {width} as in the rows below",
+            hint=(
+                f'a line above the rows? Pin skip_lines = {{ "{file}" = {filled[-1] + 1} }} in'
+                ' [logs.text]; a torn row? Set torn_lines = "drop" there'
+            ),
         )
-    if names and len(names) != width:
+    if any(k >= spec.skip_lines for k in filled):
         raise LogFormatError(
-            f"{file}:{layout.first + 1}: {width} fields, the recipe names {len(names)} columns",
-            hint="correct [logs] names, or the delimiter",
+            f"{file}:{spec.skip_lines + 1}: found '{layout.above[spec.skip_lines][:40]}', expected"
+            f" the header or the first row below skip_lines = {spec.skip_lines}",
+            hint=f"correct skip_lines in [logs.text]: the header stands in line {skip + 1}",
         )
-    if not lines and not names:
-        last = above[-1] if above else ()
-        if len(last) > 1 and all(field and not tokens.is_measured(field) for field in last):
-            raise LogFormatError(
-                f"{file}:{layout.first}: {len(last)} column names, expected {width} as in the rows",
-                hint=_PIN_HEADER,
-            )
-        raise LogFormatError(
-            f"{file}:{layout.first + 1}: {width} columns without names",
-            hint="list the columns in [logs] names of the recipe, in order",
-        )
-    return lines, _names_and_units(above, lines, names)
+    return skip, header, stated
 
 
-def _count_header_lines(above: Sequence[Sequence[str]], width: int) -> int:
-    """0, 1 or 2 header lines: names, or names with a line of units below."""
-    if (
-        not above
-        or len(above[-1]) != width
-        or any(tokens.NUMBER["."].fullmatch(field) for field in above[-1])
-    ):
-        return 0
-    unit_row = sum(units.parse_unit(field) != "" for field in above[-1])
-    filled = sum(bool(field.strip(" -[]()")) for field in above[-1])
-    if len(above) == 2 and len(above[-2]) == width and unit_row and 2 * unit_row >= filled:
-        return 2
-    return 1
-
-
-def _names_and_units(
-    above: Sequence[Sequence[str]], lines: int, names: Sequence[str]
-) -> list[tuple[str, str]]:
-    """Name and unit of every column, as the log states them or as the recipe names them."""
-    if not lines:
-        return [(name, units.unit_in_header(name)) for name in names]
-    header = [field.strip() for field in above[-lines]]
-    stated = map(units.parse_unit, above[-1]) if lines == 2 else map(units.unit_in_header, header)
-    return list(zip(names or _unique_names(header), stated, strict=True))
-
-
-def _unique_names(header: Sequence[str]) -> list[str]:
-    """Header names made unique: `column 3` for an empty one, `name #2` for the second of a name."""
-    unique = []
-    for number, name in enumerate(header, start=1):
-        before = header[: number - 1].count(name) if name else 0
-        unique.append((name or f"column {number}") + (f" #{before + 1}" if before else ""))
-    return unique
-
-
-def _refuse_rows_above(
-    above: Sequence[str], delimiter: str, widths: Sequence[int], width: int, file: str
-) -> None:
-    """Raise LogFormatError for a row of numbers above the header: it would be lost."""
-    for number, line in enumerate(above, start=1):
-        fields = tokens.split_line(line, delimiter, widths)
-        if width > 2 and len(fields) == width and sum(map(tokens.is_measured, fields)) > 1:
-            raise LogFormatError(
-                f"{file}:{number}: a row of numbers above the header",
-                hint="repair the log, or pin skip_lines and header_lines in [logs.text]",
-            )
+def _is_filled(line: str) -> bool:
+    """Whether a line is neither blank nor a comment."""
+    return bool(line.strip()) and not tokens.is_comment(line)
 
 
 def _classify_column(fields: Sequence[str], decimal: str) -> tuple[str, str]:
@@ -386,10 +318,7 @@ def _classify_column(fields: Sequence[str], decimal: str) -> tuple[str, str]:
     filled = [field for field in fields if field.strip()]
     if not filled:
         return "empty", ""
-    numbers = sum(
-        bool(tokens.NUMBER[decimal].fullmatch(field)) or tokens.is_sentinel(field)
-        for field in filled
-    )
+    numbers = sum(tokens.is_number(field, decimal) or tokens.is_sentinel(field) for field in filled)
     if 2 * numbers > len(filled):
         return "number", ""
     form = times.recognise_format(filled)

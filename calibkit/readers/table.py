@@ -10,6 +10,7 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
+    from calibkit.arrays import Integers
     from calibkit.plugins import Plugin
 
 FIRST_ROW = 2
@@ -33,7 +34,8 @@ class Table:
     again; `units` holds the unit that the log itself states of a column; `reading` is how the file
     was read, each guess a `Guess`; `parts` are the files of a split log, each with the number that
     was added to its index; `plugins` are those that read it; `decimal` is the decimal mark of its
-    texts.
+    texts; `left_out` are lines that are no rows and that the recipe's exclusions leave out;
+    `numbers` are those of the rows among all rows of the log, from 0, where torn ones are left out.
     """
 
     file: str
@@ -45,3 +47,5 @@ class Table:
     parts: tuple[tuple[str, int], ...] = ()
     plugins: tuple[Plugin, ...] = ()
     decimal: str = "."
+    left_out: tuple[int, ...] = ()
+    numbers: Integers | None = None

@@ -14,22 +14,28 @@ nearest float64; nothing is rounded, resampled or dropped.
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from calibkit.errors import LogFormatError
-from calibkit.readers import delimited, encoding as encodings, sniff, tokens
+from calibkit.readers import damage, delimited, encoding as encodings, sniff, tokens
 from calibkit.readers.table import FIRST_ROW, Table
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Collection, Mapping
     from pathlib import Path
 
     import pandas as pd
 
+    from calibkit.arrays import Integers, Mask
     from calibkit.readers.sniff import Dialect
     from calibkit.recipe.logs import Logs
 
+_MARKS = {".": r"[,'’ \u00a0\u202f]", ",": r"[.'’ \u00a0\u202f]"}
+"""Marks between thousands, by decimal mark."""
 _SEPARATOR = "\x1f"
 """ASCII unit separator between the fields of a log that was cut; no instrument writes it."""
 
@@ -52,11 +58,13 @@ def parse_text(
     text: str, sha256: str, file: str, found: Dialect, logs: Logs, needed: Collection[str]
 ) -> Table:
     """The table of a log's characters in a known dialect."""
-    rows, accounts = _find_rows(text, file, found, logs.text.footer_lines)
-    body, separator = _separate_fields(rows, found)
-    body += b"" if text.endswith(rows) else b"\n"  # whether the last row has a line end of its own
-    first = found.first_line
-    delimited.require_fields(body, len(found.columns), file, separator.encode(), first)
+    body, accounts = _find_rows(text, file, found, logs.text.footer_lines)
+    open_end = text.endswith(body)
+    blank = "(?!)" if len(found.columns) == 1 else "[ ]*" if found.delimiter == "\t" else "[ \t]*"
+    rows = damage.Rows.among(body, blank, found.first_line, file, logs)
+    if open_end and logs.text.last_line == "drop":
+        rows.drop_last()
+        open_end = False
     kinds = {
         number: "float64"
         if delimited.is_needed(column.name, needed) and column.kind != "time"
@@ -66,25 +74,23 @@ def parse_text(
     missing = tokens.SENTINELS | {
         word.strip().lower() for word in logs.sentinels if isinstance(word, str)
     }
-    frame, notes = _parse_numbers(body, kinds, found, file, separator, missing)
+    frame, notes = _parse_rows(rows, kinds, found, missing, open_end=open_end)
     frame.columns = list(found.names)
-    frame.index = frame.index + first - FIRST_ROW
-    lines = rows.count("\n") + 1
-    if len(frame) != lines:
-        raise LogFormatError(
-            f"{file}: {lines} lines gave {len(frame)} rows", hint="report this log as a fault"
-        )
+    frame.index = _index_lines(rows.lines)
     return Table(
         file,
         sha256,
         frame,
         notes=(
+            *rows.notes,
             *notes,
-            *delimited.check_last_line(body, file, separator, found.decimal, first),
+            *_check_last_line(rows, found, open_end=open_end),
         ),
         reading=(*found.describe(), *accounts),
         units={column.name: column.unit for column in found.columns if column.unit},
         decimal=found.decimal,
+        left_out=tuple(rows.left_out),
+        numbers=rows.numbers if rows.torn or rows.left_out else None,
     )
 
 
@@ -99,10 +105,7 @@ def _find_rows(text: str, file: str, found: Dialect, footer: int) -> tuple[str, 
     for _ in range(footer):
         end = text.rfind("\n", 0, max(end, 0))
     if end <= start:
-        raise LogFormatError(
-            f"{file}: a header but no rows",
-            hint="expected one row an instant; remove it or copy it again",
-        )
+        raise damage.no_rows(file)
     body = text[start:end]
     rows, total = body.count("\n") + 1, text.count("\n") + (not text.endswith("\n"))
     accounts = (
@@ -141,17 +144,25 @@ def _separate_fields(body: str, found: Dialect) -> tuple[bytes, str]:
     return data, found.delimiter
 
 
-def _parse_numbers(
-    body: bytes,
+def _parse_rows(
+    rows: damage.Rows,
     kinds: dict[int, str],
     found: Dialect,
-    file: str,
-    separator: str,
     words: Collection[str],
+    *,
+    open_end: bool,
 ) -> tuple[pd.DataFrame, tuple[str, ...]]:
-    """Numbers and texts of the rows, and one note per column in which words for missing values
-    stand among numbers.
+    """Numbers and texts of the rows without those that are torn, where these may be left out, and
+    one note per column in which words for missing values stand among numbers.
     """
+    body, separator = _separate_fields(rows.body, found)
+    counts = delimited.count_fields(body, separator.encode())
+    torn = np.flatnonzero(counts != len(kinds))
+    if torn.size:
+        rows.drop_torn(
+            torn, delimited.wrong_fields(counts, int(torn[0]), _advise(rows, found, open_end))
+        )
+        return _parse_rows(rows, kinds, found, words, open_end=open_end)
     parse_rows = partial(
         delimited.parse_rows, body, sep=separator, decimal=found.decimal, skipinitialspace=True
     )
@@ -159,43 +170,129 @@ def _parse_numbers(
         return parse_rows(kinds), ()
     except (ValueError, OverflowError):
         frame = parse_rows(dict.fromkeys(kinds, "str"))
-    notes: tuple[str, ...] = ()
-    for number in (number for number, kind in kinds.items() if kind == "float64"):
-        frame[number], noted = _parse_column(frame[number], found, number, file, words)
-        notes += noted
-    return frame, notes
+    columns = {
+        number: _TextColumn.sort(frame[number], found.decimal, words)
+        for number, kind in kinds.items()
+        if kind == "float64"
+    }
+    wrong = np.any([column.wrong for column in columns.values()], axis=0)
+    if wrong.any():
+        rows.drop_torn(np.flatnonzero(wrong), _wrong_token(rows, columns, found, open_end))
+        return _parse_rows(rows, kinds, found, words, open_end=open_end)
+    notes = []
+    for number, column in columns.items():
+        frame[number] = column.parse(rows, found, number)
+        notes += column.describe_words(rows.lines, found.names[number])
+    return frame, tuple(notes)
 
 
-def _parse_column(
-    texts: pd.Series, found: Dialect, number: int, file: str, words: Collection[str]
-) -> tuple[pd.Series, tuple[str, ...]]:
-    """Numbers of a column in which words stand, and a note on the words: how many, the first one,
-    its line; a word that is none of those for missing values refuses the file.
+def _wrong_token(
+    rows: damage.Rows,
+    columns: Mapping[int, _TextColumn],
+    found: Dialect,
+    open_end: bool,  # noqa: FBT001
+) -> LogFormatError:
+    """The error of the first field of the first column that is not a number."""
+    number = next(number for number, column in columns.items() if column.wrong.any())
+    row = int(np.argmax(columns[number].wrong))
+    token = str(columns[number].plain.iloc[row])
+    return LogFormatError(
+        f"{rows.file}:{int(rows.lines[row])}: column '{found.names[number]}': found"
+        f" '{token[:40]}', expected a number",
+        hint=_advise(rows, found, open_end).of_token(row, token),
+    )
+
+
+def _advise(rows: damage.Rows, found: Dialect, open_end: bool) -> damage.Advice:  # noqa: FBT001
+    """What to do about a row that is none."""
+    return damage.Advice(
+        rows.file,
+        rows.texts,
+        rows.lines,
+        len(found.columns),
+        found.delimiter,
+        found.decimal,
+        open_end,
+        found.widths,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _TextColumn:
+    """Fields of a column in which words stand: which of them are words for missing values, which
+    have a mark between their thousands, and which are none of this.
     """
-    import numpy as np
+
+    plain: pd.Series
+    word: Mask
+    grouped: Mask
+    wrong: Mask
+
+    @classmethod
+    def sort(cls, texts: pd.Series, decimal: str, words: Collection[str]) -> _TextColumn:
+        """Sort the fields of a column."""
+        plain = texts.fillna("").str.strip()
+        numeric, grouped = (
+            plain.str.fullmatch(kind[decimal].pattern, flags=re.ASCII).to_numpy(dtype=bool)
+            for kind in (tokens.NUMBER, tokens.GROUPED)
+        )
+        word = plain.str.lower().isin(words).to_numpy()
+        empty = (plain == "").to_numpy()
+        return cls(plain, word & ~empty, grouped & ~numeric, ~(empty | word | numeric | grouped))
+
+    def parse(self, rows: damage.Rows, found: Dialect, number: int) -> pd.Series:
+        """Numbers of the column. Raises LogFormatError where some thousands have a mark between
+        them and others have none.
+        """
+        import pandas as pd
+
+        values = self.plain.where(~self.word & (self.plain != ""), "nan")
+        if self.grouped.any():
+            whole = values.str.match(r"[+-]? ?\d{4}").to_numpy(dtype=bool)
+            if whole.any():
+                one, other = int(np.argmax(self.grouped)), int(np.argmax(whole))
+                raise LogFormatError(
+                    f"{rows.file}:{int(rows.lines[one])}: column '{found.names[number]}':"
+                    f" '{self.plain.iloc[one]}' has a mark between its thousands,"
+                    f" '{self.plain.iloc[other]}' in line {int(rows.lines[other])} has none",
+                    hint="pin decimal in [logs.text], or repair the log",
+                )
+            values = values.where(
+                ~self.grouped, values.str.replace(_MARKS[found.decimal], "", regex=True)
+            )
+        values = values.str.replace(" ", "").str.replace(found.decimal, ".", regex=False)
+        return pd.Series(np.array([float(value) for value in values]), index=values.index)
+
+    def describe_words(self, lines: Integers, name: str) -> list[str]:
+        """Notes on words for missing values and on thousands: how many, the first one, its line."""
+        notes = []
+        if (count := int(self.word.sum())) > 0:
+            row = int(np.argmax(self.word))
+            notes.append(
+                f"column '{name}': {count} × no value, the first '{self.plain.iloc[row]}' in line"
+                f" {int(lines[row])}"
+            )
+        if (count := int(self.grouped.sum())) > 0:
+            row = int(np.argmax(self.grouped))
+            notes.append(
+                f"column '{name}': {count} numbers with a mark between their thousands, the first"
+                f" '{self.plain.iloc[row]}' in line {int(lines[row])}"
+            )
+        return notes
+
+
+def _index_lines(lines: Integers) -> pd.Index:
+    """Index of a frame whose rows stand in these lines."""
     import pandas as pd
 
-    plain = texts.fillna("").str.strip()
-    empty, word = plain == "", plain.str.lower().isin(words)
-    numeric = plain.str.fullmatch(tokens.NUMBER[found.decimal].pattern, flags=re.ASCII).astype(bool)
-    name = found.columns[number].name
-    wrong = np.flatnonzero((~empty & ~word & ~numeric).to_numpy())
-    if wrong.size:
-        row = int(wrong[0])
-        raise LogFormatError(
-            f"{file}:{found.first_line + row}: column '{name}': found '{plain.iloc[row][:40]}',"
-            " expected a number",
-            hint="repair the row, or leave the range out with [[exclude]]",
-        )
-    values = (
-        plain.where(~empty & ~word, "nan")
-        .str.replace(" ", "")
-        .str.replace(found.decimal, ".", regex=False)
-    )
-    hits = np.flatnonzero((word & ~empty).to_numpy())
-    notes = tuple(
-        f"column '{name}': {hits.size} × no value, the first '{plain.iloc[row]}' in line"
-        f" {found.first_line + row}"
-        for row in hits[:1]
-    )
-    return pd.Series(np.array([float(value) for value in values]), index=texts.index), notes
+    first = int(lines[0]) - FIRST_ROW
+    whole = int(lines[-1]) - int(lines[0]) + 1 == lines.size
+    return pd.RangeIndex(first, first + lines.size) if whole else pd.Index(lines - FIRST_ROW)
+
+
+def _check_last_line(rows: damage.Rows, found: Dialect, *, open_end: bool) -> tuple[str, ...]:
+    """Note on a last line without a line end."""
+    if not open_end:
+        return ()
+    body, separator = _separate_fields(rows.body[-20_000:], found)
+    return delimited.check_last_line(body, rows.file, int(rows.lines[-1]), separator, found.decimal)

@@ -12,6 +12,21 @@ NUMBER = {
 """A number, by decimal mark; a blank after the sign is allowed."""
 THOUSANDS = re.compile(r"\s*[+-]? ?[1-9]\d{0,2}(?:,\d{3})+\s*", re.ASCII)
 """A number that could also be read with a comma between its thousands."""
+GROUPED = {
+    decimal: re.compile(
+        rf"\s*[+-]? ?[1-9]\d{{0,2}}(?:(?:{mark}\d{{3}})+|(?:['’]\d{{3}})+"
+        rf"|(?:[ \u00a0\u202f]\d{{3}})+)"
+        rf"(?:{re.escape(decimal)}\d*)?(?:[eE][+-]?\d+)?\s*",
+        re.ASCII,
+    )
+    for decimal, mark in ((".", ","), (",", r"\."))
+}
+"""A number with a mark between its thousands, by decimal mark."""
+COMMENT = re.compile(
+    r"\s*(?:#+(?!(?:N/A|DIV/0|NUM!|VALUE!|REF!|NAME\?|NULL!)|\s*[,;\t|])|%+|//+)[ \t]*",
+    re.IGNORECASE,
+)
+"""What a comment begins with; an error of a spreadsheet does so too, and a column called #."""
 SENTINELS = frozenset(
     {
         "nan",
@@ -69,6 +84,23 @@ def split_line(line: str, delimiter: str, widths: Sequence[int] = ()) -> list[st
     return [field.strip() for field in line.split(delimiter)]
 
 
+def is_comment(line: str) -> bool:
+    """Whether a line is a comment: one that begins with #, % or //."""
+    return COMMENT.match(line) is not None
+
+
+def uncomment(line: str) -> str:
+    """A line without the mark of a comment in front."""
+    return COMMENT.sub("", line, count=1)
+
+
+def is_number(field: str, decimal: str) -> bool:
+    """Whether a field is a number with this decimal mark, with or without a mark between its
+    thousands.
+    """
+    return bool(NUMBER[decimal].fullmatch(field) or GROUPED[decimal].fullmatch(field))
+
+
 def is_sentinel(field: str) -> bool:
     """Whether a field is a word for a missing value."""
     return field.strip().lower() in SENTINELS
@@ -76,6 +108,4 @@ def is_sentinel(field: str) -> bool:
 
 def is_measured(field: str) -> bool:
     """Whether a field is a number or a time: something that a row has and a header has not."""
-    return any(pattern.fullmatch(field) for pattern in NUMBER.values()) or times.looks_like_time(
-        field
-    )
+    return any(is_number(field, mark) for mark in NUMBER) or times.looks_like_time(field)

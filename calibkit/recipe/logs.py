@@ -7,7 +7,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, PrivateAttr, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from calibkit import plugins, units
@@ -63,9 +63,12 @@ class TextSpec(Table):
     )
     delimiter: Literal["auto", ",", ";", "\t", "|", "space", "fixed"] = "auto"
     decimal: Literal["auto", ".", ","] = "auto"
-    skip_lines: Count | Auto = "auto"
+    skip_lines: Count | Auto | dict[str, Count] = "auto"
     header_lines: Annotated[int, Field(ge=0, le=2)] | Auto = "auto"
     footer_lines: Count = 0
+    last_line: Literal["refuse", "drop"] = "refuse"
+    torn_lines: Literal["refuse", "drop"] = "refuse"
+    torn_limit: Annotated[int, Field(ge=1)] = 10
     widths: Annotated[tuple[Annotated[int, Field(ge=1)], ...], Field(strict=False)] = ()
 
     @model_validator(mode="after")
@@ -75,6 +78,13 @@ class TextSpec(Table):
         if self.delimiter == "," and self.decimal == ",":
             raise ValueError("a comma cannot be both delimiter and decimal mark")
         return self
+
+    def of_log(self, file: str) -> TextSpec:
+        """Dialect of one log, whose number of lines above the header may be stated for it alone."""
+        if not isinstance(self.skip_lines, dict):
+            return self
+        own = self.skip_lines.get(file, self.skip_lines.get(file.rsplit(".", 1)[0], AUTO))
+        return self.model_copy(update={"skip_lines": own})
 
 
 class _FieldSpec(Table):
@@ -143,7 +153,19 @@ class Logs(Table):
     missing: Literal["refuse", "drop"] = "refuse"
     sentinels: Annotated[tuple[float | str, ...], Field(strict=False)] = ()
     text: TextSpec = TextSpec()
+    _excluded_lines: dict[str, frozenset[int]] = PrivateAttr(default_factory=dict)
     binary: BinarySpec | None = None
+
+    def excluded_lines(self, file: str) -> frozenset[int]:
+        """Lines of a log that the recipe leaves out, whether they are rows or not."""
+        names = {file, file.rsplit(".", 1)[0]}
+        return frozenset().union(*(self._excluded_lines.get(name, ()) for name in names))
+
+    def without_lines(self, lines: dict[str, frozenset[int]]) -> Logs:
+        """The tables for logs of which some lines are left out."""
+        logs = self.model_copy()
+        logs._excluded_lines = lines  # noqa: SLF001 (of its own class)
+        return logs
 
     @field_validator("files")
     @classmethod

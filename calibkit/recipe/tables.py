@@ -77,20 +77,71 @@ class Site(Table):
         return local_gravity(self.latitude_deg, self.height_m)
 
 
+Numbers = Annotated[tuple[Annotated[int, Field(ge=0)] | str, ...], Field(strict=False)]
+"""Whole numbers and ranges of them: [3, "7-12"]."""
+
+
 class Exclude(Table):
-    """A log, or a range of it, that is left out: by whom and why."""
+    """A log, or a part of it, that is left out: by whom and why. The part is a range of time, or
+    data rows (from 1), lines of the file, positions or stations.
+    """
 
     log: Annotated[str, Field(min_length=1)]
     from_s: float | None = None
     to_s: float | None = None
+    rows: Numbers = ()
+    lines: Numbers = ()
+    positions: Numbers = ()
+    stations: Numbers = ()
     reason: Annotated[str, Field(min_length=1)]
     person: Annotated[str, Field(min_length=1)]
 
     @model_validator(mode="after")
     def _ordered(self) -> Exclude:
         if self.from_s is not None and self.to_s is not None and self.to_s <= self.from_s:
-            raise ValueError(f"to_s = {self.to_s:g} is not after from_s = {self.from_s:g}")
+            raise ValueError(f"to_s = {self.to_s:.12g} is not after from_s = {self.from_s:.12g}")
+        if len(self.parts) + self.timed > 1:
+            raise ValueError(
+                "one of from_s/to_s, rows, lines, positions, stations: write a table for each"
+            )
         return self
+
+    @field_validator("rows", "lines", "positions", "stations")
+    @classmethod
+    def _numbered(cls, entries: tuple[int | str, ...]) -> tuple[int | str, ...]:
+        for entry in entries:
+            _parse_range(entry)
+        return entries
+
+    @property
+    def timed(self) -> bool:
+        """Whether it is a range of time."""
+        return self.from_s is not None or self.to_s is not None
+
+    @property
+    def parts(self) -> dict[str, tuple[tuple[int, int], ...]]:
+        """Rows, lines, positions or stations that are left out, as ranges with both ends."""
+        return {
+            key: tuple(map(_parse_range, entries))
+            for key in ("rows", "lines", "positions", "stations")
+            if (entries := getattr(self, key))
+        }
+
+    @property
+    def whole(self) -> bool:
+        """Whether the whole log is left out."""
+        return not self.timed and not self.parts
+
+
+def _parse_range(entry: int | str) -> tuple[int, int]:
+    """Both ends of a range, `7` or `"7-12"`; raises ValueError for anything else."""
+    first, dash, last = str(entry).partition("-")
+    if not first.strip().isdigit() or (dash and not last.strip().isdigit()):
+        raise ValueError(f"'{entry}': expected a whole number, or a range as \"7-12\"")
+    ends = int(first), int(last or first)
+    if ends[1] < ends[0]:
+        raise ValueError(f"'{entry}': a range ascends")
+    return ends
 
 
 class SecondLogger(Logs):

@@ -1,0 +1,162 @@
+"""The lines above the rows of a text log: preamble, names of the columns, their units."""
+
+import re
+from collections.abc import Sequence
+
+from calibkit import units
+from calibkit.errors import LogFormatError
+from calibkit.readers import tokens
+from calibkit.recipe.logs import TextSpec
+
+_PIN = "pin skip_lines and header_lines in [logs.text], or list the columns in [logs] names"
+
+
+def is_header_above(
+    above: Sequence[str], delimiter: str, widths: Sequence[int], width: int
+) -> bool:
+    """Whether the last filled line above the first row names as many columns as the rows have."""
+    lines, _ = split_header(above, delimiter, widths, width)
+    return bool(lines) and len(lines[-1]) == width
+
+
+def split_header(
+    above: Sequence[str],
+    delimiter: str,
+    widths: Sequence[int],
+    width: int,
+    *,
+    pinned: bool = False,
+) -> tuple[list[tuple[str, ...]], int]:
+    """Fields of the last two lines above the rows that can name columns or units, and the number of
+    blank lines and comments below them, 0 where the recipe pins the header. A comment can name
+    columns too, where it has as many fields as the rows.
+    """
+    fields = [_split_names(line, delimiter, widths, width) for line in above]
+    plain = [
+        bool(line.strip()) and not tokens.is_comment(line) and len(row) == width
+        for line, row in zip(above, fields, strict=True)
+    ]
+    last = len(above)
+    while (
+        last
+        and not pinned
+        and (
+            not above[last - 1].strip()
+            or (
+                tokens.is_comment(above[last - 1])
+                and not _names_columns(fields[last - 1], width, named_above=any(plain[: last - 1]))
+            )
+        )
+    ):
+        last -= 1
+    return fields[max(last - 2, 0) : last], len(above) - last
+
+
+def _names_columns(fields: Sequence[str], width: int, *, named_above: bool) -> bool:
+    """Whether the fields of a comment name columns, or, below a line of names, their units."""
+    if len(fields) != width or any(map(tokens.is_measured, fields)):
+        return False
+    return not named_above or _is_unit_row(fields)
+
+
+def _is_unit_row(fields: Sequence[str]) -> bool:
+    """Whether most of the filled fields of a line are units."""
+    stated = sum(units.parse_unit(field) != "" for field in fields)
+    return bool(stated) and 2 * stated >= sum(bool(field.strip(" -[]()")) for field in fields)
+
+
+def _split_names(line: str, delimiter: str, widths: Sequence[int], width: int) -> tuple[str, ...]:
+    """Fields of a header line, without the mark of a comment in front. Where blanks separate
+    columns, a single blank may stand inside a name where two or more part the names.
+    """
+    fields = tuple(tokens.split_line(line, delimiter, widths))
+    if tokens.is_comment(line) and (delimiter != "space" or len(fields) != width):
+        line = tokens.uncomment(line)
+        fields = tuple(tokens.split_line(line, delimiter, widths))
+    if delimiter == "space" and len(fields) != width:
+        wide = tuple(part.strip() for part in re.split(r"\t+|\s{2,}", line.strip()))
+        return wide if len(wide) == width else fields
+    if len(fields) == width - 1:
+        return (*fields, "")  # every row ends with a delimiter, the header does not
+    return fields
+
+
+def read_header(
+    above: Sequence[Sequence[str]],
+    first: int,
+    width: int,
+    file: str,
+    spec: TextSpec,
+    names: Sequence[str],
+) -> tuple[int, list[tuple[str, str]]]:
+    """Number of header lines among the fields of the lines above line `first` (from 0) of the rows
+    or of what separates them, and name and unit of every column.
+    """
+    lines = _count_header_lines(above, width) if spec.header_lines == "auto" else spec.header_lines
+    stated = len(above[-lines]) if lines and len(above) >= lines else 0
+    if lines and stated != width:
+        raise LogFormatError(
+            f"{file}:{first - lines + 1}: {stated} column names, expected {width} as in the rows",
+            hint=_PIN,
+        )
+    if names and len(names) != width:
+        raise LogFormatError(
+            f"{file}:{first + 1}: {width} fields, the recipe names {len(names)} columns",
+            hint="correct [logs] names, or the delimiter",
+        )
+    if not lines and not names:
+        last = above[-1] if above else ()
+        if len(last) > 1 and all(field and not tokens.is_measured(field) for field in last):
+            raise LogFormatError(
+                f"{file}:{first}: {len(last)} column names, expected {width} as in the rows",
+                hint=_PIN,
+            )
+        raise LogFormatError(
+            f"{file}:{first + 1}: {width} columns without names",
+            hint="list the columns in [logs] names of the recipe, in order",
+        )
+    return lines, _names_and_units(above, lines, names)
+
+
+def _count_header_lines(above: Sequence[Sequence[str]], width: int) -> int:
+    """0, 1 or 2 header lines: names, or names with a line of units below."""
+    if (
+        not above
+        or len(above[-1]) != width
+        or any(tokens.NUMBER["."].fullmatch(field) for field in above[-1])
+    ):
+        return 0
+    return 2 if len(above) == 2 and len(above[-2]) == width and _is_unit_row(above[-1]) else 1
+
+
+def _names_and_units(
+    above: Sequence[Sequence[str]], lines: int, names: Sequence[str]
+) -> list[tuple[str, str]]:
+    """Name and unit of every column, as the log states them or as the recipe names them."""
+    if not lines:
+        return [(name, units.unit_in_header(name)) for name in names]
+    header = [field.strip() for field in above[-lines]]
+    stated = map(units.parse_unit, above[-1]) if lines == 2 else map(units.unit_in_header, header)
+    return list(zip(names or _unique_names(header), stated, strict=True))
+
+
+def _unique_names(header: Sequence[str]) -> list[str]:
+    """Header names made unique: `column 3` for an empty one, `name #2` for the second of a name."""
+    unique = []
+    for number, name in enumerate(header, start=1):
+        before = header[: number - 1].count(name) if name else 0
+        unique.append((name or f"column {number}") + (f" #{before + 1}" if before else ""))
+    return unique
+
+
+def refuse_rows_above(
+    above: Sequence[str], delimiter: str, widths: Sequence[int], width: int, file: str
+) -> None:
+    """Raise LogFormatError for a row of numbers above the header: it would be lost."""
+    for number, line in enumerate(above, start=1):
+        fields = [] if tokens.is_comment(line) else tokens.split_line(line, delimiter, widths)
+        if width > 2 and len(fields) == width and sum(map(tokens.is_measured, fields)) > 1:
+            raise LogFormatError(
+                f"{file}:{number}: a row of numbers above the header",
+                hint="repair the log, or pin skip_lines and header_lines in [logs.text]",
+            )

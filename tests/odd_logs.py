@@ -1,0 +1,170 @@
+"""Small odd files after what laboratories and calibrators send: one clean log of a bias against
+temperature, and how it was written, with the words of recipe that it needs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+ROWS = 120
+NAMES = ("time_s", "temp_case_degc", "gyro_dph")
+HEADER = ",".join(NAMES)
+LISTED = 'names = ["time_s", "temp_case_degc", "gyro_dph"]'
+DROP = 'text = { torn_lines = "drop" }'
+
+
+def fields():
+    """Rows of the clean log as texts: seconds, case temperature, rate."""
+    rng = np.random.default_rng(18)
+    time = 2.0 * np.arange(ROWS)
+    case = -20.0 + 0.6 * np.arange(ROWS) + rng.normal(0.0, 0.02, ROWS)
+    rate = 9.0 + 0.02 * case - 1e-4 * case**2 + rng.normal(0.0, 0.05, ROWS)
+    return [[f"{t:.1f}", f"{c:.3f}", f"{r:.4f}"] for t, c, r in zip(time, case, rate, strict=True)]
+
+
+CLEAN = fields()
+BODY = [",".join(row) for row in CLEAN]
+BLANKS = [" ".join(row) for row in CLEAN]
+GERMAN = [";".join(field.replace(".", ",") for field in row) for row in CLEAN]
+
+
+@dataclass(frozen=True)
+class Odd:
+    """A file as it was written, its suffix, what [logs] says of it, and tables of the recipe."""
+
+    content: str | bytes
+    logs: str = ""
+    tables: str = ""
+    suffix: str = ".csv"
+    head: str = ""
+
+    @property
+    def data(self):
+        """Bytes of the file."""
+        return self.content if isinstance(self.content, bytes) else self.content.encode()
+
+
+def text(*lines, end="\n"):
+    """Lines of text with their ends."""
+    return end.join(lines) + end
+
+
+def exclude(keys):
+    """An exclusion at the head of a recipe."""
+    return f'exclude = [{{ log = "a", {keys}, reason = "r", person = "p" }}]\n'
+
+
+def grouped(mark, decimal):
+    """Rates in thousandths with a mark between their thousands."""
+    rows = []
+    for row in CLEAN:
+        rate = f"{float(row[2]) * 1000.0:,.1f}".replace(",", "T").replace(".", decimal)
+        rows.append([row[0], row[1], rate.replace("T", mark)])
+    return rows
+
+
+def joined(rows, separator):
+    """Rows as lines."""
+    return [separator.join(row) for row in rows]
+
+
+THOUSANDTHS = '[columns]\ngyro_dph = { from = "gyro_dph", scale = 0.001 }'
+
+TORN = {
+    "a comment above headerless rows": Odd(
+        text("% 2014-03-21 17:31:51  by logger 3", *BLANKS), LISTED, suffix=".txt"
+    ),
+    "comments above headerless rows that look like rows": Odd(
+        text("% 1 2 3", "% 0.5 -0.3 7.1", *BLANKS), LISTED, suffix=".txt"
+    ),
+    "a comment above the header": Odd(text("% logger 3, 2014-03-21", HEADER, *BODY)),
+    "comments above the header that look like rows": Odd(
+        text("# 1,2,3", "# 0.5,0.3,0.1", HEADER, *BODY)
+    ),
+    "a header behind a comment's mark": Odd(text("# " + HEADER, *BODY)),
+    "a header behind a percent sign, between blanks": Odd(
+        text("% " + " ".join(NAMES), *BLANKS), suffix=".dat"
+    ),
+    "units behind a comment's mark": Odd(text(HEADER, "# s,degC,deg/h", *BODY)),
+    "a comment between header and rows": Odd(text(HEADER, "# began at 12:30", *BODY)),
+    "a blank line between header and rows": Odd(text(HEADER, "", *BODY)),
+    "comments among the rows": Odd(text(HEADER, *BODY[:50], "# door opened", *BODY[50:])),
+    "comments of two slashes": Odd(text("// run 7", HEADER, *BODY[:9], "// pause", *BODY[9:])),
+    "a blank line behind every row": Odd(text(HEADER, *(f"{row}\n" for row in BODY))),
+    "rows of semicolons with comments": Odd(
+        text(HEADER.replace(",", ";"), "#", *GERMAN[:5], "# a;b;c", *GERMAN[5:])
+    ),
+    "a torn line in a serial capture": Odd(text(HEADER, *BODY[:6], "-0.3-0.31", *BODY[6:]), DROP),
+    "two lines run into one": Odd(text(HEADER, *BODY[:6], BODY[5] + BODY[6], *BODY[6:]), DROP),
+    "a torn number": Odd(text(HEADER, *BODY[:6], "12.0,-17.-17.6,8.9", *BODY[6:]), DROP),
+    "a capture that begins inside a line": Odd(
+        text("7.3 8.9", *BLANKS), f"{LISTED}\n{DROP}", suffix=".txt"
+    ),
+    "more torn lines than usual": Odd(
+        text(HEADER, *BODY[:6], *["-0.3-0.31"] * 14, *BODY[6:]),
+        'text = { torn_lines = "drop", torn_limit = 20 }',
+    ),
+    "a torn line that a person left out": Odd(
+        text(HEADER, *BODY[:6], "-0.3-0.31", *BODY[6:]), head=exclude("lines = [8]")
+    ),
+    "a last line that was still being written": Odd(
+        (text(HEADER, *BODY) + "240.0,5").encode(), 'text = { last_line = "drop" }'
+    ),
+    "a last number that was still being written": Odd(
+        (text(HEADER, *BODY) + "240.0,52.100,9.").encode(), 'text = { last_line = "drop" }'
+    ),
+    "another number of lines above each log": Odd(
+        text("Logger v3 serial 7", "begin", *BLANKS),
+        f'{LISTED}\ntext = {{ skip_lines = {{ "a.txt" = 2 }} }}',
+        suffix=".txt",
+    ),
+    "a footer of one field": Odd(
+        text(HEADER.replace(",", ";"), *GERMAN, "Ende der Messung"), "text = { footer_lines = 1 }"
+    ),
+    "a footer of three lines": Odd(
+        text(HEADER, *BODY, "", "Operator: Huber, 21.3.2014", "Mean,12.3"),
+        "text = { footer_lines = 3 }",
+    ),
+    "a footer without a line end": Odd(
+        (text(HEADER, *BODY) + "end").encode(), "text = { footer_lines = 1 }"
+    ),
+    "thousands behind commas in quotes": Odd(
+        text(HEADER, *(f'{a},{b},"{c}"' for a, b, c in grouped(",", "."))), tables=THOUSANDTHS
+    ),
+    "thousands behind commas between semicolons": Odd(
+        text(HEADER.replace(",", ";"), *joined(grouped(",", "."), ";")), tables=THOUSANDTHS
+    ),
+    "thousands behind points, decimal commas": Odd(
+        text(
+            HEADER.replace(",", ";"),
+            *(f"{a.replace('.', ',')};{b.replace('.', ',')};{c}" for a, b, c in grouped(".", ",")),
+        ),
+        tables=THOUSANDTHS,
+    ),
+    "thousands behind apostrophes": Odd(
+        text(HEADER, *joined(grouped("'", "."), ",")), 'format = "text"', THOUSANDTHS
+    ),
+    "thousands behind narrow blanks": Odd(
+        text(HEADER.replace(",", "\t"), *joined(grouped("\u202f", "."), "\t")),
+        tables=THOUSANDTHS,
+    ),
+    "rows that a person left out": Odd(
+        text(HEADER, "0.0,80.0,1.0", *BODY[:9], "17.0,80.0,1.0", *BODY[9:]),
+        head=exclude('rows = ["1-1", 11]'),
+    ),
+    "a position that a person left out": Odd(
+        text(
+            "position," + HEADER,
+            *(f"1,{row}" for row in BODY[:60]),
+            "2,119.0,80.0,1.0",
+            *(f"3,{row}" for row in BODY[60:]),
+        ),
+        head=exclude("positions = [2]"),
+    ),
+    "a station that a person left out": Odd(
+        text("station," + HEADER, *(f"1,{row}" for row in BODY), "2,250.0,80.0,1.0"),
+        head=exclude("stations = [2]"),
+    ),
+}
