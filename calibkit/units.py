@@ -366,6 +366,18 @@ def parse_unit(text: str) -> str:
     return ""
 
 
+def as_stated(text: str) -> str:
+    """Unit of a text that is nothing but a unit; the text itself where it is none that is known."""
+    text = text.partition(" since ")[0].strip()  # netCDF counts times from an epoch
+    return parse_unit(text) or text
+
+
+def bracketed_text(name: str) -> str:
+    """What stands in brackets behind a column's name, or ""."""
+    found = _BRACKETED.search(name.strip())
+    return found.group(1).strip() if found else ""
+
+
 def unit_in_header(name: str) -> str:
     """Unit that a column's header states behind its name, or "" where it states none of the
     table's.
@@ -374,8 +386,8 @@ def unit_in_header(name: str) -> str:
     (`T / °C`), or as a last word that can be nothing else (`Temperatur °C`).
     """
     name = name.strip()
-    if bracketed := _BRACKETED.search(name):
-        return parse_unit(bracketed.group(1))
+    if bracketed := bracketed_text(name):
+        return parse_unit(bracketed)
     if behind := _BEHIND.match(name):
         return parse_unit(behind.group(1))
     last = name.rsplit(None, 1)[-1] if " " in name else ""

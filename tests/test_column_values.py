@@ -74,6 +74,33 @@ def test_a_recipe_that_contradicts_the_header_is_refused(tmp_path):
     assert column(read(tmp_path, "x,w (deg/s)\n0,1\n", ignored, ("gyro_dph",)), "gyro_dph") == [1.0]
 
 
+@pytest.mark.parametrize(
+    ("header", "unit"),
+    [
+        ("time_s,gyro_dph (mrad/min)", "mrad/min"),
+        ("time_s,gyro_dph [kdeg/h]", "kdeg/h"),
+        ("time_s (fortnights),gyro_dph", "fortnights"),
+    ],
+)
+def test_a_unit_that_nobody_knows_is_refused_until_the_recipe_states_it(tmp_path, header, unit):
+    """A unit in a header that is not in the table is never taken for the canonical one."""
+    content = f"{header}\n0,1\n1,2\n"
+    with pytest.raises(FrameError, match=f"states the unit '{unit}', which is not known"):
+        read(tmp_path, content, "", ("time_s", "gyro_dph"))
+    source = next(name for name in header.split(",") if unit in name)
+    name = source.split()[0]
+    pinned = f'[columns.{name}]\nfrom = "{source}"\nunit = "{"s" if name == "time_s" else "deg/h"}"'
+    log = read(tmp_path, content, pinned, ("time_s", "gyro_dph"))
+    np.testing.assert_array_equal(column(log, "gyro_dph"), [1.0, 2.0])
+
+
+@pytest.mark.parametrize("label", ["x", "axis 1", "case", "raw", "Pt100", "CH 3", "外"])
+def test_a_label_in_brackets_is_no_unit(tmp_path, label):
+    """A name of a sensor or axis behind a column's name changes nothing."""
+    log = read(tmp_path, f"time_s,gyro_dph ({label})\n0,1\n1,2\n", "", ("time_s", "gyro_dph"))
+    np.testing.assert_array_equal(column(log, "gyro_dph"), [1.0, 2.0])
+
+
 def test_a_unit_of_another_dimension_is_refused_with_the_log(tmp_path):
     """Volts are no temperature until a scale says how."""
     with pytest.raises(CalibkitError, match=r"log.csv: column 'T \(VDC\)': 'V' is a voltage"):

@@ -496,6 +496,26 @@ def test_columns_of_several_rates_are_not_put_side_by_side(tmp_path):
     ]
 
 
+def test_what_netcdf_packed_is_unpacked_and_units_may_be_arrays(tmp_path):
+    """scale_factor, add_offset and _FillValue of a variable, `Units` as an array of bytes, and a
+    unit that nobody knows as it is written.
+    """
+    import h5py
+
+    stream = io.BytesIO()
+    with h5py.File(stream, "w") as made:
+        made["a"] = np.array([10, -999, 30], dtype=np.int16)
+        made["a"].attrs.update({"scale_factor": [0.5], "add_offset": 20.0, "_FillValue": -999})
+        made["a"].attrs["Units"] = np.array([b"celsius"])
+        made["b"] = np.arange(3.0)
+        made["b"].attrs["units"] = "mrad/min"
+        made["t"] = np.arange(3.0)
+        made["t"].attrs["units"] = "seconds since 2020-01-01"
+    table = read(tmp_path, stream.getvalue(), "x.h5")
+    assert table.units == {"a": "degC", "b": "mrad/min", "t": "s"}
+    np.testing.assert_array_equal(table.frame["a"], [25.0, np.nan, 35.0])
+
+
 def test_units_travel_with_the_channels_of_containers(tmp_path):
     """unit_string, units and field metadata are the log's own statement."""
     import h5py

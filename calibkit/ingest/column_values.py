@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -33,6 +34,12 @@ _SPACING = 1e-3
 """Relative difference between the spacing of rows and a stated interval that is noted; clocks
 agree better.
 """
+_LABEL = re.compile(
+    r"(?:axis|channel|ch|no\.?|sensor)?[\s_]*[a-z]?[\s_]*\d*[\s_]*(?:axis)?|raw|mean|average|avg"
+    r"|pt\d+|ntc|rtd|case|env|ambient|reference|ref|corrected|uncorrected|compensated|filtered",
+    re.IGNORECASE,
+)
+"""Texts in brackets behind a name that say which column it is, not its unit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,6 +133,17 @@ def _time_format(raw: pd.Series, file: str, source: str) -> str:
     )
 
 
+def _unknown_unit(table: Table, source: str) -> str:
+    """Unit that the log states of a column and that is none of the table's, or ""."""
+    stated = table.units.get(source, "")
+    if stated:
+        return "" if stated in units.TABLE else stated
+    text = units.bracketed_text(source)
+    if not text.isascii() and not re.search("[°µμ²³·]", text):
+        return ""  # a remark in another script
+    return "" if units.parse_unit(text) or _LABEL.fullmatch(text) else text
+
+
 def _resolve_unit(table: Table, source: str, column: Column, name: str) -> str:
     """Unit of the log's column: the recipe's, else what the log's header states, else the canonical
     one.
@@ -135,6 +153,15 @@ def _resolve_unit(table: Table, source: str, column: Column, name: str) -> str:
     target = units.column_unit(name)
     header = table.units.get(source) or units.unit_in_header(source)
     pinned = column.unit
+    unknown = _unknown_unit(table, source)
+    if unknown and not pinned:
+        raise FrameError(
+            f"{table.file}: column '{source}': the log states the unit '{unknown}', which is not"
+            " known",
+            hint=f'state what it is: [columns.{name}] from = "{source}", unit = "{target}", and'
+            " scale where it is a multiple",
+        )
+    header = "" if unknown else header
     if column.accumulated:
         # differences of a counter are counts per sample, whether the log, the recipe or neither
         # states it

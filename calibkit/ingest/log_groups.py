@@ -8,6 +8,7 @@ from itertools import takewhile
 from pathlib import Path
 from typing import TypeAlias
 
+from calibkit import units
 from calibkit.errors import FrameError, LogFormatError, UsageError
 from calibkit.ingest import column_names
 from calibkit.readers import registry, sniff, times
@@ -98,7 +99,9 @@ def _layout_of_format(path: Path, name: str) -> _Layout:
         fields = list(map(str, table.frame[column].iloc[:50]))
         form = "" if all(map(times.is_decimal, fields)) else times.recognise_format(fields)
         columns.append(
-            column_names.LogColumn(column, table.units.get(column, ""), bool(form), form)
+            column_names.LogColumn(
+                column, units.parse_unit(table.units.get(column, "")), bool(form), form
+            )
         )
     return name, tuple(columns), {}
 

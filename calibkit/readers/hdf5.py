@@ -1,8 +1,9 @@
 """Reader of HDF5 files, MATLAB v7.3 among them, by h5py.
 
 Format: named datasets in groups. One group is one log ([logs] table, needed where several groups
-hold numbers): its vectors are columns, with an attribute `units` or `unit` as their unit; a single
-matrix needs the recipe's `names`; a compound dataset is a table, its fields the columns.
+hold numbers): its vectors are columns, with an attribute `units` or `unit` as their unit; what
+netCDF packed by scale_factor, add_offset and _FillValue is unpacked; a single matrix needs the
+recipe's `names`; a compound dataset is a table, its fields the columns.
 Uncertainty: values as stored, integers above 2⁵³ rounded to float64. Values that lie in other
 files, which the log's digest does not cover, and values that were never written, which read as
 zeros, are refused.
@@ -10,9 +11,11 @@ zeros, are refused.
 
 import io
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from calibkit import units
 from calibkit.errors import LogFormatError
@@ -34,15 +37,13 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
         numeric = bool(node.dtype.names) or node.dtype.kind in "fiub"
         if numeric and (not logs.table or f"{name}/".startswith(f"{logs.table}/")):
             _require_own_values(name, node, file)
-        text = node.attrs.get("units", node.attrs.get("unit", ""))
-        unit = units.parse_unit(
-            text.decode(errors="replace") if isinstance(text, bytes) else str(text)
-        )
+        stated_of = {key.lower(): node.attrs[key] for key in node.attrs}
+        unit = units.as_stated(_text_of(stated_of.get("units", stated_of.get("unit", ""))))
         if node.dtype.names:
             whole = node[()]
             found.update({f"{name}/{field}": whole[field] for field in node.dtype.names})
         elif node.dtype.kind in "fiub":
-            found[name] = node[()]
+            found[name] = _unpacked(node[()], stated_of)
         if unit:
             stated[name.rpartition("/")[2]] = unit
 
@@ -50,6 +51,30 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
         opened.visititems(collect)
     frame, how = arrays.select_columns(found, file, logs, needed)
     return Table(file, sha256, frame, (), (f"HDF5, {len(frame)} rows", *how), stated)
+
+
+def _text_of(attribute: Any) -> str:  # noqa: ANN401 (h5py's values)
+    """Text of an attribute that is a text, bytes or an array of one of them."""
+    one = np.ravel(attribute)[0] if np.size(attribute) else ""
+    return one.decode(errors="replace") if isinstance(one, bytes) else str(one)
+
+
+def _unpacked(values: Any, about: Mapping[str, Any]) -> Any:  # noqa: ANN401 (h5py's values)
+    """Values of a variable that netCDF packed (CF conventions 8.1): missing ones as NaN, times
+    scale_factor, plus add_offset.
+    """
+    packing = {key: about[key] for key in ("scale_factor", "add_offset") if key in about}
+    missing = [about[key] for key in ("_fillvalue", "missing_value") if key in about]
+    if not packing and not missing:
+        return values
+    unpacked = np.asarray(values, dtype=np.float64)
+    for fill in np.ravel(missing):
+        unpacked = np.where(np.asarray(values) == fill, np.nan, unpacked)
+    scale, offset = (
+        float(np.ravel(packing.get(key, plain))[0])
+        for key, plain in (("scale_factor", 1.0), ("add_offset", 0.0))
+    )
+    return units.scaled(unpacked, scale, offset=offset)
 
 
 def _require_own_values(name: str, node: Any, file: str) -> None:  # noqa: ANN401 (h5py's dataset)

@@ -136,7 +136,7 @@ def _read_segment(
     known = {
         name: unit
         for name, label in zip(channels, header.get("Y_Unit_Label", []), strict=False)
-        if (unit := units.parse_unit(label))
+        if (unit := units.as_stated(label))
     }
     timed, names = _join_times(rows, names, header, file, numbers[0] + 1)
     return _Segment(

@@ -37,7 +37,7 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  
             if column is not None:
                 columns[field.name] = column
             about = {key.decode(): value.decode() for key, value in (field.metadata or {}).items()}
-            if unit := units.parse_unit(about.get("units", about.get("unit", ""))):
+            if unit := units.as_stated(about.get("units", about.get("unit", ""))):
                 stated[field.name] = unit
     frame = arrays.join_vectors(columns, file, needed)
     return Table(file, sha256, frame, (), (f"Parquet, {len(frame)} rows",), stated)

@@ -42,7 +42,7 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
         stated = {
             name: unit
             for name, channel in channels.items()
-            if (unit := units.parse_unit(str(channel.properties.get("unit_string", ""))))
+            if (unit := units.as_stated(str(channel.properties.get("unit_string", ""))))
         }
         increments = {_waveform_increment(channel) for channel in channels.values()}
     kept = {name: column for name, column in columns.items() if column is not None}
