@@ -2,7 +2,7 @@
 
 import difflib
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 
 class CalibkitError(Exception):
@@ -93,16 +93,22 @@ class StoppedError(CalibkitError):
     code = "interrupted"
 
 
-def format_ranges(numbers: Sequence[int], most: int = 8) -> str:
-    """Ascending numbers as ranges: 3, 7-12, 40."""
+def list_ranges(numbers: Iterable[int]) -> list[int | str]:
+    """Ascending numbers as ranges, as `rows` and `lines` of a recipe take them: [3, "7-12", 40]."""
     runs: list[list[int]] = []
     for number in numbers:
         if runs and number == runs[-1][1] + 1:
             runs[-1][1] = number
         else:
             runs.append([number, number])
-    ranges = [str(a) if a == b else f"{a}-{b}" for a, b in runs[:most]]
-    return ", ".join(ranges) + (f" and {len(runs) - most} more ranges" if len(runs) > most else "")
+    return [a if a == b else f"{a}-{b}" for a, b in runs]
+
+
+def format_ranges(numbers: Iterable[int], most: int = 8) -> str:
+    """Ascending numbers as ranges: 3, 7-12, 40."""
+    ranges = list_ranges(numbers)
+    more = f" and {len(ranges) - most} more ranges" if len(ranges) > most else ""
+    return ", ".join(map(str, ranges[:most])) + more
 
 
 def advise_exclude(log: str, **where: object) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import hashlib
+import itertools
 import json
 import re
 from dataclasses import dataclass, field
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from calibkit.errors import FrameError, MissingColumnError
+from calibkit.errors import FrameError, MissingColumnError, advise_exclude, list_ranges
 from calibkit.numeric import chunks, intervals
 
 if TYPE_CHECKING:
@@ -53,6 +54,8 @@ GAP = 2.5
 """Sampling intervals, in medians, that are a gap."""
 COMPARED_ROWS = 1000
 """Rows of a log by which it is compared with others."""
+EXCLUDED = 8
+"""Ranges of lines that an exclusion in a message has at most."""
 KEPT_ROWS, KEPT_DIGITS = 64, 12
 """Rows that a fingerprint holds, and hexadecimal digits of each."""
 
@@ -150,6 +153,15 @@ class Log:
     def place(self, row: int) -> str:
         """file:line that a row of the frame came from, in the part of a split log that holds it."""
         return "{}:{}".format(*self._file_and_line(row))
+
+    def advise_exclude(self, rows: Iterable[int]) -> str:
+        """An [[exclude]] of rows of the frame, at most EXCLUDED ranges of lines: those of the part
+        of a split log that holds the first of them.
+        """
+        places = [self._file_and_line(row) for row in itertools.islice(rows, COMPARED_ROWS)]
+        file = places[0][0]
+        lines = list_ranges(line for name, line in places if name == file)
+        return advise_exclude(file, lines=lines[:EXCLUDED])
 
     def first_rows(self) -> frozenset[bytes]:
         """Different ones of the first rows, the bytes of their values as they were mapped; words

@@ -168,3 +168,58 @@ TORN = {
         head=exclude("stations = [2]"),
     ),
 }
+
+
+def clocked(form):
+    """Rows with the time in another form."""
+    return [f"{form(float(row[0]))},{row[1]},{row[2]}" for row in CLEAN]
+
+
+def stamped(seconds):
+    """A date and time."""
+    minutes = int(seconds) // 60
+    return f"2014-03-21 {17 + minutes // 60}:{minutes % 60:02d}:{int(seconds) % 60:02d}"
+
+
+def unit(words):
+    """A mapping of the time that states its unit."""
+    return f'[columns]\ntime_s = {{ from = "time_s", {words} }}'
+
+
+TIMES = {
+    "microseconds without a unit": Odd(
+        text(HEADER, *clocked(lambda s: round(s * 1e6))), tables=unit('unit = "us"')
+    ),
+    "milliseconds without a unit": Odd(
+        text(HEADER, *clocked(lambda s: round(s * 1e3))), tables=unit('unit = "ms"')
+    ),
+    "microseconds by the header": Odd(
+        text("time [μs],temp_case_degc,gyro_dph", *clocked(lambda s: round(s * 1e6))),
+        tables='[columns]\ntime_s = { from = "time" }',
+    ),
+    "ticks of a watch crystal": Odd(
+        text(HEADER, *clocked(lambda s: round(s * 32768))),
+        tables=unit(f'scale = {1.0 / 32768.0!r}, unit = "s"'),
+    ),
+    "a clock that starts at 2.5e8 s": Odd(
+        text(
+            HEADER,
+            "256551298.25,80.0,1.0",
+            *clocked(lambda s: f"{256551300.5 + s:.2f}"),
+        ),
+        head=exclude("to_s = 256551299.25"),
+    ),
+    "torn date-times": Odd(
+        text(
+            HEADER,
+            *clocked(stamped)[:20],
+            "2014-03-21 17:0,-8.0,8.9",
+            *clocked(stamped)[20:],
+        ),
+        DROP,
+    ),
+    "a date-time that a person left out": Odd(
+        text(HEADER, *clocked(stamped)[:20], "pause,-8.0,8.9", *clocked(stamped)[20:]),
+        head=exclude("lines = [22]"),
+    ),
+}

@@ -8,7 +8,21 @@ import pytest
 from calibkit import instruments, recipe
 from calibkit.errors import CalibkitError
 from calibkit.ingest import logs
-from odd_logs import BLANKS, BODY, CLEAN, DROP, GERMAN, HEADER, LISTED, TORN, Odd, exclude, text
+from odd_logs import (
+    BLANKS,
+    BODY,
+    CLEAN,
+    DROP,
+    GERMAN,
+    HEADER,
+    LISTED,
+    TIMES,
+    TORN,
+    Odd,
+    clocked,
+    exclude,
+    text,
+)
 
 RECIPE = """procedure = "bias_temperature"
 {head}
@@ -24,7 +38,7 @@ files = ["a{suffix}"]
 
 {tables}
 """
-ODD = TORN
+ODD = TORN | TIMES
 SEMICOLONS = HEADER.replace(",", ";")
 
 
@@ -189,3 +203,62 @@ def test_lines_of_a_part_of_a_split_log_are_left_out(tmp_path):
     log = instruments.find(spec.procedure).read(spec, tmp_path, name)
     assert (len(log.frame), log.excluded_rows) == (len(BODY), 1)
     assert log.place(45) == "a2.csv:8"
+
+
+@pytest.mark.parametrize(
+    ("factor", "rows", "words", "key"),
+    [
+        (1e6, "120 rows over 2.38e+08 s, one every 2e+06 s", "microseconds?", 'unit = "us"'),
+        (5e5, "120 rows over 1.19e+08 s, one every 1e+06 s", "microseconds?", 'unit = "us"'),
+        (1e9, "one every 2e+09 s", "nanoseconds?", 'unit = "ns"'),
+        (32768.0, "one every 65536 s", "ticks of 1/32768 s?", "scale = 3.0517578125e-05"),
+        (1e4, "one every 20000 s", "milliseconds or microseconds?", 'unit = "ms"'),
+    ],
+)
+def test_stamps_that_are_no_seconds_are_questioned(factor, rows, words, key, tmp_path):
+    """Numbers without a unit whose spacing no logger has are refused with what they look like; a
+    recipe that says seconds is believed.
+    """
+    content = text(HEADER, *clocked(lambda s: round(s * factor)))
+    refused = refusal(Odd(content), tmp_path)
+    for fragment in ("column 'time_s': 120 rows over", rows, words, key):
+        assert fragment in refused
+    spec, names = read(
+        Odd(content, tables='[columns]\ntime_s = { from = "time_s", unit = "s" }'), tmp_path
+    )
+    log = instruments.find(spec.procedure).read(spec, tmp_path, names[0])
+    assert log.frame["time_s"].iloc[1] == 2.0 * factor
+
+
+@pytest.mark.parametrize(("step", "count"), [(1000.0, 1), (899.0, 0)])
+def test_stamps_that_could_be_seconds_are_noted(step, count, tmp_path):
+    """A row every quarter of an hour can be one of seconds: it is read, with a question."""
+    spec, names = read(Odd(text(HEADER, *clocked(lambda s: s / 2.0 * step))), tmp_path)
+    log = instruments.find(spec.procedure).read(spec, tmp_path, names[0])
+    assert sum("milliseconds or microseconds?" in note for note in log.notes) == count
+
+
+def test_messages_on_a_clock_that_starts_late_keep_its_digits(tmp_path):
+    """The time of a gap, and of an exclusion without rows, has every digit of the log."""
+    rows = clocked(lambda s: f"{256551300.5 + s:.2f}")
+    spec, names = read(Odd(text(HEADER, *rows[:40], *rows[80:])), tmp_path)
+    instrument = instruments.find(spec.procedure)
+    with pytest.raises(CalibkitError, match=r"a gap of 82 s at 256551378\.5 s"):
+        instrument.fit(spec, tmp_path, names, instruments.silent)
+    ends = exclude("from_s = 256551379.25, to_s = 256551380.125")
+    assert "no row between 256551379.25 s and 256551380.125 s" in refusal(
+        Odd(text(HEADER, *rows[:40], *rows[80:]), head=ends), tmp_path
+    )
+
+
+def test_a_finding_on_rows_prints_the_exclusion_that_leaves_them_out(tmp_path, calibkit):
+    """What `check` advises, given to --set, is an exclusion of those rows."""
+    rows = [*BODY[:30], *(row.rsplit(",", 1)[0] + "," for row in BODY[30:33]), *BODY[33:]]
+    read(Odd(text(HEADER, *rows)), tmp_path)
+    words = RECIPE.format(head="", suffix=".csv", logs="", tables="")
+    (tmp_path / "r.toml").write_text(words, encoding="utf-8")
+    arguments = ("check", tmp_path / "r.toml", "--data", tmp_path)
+    out = calibkit(*arguments).out
+    assert 'exclude = [{ log = "a.csv", lines = ["32-34"]' in out
+    advised = out[out.index("exclude = [") :].split("\n")[0]
+    assert calibkit(*arguments, "--set", advised.replace("exclude = ", "exclude=")).code == 0

@@ -86,7 +86,7 @@ def find_missing_values(log: Log, columns: Sequence[str]) -> list[Finding]:
                 column,
                 f"{bad.size} missing or infinite value{'s' if bad.size > 1 else ''} from here on",
                 expected="a number in every row",
-                advice="leave the range out with [[exclude]], or repair the log",
+                advice=f"repair the log, or leave them out: {log.advise_exclude(bad)}",
                 name="missing",
                 figure=float(bad.size),
             )
@@ -109,10 +109,10 @@ def find_unordered_times(log: Log) -> list[Finding]:
             log,
             k + 1,
             "time_s",
-            f"time {word} at {time[k]:.10g} s → {time[k + 1]:.10g} s"
+            f"time {word} at {time[k]:.12g} s → {time[k + 1]:.12g} s"
             f" ({back.size} such row{'s' if back.size > 1 else ''})",
             expected="strictly increasing time",
-            advice="sort or split the log, or leave the rows out with [[exclude]]",
+            advice=f"sort or split the log, or leave rows out: {log.advise_exclude(back + 1)}",
             name="clock",
             figure=float(back.size),
         )
@@ -147,7 +147,7 @@ def _locate_gaps(log: Log) -> tuple[Integers, Array]:
 
 def _refuse_gap(log: Log, k: int, step: float, limit_s: float) -> Finding:
     """A gap that is refused."""
-    found = f"a gap of {step:g} s at {float(log.frame['time_s'].iloc[k]):g} s"
+    found = f"a gap of {step:g} s at {float(log.frame['time_s'].iloc[k]):.12g} s"
     advice = "split the log at the gap, or raise max_gap_s in the recipe"
     left_out = int(log.frame.index[k + 1]) - int(log.frame.index[k]) - 1
     if left_out > 0 and log.excluded_rows:
@@ -172,7 +172,7 @@ def _warn_of_gaps(log: Log, before: Integers, step: Array) -> list[Finding]:
             k + 1,
             "time_s",
             f"{before.size} short gap{'s' if before.size > 1 else ''}, the first of {step[0]:g} s"
-            f" at {float(log.frame['time_s'].iloc[k]):g} s",
+            f" at {float(log.frame['time_s'].iloc[k]):.12g} s",
             expected=f"a row every {log.steps.usual:g} s",
             advice="see that no row was lost; what lies between them is not known",
             name="gap",
@@ -198,7 +198,7 @@ def flag_bridged_gaps(log: Log) -> list[str]:
     return [
         (
             f"{log.place(k + 1)}: {count} of {step.max():g} s from"
-            f" {float(log.frame['time_s'].iloc[k]):g} s: the compensation runs across {them} and"
+            f" {float(log.frame['time_s'].iloc[k]):.12g} s: the compensation runs across {them} and"
             " knows nothing of what happened there"
         )
     ]
@@ -259,8 +259,8 @@ def _out_of_range(
             f"{first:g} {unit} ({rows.size} such row{'s' if rows.size > 1 else ''})",
             expected,
             advice=(
-                f"state the log's unit in [columns.{column}], or leave the rows out with"
-                " [[exclude]]"
+                f"state the log's unit in [columns.{column}], or leave the rows out:"
+                f" {log.advise_exclude(rows)}"
             ),
             name="range",
             figure=first,

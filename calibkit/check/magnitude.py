@@ -12,6 +12,7 @@ import numpy as np
 from calibkit.arrays import Array
 from calibkit.check.content import finding_at_row, finding_of_column
 from calibkit.constants import STANDARD_GRAVITY_MPS2
+from calibkit.errors import advise_exclude
 from calibkit.frame import Finding, Log, values
 from calibkit.numeric import anomalies, chunks, order_statistics, segments
 from calibkit.numeric.chunks import mean, ranges_along
@@ -269,8 +270,8 @@ def find_compensated_logs(slopes: Mapping[str, float]) -> list[tuple[str, Findin
                 expected="logs of one gyro to drift alike",
                 advice=(
                     f"{opposite if slope / usual < -COMPENSATED_SHARE else ''}it may have been"
-                    " compensated before: take the log as it was measured, or leave it out with"
-                    " [[exclude]]; never compensate twice"
+                    " compensated before: never compensate twice; take the log as it was measured,"
+                    f" or leave it out: {advise_exclude(file)}"
                 ),
                 severity="warn",
                 name="double_compensation",

@@ -8,6 +8,7 @@ import numpy as np
 
 from calibkit.arrays import Array, Integers
 from calibkit.check.content import finding_at_row
+from calibkit.errors import advise_exclude
 from calibkit.frame import Finding, Log, values
 from calibkit.numeric import anomalies, chunks, level_changes, order_statistics
 
@@ -29,10 +30,7 @@ LEVELS = 16
 """Distinct values of a quantised indication, at most."""
 CHUNK = 1 << 20
 """Rows of a column that are judged at once."""
-RANGE_ENDED = (
-    "the range of the sensor or its logger ended there: leave the rows out with [[exclude]] or log"
-    " again"
-)
+RANGE_ENDED = "the range of the sensor or its logger ended there: log again, or leave the rows out:"
 """Advice where an indication is saturated."""
 
 
@@ -115,8 +113,8 @@ def find_turn_back(log: Log, column: str) -> list[Finding]:
             " way",
             expected="a temperature that goes one way",
             advice=(
-                "leave the run out or cut it with [[segment]] or [[exclude]], if the chamber was"
-                " not ordered so"
+                "if the chamber was not ordered so, cut the run with [[segment]], or leave it out:"
+                f" {advise_exclude(log.file)}"
             ),
             name="turned_back",
             severity="warn",
@@ -200,8 +198,8 @@ def _report_spikes(log: Log, column: str, data: Array, found: Integers, unit: st
             " this the largest)",
             expected="samples that scatter alike",
             advice=(
-                "leave spikes out with [[exclude]]; only the models on levels are robust against"
-                " them"
+                "only the models on levels are robust against spikes; leave them out:"
+                f" {log.advise_exclude(found)}"
             ),
             name="spike",
             severity="warn",
@@ -217,7 +215,7 @@ def _report_stuck(log: Log, column: str, data: Array, runs: Integers, unit: str)
     length = runs[:, 1] - runs[:, 0]
     first, stop = runs[int(np.argmax(length))].tolist()
     value = float(data[first])
-    name, advice = "stuck", "leave the range out with [[exclude]], and see to the sensor"
+    name, advice = "stuck", "see to the sensor, and leave the range out:"
     # only an indication is called saturated, a reference is not
     if column.startswith(("gyro", "accel")) and value in chunks.extremes(data):
         name, advice = "saturated", RANGE_ENDED
@@ -230,7 +228,7 @@ def _report_stuck(log: Log, column: str, data: Array, runs: Integers, unit: str)
             column,
             f"{name} at {value:g} {unit} for {stop - first} rows{span}{others}",
             "values that move",
-            advice,
+            f"{advice} {log.advise_exclude(range(first, stop))}",
             name,
             severity="warn",
             figure=value,
@@ -241,7 +239,7 @@ def _report_stuck(log: Log, column: str, data: Array, runs: Integers, unit: str)
 def _format_times(log: Log, first: int, stop: int) -> str:
     """Time that rows first … stop − 1 span, as words."""
     time = values(log.frame, "time_s")
-    return f"{time[first]:g} s to {time[stop - 1]:g} s"
+    return f"{time[first]:.12g} s to {time[stop - 1]:.12g} s"
 
 
 def _check_clipping(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
@@ -250,14 +248,15 @@ def _check_clipping(log: Log, column: str, data: Array, unit: str) -> list[Findi
     if pile is None:
         return []
     count, value = pile
+    rows = np.flatnonzero(data == value)
     return [
         finding_at_row(
             log,
-            int(np.flatnonzero(data == value)[0]),
+            int(rows[0]),
             column,
             f"saturated: {count} rows at the extreme value {value:g} {unit}",
             expected="extremes that few rows reach",
-            advice=RANGE_ENDED,
+            advice=f"{RANGE_ENDED} {log.advise_exclude(rows)}",
             name="saturated",
             severity="warn",
             figure=value,
@@ -280,8 +279,8 @@ def _check_jumps(log: Log, column: str, data: Array, unit: str) -> list[Finding]
             f"the bias jumps by {change[k]:+.3g} {unit} and stays{others}",
             expected="a bias that drifts",
             advice=(
-                "split the log there or leave the part behind it out with [[exclude]]; see that"
-                " nothing was moved or restarted"
+                "see that nothing was moved or restarted; split the log there, or leave the part"
+                f" behind it out: {log.advise_exclude(range(int(rows[k]), len(data)))}"
             ),
             name="jump",
             severity="warn",
@@ -296,9 +295,7 @@ def _check_start_up(log: Log, column: str, data: Array, unit: str) -> list[Findi
     if not count:
         return []
     after = float(np.median(data[count : count + 100]))
-    advice = "leave them out with [[exclude]]"
-    if "time_s" in log.frame.columns and count < len(data):
-        advice += f": to_s = {float(log.frame['time_s'].iloc[count - 1]):g}"
+    advice = f"leave them out: {log.advise_exclude(range(count))}"
     return [
         finding_at_row(
             log,

@@ -11,7 +11,7 @@ import numpy as np
 from calibkit import units
 from calibkit.errors import FrameError, LogFormatError, RecipeError, did_you_mean
 from calibkit.frame import Origin
-from calibkit.ingest import column_names
+from calibkit.ingest import column_names, time_units
 from calibkit.readers import times
 from calibkit.recipe import Column
 
@@ -108,6 +108,9 @@ def read_time(table: Table, source: str, recipe: Recipe) -> MappedColumn:
         )
     if not form and raw.dtype.kind in "fiub":
         numbers = read_values(table, source, "time_s", recipe, None)
+        if not (column.unit or table.units.get(source) or units.unit_in_header(source)):
+            doubts = time_units.question_seconds(numbers.numbers, source, table.file)
+            numbers = replace(numbers, notes=(*numbers.notes, *doubts))
         return replace(numbers, origin=Origin("numbers"))
     form = form or _time_format(raw, table.file, source)
     found = times.to_seconds(raw, form, table.file, source)

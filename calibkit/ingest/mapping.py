@@ -4,6 +4,7 @@ exclusions.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -63,17 +64,19 @@ def map_log(
     """Map a log, or a chunk of one, to canonical columns; raises as `read_file`."""
     file = table.file
     columns = (*needed, *optional)
-    optional = (*optional, *_excluded_by(recipe.exclude, file, columns))
-    mapped = _map_columns(recipe, table, needed, optional)
+    named = _excluded_by(recipe.exclude, file, columns)
+    table = _blank_excluded(table, recipe.exclude)
+    mapped = _map_columns(recipe, table, needed, (*optional, *named))
     require(file, mapped, needed)
     notes = [*table.notes, *(note for column in mapped.values() for note in column.notes)]
     reading = [*table.reading, *(text for column in mapped.values() for text in column.reading)]
-    frame, first_lost = _frame_columns(table, mapped, (*needed, *optional))
+    frame, first_lost = _frame_columns(table, mapped, (*columns, *named))
     notes += first_lost
     frame, corrections = _correct_references(frame, recipe.correction, file)
     frame, dropped = _drop_incomplete_rows(frame, needed, recipe)
-    frame, taken = drop_excluded_rows(frame, recipe.exclude, file, table)
-    frame = frame.drop(columns=[name for name in optional if name not in columns], errors="ignore")
+    frame, taken = drop_excluded_rows(frame, recipe.exclude, file, table if whole else None)
+    if named:
+        frame = frame.drop(columns=named, errors="ignore")
     taken = {number: rows for number, rows in taken.items() if rows or whole}
     return Log(
         log_name(file),
@@ -218,6 +221,18 @@ def drop_excluded_rows(
         taken[number] = int(out.sum()) + torn
         frame = frame[~out] if out.any() else frame
     return frame, taken
+
+
+def _blank_excluded(table: Table, excludes: Sequence[Exclude]) -> Table:
+    """The table with the texts of excluded lines missing, whatever they are: they are not read."""
+    texts = [name for name, kind in table.frame.dtypes.items() if kind.kind not in "fiub"]
+    frame = table.frame
+    for exclude in excludes if texts else ():
+        offset = _offset_of_part(exclude.log, table.file, table)
+        if offset is not None and exclude.lines:
+            out = _find_excluded(frame, exclude, table.file, None, offset)
+            frame = frame.assign(**{str(name): frame[name].mask(out, "") for name in texts})
+    return replace(table, frame=frame)
 
 
 def _excluded_by(excludes: Sequence[Exclude], file: str, there: Sequence[str]) -> list[str]:

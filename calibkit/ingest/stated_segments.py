@@ -28,7 +28,7 @@ def stated_rows(log: Log, spec: Recipe, kinds: Sequence[str]) -> Integers | None
     time = values(log.frame, "time_s")
     found = []
     for segment in segments:
-        place = f"{log.file}: [[segment]] from {segment.from_s:g} s to {segment.to_s:g} s"
+        place = f"{log.file}: [[segment]] from {segment.from_s:.12g} s to {segment.to_s:.12g} s"
         if segment.kind not in kinds:
             expected = " or ".join(f"'{kind}'" for kind in kinds)
             raise FrameError(
@@ -39,7 +39,7 @@ def stated_rows(log: Log, spec: Recipe, kinds: Sequence[str]) -> Integers | None
         if stop - start < 2:
             raise FrameError(
                 f"{place}: {stop - start} rows, expected at least 2",
-                hint=f"the log goes from {time[0]:g} s to {time[-1]:g} s",
+                hint=f"the log goes from {time[0]:.12g} s to {time[-1]:.12g} s",
             )
         found.append((start, stop))
     return np.array(found, dtype=np.int64)

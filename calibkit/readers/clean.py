@@ -19,7 +19,7 @@ from typing import BinaryIO
 import numpy as np
 
 from calibkit.arrays import Array
-from calibkit.errors import LogFormatError
+from calibkit.errors import LogFormatError, advise_exclude
 from calibkit.native import kernels
 from calibkit.readers import delimited
 from calibkit.readers.table import Table
@@ -181,7 +181,7 @@ def _first_fault(file: str, block: bytes, rows: int, fields: int) -> LogFormatEr
     return LogFormatError(
         f"{file}:{rows + odd + 2}: found"
         f" {lines[odd].decode('ascii', 'backslashreplace').strip()!r}, expected {fields} numbers",
-        hint="repair the row, or leave the range out with [[exclude]]",
+        hint=f"repair the row, or leave it out: {advise_exclude(file, lines=[rows + odd + 2])}",
     )
 
 

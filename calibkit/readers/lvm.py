@@ -164,7 +164,7 @@ def _parse_row(
         else:
             raise LogFormatError(
                 f"{file}:{number}: column '{name}': found '{plain[:40]}', expected a number",
-                hint="repair the row, or leave the range out with [[exclude]]",
+                hint="repair the row, or copy the file again",
             )
     return numbers
 

@@ -14,8 +14,8 @@ nearest float64; nothing is rounded, resampled or dropped.
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from dataclasses import dataclass
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -163,25 +163,26 @@ def _parse_rows(
             torn, delimited.wrong_fields(counts, int(torn[0]), _advise(rows, found, open_end))
         )
         return _parse_rows(rows, kinds, found, words, open_end=open_end)
-    parse_rows = partial(
-        delimited.parse_rows, body, sep=separator, decimal=found.decimal, skipinitialspace=True
-    )
-    try:
-        return parse_rows(kinds), ()
-    except (ValueError, OverflowError):
-        frame = parse_rows(dict.fromkeys(kinds, "str"))
+    dialect = {"sep": separator, "decimal": found.decimal, "skipinitialspace": True}
+    dropping = rows.spec.torn_lines == "drop"
+    stamps = [k for k, column in enumerate(found.columns) if dropping and column.kind == "time"]
+    if not stamps:
+        with suppress(ValueError, OverflowError):
+            return delimited.parse_rows(body, kinds, **dialect), ()
+    frame = delimited.parse_rows(body, dict.fromkeys(kinds, "str"), **dialect)
     columns = {
         number: _TextColumn.sort(frame[number], found.decimal, words)
         for number, kind in kinds.items()
         if kind == "float64"
-    }
+    } | {number: _TextColumn.stamps(frame[number]) for number in stamps}
     wrong = np.any([column.wrong for column in columns.values()], axis=0)
     if wrong.any():
         rows.drop_torn(np.flatnonzero(wrong), _wrong_token(rows, columns, found, open_end))
         return _parse_rows(rows, kinds, found, words, open_end=open_end)
     notes = []
     for number, column in columns.items():
-        frame[number] = column.parse(rows, found, number)
+        if number not in stamps:
+            frame[number] = column.parse(rows, found, number)
         notes += column.describe_words(rows.lines, found.names[number])
     return frame, tuple(notes)
 
@@ -239,6 +240,13 @@ class _TextColumn:
         word = plain.str.lower().isin(words).to_numpy()
         empty = (plain == "").to_numpy()
         return cls(plain, word & ~empty, grouped & ~numeric, ~(empty | word | numeric | grouped))
+
+    @classmethod
+    def stamps(cls, texts: pd.Series) -> _TextColumn:
+        """Sort the stamps of a column of times: those that are torn are wrong."""
+        plain = texts.fillna("").str.strip()
+        torn = np.array([bool(text) and not tokens.is_measured(text) for text in plain], dtype=bool)
+        return cls(plain, np.zeros_like(torn), np.zeros_like(torn), torn)
 
     def parse(self, rows: damage.Rows, found: Dialect, number: int) -> pd.Series:
         """Numbers of the column. Raises LogFormatError where some thousands have a mark between

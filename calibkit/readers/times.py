@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.errors import LogFormatError
+from calibkit.errors import LogFormatError, advise_exclude
 from calibkit.frame import Origin
-from calibkit.readers.table import Guess
+from calibkit.readers.table import FIRST_ROW, Guess
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -82,10 +82,11 @@ class _Fields:
 
     def fault(self, row: int, expected: str, hint: str) -> LogFormatError:
         """The error of a field that is not what was expected."""
+        line = int(self.texts.index[row]) + FIRST_ROW
         return LogFormatError(
-            f"{self.file}:{int(self.texts.index[row]) + 2}: column '{self.column}': found"
+            f"{self.file}:{line}: column '{self.column}': found"
             f" '{self.texts.iloc[row][:40]}', expected {expected}",
-            hint=hint,
+            hint=f"{hint}, or leave it out: {advise_exclude(self.file, lines=[line])}",
         )
 
 
@@ -344,6 +345,5 @@ def _parse_decimal(fields: _Fields) -> tuple[Integers, int]:
             first = value if first is None else first
             nanoseconds[row] = int((value - first).scaleb(9).to_integral_value())
         except (InvalidOperation, OverflowError, ValueError):
-            hint = "repair the row, or leave the range out with [[exclude]]"
-            raise fields.fault(row, "a number", hint) from None
+            raise fields.fault(row, "a number", "repair the row") from None
     return nanoseconds, 0 if first is None else int(first.scaleb(9).to_integral_value())

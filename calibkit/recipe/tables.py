@@ -277,7 +277,7 @@ class Pin(Table):
     @model_validator(mode="after")
     def _ordered(self) -> Pin:
         if self.to_s <= self.from_s:
-            raise ValueError(f"to_s = {self.to_s:g} is not after from_s = {self.from_s:g}")
+            raise ValueError(f"to_s = {self.to_s:.12g} is not after from_s = {self.from_s:.12g}")
         return self
 
 
@@ -367,9 +367,8 @@ class Recipe(Table):
         for k, pin in enumerate(pins):
             for other in pins[:k]:
                 if pin.log == other.log and pin.from_s < other.to_s and other.from_s < pin.to_s:
-                    raise ValueError(
-                        f"two segments of {pin.log} overlap at {max(pin.from_s, other.from_s):g} s"
-                    )
+                    at = max(pin.from_s, other.from_s)
+                    raise ValueError(f"two segments of {pin.log} overlap at {at:.12g} s")
         return pins
 
     def named_logs(self) -> tuple[tuple[tuple[str, ...], tuple[str, ...]], ...]:

@@ -44,7 +44,8 @@ def find(log: Log, held: Plateaus, columns: Sequence[str]) -> Iterator[Finding]:
                 f"{data[first]:.4g} 1/s while the table turns ({lost} such"
                 f" row{'s' if lost > 1 else ''})",
                 f"about {expected:.4g} 1/s, as the other held rates let expect",
-                "pulses were lost: leave the rows out with [[exclude]], or repair the logger",
+                "pulses were lost: repair the logger, or leave the rows out:"
+                f" {log.advise_exclude([first])}",
                 "dropout",
                 figure=float(data[first]),
             )

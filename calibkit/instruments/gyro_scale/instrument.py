@@ -113,7 +113,7 @@ def _fit_pair(
         if name not in files:
             raise RecipeError(
                 f"pair.axis_{axis} = '{name}': no such log among {', '.join(files)}",
-                hint="a pair needs the log of each table axis; see [logs] files and [[exclude]]",
+                hint="a pair needs the log of each table axis; see [logs] files, exclude",
             )
     runs = _read_runs(spec, data, sorted(files, key=spec.find_axis), progress)
     fitted = pair_fit.fit_pair(runs["a"][0], runs["b"][0], spec)

@@ -274,7 +274,14 @@ def _beside(columns: Sequence[Array], log: Log) -> Array:
 
 
 def _find_beyond(
-    log: Log, column: str, limit: float, unit: str, expected: str, advice: str
+    log: Log,
+    column: str,
+    limit: float,
+    unit: str,
+    expected: str,
+    advice: str,
+    *,
+    exclude: bool = False,
 ) -> list[Finding]:
     """Finding on a column's values beyond a limit in its unit: the first one, and their number."""
     if max(map(abs, log.extremes(column))) <= limit:
@@ -286,6 +293,7 @@ def _find_beyond(
     worst = float(data[bad[0]])
     what = f"{worst:g} {unit} ({bad.size} such row{'s' if bad.size > 1 else ''})"
     figure = None if column == forms.RATE else worst
+    advice += f" {log.advise_exclude(bad)}" if exclude else ""
     return [
         check.finding_at_row(
             log, int(bad[0]), column, what, expected, advice, "range", figure=figure
@@ -312,11 +320,9 @@ def _find_overload(log: Log, column: str) -> list[Finding]:
     )
     if not usual > 0.0:
         return []
-    advice = (
-        "a logger writes such numbers for overload or nothing: leave the rows out with [[exclude]]"
-    )
+    advice = "a logger writes such numbers for overload or nothing: leave the rows out:"
     expected = f"counts like those of the other rows, up to {usual:.4g} 1/s"
-    return _find_beyond(log, column, BEYOND * usual, "1/s", expected, advice)
+    return _find_beyond(log, column, BEYOND * usual, "1/s", expected, advice, exclude=True)
 
 
 def _find_few_rates(spec: GyroRecipe, log: Log, held: plateau_means.Plateaus) -> list[Finding]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.constants import DPH_PER_DPS
-from calibkit.errors import FitError
+from calibkit.errors import FitError, advise_exclude
 from calibkit.instruments.gyro_scale import forms, over_runs, table_runs
 from calibkit.instruments.gyro_scale.numeric import scale_factor, triad as gyro_triad
 from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe
@@ -148,8 +148,8 @@ def _groups(
             raise FitError(
                 f"no log about table axis {missing[0]} near {degc:.1f} °C, where there are {there}",
                 hint=(
-                    "each temperature needs a run about each axis; take the others out with"
-                    " [[exclude]]"
+                    "each temperature needs a run about each axis; leave the others out:"
+                    f" {advise_exclude(there.split(', ')[0])}"
                 ),
             )
     return groups

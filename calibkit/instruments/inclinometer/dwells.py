@@ -211,14 +211,15 @@ def _find_open_stations(
         for k in np.flatnonzero(
             np.abs(closures[:, column]) > np.maximum(limit, certain[:, column])
         ).tolist():
-            row = int(np.flatnonzero(station == stations[k])[0])
+            rows = np.flatnonzero(station == stations[k])
+            row = int(rows[0])
             found.append(
                 Finding(
                     f"{log.place(row)}: station {stations[k]:g}: {name}",
                     f"r₀ − r₉₀ + r₁₈₀ − r₂₇₀ = {closures[k, column]:.3g} {unit}",
                     f"at most {limit:g} {unit} of one attitude",
-                    "the tool was moved between these dwells: give a column station, or leave out"
-                    " with [[exclude]] the dwells that make no four",
+                    "the tool was moved between these dwells: give a column station, or leave"
+                    f" these out: {log.advise_exclude(rows)}",
                     name="closure",
                     line=log.line(row),
                 )

@@ -1,0 +1,63 @@
+"""Whether numbers that are taken as seconds are: their spacing tells milliseconds, microseconds and
+ticks of a clock crystal from seconds.
+"""
+
+import json
+
+import numpy as np
+
+from calibkit.arrays import Array
+from calibkit.errors import FrameError
+
+_FEWEST_ROWS = 30
+"""Rows from which a spacing is judged: a handful of rows may be days apart."""
+_NOTED_S, _REFUSED_S = 900.0, 1e4
+"""Spacings from which numbers without a unit are questioned, and refused: no logger waits three
+hours between rows.
+"""
+_CRYSTAL_HZ = 32768.0
+"""Frequency of a watch crystal, whose ticks loggers count."""
+_ROUND = 1e-4
+"""Relative departure from a round number."""
+
+
+def question_seconds(stamps: Array, source: str, file: str) -> tuple[str, ...]:
+    """Note on numbers [n] without a stated unit whose spacing is hardly one of seconds. Raises
+    FrameError where it is none, with the unit that it looks like.
+    """
+    there = stamps[np.isfinite(stamps)]
+    if there.size < _FEWEST_ROWS:
+        return ()
+    step = abs(float(np.median(np.diff(there))))
+    if step < _NOTED_S:
+        return ()
+    words, keys = _guess_unit(step)
+    span = float(there[-1] - there[0])
+    rows = f"{there.size:,} rows over {span:.4g} s, one every {step:.6g} s"
+    found = f"column '{source}': {rows}: {words}?"
+    written = json.dumps(source, ensure_ascii=False)
+    advice = f"under [columns] time_s = {{ from = {written}, {keys} }}"
+    if step >= _REFUSED_S:
+        raise FrameError(
+            f"{file}: {found}", hint=f'state the unit, {advice}; of seconds unit = "s"'
+        )
+    return (f"{found} State the unit, {advice}",)
+
+
+def _guess_unit(step: float) -> tuple[str, str]:
+    """What a spacing [1] of stamps looks like, in words, and the keys of a column that say so."""
+    ticks = step / _CRYSTAL_HZ
+    binary = min(_off_round(ticks), _off_round(1.0 / ticks)) < _ROUND
+    decimal = _off_round(step / 10.0 ** np.floor(np.log10(step) - 1.0)) < _ROUND
+    if binary and not decimal:
+        return "ticks of 1/32768 s", f'scale = {1.0 / _CRYSTAL_HZ!r}, unit = "s"'
+    if step >= 5e7:
+        return "nanoseconds", 'unit = "ns"'
+    if step >= 1e5:
+        return "microseconds", 'unit = "us"'
+    return "milliseconds or microseconds", 'unit = "ms"'
+
+
+def _off_round(value: float) -> float:
+    """Relative distance of a number from the nearest whole number above 0."""
+    return abs(value - max(round(value), 1)) / value
