@@ -94,6 +94,17 @@ def test_a_unit_that_nobody_knows_is_refused_until_the_recipe_states_it(tmp_path
     np.testing.assert_array_equal(column(log, "gyro_dph"), [1.0, 2.0])
 
 
+@pytest.mark.parametrize("below", ["s,mrad/min,°C", "[s],[mrad/min],[°C]"])
+def test_an_unknown_unit_in_a_line_of_units_is_refused(tmp_path, below):
+    """A line of units below the names states them as brackets do; one dash states none."""
+    content = f"time_s,gyro_dph,T\n{below}\n0,1,20\n1,2,20\n"
+    with pytest.raises(FrameError, match="states the unit 'mrad/min'"):
+        read(tmp_path, content, "", ("time_s", "gyro_dph"))
+    none = content.replace("mrad/min", "-")
+    log = read(tmp_path, none, "", ("time_s", "gyro_dph"))
+    np.testing.assert_array_equal(column(log, "gyro_dph"), [1.0, 2.0])
+
+
 @pytest.mark.parametrize("label", ["x", "axis 1", "case", "raw", "Pt100", "CH 3", "外"])
 def test_a_label_in_brackets_is_no_unit(tmp_path, label):
     """A name of a sensor or axis behind a column's name changes nothing."""

@@ -136,7 +136,10 @@ def _names_and_units(
     if not lines:
         return [(name, units.unit_in_header(name)) for name in names]
     header = [field.strip() for field in above[-lines]]
-    stated = map(units.parse_unit, above[-1]) if lines == 2 else map(units.unit_in_header, header)
+    if lines == 2:
+        stated = [units.as_stated(field.strip(" -[]()<>{}")) for field in above[-1]]
+    else:
+        stated = [units.unit_in_header(field) for field in header]
     return list(zip(names or _unique_names(header), stated, strict=True))
 
 
