@@ -136,6 +136,18 @@ def test_a_term_is_added_where_the_logs_have_what_it_describes(kind, name):
     assert (len(found.tested) == 1) == (kind == "plain")
 
 
+@pytest.mark.parametrize("seed", [400_000, 400_004])
+def test_the_static_lag_is_found_beside_a_hysteresis(seed):
+    """The lag of the best evidence is the one that its own linear equations imply, within 5 %."""
+    coil = plant().draw(seed, "strong hysteresis")
+    stacked = choice.Stack.of_logs([one.log for one in plant().campaign(coil, seed)])
+    groups = choice.Groups.of_stack(stacked, np.ones(stacked.indication.size))
+    found = bank_fit.solve(bank_fit.state_problem(stacked, groups, "h"))
+    p = found.problem.root.shape[0]
+    implied = bank_fit.STATIC_MEAN + found.posterior.coefficients[p : p + 3]
+    assert implied == pytest.approx(found.lag, abs=0.05)
+
+
 def test_noise_and_drift_of_an_output_are_told_apart():
     """White noise of 0.06 °/h in 100 s means over a drift of 0.02 °/h, in 200 logs: both come out
     on average, and U covers what is left, also where that is nothing.

@@ -52,7 +52,7 @@ def follow_bank(
     if bank.widths:
         raise OutputError(
             "the model has a hysteresis, which has no bounded error in firmware",
-            hint="compensate with `calibkit apply`, or fit with drift.hysteresis = false",
+            hint="compensate with `calibkit apply`, or fit with drift.model = 'lagged'",
         )
     middle, half = exact.span(*model.valid[CASE])
     draft.steps.append(Memory("x_before", "x", "same"))

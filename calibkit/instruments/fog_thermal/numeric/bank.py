@@ -102,11 +102,16 @@ class Bank:
         return np.asarray(at - origin, dtype=np.float64)
 
     def slope(self, coefficients: Array, drivers: "BankDrivers") -> Array:
-        """Derivative [n, °/h/°C] of the indicated rate by T; play operators count as constant."""
+        """Derivative [n, °/h/°C] of the indicated rate by T; a play operator that is not pushed
+        stays where it is.
+        """
         z = (drivers.temperature - ORIGIN_DEGC) / SCALE_DEGC
         powers = np.arange(1, POWERS + 1)
         found = (powers * z[:, None] ** (powers - 1)) @ coefficients[self.part("s")]
         found = (found + drivers.rates @ coefficients[self.part("b")]) / SCALE_DEGC
+        if self.widths:
+            free = np.abs(drivers.behind) < 1.0
+            found = found - free @ (coefficients[self.part("h")] / np.array(self.widths))
         if self.knots:
             steps = np.diff(coefficients[self.part("g")]) / np.diff(self.knots)
             place = np.searchsorted(self.knots, drivers.temperature, side="right") - 1

@@ -188,6 +188,19 @@ class Solution:
         known = evidence.log_variances(self.problem.prior, self.posterior.theta)
         return float(np.sum(1.0 - np.diag(self.posterior.covariance) / np.exp(known)))
 
+    def size_of_part(self, letter: str) -> float:
+        """Rms [°/h] over the logs of the terms whose names begin with a letter, their uncertainty
+        included.
+        """
+        part = self.problem.bank.part(letter)
+        columns = self.problem.columns(self.lag, None)[:, part]
+        mean, covariance = (
+            self.posterior.coefficients[part],
+            self.posterior.covariance[part, part],
+        )
+        square = covariance + np.outer(mean, mean)
+        return float(np.sqrt(np.mean(np.sum(columns @ square * columns, axis=1))))
+
     def leave_out(self) -> Iterator[Array]:
         """Drift [rows, °/h, up to a constant] of each ramp by the fit to all others, at the same
         variances and noise.

@@ -79,6 +79,8 @@ class _Fitted:
     solution: Solution | bank_fit.Solution
     survey: Survey | None
     logs: int
+    unmodelled: tuple[tuple[str, float], ...] = ()
+    """Names and sizes [°/h] of terms that the evidence asks for and left-out ramps do not."""
 
     @property
     def parameters(self) -> int:
@@ -186,12 +188,21 @@ def choose(
     if best is None:
         return ThermalChoice(tested, refused, None, None, _nothing_helps(tested, refused))
     model = solutions[best].finish(stacked)
+    explained = uncertainty.explained(model, stacked.logs, figure_blocks)
+    left = uncertainty.model_error(tested[best].errors, explained)
+    unmodelled = solutions[best].unmodelled
     model = replace(
         model,
-        model_error=uncertainty.model_error(
-            tested[best].errors, uncertainty.explained(model, stacked.logs, figure_blocks)
-        ),
+        model_error=float(np.sqrt(left**2 + sum(size**2 for _, size in unmodelled))),
         model_error_dof=float(len(stacked.ramps) - 1),
+        flags=(
+            *model.flags,
+            *(
+                f"{name} of some {size:.2g} deg/h is likely, but left-out ramps do not come out"
+                " better with it: it is not modelled and is in the uncertainty"
+                for name, size in unmodelled
+            ),
+        ),
     )
     return ThermalChoice(tested, refused, tested[best], model, _why(tested[best], tested))
 
@@ -287,8 +298,8 @@ def _grow_bank(candidate: _Candidate, stacked: Stack, robust: Array) -> Iterator
     yield here
     left, taken = set(FURTHER) - ({"h"} if _one_sided(stacked) else set()), ""
     while left:
-        assert isinstance(here.solution, bank_fit.Solution)  # noqa: S101 (mypy)
         was = here.solution
+        assert isinstance(was, bank_fit.Solution)  # noqa: S101 (mypy)
         tried = {
             letter: bank_fit.solve_at(
                 bank_fit.state_problem(stacked, groups, taken + letter),
@@ -297,11 +308,22 @@ def _grow_bank(candidate: _Candidate, stacked: Stack, robust: Array) -> Iterator
             )
             for letter in sorted(left)
         }
-        letter = max(tried, key=lambda name: tried[name].posterior.log_integral)
-        if tried[letter].posterior.log_integral < was.posterior.log_integral + GAINED:
+        gains = {
+            letter: one.posterior.log_integral - was.posterior.log_integral
+            for letter, one in tried.items()
+        }
+        letter = max(gains, key=lambda name: gains[name])
+        if gains[letter] < GAINED or not _better(tried[letter], was, stacked):
+            yield replace(
+                here,
+                unmodelled=tuple(
+                    (FURTHER[one], tried[one].size_of_part(one))
+                    for one in gains
+                    if gains[one] > 0.0
+                ),
+            )
             return
-        if _mean_square(tried[letter], stacked) >= _mean_square(was, stacked):
-            return
+        yield here
         taken, left = taken + letter, left - {letter}
         solution = bank_fit.solve(tried[letter].problem)
         here = _Fitted(
@@ -310,7 +332,12 @@ def _grow_bank(candidate: _Candidate, stacked: Stack, robust: Array) -> Iterator
             None,
             logs,
         )
-        yield here
+    yield here
+
+
+def _better(one: bank_fit.Solution, other: bank_fit.Solution, stacked: Stack) -> bool:
+    """Whether left-out ramps come out better on average."""
+    return _mean_square(one, stacked) < _mean_square(other, stacked)
 
 
 def _mean_square(solution: bank_fit.Solution, stacked: Stack) -> float:

@@ -1,0 +1,228 @@
+"""Drift models on logs that were not fitted, by noise-free truth, on two plants: the lumped gyro of
+the shipped simulations and a coil through which heat diffuses.
+
+    PYTHONPATH=. python benchmarks/drift_plants.py [gyros per row [first seed]]
+
+Each gyro is fitted on ±1, ±5, ±8, ±10 °C/min with soaks of 30 min (the lumped one 10 and 60) and
+judged on eight logs: ±2, ±3, ±6 °C/min, a mission of ramps and soaks, a sine of six hours.
+Reduction: sd of the true drift over sd of what is left of it, 60 s means. Coverage: share of 60 s
+means within U, about the log's mean and absolutely, and of nine statements at rest of each gyro.
+"Allowed": gyros whose least reduction by a model that knows the physics is 13 or more.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import diffusion_coil
+import drift_generalisation as lumped
+import numpy as np
+
+from calibkit.instruments.fog_thermal import simulate as fog
+from calibkit.instruments.fog_thermal.numeric import choice, evaluate, uncertainty
+from calibkit.numeric import gum, intervals
+from calibkit.simulate.chamber import Chamber
+
+if TYPE_CHECKING:
+    from calibkit.arrays import Array
+    from calibkit.instruments.fog_thermal.numeric.bank import OnLevels
+    from calibkit.instruments.fog_thermal.numeric.pooled_fit import ThermalLog
+
+FIRST_SEED = 400_000
+GROUP = 6
+REST_DEGC = (-40.0, -30.0, -20.0, -10.0, 0.0, 10.0, 40.0, 50.0, 60.0)
+ALLOWED = 13.0
+ROWS = (
+    ("diffusion", "plain", {}),
+    ("diffusion", "plain", {"rates": (1.0, 10.0)}),
+    ("diffusion", "plain", {"ways": (1,)}),
+    ("diffusion", "plain", {"soak_s": 300.0}),
+    ("diffusion", "plain", {"cycled": True}),
+    ("diffusion", "weak", {}),
+    ("diffusion", "none", {}),
+    ("diffusion", "hysteresis", {}),
+    ("diffusion", "strong hysteresis", {}),
+    ("diffusion", "bump", {}),
+    ("diffusion", "warm-up", {}),
+    ("lumped", "plain", {}),
+    ("lumped", "plain", {"rates": (1.0, 10.0)}),
+)
+
+
+@dataclass(frozen=True)
+class Judged:
+    """One gyro: reductions [logs], what the noise allows [logs], coverage about the mean and
+    absolutely, errors at rest with U [°/h], logs that are worse than uncorrected by more than U,
+    what a choice without a bank reaches [logs], and seconds of the choice.
+    """
+
+    reductions: Array
+    limits: Array
+    about_mean: float
+    absolute: float
+    rest: Array
+    worse: int
+    without_bank: Array
+    seconds: float
+    name: str
+
+
+def stated(model: OnLevels, found: evaluate.Evaluation) -> Array:
+    """Expanded uncertainty [n, °/h] of the drift."""
+    _, _, parts, dofs = zip(*uncertainty.contributions(model, found), strict=True)
+    return gum.expand_along(np.stack(parts), np.array(dofs))[2]
+
+
+def means(values: Array) -> Array:
+    """Means of 60 s."""
+    size = values.shape[0] // GROUP * GROUP
+    return values[:size].reshape(-1, GROUP, *values.shape[1:]).mean(axis=1)
+
+
+def reduction(model: OnLevels | None, log: ThermalLog, truth: Array) -> float:
+    """Reduction of the true drift of a log; 1 without a model."""
+    if model is None:
+        return 1.0
+    left = truth - evaluate.evaluate(model, log.time, log.case, log.env).drift
+    return float(np.std(means(truth)) / np.std(means(left)))
+
+
+def judge(
+    fitted: list[ThermalLog], unseen: list[tuple[ThermalLog, Array]], limits: Array, rest: Array
+) -> Judged:
+    """Figures of one gyro; `rest` [9, °/h] is its true drift at rest."""
+    start = time.process_time()
+    found = choice.choose(fitted)
+    taken = time.process_time() - start
+    model, name = found.model, found.chosen.candidate.name if found.chosen else "none"
+    others = choice.choose(fitted, [one for one in choice.CANDIDATES if one.form != "bank"]).model
+    without = np.array([reduction(others, *one) for one in unseen])
+    if model is None:
+        nothing = np.full((2, len(REST_DEGC)), np.nan)
+        return Judged(np.ones(8), limits, np.nan, np.nan, nothing, 0, without, taken, name)
+    reached, mean, absolute, worse = [], [], [], 0
+    for log, truth in unseen:
+        there = evaluate.evaluate(model, log.time, log.case, log.env)
+        error, U = there.drift - truth, stated(model, there)
+        reached.append(reduction(model, log, truth))
+        mean.append(np.mean(np.abs(error - error.mean()) <= U))
+        absolute.append(np.mean(np.abs(error) <= U))
+        away = truth - truth.mean()
+        worse += bool(np.std(error) > np.std(away) + np.sqrt(np.mean(U**2)))
+    still = np.array([[model_at_rest(model, degc)] for degc in REST_DEGC])[:, 0].T
+    return Judged(
+        np.array(reached),
+        limits,
+        float(np.mean(mean)),
+        float(np.mean(absolute)),
+        np.stack([still[0] - rest, still[1]]),
+        worse,
+        without,
+        taken,
+        name,
+    )
+
+
+def model_at_rest(model: OnLevels, degc: float) -> tuple[float, float]:
+    """Drift at rest against 25 °C and its expanded uncertainty [°/h]."""
+    time_s, case = np.array([0.0, 1.0]), np.full(2, degc)
+    if getattr(model, "bank", None) is not None and model.bank.widths + model.bank.warm_up:
+        (rate, row), (zero, origin) = evaluate.at_rest(model, degc), evaluate.at_rest(model, 25.0)
+        u = gum.uncertainty_along((row - origin)[None], model.covariance)[0]
+        return rate - zero, 2.0 * float(np.hypot(u, model.model_error))
+    found = evaluate.evaluate(model, time_s, case, case)
+    return float(found.drift[1]), float(stated(model, found)[1])
+
+
+def diffusion(seed: int, kind: str, options: dict[str, object]) -> Judged:
+    """Figures of a diffusion coil."""
+    coil = diffusion_coil.draw(seed, kind)
+    made = diffusion_coil.campaign(coil, seed, **options)  # type: ignore[arg-type]
+    unseen = diffusion_coil.unseen(coil, seed)
+    limits = np.full(8, np.nan)
+    if kind == "plain":
+        limits = diffusion_coil.noise_limit(coil, made, unseen)
+    rest = np.array([diffusion_coil.drift_at_rest(coil, degc) for degc in REST_DEGC])
+    return judge([one.log for one in made], [(one.log, one.drift) for one in unseen], limits, rest)
+
+
+def of_lumped(seed: int, kind: str, options: dict[str, object]) -> Judged:
+    """Figures of a lumped gyro."""
+    device = lumped.gyro(seed, kind)
+    rates = options.get("rates", (1.0, 5.0, 8.0, 10.0))
+    unseen = diffusion_coil.unseen_programmes(seed)
+    programmes = fog.programmes(rates, ()) | {f"unseen/{n}": p for n, p in unseen.items()}  # type: ignore[arg-type]
+    fitted, judged = [], []
+    for name, log in fog.logs(device, programmes, seed, Chamber()).items():
+        found = lumped.thermal_log(name, log)
+        if name.startswith("unseen/"):
+            held = intervals.Intervals.find(log.columns["time_s"].astype(np.float64), 10.0)
+            judged.append((found, held.means(log.drift)))
+        else:
+            fitted.append(found)
+    powers = [0.0, *device.static_dph]
+    above = np.array(REST_DEGC) - 25.0
+    rest = np.polynomial.polynomial.polyval(above, powers)
+    return judge(fitted, judged, np.full(8, np.nan), rest)
+
+
+def line(plant: str, kind: str, options: dict[str, object], found: list[Judged]) -> str:
+    """One row of the table."""
+    reached = np.array([one.reductions for one in found])
+    least, limits = reached.min(axis=1), np.array([one.limits for one in found])
+    allowed = limits.min(axis=1) >= ALLOWED
+    ten = f"{np.mean(least[allowed] >= 10.0):.0%} of {allowed.sum()}" if allowed.any() else "–"
+    rest = np.array([one.rest for one in found])
+    known = np.isfinite(rest[:, 0, 0])
+    errors, U = np.abs(rest[known, 0]), rest[known, 1]
+    without = np.median(np.median([one.without_bank for one in found], axis=1))
+    told = ", ".join(f"{key} {value}" for key, value in options.items())
+    figures = (
+        f"{least.min():.1f} / {np.quantile(least, 0.1):.1f} / {np.median(least):.1f}",
+        ten,
+        f"{np.median(np.median(reached, axis=1)):.1f}",
+        f"{without:.1f}",
+        f"{np.median(np.median(limits, axis=1)):.1f}",
+        f"{np.nanmean([one.about_mean for one in found]):.3f}",
+        f"{np.nanmean([one.absolute for one in found]):.3f}",
+        f"{np.mean(errors <= U):.3f}",
+        f"{np.median(errors):.4f} / {np.quantile(errors.max(axis=1), 0.9):.4f}"
+        if known.any()
+        else "–",
+        str(sum(one.worse for one in found)),
+        f"{np.mean([one.seconds for one in found]):.2f}",
+    )
+    return (
+        f"| {plant}, {kind}{': ' + told if told else ''} | {len(found)} | {' | '.join(figures)} |"
+    )
+
+
+def main() -> int:
+    """Run and print the table, one row at a time."""
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else 16
+    first = int(sys.argv[2]) if len(sys.argv) > 2 else FIRST_SEED
+    chosen = int(sys.argv[3]) if len(sys.argv) > 3 else None
+    print(
+        "| plant, kind: campaign | gyros | least reduction: min / 10 % / median"
+        " | ≥ 10 where allowed | median of medians | without a bank | noise limit | coverage about mean | absolute |"
+        " at rest | error at rest: median / 90 % of largest | worse than raw by > U | s |"
+    )
+    print("|" + "---|" * 13)
+    for number, (plant, kind, options) in enumerate(ROWS):
+        if chosen is not None and number != chosen:
+            continue
+        act = diffusion if plant == "diffusion" else of_lumped
+        found = [act(first + k, kind, options) for k in range(count)]
+        print(line(plant, kind, options, found), flush=True)
+        names: dict[str, int] = {}
+        for one in found:
+            names[one.name] = names.get(one.name, 0) + 1
+        print(f"<!-- {names} -->", flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
