@@ -207,7 +207,8 @@ def main() -> int:
     chosen = int(sys.argv[3]) if len(sys.argv) > 3 else None
     print(
         "| plant, kind: campaign | gyros | least reduction: min / 10 % / median"
-        " | ≥ 10 where allowed | median of medians | without a bank | noise limit | coverage about mean | absolute |"
+        " | ≥ 10 where allowed | median of medians | without a bank | noise limit"
+        " | coverage about mean | absolute |"
         " at rest | error at rest: median / 90 % of largest | worse than raw by > U | s |"
     )
     print("|" + "---|" * 13)

@@ -216,6 +216,9 @@ def _best_of(tested: Sequence[_LeftOut], *, one_sided: bool = False) -> int | No
     nothing tests the others.
     """
     helping = [k for k, result in enumerate(tested) if result.helps]
+    # a further term of a bank has been tested when it was added: the last bank stands for all
+    banks = [k for k in helping if tested[k].candidate.form == "bank"]
+    helping = [k for k in helping if k not in banks[:-1]]
     if one_sided:
         helping = [k for k in helping if tested[k].candidate.form == "bank"] or helping
     if not helping:
@@ -295,7 +298,6 @@ def _grow_bank(candidate: _Candidate, stacked: Stack, robust: Array) -> Iterator
     groups = Groups.of_stack(stacked, robust)
     logs = len(stacked.logs)
     here = _Fitted(candidate, bank_fit.solve(bank_fit.state_problem(stacked, groups)), None, logs)
-    yield here
     left, taken = set(FURTHER) - ({"h"} if _one_sided(stacked) else set()), ""
     while left:
         was = here.solution
