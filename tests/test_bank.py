@@ -16,6 +16,7 @@ from calibkit.instruments.fog_thermal.numeric import (
     evaluate,
     evidence,
 )
+from calibkit.instruments.fog_thermal.numeric.bank_groups import Groups
 from calibkit.instruments.fog_thermal.numeric.noise import Noise
 from calibkit.instruments.fog_thermal.numeric.terms import TERMS, ThermalModel, Valid
 from conftest import ROOT
@@ -141,7 +142,7 @@ def test_the_static_lag_is_found_beside_a_hysteresis(seed):
     """The lag of the best evidence is the one that its own linear equations imply, within 5 %."""
     coil = plant().draw(seed, "strong hysteresis")
     stacked = choice.Stack.of_logs([one.log for one in plant().campaign(coil, seed)])
-    groups = choice.Groups.of_stack(stacked, np.ones(stacked.indication.size))
+    groups = Groups.of_stack(stacked, np.ones(stacked.indication.size))
     found = bank_fit.solve(bank_fit.state_problem(stacked, groups, "h"))
     p = found.problem.root.shape[0]
     implied = bank_fit.STATIC_MEAN + found.posterior.coefficients[p : p + 3]
@@ -241,7 +242,7 @@ def test_the_search_for_variances_ends_at_the_largest_evidence():
     coil = plant().draw(204)
     logs = [one.log for one in plant().campaign(coil, 204)]
     stacked = choice.Stack.of_logs(logs)
-    groups = choice.Groups.of_stack(stacked, np.ones(stacked.indication.size))
+    groups = Groups.of_stack(stacked, np.ones(stacked.indication.size))
     found = bank_fit.solve(bank_fit.state_problem(stacked, groups))
     gram = bank_fit._total(found.grams)
     best = found.posterior

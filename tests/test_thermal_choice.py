@@ -12,6 +12,7 @@ from calibkit.instruments.fog_thermal import simulate as fog, simulate_gyro
 from calibkit.instruments.fog_thermal.numeric import (
     choice as thermal_choice,
     evaluate,
+    left_out,
     noise as thermal_noise,
     pooled_fit,
     uncertainty,
@@ -213,7 +214,7 @@ def test_left_out_errors_of_a_level_model_are_those_of_a_plain_fit_to_the_other_
         root = np.sqrt(solution.weights[kept])
         fit = np.linalg.lstsq(design * root[:, None], stacked.indication[kept] * root)[0][8:]
         left = stacked.indication[rows] - solution.columns[rows] @ fit
-        expected = np.std(thermal_choice._figure_means(left, solution.robust[rows], 10))
+        expected = np.std(left_out.figure_means(left, solution.robust[rows], 10))
         assert found.compensated[ramp] == pytest.approx(expected, rel=1e-6)
 
 
@@ -225,7 +226,7 @@ def test_figure_means_leave_out_spikes_and_the_rest():
     trust = np.ones(34)
     values[5], trust[5] = 1000.0, 0.0
     trust[10:17] = 0.0
-    assert thermal_choice._figure_means(values, trust, 10) == pytest.approx([40.0 / 9.0, 24.5])
+    assert left_out.figure_means(values, trust, 10) == pytest.approx([40.0 / 9.0, 24.5])
 
 
 def result(compensated, raw=(0.2, 0.2, 0.2), *, parameters=5, endless=False):

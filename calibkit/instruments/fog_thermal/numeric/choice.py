@@ -2,7 +2,7 @@
 ramps that were left out of the fit.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -12,35 +12,24 @@ from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.instruments.fog_thermal.numeric import (
     bank_fit,
+    bank_growth,
     lagged,
     level,
     pooled_fit,
     uncertainty,
 )
 from calibkit.instruments.fog_thermal.numeric.bank import OnLevels
-from calibkit.instruments.fog_thermal.numeric.bank_groups import Groups
 from calibkit.instruments.fog_thermal.numeric.compensation import WORSE, LeftOutRamps
 from calibkit.instruments.fog_thermal.numeric.lagged import Survey
+from calibkit.instruments.fog_thermal.numeric.left_out import FIGURE_BLOCKS, left_out_errors
 from calibkit.instruments.fog_thermal.numeric.pooled_fit import Solution, Stack, ThermalLog
 from calibkit.instruments.fog_thermal.numeric.terms import TERMS, chosen_columns
 
 CLEARLY = 0.95
 """Largest ratio of the error on left-out ramps to the raw drift with which a model may be exported.
 """
-GAINED = 1.0
-"""Increase of the logarithm of the evidence from which a further term of a bank is tested on
-left-out ramps: odds of e to 1.
-"""
-FIGURE_BLOCKS = 10
-"""Blocks that one mean of the drift figure averages: 100 s (the longer interval of GJB 2426A) at a
-model interval of 10 s.
-"""
 LEAST_RAMPS = 3
 """Fewest ramps for leaving one out: one more than the two sides of a thermal cycle."""
-LEAST_WEIGHT = 0.5
-"""Smallest mean robust weight of a group of rows, relative to the median of all rows, with which
-the group counts.
-"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,8 +54,6 @@ CANDIDATES = (
     _Candidate("lagged, all terms", "lagged", lagged.LAGGED_TERMS),
     _Candidate("bank of lags", "bank", ()),
 )
-FURTHER = {"g": "table over temperature", "h": "hysteresis", "w": "warm-up"}
-"""Further terms of a bank, and what they describe."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -281,7 +268,18 @@ def _solutions_of(
     for candidate in candidates:
         try:
             if candidate.form == "bank":
-                solved += _grow_bank(candidate, stacked, prepared.robust)
+                solved += [
+                    _Fitted(
+                        replace(candidate, name=candidate.name + grown.name),
+                        grown.solution,
+                        None,
+                        logs,
+                        grown.unmodelled,
+                    )
+                    for grown in bank_growth.grow(
+                        stacked, prepared.robust, one_sided=_one_sided(stacked)
+                    )
+                ]
             elif surveyed is not None and candidate.form == "lagged":
                 solved.append(_Fitted(candidate, surveyed.solve(candidate.terms), surveyed, logs))
             else:
@@ -289,65 +287,6 @@ def _solutions_of(
         except FitError as error:
             refused.append(f"{candidate.name}: {error.message}")
     return solved, tuple(refused)
-
-
-def _grow_bank(candidate: _Candidate, stacked: Stack, robust: Array) -> Iterator[_Fitted]:
-    """Bank of lags, then with one further term after the other, as long as the evidence asks for it
-    and left-out ramps come out better.
-    """
-    groups = Groups.of_stack(stacked, robust)
-    logs = len(stacked.logs)
-    here = _Fitted(candidate, bank_fit.solve(bank_fit.state_problem(stacked, groups)), None, logs)
-    left, taken = set(FURTHER) - ({"h"} if _one_sided(stacked) else set()), ""
-    while left:
-        was = here.solution
-        assert isinstance(was, bank_fit.Solution)  # noqa: S101 (mypy)
-        tried = {
-            letter: bank_fit.solve_at(
-                bank_fit.state_problem(stacked, groups, taken + letter),
-                was.lag,
-                was.posterior.theta,
-            )
-            for letter in sorted(left)
-        }
-        gains = {
-            letter: one.posterior.log_integral - was.posterior.log_integral
-            for letter, one in tried.items()
-        }
-        letter = max(gains, key=lambda name: gains[name])
-        if gains[letter] < GAINED or not _better(tried[letter], was, stacked):
-            yield replace(
-                here,
-                unmodelled=tuple(
-                    (FURTHER[one], tried[one].size_of_part(one))
-                    for one in gains
-                    if gains[one] > 0.0
-                ),
-            )
-            return
-        yield here
-        taken, left = taken + letter, left - {letter}
-        solution = bank_fit.solve(tried[letter].problem)
-        here = _Fitted(
-            replace(candidate, name=f"{here.candidate.name}, {FURTHER[letter]}"),
-            solution,
-            None,
-            logs,
-        )
-    yield here
-
-
-def _better(one: bank_fit.Solution, other: bank_fit.Solution, stacked: Stack) -> bool:
-    """Whether left-out ramps come out better on average."""
-    return _mean_square(one, stacked) < _mean_square(other, stacked)
-
-
-def _mean_square(solution: bank_fit.Solution, stacked: Stack) -> float:
-    """Mean over the ramps of the variance of the error on each left-out ramp, in groups of
-    blocks.
-    """
-    errors = _errors(solution.leave_out(), stacked, solution.problem.groups.weights, FIGURE_BLOCKS)
-    return float(np.mean([np.var(error) for error in errors]))
 
 
 def _left_out(fitted: _Fitted, stacked: Stack, figure_blocks: int) -> _LeftOut:
@@ -360,8 +299,8 @@ def _left_out(fitted: _Fitted, stacked: Stack, figure_blocks: int) -> _LeftOut:
         if isinstance(solution, bank_fit.Solution)
         else solution.robust
     )
-    raw = _errors((np.zeros(1) for _ in stacked.ramps), stacked, robust, figure_blocks)
-    errors = _errors(_predicted(fitted, stacked), stacked, robust, figure_blocks)
+    raw = left_out_errors((np.zeros(1) for _ in stacked.ramps), stacked, robust, figure_blocks)
+    errors = left_out_errors(_predicted(fitted, stacked), stacked, robust, figure_blocks)
     return _LeftOut(
         candidate=fitted.candidate,
         ramps=stacked.ramp_names,
@@ -371,18 +310,6 @@ def _left_out(fitted: _Fitted, stacked: Stack, figure_blocks: int) -> _LeftOut:
         parameters=fitted.parameters,
         endless=fitted.endless,
     )
-
-
-def _errors(
-    predicted: Iterable[Array], stacked: Stack, robust: Array, figure_blocks: int
-) -> tuple[Array, ...]:
-    """Indication less a prediction of each ramp [m, °/h], as figure means about their mean."""
-    found = []
-    for rows, values in zip(stacked.ramps, predicted, strict=True):
-        left = stacked.indication[rows] - values
-        error = _figure_means(left, robust[rows], figure_blocks)
-        found.append(error - error.mean())
-    return tuple(found)
 
 
 def _predicted(fitted: _Fitted, stacked: Stack) -> Iterator[Array]:
@@ -406,16 +333,3 @@ def _predicted(fitted: _Fitted, stacked: Stack) -> Iterator[Array]:
     moments = problem.tangent_moments(solution.log_lags)
     for number, rows in enumerate(stacked.ramps):
         yield problem.leave_out(solution.log_lags, moments, number)[rows]
-
-
-def _figure_means(values: Array, robust: Array, group: int) -> Array:
-    """Robustly weighted means [m] of values [n] over groups of rows; groups of little weight and an
-    incomplete last group are left out.
-    """
-    whole = max(values.size // group, 1) * min(group, values.size)
-    weight = robust[:whole].reshape(-1, min(group, values.size))
-    usable = weight.mean(axis=1) >= LEAST_WEIGHT * max(
-        float(np.median(robust)), np.finfo(float).tiny
-    )
-    grouped = values[:whole].reshape(weight.shape)[usable]
-    return np.asarray(np.average(grouped, axis=1, weights=weight[usable]), dtype=np.float64)
