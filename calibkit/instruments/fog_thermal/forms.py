@@ -6,6 +6,7 @@ lags from sample to sample with the model that `read_thermal` returns.
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -113,7 +114,7 @@ def slope_over_case(model: Model, at: Inputs) -> Array:
     """Derivative [n, °/h/°C] of the rate of a model on levels by case temperature."""
     if model.form == BANK.name:
         terms, drivers, _ = _bank_drivers(model, at)
-        return terms.slope(BANK.read(model)[: -len(STATIC_LAGS)], drivers)
+        return _bank_slope(terms, model, drivers)
     return drivers_at(model, at).slope_over_temperature() @ _terms(model)
 
 
@@ -172,8 +173,14 @@ def _bank_drivers(model: Model, at: Inputs) -> tuple[Bank, BankDrivers, Array]:
 def _bank_gradient(model: Model, at: Inputs) -> Array:
     """Derivatives [n, p + 3] of the indicated rate [°/h] by the coefficients and the static lag."""
     terms, drivers, by_lag = _bank_drivers(model, at)
-    slope = terms.slope(BANK.read(model)[: -len(STATIC_LAGS)], drivers)
+    slope = _bank_slope(terms, model, drivers)
     return np.column_stack([terms.columns(drivers), by_lag * slope[:, None]])
+
+
+def _bank_slope(terms: Bank, model: Model, drivers: BankDrivers) -> Array:
+    """Derivative [n, °/h/°C] by T of a result whose play operators are given."""
+    given = replace(drivers, behind=np.ones_like(drivers.behind))
+    return terms.slope(BANK.read(model)[: -len(STATIC_LAGS)], given)
 
 
 def _bank_rate(model: Model, at: Inputs) -> Array:
