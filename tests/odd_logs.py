@@ -4,9 +4,12 @@ temperature, and how it was written, with the words of recipe that it needs.
 
 from __future__ import annotations
 
+import io
+import json
 from dataclasses import dataclass
 
 import numpy as np
+import openpyxl
 
 ROWS = 120
 NAMES = ("time_s", "temp_case_degc", "gyro_dph")
@@ -19,7 +22,7 @@ def fields():
     """Rows of the clean log as texts: seconds, case temperature, rate."""
     rng = np.random.default_rng(18)
     time = 2.0 * np.arange(ROWS)
-    case = -20.0 + 0.6 * np.arange(ROWS) + rng.normal(0.0, 0.02, ROWS)
+    case = -20.0 + 1.8 * (np.arange(ROWS) // 3)  # typed once for three rows
     rate = 9.0 + 0.02 * case - 1e-4 * case**2 + rng.normal(0.0, 0.05, ROWS)
     return [[f"{t:.1f}", f"{c:.3f}", f"{r:.4f}"] for t, c, r in zip(time, case, rate, strict=True)]
 
@@ -221,5 +224,131 @@ TIMES = {
     "a date-time that a person left out": Odd(
         text(HEADER, *clocked(stamped)[:20], "pause,-8.0,8.9", *clocked(stamped)[20:]),
         head=exclude("lines = [22]"),
+    ),
+}
+
+
+def workbook(rows, *, above=(), below=(), merged=(), more=None):
+    """A workbook whose first sheet holds lines above the rows, the rows, and lines below them."""
+    book = openpyxl.Workbook()
+    sheet = book.active
+    sheet.title = "Data"
+    for row in (*above, *rows, *below):
+        sheet.append(list(row))
+    for cells in merged:
+        sheet.merge_cells(cells)
+    for name, content in (more or {}).items():
+        other = book.create_sheet(name)
+        for row in content:
+            other.append(list(row))
+    stream = io.BytesIO()
+    book.save(stream)
+    return stream.getvalue()
+
+
+NUMBERS = [tuple(float(field) for field in row) for row in CLEAN]
+ONCE = [(t, c if k % 3 == 0 else None, r) for k, (t, c, r) in enumerate(NUMBERS)]
+TWO_SHEETS = {"Limits": [("name", "limit"), ("bias", 3.0)]}
+KEYSIGHT = """
+[columns]
+time_s = { from = "Time" }
+temp_case_degc = { from = "Chan 101 (C)" }
+gyro_dph = { from = "Chan 102 (VDC)", unit = "deg/h", header_unit = "ignored" }
+"""
+
+
+def scans():
+    """Lines of a scan log."""
+    rows = clocked(lambda s: f"03/21/2014 17:{int(s) // 60:02d}:{int(s) % 60:02d}:000")
+    return [
+        "Sweep #,Time,Chan 101 (C),Chan 102 (VDC)",
+        *(f"{k},{row}" for k, row in enumerate(rows, start=1)),
+    ]
+
+
+def labview():
+    """Lines of a LabVIEW file."""
+    head = [
+        "LabVIEW Measurement\t",
+        "Separator\tTab",
+        "X_Columns\tOne",
+        "***End_of_Header***\t",
+        "",
+    ]
+    names = "X_Value\ttemp_case_degc\tgyro_dph\tComment"
+    segment = ["Channels\t2", f"Samples\t{ROWS}\t{ROWS}", "***End_of_Header***\t\t", names]
+    return [*head, *segment, *joined(CLEAN, "\t")]
+
+
+TABLES = {
+    "a workbook": Odd(workbook(NUMBERS, above=[NAMES]), suffix=".xlsx"),
+    "a workbook with merged temperature cells": Odd(
+        workbook(ONCE, above=[NAMES], merged=[f"B{k}:B{k + 2}" for k in range(2, ROWS + 2, 3)]),
+        suffix=".xlsx",
+    ),
+    "a workbook with title, units row and merged heading": Odd(
+        workbook(
+            NUMBERS,
+            above=[("Thermal run 17",), (), ("Log", "Gyro 7", None), NAMES, ("s", "°C", "°/h")],
+            merged=["A1:C1", "B3:C3"],
+        ),
+        suffix=".xlsx",
+    ),
+    "a workbook with a note beside the rows": Odd(
+        workbook(
+            [(*row, "door opened" if k == 7 else None) for k, row in enumerate(NUMBERS)],
+            above=[NAMES],
+        ),
+        suffix=".xlsx",
+    ),
+    "a workbook with a typed constant above the header": Odd(
+        workbook(NUMBERS, above=[("g in m/s²", 9.81), NAMES]), suffix=".xlsx"
+    ),
+    "a workbook with rows without cells": Odd(
+        workbook([*NUMBERS[:60], (), *NUMBERS[60:]], above=[NAMES, ()]), suffix=".xlsx"
+    ),
+    "a workbook with a footer": Odd(
+        workbook(NUMBERS, above=[NAMES], below=[(), ("Mean", 15.7, 9.1), ("Huber",)]),
+        "text = { footer_lines = 3 }",
+        suffix=".xlsx",
+    ),
+    "a workbook with two sheets": Odd(
+        workbook(NUMBERS, above=[NAMES], more=TWO_SHEETS), 'table = "Data"', suffix=".xlsx"
+    ),
+    "a workbook with thousands typed as text": Odd(
+        workbook(
+            [
+                (t, c, rate)
+                for (t, c, _), (*_, rate) in zip(NUMBERS, grouped(",", "."), strict=True)
+            ],
+            above=[NAMES],
+        ),
+        tables=THOUSANDTHS,
+        suffix=".xlsx",
+    ),
+    "a workbook of which a row was left out": Odd(
+        workbook([*NUMBERS[:9], (17.0, "see note", 80.0), *NUMBERS[9:]], above=[NAMES]),
+        head=exclude("lines = [11]"),
+        suffix=".xlsx",
+    ),
+    "a scan log with a footer": Odd(
+        text(*scans(), "End of data"), "text = { footer_lines = 1 }", KEYSIGHT
+    ),
+    "a LabVIEW file with a footer": Odd(
+        text(*labview(), "end of measurement"),
+        'format = "lvm"\ntext = { footer_lines = 1 }',
+        '[columns]\ntime_s = { from = "X_Value" }',
+        suffix=".lvm",
+    ),
+    "pinned CSV with a footer and a torn line": Odd(
+        text(HEADER, *BODY[:6], "-0.3-0.31", *BODY[6:], "end"),
+        'format = "csv"\ntext = { footer_lines = 1, torn_lines = "drop" }',
+    ),
+    "JSON records": Odd(
+        json.dumps({"by": "lab", "rows": [dict(zip(NAMES, row, strict=True)) for row in NUMBERS]}),
+        suffix=".json",
+    ),
+    "JSON names beside rows": Odd(
+        json.dumps({"columns": NAMES, "data": NUMBERS}), 'format = "json"', suffix=".json"
     ),
 }

@@ -16,12 +16,16 @@ from odd_logs import (
     GERMAN,
     HEADER,
     LISTED,
+    NAMES,
+    NUMBERS,
+    TABLES,
     TIMES,
     TORN,
     Odd,
     clocked,
     exclude,
     text,
+    workbook,
 )
 
 RECIPE = """procedure = "bias_temperature"
@@ -38,7 +42,7 @@ files = ["a{suffix}"]
 
 {tables}
 """
-ODD = TORN | TIMES
+ODD = TORN | TIMES | TABLES
 SEMICOLONS = HEADER.replace(",", ";")
 
 
@@ -262,3 +266,21 @@ def test_a_finding_on_rows_prints_the_exclusion_that_leaves_them_out(tmp_path, c
     assert 'exclude = [{ log = "a.csv", lines = ["32-34"]' in out
     advised = out[out.index("exclude = [") :].split("\n")[0]
     assert calibkit(*arguments, "--set", advised.replace("exclude = ", "exclude=")).code == 0
+
+
+def test_cells_that_were_filled_down_are_a_notice(tmp_path):
+    """Merged cells that are filled down are counted and located, those of a heading are not."""
+    spec, names = read(ODD["a workbook with merged temperature cells"], tmp_path)
+    log = instruments.find(spec.procedure).read(spec, tmp_path, names[0])
+    (note,) = [note for note in log.notes if "filled down" in note]
+    assert note.startswith("40 merged cell(s) filled down: rows 2-4 of column 2, rows 5-7")
+    assert note.endswith("and 32 more")
+    spec, names = read(ODD["a workbook with title, units row and merged heading"], tmp_path)
+    log = instruments.find(spec.procedure).read(spec, tmp_path, names[0])
+    assert not any("filled down" in note for note in log.notes)
+
+
+def test_footer_of_a_workbook_is_named(tmp_path):
+    """A word below the rows of a workbook is refused as a footer."""
+    footed = Odd(workbook(NUMBERS, above=[NAMES], below=[("Mean", 15.7, 9.1)]), suffix=".xlsx")
+    assert "a footer? Set footer_lines = 1 in [logs.text]" in refusal(footed, tmp_path)

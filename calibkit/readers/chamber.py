@@ -18,7 +18,7 @@ from pathlib import Path
 import pandas as pd
 
 from calibkit.errors import LogFormatError
-from calibkit.readers import delimited, encoding as encodings, times
+from calibkit.readers import damage, delimited, encoding as encodings, times
 from calibkit.readers.table import FIRST_ROW, Table
 from calibkit.recipe.logs import Logs
 
@@ -33,7 +33,11 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  
     data, sha256 = delimited.read_bytes(path, file)
     content, encoding = encodings.decode(data, file, logs.text.encoding)
     replies: list[re.Match[str]] = []
-    for number, line in enumerate(content.rstrip("\n").split("\n"), start=1):
+    lines = content.rstrip("\n").split("\n")
+    lines = lines[: len(lines) - logs.text.footer_lines]
+    if not lines:
+        raise damage.no_rows(file)
+    for number, line in enumerate(lines, start=1):
         found = _REPLY.fullmatch(line)
         if found is None:
             raise LogFormatError(

@@ -3,22 +3,22 @@
 Format: one sheet is one log ([logs] table, needed where several sheets hold cells): lines above the
 header, a row of names, with or without a row of units below it, then one row per instant; found as
 in delimited text, and pinned by [logs.text] skip_lines and header_lines. Rows are counted as the
-sheet numbers them. Uncertainty: numbers as stored (float64); cells formatted as dates are instants
-to the microsecond, which is what their float64 resolves; formulas give their saved values; error
-cells (`#N/A`) have no value.
+sheet numbers them; rows without cells are left out, merged cells filled down. Uncertainty: numbers
+as stored (float64); cells formatted as dates are instants to the microsecond, which is what their
+float64 resolves; formulas give their saved values; error cells (`#N/A`) have no value.
 """
 
 import datetime as dt
 import io
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from calibkit.errors import LogFormatError
-from calibkit.readers import delimited, optional, sniff, text
+from calibkit.readers import delimited, optional, sniff, text, tokens
 from calibkit.readers.table import Guess, Table
-from calibkit.recipe.logs import Logs, TextSpec
+from calibkit.recipe.logs import Logs
 
 
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
@@ -27,18 +27,12 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     data, sha256 = delimited.read_bytes(path, file)
     with optional.refuse_damaged(file, "Excel"):
         book = calamine.CalamineWorkbook.from_filelike(io.BytesIO(data))
-        sheets = {
-            name: book.get_sheet_by_name(name).to_python(skip_empty_area=False)
-            for name in book.sheet_names
-        }
-    name, how = _find_sheet(sheets, file, logs.table)
-    content = "".join("\t".join(map(_format_cell, row)) + "\n" for row in sheets[name])
-    spec = TextSpec(
-        delimiter="\t",
-        decimal=".",
-        skip_lines=logs.text.skip_lines,
-        header_lines=logs.text.header_lines,
-    )
+        sheets = {name: book.get_sheet_by_name(name) for name in book.sheet_names}
+        cells = {name: sheet.to_python(skip_empty_area=False) for name, sheet in sheets.items()}
+        name, how = _find_sheet(cells, file, logs.table)
+        filled = _fill_merged(cells[name], sheets[name].merged_cell_ranges or ())
+    content = "".join(_format_row(row) + "\n" for row in cells[name])
+    spec = logs.text.model_copy(update={"delimiter": "\t", "decimal": "."})
     found = sniff.Dialect.recognise(content, "utf-8", file, spec, logs.names)
     table = text.parse_text(
         content,
@@ -49,7 +43,40 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
         needed,
     )
     described = found.describe(("skip_lines", "header_lines"))
-    return replace(table, reading=(f"sheet '{name}'", *how, *described))
+    return replace(
+        table, notes=(*filled, *table.notes), reading=(f"sheet '{name}'", *how, *described)
+    )
+
+
+def list_sheets(path: Path, file: str) -> tuple[str, ...]:
+    """Names of the sheets of a workbook that hold cells; raises LogFormatError."""
+    calamine = optional.import_library("python_calamine", "excel", file)
+    data, _ = delimited.read_bytes(path, file)
+    with optional.refuse_damaged(file, "Excel"):
+        book = calamine.CalamineWorkbook.from_filelike(io.BytesIO(data))
+        return tuple(name for name in book.sheet_names if book.get_sheet_by_name(name).to_python())
+
+
+def _fill_merged(cells: list[list[Any]], merged: Sequence[Any]) -> tuple[str, ...]:
+    """Fill merged cells that hold a number or an instant down, in place: what was typed once holds
+    for all rows beside it. A note on which.
+    """
+    filled = []
+    for (top, left), (bottom, _) in sorted(merged):
+        value = cells[top][left] if top < len(cells) and left < len(cells[top]) else ""
+        if bottom > top and value != "" and tokens.is_measured(_format_cell(value)):
+            for row in cells[top + 1 : bottom + 1]:
+                row[left] = value
+            filled.append(f"rows {top + 1}-{bottom + 1} of column {left + 1}")
+    more = f" and {len(filled) - 8} more" if len(filled) > 8 else ""
+    cells_filled = f"{len(filled)} merged cell(s) filled down: {', '.join(filled[:8])}{more}"
+    return (cells_filled,) if filled else ()
+
+
+def _format_row(row: Sequence[Any]) -> str:
+    """A row as a line; one without cells as a blank line."""
+    fields = list(map(_format_cell, row))
+    return "\t".join(fields) if any(fields) else ""
 
 
 def _find_sheet(

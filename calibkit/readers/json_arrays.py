@@ -2,7 +2,8 @@
 
 Format: UTF-8 JSON (RFC 8259), an object whose members are lists of numbers or lists of lists of
 numbers (a matrix, whose columns the recipe's [logs] names lists), nested in objects or not; or a
-list of objects with the same keys, one per row. [logs] table names the member. A name that stands
+list of objects with the same keys, one per row; or an object with a list of names and a list of
+rows. [logs] table names the member. A name that stands
 twice is refused; text is no number. Uncertainty: numbers are converted to the nearest float64,
 beyond its range to infinity; null has no value.
 """
@@ -58,7 +59,8 @@ def _repeated_name(file: str, name: str) -> LogFormatError:
 def _collect_arrays(value: Any, path: str, file: str) -> dict[str, Array]:  # noqa: ANN401 (any JSON value)
     """Arrays of a JSON value by their paths."""
     if isinstance(value, dict):
-        return _collect_members(value.items(), path, file)
+        table = _name_matrix(value, path, file)
+        return table or _collect_members(value.items(), path, file)
     if not isinstance(value, list) or not value:
         return {}
     if isinstance(value[0], dict):
@@ -72,6 +74,23 @@ def _collect_arrays(value: Any, path: str, file: str) -> dict[str, Array]:  # no
         return {path or "rows": array.astype(np.float64)}
     except (ValueError, TypeError):
         return {}  # rows of several lengths: no numbers that could be meant as columns
+
+
+def _name_matrix(value: dict[str, Any], path: str, file: str) -> dict[str, Array]:
+    """Columns of an object that holds a list of names beside a list of rows of as many numbers;
+    nothing of any other object.
+    """
+    lists = [member for member in value.values() if isinstance(member, list) and member]
+    names = [member for member in lists if all(isinstance(name, str) for name in member)]
+    if len(lists) != 2 or len(names) != 1:
+        return {}
+    (rows,) = (member for member in lists if member is not names[0])
+    matrix = _collect_arrays(rows, path, file).get(path or "rows")
+    if matrix is None or matrix.ndim != 2 or matrix.shape[1] != len(names[0]):
+        return {}
+    if len(set(names[0])) < len(names[0]):
+        raise _repeated_name(file, next(name for name in names[0] if names[0].count(name) > 1))
+    return {f"{path}/{name}".lstrip("/"): matrix[:, k] for k, name in enumerate(names[0])}
 
 
 def _collect_members(members: Iterable[tuple[str, Any]], path: str, file: str) -> dict[str, Array]:

@@ -21,7 +21,7 @@ import pandas as pd
 from calibkit import units
 from calibkit.arrays import Array, Integers
 from calibkit.errors import LogFormatError
-from calibkit.readers import delimited, encoding as encodings, tokens
+from calibkit.readers import damage, delimited, encoding as encodings, tokens
 from calibkit.readers.table import FIRST_ROW, Table
 from calibkit.recipe.logs import Logs
 
@@ -46,6 +46,9 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  
     data, sha256 = delimited.read_bytes(path, file)
     content, encoding = encodings.decode(data, file, logs.text.encoding)
     lines = content.rstrip("\n").split("\n")
+    lines = lines[: len(lines) - logs.text.footer_lines]
+    if not lines:
+        raise damage.no_rows(file)
     if not lines[0].startswith("LabVIEW Measurement"):
         raise LogFormatError(f"{file}:1: no 'LabVIEW Measurement'", hint="the log is no .lvm file")
     separator = {"tab": "\t", "comma": ","}.get(_read_key(lines, "Separator", "Tab").lower(), "\t")
@@ -63,7 +66,10 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  
         np.vstack([segment.rows for segment in segments]), columns=list(first.names)
     )
     frame.index = pd.Index(np.concatenate([segment.lines for segment in segments]) - FIRST_ROW)
-    if not content.endswith("\n") and len(lines[-1].split(separator)) <= frame.shape[1]:
+    if (
+        not (content.endswith("\n") or logs.text.footer_lines)
+        and len(lines[-1].split(separator)) <= frame.shape[1]
+    ):
         raise LogFormatError(  # it may be cut in its last number
             f"{file}:{len(lines)}: the last line has no end",
             hint="the file is cut off; copy it again",

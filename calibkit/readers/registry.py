@@ -26,6 +26,10 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     """
     if logs.format == AUTO:
         return _read_recognised(path, file, logs, needed)
+    if logs.format == "csv" and logs.text != TextSpec():
+        clean_text = {"encoding": "utf-8", "delimiter": ",", "decimal": ".", "skip_lines": 0}
+        spec = logs.text.model_copy(update=clean_text | {"header_lines": 1})
+        return _read_as("text", path, file, logs.model_copy(update={"text": spec}), needed)
     if logs.format == "csv":
         return clean.read(path, file) or delimited.read(path, file, needed)
     return _read_as(logs.format, path, file, logs, needed)
@@ -83,6 +87,8 @@ def recognise_format(head: bytes) -> str:
         if head.startswith(known.signatures):
             return name
     plain = head[:4096].replace(b"\0", b"")  # UTF-16 too
+    if re.match(rb'\s*(\{\s*"|\[\s*[\[{])', plain):
+        return "json"
     if b"$01I" in plain.partition(b"\n")[0].partition(b"\r")[0]:
         return "chamber"
     return "keysight" if re.search(rb"(?m)^(Sweep #|Scan)[,;\t]Time[,;\t]", plain) else ""

@@ -49,6 +49,8 @@ FORMATS: dict[str, _LogFormat] = {
 }
 """Value of [logs] format → format."""
 
+_ENDS = ("footer_lines", "last_line", "torn_lines", "torn_limit")
+"""Keys of [logs.text] that clean CSV can have too."""
 Count = Annotated[int, Field(ge=0)]
 Auto = Literal["auto"]
 
@@ -210,7 +212,8 @@ class Logs(Table):
             raise ValueError("format = 'binary' and a table [logs.binary] go together")
         # a plugin decides itself which keys mean something to its format
         means = FORMATS[self.format].keys if self.format in FORMATS else ("text", "table", "names")
-        if self.text != TextSpec() and "text" not in means:
+        ends = TextSpec(**{name: getattr(self.text, name) for name in _ENDS})
+        if self.text != (ends if self.format == "csv" else TextSpec()) and "text" not in means:
             raise ValueError(f"[logs.text] says nothing about format = '{self.format}'")
         if self.table and "table" not in means:
             raise ValueError(f"table = '{self.table}' says nothing about format = '{self.format}'")
