@@ -2,7 +2,27 @@
 
 import difflib
 import json
+import unicodedata
 from collections.abc import Iterable
+
+_UNSEEN = {"Cc", "Cf", "Cs", "Zl", "Zp"}
+"""Unicode categories that a terminal obeys instead of showing them: control characters, marks of
+direction, separators of lines.
+"""
+
+
+def visible(text: str, *, lines: bool = False) -> str:
+    """Text whose control characters, marks of direction and, unless `lines`, line breaks are shown
+    as escapes: names in it come from files that anybody may have written.
+    """
+    if text.isprintable():
+        return text
+    return "".join(
+        character.encode("unicode_escape").decode("ascii")
+        if unicodedata.category(character) in _UNSEEN and not (lines and character == "\n")
+        else character
+        for character in text
+    )
 
 
 class CalibkitError(Exception):
@@ -12,11 +32,13 @@ class CalibkitError(Exception):
 
     exit_code = 70
     code = "internal"
+    many_lines = False
+    """Whether a message may state several faults, one a line."""
 
     def __init__(self, message: str, *, hint: str = "") -> None:
-        super().__init__(message)
-        self.message = message
-        self.hint = hint
+        self.message = visible(message, lines=self.many_lines)
+        self.hint = visible(hint)
+        super().__init__(self.message)
 
     def __str__(self) -> str:
         return f"{self.message}; {self.hint}" if self.hint else self.message
@@ -37,6 +59,7 @@ class RecipeError(CalibkitError):
 
     exit_code = 2
     code = "recipe"
+    many_lines = True
 
     def __init__(self, message: str, *, hint: str = "", at: tuple[str | int, ...] = ()) -> None:
         super().__init__(message, hint=hint)
@@ -55,6 +78,7 @@ class FrameError(CalibkitError):
 
     exit_code = 3
     code = "frame"
+    many_lines = True
 
 
 class MissingColumnError(FrameError):

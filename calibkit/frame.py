@@ -12,7 +12,13 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from calibkit.errors import FrameError, MissingColumnError, advise_exclude, list_ranges
+from calibkit.errors import (
+    FrameError,
+    MissingColumnError,
+    advise_exclude,
+    list_ranges,
+    visible,
+)
 from calibkit.numeric import chunks, intervals
 
 if TYPE_CHECKING:
@@ -296,6 +302,6 @@ def require(file: str, present: Iterable[str], needed: Iterable[str], *, of: str
 
 def refuse(findings: Iterable[Finding]) -> None:
     """Raise FrameError with every refused finding, one a line."""
-    refused = [str(finding) for finding in findings if finding.refused]
+    refused = [visible(str(finding)) for finding in findings if finding.refused]
     if refused:
         raise FrameError("\n".join(refused))

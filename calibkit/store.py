@@ -9,6 +9,7 @@ import re
 import shutil
 import tempfile
 import time
+import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -56,6 +57,10 @@ class Run:
         }
 
 
+_ALIKE = {"LATIN", "GREEK", "CYRILLIC", "ARMENIAN", "CHEROKEE"}
+"""Alphabets that have letters of one shape (Unicode Technical Standard 39)."""
+
+
 def check_serial(serial: str) -> str:
     """Return a serial that can name a folder on every system, or raise UsageError."""
     if not serial:
@@ -69,6 +74,13 @@ def check_serial(serial: str) -> str:
         raise UsageError(
             f"serial '{serial}' cannot name a folder",
             hint="use letters, digits, '-', '_', '+' and '.', starting with a letter or digit",
+        )
+    alphabets = {unicodedata.name(c).split()[0] for c in serial if c.isalpha()} & _ALIKE
+    if unicodedata.normalize("NFC", serial) != serial or len(alphabets) > 1:
+        of = " and ".join(map(str.capitalize, sorted(alphabets)))
+        raise UsageError(
+            f"serial '{serial}' has letters of {of}" if of else f"serial '{serial}' is not in NFC",
+            hint="type it anew in one alphabet: letters that look alike would be two devices",
         )
     return serial
 

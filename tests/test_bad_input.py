@@ -3,10 +3,12 @@ nothing written.
 """
 
 import os
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+ROOT = Path(__file__).resolve().parents[1]
 ROWS = 900
 
 
@@ -164,9 +166,9 @@ def test_a_file_that_is_no_table_is_refused(content, fragment, tmp_path, calibki
     assert not (tmp_path / "runs").exists()
 
 
-def test_a_ramp_shorter_than_the_filter_is_refused(tmp_path, calibkit, log_writer):
-    """Ten levels of CDF 9/7 do not fit a ramp of ten minutes at 1 Hz: the ramp and both numbers are
-    named.
+def test_a_log_shorter_than_the_filter_is_refused(tmp_path, calibkit, log_writer):
+    """Ten levels of CDF 9/7 do not fit a log of a quarter of an hour at 1 Hz: the log and both
+    numbers are named.
     """
     log_writer(tmp_path / "logs" / "a.csv", **healthy())
     outcome = calibkit(
@@ -180,7 +182,7 @@ def test_a_ramp_shorter_than_the_filter_is_refused(tmp_path, calibkit, log_write
         "denoise.levels=10",
     )
     assert outcome.code == 3
-    assert "a.csv: ramp of" in outcome.err
+    assert "a.csv: 900 samples are shorter" in outcome.err
     assert "10 levels" in outcome.err
 
 
@@ -486,3 +488,33 @@ def test_a_log_whose_name_is_no_text_is_refused_by_name(tmp_path, calibkit, log_
         outcome = calibkit(command, "fog_thermal", "--data", tmp_path, *options)
         assert outcome.code == 3
         assert "the file's name is not UTF-8; rename the file" in outcome.err
+
+
+@pytest.mark.parametrize(
+    ("serial", "shown"),
+    [
+        ("A\u202eB", "A\\u202eB"),
+        ("A\x1b[31mB", "A\\x1b[31mB"),
+        ("A\nB", "A\\nB"),
+        ("\u0410B-1", "letters of Cyrillic and Latin"),
+        ("A\u030a-1", "cannot name"),
+    ],
+)
+def test_a_serial_number_that_deceives_is_refused_and_shown(calibkit, tmp_path, serial, shown):
+    """Marks of direction, colours, line breaks, alphabets that look alike, letters in two parts."""
+    data = ROOT / "datasets" / "gyro_noise"
+    outcome = calibkit("fit", "gyro_noise", "--data", data, "--serial", serial, "--out", tmp_path)
+    assert outcome.code == 2
+    assert shown in outcome.err
+    assert outcome.err.count("\n") == 1
+    assert outcome.err.strip().isprintable()
+    assert not list(tmp_path.iterdir())
+
+
+def test_names_in_a_log_cannot_command_the_terminal(calibkit, tmp_path):
+    """A column with a colour and a mark of direction in its name is shown with escapes."""
+    rows = "".join(f"{k},1\n" for k in range(40))
+    (tmp_path / "static.csv").write_text("time_s,gyro\x1b[31mX\u202ey\n" + rows, encoding="utf-8")
+    outcome = calibkit("check", "gyro_noise", "--data", tmp_path)
+    assert "gyro\\x1b[31mX\\u202ey" in outcome.out
+    assert all(line.isprintable() for line in outcome.out.splitlines())

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from calibkit.cli.clock import now
-from calibkit.errors import OutputError
+from calibkit.errors import OutputError, visible
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -58,6 +58,7 @@ _STAND_INS = {
     "₉": "9",
     "₁": "1",
     "₂": "2",
+    "’": "'",
 }
 """What stands for a character that a console cannot print; any other becomes a question mark."""
 
@@ -142,6 +143,7 @@ def _append_to_log(path: Path, level: str, text: str) -> None:
 
 def print_message(text: str) -> None:
     """Print on stderr what matters in every mode: a flag, a guess, a failure."""
+    text = visible(text, lines=True)
     log_line("say", text)
     click.echo(text, err=True)
 
@@ -149,17 +151,18 @@ def print_message(text: str) -> None:
 def print_flags(flags: Iterable[str]) -> None:
     """Print what must be known before a result is used."""
     for flag in flags:
-        print_message(f"! {flag}")
+        print_message(f"! {visible(flag)}")
 
 
 def print_guesses(guesses: Iterable[str]) -> None:
     """Print what calibkit guessed, so that it can be pinned."""
     for guess in guesses:
-        print_message(f"? {guess}")
+        print_message(f"? {visible(guess)}")
 
 
 def print_detail(text: str) -> None:
     """Print on stderr what only --verbose asks for."""
+    text = visible(text, lines=True)
     log_line("verbose", text)
     if SETTINGS.verbose:
         click.echo(text, err=True)
@@ -233,7 +236,8 @@ def print_result(
     if as_json:
         print_json({"ok": True, **document, **({"dry_run": True} if dry_run else {})})
     else:
-        click.echo("\n".join(f"{name}{DRY_RUN if dry_run else ''}" for name in written))
+        end = DRY_RUN if dry_run else ""
+        click.echo("\n".join(f"{visible(str(name))}{end}" for name in written))
 
 
 def print_data(text: str) -> None:

@@ -7,7 +7,7 @@ import click
 from calibkit.cli.clock import date_or_today
 from calibkit.cli.console import print_guesses, print_json, progress
 from calibkit.cli.options import DRY, JSON, KEEP, PATH, RECIPE, SET, SINCE, command
-from calibkit.errors import UsageError
+from calibkit.errors import UsageError, visible
 
 
 @command()
@@ -83,5 +83,5 @@ def fleet(
     if as_json:
         print_json(summary.summary_document(done) | ({"dry_run": True} if dry_run else {}))
     else:
-        click.echo("\n".join(summary.summary_lines(done, dry_run=dry_run)))
+        click.echo("\n".join(map(visible, summary.summary_lines(done, dry_run=dry_run))))
     return done.exit_code

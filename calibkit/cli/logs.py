@@ -19,7 +19,7 @@ from calibkit.cli.console import (
 )
 from calibkit.cli.memory import tune_memory
 from calibkit.cli.options import DATA, DRY, JSON, KEEP, PATH, RECIPE, RUN, RUNS, SET, SINCE, command
-from calibkit.errors import FrameError
+from calibkit.errors import FrameError, visible
 
 VERDICT_KEYS = (
     "serial",
@@ -113,7 +113,7 @@ def check(
     if as_json:
         print_json(report_document(reports))
     else:
-        click.echo("\n".join(line for report in reports for line in report.lines()))
+        click.echo("\n".join(visible(line) for report in reports for line in report.lines()))
     return FrameError.exit_code if any(report.refused for report in reports) else 0
 
 

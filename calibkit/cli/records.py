@@ -17,7 +17,7 @@ from calibkit.cli.console import (
     print_summary,
 )
 from calibkit.cli.options import CSV, JSON, PATH, RUN, RUNS, command
-from calibkit.errors import CalibkitError, CoefficientError, UsageError
+from calibkit.errors import CalibkitError, CoefficientError, UsageError, visible
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -87,7 +87,7 @@ def verify(
         for result in results:
             line = f"{'ok    ' if result['ok'] else 'FAILED'} {result['file']}: {result['what']}"
             if result["ok"]:
-                click.echo(line)
+                click.echo(visible(line))
             else:
                 print_message(line)
             print_flags(f"{result['file']}: {warning}" for warning in result["warnings"])

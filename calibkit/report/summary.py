@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from calibkit import run_document
+from calibkit.errors import visible
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -74,23 +75,27 @@ class Summary:
         from rich.table import Table
         from rich.text import Text
 
-        console.print(Text(self.title, style="bold"))
+        console.print(Text(visible(self.title), style="bold"))
         for table in self.tables:
             shown = Table(
-                title=Text(table.title),
+                title=Text(visible(table.title)),
                 title_justify="left",
                 title_style="",
                 box=box.SIMPLE_HEAD,
                 pad_edge=False,
             )
             for at, head in enumerate(table.heads):
-                shown.add_column(Text(head), justify="right" if at else "left", overflow="fold")
+                shown.add_column(
+                    Text(visible(head)), justify="right" if at else "left", overflow="fold"
+                )
             for row in table.texts:
-                shown.add_row(*map(Text, row))
+                shown.add_row(*(Text(visible(cell, lines=True)) for cell in row))
             console.print(shown)
         for flag in self.flags:
-            console.print(Text(f"! {flag}", style="yellow"))
-        console.print(Text(self.last_line, style="" if self.conclusion else STYLES[self.verdict]))
+            console.print(Text(f"! {visible(flag)}", style="yellow"))
+        console.print(
+            Text(visible(self.last_line), style="" if self.conclusion else STYLES[self.verdict])
+        )
 
 
 def number(value: float, digits: int = 4) -> str:
