@@ -11,9 +11,9 @@ from calibkit.instruments.fog_thermal.numeric.bank_groups import Groups
 from calibkit.instruments.fog_thermal.numeric.left_out import FIGURE_BLOCKS, left_out_errors
 from calibkit.instruments.fog_thermal.numeric.pooled_fit import Stack
 
-GAINED = 1.0
+GAINED = 3.0
 """Increase of the logarithm of the evidence from which a further term of a bank is tested on
-left-out ramps: odds of e to 1.
+left-out ramps: odds of 20 to 1.
 """
 FURTHER = {"g": "table over temperature", "h": "hysteresis", "w": "warm-up"}
 """Further terms of a bank, and what they describe."""
