@@ -158,7 +158,7 @@ def compensate(
 
     settings give the place of use: site__latitude_deg=58.9. Nothing is overwritten.
     """
-    return pipeline.apply(_run(run), Path(log), Path(out), _overrides(settings))
+    return pipeline.apply(_run(run), Path(log), Path(out), _overrides(settings))[1]
 
 
 def validate(run: Run | AnyPath, data: AnyPath, out: AnyPath) -> Mapping[str, Any]:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-    from calibkit.arrays import Array
+    from calibkit.arrays import Array, Integers
     from calibkit.errors import CalibkitError
     from calibkit.plugins import Plugin
 
@@ -112,6 +112,10 @@ class Log:
     """Stamp of second 0; None where there is no time, or where its date is not certain."""
     plugins: tuple[Plugin, ...] = ()
     """Plugins that read it."""
+    lost: tuple[tuple[str, Integers], ...] = ()
+    """Rows of the file that the frame is without though nothing excludes them: why, and their
+    numbers in its index.
+    """
     excluded_rows: int = 0
     """Rows that the recipe's exclusions took."""
     allocate: Callable[[int], Array] = np.empty

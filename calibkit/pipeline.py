@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from calibkit.check.report import LogReport
     from calibkit.firmware.export import Export
     from calibkit.ingest.proposal import Proposal
-    from calibkit.ingest.write_back import Applied
+    from calibkit.ingest.write_back import Applied, Rewritten
     from calibkit.instruments import Firmware, Progress
     from calibkit.report.summary import Summary
     from calibkit.simulate.campaign import Campaign
@@ -85,7 +85,7 @@ def fit(
         folder = store.save(out, serial, revision, files, dry_run=dry_run)
     run = store.Run(folder, document, records)
     summary = replace(summary, title=f"{run.name}: {spec.title or spec.procedure}")
-    return _FitOutcome(run, summary, _guesses(run.document["inputs"]))
+    return _FitOutcome(run, summary, run_content.list_guesses(run.document["inputs"]))
 
 
 @contextlib.contextmanager
@@ -95,20 +95,6 @@ def _placed(source: recipe.Source) -> Iterator[None]:
         yield
     except RecipeError as error:
         raise source.located(error) from None
-
-
-def _guesses(inputs: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
-    """What was guessed of how the logs are written: one line per guess, with the logs that it was
-    made of, as run.json lists them.
-    """
-    made: dict[str, list[str]] = {}
-    for entry in inputs:
-        for guess in entry.get("guesses", ()):
-            made.setdefault(guess, []).append(entry["name"])
-    return tuple(
-        f"{names[0] if len(names) == 1 else f'{len(names)} logs'}: {guess}; pin it in the recipe"
-        for guess, names in made.items()
-    )
 
 
 def check(source: recipe.Source, data: Path, figure: Path | None = None) -> tuple[LogReport, ...]:
@@ -187,21 +173,22 @@ def apply(
     overrides: tuple[str, ...],
     *,
     as_firmware: str | None = None,
+    keep: bool = False,
     dry_run: bool = False,
-) -> tuple[str, ...]:
+) -> tuple[Rewritten, tuple[str, ...]]:
     """Compensate one log with a run's coefficients and write every row and column of it; returns
-    the flags.
+    what was done and the flags.
 
-    With `as_firmware`, a number format, as the exported firmware would: by its bit-exact twin.
+    Rows that cannot be corrected have a status, and `keep` their logged value. With `as_firmware`,
+    a number format, as the exported firmware would: by its bit-exact twin.
     """
     new_files.refuse_existing(out)
     spec = run_recipe(run, overrides)
     if not data.is_file():
         raise UsageError(f"--data {data}: no such file", hint="name one log")
-    # every row is written: one file as it is, none of its rows left out
-    spec = spec.model_copy(
-        update={"logs": spec.logs.model_copy(update={"split": False, "missing": "refuse"})}
-    )
+    # every row is written: one file as it is; rows that lack a value are not corrected
+    logs = spec.logs.model_copy(update={"split": False, "missing": "drop"})
+    spec = spec.model_copy(update={"logs": logs})
     try:
         content, flags = (
             instruments.find(spec.procedure).apply(spec, run.records, data)
@@ -217,13 +204,13 @@ def apply(
                 f" {mapped}"
             ),
         ) from None
-    new_files.write_new(out, content, dry_run=dry_run)
+    new_files.write_new(out, content := replace(content, keep=keep), dry_run=dry_run)
     corrected = (
         f"{entry.column} corrected by certificate {entry.certificate}: --set correction=[] where"
         " other instruments measured"
         for entry in spec.correction
     )
-    return (*corrected, *flags)
+    return content, (*corrected, *flags)
 
 
 def validate(

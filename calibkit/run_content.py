@@ -5,7 +5,7 @@ run.json, which lists them.
 import functools
 import importlib.metadata
 import platform
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -110,3 +110,17 @@ def _installed_plugin(procedure: str) -> Plugin | None:
     if procedure in SHIPPED:
         return None
     return plugins.identify(plugins.installed(plugins.INSTRUMENTS)[procedure])
+
+
+def list_guesses(inputs: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
+    """What was guessed of how the logs are written: one line per guess, with the logs that it was
+    made of, as run.json lists them.
+    """
+    made: dict[str, list[str]] = {}
+    for entry in inputs:
+        for guess in entry.get("guesses", ()):
+            made.setdefault(guess, []).append(entry["name"])
+    return tuple(
+        f"{names[0] if len(names) == 1 else f'{len(names)} logs'}: {guess}; pin it in the recipe"
+        for guess, names in made.items()
+    )

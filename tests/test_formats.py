@@ -656,8 +656,11 @@ gyro_dph = { from = "Drehrate", sign = -1 }
     assert (
         calibkit("apply", "S", "--runs", tmp_path / "runs", "--data", data, "--out", out).code == 0
     )
-    lines = out.read_text(encoding="utf-8").splitlines()
-    assert lines[0] == "Zeit (s),Tür,Gehäuse (°C),Kammer (°C),Drehrate (°/s)"
+    text, read = out.read_bytes().decode("cp1252"), data.read_bytes().decode("cp1252")
+    head, *rows = text.split("\r\n")[2:-1]
+    assert text.split("\r\n")[:3] == read.split("\r\n")[:3]
+    assert head == "Zeit (s);Tür;Gehäuse (°C);Kammer (°C);Drehrate (°/s)"
+    lines = [head, *(row.replace(",", ".").replace(";", ",") for row in rows)]
     before = Clean.of((folder / "ramp_heating_05.csv").read_text())
     assert [line.split(",")[:4] for line in lines[1:]] == [
         [r[0], "offen", *r[1:3]] for r in before.rows

@@ -160,6 +160,13 @@ def print_guesses(guesses: Iterable[str]) -> None:
         print_message(f"? {visible(guess)}")
 
 
+def print_done(title: str, lines: Iterable[str]) -> None:
+    """Print on stderr what a command did, a line each; --quiet leaves it out."""
+    for line in () if SETTINGS.quiet else (f"{title}:", *(f"  {line}" for line in lines)):
+        log_line("done", line)
+        click.echo(line, err=True)
+
+
 def print_detail(text: str) -> None:
     """Print on stderr what only --verbose asks for."""
     text = visible(text, lines=True)

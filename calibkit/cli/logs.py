@@ -10,6 +10,7 @@ from calibkit.cli.console import (
     log_line,
     print_data,
     print_detail,
+    print_done,
     print_flags,
     print_guesses,
     print_json,
@@ -148,6 +149,13 @@ def init(folder: Path, *, as_json: bool) -> int:
     metavar="NUMBER",
     help="as the export in f32, f64, q31 or q15 will do it",
 )
+@click.option(
+    "--uncorrected",
+    type=click.Choice(["empty", "keep"]),
+    default="empty",
+    show_default=True,
+    help="corrected values of rows that cannot be corrected: none, or what was logged",
+)
 @SET
 @RUNS
 @DRY
@@ -157,6 +165,7 @@ def apply(
     data: Path,
     out: Path,
     as_firmware: str | None,
+    uncorrected: str,
     overrides: tuple[str, ...],
     runs: Path,
     *,
@@ -173,10 +182,25 @@ def apply(
     from calibkit import pipeline, store
 
     found = store.load(store.find(run, runs))
-    flags = pipeline.apply(found, data, out, overrides, as_firmware=as_firmware, dry_run=dry_run)
+    done, flags = pipeline.apply(
+        found,
+        data,
+        out,
+        overrides,
+        as_firmware=as_firmware,
+        keep=uncorrected == "keep",
+        dry_run=dry_run,
+    )
     if not as_json:
         print_flags(flags)
-    document = {"run": found.name, "out": str(out), "flags": list(flags)}
+        print_done(f"{data.name} with {found.name}", done.describe())
+    document = {
+        "run": found.name,
+        "out": str(out),
+        "rows": done.fields.count,
+        "uncorrected": {reason: int(rows.size) for reason, rows in done.uncorrected},
+        "flags": list(flags),
+    }
     print_result(document, (out,), as_json=as_json, dry_run=dry_run)
     return 0
 

@@ -41,7 +41,7 @@ def apply(
         o.name: twin.decode(quantised, o.name, result.outputs[o.name]) for o in structure.outputs
     }
     columns, derived = _corrected(log, found, corrections)
-    content = write_back.rewrite_log(spec, data, columns, {**derived, **derive(found)})
+    content = write_back.rewrite_log(spec, data, log, columns, {**derived, **derive(found)})
     return content, status_flags(log.file, quantised, result.status)
 
 

@@ -117,7 +117,7 @@ def read_log(
 
     Raises LogFormatError, FrameError, RecipeError, or FitError where two clocks cannot be related.
     """
-    if recipe.chamber is None:
+    if recipe.chamber is None or not {*recipe.chamber.provides} & {*needed, *optional}:
         return logs_on_disk.read_to_disk(recipe, path, file, needed, optional) or read_file(
             recipe, path, file, needed, optional
         )

@@ -6,23 +6,31 @@ What a fit computes along them goes chunk by chunk into arrays that lie there to
 numbers are those of a log in memory. Only clean CSV can be read like this.
 """
 
+from __future__ import annotations
+
 import mmap
 import os
 import tempfile
-from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from calibkit import units
-from calibkit.arrays import Array
 from calibkit.errors import OutputError, UsageError
 from calibkit.frame import Log, values
 from calibkit.ingest import mapping
 from calibkit.numeric.chunks import release
 from calibkit.readers import clean
-from calibkit.recipe import Recipe
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    import pandas as pd
+
+    from calibkit.arrays import Array, Integers
+    from calibkit.recipe import Recipe
 
 SETTING = "CALIBKIT_LARGEST_LOG_MB"
 """Environment variable: megabytes of a log up to which it is held in memory."""
@@ -65,6 +73,7 @@ def read_to_disk(
     lines, row = _allocate_column(scan.rows), 0
     taken: dict[int, int] = {}
     notes: dict[str, None] = {}
+    lost: list[tuple[str, Integers]] = []
     part: Log | None = None
     for table in clean.read_chunks(path, file, scan, ROWS):
         part = mapping.map_log(whole, table, needed, optional)
@@ -76,20 +85,29 @@ def read_to_disk(
         row += len(frame)
         taken = {number: taken.get(number, 0) + rows for number, rows in out.items()}
         notes |= dict.fromkeys(part.notes)
+        lost += part.lost
     assert part is not None  # noqa: S101 (a clean file has rows)
-    index: pd.Index = pd.RangeIndex(int(lines[0]), int(lines[0]) + row) if row else pd.RangeIndex(0)
-    if row and lines[row - 1] != index[-1]:  # rows were left out
-        index = pd.Index(lines[:row].astype(np.int64))
+    index = _index(lines[:row])
+    columns = {name: column[:row] for name, column in kept.items()}
     return replace(
         part,
         rows=scan.rows,
-        frame=pd.DataFrame(
-            {name: column[:row] for name, column in kept.items()}, index, copy=False
-        ),
+        frame=pd.DataFrame(columns, index, copy=False),
         notes=(*notes, *mapping.note_exclusions(recipe.exclude, taken, file)),
+        lost=tuple(lost),
         excluded_rows=sum(taken.values()),
         allocate=_allocate_column,
     )
+
+
+def _index(lines: Array) -> pd.Index:
+    """Index of the lines [n] of rows, without memory of its own where none is left out."""
+    import pandas as pd
+
+    first = int(lines[0]) if lines.size else 0
+    if lines.size and lines[-1] != first + lines.size - 1:  # rows were left out
+        return pd.Index(lines.astype(np.int64))
+    return pd.RangeIndex(first, first + lines.size)
 
 
 def scan_large_log(recipe: Recipe, path: Path, file: str, largest: float) -> clean.Scan | None:
@@ -107,6 +125,7 @@ def scan_large_log(recipe: Recipe, path: Path, file: str, largest: float) -> cle
     stateful |= any(entry.positions or entry.stations for entry in recipe.exclude)
     logs = recipe.logs
     plain = logs.format in ("auto", "csv") and not logs.names and not logs.split
+    stateful |= logs.rate_hz is not None  # rows are counted
     if stateful or not plain or recipe.chamber is not None:
         return None
     large = path.is_file() and path.stat().st_size > largest

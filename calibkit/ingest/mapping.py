@@ -23,10 +23,14 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-    from calibkit.arrays import Array, Mask
+    from calibkit.arrays import Array, Integers, Mask
     from calibkit.readers.table import Table
     from calibkit.recipe import Exclude, Recipe
     from calibkit.recipe.tables import Correction
+
+
+_SINCE_ROW_BEFORE = "counts since the row before: the first row has none"
+"""Why the first row of a log may be lost."""
 
 
 def log_name(file: str) -> str:
@@ -72,8 +76,9 @@ def map_log(
     reading = [*table.reading, *(text for column in mapped.values() for text in column.reading)]
     frame, first_lost = _frame_columns(table, mapped, (*columns, *named))
     notes += first_lost
+    lost = [(_SINCE_ROW_BEFORE, table.frame.index[:1].to_numpy())] if first_lost else []
     frame, corrections = _correct_references(frame, recipe.correction, file)
-    frame, dropped = _drop_incomplete_rows(frame, needed, recipe)
+    frame, dropped, incomplete = _drop_incomplete_rows(frame, needed, recipe)
     frame, taken = drop_excluded_rows(frame, recipe.exclude, file, table if whole else None)
     if named:
         frame = frame.drop(columns=named, errors="ignore")
@@ -89,6 +94,7 @@ def map_log(
         table.parts,
         plugins=table.plugins,
         origin=mapped["time_s"].origin if "time_s" in mapped else None,
+        lost=(*lost, *incomplete),
         excluded_rows=sum(taken.values()),
     )
 
@@ -119,22 +125,22 @@ def _map_columns(
     """Canonical name → column of the log, the time first: counts per sample need it."""
     own = _find_columns(recipe, table, needed, optional)
     mapped: dict[str, MappedColumn] = {}
+    rate_hz = recipe.logs.rate_hz
     if "time_s" in own:
+        if rate_hz is not None:
+            raise RecipeError(
+                f"{table.file}: [logs] rate_hz = {rate_hz:g}, but column '{own['time_s']}' holds"
+                " the time",
+                hint="remove rate_hz, or map time_s to nothing that the log has",
+            )
         mapped["time_s"] = column_values.read_time(table, own["time_s"], recipe)
+    elif rate_hz is not None:
+        rows = np.arange(len(table.frame)) if table.numbers is None else table.numbers
+        mapped["time_s"] = MappedColumn(rows / rate_hz, origin=Origin("numbers"))
     seconds = mapped["time_s"].numbers if "time_s" in mapped else None
     for name, source in own.items():
         if name != "time_s":
             mapped[name] = column_values.read_values(table, source, name, recipe, seconds)
-    if recipe.logs.rate_hz is not None and "time_s" in {*own, *needed}:
-        if "time_s" in own:
-            raise RecipeError(
-                f"{table.file}: [logs] rate_hz = {recipe.logs.rate_hz:g}, but column"
-                f" '{own['time_s']}' holds the time",
-                hint="remove rate_hz, or map time_s to nothing that the log has",
-            )
-        rows = np.arange(len(table.frame)) if table.numbers is None else table.numbers
-        counted = rows / recipe.logs.rate_hz
-        mapped["time_s"] = MappedColumn(counted, origin=Origin("numbers"))
     return mapped
 
 
@@ -151,6 +157,8 @@ def _find_columns(
         found = column_values.find_column(sources.get(name, name), table)
         if found is not None:
             own[name] = found
+        elif name == "time_s" and recipe.logs.rate_hz is not None:
+            continue  # rows are counted instead
         elif name in needed and name in sources:
             require(table.file, table.frame.columns, [sources[name]], of=name)
     present = [*table.frame.columns, *own, *(["time_s"] if recipe.logs.rate_hz else [])]
@@ -316,16 +324,19 @@ def _excluded_range(exclude: Exclude) -> tuple[float, float]:
 
 def _drop_incomplete_rows(
     frame: pd.DataFrame, needed: Sequence[str], recipe: Recipe
-) -> tuple[pd.DataFrame, tuple[str, ...]]:
-    """The frame without rows that lack a needed value, where the recipe says so, and a note on how
-    many, which and why.
+) -> tuple[pd.DataFrame, tuple[str, ...], list[tuple[str, Integers]]]:
+    """The frame without rows that lack a needed value, where the recipe says so, a note on how
+    many, which and why, and the rows by the first value that they lack.
     """
     if recipe.logs.missing == "refuse":
-        return frame, ()
+        return frame, (), []
     absent = frame[[name for name in needed if name in frame.columns]].isna()
     out = absent.any(axis=1).to_numpy()
     if not out.any():
-        return frame, ()
+        return frame, (), []
     why = ", ".join(f"{rows} without {name}" for name, rows in absent.sum().items() if rows)
     lines = format_ranges([int(row) + 2 for row in frame.index[out]])
-    return frame[~out], (f'{int(out.sum())} rows removed ({why}), lines {lines}: missing = "drop"',)
+    note = f'{int(out.sum())} rows removed ({why}), lines {lines}: missing = "drop"'
+    first = absent[out].idxmax(axis=1)
+    lost = [(f"no {name}", rows.index.to_numpy()) for name, rows in first.groupby(first)]
+    return frame[~out], (note,), lost

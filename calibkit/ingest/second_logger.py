@@ -1,13 +1,13 @@
 """A log and its second logger, joined: the second logger's columns on the clock of the log."""
 
 import fnmatch
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
 
 import numpy as np
 
-from calibkit.arrays import Array, Mask
+from calibkit.arrays import Array, Integers, Mask
 from calibkit.errors import FitError, FrameError
 from calibkit.frame import Log, values
 from calibkit.ingest import clocks, mapping, stamps
@@ -88,6 +88,7 @@ def _join(
     taken, joined = _take(chamber, second, on_a, time)
     frame = first.frame.assign(**taken)
     lost = frame[list(chamber.provides)].isna().any(axis=1).to_numpy()
+    places = _place_lost_rows(time, on_a, lost)
     frame = frame.loc[~lost, [name for name in columns if name in frame.columns]]
     if frame.empty:
         raise stamps.nothing_common(first, time, second.file, on_a)
@@ -96,10 +97,11 @@ def _join(
         first,
         clock=None if chamber.clock == "same" else (clock.offset_s, u),
         second_logger_sha256=second.sha256,
+        lost=(*first.lost, *_lost(first, second.file, places)),
         frame=frame,
         notes=(
             *first.notes,
-            *_note_lost_rows(time, on_a, lost, second.file),
+            *_note_lost_rows(places, second.file),
             *_note_stamps(chamber, second.file, begins),
             *(f"{second.file}: {note}" for note in second.notes),
         ),
@@ -247,19 +249,30 @@ def _relate_clocks(
     return found
 
 
-def _note_lost_rows(time: Array, on_a: Array, lost: Mask, file: str) -> tuple[str, ...]:
-    """Note on the rows of the log without a value of the second logger: how many, and why."""
-    if not lost.any():
-        return ()
+def _place_lost_rows(time: Array, on_a: Array, lost: Mask) -> dict[str, Mask]:
+    """Where rows of the log have no value of the second logger → which of them."""
     before, after = time < on_a[0], time > on_a[-1]
     places = {
-        "before its start": before,
-        "after its end": after,
-        "in its gaps": ~(before | after),
+        "before its start": lost & before,
+        "after its end": lost & after,
+        "in its gaps": lost & ~(before | after),
     }
-    counts = {where: int(np.sum(lost & place)) for where, place in places.items()}
-    parts = ", ".join(f"{count} {where}" for where, count in counts.items() if count)
-    return (f"{int(lost.sum())} rows without a value of {file} left out: {parts}",)
+    return {where: rows for where, rows in places.items() if rows.any()}
+
+
+def _lost(first: Log, file: str, places: Mapping[str, Mask]) -> Iterator[tuple[str, Integers]]:
+    """Why rows of the log are lost, and their numbers in its index."""
+    numbers = first.frame.index.to_numpy()
+    for where, rows in places.items():
+        yield f"no value of {file}: {where}", numbers[rows]
+
+
+def _note_lost_rows(places: Mapping[str, Mask], file: str) -> tuple[str, ...]:
+    """Note on the rows of the log without a value of the second logger: how many, and why."""
+    counts = {where: int(rows.sum()) for where, rows in places.items()}
+    parts = ", ".join(f"{count} {where}" for where, count in counts.items())
+    left = f"{sum(counts.values())} rows without a value of {file} left out: {parts}"
+    return (left,) if counts else ()
 
 
 def _note_stamps(chamber: SecondLogger, file: str, begins: float) -> tuple[str, ...]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import csv
 import io
 from dataclasses import dataclass
@@ -11,9 +10,10 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from calibkit import units
-from calibkit.errors import CalibkitError, FrameError, LogFormatError
-from calibkit.ingest import mapping
+from calibkit.errors import FrameError, LogFormatError
+from calibkit.frame import values
 from calibkit.ingest.column_values import unmap_values
+from calibkit.ingest.text_lines import STATUS, TextLines
 from calibkit.numeric import chunks
 from calibkit.readers import clean, delimited, registry, tokens
 from calibkit.recipe import Column
@@ -25,104 +25,184 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-    from calibkit.arrays import Array
+    from calibkit.arrays import Array, Integers
+    from calibkit.frame import Log
     from calibkit.recipe import Recipe
 
 
-Applied: TypeAlias = "tuple[Iterable[bytes], tuple[str, ...]]"
-"""A compensated log: the new file's bytes, part by part, and the flags."""
+Applied: TypeAlias = "tuple[Rewritten, tuple[str, ...]]"
+"""A compensated log and the flags."""
 _CSV = frozenset({AUTO, "csv"})
 BLOCK = 1 << 18
 """Bytes of a log that are rewritten at a time."""
 
 
+@dataclass(frozen=True, slots=True)
+class Rewritten:
+    """A log with its canonical columns `replaced` and others `added`, each along all rows of the
+    file; iterated over, the bytes of the new file, part by part.
+
+    `columns` are the replaced ones along the rows of the log's frame, `own` has their names in the
+    log, `uncorrected` the rows of the file by the reason why they could not be corrected, `keep`
+    whether these keep what was logged.
+    """
+
+    recipe: Recipe
+    file: str
+    log: Log
+    fields: _Fields
+    columns: Mapping[str, Array]
+    replaced: Mapping[str, Array]
+    own: Mapping[str, str]
+    added: Mapping[str, Array]
+    uncorrected: tuple[tuple[str, Integers], ...]
+    keep: bool = False
+
+    def __iter__(self) -> Iterator[bytes]:
+        """Bytes of the new file; raises LogFormatError where the log changes meanwhile."""
+        lines, quotes = self.fields.lines, self.fields.quotes or bool(self.uncorrected)
+        status = (STATUS,) if self.uncorrected else ()
+        shadowed = {*self.added, *status} & {*self.fields.header}
+        renamed = {name: f"reference_{name}" for name in shadowed}
+        if lines is not None:
+            count = self.fields.count
+            replaced = {k: self._texts(name, 0, count) for k, name in self._places()}
+            added = {name: _format_numbers(values) for name, values in self.added.items()}
+            yield lines.write(replaced, added, self._status(0, count), renamed)
+            return
+        header = [renamed.get(name, name) for name in self.fields.header]
+        yield _format_csv([[name] for name in (*header, *self.added, *status)], quotes=quotes)
+        row = 0
+        for block in self.fields.blocks():
+            stop, fields = row + len(block[0]), list(block)
+            if stop > self.fields.count:
+                break
+            for k, name in self._places():
+                texts = zip(self._texts(name, row, stop), block[k], strict=True)
+                fields[k] = [own if text is None else text for text, own in texts]
+            fields += [_format_numbers(values[row:stop]) for values in self.added.values()]
+            fields += [self._status(row, stop) for _ in status]
+            chunks.release(*self.replaced.values(), *self.added.values())
+            yield _format_csv(fields, quotes=quotes)
+            row = stop
+        if row != self.fields.count:
+            raise clean.changed(self.file)
+
+    def _places(self) -> list[tuple[int, str]]:
+        """Number of each replaced column in the log, and its canonical name."""
+        return [(self.fields.header.index(source), name) for name, source in self.own.items()]
+
+    def _texts(self, name: str, row: int, stop: int) -> list[str | None]:
+        """Fields of a replaced column from one row to another, in the log's own unit and sign; None
+        where what was logged is kept.
+        """
+        source = self.own[name]
+        mapped = self.recipe.columns.get(name) or Column(source=source)
+        stated = self.fields.units.get(source, "")
+        values = self.replaced[name][row:stop]
+        numbers = unmap_values(values, mapped, name, self.recipe, stated)
+        texts: list[str | None] = [*_format_numbers(numbers)]
+        for _, rows in self.uncorrected if self.keep else ():
+            for k in rows[(rows >= row) & (rows < stop)].tolist():
+                texts[k - row] = None
+        return texts
+
+    def _status(self, row: int, stop: int) -> list[str]:
+        """Why each row from one to another is not corrected, "" for one that is; empty where all
+        rows of the log are.
+        """
+        if not self.uncorrected:
+            return []
+        words = [""] * (stop - row)
+        for reason, rows in self.uncorrected:
+            for k in rows[(rows >= row) & (rows < stop)].tolist():
+                words[k - row] = reason
+        return words
+
+    def describe(self) -> list[str]:
+        """What was done: rows and the size of the corrections, columns added, rows left out."""
+        left = sum(rows.size for _, rows in self.uncorrected)
+        said = [f"{self.fields.count - left:,} of {self.fields.count:,} rows corrected"]
+        for name, source in self.own.items():
+            low, high = _range_of_differences(values(self.log.frame, name), self.columns[name])
+            unit = units.column_unit(name)
+            said.append(f"column '{source}': {low:.4g} to {high:.4g} {unit} taken off")
+        if self.added:
+            said.append(f"columns added: {', '.join(self.added)}")
+        kept = "keep what was logged" if self.keep else "are empty"
+        said += [
+            f"{rows.size:,} rows not corrected ({reason}): their corrected values {kept}"
+            for reason, rows in self.uncorrected
+        ]
+        return said
+
+
 def rewrite_log(
     recipe: Recipe,
     path: Path,
+    log: Log,
     columns: Mapping[str, Array],
     derived: Mapping[str, Array] | None = None,
-) -> Iterator[bytes]:
-    """Bytes of a log, part by part, with canonical columns replaced and derived ones added behind.
+) -> Rewritten:
+    """A log with canonical columns replaced and derived ones added behind, each along the rows of
+    its frame; rows of the file that it lacks are empty there and have a status.
 
     Columns are written in the log's own unit and sign; every other field keeps its own characters.
     A reference column that a derived one would shadow is renamed reference_<column>. Numbers are
-    written with the fewest digits that read back to the same float64. A log in another dialect or
-    format is written as comma-separated UTF-8 with decimal points, every row and column of it.
-    Clean CSV takes the memory of a block.
+    written with the fewest digits that read back to the same float64. Text keeps its encoding,
+    delimiter, decimal mark and every line; another format is written as comma-separated UTF-8 with
+    decimal points, every row and column of it. Clean CSV takes the memory of a block.
 
-    Raises FrameError or LogFormatError before the first part for what the log lacks, and
-    LogFormatError in between where the log changes meanwhile.
+    Raises FrameError or LogFormatError for what the log lacks.
     """
-    log = _scan_clean(recipe, path) or _read_fields(recipe, path)
-    added = derived or {}
-    own = {name: _find_source(recipe, name, log, path) for name in columns}
-    for values in (*columns.values(), *added.values()):
-        if len(values) != log.count:
-            raise FrameError(
-                f"{path.name}: {log.count} rows in, {len(values)} compensated",
-                hint=_interval_advice(recipe, path),
-            )
-
-    return _rewrite_blocks(recipe, log, columns, own, added, path.name)
-
-
-def _rewrite_blocks(
-    recipe: Recipe,
-    log: _Fields,
-    columns: Mapping[str, Array],
-    own: Mapping[str, str],
-    added: Mapping[str, Array],
-    file: str,
-) -> Iterator[bytes]:
-    """Bytes of a log, block by block: canonical columns in place of its own ones (`own`, by
-    canonical name), and added ones behind.
-    """
-    names = (f"reference_{name}" if name in added else name for name in log.header)
-    yield _format_csv([[name] for name in (*names, *added)], quotes=log.quotes)
-    row = 0
-    for block in log.blocks():
-        stop, fields = row + len(block[0]), list(block)
-        if stop > log.count:
-            break
-        for name, source in own.items():
-            mapped = recipe.columns.get(name) or Column(source=source)
-            stated = log.units.get(source, "")
-            values = unmap_values(columns[name][row:stop], mapped, name, recipe, stated)
-            fields[log.header.index(source)] = _format_numbers(values)
-        fields += [_format_numbers(values[row:stop]) for values in added.values()]
-        chunks.release(*columns.values(), *added.values())
-        yield _format_csv(fields, quotes=log.quotes)
-        row = stop
-    if row != log.count:
-        raise clean.changed(file)
-
-
-def _interval_advice(recipe: Recipe, path: Path) -> str:
-    """Hint where counts since the row before leave the first row without a value: state their
-    interval [s].
-    """
-    reason = "counts since the row before give the first row no value"
-    counted = {name: column for name, column in recipe.columns.items() if column.interval_s is None}
-    per_sample = [
-        name
-        for name, column in counted.items()
-        if column.unit == "1/sample" and not column.accumulated
+    fields = _scan_clean(recipe, path) or _read_fields(recipe, path, log)
+    own = {name: _find_source(recipe, name, fields, path) for name in columns}
+    rows, lost = _find_rows(log)
+    spread = [
+        {name: _spread(log, along, rows, fields.count) for name, along in part.items()}
+        for part in (columns, derived or {})
     ]
-    if not per_sample or any(column.accumulated for column in counted.values()):
-        return (
-            f'{reason}: map rates, or counts per sample (unit = "1/sample") with interval_s, the'
-            " interval of a sample"
-        )
-    usual = "SECONDS"
-    with contextlib.suppress(CalibkitError):
-        log = mapping.read_file(recipe, path, path.name, ("time_s",))
-        time = log.frame["time_s"].to_numpy(dtype=np.float64)
-        usual = f"{float(np.median(np.diff(time))):.9g}"
-    mapped = " ".join(f"--set columns.{name}.interval_s={usual}" for name in per_sample)
-    return (
-        f"{reason}: state the interval of a sample, and every row has one: {mapped} (the usual one"
-        " of this log)"
-    )
+    for along in (*spread[0].values(), *spread[1].values()):
+        if len(along) != fields.count:
+            raise FrameError(
+                f"{path.name}: {fields.count} rows in, {len(along)} compensated",
+                hint="report this log as a fault",
+            )
+    return Rewritten(recipe, path.name, log, fields, columns, spread[0], own, spread[1], lost)
+
+
+def _range_of_differences(logged: Array, made: Array) -> tuple[float, float]:
+    """Smallest and largest difference of two columns [n], span by span."""
+    low, high = np.nan, np.nan
+    for a, b in chunks.ranges_along(logged, made):
+        part = logged[a:b] - made[a:b]
+        low, high = np.fmin(low, np.fmin.reduce(part)), np.fmax(high, np.fmax.reduce(part))
+    return float(low), float(high)
+
+
+def _find_rows(log: Log) -> tuple[Integers | None, tuple[tuple[str, Integers], ...]]:
+    """Rows of the file that a log's frame has, None where it has all, and those that are lost, by
+    the reason.
+    """
+    if not log.lost:
+        return None, ()
+    kept = log.frame.index.to_numpy()
+    whole = np.sort(np.concatenate([kept, *(rows for _, rows in log.lost)]))
+    lost: dict[str, Integers] = {}
+    for reason, rows in log.lost:
+        found = np.searchsorted(whole, rows)
+        lost[reason] = np.concatenate([lost[reason], found]) if reason in lost else found
+    return np.searchsorted(whole, kept), tuple(lost.items())
+
+
+def _spread(log: Log, along: Array, rows: Integers | None, count: int) -> Array:
+    """Values along a log's frame, along all rows of its file: missing where the frame has none."""
+    if rows is None:
+        return along
+    whole = log.allocate(max(count, int(rows.max(initial=-1)) + 1))
+    whole[:] = np.nan
+    whole[rows] = along
+    return whole
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +210,7 @@ class _Fields:
     """A log as characters: names, units that the header states, number of rows, and the fields of
     each column for one block of rows after the other.
 
-    `quotes`: whether a field may hold a comma.
+    `quotes`: whether a field may hold a comma; `lines`: those of a text that is written as it is.
     """
 
     header: list[str]
@@ -138,6 +218,7 @@ class _Fields:
     count: int
     blocks: Callable[[], Iterable[list[list[str]]]]
     quotes: bool
+    lines: TextLines | None = None
 
 
 def _scan_clean(recipe: Recipe, path: Path) -> _Fields | None:
@@ -171,8 +252,10 @@ def _read_blocks(path: Path, width: int) -> Iterator[list[list[str]]]:
             yield [fields[number::width] for number in range(width)]
 
 
-def _read_fields(recipe: Recipe, path: Path) -> _Fields:
-    """Fields of a log: of CSV as they are, of any other dialect or format by its reader."""
+def _read_fields(recipe: Recipe, path: Path, log: Log) -> _Fields:
+    """Fields of a log: of CSV as they are, of text by its lines, of any other format by its
+    reader.
+    """
     data, _ = delimited.read_bytes(path, path.name)
     if recipe.logs.format in _CSV and delimited.looks_clean(data):
         try:
@@ -186,6 +269,8 @@ def _read_fields(recipe: Recipe, path: Path) -> _Fields:
             columns = list(map(list, zip(*rows, strict=True)))
             stated = {name: units.unit_in_header(name) for name in header}
             return _Fields(header, stated, len(rows), lambda: [columns], quotes=False)
+    if (text := _cut_text(recipe, path, data, log)) is not None:
+        return text
     table = registry.read(path, path.name, recipe.logs, ())
     columns = [_format_column(table.frame[name], table.decimal) for name in table.frame.columns]
     return _Fields(
@@ -195,6 +280,23 @@ def _read_fields(recipe: Recipe, path: Path) -> _Fields:
         lambda: [columns],
         quotes=True,
     )
+
+
+def _cut_text(recipe: Recipe, path: Path, data: bytes, log: Log) -> _Fields | None:
+    """Fields of text in a dialect, which is written by its lines; None of another format."""
+    known = recipe.logs.format == "text"
+    if not known and (recipe.logs.format != AUTO or registry.recognise_format(data)):
+        return None
+    numbers = np.sort(np.concatenate([log.frame.index, *(rows for _, rows in log.lost)]))
+    try:
+        lines = TextLines.cut(data, path.name, recipe.logs, numbers.astype(np.int64) + 1)
+    except LogFormatError:
+        return None
+    if lines is None:
+        return None
+    stated = {column.name: column.unit for column in lines.dialect.columns if column.unit}
+    header = list(lines.dialect.names)
+    return _Fields(header, stated, len(numbers), list, quotes=False, lines=lines)
 
 
 def _format_column(column: pd.Series, decimal: str) -> list[str]:

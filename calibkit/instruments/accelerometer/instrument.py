@@ -131,7 +131,7 @@ def _apply(spec: AccelerometerRecipe, records: Mapping[str, Record], data: Path)
         parts = (*own_sign.T, attitude.inclination(vector), attitude.toolface(vector))
         for output, part in zip(outputs, parts, strict=True):
             output[a:b] = part
-    applied = write_back.rewrite_log(spec.on_site(), data, columns, angles)
+    applied = write_back.rewrite_log(spec.on_site(), data, log, columns, angles)
     return applied, (clamped,) if outside > 0.0 else ()
 
 

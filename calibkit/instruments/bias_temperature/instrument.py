@@ -104,7 +104,7 @@ def _apply(spec: BiasTemperatureRecipe, records: Mapping[str, Record], data: Pat
     log = _read(spec, data.parent, data.name)
     refuse(_findings(spec, log))
     columns, flags = polynomials.compensate(log, records["bias.json"], spec)
-    return write_back.rewrite_log(spec, data, columns), flags
+    return write_back.rewrite_log(spec, data, log, columns), flags
 
 
 def _validate(

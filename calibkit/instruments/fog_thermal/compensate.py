@@ -15,11 +15,14 @@ from calibkit.instruments.fog_thermal.forms import FILE
 from calibkit.instruments.fog_thermal.numeric import compensation, evaluate
 from calibkit.instruments.fog_thermal.numeric.bank import OnLevels
 from calibkit.instruments.fog_thermal.numeric.gradient import Blocks, RatePolynomial
+from calibkit.instruments.fog_thermal.numeric.terms import ThermalModel
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 from calibkit.numeric import chunks
 
 FLAGGED_SHARE = 0.005
 """Largest share of a log that may be held or clamped without a flag."""
+GRADIENT_TERMS = {"s_grad", "s_grad2", "s_grad_rate"}
+"""Terms of the gradient between case and chamber air."""
 Mode = Literal["recursive", "one_step"]
 
 
@@ -66,6 +69,15 @@ class DriftModel:
     def exported(self) -> bool:
         """Whether there is a drift term at all."""
         return bool(self.polynomials) or self.thermal is not None
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Columns of a log that the model needs: the chamber air where a gradient to it enters."""
+        # lagged models and banks take the gradient inside the gyro, from the case alone
+        needs_air = bool(self.polynomials)
+        if isinstance(self.thermal, ThermalModel) and self.thermal.form == "level":
+            needs_air |= not GRADIENT_TERMS.isdisjoint(self.thermal.terms)
+        return tuple(name for name in ramps.COLUMNS if needs_air or name != "temp_env_degc")
 
     @classmethod
     def read(cls, records: Mapping[str, Record], recipe: FogThermalRecipe) -> "DriftModel":

@@ -62,9 +62,10 @@ def apply(
     """Correct every row of a log by the drift of the previous interval; the chain is updated once
     per interval with means over it.
     """
-    log = logs.read_log(spec, data, data.name, ramps.COLUMNS)
+    columns = _columns(quantised)
+    log = logs.read_log(spec, data, data.name, tuple(dict.fromkeys(columns)))
     refuse(ramps.find_unusable(log))
-    time, case, env, gyro = (values(log.frame, column) for column in ramps.COLUMNS)
+    time, case, env, gyro = (values(log.frame, column) for column in columns)
     slope = segments.causal_slope(time, env, spec.segments.slope_window_s)
     interval = spec.drift.interval_s
     held = intervals.Intervals.find(time, interval)
@@ -93,7 +94,14 @@ def apply(
         note,
         *as_firmware.status_flags(log.file, quantised, status),
     )
-    return write_back.rewrite_log(spec, data, {"gyro_dph": gyro - known}), flags
+    return write_back.rewrite_log(spec, data, log, {"gyro_dph": gyro - known}), flags
+
+
+def _columns(quantised: Program) -> tuple[str, str, str, str]:
+    """Time, case, chamber air and indication of a log; the case again where no air is needed."""
+    needs_air = any(entry.name.startswith("temp_env") for entry in quantised.structure.inputs)
+    air = "temp_env_degc" if needs_air else "temp_case_degc"
+    return ("time_s", "temp_case_degc", air, "gyro_dph")
 
 
 def thermal_history(chain: Chain) -> Trials:

@@ -163,17 +163,17 @@ def _common_criteria(
 def _apply(spec: FogThermalRecipe, records: Mapping[str, Record], data: Path) -> Applied:
     """Compensate every row of a log; the indication keeps its unit and sign in the log."""
     model = compensate.DriftModel.read(records, spec)
-    log = ingest.read_log(spec, data, data.name, ramps.COLUMNS)
+    log = ingest.read_log(spec, data, data.name, model.columns)
     refuse(ramps.find_unusable(log))
     output, flags = compensate.compensate_log(log, model, spec)
     gyro, drift = values(log.frame, "gyro_dph"), log.allocate(output.size)
     for a, b in chunks.ranges_along(gyro, output, drift):
         np.subtract(gyro[a:b], output[a:b], out=drift[a:b])
     flags = (*flag_bridged_gaps(log), *magnitude.flag_missing_drift(log.file, drift, gyro), *flags)
-    added = {}
+    added = {"gyro_drift_dph": drift} if spec.output.drift else {}
     if spec.output.rate_uncertainty:
         added["gyro_standard_uncertainty_dph"] = uncertainty.along_rows(log, model, spec)
-    return write_back.rewrite_log(spec, data, {"gyro_dph": output}, added), flags
+    return write_back.rewrite_log(spec, data, log, {"gyro_dph": output}, added), flags
 
 
 def _validate(

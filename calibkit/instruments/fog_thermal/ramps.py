@@ -28,7 +28,8 @@ LEAST_LEAD_DEGC = 2.0
 """Growth of T_case − T_env in the direction of a ramp [°C] above which the columns are swapped;
 self-heating and noise stay below.
 """
-COLUMNS = ("time_s", "temp_case_degc", "temp_env_degc", "gyro_dph")
+TEMPERATURES = ("temp_case_degc", "temp_env_degc")
+COLUMNS = ("time_s", *TEMPERATURES, "gyro_dph")
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,13 +118,14 @@ def _check_stated_rate(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
 
 def find_unusable(log: Log, min_rows: int = 3) -> list[Finding]:
     """Findings of a log for compensation, which may be at rest and may have gaps."""
-    early = [*check.find_too_few_rows(log, min_rows), *check.find_missing_values(log, COLUMNS)]
+    there = [column for column in COLUMNS if column in log.frame.columns]
+    early = [*check.find_too_few_rows(log, min_rows), *check.find_missing_values(log, there)]
     if any(finding.refused for finding in early):
         return early
     return [
         *early,
         *check.find_unordered_times(log),
-        *check.find_implausible_temperatures(log, ["temp_case_degc", "temp_env_degc"]),
+        *check.find_implausible_temperatures(log, [name for name in there if name in TEMPERATURES]),
         *check.find_implausible_rates(log, "gyro_dph"),
     ]
 
@@ -194,9 +196,11 @@ def block_means(
     log: Log, recipe: FogThermalRecipe, *, rated: bool
 ) -> tuple[intervals.Intervals, gradient.Blocks]:
     """Model intervals and block means of a log that is not fitted; the temperature rate is 0 unless
-    `rated`.
+    `rated`. A log without chamber air has no gradient.
     """
-    time, case, env, gyro = (values(log.frame, column) for column in COLUMNS)
+    air = "temp_env_degc" if "temp_env_degc" in log.frame.columns else "temp_case_degc"
+    columns = ("time_s", "temp_case_degc", air, "gyro_dph")
+    time, case, env, gyro = (values(log.frame, column) for column in columns)
     held = intervals.Intervals.find(time, recipe.drift.interval_s, log.steps.usual)
     slope = _cut(log, recipe)[1] if rated else np.broadcast_to(0.0, time.shape)
     means = (held.means(column) for column in (time, case, env, gyro))

@@ -80,6 +80,7 @@ class _InputAxis(Table):
 class _Output(Table):
     """Columns that `apply` adds to the compensated rate."""
 
+    drift: bool = False
     rate_uncertainty: bool = False
 
 

@@ -72,7 +72,9 @@ def apply(spec: AnyRecipe, records: Mapping[str, Record], data: Path) -> Applied
         rates, new = _compensate(log, matrix, added)
         derived |= rates
         flags += new
-    return write_back.rewrite_log(spec, data, {}, derived), tuple(dict.fromkeys([*flags, *last]))
+    return write_back.rewrite_log(spec, data, log, {}, derived), tuple(
+        dict.fromkeys([*flags, *last])
+    )
 
 
 def _read(spec: AnyRecipe, data: Path, known: Sequence[GyroMatrix]) -> Log:
@@ -84,9 +86,10 @@ def _read(spec: AnyRecipe, data: Path, known: Sequence[GyroMatrix]) -> Log:
         needed = (*columns, TEMPERATURE) if known[0].over_temperature else columns
         log = logs.read_log(spec, data, data.name, needed, (TEMPERATURE,))
     else:
-        log = logs.read_log(spec, data, data.name, (), ("time_s", TEMPERATURE, *columns))
-        if not set(columns) & set(log.frame.columns):
-            log = logs.read_log(spec, data, data.name, columns[:1], ())
+        log = logs.read_log(spec, data, data.name, (), (TEMPERATURE, *columns))
+        there = [name for name in columns if name in log.frame.columns] or [columns[0]]
+        there += [TEMPERATURE] if TEMPERATURE in log.frame.columns else []
+        log = logs.read_log(spec, data, data.name, there, ("time_s",))
     present = list(log.frame.columns)
     refuse([*check.find_too_few_rows(log, 1), *check.find_missing_values(log, present)])
     if TEMPERATURE in present:

@@ -88,7 +88,9 @@ def _apply(spec: InclinometerRecipe, records: Mapping[str, Record], data: Path) 
     """Correct the rates of every row, in the log's own unit, and add the station's angles to its
     rows.
     """
-    log = _read(spec, data.parent, data.name)
+    # a pair that lost a reading leaves its station to the other one
+    whole = {"logs": spec.logs.model_copy(update={"missing": "refuse"})}
+    log = _read(spec.model_copy(update=whole), data.parent, data.name)
     refuse(inclinometer_stations.find_unusable(log, spec))
     dwelt = dwells.find_dwells(log, spec)
     refuse(dwelt.findings)
@@ -118,7 +120,7 @@ def _apply(spec: InclinometerRecipe, records: Mapping[str, Record], data: Path) 
         )
         for name, angle in angles.items()
     }
-    return write_back.rewrite_log(spec.on_site(), data, columns, derived), flags
+    return write_back.rewrite_log(spec.on_site(), data, log, columns, derived), flags
 
 
 def _validate(
