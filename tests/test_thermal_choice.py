@@ -270,6 +270,13 @@ def test_of_candidates_within_one_standard_error_of_the_best_the_simplest_is_exp
     assert _best_of([result((0.3,) * 3)]) is None
 
 
+def test_a_ramp_that_is_worse_within_its_noise_rejects_no_model():
+    """A tenth more than raw on one ramp rejects a model; not where chance makes as much."""
+    worse = result((0.05, 0.05, 0.22))
+    assert _best_of([worse]) is None
+    assert _best_of([replace(worse, chance=np.full(3, 0.5 * (0.22**2 - 0.2**2)))]) == 0
+
+
 def test_a_lag_without_end_is_only_taken_where_it_is_better_than_the_noise():
     """A lag on its upper bound stands for something that is not a lag; but a clearly better model
     is not thrown away for it.

@@ -107,14 +107,17 @@ class _LeftOut(LeftOutRamps):
     """Compensated 100 s means of each ramp [°/h], the ramp's mean removed."""
     parameters: int
     endless: bool
+    chance: float | Array = 0.0
+    """[ramps], standard error of compensated² − raw² by the noise of each ramp [(°/h)²]."""
 
     @property
     def helps(self) -> bool:
         """Whether the pooled error on left-out ramps is clearly below raw and no left-out ramp
-        became worse.
+        became worse by more than its noise.
         """
+        limit = (WORSE * self.raw) ** 2 + 2.0 * self.chance
         return self.pooled <= CLEARLY * self.pooled_raw and bool(
-            np.all(self.compensated <= WORSE * self.raw)
+            np.all(self.compensated**2 <= limit)
         )
 
     def as_good_as(self, best: "_LeftOut") -> bool:
@@ -309,6 +312,9 @@ def _left_out(fitted: _Fitted, stacked: Stack, figure_blocks: int) -> _LeftOut:
         errors=errors,
         parameters=fitted.parameters,
         endless=fitted.endless,
+        chance=np.array(
+            [np.std(e**2 - r**2) / np.sqrt(e.size) for e, r in zip(errors, raw, strict=True)]
+        ),
     )
 
 
