@@ -113,7 +113,12 @@ def examine(recipe: Source | AnyPath, data: AnyPath) -> tuple[LogReport, ...]:
 
 
 def fit(
-    recipe: Source | AnyPath, data: AnyPath, *, date: str, serial: str = "", runs: AnyPath = "runs"
+    recipe: Source | AnyPath,
+    data: AnyPath,
+    *,
+    date: str | None = None,
+    serial: str = "",
+    runs: AnyPath = "runs",
 ) -> Run:
     """Fit a recipe to the logs of a folder and write the next run folder; `calibkit fit`.
 
@@ -121,7 +126,8 @@ def fit(
     ----------
     recipe : from `load_recipe`, or its path or name.
     data : folder of the logs.
-    date : YYYY-MM-DD from which the coefficients hold; no clock is read.
+    date : YYYY-MM-DD from which the coefficients hold; by default the date of the logs' last row,
+        and today's where they have none.
     serial : of the unit; the recipe's by default.
     runs : folder of all run folders.
 

@@ -105,6 +105,8 @@ class Input:
     """Plugins that read the log; kept in run.json, not in coefficient files."""
     second_logger_sha256: str = ""
     """Digest of a second logger's file that was joined; kept in run.json."""
+    last_date: str = field(default="", compare=False)
+    """Date of the last row, where the log has dates: coefficients hold from it by default."""
     content: frozenset[bytes] = field(default=frozenset(), compare=False, repr=False)
     """First rows of its values, by which copies are seen; run.json keeps their fingerprint."""
 
@@ -119,6 +121,7 @@ class Input:
             log.clock,
             log.plugins,
             log.second_logger_sha256,
+            last_date=log.last_date,
             content=log.first_rows(),
         )
 

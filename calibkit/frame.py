@@ -56,6 +56,8 @@ PATTERNS = (
 """Canonical columns that are named after their axis."""
 
 
+_FIRST_DATE = "2000"
+"""Dates before it are those of clocks that were never set: 1970-01-01, 1980-01-06, …"""
 GAP = 2.5
 """Sampling intervals, in medians, that are a gap."""
 COMPARED_ROWS = 1000
@@ -124,6 +126,18 @@ class Log:
     """What was asked of the columns before, by many checks; a log that replaces this one begins
     anew.
     """
+
+    @property
+    def last_date(self) -> str:
+        """Date of the last row as its stamp says it, YYYY-MM-DD; "" where it says none, or one of
+        before calibkit's time, as of a clock that was never set.
+        """
+        if self.origin is None or not self.origin.kind.startswith("date-times"):
+            return ""
+        if "time_s" not in self.frame.columns or self.frame.empty:
+            return ""
+        date = self.origin.stamp(float(self.frame["time_s"].iloc[-1]))[:10]
+        return date if date >= _FIRST_DATE else ""
 
     def extremes(self, column: str) -> tuple[float, float]:
         """Smallest and largest value of a column, both not a number where one is missing or there

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from calibkit import (
+    clock,
     coefficients,
     instruments,
     new_files,
@@ -49,7 +50,7 @@ if TYPE_CHECKING:
 @dataclass(frozen=True, slots=True)
 class _FitOutcome:
     """A finished fit: its run, which a dry run does not save, the summary for people, and what was
-    guessed of how the logs are written.
+    guessed of how the logs are written and of the date.
     """
 
     run: store.Run
@@ -62,12 +63,15 @@ def fit(
     data: Path,
     serial: str,
     out: Path,
-    date: str,
+    date: str | None,
     progress: Progress,
     *,
     dry_run: bool = False,
 ) -> _FitOutcome:
-    """Fit a recipe to logs and write the next revision of a run folder; a dry run only names it."""
+    """Fit a recipe to logs and write the next revision of a run folder; a dry run only names it.
+
+    Without a date that of the logs' last row holds, and today's where they have none.
+    """
     spec = instruments.parse_recipe(source)
     serial = store.check_serial(serial or spec.serial)
     with _placed(source):
@@ -76,6 +80,8 @@ def fit(
         pooled = pooling.pool_components(spec, out, [data / name for name in logs])
         fitted = instruments.find(spec.procedure).fit(pooled.recipe, data, logs, progress)
     type_b.require_known(spec.type_b, (*budget.name_results(fitted.results), *spec.own_columns()))
+    dated = "" if date else max((log.last_date for log in fitted.inputs), default="")
+    date = date or dated or clock.date_or_today(None)
     with store.next_revision(out, serial, dry_run=dry_run) as (revision, superseded):
         found = replace(fitted.summary, flags=(*pooled.flags, *fitted.summary.flags))
         summary = dates.flag_date_order(found, out, serial, revision, date)
@@ -85,7 +91,9 @@ def fit(
         folder = store.save(out, serial, revision, files, dry_run=dry_run)
     run = store.Run(folder, document, records)
     summary = replace(summary, title=f"{run.name}: {spec.title or spec.procedure}")
-    return _FitOutcome(run, summary, run_content.list_guesses(run.document["inputs"]))
+    guesses = run_content.list_guesses(run.document["inputs"])
+    last = f"effective from {dated}, the date of the last row of the logs; --date states another"
+    return _FitOutcome(run, summary, (*guesses, last) if dated else guesses)
 
 
 @contextlib.contextmanager

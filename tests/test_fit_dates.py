@@ -4,9 +4,12 @@ date does.
 
 import json
 
+import numpy as np
+import pandas as pd
 import pytest
 
-from calibkit import store
+import calibkit as api
+from calibkit import clock, store
 from calibkit.coefficients import Criterion
 from calibkit.history import dates
 from calibkit.report.summary import Summary
@@ -84,3 +87,55 @@ def test_fit_says_it_and_keeps_it(tmp_path, calibkit):
         in json.loads((tmp_path / "S" / "r002" / "run.json").read_text(encoding="utf-8"))["flags"]
     )
     assert calibkit("verify", tmp_path / "S" / "r002").code == 0
+
+
+DATED = """
+procedure = "bias_temperature"
+[logs]
+files = ["*.csv"]
+[polynomials]
+abscissa = "temp_case_degc"
+bias = [{ indication = "gyro_dph", order = 1 }]
+"""
+
+
+def fit_dated(calibkit, folder, begins, *more):
+    """Fit two warm-ups that begin at some times, on the day and on the day after, or whenever."""
+    (folder / "logs").mkdir(parents=True)
+    rng = np.random.default_rng(1)
+    for day in range(2):
+        seconds = pd.to_timedelta(10 * np.arange(400), unit="s")
+        stamps = (pd.Timestamp(begins) + pd.Timedelta(days=day) + seconds) if begins else None
+        table = {"time_s": 10.0 * np.arange(400) if stamps is None else stamps.strftime(ISO)}
+        table["temp_case_degc"] = np.round(20.0 + 30.0 * np.arange(400) / 400, 3)
+        table["gyro_dph"] = np.round(5.0 + 0.01 * np.arange(400) + rng.normal(0, 0.1, 400), 3)
+        pd.DataFrame(table).to_csv(folder / "logs" / f"{day}.csv", index=False)
+    (folder / "r.toml").write_text(DATED, encoding="utf-8")
+    arguments = ("--data", folder / "logs", "--serial", "S", "--out", folder / "runs")
+    outcome = calibkit("fit", folder / "r.toml", *arguments, *more)
+    assert outcome.code == 0, outcome.err
+    run = store.load(folder / "runs" / "S" / "r001")
+    return outcome, run.document["effective_from"]
+
+
+ISO = "%Y-%m-%d %H:%M:%S"
+
+
+def test_coefficients_hold_from_the_last_row_of_logs_with_dates(tmp_path, calibkit):
+    """The last log ends past midnight; --date states another date; both are said."""
+    outcome, date = fit_dated(calibkit, tmp_path / "a", "2025-03-05 23:30:00")
+    assert date == "2025-03-07"
+    assert "effective from 2025-03-07, the date of the last row of the logs" in outcome.err
+    outcome, date = fit_dated(calibkit, tmp_path / "b", "2025-03-05 23:30:00", "--date=2025-04-01")
+    assert date == "2025-04-01"
+    assert "effective from" not in outcome.err
+    run = api.fit(tmp_path / "a" / "r.toml", tmp_path / "a" / "logs", serial="T", runs=tmp_path)
+    assert run.document["effective_from"] == "2025-03-07"
+
+
+@pytest.mark.parametrize("begins", ["", "1970-01-01 00:10:00"])
+def test_without_dates_coefficients_hold_from_today(begins, tmp_path, calibkit):
+    """Plain seconds, and a clock that was never set."""
+    outcome, date = fit_dated(calibkit, tmp_path, begins)
+    assert date == clock.date_or_today(None)
+    assert "effective from" not in outcome.err

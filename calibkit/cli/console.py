@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from calibkit.cli.clock import now
+from calibkit.clock import now
 from calibkit.errors import OutputError, visible
 
 if TYPE_CHECKING:

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import click
 
-from calibkit.cli.clock import date_or_today
 from calibkit.cli.console import print_guesses, print_json, progress
 from calibkit.cli.options import DRY, JSON, KEEP, PATH, RECIPE, SET, SINCE, command
+from calibkit.clock import date_or_today
 from calibkit.errors import UsageError, visible
 
 

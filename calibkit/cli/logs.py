@@ -4,7 +4,6 @@ from pathlib import Path
 
 import click
 
-from calibkit.cli.clock import date_or_today
 from calibkit.cli.console import (
     DRY_RUN,
     log_line,
@@ -20,6 +19,7 @@ from calibkit.cli.console import (
 )
 from calibkit.cli.memory import tune_memory
 from calibkit.cli.options import DATA, DRY, JSON, KEEP, PATH, RECIPE, RUN, RUNS, SET, SINCE, command
+from calibkit.clock import date_or_today
 from calibkit.errors import FrameError, visible
 
 VERDICT_KEYS = (
@@ -66,7 +66,7 @@ def fit(
     calibkit fit my_recipe.toml --data logs --serial FOG-0001 --set drift.order=2 --json
     """
     tune_memory()
-    date = date_or_today(date)
+    date = date_or_today(date) if date else None
     from calibkit import pipeline
     from calibkit.recipe import find
 

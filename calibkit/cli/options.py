@@ -25,7 +25,8 @@ SINCE = click.option(
     "--date",
     default=None,
     metavar="YYYY-MM-DD",
-    help="date from which the coefficients hold (default: today)",
+    help="date from which the coefficients hold (default: of the logs' last row, else"
+    " today; a fleet's: today)",
 )
 RUNS = click.option(
     "--runs",

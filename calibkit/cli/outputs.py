@@ -6,9 +6,9 @@ from pathlib import Path
 import click
 
 from calibkit.certificate.words import Lang
-from calibkit.cli.clock import date_or_today, now
 from calibkit.cli.console import print_flags, print_message, print_result
 from calibkit.cli.options import DRY, JSON, PATH, RUN, RUNS, command
+from calibkit.clock import date_or_today, now
 
 
 @command()

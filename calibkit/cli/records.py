@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from calibkit.cli import completion
-from calibkit.cli.clock import date_or_today
 from calibkit.cli.console import (
     error_document,
     print_data,
@@ -17,6 +16,7 @@ from calibkit.cli.console import (
     print_summary,
 )
 from calibkit.cli.options import CSV, JSON, PATH, RUN, RUNS, command
+from calibkit.clock import date_or_today
 from calibkit.errors import CalibkitError, CoefficientError, UsageError, visible
 
 if TYPE_CHECKING:
