@@ -219,3 +219,24 @@ def test_a_counter_gives_its_first_row_no_rate(rated, tmp_path, calibkit):
     assert made["total"][3][1:].isna().all()
     assert np.isnan(made["total"][2][0])
     assert np.allclose(made["total"][2][1:], made["rates"]["gyro_x_dps"][1:], atol=1e-6)
+
+
+def test_one_row_a_station(tmp_path, calibkit):
+    """`rows = "station"` lists the stations with the angles that their rows have otherwise."""
+    folder = DATA.parent / "inclinometer"
+    api.fit("inclinometer", folder, date="2026-01-01", serial="I", runs=tmp_path)
+    data = folder / "withheld" / "stations.csv"
+    made = {}
+    for rows in ("all", "station"):
+        arguments = ("--runs", tmp_path, "--data", data, "--out", tmp_path / f"{rows}.csv")
+        more = ("--set", f'output.rows="{rows}"', "--set", "output.azimuth_uncertainty=true")
+        outcome = calibkit("apply", "I", *arguments, *more)
+        assert outcome.code == 0, outcome.err
+        made[rows] = pd.read_csv(tmp_path / f"{rows}.csv")
+    angles = ["inclination_deg", "toolface_deg", "azimuth_deg", "azimuth_standard_uncertainty_deg"]
+    first = made["all"].groupby("station", sort=False).first().reset_index()
+    assert len(made["station"]) == made["all"]["station"].nunique() > 3
+    assert np.allclose(
+        made["station"][["station", *angles]], first[["station", *angles]], equal_nan=True
+    )
+    assert list(made["station"])[:3] == ["station", "time_s", "temp_case_degc"]

@@ -20,7 +20,7 @@ from calibkit.recipe import Column
 from calibkit.recipe.logs import AUTO
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     import pandas as pd
@@ -169,6 +169,23 @@ def rewrite_log(
                 hint="report this log as a fault",
             )
     return Rewritten(recipe, path.name, log, fields, columns, spread[0], own, spread[1], lost)
+
+
+def tabulate(
+    recipe: Recipe, log: Log, columns: Mapping[str, Array], status: Sequence[str]
+) -> Rewritten:
+    """A table in place of a log: columns [n] in canonical units, and why a row has no result (""
+    where it has one).
+    """
+    head, *rest = columns
+    first = [f"{value:.10g}" for value in columns[head]]
+    fields = _Fields([head], {}, len(first), lambda: [[first]], quotes=True)
+    reasons = np.array(status, dtype=object)
+    lost = tuple(
+        (reason, np.flatnonzero(reasons == reason)) for reason in dict.fromkeys(status) if reason
+    )
+    added = {name: columns[name] for name in rest}
+    return Rewritten(recipe, log.file, log, fields, {}, {}, {}, added, lost)
 
 
 def _range_of_differences(logged: Array, made: Array) -> tuple[float, float]:

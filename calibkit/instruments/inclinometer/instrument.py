@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.certificate.results import Block
 from calibkit.certificate.stated import Stated
 from calibkit.check import copies
@@ -110,6 +111,8 @@ def _apply(spec: InclinometerRecipe, records: Mapping[str, Record], data: Path) 
     }
     if spec.output.azimuth_uncertainty:
         angles["azimuth_standard_uncertainty_deg"] = combined.standard_uncertainty[:, 2]
+    if spec.output.rows == "station":
+        return _list_stations(spec, log, dwelt.log, stations, seen, angles), flags
     # rows recorded while the tool was being turned have no angles
     standing = dwelt.standing(rows)
     derived = {
@@ -121,6 +124,28 @@ def _apply(spec: InclinometerRecipe, records: Mapping[str, Record], data: Path) 
         for name, angle in angles.items()
     }
     return write_back.rewrite_log(spec.on_site(), data, log, columns, derived), flags
+
+
+def _list_stations(
+    spec: InclinometerRecipe,
+    log: Log,
+    dwelt: Log,
+    stations: inclinometer_stations.Stations,
+    seen: solve.SolvedStations,
+    angles: Mapping[str, Array],
+) -> write_back.Rewritten:
+    """Table of a log, one row a station: its number, time and temperature, its angles, or why it
+    has none.
+    """
+    first = np.unique(stations.row_station, return_index=True)[1]
+    columns = {
+        name: values(dwelt.frame, name)[first]
+        for name in ("station", "time_s")
+        if name in dwelt.frame.columns
+    }
+    columns["temp_case_degc"] = stations.temperature
+    columns |= {name: np.where(seen.refused, np.nan, angle) for name, angle in angles.items()}
+    return write_back.tabulate(spec, log, columns, seen.combined.status)
 
 
 def _validate(

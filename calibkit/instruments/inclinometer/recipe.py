@@ -100,9 +100,12 @@ class _LimitSpec(Table):
 
 
 class _OutputSpec(Table):
-    """Columns that `apply` adds beside the angles."""
+    """Columns that `apply` adds beside the angles, and whether it writes every row or one a
+    station.
+    """
 
     azimuth_uncertainty: bool = False
+    rows: Literal["all", "station"] = "all"
 
 
 class _InclinometerAcceptance(Table):
