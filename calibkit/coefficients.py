@@ -94,13 +94,9 @@ class Input:
     sha256: str
     rows: int
     reading: tuple[str, ...] = ()
-    """How the log was read; kept in run.json, not in coefficient files: the same numbers are the
-    same coefficients.
-    """
+    """How it was read; in run.json alone: the same numbers are the same coefficients."""
     clock: tuple[float, float] | None = None
-    """Offset of a second logger's clock [s] and its standard uncertainty [s]; a condition in
-    coefficient files.
-    """
+    """Offset of a second logger's clock and its standard uncertainty [s]: a condition in files."""
     plugins: tuple[Plugin, ...] = ()
     """Plugins that read the log; kept in run.json, not in coefficient files."""
     second_logger_sha256: str = ""
