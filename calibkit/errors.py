@@ -73,6 +73,14 @@ class LogFormatError(CalibkitError):
     code = "log_format"
 
 
+class NamelessColumnsError(LogFormatError):
+    """A log has no line of names and the recipe lists none; `columns` is their number."""
+
+    def __init__(self, message: str, *, hint: str = "", columns: int = 0) -> None:
+        super().__init__(message, hint=hint)
+        self.columns = columns
+
+
 class FrameError(CalibkitError):
     """A log was read but its content is unusable."""
 

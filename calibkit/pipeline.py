@@ -135,13 +135,14 @@ def check(source: recipe.Source, data: Path, figure: Path | None = None) -> tupl
     )
 
 
-def init(folder: Path) -> Proposal:
+def init(folder: Path, sheet: str = "") -> Proposal:
     """Commented recipe for the logs of a folder, with what check finds in the first of them."""
     from calibkit.ingest import proposal
 
     proposers = [one.propose for one in instruments.list_usable().values()]
-    proposed = proposal.propose(folder, instruments.parse_recipe, proposers)
-    spec = instruments.parse_recipe(recipe.Source("proposed recipe", proposed.text))
+    parse, skeleton = instruments.parse_recipe, instruments.SKELETON
+    proposed = proposal.propose(folder, parse, proposers, skeleton, sheet)
+    spec = parse(recipe.Source("proposed recipe", proposed.text))
     from calibkit.check import examination
 
     instrument, file = instruments.find(spec.procedure), ingest.find_logs(spec, folder)[0]

@@ -149,8 +149,8 @@ def test_where_nothing_is_proposed_missing_units_are_named_and_stdout_is_empty(t
 
 
 def test_nothing_is_proposed_where_the_columns_say_nothing(tmp_path, calibkit):
-    """No log, a log without names, and names that mean nothing: an error with exit code 3 that
-    shows what is there.
+    """No log and names that mean nothing: an error with exit code 3 that shows what is there; a log
+    without names whose numbers say nothing gets a skeleton.
     """
     assert calibkit("init", "--from", tmp_path / "none").code == 2
     assert calibkit("init", "--from", tmp_path).code == 3
@@ -160,8 +160,9 @@ def test_nothing_is_proposed_where_the_columns_say_nothing(tmp_path, calibkit):
     assert "foo, bar" in outcome.err
     (tmp_path / "a.csv").write_text("".join(f"{k},2.0,3.0\n" for k in range(50)), encoding="utf-8")
     outcome = calibkit("init", "--from", tmp_path)
-    assert outcome.code == 3
-    assert "names" in outcome.err
+    assert outcome.code == 0
+    assert "# No procedure was recognised: put canonical names into [logs] names" in outcome.out
+    assert tomllib.loads(outcome.out)["logs"]["names"] == ["time_s", "column 2", "column 3"]
 
 
 def test_two_temperatures_without_a_word_are_told_from_each_other_aloud(
@@ -291,3 +292,90 @@ def test_rates_beside_a_chamber_log_are_no_record_at_rest(tmp_path, calibkit, lo
     )
     log_writer(tmp_path / "chamber.csv", time_s=time, temp_env_degc=25.0 + time / 100.0)
     assert calibkit("init", "--from", tmp_path).code == 3
+
+
+def imu(rows=400):
+    """Columns of a static log: time, accelerations in m/s², one rate, one temperature."""
+    rng = np.random.default_rng(18)
+    time = 0.5 * np.arange(rows)
+    axes = [9.80665 * (k == 2) + rng.normal(0.0, 0.01, rows) for k in range(3)]
+    return time, *axes, 9.0 + rng.normal(0.0, 0.3, rows), np.linspace(-20.0, 60.0, rows)
+
+
+def test_a_log_without_names_gets_names_from_its_numbers(tmp_path, calibkit):
+    """Time, gravity, temperature and a rate are known by their numbers; the recipe says that it
+    guessed, and check accepts it.
+    """
+    time, *_, rate, case = imu()
+    rows = (f"{t:.1f} {g:.4f} {c:.3f}" for t, g, c in zip(time, rate, case, strict=True))
+    (tmp_path / "a.txt").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    text = proposed(calibkit, tmp_path)
+    spec = tomllib.loads(text)
+    assert spec["logs"]["names"] == ["time_s", "gyro_dph", "temp_case_degc"]
+    assert "[logs] names was guessed from their numbers" in text
+    assert "# Procedure: bias_temperature, because the logs hold a gyro beside one temp" in text
+    (tmp_path / "r.toml").write_text(text, encoding="utf-8")
+    assert calibkit("check", tmp_path / "r.toml", "--data", tmp_path).code == 0
+
+
+def test_a_triad_without_names_is_known_by_the_length_of_gravity(tmp_path, calibkit):
+    """Three columns whose length is g, in m/s², are the accelerometers."""
+    np.savetxt(tmp_path / "a.log", np.column_stack(imu()), fmt="%.5f", delimiter=";")
+    assert tomllib.loads(proposed(calibkit, tmp_path))["logs"]["names"] == [
+        "time_s",
+        *(f"accel {axis} [m/s^2]" for axis in "xyz"),
+        "gyro_dph",
+        "temp_case_degc",
+    ]
+
+
+def test_the_reason_and_the_runner_up_are_stated(calibkit):
+    """A recipe says what of the logs led to its procedure, and which came second."""
+    text = proposed(calibkit, ROOT / "datasets" / "rate_table")
+    assert "# Procedure: rate_table, because the logs hold a table rate beside" in text
+    text = proposed(calibkit, ROOT / "datasets" / "fog_thermal")
+    assert "Runner-up: bias_temperature (a gyro beside one temperature)" in text
+
+
+def workbook_of(sheets):
+    """Bytes of a workbook with these sheets."""
+    import openpyxl
+
+    book = openpyxl.Workbook()
+    book.remove(book.active)
+    for name, rows in sheets.items():
+        sheet = book.create_sheet(name)
+        for row in rows:
+            sheet.append(list(row))
+    return dialects.saved(book.save)
+
+
+def test_a_workbook_with_several_sheets_gets_a_recipe(tmp_path, calibkit):
+    """The sheet that a procedure recognises is taken and named, the others are listed; --sheet
+    takes another.
+    """
+    time, *_, rate, case = imu()
+    runs = {
+        name: [("time_s", "temp_case_degc", "gyro_dph"), *zip(time, case, rate + k, strict=True)]
+        for k, name in enumerate(("Run 1", "Run 2"))
+    }
+    notes = {"Limits": [("name", "limit"), ("bias", 3.0), ("noise", 0.1)]}
+    (tmp_path / "a.xlsx").write_bytes(workbook_of(notes | runs))
+    text = proposed(calibkit, tmp_path)
+    assert tomllib.loads(text)["logs"]["table"] == "Run 1"
+    outcome = calibkit("init", "--from", tmp_path, "--sheet", "Run 2")
+    assert tomllib.loads(outcome.out)["logs"]["table"] == "Run 2"
+    (tmp_path / "r.toml").write_text(outcome.out, encoding="utf-8")
+    assert calibkit("check", tmp_path / "r.toml", "--data", tmp_path).code == 0
+
+
+def test_a_json_log_alone_in_a_folder_gets_a_recipe(tmp_path, calibkit):
+    """JSON is a log where nothing else is; beside logs it is their truth or a coefficient file."""
+    import json
+
+    time, *_, rate, case = imu()
+    names = ("time_s", "temp_case_degc", "gyro_dph")
+    rows = [list(row) for row in zip(time, case, rate, strict=True)]
+    (tmp_path / "a.json").write_text(json.dumps({"columns": names, "data": rows}))
+    spec = tomllib.loads(proposed(calibkit, tmp_path))
+    assert (spec["procedure"], spec["logs"]["format"]) == ("bias_temperature", "json")

@@ -120,17 +120,18 @@ def check(
 
 @command()
 @click.option("--from", "folder", required=True, type=PATH, help="folder with the logs")
+@click.option("--sheet", default="", help="sheet of the workbooks that holds the log")
 @JSON
-def init(folder: Path, *, as_json: bool) -> int:
+def init(folder: Path, sheet: str, *, as_json: bool) -> int:
     """Propose a recipe for the logs of a folder, on stdout.
 
     \b
     calibkit init --from logs > my_recipe.toml
-    calibkit init --from logs --json
+    calibkit init --from logs --sheet Data --json
     """
     from calibkit import pipeline
 
-    proposal = pipeline.init(folder)
+    proposal = pipeline.init(folder, sheet)
     if as_json:
         print_json({"ok": True, "recipe": proposal.text})
     else:

@@ -1,16 +1,16 @@
 """The logs of a folder, grouped by how they are written and what they hold."""
 
+import dataclasses
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from itertools import takewhile
 from pathlib import Path
-from typing import TypeAlias
 
 from calibkit import units
-from calibkit.errors import FrameError, LogFormatError, UsageError
-from calibkit.ingest import column_names
+from calibkit.errors import FrameError, LogFormatError, NamelessColumnsError, UsageError
+from calibkit.ingest import column_names, nameless
 from calibkit.readers import registry, sniff, times
 from calibkit.recipe.logs import Logs
 
@@ -22,22 +22,31 @@ _SKIPPED = re.compile(
 _TEMPERATURES = frozenset({"temp_case_degc", "temp_env_degc", "temp_degc"})
 
 
-_Layout: TypeAlias = (
-    "tuple[str, tuple[column_names.LogColumn, ...], Mapping[str, str | int | list[int]]]"
-)
-"""Format, columns, and keys of [logs.text] for the dialect of a log."""
+@dataclass(frozen=True, slots=True)
+class _Layout:
+    """How a log is written: format, columns, keys of [logs.text] for its dialect, sheet of a
+    workbook, and the names that were made for columns without any.
+    """
+
+    format: str
+    columns: tuple[column_names.LogColumn, ...]
+    text: Mapping[str, str | int | list[int]]
+    table: str = ""
+    names: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """Logs of one layout: their files, format, columns, and keys of [logs.text] for their
-    dialect.
+    """Logs of one layout: their files, format, columns, keys of [logs.text] for their dialect,
+    sheet of a workbook, and the names that were made for columns without any.
     """
 
     files: tuple[str, ...]
     format: str
     columns: tuple[column_names.LogColumn, ...]
     text: Mapping[str, str | int | list[int]]
+    table: str = ""
+    names: tuple[str, ...] = ()
 
     @property
     def second_logger(self) -> bool:
@@ -49,8 +58,9 @@ class Group:
         return "time_s" in meant and bool(meant & _TEMPERATURES) and meant <= known
 
 
-def group_logs(folder: Path) -> list[Group]:
-    """Group the logs of a folder by their layout; files that are no logs are left out.
+def group_logs(folder: Path, sheet: str = "") -> list[Group]:
+    """Group the logs of a folder by their layout; files that are no logs are left out. `sheet` is
+    that of workbooks; without it each sheet is a layout of its own.
 
     Raises UsageError for a folder that is not there, FrameError or LogFormatError for one without a
     log.
@@ -61,39 +71,64 @@ def group_logs(folder: Path) -> list[Group]:
         )
     groups: dict[str, Group] = {}
     failed: LogFormatError | None = None
-    for path in sorted(folder.iterdir()):
-        if not path.is_file() or _SKIPPED.search(path.name):
-            continue
+    files = [path for path in sorted(folder.iterdir()) if path.is_file()]
+    logs = [path for path in files if not _SKIPPED.search(path.name)]
+    for path in logs or [path for path in files if path.suffix == ".json"]:
         try:
-            layout = _read_layout(path)
+            layouts = _read_layouts(path, sheet)
         except LogFormatError as error:
             failed = failed or error
             continue
-        key = repr(layout)
-        files = (*(groups[key].files if key in groups else ()), path.name)
-        groups[key] = Group(files, *layout)
+        for layout in layouts:
+            key = repr(layout)
+            before = groups[key].files if key in groups else ()
+            fields = (getattr(layout, field.name) for field in dataclasses.fields(layout))
+            groups[key] = Group((*before, path.name), *fields)
     if not groups:
         raise failed or FrameError(f"{folder}: no logs", hint="name the folder that holds the logs")
     return list(groups.values())
 
 
-def _read_layout(path: Path) -> _Layout:
-    """Layout of a log: by the format that it shows, else as text, else by a plugin."""
+def _read_layouts(path: Path, sheet: str) -> list[_Layout]:
+    """Layouts of a log, one for each sheet of a workbook that can be read: by the format that it
+    shows, else as text, else by a plugin.
+    """
     with path.open("rb") as stream:
         head = stream.read(4096)
     found = registry.recognise_format(head)
+    if found == "excel":
+        return _layouts_of_sheets(path, sheet)
     try:
-        return _layout_of_format(path, found) if found else _layout_of_text(path)
+        return [_layout_of_format(path, found) if found else _layout_of_text(path)]
     except LogFormatError:
         plugin = "" if found else registry.recognise_plugin(head)
         if not plugin:
             raise
-    return _layout_of_format(path, plugin)
+    return [_layout_of_format(path, plugin)]
 
 
-def _layout_of_format(path: Path, name: str) -> _Layout:
+def _layouts_of_sheets(path: Path, sheet: str) -> list[_Layout]:
+    """Layout of the named sheet, or of each sheet with a table."""
+    from calibkit.readers import excel
+
+    sheets = excel.list_sheets(path, path.name)
+    if sheet or len(sheets) < 2:
+        return [_layout_of_format(path, "excel", sheet)]
+    layouts, failed = [], None
+    for name in sheets:
+        try:
+            layouts.append(_layout_of_format(path, "excel", name))
+        except LogFormatError as error:
+            failed = failed or error
+    if not layouts and failed is not None:
+        raise failed
+    return layouts
+
+
+def _layout_of_format(path: Path, name: str, sheet: str = "") -> _Layout:
     """Layout of a log in a format that its reader reads whole."""
-    table = registry.read(path, path.name, Logs(files=(path.name,), format=name), ())
+    logs = Logs(files=(path.name,), format=name, table=sheet)
+    table = registry.read(path, path.name, logs, ())
     columns = []
     for column in map(str, table.frame.columns):
         fields = list(map(str, table.frame[column].iloc[:50]))
@@ -103,22 +138,40 @@ def _layout_of_format(path: Path, name: str) -> _Layout:
                 column, units.parse_unit(table.units.get(column, "")), bool(form), form
             )
         )
-    return name, tuple(columns), {}
+    return _Layout(name, tuple(columns), {}, sheet)
 
 
 def _layout_of_text(path: Path) -> _Layout:
     """Layout of a text log; clean CSV has format "csv" and no dialect to state."""
-    dialect = sniff.Dialect.guess(path, path.name)
+    names: tuple[str, ...] = ()
+    try:
+        dialect = sniff.Dialect.guess(path, path.name)
+    except NamelessColumnsError as error:
+        names = _guess_names(path, error.columns)
+        dialect = sniff.Dialect.guess(path, path.name, names=names)
     columns = tuple(
         column_names.LogColumn(column.name, column.unit, column.kind == "time", column.time_format)
         for column in dialect.columns
     )
-    if not dialect.header_lines:
-        raise LogFormatError(
-            f"{path.name}: {len(columns)} columns without names",
-            hint="give [logs] names = […] in a copy of a shipped recipe",
-        )
-    return ("csv", columns, {}) if dialect.clean else ("text", columns, dialect.recipe_keys())
+    if dialect.clean and not names:
+        return _Layout("csv", columns, {})
+    return _Layout("text", columns, dialect.recipe_keys(), names=names)
+
+
+def _guess_names(path: Path, columns: int) -> tuple[str, ...]:
+    """Names for the columns of a log without any, from its first rows."""
+    numbered = tuple(f"column {k + 1}" for k in range(columns))
+    dialect = sniff.Dialect.guess(path, path.name, names=numbered)
+    kinds = [column.kind for column in dialect.columns]
+    needed = [name for name, kind in zip(numbered, kinds, strict=True) if kind == "number"]
+    logs = Logs(files=(path.name,), format="text", names=numbered)
+    frame = registry.read(path, path.name, logs, needed).frame
+    numbers = [frame[name].to_numpy() if name in needed else None for name in numbered]
+    names = nameless.name_columns(numbers)
+    for k, kind in enumerate(kinds):
+        if kind == "time" and "time_s" not in names:
+            names[k] = "time_s"
+    return tuple(names)
 
 
 def file_patterns(files: Sequence[str], names: Sequence[str]) -> list[str]:

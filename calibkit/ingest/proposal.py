@@ -39,6 +39,10 @@ class Choice:
     """Comment under the names of the logs."""
     remark: str = ""
     """Comment at the head of the recipe."""
+    reason: str = ""
+    """What of the logs says that it is this recipe."""
+    runner_up: str = ""
+    """The next recipe that reads the logs, and why."""
 
     def with_others(self, more: Sequence[tuple[str, LogColumn]]) -> Self:
         """The choice with more columns that could be canonical ones too."""
@@ -81,6 +85,7 @@ class Evidence:
         wanted: Sequence[str],
         columns: Mapping[str, LogColumn] | None = None,
         keys: Mapping[str, str] | None = None,
+        reason: str = "",
     ) -> Choice:
         """Choice of a shipped recipe that reads the wanted columns; the rest could be canonical
         columns too.
@@ -88,7 +93,7 @@ class Evidence:
         taken = self.columns if columns is None else columns
         rest = [(name, column) for name, column in taken.items() if name not in wanted]
         mapping = {name: taken[name] for name in wanted if name in taken}
-        return Choice(name, mapping, (*self.others, *rest), keys or {})
+        return Choice(name, mapping, (*self.others, *rest), keys or {}, reason=reason)
 
     def recipe(self, choice: Choice) -> Recipe:
         """Recipe that a choice gives."""
@@ -101,22 +106,35 @@ _CHECK_FIRST = (
     " --data DIR"
 )
 _GUESSED = "how these logs are written, as guessed from their first lines; correct what is wrong"
+_NAMES_GUESSED = (
+    "# The logs name no columns: [logs] names was guessed from their numbers, and units are those"
+    " of the names. Correct both."
+)
+_NO_PROCEDURE = (
+    "# No procedure was recognised: put canonical names into [logs] names, or map the columns under"
+    " [columns], and run init again or choose a shipped recipe."
+)
 Proposer: TypeAlias = Callable[[Evidence], Choice | None]
 """Recognises the logs of one instrument."""
 
 
-def propose(folder: Path, parse: Parse, proposers: Sequence[Proposer]) -> Proposal:
-    """Recipe for the logs of a folder, by the first instrument that recognises them.
+def propose(
+    folder: Path, parse: Parse, proposers: Sequence[Proposer], skeleton: str, sheet: str = ""
+) -> Proposal:
+    """Recipe for the logs of a folder, by the first instrument that recognises them; for logs
+    without names that none recognises a recipe as a skeleton.
 
     Raises LogFormatError or FrameError where none can be proposed.
     """
-    groups = group_logs(folder)
+    groups = group_logs(folder, sheet)
     choices = [
         (chosen, group)
         for group in groups
         if (chosen := _choose_recipe(Evidence.of(folder, group, groups, parse), proposers))
         is not None
     ]
+    if not choices and (nameless := [group for group in groups if group.names or group.table]):
+        choices = [(Choice(skeleton, {}, (), {}, remark=_NO_PROCEDURE), nameless[0])]
     if not choices:
         columns = "; ".join(
             f"{group.files[0]}: {', '.join(column.name for column in group.columns)}"
@@ -183,7 +201,12 @@ def _choose_recipe(evidence: Evidence, proposers: Sequence[Proposer]) -> Choice 
         mapped = evidence.parse(recipe.find(name)).columns
         if mapped and {column.source for column in mapped.values()} <= written:
             return Choice(name, {}, (), {})
-    return next(filter(None, (recognise(evidence) for recognise in proposers)), None)
+    found = [choice for recognise in proposers if (choice := recognise(evidence)) is not None]
+    if not found:
+        return None
+    others = (choice for choice in found if choice.recipe != found[0].recipe)
+    second = next((f"{other.recipe} ({other.reason})" for other in others), "none")
+    return replace(found[0], runner_up=second)
 
 
 def _write_recipe(
@@ -207,7 +230,9 @@ def _write_recipe(
         patterns = json.dumps(file_patterns(group.files, names), ensure_ascii=False)
         text = re.sub(r"(?m)^files = .*$", lambda _: f"files = {patterns}", text, count=1)
     written_as = "" if group.format in ("csv", "text") else f'format = "{group.format}"'
-    below = [line for line in (written_as, choice.beside_files) if line]
+    table = f"table = {json.dumps(group.table, ensure_ascii=False)}" if group.table else ""
+    listed = f"names = {json.dumps(group.names, ensure_ascii=False)}" if group.names else ""
+    below = [line for line in (written_as, table, listed, choice.beside_files) if line]
     text = re.sub(
         r"(?m)^files = .*$", lambda found: "\n".join((found.group(), *below)), text, count=1
     )
@@ -259,13 +284,19 @@ def _write_header(choice: Choice, group: Group, rest: Sequence[Group]) -> str:
     """Comment at the head of a recipe: for which logs it is, and which logs it does not read."""
     several = len(group.files) > 1
     note = _note_missing_units(choice)
+    because = (
+        f"# Procedure: {choice.recipe}, because the logs hold {choice.reason}. Runner-up:"
+        f" {choice.runner_up or 'none'}."
+    )
     remarks = (
         (
             f"# Proposed for {len(group.files)} log{'s' * several} of {len(group.columns)} columns"
             f" ({group.files[0]}{', …' * several}) after the recipe {choice.recipe}."
         ),
         f"# {_CHECK_FIRST}",
+        because if choice.reason else "",
         f"# {note}" if note else "",
+        _NAMES_GUESSED if group.names else "",
         choice.remark,
     )
     lines = list(filter(None, remarks))

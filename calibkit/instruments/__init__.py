@@ -120,6 +120,8 @@ class Instrument(Generic[Spec, Drawing]):
     """Recipe for logs that are of this instrument; None for other logs."""
 
 
+SKELETON = "bias_temperature"
+"""Recipe that is proposed as a skeleton for logs that no procedure recognises."""
 SHIPPED = {
     "gyro_pair": "gyro_scale.instrument:PAIR",
     "gyro_triad": "gyro_scale.instrument:TRIAD",

@@ -48,6 +48,15 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     )
 
 
+def list_sheets(path: Path, file: str) -> tuple[str, ...]:
+    """Names of the sheets of a workbook that hold cells; raises LogFormatError."""
+    calamine = optional.import_library("python_calamine", "excel", file)
+    data, _ = delimited.read_bytes(path, file)
+    with optional.refuse_damaged(file, "Excel"):
+        book = calamine.CalamineWorkbook.from_filelike(io.BytesIO(data))
+        return tuple(name for name in book.sheet_names if book.get_sheet_by_name(name).to_python())
+
+
 def _fill_merged(cells: list[list[Any]], merged: Sequence[Any]) -> tuple[str, ...]:
     """Fill merged cells that hold a number or an instant down, in place: what was typed once holds
     for all rows beside it. A note on which.

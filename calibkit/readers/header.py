@@ -4,7 +4,7 @@ import re
 from collections.abc import Sequence
 
 from calibkit import units
-from calibkit.errors import LogFormatError
+from calibkit.errors import LogFormatError, NamelessColumnsError
 from calibkit.readers import tokens
 from calibkit.recipe.logs import TextSpec
 
@@ -111,9 +111,10 @@ def read_header(
                 f"{file}:{first}: {len(last)} column names, expected {width} as in the rows",
                 hint=_PIN,
             )
-        raise LogFormatError(
+        raise NamelessColumnsError(
             f"{file}:{first + 1}: {width} columns without names",
             hint="list the columns in [logs] names of the recipe, in order",
+            columns=width,
         )
     return lines, _names_and_units(above, lines, names)
 

@@ -21,8 +21,11 @@ def propose(evidence: Evidence) -> Choice | None:
     if not set(COMPONENTS) <= columns.keys():
         return None
     if set(ATTITUDE) <= columns.keys():
-        return evidence.choose("accelerometer", ("time_s", *ATTITUDE, *COMPONENTS))
-    choice = evidence.choose("accelerometer_magnitude", ("time_s", *COMPONENTS, "temp_case_degc"))
+        reason = "a triad of accelerometers beside reference attitudes"
+        return evidence.choose("accelerometer", ("time_s", *ATTITUDE, *COMPONENTS), reason=reason)
+    reason = "a triad of accelerometers without reference attitudes"
+    read = ("time_s", *COMPONENTS, "temp_case_degc")
+    choice = evidence.choose("accelerometer_magnitude", read, reason=reason)
     if "time_s" in columns:
         return choice
     return replace(

@@ -147,7 +147,9 @@ def _propose(evidence: Evidence) -> Choice | None:
     base = {name: one for name, one in columns.items() if name not in gyros}
     base |= {"gyro_dph": first[1], "temp_case_degc": temperature}
     columns_read = ("time_s", "temp_case_degc", "gyro_dph")
-    return evidence.choose("bias_temperature", columns_read, base).with_others(others)
+    reason = "a gyro beside one temperature"
+    choice = evidence.choose("bias_temperature", columns_read, base, reason=reason)
+    return choice.with_others(others)
 
 
 INSTRUMENT = Instrument(

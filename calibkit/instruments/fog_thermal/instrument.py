@@ -287,7 +287,9 @@ def _propose(evidence: Evidence) -> Choice | None:
         return None
     first, *others = gyros.items()
     base = {name: one for name, one in columns.items() if name not in gyros}
-    choice = evidence.choose("fog_thermal", ramps.COLUMNS, base | {"gyro_dph": first[1]})
+    reason = "a gyro beside case and chamber temperatures"
+    taken = base | {"gyro_dph": first[1]}
+    choice = evidence.choose("fog_thermal", ramps.COLUMNS, taken, reason=reason)
     return choice.with_others(others)
 
 

@@ -172,7 +172,9 @@ def _propose(evidence: Evidence) -> Choice | None:
     if accelerations and (len(evidence.group.files) > 1 or evidence.columns.keys() & REFERENCES):
         return None
     keys = {} if columns == ["gyro_dph"] else {"columns": json.dumps(columns)}
-    choice = evidence.choose("gyro_noise", ("time_s", *TEMPERATURES, *columns), keys=keys)
+    reason = "sensors at rest at a steady temperature"
+    read = ("time_s", *TEMPERATURES, *columns)
+    choice = evidence.choose("gyro_noise", read, keys=keys, reason=reason)
     spec = evidence.recipe(choice)
     if not isinstance(spec, GyroNoiseRecipe):
         return None

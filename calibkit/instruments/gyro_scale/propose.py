@@ -68,7 +68,10 @@ def _choose(
     gyros = evidence.gyros()
     reference = {name: one for name, one in evidence.columns.items() if name not in gyros}
     renamed = {f"gyro_{axis}_lsb": column for axis, column in axes}
-    return evidence.choose(name, (*REFERENCE, *renamed), reference | renamed, keys)
+    count, logs = len(axes), len(evidence.group.files)
+    reason = f"a table rate beside {count} gyro{'s' * (count > 1)}, in {logs} log{'s' * (logs > 1)}"
+    taken = reference | renamed
+    return evidence.choose(name, (*REFERENCE, *renamed), taken, keys, reason=reason)
 
 
 def _triad_keys(names: Sequence[str], turned: Mapping[str, Sequence[str]]) -> dict[str, str]:

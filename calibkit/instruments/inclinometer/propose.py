@@ -22,5 +22,6 @@ def propose(evidence: Evidence) -> Choice | None:
     """
     columns = evidence.columns
     if "position_deg" in columns and {"station", "time_s"} & columns.keys() and evidence.gyros():
-        return evidence.choose("inclinometer", READ)
+        reason = "gyros beside rotations about the tool axis, with stations or times"
+        return evidence.choose("inclinometer", READ, reason=reason)
     return None
