@@ -99,11 +99,15 @@ def _read_layouts(path: Path, sheet: str) -> list[_Layout]:
     if found == "excel":
         return _layouts_of_sheets(path, sheet)
     try:
-        return [_layout_of_format(path, found) if found else _layout_of_text(path)]
+        layout = _layout_of_format(path, found) if found else _layout_of_text(path)
     except LogFormatError:
         plugin = "" if found else registry.recognise_plugin(head)
         if not plugin:
             raise
+    else:
+        plugin = registry.recognise_plugin(head) if layout.names else ""
+        if not plugin:
+            return [layout]
     return [_layout_of_format(path, plugin)]
 
 
