@@ -106,6 +106,7 @@ def test_check_finds_nothing_wrong_with_two_runs_of_a_day(tmp_path, ramps, calib
     (tmp_path / "r.toml").write_text(RECIPE % SAME, encoding="utf-8")
     outcome = calibkit("check", tmp_path / "r.toml", "--data", tmp_path / "logs")
     assert outcome.code == 0, outcome.out
+    assert outcome.out.startswith("2 of 2 logs ok\n")
     assert "ramp_cooling_05.csv: ok" in outcome.out
     assert "ramp_heating_05.csv: ok" in outcome.out
     assert "ramp -4.9" in outcome.out
@@ -196,3 +197,18 @@ def test_numbers_are_compared_as_they_stand(tmp_path, ramps):
 def shifted(ramps, name):
     """Return the columns of a run on the clock of the day."""
     return ramps[name] | {"time_s": ramps[name]["time_s"] + BEGINS[name]}
+
+
+def test_the_first_line_of_a_check_judges_the_campaign(tmp_path, ramps, calibkit):
+    """Which log is refused, and for what, before all else."""
+    write(tmp_path / "logs", ramps)
+    path = tmp_path / "logs" / "ramp_heating_05.csv"
+    rows = path.read_text(encoding="utf-8").split("\n")
+    path.write_text("\n".join([*rows[:2000], *rows[2138:]]), encoding="utf-8")
+    (tmp_path / "r.toml").write_text(RECIPE % SAME, encoding="utf-8")
+    outcome = calibkit("check", tmp_path / "r.toml", "--data", tmp_path / "logs")
+    assert outcome.code == 3
+    first = outcome.out.split("\n")[0]
+    assert first.startswith("1 of 2 logs ok, 1 refused: ramp_heating_05.csv (")
+    assert "gap" in first
+    assert "139 s" in first

@@ -10,6 +10,8 @@ from calibkit.frame import Finding
 
 WORDS = {"refuse": "REFUSED", "warn": "flagged", "note": "note   "}
 """Severity → the word that begins a line."""
+MOST_NAMED = 4
+"""Refused logs that the first line names; the rest are counted."""
 MOST_HELD = 12
 """Held conditions that are listed; the rest are counted."""
 
@@ -69,6 +71,20 @@ class LogReport:
         ]
         title = self.file if self.findings else f"{self.file}: ok"
         return [title, *(f"  {line}" for line in lines)]
+
+
+def judge_logs(reports: Sequence[LogReport]) -> str:
+    """How many logs of a campaign are ok, and which are refused for what, in a line."""
+    refused = [
+        f"{report.file} ({next(one.found for one in report.findings if one.refused)})"
+        for report in reports
+        if report.refused
+    ]
+    ok, noun = len(reports) - len(refused), "log" if len(reports) == 1 else "logs"
+    more = [f"{len(refused) - MOST_NAMED} more"] if len(refused) > MOST_NAMED else []
+    named = "; ".join([*refused[:MOST_NAMED], *more])
+    said = f"{ok} of {len(reports)} {noun} ok"
+    return f"{said}, {len(refused)} refused: {named}" if refused else said
 
 
 def report_document(reports: Sequence[LogReport]) -> dict[str, Any]:

@@ -107,14 +107,15 @@ def check(
     """
     tune_memory()
     from calibkit import pipeline
-    from calibkit.check.report import report_document
+    from calibkit.check.report import judge_logs, report_document
     from calibkit.recipe import find
 
     reports = pipeline.check(find(recipe, overrides), data, figure)
     if as_json:
         print_json(report_document(reports))
     else:
-        click.echo("\n".join(visible(line) for report in reports for line in report.lines()))
+        lines = (line for report in reports for line in report.lines())
+        click.echo("\n".join(map(visible, (judge_logs(reports), *lines))))
     return FrameError.exit_code if any(report.refused for report in reports) else 0
 
 
