@@ -179,6 +179,10 @@ def fit(
         for order in orders
     ]
     base = np.column_stack((mapped[SCALE] * rows.rate_dps[:, None], mapped[ZERO]))
+    size = np.abs(rows.rate_dps)
+    if rows.both_ways and np.ptp(size) > SAME_RATE * size.max():
+        # what every run has of it is part of the best straight line, what differs is an error
+        shapes = {line_terms.ASYMMETRY: size[:, None], **shapes}
     count = rows.run.size
     mixed = shared_fit.fit(
         np.column_stack((base, *shapes.values())),
