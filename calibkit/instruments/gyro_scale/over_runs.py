@@ -164,6 +164,7 @@ def _fit_all(
                 highest,
                 margin=HIGHER_ORDER,
                 groups=level,
+                count_dof=True,
             ),
             LOWEST_ORDER,
         )

@@ -137,10 +137,10 @@ def choose_order(
     margin: float = leave_out.MARGIN,
     weights: Array | None = None,
     groups: Array | None = None,
+    count_dof: bool = False,
 ) -> int:
     """Order from 0 to `highest` of the polynomial whose errors at left-out values have the least
-    weighted rms, times Student's t of the values that are left over; a higher order must lower it
-    below `margin` times that of the best lower one.
+    weighted rms; a higher order must lower it below `margin` times that of the best lower one.
 
     Parameters
     ----------
@@ -150,6 +150,8 @@ def choose_order(
         [n], proportional to 1/variance of each value; equal when absent.
     groups
         [n], label of the group that each value is left out with; each by itself when absent.
+    count_dof
+        Whether errors count times Student's t of the values that an order leaves over.
     """
     middle, half = middle_and_half(abscissa)
     errors, count = [], abscissa.size if groups is None else np.unique(groups).size
@@ -157,6 +159,6 @@ def choose_order(
         design = powers(abscissa, order, middle=middle, half=half or 1.0)
         residuals = least_squares.linear(design, indication, weights=weights).residuals
         left = leave_out.left_out_errors(design, residuals, weights=weights, groups=groups)
-        few = gum.widening(max(count - order - 1, 1))
+        few = gum.widening(max(count - order - 1, 1)) if count_dof else 1.0
         errors.append(few * rms(left if weights is None else left * np.sqrt(weights)))
     return leave_out.choose_simplest(errors, margin)
