@@ -179,7 +179,7 @@ def line(plant: str, kind: str, options: dict[str, object], found: list[Judged])
     known = np.isfinite(rest[:, 0, 0])
     errors, U = np.abs(rest[known, 0]), rest[known, 1]
     without = np.median(np.median([one.without_bank for one in found], axis=1))
-    told = ", ".join(f"{key} {value}" for key, value in options.items())
+    changed = ", ".join(f"{key} {value}" for key, value in options.items())
     figures = (
         f"{least.min():.1f} / {np.quantile(least, 0.1):.1f} / {np.median(least):.1f}",
         ten,
@@ -195,9 +195,8 @@ def line(plant: str, kind: str, options: dict[str, object], found: list[Judged])
         str(sum(one.worse for one in found)),
         f"{np.mean([one.seconds for one in found]):.2f}",
     )
-    return (
-        f"| {plant}, {kind}{': ' + told if told else ''} | {len(found)} | {' | '.join(figures)} |"
-    )
+    row = f"{plant}, {kind}{': ' + changed if changed else ''}"
+    return f"| {row} | {len(found)} | {' | '.join(figures)} |"
 
 
 def main() -> int:

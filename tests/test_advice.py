@@ -203,6 +203,12 @@ def test_apply_says_which_columns_the_run_needs_and_how_to_name_them(tmp_path, c
     # the first row counts since a row that is not there
     assert len(made) == len(foreign)
     assert made["status"].notna().tolist() == [True] + [False] * (len(foreign) - 1)
+    stated = foreign.rename(columns={"out": "out (1/sample)"})
+    stated.to_csv(tmp_path / "field.csv", index=False)
+    by_header = ("--set", "columns.gyro_x_lsb.from=out (1/sample)")
+    assert calibkit(*call[:-1], tmp_path / "by_header.csv", *by_header).code == 0
+    made_by_header = pd.read_csv(tmp_path / "by_header.csv")
+    assert made_by_header["status"].tolist() == made["status"].tolist()
 
 
 @pytest.mark.parametrize("procedure", ["gyro_pair", "gyro_triad"])

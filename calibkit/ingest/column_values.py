@@ -205,6 +205,14 @@ def _require_last_word(table: Table, source: str, name: str, target: str) -> Non
         )
 
 
+def needs_time(table: Table, source: str, name: str, recipe: Recipe) -> bool:
+    """Whether a column counts since the row before, so that its rate needs the log's time; errors
+    as of `read_values`.
+    """
+    column = recipe.columns.get(name) or Column(source=source)
+    return column.interval_s is None and _resolve_unit(table, source, column, name) == "1/sample"
+
+
 def read_values(
     table: Table, source: str, name: str, recipe: Recipe, seconds: Array | None
 ) -> MappedColumn:

@@ -161,12 +161,13 @@ def _find_columns(
             continue  # rows are counted instead
         elif name in needed and name in sources:
             require(table.file, table.frame.columns, [sources[name]], of=name)
-    counted = (recipe.columns[name] for name in own if name in recipe.columns)
-    if "time_s" not in own and any(column.counts_since_the_row_before for column in counted):
-        found = column_values.find_column(sources.get("time_s", "time_s"), table)
-        own |= {} if found is None else {"time_s": found}
     present = [*table.frame.columns, *own, *(["time_s"] if recipe.logs.rate_hz else [])]
     require(table.file, dict.fromkeys(present), needed)
+    if "time_s" not in own and any(
+        column_values.needs_time(table, source, name, recipe) for name, source in own.items()
+    ):
+        found = column_values.find_column(sources.get("time_s", "time_s"), table)
+        own |= {} if found is None else {"time_s": found}
     return own
 
 

@@ -33,7 +33,7 @@ WIDER = 1.08
 """Factor of the limit where more is estimated than a median and a spread: the power that makes a
 distribution symmetric, or a spread that a part of the values tells. By simulation.
 """
-MOST_TOLD = 0.9
+MOST_PRECISE = 0.9
 """Share of values of equal weight, below which a part of the values tells the spread."""
 MANY_DOF = 1e4
 """Degrees of freedom from which on an uncertainty is taken as known."""
@@ -89,9 +89,9 @@ class Control:
             usual = math.hypot(float(np.median(uncertainties)), between)
             # the precise values alone tell how much the values differ
             precise = 1.0 / np.maximum(np.hypot(uncertainties, between), ROUNDING * sigma) ** 2
-            told = int(precise.sum() ** 2 / np.sum(precise**2))
-            if told < MOST_TOLD * len(values):
-                limit = WIDER * max(limit, _limit(max(told, FEWEST)))
+            count = int(precise.sum() ** 2 / np.sum(precise**2))
+            if count < MOST_PRECISE * len(values):
+                limit = WIDER * max(limit, _limit(max(count, FEWEST)))
             return cls(centre, sigma, limit, z, (middle - limit * usual, middle + limit * usual))
         power = _power(values)
         if power == 1.0:

@@ -47,11 +47,6 @@ class Column(Table):
     wraps_at: Positive | None = None
     interval_s: Positive | None = None
 
-    @property
-    def counts_since_the_row_before(self) -> bool:
-        """Whether a row counts since the one before, so that its rate needs the log's time."""
-        return (self.accumulated or self.unit == "1/sample") and self.interval_s is None
-
     @field_validator("unit")
     @classmethod
     def _known(cls, unit: str) -> str:

@@ -222,7 +222,7 @@ def _fit_bounded(
         for name, interval in intervals.items()
         if not np.isfinite(interval).all()
     ]
-    plain = "magnitude: lmfit solves by plain least squares, wild dwells are not left out"
+    plain = "magnitude: lmfit solves by plain least squares, outliers are not left out"
     return found, figures, (*flags, plain)
 
 

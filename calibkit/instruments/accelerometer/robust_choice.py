@@ -60,7 +60,7 @@ def choose(
             )
         if worse:
             flags.append(
-                f"{what}: {worse}; plain least squares was used, wild dwells are not left out"
+                f"{what}: {worse}; plain least squares was used, outliers are not left out"
             )
     if other > WORSE_THAN_NONE * raw + ROUNDING_G:
         raise FitError(

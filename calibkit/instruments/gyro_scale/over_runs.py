@@ -23,13 +23,12 @@ from calibkit.instruments.gyro_scale.recipe import GyroRecipe, OwnAxisRecipe
 from calibkit.numeric import gum
 from calibkit.numeric.least_squares import components, polynomial
 from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
+from calibkit.recipe import shared_errors
 
 ROOM_DEGC = 5.0
 """Largest difference from the reference temperature [°C] of runs that count as repeated (GJB
 2426A).
 """
-FEW_DOF = 3.0
-"""Effective degrees of freedom below which the wide interval is flagged."""
 LOWEST_ORDER = 1
 """Of K and F0 over temperature: that a slope is not seen is no proof that there is none."""
 HIGHER_ORDER = 0.75
@@ -82,7 +81,7 @@ def fit_over_runs(
         return GyroOverRuns(
             gyro, tuple(runs), at_room, K, F0, correlation, None, None, response, None
         )
-    found = _fit_all(gyro, runs, temperature, known, varies=bool(varies))
+    found = _fit_all(gyro, runs, known, varies=bool(varies))
     degc = float(np.mean([run.temp_degc for run in at_room]))
     K_curve, F0_curve = (
         found.curve(which, temperature) if varies else None
@@ -134,7 +133,6 @@ def _of_single(
 def _fit_all(
     gyro: str,
     runs: Sequence[table_runs.TableRun],
-    temp_degc: Array,
     known: Mapping[str, components.Known],
     *,
     varies: bool,
@@ -153,6 +151,7 @@ def _fit_all(
         np.concatenate([run.plateaus.hours for run in runs]),
     )
     shapes, own = all_runs.own_lines(rows)
+    temp_degc = rows.temp_degc
     # all runs at a temperature are left out together
     level = np.round(temp_degc)
     highest = min(polynomial.HIGHEST_ORDER, np.unique(level).size - 2) if varies else 0
@@ -245,7 +244,7 @@ def _slope(one: GyroOverRuns, spec: OwnAxisRecipe, temp_degc: Array) -> tuple[fl
     uncertainty, raised by Student's t for few runs.
     """
     known = _known_components(spec, one.K[0])
-    line = _fit_all(one.gyro, one.runs, temp_degc, known, varies=True, K_order=1).curve(
+    line = _fit_all(one.gyro, one.runs, known, varies=True, K_order=1).curve(
         all_runs.SCALE, temp_degc
     )
     u = float(np.sqrt(max(line.covariance[1, 1], 0.0)))
@@ -320,7 +319,7 @@ def _flag_between(one: GyroOverRuns, spec: GyroRecipe) -> Iterator[str]:
             f" only: repeat it, or {cure}, effect = {' and '.join(map(repr, unknown))}"
         )
     for letter, found in (("K", one.K), ("F0", one.F0)):
-        if one.model is not None and found.dof < FEW_DOF:
+        if one.model is not None and found.dof < shared_errors.FEW_DOF:
             factor = gum.coverage_factor(found.dof)
             yield (
                 f"{name}: {letter} has {found.dof:.2g} degrees of freedom between"

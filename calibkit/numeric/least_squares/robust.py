@@ -180,10 +180,10 @@ def _fit_kept(
 
 
 def _require_spare_rows(rows: int, columns: int) -> None:
-    """Raise FitError where too few rows are left over to show which is wild."""
+    """Raise FitError where too few rows are left over to show which is an outlier."""
     if rows - columns < SPARE_ROWS:
         raise FitError(
-            f"{rows} rows for {columns} coefficients cannot show which row is wild",
+            f"{rows} rows for {columns} coefficients cannot show which row is an outlier",
             hint=(
                 f"a robust fit needs at least {columns + SPARE_ROWS} rows: add dwells or use the"
                 " plain fit"
@@ -244,7 +244,7 @@ def _start(basis: Array, target: Array, floor: float) -> tuple[float, Array, Arr
     """Candidate with the smallest robust scale, refined on the rows that agree with it: scale,
     solution [p], row weights [n].
 
-    The S-estimate, which more wild rows cannot move, wins where its scale is far smaller alone: of
+    The S-estimate, which more outliers cannot move, wins where its scale is far smaller alone: of
     few rows it finds some that agree by chance.
     """
     candidates = (

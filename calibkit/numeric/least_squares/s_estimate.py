@@ -12,7 +12,7 @@ from calibkit.arrays import Array
 from calibkit.numeric.dispersion import MAD_TO_SIGMA
 
 SETS = 200
-"""Sets of rows that are tried: of 10 coefficients and 30 % of wild rows one set in 35 is clean."""
+"""Sets of rows that are tried: of 10 coefficients and 30 % of outliers one set in 35 is clean."""
 ENOUGH_ROWS = 400
 """Rows that rank the sets; of more, this many are drawn."""
 LARGEST_WORK = 2e7
@@ -24,7 +24,8 @@ FIRST_STEPS, MOST_STEPS = 2, 12
 AT_REST = 1e-3
 """A change of the smallest scale, relative, that ends a search."""
 BISQUARE = 1.547645
-"""Tuning constant of Tukey's loss at which half of the rows may be wild (Rousseeuw & Yohai 1984).
+"""Tuning constant of Tukey's loss at which half of the rows may be outliers (Rousseeuw & Yohai
+1984).
 """
 RIDGE = 1e-8
 """Weight of where a search stood, relative to the rows: directions that a set leaves open stay."""
@@ -76,7 +77,7 @@ def _step(basis: Array, target: Array, found: Array, floor: float) -> tuple[Arra
     square = residuals * residuals
     for _ in range(3):
         agreement = np.maximum(1.0 - square / (BISQUARE * scale[:, None]) ** 2, 0.0)
-        # half of the loss of a wild row, 1, over the rows that the coefficients leave free
+        # half of the loss of an outlier, 1, over the rows that the coefficients leave free
         loss = target.size - np.sum(agreement * agreement * agreement, axis=1)
         scale = np.maximum(scale * np.sqrt(loss / (0.5 * spare)), floor)
     return _fits(basis, target, found, agreement * agreement), scale

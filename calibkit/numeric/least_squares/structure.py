@@ -34,8 +34,8 @@ def find(
     best: dict[tuple[int, int], Integers] = {}
     least = np.inf
     for number, labels in enumerate(groups):
-        rows, wild = np.bincount(labels + 1), np.bincount(labels + 1, weights=suspect)
-        apart = np.flatnonzero(wild[1:] >= np.maximum(2.0, TOGETHER * rows[1:])).tolist()
+        rows, suspects = np.bincount(labels + 1), np.bincount(labels + 1, weights=suspect)
+        apart = np.flatnonzero(suspects[1:] >= np.maximum(2.0, TOGETHER * rows[1:])).tolist()
         found = {(number, level): np.flatnonzero(labels == level) for level in apart}
         within = [
             np.abs(residuals[own] - np.median(residuals[own]))[suspect[own]]

@@ -28,7 +28,7 @@ SAME_ATTITUDE = 5e-3
 MOST_DWELLS = 6_000
 """Dwells, evenly spread over more, from which shared errors are estimated."""
 SEPARATE = 1e-6
-"""Share of a drift's length that the coefficients must leave for the two to be told apart."""
+"""Share of a drift's length that the coefficients must leave, so that the data separate the two."""
 SECOND_ORDER = "sensor", "second order"
 LACKING = "lacking terms", "scale"
 """What stands for errors of second order where the model has no coefficients for them."""
@@ -343,9 +343,9 @@ def _with_any_drift(
     left = _beside(slopes, drifts[0].loading)
     if np.any(left <= SEPARATE * np.linalg.norm(drifts[0].loading, axis=0)):
         flag = (
-            "a zero that drifts with time cannot be told from its temperature coefficients and is"
-            " in no uncertainty: return to the first temperature at the end, or state the drift of"
-            " the session in [[errors.component]]"
+            "a zero that drifts with time cannot be separated from its temperature coefficients and"
+            " is in no uncertainty: return to the first temperature at the end, or state the drift"
+            " of the session in [[errors.component]]"
         )
         return fitted, (flag,)
     others = [one for one in fitted.effects if (one.group, one.effect) != DRIFT]

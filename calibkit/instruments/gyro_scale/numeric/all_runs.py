@@ -22,8 +22,6 @@ from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
 
 SCALE, ZERO = 0, 1
 """Number of the polynomial of K, and of that of F0."""
-BOTH_WAYS = 2.0
-"""Range of the signs of rates of both directions."""
 SAME_RATE = 0.01
 """Relative difference below which two held rates are one."""
 TINY = 1e-6
@@ -60,7 +58,7 @@ class Rows:
     def both_ways(self) -> bool:
         """Whether every run turned both ways."""
         return all(
-            np.ptp(np.sign(self.rate_dps[self.run == k])) == BOTH_WAYS
+            line_terms.turns_both_ways(self.rate_dps[self.run == k])
             for k in range(self.run.max() + 1)
         )
 
@@ -197,7 +195,7 @@ def fit(
     ).found
     lines = _lines(rows.rate_dps, orders, shapes, mixed.coefficients)
     hidden = 0.0
-    if np.ptp(np.sign(rows.rate_dps)) < BOTH_WAYS:
+    if not line_terms.turns_both_ways(rows.rate_dps):
         bend = lines[ZERO][0] @ mixed.coefficients - mixed.coefficients[orders[SCALE] + 1]
         hidden = float(bend) ** 2
     return AllRuns(mixed, lines, (middle, half), hidden, tuple(shapes))
@@ -251,7 +249,7 @@ def own_lines(rows: Rows) -> tuple[dict[str, Array], Array]:
     design = np.column_stack((lines, *shapes.values()))
     found = (np.linalg.pinv(design) @ rows.corrected)[: 2 * runs]
     sides = np.array([np.sign(rows.rate_dps[rows.run == k]).sum() for k in range(runs)])
-    if not rows.both_ways and np.ptp(np.sign(sides)) == BOTH_WAYS:
+    if not rows.both_ways and line_terms.turns_both_ways(sides):
         # runs of one direction each tell asymmetry from each other only
         shapes[line_terms.ASYMMETRY] = tried[line_terms.ASYMMETRY]
     return shapes, found.reshape(2, runs)

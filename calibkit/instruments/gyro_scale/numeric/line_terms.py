@@ -29,6 +29,8 @@ ROUNDING = 1e-10
 """Residuals, relative to the largest indication, that are rounding: they ask for nothing."""
 STOPPED = 1e-6
 """Largest rate of a table at rest, relative to the largest rate of the run."""
+BOTH_WAYS = 2.0
+"""Range of the signs of rates of both directions."""
 ALIKE = 0.02
 """Share of a term that the other terms must leave over, for the data to tell it."""
 
@@ -125,6 +127,11 @@ def choose(rate_dps: Array, indication: Array, candidates: Mapping[str, Array]) 
     )
 
 
+def turns_both_ways(rate_dps: Array) -> bool:
+    """Whether rates of both directions are among [n]."""
+    return bool(np.ptp(np.sign(rate_dps)) == BOTH_WAYS)
+
+
 def shapes(rate_dps: Array) -> dict[str, Array]:
     """Candidate terms of the response over rates [n], name → [n, 1]."""
     size = np.abs(rate_dps)[:, None]
@@ -136,7 +143,7 @@ def ask(
     design: Array, indication: Array, candidates: Mapping[str, Array]
 ) -> tuple[dict[str, Array], dict[str, Array]]:
     """Candidates that the residuals of a design [n, p] ask for, included one by one, and those that
-    could be told but are not asked for; both name → columns [n, k].
+    the data determine but do not ask for; both name → columns [n, k].
     """
     left, included = dict(candidates), dict[str, Array]()
     floor = ROUNDING * float(np.max(np.abs(indication), initial=0.0))

@@ -246,14 +246,14 @@ def _mounting(
     degrees of freedom: what two γ differ by, or what is known [°] pooled with it.
     """
     sine = float(np.sin(np.radians(noise.alpha_deg)))
-    square = (gamma - noise.gamma_indicated) ** 2 / sine**2 if sine > SMALL_SINE else 0.0
+    apart = (gamma - noise.gamma_indicated) ** 2 if sine > SMALL_SINE else 0.0
     if known is None:
         # noise is not taken off: two γ that agree by chance would hide the tilts
-        return float(np.sqrt(square)), 1.0
+        return float(np.sqrt(apart)) / max(sine, SMALL_SINE), 1.0
     value, dof = np.radians(known[0]), known[1]
-    by_noise = (uncertainty**2 + float(noise.standard_uncertainty[2]) ** 2) / max(sine, SMALL_SINE)
-    tilt = 0.5 * max(square - by_noise / max(sine, SMALL_SINE), 0.0)
-    pooled = (dof * value**2 + tilt) / (dof + 1.0) if np.isfinite(dof) else value**2
+    by_noise = uncertainty**2 + float(noise.standard_uncertainty[2]) ** 2
+    square = 0.5 * max(apart - by_noise, 0.0) / max(sine, SMALL_SINE) ** 2
+    pooled = (dof * value**2 + square) / (dof + 1.0) if np.isfinite(dof) else value**2
     return float(np.sqrt(pooled)), dof + 1.0
 
 

@@ -18,8 +18,6 @@ from calibkit.numeric.least_squares import polynomial
 from calibkit.numeric.least_squares.fit import LinearFit, linear
 from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
 
-BOTH_WAYS = 2.0
-"""Range of the signs of rates of both directions."""
 TERMS = ("K", "F0")
 """Scale factor [1/s/(°/s)] and zero intercept [1/s]."""
 
@@ -128,7 +126,7 @@ def _scale_factor(
     -------
     ScaleFactor. The weights are equal because the standards' K is the slope of the best straight
     line over the rates; F0 is always fitted, so that rates of one sign or unequal rates give the
-    same K. What each term that is not included would change is in the covariance.
+    same K. What the largest term that is not included would change is in the covariance.
 
     Raises
     ------
@@ -195,7 +193,7 @@ def _covariance(
         # an effect too small to be found is still there; what the model explains changes nothing
         largest = max(shifts, key=lambda shift: abs(float(shift[0])))
         covariance += np.outer(largest, largest)
-    if np.ptp(np.sign(chosen.solved.design[:, 0])) < BOTH_WAYS:
+    if not line_terms.turns_both_ways(chosen.solved.design[:, 0]):
         # one direction alone: nothing tells the line of the other one from a bend of the response
         bend = float((chosen.solved.solver[1] - results[1]) @ indication)
         covariance[1, 1] += bend**2
