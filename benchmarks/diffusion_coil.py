@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.instruments.fog_thermal.numeric import noise as thermal_noise, pooled_fit
 from calibkit.numeric import intervals
+from calibkit.numeric.thermal import noise as thermal_noise, pooled_fit
 from calibkit.simulate import noise
 from calibkit.simulate.chamber import Chamber, Programme
 

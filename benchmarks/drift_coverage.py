@@ -19,22 +19,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibkit.instruments.fog_thermal import simulate as fog, simulate_gyro
-from calibkit.instruments.fog_thermal.numeric import (
-    choice as thermal_choice,
-    coil,
-    evaluate,
-    lagged,
-    level,
-    pooled_fit,
-    uncertainty,
-)
-from calibkit.instruments.fog_thermal.numeric.terms import (
+from calibkit.instruments.fog_thermal.numeric import choice as thermal_choice, evaluate
+from calibkit.numeric import gum, intervals
+from calibkit.numeric.thermal import coil, lagged, level, pooled_fit, uncertainty
+from calibkit.numeric.thermal.terms import (
     TERMS,
     Drivers,
     Scales,
     ThermalModel,
 )
-from calibkit.numeric import gum, intervals
 from calibkit.simulate import noise
 from calibkit.simulate.chamber import Chamber
 

@@ -19,8 +19,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibkit.instruments.fog_thermal import simulate as fog, simulate_gyro
-from calibkit.instruments.fog_thermal.numeric import choice as thermal_choice, evaluate, pooled_fit
+from calibkit.instruments.fog_thermal.numeric import choice as thermal_choice, evaluate
 from calibkit.numeric import intervals
+from calibkit.numeric.thermal import pooled_fit
 from calibkit.simulate.chamber import Chamber
 
 INTERVAL_S = 10.0

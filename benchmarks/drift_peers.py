@@ -25,9 +25,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.instruments.fog_thermal import simulate as fog, simulate_gyro
-from calibkit.instruments.fog_thermal.numeric import choice, evaluate, level, pooled_fit
-from calibkit.instruments.fog_thermal.numeric.terms import TERMS
+from calibkit.instruments.fog_thermal.numeric import choice, evaluate
 from calibkit.numeric import intervals
+from calibkit.numeric.thermal import level, pooled_fit
+from calibkit.numeric.thermal.terms import TERMS
 from calibkit.simulate.chamber import Chamber
 
 if TYPE_CHECKING:

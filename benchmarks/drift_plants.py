@@ -22,14 +22,16 @@ import drift_generalisation as lumped
 import numpy as np
 
 from calibkit.instruments.fog_thermal import simulate as fog
-from calibkit.instruments.fog_thermal.numeric import choice, evaluate, uncertainty
+from calibkit.instruments.fog_thermal.numeric import choice, evaluate
 from calibkit.numeric import gum, intervals
+from calibkit.numeric.thermal import uncertainty
 from calibkit.simulate.chamber import Chamber
 
 if TYPE_CHECKING:
     from calibkit.arrays import Array
     from calibkit.instruments.fog_thermal.numeric.bank import OnLevels
-    from calibkit.instruments.fog_thermal.numeric.pooled_fit import ThermalLog
+    from calibkit.numeric.thermal.evaluate import Evaluation
+    from calibkit.numeric.thermal.pooled_fit import ThermalLog
 
 FIRST_SEED = 400_000
 GROUP = 6
@@ -70,7 +72,7 @@ class Judged:
     name: str
 
 
-def stated(model: OnLevels, found: evaluate.Evaluation) -> Array:
+def stated(model: OnLevels, found: Evaluation) -> Array:
     """Expanded uncertainty [n, °/h] of the drift."""
     _, _, parts, dofs = zip(*uncertainty.contributions(model, found), strict=True)
     return gum.expand_along(np.stack(parts), np.array(dofs))[2]

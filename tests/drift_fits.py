@@ -1,9 +1,9 @@
 """Level and lagged drift models fitted to logs, as the choice among candidates fits each."""
 
-from calibkit.instruments.fog_thermal.numeric import lagged, level, pooled_fit
-from calibkit.instruments.fog_thermal.numeric.lagged import LAGGED_TERMS
-from calibkit.instruments.fog_thermal.numeric.terms import TERMS
 from calibkit.numeric import intervals
+from calibkit.numeric.thermal import lagged, level, pooled_fit
+from calibkit.numeric.thermal.lagged import LAGGED_TERMS
+from calibkit.numeric.thermal.terms import TERMS
 
 
 def block_log(name, columns, interval_s, begins=()):

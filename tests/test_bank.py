@@ -17,8 +17,8 @@ from calibkit.instruments.fog_thermal.numeric import (
     evidence,
 )
 from calibkit.instruments.fog_thermal.numeric.bank_groups import Groups
-from calibkit.instruments.fog_thermal.numeric.noise import Noise
-from calibkit.instruments.fog_thermal.numeric.terms import TERMS, ThermalModel, Valid
+from calibkit.numeric.thermal.noise import Noise
+from calibkit.numeric.thermal.terms import TERMS, ThermalModel, Valid
 from conftest import ROOT
 
 BANK = [one for one in choice.CANDIDATES if one.form == "bank"]

@@ -18,8 +18,8 @@ from calibkit.instruments import silent
 from calibkit.instruments.accelerometer import forms
 from calibkit.instruments.fog_thermal import forms as fog_forms
 from calibkit.instruments.fog_thermal.numeric import evaluate
-from calibkit.instruments.fog_thermal.numeric.terms import Valid
 from calibkit.numeric import gum
+from calibkit.numeric.thermal.terms import Valid
 from conftest import ROOT, write_log
 
 ISSUED = dt.date(2026, 11, 21)

@@ -11,8 +11,8 @@ from calibkit.errors import CoefficientError
 from calibkit.instruments.fog_thermal import forms
 from calibkit.instruments.fog_thermal.numeric import evaluate, gradient
 from calibkit.instruments.fog_thermal.numeric.bank import Bank, BankModel
-from calibkit.instruments.fog_thermal.numeric.noise import Noise
-from calibkit.instruments.fog_thermal.numeric.terms import TERMS, ThermalModel, Valid
+from calibkit.numeric.thermal.noise import Noise
+from calibkit.numeric.thermal.terms import TERMS, ThermalModel, Valid
 from naive import sensitivities
 
 TRUE = np.array([3.0, 0.02, -3e-4, 2e-6, 0.05, -0.04, 0.003, 4e-4, 0.0])

@@ -8,10 +8,12 @@ from hypothesis import given, settings, strategies as st
 from scipy.linalg import expm
 
 from calibkit.errors import FitError
-from calibkit.instruments.fog_thermal.numeric import coil, evaluate, lagged, pooled_fit
-from calibkit.instruments.fog_thermal.numeric.lagged import LAGGED_TERMS
-from calibkit.instruments.fog_thermal.numeric.pooled_fit import ThermalLog
-from calibkit.instruments.fog_thermal.numeric.terms import TERMS
+from calibkit.instruments.fog_thermal.numeric import evaluate
+from calibkit.numeric.thermal import coil, lagged, pooled_fit
+from calibkit.numeric.thermal.evaluate import _drivers
+from calibkit.numeric.thermal.lagged import LAGGED_TERMS
+from calibkit.numeric.thermal.pooled_fit import ThermalLog
+from calibkit.numeric.thermal.terms import TERMS
 from drift_fits import fit_lagged, fit_level, survey
 
 LAGS = (210.0, 120.0)
@@ -365,7 +367,7 @@ def test_a_ramp_faster_than_any_fitted_is_clamped_and_flagged():
     model = fit_lagged(campaign())
     time, case = case_of(30.0, 4000.0, lag=60.0)
     found = evaluate.evaluate(model, time, case, case)
-    drivers = evaluate._drivers(model, time, case, case)
+    drivers = _drivers(model, time, case, case)
     assert np.array_equal(found.rate_clamped, drivers.rate > model.valid.rate[1])
     assert np.array_equal(found.gradient_clamped, drivers.gradient > model.valid.gradient[1])
     assert found.rate_clamped.any()

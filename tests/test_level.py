@@ -7,15 +7,15 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from calibkit.errors import FitError
-from calibkit.instruments.fog_thermal.numeric import (
-    evaluate,
+from calibkit.instruments.fog_thermal.numeric import evaluate
+from calibkit.numeric.thermal import (
     level,
     noise as thermal_noise,
     pooled_fit,
     terms as thermal_terms,
 )
-from calibkit.instruments.fog_thermal.numeric.pooled_fit import ThermalLog
-from calibkit.instruments.fog_thermal.numeric.terms import TERMS, Drivers, Scales, Valid
+from calibkit.numeric.thermal.pooled_fit import ThermalLog
+from calibkit.numeric.thermal.terms import TERMS, Drivers, Scales, Valid
 from drift_fits import block_log, fit_level
 
 TRUE = np.array([8.0, 9e-3, -3e-4, 2e-6, -0.18, -0.05, 4e-4, 1.3e-3, 0.015])

@@ -12,8 +12,8 @@ from calibkit.check import chunked
 from calibkit.errors import OutputError, RecipeError, UsageError
 from calibkit.ingest import logs, logs_on_disk
 from calibkit.instruments.fog_thermal import ramps
-from calibkit.instruments.fog_thermal.numeric import occupancy
 from calibkit.numeric import anomalies, chunks, intervals, order_statistics, segments
+from calibkit.numeric.thermal import occupancy
 from calibkit.numeric.wavelet import denoise, lifting
 
 FILE = "ramp_heating_05.csv"

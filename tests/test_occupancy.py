@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from calibkit.instruments.fog_thermal.numeric import occupancy
 from calibkit.numeric import intervals
+from calibkit.numeric.thermal import occupancy
 
 RNG = np.random.default_rng(1)
 

@@ -12,10 +12,7 @@ from calibkit.instruments.fog_thermal import simulate as fog, simulate_gyro
 from calibkit.instruments.fog_thermal.numeric import (
     choice as thermal_choice,
     evaluate,
-    left_out,
-    noise as thermal_noise,
-    pooled_fit,
-    uncertainty,
+    hysteresis,
 )
 from calibkit.instruments.fog_thermal.numeric.choice import (
     CANDIDATES,
@@ -24,8 +21,9 @@ from calibkit.instruments.fog_thermal.numeric.choice import (
     _LeftOut,
     choose,
 )
-from calibkit.instruments.fog_thermal.numeric.pooled_fit import ThermalLog
 from calibkit.numeric import intervals
+from calibkit.numeric.thermal import left_out, noise as thermal_noise, pooled_fit, uncertainty
+from calibkit.numeric.thermal.pooled_fit import ThermalLog
 from calibkit.simulate import noise
 from calibkit.simulate.chamber import Chamber
 from drift_fits import block_log, fit_lagged, fit_level
@@ -64,6 +62,12 @@ def fitted(logs, **kwargs):
 def drift_uncertainty(model, found):
     """Return the standard uncertainty [n, °/h] that the contributions make together."""
     return np.sqrt(sum(part[2] ** 2 for part in uncertainty.contributions(model, found)))
+
+
+def explained(model, logs):
+    """Return what type A and flicker make of neighbouring 100 s means on these logs."""
+    along = [evaluate.evaluate(model, log.time, log.case, log.env).sensitivities for log in logs]
+    return uncertainty.explained(model, logs, along, 10)
 
 
 def withheld(logs, model):
@@ -320,10 +324,10 @@ def test_what_type_a_and_flicker_explain_is_no_model_error(logs, choice):
     model = replace(choice.model, covariance=np.zeros_like(choice.model.covariance))
     quiet = replace(model, noise=replace(model.noise, flicker=0.0))
     loud = replace(model, noise=replace(model.noise, flicker=0.02))
-    explained = [uncertainty.explained(m, fitted(logs), 10) for m in (quiet, loud)]
-    assert explained[0] == 0.0
-    assert uncertainty.model_error(errors, explained[0]) == pytest.approx(0.0095, abs=0.0005)
-    assert uncertainty.model_error(errors, explained[1]) == 0.0
+    known = [explained(m, fitted(logs)) for m in (quiet, loud)]
+    assert known[0] == 0.0
+    assert uncertainty.model_error(errors, known[0]) == pytest.approx(0.0095, abs=0.0005)
+    assert uncertainty.model_error(errors, known[1]) == 0.0
 
 
 def test_flicker_that_is_explained_is_what_simulated_flicker_leaves(logs, choice):
@@ -332,7 +336,7 @@ def test_flicker_that_is_explained_is_what_simulated_flicker_leaves(logs, choice
     """
     model = replace(choice.model, covariance=np.zeros_like(choice.model.covariance))
     model = replace(model, noise=replace(model.noise, flicker=0.02))
-    said = uncertainty.explained(model, fitted(logs), 10)
+    said = explained(model, fitted(logs))
     rng = np.random.default_rng(5)
     products = []
     for _ in range(300):
@@ -432,7 +436,9 @@ def test_hysteresis_is_shown_by_cooling_against_heating():
     some, none = (simulated(33, hysteresis_scale=scale) for scale in (12.0, 0.0))
     terms = ("b0", "b1", "b2", "b3")
     shown, quiet = (
-        uncertainty.hysteresis(fit_lagged(fitted(logs), (*terms, "s_rate", "s_grad")), fitted(logs))
+        hysteresis.compare_directions(
+            fit_lagged(fitted(logs), (*terms, "s_rate", "s_grad")), fitted(logs)
+        )
         for logs in (some, none)
     )
     assert shown.temperature.size > 15
@@ -445,4 +451,4 @@ def test_hysteresis_needs_both_directions(logs, choice):
     """Heating alone shows none."""
     heating = [log for log in fitted(logs) if "heating" in log.name]
     with pytest.raises(FitError, match="heating and cooling"):
-        uncertainty.hysteresis(choice.model, heating)
+        hysteresis.compare_directions(choice.model, heating)

@@ -14,8 +14,8 @@ from calibkit.coefficients import Condition, Figure
 from calibkit.errors import FitError
 from calibkit.instruments.fog_thermal import decision
 from calibkit.instruments.fog_thermal.compensate import DriftModel
-from calibkit.instruments.fog_thermal.numeric import evaluate, uncertainty as thermal_uncertainty
-from calibkit.instruments.fog_thermal.numeric.uncertainty import Hysteresis
+from calibkit.instruments.fog_thermal.numeric import evaluate, hysteresis
+from calibkit.instruments.fog_thermal.numeric.hysteresis import Hysteresis
 from calibkit.instruments.fog_thermal.ramps import PreparedLog
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 from calibkit.numeric import earth, gum
@@ -211,14 +211,14 @@ def _compare_ways(model: DriftModel, logs: Sequence[PreparedLog]) -> _BothWays |
     """Hysteresis of indication and residual drift; None without ramps in both directions."""
     thermal = [log.thermal for log in logs]
     try:
-        before = thermal_uncertainty.hysteresis(None, thermal)
+        before = hysteresis.compare_directions(None, thermal)
     except FitError:
         return None
     if model.thermal is None:
         return _BothWays(before, None, None)
     return _BothWays(
         before,
-        thermal_uncertainty.hysteresis(model.thermal, thermal),
+        hysteresis.compare_directions(model.thermal, thermal),
         decision.compare_turn_on(model.thermal, logs),
     )
 

@@ -15,9 +15,9 @@ from calibkit.instruments.fog_thermal.forms import FILE
 from calibkit.instruments.fog_thermal.numeric import compensation, evaluate
 from calibkit.instruments.fog_thermal.numeric.bank import OnLevels
 from calibkit.instruments.fog_thermal.numeric.gradient import Blocks, RatePolynomial
-from calibkit.instruments.fog_thermal.numeric.terms import ThermalModel
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 from calibkit.numeric import chunks
+from calibkit.numeric.thermal.terms import ThermalModel
 
 FLAGGED_SHARE = 0.005
 """Largest share of a log that may be held or clamped without a flag."""

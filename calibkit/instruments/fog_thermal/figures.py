@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from calibkit.arrays import Array
     from calibkit.instruments.fog_thermal.numeric import gradient
-    from calibkit.instruments.fog_thermal.numeric.uncertainty import Hysteresis
+    from calibkit.instruments.fog_thermal.numeric.hysteresis import Hysteresis
 
 
 COEFFICIENTS = ("a0 [°/h]", "a1 [°/h/K]", "a2 [°/h/K²]")

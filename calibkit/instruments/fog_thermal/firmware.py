@@ -26,8 +26,8 @@ from calibkit.instruments.fog_thermal.forms import (
     RATE,
     rate_names,
 )
-from calibkit.instruments.fog_thermal.numeric.terms import LAGS, TERMS
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
+from calibkit.numeric.thermal.terms import LAGS, TERMS
 
 GRADIENT_RATE = DRIVERS[3]
 AIR, AIR_RATE = "temp_env_degc", "temp_env_rate_degc_min"

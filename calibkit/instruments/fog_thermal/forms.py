@@ -14,7 +14,7 @@ from calibkit.arrays import Array
 from calibkit.coefficients import Model, Parameter
 from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.forms import Form, Inputs, power_unit
-from calibkit.instruments.fog_thermal.numeric import coil, gradient
+from calibkit.instruments.fog_thermal.numeric import gradient
 from calibkit.instruments.fog_thermal.numeric.bank import (
     STATIC_LAGS,
     Bank,
@@ -22,8 +22,9 @@ from calibkit.instruments.fog_thermal.numeric.bank import (
     BankModel,
     OnLevels,
 )
-from calibkit.instruments.fog_thermal.numeric.noise import Noise
-from calibkit.instruments.fog_thermal.numeric.terms import (
+from calibkit.numeric.thermal import coil
+from calibkit.numeric.thermal.noise import Noise
+from calibkit.numeric.thermal.terms import (
     LAGS,
     TERMS,
     UNITS,

@@ -14,10 +14,11 @@ from calibkit.coefficients import Figure, Input, StageResult
 from calibkit.errors import FitError, FrameError
 from calibkit.frame import Examined, Finding, Held, Log, refuse, values
 from calibkit.ingest import stated_segments
-from calibkit.instruments.fog_thermal.numeric import gradient, pooled_fit
-from calibkit.instruments.fog_thermal.numeric.pooled_fit import ThermalLog
+from calibkit.instruments.fog_thermal.numeric import gradient
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 from calibkit.numeric import chunks, intervals, segments
+from calibkit.numeric.thermal import pooled_fit
+from calibkit.numeric.thermal.pooled_fit import ThermalLog
 from calibkit.numeric.wavelet import shifted
 
 LONGER_WINDOWS = 3

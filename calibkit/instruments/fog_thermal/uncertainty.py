@@ -13,17 +13,13 @@ from calibkit.errors import UsageError
 from calibkit.frame import Log, values
 from calibkit.instruments.fog_thermal import ramps
 from calibkit.instruments.fog_thermal.compensate import DriftModel
-from calibkit.instruments.fog_thermal.numeric import (
-    compensation,
-    evaluate,
-    noise as thermal_noise,
-    uncertainty,
-)
+from calibkit.instruments.fog_thermal.numeric import compensation, evaluate
 from calibkit.instruments.fog_thermal.numeric.bank import OnLevels
 from calibkit.instruments.fog_thermal.numeric.gradient import Blocks
 from calibkit.instruments.fog_thermal.ramps import PreparedLog
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 from calibkit.numeric import chunks, consistency, gum
+from calibkit.numeric.thermal import noise as thermal_noise, uncertainty
 from calibkit.recipe import TypeB
 from calibkit.recipe.type_b import RELATIVE
 from calibkit.report.summary import number

@@ -19,9 +19,9 @@ from typing import TypeAlias
 import numpy as np
 
 from calibkit.arrays import Array
-from calibkit.instruments.fog_thermal.numeric import coil
-from calibkit.instruments.fog_thermal.numeric.noise import Noise
-from calibkit.instruments.fog_thermal.numeric.terms import ThermalModel, Valid
+from calibkit.numeric.thermal import coil
+from calibkit.numeric.thermal.noise import Noise
+from calibkit.numeric.thermal.terms import ThermalModel, Valid
 
 ORIGIN_DEGC = 25.0
 """Temperature at which z, g and the play operators are 0."""

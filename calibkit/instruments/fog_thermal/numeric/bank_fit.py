@@ -13,13 +13,14 @@ from functools import reduce
 import numpy as np
 
 from calibkit.arrays import Array
-from calibkit.instruments.fog_thermal.numeric import bank as forward, coil, evidence
+from calibkit.instruments.fog_thermal.numeric import bank as forward, evidence
 from calibkit.instruments.fog_thermal.numeric.bank import Bank, BankModel
 from calibkit.instruments.fog_thermal.numeric.bank_groups import Groups
 from calibkit.instruments.fog_thermal.numeric.evidence import FLAT, Gram, Posterior, Prior
-from calibkit.instruments.fog_thermal.numeric.noise import Noise
-from calibkit.instruments.fog_thermal.numeric.pooled_fit import Stack
-from calibkit.instruments.fog_thermal.numeric.terms import Span, Valid
+from calibkit.numeric.thermal import coil
+from calibkit.numeric.thermal.noise import Noise
+from calibkit.numeric.thermal.pooled_fit import Stack
+from calibkit.numeric.thermal.terms import Span, Valid
 
 NOWHERE: Span = (0.0, 0.0)
 """Range of a driver that a bank does not use."""

@@ -10,10 +10,10 @@ import numpy as np
 
 from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError
-from calibkit.instruments.fog_thermal.numeric import noise as thermal_noise
 from calibkit.instruments.fog_thermal.numeric.evidence import Gram
-from calibkit.instruments.fog_thermal.numeric.pooled_fit import Stack
 from calibkit.numeric.dispersion import mad_sigma
+from calibkit.numeric.thermal import noise as thermal_noise
+from calibkit.numeric.thermal.pooled_fit import Stack
 
 GROUP_S = 60.0
 """Averaging time [s]: shorter than the lags that matter, so that nothing is lost."""

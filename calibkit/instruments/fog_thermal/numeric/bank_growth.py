@@ -8,8 +8,8 @@ import numpy as np
 from calibkit.arrays import Array
 from calibkit.instruments.fog_thermal.numeric import bank_fit
 from calibkit.instruments.fog_thermal.numeric.bank_groups import Groups
-from calibkit.instruments.fog_thermal.numeric.left_out import FIGURE_BLOCKS, left_out_errors
-from calibkit.instruments.fog_thermal.numeric.pooled_fit import Stack
+from calibkit.numeric.thermal.left_out import FIGURE_BLOCKS, left_out_errors
+from calibkit.numeric.thermal.pooled_fit import Stack
 
 GAINED = 3.0
 """Increase of the logarithm of the evidence from which a further term of a bank is tested on

@@ -10,20 +10,14 @@ import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.errors import FitError
-from calibkit.instruments.fog_thermal.numeric import (
-    bank_fit,
-    bank_growth,
-    lagged,
-    level,
-    pooled_fit,
-    uncertainty,
-)
+from calibkit.instruments.fog_thermal.numeric import bank_fit, bank_growth, evaluate
 from calibkit.instruments.fog_thermal.numeric.bank import OnLevels
 from calibkit.instruments.fog_thermal.numeric.compensation import WORSE, LeftOutRamps
-from calibkit.instruments.fog_thermal.numeric.lagged import Survey
-from calibkit.instruments.fog_thermal.numeric.left_out import FIGURE_BLOCKS, left_out_errors
-from calibkit.instruments.fog_thermal.numeric.pooled_fit import Solution, Stack, ThermalLog
-from calibkit.instruments.fog_thermal.numeric.terms import TERMS, chosen_columns
+from calibkit.numeric.thermal import lagged, level, pooled_fit, uncertainty
+from calibkit.numeric.thermal.lagged import Survey
+from calibkit.numeric.thermal.left_out import FIGURE_BLOCKS, left_out_errors
+from calibkit.numeric.thermal.pooled_fit import Solution, Stack, ThermalLog
+from calibkit.numeric.thermal.terms import TERMS, chosen_columns
 
 CLEARLY = 0.95
 """Largest ratio of the error on left-out ramps to the raw drift with which a model may be exported.
@@ -178,7 +172,9 @@ def choose(
     if best is None:
         return ThermalChoice(tested, refused, None, None, _nothing_helps(tested, refused))
     model = solutions[best].finish(stacked)
-    explained = uncertainty.explained(model, stacked.logs, figure_blocks)
+    along = [evaluate.evaluate(model, log.time, log.case, log.env) for log in stacked.logs]
+    sensitivities = [found.sensitivities for found in along]
+    explained = uncertainty.explained(model, stacked.logs, sensitivities, figure_blocks)
     left = uncertainty.model_error(tested[best].errors, explained)
     unmodelled = solutions[best].unmodelled
     model = replace(

@@ -17,8 +17,8 @@ import numpy as np
 
 from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError
-from calibkit.instruments.fog_thermal.numeric.noise import Noise
 from calibkit.numeric.least_squares import polynomial
+from calibkit.numeric.thermal.noise import Noise
 
 Span = tuple[float, float]
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from calibkit.arrays import Array, Mask
 from calibkit.constants import SECONDS_PER_MINUTE
-from calibkit.instruments.fog_thermal.numeric.terms import Drivers
+from calibkit.numeric.thermal.terms import Drivers
 
 LONGEST_EXPONENT = 200.0
 """Largest exponent of one cumulative sum of decays: e^200 squared does not overflow."""

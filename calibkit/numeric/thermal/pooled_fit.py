@@ -15,17 +15,17 @@ import numpy as np
 
 from calibkit.arrays import Array, Integers, Mask
 from calibkit.errors import FitError
-from calibkit.instruments.fog_thermal.numeric import noise as thermal_noise, occupancy
-from calibkit.instruments.fog_thermal.numeric.terms import (
+from calibkit.numeric.dispersion import mad_sigma, rms
+from calibkit.numeric.intervals import Intervals
+from calibkit.numeric.least_squares import fit
+from calibkit.numeric.least_squares.robust import HUBER, TUKEY
+from calibkit.numeric.thermal import noise as thermal_noise, occupancy
+from calibkit.numeric.thermal.terms import (
     Drivers,
     Scales,
     ThermalModel,
     chosen_columns,
 )
-from calibkit.numeric.dispersion import mad_sigma, rms
-from calibkit.numeric.intervals import Intervals
-from calibkit.numeric.least_squares import fit
-from calibkit.numeric.least_squares.robust import HUBER, TUKEY
 
 NEIGHBOURS = 7
 """Blocks in the running median of the residuals: a longer deviation is model misfit, not a spike.

@@ -1,31 +1,37 @@
-"""Uncertainty of the compensated rate (coefficients, model error on left-out ramps, clamping), and
-the residual hysteresis.
+"""Uncertainty of a fitted bias: its coefficients, the model's error on stretches that were left
+out of the fit, and clamping.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from calibkit.arrays import Array
-from calibkit.constants import SECONDS_PER_MINUTE
-from calibkit.errors import FitError
-from calibkit.instruments.fog_thermal.numeric import evaluate, noise as thermal_noise
-from calibkit.instruments.fog_thermal.numeric.bank import OnLevels
-from calibkit.instruments.fog_thermal.numeric.evaluate import Evaluation
-from calibkit.instruments.fog_thermal.numeric.pooled_fit import ThermalLog
 from calibkit.numeric import gum
+from calibkit.numeric.thermal import noise as thermal_noise
+from calibkit.numeric.thermal.evaluate import Evaluation
+from calibkit.numeric.thermal.noise import Noise
+from calibkit.numeric.thermal.pooled_fit import ThermalLog
 
 NEIGHBOURING = (1, 2, 3)
 """Lags, in 100 s means, of the products of left-out errors: 100 to 300 s."""
 POSTERIOR_REACH = 6.0
 """Standard errors beyond which the posterior of the model error is negligible."""
 POSTERIOR_LEVELS = 2001
-MOVING_DEGC_MIN = 0.3
-"""Temperature rate [°C/min] above which a block is heating, and below its negative cooling."""
-HYSTERESIS_BIN_DEGC = 5.0
-LEAST_BLOCKS = 5
-"""Fewest heating and fewest cooling blocks in a bin of the hysteresis."""
+
+
+class _Stated(Protocol):
+    """A fitted model with its errors."""
+
+    @property
+    def covariance(self) -> Array: ...
+    @property
+    def noise(self) -> Noise: ...
+    @property
+    def model_error(self) -> float: ...
+    @property
+    def model_error_dof(self) -> float: ...
 
 
 def model_error(errors: Sequence[Array], explained: float = 0.0) -> float:
@@ -63,17 +69,18 @@ def _products(errors: Sequence[Array]) -> tuple[Array, Array]:
     )
 
 
-def explained(model: OnLevels, logs: Sequence[ThermalLog], group: int) -> float:
+def explained(
+    model: _Stated, logs: Sequence[ThermalLog], sensitivities: Sequence[Array], group: int
+) -> float:
     """Mean product [(°/h)²] of neighbouring errors (means over a group of blocks) that type A
-    uncertainty and flicker noise cause.
+    uncertainty and flicker noise cause, with the derivatives [n, p] of the drift along each log.
 
     The mean of each ramp is removed, as for left-out errors.
     """
     longest = max(log.time.size for log in logs) // group
     flicker = model.noise.flicker**2 * thermal_noise.flicker_kernel(max(longest, 1))
     total, count = 0.0, 0
-    for log in logs:
-        sensitivity = evaluate.evaluate(model, log.time, log.case, log.env).sensitivities
+    for log, sensitivity in zip(logs, sensitivities, strict=True):
         for part in np.unique(log.part):
             rows = np.flatnonzero(log.part == part)
             whole, first = rows.size // group, int(rows[0]) // group
@@ -95,7 +102,7 @@ def about_its_mean(covariance: Array) -> Array:
     return np.asarray(columns - columns.mean(axis=1)[:, None], dtype=np.float64)
 
 
-def contributions(model: OnLevels, evaluation: Evaluation) -> list[tuple[str, str, Array, float]]:
+def contributions(model: _Stated, evaluation: Evaluation) -> list[tuple[str, str, Array, float]]:
     """Independent contributions to the uncertainty of the drift along a log, each with its name,
     kind, values [n, °/h] and degrees of freedom.
 
@@ -112,59 +119,3 @@ def contributions(model: OnLevels, evaluation: Evaluation) -> list[tuple[str, st
         ("model error on ramps left out", "A", missed, model.model_error_dof),
         ("beyond the fitted ranges", "B", np.abs(evaluation.beyond) / np.sqrt(3.0), np.inf),
     ]
-
-
-@dataclass(frozen=True, slots=True)
-class Hysteresis:
-    """Residual drift on cooling less that on heating ramps [m, °/h] at case temperatures [m, °C],
-    with standard uncertainties [m, °/h].
-    """
-
-    temperature: Array
-    difference: Array
-    standard_uncertainty: Array
-
-    @property
-    def rms(self) -> float:
-        """Root mean square [°/h] of the differences beyond their uncertainties; 0 if the
-        uncertainties explain them.
-        """
-        excess = float(np.mean(self.difference**2 - self.standard_uncertainty**2))
-        return float(np.sqrt(max(excess, 0.0)))
-
-
-def hysteresis(model: OnLevels | None, logs: Sequence[ThermalLog]) -> Hysteresis:
-    """Compare the residual drift of a model (without one, the indication) on heating and on cooling
-    ramps at equal case temperature.
-
-    The mean of each log, which contains its turn-on bias, is removed first: the result is the shape
-    of the hysteresis without its constant part. Raises FitError if no temperature was passed in
-    both directions.
-    """
-    parts = []
-    for log in logs:
-        left = log.indication
-        if model is not None:
-            left = left - evaluate.evaluate(model, log.time, log.case, log.env).drift
-        rate = _smoothed(np.gradient(log.case, log.time)) * SECONDS_PER_MINUTE
-        direction = np.sign(rate) * (np.abs(rate) >= MOVING_DEGC_MIN)
-        parts.append((np.floor(log.case / HYSTERESIS_BIN_DEGC), direction, left - left.mean()))
-    number, direction, left = (np.concatenate(part) for part in zip(*parts, strict=True))
-    both = []
-    for k in np.unique(number):
-        down, up = (left[(number == k) & (direction == way)] for way in (-1.0, 1.0))
-        if min(down.size, up.size) >= LEAST_BLOCKS:
-            variance = np.var(down, ddof=1) / down.size + np.var(up, ddof=1) / up.size
-            both.append(
-                ((k + 0.5) * HYSTERESIS_BIN_DEGC, down.mean() - up.mean(), np.sqrt(variance))
-            )
-    if not both:
-        raise FitError(
-            "no temperature was passed heating and cooling", hint="hysteresis needs ramps both ways"
-        )
-    return Hysteresis(*np.array(both).T)
-
-
-def _smoothed(values: Array) -> Array:
-    """Running mean [n] over nine blocks, which suppresses the steps of a quantised thermometer."""
-    return np.convolve(np.pad(values, 4, mode="edge"), np.full(9, 1.0 / 9.0), mode="valid")

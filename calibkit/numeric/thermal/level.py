@@ -14,9 +14,9 @@ import numpy as np
 from calibkit.arrays import Array, Integers
 from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.errors import FitError
-from calibkit.instruments.fog_thermal.numeric import pooled_fit
-from calibkit.instruments.fog_thermal.numeric.pooled_fit import Solution, Stack
-from calibkit.instruments.fog_thermal.numeric.terms import (
+from calibkit.numeric.thermal import pooled_fit
+from calibkit.numeric.thermal.pooled_fit import Solution, Stack
+from calibkit.numeric.thermal.terms import (
     TERMS,
     Drivers,
     Scales,

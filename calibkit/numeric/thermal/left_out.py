@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from calibkit.arrays import Array
-from calibkit.instruments.fog_thermal.numeric.pooled_fit import Stack
+from calibkit.numeric.thermal.pooled_fit import Stack
 
 FIGURE_BLOCKS = 10
 """Blocks that one mean of the drift figure averages: 100 s (the longer interval of GJB 2426A) at a

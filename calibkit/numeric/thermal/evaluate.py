@@ -1,0 +1,128 @@
+"""Bias along a log by a fitted level or lagged model, its sensitivities, and the rows where a
+driver was clamped.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibkit.arrays import Array, Mask
+from calibkit.numeric.thermal import coil, level
+from calibkit.numeric.thermal.terms import Drivers, ThermalModel, Valid
+
+ONE_SIDED = 0.1
+"""Share of the largest fitted rate below which a direction counts as not measured."""
+RELATIVE_STEP = 1e-3
+"""Relative change of a lag for the numerical derivative of the drift."""
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluation:
+    """Drift [n, °/h] along a log, its derivatives, and masks [n] of drivers outside their fitted
+    ranges.
+    """
+
+    drift: Array
+    sensitivities: Array
+    """[n, p], derivative of the drift by each coefficient and each lag, as in the covariance."""
+    beyond: Array
+    """[n, °/h], drift without clamping less drift with clamping."""
+    temperature_clamped: Mask
+    rate_clamped: Mask
+    gradient_clamped: Mask
+    unmeasured: Mask
+    """The temperature goes in a direction in which none was fitted."""
+
+
+def _drivers(model: ThermalModel, time: Array, case: Array, env: Array) -> Drivers:
+    """Drivers [n] of a log by the model's form; a coil starts at the first case temperature."""
+    if model.form == "level":
+        return level.drivers(time, case, env, model.window_s)
+    return coil.path([(time, case)]).drivers(
+        model.lags[0], model.lags[1] if len(model.lags) > 1 else None
+    )
+
+
+def evaluate_terms(
+    model: ThermalModel, time: Array, case: Array, env: Array, reference_degc: float
+) -> Evaluation:
+    """Drift along a log of times [n, s], case and chamber temperatures [n, °C], zero at rest at the
+    reference temperature.
+
+    It is causal: only samples up to an instant enter. Drivers outside the fitted ranges are clamped
+    and flagged. Lags start in equilibrium at the first sample; env does not enter a lagged model.
+    """
+    found = _drivers(model, time, case, env)
+    inside = _clamp(found, model)
+    rest = design_at_rest(model, reference_degc)
+    rows = inside.raw_design() - rest
+    by_lag = [_by_lag(model, k, found, inside, (time, case, env)) for k in range(len(model.lags))]
+    temperature, rate, gradient, gradient_rate = (
+        np.asarray(values != held) for values, held in zip(found, inside, strict=True)
+    )
+    return Evaluation(
+        rows @ model.coefficients,
+        np.column_stack([rows, *by_lag]),
+        (found.raw_design() - rest - rows) @ model.coefficients,
+        temperature,
+        rate | gradient_rate,
+        gradient,
+        in_unmeasured_direction(model.valid, found.rate),
+    )
+
+
+def in_unmeasured_direction(valid: Valid, rate: Array) -> Mask:
+    """Whether rates [n, °C/min] go in a direction in which none was fitted."""
+    low, high = valid.rate
+    slack = ONE_SIDED * max(-low, high)
+    return np.asarray(
+        ((rate < -slack) & (low > -2.0 * slack)) | ((rate > slack) & (high < 2.0 * slack))
+    )
+
+
+def _clamp(drivers: Drivers, model: ThermalModel) -> Drivers:
+    """Drivers [n] clamped to the fitted ranges; a driver that no term of the model uses is not
+    clamped.
+    """
+    terms = set(model.terms)
+    used = (
+        len(terms) > 1,
+        not terms.isdisjoint({"s_rate", "s_temp_rate"}),
+        "s_grad" in terms,
+        "s_grad_rate" in terms,
+    )
+    return Drivers(
+        *(
+            np.clip(values, *span) if enters else values
+            for values, span, enters in zip(drivers, model.valid, used, strict=True)
+        )
+    )
+
+
+def design_at_rest(model: ThermalModel, reference_degc: float) -> Array:
+    """Design row [1, 9] at rest (no rate, no gradient) at the reference temperature, clamped to the
+    fitted range.
+    """
+    still = np.zeros(1)
+    return Drivers(
+        np.array([model.nearest_fitted(reference_degc)]), still, still, still
+    ).raw_design()
+
+
+def _by_lag(
+    model: ThermalModel, k: int, found: Drivers, inside: Drivers, log: tuple[Array, Array, Array]
+) -> Array:
+    """Derivative [n, °/h/s] of the drift by the k-th lag; a clamped driver is taken as constant."""
+    step = model.lags[k] * RELATIVE_STEP
+    moved = _drivers(
+        replace(model, lags=tuple(lag + step * (j == k) for j, lag in enumerate(model.lags))), *log
+    )
+    held = Drivers(
+        *(
+            np.where(values == limited, after, limited)
+            for values, limited, after in zip(found, inside, moved, strict=True)
+        )
+    )
+    return np.asarray(
+        (held.raw_design() - inside.raw_design()) @ model.coefficients / step, dtype=np.float64
+    )
