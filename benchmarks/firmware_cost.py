@@ -14,17 +14,18 @@ import subprocess
 import tempfile
 from pathlib import Path
 
-from calibkit import instruments, pipeline, recipe
+import firmware_runs
 from calibkit.firmware import c_header, c_source, export, formats
-from calibkit.instruments import silent
 
-ROOT = Path(__file__).resolve().parents[1]
 RUNS = {
-    "gyro K(T), F0(T)": ("rate_table", ()),
-    "accelerometer triad, affine": ("accelerometer", ()),
-    "drift, level": ("fog_thermal", ("drift.model=level",)),
-    "drift, lagged": ("fog_thermal", ("drift.model=lagged",)),
+    "gyro K(T), F0(T)": "rate",
+    "accelerometer triad, affine to third order": "affine",
+    "drift, level": "level",
+    "drift, lagged": "lagged",
+    "drift, bank": "bank",
+    "drift, bank with all parts": "grown",
 }
+"""Chain → its run among those of the firmware tests."""
 CORES = {
     "cortex-m0": ("microbit", ()),
     "cortex-m4": ("mps2-an386", ("-mfpu=fpv4-sp-d16", "-mfloat-abi=hard")),
@@ -66,7 +67,7 @@ static uint32_t ticks(uint32_t (*f)(const unit_in *, unit_out *))
     for (k = 0U; k < 1000U; k++) { (void)f(&in, &out); }
     return (start - TIMER[2]) & 0xFFFFFFU;
 }
-int main(void) { START print(ticks(empty)); print(ticks(call)); return 0; }
+int main(void) { START print(ticks(empty)); print(ticks(call)); print(KEPT); return 0; }
 void reset(void)
 {
 #ifdef __ARM_FP
@@ -95,8 +96,8 @@ def ran(*command: str, cwd: Path) -> str:
     return done.stdout + done.stderr
 
 
-def cost(one: export.Export, folder: Path, core: str) -> tuple[int, int]:
-    """Bytes of flash and instructions a call."""
+def cost(one: export.Export, folder: Path, core: str) -> tuple[int, int, int]:
+    """Bytes of flash, instructions a call, and bytes of the state."""
     machine, options = CORES[core]
     memory = one.chain.structure.interval_s is not None
     texts = [
@@ -106,6 +107,7 @@ def cost(one: export.Export, folder: Path, core: str) -> tuple[int, int]:
     main = MAIN.replace("INPUT", ", ".join(texts))
     main = main.replace("STATE", "static unit_state state;" if memory else "")
     main = main.replace("START", "unit_reset(&state);" if memory else "")
+    main = main.replace("KEPT", "sizeof state" if memory else "0U")
     main = main.replace(
         "CALL", "unit_update(&state, in, out)" if memory else "unit_correct(in, out)"
     )
@@ -143,40 +145,31 @@ def cost(one: export.Export, folder: Path, core: str) -> tuple[int, int]:
     )
     console = ("-nographic", "-semihosting-config", "enable=on,target=native", "-icount", "shift=0")
     said = ran("qemu-system-arm", "-M", machine, *console, "-kernel", "e.elf", cwd=folder)
-    empty, called = (int(word, 16) for word in re.findall(r"[0-9a-f]{8}", said)[:2])
+    empty, called, kept = (int(word, 16) for word in re.findall(r"[0-9a-f]{8}", said)[:3])
     tick = TICK if core != "cortex-m0" else 62  # the microbit's core runs at 16 MHz
-    return size, round((called - empty) * tick / CALLS)
+    return size, round((called - empty) * tick / CALLS), kept
 
 
 def main() -> None:
     """Print the table."""
     print(
-        "| chain | number | " + " | ".join(f"{core}: bytes | instructions" for core in CORES) + " |"
+        "| chain | number | state: bytes | "
+        + " | ".join(f"{core}: bytes | instructions" for core in CORES)
+        + " |"
     )
-    print("|---|---|" + "---|---|" * len(CORES))
+    print("|---|---|---|" + "---|---|" * len(CORES))
+    identity = export.Identity(
+        "U", 1, "2026-11-21", "0" * 64, {"a": "0" * 64}, "calibkit", verdict="accepted"
+    )
     with tempfile.TemporaryDirectory() as place:
-        for name, (procedure, overrides) in RUNS.items():
-            folder = Path(place) / name.replace(" ", "_").replace(",", "")
-            data = ROOT / "datasets" / procedure
-            outcome = pipeline.fit(
-                recipe.find(procedure, overrides), data, "U", folder, "2026-11-21", silent
-            )
-            run = outcome.run
-            chain = (
-                instruments.find(run.document["procedure"])
-                .firmware()
-                .chain(pipeline.run_recipe(run, ()), run.records)
-            )
-            identity = export.Identity(
-                "U", 1, "2026-11-21", "0" * 64, {"a": "0" * 64}, "calibkit", accepted=True
-            )
+        for chain, name in RUNS.items():
+            folder = Path(place) / name
+            fitted = firmware_runs.fitted(name, folder)
             for number in ("f32", "f64", "q31", "q15"):
-                one = export.prepare(chain, identity, formats.Format.find(number), "unit")
-                cells = [
-                    f"{size} | {count}"
-                    for size, count in (cost(one, folder, core) for core in CORES)
-                ]
-                print(f"| {name} | {number} | {' | '.join(cells)} |")
+                one = export.prepare(fitted.chain, identity, formats.Format.find(number), "unit")
+                found = [cost(one, folder, core) for core in CORES]
+                cells = [f"{size} | {count}" for size, count, _ in found]
+                print(f"| {chain} | {number} | {found[0][2]} | {' | '.join(cells)} |")
 
 
 if __name__ == "__main__":

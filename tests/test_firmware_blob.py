@@ -15,7 +15,7 @@ from firmware_driver import exported
 from firmware_runs import cached
 from test_firmware_c import C_ONLY, WARNINGS
 
-CHAINS = ("lagged", "gradient", "affine", "kq", "rate", "scale")
+CHAINS = ("lagged", "grown", "gradient", "affine", "kq", "rate", "scale")
 DRIVER = """#include <stdio.h>
 #include <stdlib.h>
 #include "unit.h"

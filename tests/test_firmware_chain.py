@@ -157,7 +157,7 @@ def along(quantised, columns):
 
 
 @pytest.mark.parametrize("number", ["f32", "f64", "q31", "q15"])
-@pytest.mark.parametrize("name", ["lagged", "level"])
+@pytest.mark.parametrize("name", ["lagged", "level", "bank", "grown"])
 def test_a_drift_model_with_memory_follows_the_float64_model_within_its_printed_bound(
     name, number, runs
 ):

@@ -20,6 +20,7 @@ from calibkit.firmware.chain import (
     Limit,
     Map,
     Memory,
+    Play,
     Quotient,
     Select,
     Slope,
@@ -132,6 +133,10 @@ class _Analysis:
                 if step.name in self.states:
                     return self.states[step.name]
                 return errors.get(step.source, 0.0) if step.start == "same" else 0.0
+            case Play():  # what it keeps it took from the source at some update
+                scale, reach = self.program.scales.get(step.name, 0), self.reach(step.name)
+                off = max(self.off(step.table, scale))
+                return errors[step.source] + off + self.rounding(reach, step.name)
             case Quotient():
                 return self.quotient(step, errors)
             case Slope():

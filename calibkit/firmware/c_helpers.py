@@ -34,6 +34,28 @@ static {value} @p_slope({value} history[], {value} x, uint32_t updates, const {w
 """
 
 
+def _played(value: str, weight: str) -> str:
+    """Function of a play operator for types of values and distances."""
+    return f"""
+/* kept brought to between x + range[0] and x + range[1]: a play operator */
+static {value} @p_played({value} kept, {value} x, const {weight} range[])
+{{
+    const {value} least = x + range[0];
+    const {value} greatest = x + range[1];
+    {value} y = kept;
+
+    if (y < least) {{
+        y = least;
+    }} else if (y > greatest) {{
+        y = greatest;
+    }} else {{
+        /* not pushed */
+    }}
+    return y;
+}}
+"""
+
+
 FLOAT = {
     "limited": (
         """
@@ -81,6 +103,7 @@ static @real @p_polynomial(const @real c[], uint32_t count, @real x)
 }
 """
     ),
+    "played": _played("@real", "@real"),
     "slope": _slope(
         "@real",
         "@real",
@@ -194,6 +217,7 @@ static int32_t @p_quotient(int32_t numerator, int32_t denominator, uint32_t plac
 }
 """
     ),
+    "played": _played("int32_t", "@word"),
     "slope": _slope(
         "int32_t",
         "@word",

@@ -4,7 +4,7 @@ device.
 
 from calibkit.firmware import blob, c_header, c_helpers, c_reader, c_selftest, c_source, c_text
 from calibkit.firmware.blob import Shape
-from calibkit.firmware.chain import Limit, Slope, Sum
+from calibkit.firmware.chain import Limit, Play, Slope, Sum
 from calibkit.firmware.export import Export
 from calibkit.firmware.twin import INVALID
 
@@ -219,7 +219,7 @@ def _members(export: Export, found: Shape) -> dict[str, list[str]]:
     maps = {step.table for step in structure.maps}
     indexed = {entry.table for entry in structure.inputs}
     for step in structure.steps:
-        if isinstance(step, Limit | Slope):
+        if isinstance(step, Limit | Play | Slope):
             indexed.add(step.table)
         elif isinstance(step, Sum):
             indexed |= {term.table for term in step.terms if term.table and term.over}

@@ -5,7 +5,7 @@
 from collections.abc import Iterator, Sequence
 
 from calibkit.firmware import c_helpers, c_selftest, c_steps, c_text, layout
-from calibkit.firmware.chain import Limit, Map, Select, Slope, Step, Sum
+from calibkit.firmware.chain import Limit, Map, Play, Select, Slope, Step, Sum
 from calibkit.firmware.export import Export
 from calibkit.firmware.program import Program
 
@@ -113,8 +113,9 @@ def _step_tables(export: Export, step: Step, word: str) -> Iterator[str]:
             if program.format.fixed:
                 numbers.append(f"{program.map_places(step)}U")
             yield f"static const @p_map @p_{step.table} = {{{', '.join(numbers)}}};"
-        case Limit():
-            yield _array(export, step.table, word, f"least and greatest {step.name}")
+        case Limit() | Play():
+            what = "least and greatest" if isinstance(step, Limit) else "reach of"
+            yield _array(export, step.table, word, f"{what} {step.name}")
         case Slope():
             yield _array(export, step.table, word, "a row for each number of values")
         case Select():

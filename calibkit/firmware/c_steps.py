@@ -8,6 +8,7 @@ from calibkit.firmware.chain import (
     Limit,
     Map,
     Memory,
+    Play,
     Quotient,
     Select,
     Slope,
@@ -45,7 +46,7 @@ class Body:
         else:
             yield f"const {self.type} {step.name} = {self._value(step)};"
 
-    def _value(self, step: Map | Sum | Limit | Quotient | Memory | Slope) -> str:
+    def _value(self, step: Map | Sum | Limit | Quotient | Memory | Play | Slope) -> str:  # noqa: PLR0911 (one return per kind of step)
         """Expression of a step."""
         match step:
             case Map():
@@ -62,6 +63,11 @@ class Body:
                 kept = f"state->{step.source}"
                 first = f"(state->updates == 0U) ? {step.source} : {kept}"
                 return first if step.start == "same" else kept
+            case Play():
+                scales, source = self.program.scales, step.source
+                if self.program.format.fixed:
+                    source = self._shifted(source, scales[source] - scales[step.name])
+                return f"@p_played({step.kept}, {source}, @p_{step.table})"
             case Slope():
                 fixed = self.program.format.fixed
                 return (

@@ -94,6 +94,18 @@ class Memory:
 
 
 @dataclass(frozen=True, slots=True)
+class Play:
+    """Play operator: the remembered value `kept` brought within the table's two distances of
+    `source`; what is not pushed stays bit for bit.
+    """
+
+    name: str
+    source: str
+    kept: str
+    table: str
+
+
+@dataclass(frozen=True, slots=True)
 class Slope:
     """Rate of `source` from its last values: Σ_i w_i (v_i − v_0), v_0 the newest.
 
@@ -131,7 +143,7 @@ class Select:
     flag: str
 
 
-Step = Map | Sum | Limit | Quotient | Memory | Slope | Select
+Step = Map | Sum | Limit | Quotient | Memory | Play | Slope | Select
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,7 +187,7 @@ class Structure:
         named = [
             entry.flag
             for entry in (*self.inputs, *self.steps)
-            if not isinstance(entry, Sum | Quotient | Memory)
+            if not isinstance(entry, Sum | Quotient | Memory | Play)
         ]
         return tuple(dict.fromkeys(flag for flag in named if flag))
 
@@ -203,7 +215,7 @@ class Structure:
         names = [entry.table for entry in self.inputs]
         for step in self.steps:
             match step:
-                case Map() | Limit() | Slope():
+                case Map() | Limit() | Play() | Slope():
                     names.append(step.table)
                 case Select():
                     names += [case.table for case in step.cases]

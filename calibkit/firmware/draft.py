@@ -13,6 +13,7 @@ from calibkit.firmware.chain import (
     Limit,
     Map,
     Output,
+    Play,
     Quotient,
     Select,
     Step,
@@ -176,6 +177,8 @@ def _sources(step: Step) -> tuple[str, ...]:
         return tuple(name for term in step.terms for name in (term.over, *term.factors) if name)
     if isinstance(step, Quotient):
         return (step.numerator, step.denominator)
+    if isinstance(step, Play):
+        return (step.source, step.kept)
     if isinstance(step, Select):
         return (step.source, *(case.value for case in step.cases))
     return (step.source,)

@@ -19,6 +19,7 @@ STEPS = {
         chain.Limit,
         chain.Quotient,
         chain.Memory,
+        chain.Play,
         chain.Slope,
         chain.Select,
     )

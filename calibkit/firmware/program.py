@@ -8,7 +8,18 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from calibkit.firmware import exact, ranges
-from calibkit.firmware.chain import Chain, Limit, Map, Quotient, Select, Slope, Step, Structure, Sum
+from calibkit.firmware.chain import (
+    Chain,
+    Limit,
+    Map,
+    Play,
+    Quotient,
+    Select,
+    Slope,
+    Step,
+    Structure,
+    Sum,
+)
 from calibkit.firmware.formats import Format
 from calibkit.firmware.ranges import Range
 
@@ -155,7 +166,7 @@ def _fixed_tables(chain: Chain, scales: Mapping[str, int]) -> dict[str, tuple[in
             case Map():
                 reciprocal, u = scales[f"{step.table}.reciprocal"], scales[step.name]
                 own[step.table] = [scales[step.source], reciprocal, u, u]
-            case Limit():
+            case Limit() | Play():
                 own[step.table] = [scales[step.name]]
             case Slope():
                 own[step.table] = [scales[step.table]]

@@ -10,6 +10,7 @@ from calibkit.firmware.chain import (
     Limit,
     Map,
     Memory,
+    Play,
     Quotient,
     Select,
     Slope,
@@ -85,6 +86,10 @@ def _step(  # noqa: PLR0911 (one return per kind of step)
             return chain.tables[step.table][0], chain.tables[step.table][1]
         case Memory():  # what it remembers is mapped or limited, or has bounds of its own
             return known[step.source]
+        case Play():
+            return total(
+                [known[step.source], (chain.tables[step.table][0], chain.tables[step.table][1])]
+            )
         case Sum():
             return total([term(chain, entry, known)[-1] for entry in step.terms])
         case Quotient():

@@ -18,6 +18,7 @@ from calibkit.firmware.chain import (
     Limit,
     Map,
     Memory,
+    Play,
     Quotient,
     Select,
     Slope,
@@ -198,6 +199,8 @@ class _Run:
                 return self.quotient(step)
             case Memory():
                 return self.memory(step)
+            case Play():
+                return self.play(step)
             case Slope():
                 return self.slope(step)
             case Select():
@@ -270,6 +273,14 @@ class _Run:
             if step.start == "same"
             else kept
         )
+
+    def play(self, step: Play) -> Words:
+        """What is kept, brought to within the distances of the source."""
+        low, high = self.numbers(step.table)
+        x, kept = self.values[step.source], self.values[step.kept]
+        if self.fixed:
+            x = _rounded(x, self.program.scales[step.source] - self.program.scales[step.name])
+        return self.limited(kept, x + low, x + high, "", "")
 
     def slope(self, step: Slope) -> Words:
         """Rate over the values that are kept."""

@@ -6,9 +6,8 @@ from fractions import Fraction
 from itertools import pairwise
 
 from calibkit.coefficients import Model
-from calibkit.errors import OutputError
 from calibkit.firmware import exact
-from calibkit.firmware.chain import Memory, Term
+from calibkit.firmware.chain import Memory, Play, Term
 from calibkit.firmware.draft import BEYOND, Draft, factor, numbers
 from calibkit.instruments.fog_thermal.forms import CASE, RATE, read_bank
 from calibkit.instruments.fog_thermal.numeric.bank import (
@@ -18,6 +17,9 @@ from calibkit.instruments.fog_thermal.numeric.bank import (
     STATIC_LAGS,
     Bank,
 )
+
+ROUNDED = Fraction(1025, 1024)
+"""Bound of a play operator's distance, in half widths: it is a difference of rounded numbers."""
 
 
 def follow_lag(draft: Draft, name: str, h: Fraction, tau: Fraction, fastest: Fraction) -> None:
@@ -45,15 +47,8 @@ def bound_memory(draft: Draft, name: str, limit: Fraction, usual: Fraction) -> N
 def follow_bank(
     draft: Draft, model: Model, h: Fraction, fastest: Fraction, reference_degc: float
 ) -> str:
-    """Drift of a bank of lags from the mapped case temperature "x"; OutputError for a model with
-    hysteresis.
-    """
+    """Drift of a bank of lags from the mapped case temperature "x"."""
     bank = read_bank(model)
-    if bank.widths:
-        raise OutputError(
-            "the model has a hysteresis, which has no bounded error in firmware",
-            hint="compensate with `calibkit apply`, or fit with drift.model = 'lagged'",
-        )
     middle, half = exact.span(*model.valid[CASE])
     draft.steps.append(Memory("x_before", "x", "same"))
     draft.sum("move", factor("x"), factor("x_before", -1))
@@ -75,6 +70,7 @@ def follow_bank(
         "drift",
         *rates,
         table,
+        _hysteresis(draft, model, bank, (middle, half)),
         _warm_up(draft, model, bank, h),
         draft.polynomial("static_terms", exact.add(static, (constant,)), "u"),
     )
@@ -147,6 +143,34 @@ def _table(
         terms += draft.polynomial(f"slope_{k}", (slope,), "", f"segment_{k}")
         offset += slope * min(max(at_rest, low), high)
     return terms, offset
+
+
+def _hysteresis(
+    draft: Draft, model: Model, bank: Bank, span: tuple[Fraction, Fraction]
+) -> list[Term]:
+    """Terms h (p − T)/c of the play operators p of half width c; T is relative to the origin, so
+    that p is 0 at the reset.
+    """
+    middle, half = span
+    origin = (middle - Fraction(ORIGIN_DEGC)) / half
+    share = numbers(model, STATIC_LAGS[2])[0]
+    shares = {"lag_fast": abs(1 - share), "lag_static": abs(share)}
+    terms: list[Term] = []
+    if bank.widths:
+        draft.sum("swing", factor("coil"), draft.polynomial("origin", (origin,), ""))
+    for k, width in enumerate((Fraction(width) / half for width in bank.widths), start=1):
+        name, kept, away = f"play_{k}", f"play_{k}_before", f"behind_play_{k}"
+        for bounds in (draft.limits, draft.usual):
+            coil = BEYOND + sum(part * bounds[lag] for lag, part in shares.items())
+            bounds[name] = bounds[kept] = coil + abs(origin) + width
+            bounds[away] = width * ROUNDED
+        draft.steps.append(Memory(kept, name, "zero"))
+        table = draft.table(f"{name}_distances", (-width, width))
+        draft.steps.append(Play(name, "swing", kept, table))
+        draft.sum(away, factor(name), factor("swing", -1))
+        (weight,) = numbers(model, f"h{k}")
+        terms += draft.polynomial(f"hysteresis_{k}", (weight / width,), "", away)
+    return terms
 
 
 def _warm_up(draft: Draft, model: Model, bank: Bank, h: Fraction) -> list[Term]:
