@@ -28,6 +28,7 @@ from calibkit.coefficients import Model, Record
 from calibkit.instruments.fog_thermal import equations, forms
 from calibkit.instruments.fog_thermal.bias import RESULT as BIAS
 from calibkit.numeric import earth, gum
+from calibkit.thermal_forms import CASE, GRADIENT, RATE
 
 RATES = (10.0, 5.0, 2.0, 1.0, 0.5)
 """Rates [°C/min]; drift on ramps is stated at the fastest that was fitted."""
@@ -130,7 +131,7 @@ class _OnLevels:
 
     def _state(self, t: float, rate: float = 0.0) -> _State:
         """State at a case temperature [°C] on a steady ramp [°C/min]."""
-        at = {forms.CASE: np.array([t]), forms.RATE: np.array([rate])}
+        at = {CASE: np.array([t]), RATE: np.array([rate])}
         form = forms.ON_LEVELS[self.model.form]
         value, slope = form.evaluate(self.model, at), forms.slope_over_case(self.model, at)
         return float(value[0]), float(slope[0]), form.gradient(self.model, at)[0]
@@ -236,7 +237,7 @@ class _OnLevels:
         """
         if self.model.form not in (forms.LAGGED.name, forms.BANK.name):
             return []
-        low, high = self.model.valid.get(forms.RATE, (0.0, 0.0))
+        low, high = self.model.valid.get(RATE, (0.0, 0.0))
         rate = next((rate for rate in RATES if rate <= min(-low, high)), None)
         if rate is None:
             return []
@@ -275,7 +276,7 @@ class _OnLevels:
         """Whether the coil is within its fitted temperatures at a case temperature [°C] on ramps
         [°C/min].
         """
-        at = {forms.CASE: np.full(len(rates), t), forms.RATE: np.array(rates)}
+        at = {CASE: np.full(len(rates), t), RATE: np.array(rates)}
         coil, (low, high) = forms.coil_temperature(self.model, at), self.model.valid[TEMPERATURE]
         return bool(np.all((low <= coil) & (coil <= high)))
 
@@ -303,13 +304,13 @@ def _plot(table: GridTable) -> Figure:
 
 def _rate_values(stated: Stated, record: Record, model: Model) -> GridTable:
     """Table of a_j at temperature rates within the fitted range."""
-    low, high = model.valid[forms.RATE]
+    low, high = model.valid[RATE]
     rates = [rate for rate in COEFFICIENT_RATES if low <= rate <= high] or [low, high]
     order = len(model.coefficients) // 3 - 1
 
     def at(j: int, rate: float) -> Result:
         weights = forms.OVER_RATES.gradient(
-            model, {forms.GRADIENT: np.ones(1), forms.RATE: np.array([rate])}
+            model, {GRADIENT: np.ones(1), RATE: np.array([rate])}
         ).reshape(3, -1)[j]
         return stated.linear(
             record,

@@ -6,10 +6,10 @@ from fractions import Fraction
 from itertools import pairwise
 
 from calibkit.coefficients import Model
-from calibkit.firmware import exact
+from calibkit.firmware import exact, thermal_steps
 from calibkit.firmware.chain import Memory, Play, Term
 from calibkit.firmware.draft import BEYOND, Draft, factor, numbers
-from calibkit.instruments.fog_thermal.forms import CASE, RATE, read_bank
+from calibkit.instruments.fog_thermal.forms import read_bank
 from calibkit.instruments.fog_thermal.numeric.bank import (
     ORIGIN_DEGC,
     POWERS,
@@ -17,31 +17,10 @@ from calibkit.instruments.fog_thermal.numeric.bank import (
     STATIC_LAGS,
     Bank,
 )
+from calibkit.thermal_forms import CASE, RATE
 
 ROUNDED = Fraction(1025, 1024)
 """Bound of a play operator's distance, in half widths: it is a difference of rounded numbers."""
-
-
-def follow_lag(draft: Draft, name: str, h: Fraction, tau: Fraction, fastest: Fraction) -> None:
-    """Difference x − L(τ) x of the mapped case temperature x, from its change "move" over an
-    interval h: lag ← a lag + τ (1 − a)/h ΔT, a = exp(−h/τ).
-    """
-    a = exact.exp(-h / tau)
-    draft.steps.append(Memory(f"{name}_before", name, "zero"))
-    draft.sum(
-        name,
-        draft.polynomial(f"{name}_decay", (1 - a,), "", f"{name}_before", sign=-1),
-        draft.polynomial(f"{name}_move", (tau * (1 - a) / h,), "", "move"),
-        factor(f"{name}_before"),
-    )
-    bound_memory(draft, name, 2 * BEYOND, min(2 * BEYOND, fastest * tau))
-
-
-def bound_memory(draft: Draft, name: str, limit: Fraction, usual: Fraction) -> None:
-    """Bounds of a value and of its memory; the filters amplify an error of x by at most 2."""
-    for key in (name, f"{name}_before"):
-        draft.limits[key], draft.usual[key] = limit, usual
-    draft.gains[name] = Fraction(2)
 
 
 def follow_bank(
@@ -52,7 +31,7 @@ def follow_bank(
     middle, half = exact.span(*model.valid[CASE])
     draft.steps.append(Memory("x_before", "x", "same"))
     draft.sum("move", factor("x"), factor("x_before", -1))
-    bound_memory(draft, "move", 2 * BEYOND, fastest * h)
+    thermal_steps.bound_memory(draft, "move", 2 * BEYOND, fastest * h)
     _static_temperature(draft, model, h, fastest)
     low, high = ((Fraction(limit) - middle) / half for limit in model.valid[CASE])
     draft.limit("u", "coil", low, high, "TEMP_CLAMPED")
@@ -89,7 +68,7 @@ def _by_rate(
     h, tau, fastest = timing
     half = exact.span(*model.valid[CASE])[1]
     largest = max(abs(Fraction(limit)) for limit in model.valid[RATE]) or Fraction(1)
-    follow_lag(draft, f"lag_{k}", h, tau, fastest)
+    thermal_steps.follow_lag(draft, f"lag_{k}", h, tau, fastest)
     to_rate = (60 * half / tau / largest,)
     rate = draft.sum(f"behind_{k}", draft.polynomial(f"rate_of_{k}", to_rate, "", f"lag_{k}"))
     if to_rate[0] * draft.limits[f"lag_{k}"] > 1:  # a slow lag cannot get that fast
@@ -104,7 +83,7 @@ def _static_temperature(draft: Draft, model: Model, h: Fraction, fastest: Fracti
     fast, slow, share = numbers(model, *STATIC_LAGS)
     parts = (("lag_fast", fast, 1 - share), ("lag_static", slow, share))
     for name, tau, _ in parts:
-        follow_lag(draft, name, h, tau, fastest)
+        thermal_steps.follow_lag(draft, name, h, tau, fastest)
     draft.sum(
         "coil",
         factor("x"),
@@ -184,7 +163,7 @@ def _warm_up(draft: Draft, model: Model, bank: Bank, h: Fraction) -> list[Term]:
             draft.polynomial(f"{name}_kept", (a,), "", f"{name}_before"),
             draft.polynomial(f"{name}_grown", (1 - a,), ""),
         )
-        bound_memory(draft, name, Fraction(1), Fraction(1))
+        thermal_steps.bound_memory(draft, name, Fraction(1), Fraction(1))
         (weight,) = numbers(model, f"w{k}")
         terms += draft.polynomial(f"{name}_weight", (weight,), "")
         terms += draft.polynomial(f"{name}_faded", (-weight,), "", f"{name}_before")

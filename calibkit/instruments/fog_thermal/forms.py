@@ -5,11 +5,11 @@ the lags have settled, for certificates. Along a log, for `apply`, `numeric.eval
 lags from sample to sample with the model that `read_thermal` returns.
 """
 
-import math
 from dataclasses import replace
 
 import numpy as np
 
+from calibkit import thermal_forms
 from calibkit.arrays import Array
 from calibkit.coefficients import Model, Parameter
 from calibkit.constants import SECONDS_PER_MINUTE
@@ -22,32 +22,16 @@ from calibkit.instruments.fog_thermal.numeric.bank import (
     BankModel,
     OnLevels,
 )
-from calibkit.numeric.thermal import coil
 from calibkit.numeric.thermal.noise import Noise
 from calibkit.numeric.thermal.terms import (
-    LAGS,
-    TERMS,
-    UNITS,
-    Drivers,
-    ThermalModel,
     Valid,
 )
+from calibkit.thermal_forms import CASE, GRADIENT, RATE, drivers_at
 
 FILE = "drift_rate.json"
 """Coefficient file of the exported drift term."""
-CASE = "temp_case_degc"
-RATE = "temp_rate_degc_min"
-GRADIENT = "gradient_degc"
-DRIVERS = (CASE, RATE, GRADIENT, "gradient_rate_degc_min")
-"""Input columns of a level or lagged model, and of its fitted ranges; for a lagged model the latter
-refer to the coil.
-"""
 GRADIENT_UNITS = ("deg/h", "deg/h/K", "deg/h/K^2")
 """Units of a0, a1 and a2, per model interval."""
-UNKNOWN_DOF = (
-    "degrees of freedom of the model error: not in the file, taken as infinite; fit again to have"
-    " them"
-)
 
 
 def rate_names(order: int) -> list[list[str]]:
@@ -67,43 +51,6 @@ def _rate_products(model: Model, at: Inputs) -> Array:
     return (by_gradient[:, :, None] * by_rate[:, None, :]).reshape(len(by_rate), -1)
 
 
-def drivers_at(model: Model, at: Inputs) -> Drivers:
-    """Drivers [n] of a level or lagged model; for the latter on a steady ramp, with the lags
-    settled.
-
-    Missing inputs are 0, as at rest.
-    """
-    still = np.zeros_like(at[CASE])
-    if model.form == LAGGED.name:
-        return coil.settled(
-            at[CASE], at.get(RATE, still), *LAGGED.read(model)[len(TERMS) :].tolist()
-        )
-    return Drivers(*(at.get(column, still) for column in DRIVERS))
-
-
-def _sum_of_terms(model: Model, at: Inputs) -> Array:
-    """Indicated rate [n, °/h]."""
-    return drivers_at(model, at).raw_design() @ _terms(model)
-
-
-def _terms(model: Model) -> Array:
-    """Coefficients [9] of the terms of a level or lagged model."""
-    return ON_LEVELS[model.form].read(model)[: len(TERMS)]
-
-
-def _term_gradient(model: Model, at: Inputs) -> Array:
-    """Derivatives [n, 9 + lags] of the indicated rate [°/h] by the coefficients and by the lags
-    [°/h/s].
-    """
-    drivers, terms = drivers_at(model, at), _terms(model)
-    per_second = drivers.rate / SECONDS_PER_MINUTE
-    by_lags = (
-        -(drivers.slope_over_temperature() @ terms) * per_second,
-        (drivers.slope_over_gradient() @ terms) * per_second,
-    )
-    return np.column_stack([drivers.raw_design(), *by_lags[: len(model.coefficients) - len(TERMS)]])
-
-
 def coil_temperature(model: Model, at: Inputs) -> Array:
     """Temperature [n, °C] that a model on levels refers to, with its lags settled."""
     if model.form == BANK.name:
@@ -116,7 +63,7 @@ def slope_over_case(model: Model, at: Inputs) -> Array:
     if model.form == BANK.name:
         terms, drivers, _ = _bank_drivers(model, at)
         return _bank_slope(terms, model, drivers)
-    return drivers_at(model, at).slope_over_temperature() @ _terms(model)
+    return thermal_forms.slope_over_case(model, at)
 
 
 PER_RAMP = Form(
@@ -129,9 +76,9 @@ PER_RAMP = Form(
 """Drift increment per model interval of one ramp: a0 + a1 G + a2 G²."""
 OVER_RATES = Form("fog-drift-rate/1", _rate_products, meaning=("interval",))
 """Drift increment per model interval of one side: a0 + a1 G + a2 G² with a_j(r) = Σ_m c_jm r^m."""
-LEVEL = Form("fog-drift-level/1", _term_gradient, _sum_of_terms, meaning=("interval",))
+LEVEL = thermal_forms.sum_of_terms("fog-drift-level/1")
 """Indicated rate as the sum of TERMS of case temperature and gradient to the chamber air."""
-LAGGED = Form("fog-drift-lagged/1", _term_gradient, _sum_of_terms, meaning=("interval",))
+LAGGED = thermal_forms.sum_of_terms("fog-drift-lagged/1")
 """Indicated rate as the sum of TERMS of coil temperatures that lag behind the case."""
 
 
@@ -257,32 +204,8 @@ def write_thermal(model: OnLevels, interval_s: float) -> Model:
     """Level, lagged or bank model for the coefficient file; terms that were not fitted are 0."""
     if isinstance(model, BankModel):
         return _write_bank(model, interval_s)
-    lags = [(name, lag, "s") for name, lag in zip(LAGS, model.lags, strict=False)]
-    parameters = _errors(model, interval_s)
-    if model.form == "level":
-        parameters.append(Parameter("window", model.window_s, "s"))
     form = LEVEL if model.form == "level" else LAGGED
-    return form.write(
-        "drift",
-        [*zip(TERMS, model.coefficients.tolist(), UNITS, strict=True), *lags],
-        model.covariance,
-        dof=model.dof,
-        residual_rms=model.residual_rms,
-        residual_unit="deg/h",
-        valid=dict(zip(DRIVERS, model.valid, strict=True)),
-        parameters=tuple(parameters),
-    )
-
-
-def _errors(model: OnLevels, interval_s: float) -> list[Parameter]:
-    """Parameters that every model on levels has: interval, noise and model error."""
-    return [
-        Parameter("interval", interval_s, "s"),
-        Parameter("white_variance", model.noise.white_variance, "(deg/h)^2"),
-        Parameter("flicker", model.noise.flicker, "deg/h"),
-        Parameter("model_error", model.model_error, "deg/h"),
-        Parameter("model_error_dof", model.model_error_dof, "1"),
-    ]
+    return thermal_forms.write_terms(form, "drift", model, interval_s, "deg/h")
 
 
 def _write_bank(model: BankModel, interval_s: float) -> Model:
@@ -307,7 +230,9 @@ def _write_bank(model: BankModel, interval_s: float) -> Model:
         residual_unit="deg/h",
         valid={CASE: model.valid.temperature, RATE: model.valid.rate},
         parameters=(
-            *_errors(model, interval_s),
+            *thermal_forms.list_errors(
+                model.noise, model.model_error, model.model_error_dof, interval_s, "deg/h"
+            ),
             Parameter("turn_on", model.turn_on_sd, "deg/h"),
             *numbered,
         ),
@@ -337,32 +262,7 @@ def _read_bank_model(model: Model) -> BankModel:
 def read_thermal(model: Model) -> OnLevels:
     """Level, lagged or bank model: the inverse of `write_thermal`, without the turn-on biases of
     the logs.
-
-    Older files do not state the degrees of freedom of the model error: these are then infinite, and
-    flagged.
     """
     if model.form == BANK.name:
         return _read_bank_model(model)
-    lags = LAGS[: len(model.coefficients) - len(TERMS)]
-    stated = any(parameter.name == "model_error_dof" for parameter in model.parameters)
-    return ThermalModel(
-        form="lagged" if model.form == LAGGED.name else "level",
-        terms=tuple(
-            c.name
-            for c in model.coefficients
-            if c.name in TERMS and (c.standard_uncertainty > 0.0 or c.value != 0.0)
-        ),
-        coefficients=np.array([model.value(name) for name in TERMS]),
-        lags=tuple(model.value(name) for name in lags),
-        covariance=np.array(model.covariance),
-        window_s=model.value("window") if model.form == LEVEL.name else 0.0,
-        valid=Valid(*(model.valid[column] for column in DRIVERS)),
-        turn_on=np.zeros(0),
-        dof=model.dof,
-        residual_rms=model.residual_rms,
-        noise=Noise(model.value("white_variance"), model.value("flicker")),
-        model_error=model.value("model_error"),
-        model_error_dof=model.value("model_error_dof") if stated else math.inf,
-        entangled=(),
-        flags=() if stated else (UNKNOWN_DOF,),
-    )
+    return thermal_forms.read_terms(model)

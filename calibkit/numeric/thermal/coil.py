@@ -8,7 +8,7 @@ without differences of a quantised thermometer.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -49,6 +49,38 @@ class Path:
         return Drivers(
             outer, per_minute, gradient, per_minute - gradient / tau_inner * SECONDS_PER_MINUTE
         )
+
+
+RUN_UP_S = 36_000.0
+"""Duration of the run-up at a constant rate that is assumed before a span: longer than any lag."""
+APART_S = 1e8
+"""Time between two spans across which lags are not carried."""
+
+
+def path_of_spans(logs: Sequence[tuple[Array, Array, Sequence[tuple[int, float]]]]) -> Path:
+    """Path of logs, each given by its time [n, s], case temperature [n, °C] and the first rows of
+    its spans with the rate [°C/min] at which the temperature came to each; lags are not carried
+    from span to span.
+    """
+    whole = []
+    for time, case, spans in logs:
+        first = np.array([row for row, _ in spans], dtype=np.int64)
+        rate = np.array([rate for _, rate in spans]) / SECONDS_PER_MINUTE
+        later = np.zeros(time.size)
+        later[first[1:]] = APART_S
+        moved = time + np.cumsum(later)
+        whole.append(
+            (
+                np.insert(moved, first, moved[first] - RUN_UP_S),
+                np.insert(case, first, case[first] - RUN_UP_S * rate),
+                np.insert(np.ones(time.size, dtype=bool), first, values=False),
+            )
+        )
+    joined = path([(time, case) for time, case, _ in whole])
+    inside = joined.inside.copy()
+    for row, (time, _, own) in enumerate(whole):
+        inside[row, : time.size] = own
+    return replace(joined, inside=inside)
 
 
 def path(logs: Sequence[tuple[Array, Array]]) -> Path:

@@ -2,6 +2,7 @@
 driver was clamped.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +15,8 @@ ONE_SIDED = 0.1
 """Share of the largest fitted rate below which a direction counts as not measured."""
 RELATIVE_STEP = 1e-3
 """Relative change of a lag for the numerical derivative of the drift."""
+Spans = Sequence[tuple[int, float]]
+"""First rows of spans across which lags are not carried, with the rate [°C/min] before each."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,29 +37,39 @@ class Evaluation:
     """The temperature goes in a direction in which none was fitted."""
 
 
-def _drivers(model: ThermalModel, time: Array, case: Array, env: Array) -> Drivers:
+def _drivers(
+    model: ThermalModel, time: Array, case: Array, env: Array, spans: Spans = ()
+) -> Drivers:
     """Drivers [n] of a log by the model's form; a coil starts at the first case temperature."""
     if model.form == "level":
         return level.drivers(time, case, env, model.window_s)
-    return coil.path([(time, case)]).drivers(
+    return coil.path_of_spans([(time, case, spans)]).drivers(
         model.lags[0], model.lags[1] if len(model.lags) > 1 else None
     )
 
 
 def evaluate_terms(
-    model: ThermalModel, time: Array, case: Array, env: Array, reference_degc: float
+    model: ThermalModel,
+    time: Array,
+    case: Array,
+    env: Array,
+    reference_degc: float,
+    spans: Spans = (),
 ) -> Evaluation:
     """Drift along a log of times [n, s], case and chamber temperatures [n, °C], zero at rest at the
     reference temperature.
 
     It is causal: only samples up to an instant enter. Drivers outside the fitted ranges are clamped
-    and flagged. Lags start in equilibrium at the first sample; env does not enter a lagged model.
+    and flagged. Lags start in equilibrium at the first sample, or in a log of spans as these state;
+    env does not enter a lagged model.
     """
-    found = _drivers(model, time, case, env)
+    found = _drivers(model, time, case, env, spans)
     inside = _clamp(found, model)
     rest = design_at_rest(model, reference_degc)
     rows = inside.raw_design() - rest
-    by_lag = [_by_lag(model, k, found, inside, (time, case, env)) for k in range(len(model.lags))]
+    by_lag = [
+        _by_lag(model, k, found, inside, (time, case, env, spans)) for k in range(len(model.lags))
+    ]
     temperature, rate, gradient, gradient_rate = (
         np.asarray(values != held) for values, held in zip(found, inside, strict=True)
     )
@@ -110,7 +123,11 @@ def design_at_rest(model: ThermalModel, reference_degc: float) -> Array:
 
 
 def _by_lag(
-    model: ThermalModel, k: int, found: Drivers, inside: Drivers, log: tuple[Array, Array, Array]
+    model: ThermalModel,
+    k: int,
+    found: Drivers,
+    inside: Drivers,
+    log: tuple[Array, Array, Array, Spans],
 ) -> Array:
     """Derivative [n, °/h/s] of the drift by the k-th lag; a clamped driver is taken as constant."""
     step = model.lags[k] * RELATIVE_STEP

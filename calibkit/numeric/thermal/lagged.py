@@ -98,7 +98,7 @@ class Survey:
     @classmethod
     def of_logs(cls, stacked: Stack, robust: Array) -> Self:
         """Survey of logs; the robust weights [n] come from another fit to the same logs."""
-        along = coil.path([(log.time, log.case) for log in stacked.logs])
+        along = coil.path_of_spans([(log.time, log.case, log.starts) for log in stacked.logs])
         middle = float(np.sqrt(STARTS_S[2] * STARTS_S[3]))
         scales = along.drivers(middle, middle).valid().scales()
         every = np.arange(1, len(LAGGED_TERMS))

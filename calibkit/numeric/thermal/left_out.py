@@ -1,11 +1,14 @@
-"""Errors on ramps that were left out of a fit, as means of the drift figure."""
+"""Predictions of ramps that were left out of a fit, and errors as means of the drift figure."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
 from calibkit.arrays import Array
-from calibkit.numeric.thermal.pooled_fit import Stack
+from calibkit.numeric.thermal import lagged, pooled_fit
+from calibkit.numeric.thermal.lagged import Survey
+from calibkit.numeric.thermal.pooled_fit import Solution, Stack
+from calibkit.numeric.thermal.terms import chosen_columns
 
 FIGURE_BLOCKS = 10
 """Blocks that one mean of the drift figure averages: 100 s (the longer interval of GJB 2426A) at a
@@ -40,3 +43,19 @@ def figure_means(values: Array, robust: Array, group: int) -> Array:
     )
     grouped = values[:whole].reshape(weight.shape)[usable]
     return np.asarray(np.average(grouped, axis=1, weights=weight[usable]), dtype=np.float64)
+
+
+def predict_left_out(solution: Solution, survey: Survey | None, stacked: Stack) -> Iterator[Array]:
+    """Drift [n, up to a constant] of all rows by the fit without each ramp in turn; a level
+    solution has no survey, the lags of others start from the fit to all ramps.
+    """
+    if survey is None:
+        moment = pooled_fit.moments(solution.columns, solution.weights, stacked)
+        for number in range(len(stacked.ramps)):
+            found = pooled_fit.solve_moments(pooled_fit.pool_moments(moment, stacked, number))
+            yield solution.columns @ (found[0] if found else np.zeros(solution.columns.shape[1]))
+        return
+    problem = lagged.Problem(survey, chosen_columns(solution.terms)[1:], solution.weights)
+    moments = problem.tangent_moments(solution.log_lags)
+    for number in range(len(stacked.ramps)):
+        yield problem.leave_out(solution.log_lags, moments, number)

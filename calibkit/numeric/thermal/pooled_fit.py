@@ -56,6 +56,12 @@ class ThermalLog:
     env: Array
     indication: Array
     part: Integers
+    fitted: Mask | None = None
+    """[n], which blocks are fitted; None for all."""
+    starts: tuple[tuple[int, float], ...] = ()
+    """First blocks of the spans across which lags are not carried, each with the temperature rate
+    [°C/min] of the run-up that is assumed before it; none: the log begins at rest.
+    """
 
 
 def thermal_blocks(
@@ -78,10 +84,13 @@ def thermal_blocks(
 
 @dataclass(frozen=True, slots=True)
 class Stack:
-    """Several logs in sequence: indication [n, °/h], and the rows of each log and of each ramp."""
+    """Several logs in sequence: indication [n, °/h], which rows are fitted [n], and the rows of
+    each log and of each ramp.
+    """
 
     logs: tuple[ThermalLog, ...]
     indication: Array
+    fitted: Mask
     log_rows: tuple[slice, ...]
     ramps: tuple[slice, ...]
     ramp_log: Integers
@@ -121,6 +130,9 @@ class Stack:
         return cls(
             tuple(logs),
             np.concatenate([log.indication for log in logs]),
+            np.concatenate(
+                [np.ones(log.time.size, bool) if log.fitted is None else log.fitted for log in logs]
+            ),
             tuple(log_rows),
             tuple(ramps),
             np.array(owners, dtype=np.int64),
@@ -232,11 +244,11 @@ def robust_weights(columns: Array, stacked: Stack) -> Array:
     The loss acts on isolated residuals, so that rows keep their weight where a model misses a
     transient of minutes; linearly dependent columns are allowed.
     """
-    weights = np.ones(stacked.indication.size)
+    weights = stacked.fitted.astype(np.float64)
     for biweight in (False, True):
         for _ in range(ITERATIONS):
             apart = _isolated(_projected_out(columns, weights, stacked), stacked)
-            moved, weights = weights, _loss_weights(apart, biweight=biweight)
+            moved, weights = weights, _loss_weights(apart, biweight=biweight) * stacked.fitted
             if float(np.max(np.abs(moved - weights))) < SETTLED:
                 break
     return weights
@@ -335,7 +347,7 @@ class Solution:
             lags=tuple(np.exp(self.log_lags).tolist()),
             covariance=covariance,
             window_s=self.window_s,
-            valid=self.drivers.valid(),
+            valid=Drivers(*(values[stacked.fitted] for values in self.drivers)).valid(),
             turn_on=level - level.mean(),
             dof=used - chosen.size - int(self.free.sum()) - len(stacked.logs),
             residual_rms=float(np.sqrt(np.average(residual**2, weights=self.robust))),
@@ -351,6 +363,8 @@ def _exact(solution: Solution, stacked: Stack) -> Array:
     """Coefficients [k] by orthogonal factorisation of the columns, centred by their weighted means
     in each log.
     """
+    if not solution.columns.shape[1]:
+        return np.zeros(0)
     whole = np.column_stack([solution.columns, stacked.indication])
     centred = _centre(whole, solution.weights, stacked)
     return fit.linear(

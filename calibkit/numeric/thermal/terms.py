@@ -23,17 +23,6 @@ from calibkit.numeric.thermal.noise import Noise
 Span = tuple[float, float]
 
 TERMS = ("b0", "b1", "b2", "b3", "s_rate", "s_grad", "s_grad2", "s_temp_rate", "s_grad_rate")
-UNITS = (
-    "deg/h",
-    "deg/h/degC",
-    "deg/h/degC^2",
-    "deg/h/degC^3",
-    "deg/h/(degC/min)",
-    "deg/h/K",
-    "deg/h/K^2",
-    "deg/h/degC/(degC/min)",
-    "deg/h/(K/min)",
-)
 LAGS = ("tau_outer", "tau_inner")
 """Names of the lags of a lagged model [s]; their derivatives follow those of the terms."""
 NEEDS = {"b2": "b1", "b3": "b2", "s_grad2": "s_grad", "s_temp_rate": "s_rate"}
@@ -150,7 +139,7 @@ class ThermalModel:
     terms: tuple[str, ...]
     """Fitted terms; the coefficients of the others are 0."""
     coefficients: Array
-    """[9], in the order and units of TERMS and UNITS."""
+    """[9], in the order of TERMS, in °C, °C/min and K."""
     lags: tuple[float, ...]
     """tau_outer and, for a coil of two masses, tau_inner [s]; empty for a level model."""
     covariance: Array

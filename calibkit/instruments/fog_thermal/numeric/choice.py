@@ -15,9 +15,9 @@ from calibkit.instruments.fog_thermal.numeric.bank import OnLevels
 from calibkit.instruments.fog_thermal.numeric.compensation import WORSE, LeftOutRamps
 from calibkit.numeric.thermal import lagged, level, pooled_fit, uncertainty
 from calibkit.numeric.thermal.lagged import Survey
-from calibkit.numeric.thermal.left_out import FIGURE_BLOCKS, left_out_errors
+from calibkit.numeric.thermal.left_out import FIGURE_BLOCKS, left_out_errors, predict_left_out
 from calibkit.numeric.thermal.pooled_fit import Solution, Stack, ThermalLog
-from calibkit.numeric.thermal.terms import TERMS, chosen_columns
+from calibkit.numeric.thermal.terms import TERMS
 
 CLEARLY = 0.95
 """Largest ratio of the error on left-out ramps to the raw drift with which a model may be exported.
@@ -322,16 +322,5 @@ def _predicted(fitted: _Fitted, stacked: Stack) -> Iterator[Array]:
     if isinstance(solution, bank_fit.Solution):
         yield from solution.leave_out()
         return
-    if fitted.survey is None:
-        moment = pooled_fit.moments(solution.columns, solution.weights, stacked)
-        for number, rows in enumerate(stacked.ramps):
-            found = pooled_fit.solve_moments(pooled_fit.pool_moments(moment, stacked, number))
-            yield solution.columns[rows] @ (
-                found[0] if found else np.zeros(solution.columns.shape[1])
-            )
-        return
-    chosen = chosen_columns(solution.terms)[1:]
-    problem = lagged.Problem(fitted.survey, chosen, solution.weights)
-    moments = problem.tangent_moments(solution.log_lags)
-    for number, rows in enumerate(stacked.ramps):
-        yield problem.leave_out(solution.log_lags, moments, number)[rows]
+    whole = predict_left_out(solution, fitted.survey, stacked)
+    yield from (drift[rows] for drift, rows in zip(whole, stacked.ramps, strict=True))

@@ -1,0 +1,162 @@
+"""Model forms of a bias that depends on temperature, its rate and lagged temperatures, and their
+conversion to and from coefficient files.
+
+A lagged model is evaluated in two ways. Its form gives the bias on a steady ramp after the lags
+have settled, for certificates. Along a log, `numeric.thermal.evaluate` solves the lags from sample
+to sample with the model that `read_terms` returns.
+"""
+
+import math
+
+import numpy as np
+
+from calibkit.arrays import Array
+from calibkit.coefficients import Component, Model, Parameter
+from calibkit.constants import SECONDS_PER_MINUTE
+from calibkit.forms import Form, Inputs
+from calibkit.numeric.thermal import coil
+from calibkit.numeric.thermal.noise import Noise
+from calibkit.numeric.thermal.terms import LAGS, TERMS, Drivers, ThermalModel, Valid
+
+CASE = "temp_case_degc"
+RATE = "temp_rate_degc_min"
+GRADIENT = "gradient_degc"
+DRIVERS = (CASE, RATE, GRADIENT, "gradient_rate_degc_min")
+"""Input columns of a model, and of its fitted ranges; for a lagged model the latter refer to the
+lagged temperatures.
+"""
+PER = (
+    "",
+    "/degC",
+    "/degC^2",
+    "/degC^3",
+    "/(degC/min)",
+    "/K",
+    "/K^2",
+    "/degC/(degC/min)",
+    "/(K/min)",
+)
+"""What follows the unit of the bias in the units of TERMS."""
+UNKNOWN_DOF = (
+    "degrees of freedom of the model error: not in the file, taken as infinite; fit again to have"
+    " them"
+)
+
+
+def drivers_at(model: Model, at: Inputs) -> Drivers:
+    """Drivers [n] of a model; where it has lags on a steady ramp, with the lags settled.
+
+    Missing inputs are 0, as at rest.
+    """
+    still = np.zeros_like(at[CASE])
+    lags = _values(model)[len(TERMS) :]
+    if lags.size:
+        return coil.settled(at[CASE], at.get(RATE, still), *lags.tolist())
+    return Drivers(*(at.get(column, still) for column in DRIVERS))
+
+
+def _values(model: Model) -> Array:
+    """Coefficients [9 + lags] of a model."""
+    return np.array([coefficient.value for coefficient in model.coefficients])
+
+
+def _sum_terms(model: Model, at: Inputs) -> Array:
+    """Bias [n]."""
+    return drivers_at(model, at).raw_design() @ _values(model)[: len(TERMS)]
+
+
+def _differentiate(model: Model, at: Inputs) -> Array:
+    """Derivatives [n, 9 + lags] of the bias by the coefficients and by the lags [1/s]."""
+    drivers, terms = drivers_at(model, at), _values(model)[: len(TERMS)]
+    per_second = drivers.rate / SECONDS_PER_MINUTE
+    by_lags = (
+        -(drivers.slope_over_temperature() @ terms) * per_second,
+        (drivers.slope_over_gradient() @ terms) * per_second,
+    )
+    return np.column_stack([drivers.raw_design(), *by_lags[: len(model.coefficients) - len(TERMS)]])
+
+
+def sum_of_terms(name: str) -> Form:
+    """Form of a level or lagged model."""
+    return Form(name, _differentiate, _sum_terms, meaning=("interval",))
+
+
+def slope_over_case(model: Model, at: Inputs) -> Array:
+    """Derivative [n, 1/°C] of the bias by case temperature."""
+    return drivers_at(model, at).slope_over_temperature() @ _values(model)[: len(TERMS)]
+
+
+def list_errors(
+    noise: Noise, model_error: float, model_error_dof: float, interval_s: float, unit: str
+) -> list[Parameter]:
+    """Parameters that every model has: interval, noise and model error, in the unit of the bias."""
+    return [
+        Parameter("interval", interval_s, "s"),
+        Parameter("white_variance", noise.white_variance, f"({unit})^2"),
+        Parameter("flicker", noise.flicker, unit),
+        Parameter("model_error", model_error, unit),
+        Parameter("model_error_dof", model_error_dof, "1"),
+    ]
+
+
+def write_terms(
+    form: Form,
+    name: str,
+    model: ThermalModel,
+    interval_s: float,
+    unit: str,
+    components: tuple[Component, ...] = (),
+) -> Model:
+    """Model for the coefficient file, in the unit of the bias; terms that were not fitted are 0."""
+    terms = [
+        (term, value, f"{unit}{per}")
+        for term, value, per in zip(TERMS, model.coefficients.tolist(), PER, strict=True)
+    ]
+    lags = [(lag, value, "s") for lag, value in zip(LAGS, model.lags, strict=False)]
+    parameters = list_errors(
+        model.noise, model.model_error, model.model_error_dof, interval_s, unit
+    )
+    if model.form == "level":
+        parameters.append(Parameter("window", model.window_s, "s"))
+    return form.write(
+        name,
+        [*terms, *lags],
+        model.covariance,
+        dof=model.dof,
+        residual_rms=model.residual_rms,
+        residual_unit=unit,
+        valid=dict(zip(DRIVERS, model.valid, strict=True)),
+        parameters=tuple(parameters),
+        components=components,
+    )
+
+
+def read_terms(model: Model) -> ThermalModel:
+    """Level or lagged model: the inverse of `write_terms`, without the turn-on biases.
+
+    Older files do not state the degrees of freedom of the model error: these are then infinite, and
+    flagged.
+    """
+    lags = LAGS[: len(model.coefficients) - len(TERMS)]
+    stated = any(parameter.name == "model_error_dof" for parameter in model.parameters)
+    return ThermalModel(
+        form="lagged" if lags else "level",
+        terms=tuple(
+            c.name
+            for c in model.coefficients
+            if c.name in TERMS and (c.standard_uncertainty > 0.0 or c.value != 0.0)
+        ),
+        coefficients=np.array([model.value(name) for name in TERMS]),
+        lags=tuple(model.value(name) for name in lags),
+        covariance=np.array(model.covariance),
+        window_s=0.0 if lags else model.value("window"),
+        valid=Valid(*(model.valid[column] for column in DRIVERS)),
+        turn_on=np.zeros(0),
+        dof=model.dof,
+        residual_rms=model.residual_rms,
+        noise=Noise(model.value("white_variance"), model.value("flicker")),
+        model_error=model.value("model_error"),
+        model_error_dof=model.value("model_error_dof") if stated else math.inf,
+        entangled=(),
+        flags=() if stated else (UNKNOWN_DOF,),
+    )
