@@ -15,8 +15,6 @@ from calibkit.errors import OutputError
 
 RUN_FILE = "run.json"
 """File by which a run folder is known."""
-WRITING = ".writing-"
-"""Start of the name of what is not finished."""
 
 
 @contextlib.contextmanager
@@ -70,13 +68,16 @@ def write_all(files: Mapping[Path, bytes | Iterable[bytes]], *, dry_run: bool = 
     cannot be written.
 
     All are on the disk under temporary names before the first gets its own. Raises OutputError when
-    one exists or cannot be written. A dry run only looks.
+    one exists or cannot be written. A dry run only looks. What a killed process left unfinished in
+    the same folders is removed.
     """
     for path in files:
         refuse_existing(path)
     if dry_run:
         return
     with contextlib.ExitStack() as temporaries, contextlib.ExitStack() as named:
+        for folder in {path.parent for path in files}:
+            atomic.remove_abandoned(folder)
         ready = {path: _write_beside(path, files[path], temporaries) for path in files}
         for path, temporary in ready.items():
             with output_errors(path, "give another place"):
@@ -98,8 +99,11 @@ def _write_beside(
     """Write a temporary file beside a path, which goes with the stack, and return its path."""
     with output_errors(path, "give another place"):
         atomic.make_folder(path.parent)
-        handle, name = tempfile.mkstemp(prefix=WRITING, dir=path.parent)
+        handle, name = tempfile.mkstemp(prefix=atomic.UNFINISHED, dir=path.parent)
         os.close(handle)
+        held = atomic.hold_unfinished(Path(name))
+        if held is not None:
+            temporaries.callback(os.close, held)
         temporaries.callback(_remove, Path(name))
         atomic.write_synced(Path(name), content)
         Path(name).chmod(0o644)

@@ -17,7 +17,7 @@ from typing import Any
 
 from calibkit import atomic, coefficients, run_document, sealed
 from calibkit.errors import CoefficientError, OutputError, UsageError
-from calibkit.new_files import RUN_FILE, WRITING, output_errors, refuse_run_folder
+from calibkit.new_files import RUN_FILE, output_errors, refuse_run_folder
 
 FLEET_FORMATS = ("calibkit-fleet/1", "calibkit-fleet/2")
 FLEET_FILE = "fleet.json"
@@ -115,7 +115,7 @@ def save(
         return target
     with output_errors(target.parent, "give another --out"):
         atomic.make_folder(target.parent)
-        temporary = Path(tempfile.mkdtemp(prefix=WRITING, dir=target.parent))
+        temporary = Path(tempfile.mkdtemp(prefix=atomic.UNFINISHED, dir=target.parent))
     try:
         with output_errors(target, "free space or give another --out"):
             temporary.chmod(0o755)
@@ -348,17 +348,27 @@ def next_revision(
 
 @contextlib.contextmanager
 def held(out: Path, serial: str) -> Iterator[None]:
-    """Hold a serial's lock; what a fit that was killed left half written is removed. Raises
-    OutputError.
+    """Hold a serial's lock; what a fit that was killed left half written is removed, or named where
+    it may be another process's that no lock keeps out. Raises OutputError.
     """
     with contextlib.ExitStack() as lock:
         with output_errors(out, "give another --out"):
             atomic.make_folder(out)
-            lock.enter_context(atomic.locked(_lock(out, serial), f"{out / serial}"))
-        for path in _entries(out / serial) if (out / serial).is_dir() else []:
-            if path.name.startswith(WRITING) and path.is_dir():
-                shutil.rmtree(path, ignore_errors=True)
+            alone = lock.enter_context(atomic.locked(_lock(out, serial), f"{out / serial}"))
+        for path in filter(Path.is_dir, atomic.list_unfinished(out / serial)):
+            if alone and path.name.startswith(atomic.UNFINISHED):
+                _remove_unfinished(path)
+            else:
+                atomic.name_unfinished(path)
         yield
+
+
+def _remove_unfinished(folder: Path) -> None:
+    """Remove a folder under a name of its own, so that nobody can rename it meanwhile to be a
+    run.
+    """
+    with contextlib.suppress(OSError):
+        shutil.rmtree(folder.rename(folder.with_name(f"{folder.name}x")), ignore_errors=True)
 
 
 def _lock(out: Path, serial: str) -> Path:
@@ -370,6 +380,6 @@ def clear(out: Path, serial: str) -> None:
     """Remove what a fit of a serial that was killed left: a folder half written, a lock that nobody
     holds.
     """
-    if _lock(out, serial).exists() or any((out / serial).glob(f"{WRITING}*")):
+    if _lock(out, serial).exists() or atomic.list_unfinished(out / serial):
         with held(out, serial):
             pass

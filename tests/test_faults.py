@@ -94,6 +94,90 @@ def test_a_file_is_there_whole_or_not_at_all(tmp_path, fault):
 
 
 @POSIX
+def test_what_a_killed_apply_or_export_left_is_removed_by_the_next_into_that_folder(tmp_path):
+    """Files of killed writes go with the next write; one that is still being written stays without
+    a word.
+    """
+    rows, _ = campaign(tmp_path, "file", "KILL")
+    assert any(left for _, _, _, left, *_ in rows)
+    code = (
+        "import sys, time; from pathlib import Path; from calibkit import new_files\n"
+        "def parts():\n yield b'x'; print('begun', flush=True); time.sleep(60)\n"
+        "new_files.write_new(Path(sys.argv[1]), parts())"
+    )
+    for folder in sorted(tmp_path.glob("file-KILL-*/deep")):
+        new_files.write_new(folder / "next.csv", b"whole")
+        assert litter(folder) == []
+    with subprocess.Popen(
+        [sys.executable, "-c", code, tmp_path / "slow.csv"], stdout=subprocess.PIPE, cwd=ROOT
+    ) as writer:
+        assert writer.stdout.readline() == b"begun\n"
+        new_files.write_new(tmp_path / "quick.csv", b"whole")
+        assert len(litter(tmp_path)) == 1
+        writer.kill()
+    new_files.write_new(tmp_path / "last.csv", b"whole")
+    assert litter(tmp_path) == []
+
+
+def litter(folder):
+    """Names that begin with a dot."""
+    return sorted(path.name for path in folder.rglob(".*"))
+
+
+def no_locks(handle, operation):
+    """Answer as some network shares do."""
+    raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+
+@POSIX
+def test_without_locks_nothing_that_another_may_be_writing_is_cleared(
+    tmp_path, monkeypatch, caplog
+):
+    """A share that answers ENOLCK, or one that gives each machine locks of its own: what lies
+    unfinished there is named and stays, of runs and of files.
+    """
+    import fcntl
+
+    mine, other = f"{atomic.UNFINISHED}aaa", ".writing-0badcafe-aaa"
+    for name in (mine, other):
+        (tmp_path / "S-1" / name).mkdir(parents=True)
+        (tmp_path / "S-1" / name / "drift.json").write_bytes(b"{")
+        (tmp_path / f"{name}f").write_bytes(b"half")
+    with monkeypatch.context() as patch:
+        patch.setattr(fcntl, "flock", no_locks)
+        keep(tmp_path, model({"K": (1.0, "1", 0.1)}))
+        new_files.write_new(tmp_path / "a.csv", b"whole")
+    assert len(litter(tmp_path)) == 4
+    assert (tmp_path / "S-1" / mine / "drift.json").read_bytes() == b"{"
+    assert len(caplog.messages) == 4
+    keep(tmp_path, model({"K": (2.0, "1", 0.1)}))
+    new_files.write_new(tmp_path / "b.csv", b"whole")
+    assert litter(tmp_path) == sorted([other, f"{other}f"])
+    assert all(other in message for message in caplog.messages[4:])
+
+
+@POSIX
+def test_a_run_that_has_its_name_is_never_emptied(tmp_path, monkeypatch):
+    """The next fit clears what it takes for a left-over while its owner renames it: the owner is
+    refused, or the run is whole.
+    """
+    left = tmp_path / "S-1" / f"{atomic.UNFINISHED}abc"
+    left.mkdir(parents=True)
+    (left / "drift.json").write_bytes(b"{}")
+    own = shutil.rmtree
+
+    def slow(folder, **options):
+        with pytest.raises(FileNotFoundError):
+            left.rename(tmp_path / "S-1" / "r001")
+        own(folder, **options)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(shutil, "rmtree", slow)
+        store.clear(tmp_path, "S-1")
+    assert litter(tmp_path) == []
+
+
+@POSIX
 @pytest.mark.parametrize("limit", [1000])
 def test_a_disk_that_fills_up_under_a_command_is_exit_code_4(tmp_path, limit):
     """The kernel itself refuses to let a file grow: one line, exit code 4, nothing is left of the
@@ -247,7 +331,7 @@ def test_a_lock_file_that_its_holder_has_just_removed_is_no_lock(tmp_path, monke
     """Who waited for a lock whose holder removed the file takes a new one: the next to come must
     meet it.
     """
-    own, calls = atomic._take, []
+    own, calls = atomic.take_lock, []
 
     def taken(handle):
         calls.append(handle)
@@ -255,7 +339,7 @@ def test_a_lock_file_that_its_holder_has_just_removed_is_no_lock(tmp_path, monke
             (tmp_path / "lock").unlink()
         return own(handle)
 
-    monkeypatch.setattr(atomic, "_take", taken)
+    monkeypatch.setattr(atomic, "take_lock", taken)
     monkeypatch.setattr(atomic, "_PAUSE_S", 0.001)
     with atomic.locked(tmp_path / "lock", "it"):
         assert len(calls) == 2
@@ -394,8 +478,9 @@ def test_the_remains_of_a_killed_fit_are_cleared_and_other_files_stay(tmp_path):
     """The next fit removes unfinished run folders of its serial, and nothing else."""
     keep(tmp_path, model({"K": (1.0, "1", 0.1)}))
     serial = tmp_path / "S-1"
-    (serial / ".writing-abc").mkdir()
-    (serial / ".writing-abc" / "drift.json").write_text("{", encoding="utf-8")
+    left = serial / f"{atomic.UNFINISHED}abc"
+    left.mkdir()
+    (left / "drift.json").write_text("{", encoding="utf-8")
     (serial / "notes.txt").write_text("mine", encoding="utf-8")
     (serial / "r00x").mkdir()
     keep(tmp_path, model({"K": (1.0, "1", 0.1)}))

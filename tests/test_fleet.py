@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 import quick_device
-from calibkit import atomic, instruments, new_files, recipe, store
+from calibkit import atomic, instruments, recipe, store
 from calibkit.errors import CalibkitError, StoppedError
 from calibkit.fleet import device, files, keys, local, run, server, table
 from calibkit.instruments.bias_temperature import instrument
@@ -195,7 +195,7 @@ def test_a_finished_fleet_called_again_writes_nothing(tmp_path, quick):
     fleet_logs(tmp_path / "units", 3)
     first = fit(tmp_path / "units", tmp_path / "runs")
     before = tree(tmp_path / "runs")
-    (tmp_path / "runs" / "U001" / f"{new_files.WRITING}killed").mkdir()
+    (tmp_path / "runs" / "U001" / f"{atomic.UNFINISHED}killed").mkdir()
     (tmp_path / "runs" / ".U002.lock").touch()  # killed between the rename and the end
     second = fit(tmp_path / "units", tmp_path / "runs")
     assert (first.before, second.before) == (0, 3)
