@@ -13,6 +13,8 @@ from calibkit.numeric import chunks
 
 LARGEST_RATE_DPH = 1e7
 """Indication [°/h] beyond which a log is not a gyro's: some 2800 °/s."""
+_LARGEST = 1e30
+"""Values that no column holds, in whatever unit: counters of 64 bits end at 2e19."""
 COLDEST_DEGC, HOTTEST_DEGC = -100.0, 250.0
 """Temperatures that no chamber of this field leaves."""
 
@@ -73,18 +75,21 @@ def find_too_few_rows(log: Log, minimum: int) -> list[Finding]:
 
 
 def find_missing_values(log: Log, columns: Sequence[str]) -> list[Finding]:
-    """Missing or infinite values in columns that are needed."""
+    """Missing, infinite or impossibly large values in columns that are needed."""
     findings = []
     for column in columns:
-        if all(map(math.isfinite, log.extremes(column))):
+        if all(abs(value) < _LARGEST for value in log.extremes(column)):
             continue
-        bad = chunks.rows_where(values(log.frame, column), lambda data: ~np.isfinite(data))
+        data = values(log.frame, column)
+        bad = chunks.rows_where(data, lambda data: ~(np.abs(data) < _LARGEST))
         if bad.size:
+            large = f" or impossible ({data[bad[0]]:g})" if math.isfinite(data[bad[0]]) else ""
+            plural = "s" if bad.size > 1 else ""
             finding = finding_at_row(
                 log,
                 int(bad[0]),
                 column,
-                f"{bad.size} missing or infinite value{'s' if bad.size > 1 else ''} from here on",
+                f"{bad.size} missing or infinite{large} value{plural} from here on",
                 expected="a number in every row",
                 advice=f"repair the log, or leave them out: {log.advise_exclude(bad)}",
                 name="missing",

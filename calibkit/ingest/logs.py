@@ -37,13 +37,13 @@ def find_logs(recipe: Recipe, folder: Path) -> list[str]:
         )
     found: list[str] = []
     for pattern in recipe.logs.files:
-        matches = sorted(
-            path.relative_to(folder).as_posix() for path in folder.glob(pattern) if path.is_file()
-        )
+        there = [path for path in folder.glob(pattern) if not path.is_dir()]
+        _require_files(recipe, folder, there)
+        matches = sorted(path.relative_to(folder).as_posix() for path in there if path.is_file())
         if not matches:
-            there = ", ".join(sorted(path.name for path in folder.iterdir())[:8]) or "nothing"
+            beside = ", ".join(sorted(path.name for path in folder.iterdir())[:8]) or "nothing"
             raise FrameError(
-                f"{folder}: no log matches '{pattern}', found {there}",
+                f"{folder}: no log matches '{pattern}', found {beside}",
                 hint="check --data, or [logs] files in the recipe",
             )
         found += [match for match in matches if match not in found]
@@ -68,6 +68,21 @@ def find_logs(recipe: Recipe, folder: Path) -> list[str]:
             f"{folder}: every log is excluded by the recipe", hint="remove an [[exclude]] table"
         )
     return kept
+
+
+def _require_files(recipe: Recipe, folder: Path, matches: Sequence[Path]) -> None:
+    """Raise FrameError for a match that is no file and that no exclusion names: a link that leads
+    nowhere may stand for a log that is missing.
+    """
+    excluded = {exclude.log for exclude in recipe.exclude}
+    for path in sorted(matches):
+        name = path.relative_to(folder).as_posix()
+        if not path.is_file() and not excluded & {name, log_name(name)}:
+            what = "a link that leads nowhere" if path.is_symlink() else "a pipe or a device"
+            raise FrameError(
+                f"{path}: {what}, expected a log",
+                hint="restore or remove it, or narrow [logs] files in the recipe",
+            )
 
 
 def _require_named_there(recipe: Recipe, found: Sequence[str], files: Sequence[str]) -> None:

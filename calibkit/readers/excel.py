@@ -8,30 +8,35 @@ as stored (float64); cells formatted as dates are instants to the microsecond, w
 float64 resolves; formulas give their saved values; error cells (`#N/A`) have no value.
 """
 
+from __future__ import annotations
+
 import datetime as dt
 import io
-from collections.abc import Collection, Sequence
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from calibkit.errors import LogFormatError
-from calibkit.readers import delimited, optional, sniff, text, tokens
+from calibkit.readers import limited, optional, tokens
 from calibkit.readers.table import Guess, Table
-from calibkit.recipe.logs import Logs
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Sequence
+    from pathlib import Path
+
+    from calibkit.recipe.logs import Logs
 
 
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     """Read one sheet of a workbook, or raise LogFormatError."""
-    calamine = optional.import_library("python_calamine", "excel", file)
+    from calibkit.readers import delimited, sniff, text
+
+    optional.require_library("python_calamine", "excel", file)
     data, sha256 = delimited.read_bytes(path, file)
-    with optional.refuse_damaged(file, "Excel"):
-        book = calamine.CalamineWorkbook.from_filelike(io.BytesIO(data))
-        sheets = {name: book.get_sheet_by_name(name) for name in book.sheet_names}
-        cells = {name: sheet.to_python(skip_empty_area=False) for name, sheet in sheets.items()}
-        name, how = _find_sheet(cells, file, logs.table)
-        filled = _fill_merged(cells[name], sheets[name].merged_cell_ranges or ())
-    content = "".join(_format_row(row) + "\n" for row in cells[name])
+    parsed = limited.parse(parse, file, data, logs.table)
+    name, content = parsed.facts["sheet"], parsed.arrays["content"].tobytes().decode()
+    how = () if logs.table else (Guess(f"table = '{name}' (guessed)"),)
     spec = logs.text.model_copy(update={"delimiter": "\t", "decimal": "."})
     found = sniff.Dialect.recognise(content, "utf-8", file, spec, logs.names)
     table = text.parse_text(
@@ -44,17 +49,42 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     )
     described = found.describe(("skip_lines", "header_lines"))
     return replace(
-        table, notes=(*filled, *table.notes), reading=(f"sheet '{name}'", *how, *described)
+        table,
+        notes=(*parsed.facts["filled"], *table.notes),
+        reading=(f"sheet '{name}'", *how, *described),
     )
+
+
+def parse(data: bytes, file: str, table: str) -> limited.Parsed:
+    """One sheet as lines of text, its name, and notes on merged cells."""
+    calamine = optional.import_library("python_calamine", "excel", file)
+    with optional.refuse_damaged(file, "Excel"):
+        book = calamine.CalamineWorkbook.from_filelike(io.BytesIO(data))
+        sheets = {name: book.get_sheet_by_name(name) for name in book.sheet_names}
+        cells = {name: sheet.to_python(skip_empty_area=False) for name, sheet in sheets.items()}
+        name = _find_sheet(cells, file, table)
+        filled = _fill_merged(cells[name], sheets[name].merged_cell_ranges or ())
+    content = "".join(_format_row(row) + "\n" for row in cells[name]).encode()
+    arrays = {"content": np.frombuffer(content, np.uint8)}
+    return limited.Parsed(arrays, {"sheet": name, "filled": filled})
 
 
 def list_sheets(path: Path, file: str) -> tuple[str, ...]:
     """Names of the sheets of a workbook that hold cells; raises LogFormatError."""
-    calamine = optional.import_library("python_calamine", "excel", file)
+    from calibkit.readers import delimited
+
+    optional.require_library("python_calamine", "excel", file)
     data, _ = delimited.read_bytes(path, file)
+    return tuple(limited.parse(parse_sheets, file, data).facts["sheets"])
+
+
+def parse_sheets(data: bytes, file: str) -> limited.Parsed:
+    """Names of the sheets that hold cells."""
+    calamine = optional.import_library("python_calamine", "excel", file)
     with optional.refuse_damaged(file, "Excel"):
         book = calamine.CalamineWorkbook.from_filelike(io.BytesIO(data))
-        return tuple(name for name in book.sheet_names if book.get_sheet_by_name(name).to_python())
+        names = [name for name in book.sheet_names if book.get_sheet_by_name(name).to_python()]
+    return limited.Parsed(facts={"sheets": names})
 
 
 def _fill_merged(cells: list[list[Any]], merged: Sequence[Any]) -> tuple[str, ...]:
@@ -79,12 +109,8 @@ def _format_row(row: Sequence[Any]) -> str:
     return "\t".join(fields) if any(fields) else ""
 
 
-def _find_sheet(
-    sheets: dict[str, list[list[Any]]], file: str, table: str
-) -> tuple[str, tuple[str, ...]]:
-    """Name of the sheet that the recipe names, or of the only one that holds cells, and how it was
-    found.
-    """
+def _find_sheet(sheets: dict[str, list[list[Any]]], file: str, table: str) -> str:
+    """Name of the sheet that the recipe names, or of the only one that holds cells."""
     filled = [
         name for name, rows in sheets.items() if any(cell != "" for row in rows for cell in row)
     ]
@@ -93,7 +119,7 @@ def _find_sheet(
             raise LogFormatError(
                 f"{file}: no sheet '{table}' with cells", hint=f"there are: {', '.join(filled)}"
             )
-        return table, ()
+        return table
     if not filled:
         raise LogFormatError(f"{file}: no sheet holds cells", hint="check the workbook")
     if len(filled) > 1:
@@ -101,13 +127,13 @@ def _find_sheet(
             f"{file}: {len(filled)} sheets hold cells: {', '.join(filled)}",
             hint="name one in [logs] table of the recipe",
         )
-    return filled[0], (Guess(f"table = '{filled[0]}' (guessed)"),)
+    return filled[0]
 
 
 def _format_cell(cell: Any) -> str:  # noqa: ANN401 (a cell holds a number, a text, an instant or nothing)
     """A cell as the characters that read back to it."""
     if isinstance(cell, bool):
-        return str(int(cell))
+        return str(cell).upper()  # as the sheet shows it: no number
     if isinstance(cell, float):
         return repr(int(cell)) if cell.is_integer() and abs(cell) < 1e15 else repr(cell)
     if isinstance(cell, dt.date):  # an instant at midnight comes as a date

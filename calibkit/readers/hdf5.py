@@ -9,25 +9,41 @@ files, which the log's digest does not cover, and values that were never written
 zeros, are refused.
 """
 
+from __future__ import annotations
+
 import io
 import math
-from collections.abc import Collection, Mapping
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from calibkit import units
 from calibkit.errors import LogFormatError
-from calibkit.readers import arrays, delimited, optional
+from calibkit.readers import limited, optional
 from calibkit.readers.table import Table
-from calibkit.recipe.logs import Logs
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping
+    from pathlib import Path
+
+    from calibkit.recipe.logs import Logs
 
 
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     """Read one group of an HDF5 file, or raise LogFormatError."""
-    h5py = optional.import_library("h5py", "hdf5", file)
+    from calibkit.readers import arrays, delimited
+
+    optional.require_library("h5py", "hdf5", file)
     data, sha256 = delimited.read_bytes(path, file)
+    parsed = limited.parse(parse, file, data, logs.table)
+    frame, how = arrays.select_columns(parsed.arrays, file, logs, needed)
+    read_as = (f"HDF5, {len(frame)} rows", *how)
+    return Table(file, sha256, frame, (), read_as, parsed.facts["units"])
+
+
+def parse(data: bytes, file: str, table: str) -> limited.Parsed:
+    """Arrays of all datasets by their paths, and the units of each."""
+    h5py = optional.import_library("h5py", "hdf5", file)
     found: dict[str, Any] = {}
     stated: dict[str, str] = {}
 
@@ -35,7 +51,7 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
         if not isinstance(node, h5py.Dataset) or node.shape is None or name.startswith("#refs#"):
             return
         numeric = bool(node.dtype.names) or node.dtype.kind in "fiub"
-        if numeric and (not logs.table or f"{name}/".startswith(f"{logs.table}/")):
+        if numeric and (not table or f"{name}/".startswith(f"{table}/")):
             _require_own_values(name, node, file)
         stated_of = {key.lower(): node.attrs[key] for key in node.attrs}
         unit = units.as_stated(_text_of(stated_of.get("units", stated_of.get("unit", ""))))
@@ -48,9 +64,22 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
             stated[name.rpartition("/")[2]] = unit
 
     with optional.refuse_damaged(file, "HDF5"), h5py.File(io.BytesIO(data), "r") as opened:
+        _require_end(data, opened.userblock_size, file)
         opened.visititems(collect)
-    frame, how = arrays.select_columns(found, file, logs, needed)
-    return Table(file, sha256, frame, (), (f"HDF5, {len(frame)} rows", *how), stated)
+    return limited.Parsed(found, {"units": stated})
+
+
+def _require_end(data: bytes, base: int, file: str) -> None:
+    """Raise LogFormatError for bytes behind the end that the superblock states, which the library
+    passes over.
+    """
+    at = base + (24 if data[base + 8] < 2 else 12) + (4 if data[base + 8] == 1 else 0)
+    end = int.from_bytes(data[at + 16 : at + 24], "little")
+    if len(data) not in {end, end + base}:
+        raise LogFormatError(
+            f"{file}: {len(data)} bytes, its own end is stated at {end}",
+            hint="bytes were lost, added or shifted; copy it again",
+        )
 
 
 def _text_of(attribute: Any) -> str:  # noqa: ANN401 (h5py's values)

@@ -67,6 +67,8 @@ def _collect_arrays(value: Any, path: str, file: str) -> dict[str, Array]:  # no
         return _collect_records(value, path, file)
     try:
         array = np.array(value)
+        if array.dtype.kind in "fO":
+            _require_no_truth(value, path, file)
         if array.dtype.kind == "U" or (
             array.dtype.kind == "O" and any(isinstance(e, str) for e in array.flat)
         ):
@@ -74,6 +76,19 @@ def _collect_arrays(value: Any, path: str, file: str) -> dict[str, Array]:  # no
         return {path or "rows": array.astype(np.float64)}
     except (ValueError, TypeError):
         return {}  # rows of several lengths: no numbers that could be meant as columns
+
+
+def _require_no_truth(values: list[Any], path: str, file: str) -> None:
+    """Raise LogFormatError for `true` or `false` among numbers, which would read as 1 or 0."""
+    for number, value in enumerate(values, start=1):
+        if isinstance(value, bool):
+            raise LogFormatError(
+                f"{file}: value {number} of '{path or 'rows'}': found '{str(value).lower()}',"
+                " expected a number",
+                hint="repair the log; null stands for a value that is missing",
+            )
+        if isinstance(value, list):
+            _require_no_truth(value, path, file)
 
 
 def _name_matrix(value: dict[str, Any], path: str, file: str) -> dict[str, Array]:

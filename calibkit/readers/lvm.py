@@ -52,7 +52,12 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  
     if not lines[0].startswith("LabVIEW Measurement"):
         raise LogFormatError(f"{file}:1: no 'LabVIEW Measurement'", hint="the log is no .lvm file")
     separator = {"tab": "\t", "comma": ","}.get(_read_key(lines, "Separator", "Tab").lower(), "\t")
-    decimal = _read_key(lines, "Decimal_Separator", ".")[:1] or "."
+    decimal = _read_key(lines, "Decimal_Separator", ".")
+    if decimal not in tokens.NUMBER:
+        raise LogFormatError(
+            f"{file}: Decimal_Separator is '{decimal[:20]}', expected '.' or ','",
+            hint="the file is damaged; copy it again",
+        )
     segments = list(_read_segments(lines, separator, decimal, file))
     first = segments[0]
     for segment in segments[1:]:

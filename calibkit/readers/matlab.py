@@ -5,20 +5,26 @@ the columns of one log ([logs] table names the struct, or the matrix whose colum
 lists). Uncertainty: values as stored in float64; text, cells and objects are not read.
 """
 
+from __future__ import annotations
+
 import io
 import struct
 import zlib
-from collections.abc import Collection, Mapping
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibkit.errors import LogFormatError
-from calibkit.readers import arrays, delimited, hdf5, optional
+from calibkit.readers import hdf5, limited, optional
 from calibkit.readers.table import Table
-from calibkit.recipe.logs import Logs
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from calibkit.recipe.logs import Logs
 
 HEADER_BYTES = 128
 KINDS = frozenset({1, 2, 3, 4, 5, 6, 7, 9, 12, 13, 14, 15, 16, 17, 18})
@@ -30,6 +36,8 @@ DEEPEST = 30
 
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     """Read one struct, or one matrix, of a MAT-file, or raise LogFormatError."""
+    from calibkit.readers import arrays, delimited
+
     data, sha256 = delimited.read_bytes(path, file)
     if data[:20].startswith((b"MATLAB 7.3", b"\x89HDF")):
         return hdf5.read(path, file, logs, needed)
@@ -38,14 +46,20 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
             f"{file}: not a MATLAB file; it begins with {data[:12]!r}",
             hint="a text of that name is read with format = 'text'",
         )
+    found = limited.parse(parse, file, data).arrays
+    frame, how = arrays.select_columns(found, file, logs, needed)
+    return Table(file, sha256, frame, (), (f"MATLAB, {len(frame)} rows", *how))
+
+
+def parse(data: bytes, file: str) -> limited.Parsed:
+    """Arrays of all variables and fields by their paths."""
     from scipy import io as scipy_io
 
     if data.startswith(b"MATLAB 5.0"):
         _require_nested(data, HEADER_BYTES, len(data), "<" if data[126:128] == b"IM" else ">", file)
     with optional.refuse_damaged(file, "MATLAB"):
         variables = scipy_io.loadmat(io.BytesIO(data), simplify_cells=True)  # type: ignore[arg-type] # files are read too
-    frame, how = arrays.select_columns(_flatten_structs(variables), file, logs, needed)
-    return Table(file, sha256, frame, (), (f"MATLAB, {len(frame)} rows", *how))
+    return limited.Parsed(_flatten_structs(variables))
 
 
 def _require_nested(

@@ -1,6 +1,7 @@
 """Libraries that only some formats need, and the exceptions that they raise on damaged files."""
 
 import importlib
+import importlib.util
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -15,11 +16,27 @@ def import_library(module: str, extra: str, file: str) -> Any:  # noqa: ANN401 (
     try:
         return importlib.import_module(module)
     except ImportError:
-        package = module.partition(".")[0]
-        raise UsageError(
-            f"{file}: reading this format needs {package}",
-            hint=f"install it: pip install 'calibkit[{extra}]'",
-        ) from None
+        raise _absent(module, extra, file) from None
+
+
+def require_library(module: str, extra: str, file: str) -> None:
+    """Raise UsageError with the command that installs a library where it is absent; it is not
+    imported.
+    """
+    try:
+        found = importlib.util.find_spec(module) is not None
+    except (ImportError, ValueError):
+        found = False
+    if not found:
+        raise _absent(module, extra, file)
+
+
+def _absent(module: str, extra: str, file: str) -> UsageError:
+    """The error of a library that is absent."""
+    return UsageError(
+        f"{file}: reading this format needs {module.partition('.')[0]}",
+        hint=f"install it: pip install 'calibkit[{extra}]'",
+    )
 
 
 @contextmanager
@@ -29,7 +46,7 @@ def refuse_damaged(file: str, what: str) -> Iterator[None]:
     """
     try:
         yield
-    except CalibkitError:
+    except (CalibkitError, MemoryError):
         raise
     except Exception as error:  # noqa: BLE001 (a parser of a foreign format raises anything on damaged bytes)
         message = " ".join(str(error).split())[:120]

@@ -5,29 +5,48 @@ instants become seconds since their first. Uncertainty: values as stored, intege
 to float64; nulls have no value.
 """
 
+from __future__ import annotations
+
 import io
-from collections.abc import Collection
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from calibkit import units
-from calibkit.arrays import Array
 from calibkit.errors import LogFormatError
-from calibkit.readers import arrays, delimited, optional
+from calibkit.readers import limited, optional
 from calibkit.readers.table import Table
-from calibkit.recipe.logs import Logs
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+    from pathlib import Path
+
+    from calibkit.arrays import Array
+    from calibkit.recipe.logs import Logs
 
 
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  # noqa: ARG001 (the readers' shape)
     """Read a Parquet file, or raise LogFormatError."""
+    from calibkit.readers import arrays, delimited
+
+    optional.require_library("pyarrow", "parquet", file)
+    data, sha256 = delimited.read_bytes(path, file)
+    parsed = limited.parse(parse, file, data)
+    frame = arrays.join_vectors(parsed.arrays, file, needed)
+    return Table(file, sha256, frame, (), (f"Parquet, {len(frame)} rows",), parsed.facts["units"])
+
+
+def parse(data: bytes, file: str) -> limited.Parsed:
+    """Columns of numbers and their units, pages held against their checksums where they have
+    them.
+    """
     pyarrow = optional.import_library("pyarrow", "parquet", file)
     parquet = optional.import_library("pyarrow.parquet", "parquet", file)
-    data, sha256 = delimited.read_bytes(path, file)
     columns, stated = {}, {}
     with optional.refuse_damaged(file, "Parquet"):
-        table = parquet.ParquetFile(io.BytesIO(data)).read()
+        opened = parquet.ParquetFile(io.BytesIO(data), page_checksum_verification=True)
+        limited.require_columns(opened.metadata.num_columns, file)
+        table = opened.read(use_threads=False)
         if len(set(table.schema.names)) != len(table.schema.names):
             raise LogFormatError(
                 f"{file}: a column stands twice", hint="give each column its own name"
@@ -39,8 +58,7 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  
             about = {key.decode(): value.decode() for key, value in (field.metadata or {}).items()}
             if unit := units.as_stated(about.get("units", about.get("unit", ""))):
                 stated[field.name] = unit
-    frame = arrays.join_vectors(columns, file, needed)
-    return Table(file, sha256, frame, (), (f"Parquet, {len(frame)} rows",), stated)
+    return limited.Parsed(columns, {"units": stated})
 
 
 def _to_numbers(column: Any, kind: Any, pyarrow: Any) -> Array | None:  # noqa: ANN401 (pyarrow ships no types)
@@ -48,7 +66,7 @@ def _to_numbers(column: Any, kind: Any, pyarrow: Any) -> Array | None:  # noqa: 
     types = pyarrow.types
     if types.is_timestamp(kind):
         # an instant with a zone is stored as that of UTC
-        values = column.cast(pyarrow.timestamp(kind.unit)).to_pandas().to_numpy()
+        values = column.cast(pyarrow.timestamp(kind.unit)).to_numpy()
         there = values[~np.isnat(values)]
         start = there[0] if there.size else np.datetime64(0, "ns")
         return np.asarray((values - start) / np.timedelta64(1, "ns"), dtype=np.float64) / 1e9

@@ -12,7 +12,7 @@ from typing import Protocol, cast
 
 from calibkit import plugins, units
 from calibkit.errors import LogFormatError, UsageError
-from calibkit.readers import clean, delimited, optional
+from calibkit.readers import clean, delimited, limited, optional
 from calibkit.readers.table import Guess, Table
 from calibkit.recipe.logs import AUTO, FORMATS, Logs, TextSpec
 
@@ -24,6 +24,16 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     Columns in `needed` hold numbers, or times as text; others may hold anything. Raises
     LogFormatError.
     """
+    try:
+        return _read_in_format(path, file, logs, needed)
+    except MemoryError:
+        raise LogFormatError(
+            f"{file}: needs more memory than there is", hint="cut the log into several"
+        ) from None
+
+
+def _read_in_format(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
+    """Read a log as `read` does; MemoryError where there is too little."""
     if logs.format == AUTO:
         return _read_recognised(path, file, logs, needed)
     if logs.format == "csv" and logs.text != TextSpec():
@@ -133,6 +143,7 @@ def _read_text(
     from calibkit.readers import encoding as encodings, sniff, text
 
     strict: LogFormatError | None = None
+    limited.require_columns(data.partition(b"\n")[0].count(b",") + 1, file)
     if not described and delimited.looks_clean(data):
         try:
             return delimited.parse(data, sha256, file, needed)

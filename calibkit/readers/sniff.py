@@ -11,7 +11,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calibkit.errors import LogFormatError
-from calibkit.readers import delimited, encoding as encodings, header as headers, times, tokens
+from calibkit.readers import (
+    delimited,
+    encoding as encodings,
+    header as headers,
+    limited,
+    times,
+    tokens,
+)
 from calibkit.readers.table import Guess
 from calibkit.recipe.logs import AUTO, TextSpec
 
@@ -129,6 +136,8 @@ class Dialect:
             lines.pop()
         if spec.footer_lines:
             lines = lines[: -spec.footer_lines] if len(lines) < _HEAD_LINES else lines
+        most = max((line.count(mark) for line in lines for mark in ",;\t|"), default=0)
+        limited.require_columns(most + 1, file)
         delimiters = _DELIMITERS if spec.delimiter == "auto" else (spec.delimiter,)
         layouts = (_cut_at(lines, delimiter, spec, names) for delimiter in delimiters if lines)
         best = max(filter(None, layouts), key=lambda layout: layout.score, default=None)

@@ -8,27 +8,53 @@ channels of times become seconds since their first. Uncertainty: values as store
 float64; a file whose last segment was not finished is refused.
 """
 
+from __future__ import annotations
+
 import io
 import logging
-from collections.abc import Collection, Sequence
-from pathlib import Path
-from typing import Any
+import struct
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibkit import units
-from calibkit.arrays import Array
 from calibkit.errors import LogFormatError
-from calibkit.readers import arrays, delimited, optional
+from calibkit.readers import limited, optional
 from calibkit.readers.table import Guess, Table
-from calibkit.recipe.logs import Logs
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from calibkit.arrays import Array
+    from calibkit.recipe.logs import Logs
+
+LEAD_BYTES = 28
+"""Bytes of a segment before its metadata: mark, flags, version, lengths of segment and metadata."""
+UNFINISHED = 0xFFFFFFFFFFFFFFFF
+"""Length of a segment whose writing was not finished."""
 
 
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     """Read one group of a TDMS file, or raise LogFormatError."""
-    nptdms = optional.import_library("nptdms", "tdms", file)
+    from calibkit.readers import arrays, delimited
+
+    optional.require_library("nptdms", "tdms", file)
     data, sha256 = delimited.read_bytes(path, file)
+    parsed = limited.parse(parse, file, data, logs.table)
+    group = parsed.facts["group"]
+    frame = arrays.join_vectors(parsed.arrays, file, needed)
+    how = () if logs.table else (Guess(f"table = '{group}' (guessed)"),)
+    how = (f"TDMS, group '{group}', {len(frame)} rows", *how)
+    return Table(file, sha256, frame, (), how, parsed.facts["units"])
+
+
+def parse(data: bytes, file: str, table: str) -> limited.Parsed:
+    """Channels of one group, their units and the group's name."""
+    nptdms = optional.import_library("nptdms", "tdms", file)
+    _require_segments(data, file)
     for name in [name for name in logging.root.manager.loggerDict if name.startswith("nptdms")]:
         logging.getLogger(name).setLevel(logging.ERROR)  # what it warns of is refused here
     with optional.refuse_damaged(file, "TDMS"), nptdms.TdmsFile.open(io.BytesIO(data)) as opened:
@@ -36,7 +62,7 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
             raise LogFormatError(
                 f"{file}: the last segment is not finished", hint="the recording was cut off"
             )
-        group, how = _find_group(opened.groups(), file, logs.table)
+        group = _find_group(opened.groups(), file, table)
         channels = {channel.name: channel for channel in group.channels() if len(channel)}
         columns = {name: _to_numbers(channel[:]) for name, channel in channels.items()}
         stated = {
@@ -49,12 +75,28 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     lengths = {len(column) for column in kept.values()}
     if len(lengths) == 1 and len(increments) == 1 and "time_s" not in kept:
         kept |= _waveform_time(next(iter(increments)), next(iter(lengths)))
-    frame = arrays.join_vectors(kept, file, needed)
-    how = (f"TDMS, group '{group.name}', {len(frame)} rows", *how)
-    return Table(file, sha256, frame, (), how, stated)
+    return limited.Parsed(dict(kept), {"units": stated, "group": group.name})
 
 
-def _find_group(groups: Sequence[Any], file: str, table: str) -> tuple[Any, tuple[str, ...]]:
+def _require_segments(data: bytes, file: str) -> None:
+    """Raise LogFormatError for bytes behind the last whole segment, which the library that reads
+    the file passes over.
+    """
+    position = 0
+    while position + LEAD_BYTES <= len(data) and data[position : position + 4] == b"TDSm":
+        order = ">" if data[position + 4] & 0x40 else "<"
+        (size,) = struct.unpack_from(order + "Q", data, position + 12)
+        if size == UNFINISHED:
+            return  # refused as not finished
+        position += LEAD_BYTES + size
+    if position < len(data):
+        raise LogFormatError(
+            f"{file}: {len(data) - position} bytes behind the last segment, at byte {position}",
+            hint="the file is damaged or was written on; copy it again",
+        )
+
+
+def _find_group(groups: Sequence[Any], file: str, table: str) -> Any:  # noqa: ANN401 (npTDMS ships no types)
     """The group that the recipe names, or the only one that holds channels."""
     filled = [group for group in groups if any(len(channel) for channel in group.channels())]
     named = [group for group in filled if group.name == table] if table else filled
@@ -65,7 +107,7 @@ def _find_group(groups: Sequence[Any], file: str, table: str) -> tuple[Any, tupl
             f" {'no group ' + repr(table) if table else f'{len(filled)} groups with channels'}",
             hint=f"name one in [logs] table of the recipe; there are: {there}",
         )
-    return named[0], (() if table else (Guess(f"table = '{named[0].name}' (guessed)"),))
+    return named[0]
 
 
 def _to_numbers(values: NDArray[Any]) -> Array | None:
