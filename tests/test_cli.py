@@ -34,6 +34,7 @@ def test_help_imports_nothing_heavy():
         "validate",
         "export",
         "verify",
+        "evaluate",
         "show",
         "diff",
         "history",

@@ -9,7 +9,7 @@ from typing import NoReturn
 
 import click
 
-from calibkit.cli import completion, fleets, logs, outputs, records
+from calibkit.cli import completion, fleets, logs, outputs, records, results
 from calibkit.cli.console import prepare_streams, print_data, print_json
 from calibkit.cli.ending import run_to_exit_code, tolerate_closed_pipes
 from calibkit.cli.options import JSON, Group
@@ -42,6 +42,7 @@ for kept in (
     outputs.certify,
     fleets.fleet,
     outputs.export,
+    results.evaluate,
     records.verify,
     records.show,
     records.diff,

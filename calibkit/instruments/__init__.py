@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from calibkit.certificate.content import Layout
+    from calibkit.certificate.quantities import Quantity
     from calibkit.certificate.results import Block
     from calibkit.certificate.stated import Stated
     from calibkit.coefficients import Input, Record, StageResult
@@ -108,6 +109,8 @@ class Instrument(Generic[Spec, Drawing]):
     """Figures of a fit under a title, and its summary in full."""
     certificate: Callable[[Stated], tuple[Block, ...]] | None = None
     """Blocks of results on a certificate; None where there is none."""
+    quantities: Callable[[Mapping[str, Record], Spec], tuple[Quantity, ...]] = lambda _, __: ()
+    """Results of a run as functions of their inputs, for `evaluate`, `compare` and `history`."""
     forms: Callable[[], tuple[Form, ...]] = tuple
     """Model forms that its coefficient files hold."""
     firmware: Callable[[], Firmware[Spec]] | None = None

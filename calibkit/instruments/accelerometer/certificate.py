@@ -2,9 +2,9 @@
 temperature.
 """
 
-import math
 from collections.abc import Callable, Sequence
 
+from calibkit.certificate.quantities import state
 from calibkit.certificate.results import (
     Block,
     Equation,
@@ -25,16 +25,9 @@ from calibkit.certificate.words import Words
 from calibkit.coefficients import Coefficient, Model, Record
 from calibkit.instruments.accelerometer import forms
 from calibkit.instruments.accelerometer.numeric.affine_model import AXES, Entry, find_entry
+from calibkit.instruments.accelerometer.quantities import ATTITUDE, over_temperature
 
 Column = tuple[Words, str, "Callable[[float], Result | None]"]
-ATTITUDE = {
-    "inclination_deg": (0.0, math.pi / 180.0),
-    "toolface_deg": (0.0, math.pi / 180.0),
-}
-"""Sensitivities of a cross-axis term to errors of the reference attitude, which rotate the frame;
-scale factor and bias are insensitive to them.
-"""
-
 K_EQUATION = Equation(
     forms.K.name,
     r"G_x' = G_x (K_0 + K_1 t + K_2 t^2 + K_3 t^3) - (K_4 + K_5 t + K_6 t^2 + K_7 t^3) - K_8 G_y -"
@@ -228,20 +221,12 @@ def _column(
     cross: bool = False,
 ) -> Column:
     """Column of a quantity Σ c_k t^k against temperature; `terms` names its coefficients c_k."""
+    known = ATTITUDE if cross else {}
+    quantity = over_temperature(record.stage, model, key, name, terms, unit, known)
 
     def at(t: float) -> Result:
-        return stated.linear(
-            record,
-            model,
-            key,
-            name,
-            {term: t**k for k, term in enumerate(terms)},
-            unit,
-            at=t,
-            slope={term: k * t ** (k - 1) for k, term in enumerate(terms) if k},
-            sensitivities=ATTITUDE if cross else {},
-            principal=t == stated.reference_degc and not cross,
-        )
+        principal = t == stated.reference_degc and not cross
+        return state(stated, quantity, {forms.TEMPERATURE: t}, principal=principal)
 
     return Words(head), unit, at
 

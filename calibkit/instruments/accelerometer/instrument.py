@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from calibkit.arrays import Array
+    from calibkit.certificate.quantities import Quantity
     from calibkit.certificate.results import Block
     from calibkit.certificate.stated import Stated
     from calibkit.coefficients import Record
@@ -171,6 +172,13 @@ def _validate(
     return {"logs": entries}, Summary("", tuple(shown), tuple(flags), tuple(criteria))
 
 
+def _quantities(records: Mapping[str, Record], spec: AccelerometerRecipe) -> tuple[Quantity, ...]:
+    """Results of a run as functions of their inputs."""
+    from calibkit.instruments.accelerometer.quantities import list_quantities
+
+    return list_quantities(records, spec)
+
+
 def _certificate(stated: Stated) -> tuple[Block, ...]:
     """Blocks of results on a certificate."""
     from calibkit.instruments.accelerometer.certificate import blocks
@@ -208,6 +216,7 @@ INSTRUMENT = Instrument(
     validate=_validate,
     apply=_apply,
     certificate=_certificate,
+    quantities=_quantities,
     forms=lambda: forms.FORMS,
     firmware=_firmware,
     key_figures=(

@@ -1,6 +1,7 @@
 """Bias results: each channel's bias as a polynomial of its abscissa."""
 
 from calibkit import units
+from calibkit.certificate.quantities import state
 from calibkit.certificate.results import (
     Block,
     Equation,
@@ -10,10 +11,11 @@ from calibkit.certificate.results import (
     Result,
     Series,
 )
-from calibkit.certificate.stated import Stated, powers, range_words, residual_words
+from calibkit.certificate.stated import Stated, range_words, residual_words
 from calibkit.certificate.words import Words, unit_mark
 from calibkit.coefficients import Model, Record
 from calibkit.forms import POLYNOMIAL
+from calibkit.instruments.bias_temperature import quantities
 
 CURVE = Equation(
     POLYNOMIAL.name,
@@ -60,27 +62,16 @@ def _values(stated: Stated, record: Record, model: Model, abscissa: str) -> Grid
     points = stated.grid(model, abscissa)
     if not points:
         return None
-    unit = units.column_unit(model.name)
+    quantity = quantities.bias(record.stage, model)
 
     def at(x: float) -> Result:
-        weights, slope = powers("p", model, x)
-        return stated.linear(
-            record,
-            model,
-            "bias",
-            Words("bias", "零偏"),
-            weights,
-            unit,
-            at=x,
-            slope=slope,
-            condition=(abscissa, units.column_unit(abscissa)),
-            principal=x == stated.reference_degc,
-        )
+        principal = x == stated.reference_degc
+        return state(stated, quantity, {abscissa: x}, principal=principal)
 
     return stated.over(
         Words(f"{model.name}: bias", f"{model.name}：零偏"),
         points,
-        [(Words("bias", "零偏"), unit, at)],
+        [(quantity.words, quantity.unit, at)],
         row_head=_head(abscissa),
     )
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from calibkit import check as checks, units
+from calibkit.certificate.quantities import Quantity
 from calibkit.certificate.results import Block
 from calibkit.certificate.stated import Stated
 from calibkit.check import chunked, copies
@@ -123,6 +124,13 @@ def _draw(title: str, fitted: Fitted[pages.BiasReport]) -> Drawn:
     return Drawn(tuple(pages.pages(title, fitted.drawing)), fitted.summary)
 
 
+def _quantities(records: Mapping[str, Record], spec: BiasTemperatureRecipe) -> tuple[Quantity, ...]:
+    """Results of a run as functions of their inputs."""
+    from calibkit.instruments.bias_temperature.quantities import list_quantities
+
+    return list_quantities(records, spec)
+
+
 def _certificate(stated: Stated) -> tuple[Block, ...]:
     """Blocks of results on a certificate."""
     from calibkit.instruments.bias_temperature.certificate import blocks
@@ -161,6 +169,7 @@ INSTRUMENT = Instrument(
     validate=_validate,
     apply=_apply,
     certificate=_certificate,
+    quantities=_quantities,
     forms=lambda: (POLYNOMIAL,),
     firmware=_firmware,
     key_figures=(r"bias\..+(\.p\d|\.residual_rms| at \S+ degC)",),

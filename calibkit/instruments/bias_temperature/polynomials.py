@@ -15,6 +15,7 @@ from calibkit.coefficients import Component, Criterion, Model, Record, StageResu
 from calibkit.forms import POLYNOMIAL, power_unit
 from calibkit.frame import Log, values
 from calibkit.instruments.bias_temperature.figures import BiasCurve
+from calibkit.instruments.bias_temperature.quantities import reference_of
 from calibkit.instruments.bias_temperature.recipe import (
     Bias,
     BiasAcceptance,
@@ -239,9 +240,9 @@ def compensate(
         model = record.model(entry.indication)
         abscissa = spec.polynomials.abscissa
         low, high = model.valid[abscissa]
-        reference = spec.reference_temp_degc if abscissa.endswith("_degc") else (low + high) / 2.0
+        reference = reference_of(model, spec.reference_temp_degc)
         x, y, outside = values(log.frame, abscissa), values(log.frame, entry.indication), 0
-        zero = POLYNOMIAL.evaluate(model, {abscissa: np.clip([reference], low, high)})
+        zero = POLYNOMIAL.evaluate(model, {abscissa: np.array([reference])})
         columns[entry.indication] = made = log.allocate(x.size)
         for a, b in chunks.ranges_along(x, y, made):
             bias = POLYNOMIAL.evaluate(model, {abscissa: np.clip(x[a:b], low, high)})

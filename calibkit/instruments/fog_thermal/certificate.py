@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from calibkit.arrays import Array
+from calibkit.certificate.quantities import At, Point, Quantity, state
 from calibkit.certificate.results import (
     Block,
     Figure,
@@ -18,7 +18,6 @@ from calibkit.certificate.results import (
 )
 from calibkit.certificate.stated import (
     COEFFICIENT_NOTE,
-    TEMPERATURE,
     Stated,
     range_words,
     residual_words,
@@ -27,15 +26,18 @@ from calibkit.certificate.words import Words
 from calibkit.coefficients import Model, Record
 from calibkit.instruments.fog_thermal import equations, forms
 from calibkit.instruments.fog_thermal.bias import RESULT as BIAS
-from calibkit.numeric import earth, gum
+from calibkit.instruments.fog_thermal.quantities import (
+    LAGS,
+    RATES,
+    OnLevels,
+    difference as between,
+)
+from calibkit.numeric import earth
 from calibkit.thermal_forms import CASE, GRADIENT, RATE
 
-RATES = (10.0, 5.0, 2.0, 1.0, 0.5)
-"""Rates [°C/min]; drift on ramps is stated at the fastest that was fitted."""
 COEFFICIENT_RATES = (-10.0, -8.0, -5.0, -3.0, -1.0, 1.0, 3.0, 5.0, 8.0, 10.0)
 """Temperature rates [°C/min] that the coefficients of the published scheme are stated at."""
 AT_REST = Words("at rest", "稳态")
-MODEL_ERROR = Words("model error on ramps left out", "留出温变的模型误差")
 
 
 def blocks(stated: Stated) -> tuple[Block, ...]:
@@ -87,12 +89,6 @@ def _exported(stated: Stated, record: Record) -> Block:
     )
 
 
-_State = tuple[float, float, Array]
-"""Indicated rate [°/h], its derivative by case temperature [°/h/°C], and its derivatives [p] by the
-coefficients.
-"""
-
-
 @dataclass(frozen=True, slots=True)
 class _OnLevels:
     """Results of a level or lagged model: bias at the reference, drift at rest and on ramps."""
@@ -102,10 +98,14 @@ class _OnLevels:
     model: Model
 
     @property
+    def levels(self) -> OnLevels:
+        """The model as a function of its inputs."""
+        return OnLevels(self.model, self.stated.reference_degc)
+
+    @property
     def reference(self) -> float:
         """Reference temperature [°C], clamped to the fitted range."""
-        low, high = self.model.valid[TEMPERATURE]
-        return min(max(self.stated.reference_degc, low), high)
+        return self.levels.reference
 
     def tables(self) -> list[ListTable | GridTable]:
         """Tables of the bias at the reference and of the drift over temperature."""
@@ -129,62 +129,39 @@ class _OnLevels:
         )
         return [bias, drift]
 
-    def _state(self, t: float, rate: float = 0.0) -> _State:
-        """State at a case temperature [°C] on a steady ramp [°C/min]."""
-        at = {CASE: np.array([t]), RATE: np.array([rate])}
-        form = forms.ON_LEVELS[self.model.form]
-        value, slope = form.evaluate(self.model, at), forms.slope_over_case(self.model, at)
-        return float(value[0]), float(slope[0]), form.gradient(self.model, at)[0]
-
     def _result(
         self,
         name: str,
         words: Words,
         t: float,
-        state: _State,
+        point: Callable[[At], Point],
         *,
         rate: float = 0.0,
         symbol: str = "D",
         principal: bool = False,
     ) -> Result:
         """Result at a case temperature [°C] and rate [°C/min], with uncertainty."""
-        value, slope, derivatives = state
-        quantity = f"{self.record.stage}.{self.model.name}.{name}"
-        ramp = (("temp_rate", rate, "degC/min"),) if rate else ()
-        return self.stated.result(
-            f"{self.record.stage}.json",
-            quantity,
-            symbol,
-            words,
-            value,
-            "deg/h",
-            type_a=gum.standard_uncertainty(derivatives, np.array(self.model.covariance)),
-            dof=self.model.dof,
-            called=(quantity, f"{self.model.name}.{name}", name),
-            sensitivities={TEMPERATURE: (t, slope)},
-            at=((TEMPERATURE, t, "degC"), *ramp),
-            principal=principal,
-            condition=f"{t:g}",
-            more=self._model_error(),
+        at = {CASE: t, RATE: rate}
+        inputs = self.levels.inputs[:1]
+        quantity = Quantity(
+            name, self.record.stage, self.model.name, words, "deg/h", inputs, lambda _: point(at)
         )
-
-    def _model_error(self) -> tuple[tuple[Words, float, float], ...]:
-        """Model error on left-out ramps [°/h] with its degrees of freedom; empty if 0."""
-        chosen = {parameter.name: parameter.value for parameter in self.model.parameters}
-        error, dof = chosen.get("model_error", 0.0), chosen.get("model_error_dof", math.inf)
-        return ((MODEL_ERROR, error, dof),) if error > 0.0 else ()
+        found = state(self.stated, quantity, at, principal=principal, symbol=symbol)
+        ramp = (("temp_rate", rate, "degC/min"),) if rate else ()
+        return replace(found, at=(*found.at, *ramp))
 
     def _bias(self) -> tuple[Result, ...]:
         """Bias at the reference including the earth's rate, and without it if latitude and attitude
         of the input axis are known.
         """
-        state = self._state(self.reference)
+        levels = self.levels
         words = Words("bias at rest, the earth's rate included", "稳态零偏（含地球自转分量）")
-        bias = self._result("bias", words, self.reference, state, symbol="B", principal=True)
+        bias = self._result("bias", words, self.reference, levels.rate, symbol="B", principal=True)
         figures = {figure.name: figure for figure in self.record.figures}
         where = {condition.name: condition.value for condition in self.record.conditions}
         if BIAS not in figures or not {"latitude", "input_axis_elevation"} <= where.keys():
             return (bias,)
+        rest = levels.rate({CASE: self.reference})
         latitude, azimuth = where["latitude"], where.get("input_axis_azimuth", 0.0)
         own = self.stated.result(
             f"{self.record.stage}.json",
@@ -193,8 +170,8 @@ class _OnLevels:
             Words("bias at rest without the earth's rate", "稳态零偏（不含地球自转分量）"),
             figures[BIAS].value,
             "deg/h",
-            type_a=gum.standard_uncertainty(state[2], np.array(self.model.covariance)),
-            dof=self.model.dof,
+            type_a=0.0,
+            dof=math.inf,
             called=(BIAS, bias.quantity, "bias"),
             sensitivities={
                 "latitude_deg": (
@@ -206,27 +183,17 @@ class _OnLevels:
                     ),
                 ),
                 "gyro_dph": (figures["mean_rate_at_reference"].value, 1.0),
-                TEMPERATURE: (self.reference, state[1]),
+                **rest.influences,
             },
             at=bias.at,
-            more=self._model_error(),
+            more=rest.type_a(),
         )
         return bias, own
 
-    def _against_reference(self, state: _State) -> _State:
-        """State relative to rest at the reference; the derivative by temperature is unchanged."""
-        value, _, derivatives = self._state(self.reference)
-        return state[0] - value, state[1], state[2] - derivatives
-
     def _at_rest(self, t: float, *, principal: bool) -> Result:
         """Drift at rest at a case temperature [°C]."""
-        found = self._result(
-            "drift",
-            Words("thermal drift at rest", "稳态热致漂移"),
-            t,
-            self._against_reference(self._state(t)),
-            principal=principal,
-        )
+        words = Words("thermal drift at rest", "稳态热致漂移")
+        found = self._result("drift", words, t, self.levels.drift, principal=principal)
         return (
             replace(found, uncertainty=None, by_definition=True) if t == self.reference else found
         )
@@ -235,7 +202,7 @@ class _OnLevels:
         """Columns of a lagged model's drift on ramps; cells are empty where the coil is out of
         range.
         """
-        if self.model.form not in (forms.LAGGED.name, forms.BANK.name):
+        if self.model.form not in LAGS:
             return []
         low, high = self.model.valid.get(RATE, (0.0, 0.0))
         rate = next((rate for rate in RATES if rate <= min(-low, high)), None)
@@ -243,20 +210,18 @@ class _OnLevels:
             return []
 
         def drift(t: float, way: float) -> Result | None:
-            if not self._coil_fitted(t, way):
+            if self.levels.beyond({CASE: t, RATE: way}):
                 return None
             words = Words("thermal drift on a ramp", "温变热致漂移")
-            state = self._against_reference(self._state(t, way))
-            return self._result(f"drift_{way:+g}", words, t, state, rate=way)
+            return self._result(f"drift_{way:+g}", words, t, self.levels.drift, rate=way)
 
         def difference(t: float) -> Result | None:
-            if not self._coil_fitted(t, rate, -rate):
+            ways = [{CASE: t, RATE: way} for way in (rate, -rate)]
+            if any(map(self.levels.beyond, ways)):
                 return None
-            heating, cooling = self._state(t, rate), self._state(t, -rate)
-            state = (heating[0] - cooling[0], heating[1] - cooling[1], heating[2] - cooling[2])
-            return self._result(
-                f"hysteresis_{rate:g}", Words("hysteresis", "滞回"), t, state, rate=rate
-            )
+            apart = between(*map(self.levels.rate, ways))
+            words = Words("hysteresis", "滞回")
+            return self._result(f"hysteresis_{rate:g}", words, t, lambda _: apart, rate=rate)
 
         return [
             (
@@ -271,14 +236,6 @@ class _OnLevels:
             ),
             (Words("heating − cooling", "升温 − 降温"), "deg/h", difference),
         ]
-
-    def _coil_fitted(self, t: float, *rates: float) -> bool:
-        """Whether the coil is within its fitted temperatures at a case temperature [°C] on ramps
-        [°C/min].
-        """
-        at = {CASE: np.full(len(rates), t), RATE: np.array(rates)}
-        coil, (low, high) = forms.coil_temperature(self.model, at), self.model.valid[TEMPERATURE]
-        return bool(np.all((low <= coil) & (coil <= high)))
 
 
 def _plot(table: GridTable) -> Figure:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from calibkit.certificate.quantities import Quantity
 from calibkit.certificate.results import Block
 from calibkit.certificate.stated import Stated
 from calibkit.check import copies, flag_bridged_gaps, magnitude, thermometers
@@ -257,6 +258,13 @@ def _draw(title: str, fitted: Fitted[figures.DriftReport]) -> Drawn:
     return Drawn(tuple(figures.pages(replace(fitted.drawing, title=title))), fitted.summary)
 
 
+def _quantities(records: Mapping[str, Record], spec: FogThermalRecipe) -> tuple[Quantity, ...]:
+    """Results of a run as functions of their inputs."""
+    from calibkit.instruments.fog_thermal.quantities import list_quantities
+
+    return list_quantities(records, spec)
+
+
 def _certificate(stated: Stated) -> tuple[Block, ...]:
     """Result blocks of a certificate."""
     from calibkit.instruments.fog_thermal.certificate import blocks
@@ -302,6 +310,7 @@ INSTRUMENT = Instrument(
     validate=_validate,
     apply=_apply,
     certificate=_certificate,
+    quantities=_quantities,
     forms=lambda: (forms.PER_RAMP, forms.OVER_RATES, *forms.ON_LEVELS.values()),
     firmware=_firmware,
     key_figures=(

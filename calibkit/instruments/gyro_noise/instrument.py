@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from calibkit.certificate.quantities import Quantity
 from calibkit.certificate.results import Block
 from calibkit.certificate.stated import Stated
 from calibkit.check import copies
@@ -146,6 +147,13 @@ def _draw(title: str, fitted: Fitted[tuple[pages.NoiseView, ...]]) -> Drawn:
     return Drawn(tuple(pages.record_page(title, view) for view in fitted.drawing), fitted.summary)
 
 
+def _quantities(records: Mapping[str, Record], spec: GyroNoiseRecipe) -> tuple[Quantity, ...]:
+    """Results of a run as functions of their inputs."""
+    from calibkit.instruments.gyro_noise.quantities import list_quantities
+
+    return list_quantities(records, spec)
+
+
 def _certificate(stated: Stated) -> tuple[Block, ...]:
     """Blocks of results on a certificate."""
     from calibkit.instruments.gyro_noise.certificate import blocks
@@ -225,6 +233,7 @@ INSTRUMENT = Instrument(
     validate=_validate,
     apply=_apply,
     certificate=_certificate,
+    quantities=_quantities,
     key_figures=(r"gyro_noise\.(?!allan_deviation|wavelet_deviation).+",),
     campaigns={"gyro_noise": _simulate},
     propose=_propose,

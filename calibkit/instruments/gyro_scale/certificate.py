@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
+from calibkit.certificate.quantities import state
 from calibkit.certificate.results import (
     Block,
     Equation,
@@ -16,11 +17,11 @@ from calibkit.certificate.results import (
     Result,
     Series,
 )
-from calibkit.certificate.stated import Stated, powers, range_words, residual_words
+from calibkit.certificate.stated import Stated, range_words, residual_words
 from calibkit.certificate.words import Words, unit_mark
 from calibkit.coefficients import Model, Record
 from calibkit.forms import POLYNOMIAL
-from calibkit.instruments.gyro_scale import certificate_angles, forms
+from calibkit.instruments.gyro_scale import certificate_angles, forms, quantities
 from calibkit.instruments.gyro_scale.numeric.gjb_figures import IEEE, PPM
 
 MOST_NOTES = 8
@@ -89,7 +90,7 @@ def _state_scale(stated: Stated, record: Record) -> Block:
     notes: list[Words] = []
     for model in others:
         title = Words(f"{model.name}: coefficients", f"{model.name}：系数")
-        influences = certificate_angles.list_rate_influences if ".K_" in model.name else None
+        influences = quantities.by_rate if ".K_" in model.name else None
         tables.append(stated.coefficients(record, model, title, influences))
         notes += [range_words(model), *stated.left_out(model)]
     for letter in ("K", "F0"):
@@ -122,7 +123,7 @@ def _tabulate_lines(stated: Stated, record: Record, models: Sequence[Model]) -> 
                 NAMES["scale_factor"],
                 {"K": 1.0},
                 "1/deg",
-                sensitivities=certificate_angles.list_rate_influences(
+                sensitivities=quantities.by_rate(
                     model.value("K"), certificate_angles.find_full_scale(model)
                 ),
                 # the mean of the runs of a gyro about its own axis
@@ -195,24 +196,11 @@ def _state_curve(
     stated: Stated, record: Record, model: Model, letter: str, t: float
 ) -> Result | None:
     """Value of one polynomial at a temperature [°C]; None outside its range."""
-    low, high = model.valid[forms.TEMPERATURE]
-    if not low <= t <= high:
+    quantity, at = quantities.over_temperature(record, model, letter), {forms.TEMPERATURE: t}
+    if quantity.outside(at):
         return None
-    weights, slope = powers("p", model, t)
-    value = sum(weights[c.name] * c.value for c in model.coefficients)
-    return stated.linear(
-        record,
-        model,
-        "value",
-        Words(letter),
-        weights,
-        model.coefficients[0].unit,
-        at=t,
-        slope=slope,
-        sensitivities=certificate_angles.list_rate_influences(value) if letter == "K" else {},
-        symbol=letter,
-        principal=t == stated.reference_degc and not _is_cross(model.name),
-    )
+    principal = t == stated.reference_degc and not _is_cross(model.name)
+    return state(stated, quantity, at, principal=principal, symbol=letter)
 
 
 def _plot(table: GridTable, *, relative: bool) -> Figure:
@@ -261,9 +249,7 @@ def _tabulate_figures(
             _find_dof(record, what, model),
             standard=standard,
             magnitude=what in MAGNITUDES,
-            sensitivities=certificate_angles.list_rate_influences(value)
-            if what == "scale_factor"
-            else None,
+            sensitivities=quantities.by_rate(value) if what == "scale_factor" else None,
         )
         kinds.setdefault((what, standard, figure.unit), {})[model] = found
     alike: dict[tuple[object, ...], list[str]] = {}

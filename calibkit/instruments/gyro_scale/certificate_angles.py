@@ -18,6 +18,7 @@ from calibkit.instruments.gyro_scale.forms import (
     TEMPERATURE,
     TRIAD,
 )
+from calibkit.instruments.gyro_scale.quantities import FULL_SCALE, by_rate
 
 PAIR_EQUATION = Equation(
     PAIR.name,
@@ -48,17 +49,6 @@ PAIR_WORDS = {
 }
 """Coefficient of a pair → its symbol and its name."""
 GYRO = Words("gyro", "陀螺")
-FULL_SCALE = 100.0
-"""Table rate [°/s] taken as full scale where a model does not state its own."""
-
-
-def list_rate_influences(
-    value: float, largest: float = FULL_SCALE
-) -> dict[str, tuple[float, float]]:
-    """Sensitivity of K, and of quantities proportional to K, to the table rate at full scale and to
-    the time base (per 1 s).
-    """
-    return {RATE: (largest, -value / largest), "time_s": (1.0, value)}
 
 
 def find_full_scale(model: Model, default: float = FULL_SCALE) -> float:
@@ -105,7 +95,7 @@ def _tabulate_sensitivities(stated: Stated, record: Record, models: list[Model])
                     Words("sensitivity", "灵敏度"),
                     {c.name: 1.0},
                     "1/deg",
-                    sensitivities=list_rate_influences(c.value, full_scale),
+                    sensitivities=by_rate(c.value, full_scale),
                     principal=model.name == "triad" and gyro == axis,
                 )
                 rows.setdefault(gyro, []).append(result)

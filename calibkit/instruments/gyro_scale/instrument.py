@@ -41,9 +41,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
+    from calibkit.certificate.quantities import Quantity
     from calibkit.certificate.results import Block
     from calibkit.certificate.stated import Stated
-    from calibkit.coefficients import Criterion, StageResult
+    from calibkit.coefficients import Criterion, Record, StageResult
     from calibkit.instruments import Firmware, Progress
     from calibkit.instruments.gyro_scale.curves import GyroReport
     from calibkit.instruments.gyro_scale.table_runs import TableRun
@@ -146,6 +147,13 @@ def _draw(title: str, fitted: Fitted[GyroReport]) -> Drawn:
     return Drawn(draw_pages(title, fitted.drawing), fitted.summary)
 
 
+def _quantities(records: Mapping[str, Record], spec: AnyRecipe) -> tuple[Quantity, ...]:
+    """Results of a run as functions of their inputs."""
+    from calibkit.instruments.gyro_scale.quantities import list_quantities
+
+    return list_quantities(records, spec)
+
+
 def _certificate(stated: Stated) -> tuple[Block, ...]:
     """Blocks of results on a certificate."""
     from calibkit.instruments.gyro_scale.certificate import list_blocks
@@ -172,6 +180,7 @@ RATE_TABLE = Instrument(
     validate=unseen.validate,
     apply=compensate.apply,
     certificate=_certificate,
+    quantities=_quantities,
     forms=lambda: forms.FORMS,
     firmware=_firmware,
     key_figures=(
@@ -191,6 +200,7 @@ PAIR = Instrument(
     validate=unseen.validate,
     apply=compensate.apply,
     certificate=_certificate,
+    quantities=_quantities,
     forms=lambda: forms.FORMS,
     firmware=_firmware,
     key_figures=(
@@ -210,6 +220,7 @@ TRIAD = Instrument(
     validate=unseen.validate,
     apply=compensate.apply,
     certificate=_certificate,
+    quantities=_quantities,
     forms=lambda: forms.FORMS,
     firmware=_firmware,
     key_figures=(

@@ -17,6 +17,7 @@ from calibkit.instruments.gyro_scale import (
     compensate,
     forms,
     pair_fit,
+    quantities,
     table_runs,
 )
 from calibkit.instruments.gyro_scale.numeric import gjb_figures
@@ -124,7 +125,7 @@ def _uncertainty_of_sensitivity(
     at = temperature[0] + np.array([-0.5, 0.5])
     slope = float(np.diff(matrix.at(at)[0].reshape(2, -1)[:, entry])[0])
     full_scale = certificate_angles.find_full_scale(model)
-    known = certificate_angles.list_rate_influences(coefficient.value, full_scale)
+    known = quantities.by_rate(coefficient.value, full_scale)
     known |= {forms.TEMPERATURE: (float(temperature[0]), slope)}
     names = (f"{model.name}.{coefficient.name}", coefficient.name)
     other = type_b.combine_terms(terms, names, coefficient.value, coefficient.unit, known)

@@ -1,9 +1,9 @@
 """Inclinometer results: the in-situ scale factor s of each gyro over temperature."""
 
-import math
 from collections.abc import Callable
 from functools import partial
 
+from calibkit.certificate.quantities import state
 from calibkit.certificate.results import (
     Block,
     Equation,
@@ -13,10 +13,12 @@ from calibkit.certificate.results import (
     Result,
     Series,
 )
-from calibkit.certificate.stated import Stated, powers, range_words, residual_words
+from calibkit.certificate.stated import Stated, range_words, residual_words
 from calibkit.certificate.words import Words
 from calibkit.coefficients import Model, Record
+from calibkit.instruments.inclinometer import quantities
 from calibkit.instruments.inclinometer.forms import FILE, SCALE as SCALE_FORM, TEMPERATURE
+from calibkit.instruments.inclinometer.quantities import by_latitude
 
 SCALE = Equation(
     SCALE_FORM.name,
@@ -48,7 +50,7 @@ def blocks(stated: Stated) -> tuple[Block, ...]:
             record,
             model,
             Words(f"Coefficients of gyro {model.name}", f"{model.name} 陀螺系数"),
-            partial(_latitude, record),
+            partial(by_latitude, record),
         )
         for model in record.models
     ]
@@ -87,7 +89,7 @@ def _stations(stated: Stated, record: Record) -> ListTable:
             figure,
             FIGURES.get(figure.name, Words(figure.name)),
             record.models[0].dof,
-            sensitivities=_latitude(record, figure.value) if figure.name.startswith("s_") else None,
+            sensitivities=by_latitude(record, figure.value if figure.name[:2] == "s_" else 0.0),
         )
         for figure in record.figures
         if figure.name in FIGURES
@@ -95,45 +97,17 @@ def _stations(stated: Stated, record: Record) -> ListTable:
     return ListTable(Words("Stations", "测站"), results)
 
 
-def _latitude(record: Record, value: float) -> dict[str, tuple[float, float]]:
-    """Sensitivity of s, and of quantities proportional to s, to the latitude α: −s tan α, exact for
-    a vertical tool.
-    """
-    found = next((c for c in record.conditions if c.name == "latitude"), None)
-    if found is None:
-        return {}
-    return {
-        "latitude_deg": (
-            found.value,
-            -value * math.tan(math.radians(found.value)) * math.pi / 180.0,
-        )
-    }
-
-
 def _column(
     stated: Stated, record: Record, model: Model
 ) -> tuple[Words, str, Callable[[float], Result | None]]:
     """s(T) of one gyro."""
+    quantity = quantities.scale(record, model)
 
     def at(t: float) -> Result | None:
-        low, high = model.valid.get(TEMPERATURE, (t, t))
-        if not low <= t <= high:
+        at = {TEMPERATURE: t}
+        if quantity.outside(at):
             return None
-        weights, slope = powers("s", model, t)
-        value = sum(weights[c.name] * c.value for c in model.coefficients if c.name in weights)
-        words = Words(f"s of gyro {model.name}", f"{model.name} 陀螺 s")
-        return stated.linear(
-            record,
-            model,
-            "s",
-            words,
-            weights,
-            "1",
-            at=t,
-            slope=slope,
-            sensitivities=_latitude(record, value),
-            principal=t == stated.reference_degc,
-        )
+        return state(stated, quantity, at, principal=t == stated.reference_degc)
 
     return Words(f"s, gyro {model.name}", f"s，{model.name} 陀螺"), "1", at
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from calibkit.arrays import Array
+from calibkit.certificate.quantities import Quantity
 from calibkit.certificate.results import Block
 from calibkit.certificate.stated import Stated
 from calibkit.check import copies
@@ -199,6 +200,13 @@ def _draw(title: str, fitted: Fitted[figures.SeekingReport]) -> Drawn:
     return Drawn(tuple(figures.draw_pages(title, fitted.drawing)), whole, stations)
 
 
+def _quantities(records: Mapping[str, Record], spec: InclinometerRecipe) -> tuple[Quantity, ...]:
+    """Results of a run as functions of their inputs."""
+    from calibkit.instruments.inclinometer.quantities import list_quantities
+
+    return list_quantities(records, spec)
+
+
 def _certificate(stated: Stated) -> tuple[Block, ...]:
     """Blocks of results on a certificate."""
     from calibkit.instruments.inclinometer.certificate import blocks
@@ -229,6 +237,7 @@ INSTRUMENT = Instrument(
     validate=_validate,
     apply=_apply,
     certificate=_certificate,
+    quantities=_quantities,
     forms=lambda: (SCALE,),
     firmware=_firmware,
     key_figures=(r"inclinometer_scale\.s_\w", r"inclinometer_scale\.\w\.(s\d|residual_rms)"),

@@ -1,0 +1,163 @@
+"""Results of a run: indicated rate and drift of a model on levels, increments of the published
+scheme.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibkit.certificate.quantities import (
+    At,
+    Input,
+    Limit,
+    Point,
+    Quantity,
+    of_form,
+    outside_ranges,
+    ranged,
+)
+from calibkit.certificate.words import Words
+from calibkit.coefficients import Model, Record
+from calibkit.instruments.fog_thermal import forms
+from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
+from calibkit.thermal_forms import CASE, DRIVERS, GRADIENT, RATE
+
+RATES = (10.0, 5.0, 2.0, 1.0, 0.5)
+"""Rates [°C/min]; drift on ramps is stated at the fastest that was fitted."""
+MODEL_ERROR = Words("model error on ramps left out", "留出温变的模型误差")
+LAGS = (forms.LAGGED.name, forms.BANK.name)
+"""Forms whose ranges are those of the coil, which lags behind the case."""
+
+
+@dataclass(frozen=True, slots=True)
+class OnLevels:
+    """A level or lagged model, or a bank, and the temperature at which its drift is zero."""
+
+    model: Model
+    reference_degc: float
+
+    @property
+    def reference(self) -> float:
+        """Reference temperature [°C], clamped to the fitted range."""
+        low, high = self.model.valid[CASE]
+        return min(max(self.reference_degc, low), high)
+
+    @property
+    def inputs(self) -> tuple[Input, ...]:
+        """Case temperature, rate and gradients; those that are not given are 0, as at rest."""
+        others = DRIVERS[1:2] if self.model.form in LAGS else DRIVERS[1:]
+        rests = (ranged(self.model, column, 0.0) for column in others)
+        return (ranged(self.model, CASE), *rests)
+
+    def rate(self, at: At) -> Point:
+        """Indicated rate [°/h], on a ramp after the lags have settled."""
+        columns = {column: np.array([value]) for column, value in at.items()}
+        form = forms.ON_LEVELS[self.model.form]
+        slope = float(forms.slope_over_case(self.model, columns)[0])
+        return Point(
+            float(form.evaluate(self.model, columns)[0]),
+            ((self.model, form.gradient(self.model, columns)[0]),),
+            {CASE: (at[CASE], slope)},
+            self._model_error(),
+        )
+
+    def drift(self, at: At) -> Point:
+        """Indicated rate less that at rest at the reference; the derivative by temperature is that
+        of the rate. At the reference itself it is 0 without an uncertainty.
+        """
+        rest = {CASE: self.reference}
+        still = not any(value for column, value in at.items() if column != CASE)
+        if at[CASE] == self.reference and still:
+            return Point(0.0)
+        rate = self.rate(at)
+        return replace(difference(rate, self.rate(rest)), influences=rate.influences)
+
+    def _model_error(self) -> tuple[tuple[Words, float, float], ...]:
+        """Model error on left-out ramps [°/h] with its degrees of freedom; empty if 0."""
+        chosen = {parameter.name: parameter.value for parameter in self.model.parameters}
+        error, dof = chosen.get("model_error", 0.0), chosen.get("model_error_dof", math.inf)
+        return ((MODEL_ERROR, error, dof),) if error > 0.0 else ()
+
+    def beyond(self, at: At) -> str:
+        """Why the model does not hold at a point: of one with lags where the coil, or the rate, is
+        outside the fitted range.
+        """
+        if self.model.form not in LAGS:
+            return outside_ranges(self.inputs, at)
+        columns = {column: np.array([value]) for column, value in at.items()}
+        coil = float(forms.coil_temperature(self.model, columns)[0])
+        low, high = self.model.valid[CASE]
+        behind = f"the coil is then at {coil:.4g} °C, outside {low:.4g} … {high:.4g} °C"
+        reasons = ("" if low <= coil <= high else behind, outside_ranges(self.inputs[1:], at))
+        return "; ".join(filter(None, reasons))
+
+
+def difference(one: Point, other: Point) -> Point:
+    """A point of the same model less another; further uncertainties are those of the first."""
+    ((model, weights),), ((_, taken),) = one.parts, other.parts
+    return replace(
+        one,
+        value=one.value - other.value,
+        parts=((model, weights - taken),),
+        influences={
+            name: (at, slope - other.influences[name][1])
+            for name, (at, slope) in one.influences.items()
+        },
+    )
+
+
+def _ramps() -> tuple[tuple[At, ...], ...]:
+    """Rest, and the fastest ramp in each direction."""
+    up, down = (tuple({RATE: way * rate} for rate in RATES) for way in (1.0, -1.0))
+    return ({},), up, down
+
+
+def _on_levels(record: Record, model: Model, spec: FogThermalRecipe) -> tuple[Quantity, ...]:
+    """Drift, and the indicated rate itself, which holds turn-on bias and earth's rate."""
+    found, largest = OnLevels(model, spec.reference_temp_degc), spec.acceptance.max_drift_rms_dph
+    drift = Quantity(
+        "drift",
+        record.stage,
+        model.name,
+        Words(f"drift against rest at {found.reference:g} °C", "热致漂移"),
+        "deg/h",
+        found.inputs,
+        found.drift,
+        compared=_ramps(),
+        limit=None if largest is None else Limit("acceptance.max_drift_rms_dph", largest),
+        beyond=found.beyond,
+    )
+    words = Words("bias, the earth's rate included", "零偏（含地球自转分量）")
+    return drift, replace(drift, name="bias", words=words, point=found.rate, compared=())
+
+
+def _increments(record: Record, model: Model) -> Quantity:
+    """Drift increment per interval, of one side or of one ramp."""
+    form = forms.PER_RAMP if model.form == forms.PER_RAMP.name else forms.OVER_RATES
+    columns = (GRADIENT,) if form is forms.PER_RAMP else (RATE, GRADIENT)
+    inputs = tuple(ranged(model, column) for column in columns)
+    low, high = model.valid[GRADIENT]
+    groups = tuple(({GRADIENT: x},) for x in (low, (low + high) / 2.0, high))
+    return Quantity(
+        "increment",
+        record.stage,
+        model.name,
+        Words(f"drift increment per {model.value('interval'):g} s", "漂移增量"),
+        "deg/h",
+        inputs,
+        of_form(form, model, inputs),
+        compared=() if form.per_log else groups,
+    )
+
+
+def list_quantities(records: Mapping[str, Record], spec: FogThermalRecipe) -> tuple[Quantity, ...]:
+    """Results of the exported model, then the increments of each ramp."""
+    found: list[Quantity] = []
+    for name in (forms.FILE, "drift.json"):
+        for model in records[name].models if name in records else ():
+            on_levels = model.form in forms.ON_LEVELS
+            new = _on_levels(records[name], model, spec) if on_levels else ()
+            found += new or (_increments(records[name], model),)
+    return tuple(found)

@@ -1,0 +1,240 @@
+"""Results of a run at points: value ± U, and why the model does not hold where it does not."""
+
+import fnmatch
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Self
+
+from calibkit import instruments
+from calibkit.arrays import Array
+from calibkit.certificate.quantities import At, Input, Quantity, state
+from calibkit.certificate.results import Result, round_descriptor, round_result
+from calibkit.certificate.stated import Stated
+from calibkit.certificate.uncertainty import Source
+from calibkit.certificate.words import unit_mark
+from calibkit.errors import UsageError
+from calibkit.recipe import TypeB, type_b
+from calibkit.report.summary import Summary
+from calibkit.report.table import Column, Table
+from calibkit.results.inputs import Names, grid, parse_inputs
+from calibkit.store import Run
+
+SETTLED = "rates are held until the lags of the model have settled"
+EXTRAPOLATED = "extrapolated, U is not known"
+
+
+@dataclass(frozen=True, slots=True)
+class RunResults:
+    """A run with its results as functions of their inputs."""
+
+    run: Run
+    quantities: tuple[Quantity, ...]
+    stated: Stated
+    gravity_mps2: float | None
+
+    @classmethod
+    def read(cls, run: Run, terms: Sequence[TypeB] = ()) -> Self:
+        """Results of a run, with type B terms on top of the recipe's; UsageError for a procedure
+        that states none.
+        """
+        spec = instruments.fitted_recipe(run.document)
+        quantities = instruments.find(spec.procedure).quantities(run.records, spec)
+        if not quantities:
+            raise UsageError(
+                f"{run.name}: no model was exported that could be evaluated",
+                hint="see `calibkit show`; of a plugin's model, calibkit.evaluate in Python",
+            )
+        source = Source.merge(type_b.loads(run.document.get("type_b", ())), terms)
+        stated = Stated(run.records, source, (), spec.reference_temp_degc)
+        return cls(run, quantities, stated, spec.site.local_gravity())
+
+    @property
+    def names(self) -> Names:
+        """Inputs as a person may name them."""
+        return Names.of(self.quantities, self.gravity_mps2)
+
+    def state(self, quantity: Quantity, at: At) -> Result:
+        """Result of one of the quantities at a point."""
+        return state(self.stated, quantity, at)
+
+
+@dataclass(frozen=True, slots=True)
+class Value:
+    """A result at a point; `outside` states why the model does not hold there, else it is empty."""
+
+    quantity: Quantity
+    at: At
+    result: Result
+    outside: str
+
+    @property
+    def status(self) -> str:
+        """Reason and what follows from it."""
+        return f"{self.outside}: {EXTRAPOLATED}" if self.outside else ""
+
+    @property
+    def expanded(self) -> float | None:
+        """Expanded uncertainty; None where it is not known."""
+        known = None if self.outside else self.result.uncertainty
+        return None if known is None else known.expanded_uncertainty
+
+
+def choose(found: RunResults, given: Iterable[str], only: str) -> tuple[Quantity, ...]:
+    """Results that a pattern names, or that depend on what is given; UsageError where none does,
+    or one lacks an input.
+    """
+    columns = set(given)
+    named = [
+        one
+        for one in found.quantities
+        if not only or fnmatch.fnmatchcase(one.key, only) or one.name == only
+    ]
+    if not named:
+        raise UsageError(
+            f"--only {only}: no result of {found.run.name}",
+            hint=f"there are: {', '.join(one.key for one in found.quantities)}",
+        )
+    chosen = [
+        one
+        for one in named
+        if {i.column for i in one.inputs if i.rest is None}
+        <= columns
+        <= {i.column for i in one.inputs}
+    ]
+    if not chosen:
+        listed = "; ".join(dict.fromkeys(f"{one.key}({_arguments(one)})" for one in named[:12]))
+        raise UsageError(
+            f"{', '.join(sorted(columns)) or 'no input'}: no result of {found.run.name} depends on"
+            " this alone",
+            hint=f"its results and their inputs: {listed}",
+        )
+    return tuple(chosen)
+
+
+def _arguments(one: Quantity) -> str:
+    """Inputs of a result, optional ones in brackets."""
+    return ", ".join(i.column if i.rest is None else f"[{i.column}]" for i in one.inputs)
+
+
+def evaluate(
+    found: RunResults, quantities: Sequence[Quantity], points: Sequence[At]
+) -> Iterator[Value]:
+    """Every result at every point, result by result."""
+    for quantity in quantities:
+        for point in points:
+            at = quantity.complete(point)
+            yield Value(quantity, at, found.state(quantity, at), quantity.outside(at))
+
+
+def answer(
+    found: RunResults, inputs: Sequence[str], ranges: Sequence[str], only: str
+) -> tuple[list[Value], dict[str, Array]]:
+    """Values that a command line asks for, and its ranges."""
+    fixed, over = parse_inputs(found.names, inputs, ranges)
+    chosen = choose(found, (*fixed, *over), only)
+    return list(evaluate(found, chosen, grid(fixed, over))), over
+
+
+def list_results(found: RunResults) -> Table:
+    """Results of a run, their units, and their inputs with the ranges in which the model holds."""
+    rows = tuple(
+        (one.key, unit_mark(one.unit), ", ".join(map(_describe, one.inputs)))
+        for one in found.quantities
+    )
+    inputs = Column("inputs and where they hold", key="inputs")
+    return Table("", (Column("result", key="quantity"), "unit", inputs), rows)
+
+
+def _describe(one: Input) -> str:
+    """Name and range of an input; one that need not be given has brackets."""
+    name = one.column if one.rest is None else f"[{one.column}]"
+    if one.low == one.high:
+        return f"{name} {one.low:.4g} {unit_mark(one.unit)}"
+    return f"{name} {one.low:.4g} … {one.high:.4g} {unit_mark(one.unit)}"
+
+
+def tabulate(values: Sequence[Value]) -> Table:
+    """Values as people read them: a row for each, with the inputs that any of them has."""
+    columns = dict.fromkeys(i.column for value in values for i in value.quantity.inputs)
+    flagged = any(value.outside for value in values)
+    rows = []
+    for value in values:
+        shown, u = _printed(value)
+        inputs = ("" if name not in value.at else f"{value.at[name]:.9g}" for name in columns)
+        unit = unit_mark(value.quantity.unit)
+        status = ("outside" if value.outside else "",) * flagged
+        rows.append((*inputs, value.quantity.key, shown, u, unit, *status))
+    heads = (*columns, "result", "value", "U", "unit", *(("",) * flagged))
+    return Table("", heads, tuple(rows))
+
+
+def _printed(value: Value) -> tuple[str, str]:
+    """Value and U as they are printed: to two digits of U, else to six of the value."""
+    if value.expanded is None or not value.expanded > 0.0:
+        if value.outside or not value.result.value:
+            return f"{value.result.value:.6g}", "-"
+        printed = round_descriptor(value.result.value)
+        return f"{value.result.value:.6g}" if printed.exponent else printed.value, "-"
+    printed = round_result(value.result.value, value.expanded)
+    power = f"e{printed.exponent:+d}" if printed.exponent else ""
+    return printed.value + power, printed.uncertainty + power
+
+
+def list_values(values: Sequence[Value]) -> Table:
+    """Values with every digit, for CSV and JSON; one row each."""
+    columns = dict.fromkeys(i.column for value in values for i in value.quantity.inputs)
+    rows = []
+    for value in values:
+        known = None if value.outside else value.result.uncertainty
+        rows.append(
+            (
+                *(value.at.get(name) for name in columns),
+                value.quantity.key,
+                value.result.value,
+                value.quantity.unit,
+                None if known is None else known.standard_uncertainty,
+                value.expanded,
+                None if known is None else known.coverage_factor,
+                value.status,
+            )
+        )
+    heads = ("standard_uncertainty", "expanded_uncertainty", "coverage_factor", "status")
+    return Table("", (*columns, "quantity", "value", "unit", *heads), tuple(rows))
+
+
+def flag_values(values: Sequence[Value]) -> tuple[str, ...]:
+    """What must be known of the values: lags, and points outside the ranges."""
+    beyond = [value for value in values if value.outside]
+    lagged = any(
+        value.quantity.beyond is not None and any(list(value.at.values())[1:]) for value in values
+    )
+    without = {
+        value.quantity.key
+        for value in values
+        if value.result.value and not value.outside and not value.expanded
+    }
+    return (
+        *((SETTLED,) if lagged else ()),
+        *(
+            (f"{len(beyond)} of {len(values)} values are {EXTRAPOLATED}: {beyond[0].outside}",)
+            if beyond
+            else ()
+        ),
+        *((f"no uncertainty is known of {', '.join(sorted(without))}",) if without else ()),
+    )
+
+
+def summarise(found: RunResults, values: Sequence[Value]) -> Summary:
+    """Values for the console."""
+    held = sum(not value.outside for value in values)
+    last = f"{held} of {len(values)} values within the calibrated range"
+    return Summary(found.run.name, (tabulate(values),), flag_values(values), (), last)
+
+
+def document(found: RunResults, values: Sequence[Value]) -> Mapping[str, Any]:
+    """Values as a JSON object."""
+    return {
+        "run": found.run.name,
+        "values": list_values(values).to_objects(),
+        "flags": list(flag_values(values)),
+    }

@@ -1,0 +1,102 @@
+"""Figures of results: values over a range, and then and now."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.certificate.words import unit_mark
+from calibkit.errors import UsageError
+from calibkit.report.figures import MUTED, SIDES, page, pdf, png, styled
+from calibkit.results.evaluation import list_values
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from matplotlib.figure import Figure
+
+    from calibkit.arrays import Array
+    from calibkit.certificate.quantities import Quantity
+    from calibkit.results.evaluation import Value
+    from calibkit.store import Run
+
+SUFFIXES = (".pdf", ".png")
+COLOURS = (SIDES["cooling"], SIDES["heating"], SIDES["both"], "#aa7700", "#7744aa", MUTED)
+COLUMNS = 2
+
+
+def require_suffix(suffix: str, known: Sequence[str] = SUFFIXES) -> None:
+    """Raise UsageError for a file of a kind that is not written."""
+    if suffix.lower() not in known:
+        raise UsageError(
+            f"--out: a file ending in '{suffix}'", hint=f"name one ending in {' or '.join(known)}"
+        )
+
+
+def render(figure: Figure, suffix: str) -> bytes:
+    """A figure as PDF or PNG."""
+    require_suffix(suffix)
+    return png(figure) if suffix.lower() == ".png" else pdf([figure])
+
+
+def write_values(
+    run: Run, values: Sequence[Value], ranges: Mapping[str, Array], suffix: str
+) -> bytes:
+    """Values as CSV, or as a figure over their ranges."""
+    if suffix.lower() == ".csv":
+        return list_values(values).to_csv().encode()
+    title = f"{run.name}, effective from {run.document['effective_from']}"
+    with styled():
+        return render(_draw_values(title, values, ranges), suffix)
+
+
+def _draw_values(title: str, values: Sequence[Value], ranges: Mapping[str, Array]) -> Figure:
+    """Each result over the range of most points, a curve for each value of the other inputs,
+    with a band ± U; outside the calibrated range dashed and without a band.
+    """
+    if not ranges:
+        raise UsageError("--out: one point is no figure", hint="give a --range, or a .csv file")
+    abscissa = max(ranges, key=lambda column: ranges[column].size)
+    panels: dict[str, list[Value]] = {}
+    for value in values:
+        panels.setdefault(value.quantity.key, []).append(value)
+    figure, axes = page(
+        -(-len(panels) // COLUMNS),
+        min(COLUMNS, len(panels)),
+        title=title,
+        height=0.8 + 3.6 * -(-len(panels) // COLUMNS),
+    )
+    for ax in axes[len(panels) :]:
+        ax.set_visible(False)
+    for ax, shown in zip(axes, panels.values(), strict=False):
+        curves: dict[str, list[Value]] = {}
+        for value in shown:
+            curves.setdefault(_condition(value.at, abscissa), []).append(value)
+        for colour, (label, curve) in zip(COLOURS * 2, curves.items(), strict=False):
+            x = np.array([value.at[abscissa] for value in curve])
+            y = np.array([value.result.value for value in curve])
+            U = np.array([np.nan if v.expanded is None else v.expanded for v in curve])
+            held = np.where([bool(value.outside) for value in curve], np.nan, y)
+            ax.plot(x, y, color=colour, lw=1.0, ls=":")
+            ax.plot(x, held, color=colour, lw=1.4, label=label)
+            ax.fill_between(x, held - U, held + U, color=colour, alpha=0.2, lw=0.0)
+        quantity = shown[0].quantity
+        more = f" (first {len(COLOURS) * 2} of {len(curves)})" * (len(curves) > 2 * len(COLOURS))
+        ax.set_title(f"{quantity.key}: {quantity.words.en}, ± U{more}")
+        label_axes(ax, quantity, abscissa)
+        if any(curves) and len(curves) > 1:
+            ax.legend()
+    return figure
+
+
+def label_axes(ax: object, quantity: Quantity, abscissa: str) -> None:
+    """Name both axes with their units."""
+    unit = next((one.unit for one in quantity.inputs if one.column == abscissa), "1")
+    ax.set_xlabel(f"{abscissa} [{unit_mark(unit) or 1}]")  # type: ignore[attr-defined]
+    ax.set_ylabel(f"{quantity.name} [{unit_mark(quantity.unit) or 1}]")  # type: ignore[attr-defined]
+
+
+def _condition(at: Mapping[str, float], abscissa: str) -> str:
+    """Inputs other than the abscissa."""
+    return ", ".join(f"{name} {value:g}" for name, value in at.items() if name != abscissa)
