@@ -230,7 +230,8 @@ def load_coefficients(path: AnyPath) -> Record:
 
 
 def evaluate(run: Run | AnyPath, model: str, **at: ArrayLike) -> tuple[Array, Array]:
-    """Result of a run's model at inputs, and its type A standard uncertainty.
+    """Result of a run's model at inputs, and its standard uncertainty: type A, and of a drift model
+    on levels its error on left-out ramps and, at rest, its hysteresis.
 
     Parameters
     ----------

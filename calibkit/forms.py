@@ -38,6 +38,8 @@ class Form:
     """Parameters that state where the coefficients were measured, with the difference [their unit]
     that matters.
     """
+    further: Callable[[Model, Inputs], Array] | None = None
+    """Standard uncertainty [n] of what no coefficient states, such as the error of the model."""
     per_log: bool = False
     """Whether each log has a model of its own, named by it."""
 
@@ -99,9 +101,13 @@ class Form:
         )
 
     def standard_uncertainty(self, model: Model, at: Inputs) -> Array:
-        """Type A standard uncertainty [n] or [n, m] of the result: √(J C Jᵀ), C the covariance."""
+        """Standard uncertainty [n] or [n, m] of the result: √(J C Jᵀ), C the covariance, and what
+        the form has further.
+        """
         gradient, covariance = self.gradient(model, at), np.array(model.covariance)
         variance = np.sum((gradient @ covariance) * gradient, axis=-1)
+        if self.further is not None:
+            variance = variance + self.further(model, at) ** 2
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)), dtype=np.float64)
 
 

@@ -78,7 +78,21 @@ def _differentiate(model: Model, at: Inputs) -> Array:
 
 def sum_of_terms(name: str) -> Form:
     """Form of a level or lagged model."""
-    return Form(name, _differentiate, _sum_terms, meaning=("interval",))
+    return Form(
+        name,
+        _differentiate,
+        _sum_terms,
+        meaning=("interval",),
+        further=lambda model, at: np.full(at[CASE].size, model_error(model)[0]),
+    )
+
+
+def model_error(model: Model) -> tuple[float, float]:
+    """Model error on what was left out of the fit, in the unit of the bias, and its degrees of
+    freedom; 0 if none is stated.
+    """
+    stated = {parameter.name: parameter.value for parameter in model.parameters}
+    return stated.get("model_error", 0.0), stated.get("model_error_dof", math.inf)
 
 
 def slope_over_case(model: Model, at: Inputs) -> Array:

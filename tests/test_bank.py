@@ -158,7 +158,9 @@ def test_noise_and_drift_of_an_output_are_told_apart():
     slow -= slow.mean()
     for drift in (slow, 0.0 * slow):
         found = [
-            compensation.split_noise(drift + rng.normal(0.0, 0.06 * np.sqrt(10.0), 1000), 10)
+            compensation.split_noise(
+                [compensation.figure_means(drift + rng.normal(0.0, 0.06 * np.sqrt(10.0), 1000), 10)]
+            )
             for _ in range(200)
         ]
         noise, left = (

@@ -13,11 +13,13 @@ import pytest
 from calibkit import instruments, pipeline, recipe, store, thermal_forms
 from calibkit.coefficients import Coefficient, Model, StageResult
 from calibkit.errors import FitError
-from calibkit.instruments.fog_thermal import forms, uncertainty
+from calibkit.instruments.fog_thermal import compensate, forms, uncertainty
 from calibkit.instruments.fog_thermal.numeric import evaluate
 from calibkit.numeric import gum
+from calibkit.numeric.thermal import uncertainty as uncertainty_of_thermal
 from calibkit.recipe import TypeB
 from calibkit.report import budget
+from firmware_runs import cached
 
 TERMS = """
 [[type_b]]
@@ -314,3 +316,86 @@ def test_a_limit_on_the_share_within_the_uncertainty_is_held(calibkit, campaign,
     )
     assert done.code == 1
     assert "within their uncertainty" in done.out
+
+
+def test_at_rest_a_hysteresis_is_in_its_middle_and_its_spread_in_every_uncertainty(
+    tmp_path_factory,
+):
+    """Warm-up over, play operators in the middle: the same drift in the table of the run, from the
+    file and by `at_rest`; U covers both ends of the hysteresis.
+    """
+    fitted = cached("grown", tmp_path_factory)
+    (written,) = fitted.record("drift_rate.json").models
+    model = forms.read_thermal(written)
+    spread = abs(sum(c.value for c in written.coefficients if c.name.startswith("h")))
+    ends = model.valid.temperature
+    drift_model = compensate.DriftModel.read(fitted.run.records, fitted.spec)
+    stated = uncertainty.state_along_logs(drift_model, [], ())
+    assert {one.temp_case_degc for one in stated} >= set(ends)
+    for one in stated:
+        expected = evaluate.at_rest(model, one.temp_case_degc)[0] - evaluate.at_rest(model, 25.0)[0]
+        at = {forms.CASE: np.array([one.temp_case_degc])}
+        assert one.drift == pytest.approx(expected, abs=1e-12)
+        assert one.expanded_uncertainty > spread
+        assert forms.BANK.standard_uncertainty(written, at)[0] > spread / math.sqrt(3.0)
+    turned = forms.BANK.standard_uncertainty(written, at | {forms.RATE: np.ones(1)})[0]
+    assert turned < spread / 5.0
+
+
+def test_what_a_hysteresis_was_before_a_log_is_unknown_until_it_has_turned(tmp_path_factory):
+    """Ramps up and down by 50 °C: half the spread at first, nothing after the full width."""
+    model = forms.read_thermal(
+        cached("grown", tmp_path_factory).record("drift_rate.json").models[0]
+    )
+    time = np.arange(0.0, 6000.0, 10.0)
+    case = 30.0 + 25.0 * np.sin(time / 950.0)
+    found = evaluate.evaluate(model, time, case, case)
+    spread = model.bank.hysteresis(model.coefficients)
+    assert spread > 0.01  # °/h
+    assert found.unknown_start[0] == pytest.approx(spread)
+    assert found.unknown_start[-1] == 0.0
+    parts = {
+        name: values for name, _, values, _ in uncertainty_of_thermal.contributions(model, found)
+    }
+    assert parts["hysteresis of what was before"][0] == pytest.approx(spread / math.sqrt(3.0))
+    starts = [
+        evaluate.evaluate(model, np.arange(-9e4, 6000.0, 10.0), np.concatenate([came, case]), case)
+        for came in (np.linspace(60.0, 30.0, 9000), np.linspace(-40.0, 30.0, 9000))
+    ]
+    apart = np.abs(starts[0].drift[9000:] - starts[1].drift[9000:])
+    assert apart[0] > spread / 10.0
+    assert np.all(apart <= 2.0 * found.unknown_start + 0.05)
+
+
+def test_a_log_s_coverage_is_stated_about_its_mean_and_absolutely(
+    run, calibkit, campaign, tmp_path
+):
+    """A withheld log as it is lies within U both ways; with 0.5 °/h added to every row it is within
+    U about its mean alone, and the offset is flagged.
+    """
+    _, folder = run
+    log = min((campaign / "withheld").glob("*.csv"))
+    header, *rows = log.read_text().splitlines()
+    place = header.split(",").index("gyro_dph")
+    moved = tmp_path / "moved"
+    moved.mkdir()
+    lines = [row.split(",") for row in rows]
+    for row in lines:
+        row[place] = f"{float(row[place]) + 0.5:.6f}"
+    (moved / log.name).write_text("\n".join([header, *map(",".join, lines)]) + "\n")
+    found, said = [], []
+    for data in (campaign / "withheld", moved):
+        out = tmp_path / f"{data.name}.json"
+        done = calibkit(
+            "validate", "F", "--runs", str(folder), "--data", str(data), "--out", str(out)
+        )
+        entries = {log["name"]: log["uncertainty"] for log in json.loads(out.read_text())["logs"]}
+        found.append(entries[log.name])
+        said.append(done.out + done.err)
+    right, wrong = found
+    same = "share_within_expanded_uncertainty"
+    assert right[same] == pytest.approx(wrong[same])
+    assert right["share_within_absolutely"] > 0.9 > wrong["share_within_absolutely"]
+    assert wrong["offset"] - right["offset"] == pytest.approx(0.5, abs=1e-4)
+    assert "off the rate at rest of the fit" in said[1]
+    assert "off the rate at rest of the fit" not in said[0]

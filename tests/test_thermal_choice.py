@@ -239,9 +239,9 @@ def result(compensated, raw=(0.2, 0.2, 0.2), *, parameters=5, endless=False):
     return _LeftOut(
         np.array(raw),
         np.array(compensated),
+        zeros,
         CANDIDATES[0],
         ("a", "b", "c"),
-        zeros,
         parameters,
         endless,
     )

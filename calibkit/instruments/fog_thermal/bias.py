@@ -15,9 +15,11 @@ from calibkit.errors import FitError
 from calibkit.instruments.fog_thermal import decision
 from calibkit.instruments.fog_thermal.compensate import DriftModel
 from calibkit.instruments.fog_thermal.numeric import evaluate, hysteresis
+from calibkit.instruments.fog_thermal.numeric.bank import BankModel, OnLevels
 from calibkit.instruments.fog_thermal.numeric.hysteresis import Hysteresis
 from calibkit.instruments.fog_thermal.ramps import PreparedLog
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
+from calibkit.instruments.fog_thermal.uncertainty import TURN_ON
 from calibkit.numeric import earth, gum
 from calibkit.recipe import type_b
 from calibkit.report import budget
@@ -91,7 +93,7 @@ def state_bias(
     if rest is not None:
         figures += _rest_figures(rest)
         tables.append(_rest_table(rest))
-        flags = _flags(rest, recipe)
+        flags = [*_flags(rest, recipe), *_flag_hysteresis(model)]
         uncertainty = _uncertainty(rest, recipe)
     sides: list[tuple[str, Hysteresis]] = []
     if ways is not None:
@@ -126,7 +128,8 @@ def _at_rest(
         return None
     temperature = model.thermal.nearest_fitted(recipe.reference_temp_degc)
     rate, row = evaluate.at_rest(model.thermal, temperature)
-    u = float(np.sqrt(row @ model.thermal.covariance @ row + model.thermal.model_error**2))
+    known = row @ model.thermal.covariance @ row + model.thermal.model_error**2
+    u = float(np.sqrt(known + _spread(model.thermal) ** 2 / 3.0))
     return _Rest(
         temperature,
         rate,
@@ -142,6 +145,27 @@ def _flags(rest: _Rest, recipe: FogThermalRecipe) -> list[str]:
         return []
     outside = f"reference_temp_degc = {recipe.reference_temp_degc:g} lies outside the fitted"
     return [f"{outside} temperatures: rate and bias are those at {rest.temp_degc:.1f} °C"]
+
+
+def _spread(model: OnLevels) -> float:
+    """Half the spread [°/h] of the rate at rest at one temperature by where the gyro came from."""
+    return model.bank.hysteresis(model.coefficients) if isinstance(model, BankModel) else 0.0
+
+
+def _flag_hysteresis(model: DriftModel) -> list[str]:
+    """Flag that the rate at rest depends on which way the gyro came, by more than is known of it
+    otherwise.
+    """
+    spread = 0.0 if model.thermal is None else _spread(model.thermal)
+    if model.thermal is None or spread <= model.thermal.model_error:
+        return []
+    return [
+        (
+            f"hysteresis of ±{spread:.2g} deg/h: rates at rest are stated in its middle, and which"
+            " way the gyro came is in their uncertainty, and in that of a log until the temperature"
+            " has turned over the width of the hysteresis"
+        )
+    ]
 
 
 def conditions(recipe: FogThermalRecipe) -> tuple[Condition, ...]:
@@ -162,7 +186,7 @@ def _rest_figures(rest: _Rest) -> list[Figure]:
     if rest.earth_dph is not None and rest.bias_dph is not None:
         found.append(Figure("earth_rate_along_input_axis", rest.earth_dph, "deg/h", 0.0))
         found.append(Figure(RESULT, rest.bias_dph, "deg/h", rest.standard_uncertainty))
-    turn_on = (Figure(f"turn_on_bias.{name}", value, "deg/h", 0.0) for name, value in rest.turn_on)
+    turn_on = (Figure(f"{TURN_ON}{name}", value, "deg/h", 0.0) for name, value in rest.turn_on)
     return [*found, *turn_on]
 
 

@@ -188,7 +188,7 @@ class LogFigures:
             name,
             compensation.drift_rms(indication, group),
             compensation.drift_rms(output, group),
-            compensation.split_noise(output, group),
+            compensation.split_noise([compensation.figure_means(output, group)]),
             compensation.rate_gain(
                 lambda shifted: drift.subtract(shifted, "recursive"), indication
             ),

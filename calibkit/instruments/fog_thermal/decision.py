@@ -161,7 +161,14 @@ def _left_out_figures(choices: Sequence[SideChoice], levels: ThermalChoice) -> l
     if levels.tested:
         found.append(("raw_drift_rms.ramps", levels.tested[0].pooled_raw))
     found += [(f"leave_one_ramp_out_rms.{one.candidate.name}", one.pooled) for one in levels.tested]
-    return [Figure(name, value, "deg/h", 0.0) for name, value in found]
+    figures = [Figure(name, value, "deg/h", 0.0) for name, value in found]
+    if levels.chosen is not None:
+        split = levels.chosen.split
+        figures += [
+            Figure("left_out_noise_rms", split.noise, "deg/h", 0.0),
+            Figure("left_out_drift_rms", split.left, "deg/h", split.left_uncertainty),
+        ]
+    return figures
 
 
 def compare_turn_on(model: OnLevels, logs: Sequence[PreparedLog]) -> tuple[float, float] | None:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from calibkit.arrays import Array
     from calibkit.instruments.fog_thermal.numeric import gradient
+    from calibkit.instruments.fog_thermal.numeric.compensation import NoiseSplit
     from calibkit.instruments.fog_thermal.numeric.hysteresis import Hysteresis
 
 
@@ -44,6 +45,8 @@ class Tested:
     name: str
     raw: float
     left: float
+    split: NoiseSplit
+    """Noise and drift in what is left."""
     exported: bool
 
     @property
@@ -160,10 +163,11 @@ def _tested(ax: Axes, tested: Sequence[Tested]) -> None:
             fontsize=8,
             color=INK,
         )
+        ax.plot([entry.split.noise / entry.raw] * 2, [row - 0.35, row + 0.35], color=INK, lw=1.2)
     ax.axvline(1.0, color=ALERT, ls="--", lw=0.9)
     ax.set(
         xlabel="drift left on withheld ramps, share of raw (dashed: raw)",
-        title="each ramp left out (green: exported)",
+        title="each ramp left out (green: exported, bar: noise alone)",
     )
     ax.set_xlim(0.0, 3.4)
     ax.grid(visible=False, axis="y")

@@ -51,6 +51,17 @@ def _rate_products(model: Model, at: Inputs) -> Array:
     return (by_gradient[:, :, None] * by_rate[:, None, :]).reshape(len(by_rate), -1)
 
 
+def hysteresis(model: Model) -> float:
+    """Half the spread [°/h] of the rate at rest at one temperature by where the gyro came from."""
+    return read_bank(model).hysteresis(BANK.read(model)) if model.form == BANK.name else 0.0
+
+
+def _bank_extra(model: Model, at: Inputs) -> Array:
+    """Standard uncertainty [n, °/h] by the model error and, at rest, by a hysteresis."""
+    spread = np.where(at.get(RATE, np.zeros_like(at[CASE])) == 0.0, hysteresis(model), 0.0)
+    return np.asarray(np.hypot(thermal_forms.model_error(model)[0], spread / np.sqrt(3.0)))
+
+
 def coil_temperature(model: Model, at: Inputs) -> Array:
     """Temperature [n, °C] that a model on levels refers to, with its lags settled."""
     if model.form == BANK.name:
@@ -137,7 +148,9 @@ def _bank_rate(model: Model, at: Inputs) -> Array:
     return terms.columns(drivers) @ BANK.read(model)[: -len(STATIC_LAGS)]
 
 
-BANK = Form("fog-drift-bank/1", _bank_gradient, _bank_rate, meaning=("interval",))
+BANK = Form(
+    "fog-drift-bank/1", _bank_gradient, _bank_rate, meaning=("interval",), further=_bank_extra
+)
 """Indicated rate through a bank of first-order lags of the case temperature."""
 ON_LEVELS = {LEVEL.name: LEVEL, LAGGED.name: LAGGED, BANK.name: BANK}
 

@@ -50,29 +50,25 @@ def _fit(
     compensated = [compensate.LogFigures.summarize(log.name, log.raw, model) for log in logs]
     at_rest = bias.state_bias(model, logs, spec)
     exported = export.result(choices, levels, compensated, spec)
-    results = (
-        ramps.denoise_result(logs),
-        gradient_file.drift_result(fitted, spec.drift),
-        replace(
-            exported,
-            figures=(*exported.figures, *at_rest.figures),
-            conditions=bias.conditions(spec),
-            flags=(*exported.flags, *at_rest.flags),
-        ),
+    exported = replace(
+        exported,
+        figures=(*exported.figures, *at_rest.figures),
+        conditions=bias.conditions(spec),
+        flags=(*exported.flags, *at_rest.flags),
     )
+    drift = gradient_file.drift_result(fitted, spec.drift)
     stated = uncertainty.state_along_logs(model, logs, spec.type_b)
+    covered = uncertainty.check_logs(model, logs, spec.type_b, at_rest.figures)
     tested = tables.list_tested(choices, levels, export)
     summary = Summary(
         spec.title,
-        (*tables.fit_tables(fitted, tested, compensated, stated), *at_rest.tables),
-        tuple(
-            dict.fromkeys([*(f for r in results[1:] for f in r.flags), *_flags(spec, logs, model)])
-        ),
+        (*tables.fit_tables(fitted, tested, compensated, stated, covered), *at_rest.tables),
+        tuple(dict.fromkeys([*drift.flags, *exported.flags, *_flags(spec, logs, model)])),
         _fit_criteria(spec, export, compensated),
     )
     drawing = tables.drift_report(spec, logs, fitted, choices, tested, model, at_rest.hysteresis)
     return Fitted(
-        results,
+        (ramps.denoise_result(logs), drift, exported),
         tuple(log.source for log in logs),
         summary,
         drawing,
@@ -184,6 +180,7 @@ def _validate(
     that were not fitted.
     """
     model = compensate.DriftModel.read(records, spec)
+    level = uncertainty.RestLevel.find(records[forms.FILE].figures)
     compensated, entries = [], []
     for log in logs:
         refuse(ramps.find_unusable(log))
@@ -194,7 +191,7 @@ def _validate(
         time, gyro = (values(log.frame, column) for column in ("time_s", "gyro_dph"))
         entries.append(
             tables.validation_entry(log, found, model)
-            | {"uncertainty": uncertainty.check_coverage(model, blocks, spec.type_b)}
+            | {"uncertainty": uncertainty.check_coverage(model, blocks, spec.type_b, level)}
             | {"allan_deviation": tables.allan_deviations(time, gyro, output)}
         )
     flags = tuple(flag for log in compensated for flag in log.flags)
@@ -207,13 +204,30 @@ def _validate(
             *flags,
         )
     reduced = _reduced(spec, compensated) if model.exported else ()
+    covered: dict[str, Any] = {
+        log.name: entry["uncertainty"] for log, entry in zip(compensated, entries, strict=True)
+    }
+    flags += tuple(_flag_offsets(covered))
     criteria = (*reduced, *_covered(spec, entries), *_common_criteria(spec, compensated, model))
     return {"logs": entries}, Summary(
         "",
-        (tables.before_after_table(compensated), *tables.coverage_tables(entries)),
+        (tables.before_after_table(compensated), *tables.coverage_tables(covered, "validated")),
         flags,
         criteria,
     )
+
+
+def _flag_offsets(entries: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Flag of each log whose compensated rate is off the rate at rest of the fit by more than
+    turn-on biases of the fitted logs and U explain.
+    """
+    return [
+        f"{name}: the compensated rate is {entry['offset']:+.3g} deg/h off the rate at rest of the"
+        f" fit, expected within {entry['offset_expanded_uncertainty']:.2g} deg/h by the turn-on"
+        " biases of the fitted logs and U: another attitude or place, or a bias that changed"
+        for name, entry in entries.items()
+        if "offset" in entry and abs(entry["offset"]) > entry["offset_expanded_uncertainty"]
+    ]
 
 
 def _covered(spec: FogThermalRecipe, logs: Sequence[Mapping[str, Any]]) -> tuple[Criterion, ...]:

@@ -22,11 +22,12 @@ from calibkit.certificate.words import Words
 from calibkit.coefficients import Model, Record
 from calibkit.instruments.fog_thermal import forms
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
-from calibkit.thermal_forms import CASE, DRIVERS, GRADIENT, RATE
+from calibkit.thermal_forms import CASE, DRIVERS, GRADIENT, RATE, model_error
 
 RATES = (10.0, 5.0, 2.0, 1.0, 0.5)
 """Rates [°C/min]; drift on ramps is stated at the fastest that was fitted."""
 MODEL_ERROR = Words("model error on ramps left out", "留出温变的模型误差")
+HYSTERESIS = Words("hysteresis: which way the gyro came", "滞回：温度到达方向")
 LAGS = (forms.LAGGED.name, forms.BANK.name)
 """Forms whose ranges are those of the coil, which lags behind the case."""
 
@@ -60,7 +61,7 @@ class OnLevels:
             float(form.evaluate(self.model, columns)[0]),
             ((self.model, form.gradient(self.model, columns)[0]),),
             {CASE: (at[CASE], slope)},
-            self._model_error(),
+            self._further(still=not at.get(RATE, 0.0)),
         )
 
     def drift(self, at: At) -> Point:
@@ -74,11 +75,13 @@ class OnLevels:
         rate = self.rate(at)
         return replace(difference(rate, self.rate(rest)), influences=rate.influences)
 
-    def _model_error(self) -> tuple[tuple[Words, float, float], ...]:
-        """Model error on left-out ramps [°/h] with its degrees of freedom; empty if 0."""
-        chosen = {parameter.name: parameter.value for parameter in self.model.parameters}
-        error, dof = chosen.get("model_error", 0.0), chosen.get("model_error_dof", math.inf)
-        return ((MODEL_ERROR, error, dof),) if error > 0.0 else ()
+    def _further(self, *, still: bool) -> tuple[tuple[Words, float, float], ...]:
+        """Standard uncertainties [°/h] by the model error and, at rest, by a hysteresis, with their
+        degrees of freedom; those that are 0 are left out.
+        """
+        spread = forms.hysteresis(self.model) / math.sqrt(3.0) if still else 0.0
+        parts = ((MODEL_ERROR, *model_error(self.model)), (HYSTERESIS, spread, math.inf))
+        return tuple(part for part in parts if part[1] > 0.0)
 
     def beyond(self, at: At) -> str:
         """Why the model does not hold at a point: of one with lags where the coil, or the rate, is

@@ -12,6 +12,7 @@ from calibkit.instruments.fog_thermal.decision import Export
 from calibkit.instruments.fog_thermal.figures import DriftLog, DriftReport, Tested
 from calibkit.instruments.fog_thermal.gradient_file import FittedRamp, SideChoice
 from calibkit.instruments.fog_thermal.numeric.choice import ThermalChoice
+from calibkit.instruments.fog_thermal.numeric.compensation import NoiseSplit
 from calibkit.instruments.fog_thermal.numeric.hysteresis import Hysteresis
 from calibkit.instruments.fog_thermal.ramps import PreparedLog
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
@@ -20,6 +21,7 @@ from calibkit.numeric.noise import allan
 from calibkit.report.summary import number
 from calibkit.report.table import Table
 
+SPLIT_HEADS = ("noise alone", "drift left (+u)")
 UNEVEN = 0.05
 """Largest relative deviation of a sampling step from the median with which a log is evenly sampled.
 """
@@ -65,26 +67,25 @@ def list_tested(
     """Results of all models tested on left-out ramps or rates; each order of the published scheme
     is listed.
     """
-    orders = tuple(
-        Tested(
+    named = [
+        (
             f"gradient_rate {choice.side}, order {result.order}",
-            result.pooled_raw,
-            result.pooled,
+            result,
             bool(export.model.polynomials)
             and choice.chosen is not None
             and choice.chosen.order == result.order,
         )
         for choice in choices
         for result in choice.tested
-    )
-    return orders + tuple(
-        Tested(
-            result.candidate.name,
-            result.pooled_raw,
-            result.pooled,
-            export.name == result.candidate.name,
-        )
+    ] + [
+        (result.candidate.name, result, export.name == result.candidate.name)
         for result in levels.tested
+    ]
+    splits = [result.split for _, result, _ in named]
+    noise = min((split.noise for split in splits), default=0.0)
+    return tuple(
+        Tested(name, result.pooled_raw, result.pooled, split.at_most(noise), exported)
+        for (name, result, exported), split in zip(named, splits, strict=True)
     )
 
 
@@ -93,6 +94,7 @@ def fit_tables(
     results: Sequence[Tested],
     logs: Sequence[LogFigures],
     stated: Sequence[Statement],
+    covered: Mapping[str, Mapping[str, Any]],
 ) -> list[Table]:
     """Tables of the ramps' coefficients with standard uncertainties, of the drift rms of tested
     models on left-out ramps, of each log before and after, and of the uncertainty if stated.
@@ -107,6 +109,7 @@ def fit_tables(
             entry.name,
             number(entry.raw),
             number(entry.left),
+            *_split_cells(entry.split),
             f"{entry.share:.3f}",
             "exported" if entry.exported else "",
         )
@@ -120,12 +123,18 @@ def fit_tables(
         ),
         Table(
             "Withheld-ramp error: each rate or ramp left out in turn [°/h, 100 s means]",
-            ("model", "raw", "compensated", "share of raw", ""),
+            ("model", "before", "after", *SPLIT_HEADS, "after/before", ""),
             shares,
         ),
         before_after_table(logs),
         *([tabulate_statements(stated)] if stated else []),
+        *coverage_tables(covered, "fitted"),
     ]
+
+
+def _split_cells(split: NoiseSplit) -> tuple[str, str]:
+    """Cells of the noise alone, and of the drift left with its standard uncertainty."""
+    return number(split.noise), f"{number(split.left, 2)} (+{number(split.left_uncertainty, 1)})"
 
 
 def before_after_table(figures: Sequence[LogFigures]) -> Table:
@@ -135,8 +144,7 @@ def before_after_table(figures: Sequence[LogFigures]) -> Table:
             log.name,
             number(log.before),
             number(log.after),
-            number(log.split.noise),
-            f"{number(log.split.left, 2)} (+{number(log.split.left_uncertainty, 1)})",
+            *_split_cells(log.split),
             f"{log.reduction:.2f}",
             f"{log.gain_recursive:.4f}",
         )
@@ -149,8 +157,7 @@ def before_after_table(figures: Sequence[LogFigures]) -> Table:
             "log",
             "before",
             "after",
-            "noise alone",
-            "drift left (+u)",
+            *SPLIT_HEADS,
             "before/after",
             "rate gain",
         ),
@@ -158,31 +165,40 @@ def before_after_table(figures: Sequence[LogFigures]) -> Table:
     )
 
 
-def coverage_tables(logs: Sequence[Mapping[str, Any]]) -> tuple[Table, ...]:
-    """Table of the stated uncertainty of the compensated rate of each validated log, and the share
-    of 100 s means within it.
+def coverage_tables(entries: Mapping[str, Mapping[str, Any]], which: str) -> tuple[Table, ...]:
+    """Table of the stated uncertainty of the compensated rate of each log, by its name, and the
+    share of its 100 s means within it, about the log's mean and absolutely.
     """
     rows = []
-    for log in logs:
-        entry = log["uncertainty"]
+    for name, entry in entries.items():
         if "means_of_100_s" in entry:
             sizes = (entry["standard_uncertainty_mean"], entry["expanded_uncertainty_largest"])
             share = entry["share_within_expanded_uncertainty"]
+            absolutely = ("", "")
+            if "offset" in entry:
+                reach = number(entry["offset_expanded_uncertainty"], 2)
+                absolutely = (
+                    f"{entry['share_within_absolutely']:.1%}",
+                    f"{entry['offset']:+.3f} (U {reach})",
+                )
             rows.append(
                 (
-                    log["name"],
+                    name,
                     *(number(size, 2) for size in sizes),
                     str(entry["means_of_100_s"]),
                     f"{share:.1%}",
+                    *absolutely,
                 )
             )
     if not rows:
         return ()
     title = (
-        "Compensated rate [°/h]: stated uncertainty, and 100 s means within it and noise of their"
-        " log's mean (95 % expected)"
+        f"Compensated rate of the {which} logs [°/h]: stated uncertainty, and 100 s means within it"
+        " and noise (95 % expected), about the log's mean and absolutely; offset from the rate at"
+        " rest of the fit"
     )
-    return (Table(title, ("log", "u, mean", "U, largest", "means", "within"), tuple(rows)),)
+    heads = ("log", "u, mean", "U, largest", "means", "about mean", "absolutely", "offset")
+    return (Table(title, heads, tuple(rows)),)
 
 
 def allan_deviations(time: Array, before: Array, after: Array) -> dict[str, object]:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from calibkit.arrays import Array
+from calibkit.coefficients import Figure
 from calibkit.errors import UsageError
 from calibkit.frame import Log, values
 from calibkit.instruments.fog_thermal import ramps
@@ -20,11 +21,14 @@ from calibkit.instruments.fog_thermal.ramps import PreparedLog
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 from calibkit.numeric import chunks, consistency, gum
 from calibkit.numeric.thermal import noise as thermal_noise, uncertainty
+from calibkit.numeric.thermal.evaluate import Evaluation
 from calibkit.recipe import TypeB
 from calibkit.recipe.type_b import RELATIVE
 from calibkit.report.summary import number
 from calibkit.report.table import Table, number_or_none
 
+TURN_ON = "turn_on_bias."
+"""Figures of the turn-on biases begin with this, and a log's name follows."""
 RESULT = "gyro_dph"
 """Name of the compensated rate in type B terms."""
 SHIFTS_DEGC = {"temp_case_degc": (0.05, 0.0), "temp_env_degc": (0.0, 0.05)}
@@ -104,14 +108,23 @@ def _propagate(
     env: Array,
     terms: Sequence[TypeB],
     reference_degc: float,
+    *,
+    settled: bool = False,
 ) -> _RateUncertainty:
-    """Uncertainty of the drift along a log: type A, model error, clamping, and type B terms.
+    """Uncertainty of the drift along a log: type A, model error, clamping, hysteresis, and type B
+    terms.
 
     A type B term of temp_case_degc or temp_env_degc is propagated by the derivative of the drift
     for a constant error of that thermometer. A term of the compensated rate (gyro_dph) enters
     directly, one with a sensitivity multiplied by it.
     """
-    found = evaluate.evaluate(thermal, time, case, env, reference_degc)
+
+    def shifted(of_case: float, of_env: float) -> Evaluation:
+        return evaluate.evaluate(
+            thermal, time, case + of_case, env + of_env, reference_degc, settled=settled
+        )
+
+    found = shifted(0.0, 0.0)
     known = uncertainty.contributions(thermal, found)
     for term in terms:
         influenced = _influenced(term)
@@ -119,12 +132,7 @@ def _propagate(
             continue
         if influenced in SHIFTS_DEGC:
             of_case, of_env = SHIFTS_DEGC[influenced]
-            warmer, colder = (
-                evaluate.evaluate(
-                    thermal, time, case + way * of_case, env + way * of_env, reference_degc
-                ).drift
-                for way in (1.0, -1.0)
-            )
+            warmer, colder = (shifted(way * of_case, way * of_env).drift for way in (1.0, -1.0))
             part = (warmer - colder) / (2.0 * (of_case + of_env)) * term.u_of(0.0)
         else:
             u = term.u_of(0.0) if term.sensitivity is None else term.u * term.sensitivity
@@ -204,7 +212,9 @@ def state_along_logs(
     found = []
     for temperature in sorted({*fitted, model.thermal.nearest_fitted(reference)}):
         still = np.full(2, temperature)
-        at_rest = _propagate(model.thermal, np.array([0.0, 1.0]), still, still, terms, reference)
+        at_rest = _propagate(
+            model.thermal, np.array([0.0, 1.0]), still, still, terms, reference, settled=True
+        )
         found.append(_state("at rest", temperature, at_rest, 1))
     for log in logs:
         moving = _along_blocks(model, log.raw, terms)
@@ -247,12 +257,54 @@ def tabulate_statements(statements: Sequence[Statement]) -> Table:
     )
 
 
-def check_coverage(model: DriftModel, blocks: Blocks, terms: Sequence[TypeB]) -> dict[str, Any]:
-    """JSON object: uncertainties along a log, and the share of its 100 s means within U of the
-    log's mean.
+@dataclass(frozen=True, slots=True)
+class RestLevel:
+    """Rate at rest at the reference temperature that a run states, and its standard uncertainty
+    [°/h]; turn-on biases of the fitted logs [logs, °/h].
+    """
 
-    The limit for a mean combines the expanded uncertainty of the drift with noise about the log's
-    mean: white noise of the blocks and flicker noise, at the levels of the fit.
+    rate: float
+    standard_uncertainty: float
+    turn_on: Array
+
+    @staticmethod
+    def find(figures: Sequence[Figure]) -> "RestLevel | None":
+        """Level of the figures of drift_rate.json; None where no rate at rest is stated."""
+        stated = {figure.name: figure for figure in figures}
+        rate = stated.get("mean_rate_at_reference")
+        turn_on = [one.value for name, one in stated.items() if name.startswith(TURN_ON)]
+        if rate is None or len(turn_on) < 2:
+            return None
+        return RestLevel(rate.value, rate.standard_uncertainty, np.array(turn_on))
+
+    @property
+    def expanded(self) -> float:
+        """Expanded uncertainty [°/h] of the rate at rest of one more log, its turn-on included."""
+        dof = self.turn_on.size - 1
+        one_more = gum.coverage_factor(float(dof)) * float(np.std(self.turn_on, ddof=1))
+        return float(np.hypot(one_more, 2.0 * self.standard_uncertainty))
+
+    def compare(self, left: Array, limit: Array) -> dict[str, float]:
+        """JSON object: share of compensated means [m, °/h] that are as near to the rate at rest as
+        their limits [m, °/h] about the log's mean and this level say, and the log's offset.
+        """
+        absolute = np.hypot(limit, self.expanded)
+        return {
+            "share_within_absolutely": float(np.mean(np.abs(left - self.rate) <= absolute)),
+            "offset": float(left.mean()) - self.rate,
+            "offset_expanded_uncertainty": float(absolute.mean()),
+        }
+
+
+def check_coverage(
+    model: DriftModel, blocks: Blocks, terms: Sequence[TypeB], level: RestLevel | None
+) -> dict[str, Any]:
+    """JSON object: uncertainties along a log, and the share of its 100 s means within U, about the
+    log's mean and absolutely.
+
+    The limit for a mean combines the expanded uncertainty of the drift with noise: white noise of
+    the blocks and flicker noise, at the levels of the fit. Absolutely, a log is held against the
+    rate at rest of the run, and the turn-on bias of one more log is in the limit.
     """
     if model.thermal is None:
         return {"not_available": "the run exports no model on levels"}
@@ -283,9 +335,22 @@ def check_coverage(model: DriftModel, blocks: Blocks, terms: Sequence[TypeB]) ->
     error = left - left.mean()
     # the error of the drift is taken as one pattern along the log
     judged = consistency.compare_errors(error, grouped(found.standard)[:, None], own)
+    if level is not None:
+        entry |= level.compare(left, limit)
     return entry | {
         "means_of_100_s": count,
         "share_within_expanded_uncertainty": float(np.mean(np.abs(error) <= limit)),
         "rms_error_over_uncertainty": judged.ratio,
         "largest_rms_error_over_uncertainty": judged.limit,
     }
+
+
+def check_logs(
+    model: DriftModel,
+    logs: Sequence[PreparedLog],
+    terms: Sequence[TypeB],
+    figures: Sequence[Figure],
+) -> dict[str, dict[str, Any]]:
+    """JSON object of the coverage along each fitted log, by its name."""
+    level = RestLevel.find(figures)
+    return {log.name: check_coverage(model, log.raw, terms, level) for log in logs}

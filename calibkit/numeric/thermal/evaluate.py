@@ -35,6 +35,8 @@ class Evaluation:
     gradient_clamped: Mask
     unmeasured: Mask
     """The temperature goes in a direction in which none was fitted."""
+    unknown_start: Array | float = 0.0
+    """[n, °/h], half the spread of the drift by what was before the log and is not known."""
 
 
 def _drivers(

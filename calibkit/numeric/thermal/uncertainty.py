@@ -107,15 +107,18 @@ def contributions(model: _Stated, evaluation: Evaluation) -> list[tuple[str, str
     kind, values [n, °/h] and degrees of freedom.
 
     They are: type A uncertainty of coefficients and lags, propagated (JCGM 100, 5.2.2); the model
-    error on left-out ramps; and where a driver was clamped, a rectangular distribution whose half
-    width is the change of drift by clamping. The type A variance already is the mean over the
+    error on left-out ramps; where a driver was clamped, a rectangular distribution whose half
+    width is the change of drift by clamping; and one of the states of a hysteresis that the past of
+    the log may have left. The type A variance already is the mean over the
     posterior of the noise (`noise.estimate`), so that k = 2 covers 95 %; its degrees of freedom
     count as infinite (Kacker & Jones 2003, Metrologia 40:235).
     """
     type_a = gum.uncertainty_along(evaluation.sensitivities, model.covariance)
     missed = np.full(type_a.size, model.model_error)
+    past = np.broadcast_to(evaluation.unknown_start, type_a.shape) / np.sqrt(3.0)
     return [
         ("coefficients", "A", type_a, np.inf),
         ("model error on ramps left out", "A", missed, model.model_error_dof),
         ("beyond the fitted ranges", "B", np.abs(evaluation.beyond) / np.sqrt(3.0), np.inf),
+        *([("hysteresis of what was before", "B", past, np.inf)] if np.any(past) else []),
     ]

@@ -134,6 +134,27 @@ class Bank:
             found[:, k] = followed
         return found
 
+    def hysteresis(self, coefficients: Array) -> float:
+        """Half the spread [°/h] of the rate at rest at one temperature by where the gyro came
+        from.
+        """
+        return float(abs(coefficients[self.part("h")].sum()))
+
+    def unknown_start(self, temperature: Array, coefficients: Array) -> Array:
+        """Half the spread [n, °/h] of the hysteresis along one log by where its play operators
+        began: anything until the temperature [n, °C] has moved by their full width.
+        """
+        found = np.zeros(temperature.size)
+        for width, size in zip(self.widths, coefficients[self.part("h")], strict=True):
+            low, high, last = -width, width, float(temperature[0])
+            for row, value in enumerate(temperature.tolist()):
+                low, high = (min(max(away - (value - last), -width), width) for away in (low, high))
+                if low == high:
+                    break
+                last = value
+                found[row] += size * (high - low) / (2.0 * width)
+        return np.abs(found)
+
 
 @dataclass(frozen=True, slots=True)
 class BankDrivers:

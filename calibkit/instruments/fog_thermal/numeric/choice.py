@@ -97,8 +97,6 @@ class _LeftOut(LeftOutRamps):
 
     candidate: _Candidate
     ramps: tuple[str, ...]
-    errors: tuple[Array, ...]
-    """Compensated 100 s means of each ramp [°/h], the ramp's mean removed."""
     parameters: int
     endless: bool
     chance: float | Array = 0.0
@@ -223,7 +221,10 @@ def _one_sided(stacked: Stack) -> bool:
 
 def _why(chosen: _LeftOut, tested: Sequence[_LeftOut]) -> str:
     least = min((one for one in tested if one.helps), key=lambda one: one.pooled)
-    left = f"{chosen.pooled:.3g} deg/h on left-out ramps against {chosen.pooled_raw:.3g} deg/h raw"
+    left = (
+        f"{chosen.pooled:.3g} deg/h on left-out ramps against {chosen.pooled_raw:.3g} deg/h raw and"
+        f" {chosen.split.noise:.3g} deg/h of noise alone"
+    )
     if least is chosen:
         return f"{chosen.candidate.name}: {left}, the smallest error of the candidates"
     return (

@@ -1,7 +1,7 @@
 """Compensation of thermal drift in a gyro's indication, and its gain for a true rate."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,6 +25,13 @@ class LeftOutRamps:
 
     raw: Array
     compensated: Array
+    errors: tuple[Array, ...]
+    """Compensated means of each ramp [°/h]."""
+
+    @property
+    def split(self) -> "NoiseSplit":
+        """Noise and drift in the pooled figure after compensation."""
+        return split_noise(self.errors)
 
     @property
     def pooled_raw(self) -> float:
@@ -138,27 +145,53 @@ class NoiseSplit:
     left: float
     left_uncertainty: float
 
+    def at_most(self, noise: float) -> "NoiseSplit":
+        """The same figure with no more noise than another model leaves of the same logs: products
+        of neighbouring means miss what is fast in a large drift.
+        """
+        less = min(noise, self.noise)
+        return replace(
+            self, noise=less, left=float(np.hypot(self.left, np.sqrt(self.noise**2 - less**2)))
+        )
 
-def split_noise(output: Array, group: int = 1) -> NoiseSplit:
-    """Noise and drift in the drift figure of an output [n, °/h]; their squares add up to its own.
+
+def split_noise(parts: Sequence[Array]) -> NoiseSplit:
+    """Noise and drift in the drift figure of logs or ramps, each given by its means [n, °/h] and
+    taken about their mean; the squares of both add up to that of the figure.
 
     White noise cancels in products of neighbouring means; a drift does not (their lags are 1 to 3).
     Flicker noise counts as drift: a log cannot tell the two apart.
     """
-    whole = output.size // group
-    means = output[: whole * group].reshape(whole, group).mean(axis=1) if whole >= 2 else output
-    away = means - means.mean()
+    found = np.array([_moments(part - part.mean()) for part in parts])
+    square, total = found[:, 0].mean(), found[:, 1].mean()
+    left = min(max(square, 0.0), total)
+    # by products of noise with noise, and of noise with drift
+    with_noise = found[:, 1] ** 2 / found[:, 2]
+    with_drift = 4.0 * left * (total - left) / found[:, 3]
+    spread = np.sqrt(np.sum(with_noise + with_drift)) / len(found)
+    low, middle, high = np.sqrt([max(left - spread, 0.0), left, left + spread]).tolist()
+    return NoiseSplit(float(np.sqrt(total - left)), middle, max(high - middle, middle - low))
+
+
+def _moments(away: Array) -> tuple[float, float, float, float]:
+    """Mean product of neighbouring deviations from a mean [n], mean square, and how many there are
+    of both.
+    """
     count, total = away.size, float(np.mean(away**2))
     lags = range(1, min(3, count - 1) + 1)
     products = sum(float(away[lag:] @ away[:-lag]) for lag in lags)
     pairs = sum(count - lag for lag in lags)
     # the mean of the log is removed from both, and with it a share of the noise
     square = products / pairs + total / count if pairs else 0.0
-    left = min(max(square, 0.0), total)
-    # by products of noise with noise, and of noise with drift
-    spread = np.sqrt(total**2 / max(pairs, 1) + 4.0 * left * (total - left) / count)
-    low, middle, high = np.sqrt([max(left - spread, 0.0), left, left + spread]).tolist()
-    return NoiseSplit(float(np.sqrt(total - left)), middle, max(high - middle, middle - low))
+    return square, total, float(max(pairs, 1)), float(count)
+
+
+def figure_means(output: Array, group: int) -> Array:
+    """Means of an output [n, °/h] over whole groups of intervals; with fewer than two groups the
+    output itself.
+    """
+    whole = output.size // group
+    return output[: whole * group].reshape(whole, group).mean(axis=1) if whole >= 2 else output
 
 
 def drift_rms(output: Array, group: int = 1) -> float:
@@ -168,7 +201,4 @@ def drift_rms(output: Array, group: int = 1) -> float:
     the angle random walk. An incomplete last group is left out; with fewer than two groups nothing
     is averaged.
     """
-    whole = output.size // group
-    if whole < 2:
-        return float(np.std(output))
-    return float(np.std(output[: whole * group].reshape(whole, group).mean(axis=1)))
+    return float(np.std(figure_means(output, group)))

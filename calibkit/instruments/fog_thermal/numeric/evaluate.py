@@ -26,6 +26,8 @@ def evaluate(
     case: Array,
     env: Array,
     reference_degc: float = REFERENCE_DEGC,
+    *,
+    settled: bool = False,
 ) -> Evaluation:
     """Drift along a log, zero at rest (no rate, no gradient) at the reference temperature.
 
@@ -35,6 +37,7 @@ def evaluate(
     time, case, env : [n, s], [n, °C], [n, °C], strictly increasing, of any sampling; env does not
         enter a lagged model.
     reference_degc : clamped to the fitted range.
+    settled : the log is at rest long after switch-on, in the middle of a hysteresis.
 
     Notes
     -----
@@ -46,11 +49,13 @@ def evaluate(
 
     """
     if isinstance(model, BankModel):
-        return _evaluate_bank(model, time, case, reference_degc)
+        return _evaluate_bank(model, time, case, reference_degc, settled=settled)
     return evaluate_terms(model, time, case, env, reference_degc)
 
 
-def _evaluate_bank(model: BankModel, time: Array, case: Array, reference_degc: float) -> Evaluation:
+def _evaluate_bank(
+    model: BankModel, time: Array, case: Array, reference_degc: float, *, settled: bool
+) -> Evaluation:
     """Evaluation of a bank model, whose temperature and lagged rates are clamped to the fitted
     ranges, rates to the largest fitted magnitude on either side.
     """
@@ -59,6 +64,9 @@ def _evaluate_bank(model: BankModel, time: Array, case: Array, reference_degc: f
     temperature = bank.static_temperature(along, lag)
     rates = bank.lagged_rates(model.bank, along)
     free = bank.log_drivers(model.bank, logs, temperature, rates)
+    unknown = model.bank.unknown_start(temperature, model.coefficients)
+    if settled:
+        free = replace(free, behind=0.0 * free.behind, faded=0.0 * free.faded)
     largest = max(map(abs, model.valid.rate))
     inside = replace(
         free,
@@ -80,6 +88,7 @@ def _evaluate_bank(model: BankModel, time: Array, case: Array, reference_degc: f
         np.any(inside.rates != rates, axis=1),
         np.zeros(time.size, dtype=bool),
         in_unmeasured_direction(model.valid, rates[:, 0]),
+        unknown,
     )
 
 

@@ -67,24 +67,28 @@ def _leave_one_rate_out(
     number of intervals in one mean of the drift figure. More rates than order + 1 are needed.
     """
     raw = np.array([compensation.drift_rms(log.indication, group) for log in logs])
-    compensated = np.zeros(len(ramps))
+    errors: dict[int, Array] = {}
     groups = _rate_groups(ramps)
     for left in groups:
         polynomial = gradient.fit_over_rates(
             [ramps[i] for other in groups if other is not left for i in other], order, side
         )
         for i in left:
-            compensated[i] = _residual_rms(polynomial, logs[i], group)
+            errors[i] = _residual(polynomial, logs[i], group)
     whole = gradient.fit_over_rates(ramps, order, side)
     return LeftOutRates(
-        raw, compensated, order, np.array([_residual_rms(whole, log, group) for log in logs])
+        raw,
+        np.array([np.std(errors[i]) for i in range(len(ramps))]),
+        tuple(errors[i] for i in range(len(ramps))),
+        order,
+        np.array([np.std(_residual(whole, log, group)) for log in logs]),
     )
 
 
-def _residual_rms(polynomial: gradient.RatePolynomial, log: gradient.Blocks, group: int) -> float:
-    """Drift rms [°/h] of a log after compensation by the polynomials of a side."""
+def _residual(polynomial: gradient.RatePolynomial, log: gradient.Blocks, group: int) -> Array:
+    """Means [m, °/h] of a log after compensation by the polynomials of a side."""
     delta = compensation.increments([polynomial], log.gradient, log.rate).delta
-    return compensation.drift_rms(log.indication - compensation.recursive(delta), group)
+    return compensation.figure_means(log.indication - compensation.recursive(delta), group)
 
 
 def candidates(
