@@ -199,12 +199,19 @@ def certify(
 
 
 def export_firmware(
-    run: Run | AnyPath, target: str, out: AnyPath, *, number: str = "f32", prefix: str = "cal"
+    run: Run | AnyPath,
+    target: str,
+    out: AnyPath,
+    *,
+    number: str = "f32",
+    prefix: str = "cal",
+    address: int | None = None,
 ) -> tuple[Path, ...]:
-    """Write a run's correction chain for a firmware target; a rejected run is refused; `calibkit
-    export`.
+    """Write a run's correction chain for a firmware target, hex and srec to an address; a rejected
+    run is refused; `calibkit export`.
     """
-    return tuple(pipeline.export([_run(run)], target, number, prefix, Path(out)))
+    files = pipeline.export([_run(run)], target, number, prefix, Path(out), address=address)
+    return tuple(files)
 
 
 def verify(path: AnyPath) -> str:

@@ -169,10 +169,10 @@ def _apply_as_firmware(
     """Log that is compensated as the firmware of a number format would."""
     from calibkit.firmware import formats, program
 
-    firmware = _firmware(spec)
+    firmware, found = _firmware(spec), formats.Format.find(number)
+    spec = spec.in_words_of_16_bits() if found.bits == 16 else spec
     chain = firmware.chain(spec, records)
-    quantised = program.quantise(chain, formats.Format.find(number))
-    return firmware.apply(spec.on_site(), chain, quantised, data)
+    return firmware.apply(spec.on_site(), chain, program.quantise(chain, found), data)
 
 
 def apply(
@@ -285,7 +285,8 @@ def _firmware_export(run: store.Run, number: str, prefix: str, *, allow_rejected
             f"{run.name} was rejected: {', '.join(failed)}",
             hint="fit it again within its limits, or export it as rejected with --allow-rejected",
         )
-    spec = run_recipe(run, ())
+    spec, found = run_recipe(run, ()), formats.Format.find(number)
+    spec = spec.in_words_of_16_bits() if found.bits == 16 else spec
     firmware = _firmware(spec)
     chain = firmware.chain(spec, run.records)
     stages = run.stage_digests()
@@ -299,7 +300,7 @@ def _firmware_export(run: store.Run, number: str, prefix: str, *, allow_rejected
         document["verdict"],
     )
     lines = sources.describe_sources(spec, chain, firmware.conventions(spec))
-    return export.prepare(chain, identity, formats.Format.find(number), prefix, lines)
+    return export.prepare(chain, identity, found, prefix, lines)
 
 
 def export(
@@ -309,7 +310,7 @@ def export(
     prefix: str,
     out: Path,
     *,
-    address: int = 0,
+    address: int | None = None,
     allow_rejected: bool = False,
     dry_run: bool = False,
 ) -> list[Path]:
@@ -318,9 +319,9 @@ def export(
     """
     from calibkit.firmware import targets
 
-    chosen = targets.find_target(target, number)
+    chosen = targets.find_target(target, number, address)
     exports = [_firmware_export(run, number, prefix, allow_rejected=allow_rejected) for run in runs]
-    files = targets.files(chosen, exports, address)
+    files = targets.files(chosen, exports, address or 0)
     new_files.write_all({out / name: content for name, content in files.items()}, dry_run=dry_run)
     return [out / name for name in sorted(files)]
 

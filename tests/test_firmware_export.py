@@ -288,6 +288,55 @@ def test_apply_as_firmware_is_what_the_target_will_do(drift_run, triad_run, tmp_
     )
 
 
+@pytest.mark.parametrize("number", ["f32", "q31"])
+def test_apply_and_firmware_hand_on_indications_beyond_what_was_fitted(
+    number, triad_run, tmp_path, calibkit, tmp_path_factory
+):
+    """Three g and 2,000 °/s, where 1 g and 100 °/s were fitted, come out of the firmware as they
+    come out of `apply`, with a status.
+    """
+    rate = cached("rate", tmp_path_factory)
+    per_dps = rate.run.records["gyro_scale.json"].models[0].value("K")
+    cases = (
+        (triad_run, "temp_case_degc,accel_x_g,accel_y_g,accel_z_g\n25,{},0,0\n", 3.0, "accel_x_g"),
+        (
+            rate.run.folder,
+            "time_s,gyro_x_lsb,temp_case_degc\n0,{0},25\n1,{0},25\n",
+            1990.0 * per_dps,
+            "gyro_x_dps",
+        ),
+    )
+    for case, (run, text, value, column) in enumerate(cases):
+        (log := tmp_path / f"{case}.csv").write_text(text.format(value))
+        found = []
+        for extra in ((), ("--as-firmware", number)):
+            out = tmp_path / f"{case}{len(extra)}.csv"
+            outcome = calibkit("apply", run, "--data", log, "--out", out, *extra)
+            assert outcome.code == 0, outcome.err
+            found.append(pd.read_csv(out)[column].iloc[0])
+        assert "BEYOND in 1e+02 %" in outcome.err
+        assert "CLAMPED" not in outcome.err
+        assert found[0] == pytest.approx({"accel_x_g": 3.0, "gyro_x_dps": 1990.0}[column], rel=0.05)
+        assert found[1] == pytest.approx(found[0], rel=1e-6)
+
+
+def test_the_full_scale_of_words_is_stated_in_the_recipe(tmp_path, triad_run, calibkit):
+    """An indication beyond a stated full scale gets its end and a status in fixed point; a name
+    that no chain takes is refused.
+    """
+    log, out = tmp_path / "log.csv", tmp_path / "out.csv"
+    log.write_text("temp_case_degc,accel_x_g,accel_y_g,accel_z_g\n25,3,0,0\n")
+    call = ("apply", triad_run, "--data", log, "--as-firmware", "q31", "--out", out, "--set")
+    outcome = calibkit(*call, "export.full_scale.accel_g=2.5")
+    assert outcome.code == 0
+    assert "FULL_SCALE in 1e+02 %" in outcome.err
+    assert pd.read_csv(out)["accel_x_g"].iloc[0] == pytest.approx(2.5, rel=0.05)
+    out.unlink()
+    outcome = calibkit(*call, "export.full_scale.gyro_dps=2.5")
+    assert outcome.code == 2
+    assert "expected accel_g" in outcome.err
+
+
 ADVISORY = {"2.5", "8.7", "8.9"}
 """MISRA C:2012 rules that generated files deviate from, all advisory: status macros are for the
 application (2.5), functions are called from another file (8.7), tables stand together at file

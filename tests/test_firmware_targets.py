@@ -24,7 +24,9 @@ def runs(tmp_path_factory):
 
 
 def export(calibkit, runs, out, target, *names, code=0, **options):
-    """Export and return the folder."""
+    """Export and return the folder; hex and srec to 0x08040000."""
+    if target in {"hex", "srec"}:
+        options = {"address": "0x08040000", **options}
     extra = [
         part for key, value in options.items() for part in (f"--{key.replace('_', '-')}", value)
     ]
@@ -77,11 +79,7 @@ def test_one_changed_character_is_refused_in_every_target(calibkit, runs, tmp_pa
 def test_hex_and_s_records_hold_the_blob_at_its_address(calibkit, runs, tmp_path):
     """Both decode, by hand, to the bytes of the blob at 0x08040000."""
     content = (export(calibkit, runs, tmp_path / "b", "blob") / "cal.bin").read_bytes()
-    lines = (
-        (export(calibkit, runs, tmp_path / "h", "hex", address="0x08040000") / "cal.hex")
-        .read_text()
-        .split()
-    )
+    lines = (export(calibkit, runs, tmp_path / "h", "hex") / "cal.hex").read_text().split()
     memory, base = {}, 0
     for line in lines:
         raw = bytes.fromhex(line[1:])
@@ -93,11 +91,7 @@ def test_hex_and_s_records_hold_the_blob_at_its_address(calibkit, runs, tmp_path
             memory |= {base + address + k: byte for k, byte in enumerate(data)}
     assert bytes(memory[k] for k in sorted(memory)) == content
     assert min(memory) == 0x08040000
-    lines = (
-        (export(calibkit, runs, tmp_path / "s", "srec", address="0x08040000") / "cal.srec")
-        .read_text()
-        .split()
-    )
+    lines = (export(calibkit, runs, tmp_path / "s", "srec") / "cal.srec").read_text().split()
     memory = {}
     for line in lines:
         raw = bytes.fromhex(line[2:])
@@ -239,9 +233,12 @@ def test_verify_states_the_verdict_on_each_device_of_every_target(runs, tmp_path
             (store.load(runs / name / "r001") for name in UNITS[:3]), verdicts, strict=True
         )
     ]
+    address = 0x08040000 if target in {"hex", "srec"} else None
     said = {
         path.name: pipeline.verify(path).what
-        for path in pipeline.export(three, target, "f32", "cal", tmp_path, allow_rejected=True)
+        for path in pipeline.export(
+            three, target, "f32", "cal", tmp_path, address=address, allow_rejected=True
+        )
     }
     for name, what in said.items():
         if "IMU-2" in name:
@@ -263,6 +260,9 @@ def test_what_cannot_be_delivered_together_is_refused(calibkit, runs, tmp_path):
         (("c", *UNITS), {}, "this target takes one"),
         (("blob", "IMU-1", "IMU-1@r001"), {}, "IMU-1 stands twice"),
         (("hex", "IMU-1"), {"address": "0xFFFFFFF0"}, "leave 32 bits"),
+        (("hex", "IMU-1"), {}, "without --address"),
+        (("srec", "IMU-1"), {}, "without --address"),
+        (("blob", "IMU-1"), {"address": "0x08040000"}, "only hex and srec state an address"),
         (("csv", "IMU-1"), {"number": "f16"}, "its number formats are"),
         (("elf", "IMU-1"), {}, "no such target"),
     )

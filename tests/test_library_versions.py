@@ -71,7 +71,8 @@ def typed(python, *arguments):
 def same_bytes(run, target, number, old_python, folder):
     """Export a run under both environments and compare every file."""
     for python, out in ((sys.executable, folder / "new"), (old_python, folder / "old")):
-        typed(python, "export", run, "--target", target, "--number", number, "--out", out)
+        placed = ("--address", "0x08040000") if target in {"hex", "srec"} else ()
+        typed(python, "export", run, "--target", target, "--number", number, "--out", out, *placed)
     new, old = (
         {path.name: path.read_bytes() for path in (folder / side).iterdir()}
         for side in ("new", "old")

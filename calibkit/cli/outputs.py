@@ -79,11 +79,11 @@ def certify(
     return 0
 
 
-def _address(context: click.Context, parameter: click.Parameter, value: str) -> int:
+def _address(context: click.Context, parameter: click.Parameter, value: str | None) -> int | None:
     """Read an address, in hexadecimal with 0x or decimal."""
     del context, parameter
     try:
-        return int(value, 0)
+        return None if value is None else int(value, 0)
     except ValueError:
         raise click.BadParameter(
             f"'{value}' is no address; write 0x08040000 or 134479872"
@@ -100,9 +100,8 @@ def _address(context: click.Context, parameter: click.Parameter, value: str) -> 
 @click.option("--out", required=True, type=PATH, help="folder to write into")
 @click.option(
     "--address",
-    default="0",
     callback=_address,
-    help="where hex and srec place the blob: 0x08040000",
+    help="where hex and srec place the blob, which they need: 0x08040000",
 )
 @click.option(
     "--allow-rejected", is_flag=True, help="export a run that failed its limits, marked as rejected"
@@ -116,7 +115,7 @@ def export(
     number: str,
     prefix: str,
     out: Path,
-    address: int,
+    address: int | None,
     runs: Path,
     *,
     allow_rejected: bool,

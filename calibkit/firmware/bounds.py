@@ -37,11 +37,11 @@ itself.
 """
 
 
-def find_bounds(chain: Chain, program: Program) -> dict[str, float]:
-    """Bound of each output in its unit, two digits rounded up; of a chain that sums, the largest
-    error that one update may add.
+def find_bounds(chain: Chain, program: Program, *, full: bool = False) -> dict[str, float]:
+    """Bound of each output in its unit, two digits rounded up, for indications in their fitted
+    range or up to the full scale; of a chain that sums, the largest error that one update may add.
     """
-    known = ranges.find_ranges(chain, usual=True)
+    known = ranges.find_ranges(chain, usual=True, full=full)
     driven = [memory for memory in chain.structure.memories if memory.source in chain.gains]
     rest = {memory.name: 0.0 for memory in driven}
     start = _Analysis(chain, program, known, rest).run().inner

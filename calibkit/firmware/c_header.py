@@ -9,11 +9,13 @@ STATUS = {
     "AIR_CLAMPED": (
         "temperature of the air outside the range of the input: the end of the range was used"
     ),
-    "RATE_CLAMPED": "rate outside its range: the end of the range was used",
+    "RATE_CLAMPED": "temperature rate outside the fitted range: the end of the range was used",
     "GRADIENT_CLAMPED": (
         "temperature gradient outside the fitted range: the correction at its end was used"
     ),
-    "ACCEL_CLAMPED": "indication beyond the range of the input: its end was used",
+    "ACCEL_BEYOND": "indication outside the fitted range: corrected as it is",
+    "RATE_BEYOND": "indication outside the fitted rates: corrected as it is",
+    "FULL_SCALE": "indication beyond the full scale: its end was used",
     "RATE_STARTING": (
         "fewer values than half a window since the reset: temperature rates are taken as 0"
     ),
@@ -71,6 +73,7 @@ def statuses(export: Export) -> str:
         *(
             f"#define @P_{flag} 0x{1 << k:04x}U /* {STATUS[flag]} */"
             for k, flag in enumerate(structure.flags)
+            if fixed or flag != "FULL_SCALE"  # floating point holds every indication
         ),
         f"#define @P_INVALID 0x{INVALID:04x}U /* an input is {kind}: {none} */",
     ]
@@ -102,8 +105,9 @@ def structs(export: Export, *, ranges: bool = True) -> str:
     kind = export.program.format.c_type
     lines = ["typedef struct {"]
     for entry in structure.inputs:
-        low, high = tables[entry.table]
-        reach = f"; {float(low):.6g} to {float(high):.6g}" if ranges else ""
+        low, high, *full = (f"{float(limit):.6g}" for limit in tables[entry.table])
+        reach = f"; {low} to {high}" if ranges else ""
+        reach += f", full scale {' to '.join(full)}" if ranges and full else ""
         lines.append(f"    {kind} {entry.name}; /* [{entry.unit}] {entry.meaning}{reach} */")
     lines += ["} @p_in;", "", "typedef struct {"]
     lines += [

@@ -77,6 +77,18 @@ static @real @p_limited(@real x, const @real range[], uint32_t flag, uint32_t *s
 }
 """
     ),
+    "indicated": (
+        """
+/* an indication as it is, which may be outside [range[0], range[1]] */
+static @real @p_indicated(@real x, const @real range[], uint32_t beyond, uint32_t *status)
+{
+    if ((x < range[0]) || (x > range[1])) {
+        *status |= beyond;
+    }
+    return x;
+}
+"""
+    ),
     "mapped": (
         """
 /* u = (x - middle) / half, brought into its range */
@@ -150,6 +162,18 @@ static int32_t @p_limited(@wide x, const @word range[], uint32_t flag, uint32_t 
         /* inside */
     }
     return (int32_t)y;
+}
+"""
+    ),
+    "indicated": (
+        """
+/* an indication up to the full scale [range[2], range[3]]; [range[0], range[1]] is the fitted range */
+static int32_t @p_indicated(@wide x, const @word range[], uint32_t beyond, uint32_t over, uint32_t *status)
+{
+    if ((x < (@wide)range[0]) || (x > (@wide)range[1])) {
+        *status |= beyond;
+    }
+    return @p_limited(x, &range[2], over, status);
 }
 """
     ),
@@ -239,21 +263,14 @@ static int16_t @p_narrow(int32_t x)
 }
 """Fixed point: values are int32_t, products @wide."""
 
-NEEDS = {
-    "mapped": ("limited", "rounded"),
-    "polynomial": ("scaled", "rounded"),
-    "scaled": ("rounded",),
-    "slope": ("scaled", "rounded"),
-    "narrow": ("rounded", "limited"),
-}
-"""Helper → the helpers that it calls, directly or through another."""
-
 
 def called_helpers(body: str, *, fixed: bool) -> list[str]:
     """Helpers that a source calls, directly or through another, in the order in which C must see
     them.
     """
-    table = FIXED if fixed else FLOAT
-    called = {name for name in table if f"@p_{name}(" in body}
-    called |= {other for name in called for other in NEEDS.get(name, ())}
+    table, text = FIXED if fixed else FLOAT, body
+    called: set[str] = set()
+    while new := {name for name in table if f"@p_{name}(" in text} - called:
+        called |= new
+        text = "".join(table[name] for name in new)
     return [text.lstrip("\n") for name, text in table.items() if name in called]

@@ -95,7 +95,13 @@ def _tables(export: Export) -> str:
         places = "    uint32_t places;\n" if program.format.fixed else ""
         lines.append(f"typedef struct {{\n{fields}{places}}} @p_map;\n")
     lines += [
-        _array(export, entry.table, word, f"least and greatest {entry.name} [{entry.unit}]")
+        _array(
+            export,
+            entry.table,
+            word,
+            f"least and greatest {entry.name} [{entry.unit}]"
+            + (", fitted and full scale" if entry.beyond and program.format.fixed else ""),
+        )
         for entry in program.structure.inputs
     ]
     for step in program.structure.steps:

@@ -34,9 +34,12 @@ class Body:
         return "int32_t" if self.program.format.fixed else self.program.format.c_type
 
     def input(self, entry: Input) -> str:
-        """Input brought into its range."""
-        flag = self._flag(entry.flag)
-        call = f"@p_limited(in->{entry.name}, @p_{entry.table}, {flag}, &status)"
+        """Input brought into its range; an indication as it is."""
+        flags, helper = [self._flag(entry.flag)], "limited"
+        if entry.beyond:
+            full = flags if self.program.format.fixed else []
+            flags, helper = [self._flag(entry.beyond), *full], "indicated"
+        call = f"@p_{helper}(in->{entry.name}, @p_{entry.table}, {', '.join(flags)}, &status)"
         return f"const {self.type} {entry.name} = {call};"
 
     def statements(self, step: Step) -> Iterator[str]:

@@ -64,7 +64,10 @@ def _bounds(export: Export) -> list[str]:
     lines = []
     for output in export.structure.outputs:
         unit = "" if output.unit == "1" else f" {output.unit}"
-        lines.append(f"error bound   {output.name}: {export.bounds[output.name]:.1e}{unit}{each}")
+        line = f"error bound   {output.name}: {export.bounds[output.name]:.1e}{unit}{each}"
+        if any(entry.beyond for entry in export.structure.inputs):
+            line += f"; up to the full scale {export.full_bounds[output.name]:.1e}{unit}"
+        lines.append(line)
     case = "evaluation against the exact chain, over all inputs in range"
     if export.chain.condition:
         case = f"evaluation, while {export.chain.condition}"

@@ -18,7 +18,7 @@ from calibkit.firmware.exact import Poly
 @dataclass(frozen=True, slots=True)
 class Input:
     """A quantity that the application hands over, in the unit that its name ends in; table: least
-    and greatest value.
+    and greatest value, and of an indication least and greatest value of its full scale too.
     """
 
     name: str
@@ -26,7 +26,11 @@ class Input:
     meaning: str
     table: str
     flag: str = ""
-    """Status that is returned when the value had to be brought into its range."""
+    """Status that is returned when the value had to be brought into its range; for an indication
+    in fixed point, when it is beyond the full scale.
+    """
+    beyond: str = ""
+    """Status of an indication outside its fitted range, which is used as it is."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,11 +188,10 @@ class Structure:
     @property
     def flags(self) -> tuple[str, ...]:
         """Statuses in the order of their bits."""
-        named = [
-            entry.flag
-            for entry in (*self.inputs, *self.steps)
-            if not isinstance(entry, Sum | Quotient | Memory | Play)
-        ]
+        named = [entry.beyond or entry.flag for entry in self.inputs]
+        silent = Sum | Quotient | Memory | Play
+        named += [step.flag for step in self.steps if not isinstance(step, silent)]
+        named += [entry.flag for entry in self.inputs]
         return tuple(dict.fromkeys(flag for flag in named if flag))
 
     @property

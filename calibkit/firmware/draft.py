@@ -54,6 +54,17 @@ class Draft:
             self.inputs.append(Input(name, unit, meaning, self.table(f"{name}_range", span), flag))
         return name
 
+    def indication(
+        self, name: str, unit: str, meaning: str, fitted: Fraction, full: Fraction, beyond: str
+    ) -> str:
+        """Add an indication, which is handed on as it is: its largest fitted magnitude and its full
+        scale.
+        """
+        full = max(fitted, full)
+        table = self.table(f"{name}_range", (-fitted, fitted, -full, full))
+        self.inputs.append(Input(name, unit, meaning, table, "FULL_SCALE", beyond))
+        return name
+
     def map(
         self,
         name: str,

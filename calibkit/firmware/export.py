@@ -77,6 +77,8 @@ class Export:
     """Worst-case evaluation error of each output in its unit; of a recursive chain that of one
     update.
     """
+    full_bounds: Mapping[str, float]
+    """The same up to the full scale of the indications."""
     vectors: Vectors
     sources: tuple[str, ...] = ()
     """What the inputs and indications were made of in calibration, one per line."""
@@ -93,9 +95,9 @@ def prepare(
     """Quantise a chain, bound its error and work out its self-test."""
     _check_prefix(prefix)
     quantised = program.quantise(chain, number)
-    bound = bounds.find_bounds(chain, quantised)
+    bound, full = (bounds.find_bounds(chain, quantised, full=full) for full in (False, True))
     tests = vectors.Vectors.make(chain, quantised, bound)
-    return Export(prefix, identity, chain, quantised, bound, tests, sources)
+    return Export(prefix, identity, chain, quantised, bound, full, tests, sources)
 
 
 def _check_prefix(prefix: str) -> None:

@@ -77,6 +77,8 @@ def quantise(chain: Chain, number: Format) -> Program:
         tables = {
             name: tuple(map(number.nearest, numbers)) for name, numbers in chain.tables.items()
         }
+        for entry in chain.structure.inputs:  # floating point needs no full scale
+            tables[entry.table] = tables[entry.table][:2]
         return Program(chain.structure, number, tables, {})
     word = Program(chain.structure, number, {}, {}).word
     scales = _choose_fixed_point_scales(chain, word, number.bits)
@@ -97,7 +99,7 @@ def _scale(reach: Fraction, word: int) -> int:
 
 def _choose_fixed_point_scales(chain: Chain, word: int, io: int) -> dict[str, int]:
     """Scale of every value, partial product, table, reciprocal and output."""
-    known = ranges.find_ranges(chain, usual=False)
+    known = ranges.find_ranges(chain, usual=False, full=True)
     scales = {e.name: _scale(ranges.magnitude(known[e.name]), io) for e in chain.structure.inputs}
     sloped = {step.source for step in chain.structure.slopes}
     for step in chain.structure.steps:

@@ -58,14 +58,14 @@ def term(chain: Chain, entry: Term, known: Mapping[str, Range]) -> list[Range]:
     return found
 
 
-def find_ranges(chain: Chain, *, usual: bool) -> dict[str, Range]:
-    """Range of every input and step; remembered values have the chain's limits, or the tighter ones
-    of usual use.
+def find_ranges(chain: Chain, *, usual: bool, full: bool = False) -> dict[str, Range]:
+    """Range of every input and step, of indications the fitted one or the full scale; remembered
+    values have the chain's limits, or the tighter ones of usual use.
     """
     bounds = {**chain.limits, **(chain.usual if usual else {})}
     known: dict[str, Range] = {}
     for entry in chain.structure.inputs:
-        low, high = chain.tables[entry.table]
+        low, high = chain.tables[entry.table][-2:] if full else chain.tables[entry.table][:2]
         known[entry.name] = (low, high)
     for step in chain.structure.steps:
         if step.name in bounds:

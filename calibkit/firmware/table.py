@@ -64,7 +64,8 @@ def _row(export: Export) -> dict[str, str]:
         "made_of": "; ".join(" ".join(line.split()) for line in export.sources),
     }
     row |= {
-        f"bound_{output.name} [{output.unit}]": f"{export.bounds[output.name]:.1e}"
+        f"{name}_{output.name} [{output.unit}]": f"{bound[output.name]:.1e}"
+        for name, bound in (("bound", export.bounds), ("full_scale_bound", export.full_bounds))
         for output in structure.outputs
     }
     for name in structure.tables:

@@ -39,6 +39,8 @@ class _Target:
     shared: Callable[[Sequence[Export]], dict[str, bytes]]
     """Exports → name of a file and its content."""
     several: bool = True
+    placed: bool = False
+    """Whether its records state where in memory they go."""
 
 
 def _none(*_: object) -> dict[str, bytes]:
@@ -77,11 +79,13 @@ TARGETS: Mapping[str, _Target] = {
         FLOATS,
         lambda export, address: {".hex": flash.place(blob.render(export), address, "ihex")},
         _loader,
+        placed=True,
     ),
     "srec": _Target(
         FLOATS,
         lambda export, address: {".srec": flash.place(blob.render(export), address, "srec")},
         _loader,
+        placed=True,
     ),
     "px4": _Target(
         ("f32",), lambda export, _: {".params": parameters.render(export, parameters.PX4)}, _none
@@ -113,8 +117,10 @@ CoefficientError.
 """
 
 
-def find_target(name: str, number: str) -> _Target:
-    """Target of that name, or UsageError where there is none or it has no such number format."""
+def find_target(name: str, number: str, address: int | None) -> _Target:
+    """Target of that name, or UsageError where there is none, it has no such number format, or an
+    address is missing or needless.
+    """
     if name not in TARGETS:
         raise UsageError(
             f"--target {name}: no such target", hint=f"the targets are {', '.join(TARGETS)}"
@@ -124,6 +130,16 @@ def find_target(name: str, number: str) -> _Target:
         raise UsageError(
             f"--target {name} with --number {number}",
             hint=f"its number formats are {', '.join(target.numbers)}",
+        )
+    if target.placed and address is None:
+        raise UsageError(
+            f"--target {name} without --address",
+            hint="say where in memory the blob goes, for example --address 0x08040000",
+        )
+    if address is not None and not target.placed:
+        placed = " and ".join(name for name, one in TARGETS.items() if one.placed)
+        raise UsageError(
+            f"--target {name} with --address", hint=f"only {placed} state an address: leave it out"
         )
     return target
 

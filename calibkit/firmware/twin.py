@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from calibkit.arrays import Array
 from calibkit.firmware.chain import (
+    Input,
     Limit,
     Map,
     Memory,
@@ -103,9 +104,8 @@ def call(program: Program, inputs: Mapping[str, Words], state: _State | None = N
     with np.errstate(all="ignore"):
         run = _Run(program, state, np.zeros(bad.size, dtype=np.int64))
         for entry in program.structure.inputs:
-            low, high = run.numbers(entry.table)
             safe = np.where(invalid[entry.name], 0, inputs[entry.name]).astype(dtype(program))
-            run.values[entry.name] = run.limited(safe, low, high, entry.flag, "")
+            run.values[entry.name] = run.input(entry, safe)
         for step in program.structure.steps:
             run.values[step.name] = run.step(step)
     fresh = {o.name: run.out(o.name, o.source) for o in program.structure.outputs}
@@ -184,6 +184,16 @@ class _Run:
         """Bring a value into a range; raises the flag where it was outside."""
         self.flag(flag, (x < low) | (x > high), group)
         return np.where(x < low, low, np.where(x > high, high, x))
+
+    def input(self, entry: Input, x: Words) -> Words:
+        """A value brought into its range; an indication as it is, in fixed point up to its full
+        scale.
+        """
+        low, high, *full = self.numbers(entry.table)
+        if not entry.beyond:
+            return self.limited(x, low, high, entry.flag, "")
+        self.flag(entry.beyond, (x < low) | (x > high), "")
+        return self.limited(x, full[0], full[1], entry.flag, "") if full else x
 
     def step(self, step: Step) -> Words:  # noqa: PLR0911 (one return per kind of step)
         """Value of one step."""

@@ -12,10 +12,12 @@ from calibkit.firmware import twin
 from calibkit.firmware.chain import Chain, Sum, Trials
 from calibkit.firmware.program import Program
 
-COUNT = 16
-"""Vectors of a chain without memory."""
-BEYOND = 4
-"""Those of them beyond a range, the last ones."""
+INSIDE = 12
+"""Vectors of a chain without memory that are within all ranges, the first ones."""
+PLACES = ((-1.02, 1.02, 0.31, -0.43), (0.2, -0.6, 0.5, -0.7))
+"""Where [half widths from the middle] the next four vectors are in ranges with a limit, and in
+others.
+"""
 TRIED = 512
 """Inputs within their ranges at which a coefficient may count."""
 LEAST = float(np.finfo(np.float64).tiny)
@@ -40,10 +42,12 @@ class Vectors:
         """Vectors that reach both ends of every range and the clamping beyond, and in which every
         coefficient counts that does so anywhere by more than the self-test allows.
         """
-        trials = chain.trials or Trials(_spread_inputs(chain), (1,) * COUNT)
+        trials = chain.trials or _spread_trials(chain, fixed=program.format.fixed)
         words = {name: twin.encode(program, name, values) for name, values in trials.inputs.items()}
         if program.format.fixed and chain.trials is None:  # the word that stands for no number
-            words[program.structure.inputs[0].name][-1] = program.format.no_number
+            words[program.structure.inputs[0].name][INSIDE + len(PLACES[0]) - 1] = (
+                program.format.no_number
+            )
         if chain.trials is None and not program.format.fixed:
             words = _with_every_coefficient(chain, program, words, tolerances(chain, bounds))
         columns = {name: tuple(column.tolist()) for name, column in words.items()}
@@ -66,7 +70,7 @@ def candidates(chain: Chain, program: Program) -> dict[str, twin.Words]:
     """Inputs of TRIED calls anywhere within their ranges."""
     rng, found = np.random.default_rng(2), {}
     for entry in chain.structure.inputs:
-        low, high = (float(limit) for limit in chain.tables[entry.table])
+        low, high = (float(limit) for limit in chain.tables[entry.table][:2])
         values = coarsen(rng.uniform(low, high, TRIED), (high - low) / 2.0)
         found[entry.name] = twin.encode(program, entry.name, values)
     return found
@@ -112,7 +116,7 @@ def _with_every_coefficient(
     for coefficient in sorted(missed):
         moves = _moves(program, others, allowed, coefficient)
         best = int(np.argmax(moves))
-        for row in range(COUNT - BEYOND) if moves[best] > 1.0 else ():
+        for row in range(INSIDE) if moves[best] > 1.0 else ():
             tried = {name: column.copy() for name, column in words.items()}
             for name, column in tried.items():
                 column[row] = others[name][best]
@@ -149,23 +153,35 @@ def require_recomputed(program: Program, stated: Vectors, name: str, of: str = "
         )
 
 
-def _spread_inputs(chain: Chain) -> dict[str, Array]:
-    """Inputs over their ranges, each in an order of its own so that no two are proportional, the
-    last ones beyond the ranges.
+def _spread_trials(chain: Chain, *, fixed: bool) -> Trials:
+    """Inputs over their ranges, each in an order of its own so that no two are proportional, then
+    beyond them, and each indication by itself beyond its fitted range and, in fixed point, its
+    full scale.
     """
-    found = {}
-    inside = COUNT - BEYOND
-    steps = (np.arange(inside) * 2 + 1) / inside - 1.0
-    for number, entry in enumerate(chain.structure.inputs):
-        low, high = (float(limit) for limit in chain.tables[entry.table])
-        middle, half = (low + high) / 2.0, (high - low) / 2.0
+    inputs, found = chain.structure.inputs, {}
+    ends = [
+        (k, end)
+        for k, entry in enumerate(inputs)
+        if entry.beyond
+        for end in range(4 if fixed else 2)
+    ]
+    steps = (np.arange(INSIDE) * 2 + 1) / INSIDE - 1.0
+    for number, entry in enumerate(inputs):
+        limits = [float(limit) for limit in chain.tables[entry.table]]
+        middle, half = (limits[0] + limits[1]) / 2.0, (limits[1] - limits[0]) / 2.0
         reach = 0.75 if entry.unit == "degC" else 0.55
-        order = (np.arange(inside) * (1, 5, 7, 11)[number % 4] + 3 * number) % inside
-        limited = entry.flag or number == 0
-        beyond = (-1.02, 1.02, 0.31, -0.43) if limited else (0.2, -0.6, 0.5, -0.7)
-        places = np.concatenate([reach * steps[order], beyond])
-        found[entry.name] = coarsen(middle + half * places, half)
-    return found
+        order = (np.arange(INSIDE) * (1, 5, 7, 11)[number % 4] + 3 * number) % INSIDE
+        limited = not entry.beyond and bool(entry.flag or number == 0)
+        places = np.concatenate([reach * steps[order], PLACES[0 if limited else 1]])
+        values = coarsen(middle + half * places, half)
+        alone = [
+            coarsen(np.array([1.02 * limits[end]]), limits[end - end % 2 + 1])[0]
+            if owner == number
+            else values[INSIDE + end]
+            for owner, end in ends
+        ]
+        found[entry.name] = np.concatenate([values, alone])
+    return Trials(found, (1,) * (INSIDE + len(PLACES[0]) + len(ends)))
 
 
 def coarsen(values: Array, half: float) -> Array:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from calibkit.arrays import Array, Integers, Mask
     from calibkit.readers.table import Table
     from calibkit.recipe import Exclude, Recipe
-    from calibkit.recipe.tables import Correction
+    from calibkit.recipe.correction import Correction
 
 
 _SINCE_ROW_BEFORE = "counts since the row before: the first row has none"

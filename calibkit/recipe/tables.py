@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
@@ -9,6 +10,7 @@ from pydantic import Field, field_validator, model_validator
 from calibkit import units
 from calibkit.errors import RecipeError
 from calibkit.numeric.earth import local_gravity
+from calibkit.recipe.correction import Correction
 from calibkit.recipe.logs import Logs
 from calibkit.recipe.strict import NonNegative, Positive, Table
 from calibkit.recipe.type_b import TypeB
@@ -229,43 +231,6 @@ class Errors(Table):
         return components
 
 
-CORRECTED = ("temp_", "table_", "inclination_", "toolface_", "azimuth_", "position_")
-"""Beginnings of the columns that reference instruments write: only they have certificates of their
-own.
-"""
-
-
-class Correction(Table):
-    """Corrections of a reference instrument from its own certificate: reference = indication +
-    correction.
-
-    Between the points of the certificate corrections are interpolated linearly, in the unit of the
-    column.
-    """
-
-    column: str
-    certificate: Annotated[str, Field(min_length=1)]
-    instrument: str = ""
-    indication: Annotated[tuple[float, ...], Field(min_length=1, strict=False)]
-    correction: Annotated[tuple[float, ...], Field(min_length=1, strict=False)]
-    beyond: Literal["refuse", "hold"] = "refuse"
-
-    @model_validator(mode="after")
-    def _of_a_reference(self) -> Correction:
-        if not self.column.startswith(CORRECTED):
-            raise ValueError(
-                f"column = '{self.column}' is no reference instrument's: what is calibrated is not"
-                " corrected"
-            )
-        if len(self.indication) != len(self.correction):
-            raise ValueError(
-                f"{len(self.indication)} indications and {len(self.correction)} corrections"
-            )
-        if any(b <= a for a, b in zip(self.indication, self.indication[1:], strict=False)):
-            raise ValueError("the indications of a certificate must ascend")
-        return self
-
-
 class Pin(Table):
     """A held condition that the recipe states, in place of those found in the log."""
 
@@ -281,6 +246,12 @@ class Pin(Table):
         return self
 
 
+class Export(Table):
+    """How the corrections of a run become firmware."""
+
+    full_scale: dict[str, Positive] = {}
+
+
 class Recipe(Table):
     """What every recipe states, whatever the procedure."""
 
@@ -289,6 +260,11 @@ class Recipe(Table):
     error_groups: ClassVar[tuple[str, ...]] = ()
     """Groups of observations whose shared errors the procedure estimates; without one it takes no
     [errors].
+    """
+
+    full_scales: ClassVar[Mapping[str, tuple[float, float]]] = {}
+    """Indication with its unit → full scale of the firmware where the recipe states none, and the
+    smaller one in words of 16 bits.
     """
 
     procedure: str
@@ -305,6 +281,16 @@ class Recipe(Table):
     segment: Annotated[tuple[Pin, ...], Field(strict=False)] = ()
     type_b: Annotated[tuple[TypeB, ...], Field(strict=False)] = ()
     errors: Errors = Errors()
+    export: Export = Export()
+
+    @field_validator("export")
+    @classmethod
+    def _of_corrected_indications(cls, export: Export) -> Export:
+        for name in export.full_scale:
+            if name not in cls.full_scales:
+                expected = " or ".join(cls.full_scales) or "none: no indication enters the firmware"
+                raise ValueError(f"full_scale of '{name}', expected {expected}")
+        return export
 
     @field_validator("errors")
     @classmethod
@@ -316,6 +302,16 @@ class Recipe(Table):
             if group not in cls.error_groups:
                 raise ValueError(f"group '{group}', expected {' or '.join(cls.error_groups)}")
         return errors
+
+    def full_scale(self, name: str) -> float:
+        """Full scale of an indication in firmware, stated or usual."""
+        return self.export.full_scale.get(name, self.full_scales[name][0])
+
+    def in_words_of_16_bits(self) -> Self:
+        """Recipe with the full scales of such words, where none is stated."""
+        small = {name: least for name, (_, least) in self.full_scales.items()}
+        stated = Export(full_scale={**small, **self.export.full_scale})
+        return self.model_copy(update={"export": stated})
 
     @model_validator(mode="after")
     def _history_of_a_type(self) -> Self:

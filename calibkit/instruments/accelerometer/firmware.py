@@ -24,8 +24,8 @@ from calibkit.instruments.accelerometer.numeric.k_factor import CROSS
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.numeric import attitude
 
-LARGEST_G = Fraction(2)
-"""Indication [g] above which the firmware clamps: a triad is calibrated in the earth's gravity."""
+FITTED_G = Fraction(5, 4)
+"""Largest indication [g] of a triad that is calibrated at 1 g, its bias included."""
 SENSE = {
     "gravity": "positive along gravity",
     "specific_force": "specific force, positive against gravity",
@@ -44,9 +44,10 @@ def _chain(spec: AccelerometerRecipe, records: Mapping[str, Record]) -> Chain:
     middle, half = (
         draft.temperature(valid) if valid[1] > valid[0] else (Fraction(valid[0]), Fraction(0))
     )
+    full = Fraction(spec.full_scale("accel_g"))
     for axis in AXES:
         meaning = f"indication of the {axis} accelerometer, {SENSE[convention]}"
-        draft.input(f"accel_{axis}_g", "g", meaning, (-LARGEST_G, LARGEST_G), "ACCEL_CLAMPED")
+        draft.indication(f"accel_{axis}_g", "g", meaning, FITTED_G, full, "ACCEL_BEYOND")
     entries: list[Entry] = []
     if compensation == "affine":
         entries = _affine(draft, record.models[0], (middle, half), sign)

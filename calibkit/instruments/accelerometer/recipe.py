@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
@@ -82,6 +83,7 @@ class AccelerometerRecipe(Recipe):
     """Dwells of a triaxial accelerometer at attitudes and temperatures."""
 
     along_chunks: ClassVar[bool] = True
+    full_scales: ClassVar[Mapping[str, tuple[float, float]]] = {"accel_g": (16.0, 2.0)}
     error_groups: ClassVar[tuple[str, ...]] = (
         *("soak", "session", "attitude"),
         *("fixture", "table", "sensor"),

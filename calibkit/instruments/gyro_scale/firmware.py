@@ -33,7 +33,9 @@ from calibkit.instruments.gyro_scale.recipe import (
 )
 
 MARGIN = Fraction(21, 20)
-"""Factor by which the firmware's rate range exceeds the fitted rates."""
+"""Factor by which an indication may exceed that of the fastest fitted rate before its status says
+so.
+"""
 Polynomials = list[list[exact.Poly]]
 
 
@@ -50,7 +52,7 @@ def _chain(spec: AnyRecipe, records: Mapping[str, Record]) -> Chain:
         required_record(records, name, spec)
     known = read_matrices(spec, records)
     if isinstance(spec, GyroTriadRecipe):
-        return _chain_about_base(known[0])
+        return _chain_about_base(known[0], Fraction(spec.full_scale("rate_dps")))
     return _chain_about_own_axes(spec, records, known)
 
 
@@ -68,7 +70,7 @@ def _chain_about_own_axes(
                 f"{matrix.model.name}: a response that is not a straight line has no firmware form",
                 hint="fit with response = 'line'",
             )
-        _add_quotient(draft, matrix, added_dps)
+        _add_quotient(draft, matrix, added_dps, Fraction(spec.full_scale("rate_dps")))
     forms = [matrix.model.form for matrix in known]
     if isinstance(spec, GyroPairRecipe):
         pair = records[ORTHOGONALITY_FILE].model("pair")
@@ -78,7 +80,7 @@ def _chain_about_own_axes(
     return draft.chain(forms, f"rate = (indication - F0(T)) / K(T), in deg/s{end}")
 
 
-def _chain_about_base(matrix: GyroMatrix) -> Chain:
+def _chain_about_base(matrix: GyroMatrix, full_scale_dps: Fraction) -> Chain:
     """Chain of the rates about the axes of the base: S inverted by cofactors, each an exact
     polynomial of u, over the determinant.
     """
@@ -93,7 +95,7 @@ def _chain_about_base(matrix: GyroMatrix) -> Chain:
     low, high = matrix.model.valid[RATE]
     draft.ranges.append(f"rate about each axis {low:.4g} to {high:.4g} deg/s")
     for gyro, row, bias in zip(matrix.gyros, S, B, strict=True):
-        _add_indication(draft, matrix, gyro, row, bias)
+        _add_indication(draft, matrix, gyro, (row, bias), full_scale_dps)
         terms = draft.polynomial(f"bias_{gyro}", bias, "u", sign=-1)
         draft.sum(f"above_{gyro}", terms, factor(gyro_column(gyro)))
     _add_inverse(draft, S, matrix.gyros)
@@ -120,31 +122,36 @@ def _polynomials(
 
 
 def _add_indication(
-    draft: Draft, matrix: GyroMatrix, gyro: str, row: Sequence[exact.Poly], bias: exact.Poly
+    draft: Draft,
+    matrix: GyroMatrix,
+    gyro: str,
+    sensed: tuple[Sequence[exact.Poly], exact.Poly],
+    full_scale_dps: Fraction,
 ) -> None:
-    """Add the indication of a gyro to the draft, with the range that the fastest fitted rate about
-    any axis gives.
+    """Add the indication of a gyro to the draft, with the ranges that the fastest fitted rate and
+    the full scale about any axis give.
     """
+    row, bias = sensed
     fastest = MARGIN * max(abs(Fraction(limit)) for limit in matrix.model.valid[RATE])
     steepest = max(sum(map(abs, entry), Fraction(0)) for entry in row)
-    largest = Fraction(ceil(fastest * steepest + sum(map(abs, bias), Fraction(0))))
-    draft.input(
-        gyro_column(gyro),
-        "1/s",
-        f"indication of gyro {gyro}, counts per second",
-        (-largest, largest),
-        "RATE_CLAMPED",
+    bias_reach = sum(map(abs, bias), Fraction(0))
+    fitted, full = (
+        Fraction(ceil(rate * steepest + bias_reach)) for rate in (fastest, full_scale_dps)
     )
+    meaning = f"indication of gyro {gyro}, counts per second"
+    draft.indication(gyro_column(gyro), "1/s", meaning, fitted, full, "RATE_BEYOND")
 
 
-def _add_quotient(draft: Draft, matrix: GyroMatrix, added_dps: float) -> None:
+def _add_quotient(
+    draft: Draft, matrix: GyroMatrix, added_dps: float, full_scale_dps: Fraction
+) -> None:
     """Add the rate of one gyro about its own axis to the draft; added_dps [°/s] is the earth's
     rate, which the recipe may leave in the result.
     """
     (gyro,) = matrix.gyros
     over = f"u_{gyro}" if matrix.curves else ""
     ((K,),), (F0,) = _polynomials(draft, matrix, over)
-    _add_indication(draft, matrix, gyro, [K], F0)
+    _add_indication(draft, matrix, gyro, ([K], F0), full_scale_dps)
     low, high = matrix.model.valid[RATE]
     draft.ranges.append(f"rate of gyro {gyro} {low:.4g} to {high:.4g} deg/s")
     terms = draft.polynomial(f"zero_{gyro}", F0, over, sign=-1)
