@@ -280,6 +280,25 @@ def labview():
     return [*head, *segment, *joined(CLEAN, "\t")]
 
 
+LABVIEW_TIME = '[columns]\ntime_s = { from = "X_Value" }'
+REPLY_COLUMNS = """
+[columns]
+time_s = { from = "time" }
+temp_case_degc = { from = "actual 1" }
+gyro_dph = { from = "actual 2", unit = "deg/h", scale = 0.001 }
+"""
+
+
+def replies():
+    """Lines of a chamber's replies that hold the clean log's columns among others."""
+    return [
+        f"{row[0]} $01I {0.0:06.1f} {float(row[1]):06.1f} {0.0:06.1f} {1000 * float(row[2]):06.1f}"
+        + 8 * f" {0.0:06.1f}"
+        + f" {'01' * 8}"
+        for row in CLEAN
+    ]
+
+
 TABLES = {
     "a workbook": Odd(workbook(NUMBERS, above=[NAMES]), suffix=".xlsx"),
     "a workbook with merged temperature cells": Odd(
@@ -337,8 +356,46 @@ TABLES = {
     "a LabVIEW file with a footer": Odd(
         text(*labview(), "end of measurement"),
         'format = "lvm"\ntext = { footer_lines = 1 }',
-        '[columns]\ntime_s = { from = "X_Value" }',
+        LABVIEW_TIME,
         suffix=".lvm",
+    ),
+    "a LabVIEW file with a torn line": Odd(
+        text(*labview()[:20], "-0.3\t-0.31", *labview()[20:]).replace(
+            f"Samples\t{ROWS}\t{ROWS}", f"Samples\t{ROWS + 1}\t{ROWS + 1}"
+        ),
+        f'format = "lvm"\n{DROP}',
+        LABVIEW_TIME,
+        suffix=".lvm",
+    ),
+    "a LabVIEW file whose last line was still being written": Odd(
+        (text(*labview()) + "240.0\t5").replace(
+            f"Samples\t{ROWS}\t{ROWS}", f"Samples\t{ROWS + 9}\t{ROWS + 9}"
+        ),
+        'format = "lvm"\ntext = { last_line = "drop" }',
+        LABVIEW_TIME,
+        suffix=".lvm",
+    ),
+    "chamber replies with a torn line": Odd(
+        text(*replies()[:50], replies()[50][:40], *replies()[50:]),
+        f'format = "chamber"\n{DROP}',
+        REPLY_COLUMNS,
+        suffix=".txt",
+    ),
+    "chamber replies that begin inside a line": Odd(
+        text(replies()[0][30:], *replies()), f'format = "chamber"\n{DROP}', REPLY_COLUMNS, ".txt"
+    ),
+    "chamber replies whose last line was still being written": Odd(
+        (text(*replies()) + replies()[0][:70]),
+        'format = "chamber"\ntext = { last_line = "drop" }',
+        REPLY_COLUMNS,
+        suffix=".txt",
+    ),
+    "chamber replies of which a person left a line out": Odd(
+        text(*replies()[:50], "door opened", *replies()[50:]),
+        'format = "chamber"',
+        REPLY_COLUMNS,
+        ".txt",
+        exclude("lines = [51]"),
     ),
     "pinned CSV with a footer and a torn line": Odd(
         text(HEADER, *BODY[:6], "-0.3-0.31", *BODY[6:], "end"),

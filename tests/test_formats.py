@@ -689,6 +689,10 @@ def test_every_recipe_of_the_documentation_is_one(block):
         ('format = "binary"', "format = 'binary' and a table [logs.binary] go together"),
         ('text = { delimiter = ",", decimal = "," }', "a comma cannot be both"),
         ('text = { delimiter = "fixed" }', "go together"),
+        (
+            'format = "lvm"\ntext = { decimal = "," }',
+            "decimal in [logs.text] says nothing about format = 'lvm'",
+        ),
         ('format = "parquet"\ntable = "x"', "table = 'x' says nothing about format = 'parquet'"),
         ('names = ["a", "a"]', "'a' stands twice"),
         ('format = "exel"', "did you mean 'excel'?"),

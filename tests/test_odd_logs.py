@@ -284,3 +284,10 @@ def test_footer_of_a_workbook_is_named(tmp_path):
     """A word below the rows of a workbook is refused as a footer."""
     footed = Odd(workbook(NUMBERS, above=[NAMES], below=[("Mean", 15.7, 9.1)]), suffix=".xlsx")
     assert "a footer? Set footer_lines = 1 in [logs.text]" in refusal(footed, tmp_path)
+
+
+def test_keys_that_a_recognised_format_says_itself_are_refused(tmp_path):
+    """A decimal mark stated for a LabVIEW file, whose header states its own, is not passed over."""
+    odd = Odd(TABLES["a LabVIEW file with a footer"].content, 'text = { decimal = "," }')
+    words = refusal(odd, tmp_path)
+    assert "a.csv: [logs.text] states decimal, the file is of format 'lvm'" in words

@@ -15,6 +15,7 @@ import re
 from collections.abc import Collection
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from calibkit.errors import LogFormatError
@@ -32,23 +33,16 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  
     """Read recorded replies whole, or raise LogFormatError that names the line."""
     data, sha256 = delimited.read_bytes(path, file)
     content, encoding = encodings.decode(data, file, logs.text.encoding)
-    replies: list[re.Match[str]] = []
-    lines = content.rstrip("\n").split("\n")
-    lines = lines[: len(lines) - logs.text.footer_lines]
-    if not lines:
+    torn = damage.Torn.of(file, logs)
+    numbered = enumerate(torn.cut_lines(content), start=1)
+    matched = torn.parse(numbered, lambda number, line: _match_reply(file, number, line))
+    if not matched:
         raise damage.no_rows(file)
-    for number, line in enumerate(lines, start=1):
-        found = _REPLY.fullmatch(line)
-        if found is None:
-            raise LogFormatError(
-                f"{file}:{number}: found '{line[:60]}', expected a time and 12 or 14 fields as"
-                " 0023.0",
-                hint="the reply is cut short or has other fields; repair or remove the line",
-            )
-        replies.append(found)
-    width = len(replies[0]["fields"].split())
-    for number, reply in enumerate(replies, start=1):
-        _require_alike(reply, replies[0], width, number, file)
+    first = next(iter(matched.values()))
+    replies = torn.parse(
+        matched.items(), lambda number, reply: _require_alike(file, number, reply, first)
+    )
+    width = len(first["fields"].split())
     names = ["time", *(f"{word} {k + 1}" for k in range(width // 2) for word in ("set", "actual"))]
     if logs.names and len(logs.names) != len(names):
         raise LogFormatError(
@@ -56,36 +50,55 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  
             hint="correct [logs] names",
         )
     frame = pd.DataFrame(
-        [[float(field) for field in reply["fields"].split()] for reply in replies],
+        [[float(field) for field in reply["fields"].split()] for reply in replies.values()],
         columns=names[1:],
     )
-    written = [reply["time"].strip() for reply in replies]
+    written = [reply["time"].strip() for reply in replies.values()]
     plain = all(map(times.is_decimal, written))
     frame.insert(0, "time", [float(field) for field in written] if plain else written)
     frame.columns = list(logs.names) or names
-    frame.index = frame.index + 1 - FIRST_ROW
+    lines = np.array(list(replies))
+    frame.index = pd.Index(lines - FIRST_ROW)
     reading = (
         f"chamber replies of {width} fields, {encoding}, {len(frame)} rows",
         "set value before actual value (assumed)",
     )
-    return Table(file, sha256, frame, (), reading, dict.fromkeys(frame.columns[1:3], "degC"))
+    return Table(
+        file,
+        sha256,
+        frame,
+        tuple(torn.notes),
+        reading,
+        dict.fromkeys(frame.columns[1:3], "degC"),
+        left_out=tuple(torn.left_out),
+        numbers=lines - 1 if torn.any else None,
+    )
+
+
+def _match_reply(file: str, number: int, line: str) -> re.Match[str]:
+    """The parts of a reply; raises LogFormatError for a line that is none."""
+    found = _REPLY.fullmatch(line)
+    if found is None or len(found["fields"].split()) % 2:
+        raise LogFormatError(
+            f"{file}:{number}: found '{line[:60]}', expected a time and 12 or 14 fields as 0023.0",
+            hint=damage.advise_torn(file, number),
+        )
+    return found
 
 
 def _require_alike(
-    reply: re.Match[str], first: re.Match[str], width: int, number: int, file: str
-) -> None:
-    """Raise LogFormatError for a reply with another number of fields or digital channels than the
-    first: it is cut, or of another chamber.
+    file: str, number: int, reply: re.Match[str], first: re.Match[str]
+) -> re.Match[str]:
+    """The reply; raises LogFormatError for one with another number of fields or digital channels
+    than the first: it is cut, or of another chamber.
     """
-    if len(reply["fields"].split()) != width or len(reply["bits"] or "") != len(
-        first["bits"] or ""
-    ):
+    found, expected = (
+        (len(one["fields"].split()), len(one["bits"] or "")) for one in (reply, first)
+    )
+    if found != expected:
         raise LogFormatError(
-            f"{file}:{number}: {len(reply['fields'].split())} fields and {len(reply['bits'] or '')}"
-            f" digital channels, expected {width} and {len(first['bits'] or '')}",
-            hint="the reply is cut short; repair or remove the line",
+            f"{file}:{number}: {found[0]} fields and {found[1]} digital channels, expected"
+            f" {expected[0]} and {expected[1]}",
+            hint=damage.advise_torn(file, number),
         )
-    if width % 2:
-        raise LogFormatError(
-            f"{file}:{number}: {width} fields, expected 12 or 14", hint="the reply is cut short"
-        )
+    return reply

@@ -5,8 +5,9 @@ is refused.
 
 import itertools
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 
@@ -15,6 +16,8 @@ from calibkit.errors import LogFormatError, advise_exclude, format_ranges
 from calibkit.readers import tokens
 from calibkit.recipe.logs import Logs, TextSpec
 
+Line = TypeVar("Line")
+Parsed = TypeVar("Parsed")
 _MOST_FOOTER = 20
 """Largest number of lines that are taken for a footer."""
 _NO_ROW = {
@@ -24,6 +27,87 @@ _NO_ROW = {
 """A blank line, or a comment, by what is blank: a tab may part two empty fields, and an empty line
 be the one empty field of a row.
 """
+
+
+@dataclass(slots=True)
+class Torn:
+    """Torn lines of a log: how many there are, notes on them, and which the recipe excludes."""
+
+    file: str
+    spec: TextSpec
+    excluded: Collection[int]
+    """Lines that the recipe leaves out."""
+    notes: list[str] = field(default_factory=list)
+    left_out: list[int] = field(default_factory=list)
+    """Excluded lines that were no rows."""
+    count: int = 0
+    cut: bool = False
+    """Whether a last line that was still being written is left out."""
+
+    @classmethod
+    def of(cls, file: str, logs: Logs) -> "Torn":
+        """The account of a log in which nothing was found yet."""
+        return cls(file, logs.text, logs.excluded_lines(file))
+
+    @property
+    def any(self) -> bool:
+        """Whether a line is left out."""
+        return bool(self.count or self.left_out)
+
+    def cut_lines(self, content: str) -> list[str]:
+        """Lines of a text without its footer and, where the recipe says so, a last line without a
+        line end; raises LogFormatError where none is left.
+        """
+        lines = content.rstrip("\n").split("\n")
+        lines = lines[: len(lines) - self.spec.footer_lines]
+        ended = content.endswith("\n") or self.spec.footer_lines
+        if self.spec.last_line == "drop" and not ended:
+            self.drop_last(len(lines))
+            lines.pop()
+        if not lines:
+            raise no_rows(self.file)
+        return lines
+
+    def drop_last(self, line: int) -> None:
+        """Note a last line without a line end, which is left out."""
+        self.cut = True
+        self.notes.append(
+            f'line {line}, the last, has no line end and was left out: last_line = "drop"'
+        )
+
+    def drop(self, lines: Sequence[int], error: LogFormatError) -> None:
+        """Note torn lines, where the recipe excludes them or allows as many; else raise the
+        error.
+        """
+        own = [line for line in lines if line not in self.excluded]
+        self.count += len(own)
+        if own and self.spec.torn_lines == "refuse":
+            raise error
+        if self.count > self.spec.torn_limit:
+            raise LogFormatError(
+                f"{self.file}: {self.count} torn lines ({format_ranges(own)}), expected at most"
+                f" torn_limit = {self.spec.torn_limit}",
+                hint="look at them; raise torn_limit in [logs.text], or repair the log",
+            )
+        if own:
+            self.notes.append(
+                f'{len(own)} torn line(s) left out, line {format_ranges(own)}: torn_lines = "drop"'
+            )
+        self.left_out += [line for line in lines if line in self.excluded]
+
+    def parse(
+        self, numbered: Iterable[tuple[int, Line]], parse: Callable[[int, Line], Parsed]
+    ) -> dict[int, Parsed]:
+        """Line → what a parser makes of it; lines at which it raises LogFormatError are torn."""
+        parsed, errors = {}, {}
+        for number, line in numbered:
+            try:
+                parsed[number] = parse(number, line)
+            except LogFormatError as error:
+                errors[number] = error
+        if errors:
+            self.drop(list(errors), next(iter(errors.values())))
+        return parsed
 
 
 @dataclass(slots=True)
@@ -37,13 +121,7 @@ class Rows:
     lines: Integers
     numbers: Integers
     """Number of each row among the rows of the log, from 0, torn ones counted."""
-    spec: TextSpec
-    excluded: Collection[int]
-    """Lines that the recipe leaves out."""
-    notes: list[str] = field(default_factory=list)
-    left_out: list[int] = field(default_factory=list)
-    """Excluded lines that were no rows."""
-    torn: int = 0
+    torn: Torn
 
     @classmethod
     def among(cls, body: str, blank: str, first: int, file: str, logs: Logs) -> "Rows":
@@ -54,13 +132,13 @@ class Rows:
         if texts:
             odd = [k for k, text in enumerate(texts) if _NO_ROW[blank].fullmatch(text)]
         lines = np.arange(first, first + body.count("\n") + 1)
-        rows = cls(file, body, lines, lines, logs.text, logs.excluded_lines(file))
+        rows = cls(file, body, lines, lines, Torn.of(file, logs))
         rows._remove(np.array(odd, dtype=np.int64))
         rows.numbers = np.arange(rows.lines.size)
         for what, commented in (("comment(s) among the rows", True), ("blank line(s)", False)):
             taken = [first + k for k in odd if tokens.is_comment(texts[k]) == commented]
             if taken:
-                rows.notes.append(f"{len(taken)} {what} left out, line {format_ranges(taken)}")
+                rows.torn.notes.append(f"{len(taken)} {what} left out, line {format_ranges(taken)}")
         return rows
 
     @property
@@ -81,32 +159,14 @@ class Rows:
 
     def drop_last(self) -> None:
         """Leave out the last line, which has no line end."""
-        self.notes.append(
-            f"line {int(self.lines[-1])}, the last, has no line end and was left out:"
-            ' last_line = "drop"'
-        )
+        self.torn.drop_last(int(self.lines[-1]))
         self._remove(np.array([self.lines.size - 1]))
 
     def drop_torn(self, torn: Integers, error: LogFormatError) -> None:
         """Leave out torn rows, where the recipe excludes them or allows as many; else raise the
         error.
         """
-        lines = [int(line) for line in self.lines[torn]]
-        own = [line for line in lines if line not in self.excluded]
-        self.torn += len(own)
-        if own and self.spec.torn_lines == "refuse":
-            raise error
-        if self.torn > self.spec.torn_limit:
-            raise LogFormatError(
-                f"{self.file}: {self.torn} torn lines ({format_ranges(own)}), expected at most"
-                f" torn_limit = {self.spec.torn_limit}",
-                hint="look at them; raise torn_limit in [logs.text], or repair the log",
-            )
-        if own:
-            self.notes.append(
-                f'{len(own)} torn line(s) left out, line {format_ranges(own)}: torn_lines = "drop"'
-            )
-        self.left_out += [line for line in lines if line in self.excluded]
+        self.torn.drop([int(line) for line in self.lines[torn]], error)
         self._remove(torn)
 
 
@@ -115,6 +175,14 @@ def no_rows(file: str) -> LogFormatError:
     return LogFormatError(
         f"{file}: a header but no rows",
         hint="expected one row an instant; remove it or copy it again",
+    )
+
+
+def advise_torn(file: str, line: int) -> str:
+    """What to do about a line with another number of fields than the rows."""
+    return (
+        "the row is cut short, torn or holds an extra separator: repair it, or leave such rows out:"
+        f' torn_lines = "drop" in [logs.text], or {advise_exclude(file, lines=[line])}'
     )
 
 
@@ -149,10 +217,7 @@ class Advice:
                 'the last line is incomplete: copy the log again, or set last_line = "drop" in'
                 " [logs.text]"
             )
-        return (
-            "the row is cut short, torn or holds an extra separator: repair it, or leave such rows"
-            f' out: torn_lines = "drop" in [logs.text], or {self._exclude(row)}'
-        )
+        return advise_torn(self.file, int(self.lines[row]))
 
     def of_token(self, row: int, token: str) -> str:
         """Advice on a field that is not a number."""

@@ -32,23 +32,23 @@ _TIME = "X_Value"
 @dataclass(frozen=True, slots=True)
 class _Segment:
     """Names, units and rows of one segment; `lines` are the lines of the file that the rows [n, k]
-    stand in.
+    stand in, `numbers` those of the rows among the `written` ones, from 0, torn ones counted.
     """
 
     names: tuple[str, ...]
     units: dict[str, str]
     lines: Integers
     rows: Array
+    numbers: Integers
+    written: int
 
 
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  # noqa: ARG001 (every column holds numbers)
     """Read a measurement file whole, or raise LogFormatError that names line and column."""
     data, sha256 = delimited.read_bytes(path, file)
     content, encoding = encodings.decode(data, file, logs.text.encoding)
-    lines = content.rstrip("\n").split("\n")
-    lines = lines[: len(lines) - logs.text.footer_lines]
-    if not lines:
-        raise damage.no_rows(file)
+    torn = damage.Torn.of(file, logs)
+    lines = torn.cut_lines(content)
     if not lines[0].startswith("LabVIEW Measurement"):
         raise LogFormatError(f"{file}:1: no 'LabVIEW Measurement'", hint="the log is no .lvm file")
     separator = {"tab": "\t", "comma": ","}.get(_read_key(lines, "Separator", "Tab").lower(), "\t")
@@ -58,7 +58,7 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  
             f"{file}: Decimal_Separator is '{decimal[:20]}', expected '.' or ','",
             hint="the file is damaged; copy it again",
         )
-    segments = list(_read_segments(lines, separator, decimal, file))
+    segments = _read_segments(lines, separator, decimal, torn)
     first = segments[0]
     for segment in segments[1:]:
         if segment.names != first.names:
@@ -72,15 +72,30 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  
     )
     frame.index = pd.Index(np.concatenate([segment.lines for segment in segments]) - FIRST_ROW)
     if (
-        not (content.endswith("\n") or logs.text.footer_lines)
+        not (content.endswith("\n") or logs.text.footer_lines or logs.text.last_line == "drop")
         and len(lines[-1].split(separator)) <= frame.shape[1]
     ):
         raise LogFormatError(  # it may be cut in its last number
             f"{file}:{len(lines)}: the last line has no end",
-            hint="the file is cut off; copy it again",
+            hint='the file is cut off; copy it again, or set last_line = "drop" in [logs.text]',
         )
     how = f"LabVIEW measurement file, {encoding}, {len(segments)} segments, {len(frame)} rows"
-    return Table(file, sha256, frame, (), (how,), first.units)
+    return Table(
+        file,
+        sha256,
+        frame,
+        tuple(torn.notes),
+        (how,),
+        first.units,
+        left_out=tuple(torn.left_out),
+        numbers=np.concatenate(_number_rows(segments)) if torn.any else None,
+    )
+
+
+def _number_rows(segments: Sequence[_Segment]) -> list[Integers]:
+    """Numbers of the rows of each segment among the rows of the file, from 0, torn ones counted."""
+    before = np.cumsum([0, *(segment.written for segment in segments)])
+    return [segment.numbers + first for segment, first in zip(segments, before[:-1], strict=True)]
 
 
 def _read_key(lines: Sequence[str], key: str, default: str) -> str:
@@ -93,8 +108,11 @@ def _read_key(lines: Sequence[str], key: str, default: str) -> str:
     return default
 
 
-def _read_segments(lines: Sequence[str], separator: str, decimal: str, file: str) -> list[_Segment]:
+def _read_segments(
+    lines: Sequence[str], separator: str, decimal: str, torn: damage.Torn
+) -> list[_Segment]:
     """Segments of a file in order."""
+    file = torn.file
     ends = [number for number, line in enumerate(lines) if line.startswith(_END)]
     if len(ends) < 2:
         raise LogFormatError(
@@ -110,14 +128,21 @@ def _read_segments(lines: Sequence[str], separator: str, decimal: str, file: str
             stop = next(
                 (n for n in range(end, ends[k + 2]) if lines[n].startswith("Channels")), ends[k + 2]
             )
-        segments.append(_read_segment(lines, start, end, stop, separator, decimal, file))
+        segments.append(_read_segment(lines, start, end, stop, separator, decimal, torn))
     return segments
 
 
 def _read_segment(
-    lines: Sequence[str], start: int, end: int, stop: int, separator: str, decimal: str, file: str
+    lines: Sequence[str],
+    start: int,
+    end: int,
+    stop: int,
+    separator: str,
+    decimal: str,
+    torn: damage.Torn,
 ) -> _Segment:
     """One segment: header lines start … end − 1, names at end + 1, rows to stop − 1."""
+    file = torn.file
     header = {
         line.split(separator)[0]: line.split(separator)[1:]
         for line in lines[start:end]
@@ -134,25 +159,29 @@ def _read_segment(
         raise LogFormatError(
             f"{file}:{end + 2}: found '{lines[end + 1][:40]}', expected '{_TIME}' and channels"
         )
-    numbers = [n for n in range(end + 2, stop) if lines[n].strip()]
-    if not numbers:
+    written = {n + 1: lines[n] for n in range(end + 2, stop) if lines[n].strip()}
+    parsed = torn.parse(
+        written.items(), lambda n, line: _parse_row(line, names, separator, decimal, n, file)
+    )
+    if not parsed:
         raise LogFormatError(
             f"{file}:{end + 2}: names but no rows", hint="remove the segment or copy the file again"
         )
-    rows = np.array([_parse_row(lines[n], names, separator, decimal, n + 1, file) for n in numbers])
-    packets = _read_key(lines, "Multi_Headings", "Yes").lower() == "no"
-    stated = _stated_samples(header, 0)
-    _require_samples(stated, len(numbers), numbers[-1] + 1, file, packets=packets)
+    last = list(written)[-1]
+    if not (torn.cut and stop == len(lines)):  # more rows were still to come
+        packets = _read_key(lines, "Multi_Headings", "Yes").lower() == "no"
+        _require_samples(_stated_samples(header, 0), len(written), last, file, packets=packets)
     channels = [name for name in names if name != _TIME]
     known = {
         name: unit
         for name, label in zip(channels, header.get("Y_Unit_Label", []), strict=False)
         if (unit := units.as_stated(label))
     }
-    timed, names = _join_times(rows, names, header, file, numbers[0] + 1)
-    return _Segment(
-        tuple(names), {_TIME: "s", **known}, np.array(numbers, dtype=np.int64) + 1, timed
-    )
+    at = np.array(list(parsed), dtype=np.int64)
+    numbers = np.searchsorted(np.array(list(written)), at)
+    rows = np.array(list(parsed.values()))
+    timed, names = _join_times(rows, names, header, file, int(at[0]), numbers)
+    return _Segment(tuple(names), {_TIME: "s", **known}, at, timed, numbers, len(written))
 
 
 def _parse_row(
@@ -163,7 +192,7 @@ def _parse_row(
     if len(fields) < len(names) or len(fields) > len(names) + 1:
         raise LogFormatError(
             f"{file}:{number}: {len(fields)} fields, expected {len(names)} and a comment",
-            hint="the row is cut short or holds an extra separator; repair or remove it",
+            hint=damage.advise_torn(file, number),
         )
     numbers = []
     for name, field in zip(names, fields, strict=False):
@@ -175,7 +204,7 @@ def _parse_row(
         else:
             raise LogFormatError(
                 f"{file}:{number}: column '{name}': found '{plain[:40]}', expected a number",
-                hint="repair the row, or copy the file again",
+                hint=damage.advise_torn(file, number),
             )
     return numbers
 
@@ -203,9 +232,10 @@ def _join_times(
     header: dict[str, list[str]],
     file: str,
     line: int,
+    numbers: Integers,
 ) -> tuple[Array, list[str]]:
-    """Rows with one time column in front: written, computed from X0 and Delta_X, or one of several
-    that agree.
+    """Rows with one time column in front: written, computed from X0 and Delta_X by the numbers of
+    the rows, or one of several that agree.
     """
     at = [k for k, name in enumerate(names) if name == _TIME]
     for k in at[1:]:
@@ -220,13 +250,13 @@ def _join_times(
         starts, steps = (
             _header_numbers(header.get(key, []), key, file, line) for key in ("X0", "Delta_X")
         )
-        samples = _stated_samples(header, len(rows))
-        if len(set(starts)) != 1 or len(set(steps)) != 1 or len(rows) > samples:
+        samples = _stated_samples(header, int(numbers[-1]) + 1)
+        if len(set(starts)) != 1 or len(set(steps)) != 1 or numbers[-1] >= samples:
             raise LogFormatError(
                 f"{file}:{line}: no X column, and no single X0 and Delta_X for all rows",
                 hint="save with an X column",
             )
-        time = starts[0] + units.scaled(np.arange(len(rows), dtype=np.float64), steps[0])
+        time = starts[0] + units.scaled(numbers.astype(np.float64), steps[0])
     return np.column_stack([time, rows[:, keep]]), [_TIME, *(names[k] for k in keep)]
 
 

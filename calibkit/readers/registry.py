@@ -130,6 +130,11 @@ def _read_recognised(path: Path, file: str, logs: Logs, needed: Collection[str])
             found = "" if described else recognise_plugin(data)
             if not found:
                 raise
+    if ignored := logs.ignored_keys(found):
+        raise LogFormatError(
+            f"{file}: [logs.text] states {', '.join(ignored)}, the file is of format '{found}'",
+            hint="that format says it itself: take these keys out, or pin format in [logs]",
+        )
     table = _read_as(found, path, file, logs, needed)
     return replace(table, reading=(Guess(f"format = '{found}' (guessed)"), *table.reading))
 

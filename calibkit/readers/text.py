@@ -82,15 +82,15 @@ def parse_text(
         sha256,
         frame,
         notes=(
-            *rows.notes,
+            *rows.torn.notes,
             *notes,
             *_check_last_line(rows, found, open_end=open_end),
         ),
         reading=(*found.describe(), *accounts),
         units={column.name: column.unit for column in found.columns if column.unit},
         decimal=found.decimal,
-        left_out=tuple(rows.left_out),
-        numbers=rows.numbers if rows.torn or rows.left_out else None,
+        left_out=tuple(rows.torn.left_out),
+        numbers=rows.numbers if rows.torn.any else None,
     )
 
 
@@ -164,7 +164,7 @@ def _parse_rows(
         )
         return _parse_rows(rows, kinds, found, words, open_end=open_end)
     dialect = {"sep": separator, "decimal": found.decimal, "skipinitialspace": True}
-    dropping = rows.spec.torn_lines == "drop"
+    dropping = rows.torn.spec.torn_lines == "drop"
     stamps = [k for k, column in enumerate(found.columns) if dropping and column.kind == "time"]
     if not stamps:
         with suppress(ValueError, OverflowError):

@@ -20,22 +20,30 @@ AUTO = "auto"
 @dataclass(frozen=True, slots=True)
 class _LogFormat:
     """A log format: the module of `calibkit.readers` that reads it, the bytes that its files begin
-    with where they always do, and the keys of [logs] that can describe it further.
+    with where they always do, the keys of [logs] that can describe it further, and those of
+    [logs.text] that it says itself.
     """
 
     module: str
     signatures: tuple[bytes, ...] = ()
     keys: tuple[str, ...] = ()
+    own: tuple[str, ...] = ()
 
 
+_LAYOUT = ("delimiter", "widths", "skip_lines", "header_lines")
+_MARKED = ("decimal", *_LAYOUT)
+_CELLS = ("encoding", "delimiter", "widths", "decimal")
 FORMATS: dict[str, _LogFormat] = {
     "csv": _LogFormat("delimited"),
     "text": _LogFormat("text", keys=("text", "names")),
-    "keysight": _LogFormat("keysight", keys=("text",)),
-    "lvm": _LogFormat("lvm", (b"LabVIEW Measurement",), ("text", "names")),
+    "keysight": _LogFormat("keysight", keys=("text",), own=_LAYOUT),
+    "lvm": _LogFormat("lvm", (b"LabVIEW Measurement",), ("text",), _MARKED),
     "tdms": _LogFormat("tdms", (b"TDSm",), ("table",)),
     "excel": _LogFormat(
-        "excel", (b"PK\x03\x04", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"), ("text", "table", "names")
+        "excel",
+        (b"PK\x03\x04", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"),
+        ("text", "table", "names"),
+        _CELLS,
     ),
     "matlab": _LogFormat(
         "matlab", (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file"), ("table", "names")
@@ -44,7 +52,7 @@ FORMATS: dict[str, _LogFormat] = {
     "parquet": _LogFormat("parquet", (b"PAR1",)),
     "ulog": _LogFormat("ulog", (b"ULog\x01\x12\x35",), ("table",)),
     "json": _LogFormat("json_arrays", keys=("table", "names")),
-    "chamber": _LogFormat("chamber", keys=("text", "names")),
+    "chamber": _LogFormat("chamber", keys=("text", "names"), own=_MARKED),
     "binary": _LogFormat("binary"),
 }
 """Value of [logs] format → format."""
@@ -169,6 +177,22 @@ class Logs(Table):
         logs._excluded_lines = lines  # noqa: SLF001 (of its own class)
         return logs
 
+    def ignored_keys(self, name: str) -> list[str]:
+        """Stated keys of [logs.text] that the reader of a format has no use for; a plugin decides
+        itself.
+        """
+        known = FORMATS.get(name)
+        if name == AUTO or known is None:
+            return []
+        unstated = TextSpec()
+        useless = set(known.own if "text" in known.keys else TextSpec.model_fields)
+        useless -= set(_ENDS) if name == "csv" else set()
+        return [
+            key
+            for key in TextSpec.model_fields
+            if key in useless and getattr(self.text, key) != getattr(unstated, key)
+        ]
+
     @field_validator("files")
     @classmethod
     def _inside(cls, files: tuple[str, ...]) -> tuple[str, ...]:
@@ -212,9 +236,10 @@ class Logs(Table):
             raise ValueError("format = 'binary' and a table [logs.binary] go together")
         # a plugin decides itself which keys mean something to its format
         means = FORMATS[self.format].keys if self.format in FORMATS else ("text", "table", "names")
-        ends = TextSpec(**{name: getattr(self.text, name) for name in _ENDS})
-        if self.text != (ends if self.format == "csv" else TextSpec()) and "text" not in means:
-            raise ValueError(f"[logs.text] says nothing about format = '{self.format}'")
+        if ignored := self.ignored_keys(self.format):
+            raise ValueError(
+                f"{', '.join(ignored)} in [logs.text] says nothing about format = '{self.format}'"
+            )
         if self.table and "table" not in means:
             raise ValueError(f"table = '{self.table}' says nothing about format = '{self.format}'")
         if self.names and "names" not in means:
