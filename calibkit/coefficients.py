@@ -103,6 +103,8 @@ class Input:
     """Digest of a second logger's file that was joined; kept in run.json."""
     last_date: str = field(default="", compare=False)
     """Date of the last row, where the log has dates: coefficients hold from it by default."""
+    overlap: str = field(default="", compare=False)
+    """Where it and a second logger's file overlap, and how their clocks differ, in words."""
     content: frozenset[bytes] = field(default=frozenset(), compare=False, repr=False)
     """First rows of its values, by which copies are seen; run.json keeps their fingerprint."""
 
@@ -118,6 +120,7 @@ class Input:
             log.plugins,
             log.second_logger_sha256,
             last_date=log.last_date,
+            overlap=log.overlap,
             content=log.first_rows(),
         )
 

@@ -110,6 +110,8 @@ class Log:
     """
     second_logger_sha256: str = ""
     """Digest of the second logger's file that was joined."""
+    overlap: str = ""
+    """Where both files overlap, and how their clocks differ, in words."""
     origin: Origin | None = None
     """Stamp of second 0; None where there is no time, or where its date is not certain."""
     plugins: tuple[Plugin, ...] = ()

@@ -56,6 +56,8 @@ class _FitOutcome:
     run: store.Run
     summary: Summary
     guesses: tuple[str, ...]
+    overlaps: tuple[str, ...]
+    """Where each log and its second logger's file overlap, and how their clocks differ."""
 
 
 def fit(
@@ -67,10 +69,12 @@ def fit(
     progress: Progress,
     *,
     dry_run: bool = False,
+    today: str | None = None,
 ) -> _FitOutcome:
     """Fit a recipe to logs and write the next revision of a run folder; a dry run only names it.
 
-    Without a date that of the logs' last row holds, and today's where they have none.
+    Without a date that of the logs' last row holds, and where they have none `today`, which is the
+    clock's where it is not given.
     """
     spec = instruments.parse_recipe(source)
     serial = store.check_serial(serial or spec.serial)
@@ -81,7 +85,7 @@ def fit(
         fitted = instruments.find(spec.procedure).fit(pooled.recipe, data, logs, progress)
     type_b.require_known(spec.type_b, (*budget.name_results(fitted.results), *spec.own_columns()))
     dated = "" if date else max((log.last_date for log in fitted.inputs), default="")
-    date = date or dated or clock.date_or_today(None)
+    date = date or dated or clock.date_or_today(today)
     with store.next_revision(out, serial, dry_run=dry_run) as (revision, superseded):
         found = replace(fitted.summary, flags=(*pooled.flags, *fitted.summary.flags))
         summary = dates.flag_date_order(found, out, serial, revision, date)
@@ -93,7 +97,8 @@ def fit(
     summary = replace(summary, title=f"{run.name}: {spec.title or spec.procedure}")
     guesses = run_content.list_guesses(run.document["inputs"])
     last = f"effective from {dated}, the date of the last row of the logs; --date states another"
-    return _FitOutcome(run, summary, (*guesses, last) if dated else guesses)
+    overlaps = tuple(f"{log.name}: {log.overlap}" for log in fitted.inputs if log.overlap)
+    return _FitOutcome(run, summary, (*guesses, last) if dated else guesses, overlaps)
 
 
 @contextlib.contextmanager

@@ -27,6 +27,11 @@ provides = ["temp_env_degc"]
 time_s = { from = "Time" }
 temp_env_degc = { from = "PV", unit = "degC" }
 """
+POLYNOMIALS = """
+[polynomials]
+abscissa = "temp_env_degc"
+bias = [{ indication = "gyro_dph", order = 2 }]
+"""
 SAME = 'clock = "same"'
 ESTIMATE = (
     'clock = "estimate"\nshared = "temp_env_degc"\nlog_column = { from = "air probe", unit ='
@@ -111,6 +116,18 @@ def test_check_finds_nothing_wrong_with_two_runs_of_a_day(tmp_path, ramps, calib
     assert "ramp_heating_05.csv: ok" in outcome.out
     assert "ramp -4.9" in outcome.out
     assert "files overlap 2026-03-05 14:00:00–15:30:00; clock of chamber.csv" in outcome.out
+
+
+def test_fit_prints_where_two_files_overlap(tmp_path, ramps, calibkit):
+    """As check does: the hours of each run, and a chamber's clock that is 37 s behind."""
+    write(tmp_path / "logs", ramps, head=600.0, behind=37.0)
+    table = 'clock = "stated"\noffset_s = 37.0\nstandard_uncertainty_s = 0.5'
+    text = (RECIPE % table).replace("fog_thermal", "bias_temperature") + POLYNOMIALS
+    (tmp_path / "r.toml").write_text(text, encoding="utf-8")
+    call = ("fit", tmp_path / "r.toml", "--data", tmp_path / "logs", "--serial", "S-1", "--json")
+    outcome = calibkit(*call, "--out", tmp_path / "runs")
+    assert "ramp_heating_05.csv: files overlap 2026-03-05 08:00:00–09:30:00" in outcome.err
+    assert "clock of chamber.csv 37 s behind (stated)" in outcome.err
 
 
 def test_clocks_that_differ_are_estimated_from_a_file_of_the_whole_day(tmp_path, ramps):

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 import quick_device
-from calibkit import atomic, instruments, recipe, store
+from calibkit import atomic, clock, instruments, recipe, store
 from calibkit.errors import CalibkitError, StoppedError
 from calibkit.fleet import device, files, keys, local, run, server, table
 from calibkit.instruments.bias_temperature import instrument
@@ -163,6 +163,28 @@ def test_a_killed_fleet_goes_on_where_it_was(tmp_path, calibkit):
     whole = tmp_path / "whole"
     assert calibkit(*call, "--out", whole, "--jobs", "2").code == 0
     assert tree(out) == tree(whole)
+
+
+def test_a_fleet_without_a_date_takes_that_of_the_logs(tmp_path):
+    """The last row of each unit's logs; today where logs carry no dates. A second call fits
+    nothing again, and fleet.json states the latest date.
+    """
+    for number, first in enumerate(("2024-05-01", "2024-06-01", None)):
+        folder = tmp_path / "units" / f"U{number:03d}"
+        unit_log(folder, number)
+        if first:
+            head, *rows = (folder / "warmup.csv").read_text().splitlines()
+            stamped = [
+                f"{first} 08:00:{k:02d},{row.split(',', 1)[1]}" for k, row in enumerate(rows)
+            ]
+            (folder / "warmup.csv").write_text("\n".join([head, *stamped, ""]))
+    text = RECIPE.replace("[polynomials]", 'format = "text"\n[polynomials]')
+    done = fit(tmp_path / "units", tmp_path / "runs", text=text, date="")
+    dates = [store.load(tmp_path / "runs" / f"U{k:03d}" / "r001") for k in range(3)]
+    found = [run.document["effective_from"] for run in dates]
+    assert found == ["2024-05-01", "2024-06-01", clock.date_or_today(None)]
+    assert json.loads((done.folder / "fleet.json").read_text())["effective_from"] == found[2]
+    assert fit(tmp_path / "units", tmp_path / "runs", text=text, date="").before == 3
 
 
 @pytest.mark.drawn

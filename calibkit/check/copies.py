@@ -109,13 +109,14 @@ def _are_same_log(one: Mapping[str, object], other: Mapping[str, object]) -> boo
 
 def describe_input(log: Input) -> dict[str, object]:
     """A log as run.json lists it: what identifies it, a fingerprint of its values, how it was read,
-    what of that was guessed, the digest of a second logger's file.
+    what of that was guessed, the digest of a second logger's file, the date of its last row.
     """
     stated = {
         FINGERPRINT: fingerprint(log.content),
         "reading": list(log.reading),
         "guesses": [line for line in log.reading if isinstance(line, Guess)],
         "second_logger_sha256": log.second_logger_sha256,
+        "last_date": log.last_date,
     }
     return log.identity() | {key: value for key, value in stated.items() if value}
 

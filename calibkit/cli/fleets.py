@@ -72,7 +72,7 @@ def fleet(
         find(recipe, overrides),
         data,
         out,
-        date_or_today(date),
+        date_or_today(date) if date else "",
         progress,
         jobs=jobs or 0,
         address=cluster,

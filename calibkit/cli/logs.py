@@ -77,6 +77,8 @@ def fit(
     for entry in run.document["inputs"]:
         print_detail(f"read {entry['name']}: {entry['rows']} rows, sha256 {entry['sha256']}")
     print_guesses(outcome.guesses)
+    if outcome.overlaps:
+        print_done("joined", outcome.overlaps)
     if not as_json:
         print_verdict(outcome.summary)
         log_line("wrote", f"{folder}{DRY_RUN if dry_run else ''}")

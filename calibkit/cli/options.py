@@ -25,8 +25,7 @@ SINCE = click.option(
     "--date",
     default=None,
     metavar="YYYY-MM-DD",
-    help="date from which the coefficients hold (default: of the logs' last row, else"
-    " today; a fleet's: today)",
+    help="date from which the coefficients hold (default: of the logs' last row, else today)",
 )
 RUNS = click.option(
     "--runs",

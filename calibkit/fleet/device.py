@@ -1,7 +1,7 @@
 """One device of a fleet: its run of an earlier call, a new fit, or the reason why it has none."""
 
 import contextlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -29,8 +29,15 @@ class Plan:
     data: Path
     out: Path
     date: str
+    """Date from which coefficients hold; "" where that of the logs' last row does."""
     dry_run: bool = False
     """Whether all is done but nothing written."""
+    today: str = ""
+    """Date from which coefficients of logs without dates hold."""
+
+    def date_of(self, dates: Iterable[str]) -> str:
+        """Date from which coefficients hold, by the last dates of logs or runs."""
+        return self.date or max(dates, default="") or self.today
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +59,8 @@ class Row:
     """Number of flags in the run."""
     before: bool
     """Whether the run was there already."""
+    effective_from: str = ""
+    """Date from which its coefficients hold."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,9 +133,10 @@ def _finished(plan: Plan, serial: str) -> Row:
             plan.data / serial,
             serial,
             plan.out,
-            plan.date,
+            plan.date or None,
             instruments.silent,
             dry_run=plan.dry_run,
+            today=plan.today,
         )
         return _row(outcome.run, spec, before=False)
 
@@ -141,8 +151,9 @@ def _already(plan: Plan, serial: str, spec: recipe.Recipe) -> store.Run | None:
         with contextlib.suppress(CoefficientError):
             run = store.load_revision(plan.out, serial, number)
             made = run.document
+            dated = plan.date_of(entry.get("last_date", "") for entry in made["inputs"])
             terms = made["software"], made["recipe"]["sha256"], made["effective_from"]
-            if terms == (SOFTWARE, plan.source.sha256, plan.date):
+            if terms == (SOFTWARE, plan.source.sha256, dated):
                 candidates.append(run)
     if not candidates:
         return None
@@ -197,4 +208,5 @@ def _row(run: store.Run, spec: recipe.Recipe, *, before: bool) -> Row:
         ),
         flags=len(document["flags"]),
         before=before,
+        effective_from=document["effective_from"],
     )

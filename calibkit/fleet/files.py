@@ -39,7 +39,7 @@ def _document(table: FleetTable, plan: Plan, contents: Mapping[str, bytes]) -> d
     return {
         "format": store.FLEET_FORMATS[-1],
         "software": SOFTWARE,
-        "effective_from": plan.date,
+        "effective_from": plan.date_of(entry.effective_from for entry in table.entries),
         "recipe": run_content.describe_recipe(plan.source),
         "units": tabulate("", DEVICE_KEYS, table.entries).to_objects(),
         "figures": [_figure(table, chart) for chart in table.charts],

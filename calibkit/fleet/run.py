@@ -7,7 +7,7 @@ from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from calibkit import atomic, instruments, new_files, recipe, store
+from calibkit import atomic, clock, instruments, new_files, recipe, store
 from calibkit.errors import CalibkitError, FrameError, OutputError, StoppedError, UsageError
 from calibkit.fleet import cluster, files, local, table
 from calibkit.fleet.device import Failure, Outcome, Plan, Row, fit_device
@@ -46,12 +46,14 @@ def run(
     """Fit a recipe to every sub-folder of a folder, each under its name as serial, and write the
     table of them all.
 
-    A device with a run of the same recipe, logs, date and software is not fitted again. Without
+    Without a date that of the last row of each device's logs holds. A device with a run of the same
+    recipe, logs, date and software is not fitted again. Without
     `keep_going` the first device that cannot be fitted ends the fleet with its error; what was
     finished stays. A dry run fits but writes nothing.
     """
     spec = instruments.parse_recipe(source)
-    plan = Plan(source, data.resolve(), out.resolve(), date, dry_run)
+    today = clock.date_or_today(None)
+    plan = Plan(source, data.resolve(), out.resolve(), date, dry_run, today)
     serials, refused = _find_devices(plan, data, keep_going=keep_going)
     processes = 1 if address else max(1, min(jobs or os.cpu_count() or 1, len(serials)))
     _make_folder(plan.out, dry_run=dry_run)

@@ -44,6 +44,9 @@ class Entry:
     """Names of the logs that the run was fitted to."""
     before: bool = False
     """Whether the run was there already."""
+    effective_from: str = ""
+    """Date from which its coefficients hold; "" where it has none."""
+    """Whether the run was there already."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +93,7 @@ def _entry(outcome: Outcome, copied: str, data: Path) -> Entry:
         outcome.flags,
         tuple(entry["name"] for entry in outcome.inputs),
         outcome.before,
+        outcome.effective_from,
     )
 
 

@@ -93,10 +93,13 @@ def _join(
     if frame.empty:
         raise stamps.nothing_common(first, time, second.file, on_a)
     u = clock.largest_uncertainty(values(second.frame, "time_s"))
+    overlap = stamps.describe_overlap(first, time[~lost])
+    overlap += _state_offset(chamber, clock, second.file)
     return replace(
         first,
         clock=None if chamber.clock == "same" else (clock.offset_s, u),
         second_logger_sha256=second.sha256,
+        overlap=overlap,
         lost=(*first.lost, *_lost(first, second.file, places)),
         frame=frame,
         notes=(
@@ -106,8 +109,7 @@ def _join(
             *(f"{second.file}: {note}" for note in second.notes),
         ),
         reading=(
-            stamps.describe_overlap(first, time[~lost])
-            + _state_offset(chamber, clock, second.file),
+            overlap,
             *first.reading,
             joined,
             *_describe_clock(chamber, clock, second),
