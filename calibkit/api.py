@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calibkit import coefficients, frame, instruments, pipeline, recipe as recipes, store
+from calibkit import (
+    coefficients,
+    frame,
+    inspection,
+    instruments,
+    pipeline,
+    recipe as recipes,
+    store,
+)
 from calibkit.arrays import Array
 from calibkit.certificate import certify as certificates
 from calibkit.check import examination
@@ -109,7 +117,7 @@ def examine(recipe: Source | AnyPath, data: AnyPath) -> tuple[LogReport, ...]:
     """What each log holds that a recipe would read from a folder, and what is wrong with it;
     `calibkit check`.
     """
-    return pipeline.check(_source(recipe), Path(data))
+    return inspection.check(_source(recipe), Path(data)).logs
 
 
 def fit(

@@ -236,9 +236,7 @@ class StageResult:
         return f"{self.stage}.json"
 
     def as_record(self, identity: Identity, supersedes: str) -> Record:
-        """Coefficient record of a stage's result; `supersedes` is the digest of the stage's file
-        before, or empty.
-        """
+        """Record of a stage's result; `supersedes` is the digest of the file before, or empty."""
         if not re.fullmatch(r"[a-z][a-z0-9_]*", self.stage):
             raise CoefficientError(
                 f"stage '{self.stage}': not the name of a coefficient file",

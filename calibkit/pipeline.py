@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import difflib
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -24,23 +23,20 @@ from calibkit.errors import (
     FrameError,
     MissingColumnError,
     OutputError,
-    RecipeError,
     UsageError,
 )
 from calibkit.history import dates, pooling
 from calibkit.ingest import logs as ingest
 from calibkit.recipe import type_b
-from calibkit.report import budget, figures
+from calibkit.report import budget
 from calibkit.version import SOFTWARE
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from calibkit.certificate.verify import Verified
-    from calibkit.check.report import LogReport
     from calibkit.firmware.export import Export
-    from calibkit.ingest.proposal import Proposal
     from calibkit.ingest.write_back import Applied, Rewritten
     from calibkit.instruments import Firmware, Progress
     from calibkit.report.summary import Summary
@@ -78,7 +74,7 @@ def fit(
     """
     spec = instruments.parse_recipe(source)
     serial = store.check_serial(serial or spec.serial)
-    with _placed(source):
+    with source.placing():
         logs = ingest.find_logs(spec, data)
         ingest.require_named_logs(spec, logs)
         pooled = pooling.pool_components(spec, out, [data / name for name in logs])
@@ -99,66 +95,6 @@ def fit(
     last = f"effective from {dated}, the date of the last row of the logs; --date states another"
     overlaps = tuple(f"{log.name}: {log.overlap}" for log in fitted.inputs if log.overlap)
     return _FitOutcome(run, summary, (*guesses, last) if dated else guesses, overlaps)
-
-
-@contextlib.contextmanager
-def _placed(source: recipe.Source) -> Iterator[None]:
-    """Name file and line of the recipe's key in errors that the logs gave rise to."""
-    try:
-        yield
-    except RecipeError as error:
-        raise source.located(error) from None
-
-
-def check(source: recipe.Source, data: Path, figure: Path | None = None) -> tuple[LogReport, ...]:
-    """What each log that a recipe would read holds and what is wrong with it; nothing is fitted.
-
-    A figure (PDF, one page per log) is written where a path for it is given.
-    """
-    from calibkit.check import examination
-
-    if figure is not None:
-        new_files.refuse_existing(figure)
-    spec = instruments.parse_recipe(source)
-    instrument = instruments.find(spec.procedure)
-    with _placed(source):
-        files = ingest.find_logs(spec, data)
-        ingest.require_named_logs(spec, files)
-        outcomes = [examination.examine_log(instrument, spec, data, file) for file in files]
-    compared = examination.compare_logs(outcomes)
-    if figure is not None:
-        shown = [outcome.figure for outcome in outcomes if outcome.figure is not None]
-        if not shown:
-            raise FrameError(
-                f"{data}: no log could be read, nothing to draw", hint="see check without --figure"
-            )
-        with figures.styled():
-            new_files.write_new(figure, figures.pdf([one.draw() for one in shown]))
-    return tuple(
-        replace(one, findings=(*one.findings, *(found for at, found in compared if at == one.file)))
-        for one in (outcome.report for outcome in outcomes)
-    )
-
-
-def init(folder: Path, sheet: str = "") -> Proposal:
-    """Commented recipe for the logs of a folder, with what check finds in the first of them."""
-    from calibkit.ingest import proposal
-
-    proposers = [one.propose for one in instruments.list_usable().values()]
-    parse, skeleton = instruments.parse_recipe, instruments.SKELETON
-    proposed = proposal.propose(folder, parse, proposers, skeleton, sheet)
-    spec = parse(recipe.Source("proposed recipe", proposed.text))
-    from calibkit.check import examination
-
-    instrument, file = instruments.find(spec.procedure), ingest.find_logs(spec, folder)[0]
-    try:
-        report = examination.examine_log(instrument, spec, folder, file).report
-    except RecipeError as error:  # something that is not in the logs, like the site's gravity
-        found = [str(error)]
-    else:
-        found = [*report.reading, *map(str, report.findings)] or ["nothing is wrong with it"]
-    lines = [f"# check of {file}: {line}" for part in found for line in part.splitlines()]
-    return replace(proposed, text="\n".join([*lines, proposed.text]))
 
 
 def run_recipe(run: store.Run, overrides: tuple[str, ...]) -> recipe.Recipe:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import datetime as dt
 import io
 import json
+import re
 from dataclasses import dataclass
 
 import h5py
@@ -72,8 +73,8 @@ def stamps(seconds, form, start=START):
 
 
 def comma(lines):
-    """Decimal commas."""
-    return [line.replace(".", ",") for line in lines]
+    """Decimal commas; a date keeps its points."""
+    return [re.sub(r"(?<!\d\.)\b(\d+)\.(\d+)\b(?!\.)", r"\1,\2", line) for line in lines]
 
 
 # Gyros on ramps, with a second thermometer

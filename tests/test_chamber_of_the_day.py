@@ -15,6 +15,9 @@ BEGINS = {"ramp_heating_05": 0.0, "ramp_cooling_05": 6 * 3600.0}
 ISO, GERMAN = "%Y-%m-%d %H:%M:%S.%f", "%d.%m.%Y %H:%M:%S"
 RECIPE = """
 procedure = "fog_thermal"
+[drift]
+model = "gradient_rate"
+order = 0
 [logs]
 files = ["ramp*.csv"]
 [columns.time_s]
@@ -123,6 +126,7 @@ def test_fit_prints_where_two_files_overlap(tmp_path, ramps, calibkit):
     write(tmp_path / "logs", ramps, head=600.0, behind=37.0)
     table = 'clock = "stated"\noffset_s = 37.0\nstandard_uncertainty_s = 0.5'
     text = (RECIPE % table).replace("fog_thermal", "bias_temperature") + POLYNOMIALS
+    text = text.replace('[drift]\nmodel = "gradient_rate"\norder = 0\n', "")
     (tmp_path / "r.toml").write_text(text, encoding="utf-8")
     call = ("fit", tmp_path / "r.toml", "--data", tmp_path / "logs", "--serial", "S-1", "--json")
     outcome = calibkit(*call, "--out", tmp_path / "runs")

@@ -173,21 +173,21 @@ def test_the_healthy_logs_say_nothing(procedure, healthy, tmp_path, log_writer):
 @pytest.mark.parametrize("procedure", instruments.campaigns())
 def test_a_clean_campaign_of_any_procedure_gives_no_finding(procedure, tmp_path):
     """Every log of a simulated campaign is checked without a word: false alarms cost trust."""
-    from calibkit import pipeline
+    from calibkit import inspection, pipeline
 
     for name, content in pipeline.simulated(procedure, 11).files().items():
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_bytes(content)
-    reports = pipeline.check(recipe.find(procedure), tmp_path)
+    reports = inspection.check(recipe.find(procedure), tmp_path).logs
     assert [str(finding) for report in reports for finding in report.findings] == []
 
 
 @pytest.mark.parametrize("procedure", instruments.campaigns())
 def test_the_sample_logs_give_no_finding(procedure):
     """The data sets that come with calibkit are checked without a word."""
-    from calibkit import pipeline
+    from calibkit import inspection
 
-    reports = pipeline.check(recipe.find(procedure), ROOT / "datasets" / procedure)
+    reports = inspection.check(recipe.find(procedure), ROOT / "datasets" / procedure).logs
     assert [str(finding) for report in reports for finding in report.findings] == []
 
 

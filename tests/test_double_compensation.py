@@ -88,8 +88,9 @@ def test_a_column_that_says_it_was_corrected_is_told(name, campaign, tmp_path, c
     rows[0][3] = name
     text = "\n".join(",".join(row) for row in rows) + "\n"
     (tmp_path / "a.csv").write_text(text, encoding="utf-8")
+    settings = (f"columns.gyro_dph={{from='{name}'}}", "drift.model=gradient_rate", "drift.order=0")
     said = calibkit(
-        "check", "fog_thermal", "--data", tmp_path, "--set", f"columns.gyro_dph={{from='{name}'}}"
+        "check", "fog_thermal", "--data", tmp_path, *(f"--set={setting}" for setting in settings)
     )
     assert said.code == 0
     assert "must not be compensated twice" in said.out

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calibkit import pipeline, recipe
+from calibkit import inspection, recipe
 from conftest import REAL
 
 pytestmark = pytest.mark.skipif(
@@ -45,14 +45,14 @@ gyro_x_dph = { from = "gx_dps", unit = "%s" }
 
 def check(text, folder):
     """Return the reports of a recipe's text."""
-    return pipeline.check(recipe.Source("r.toml", text), REAL / folder)
+    return inspection.check(recipe.Source("r.toml", text), REAL / folder).logs
 
 
 def test_the_warm_up_log_has_its_gaps_and_nothing_else():
     """Irregular 17 ms sampling with 378 steps above 2.5 of them, counted independently, is all that
     is flagged.
     """
-    (report,) = pipeline.check(recipe.find("mpu6050_warmup"), REAL / "mpu6050_warmup")
+    (report,) = inspection.check(recipe.find("mpu6050_warmup"), REAL / "mpu6050_warmup").logs
     time = np.loadtxt(REAL / "mpu6050_warmup" / "Tempdata01-02-14.csv", delimiter=",", skiprows=1)
     names = (
         (REAL / "mpu6050_warmup" / "Tempdata01-02-14.csv")

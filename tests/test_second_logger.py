@@ -56,10 +56,12 @@ def write(folder, columns, log_writer, *, keep=slice(None, None, 5), probe=True)
 
 def text(table):
     """Return the shipped recipe's text with a chamber table behind it."""
-    return (
-        recipe.find("fog_thermal").text.replace('files = ["*.csv"]', 'files = ["ramp*.csv"]')
-        + CHAMBER % table
-    )
+    shipped = recipe.find("fog_thermal").text.replace('files = ["*.csv"]', 'files = ["ramp*.csv"]')
+    one_ramp = {'model = "auto"': 'model = "gradient_rate"', 'order = "auto"': "order = 0"}
+    for before, after in one_ramp.items():
+        assert before in shipped
+        shipped = shipped.replace(before, after, 1)
+    return shipped + CHAMBER % table
 
 
 def joined(folder, table=ESTIMATE):

@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from calibkit.check.facts import Facts
-from calibkit.errors import FrameError
+from calibkit.errors import FitError, FrameError
 from calibkit.frame import Finding
 
 WORDS = {"refuse": "REFUSED", "warn": "flagged", "note": "note   "}
@@ -73,6 +73,43 @@ class LogReport:
         return [title, *(f"  {line}" for line in lines)]
 
 
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """What the logs of a campaign determine together, and whether a fit would export it (None
+    where that was not tried); the verdict and the exit code that the fit would have.
+    """
+
+    determines: tuple[str, ...]
+    lacks: tuple[str, ...]
+    exports: bool | None
+    verdict: str = ""
+    exit_code: int = 0
+
+    def lines(self) -> list[str]:
+        """The last paragraph of a check."""
+        found = "; ".join(self.determines) or ("not tried" if self.exports is None else "nothing")
+        return [
+            f"This campaign determines: {found}",
+            *(f"  missing: {lack}" for lack in self.lacks),
+            *([f"  fit would {self._outcome()}"] if self.exports is not None else ()),
+        ]
+
+    def _outcome(self) -> str:
+        """What a fit would do."""
+        if self.exit_code:
+            return f"export nothing: exit code {self.exit_code}"
+        done = "export this" if self.exports else "export no correction"
+        return f"{done}: {self.verdict}"
+
+
+@dataclass(frozen=True, slots=True)
+class Campaign:
+    """What a check finds: each log, and what all of them determine."""
+
+    logs: tuple[LogReport, ...]
+    judgement: Judgement
+
+
 def judge_logs(reports: Sequence[LogReport]) -> str:
     """How many logs of a campaign are ok, and which are refused for what, in a line."""
     refused = [
@@ -87,19 +124,24 @@ def judge_logs(reports: Sequence[LogReport]) -> str:
     return f"{said}, {len(refused)} refused: {named}" if refused else said
 
 
-def report_document(reports: Sequence[LogReport]) -> dict[str, Any]:
+def report_document(campaign: Campaign) -> dict[str, Any]:
     """JSON document of a check: `ok` where a fit would go on, else the first thing that stops it,
-    then each log.
+    then each log, and what all of them determine.
     """
+    reports, judged = campaign.logs, campaign.judgement
     logs = [_log_entry(report) for report in reports]
+    rest = {"logs": logs, "campaign": asdict(judged)}
     refused = [finding for report in reports for finding in report.findings if finding.refused]
+    if not refused and judged.exit_code:
+        error = {"code": FitError.code, "message": "; ".join(judged.lacks), "hint": ""}
+        return {"ok": False, "error": error, **rest}
     if not refused:
-        return {"ok": True, "logs": logs}
+        return {"ok": True, **rest}
     first, count = refused[0], sum(report.refused for report in reports)
     message = f"{first.place}: {first.found}, expected {first.expected}"
     message += f" ({count} of {len(reports)} logs are refused)" if count > 1 else ""
     error = {"code": FrameError.code, "message": message, "hint": first.advice}
-    return {"ok": False, "error": error, "logs": logs}
+    return {"ok": False, "error": error, **rest}
 
 
 def _log_entry(report: LogReport) -> dict[str, Any]:

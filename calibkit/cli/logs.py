@@ -20,7 +20,7 @@ from calibkit.cli.console import (
 from calibkit.cli.memory import tune_memory
 from calibkit.cli.options import DATA, DRY, JSON, KEEP, PATH, RECIPE, RUN, RUNS, SET, SINCE, command
 from calibkit.clock import date_or_today
-from calibkit.errors import FrameError, visible
+from calibkit.errors import visible
 
 VERDICT_KEYS = (
     "serial",
@@ -101,24 +101,26 @@ def fit(
 def check(
     recipe: str, data: Path, figure: Path | None, overrides: tuple[str, ...], *, as_json: bool
 ) -> int:
-    """Say what would be read and what is wrong with it; nothing is fitted.
+    """Say what would be read, what is wrong with it, and what it would determine; nothing is
+    written.
 
     \b
     calibkit check fog_thermal --data logs
     calibkit check my_recipe.toml --data logs --json --figure logs.pdf
     """
     tune_memory()
-    from calibkit import pipeline
+    from calibkit import inspection
     from calibkit.check.report import judge_logs, report_document
     from calibkit.recipe import find
 
-    reports = pipeline.check(find(recipe, overrides), data, figure)
+    campaign = inspection.check(find(recipe, overrides), data, figure)
     if as_json:
-        print_json(report_document(reports))
+        print_json(report_document(campaign))
     else:
-        lines = (line for report in reports for line in report.lines())
-        click.echo("\n".join(map(visible, (judge_logs(reports), *lines))))
-    return FrameError.exit_code if any(report.refused for report in reports) else 0
+        lines = (line for report in campaign.logs for line in report.lines())
+        last = campaign.judgement.lines()
+        click.echo("\n".join(map(visible, (judge_logs(campaign.logs), *lines, *last))))
+    return campaign.judgement.exit_code
 
 
 @command()
@@ -132,9 +134,9 @@ def init(folder: Path, sheet: str, *, as_json: bool) -> int:
     calibkit init --from logs > my_recipe.toml
     calibkit init --from logs --sheet Data --json
     """
-    from calibkit import pipeline
+    from calibkit import inspection
 
-    proposal = pipeline.init(folder, sheet)
+    proposal = inspection.init(folder, sheet)
     if as_json:
         print_json({"ok": True, "recipe": proposal.text})
     else:

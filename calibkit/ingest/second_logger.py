@@ -93,13 +93,12 @@ def _join(
     if frame.empty:
         raise stamps.nothing_common(first, time, second.file, on_a)
     u = clock.largest_uncertainty(values(second.frame, "time_s"))
-    overlap = stamps.describe_overlap(first, time[~lost])
-    overlap += _state_offset(chamber, clock, second.file)
+    overlap = stamps.describe_overlap(first, time[~lost]) + _state_offset(chamber, clock, second)
     return replace(
         first,
+        overlap=overlap,
         clock=None if chamber.clock == "same" else (clock.offset_s, u),
         second_logger_sha256=second.sha256,
-        overlap=overlap,
         lost=(*first.lost, *_lost(first, second.file, places)),
         frame=frame,
         notes=(
@@ -109,9 +108,7 @@ def _join(
             *(f"{second.file}: {note}" for note in second.notes),
         ),
         reading=(
-            overlap,
-            *first.reading,
-            joined,
+            *(overlap, *first.reading, joined),
             *_describe_clock(chamber, clock, second),
             *second.reading,
         ),
@@ -291,11 +288,11 @@ def _note_stamps(chamber: SecondLogger, file: str, begins: float) -> tuple[str, 
     )
 
 
-def _state_offset(chamber: SecondLogger, clock: clocks.Clocks, file: str) -> str:
+def _state_offset(chamber: SecondLogger, clock: clocks.Clocks, second: Log) -> str:
     """How far the clock of the second logger is off, to 0.1 s, and how that is known."""
     off, way = round(clock.offset_s, 1), "behind" if clock.offset_s > 0.0 else "ahead"
     by = f"{abs(off):.10g} s {way}" if off else "as it is"
-    return f"; clock of {file} {by} ({_HOW_RELATED[chamber.clock]})"
+    return f"; clock of {second.file} {by} ({_HOW_RELATED[chamber.clock]})"
 
 
 def _describe_clock(chamber: SecondLogger, clock: clocks.Clocks, second: Log) -> tuple[str, ...]:

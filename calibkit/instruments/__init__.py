@@ -68,6 +68,10 @@ class Fitted(Generic[Drawing]):
     drawing: Drawing
     uncertainty: tuple[Mapping[str, Any], ...] = ()
     """Combined and expanded uncertainties of results, as JSON objects."""
+    lacks: tuple[str, ...] = ()
+    """What the logs do not determine, and what they would have to hold."""
+    exports: bool = True
+    """Whether there is a correction to export, or a result to state."""
 
 
 def _draw_tables(_: str, fitted: Fitted[Any]) -> Drawn:

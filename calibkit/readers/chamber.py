@@ -12,7 +12,7 @@ first, depends on the chamber's configuration: the recipe says which column is w
 """
 
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -49,14 +49,7 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  
             f"{file}:1: {len(names)} columns with the time, the recipe names {len(logs.names)}",
             hint="correct [logs] names",
         )
-    frame = pd.DataFrame(
-        [[float(field) for field in reply["fields"].split()] for reply in replies.values()],
-        columns=names[1:],
-    )
-    written = [reply["time"].strip() for reply in replies.values()]
-    plain = all(map(times.is_decimal, written))
-    frame.insert(0, "time", [float(field) for field in written] if plain else written)
-    frame.columns = list(logs.names) or names
+    frame = _tabulate(list(replies.values()), names, logs)
     lines = np.array(list(replies))
     frame.index = pd.Index(lines - FIRST_ROW)
     reading = (
@@ -73,6 +66,19 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  
         left_out=tuple(torn.left_out),
         numbers=lines - 1 if torn.any else None,
     )
+
+
+def _tabulate(replies: Sequence[re.Match[str]], names: list[str], logs: Logs) -> pd.DataFrame:
+    """Times and fields of replies, under the names of the recipe or these."""
+    frame = pd.DataFrame(
+        [[float(field) for field in reply["fields"].split()] for reply in replies],
+        columns=names[1:],
+    )
+    written = [reply["time"].strip() for reply in replies]
+    plain = all(map(times.is_decimal, written))
+    frame.insert(0, "time", [float(field) for field in written] if plain else written)
+    frame.columns = list(logs.names) or names
+    return frame
 
 
 def _match_reply(file: str, number: int, line: str) -> re.Match[str]:

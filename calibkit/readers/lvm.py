@@ -51,7 +51,7 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  
     lines = torn.cut_lines(content)
     if not lines[0].startswith("LabVIEW Measurement"):
         raise LogFormatError(f"{file}:1: no 'LabVIEW Measurement'", hint="the log is no .lvm file")
-    separator = {"tab": "\t", "comma": ","}.get(_read_key(lines, "Separator", "Tab").lower(), "\t")
+    separator = {"comma": ","}.get(_read_key(lines, "Separator", "Tab").lower(), "\t")
     decimal = _read_key(lines, "Decimal_Separator", ".")
     if decimal not in tokens.NUMBER:
         raise LogFormatError(
@@ -60,13 +60,6 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  
         )
     segments = _read_segments(lines, separator, decimal, torn)
     first = segments[0]
-    for segment in segments[1:]:
-        if segment.names != first.names:
-            raise LogFormatError(
-                f"{file}:{segment.lines[0] - 1}: a segment of other channels:"
-                f" {', '.join(segment.names[1:])}",
-                hint="save segments of different channels in files of their own",
-            )
     frame = pd.DataFrame(
         np.vstack([segment.rows for segment in segments]), columns=list(first.names)
     )
@@ -129,6 +122,13 @@ def _read_segments(
                 (n for n in range(end, ends[k + 2]) if lines[n].startswith("Channels")), ends[k + 2]
             )
         segments.append(_read_segment(lines, start, end, stop, separator, decimal, torn))
+    for segment in segments[1:]:
+        if segment.names != segments[0].names:
+            raise LogFormatError(
+                f"{torn.file}:{segment.lines[0] - 1}: a segment of other channels:"
+                f" {', '.join(segment.names[1:])}",
+                hint="save segments of different channels in files of their own",
+            )
     return segments
 
 
@@ -148,17 +148,7 @@ def _read_segment(
         for line in lines[start:end]
         if line.strip()
     }
-    if end + 1 >= stop:
-        raise LogFormatError(
-            f"{file}:{end + 1}: no names below '{_END}'", hint="the file is cut off"
-        )
-    names = [name.strip() for name in lines[end + 1].split(separator)]
-    while names and names[-1] in {"", "Comment"}:
-        names.pop()
-    if len(names) < 2 or names[0] != _TIME:
-        raise LogFormatError(
-            f"{file}:{end + 2}: found '{lines[end + 1][:40]}', expected '{_TIME}' and channels"
-        )
+    names = _read_names(lines, end, stop, separator, file)
     written = {n + 1: lines[n] for n in range(end + 2, stop) if lines[n].strip()}
     parsed = torn.parse(
         written.items(), lambda n, line: _parse_row(line, names, separator, decimal, n, file)
@@ -182,6 +172,22 @@ def _read_segment(
     rows = np.array(list(parsed.values()))
     timed, names = _join_times(rows, names, header, file, int(at[0]), numbers)
     return _Segment(tuple(names), {_TIME: "s", **known}, at, timed, numbers, len(written))
+
+
+def _read_names(lines: Sequence[str], end: int, stop: int, separator: str, file: str) -> list[str]:
+    """Names of a segment's columns, one line below the end of its header."""
+    if end + 1 >= stop:
+        raise LogFormatError(
+            f"{file}:{end + 1}: no names below '{_END}'", hint="the file is cut off"
+        )
+    names = [name.strip() for name in lines[end + 1].split(separator)]
+    while names and names[-1] in {"", "Comment"}:
+        names.pop()
+    if len(names) < 2 or names[0] != _TIME:
+        raise LogFormatError(
+            f"{file}:{end + 2}: found '{lines[end + 1][:40]}', expected '{_TIME}' and channels"
+        )
+    return names
 
 
 def _parse_row(

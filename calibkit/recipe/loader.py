@@ -3,10 +3,11 @@ closest known name.
 """
 
 import codecs
+import contextlib
 import hashlib
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, TypeVar, get_args, get_origin
@@ -56,6 +57,14 @@ class Source:
         return RecipeError(
             f"{_format_place(self, error.at, lines)}: {error.message}", hint=error.hint
         )
+
+    @contextlib.contextmanager
+    def placing(self) -> Iterator[None]:
+        """Name file and line of the recipe's key in errors that the logs gave rise to."""
+        try:
+            yield
+        except RecipeError as error:
+            raise self.located(error) from None
 
 
 def shipped() -> dict[str, Path]:

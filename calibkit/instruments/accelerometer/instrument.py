@@ -60,11 +60,8 @@ def _fit(
     spec: AccelerometerRecipe, data: Path, files: Sequence[str], progress: Progress
 ) -> Fitted[TriadReport]:
     """Fit K-factor, Q-factor and the affine triad to the dwells of all logs together."""
-    logs = list(
-        copies.refuse_copies(
-            ingest.read_ahead(progress(files, "reading"), lambda file: _read(spec, data, file))
-        )
-    )
+    read = ingest.read_ahead(progress(files, "reading"), lambda file: _read(spec, data, file))
+    logs = list(copies.refuse_copies(read))
     dwells = plausibility.screen(triad_dwells.collect_dwells(logs, spec), spec)
     fitted = fit_triad(dwells, spec)
     counted = dwells.without(fitted.left_out) if fitted.left_out else dwells
@@ -96,6 +93,7 @@ def _fit(
         tuple(Input.of(log) for log in logs),
         Summary(spec.title, tuple(shown), tuple(flags), judged),
         TriadReport(counted, found["indication"], after, spec.toolface_range_deg),
+        lacks=fitted.k_not_fitted,
     )
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from calibkit.coefficients import Figure, StageResult
 from calibkit.constants import SECONDS_PER_MINUTE
+from calibkit.errors import FitError
 from calibkit.instruments.fog_thermal import forms
 from calibkit.instruments.fog_thermal.compensate import DriftModel, LogFigures
 from calibkit.instruments.fog_thermal.gradient_file import SideChoice
@@ -99,7 +100,7 @@ def decide(
     choices: Sequence[SideChoice], levels: ThermalChoice, recipe: FogThermalRecipe
 ) -> Export:
     """Export the scheme with the smallest share of the raw drift on left-out ramps; none if none
-    helps.
+    helps. Raises FitError where no scheme could be tested.
     """
     spec, thermal = recipe.drift, levels.model
     rates = tuple(choice.chosen for choice in choices if choice.chosen is not None)
@@ -124,12 +125,26 @@ def decide(
                 " covariance, not singly"
             )
         return Export(model, levels.chosen.candidate.name, share_levels, tuple(flags))
-    reasons = [flag for choice in choices for flag in choice.flags]
+    reasons = [flag for side in choices for flag in side.flags]
     if rates:
         return Export(model, "gradient_rate", share_rates, tuple(reasons))
     if levels.reason:
         reasons.append(levels.reason)
+    if not levels.tested and not any(side.tested for side in choices):
+        raise FitError(
+            f"no family of models can be determined: {'; '.join(reasons)}",
+            hint=(
+                f"measure {choice.LEAST_RAMPS} ramps or more, better at two rates each way, each"
+                " from soak to soak"
+            ),
+        )
     return Export(model, "none", None, (f"no drift term exported: {'; '.join(reasons)}",))
+
+
+def list_undetermined(choices: Sequence[SideChoice], levels: ThermalChoice) -> list[str]:
+    """Why families of models could not be tested with these ramps, a sentence each."""
+    untested = [flag for side in choices if not side.tested for flag in side.flags]
+    return [*untested, *levels.refused, *([] if levels.tested else filter(None, [levels.reason]))]
 
 
 def _share_of_rates(choices: Sequence[SideChoice]) -> float | None:

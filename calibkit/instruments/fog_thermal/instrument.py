@@ -66,13 +66,14 @@ def _fit(
         tuple(dict.fromkeys([*drift.flags, *exported.flags, *_flags(spec, logs, model)])),
         _fit_criteria(spec, export, compensated),
     )
-    drawing = tables.drift_report(spec, logs, fitted, choices, tested, model, at_rest.hysteresis)
     return Fitted(
         (ramps.denoise_result(logs), drift, exported),
         tuple(log.source for log in logs),
         summary,
-        drawing,
+        tables.drift_report(spec, logs, fitted, choices, tested, model, at_rest.hysteresis),
         (*(one.to_object() for one in stated), *at_rest.uncertainty),
+        (*decision.list_undetermined(choices, levels), *decision.flag_one_way(logs, model)),
+        model.exported,
     )
 
 

@@ -4,6 +4,7 @@ three axes.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from calibkit.check import copies
@@ -95,7 +96,7 @@ def _fit_rate_table(
     )
     (scales,) = results
     shown = tables.summarize_rate_table(gyros, scales)
-    return _fitted(
+    found = _fitted(
         spec,
         runs,
         results,
@@ -103,6 +104,7 @@ def _fit_rate_table(
         acceptance.judge_runs(scales.figures, spec.acceptance),
         curves.GyroReport.of_runs(gyros),
     )
+    return replace(found, lacks=over_runs.list_undetermined(gyros))
 
 
 def _fit_pair(

@@ -37,6 +37,8 @@ are few, and an order too high by chance widens intervals more than a bend that 
 """
 VARIES_DEGC = 5.0
 """Least span of the runs' temperatures [°C] for a fit of K over temperature."""
+LEAST_REPEATED = 2
+"""Fewest repeated runs that show how they differ."""
 UNLOGGED = (
     "temperature is not logged in every run: nothing is fitted over it, all runs count as repeated"
 )
@@ -99,6 +101,18 @@ def fit_over_runs(
         response,
         found,
     )
+
+
+def list_undetermined(gyros: Sequence[GyroOverRuns]) -> tuple[str, ...]:
+    """What the runs of the gyros do not determine, and what it takes."""
+    lacks = []
+    if any(gyro.K_over_temperature is None for gyro in gyros):
+        lacks.append(
+            f"K and F0 over temperature: log runs at temperatures {VARIES_DEGC:g} °C apart or more"
+        )
+    if any(len(gyro.at_room) < LEAST_REPEATED for gyro in gyros):
+        lacks.append("repeatability: log two runs or more at the reference temperature")
+    return tuple(lacks)
 
 
 def _known_components(spec: OwnAxisRecipe, K: float) -> dict[str, components.Known]:

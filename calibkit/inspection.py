@@ -1,0 +1,108 @@
+"""What is said of logs before coefficients are written: check and init."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from calibkit import instruments, new_files, recipe
+from calibkit.check import examination
+from calibkit.check.report import Campaign, Judgement
+from calibkit.errors import FitError, FrameError, LogFormatError, RecipeError
+from calibkit.ingest import logs as ingest, proposal
+from calibkit.recipe import type_b
+from calibkit.report import budget, figures
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from calibkit.check.report import LogReport
+    from calibkit.coefficients import StageResult
+    from calibkit.ingest.proposal import Proposal
+    from calibkit.instruments import Instrument
+
+LARGEST_TRIAL = 50_000_000
+"""Bytes of logs up to which a campaign is judged by a fit on trial."""
+
+
+def check(source: recipe.Source, data: Path, figure: Path | None = None) -> Campaign:
+    """What each log that a recipe would read holds and what is wrong with it, and what the logs
+    determine together; nothing is written but the figure.
+
+    A figure (PDF, one page per log) is written where a path for it is given.
+    """
+    if figure is not None:
+        new_files.refuse_existing(figure)
+    spec = instruments.parse_recipe(source)
+    instrument = instruments.find(spec.procedure)
+    with source.placing():
+        files = ingest.find_logs(spec, data)
+        ingest.require_named_logs(spec, files)
+        outcomes = [examination.examine_log(instrument, spec, data, file) for file in files]
+    compared = examination.compare_logs(outcomes)
+    if figure is not None:
+        shown = [outcome.figure for outcome in outcomes if outcome.figure is not None]
+        if not shown:
+            raise FrameError(
+                f"{data}: no log could be read, nothing to draw", hint="see check without --figure"
+            )
+        with figures.styled():
+            new_files.write_new(figure, figures.pdf([one.draw() for one in shown]))
+    reports = tuple(
+        replace(one, findings=(*one.findings, *(found for at, found in compared if at == one.file)))
+        for one in (outcome.report for outcome in outcomes)
+    )
+    return Campaign(reports, _judge(instrument, spec, data, files, reports))
+
+
+def _judge(
+    instrument: Instrument[Any, Any],
+    spec: recipe.Recipe,
+    data: Path,
+    files: Sequence[str],
+    reports: Sequence[LogReport],
+) -> Judgement:
+    """What the logs of a campaign determine together, by the fit itself, on trial."""
+    refused = sum(report.refused for report in reports)
+    if refused:
+        lacks = f"{refused} of {len(reports)} logs refused: mend them, or exclude them"
+        return Judgement((), (lacks,), exports=False, exit_code=FrameError.exit_code)
+    size = sum((data / file).stat().st_size for file in files if (data / file).is_file())
+    if size > LARGEST_TRIAL:
+        lacks = f"{size / 1e6:,.0f} MB of logs are not fitted on trial: see fit --dry-run"
+        return Judgement((), (lacks,), exports=None)
+    try:
+        fitted = instrument.fit(spec, data, files, instruments.silent)
+        results = budget.name_results(fitted.results)
+        type_b.require_known(spec.type_b, (*results, *spec.own_columns()))
+    except (FrameError, FitError, LogFormatError, RecipeError) as error:
+        return Judgement((), (str(error),), exports=False, exit_code=error.exit_code)
+    determined = tuple(_describe(result) for result in fitted.results)
+    verdict = fitted.summary.verdict
+    return Judgement(determined, fitted.lacks, exports=fitted.exports, verdict=verdict)
+
+
+def _describe(result: StageResult) -> str:
+    """A stage of a fit and its models by name, or how many there are of anything."""
+    names = [model.name for model in result.models]
+    if not names:
+        return f"{result.stage} ({len(result.figures)} figures)"
+    return f"{result.stage} ({', '.join(names) if len(names) < 5 else f'{len(names)} models'})"
+
+
+def init(folder: Path, sheet: str = "") -> Proposal:
+    """Commented recipe for the logs of a folder, with what check finds in the first of them."""
+    proposers = [one.propose for one in instruments.list_usable().values()]
+    parse, skeleton = instruments.parse_recipe, instruments.SKELETON
+    proposed = proposal.propose(folder, parse, proposers, skeleton, sheet)
+    spec = parse(recipe.Source("proposed recipe", proposed.text))
+    instrument, file = instruments.find(spec.procedure), ingest.find_logs(spec, folder)[0]
+    try:
+        report = examination.examine_log(instrument, spec, folder, file).report
+    except RecipeError as error:  # something that is not in the logs, like the site's gravity
+        found = [str(error)]
+    else:
+        found = [*report.reading, *map(str, report.findings)] or ["nothing is wrong with it"]
+    lines = [f"# check of {file}: {line}" for part in found for line in part.splitlines()]
+    return replace(proposed, text="\n".join([*lines, proposed.text]))

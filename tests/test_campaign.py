@@ -1,0 +1,76 @@
+"""What check says of all logs of a campaign together: the same as fit does."""
+
+import shutil
+
+import pytest
+
+from calibkit import inspection, recipe
+from conftest import ROOT
+
+DATA = ROOT / "datasets"
+
+
+@pytest.fixture
+def two_ramps(tmp_path):
+    """Return a folder with the ramps of ±10 °C/min alone."""
+    folder = tmp_path / "logs"
+    folder.mkdir()
+    for way in ("heating", "cooling"):
+        shutil.copy(DATA / "fog_thermal" / f"ramp_{way}_10.csv", folder)
+    return folder
+
+
+def test_check_and_fit_say_the_same_of_two_ramps(two_ramps, tmp_path, calibkit):
+    """Ramps of ±10 °C/min are two good logs and determine nothing: exit 3 of both, with what to
+    measure.
+    """
+    found = calibkit("check", "fog_thermal", "--data", two_ramps)
+    call = ("fit", "fog_thermal", "--data", two_ramps, "--serial", "S-1")
+    fitted = calibkit(*call, "--out", tmp_path / "runs")
+    assert found.out.startswith("2 of 2 logs ok\n")
+    assert (found.code, fitted.code) == (3, 3)
+    assert not (tmp_path / "runs" / "S-1").exists()
+    last = found.out.split("This campaign determines: ")[1]
+    assert last.startswith("nothing\n")
+    for words in (last, fitted.err):
+        assert "no family of models can be determined" in words
+        assert "measure 3 ramps or more" in words
+    assert last.rstrip().endswith("fit would export nothing: exit code 3")
+
+
+def test_a_whole_campaign_is_judged_with_its_models(calibkit):
+    """Eight ramps: the models that fit would write, and its verdict; also as JSON."""
+    found = calibkit("check", "fog_thermal", "--data", DATA / "fog_thermal", "--json")
+    assert found.code == 0
+    judged = found.json["campaign"]
+    assert (judged["exports"], judged["verdict"], judged["exit_code"]) == (True, "accepted", 0)
+    assert judged["determines"][-1] == "drift_rate (drift)"
+
+
+@pytest.mark.parametrize(
+    "procedure", ["gyro_pair", "gyro_triad", "rate_table", "gyro_noise", "inclinometer"]
+)
+def test_every_procedure_is_judged(procedure):
+    """The sample logs of each are determined and exported."""
+    source = recipe.find(procedure)
+    judged = inspection.check(source, DATA / procedure).judgement
+    assert judged.exports
+    assert judged.determines
+    assert judged.lines()[-1] == "  fit would export this: accepted"
+
+
+def test_what_one_run_does_not_hold_is_named(tmp_path):
+    """One run of a rate table: no repeatability, nothing over temperature."""
+    shutil.copy(DATA / "rate_table" / "room_1.csv", tmp_path)
+    lacks = inspection.check(recipe.find("rate_table"), tmp_path).judgement.lacks
+    assert [lack.split(":")[0] for lack in lacks] == ["K and F0 over temperature", "repeatability"]
+
+
+def test_a_refused_log_is_no_campaign(tmp_path, calibkit):
+    """With a log that fit refuses, the last paragraph says that it would stop."""
+    shutil.copytree(DATA / "rate_table", tmp_path / "logs")
+    log = tmp_path / "logs" / "room_1.csv"
+    log.write_text(log.read_text().replace("3.0,0.000000", "2.0,0.000000", 1))
+    found = calibkit("check", "rate_table", "--data", tmp_path / "logs")
+    assert found.code == 3
+    assert "missing: 1 of 6 logs refused: mend them, or exclude them" in found.out
