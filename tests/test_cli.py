@@ -35,6 +35,7 @@ def test_help_imports_nothing_heavy():
         "export",
         "verify",
         "evaluate",
+        "compare",
         "show",
         "diff",
         "history",

@@ -43,6 +43,7 @@ for kept in (
     fleets.fleet,
     outputs.export,
     results.evaluate,
+    results.compare,
     records.verify,
     records.show,
     records.diff,

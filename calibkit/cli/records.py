@@ -176,7 +176,7 @@ def history(
     serial: str, runs: Path, only: str, figure: Path | None, *, as_csv: bool, as_json: bool
 ) -> int:
     """List all runs of a serial: which holds when, whether each supersedes the one before, how its
-    numbers moved.
+    key values moved and when they will reach their limits.
 
     \b
     calibkit history FOG-0001
@@ -188,11 +188,14 @@ def history(
     from calibkit import instruments, new_files
     from calibkit.history import figure as drawing, timeline_tables as tables
     from calibkit.history.timeline import Timeline
+    from calibkit.results import key_values
 
     _one_format(as_csv=as_csv, as_json=as_json)
     found = Timeline.read(serial, runs, instruments.model_forms, only)
+    followed, left_out = ((), ()) if only else key_values.follow(found.runs)
     if figure is not None:
-        new_files.write_new(figure, drawing.render(found, figure.suffix))
+        first = [key_values.draw(serial, followed)] if followed else []
+        new_files.write_new(figure, drawing.render(found, figure.suffix, first))
     broken = None
     if not found.sound:
         faults = (*(entry.reason for entry in found.refused), *found.breaks)
@@ -201,9 +204,14 @@ def history(
         )
     error = {"error": error_document(broken)} if broken else {}
     _print_found(
-        lambda: {"ok": found.sound, **error, **tables.timeline_document(found)},
+        lambda: {
+            "ok": found.sound,
+            **error,
+            "key_values": list(key_values.documents(followed)),
+            **tables.timeline_document(found),
+        },
         lambda: tables.list_points(found),
-        lambda: tables.summarize_timeline(found),
+        lambda: tables.summarize_timeline(found, key_values.tabulate(followed), left_out),
         as_csv=as_csv,
         as_json=as_json,
     )

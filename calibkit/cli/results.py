@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from calibkit.cli import completion
 from calibkit.cli.console import print_data, print_flags, print_json, print_summary
 from calibkit.cli.options import JSON, PATH, RUN, RUNS, command
 
@@ -52,6 +53,7 @@ def evaluate(
     if out is not None:
         figures.require_suffix(out.suffix, (".csv", *figures.SUFFIXES))
     found = evaluation.RunResults.read(store.load(store.find(run, runs)))
+    found.require_any()
     if not inputs and not ranges and not only:
         _print_results(found, run, as_json=as_json)
         return 0
@@ -67,6 +69,63 @@ def evaluate(
         print_flags(evaluation.flag_values(values))
         print_data(f"{out}\n")
     return 0
+
+
+@command()
+@click.argument("before", metavar="OLD", shell_complete=completion.complete_run)
+@click.argument("after", metavar="NEW", shell_complete=completion.complete_run)
+@click.option(
+    "--limit",
+    "limits",
+    multiple=True,
+    metavar="NAME<=VALUE UNIT",
+    help="largest change of a result (default: the recipe's acceptance)",
+)
+@click.option(
+    "--same-equipment",
+    "same",
+    is_flag=True,
+    help="type B terms that both runs state alike are one error of the same equipment",
+)
+@click.option("--out", type=PATH, help="PDF or PNG file to write: then and now, with U and limit")
+@RUNS
+@JSON
+def compare(
+    before: str,
+    after: str,
+    limits: tuple[str, ...],
+    out: Path | None,
+    runs: Path,
+    *,
+    same: bool,
+    as_json: bool,
+) -> int:
+    """Answer whether a device is still good: how far its results have changed, against U and limit.
+
+    \b
+    calibkit compare FOG-0001@r001 FOG-0001
+    calibkit compare GYRO-1@2024-05-01 GYRO-1 --limit "K_x<=20 ppm" --out gyro.pdf
+
+    Results are compared over the range that both runs were calibrated in, whatever their model
+    forms. Exit codes: 0 yes, 1 no, 3 cannot tell.
+    """
+    from calibkit import store
+    from calibkit.results import comparison, figures, inputs, still_good
+
+    if out is not None:
+        figures.require_suffix(out.suffix)
+    old, new = (store.load(store.find(run, runs)) for run in (before, after))
+    found = comparison.compare(old, new, limits=inputs.parse_limits(limits), same=same)
+    if out is not None:
+        _write(out, figures.render(still_good.draw(found), out.suffix))
+    if as_json:
+        written = {} if out is None else {"out": str(out)}
+        print_json({"ok": True, **still_good.document(found), **written})
+    else:
+        print_summary(still_good.summarise(found))
+        if out is not None:
+            print_data(f"{out}\n")
+    return still_good.EXIT_CODES[found.answer]
 
 
 def _write(out: Path, content: bytes) -> None:

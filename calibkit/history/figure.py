@@ -22,25 +22,24 @@ ROWS, COLUMNS = 4, 3
 SUFFIXES = (".pdf", ".png")
 
 
-def render(found: Timeline, suffix: str) -> bytes:
-    """Figure of a timeline as PDF (as many pages as it needs) or PNG (the first twelve
-    quantities).
+def render(found: Timeline, suffix: str, first: Sequence[Figure] = ()) -> bytes:
+    """Figure of a timeline as PDF (the pages that come first, then as many as it needs) or PNG (the
+    first page).
     """
     if suffix not in SUFFIXES:
         raise UsageError(
             f"--figure: a file ending in '{suffix}'",
             hint=f"name one ending in {' or '.join(SUFFIXES)}",
         )
-    if not found.series:
+    if not found.series and not first:
         raise UsageError(
             f"{found.serial}: no quantity with an uncertainty was determined twice",
             hint="a figure needs two revisions",
         )
     step = ROWS * COLUMNS
     blocks = [found.series[at : at + step] for at in range(0, len(found.series), step)]
-    if suffix == ".png":
-        return png(_page(found.serial, blocks[0]))
-    return pdf([_page(found.serial, block) for block in blocks])
+    pages = [*first, *(_page(found.serial, block) for block in blocks)]
+    return png(pages[0]) if suffix == ".png" else pdf(pages)
 
 
 def _page(serial: str, block: Sequence[Series]) -> Figure:

@@ -223,7 +223,7 @@ def _flags(runs: Sequence[Run]) -> tuple[str, ...]:
     return tuple(flags)
 
 
-def _independent(runs: Sequence[Run]) -> set[int]:
+def independent_runs(runs: Sequence[Run]) -> set[int]:
     """Revisions that were not rejected and share no log with a newer one of them."""
     seen: list[Mapping[str, object]] = []
     kept = set()
@@ -250,7 +250,7 @@ def _series(runs: Sequence[Run], forms_of: FormsOf) -> Iterator[Series]:
                 u, dof = number.standard_uncertainty, number.effective_dof
                 point = Point(*when, number.value, u, dof, verdict)
                 points.setdefault(quantity, []).append(point)
-    independent = _independent(runs)
+    independent = independent_runs(runs)
     for quantity, found in points.items():
         if len(found) > 1:
             yield _one_series(quantity, tuple(found), independent)

@@ -37,9 +37,11 @@ SERIES_COLUMNS = (
 )
 
 
-def summarize_timeline(found: Timeline) -> Summary:
-    """Every revision with the dates on which it is in force, the chain, and the coefficients of
-    each model over time.
+def summarize_timeline(
+    found: Timeline, key_values: Table | None = None, left_out: tuple[str, ...] = ()
+) -> Summary:
+    """Every revision with the dates on which it is in force, the chain, and the key values (with
+    what is left out of them), else the coefficients of each model over time.
     """
     revisions = tuple(_revision_row(found, run) for run in found.runs)
     blocks: dict[str, list[tuple[Cell, ...]]] = {}
@@ -49,13 +51,19 @@ def summarize_timeline(found: Timeline) -> Summary:
         blocks.setdefault(title, []).append(_series_row(series))
     tables = (
         Table("revisions", REVISION_HEADS, revisions),
-        *(Table(title, SERIES_COLUMNS, tuple(rows)) for title, rows in blocks.items()),
+        *((key_values,) if key_values is not None else ()),
+        *(
+            Table(title, SERIES_COLUMNS, tuple(rows))
+            for title, rows in blocks.items()
+            if key_values is None
+        ),
     )
     flags = (
         *(f"r{entry.revision:03d} REFUSED: {entry.reason}" for entry in found.refused),
         *(f"chain broken: {fault}" for fault in found.breaks),
         *found.flags,
-        *((OVER_TIME, TYPE_A) if found.series else ()),
+        *left_out,
+        *((OVER_TIME, TYPE_A) if found.series and key_values is None else ()),
     )
     verdict = (
         "each revision supersedes the one before"
@@ -63,6 +71,8 @@ def summarize_timeline(found: Timeline) -> Summary:
         else "THE CHAIN OF REVISIONS IS BROKEN"
     )
     count = f"{len(found.runs)} run{'s' if len(found.runs) != 1 else ''}"
+    if key_values is not None:
+        verdict += f"; {len(found.series)} coefficients over time: --only '*'"
     return Summary(f"{found.serial}: {count}", tables, flags, (), verdict)
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibkit.arrays import Array
+from calibkit.numeric import gum
 
 SIGNIFICANT = 2.0
 """Standard uncertainties of a difference beyond which a number has moved."""
@@ -17,6 +18,11 @@ DETERMINED = 1e-10
 """Eigenvalue of a correlation matrix, relative to the largest, below which a direction is one that
 was not determined.
 """
+
+
+EXTRAPOLATED = 2.0
+"""Largest extrapolation of a line, in spans of the years that were measured."""
+STEPS = 1000
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +39,7 @@ class Joint:
 @dataclass(frozen=True, slots=True)
 class Trend:
     """Straight line through determinations over years: value at the middle, slope a year with its
-    uncertainty, scatter in u.
+    uncertainty, scatter in u, number of determinations.
     """
 
     middle_year: float
@@ -41,6 +47,52 @@ class Trend:
     slope: float
     standard_uncertainty: float
     birge_ratio: float
+    u_intercept: float
+    count: int
+
+    @property
+    def coverage_factor(self) -> float:
+        """2 where the values scatter as their uncertainties state, else Student's factor for the
+        scatter of that many.
+        """
+        return gum.coverage_factor(self.count - 2 if self.birge_ratio > 1.0 else math.inf)
+
+    def expand(self, year: float) -> tuple[float, float]:
+        """Value at a year and its expanded uncertainty."""
+        ahead = year - self.middle_year
+        u = math.hypot(self.u_intercept, self.standard_uncertainty * ahead)
+        return self.intercept + self.slope * ahead, self.coverage_factor * u
+
+
+@dataclass(frozen=True, slots=True)
+class Reach:
+    """Years in which a line reaches a limit: with the widest slope, by itself, with the narrowest;
+    None where it does not within `until`, up to which it is extrapolated.
+    """
+
+    earliest: float | None
+    expected: float | None
+    latest: float | None
+    until: float
+
+
+def reach(line: Trend, last: float, span: float, low: float, high: float) -> Reach:
+    """When a line leaves the range from low to high after the last of its determinations,
+    extrapolated over no more than EXTRAPOLATED times the span [years] that was measured.
+    """
+    until = last + EXTRAPOLATED * span
+    found: list[float | None] = [None, None, None]
+    for year in np.linspace(last, until, STEPS).tolist():
+        value, U = line.expand(year)
+        tests = (
+            value - U < low or value + U > high,
+            not low <= value <= high,
+            value + U < low or value - U > high,
+        )
+        found = [
+            year if one is None and test else one for one, test in zip(found, tests, strict=True)
+        ]
+    return Reach(found[0], found[1], found[2], until)
 
 
 def joint(difference: Array, covariance: Array, dof: float) -> Joint | None:
@@ -88,4 +140,6 @@ def trend(years: Array, values: Array, standard_uncertainty: Array) -> Trend | N
     left = (values - mean - slope * centred) / standard_uncertainty
     birge = math.sqrt(float(np.sum(left**2)) / (values.size - 2))
     u = float(standard_uncertainty.min()) / math.sqrt(spread)
-    return Trend(middle, mean, slope, u * max(birge, 1.0), birge)
+    wider = max(birge, 1.0)
+    own = float(standard_uncertainty.min()) / math.sqrt(float(weight.sum()))
+    return Trend(middle, mean, slope, u * wider, birge, own * wider, values.size)

@@ -34,19 +34,20 @@ class RunResults:
 
     @classmethod
     def read(cls, run: Run, terms: Sequence[TypeB] = ()) -> Self:
-        """Results of a run, with type B terms on top of the recipe's; UsageError for a procedure
-        that states none.
-        """
+        """Results of a run, with type B terms on top of the recipe's."""
         spec = instruments.fitted_recipe(run.document)
         quantities = instruments.find(spec.procedure).quantities(run.records, spec)
-        if not quantities:
-            raise UsageError(
-                f"{run.name}: no model was exported that could be evaluated",
-                hint="see `calibkit show`; of a plugin's model, calibkit.evaluate in Python",
-            )
         source = Source.merge(type_b.loads(run.document.get("type_b", ())), terms)
         stated = Stated(run.records, source, (), spec.reference_temp_degc)
         return cls(run, quantities, stated, spec.site.local_gravity())
+
+    def require_any(self) -> None:
+        """Raise UsageError for a run that exports nothing that could be evaluated."""
+        if not self.quantities:
+            raise UsageError(
+                f"{self.run.name}: no model was exported that could be evaluated",
+                hint="see `calibkit show`; of a plugin's model, calibkit.evaluate in Python",
+            )
 
     @property
     def names(self) -> Names:

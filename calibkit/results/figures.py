@@ -84,13 +84,13 @@ def _draw_values(title: str, values: Sequence[Value], ranges: Mapping[str, Array
         quantity = shown[0].quantity
         more = f" (first {len(COLOURS) * 2} of {len(curves)})" * (len(curves) > 2 * len(COLOURS))
         ax.set_title(f"{quantity.key}: {quantity.words.en}, ± U{more}")
-        label_axes(ax, quantity, abscissa)
+        _label_axes(ax, quantity, abscissa)
         if any(curves) and len(curves) > 1:
             ax.legend()
     return figure
 
 
-def label_axes(ax: object, quantity: Quantity, abscissa: str) -> None:
+def _label_axes(ax: object, quantity: Quantity, abscissa: str) -> None:
     """Name both axes with their units."""
     unit = next((one.unit for one in quantity.inputs if one.column == abscissa), "1")
     ax.set_xlabel(f"{abscissa} [{unit_mark(unit) or 1}]")  # type: ignore[attr-defined]

@@ -125,3 +125,20 @@ def parse_inputs(
     if twice is not None:
         raise UsageError(f"{twice} is given twice", hint="give each input once")
     return dict(fixed), dict(over)
+
+
+def parse_limits(texts: Sequence[str]) -> dict[str, tuple[float, str]]:
+    """Result → largest change and its unit, of texts `name<=value unit`; UsageError."""
+    stated: dict[str, tuple[float, str]] = {}
+    for text in texts:
+        name, _, rest = text.partition("<=")
+        parts = _VALUE.fullmatch(rest)
+        if parts is None or not float(parts[1]) > 0.0 or not math.isfinite(float(parts[1])):
+            raise UsageError(
+                f"--limit '{text}' is no limit",
+                hint="write name<=value unit, as 'drift<=0.1 deg/h'",
+            )
+        if name.strip() in stated:
+            raise UsageError(f"--limit: two limits on {name.strip()}", hint="state one")
+        stated[name.strip()] = float(parts[1]), units.ALIASES.get(parts[2], parts[2])
+    return stated
