@@ -29,6 +29,8 @@ SOAK_S = 1800.0
 STATIC = (0.3, 0.12, 0.05, 0.02)
 """Standard deviations of the static powers [°/h]."""
 QUADRUPOLE = (1.0, -1.0, -1.0, 1.0)
+DRIFT_DPH = (0.2, 0.4)
+"""Smallest and largest rms of a plain gyro's drift on ramps of ±5 °C/min."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +97,8 @@ def draw(seed: int, kind: str = "plain") -> Coil:
         flicker_dph=rng.uniform(0.0005, 0.002),
     )
     small = float(rng.uniform(0.03, 0.3))
-    scale = {"none": 0.0, "weak": small}.get(kind, 1.0)
+    bump_degc = float(rng.uniform(-25.0, 45.0))
+    scale = {"none": 0.0, "weak": small}.get(kind, 1.0) * rng.uniform(*DRIFT_DPH) / _size(coil)
     coil = replace(
         coil,
         weights=tuple(scale * w for w in coil.weights),
@@ -104,10 +107,23 @@ def draw(seed: int, kind: str = "plain") -> Coil:
     changes = {
         "hysteresis": {"hysteresis_dph": 0.05},
         "strong hysteresis": {"hysteresis_dph": 0.2},
-        "bump": {"bump_dph": 0.25, "bump_degc": float(rng.uniform(-25.0, 45.0))},
+        "bump": {"bump_dph": 0.25, "bump_degc": bump_degc},
         "warm-up": {"warm_up_dph": 0.2},
     }
     return replace(coil, **changes.get(kind, {}))
+
+
+def _size(coil: Coil) -> float:
+    """Rms drift [°/h] on ramps of ±5 °C/min, each about its mean."""
+    squares = []
+    for way in (1, -1):
+        ends = (-40.0, 60.0)[::way]
+        soaks = {"soak_before_s": SOAK_S, "soak_after_s": SOAK_S}
+        time, set_degc = Programme.ramp(*ends, 5.0, **soaks).set_points()
+        coarse = np.arange(0.0, time[-1] + STEP_S, STEP_S)
+        nodes = _layers(coil, np.interp(coarse, time, set_degc), np.full(NODES + 1, ends[0]))
+        squares.append(np.var(_bias(coil, nodes, None)[0]))
+    return float(np.sqrt(np.mean(squares)))
 
 
 def _layers(coil: Coil, case: Array, start: Array) -> Array:

@@ -42,7 +42,7 @@ def follow_bank(
     table, offset = _table(draft, model, bank, (middle, half), at_rest)
     constant = -exact.value(static, at_rest) - offset
     rates = [
-        _by_rate(draft, model, k, (h, Fraction(lag), fastest), to_z)
+        _by_rate(draft, model, k, (h, Fraction(lag), fastest), (to_z, low, high))
         for k, lag in enumerate(bank.lags, start=1)
     ]
     return draft.sum(
@@ -60,12 +60,13 @@ def _by_rate(
     model: Model,
     k: int,
     timing: tuple[Fraction, Fraction, Fraction],
-    to_z: exact.Poly,
+    span: tuple[exact.Poly, Fraction, Fraction],
 ) -> list[Term]:
-    """Term (a + b z) ρ of the k-th lag, its rate limited to the largest fitted one on either side;
-    `timing` is the interval [s], the lag [s] and the fastest change of x [1/s].
+    """Terms (a + c z) ρ and b z_k ρ of the k-th lag, its rate limited to the largest fitted one on
+    either side; `timing` is the interval [s], the lag [s] and the fastest change of x [1/s], `span`
+    the polynomial from u to z and the limits of u.
     """
-    h, tau, fastest = timing
+    (h, tau, fastest), (to_z, low, high) = timing, span
     half = exact.span(*model.valid[CASE])[1]
     largest = max(abs(Fraction(limit)) for limit in model.valid[RATE]) or Fraction(1)
     thermal_steps.follow_lag(draft, f"lag_{k}", h, tau, fastest)
@@ -73,9 +74,15 @@ def _by_rate(
     rate = draft.sum(f"behind_{k}", draft.polynomial(f"rate_of_{k}", to_rate, "", f"lag_{k}"))
     if to_rate[0] * draft.limits[f"lag_{k}"] > 1:  # a slow lag cannot get that fast
         rate = draft.limit(f"rate_{k}", rate, Fraction(-1), Fraction(1), "RATE_CLAMPED")
-    a, b = numbers(model, f"a{k}", f"b{k}")
-    weight = exact.scale(exact.add((a,), exact.scale(to_z, b)), largest)
-    return draft.polynomial(f"by_rate_{k}", weight, "u", rate)
+    draft.sum(f"layer_{k}", factor("x"), factor(f"lag_{k}", -1))
+    draft.limit(f"at_{k}", f"layer_{k}", low, high, "TEMP_CLAMPED")
+    a, b, c = numbers(model, f"a{k}", f"b{k}", f"c{k}")
+    weight = exact.scale(exact.add((a,), exact.scale(to_z, c)), largest)
+    own = exact.scale(to_z, b * largest)
+    return [
+        *draft.polynomial(f"by_rate_{k}", weight, "u", rate),
+        *draft.polynomial(f"by_own_{k}", own, f"at_{k}", rate),
+    ]
 
 
 def _static_temperature(draft: Draft, model: Model, h: Fraction, fastest: Fraction) -> None:

@@ -16,6 +16,7 @@ from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.forms import Form, Inputs, power_unit
 from calibkit.instruments.fog_thermal.numeric import gradient
 from calibkit.instruments.fog_thermal.numeric.bank import (
+    SCALE_DEGC,
     STATIC_LAGS,
     Bank,
     BankDrivers,
@@ -73,7 +74,8 @@ def slope_over_case(model: Model, at: Inputs) -> Array:
     """Derivative [n, °/h/°C] of the rate of a model on levels by case temperature."""
     if model.form == BANK.name:
         terms, drivers, _ = _bank_drivers(model, at)
-        return _bank_slope(terms, model, drivers)
+        own = BANK.read(model)[terms.part("b")] / SCALE_DEGC
+        return _bank_slope(terms, model, drivers) + drivers.rates @ own
     return thermal_forms.slope_over_case(model, at)
 
 
@@ -121,6 +123,7 @@ def _bank_drivers(model: Model, at: Inputs) -> tuple[Bank, BankDrivers, Array]:
         terms,
         BankDrivers(
             case + behind * (fast + share * (slow - fast)),
+            case[:, None] + behind[:, None] * np.array(terms.lags),
             np.repeat(rate[:, None], len(terms.lags), axis=1),
             np.repeat(-np.sign(rate)[:, None], len(terms.widths), axis=1),
             np.zeros((case.size, len(terms.warm_up))),

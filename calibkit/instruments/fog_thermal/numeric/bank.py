@@ -1,13 +1,15 @@
 """The `bank` model: drift as a function of the case temperature through a bank of first-order
 lags.
 
-    τ_j x_j' = u − x_j,   ρ_j = (u − x_j)/τ_j
+    τ_j x_j' = u − x_j,   ρ_j = (u − x_j)/τ_j,   z_j = (x_j − 25 °C)/50 °C
     T = (1 − f) L(τ_fast) u + f L(τ_static) u,   z = (T − 25 °C)/50 °C
-    ω = b0 + Σ_j (a_j + b_j z) ρ_j + Σ_k s_k z^k + g(T) + Σ_m h_m d_m/c_m + Σ_m w_m exp(−t/θ_m)
+    ω = b0 + Σ_j (a_j + b_j z_j + c_j z) ρ_j + Σ_k s_k z^k + g(T)
+        + Σ_m h_m d_m/δ_m + Σ_m w_m exp(−t/θ_m)
 
 u is the case temperature, L(τ) a first-order lag. Any linear response of the coil is close to a sum
-of lags; T follows the case as the mean of a wound coil does, which is heated from its outside and
-from its hub. g is a table over temperature, d_m a play operator of half width c_m (Krasnosel'skii &
+of lags; weights grow with the temperature of their own layer (b) or of the whole coil (c). T
+follows the case as the mean of a wound coil does, which is heated from its outside and from its
+hub. g is a table over temperature, d_m a play operator of half width δ_m (Krasnosel'skii &
 Pokrovskii 1989) and the last sum a warm-up after switch-on; a model has these only where left-out
 ramps ask for them.
 """
@@ -52,6 +54,7 @@ class Bank:
             ("b0", "deg/h"),
             *((f"a{j}", rate) for j in lags),
             *((f"b{j}", rate) for j in lags),
+            *((f"c{j}", rate) for j in lags),
             *((f"s{k}", "deg/h") for k in range(1, POWERS + 1)),
             *((f"g{k}", "deg/h") for k in range(1, len(self.knots) + 1)),
             *((f"h{k}", "deg/h") for k in range(1, len(self.widths) + 1)),
@@ -60,15 +63,10 @@ class Bank:
 
     def part(self, letter: str) -> slice:
         """Linear coefficients whose names begin with a letter; b without b0."""
-        first = 1 + (letter == "b") * len(self.lags)
-        if letter in "ab":
-            return slice(first, first + len(self.lags))
-        first = 1 + 2 * len(self.lags)
-        for other, count in zip(
-            "sghw",
-            (POWERS, len(self.knots), len(self.widths), len(self.warm_up)),
-            strict=True,
-        ):
+        first = 1
+        lags = len(self.lags)
+        sizes = (lags, lags, lags, POWERS, *map(len, (self.knots, self.widths, self.warm_up)))
+        for other, count in zip("abcsghw", sizes, strict=True):
             if other == letter:
                 break
             first += count
@@ -81,6 +79,7 @@ class Bank:
             [
                 np.ones(z.size),
                 drivers.rates,
+                drivers.rates * (drivers.lagged - ORIGIN_DEGC) / SCALE_DEGC,
                 drivers.rates * z[:, None],
                 z[:, None] ** np.arange(1, POWERS + 1),
                 self._table(drivers.temperature),
@@ -108,7 +107,7 @@ class Bank:
         z = (drivers.temperature - ORIGIN_DEGC) / SCALE_DEGC
         powers = np.arange(1, POWERS + 1)
         found = (powers * z[:, None] ** (powers - 1)) @ coefficients[self.part("s")]
-        found = (found + drivers.rates @ coefficients[self.part("b")]) / SCALE_DEGC
+        found = (found + drivers.rates @ coefficients[self.part("c")]) / SCALE_DEGC
         if self.widths:
             free = np.abs(drivers.behind) < 1.0
             found = found - free @ (coefficients[self.part("h")] / np.array(self.widths))
@@ -158,19 +157,24 @@ class Bank:
 
 @dataclass(frozen=True, slots=True)
 class BankDrivers:
-    """Inputs of the columns: T [n, °C], lagged rates ρ_j [n, lags, °C/min], play operators
-    [n, widths] and decayed shares of the warm-up [n, warm_up].
+    """Inputs of the columns: T [n, °C], lagged temperatures x_j [n, lags, °C] and rates ρ_j
+    [n, lags, °C/min], play operators [n, widths] and decayed shares of the warm-up [n, warm_up].
     """
 
     temperature: Array
+    lagged: Array
     rates: Array
     behind: Array
     faded: Array
 
 
-def lagged_rates(bank: Bank, along: coil.Path) -> Array:
-    """Lagged rates ρ_j [n, lags, °C/min] of logs in sequence."""
-    return np.column_stack([along.drivers(lag, None).rate for lag in bank.lags])
+def follow_lags(bank: Bank, along: coil.Path) -> tuple[Array, Array]:
+    """Lagged temperatures x_j [n, lags, °C] and rates ρ_j [n, lags, °C/min] of logs in sequence."""
+    found = [along.drivers(lag, None) for lag in bank.lags]
+    return (
+        np.column_stack([one.temperature for one in found]),
+        np.column_stack([one.rate for one in found]),
+    )
 
 
 def static_temperature(along: coil.Path, lag: Array) -> Array:
@@ -186,14 +190,19 @@ def static_derivatives(along: coil.Path, lag: Array, temperature: Array) -> Arra
 
 
 def log_drivers(
-    bank: Bank, logs: Sequence[tuple[Array, Array]], temperature: Array, rates: Array
+    bank: Bank,
+    logs: Sequence[tuple[Array, Array]],
+    temperature: Array,
+    followed: tuple[Array, Array],
 ) -> BankDrivers:
-    """Drivers of logs in sequence, each given by its time [n, s] and case temperature."""
+    """Drivers of logs in sequence, each given by its time [n, s] and case temperature; `followed`
+    are the lagged temperatures and rates.
+    """
     ends = np.cumsum([time.size for time, _ in logs])[:-1]
     behind = np.concatenate([bank.behind(part) for part in np.split(temperature, ends)])
     since = np.concatenate([time - time[0] for time, _ in logs])
     faded = np.exp(-since[:, None] / np.array(bank.warm_up)[None, :])
-    return BankDrivers(temperature, rates, behind, faded)
+    return BankDrivers(temperature, *followed, behind, faded)
 
 
 @dataclass(frozen=True, slots=True)

@@ -42,6 +42,7 @@ USUAL_LEVEL = 0.06
 SIZES = (
     ("a", 0.05, 2.0),
     ("b", 0.15, 0.8),
+    ("c", 0.05, 1.0),
     ("s", 1.0, 1.0),
     ("g", 0.1, 3.0),
     ("h", 0.1, 2.0),
@@ -49,9 +50,10 @@ SIZES = (
     ("turn-on", 0.15, 1.5),
     ("initial", 0.1, 2.0),
 )
-"""Prior of the standard deviation of each part: its median relative to the drift (of b: to that of
-a), and the standard deviation of its logarithm.
+"""Prior of the standard deviation of each part: its median relative to the drift (of b and c: to
+that of a), and the standard deviation of its logarithm.
 """
+TURN_ON = [name for name, *_ in SIZES].index("turn-on")
 STEPS = 10
 POINTS = np.random.default_rng(952).standard_normal((32, len(SIZES) + 1))
 """Standard normal points of the average over the variances."""
@@ -65,7 +67,7 @@ class Problem:
     groups: Groups
     bank: Bank
     along: coil.Path
-    rates: Array
+    followed: tuple[Array, Array]
     prior: Prior
     root: Array
     """[p, p], from whitened to raw coefficients: Cholesky factor of the table's correlation."""
@@ -78,7 +80,7 @@ class Problem:
     def drivers(self, lag: Array) -> forward.BankDrivers:
         """Drivers of all logs in sequence for a static lag [3]."""
         temperature = forward.static_temperature(self.along, lag)
-        return forward.log_drivers(self.bank, self.logs, temperature, self.rates)
+        return forward.log_drivers(self.bank, self.logs, temperature, self.followed)
 
     def columns(self, lag: Array, slope_of: Array | None) -> Array:
         """Columns [n, P]: whitened terms, derivatives by the static lag (0 without coefficients
@@ -149,19 +151,20 @@ def state_problem(stacked: Stack, groups: Groups, extra: str = "") -> Problem:
     names = [name for name, *_ in SIZES]
     count = len(stacked.logs)
     group = [names.index(letter) if letter else FLAT for letter in letters]
-    group += [len(SIZES)] * 3 + [6] * count + [7] * count * len(WARM_UP_S)
+    group += [len(SIZES)] * 3 + [TURN_ON] * count
+    group += [names.index("initial")] * count * len(WARM_UP_S)
     shape = np.ones(len(group))
     shape[bank.part("s")] = SHAPE ** np.arange(forward.POWERS)
     shape[len(letters) : len(letters) + 3] = STATIC_SPREAD**2
     mixing = np.eye(len(SIZES) + 1)
-    mixing[1, 0] = 1.0
+    mixing[1:3, 0] = 1.0
     size = 2.0 * np.log(groups.drift)
-    mean = [2.0 * np.log(median) + size * (name != "b") for name, median, _ in SIZES]
+    mean = [2.0 * np.log(median) + size * (name not in "bc") for name, median, _ in SIZES]
     spread = [2.0 * sd for *_, sd in SIZES]
     prior = Prior(np.array(group), shape, mixing, np.array([*mean, 0.0]), np.array([*spread, 1e-3]))
     root = np.eye(len(letters))
     root[bank.part("g"), bank.part("g")] = factor
-    return Problem(stacked, groups, bank, along, forward.lagged_rates(bank, along), prior, root)
+    return Problem(stacked, groups, bank, along, forward.follow_lags(bank, along), prior, root)
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,6 +233,7 @@ class Solution:
         coefficients = own.root @ mean[:p]
         coefficients[0] += own.groups.level
         drivers = own.drivers(self.lag)
+        case = np.concatenate([case for _, case in own.logs])
         sizes = np.exp(0.5 * np.array([one.theta for one in found]))
         residual = own.stacked.indication - own.groups.level - own.columns(self.lag, None) @ mean
         return BankModel(
@@ -237,9 +241,9 @@ class Solution:
             coefficients=coefficients,
             static_lag=(*np.exp(self.lag[:2]).tolist(), float(self.lag[2])),
             covariance=to_raw @ covariance[: p + 3, : p + 3] @ to_raw.T,
-            valid=Valid(_span(drivers.temperature), _span(drivers.rates[:, 0]), NOWHERE, NOWHERE),
+            valid=Valid(_span(case), _span(drivers.rates[:, 0]), NOWHERE, NOWHERE),
             turn_on=mean[p + 3 : p + 3 + len(own.stacked.logs)],
-            turn_on_sd=float(np.sqrt(share @ sizes[:, 6] ** 2)),
+            turn_on_sd=float(np.sqrt(share @ sizes[:, TURN_ON] ** 2)),
             dof=max(int(sum(g.weight.size for g in own.groups.ramps) - self._determined), 1),
             residual_rms=float(np.sqrt(np.average(residual**2, weights=own.groups.weights))),
             noise=self._noise(share),

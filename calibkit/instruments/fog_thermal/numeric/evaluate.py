@@ -62,8 +62,8 @@ def _evaluate_bank(
     logs, along = [(time, case)], coil.path([(time, case)])
     lag = np.array([*np.log(model.static_lag[:2]), model.static_lag[2]])
     temperature = bank.static_temperature(along, lag)
-    rates = bank.lagged_rates(model.bank, along)
-    free = bank.log_drivers(model.bank, logs, temperature, rates)
+    lagged, rates = bank.follow_lags(model.bank, along)
+    free = bank.log_drivers(model.bank, logs, temperature, (lagged, rates))
     unknown = model.bank.unknown_start(temperature, model.coefficients)
     if settled:
         free = replace(free, behind=0.0 * free.behind, faded=0.0 * free.faded)
@@ -71,6 +71,7 @@ def _evaluate_bank(
     inside = replace(
         free,
         temperature=np.clip(temperature, *model.valid.temperature),
+        lagged=np.clip(lagged, *model.valid.temperature),
         rates=np.clip(rates, -largest, largest),
     )
     rest = at_rest(model, reference_degc)[1][: model.coefficients.size]
@@ -101,6 +102,7 @@ def at_rest(model: OnLevels, temperature: float) -> tuple[float, Array]:
         row = model.bank.columns(
             bank.BankDrivers(
                 still,
+                np.repeat(still[:, None], len(model.bank.lags), axis=1),
                 *(
                     np.zeros((1, len(part)))
                     for part in (model.bank.lags, model.bank.widths, model.bank.warm_up)

@@ -1,1 +1,0 @@
-"""Attacks on calibkit: what each tries, and how many it survived."""
