@@ -9,7 +9,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from calibkit import coefficients, instruments, new_files, plugins, run_document, sealed, store
+from calibkit import (
+    coefficients,
+    instruments,
+    new_files,
+    plugins,
+    run_document,
+    sealed,
+    sensitivities,
+    store,
+)
 from calibkit.check import copies
 from calibkit.history.pooling import POOLED, Pooled
 from calibkit.instruments import SHIPPED, Fitted
@@ -83,6 +92,7 @@ def _run_facts(
         "accepted": run_document.ACCEPTED[fitted.summary.verdict],
         "acceptance": [asdict(criterion) for criterion in fitted.summary.criteria],
         "uncertainty": budget.combine_results(fitted.results, spec.type_b, fitted.uncertainty),
+        "sensitivities": sensitivities.dumps(fitted.sensitivities),
         "flags": list(fitted.summary.flags),
     }
     optional = ("type", "plugins", "corrections", POOLED)

@@ -26,6 +26,7 @@ from calibkit.certificate.words import Words, unit_mark
 from calibkit.coefficients import Coefficient, Model, Record
 from calibkit.errors import RecipeError
 from calibkit.recipe import TypeB
+from calibkit.sensitivities import Sensitivity
 
 NO_TERMS = uncertainty.Source(())
 
@@ -172,13 +173,21 @@ MODEL = Model(
 RECORD = Record("bias", "S", 1, "", "2026-11-21", "calibkit", "0", (), (), (MODEL,))
 
 
+# p(T − δ): what the fit gives where every temperature reads δ too high
+SHIFTED = (
+    Sensitivity(
+        "temp_case_degc",
+        "offset",
+        {f"bias.{MODEL.name}.p0": 2.0, f"bias.{MODEL.name}.p1": -0.02},
+    ),
+)
+
+
 def at(temperature, *terms):
     """Value of the curve at a temperature, as it is stated."""
-    context = stated.Stated({}, uncertainty.Source(terms), (), 25.0)
-    weights, slope = stated.powers("p", MODEL, temperature)
-    return context.linear(
-        RECORD, MODEL, "value", Words("value"), weights, "g", at=temperature, slope=slope
-    )
+    context = stated.Stated({}, uncertainty.Source(terms), (), 25.0, SHIFTED)
+    weights, _ = stated.powers("p", MODEL, temperature)
+    return context.linear(RECORD, MODEL, "value", Words("value"), weights, "g", at=temperature)
 
 
 @pytest.mark.parametrize("temperature", [-20.0, 0.0, 25.0, 60.0])
@@ -219,13 +228,13 @@ def test_a_term_on_a_result_is_converted_to_its_unit_and_another_dimension_is_re
     """3″ half width on an angle in degrees is 3/3600/√3 degrees; kelvins on it are an error."""
     term = TypeB(name="axes", quantity="alpha_deg", unit="arcsec", half_width=3.0)
     found = uncertainty.Source((term,)).uncertainty(
-        ("x.alpha_deg", "alpha_deg"), 90.0, "deg", ((Words("fit"), 1e-9, 20.0),)
+        ("x.alpha_deg", "alpha_deg"), 90.0, "deg", ((Words("fit"), 1e-9, 20.0),), {}
     )
     assert of_type(found, "B") == pytest.approx(3.0 / 3600.0 / math.sqrt(3.0), rel=1e-12)
     wrong = TypeB(name="axes", quantity="alpha_deg", unit="K", half_width=3.0)
     with pytest.raises(RecipeError):
         uncertainty.Source((wrong,)).uncertainty(
-            ("alpha_deg",), 90.0, "deg", ((Words("fit"), 1e-9, 20.0),)
+            ("alpha_deg",), 90.0, "deg", ((Words("fit"), 1e-9, 20.0),), {}
         )
 
 
@@ -280,8 +289,9 @@ def test_a_temperature_outside_the_range_is_left_out_and_named():
 
 
 def test_a_table_says_which_coverage_factor_its_uncertainties_have():
-    """The factor k, and the degrees of freedom where Student's distribution gave it."""
-    assert "k = 2.23 (Student, ν_eff = 12)" in tables._factor_words([at(0.0)]).en
+    """The factor beside the value, and the degrees of freedom where Student gave it."""
+    assert tables.format_stated(at(0.0))[2] == "2.23"
+    assert "Student with ν_eff = 12" in tables._factor_words([at(0.0)]).en
     assert tables._factor_words([result(1.0)]) is None
 
 
@@ -337,7 +347,8 @@ def parsed(text, tmp_path, *overrides):
 
 def lacks(text, tmp_path, *overrides, issued=dt.date(2026, 11, 21), validated=False):
     """Keys of what a profile lacks."""
-    found = checklist.list_missing(parsed(text, tmp_path, *overrides), issued, validated=validated)
+    stated_in = parsed(text, tmp_path, *overrides)
+    found = checklist.list_missing(stated_in, (), issued, validated=validated)
     return [item.key for item in found]
 
 
@@ -524,6 +535,6 @@ def test_a_result_has_the_degrees_of_freedom_of_the_coefficients_that_it_is_made
     the residual's degrees of freedom; a result that it is no part of is not.
     """
     model = kept.model({"K": (1000.0, "1/deg", 0.002), "F0": (0.004, "1/s", 3e-4, 3.0)}, dof=1000)
-    scale, level = (stated._weighted(model, {name: 2.0}) for name in ("K", "F0"))
+    scale, level = (stated._weighted(model, np.array(row)) for row in ([2.0, 0.0], [0.0, 2.0]))
     assert (scale[2], level[2]) == (pytest.approx(1000.0), pytest.approx(3.0))
-    assert stated._weighted(model, {"K": 1e-4, "F0": 1.0})[2] == pytest.approx(3.0, rel=1e-5)
+    assert stated._weighted(model, np.array([1e-4, 1.0]))[2] == pytest.approx(3.0, rel=1e-5)

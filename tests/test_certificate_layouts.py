@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from calibkit import instruments, pipeline, recipe, store
-from calibkit.certificate import content, pdf, profile, results, run_files, tables
+from calibkit.certificate import content, pdf, profile, results, run_files, sheet, tables
 from calibkit.errors import RecipeError
 from calibkit.instruments import silent
 from calibkit.instruments.accelerometer import forms
@@ -96,8 +96,10 @@ def test_every_coefficient_of_every_file_is_stated_with_its_value(run, name):
                     stated = found[f"{record.stage}.{model.name}.{c.name}"]
                     assert (stated.value, stated.unit, stated.file) == (c.value, c.unit, file)
                     if c.standard_uncertainty:
-                        assert of_type(stated.uncertainty, "A") == pytest.approx(
-                            c.standard_uncertainty, rel=1e-6
+                        fit = stated.uncertainty.contributions[0]
+                        assert (fit.kind, fit.contribution) == (
+                            "A",
+                            pytest.approx(c.standard_uncertainty, rel=1e-6),
                         )
 
 
@@ -114,6 +116,109 @@ def test_keys_are_distinct_and_every_uncertainty_adds_up(run, name):
             assert u.expanded_uncertainty == pytest.approx(
                 u.coverage_factor * u.standard_uncertainty, rel=1e-12
             )
+
+
+SAME = {
+    "accelerometer": [
+        (f"accel_k.accel_{axis}.{one}", f"accel_k.accel_{axis}.{other}@0")
+        for axis in "xyz"
+        for one, other in (("K0", "scale"), ("K4", "zero"))
+    ]
+    + [(f"accel_affine.triad.{e}0", f"accel_affine.triad.{e}@0") for e in ("m_xx", "m_xy", "b_z")],
+    "fog_thermal": [("drift_rate.drift.b0", "drift_rate.drift.bias@25")],
+    "gyro_triad": [
+        (f"gyro_scale.{g}_about_{g}.K_over_temperature.{{}}".format(a), b)
+        for g in "xyz"
+        for a, b in (("p0", f"gyro_scale.{g}_about_{g}.K_over_temperature.value@0"),)
+    ],
+    "rate_table": [
+        ("gyro_scale.gyro_x.K_over_temperature.p0", "gyro_scale.gyro_x.K_over_temperature.value@0")
+    ],
+}
+
+
+@pytest.mark.parametrize("name", SAME)
+def test_one_quantity_has_one_uncertainty_under_both_its_names(run, name):
+    """K0 is the scale factor at 0 °C, K4 the zero there, b0 of a bank the bias at its origin: the
+    same value has the same U, also by a type B term that names one of the two.
+    """
+    term = "" if name != "accelerometer" else 'type_b=[{name="supply", quantity="K0", unit="ppm",'
+    more = (term + " half_width=50.0}]",) if term else ()
+    for overrides in ((), more) if more else ((),):
+        found = by_key(
+            certificate(run(name), name, "results.temperatures_degc=[0, 25]", *overrides)
+        )
+        for one, other in SAME[name]:
+            a, b = found[one], found[other]
+            assert a.value == pytest.approx(b.value, rel=1e-12)
+            assert a.uncertainty.expanded_uncertainty == pytest.approx(
+                b.uncertainty.expanded_uncertainty, rel=1e-6
+            )
+
+
+def test_an_error_of_inclination_moves_the_zero_of_z_and_hardly_q(run):
+    """A table whose inclination is 0.003° off moves the zero of z by 33 µg, as a refit shows, Q by
+    less than 6 µrad.
+    """
+    found = by_key(certificate(run("accelerometer"), "accelerometer"))
+    named = {
+        key: next(
+            (c.contribution for c in found[key].uncertainty.contributions if "inclin" in c.name.en),
+            0.0,
+        )
+        for key in ("accel_k.accel_z.zero@25", "accel_q.triad.Q1", "accel_k.accel_x.scale@25")
+    }
+    one = 0.003 / math.sqrt(3.0)
+    assert named["accel_k.accel_z.zero@25"] == pytest.approx(0.0111 * one, rel=0.02)
+    assert named["accel_q.triad.Q1"] < 2e-4 * one
+    assert named["accel_k.accel_x.scale@25"] < 2e-4 * one
+
+
+def test_the_temperature_sensitivity_has_a_thermometer_term(run):
+    """A thermometer that is off by its u at one end of the runs and by −u at the other turns the
+    slope by 2u over their span.
+    """
+    found = by_key(certificate(run("rate_table"), "rate_table"))
+    one = found["gyro_scale.temperature_sensitivity.GJB 2426A.gyro_x"]
+    u = math.hypot(0.03, 0.15 / math.sqrt(3.0))
+    assert of_type(one.uncertainty, "B") == pytest.approx(one.value * 2.0 * u / 100.0, rel=0.03)
+
+
+@pytest.mark.parametrize("name", [*PROCEDURES, "gyro_triad", "gyro_noise"])
+def test_principal_results_without_type_b_make_a_draft_unless_a_reason_is_stated(run, name):
+    """No [[type_b]]: DRAFT that names a result; a reason in [type_b_none] stands for it."""
+    keys = [
+        item.key
+        for item in certificate(run(name), name, "type_b=[]", "type_b_none.reason=").missing
+    ]
+    assert "type_b" in keys
+    made = certificate(run(name), name, "type_b=[]", "type_b_none.reason=a check of the software")
+    assert "type_b" not in [item.key for item in made.missing]
+    assert "a check of the software" in made.without_type_b.en
+    assert any(result.principal for result in made.results)
+
+
+def test_a_run_that_knows_no_sensitivities_gives_a_draft_that_says_so(run):
+    """Runs of before hold none: what the table's errors do to the results is not known."""
+    files = run_files.RunFiles.read(run("rate_table"))
+    old = replace(files, document={k: v for k, v in files.document.items() if k != "sensitivities"})
+    stated = profile.load(ROOT / "reports" / "profiles" / "rate_table.toml")
+    made = content.build(old, instruments.certificate_layout, *stated, None, ISSUED)
+    assert "sensitivities" in [item.key for item in made.missing]
+
+
+def test_the_factor_stands_beside_each_value_as_a_number(run):
+    """A column k in every table with U: that of three runs' repeatability is an interval, that of
+    a curve of few degrees of freedom Student's.
+    """
+    shown = sheet.sheet(certificate(run("gyro_triad"), "gyro_triad"), "en")
+    for block in shown["blocks"]:
+        for table in block["tables"]:
+            for k, head in enumerate(table["heads"]):
+                if head.startswith("U"):
+                    assert table["heads"][k + 1] == "k"
+                    factors = [row[k + 1] for row in table["rows"] if row[k + 1]]
+                    assert all(2.0 <= float(factor) <= 13.97 for factor in factors)
 
 
 def test_scale_and_zero_of_an_accelerometer_are_what_the_k_factor_gives(run):

@@ -385,3 +385,45 @@ def test_degrees_of_freedom_of_a_combination():
     assert gum.degrees_of_freedom(np.array([1.0, 2.0]), tied, dof) == pytest.approx(3.0)
     assert gum.degrees_of_freedom(np.array([0.0, 2.0]), tied, np.array([0.0, 20.0])) == 20.0
     assert gum.degrees_of_freedom(np.array([1.0, 2.0]), tied, np.array([0.0, 20.0])) == 0.0
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    st.lists(
+        st.tuples(st.floats(1e-3, 1e3), st.sampled_from([1.0, 2.0, 3.0, 7.0, 29.5, np.inf])),
+        min_size=2,
+        max_size=7,
+    )
+)
+def test_no_further_contribution_lowers_a_cautious_uncertainty(parts):
+    """U of any selection is at most that of all; it is never below that of the GUM, and u and the
+    degrees of freedom are those of the GUM.
+    """
+    components = [Component("x", 0.0, u, "A", dof=dof) for u, dof in parts]
+    whole, plain = gum.combine_cautiously(components), gum.combine(components)
+    assert whole.expanded_uncertainty >= plain.expanded_uncertainty * (1.0 - 1e-12)
+    assert whole.standard_uncertainty == plain.standard_uncertainty
+    assert whole.effective_dof == plain.effective_dof
+    for k in range(len(components)):
+        fewer = gum.combine_cautiously([*components[:k], *components[k + 1 :]])
+        assert whole.expanded_uncertainty >= fewer.expanded_uncertainty * (1.0 - 1e-12)
+
+
+def test_a_well_known_term_beside_one_degree_of_freedom_leaves_u_as_it_was():
+    """0.003 with one degree of freedom: U 0.042; beside 0.006 of type B the GUM has 0.014."""
+    few = Component("fit", 0.0, 0.003, "A", dof=1.0)
+    more = Component("table", 0.0, 0.006, "B")
+    assert gum.combine([few]).expanded_uncertainty == pytest.approx(0.0419, abs=1e-4)
+    assert gum.combine([few, more]).expanded_uncertainty == pytest.approx(0.0140, abs=5e-4)
+    found = gum.combine_cautiously([few, more])
+    assert found.expanded_uncertainty == pytest.approx(0.0419, abs=1e-4)
+    assert found.coverage_factor == pytest.approx(
+        found.expanded_uncertainty / found.standard_uncertainty, rel=1e-12
+    )
+
+
+def test_fifteen_contributions_are_combined_cautiously_too():
+    """Beyond twelve the smallest count as one; U holds the badly known one."""
+    parts = [Component("fit", 0.0, 0.003, "A", dof=1.0)]
+    parts += [Component("b", 0.0, 0.001, "B")] * 15
+    assert gum.combine_cautiously(parts).expanded_uncertainty >= 0.0419

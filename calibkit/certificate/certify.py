@@ -43,14 +43,14 @@ class Issued:
                     "key": r.key,
                     "value": r.value,
                     "unit": r.unit,
-                    "expanded_uncertainty": (
-                        None if r.uncertainty is None else r.uncertainty.expanded_uncertainty
-                    ),
-                    "coverage_factor": None
-                    if r.uncertainty is None
-                    else r.uncertainty.coverage_factor,
+                    "expanded_uncertainty": None if u is None else u.expanded_uncertainty,
+                    "coverage_factor": None if u is None else u.coverage_factor,
+                    "interval": None if r.interval is None else list(r.interval),
+                    "principal": r.principal,
                 }
                 for r in certificate.results
+                # an interval stands for ± U
+                for u in (r.uncertainty if r.interval is None else None,)
             ],
             "statements": [
                 {"key": s.result.key, "rule": s.rule, "verdict": s.verdict}

@@ -3,10 +3,11 @@ that is missing.
 """
 
 import datetime as dt
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from calibkit.certificate.profile import Profile
+from calibkit.certificate.results import Result
 from calibkit.certificate.words import Words
 
 # where it is stated → what it is called
@@ -38,6 +39,8 @@ FIELDS: dict[str, Words] = {
 }
 
 
+MOST_LISTED = 4
+"""Results that one missing item names."""
 FONTS = "certificate.fonts"
 """Key of what is missing where no font has a character."""
 
@@ -50,13 +53,64 @@ class Missing:
     what: Words
 
 
-def list_missing(profile: Profile, issued: dt.date, *, validated: bool) -> tuple[Missing, ...]:
-    """Every item that keeps a certificate a DRAFT."""
+NO_SENSITIVITIES = Missing(
+    "sensitivities",
+    Words(
+        "run.json knows no sensitivities to errors of the inputs: fit again with this calibkit",
+        "run.json 无输入误差的灵敏度：请用本版本 calibkit 重新拟合",
+    ),
+)
+"""What is missing of a run that was fitted before sensitivities were computed."""
+
+
+def list_missing(
+    profile: Profile,
+    results: Sequence[Result],
+    issued: dt.date,
+    *,
+    validated: bool,
+    shifted: bool = True,
+) -> tuple[Missing, ...]:
+    """Every item that keeps a certificate a DRAFT; `shifted` is whether the run knows what errors
+    of the inputs do to its results.
+    """
     return (
         *_fields(profile),
         *_traceability(profile),
+        *_influences(profile, results),
+        *(() if shifted else (NO_SENSITIVITIES,)),
         *_consistency(profile, issued, validated=validated),
     )
+
+
+def fits_alone(results: Iterable[Result]) -> list[Result]:
+    """Principal results whose uncertainty is that of the fit alone: no type B contribution."""
+    return [
+        result
+        for result in results
+        if result.principal
+        and not result.by_definition
+        and (
+            result.uncertainty is None
+            or all(part.kind == "A" for part in result.uncertainty.contributions)
+        )
+    ]
+
+
+def _influences(profile: Profile, results: Sequence[Result]) -> Iterator[Missing]:
+    """Principal results without a type B contribution, unless the profile states why."""
+    if profile.type_b_none.reason.strip():
+        return
+    kinds = dict.fromkeys(result.quantity for result in fits_alone(results))
+    if kinds:
+        listed = ", ".join(list(kinds)[:MOST_LISTED])
+        more = len(kinds) - MOST_LISTED
+        listed += f" and {more} more" if more > 0 else ""
+        what = Words(
+            f"type B contribution ([[type_b]]), or type_b_none.reason, of {listed}",
+            f"B 类分量（[[type_b]]）或 type_b_none.reason：{listed}",
+        )
+        yield Missing("type_b", what)
 
 
 def character_code(character: str) -> str:

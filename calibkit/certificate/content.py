@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, TypeAlias
 
+from calibkit import sensitivities
 from calibkit.certificate import checklist, conformity, uncertainty
 from calibkit.certificate.profile import Profile
 from calibkit.certificate.results import Block, Result, Uncertainty
@@ -29,6 +30,8 @@ VERDICTS: dict[Verdict, Words] = {
         "no verdict, the recipe sets no acceptance limits", "无判定，配方未规定接受限"
     ),
 }
+SENSITIVITIES = "sensitivities"
+"""Key of run.json that runs of before do not have."""
 VALIDATION, PROFILE = "validation.json", "profile.toml"
 """Names of two attached files."""
 
@@ -99,6 +102,18 @@ class Certificate:
         return Words("Verdict on the run: ", "本次处理的判定：") + VERDICTS[self.run.verdict]
 
     @property
+    def without_type_b(self) -> Words:
+        """Which principal results have no type B contribution, and the laboratory's reason."""
+        reason = self.profile.type_b_none.reason.strip()
+        kinds = dict.fromkeys(result.quantity for result in checklist.fits_alone(self.results))
+        if not (reason and kinds):
+            return Words("")
+        listed = ", ".join(kinds)
+        return Words(
+            f"No type B contribution to {listed}: {reason}", f"{listed} 无 B 类分量：{reason}"
+        )
+
+    @property
     def draft(self) -> bool:
         """Whether anything is missing."""
         return bool(self.missing)
@@ -128,22 +143,19 @@ def build(
     issued: dt.date,
 ) -> Certificate:
     """Certificate of a run; RecipeError for a profile that does not fit it or the date of issue."""
-    former = profile.certificate.amends_issued
-    if former is not None and former > issued:
-        raise RecipeError(
-            f"certificate.amends_issued: {former} is later than the date of issue {issued}",
-            hint="state when the amended certificate was issued, or give the right --date",
-            at=("certificate", "amends_issued"),
-        )
+    _require_order(profile, issued)
     layout = layout_of(run.document)
     terms = uncertainty.Source.merge(type_b.loads(run.document.get("type_b", ())), profile.type_b)
-    temperatures = tuple(sorted(set(profile.results.temperatures_degc)))
-    blocks = layout.blocks(
-        Stated(run.records, terms, temperatures, layout.recipe.reference_temp_degc)
+    stated = Stated(
+        run.records,
+        terms,
+        tuple(sorted(set(profile.results.temperatures_degc))),
+        layout.recipe.reference_temp_degc,
+        sensitivities.loads(run.document.get(SENSITIVITIES, []), RUN_FILE),
     )
+    blocks = layout.blocks(stated)
     results = [result for block in blocks for result in block.results]
-    used = [result.uncertainty for result in results if result.uncertainty is not None]
-    title = profile.certificate.title
+    title, validated = profile.certificate.title, as_found is not None
     return Certificate(
         title=Words(title) if title else TITLE,
         profile=profile,
@@ -155,9 +167,24 @@ def build(
         ),
         as_found=as_found,
         attachments=_attachments(run, as_found, profile_text),
-        unused_terms=_name_unused_terms(terms.terms, used),
-        missing=checklist.list_missing(profile, issued, validated=as_found is not None),
+        unused_terms=_name_unused_terms(
+            terms.terms, [r.uncertainty for r in results if r.uncertainty is not None]
+        ),
+        missing=checklist.list_missing(
+            *(profile, results, issued), validated=validated, shifted=SENSITIVITIES in run.document
+        ),
     )
+
+
+def _require_order(profile: Profile, issued: dt.date) -> None:
+    """Raise RecipeError for an amendment that is older than what it amends."""
+    former = profile.certificate.amends_issued
+    if former is not None and former > issued:
+        raise RecipeError(
+            f"certificate.amends_issued: {former} is later than the date of issue {issued}",
+            hint="state when the amended certificate was issued, or give the right --date",
+            at=("certificate", "amends_issued"),
+        )
 
 
 def _attachments(

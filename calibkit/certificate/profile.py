@@ -163,6 +163,12 @@ class _Adjustment(Table):
     statement: str = ""
 
 
+class _TypeBNone(Table):
+    """Why principal results have no type B contribution, where there is none to state."""
+
+    reason: str = ""
+
+
 class _Results(Table):
     """At which temperatures values are stated, and the decision rule where a specification names
     none.
@@ -212,6 +218,7 @@ class Profile(Table):
     results: _Results = _Results()
     specification: Annotated[tuple[Specification, ...], Many] = ()
     type_b: Annotated[tuple[TypeB, ...], Many] = ()
+    type_b_none: _TypeBNone = _TypeBNone()
     remarks: Annotated[tuple[str, ...], Many] = ()
 
 

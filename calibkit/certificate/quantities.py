@@ -143,6 +143,12 @@ def state(
     certificate.
     """
     found = quantity.point(at)
+    influences, parts_of = stated.of_models(found.parts)
+    if not found.parts and quantity.called:
+        influences = stated.influences({f"{quantity.stage}.{quantity.called[0]}": 1.0})
+    for name, (value, slope) in found.influences.items():
+        if not stated.knows(name):
+            influences |= {(name, "offset"): slope, (name, "scale"): value * slope}
     conditions = tuple((one.column, at[one.column], one.unit) for one in quantity.inputs)
     return stated.result(
         f"{quantity.stage}.json",
@@ -159,11 +165,12 @@ def state(
             quantity.name,
             *quantity.called,
         ),
-        sensitivities=found.influences,
+        influences=influences,
         at=conditions,
         principal=principal,
         condition=f"{conditions[0][1]:g}" if conditions else "",
         more=found.type_a(),
+        parts_of=parts_of,
     )
 
 

@@ -320,6 +320,8 @@ def _budgets(certificate: Certificate, lang: Lang) -> dict[str, Any]:
                 f"未用于本证书结果的 B 类分量：{listed}。",
             ).of(lang)
         )
+    if reason := certificate.without_type_b.of(lang):
+        notes.append(reason)
     return {
         "heads": [
             Words("contribution", "分量").of(lang),

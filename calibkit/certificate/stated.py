@@ -6,15 +6,17 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from types import MappingProxyType
 
 import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.certificate.results import GridTable, ListTable, Result, Uncertainty
-from calibkit.certificate.uncertainty import TYPE_A, Source
+from calibkit.certificate.uncertainty import TYPE_A, Influences, Part, Source
 from calibkit.certificate.words import Words, unit_mark
 from calibkit.coefficients import Figure, Model, Record
 from calibkit.numeric import gum
+from calibkit.sensitivities import Kind, Sensitivity
 
 TRIALS = 20_000
 """Trials of the Monte Carlo intervals, one at each of as many equal probabilities."""
@@ -41,6 +43,41 @@ class Stated:
     source: Source
     temperatures: tuple[float, ...]
     reference_degc: float
+    sensitivities: tuple[Sensitivity, ...] = ()
+    """Of the run's coefficients and figures to errors of its inputs."""
+
+    def influences(self, weights: Mapping[str, float]) -> dict[tuple[str, Kind], float]:
+        """Derivatives of Σ w_i of coefficients and figures by errors of the inputs; weights by the
+        names of `Sensitivity`.
+        """
+        return {
+            (one.input, one.kind): total
+            for one in self.sensitivities
+            if (total := sum(w * one.derivatives.get(key, 0.0) for key, w in weights.items()))
+        }
+
+    def of_models(
+        self, parts: Sequence[tuple[Model, Array]], record: Record | None = None
+    ) -> tuple[dict[tuple[str, Kind], float], list[Part]]:
+        """Derivatives by errors of the inputs of a result made of models with weights [p] of their
+        coefficients, and these coefficients; of one record, or of any of the run's.
+        """
+        weights: dict[str, float] = {}
+        found = []
+        for model, row in parts:
+            own = record or next(
+                r for r in self.records.values() if any(m is model for m in r.models)
+            )
+            for c, w in zip(model.coefficients, row.tolist(), strict=True):
+                if w:
+                    names = _names(own, model, c.name)
+                    weights[names[0]] = w
+                    found.append(Part(names, c.value, c.unit, w))
+        return self.influences(weights), found
+
+    def knows(self, name: str) -> bool:
+        """Whether the run states what an error of an input moves."""
+        return any(one.input == name for one in self.sensitivities)
 
     def grid(self, model: Model, column: str = TEMPERATURE) -> tuple[float, ...]:
         """Temperatures [°C] inside a model's range: the profile's, else round ones and the
@@ -83,31 +120,28 @@ class Stated:
         type_a: float,
         dof: float,
         called: Sequence[str] = (),
-        sensitivities: Mapping[str, tuple[float, float]] | None = None,
+        influences: Influences | None = None,
         at: tuple[tuple[str, float, str], ...] = (),
         standard: str = "",
         magnitude: bool = False,
         principal: bool = False,
         condition: str = "",
         more: tuple[tuple[Words, float, float], ...] = (),
+        parts_of: Sequence[Part] = (),
     ) -> Result:
         """Result with its expanded uncertainty; `called` are other names that type B terms may use,
         `more` is type A too.
         """
         plain = Result(
-            quantity,
-            file,
-            symbol,
-            name,
-            value,
-            unit,
+            *(quantity, file, symbol, name, value, unit),
             at=at,
             standard=standard,
             principal=principal,
             condition=condition,
         )
+        fit = ((TYPE_A, type_a, dof), *more)
         found = self.source.uncertainty(
-            (plain.key, *called), value, unit, ((TYPE_A, type_a, dof), *more), sensitivities
+            (plain.key, *called), value, unit, fit, influences or {}, parts_of
         )
         interval = _magnitude_interval(value, found) if magnitude and found is not None else None
         return replace(plain, uncertainty=found, interval=interval)
@@ -122,20 +156,19 @@ class Stated:
         unit: str,
         *,
         at: float | None = None,
-        slope: Mapping[str, float] | None = None,
-        sensitivities: Mapping[str, tuple[float, float]] | None = None,
+        influences: Influences | None = None,
         symbol: str = "",
         principal: bool = False,
         condition: tuple[str, str] = (TEMPERATURE, "degC"),
         more: tuple[tuple[Words, float, float], ...] = (),
+        also: Sequence[str] = (),
     ) -> Result:
-        """Σ w_i c_i of a model's coefficients with u² = wᵀ C w; slope holds dw/dT where it depends
-        on temperature.
+        """Σ w_i c_i of a model's coefficients with u² = wᵀ C w, and what the run knows of its
+        sensitivities; `influences` are further ones, `also` are further names of it.
         """
-        value, type_a, dof = _weighted(model, weights)
-        known = dict(sensitivities or {})
-        if slope is not None and at is not None:
-            known[condition[0]] = (at, _weighted(model, slope)[0])
+        w = np.array([weights.get(c.name, 0.0) for c in model.coefficients])
+        value, type_a, dof = _weighted(model, w)
+        known, parts_of = self.of_models(((model, w),), record)
         quantity = f"{record.stage}.{model.name}.{name}"
         return self.result(
             f"{record.stage}.json",
@@ -146,12 +179,13 @@ class Stated:
             unit,
             type_a=type_a,
             dof=dof,
-            called=(quantity, f"{model.name}.{name}", name),
-            sensitivities=known,
+            called=[one for own in (name, *also) for one in _names(record, model, own)],
+            influences={**known, **(influences or {})},
             at=() if at is None else ((condition[0], at, condition[1]),),
             principal=principal,
             condition="" if at is None else f"{at:g}",
             more=more,
+            parts_of=parts_of,
         )
 
     def figure(
@@ -163,14 +197,16 @@ class Stated:
         *,
         standard: str = "",
         magnitude: bool = False,
-        sensitivities: Mapping[str, tuple[float, float]] | None = None,
+        principal: bool = False,
+        influences: Influences | None = None,
     ) -> Result:
         """A figure of a coefficient file; one whose uncertainty was not determined is a
         descriptor.
         """
+        quantity = f"{record.stage}.{figure.name}"
         return self.result(
             f"{record.stage}.json",
-            f"{record.stage}.{figure.name}",
+            quantity,
             "",
             words,
             figure.value,
@@ -178,9 +214,10 @@ class Stated:
             type_a=figure.standard_uncertainty,
             dof=figure.effective_dof or dof,
             called=(figure.name,),
-            sensitivities=sensitivities,
+            influences={**self.influences({quantity: 1.0}), **(influences or {})},
             standard=standard,
             magnitude=magnitude,
+            principal=principal,
         )
 
     def coefficients(
@@ -188,10 +225,11 @@ class Stated:
         record: Record,
         model: Model,
         title: Words = COEFFICIENTS,
-        sensitivities: Callable[[float], Mapping[str, tuple[float, float]]] | None = None,
+        more: Mapping[str, tuple[tuple[Words, float, float], ...]] = MappingProxyType({}),
+        also: Mapping[str, Sequence[str]] = MappingProxyType({}),
     ) -> ListTable:
-        """Every fitted coefficient of a model; sensitivities of one by its value where an influence
-        scales them all.
+        """Every fitted coefficient of a model; `more` is further type A of some of them, `also`
+        further names: a coefficient of power 0 is the value at 0.
         """
         results = tuple(
             self.linear(
@@ -201,7 +239,8 @@ class Stated:
                 Words(""),
                 {c.name: 1.0},
                 c.unit,
-                sensitivities=None if sensitivities is None else sensitivities(c.value),
+                more=more.get(c.name, ()),
+                also=also.get(c.name, ()),
             )
             for c in model.coefficients
             if c.value or c.standard_uncertainty
@@ -229,11 +268,15 @@ class Stated:
         )
 
 
-def _weighted(model: Model, weights: Mapping[str, float]) -> tuple[float, float, float]:
-    """Σ w_i c_i of a model's coefficients, its type A standard uncertainty from the covariance, and
-    the degrees of freedom of that.
+def _names(record: Record, model: Model, name: str) -> tuple[str, ...]:
+    """Names that type B terms may call a result of a model by."""
+    return f"{record.stage}.{model.name}.{name}", f"{model.name}.{name}", name
+
+
+def _weighted(model: Model, w: Array) -> tuple[float, float, float]:
+    """Σ w_i c_i of a model's coefficients by weights [p], its type A standard uncertainty from the
+    covariance, and the degrees of freedom of that.
     """
-    w = np.array([weights.get(c.name, 0.0) for c in model.coefficients])
     values = np.array([c.value for c in model.coefficients])
     dof = np.array([float(model.dof_of(c)) for c in model.coefficients])
     covariance = np.array(model.covariance)
@@ -305,8 +348,10 @@ def _magnitude_interval(value: float, uncertainty: Uncertainty) -> tuple[float, 
     (JCGM 101).
     """
     dof = uncertainty.effective_dof
+    # as wide as U, which may be wider than these degrees of freedom make it
+    size = uncertainty.expanded_uncertainty / gum.coverage_factor(dof)
     found = gum.monte_carlo(
-        lambda drawn: np.abs(value + uncertainty.standard_uncertainty * drawn[:, 0]),
+        lambda drawn: np.abs(value + size * drawn[:, 0]),
         _draws(math.floor(dof) if dof < gum.FEW_DOF else 0),
         probability=gum.TWO_SIGMA,
     )

@@ -1,6 +1,4 @@
-"""Tables of results → rows of text: value and U with two significant digits, one coverage factor
-per table or one per row.
-"""
+"""Tables of results → rows of text: value, U with two significant digits, coverage factor."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -28,7 +26,9 @@ MANY = 10_000.0
 ABSENT = "—"
 FEWEST, MOST_DIGITS = 4, 17
 """Significant digits of a number without an uncertainty, and those that hold any float64."""
-VALUE, U, UNIT = Words("value", "值"), Words("U"), Words("unit", "单位")
+VALUE, U, K, UNIT = Words("value", "值"), Words("U"), Words("k"), Words("unit", "单位")
+
+UNIT_OF_BOTH = Words("unit of value and U", "值与 U 的单位")
 
 
 def format_number(text: str, exponent: int = 0) -> str:
@@ -54,6 +54,9 @@ def format_result(result: Result | None) -> tuple[str, str]:
         shown = round_descriptor(result.value)
         return format_number(shown.value, shown.exponent), "ref." if result.by_definition else ""
     expanded = result.uncertainty.expanded_uncertainty
+    if result.interval is not None:  # the end that is nearer tells how well the value is known
+        reach = (abs(result.value - end) for end in result.interval)
+        expanded = min((one for one in reach if one > 0.0), default=expanded)
     shown = round_result(result.value, expanded)
     if result.interval is None:
         return format_number(shown.value, shown.exponent), format_number(
@@ -63,6 +66,23 @@ def format_result(result: Result | None) -> tuple[str, str]:
     if shown.exponent:
         ends = "…".join(f"{end:.2g}".replace("-", "−") for end in result.interval)
     return format_number(shown.value, shown.exponent), f"[{ends}]"
+
+
+def format_factor(result: Result | None) -> str:
+    """Coverage factor of a result's U; empty where it has none, or an interval instead."""
+    if result is None or result.uncertainty is None or result.interval is not None:
+        return ""
+    return _factor(result.uncertainty)
+
+
+def _factor(uncertainty: Uncertainty) -> str:
+    """Coverage factor to two decimal places, 2 as it is."""
+    return f"{uncertainty.coverage_factor:.2f}".removesuffix(".00")
+
+
+def format_stated(result: Result | None) -> tuple[str, str, str]:
+    """Value, U (or the coverage interval of a magnitude) and coverage factor, as printed."""
+    return (*format_result(result), format_factor(result))
 
 
 def format_plain(value: float | None, digits: int = 4) -> str:
@@ -130,10 +150,11 @@ def lay_out_list(table: ListTable, lang: Lang) -> dict[str, Any]:
     for result in table.results:
         name = result.name.of(lang) + (f" ({result.standard})" if result.standard else "")
         head = [result.symbol, name] if named else [result.symbol]
-        rows.append([*head, *format_result(result), unit_mark(result.unit) or "1"])
+        rows.append([*head, *format_stated(result), unit_mark(result.unit) or "1"])
     parts = 1 if named else min(3, -(-len(rows) // LONGEST))
-    heads = [*[Words("")] * (2 if named else 1), VALUE, U, UNIT] * parts
-    align = ("llrrl" if named else "lrrl") * parts
+    unit = UNIT_OF_BOTH if parts == 1 else UNIT
+    heads = [*[Words("")] * (2 if named else 1), VALUE, U, K, unit] * parts
+    align = ("llrrrl" if named else "lrrrl") * parts
     notes = (table.note, _factor_words(table.results))
     return text_table(heads, align, _side_by_side(rows, parts), lang, table.title, notes)
 
@@ -167,9 +188,9 @@ def _end_of_part(table: GridTable, start: int, lang: Lang) -> int:
         - (14 if table.by_row else 0)
     )
     for k in range(start, len(table.heads)):
-        pairs = [format_result(row[k]) for row in table.cells]
-        value, expanded = (max((len(pair[i]) for pair in pairs), default=0) for i in (0, 1))
-        free -= max(value + expanded + 2 * COLUMN_GAP, len(table.heads[k].of(lang)) + 8)
+        shown = [format_stated(row[k]) for row in table.cells]
+        width = sum(max((len(cells[i]) for cells in shown), default=0) for i in range(3))
+        free -= max(width + 3 * COLUMN_GAP, len(table.heads[k].of(lang)) + 8)
         if free < 0 and k > start:
             return k
     return len(table.heads)
@@ -178,25 +199,25 @@ def _end_of_part(table: GridTable, start: int, lang: Lang) -> int:
 def _part(table: GridTable, chosen: slice, lang: Lang, *, last: bool) -> dict[str, Any]:
     """Some columns of a grid; notes stand under the last of them."""
     part = [row[chosen] for row in table.cells]
-    widths = [  # with U where any result of the column has one
-        2 if any(r is not None and r.uncertainty is not None for r in column) else 1
+    widths = [  # with U and k where any result of the column has one
+        3 if any(r is not None and r.uncertainty is not None for r in column) else 1
         for column in zip(*part, strict=True)
     ]
     groups: list[list[Any]] = [["", 1]]
     heads, align = [table.row_head], "l"
     for k, (head, width) in enumerate(zip(table.heads[chosen], widths, strict=True)):
         unit = "" if table.by_row else f" [{unit_mark(table.units[chosen][k]) or 1}]"
-        groups.append([head.of(lang) + unit, width])
-        heads += (VALUE, U)[:width]
+        groups.append([head.of(lang), width])
+        heads += (VALUE + Words(unit), U + Words(unit), K)[:width]
         align += "r" * width
     rows = [
         [_label(label, lang)]
-        + [text for r, width in zip(row, widths, strict=True) for text in format_result(r)[:width]]
+        + [text for r, width in zip(row, widths, strict=True) for text in format_stated(r)[:width]]
         for label, row in zip(table.labels, part, strict=True)
     ]
     if table.by_row:
         groups.append(["", 1])
-        heads.append(UNIT)
+        heads.append(UNIT_OF_BOTH)
         align += "l"
         for row, unit in zip(rows, table.units, strict=True):
             row.append(unit_mark(unit) or "1")
@@ -239,7 +260,7 @@ def text_table(
 
 
 def _factor_words(results: Sequence[Result]) -> Words | None:
-    """What U is in a table: its coverage factor and degrees of freedom, or the range of them."""
+    """What U is in a table, and the degrees of freedom where they are few."""
     brackets = Words(
         "Brackets hold the coverage interval of a quantity that cannot be negative: Monte Carlo, of"
         " a deviation chi-square.",
@@ -249,12 +270,10 @@ def _factor_words(results: Sequence[Result]) -> Words | None:
     found = [r.uncertainty for r in results if r.uncertainty is not None and r.interval is None]
     if not found:
         return brackets if bracketed else None
-    factors = sorted({f"{one.coverage_factor:.2f}" for one in found})
-    k = factors[0].removesuffix(".00") if len(factors) == 1 else f"{factors[0]} … {factors[-1]}"
     few = _few([one.effective_dof for one in found if one.effective_dof < gum.FEW_DOF])
     words = Words(
-        f"U = k·u with k = {k}{few.en}, coverage probability about 95 %.",
-        f"U = k·u，k = {k}{few.zh}，包含概率约 95 %。",
+        f"U = k·u, coverage probability about 95 %{few.en}.",
+        f"U = k·u，包含概率约 95 %{few.zh}。",
     )
     return words + Words(f" {brackets.en}", brackets.zh) if bracketed else words
 
@@ -265,7 +284,7 @@ def _few(dof: Sequence[float]) -> Words:
         return Words("", "")
     low, high = math.floor(min(dof)), math.floor(max(dof))
     span = f"{low}" if low == high else f"{low} … {high}"
-    return Words(f" (Student, ν_eff = {span})", f"（t 分布，ν_eff = {span}）")
+    return Words(f"; k of Student with ν_eff = {span}", f"；k 按 t 分布，ν_eff = {span}")
 
 
 def lay_out_budget(result: Result, uncertainty: Uncertainty, lang: Lang) -> dict[str, Any]:
@@ -286,7 +305,6 @@ def lay_out_budget(result: Result, uncertainty: Uncertainty, lang: Lang) -> dict
     ]
     value, expanded = format_result(result)
     name, key = result.name.of(lang), make_breakable(result.key)
-    k = f"{uncertainty.coverage_factor:.2f}".removesuffix(".00")
     return {
         "title": f"{key} ({name})" if name and name != result.symbol else key,
         "value": f"{value} {unit}".strip(),
@@ -294,7 +312,7 @@ def lay_out_budget(result: Result, uncertainty: Uncertainty, lang: Lang) -> dict
         "sum": [
             f"u_c = {_significant(uncertainty.standard_uncertainty)} {unit}".strip(),
             f"ν_eff = {_dof(uncertainty.effective_dof)}",
-            f"k = {k}",
+            f"k = {_factor(uncertainty)}",
             f"U = {expanded} {unit}".strip(),
         ],
     }

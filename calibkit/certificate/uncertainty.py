@@ -3,7 +3,7 @@ the fit (JCGM 100).
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 from calibkit import units
@@ -12,9 +12,24 @@ from calibkit.certificate.words import Words
 from calibkit.errors import RecipeError
 from calibkit.numeric import gum
 from calibkit.recipe import TypeB, type_b
+from calibkit.sensitivities import Kind
 
+Influences = Mapping[tuple[str, Kind], float]
+"""Input and kind of its error → derivative of a result by it."""
 TYPE_A = Words("fit to the logs", "对数据的拟合")
 """Name of the type A contribution: the fit's covariance."""
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A coefficient that a result is made of: names that terms may call it by, value, unit, and its
+    weight in the result.
+    """
+
+    names: tuple[str, ...]
+    value: float
+    unit: str
+    weight: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,14 +49,15 @@ class Source:
         estimate: float,
         unit: str,
         type_a: Sequence[tuple[Words, float, float]],
-        sensitivities: Mapping[str, tuple[float, float]] | None = None,
+        influences: Influences,
+        parts_of: Sequence[Part] = (),
     ) -> Uncertainty | None:
         """Combined and expanded uncertainty of a result, None where none is known.
 
-        names are those a term may call the result by; type_a holds names, standard uncertainties
-        and degrees of freedom; sensitivities are those of `type_b.terms_of`. Below one degree of
-        freedom there is no coverage factor: such a contribution is left out, and a result that has
-        no other is stated without an uncertainty.
+        names are those a term may call the result by; parts_of are the coefficients that it is made
+        of, through which terms on them enter; type_a holds names, standard uncertainties
+        and degrees of freedom. Below one degree of freedom there is no coverage factor: such a
+        contribution is left out, and a result that has no other is stated without an uncertainty.
         """
         parts = [
             (gum.Component(name.en, estimate, u, "A", 1.0, dof), name, "", "")
@@ -49,32 +65,56 @@ class Source:
             if u > 0.0 and dof >= 1.0
         ]
         for term in self.terms:
-            if {term.quantity, term.result} & {*names, *(sensitivities or ())}:
-                parts += _apply(term, names, estimate, unit, sensitivities)
-        if not parts:
-            return None
-        expanded = gum.combine([part for part, *_ in parts])
-        return Uncertainty(
-            tuple(
-                Contribution(
-                    name,
-                    part.kind,
-                    quantity,
-                    part.standard_uncertainty,
-                    own_unit,
-                    part.distribution,
-                    part.dof,
-                    part.sensitivity,
-                    abs(part.sensitivity) * part.standard_uncertainty,
-                )
-                for part, name, quantity, own_unit in parts
-            ),
-            expanded.standard_uncertainty,
-            expanded.effective_dof,
-            expanded.coverage_factor,
-            expanded.expanded_uncertainty,
-            expanded.probability,
-        )
+            known = _derivative(term, influences)
+            if {term.quantity, term.result} & {*names, *known}:
+                parts += _apply(term, names, estimate, unit, known)
+                continue
+            for part in parts_of:
+                if {term.quantity, term.result} & {*part.names}:
+                    parts += [
+                        (replace(one, sensitivity=part.weight * one.sensitivity), name, what, own)
+                        for one, name, what, own in _apply(
+                            term, part.names, part.value, part.unit, {}
+                        )
+                    ]
+        return _combine(parts) if parts else None
+
+
+def _combine(parts: Sequence[tuple[gum.Component, Words, str, str]]) -> Uncertainty:
+    """Combined and expanded uncertainty of components, each with its name, quantity and unit."""
+    expanded = gum.combine_cautiously([part for part, *_ in parts])
+    return Uncertainty(
+        tuple(
+            Contribution(
+                name,
+                part.kind,
+                quantity,
+                part.standard_uncertainty,
+                own_unit,
+                part.distribution,
+                part.dof,
+                part.sensitivity,
+                abs(part.sensitivity) * part.standard_uncertainty,
+            )
+            for part, name, quantity, own_unit in parts
+        ),
+        expanded.standard_uncertainty,
+        expanded.effective_dof,
+        expanded.coverage_factor,
+        expanded.expanded_uncertainty,
+        expanded.probability,
+    )
+
+
+def _derivative(term: TypeB, influences: Influences) -> dict[str, tuple[float, float]]:
+    """Derivative of a result by the quantity of a term, in the form of `type_b.terms_of`: by an
+    error in proportion to the readings where the term is relative, else by one that is the same in
+    all or that grows over their span, whichever moves the result more.
+    """
+    relative = term.unit in type_b.RELATIVE or term.quantity == "time_s"
+    kinds: tuple[Kind, ...] = ("scale",) if relative else ("offset", "span")
+    found = [influences[key] for kind in kinds if (key := (term.quantity, kind)) in influences]
+    return {term.quantity: (1.0, max(found, key=abs))} if found else {}
 
 
 def _apply(
@@ -82,7 +122,7 @@ def _apply(
     names: Sequence[str],
     estimate: float,
     unit: str,
-    sensitivities: Mapping[str, tuple[float, float]] | None,
+    sensitivities: Mapping[str, tuple[float, float]],
 ) -> list[tuple[gum.Component, Words, str, str]]:
     """Components that a result has from a type B term, each with its name, quantity and unit."""
     result_unit = unit if stated.quantity in names else None

@@ -58,11 +58,11 @@ SENTENCES = {
     ),
     "uncertainty": Words(
         "The expanded uncertainty U is the combined standard uncertainty times the coverage factor"
-        " k that stands with each table, for a coverage probability of about 95 %. It combines the"
+        " k beside each value, for a coverage probability of about 95 %. It combines the"
         " uncertainty of the fit (type A, from its covariance) with what is known of the equipment"
         " (type B). It holds at the time and under the conditions of the calibration; the item's"
         " long-term stability is not in it.",
-        "扩展不确定度 U 为合成标准不确定度乘以各表所示包含因子 k，包含概率约 95 %。"
+        "扩展不确定度 U 为合成标准不确定度乘以各值旁所列包含因子 k，包含概率约 95 %。"
         "其中包括拟合不确定度（A 类，来自协方差）"
         "与设备不确定度（B 类），仅对校准时的时间与条件有效，不含被校件的长期稳定性。",
     ),

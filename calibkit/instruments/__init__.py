@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from calibkit.ingest.write_back import Applied
     from calibkit.report.documents import Drawn
     from calibkit.report.summary import Summary
+    from calibkit.sensitivities import Sensitivity
     from calibkit.simulate.campaign import Campaign
 
 Spec = TypeVar("Spec", bound=Recipe)
@@ -72,6 +73,8 @@ class Fitted(Generic[Drawing]):
     """What the logs do not determine, and what they would have to hold."""
     exports: bool = True
     """Whether there is a correction to export, or a result to state."""
+    sensitivities: tuple[Sensitivity, ...] = ()
+    """How the results move where an input is off."""
 
 
 def _draw_tables(_: str, fitted: Fitted[Any]) -> Drawn:

@@ -116,6 +116,42 @@ def combine(
     return _Expanded(combined, dof, factor, factor * combined, probability)
 
 
+MOST_SELECTED = 12
+"""Contributions of which every selection is tried for the largest expanded uncertainty."""
+
+
+def combine_cautiously(
+    components: Sequence[Component], *, probability: float = TWO_SIGMA
+) -> _Expanded:
+    """Combine independent components as `combine` does, but with the largest expanded uncertainty
+    of every selection of them: no further component lowers U.
+
+    Beside a badly known contribution (one degree of freedom, k = 14) a well-known one raises the
+    effective degrees of freedom of Welch and Satterthwaite, and U falls to a third, although the
+    first one is as badly known as before. The factor is then U/u_c. Raises FitError as `combine`.
+    """
+    whole = combine(components, probability=probability)
+    parts = sorted(
+        ((part.sensitivity * part.standard_uncertainty) ** 2, part.dof) for part in components
+    )
+    square, dof = np.array(parts).T
+    if dof.min() >= FEW_DOF or not square[-1] > 0.0:
+        return whole
+    while square.size > MOST_SELECTED:  # the two smallest count as one
+        square = np.array([square[0] + square[1], *square[2:]])
+        dof = np.array([min(dof[0], dof[1]), *dof[2:]])
+    square = square / square[-1]
+    chosen = (np.arange(1, 2**square.size)[:, None] >> np.arange(square.size) & 1).astype(float)
+    variance, total = chosen @ square, chosen @ (square**2 / dof)
+    effective = np.divide(variance**2, total, out=np.full_like(total, np.inf), where=total > 0.0)
+    kinds, number = np.unique(np.floor(effective[effective >= 1.0] + 1e-9), return_inverse=True)
+    factors = np.array([coverage_factor(float(kind), probability=probability) for kind in kinds])
+    largest = float(np.max(factors[number] * np.sqrt(variance[effective >= 1.0] / square.sum())))
+    factor = max(whole.coverage_factor, largest)
+    expanded = factor * whole.standard_uncertainty
+    return _Expanded(whole.standard_uncertainty, whole.effective_dof, factor, expanded, probability)
+
+
 def _welch_satterthwaite(variance: float, pairwise: Array, correlation: Array, dof: Array) -> float:
     """ν_eff = u_c⁴ / Σ u_g⁴/ν_g over groups of inputs that a chain of correlations links (JCGM 100
     eq. G.2b).

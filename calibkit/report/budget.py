@@ -57,7 +57,7 @@ def combine(result: str, unit: str, components: Sequence[gum.Component]) -> dict
     """JSON object of a result: its value, which is that of its first component, components, u,
     effective degrees of freedom, k and U.
     """
-    combined = gum.combine(components)
+    combined = gum.combine_cautiously(components)
     return {
         "result": result,
         "unit": unit,

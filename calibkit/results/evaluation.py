@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Self
 
-from calibkit import instruments
+from calibkit import instruments, sensitivities
 from calibkit.arrays import Array
 from calibkit.certificate.quantities import At, Input, Quantity, state
 from calibkit.certificate.results import Result, round_descriptor, round_result
@@ -38,7 +38,8 @@ class RunResults:
         spec = instruments.fitted_recipe(run.document)
         quantities = instruments.find(spec.procedure).quantities(run.records, spec)
         source = Source.merge(type_b.loads(run.document.get("type_b", ())), terms)
-        stated = Stated(run.records, source, (), spec.reference_temp_degc)
+        known = sensitivities.loads(run.document.get("sensitivities", []), run.name)
+        stated = Stated(run.records, source, (), spec.reference_temp_degc, known)
         return cls(run, quantities, stated, spec.site.local_gravity())
 
     def require_any(self) -> None:

@@ -25,7 +25,7 @@ from calibkit.certificate.words import Words
 from calibkit.coefficients import Coefficient, Model, Record
 from calibkit.instruments.accelerometer import forms
 from calibkit.instruments.accelerometer.numeric.affine_model import AXES, Entry, find_entry
-from calibkit.instruments.accelerometer.quantities import ATTITUDE, over_temperature
+from calibkit.instruments.accelerometer.quantities import over_temperature
 
 Column = tuple[Words, str, "Callable[[float], Result | None]"]
 K_EQUATION = Equation(
@@ -75,7 +75,7 @@ def _k(stated: Stated, record: Record) -> Block:
     same = [cs for cs in zip(*(m.coefficients for m in models), strict=True) if _any_value(cs)]
     cells = tuple(
         tuple(
-            _coefficient(stated, record, model, c, Words(c.name), cross=c.name in forms.CROSS)
+            _coefficient(stated, record, model, c, Words(c.name))
             for model, c in zip(models, cs, strict=True)
         )
         for cs in same
@@ -115,8 +115,7 @@ def _q(stated: Stated, record: Record) -> Block:
     model = record.models[0]
     name = Words("Non-orthogonality", "非正交角")
     results = tuple(
-        _coefficient(stated, record, model, c, name, cross=True, principal=True)
-        for c in model.coefficients
+        _coefficient(stated, record, model, c, name, principal=True) for c in model.coefficients
     )
     at = model.value("temperature")
     notes = (
@@ -134,10 +133,8 @@ def _affine(stated: Stated, record: Record) -> Block:
     model = record.models[0]
     entries = [find_entry(c.name) for c in model.coefficients]
     results = tuple(
-        _coefficient(
-            stated, record, model, c, Words(""), cross=_is_cross(entry) and entry.power == 0
-        )
-        for entry, c in zip(entries, model.coefficients, strict=True)
+        _coefficient(stated, record, model, c, Words(""))
+        for c in model.coefficients
         if _any_value((c,))
     )
     first = [entry for entry in entries if entry.power == 0]
@@ -190,12 +187,12 @@ def _coefficient(
     coefficient: Coefficient,
     words: Words,
     *,
-    cross: bool,
     principal: bool = False,
 ) -> Result:
-    """Result of one coefficient; the uncertainty of a cross-axis term includes the reference
-    attitude's.
-    """
+    """Result of one coefficient; of power 0 it is the value at 0 °C."""
+    value_at_zero = {"K0": "scale", "K4": "zero"}.get(coefficient.name)
+    if model.form == forms.AFFINE.name and (entry := find_entry(coefficient.name)).power == 0:
+        value_at_zero = entry.symbol
     return stated.linear(
         record,
         model,
@@ -203,8 +200,8 @@ def _coefficient(
         words,
         {coefficient.name: 1.0},
         coefficient.unit,
-        sensitivities=ATTITUDE if cross else {},
         principal=principal,
+        also=() if value_at_zero is None else (value_at_zero,),
     )
 
 
@@ -221,8 +218,7 @@ def _column(
     cross: bool = False,
 ) -> Column:
     """Column of a quantity Σ c_k t^k against temperature; `terms` names its coefficients c_k."""
-    known = ATTITUDE if cross else {}
-    quantity = over_temperature(record.stage, model, key, name, terms, unit, known)
+    quantity = over_temperature(record.stage, model, key, name, terms, unit)
 
     def at(t: float) -> Result:
         principal = t == stated.reference_degc and not cross

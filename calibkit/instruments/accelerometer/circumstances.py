@@ -1,15 +1,17 @@
 """What the dwells of a campaign share, and what a recipe states of it."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
+from calibkit.coefficients import Component
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.numeric import shared_errors
 from calibkit.instruments.accelerometer.numeric.shared_errors import Refine
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
-from calibkit.numeric.least_squares.components import Effect
+from calibkit.numeric.least_squares.components import Effect, Known
 from calibkit.recipe.shared_errors import state_effects
 
 SHARED_UNITS = {
@@ -25,9 +27,15 @@ SHARED_UNITS = {
 """Errors that dwells share and the units of their standard deviations."""
 
 
-def refine_with(dwells: DwellSet, spec: AccelerometerRecipe, *, affine: bool = False) -> Refine:
+def refine_with(
+    dwells: DwellSet,
+    spec: AccelerometerRecipe,
+    *,
+    affine: bool = False,
+    held: Sequence[Component] | None = None,
+) -> Refine:
     """Fit with the errors that dwells share; of an affine triad the recipe makes some of them
-    coefficients.
+    coefficients. `held` are the errors of a fit before, whose sizes are kept.
     """
     own = {
         "tilt": spec.affine.tilt,
@@ -48,6 +56,10 @@ def refine_with(dwells: DwellSet, spec: AccelerometerRecipe, *, affine: bool = F
     def state(
         effects: Sequence[Effect], candidates: Sequence[Effect]
     ) -> tuple[Sequence[Effect], Sequence[Effect]]:
+        if held is not None:
+            sizes = {(one.group, one.effect): Known(one.value) for one in held}
+            named = [(one, sizes.get((one.group, one.effect))) for one in (*effects, *candidates)]
+            return [replace(one, known=size) for one, size in named if size is not None], ()
         tried = [one for one in candidates if not (affine and own.get(one.effect))]
         sure, perhaps = state_effects(spec.errors, effects, tried, SHARED_UNITS)
         return sure, [one for one in perhaps if (one.group, one.effect) != shared_errors.SET_UP]

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from calibkit.arrays import Array
-from calibkit.coefficients import Figure, Model, Parameter
+from calibkit.coefficients import Component, Figure, Model, Parameter
 from calibkit.errors import FitError
 from calibkit.forms import Form
 from calibkit.instruments.accelerometer import forms, robust_choice
@@ -57,13 +57,15 @@ class TriadFit:
     """Residuals of the exported models that differ from group to group."""
 
 
-def fit_triad(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
+def fit_triad(
+    dwells: DwellSet, spec: AccelerometerRecipe, held: TriadFit | None = None
+) -> TriadFit:
     """Fit the models that the recipe enables; raises FitError naming the coefficients that the
-    dwells do not determine.
+    dwells do not determine. The errors that dwells share keep the sizes of the fit `held`.
     """
     if spec.reference.kind == "magnitude":
-        return _fit_lengths(dwells, spec)
-    of_axes = _fit_k(dwells, spec) if spec.k.enabled else TriadFit()
+        return _fit_lengths(dwells, spec, held)
+    of_axes = _fit_k(dwells, spec, held) if spec.k.enabled else TriadFit()
     if not spec.affine.enabled:
         return of_axes
     rotation = _tool_rotation(dwells.inclination, dwells.toolface) if spec.affine.tilt else None
@@ -75,7 +77,7 @@ def fit_triad(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
         terms=_affine_terms(spec),
         weights=dwells.weights,
         tool_rotation=rotation,
-        refine=refine_with(dwells, spec, affine=True),
+        refine=refine_with(dwells, spec, affine=True, held=_sizes(held.affine if held else None)),
     )
     off = dwells.indication - dwells.reference
     found, flags = robust_choice.choose(affine_fit, spec.loss, ["affine"], off)
@@ -89,7 +91,12 @@ def fit_triad(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
     )
 
 
-def _fit_k(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
+def _sizes(model: Model | None) -> tuple[Component, ...] | None:
+    """Errors that dwells share in a fit before, None where there was none."""
+    return None if model is None else model.components
+
+
+def _fit_k(dwells: DwellSet, spec: AccelerometerRecipe, held: TriadFit | None = None) -> TriadFit:
     """K-factor of the three axes, its flags, and the coefficients that are not fitted."""
     by_log, logs = spec.k.groups == "log", np.unique(dwells.log).size
     if by_log and logs < LEAST_GROUPS:
@@ -108,7 +115,7 @@ def _fit_k(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
         terms=[k_factor.KTerms(a.scale_order, a.zero_order, a.cross) for a in spec.k.axes],
         weights=dwells.weights,
         groups=dwells.log if by_log else None,
-        refine=refine_with(dwells, spec),
+        refine=refine_with(dwells, spec, held=_sizes(held.k[0] if held else None)),
     )
     off = dwells.indication - dwells.reference
     axes, flags = robust_choice.choose(k_fit, spec.loss, forms.K_MODELS, off)
@@ -141,13 +148,16 @@ def _k_model(dwells: DwellSet, name: str, axis: k_factor.KAxis) -> Model:
     return _model(forms.K, name, named, axis.covariance, axis, dwells, mapping, axis.effective_dof)
 
 
-def _fit_lengths(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
+def _fit_lengths(
+    dwells: DwellSet, spec: AccelerometerRecipe, held: TriadFit | None = None
+) -> TriadFit:
     """Fit scale factors, biases and Q to the magnitude of gravity alone; over temperature where
     affine is enabled.
     """
     noise = None if dwells.weights is None else np.sqrt(np.mean(dwells.noise**2, axis=1))
     off = np.linalg.norm(dwells.indication, axis=1) - 1.0
-    found, intervals, flags = _fit_constant(dwells, spec, noise, off)
+    sizes = _sizes(held.affine if held else None)
+    found, intervals, flags = _fit_constant(dwells, spec, noise, off, sizes)
     flags += tuple(f"magnitude: {flag}" for flag in found.flags)
     over_temperature: AffineFit | None = None
     if spec.affine.enabled:
@@ -158,7 +168,7 @@ def _fit_lengths(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
             1.0,
             terms=_affine_terms(spec),
             weights=None if noise is None else 1.0 / noise**2,
-            refine=refine_with(dwells, spec, affine=True),
+            refine=refine_with(dwells, spec, affine=True, held=sizes),
         )
         over_temperature, more = robust_choice.choose(affine_fit, spec.loss, ["affine"], off)
         model, q = _affine_models(over_temperature, dwells, spec)
@@ -181,7 +191,11 @@ def _fit_lengths(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
 
 
 def _fit_constant(
-    dwells: DwellSet, spec: AccelerometerRecipe, noise: Array | None, off: Array
+    dwells: DwellSet,
+    spec: AccelerometerRecipe,
+    noise: Array | None,
+    off: Array,
+    held: tuple[Component, ...] | None = None,
 ) -> tuple[magnitude.MagnitudeFit, tuple[Figure, ...], tuple[str, ...]]:
     """Magnitude-only fit that knows no temperature, the ends of its 95 % intervals by lmfit, and
     its flags; `off` are the lengths [n] less 1 g.
@@ -194,7 +208,7 @@ def _fit_constant(
         1.0,
         noise=noise,
         # over temperature the affine fit stands in the files
-        refine=None if spec.affine.enabled else refine_with(dwells, spec),
+        refine=None if spec.affine.enabled else refine_with(dwells, spec, held=held),
     )
     found, flags = robust_choice.choose(length_fit, spec.loss, ["magnitude"], off)
     return found, (), (*flags, *warn_of_few_groups(found.components, _taken(0)))

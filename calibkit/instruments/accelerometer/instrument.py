@@ -18,6 +18,7 @@ from calibkit.instruments.accelerometer import (
     errors,
     forms,
     plausibility,
+    sensitivities,
     tables,
 )
 from calibkit.instruments.accelerometer.figures import TriadReport, draw_pages
@@ -94,6 +95,7 @@ def _fit(
         Summary(spec.title, tuple(shown), tuple(flags), judged),
         TriadReport(counted, found["indication"], after, spec.toolface_range_deg),
         lacks=fitted.k_not_fitted,
+        sensitivities=sensitivities.find(fitted, counted, spec),
     )
 
 

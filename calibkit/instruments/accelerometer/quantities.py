@@ -2,7 +2,6 @@
 itself; scale factors, zero offsets and matrix entries over temperature.
 """
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
@@ -26,13 +25,6 @@ from calibkit.instruments.accelerometer.coefficient_files import Correction
 from calibkit.instruments.accelerometer.numeric.affine_model import AXES, find_entry
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 
-ATTITUDE = {
-    "inclination_deg": (0.0, math.pi / 180.0),
-    "toolface_deg": (0.0, math.pi / 180.0),
-}
-"""Sensitivities of a cross-axis term to errors of the reference attitude, which rotate the frame;
-scale factor and bias are insensitive to them.
-"""
 POSITIONS = tuple(
     {name: sign * float(name == own) for name in forms.COMPONENTS}
     for own in forms.COMPONENTS
@@ -48,7 +40,6 @@ def over_temperature(
     words: Words,
     terms: Sequence[str],
     unit: str,
-    influences: Mapping[str, tuple[float, float]],
 ) -> Quantity:
     """Σ c_k t^k of the coefficients that `terms` names."""
 
@@ -57,7 +48,7 @@ def over_temperature(
         weights = {term: t**k for k, term in enumerate(terms)}
         slope = {term: k * t ** (k - 1) for k, term in enumerate(terms) if k}
         of = (forms.TEMPERATURE, t)
-        return weigh(model, weights, slope=slope, of=of, influences=influences)
+        return weigh(model, weights, slope=slope, of=of)
 
     inputs = (ranged(model, forms.TEMPERATURE),)
     return Quantity(name, stage, model.name, words, unit, inputs, point)
@@ -135,8 +126,8 @@ def _of_models(record: Record, *, components: bool) -> list[Quantity]:
         if model.form == forms.K.name:
             words, form = Words("corrected component", "修正分量"), of_form(forms.K, model, inputs)
             found += [
-                make(model, "scale", Words("scale factor"), forms.SCALE_FACTOR, "1", {}),
-                make(model, "zero", Words("zero offset"), forms.ZERO_OFFSET, "g", {}),
+                make(model, "scale", Words("scale factor"), forms.SCALE_FACTOR, "1"),
+                make(model, "zero", Words("zero offset"), forms.ZERO_OFFSET, "g"),
                 Quantity("component", record.stage, model.name, words, "g", inputs, form),
             ]
             continue
@@ -149,11 +140,9 @@ def _of_models(record: Record, *, components: bool) -> list[Quantity]:
             entries = [find_entry(c.name) for c in model.coefficients]
             for first in (one for one in entries if one.power == 0 and one.kind in "mb"):
                 terms = [one.name for one in entries if one.symbol == first.symbol]
-                cross = first.kind == "m" and first.factors != (first.row,)
-                known = ATTITUDE if cross else {}
                 unit = forms.affine_unit(first.name)
                 words = Words(first.symbol.replace("m_", "M_"))
-                found.append(make(model, first.symbol, words, terms, unit, known))
+                found.append(make(model, first.symbol, words, terms, unit))
     return found
 
 

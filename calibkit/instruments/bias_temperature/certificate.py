@@ -35,7 +35,10 @@ def blocks(stated: Stated) -> tuple[Block, ...]:
     for model in record.models:
         tables.append(
             stated.coefficients(
-                record, model, Words(f"{model.name}: coefficients", f"{model.name}：系数")
+                record,
+                model,
+                Words(f"{model.name}: coefficients", f"{model.name}：系数"),
+                also={"p0": ("bias",)},
             )
         )
         abscissa = next(iter(model.valid))

@@ -19,7 +19,11 @@ from calibkit.ingest.logs import Reader
 from calibkit.ingest.proposal import Choice, Evidence
 from calibkit.ingest.write_back import Applied
 from calibkit.instruments import Firmware, Fitted, Instrument, Progress
-from calibkit.instruments.bias_temperature import figures as pages, polynomials
+from calibkit.instruments.bias_temperature import (
+    figures as pages,
+    polynomials,
+    sensitivities,
+)
 from calibkit.instruments.bias_temperature.recipe import BiasTemperatureRecipe
 from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary
@@ -92,11 +96,13 @@ def _fit(
         flags += [str(finding) for finding in found if finding.flagged]
     fits = polynomials.fit(logs, spec.polynomials, spec.errors)
     flags += [flag for found in fits for flag in found.flags]
+    result = polynomials.result(fits, flags)
     return Fitted(
-        (polynomials.result(fits, flags),),
+        (result,),
         tuple(Input.of(log) for log in logs),
         polynomials.summary(spec, fits, flags),
         pages.BiasReport(fits[0].abscissa, tuple(found.curve for found in fits)),
+        sensitivities=sensitivities.find(result),
     )
 
 

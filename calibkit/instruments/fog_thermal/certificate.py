@@ -26,6 +26,7 @@ from calibkit.certificate.words import Words
 from calibkit.coefficients import Model, Record
 from calibkit.instruments.fog_thermal import equations, forms
 from calibkit.instruments.fog_thermal.bias import RESULT as BIAS
+from calibkit.instruments.fog_thermal.numeric.bank import ORIGIN_DEGC
 from calibkit.instruments.fog_thermal.quantities import (
     LAGS,
     RATES,
@@ -55,11 +56,7 @@ def _exported(stated: Stated, record: Record) -> Block:
     tables: list[ListTable | GridTable] = []
     notes: list[Words] = []
     for model in record.models:
-        tables.append(
-            stated.coefficients(
-                record, model, Words(f"Coefficients of {model.name}", f"{model.name} 系数")
-            )
-        )
+        tables.append(_tabulate_coefficients(stated, record, model))
         if model.form in forms.ON_LEVELS:
             tables += _OnLevels(stated, record, model).tables()
         elif model.form == forms.OVER_RATES.name:
@@ -87,6 +84,19 @@ def _exported(stated: Stated, record: Record) -> Block:
         tuple(map(_plot, drawn)),
         tuple(notes),
     )
+
+
+def _tabulate_coefficients(stated: Stated, record: Record, model: Model) -> ListTable:
+    """Coefficients of a model; b0 of one on levels is the rate at rest at its origin, and as
+    uncertain as one.
+    """
+    title = Words(f"Coefficients of {model.name}", f"{model.name} 系数")
+    if model.form not in forms.ON_LEVELS:
+        return stated.coefficients(record, model, title)
+    origin = ORIGIN_DEGC if model.form == forms.BANK.name else 0.0
+    levels = OnLevels(model, stated.reference_degc)
+    also = {"b0": ("bias",)} if origin == levels.reference else {}
+    return stated.coefficients(record, model, title, {"b0": levels.rate({CASE: origin}).more}, also)
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,17 +183,11 @@ class _OnLevels:
             type_a=0.0,
             dof=math.inf,
             called=(BIAS, bias.quantity, "bias"),
-            sensitivities={
-                "latitude_deg": (
-                    latitude,
-                    -float(
-                        earth.along_axis_by_latitude(
-                            latitude, where["input_axis_elevation"], azimuth
-                        )
-                    ),
+            influences={
+                **self.stated.of_models(rest.parts)[0],
+                ("latitude_deg", "offset"): -float(
+                    earth.along_axis_by_latitude(latitude, where["input_axis_elevation"], azimuth)
                 ),
-                "gyro_dph": (figures["mean_rate_at_reference"].value, 1.0),
-                **rest.influences,
             },
             at=bias.at,
             more=rest.type_a(),
@@ -305,7 +309,9 @@ def _before_after(stated: Stated, record: Record) -> GridTable:
     kinds = [kind for kind in named if all(f"{kind[0]}.{log}" in found for log in logs)]
     cells = tuple(
         tuple(
-            stated.figure(record, found[f"{kind}.{log}"], words, math.inf)
+            stated.figure(
+                record, found[f"{kind}.{log}"], words, math.inf, magnitude=kind == "drift_left_rms"
+            )
             for kind, words, _ in kinds
         )
         for log in logs

@@ -26,6 +26,7 @@ from calibkit.instruments.fog_thermal import (
     forms,
     gradient_file,
     ramps,
+    sensitivities,
     tables,
     uncertainty,
 )
@@ -74,6 +75,7 @@ def _fit(
         (*(one.to_object() for one in stated), *at_rest.uncertainty),
         (*decision.list_undetermined(choices, levels), *decision.flag_one_way(logs, model)),
         model.exported,
+        sensitivities=sensitivities.find(exported),
     )
 
 

@@ -59,6 +59,7 @@ NAMES = {
         "bias stability, 100 s means (GJB 2426A)", "零偏稳定性（100 s 平均，GJB 2426A）"
     ),
 }
+PRINCIPAL = {"angle_random_walk", "velocity_random_walk", "bias_instability"}
 FEW = 3.0
 """Standard uncertainties from zero within which a magnitude is stated by an interval."""
 
@@ -101,7 +102,9 @@ def _state(stated: Stated, record: Record, figure: Found) -> Result:
     words = NAMES.get(term, Words(term.replace("_", " "))) + Words(f", {log}" if log else "")
     near_zero = figure.value < FEW * figure.standard_uncertainty
     dof = figure.effective_dof or math.inf
-    return stated.figure(record, figure, words, dof, magnitude=near_zero)
+    return stated.figure(
+        record, figure, words, dof, magnitude=near_zero, principal=term in PRINCIPAL
+    )
 
 
 def _state_deviation(stated: Stated, record: Record, figure: Found, words: Words) -> Result:

@@ -15,7 +15,7 @@ from calibkit.certificate.quantities import Quantity
 from calibkit.certificate.results import Block
 from calibkit.certificate.stated import Stated
 from calibkit.check import copies
-from calibkit.coefficients import Input, Record
+from calibkit.coefficients import Input, Record, StageResult
 from calibkit.constants import STANDARD_GRAVITY_MPS2
 from calibkit.errors import CalibkitError, FitError, UsageError
 from calibkit.frame import Examined, Finding, Log, refuse, values
@@ -26,10 +26,12 @@ from calibkit.ingest.write_back import Applied
 from calibkit.instruments import Fitted, Instrument, Progress
 from calibkit.instruments.gyro_noise import deviations, figures as pages, tables
 from calibkit.instruments.gyro_noise.deviations import NoiseFigures
+from calibkit.instruments.gyro_noise.forms import read_deviation, read_term
 from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe
 from calibkit.instruments.gyro_noise.sensors import ACCELEROMETER, find_sensor
 from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary
+from calibkit.sensitivities import Kind, Sensitivity
 from calibkit.simulate.campaign import Campaign
 
 TEMPERATURES = ("temp_case_degc", "temp_env_degc")
@@ -96,6 +98,29 @@ def _fit(
         tuple(inputs),
         _summarize(spec, spec.title, figures, flags),
         tuple(map(tables.view, figures)),
+        sensitivities=_proportional(result, figures),
+    )
+
+
+def _proportional(result: StageResult, figures: Sequence[NoiseFigures]) -> tuple[Sensitivity, ...]:
+    """Sensitivity of every figure of a record to the scale of its indication: exact, as each is in
+    proportion to it; the mean also to an offset.
+    """
+    found: dict[str, tuple[dict[str, float], dict[str, float]]] = {}
+    for one in figures:
+        scale, offset = found.setdefault(one.record.column, ({}, {}))
+        for figure in result.figures:
+            point = read_deviation(figure.name)
+            record = read_term(figure.name)[1] if point is None else point.record
+            if record == one.record.name:
+                scale[f"{result.stage}.{figure.name}"] = figure.value
+                if figure.name.startswith("mean_"):
+                    offset[f"{result.stage}.{figure.name}"] = 1.0
+    kinds: tuple[Kind, Kind] = ("scale", "offset")
+    return tuple(
+        Sensitivity(column, kind, derivatives)
+        for column, pair in found.items()
+        for kind, derivatives in zip(kinds, pair, strict=True)
     )
 
 

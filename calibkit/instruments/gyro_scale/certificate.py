@@ -22,7 +22,7 @@ from calibkit.certificate.words import Words, unit_mark
 from calibkit.coefficients import Model, Record
 from calibkit.forms import POLYNOMIAL
 from calibkit.instruments.gyro_scale import certificate_angles, forms, quantities
-from calibkit.instruments.gyro_scale.numeric.gjb_figures import IEEE, PPM
+from calibkit.instruments.gyro_scale.numeric.gjb_figures import PPM
 
 MOST_NOTES = 8
 """Largest number of models with a note for each; more share one note."""
@@ -90,8 +90,7 @@ def _state_scale(stated: Stated, record: Record) -> Block:
     notes: list[Words] = []
     for model in others:
         title = Words(f"{model.name}: coefficients", f"{model.name}：系数")
-        influences = quantities.by_rate if ".K_" in model.name else None
-        tables.append(stated.coefficients(record, model, title, influences))
+        tables.append(stated.coefficients(record, model, title, also={"p0": ("value",)}))
         notes += [range_words(model), *stated.left_out(model)]
     for letter in ("K", "F0"):
         found = [model for model in curves if f".{letter}_" in model.name]
@@ -123,9 +122,6 @@ def _tabulate_lines(stated: Stated, record: Record, models: Sequence[Model]) -> 
                 NAMES["scale_factor"],
                 {"K": 1.0},
                 "1/deg",
-                sensitivities=quantities.by_rate(
-                    model.value("K"), certificate_angles.find_full_scale(model)
-                ),
                 # the mean of the runs of a gyro about its own axis
                 principal="." not in model.name and not _is_cross(model.name),
             ),
@@ -240,8 +236,6 @@ def _tabulate_figures(
     kinds: dict[tuple[str, str, str], dict[str, Result]] = {}
     for figure in record.figures:
         what, standard, model = forms.read_figure_name(figure.name)
-        # IEEE Std 952 states rate per count, whose relative change is minus that of counts per rate
-        value = -figure.value if standard == IEEE else figure.value
         found = stated.figure(
             record,
             figure,
@@ -249,7 +243,6 @@ def _tabulate_figures(
             _find_dof(record, what, model),
             standard=standard,
             magnitude=what in MAGNITUDES,
-            sensitivities=quantities.by_rate(value) if what == "scale_factor" else None,
         )
         kinds.setdefault((what, standard, figure.unit), {})[model] = found
     alike: dict[tuple[object, ...], list[str]] = {}

@@ -14,11 +14,10 @@ from calibkit.instruments.gyro_scale.forms import (
     AXES,
     ORTHOGONALITY_FILE,
     PAIR,
-    RATE,
     TEMPERATURE,
     TRIAD,
 )
-from calibkit.instruments.gyro_scale.quantities import FULL_SCALE, by_rate
+from calibkit.sensitivities import Kind
 
 PAIR_EQUATION = Equation(
     PAIR.name,
@@ -49,11 +48,10 @@ PAIR_WORDS = {
 }
 """Coefficient of a pair → its symbol and its name."""
 GYRO = Words("gyro", "陀螺")
-
-
-def find_full_scale(model: Model, default: float = FULL_SCALE) -> float:
-    """Largest table rate [°/s] of a model, or `default` where the model has none."""
-    return max(map(abs, model.valid.get(RATE, ())), default=0.0) or default
+ANGLE = "angle_deg"
+"""Figures of angles between input axes, and quantity of type B terms on the angles between the axes
+of the table.
+"""
 
 
 def state_angles(stated: Stated, record: Record) -> Block:
@@ -67,7 +65,7 @@ def state_angles(stated: Stated, record: Record) -> Block:
             _tabulate_figures(stated, record, models, what, title, unit)
             for what, title, unit in (
                 ("misalignment", Words("Unit vectors of the input axes", "输入轴单位矢量"), "1"),
-                ("angle_deg", Words("Angles between the input axes", "输入轴夹角"), "deg"),
+                (ANGLE, Words("Angles between the input axes", "输入轴夹角"), "deg"),
             )
         ),
     )
@@ -83,7 +81,6 @@ def _tabulate_sensitivities(stated: Stated, record: Record, models: list[Model])
     labels: list[str] = []
     cells: list[tuple[Result, ...]] = []
     for model in models:
-        full_scale = find_full_scale(model, 1.0)
         rows: dict[str, list[Result]] = {}
         for c in model.coefficients:
             gyro, axis = c.name[2:-1], c.name[-1]
@@ -95,7 +92,6 @@ def _tabulate_sensitivities(stated: Stated, record: Record, models: list[Model])
                     Words("sensitivity", "灵敏度"),
                     {c.name: 1.0},
                     "1/deg",
-                    sensitivities=by_rate(c.value, full_scale),
                     principal=model.name == "triad" and gyro == axis,
                 )
                 rows.setdefault(gyro, []).append(result)
@@ -137,7 +133,14 @@ def _tabulate_figures(
                 gyro, column = ("", key.replace("_", " – ")) if "_" in key else (key[:-1], key[-1])
                 columns[column] = None
                 rows.setdefault(gyro, []).append(
-                    stated.figure(record, figure, Words(title.en.lower(), title.zh), model.dof)
+                    stated.figure(
+                        record,
+                        figure,
+                        Words(title.en.lower(), title.zh),
+                        model.dof,
+                        principal=what == ANGLE and model.name == "triad",
+                        influences={(ANGLE, "offset"): _by_table_axes(what, figure.value)},
+                    )
                 )
         labels += [f"{gyro} ({_where(model)})".strip() for gyro in rows]
         cells += map(tuple, rows.values())
@@ -145,7 +148,15 @@ def _tabulate_figures(
     return GridTable(title, GYRO, heads, (unit,) * len(heads), tuple(labels), tuple(cells))
 
 
-def by_angle(model: Model, name: str) -> dict[str, tuple[float, float]]:
+def _by_table_axes(what: str, value: float) -> float:
+    """Derivative of an angle between input axes [1], or of a component of a unit vector [1/°], by
+    an error of the angle between two table axes.
+    """
+    across = math.sqrt(max(1.0 - value**2, 0.0)) * math.pi / 180.0
+    return 1.0 if what == ANGLE else across
+
+
+def by_angle(model: Model, name: str) -> dict[tuple[str, Kind], float]:
     """Sensitivity of γ = cos α and ε = N γ to α, through which type B terms on alpha_deg enter
     them.
     """
@@ -156,7 +167,7 @@ def by_angle(model: Model, name: str) -> dict[str, tuple[float, float]]:
         "epsilon": model.value("N") * slope,
         "orthogonality_error_deg": -1.0,
     }
-    return {"alpha_deg": (alpha, derivatives[name])} if name in derivatives else {}
+    return {("alpha_deg", "offset"): derivatives[name]} if name in derivatives else {}
 
 
 def _state_pair(stated: Stated, record: Record) -> Block:
@@ -172,7 +183,7 @@ def _state_pair(stated: Stated, record: Record) -> Block:
             {c.name: 1.0},
             c.unit,
             symbol=PAIR_WORDS[c.name][0],
-            sensitivities=by_angle(model, c.name),
+            influences=by_angle(model, c.name),
             principal=True,
         )
         for c in model.coefficients
@@ -183,7 +194,7 @@ def _state_pair(stated: Stated, record: Record) -> Block:
         error,
         Words("orthogonality error 90° − α", "正交误差 90° − α"),
         model.dof,
-        sensitivities=by_angle(model, error.name),
+        influences=by_angle(model, error.name),
     )
     results = (*ratios, _bounded(alpha, figures), off)
     title = Words("Orthogonality of the gyro pair", "陀螺组合正交性")

@@ -21,6 +21,7 @@ from calibkit.instruments.gyro_scale import (
     over_runs,
     pair_fit,
     propose,
+    sensitivities,
     simulate_pair,
     simulate_rate_table,
     simulate_triad,
@@ -71,18 +72,20 @@ def _read_runs(
 
 def _fitted(
     spec: AnyRecipe,
-    runs: Mapping[str, Sequence[TableRun]],
+    runs: sensitivities.Runs,
     results: tuple[StageResult, ...],
     shown: Iterable[Table],
     criteria: tuple[Criterion, ...],
     drawing: GyroReport,
+    refit: sensitivities.Refit,
 ) -> Fitted[GyroReport]:
     """Result of a fit; every coefficient file carries all flags."""
     every = [run for group in runs.values() for run in group]
     inputs = tuple(Input.of(run.log) for run in every)
     criteria = (*criteria, *acceptance.judge_noise(every, spec.acceptance))
     summary = Summary(spec.title, tuple(shown), results[0].flags, criteria)
-    return Fitted(results, inputs, summary, drawing)
+    influences = sensitivities.find(spec, runs, results, refit)
+    return Fitted(results, inputs, summary, drawing, sensitivities=influences)
 
 
 def _fit_rate_table(
@@ -90,7 +93,7 @@ def _fit_rate_table(
 ) -> Fitted[GyroReport]:
     """Fit each gyro in each run, then its scale factor over the runs and over temperature."""
     runs = _read_runs(spec, data, files, progress)
-    gyros = [over_runs.fit_over_runs(spec, gyro, runs[""]) for gyro in spec.gyros]
+    gyros = _over_runs(spec, runs)
     results = coefficient_files.list_rate_table_results(
         gyros, over_runs.flag_runs(gyros, spec), spec
     )
@@ -103,8 +106,16 @@ def _fit_rate_table(
         shown,
         acceptance.judge_runs(scales.figures, spec.acceptance),
         curves.GyroReport.of_runs(gyros),
+        lambda spec, runs: coefficient_files.list_rate_table_results(
+            _over_runs(spec, runs), (), spec
+        ),
     )
     return replace(found, lacks=over_runs.list_undetermined(gyros))
+
+
+def _over_runs(spec: RateTableRecipe, runs: sensitivities.Runs) -> list[over_runs.GyroOverRuns]:
+    """Each gyro over its runs."""
+    return [over_runs.fit_over_runs(spec, gyro, runs[""]) for gyro in spec.gyros]
 
 
 def _fit_pair(
@@ -124,7 +135,17 @@ def _fit_pair(
     scales = results[0]
     shown = tables.summarize_pair(fitted, scales, spec.gyros)
     criteria = acceptance.judge_pair(fitted, scales.figures, spec.acceptance)
-    return _fitted(spec, runs, results, shown, criteria, curves.GyroReport.of_pair(fitted))
+    return _fitted(
+        spec,
+        runs,
+        results,
+        shown,
+        criteria,
+        curves.GyroReport.of_pair(fitted),
+        lambda spec, runs: coefficient_files.list_pair_results(
+            pair_fit.fit_pair(runs["a"][0], runs["b"][0], spec), spec
+        ),
+    )
 
 
 def _fit_triad(
@@ -139,7 +160,17 @@ def _fit_triad(
     scales = results[0]
     shown = tables.summarize_triad(fitted, scales)
     criteria = acceptance.judge_triad(fitted, scales.figures, spec.acceptance)
-    return _fitted(spec, runs, results, shown, criteria, curves.GyroReport.of_triad(fitted))
+    return _fitted(
+        spec,
+        runs,
+        results,
+        shown,
+        criteria,
+        curves.GyroReport.of_triad(fitted),
+        lambda spec, runs: coefficient_files.list_triad_results(
+            triad_fit.fit_axes(spec, runs), spec
+        ),
+    )
 
 
 def _draw(title: str, fitted: Fitted[GyroReport]) -> Drawn:

@@ -23,15 +23,6 @@ from calibkit.instruments.gyro_scale.compensate import TEMPERATURE_SLACK
 from calibkit.instruments.gyro_scale.recipe import AnyRecipe, GyroTriadRecipe
 
 PPM = 1e-6
-FULL_SCALE = 100.0
-"""Table rate [°/s] taken as full scale where a model does not state its own."""
-
-
-def by_rate(value: float, largest: float = FULL_SCALE) -> dict[str, tuple[float, float]]:
-    """Sensitivity of K, and of quantities proportional to K, to the table rate at full scale and to
-    the time base (per 1 s).
-    """
-    return {forms.RATE: (largest, -value / largest), "time_s": (1.0, value)}
 
 
 def over_temperature(record: Record, model: Model, letter: str) -> Quantity:
@@ -40,8 +31,7 @@ def over_temperature(record: Record, model: Model, letter: str) -> Quantity:
     def point(at: At) -> Point:
         t = at[forms.TEMPERATURE]
         weights, slope = powers("p", model, t)
-        known = by_rate(weigh(model, weights).value) if letter == "K" else {}
-        return weigh(model, weights, slope=slope, of=(forms.TEMPERATURE, t), influences=known)
+        return weigh(model, weights, slope=slope, of=(forms.TEMPERATURE, t))
 
     inputs, unit = (ranged(model, forms.TEMPERATURE),), model.coefficients[0].unit
     return Quantity("value", record.stage, model.name, Words(letter), unit, inputs, point)
@@ -50,8 +40,7 @@ def over_temperature(record: Record, model: Model, letter: str) -> Quantity:
 def _held(record: Record, model: Model, coefficient: Coefficient) -> Quantity:
     """A coefficient that was found at one temperature and holds near it."""
     name = coefficient.name
-    known = by_rate(coefficient.value) if name[0] in "KS" else {}
-    point = weigh(model, {name: 1.0}, influences=known)
+    point = weigh(model, {name: 1.0})
     near = ranged(model, forms.TEMPERATURE)
     inputs = (Input(near.column, near.low - TEMPERATURE_SLACK, near.high + TEMPERATURE_SLACK),) * (
         forms.TEMPERATURE in model.valid

@@ -17,7 +17,6 @@ from calibkit.instruments.gyro_scale import (
     compensate,
     forms,
     pair_fit,
-    quantities,
     table_runs,
 )
 from calibkit.instruments.gyro_scale.numeric import gjb_figures
@@ -33,6 +32,8 @@ from calibkit.recipe import type_b
 from calibkit.report.summary import Summary
 from calibkit.report.table import Table
 
+FULL_SCALE = 100.0
+"""Table rate [°/s] taken as full scale where a model does not state its own."""
 MOST_DOF = 1e6
 """Degrees of freedom that stand for any number above."""
 OTHER_AXIS = 0.1
@@ -124,9 +125,12 @@ def _uncertainty_of_sensitivity(
     coefficient = model.coefficients[entry]
     at = temperature[0] + np.array([-0.5, 0.5])
     slope = float(np.diff(matrix.at(at)[0].reshape(2, -1)[:, entry])[0])
-    full_scale = certificate_angles.find_full_scale(model)
-    known = quantities.by_rate(coefficient.value, full_scale)
-    known |= {forms.TEMPERATURE: (float(temperature[0]), slope)}
+    fastest = max(map(abs, model.valid.get(forms.RATE, ())), default=0.0) or FULL_SCALE
+    known = {
+        forms.RATE: (fastest, -coefficient.value / fastest),
+        "time_s": (1.0, coefficient.value),
+        forms.TEMPERATURE: (float(temperature[0]), slope),
+    }
     names = (f"{model.name}.{coefficient.name}", coefficient.name)
     other = type_b.combine_terms(terms, names, coefficient.value, coefficient.unit, known)
     u, dof = coefficient.standard_uncertainty, model.dof_of(coefficient)
@@ -305,7 +309,8 @@ def _compare_pair(
 
 def _type_b_of_ratio(frozen: Model, c: Coefficient, terms: Sequence[type_b.TypeB]) -> float:
     """Type B standard uncertainty of N, ε, γ or α: terms on it, or on α."""
-    slopes = certificate_angles.by_angle(frozen, c.name)
+    by_angle = certificate_angles.by_angle(frozen, c.name)
+    slopes = {name: (0.0, slope) for (name, _), slope in by_angle.items()}
     return type_b.combine_terms(terms, (f"pair.{c.name}", c.name), c.value, c.unit, slopes)
 
 

@@ -1,7 +1,6 @@
 """Inclinometer results: the in-situ scale factor s of each gyro over temperature."""
 
 from collections.abc import Callable
-from functools import partial
 
 from calibkit.certificate.quantities import state
 from calibkit.certificate.results import (
@@ -18,7 +17,6 @@ from calibkit.certificate.words import Words
 from calibkit.coefficients import Model, Record
 from calibkit.instruments.inclinometer import quantities
 from calibkit.instruments.inclinometer.forms import FILE, SCALE as SCALE_FORM, TEMPERATURE
-from calibkit.instruments.inclinometer.quantities import by_latitude
 
 SCALE = Equation(
     SCALE_FORM.name,
@@ -29,12 +27,6 @@ SCALE = Equation(
     ),
 )
 FIGURES = {
-    "s_x": Words(
-        "s of gyro x at the reference temperature, of one station", "参考温度下 x 陀螺单站 s"
-    ),
-    "s_y": Words(
-        "s of gyro y at the reference temperature, of one station", "参考温度下 y 陀螺单站 s"
-    ),
     "stations_used": Words("stations used", "采用测站数"),
     "stations_refused": Words("stations refused", "拒用测站数"),
 }
@@ -50,7 +42,7 @@ def blocks(stated: Stated) -> tuple[Block, ...]:
             record,
             model,
             Words(f"Coefficients of gyro {model.name}", f"{model.name} 陀螺系数"),
-            partial(by_latitude, record),
+            also={"s0": ("s",)},
         )
         for model in record.models
     ]
@@ -89,7 +81,6 @@ def _stations(stated: Stated, record: Record) -> ListTable:
             figure,
             FIGURES.get(figure.name, Words(figure.name)),
             record.models[0].dof,
-            sensitivities=by_latitude(record, figure.value if figure.name[:2] == "s_" else 0.0),
         )
         for figure in record.figures
         if figure.name in FIGURES

@@ -26,6 +26,7 @@ from calibkit.instruments.inclinometer import (
     figures,
     latitude,
     rows as inclinometer_rows,
+    sensitivities,
     solve,
     stations as inclinometer_stations,
     tables,
@@ -68,6 +69,7 @@ def _fit(
         tuple(Input.of(log) for log in logs),
         tables.summarize(fits, stations, seen, result.flags, spec),
         tables.collect_drawing(fits, stations, seen, spec),
+        sensitivities=sensitivities.find(fits, rows, spec.on_site()),
     )
 
 

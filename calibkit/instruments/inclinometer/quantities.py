@@ -1,6 +1,5 @@
 """Results of a run: the in-situ scale factor s of each gyro over temperature."""
 
-import math
 from collections.abc import Mapping
 
 from calibkit.certificate.quantities import At, Point, Quantity, ranged, weigh
@@ -11,17 +10,6 @@ from calibkit.instruments.inclinometer.forms import FILE, TEMPERATURE
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 
 
-def by_latitude(record: Record, value: float) -> dict[str, tuple[float, float]]:
-    """Sensitivity of s, and of quantities proportional to s, to the latitude α: −s tan α, exact for
-    a vertical tool.
-    """
-    found = next((c for c in record.conditions if c.name == "latitude"), None)
-    if found is None:
-        return {}
-    alpha = math.radians(found.value)
-    return {"latitude_deg": (found.value, -value * math.tan(alpha) * math.pi / 180.0)}
-
-
 def scale(record: Record, model: Model) -> Quantity:
     """Scale factor of one gyro; constant where temperature was not logged."""
     over = TEMPERATURE in model.valid
@@ -29,11 +17,7 @@ def scale(record: Record, model: Model) -> Quantity:
     def point(at: At) -> Point:
         t = at.get(TEMPERATURE, 0.0)
         weights, slope = powers("s", model, t)
-        value = weigh(model, weights).value
-        known = by_latitude(record, value)
-        return weigh(
-            model, weights, slope=slope if over else None, of=(TEMPERATURE, t), influences=known
-        )
+        return weigh(model, weights, slope=slope if over else None, of=(TEMPERATURE, t))
 
     return Quantity(
         "s",

@@ -141,7 +141,7 @@ class Reduced:
     def _solve(self, variances: Array) -> tuple[Array, Array, Array, Array]:
         """λ = θ/σ² of each column [q], A = (I + S Λ)⁻¹ and T = A S [q, q], u = A Zᵀ M y [q]."""
         ratio = (variances[1:] / variances[0])[self.member]
-        ratio = np.minimum(ratio, LARGEST_RATIO / np.max(self.whole, initial=1e-300))
+        ratio = np.minimum(ratio, LARGEST_RATIO / np.max(self.whole, initial=1e-200))
         inverse = np.linalg.inv(np.eye(len(ratio)) + self.between * ratio)
         return ratio, inverse, inverse @ self.between, inverse @ self.target
 

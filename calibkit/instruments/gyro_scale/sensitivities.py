@@ -1,0 +1,72 @@
+"""How the results of a rate table move with errors of the table's rate, the time base, the
+thermometer and the latitude.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from calibkit.coefficients import StageResult
+from calibkit.instruments.gyro_scale import forms
+from calibkit.instruments.gyro_scale.numeric import scale_factor
+from calibkit.instruments.gyro_scale.recipe import AnyRecipe
+from calibkit.instruments.gyro_scale.table_runs import TableRun
+from calibkit.sensitivities import InputError, Sensitivity, differentiate, of_thermometer
+
+Runs = Mapping[str, tuple[TableRun, ...]]
+Refit = Callable[[Any, Runs], Sequence[StageResult]]
+SHARE, RATE_STEP_DPS, LATITUDE_STEP_DEG = 1e-5, 1e-6, 1e-3
+
+
+def find(
+    spec: AnyRecipe, runs: Runs, results: Sequence[StageResult], refit: Refit
+) -> tuple[Sensitivity, ...]:
+    """Sensitivities of the results that `refit` made of runs."""
+    errors = [
+        InputError(forms.RATE, "scale", SHARE),
+        InputError(forms.RATE, "offset", RATE_STEP_DPS),
+        InputError("time_s", "scale", SHARE),
+    ]
+    temperatures = [run.temp_degc for group in runs.values() for run in group]
+    low, high = min(temperatures), max(temperatures)
+    if low <= high:  # logged in every run
+        errors += of_thermometer(forms.TEMPERATURE, low, high)
+    if spec.site.latitude_deg is not None:
+        errors.append(InputError("latitude_deg", "offset", LATITUDE_STEP_DEG))
+
+    def shift(error: InputError) -> Sequence[StageResult]:
+        if error.input == "latitude_deg":
+            site = spec.site.model_copy(
+                update={"latitude_deg": error.shift(spec.site.latitude_deg)}
+            )
+            return refit(spec.model_copy(update={"site": site}), runs)
+        return refit(
+            spec,
+            {
+                axis: tuple(_shift(spec, run, error) for run in group)
+                for axis, group in runs.items()
+            },
+        )
+
+    return differentiate(errors, results, shift)
+
+
+def _shift(spec: AnyRecipe, run: TableRun, error: InputError) -> TableRun:
+    """A run with an error of the table's rate, of the time base or of the thermometer."""
+    held = run.plateaus
+    if error.input == forms.TEMPERATURE:
+        held = replace(held, temp_degc=error.shift(held.temp_degc))
+    elif error.input == "time_s":  # counts and turns per second of a clock that is off
+        held = replace(
+            held,
+            indication=error.shift(held.indication),
+            angle_rate_dps=error.shift(held.angle_rate_dps),
+        )
+    else:
+        held = replace(
+            held,
+            rate_dps=error.shift(held.rate_dps),
+            angle_rate_dps=error.shift(held.angle_rate_dps),
+        )
+    scales = scale_factor.of_run(held, reference=spec.table.reference)
+    return replace(run, plateaus=held, scales=scales)

@@ -1,0 +1,133 @@
+"""How every result of a fit moves where an input of the logs is off: the fit is made again with
+that input shifted, its model, orders and weights held.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Literal, get_args
+
+from calibkit.errors import CoefficientError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping
+
+    from calibkit.coefficients import StageResult
+
+Kind = Literal["offset", "scale", "span"]
+"""An error of every reading that is the same, that is in proportion to the reading, or that grows
+from −1 at the lowest reading to 1 at the highest.
+"""
+ROUNDING = 1e-11
+"""Change, relative to a result and to its uncertainty, that is rounding."""
+THERMOMETER_STEP_DEGC = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class InputError:
+    """An error of an input by its canonical column or site value; `step` [unit of its name, 1 of a
+    scale] is about as large as such errors are.
+    """
+
+    input: str
+    kind: Kind
+    step: float
+    ends: tuple[float, float] = (0.0, 1.0)
+    """Lowest and highest reading, of a span."""
+
+    def shift(self, values: Any) -> Any:  # noqa: ANN401 (a number or an array)
+        """Values that the input would have had with the error."""
+        if self.kind == "scale":
+            return values * (1.0 + self.step)
+        low, high = self.ends
+        half = (high - low) / 2.0
+        return values + self.step * ((values - low) / half - 1.0 if self.kind == "span" else 1.0)
+
+
+def of_thermometer(column: str, low: float, high: float) -> tuple[InputError, ...]:
+    """Errors of a thermometer that read from `low` to `high` [°C]: an offset, and one that turns
+    the slopes over temperature.
+    """
+    offset = InputError(column, "offset", THERMOMETER_STEP_DEGC)
+    if not high > low:
+        return (offset,)
+    return offset, InputError(column, "span", THERMOMETER_STEP_DEGC, (low, high))
+
+
+@dataclass(frozen=True, slots=True)
+class Sensitivity:
+    """Derivatives of results, named <stage>.<model>.<coefficient> or <stage>.<figure>, by an error
+    of an input [unit of the result per unit of the input's name, or per 1 of a scale].
+    """
+
+    input: str
+    kind: Kind
+    derivatives: Mapping[str, float]
+
+
+def differentiate(
+    errors: Iterable[InputError],
+    base: Iterable[StageResult],
+    refit: Callable[[InputError], Iterable[StageResult]],
+) -> tuple[Sensitivity, ...]:
+    """Sensitivities by finite differences of refits: of a scale, in which no result is linear, on
+    both sides, else against `base`, which is fitted as they are.
+    """
+    before, found = _values(base), []
+    for error in errors:
+        up = _values(refit(error))
+        down, width = before, error.step
+        if error.kind == "scale":
+            down, width = _values(refit(replace(error, step=-error.step))), 2.0 * error.step
+        derivatives = {
+            key: (value - down[key][0]) / width
+            for key, (value, _) in up.items()
+            if key in down
+            and key in before
+            and abs(value - down[key][0]) > ROUNDING * max(map(abs, before[key]))
+        }
+        found.append(Sensitivity(error.input, error.kind, derivatives))
+    return tuple(found)
+
+
+def _values(results: Iterable[StageResult]) -> dict[str, tuple[float, float]]:
+    """Value and standard uncertainty of every coefficient and figure."""
+    found: dict[str, tuple[float, float]] = {}
+    for result in results:
+        for model in result.models:
+            found |= {
+                f"{result.stage}.{model.name}.{c.name}": (c.value, c.standard_uncertainty)
+                for c in model.coefficients
+            }
+        found |= {
+            f"{result.stage}.{figure.name}": (figure.value, figure.standard_uncertainty)
+            for figure in result.figures
+        }
+    return found
+
+
+def dumps(found: Iterable[Sensitivity]) -> list[dict[str, Any]]:
+    """Sensitivities as JSON objects of run.json."""
+    return [
+        {"input": one.input, "error": one.kind, "derivatives": dict(one.derivatives)}
+        for one in found
+    ]
+
+
+def loads(entries: object, name: str) -> tuple[Sensitivity, ...]:
+    """Sensitivities of a run.json; CoefficientError for what is none."""
+    found = []
+    for entry in entries if isinstance(entries, list) else [entries]:
+        fields = entry if isinstance(entry, dict) else {}
+        derivatives = fields.get("derivatives")
+        if (
+            not isinstance(fields.get("input"), str)
+            or fields.get("error") not in get_args(Kind)
+            or not isinstance(derivatives, dict)
+            or not all(type(value) in {int, float} for value in derivatives.values())
+        ):
+            raise CoefficientError(
+                f"{name}: sensitivities: {entry!r:.60} is not one of an input", hint="fit again"
+            )
+        found.append(Sensitivity(fields["input"], fields["error"], derivatives))
+    return tuple(found)
