@@ -125,7 +125,6 @@ SAME = {
         for one, other in (("K0", "scale"), ("K4", "zero"))
     ]
     + [(f"accel_affine.triad.{e}0", f"accel_affine.triad.{e}@0") for e in ("m_xx", "m_xy", "b_z")],
-    "fog_thermal": [("drift_rate.drift.b0", "drift_rate.drift.bias@25")],
     "gyro_triad": [
         (f"gyro_scale.{g}_about_{g}.K_over_temperature.{{}}".format(a), b)
         for g in "xyz"
@@ -154,6 +153,22 @@ def test_one_quantity_has_one_uncertainty_under_both_its_names(run, name):
             assert a.uncertainty.expanded_uncertainty == pytest.approx(
                 b.uncertainty.expanded_uncertainty, rel=1e-6
             )
+
+
+def test_the_level_of_a_drift_model_is_as_uncertain_as_the_bias_at_its_origin(run):
+    """Whatever the model, b0 is the rate at rest at 0 °C, of a bank at 25 °C."""
+    files = run_files.RunFiles.read(run("fog_thermal"))
+    (model,) = files.records["drift_rate.json"].models
+    origin = 25 if model.form == fog_forms.BANK.name else 0
+    recipe_there = {**files.document["recipe"], "overrides": [f"reference_temp_degc={origin}"]}
+    there = replace(files, document={**files.document, "recipe": recipe_there})
+    stated = profile.load(ROOT / "reports" / "profiles" / "fog_thermal.toml")
+    found = by_key(content.build(there, instruments.certificate_layout, *stated, None, ISSUED))
+    b0, bias = found["drift_rate.drift.b0"], found[f"drift_rate.drift.bias@{origin}"]
+    assert b0.value == pytest.approx(bias.value, rel=1e-12)
+    assert b0.uncertainty.expanded_uncertainty == pytest.approx(
+        bias.uncertainty.expanded_uncertainty, rel=1e-6
+    )
 
 
 def test_an_error_of_inclination_moves_the_zero_of_z_and_hardly_q(run):

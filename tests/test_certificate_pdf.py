@@ -168,7 +168,7 @@ def test_printed_values_are_those_of_the_file_rounded_with_their_uncertainty(cer
     N = next(c for c in file["models"][0]["coefficients"] if c["name"] == "N")
     expanded = 2.133 * N["standard_uncertainty"]
     whole = " ".join(text_of(certificate))
-    assert f"ratio of the scale factors {N['value']:.7f} {expanded:.7f} 1" in whole
+    assert f"ratio of the scale factors {N['value']:.7f} {expanded:.7f} 2.13 1" in whole
 
 
 def test_the_file_says_pdfa_3b_and_embeds_every_font(certificate):
