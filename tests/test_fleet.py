@@ -517,6 +517,7 @@ def test_without_pyarrow_there_is_no_parquet_and_everything_else(tmp_path, quick
     assert sorted(path.name for path in done.folder.iterdir()) == [
         "control_charts.pdf",
         "fleet.csv",
+        "fleet.html",
         "fleet.json",
     ]
 

@@ -58,7 +58,8 @@ def test_the_screen_of_a_sample_answers_in_25_lines(name, tmp_path, calibkit, mo
     captions = re.findall("<figcaption>(.+?)</figcaption>", page)
     assert len(captions) == len(set(captions)) == page.count("<svg")
     assert 1 <= page.count("<dt>") <= 4
-    assert re.search(r"<h3[^>]*>(.+?)</h3>", page)[1] == "Exported model"
+    first = "Results" if name == "gyro_noise" else "Exported model"
+    assert re.search(r"<h3[^>]*>(.+?)</h3>", page)[1] == first
     assert calibkit(*next_command(outcome.out)).code == 0
     again = calibkit(
         "fit", name, "--data", ROOT / "datasets" / name, "--serial", "S-1", "--details"

@@ -132,7 +132,7 @@ def test_a_damaged_export_is_refused(tmp_path, calibkit):
 
 
 @pytest.mark.parametrize(
-    "name", ["run.json", "inclinometer_scale.json", "report.html", "report.txt"]
+    "name", ["run.json", "inclinometer_scale.json", "report.pdf", "report.txt"]
 )
 def test_every_damage_to_a_file_of_a_run_is_refused_by_name(golden, name):
     """60 damages a file, bytes changed, cut off, put in, doubled or emptied: the run is refused and

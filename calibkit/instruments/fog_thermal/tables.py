@@ -13,7 +13,7 @@ from calibkit.instruments.fog_thermal.figures import DriftLog, DriftReport, Test
 from calibkit.instruments.fog_thermal.gradient_file import FittedRamp, SideChoice
 from calibkit.instruments.fog_thermal.numeric.choice import ThermalChoice
 from calibkit.instruments.fog_thermal.numeric.compensation import NoiseSplit
-from calibkit.instruments.fog_thermal.numeric.uncertainty import Hysteresis
+from calibkit.instruments.fog_thermal.numeric.hysteresis import Hysteresis
 from calibkit.instruments.fog_thermal.ramps import PreparedLog
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 from calibkit.instruments.fog_thermal.uncertainty import Statement, tabulate_statements
