@@ -147,7 +147,7 @@ def compose_report(campaign: Campaign, tail: Sequence[str], width: int = 0) -> l
         return full
     end = [line for text in judged for line in wrap(text, width, 2)]
     end = [*shorten(end, _MOST_JUDGED), *tail]
-    return arrange([verdict], _tabulate_logs(reports), _causes(reports), end, width)
+    return arrange([verdict], [_tabulate_logs(reports)], _causes(reports), end, width)
 
 
 def _causes(reports: Sequence[LogReport]) -> list[str]:

@@ -61,7 +61,7 @@ def fleet(
     calibkit fleet my_recipe.toml --data units --cluster tcp://10.0.0.5:8786 --keep-going --json
     """
     if jobs and cluster:
-        raise UsageError("--jobs and --cluster contradict each other", hint="give one of them")
+        raise UsageError("--jobs and --cluster: one or the other", hint="give one of them")
     if jobs != 1 and not cluster and data.is_dir():
         from calibkit.fleet.server import import_ahead
 

@@ -33,13 +33,13 @@ def compose_screen(
     shown = summary.overview
     whose = f"{summary.title}{f' · {shown.about}' if shown.about else ''}"
     texts = (whose, summary.last_line, shown.sentence, *shown.facts)
-    table = shown.table or next(iter(summary.tables), None)
-    return arrange(texts, table, summary.checks, tail, width, most=most)
+    tables = summary.tables if shown.table is None else (shown.table,)
+    return arrange(texts, tables, summary.checks, tail, width, most=most)
 
 
 def arrange(
     texts: Sequence[str],
-    table: Table | None,
+    tables: Sequence[Table],
     findings: Sequence[str],
     tail: Sequence[str],
     width: int,
@@ -50,7 +50,11 @@ def arrange(
     many more there are.
     """
     head = [line for text in texts for line in wrap(text, width, 2)]
-    rows = [] if table is None else _align(table, width)
+    rows = [
+        line
+        for table in tables
+        for line in ([table.title] if len(tables) > 1 else []) + _align(table, width)
+    ]
     found = [wrap(f"- {text}", width, _LONGEST) for text in findings]
     doubts = sum(map(len, found)) + bool(found)
     room = most - len(head) - len(tail)
