@@ -20,18 +20,13 @@ if TYPE_CHECKING:
     from calibkit.check.report import LogReport
     from calibkit.coefficients import StageResult
     from calibkit.ingest.proposal import Proposal
-    from calibkit.instruments import Instrument, Progress
+    from calibkit.instruments import Instrument
 
 LARGEST_TRIAL = 50_000_000
 """Bytes of logs up to which a campaign is judged by a fit on trial."""
 
 
-def check(
-    source: recipe.Source,
-    data: Path,
-    figure: Path | None = None,
-    progress: Progress = instruments.silent,
-) -> Campaign:
+def check(source: recipe.Source, data: Path, figure: Path | None = None) -> Campaign:
     """What each log that a recipe would read holds and what is wrong with it, and what the logs
     determine together; nothing is written but the figure.
 
@@ -44,10 +39,7 @@ def check(
     with source.placing():
         files = ingest.find_logs(spec, data)
         ingest.require_named_logs(spec, files)
-        outcomes = [
-            examination.examine_log(instrument, spec, data, file)
-            for file in progress(files, "checking")
-        ]
+        outcomes = [examination.examine_log(instrument, spec, data, file) for file in files]
     compared = examination.compare_logs(outcomes)
     if figure is not None:
         shown = [outcome.figure for outcome in outcomes if outcome.figure is not None]
@@ -61,7 +53,7 @@ def check(
         replace(one, findings=(*one.findings, *(found for at, found in compared if at == one.file)))
         for one in (outcome.report for outcome in outcomes)
     )
-    return Campaign(reports, _judge(instrument, spec, data, files, reports, progress))
+    return Campaign(reports, _judge(instrument, spec, data, files, reports))
 
 
 def _judge(
@@ -70,7 +62,6 @@ def _judge(
     data: Path,
     files: Sequence[str],
     reports: Sequence[LogReport],
-    progress: Progress,
 ) -> Judgement:
     """What the logs of a campaign determine together, by the fit itself, on trial."""
     refused = sum(report.refused for report in reports)
@@ -82,7 +73,7 @@ def _judge(
         lacks = f"{size / 1e6:,.0f} MB of logs are not fitted on trial: see fit --dry-run"
         return Judgement((), (lacks,), exports=None)
     try:
-        fitted = instrument.fit(spec, data, files, progress)
+        fitted = instrument.fit(spec, data, files, instruments.silent)
         results = budget.name_results(fitted.results)
         type_b.require_known(spec.type_b, (*results, *spec.own_columns()))
     except (FrameError, FitError, LogFormatError, RecipeError) as error:

@@ -83,7 +83,7 @@ def fit(
     dated = "" if date else max((log.last_date for log in fitted.inputs), default="")
     date = date or dated or clock.date_or_today(today)
     with store.next_revision(out, serial, dry_run=dry_run) as (revision, superseded):
-        found = run_content.complete_summary(fitted, pooled)
+        found = replace(fitted.summary, flags=(*pooled.flags, *fitted.summary.flags))
         summary = dates.flag_date_order(found, out, serial, revision, date)
         document, records, files = run_content.build_run(
             source, pooled, replace(fitted, summary=summary), serial, revision, date, superseded
@@ -185,7 +185,6 @@ def validate(
         summary,
         title=f"{run.name} on {len(files) - len(seen)} logs that it has not seen",
         flags=(*seen, *copies.flag_missing_fingerprints(run.name, inputs), *summary.flags),
-        logs=tuple(files),
     )
     document = {
         "format": run_document.VALIDATION_FORMATS[-1],
@@ -253,16 +252,20 @@ def export(
     out: Path,
     *,
     address: int | None = None,
+    layout_of: store.Run | None = None,
     allow_rejected: bool = False,
     dry_run: bool = False,
 ) -> list[Path]:
-    """Write the correction chains of one run or of a fleet's for a firmware target; returns the
-    files.
+    """Write the correction chains of one run or of a fleet's for a firmware target and return the
+    files; OutputError where they are not laid out as the run that `layout_of` names.
     """
     from calibkit.firmware import targets
 
     chosen = targets.find_target(target, number, address)
     exports = [_firmware_export(run, number, prefix, allow_rejected=allow_rejected) for run in runs]
+    if layout_of is not None:
+        pinned = _firmware_export(layout_of, number, prefix, allow_rejected=True)
+        targets.require_layout(exports, pinned)
     files = targets.files(chosen, exports, address or 0)
     new_files.write_all({out / name: content for name, content in files.items()}, dry_run=dry_run)
     return [out / name for name in sorted(files)]

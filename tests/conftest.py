@@ -9,14 +9,14 @@ import os
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy is imported; see calibkit.cli
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from calibkit import cli
-from calibkit.report import figures, svg
+from calibkit.report import documents, svg
 
 ROOT = Path(__file__).resolve().parents[1]
 AUTHORITIES = Path(__file__).resolve().parent / "authorities"
@@ -33,23 +33,29 @@ class Ink:
     every process of its own.
     """
 
-    settle = staticmethod(figures.settle)
+    printed = staticmethod(documents.printed)
     inline = staticmethod(svg.inline)
 
     @staticmethod
-    def unsettled(drawings):
-        """Figures that nobody lays out."""
+    def dry(drawn):
+        """Reports without their ink."""
+        blank = (
+            {documents.PDF: b"%PDF-1.4\n% not drawn in this test\n"}
+            if drawn.figures or drawn.table_pages
+            else {}
+        )
+        return blank | Ink.printed(replace(drawn, figures=(), table_pages=()))
 
     @staticmethod
-    def unseen(drawings):
+    def unseen(figures):
         """Drawings of a page without their ink."""
-        return ["<svg></svg>"] * len(drawings), False
+        return ["<svg></svg>"] * len(figures), False
 
 
 def pytest_runtest_setup(item):
     """Give a test, and the fixtures that are made for it, ink or none."""
     drawn = item.get_closest_marker("drawn") is not None
-    figures.settle = Ink.settle if drawn else Ink.unsettled
+    documents.printed = Ink.printed if drawn else Ink.dry
     svg.inline = Ink.inline if drawn else Ink.unseen
 
 

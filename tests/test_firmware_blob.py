@@ -6,11 +6,14 @@ import shutil
 import struct
 import subprocess
 import zlib
+from dataclasses import replace
 
 import pytest
 
+from calibkit import instruments
 from calibkit.errors import CoefficientError, OutputError
-from calibkit.firmware import blob, c_loader, c_reader
+from calibkit.firmware import blob, c_loader, c_reader, formats, program
+from calibkit.recipe import tables
 from firmware_driver import exported
 from firmware_runs import cached
 from test_firmware_c import C_ONLY, WARNINGS
@@ -218,3 +221,37 @@ def test_a_loader_s_files_are_known_to_verify(tmp_path_factory):
     export = export_of("scale", "f32", tmp_path_factory)
     assert c_reader.verify_source("u.c", c_loader.source(export)) == "C source of a loader of blobs"
     assert c_reader.verify_header("u.h", c_loader.header(export)) == "C header of a loader of blobs"
+
+
+def with_orders(this, order):
+    """Chain of a fitted run whose polynomials over temperature end at an order."""
+    records = {}
+    for name, record in this.run.records.items():
+        models = []
+        for model in record.models:
+            kept = [
+                c for c in model.coefficients if c.name[0] not in "ps" or int(c.name[1:]) <= order
+            ]
+            size = len(kept)
+            cut = tuple(tuple(row[:size]) for row in model.covariance[:size])
+            models.append(replace(model, coefficients=tuple(kept), covariance=cut))
+        records[name] = replace(record, models=tuple(models))
+    procedure = instruments.find(this.run.document["procedure"])
+    return lambda spec: procedure.firmware().chain(spec, records)
+
+
+@pytest.mark.parametrize("name", ["rate", "triad", "scale"])
+def test_one_loader_takes_devices_of_all_orders(name, tmp_path_factory):
+    """Tables are padded to the largest order of the form, unless the recipe asks for fitted ones:
+    a device whose scale factor is straight over temperature has the layout of one with a cubic.
+    """
+    this = cached(name, tmp_path_factory)
+    fitted = this.spec.model_copy(update={"export": tables.Export(layout="fitted")})
+    found = {"padded": set(), "fitted": set()}
+    for order in (0, 1, 3):
+        chain = with_orders(this, order)
+        for layout, spec in (("padded", this.spec), ("fitted", fitted)):
+            quantised = program.quantise(chain(spec), formats.Format.find("f32"))
+            found[layout].add(blob.shape(quantised).digest)
+    assert len(found["padded"]) == 1
+    assert len(found["fitted"]) > 1

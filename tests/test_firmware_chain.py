@@ -247,7 +247,7 @@ def test_statuses_say_what_was_clamped_and_what_is_no_number(name, runs):
     still = {flag: 1 << k for k, flag in enumerate(this.chain.structure.flags)}
     assert result.status[0] & ~(still.get("HELD", 0) | still.get("RATE_STARTING", 0)) == 0
     assert result.status[1] == twin.INVALID
-    beyond = [still.get(flag, 0) for flag in ("TEMP_CLAMPED", "RATE_CLAMPED", "FULL_SCALE")]
+    beyond = [still.get(flag, 0) for flag in ("TEMP_CLAMPED", "RATE_CLAMPED", "RATE_BEYOND")]
     assert result.status[2] & sum(beyond)
     for output in this.chain.structure.outputs:
         value = result.outputs[output.name][1]

@@ -44,7 +44,6 @@ for kept in (
     outputs.export,
     results.evaluate,
     results.compare,
-    outputs.report,
     records.verify,
     records.show,
     records.diff,

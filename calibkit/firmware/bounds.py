@@ -127,8 +127,7 @@ class _Analysis:
             case Sum():
                 return self.sum(step, errors)
             case Limit():
-                scale = self.program.scales.get(step.name, 0)
-                return errors[step.source] + max(self.off(step.table, scale))
+                return errors[step.source] + self.limit(step)
             case Memory():
                 if step.name in self.states:
                     return self.states[step.name]
@@ -144,6 +143,12 @@ class _Analysis:
             case Select():  # a fixed-point word is shifted to the scale of the selection
                 chosen = max(errors[case.value] for case in step.cases)
                 return chosen + self.rounding(0.0, step.name)
+
+    def limit(self, step: Limit) -> float:
+        """How far a limit is off, where its source reaches it."""
+        off = self.off(step.table, self.program.scales.get(step.name, 0))
+        ends = zip(off, self.chain.tables[step.table], strict=True)
+        return max((x for x, end in ends if abs(end) <= self.reach(step.source)), default=0.0)
 
     def map(self, step: Map, errors: Mapping[str, float]) -> float:
         """u: the difference, the reciprocal, the product, the limits."""

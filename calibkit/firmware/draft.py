@@ -31,6 +31,10 @@ BEYOND = Fraction(5, 4)
 class Draft:
     """Inputs, steps, outputs and tables so far."""
 
+    padded: bool = False
+    """Whether tables have the same lengths for all devices: no power and no term is left out that
+    happens to be 0, or that a fit left out.
+    """
     inputs: list[Input] = field(default_factory=list)
     steps: list[Step] = field(default_factory=list)
     outputs: list[Output] = field(default_factory=list)
@@ -106,12 +110,22 @@ class Draft:
         return name
 
     def polynomial(
-        self, table: str, numbers: Sequence[Fraction], over: str, *factors: str, sign: int = 1
+        self,
+        table: str,
+        numbers: Sequence[Fraction],
+        over: str,
+        *factors: str,
+        sign: int = 1,
+        order: int = 0,
     ) -> list[Term]:
         """Term sign · polynomial(over) · factors: none where it vanishes, a plain number where it
-        does not vary.
+        does not vary; of a padded chain always the term, at least to the order.
         """
         found = exact.trimmed(numbers)
+        if self.padded:
+            varies = any(step.name == over for step in self.steps)
+            self.table(table, exact.padded(numbers, order) if varies else numbers[:1])
+            return [Term(table, over if varies else "", factors, sign)]
         if not found:
             return []
         if found == (Fraction(1),) and factors:

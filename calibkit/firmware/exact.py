@@ -74,6 +74,11 @@ def trimmed(polynomial: Sequence[Fraction]) -> Poly:
     return tuple(polynomial[:end])
 
 
+def padded(polynomial: Sequence[Fraction], order: int) -> Poly:
+    """Polynomial with zeros up to an order."""
+    return (*polynomial, *[Fraction(0)] * (order + 1 - len(polynomial)))
+
+
 def power_of_two(x: Fraction) -> int:
     """Least e with |x| ≤ 2^e, of an x that is not 0."""
     e = abs(x.numerator).bit_length() - x.denominator.bit_length() - 1

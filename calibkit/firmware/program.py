@@ -82,7 +82,7 @@ def quantise(chain: Chain, number: Format) -> Program:
         return Program(chain.structure, number, tables, {})
     word = Program(chain.structure, number, {}, {}).word
     scales = _choose_fixed_point_scales(chain, word, number.bits)
-    return Program(chain.structure, number, _fixed_tables(chain, scales), scales)
+    return Program(chain.structure, number, _fixed_tables(chain, scales, word), scales)
 
 
 def _scale(reach: Fraction, word: int) -> int:
@@ -160,7 +160,7 @@ def _reach(
     return reach
 
 
-def _fixed_tables(chain: Chain, scales: Mapping[str, int]) -> dict[str, tuple[int, ...]]:
+def _fixed_tables(chain: Chain, scales: Mapping[str, int], word: int) -> dict[str, tuple[int, ...]]:
     """Tables as words."""
     own = {entry.table: [scales[entry.name]] for entry in chain.structure.inputs}
     for step in chain.structure.steps:
@@ -178,9 +178,10 @@ def _fixed_tables(chain: Chain, scales: Mapping[str, int]) -> dict[str, tuple[in
                 own |= {t.table: [scales[t.table]] for t in step.terms if t.table}
             case _:
                 pass
+    most = (1 << (word - 1)) - 1  # a limit that no word reaches never acts
     return {
         name: tuple(
-            round(x * Fraction(2) ** k)
+            min(max(round(x * Fraction(2) ** k), -most), most)
             for x, k in zip(chain.tables[name], itertools.cycle(places), strict=False)
         )
         for name, places in own.items()

@@ -83,7 +83,8 @@ def _step(  # noqa: PLR0911 (one return per kind of step)
         case Map():
             return chain.tables[step.table][2], chain.tables[step.table][3]
         case Limit():
-            return chain.tables[step.table][0], chain.tables[step.table][1]
+            (low, high), (least, most) = known[step.source], chain.tables[step.table]
+            return min(max(low, least), most), max(min(high, most), least)
         case Memory():  # what it remembers is mapped or limited, or has bounds of its own
             return known[step.source]
         case Play():

@@ -22,6 +22,7 @@ from calibkit.firmware import (
     parameters,
     table,
 )
+from calibkit.firmware.chain import Structure
 from calibkit.firmware.export import Export
 from calibkit.run_document import ACCEPTED
 
@@ -142,6 +143,23 @@ def find_target(name: str, number: str, address: int | None) -> _Target:
             f"--target {name} with --address", hint=f"only {placed} state an address: leave it out"
         )
     return target
+
+
+def require_layout(exports: Sequence[Export], pinned: Export) -> None:
+    """OutputError for a run whose steps or tables are not those of another run."""
+
+    def layout(export: Export) -> tuple[Structure, dict[str, int]]:
+        lengths = {name: len(numbers) for name, numbers in export.program.tables.items()}
+        return export.structure, lengths
+
+    wanted, of = layout(pinned), pinned.identity
+    for export in exports:
+        if layout(export) != wanted:
+            raise OutputError(
+                f"{export.identity.serial} ({', '.join(export.structure.forms)}) is not laid out as"
+                f" {of.serial} revision {of.revision} ({', '.join(pinned.structure.forms)})",
+                hint="fit it with the model of that run, or export a loader of its own",
+            )
 
 
 def files(target: _Target, exports: Sequence[Export], address: int) -> dict[str, bytes]:

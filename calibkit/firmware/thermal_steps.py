@@ -21,6 +21,8 @@ FASTEST = 2
 """Multiple of the largest fitted rate up to which the printed error bound of a chain with memory
 holds.
 """
+UNUSED = Fraction(2**20)
+"""Limit of a driver that a padded chain follows though its model does not use it."""
 LEAST_SAMPLES = 4
 """Fewest values for the rate of a level model; they must also span half a window."""
 
@@ -45,8 +47,12 @@ def largest(model: Model, column: str) -> Fraction:
 
 
 def _limited(draft: Draft, model: Model, name: str, source: str, column: str, flag: str) -> None:
-    """Clamp a driver to its fitted range, in units of its largest fitted magnitude."""
+    """Clamp a driver to its fitted range, in units of its largest fitted magnitude; one that the
+    model does not use is never at its limit.
+    """
     low, high = (Fraction(limit) / largest(model, column) for limit in model.valid[column])
+    if not uses(model, column):
+        low, high = -UNUSED, UNUSED
     draft.limit(name, source, low, high, flag)
 
 
@@ -104,12 +110,13 @@ def _follow_lags(draft: Draft, model: Model, h: Fraction, half: Fraction) -> Non
     precision there.
     """
     tau = Fraction(model.value(LAGS[0]))
+    gradient, gradient_rate = (draft.padded or uses(model, name) for name in DRIVERS[2:])
     fastest = FASTEST * largest(model, RATE) / 60 / half
     draft.steps.append(Memory("x_before", "x", "same"))
     draft.sum("move", factor("x"), factor("x_before", -1))
     bound_memory(draft, "move", 2 * BEYOND, fastest * h)
     follow_lag(draft, "lag", h, tau, fastest)
-    if uses(model, GRADIENT) or uses(model, GRADIENT_RATE):
+    if gradient or gradient_rate:
         _follow_inner(draft, model, (h, tau, exact.exp(-h / tau)), half)
     draft.sum("coil", factor("x"), factor("lag", -1))
     _limited_temperature(draft, model, "coil")
@@ -124,7 +131,7 @@ def _follow_inner(
     draft: Draft, model: Model, outer: tuple[Fraction, Fraction, Fraction], half: Fraction
 ) -> None:
     """Gradient of the outer to the inner coil temperature, and the rate of the gradient."""
-    (h, tau, a), tau_i = outer, Fraction(model.value(LAGS[1]))
+    (h, tau, a), tau_i = outer, Fraction(model.value(LAGS[1])) or outer[1]
     b = exact.exp(-h / tau_i)
     carried = tau_i * (a - b) / (tau - tau_i) if tau != tau_i else h / tau * a
     moved = (tau_i * (1 - b) - tau * carried) / h
@@ -143,7 +150,7 @@ def _follow_inner(
         draft.polynomial("gradient_of_fall", (half / largest(model, GRADIENT),), "", "fall"),
     )
     _limited(draft, model, "gradient", "coil_gradient", GRADIENT, "GRADIENT_CLAMPED")
-    if uses(model, GRADIENT_RATE):
+    if draft.padded or uses(model, GRADIENT_RATE):
         scale = 60 * half / largest(model, GRADIENT_RATE)
         draft.sum(
             "coil_gradient_rate",
@@ -168,22 +175,22 @@ def _follow_case(draft: Draft, model: Model, h: Fraction, half: Fraction) -> Non
         draft.steps.append(Slope(f"case_{name}", source, table, length, least, "RATE_STARTING"))
         _limited(draft, model, name, f"case_{name}", column, "RATE_CLAMPED")
 
-    if uses(model, RATE):
+    rate, gradient, gradient_rate = (draft.padded or uses(model, name) for name in DRIVERS[1:])
+    if rate:
         fastest = FASTEST * largest(model, RATE)
         draft.usual["case_rate.difference"] = min(2 * BEYOND, fastest * length * h / 60 / half)
         slope("rate", "x", RATE, half)
-    if uses(model, GRADIENT) or uses(model, GRADIENT_RATE):
+    if gradient or gradient_rate:
         middle, scale = exact.span(*model.valid[CASE])[0], largest(model, GRADIENT)
         reach = (middle - 2 * BEYOND * half, middle + 2 * BEYOND * half)
         draft.input(AIR, "degC", AIR_MEANING, reach, "AIR_CLAMPED")
         draft.sum("apart", factor(CASE), factor(AIR, -1))
-        table = draft.table(
-            "wide_gradient_map", (Fraction(0), 1 / scale, Fraction(-2), Fraction(2))
-        )
+        wide = Fraction(2) if uses(model, GRADIENT) else 4 * BEYOND * half / scale
+        table = draft.table("wide_gradient_map", (Fraction(0), 1 / scale, -wide, wide))
         draft.steps.append(Map("wide_gradient", "apart", table, "GRADIENT_CLAMPED"))
-        if uses(model, GRADIENT):
+        if gradient:
             _limited(draft, model, "gradient", "wide_gradient", GRADIENT, "GRADIENT_CLAMPED")
-        if uses(model, GRADIENT_RATE):
+        if gradient_rate:
             slope("gradient_rate", "wide_gradient", GRADIENT_RATE, scale)
 
 

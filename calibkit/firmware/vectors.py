@@ -22,6 +22,8 @@ TRIED = 512
 """Inputs within their ranges at which a coefficient may count."""
 LEAST = float(np.finfo(np.float64).tiny)
 """Tolerance of an output that is exact."""
+FOR_ZERO = 0.0625
+"""What a coefficient of 0 becomes where the others are doubled."""
 Coefficient = tuple[str, int]
 """Table, and place in it."""
 
@@ -79,7 +81,7 @@ def candidates(chain: Chain, program: Program) -> dict[str, twin.Words]:
 def find_unnoticed(
     program: Program, words: Mapping[str, twin.Words], allowed: Mapping[str, float]
 ) -> set[Coefficient]:
-    """Coefficients whose doubling moves no output by more than is allowed, at any of the inputs."""
+    """Coefficients whose change moves no output by more than is allowed, at any of the inputs."""
     listed = {t.table for s in program.structure.steps if isinstance(s, Sum) for t in s.terms}
     return {
         (table, place)
@@ -95,10 +97,12 @@ def _moves(
     allowed: Mapping[str, float],
     coefficient: Coefficient,
 ) -> Array:
-    """By how much [n] the doubling of a coefficient moves an output, over what is allowed."""
+    """By how much [n] a coefficient that is doubled, or a 0 that is not, moves an output, over what
+    is allowed.
+    """
     table, place = coefficient
     numbers = list(program.tables[table])
-    numbers[place] *= 2.0
+    numbers[place] = 2.0 * numbers[place] or FOR_ZERO
     changed = replace(program, tables={**program.tables, table: tuple(numbers)})
     right, wrong = (twin.call(one, words).outputs for one in (program, changed))
     shares = [np.abs(wrong[o] - right[o]) / max(allowed[o], LEAST) for o in right]

@@ -250,6 +250,7 @@ class Export(Table):
     """How the corrections of a run become firmware."""
 
     full_scale: dict[str, Positive] = {}
+    layout: Literal["padded", "fitted"] = "padded"
 
 
 class Recipe(Table):

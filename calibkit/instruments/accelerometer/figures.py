@@ -29,14 +29,14 @@ class TriadReport:
 
 
 def draw_pages(title: str, report: TriadReport) -> tuple[Figure, ...]:
-    """Page of attitude errors, which shows the verdict, where there is a reference attitude, and
-    page of residuals and coverage.
+    """Page of residuals and coverage, and a page of attitude errors where there is a reference
+    attitude.
     """
-    residuals = _draw_residuals(title, report)
+    first = _draw_residuals(title, report)
     before, after = report.before.angles, report.after.angles
     if before is None or after is None:
-        return (residuals,)
-    return _draw_angles(title, report, before, after), residuals
+        return (first,)
+    return first, _draw_angles(title, report, before, after)
 
 
 def _draw_residuals(title: str, report: TriadReport) -> Figure:

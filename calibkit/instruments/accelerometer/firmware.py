@@ -23,6 +23,7 @@ from calibkit.instruments.accelerometer.numeric.affine_model import AXES, Entry,
 from calibkit.instruments.accelerometer.numeric.k_factor import CROSS
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.numeric import attitude
+from calibkit.numeric.least_squares.polynomial import HIGHEST_ORDER
 
 FITTED_G = Fraction(5, 4)
 """Largest indication [g] of a triad that is calibrated at 1 g, its bias included."""
@@ -39,7 +40,8 @@ def _chain(spec: AccelerometerRecipe, records: Mapping[str, Record]) -> Chain:
     compensation, convention = spec.compensation, spec.reference.convention
     stages = coefficient_files.COMPENSATIONS[compensation]
     record = required_record(records, _files(spec)[0], spec)
-    draft, sign = Draft(), -1 if convention == "specific_force" else 1
+    draft = Draft(padded=spec.export.layout == "padded")
+    sign = -1 if convention == "specific_force" else 1
     valid = record.models[0].valid[forms.TEMPERATURE]
     middle, half = (
         draft.temperature(valid) if valid[1] > valid[0] else (Fraction(valid[0]), Fraction(0))
@@ -92,7 +94,7 @@ def _affine(
             bias = exact.scale(exact.mapped(powers[entry.symbol], *mapping), Fraction(sign))
             draft.sum(
                 axis,
-                draft.polynomial(entry.symbol, bias, "u", sign=-1),
+                draft.polynomial(entry.symbol, bias, "u", sign=-1, order=HIGHEST_ORDER),
                 factor(forms.COMPONENTS[entry.row]),
             )
     for row, axis in enumerate(AXES):
@@ -106,7 +108,8 @@ def _affine(
             terms.append(draft.polynomial(entry.symbol, (turned,), "", *factors))
         for entry in sorted(linear, key=lambda e: e.factors == (row,)):
             polynomial = exact.mapped(powers[entry.symbol], *mapping)
-            terms.append(draft.polynomial(entry.symbol, polynomial, "u", AXES[entry.factors[0]]))
+            own = AXES[entry.factors[0]]
+            terms.append(draft.polynomial(entry.symbol, polynomial, "u", own, order=HIGHEST_ORDER))
         draft.sum(f"k_{axis}", *terms)
     return entries
 
@@ -146,13 +149,13 @@ def _q(draft: Draft, model: Model) -> None:
     q1, q2, q3 = numbers(model, *q_factor.NAMES)
     ye1, ze2, ze1 = -q3, -q1, q3 * q1 - q2
     ye2, ze3 = exact.sqrt(1 - ye1**2), exact.sqrt(1 - ze1**2 - ze2**2)
+    draft.sum("q_x", factor("k_x"))
     rows = {
-        "x": (Fraction(1), Fraction(0), Fraction(0)),
-        "y": (-ye1 / ye2, 1 / ye2, Fraction(0)),
+        "y": (-ye1 / ye2, 1 / ye2),
         "z": ((ze2 * ye1 / ye2 - ze1) / ze3, -ze2 / (ye2 * ze3), 1 / ze3),
     }
     for axis, row in rows.items():
-        entries = zip(AXES, row, strict=True)
+        entries = zip(AXES, row, strict=False)
         draft.sum(
             f"q_{axis}", *(draft.polynomial(f"q_{axis}{j}", (c,), "", f"k_{j}") for j, c in entries)
         )

@@ -13,6 +13,7 @@ from calibkit.firmware.draft import BEYOND, Draft, powers
 from calibkit.firmware.sources import required_record
 from calibkit.instruments import Firmware
 from calibkit.instruments.bias_temperature.recipe import BiasTemperatureRecipe
+from calibkit.numeric.least_squares.polynomial import HIGHEST_ORDER
 
 FILE = "bias.json"
 
@@ -22,7 +23,7 @@ def _chain(spec: BiasTemperatureRecipe, records: Mapping[str, Record]) -> Chain:
     temperature at the middle of its range.
     """
     record = required_record(records, FILE, spec)
-    draft = Draft()
+    draft = Draft(padded=spec.export.layout == "padded")
     for number, model in enumerate(record.models):
         (column, valid), name = next(iter(model.valid.items())), model.name
         for text in (column, name):
@@ -44,11 +45,12 @@ def _chain(spec: BiasTemperatureRecipe, records: Mapping[str, Record]) -> Chain:
         )
         found = exact.mapped(powers(model, "p"), middle, half)
         at_rest = exact.value(found, (min(max(reference, low), high) - middle) / half)
-        terms = draft.polynomial(f"p_{name}", exact.add(found, (-at_rest,)), "u")
-        if not terms:
+        bias = exact.add(found, (-at_rest,))
+        if not exact.trimmed(bias):
             raise OutputError(
                 f"{name}: the bias does not vary", hint="there is nothing to correct: leave it out"
             )
+        terms = draft.polynomial(f"p_{name}", bias, "u", order=HIGHEST_ORDER)
         source = draft.sum(f"bias_{name}", terms)
         meaning = f"bias of {name}, to be subtracted from it"
         draft.output(f"bias_{name}", units.column_unit(name), source, meaning, corrects=name)

@@ -1,4 +1,6 @@
-"""Channels of a static instrument → bias.json: bias of each as a polynomial of any abscissa."""
+"""Channels of a static instrument → bias.json: each channel's bias as a polynomial of any
+abscissa.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -13,7 +15,6 @@ from calibkit.coefficients import Component, Criterion, Model, Record, StageResu
 from calibkit.forms import POLYNOMIAL, power_unit
 from calibkit.frame import Log, values
 from calibkit.instruments.bias_temperature.figures import BiasCurve
-from calibkit.instruments.bias_temperature.overview import summarize_drifts
 from calibkit.instruments.bias_temperature.quantities import reference_of
 from calibkit.instruments.bias_temperature.recipe import (
     Bias,
@@ -222,9 +223,7 @@ def summary(spec: BiasTemperatureRecipe, fits: Sequence[_BiasFit], flags: Sequen
         tuple(rows),
     )
     judged = (_judge_noise(one.indication, one.over_noise, spec.acceptance) for one in fits)
-    first = summarize_drifts([(one.curve, one.residual_rms, one.over_noise) for one in fits], table)
-    limits = tuple(chain.from_iterable(judged))
-    return Summary(spec.title, (table,), tuple(flags), limits, overview=first)
+    return Summary(spec.title, (table,), tuple(flags), tuple(chain.from_iterable(judged)))
 
 
 def compensate(

@@ -16,7 +16,7 @@ from calibkit.firmware.sources import required_record
 from calibkit.instruments import Firmware
 from calibkit.instruments.fog_thermal import firmware_bank, firmware_updates
 from calibkit.instruments.fog_thermal.forms import BANK, FILE, LAGGED, OVER_RATES, rate_names
-from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
+from calibkit.instruments.fog_thermal.recipe import HIGHEST_RATE_ORDER, FogThermalRecipe
 from calibkit.thermal_forms import CASE, GRADIENT, RATE
 
 AIR_RATE = "temp_env_rate_degc_min"
@@ -41,15 +41,16 @@ def _chain(spec: FogThermalRecipe, records: Mapping[str, Record]) -> Chain:
             "the run has no drift term: no tested model was better than none",
             hint="there is nothing to export",
         )
+    draft = Draft(padded=spec.export.layout == "padded")
     if models[0].form == OVER_RATES.name:
         if spec.drift.compensation == "one_step":
             raise OutputError(
                 "compensation 'one_step' removes the true rate (rate gain 0)",
                 hint="fit with drift.compensation = 'recursive'",
             )
-        found = _recursive(models, spec.segments.slope_window_s)
+        found = _recursive(draft, models, spec.segments.slope_window_s)
     else:
-        found = _on_levels(models[0], spec.reference_temp_degc)
+        found = _on_levels(draft, models[0], spec.reference_temp_degc)
     return replace(found, trials=firmware_updates.thermal_history(found))
 
 
@@ -64,11 +65,11 @@ def _output(draft: Draft, source: str) -> None:
     )
 
 
-def _on_levels(model: Model, reference_degc: float) -> Chain:
+def _on_levels(draft: Draft, model: Model, reference_degc: float) -> Chain:
     """Chain of a level or lagged model: the sum of its terms, zero at rest at the reference
     temperature.
     """
-    draft, h = Draft(), Fraction(model.value("interval"))
+    h = Fraction(model.value("interval"))
     middle, half = exact.span(*model.valid[CASE])
     reach = (middle - thermal_steps.WIDEST * half, middle + thermal_steps.WIDEST * half)
     draft.input(
@@ -88,7 +89,7 @@ def _on_levels(model: Model, reference_degc: float) -> Chain:
         [model.form],
         FORMULA.format(reference=reference_degc),
         interval_s=float(h),
-        condition=moved if lagged or thermal_steps.uses(model, RATE) else "",
+        condition=moved if lagged or draft.padded or thermal_steps.uses(model, RATE) else "",
     )
 
 
@@ -98,11 +99,11 @@ def _ranges(draft: Draft, model: Model, whose: str) -> None:
         draft.ranges.append(f"{column} of the {whose} {low:.4g} to {high:.4g}")
 
 
-def _recursive(models: Sequence[Model], slope_window_s: float) -> Chain:
+def _recursive(draft: Draft, models: Sequence[Model], slope_window_s: float) -> Chain:
     """Chain D ← D + Δ with Δ = Σ_j a_j(r) G^j of the side (heating or cooling) by the inputs of the
     previous update.
     """
-    draft, h = Draft(), Fraction(models[0].value("interval"))
+    h = Fraction(models[0].value("interval"))
     cases = [model.valid[CASE] for model in models]
     middle, half = exact.span(min(low for low, _ in cases), max(high for _, high in cases))
     reach = (middle - 2 * half, middle + 2 * half)
@@ -161,7 +162,11 @@ def _side(draft: Draft, model: Model) -> tuple[Case, Fraction]:
             for j in range(i, 3)
         ]
         factors, polynomial = (f"gradient_{name}",) * i, exact.add(*parts)
-        terms.append(draft.polynomial(f"a_{name}_{i}", polynomial, f"rate_{name}", *factors))
+        terms.append(
+            draft.polynomial(
+                f"a_{name}_{i}", polynomial, f"rate_{name}", *factors, order=HIGHEST_RATE_ORDER
+            )
+        )
         largest += sum(map(abs, polynomial))
     value = draft.sum(f"increment_{name}", *terms)
     return Case(

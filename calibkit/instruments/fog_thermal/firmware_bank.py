@@ -72,7 +72,8 @@ def _by_rate(
     thermal_steps.follow_lag(draft, f"lag_{k}", h, tau, fastest)
     to_rate = (60 * half / tau / largest,)
     rate = draft.sum(f"behind_{k}", draft.polynomial(f"rate_of_{k}", to_rate, "", f"lag_{k}"))
-    if to_rate[0] * draft.limits[f"lag_{k}"] > 1:  # a slow lag cannot get that fast
+    # a slow lag cannot get that fast
+    if draft.padded or to_rate[0] * draft.limits[f"lag_{k}"] > 1:
         rate = draft.limit(f"rate_{k}", rate, Fraction(-1), Fraction(1), "RATE_CLAMPED")
     draft.sum(f"layer_{k}", factor("x"), factor(f"lag_{k}", -1))
     draft.limit(f"at_{k}", f"layer_{k}", low, high, "TEMP_CLAMPED")

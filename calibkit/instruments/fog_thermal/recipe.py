@@ -9,6 +9,9 @@ from pydantic import Field, field_validator, model_validator
 
 from calibkit.recipe.tables import NonNegative, Positive, Recipe, Table
 
+HIGHEST_RATE_ORDER = 5
+"""Highest order of a_j as polynomials of the temperature rate."""
+
 
 class _Checks(Table):
     """Requirements on a log for a fit."""
@@ -55,7 +58,7 @@ class Drift(Table):
     model: Literal["auto", "gradient_rate", "level", "lagged", "bank"] = "auto"
     interval_s: Positive = 10.0
     estimate: Literal["levels", "increments"] = "levels"
-    order: Annotated[int, Field(ge=0, le=5)] | Literal["auto"] = "auto"
+    order: Annotated[int, Field(ge=0, le=HIGHEST_RATE_ORDER)] | Literal["auto"] = "auto"
     sides: Literal["separate", "joint"] = "separate"
     compensation: Literal["recursive", "one_step"] = "recursive"
     rates_degc_min: dict[str, float] = {}

@@ -129,11 +129,7 @@ def _summarize(
 ) -> Summary:
     """Tables, flags and tested limits of records."""
     return Summary(
-        title,
-        tables.tables(figures),
-        tuple(flags),
-        tables.criteria(figures, spec.acceptance),
-        overview=tables.summarize_noise(figures),
+        title, tables.tables(figures), tuple(flags), tables.criteria(figures, spec.acceptance)
     )
 
 

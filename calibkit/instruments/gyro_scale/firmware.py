@@ -31,6 +31,7 @@ from calibkit.instruments.gyro_scale.recipe import (
     OwnAxisRecipe,
     RateTableRecipe,
 )
+from calibkit.numeric.least_squares.polynomial import HIGHEST_ORDER
 
 MARGIN = Fraction(21, 20)
 """Factor by which an indication may exceed that of the fastest fitted rate before its status says
@@ -52,7 +53,7 @@ def _chain(spec: AnyRecipe, records: Mapping[str, Record]) -> Chain:
         required_record(records, name, spec)
     known = read_matrices(spec, records)
     if isinstance(spec, GyroTriadRecipe):
-        return _chain_about_base(known[0], Fraction(spec.full_scale("rate_dps")))
+        return _chain_about_base(spec, known[0])
     return _chain_about_own_axes(spec, records, known)
 
 
@@ -63,7 +64,7 @@ def _chain_about_own_axes(
     first gyro's axis, in the plane of both axes.
     """
     added_dps = read_earth_rate(spec, records, OutputError)
-    draft = Draft()
+    draft = Draft(padded=spec.export.layout == "padded")
     for matrix in known:
         if matrix.response is not None:
             raise OutputError(
@@ -80,7 +81,7 @@ def _chain_about_own_axes(
     return draft.chain(forms, f"rate = (indication - F0(T)) / K(T), in deg/s{end}")
 
 
-def _chain_about_base(matrix: GyroMatrix, full_scale_dps: Fraction) -> Chain:
+def _chain_about_base(spec: GyroTriadRecipe, matrix: GyroMatrix) -> Chain:
     """Chain of the rates about the axes of the base: S inverted by cofactors, each an exact
     polynomial of u, over the determinant.
     """
@@ -90,7 +91,8 @@ def _chain_about_base(matrix: GyroMatrix, full_scale_dps: Fraction) -> Chain:
             hint="the firmware form is for three gyros",
         )
     matrix.require_biases(OutputError)
-    draft = Draft()
+    draft = Draft(padded=spec.export.layout == "padded")
+    full_scale_dps = Fraction(spec.full_scale("rate_dps"))
     S, B = _polynomials(draft, matrix, "u")
     low, high = matrix.model.valid[RATE]
     draft.ranges.append(f"rate about each axis {low:.4g} to {high:.4g} deg/s")
@@ -113,7 +115,11 @@ def _polynomials(
     """Sensitivities [gyro][axis] and biases [gyro] as polynomials of u, or as constants."""
     if matrix.curves:
         middle, half = draft.temperature(matrix.curves[0].valid[TEMPERATURE], over)
-        found = [exact.mapped(powers(model, "p"), middle, half) for model in matrix.curves]
+        order = HIGHEST_ORDER if draft.padded else 0
+        found = [
+            exact.padded(exact.mapped(powers(model, "p"), middle, half), order)
+            for model in matrix.curves
+        ]
     else:
         found = [numbers(matrix.model, name) for name in matrix.names]
     axes, gyros = len(matrix.outputs), len(matrix.gyros)
@@ -197,28 +203,23 @@ def _add_inverse(draft: Draft, S: Polynomials, gyros: Sequence[str]) -> None:
         raise OutputError(
             "the gyros do not sense three axes", hint="log a gyro of the missing direction too"
         )
-    varies = len(exact.trimmed(determinant)) > 1
+    varies = len(determinant if draft.padded else exact.trimmed(determinant)) > 1
     if varies:
         draft.sum(
             "determinant",
             draft.polynomial("determinant_of_s", exact.scale(determinant, 1 / middle), "u"),
         )
     for a, axis in enumerate(AXES):
-        terms = []
-        for g, gyro in enumerate(gyros):
-            terms.append(
-                draft.polynomial(
-                    f"inverse_{axis}{gyro}",
-                    exact.scale(cofactors[g][a], 1 / middle),
-                    "u",
-                    f"above_{gyro}",
-                )
+        others_first = sorted(range(len(gyros)), key=lambda g: g == a)
+        terms = [
+            draft.polynomial(
+                f"inverse_{axis}{gyros[g]}",
+                exact.scale(cofactors[g][a], 1 / middle),
+                "u",
+                f"above_{gyros[g]}",
             )
-        terms.sort(
-            key=lambda term: (
-                abs(draft.tables[term[0].table][0]) if term and term[0].table else Fraction(0)
-            )
-        )
+            for g in others_first
+        ]
         name = draft.sum(f"numerator_{axis}" if varies else f"rate_{axis}", *terms)
         if varies:
             draft.steps.append(Quotient(f"rate_{axis}", name, "determinant"))

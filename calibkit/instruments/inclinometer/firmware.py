@@ -10,6 +10,7 @@ from calibkit.firmware.sources import required_record
 from calibkit.instruments import Firmware
 from calibkit.instruments.inclinometer.forms import FILE, TEMPERATURE
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
+from calibkit.numeric.least_squares.polynomial import HIGHEST_ORDER
 
 
 def _chain(spec: InclinometerRecipe, records: Mapping[str, Record]) -> Chain:
@@ -17,7 +18,7 @@ def _chain(spec: InclinometerRecipe, records: Mapping[str, Record]) -> Chain:
     stations is not exported.
     """
     record = required_record(records, FILE, spec)
-    draft = Draft()
+    draft = Draft(padded=spec.export.layout == "padded")
     for model in record.models:
         raw, name = powers(model, "s"), f"s_{model.name}"
         valid, over = model.valid.get(TEMPERATURE), ""
@@ -26,7 +27,7 @@ def _chain(spec: InclinometerRecipe, records: Mapping[str, Record]) -> Chain:
             if not draft.inputs:
                 draft.temperature(valid)
             raw = exact.mapped(raw, *exact.span(*valid))
-        source = draft.sum(name, draft.polynomial(f"{name}_of_t", raw, over))
+        source = draft.sum(name, draft.polynomial(f"{name}_of_t", raw, over, order=HIGHEST_ORDER))
         meaning = f"scale factor of the {model.name} gyro, to be multiplied with its indication"
         draft.output(
             f"scale_{model.name}",

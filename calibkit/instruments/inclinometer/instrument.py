@@ -195,10 +195,11 @@ def _validate(
 
 
 def _draw(title: str, fitted: Fitted[figures.SeekingReport]) -> Drawn:
-    """Figures of a fit, and its summary with the table of all stations."""
+    """Figures and summary of a fit; the table of all stations has PDF pages of its own."""
     first, _, *others = fitted.summary.tables
     whole = replace(fitted.summary, tables=(first, fitted.drawing.table, *others))
-    return Drawn(tuple(figures.draw_pages(title, fitted.drawing)), whole)
+    stations = tuple(figures.draw_table_pages(title, fitted.drawing.table))
+    return Drawn(tuple(figures.draw_pages(title, fitted.drawing)), whole, stations)
 
 
 def _quantities(records: Mapping[str, Record], spec: InclinometerRecipe) -> tuple[Quantity, ...]:
