@@ -13,6 +13,7 @@ from hypothesis import given, settings, strategies as st
 from calibkit.errors import FitError
 from calibkit.numeric.wavelet import shifted
 from calibkit.numeric.wavelet.denoise import _allocate_shared, _deepest, _shortest, denoise
+from calibkit.numeric.wavelet.extension import Continuation
 from calibkit.numeric.wavelet.lifting import EXTENSIONS, find_scheme, forward, inverse
 from calibkit.numeric.wavelet.shrinkage import RULES, THRESHOLDS, Shrinkage, noise_gains
 from conftest import ROOT
@@ -324,18 +325,68 @@ def test_a_log_in_one_piece_has_a_fifth_less_error_than_its_segments():
     assert whole[0] < moving[0]
 
 
-def test_shifts_leave_short_and_long_signals_as_one_transform_has_them():
-    """Below eight of the largest shift, and above 2^18 rows, the result is that of `denoise`."""
-    options = {
-        "wavelet": "cdf97",
-        "levels": None,
-        "threshold": "universal",
-        "rule": "firm",
-        "extension": "trend",
-    }
+OPTIONS = {
+    "wavelet": "cdf97",
+    "levels": None,
+    "threshold": "universal",
+    "rule": "firm",
+    "extension": "trend",
+}
+"""Of the recipe's default."""
+
+
+def test_long_signals_are_left_as_one_transform_has_them():
+    """Above 2^18 rows the result is that of `denoise`; noise and thresholds always are."""
     rng = np.random.default_rng(4)
-    for size, same in ((1000, True), (5000, False), ((1 << 18) + 1, True)):
+    for size, same in ((100, False), (5000, False), ((1 << 18) + 1, True)):
         signal = rng.normal(size=size)
-        one, many = denoise(signal, **options), shifted.denoise_shifted(signal, **options)
+        one, many = denoise(signal, **OPTIONS), shifted.denoise_shifted(signal, **OPTIONS)
         assert np.array_equal(one.signal, many.signal) == same
         assert np.array_equal(one.noise, many.noise)
+        assert np.array_equal(one.thresholds, many.thresholds)
+
+
+@pytest.mark.parametrize("wavelet", ["haar", "cdf97", "db4"])
+def test_the_mean_over_shifts_is_that_of_signals_that_begin_later(wavelet):
+    """Away from the ends: eight transforms of five levels, each begun 2^2 samples later, with the
+    thresholds of the first.
+    """
+    signal = np.random.default_rng(8).normal(size=3000).cumsum()
+    found = shifted.denoise_shifted(signal, **{**OPTIONS, "wavelet": wavelet, "levels": 5})
+    scheme, rule = find_scheme(wavelet), Shrinkage("firm", found.thresholds)
+    each = [
+        inverse(forward(signal[start:], scheme, 5, extension="trend"), rule)[800 - start :][:1000]
+        for start in range(0, 32, 4)
+    ]
+    assert np.allclose(found.signal[800:1800], np.mean(each, axis=0), rtol=0.0, atol=1e-10)
+    assert np.all(~found.edge[800:1800])
+
+
+@pytest.mark.parametrize("wavelet", ["haar", "cdf53", "cdf97", "db4", "sym8"])
+def test_compiled_shifts_give_the_bits_of_arrays(wavelet, monkeypatch):
+    """Of the shortest signals and of long ones, of every rule, with noise and without."""
+    rng = np.random.default_rng(5)
+    for size in (50, 51, 100, 333, 1000, 9999):
+        for signal in (
+            rng.normal(size=size).cumsum(),
+            np.zeros(size),
+            np.round(rng.normal(size=size)),
+        ):
+            for rule in ("firm", "soft"):
+                options = {**OPTIONS, "wavelet": wavelet, "rule": rule, "levels": 1 + (size > 99)}
+                compiled = shifted.denoise_shifted(signal, **options)
+                with monkeypatch.context() as patch:
+                    patch.setattr("calibkit.native.kernels", lambda: None)
+                    arrays = shifted.denoise_shifted(signal, **options)
+                assert np.array_equal(compiled.signal, arrays.signal)
+                assert np.array_equal(compiled.noise, arrays.noise)
+
+
+def test_an_end_at_rest_is_mirrored_and_one_that_moves_is_reflected():
+    """A soak of noise alone, and a ramp of 5 °/h in 600 s."""
+    rng = np.random.default_rng(3)
+    still = 0.1 * rng.normal(size=2000)
+    moving = still + 5.0 / 600.0 * np.arange(2000)
+    assert Continuation.fit(still, "trend", 384).turned == (False, False)
+    assert Continuation.fit(moving, "trend", 384).turned == (True, True)
+    assert Continuation.fit(np.maximum(moving, 8.0), "trend", 384).turned == (False, True)

@@ -285,3 +285,36 @@ void calibkit_synthesised(const int64_t *plan, const double *factors, const doub
     const shrinkage_t shrinkage = {(int)rule, threshold, square};
     CHOSEN(synthesise_plainly, synthesise_widely)(&level, coefficients, first, low, high, &shrinkage, out, out_first, out_size);
 }
+
+enum { FORTH = 10, BACK = 9 };    /* numbers of an operation */
+
+/* Analyses one after the other in one room. Each operation says: where the samples lie in it, their first index, low, high;
+ * where the approximation goes, its first index, its size; the same of the detail. */
+void calibkit_analysed_levels(const int64_t *plan, const double *factors, const int64_t *operations, int64_t count, double *room)
+{
+    level_t level;  /* its room is written before it is read */
+    level.plan = plan;
+    level.factors = factors;
+    for (const int64_t *at = operations; count > 0; count--, at += FORTH) {
+        double *const out[2] = {room + at[4], room + at[7]};
+        const int64_t origin[2] = {at[5], at[8]}, size[2] = {at[6], at[9]};
+        CHOSEN(analyse_plainly, analyse_widely)(&level, room + at[0], at[1], at[2], at[3], out, origin, size);
+    }
+}
+
+/* Syntheses one after the other in one room. Each operation says: where approximation and detail lie in it, their first index,
+ * the pairs low and high; the level, which has a threshold; where the samples go, their first index, their size. */
+void calibkit_synthesised_levels(const int64_t *plan, const double *factors, const int64_t *operations, int64_t count,
+                                 int64_t rule, const double *thresholds, double *room)
+{
+    level_t level;  /* its room is written before it is read */
+    level.plan = plan;
+    level.factors = factors;
+    for (const int64_t *at = operations; count > 0; count--, at += BACK) {
+        const double *const coefficients[2] = {room + at[0], room + at[1]};
+        const double threshold = thresholds[at[5]];
+        const shrinkage_t shrinkage = {(int)rule, threshold, threshold * threshold};
+        CHOSEN(synthesise_plainly, synthesise_widely)(&level, coefficients, at[2], at[3], at[4], &shrinkage, room + at[6], at[7],
+                                                      at[8]);
+    }
+}

@@ -95,3 +95,55 @@ int64_t calibkit_bracketed(const double *values, int64_t size, double about, dou
     *above_first = to.over;
     return to.held;
 }
+
+/* Moves the value of rank k [0 the least] of a part of values to index k, none above it before, none below it behind. */
+static void placed(double *values, int64_t low, int64_t high, int64_t k)
+{
+    while (low < high) {
+        const double a = values[low], b = values[low + (high - low) / 2], c = values[high];
+        const double most = a > b ? a : b, least = a > b ? b : a;
+        const double pivot = c > most ? most : (c < least ? least : c);
+        int64_t below = low, same;
+        for (int64_t i = low; i <= high; i++) {     /* no branch hangs on a value */
+            const double value = values[i];
+            values[i] = values[below];
+            values[below] = value;
+            below += value < pivot;
+        }
+        if (k < below) {
+            high = below - 1;
+            continue;
+        }
+        same = below;
+        for (int64_t i = below; i <= high; i++) {
+            const double value = values[i];
+            values[i] = values[same];
+            values[same] = value;
+            same += value == pivot;
+        }
+        if (k < same)
+            return;
+        low = same;
+    }
+}
+
+/* Medians of the magnitudes of `count` sets of values; room is that of the largest. NOT_FINITE where a value is not, else 0. */
+int64_t calibkit_medians(const double *const *values, const int64_t *sizes, int64_t count, double *room, double *medians)
+{
+    for (int64_t j = 0; j < count; j++) {
+        const int64_t size = sizes[j], middle = size / 2;
+        int unusable = 0;
+        for (int64_t i = 0; i < size; i++) {
+            room[i] = fabs(values[j][i]);
+            unusable |= !(room[i] <= DBL_MAX);
+        }
+        if (unusable)
+            return NOT_FINITE;
+        placed(room, 0, size - 1, middle);
+        double lower = 0.0;
+        for (int64_t i = 0; i < middle; i++)
+            lower = room[i] > lower ? room[i] : lower;
+        medians[j] = size % 2 ? room[middle] : (lower + room[middle]) / 2.0;
+    }
+    return 0;
+}

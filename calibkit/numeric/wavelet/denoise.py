@@ -2,6 +2,7 @@
 
 import difflib
 from bisect import bisect_left
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -27,7 +28,7 @@ from calibkit.numeric.wavelet.shrinkage import (
     Rule,
     Shrinkage,
     Threshold,
-    estimate_noise,
+    estimate_noises,
     noise_gains,
 )
 
@@ -92,6 +93,20 @@ def denoise(
     the noise of the level above times the ratio of their noise gains (white noise) and,
     where the threshold looks at details, the universal threshold.
     """
+    samples, scheme, depth = prepare(signal, wavelet, levels, threshold, rule)
+    out, allocate_details = _allocate_shared(scheme, samples.size, allocate)
+    parts = forward(samples, scheme, depth, extension=extension, allocate=allocate_details)
+    own = [detail[part] for detail, part in zip(parts.details, parts.interior, strict=True)]
+    noise, thresholds = find_thresholds(own, scheme, threshold, samples.size)
+    _, inner = untouched(scheme, samples.size, depth)
+    shrunk = inverse(parts, Shrinkage(rule, thresholds), allocate=allocate, into=out)
+    return Denoised(shrunk, noise, thresholds, inner, depth)
+
+
+def prepare(
+    signal: Array, wavelet: str, levels: int | None, threshold: str, rule: str
+) -> tuple[Array, Scheme, int]:
+    """Samples, scheme and depth of what is asked for; FitError as `denoise` says."""
     samples = _checked(signal)
     scheme = find_scheme(wavelet)
     depth = _deepest(wavelet, samples.size) if levels is None else levels
@@ -103,20 +118,27 @@ def denoise(
             hint="use fewer levels, a shorter wavelet or a longer segment",
         )
     _require_known(threshold, rule)
-    out, allocate_details = _allocate_shared(scheme, samples.size, allocate)
-    parts = forward(samples, scheme, depth, extension=extension, allocate=allocate_details)
-    gains = noise_gains(scheme, depth)
+    return samples, scheme, depth
+
+
+def find_thresholds(
+    own: Sequence[Array], scheme: Scheme, threshold: Threshold, length: int
+) -> tuple[Array, Array]:
+    """Noise and thresholds [levels] of a signal of a length, from the details of each level that
+    lie wholly on it.
+    """
+    gains, depth = noise_gains(scheme, len(own)), len(own)
+    known = [part.size >= OWN_NOISE_FROM for part in own]
+    estimated = iter(
+        estimate_noises([part for part, enough in zip(own, known, strict=True) if enough])
+    )
     noise, thresholds = np.zeros(depth), np.zeros(depth)
-    for j, (detail, interior) in enumerate(zip(parts.details, parts.interior, strict=True)):
-        own = detail[interior]
-        known = own.size >= OWN_NOISE_FROM
-        noise[j] = estimate_noise(own) if known else noise[j - 1] * gains[j] / gains[j - 1]
-        estimate = THRESHOLDS[threshold if known else "universal"]
-        thresholds[j] = estimate(own, float(noise[j]), samples.size)
-        release(detail)
-    _, inner = untouched(scheme, samples.size, depth)
-    shrunk = inverse(parts, Shrinkage(rule, thresholds), allocate=allocate, into=out)
-    return Denoised(shrunk, noise, thresholds, inner, depth)
+    for j, (part, enough) in enumerate(zip(own, known, strict=True)):
+        noise[j] = next(estimated) if enough else noise[j - 1] * gains[j] / gains[j - 1]
+        estimate = THRESHOLDS[threshold if enough else "universal"]
+        thresholds[j] = estimate(part, float(noise[j]), length)
+        release(part)
+    return noise, thresholds
 
 
 @lru_cache(maxsize=256)

@@ -2,16 +2,25 @@
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal, Self, get_args
 
 import numpy as np
 
 from calibkit.arrays import Array, Integers
-from calibkit.numeric.wavelet.shrinkage import estimate_noise
+from calibkit.numeric.wavelet.shrinkage import estimate_noises
 
 Extension = Literal["symmetric", "antisymmetric", "trend", "constant", "periodic"]
 EXTENSIONS: tuple[Extension, ...] = get_args(Extension)
 
+SIGNIFICANT = 6.0
+"""Slope at an end, in standard errors by white noise, beyond which the signal moves there: flicker
+noise makes some slope too.
+"""
+LONGER = 2
+"""Sections that show whether the signal moves at an end, in windows of the line that gives the
+value there.
+"""
 STRETCH = 16
 """Samples of the shortest section that a straight line is fitted to at an end."""
 
@@ -23,22 +32,25 @@ class Continuation:
     "symmetric" mirrors at the end samples, x(−k) = x(k); "antisymmetric" reflects in the end
     points, x(−k) = 2 x(0) − x(k), which keeps a linear trend but carries the noise of one sample
     into the whole extension; "trend" reflects in the value at the end of a straight line fitted to
-    the last samples, which keeps a linear trend and averages the noise; "constant" holds the end
-    values; "periodic" joins the two ends.
+    the last samples, which keeps a linear trend and averages the noise, or mirrors where that line
+    has no slope beyond its noise, so that an end at rest has no error of its own; "constant" holds
+    the end values; "periodic" joins the two ends.
     """
 
     extension: Extension
     left: float
     right: float
+    turned: tuple[bool, bool] = (True, True)
+    """Whether the signal is reflected in the value at each end, not mirrored."""
 
     @classmethod
     def fit(cls, signal: Array, extension: Extension, window: int) -> Self:
         """Continuation of a signal [n]; "trend" fits its lines to at most `window` samples."""
         if extension == "trend":
-            ends = _end_value(signal, window), _end_value(signal[::-1], window)
-        else:
-            ends = float(signal[0]), float(signal[-1])
-        return cls(extension, *ends)
+            (left, moves), (right, goes) = (_fit_end(x, window) for x in (signal, signal[::-1]))
+            return cls(extension, left, right, (moves, goes))
+        reflected = extension != "symmetric"
+        return cls(extension, float(signal[0]), float(signal[-1]), (reflected, reflected))
 
 
 def continue_signal(signal: Array, start: int, stop: int, beyond: Continuation) -> Array:
@@ -53,8 +65,8 @@ def continue_signal(signal: Array, start: int, stop: int, beyond: Continuation) 
     low, high = (min(max(bound, 2 - n), 2 * n - 2) for bound in (start, stop))
     before = signal[max(1, 1 - high) : max(1 - low, 1)][::-1]
     behind = signal[max(2 * n - 1 - high, 0) : min(n - 1, 2 * n - 1 - low)][::-1]
-    if beyond.extension != "symmetric":
-        before, behind = 2.0 * beyond.left - before, 2.0 * beyond.right - behind
+    before = 2.0 * beyond.left - before if beyond.turned[0] else before
+    behind = 2.0 * beyond.right - behind if beyond.turned[1] else behind
     once = (before, signal[max(low, 0) : max(high, 0)], behind)
     if low == start and high == stop:
         return np.concatenate(once)
@@ -72,42 +84,58 @@ def _folded(signal: Array, at: Integers, beyond: Continuation) -> Array:
         return signal[at % n]
     if beyond.extension == "constant":
         return signal[np.clip(at, 0, n - 1)]
-    turns, phase = np.divmod(at, 2 * max(n - 1, 1))
-    ahead = phase < n
-    samples = signal[np.where(ahead, phase, np.minimum(2 * (n - 1) - phase, n - 1))]
-    if beyond.extension == "symmetric":
-        return samples
-    left, right = beyond.left, beyond.right
-    return np.asarray(
-        np.where(ahead, samples, 2.0 * right - samples) + 2.0 * turns * (right - left)
-    )
+    last, ends = max(n - 1, 1), np.array([2.0 * beyond.left, 2.0 * beyond.right])
+    at, sign, added = at.copy(), np.ones(at.size), np.zeros(at.size)
+    while True:
+        sides = (np.flatnonzero(at < 0), np.flatnonzero(at > last))
+        if not sides[0].size and not sides[1].size:
+            return np.asarray(added + sign * signal[np.minimum(at, n - 1)], dtype=np.float64)
+        for side, rows in enumerate(sides):
+            at[rows] = 2 * last * side - at[rows]
+            if beyond.turned[side]:
+                added[rows] += sign[rows] * ends[side]
+                sign[rows] = -sign[rows]
 
 
-def _end_value(end: Array, window: int) -> float:
+@lru_cache(maxsize=64)
+def _sections(window: int, limit: int) -> tuple[Array, Array, Integers, Array]:
+    """Sizes of the sections at an end, which grow by halves to the window and on to a limit, the
+    sum of the squared distances of their samples from their middle, where each begins to have more
+    than the one before, and 0 … limit − 1.
+    """
+    sizes = [min(STRETCH, window)]
+    for most in (window, limit):
+        while sizes[-1] < most:
+            sizes.append(min(sizes[-1] + sizes[-1] // 2, most))
+    m = np.array(sizes, dtype=np.float64)
+    return m, m * (m**2 - 1.0) / 12.0, np.array([0, *sizes[:-1]]), np.arange(float(limit))
+
+
+def _fit_end(end: Array, window: int) -> tuple[float, bool]:
     """Value at sample 0 of the straight line through the longest section from there that is still
-    straight.
+    straight, and whether the line, if need be of twice the window, has a slope beyond its noise.
 
     Sections grow by halves up to the window for as long as the values fitted to all of them agree
     within two standard errors, each 2 σ/√size (intersection of confidence intervals, Goldenshluger
     & Nemirovski 1997), with σ estimated from the differences of neighbouring samples.
     """
-    limit = min(max(window, 2), end.size)
-    if limit < 3:
-        return float(end[0])
-    spread = estimate_noise(np.diff(end[: max(limit, STRETCH)])) / math.sqrt(2.0)
-    low, high, value, size = -math.inf, math.inf, float(end[0]), STRETCH
-    while True:
-        size = min(size, limit)
-        offset = np.arange(size) - (size - 1) / 2.0
-        fitted = (
-            float(np.mean(end[:size]))
-            - float(offset @ end[:size]) / float(offset @ offset) * (size - 1) / 2.0
-        )
-        margin = 4.0 * spread / math.sqrt(size)
-        low, high = max(low, fitted - margin), min(high, fitted + margin)
-        if low > high:
-            return value
-        value = fitted
-        if size == limit:
-            return value
-        size += size // 2
+    window = min(max(window, 2), end.size)
+    limit = min(LONGER * window, end.size)
+    if window < 3:
+        return float(end[0]), True
+    known = end[: max(limit, STRETCH)]
+    spread = estimate_noises([np.diff(known[: max(window, STRETCH)])])[0] / math.sqrt(2.0)
+    sizes, squares, starts, at = _sections(window, limit)
+    above = known[:limit] - known[0]
+    totals, moments = (np.cumsum(np.add.reduceat(one, starts)) for one in (above, at * above))
+    slopes = (moments - totals * (sizes - 1.0) / 2.0) / squares
+    fitted = totals / sizes - slopes * (sizes - 1.0) / 2.0
+    margins = 4.0 * spread / np.sqrt(sizes)
+    lows = np.maximum.accumulate(fitted - margins)
+    apart = lows > np.minimum.accumulate(fitted + margins)
+    straight = int(np.argmax(apart)) - 1 if apart.any() else sizes.size - 1
+    if straight < 0:
+        return float(end[0]), True
+    moves = abs(slopes[straight]) > SIGNIFICANT * spread / math.sqrt(squares[straight])
+    taken = min(straight, int(np.searchsorted(sizes, window)))
+    return float(known[0] + fitted[taken]), bool(moves)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from calibkit.arrays import Array
+from calibkit.arrays import Array, Integers
 from calibkit.native import kernels_for
 from calibkit.numeric.wavelet.extension import Continuation, continue_signal
 from calibkit.numeric.wavelet.factor import Scheme
@@ -32,6 +32,8 @@ BLOCK = 1 << 15
 """Pairs of samples that go through the lifting steps at a time: their buffers stay in a
 second-level cache.
 """
+NOTHING = Continuation("constant", 0.0, 0.0)
+"""Of samples that reach as far as the filters."""
 CODES = {"soft": 1, "hard": 2, "garrote": 3, "firm": 4}
 """Shrinkage rules as the compiled steps number them; 0 leaves details as they are."""
 WIDEST = 256
@@ -99,6 +101,47 @@ def synthesise_level(
         *plans[1], low.ctypes.data, high.ctypes.data, first, *covering_pairs(scheme, span),
         *(rule or (0, 0.0, 0.0)), out.ctypes.data, span[0], out.size,
     )  # fmt: skip
+
+
+def analyse_levels(scheme: Scheme, operations: Integers, room: Array) -> None:
+    """Analyses one after the other in one array of memory; native/lifting.c says what the numbers
+    of an operation [m, 10] are.
+    """
+    plans, library = _encoded(scheme), kernels_for(room)
+    if library is not None and plans is not None:
+        library.calibkit_analysed_levels(
+            *plans[0], operations.ctypes.data, len(operations), room.ctypes.data
+        )
+        return
+    for at, first, low, high, *outputs in operations.tolist():
+        made = tuple(
+            (room[out : out + size], origin) for out, origin, size in (outputs[:3], outputs[3:])
+        )
+        _analyse_arrays(room[at:], first, scheme, (low, high), NOTHING, made)
+
+
+def synthesise_levels(
+    scheme: Scheme, operations: Integers, room: Array, shrinkage: Shrinkage
+) -> None:
+    """Syntheses one after the other in one array of memory; native/lifting.c says what the numbers
+    of an operation [m, 9] are.
+    """
+    plans, library = _encoded(scheme), kernels_for(room)
+    rules = [_encoded_rule(shrinkage, level) for level in range(shrinkage.thresholds.size)]
+    if library is not None and plans is not None and all(rules):
+        library.calibkit_synthesised_levels(
+            *plans[1],
+            operations.ctypes.data,
+            len(operations),
+            CODES[shrinkage.rule],
+            shrinkage.thresholds.ctypes.data,
+            room.ctypes.data,
+        )
+        return
+    for low, high, first, _, _, level, out, origin, size in operations.tolist():
+        channels, made = (room[low:], room[high:]), room[out : out + size]
+        span = (origin, origin + size)
+        _synthesise_arrays(channels, scheme, first, span, (shrinkage, level), made)
 
 
 @cache

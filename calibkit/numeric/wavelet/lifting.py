@@ -113,7 +113,7 @@ def forward(
             f"unknown extension {extension!r}", hint=f"use one of {', '.join(EXTENSIONS)}"
         )
     wanted = reach.coefficients_of(scheme, (0, samples.size), levels)
-    needed = _approximations_needed(scheme, wanted)
+    needed = approximations_needed(scheme, wanted)
     details = tuple(allocate(high - low) for low, high in wanted[1:])
     beyond = Continuation.fit(samples, extension, 3 << (levels - 1))
     values, first, buffers = samples, 0, [np.empty(0), np.empty(0)]
@@ -199,7 +199,7 @@ def _chunks(scheme: Scheme, wanted: Sequence[Span]) -> Iterator[tuple[list[Span]
             start = low if coarsest[0] == wanted[-1][0] else coarsest[0] << (levels - level)
             stop = high if coarsest[1] == wanted[-1][1] else coarsest[1] << (levels - level)
             shares.append((min(max(start, low), high), min(max(stop, low), high)))
-        yield shares, _approximations_needed(scheme, [*shares[:-1], coarsest])
+        yield shares, approximations_needed(scheme, [*shares[:-1], coarsest])
 
 
 def _buffer(buffers: list[Array], level: int, indices: Span) -> Array:
@@ -212,7 +212,7 @@ def _buffer(buffers: list[Array], level: int, indices: Span) -> Array:
     return buffers[level % 2][:size]
 
 
-def _approximations_needed(scheme: Scheme, wanted: Sequence[Span]) -> list[Span]:
+def approximations_needed(scheme: Scheme, wanted: Sequence[Span]) -> list[Span]:
     """Indices of the approximations of all levels that the wanted coefficients are made of; level 0
     goes beyond the signal.
     """

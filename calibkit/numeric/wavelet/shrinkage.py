@@ -3,7 +3,7 @@ them.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
@@ -12,7 +12,9 @@ import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.errors import FitError
+from calibkit.native import kernels_for
 from calibkit.numeric import order_statistics
+from calibkit.numeric.chunks import release
 from calibkit.numeric.dispersion import MAD_OF_UNIT_NORMAL
 from calibkit.numeric.wavelet.factor import Laurent, Scheme
 
@@ -48,6 +50,24 @@ def estimate_noise(details: Array) -> float:
         raise FitError(
             "a detail is not finite", hint="exclude the samples that are not finite"
         ) from None
+
+
+def estimate_noises(parts: Sequence[Array]) -> list[float]:
+    """Standard deviations of the noise in sets of details, as `estimate_noise` of each: at once
+    where they are few.
+    """
+    library, sizes = kernels_for(*parts), [part.size for part in parts]
+    if library is not None and all(0 < size < order_statistics.MANY for size in sizes):
+        medians, room = np.empty(len(parts)), np.empty(max(sizes, default=0))
+        given = np.array([[part.ctypes.data for part in parts], sizes], dtype=np.int64)
+        pointers = [one.ctypes.data for one in (given[0], given[1], room, medians)]
+        if library.calibkit_medians(*pointers[:2], len(parts), *pointers[2:]) == 0:
+            return [median / MAD_OF_UNIT_NORMAL for median in medians.tolist()]
+    found = []
+    for part in parts:
+        found.append(estimate_noise(part))
+        release(part)
+    return found
 
 
 @lru_cache(maxsize=64)
