@@ -231,6 +231,12 @@ class Examined:
     held: tuple[Held, ...] = ()
 
 
+class Remark(str):
+    """A flag that asks for nothing: a choice that was made, what a record does not show."""
+
+    __slots__ = ()
+
+
 Severity = Literal["refuse", "warn", "note"]
 """What a finding does to a fit: stops it, is carried along as a flag, or only `check` prints it.
 """

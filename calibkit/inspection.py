@@ -20,13 +20,18 @@ if TYPE_CHECKING:
     from calibkit.check.report import LogReport
     from calibkit.coefficients import StageResult
     from calibkit.ingest.proposal import Proposal
-    from calibkit.instruments import Instrument
+    from calibkit.instruments import Instrument, Progress
 
 LARGEST_TRIAL = 50_000_000
 """Bytes of logs up to which a campaign is judged by a fit on trial."""
 
 
-def check(source: recipe.Source, data: Path, figure: Path | None = None) -> Campaign:
+def check(
+    source: recipe.Source,
+    data: Path,
+    figure: Path | None = None,
+    progress: Progress = instruments.silent,
+) -> Campaign:
     """What each log that a recipe would read holds and what is wrong with it, and what the logs
     determine together; nothing is written but the figure.
 
@@ -39,7 +44,10 @@ def check(source: recipe.Source, data: Path, figure: Path | None = None) -> Camp
     with source.placing():
         files = ingest.find_logs(spec, data)
         ingest.require_named_logs(spec, files)
-        outcomes = [examination.examine_log(instrument, spec, data, file) for file in files]
+        outcomes = [
+            examination.examine_log(instrument, spec, data, file)
+            for file in progress(files, "checking")
+        ]
     compared = examination.compare_logs(outcomes)
     if figure is not None:
         shown = [outcome.figure for outcome in outcomes if outcome.figure is not None]
@@ -53,7 +61,7 @@ def check(source: recipe.Source, data: Path, figure: Path | None = None) -> Camp
         replace(one, findings=(*one.findings, *(found for at, found in compared if at == one.file)))
         for one in (outcome.report for outcome in outcomes)
     )
-    return Campaign(reports, _judge(instrument, spec, data, files, reports))
+    return Campaign(reports, _judge(instrument, spec, data, files, reports, progress))
 
 
 def _judge(
@@ -62,6 +70,7 @@ def _judge(
     data: Path,
     files: Sequence[str],
     reports: Sequence[LogReport],
+    progress: Progress,
 ) -> Judgement:
     """What the logs of a campaign determine together, by the fit itself, on trial."""
     refused = sum(report.refused for report in reports)
@@ -73,7 +82,7 @@ def _judge(
         lacks = f"{size / 1e6:,.0f} MB of logs are not fitted on trial: see fit --dry-run"
         return Judgement((), (lacks,), exports=None)
     try:
-        fitted = instrument.fit(spec, data, files, instruments.silent)
+        fitted = instrument.fit(spec, data, files, progress)
         results = budget.name_results(fitted.results)
         type_b.require_known(spec.type_b, (*results, *spec.own_columns()))
     except (FrameError, FitError, LogFormatError, RecipeError) as error:

@@ -83,7 +83,7 @@ def fit(
     dated = "" if date else max((log.last_date for log in fitted.inputs), default="")
     date = date or dated or clock.date_or_today(today)
     with store.next_revision(out, serial, dry_run=dry_run) as (revision, superseded):
-        found = replace(fitted.summary, flags=(*pooled.flags, *fitted.summary.flags))
+        found = run_content.complete_summary(fitted, pooled)
         summary = dates.flag_date_order(found, out, serial, revision, date)
         document, records, files = run_content.build_run(
             source, pooled, replace(fitted, summary=summary), serial, revision, date, superseded
@@ -185,6 +185,7 @@ def validate(
         summary,
         title=f"{run.name} on {len(files) - len(seen)} logs that it has not seen",
         flags=(*seen, *copies.flag_missing_fingerprints(run.name, inputs), *summary.flags),
+        logs=tuple(files),
     )
     document = {
         "format": run_document.VALIDATION_FORMATS[-1],

@@ -6,7 +6,7 @@ import functools
 import importlib.metadata
 import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 from calibkit import (
@@ -20,14 +20,38 @@ from calibkit import (
     store,
 )
 from calibkit.check import copies
+from calibkit.errors import CalibkitError
 from calibkit.history.pooling import POOLED, Pooled
 from calibkit.instruments import SHIPPED, Fitted
 from calibkit.plugins import Plugin
-from calibkit.recipe import Source, type_b
+from calibkit.recipe import Recipe, Source, type_b
 from calibkit.report import budget, documents, figures, html
+from calibkit.report.overview import describe_span
+from calibkit.report.summary import Summary
 from calibkit.version import SOFTWARE
 
 _LIBRARIES = ("numpy", "scipy", "pandas", "PyWavelets", "lmfit", "matplotlib")
+
+
+def complete_summary(fitted: Fitted[Any], pooled: Pooled) -> Summary:
+    """Summary of a fit with the flags of pooled runs, the names of its logs, how many they are, and
+    the case temperatures over which its models hold.
+    """
+    flags = (*pooled.flags, *fitted.summary.flags)
+    count = len(fitted.inputs)
+    valid = [
+        model.valid["temp_case_degc"]
+        for result in fitted.results
+        for model in result.models
+        if "temp_case_degc" in model.valid
+    ]
+    about = f"{count} log{'s' if count > 1 else ''}"
+    if valid:
+        low, high = min(low for low, _ in valid), max(high for _, high in valid)
+        about += f", {describe_span(low, high, '°C')}"
+    overview = replace(fitted.summary.overview, about=about)
+    logs = tuple(log.name for log in fitted.inputs)
+    return replace(fitted.summary, flags=flags, logs=logs, overview=overview)
 
 
 def build_run(
@@ -52,12 +76,33 @@ def build_run(
     files = {name: record.dumps().encode() for name, record in records.items()}
     with figures.styled():
         drawn = instruments.find(pooled.recipe.procedure).draw(f"{serial} r{revision:03d}", fitted)
-    files |= documents.printed(drawn)
+        figures.settle(drawn.figures)
+    files[documents.TEXT] = drawn.summary.text().encode()
     facts = _run_facts(source, pooled, identity, fitted)
-    files[documents.PAGE] = html.page(facts | {"files": store.list_files(files)}, records, drawn)
+    dates = {log.last_date for log in fitted.inputs if log.last_date}
+    measured = " to ".join(dict.fromkeys((min(dates), max(dates)))) if dates else ""
+    shown = html.Shown(drawn, *describe_firmware(pooled.recipe, records), measured)
+    files[documents.PAGE] = html.page(facts | {"files": store.list_files(files)}, records, shown)
     text = sealed.seal(facts | {"files": store.list_files(files)})
     document = run_document.loads(text, new_files.RUN_FILE)
     return document, records, {new_files.RUN_FILE: text.encode(), **files}
+
+
+def describe_firmware(
+    spec: Recipe, records: Mapping[str, coefficients.Record]
+) -> tuple[tuple[str, ...], str]:
+    """Coefficient files that firmware takes, and why nothing can be exported, which is empty where
+    it can; no file where the procedure has no firmware.
+    """
+    make = instruments.find(spec.procedure).firmware
+    if make is None:
+        return (), ""
+    firmware = make()
+    try:
+        firmware.chain(spec, records)
+    except CalibkitError as error:
+        return firmware.files(spec), error.message
+    return firmware.files(spec), ""
 
 
 def _run_facts(

@@ -9,14 +9,14 @@ import os
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy is imported; see calibkit.cli
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from calibkit import cli
-from calibkit.report import documents, svg
+from calibkit.report import figures, svg
 
 ROOT = Path(__file__).resolve().parents[1]
 AUTHORITIES = Path(__file__).resolve().parent / "authorities"
@@ -33,29 +33,23 @@ class Ink:
     every process of its own.
     """
 
-    printed = staticmethod(documents.printed)
+    settle = staticmethod(figures.settle)
     inline = staticmethod(svg.inline)
 
     @staticmethod
-    def dry(drawn):
-        """Reports without their ink."""
-        blank = (
-            {documents.PDF: b"%PDF-1.4\n% not drawn in this test\n"}
-            if drawn.figures or drawn.table_pages
-            else {}
-        )
-        return blank | Ink.printed(replace(drawn, figures=(), table_pages=()))
+    def unsettled(drawings):
+        """Figures that nobody lays out."""
 
     @staticmethod
-    def unseen(figures):
+    def unseen(drawings):
         """Drawings of a page without their ink."""
-        return ["<svg></svg>"] * len(figures), False
+        return ["<svg></svg>"] * len(drawings), False
 
 
 def pytest_runtest_setup(item):
     """Give a test, and the fixtures that are made for it, ink or none."""
     drawn = item.get_closest_marker("drawn") is not None
-    documents.printed = Ink.printed if drawn else Ink.dry
+    figures.settle = Ink.settle if drawn else Ink.unsettled
     svg.inline = Ink.inline if drawn else Ink.unseen
 
 

@@ -314,7 +314,9 @@ def test_suspects_say_that_they_were_left_out_and_summaries_do_not_count_them(fi
     logged["accel_y_g"][100] += 0.02
     outcome, run = fitted("A", logged, "acceptance.max_inclination_error_deg=0.02")
     assert outcome.code == 0, outcome.err
-    assert "before and after, 1 left out" in outcome.out
+    assert "dwells, 1 left out" in outcome.out
+    report = (run.folder / "report.txt").read_text(encoding="utf-8")
+    assert "before and after, 1 left out" in report
     for what, flag in zip(("accel_y", "affine"), flagged_suspects(run), strict=True):
         assert flag.startswith(f"{what}: suspect dwell positions.csv:102, 0.02")
         assert flag.endswith(" g off, left out")

@@ -47,7 +47,7 @@ def test_a_run_is_fitted_found_and_trusted(run):
     """The run that fit returns is the one that is found by serial; its files verify and load."""
     assert run.document["accepted"] is True
     assert calibkit.find_run("T-1", run.folder.parents[1]).document == run.document
-    assert calibkit.verify(run.folder) == "run T-1@r001, 5 files"
+    assert calibkit.verify(run.folder) == "run T-1@r001, 4 files"
     record = calibkit.load_coefficients(run.folder / "gyro_orthogonality.json")
     assert record.model("triad").value("S_xx") == pytest.approx(1e4, rel=0.05)
 

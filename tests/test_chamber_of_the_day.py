@@ -112,7 +112,7 @@ def test_check_finds_nothing_wrong_with_two_runs_of_a_day(tmp_path, ramps, calib
     """
     write(tmp_path / "logs", ramps, head=600.0)
     (tmp_path / "r.toml").write_text(RECIPE % SAME, encoding="utf-8")
-    outcome = calibkit("check", tmp_path / "r.toml", "--data", tmp_path / "logs")
+    outcome = calibkit("check", tmp_path / "r.toml", "--data", tmp_path / "logs", "--details")
     assert outcome.code == 0, outcome.out
     assert outcome.out.startswith("2 of 2 logs ok\n")
     assert "ramp_cooling_05.csv: ok" in outcome.out

@@ -409,8 +409,8 @@ def test_a_dry_run_says_what_would_be_and_writes_nothing(tmp_path, calibkit):
     written = calibkit(*call)
     assert "dry_run" not in written.json
     assert {key: value for key, value in rehearsed.json.items() if key != "dry_run"} == written.json
-    digest = {entry["name"]: entry["sha256"] for entry in rehearsed.json["files"]}["report.pdf"]
-    assert hashlib.sha256((out / "S" / "r001" / "report.pdf").read_bytes()).hexdigest() == digest
+    digest = {entry["name"]: entry["sha256"] for entry in rehearsed.json["files"]}["report.html"]
+    assert hashlib.sha256((out / "S" / "r001" / "report.html").read_bytes()).hexdigest() == digest
 
 
 @pytest.mark.parametrize(

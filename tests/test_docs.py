@@ -52,7 +52,7 @@ def test_a_page_runs_as_it_is_written_and_what_it_writes_is_of_its_schema(
         pytest.skip(f"no font {missing[0]} on this machine")
     pages.follow(page, tmp_path, calibkit, monkeypatch)
     known, forms = validators(), (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
-    for path in tmp_path.rglob("report.pdf"):
+    for path in tmp_path.rglob("report.html"):
         assert len(path.read_bytes()) > 10_000
     for path in tmp_path.rglob("*.json"):
         document = json.loads(path.read_text(encoding="utf-8"))

@@ -7,6 +7,7 @@ import io
 import json
 import multiprocessing
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -333,7 +334,7 @@ def test_an_interrupted_fleet_says_how_far_it_came(tmp_path, quick):
         yield items[1]
         raise KeyboardInterrupt
 
-    with pytest.raises(StoppedError, match="interrupted after 2 of 6 units") as stopped:
+    with pytest.raises(StoppedError, match="interrupted after 2 of 6 devices") as stopped:
         fit(tmp_path / "units", tmp_path / "runs", jobs=2, progress=interrupted)
     assert stopped.value.exit_code == 130
     assert len(list((tmp_path / "runs").glob("U*/r001"))) >= 2
@@ -516,6 +517,7 @@ def test_without_pyarrow_there_is_no_parquet_and_everything_else(tmp_path, quick
     assert sorted(path.name for path in done.folder.iterdir()) == [
         "control_charts.pdf",
         "fleet.csv",
+        "fleet.html",
         "fleet.json",
     ]
 
@@ -554,7 +556,7 @@ def test_a_rejected_unit_makes_exit_code_1(tmp_path, calibkit):
         1,
     )
     assert out.code == 1, out.err
-    assert "2 units: 1 accepted, 1 rejected" in out.out
+    assert "2 devices: 1 accepted, 1 rejected" in out.out
     assert "rejected: G-2@r001" in out.out
     assert "G-1@" not in out.out
 
@@ -610,7 +612,7 @@ def test_a_dry_run_of_a_fleet_that_is_finished_in_part_says_what_is_left(tmp_pat
     told = calibkit(*call)
     assert told.code == 0
     assert told.out.splitlines() == [
-        "3 units: 3 no verdict; 1 were fitted before",
+        "3 devices: 3 no verdict; 1 fitted before",
         "U000@r001: was fitted before to warmup.csv",
         "U001@r002: would be fitted with bias.toml to warmup.csv",
         "U002@r001: would be fitted with bias.toml to warmup.csv",
@@ -741,3 +743,34 @@ def test_figures_of_different_forms_or_units_are_not_compared():
     assert [chart.unit for chart in made.charts] == ["deg/h", "deg/h", "deg/s"]
     assert [chart.values.size for chart in made.charts] == [1, 1, 1]
     assert len(set(files._flat_table(made).to_csv().splitlines()[0].split(","))) == 12
+
+
+def test_the_screen_of_200_devices_names_who_stands_out_and_the_page_has_them_all(
+    tmp_path, quick, calibkit
+):
+    """At most 25 lines: totals, the outlier with its worst key value in units beside the others;
+    fleet.html has a line per device and a mark per device and key value, and loads nothing.
+    """
+    fleet_logs(tmp_path / "units", 200)
+    unit_log(tmp_path / "units" / "U007", 7, offset=2.0)
+    for number in range(40):
+        broken(tmp_path / "units", f"A-{number}")
+    (tmp_path / "bias.toml").write_text(RECIPE, encoding="utf-8")
+    call = ("fleet", tmp_path / "bias.toml", "--data", tmp_path / "units", "--out", tmp_path / "r")
+    out = calibkit(*call, "--date", DAY, "--jobs", 1, "--keep-going")
+    lines = out.out.splitlines()
+    assert len(lines) <= 25
+    assert lines[0].startswith("240 devices: 40 failed, 200 no verdict")
+    assert "36 more: --details" in lines
+    (named,) = [line for line in lines if line.startswith("U007: ")]
+    assert re.search(
+        r"key values stand out, worst bias\.gyro_dph\S* .*deg/h, others [-\d.]+ to [-\d.]+$", named
+    )
+    page = (tmp_path / "r" / "_fleet" / "r001" / "fleet.html").read_text(encoding="utf-8")
+    assert f"Report: {tmp_path / 'r' / '_fleet' / 'r001' / 'fleet.html'}" in lines
+    assert all(f">U{number:03d}</th>" in page for number in range(200))
+    assert "U007: 2 key values" in page or named in page
+    assert "<script" not in page
+    assert re.findall(r"https?:|url\(|<link|<img", page) == []
+    full = calibkit(*call, "--date", DAY, "--jobs", 1, "--keep-going", "--details").out
+    assert full.count("failed: A-") == 40

@@ -95,7 +95,8 @@ def test_the_earth_is_told_from_the_bias_where_place_and_axis_are_given(run, cam
 
 def test_without_them_the_bias_is_not_stated(calibkit, campaign, tmp_path):
     """The mean rate is there, the bias is not, and the report says what is missing."""
-    outcome = calibkit("fit", "fog_thermal", "--data", campaign, "--serial", "F", "--out", tmp_path)
+    call = ("fit", "fog_thermal", "--data", campaign, "--serial", "F", "--out", tmp_path)
+    outcome = calibkit(*call, "--details")
     assert outcome.code == 0
     found, _ = figures(tmp_path / "F/r001")
     assert "mean_rate_at_reference" in found

@@ -106,7 +106,7 @@ def test_a_run_folder_holds_what_the_contract_lists(published):
     """denoise.json, drift.json, drift_rate.json, run.json and a report, all with right digests."""
     run = store.load(published / "FOG-2" / "r001")
     assert {"denoise.json", "drift.json", "drift_rate.json"} == set(run.records)
-    assert (run.folder / "report.pdf").read_bytes().startswith(b"%PDF")
+    assert (run.folder / "report.html").read_bytes().startswith(b"<!DOCTYPE html>")
     drift = run.records["drift.json"]
     assert [model.name for model in drift.models][:2] == ["ramp_cooling_01", "ramp_cooling_05"]
     assert {model.form for model in drift.models} == {"fog-drift-gradient/1"}

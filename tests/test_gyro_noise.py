@@ -61,7 +61,7 @@ def test_white_noise_shows_its_angle_random_walk_and_nothing_else(calibkit, whit
     """N is 0.01 °/√h within three of its standard uncertainties; B, K, R, Q are said not to be
     observable, without a number.
     """
-    outcome, run = fitted(calibkit, white[0], tmp_path)
+    outcome, run = fitted(calibkit, white[0], tmp_path, "--details")
     found = figures(run)
     walk = found["angle_random_walk.still"]
     assert abs(walk.value - 0.01) < 3.0 * walk.standard_uncertainty < 0.0005
@@ -282,7 +282,7 @@ def test_the_simulated_record_shows_its_noise_terms(calibkit, tmp_path):
             < 3.0 * figure.standard_uncertainty
             < 0.3 * terms[symbol]
         )
-    assert (run.folder / "report.pdf").read_bytes().startswith(b"%PDF")
+    assert (run.folder / "report.html").read_bytes().startswith(b"<!DOCTYPE html>")
 
 
 @pytest.mark.parametrize(
@@ -314,7 +314,7 @@ def test_a_record_in_another_unit_is_suspected(
 
 def test_the_mean_rate_is_printed_and_kept(calibkit, white, tmp_path):
     """The table and gyro_noise.json state the mean of the record, without an uncertainty."""
-    outcome, run = fitted(calibkit, white[0], tmp_path)
+    outcome, run = fitted(calibkit, white[0], tmp_path, "--details")
     mean = figures(run)["mean_rate.still"]
     assert (mean.value, mean.unit) == (pytest.approx(white[1].mean(), rel=1e-12), "deg/h")
     assert mean.standard_uncertainty == 0.0
@@ -387,7 +387,7 @@ def test_noise_of_accelerometers_is_stated_in_their_units(
     figure; what is not observable has the names of accelerometers.
     """
     log_writer(tmp_path / "d/still.csv", time_s=np.arange(10_800.0), **acceleration)
-    outcome, run = fitted(calibkit, tmp_path / "d", tmp_path, "--set", COLUMNS)
+    outcome, run = fitted(calibkit, tmp_path / "d", tmp_path, "--set", COLUMNS, "--details")
     assert outcome.code == 0, outcome.err
     found = figures(run)
     for axis in "xyz":

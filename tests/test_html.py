@@ -24,7 +24,7 @@ from calibkit.coefficients import (
     StageResult,
 )
 from calibkit.report import figures, html, html_tables, svg
-from calibkit.report.documents import Drawn, printed
+from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary
 from calibkit.report.table import Table
 from conftest import ROOT
@@ -104,7 +104,9 @@ def made(text=HOSTILE, *, accepted=True, drawings=(), excluded=()):
     }
     criteria = (Criterion(text, 2.0, 1.0, text, accepted),)
     summary = Summary(text, (Table(text, (text, text, "u"), ((text, text),)),), (text,), criteria)
-    return html.page(document, records, Drawn(tuple(drawings), summary))
+    figures.settle(drawings)
+    shown = html.Shown(Drawn(tuple(drawings), summary), ("gyro_scale.json",), "", text)
+    return html.page(document, records, shown)
 
 
 def tree(page):
@@ -142,7 +144,6 @@ def test_a_page_of_hostile_texts_is_whole_html_and_runs_nothing_but_its_own_scri
     tag.
     """
     drawn = figure()
-    printed(Drawn((drawn,), Summary("", (), (), ())))
     page = tree(made(accepted=accepted, drawings=(drawn,), excluded=True))
     assert len(page.findall(".//script")) == len(page.findall(".//style")) == 1
     assert page.findall(".//img") == page.findall(".//iframe") == page.findall(".//link") == []
@@ -225,7 +226,7 @@ def test_a_rejected_run_says_so_first_and_everywhere():
     rejected = made("plain", accepted=False, drawings=(figure("a"),)).decode()
     page = tree(rejected.encode())
     assert words(page.find(".//title")).startswith("REJECTED: ")
-    assert words(page.find(".//p[@id='band']")).startswith("REJECTED: plain 2 against 1")
+    assert words(page.find(".//p[@id='band']")).startswith("REJECTED: plain 2 plain (limit: ")
     assert page.find(".//p[@id='band']").attrib["class"] == "band rejected"
     assert words(page.find(".//tr[@class='failed']")).endswith("FAILED")
     assert words(page.find(".//figcaption")).startswith("REJECTED. ")
@@ -304,18 +305,17 @@ def test_a_number_of_numpy_stands_on_the_page_as_every_other_number():
 
 
 def test_the_same_logs_give_the_same_page_and_verify_covers_it(fitted, calibkit):
-    """Two fits write the same bytes, those of the PDF too; run.json lists the page, and a changed
+    """Two fits write the same bytes; run.json lists the page, and a changed
     page is no run any more.
     """
     first, second = (folder / "report.html" for folder in fitted)
     assert first.read_bytes() == second.read_bytes()
-    assert first.with_name("report.pdf").read_bytes() == second.with_name("report.pdf").read_bytes()
     assert str(fitted[0].parents[2]).encode() not in first.read_bytes()
     listed = {
         entry["name"]
         for entry in json.loads((fitted[1] / "run.json").read_text(encoding="utf-8"))["files"]
     }
-    assert {"report.html", "report.pdf", "report.txt"} < listed
+    assert {"report.html", "report.txt"} < listed
     assert calibkit("verify", fitted[1]).code == 0
     second.write_bytes(second.read_bytes().replace(b"REJECTED", b"accepted"))
     outcome = calibkit("verify", fitted[1])
@@ -333,7 +333,7 @@ def test_a_chinese_name_is_drawn_without_a_word_on_the_console(capfd):
     the name as text.
     """
     drawn = figure("温度 ±5")
-    printed(Drawn((drawn,), Summary("", (), (), ())))
+    figures.settle((drawn,))
     assert "温度 ±5" in svg.inline((drawn,))[0][0]
     assert capfd.readouterr() == ("", "")
 
@@ -386,7 +386,7 @@ def test_what_a_panel_spans_stands_beside_it():
     axes[1].loglog([1.0, 10.0], [1.0, 100.0])
     axes[2].barh(["a", "b"], [1.0, 2.0])
     axes[2].set_xscale("symlog", linthresh=0.5)
-    printed(Drawn((made_figure,), Summary("", (), (), ())))
+    figures.settle((made_figure,))
     drawn, _ = svg.inline((made_figure,))
     spans = re.findall(r'data-x="(\w*)[^"]*" data-y="(\w*)', drawn[0])
     assert spans == [("linear", "linear"), ("log", "log"), ("symlog", "")]

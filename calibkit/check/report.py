@@ -5,13 +5,19 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from calibkit.check.facts import Facts
+from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.errors import FitError, FrameError
-from calibkit.frame import Finding
+from calibkit.frame import Finding, Severity
+from calibkit.report.overview import describe_span
+from calibkit.report.screen import MOST, arrange, shorten, wrap
+from calibkit.report.table import Cell, Table
 
 WORDS = {"refuse": "REFUSED", "warn": "flagged", "note": "note   "}
 """Severity → the word that begins a line."""
 MOST_NAMED = 4
 """Refused logs that the first line names; the rest are counted."""
+_MOST_JUDGED = 8
+"""Lines of a screen on what the campaign determines."""
 MOST_HELD = 12
 """Held conditions that are listed; the rest are counted."""
 
@@ -55,6 +61,11 @@ class LogReport:
     def refused(self) -> bool:
         """Whether a fit refuses the log."""
         return any(finding.refused for finding in self.findings)
+
+    @property
+    def flagged(self) -> bool:
+        """Whether a fit carries a flag on the log along."""
+        return any(finding.flagged for finding in self.findings)
 
     def lines(self) -> list[str]:
         """Lines about one log: what it holds, then what was found, the worst first."""
@@ -110,7 +121,7 @@ class Campaign:
     judgement: Judgement
 
 
-def judge_logs(reports: Sequence[LogReport]) -> str:
+def _judge_logs(reports: Sequence[LogReport]) -> str:
     """How many logs of a campaign are ok, and which are refused for what, in a line."""
     refused = [
         f"{report.file} ({next(one.found for one in report.findings if one.refused)})"
@@ -122,6 +133,76 @@ def judge_logs(reports: Sequence[LogReport]) -> str:
     named = "; ".join([*refused[:MOST_NAMED], *more])
     said = f"{ok} of {len(reports)} {noun} ok"
     return f"{said}, {len(refused)} refused: {named}" if refused else said
+
+
+def compose_report(campaign: Campaign, tail: Sequence[str], width: int = 0) -> list[str]:
+    """Lines of a screen of a width: the verdict on the logs, a line per log, what was found with
+    one line per cause, what the campaign determines, and the tail. Where all about each log fits,
+    or without a width, it is all.
+    """
+    reports = campaign.logs
+    verdict, judged = _judge_logs(reports), campaign.judgement.lines()
+    full = [verdict, *(line for report in reports for line in report.lines()), *judged, *tail]
+    if not width or len(full) <= MOST:
+        return full
+    end = [line for text in judged for line in wrap(text, width, 2)]
+    end = [*shorten(end, _MOST_JUDGED), *tail]
+    return arrange([verdict], [_tabulate_logs(reports)], _causes(reports), end, width)
+
+
+def _causes(reports: Sequence[LogReport]) -> list[str]:
+    """One line per cause that refuses or flags logs, refusals first: the first finding of its kind,
+    and how many more logs have it.
+    """
+    alike: dict[tuple[Severity, str, str], list[tuple[str, Finding]]] = {}
+    for severity in ("refuse", "warn"):
+        for report in reports:
+            for finding in report.findings:
+                if finding.severity == severity:
+                    cause = finding.severity, finding.name, finding.column
+                    alike.setdefault(cause, []).append((report.file, finding))
+    lines = []
+    for (severity, _, _), found in alike.items():
+        logs = len({file for file, _ in found})
+        count = f"[{logs} logs] " if logs > 1 else ""
+        lines.append(f"{WORDS[severity]} {count}{found[0][1]}")
+    return lines
+
+
+def _tabulate_logs(reports: Sequence[LogReport]) -> Table:
+    """A line per log: whether it is ok, its rows and hours, its temperatures, what was held."""
+    rows: list[tuple[Cell, ...]] = []
+    for report in reports:
+        facts = report.facts
+        state = "REFUSED" if report.refused else "flagged" if report.flagged else "ok"
+        if facts is None:
+            rows.append((report.file, state, "", "", "", ""))
+            continue
+        degc = next((one for one in facts.columns if one.name.endswith("_degc")), None)
+        rows.append(
+            (
+                report.file,
+                state,
+                f"{facts.rows:,}",
+                f"{facts.duration_s / SECONDS_PER_HOUR:.2f}" if facts.rate_hz else "",
+                "" if degc is None else describe_span(degc.low, degc.high, "").strip(),
+                _describe_held(report.held),
+            )
+        )
+    return Table("", ("log", "", "rows", "hours", "°C", "held"), tuple(rows))
+
+
+def _describe_held(held: Sequence[HeldCondition]) -> str:
+    """How many conditions of each kind were held; the level of the only one of its kind."""
+    kinds: dict[str, list[HeldCondition]] = {}
+    for one in held:
+        kinds.setdefault(one.kind, []).append(one)
+    return ", ".join(
+        f"{len(found)} {kind}s"
+        if len(found) > 1
+        else f"{kind} {found[0].level:.3g} {found[0].unit}"
+        for kind, found in kinds.items()
+    )
 
 
 def report_document(campaign: Campaign) -> dict[str, Any]:

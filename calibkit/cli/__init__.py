@@ -44,6 +44,7 @@ for kept in (
     outputs.export,
     results.evaluate,
     results.compare,
+    outputs.report,
     records.verify,
     records.show,
     records.diff,

@@ -17,7 +17,7 @@ from calibkit.clock import now
 from calibkit.errors import OutputError, visible
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
     from pathlib import Path
 
     from rich.console import Console
@@ -69,6 +69,8 @@ class _Settings:
 
     quiet: bool = False
     verbose: bool = False
+    details: bool = False
+    """Whether full tables are printed in place of the first screen."""
     log: Path | None = None
     """Log file."""
     arguments: tuple[str, ...] = ()
@@ -90,7 +92,7 @@ def prepare_streams(arguments: Sequence[str]) -> None:
             redirected = not stream.isatty() and not os.environ.get("PYTHONIOENCODING")
             encoding = "utf-8" if redirected else stream.encoding
             stream.reconfigure(encoding=encoding, errors="calibkit", newline="\n")
-    SETTINGS.quiet, SETTINGS.verbose, SETTINGS.log = False, False, None
+    SETTINGS.quiet, SETTINGS.verbose, SETTINGS.details, SETTINGS.log = False, False, False, None
     SETTINGS.arguments = tuple(arguments)
 
 
@@ -186,20 +188,9 @@ def _console(*, err: bool = False) -> Console:
     return Console(highlight=False, stderr=err, width=_WIDTH, color_system=None)
 
 
-def progress(items: Sequence[str], what: str) -> Iterable[str]:
-    """Items, each printed with --verbose, otherwise with a progress bar on stderr on a terminal."""
-    if SETTINGS.quiet or SETTINGS.verbose or SETTINGS.log or not sys.stderr.isatty():
-        return _announced(items, what)
-    from rich.progress import track
-
-    return track(items, description=what, console=_console(err=True), transient=True)
-
-
-def _announced(items: Sequence[str], what: str) -> Iterator[str]:
-    """Items, each printed with --verbose as it is reached."""
-    for number, item in enumerate(items, start=1):
-        print_detail(f"{what}: {item} ({number} of {len(items)})")
-        yield item
+def error_console() -> Console:
+    """Rich console on stderr."""
+    return _console(err=True)
 
 
 def print_summary(summary: Summary) -> None:
@@ -209,16 +200,40 @@ def print_summary(summary: Summary) -> None:
     summary.show(_console())
 
 
-def print_verdict(summary: Summary) -> None:
-    """Print the summary of a command that writes something else; --quiet leaves only what is
-    flagged or was rejected.
+def print_screen(
+    summary: Summary, tail: Sequence[str] = (), *, below: int = 1, always: bool = False
+) -> None:
+    """Print the first screen of a command that prints `below` more lines; the full tables with
+    --details, with --quiet only what is flagged or was rejected, but where it is `always` printed.
     """
-    if not SETTINGS.quiet:
-        print_summary(summary)
+    if SETTINGS.quiet and not always:
+        print_flags(summary.checks)
+        if summary.verdict == "rejected":
+            print_message(summary.last_line)
         return
-    print_flags(summary.flags)
-    if summary.verdict == "rejected":
-        print_message(summary.last_line)
+    if SETTINGS.details:
+        print_summary(summary)
+        click.echo("".join(f"{visible(line)}\n" for line in tail), nl=False)
+        return
+    from rich.text import Text
+
+    from calibkit.report.screen import MOST, compose_screen
+    from calibkit.report.summary import STYLES
+
+    console = _console()
+    log_line("summary", summary.text())
+    for line in compose_screen(summary, tail, console.width, most=MOST - below):
+        verdict = bool(line) and summary.last_line.startswith(line)
+        style = STYLES[summary.verdict] if verdict else ""
+        console.print(Text(line, style=style), soft_wrap=True)
+
+
+def print_all_or_screen(lines: Callable[[int], Sequence[str]]) -> None:
+    """Print on stdout the lines of a screen of the console's width; with --details, of width 0, all
+    there are.
+    """
+    made = lines(0 if SETTINGS.details else _console().width)
+    click.echo("\n".join(map(visible, made)))
 
 
 def print_json(document: dict[str, Any]) -> None:
@@ -243,8 +258,11 @@ def print_result(
     if as_json:
         print_json({"ok": True, **document, **({"dry_run": True} if dry_run else {})})
     else:
+        from calibkit.report.screen import shorten
+
         end = DRY_RUN if dry_run else ""
-        click.echo("\n".join(f"{visible(str(name))}{end}" for name in written))
+        names = [f"{visible(str(name))}{end}" for name in written]
+        click.echo("\n".join(names if SETTINGS.details else shorten(names)))
 
 
 def print_data(text: str) -> None:

@@ -1,13 +1,14 @@
-"""The command for many units at once."""
+"""The command for many devices at once."""
 
 from pathlib import Path
 
 import click
 
-from calibkit.cli.console import print_guesses, print_json, progress
-from calibkit.cli.options import DRY, JSON, KEEP, PATH, RECIPE, SET, SINCE, command
+from calibkit.cli.console import print_all_or_screen, print_guesses, print_json
+from calibkit.cli.options import DETAILS, DRY, JSON, KEEP, PATH, RECIPE, SET, SINCE, command
+from calibkit.cli.progress import working
 from calibkit.clock import date_or_today
-from calibkit.errors import UsageError, visible
+from calibkit.errors import UsageError
 
 
 @command()
@@ -16,7 +17,7 @@ from calibkit.errors import UsageError, visible
     "--data",
     required=True,
     type=PATH,
-    help="folder with one sub-folder a unit",
+    help="folder with one sub-folder per device",
 )
 @KEEP
 @SINCE
@@ -24,19 +25,20 @@ from calibkit.errors import UsageError, visible
     "--jobs",
     default=None,
     type=click.IntRange(min=1),
-    help="processes here (default: one a processor)",
+    help="processes here (default: one per processor)",
 )
 @click.option(
     "--cluster",
     default="",
     metavar="tcp://HOST:PORT",
-    help="Dask scheduler whose workers fit the units",
+    help="Dask scheduler whose workers fit the devices",
 )
 @click.option(
-    "--keep-going", is_flag=True, help="one unit that cannot be fitted does not stop the others"
+    "--keep-going", is_flag=True, help="one device that cannot be fitted does not stop the others"
 )
 @DRY
 @SET
+@DETAILS
 @JSON
 def fleet(
     recipe: str,
@@ -51,16 +53,15 @@ def fleet(
     dry_run: bool,
     as_json: bool,
 ) -> int:
-    """Fit a recipe to every unit of a folder, one sub-folder a unit named by its serial, and write
-    a table of them.
+    """Fit a recipe to every device of a folder, one sub-folder per device named by its serial, and
+    write a table and a page of them.
 
     \b
     calibkit fleet rate_table --data units --jobs 4 --date 2026-11-21
     calibkit fleet my_recipe.toml --data units --cluster tcp://10.0.0.5:8786 --keep-going --json
     """
     if jobs and cluster:
-        hint = "a cluster has as many workers as it has"
-        raise UsageError("--jobs and --cluster: one or the other", hint=hint)
+        raise UsageError("--jobs and --cluster: one or the other", hint="give one of them")
     if jobs != 1 and not cluster and data.is_dir():
         from calibkit.fleet.server import import_ahead
 
@@ -68,20 +69,21 @@ def fleet(
     from calibkit.fleet import run, summary
     from calibkit.recipe import find
 
-    done = run.run(
-        find(recipe, overrides),
-        data,
-        out,
-        date_or_today(date) if date else "",
-        progress,
-        jobs=jobs or 0,
-        address=cluster,
-        keep_going=keep_going,
-        dry_run=dry_run,
-    )
+    with working("writing the table") as progress:
+        done = run.run(
+            find(recipe, overrides),
+            data,
+            out,
+            date_or_today(date) if date else "",
+            progress,
+            jobs=jobs or 0,
+            address=cluster,
+            keep_going=keep_going,
+            dry_run=dry_run,
+        )
     print_guesses(done.guesses)
     if as_json:
         print_json(summary.summary_document(done) | ({"dry_run": True} if dry_run else {}))
     else:
-        click.echo("\n".join(map(visible, summary.summary_lines(done, dry_run=dry_run))))
+        print_all_or_screen(lambda width: summary.compose_fleet(done, width, dry_run=dry_run))
     return done.exit_code

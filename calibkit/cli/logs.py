@@ -7,6 +7,7 @@ import click
 from calibkit.cli.console import (
     DRY_RUN,
     log_line,
+    print_all_or_screen,
     print_data,
     print_detail,
     print_done,
@@ -14,13 +15,25 @@ from calibkit.cli.console import (
     print_guesses,
     print_json,
     print_result,
-    print_verdict,
-    progress,
+    print_screen,
 )
 from calibkit.cli.memory import tune_memory
-from calibkit.cli.options import DATA, DRY, JSON, KEEP, PATH, RECIPE, RUN, RUNS, SET, SINCE, command
+from calibkit.cli.options import (
+    DATA,
+    DETAILS,
+    DRY,
+    JSON,
+    KEEP,
+    PATH,
+    RECIPE,
+    RUN,
+    RUNS,
+    SET,
+    SINCE,
+    command,
+)
+from calibkit.cli.progress import working
 from calibkit.clock import date_or_today
-from calibkit.errors import visible
 
 VERDICT_KEYS = (
     "serial",
@@ -47,6 +60,7 @@ VERDICT_KEYS = (
 @SINCE
 @DRY
 @SET
+@DETAILS
 @JSON
 def fit(
     recipe: str,
@@ -68,11 +82,12 @@ def fit(
     tune_memory()
     date = date_or_today(date) if date else None
     from calibkit import pipeline
+    from calibkit.cli.next_command import follow_fit
     from calibkit.recipe import find
 
-    outcome = pipeline.fit(
-        find(recipe, overrides), data, serial, out, date, progress, dry_run=dry_run
-    )
+    source = find(recipe, overrides)
+    with working("fitting, drawing the report") as progress:
+        outcome = pipeline.fit(source, data, serial, out, date, progress, dry_run=dry_run)
     run, folder = outcome.run, outcome.run.folder
     for entry in run.document["inputs"]:
         print_detail(f"read {entry['name']}: {entry['rows']} rows, sha256 {entry['sha256']}")
@@ -80,7 +95,8 @@ def fit(
     if outcome.overlaps:
         print_done("joined", outcome.overlaps)
     if not as_json:
-        print_verdict(outcome.summary)
+        tail = () if dry_run else follow_fit(run, out, recipe, data, overrides)
+        print_screen(outcome.summary, tail)
         log_line("wrote", f"{folder}{DRY_RUN if dry_run else ''}")
     document = {
         "run": run.name,
@@ -97,6 +113,7 @@ def fit(
 @DATA
 @click.option("--figure", default=None, type=PATH, help="PDF to write, one page a log")
 @SET
+@DETAILS
 @JSON
 def check(
     recipe: str, data: Path, figure: Path | None, overrides: tuple[str, ...], *, as_json: bool
@@ -110,16 +127,19 @@ def check(
     """
     tune_memory()
     from calibkit import inspection
-    from calibkit.check.report import judge_logs, report_document
+    from calibkit.check.report import compose_report, report_document
+    from calibkit.cli.next_command import follow_check
     from calibkit.recipe import find
 
-    campaign = inspection.check(find(recipe, overrides), data, figure)
+    source = find(recipe, overrides)
+    with working("fitting on trial") as progress:
+        campaign = inspection.check(source, data, figure, progress)
     if as_json:
         print_json(report_document(campaign))
     else:
-        lines = (line for report in campaign.logs for line in report.lines())
-        last = campaign.judgement.lines()
-        click.echo("\n".join(map(visible, (judge_logs(campaign.logs), *lines, *last))))
+        refused = campaign.judgement.exit_code
+        tail = () if refused else (follow_check(source, recipe, data),)
+        print_all_or_screen(lambda width: compose_report(campaign, tail, width))
     return campaign.judgement.exit_code
 
 
@@ -136,7 +156,8 @@ def init(folder: Path, sheet: str, *, as_json: bool) -> int:
     """
     from calibkit import inspection
 
-    proposal = inspection.init(folder, sheet)
+    with working("reading"):
+        proposal = inspection.init(folder, sheet)
     if as_json:
         print_json({"ok": True, "recipe": proposal.text})
     else:
@@ -188,15 +209,16 @@ def apply(
     from calibkit import pipeline, store
 
     found = store.load(store.find(run, runs))
-    done, flags = pipeline.apply(
-        found,
-        data,
-        out,
-        overrides,
-        as_firmware=as_firmware,
-        keep=uncorrected == "keep",
-        dry_run=dry_run,
-    )
+    with working("compensating"):
+        done, flags = pipeline.apply(
+            found,
+            data,
+            out,
+            overrides,
+            as_firmware=as_firmware,
+            keep=uncorrected == "keep",
+            dry_run=dry_run,
+        )
     if not as_json:
         print_flags(flags)
         print_done(f"{data.name} with {found.name}", done.describe())
@@ -217,6 +239,7 @@ def apply(
 @click.option("--out", required=True, type=PATH, help="JSON file to write")
 @RUNS
 @DRY
+@DETAILS
 @JSON
 def validate(run: str, data: Path, out: Path, runs: Path, *, dry_run: bool, as_json: bool) -> int:
     """Hold frozen coefficients against logs they have not seen: before, after, rate gain.
@@ -228,11 +251,11 @@ def validate(run: str, data: Path, out: Path, runs: Path, *, dry_run: bool, as_j
     tune_memory()
     from calibkit import pipeline, store
 
-    document, summary = pipeline.validate(
-        store.load(store.find(run, runs)), data, out, progress, dry_run=dry_run
-    )
+    found = store.load(store.find(run, runs))
+    with working("validating") as progress:
+        document, summary = pipeline.validate(found, data, out, progress, dry_run=dry_run)
     if not as_json:
-        print_verdict(summary)
+        print_screen(summary)
     print_result(document, (out,), as_json=as_json, dry_run=dry_run)
     return 1 if summary.verdict == "rejected" else 0
 
@@ -242,6 +265,7 @@ def validate(run: str, data: Path, out: Path, runs: Path, *, dry_run: bool, as_j
 @click.option("--out", required=True, type=PATH, help="folder to write the logs into")
 @click.option("--seed", required=True, type=click.IntRange(min=0), help="seed of everything random")
 @DRY
+@DETAILS
 @JSON
 def simulate(procedure: str, out: Path, seed: int, *, dry_run: bool, as_json: bool) -> int:
     """Write realistic logs of a simulated instrument with their truth beside them.
@@ -252,6 +276,7 @@ def simulate(procedure: str, out: Path, seed: int, *, dry_run: bool, as_json: bo
     """
     from calibkit import pipeline
 
-    written = pipeline.simulate(procedure, out, seed, dry_run=dry_run)
+    with working("simulating"):
+        written = pipeline.simulate(procedure, out, seed, dry_run=dry_run)
     print_result({"files": written}, written, as_json=as_json, dry_run=dry_run)
     return 0

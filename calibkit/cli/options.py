@@ -64,6 +64,20 @@ def _log_file(ctx: click.Context, param: click.Parameter, value: Path | None) ->
         )
 
 
+def _details(ctx: click.Context, param: click.Parameter, value: bool) -> None:  # noqa: ARG001, FBT001 (click's signature)
+    """Set --details."""
+    console.SETTINGS.details = value
+
+
+DETAILS = click.option(
+    "--details",
+    is_flag=True,
+    expose_value=False,
+    callback=_details,
+    help="full tables and lists in place of the first screen",
+)
+
+
 class _Explained(click.Command):
     """A command or group whose help starts with its examples: the lines of its docstring that call
     calibkit.

@@ -1,14 +1,20 @@
-"""Commands that hand a run on: certify, export."""
+"""Commands that hand a run on: certify, export, report."""
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
 
 from calibkit.certificate.words import Lang
-from calibkit.cli.console import print_flags, print_message, print_result
-from calibkit.cli.options import DRY, JSON, PATH, RUN, RUNS, command
+from calibkit.cli.console import SETTINGS, print_flags, print_message, print_result
+from calibkit.cli.options import DETAILS, DRY, JSON, PATH, RUN, RUNS, command
+from calibkit.cli.progress import working
 from calibkit.clock import date_or_today, now
+from calibkit.errors import CoefficientError, UsageError
+
+_MOST_MISSING = 20
+"""Lines on what a certificate lacks."""
 
 
 @command()
@@ -29,6 +35,7 @@ from calibkit.clock import date_or_today, now
 )
 @RUNS
 @DRY
+@DETAILS
 @JSON
 def certify(
     run: str,
@@ -57,26 +64,35 @@ def certify(
     from calibkit.certificate import certify as certificates, sign
     from calibkit.instruments import certificate_layout
 
-    issued = certificates.certify(
-        store.find(run, runs),
-        out,
-        certificate_layout,
-        date=date_or_today(date),
-        profile_path=profile,
-        validation=validation,
-        lang=lang,
-        overrides=overrides,
-        schema_dir=schema_dir,
-        key=sign.Key(key, os.environ.get(sign.PASSPHRASE, ""), now()) if key else None,
-        dry_run=dry_run,
-    )
+    with working("typesetting"):
+        issued = certificates.certify(
+            store.find(run, runs),
+            out,
+            certificate_layout,
+            date=date_or_today(date),
+            profile_path=profile,
+            validation=validation,
+            lang=lang,
+            overrides=overrides,
+            schema_dir=schema_dir,
+            key=sign.Key(key, os.environ.get(sign.PASSPHRASE, ""), now()) if key else None,
+            dry_run=dry_run,
+        )
     print_flags(filter(None, (issued.certificate.rejection.en,)))
-    if issued.missing and not as_json:
-        print_message("DRAFT: not a calibration certificate; missing:")
-        for item in issued.missing:
-            print_message(f"  {item.key}: {item.what.en}")
+    if not as_json:
+        _print_missing([f"  {item.key}: {item.what.en}" for item in issued.missing])
     print_result(issued.summarise(), issued.files, as_json=as_json, dry_run=dry_run)
     return 0
+
+
+def _print_missing(lines: Sequence[str]) -> None:
+    """Print what a certificate lacks."""
+    from calibkit.report.screen import shorten
+
+    if lines:
+        print_message(f"DRAFT: not a calibration certificate; {len(lines)} missing:")
+    for line in lines if SETTINGS.details else shorten(lines, _MOST_MISSING):
+        print_message(line)
 
 
 def _address(context: click.Context, parameter: click.Parameter, value: str | None) -> int | None:
@@ -111,6 +127,7 @@ def _address(context: click.Context, parameter: click.Parameter, value: str | No
 )
 @RUNS
 @DRY
+@DETAILS
 @JSON
 def export(
     run: tuple[str, ...],
@@ -136,18 +153,57 @@ def export(
     """
     from calibkit import pipeline, store
 
-    found = [store.load(store.find(name, runs)) for name in run]
-    files = pipeline.export(
-        found,
-        target,
-        number,
-        prefix,
-        out,
-        address=address,
-        layout_of=store.load(store.find(layout_of, runs)) if layout_of else None,
-        allow_rejected=allow_rejected,
-        dry_run=dry_run,
-    )
+    with working("writing firmware") as progress:
+        found = [store.load(store.find(name, runs)) for name in progress(run, "reading runs")]
+        files = pipeline.export(
+            found,
+            target,
+            number,
+            prefix,
+            out,
+            address=address,
+            layout_of=store.load(store.find(layout_of, runs)) if layout_of else None,
+            allow_rejected=allow_rejected,
+            dry_run=dry_run,
+        )
     document = {"runs": [one.name for one in found], "files": list(map(str, files))}
     print_result(document, files, as_json=as_json, dry_run=dry_run)
+    return 0
+
+
+@command()
+@RUN
+@click.option("--out", required=True, type=PATH, help="PDF or HTML file to write")
+@RUNS
+@DRY
+@JSON
+def report(run: str, out: Path, runs: Path, *, dry_run: bool, as_json: bool) -> int:
+    """Write the report of a run again, as PDF or as the page that it keeps; no log is needed.
+
+    \b
+    calibkit report FOG-0001 --out report.pdf
+    calibkit report FOG-0001@r002 --out report.html
+
+    The PDF has the content and the figures of the page, set by typst (calibkit[pdf]).
+    """
+    from calibkit import new_files, store
+    from calibkit.report import pdf
+    from calibkit.report.documents import PAGE
+
+    if out.suffix not in (".pdf", ".html"):
+        raise UsageError(f"--out {out}: neither .pdf nor .html", hint="name report.pdf")
+    new_files.refuse_existing(out)
+    found = store.load(store.find(run, runs))
+    path = found.folder / PAGE
+    if not path.is_file():
+        raise CoefficientError(
+            f"{found.name} keeps no {PAGE}", hint="an older calibkit wrote it; see report.pdf there"
+        )
+    content = path.read_bytes()
+    if out.suffix == ".pdf":
+        with working("typesetting"):
+            content = pdf.render_page(content, found.document["effective_from"])
+    new_files.write_new(out, content, dry_run=dry_run)
+    document = {"run": found.name, "out": str(out)}
+    print_result(document, (out,), as_json=as_json, dry_run=dry_run)
     return 0

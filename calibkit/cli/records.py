@@ -13,14 +13,16 @@ from calibkit.cli.console import (
     print_flags,
     print_json,
     print_message,
+    print_screen,
     print_summary,
 )
-from calibkit.cli.options import CSV, JSON, PATH, RUN, RUNS, command
+from calibkit.cli.options import CSV, DETAILS, JSON, PATH, RUN, RUNS, command
+from calibkit.cli.progress import working
 from calibkit.clock import date_or_today
 from calibkit.errors import CalibkitError, CoefficientError, UsageError, visible
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
     from calibkit.report.summary import Summary
@@ -60,7 +62,7 @@ def verify(
 
     results: list[dict[str, Any]] = []
     failed: list[CalibkitError] = []
-    for path in files:
+    for path in _follow(files):
         try:
             found = pipeline.verify(path, trust, schema_dir)
             results.append(
@@ -171,6 +173,7 @@ def diff(before: str, after: str, runs: Path, *, as_csv: bool, as_json: bool) ->
 )
 @click.option("--figure", type=PATH, help="PDF or PNG to write: each quantity over time")
 @CSV
+@DETAILS
 @JSON
 def history(
     serial: str, runs: Path, only: str, figure: Path | None, *, as_csv: bool, as_json: bool
@@ -191,11 +194,12 @@ def history(
     from calibkit.results import key_values
 
     _one_format(as_csv=as_csv, as_json=as_json)
-    found = Timeline.read(serial, runs, instruments.model_forms, only)
-    followed, left_out = ((), ()) if only else key_values.follow(found.runs)
-    if figure is not None:
-        first = [key_values.draw(serial, followed)] if followed else []
-        new_files.write_new(figure, drawing.render(found, figure.suffix, first))
+    with working("reading runs"):
+        found = Timeline.read(serial, runs, instruments.model_forms, only)
+        followed, left_out = ((), ()) if only else key_values.follow(found.runs)
+        if figure is not None:
+            first = [key_values.draw(serial, followed)] if followed else []
+            new_files.write_new(figure, drawing.render(found, figure.suffix, first))
     broken = None
     if not found.sound:
         faults = (*(entry.reason for entry in found.refused), *found.breaks)
@@ -212,10 +216,18 @@ def history(
         },
         lambda: tables.list_points(found),
         lambda: tables.summarize_timeline(found, key_values.tabulate(followed), left_out),
+        screen=True,
         as_csv=as_csv,
         as_json=as_json,
     )
     return broken.exit_code if broken else 0
+
+
+def _follow(files: Sequence[Path]) -> Iterator[Path]:
+    """Files one after the other, with a progress bar on a terminal."""
+    with working("verifying") as progress:
+        for path, _ in zip(files, progress([*map(str, files)], "verifying"), strict=True):
+            yield path
 
 
 def _one_format(*, as_csv: bool, as_json: bool) -> None:
@@ -229,13 +241,18 @@ def _print_found(
     numbers: Callable[[], Table],
     summary: Callable[[], Summary],
     *,
+    screen: bool = False,
     as_csv: bool,
     as_json: bool,
 ) -> None:
-    """Print what was found as one JSON document, as CSV with one line per number, or as tables."""
+    """Print what was found as one JSON document, as CSV with one line per number, as tables or as
+    the first screen.
+    """
     if as_json:
         print_json(document())
     elif as_csv:
         print_data(numbers().to_csv())
+    elif screen:
+        print_screen(summary(), below=0, always=True)
     else:
         print_summary(summary())

@@ -1,11 +1,12 @@
-"""The files of a finished fleet: its table as CSV and Parquet, control charts, and a sealed record
-of all of them.
+"""The files of a finished fleet: its table as CSV and Parquet, a page, control charts, and a sealed
+record of all of them.
 """
 
 from collections.abc import Mapping
 from typing import Any
 
 from calibkit import run_content, sealed, store
+from calibkit.fleet import page
 from calibkit.fleet.device import Plan
 from calibkit.fleet.table import FleetTable
 from calibkit.report import control_charts, figures as drawing
@@ -24,6 +25,7 @@ def make_files(table: FleetTable, plan: Plan, title: str) -> dict[str, bytes]:
     parquet = _parquet(flat)
     if parquet is not None:
         contents["fleet.parquet"] = parquet
+    contents[page.PAGE] = page.make_page(title, table, table.list_outlying())
     if table.charts:
         contents["control_charts.pdf"] = drawing.pdf(control_charts.pages(title, table.charts))
     return {

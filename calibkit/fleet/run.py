@@ -60,14 +60,14 @@ def run(
     outcomes: list[Outcome] = [*refused]
     try:
         with contextlib.closing(_outcomes(plan, serials, processes, address)) as finished:
-            for found, _ in zip(finished, progress(serials, "units"), strict=True):
+            for found, _ in zip(finished, progress(serials, "devices"), strict=True):
                 outcome = _require_run_here(found, plan)
                 if isinstance(outcome, Failure) and not keep_going:
                     raise _stopping_error(outcome, 0 if dry_run else len(outcomes))
                 outcomes.append(outcome)
     except KeyboardInterrupt:
         raise StoppedError(
-            f"interrupted after {len(outcomes)} of {len(serials)} units",
+            f"interrupted after {len(outcomes)} of {len(serials)} devices",
             hint="nothing was written" if dry_run else "their runs stay; run again to go on",
         ) from None
     return _finish(plan, outcomes, spec.title or spec.procedure, processes)
@@ -76,7 +76,7 @@ def run(
 def _finish(plan: Plan, outcomes: Sequence[Outcome], title: str, processes: int) -> Fleet:
     """Make the table of a fleet and write it; where processes fitted the devices, one makes it."""
     made = table.build_table(outcomes, plan.data)
-    arguments = made, plan, f"{title}: {len(outcomes)} units"
+    arguments = made, plan, f"{title}: {len(outcomes)} devices"
     contents = (
         files.make_files(*arguments)
         if processes == 1
@@ -96,7 +96,7 @@ def _finish(plan: Plan, outcomes: Sequence[Outcome], title: str, processes: int)
 def _stopping_error(failure: Failure, finished: int) -> CalibkitError:
     """Error of the device that ends a fleet."""
     error = failure.error()
-    stay = f"{finished} units are finished and stay" if finished else "nothing was written"
+    stay = f"{finished} devices are finished and stay" if finished else "nothing was written"
     error.hint = "; ".join(
         filter(None, (error.hint, f"{stay}; --keep-going goes on with the others"))
     )

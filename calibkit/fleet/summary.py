@@ -5,59 +5,59 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
+from calibkit.fleet.page import PAGE
 from calibkit.fleet.run import Fleet
 from calibkit.fleet.table import COPIED, FAILED, Entry
+from calibkit.report.screen import MOST, shorten
 
-MOST = 20
-"""Lines of one kind; the table has them all."""
+_MOST_FAILED, _MOST_REJECTED, _MOST_REHEARSED = 5, 4, 5
+"""Devices of a kind that a screen names; the table has them all."""
 
 
-def summary_lines(fleet: Fleet, *, dry_run: bool = False) -> list[str]:
-    """Counts, then each device that failed, was rejected or stands out, then the folder with the
-    table.
+def compose_fleet(fleet: Fleet, width: int, *, dry_run: bool = False) -> list[str]:
+    """Totals, then devices that failed, were rejected or stand out, then the page and the folder
+    with the table: a screen of a width, or, without one, every device in full.
 
-    A dry run names every device with what it would be fitted to.
+    A dry run names devices with what they would be fitted to.
     """
     entries = fleet.table.entries
     counts = Counter(entry.verdict for entry in entries)
     counted = ", ".join(f"{count} {verdict}" for verdict, count in sorted(counts.items()))
-    before = f"; {fleet.before} were fitted before" if fleet.before else ""
-    lines = [f"{len(entries)} units: {counted}{before}"]
-    lines += [_fitted_to(entry, fleet.recipe) for entry in entries if dry_run and entry.run]
-    lines += _first_lines(
-        [f"{entry.verdict}: {entry.serial}: {entry.error}" for entry in entries if entry.error]
-    )
-    lines += _first_lines(
-        [
-            f"rejected: {entry.serial}@{entry.run}"
-            for entry in entries
-            if entry.verdict == "rejected"
-        ]
-    )
-    lines += _first_lines(
-        [
-            f"outlier: {outlier.serial}: {outlier.figure} = {outlier.value:.6g}, z ="
-            f" {outlier.z:.1f}, limit {outlier.limit:.1f}"
-            for outlier in fleet.table.outliers
-        ]
-    )
+    before = f"; {fleet.before} fitted before" if fleet.before else ""
+    lines = [f"{len(entries)} device{'s' if len(entries) != 1 else ''}: {counted}{before}"]
+    rehearsed = [_fitted_to(entry, fleet.recipe) for entry in entries if dry_run and entry.run]
+    failed = [
+        f"{entry.verdict}: {entry.serial}: {' '.join(entry.error.split())}"
+        for entry in entries
+        if entry.error
+    ]
+    rejected = [
+        f"rejected: {entry.serial}@{entry.run}" for entry in entries if entry.verdict == "rejected"
+    ]
+    outlying = fleet.table.list_outlying()
     flagged = [entry.flags for entry in entries if entry.flags]
-    if flagged:
-        lines.append(f"{sum(flagged)} flags in {len(flagged)} runs: see their reports")
     unwritten = dry_run and not fleet.folder.exists()
-    return [*lines, f"{fleet.folder}{' (dry run: not written)' if unwritten else ''}"]
+    tail = [f"{sum(flagged)} flags in {len(flagged)} runs: see their reports"] if flagged else []
+    tail += [] if unwritten else [f"Report: {fleet.folder / PAGE}"]
+    tail.append(f"{fleet.folder}{' (dry run: not written)' if unwritten else ''}")
+    if not width:
+        return [*lines, *rehearsed, *failed, *rejected, *outlying, *tail]
+    lines += shorten(rehearsed, _MOST_REHEARSED)
+    lines += _cut(shorten(failed, _MOST_FAILED), width)
+    lines += shorten(rejected, _MOST_REJECTED)
+    return [*lines, *shorten(outlying, MOST - len(lines) - len(tail)), *tail]
+
+
+def _cut(lines: Sequence[str], width: int) -> list[str]:
+    """Lines as wide as the screen; of a longer one the rest is a detail."""
+    end = " … (--details)"
+    return [line if len(line) <= width else line[: width - len(end)] + end for line in lines]
 
 
 def _fitted_to(entry: Entry, recipe: str) -> str:
     """Run that a device would have: of which logs, with which recipe."""
     fitted = "was fitted before" if entry.before else f"would be fitted with {recipe}"
     return f"{entry.serial}@{entry.run}: {fitted} to {', '.join(entry.logs)}"
-
-
-def _first_lines(found: Sequence[str]) -> list[str]:
-    """The first lines of a kind, and how many more there are."""
-    more = len(found) - MOST
-    return [*found[:MOST], *([f"  … and {more} more: see fleet.csv or --json"] if more > 0 else [])]
 
 
 def summary_document(fleet: Fleet) -> dict[str, Any]:

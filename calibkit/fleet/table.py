@@ -60,6 +60,29 @@ class FleetTable:
     outliers: tuple[_Outlier, ...]
     """In the order of the figures, then the furthest first."""
 
+    def list_outlying(self) -> list[str]:
+        """A line per device that stands out, the furthest first: in how many key values, and the
+        worst of them beside the values of the others.
+        """
+        found: dict[str, list[tuple[float, ControlChart, float]]] = {}
+        charts = {chart.name: chart for chart in self.charts}
+        for one in self.outliers:
+            distance = abs(one.z) / one.limit
+            found.setdefault(one.serial, []).append((distance, charts[one.figure], one.value))
+        lines = []
+        for serial, own in sorted(found.items(), key=lambda pair: -max(d for d, _, _ in pair[1])):
+            _, chart, value = max(own, key=lambda one: one[0])
+            count = f"{len(own)} key values stand" if len(own) > 1 else "1 key value stands"
+            others = np.delete(chart.values, list(chart.control.outliers))
+            low, high = float(others.min()), float(others.max())
+            places = _place_of(high - low or abs(value))
+            unit = "" if chart.unit == "1" else f" {chart.unit}"
+            lines.append(
+                f"{serial}: {count} out, worst {chart.name} {value:.{places}f}{unit}, others"
+                f" {low:.{places}f} to {high:.{places}f}"
+            )
+        return lines
+
 
 def build_table(outcomes: Sequence[Outcome], data: Path) -> FleetTable:
     """Table of the outcomes of all devices; errors name files from the folder of the devices on."""
@@ -172,3 +195,8 @@ def _outliers(chart: ControlChart) -> list[_Outlier]:
         )
         for k in chart.control.outliers
     ]
+
+
+def _place_of(spread: float) -> int:
+    """Decimal places that show a spread in two significant digits."""
+    return max(0, 1 - math.floor(math.log10(spread))) if spread > 0.0 else 0

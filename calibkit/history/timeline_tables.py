@@ -3,6 +3,7 @@
 from dataclasses import asdict, fields
 from typing import Any
 
+from calibkit.frame import Remark
 from calibkit.history.difference_tables import CHANGE_KEYS, TYPE_A, identify_run
 from calibkit.history.timeline import Point, Quantity, Series, Timeline
 from calibkit.report.summary import Summary
@@ -63,7 +64,7 @@ def summarize_timeline(
         *(f"chain broken: {fault}" for fault in found.breaks),
         *found.flags,
         *left_out,
-        *((OVER_TIME, TYPE_A) if found.series and key_values is None else ()),
+        *((Remark(OVER_TIME), Remark(TYPE_A)) if found.series and key_values is None else ()),
     )
     verdict = (
         "each revision supersedes the one before"

@@ -157,6 +157,15 @@ def pdf(figures: Sequence[Figure]) -> bytes:
     return buffer.getvalue()
 
 
+def settle(figures: Sequence[Figure]) -> None:
+    """Lay figures out, as for a PDF: what is drawn of them later stands at the same places."""
+    with drawing():
+        for figure in figures:
+            literal(figure)
+            _settle(figure)
+            figure.draw_without_rendering()
+
+
 def _settle(figure: Figure) -> None:
     """Take from matplotlib the search for places that are known: for each it measures all tick
     labels of a panel again.

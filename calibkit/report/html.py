@@ -1,14 +1,15 @@
-"""A run's report as one HTML page that opens anywhere: verdict and flags first, figures that can be
-zoomed, every number.
+"""A run's report as one HTML page that opens anywhere: first the verdict, the picture that shows
+it, four values and what to check; every number folded below.
 
-It is made of what the PDF and the text are made of, and of the coefficient files; it loads nothing,
+It is made of what the text is made of, and of the coefficient files; it loads nothing,
 and its content security policy lets it load nothing: no script and no style but its own, which are
 named by their digests.
 """
 
 import base64
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from importlib import resources
 from typing import Any
 
@@ -17,16 +18,6 @@ from calibkit.report import html_tables as tables, svg
 from calibkit.report.documents import Drawn
 from calibkit.report.markup import Markup, element, join_markup
 
-SECTIONS = (
-    "Verdict",
-    "Flags",
-    "Results",
-    "Figures",
-    "Coefficients",
-    "Uncertainty",
-    "Logs",
-    "Origin",
-)
 REJECTED = '@media print{@page{@top-center{content:"REJECTED";color:#b00020;font-weight:bold}}}'
 """What a rejected run's page prints on every sheet of paper."""
 HOW = (
@@ -34,33 +25,67 @@ HOW = (
     " panel to fill the figure with it, again for the whole; two fingers on a touch screen; the"
     " numbers below a figure show a panel. Keys: + − arrows, 0 for the whole, 1 to 9 for a panel."
 )
+_MOST_CHECKS = 6
+"""Findings on the first screen."""
 THINNED = " Of long curves the extremes of short pieces are drawn; the fit used every point."
 
 
-def page(document: Mapping[str, Any], records: Mapping[str, Record], drawn: Drawn) -> bytes:
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """What a page shows beside run.json and the coefficient files."""
+
+    drawn: Drawn
+    exported: tuple[str, ...] = ()
+    """Coefficient files that firmware takes; empty where there is none."""
+    no_firmware: str = ""
+    """Why nothing can be exported to firmware; empty where it can."""
+    measured: str = ""
+    """Dates of the logs; empty where they state none."""
+
+
+def page(document: Mapping[str, Any], records: Mapping[str, Record], shown: Shown) -> bytes:
     """The page of a run as UTF-8: `document` is its run.json but for what cannot know this page
     yet, digest and file list.
     """
     rejected = document["verdict"] == "rejected"
-    style = _own("page.css") + (REJECTED if rejected else "")
-    script = _own("page.js")
     title = f"{_run_name(document)}, {document['procedure']}"
+    frames = _figures(shown.drawn, rejected=rejected)
+    folded = [_fold(name, parts) for name, parts in _parts(document, records, shown, frames[1:])]
+    body = [
+        _top(document, shown),
+        element(
+            "main",
+            _first_screen(document, shown, frames[:1]),
+            element("h2", "Details"),
+            join_markup(folded),
+            id="content",
+        ),
+    ]
+    return whole_page(
+        f"REJECTED: {title}" if rejected else title,
+        body,
+        style=REJECTED if rejected else "",
+        script=_own("page.js"),
+    )
+
+
+def whole_page(title: str, body: Sequence[Markup], *, style: str = "", script: str = "") -> bytes:
+    """A page that loads nothing, as UTF-8: its body under calibkit's own style and what is added to
+    it, and a script.
+    """
+    style = _own("page.css") + style
     head = [
         Markup('<meta charset="utf-8">'),
         Markup(f'<meta http-equiv="Content-Security-Policy" content="{_policy(style, script)}">'),
         Markup('<meta name="viewport" content="width=device-width, initial-scale=1">'),
         Markup('<meta name="color-scheme" content="light dark">'),
-        element("title", f"REJECTED: {title}" if rejected else title),
+        element("title", title),
         Markup(f"<style>{style}</style>"),
     ]
-    body = [
-        _top(document, drawn),
-        element("main", join_markup(_sections(document, records, drawn)), id="content"),
-        Markup(f"<script>{script}</script>"),
-    ]
+    end = [Markup(f"<script>{script}</script>")] if script else []
     return (
         f'<!DOCTYPE html>\n<html lang="en">\n<head>\n{join_markup(head)}\n</head>\n'
-        f"<body>\n{join_markup(body)}\n</body>\n</html>\n"
+        f"<body>\n{join_markup([*body, *end])}\n</body>\n</html>\n"
     ).encode()
 
 
@@ -88,65 +113,107 @@ def _policy(style: str, script: str) -> str:
     )
 
 
-def _top(document: Mapping[str, Any], drawn: Drawn) -> Markup:
-    """Whose run this is, the verdict on it, and the way to each section."""
+def _top(document: Mapping[str, Any], shown: Shown) -> Markup:
+    """Whose run this is, and the verdict on it."""
     kind = "open" if document["verdict"] == "no verdict" else document["verdict"]
-    facts = f"{document['procedure']}, effective from {document['effective_from']}"
-    links = [element("a", section, href=f"#{section.lower()}") for section in SECTIONS]
+    summary = shown.drawn.summary
+    facts = [
+        summary.title or document["procedure"],
+        summary.overview.about,
+        f"measured {shown.measured}" if shown.measured else "",
+        f"effective from {document['effective_from']}",
+    ]
     return join_markup(
         [
-            element("a", "Skip to the verdict", href="#verdict", class_="skip"),
-            element("header", element("h1", _run_name(document)), element("p", facts)),
+            element("a", "Skip to the details", href="#results", class_="skip"),
             element(
-                "p", element("strong", drawn.summary.last_line), class_=f"band {kind}", id="band"
+                "header",
+                element("h1", _run_name(document)),
+                element("p", " · ".join(filter(None, facts))),
             ),
-            element("nav", join_markup(links, " "), aria_label="Sections"),
+            element("p", element("strong", summary.last_line), class_=f"band {kind}", id="band"),
         ]
     )
 
 
-def _sections(
-    document: Mapping[str, Any], records: Mapping[str, Record], drawn: Drawn
-) -> list[Markup]:
-    """Every section in order, under its heading."""
-    limits = document["acceptance"]
-    without = element("p", f"{drawn.summary.last_line}.")
-    parts = {
-        "Verdict": [tables.list_limits(limits) if limits else without],
-        "Flags": _flags(document),
-        "Results": [tables.summary_table(shown) for shown in drawn.summary.tables],
-        "Figures": _figures(drawn, rejected=document["verdict"] == "rejected"),
-        "Coefficients": tables.list_coefficients(document, records),
-        "Uncertainty": tables.list_uncertainties(document),
-        "Logs": tables.list_logs(document),
-        "Origin": tables.list_origin(document, records),
-    }
-    return [
+def _first_screen(document: Mapping[str, Any], shown: Shown, frames: Sequence[Markup]) -> Markup:
+    """What was found in a sentence, the picture that shows it, the key values, what to check."""
+    summary = shown.drawn.summary
+    overview = summary.overview
+    found = [element("p", overview.sentence, class_="lead")] if overview.sentence else []
+    values = [
         element(
-            "section",
-            element("h2", name, id=name.lower()),
-            Markup("\n"),
-            join_markup(parts[name]),
-            aria_labelledby=name.lower(),
+            "div", element("dt", f"{one.name[0].upper()}{one.name[1:]}"), element("dd", str(one))
         )
-        for name in SECTIONS
+        for one in overview.values
     ]
-
-
-def _flags(document: Mapping[str, Any]) -> list[Markup]:
-    """What must be known before a number is used: flags, and what was left out or corrected."""
-    found = list(document["flags"])
+    checks = [*summary.checks]
     if document["excluded"]:
-        found.append(f"{len(document['excluded'])} exclusions of logs or parts of them: see Logs")
+        checks.append(f"{len(document['excluded'])} exclusions of logs or parts of them: see Logs")
     if document["recipe"]["overrides"]:
-        found.append("the recipe was changed by --set: see Origin")
-    return [tables.list_flags(found) if found else element("p", "No flags.")]
+        checks.append("the recipe was changed by --set: see Where this comes from")
+    beside = [element("dl", join_markup(values))] if values else []
+    if shown.no_firmware:
+        beside.append(element("p", f"No firmware yet: {shown.no_firmware}"))
+    elif shown.exported:
+        beside.append(element("p", f"Firmware takes {', '.join(shown.exported)}"))
+    if checks:
+        beside += [
+            element("h2", f"Please check ({len(checks)})"),
+            tables.list_flags(checks[:_MOST_CHECKS]),
+        ]
+        if len(checks) > _MOST_CHECKS:
+            beside.append(element("p", f"{len(checks) - _MOST_CHECKS} more below, under Notes."))
+    else:
+        beside.append(element("p", "Nothing to check."))
+    parts = [element("div", join_markup(frames), class_="picture")] if frames else []
+    parts.append(element("div", join_markup(beside), class_="beside"))
+    return element(
+        "section", *found, element("div", join_markup(parts), class_="screen"), id="first"
+    )
+
+
+def _parts(
+    document: Mapping[str, Any],
+    records: Mapping[str, Record],
+    shown: Shown,
+    frames: Sequence[Markup],
+) -> Iterator[tuple[str, Sequence[Markup]]]:
+    """Heading and content of every folded part in order, the exported model first."""
+    summary = shown.drawn.summary
+    chosen = shown.exported or tuple(records)
+    exported = [records[name] for name in chosen if name in records and records[name].models]
+    if exported:
+        yield "Exported model", tables.list_exported(document, exported)
+    facts = [element("p", fact) for fact in summary.overview.facts]
+    yield "Results", [*facts, *map(tables.summary_table, summary.tables)]
+    if frames:
+        yield "More figures", frames
+    limits = document["acceptance"]
+    yield "Limits", [tables.list_limits(limits) if limits else element("p", summary.last_line)]
+    flags = list(document["flags"])
+    yield "Notes", [tables.list_flags(flags) if flags else element("p", "No notes.")]
+    yield "Coefficients", tables.list_coefficients(document, records)
+    yield "Uncertainty", tables.list_uncertainties(document)
+    yield "Logs", tables.list_logs(document)
+    yield "Where this comes from", tables.list_origin(document, records)
+
+
+def _fold(name: str, parts: Sequence[Markup]) -> Markup:
+    """A part of the page behind its heading."""
+    key = name.lower().replace(" ", "-")
+    return element(
+        "details",
+        element("summary", element("h3", name, id=key)),
+        element("section", join_markup(parts), aria_labelledby=key),
+        class_="part",
+    )
 
 
 def _figures(drawn: Drawn, *, rejected: bool) -> list[Markup]:
     """Each figure in a frame that takes the focus, with buttons for what the pointer does."""
     drawings, thinned = svg.inline(drawn.figures)
-    parts = [element("p", HOW + (THINNED if thinned else ""), class_="how")]
+    parts = []
     for number, (figure, drawing) in enumerate(zip(drawn.figures, drawings, strict=True), start=1):
         caption = f"Figure {number}. {figure.get_suptitle()}"
         frame = element(
@@ -158,13 +225,14 @@ def _figures(drawn: Drawn, *, rejected: bool) -> list[Markup]:
             aria_label=f"{caption} (can be zoomed)",
         )
         mark = [element("strong", "REJECTED. ")] if rejected else []
+        how = HOW + (THINNED if thinned else "")
         parts.append(
             element(
                 "figure",
                 frame,
-                element("div", class_="tools"),
+                element("div", class_="tools", title=how),
                 element("output", class_="reading"),
                 element("figcaption", *mark, caption),
             )
         )
-    return parts if drawings else [element("p", "No figures were drawn.")]
+    return parts

@@ -7,6 +7,7 @@ from typing import Any
 
 from calibkit.coefficients import Model, Record
 from calibkit.report.markup import Content, Markup, element, escaped, join_markup
+from calibkit.report.overview import concise
 from calibkit.report.run import SHARED, list_components, quantity_table, states_dof
 from calibkit.report.table import Cell, Column, Table
 
@@ -14,6 +15,7 @@ FOLDED = 40
 """Rows of a table beyond which it is folded up."""
 EXACT = ("", ".3g")
 """Formats of a value, with every digit of the coefficient file, and of its uncertainty."""
+FAILED_LIMITS = "REJECTED: these coefficients failed the acceptance limits."
 COMBINED = (
     "result",
     Column("value", ".6g", missing="–"),
@@ -94,6 +96,13 @@ def summary_table(made: Table) -> Markup:
     return _folded(made.title, len(rows), _table(made.title, made.heads, [rows], numbers))
 
 
+def list_rows(
+    caption: str, heads: Sequence[str], rows: Sequence[Sequence[Content]], numbers: Sequence[int]
+) -> Markup:
+    """A table of texts and pieces; the cells at `numbers` are set as numbers."""
+    return _table(caption, heads, [[_row(*cells, numbers=numbers) for cells in rows]], numbers)
+
+
 def list_limits(criteria: Sequence[Mapping[str, Any]]) -> Markup:
     """Acceptance limits and how the results stand against them; what failed is marked."""
     six = Column("", ".6g")
@@ -103,7 +112,7 @@ def list_limits(criteria: Sequence[Mapping[str, Any]]) -> Markup:
             _show_cell(six, float(entry["value"])),
             _show_cell(six, float(entry["limit"])),
             entry["unit"],
-            "held" if entry["passed"] else element("strong", "FAILED"),
+            "met" if entry["passed"] else element("strong", "FAILED"),
             kind="" if entry["passed"] else "failed",
             numbers=(1, 2),
         )
@@ -248,12 +257,33 @@ def list_flags(flags: Sequence[str]) -> Markup:
     return element("ul", join_markup([element("li", flag) for flag in flags]), class_="flags")
 
 
+def list_exported(document: Mapping[str, Any], records: Sequence[Record]) -> list[Markup]:
+    """What firmware takes, as value(standard uncertainty); of which file, form and range."""
+    parts = []
+    if document["verdict"] == "rejected":
+        parts.append(element("p", element("strong", FAILED_LIMITS), class_="warn"))
+    for record in records:
+        rows = []
+        for model in record.models:
+            rows.append(_model_row(model, 3))
+            rows += [
+                _row(c.name, concise(c.value, c.standard_uncertainty), c.unit, numbers=(1,))
+                for c in model.coefficients
+            ]
+        if rows:
+            caption = (
+                f"{record.stage}.json: value(standard uncertainty, type A, of the last digits)"
+            )
+            heads = ("coefficient", "value", "unit")
+            parts.append(_table(caption, heads, [rows], (1,)))
+    return parts or [element("p", "No coefficient is exported.")]
+
+
 def list_coefficients(document: Mapping[str, Any], records: Mapping[str, Record]) -> list[Markup]:
     """Models and figures of every stage, as the coefficient files have them."""
     parts = []
     if document["verdict"] == "rejected":
-        rejected = "REJECTED: these coefficients failed the acceptance limits."
-        parts.append(element("p", element("strong", rejected), class_="warn"))
+        parts.append(element("p", element("strong", FAILED_LIMITS), class_="warn"))
     parts.append(
         element(
             "p",
@@ -263,7 +293,7 @@ def list_coefficients(document: Mapping[str, Any], records: Mapping[str, Record]
     )
     for record in records.values():
         own = [flag for flag in record.flags if flag not in document["flags"]]
-        parts += [element("h3", f"{record.stage}.json")]
+        parts += [element("h4", f"{record.stage}.json")]
         parts += [list_flags(own)] if own else []
         parts += [_coefficients(record)] if record.models else []
         shared = list_components(f"{record.stage}: {SHARED}", record.models)

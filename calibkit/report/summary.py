@@ -1,12 +1,14 @@
-"""The summary of a run: the same tables on the console and in report.txt."""
+"""The summary of a run: its first screen, and the same tables on the console and in report.txt."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from calibkit import run_document
 from calibkit.errors import visible
+from calibkit.frame import Remark
+from calibkit.report.overview import Overview, describe_verdict, merge_flags
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -30,6 +32,10 @@ class Summary:
     criteria: tuple[Criterion, ...]
     conclusion: str = ""
     """Last line instead of the verdict on acceptance limits, where there is nothing to accept."""
+    overview: Overview = field(default_factory=Overview)
+    """What the first screen shows."""
+    logs: tuple[str, ...] = ()
+    """Names of the logs that flags may be about."""
 
     @property
     def verdict(self) -> Verdict:
@@ -38,18 +44,17 @@ class Summary:
 
     @property
     def last_line(self) -> str:
-        """One sentence on the verdict, with each limit that failed."""
+        """One sentence on the verdict, with each limit that failed, or the closest of those met."""
         if self.conclusion:
             return self.conclusion
         if self.verdict == "no verdict":
             return run_document.NO_VERDICT
-        failed = [c for c in self.criteria if not c.passed]
-        if not failed:
-            return f"accepted: {len(self.criteria)} of {len(self.criteria)} limits met"
-        return "REJECTED: " + "; ".join(
-            f"{c.name} {c.value:.6g} against {c.limit:.6g}{f' {c.unit}' if c.unit != '1' else ''}"
-            for c in failed
-        )
+        return describe_verdict(self.criteria)
+
+    @property
+    def checks(self) -> list[str]:
+        """What to look at before the result is used, one line per cause; remarks are not."""
+        return merge_flags((flag for flag in self.flags if not isinstance(flag, Remark)), self.logs)
 
     def text(self) -> str:
         """Summary as plain text of 110 columns, the same bytes on every machine."""
@@ -76,8 +81,11 @@ class Summary:
         from rich.text import Text
 
         console.print(Text(visible(self.title), style="bold"))
+        shown = self.overview
+        for line in filter(None, (shown.about, shown.sentence, *shown.facts)):
+            console.print(Text(visible(line)))
         for table in self.tables:
-            shown = Table(
+            drawn = Table(
                 title=Text(visible(table.title)),
                 title_justify="left",
                 title_style="",
@@ -85,14 +93,16 @@ class Summary:
                 pad_edge=False,
             )
             for at, head in enumerate(table.heads):
-                shown.add_column(
+                drawn.add_column(
                     Text(visible(head)), justify="right" if at else "left", overflow="fold"
                 )
             for row in table.texts:
-                shown.add_row(*(Text(visible(cell, lines=True)) for cell in row))
-            console.print(shown)
+                drawn.add_row(*(Text(visible(cell, lines=True)) for cell in row))
+            console.print(drawn)
         for flag in self.flags:
-            console.print(Text(f"! {visible(flag)}", style="yellow"))
+            remark = isinstance(flag, Remark)
+            text = visible(flag) if remark else f"! {visible(flag)}"
+            console.print(Text(text, style="" if remark else "yellow"))
         console.print(
             Text(visible(self.last_line), style="" if self.conclusion else STYLES[self.verdict])
         )

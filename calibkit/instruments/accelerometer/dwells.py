@@ -9,7 +9,7 @@ import numpy as np
 from calibkit import check
 from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError, FrameError
-from calibkit.frame import Examined, Finding, Held, Log, refuse, values
+from calibkit.frame import Examined, Finding, Held, Log, Remark, refuse, values
 from calibkit.ingest import stated_segments
 from calibkit.instruments.accelerometer.forms import COMPONENTS, TEMPERATURE
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
@@ -246,7 +246,7 @@ def _read_series_dwells(log: Log, spec: AccelerometerRecipe) -> DwellSet:
         tuple(f"{log.file}:{log.line(a)}-{log.line(b - 1)}" for a, b in intervals.tolist()),
         (
             *(f"{log.file}: {note}" for note in log.notes),
-            f"{log.file}: {len(intervals)} dwells found",
+            Remark(f"{log.file}: {len(intervals)} dwells found"),
         ),
     )
 

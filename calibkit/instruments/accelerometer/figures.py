@@ -29,14 +29,14 @@ class TriadReport:
 
 
 def draw_pages(title: str, report: TriadReport) -> tuple[Figure, ...]:
-    """Page of residuals and coverage, and a page of attitude errors where there is a reference
-    attitude.
+    """Page of attitude errors, which shows the verdict, where there is a reference attitude, and
+    page of residuals and coverage.
     """
-    first = _draw_residuals(title, report)
+    residuals = _draw_residuals(title, report)
     before, after = report.before.angles, report.after.angles
     if before is None or after is None:
-        return (first,)
-    return first, _draw_angles(title, report, before, after)
+        return (residuals,)
+    return _draw_angles(title, report, before, after), residuals
 
 
 def _draw_residuals(title: str, report: TriadReport) -> Figure:

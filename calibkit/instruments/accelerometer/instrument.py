@@ -17,6 +17,7 @@ from calibkit.instruments.accelerometer import (
     dwells as triad_dwells,
     errors,
     forms,
+    overview,
     plausibility,
     sensitivities,
     tables,
@@ -81,18 +82,19 @@ def _fit(
             found[name] = errors.DwellErrors.compare(counted, spec, correction)
     after = found[CORRECTIONS[spec.compensation]]
     out = f", {len(fitted.left_out)} left out" if fitted.left_out else ""
-    shown = [
-        *tables.tabulate_fit(fitted),
-        tables.tabulate_errors(found, spec, f"The fitted dwells before and after{out}"),
-        *([tables.tabulate_uncertainty(uncertainty)] if uncertainty else ()),
-    ]
+    compared = tables.tabulate_errors(found, spec, f"The fitted dwells before and after{out}")
+    shown = [*tables.tabulate_fit(fitted), compared]
+    shown += [tables.tabulate_uncertainty(uncertainty)] if uncertainty else []
+    first = overview.summarize_errors(
+        found, CORRECTIONS[spec.compensation], len(counted.indication), compared, out
+    )
     doubts = (*circumstances.warn_of_order(dwells), *circumstances.warn_of_set_up(spec))
     flags = dict.fromkeys((*dwells.flags, *doubts, *fitted.k_flags, *fitted.affine_flags))
     judged = (*after.judge_errors(spec), *errors.judge_lack_of_fit(fitted.lack_of_fit))
     return Fitted(
         results,
         tuple(Input.of(log) for log in logs),
-        Summary(spec.title, tuple(shown), tuple(flags), judged),
+        Summary(spec.title, tuple(shown), tuple(flags), judged, overview=first),
         TriadReport(counted, found["indication"], after, spec.toolface_range_deg),
         lacks=fitted.k_not_fitted,
         sensitivities=sensitivities.find(fitted, counted, spec),

@@ -1,6 +1,4 @@
-"""Channels of a static instrument → bias.json: each channel's bias as a polynomial of any
-abscissa.
-"""
+"""Channels of a static instrument → bias.json: bias of each as a polynomial of any abscissa."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -15,6 +13,7 @@ from calibkit.coefficients import Component, Criterion, Model, Record, StageResu
 from calibkit.forms import POLYNOMIAL, power_unit
 from calibkit.frame import Log, values
 from calibkit.instruments.bias_temperature.figures import BiasCurve
+from calibkit.instruments.bias_temperature.overview import summarize_drifts
 from calibkit.instruments.bias_temperature.quantities import reference_of
 from calibkit.instruments.bias_temperature.recipe import (
     Bias,
@@ -223,7 +222,9 @@ def summary(spec: BiasTemperatureRecipe, fits: Sequence[_BiasFit], flags: Sequen
         tuple(rows),
     )
     judged = (_judge_noise(one.indication, one.over_noise, spec.acceptance) for one in fits)
-    return Summary(spec.title, (table,), tuple(flags), tuple(chain.from_iterable(judged)))
+    first = summarize_drifts([(one.curve, one.residual_rms, one.over_noise) for one in fits], table)
+    limits = tuple(chain.from_iterable(judged))
+    return Summary(spec.title, (table,), tuple(flags), limits, overview=first)
 
 
 def compensate(

@@ -23,6 +23,7 @@ from calibkit.instruments.fog_thermal.uncertainty import TURN_ON
 from calibkit.numeric import earth, gum
 from calibkit.recipe import type_b
 from calibkit.report import budget
+from calibkit.report.overview import KeyValue
 from calibkit.report.summary import number
 from calibkit.report.table import Table
 
@@ -44,6 +45,8 @@ class _StatedBias:
     tables: tuple[Table, ...]
     uncertainty: tuple[dict[str, Any], ...]
     hysteresis: tuple[tuple[str, Hysteresis], ...]
+    at_rest: KeyValue | None
+    """Bias where the earth's rate is known, else the rate at rest that includes it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +68,13 @@ class _Rest:
     def bias_dph(self) -> float | None:
         """Rate at rest less the earth's rate [°/h]; None if the latter is not known."""
         return None if self.earth_dph is None else self.rate_dph - self.earth_dph
+
+    def key_value(self) -> KeyValue:
+        """Bias, or the rate at rest that includes the earth's."""
+        known, u = self.bias_dph is not None, self.standard_uncertainty
+        name = "bias" if known else "rate at rest, earth's rate in it,"
+        value = self.rate_dph if self.bias_dph is None else self.bias_dph
+        return KeyValue(f"{name} at {self.temp_degc:g} °C", value, "°/h", u)
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +113,12 @@ def state_bias(
         if ways.after is not None:
             sides.append(("left by the model", ways.after))
     return _StatedBias(
-        tuple(figures), tuple(flags), tuple(tables), tuple(uncertainty), tuple(sides)
+        tuple(figures),
+        tuple(flags),
+        tuple(tables),
+        tuple(uncertainty),
+        tuple(sides),
+        None if rest is None else rest.key_value(),
     )
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from calibkit.coefficients import Figure, StageResult
 from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.errors import FitError
+from calibkit.frame import Remark
 from calibkit.instruments.fog_thermal import forms
 from calibkit.instruments.fog_thermal.compensate import DriftModel, LogFigures
 from calibkit.instruments.fog_thermal.gradient_file import SideChoice
@@ -118,7 +119,7 @@ def decide(
         rates, thermal, spec.interval_s, spec.compensation, recipe.reference_temp_degc
     )
     if thermal is not None and levels.chosen is not None:
-        flags = [*thermal.flags, f"exported: {levels.reason}"]
+        flags = [*thermal.flags, Remark(f"exported: {levels.reason}")]
         if thermal.entangled:
             flags.append(
                 f"uncertainties of {', '.join(thermal.entangled)} hold together, through the"

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.report.figures import ALERT, DENOISED, GOOD, INK, MUTED, RAW, SIDES, page
 
 if TYPE_CHECKING:
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
     from calibkit.instruments.fog_thermal.numeric.hysteresis import Hysteresis
 
 
+SHOWN, GAP_H = 12, 0.2
+"""Logs in the figure of drift before and after, and hours between two of them."""
 COEFFICIENTS = ("a0 [°/h]", "a1 [°/h/K]", "a2 [°/h/K²]")
 
 
@@ -68,19 +71,54 @@ class DriftReport:
     polynomials_exported: bool = False
     hysteresis: tuple[tuple[str, Hysteresis], ...] = ()
     """Hysteresis curves and their labels."""
+    noise: float = 0.0
+    """What noise alone gives of the 100 s means (rms) [°/h]."""
 
 
 def pages(report: DriftReport) -> list[Figure]:
-    """Pages of the report: logs (six per page), coefficients over rate, residuals."""
+    """Pages of the report: drift before and after, which shows the verdict, logs (six per page),
+    coefficients over rate, residuals.
+    """
     starts = range(0, len(report.logs), 6)
     return [
-        *(logs_page(report, report.logs[start : start + 6]) for start in starts),
+        before_after_page(report),
+        *(_logs_page(report, report.logs[start : start + 6]) for start in starts),
         _coefficients_page(report),
         _residual_page(report),
     ]
 
 
-def logs_page(report: DriftReport, logs: Sequence[DriftLog]) -> Figure:
+def before_after_page(report: DriftReport) -> Figure:
+    """Drift of the first logs before and after compensation, one log after the other, with what
+    noise alone gives, above the case temperature.
+    """
+    shown = report.logs[:SHOWN]
+    more = f" (the first {SHOWN} of {len(report.logs)} logs)" if len(report.logs) > SHOWN else ""
+    figure, axes = page(
+        2, 1, title=f"{report.title}: drift before and after compensation{more}", height=6.0
+    )
+    group, start = max(1, round(100.0 / report.interval_s)), 0.0
+    for number, log in enumerate(shown):
+        hours = start + _means(log.time - log.time[0], group) / SECONDS_PER_HOUR
+        curves = ((log.raw, RAW, 2.0, "before"), (log.compensated, GOOD, 1.2, "after"))
+        for values, colour, width, label in curves:
+            drift = _means(values - values.mean(), group)
+            named = label if number == 0 else "_nolegend_"
+            axes[0].plot(hours, drift, color=colour, lw=width, label=named)
+        axes[1].plot(hours, _means(log.temperature, group), color=INK)
+        start = float(hours[-1]) + GAP_H
+    band = 2.0 * report.noise
+    if band > 0.0:
+        axes[0].axhspan(-band, band, color=DENOISED, alpha=0.2, lw=0, label="noise alone (k = 2)")
+    axes[0].legend(loc="best", ncols=3)
+    axes[0].set(
+        ylabel="drift [°/h]", title="100 s means, each log about its mean, one log after the other"
+    )
+    axes[1].set(xlabel="time [h]", ylabel="case temperature [°C]")
+    return figure
+
+
+def _logs_page(report: DriftReport, logs: Sequence[DriftLog]) -> Figure:
     """Raw, denoised and compensated indication over time, one panel per log, all with the same
     scale.
     """

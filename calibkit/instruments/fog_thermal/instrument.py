@@ -25,6 +25,7 @@ from calibkit.instruments.fog_thermal import (
     figures,
     forms,
     gradient_file,
+    overview,
     ramps,
     sensitivities,
     tables,
@@ -61,17 +62,19 @@ def _fit(
     stated = uncertainty.state_along_logs(model, logs, spec.type_b)
     covered = uncertainty.check_logs(model, logs, spec.type_b, at_rest.figures)
     tested = tables.list_tested(choices, levels, export)
+    rest, ways = at_rest.at_rest, at_rest.hysteresis
     summary = Summary(
         spec.title,
         (*tables.fit_tables(fitted, tested, compensated, stated, covered), *at_rest.tables),
         tuple(dict.fromkeys([*drift.flags, *exported.flags, *_flags(spec, logs, model)])),
         _fit_criteria(spec, export, compensated),
+        overview=overview.summarize_fit(logs, compensated, tested, levels, export, stated, rest),
     )
     return Fitted(
         (ramps.denoise_result(logs), drift, exported),
         tuple(log.source for log in logs),
         summary,
-        tables.drift_report(spec, logs, fitted, choices, tested, model, at_rest.hysteresis),
+        tables.drift_report(spec, logs, compensated, fitted, choices, tested, model, ways),
         (*(one.to_object() for one in stated), *at_rest.uncertainty),
         (*decision.list_undetermined(choices, levels), *decision.flag_one_way(logs, model)),
         model.exported,
@@ -217,6 +220,7 @@ def _validate(
         (tables.before_after_table(compensated), *tables.coverage_tables(covered, "validated")),
         flags,
         criteria,
+        overview=overview.summarize_validation(compensated, entries),
     )
 
 

@@ -17,6 +17,7 @@ from calibkit.instruments.fog_thermal.numeric.hysteresis import Hysteresis
 from calibkit.instruments.fog_thermal.ramps import PreparedLog
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 from calibkit.instruments.fog_thermal.uncertainty import Statement, tabulate_statements
+from calibkit.numeric.dispersion import rms
 from calibkit.numeric.noise import allan
 from calibkit.report.summary import number
 from calibkit.report.table import Table
@@ -30,6 +31,7 @@ UNEVEN = 0.05
 def drift_report(
     recipe: FogThermalRecipe,
     logs: Sequence[PreparedLog],
+    compensated: Sequence[LogFigures],
     ramps: Sequence[FittedRamp],
     choices: Sequence[SideChoice],
     tested: Sequence[Tested],
@@ -46,6 +48,7 @@ def drift_report(
         tuple(tested),
         bool(model.polynomials),
         hysteresis,
+        rms([log.split.noise for log in compensated]),
     )
 
 
@@ -117,11 +120,6 @@ def fit_tables(
     )
     return [
         Table(
-            "Drift coefficients of each ramp, per interval (± standard uncertainty, type A)",
-            ("ramp", "°C/min", "a0 [°/h]", "a1 [°/h/K]", "a2 [°/h/K²]"),
-            tuple(coefficients),
-        ),
-        Table(
             "Withheld-ramp error: each rate or ramp left out in turn [°/h, 100 s means]",
             ("model", "before", "after", *SPLIT_HEADS, "after/before", ""),
             shares,
@@ -129,6 +127,11 @@ def fit_tables(
         before_after_table(logs),
         *([tabulate_statements(stated)] if stated else []),
         *coverage_tables(covered, "fitted"),
+        Table(
+            "Drift coefficients of each ramp, per interval (± standard uncertainty, type A)",
+            ("ramp", "°C/min", "a0 [°/h]", "a1 [°/h/K]", "a2 [°/h/K²]"),
+            tuple(coefficients),
+        ),
     ]
 
 

@@ -11,7 +11,7 @@ from calibkit import check, units
 from calibkit.arrays import Array
 from calibkit.coefficients import Condition, Figure, StageResult
 from calibkit.errors import FitError
-from calibkit.frame import Finding, Log, values
+from calibkit.frame import Finding, Log, Remark, values
 from calibkit.instruments.gyro_noise import forms
 from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe
 from calibkit.instruments.gyro_noise.sensors import ACCELEROMETER, Sensor, find_sensor
@@ -79,7 +79,7 @@ class _Record:
                 " gaps"
             )
         flags += [
-            f"{self.name}: {term.name} ({term.symbol}) not observable: {term.reason}"
+            Remark(f"{self.name}: {term.name} ({term.symbol}) not observable: {term.reason}")
             for term in terms.not_observable
         ]
         mean = float(np.nanmean(self.rate))

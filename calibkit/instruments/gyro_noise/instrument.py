@@ -129,7 +129,11 @@ def _summarize(
 ) -> Summary:
     """Tables, flags and tested limits of records."""
     return Summary(
-        title, tables.tables(figures), tuple(flags), tables.criteria(figures, spec.acceptance)
+        title,
+        tables.tables(figures),
+        tuple(flags),
+        tables.criteria(figures, spec.acceptance),
+        overview=tables.summarize_noise(figures),
     )
 
 

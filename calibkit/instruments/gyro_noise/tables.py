@@ -1,7 +1,7 @@
 """What a noise run states: acceptance limits, tables, JSON and figures of each record."""
 
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from calibkit.numeric.dispersion import over_noise, variances_within
 from calibkit.numeric.noise import allan, allan_fit
 from calibkit.numeric.noise.confidence import TYPES
 from calibkit.numeric.noise.laws import PowerLaw
+from calibkit.report.overview import KeyValue, Overview
 from calibkit.report.summary import number
 from calibkit.report.table import Table
 
@@ -90,6 +91,34 @@ def tables(found: Sequence[NoiseFigures]) -> tuple[Table, ...]:
         ),
         *(_curve_table(one, curve) for one in found for curve in (one.curve, one.wavelet)),
     )
+
+
+def summarize_noise(found: Sequence[NoiseFigures]) -> Overview:
+    """First screen: the noise terms that each record shows, and how long it was."""
+    values = [
+        KeyValue(
+            f"{term.name.replace('_', ' ')} {term.symbol}",
+            term.value,
+            unit_mark(term.unit),
+            term.standard_uncertainty,
+        )
+        for term in found[0].terms.terms
+    ]
+    stable = [
+        KeyValue(
+            f"bias stability, {entry.block_s:g} s",
+            entry.value,
+            unit_mark(found[0].record.sensor.unit),
+            stability_uncertainty(entry),
+        )
+        for entry in found[0].stability
+    ]
+    shown = "; ".join(f"{one.name} {one}" for one in values)
+    hours = found[0].record.rate.size * found[0].record.interval_s / SECONDS_PER_HOUR
+    sentence = f"Noise of {found[0].record.name} over {hours:.3g} h at rest: {shown}."
+    rows = tuple(row for row in tables(found)[0].rows if row[3])
+    table = replace(tables(found)[0], rows=rows)
+    return Overview(sentence, (), (*values, *stable)[:4], table)
 
 
 def _curve_table(one: NoiseFigures, curve: allan.DeviationCurve) -> Table:

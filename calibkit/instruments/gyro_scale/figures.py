@@ -32,8 +32,8 @@ PANELS = 3
 
 
 def draw_pages(title: str, report: GyroReport) -> tuple[Figure, ...]:
-    """Scale-factor error of every gyro, K over temperature where it varies, γ of a pair, input axes
-    of a triad.
+    """K over temperature where it varies, which shows the verdict, scale-factor error of every
+    gyro, γ of a pair, input axes of a triad.
     """
     gyros = list(dict.fromkeys(line.gyro for line in report.lines))
     figures = [
@@ -41,7 +41,7 @@ def draw_pages(title: str, report: GyroReport) -> tuple[Figure, ...]:
         for start in range(0, len(gyros), PANELS)
     ]
     if report.temperatures:
-        figures.append(_draw_temperatures(title, report.temperatures))
+        figures.insert(0, _draw_temperatures(title, report.temperatures))
     if report.pair is not None:
         figures.append(_draw_gamma(title, report.pair))
     if report.misalignment:

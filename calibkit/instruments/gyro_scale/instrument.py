@@ -19,6 +19,7 @@ from calibkit.instruments.gyro_scale import (
     curves,
     forms,
     over_runs,
+    overview,
     pair_fit,
     propose,
     sensitivities,
@@ -50,6 +51,7 @@ if TYPE_CHECKING:
     from calibkit.instruments import Firmware, Progress
     from calibkit.instruments.gyro_scale.curves import GyroReport
     from calibkit.instruments.gyro_scale.table_runs import TableRun
+    from calibkit.report.overview import Overview
     from calibkit.report.table import Table
 
 
@@ -77,13 +79,14 @@ def _fitted(
     shown: Iterable[Table],
     criteria: tuple[Criterion, ...],
     drawing: GyroReport,
+    first: Overview,
     refit: sensitivities.Refit,
 ) -> Fitted[GyroReport]:
     """Result of a fit; every coefficient file carries all flags."""
     every = [run for group in runs.values() for run in group]
     inputs = tuple(Input.of(run.log) for run in every)
     criteria = (*criteria, *acceptance.judge_noise(every, spec.acceptance))
-    summary = Summary(spec.title, tuple(shown), results[0].flags, criteria)
+    summary = Summary(spec.title, tuple(shown), results[0].flags, criteria, overview=first)
     influences = sensitivities.find(spec, runs, results, refit)
     return Fitted(results, inputs, summary, drawing, sensitivities=influences)
 
@@ -106,6 +109,7 @@ def _fit_rate_table(
         shown,
         acceptance.judge_runs(scales.figures, spec.acceptance),
         curves.GyroReport.of_runs(gyros),
+        overview.summarize_rate_table(gyros, scales, shown[0]),
         lambda spec, runs: coefficient_files.list_rate_table_results(
             _over_runs(spec, runs), (), spec
         ),
@@ -135,6 +139,7 @@ def _fit_pair(
     scales = results[0]
     shown = tables.summarize_pair(fitted, scales, spec.gyros)
     criteria = acceptance.judge_pair(fitted, scales.figures, spec.acceptance)
+    first = overview.summarize_pair(fitted, scales, shown[0])
     return _fitted(
         spec,
         runs,
@@ -142,6 +147,7 @@ def _fit_pair(
         shown,
         criteria,
         curves.GyroReport.of_pair(fitted),
+        first,
         lambda spec, runs: coefficient_files.list_pair_results(
             pair_fit.fit_pair(runs["a"][0], runs["b"][0], spec), spec
         ),
@@ -160,6 +166,7 @@ def _fit_triad(
     scales = results[0]
     shown = tables.summarize_triad(fitted, scales)
     criteria = acceptance.judge_triad(fitted, scales.figures, spec.acceptance)
+    first = overview.summarize_triad(fitted, scales, shown[0])
     return _fitted(
         spec,
         runs,
@@ -167,6 +174,7 @@ def _fit_triad(
         shown,
         criteria,
         curves.GyroReport.of_triad(fitted),
+        first,
         lambda spec, runs: coefficient_files.list_triad_results(
             triad_fit.fit_axes(spec, runs), spec
         ),

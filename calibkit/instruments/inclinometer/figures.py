@@ -9,19 +9,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.report.figures import ALERT, DENOISED, GOOD, INK, MUTED, RAW, page
+from calibkit.report.figures import ALERT, DENOISED, GOOD, MUTED, RAW, page
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from matplotlib.figure import Figure
 
     from calibkit.arrays import Array, Mask
     from calibkit.report.table import Table
-
-
-ROWS = 36
-"""Stations on one page of the table."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,8 +51,8 @@ class SeekingReport:
 
 
 def draw_pages(title: str, report: SeekingReport) -> list[Figure]:
-    """Page of s(T), and page of azimuth error against C."""
-    return [_draw_scale(title, report), _draw_azimuth(title, report)]
+    """Page of azimuth error against C, which shows the verdict, and page of s(T)."""
+    return [_draw_azimuth(title, report), _draw_scale(title, report)]
 
 
 def _draw_scale(title: str, report: SeekingReport) -> Figure:
@@ -142,45 +136,4 @@ def _draw_azimuth(title: str, report: SeekingReport) -> Figure:
     axes[1].plot(report.label, bars, "o", ms=4, color=ALERT)
     axes[1].set(title="stated uncertainty of the azimuth, k = 2", xlabel="C", ylabel="U [°]")
     axes[1].set_ylim(bottom=0.0)
-    return figure
-
-
-def draw_table_pages(title: str, table: Table) -> list[Figure]:
-    """Table of the stations before and after correction, ROWS stations on a page."""
-    chunks = [table.texts[start : start + ROWS] for start in range(0, len(table.rows), ROWS)]
-    return [_draw_table(f"{title}: {table.title}", table.heads, rows) for rows in chunks]
-
-
-def _draw_table(title: str, columns: Sequence[str], rows: Sequence[tuple[str, ...]]) -> Figure:
-    """One page of a table, numbers right-aligned."""
-    figure, axes = page(1, 1, title=title)
-    ax = axes[0]
-    ax.set_axis_off()
-    step = 1.0 / (ROWS + 1)
-    for number, column in enumerate(columns):
-        x = (number + 0.9) / len(columns)
-        ax.text(
-            x,
-            1.0 - step / 2.0,
-            column,
-            ha="right",
-            va="center",
-            fontsize=7.0,
-            fontweight="bold",
-            color=INK,
-        )
-        # one text object per column: one per cell takes a second to draw
-        cells = "\n".join(row[number] for row in rows)
-        ax.text(
-            x,
-            1.0 - 1.3 * step,
-            cells,
-            ha="right",
-            va="top",
-            fontsize=8.0,
-            linespacing=1.5,
-            color=INK,
-        )
-    ax.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
-    ax.plot([0.0, 1.0], [1.0 - step, 1.0 - step], color=MUTED, lw=0.6)
     return figure

@@ -195,11 +195,10 @@ def _validate(
 
 
 def _draw(title: str, fitted: Fitted[figures.SeekingReport]) -> Drawn:
-    """Figures and summary of a fit; the table of all stations has PDF pages of its own."""
+    """Figures of a fit, and its summary with the table of all stations."""
     first, _, *others = fitted.summary.tables
     whole = replace(fitted.summary, tables=(first, fitted.drawing.table, *others))
-    stations = tuple(figures.draw_table_pages(title, fitted.drawing.table))
-    return Drawn(tuple(figures.draw_pages(title, fitted.drawing)), whole, stations)
+    return Drawn(tuple(figures.draw_pages(title, fitted.drawing)), whole)
 
 
 def _quantities(records: Mapping[str, Record], spec: InclinometerRecipe) -> tuple[Quantity, ...]:

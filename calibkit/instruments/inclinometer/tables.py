@@ -1,6 +1,6 @@
 """Results of an inclinometer run: tables, summary, data of the figures and JSON of its stations."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +20,7 @@ from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.solve import SolvedStations
 from calibkit.instruments.inclinometer.stations import Stations
 from calibkit.numeric.attitude import wrapped
+from calibkit.report.overview import KeyValue, Overview
 from calibkit.report.summary import Summary, number
 from calibkit.report.table import Table, number_or_none
 
@@ -168,7 +169,40 @@ def summarize(
     if untested and criteria:
         flags = (*flags, UNTESTED)
     conclusion = f"No verdict: {UNTESTED}" if untested and not criteria else ""
-    return Summary(spec.title, tuple(tables), flags, criteria, conclusion)
+    first = _summarize_azimuths(found, stations, seen, tables)
+    return Summary(spec.title, tuple(tables), flags, criteria, conclusion, first)
+
+
+def _summarize_azimuths(
+    found: AngleErrors, stations: Stations, seen: SolvedStations, tables: Sequence[Table]
+) -> Overview:
+    """First screen: U of the azimuths, what the in-situ scale factor changes, errors where the
+    azimuths are known.
+    """
+    solved = ~seen.refused
+    U = COVERAGE * found.standard_uncertainty[solved]
+    if not U.size:
+        return Overview("No station has a result.", (), (), tables[1])
+    shift = wrapped(seen.combined.azimuth_deg - seen.combined.uncorrected_deg)[solved]
+    values = [
+        KeyValue("median U (k = 2) of the azimuth", float(np.median(U)), "°"),
+        KeyValue("largest U (k = 2) of the azimuth", float(U.max()), "°"),
+        KeyValue("largest change of the azimuth by the correction", largest(shift), "°"),
+    ]
+    sentence = (
+        f"Azimuth of {U.size} of {len(stations.names)} stations: U (k = 2) {U.min():.2g}° to"
+        f" {U.max():.2g}°, median {np.median(U):.2g}°; the in-situ scale factor changes it by up to"
+        f" {largest(shift):.2g}°."
+    )
+    facts = []
+    if found.known.any():
+        before, after = rms(found.before[found.known]), rms(found.after[found.known])
+        facts.append(
+            f"Azimuth error against the reference (rms): {before:.3g}° before, {after:.3g}° after,"
+            " each station by the s(T) of the others."
+        )
+        values.insert(0, KeyValue("azimuth error (rms), after", after, "°"))
+    return Overview(sentence, tuple(facts), tuple(values), tables[1])
 
 
 def _over_noise(solution: Solution, scale: ScaleFit, stations: Stations) -> float:

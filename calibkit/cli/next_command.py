@@ -1,0 +1,60 @@
+"""The command that follows: it works as it is printed, however calibkit was called."""
+
+import shlex
+import shutil
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from calibkit import instruments, recipe, run_content, store
+from calibkit.report.documents import PAGE
+
+
+def _program() -> str:
+    """How calibkit was called, so that the next call works in the same shell."""
+    called = Path(sys.argv[0])
+    if called.match("calibkit/__main__.py"):
+        return shlex.join([sys.executable, "-m", "calibkit"])
+    found = shutil.which("calibkit")
+    if called.stem != "calibkit" or (found and Path(found).resolve() == called.resolve()):
+        return "calibkit"
+    return shlex.quote(str(called))
+
+
+def _command_line(*words: object) -> str:
+    """A call of calibkit, as it is typed."""
+    return f"{_program()} {shlex.join(map(str, words))}"
+
+
+def _name_run(run: store.Run, runs: Path) -> tuple[str, ...]:
+    """Words that name a run on the command line: its serial, and the folder of runs where that is
+    not the default.
+    """
+    return (run.name, *(() if runs == Path("runs") else ("--runs", str(runs))))
+
+
+def follow_check(source: recipe.Source, name: str, data: Path) -> str:
+    """Last line of a check's screen where nothing is refused: the fit of the same logs."""
+    serial = () if instruments.parse_recipe(source).serial else ("--serial", "SERIAL")
+    changed = (word for text in source.overrides for word in ("--set", text))
+    return f"Next: {_command_line('fit', name, '--data', data, *serial, *changed)}"
+
+
+def follow_fit(
+    run: store.Run, runs: Path, name: str, data: Path, overrides: Sequence[str]
+) -> tuple[str, str]:
+    """Last lines of a fit's screen: where the report is, which files firmware takes and how, or
+    what a rejected run and a procedure without firmware ask for.
+    """
+    report = f"Report: {run.folder / PAGE}"
+    if run.document["verdict"] == "rejected":
+        changed = (word for text in overrides for word in ("--set", text))
+        return report, f"Next: {_command_line('check', name, '--data', data, *changed)}"
+    spec = instruments.fitted_recipe(run.document)
+    files, refused = run_content.describe_firmware(spec, run.records)
+    if refused or not files:
+        why = f"No firmware yet: {refused}. " if refused else ""
+        return report, f"{why}Next: {_command_line('show', *_name_run(run, runs))}"
+    out = f"firmware/{run.document['serial']}"
+    call = _command_line("export", *_name_run(run, runs), "--target", "c", "--out", out)
+    return report, f"Firmware takes {', '.join(files)}. Next: {call}"

@@ -1,0 +1,61 @@
+"""Progress of a command on a terminal: its stage, percent and time left; nothing elsewhere."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from typing import TYPE_CHECKING
+
+from calibkit.cli.console import SETTINGS, error_console, print_detail
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from calibkit.instruments import Progress
+
+
+def _announce(items: Sequence[str], what: str) -> Iterator[str]:
+    """Items, each printed with --verbose as it is reached."""
+    for number, item in enumerate(items, start=1):
+        print_detail(f"{what}: {item} ({number} of {len(items)})")
+        yield item
+
+
+@contextlib.contextmanager
+def working(on: str) -> Iterator[Progress]:
+    """Show that a command works on something, and how far it is with each list of items that goes
+    through the progress that this gives; what was shown is wiped away at the end, whatever ends it.
+
+    A stage without items shows how long it takes so far.
+    """
+    if SETTINGS.quiet or SETTINGS.verbose or SETTINGS.log or not sys.stderr.isatty():
+        yield _announce
+        return
+    from rich import progress as rich
+
+    columns = (
+        rich.TextColumn("{task.description}"),
+        rich.BarColumn(),
+        rich.TaskProgressColumn(),
+        rich.TimeElapsedColumn(),
+        rich.TextColumn("left"),
+        rich.TimeRemainingColumn(),
+    )
+    with rich.Progress(*columns, console=error_console(), transient=True) as shown:
+        shown.add_task(on, total=None)
+
+        def begin(name: str, total: int | None) -> rich.TaskID:
+            """A stage in place of the one before."""
+            for done in shown.task_ids:
+                shown.remove_task(done)
+            return shown.add_task(name, total=total)
+
+        def follow(items: Sequence[str], what: str) -> Iterable[str]:
+            """Items of a stage, which is followed by what the command is about."""
+            stage = begin(what, len(items))
+            for item in items:
+                yield item
+                shown.advance(stage)
+            begin(on, None)
+
+        yield follow

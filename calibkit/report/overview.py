@@ -1,0 +1,119 @@
+"""What a person needs to know of a result first: a sentence, a few values, a line per log, and what
+to look at before the result is used.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from calibkit.numeric import gum
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from calibkit.coefficients import Criterion
+    from calibkit.report.table import Table
+
+_NUMBER = re.compile(r"[-+−]?\d[\d.,:eE]*")
+
+
+@dataclass(frozen=True, slots=True)
+class KeyValue:
+    """A result that the first screen shows; a standard uncertainty of 0 is not stated."""
+
+    name: str
+    value: float
+    unit: str
+    standard_uncertainty: float = 0.0
+
+    def __str__(self) -> str:
+        space = "" if self.unit == "°" else "\N{NO-BREAK SPACE}"
+        unit = "" if self.unit == "1" else f"{space}{self.unit}"
+        return f"{concise(self.value, self.standard_uncertainty)}{unit}"
+
+
+@dataclass(frozen=True, slots=True)
+class Overview:
+    """The first screen of a result; empty where an instrument states none."""
+
+    sentence: str = ""
+    """What was found, in words and units."""
+    facts: tuple[str, ...] = ()
+    """What matters next, one line each."""
+    values: tuple[KeyValue, ...] = ()
+    """At most four."""
+    table: Table | None = None
+    """One line per ramp, run or record."""
+    about: str = ""
+    """How many logs, over which range."""
+
+
+def concise(value: float, u: float = 0.0) -> str:
+    """A value with its standard uncertainty in units of the last digits, 7.512(13); without one in
+    three significant digits.
+    """
+    if not 0.0 < u < math.inf or not math.isfinite(value):
+        return f"{float(f'{value:.3g}'):g}".replace("-", "−")
+    shown, uncertainty = gum.rounded(value, u, digits=2)
+    if "." not in shown or not uncertainty.startswith("0."):
+        return f"{shown}({uncertainty})".replace("-", "−")
+    return f"{shown}({uncertainty.removeprefix('0.').lstrip('0')})".replace("-", "−")
+
+
+def describe_span(low: float, high: float, unit: str, digits: str = ".0f") -> str:
+    """From a lowest to a highest value; one value where both read the same."""
+    ends = [format(end, digits).replace("-", "−") for end in (low, high)]
+    return f"{' to '.join(dict.fromkeys(ends))} {unit}"
+
+
+def describe_verdict(criteria: Sequence[Criterion]) -> str:
+    """Verdict in words: each limit that failed, or the closest of those of the recipe that are
+    met.
+    """
+    failed = [_describe_limit(criterion) for criterion in criteria if not criterion.passed]
+    if failed:
+        return f"REJECTED: {'; '.join(failed)}"
+    stated = [criterion for criterion in criteria if criterion.set_by == "recipe"]
+    nearest, count = _describe_limit(max(stated, key=_nearness)), len(criteria)
+    return f"accepted: {nearest}{f', the closest; {count} limits met' if count > 1 else ''}"
+
+
+def _describe_limit(criterion: Criterion) -> str:
+    """A result beside the limit that it was judged by: name, value, at most or at least what."""
+    value, limit = criterion.value, criterion.limit
+    side = "at most " if (value < limit) == criterion.passed else "at least "
+    unit = "" if criterion.unit == "1" else f" {criterion.unit}"
+    own, digits = (" set by calibkit", 4) if criterion.set_by == "calibkit" else ("", 6)
+    bound = f"{'' if value == limit else side}{limit:.{digits}g}{unit}"
+    return f"{criterion.name} {value:.4g}{unit} (limit{own}: {bound})"
+
+
+def _nearness(criterion: Criterion) -> float:
+    """Ratio of the smaller of result and limit to the larger; 1 where they are the same."""
+    ends = sorted((abs(criterion.value), abs(criterion.limit)))
+    return ends[0] / ends[1] if ends[1] > 0.0 else 1.0
+
+
+def merge_flags(flags: Iterable[str], logs: Sequence[str]) -> list[str]:
+    """One line per cause: flags of several logs that differ in nothing but the log and its figures
+    become that of the first log, with how many more there are.
+    """
+    names = sorted(
+        {part for log in logs for part in (log, log.rpartition(".")[0]) if part}, key=len
+    )
+    any_log = re.compile("|".join(map(re.escape, reversed(names))) or "$.")
+    alike: dict[str, list[str]] = {}
+    for flag in flags:
+        alike.setdefault(_NUMBER.sub("#", any_log.sub("@", flag)), []).append(flag)
+    return [_name_more(found, any_log) for found in alike.values()]
+
+
+def _name_more(flags: Sequence[str], any_log: re.Pattern[str]) -> str:
+    """The first of flags of one cause, and for how many logs it holds."""
+    logs = {found[0] for flag in flags if (found := any_log.search(flag))}
+    if len(flags) == 1:
+        return flags[0]
+    return f"[{f'{len(logs)} logs' if len(logs) > 1 else f'{len(flags)} times'}] {flags[0]}"
