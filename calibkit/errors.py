@@ -3,7 +3,7 @@
 import difflib
 import json
 import unicodedata
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 _UNSEEN = {"Cc", "Cf", "Cs", "Zl", "Zp"}
 """Unicode categories that a terminal obeys instead of showing them: control characters, marks of
@@ -71,6 +71,14 @@ class LogFormatError(CalibkitError):
 
     exit_code = 3
     code = "log_format"
+
+
+class SeveralTablesError(LogFormatError):
+    """A file of several tables, of which the recipe names none."""
+
+    def __init__(self, message: str, *, hint: str, tables: Sequence[str]) -> None:
+        super().__init__(message, hint=hint)
+        self.tables = tuple(tables)
 
 
 class NamelessColumnsError(LogFormatError):

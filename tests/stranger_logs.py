@@ -20,7 +20,7 @@ import scipy.io
 from nptdms import ChannelObject, RootObject, TdmsWriter
 from pyarrow import parquet
 
-from tests import bench_physics as bench
+import bench_physics as bench
 
 FOG = ("fog_thermal",)
 STATIC = ("thermal", "bias_temperature")

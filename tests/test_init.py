@@ -137,27 +137,25 @@ def test_headers_without_units_are_said_aloud_and_in_the_recipe(tmp_path, calibk
     assert "No unit" not in calibkit("init", "--from", ROOT / "datasets" / "fog_thermal").err
 
 
-def test_where_nothing_is_proposed_missing_units_are_named_and_stdout_is_empty(tmp_path, calibkit):
-    """Names that say nothing, of which some state no unit: exit code 3, and those are told with
-    what to do.
-    """
+def test_logs_that_nothing_recognises_get_a_skeleton_that_names_missing_units(tmp_path, calibkit):
+    """Names that say nothing, of which some state no unit: a recipe to complete, no error."""
     (tmp_path / "a.csv").write_text("Ch 1;Ch 2 [V]\n" + "1,5;2,5\n" * 50, encoding="utf-8")
-    outcome = calibkit("init", "--from", tmp_path)
-    assert (outcome.code, outcome.out) == (3, "")
-    assert 'no unit is stated for "Ch 1": write it behind the name' in outcome.err
-    assert '"Ch 2 [V]"' not in outcome.err
+    text = proposed(calibkit, tmp_path)
+    assert "# No procedure was recognised" in text
+    assert "The log states no unit of Ch 1." in text
+    assert tomllib.loads(text)["logs"]["text"]["decimal"] == ","
 
 
 def test_nothing_is_proposed_where_the_columns_say_nothing(tmp_path, calibkit):
-    """No log and names that mean nothing: an error with exit code 3 that shows what is there; a log
-    without names whose numbers say nothing gets a skeleton.
+    """No log is an error with exit code 3; names and numbers that mean nothing get a skeleton that
+    shows what is there.
     """
     assert calibkit("init", "--from", tmp_path / "none").code == 2
     assert calibkit("init", "--from", tmp_path).code == 3
     (tmp_path / "a.csv").write_text("foo,bar\n1,2\n3,4\n5,6\n", encoding="utf-8")
-    outcome = calibkit("init", "--from", tmp_path)
-    assert outcome.code == 3
-    assert "foo, bar" in outcome.err
+    text = proposed(calibkit, tmp_path)
+    assert "# No procedure was recognised" in text
+    assert "The log states no unit of foo, bar." in text
     (tmp_path / "a.csv").write_text("".join(f"{k},2.0,3.0\n" for k in range(50)), encoding="utf-8")
     outcome = calibkit("init", "--from", tmp_path)
     assert outcome.code == 0
@@ -281,9 +279,7 @@ def test_accelerometers_that_stood_still_may_be_logged_in_si(tmp_path, calibkit,
 
 
 def test_rates_beside_a_chamber_log_are_no_record_at_rest(tmp_path, calibkit, log_writer):
-    """Where only another logger has the temperature, nothing is proposed: nothing says that it
-    stood still.
-    """
+    """Where only another logger has the temperature, nothing says that the gyro stood still."""
     time = np.arange(2000.0)
     log_writer(
         tmp_path / "gyro.csv",
@@ -291,7 +287,7 @@ def test_rates_beside_a_chamber_log_are_no_record_at_rest(tmp_path, calibkit, lo
         gyro_dph=8.0 + np.random.default_rng(4).normal(0.0, 0.2, time.size),
     )
     log_writer(tmp_path / "chamber.csv", time_s=time, temp_env_degc=25.0 + time / 100.0)
-    assert calibkit("init", "--from", tmp_path).code == 3
+    assert "# No procedure was recognised" in proposed(calibkit, tmp_path)
 
 
 def imu(rows=400):

@@ -4,14 +4,20 @@ columns.
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from calibkit import units
 from calibkit.frame import is_canonical
 
+_TIME = (
+    r"(^|/)(time|t|t_m?s|zeit|zeitstempel|timestamp|date.?time|datum|uhrzeit|elapsed|x_value|utc"
+    r"|millis|micros|sec(onds?)?)([_ .].*)?$|[_ ](time|zeit|timestamp)$|时间|时刻"
+)
 _TEMPERATURE = r"temp|^t[_ .]?\d*$|thermo|^pt\d|温|℃|therm"
+_SETPOINT = r"soll|set.?(point|value|temp)|^set\b|^sp\b|vorgabe|设定"
+"""Words for what a chamber was told to do, which nobody measured."""
 _AIR = r"env|air|chamb|amb|kammer|luft|umgeb|箱|环境|外|oven|^pv$|istwert|soll"
-_CASE = r"case|gyro|geh[äa]us|hous|body|shell|壳|内|sensor|imu|die|board|coil|dut|prüfling"
+_CASE = r"case|gyro|geh(ä|a|ae)us|hous|body|shell|壳|内|sensor|imu|die|board|coil|dut|prüfling"
 _TABLE = r"table|turn|tisch|转台|^cmd|command|stage|simulator|soll|vorgabe|set.?(rate|point)"
 _RATE = r"rate|speed|omega|geschw|drehrate|速率|角速度|速度|^w[xyz]?$"
 _ANGLE = r"angle|winkel|角度|角位|^pos|position"
@@ -23,7 +29,7 @@ _WORDS: tuple[tuple[str, str], ...] = (
     ("station", r"^stat|测站|^site|^messpunkt"),
     ("position_deg", r"^pos(ition)?([_ ]?deg)?$|转位|位置"),
     ("inclination_deg", r"incl|井斜|neig|^inc$"),
-    ("toolface_deg", r"tool.?face|工具面|^tf"),
+    ("toolface_deg", r"tool.?face|工具面|^tf|^roll"),
     ("azimuth_deg", r"azim|方位|heading"),
 )
 """Canonical column → words in a name that mean it."""
@@ -47,7 +53,7 @@ LAST_WORDS = {
 }
 """Last word of a column's name → the only unit that it can mean."""
 _AXES = re.compile(
-    r"(?:^|[_ .\-(（]|gyro?|gyr|acc(?:el)?|^[agfw])([xyzab])(?:[_ .)）\d]|$)", re.IGNORECASE
+    r"(?:^|[_ .\-(（/]|gyro?|gyr|acc(?:el)?|^[agfw])([xyzab])(?:[_ .)）\d]|$)", re.IGNORECASE
 )
 """Axis in a name."""
 
@@ -62,6 +68,10 @@ class LogColumn:
     unit: str
     is_time: bool = False
     time_format: str = ""
+    kind: str = "number"
+    """What its fields are, of a text log."""
+    of: str = ""
+    """Sensor that the name of the log states, where that of the column is an axis alone."""
 
     @property
     def plain(self) -> str:
@@ -78,49 +88,44 @@ class LogColumn:
 
     @property
     def dimension(self) -> str:
-        """Dimension of the unit that the log states, or ""."""
-        return units.TABLE[self.stated].dimension if self.stated else ""
+        """Dimension of the unit that the log states; "" where it states none that is known."""
+        return units.TABLE[self.stated].dimension if self.stated in units.TABLE else ""
 
     def guess_canonical(self) -> str:
         """Canonical column that a log's column most likely is, "" where nothing indicates one."""
         name = self.plain
-        if is_canonical(name):
+        if is_canonical(name) and not (name == "position" and self.dimension == "angle"):
             return name
-        if self.is_time or re.search(
-            r"^(time|t|t_m?s|zeit|timestamp|date.?time|uhrzeit|elapsed|x_value|sec(onds?)?)([_"
-            r" .].*)?$|时间|时刻",
-            name,
-        ):
+        if self.is_time or (self.dimension in ("", "time") and re.search(_TIME, name)):
             return "time_s"
-        if (
-            re.search(_TEMPERATURE, name)
-            or self.dimension == "temperature"
-            or re.search(r"^(case|chamber|air|geh[äa]use|kammer)$", name)
+        if self.dimension == "temperature" or (
+            not self.dimension
+            and re.search(rf"{_TEMPERATURE}|^(case|chamber|air|geh(ä|a|ae)use|kammer)$", name)
         ):
-            return (
-                "temp_env_degc"
-                if re.search(_AIR, name)
-                else "temp_case_degc"
-                if re.search(_CASE, name)
-                else "temp_degc"
-            )
+            return _guess_temperature(name)
         if re.search(_TABLE, name):
             return (
                 "table_angle_deg"
                 if re.search(_ANGLE, name) or self.dimension == "angle"
                 else "table_rate_dps"
             )
-        for meant, words in _WORDS:
-            if re.search(words, name):
-                return meant
-        return _guess_indication(self)
+        meant = next((meant for meant, words in _WORDS if re.search(words, name)), "")
+        return meant or _guess_indication(self)
+
+
+def _guess_temperature(name: str) -> str:
+    """Canonical column of a temperature by its name, "" for what a chamber was told."""
+    words = (("", _SETPOINT), ("temp_env_degc", _AIR), ("temp_case_degc", _CASE))
+    return next((meant for meant, pattern in words if re.search(pattern, name)), "temp_degc")
 
 
 def _guess_indication(column: LogColumn) -> str:
     """Canonical column of a gyro or an accelerometer, by name, else by unit; or ""."""
-    name = column.plain
+    name = column.of + column.plain
     axis = "".join(_AXES.findall(name)[-1:]).lower()
-    if re.search(_ACCEL, name) or column.dimension.startswith("acceleration"):
+    if column.dimension.startswith("acceleration") or (
+        column.dimension != "angular rate" and re.search(_ACCEL, name)
+    ):
         return f"accel_{axis or 'x'}_{'lsb' if column.dimension.startswith('count') else 'g'}"
     if re.search(_GYRO, name) or re.search(_RATE, name) or column.dimension == "angular rate":
         counted = column.dimension.startswith("count") or (
@@ -136,6 +141,35 @@ def _guess_indication(column: LogColumn) -> str:
     return ""
 
 
+def name_sensor(log: str, columns: Sequence[LogColumn]) -> list[LogColumn]:
+    """The columns, of which those that are called by an axis alone get the sensor in the log's
+    name.
+    """
+    found = re.search(r"(gyro?|acc)", log.lower())
+    sensor = {"acc": "accel_"}.get(found.group(), "gyro_") if found else ""
+    return [
+        replace(column, of=sensor) if re.fullmatch(r"[xyz]", column.plain) else column
+        for column in columns
+    ]
+
+
+def _number_gyros(columns: Sequence[LogColumn]) -> dict[str, str]:
+    """Name → canonical column of several gyros without axes that a digit in their names tells
+    apart.
+    """
+    alike = [
+        column for column in columns if re.fullmatch(r"gyro_(lsb|dph)", column.guess_canonical())
+    ]
+    digits = [re.search(r"\d", column.plain) for column in alike]
+    numbers = [digit.group() for digit in digits if digit]
+    if len(alike) < 2 or len(set(numbers)) < len(alike):
+        return {}
+    return {
+        column.name: column.guess_canonical().replace("gyro", f"gyro_{number}")
+        for column, number in zip(alike, numbers, strict=True)
+    }
+
+
 def assign_columns(
     columns: Sequence[LogColumn],
 ) -> tuple[dict[str, LogColumn], list[tuple[str, LogColumn]]]:
@@ -144,9 +178,10 @@ def assign_columns(
     """
     taken: dict[str, LogColumn] = {}
     others: list[tuple[str, LogColumn]] = []
+    numbered = _number_gyros(columns)
     # a column that is called canonically comes first, then in the log's order
     for column in sorted(columns, key=lambda column: not is_canonical(column.plain)):
-        meant = column.guess_canonical()
+        meant = numbered.get(column.name) or column.guess_canonical()
         if meant and meant not in taken:
             taken[meant] = column
         elif meant:

@@ -1,61 +1,110 @@
 """The logs of a folder, grouped by how they are written and what they hold."""
 
-import dataclasses
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from itertools import takewhile
 from pathlib import Path
+from typing import TypeAlias
 
 from calibkit import units
-from calibkit.errors import FrameError, LogFormatError, NamelessColumnsError, UsageError
+from calibkit.errors import (
+    FrameError,
+    LogFormatError,
+    NamelessColumnsError,
+    SeveralTablesError,
+    UsageError,
+)
 from calibkit.ingest import column_names, nameless
 from calibkit.readers import registry, sniff, times
-from calibkit.recipe.logs import Logs
+from calibkit.readers.arrays import SIDE_BY_SIDE
+from calibkit.readers.table import Table
+from calibkit.recipe.logs import ARRAYS, FORMATS, Logs, TextSpec
 
 _SKIPPED = re.compile(
     r"\.(json|md|toml|pdf|png|py|txt\.gz|zip|log\.gz)$|^(SHA256SUMS|LICENSE|README|SOURCE)",
     re.IGNORECASE,
 )
 """Names of files that are no logs."""
+_Mend: TypeAlias = dict[str, str | int | list[int]]
+"""Keys of [logs.text]."""
+_MENDS: tuple[_Mend, ...] = (
+    {"last_line": "drop"},
+    *(dict[str, str | int | list[int]](footer_lines=count) for count in range(1, 6)),
+    {"torn_lines": "drop"},
+    {"torn_lines": "drop", "last_line": "drop"},
+)
+"""What [logs.text] can say of lines that are no rows, the least first."""
+LARGEST = 50_000_000
+"""Bytes up to which a log is read whole before a recipe is proposed for it."""
+_OF_ONE = ("skip_lines", "footer_lines", "last_line", "torn_lines")
+"""Keys of [logs.text] that differ from log to log."""
+_MENDED = ("last_line", "torn_lines")
+"""Those of which one log asks for all."""
+_MAGNETIC = re.compile(r"(^|[/_ ])mag(net|$|[/_ ])|compass")
+"""Names of tables of a magnetometer."""
 _TEMPERATURES = frozenset({"temp_case_degc", "temp_env_degc", "temp_degc"})
 
 
 @dataclass(frozen=True, slots=True)
 class _Layout:
-    """How a log is written: format, columns, keys of [logs.text] for its dialect, sheet of a
-    workbook, and the names that were made for columns without any.
+    """How a log is written: format, columns, keys of [logs.text] for its dialect, sheet or table,
+    tables that follow each other, and the names that were made for columns without any.
     """
 
     format: str
     columns: tuple[column_names.LogColumn, ...]
     text: Mapping[str, str | int | list[int]]
     table: str = ""
+    tables: tuple[str, ...] = ()
     names: tuple[str, ...] = ()
+
+    @property
+    def key(self) -> str:
+        """What logs of one group share: all but the number of lines above the header."""
+        text = {key: value for key, value in self.text.items() if key not in _OF_ONE}
+        return repr(replace(self, text=text))
 
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """Logs of one layout: their files, format, columns, keys of [logs.text] for their dialect,
-    sheet of a workbook, and the names that were made for columns without any.
-    """
+    """Logs of one layout: their files, and how they are written."""
 
     files: tuple[str, ...]
-    format: str
-    columns: tuple[column_names.LogColumn, ...]
-    text: Mapping[str, str | int | list[int]]
-    table: str = ""
-    names: tuple[str, ...] = ()
+    layout: _Layout
+
+    @property
+    def columns(self) -> tuple[column_names.LogColumn, ...]:
+        """Columns of the logs."""
+        return self.layout.columns
+
+    @property
+    def meant(self) -> set[str]:
+        """Canonical columns that the columns could be."""
+        return {column.guess_canonical() for column in self.columns}
 
     @property
     def second_logger(self) -> bool:
         """Whether the logs hold temperatures over time and nothing else that is known, as those of
         a chamber's logger do.
         """
-        meant = {column.guess_canonical() for column in self.columns}
         known = {"", "time_s", *_TEMPERATURES}
-        return "time_s" in meant and bool(meant & _TEMPERATURES) and meant <= known
+        return "time_s" in self.meant and bool(self.meant & _TEMPERATURES) and self.meant <= known
+
+    def logs(self) -> Logs:
+        """The recipe's table on these logs."""
+        form = "text" if self.layout.format == "csv" else self.layout.format
+        text = TextSpec.model_validate(self.layout.text) if self.layout.text else TextSpec()
+        return Logs(
+            files=self.files,
+            format=form,
+            names=self.layout.names,
+            table=self.layout.table,
+            tables=self.layout.tables,
+            text=text,
+        )
 
 
 def group_logs(folder: Path, sheet: str = "") -> list[Group]:
@@ -80,26 +129,34 @@ def group_logs(folder: Path, sheet: str = "") -> list[Group]:
             failed = failed or error
             continue
         for layout in layouts:
-            key = repr(layout)
-            before = groups[key].files if key in groups else ()
-            fields = (getattr(layout, field.name) for field in dataclasses.fields(layout))
-            groups[key] = Group((*before, path.name), *fields)
+            before = groups.get(layout.key, Group((), layout))
+            both = before.layout.text, layout.text
+            alike = {
+                key: value
+                for text in both
+                for key, value in text.items()
+                if key in _MENDED or all(other.get(key) == value for other in both)
+            }
+            groups[layout.key] = Group((*before.files, path.name), replace(layout, text=alike))
     if not groups:
         raise failed or FrameError(f"{folder}: no logs", hint="name the folder that holds the logs")
     return list(groups.values())
 
 
 def _read_layouts(path: Path, sheet: str) -> list[_Layout]:
-    """Layouts of a log, one for each sheet of a workbook that can be read: by the format that it
-    shows, else as text, else by a plugin.
+    """Layouts of a log, one for each sheet of a workbook or table that can be read: by the format
+    that it shows, else as text, else by a plugin.
     """
     with path.open("rb") as stream:
         head = stream.read(4096)
     found = registry.recognise_format(head)
     if found == "excel":
         return _layouts_of_sheets(path, sheet)
+    if found in ARRAYS:
+        return _layouts_of_tables(path, found)
     try:
-        layout = _layout_of_format(path, found) if found else _layout_of_text(path)
+        layout = _layout_of_format(path, Logs(files=("*",), format=found)) if found else None
+        layout = layout or _layout_of_text(path)
     except LogFormatError:
         plugin = "" if found else registry.recognise_plugin(head)
         if not plugin:
@@ -108,7 +165,7 @@ def _read_layouts(path: Path, sheet: str) -> list[_Layout]:
         plugin = registry.recognise_plugin(head) if layout.names else ""
         if not plugin:
             return [layout]
-    return [_layout_of_format(path, plugin)]
+    return [_layout_of_format(path, Logs(files=("*",), format=plugin))]
 
 
 def _layouts_of_sheets(path: Path, sheet: str) -> list[_Layout]:
@@ -116,12 +173,10 @@ def _layouts_of_sheets(path: Path, sheet: str) -> list[_Layout]:
     from calibkit.readers import excel
 
     sheets = excel.list_sheets(path, path.name)
-    if sheet or len(sheets) < 2:
-        return [_layout_of_format(path, "excel", sheet)]
     layouts, failed = [], None
-    for name in sheets:
+    for name in [sheet] if sheet or len(sheets) < 2 else sheets:
         try:
-            layouts.append(_layout_of_format(path, "excel", name))
+            layouts.append(_layout_of_format(path, Logs(files=("*",), format="excel", table=name)))
         except LogFormatError as error:
             failed = failed or error
     if not layouts and failed is not None:
@@ -129,49 +184,142 @@ def _layouts_of_sheets(path: Path, sheet: str) -> list[_Layout]:
     return layouts
 
 
-def _layout_of_format(path: Path, name: str, sheet: str = "") -> _Layout:
-    """Layout of a log in a format that its reader reads whole."""
-    logs = Logs(files=(path.name,), format=name, table=sheet)
-    table = registry.read(path, path.name, logs, ())
+def _layouts_of_tables(path: Path, name: str) -> list[_Layout]:
+    """Layout of the only table of named arrays; of several, of all side by side where they have one
+    clock, of all behind each other where matrices are alike, else of each.
+    """
+    try:
+        return [_layout_of_format(path, Logs(files=("*",), format=name))]
+    except SeveralTablesError as error:
+        tables = error.tables
+    with suppress(LogFormatError):
+        beside = _layout_of_format(path, Logs(files=("*",), format=name, table=SIDE_BY_SIDE))
+        if any(column.guess_canonical() == "time_s" for column in beside.columns):
+            return [beside]
+    layouts = []
+    for table in tables:
+        with suppress(LogFormatError):
+            logs = Logs(files=("*",), format=name, table=table)
+            layouts.append(_layout_of_format(path, logs))
+    first = layouts[0] if layouts else None
+    if first and first.names and "time_s" not in first.names and len(layouts) == len(tables):
+        known = any(not made.startswith("column ") for made in first.names)
+        if known and all(replace(one, table=first.table) == first for one in layouts):
+            return [replace(first, table="", tables=tables)]
+    return layouts
+
+
+def _layout_of_format(path: Path, logs: Logs) -> _Layout:
+    """Layout of a log in a format that its reader reads whole; columns without names get some. A
+    footer is left out.
+    """
+    names: tuple[str, ...] = ()
+    try:
+        table, text = _read_whole(path, logs, ())
+    except NamelessColumnsError as error:
+        numbered = tuple(f"column {k + 1}" for k in range(error.columns))
+        frame = _read_whole(path, logs.model_copy(update={"names": numbered}), ())[0].frame
+        magnetic = _MAGNETIC.search(logs.table.lower())  # on a sphere too, but not of gravity
+        arrays = [frame[name].to_numpy() for name in numbered]
+        names = numbered if magnetic else tuple(nameless.name_columns(arrays))
+        table, text = _read_whole(path, logs.model_copy(update={"names": names}), ())
     columns = []
     for column in map(str, table.frame.columns):
         fields = list(map(str, table.frame[column].iloc[:50]))
-        form = "" if all(map(times.is_decimal, fields)) else times.recognise_format(fields)
-        columns.append(
-            column_names.LogColumn(
-                column, units.parse_unit(table.units.get(column, "")), bool(form), form
-            )
-        )
-    return _Layout(name, tuple(columns), {}, sheet)
+        numbers = all(field == "nan" or times.is_decimal(field) for field in fields)
+        form = "" if numbers else times.recognise_format(fields)
+        kind = "number" if numbers else "time" if form else "text"
+        unit = units.parse_unit(table.units.get(column, ""))
+        columns.append(column_names.LogColumn(column, unit, bool(form), form, kind))
+    if "text" in FORMATS[logs.format].keys if logs.format in FORMATS else False:
+        numeric = [column.name for column in columns if column.kind == "number"]
+        with suppress(LogFormatError):
+            text = _read_whole(path, logs, numeric)[1]
+    named = tuple(column_names.name_sensor(f"{path.stem} {logs.table}", columns))
+    return _Layout(logs.format, named, text, logs.table, names=names)
+
+
+def _read_whole(path: Path, logs: Logs, needed: Sequence[str]) -> tuple[Table, _Mend]:
+    """A log, and what [logs.text] must say for it to be read: a footer, torn lines, or a last line
+    that was still being written are left out.
+    """
+    try:
+        return registry.read(path, path.name, logs, needed), {}
+    except NamelessColumnsError:
+        raise
+    except LogFormatError as error:
+        failed = error
+    if logs.format not in FORMATS or "text" not in FORMATS[logs.format].keys:
+        raise failed
+    for mend in _MENDS:
+        mended = logs.model_copy(update={"text": TextSpec.model_validate(mend)})
+        with suppress(LogFormatError):
+            return registry.read(path, path.name, mended, needed), mend
+    raise failed
 
 
 def _layout_of_text(path: Path) -> _Layout:
-    """Layout of a text log; clean CSV has format "csv" and no dialect to state."""
+    """Layout of a text log, with what mends it; clean CSV has format "csv" and no dialect to
+    state. A log that nothing mends has the layout of its head.
+    """
+    failed: LogFormatError | None = None
+    head: _Layout | None = None
+    for mend in ({}, *_MENDS):
+        logs = Logs(files=("*",), format="text", text=TextSpec.model_validate(mend))
+        try:
+            layout, logs = _guess_text(path, logs, mend)
+            head = head or layout
+            if path.stat().st_size <= LARGEST:
+                registry.read(path, path.name, logs, _numeric(layout))
+        except LogFormatError as error:
+            failed = failed or error
+        else:
+            return layout
+    if head is not None:
+        return head
+    assert failed is not None  # noqa: S101 (nothing was read)
+    raise failed
+
+
+def _guess_text(path: Path, logs: Logs, mend: _Mend) -> tuple[_Layout, Logs]:
+    """Layout of a text log that is mended, and the recipe's table on it."""
     names: tuple[str, ...] = ()
     try:
-        dialect = sniff.Dialect.guess(path, path.name)
+        dialect = sniff.Dialect.guess(path, path.name, logs.text)
     except NamelessColumnsError as error:
-        names = _guess_names(path, error.columns)
-        dialect = sniff.Dialect.guess(path, path.name, names=names)
-    columns = tuple(
-        column_names.LogColumn(column.name, column.unit, column.kind == "time", column.time_format)
-        for column in dialect.columns
+        names = _guess_names(path, error.columns, logs)
+        dialect = sniff.Dialect.guess(path, path.name, logs.text, names)
+    columns = column_names.name_sensor(
+        path.stem,
+        [
+            column_names.LogColumn(
+                one.name, one.unit, one.kind == "time", one.time_format, one.kind
+            )
+            for one in dialect.columns
+        ],
     )
-    if dialect.clean and not names:
-        return _Layout("csv", columns, {})
-    return _Layout("text", columns, dialect.recipe_keys(), names=names)
+    logs = logs.model_copy(update={"names": names})
+    if dialect.clean and not names and not mend:
+        return _Layout("csv", tuple(columns), {}), logs
+    text = dialect.recipe_keys() | mend
+    return _Layout("text", tuple(columns), text, names=names), logs
 
 
-def _guess_names(path: Path, columns: int) -> tuple[str, ...]:
+def _numeric(layout: _Layout) -> list[str]:
+    """Names of the columns of a text log that hold numbers."""
+    return [column.name for column in layout.columns if column.kind == "number"]
+
+
+def _guess_names(path: Path, columns: int, logs: Logs) -> tuple[str, ...]:
     """Names for the columns of a log without any, from its first rows."""
     numbered = tuple(f"column {k + 1}" for k in range(columns))
-    dialect = sniff.Dialect.guess(path, path.name, names=numbered)
+    dialect = sniff.Dialect.guess(path, path.name, logs.text, numbered)
     kinds = [column.kind for column in dialect.columns]
     needed = [name for name, kind in zip(numbered, kinds, strict=True) if kind == "number"]
-    logs = Logs(files=(path.name,), format="text", names=numbered)
-    frame = registry.read(path, path.name, logs, needed).frame
+    named = logs.model_copy(update={"names": numbered})
+    frame = registry.read(path, path.name, named, needed).frame
     numbers = [frame[name].to_numpy() if name in needed else None for name in numbered]
-    names = nameless.name_columns(numbers)
+    names = nameless.name_columns(numbers, timed="time" in kinds)
     for k, kind in enumerate(kinds):
         if kind == "time" and "time_s" not in names:
             names[k] = "time_s"

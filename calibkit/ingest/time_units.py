@@ -44,6 +44,14 @@ def question_seconds(stamps: Array, source: str, file: str) -> tuple[str, ...]:
     return (f"{found} State the unit, {advice}",)
 
 
+def guess_keys(stamps: Array) -> str:
+    """Keys of [columns.time_s] that numbers [n] without a unit ask for by their spacing, or ""."""
+    there = stamps[np.isfinite(stamps)]
+    if there.size < _FEWEST_ROWS or (step := abs(float(np.median(np.diff(there))))) < _REFUSED_S:
+        return ""
+    return _guess_unit(step)[1]
+
+
 def _guess_unit(step: float) -> tuple[str, str]:
     """What a spacing [1] of stamps looks like, in words, and the keys of a column that say so."""
     ticks = step / _CRYSTAL_HZ

@@ -25,8 +25,9 @@ if TYPE_CHECKING:
     from calibkit.firmware.program import Program
     from calibkit.forms import Form
     from calibkit.frame import Examined, Log
+    from calibkit.ingest.evidence import Evidence
     from calibkit.ingest.logs import Reader
-    from calibkit.ingest.proposal import Choice, Evidence
+    from calibkit.ingest.recipe_text import Choice
     from calibkit.ingest.write_back import Applied
     from calibkit.report.documents import Drawn
     from calibkit.report.summary import Summary

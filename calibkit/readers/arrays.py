@@ -1,15 +1,20 @@
 """Named arrays of a container file (MATLAB, HDF5, JSON) → columns of one log."""
 
+import re
 from collections.abc import Collection, Mapping
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from calibkit.errors import LogFormatError
+from calibkit.errors import LogFormatError, NamelessColumnsError, SeveralTablesError
 from calibkit.readers import delimited
 from calibkit.readers.table import FIRST_ROW, Guess
 from calibkit.recipe.logs import Logs
+
+SIDE_BY_SIDE = "*"
+"""[logs] table of all groups, one beside the other."""
+_TIME = re.compile(r"(^|/)(t|[Tt]ime|timestamp)([_ ].*)?$")
 
 
 def select_columns(
@@ -22,6 +27,10 @@ def select_columns(
     column; vectors are columns under their own names. Raises LogFormatError where several logs are
     possible, or none.
     """
+    if logs.tables:
+        return _stack_tables(arrays, file, logs, needed)
+    if logs.table == SIDE_BY_SIDE:
+        return join_vectors(_name_by_path(arrays, file), file, needed), ()
     inside, how = _find_group(arrays, file, logs.table)
     matrices = {
         name: array for name, array in inside.items() if array.ndim == 2 and min(array.shape) > 1
@@ -35,11 +44,64 @@ def select_columns(
         ((name, matrix),) = matrices.items()
         return _split_matrix(matrix, name or logs.table, file, logs), how
     if matrices and not flat:
-        raise LogFormatError(
+        raise SeveralTablesError(
             f"{file}: {len(matrices)} matrices: {_list_names(matrices)}",
             hint="name one in [logs] table of the recipe",
+            tables=list(matrices),
         )
     return join_vectors(flat, file, needed), how
+
+
+def _stack_tables(
+    arrays: Mapping[str, NDArray[np.generic]], file: str, logs: Logs, needed: Collection[str]
+) -> tuple[pd.DataFrame, tuple[str, ...]]:
+    """Rows of several tables of the same columns, one table behind the other."""
+    frames = [
+        select_columns(
+            arrays, file, logs.model_copy(update={"table": table, "tables": ()}), needed
+        )[0]
+        for table in logs.tables
+    ]
+    for table, frame in zip(logs.tables, frames, strict=True):
+        if list(frame.columns) != list(frames[0].columns):
+            raise LogFormatError(
+                f"{file}: table '{table}' has columns {', '.join(frame.columns)},"
+                f" '{logs.tables[0]}' has {', '.join(frames[0].columns)}",
+                hint="[logs] tables are parts of one log: name those with the same columns",
+            )
+    whole = pd.concat(frames, ignore_index=True)
+    whole.index = whole.index + 1 - FIRST_ROW
+    return whole, ()
+
+
+def _name_by_path(
+    arrays: Mapping[str, NDArray[np.generic]], file: str
+) -> dict[str, NDArray[np.generic]]:
+    """Vectors of all groups under their paths, one beside the other; raises LogFormatError where
+    their times differ.
+    """
+    vectors = {
+        name: array.ravel()
+        for name, array in arrays.items()
+        if array.dtype.kind in "fiub" and array.size > 1 and array.size == max(array.shape)
+    }
+    times = {name: array for name, array in vectors.items() if _TIME.search(name)}
+    first = next(iter(times), "")
+    for name, array in times.items():
+        if not np.array_equal(array, times[first]):
+            raise LogFormatError(
+                f"{file}: '{name}' and '{first}' are different times, expected one clock",
+                hint="name one group in [logs] table of the recipe",
+            )
+    return {name: array for name, array in vectors.items() if name == first or name not in times}
+
+
+def list_tables(arrays: Mapping[str, NDArray[np.generic]]) -> list[str]:
+    """Names that [logs] table can have: groups of vectors, and matrices."""
+    numeric = {n: a for n, a in arrays.items() if a.dtype.kind in "fiub" and a.size > 1}
+    matrices = [n for n, a in numeric.items() if a.ndim == 2 and min(a.shape) > 1]
+    groups = dict.fromkeys(n.rpartition("/")[0] for n in numeric if n not in matrices)
+    return [*filter(None, groups), *matrices]
 
 
 def _find_group(
@@ -66,9 +128,13 @@ def _find_group(
         return {name.removeprefix(table).lstrip("/"): array for name, array in chosen.items()}, ()
     groups = {name.rpartition("/")[0] for name in numeric}
     if len(groups) > 1:
-        raise LogFormatError(
+        raise SeveralTablesError(
             f"{file}: arrays in {len(groups)} groups: {_list_names(numeric)}",
-            hint="name one in [logs] table of the recipe",
+            hint=(
+                "name one in [logs] table of the recipe; table = '*' reads groups of one clock side"
+                " by side"
+            ),
+            tables=list_tables(numeric),
         )
     if not numeric:
         raise LogFormatError(f"{file}: no numeric arrays", hint=f"there are: {_list_names(arrays)}")
@@ -80,10 +146,11 @@ def _find_group(
 def _split_matrix(matrix: NDArray[np.generic], name: str, file: str, logs: Logs) -> pd.DataFrame:
     """Columns of a matrix by the recipe's names."""
     if len(logs.names) not in matrix.shape:
-        raise LogFormatError(
+        raise NamelessColumnsError(
             f"{file}: '{name}' is a matrix of {matrix.shape[0]} × {matrix.shape[1]}, the recipe"
             f" names {len(logs.names)} columns",
             hint="list its columns in [logs] names of the recipe, in order",
+            columns=min(matrix.shape),
         )
     upright = matrix if matrix.shape[1] == len(logs.names) else matrix.T
     return make_frame({column: upright[:, k] for k, column in enumerate(logs.names)})

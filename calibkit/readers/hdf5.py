@@ -35,14 +35,19 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
 
     optional.require_library("h5py", "hdf5", file)
     data, sha256 = delimited.read_bytes(path, file)
-    parsed = limited.parse(parse, file, data, logs.table)
+    beside, table = logs.table == arrays.SIDE_BY_SIDE, (*logs.tables, logs.table)[0]
+    parsed = limited.parse(parse, file, data, "" if beside or logs.tables else table)
     frame, how = arrays.select_columns(parsed.arrays, file, logs, needed)
-    read_as = (f"HDF5, {len(frame)} rows", *how)
-    return Table(file, sha256, frame, (), read_as, parsed.facts["units"])
+    stated = {
+        name if beside else name.rpartition("/")[2]: unit
+        for name, unit in parsed.facts["units"].items()
+        if beside or not table or f"{name}/".startswith(f"{table}/")
+    }
+    return Table(file, sha256, frame, (), (f"HDF5, {len(frame)} rows", *how), stated)
 
 
 def parse(data: bytes, file: str, table: str) -> limited.Parsed:
-    """Arrays of all datasets by their paths, and the units of each."""
+    """Arrays and units of all datasets by their paths."""
     h5py = optional.import_library("h5py", "hdf5", file)
     found: dict[str, Any] = {}
     stated: dict[str, str] = {}
@@ -61,7 +66,7 @@ def parse(data: bytes, file: str, table: str) -> limited.Parsed:
         elif node.dtype.kind in "fiub":
             found[name] = _unpacked(node[()], stated_of)
         if unit:
-            stated[name.rpartition("/")[2]] = unit
+            stated[name] = unit
 
     with optional.refuse_damaged(file, "HDF5"), h5py.File(io.BytesIO(data), "r") as opened:
         _require_end(data, opened.userblock_size, file)

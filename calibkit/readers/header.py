@@ -159,7 +159,9 @@ def refuse_rows_above(
     """Raise LogFormatError for a row of numbers above the header: it would be lost."""
     for number, line in enumerate(above, start=1):
         fields = [] if tokens.is_comment(line) else tokens.split_line(line, delimiter, widths)
-        if width > 2 and len(fields) == width and sum(map(tokens.is_measured, fields)) > 1:
+        measured = [tokens.is_measured(field) for field in fields]
+        like_a_row = sum(measured) > 1 and (measured[0] or 2 * sum(measured) >= width)
+        if width > 2 and len(fields) == width and like_a_row:
             raise LogFormatError(
                 f"{file}:{number}: a row of numbers above the header",
                 hint="repair the log, or pin skip_lines and header_lines in [logs.text]",

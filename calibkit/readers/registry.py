@@ -16,6 +16,9 @@ from calibkit.readers import clean, delimited, limited, optional
 from calibkit.readers.table import Guess, Table
 from calibkit.recipe.logs import AUTO, FORMATS, Logs, TextSpec
 
+_REPLY = re.compile(rb" (?:[-+0]\d{3}\.\d ){12,14}[01]{16,32}\s*$")
+"""End of a chamber's reply without its echo: fields of six characters, then digital channels."""
+
 
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     """Read a log in the format that the recipe names, or, where it names none, in the one that the
@@ -99,7 +102,8 @@ def recognise_format(head: bytes) -> str:
     plain = head[:4096].replace(b"\0", b"")  # UTF-16 too
     if re.match(rb'\s*(\{\s*"|\[\s*[\[{])', plain):
         return "json"
-    if b"$01I" in plain.partition(b"\n")[0].partition(b"\r")[0]:
+    first = plain.partition(b"\n")[0].partition(b"\r")[0]
+    if b"$01I" in first or _REPLY.search(first):
         return "chamber"
     return "keysight" if re.search(rb"(?m)^(Sweep #|Scan)[,;\t]Time[,;\t]", plain) else ""
 

@@ -57,6 +57,8 @@ FORMATS: dict[str, _LogFormat] = {
 }
 """Value of [logs] format → format."""
 
+ARRAYS = ("matlab", "hdf5", "json")
+"""Formats of named arrays, several of which can be the tables of one log."""
 _ENDS = ("footer_lines", "last_line", "torn_lines", "torn_limit")
 """Keys of [logs.text] that clean CSV can have too."""
 Count = Annotated[int, Field(ge=0)]
@@ -158,6 +160,7 @@ class Logs(Table):
     format: str = AUTO
     names: Annotated[tuple[str, ...], Field(strict=False)] = ()
     table: str = ""
+    tables: Annotated[tuple[str, ...], Field(strict=False)] = ()
     split: bool = False
     rate_hz: Positive | None = None
     missing: Literal["refuse", "drop"] = "refuse"
@@ -205,6 +208,13 @@ class Logs(Table):
                 raise ValueError(f"'{pattern}' leaves the data folder")
         return files
 
+    @field_validator("tables")
+    @classmethod
+    def _several(cls, tables: tuple[str, ...]) -> tuple[str, ...]:
+        if len(tables) == 1 or len(set(tables)) < len(tables):
+            raise ValueError("tables = [...]: two or more, each once; of one say table = '…'")
+        return tables
+
     @field_validator("names")
     @classmethod
     def _named_once(cls, names: tuple[str, ...]) -> tuple[str, ...]:
@@ -242,6 +252,10 @@ class Logs(Table):
             )
         if self.table and "table" not in means:
             raise ValueError(f"table = '{self.table}' says nothing about format = '{self.format}'")
+        if self.tables and (self.table or self.format not in (AUTO, *ARRAYS)):
+            raise ValueError(
+                f"tables = [...] is of formats {', '.join(ARRAYS)}, and goes without table"
+            )
         if self.names and "names" not in means:
             raise ValueError(
                 f"names = [...] says nothing about format = '{self.format}': its columns have names"

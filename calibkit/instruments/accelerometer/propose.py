@@ -5,11 +5,17 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from calibkit.ingest.nameless import find_sphere
 from calibkit.instruments.accelerometer.forms import COMPONENTS
 
 if TYPE_CHECKING:
-    from calibkit.ingest.proposal import Choice, Evidence
+    from calibkit.ingest.column_names import LogColumn
+    from calibkit.ingest.evidence import Evidence
+    from calibkit.ingest.recipe_text import Choice
 
+TEMPERATURE, AIR = "temp_case_degc", "temp_env_degc"
 ATTITUDE = ("temp_case_degc", "inclination_deg", "toolface_deg")
 
 
@@ -17,18 +23,56 @@ def propose(evidence: Evidence) -> Choice | None:
     """Choice of a recipe with reference attitudes and temperature; without these columns, of the
     magnitude-only recipe.
     """
-    columns = evidence.columns
+    columns, lines = _scale_counts(evidence)
     if not set(COMPONENTS) <= columns.keys():
         return None
     if set(ATTITUDE) <= columns.keys():
         reason = "a triad of accelerometers beside reference attitudes"
         return evidence.choose("accelerometer", ("time_s", *ATTITUDE, *COMPONENTS), reason=reason)
-    reason = "a triad of accelerometers without reference attitudes"
+    if evidence.turned is False and (evidence.warms(TEMPERATURE) or evidence.warms(AIR)):
+        return None
+    reason = "a triad of accelerometers that was turned, without reference attitudes"
     read = ("time_s", *COMPONENTS, "temp_case_degc")
-    choice = evidence.choose("accelerometer_magnitude", read, reason=reason)
-    if "time_s" in columns:
+    keys = {"mode": '"rows"'} if _is_list(evidence) else {}
+    choice = evidence.choose("accelerometer_magnitude", read, columns, keys, reason=reason)
+    choice = replace(
+        choice,
+        lines={**choice.lines, **lines},
+        remark=_NOMINAL if lines else "",
+        guessed=bool(lines),
+    )
+    if "time_s" in columns or keys:
         return choice
     return replace(
         choice,
         beside_files="# rate_hz = … # these logs have no time: state their sampling rate here",
     )
+
+
+_NOMINAL = "# Counts are scaled to g by the sphere that they lie on; the fit finds what is left."
+_MOST_LISTED = 200
+"""Rows up to which a log without times is a list of dwells."""
+
+
+def _is_list(evidence: Evidence) -> bool:
+    """Whether each row is a dwell: few rows, and no time."""
+    rows = next(iter(evidence.glimpse.first.values()), ())
+    return "time_s" not in evidence.columns and 0 < len(rows) <= _MOST_LISTED
+
+
+def _scale_counts(evidence: Evidence) -> tuple[dict[str, LogColumn], dict[str, tuple[str, ...]]]:
+    """Columns with a triad's counts as accelerations, and the lines that scale each to g; as they
+    are where the counts do not lie on a sphere.
+    """
+    axes = [f"accel_{axis}_lsb" for axis in "xyz"]
+    columns = dict(evidence.columns)
+    if not set(axes) <= columns.keys() or not evidence.turned:
+        return columns, {}
+    names = [columns[axis].name for axis in axes]
+    sphere = find_sphere(np.column_stack([evidence.glimpse.first[name] for name in names]))
+    lines: dict[str, tuple[str, ...]] = {}
+    for axis, component, middle in zip(axes, COMPONENTS, sphere[:3], strict=True):
+        columns[component] = columns.pop(axis)
+        scale = 1.0 / sphere[3]
+        lines[component] = (f"scale = {scale:.6g}", f"offset = {-middle * scale:.6g}")
+    return columns, lines

@@ -2,6 +2,7 @@
 bias.json.
 """
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,8 +16,9 @@ from calibkit.coefficients import Input, Record
 from calibkit.forms import POLYNOMIAL
 from calibkit.frame import Examined, Finding, Log, refuse
 from calibkit.ingest import logs as ingest, write_back
+from calibkit.ingest.evidence import Evidence
 from calibkit.ingest.logs import Reader
-from calibkit.ingest.proposal import Choice, Evidence
+from calibkit.ingest.recipe_text import Choice
 from calibkit.ingest.write_back import Applied
 from calibkit.instruments import Firmware, Fitted, Instrument, Progress
 from calibkit.instruments.bias_temperature import (
@@ -152,18 +154,22 @@ def _firmware() -> Firmware[BiasTemperatureRecipe]:
 
 
 def _propose(evidence: Evidence) -> Choice | None:
-    """Recipe for a gyro with times and one temperature; the first of several gyros."""
-    gyros, columns = evidence.gyros(), evidence.columns
+    """Recipe for a static instrument with times and one temperature: all that it measures."""
+    columns = evidence.columns
+    channels = [name for name in columns if re.fullmatch(r"(gyro|accel)_.*", name)]
     temperature = columns.get("temp_case_degc") or columns.get("temp_env_degc")
-    if not gyros or "time_s" not in columns or temperature is None:
+    if not channels or "time_s" not in columns or temperature is None or evidence.turned:
         return None
-    first, *others = gyros.items()
-    base = {name: one for name, one in columns.items() if name not in gyros}
-    base |= {"gyro_dph": first[1], "temp_case_degc": temperature}
-    columns_read = ("time_s", "temp_case_degc", "gyro_dph")
-    reason = "a gyro beside one temperature"
-    choice = evidence.choose("bias_temperature", columns_read, base, reason=reason)
-    return choice.with_others(others)
+    if "table_rate_dps" in columns or "position_deg" in columns:
+        return None
+    base = {name: column for name, column in columns.items() if not name.startswith("temp_")}
+    base["temp_case_degc"] = temperature
+    bias = ", ".join(f'{{ indication = "{name}", order = 3 }}' for name in channels)
+    keys = {} if channels == ["gyro_dph"] else {"bias": f"[{bias}]"}
+    what = "a gyro" if len(channels) == 1 else f"{len(channels)} channels at rest"
+    reason = f"{what} beside one temperature"
+    read = ("time_s", "temp_case_degc", *channels)
+    return evidence.choose("bias_temperature", read, base, keys, reason=reason)
 
 
 INSTRUMENT = Instrument(

@@ -13,9 +13,10 @@ from calibkit.certificate.stated import Stated
 from calibkit.check import copies, flag_bridged_gaps, magnitude, thermometers
 from calibkit.coefficients import Criterion, Record, at_least, at_most
 from calibkit.frame import Finding, Log, refuse, values
-from calibkit.ingest import logs as ingest, write_back
+from calibkit.ingest import logs as ingest, two_loggers, write_back
+from calibkit.ingest.evidence import Evidence
 from calibkit.ingest.logs import Reader
-from calibkit.ingest.proposal import Choice, Evidence
+from calibkit.ingest.recipe_text import Choice
 from calibkit.ingest.write_back import Applied
 from calibkit.instruments import Firmware, Fitted, Instrument, Progress
 from calibkit.instruments.fog_thermal import (
@@ -309,17 +310,24 @@ def _simulate(seed: int) -> Campaign:
 
 def _propose(evidence: Evidence) -> Choice | None:
     """Proposed recipe for a log with time, case and chamber temperature and a gyro (the first of
-    several); None otherwise.
+    several), of which a second logger may have the chamber's; None otherwise.
     """
     gyros, columns = evidence.gyros(), evidence.columns
-    if not gyros or not {"time_s", "temp_case_degc", "temp_env_degc"} <= columns.keys():
+    chamber = None if "temp_env_degc" in columns else two_loggers.propose_chamber(evidence)
+    case = "temp_case_degc"
+    if not gyros or evidence.turned or not {"time_s", case} <= columns.keys():
+        return None
+    if not evidence.warms(case) or (chamber is None and "temp_env_degc" not in columns):
         return None
     first, *others = gyros.items()
     base = {name: one for name, one in columns.items() if name not in gyros}
     reason = "a gyro beside case and chamber temperatures"
     taken = base | {"gyro_dph": first[1]}
+    tables, joined = chamber or ("", ())
+    if chamber:
+        reason = f"a gyro and its temperature beside a second logger's ({joined[0]})"
     choice = evidence.choose("fog_thermal", ramps.COLUMNS, taken, reason=reason)
-    return choice.with_others(others)
+    return replace(choice.with_others(others), tables=tables, joined=joined)
 
 
 INSTRUMENT = Instrument(

@@ -20,8 +20,9 @@ from calibkit.constants import STANDARD_GRAVITY_MPS2
 from calibkit.errors import CalibkitError, FitError, UsageError
 from calibkit.frame import Examined, Finding, Log, refuse, values
 from calibkit.ingest import logs as ingest
+from calibkit.ingest.evidence import Evidence
 from calibkit.ingest.logs import Reader
-from calibkit.ingest.proposal import Choice, Evidence
+from calibkit.ingest.recipe_text import Choice
 from calibkit.ingest.write_back import Applied
 from calibkit.instruments import Fitted, Instrument, Progress
 from calibkit.instruments.gyro_noise import deviations, figures as pages, tables
@@ -204,9 +205,9 @@ def _propose(evidence: Evidence) -> Choice | None:
     accelerations = [name for name in evidence.columns if re.fullmatch(ACCELERATION, name)]
     columns = [*evidence.gyros("dph"), *accelerations]
     alone = evidence.second_logger and not evidence.columns.keys() & set(TEMPERATURES)
-    if "time_s" not in evidence.columns or not columns or alone:
-        return None
-    if accelerations and (len(evidence.group.files) > 1 or evidence.columns.keys() & REFERENCES):
+    several = len(evidence.group.files) > 1 or bool(evidence.columns.keys() & REFERENCES)
+    moved = evidence.turned or (bool(accelerations) and several)
+    if "time_s" not in evidence.columns or not columns or alone or moved:
         return None
     keys = {} if columns == ["gyro_dph"] else {"columns": json.dumps(columns)}
     reason = "sensors at rest at a steady temperature"

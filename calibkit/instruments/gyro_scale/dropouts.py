@@ -12,6 +12,8 @@ from calibkit.numeric.dispersion import MAD_TO_SIGMA
 
 SHARE = 0.5
 """Share of the expected indication below which a row is a dropout."""
+STILL = 1e-4
+"""Rate at which a table rests, of its largest."""
 CLEAR = 8.0
 """Standard deviations of single rows that a dropout is below what is expected."""
 
@@ -25,16 +27,21 @@ def find(log: Log, held: Plateaus, columns: Sequence[str]) -> Iterator[Finding]:
     for column in columns:
         data = values(log.frame, column)
         middle = np.array([order_statistics.median(data[a:b]) for a, b in held.span.tolist()])
-        fast = np.abs(held.rate_dps) >= np.median(np.abs(held.rate_dps))
-        K = float(np.median(middle[fast] / held.rate_dps[fast]))
+        speed = np.abs(held.rate_dps)
+        fast, still = speed >= np.median(speed), speed <= STILL * speed.max()
+        # a gyro across the axis may respond less than it indicates at rest
+        rest = float(np.median(middle[still])) if still.any() else 0.0
+        K = float(np.median((middle[fast] - rest) / held.rate_dps[fast]))
         lost, first, expected = 0, -1, 0.0
         for (a, b), rate, median in zip(
             held.span.tolist(), held.rate_dps.tolist(), middle.tolist(), strict=True
         ):
             noise = MAD_TO_SIGMA * order_statistics.median_magnitude(data[a:b], median)
-            low = data[a:b] * np.sign(K * rate) < SHARE * abs(K * rate)
+            low = (data[a:b] - rest) * np.sign(K * rate) < SHARE * abs(K * rate)
             if SHARE * abs(K * rate) > CLEAR * noise and low.any() and not low.all():
-                first, expected = (first, expected) if lost else (a + int(low.argmax()), K * rate)
+                first, expected = (
+                    (first, expected) if lost else (a + int(low.argmax()), rest + K * rate)
+                )
                 lost += int(np.count_nonzero(low))
         if lost:
             yield check.finding_at_row(

@@ -3,12 +3,14 @@
 import json
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from calibkit import recipe
 from calibkit.ingest import mapping
 from calibkit.ingest.column_names import LogColumn
+from calibkit.ingest.evidence import Evidence
 from calibkit.ingest.log_groups import file_patterns
-from calibkit.ingest.proposal import Choice, Evidence
+from calibkit.ingest.recipe_text import Choice
 from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe
 
 TABLE_AXIS = re.compile(r"(?:^|[^a-z]|axis|achse|about|um)([xyz])(?![a-z])", re.IGNORECASE)
@@ -26,7 +28,13 @@ def propose_pair(evidence: Evidence) -> Choice | None:
     if set(files) != {"table_axis_a.csv", "table_axis_b.csv"}:
         keys = {f"axis_{axis}": json.dumps(file) for axis, file in zip("ab", files, strict=True)}
     renamed = [(axis, column) for axis, (_, column) in zip("ab", axes, strict=True)]
-    return _choose(evidence, "gyro_pair", renamed, keys)
+    choice = _choose(evidence, "gyro_pair", renamed, keys)
+    named = ", ".join(
+        f"{axis}: {column.name}" for axis, column in zip("ab", dict(renamed).values(), strict=True)
+    )
+    return replace(
+        choice, remark=f"# Gyro {named}; swap the logs where the table turned about b first."
+    )
 
 
 def propose_triad(evidence: Evidence) -> Choice | None:
@@ -50,7 +58,9 @@ def propose_rate_table(evidence: Evidence) -> Choice | None:
 
 def _axes(evidence: Evidence) -> list[tuple[str, LogColumn]]:
     """Axis and column of each gyro; empty for logs that are not of a rate table."""
-    if not {"time_s", "table_rate_dps"} <= evidence.columns.keys():
+    if "table_rate_dps" not in evidence.columns:
+        return []
+    if "time_s" not in evidence.columns and not evidence.group.layout.names:
         return []
     return [
         (name.split("_")[1] if name.count("_") > 1 else "x", column)
@@ -71,7 +81,15 @@ def _choose(
     count, logs = len(axes), len(evidence.group.files)
     reason = f"a table rate beside {count} gyro{'s' * (count > 1)}, in {logs} log{'s' * (logs > 1)}"
     taken = reference | renamed
-    return evidence.choose(name, (*REFERENCE, *renamed), taken, keys, reason=reason)
+    if "time_s" in evidence.columns:
+        return evidence.choose(name, (*REFERENCE, *renamed), taken, keys, reason=reason)
+    keys = {**keys, "one_row": "true"}
+    choice = evidence.choose(name, (*REFERENCE, *renamed), taken, keys)
+    return replace(
+        choice,
+        reason=f"rates in proportion to an indication, a row each, in {logs} log{'s' * (logs > 1)}",
+        beside_files="rate_hz = 1.0 # a row is the mean over a held rate, and has no time",
+    )
 
 
 def _triad_keys(names: Sequence[str], turned: Mapping[str, Sequence[str]]) -> dict[str, str]:

@@ -1,6 +1,7 @@
 """Logs of a north-seeking inclinometer → the recipe that fits them."""
 
-from calibkit.ingest.proposal import Choice, Evidence
+from calibkit.ingest.evidence import Evidence
+from calibkit.ingest.recipe_text import Choice
 
 READ = (
     *(

@@ -1,0 +1,242 @@
+"""A choice of a shipped recipe for logs → its text, with the mapping of these logs."""
+
+import json
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Self, TypeAlias
+
+from calibkit import recipe, units
+from calibkit.ingest.column_names import LogColumn
+from calibkit.ingest.log_groups import Group, file_patterns
+from calibkit.recipe import Recipe
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """A shipped recipe for logs, and the mapping of canonical columns to columns of the logs."""
+
+    recipe: str
+    mapping: Mapping[str, LogColumn]
+    others: tuple[tuple[str, LogColumn], ...]
+    keys: Mapping[str, str]
+    """Keys of the shipped recipe with other values, as TOML."""
+    beside_files: str = ""
+    """Comment or key under the names of the logs."""
+    lines: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    """Canonical column → further lines of its mapping."""
+    tables: str = ""
+    """Further tables of the recipe."""
+    guessed: bool = False
+    """Whether numbers alone say what the columns are."""
+    gravity: str = ""
+    """Gravity [m/s²] that the logs state, as TOML."""
+    joined: tuple[str, ...] = ()
+    """Files of a second logger that the recipe reads too."""
+    remark: str = ""
+    """Comment at the head of the recipe."""
+    reason: str = ""
+    """What of the logs says that it is this recipe."""
+    runner_up: str = ""
+    """The next recipe that reads the logs, and why."""
+
+    def with_others(self, more: Sequence[tuple[str, LogColumn]]) -> Self:
+        """The choice with more columns that could be canonical ones too."""
+        return replace(self, others=(*self.others, *more))
+
+
+Parse: TypeAlias = Callable[[recipe.Source], Recipe]
+"""Turns the text of a recipe into its record."""
+UNSTATED = "# state: "
+"""Mark before a line that a person has to complete."""
+_SI = units.TABLE["m/s^2"].dimension
+_CONVERTED = {"acceleration", _SI}
+"""Dimensions between which the site's gravity converts."""
+_CHECK_FIRST = (
+    "Check every unit, sign and column below before you trust a number: calibkit check RECIPE"
+    " --data DIR"
+)
+_GUESSED = "how these logs are written, as guessed from their first lines; correct what is wrong"
+_NAMES_GUESSED = (
+    "# The logs name no columns: [logs] names was guessed from their numbers, and units are those"
+    " of the names. Correct both."
+)
+
+
+def _lacks_unit(column: LogColumn) -> bool:
+    """Whether the log states no unit of a column."""
+    return not column.stated and not column.is_time
+
+
+def note_missing_units(choice: Choice) -> str:
+    """Note on the mapped columns without a unit in the log, with the unit that each would be taken
+    in; "" where every unit is stated.
+    """
+    silent = {
+        name: column
+        for name, column in choice.mapping.items()
+        if _lacks_unit(column)
+        and column.name != name
+        and not choice.lines.get(name)
+        and units.column_unit(name) != "1"
+    }
+    if not silent:
+        return ""
+    taken = (
+        f"{json.dumps(column.name, ensure_ascii=False)} in {units.column_unit(name)}"
+        for name, column in silent.items()
+    )
+    keys = ", ".join(f"[columns.{name}]" for name in silent)
+    return f'No unit in the logs: {", ".join(taken)} would be taken; state unit = "…" in {keys}'
+
+
+def write_recipe(
+    folder: Path, choice: Choice, group: Group, rest: Sequence[Group], parse: Parse
+) -> str:
+    """Text of the chosen shipped recipe, with the mapping of these logs in place of its own."""
+    source = recipe.find(choice.recipe)
+    text, shipped = source.text, parse(source)
+    for key, value in choice.keys.items():
+        written = f"{key} = {value}".replace("\\", r"\\")
+        for mark in ("", "# "):  # a key that the shipped recipe shows as a comment
+            text, done = re.subn(
+                rf"(?m)^{mark}{key} = [^#\n]*?(?=\s*(#|$))", written, text, count=1
+            )
+            if done:
+                break
+    names = [path.name for path in folder.iterdir() if path.is_file()]
+    matched = {
+        name for name in names if any(fnmatchcase(name, pattern) for pattern in shipped.logs.files)
+    }
+    if matched != set(group.files):
+        patterns = json.dumps(file_patterns(group.files, names), ensure_ascii=False)
+        text = re.sub(r"(?m)^files = .*$", lambda _: f"files = {patterns}", text, count=1)
+    layout = group.layout
+    stated = {
+        "format": "" if layout.format in ("csv", "text") else layout.format,
+        "table": layout.table,
+        "tables": layout.tables,
+        "names": layout.names,
+    }
+    keys = (f"{k} = {json.dumps(v, ensure_ascii=False)}" for k, v in stated.items() if v)
+    below = [line for line in (*keys, choice.beside_files) if line]
+    text = re.sub(
+        r"(?m)^files = .*$", lambda found: "\n".join((found.group(), *below)), text, count=1
+    )
+    return (
+        _write_header(choice, group, rest)
+        + text.rstrip("\n")
+        + "\n"
+        + _write_mapping(choice, group)
+    )
+
+
+def _write_mapping(choice: Choice, group: Group) -> str:
+    """Tables [logs.text] and [columns] of a recipe, and comments on columns that are not used."""
+    lines = [""]
+    if group.layout.text:
+        pinned = (
+            f"{key} = {json.dumps(value, ensure_ascii=False)}"
+            for key, value in group.layout.text.items()
+        )
+        lines += [f"[logs.text] # {_GUESSED}", *pinned, ""]
+    for name, column in choice.mapping.items():
+        lines += _map_column(name, column, choice.lines.get(name, ()))
+    lines += [
+        f"# could be {name} too: {json.dumps(column.name, ensure_ascii=False)}"
+        for name, column in choice.others
+    ]
+    used = {
+        column.name
+        for column in (*choice.mapping.values(), *(column for _, column in choice.others))
+    }
+    unused = [column.name for column in group.columns if column.name not in used]
+    if choice.mapping and unused:
+        lines.append(f"# not used: {', '.join(unused)}")
+    lines += [*_state_gravity(choice), choice.tables]
+    return "\n".join(lines).rstrip("\n") + "\n" if any(lines) else ""
+
+
+def _map_column(name: str, column: LogColumn, more: Sequence[str]) -> list[str]:
+    """Table of a canonical column, and a blank line; nothing for one that is called so itself."""
+    if column.name == name and not column.is_time:
+        return []
+    by_reader = column.unit or units.unit_in_header(column.name)
+    unit = units.column_unit(name)
+    taken = "" if unit == "1" else f' in the log: taken in {unit}, or state unit = "…"'
+    remark = f"the log states {column.stated}" if column.stated else f"no unit{taken}"
+    lines = [
+        f"[columns.{name}]" + ("" if column.is_time else f" # {remark}"),
+        f"from = {json.dumps(column.name, ensure_ascii=False)}",
+    ]
+    if foreign := _is_foreign(column, unit):
+        lines += [
+            f'unit = "{unit}"',
+            f"{UNSTATED}scale = 1.0 # {unit} per {column.stated}; take the mark off",
+        ]
+    if column.stated and not (by_reader or foreign or column.is_time):
+        lines.append(f'unit = "{column.stated}"')
+    if column.is_time and "%" in column.time_format:
+        lines.append(f"time_format = {json.dumps(column.time_format)}")
+    return [*lines, *more, ""]
+
+
+def _state_gravity(choice: Choice) -> list[str]:
+    """Table [site] for accelerations in m/s², which gravity divides: typed in the log, or to be
+    stated.
+    """
+    si = any(
+        column.dimension == _SI or any("m/s^2" in line for line in choice.lines.get(name, ()))
+        for name, column in choice.mapping.items()
+        if name.startswith("accel_") and name.endswith("_g")
+    )
+    if not si or re.search(r"(?m)^\[site\]", recipe.find(choice.recipe).text):
+        return []
+    if choice.gravity:
+        typed = f"gravity_mps2 = {choice.gravity} # typed in the log: is it that of the laboratory?"
+        return ["[site]", typed]
+    return ["[site] # gravity divides m/s²", f"{UNSTATED}gravity_mps2 = 9.8 # take the mark off"]
+
+
+def _is_foreign(column: LogColumn, unit: str) -> bool:
+    """Whether a log's column is in a unit that only a stated scale turns into the canonical one."""
+    if not column.stated or column.is_time or unit not in units.TABLE:
+        return False
+    own, wanted = column.dimension, units.TABLE[unit].dimension
+    return own != wanted and not {own, wanted} <= _CONVERTED
+
+
+def _write_header(choice: Choice, group: Group, rest: Sequence[Group]) -> str:
+    """Comment at the head of a recipe: for which logs it is, and which logs it does not read."""
+    several = len(group.files) > 1
+    note = note_missing_units(choice)
+    because = (
+        f"# Procedure: {choice.recipe}, because the logs hold {choice.reason}. Runner-up:"
+        f" {choice.runner_up or 'none'}."
+    )
+    remarks = (
+        (
+            f"# Proposed for {len(group.files)} log{'s' * several} of {len(group.columns)} columns"
+            f" ({group.files[0]}{', …' * several}) after the recipe {choice.recipe}."
+        ),
+        f"# {_CHECK_FIRST}",
+        because if choice.reason else "",
+        f"# {note}" if note else "",
+        _NAMES_GUESSED if group.layout.names else "",
+        choice.remark,
+    )
+    lines = list(filter(None, remarks))
+    for other in rest:
+        names = ", ".join(column.name for column in other.columns)
+        lines.append(
+            f"# Not read: {', '.join(other.files[:4])}{', …' if len(other.files) > 4 else ''}"
+            f" ({names})"
+        )
+        if other.second_logger:
+            lines.append(
+                "# These look like a second logger's (a chamber's): see [chamber] in docs/check.md"
+                " to join them."
+            )
+    return "\n".join(lines) + "\n"
