@@ -278,7 +278,7 @@ class Finding:
     def of(
         cls,
         error: CalibkitError,
-        expected: str = "a log that can be fitted",
+        expected: str = "",
         name: str = "unusable",
     ) -> Finding:
         """Finding that states what an error does, whose message begins with its place."""
@@ -286,7 +286,12 @@ class Finding:
         return cls(place, found, expected, error.hint, name=name)
 
     def __str__(self) -> str:
-        return f"{self.place}: {self.found}, expected {self.expected}; {self.advice}"
+        return f"{self.place}: {self.said}; {self.advice}"
+
+    @property
+    def said(self) -> str:
+        """What was found and what was expected; an error's message says both itself."""
+        return f"{self.found}, expected {self.expected}" if self.expected else self.found
 
 
 def is_canonical(column: str) -> bool:

@@ -99,6 +99,11 @@ def test_compensation_is_zero_at_the_reference_and_keeps_the_mean_rate(
     at_reference = 7.5 + 0.02 * 25.0 - 1e-4 * 25.0**2 + 2e-6 * 25.0**3
     assert gyro[-1000:].mean() == pytest.approx(at_reference, abs=0.02)
     assert np.std(gyro) < 0.06
+    added = ("--set", "output.drift=true", "--out", tmp_path / "drift.csv")
+    assert calibkit("apply", "G", "--runs", runs, "--data", withheld, *added).code == 0
+    both = np.genfromtxt(tmp_path / "drift.csv", delimiter=",", names=True)
+    logged = np.genfromtxt(withheld, delimiter=",", names=True)["gyro_dph"]
+    np.testing.assert_allclose(both["gyro_drift_dph"], logged - gyro, rtol=0, atol=1e-12)
     validated = calibkit(
         "validate",
         "G",

@@ -46,6 +46,20 @@ def test_lost_pulses_are_named_with_row_and_expected_value():
         assert not [finding for finding in found if finding.name == "dropout"]
 
 
+def test_a_gyro_across_the_axis_loses_no_pulses():
+    """On 22 1/s at rest a response of 44 1/s to 20 °/s reads −22 1/s the other way: no dropout."""
+    columns = held(3)
+    rate = np.concatenate([np.zeros(40), columns["table_rate_dps"]])
+    noise = np.random.default_rng(3).normal(0.0, 0.5, rate.size)
+    across = {
+        "time_s": np.arange(float(rate.size)),
+        "table_rate_dps": rate,
+        "gyro_x_lsb": 2.2 * rate + 22.0 + noise,
+    }
+    found = table_runs.examine(SPEC, log_of(across)).findings
+    assert not [finding for finding in found if finding.name == "dropout"]
+
+
 def test_no_nonlinearity_is_computed_at_stops():
     """A stop at which the encoder's noise gives 1e-5 °/s: nonlinearity per point stays below that
     of the turning rates.

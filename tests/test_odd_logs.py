@@ -291,3 +291,14 @@ def test_keys_that_a_recognised_format_says_itself_are_refused(tmp_path):
     odd = Odd(TABLES["a LabVIEW file with a footer"].content, 'text = { decimal = "," }')
     words = refusal(odd, tmp_path)
     assert "a.csv: [logs.text] states decimal, the file is of format 'lvm'" in words
+
+
+def test_what_was_expected_is_said_once(tmp_path, calibkit):
+    """The finding of a log that cannot be read repeats no expectation of its error."""
+    odd = Odd(text(HEADER, *BODY[:6], "-0.3-0.31", *BODY[6:]))
+    (tmp_path / "a.csv").write_bytes(odd.data)
+    words = RECIPE.format(head="", suffix=".csv", logs="", tables="")
+    (tmp_path / "r.toml").write_text(words, encoding="utf-8")
+    said = calibkit("check", tmp_path / "r.toml", "--data", tmp_path).out
+    (line,) = (line for line in said.splitlines() if "REFUSED" in line)
+    assert line.count("expected") == 1

@@ -71,7 +71,7 @@ def examine_log(
     try:
         log = procedure.read(spec, data, file, reader)
     except (LogFormatError, FrameError, FitError) as error:
-        finding = Finding.of(error, expected="a log that can be read", name="unreadable")
+        finding = Finding.of(error, name="unreadable")
         return _Examination(LogReport(file, "", (), (), None, (), (finding,)), None)
     try:
         examined = procedure.examine(spec, log)

@@ -219,7 +219,7 @@ def report_document(campaign: Campaign) -> dict[str, Any]:
     if not refused:
         return {"ok": True, **rest}
     first, count = refused[0], sum(report.refused for report in reports)
-    message = f"{first.place}: {first.found}, expected {first.expected}"
+    message = f"{first.place}: {first.said}"
     message += f" ({count} of {len(reports)} logs are refused)" if count > 1 else ""
     error = {"code": FrameError.code, "message": message, "hint": first.advice}
     return {"ok": False, "error": error, **rest}

@@ -7,6 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from calibkit import check as checks, units
 from calibkit.certificate.quantities import Quantity
 from calibkit.certificate.results import Block
@@ -14,7 +16,7 @@ from calibkit.certificate.stated import Stated
 from calibkit.check import chunked, copies
 from calibkit.coefficients import Input, Record
 from calibkit.forms import POLYNOMIAL
-from calibkit.frame import Examined, Finding, Log, refuse
+from calibkit.frame import Examined, Finding, Log, refuse, values
 from calibkit.ingest import logs as ingest, write_back
 from calibkit.ingest.evidence import Evidence
 from calibkit.ingest.logs import Reader
@@ -27,6 +29,7 @@ from calibkit.instruments.bias_temperature import (
     sensitivities,
 )
 from calibkit.instruments.bias_temperature.recipe import BiasTemperatureRecipe
+from calibkit.numeric import chunks
 from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary
 
@@ -113,7 +116,14 @@ def _apply(spec: BiasTemperatureRecipe, records: Mapping[str, Record], data: Pat
     log = _read(spec, data.parent, data.name)
     refuse(_findings(spec, log))
     columns, flags = polynomials.compensate(log, records["bias.json"], spec)
-    return write_back.rewrite_log(spec, data, log, columns), flags
+    added = {}
+    for name, corrected in columns.items() if spec.output.drift else ():
+        stem, unit = name.rsplit("_", 1)
+        logged = values(log.frame, name)
+        added[f"{stem}_drift_{unit}"] = drift = log.allocate(corrected.size)
+        for a, b in chunks.ranges_along(logged, corrected, drift):
+            np.subtract(logged[a:b], corrected[a:b], out=drift[a:b])
+    return write_back.rewrite_log(spec, data, log, columns, added), flags
 
 
 def _validate(

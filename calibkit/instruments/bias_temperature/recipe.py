@@ -29,6 +29,12 @@ class BiasAcceptance(Table):
     max_residual_over_noise: Positive | None = None
 
 
+class _Output(Table):
+    """Columns that `apply` adds to the compensated channels."""
+
+    drift: bool = False
+
+
 class BiasTemperatureRecipe(Recipe):
     """A static instrument that warms up: each channel's bias as a polynomial of a temperature."""
 
@@ -38,6 +44,7 @@ class BiasTemperatureRecipe(Recipe):
     procedure: Literal["bias_temperature"]
     polynomials: Polynomials
     acceptance: BiasAcceptance = BiasAcceptance()
+    output: _Output = _Output()
 
     def own_columns(self) -> tuple[str, ...]:
         """The abscissa and the indications, whatever they are called."""

@@ -12,8 +12,6 @@ from calibkit.numeric.dispersion import MAD_TO_SIGMA
 
 SHARE = 0.5
 """Share of the expected indication below which a row is a dropout."""
-STILL = 1e-4
-"""Rate at which a table rests, of its largest."""
 CLEAR = 8.0
 """Standard deviations of single rows that a dropout is below what is expected."""
 
@@ -27,10 +25,10 @@ def find(log: Log, held: Plateaus, columns: Sequence[str]) -> Iterator[Finding]:
     for column in columns:
         data = values(log.frame, column)
         middle = np.array([order_statistics.median(data[a:b]) for a, b in held.span.tolist()])
-        speed = np.abs(held.rate_dps)
-        fast, still = speed >= np.median(speed), speed <= STILL * speed.max()
+        fast = np.abs(held.rate_dps) >= np.median(np.abs(held.rate_dps))
         # a gyro across the axis may respond less than it indicates at rest
-        rest = float(np.median(middle[still])) if still.any() else 0.0
+        line = np.polyfit(held.rate_dps, middle, 1) if np.ptp(held.rate_dps) > 0.0 else (0.0, 0.0)
+        rest = float(line[1])
         K = float(np.median((middle[fast] - rest) / held.rate_dps[fast]))
         lost, first, expected = 0, -1, 0.0
         for (a, b), rate, median in zip(
