@@ -192,14 +192,15 @@ def test_noise_and_drift_of_an_output_are_told_apart():
 
 def test_a_difference_of_turn_on_biases_between_the_ways_enters_the_uncertainty():
     """0.7 °/h between cooling and heating where logs repeat to 0.02: half of it is model error, and
-    the flag states the soak that a coil of 1,050 s needs; one within the scatter is chance.
+    the flag states the soak that a coil of 1,050 s needs; one within the scatter is chance. Soaks
+    that leave a third of a change in a coil of 1,600 s are flagged all the same.
     """
 
-    def export(turn_on):
+    def export(turn_on, lag_s=1050.0):
         model = replace(
             thermal_model(),
             turn_on=np.array(turn_on),
-            lags=(1050.0,),
+            lags=(lag_s,),
             model_error=0.003,
         )
         drift = compensate.DriftModel((), model, 10.0, "recursive", 25.0)
@@ -220,6 +221,10 @@ def test_a_difference_of_turn_on_biases_between_the_ways_enters_the_uncertainty(
     assert "soaks of 30 min are too short for this coil (70 min would do)" in flag
     chance = export([0.02, -0.01, 0.0, 0.01, -0.02, 0.015])
     assert (chance.flags, chance.model.thermal.model_error) == ((), 0.003)
+    slow = export([0.02, -0.01, 0.0, 0.01, -0.02, 0.015], 1600.0)
+    (flag,) = slow.flags
+    assert "soaks of 30 min leave 32% of a change of temperature in this coil (107 min" in flag
+    assert slow.model.thermal.model_error == 0.003
 
 
 def test_a_posterior_is_that_of_dense_normal_equations():

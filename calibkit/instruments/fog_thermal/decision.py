@@ -23,6 +23,8 @@ CHANCE = 4.0
 """Difference of turn-on biases, in standard uncertainties of some six degrees of freedom, up to
 which it is chance: beyond it are 0.7 %.
 """
+UNSETTLED = 0.2
+"""Share of a change of temperature that a soak may leave in the coil without a flag."""
 SETTLED_LAGS = 4.0
 """Lags after which 2 % of a coil's difference to the case are left."""
 
@@ -203,35 +205,49 @@ def compare_turn_on(model: OnLevels, logs: Sequence[PreparedLog]) -> tuple[float
 
 def widen_by_turn_on(export: Export, logs: Sequence[PreparedLog]) -> Export:
     """Export whose model error includes half of a difference between the turn-on biases of cooling
-    and heating logs that is not chance, with a flag that explains it.
+    and heating logs that is not chance, with a flag that explains it; short soaks are flagged.
 
     A turn-on bias does not know the direction of the ramp that follows. A coil that the soaks do
     not settle makes a difference, and so does a hysteresis; the drift at rest is then off by up to
     half of it.
     """
     thermal = export.model.thermal
-    found = None if thermal is None else compare_turn_on(thermal, logs)
-    if thermal is None or found is None or abs(found[0]) <= CHANCE * found[1]:
+    if thermal is None:
         return export
+    found, short = compare_turn_on(thermal, logs), _flag_short_soaks(thermal, logs)
+    if found is None or abs(found[0]) <= CHANCE * found[1]:
+        return replace(export, flags=(*export.flags, *short[1:]))
     difference, u = found
-    lag_s = (
-        thermal.static_lag[1] if isinstance(thermal, BankModel) else max(thermal.lags, default=0)
-    )
-    needed = SETTLED_LAGS * lag_s / SECONDS_PER_MINUTE
-    soaks = [log.raw.time[-1] - log.raw.time[log.ramps[-1].stop - 1] for log in logs]
-    shortest = float(min(soaks)) / SECONDS_PER_MINUTE
     cause = "the gyro has a hysteresis that the model does not follow"
-    if shortest < needed:
-        cause = (
-            f"soaks of {shortest:.0f} min are too short for this coil ({needed:.0f} min would do),"
-            f" or {cause}"
-        )
+    cause = f"{short[0]}, or {cause}" if short else cause
     wider = replace(thermal, model_error=math.hypot(thermal.model_error, 0.5 * difference))
     flag = (
         f"turn-on biases cooling less heating {difference:+.3f} deg/h (u {u:.2g}), expected 0:"
         f" {cause}; half of it is in the uncertainty"
     )
     return replace(export, model=replace(export.model, thermal=wider), flags=(*export.flags, flag))
+
+
+def _flag_short_soaks(thermal: OnLevels, logs: Sequence[PreparedLog]) -> tuple[str, ...]:
+    """What is said of the shortest soak if the coil's slowest lag does not settle in it: as a
+    cause, and as a flag where more than UNSETTLED of a change of temperature is left.
+    """
+    lag_s = (
+        thermal.static_lag[1] if isinstance(thermal, BankModel) else max(thermal.lags, default=0.0)
+    )
+    soaks = [log.raw.time[-1] - log.raw.time[log.ramps[-1].stop - 1] for log in logs]
+    shortest, needed = float(min(soaks)), SETTLED_LAGS * lag_s
+    if shortest >= needed:
+        return ()
+    minutes, would_do = shortest / SECONDS_PER_MINUTE, needed / SECONDS_PER_MINUTE
+    left = math.exp(-shortest / lag_s)
+    flag = (
+        f"soaks of {minutes:.0f} min leave {left:.0%} of a change of temperature in this coil"
+        f" ({would_do:.0f} min would do): if a log began before the coil was at rest, drift at rest"
+        " is off by more than its uncertainty says. Begin each log at rest, or soak longer"
+    )
+    cause = f"soaks of {minutes:.0f} min are too short for this coil ({would_do:.0f} min would do)"
+    return (cause, flag) if left > UNSETTLED else (cause,)
 
 
 def flag_one_way(logs: Sequence[PreparedLog], model: DriftModel) -> list[str]:
