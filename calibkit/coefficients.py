@@ -318,7 +318,7 @@ def _require_format(record: Record) -> None:
 
 
 def _model(entry: Mapping[str, Any]) -> Model:
-    """Model of its JSON object; its covariance is square, one row a coefficient, or absent."""
+    """Model of its JSON object; its covariance is square, one row per coefficient, or absent."""
     model = _typed(
         Model,
         {

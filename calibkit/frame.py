@@ -1,4 +1,4 @@
-"""The tidy frame: one row an instant, one column a variable, the unit in the column's name."""
+"""The tidy frame: one row per instant, one column per variable, the unit in the column's name."""
 
 from __future__ import annotations
 

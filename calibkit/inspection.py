@@ -1,4 +1,4 @@
-"""What is said of logs before coefficients are written: check and init."""
+"""What stands in logs, before coefficients are written: check and init."""
 
 from __future__ import annotations
 

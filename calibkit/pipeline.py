@@ -285,7 +285,7 @@ def _check_digests(path: Path) -> str:
     """Check a file's digest or recompute an export's vectors; returns what the file is."""
     if (path / store.FLEET_FILE).is_file():
         fleet = store.load_fleet(path)
-        return f"fleet of {len(fleet['units'])} units, {len(fleet['files'])} files"
+        return f"fleet of {len(fleet['units'])} devices, {len(fleet['files'])} files"
     if path.is_dir():
         run = store.load(path)
         return f"run {run.name}, {len(run.document['files'])} files"
@@ -316,7 +316,7 @@ def _check_digests(path: Path) -> str:
         )
     if not (isinstance(document.get("serial"), str) and isinstance(document.get("revision"), int)):
         raise CoefficientError(
-            f"{path}: says of no serial and revision", hint="calibkit did not write it"
+            f"{path}: states no serial and revision", hint="calibkit did not write it"
         )
     return f"{document['format']} of {document['serial']} r{document['revision']:03d}"
 

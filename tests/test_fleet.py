@@ -495,7 +495,7 @@ def test_verify_says_whether_a_fleets_files_are_what_they_were(tmp_path, quick, 
     fleet_logs(tmp_path / "units", 2)
     folder = fit(tmp_path / "units", tmp_path / "runs").folder
     found = calibkit("verify", folder)
-    assert (found.code, "fleet of 2 units" in found.out) == (0, True)
+    assert (found.code, "fleet of 2 devices" in found.out) == (0, True)
     table_of, charts = folder / "fleet.csv", folder / "control_charts.pdf"
     before = table_of.read_bytes()
     table_of.write_bytes(before.replace(b"no verdict", b"accepted!"))
@@ -657,7 +657,7 @@ def test_json_names_the_units_that_failed(tmp_path, calibkit):
     kept = calibkit(*call, "--keep-going")
     assert kept.code == 3
     assert kept.json["ok"] is False
-    assert kept.json["error"]["message"] == "1 of 2 units have no calibration of their own"
+    assert kept.json["error"]["message"] == "1 of 2 devices have no calibration of their own"
     assert [entry["verdict"] for entry in kept.json["units"]] == ["failed", "no verdict"]
 
 

@@ -1,4 +1,4 @@
-"""Held rates of a real table: lost pulses, stops, fine rates through zero, one row a held rate."""
+"""Held rates of a real table: lost pulses, stops, fine rates through 0, one row per held rate."""
 
 import numpy as np
 import pandas as pd
@@ -106,7 +106,7 @@ def test_one_row_a_held_rate_is_valid_data():
     run = table_runs.fit_run(spec, log_of(columns))
     line = run.scale("x")
     assert abs(line.K - K) < 4.0 * line.standard_uncertainty[0] < 0.2
-    assert any("one row a held rate" in flag for flag in run.flags)
+    assert any("one row per held rate" in flag for flag in run.flags)
     assert np.median(run.noise("x")) == pytest.approx(1.0, rel=0.5)
 
 

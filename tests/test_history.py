@@ -513,7 +513,7 @@ def test_a_serial_whose_runs_were_all_rejected_has_a_history(tmp_path):
 
 
 def test_csv_numbers_read_back_to_the_same_values(three_years, calibkit):
-    """show, diff and history print CSV whose numbers are the file's own, one line a number."""
+    """show, diff and history print CSV whose numbers are the file's own, one line per number."""
     shown = rows(calibkit("show", "S-1", "--runs", three_years, "--csv").out)
     record = store.load(store.find("S-1", three_years)).records["gyro_scale.json"]
     by_name = {row["name"]: row for row in shown}

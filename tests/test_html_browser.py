@@ -265,3 +265,33 @@ def luminance(colour):
     parts = np.array([float(part) for part in re.findall(r"[\d.]+", colour)[:3]]) / 255.0
     linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
     return float(linear @ [0.2126, 0.7152, 0.0722])
+
+
+@pytest.mark.parametrize("path", SAMPLES, ids=lambda path: path.stem)
+def test_the_first_screen_holds_verdict_picture_values_and_what_to_check(chromium, path):
+    """In a window of 1280 × 900 all of it is seen without a scroll, one picture, everything else
+    folded; on a telephone the verdict and the picture come first; on paper nothing is folded.
+    """
+    top = "document.querySelector('{}').getBoundingClientRect().top"
+    bottom = "document.querySelector('{}').getBoundingClientRect().bottom"
+    chromium.open(path)
+    assert chromium.value(bottom.format("#band")) < 200
+    assert chromium.value(bottom.format("#first .lead")) < 260
+    assert chromium.value(bottom.format("#first svg")) < 900
+    assert chromium.value(bottom.format("#first dl")) < 900
+    assert chromium.value(top.format("#first .beside > :last-child")) < 900
+    assert chromium.value("document.querySelectorAll('#first svg').length") == 1
+    assert chromium.value("document.querySelectorAll('details[open]').length") == 0
+    chromium.open(path, width=390, height=844, phone=True)
+    assert chromium.value(top.format("#first svg")) < 500
+    assert chromium.value(top.format("#first svg")) < chromium.value(top.format("#first dl"))
+
+
+def test_every_sample_has_the_picture_of_its_first_screen():
+    """`reports/screens.py` kept one per sample, of 1280 × 900 pixels."""
+    names = {path.stem for path in (ROOT / "reports").glob("*.txt")}
+    pictures = {path.stem: path.read_bytes() for path in (ROOT / "reports/screens").glob("*.png")}
+    assert set(pictures) == names
+    for content in pictures.values():
+        size = [int.from_bytes(content[at : at + 4], "big") for at in (16, 20)]
+        assert size == [1280, 900]

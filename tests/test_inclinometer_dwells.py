@@ -38,7 +38,7 @@ def continuous(stations, seed, *, gyro_noise=0.0, moved=False):
 
 @pytest.fixture(scope="module")
 def rows():
-    """Return the sample stations, one row a position."""
+    """Return the sample stations, one row per position."""
     return pd.read_csv(ROOT / "datasets" / "inclinometer" / "stations.csv")
 
 
@@ -70,8 +70,8 @@ def scale(calibkit, data, out, *extra):
 
 @pytest.mark.parametrize("numbered", [True, False])
 def test_a_continuous_log_gives_the_s_of_its_rows(numbered, rows, tmp_path, calibkit):
-    """Every position a minute long, without noise, gives s(T) of the log with one row a position to
-    1e-9, named or not.
+    """Every position a minute long, without noise, gives s(T) of the log with one row per position
+    to 1e-9, named or not.
     """
     log = continuous(rows, 1)
     log = log if numbered else log.drop(columns="station")

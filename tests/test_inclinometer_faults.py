@@ -1,4 +1,4 @@
-"""A wrong latitude, a wild reading, a log that the correction makes worse: each is named, and does
+"""A wrong latitude, an outlier, a log that the correction makes worse: each is named, and does
 not pass for noise.
 """
 
@@ -66,7 +66,7 @@ def test_one_wild_reading_is_refused_and_is_no_noise_of_the_others(
     assert [
         flag
         for flag in flags
-        if flag.startswith("station 11: x not used: a wild reading") and said in flag
+        if flag.startswith("station 11: x not used: an outlier") and said in flag
     ]
     clean = healthy[0]["x"]
     assert models["x"].value("s0") == pytest.approx(

@@ -204,7 +204,7 @@ def test_a_run_of_noisy_stations_with_temperatures_does_not_blur_exact_ones(tmp_
 
 
 def test_the_run_holds_s_over_temperature_of_both_gyros(tmp_path, command):
-    """One model a gyro of the contract's form, covariance and scatter; within 4 standard
+    """One model per gyro of the contract's form, covariance and scatter; within 4 standard
     uncertainties of the truth.
     """
     truth = simulated(tmp_path / "logs", 5, count=60)

@@ -288,7 +288,7 @@ def _few(dof: Sequence[float]) -> Words:
 
 
 def lay_out_budget(result: Result, uncertainty: Uncertainty, lang: Lang) -> dict[str, Any]:
-    """Budget of one result: a row a contribution, and the sum."""
+    """Budget of one result: a row per contribution, and the sum."""
     unit = unit_mark(result.unit)
     rows = [
         [

@@ -111,7 +111,7 @@ def fit(
 @command()
 @RECIPE
 @DATA
-@click.option("--figure", default=None, type=PATH, help="PDF to write, one page a log")
+@click.option("--figure", default=None, type=PATH, help="PDF to write, one page per log")
 @SET
 @DETAILS
 @JSON

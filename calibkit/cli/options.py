@@ -37,7 +37,7 @@ RUNS = click.option(
 JSON = click.option(
     "--json", "as_json", is_flag=True, help="one JSON document on stdout, also on failure"
 )
-CSV = click.option("--csv", "as_csv", is_flag=True, help="CSV on stdout, one line a number")
+CSV = click.option("--csv", "as_csv", is_flag=True, help="CSV on stdout, one line per number")
 DRY = click.option("--dry-run", is_flag=True, help="do it all but write nothing")
 SET = click.option(
     "--set", "overrides", multiple=True, metavar="table.key=value", help="override a recipe key"
@@ -119,21 +119,21 @@ class _Command(_Explained):
                 expose_value=False,
                 callback=_quiet,
                 is_eager=True,
-                help="say only what matters",
+                help="print only what matters",
             ),
             click.Option(
                 ["-v", "--verbose"],
                 is_flag=True,
                 expose_value=False,
                 callback=_verbose,
-                help="say what is done as it is done",
+                help="print what is done as it is done",
             ),
             click.Option(
                 ["--log-file"],
                 type=click.Path(path_type=Path, dir_okay=False),
                 expose_value=False,
                 callback=_log_file,
-                help="file to append to: the call, what is said, the end",
+                help="file to append to: the call, what is printed, the end",
             ),
         ]
 

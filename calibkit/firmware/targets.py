@@ -174,7 +174,7 @@ def files(target: _Target, exports: Sequence[Export], address: int) -> dict[str,
     serials = [export.identity.serial for export in exports]
     if twice := next((serial for serial in serials if serials.count(serial) > 1), None):
         raise OutputError(
-            f"{twice} stands twice among the runs", hint="name one revision of each unit"
+            f"{twice} stands twice among the runs", hint="name one revision of each device"
         )
     prefix, shared = exports[0].prefix, target.shared(exports)
     stems = [prefix] if len(exports) == 1 else [f"{prefix}_{serial}" for serial in serials]
@@ -230,4 +230,4 @@ def verify_manifest(path: Path) -> str:
                 f"{file}: not the file that the manifest lists", hint="export it again"
             )
     mark = c_text.list_verdicts({unit["serial"]: unit["accepted"] for unit in document["units"]})
-    return f"manifest of {len(document['units'])} units, {len(entries)} files{mark}"
+    return f"manifest of {len(document['units'])} devices, {len(entries)} files{mark}"

@@ -30,8 +30,8 @@ Coefficient = tuple[str, int]
 
 @dataclass(frozen=True, slots=True)
 class Vectors:
-    """Inputs, outputs and statuses of the self-test, one row a call (the last of `updates`); words
-    as the firmware sees them.
+    """Inputs, outputs and statuses of the self-test, one row per call (the last of `updates`);
+    words as the firmware sees them.
     """
 
     inputs: Mapping[str, tuple[float, ...]]

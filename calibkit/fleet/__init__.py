@@ -1,3 +1,3 @@
 """Hundreds of devices with one recipe: one run per device, made by processes here or on a cluster,
-and one table of them all. Users read "unit" for a device.
+and one table of them all.
 """

@@ -89,8 +89,8 @@ class Failure:
             serial,
             "internal",
             70,
-            "every process that took this unit up died",
-            "killed, out of memory, or a crash: fit this unit alone to see",
+            "every process that took this device up died",
+            "killed, out of memory, or a crash: fit this device alone to see",
         )
 
     def error(self) -> CalibkitError:

@@ -110,11 +110,11 @@ def _find_devices(plan: Plan, data: Path, *, keep_going: bool) -> tuple[list[str
     if not data.is_dir():
         raise UsageError(
             f"--data {data}: no such folder",
-            hint="name the folder that holds one sub-folder a unit",
+            hint="name the folder that holds one sub-folder per device",
         )
     if plan.data in (plan.out, *plan.out.parents):
         raise UsageError(
-            f"--out {plan.out.name} lies in --data: it would be taken for a unit",
+            f"--out {plan.out.name} lies in --data: it would be taken for a device",
             hint="keep them apart",
         )
     names = sorted(
@@ -122,8 +122,8 @@ def _find_devices(plan: Plan, data: Path, *, keep_going: bool) -> tuple[list[str
     )
     if not names:
         raise FrameError(
-            f"{data}: holds no sub-folder, so no unit",
-            hint="a unit is a sub-folder named by its serial",
+            f"{data}: holds no sub-folder, so no device",
+            hint="a device is a sub-folder named by its serial",
         )
     serials, refused = [], []
     for name in names:

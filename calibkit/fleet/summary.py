@@ -68,8 +68,8 @@ def summary_document(fleet: Fleet) -> dict[str, Any]:
     without = [entry.serial for entry in entries if entry.verdict in {FAILED, COPIED}]
     error = {
         "code": "units_failed",
-        "message": f"{len(without)} of {len(entries)} units have no calibration of their own",
-        "hint": "see the error of each unit",
+        "message": f"{len(without)} of {len(entries)} devices have no calibration of their own",
+        "hint": "see the error of each device",
     }
     return {
         "ok": not without,

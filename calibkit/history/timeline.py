@@ -153,8 +153,8 @@ class Timeline:
 
 
 def _chain_faults(runs: Sequence[Run], numbers: Sequence[int]) -> Iterator[str]:
-    """One line a fault of the chain: a revision that is missing, a file that does not supersede the
-    one before it.
+    """One line per fault of the chain: a revision that is missing, a file that does not supersede
+    the one before it.
     """
     for number in sorted(set(range(1, numbers[-1] + 1)) - set(numbers)):
         yield f"r{number:03d} is missing"

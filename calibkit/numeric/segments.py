@@ -244,7 +244,7 @@ def _runs(slope: Array, ramp_min: float) -> list[tuple[int, int, float]]:
     directions: list[float] = []
     for start, stop in chunks.ranges_along(slope):
         part = slope[start:stop]
-        # one byte a row; 2 is no direction: the first row begins a run
+        # one byte per row; 2 is no direction: the first row begins a run
         sign = (part >= ramp_min).astype(np.int8) - (part <= -ramp_min).astype(np.int8)
         edges = chunks.changed_rows(sign, directions[-1] if directions else 2.0)
         bounds += (edges + start).tolist()

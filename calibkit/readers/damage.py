@@ -174,7 +174,7 @@ def no_rows(file: str) -> LogFormatError:
     """The error of a log without a row."""
     return LogFormatError(
         f"{file}: a header but no rows",
-        hint="expected one row an instant; remove it or copy it again",
+        hint="expected one row per instant; remove it or copy it again",
     )
 
 

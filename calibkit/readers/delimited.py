@@ -145,7 +145,7 @@ def split_header(data: bytes, file: str) -> tuple[list[str], bytes]:
     if not body.strip():
         raise LogFormatError(
             f"{file}: a header but no rows",
-            hint="expected one row an instant; remove it or copy it again",
+            hint="expected one row per instant; remove it or copy it again",
         )
     return header, body.rstrip(b"\n") + (b"\n" if body.endswith(b"\n") else b"")
 

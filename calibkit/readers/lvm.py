@@ -3,11 +3,11 @@
 Format: text; a file header of `key<separator>value` lines from `LabVIEW Measurement` to
 `***End_of_Header***` (Separator, Decimal_Separator, X_Columns, Time_Pref, Date, Time), then one or
 more segments: a header (Channels, Samples, Y_Unit_Label, X0, Delta_X) to `***End_of_Header***`, a
-line of names (`X_Value`, one name a channel, `Comment`), and one line a sample. With X_Columns `No`
-the first field is empty and the time is X0 + k·Delta_X; with `Multi` every channel has its own X
-column, which must agree. The time column is called `X_Value` [s]. Segments follow each other where
-their channels are the same; with Multi_Headings `No` packets of as many samples follow each other
-below one header, and then X values are needed. Uncertainty: X_Value to the digits written; a
+line of names (`X_Value`, one name per channel, `Comment`), and one line per sample. With X_Columns
+`No` the first field is empty and the time is X0 + k·Delta_X; with `Multi` every channel has its own
+X column, which must agree. The time column is called `X_Value` [s]. Segments follow each other
+where their channels are the same; with Multi_Headings `No` packets of as many samples follow each
+other below one header, and then X values are needed. Uncertainty: X_Value to the digits written; a
 computed time is the float64 nearest to X0 + k·Delta_X.
 """
 

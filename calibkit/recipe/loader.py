@@ -39,7 +39,7 @@ class Source:
 
     @property
     def sha256(self) -> str:
-        """Digest of the text and, behind it, one line an override."""
+        """Digest of the text and, behind it, one line per override."""
         lines = (f"# --set {override}\n" for override in self.overrides)
         return hashlib.sha256("".join((self.text, *lines)).encode()).hexdigest()
 

@@ -199,10 +199,12 @@ def _explanation(chart: ControlChart) -> str:
     count = f"{len(chart.serials)} of {chart.units} units"
     if chart.control.sigma == 0.0:
         return (
-            f"{count}; more than half of the values are equal: no unit can be judged by their"
+            f"{count}; more than half of the values are equal: no device can be judged by their"
             " spread"
         )
     if not math.isfinite(chart.control.limit):
-        return f"{count}; fewer than {FEWEST}: no unit can be judged by their spread"
-    own = "; limits of a unit of usual uncertainty" if np.any(chart.standard_uncertainties) else ""
+        return f"{count}; fewer than {FEWEST}: no device can be judged by their spread"
+    own = (
+        "; limits of a device of usual uncertainty" if np.any(chart.standard_uncertainties) else ""
+    )
     return f"{count}; σ = {chart.control.sigma:.4g} by median absolute deviation{own}"

@@ -57,7 +57,7 @@ class NoiseAcceptance(Table):
 
 
 class GyroNoiseRecipe(Recipe):
-    """Gyros or accelerometers at rest at one temperature, one record a log."""
+    """Gyros or accelerometers at rest at one temperature, one record per log."""
 
     procedure: Literal["gyro_noise"]
     noise: _Noise = _Noise()

@@ -162,7 +162,7 @@ class GyroPairRecipe(OwnAxisRecipe):
             if file == name:
                 return axis
         raise RecipeError(
-            f"{file}: a log of neither table axis", hint="name one log an axis under [pair]"
+            f"{file}: a log of neither table axis", hint="name one log per axis under [pair]"
         )
 
 

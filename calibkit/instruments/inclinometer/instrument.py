@@ -137,7 +137,7 @@ def _list_stations(
     seen: solve.SolvedStations,
     angles: Mapping[str, Array],
 ) -> write_back.Rewritten:
-    """Table of a log, one row a station: its number, time and temperature, its angles, or why it
+    """Table of a log, one row per station: its number, time and temperature, its angles, or why it
     has none.
     """
     first = np.unique(stations.row_station, return_index=True)[1]

@@ -117,8 +117,7 @@ def judge_closures(
             size = float(np.sqrt(squares[k, column] / dofs[k, column]))
             times = f"{size / np.sqrt(variance):.0f} times the noise of the others"
             reasons[k] = (
-                reasons[k]
-                or f"a wild reading: the {kind} does not close by {size:.2g} {unit}, {times}"
+                reasons[k] or f"an outlier: the {kind} does not close by {size:.2g} {unit}, {times}"
             )
     kept = np.array([not reason for reason in reasons])[:, None]
     square, dof = np.where(kept, squares, 0.0), np.where(kept, dofs, 0)

@@ -36,7 +36,7 @@ def linear(
 
     Parameters
     ----------
-    design : [n, p], one column a coefficient.
+    design : [n, p], one column per coefficient.
     indication : [n].
     weights : [n], proportional to 1/variance of each row; equal when absent.
     names : what the error calls the coefficients that the data cannot determine.

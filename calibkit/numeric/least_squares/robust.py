@@ -96,7 +96,7 @@ def linear(
     Parameters
     ----------
     design
-        [n, p], one column a coefficient.
+        [n, p], one column per coefficient.
     indication
         [n].
     weights

@@ -292,7 +292,7 @@ def _record(curve: DeviationCurve, first: int) -> _Record:
 
 
 def _design(tau: Array) -> Array:
-    """Powers of the averaging times [m, 5], one column a term."""
+    """Powers of the averaging times [m, 5], one column per term."""
     return np.asarray(tau[:, None] ** np.array([float(law.exponent) for law in LAWS]))
 
 

@@ -77,8 +77,8 @@ def means(
     ----------
     time_s, table_rate_dps, table_angle_deg, rules : as for `find`.
     held : [p, 2], rows of the held rates where they are known; found by `find` otherwise.
-    indication : [n, m], one column a gyro; each row is the mean rate over the interval that ends at
-        it.
+    indication : [n, m], one column per gyro; each row is the mean rate over the interval that ends
+        at it.
     temp_degc : [n] [°C].
     allocate : makes arrays along the rows; columns that lie in mapped files are worked on in the
         memory of a chunk.
@@ -132,7 +132,7 @@ def of_rows(
         temp_degc=nan if temp_degc is None else np.array(temp_degc),
         angle_rate_dps=nan,
         span=np.arange(count)[:, None] + np.array([0, 1]),
-        flags=("one row a held rate: noise is that of the residuals of the line",),
+        flags=("one row per held rate: noise is that of the residuals of the line",),
         time_s=np.array(time_s),
         middle_s=0.5 * float(time_s[0] + time_s[-1]),
     )
