@@ -149,7 +149,7 @@ def export(
     calibkit export FOG-0001 --target c --prefix gyro --out firmware
     calibkit export GYRO-7 GYRO-8 GYRO-9 --target hex --address 0x08040000 --out delivery
 
-    Several runs make one row or one blob a unit, and a manifest with the digests of all files.
+    Several runs make one row or one blob per device, and a manifest with the digests of all files.
     """
     from calibkit import pipeline, store
 
