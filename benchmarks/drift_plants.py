@@ -12,16 +12,18 @@ means within U, about the log's mean and absolutely, and of nine statements at r
 
 from __future__ import annotations
 
+import math
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import diffusion_coil
 import drift_generalisation as lumped
 import numpy as np
 
-from calibkit.instruments.fog_thermal import simulate as fog
+from calibkit.instruments.fog_thermal import decision, simulate as fog
 from calibkit.instruments.fog_thermal.numeric import choice, evaluate
 from calibkit.numeric import gum, intervals
 from calibkit.numeric.thermal import uncertainty
@@ -92,6 +94,19 @@ def reduction(model: OnLevels | None, log: ThermalLog, truth: Array) -> float:
     return float(np.std(means(truth)) / np.std(means(left)))
 
 
+def widened(model: OnLevels | None, logs: list[ThermalLog]) -> OnLevels | None:
+    """Model as `fit` exports it: half of a difference of turn-on biases between the ways that is
+    not chance is part of its model error.
+    """
+    ways = [
+        SimpleNamespace(ramps=(SimpleNamespace(rate=log.case[-1] - log.case[0]),)) for log in logs
+    ]
+    found = None if model is None else decision.compare_turn_on(model, ways)  # type: ignore[arg-type]
+    if model is None or found is None or abs(found[0]) <= decision.CHANCE * found[1]:
+        return model
+    return replace(model, model_error=math.hypot(model.model_error, 0.5 * found[0]))
+
+
 def judge(
     fitted: list[ThermalLog], unseen: list[tuple[ThermalLog, Array]], limits: Array, rest: Array
 ) -> Judged:
@@ -99,7 +114,7 @@ def judge(
     start = time.process_time()
     found = choice.choose(fitted)
     taken = time.process_time() - start
-    model, name = found.model, found.chosen.candidate.name if found.chosen else "none"
+    model, name = widened(found.model, fitted), found.chosen.candidate.name if found.chosen else ""
     others = choice.choose(fitted, [one for one in choice.CANDIDATES if one.form != "bank"]).model
     without = np.array([reduction(others, *one) for one in unseen])
     if model is None:

@@ -121,6 +121,29 @@ def test_logs_that_were_not_fitted_are_corrected_nearly_as_well_as_their_noise_a
     assert np.mean(covered) > 0.9
 
 
+def test_a_bank_is_chosen_where_each_log_starts_as_the_one_before_ended():
+    """Logs that start unsettled: what is left of the drift of logs from rest is below 1/20 in the
+    median; models that take the starts for drift leave 1/10.
+    """
+    coil, found = fitted(610_000, candidates="all", cycled=True)
+    reductions = []
+    for made in plant().unseen(coil, 610_000):
+        log = made.log
+        drift = evaluate.evaluate(found.model, log.time, log.case, log.env).drift
+        reductions.append(np.std(made.drift) / np.std(made.drift - drift))
+    assert found.model.form == "bank"
+    assert np.median(reductions) > 20.0
+
+
+def test_a_hysteresis_that_ramps_from_rest_do_not_show_is_in_the_uncertainty_at_rest():
+    """±0.05 °/h that neither evidence nor left-out ramps ask for: at least 0.008 °/h of
+    model error.
+    """
+    _, found = fitted(610_003, "hysteresis")
+    assert not found.model.bank.widths
+    assert found.model.model_error > 0.008
+
+
 def test_weights_that_grow_with_the_temperature_of_their_layer_are_followed():
     """Weights that grow by 0.4 %/°C, almost no noise: what is left of the drift of logs that were
     not fitted is below 1/120 in the median, and below 1/30 on every log.

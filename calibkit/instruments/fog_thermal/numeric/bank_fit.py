@@ -6,7 +6,7 @@ Gauss–Newton steps; its derivatives stay among the columns, so that its uncert
 Results are averaged over the variances and over the flicker noise that the logs do not determine.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import reduce
 
@@ -53,7 +53,13 @@ SIZES = (
 """Prior of the standard deviation of each part: its median relative to the drift (of b and c: to
 that of a), and the standard deviation of its logarithm.
 """
-TURN_ON = [name for name, *_ in SIZES].index("turn-on")
+TURN_ON, INITIAL = ([name for name, *_ in SIZES].index(name) for name in ("turn-on", "initial"))
+NEGLIGIBLE = 1e-3
+"""Share of a standard deviation at which a part is as good as absent."""
+GAINED = 3.0
+"""Increase of the logarithm of the evidence from which a further term of a bank is tested on
+left-out ramps, and initial states count as seen: odds of 20 to 1.
+"""
 STEPS = 10
 POINTS = np.random.default_rng(952).standard_normal((32, len(SIZES) + 1))
 """Standard normal points of the average over the variances."""
@@ -110,13 +116,21 @@ class Problem:
 def _own_columns(stacked: Stack) -> Array:
     """Columns [n, logs (1 + 3)] of the turn-on bias and the initial state of each log."""
     count = len(stacked.logs)
-    found = np.zeros((stacked.indication.size, count * (1 + len(WARM_UP_S))))
-    for k, (log, rows) in enumerate(zip(stacked.logs, stacked.log_rows, strict=True)):
+    found, states = (
+        np.zeros((stacked.indication.size, count * (1 + len(WARM_UP_S)))),
+        (_initial_states(stacked)),
+    )
+    for k, rows in enumerate(stacked.log_rows):
         found[rows, k] = 1.0
         first = count + k * len(WARM_UP_S)
-        since = (log.time - log.time[0])[:, None]
-        found[rows, first : first + len(WARM_UP_S)] = np.exp(-since / np.array(WARM_UP_S))
+        found[rows, first : first + len(WARM_UP_S)] = states[rows]
     return found
+
+
+def _initial_states(stacked: Stack) -> Array:
+    """Decays [n, 3] of an initial state since the start of each log."""
+    since = np.concatenate([log.time - log.time[0] for log in stacked.logs])
+    return np.asarray(np.exp(-since[:, None] / np.array(WARM_UP_S)), dtype=np.float64)
 
 
 def _total(grams: Sequence[Gram]) -> Gram:
@@ -152,7 +166,7 @@ def state_problem(stacked: Stack, groups: Groups, extra: str = "") -> Problem:
     count = len(stacked.logs)
     group = [names.index(letter) if letter else FLAT for letter in letters]
     group += [len(SIZES)] * 3 + [TURN_ON] * count
-    group += [names.index("initial")] * count * len(WARM_UP_S)
+    group += [INITIAL] * count * len(WARM_UP_S)
     shape = np.ones(len(group))
     shape[bank.part("s")] = SHAPE ** np.arange(forward.POWERS)
     shape[len(letters) : len(letters) + 3] = STATIC_SPREAD**2
@@ -205,6 +219,38 @@ class Solution:
         square = covariance + np.outer(mean, mean)
         return float(np.sqrt(np.mean(np.sum(columns @ square * columns, axis=1))))
 
+    @property
+    def unsettled(self) -> bool:
+        """Whether logs start away from equilibrium: initial states make the logs likelier by more
+        than chance.
+        """
+        prior, still = self.problem.prior, self.posterior.theta.copy()
+        still[INITIAL] += 2.0 * np.log(NEGLIGIBLE)
+        values = [
+            evidence.condition(_total(self.grams), prior, theta)[2]
+            + 0.5 * float(np.sum(((theta - prior.mean) / prior.spread) ** 2))
+            for theta in (self.posterior.theta, still)
+        ]
+        return values[0] - values[1] > GAINED
+
+    def with_own_start(self, predicted: Iterable[Array]) -> Iterator[Array]:
+        """Predictions [rows, °/h, up to a constant] of each ramp; where logs start unsettled, with
+        the initial state that its own indication shows, which no fit to other ramps knows.
+        """
+        own = self.problem
+        if not self.unsettled:
+            yield from predicted
+            return
+        stacked, states = own.stacked, _initial_states(own.stacked)
+        white, variance = self._white, np.exp(self.posterior.theta[INITIAL])
+        precision = np.diag([0.0, *[white / variance] * len(WARM_UP_S)])
+        for rows, drift in zip(stacked.ramps, predicted, strict=True):
+            columns = np.column_stack([np.ones(rows.stop - rows.start), states[rows]])
+            weighted = columns * own.groups.weights[rows, None]
+            left = stacked.indication[rows] - drift
+            found = np.linalg.solve(weighted.T @ columns + precision, weighted.T @ left)
+            yield drift + columns @ found
+
     def leave_out(self) -> Iterator[Array]:
         """Drift [rows, °/h, up to a constant] of each ramp by the fit to all others, at the same
         variances and noise.
@@ -251,11 +297,15 @@ class Solution:
 
     def _noise(self, share: Array) -> Noise:
         """White variance of a block and flicker level, averaged with shares [levels]."""
+        level = float(np.sqrt(share @ np.square(LEVELS)))
+        return Noise(self._white, level * self.problem.groups.white)
+
+    @property
+    def _white(self) -> float:
+        """White variance of a block [(°/h)²]."""
         groups = self.problem.groups
         per_group = float(np.median(np.concatenate([ramp.weight for ramp in groups.ramps])))
-        usual = float(np.median(groups.weights))
-        level = float(np.sqrt(share @ np.square(LEVELS)))
-        return Noise(groups.white**2 * per_group / usual, level * groups.white)
+        return groups.white**2 * per_group / float(np.median(groups.weights))
 
 
 def _span(values: Array) -> Span:

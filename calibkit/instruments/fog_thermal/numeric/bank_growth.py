@@ -11,23 +11,28 @@ from calibkit.instruments.fog_thermal.numeric.bank_groups import Groups
 from calibkit.numeric.thermal.left_out import FIGURE_BLOCKS, left_out_errors
 from calibkit.numeric.thermal.pooled_fit import Stack
 
-GAINED = 3.0
-"""Increase of the logarithm of the evidence from which a further term of a bank is tested on
-left-out ramps: odds of 20 to 1.
-"""
 FURTHER = {"g": "table over temperature", "h": "hysteresis", "w": "warm-up"}
 """Further terms of a bank, and what they describe."""
 
 
 @dataclass(frozen=True, slots=True)
-class Grown:
-    """Bank of lags with the further terms [letters] that it has, and names and sizes [°/h] of those
-    that the evidence asks for and left-out ramps do not.
+class Unmodelled:
+    """Further term that a bank has not: its name, size [°/h], and how probable it is by the
+    evidence.
     """
+
+    name: str
+    size: float
+    probability: float
+
+
+@dataclass(frozen=True, slots=True)
+class Grown:
+    """Bank of lags with the further terms [letters] that it has, and those that it has not."""
 
     letters: str
     solution: bank_fit.Solution
-    unmodelled: tuple[tuple[str, float], ...] = ()
+    unmodelled: tuple[Unmodelled, ...] = ()
 
     @property
     def name(self) -> str:
@@ -47,11 +52,17 @@ def grow(stacked: Stack, robust: Array, *, one_sided: bool) -> Iterator[Grown]:
         before = here.solution.posterior.log_integral
         gains = {name: one.posterior.log_integral - before for name, one in tried.items()}
         letter = max(gains, key=lambda name: gains[name])
-        better = _mean_square(tried[letter], stacked) < _mean_square(here.solution, stacked)
-        if gains[letter] < GAINED or not better:
-            likely = (name for name in gains if gains[name] > 0.0)
-            sizes = tuple((FURTHER[name], tried[name].size_of_part(name)) for name in likely)
-            yield replace(here, unmodelled=sizes)
+        # initial states that the term leaves no need for would hide what it explains
+        unsettled = tried[letter].unsettled
+        errors = [_mean_square(one, own_start=unsettled) for one in (tried[letter], here.solution)]
+        if gains[letter] < bank_fit.GAINED or errors[0] >= errors[1]:
+            found = (
+                Unmodelled(
+                    FURTHER[name], tried[name].size_of_part(name), 1.0 / (1.0 + np.exp(-gain))
+                )
+                for name, gain in gains.items()
+            )
+            yield replace(here, unmodelled=tuple(found))
             return
         yield here
         left -= {letter}
@@ -65,11 +76,12 @@ def _with_term(here: Grown, letter: str, stacked: Stack, groups: Groups) -> bank
     return bank_fit.solve_at(problem, here.solution.lag, here.solution.posterior.theta)
 
 
-def _mean_square(solution: bank_fit.Solution, stacked: Stack) -> float:
+def _mean_square(solution: bank_fit.Solution, *, own_start: bool) -> float:
     """Mean over the ramps of the variance of the error on each left-out ramp, in groups of
-    blocks.
+    blocks, with the initial state of the ramp or without.
     """
-    errors = left_out_errors(
-        solution.leave_out(), stacked, solution.problem.groups.weights, FIGURE_BLOCKS
-    )
+    predicted, own = solution.leave_out(), solution.problem
+    if own_start:
+        predicted = solution.with_own_start(predicted)
+    errors = left_out_errors(predicted, own.stacked, own.groups.weights, FIGURE_BLOCKS)
     return float(np.mean([np.var(error) for error in errors]))

@@ -22,6 +22,8 @@ from calibkit.numeric.thermal.terms import TERMS
 CLEARLY = 0.95
 """Largest ratio of the error on left-out ramps to the raw drift with which a model may be exported.
 """
+LIKELY = 0.5
+"""Probability from which a term that is not modelled is flagged."""
 LEAST_RAMPS = 3
 """Fewest ramps for leaving one out: one more than the two sides of a thermal cycle."""
 
@@ -60,8 +62,8 @@ class _Fitted:
     solution: Solution | bank_fit.Solution
     survey: Survey | None
     logs: int
-    unmodelled: tuple[tuple[str, float], ...] = ()
-    """Names and sizes [°/h] of terms that the evidence asks for and left-out ramps do not."""
+    unmodelled: tuple[bank_growth.Unmodelled, ...] = ()
+    """Terms that left-out ramps do not ask for, or the evidence does not."""
 
     @property
     def parameters(self) -> int:
@@ -165,7 +167,9 @@ def choose(
         )
         return ThermalChoice((), (), None, None, reason)
     solutions, refused = _solutions_of(stacked, candidates)
-    tested = tuple(_left_out(fitted, stacked, figure_blocks) for fitted in solutions)
+    banks = [one.solution for one in solutions if one.candidate.form == "bank"]
+    starts = banks[-1] if banks else None
+    tested = tuple(_left_out(fitted, stacked, figure_blocks, starts) for fitted in solutions)
     best = _best_of(tested, one_sided=_one_sided(stacked))
     if best is None:
         return ThermalChoice(tested, refused, None, None, _nothing_helps(tested, refused))
@@ -174,21 +178,30 @@ def choose(
     sensitivities = [found.sensitivities for found in along]
     explained = uncertainty.explained(model, stacked.logs, sensitivities, figure_blocks)
     left = uncertainty.model_error(tested[best].errors, explained)
-    unmodelled = solutions[best].unmodelled
-    model = replace(
-        model,
-        model_error=float(np.sqrt(left**2 + sum(size**2 for _, size in unmodelled))),
-        model_error_dof=float(len(stacked.ramps) - 1),
-        flags=(
-            *model.flags,
-            *(
-                f"{name} of some {size:.2g} deg/h is likely, but left-out ramps do not come out"
-                " better with it: it is not modelled and is in the uncertainty"
-                for name, size in unmodelled
-            ),
-        ),
-    )
+    model = _with_model_error(model, left, solutions[best].unmodelled, len(stacked.ramps))
     return ThermalChoice(tested, refused, tested[best], model, _why(tested[best], tested))
+
+
+def _with_model_error(
+    model: OnLevels, left: float, unmodelled: Sequence[bank_growth.Unmodelled], ramps: int
+) -> OnLevels:
+    """Model with the model error [°/h] on left-out ramps, and further terms by their
+    probability.
+    """
+    likely = (
+        f"{one.name} of some {one.size:.2g} deg/h is likely, but left-out ramps do not come out"
+        " better with it: it is not modelled and is in the uncertainty"
+        for one in unmodelled
+        if one.probability > LIKELY
+    )
+    return replace(
+        model,
+        model_error=float(
+            np.sqrt(left**2 + sum(one.probability * one.size**2 for one in unmodelled))
+        ),
+        model_error_dof=float(ramps - 1),
+        flags=(*model.flags, *likely),
+    )
 
 
 def _best_of(tested: Sequence[_LeftOut], *, one_sided: bool = False) -> int | None:
@@ -289,9 +302,14 @@ def _solutions_of(
     return solved, tuple(refused)
 
 
-def _left_out(fitted: _Fitted, stacked: Stack, figure_blocks: int) -> _LeftOut:
+def _left_out(
+    fitted: _Fitted,
+    stacked: Stack,
+    figure_blocks: int,
+    starts: Solution | bank_fit.Solution | None = None,
+) -> _LeftOut:
     """Errors of a candidate on each ramp, fitted to all other ramps; lags start from the fit to all
-    ramps.
+    ramps. `starts` is the bank that knows how unsettled logs start.
     """
     solution = fitted.solution
     robust = (
@@ -300,7 +318,10 @@ def _left_out(fitted: _Fitted, stacked: Stack, figure_blocks: int) -> _LeftOut:
         else solution.robust
     )
     raw = left_out_errors((np.zeros(1) for _ in stacked.ramps), stacked, robust, figure_blocks)
-    errors = left_out_errors(_predicted(fitted, stacked), stacked, robust, figure_blocks)
+    predicted = _predicted(fitted, stacked)
+    if isinstance(starts, bank_fit.Solution):
+        predicted = starts.with_own_start(predicted)
+    errors = left_out_errors(predicted, stacked, robust, figure_blocks)
     return _LeftOut(
         candidate=fitted.candidate,
         ramps=stacked.ramp_names,
