@@ -95,7 +95,8 @@ def certify(
         raise loader.Source(name, text, overrides).located(error) from None
     folder = Path() if profile_path is None else profile_path.parent
     fonts = tuple(folder / font for font in stated.certificate.fonts)
-    certificate, digital, document = _rendered(certificate, lang, fonts, schema_dir)
+    signed = key is not None
+    certificate, digital, document = _rendered(certificate, lang, fonts, schema_dir, signed=signed)
     if key is not None:
         if certificate.draft:
             listed = ", ".join(item.key for item in certificate.missing)
@@ -122,7 +123,12 @@ def _beside(out: Path) -> Path:
 
 
 def _rendered(
-    certificate: content.Certificate, lang: Lang, fonts: tuple[Path, ...], schema_dir: Path | None
+    certificate: content.Certificate,
+    lang: Lang,
+    fonts: tuple[Path, ...],
+    schema_dir: Path | None,
+    *,
+    signed: bool,
 ) -> tuple[content.Certificate, content.Attachment, bytes]:
     """The certificate with its DCC, the DCC, the PDF; made anew as a DRAFT where no font has a
     character.
@@ -130,9 +136,9 @@ def _rendered(
     digital = dcc.attach_dcc(certificate, lang, schema_dir)
     whole = replace(certificate, attachments=(*certificate.attachments, digital))
     try:
-        return whole, digital, pdf.render(whole, lang, fonts)
+        return whole, digital, pdf.render(whole, lang, fonts, signed=signed)
     except pdf.UnshownError as found:
         draft = certificate.without_glyphs(found.characters)
         if draft.unshown == certificate.unshown:
             raise
-    return _rendered(draft, lang, fonts, schema_dir)
+    return _rendered(draft, lang, fonts, schema_dir, signed=signed)

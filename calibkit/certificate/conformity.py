@@ -42,6 +42,29 @@ RULES: dict[Rule, Words] = {
 }
 
 
+RULE_NAMES: dict[Rule, Words] = {
+    "guarded": Words("guarded", "保护带"),
+    "simple": Words("simple", "简单"),
+    "four_way": Words("four-way", "四级"),
+}
+RISKS: dict[Rule, Words] = {
+    "guarded": Words(
+        "Risk: a value beyond the limit passes with a probability of at most 2.5 %.",
+        "风险：超出允差者被判合格的概率不大于 2.5 %。",
+    ),
+    "simple": Words(
+        "Risk: near the limit a decision is wrong with a probability of up to 50 %.",
+        "风险：接近限值时误判概率可达 50 %。",
+    ),
+    "four_way": Words(
+        "Risk: pass and fail are wrong with a probability of at most 2.5 %, the conditional ones of"
+        " up to 50 %.",
+        "风险：合格与不合格误判概率不大于 2.5 %，有条件判定可达 50 %。",
+    ),
+}
+"""Probability of a wrong decision, of a normal distribution about the value (JCGM 106, ILAC G8)."""
+
+
 @dataclass(frozen=True, slots=True)
 class Statement:
     """One statement: the result, the limits in its unit, the rule, the acceptance limits and the

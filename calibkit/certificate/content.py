@@ -10,6 +10,7 @@ from typing import Any, Literal, TypeAlias
 
 from calibkit import sensitivities
 from calibkit.certificate import checklist, conformity, uncertainty
+from calibkit.certificate.names import name_result
 from calibkit.certificate.profile import Profile
 from calibkit.certificate.results import Block, Result, Uncertainty
 from calibkit.certificate.run_files import AsFoundAsLeft, RunFacts, RunFiles
@@ -105,12 +106,13 @@ class Certificate:
     def without_type_b(self) -> Words:
         """Which principal results have no type B contribution, and the laboratory's reason."""
         reason = self.profile.type_b_none.reason.strip()
-        kinds = dict.fromkeys(result.quantity for result in checklist.fits_alone(self.results))
-        if not (reason and kinds):
+        named = [name_result(result) for result in checklist.fits_alone(self.results)]
+        if not (reason and named):
             return Words("")
-        listed = ", ".join(kinds)
+        english = "; ".join(dict.fromkeys(one.of("en") for one in named))
+        chinese = "；".join(dict.fromkeys(one.of("zh") for one in named))
         return Words(
-            f"No type B contribution to {listed}: {reason}", f"{listed} 无 B 类分量：{reason}"
+            f"No type B contribution to {english}: {reason}", f"{chinese} 无 B 类分量：{reason}"
         )
 
     @property

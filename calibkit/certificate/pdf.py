@@ -31,6 +31,17 @@ _UNSHOWN = re.compile(r'the text `"(.*?)"` could not be displayed', re.DOTALL)
 _ESCAPE = re.compile(r"\\u\{([0-9a-f]+)\}")
 
 
+SPACINGS = (1.0, 0.92, 0.84, 0.76, 1.1, 1.2, 1.3)
+"""Spacings of lines that are tried until the last page is not nearly empty."""
+LEAST_FILLED_MM = 110.0
+"""Height of the end mark on a last page that is filled well enough [mm]."""
+
+
+def _is_filled(page: int, y: float) -> bool:
+    """Whether the end mark stands low enough on the last page, or on the only one."""
+    return page == 1 or y >= LEAST_FILLED_MM
+
+
 class UnshownError(Exception):
     """Characters that no font has, and that the certificate does not yet list as missing."""
 
@@ -39,8 +50,11 @@ class UnshownError(Exception):
         self.characters = characters
 
 
-def render(certificate: Certificate, lang: Lang, fonts: Sequence[Path] = ()) -> bytes:
-    """PDF/A-3b bytes of a certificate, the same for the same input.
+def render(
+    certificate: Certificate, lang: Lang, fonts: Sequence[Path] = (), *, signed: bool = False
+) -> bytes:
+    """PDF/A-3b bytes of a certificate, to be signed electronically or by hand; the same for the
+    same input.
 
     Raises UnshownError for characters that no font has, UsageError for Chinese without a font that
     has it, RecipeError for a file that is no font, OutputError without typst.
@@ -60,22 +74,37 @@ def render(certificate: Certificate, lang: Lang, fonts: Sequence[Path] = ()) -> 
         }
         for a in certificate.attachments
     ]
-    data = clean_sheet(sheet(certificate, lang), certificate.unshown) | {"attachments": attachments}
+    data = clean_sheet(sheet(certificate, lang, signed=signed), certificate.unshown) | {
+        "attachments": attachments
+    }
     typst = extras.load_library("typst", "pdf", "certificates need typst")
     with tempfile.TemporaryDirectory(prefix="calibkit-") as folder:
         data["families"] = _families(fonts, Path(folder))
+        inputs = {"sheet": json.dumps(data, ensure_ascii=False)}  # never as source
+        where = {"font_paths": [folder] if fonts else [], "ignore_system_fonts": True}
         try:
             made: bytes = typst.compile(
                 str(TEMPLATE),
-                sys_inputs={"sheet": json.dumps(data, ensure_ascii=False)},  # never as source
-                font_paths=[folder] if fonts else [],
-                ignore_system_fonts=True,
                 pdf_standards=["a-3b"],
                 timestamp=dt.datetime.combine(certificate.issued, dt.time(), dt.UTC),
+                sys_inputs=inputs | {"spacing": _choose_spacing(typst, inputs, where)},
+                **where,
             )
         except typst.TypstError as error:
             raise _refusal(error, lang) from error
     return made if made.endswith(b"\n") else made + b"\n"
+
+
+def _choose_spacing(typst: Any, inputs: dict[str, str], where: dict[str, Any]) -> str:  # noqa: ANN401 (an optional library)
+    """First spacing of lines with which the last page is not nearly empty, else the usual one."""
+    for spacing in map(str, SPACINGS):
+        given = inputs | {"spacing": spacing}
+        end = typst.query(
+            str(TEMPLATE), "<end>", field="value", one=True, sys_inputs=given, **where
+        )
+        if _is_filled(**json.loads(end)):
+            return spacing
+    return str(SPACINGS[0])
 
 
 def _refusal(error: Any, lang: Lang) -> Exception:  # noqa: ANN401 (a class of an optional library)

@@ -3,10 +3,10 @@ typesets.
 """
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Any
 
-from calibkit.certificate import conformity, plots, tables
-from calibkit.certificate.conformity import Statement
+from calibkit.certificate import judgements, names, plots, tables
 from calibkit.certificate.content import Certificate
 from calibkit.certificate.profile import Laboratory, Party, Profile
 from calibkit.certificate.results import Block, ListTable
@@ -20,6 +20,7 @@ from calibkit.certificate.words import (
     Lang,
     Words,
     unit_mark,
+    with_unit,
 )
 from calibkit.coefficients import Criterion
 from calibkit.numeric import gum
@@ -27,12 +28,13 @@ from calibkit.numeric import gum
 Rows = list[list[str]]
 
 
-def sheet(certificate: Certificate, lang: Lang) -> dict[str, Any]:
-    """JSON object of a certificate."""
+def sheet(certificate: Certificate, lang: Lang, *, signed: bool = False) -> dict[str, Any]:
+    """JSON object of a certificate, which is signed electronically or by hand."""
     profile = certificate.profile
     return {
         "lang": "zh" if lang == "zh" else "en",
         "draft": certificate.draft,
+        "signed": signed,
         "title": certificate.title.of(lang),
         "number": profile.certificate.number,
         "laboratory": profile.laboratory.name,
@@ -48,9 +50,10 @@ def sheet(certificate: Certificate, lang: Lang) -> dict[str, Any]:
         "method": _method(certificate, lang),
         "conditions": _conditions(certificate, lang),
         "traceability": _traceability(profile, lang),
+        "principal": _principal(certificate, lang),
         "blocks": [_block(block, certificate, lang) for block in certificate.blocks],
         "as_found": _as_found(certificate, lang),
-        "conformity": _conformity(certificate, lang),
+        "conformity": judgements.lay_out_conformity(certificate, lang),
         "budgets": _budgets(certificate, lang),
         "data": _data(certificate, lang),
         "remarks": [text for text in profile.remarks if text.strip()],
@@ -66,6 +69,16 @@ def _in_words(rows: Iterable[tuple[Words, str]], lang: Lang) -> Rows:
 def _list_given(*rows: tuple[Words, str]) -> list[tuple[Words, str]]:
     """The rows that have a text."""
     return [(label, text) for label, text in rows if text.strip()]
+
+
+def _principal(certificate: Certificate, lang: Lang) -> dict[str, Any]:
+    """Principal results by their names."""
+    shown = [
+        replace(result, name=names.name_result(result), standard="", symbol="")
+        for result in certificate.results
+        if result.principal and not result.by_definition
+    ]
+    return tables.lay_out_list(ListTable(Words(""), tuple(shown)), lang)
 
 
 def _party(party: Party, lang: Lang) -> Rows:
@@ -139,14 +152,12 @@ def _conditions(certificate: Certificate, lang: Lang) -> Rows:
     rows = [(words, getattr(stated, key)) for key, words in CONDITIONS]
     rows += _list_given(*((Words(""), text) for text in stated.others))
     for condition in certificate.run.conditions:
-        label = Words("In the computation: ", "计算中采用：") + Words(
-            condition.name.replace("_", " ")
-        )
+        label = Words("In the computation: ", "计算中采用：") + names.name_condition(condition.name)
         unit = unit_mark(condition.unit)
-        text = f"{tables.format_plain(condition.value, 8)} {unit}".strip()
+        text = with_unit(tables.format_plain(condition.value, 8), unit)
         if condition.standard_uncertainty > 0.0:
             words = Words("standard uncertainty", "标准不确定度").of(lang)
-            u = f"{tables.format_plain(condition.standard_uncertainty, 2)} {unit}".strip()
+            u = with_unit(tables.format_plain(condition.standard_uncertainty, 2), unit)
             text += f" ({words} {u})"
         rows.append((label, text))
     return _in_words(rows, lang)
@@ -224,9 +235,9 @@ def _criterion(criterion: Criterion) -> Words:
     """An acceptance limit of the recipe, and whether the result meets it."""
     name, passed = criterion.name, criterion.passed
     shown = tables.format_beside(criterion.value, criterion.limit)
-    bound = f"{tables.format_exact(criterion.limit)} {unit_mark(criterion.unit)}".strip()
+    bound = with_unit(tables.format_exact(criterion.limit), unit_mark(criterion.unit))
     return Words(
-        f"Limit of the recipe: {name} {shown} against {bound}: {'held' if passed else 'NOT held'}.",
+        f"Limit of the recipe: {name} {shown} against {bound}: {'met' if passed else 'NOT met'}.",
         f"配方限值：{name} {shown}，限值 {bound}：{'满足' if passed else '不满足'}。",
     )
 
@@ -253,55 +264,6 @@ def _before_after(rows: Sequence[BeforeAfter], title: Words, lang: Lang) -> dict
     return tables.text_table(
         heads, align, shown, lang, title=title, notes=[note] if certain else []
     )
-
-
-CONFORMITY_HEADS = (
-    Words("result", "结果"),
-    Words("specification", "技术要求"),
-    tables.VALUE,
-    tables.U,
-    Words("limits", "允许范围"),
-    Words("acceptance limits", "接受限"),
-    Words("rule", "规则"),
-    Words("statement", "结论"),
-)
-
-
-def _conformity(certificate: Certificate, lang: Lang) -> dict[str, Any]:
-    """Statements of conformity, with the decision rules that they rest on."""
-    statements = certificate.statements
-    if not statements:
-        text = Words("No statement of conformity was asked for.", "未要求符合性声明。")
-        return {"text": text.of(lang), "table": None, "rules": []}
-    text = Words(
-        "Compared without rounding, in the unit of the limits.", "以未修约数值比较，单位同限值。"
-    )
-    rows = [_statement(statement, lang) for statement in statements]
-    return {
-        "text": text.of(lang),
-        "table": tables.text_table(CONFORMITY_HEADS, "llrrllll", rows, lang),
-        "rules": [
-            f"{conformity.RULES[rule].of(lang)}." for rule in sorted({s.rule for s in statements})
-        ],
-    }
-
-
-def _statement(s: Statement, lang: Lang) -> list[str]:
-    """Row of one statement of conformity."""
-    limits = (s.lower, s.upper)
-    stated = [None if limit is None else tables.format_exact(limit) for limit in limits]
-    accepted = [
-        tables.format_acceptance(*pair, s.result) for pair in zip(s.acceptance, limits, strict=True)
-    ]
-    return [
-        tables.make_breakable(s.result.key),
-        " ".join(filter(None, (s.name, s.source))),
-        *tables.format_result(s.result),
-        f"{tables.format_limits(*stated)} {unit_mark(s.result.unit)}".strip(),
-        tables.format_limits(*accepted),
-        s.rule.replace("_", "-"),
-        conformity.VERDICTS[s.verdict].of(lang) + (f": {s.reason.of(lang)}" if s.reason.en else ""),
-    ]
 
 
 def _budgets(certificate: Certificate, lang: Lang) -> dict[str, Any]:
@@ -344,7 +306,7 @@ def _budgets(certificate: Certificate, lang: Lang) -> dict[str, Any]:
 def _data(certificate: Certificate, lang: Lang) -> dict[str, Any]:
     """Digests: attachments, run, logs; acceptance limits and flags of the fit."""
     run = certificate.run
-    files = [[a.name, a.description, a.sha256] for a in certificate.attachments]
+    files = [[a.name, names.name_file(a.name).of(lang), a.sha256] for a in certificate.attachments]
     logs = [[log.name, str(log.rows), log.sha256] for log in run.inputs]
     if certificate.as_found is not None:
         word = Words("validation", "验证").of(lang)
@@ -357,6 +319,13 @@ def _data(certificate: Certificate, lang: Lang) -> dict[str, Any]:
     ]
     notes += [certificate.verdict.of(lang)]
     notes += [_criterion(criterion).of(lang) for criterion in run.criteria]
+    if run.flags:
+        count = len(run.flags)
+        words = Words(
+            f"Remarks of the evaluation for the laboratory: {count}, in run.json.",
+            f"数据处理备注 {count} 条，供实验室使用，见 run.json。",
+        )
+        notes.append(words.of(lang))
     heads = [Words("file", "文件"), Words("content", "内容"), Words("SHA-256")]
     log_heads = [Words("log", "数据"), Words("rows", "行数"), Words("SHA-256")]
     return {
@@ -365,7 +334,6 @@ def _data(certificate: Certificate, lang: Lang) -> dict[str, Any]:
         "log_heads": [h.of(lang) for h in log_heads],
         "logs": logs,
         "notes": notes,
-        "flags": list(run.flags),
     }
 
 

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence
 from decimal import Decimal
 from typing import Any
 
+from calibkit.certificate.names import name_result, show_symbol
 from calibkit.certificate.results import (
     GridTable,
     ListTable,
@@ -13,7 +14,7 @@ from calibkit.certificate.results import (
     round_descriptor,
     round_result,
 )
-from calibkit.certificate.words import POWERS, Lang, Words, unit_mark
+from calibkit.certificate.words import POWERS, Lang, Words, unit_mark, with_unit
 from calibkit.numeric import gum
 
 WIDEST = 130
@@ -149,7 +150,8 @@ def lay_out_list(table: ListTable, lang: Lang) -> dict[str, Any]:
     rows = []
     for result in table.results:
         name = result.name.of(lang) + (f" ({result.standard})" if result.standard else "")
-        head = [result.symbol, name] if named else [result.symbol]
+        symbol = show_symbol(result.symbol)
+        head = [symbol, name] if named else [symbol]
         rows.append([*head, *format_stated(result), unit_mark(result.unit) or "1"])
     parts = 1 if named else min(3, -(-len(rows) // LONGEST))
     unit = UNIT_OF_BOTH if parts == 1 else UNIT
@@ -230,6 +232,7 @@ def _label(label: str | Words, lang: Lang) -> str:
     """Label of a row; the hyphen of a number is a minus."""
     if not isinstance(label, str):
         return label.of(lang)
+    label = show_symbol(label)
     try:
         float(label)
     except ValueError:
@@ -295,8 +298,10 @@ def lay_out_budget(result: Result, uncertainty: Uncertainty, lang: Lang) -> dict
             part.name.of(lang),
             part.kind,
             DISTRIBUTIONS[part.distribution].of(lang),
-            f"{_significant(part.standard_uncertainty)}"
-            f" {unit_mark(part.unit) if part.quantity else unit}".strip(),
+            with_unit(
+                _significant(part.standard_uncertainty),
+                unit_mark(part.unit) if part.quantity else unit,
+            ),
             format_plain(part.sensitivity, 3),
             _significant(part.contribution),
             _dof(part.dof),
@@ -304,16 +309,15 @@ def lay_out_budget(result: Result, uncertainty: Uncertainty, lang: Lang) -> dict
         for part in uncertainty.contributions
     ]
     value, expanded = format_result(result)
-    name, key = result.name.of(lang), make_breakable(result.key)
     return {
-        "title": f"{key} ({name})" if name and name != result.symbol else key,
-        "value": f"{value} {unit}".strip(),
+        "title": name_result(result).of(lang),
+        "value": with_unit(value, unit),
         "rows": rows,
         "sum": [
-            f"u_c = {_significant(uncertainty.standard_uncertainty)} {unit}".strip(),
+            with_unit(f"u_c = {_significant(uncertainty.standard_uncertainty)}", unit),
             f"ν_eff = {_dof(uncertainty.effective_dof)}",
             f"k = {_factor(uncertainty)}",
-            f"U = {expanded} {unit}".strip(),
+            with_unit(f"U = {expanded}", unit),
         ],
     }
 
@@ -321,8 +325,3 @@ def lay_out_budget(result: Result, uncertainty: Uncertainty, lang: Lang) -> dict
 def _dof(dof: float) -> str:
     """Degrees of freedom, rounded down; from ten thousand on they are many."""
     return "∞" if dof >= MANY else f"{math.floor(dof + 1e-9)}"
-
-
-def make_breakable(key: str) -> str:
-    """A key that may be broken behind its dots and underscores."""
-    return key.replace(".", ".\u200b").replace("_", "_\u200b")

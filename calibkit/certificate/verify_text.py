@@ -182,6 +182,7 @@ def _body(sheet: dict[str, Any], page: str) -> str:
 
 def _rows(sheet: dict[str, Any]) -> Iterator[tuple[str, list[str]]]:
     """Every row of numbers in the order of printing, with where it belongs."""
+    yield from (("principal results", row) for row in sheet["principal"]["rows"])
     for block in sheet["blocks"]:
         for table in block["tables"]:
             yield from ((block["file"], row) for row in table["rows"])

@@ -42,6 +42,7 @@ HEADINGS = {
     "data": Words("Data and digests", "数据与摘要"),
     "authorisation": Words("Authorisation", "批准"),
     "amendment": Words("Amendment", "修改说明"),
+    "principal": Words("Principal results", "主要结果"),
     "missing": Words("Missing for a certificate", "尚缺内容"),
     "remarks": Words("Remarks", "备注"),
 }
@@ -52,6 +53,10 @@ SENTENCES = {
     "page": Words("Page {n} of {N}", "第 {n} 页，共 {N} 页"),
     "end": Words("End of certificate", "证书结束"),
     "signature": Words("Signature", "签名"),
+    "signed": Words(
+        "Signed electronically: the signature is in this file; calibkit verify checks it.",
+        "电子签名：签名含于本文件中，可用 calibkit verify 核验。",
+    ),
     "only_item": Words(
         "The results relate only to the item calibrated, as it was when it was calibrated.",
         "结果仅与被校件及其校准时的状态有关。",
@@ -65,6 +70,11 @@ SENTENCES = {
         "扩展不确定度 U 为合成标准不确定度乘以各值旁所列包含因子 k，包含概率约 95 %。"
         "其中包括拟合不确定度（A 类，来自协方差）"
         "与设备不确定度（B 类），仅对校准时的时间与条件有效，不含被校件的长期稳定性。",
+    ),
+    "principal": Words(
+        "All results, with the models and conditions that they hold for, stand on the pages that"
+        " follow.",
+        "全部结果及其模型与适用条件见后续各页。",
     ),
     "attached": Words(
         "The files below are attached to this PDF. The coefficients in them have all their digits"
@@ -98,7 +108,13 @@ UNIT_MARKS = {
 }
 """Printed form of units, and of parts of compound units, that differ from their spelling in files.
 """
+ANGLES = ("°", "′", "″")
 POWERS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def with_unit(number: str, mark: str) -> str:
+    """A number with its unit: ° ′ ″ of plane angle stand without a space, nothing for none."""
+    return f"{number}{mark}" if mark in ANGLES else f"{number} {mark}".strip()
 
 
 def unit_mark(unit: str) -> str:

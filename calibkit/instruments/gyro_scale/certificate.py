@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
+from calibkit.certificate.names import name_subject
 from calibkit.certificate.quantities import state
 from calibkit.certificate.results import (
     Block,
@@ -89,7 +90,7 @@ def _state_scale(stated: Stated, record: Record) -> Block:
     figures: list[Figure] = []
     notes: list[Words] = []
     for model in others:
-        title = Words(f"{model.name}: coefficients", f"{model.name}：系数")
+        title = name_subject(f".{model.name}") + Words(": coefficients", "：系数")
         tables.append(stated.coefficients(record, model, title, also={"p0": ("value",)}))
         notes += [range_words(model), *stated.left_out(model)]
     for letter in ("K", "F0"):
@@ -157,14 +158,14 @@ def _find_temperature(model: Model) -> tuple[tuple[str, float, str], ...] | None
     )
 
 
-def _label(model: Model) -> str:
-    """Label of a line: its name and its case temperature, or the range where its runs differ."""
-    at = _find_temperature(model)
+def _label(model: Model) -> Words:
+    """Label of a line: its gyro and its case temperature, or the range where its runs differ."""
+    subject, at = name_subject(f".{model.name}"), _find_temperature(model)
     if at is None:
-        return model.name
+        return subject
     low, high = model.valid[forms.TEMPERATURE]
     text = f"{low:.1f} … {high:.1f}" if high - low > ONE_TEMPERATURE_DEGC else f"{at[0][1]:.1f}"
-    return f"{model.name} ({text} °C)".replace("(-", "(−").replace("… -", "… −")
+    return subject + Words(f" ({text} °C)".replace("(-", "(−").replace("… -", "… −"))
 
 
 def _tabulate_curves(
@@ -177,7 +178,7 @@ def _tabulate_curves(
     """Table of the polynomials of K or F0 over temperature, one column per gyro."""
     columns = [
         (
-            Words(model.name.split(".")[0]),
+            name_subject(f".{model.name}"),
             model.coefficients[0].unit,
             partial(_state_curve, stated, record, model, letter),
         )
@@ -261,7 +262,7 @@ def _tabulate_group(
     return GridTable(
         Words("Figures of the scale factor", "标度因数特征量"),
         Words(""),
-        tuple(map(Words, group)),
+        tuple(name_subject(f".{name}") for name in group),
         tuple(unit for (_, _, unit), _ in rows),
         tuple(NAMES.get(w, Words(w)) + Words(f" {s}" if s else "") for (w, s, _), _ in rows),
         tuple(tuple(row.get(name) for name in group) for _, row in rows),
