@@ -1,7 +1,7 @@
 """What the logs of a folder show when an instrument decides whether they are its own."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
@@ -103,6 +103,25 @@ class Evidence:
             reason=reason,
             gravity=typed_gravity.find_gravity(self.folder / self.group.files[0]),
         )
+
+    def choose_at_rest(
+        self, name: str, keys_of: Callable[[Sequence[str]], Mapping[str, str]]
+    ) -> Choice | None:
+        """Choice of a shipped recipe for all channels of an instrument that stands still beside one
+        temperature, with its keys for these channels; None for other logs.
+        """
+        columns = self.columns
+        channels = [name for name in columns if re.fullmatch(r"(gyro|accel)_.*", name)]
+        temperature = columns.get("temp_case_degc") or columns.get("temp_env_degc")
+        moved = self.turned or bool({"table_rate_dps", "position_deg"} & columns.keys())
+        if not channels or "time_s" not in columns or temperature is None or moved:
+            return None
+        base = {name: column for name, column in columns.items() if not name.startswith("temp_")}
+        base["temp_case_degc"] = temperature
+        what = "a gyro" if len(channels) == 1 else f"{len(channels)} channels at rest"
+        read = ("time_s", "temp_case_degc", *channels)
+        reason = f"{what} beside one temperature"
+        return self.choose(name, read, base, keys_of(channels), reason=reason)
 
     def _guess_units(self, mapping: Mapping[str, LogColumn]) -> dict[str, tuple[str, ...]]:
         """Units that the numbers of columns without one show: of times by their spacing, of a triad

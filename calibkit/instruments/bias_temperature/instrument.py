@@ -2,7 +2,6 @@
 bias.json.
 """
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -163,23 +162,15 @@ def _firmware() -> Firmware[BiasTemperatureRecipe]:
     return FIRMWARE
 
 
+def _keys_of(channels: Sequence[str]) -> dict[str, str]:
+    """Polynomials of channels, where they are not those of the shipped recipe."""
+    bias = ", ".join(f'{{ indication = "{name}", order = 3 }}' for name in channels)
+    return {} if list(channels) == ["gyro_dph"] else {"bias": f"[{bias}]"}
+
+
 def _propose(evidence: Evidence) -> Choice | None:
     """Recipe for a static instrument with times and one temperature: all that it measures."""
-    columns = evidence.columns
-    channels = [name for name in columns if re.fullmatch(r"(gyro|accel)_.*", name)]
-    temperature = columns.get("temp_case_degc") or columns.get("temp_env_degc")
-    if not channels or "time_s" not in columns or temperature is None or evidence.turned:
-        return None
-    if "table_rate_dps" in columns or "position_deg" in columns:
-        return None
-    base = {name: column for name, column in columns.items() if not name.startswith("temp_")}
-    base["temp_case_degc"] = temperature
-    bias = ", ".join(f'{{ indication = "{name}", order = 3 }}' for name in channels)
-    keys = {} if channels == ["gyro_dph"] else {"bias": f"[{bias}]"}
-    what = "a gyro" if len(channels) == 1 else f"{len(channels)} channels at rest"
-    reason = f"{what} beside one temperature"
-    read = ("time_s", "temp_case_degc", *channels)
-    return evidence.choose("bias_temperature", read, base, keys, reason=reason)
+    return evidence.choose_at_rest("bias_temperature", _keys_of)
 
 
 INSTRUMENT = Instrument(
