@@ -144,8 +144,9 @@ class Evidence:
     def recipe(self, choice: Choice) -> Recipe:
         """Recipe that a choice gives."""
         text = write_recipe(self.folder, choice, self.group, (), self.parse)
-        # what a person has to state is taken as stated
-        return self.parse(Source("proposed recipe", text.replace(UNSTATED, "")))
+        # what a person has to state is taken as stated; a scale of 1 would not be
+        tried = text.replace(f"{UNSTATED}scale = 1.0", 'header_unit = "ignored"')
+        return self.parse(Source("proposed recipe", tried.replace(UNSTATED, "")))
 
 
 def _is_temperature(column: LogColumn) -> bool:
