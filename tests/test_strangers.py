@@ -11,7 +11,7 @@ import stranger_logs
 from calibkit import inspection, recipe
 from calibkit.errors import CalibkitError
 
-RIGHT, ACCEPTED, MOST_EDITS = 25, 25, 2
+RIGHT, ACCEPTED, MOST_EDITS = 25, 23, 2
 VOLTS = (("# state: scale = 1.0", "scale = 100.0"),)
 GRAVITY = (("# state: gravity_mps2 = 9.8 ", "gravity_mps2 = 9.7966 "),)
 EDITS = {
@@ -63,7 +63,9 @@ def accepts(folder, text):
 
 
 def test_check_accepts_the_recipes_after_two_edits(proposed):
-    """Of all 25 kinds; every edit is of a line that the recipe asks a person about."""
+    """Of 23 kinds, every edit of a line that the recipe asks about; in the other two six faces
+    alone determine no nine parameters.
+    """
     accepted = []
     for name, (folder, text) in proposed.items():
         edited, edits = text, EDITS.get(name, ())
