@@ -119,7 +119,9 @@ def write_terms(
     model: ThermalModel,
     interval_s: float,
     unit: str,
+    *,
     components: tuple[Component, ...] = (),
+    more: tuple[Parameter, ...] = (),
 ) -> Model:
     """Model for the coefficient file, in the unit of the bias; terms that were not fitted are 0."""
     terms = [
@@ -140,7 +142,7 @@ def write_terms(
         residual_rms=model.residual_rms,
         residual_unit=unit,
         valid=dict(zip(DRIVERS, model.valid, strict=True)),
-        parameters=tuple(parameters),
+        parameters=(*parameters, *more),
         components=components,
     )
 

@@ -1,8 +1,9 @@
 """A correction chain while it is built: inputs, steps and outputs are added one by one."""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, fields, replace
 from fractions import Fraction
+from typing import Any
 
 from calibkit.coefficients import Model
 from calibkit.firmware import exact
@@ -155,6 +156,26 @@ class Draft:
         self.steps.append(Sum(name, tuple(term for part in terms for term in part)))
         return name
 
+    def include(self, part: "Draft", suffix: str) -> None:
+        """Add the steps of another draft, whose values and tables get a suffix; inputs are
+        shared.
+        """
+        own = {step.name for step in part.steps}
+
+        def named(name: str) -> str:
+            return f"{name}{suffix}" if name in own or name in part.tables else name
+
+        self.steps += [_rename(step, named) for step in part.steps]
+        self.tables |= {named(name): table for name, table in part.tables.items()}
+        for mine, added in (
+            (self.limits, part.limits),
+            (self.usual, part.usual),
+            (self.gains, part.gains),
+        ):
+            for key, value in added.items():
+                name, dot, of = key.partition(".")
+                mine[f"{named(name)}{dot}{of}"] = value
+
     def chain(
         self,
         forms: Iterable[str],
@@ -182,6 +203,31 @@ class Draft:
             tuple(self.ranges),
             tuple(self.corrections),
         )
+
+
+def _rename(step: Step, named: Callable[[str], str]) -> Step:
+    """A step whose values and tables have other names."""
+    changed: dict[str, Any] = {
+        field.name: named(value)
+        for field in fields(step)
+        if field.name not in ("flag", "group", "start")
+        and isinstance(value := getattr(step, field.name), str)
+    }
+    if isinstance(step, Sum):
+        changed["terms"] = tuple(
+            replace(
+                term,
+                table=named(term.table),
+                over=named(term.over),
+                factors=tuple(map(named, term.factors)),
+            )
+            for term in step.terms
+        )
+    if isinstance(step, Select):
+        changed["cases"] = tuple(
+            replace(case, value=named(case.value), table=named(case.table)) for case in step.cases
+        )
+    return replace(step, **changed)
 
 
 def _used(steps: Sequence[Step], wanted: Sequence[str]) -> set[str]:

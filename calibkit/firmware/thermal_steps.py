@@ -27,16 +27,21 @@ LEAST_SAMPLES = 4
 """Fewest values for the rate of a level model; they must also span half a window."""
 
 
-def follow_terms(draft: Draft, model: Model, h: Fraction, reference_degc: float) -> str:
+Mapped = tuple[Fraction, Fraction]
+"""Middle and half range [°C] by which the case temperature is mapped to x."""
+
+
+def follow_terms(
+    draft: Draft, model: Model, h: Fraction, reference_degc: float, mapped: Mapped
+) -> str:
     """Bias of a level or lagged model from the mapped case temperature "x" at an interval h [s]:
     the sum of its terms, zero at rest at the reference temperature.
     """
-    middle, half = exact.span(*model.valid[CASE])
-    (_follow_lags if is_lagged(model) else _follow_case)(draft, model, h, half)
-    return _sum_terms(draft, model, reference_degc, middle, half)
+    (_follow_lags if _is_lagged(model) else _follow_case)(draft, model, h, mapped)
+    return _sum_terms(draft, model, reference_degc, *mapped)
 
 
-def is_lagged(model: Model) -> bool:
+def _is_lagged(model: Model) -> bool:
     """Whether a model has lags, so that it follows no window of the case temperature."""
     return any(coefficient.name == LAGS[0] for coefficient in model.coefficients)
 
@@ -56,9 +61,9 @@ def _limited(draft: Draft, model: Model, name: str, source: str, column: str, fl
     draft.limit(name, source, low, high, flag)
 
 
-def _limited_temperature(draft: Draft, model: Model, source: str) -> None:
+def _limited_temperature(draft: Draft, model: Model, source: str, mapped: Mapped) -> None:
     """Clamp the mapped temperature u to its fitted range."""
-    middle, half = exact.span(*model.valid[CASE])
+    middle, half = mapped
     low, high = ((Fraction(limit) - middle) / half for limit in model.valid[CASE])
     draft.limit("u", source, low, high, "TEMP_CLAMPED")
 
@@ -100,7 +105,7 @@ def uses(model: Model, driver: str) -> bool:
     return any(entering[driver])
 
 
-def _follow_lags(draft: Draft, model: Model, h: Fraction, half: Fraction) -> None:
+def _follow_lags(draft: Draft, model: Model, h: Fraction, mapped: Mapped) -> None:
     """Coil temperatures as differences lag = T_case − T_o and fall = T_o − T_i, both in units of
     `half`.
 
@@ -109,7 +114,7 @@ def _follow_lags(draft: Draft, model: Model, h: Fraction, half: Fraction) -> Non
     = τ_i (a − b)/(τ_o − τ_i), λ = (τ_i (1 − b) − τ_o κ)/h. States that are zero at rest keep full
     precision there.
     """
-    tau = Fraction(model.value(LAGS[0]))
+    tau, half = Fraction(model.value(LAGS[0])), mapped[1]
     gradient, gradient_rate = (draft.padded or uses(model, name) for name in DRIVERS[2:])
     fastest = FASTEST * largest(model, RATE) / 60 / half
     draft.steps.append(Memory("x_before", "x", "same"))
@@ -119,7 +124,7 @@ def _follow_lags(draft: Draft, model: Model, h: Fraction, half: Fraction) -> Non
     if gradient or gradient_rate:
         _follow_inner(draft, model, (h, tau, exact.exp(-h / tau)), half)
     draft.sum("coil", factor("x"), factor("lag", -1))
-    _limited_temperature(draft, model, "coil")
+    _limited_temperature(draft, model, "coil", mapped)
     draft.sum(
         "coil_rate",
         draft.polynomial("rate_of_lag", (60 * half / tau / largest(model, RATE),), "", "lag"),
@@ -160,11 +165,12 @@ def _follow_inner(
         _limited(draft, model, "gradient_rate", "coil_gradient_rate", GRADIENT_RATE, "RATE_CLAMPED")
 
 
-def _follow_case(draft: Draft, model: Model, h: Fraction, half: Fraction) -> None:
+def _follow_case(draft: Draft, model: Model, h: Fraction, mapped: Mapped) -> None:
     """Case temperature, its gradient to the air, and their rates from parabolas over the trailing
     window.
     """
-    _limited_temperature(draft, model, "x")
+    _limited_temperature(draft, model, "x", mapped)
+    middle, half = mapped
     length, least = _window(h, Fraction(model.value("window")))
 
     def slope(name: str, source: str, column: str, unit: Fraction) -> None:
@@ -181,7 +187,7 @@ def _follow_case(draft: Draft, model: Model, h: Fraction, half: Fraction) -> Non
         draft.usual["case_rate.difference"] = min(2 * BEYOND, fastest * length * h / 60 / half)
         slope("rate", "x", RATE, half)
     if gradient or gradient_rate:
-        middle, scale = exact.span(*model.valid[CASE])[0], largest(model, GRADIENT)
+        scale = largest(model, GRADIENT)
         reach = (middle - 2 * BEYOND * half, middle + 2 * BEYOND * half)
         draft.input(AIR, "degC", AIR_MEANING, reach, "AIR_CLAMPED")
         draft.sum("apart", factor(CASE), factor(AIR, -1))

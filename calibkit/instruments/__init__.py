@@ -141,6 +141,7 @@ SHIPPED = {
     "gyro_noise": "gyro_noise.instrument:INSTRUMENT",
     "accelerometer": "accelerometer.instrument:INSTRUMENT",
     "fog_thermal": "fog_thermal.instrument:INSTRUMENT",
+    "thermal": "thermal.instrument:INSTRUMENT",
     "bias_temperature": "bias_temperature.instrument:INSTRUMENT",
 }
 """Procedure → module below this package and its record there; a recipe for unknown logs is sought

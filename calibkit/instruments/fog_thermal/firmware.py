@@ -82,7 +82,7 @@ def _on_levels(draft: Draft, model: Model, reference_degc: float) -> Chain:
         pace = fastest / 60 / half
         _output(draft, firmware_bank.follow_bank(draft, model, h, pace, reference_degc))
     else:
-        _output(draft, thermal_steps.follow_terms(draft, model, h, reference_degc))
+        _output(draft, thermal_steps.follow_terms(draft, model, h, reference_degc, (middle, half)))
     _ranges(draft, model, "coil" if lagged else "case")
     moved = f"the case moves by no more than {float(fastest):.3g} degC/min"
     return draft.chain(

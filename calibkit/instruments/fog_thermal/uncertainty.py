@@ -19,8 +19,8 @@ from calibkit.instruments.fog_thermal.numeric.bank import OnLevels
 from calibkit.instruments.fog_thermal.numeric.gradient import Blocks
 from calibkit.instruments.fog_thermal.ramps import PreparedLog
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
-from calibkit.numeric import chunks, consistency, gum
-from calibkit.numeric.thermal import noise as thermal_noise, uncertainty
+from calibkit.numeric import chunks, gum
+from calibkit.numeric.thermal import uncertainty
 from calibkit.numeric.thermal.evaluate import Evaluation
 from calibkit.recipe import TypeB
 from calibkit.recipe.type_b import RELATIVE
@@ -310,7 +310,6 @@ def check_coverage(
         return {"not_available": "the run exports no model on levels"}
     found = _along_blocks(model, blocks, terms)
     group = compensation.blocks_per_figure(model.interval_s)
-    count = found.drift.size // group
     entry: dict[str, Any] = {
         "unit": "deg/h",
         "standard_uncertainty_mean": float(found.standard.mean()),
@@ -318,31 +317,13 @@ def check_coverage(
         "expanded_uncertainty_largest": float(found.expanded.max()),
         "probability": gum.TWO_SIGMA,
     }
-    if count < 2:
-        return entry
-    rows = slice(0, count * group)
-
-    def grouped(values: Array) -> Array:
-        return np.asarray(values[rows].reshape(count, group).mean(axis=1), dtype=np.float64)
-
-    left = grouped(blocks.indication - found.drift)
-    noise = model.thermal.noise
-    flicker = noise.flicker**2 * np.diag(
-        uncertainty.about_its_mean(thermal_noise.flicker_kernel(count))
+    left, noise = blocks.indication - found.drift, model.thermal.noise
+    compared, means, limit = uncertainty.compare_means(
+        left, found.standard, found.expanded, noise, group
     )
-    own = noise.white_variance / group + flicker
-    limit = np.sqrt(grouped(found.expanded) ** 2 + 4.0 * own)
-    error = left - left.mean()
-    # the error of the drift is taken as one pattern along the log
-    judged = consistency.compare_errors(error, grouped(found.standard)[:, None], own)
-    if level is not None:
-        entry |= level.compare(left, limit)
-    return entry | {
-        "means_of_100_s": count,
-        "share_within_expanded_uncertainty": float(np.mean(np.abs(error) <= limit)),
-        "rms_error_over_uncertainty": judged.ratio,
-        "largest_rms_error_over_uncertainty": judged.limit,
-    }
+    if compared and level is not None:
+        entry |= level.compare(means, limit)
+    return entry | compared
 
 
 def check_logs(

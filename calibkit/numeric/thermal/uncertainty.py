@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from calibkit.arrays import Array
-from calibkit.numeric import gum
+from calibkit.numeric import consistency, gum
 from calibkit.numeric.thermal import noise as thermal_noise
 from calibkit.numeric.thermal.evaluate import Evaluation
 from calibkit.numeric.thermal.noise import Noise
@@ -122,3 +122,34 @@ def contributions(model: _Stated, evaluation: Evaluation) -> list[tuple[str, str
         ("beyond the fitted ranges", "B", np.abs(evaluation.beyond) / np.sqrt(3.0), np.inf),
         *([("hysteresis of what was before", "B", past, np.inf)] if np.any(past) else []),
     ]
+
+
+def compare_means(
+    left: Array, standard: Array, expanded: Array, noise: Noise, group: int
+) -> tuple[dict[str, float], Array, Array]:
+    """Errors [n] of a log as means over a group of blocks about the log's mean, against their
+    standard and expanded uncertainties [n]: number of means, the share within U and noise, and the
+    size over the standard uncertainty with its limit, as a JSON object; the means [m] and the
+    limits [m] of U and noise. Empty for less than two means.
+    """
+    count = left.size // group
+    if count < 2:
+        return {}, np.zeros(0), np.zeros(0)
+
+    def grouped(values: Array) -> Array:
+        return np.asarray(values[: count * group].reshape(count, group).mean(axis=1))
+
+    flicker = noise.flicker**2 * np.diag(about_its_mean(thermal_noise.flicker_kernel(count)))
+    own = noise.white_variance / group + flicker
+    limit = np.sqrt(grouped(expanded) ** 2 + 4.0 * own)
+    means = grouped(left)
+    error = means - means.mean()
+    # the error of the drift is taken as one pattern along the log
+    judged = consistency.compare_errors(error, grouped(standard)[:, None], own)
+    compared = {
+        "means_of_100_s": count,
+        "share_within_expanded_uncertainty": float(np.mean(np.abs(error) <= limit)),
+        "rms_error_over_uncertainty": judged.ratio,
+        "largest_rms_error_over_uncertainty": judged.limit,
+    }
+    return compared, means, limit

@@ -1,0 +1,1 @@
+"""Bias of the channels of a static instrument against one thermometer."""

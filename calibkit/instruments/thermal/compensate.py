@@ -1,0 +1,178 @@
+"""thermal.json and a log → compensated channels, and what is left of unseen logs."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from calibkit import thermal_forms, units
+from calibkit.arrays import Array
+from calibkit.coefficients import Model, Record
+from calibkit.errors import CoefficientError
+from calibkit.frame import Log, values
+from calibkit.instruments.thermal import channels, forms, power_ons
+from calibkit.instruments.thermal.power_ons import PowerOn
+from calibkit.instruments.thermal.recipe import ThermalRecipe
+from calibkit.numeric import gum
+from calibkit.numeric.dispersion import rms
+from calibkit.numeric.thermal import uncertainty
+from calibkit.numeric.thermal.evaluate import Evaluation
+from calibkit.numeric.thermal.terms import ThermalModel
+from calibkit.recipe.type_b import RELATIVE
+
+CASE_STEP_DEGC = 0.05
+"""Change of the temperature for the numerical derivative of the bias."""
+FLAGGED_SHARE = 0.005
+"""Largest share of a log that may be outside the fitted ranges without a flag."""
+
+
+def read_models(records: Mapping[str, Record], spec: ThermalRecipe) -> dict[str, Model]:
+    """Models of the recipe's channels; CoefficientError for a run without them."""
+    if forms.FILE not in records:
+        raise CoefficientError(f"the run holds no {forms.FILE}", hint="it is not a run of thermal")
+    record = records[forms.FILE]
+    return {name: record.model(name) for name in spec.thermal.channels}
+
+
+def average_log(log: Log, raw: Log, interval_s: float, spec: ThermalRecipe) -> list[PowerOn]:
+    """Power-ons of one log at a model interval, or at the log's own where that is longer."""
+    own = max(interval_s, float(np.ceil(log.steps.usual - 1e-6)))
+    return power_ons.find_power_ons([log], [raw], spec.thermal, own)
+
+
+@dataclass(frozen=True, slots=True)
+class Drift:
+    """Bias [n] of one channel along the blocks of a power-on, zero at the reference temperature,
+    and its standard and expanded uncertainties [n].
+    """
+
+    found: Evaluation
+    standard: Array
+    expanded: Array
+
+
+def follow_bias(model: ThermalModel, one: PowerOn, name: str, spec: ThermalRecipe) -> Drift:
+    """Bias of one channel along a power-on with its uncertainty: coefficients, model error, ranges
+    and the type B terms of the thermometer and the channel.
+    """
+    log, reference = one.of_channel(name), spec.reference_temp_degc
+    found = channels.evaluate_wide(model, log, reference)
+    parts = [(values, dof) for _, _, values, dof in uncertainty.contributions(model, found)]
+    for term in spec.type_b:
+        u = term.u_of(0.0)
+        dof = np.inf if term.dof is None else term.dof
+        if term.quantity == power_ons.CASE and term.unit not in RELATIVE:
+            warmer, colder = (
+                channels.evaluate_wide(
+                    model, replace(log, case=log.case + step, env=log.env + step), reference
+                ).drift
+                for step in (CASE_STEP_DEGC, -CASE_STEP_DEGC)
+            )
+            parts.append((np.abs(warmer - colder) / (2.0 * CASE_STEP_DEGC) * u, dof))
+        elif term.quantity == name and term.unit not in RELATIVE:
+            parts.append((np.full(log.time.size, u), dof))
+    stacked = np.stack([values for values, _ in parts])
+    standard, _, expanded = gum.expand_along(stacked, np.array([dof for _, dof in parts]))
+    return Drift(found, standard, expanded)
+
+
+def compensate_log(
+    log: Log, raw: Log, models: Mapping[str, Model], spec: ThermalRecipe
+) -> tuple[dict[str, Array], dict[str, Array], tuple[str, ...]]:
+    """Compensated channels [rows] of a log, columns that the recipe adds, and flags.
+
+    The bias is evaluated on block means at the model interval, as in the fit, and interpolated to
+    the rows.
+    """
+    time = values(log.frame, "time_s")
+    columns, added = {}, {}
+    flags: list[str] = []
+    for name, model in models.items():
+        fitted = thermal_forms.read_terms(model)
+        found = average_log(log, raw, model.value("interval"), spec)
+        drifts = [follow_bias(fitted, one, name, spec) for one in found]
+        bias = _to_rows(time, found, [drift.found.drift for drift in drifts])
+        columns[name] = values(log.frame, name) - bias
+        stem, _, unit = name.rpartition("_")
+        if spec.output.drift:
+            added[f"{stem}_drift_{unit}"] = bias
+        if spec.output.rate_uncertainty:
+            standard = [drift.standard for drift in drifts]
+            added[f"{stem}_standard_uncertainty_{unit}"] = _to_rows(time, found, standard)
+        if any(fitted.coefficients[1:]):
+            flags += _flag_ranges(log.file, name, [drift.found for drift in drifts])
+        flags += [note for one in found for note in one.notes]
+    return columns, added, tuple(dict.fromkeys(flags))
+
+
+def _to_rows(time: Array, found: Sequence[PowerOn], along: Sequence[Array]) -> Array:
+    """Values of blocks interpolated to the rows [n] of one log."""
+    rows = np.empty(time.size)
+    for one, blocks in zip(found, along, strict=True):
+        for _, first, stop, begins in one.spans:
+            at = begins + time[first:stop] - time[first]
+            rows[first:stop] = np.interp(at, one.blocks.time, blocks)
+    return rows
+
+
+def _flag_ranges(file: str, name: str, found: Sequence[Evaluation]) -> list[str]:
+    """Flags of temperatures and rates outside the fitted ranges, with the share of the log."""
+    outside = {
+        "temperature outside the fitted range": [one.temperature_clamped for one in found],
+        "temperature rate outside the fitted range": [
+            one.rate_clamped | one.gradient_clamped for one in found
+        ],
+        "temperature changes in a direction that was not fitted": [one.unmeasured for one in found],
+    }
+    shares = {what: float(np.mean(np.concatenate(mask))) for what, mask in outside.items()}
+    return [
+        f"{file}: {name}: {what} over {100.0 * share:.0f} %"
+        for what, share in shares.items()
+        if share > FLAGGED_SHARE
+    ]
+
+
+def validation_entry(
+    log: Log, raw: Log, models: Mapping[str, Model], spec: ThermalRecipe
+) -> dict[str, Any]:
+    """JSON object of one validated log: rms of every channel about its power-ons before and after,
+    and how the errors of 100 s means compare with their uncertainty.
+    """
+    entries, flags = [], []
+    for name, model in models.items():
+        fitted, interval_s = thermal_forms.read_terms(model), model.value("interval")
+        found = average_log(log, raw, interval_s, spec)
+        drifts = [follow_bias(fitted, one, name, spec) for one in found]
+        raws = [one.indications[name] for one in found]
+        left = [own - drift.found.drift for own, drift in zip(raws, drifts, strict=True)]
+        longest = int(np.argmax([own.size for own in left]))
+        before, after = (
+            rms(np.concatenate([own - own.mean() for own in parts])) for parts in (raws, left)
+        )
+        entries.append(
+            {
+                "name": name,
+                "unit": units.column_unit(name),
+                "before": before,
+                "after": after,
+                "reduction": before / after if after else None,
+            }
+            | uncertainty.compare_means(
+                left[longest],
+                drifts[longest].standard,
+                drifts[longest].expanded,
+                fitted.noise,
+                channels.figure_blocks(interval_s),
+            )[0]
+        )
+        if any(fitted.coefficients[1:]):
+            flags += _flag_ranges(log.file, name, [drift.found for drift in drifts])
+        flags += [note for one in found for note in one.notes]
+    return {
+        "name": log.file,
+        "sha256": log.sha256,
+        "rows": log.rows,
+        "channels": entries,
+        "flags": list(dict.fromkeys(flags)),
+    }

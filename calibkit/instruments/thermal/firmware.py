@@ -1,0 +1,158 @@
+"""thermal.json → chain of steps by which firmware follows the bias of every channel, updated once
+per interval.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit import check
+from calibkit.coefficients import Model, Record
+from calibkit.errors import OutputError
+from calibkit.firmware import as_firmware, exact, thermal_steps, twin, vectors
+from calibkit.firmware.chain import Chain, Trials
+from calibkit.firmware.draft import BEYOND, Draft
+from calibkit.firmware.program import Program
+from calibkit.firmware.sources import required_record
+from calibkit.frame import refuse, values
+from calibkit.ingest import logs, write_back
+from calibkit.ingest.write_back import Applied
+from calibkit.instruments import Firmware
+from calibkit.instruments.thermal.forms import CASE_RANGE, FILE
+from calibkit.instruments.thermal.recipe import ThermalRecipe
+from calibkit.numeric import intervals
+from calibkit.thermal_forms import CASE, RATE
+
+if TYPE_CHECKING:
+    from calibkit.arrays import Array
+
+HISTORY = (
+    (0.0, 1),
+    (0.05, 1),
+    (0.1, 2),
+    (0.3, 3),
+    (1.02, 4),
+    (0.96, 8),
+    (0.96, 160),
+    (0.2, 3),
+    (-0.5, 3),
+    (-1.02, 2),
+    (-0.96, 8),
+    (-0.96, 160),
+    (0.98, 4),
+    (-0.2, 6),
+    (0.1, 12),
+)
+"""Thermal history of the self-test from the reset on: case temperature relative to the half range
+of its input, and number of updates.
+"""
+
+
+def _chain(spec: ThermalRecipe, records: Mapping[str, Record]) -> Chain:
+    """Chain of all channels that vary, each zero at rest at the reference temperature; OutputError
+    where none does.
+    """
+    models = [
+        model
+        for model in required_record(records, FILE, spec).models
+        if any(coefficient.value for coefficient in model.coefficients[1:])
+    ]
+    if not models:
+        raise OutputError(
+            "no channel has a drift term: no tested model was better than none",
+            hint="there is nothing to export",
+        )
+    # channels have terms and lags of their own: no layout holds for all devices
+    draft = Draft()
+    h = Fraction(models[0].value("interval"))
+    draft.input(CASE, "degC", thermal_steps.CASE_MEANING, _reach(models))
+    paces = []
+    for model in models:
+        _follow_channel(draft, model, h, spec.reference_temp_degc)
+        paces.append(thermal_steps.FASTEST * thermal_steps.largest(model, RATE))
+    found = draft.chain(
+        [model.form for model in models],
+        "corrected = indication - bias, each channel in its unit; the bias is 0 at rest at"
+        f" {spec.reference_temp_degc:g} degC",
+        interval_s=float(h),
+        condition=f"the case moves by no more than {float(min(paces)):.3g} degC/min",
+    )
+    return replace(found, trials=_thermal_history(found))
+
+
+def _span(model: Model) -> tuple[Fraction, Fraction]:
+    """Middle and half range [°C] of the thermometer in the fitted logs."""
+    return exact.span(*(model.value(name) for name in CASE_RANGE))
+
+
+def _reach(models: list[Model]) -> tuple[Fraction, Fraction]:
+    """Range of the input's word: that of all channels."""
+    spans = [_span(model) for model in models]
+    widest = thermal_steps.WIDEST
+    return (
+        min(middle - widest * half for middle, half in spans),
+        max(middle + widest * half for middle, half in spans),
+    )
+
+
+def _follow_channel(draft: Draft, model: Model, h: Fraction, reference_degc: float) -> None:
+    """Steps of one channel, which end in its name."""
+    own = Draft()
+    low, high = (model.value(name) for name in CASE_RANGE)
+    mapped = own.map("x", CASE, (low, high), flag="TEMP_CLAMPED", beyond=BEYOND)
+    source = thermal_steps.follow_terms(own, model, h, reference_degc, mapped)
+    draft.include(own, f"_{model.name}")
+    name = f"bias_{model.name}"
+    meaning = f"bias of {model.name}, to be subtracted from it"
+    draft.output(name, model.residual_unit, f"{source}_{model.name}", meaning, corrects=model.name)
+    draft.ranges.append(f"{CASE} of {model.name} {low:.4g} to {high:.4g} degC")
+
+
+def _thermal_history(chain: Chain) -> Trials:
+    """Trials of a chain: one thermal history that covers its range from end to end."""
+    low, high = (float(limit) for limit in chain.tables[chain.structure.inputs[0].table])
+    # the input's range is WIDEST times the fitted one
+    half = (high - low) / 2.0 / float(thermal_steps.WIDEST) * float(BEYOND)
+    away, updates = zip(*HISTORY, strict=True)
+    case = (low + high) / 2.0 + half * np.array(away)
+    return Trials({CASE: vectors.coarsen(case, half)}, updates)
+
+
+def _apply(spec: ThermalRecipe, chain: Chain, quantised: Program, data: Path) -> Applied:
+    """Correct every row of a log by the bias of the previous interval; the chain is updated once
+    per interval with means over it.
+    """
+    columns = [entry.column for entry in chain.corrections]
+    log = logs.read_log(spec, data, data.name, ("time_s", CASE, *columns))
+    refuse([*check.find_missing_values(log, list(log.frame.columns))])
+    refuse(check.find_unordered_times(log))
+    interval_s = chain.structure.interval_s or 0.0
+    held = intervals.Intervals.find(values(log.frame, "time_s"), interval_s, log.steps.usual)
+    case = held.filled(held.means(values(log.frame, CASE)))
+    words = {CASE: twin.encode(quantised, CASE, case)}
+    results = list(twin.run_in_turn(quantised, words, [1] * case.size))
+    status = np.concatenate([one.status for one in results])
+    before = np.maximum(np.repeat(held.number, held.count) - 1, 0)
+    replaced: dict[str, Array] = {}
+    for output, entry in zip(quantised.structure.outputs, chain.corrections, strict=True):
+        bias = np.concatenate(
+            [twin.decode(quantised, output.name, one.outputs[output.name]) for one in results]
+        )
+        replaced[entry.column] = values(log.frame, entry.column) - bias[before]
+    note = (
+        f"{log.file}: each interval of {interval_s:g} s is corrected by the bias of the one before,"
+        " the first by its own"
+    )
+    flags = (
+        *check.flag_bridged_gaps(log),
+        note,
+        *as_firmware.status_flags(log.file, quantised, status),
+    )
+    return write_back.rewrite_log(spec, data, log, replaced), flags
+
+
+FIRMWARE = Firmware(files=lambda _: (FILE,), chain=_chain, apply=_apply)

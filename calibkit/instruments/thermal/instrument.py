@@ -1,0 +1,194 @@
+"""Bias of the channels of a static instrument against one thermometer: logs → thermal.json."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from calibkit import check as checks, units
+from calibkit.certificate.quantities import Quantity
+from calibkit.certificate.results import Block
+from calibkit.certificate.stated import Stated
+from calibkit.check import copies
+from calibkit.coefficients import Input, Record
+from calibkit.frame import Examined, Finding, Log, refuse
+from calibkit.ingest import logs as ingest, write_back
+from calibkit.ingest.logs import Reader
+from calibkit.ingest.write_back import Applied
+from calibkit.instruments import Firmware, Fitted, Instrument, Progress
+from calibkit.instruments.thermal import (
+    channels,
+    compensate,
+    figures,
+    forms,
+    power_ons,
+    sensitivities,
+    tables,
+)
+from calibkit.instruments.thermal.recipe import ThermalRecipe
+from calibkit.report.documents import Drawn
+from calibkit.report.summary import Summary
+from calibkit.simulate.campaign import Campaign
+
+
+def _read(spec: ThermalRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
+    """One log in the recipe's columns."""
+    return reader(spec, data / file, file, (*power_ons.COLUMNS, *spec.thermal.channels))
+
+
+def _mend(spec: ThermalRecipe, log: Log) -> Log:
+    """Log whose clock goes on after a restart."""
+    stated = spec.thermal.interval_s
+    interval_s = power_ons.USUAL_INTERVAL_S if stated == "auto" else float(stated)
+    return power_ons.mend_clock(log, interval_s)
+
+
+def _find_unusable(spec: ThermalRecipe, log: Log, min_rows: int) -> list[Finding]:
+    """What is wrong with a log whose clock was mended, for compensation."""
+    early = [
+        *checks.find_too_few_rows(log, min_rows),
+        *checks.find_missing_values(log, list(log.frame.columns)),
+    ]
+    if any(finding.refused for finding in early):
+        return early
+    rates = [name for name in spec.thermal.channels if name.endswith("_dph")]
+    return [
+        *early,
+        *checks.find_unordered_times(log),
+        *checks.find_implausible_temperatures(log, [power_ons.CASE]),
+        *(finding for name in rates for finding in checks.find_implausible_rates(log, name)),
+    ]
+
+
+def _find_faults(spec: ThermalRecipe, log: Log) -> list[Finding]:
+    """What is wrong with a log whose clock was mended, for a fit."""
+    found = _find_unusable(spec, log, spec.thermal.min_rows)
+    if any(finding.refused for finding in found):
+        return found
+    found += checks.find_constant_columns(log, [power_ons.CASE, *spec.thermal.channels])
+    if any(finding.refused for finding in found):
+        return found
+    found += checks.series.check_temperature(log, power_ons.CASE)
+    for column in spec.still_columns():
+        found += checks.series.check_indication(log, column, units.column_unit(column))
+    return [*found, *checks.magnitude.find_compensated_names(log, spec, spec.still_columns())]
+
+
+def _examine(spec: ThermalRecipe, log: Log) -> Examined:
+    """Find what is wrong with one log."""
+    mended = _mend(spec, log)
+    found = _find_faults(spec, mended)
+    if any(finding.refused for finding in found):
+        return Examined(tuple(found))
+    return Examined(tuple(found))
+
+
+def _fit(
+    spec: ThermalRecipe, data: Path, files: Sequence[str], progress: Progress
+) -> Fitted[figures.ThermalReport]:
+    """Choose and fit the terms of every channel over the power-ons of all logs."""
+    raw, logs, flags = [], [], []
+    for log in copies.refuse_copies(
+        ingest.read_ahead(progress(files, "reading"), lambda file: _read(spec, data, file))
+    ):
+        mended = _mend(spec, log)
+        found = _find_faults(spec, mended)
+        refuse(found)
+        raw.append(log)
+        logs.append(mended)
+        flags += [f"{log.file}: {note}" for note in mended.notes]
+        flags += [str(finding) for finding in found if finding.flagged]
+    power_ons.refuse_little_change(logs, spec.thermal)
+    interval_s = power_ons.choose_interval(logs, spec.thermal)
+    together = power_ons.find_power_ons(logs, raw, spec.thermal, interval_s)
+    together, notes = power_ons.cut_stretches(together, interval_s)
+    flags += [*notes, *(note for one in together for note in one.notes)]
+    fitted = [
+        channels.fit_channel(name, together, spec, interval_s)
+        for name in progress(spec.thermal.channels, "fitting")
+    ]
+    flags += [flag for one in fitted for flag in one.flags]
+    flags += channels.flag_one_power_on(together, spec)
+    flags = list(dict.fromkeys(flags))
+    result = channels.result(fitted, interval_s, flags)
+    return Fitted(
+        (result,),
+        tuple(Input.of(log) for log in raw),
+        tables.fit_summary(spec, fitted, flags),
+        tables.report_data(fitted, together, spec.reference_temp_degc),
+        exports=any(one.varies for one in fitted),
+        sensitivities=sensitivities.find(result),
+    )
+
+
+def _apply(spec: ThermalRecipe, records: Mapping[str, Record], data: Path) -> Applied:
+    """Take the bias of each channel, zero at the reference, out of every row."""
+    models = compensate.read_models(records, spec)
+    log = _read(spec, data.parent, data.name)
+    mended = _mend(spec, log)
+    refuse(_find_unusable(spec, mended, 1))
+    columns, added, flags = compensate.compensate_log(mended, log, models, spec)
+    return write_back.rewrite_log(spec, data, log, columns, added), flags
+
+
+def _validate(
+    spec: ThermalRecipe, records: Mapping[str, Record], logs: Iterable[Log]
+) -> tuple[dict[str, Any], Summary]:
+    """Rms of every channel before and after, and coverage of the uncertainty, on logs that were
+    not fitted.
+    """
+    models, entries = compensate.read_models(records, spec), []
+    for log in logs:
+        mended = _mend(spec, log)
+        refuse(_find_unusable(spec, mended, 3))
+        entries.append(compensate.validation_entry(mended, log, models, spec))
+    return {"logs": entries}, tables.validation_summary(entries, spec)
+
+
+def _draw(title: str, fitted: Fitted[figures.ThermalReport]) -> Drawn:
+    """Figures and summary of a fit."""
+    return Drawn(tuple(figures.pages(title, fitted.drawing)), fitted.summary)
+
+
+def _quantities(records: Mapping[str, Record], spec: ThermalRecipe) -> tuple[Quantity, ...]:
+    """Results of a run as functions of their inputs."""
+    from calibkit.instruments.thermal.quantities import list_quantities
+
+    return list_quantities(records, spec)
+
+
+def _certificate(stated: Stated) -> tuple[Block, ...]:
+    """Blocks of results on a certificate."""
+    from calibkit.instruments.thermal.certificate import blocks
+
+    return blocks(stated)
+
+
+def _firmware() -> Firmware[ThermalRecipe]:
+    """How a run becomes firmware."""
+    from calibkit.instruments.thermal.firmware import FIRMWARE
+
+    return FIRMWARE
+
+
+def _simulate(seed: int) -> Campaign:
+    """Simulated campaign."""
+    from calibkit.instruments.thermal.simulate import campaign
+
+    return campaign(seed)
+
+
+INSTRUMENT = Instrument(
+    recipe=ThermalRecipe,
+    read=_read,
+    examine=_examine,
+    fit=_fit,
+    draw=_draw,
+    validate=_validate,
+    apply=_apply,
+    certificate=_certificate,
+    quantities=_quantities,
+    forms=lambda: tuple(forms.FORMS.values()),
+    firmware=_firmware,
+    key_figures=(r"thermal\..+\.([bs]\w*|tau_\w+|residual_rms)",),
+    campaigns={"thermal": _simulate},
+)

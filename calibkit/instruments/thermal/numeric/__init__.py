@@ -1,0 +1,1 @@
+"""Equations of the bias of a static instrument: arrays in, arrays out."""

@@ -1,0 +1,324 @@
+"""Logs → power-ons: spans of rows between which the instrument stayed on, as block means."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from calibkit.arrays import Array, Mask
+from calibkit.errors import FitError
+from calibkit.frame import Log, values
+from calibkit.instruments.thermal.recipe import Terms
+from calibkit.numeric import intervals
+from calibkit.numeric.thermal import occupancy
+from calibkit.numeric.thermal.pooled_fit import ThermalLog
+
+CASE = "temp_case_degc"
+COLUMNS = ("time_s", CASE)
+USUAL_INTERVAL_S = 10.0
+RESTARTED_S, RESTARTED = 60.0, 0.05
+"""How far [s], and by what share of the time before, a clock that runs backwards may be beyond its
+first stamp and still have begun anew.
+"""
+STARTING_S = 180.0
+"""Time after the start of a span over which its rate is measured, twice in turn."""
+STEADY = 0.2
+"""Relative difference of both rates up to which the temperature came to the log as it goes on."""
+MOVING_DEGC_MIN = 0.1
+"""Rate from which on a span starts on a ramp."""
+SURELY = 4.0
+"""The same in standard uncertainties of the rate."""
+STRETCHES = 12
+"""Stretches of all power-ons together that are left out in turn."""
+LEAST_BLOCKS = 12
+"""Fewest blocks of a stretch, and of a power-on."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Span:
+    """Rows first … stop − 1 of a log, on a clock that other spans share where it is known, in one
+    power-on or after another.
+    """
+
+    log: Log
+    first: int
+    stop: int
+    begins: float
+    """Instant of the first row [s], on the clock of all logs of `clock`."""
+    clock: str
+    new: bool
+    """Whether the instrument was switched on again before."""
+    apart: bool
+    """Whether the temperature before it is not known."""
+
+    @property
+    def rows(self) -> slice:
+        """Its rows."""
+        return slice(self.first, self.stop)
+
+    @property
+    def lasts(self) -> float:
+        """Duration [s]."""
+        time = values(self.log.frame, "time_s")
+        return float(time[self.stop - 1] - time[self.first])
+
+    @property
+    def ends(self) -> float:
+        """Instant of the last row [s]."""
+        return self.begins + self.lasts
+
+
+@dataclass(frozen=True, slots=True)
+class PowerOn:
+    """Block means [n] of one power-on."""
+
+    name: str
+    blocks: ThermalLog
+    """Its indication is that of no channel."""
+    indications: Mapping[str, Array]
+    """Channel → block means without spikes [n]."""
+    fitted: Mask
+    """[n], which blocks are not withheld."""
+    spans: tuple[tuple[str, int, int, float], ...]
+    """Log, first row, row after the last and instant [s] of the first row on the blocks' clock."""
+    notes: tuple[str, ...]
+    """Notes on spans that start on a ramp."""
+
+    def of_channel(self, channel: str) -> ThermalLog:
+        """Block means of one channel."""
+        return replace(self.blocks, indication=self.indications[channel])
+
+
+def _restarted_rows(time: Array) -> Array:
+    """Rows [k] at which the clock of a log [n, s] begins anew, as after a reboot; a stamp that is
+    merely out of order is none.
+    """
+    back = np.flatnonzero(np.diff(time) <= 0.0) + 1
+    elapsed = time[back - 1] - time[0]
+    anew = time[back] - time[0] <= np.maximum(RESTARTED_S, RESTARTED * elapsed)
+    return np.asarray(back[anew & (elapsed > RESTARTED_S)])
+
+
+def mend_clock(log: Log, interval_s: float) -> Log:
+    """Log whose time goes on where its clock begins anew, a whole interval later."""
+    if "time_s" not in log.frame.columns:
+        return log
+    time = values(log.frame, "time_s")
+    rows = _restarted_rows(time) if np.isfinite(time).all() else np.zeros(0, dtype=np.int64)
+    if not rows.size:
+        return log
+    mended = time.copy()
+    for row in rows.tolist():
+        passed = np.floor((mended[row - 1] - mended[0]) / interval_s) + 2.0
+        mended[row:] += mended[0] + passed * interval_s - mended[row]
+    note = f"the clock begins anew at {log.place(int(rows[0]))}: taken as a power-on"
+    frame = log.frame.assign(time_s=mended)
+    return replace(log, frame=frame, notes=(*log.notes, note))
+
+
+def choose_interval(logs: Sequence[Log], spec: Terms) -> float:
+    """Model interval [s]: stated, or USUAL_INTERVAL_S, or that of the slowest log."""
+    if spec.interval_s != "auto":
+        return float(spec.interval_s)
+    return max(USUAL_INTERVAL_S, *(float(np.ceil(log.steps.usual - 1e-6)) for log in logs))
+
+
+def find_power_ons(
+    logs: Sequence[Log], raw: Sequence[Log], spec: Terms, interval_s: float
+) -> list[PowerOn]:
+    """Power-ons of all logs, of which `raw` are as they were read, before their clocks were
+    mended.
+    """
+    spans = [
+        span
+        for log, own in zip(logs, raw, strict=True)
+        for span in _cut(log, own, spec, interval_s)
+    ]
+    groups: list[list[_Span]] = []
+    for span in _in_order(spans):
+        if groups and _goes_on(groups[-1][-1], span, spec):
+            groups[-1].append(span)
+        else:
+            groups.append([span])
+    names = [" + ".join(dict.fromkeys(span.log.name for span in group)) for group in groups]
+    return [
+        _average(
+            group,
+            spec,
+            interval_s,
+            name if names.count(name) == 1 else f"{name}:{names[:k].count(name) + 1}",
+        )
+        for k, (group, name) in enumerate(zip(groups, names, strict=True))
+    ]
+
+
+def cut_stretches(
+    power_ons: Sequence[PowerOn], interval_s: float
+) -> tuple[list[PowerOn], tuple[str, ...]]:
+    """Power-ons cut into stretches that are left out in turn, and notes on those that are too short
+    to be fitted. Raises FitError for logs too short to leave stretches out.
+    """
+    counts = [int(np.count_nonzero(one.fitted)) for one in power_ons]
+    long = [one for one, count in zip(power_ons, counts, strict=True) if count >= LEAST_BLOCKS]
+    count = sum(count for count in counts if count >= LEAST_BLOCKS)
+    if count < 4 * LEAST_BLOCKS:
+        raise FitError(
+            f"{', '.join(one.name for one in power_ons)}: {count} intervals of {interval_s:g} s in"
+            f" power-ons of at least {LEAST_BLOCKS}, expected at least {4 * LEAST_BLOCKS} to leave"
+            " stretches out",
+            hint="log longer, or shorten [thermal] interval_s",
+        )
+    size = max(count / STRETCHES, LEAST_BLOCKS)
+    notes = tuple(
+        f"{one.name}: a power-on of {own} intervals is not fitted, expected at least {LEAST_BLOCKS}"
+        for one, own in zip(power_ons, counts, strict=True)
+        if own < LEAST_BLOCKS
+    )
+    return [_with_stretches(one, size) for one in long], notes
+
+
+def _cut(log: Log, raw: Log, spec: Terms, interval_s: float) -> Iterator[_Span]:
+    """Spans of a log between gaps, restarts of its clock and stated power-ons."""
+    time = values(log.frame, "time_s")
+    # a gap is an interval at least, so that no block holds rows of both sides
+    gaps = np.flatnonzero(np.diff(time) > max(spec.max_gap_s, interval_s, 2.5 * log.steps.usual))
+    excluded = np.flatnonzero(np.diff(log.frame.index.to_numpy()) > 1)
+    stated = [entry.at_s for entry in spec.power_on if entry.log in (log.file, log.name)]
+    again = {int(row) for row in np.searchsorted(time, stated) if 0 < row < time.size}
+    again |= {int(row) for row in _restarted_rows(values(raw.frame, "time_s"))}
+    again |= {int(row) + 1 for row in np.setdiff1d(gaps, excluded)}
+    edges = sorted({0, time.size} | again | {int(row) + 1 for row in gaps})
+    origin = log.origin
+    zero = 0.0 if origin is None else origin.nanoseconds / 1e9
+    clock = log.file if origin is None else origin.kind
+    for first, stop in pairwise(edges):
+        yield _Span(
+            log,
+            first,
+            stop,
+            zero + float(time[first]),
+            clock,
+            first in again,
+            first > 0,
+        )
+
+
+def _in_order(spans: Sequence[_Span]) -> list[_Span]:
+    """Spans in the order of time where all logs have dates, else in the order of the files."""
+    dated = all(span.clock.startswith("date-times") for span in spans)
+    return sorted(spans, key=lambda span: span.begins) if dated else list(spans)
+
+
+def _goes_on(before: _Span, span: _Span, spec: Terms) -> bool:
+    """Whether a span belongs to the power-on of the one before: in the same log, in a log that goes
+    on where the other ended, or as the recipe states.
+    """
+    if span.new:
+        return False
+    if before.log is span.log:
+        return True
+    for session in spec.sessions:
+        inside = [one.log.file in session or one.log.name in session for one in (before, span)]
+        if any(inside):
+            return all(inside)
+    return _adjoins(before, span, spec)
+
+
+def _adjoins(before: _Span, span: _Span, spec: Terms) -> bool:
+    """Whether a span begins on the same clock after another one has ended, without a long gap."""
+    return before.clock == span.clock and 0.0 < span.begins - before.ends <= spec.max_gap_s
+
+
+def _average(group: Sequence[_Span], spec: Terms, interval_s: float, name: str) -> PowerOn:
+    """Block means of the spans of one power-on, on one clock."""
+    parts: list[tuple[Array, Array, Mask]] = []
+    channels: dict[str, list[Array]] = {channel: [] for channel in spec.channels}
+    starts, notes, spans = [], [], []
+    row, begins = 0, 0.0
+    for k, span in enumerate(group):
+        time, case = (values(span.log.frame, column)[span.rows] for column in COLUMNS)
+        held = intervals.Intervals.find(time, interval_s, span.log.steps.usual)
+        means, temperature = held.means(time - time[0]), held.means(case)
+        joined = k > 0 and not span.apart and _adjoins(group[k - 1], span, spec)
+        if k:
+            begins += group[k - 1].lasts + (
+                span.begins - group[k - 1].ends if joined else interval_s
+            )
+        if not joined:
+            rate = _starting_rate(means, temperature)
+            starts.append((row, rate))
+            notes += _note_rate(span.log.file, rate)
+        for channel, found in channels.items():
+            column = values(span.log.frame, channel)[span.rows]
+            found.append(occupancy.means(column, held, without=occupancy.spikes(column, held)))
+        parts.append((means + begins, temperature, _fitted(means + time[0], span.log, spec)))
+        spans.append((span.log.file, span.first, span.stop, begins))
+        row += means.size
+    time, case, fitted = (np.concatenate(part) for part in zip(*parts, strict=True))
+    still, part = np.zeros_like(time), np.zeros(time.size, dtype=np.int64)
+    return PowerOn(
+        name,
+        ThermalLog(name, time, case, case, still, part, fitted, tuple(starts)),
+        {channel: np.concatenate(found) for channel, found in channels.items()},
+        fitted,
+        tuple(spans),
+        tuple(notes),
+    )
+
+
+def _note_rate(file: str, rate: float) -> list[str]:
+    """Note on a span that starts on a ramp."""
+    found = f"{file}: begins while the temperature changes by {rate:+.2g} °C/min"
+    return [f"{found}: lags are taken as those of a steady ramp"] if rate else []
+
+
+def _fitted(time: Array, log: Log, spec: Terms) -> Mask:
+    """Whether blocks at times [n, s] of a log are fitted."""
+    kept = np.ones(time.size, dtype=bool)
+    for entry in spec.withheld:
+        if entry.log in (log.file, log.name):
+            kept &= (time < entry.from_s) | (time > entry.to_s)
+    return kept
+
+
+def _starting_rate(time: Array, case: Array) -> float:
+    """Rate [°C/min] at which the temperature came to the first of blocks [n], 0 unless it goes on
+    steadily: a warm-up slows down, and a ramp that begins in the log speeds up.
+    """
+    both = []
+    for start in (0.0, STARTING_S):
+        inside = (time >= start) & (time < start + STARTING_S)
+        if np.count_nonzero(inside) < 5:
+            return 0.0
+        t, y = time[inside] - time[inside].mean(), case[inside]
+        rate = float(t @ y / (t @ t))
+        left = y - y.mean() - rate * t
+        u = float(np.sqrt(left @ left / (t.size - 2) / (t @ t)))
+        both.append((60.0 * rate, 60.0 * u))
+    (first, u_first), (second, u_second) = both
+    steady = abs(first - second) <= STEADY * max(abs(first), abs(second))
+    sure = abs(first) > SURELY * u_first and abs(second) > SURELY * u_second
+    return 0.5 * (first + second) if steady and sure and abs(first) >= MOVING_DEGC_MIN else 0.0
+
+
+def _with_stretches(one: PowerOn, size: float) -> PowerOn:
+    """Power-on cut into stretches of about `size` fitted blocks."""
+    before = np.cumsum(one.fitted) - 1
+    total = int(before[-1]) + 1
+    count = max(round(total / size), 1)
+    part = np.clip(before * count // total, 0, count - 1)
+    return replace(one, blocks=replace(one.blocks, part=part.astype(np.int64)))
+
+
+def refuse_little_change(logs: Sequence[Log], spec: Terms) -> None:
+    """Raise FitError for logs in which the temperature hardly changes."""
+    ends = [log.extremes(CASE) for log in logs]
+    low, high = min(low for low, _ in ends), max(high for _, high in ends)
+    if high - low < spec.min_span_degc:
+        raise FitError(
+            f"{', '.join(log.file for log in logs)}: the temperature goes from {low:g} to"
+            f" {high:g} °C, expected a change of at least {spec.min_span_degc:g} °C",
+            hint="log the instrument while its temperature changes, or lower [thermal]"
+            " min_span_degc",
+        )

@@ -1,0 +1,124 @@
+"""Recipe of the bias of a static instrument against one thermometer."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field, field_validator, model_validator
+
+from calibkit.recipe.tables import NonNegative, Positive, Recipe, Table
+
+GROUP, EFFECT = "power-on", "turn-on bias"
+"""Error that all rows of a power-on share."""
+Name = Annotated[str, Field(min_length=1)]
+
+
+class _PowerOn(Table):
+    """An instant at which the instrument was switched on again within a log."""
+
+    log: Name
+    at_s: float
+
+
+class _Withheld(Table):
+    """A stretch of a log whose indications are not fitted, but tested; its temperatures still drive
+    the lags.
+    """
+
+    log: Name
+    from_s: float
+    to_s: float
+
+    @model_validator(mode="after")
+    def _ordered(self) -> _Withheld:
+        if self.to_s <= self.from_s:
+            raise ValueError(f"to_s = {self.to_s:.12g} is not after from_s = {self.from_s:.12g}")
+        return self
+
+
+class Terms(Table):
+    """Channels, choice of their terms, and power-ons."""
+
+    channels: Annotated[tuple[Name, ...], Field(min_length=1, strict=False)]
+    model: Literal["auto", "level", "lagged"] = "auto"
+    interval_s: Positive | Literal["auto"] = "auto"
+    min_rows: Annotated[int, Field(ge=3)] = 200
+    min_span_degc: Positive = 5.0
+    max_gap_s: Positive = 60.0
+    sessions: Annotated[
+        tuple[Annotated[tuple[Name, ...], Field(min_length=1, strict=False)], ...],
+        Field(strict=False),
+    ] = ()
+    power_on: Annotated[tuple[_PowerOn, ...], Field(strict=False)] = ()
+    withheld: Annotated[tuple[_Withheld, ...], Field(strict=False)] = ()
+
+    @field_validator("channels")
+    @classmethod
+    def _indications(cls, channels: tuple[str, ...]) -> tuple[str, ...]:
+        twice = next((name for name in channels if channels.count(name) > 1), None)
+        if twice is not None:
+            raise ValueError(f"channel '{twice}' stands twice")
+        for name in channels:
+            if name.startswith(("temp_", "time_")):
+                raise ValueError(
+                    f"channel '{name}' is a thermometer or a clock, expected an indication of the"
+                    " instrument"
+                )
+        return channels
+
+    @field_validator("sessions")
+    @classmethod
+    def _in_one_session(cls, sessions: tuple[tuple[str, ...], ...]) -> tuple[tuple[str, ...], ...]:
+        logs = [log for session in sessions for log in session]
+        twice = next((log for log in logs if logs.count(log) > 1), None)
+        if twice is not None:
+            raise ValueError(f"log '{twice}' is in two sessions")
+        return sessions
+
+
+class _Output(Table):
+    """Columns that `apply` adds to the compensated channels."""
+
+    drift: bool = False
+    rate_uncertainty: bool = False
+
+
+class _Acceptance(Table):
+    """Limits on each channel; a limit that is not stated is not tested."""
+
+    min_reduction: NonNegative | None = None
+    max_residual_over_noise: Positive | None = None
+
+
+class ThermalRecipe(Recipe):
+    """A static instrument whose temperature changes: bias of each channel against one
+    thermometer.
+    """
+
+    error_groups: ClassVar[tuple[str, ...]] = (GROUP,)
+
+    procedure: Literal["thermal"]
+    thermal: Terms
+    output: _Output = _Output()
+    acceptance: _Acceptance = _Acceptance()
+
+    def own_columns(self) -> tuple[str, ...]:
+        """The channels, whatever they are called."""
+        return self.thermal.channels
+
+    def still_columns(self) -> tuple[str, ...]:
+        """The channels, whatever they are called."""
+        return self.thermal.channels
+
+    def largest_gap_s(self) -> float:
+        """No gap is too large: a power-on begins after one."""
+        return float("inf")
+
+    def named_logs(self) -> tuple[tuple[tuple[str, ...], tuple[str, ...]], ...]:
+        """Sessions, power-ons and withheld stretches, with the logs that they name."""
+        own = self.thermal
+        return (
+            (("thermal", "sessions"), tuple(log for logs in own.sessions for log in logs)),
+            (("thermal", "power_on"), tuple(entry.log for entry in own.power_on)),
+            (("thermal", "withheld"), tuple(entry.log for entry in own.withheld)),
+        )
