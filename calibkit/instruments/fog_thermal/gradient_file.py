@@ -32,11 +32,12 @@ class SideChoice:
     flags: tuple[str, ...]
 
 
-def fit_ramps(logs: Sequence[PreparedLog], spec: Drift) -> list[FittedRamp]:
-    """Fit a0, a1, a2 of every ramp; raises FitError that names the log if a ramp cannot determine
-    them.
+def fit_ramps(logs: Sequence[PreparedLog], spec: Drift) -> tuple[list[FittedRamp], tuple[str, ...]]:
+    """Fit a0, a1, a2 of every ramp, and flags of ramps that cannot determine them: other models are
+    fitted without them. Raises FitError that names the log where no other model is asked for.
     """
-    fitted = []
+    alone = spec.model == "gradient_rate" or (spec.model == "auto" and spec.order != "auto")
+    fitted, flags = [], []
     for log in logs:
         for ramp in log.ramps:
             try:
@@ -44,18 +45,25 @@ def fit_ramps(logs: Sequence[PreparedLog], spec: Drift) -> list[FittedRamp]:
                     ramp.rate, estimate=spec.estimate
                 )
             except FitError as error:
-                raise FitError(f"{log.source.name}: {error.message}", hint=error.hint) from None
-            fitted.append(FittedRamp(ramp, log, found))
-    return fitted
+                if alone:
+                    raise FitError(f"{log.source.name}: {error.message}", hint=error.hint) from None
+                flags.append(f"gradient_rate: not tested: {ramp.name}: {error.message}")
+            else:
+                fitted.append(FittedRamp(ramp, log, found))
+    return fitted, tuple(flags)
 
 
-def drift_result(ramps: Sequence[FittedRamp], spec: Drift) -> StageResult:
+def drift_result(
+    ramps: Sequence[FittedRamp],
+    logs: Sequence[PreparedLog],
+    spec: Drift,
+    undetermined: Sequence[str],
+) -> StageResult:
     """drift.json: one model per ramp; its coefficients are per model interval."""
-    flags = {item.log.name: item.log.flags for item in ramps}
     return StageResult(
         "drift",
         models=tuple(forms.write_ramp(item.ramp.name, item.fit, spec.interval_s) for item in ramps),
-        flags=tuple(flag for log in flags.values() for flag in log),
+        flags=(*(flag for log in logs for flag in log.flags), *undetermined),
     )
 
 

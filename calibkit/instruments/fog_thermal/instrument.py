@@ -45,8 +45,9 @@ def _fit(
 ) -> Fitted[figures.DriftReport]:
     """Fit the drift coefficients of every ramp and their polynomials over temperature rate."""
     logs = _prepare(spec, data, progress(files, "reading and denoising"))
-    fitted = gradient_file.fit_ramps(logs, spec.drift)
-    choices = gradient_file.choose(fitted, spec.drift)
+    fitted, undetermined = gradient_file.fit_ramps(logs, spec.drift)
+    # a scheme that some ramps do not determine is tested on none
+    choices = [] if undetermined else gradient_file.choose(fitted, spec.drift)
     levels = decision.choose_on_levels(logs, spec.drift)
     export = decision.widen_by_turn_on(decision.decide(choices, levels, spec), logs)
     model = export.model
@@ -59,7 +60,7 @@ def _fit(
         conditions=bias.conditions(spec),
         flags=(*exported.flags, *at_rest.flags),
     )
-    drift = gradient_file.drift_result(fitted, spec.drift)
+    drift = gradient_file.drift_result(fitted, logs, spec.drift, undetermined)
     stated = uncertainty.state_along_logs(model, logs, spec.type_b)
     covered = uncertainty.check_logs(model, logs, spec.type_b, at_rest.figures)
     tested = tables.list_tested(choices, levels, export)

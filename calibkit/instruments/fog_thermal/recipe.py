@@ -97,7 +97,7 @@ class _Acceptance(Table):
 
 
 class FogThermalRecipe(Recipe):
-    """Ramps of a fibre-optic gyro in a chamber, one ramp per log."""
+    """Ramps of a fibre-optic gyro in a chamber, one or several ramps per log."""
 
     along_chunks: ClassVar[bool] = True
 
