@@ -51,6 +51,8 @@ class _Span:
     """Whether the instrument was switched on again before."""
     apart: bool
     """Whether the temperature before it is not known."""
+    note: str
+    """Why it is another power-on, where a gap makes it one."""
 
     @property
     def rows(self) -> slice:
@@ -187,12 +189,14 @@ def _cut(log: Log, raw: Log, spec: Terms, interval_s: float) -> Iterator[_Span]:
     stated = [entry.at_s for entry in spec.power_on if entry.log in (log.file, log.name)]
     again = {int(row) for row in np.searchsorted(time, stated) if 0 < row < time.size}
     again |= {int(row) for row in _restarted_rows(values(raw.frame, "time_s"))}
-    again |= {int(row) + 1 for row in np.setdiff1d(gaps, excluded)}
+    unexplained = {int(row) + 1 for row in np.setdiff1d(gaps, excluded)} - again
+    again |= unexplained
     edges = sorted({0, time.size} | again | {int(row) + 1 for row in gaps})
     origin = log.origin
     zero = 0.0 if origin is None else origin.nanoseconds / 1e9
     clock = log.file if origin is None else origin.kind
     for first, stop in pairwise(edges):
+        gap = float(time[first] - time[first - 1]) if first in unexplained else 0.0
         yield _Span(
             log,
             first,
@@ -201,6 +205,10 @@ def _cut(log: Log, raw: Log, spec: Terms, interval_s: float) -> Iterator[_Span]:
             clock,
             first in again,
             first > 0,
+            f"{log.place(first)}: after a gap of {gap:g} s the instrument counts as switched on"
+            " again; if it stayed on, raise [thermal] max_gap_s"
+            if gap
+            else "",
         )
 
 
@@ -234,7 +242,8 @@ def _average(group: Sequence[_Span], spec: Terms, interval_s: float, name: str) 
     """Block means of the spans of one power-on, on one clock."""
     parts: list[tuple[Array, Array, Mask]] = []
     channels: dict[str, list[Array]] = {channel: [] for channel in spec.channels}
-    starts, notes, spans = [], [], []
+    starts, spans = [], []
+    notes = [span.note for span in group if span.note]
     row, begins = 0, 0.0
     for k, span in enumerate(group):
         time, case = (values(span.log.frame, column)[span.rows] for column in COLUMNS)
