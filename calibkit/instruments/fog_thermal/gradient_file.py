@@ -34,7 +34,8 @@ class SideChoice:
 
 def fit_ramps(logs: Sequence[PreparedLog], spec: Drift) -> tuple[list[FittedRamp], tuple[str, ...]]:
     """Fit a0, a1, a2 of every ramp, and flags of ramps that cannot determine them: other models are
-    fitted without them. Raises FitError that names the log where no other model is asked for.
+    fitted all the same, and the scheme is then tested on no ramp. Raises FitError that names the
+    log where no other model is asked for.
     """
     alone = spec.model == "gradient_rate" or (spec.model == "auto" and spec.order != "auto")
     fitted, flags = [], []

@@ -46,8 +46,7 @@ def _fit(
     """Fit the drift coefficients of every ramp and their polynomials over temperature rate."""
     logs = _prepare(spec, data, progress(files, "reading and denoising"))
     fitted, undetermined = gradient_file.fit_ramps(logs, spec.drift)
-    # a scheme that some ramps do not determine is tested on none
-    choices = [] if undetermined else gradient_file.choose(fitted, spec.drift)
+    choices = gradient_file.choose([] if undetermined else fitted, spec.drift)
     levels = decision.choose_on_levels(logs, spec.drift)
     export = decision.widen_by_turn_on(decision.decide(choices, levels, spec), logs)
     model = export.model

@@ -171,6 +171,14 @@ def validation_summary(entries: Sequence[Mapping[str, Any]], spec: ThermalRecipe
             for (_, log, one), share in zip(each, shares, strict=True)
         ),
     )
+    flags = tuple(dict.fromkeys(flag for entry in entries for flag in entry["flags"]))
+    return Summary("", (table,), flags, tuple(_judge_unseen(each, spec)))
+
+
+def _judge_unseen(
+    each: Sequence[tuple[str, str, Mapping[str, Any]]], spec: ThermalRecipe
+) -> list[Criterion]:
+    """Criteria of unseen channels, each by its name, its log and its entry."""
     made = [
         at_most(
             f"{name}: rms error over its u",
@@ -179,8 +187,8 @@ def validation_summary(entries: Sequence[Mapping[str, Any]], spec: ThermalRecipe
             "1",
             "calibkit",
         )
-        for (name, _, one), share in zip(each, shares, strict=True)
-        if share is not None
+        for name, _, one in each
+        if "rms_error_over_uncertainty" in one
     ]
     least = spec.acceptance.min_reduction
     if least is not None:
@@ -189,5 +197,4 @@ def validation_summary(entries: Sequence[Mapping[str, Any]], spec: ThermalRecipe
             for name, _, one in each
             if one["reduction"] is not None
         ]
-    flags = tuple(dict.fromkeys(flag for entry in entries for flag in entry["flags"]))
-    return Summary("", (table,), flags, tuple(made))
+    return made
