@@ -36,6 +36,7 @@ def test_help_imports_nothing_heavy():
         "verify",
         "evaluate",
         "compare",
+        "open",
         "show",
         "diff",
         "history",

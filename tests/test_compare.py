@@ -97,6 +97,26 @@ def test_a_limit_of_the_command_has_a_unit_or_is_a_share(tmp_path):
             inputs.parse_limits([wrong])
 
 
+def test_a_specification_of_a_profile_limits_the_value_over_the_whole_range(tmp_path):
+    """Drift of 0.25 deg/h at the ends is within 0.7 and beyond 0.1; a specification at one
+    temperature is not judged, and a flag says so.
+    """
+    from calibkit.certificate.profile import Profile
+
+    def stated(result, limit):
+        entry = {"result": result, "unit": "deg/h", "lower": -limit, "upper": limit, "name": "d"}
+        return Profile.model_validate({"specification": [entry]})
+
+    runs = [fog(tmp_path, on_levels()) for _ in range(2)]
+    for limit, answer in ((9.0, "yes"), (0.1, "no")):
+        found = comparison.compare(*runs, profile=stated("drift_rate.drift.drift@*", limit))
+        assert (found.answer, found.compared[0].limit.key) == (answer, "specification d")
+        assert "(specification d)" in still_good.sentence(found)
+    found = comparison.compare(*runs, profile=stated("drift_rate.drift.drift@40", 0.1))
+    assert found.answer == "yes"
+    assert any("'d' is not judged" in flag for flag in found.flags)
+
+
 def test_another_model_form_is_compared_by_its_result(tmp_path):
     """A level and a lagged model with the same drift at rest: still good, at rest alone, though no
     coefficient can be compared.
@@ -119,7 +139,7 @@ def test_a_change_on_ramps_alone_is_seen(tmp_path):
     new = replace(old, coefficients=old.coefficients + np.r_[np.zeros(4), 0.2, np.zeros(4)])
     found = comparison.compare(fog(tmp_path, old), fog(tmp_path, new))
     assert found.answer == "no"
-    assert "temp_rate_degc_min" in still_good.sentence(found)
+    assert "temp_rate " in still_good.sentence(found)
 
 
 def test_what_cannot_be_compared_is_not_called_good(tmp_path):
@@ -150,19 +170,20 @@ def test_type_b_of_the_same_equipment_cancels_where_the_command_says_so(tmp_path
     the difference.
     """
     runs = [kept_run(tmp_path, rate_table(1e4, 1e-3)) for _ in range(2)]
-    stated = (TypeB(name="rate", quantity="table_rate_dps", unit="ppm", half_width=50.0),)
+    stated = (TypeB(name="table", quantity="K_x", unit="ppm", half_width=50.0),)
     then, now = (RunResults.read(run, stated) for run in runs)
-    (quantity,) = [one for one in now.quantities if one.compared]
-    at = quantity.complete({"temp_case_degc": 25.0})
-    results = then.state(quantity, at), now.state(quantity, at)
+    results = []
+    for run in (then, now):
+        (quantity,) = [one for one in run.quantities if one.compared]
+        results.append(run.state(quantity, quantity.complete({"temp_case_degc": 25.0})))
     apart = list(changes.combine_both(*results, same=False))
     alike = list(changes.combine_both(*results, same=True))
 
     def size(parts):
         return np.sqrt(sum((p.sensitivity * p.standard_uncertainty) ** 2 for p in parts))
 
-    u_rate = 1e4 * 50e-6 / np.sqrt(3.0)
-    assert size(apart) == pytest.approx(np.sqrt(2.0 * u_rate**2 + 2.0 * 1e-6), rel=1e-6)
+    u_table = 1e4 * 50e-6 / np.sqrt(3.0)
+    assert size(apart) == pytest.approx(np.sqrt(2.0 * u_table**2 + 2.0 * 1e-6), rel=1e-6)
     assert size(alike) == pytest.approx(np.sqrt(2.0 * 1e-6), rel=1e-6)
 
 

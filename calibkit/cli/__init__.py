@@ -45,6 +45,7 @@ for kept in (
     results.evaluate,
     results.compare,
     outputs.report,
+    results.open_page,
     records.verify,
     records.show,
     records.diff,

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import sys
+import webbrowser
 from typing import TYPE_CHECKING
+from urllib.parse import quote
 
 import click
 
 from calibkit.cli import completion
-from calibkit.cli.console import print_data, print_flags, print_json, print_summary
+from calibkit.cli.console import print_data, print_done, print_flags, print_json, print_summary
 from calibkit.cli.options import JSON, PATH, RUN, RUNS, command
 
 if TYPE_CHECKING:
@@ -81,6 +84,7 @@ def evaluate(
     metavar="NAME<=VALUE UNIT",
     help="largest change of a result (default: the recipe's acceptance)",
 )
+@click.option("--profile", type=PATH, help="laboratory profile with specifications of results")
 @click.option(
     "--same-equipment",
     "same",
@@ -94,6 +98,7 @@ def compare(
     before: str,
     after: str,
     limits: tuple[str, ...],
+    profile: Path | None,
     out: Path | None,
     runs: Path,
     *,
@@ -110,12 +115,15 @@ def compare(
     forms. Exit codes: 0 yes, 1 no, 3 cannot tell.
     """
     from calibkit import store
+    from calibkit.certificate import profile as profiles
     from calibkit.results import comparison, figures, inputs, still_good
 
     if out is not None:
         figures.require_suffix(out.suffix)
     old, new = (store.load(store.find(run, runs)) for run in (before, after))
-    found = comparison.compare(old, new, limits=inputs.parse_limits(limits), same=same)
+    stated = None if profile is None else profiles.load(profile, ())[0]
+    parsed = inputs.parse_limits(limits)
+    found = comparison.compare(old, new, limits=parsed, profile=stated, same=same)
     if out is not None:
         _write(out, figures.render(still_good.draw(found), out.suffix))
     if as_json:
@@ -126,6 +134,46 @@ def compare(
         if out is not None:
             print_data(f"{out}\n")
     return still_good.EXIT_CODES[found.answer]
+
+
+@command("open")
+@click.argument("serial", required=False, default="", shell_complete=completion.complete_run)
+@RUNS
+@click.option("--port", type=click.IntRange(0, 65535), default=0, help="(default: a free one)")
+@click.option("--no-browser", is_flag=True, help="print the address alone")
+@JSON
+def open_page(serial: str, runs: Path, port: int, *, no_browser: bool, as_json: bool) -> int:
+    """Show all runs as local pages: devices, verdicts, reports, then and now, key values.
+
+    \b
+    calibkit open --runs /data/runs
+    calibkit open FOG-0001 --port 8000 --no-browser
+
+    The pages are for this machine alone (127.0.0.1), read and never write, and load nothing from
+    elsewhere. They are there until Ctrl-C. What was read of the runs is kept in the user's cache,
+    which can be deleted.
+    """
+    from calibkit.errors import UsageError
+    from calibkit.viewer.index import read_index
+    from calibkit.viewer.server import Server, Site
+
+    if serial and serial not in read_index(runs):
+        raise UsageError(f"serial '{serial}': no run under {runs}", hint="give --runs")
+    with Server(Site(runs), port) as server:
+        url = server.url + (f"device/{quote(serial)}" if serial else "")
+        if as_json:
+            print_json({"ok": True, "url": url})
+        else:
+            print_data(f"{url}\n")
+            print_done("open", ["until Ctrl-C"])
+        sys.stdout.flush()
+        if not no_browser and not as_json:
+            webbrowser.open(url)
+        try:
+            server.serve_forever()
+        except KeyboardInterrupt:
+            return 0
+    return 0
 
 
 def _write(out: Path, content: bytes) -> None:

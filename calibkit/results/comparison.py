@@ -2,6 +2,7 @@
 limit, verdict.
 """
 
+import fnmatch
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -11,6 +12,7 @@ from typing import Literal
 import numpy as np
 
 from calibkit import instruments, units
+from calibkit.certificate.profile import Profile, Specification
 from calibkit.certificate.quantities import At, Limit, Quantity
 from calibkit.certificate.results import Result
 from calibkit.check import copies
@@ -108,7 +110,9 @@ def _reach(found: Result, limit: Limit | None) -> float:
     U = found.uncertainty.expanded_uncertainty if found.uncertainty else 0.0
     low, high = _bounds(limit)
     if not math.isfinite(low) or not math.isfinite(high):
-        return found.value + U - high if math.isinf(low) else low - found.value + U
+        if math.isinf(low):
+            return (found.value + U) / abs(high) if high else math.inf
+        return abs(low) / abs(found.value - U) if found.value - U else math.inf
     return (abs(found.value - (low + high) / 2.0) + U) / ((high - low) / 2.0)
 
 
@@ -123,67 +127,97 @@ def compare(
     after: Run,
     *,
     limits: Mapping[str, tuple[float, str]] = MappingProxyType({}),
+    profile: Profile | None = None,
     same: bool = False,
 ) -> StillGood:
-    """Whether what was calibrated is still good, by the limits of the newer recipe, or by `limits`
-    on changes in units of the results.
+    """Whether what was calibrated is still good, by `limits` on changes in units of the results,
+    else by the specifications of a laboratory's profile, else by the limits of the newer recipe.
 
     With `same`, type B terms that both runs state alike are one error of the same equipment.
     Raises UsageError for runs of different procedures and for a limit on what is not compared.
     """
-    old, new = RunResults.read(before), RunResults.read(after)
-    known = {name for one in new.quantities if one.compared for name in (one.key, one.name)}
-    if unknown := [name for name in limits if name not in known]:
-        raise UsageError(
-            f"--limit {unknown[0]}: no result of {after.name} that is compared",
-            hint=did_you_mean(unknown[0], known, f"there are: {', '.join(sorted(known))}"),
-        )
+    terms, specified = ((), ()) if profile is None else (profile.type_b, profile.specification)
+    old, new = RunResults.read(before, terms), RunResults.read(after, terms)
+    _require_known(limits, new)
     found = difference.compare_runs(before, after, instruments.model_forms)
-    compared = tuple(_compare_all(old, new, limits, same=same))
+    compared = tuple(_compare_all(old, new, limits, specified, same=same))
+    inputs = after.document["inputs"]
+    return StillGood(
+        before,
+        after,
+        compared,
+        tuple(_list_joints(found, compared)),
+        tuple(
+            Criterion(**{"set_by": "recipe", **entry})
+            for entry in after.document["acceptance"]
+            if not entry["passed"]
+        ),
+        (
+            *found.flags,
+            *_flag_models(found),
+            *_flag_terms(compared, same=same),
+            *_flag_specified(specified, compared),
+        ),
+        len(copies.shared_logs(inputs, before.document["inputs"])) == len(inputs),
+    )
+
+
+def _list_joints(
+    found: difference.Difference, compared: Sequence[Compared]
+) -> Iterator[tuple[str, int, Joint]]:
+    """Joint test of each model that a compared result is made of."""
     used = {
         model.name
         for one in compared
         for change in one.changes[:1]
         for model, _ in one.quantity.point(change.at).parts
     }
-    inputs = after.document["inputs"]
-    return StillGood(
-        before,
-        after,
-        compared,
-        tuple(
-            (one.name, len(one.changes), one.joint)
-            for one in found.models
-            if one.joint is not None and one.name in used
-        ),
-        tuple(
-            Criterion(**{"set_by": "recipe", **entry})
-            for entry in after.document["acceptance"]
-            if not entry["passed"]
-        ),
-        (*found.flags, *_flag_models(found), *_flag_terms(compared, same=same)),
-        len(copies.shared_logs(inputs, before.document["inputs"])) == len(inputs),
-    )
+    for one in found.models:
+        if one.joint is not None and one.name in used:
+            yield one.name, len(one.changes), one.joint
+
+
+def _require_known(limits: Mapping[str, tuple[float, str]], new: RunResults) -> None:
+    """Raise UsageError for a limit on what is not compared."""
+    known = {name for one in new.quantities if one.compared for name in (one.key, one.name)}
+    if unknown := [name for name in limits if name not in known]:
+        raise UsageError(
+            f"--limit {unknown[0]}: no result of {new.run.name} that is compared",
+            hint=did_you_mean(unknown[0], known, f"there are: {', '.join(sorted(known))}"),
+        )
 
 
 def _compare_all(
-    old: RunResults, new: RunResults, limits: Mapping[str, tuple[float, str]], *, same: bool
+    old: RunResults,
+    new: RunResults,
+    limits: Mapping[str, tuple[float, str]],
+    specified: Sequence[Specification],
+    *,
+    same: bool,
 ) -> Iterator[Compared]:
     """Every result that either run compares."""
     pairs = {(one.model, one.name): one for one in old.quantities if one.compared}
     for quantity in (one for one in new.quantities if one.compared):
         earlier = pairs.pop((quantity.model, quantity.name), None)
-        yield _compare(_limited(quantity, limits), earlier, old, new, same=same)
+        yield _compare(_limited(quantity, limits, specified), earlier, old, new, same=same)
     for quantity in pairs.values():
         reason = f"{new.run.name} has no such result"
         yield Compared(quantity, (), quantity.limit, "cannot tell", reason)
 
 
-def _limited(quantity: Quantity, limits: Mapping[str, tuple[float, str]]) -> Quantity:
+def _limited(
+    quantity: Quantity,
+    limits: Mapping[str, tuple[float, str]],
+    specified: Sequence[Specification],
+) -> Quantity:
     """Quantity with the limit that a command states on its changes, in its unit or as a share of
-    its value; RecipeError for a unit of another kind.
+    its value, or a profile on its values; RecipeError for a unit of another kind.
     """
     value, unit = limits.get(quantity.key, limits.get(quantity.name, (math.nan, "")))
+    for one in specified if math.isnan(value) else ():
+        if _specifies(one, quantity):
+            limit = Limit(f"specification {one.name}".strip(), None, one.lower, one.upper)
+            return replace(quantity, limit=limit)
     if math.isnan(value):
         return quantity
     if unit in units.SHARES:
@@ -194,11 +228,32 @@ def _limited(quantity: Quantity, limits: Mapping[str, tuple[float, str]]) -> Qua
     return replace(quantity, limit=Limit("--limit", value))
 
 
+def _specifies(one: Specification, quantity: Quantity) -> bool:
+    """Whether a specification is on a result over its whole range."""
+    name, _, condition = one.result.partition("@")
+    keys = (quantity.key, *(f"{quantity.stage}.{called}" for called in quantity.called))
+    named = any(fnmatch.fnmatchcase(key, name) for key in (*keys, *quantity.called))
+    unit = units.ALIASES.get(one.unit, one.unit)
+    return named and condition in ("", "*") and unit == quantity.unit
+
+
 def _flag_models(found: difference.Difference) -> Iterator[str]:
     """Models of two forms: their results alone were compared."""
     for model in found.models:
         if any(" became " in note and note.startswith("form") for note in model.notes):
             yield f"{model.name}: another model form, compared by its result"
+
+
+def _flag_specified(
+    specified: Sequence[Specification], compared: Sequence[Compared]
+) -> Iterator[str]:
+    """Specifications that judge nothing here."""
+    for one in specified:
+        if not any(_specifies(one, each.quantity) for each in compared):
+            yield (
+                f"specification '{one.name or one.result}' is not judged: it names no result over"
+                " its whole range"
+            )
 
 
 def _flag_terms(compared: Sequence[Compared], *, same: bool) -> Iterator[str]:

@@ -246,10 +246,14 @@ def draw(serial: str, found: Sequence[_KeyValue]) -> Figure:
     extrapolated.
     """
     shown = found[:MOST_PANELS]
-    rows = -(-len(shown) // 2)
+    columns = min(len(shown), 2)
+    rows = -(-len(shown) // columns)
     with styled():
         figure, axes = page(
-            rows, 2, title=f"{serial}: key values over the years, ± U", height=0.8 + 2.9 * rows
+            rows,
+            columns,
+            title=f"{serial}: key values over the years, ± U",
+            height=0.8 + 2.9 * rows,
         )
         for ax, one in zip(axes, shown, strict=False):
             _panel(ax, one)

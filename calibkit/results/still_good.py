@@ -77,11 +77,11 @@ def _state_limit(one: Compared) -> str:
 
 def state_place(found: Result) -> str:
     """Where a result holds; inputs at rest are left out."""
-    parts = [
-        f"{value:.4g} {unit_mark(unit)}".strip() if k == 0 else f"{name} {value:.4g}"
-        for k, (name, value, unit) in enumerate(found.at)
-        if k == 0 or value
-    ]
+    parts = []
+    for k, (name, value, unit) in enumerate(found.at):
+        stem = name.removesuffix("_min").rpartition("_")[0] or name
+        shown = f"{value:.4g} {unit_mark(unit)}".strip()
+        parts += [shown if k == 0 else f"{stem} {shown}"] if k == 0 or value else []
     return ", ".join(parts)
 
 
