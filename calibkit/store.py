@@ -280,7 +280,7 @@ def _listed(folder: Path, document: Mapping[str, Any], listing: str) -> list[Pat
     paths = []
     for entry in document["files"]:
         path = folder / entry["name"]
-        if hashlib.sha256(_bytes(path)).hexdigest() != entry["sha256"]:
+        if hashlib.sha256(read_bytes(path)).hexdigest() != entry["sha256"]:
             raise CoefficientError(
                 f"{path}: not the file that {listing} lists",
                 hint="the file was changed; do not use it",
@@ -311,7 +311,7 @@ def _own_record(document: Mapping[str, Any], path: Path) -> coefficients.Record:
     return record
 
 
-def _bytes(path: Path) -> bytes:
+def read_bytes(path: Path) -> bytes:
     """Content of a file, or CoefficientError."""
     try:
         return path.read_bytes()
@@ -324,7 +324,7 @@ def _bytes(path: Path) -> bytes:
 def _text(path: Path) -> str:
     """Text of a file, or CoefficientError."""
     try:
-        return _bytes(path).decode("utf-8")
+        return read_bytes(path).decode("utf-8")
     except UnicodeDecodeError:
         raise CoefficientError(f"{path}: not UTF-8 text", hint="restore the run folder") from None
 

@@ -2,6 +2,7 @@
 attached.
 """
 
+import contextlib
 import datetime as dt
 import json
 import re
@@ -78,7 +79,14 @@ def render(
         "attachments": attachments
     }
     typst = extras.load_library("typst", "pdf", "certificates need typst")
-    with tempfile.TemporaryDirectory(prefix="calibkit-") as folder:
+    with contextlib.ExitStack() as scratch:
+        try:
+            folder = scratch.enter_context(tempfile.TemporaryDirectory(prefix="calibkit-"))
+        except OSError as error:
+            raise OutputError(
+                f"{tempfile.gettempdir()}: cannot be written: {error.strerror}",
+                hint="make room there, or name another folder in TMPDIR",
+            ) from None
         data["families"] = _families(fonts, Path(folder))
         inputs = {"sheet": json.dumps(data, ensure_ascii=False)}  # never as source
         where = {"font_paths": [folder] if fonts else [], "ignore_system_fonts": True}

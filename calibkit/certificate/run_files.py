@@ -16,7 +16,7 @@ from calibkit.new_files import RUN_FILE
 from calibkit.numeric import gum
 from calibkit.report.run import stated_criteria
 from calibkit.run_document import VALIDATION_FORMATS, Verdict
-from calibkit.store import Run
+from calibkit.store import Run, read_bytes
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +58,7 @@ class RunFiles:
     @classmethod
     def read(cls, run: Run) -> Self:
         """The files of a run folder."""
-        contents = {name: (run.folder / name).read_bytes() for name in (*run.records, RUN_FILE)}
+        contents = {name: read_bytes(run.folder / name) for name in (*run.records, RUN_FILE)}
         return cls(run.document, run.records, contents)
 
 

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibkit.arrays import Array
-from calibkit.check.content import finding_of_column
+from calibkit.check.content import finding_at_row, finding_of_column
 from calibkit.check.magnitude import SPAN_DEGC
+from calibkit.errors import advise_exclude
 from calibkit.frame import Finding, Log, values
 
 APART_DEGC = 20.0
@@ -46,6 +47,14 @@ AGREE = 0.06
 """Relative deviation of measured rates from 9/5 of those that were ordered, up to which all are
 that.
 """
+_STATION_SPREAD_DEGC, _STATION_STEP_DEGC = 5.0, 15.0
+"""Spread of temperature within a station, and least step to the next one, that are looked into."""
+_STEPS = 10.0
+"""Steps from station to station, in medians, that a tool which warms steadily does not make."""
+_SAME = 4
+"""Stations at one reading of a thermometer that else never reads the same twice."""
+_STEP_ROWS, _STEP_DEGC = 4, 5.0
+"""Rows whose medians are compared, and the least step [°C] that is one."""
 BLOCKS = 600
 """Block means that the two are compared by."""
 
@@ -96,6 +105,81 @@ def _block_means(series: Array, count: int) -> Array:
     edges = np.linspace(0, series.size, count + 1).astype(np.int64)
     sums: Array = np.add.reduceat(series, edges[:-1])
     return sums / np.diff(edges)
+
+
+def check_stations(log: Log, station: str, column: str) -> list[Finding]:
+    """A thermometer that jumps within a station or between two of a tool that warms steadily, or
+    that stays while the tool goes on.
+    """
+    numbers, data = values(log.frame, station), values(log.frame, column)
+    first = np.flatnonzero(np.diff(numbers, prepend=np.nan) != 0.0)
+    if first.size < 2 * _SAME:
+        return []
+    spread = np.maximum.reduceat(data, first) - np.minimum.reduceat(data, first)
+    level = np.add.reduceat(data, first) / np.diff(first, append=data.size)
+    steps = np.abs(np.diff(level))
+    usual = float(np.median(steps))
+    found = []
+    k = int(np.argmax(spread))
+    if spread[k] > max(_STATION_SPREAD_DEGC, 5.0 * float(np.median(spread))):
+        found.append(
+            (first[k], f"{spread[k]:.1f} °C within a station", "one temperature", spread[k])
+        )
+    k = int(np.argmax(steps))
+    if usual > STILL_DEGC and steps[k] > max(_STATION_STEP_DEGC, _STEPS * usual):
+        usually = f"about {usual:.1f} °C, as between the others"
+        jump = f"{steps[k]:.1f} °C from one station to the next"
+        found.append((first[k + 1], jump, usually, steps[k]))
+    same = np.concatenate([[0], np.flatnonzero(steps != 0.0) + 1, [level.size]])
+    k = int(np.argmax(np.diff(same)))
+    if same[k + 1] - same[k] >= _SAME and np.sum(np.diff(same) > 1) == 1 and same.size > 2 * _SAME:
+        stays = f"{level[same[k]]:g} °C at {same[k + 1] - same[k]} stations in a row"
+        found.append((first[same[k]], stays, "readings that differ, as elsewhere", 0.0))
+    return [
+        finding_at_row(
+            log,
+            int(row),
+            column,
+            what,
+            expected,
+            "see whether the thermometer was read; else leave the station out:"
+            f" {advise_exclude(log.file, stations=[numbers[row]])}",
+            "thermometer",
+            severity="warn",
+            figure=figure,
+        )
+        for row, what, expected, figure in found
+    ]
+
+
+def check_steps(log: Log, column: str) -> list[Finding]:
+    """A thermometer of a sampled log that steps from one row to the next, and stays there for four
+    rows or more, further than it ever moves within four rows elsewhere.
+    """
+    data = values(log.frame, column)
+    if data.size < 5 * _STEP_ROWS:
+        return []
+    windows = np.lib.stride_tricks.sliding_window_view(data, _STEP_ROWS)
+    level = np.sort(windows, axis=1)[:, _STEP_ROWS // 2 - 1]
+    steps = np.abs(level[_STEP_ROWS:] - level[:-_STEP_ROWS])
+    k = int(np.argmax(steps))
+    if steps[k] <= max(_STEP_DEGC, _STEPS * float(np.quantile(steps, 0.9))):
+        return []
+    row = k + 1 + int(np.argmax(np.abs(np.diff(data[k : k + 2 * _STEP_ROWS]))))
+    return [
+        finding_at_row(
+            log,
+            row,
+            column,
+            f"{data[row - 1]:.2f} → {data[row]:.2f} °C from one row to the next",
+            "a temperature that moves as elsewhere in the log",
+            "see whether the thermometer was exchanged, or its range or unit; leave out the rows:"
+            f" {log.advise_exclude([row])}",
+            "thermometer",
+            severity="warn",
+            figure=float(steps[k]),
+        )
+    ]
 
 
 def check_pair(log: Log, case: str, air: str) -> list[Finding]:

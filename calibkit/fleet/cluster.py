@@ -31,9 +31,10 @@ def fit_devices(plan: Plan, serials: Sequence[str], address: str) -> Generator[O
         raise UsageError("--cluster needs Dask", hint="pip install 'calibkit[cluster]'") from None
     try:
         client = Client(address, timeout=PATIENCE_S, set_as_default=False)
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, TypeError) as error:  # TypeError: tls:// without certificates
         raise UsageError(
-            f"--cluster {address}: no scheduler there: {error}", hint="start `dask scheduler`"
+            f"--cluster {address}: no scheduler there: {error}",
+            hint="start `dask scheduler`; for tls:// name the certificates in Dask's configuration",
         ) from None
     with client:
         _require_able_workers(client, plan, address)

@@ -117,9 +117,13 @@ def _find_devices(plan: Plan, data: Path, *, keep_going: bool) -> tuple[list[str
             f"--out {plan.out.name} lies in --data: it would be taken for a device",
             hint="keep them apart",
         )
-    names = sorted(
-        path.name for path in data.iterdir() if path.is_dir() and not path.name.startswith(".")
-    )
+    try:
+        folders = [path.name for path in data.iterdir() if path.is_dir()]
+    except OSError as error:
+        raise FrameError(
+            f"{data}: cannot be read: {error.strerror}", hint="check --data and its disk"
+        ) from None
+    names = sorted(name for name in folders if not name.startswith("."))
     if not names:
         raise FrameError(
             f"{data}: holds no sub-folder, so no device",

@@ -13,6 +13,7 @@ from calibkit.errors import FrameError, LogFormatError, RecipeError, did_you_mea
 from calibkit.frame import Origin
 from calibkit.ingest import column_names, time_units
 from calibkit.readers import times
+from calibkit.readers.table import Guess
 from calibkit.recipe import Column
 
 if TYPE_CHECKING:
@@ -196,13 +197,19 @@ def _require_last_word(table: Table, source: str, name: str, target: str) -> Non
     """Raise FrameError for a column without a stated unit whose name ends in another unit than it
     would be taken in.
     """
-    _, mark, last = source.strip().lower().rpartition("_")
-    unit = column_names.LAST_WORDS.get(last, "") if mark else ""
-    if unit and unit != target and units.TABLE[unit].dimension == units.TABLE[target].dimension:
+    unit = _unit_of_name(source, target)
+    if unit not in {"", target}:
         raise FrameError(
             f"{table.file}: column '{source}': its name says {unit}, it would be taken in {target}",
             hint=f'state the unit: [columns.{name}] from = "{source}", unit = "{unit}"',
         )
+
+
+def _unit_of_name(source: str, target: str) -> str:
+    """Unit of a target's dimension that the last word of a column's name is, or ""."""
+    _, mark, last = units.name_without_unit(source).lower().rpartition("_")
+    unit = column_names.LAST_WORDS.get(last, "") if mark else ""
+    return unit if unit and units.TABLE[unit].dimension == units.TABLE[target].dimension else ""
 
 
 def needs_time(table: Table, source: str, name: str, recipe: Recipe) -> bool:
@@ -246,7 +253,12 @@ def read_values(
             at=("columns", name, "unit"),
         ) from None
     if unit != target and not column.unit:
-        reading += (f"column '{source}': {unit}, as the log states",)
+        said = _unit_of_name(source, target)
+        if said in {"", unit}:
+            reading += (f"column '{source}': {unit}, as the log states",)
+        else:
+            doubt = f"column '{source}': {unit}, as the log states, though its name says {said}"
+            reading += (Guess(f"{doubt} (guessed)"),)
     first_lost = column.accumulated or (per_sample and column.interval_s is None)
     return MappedColumn(values if column.sign == 1 else -values, notes, reading, first_lost)
 

@@ -37,7 +37,12 @@ def find_logs(recipe: Recipe, folder: Path) -> list[str]:
         )
     found: list[str] = []
     for pattern in recipe.logs.files:
-        there = [path for path in folder.glob(pattern) if not path.is_dir()]
+        try:
+            there = [path for path in folder.glob(pattern) if not path.is_dir()]
+        except OSError as error:
+            raise FrameError(
+                f"{folder}: cannot be read: {error.strerror}", hint="check --data and its disk"
+            ) from None
         _require_files(recipe, folder, there)
         matches = sorted(path.relative_to(folder).as_posix() for path in there if path.is_file())
         if not matches:

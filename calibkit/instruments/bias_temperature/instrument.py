@@ -74,6 +74,8 @@ def _find_faults(spec: BiasTemperatureRecipe, log: Log) -> list[Finding]:
         return found
     for column in spec.still_columns():
         found += checks.series.check_indication(log, column, units.column_unit(column))
+    if timed and units.column_unit(spec.polynomials.abscissa) == "degC":
+        found += checks.thermometers.check_steps(log, spec.polynomials.abscissa)
     return [
         *found,
         *checks.magnitude.find_compensated_names(log, spec, spec.still_columns()),

@@ -102,6 +102,8 @@ def _examine_dwells(log: Log, spec: InclinometerRecipe) -> tuple[DwellLog | None
             finding for gyro in gyros for finding in check.magnitude.check_gyro_unit(log, gyro)
         ]
         found += check.magnitude.find_compensated_names(log, spec, gyros)
+        if TEMPERATURE in log.frame.columns:
+            found += check.thermometers.check_stations(dwelt.log, "station", TEMPERATURE)
     return dwelt, found
 
 

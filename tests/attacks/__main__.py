@@ -1,0 +1,122 @@
+"""Write the table of attacks into docs/trust.md: `python tests/attacks [--quick]`, half an hour;
+`--quick` prints one of a hundredth.
+"""
+
+import contextlib
+import os
+import sys
+import tempfile
+import warnings
+from functools import partial
+from pathlib import Path
+
+TESTS = Path(__file__).resolve().parents[1]
+PAGE = TESTS.parent / "docs" / "trust.md"
+BEGIN, END = "<!-- table of attacks -->\n", "<!-- end of the table -->\n"
+SHARES = {
+    "inclinometer": 440,
+    "bias_temperature": 220,
+    "gyro_pair": 40,
+    "rate_table": 12,
+    "accelerometer": 4,
+    "fog_thermal": 4,
+}
+"""Procedure → damages of each of the seven kinds: 5,040 in all."""
+APART = 20
+"""Damages of each kind that is not detectable, to the logs of the inclinometer."""
+
+
+def attack_files(folder, share):
+    """Rows of the table on mutated logs and documents."""
+    from attacks import documents, logs
+
+    count, refused, bad = logs.attack(folder, round(20_000 * share), 7)
+    yield f"mutated logs of ten formats ({refused} refused, the rest read)", count, bad
+    golden = TESTS / "golden"
+    manifest = golden / "exports-2" / "blob" / "cal_manifest.json"
+    forged = partial(documents.forge, documents.read_json(manifest))
+    for path in manifest.parent.iterdir():
+        (folder / path.name).write_bytes(path.read_bytes())
+    count, bad = documents.attack(folder / manifest.name, forged, round(2000 * share), 1)
+    yield "forged manifests with a right digest", count, bad
+    damage = partial(documents.damage_xml, (golden / "dcc.xml").read_bytes())
+    count, bad = documents.attack(folder / "a.xml", damage, round(2000 * share), 2)
+    yield "damaged DCCs", count, bad
+
+
+def attack_writes(folder, share):
+    """Rows of the table on faults of the file system and kills."""
+    from attacks import faults
+
+    faults.quick()
+    counted, bad = faults.attack(folder, (*faults.FAULTS, "ENOLCK"), every=max(1, round(1 / share)))
+    names = ", ".join(dict.fromkeys(command for command, _ in counted))
+    for fault in (*faults.FAULTS, "ENOLCK"):
+        count = sum(number for (_, named), number in counted.items() if named == fault)
+        what = (
+            "without locks" if fault == "ENOLCK" else f"each call of its files failed with {fault}"
+        )
+        yield f"{what}: {names}", count, [one for one in bad if f", {fault}: " in one]
+    count, bad = faults.kill(folder, round(500 * share), 3)
+    yield "kill -9 at a call of its files", count, bad
+
+
+def attack_silently(folder, share):
+    """Rows of the table on damages that leave a log readable."""
+    from attacks import campaigns, silent
+
+    made = {name: campaigns.make(name, folder) for name in SHARES}
+    for kind in silent.KINDS:
+        outcomes = [
+            silent.attack(made[name], kind, [2026, seed])
+            for name, count in SHARES.items()
+            for seed in range(round(count * share) or 1)
+        ]
+        bad = [f"{where}, {ratio:.2f} U" for end, ratio, where in outcomes if end == "silent"]
+        yield f"readable log, {kind}", len(outcomes), bad
+    for kind in silent.APART:
+        outcomes = [
+            silent.attack(made["inclinometer"], kind, [1, seed])[0]
+            for seed in range(round(APART * share) or 1)
+        ]
+        yield f"*not detectable:* {kind}", len(outcomes), ["x" for o in outcomes if o == "silent"]
+
+
+def main(share):
+    """Attack and write, or print, the table."""
+    warnings.simplefilter("ignore")
+    table = ["| class | tried | survived |", "|---|---|---|"]
+    faults = []
+    with tempfile.TemporaryDirectory() as folder, quiet():
+        for number, rows in enumerate((attack_files, attack_writes, attack_silently)):
+            place = Path(folder) / str(number)
+            place.mkdir()
+            for name, count, bad in rows(place, share):
+                table.append(f"| {name} | {count} | {count - len(bad)} |")
+                faults += [f"{name}: {one}" for one in bad]
+    text = "\n".join(table) + "\n"
+    if share == 1.0:
+        page = PAGE.read_text(encoding="utf-8")
+        head, tail = page.partition(BEGIN)[0], page.partition(END)[2]
+        PAGE.write_text(f"{head}{BEGIN}\n{text}\n{END}{tail}", encoding="utf-8")
+    sys.stdout.write(text + "".join(f"{one}\n" for one in faults))
+
+
+@contextlib.contextmanager
+def quiet():
+    """Send what commands print nowhere."""
+    sys.stdout.flush()
+    kept, nowhere = [os.dup(1), os.dup(2)], os.open(os.devnull, os.O_WRONLY)
+    for stream in (1, 2):
+        os.dup2(nowhere, stream)
+    try:
+        yield
+    finally:
+        sys.stdout.flush()
+        for stream, own in zip((1, 2), kept, strict=True):
+            os.dup2(own, stream)
+
+
+if __name__ == "__main__":
+    sys.path[:0] = [str(TESTS.parent), str(TESTS)]
+    main(0.01 if "--quick" in sys.argv else 1.0)

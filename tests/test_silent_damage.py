@@ -1,0 +1,76 @@
+"""Damages that leave a log readable: found, refused, or without effect within the uncertainty."""
+
+import numpy as np
+import pytest
+
+from attacks import campaigns, silent
+
+
+@pytest.fixture(scope="module")
+def inclinometer(tmp_path_factory):
+    """Return the sample campaign of an inclinometer, whose logs can be damaged."""
+    return campaigns.make("inclinometer", tmp_path_factory.mktemp("attacks"))
+
+
+@pytest.fixture(scope="module")
+def bias(tmp_path_factory):
+    """Return two logs of a gyro at rest, which can be damaged."""
+    return campaigns.make("bias_temperature", tmp_path_factory.mktemp("attacks"))
+
+
+@pytest.mark.parametrize("kind", silent.KINDS)
+def test_no_damage_of_a_station_log_changes_a_coefficient_in_silence(inclinometer, kind):
+    """Eight damages of each kind."""
+    outcomes = [silent.attack(inclinometer, kind, [11, seed]) for seed in range(8)]
+    assert [found for found in outcomes if found[0] == "silent"] == []
+
+
+def outcome(campaign, name, column, change):
+    """Return what a fit says with one column of one log changed."""
+    log = campaign.logs[name]
+    values = log.column(column)
+    change(values)
+    return campaign.outcome(name, log.put(column, values).format().encode())
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda t: t.__setitem__(slice(60, None), 1.8 * t[60:] + 32.0), "one station to the next"),
+        (lambda t: t.__setitem__(slice(58, 60), t[58:60] + 12.0), "within a station"),
+        (lambda t: t.__setitem__(slice(60, 100), t[60]), "stations in a row"),
+    ],
+)
+def test_a_thermometer_that_stations_contradict_is_named(inclinometer, change, words):
+    """°F from a station on, a jump between positions, a reading that stays: s changed by up to 13
+    of its expanded uncertainties without a word.
+    """
+    found, _, said = outcome(inclinometer, "stations.csv", "temp_case_degc", change)
+    assert found == "found"
+    assert words in said
+
+
+def test_a_thermometer_that_steps_for_a_while_is_named(bias):
+    """14 rows in °F amid °C: too many for a spike, too few for a chamber that turned back."""
+
+    def change(case):
+        case[670:684] = 1.8 * case[670:684] + 32.0
+
+    found, _, said = outcome(bias, "log_0.csv", "temp_case_degc", change)
+    assert found == "found"
+    assert "from one row to the next" in said
+
+
+def test_a_unit_in_the_header_that_the_columns_name_contradicts_is_named(bias):
+    """`temp_case_degc (degF)` says two things; what was taken is printed, to be pinned."""
+    log = bias.logs["log_0.csv"]
+    names = ("time_s", "temp_case_degc (degF)", "gyro_dph")
+    found, _, said = bias.outcome("log_0.csv", silent.Text(names, log.rows).format().encode())
+    assert found == "found"
+    assert "degF, as the log states, though its name says degC" in said
+
+
+def test_whole_logs_give_no_finding(inclinometer, bias):
+    """The damages are what is found: without them nothing is said of the thermometers."""
+    assert not [text for text in inclinometer.spoken | bias.spoken if "thermometer" in text]
+    assert np.isfinite([u for _, u in (inclinometer.usual | bias.usual).values()]).all()
