@@ -8,9 +8,10 @@ import errno
 import os
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
+from itertools import takewhile
 from pathlib import Path
 
-from calibkit import atomic
+from calibkit import atomic, names
 from calibkit.errors import OutputError
 
 RUN_FILE = "run.json"
@@ -39,6 +40,11 @@ def refuse_existing(path: Path) -> None:
         raise OutputError(
             f"{above}: is no folder, {path.name} cannot lie in it", hint="give another place"
         )
+    for part in takewhile(lambda part: not os.path.lexists(part), (path, *path.parents)):
+        if fault := names.find_fault(part.name):
+            raise OutputError(
+                f"{part}: the name {fault}", hint="give another name, in letters of one alphabet"
+            )
     refuse_run_folder(path)
 
 

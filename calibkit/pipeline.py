@@ -19,6 +19,7 @@ from calibkit import (
 )
 from calibkit.check import copies
 from calibkit.errors import (
+    CalibkitError,
     CoefficientError,
     FrameError,
     MissingColumnError,
@@ -273,12 +274,23 @@ def export(
 
 
 def verify(path: Path, trust: Sequence[Path] = (), schema_dir: Path | None = None) -> Verified:
-    """Check a file that calibkit wrote; returns what it is, and the warnings on a certificate."""
+    """Check a file that calibkit wrote; returns what it is, and the warnings on a certificate.
+
+    Raises CoefficientError for whatever is wrong with it: its author may have meant it to break.
+    """
     from calibkit.certificate import verify as certificates
 
-    if path.is_file() and certificates.is_certificate(path):
-        return certificates.verify(path, instruments.certificate_layout, trust, schema_dir)
-    return certificates.Verified(_check_digests(path))
+    try:
+        if path.is_file() and certificates.is_certificate(path):
+            return certificates.verify(path, instruments.certificate_layout, trust, schema_dir)
+        return certificates.Verified(_check_digests(path))
+    except CalibkitError:
+        raise
+    except Exception as error:
+        raise CoefficientError(
+            f"{path}: cannot be read: {type(error).__name__}: {' '.join(str(error).split())[:120]}",
+            hint="it is damaged, or calibkit did not write it",
+        ) from error
 
 
 def _check_digests(path: Path) -> str:

@@ -59,6 +59,14 @@ FLEET_SHAPE: dict[str, Kind] = {
     "figures": list,
     "files": list,
 }
+MANIFEST_SHAPE: dict[str, Kind] = {"software": str, "files": list, "units": list}
+DELIVERED_SHAPE: dict[str, Kind] = {
+    "serial": str,
+    "revision": int,
+    "accepted": (bool, type(None)),
+    "files": list,
+}
+"""What a manifest holds of each device."""
 _HEX = re.compile(r"[0-9a-f]+")
 _FILE_NAME = re.compile(r"[^\W_][\w.+-]*", re.UNICODE)
 
@@ -106,6 +114,22 @@ def require_fleet_shape(document: Mapping[str, Any], path: str) -> None:
     _refuse(faults, document, path, "a fleet's record", "the folder")
 
 
+def list_manifest(document: Mapping[str, Any], path: str) -> list[Mapping[str, str]]:
+    """Entries of all files that a sealed manifest lists; CoefficientError where it lacks something,
+    or lists a file that is not in its folder.
+    """
+    faults = _misshapen(document, MANIFEST_SHAPE, "")
+    if not faults:
+        units = [
+            fault for unit in document["units"] for fault in _misshapen(unit, DELIVERED_SHAPE, "")
+        ]
+        lists = () if units else (document, *document["units"])
+        faults = units + [fault for one in lists for fault in _misshapen_entries(one, "files")]
+    entries = [] if faults else [e for one in (document, *document["units"]) for e in one["files"]]
+    _refuse(faults, {"files": entries}, path, "a manifest", "the delivery")
+    return entries
+
+
 def _refuse(
     faults: Sequence[str], document: Mapping[str, Any], path: str, kind: str, folder: str
 ) -> None:
@@ -117,7 +141,7 @@ def _refuse(
     for entry in document["files"]:
         if not _FILE_NAME.fullmatch(entry["name"]):
             raise CoefficientError(
-                f"{path}: file name '{entry['name']}' leaves the folder", hint="do not use this run"
+                f"{path}: file name '{entry['name']}' leaves the folder", hint="do not use it"
             )
 
 

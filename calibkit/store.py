@@ -9,13 +9,12 @@ import re
 import shutil
 import tempfile
 import time
-import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from calibkit import atomic, coefficients, run_document, sealed
+from calibkit import atomic, coefficients, names, run_document, sealed
 from calibkit.errors import CoefficientError, OutputError, UsageError
 from calibkit.new_files import RUN_FILE, output_errors, refuse_run_folder
 
@@ -25,8 +24,6 @@ FLEETS = "_fleet"
 """Folder of the tables of fleets, beside the serials' folders; no serial begins like it."""
 _SERIAL = re.compile(r"[^\W_][\w.+-]*", re.UNICODE)
 _REVISION = re.compile(r"r(\d{3,})")
-_DEVICE = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\.|$)", re.IGNORECASE)
-"""Names that Windows keeps for devices, with any suffix."""
 _DATE = re.compile(r"\d{4}-\d{2}-\d{2}")
 _SCANNER_PAUSES_S = (0.05, 0.1, 0.2, 0.4)
 """Pauses before a rename is tried again: on Windows a virus scanner may hold a file that was just
@@ -57,29 +54,20 @@ class Run:
         }
 
 
-_ALIKE = {"LATIN", "GREEK", "CYRILLIC", "ARMENIAN", "CHEROKEE"}
-"""Alphabets that have letters of one shape (Unicode Technical Standard 39)."""
-
-
 def check_serial(serial: str) -> str:
     """Return a serial that can name a folder on every system, or raise UsageError."""
     if not serial:
         raise UsageError("no serial number", hint='give --serial, or serial = "…" in the recipe')
-    if (
-        not _SERIAL.fullmatch(serial)
-        or serial.endswith(".")
-        or len(serial) > 100
-        or _DEVICE.match(serial)
-    ):
+    fault = names.find_fault(serial, words=False)
+    plain = _SERIAL.fullmatch(serial) and not serial.endswith(".") and len(serial) <= 100
+    if not plain or names.is_device(serial):
         raise UsageError(
             f"serial '{serial}' cannot name a folder",
             hint="use letters, digits, '-', '_', '+' and '.', starting with a letter or digit",
         )
-    alphabets = {unicodedata.name(c).split()[0] for c in serial if c.isalpha()} & _ALIKE
-    if unicodedata.normalize("NFC", serial) != serial or len(alphabets) > 1:
-        of = " and ".join(map(str.capitalize, sorted(alphabets)))
+    if fault:
         raise UsageError(
-            f"serial '{serial}' has letters of {of}" if of else f"serial '{serial}' is not in NFC",
+            f"serial '{serial}' {fault}",
             hint="type it anew in one alphabet: letters that look alike would be two devices",
         )
     return serial

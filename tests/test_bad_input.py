@@ -490,6 +490,49 @@ def test_a_log_whose_name_is_no_text_is_refused_by_name(tmp_path, calibkit, log_
         assert "the file's name is not UTF-8; rename the file" in outcome.err
 
 
+DECEIVING = [
+    ("a\u202eb", "has characters that are not shown"),
+    ("a\nb", "has characters that are not shown"),
+    ("e\u0301", "is not in NFC"),
+    ("l\u043eg", "has letters of Cyrillic and Latin"),
+    ("nul", "is a device's name on Windows"),
+]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="other systems refuse such names themselves")
+@pytest.mark.parametrize(("name", "fault"), DECEIVING)
+def test_a_log_whose_name_deceives_is_refused(tmp_path, calibkit, log_writer, name, fault):
+    """Two logs that look alike, and names that another system cannot hold."""
+    log_writer(tmp_path / f"{name}.csv", time_s=[0.0, 1.0], gyro_dph=[1.0, 2.0])
+    outcome = calibkit("check", "fog_thermal", "--data", tmp_path)
+    assert outcome.code == 3
+    assert f"the file's name {fault}; rename the file" in outcome.err
+    assert outcome.err.strip().isprintable()
+
+
+@pytest.mark.parametrize(("name", "fault"), DECEIVING)
+def test_an_output_whose_name_deceives_is_refused(tmp_path, calibkit, name, fault):
+    """A file or a new folder is not given a name that another reader or system takes for
+    another's.
+    """
+    for out in (tmp_path / name, tmp_path / name / "logs"):
+        outcome = calibkit("simulate", "rate_table", "--out", out, "--seed", 1, "--dry-run")
+        assert outcome.code == 4
+        assert f"the name {fault}" in outcome.err
+    outcome = calibkit(
+        "simulate", "rate_table", "--out", tmp_path / "отчёт_A1", "--seed", 1, "--dry-run"
+    )
+    assert outcome.code == 0
+
+
+def test_a_prefix_that_no_file_on_windows_can_have_is_refused(calibkit, tmp_path):
+    """`con` would make con.h."""
+    run = ROOT / "tests" / "golden" / "run-1" / "INC-1" / "r001"
+    outcome = calibkit("export", run, "--target", "c", "--prefix", "con", "--out", tmp_path / "o")
+    assert outcome.code == 2
+    assert "--prefix 'con' is a device's name on Windows" in outcome.err
+
+
 @pytest.mark.parametrize(
     ("serial", "shown"),
     [
@@ -498,6 +541,7 @@ def test_a_log_whose_name_is_no_text_is_refused_by_name(tmp_path, calibkit, log_
         ("A\nB", "A\\nB"),
         ("\u0410B-1", "letters of Cyrillic and Latin"),
         ("A\u030a-1", "cannot name"),
+        ("\uff21B-1", "letters of Fullwidth and Latin"),
     ],
 )
 def test_a_serial_number_that_deceives_is_refused_and_shown(calibkit, tmp_path, serial, shown):

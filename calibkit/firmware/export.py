@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from calibkit import names
 from calibkit.errors import UsageError
 from calibkit.firmware import bounds, program, vectors
 from calibkit.firmware.chain import Chain, Structure
@@ -106,6 +107,11 @@ def _check_prefix(prefix: str) -> None:
         raise UsageError(
             f"--prefix '{prefix}' is no name that C and C++ both allow",
             hint="use letters, digits and single underscores, starting with a letter",
+        )
+    if names.is_device(prefix):
+        raise UsageError(
+            f"--prefix '{prefix}' is a device's name on Windows, where no {prefix}.h can be",
+            hint="give another name",
         )
     if len(prefix) > LONGEST:
         raise UsageError(

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from calibkit import sealed, store
+from calibkit import run_document, sealed, store
 from calibkit.errors import CoefficientError, OutputError, UsageError
 from calibkit.firmware import (
     blob,
@@ -215,17 +215,17 @@ def _manifest(
 def verify_manifest(path: Path) -> str:
     """Check a manifest and the digest of every file that it lists beside it; returns what it is."""
     document = sealed.unseal(path.read_text(encoding="utf-8"), str(path), MANIFESTS)
-    entries = [
-        *document["files"],
-        *(entry for unit in document["units"] for entry in unit["files"]),
-    ]
+    entries = run_document.list_manifest(document, str(path))
     for entry in entries:
         file = path.parent / entry["name"]
-        if not file.is_file():
+        try:
+            content = file.read_bytes()
+        except OSError as error:
             raise CoefficientError(
-                f"{path}: {entry['name']} is missing beside it", hint="deliver all of its files"
-            )
-        if hashlib.sha256(file.read_bytes()).hexdigest() != entry["sha256"]:
+                f"{path}: {entry['name']} beside it cannot be read: {error.strerror}",
+                hint="deliver all of its files",
+            ) from None
+        if hashlib.sha256(content).hexdigest() != entry["sha256"]:
             raise CoefficientError(
                 f"{file}: not the file that the manifest lists", hint="export it again"
             )

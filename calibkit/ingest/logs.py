@@ -7,7 +7,8 @@ from itertools import islice
 from pathlib import Path
 from typing import Protocol, TypeVar
 
-from calibkit.errors import FrameError, RecipeError, UsageError, did_you_mean
+from calibkit import names
+from calibkit.errors import FrameError, RecipeError, UsageError, did_you_mean, visible
 from calibkit.frame import Log
 from calibkit.ingest import logs_on_disk, second_logger
 from calibkit.ingest.mapping import log_name, read_file
@@ -48,7 +49,7 @@ def find_logs(recipe: Recipe, folder: Path) -> list[str]:
         if not matches:
             beside = ", ".join(sorted(path.name for path in folder.iterdir())[:8]) or "nothing"
             raise FrameError(
-                f"{folder}: no log matches '{pattern}', found {beside}",
+                f"{folder}: no log matches '{pattern}', found {visible(beside)}",
                 hint="check --data, or [logs] files in the recipe",
             )
         found += [match for match in matches if match not in found]
@@ -61,13 +62,11 @@ def find_logs(recipe: Recipe, folder: Path) -> list[str]:
     _require_named_there(recipe, found, files)
     kept = [name for name in found if not skipped & {name, log_name(name)}]
     for name in kept:
-        try:
-            name.encode()
-        except UnicodeEncodeError:  # no record could hold it
-            shown = name.encode("utf-8", "backslashreplace").decode()
+        if fault := names.find_fault(name.rpartition("/")[2]):
             raise FrameError(
-                f"{shown}: the file's name is not UTF-8", hint="rename the file"
-            ) from None
+                f"{visible(name)}: the file's name {fault}",
+                hint="rename the file: letters that look alike would be two logs",
+            )
     if not kept:
         raise FrameError(
             f"{folder}: every log is excluded by the recipe", hint="remove an [[exclude]] table"
@@ -85,7 +84,7 @@ def _require_files(recipe: Recipe, folder: Path, matches: Sequence[Path]) -> Non
         if not path.is_file() and not excluded & {name, log_name(name)}:
             what = "a link that leads nowhere" if path.is_symlink() else "a pipe or a device"
             raise FrameError(
-                f"{path}: {what}, expected a log",
+                f"{visible(str(path))}: {what}, expected a log",
                 hint="restore or remove it, or narrow [logs] files in the recipe",
             )
 
@@ -104,8 +103,8 @@ def _require_named_there(recipe: Recipe, found: Sequence[str], files: Sequence[s
 
 def require_named_logs(recipe: Recipe, found: Sequence[str]) -> None:
     """Raise RecipeError where a recipe states rates or segments of logs that it does not read."""
-    for at, names in recipe.named_logs():
-        _require_there(".".join(at), names, found, at=at)
+    for at, stated in recipe.named_logs():
+        _require_there(".".join(at), stated, found, at=at)
     _require_there("[[segment]] log", [pin.log for pin in recipe.segment], found, at=("segment",))
 
 

@@ -1,0 +1,1 @@
+"""Attacks on calibkit: what each tries, and how many it survived."""
