@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from calibkit import units
 from calibkit.arrays import Array, Integers
 from calibkit.frame import GAP, Finding, Log, Severity, values
 from calibkit.numeric import chunks
@@ -83,14 +84,22 @@ def find_missing_values(log: Log, columns: Sequence[str]) -> list[Finding]:
         data = values(log.frame, column)
         bad = chunks.rows_where(data, lambda data: ~(np.abs(data) < _LARGEST))
         if bad.size:
-            large = f" or impossible ({data[bad[0]]:g})" if math.isfinite(data[bad[0]]) else ""
-            plural = "s" if bad.size > 1 else ""
+            first, plural = data[bad[0]], "s" if bad.size > 1 else ""
+            found = f"{bad.size} missing or infinite value{plural} from here on"
+            expected = "a number in every row"
+            if math.isfinite(first):
+                unit = units.column_unit(column)
+                most = LARGEST_RATE_DPH if unit == "deg/h" else _LARGEST
+                expected = f"at most {most:g} {unit}".strip()
+                found = (
+                    f"{first:.3g} {unit} ({bad.size} such or missing value{plural} from here on)"
+                )
             finding = finding_at_row(
                 log,
                 int(bad[0]),
                 column,
-                f"{bad.size} missing or infinite{large} value{plural} from here on",
-                expected="a number in every row",
+                found,
+                expected=expected,
                 advice=f"repair the log, or leave them out: {log.advise_exclude(bad)}",
                 name="missing",
                 figure=float(bad.size),
