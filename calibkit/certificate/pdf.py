@@ -9,7 +9,7 @@ import re
 import shutil
 import tempfile
 import unicodedata
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +51,20 @@ class UnshownError(Exception):
         self.characters = characters
 
 
+@contextlib.contextmanager
+def _scratch_folder() -> Iterator[str]:
+    """Folder that goes with the context; OutputError where none can be made."""
+    try:
+        made = tempfile.TemporaryDirectory(prefix="calibkit-")
+    except OSError as error:
+        raise OutputError(
+            f"{tempfile.gettempdir()}: cannot be written: {error.strerror}",
+            hint="make room there, or name another folder in TMPDIR",
+        ) from None
+    with made as folder:
+        yield folder
+
+
 def render(
     certificate: Certificate, lang: Lang, fonts: Sequence[Path] = (), *, signed: bool = False
 ) -> bytes:
@@ -79,14 +93,7 @@ def render(
         "attachments": attachments
     }
     typst = extras.load_library("typst", "pdf", "certificates need typst")
-    with contextlib.ExitStack() as scratch:
-        try:
-            folder = scratch.enter_context(tempfile.TemporaryDirectory(prefix="calibkit-"))
-        except OSError as error:
-            raise OutputError(
-                f"{tempfile.gettempdir()}: cannot be written: {error.strerror}",
-                hint="make room there, or name another folder in TMPDIR",
-            ) from None
+    with _scratch_folder() as folder:
         data["families"] = _families(fonts, Path(folder))
         inputs = {"sheet": json.dumps(data, ensure_ascii=False)}  # never as source
         where = {"font_paths": [folder] if fonts else [], "ignore_system_fonts": True}

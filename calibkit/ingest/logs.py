@@ -61,17 +61,22 @@ def find_logs(recipe: Recipe, folder: Path) -> list[str]:
     skipped = {exclude.log for exclude in recipe.exclude if exclude.whole}
     _require_named_there(recipe, found, files)
     kept = [name for name in found if not skipped & {name, log_name(name)}]
-    for name in kept:
-        if fault := names.find_fault(name.rpartition("/")[2]):
-            raise FrameError(
-                f"{visible(name)}: the file's name {fault}",
-                hint="rename the file: letters that look alike would be two logs",
-            )
+    _require_plain_names(kept)
     if not kept:
         raise FrameError(
             f"{folder}: every log is excluded by the recipe", hint="remove an [[exclude]] table"
         )
     return kept
+
+
+def _require_plain_names(logs: Sequence[str]) -> None:
+    """Raise FrameError for a log whose name is another one to some reader or system."""
+    for name in logs:
+        if fault := names.find_fault(name.rpartition("/")[2]):
+            raise FrameError(
+                f"{visible(name)}: the file's name {fault}",
+                hint="rename the file: letters that look alike would be two logs",
+            )
 
 
 def _require_files(recipe: Recipe, folder: Path, matches: Sequence[Path]) -> None:
