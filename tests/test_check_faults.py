@@ -192,13 +192,14 @@ def test_the_sample_logs_give_no_finding(procedure):
 
 
 def test_check_prints_draws_and_writes_json(tmp_path, calibkit, log_writer, healthy):
-    """Lines say what a log holds and its segments; the JSON carries facts, held conditions and
-    findings; the figure is a PDF.
+    """Lines say what a log holds and its segments, and that one ramp is too little for a fit; the
+    JSON carries facts, held conditions and findings; the figure is a PDF.
     """
     log_writer(tmp_path / "logs" / "ramp.csv", **healthy["fog_thermal"])
     figure = tmp_path / "logs.pdf"
     said = calibkit("check", "fog_thermal", "--data", tmp_path / "logs", "--figure", figure)
-    assert said.code == 0
+    assert said.code == 3
+    assert "fit would export nothing: exit code 3" in said.out
     assert "5,401 rows over 5,400 s at 1 Hz" in said.out
     assert "ramp +" in said.out
     assert figure.read_bytes().startswith(b"%PDF")

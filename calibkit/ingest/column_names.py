@@ -14,6 +14,7 @@ _TIME = (
     r"|millis|micros|sec(onds?)?)([_ .].*)?$|[_ ](time|zeit|timestamp)$|时间|时刻"
 )
 _TEMPERATURE = r"temp|^t[_ .]?\d*$|thermo|^pt\d|温|℃|therm"
+_BY_PLACE = _TEMPERATURE + r"|^(case|chamber|air|geh(ä|a|ae)use|kammer)$"
 _SETPOINT = r"soll|set.?(point|value|temp)|^set\b|^sp\b|vorgabe|设定"
 """Words for what a chamber was told to do, which nobody measured."""
 _AIR = r"env|air|chamb|amb|kammer|luft|umgeb|箱|环境|外|oven|^pv$|istwert|soll"
@@ -98,10 +99,7 @@ class LogColumn:
             return name
         if self.is_time or (self.dimension in ("", "time") and re.search(_TIME, name)):
             return "time_s"
-        if self.dimension == "temperature" or (
-            not self.dimension
-            and re.search(rf"{_TEMPERATURE}|^(case|chamber|air|geh(ä|a|ae)use|kammer)$", name)
-        ):
+        if self.dimension == "temperature" or (not self.dimension and re.search(_BY_PLACE, name)):
             return _guess_temperature(name)
         if re.search(_TABLE, name):
             return (

@@ -211,13 +211,15 @@ def _answer_request(
 
 def _limit_memory(megabytes: float) -> None:
     """Let this process take so much memory beside what it has, where the system can."""
-    with contextlib.suppress(ImportError, OSError, ValueError):
+    pages = Path("/proc/self/statm")
+    try:
         import resource
 
-        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[5])
-        limit = int(megabytes * 1e6) + pages * resource.getpagesize()
+        held = int(pages.read_text(encoding="ascii").split()[5]) * resource.getpagesize()
         _, most = resource.getrlimit(resource.RLIMIT_DATA)
-        resource.setrlimit(resource.RLIMIT_DATA, (limit, most))
+        resource.setrlimit(resource.RLIMIT_DATA, (int(megabytes * 1e6) + held, most))
+    except (ImportError, OSError, ValueError):  # on other systems than Linux the time limit is left
+        return
 
 
 if __name__ == "__main__":
