@@ -330,7 +330,7 @@ def test_the_reason_and_the_runner_up_are_stated(calibkit):
     text = proposed(calibkit, ROOT / "datasets" / "rate_table")
     assert "# Procedure: rate_table, because the logs hold a table rate beside" in text
     text = proposed(calibkit, ROOT / "datasets" / "fog_thermal")
-    assert "Runner-up: bias_temperature (a gyro beside one temperature)" in text
+    assert "Runner-up: thermal (a gyro beside one temperature)" in text
 
 
 def workbook_of(sheets):

@@ -21,6 +21,9 @@ EDITS = {
     "static IMU swept over a chamber's range in one HDF5 file": GRAVITY,
     "flight controller's export, a topic a file, microseconds": GRAVITY,
     "six logs of an IMU, one a face": GRAVITY,
+    "counts of a fibre-optic gyro in Parquet, thermometer in sixteenths": (
+        ('from = "temp_1_16C"', 'from = "temp_1_16C"\nscale = 0.0625\nunit = "degC"'),
+    ),
     "one session of six positions and turns of 360° by hand": (
         ("# rate_hz = …", "rate_hz = 51.2"),
         *GRAVITY,

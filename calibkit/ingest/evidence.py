@@ -75,6 +75,11 @@ class Evidence:
         column = self.columns.get(name)
         return column is not None and not self.glimpse.span(column.name) < _STEADY_DEGC
 
+    def cycles(self, name: str) -> bool:
+        """Whether a temperature is known to go up and down by more than that of a room."""
+        column = self.columns.get(name)
+        return column is not None and self.glimpse.swing(column.name) > _STEADY_DEGC
+
     def gyros(self, units: str = "lsb|dph") -> dict[str, LogColumn]:
         """Indications of gyros, in counts per second or as rates."""
         pattern = rf"gyro(_[a-z0-9]+)?_({units})"

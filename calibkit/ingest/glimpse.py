@@ -60,6 +60,14 @@ class Glimpse:
         found = found[np.isfinite(found)]
         return float(np.ptp(found)) if found.size else float("nan")
 
+    def swing(self, name: str) -> float:
+        """The lesser of all that a column rises and all that it falls, in its own unit; NaN where
+        that is not known.
+        """
+        found = self.medians.get(name, np.empty(0))
+        steps = np.diff(found[np.isfinite(found)])
+        return float(min(steps[steps > 0].sum(), -steps[steps < 0].sum())) if steps.size else np.nan
+
     def is_like_degc(self, name: str) -> bool:
         """Whether the numbers of a column can be °C, as far as they are known."""
         found = self.medians.get(name, np.empty(0))

@@ -80,9 +80,9 @@ def commands(folder):
 
 def prepare(folder):
     """Write logs of a device and of a fleet, and fit the first run."""
-    for name, log in campaigns.bias_logs(rows=400).items():
-        for place in ("logs", "units/U1", "units/U2"):
-            (folder / place).mkdir(parents=True, exist_ok=True)
+    for seed, place in enumerate(("logs", "units/U1", "units/U2"), start=1):
+        (folder / place).mkdir(parents=True, exist_ok=True)
+        for name, log in campaigns.bias_logs(seed, rows=400).items():
             (folder / place / name).write_text(log.format(), encoding="utf-8")
     if call(commands(folder)[0].arguments) != 0:
         raise RuntimeError("the campaign cannot be fitted")

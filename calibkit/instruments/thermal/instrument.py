@@ -24,6 +24,7 @@ from calibkit.instruments.thermal import (
     sensitivities,
     tables,
 )
+from calibkit.instruments.thermal.propose import propose
 from calibkit.instruments.thermal.recipe import ThermalRecipe
 from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary
@@ -191,4 +192,5 @@ INSTRUMENT = Instrument(
     firmware=_firmware,
     key_figures=(r"thermal\..+\.([bs]\w*|tau_\w+|residual_rms)",),
     campaigns={"thermal": _simulate},
+    propose=propose,
 )
