@@ -27,6 +27,7 @@ CHAIN = [
 STOPS = [
     "cli.logs.apply",
     "cli.memory.tune_memory",
+    "cli.progress.working",
     "pipeline.apply",
     "pipeline.run_recipe",
     "instruments.fitted_recipe",

@@ -215,7 +215,7 @@ def test_noise_and_drift_of_an_output_are_told_apart():
 
 def test_a_difference_of_turn_on_biases_between_the_ways_enters_the_uncertainty():
     """0.7 °/h between cooling and heating where logs repeat to 0.02: half of it is model error, and
-    the flag states the soak that a coil of 1,050 s needs; one within the scatter is chance. Soaks
+    the flag states the soak that a coil of 1,050 s needs; one within the scatter is chance; soaks
     that leave a third of a change in a coil of 1,600 s are flagged all the same.
     """
 

@@ -337,7 +337,8 @@ def test_without_a_profile_every_page_says_draft_and_the_command_lists_what_is_m
     pages.
     """
     out = tmp_path / "draft.pdf"
-    outcome = calibkit("certify", "PAIR-1", "--runs", runs, "--out", out, "--date", "2026-11-21")
+    call = ("certify", "PAIR-1", "--runs", runs, "--out", out, "--date", "2026-11-21")
+    outcome = calibkit(*call, "--details")
     assert outcome.code == 0
     pages = text_of(out)
     assert all("DRAFT: not a calibration certificate" in page for page in pages)

@@ -166,7 +166,7 @@ def test_what_cannot_be_compared_is_not_called_good(tmp_path):
 
 
 def test_type_b_of_the_same_equipment_cancels_where_the_command_says_so(tmp_path):
-    """Two thermometers: both count. One thermometer: what it does to both results counts once, by
+    """Two thermometers: both count; one thermometer: what it does to both results counts once, by
     the difference.
     """
     runs = [kept_run(tmp_path, rate_table(1e4, 1e-3)) for _ in range(2)]

@@ -336,7 +336,7 @@ def test_an_order_that_spoils_a_fitted_ramp_does_not_help():
     chosen.
     """
     raw = np.array([1.0, 1.0])
-    good = gradient_order.LeftOutRates(raw, np.array([0.5, 0.5]), 1, np.array([0.4, 0.4]))
-    spoilt = gradient_order.LeftOutRates(raw, np.array([0.5, 0.5]), 1, np.array([0.4, 1.2]))
-    small = gradient_order.LeftOutRates(raw, np.array([0.95, 0.95]), 1, np.array([0.4, 0.4]))
+    good = gradient_order.LeftOutRates(raw, np.array([0.5, 0.5]), (), 1, np.array([0.4, 0.4]))
+    spoilt = gradient_order.LeftOutRates(raw, np.array([0.5, 0.5]), (), 1, np.array([0.4, 1.2]))
+    small = gradient_order.LeftOutRates(raw, np.array([0.95, 0.95]), (), 1, np.array([0.4, 0.4]))
     assert (good.helps, spoilt.helps, small.helps) == (True, False, False)

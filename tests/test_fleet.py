@@ -167,7 +167,7 @@ def test_a_killed_fleet_goes_on_where_it_was(tmp_path, calibkit):
 
 
 def test_a_fleet_without_a_date_takes_that_of_the_logs(tmp_path):
-    """The last row of each unit's logs; today where logs carry no dates. A second call fits
+    """The last row of each unit's logs; today where logs carry no dates; a second call fits
     nothing again, and fleet.json states the latest date.
     """
     for number, first in enumerate(("2024-05-01", "2024-06-01", None)):

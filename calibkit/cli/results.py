@@ -168,7 +168,7 @@ def open_page(serial: str, runs: Path, port: int, *, no_browser: bool, as_json: 
             print_done("open", ["until Ctrl-C"])
         sys.stdout.flush()
         if not no_browser and not as_json:
-            webbrowser.open(url)
+            webbrowser.open_new_tab(url)
         try:
             server.serve_forever()
         except KeyboardInterrupt:

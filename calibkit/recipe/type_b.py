@@ -250,3 +250,5 @@ def loads(entries: Iterable[Mapping[str, Any]]) -> tuple[TypeB, ...]:
         return tuple(TypeB.model_validate(dict(entry)) for entry in entries)
     except ValidationError as error:
         raise CoefficientError(f"run.json: not a type B term: {error.errors()[0]['msg']}") from None
+    except (TypeError, ValueError):
+        raise CoefficientError("run.json: 'type_b' is no list of type B terms") from None

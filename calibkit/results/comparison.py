@@ -21,6 +21,7 @@ from calibkit.errors import UsageError, did_you_mean
 from calibkit.history import difference
 from calibkit.numeric import gum
 from calibkit.numeric.change import Joint
+from calibkit.report.run import stated_criteria
 from calibkit.results.changes import Change, combine_both, contributions, factor_of_largest
 from calibkit.results.evaluation import RunResults
 from calibkit.store import Run
@@ -148,9 +149,7 @@ def compare(
         compared,
         tuple(_list_joints(found, compared)),
         tuple(
-            Criterion(**{"set_by": "recipe", **entry})
-            for entry in after.document["acceptance"]
-            if not entry["passed"]
+            criterion for criterion in stated_criteria(after.document) if not criterion.passed
         ),
         (
             *found.flags,

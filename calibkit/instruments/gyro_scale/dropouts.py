@@ -30,13 +30,15 @@ def find(log: Log, held: Plateaus, columns: Sequence[str]) -> Iterator[Finding]:
         line = np.polyfit(held.rate_dps, middle, 1) if np.ptp(held.rate_dps) > 0.0 else (0.0, 0.0)
         rest = float(line[1])
         K = float(np.median((middle[fast] - rest) / held.rate_dps[fast]))
+        step = np.diff(np.unique(data)).min(initial=np.inf)  # less than one is no rotation
         lost, first, expected = 0, -1, 0.0
         for (a, b), rate, median in zip(
             held.span.tolist(), held.rate_dps.tolist(), middle.tolist(), strict=True
         ):
             noise = MAD_TO_SIGMA * order_statistics.median_magnitude(data[a:b], median)
             low = (data[a:b] - rest) * np.sign(K * rate) < SHARE * abs(K * rate)
-            if SHARE * abs(K * rate) > CLEAR * noise and low.any() and not low.all():
+            seen = SHARE * abs(K * rate) > max(CLEAR * noise, step)
+            if seen and low.any() and not low.all():
                 first, expected = (
                     (first, expected) if lost else (a + int(low.argmax()), rest + K * rate)
                 )

@@ -74,7 +74,7 @@ def _models(found: Sequence[FittedChannel]) -> Table:
 
 
 def _left_out(found: Sequence[FittedChannel]) -> Table:
-    """Errors of all candidates on left-out stretches, one column a channel."""
+    """Errors of all candidates on left-out stretches, one column per channel."""
     names = dict.fromkeys(test.candidate.name for one in found for test in one.choice.tested)
     rows = []
     for name in names:
