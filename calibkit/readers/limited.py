@@ -218,7 +218,9 @@ def _limit_memory(megabytes: float) -> None:
         held = int(pages.read_text(encoding="ascii").split()[5]) * resource.getpagesize()
         _, most = resource.getrlimit(resource.RLIMIT_DATA)
         resource.setrlimit(resource.RLIMIT_DATA, (int(megabytes * 1e6) + held, most))
-    except (ImportError, OSError, ValueError):  # on other systems than Linux the time limit is left
+    except ImportError:  # Windows: the limit of time is left
+        return
+    except (OSError, ValueError):  # no /proc, or a limit that may not be lowered
         return
 
 

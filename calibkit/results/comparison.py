@@ -148,9 +148,7 @@ def compare(
         after,
         compared,
         tuple(_list_joints(found, compared)),
-        tuple(
-            criterion for criterion in stated_criteria(after.document) if not criterion.passed
-        ),
+        tuple(criterion for criterion in stated_criteria(after.document) if not criterion.passed),
         (
             *found.flags,
             *_flag_models(found),

@@ -14,6 +14,8 @@ SHARE = 0.5
 """Share of the expected indication below which a row is a dropout."""
 CLEAR = 8.0
 """Standard deviations of single rows that a dropout is below what is expected."""
+RESOLVED = 1e-6
+"""Share of the largest indication below which a response is no rotation: a gyro across the axis."""
 
 
 def find(log: Log, held: Plateaus, columns: Sequence[str]) -> Iterator[Finding]:
@@ -30,14 +32,14 @@ def find(log: Log, held: Plateaus, columns: Sequence[str]) -> Iterator[Finding]:
         line = np.polyfit(held.rate_dps, middle, 1) if np.ptp(held.rate_dps) > 0.0 else (0.0, 0.0)
         rest = float(line[1])
         K = float(np.median((middle[fast] - rest) / held.rate_dps[fast]))
-        step = np.diff(np.unique(data)).min(initial=np.inf)  # less than one is no rotation
+        least = RESOLVED * float(np.max(np.abs(data)))
         lost, first, expected = 0, -1, 0.0
         for (a, b), rate, median in zip(
             held.span.tolist(), held.rate_dps.tolist(), middle.tolist(), strict=True
         ):
             noise = MAD_TO_SIGMA * order_statistics.median_magnitude(data[a:b], median)
             low = (data[a:b] - rest) * np.sign(K * rate) < SHARE * abs(K * rate)
-            seen = SHARE * abs(K * rate) > max(CLEAR * noise, step)
+            seen = SHARE * abs(K * rate) > max(CLEAR * noise, least)
             if seen and low.any() and not low.all():
                 first, expected = (
                     (first, expected) if lost else (a + int(low.argmax()), rest + K * rate)
