@@ -14,6 +14,7 @@ from calibkit.version import __version__ as __version__
 if TYPE_CHECKING:
     from calibkit.api import (
         CalibkitError,
+        Run,
         UncertaintyComponent,
         allan_deviation,
         certify,
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CalibkitError",
+    "Run",
     "UncertaintyComponent",
     "allan_deviation",
     "certify",

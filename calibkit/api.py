@@ -4,12 +4,13 @@ wanted functions.
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from calibkit import (
+    analysis,
     coefficients,
     frame,
     inspection,
@@ -18,7 +19,7 @@ from calibkit import (
     recipe as recipes,
     store,
 )
-from calibkit.arrays import Array
+from calibkit.analysis import Run
 from calibkit.certificate import certify as certificates
 from calibkit.check import examination
 from calibkit.errors import CalibkitError, CoefficientError, UsageError
@@ -28,27 +29,28 @@ from calibkit.numeric.gum import Component as UncertaintyComponent, combine as c
 from calibkit.numeric.least_squares.regression import regress
 from calibkit.numeric.noise.allan import overlapping as allan_deviation
 from calibkit.numeric.wavelet.denoise import denoise
-from calibkit.recipe import Source
+from calibkit.readers import in_memory
+from calibkit.recipe import Source, toml_text
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Mapping
 
     import pandas as pd
     from numpy.typing import ArrayLike
 
+    from calibkit.arrays import Array
     from calibkit.certificate.certify import Issued
     from calibkit.certificate.words import Lang
     from calibkit.check.report import LogReport
-    from calibkit.coefficients import Model, Record
-    from calibkit.forms import Form
+    from calibkit.coefficients import Record
     from calibkit.simulate.campaign import Campaign
-    from calibkit.store import Run
 
     AnyPath = str | os.PathLike[str]
+    AnyRecipe = Source | AnyPath | Mapping[str, Any]
 
 __all__ = [
     "CalibkitError",
+    "Run",
     "UncertaintyComponent",
     "allan_deviation",
     "certify",
@@ -75,12 +77,13 @@ KINDS = (("gyro", "dph"), ("gyro", "lsb"), ("accel", "g"), ("accel", "lsb"))
 """Canonical columns that are named after an axis."""
 
 
-def load_recipe(name: AnyPath, **settings: object) -> Source:
-    """Recipe of a file or of a shipped name, with settings on top.
+def load_recipe(name: AnyPath | Mapping[str, Any], **settings: object) -> Source:
+    """Recipe of a file, of a shipped name or of a dictionary, with settings on top.
 
     Parameters
     ----------
-    name : path of a TOML file, or the name of a shipped recipe ("fog_thermal").
+    name : path of a TOML file, the name of a shipped recipe ("fog_thermal"), or a dictionary of the
+        tables that such a file holds.
     settings : keys to override; a double underscore stands for the dot: site__latitude_deg=34.2.
 
     Raises
@@ -88,32 +91,30 @@ def load_recipe(name: AnyPath, **settings: object) -> Source:
     CalibkitError : no such recipe, or one with a fault; the message names file, line, value and
         what is allowed.
 
+    Examples
+    --------
+    >>> import calibkit
+    >>> calibkit.load_recipe("gyro_pair", site__latitude_deg=34.2).overrides
+    ('site.latitude_deg=34.2',)
+    >>> calibkit.load_recipe({"procedure": "gyro_noise", "logs": {"files": ["*"]}}).name
+    'recipe'
+
     """
-    source = recipes.find(str(name), _overrides(settings))
+    overrides = toml_text.write_overrides(settings)
+    if isinstance(name, Mapping):
+        source = toml_text.from_tables(name, overrides)
+    else:
+        source = recipes.find(str(name), overrides)
     instruments.parse_recipe(source)
     return source
 
 
-def _overrides(settings: Mapping[str, object]) -> tuple[str, ...]:
-    """Settings of Python as those of the command line."""
-    return tuple(f"{key.replace('__', '.')}={_toml(value)}" for key, value in settings.items())
+def _source(given: AnyRecipe) -> Source:
+    """Recipe that was loaded, or that is named or given."""
+    return given if isinstance(given, Source) else load_recipe(given)
 
 
-def _toml(value: object) -> str:
-    """A Python value as TOML."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, list | tuple):
-        return f"[{', '.join(map(_toml, value))}]"
-    return f'"{value}"' if isinstance(value, str) else str(value)
-
-
-def _source(given: Source | AnyPath) -> Source:
-    """Recipe that was loaded, or is named."""
-    return given if isinstance(given, Source) else recipes.find(str(given))
-
-
-def examine(recipe: Source | AnyPath, data: AnyPath) -> tuple[LogReport, ...]:
+def examine(recipe: AnyRecipe, data: AnyPath) -> tuple[LogReport, ...]:
     """What each log holds that a recipe would read from a folder, and what is wrong with it;
     `calibkit check`.
     """
@@ -121,47 +122,76 @@ def examine(recipe: Source | AnyPath, data: AnyPath) -> tuple[LogReport, ...]:
 
 
 def fit(
-    recipe: Source | AnyPath,
-    data: AnyPath,
+    recipe: AnyRecipe,
+    data: AnyPath | None = None,
     *,
+    logs: Mapping[str, pd.DataFrame] | None = None,
     date: str | None = None,
     serial: str = "",
-    runs: AnyPath = "runs",
+    runs: AnyPath | None = "runs",
 ) -> Run:
-    """Fit a recipe to the logs of a folder and write the next run folder; `calibkit fit`.
+    """Fit a recipe to the logs of a folder, or to frames, and write the next run folder or none;
+    `calibkit fit`.
 
     Parameters
     ----------
-    recipe : from `load_recipe`, or its path or name.
+    recipe : from `load_recipe`, or its path or name, or a dictionary of its tables.
     data : folder of the logs.
+    logs : name of a log → frame, in place of a folder; the name is that of the file that the recipe
+        reads, with or without the suffix, the columns are canonical or those that it maps. The
+        digest of such a log is that of the names and values of its columns.
     date : YYYY-MM-DD from which the coefficients hold; by default the date of the logs' last row,
         and today's where they have none.
-    serial : of the unit; the recipe's by default.
-    runs : folder of all run folders.
+    serial : of the unit; the recipe's by default, and "unsaved" where nothing is written.
+    runs : folder of all run folders; with None nothing is written.
 
     Returns
     -------
-    Run: folder, records (one per stage) and document (run.json), whose "verdict" is accepted,
-    rejected or no verdict.
+    Run: folder, records (one per stage), document (run.json), whose "verdict" is accepted, rejected
+    or no verdict, residuals and figures.
 
     Raises
     ------
     CalibkitError : recipe, logs or fit at fault; nothing is written then.
 
+    Examples
+    --------
+    >>> import calibkit, pandas as pd
+    >>> simulated = calibkit.simulated("gyro_pair", 7)
+    >>> logs = {name: pd.DataFrame(columns) for name, columns in simulated.logs.items()}
+    >>> run = calibkit.fit("gyro_pair", logs=logs, runs=None, date="2026-11-21")
+    >>> run
+    <unsaved@r001: gyro_pair, accepted, 2 logs, not written>
+    >>> run.document["verdict"]
+    'accepted'
+
     """
-    return pipeline.fit(_source(recipe), Path(data), serial, Path(runs), date, silent).run
+    if (data is None) == (logs is None):
+        raise UsageError("give either data, a folder, or logs, {name: frame}")
+    source, out = _source(recipe), Path(analysis.NOT_WRITTEN if runs is None else runs)
+    spec = instruments.parse_recipe(source)
+    serial = serial or spec.serial or ("unsaved" if runs is None else "")
+    with contextlib.ExitStack() as held:
+        folder = Path(data or "")
+        if logs is not None:
+            folder = held.enter_context(in_memory.hold(logs, analysis.patterns(spec)))
+        made = pipeline.fit(source, folder, serial, out, date, silent, dry_run=runs is None)
+    return Run.of_fit(made)
 
 
 def find_run(name: AnyPath, runs: AnyPath = "runs") -> Run:
     """Run of a folder, a serial (its newest revision) or ``SERIAL@r003``; raises CalibkitError
     where a digest is wrong.
     """
-    return store.load(store.find(str(name), Path(runs)))
+    return _run(store.find(str(name), Path(runs)))
 
 
 def _run(given: Run | AnyPath) -> Run:
     """Run that was loaded, or that is in a folder."""
-    return given if isinstance(given, store.Run) else store.load(Path(given))
+    if isinstance(given, Run):
+        return given
+    found = store.load(Path(given))
+    return Run(found.folder, found.document, found.records)
 
 
 def compensate(
@@ -172,7 +202,7 @@ def compensate(
 
     settings give the place of use: site__latitude_deg=58.9. Nothing is overwritten.
     """
-    return pipeline.apply(_run(run), Path(log), Path(out), _overrides(settings))[1]
+    return pipeline.apply(_run(run), Path(log), Path(out), toml_text.write_overrides(settings))[1]
 
 
 def validate(run: Run | AnyPath, data: AnyPath, out: AnyPath) -> Mapping[str, Any]:
@@ -194,7 +224,12 @@ def certify(
     """Write the certificate of a run; `missing` of what is returned lists what makes it a DRAFT;
     `calibkit certify`.
     """
-    folder = run.folder if isinstance(run, store.Run) else Path(run)
+    folder = run.folder if isinstance(run, Run) else Path(run)
+    if isinstance(run, Run) and run.in_memory:
+        raise UsageError(
+            f"{run.name} was not written, and a certificate is of a run folder",
+            hint='fit with runs="runs"',
+        )
     return certificates.certify(
         folder,
         Path(out),
@@ -266,66 +301,18 @@ def evaluate(run: Run | AnyPath, model: str, **at: ArrayLike) -> tuple[Array, Ar
     CalibkitError : no such model or one whose form has no result by itself; an input that is
         missing, unknown, or no numbers.
 
+    See Also
+    --------
+    Run.model : the same with the covariance between inputs.
+
     """
-    found_run = _run(run)
-    models = {
-        f"{record.stage}.{one.name}": one
-        for record in found_run.records.values()
-        for one in record.models
-    }
-    found = [one for name, one in models.items() if model in (name, one.name)]
-    if len(found) != 1:
-        raise CoefficientError(
-            f"{len(found)} models are called '{model}'", hint=f"there are: {', '.join(models)}"
-        )
-    form = instruments.model_forms(found_run.document["procedure"]).get(found[0].form)
-    if form is None:
-        raise CoefficientError(
-            f"model '{model}': form {found[0].form} is not known", hint="use a newer calibkit"
-        )
-    return _evaluate_form(form, found[0], at)
+    found = _run(run).model(model).evaluate(**at)
+    return found.value, found.standard_uncertainty
 
 
-class _Inputs(dict[str, Array]):
-    """Inputs of a model, and which of them its form asked for."""
-
-    def __init__(self, *given: Any) -> None:  # noqa: ANN401 (as dict)
-        super().__init__(*given)
-        self.asked: set[str] = set()
-
-    def __getitem__(self, name: str) -> Array:
-        self.asked.add(name)
-        return super().__getitem__(name)
-
-    def get(self, name: str, default: Any = None) -> Any:  # noqa: ANN401 (as dict)
-        """Input of a name that need not be given."""
-        self.asked.add(name)
-        return super().get(name, default)
-
-
-def _evaluate_form(form: Form, model: Model, at: Mapping[str, ArrayLike]) -> tuple[Array, Array]:
-    """Result of a model and its standard uncertainty; UsageError for inputs that it cannot have."""
-    try:
-        columns = [np.asarray(values, dtype=np.float64) for values in at.values()]
-        inputs = _Inputs(zip(at, np.broadcast_arrays(*map(np.atleast_1d, columns)), strict=True))
-        result = form.evaluate(model, inputs), form.standard_uncertainty(model, inputs)
-    except KeyError as error:
-        raise UsageError(f"model '{model.name}' needs {error}", hint="give it by name") from None
-    except (TypeError, ValueError) as error:
-        raise UsageError(
-            f"model '{model.name}': {error}", hint="give real numbers, as many of each"
-        ) from None
-    if unknown := at.keys() - inputs.asked:
-        raise UsageError(
-            f"model '{model.name}' has no input {', '.join(sorted(unknown))}",
-            hint=f"its inputs are {', '.join(sorted(inputs.asked))}",
-        )
-    return result
-
-
-def read_log(recipe: Source | AnyPath, log: AnyPath) -> pd.DataFrame:
-    """Tidy frame of a log: every canonical column that the recipe finds in it, in canonical units
-    and signs.
+def read_log(recipe: AnyRecipe, log: AnyPath) -> pd.DataFrame:
+    """Tidy frame of a log: every canonical column that the recipe finds in it, in canonical units,
+    which `attrs["units"]` states, and signs.
 
     Where the recipe's procedure finds held conditions, those that `calibkit check` lists (soaks,
     ramps, held rates, dwells, stations), `segment` is their number, from 1 in order of time, and
@@ -336,6 +323,7 @@ def read_log(recipe: Source | AnyPath, log: AnyPath) -> pd.DataFrame:
     wanted = dict.fromkeys((*frame.CANONICAL, *named, *spec.columns, *spec.own_columns()))
     file = Path(log)
     tidy = logs.read_log(spec, file, file.name, (), tuple(wanted)).frame
+    in_memory.label_units(tidy)
     if "segment" in tidy.columns:
         return tidy
     numbers = examination.segment_numbers(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from calibkit import (
@@ -33,19 +34,20 @@ from calibkit.report import budget
 from calibkit.version import SOFTWARE
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from calibkit.certificate.verify import Verified
     from calibkit.firmware.export import Export
     from calibkit.ingest.write_back import Applied, Rewritten
     from calibkit.instruments import Firmware, Progress
+    from calibkit.report.documents import Drawn
     from calibkit.report.summary import Summary
     from calibkit.simulate.campaign import Campaign
 
 
 @dataclass(frozen=True, slots=True)
-class _FitOutcome:
+class FitOutcome:
     """A finished fit: its run, which a dry run does not save, the summary for people, and what was
     guessed of how the logs are written and of the date.
     """
@@ -55,6 +57,11 @@ class _FitOutcome:
     guesses: tuple[str, ...]
     overlaps: tuple[str, ...]
     """Where each log and its second logger's file overlap, and how their clocks differ."""
+    files: Mapping[str, bytes]
+    """Content of every file of the run folder."""
+    drawn: Drawn
+    residuals: Callable[[], Mapping[str, object]]
+    """Columns of the residuals of the fit, or none."""
 
 
 def fit(
@@ -67,7 +74,7 @@ def fit(
     *,
     dry_run: bool = False,
     today: str | None = None,
-) -> _FitOutcome:
+) -> FitOutcome:
     """Fit a recipe to logs and write the next revision of a run folder; a dry run only names it.
 
     Without a date that of the logs' last row holds, and where they have none `today`, which is the
@@ -86,16 +93,18 @@ def fit(
     with store.next_revision(out, serial, dry_run=dry_run) as (revision, superseded):
         found = run_content.complete_summary(fitted, pooled)
         summary = dates.flag_date_order(found, out, serial, revision, date)
-        document, records, files = run_content.build_run(
+        document, records, files, drawn = run_content.build_run(
             source, pooled, replace(fitted, summary=summary), serial, revision, date, superseded
         )
         folder = store.save(out, serial, revision, files, dry_run=dry_run)
     run = store.Run(folder, document, records)
+    residuals = partial(instruments.find(spec.procedure).residuals, fitted.drawing)
     summary = replace(summary, title=f"{run.name}: {spec.title or spec.procedure}")
     guesses = run_content.list_guesses(run.document["inputs"])
     last = f"effective from {dated}, the date of the last row of the logs; --date states another"
     overlaps = tuple(f"{log.name}: {log.overlap}" for log in fitted.inputs if log.overlap)
-    return _FitOutcome(run, summary, (*guesses, last) if dated else guesses, overlaps)
+    guesses = (*guesses, last) if dated else guesses
+    return FitOutcome(run, summary, guesses, overlaps, files, drawn, residuals)
 
 
 def run_recipe(run: store.Run, overrides: tuple[str, ...]) -> recipe.Recipe:
@@ -127,16 +136,31 @@ def apply(
     keep: bool = False,
     dry_run: bool = False,
 ) -> tuple[Rewritten, tuple[str, ...]]:
-    """Compensate one log with a run's coefficients and write every row and column of it; returns
-    what was done and the flags.
+    """Write a log that is compensated as by `compensate`, every row and column of it; returns what
+    was done and the flags.
+    """
+    new_files.refuse_existing(out)
+    if not data.is_file():
+        raise UsageError(f"--data {data}: no such file", hint="name one log")
+    content, flags = compensate(run, data, overrides, as_firmware=as_firmware, keep=keep)
+    new_files.write_new(out, content, dry_run=dry_run)
+    return content, flags
+
+
+def compensate(
+    run: store.Run,
+    data: Path,
+    overrides: tuple[str, ...],
+    *,
+    as_firmware: str | None = None,
+    keep: bool = False,
+) -> Applied:
+    """A log compensated with a run's coefficients, and the flags.
 
     Rows that cannot be corrected have a status, and `keep` their logged value. With `as_firmware`,
     a number format, as the exported firmware would: by its bit-exact twin.
     """
-    new_files.refuse_existing(out)
     spec = run_recipe(run, overrides)
-    if not data.is_file():
-        raise UsageError(f"--data {data}: no such file", hint="name one log")
     # every row is written: one file as it is; rows that lack a value are not corrected
     logs = spec.logs.model_copy(update={"split": False, "missing": "drop"})
     spec = spec.model_copy(update={"logs": logs})
@@ -155,22 +179,28 @@ def apply(
                 f" {mapped}"
             ),
         ) from None
-    new_files.write_new(out, content := replace(content, keep=keep), dry_run=dry_run)
     corrected = (
         f"{entry.column} corrected by certificate {entry.certificate}: --set correction=[] where"
         " other instruments measured"
         for entry in spec.correction
     )
-    return content, (*corrected, *flags)
+    return replace(content, keep=keep), (*corrected, *flags)
 
 
 def validate(
     run: store.Run, data: Path, out: Path, progress: Progress, *, dry_run: bool = False
 ) -> tuple[dict[str, Any], Summary]:
-    """Hold a run's frozen coefficients against logs that they have not seen and write the figures
-    as JSON.
-    """
+    """Write as JSON what `judge_unseen` finds."""
     new_files.refuse_existing(out)
+    text, summary = judge_unseen(run, data, progress)
+    new_files.write_new(out, text.encode(), dry_run=dry_run)
+    return sealed.unseal(text, str(out), run_document.VALIDATION_FORMATS), summary
+
+
+def judge_unseen(run: store.Run, data: Path, progress: Progress) -> tuple[str, Summary]:
+    """Hold a run's frozen coefficients against logs that they have not seen; the figures as JSON,
+    and a summary.
+    """
     spec, inputs = run_recipe(run, ()), run.document["inputs"]
     files = ingest.find_logs(spec, data)
     instrument = instruments.find(spec.procedure)
@@ -200,9 +230,7 @@ def validate(
         "accepted": run_document.ACCEPTED[summary.verdict],
         "flags": list(summary.flags),
     }
-    text = sealed.seal(document)
-    new_files.write_new(out, text.encode(), dry_run=dry_run)
-    return sealed.unseal(text, str(out), run_document.VALIDATION_FORMATS), summary
+    return sealed.seal(document), summary
 
 
 def _firmware(spec: recipe.Recipe) -> Firmware[Any]:

@@ -62,11 +62,12 @@ def build_run(
     revision: int,
     date: str,
     superseded: Mapping[str, str],
-) -> tuple[dict[str, Any], dict[str, coefficients.Record], dict[str, bytes]]:
+) -> tuple[dict[str, Any], dict[str, coefficients.Record], dict[str, bytes], documents.Drawn]:
     """Make all files of a run that holds from `date`; `superseded` is the digest of each stage's
     coefficient file in the revision before.
 
-    Returns what run.json and the coefficient files hold, and name → bytes of every file.
+    Returns what run.json and the coefficient files hold, name → bytes of every file, and what the
+    report shows.
     """
     identity = coefficients.Identity(serial, revision, date, SOFTWARE, source.sha256, fitted.inputs)
     records = {
@@ -85,7 +86,7 @@ def build_run(
     files[documents.PAGE] = html.page(facts | {"files": store.list_files(files)}, records, shown)
     text = sealed.seal(facts | {"files": store.list_files(files)})
     document = run_document.loads(text, new_files.RUN_FILE)
-    return document, records, {new_files.RUN_FILE: text.encode(), **files}
+    return document, records, {new_files.RUN_FILE: text.encode(), **files}, drawn
 
 
 def describe_firmware(

@@ -1,6 +1,5 @@
 """Errors that observations share, pooled from earlier runs of the same type of device."""
 
-import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +8,7 @@ import numpy as np
 
 from calibkit import store
 from calibkit.coefficients import Component
+from calibkit.readers import parts
 from calibkit.recipe import Recipe
 from calibkit.recipe.tables import ErrorComponent
 from calibkit.store import Run
@@ -37,7 +37,7 @@ def pool_components(spec: Recipe, runs: Path, logs: Sequence[Path]) -> Pooled:
     """
     if spec.errors.source != "history":
         return Pooled(spec)
-    digests = {hashlib.sha256(path.read_bytes()).hexdigest() for path in logs}
+    digests = {parts.digest_log(path, path.name, split=False) for path in logs}
     earlier = list(_earlier_runs(spec, runs, digests))
     if not earlier:
         flag = f"no earlier run of type '{spec.type}' in {runs.name}: nothing was pooled"

@@ -12,7 +12,7 @@ from calibkit.errors import FrameError, RecipeError, UsageError, did_you_mean, v
 from calibkit.frame import Log
 from calibkit.ingest import logs_on_disk, second_logger
 from calibkit.ingest.mapping import log_name, read_file
-from calibkit.readers import parts
+from calibkit.readers import in_memory, parts
 from calibkit.recipe import Recipe
 
 _Read = TypeVar("_Read")
@@ -32,29 +32,25 @@ def find_logs(recipe: Recipe, folder: Path) -> list[str]:
     Raises UsageError, FrameError or RecipeError where there is no folder or log, or where the
     recipe excludes a log that is not there.
     """
-    if not folder.is_dir():
+    held = in_memory.match(folder, "*")
+    if not held and not folder.is_dir():
         raise UsageError(
             f"--data {folder}: no such folder", hint="name the folder that holds the logs"
         )
     found: list[str] = []
     for pattern in recipe.logs.files:
-        try:
-            there = [path for path in folder.glob(pattern) if not path.is_dir()]
-        except OSError as error:
-            raise FrameError(
-                f"{folder}: cannot be read: {error.strerror}", hint="check --data and its disk"
-            ) from None
-        _require_files(recipe, folder, there)
-        matches = sorted(path.relative_to(folder).as_posix() for path in there if path.is_file())
+        there = in_memory.match(folder, pattern) if held else _glob(recipe, folder, pattern)
+        matches = sorted(path.relative_to(folder).as_posix() for path in there)
         if not matches:
-            beside = ", ".join(sorted(path.name for path in folder.iterdir())[:8]) or "nothing"
+            near = sorted(path.name for path in held or folder.iterdir())
+            beside = ", ".join(near[:8]) or "nothing"
             raise FrameError(
                 f"{folder}: no log matches '{pattern}', found {visible(beside)}",
                 hint="check --data, or [logs] files in the recipe",
             )
         found += [match for match in matches if match not in found]
     files = found
-    if recipe.logs.split:
+    if recipe.logs.split and not held:
         found = [log[0] for log in parts.group_parts(found)]
     if recipe.chamber is not None:
         found = second_logger.exclude_second_logger(recipe.chamber, found, folder)
@@ -67,6 +63,18 @@ def find_logs(recipe: Recipe, folder: Path) -> list[str]:
             f"{folder}: every log is excluded by the recipe", hint="remove an [[exclude]] table"
         )
     return kept
+
+
+def _glob(recipe: Recipe, folder: Path, pattern: str) -> list[Path]:
+    """Files of a folder that a pattern matches; raises FrameError for what is no file."""
+    try:
+        there = [path for path in folder.glob(pattern) if not path.is_dir()]
+    except OSError as error:
+        raise FrameError(
+            f"{folder}: cannot be read: {error.strerror}", hint="check --data and its disk"
+        ) from None
+    _require_files(recipe, folder, there)
+    return [path for path in there if path.is_file()]
 
 
 def _require_plain_names(logs: Sequence[str]) -> None:

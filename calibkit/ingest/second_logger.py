@@ -11,6 +11,7 @@ from calibkit.arrays import Array, Integers, Mask
 from calibkit.errors import FitError, FrameError
 from calibkit.frame import Log, values
 from calibkit.ingest import clocks, mapping, stamps
+from calibkit.readers import in_memory
 from calibkit.recipe import Recipe
 from calibkit.recipe.logs import Logs
 from calibkit.recipe.tables import SecondLogger
@@ -28,7 +29,7 @@ def exclude_second_logger(chamber: SecondLogger, found: Sequence[str], folder: P
     its = {
         path.relative_to(folder).as_posix()
         for pattern in chamber.files
-        for path in folder.glob(pattern.replace("{log}", "*"))
+        for path in _match(folder, pattern.replace("{log}", "*"))
     }
     left = [name for name in found if name not in its]
     if not left:
@@ -37,6 +38,12 @@ def exclude_second_logger(chamber: SecondLogger, found: Sequence[str], folder: P
             hint="make [logs] files and [chamber] files differ",
         )
     return left
+
+
+def _match(folder: Path, pattern: str) -> list[Path]:
+    """Files of a folder, or frames in memory, that a pattern matches."""
+    held = in_memory.match(folder, pattern)
+    return held or [path for path in folder.glob(pattern) if path.is_file()]
 
 
 def read_joined(
@@ -165,8 +172,9 @@ def _find_files(chamber: SecondLogger, path: Path, file: str) -> list[str]:
     patterns = [PurePosixPath(pattern.replace("{log}", log)).name for pattern in chamber.files]
     return sorted(
         found.name
-        for found in path.parent.iterdir()
-        if found.is_file() and any(fnmatch.fnmatchcase(found.name, one) for one in patterns)
+        for found in in_memory.match(path.parent, "*")
+        or filter(Path.is_file, path.parent.iterdir())
+        if any(fnmatch.fnmatchcase(found.name, one) for one in patterns)
     )
 
 

@@ -15,7 +15,7 @@ from calibkit.frame import values
 from calibkit.ingest.column_values import unmap_values
 from calibkit.ingest.text_lines import STATUS, TextLines
 from calibkit.numeric import chunks
-from calibkit.readers import clean, delimited, registry, tokens
+from calibkit.readers import clean, delimited, in_memory, registry, tokens
 from calibkit.recipe import Column
 from calibkit.recipe.logs import AUTO
 
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     from calibkit.arrays import Array, Integers
     from calibkit.frame import Log
+    from calibkit.readers.table import Table
     from calibkit.recipe import Recipe
 
 
@@ -96,16 +97,38 @@ class Rewritten:
         """Fields of a replaced column from one row to another, in the log's own unit and sign; None
         where what was logged is kept.
         """
-        source = self.own[name]
-        mapped = self.recipe.columns.get(name) or Column(source=source)
-        stated = self.fields.units.get(source, "")
-        values = self.replaced[name][row:stop]
-        numbers = unmap_values(values, mapped, name, self.recipe, stated)
+        numbers = self._numbers(name, row, stop)
         texts: list[str | None] = [*_format_numbers(numbers)]
         for _, rows in self.uncorrected if self.keep else ():
             for k in rows[(rows >= row) & (rows < stop)].tolist():
                 texts[k - row] = None
         return texts
+
+    def _numbers(self, name: str, row: int, stop: int) -> Array:
+        """Values of a replaced column from one row to another, in the log's own unit and sign."""
+        source = self.own[name]
+        mapped = self.recipe.columns.get(name) or Column(source=source)
+        stated = self.fields.units.get(source, "")
+        return unmap_values(self.replaced[name][row:stop], mapped, name, self.recipe, stated)
+
+    def as_frame(self, logged: pd.DataFrame) -> pd.DataFrame:
+        """The new log as a frame, where `logged` is the log: its index and columns stay; a table in
+        place of the log has an index of its own.
+        """
+        import pandas as pd
+
+        count = self.fields.count
+        if self.fields.header != list(map(str, logged.columns)) or count != len(logged):
+            return pd.read_csv(io.BytesIO(b"".join(self)))
+        made, status = logged.copy(), self._status(0, count)
+        for name, source in self.own.items():
+            numbers = self._numbers(name, 0, count)
+            for _, rows in self.uncorrected if self.keep else ():
+                numbers[rows] = logged[source].to_numpy()[rows]
+            made[source] = numbers
+        made = made.rename(columns={name: f"reference_{name}" for name in (*self.added, STATUS)})
+        made = made.assign(**self.added)
+        return made.assign(**{STATUS: status}) if status else made
 
     def _status(self, row: int, stop: int) -> list[str]:
         """Why each row from one to another is not corrected, "" for one that is; empty where all
@@ -155,7 +178,10 @@ def rewrite_log(
 
     Raises FrameError or LogFormatError for what the log lacks.
     """
-    fields = _scan_clean(recipe, path) or _read_fields(recipe, path, log)
+    if (held := in_memory.find(path)) is not None:
+        fields = _list_fields(held)
+    else:
+        fields = _scan_clean(recipe, path) or _read_fields(recipe, path, log)
     own = {name: _find_source(recipe, name, fields, path) for name in columns}
     rows, lost = _find_rows(log)
     spread = [
@@ -288,13 +314,17 @@ def _read_fields(recipe: Recipe, path: Path, log: Log) -> _Fields:
             return _Fields(header, stated, len(rows), lambda: [columns], quotes=False)
     if (text := _cut_text(recipe, path, data, log)) is not None:
         return text
-    table = registry.read(path, path.name, recipe.logs, ())
-    columns = [_format_column(table.frame[name], table.decimal) for name in table.frame.columns]
+    return _list_fields(registry.read(path, path.name, recipe.logs, ()))
+
+
+def _list_fields(table: Table) -> _Fields:
+    """Fields of a log that is no text, or in memory."""
+    frame = table.frame
     return _Fields(
-        list(map(str, table.frame.columns)),
+        list(map(str, frame.columns)),
         table.units,
-        len(table.frame),
-        lambda: [columns],
+        len(frame),
+        lambda: [[_format_column(frame[name], table.decimal) for name in frame.columns]],
         quotes=True,
     )
 

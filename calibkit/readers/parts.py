@@ -16,7 +16,7 @@ import numpy as np
 
 from calibkit.arrays import Integers
 from calibkit.errors import LogFormatError
-from calibkit.readers import registry
+from calibkit.readers import in_memory, registry
 from calibkit.readers.keysight import SCAN_NUMBERS
 from calibkit.readers.table import Table
 from calibkit.recipe.logs import Logs
@@ -57,6 +57,8 @@ def _find_parts(path: Path, file: str) -> list[str]:
 
 def digest_log(path: Path, file: str, *, split: bool) -> str:
     """SHA-256 of a log's bytes, of all parts one after another where it is split."""
+    if (held := in_memory.find(path)) is not None:
+        return held.sha256
     parts = _find_parts(path, file) if split else [file]
     sha256 = hashlib.sha256()
     for part in parts:
@@ -73,7 +75,7 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     """
     import pandas as pd
 
-    parts = _find_parts(path, file)
+    parts = [file] if in_memory.find(path) else _find_parts(path, file)
     tables = [
         registry.read(path.parent / part.rpartition("/")[2], part, logs, needed) for part in parts
     ]

@@ -12,7 +12,7 @@ from typing import Protocol, cast
 
 from calibkit import plugins, units
 from calibkit.errors import LogFormatError, UsageError
-from calibkit.readers import clean, delimited, limited, optional
+from calibkit.readers import clean, delimited, in_memory, limited, optional
 from calibkit.readers.table import Guess, Table
 from calibkit.recipe.logs import AUTO, FORMATS, Logs, TextSpec
 
@@ -27,6 +27,8 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     Columns in `needed` hold numbers, or times as text; others may hold anything. Raises
     LogFormatError.
     """
+    if (held := in_memory.find(path)) is not None:
+        return held
     try:
         return _read_in_format(path, file, logs, needed)
     except MemoryError:

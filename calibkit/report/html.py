@@ -69,6 +69,12 @@ def page(document: Mapping[str, Any], records: Mapping[str, Record], shown: Show
     )
 
 
+def first_screen_of(page: str) -> str:
+    """The page of a run without what is folded below its first screen, and without its script."""
+    above, _, below = page.partition("<h2>Details</h2>")
+    return f"{above}</main></body></html>" if below else page
+
+
 def whole_page(title: str, body: Sequence[Markup], *, style: str = "", script: str = "") -> bytes:
     """A page that loads nothing, as UTF-8: its body under calibkit's own style and what is added to
     it, and a script.

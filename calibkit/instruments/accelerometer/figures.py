@@ -5,7 +5,7 @@ errors before and after correction.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,6 +26,26 @@ class TriadReport:
     before: DwellErrors
     after: DwellErrors
     toolface_range_deg: tuple[float, float]
+
+    def residuals(self) -> dict[str, Any]:
+        """Columns of a tidy table, one row per dwell: what the correction leaves of the components,
+        or of the length, of gravity, and of the attitude.
+        """
+        dwells, left, angles = self.dwells, self.after.residual, self.after.angles
+        names = ("x", "y", "z") if left.shape[1] == 3 else ("length",)
+        columns = {
+            "dwell": dwells.place,
+            "temp_case_degc": dwells.temperature,
+            "inclination_deg": dwells.inclination,
+            "toolface_deg": dwells.toolface,
+            **{f"residual_{name}_g": left[:, k] for k, name in enumerate(names)},
+        }
+        if angles is None:
+            return columns
+        return columns | {
+            "residual_inclination_deg": angles.inclination_error_deg,
+            "residual_toolface_deg": angles.toolface_error_deg,
+        }
 
 
 def draw_pages(title: str, report: TriadReport) -> tuple[Figure, ...]:

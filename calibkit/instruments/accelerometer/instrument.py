@@ -214,6 +214,7 @@ INSTRUMENT = Instrument(
     read=_read,
     examine=plausibility.examine,
     fit=_fit,
+    residuals=TriadReport.residuals,
     draw=lambda title, fitted: Drawn(draw_pages(title, fitted.drawing), fitted.summary),
     validate=_validate,
     apply=_apply,

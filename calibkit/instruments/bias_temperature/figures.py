@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from calibkit.report.figures import GOOD, INK, RAW, page
 
 if TYPE_CHECKING:
@@ -29,6 +31,18 @@ class BiasReport:
 
     abscissa: str
     curves: tuple[BiasCurve, ...]
+
+    def residuals(self) -> dict[str, Array]:
+        """Columns of a tidy table, one row per bin of a channel: means of the indication less the
+        polynomial, in the channel's unit.
+        """
+        parts = {
+            "channel": [np.full(c.abscissa.size, c.name, dtype=object) for c in self.curves],
+            self.abscissa: [curve.abscissa for curve in self.curves],
+            "indication": [curve.indication for curve in self.curves],
+            "residual": [curve.indication - curve.polynomial for curve in self.curves],
+        }
+        return {name: np.concatenate(columns) for name, columns in parts.items()}
 
 
 def pages(title: str, report: BiasReport) -> list[Figure]:

@@ -181,6 +181,7 @@ INSTRUMENT = Instrument(
     examine=_examine,
     fit=_fit,
     draw=_draw,
+    residuals=pages.BiasReport.residuals,
     validate=_validate,
     apply=_apply,
     certificate=_certificate,

@@ -74,6 +74,19 @@ class DriftReport:
     noise: float = 0.0
     """What noise alone gives of the 100 s means (rms) [°/h]."""
 
+    def residuals(self) -> dict[str, Array]:
+        """Columns of a tidy table, one row per model interval: the compensated indication about the
+        mean of its log.
+        """
+        parts = {
+            "run": [np.full(log.time.size, log.name, dtype=object) for log in self.logs],
+            "time_s": [log.time for log in self.logs],
+            "temp_case_degc": [log.temperature for log in self.logs],
+            "gyro_dph": [log.raw for log in self.logs],
+            "residual_dph": [log.compensated - log.compensated.mean() for log in self.logs],
+        }
+        return {name: np.concatenate(columns) for name, columns in parts.items()}
+
 
 def pages(report: DriftReport) -> list[Figure]:
     """Pages of the report: drift before and after, which shows the verdict, logs (six per page),

@@ -336,6 +336,7 @@ INSTRUMENT = Instrument(
     examine=ramps.examine,
     fit=_fit,
     draw=_draw,
+    residuals=figures.DriftReport.residuals,
     validate=_validate,
     apply=_apply,
     certificate=_certificate,

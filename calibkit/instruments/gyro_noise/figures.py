@@ -5,13 +5,15 @@ indication over time.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from calibkit.report.figures import ALERT, DENOISED, GOOD, INK, MUTED, RAW, page
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -34,6 +36,21 @@ class NoiseView:
     hours: Array
     means: Array
     block_s: float
+
+
+def list_residuals(views: Sequence[NoiseView]) -> dict[str, Any]:
+    """Columns of a tidy table, one row per averaging time of a record: Allan deviation, the noise
+    terms together, and how far it is from them relative to itself.
+    """
+    curves = [(view, view.curves[0]) for view in views]
+    parts = {
+        "record": [np.full(c.tau_s.size, view.name, dtype=object) for view, c in curves],
+        "tau_s": [curve.tau_s for _, curve in curves],
+        "deviation": [curve.deviation for _, curve in curves],
+        "model": [view.model for view, _ in curves],
+        "residual": [curve.deviation / view.model - 1.0 for view, curve in curves],
+    }
+    return {name: np.concatenate(columns) for name, columns in parts.items()}
 
 
 def record_page(title: str, view: NoiseView) -> Figure:

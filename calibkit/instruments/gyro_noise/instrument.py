@@ -260,6 +260,7 @@ INSTRUMENT = Instrument(
     examine=_examine,
     fit=_fit,
     draw=_draw,
+    residuals=pages.list_residuals,
     validate=_validate,
     apply=_apply,
     certificate=_certificate,

@@ -71,6 +71,19 @@ class GyroReport:
     misalignment: tuple[Curve, ...] = ()
     """Components of the input axes across each gyro's main axis [mrad]."""
 
+    def residuals(self) -> dict[str, Array]:
+        """Columns of a tidy table, one row per held rate of a gyro in a run: indication less its
+        straight line, in ppm of full scale.
+        """
+        parts = {
+            "run": [np.full(line.rate.size, line.run, dtype=object) for line in self.lines],
+            "gyro": [np.full(line.rate.size, line.gyro, dtype=object) for line in self.lines],
+            "table_rate_dps": [line.rate for line in self.lines],
+            "residual_ppm": [line.residual_ppm for line in self.lines],
+            "standard_uncertainty_ppm": [line.u_residual_ppm for line in self.lines],
+        }
+        return {name: np.concatenate(columns) for name, columns in parts.items()}
+
     @classmethod
     def of_runs(cls, gyros: Sequence[over_runs.GyroOverRuns]) -> Self:
         """Lines of rate-table runs, and K over temperature relative to its mean."""

@@ -49,7 +49,6 @@ if TYPE_CHECKING:
     from calibkit.certificate.stated import Stated
     from calibkit.coefficients import Criterion, Record, StageResult
     from calibkit.instruments import Firmware, Progress
-    from calibkit.instruments.gyro_scale.curves import GyroReport
     from calibkit.instruments.gyro_scale.table_runs import TableRun
     from calibkit.report.overview import Overview
     from calibkit.report.table import Table
@@ -78,10 +77,10 @@ def _fitted(
     results: tuple[StageResult, ...],
     shown: Iterable[Table],
     criteria: tuple[Criterion, ...],
-    drawing: GyroReport,
+    drawing: curves.GyroReport,
     first: Overview,
     refit: sensitivities.Refit,
-) -> Fitted[GyroReport]:
+) -> Fitted[curves.GyroReport]:
     """Result of a fit; every coefficient file carries all flags."""
     every = [run for group in runs.values() for run in group]
     inputs = tuple(Input.of(run.log) for run in every)
@@ -93,7 +92,7 @@ def _fitted(
 
 def _fit_rate_table(
     spec: RateTableRecipe, data: Path, files: Sequence[str], progress: Progress
-) -> Fitted[GyroReport]:
+) -> Fitted[curves.GyroReport]:
     """Fit each gyro in each run, then its scale factor over the runs and over temperature."""
     runs = _read_runs(spec, data, files, progress)
     gyros = _over_runs(spec, runs)
@@ -124,7 +123,7 @@ def _over_runs(spec: RateTableRecipe, runs: sensitivities.Runs) -> list[over_run
 
 def _fit_pair(
     spec: GyroPairRecipe, data: Path, files: Sequence[str], progress: Progress
-) -> Fitted[GyroReport]:
+) -> Fitted[curves.GyroReport]:
     """Fit the scale factors about both axes and the orthogonality of the pair."""
     needed = {"a": spec.pair.axis_a, "b": spec.pair.axis_b}
     for axis, name in needed.items():
@@ -156,7 +155,7 @@ def _fit_pair(
 
 def _fit_triad(
     spec: GyroTriadRecipe, data: Path, files: Sequence[str], progress: Progress
-) -> Fitted[GyroReport]:
+) -> Fitted[curves.GyroReport]:
     """Fit the sensitivities of every gyro about three axes, the angles between them, and both over
     temperature.
     """
@@ -181,7 +180,7 @@ def _fit_triad(
     )
 
 
-def _draw(title: str, fitted: Fitted[GyroReport]) -> Drawn:
+def _draw(title: str, fitted: Fitted[curves.GyroReport]) -> Drawn:
     """Figures and summary of a fit."""
     from calibkit.instruments.gyro_scale.figures import draw_pages
 
@@ -218,6 +217,7 @@ RATE_TABLE = Instrument(
     examine=table_runs.examine,
     fit=_fit_rate_table,
     draw=_draw,
+    residuals=curves.GyroReport.residuals,
     validate=unseen.validate,
     apply=compensate.apply,
     certificate=_certificate,
@@ -238,6 +238,7 @@ PAIR = Instrument(
     examine=table_runs.examine,
     fit=_fit_pair,
     draw=_draw,
+    residuals=curves.GyroReport.residuals,
     validate=unseen.validate,
     apply=compensate.apply,
     certificate=_certificate,
@@ -258,6 +259,7 @@ TRIAD = Instrument(
     examine=table_runs.examine,
     fit=_fit_triad,
     draw=_draw,
+    residuals=curves.GyroReport.residuals,
     validate=unseen.validate,
     apply=compensate.apply,
     certificate=_certificate,

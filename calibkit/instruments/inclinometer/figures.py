@@ -49,6 +49,17 @@ class SeekingReport:
     standard_uncertainty: Array
     table: Table
 
+    def residuals(self) -> dict[str, Array]:
+        """Columns of a tidy table, one row per station: azimuth less the reference azimuth, NaN
+        where there is none, over C.
+        """
+        return {
+            "c": self.label,
+            "residual_before_deg": self.before,
+            "residual_deg": self.after,
+            "standard_uncertainty_deg": self.standard_uncertainty,
+        }
+
 
 def draw_pages(title: str, report: SeekingReport) -> list[Figure]:
     """Page of azimuth error against C, which shows the verdict, and page of s(T)."""

@@ -235,6 +235,7 @@ INSTRUMENT = Instrument(
     examine=inclinometer_stations.examine,
     fit=_fit,
     draw=_draw,
+    residuals=figures.SeekingReport.residuals,
     validate=_validate,
     apply=_apply,
     certificate=_certificate,

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from calibkit.report.figures import ALERT, GOOD, INK, RAW, page
 
 if TYPE_CHECKING:
@@ -48,6 +50,20 @@ class ThermalReport:
 
     courses: tuple[Course, ...]
     channels: tuple[ChannelCurves, ...]
+
+    def residuals(self) -> dict[str, Array]:
+        """Columns of a tidy table, one row per model interval: what the model leaves of each
+        channel, about the turn-on bias.
+        """
+        numbers = [np.full(one.minutes.size, k) for k, one in enumerate(self.courses, start=1)]
+        columns = {
+            "power_on": np.concatenate(numbers),
+            "time_s": np.concatenate([60.0 * one.minutes for one in self.courses]),
+            "temp_case_degc": np.concatenate([one.temperature for one in self.courses]),
+            "withheld": np.concatenate([one.withheld for one in self.courses]),
+        }
+        left = {f"residual_{one.name}": np.concatenate(one.left) for one in self.channels}
+        return {**columns, **left}
 
 
 def pages(title: str, report: ThermalReport) -> list[Figure]:

@@ -184,6 +184,7 @@ INSTRUMENT = Instrument(
     examine=_examine,
     fit=_fit,
     draw=_draw,
+    residuals=figures.ThermalReport.residuals,
     validate=_validate,
     apply=_apply,
     certificate=_certificate,

@@ -1,0 +1,335 @@
+"""A run in Python: its models, residuals and figures, and on frames what the commands do."""
+
+from __future__ import annotations
+
+import html
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from calibkit import instruments, pipeline, run_document, sealed, store
+from calibkit.errors import CoefficientError, UsageError, did_you_mean
+from calibkit.instruments import silent
+from calibkit.readers import in_memory
+from calibkit.recipe import toml_text
+from calibkit.report import documents
+from calibkit.report.html import first_screen_of
+from calibkit.report.run import RUN_COLUMNS, list_numbers
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    import pandas as pd
+    from matplotlib.figure import Figure
+    from numpy.typing import ArrayLike
+
+    from calibkit.arrays import Array
+    from calibkit.coefficients import Model
+    from calibkit.forms import Form
+    from calibkit.pipeline import FitOutcome
+
+NOT_WRITTEN = "not written"
+"""Folder of runs that are in memory alone."""
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluated:
+    """Result of a model at n inputs, or of m components there.
+
+    Attributes
+    ----------
+    value : result [n] or [n, m], in the unit that the model's form states.
+    standard_uncertainty : of the same shape and unit.
+    covariance : [n, n], or [n, m, n, m]; its diagonal is the square of the standard uncertainty.
+        Between two inputs it is that of the coefficients: how the error of the model itself at one
+        input goes with that at another is not known, and not in it.
+
+    """
+
+    value: Array
+    standard_uncertainty: Array
+    covariance: Array
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class RunModel:
+    """One model of a run."""
+
+    model: Model
+    """Its coefficients with units, covariance and valid ranges."""
+    form: Form
+
+    def __repr__(self) -> str:
+        count = len(self.model.coefficients)
+        return f"<{self.model.name}: {self.model.form}, {count} coefficients>"
+
+    def evaluate(self, **at: ArrayLike) -> Evaluated:
+        """Result at inputs with its standard uncertainty and covariance.
+
+        Parameters
+        ----------
+        at : canonical column = values [n] in its unit, one per input of the model's form; rates and
+            gradients of a drift model on levels that are not given are 0, as at rest. Beyond the
+            valid ranges the form is extrapolated.
+
+        Returns
+        -------
+        Evaluated: value, standard uncertainty and covariance. The uncertainty is of type A, and of
+        a drift model on levels has its error on left-out ramps and, at rest, its hysteresis.
+
+        Raises
+        ------
+        CalibkitError : an input that is missing, unknown, or no numbers.
+
+        """
+        form, model, asked = self.form, self.model, _Inputs()
+        try:
+            columns = [np.asarray(values, dtype=np.float64) for values in at.values()]
+            asked.update(zip(at, np.broadcast_arrays(*map(np.atleast_1d, columns)), strict=True))
+            value, u = form.evaluate(model, asked), form.standard_uncertainty(model, asked)
+            gradient = form.gradient(model, asked)
+        except KeyError as error:
+            raise UsageError(
+                f"model '{model.name}' needs {error}", hint="give it by name"
+            ) from None
+        except (TypeError, ValueError) as error:
+            raise UsageError(
+                f"model '{model.name}': {error}", hint="give real numbers, as many of each"
+            ) from None
+        if unknown := at.keys() - asked.asked:
+            raise UsageError(
+                f"model '{model.name}' has no input {', '.join(sorted(unknown))}",
+                hint=f"its inputs are {', '.join(sorted(asked.asked))}",
+            )
+        flat = gradient.reshape(-1, gradient.shape[-1])
+        covariance = flat @ np.array(model.covariance) @ flat.T
+        np.fill_diagonal(covariance, u.ravel() ** 2)
+        return Evaluated(value, u, covariance.reshape(u.shape * 2))
+
+
+class _Inputs(dict[str, "Array"]):
+    """Inputs of a model, and which of them its form asked for."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.asked: set[str] = set()
+
+    def __getitem__(self, name: str) -> Array:
+        self.asked.add(name)
+        return super().__getitem__(name)
+
+    def get(self, name: str, default: Any = None) -> Any:  # noqa: ANN401 (as dict)
+        """Input of a name that need not be given."""
+        self.asked.add(name)
+        return super().get(name, default)
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class Run(store.Run):
+    """A run with what can be asked of it: from `calibkit.fit` or `calibkit.find_run`.
+
+    Attributes
+    ----------
+    document : run.json; its "verdict" is accepted, rejected or no verdict.
+    records : name of the file → what the coefficient file holds.
+    folder : of the run, also where nothing was written there.
+
+    Examples
+    --------
+    >>> import calibkit, pandas as pd
+    >>> simulated = calibkit.simulated("gyro_pair", 7)
+    >>> logs = {name: pd.DataFrame(columns) for name, columns in simulated.logs.items()}
+    >>> run = calibkit.fit("gyro_pair", logs=logs, runs=None, date="2026-11-21")
+    >>> run.figures
+    ('scale-factor error against rate', 'gamma and alpha')
+    >>> list(run.residuals().columns)
+    ['run', 'gyro', 'table_rate_dps', 'residual_ppm', 'standard_uncertainty_ppm']
+    >>> run.model("a_about_a")
+    <a_about_a: gyro-scale/1, 2 coefficients>
+    >>> counts = run.model("a_about_a").evaluate(table_rate_dps=[10.0, 20.0])
+    >>> counts.covariance.shape
+    (2, 2)
+
+    """
+
+    outcome: FitOutcome | None = None
+    """Of the fit in this process; None of a run that was found in a folder."""
+
+    @classmethod
+    def of_fit(cls, outcome: FitOutcome) -> Run:
+        """The run of a fit that has just ended."""
+        run = outcome.run
+        return cls(run.folder, run.document, run.records, outcome)
+
+    @property
+    def in_memory(self) -> bool:
+        """Whether nothing of it was written."""
+        return self.folder.parts[0] == NOT_WRITTEN
+
+    def __repr__(self) -> str:
+        facts = (self.document[key] for key in ("procedure", "verdict"))
+        where = NOT_WRITTEN if self.in_memory else self.folder
+        logs = len(self.document["inputs"])
+        return f"<{self.name}: {', '.join(facts)}, {logs} log{'s' * (logs > 1)}, {where}>"
+
+    def _repr_html_(self) -> str:
+        """First screen of the report, in a frame of its own: its style stays there."""
+        page = html.escape(first_screen_of(self._file(documents.PAGE).decode()))
+        title = html.escape(f"Report of {self.name}")
+        style = "width:100%;height:44em;border:0"
+        return f'<iframe title="{title}" srcdoc="{page}" style="{style}"></iframe>'
+
+    def _file(self, name: str) -> bytes:
+        """Content of one of the run's files."""
+        if self.outcome is not None:
+            return self.outcome.files[name]
+        return store.read_bytes(self.folder / name)
+
+    def _fitted(self, what: str) -> FitOutcome:
+        """The fit of this process; UsageError of a run that was found in a folder."""
+        if self.outcome is None:
+            raise UsageError(
+                f"{self.name} was read from its folder, which holds no {what}",
+                hint="fit its logs again: calibkit.fit(recipe, logs={name: frame}, runs=None)",
+            )
+        return self.outcome
+
+    def stage_digests(self) -> dict[str, str]:
+        """Stage → digest that its coefficient file states of itself."""
+        if not self.in_memory:
+            return store.Run.stage_digests(self)
+        return {
+            record.stage: str(sealed.unseal(record.dumps(), name, (record.format,))["sha256"])
+            for name, record in self.records.items()
+        }
+
+    def model(self, name: str) -> RunModel:
+        """Model of a name in the run's coefficient files; ``stage.model`` where several files have
+        one of that name. Raises CalibkitError where there is none.
+        """
+        models = {
+            f"{record.stage}.{one.name}": one
+            for record in self.records.values()
+            for one in record.models
+        }
+        found = [one for whole, one in models.items() if name in (whole, one.name)]
+        if len(found) != 1:
+            raise CoefficientError(
+                f"{len(found)} models are called '{name}'", hint=f"there are: {', '.join(models)}"
+            )
+        form = instruments.model_forms(self.document["procedure"]).get(found[0].form)
+        if form is None:
+            raise CoefficientError(
+                f"model '{name}': form {found[0].form} is not known", hint="use a newer calibkit"
+            )
+        return RunModel(found[0], form)
+
+    def numbers(self) -> pd.DataFrame:
+        """Every coefficient, parameter, component and figure with unit and standard uncertainty,
+        one row each: the table of ``calibkit show --csv``.
+        """
+        import pandas as pd
+
+        table = list_numbers(self.records.values())
+        return pd.DataFrame.from_records(list(table.rows), columns=list(RUN_COLUMNS))
+
+    def residuals(self) -> pd.DataFrame:
+        """What the fit leaves, as a tidy frame with units in ``attrs["units"]``: one row per model
+        interval, dwell, held rate, station, bin or averaging time, by procedure.
+
+        Raises CalibkitError of a run that was found in a folder, which holds none.
+        """
+        import pandas as pd
+
+        columns = self._fitted("residuals").residuals()
+        if not columns:
+            procedure = self.document["procedure"]
+            raise UsageError(f"procedure '{procedure}' states no residuals", hint="see its figures")
+        return in_memory.label_units(pd.DataFrame(columns))
+
+    @property
+    def figures(self) -> tuple[str, ...]:
+        """Names of the report's figures, the one that shows the verdict first."""
+        return tuple(self._by_name())
+
+    def _by_name(self) -> dict[str, Figure]:
+        """Name → figure: what its title says behind the run, a number where it stands twice."""
+        found: dict[str, Figure] = {}
+        for figure in self._fitted("figures, but report.html shows them").drawn.figures:
+            title = figure.get_suptitle().partition(": ")[2]
+            name = title.partition(" (")[0].partition(":")[0].partition(",")[0].partition(" =")[0]
+            again = sum(other.partition(" #")[0] == name for other in found)
+            found[f"{name} #{again + 1}" if again else name] = figure
+        return found
+
+    def figure(self, name: str) -> Figure:
+        """Figure of the report, of matplotlib, by its name in `figures` or the beginning of it.
+
+        Raises CalibkitError for another name, and of a run that was found in a folder.
+        """
+        there = self._by_name()
+        found = [one for one in there if one.startswith(name)]
+        if name not in there and len(found) != 1:
+            advice = did_you_mean(name, there, "")
+            raise UsageError(
+                f"{len(found)} figures of {self.name} are called '{name}'",
+                hint=f"{advice} there are: {', '.join(there)}".lstrip(),
+            )
+        return there[name if name in there else found[0]]
+
+    def apply(
+        self,
+        frame: pd.DataFrame,
+        *,
+        uncorrected: Literal["empty", "keep"] = "empty",
+        **settings: object,
+    ) -> pd.DataFrame:
+        """A log as a frame, compensated: every row and column of it, indications replaced, derived
+        columns added; ``calibkit apply``.
+
+        Parameters
+        ----------
+        frame : log in canonical columns, or in those that the run's recipe maps.
+        uncorrected : what rows that cannot be corrected have in place of a value: none, or what was
+            logged; the column `status` says why.
+        settings : of the place of use: ``site__latitude_deg=58.9``.
+
+        Returns
+        -------
+        Frame with the units of its columns in ``attrs["units"]`` and the flags in
+        ``attrs["flags"]``.
+
+        Raises
+        ------
+        CalibkitError : a column that is missing, or values that cannot be meant.
+
+        """
+        with in_memory.hold({"log": frame}, ["*"]) as folder:
+            content, flags = pipeline.compensate(
+                self,
+                folder / "log",
+                toml_text.write_overrides(settings),
+                keep=uncorrected == "keep",
+            )
+            made = in_memory.label_units(content.as_frame(frame))
+        made.attrs[in_memory.UNITS] |= frame.attrs.get(in_memory.UNITS, {})
+        made.attrs["flags"] = list(flags)
+        return made
+
+    def validate(self, frames: Mapping[str, pd.DataFrame]) -> Mapping[str, Any]:
+        """The run's coefficients, as they are, on logs that it has not seen: name → frame; the
+        document that ``calibkit validate`` writes.
+
+        Raises CalibkitError where every log was fitted by the run, or one cannot be used.
+        """
+        spec = pipeline.run_recipe(self, ())
+        with in_memory.hold(frames, patterns(spec)) as folder:
+            text, _ = pipeline.judge_unseen(self, folder, silent)
+        return sealed.unseal(text, "validation", run_document.VALIDATION_FORMATS)
+
+
+def patterns(spec: Any) -> tuple[str, ...]:  # noqa: ANN401 (each procedure has its own recipe)
+    """Patterns of the files that a recipe reads, those of its second logger too."""
+    second = () if spec.chamber is None else spec.chamber.files
+    return (*spec.logs.files, *(pattern.replace("{log}", "*") for pattern in second))

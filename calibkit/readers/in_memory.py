@@ -1,0 +1,100 @@
+"""Frames that stand for the files of a data folder while a command works on them: logs that are on
+no disk.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import itertools
+from fnmatch import fnmatchcase
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING
+
+from calibkit import units
+from calibkit.errors import FrameError
+from calibkit.readers.table import Table
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    import pandas as pd
+
+UNITS = "units"
+"""Key of `frame.attrs` whose value is column → unit."""
+_HELD: dict[Path, Table] = {}
+_FOLDERS = itertools.count(1)
+
+
+@contextlib.contextmanager
+def hold(frames: Mapping[str, pd.DataFrame], patterns: Sequence[str]) -> Iterator[Path]:
+    """Data folder of frames, which is there until the context ends; a frame has the name of a file
+    that a recipe's patterns match, with or without its suffix.
+
+    Raises FrameError for a name that no pattern matches, and for what is no frame of named columns.
+    """
+    folder, held = Path(f"<frames {next(_FOLDERS)}>"), {}
+    if not frames:
+        raise FrameError("logs: no frame", hint="give {name of the log: frame}")
+    for name, frame in frames.items():
+        file = _name_file(name, patterns)
+        held[folder / file] = _tabulate(file, frame)
+    _HELD.update(held)
+    try:
+        yield folder
+    finally:
+        for path in held:
+            del _HELD[path]
+
+
+def _name_file(name: str, patterns: Sequence[str]) -> str:
+    """File that a frame's name stands for; FrameError where the recipe reads none like it."""
+    for pattern in patterns:
+        for file in (name, name + PurePosixPath(pattern).suffix):
+            if "/" not in file and fnmatchcase(file, pattern):
+                return file
+    raise FrameError(
+        f"logs: '{name}' is none of the logs that the recipe reads, {', '.join(patterns)}",
+        hint="name it like one of them, with or without the suffix",
+    )
+
+
+def _tabulate(file: str, frame: pd.DataFrame) -> Table:
+    """A frame as a log before any mapping; its digest is that of its names and values."""
+    columns = list(map(str, frame.columns))
+    if len(set(columns)) < len(columns) or not columns:
+        raise FrameError(
+            f"{file}: columns {', '.join(columns) or 'none'}", hint="give each column its own name"
+        )
+    table = frame.set_axis(columns, axis=1).reset_index(drop=True)
+    sha256 = hashlib.sha256()
+    for name in columns:
+        column = table[name]
+        if column.dtype.kind in "iufb":
+            content = column.to_numpy(dtype="<f8").tobytes()
+        else:
+            table[name] = column = column.astype(str)
+            content = "\n".join(column).encode()
+        sha256.update(f"{name}\0{len(content)}\0".encode() + content)
+    stated = {str(name): unit for name, unit in frame.attrs.get(UNITS, {}).items()}
+    return Table(file, sha256.hexdigest(), table, units=stated)
+
+
+def find(path: Path) -> Table | None:
+    """Frame that stands for a file; None of a file on disk."""
+    return _HELD.get(path)
+
+
+def match(folder: Path, pattern: str) -> list[Path]:
+    """Frames of a folder that a pattern matches; none of a folder on disk."""
+    return [p for p in list(_HELD) if p.parent == folder and fnmatchcase(p.name, pattern)]
+
+
+def label_units(frame: pd.DataFrame) -> pd.DataFrame:
+    """The frame with the unit of each column whose name states one in `frame.attrs`."""
+    frame.attrs[UNITS] = {
+        name: units.column_unit(name)
+        for name in map(str, frame.columns)
+        if "_" in name and name.rsplit("_", 1)[1] in units.COLUMN_UNITS
+    }
+    return frame

@@ -1,0 +1,72 @@
+"""Recipes of Python tables as the TOML text that a file of them would have."""
+
+import datetime as dt
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from calibkit.errors import RecipeError
+from calibkit.recipe.loader import Source
+
+_BARE = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-")
+
+
+def from_tables(tables: Mapping[str, Any], overrides: tuple[str, ...] = ()) -> Source:
+    """Recipe of nested tables, lists and values; RecipeError for a value that TOML has not."""
+    return Source("recipe", "\n".join(_write_table(tables, ())) + "\n", overrides)
+
+
+def write_overrides(settings: Mapping[str, object]) -> tuple[str, ...]:
+    """Settings of Python as those of the command line: a double underscore is the dot."""
+    return tuple(
+        f"{key.replace('__', '.')}={_write_value(value)}" for key, value in settings.items()
+    )
+
+
+def _write_table(table: Mapping[str, Any], path: tuple[str, ...]) -> Iterator[str]:
+    """Lines of a table: its own values first, then the tables in it."""
+    inner = {}
+    for key, value in table.items():
+        if isinstance(value, Mapping) or _is_list_of_tables(value):
+            inner[key] = value
+        else:
+            yield f"{_write_key(key)} = {_write_value(value)}"
+    for key, value in inner.items():
+        place = (*path, _write_key(key))
+        several = not isinstance(value, Mapping)
+        for one in value if several else [value]:
+            yield ("[[{}]]" if several else "[{}]").format(".".join(place))
+            yield from _write_table(one, place)
+
+
+def _is_list_of_tables(value: object) -> bool:
+    """Whether a value is a list of nothing but tables."""
+    listed = isinstance(value, list | tuple) and bool(value)
+    return listed and all(isinstance(one, Mapping) for one in value)  # type: ignore[attr-defined] # a list
+
+
+def _write_key(key: str) -> str:
+    """A key, in quotes where it needs them."""
+    return key if key and set(key) <= _BARE else json.dumps(key, ensure_ascii=False)
+
+
+def _write_value(value: object) -> str:
+    """A value on one line; RecipeError for one that TOML has not."""
+    if hasattr(value, "tolist"):  # a number or an array of numpy's
+        value = value.tolist()
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, int | float | dt.date):
+        return value.isoformat() if isinstance(value, dt.date) else repr(value)
+    if isinstance(value, Mapping):
+        pairs = (f"{_write_key(key)} = {_write_value(one)}" for key, one in value.items())
+        return f"{{{', '.join(pairs)}}}"
+    if isinstance(value, Sequence | set | frozenset):
+        return f"[{', '.join(map(_write_value, value))}]"
+    raise RecipeError(
+        f"recipe: {value!r:.60} is {type(value).__name__}, expected text, a number, a truth value,"
+        " a date, a list or a table",
+        hint="leave the key out to have its default",
+    )

@@ -1,0 +1,244 @@
+"""A run in Python: fitted to frames without a disk, its models, residuals, figures, and frames that
+are compensated and validated as the commands do.
+"""
+
+import doctest
+import html
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import calibkit
+from calibkit import analysis, api
+from calibkit.readers import in_memory
+from conftest import ROOT
+
+FOG = ROOT / "datasets" / "fog_thermal"
+DATE = "2026-11-21"
+
+
+def frames(procedure, folder):
+    """Logs of a folder as frames by their names without suffix."""
+    return {path.stem: calibkit.read_log(procedure, path) for path in sorted(folder.glob("*.csv"))}
+
+
+def simulated(procedure, seed):
+    """Simulated logs as frames, without those to validate on."""
+    logs = calibkit.simulated(procedure, seed).logs
+    return {name: pd.DataFrame(dict(one)) for name, one in logs.items() if "/" not in name}
+
+
+@pytest.fixture(scope="module")
+def logs():
+    """Return the sample ramps as frames."""
+    return frames("fog_thermal", FOG)
+
+
+@pytest.fixture(scope="module")
+def run(logs):
+    """Return the run of the sample ramps, of which nothing is written."""
+    return calibkit.fit("fog_thermal", logs=logs, runs=None, date=DATE)
+
+
+def test_frames_give_the_numbers_of_their_files_and_touch_no_disk(run, logs, tmp_path, monkeypatch):
+    """Models, figures and verdict of frames are those of the files that they were read from; no
+    file and no folder is made.
+    """
+    monkeypatch.chdir(tmp_path)
+    again = calibkit.fit("fog_thermal", logs=logs, runs=None, date=DATE)
+    assert list(tmp_path.iterdir()) == []
+    disk = calibkit.fit("fog_thermal", FOG, serial="unsaved", date=DATE, runs=tmp_path / "runs")
+    for name, record in disk.records.items():
+        assert record.models == run.records[name].models
+        assert record.figures == run.records[name].figures
+        assert record.flags == run.records[name].flags
+    names = [[entry["name"] for entry in one.document["inputs"]] for one in (run, disk)]
+    assert names[0] == names[1]
+    assert again.outcome.files == run.outcome.files
+    assert in_memory._HELD == {}
+
+
+def test_a_run_says_what_it_is_in_a_line(run):
+    """The repr is short; the page for a notebook is the report's first screen in a frame."""
+    assert repr(run) == "<unsaved@r001: fog_thermal, accepted, 8 logs, not written>"
+    shown = run._repr_html_()
+    assert shown.startswith('<iframe title="Report of unsaved@r001" srcdoc="')
+    page = html.unescape(shown)
+    assert run.outcome.summary.overview.sentence.split(":")[0] in page
+    assert "<h2>Details</h2>" not in page
+    assert "<script>" not in page
+
+
+def test_a_model_is_evaluated_with_its_covariance(run):
+    """Value and uncertainty are those of `evaluate`; the covariance has their squares on its
+    diagonal and between two inputs that of the coefficients.
+    """
+    at = {"temp_case_degc": [0.0, 20.0, 40.0], "temp_rate_degc_min": 5.0}
+    found = run.model("drift").evaluate(**at)
+    value, u = calibkit.evaluate(run, "drift", **at)
+    np.testing.assert_array_equal(found.value, value)
+    np.testing.assert_array_equal(found.standard_uncertainty, u)
+    np.testing.assert_allclose(np.diag(found.covariance), u**2, rtol=1e-12)
+    one = run.model("drift")
+    at_n = {name: np.broadcast_to(values, 3) for name, values in at.items()}
+    gradient = one.form.gradient(one.model, at_n)
+    between = gradient[0] @ np.array(one.model.covariance) @ gradient[2]
+    np.testing.assert_allclose(found.covariance[0, 2], between, rtol=1e-12)
+    assert found.covariance[0, 2] < u[0] * u[2]
+    with pytest.raises(calibkit.CalibkitError, match="no input temp_degc"):
+        run.model("drift").evaluate(temp_case_degc=1.0, temp_degc=2.0)
+
+
+def test_residuals_are_a_tidy_frame_with_units(run):
+    """One row per model interval, each log about its mean, rms as the report prints it."""
+    left = run.residuals()
+    assert list(left.columns) == ["run", "time_s", "temp_case_degc", "gyro_dph", "residual_dph"]
+    assert left.attrs["units"]["residual_dph"] == "deg/h"
+    assert left["run"].nunique() == 8
+    assert abs(left.groupby("run")["residual_dph"].mean()).max() < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("procedure", "column"),
+    [
+        ("gyro_pair", "residual_ppm"),
+        ("rate_table", "residual_ppm"),
+        ("accelerometer", "residual_x_g"),
+        ("inclinometer", "standard_uncertainty_deg"),
+        ("gyro_noise", "residual"),
+        ("thermal", "residual_gyro_x_dph"),
+    ],
+)
+def test_every_procedure_fits_frames_and_states_its_residuals(procedure, column):
+    """Simulated logs as they are, no disk; figures have names of their own."""
+    run = calibkit.fit(procedure, logs=simulated(procedure, 7), runs=None, date=DATE)
+    left = run.residuals()
+    assert np.isfinite(left[column]).all()
+    assert len(left) > 10
+    assert len(run.figures) == len(run.outcome.drawn.figures)
+    assert all(run.figure(name).axes for name in run.figures)
+    assert {"value", "unit", "standard_uncertainty"} < set(run.numbers().columns)
+
+
+def test_a_figure_is_found_by_the_beginning_of_its_name(run):
+    """One that begins so is enough; several or none are refused with the names there are."""
+    assert run.figure("residual") is run.figure("residual after compensation")
+    for name in ("dri", "residuals of all"):
+        with pytest.raises(calibkit.CalibkitError, match="are called"):
+            run.figure(name)
+
+
+def test_a_frame_is_compensated_as_its_file(run, logs, tmp_path):
+    """The same numbers as `calibkit apply` writes, on the frame's own index, with units."""
+    path = FOG / "withheld" / "ramp_heating_03.csv"
+    frame = pd.read_csv(path).set_index(pd.Index(range(7, 7 + len(pd.read_csv(path)))))
+    made = run.apply(frame)
+    calibkit.compensate(run, path, tmp_path / "out.csv")
+    np.testing.assert_array_equal(made["gyro_dph"], pd.read_csv(tmp_path / "out.csv")["gyro_dph"])
+    assert made.index.equals(frame.index)
+    assert made.attrs["units"]["gyro_dph"] == "deg/h"
+    assert made.attrs["flags"] == []
+    holed = frame.assign(temp_case_degc=frame["temp_case_degc"].where(frame.index != 20))
+    empty, kept = run.apply(holed), run.apply(holed, uncorrected="keep")
+    assert np.isnan(empty.loc[20, "gyro_dph"])
+    assert kept.loc[20, "gyro_dph"] == frame.loc[20, "gyro_dph"]
+    assert empty.loc[20, "status"] == kept.loc[20, "status"] != ""
+    assert set(empty.drop(index=20)["status"]) == {""}
+
+
+def test_frames_are_validated_as_their_files(run, logs, tmp_path):
+    """The figures of `calibkit validate`; what the run was fitted to is left out or refused."""
+    unseen = frames("fog_thermal", FOG / "withheld")
+    found = run.validate(unseen)
+    written = calibkit.validate(run, FOG / "withheld", tmp_path / "v.json")
+    assert found["verdict"] == written["verdict"] == "accepted"
+    entries = [
+        [{key: value for key, value in log.items() if key != "sha256"} for log in one["logs"]]
+        for one in (found, written)
+    ]
+    assert entries[0] == entries[1]
+    with pytest.raises(calibkit.CalibkitError, match="every log here was fitted"):
+        run.validate({"again": logs["ramp_heating_05"]})
+
+
+def test_a_run_of_a_folder_holds_no_residuals_and_says_how_to_have_them(tmp_path):
+    """`find_run` gives models and the page; residuals and figures need the fit."""
+    logs = simulated("gyro_pair", 7)
+    made = calibkit.fit("gyro_pair", logs=logs, serial="P-1", runs=tmp_path, date=DATE)
+    found = calibkit.find_run("P-1", tmp_path)
+    assert found.model("a_about_a").model == made.model("a_about_a").model
+    assert found._repr_html_() == made._repr_html_().replace(made.name, found.name)
+    for ask in (found.residuals, lambda: found.figures, lambda: found.figure("gamma")):
+        with pytest.raises(calibkit.CalibkitError, match="was read from its folder"):
+            ask()
+
+
+def test_what_was_not_written_has_firmware_but_no_certificate(tmp_path):
+    """An export needs the coefficients alone; a certificate is of a run folder."""
+    run = calibkit.fit("gyro_pair", logs=simulated("gyro_pair", 7), runs=None, date=DATE)
+    assert calibkit.export_firmware(run, "c", tmp_path / "fw")
+    with pytest.raises(calibkit.CalibkitError, match="was not written"):
+        calibkit.certify(run, tmp_path / "c.pdf", date=DATE)
+
+
+def test_a_recipe_is_a_dictionary_too():
+    """It is the text of its tables, as strict as a file; run.json states it."""
+    tables = {
+        "procedure": "fog_thermal",
+        "title": 'a "b" \\ ü',
+        "logs": {"files": ["*"]},
+        "columns": {"gyro_dph": {"from": 'rate "x"', "unit": "deg/s", "sign": -1}},
+        "drift": {"rates_degc_min": {"ramp 5": np.float64(5.0)}},
+        "exclude": [{"log": "a", "from_s": 1.0, "to_s": 2, "reason": "r", "person": "p"}],
+    }
+    source = calibkit.load_recipe(tables)
+    spec = api.instruments.parse_recipe(source)
+    assert spec.title == tables["title"]
+    assert spec.columns["gyro_dph"].source == 'rate "x"'
+    assert spec.drift.rates_degc_min == {"ramp 5": 5.0}
+    assert spec.exclude[0].person == "p"
+    with pytest.raises(calibkit.CalibkitError, match=r"recipe:2: unknown key 'drfit'"):
+        calibkit.load_recipe({**{k: tables[k] for k in ("procedure",)}, "drfit": {}})
+    with pytest.raises(calibkit.CalibkitError, match="NoneType, expected text"):
+        calibkit.load_recipe(tables | {"title": None})
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({}, "no frame"),
+        ({"withheld/table_axis_a.csv": pd.DataFrame({"time_s": [0.0]})}, "is none of the logs"),
+        ({"other": pd.DataFrame({"time_s": [0.0]})}, "is none of the logs that the recipe reads"),
+        ({"table_axis_a": pd.DataFrame([[1.0, 2.0]], columns=["a", "a"])}, "give each column"),
+        ({"table_axis_a": pd.DataFrame({"time_s": [0.0]})}, "no log matches 'table_axis_b.csv'"),
+    ],
+)
+def test_frames_that_cannot_be_meant_are_refused(given, said):
+    """With the names that the recipe reads, and what is wrong with the frame."""
+    with pytest.raises(calibkit.CalibkitError, match=said):
+        calibkit.fit("gyro_pair", logs=given, runs=None)
+    with pytest.raises(calibkit.CalibkitError, match="give either data"):
+        calibkit.fit("gyro_pair", runs=None)
+
+
+def test_a_frame_s_units_are_taken_from_its_attrs(logs):
+    """°/s that attrs state become °/h; a unit that contradicts the recipe's is refused."""
+    scaled = {}
+    for name, frame in logs.items():
+        scaled[name] = frame.rename(columns={"gyro_dph": "rate"})
+        scaled[name]["rate"] /= 3600.0
+        scaled[name].attrs["units"] = {"rate": "deg/s"}
+    source = calibkit.load_recipe("fog_thermal", columns__gyro_dph__from="rate")
+    found = calibkit.fit(source, logs=scaled, runs=None, date=DATE)
+    whole = calibkit.fit("fog_thermal", logs=logs, runs=None, date=DATE)
+    values = [[c.value for c in one.model("drift").model.coefficients] for one in (found, whole)]
+    np.testing.assert_allclose(values[0], values[1], rtol=1e-6)
+
+
+@pytest.mark.parametrize("module", [api, analysis], ids=lambda module: module.__name__)
+def test_the_examples_of_docstrings_run_as_they_stand(module):
+    """What an example prints is what it says."""
+    found = doctest.testmod(module)
+    assert found.attempted > 0
+    assert found.failed == 0

@@ -1,0 +1,58 @@
+"""The notebooks of the documentation run as they are, from the first cell to the last."""
+
+import json
+
+import numpy as np
+import pytest
+
+from conftest import ROOT
+
+NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
+
+
+def follow(path, folder, monkeypatch):
+    """Names that the cells of a notebook leave, run in a folder beside the sample logs."""
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    monkeypatch.chdir(folder)
+    (folder / "datasets").symlink_to(ROOT / "datasets", target_is_directory=True)
+    names = {"__name__": "__main__"}
+    for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
+        if cell["cell_type"] == "code":
+            exec(compile("".join(cell["source"]), path.name, "exec"), names)  # noqa: S102 (the notebook's own code)
+    return names
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_a_notebook_is_one_and_holds_no_output(path):
+    """Format 4 with an id per cell; outputs would be stale, and of another machine."""
+    book = json.loads(path.read_text(encoding="utf-8"))
+    assert (book["nbformat"], book["nbformat_minor"]) == (4, 5)
+    assert len({cell["id"] for cell in book["cells"]}) == len(book["cells"])
+    assert [
+        cell for cell in book["cells"] if cell.get("outputs") or cell.get("execution_count")
+    ] == []
+    pages = "".join(page.read_text(encoding="utf-8") for page in (ROOT / "docs").rglob("*.md"))
+    assert f"notebooks/{path.name}" in pages
+
+
+def test_an_own_model_beside_calibkit_s(tmp_path, monkeypatch):
+    """On ramps left out the cubic of temperature leaves several times what calibkit leaves, and
+    what it leaves depends on the direction; nothing is written.
+    """
+    names = follow(ROOT / "docs" / "notebooks" / "own_model.ipynb", tmp_path, monkeypatch)
+    rms = names["rms"]
+    for log in names["left_out"]:
+        assert rms[log, "calibkit"] < 0.7 * rms[log, "cubic of T"] < 0.2 * rms[log, "raw"]
+    directions = names["directions"]
+    assert np.ptp(directions["own"]) > 0.05
+    assert np.ptp(directions["residual_dph"]) < 1e-9
+    assert [path.name for path in tmp_path.iterdir()] == ["datasets"]
+
+
+def test_statistics_of_a_fleet(tmp_path, monkeypatch):
+    """Twelve devices, one frame of numbers; γ spreads more than one device is uncertain."""
+    names = follow(ROOT / "docs" / "notebooks" / "fleet.ipynb", tmp_path, monkeypatch)
+    assert names["figures"]["serial"].nunique() == 12
+    assert set(names["table"].loc[["gamma", "alpha_deg"], "unit"]) == {"1", "deg"}
+    assert np.isfinite(names["table"].loc["gamma", "ratio"])
+    assert len(names["angle"]) == 12
