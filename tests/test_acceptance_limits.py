@@ -66,7 +66,13 @@ def fog_fit(figures, share=0.25, **limits):
     export = SimpleNamespace(
         share_of_raw=share, model=SimpleNamespace(mode="recursive", exported=True)
     )
-    return fog._fit_criteria(spec, export, figures)
+    return fog._fit_criteria(spec, export, (), figures)
+
+
+def fog_over_noise(value, **limits):
+    """Criteria of two logs whose drift rms is this many times the noise in both together."""
+    spec = SimpleNamespace(acceptance=_Acceptance(**limits))
+    return fog._over_noise(spec, [(5.0 * value, 3.0), (0.0, 4.0)])
 
 
 def fog_withheld(value, **limits):
@@ -254,6 +260,7 @@ SHAPE, SENSITIVITY = "nonlinearity_full_scale", "temperature_sensitivity"
 AT_MOST = {
     "largest drift rms after": ("deg/h", limited("max_drift_rms_dph", fog_drift)),
     "rate gain off 1 by": ("1", limited("rate_gain_tolerance", fog_gain)),
+    "residual over noise": ("1", limited("max_residual_over_noise", fog_over_noise)),
     "largest inclination error": (
         "deg",
         lambda v: triad_stand(figures={"inclination": v}, max_inclination_error_deg=LIMIT),
@@ -348,7 +355,7 @@ def test_what_is_known_of_a_triad_is_in_the_uncertainty_of_unseen_dwells(quantit
 def test_every_shipped_recipe_limits_residuals_by_the_noise(name):
     """Of what the fit itself measures, so that the limit suits a coarse sensor and a fine one."""
     limits = instruments.parse_recipe(recipe.find(name)).acceptance
-    assert getattr(limits, "max_residual_over_noise", None) or name == "fog_thermal"
+    assert limits.max_residual_over_noise
 
 
 @pytest.mark.parametrize(

@@ -68,7 +68,7 @@ def _fit(
         spec.title,
         (*tables.fit_tables(fitted, tested, compensated, stated, covered), *at_rest.tables),
         tuple(dict.fromkeys([*drift.flags, *exported.flags, *_flags(spec, logs, model)])),
-        _fit_criteria(spec, export, compensated),
+        _fit_criteria(spec, export, tested, compensated),
         overview=overview.summarize_fit(logs, compensated, tested, levels, export, stated, rest),
     )
     return Fitted(
@@ -122,17 +122,34 @@ def _read(spec: FogThermalRecipe, data: Path, file: str, reader: Reader = ingest
 
 
 def _fit_criteria(
-    spec: FogThermalRecipe, export: decision.Export, logs: Sequence[compensate.LogFigures]
+    spec: FogThermalRecipe,
+    export: decision.Export,
+    tested: Sequence[tables.Tested],
+    logs: Sequence[compensate.LogFigures],
 ) -> tuple[Criterion, ...]:
-    """Acceptance criteria of a fit: drift reduction on left-out ramps, and those shared with
-    validation.
+    """Acceptance criteria of a fit: drift reduction on left-out ramps, what is left there over the
+    noise, and those shared with validation.
     """
+    used = [(one.left, one.split.noise) for one in tested if one.exported]
     least = spec.acceptance.min_reduction
     criteria = []
     if least is not None:
         reduction = 1.0 if export.share_of_raw is None else 1.0 / export.share_of_raw
         criteria.append(at_least("drift reduction on withheld ramps", reduction, least, "1"))
-    return (*criteria, *_common_criteria(spec, logs, export.model))
+    over = _over_noise(spec, used or [(log.before, log.split.noise) for log in logs])
+    return (*criteria, *over, *_common_criteria(spec, logs, export.model))
+
+
+def _over_noise(
+    spec: FogThermalRecipe, pairs: Iterable[tuple[float, float]]
+) -> tuple[Criterion, ...]:
+    """Criterion of the drift rms that is left, over that of the noise alone, of pairs of both."""
+    limit = spec.acceptance.max_residual_over_noise
+    if limit is None:
+        return ()
+    left, noise = (rms(column) for column in zip(*pairs, strict=True))
+    ratio = left / noise if noise > 0.0 else np.inf
+    return (at_most("residual over noise", ratio, limit, "1"),)
 
 
 def _common_criteria(
@@ -215,7 +232,9 @@ def _validate(
         log.name: entry["uncertainty"] for log, entry in zip(compensated, entries, strict=True)
     }
     flags += tuple(_flag_offsets(covered))
-    criteria = (*reduced, *_covered(spec, entries), *_common_criteria(spec, compensated, model))
+    over = _over_noise(spec, [(log.after, log.split.noise) for log in compensated])
+    common = _common_criteria(spec, compensated, model)
+    criteria = (*reduced, *_covered(spec, entries), *over, *common)
     return {"logs": entries}, Summary(
         "",
         (tables.before_after_table(compensated), *tables.coverage_tables(covered, "validated")),

@@ -92,6 +92,7 @@ class _Acceptance(Table):
 
     min_reduction: NonNegative | None = None
     max_drift_rms_dph: Positive | None = None
+    max_residual_over_noise: Positive | None = None
     min_share_within_uncertainty: Annotated[float, Field(gt=0.0, le=1.0)] | None = None
     rate_gain_tolerance: Positive = 1e-3
 
