@@ -1,5 +1,5 @@
-"""Write the table of attacks into docs/trust.md: `python tests/attacks [--quick]`, half an hour;
-`--quick` prints one of a hundredth.
+"""Write the tables of attacks into docs/trust.md: `python tests/attacks [files|writes|silent …]`,
+all three without a name, in an hour; `--quick` prints those of a hundredth.
 """
 
 import contextlib
@@ -12,7 +12,7 @@ from pathlib import Path
 
 TESTS = Path(__file__).resolve().parents[1]
 PAGE = TESTS.parent / "docs" / "trust.md"
-BEGIN, END = "<!-- table of attacks -->\n", "<!-- end of the table -->\n"
+MARK = "<!-- attacks: {} -->\n"
 SHARES = {
     "inclinometer": 440,
     "bias_temperature": 220,
@@ -82,24 +82,25 @@ def attack_silently(folder, share):
         yield f"*not detectable:* {kind}", len(outcomes), ["x" for o in outcomes if o == "silent"]
 
 
-def main(share):
-    """Attack and write, or print, the table."""
+PARTS = {"files": attack_files, "writes": attack_writes, "silent": attack_silently}
+
+
+def main(names, share):
+    """Attack and write, or print, the tables of these parts."""
     warnings.simplefilter("ignore")
-    table = ["| class | tried | survived |", "|---|---|---|"]
-    faults = []
-    with tempfile.TemporaryDirectory() as folder, quiet():
-        for number, rows in enumerate((attack_files, attack_writes, attack_silently)):
-            place = Path(folder) / str(number)
-            place.mkdir()
-            for name, count, bad in rows(place, share):
-                table.append(f"| {name} | {count} | {count - len(bad)} |")
-                faults += [f"{name}: {one}" for one in bad]
-    text = "\n".join(table) + "\n"
-    if share == 1.0:
-        page = PAGE.read_text(encoding="utf-8")
-        head, tail = page.partition(BEGIN)[0], page.partition(END)[2]
-        PAGE.write_text(f"{head}{BEGIN}\n{text}\n{END}{tail}", encoding="utf-8")
-    sys.stdout.write(text + "".join(f"{one}\n" for one in faults))
+    for name in names:
+        table, faults = ["| class | tried | survived |", "|---|---|---|"], []
+        with tempfile.TemporaryDirectory() as folder, quiet():
+            for row, count, bad in PARTS[name](Path(folder), share):
+                table.append(f"| {row} | {count} | {count - len(bad)} |")
+                faults += [f"{row}: {one}" for one in bad]
+        text = "\n".join(table) + "\n"
+        if share == 1.0:
+            mark, page = MARK.format(name), PAGE.read_text(encoding="utf-8")
+            head, _, tail = page.split(mark)
+            PAGE.write_text(f"{head}{mark}\n{text}\n{mark}{tail}", encoding="utf-8")
+        sys.stdout.write(text + "".join(f"{one}\n" for one in faults))
+        sys.stdout.flush()
 
 
 @contextlib.contextmanager
@@ -119,4 +120,7 @@ def quiet():
 
 if __name__ == "__main__":
     sys.path[:0] = [str(TESTS.parent), str(TESTS)]
-    main(0.01 if "--quick" in sys.argv else 1.0)
+    main(
+        [name for name in PARTS if name in sys.argv] or PARTS,
+        0.01 if "--quick" in sys.argv else 1.0,
+    )
