@@ -9,6 +9,7 @@ import os
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy is imported; see calibkit.cli
 
 import json
+import signal
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +18,9 @@ import pytest
 
 from calibkit import cli
 from calibkit.report import figures, svg
+
+# a shell's background job ignores Ctrl-C, and so would every command that tests start
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 ROOT = Path(__file__).resolve().parents[1]
 AUTHORITIES = Path(__file__).resolve().parent / "authorities"

@@ -11,8 +11,8 @@ from calibkit.frame import Log
 from calibkit.instruments.bias_temperature import polynomials
 from calibkit.instruments.bias_temperature.recipe import BiasTemperatureRecipe
 
-LEAST = 88
-"""Of 100 campaigns that the stated interval must cover."""
+LEAST = 0.88
+"""Share of campaigns that the stated interval must cover."""
 HELD = tuple((degc, degc + 0.5) for degc in (12.0, 18.0, 25.0, 31.0, 38.0, 45.0, 51.5))
 """Temperatures [°C] of logs that are each held at one."""
 
@@ -66,15 +66,15 @@ def drift(found, low, high):
     ids=["two", "two, memory", "apart", "no turn-on", "four", "seven held"],
 )
 def test_turn_on_biases_are_no_drift(ranges, turn_on, memory):
-    """No temperature dependence: the drift from 12 to 52 °C is covered in 88 to 100 campaigns of
-    100, and of warm-ups known to 2 °/h.
+    """No temperature dependence: the drift from 12 to 52 °C is covered in 88 % of 50
+    campaigns or more, and of warm-ups known to 2 °/h.
     """
     found = [
         drift(fit(warm_ups(seed, ranges, turn_on=turn_on, memory=memory)), 12.0, 52.0)
-        for seed in range(100)
+        for seed in range(50)
     ]
     value, half = np.array(found).T
-    assert np.sum(np.abs(value) <= half) >= LEAST
+    assert np.mean(np.abs(value) <= half) >= LEAST
     assert np.median(half) < 2.0 or len(ranges) == 7
 
 
@@ -125,10 +125,10 @@ def test_error_free_logs_keep_their_polynomial():
 @pytest.mark.parametrize("settled", [0.3, 1.0], ids=["settles", "creeps"])
 def test_a_bias_that_wanders_in_every_log_is_no_drift(settled):
     """Seven warm-ups whose biases settle by 3 °/h, up or down, while the gyro warms: the drift from
-    12 to 52 °C is covered in 88 campaigns of 100, and known to 8 °/h.
+    12 to 52 °C is covered in 88 % of 50 campaigns, and known to 8 °/h.
     """
     found = []
-    for seed in range(100):
+    for seed in range(50):
         rng = np.random.default_rng([seed, 29])
         logs = warm_ups(seed, [(12.0 + k, 52.0) for k in range(7)], turn_on=1.0, rows=300)
         for log in logs:
@@ -136,5 +136,5 @@ def test_a_bias_that_wanders_in_every_log_is_no_drift(settled):
             log.frame["gyro_dph"] += settling
         found.append(drift(fit(logs), 12.0, 52.0))
     value, half = np.array(found).T
-    assert np.sum(np.abs(value) <= half) >= LEAST
+    assert np.mean(np.abs(value) <= half) >= LEAST
     assert np.median(half) < 8.0

@@ -28,14 +28,6 @@ from fleet_units import DAY, RECIPE, fit, fleet_logs, left_over, tree, unit_log
 
 
 @pytest.fixture
-def interrupts():
-    """Let processes be interrupted that are started below a shell's background job."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
-
-
-@pytest.fixture
 def quick(monkeypatch):
     """Units are fitted without their figures, here and in other processes."""
     monkeypatch.setattr(instrument, "_draw", instrument._draw)  # restored after the test
@@ -343,7 +335,6 @@ def test_an_interrupted_fleet_says_how_far_it_came(tmp_path, quick):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no groups of processes to interrupt")
-@pytest.mark.usefixtures("interrupts")
 def test_the_keyboard_ends_a_fleet_that_has_just_begun_with_one_line(tmp_path):
     """Interrupted while its processes still import, all of them at once as by a terminal, the
     command alone says so.

@@ -22,9 +22,9 @@ from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe, GyroTriadReci
 from calibkit.numeric import gum
 from calibkit.recipe import find
 
-SEEDS = range(100)
-LEAST = 88
-"""Of 100 campaigns that the stated interval must cover."""
+SEEDS = range(50)
+LEAST = 0.88
+"""Share of campaigns that the stated interval must cover."""
 RATES = simulate_rate_table.both_ways((10.0, 20.0, 40.0, 60.0, 80.0, 100.0))
 LOGS = {"files": ["*.csv"]}
 
@@ -99,7 +99,7 @@ def test_the_ratio_of_runs_at_two_temperatures_carries_what_they_are_apart():
     for seed in SEEDS:
         model, flags, N, _ = pair(seed, PAIR, apart_degc=1.9, per_degc=60e-6)
         covered.append(inside(model, "N", N))
-    assert sum(covered) >= LEAST
+    assert np.mean(covered) >= LEAST
     assert any("1.9 °C apart" in flag and "u of N holds 1.1e+02 ppm" in flag for flag in flags)
     model, flags, N, _ = pair(0, PAIR, per_degc=60e-6)
     assert inside(model, "N", N)
@@ -119,7 +119,7 @@ def test_stated_temperature_coefficients_bring_the_runs_to_one_temperature():
         model, flags, N, _ = pair(seed, spec, apart_degc=1.9, per_degc=60e-6)
         covered.append(inside(model, "N", N))
         assert model.coefficients[0].standard_uncertainty < 11e-6
-    assert np.mean(covered) >= LEAST / 100.0
+    assert np.mean(covered) >= LEAST
     assert not any("apart" in flag for flag in flags)
 
 
@@ -148,7 +148,7 @@ def test_axes_off_the_table_axis_are_in_the_uncertainty_of_the_angle():
                 ]
             )
             sizes[name].append(gum.coverage_factor(model.dof_of(c)) * c.standard_uncertainty)
-        assert np.sum(covered[name], axis=0).min() >= LEAST
+        assert np.mean(covered[name], axis=0).min() >= LEAST
         assert model.components[0].group == "mounting"
         assert any("mounting error" in flag for flag in flags) == (name == "none")
     assert np.median(sizes["known"]) < np.median(sizes["none"]) / 3.0
@@ -206,7 +206,7 @@ def test_mountings_that_repeat_to_ten_arcseconds_are_in_the_angles_once_stated()
             U = gum.coverage_factor(one.effective_dof) * one.standard_uncertainty
             covered.append(abs(one.value - truth) <= U)
     assert not any("mounting" in flag for flag in found.flags)
-    assert np.mean(covered) >= LEAST / 100.0
+    assert np.mean(covered) >= LEAST
     found, _ = triad(0, GyroTriadRecipe(procedure="gyro_triad", logs=LOGS), 10.0)
     assert any("errors of mounting are not in u" in flag for flag in found.flags)
 

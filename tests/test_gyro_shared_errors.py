@@ -19,9 +19,9 @@ from calibkit.instruments.gyro_scale import (
 from calibkit.instruments.gyro_scale.recipe import RateTableRecipe
 from calibkit.numeric import gum
 
-SEEDS = range(100)
-LEAST = 88
-"""Of 100 campaigns that the stated interval must cover."""
+SEEDS = range(50)
+LEAST = 0.88
+"""Share of campaigns that the stated interval must cover."""
 RATES = simulate_rate_table.both_ways((2.0, 5.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 80.0, 100.0))
 SPEC = RateTableRecipe(
     procedure="rate_table", logs={"files": ["*.csv"]}, site={"latitude_deg": 34.2}
@@ -113,7 +113,7 @@ def test_one_run_at_25_degc_is_no_better_known_than_runs_repeat(degc):
         u = np.sqrt(powers @ np.array(curve.covariance) @ powers)
         truth, _ = gyro.best_line(simulate_rate_table.Table(), RATES, 25.0)
         covered.append((scale_covers(found, gyro), inside(value, u, curve.dof, truth)))
-    assert np.sum(covered, axis=0).min() >= LEAST
+    assert np.mean(covered, axis=0).min() >= LEAST
     assert 5.0 < np.sqrt(np.mean(np.square(sizes))) < 15.0
 
 
@@ -151,7 +151,7 @@ def test_a_single_run_says_what_it_does_not_know_and_takes_what_is_stated():
         found = fit(logs, stated)
         assert not any("how runs repeat" in flag for flag in found.flags)
         covered.append(scale_covers(found, gyro))
-    assert sum(covered) >= LEAST
+    assert np.mean(covered) >= LEAST
     assert any("one run does not show how runs repeat" in flag for flag in fit(logs).flags)
 
 
@@ -177,7 +177,7 @@ def test_what_changes_during_a_run_is_taken_out_or_in_the_uncertainty(errors):
         covered.append(
             (scale_covers(found, gyro, "gyro_x.run_0"), bias_covers(found, gyro, "run_0"))
         )
-    assert np.sum(covered, axis=0).min() >= LEAST
+    assert np.mean(covered, axis=0).min() >= LEAST
 
 
 def test_a_run_that_changed_is_named_with_what_changed():
@@ -253,7 +253,7 @@ def sweeps(seed, *, count=18, one_way=False, by_temperature=False):
 
 
 @pytest.mark.parametrize(
-    ("seeds", "by_temperature"), [(100, False), (40, True)], ids=["alternating", "by temperature"]
+    ("seeds", "by_temperature"), [(50, False), (20, True)], ids=["alternating", "by temperature"]
 )
 def test_one_way_sweeps_of_a_bent_response_share_their_line(seeds, by_temperature):
     """18 sweeps of ±151 °/s: the slope of K over temperature covers −404 ppm/°C within 20 ppm/°C,
@@ -278,7 +278,7 @@ def test_one_way_sweeps_of_a_bent_response_share_their_line(seeds, by_temperatur
         best = np.polyfit(rate, shown, 1)
         errors = [np.max(np.abs((shown - zero) / K - rate)) for K, zero in (at, best)]
         worse.append(errors[0] / errors[1])
-    assert np.mean(covered) >= LEAST / 100.0
+    assert np.mean(covered) >= LEAST
     assert max(worse) < 1.1
 
 
@@ -287,7 +287,7 @@ def test_sweeps_of_one_direction_alone_do_not_tell_the_zero():
     zero.
     """
     covered = []
-    for seed in range(40):
+    for seed in range(20):
         logs, indication, _ = sweeps(seed, one_way=True)
         found = fit(logs)
         assert any("every run turns one way" in flag for flag in found.flags)
@@ -295,7 +295,7 @@ def test_sweeps_of_one_direction_alone_do_not_tell_the_zero():
         F0 = line.coefficients[1]
         truth = indication(np.zeros(1), line.value("temp_case"))[0]
         covered.append(inside(F0.value, F0.standard_uncertainty, line.dof_of(F0), truth))
-    assert np.mean(covered) >= LEAST / 100.0
+    assert np.mean(covered) >= LEAST
 
 
 def test_an_error_of_each_side_of_the_table_is_found_and_is_in_the_uncertainty():

@@ -296,7 +296,10 @@ def test_the_command_serves_until_it_is_stopped(runs, tmp_path):
         connection.request("GET", "/")
         assert connection.getresponse().status == 200
         process.send_signal(signal.SIGINT)
-        assert process.wait(timeout=60) == 0
+        try:
+            assert process.wait(timeout=60) == 0
+        finally:
+            process.kill()
     unknown = subprocess.run([*call, "NOBODY"], capture_output=True, check=False, env=environment)
     assert unknown.returncode == 2
 
