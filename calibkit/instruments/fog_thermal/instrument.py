@@ -124,7 +124,7 @@ def _read(spec: FogThermalRecipe, data: Path, file: str, reader: Reader = ingest
 def _fit_criteria(
     spec: FogThermalRecipe,
     export: decision.Export,
-    tested: Sequence[tables.Tested],
+    tested: Sequence[figures.Tested],
     logs: Sequence[compensate.LogFigures],
 ) -> tuple[Criterion, ...]:
     """Acceptance criteria of a fit: drift reduction on left-out ramps, what is left there over the
