@@ -136,30 +136,30 @@ def _fit_criteria(
     if least is not None:
         reduction = 1.0 if export.share_of_raw is None else 1.0 / export.share_of_raw
         criteria.append(at_least("drift reduction on withheld ramps", reduction, least, "1"))
-    over = _over_noise(spec, used or [(log.before, log.split.noise) for log in logs])
-    return (*criteria, *over, *_common_criteria(spec, logs, export.model))
+    return (*criteria, *_common_criteria(spec, logs, export.model, used))
 
 
-def _over_noise(
-    spec: FogThermalRecipe, pairs: Iterable[tuple[float, float]]
-) -> tuple[Criterion, ...]:
+def _over_noise(spec: FogThermalRecipe, pairs: Iterable[tuple[float, float]]) -> list[Criterion]:
     """Criterion of the drift rms that is left, over that of the noise alone, of pairs of both."""
     limit = spec.acceptance.max_residual_over_noise
     if limit is None:
-        return ()
+        return []
     left, noise = (rms(column) for column in zip(*pairs, strict=True))
     ratio = left / noise if noise > 0.0 else np.inf
-    return (at_most("residual over noise", ratio, limit, "1"),)
+    return [at_most("residual over noise", ratio, limit, "1")]
 
 
 def _common_criteria(
-    spec: FogThermalRecipe, logs: Sequence[compensate.LogFigures], model: compensate.DriftModel
+    spec: FogThermalRecipe,
+    logs: Sequence[compensate.LogFigures],
+    model: compensate.DriftModel,
+    left_out: Sequence[tuple[float, float]] = (),
 ) -> tuple[Criterion, ...]:
-    """Criteria of fits and validations: the largest drift rms after compensation, and the rate
-    gain.
+    """Criteria of fits and validations: the drift rms left over the noise alone (of left-out ramps
+    where those are given), the largest drift rms after compensation, and the rate gain.
     """
     limits = spec.acceptance
-    criteria: list[Criterion] = []
+    criteria = _over_noise(spec, left_out or [(log.after, log.split.noise) for log in logs])
     if limits.max_drift_rms_dph is not None:
         criteria.append(
             at_most(
@@ -232,9 +232,7 @@ def _validate(
         log.name: entry["uncertainty"] for log, entry in zip(compensated, entries, strict=True)
     }
     flags += tuple(_flag_offsets(covered))
-    over = _over_noise(spec, [(log.after, log.split.noise) for log in compensated])
-    common = _common_criteria(spec, compensated, model)
-    criteria = (*reduced, *_covered(spec, entries), *over, *common)
+    criteria = (*reduced, *_covered(spec, entries), *_common_criteria(spec, compensated, model))
     return {"logs": entries}, Summary(
         "",
         (tables.before_after_table(compensated), *tables.coverage_tables(covered, "validated")),
