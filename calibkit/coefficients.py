@@ -107,21 +107,19 @@ class Input:
     """Where it and a second logger's file overlap, and how their clocks differ, in words."""
     content: frozenset[bytes] = field(default=frozenset(), compare=False, repr=False)
     """First rows of its values, by which copies are seen; run.json keeps their fingerprint."""
+    measured: tuple[tuple[str, float, float], ...] = field(default=(), compare=False)
+    """Column, lowest and highest reading of its thermometers; kept in run.json."""
 
     @classmethod
     def of(cls, log: Log) -> Input:
         """The input that a log is."""
         return cls(
-            log.file,
-            log.sha256,
-            log.rows,
-            log.reading,
-            log.clock,
-            log.plugins,
+            *(log.file, log.sha256, log.rows, log.reading, log.clock, log.plugins),
             log.second_logger_sha256,
             last_date=log.last_date,
             overlap=log.overlap,
             content=log.first_rows(),
+            measured=log.measured_conditions(),
         )
 
     def identity(self) -> dict[str, str | int]:

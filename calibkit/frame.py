@@ -54,8 +54,8 @@ PATTERNS = (
     r"accel_[a-z0-9]+_lsb",
 )
 """Canonical columns that are named after their axis."""
-
-
+THERMOMETERS = ("temp_case_degc", "temp_env_degc")
+"""Columns of conditions that logs measure."""
 _FIRST_DATE = "2000"
 """Dates before it are those of clocks that were never set: 1970-01-01, 1980-01-06, …"""
 GAP = 2.5
@@ -188,6 +188,12 @@ class Log:
         file = places[0][0]
         lines = list_ranges(line for name, line in places if name == file)
         return advise_exclude(file, lines=lines[:EXCLUDED])
+
+    def measured_conditions(self) -> tuple[tuple[str, float, float], ...]:
+        """Column, lowest and highest reading [°C] of each thermometer."""
+        read = {name: values(self.frame, name) for name in THERMOMETERS if name in self.frame}
+        ends = ((name, np.fmin.reduce(x), np.fmax.reduce(x)) for name, x in read.items() if x.size)
+        return tuple((n, float(low), float(high)) for n, low, high in ends if np.isfinite(high))
 
     def first_rows(self) -> frozenset[bytes]:
         """Different ones of the first rows, the bytes of their values as they were mapped; words

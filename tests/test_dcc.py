@@ -136,9 +136,16 @@ def filled(text):
     party = {"name": text, "address": text, "email": text, "phone": text, "country": "CN"}
     return profile.Profile(
         certificate=profile._Numbering(
-            number=text, title=text, amends=f"not {text}", changes=(text,)
+            number=text,
+            title=text,
+            order=text,
+            traceability=text,
+            reproduction=text,
+            amends=f"not {text}",
+            changes=(text,),
         ),
-        laboratory=profile.Laboratory(**party, place_of_work=text),
+        laboratory=profile.Laboratory(**party, code=text, place_of_work=text),
+        accreditation=profile._Accreditation(body=text, number=text),
         customer=profile.Party(**party),
         item=profile._Item(type=text, maker=text, model=text, identification=text, condition=text),
         dates=profile._Dates(performed=ISSUED),
@@ -151,7 +158,11 @@ def filled(text):
             },
             others=(text,),
         ),
-        standard=(profile.Standard(name=text, serial=text, certificate=text, laboratory=text),),
+        standard=(
+            profile.Standard(name=text, serial=text, certificate=text, laboratory=text, range=text),
+        ),
+        calibrated_by=person,
+        checked_by=person,
         authorised_by=person,
         adjustment=profile._Adjustment(statement=text),
         specification=(

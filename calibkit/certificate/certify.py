@@ -1,6 +1,8 @@
 """The command: a run folder, a profile, a validation and a date → a certificate, written once."""
 
 import datetime as dt
+import functools
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -10,7 +12,6 @@ from calibkit.certificate import content, dcc, pdf, profile, run_files, sign
 from calibkit.certificate.checklist import Missing
 from calibkit.certificate.words import Lang
 from calibkit.errors import RecipeError, UsageError
-from calibkit.recipe import loader
 from calibkit.run_document import ACCEPTED
 
 
@@ -61,7 +62,7 @@ class Issued:
 
 def certify(
     run_folder: Path,
-    out: Path,
+    out: Path | None,
     layout_of: content.LayoutOf,
     *,
     date: str,
@@ -74,39 +75,39 @@ def certify(
     dry_run: bool = False,
 ) -> Issued:
     """Write the certificate of a run as PDF, with its DCC inside and beside it; nothing is
-    overwritten.
+    overwritten. Without `out` all is made and nothing written, to see what it would lack.
 
     Before it is signed, a pure function of the run folder, the profile with its overrides, the
     validation and the date. Raises RecipeError for a faulty profile, CoefficientError for files
     that are not what they claim to be, UsageError for a key that cannot sign or an `out` that is no
     .pdf, OutputError where a file exists or a DCC does not fit the schema.
     """
-    beside = _beside(out)
+    if out is not None:
+        _beside(out)
     signer = None if key is None else key.load_signer()
     run = run_files.RunFiles.read(store.load(run_folder))
-    stated, text = profile.load(profile_path, overrides)
     validated = None if validation is None else run_files.AsFoundAsLeft.load(validation, run)
-    try:
+    stated, text = profile.load(profile_path, overrides)
+    with profile.read_source(profile_path, overrides).placing():
         certificate = content.build(
             run, layout_of, stated, text, validated, dt.date.fromisoformat(date)
         )
-    except RecipeError as error:
-        name = "profile" if profile_path is None else profile_path.name
-        raise loader.Source(name, text, overrides).located(error) from None
     folder = Path() if profile_path is None else profile_path.parent
-    fonts = tuple(folder / font for font in stated.certificate.fonts)
-    signed = key is not None
-    certificate, digital, document = _rendered(certificate, lang, fonts, schema_dir, signed=signed)
+    fonts, mark = (folder / font for font in stated.certificate.fonts), _read_mark(stated, folder)
+    typeset = functools.partial(
+        pdf.render, lang=lang, fonts=tuple(fonts), signed=key is not None, mark=mark
+    )
+    certificate, digital, document = _rendered(certificate, lang, typeset, schema_dir)
+    if out is None:
+        return Issued((), certificate)
     if key is not None:
         if certificate.draft:
             listed = ", ".join(item.key for item in certificate.missing)
-            raise UsageError(
-                f"a DRAFT is not signed; missing: {listed}",
-                hint="state what is missing, or leave out --sign",
-            )
+            hint = "state what is missing, or leave out --sign"
+            raise UsageError(f"a DRAFT is not signed; missing: {listed}", hint=hint)
         document = sign.sign_document(document, signer, key.now)
-    new_files.write_all({out: document, beside: digital.content}, dry_run=dry_run)
-    return Issued((out, beside), certificate)
+    new_files.write_all(files := {out: document, _beside(out): digital.content}, dry_run=dry_run)
+    return Issued(tuple(files), certificate)
 
 
 def _beside(out: Path) -> Path:
@@ -125,10 +126,8 @@ def _beside(out: Path) -> Path:
 def _rendered(
     certificate: content.Certificate,
     lang: Lang,
-    fonts: tuple[Path, ...],
+    typeset: Callable[[content.Certificate], bytes],
     schema_dir: Path | None,
-    *,
-    signed: bool,
 ) -> tuple[content.Certificate, content.Attachment, bytes]:
     """The certificate with its DCC, the DCC, the PDF; made anew as a DRAFT where no font has a
     character.
@@ -136,9 +135,27 @@ def _rendered(
     digital = dcc.attach_dcc(certificate, lang, schema_dir)
     whole = replace(certificate, attachments=(*certificate.attachments, digital))
     try:
-        return whole, digital, pdf.render(whole, lang, fonts, signed=signed)
+        return whole, digital, typeset(whole)
     except pdf.UnshownError as found:
         draft = certificate.without_glyphs(found.characters)
         if draft.unshown == certificate.unshown:
             raise
-    return _rendered(draft, lang, fonts, schema_dir, signed=signed)
+    return _rendered(draft, lang, typeset, schema_dir)
+
+
+def _read_mark(stated: profile.Profile, folder: Path) -> bytes:
+    """Image of the accreditation's mark, empty for none; RecipeError for what is no SVG or PNG."""
+    name = stated.accreditation.mark
+    if not name:
+        return b""
+    try:
+        found = (folder / name).read_bytes()
+    except OSError as error:
+        raise RecipeError(
+            f"accreditation.mark: {folder / name}: {error.strerror}", hint="name an SVG or PNG file"
+        ) from None
+    if not found.startswith(b"\x89PNG") and b"<svg" not in found:
+        raise RecipeError(
+            f"accreditation.mark: {folder / name} is neither SVG nor PNG", hint="convert it"
+        )
+    return found

@@ -39,6 +39,11 @@ FIELDS: dict[str, Words] = {
 }
 
 
+STATED_OF_STANDARDS = {
+    "range": Words("range", "测量范围"),
+    "expanded_uncertainty": Words("expanded uncertainty", "扩展不确定度"),
+}
+"""Keys of a standard that an accredited laboratory states."""
 MOST_LISTED = 4
 """Results that one missing item names."""
 FONTS = "certificate.fonts"
@@ -78,6 +83,7 @@ def list_missing(
         *_fields(profile),
         *_traceability(profile),
         *_influences(profile, results),
+        *_accreditation(profile, results),
         *(() if shifted else (NO_SENSITIVITIES,)),
         *_consistency(profile, issued, validated=validated),
     )
@@ -92,7 +98,7 @@ def fits_alone(results: Iterable[Result]) -> list[Result]:
         and not result.by_definition
         and (
             result.uncertainty is None
-            or all(part.kind == "A" for part in result.uncertainty.contributions)
+            or all(part.kind != "B" for part in result.uncertainty.contributions)
         )
     ]
 
@@ -111,6 +117,28 @@ def _influences(profile: Profile, results: Sequence[Result]) -> Iterator[Missing
             f"B 类分量（[[type_b]]）或 type_b_none.reason：{listed}",
         )
         yield Missing("type_b", what)
+
+
+def _accreditation(profile: Profile, results: Sequence[Result]) -> Iterator[Missing]:
+    """What an accredited laboratory states besides: who accredited it, a result in its scope, range
+    and U of each standard.
+    """
+    if not profile.accreditation.number.strip():
+        return
+    if not profile.accreditation.body.strip():
+        yield Missing("accreditation.body", Words("accreditation body", "认可机构"))
+    if all(result.outside_scope for result in results):
+        what = Words(
+            "a result in the scope of the accreditation ([[cmc]])", "认可范围内的结果（[[cmc]]）"
+        )
+        yield Missing("cmc", what)
+    for standard in profile.standard:
+        for name, words in STATED_OF_STANDARDS.items():
+            if not getattr(standard, name):
+                what = words + Words(
+                    f" of the standard '{standard.name}'", f"：标准器“{standard.name}”"
+                )
+                yield Missing(f"standard.{name}", what)
 
 
 def character_code(character: str) -> str:

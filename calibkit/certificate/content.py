@@ -10,6 +10,7 @@ from typing import Any, Literal, TypeAlias
 
 from calibkit import sensitivities
 from calibkit.certificate import checklist, conformity, uncertainty
+from calibkit.certificate.accreditation import Scope
 from calibkit.certificate.names import name_result
 from calibkit.certificate.profile import Profile
 from calibkit.certificate.results import Block, Result, Uncertainty
@@ -154,6 +155,7 @@ def build(
         tuple(sorted(set(profile.results.temperatures_degc))),
         layout.recipe.reference_temp_degc,
         sensitivities.loads(run.document.get(SENSITIVITIES, []), RUN_FILE),
+        Scope.of(profile),
     )
     blocks = layout.blocks(stated)
     results = [result for block in blocks for result in block.results]

@@ -15,7 +15,7 @@ from typing import Any
 
 from calibkit import extras
 from calibkit.certificate.checklist import character_code
-from calibkit.certificate.content import Certificate
+from calibkit.certificate.content import Attachment, Certificate
 from calibkit.certificate.sheet import sheet
 from calibkit.certificate.words import HEADINGS, SENTENCES, Lang
 from calibkit.errors import OutputError, RecipeError, UsageError
@@ -66,10 +66,15 @@ def _scratch_folder() -> Iterator[str]:
 
 
 def render(
-    certificate: Certificate, lang: Lang, fonts: Sequence[Path] = (), *, signed: bool = False
+    certificate: Certificate,
+    lang: Lang,
+    fonts: Sequence[Path] = (),
+    *,
+    signed: bool = False,
+    mark: bytes = b"",
 ) -> bytes:
-    """PDF/A-3b bytes of a certificate, to be signed electronically or by hand; the same for the
-    same input.
+    """PDF/A-3b bytes of a certificate, to be signed electronically or by hand, with the mark of an
+    accreditation (SVG or PNG); the same for the same input.
 
     Raises UnshownError for characters that no font has, UsageError for Chinese without a font that
     has it, RecipeError for a file that is no font, OutputError without typst.
@@ -79,18 +84,9 @@ def render(
             f"--lang {lang} needs a font with Chinese",
             hint='name one in the profile: [certificate] fonts = ["…"]',
         )
-    attachments = [
-        {
-            "name": a.name,
-            "text": a.content.decode("utf-8"),
-            "type": a.media_type,
-            "relationship": a.relationship,
-            "description": a.description,
-        }
-        for a in certificate.attachments
-    ]
     data = clean_sheet(sheet(certificate, lang, signed=signed), certificate.unshown) | {
-        "attachments": attachments
+        "attachments": [_describe_attachment(a) for a in certificate.attachments],
+        "mark": list(mark),
     }
     typst = extras.load_library("typst", "pdf", "certificates need typst")
     with _scratch_folder() as folder:
@@ -108,6 +104,17 @@ def render(
         except typst.TypstError as error:
             raise _refusal(error, lang) from error
     return made if made.endswith(b"\n") else made + b"\n"
+
+
+def _describe_attachment(attached: Attachment) -> dict[str, str]:
+    """An attached file as the template takes it."""
+    return {
+        "name": attached.name,
+        "text": attached.content.decode("utf-8"),
+        "type": attached.media_type,
+        "relationship": attached.relationship,
+        "description": attached.description,
+    }
 
 
 def _choose_spacing(typst: Any, inputs: dict[str, str], where: dict[str, Any]) -> str:  # noqa: ANN401 (an optional library)

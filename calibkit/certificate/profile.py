@@ -12,13 +12,13 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, field_validator, model_validator
 
 from calibkit.errors import RecipeError
-from calibkit.recipe import TypeB, loader
-from calibkit.recipe.strict import Table
+from calibkit.recipe import TypeB, loader, toml_text
+from calibkit.recipe.strict import Positive, Table
 
 Rule = Literal["guarded", "simple", "four_way"]
 Many = Field(strict=False)
 OVERRIDE = "# --set "
-"""What a line of the text begins with that states an override."""
+"""What a line of an attached text begins with that states an override."""
 
 
 def _as_date(value: object) -> object:
@@ -44,9 +44,36 @@ class Party(Table):
 
 
 class Laboratory(Party):
-    """The laboratory, and the place where the work was done."""
+    """The laboratory, the place where the work was done, and its code at the accreditation body."""
 
+    code: str = ""
     place_of_work: str = ""
+
+
+class _Accreditation(Table):
+    """Who accredited the laboratory under which number, and its mark: an SVG or PNG file, relative
+    to the profile. What is in the scope is stated by [[cmc]].
+    """
+
+    body: str = ""
+    number: str = ""
+    mark: str = ""
+
+    @model_validator(mode="after")
+    def _numbered(self) -> Self:
+        if (self.body or self.mark) and not self.number.strip():
+            raise ValueError("a body or a mark of accreditation needs the number")
+        return self
+
+
+class Capability(Table):
+    """Smallest expanded uncertainty (CMC) that the laboratory is accredited for, of results by
+    their keys, with * for any part of them; in the unit of the result, or a share of it.
+    """
+
+    result: Annotated[str, Field(min_length=1)]
+    unit: Annotated[str, Field(min_length=1)]
+    expanded_uncertainty: Positive
 
 
 class _Numbering(Table):
@@ -56,6 +83,11 @@ class _Numbering(Table):
 
     number: str = ""
     title: str = ""
+    order: str = ""
+    """Number of the customer's order."""
+    traceability: str = ""
+    reproduction: str = ""
+    """Sentences in place of the usual ones."""
     amends: str = ""
     amends_issued: dt.date | None = None
     changes: Annotated[tuple[str, ...], Many] = ()
@@ -145,12 +177,22 @@ class Standard(Table):
     date: dt.date | None = None
     valid_until: dt.date | None = None
     laboratory: str = ""
+    range: str = ""
+    expanded_uncertainty: Positive | None = None
+    coverage_factor: Annotated[float, Field(ge=1.0)] = 2.0
+    unit: str = ""
 
     _dates = field_validator("date", "valid_until", mode="before")(_as_date)
 
+    @model_validator(mode="after")
+    def _has_unit(self) -> Self:
+        if self.expanded_uncertainty is not None and not self.unit.strip():
+            raise ValueError(f"'{self.name}': an expanded_uncertainty needs its unit")
+        return self
+
 
 class _Person(Table):
-    """Who authorises the certificate."""
+    """Who calibrated, checked or authorised."""
 
     name: str = ""
     role: str = ""
@@ -207,12 +249,16 @@ class Profile(Table):
 
     certificate: _Numbering = _Numbering()
     laboratory: Laboratory = Laboratory()
+    accreditation: _Accreditation = _Accreditation()
+    cmc: Annotated[tuple[Capability, ...], Many] = ()
     customer: Party = Party()
     item: _Item = _Item()
     dates: _Dates = _Dates()
     method: _Method = _Method()
     conditions: _Conditions = _Conditions()
     standard: Annotated[tuple[Standard, ...], Many] = ()
+    calibrated_by: _Person = _Person()
+    checked_by: _Person = _Person()
     authorised_by: _Person = _Person()
     adjustment: _Adjustment = _Adjustment()
     results: _Results = _Results()
@@ -222,27 +268,36 @@ class Profile(Table):
     remarks: Annotated[tuple[str, ...], Many] = ()
 
 
-def load(path: Path | None, overrides: tuple[str, ...] = ()) -> tuple[Profile, str]:
-    """Profile and its text with the overrides behind it, or an empty one; RecipeError with every
-    fault, one per line.
-    """
+def read_source(path: Path | None, overrides: tuple[str, ...] = ()) -> loader.Source:
+    """Text of a profile with its overrides, empty for none; RecipeError where it cannot be read."""
     if path is None:
-        text, name = "", "profile"
-    else:
-        name = path.name
-        try:
-            text = path.read_bytes().decode("utf-8-sig").replace("\r\n", "\n")
-        except (OSError, UnicodeDecodeError) as error:
-            raise RecipeError(
-                f"{path}: cannot be read as UTF-8 text: {error}", hint="name a profile"
-            ) from None
-    found = loader.Source(name, text, overrides).table(Profile)
-    end = "\n" if overrides and text and not text.endswith("\n") else ""
-    return found, text + end + "".join(f"{OVERRIDE}{override}\n" for override in overrides)
+        return loader.Source("profile", "", overrides)
+    try:
+        text = path.read_bytes().decode("utf-8-sig").replace("\r\n", "\n")
+    except (OSError, UnicodeDecodeError) as error:
+        raise RecipeError(
+            f"{path}: cannot be read as UTF-8 text: {error}", hint="name a profile"
+        ) from None
+    return loader.Source(path.name, text, overrides)
+
+
+def load(path: Path | None, overrides: tuple[str, ...] = ()) -> tuple[Profile, str]:
+    """Profile and what is attached of it, its keys with the overrides and without comments, or an
+    empty one; RecipeError with every fault, one per line.
+    """
+    found = read_source(path, overrides).table(Profile)
+    return found, "" if path is None and not overrides else dumps(found)
+
+
+def dumps(profile: Profile) -> str:
+    """TOML of what a profile states, without comments; `parse` gives the same profile."""
+    return toml_text.from_tables(profile.model_dump(exclude_defaults=True)).text
 
 
 def parse(text: str, name: str) -> Profile:
-    """Profile of a text that `load` returned; RecipeError with every fault, one per line."""
+    """Profile of an attached text, of releases before with comments and overrides; RecipeError with
+    every fault, one per line.
+    """
     lines = text.splitlines(keepends=True)
     first = len(lines)
     while first and lines[first - 1].startswith(OVERRIDE):

@@ -17,7 +17,7 @@ class Contribution:
     """
 
     name: Words
-    kind: Literal["A", "B"]
+    kind: Literal["A", "B", "CMC"]
     quantity: str
     standard_uncertainty: float
     unit: str
@@ -69,6 +69,8 @@ class Result:
     """Whether it is the reference of others: it has no uncertainty, and no statement of conformity
     can rest on it.
     """
+    outside_scope: bool = False
+    """Whether an accredited laboratory is not accredited for it."""
     condition: str = ""
     """What stands behind `@` in its key."""
 

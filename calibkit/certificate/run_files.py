@@ -48,6 +48,7 @@ class RunFiles:
             recipe=document["recipe"]["name"],
             recipe_sha256=document["recipe"]["sha256"],
             inputs=_stated_inputs(document["inputs"]),
+            measured=_measured(document["inputs"]),
             excluded=tuple((_range(e), e["reason"], e["person"]) for e in document["excluded"]),
             criteria=stated_criteria(document),
             flags=tuple(document["flags"]),
@@ -75,6 +76,8 @@ class RunFacts:
     recipe: str
     recipe_sha256: str
     inputs: tuple[Input, ...]
+    measured: tuple[tuple[str, float, float], ...]
+    """Column, lowest and highest reading of the thermometers in all logs."""
     excluded: tuple[tuple[str, str, str], ...]
     """What was left out, why, by whom."""
     criteria: tuple[Criterion, ...]
@@ -113,6 +116,15 @@ def _range(entry: Mapping[str, Any]) -> str:
 def _stated_inputs(entries: Iterable[Mapping[str, Any]]) -> tuple[Input, ...]:
     """Logs that a file lists."""
     return tuple(Input(entry["name"], entry["sha256"], entry["rows"]) for entry in entries)
+
+
+def _measured(entries: Iterable[Mapping[str, Any]]) -> tuple[tuple[str, float, float], ...]:
+    """Lowest and highest reading of the thermometers in all logs; none in runs of before."""
+    found: dict[str, list[float]] = {}
+    for entry in entries:
+        for column, ends in entry.get("measured", {}).items():
+            found.setdefault(column, []).extend(ends)
+    return tuple((column, min(ends), max(ends)) for column, ends in found.items())
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,11 +2,12 @@
 typesets.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from calibkit.certificate import judgements, names, plots, tables
+from calibkit.certificate import circumstances, judgements, names, plots, tables
+from calibkit.certificate.circumstances import Rows, in_words, list_given
 from calibkit.certificate.content import Certificate
 from calibkit.certificate.profile import Laboratory, Party, Profile
 from calibkit.certificate.results import Block, ListTable
@@ -14,7 +15,6 @@ from calibkit.certificate.run_files import BeforeAfter
 from calibkit.certificate.words import (
     AS_FOUND,
     AS_LEFT,
-    CONDITIONS,
     HEADINGS,
     SENTENCES,
     Lang,
@@ -25,12 +25,11 @@ from calibkit.certificate.words import (
 from calibkit.coefficients import Criterion
 from calibkit.numeric import gum
 
-Rows = list[list[str]]
-
 
 def sheet(certificate: Certificate, lang: Lang, *, signed: bool = False) -> dict[str, Any]:
     """JSON object of a certificate, which is signed electronically or by hand."""
     profile = certificate.profile
+    signatories = circumstances.list_signatories(certificate, lang)
     return {
         "lang": "zh" if lang == "zh" else "en",
         "draft": certificate.draft,
@@ -45,11 +44,16 @@ def sheet(certificate: Certificate, lang: Lang, *, signed: bool = False) -> dict
         "missing": [[m.key, m.what.of(lang)] for m in certificate.missing],
         "rejected": certificate.rejection.of(lang),
         "amendment": _amendment(profile, lang),
-        "parties": [_party(profile.laboratory, lang), _party(profile.customer, lang)],
+        "parties": [
+            _party(profile.laboratory, lang),
+            _party(profile.customer, lang, profile.certificate.order),
+        ],
         "item": _item(certificate, lang),
         "method": _method(certificate, lang),
-        "conditions": _conditions(certificate, lang),
-        "traceability": _traceability(profile, lang),
+        "conditions": circumstances.lay_out_conditions(certificate, lang),
+        "traceability": circumstances.lay_out_traceability(profile, lang),
+        "accreditation": circumstances.lay_out_accreditation(certificate, lang),
+        "reproduction": profile.certificate.reproduction or SENTENCES["reproduction"].of(lang),
         "principal": _principal(certificate, lang),
         "blocks": [_block(block, certificate, lang) for block in certificate.blocks],
         "as_found": _as_found(certificate, lang),
@@ -57,18 +61,9 @@ def sheet(certificate: Certificate, lang: Lang, *, signed: bool = False) -> dict
         "budgets": _budgets(certificate, lang),
         "data": _data(certificate, lang),
         "remarks": [text for text in profile.remarks if text.strip()],
-        "authorisation": _authorisation(certificate, lang),
+        "signatories": signatories,
+        "authorisation": [row for rows in signatories for row in rows],
     }
-
-
-def _in_words(rows: Iterable[tuple[Words, str]], lang: Lang) -> Rows:
-    """Rows of a label and a text."""
-    return [[label.of(lang), text] for label, text in rows]
-
-
-def _list_given(*rows: tuple[Words, str]) -> list[tuple[Words, str]]:
-    """The rows that have a text."""
-    return [(label, text) for label, text in rows if text.strip()]
 
 
 def _principal(certificate: Certificate, lang: Lang) -> dict[str, Any]:
@@ -81,21 +76,24 @@ def _principal(certificate: Certificate, lang: Lang) -> dict[str, Any]:
     return tables.lay_out_list(ListTable(Words(""), tuple(shown)), lang)
 
 
-def _party(party: Party, lang: Lang) -> Rows:
-    """Name, address and contact details of a laboratory or a customer; of a laboratory the place of
-    work too.
+def _party(party: Party, lang: Lang, order: str = "") -> Rows:
+    """Name, address and contact details of a laboratory with its code and place of work, or of a
+    customer with the number of the order.
     """
     label, place = Words("Customer", "客户"), []
+    code = list_given((Words("Order", "委托单号"), order))
     if isinstance(party, Laboratory):
         label = Words("Laboratory", "实验室")
+        code = list_given((Words("Laboratory code", "实验室代码"), party.code))
         place = [(Words("Place of work", "校准地点"), party.place_of_work)]
-    return _in_words(
+    return in_words(
         [
             (label, party.name),
+            *code,
             (Words("Address", "地址"), party.address),
-            *_list_given((Words("Country", "国家"), party.country)),
+            *list_given((Words("Country", "国家"), party.country)),
             *place,
-            *_list_given(
+            *list_given(
                 (Words("E-mail", "电子邮件"), party.email),
                 (Words("Telephone", "电话"), party.phone),
             ),
@@ -108,15 +106,15 @@ def _item(certificate: Certificate, lang: Lang) -> Rows:
     """What was calibrated, in which condition, when."""
     item, dates = certificate.profile.item, certificate.profile.dates
     until = f" … {dates.performed_until}" if dates.performed_until else ""
-    return _in_words(
+    return in_words(
         [
             (Words("Item", "名称"), item.type),
             (Words("Maker", "制造商"), item.maker),
             (Words("Model", "型号"), item.model),
             (Words("Serial number", "编号"), certificate.run.serial),
-            *_list_given((Words("Identification", "标识"), item.identification)),
+            *list_given((Words("Identification", "标识"), item.identification)),
             (Words("Condition", "状态"), item.condition),
-            *_list_given((Words("Received", "接收日期"), str(dates.received or ""))),
+            *list_given((Words("Received", "接收日期"), str(dates.received or ""))),
             (Words("Calibrated", "校准日期"), f"{dates.performed or ''}{until}"),
             (Words("Issued", "签发日期"), str(certificate.issued)),
         ],
@@ -127,7 +125,7 @@ def _item(certificate: Certificate, lang: Lang) -> Rows:
 def _method(certificate: Certificate, lang: Lang) -> Rows:
     """Procedure with revision, software, deviations, external providers, excluded data."""
     method, run = certificate.profile.method, certificate.run
-    return _in_words(
+    return in_words(
         [
             (Words("Method", "方法"), method.name),
             (Words("Revision", "版本"), method.revision),
@@ -144,40 +142,6 @@ def _method(certificate: Certificate, lang: Lang) -> Rows:
         ],
         lang,
     )
-
-
-def _conditions(certificate: Certificate, lang: Lang) -> Rows:
-    """Conditions that the profile states, and those that the coefficient files hold."""
-    stated = certificate.profile.conditions
-    rows = [(words, getattr(stated, key)) for key, words in CONDITIONS]
-    rows += _list_given(*((Words(""), text) for text in stated.others))
-    for condition in certificate.run.conditions:
-        label = Words("In the computation: ", "计算中采用：") + names.name_condition(condition.name)
-        unit = unit_mark(condition.unit)
-        text = with_unit(tables.format_plain(condition.value, 8), unit)
-        if condition.standard_uncertainty > 0.0:
-            words = Words("standard uncertainty", "标准不确定度").of(lang)
-            u = with_unit(tables.format_plain(condition.standard_uncertainty, 2), unit)
-            text += f" ({words} {u})"
-        rows.append((label, text))
-    return _in_words(rows, lang)
-
-
-def _traceability(profile: Profile, lang: Lang) -> dict[str, Any]:
-    """Standards with their certificates."""
-    heads = [
-        Words("Standard", "标准器"),
-        Words("Serial", "编号"),
-        Words("Certificate", "证书编号"),
-        Words("Date", "日期"),
-        Words("Laboratory", "校准机构"),
-    ]
-    valid_until = Words(" (valid until ", "（有效期至 ").of(lang)
-    rows = []
-    for s in profile.standard:
-        until = f"{valid_until}{s.valid_until})" if s.valid_until else ""
-        rows.append([s.name, s.serial, s.certificate, f"{s.date or ''}{until}", s.laboratory])
-    return tables.text_table(heads, "lllll", rows, lang)
 
 
 def _block(block: Block, certificate: Certificate, lang: Lang) -> dict[str, Any]:
@@ -351,16 +315,3 @@ def _amendment(profile: Profile, lang: Lang) -> dict[str, Any] | None:
         "text": text.of(lang),
         "changes": [change for change in stated.changes if change.strip()],
     }
-
-
-def _authorisation(certificate: Certificate, lang: Lang) -> Rows:
-    """Who authorises it, as what, when."""
-    person = certificate.profile.authorised_by
-    return _in_words(
-        [
-            (Words("Authorised by", "批准人"), person.name),
-            (Words("Role", "职务"), person.role),
-            (Words("Date of issue", "签发日期"), str(certificate.issued)),
-        ],
-        lang,
-    )

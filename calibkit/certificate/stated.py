@@ -4,13 +4,14 @@ the covariance gives it.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from types import MappingProxyType
 
 import numpy as np
 
 from calibkit.arrays import Array
+from calibkit.certificate.accreditation import Scope
 from calibkit.certificate.results import GridTable, ListTable, Result, Uncertainty
 from calibkit.certificate.uncertainty import TYPE_A, Influences, Part, Source
 from calibkit.certificate.words import Words, unit_mark
@@ -45,6 +46,8 @@ class Stated:
     reference_degc: float
     sensitivities: tuple[Sensitivity, ...] = ()
     """Of the run's coefficients and figures to errors of its inputs."""
+    scope: Scope = field(default_factory=Scope)
+    """Of the laboratory's accreditation."""
 
     def influences(self, weights: Mapping[str, float]) -> dict[tuple[str, Kind], float]:
         """Derivatives of Σ w_i of coefficients and figures by errors of the inputs; weights by the
@@ -143,8 +146,10 @@ class Stated:
         found = self.source.uncertainty(
             (plain.key, *called), value, unit, fit, influences or {}, parts_of
         )
-        interval = _magnitude_interval(value, found) if magnitude and found is not None else None
-        return replace(plain, uncertainty=found, interval=interval)
+        raised = self.scope.raise_to_floor(replace(plain, uncertainty=found))
+        if raised.uncertainty is None or not magnitude:
+            return raised
+        return replace(raised, interval=_magnitude_interval(value, raised.uncertainty))
 
     def linear(
         self,

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from decimal import Decimal
 from typing import Any
 
@@ -29,6 +30,9 @@ FEWEST, MOST_DIGITS = 4, 17
 """Significant digits of a number without an uncertainty, and those that hold any float64."""
 VALUE, U, K, UNIT = Words("value", "值"), Words("U"), Words("k"), Words("unit", "单位")
 
+OUTSIDE = Words(
+    "Results marked * are outside the scope of the accreditation.", "标 * 的结果不在认可范围内。"
+)
 UNIT_OF_BOTH = Words("unit of value and U", "值与 U 的单位")
 
 
@@ -51,6 +55,9 @@ def format_result(result: Result | None) -> tuple[str, str]:
     """Value and U, or the coverage interval of a magnitude, as printed."""
     if result is None:
         return ABSENT, ""
+    if result.outside_scope:
+        marked = format_result(replace(result, outside_scope=False))
+        return f"{marked[0]}*", marked[1]
     if result.uncertainty is None:
         shown = round_descriptor(result.value)
         return format_number(shown.value, shown.exponent), "ref." if result.by_definition else ""
@@ -157,7 +164,7 @@ def lay_out_list(table: ListTable, lang: Lang) -> dict[str, Any]:
     unit = UNIT_OF_BOTH if parts == 1 else UNIT
     heads = [*[Words("")] * (2 if named else 1), VALUE, U, K, unit] * parts
     align = ("llrrrl" if named else "lrrrl") * parts
-    notes = (table.note, _factor_words(table.results))
+    notes = (table.note, _factor_words(table.results), _outside_words(table.results))
     return text_table(heads, align, _side_by_side(rows, parts), lang, table.title, notes)
 
 
@@ -224,7 +231,7 @@ def _part(table: GridTable, chosen: slice, lang: Lang, *, last: bool) -> dict[st
         for row, unit in zip(rows, table.units, strict=True):
             row.append(unit_mark(unit) or "1")
     every = [r for row in table.cells for r in row if r is not None]
-    notes = (table.note, _factor_words(every)) if last else ()
+    notes = (table.note, _factor_words(every), _outside_words(every)) if last else ()
     return text_table(heads, align, rows, lang, table.title, notes, groups)
 
 
@@ -279,6 +286,11 @@ def _factor_words(results: Sequence[Result]) -> Words | None:
         f"U = k·u，包含概率约 95 %{few.zh}。",
     )
     return words + Words(f" {brackets.en}", brackets.zh) if bracketed else words
+
+
+def _outside_words(results: Iterable[Result]) -> Words | None:
+    """What a mark of results outside the scope of an accreditation stands for."""
+    return OUTSIDE if any(result.outside_scope for result in results) else None
 
 
 def _few(dof: Sequence[float]) -> Words:

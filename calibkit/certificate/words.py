@@ -71,6 +71,16 @@ SENTENCES = {
         "其中包括拟合不确定度（A 类，来自协方差）"
         "与设备不确定度（B 类），仅对校准时的时间与条件有效，不含被校件的长期稳定性。",
     ),
+    "traceability": Words(
+        "The results are traceable to national standards through the certificates of the standards"
+        " below.",
+        "测量结果通过下列标准器的证书溯源至国家计量基准。",
+    ),
+    "reproduction": Words(
+        "This certificate may be reproduced only in full, except with the laboratory's written"
+        " approval.",
+        "未经实验室书面批准，不得部分复制本证书。",
+    ),
     "principal": Words(
         "All results, with the models and conditions that they hold for, stand on the pages that"
         " follow.",

@@ -109,7 +109,8 @@ def _are_same_log(one: Mapping[str, object], other: Mapping[str, object]) -> boo
 
 def describe_input(log: Input) -> dict[str, object]:
     """A log as run.json lists it: what identifies it, a fingerprint of its values, how it was read,
-    what of that was guessed, the digest of a second logger's file, the date of its last row.
+    what of that was guessed, the digest of a second logger's file, the date of its last row, the
+    range of its thermometers.
     """
     stated = {
         FINGERPRINT: fingerprint(log.content),
@@ -117,6 +118,7 @@ def describe_input(log: Input) -> dict[str, object]:
         "guesses": [line for line in log.reading if isinstance(line, Guess)],
         "second_logger_sha256": log.second_logger_sha256,
         "last_date": log.last_date,
+        "measured": {name: list(ends) for name, *ends in log.measured},
     }
     return log.identity() | {key: value for key, value in stated.items() if value}
 

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -13,13 +14,17 @@ from calibkit.cli.progress import working
 from calibkit.clock import date_or_today, now
 from calibkit.errors import CoefficientError, UsageError
 
+if TYPE_CHECKING:
+    from calibkit.certificate.certify import Issued
+
 _MOST_MISSING = 20
 """Lines on what a certificate lacks."""
 
 
 @command()
 @RUN
-@click.option("--out", required=True, type=PATH, help="PDF file to write")
+@click.option("--out", default=None, type=PATH, help="PDF file to write")
+@click.option("--check", is_flag=True, help="say what a certificate would lack; write nothing")
 @click.option("--profile", type=PATH, help="laboratory profile; without one: a DRAFT")
 @click.option("--validation", type=PATH, help="as found and as left, from calibkit validate")
 @click.option("--date", default=None, metavar="YYYY-MM-DD", help="date of issue (default: today)")
@@ -39,7 +44,7 @@ _MOST_MISSING = 20
 @JSON
 def certify(
     run: str,
-    out: Path,
+    out: Path | None,
     profile: Path | None,
     validation: Path | None,
     date: str | None,
@@ -49,21 +54,24 @@ def certify(
     overrides: tuple[str, ...],
     runs: Path,
     *,
+    check: bool,
     dry_run: bool,
     as_json: bool,
 ) -> int:
     """Write the calibration certificate of a run as PDF/A-3 with its DCC; what is missing makes it
-    a DRAFT.
+    a DRAFT. With --check: exit code 1 where something is missing.
 
     \b
     calibkit certify FOG-0001 --profile lab.toml --out certificate.pdf
     calibkit certify FOG-0001 --profile lab.toml --validation v.json --lang both --out c.pdf
+    calibkit certify FOG-0001 --profile lab.toml --check
     calibkit certify FOG-0001 --profile lab.toml --sign key.p12 --out certificate.pdf
     """
     from calibkit import store
     from calibkit.certificate import certify as certificates, sign
     from calibkit.instruments import certificate_layout
 
+    _require_one(out, check=check)
     with working("typesetting"):
         issued = certificates.certify(
             store.find(run, runs),
@@ -78,11 +86,54 @@ def certify(
             key=sign.Key(key, os.environ.get(sign.PASSPHRASE, ""), now()) if key else None,
             dry_run=dry_run,
         )
+    return _print_issued(issued, check=check, as_json=as_json, dry_run=dry_run)
+
+
+def _print_issued(issued: "Issued", *, check: bool, as_json: bool, dry_run: bool) -> int:
+    """Print a certificate, or what one would lack, which is 1."""
     print_flags(filter(None, (issued.certificate.rejection.en,)))
-    if not as_json:
-        _print_missing([f"  {item.key}: {item.what.en}" for item in issued.missing])
-    print_result(issued.summarise(), issued.files, as_json=as_json, dry_run=dry_run)
-    return 0
+    if check and not as_json:
+        _print_check(issued)
+    else:
+        _print_missing([] if as_json else _list_missing(issued))
+        print_result(issued.summarise(), issued.files, as_json=as_json, dry_run=dry_run)
+    return int(check and bool(issued.missing))
+
+
+def _require_one(out: Path | None, *, check: bool) -> None:
+    """Raise UsageError unless a file or --check is asked for."""
+    if (out is None) != check:
+        raise UsageError(
+            "--out and --check: one of them is needed",
+            hint="name the PDF with --out, or leave it out and ask with --check",
+        )
+
+
+def _list_missing(issued: "Issued") -> list[str]:
+    """One line for each item that a certificate lacks."""
+    return [f"  {item.key}: {item.what.en}" for item in issued.missing]
+
+
+def _print_check(issued: "Issued") -> None:
+    """Print what a certificate would be, and what it would say that a laboratory may not expect."""
+    from calibkit.certificate import accreditation
+
+    certificate, results = issued.certificate, issued.certificate.results
+    outside = sum(result.outside_scope for result in results)
+    raised = sum(accreditation.is_raised(result) for result in results)
+    unused = ", ".join(certificate.unused_terms)
+    verdict = "nothing is missing for a certificate"
+    if issued.missing:
+        verdict = f"a DRAFT, {len(issued.missing)} missing"
+    lines = (
+        f"{certificate.run.name}: {verdict}",
+        f"{outside} of {len(results)} results are outside the scope" if outside else "",
+        f"U of {raised} results is raised to the CMC" if raised else "",
+        f"type B terms that enter no result: {unused}" if unused else "",
+        *_list_missing(issued),
+    )
+    for line in filter(None, lines):
+        click.echo(line)
 
 
 def _print_missing(lines: Sequence[str]) -> None:

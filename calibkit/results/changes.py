@@ -61,7 +61,12 @@ def _stated_alike(one: Contribution, other: Contribution) -> bool:
 def _component(part: Contribution, sensitivity: float) -> gum.Component:
     """A contribution as an independent input."""
     return gum.Component(
-        part.name.en, 0.0, part.standard_uncertainty, part.kind, sensitivity, part.dof
+        part.name.en,
+        0.0,
+        part.standard_uncertainty,
+        "A" if part.kind == "A" else "B",
+        sensitivity,
+        part.dof,
     )
 
 

@@ -1,0 +1,262 @@
+"""What an accredited laboratory states: scope, smallest uncertainties, mark, persons, standards;
+conditions that the logs measured; what --check says; profiles of every shipped recipe.
+"""
+
+import datetime as dt
+import io
+import json
+import math
+from dataclasses import replace
+
+import pytest
+
+from calibkit import cli, instruments, recipe, store
+from calibkit.certificate import (
+    accreditation,
+    certify,
+    checklist,
+    content,
+    pdf,
+    profile,
+    run_files,
+    sheet,
+)
+from calibkit.errors import RecipeError
+from conftest import REAL, ROOT
+from test_certificate_layouts import fitted
+from test_dcc import WRITTEN
+from test_sensitivities import warm_up
+
+ISSUED = dt.date(2026, 11, 21)
+PROFILES = ROOT / "reports" / "profiles"
+ACCREDITED = (
+    'accreditation.body="B"',
+    'accreditation.number="N 1"',
+    'cmc=[{result="gyro_scale.gyro_x.*K*", unit="ppm", expanded_uncertainty=5.0}]',
+)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """Run of the rate table's sample logs."""
+    return fitted(tmp_path_factory.mktemp("runs"), "rate_table")
+
+
+def built(run, *overrides, path=PROFILES / "rate_table.toml"):
+    """Certificate of a run after a profile."""
+    files = run_files.RunFiles.read(run)
+    stated = profile.load(path, overrides)
+    return content.build(files, instruments.certificate_layout, *stated, None, ISSUED)
+
+
+def strings(value):
+    """Every text in a JSON value."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, dict | list):
+        for one in value.values() if isinstance(value, dict) else value:
+            yield from strings(one)
+
+
+def test_no_uncertainty_is_below_what_the_laboratory_is_accredited_for(run):
+    """U is the CMC where it would be smaller; the budget says why and adds up; k stays."""
+    plain = {r.key: r for r in built(run, *ACCREDITED[:2], "cmc=[]").results}
+    raised = {r.key: r for r in built(run, *ACCREDITED).results}
+    assert any(accreditation.is_raised(r) for r in raised.values())
+    for key, r in raised.items():
+        if r.outside_scope or r.uncertainty is None:
+            continue
+        u, before = r.uncertainty, plain[key].uncertainty
+        floor = 5e-6 * abs(r.value)
+        assert u.expanded_uncertainty == pytest.approx(max(before.expanded_uncertainty, floor))
+        assert u.coverage_factor == before.coverage_factor
+        parts = math.hypot(*(c.contribution for c in u.contributions))
+        if accreditation.is_raised(r):
+            assert parts == pytest.approx(u.standard_uncertainty)
+            assert u.coverage_factor * parts == pytest.approx(floor)
+
+
+def test_results_outside_the_scope_are_marked_wherever_they_stand(run):
+    """With a star in every table, and a sentence that says what it means."""
+    made = built(run, *ACCREDITED)
+    shown = sheet.sheet(made, "en")
+    outside = {r.key for r in made.results if r.outside_scope}
+    assert outside
+    assert "gyro_scale.gyro_x.K" not in outside
+    zero = next(row for row in shown["principal"]["rows"] if "zero-rate" in row[1])
+    assert zero[2].endswith("*")
+    assert not next(r for r in shown["principal"]["rows"] if "scale factor" in r[1])[2].endswith(
+        "*"
+    )
+    assert "outside the scope" in shown["accreditation"]
+    assert any("outside the scope" in text for text in shown["principal"]["notes"])
+    unmarked = built(run, 'accreditation={number=""}')
+    assert not any(r.outside_scope for r in unmarked.results)
+    assert not any("*" in text for text in strings(sheet.sheet(unmarked, "en")["blocks"]))
+
+
+def test_an_accredited_laboratory_is_asked_for_what_it_must_state(run):
+    """A result in the scope, who accredited it, range and U of its standards."""
+    none = built(run, ACCREDITED[1], 'accreditation.body=""', "cmc=[]")
+    assert {"accreditation.body", "cmc"} <= {item.key for item in none.missing}
+    bare = 'standard=[{name="S", certificate="C", date=2026-01-01, laboratory="L"}]'
+    missing = {item.key for item in built(run, *ACCREDITED, bare).missing}
+    assert missing == {"standard.range", "standard.expanded_uncertainty"}
+    assert built(run, bare, "accreditation={}", "cmc=[]").missing == ()
+
+
+def test_a_floor_alone_is_no_type_b_contribution(run):
+    """A principal result whose U is the CMC still lacks what is known of the equipment."""
+    made = built(run, *ACCREDITED, "type_b=[]")
+    key = "gyro_scale.gyro_x.K"
+    assert key in {r.key for r in checklist.fits_alone(made.results)}
+    assert "type_b" in {item.key for item in made.missing}
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ('cmc=[{result="*.F0", unit="m", expanded_uncertainty=1.0}]', "in 'm'"),
+        ('accreditation={mark="mark.svg", number=""}', "needs the number"),
+        ('standard=[{name="S", expanded_uncertainty=0.1}]', "needs its unit"),
+    ],
+)
+def test_an_accreditation_that_cannot_be_meant_is_refused(run, override, message):
+    """A CMC in another unit, a mark without number, a U without unit."""
+    with pytest.raises(RecipeError, match=message):
+        built(run, override)
+
+
+def test_the_mark_stands_on_the_first_page_and_must_be_an_image(run, tmp_path):
+    """SVG or PNG beside the profile; another file, or none, is refused with its name."""
+    pytest.importorskip("typst")
+    pypdf = pytest.importorskip("pypdf")
+    made = built(run)
+    with_mark = pdf.render(made, "en", mark=(PROFILES / "mark.svg").read_bytes())
+    text = pypdf.PdfReader(io.BytesIO(with_mark)).pages[0].extract_text()
+    assert "Accredited by Sample Accreditation Body, SAB L0000." in text
+    assert len(with_mark) > len(pdf.render(made, "en"))
+    for name, found in (("mark.txt", b"no image"), ("absent.svg", None)):
+        (tmp_path / "lab.toml").write_text(
+            (PROFILES / "rate_table.toml").read_text().replace("mark.svg", name)
+        )
+        if found:
+            (tmp_path / name).write_bytes(found)
+        with pytest.raises(RecipeError, match=name):
+            certify.certify(
+                run.folder,
+                None,
+                instruments.certificate_layout,
+                date="2026-11-21",
+                profile_path=tmp_path / "lab.toml",
+            )
+
+
+@pytest.mark.parametrize("lang", ["en", "zh", "both"])
+def test_persons_order_code_clause_traceability_and_standards_are_printed(run, lang):
+    """Up to three names; the usual sentences unless the profile states others."""
+    made = built(run, 'calibrated_by.name="Ca"', 'checked_by.name="Ch"', 'authorised_by.name="Au"')
+    shown = sheet.sheet(made, lang)
+    assert [rows[0][1] for rows in shown["signatories"]] == ["Ca", "Ch", "Au"]
+    words = {"en": "Checked by", "zh": "核验", "both": "Checked by 核验"}
+    assert shown["signatories"][1][0][0] == words[lang]
+    assert shown["authorisation"] == [row for rows in shown["signatories"] for row in rows]
+    texts = set(strings(shown))
+    assert {"ORDER-2026-004", "LAB-00", "± 1000 °/s", "3.4 ppm (k = 2)"} <= texts
+    assert shown["reproduction"] in texts
+    own = built(run, 'certificate.traceability="T."', 'certificate.reproduction="R."')
+    shown = sheet.sheet(own, lang)
+    assert (shown["traceability"]["text"], shown["reproduction"]) == ("T.", "R.")
+    one = built(run, 'calibrated_by.name=""', 'checked_by.name=""')
+    assert len(sheet.sheet(one, lang)["signatories"]) == 1
+
+
+def test_conditions_that_the_logs_measured_stand_beside_the_stated_ones(run):
+    """Lowest and highest case temperature of all logs, from run.json; none in a run of before."""
+    made = built(run)
+    ((column, low, high),) = made.run.measured
+    entries = [entry["measured"]["temp_case_degc"] for entry in run.document["inputs"]]
+    assert (column, low, high) == (
+        "temp_case_degc",
+        min(a for a, _ in entries),
+        max(b for _, b in entries),
+    )
+    rows = dict(sheet.sheet(made, "en")["conditions"])
+    assert rows["Measured in the logs: case temperature"] == f"−{-low:.1f} °C … {high:.1f} °C"
+    before = replace(made, run=replace(made.run, measured=()))
+    assert not any("Measured" in label for label, _ in sheet.sheet(before, "en")["conditions"])
+
+
+def test_the_attached_profile_states_the_same_without_comments():
+    """Comments may be a laboratory's own; what --set changed stands in its key."""
+    for path in sorted(PROFILES.glob("*.toml")):
+        found, text = profile.load(
+            path, ('certificate.number="C-1"', "results.decision_rule=simple")
+        )
+        assert "#" not in text
+        assert profile.parse(text, "profile.toml") == found
+        assert found.certificate.number == "C-1"
+    awkward = 'a "quoted" \\ back\nline \x7f tab\t 校准 # no comment'
+    stated = profile.Profile(remarks=(awkward,), item=profile._Item(type=awkward))
+    assert profile.parse(profile.dumps(stated), "profile.toml") == stated
+
+
+def test_an_attached_profile_of_a_release_before_is_read_with_its_comments_and_overrides():
+    """Certificates that were issued keep their digest and their meaning."""
+    text = '[certificate]\nnumber = "A" # ours\n# --set certificate.number="B"\n'
+    assert profile.parse(text, "profile.toml").certificate.number == "B"
+
+
+@pytest.fixture(scope="module")
+def every(tmp_path_factory):
+    """Run of each shipped recipe."""
+    folder = tmp_path_factory.mktemp("every")
+
+    def of(name):
+        data = ROOT / "datasets" / name
+        if name == "mpu6050_warmup":
+            data = REAL / name
+        elif not data.is_dir():
+            assert name in WRITTEN
+            data = warm_up(folder / "warm")
+        return fitted(folder / name, name, data=data)
+
+    return of
+
+
+@pytest.mark.parametrize("name", sorted(recipe.shipped()))
+def test_every_shipped_recipe_has_a_profile_that_lacks_nothing(every, name):
+    """But as found and as left, where a sample has logs that were withheld for it."""
+    made = built(every(name), path=PROFILES / f"{name}.toml")
+    validated = name in {"fog_thermal", "inclinometer"}
+    assert [item.key for item in made.missing] == (["adjustment.statement"] if validated else [])
+    assert made.unused_terms == ()
+
+
+def test_check_lists_all_that_is_missing_and_writes_nothing(run, tmp_path, capsys, monkeypatch):
+    """Exit code 1 for a DRAFT, 0 where nothing is missing; --out and --check exclude each other."""
+    pytest.importorskip("typst")
+    monkeypatch.chdir(tmp_path)
+
+    def called(*arguments):
+        with pytest.raises(SystemExit) as stopped:
+            cli.main(["certify", str(run.folder), *map(str, arguments)])
+        return stopped.value.code, capsys.readouterr()
+
+    code, said = called("--check")
+    assert code == 1
+    assert "a DRAFT" in said.out.splitlines()[0]
+    for key in checklist.FIELDS:
+        assert key in said.out
+    code, said = called("--check", "--profile", PROFILES / "rate_table.toml")
+    assert (code, said.out.splitlines()[0].split(": ")[1]) == (
+        0,
+        "nothing is missing for a certificate",
+    )
+    assert "outside the scope" in said.out
+    code, said = called("--check", "--json")
+    assert code == 1
+    assert json.loads(said.out)["draft"]
+    assert called()[0] == called("--check", "--out", "c.pdf")[0] == 2
+    assert list(tmp_path.iterdir()) == []
+    assert store.load(run.folder)
