@@ -29,6 +29,7 @@ from calibkit.errors import (
 )
 from calibkit.history import dates, pooling
 from calibkit.ingest import logs as ingest
+from calibkit.planning import document as plan_file
 from calibkit.recipe import type_b
 from calibkit.report import budget
 from calibkit.version import SOFTWARE
@@ -337,6 +338,13 @@ def _check_digests(path: Path) -> str:
 
     if path.suffix in targets.READERS:
         return targets.READERS[path.suffix](str(path), path.read_bytes())
+    return _check_document(path)
+
+
+def _check_document(path: Path) -> str:
+    """Check the digest of a JSON document; returns what it is."""
+    from calibkit.firmware import targets
+
     try:
         text = path.read_text(encoding="utf-8")
     except UnicodeDecodeError:
@@ -344,10 +352,13 @@ def _check_digests(path: Path) -> str:
             f"{path}: not a text that calibkit wrote", hint="verify takes calibkit's own files"
         ) from None
     of_runs = run_document.FORMATS + run_document.VALIDATION_FORMATS
-    formats = coefficients.FORMATS + of_runs + targets.MANIFESTS
+    formats = coefficients.FORMATS + of_runs + targets.MANIFESTS + (plan_file.FORMAT,)
     document = sealed.unseal(text, str(path), formats)
     if document["format"] in targets.MANIFESTS:
         return targets.verify_manifest(path)
+    if document["format"] == plan_file.FORMAT:
+        plan_file.load_plan(path.parent)
+        return f"plan of {document['procedure']}: {document['plan']}"
     if document["format"] in coefficients.FORMATS:
         record = coefficients.loads(text, str(path))
         return (

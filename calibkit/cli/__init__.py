@@ -9,7 +9,7 @@ from typing import NoReturn
 
 import click
 
-from calibkit.cli import completion, fleets, logs, outputs, records, results
+from calibkit.cli import completion, fleets, logs, outputs, plans, records, results
 from calibkit.cli.console import prepare_streams, print_data, print_json
 from calibkit.cli.ending import run_to_exit_code, tolerate_closed_pipes
 from calibkit.cli.options import JSON, Group
@@ -50,6 +50,7 @@ for kept in (
     records.show,
     records.diff,
     records.history,
+    plans.plan,
     logs.simulate,
 ):
     cli.add_command(kept)

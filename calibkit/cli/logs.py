@@ -34,6 +34,7 @@ from calibkit.cli.options import (
 )
 from calibkit.cli.progress import working
 from calibkit.clock import date_or_today
+from calibkit.errors import UsageError
 
 VERDICT_KEYS = (
     "serial",
@@ -261,22 +262,33 @@ def validate(run: str, data: Path, out: Path, runs: Path, *, dry_run: bool, as_j
 
 
 @command()
-@click.argument("procedure")
+@click.argument("procedure", required=False)
+@click.option("--plan", type=PATH, help="folder of a plan: a campaign that was run by it")
 @click.option("--out", required=True, type=PATH, help="folder to write the logs into")
 @click.option("--seed", required=True, type=click.IntRange(min=0), help="seed of everything random")
 @DRY
 @DETAILS
 @JSON
-def simulate(procedure: str, out: Path, seed: int, *, dry_run: bool, as_json: bool) -> int:
+def simulate(
+    procedure: str | None, plan: Path | None, out: Path, seed: int, *, dry_run: bool, as_json: bool
+) -> int:
     """Write realistic logs of a simulated instrument with their truth beside them.
 
     \b
     calibkit simulate fog_thermal --out logs --seed 1
-    calibkit simulate fog_thermal --out logs --seed 2 --json
+    calibkit simulate --plan plan --out logs --seed 2
     """
-    from calibkit import pipeline
+    if (procedure is None) == (plan is None):
+        raise UsageError(
+            "simulate needs a procedure or --plan", hint="calibkit simulate --plan plan --out logs"
+        )
+    from calibkit import pipeline, plans
 
     with working("simulating"):
-        written = pipeline.simulate(procedure, out, seed, dry_run=dry_run)
+        written = (
+            plans.simulate(plan, out, seed, dry_run=dry_run)
+            if plan is not None
+            else pipeline.simulate(procedure or "", out, seed, dry_run=dry_run)
+        )
     print_result({"files": written}, written, as_json=as_json, dry_run=dry_run)
     return 0

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from calibkit.ingest.logs import Reader
     from calibkit.ingest.recipe_text import Choice
     from calibkit.ingest.write_back import Applied
+    from calibkit.planning.proposal import Planner
     from calibkit.report.documents import Drawn
     from calibkit.report.summary import Summary
     from calibkit.sensitivities import Sensitivity
@@ -131,6 +132,8 @@ class Instrument(Generic[Spec, Drawing]):
     """Name → simulated campaign by its seed."""
     propose: Callable[[Evidence], Choice | None] = lambda _: None
     """Recipe for logs that are of this instrument; None for other logs."""
+    planner: Callable[[], Planner] | None = None
+    """How its campaigns are planned; None where they are not."""
 
 
 SKELETON = "bias_temperature"

@@ -27,6 +27,7 @@ from calibkit.instruments.accelerometer.fit import fit_triad
 from calibkit.instruments.accelerometer.propose import propose
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.numeric import attitude, chunks
+from calibkit.planning.proposal import Planner
 from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary
 
@@ -195,6 +196,13 @@ def _firmware() -> Firmware[AccelerometerRecipe]:
     return FIRMWARE
 
 
+def _planner() -> Planner:
+    """How campaigns are planned."""
+    from calibkit.instruments.accelerometer import plan, simulate_plan
+
+    return Planner(plan.propose, simulate_plan.campaign)
+
+
 def _simulate(seed: int) -> Campaign:
     """Simulated campaign."""
     from calibkit.instruments.accelerometer.simulate import campaign
@@ -229,4 +237,5 @@ INSTRUMENT = Instrument(
     ),
     campaigns={"accelerometer": _simulate, "accelerometer_magnitude": _simulate_magnitude},
     propose=propose,
+    planner=_planner,
 )

@@ -103,14 +103,13 @@ def campaign(seed: int, conditions: _Conditions = _Conditions()) -> Campaign:
 
     """
     rng = np.random.default_rng(seed)
-    sensors = tuple(_sensor(rng, i) for i in range(3))
+    sensors = draw_triad(rng)
     logs, truth = (_sweeps if conditions.sweep else _grid)(rng, sensors, conditions)
-    named = {f"accel_{a}": asdict(sensor) for a, sensor in zip(AXES, sensors, strict=True)}
-    stated = {"seed": seed, "conditions": asdict(conditions), "sensors": named}
+    stated = {"seed": seed, "conditions": asdict(conditions), "sensors": describe(sensors)}
     return Campaign(logs, DECIMALS, stated | truth)
 
 
-def _indications(sensors: tuple[_Sensor, ...], gravity: Array, temperature: Array) -> Array:
+def indications(sensors: tuple[_Sensor, ...], gravity: Array, temperature: Array) -> Array:
     """Noise-free indications [n, 3] of three sensors in gravity [n, 3] [g] at sensor temperatures
     [n] [°C].
     """
@@ -145,6 +144,16 @@ def _sensitive_axis(sensor: _Sensor, temperature: Array) -> Array:
     )
     vectors = np.array(sensor.axis) + turned
     return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True), dtype=np.float64)
+
+
+def draw_triad(rng: np.random.Generator) -> tuple[_Sensor, ...]:
+    """Draw three servo accelerometers, of x, y and z."""
+    return tuple(_sensor(rng, i) for i in range(3))
+
+
+def describe(sensors: tuple[_Sensor, ...]) -> dict[str, object]:
+    """Truth of a triad."""
+    return {f"accel_{a}": asdict(sensor) for a, sensor in zip(AXES, sensors, strict=True)}
 
 
 def _sensor(rng: np.random.Generator, index: int) -> _Sensor:
@@ -185,7 +194,7 @@ def _grid(
     )
     stood = angle + rng.normal(0.0, conditions.table_noise_deg, angle.shape)
     vector = attitude.gravity_vector(stood[:, 0], stood[:, 1])
-    indicated = _indications(sensors, vector, held) + rng.normal(
+    indicated = indications(sensors, vector, held) + rng.normal(
         0.0, conditions.noise_g, (len(angle), 3)
     )
     wild = np.sort(rng.choice(len(angle), conditions.wild, replace=False))
@@ -217,7 +226,7 @@ def _sweeps(
         angle = np.tile(np.array(spot), (time.size, 1))
         stood = angle[0] + rng.normal(0.0, conditions.table_noise_deg, 2)
         vector = attitude.gravity_vector(np.full(time.size, stood[0]), np.full(time.size, stood[1]))
-        indicated = _indications(sensors, vector, sensor) + rng.normal(
+        indicated = indications(sensors, vector, sensor) + rng.normal(
             0.0, conditions.noise_g, (time.size, 3)
         )
         shown = case + rng.normal(0.0, conditions.thermometer_noise_degc, time.size)

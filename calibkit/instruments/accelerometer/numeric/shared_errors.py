@@ -141,7 +141,7 @@ def list_effects(where: Circumstances, at: Residuals) -> tuple[Effect, ...]:
     found = [Effect("soak", "zero", where.soak[at.dwell], at.along(one))]
     repeated = 2 * (where.attitude.max() + 1) <= len(where.soak)
     if where.inclination is not None and where.toolface is not None and repeated:
-        up, across = _angle_slopes(where.inclination, where.toolface)
+        up, across = angle_slopes(where.inclination, where.toolface)
         index = np.stack([up, across], axis=2)
         found.append(Effect("attitude", "index", where.attitude[at.dwell], at.along(index)))
     return tuple(found)
@@ -160,7 +160,7 @@ def list_candidates(where: Circumstances, at: Residuals) -> tuple[Effect, ...]:
         tried.append((*DRIFT, every, np.eye(3) * hours[:, None, None]))
     if where.inclination is not None and where.toolface is not None:
         tilt, turn = where.inclination, where.toolface
-        up, across = _angle_slopes(tilt, turn)
+        up, across = angle_slopes(tilt, turn)
         around = across * np.sin(tilt)[:, None]
         eccentric = [up * f(tilt)[:, None] for f in (np.sin, np.cos)]
         eccentric += [around * f(turn)[:, None] for f in (np.sin, np.cos)]
@@ -176,7 +176,7 @@ def list_candidates(where: Circumstances, at: Residuals) -> tuple[Effect, ...]:
     )
 
 
-def _angle_slopes(inclination: Array, toolface: Array) -> tuple[Array, Array]:
+def angle_slopes(inclination: Array, toolface: Array) -> tuple[Array, Array]:
     """Unit vectors [n, 3] in which gravity moves with inclination, and at right angles to it."""
     sine, cosine = np.sin(toolface), np.cos(toolface)
     up = [-np.cos(inclination) * cosine, np.cos(inclination) * sine, -np.sin(inclination)]

@@ -1,0 +1,120 @@
+"""Predicted uncertainty of planned campaigns against the scatter of campaigns run by them.
+
+    python benchmarks/planned_campaigns.py accelerometer --campaigns 1000
+
+Each campaign draws a device whose model is exact, and every error that the plan assumes; it is
+fitted with the recipe of the plan. Printed are predicted over actual standard uncertainty (root
+mean square over the coefficients, each in units of its predicted u), its own standard error, and
+how often the interval of the fit covers the truth.
+"""
+
+import argparse
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calibkit import instruments, plans, recipe
+from calibkit.arrays import Array
+from calibkit.instruments.accelerometer import dwells as triad_dwells, simulate_plan
+from calibkit.instruments.accelerometer.fit import fit_triad
+from calibkit.instruments.accelerometer.numeric import affine_model
+from calibkit.numeric import gum
+from calibkit.planning import document
+from calibkit.recipe.tables import ErrorComponent
+
+
+def make_plan(procedure: str, **asked: Any) -> document.Plan:  # noqa: ANN401 (as Request)
+    """A plan that is written and read back."""
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "plan"
+        plans.plan(recipe.find(procedure), plans.Request(**asked), out)
+        return document.load_plan(out)
+
+
+def run_triad(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  # noqa: ANN401
+    """Errors of the coefficients of one campaign, their predicted and their fitted u, and the
+    coverage factors of the fit.
+    """
+    rng = np.random.default_rng(seed)
+    predicted = {one["name"]: one["standard_uncertainty"] for one in plan.document["coefficients"]}
+    entries = [affine_model.find_entry(name) for name in predicted]
+    typical = {"m": (3e-3, 1e-4, 1e-7, 1e-10), "b": (3e-3, 3e-5, 1e-8, 1e-10)}
+    truth = np.array([rng.normal(0.0, typical[one.kind][one.power]) for one in entries])
+    off = np.array([one.kind == "m" and one.factors != (one.row,) for one in entries])
+    first = np.array([one.power == 0 for one in entries])
+    truth[off & ~first] *= 1e-2
+    truth[
+        [one.kind == "m" and one.factors == (one.row,) and one.power == 0 for one in entries]
+    ] += 1
+
+    def indicate(gravity: Array, degc: Array) -> Array:
+        matrix, bias = affine_model.matrix_and_bias(entries, truth, degc)
+        return np.linalg.solve(matrix, gravity[:, :, None])[:, :, 0] + bias
+
+    held = plan.schedule.recorded("dwell")
+    held = [one for one in held if one.log == held[0].log]
+    spots = np.array([(one.inclination_deg, one.toolface_deg) for one in held])
+    rows, _ = simulate_plan.draw_rows(
+        *(rng, indicate, spots, np.array([one.set_degc for one in held])),
+        np.array([one.start_s for one in held]),
+        plan.document["settings"]["noise_g"],
+        [ErrorComponent.model_validate(one) for one in plan.document["components"]],
+    )
+    count = len(spots)
+    dwells = triad_dwells.DwellSet(
+        np.column_stack([rows[f"accel_{axis}_g"] for axis in "xyz"]),
+        rows["temp_case_degc"],
+        *spots.T,
+        np.full((count, 3), np.nan),
+        rows["time_s"],
+        np.zeros(count, dtype=np.int64),
+        tuple(map(str, range(count))),
+        (),
+    )
+    # the K-factor beside it takes as long again
+    spec = spec.model_copy(update={"k": spec.k.model_copy(update={"enabled": False})})
+    model = fit_triad(dwells, spec).affine
+    found = {one.name: one for one in model.coefficients}
+    error = np.array([found[name].value for name in predicted]) - truth
+    u = np.array([found[name].standard_uncertainty for name in predicted])
+    dof = [found[name].effective_dof or model.dof for name in predicted]
+    return error, np.array([*predicted.values()]), u, np.array(list(map(gum.coverage_factor, dof)))
+
+
+def judge(
+    plan: document.Plan,
+    campaigns: int,
+    run: Callable[..., tuple[Array, ...]] = run_triad,
+    first: int = 0,
+) -> tuple[float, float, float]:
+    """Predicted over actual u, its standard error, and the coverage of the fits."""
+    spec = instruments.parse_recipe(plan.source)
+    found = [run(plan, first + seed, spec) for seed in range(campaigns)]
+    error, predicted, u, factor = (np.array(part) for part in zip(*found, strict=True))
+    # campaigns are independent, the coefficients of one are not
+    square = np.mean((error / predicted) ** 2, axis=1)
+    actual = float(np.sqrt(square.mean()))
+    spread = float(square.std(ddof=1) / np.sqrt(campaigns) / (2.0 * square.mean()))
+    coverage = float(np.mean(np.abs(error) <= factor * u))
+    return 1.0 / actual, spread / actual, coverage
+
+
+def main() -> None:
+    """Print the figures of one procedure."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("procedure", choices=["accelerometer"])
+    parser.add_argument("--campaigns", type=int, default=1000)
+    asked = parser.parse_args()
+    plan = make_plan(asked.procedure, wishes=("inclination<=0.01 deg",), range_degc=(-40.0, 125.0))
+    ratio, spread, coverage = judge(plan, asked.campaigns)
+    print(
+        f"{asked.procedure}, {plan.document['plan']}: predicted / actual u {ratio:.3f} ±"
+        f" {spread:.3f}, coverage {coverage:.3f}, {asked.campaigns} campaigns"
+    )
+
+
+if __name__ == "__main__":
+    main()

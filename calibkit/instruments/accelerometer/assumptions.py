@@ -1,0 +1,180 @@
+"""What a plan assumes of a triad: noise, errors that dwells share, what is measured already."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.errors import UsageError
+from calibkit.instruments.accelerometer import dwells as triad_dwells, forms
+from calibkit.instruments.accelerometer.circumstances import SHARED_UNITS
+from calibkit.instruments.accelerometer.numeric import k_factor, planned, shared_errors
+from calibkit.instruments.accelerometer.numeric.affine_model import AffineTerms
+from calibkit.numeric.least_squares.components import Known
+from calibkit.planning import recipe_text
+from calibkit.recipe.tables import ErrorComponent
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from calibkit.coefficients import Record
+    from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
+    from calibkit.planning.equipment import Device
+    from calibkit.planning.proposal import Task
+
+_CORNERS = tuple((tilt, roll) for tilt in (54.7356, 125.2644) for roll in (45, 135, 225, 315))
+_FACES = ((0, 0), (180, 0), (90, 0), (90, 90), (90, 180), (90, 270))
+_EDGES = (
+    *((tilt, roll) for tilt in (45, 135) for roll in (0, 90, 180, 270)),
+    *((90, roll) for roll in (45, 135, 225, 315)),
+)
+USUAL = {
+    "6 faces, 9 temperatures": _FACES,
+    "12 edges, 9 temperatures": _EDGES,
+    "18 faces and edges, 9 temperatures": (*_FACES, *_EDGES),
+    "26 faces, edges and corners, 9 temperatures": (*_FACES, *_EDGES, *_CORNERS),
+}
+"""Usual sets of attitudes: directions to the faces, edges and corners of a cube."""
+
+
+@dataclass(frozen=True, slots=True)
+class Assumed:
+    """What a plan assumes."""
+
+    device: Device
+    fixture: str
+    range_degc: tuple[float, float]
+    noise_g: float
+    components: tuple[ErrorComponent, ...]
+    order: int
+    """Highest power of temperature of all models that the recipe fits."""
+    have: planned.Dwells | None
+    notes: tuple[str, ...]
+
+    @property
+    def sizes(self) -> planned.Sizes:
+        """Standard deviations of the shared errors in the units of the fit."""
+        return {
+            (one.group, one.effect): Known(
+                one.value_in(SHARED_UNITS[one.group, one.effect]), one.dof
+            )
+            for one in self.components
+        }
+
+    def noise_of(self, dwell_s: float) -> float:
+        """Standard deviation [g] of the mean of a dwell of a length [s]."""
+        return float(self.noise_g * np.sqrt(self.device.noise_s / dwell_s))
+
+
+def assume(spec: AccelerometerRecipe, task: Task) -> Assumed:
+    """Assumptions of a plan; UsageError for a recipe that is not planned."""
+    _require_planned(spec)
+    device = task.equipment.known_device(spec.procedure)
+    found = {(one.group, one.effect): one for one in device.component}
+    noise, notes = device.noise, []
+    if device.noise_unit != "g":
+        raise UsageError(
+            f"noise_unit = '{device.noise_unit}' of [device.{spec.procedure}], expected 'g'",
+            hint="state the noise of a dwell in g",
+        )
+    if task.earlier is not None:
+        noise, earlier = _read_run(task.earlier)
+        found |= earlier
+        notes.append(f"noise {1e6 * noise:.3g} µg and {len(earlier)} shared errors of that run")
+    found |= {(one.group, one.effect): one for one in spec.errors.component}
+    unknown = [name for name in found if name not in SHARED_UNITS]
+    if unknown:
+        group, effect = unknown[0]
+        raise UsageError(
+            f"[device.{spec.procedure}] component '{effect}' of group '{group}' is no error of a"
+            " triad",
+            hint=f"there are {', '.join(f'{one} of {other}' for other, one in SHARED_UNITS)}",
+        )
+    low, high = task.range_degc or (-20.0, 125.0)
+    if task.range_degc is None:
+        notes.append(f"no --range: planned for {low:g} to {high:g} °C")
+    fixtures = task.equipment.attitudes
+    fixture = task.attitudes if task.attitudes in fixtures else "file"
+    components = tuple(found.values())
+    return Assumed(
+        *(device, fixture, (low, high), noise, components),
+        order=_highest_order(spec),
+        have=_measured(spec, task, noise),
+        notes=tuple(notes),
+    )
+
+
+def _require_planned(spec: AccelerometerRecipe) -> None:
+    """Raise UsageError for a recipe that is not planned."""
+    nuisance = spec.affine.tilt or spec.affine.fixture
+    if spec.reference.kind != "attitude" or spec.compensation == "kq" or nuisance:
+        raise UsageError(
+            "a plan of a triad is one of its K-factor or its affine model against known attitudes",
+            hint='use reference.kind = "attitude", compensation = "k" or "affine", and neither'
+            " affine.tilt nor affine.fixture",
+        )
+
+
+def _highest_order(spec: AccelerometerRecipe) -> int:
+    """Highest power of temperature of the models that a recipe fits."""
+    k = [order for axis in spec.k.axes for order in (axis.scale_order, axis.zero_order)]
+    triad = spec.affine
+    own = [triad.scale_order, triad.cross_order, triad.bias_order]
+    return max([*(k if spec.k.enabled else ()), *(own if triad.enabled else ())])
+
+
+def planned_model(spec: AccelerometerRecipe, assumed: Assumed) -> planned.Model:
+    """Model that the recipe compensates with."""
+    if spec.compensation == "k":
+        terms = [k_factor.KTerms(a.scale_order, a.zero_order, a.cross) for a in spec.k.axes]
+        named = [(name, forms.K_UNITS) for name in forms.K_MODELS]
+        fitted = [part.fitted for part in terms]
+        return planned.k_model(fitted, named, assumed.range_degc, assumed.sizes)
+    entries = AffineTerms(**spec.affine.model_dump(exclude={"enabled"})).list_entries(
+        triangular=False
+    )
+    own = {shared_errors.SECOND_ORDER} if spec.affine.second_order else set()
+    sizes = {key: size for key, size in assumed.sizes.items() if key not in own}
+    units = [forms.affine_unit(one.name) for one in entries]
+    return planned.affine_triad(entries, units, assumed.range_degc, sizes)
+
+
+def _read_run(
+    records: Mapping[str, Record],
+) -> tuple[float, dict[tuple[str, str], ErrorComponent]]:
+    """Noise [g] of a dwell and shared errors of a run; UsageError for one of no triad."""
+    models = [model for record in records.values() for model in record.models]
+    own = [model for model in models if model.form in (forms.K.name, forms.AFFINE.name)]
+    if not own:
+        raise UsageError(
+            "that run has neither K-factor nor affine model", hint="name a run of such a triad"
+        )
+    noise = float(np.sqrt(np.mean([model.residual_rms**2 for model in own])))
+    found = {
+        (one.group, one.effect): ErrorComponent(
+            group=one.group, effect=one.effect, value=one.value, unit=one.unit, dof=20.0
+        )
+        for one in own[0].components
+        if one.value > one.standard_uncertainty
+    }
+    return noise, found
+
+
+def _measured(spec: AccelerometerRecipe, task: Task, noise: float) -> planned.Dwells | None:
+    """Dwells that are measured already."""
+    if not task.have:
+        return None
+    found = triad_dwells.collect_dwells(task.have, spec)
+    soak = shared_errors.number_soaks(found.temperature, found.log)
+    timed = bool(np.isfinite(found.time).all())
+    hours = found.time / 3600.0 if timed else np.zeros(len(soak))
+    spots = np.column_stack([found.inclination, found.toolface])
+    return planned.Dwells(spots, found.temperature, soak, hours, noise)
+
+
+def write_recipe(spec: AccelerometerRecipe, assumed: Assumed, log: str) -> str:
+    """Recipe of the planned campaign."""
+    changes = {"dwells": {"mode": "rows"}}
+    return recipe_text.write_recipe(spec, [log], assumed.components, changes)

@@ -1,0 +1,1 @@
+"""Which campaign to run: equipment, schedules, proposals and their files; knows no instrument."""

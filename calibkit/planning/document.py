@@ -1,0 +1,139 @@
+"""plan.json and the files beside it: written together, read back only as they were written."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+from calibkit import sealed
+from calibkit.errors import CoefficientError, UsageError
+from calibkit.planning.proposal import COVERAGE, Candidate, Predicted, Proposal, Task, Wish
+from calibkit.planning.schedule import Schedule, read_schedule
+from calibkit.recipe import Source
+from calibkit.version import SOFTWARE
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+FORMAT = "calibkit-plan/1"
+PLAN, SCHEDULE, RECIPE, PAGE = "plan.json", "schedule.csv", "recipe.toml", "plan.html"
+THIRD = 4.0 / 3.0
+WORTH = 0.99
+"""Uncertainty, relative to that of the plan, from which on more hours buy something."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A plan that was read back."""
+
+    document: Mapping[str, Any]
+    schedule: Schedule
+    source: Source
+    """Its recipe."""
+
+
+def third_more(proposal: Proposal, name: str) -> Candidate | None:
+    """The campaign that a third more hours would allow; None where they allow no better one."""
+    hours = proposal.schedule.hours * THIRD
+    inside = [one for one in proposal.curve if one.hours <= hours]
+    own = next(one.largest_u for one in proposal.results if one.name == name)
+    better = [one for one in inside if one.largest_u[name] < WORTH * own]
+    return min(better, key=lambda one: one.largest_u[name], default=None)
+
+
+def plan_document(
+    proposal: Proposal,
+    wishes: Sequence[Wish],
+    task: Task,
+    source: Source,
+    procedure: str,
+    files: Mapping[str, bytes],
+) -> str:
+    """Sealed text of plan.json."""
+    wanted = {wish.name: wish.value for wish in wishes}
+    name = wishes[0].name if wishes else proposal.results[0].name
+    more = third_more(proposal, name)
+    return sealed.seal(
+        {
+            "format": FORMAT,
+            "software": SOFTWARE,
+            "procedure": procedure,
+            "plan": proposal.label,
+            "recipe": {"name": source.name, "sha256": source.sha256},
+            "equipment": task.equipment.name,
+            "attitudes": task.attitudes,
+            "remountings": task.remountings,
+            "seed": task.seed,
+            "restarts": task.restarts,
+            "hours": proposal.schedule.hours,
+            "within_h": task.within_h,
+            "operator_h": proposal.schedule.operator_h,
+            "coverage_factor": COVERAGE,
+            "results": [_result(one, wanted.get(one.name)) for one in proposal.results],
+            "coefficients": [asdict(one) for one in proposal.coefficients],
+            "noise": {"value": proposal.noise, "unit": proposal.noise_unit},
+            "components": [one.model_dump(mode="json") for one in proposal.components],
+            "third_more": None if more is None else _campaign(more),
+            "curve": [_campaign(one) for one in proposal.curve],
+            "usual": [_campaign(one) for one in proposal.usual],
+            "notes": list(proposal.notes),
+            "settings": dict(proposal.settings),
+            "files": [
+                {"name": key, "sha256": hashlib.sha256(content).hexdigest()}
+                for key, content in files.items()
+            ],
+        }
+    )
+
+
+def _result(one: Predicted, wanted: float | None) -> dict[str, Any]:
+    """A result as JSON."""
+    return {
+        "name": one.name,
+        "unit": one.unit,
+        "standard_uncertainty_rms": one.u,
+        "standard_uncertainty_max": one.largest_u,
+        "expanded_uncertainty": one.expanded,
+        "wanted": wanted,
+        "met": None if wanted is None else one.expanded <= wanted,
+        "limits": [{"source": key, "share": share} for key, share in one.limits.items()],
+    }
+
+
+def _campaign(one: Candidate) -> dict[str, Any]:
+    """A campaign as JSON."""
+    return {
+        "name": one.label,
+        "hours": one.hours,
+        "expanded_uncertainty": {key: COVERAGE * u for key, u in one.largest_u.items()},
+    }
+
+
+def load_plan(folder: Path) -> Plan:
+    """Plan of a folder; CoefficientError where a file is not as it was written."""
+    if not (folder / PLAN).is_file():
+        raise UsageError(
+            f"{folder}: holds no {PLAN}", hint="name the folder that calibkit plan wrote"
+        )
+    document = sealed.unseal(_read(folder / PLAN), str(folder / PLAN), (FORMAT,))
+    for entry in document["files"]:
+        path = folder / entry["name"]
+        if hashlib.sha256(_read(path).encode()).hexdigest() != entry["sha256"]:
+            raise CoefficientError(
+                f"{path}: is not the file that belongs to {PLAN}",
+                hint="it was changed after it was written; plan again, or restore it",
+            )
+    schedule = read_schedule(_read(folder / SCHEDULE), str(folder / SCHEDULE))
+    return Plan(document, schedule, Source(RECIPE, _read(folder / RECIPE)))
+
+
+def _read(path: Path) -> str:
+    """Text of a file of a plan, or CoefficientError."""
+    try:
+        return path.read_bytes().decode("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise CoefficientError(
+            f"{path}: cannot be read: {error}", hint="restore the folder of the plan"
+        ) from None

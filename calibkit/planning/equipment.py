@@ -1,0 +1,123 @@
+"""What a campaign is planned with: chamber, fixture, table, operator, and what is known of a
+device.
+"""
+
+from __future__ import annotations
+
+import math
+from importlib import resources
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from calibkit.errors import UsageError
+from calibkit.recipe import Source
+from calibkit.recipe.tables import ErrorComponent, NonNegative, Positive, Table
+
+SAMPLE = "bench.toml"
+"""The sample bench, which is assumed where no equipment file is given."""
+
+Many = Field(min_length=1, strict=False)
+
+
+class Chamber(Table):
+    """A temperature chamber."""
+
+    low_degc: Annotated[float, Field(ge=-273.15)]
+    high_degc: float
+    fastest_degc_per_min: Positive
+    room_degc: float = 25.0
+    settled_degc: Positive = 0.3
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if not self.low_degc <= self.room_degc <= self.high_degc:
+            raise ValueError("expected low_degc <= room_degc <= high_degc")
+        return self
+
+
+class Operator(Table):
+    """Hours of the day in which a person is there."""
+
+    from_h: Annotated[float, Field(ge=0.0, lt=24.0)] = 8.0
+    to_h: Annotated[float, Field(gt=0.0, le=24.0)] = 17.0
+    remount_h: NonNegative = 0.5
+
+    @model_validator(mode="after")
+    def _a_day(self) -> Self:
+        if self.to_h - self.from_h < max(self.remount_h, 0.5):
+            raise ValueError("the hours from from_h to to_h are too few for one remounting")
+        return self
+
+
+class Fixture(Table):
+    """A way to bring a device into attitudes."""
+
+    move_s: NonNegative
+    attended: bool = False
+    step_deg: Annotated[int, Field(ge=1, le=90)] = 30
+
+
+class Device(Table):
+    """What is known of a type of device before it is measured."""
+
+    lags_s: Annotated[tuple[Positive, ...], Many]
+    fastest_degc_per_min: Positive
+    noise: Positive
+    noise_unit: str
+    noise_s: Positive = 60.0
+    dwell_s: Annotated[tuple[Positive, ...], Many] = (60.0,)
+    component: Annotated[tuple[ErrorComponent, ...], Field(strict=False)] = ()
+
+
+class Equipment(Table):
+    """A laboratory as a plan needs it."""
+
+    name: str = ""
+    chamber: Chamber
+    operator: Operator = Operator()
+    attitudes: dict[Literal["two-axis", "dividing-head", "faces", "file"], Fixture]
+    device: dict[str, Device]
+
+    def known_device(self, procedure: str) -> Device:
+        """What is known of the devices of a procedure; UsageError where nothing is."""
+        if procedure not in self.device:
+            raise UsageError(
+                f"the equipment file has no [device.{procedure}]",
+                hint="copy it from calibkit plan --print-equipment and state your own values",
+            )
+        return self.device[procedure]
+
+    def fixture(self, name: str) -> Fixture:
+        """A fixture of the laboratory by its name; UsageError where it has none."""
+        for key, found in self.attitudes.items():
+            if key == name:
+                return found
+        raise UsageError(
+            f"the equipment file has no [attitudes.{name}]",
+            hint=f"it has {', '.join(self.attitudes)}",
+        )
+
+    def fastest(self, device: Device) -> float:
+        """Fastest ramp [°C/min] that the chamber makes and the device may see."""
+        return min(self.chamber.fastest_degc_per_min, device.fastest_degc_per_min)
+
+    def soak_s(self, device: Device, change_degc: float, rate: float) -> float:
+        """Length [s] of a soak after a ramp at a rate [°C/min], in whole minutes: until the device
+        with its longest lag is as near to the final temperature as the chamber table states.
+        """
+        lag = max(device.lags_s)
+        ramp_s = abs(change_degc) / rate * 60.0
+        behind = rate / 60.0 * lag * -math.expm1(-ramp_s / lag)
+        wait = lag * math.log(max(behind / self.chamber.settled_degc, 1.0))
+        return 60.0 * math.ceil(wait / 60.0)
+
+
+def sample_text() -> str:
+    """Text of the sample bench."""
+    return resources.files("calibkit.planning").joinpath(SAMPLE).read_text(encoding="utf-8")
+
+
+def read_equipment(source: Source | None) -> Equipment:
+    """Equipment of a file, of the sample bench without one; RecipeError with every fault."""
+    return (source or Source(SAMPLE, sample_text())).table(Equipment)

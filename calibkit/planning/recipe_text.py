@@ -1,0 +1,73 @@
+"""The recipe by which the logs of a planned campaign are fitted."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from calibkit.recipe import Recipe
+    from calibkit.recipe.tables import ErrorComponent
+
+_OF_OTHER_LOGS = ("exclude", "segment", "correction", "serial")
+"""Tables and keys of a recipe that belong to the logs it was written for."""
+
+
+def write_recipe(
+    spec: Recipe,
+    files: Sequence[str],
+    components: Sequence[ErrorComponent],
+    changes: Mapping[str, Any],
+) -> str:
+    """Text of a recipe for the logs of a plan, with the errors that were assumed; `changes` are
+    keys and tables with other values.
+    """
+    stated = spec.model_dump(mode="json", by_alias=True, exclude_unset=True)
+    tables = {name: value for name, value in stated.items() if name not in _OF_OTHER_LOGS}
+    tables["logs"] = {**tables["logs"], "files": list(files)}
+    if components:
+        own = [one.model_dump(mode="json") for one in components]
+        tables["errors"] = {**tables.get("errors", {}), "component": own}
+    for name, value in changes.items():
+        tables[name] = {**tables.get(name, {}), **value} if isinstance(value, dict) else value
+    head = "# Written by calibkit plan: the recipe of the plan, with the errors that it assumes.\n"
+    return head + "\n".join(_lines(tables)) + "\n"
+
+
+def _lines(tables: Mapping[str, Any], path: str = "") -> Iterator[str]:
+    """Lines of TOML: keys first, then tables, then arrays of tables."""
+    for name, value in tables.items():
+        if not _is_table(value) and not _is_array_of_tables(value):
+            yield f"{_key(name)} = {_value(value)}"
+    for name, value in tables.items():
+        full = f"{path}{_key(name)}"
+        if _is_table(value):
+            yield f"\n[{full}]"
+            yield from _lines(value, f"{full}.")
+        elif _is_array_of_tables(value):
+            for one in value:
+                yield f"\n[[{full}]]"
+                yield from _lines(one, f"{full}.")
+
+
+def _is_table(value: object) -> bool:
+    return isinstance(value, dict)
+
+
+def _is_array_of_tables(value: object) -> bool:
+    return isinstance(value, list) and bool(value) and all(map(_is_table, value))
+
+
+def _key(name: str) -> str:
+    """A key, in quotes where it needs them."""
+    bare = name.replace("_", "").replace("-", "").isalnum() and name.isascii()
+    return name if bare else json.dumps(name, ensure_ascii=False)
+
+
+def _value(value: object) -> str:
+    """A value on one line."""
+    if isinstance(value, list):
+        return f"[{', '.join(map(_value, value))}]"
+    return json.dumps(value, ensure_ascii=False)

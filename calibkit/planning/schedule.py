@@ -1,0 +1,163 @@
+"""The actions of a campaign in time: ramps, soaks, dwells, rates, remountings."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from dataclasses import astuple, dataclass, fields
+from typing import TYPE_CHECKING, Any, Literal
+
+from calibkit.errors import CoefficientError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from calibkit.planning.equipment import Equipment
+
+Kind = Literal["ramp", "soak", "dwell", "rate", "remount", "wait"]
+_HOUR, _DAY = 3600.0, 86400.0
+_NONE = float("nan")
+
+
+@dataclass(frozen=True, slots=True)
+class Action:
+    """One row of a schedule; NaN where a quantity has no part in the action."""
+
+    start_s: float
+    action: Kind
+    set_degc: float
+    """Set point of the chamber at the end of the action."""
+    ramp_degc_per_min: float = _NONE
+    inclination_deg: float = _NONE
+    toolface_deg: float = _NONE
+    table_rate_dps: float = _NONE
+    duration_s: float = 0.0
+    log: str = ""
+    """Log that the action is recorded in; empty where nothing is."""
+
+    @property
+    def end_s(self) -> float:
+        """End of the action."""
+        return self.start_s + self.duration_s
+
+
+@dataclass(frozen=True, slots=True)
+class Schedule:
+    """Actions in their order."""
+
+    actions: tuple[Action, ...]
+    operator_h: float = 0.0
+    """Hours in which a person is needed."""
+
+    @property
+    def hours(self) -> float:
+        """Length of the campaign."""
+        return self.actions[-1].end_s / _HOUR if self.actions else 0.0
+
+    def recorded(self, kind: Kind) -> tuple[Action, ...]:
+        """Actions of a kind that a log records."""
+        return tuple(one for one in self.actions if one.action == kind and one.log)
+
+    def to_csv(self) -> bytes:
+        """One action per row; an empty field where a quantity has no part in it."""
+        buffer = io.StringIO()
+        writer = csv.writer(buffer, lineterminator="\n")
+        writer.writerow([field.name for field in fields(Action)])
+        for one in self.actions:
+            writer.writerow([_text(value) for value in astuple(one)])
+        return buffer.getvalue().encode()
+
+
+def _text(value: float | str) -> str:
+    """A value as the CSV holds it."""
+    if isinstance(value, str):
+        return value
+    return "" if math.isnan(value) else f"{value:.10g}"
+
+
+def read_schedule(text: str, name: str) -> Schedule:
+    """Schedule of a CSV text; CoefficientError for one that calibkit did not write."""
+    names = [field.name for field in fields(Action)]
+    rows = list(csv.reader(io.StringIO(text)))
+    if not rows or rows[0] != names:
+        raise CoefficientError(
+            f"{name}: not a schedule: its first line is not {','.join(names)}",
+            hint="restore the file that calibkit plan wrote",
+        )
+    actions = []
+    for number, row in enumerate(rows[1:], start=2):
+        try:
+            numbers = [float(cell) if cell else _NONE for cell in (row[0], *row[2:8])]
+            start, degc, ramp, tilt, roll, rate, duration = numbers
+            kind: Any = row[1]
+            actions.append(Action(start, kind, degc, ramp, tilt, roll, rate, duration, row[8]))
+        except (ValueError, IndexError):
+            raise CoefficientError(
+                f"{name}:{number}: not an action of a schedule",
+                hint="restore the file that calibkit plan wrote",
+            ) from None
+    return Schedule(tuple(actions))
+
+
+class Clock:
+    """Builds a schedule action by action, from the first working hour of a day at room
+    temperature.
+    """
+
+    def __init__(self, equipment: Equipment) -> None:
+        self.equipment = equipment
+        self.now_s = 0.0
+        self.degc = equipment.chamber.room_degc
+        self._operator_s = 0.0
+        self._actions: list[Action] = []
+
+    def _add(self, kind: Kind, duration_s: float, log: str = "", **quantities: float) -> None:
+        if duration_s > 0.0:
+            made = Action(self.now_s, kind, self.degc, duration_s=duration_s, log=log, **quantities)
+            self._actions.append(made)
+            self.now_s += duration_s
+
+    def attend(self, duration_s: float) -> None:
+        """Wait until a person is there for an action of a length [s], and count it."""
+        person = self.equipment.operator
+        day = (person.to_h - person.from_h) * _HOUR
+        within = self.now_s % _DAY
+        if within + duration_s > day:
+            self._add("wait", _DAY - within)
+        self._operator_s += duration_s
+
+    def ramp(self, degc: float, rate: float, log: str = "") -> None:
+        """Ramp to a temperature [°C] at an unsigned rate [°C/min]."""
+        change = degc - self.degc
+        self.degc = degc
+        signed = math.copysign(rate, change)
+        self._add("ramp", abs(change) / rate * 60.0, log, ramp_degc_per_min=signed)
+
+    def soak(self, duration_s: float, log: str = "") -> None:
+        """Hold the temperature."""
+        self._add("soak", duration_s, log)
+
+    def dwell(self, spot: Sequence[float], duration_s: float, log: str) -> None:
+        """Hold an attitude: inclination and toolface [°]."""
+        tilt, roll = spot
+        self._add("dwell", duration_s, log, inclination_deg=tilt, toolface_deg=roll)
+
+    def rate(self, rate_dps: float, duration_s: float, log: str) -> None:
+        """Hold a rate of the table [°/s]."""
+        self._add("rate", duration_s, log, table_rate_dps=rate_dps)
+
+    def move(self, duration_s: float) -> None:
+        """Time that passes between two actions, for moves that no log records."""
+        self.now_s += duration_s
+
+    def remount(self, rate: float) -> None:
+        """Go to room temperature at a rate [°C/min] and mount the device anew."""
+        self.ramp(self.equipment.chamber.room_degc, rate)
+        needed = self.equipment.operator.remount_h * _HOUR
+        self.attend(needed)
+        self._add("remount", needed)
+
+    def schedule(self) -> Schedule:
+        """What was built."""
+        return Schedule(tuple(self._actions), self._operator_s / _HOUR)

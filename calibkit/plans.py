@@ -1,0 +1,165 @@
+"""`calibkit plan`: a recipe and wishes → the campaign to run, its recipe and its page."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from calibkit import instruments, new_files, recipe, store
+from calibkit.errors import UsageError
+from calibkit.ingest import logs as ingest
+from calibkit.planning import document, equipment, page, screen
+from calibkit.planning.proposal import Planner, Proposal, Task
+
+if TYPE_CHECKING:
+    from calibkit.instruments import Progress
+    from calibkit.report.summary import Summary
+    from calibkit.simulate.campaign import Campaign
+
+PRINTED = ("plan", "hours", "operator_h", "results", "third_more", "notes")
+"""What --json prints of plan.json."""
+NAMED = ("faces", "dividing-head", "two-axis")
+"""Fixtures that `--attitudes` names; anything else is a file."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Planned:
+    """A plan that was written."""
+
+    proposal: Proposal
+    summary: Summary
+    files: tuple[Path, ...]
+    document: dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """What a plan is asked for, as the command line states it."""
+
+    wishes: tuple[str, ...] = ()
+    within_h: float | None = None
+    range_degc: tuple[float, float] | None = None
+    equipment: Path | None = None
+    attitudes: str = "two-axis"
+    remountings: int = 0
+    seed: int = 1
+    restarts: int = 3
+    earlier: str = ""
+    runs: Path | None = None
+    have: Path | None = None
+
+
+def plan(
+    source: recipe.Source,
+    request: Request,
+    out: Path,
+    progress: Progress = instruments.silent,
+    *,
+    dry_run: bool = False,
+) -> _Planned:
+    """Plan a campaign and write schedule.csv, plan.json, recipe.toml and plan.html.
+
+    Raises UsageError for what cannot be planned.
+    """
+    spec = instruments.parse_recipe(source)
+    planner = _planner(spec.procedure)
+    paths = [document.PLAN, document.SCHEDULE, document.RECIPE, document.PAGE]
+    for name in paths:
+        new_files.refuse_existing(out / name)
+    task = _task(spec, request, progress)
+    proposal, wishes = planner.propose(spec, task)
+    summary = screen.summarize(proposal, wishes, spec.title or spec.procedure)
+    beside = {
+        document.SCHEDULE: proposal.schedule.to_csv(),
+        document.RECIPE: proposal.recipe.encode(),
+    }
+    text = document.plan_document(proposal, wishes, task, source, spec.procedure, beside)
+    shown = page.make_page(summary.title, summary.last_line, proposal, wishes)
+    files = {document.PLAN: text.encode(), **beside, document.PAGE: shown}
+    # the recipe that is handed out must be one
+    instruments.parse_recipe(recipe.Source(document.RECIPE, proposal.recipe))
+    new_files.write_all({out / name: files[name] for name in paths}, dry_run=dry_run)
+    printed = {key: value for key, value in json.loads(text).items() if key in PRINTED}
+    return _Planned(proposal, summary, tuple(out / name for name in paths), printed)
+
+
+def _planner(procedure: str) -> Planner:
+    """Planner of a procedure; UsageError where it is not planned."""
+    found = instruments.find(procedure).planner
+    if found is None:
+        able = [name for name, one in instruments.list_usable().items() if one.planner is not None]
+        raise UsageError(
+            f"campaigns of '{procedure}' are not planned", hint=f"there are {', '.join(able)}"
+        )
+    return found()
+
+
+def _task(spec: recipe.Recipe, request: Request, progress: Progress) -> Task:
+    """Task of a planner, with everything that has to be read for it."""
+    found = None if request.equipment is None else recipe.find(str(request.equipment))
+    spots = () if request.attitudes in NAMED else _read_spots(request.attitudes)
+    earlier = None
+    if request.earlier and request.runs is not None:
+        earlier = store.load(store.find(request.earlier, request.runs)).records
+    have: tuple[Any, ...] = ()
+    if request.have is not None:
+        read = instruments.find(spec.procedure).read
+        names = ingest.find_logs(spec, request.have)
+        have = tuple(read(spec, request.have, name) for name in names)
+    return Task(
+        equipment.read_equipment(found),
+        request.wishes,
+        request.within_h,
+        request.range_degc,
+        request.attitudes if not spots else "file",
+        spots,
+        request.remountings,
+        request.seed,
+        request.restarts,
+        earlier,
+        have,
+        progress,
+    )
+
+
+def _read_spots(name: str) -> tuple[tuple[float, float], ...]:
+    """Inclination and toolface [°] of the attitudes of a CSV file; UsageError for another file."""
+    try:
+        text = Path(name).read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise UsageError(
+            f"--attitudes {name}: neither {', '.join(NAMED)} nor a file that can be read: {error}",
+            hint="a file has the columns inclination_deg,toolface_deg",
+        ) from None
+    rows = list(csv.DictReader(io.StringIO(text)))
+    try:
+        found = tuple((float(row["inclination_deg"]), float(row["toolface_deg"])) for row in rows)
+    except (KeyError, TypeError, ValueError):
+        found = ()
+    if not found or not all(0.0 <= tilt <= 180.0 and abs(roll) <= 360.0 for tilt, roll in found):
+        raise UsageError(
+            f"--attitudes {name}: expected the columns inclination_deg (0 to 180) and toolface_deg"
+            " (−360 to 360), one attitude per line",
+            hint="write one line per attitude that the fixture has",
+        )
+    return found
+
+
+def simulate(folder: Path, out: Path, seed: int, *, dry_run: bool = False) -> list[str]:
+    """Write the logs of a campaign that was run by a plan, and its truth; returns the names of the
+    files.
+    """
+    files = simulated(folder, seed).files()
+    new_files.write_all({out / name: content for name, content in files.items()}, dry_run=dry_run)
+    return sorted(files)
+
+
+def simulated(folder: Path, seed: int) -> Campaign:
+    """Campaign that was run by the plan of a folder."""
+    found = document.load_plan(folder)
+    spec = instruments.parse_recipe(found.source)
+    return _planner(spec.procedure).simulate(spec, found.schedule, found.document, seed)
