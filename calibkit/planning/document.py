@@ -52,9 +52,6 @@ def plan_document(
     files: Mapping[str, bytes],
 ) -> str:
     """Sealed text of plan.json."""
-    wanted = {wish.name: wish.value for wish in wishes}
-    name = wishes[0].name if wishes else proposal.results[0].name
-    more = third_more(proposal, name)
     return sealed.seal(
         {
             "format": FORMAT,
@@ -67,18 +64,8 @@ def plan_document(
             "remountings": task.remountings,
             "seed": task.seed,
             "restarts": task.restarts,
-            "hours": proposal.schedule.hours,
             "within_h": task.within_h,
-            "operator_h": proposal.schedule.operator_h,
-            "coverage_factor": COVERAGE,
-            "results": [_result(one, wanted.get(one.name)) for one in proposal.results],
-            "coefficients": [asdict(one) for one in proposal.coefficients],
-            "noise": {"value": proposal.noise, "unit": proposal.noise_unit},
-            "components": [one.model_dump(mode="json") for one in proposal.components],
-            "third_more": None if more is None else _campaign(more),
-            "curve": [_campaign(one) for one in proposal.curve],
-            "usual": [_campaign(one) for one in proposal.usual],
-            "notes": list(proposal.notes),
+            **_predictions(proposal, wishes),
             "settings": dict(proposal.settings),
             "files": [
                 {"name": key, "sha256": hashlib.sha256(content).hexdigest()}
@@ -86,6 +73,25 @@ def plan_document(
             ],
         }
     )
+
+
+def _predictions(proposal: Proposal, wishes: Sequence[Wish]) -> dict[str, Any]:
+    """What the campaign will take and give, and what others would."""
+    wanted = {wish.name: wish.value for wish in wishes}
+    more = third_more(proposal, wishes[0].name if wishes else proposal.results[0].name)
+    return {
+        "hours": proposal.schedule.hours,
+        "operator_h": proposal.schedule.operator_h,
+        "coverage_factor": COVERAGE,
+        "results": [_result(one, wanted.get(one.name)) for one in proposal.results],
+        "coefficients": [asdict(one) for one in proposal.coefficients],
+        "noise": {"value": proposal.noise, "unit": proposal.noise_unit},
+        "components": [one.model_dump(mode="json") for one in proposal.components],
+        "third_more": None if more is None else _campaign(more),
+        "curve": [_campaign(one) for one in proposal.curve],
+        "usual": [_campaign(one) for one in proposal.usual],
+        "notes": list(proposal.notes),
+    }
 
 
 def _result(one: Predicted, wanted: float | None) -> dict[str, Any]:

@@ -74,7 +74,7 @@ def _describe_more(proposal: Proposal, first: Predicted) -> str:
 def _tabulate(proposal: Proposal, wishes: Sequence[Wish]) -> Table:
     """Predicted uncertainty of each result beside the wanted one."""
     numbers = (Column(head, ".3g") for head in ("u, rms", "U, largest", "wanted U"))
-    columns = ("result", *numbers, "unit")
+    columns: tuple[Column | str, ...] = ("result", *numbers, "unit")
     wanted = {wish.name: wish.value for wish in wishes}
     rows = tuple(
         (one.name, one.u, one.expanded, wanted.get(one.name), one.unit) for one in proposal.results

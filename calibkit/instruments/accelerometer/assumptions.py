@@ -122,7 +122,7 @@ def _highest_order(spec: AccelerometerRecipe) -> int:
     k = [order for axis in spec.k.axes for order in (axis.scale_order, axis.zero_order)]
     triad = spec.affine
     own = [triad.scale_order, triad.cross_order, triad.bias_order]
-    return max([*(k if spec.k.enabled else ()), *(own if triad.enabled else ())])
+    return int(max([*(k if spec.k.enabled else ()), *(own if triad.enabled else ())]))
 
 
 def planned_model(spec: AccelerometerRecipe, assumed: Assumed) -> planned.Model:
