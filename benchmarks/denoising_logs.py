@@ -141,6 +141,7 @@ def main() -> int:
     found = {}
     for name, (act, settings) in SETTINGS.items():
         chosen, label = act, name
+        judged(partial(act, **_of(act, settings[0])) if settings else act, CHOSEN_ON)  # warm
         if settings:
             best = min(
                 settings, key=lambda one: judged(partial(act, **_of(act, one)), CHOSEN_ON)[0][0]
@@ -152,7 +153,7 @@ def main() -> int:
     print("| method (setting chosen on other gyros) | error | at the ends | time / PyWavelets |")
     print("|---|---|---|---|")
     for label, (error, ends), taken in found.values():
-        print(f"| {label} | {error:.4f} | {ends:.4f} | {taken / reference:.1f} |")
+        print(f"| {label} | {error:.4f} | {ends:.4f} | {taken / reference:.2f} |")
     own = found[DEFAULT][1][0]
     others = [error[0] for name, (_, error, _) in found.items() if name != DEFAULT]
     return int(own > min(others) or own > 0.85 * found[SEGMENTS][1][0])

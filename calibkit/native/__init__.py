@@ -11,9 +11,12 @@ from ctypes import CDLL
 from functools import cache
 from pathlib import Path
 
+import numpy as np
+
 from calibkit.arrays import Array
 
 FOLDER = Path(__file__).parent
+DOUBLE = np.dtype(np.float64)
 
 
 def kernels() -> CDLL | None:
@@ -25,9 +28,11 @@ def kernels_for(*arrays: Array) -> CDLL | None:
     """The compiled kernels; None where they were not built, or where an array is not of adjacent
     doubles of this machine.
     """
-    flags = [array.flags for array in arrays if array.dtype == "float64"]
-    adjacent = all(flag.c_contiguous and flag.aligned for flag in flags)
-    return kernels() if adjacent and len(flags) == len(arrays) else None
+    for array in arrays:
+        flags = array.flags
+        if array.dtype != DOUBLE or not (flags.c_contiguous and flags.aligned):
+            return None
+    return kernels()
 
 
 def state() -> str:
@@ -74,6 +79,7 @@ def _declare(library: CDLL) -> None:
         "lengths": (None, (at, at, at, whole, real, at, at, at)),
         "analysed_levels": (None, (at, at, at, whole, at)),
         "synthesised_levels": (None, (at, at, at, whole, whole, at, at)),
+        "denoised": (whole, (at,) * 9),
         "medians": (whole, (at, at, whole, at, at)),
         "bracketed": (whole, (at, whole, real, real, real, at, whole, at)),
         "components": (None, (at, whole, at, at)),

@@ -21,6 +21,12 @@
 
 #include "doubles.h"
 
+#if defined(__clang__)
+#define PREFERRED ""
+#else
+#define PREFERRED ",prefer-vector-width=512"    /* gcc halves registers by itself */
+#endif
+
 enum { PAIRS = 1024 };   /* of a block: two channels of them are 16 KiB */
 enum { WIDEST = 256 };   /* reach of the steps beyond a block; calibkit/numeric/wavelet/level.py asks for no more */
 enum { MOVES = 8 };      /* where in a plan the moves begin */
@@ -243,23 +249,29 @@ static void synthesise_plainly(level_t *level, const double *const coefficients[
 
 #if WIDE
 /* The same for processors with wider registers: without fused products, so that the numbers are the same. */
-__attribute__((target("avx2"))) static void
-analyse_widely(level_t *level, const double *samples, int64_t first, int64_t low, int64_t high, double *const out[2],
-               const int64_t origin[2], const int64_t size[2])
-{
-    analyse(level, samples, first, low, high, out, origin, size);
-}
+#define VARIANT(name, registers) \
+    __attribute__((target(registers))) static void \
+    analyse_##name(level_t *level, const double *samples, int64_t first, int64_t low, int64_t high, double *const out[2], \
+                   const int64_t origin[2], const int64_t size[2]) \
+    { \
+        analyse(level, samples, first, low, high, out, origin, size); \
+    } \
+    __attribute__((target(registers))) static void \
+    synthesise_##name(level_t *level, const double *const coefficients[2], int64_t first, int64_t low, int64_t high, \
+                      const shrinkage_t *shrinkage, double *out, int64_t out_first, int64_t out_size) \
+    { \
+        synthesise(level, coefficients, first, low, high, shrinkage, out, out_first, out_size); \
+    }
 
-__attribute__((target("avx2"))) static void
-synthesise_widely(level_t *level, const double *const coefficients[2], int64_t first, int64_t low, int64_t high,
-                  const shrinkage_t *shrinkage, double *out, int64_t out_first, int64_t out_size)
-{
-    synthesise(level, coefficients, first, low, high, shrinkage, out, out_first, out_size);
-}
+VARIANT(widely, "avx2")
+VARIANT(widest, "avx512f,avx512vl,avx512dq" PREFERRED)
 
-#define CHOSEN(plainly, widely) (__builtin_cpu_supports("avx2") ? (widely) : (plainly))
+#define CHOSEN(step) \
+    (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512dq") \
+         ? step##_widest \
+         : __builtin_cpu_supports("avx2") ? step##_widely : step##_plainly)
 #else
-#define CHOSEN(plainly, widely) (plainly)
+#define CHOSEN(step) step##_plainly
 #endif
 
 void calibkit_analysed(const int64_t *plan, const double *factors, const double *samples, int64_t first,
@@ -271,7 +283,7 @@ void calibkit_analysed(const int64_t *plan, const double *factors, const double 
     level.factors = factors;
     double *const out[2] = {approximation, detail};
     const int64_t origin[2] = {approximation_first, detail_first}, size[2] = {approximation_size, detail_size};
-    CHOSEN(analyse_plainly, analyse_widely)(&level, samples, first, low, high, out, origin, size);
+    CHOSEN(analyse)(&level, samples, first, low, high, out, origin, size);
 }
 
 void calibkit_synthesised(const int64_t *plan, const double *factors, const double *approximation,
@@ -283,7 +295,7 @@ void calibkit_synthesised(const int64_t *plan, const double *factors, const doub
     level.factors = factors;
     const double *const coefficients[2] = {approximation, detail};
     const shrinkage_t shrinkage = {(int)rule, threshold, square};
-    CHOSEN(synthesise_plainly, synthesise_widely)(&level, coefficients, first, low, high, &shrinkage, out, out_first, out_size);
+    CHOSEN(synthesise)(&level, coefficients, first, low, high, &shrinkage, out, out_first, out_size);
 }
 
 enum { FORTH = 10, BACK = 9 };    /* numbers of an operation */
@@ -298,7 +310,7 @@ void calibkit_analysed_levels(const int64_t *plan, const double *factors, const 
     for (const int64_t *at = operations; count > 0; count--, at += FORTH) {
         double *const out[2] = {room + at[4], room + at[7]};
         const int64_t origin[2] = {at[5], at[8]}, size[2] = {at[6], at[9]};
-        CHOSEN(analyse_plainly, analyse_widely)(&level, room + at[0], at[1], at[2], at[3], out, origin, size);
+        CHOSEN(analyse)(&level, room + at[0], at[1], at[2], at[3], out, origin, size);
     }
 }
 
@@ -314,7 +326,7 @@ void calibkit_synthesised_levels(const int64_t *plan, const double *factors, con
         const double *const coefficients[2] = {room + at[0], room + at[1]};
         const double threshold = thresholds[at[5]];
         const shrinkage_t shrinkage = {(int)rule, threshold, threshold * threshold};
-        CHOSEN(synthesise_plainly, synthesise_widely)(&level, coefficients, at[2], at[3], at[4], &shrinkage, room + at[6], at[7],
+        CHOSEN(synthesise)(&level, coefficients, at[2], at[3], at[4], &shrinkage, room + at[6], at[7],
                                                       at[8]);
     }
 }

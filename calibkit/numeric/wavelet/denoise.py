@@ -110,11 +110,10 @@ def prepare(
     samples = _checked(signal)
     scheme = find_scheme(wavelet)
     depth = _deepest(wavelet, samples.size) if levels is None else levels
-    needed = _shortest(wavelet, depth)
-    if samples.size < needed:
+    if not _fits(wavelet, samples.size, depth):
         raise FitError(
             f"{samples.size} samples are shorter than the filter: {wavelet} over {depth} levels"
-            f" needs {needed}",
+            f" needs {_shortest(wavelet, depth)}",
             hint="use fewer levels, a shorter wavelet or a longer segment",
         )
     _require_known(threshold, rule)
@@ -141,25 +140,26 @@ def find_thresholds(
     return noise, thresholds
 
 
-@lru_cache(maxsize=256)
-def _shortest(wavelet: str, levels: int) -> int:
-    """Smallest number of samples on which the filters of all levels fit and level 1 shows its
-    noise.
-
-    By bisection, because a longer signal never has fewer details that the extension leaves alone.
-    Raises FitError for an unknown wavelet, or no levels.
+@lru_cache(maxsize=64)
+def _fits(wavelet: str, length: int, levels: int) -> bool:
+    """Whether the filters of all levels fit on so many samples and level 1 shows its noise. Raises
+    FitError for an unknown wavelet, or no levels.
     """
     if levels < 1:
         raise FitError(f"{levels} levels of a wavelet transform", hint="use one level or more")
-    scheme = find_scheme(wavelet)
-
-    def fits(length: int) -> bool:
-        clean, _ = untouched(scheme, length, levels)
-        return clean[-1][1] > clean[-1][0] and clean[1][1] - clean[1][0] >= OWN_NOISE_FROM
-
-    return bisect_left(range(1 << (levels + 10)), x=True, key=fits)
+    clean, _ = untouched(find_scheme(wavelet), length, levels)
+    return clean[-1][1] > clean[-1][0] and clean[1][1] - clean[1][0] >= OWN_NOISE_FROM
 
 
+def _shortest(wavelet: str, levels: int) -> int:
+    """Smallest number of samples that fits: by bisection, because a longer signal never has fewer
+    details that the extension leaves alone.
+    """
+    lengths = range(1 << (levels + 10))
+    return bisect_left(lengths, x=True, key=lambda length: _fits(wavelet, length, levels))
+
+
+@lru_cache(maxsize=64)
 def _deepest(wavelet: str, length: int) -> int:
     """Depth for a segment of `length` samples: 2^levels at most an eighth of it, and every filter
     fits; at least 1.
@@ -167,7 +167,7 @@ def _deepest(wavelet: str, length: int) -> int:
     On simulated ramps of 600 to 6000 s the details of longer scales are trend rather than noise.
     """
     levels = 1
-    while 16 << levels <= length and _shortest(wavelet, levels + 1) <= length:
+    while 16 << levels <= length and _fits(wavelet, length, levels + 1):
         levels += 1
     return levels
 
@@ -190,6 +190,8 @@ def _checked(signal: Array) -> Array:
 
 def _require_known(threshold: str, rule: str) -> None:
     """Refuse the name of a threshold or of a rule that does not exist."""
+    if threshold in THRESHOLDS and rule in RULES:
+        return
     for name, known, kind in (
         (threshold, list(THRESHOLDS), "threshold"),
         (rule, list(RULES), "shrinkage rule"),

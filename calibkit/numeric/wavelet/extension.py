@@ -85,7 +85,7 @@ def _folded(signal: Array, at: Integers, beyond: Continuation) -> Array:
     if beyond.extension == "constant":
         return signal[np.clip(at, 0, n - 1)]
     last, ends = max(n - 1, 1), np.array([2.0 * beyond.left, 2.0 * beyond.right])
-    at, sign, added = at.copy(), np.ones(at.size), np.zeros(at.size)
+    at, sign, added = at.copy(), np.ones(at.size), np.full(at.size, -0.0)  # keeps signs of zeros
     while True:
         sides = (np.flatnonzero(at < 0), np.flatnonzero(at > last))
         if not sides[0].size and not sides[1].size:
@@ -97,8 +97,21 @@ def _folded(signal: Array, at: Integers, beyond: Continuation) -> Array:
                 sign[rows] = -sign[rows]
 
 
+def window_of(levels: int) -> int:
+    """Samples that the lines at the ends are fitted to before a transform over so many levels."""
+    return 3 << (levels - 1)
+
+
+def lengths_at_end(size: int, window: int) -> tuple[int, int, int]:
+    """Numbers of samples that show the noise at an end, that show whether the signal moves there,
+    and of the window, on a signal of a size.
+    """
+    window = min(max(window, 2), size)
+    return min(max(window, STRETCH), size), min(LONGER * window, size), window
+
+
 @lru_cache(maxsize=64)
-def _sections(window: int, limit: int) -> tuple[Array, Array, Integers, Array]:
+def sections(window: int, limit: int) -> tuple[Array, Array, Integers, Array]:
     """Sizes of the sections at an end, which grow by halves to the window and on to a limit, the
     sum of the squared distances of their samples from their middle, where each begins to have more
     than the one before, and 0 … limit − 1.
@@ -119,14 +132,12 @@ def _fit_end(end: Array, window: int) -> tuple[float, bool]:
     within two standard errors, each 2 σ/√size (intersection of confidence intervals, Goldenshluger
     & Nemirovski 1997), with σ estimated from the differences of neighbouring samples.
     """
-    window = min(max(window, 2), end.size)
-    limit = min(LONGER * window, end.size)
+    known, limit, window = lengths_at_end(end.size, window)
     if window < 3:
         return float(end[0]), True
-    known = end[: max(limit, STRETCH)]
-    spread = estimate_noises([np.diff(known[: max(window, STRETCH)])])[0] / math.sqrt(2.0)
-    sizes, squares, starts, at = _sections(window, limit)
-    above = known[:limit] - known[0]
+    spread = estimate_noises([np.diff(end[:known])])[0] / math.sqrt(2.0)
+    sizes, squares, starts, at = sections(window, limit)
+    above = end[:limit] - end[0]
     totals, moments = (np.cumsum(np.add.reduceat(one, starts)) for one in (above, at * above))
     slopes = (moments - totals * (sizes - 1.0) / 2.0) / squares
     fitted = totals / sizes - slopes * (sizes - 1.0) / 2.0
@@ -138,4 +149,4 @@ def _fit_end(end: Array, window: int) -> tuple[float, bool]:
         return float(end[0]), True
     moves = abs(slopes[straight]) > SIGNIFICANT * spread / math.sqrt(squares[straight])
     taken = min(straight, int(np.searchsorted(sizes, window)))
-    return float(known[0] + fitted[taken]), bool(moves)
+    return float(end[0] + fitted[taken]), bool(moves)

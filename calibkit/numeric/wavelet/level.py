@@ -57,7 +57,7 @@ def analyse_level(
     them are dropped.
     """
     (low, at_low), (high, at_high) = outputs
-    plans, library = _encoded(scheme), kernels_for(values, low, high)
+    plans, library = encoded(scheme), kernels_for(values, low, high)
     if library is None or plans is None:
         _analyse_arrays(values, first, scheme, span, beyond, outputs)
         return
@@ -89,7 +89,7 @@ def synthesise_level(
     `shrink` is what makes the details to be used of those given, and the level that it is given;
     None takes them as they are.
     """
-    plans, library = _encoded(scheme), kernels_for(*channels, out)
+    plans, library = encoded(scheme), kernels_for(*channels, out)
     if library is None or plans is None:
         _synthesise_arrays(channels, scheme, first, span, shrink, out)
         return
@@ -107,7 +107,7 @@ def analyse_levels(scheme: Scheme, operations: Integers, room: Array) -> None:
     """Analyses one after the other in one array of memory; native/lifting.c says what the numbers
     of an operation [m, 10] are.
     """
-    plans, library = _encoded(scheme), kernels_for(room)
+    plans, library = encoded(scheme), kernels_for(room)
     if library is not None and plans is not None:
         library.calibkit_analysed_levels(
             *plans[0], operations.ctypes.data, len(operations), room.ctypes.data
@@ -126,7 +126,7 @@ def synthesise_levels(
     """Syntheses one after the other in one array of memory; native/lifting.c says what the numbers
     of an operation [m, 9] are.
     """
-    plans, library = _encoded(scheme), kernels_for(room)
+    plans, library = encoded(scheme), kernels_for(room)
     rules = [_encoded_rule(shrinkage, level) for level in range(shrinkage.thresholds.size)]
     if library is not None and plans is not None and all(rules):
         library.calibkit_synthesised_levels(
@@ -145,7 +145,7 @@ def synthesise_levels(
 
 
 @cache
-def _encoded(scheme: Scheme) -> tuple[tuple[Any, Any], tuple[Any, Any]] | None:
+def encoded(scheme: Scheme) -> tuple[tuple[Any, Any], tuple[Any, Any]] | None:
     """Steps and factors of analysis and synthesis as native/lifting.c reads them; None where the
     steps reach farther than it has memory for.
     """

@@ -12,7 +12,7 @@ from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.numeric.chunks import release
 from calibkit.numeric.wavelet import reach
-from calibkit.numeric.wavelet.extension import EXTENSIONS, Continuation, Extension
+from calibkit.numeric.wavelet.extension import EXTENSIONS, Continuation, Extension, window_of
 from calibkit.numeric.wavelet.factor import LITERAL, Scheme, factor_bank
 from calibkit.numeric.wavelet.level import analyse_level, synthesise_level
 from calibkit.numeric.wavelet.reach import Span, coefficients_of, covering_pairs, passes, sources
@@ -115,7 +115,7 @@ def forward(
     wanted = reach.coefficients_of(scheme, (0, samples.size), levels)
     needed = approximations_needed(scheme, wanted)
     details = tuple(allocate(high - low) for low, high in wanted[1:])
-    beyond = Continuation.fit(samples, extension, 3 << (levels - 1))
+    beyond = Continuation.fit(samples, extension, window_of(levels))
     values, first, buffers = samples, 0, [np.empty(0), np.empty(0)]
     for above in range(0, levels, TOGETHER):
         below = min(above + TOGETHER, levels)
