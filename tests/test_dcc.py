@@ -25,7 +25,7 @@ from calibkit.certificate import (
     run_files,
 )
 from calibkit.certificate.dcc_units import dsi
-from calibkit.errors import OutputError, UsageError
+from calibkit.errors import OutputError, RecipeError, UsageError
 from conftest import REAL, ROOT, write_log
 
 pytest.importorskip("lxml")
@@ -251,19 +251,22 @@ def test_units_of_logs_have_the_size_that_the_table_of_units_gives_them():
 @pytest.mark.parametrize(
     ("unit", "spelling", "factor"),
     [
-        ("deg/h/degC/(degC/min)", r"\degree\hour\tothe{-1}\degreecelsius\tothe{-2}\minute", 1.0),
+        ("deg/h/degC/(degC/min)", r"\degree\hour\tothe{-1}\kelvin\tothe{-2}\minute", 1.0),
+        ("degC", r"\degreecelsius", 1.0),
         ("deg/sqrt(h)", r"\degree\hour\tothe{-0.5}", 1.0),
         ("(deg/h)^2", r"\degree\tothe{2}\hour\tothe{-2}", 1.0),
-        ("1/degC3", r"\degreecelsius\tothe{-3}", 1.0),
-        ("g/degC^2", r"\degreecelsius\tothe{-2}\metre\second\tothe{-2}", 9.8),
+        ("1/degC3", r"\kelvin\tothe{-3}", 1.0),
+        ("g/degC^2", r"\kelvin\tothe{-2}\metre\second\tothe{-2}", 9.8),
         ("1/g2", r"\metre\tothe{-2}\second\tothe{4}", 9.8**-2),
         ("ug", r"\metre\second\tothe{-2}", 9.8e-6),
-        ("ppm/degC", r"\degreecelsius\tothe{-1}", 1e-6),
+        ("ppm/degC", r"\kelvin\tothe{-1}", 1e-6),
         ("1", r"\one", 1.0),
     ],
 )
 def test_compound_units_are_spelt_as_products_of_powers(unit, spelling, factor):
-    """Powers with tothe, never per; g becomes m/s² by the local gravity, ppm a number."""
+    """Powers with tothe, never per; g becomes m/s² by the local gravity, ppm a number, a degree
+    of a difference a kelvin.
+    """
     found = dsi(unit).with_gravity(9.8)
     assert found.text == spelling
     assert found.factor == pytest.approx(factor, rel=1e-15)
@@ -473,3 +476,107 @@ def test_certify_writes_the_dcc_beside_the_pdf_and_inside_it(run, tmp_path):
         ]
         == "gyro_pair"
     )
+
+
+def test_identifiers_are_unique_and_every_reference_leads_somewhere(run):
+    """Item, standards, methods, results, quantities; statements of conformity refer to the quantity
+    that they judge, measurement results to item and standards.
+    """
+    made = certificate(run("rate_table"), sample("rate_table"))
+    root = valid(dcc.render(made, "both"))
+    found = [one.get("id") for one in root.iter() if one.get("id")]
+    assert len(found) == len({*found})
+    refers = [one.get("refId").split() for one in root.iter() if one.get("refId")]
+    assert {name for names in refers for name in names} <= {*found}
+    for tag in xml.IDENTIFIED:
+        assert all(one.get("id") for one in root.iter(f"{{{xml.DCC}}}{tag}")), tag
+    judged = [s for s in root.iter(f"{{{xml.DCC}}}statement") if s.get("refId")]
+    assert len(judged) == len(made.statements)
+    for one in judged:
+        (quantity,) = (e for e in root.iter() if e.get("id") == one.get("refId"))
+        key = one.findtext("dcc:reference", "", xml.NAMES)
+        texts = " ".join(quantity.itertext())
+        assert key in texts or key.replace(" ", "_") in texts
+
+
+def test_limits_and_conditions_are_quantities(run):
+    """Tolerance and acceptance limits with their types, in D-SI; the range of the thermometer."""
+    made = certificate(run("rate_table"), sample("rate_table"))
+    root = valid(dcc.render(made, "en"))
+    listed = root.findall(".//dcc:statement[@refType='basic_conformity']", xml.NAMES)
+    for statement, one in zip(made.statements, listed, strict=True):
+        factor = dsi(statement.result.unit).factor
+        for kind, pair in (
+            ("toleranceLimit", (statement.lower, statement.upper)),
+            ("acceptanceLimit", statement.acceptance),
+        ):
+            for end, value in zip(("minimum", "maximum"), pair, strict=True):
+                path = f"dcc:data/dcc:quantity[@refType='math_{end} calibkit_{kind}']"
+                found = one.find(path, xml.NAMES)
+                assert (found is None) == (value is None)
+                if found is not None:
+                    assert numbers(found, "value")[0] == pytest.approx(value * factor)
+    ((_, low, high),) = made.run.measured
+    for end, value in (("minimum", low), ("maximum", high)):
+        path = f".//dcc:influenceCondition//*[@refType='math_{end}']"
+        assert numbers(root.find(path, xml.NAMES), "value") == [value]
+
+
+def test_types_are_those_of_published_databases_or_are_defined(run):
+    """basic_ and math_ as readers know them; each of calibkit's own has its definition."""
+    root = valid(dcc.render(certificate(run("rate_table"), sample("rate_table")), "en"))
+    types = {t for one in root.iter() for t in one.get("refType", "").split()}
+    assert {
+        "basic_measuredValue",
+        "basic_tableIndex0",
+        "basic_1IndexTable",
+        "basic_conformity",
+        "basic_isInCMC",
+        "basic_metrologicallyTraceableToSI",
+        "basic_orderNumber",
+        "basic_serialNumber",
+        "math_minimum",
+        "math_maximum",
+    } <= types
+    own = {t for t in types if t.startswith("calibkit_")}
+    defined = {one.get("refType") for one in root.iterfind(".//dcc:refTypeDefinition", xml.NAMES)}
+    assert own <= defined
+    assert {t.partition("_")[0] for t in types} == {"basic", "math", "calibkit"}
+
+
+def test_what_is_the_same_in_both_languages_has_no_language(run):
+    """No English words under lang="zh"."""
+    root = valid(dcc.render(certificate(run("rate_table"), sample("rate_table")), "zh"))
+    for one in root.iter(f"{{{xml.DCC}}}content"):
+        if one.get("lang") == "zh":
+            text = one.text or ""
+            assert any("\u4e00" <= c <= "\u9fff" for c in text) or not text.strip().isascii(), text
+
+
+def test_a_certificate_before_and_an_order_stand_in_the_core_data(run):
+    """PreviousReport with its digest, the order, three persons of whom one is the main signer, the
+    laboratory's code.
+    """
+    path = ROOT / "reports" / "profiles" / "rate_table.toml"
+    stated = profile.load(
+        path, ('certificate.previous="C-1"', f'certificate.previous_sha256="{"ab" * 32}"')
+    )[0]
+    root = valid(dcc.render(certificate(run("rate_table"), stated), "en"))
+    before = root.find(".//dcc:previousReport", xml.NAMES)
+    assert before.findtext("dcc:referralID", "", xml.NAMES) == "C-1"
+    assert before.findtext("dcc:value", "", xml.NAMES) == "ab" * 32
+    order = root.find(".//dcc:identification[@refType='basic_orderNumber']", xml.NAMES)
+    assert order.findtext("dcc:value", "", xml.NAMES) == "ORDER-2026-004"
+    assert root.findtext(".//dcc:calibrationLaboratoryCode", "", xml.NAMES) == "LAB-00"
+    signers = [one.text for one in root.iterfind(".//dcc:mainSigner", xml.NAMES)]
+    assert signers == ["false", "false", "true"]
+    with pytest.raises(RecipeError, match="go together"):
+        profile.load(path, ('certificate.previous="C-1"',))
+
+
+def test_a_list_of_one_unit_states_it_once(run):
+    """Readers take it for all values."""
+    root = valid(dcc.render(certificate(run("rate_table")), "en"))
+    for one in root.iter(f"{{{xml.SI}}}unitXMLList"):
+        spelt = one.text.split()
+        assert len(spelt) == 1 or len({*spelt}) > 1

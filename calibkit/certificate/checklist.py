@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from calibkit.certificate.profile import Profile
 from calibkit.certificate.results import Result
-from calibkit.certificate.words import Words
+from calibkit.certificate.words import Words, character_code
 
 # where it is stated → what it is called
 FIELDS: dict[str, Words] = {
@@ -139,11 +139,6 @@ def _accreditation(profile: Profile, results: Sequence[Result]) -> Iterator[Miss
                     f" of the standard '{standard.name}'", f"：标准器“{standard.name}”"
                 )
                 yield Missing(f"standard.{name}", what)
-
-
-def character_code(character: str) -> str:
-    """A character by its number: [U+8BA1]."""
-    return f"[U+{ord(character):04X}]"
 
 
 def missing_glyphs(characters: Iterable[str]) -> Missing:

@@ -75,17 +75,20 @@ def _uncertainty(standard: Standard) -> str:
     return f"{number} (k = {standard.coverage_factor:g})"
 
 
-def lay_out_accreditation(certificate: Certificate, lang: Lang) -> str:
-    """By whom the laboratory is accredited, and which results are not in the scope; empty where
-    none is.
-    """
+def describe_accreditation(certificate: Certificate) -> Words:
+    """By whom the laboratory is accredited; empty where it is not."""
     stated = certificate.profile.accreditation
     if not stated.number.strip():
-        return ""
-    words = Words(
+        return Words("")
+    return Words(
         f"Accredited by {stated.body}, {stated.number}.",
         f"获 {stated.body} 认可，{stated.number}。",
     )
+
+
+def lay_out_accreditation(certificate: Certificate, lang: Lang) -> str:
+    """By whom the laboratory is accredited, and whether results are not in the scope."""
+    words = describe_accreditation(certificate)
     if any(result.outside_scope for result in certificate.results):
         words += Words(" ", "") + tables.OUTSIDE
     return words.of(lang)

@@ -148,7 +148,7 @@ def build(
     """Certificate of a run; RecipeError for a profile that does not fit it or the date of issue."""
     _require_order(profile, issued)
     layout = layout_of(run.document)
-    terms = uncertainty.Source.merge(type_b.loads(run.document.get("type_b", ())), profile.type_b)
+    terms = uncertainty.Source.merge(type_b.loads(run.document.get("type_b", ())), profile.terms)
     stated = Stated(
         run.records,
         terms,

@@ -12,46 +12,34 @@ import base64
 from typing import TYPE_CHECKING
 
 from calibkit import coefficients
-from calibkit.certificate import dcc_check, dcc_results, dcc_xml as xml
+from calibkit.certificate import dcc_administrative, dcc_check, dcc_results, dcc_xml as xml, names
 from calibkit.certificate.content import Attachment, Relationship
+from calibkit.certificate.dcc_administrative import ITEM, SERIAL_NUMBER, digest, identification
 from calibkit.certificate.dcc_xml import Notation, node, one_line
-from calibkit.certificate.words import CONDITIONS, HEADINGS, SENTENCES, Words, unit_mark
-from calibkit.version import __version__
+from calibkit.certificate.words import CONDITIONS, HEADINGS, Words
+from calibkit.errors import OutputError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    import datetime as dt
     from pathlib import Path
 
     from lxml.etree import _Element
 
-    from calibkit.certificate.conformity import Statement
     from calibkit.certificate.content import Certificate
-    from calibkit.certificate.profile import Party, Standard
+    from calibkit.certificate.profile import Standard
     from calibkit.certificate.results import Block
     from calibkit.certificate.words import Lang
 
 FILE = "dcc.xml"
-VERSION = "3.3.0"
-RELEASE = f"v{__version__}"
+RELEASE = dcc_administrative.RELEASE
+CERTIFICATE = Words("calibration certificate", "校准证书")
+VERSION = xml.SCHEMA.version
 DESCRIBED: tuple[str, Relationship, str] = (
     "application/xml",
     "alternative",
     f"digital calibration certificate, DCC {VERSION}",
 )
 """Media type, what the file is to the PDF, and what it is called there."""
-NO_COUNTRY = "ZZ"
-"""User-assigned code of ISO 3166-1 that stands for an unknown country."""
-NO_DATE = "0001-01-01"
-CONFORMITY = {
-    "pass": "pass",
-    "fail": "fail",
-    "conditional pass": "conditionalPass",
-    "conditional fail": "conditionalFail",
-}
-"""Verdict → its name in the schema, which has none for a statement that is not possible."""
-SERIAL_NUMBER = Words("serial number", "编号")
-PLACES = ("laboratory", "customer", "laboratoryBranch", "customerBranch", "other")
-"""Places of work that the schema knows; any other text stands in a statement."""
 
 
 def attach_dcc(certificate: Certificate, lang: Lang, schema_dir: Path | None = None) -> Attachment:
@@ -66,180 +54,31 @@ def attach_dcc(certificate: Certificate, lang: Lang, schema_dir: Path | None = N
 def render(certificate: Certificate, lang: Lang) -> bytes:
     """XML of a certificate, the same bytes for the same certificate."""
     gravity = (c.value for c in certificate.run.conditions if c.name == "local_gravity")
-    notation = Notation(lang, next(gravity, certificate.profile.conditions.local_gravity_mps2))
+    notation = Notation(
+        lang,
+        next(gravity, certificate.profile.conditions.local_gravity_mps2),
+        bool(certificate.profile.accreditation.number.strip()),
+    )
     root = node(
         "dcc:digitalCalibrationCertificate",
-        _administrative(certificate, notation),
+        dcc_administrative.write(certificate, notation),
         _measurements(certificate, notation),
         schemaVersion=VERSION,
     )
-    root.set(f"{{{xml.XSI}}}schemaLocation", f"{xml.DCC} {xml.DCC}/v{VERSION}/dcc.xsd")
+    root.set(f"{{{xml.XSI}}}schemaLocation", xml.SCHEMA.location)
+    xml.identify(root)
     made: bytes = xml.etree().tostring(
         root, xml_declaration=True, encoding="UTF-8", pretty_print=True
     )
     return made
 
 
-def _administrative(certificate: Certificate, notation: Notation) -> _Element:
-    """Software, dates and numbers, item, laboratory, person, customer, statements."""
-    profile, person = certificate.profile, certificate.profile.authorised_by
-    software = (node("dcc:release", RELEASE), node("dcc:type", "application"))
-    return node(
-        "dcc:administrativeData",
-        node("dcc:dccSoftware", notation.named("dcc:software", "calibkit", *software)),
-        _core(certificate, notation.lang),
-        _item(certificate, notation),
-        node("dcc:calibrationLaboratory", _party("dcc:contact", profile.laboratory, notation)),
-        node(
-            "dcc:respPersons",
-            node(
-                "dcc:respPerson",
-                notation.named(
-                    "dcc:person", person.name, _optional_node("dcc:eMail", person.email)
-                ),
-                _optional_node("dcc:role", person.role),
-                node("dcc:mainSigner", "true"),
-            ),
-        ),
-        _party("dcc:customer", profile.customer, notation),
-        _statements(certificate, notation),
-    )
-
-
-def _core(certificate: Certificate, lang: Lang) -> _Element:
-    """Number, dates, place, the certificate that this one replaces."""
-    profile, dates = certificate.profile, certificate.profile.dates
-    performed = str(dates.performed or NO_DATE)
-    place = profile.laboratory.place_of_work.strip()
-    amended = None
-    if profile.certificate.amends.strip():
-        amended = node(
-            "dcc:reportAmendedSubstituted",
-            node("dcc:typeOfChange", "substituted"),
-            node("dcc:replacedUniqueIdentifier", xml.one_line(profile.certificate.amends)),
-        )
-    return node(
-        "dcc:coreData",
-        node("dcc:countryCodeISO3166_1", profile.laboratory.country or NO_COUNTRY),
-        *(node("dcc:usedLangCodeISO639_1", code) for code in xml.LANGUAGES[lang]),
-        *(node("dcc:mandatoryLangCodeISO639_1", code) for code in xml.LANGUAGES[lang]),
-        node("dcc:uniqueIdentifier", xml.one_line(profile.certificate.number)),
-        _optional_node("dcc:receiptDate", str(dates.received or "")),
-        node("dcc:beginPerformanceDate", performed),
-        node("dcc:endPerformanceDate", str(dates.performed_until or performed)),
-        node("dcc:performanceLocation", place if place in PLACES else "laboratory"),
-        node("dcc:issueDate", certificate.issued.isoformat()),
-        amended,
-    )
-
-
-def _item(certificate: Certificate, notation: Notation) -> _Element:
-    """The calibrated item."""
-    item = certificate.profile.item
-    serial = _identification(
-        "manufacturer",
-        certificate.run.serial,
-        SERIAL_NUMBER,
-        notation,
-        refType="basic_serialNumber",
-    )
-    other = _identification("other", item.identification, Words("identification", "标识"), notation)
-    return node(
-        "dcc:items",
-        notation.named(
-            "dcc:item",
-            item.type,
-            notation.rich("dcc:description", [item.condition]),
-            notation.named("dcc:manufacturer", item.maker) if item.maker.strip() else None,
-            _optional_node("dcc:model", item.model),
-            node("dcc:identifications", serial, other),
-        ),
-    )
-
-
-def _identification(
-    issuer: str, value: str, name: Words, notation: Notation, **attributes: str
-) -> _Element | None:
-    """One identification with who gave it; None where there is none."""
-    if not value.strip():
-        return None
-    return node(
-        "dcc:identification",
-        node("dcc:issuer", issuer),
-        node("dcc:value", xml.one_line(value)),
-        notation.text("dcc:name", name),
-        **attributes,
-    )
-
-
-def _party(tag: str, party: Party, notation: Notation) -> _Element:
-    """Name and location of a laboratory or a customer."""
-    lines = [part for part in party.address.splitlines() if part.strip()]
-    return notation.named(
-        tag,
-        party.name,
-        _optional_node("dcc:eMail", party.email),
-        _optional_node("dcc:phone", party.phone),
-        node(
-            "dcc:location",
-            _optional_node("dcc:countryCode", party.country),
-            notation.rich("dcc:further", lines or [xml.NOT_STATED]),
-        ),
-    )
-
-
-def _statements(certificate: Certificate, notation: Notation) -> _Element:
-    """Statements on the whole certificate: validity, draft, adjustment, amendment, remarks,
-    conformity.
-    """
-    profile, run = certificate.profile, certificate.run
-    missing = Words("DRAFT: not a calibration certificate; missing", "草稿：非正式校准证书；尚缺")
-    statements: list[tuple[Words, Sequence[Words | str]]] = [
-        (Words("Validity", "有效范围"), [SENTENCES["only_item"]]),
-        (missing, [Words(f"{m.key}: ") + m.what for m in certificate.missing]),
-        (Words("Place of work", "校准地点"), [profile.laboratory.place_of_work]),
-        (Words("Adjustment", "调整"), [profile.adjustment.statement]),
-        (Words("Amendment", "修改说明"), profile.certificate.changes),
-        (Words("Remarks", "备注"), profile.remarks),
-        (Words("Left out", "剔除数据"), [f"{w}: {why} ({who})" for w, why, who in run.excluded]),
-        (Words("Flags of the evaluation", "数据处理提示"), run.flags),
-    ]
-    return node(
-        "dcc:statements",
-        *(
-            notation.named("dcc:statement", name, notation.rich("dcc:declaration", texts))
-            for name, texts in statements
-            if xml.non_empty(texts)
-        ),
-        *(_conformity(statement, notation) for statement in certificate.statements),
-    )
-
-
-def _conformity(statement: Statement, notation: Notation) -> _Element:
-    """A statement of conformity: which result, which limits, which rule, what follows."""
-    unit = unit_mark(statement.result.unit)
-    limits = [
-        f"{word} {value!r} {unit}".strip()
-        for word, value in (("lower limit", statement.lower), ("upper limit", statement.upper))
-        if value is not None
-    ]
-    verdict = Words(f"{'; '.join(limits)}: {statement.verdict}")
-    if statement.reason.en:
-        verdict += Words(": ") + statement.reason
-    return notation.named(
-        "dcc:statement",
-        " ".join(filter(None, (statement.name, statement.source))) or "specification",
-        node("dcc:norm", f"decision rule: {statement.rule}"),
-        node("dcc:reference", xml.one_line(statement.result.key)),
-        notation.rich("dcc:declaration", [verdict]),
-        _optional_node("dcc:conformity", CONFORMITY.get(statement.verdict, "")),
-        refType="basic_conformity",
-    )
-
-
 def _measurements(certificate: Certificate, notation: Notation) -> _Element:
     """One measurement result per coefficient file, then as found and as left."""
-    equipment = [_equipment(standard, notation) for standard in certificate.profile.standard]
+    dates = certificate.profile.dates
+    used = dates.performed_until or dates.performed
+    equipment = [_equipment(one, used, notation) for one in certificate.profile.standard]
+    refers = " ".join([ITEM, *(f"measuringEquipment{k + 1}" for k in range(len(equipment)))])
     files = {a.name: a for a in certificate.attachments}
     results = [
         notation.named(
@@ -253,6 +92,7 @@ def _measurements(certificate: Certificate, notation: Notation) -> _Element:
                 *(dcc_results.tabulate_results(table, notation) for table in block.tables),
                 *(_file(files[block.file], notation) if block.file in files else ()),
             ),
+            refId=refers,
         )
         for block in certificate.blocks
     ]
@@ -265,8 +105,8 @@ def _measurements(certificate: Certificate, notation: Notation) -> _Element:
     )
 
 
-def _equipment(standard: Standard, notation: Notation) -> _Element:
-    """A standard with the certificate that makes it traceable."""
+def _equipment(standard: Standard, used: dt.date | None, notation: Notation) -> _Element:
+    """A standard with the certificate that makes it traceable, its range and uncertainty."""
     facts = [
         f"{word} {value}"
         for word, value in (
@@ -277,17 +117,58 @@ def _equipment(standard: Standard, notation: Notation) -> _Element:
         if value
     ]
     known = [
-        _identification("manufacturer", standard.serial, SERIAL_NUMBER, notation),
-        _identification(
-            "other", standard.certificate, Words("calibration certificate", "校准证书"), notation
+        identification(
+            "manufacturer", standard.serial, SERIAL_NUMBER, notation, refType="basic_serialNumber"
         ),
+        identification("other", standard.certificate, CERTIFICATE, notation),
     ]
+    certificate = None
+    if standard.sha256:
+        until = standard.valid_until
+        held = None
+        if until is not None and used is not None:
+            held = node("dcc:inValidityRange", str(used <= until).lower())
+        certificate = digest(
+            *("dcc:certificate", CERTIFICATE, standard.certificate, standard.sha256),
+            notation,
+            held,
+        )
+    quantities = _quantities(standard, notation)
     return notation.named(
         "dcc:measuringEquipment",
         standard.name,
         notation.rich("dcc:description", [", ".join(facts)]),
+        certificate,
         None if known == [None, None] else node("dcc:identifications", *known),
+        node("dcc:measuringEquipmentQuantities", *quantities) if quantities else None,
     )
+
+
+def _measured_range(name: str, low: float, high: float, notation: Notation) -> _Element:
+    """An influence condition that the logs measured: its lowest and its highest value."""
+    ends = (("math_minimum", low), ("math_maximum", high))
+    shown = (
+        dcc_results.typed("dcc:quantity", value, "degC", notation, kind) for kind, value in ends
+    )
+    return notation.named(
+        "dcc:influenceCondition", names.name_condition(name), node("dcc:data", *shown)
+    )
+
+
+def _quantities(standard: Standard, notation: Notation) -> list[_Element]:
+    """Range and expanded uncertainty of a standard, as far as it states them."""
+    tag, found = "dcc:measuringEquipmentQuantity", []
+    if standard.range.strip():
+        shown = notation.rich("dcc:noQuantity", [standard.range])
+        found.append(node(tag, shown, refType="calibkit_range"))
+    U, kind = standard.expanded_uncertainty, "calibkit_expandedUncertainty"
+    if U is not None:
+        try:
+            found.append(dcc_results.typed(tag, U, standard.unit, notation, kind))
+        except OutputError:  # a unit of the laboratory's own
+            shown = notation.rich("dcc:noQuantity", [f"{U!r} {standard.unit}"])
+            found.append(node(tag, shown, refType=kind))
+    return found
 
 
 def _methods(certificate: Certificate, block: Block, notation: Notation) -> _Element:
@@ -333,6 +214,7 @@ def _influences(certificate: Certificate, notation: Notation) -> _Element:
             )
             for words, text in shown
         ),
+        *(_measured_range(*measured, notation) for measured in certificate.run.measured),
         *(
             dcc_results.influence(c.name, c.value, c.unit, notation, c.standard_uncertainty)
             for c in certificate.run.conditions
@@ -356,11 +238,6 @@ def _file(attached: Attachment, notation: Notation) -> list[_Element]:
             node("dcc:data", _file_data(attached)),
         ),
     ]
-
-
-def _optional_node(name: str, value: str) -> _Element | None:
-    """Element with a text on one line; None where the text is empty."""
-    return node(name, one_line(value)) if value.strip() else None
 
 
 def _file_data(attachment: Attachment) -> _Element:

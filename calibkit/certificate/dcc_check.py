@@ -130,7 +130,8 @@ def _list_faults(values: _Element) -> Iterator[str]:
         for part in values.iterfind(f".//si:{name}", xml.NAMES):
             inside = part.getparent()
             single = inside is not None and str(inside.tag).endswith("}covarianceXMLList")
-            if len((part.text or "").split()) != (1 if single else n):
+            allowed = {1} if single else {1, n} if name == "unitXMLList" else {n}
+            if len((part.text or "").split()) not in allowed:
                 yield f"{name} of {n} values is not as long"
     matrix = [
         [float(entry.findtext("si:valueXMLList", "nan", xml.NAMES)) for entry in column]

@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from calibkit.certificate import dcc_xml as xml
+from calibkit.certificate import dcc_xml as xml, names
 from calibkit.certificate.dcc_units import dsi
 from calibkit.certificate.dcc_xml import node
 from calibkit.certificate.results import GridTable, ListTable
@@ -92,24 +92,37 @@ def _quantity(result: Result, notation: Notation) -> _Element:
             u.expanded_uncertainty * unit.factor, u.coverage_factor, u.probability
         )
     conditions = [influence(*condition, notation) for condition in result.at]
-    gravity = None
+    facts = _scope((result,), notation)
     if unit.text == r"\one" and dsi(result.unit).gravity:
-        gravity = node(
-            "dcc:measurementMetaData",
+        facts.append(
             node(
                 "dcc:metaData",
                 node("dcc:nonSIDefinition", "local gravity at the place of calibration"),
                 node("dcc:nonSIUnit", "g"),
-            ),
+            )
         )
     return notation.named(
         "dcc:quantity",
         name,
         _real(result.value, unit, result.key, uncertainty),
         node("dcc:influenceConditions", *conditions) if conditions else None,
-        gravity,
+        node("dcc:measurementMetaData", *facts) if facts else None,
         refType=MEASURED,
     )
+
+
+def _scope(results: Sequence[Result], notation: Notation) -> list[_Element]:
+    """Whether results are in the scope of the accreditation; nothing without one."""
+    if not notation.accredited:
+        return []
+    inside = " ".join(str(not result.outside_scope).lower() for result in results)
+    name = "dcc:valid" if len(results) == 1 else "dcc:validXMLList"
+    return [node("dcc:metaData", node(name, inside), refType="basic_isInCMC")]
+
+
+def typed(tag: str, value: float, unit: str, notation: Notation, types: str) -> _Element:
+    """A number as a quantity of types."""
+    return node(tag, _real(value, notation.unit(unit)), refType=types)
 
 
 def influence(name: str, value: float, unit: str, notation: Notation, u: float = 0.0) -> _Element:
@@ -120,7 +133,7 @@ def influence(name: str, value: float, unit: str, notation: Notation, u: float =
         uncertainty = node("si:measurementUncertaintyUnivariate", node("si:standardMU", stated))
     shown = node("dcc:quantity", _real(value, found, uncertainty=uncertainty))
     return notation.named(
-        "dcc:influenceCondition", Words(name.replace("_", " ")), node("dcc:data", shown)
+        "dcc:influenceCondition", names.name_condition(name), node("dcc:data", shown)
     )
 
 
@@ -132,8 +145,9 @@ def _series(column: Sequence[Result], head: Words, notation: Notation) -> _Eleme
     conditions = [
         notation.named(
             "dcc:quantity",
-            Words(condition.replace("_", " ")),
+            names.name_condition(condition),
             _real_list([r.at[k][1] for r in column], [notation.unit(own)] * count),
+            refType=f"basic_tableIndex{k}",
         )
         for k, (condition, _, own) in enumerate(first.at)
     ]
@@ -145,8 +159,11 @@ def _series(column: Sequence[Result], head: Words, notation: Notation) -> _Eleme
         _expanded_uncertainties(uncertainties, unit.factor),
     )
     name = first.name if first.name.en else head
-    quantity = notation.named("dcc:quantity", name, values, refType=MEASURED)
-    return notation.named("dcc:list", head, *conditions, quantity)
+    facts = _scope(column, notation)
+    scope = node("dcc:measurementMetaData", *facts) if facts else None
+    quantity = notation.named("dcc:quantity", name, values, scope, refType=MEASURED)
+    kind = f"basic_{len(conditions)}IndexTable"
+    return notation.named("dcc:list", head, *conditions, quantity, refType=kind)
 
 
 def parameters(stage: str, model: Model, notation: Notation) -> _Element:
@@ -234,8 +251,12 @@ def as_found_as_left(found: AsFoundAsLeft | None, notation: Notation) -> _Elemen
                 *(_validated(*row, notation) for row in stated),
                 None if stated else notation.text("dcc:text", xml.NOT_STATED),
             ),
+            refType=kind,
         )
-        for head, stated in ((AS_FOUND, before), (AS_LEFT, after))
+        for head, stated, kind in (
+            (AS_FOUND, before, "calibkit_asFound"),
+            (AS_LEFT, after, "calibkit_asLeft"),
+        )
     ]
     return notation.named(
         "dcc:measurementResult", HEADINGS["as_found"], node("dcc:results", *results)
@@ -300,11 +321,12 @@ def _real_list(
     scaled = [
         _format_number(value * unit.factor) for value, unit in zip(values, units, strict=True)
     ]
+    texts = [unit.text for unit in units]
     return node(
         "si:realListXMLList",
         node("si:labelXMLList", " ".join(map(_label, keys))) if keys else None,
         node("si:valueXMLList", " ".join(scaled)),
-        node("si:unitXMLList", " ".join(unit.text for unit in units)),
+        node("si:unitXMLList", " ".join(texts[:1] if len({*texts}) == 1 else texts)),
         uncertainty,
     )
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from calibkit import extras
-from calibkit.certificate.checklist import character_code
 from calibkit.certificate.dcc_units import dsi
+from calibkit.certificate.words import character_code
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -24,6 +24,30 @@ DCC = "https://ptb.de/dcc"
 SI = "https://ptb.de/si"
 XSI = "http://www.w3.org/2001/XMLSchema-instance"
 NAMES = {"dcc": DCC, "si": SI, "xsi": XSI}
+IDENTIFIED = (
+    *("respPerson", "statement", "usedMethod", "measuringEquipment", "influenceCondition"),
+    *("measurementResult", "result", "list", "quantity"),
+)
+"""Elements that get an identifier: their name and a number."""
+
+
+@dataclass(frozen=True, slots=True)
+class Schema:
+    """A version of the schema with that of its quantities (D-SI)."""
+
+    version: str
+    quantities: str
+
+    @property
+    def location(self) -> str:
+        """Namespace and address of the schema."""
+        return f"{DCC} {DCC}/v{self.version}/dcc.xsd"
+
+
+SCHEMAS = {one.version: one for one in (Schema("3.3.0", "2.2.1"),)}
+"""Versions that calibkit writes."""
+SCHEMA = SCHEMAS["3.3.0"]
+"""Version that is written."""
 LANGUAGES: dict[Lang, tuple[str, ...]] = {"en": ("en",), "zh": ("zh",), "both": ("en", "zh")}
 NOT_STATED = "not stated"
 _ILLEGAL = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
@@ -54,14 +78,37 @@ def node(name: str, *content: _Element | str | None, **attributes: str) -> _Elem
     return made
 
 
+def identify(root: _Element) -> None:
+    """Give elements their identifiers in the order of the document, and put those of quantities in
+    place of the keys that statements refer to.
+    """
+    counts = dict.fromkeys(IDENTIFIED, 0)
+    known: dict[str, str] = {}
+    for element in root.iter(f"{{{DCC}}}*"):
+        name = str(element.tag).rpartition("}")[2]
+        if name in counts and element.get("id") is None:
+            counts[name] += 1
+            element.set("id", f"{name}{counts[name]}")
+        if name == "quantity":
+            for path in ("si:real/si:label", "si:realListXMLList/si:labelXMLList"):
+                labels = element.findtext(path, "", NAMES)
+                split = labels.split() if path.endswith("List") else [labels]
+                known |= {one: element.get("id", "") for one in split if one not in known}
+    for statement in root.iterfind(".//dcc:statement[@refId]", NAMES):
+        key = statement.get("refId", "")
+        statement.set("refId", known.get(key) or known[key.replace(" ", "_")])
+
+
 @dataclass(frozen=True, slots=True)
 class Notation:
-    """How a document writes texts and values: its languages, and the local gravity [m/s²] that
-    values in g are converted with, where it is known.
+    """How a document writes texts and values: its languages, the local gravity [m/s²] that values
+    in g are converted with, where it is known, and whether results state that they are in the scope
+    of an accreditation.
     """
 
     lang: Lang
     gravity: float | None
+    accredited: bool = False
 
     def unit(self, unit: str) -> Unit:
         """D-SI unit of a unit."""
@@ -73,11 +120,10 @@ class Notation:
         """
         if isinstance(words, str):
             return [node("dcc:content", one_line(words))]
+        if not words.zh and self.lang != "en":  # the same in both, a symbol or a name
+            return [node("dcc:content", one_line(words.en))]
         texts = {code: words.zh if code == "zh" else words.en for code in LANGUAGES[self.lang]}
-        return [
-            node("dcc:content", one_line(text or words.en), lang=code)
-            for code, text in texts.items()
-        ]
+        return [node("dcc:content", one_line(text), lang=code) for code, text in texts.items()]
 
     def text(self, name: str, words: Words | str) -> _Element:
         """Element of the schema's text type."""

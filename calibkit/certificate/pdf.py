@@ -14,10 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from calibkit import extras
-from calibkit.certificate.checklist import character_code
 from calibkit.certificate.content import Attachment, Certificate
 from calibkit.certificate.sheet import sheet
-from calibkit.certificate.words import HEADINGS, SENTENCES, Lang
+from calibkit.certificate.words import HEADINGS, SENTENCES, Lang, character_code
 from calibkit.errors import OutputError, RecipeError, UsageError
 
 TEMPLATE = Path(__file__).with_name("certificate.typ")

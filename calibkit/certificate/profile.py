@@ -9,14 +9,16 @@ import datetime as dt
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
+from calibkit.certificate import standard_dcc
 from calibkit.errors import RecipeError
 from calibkit.recipe import TypeB, loader, toml_text
 from calibkit.recipe.strict import Positive, Table
 
 Rule = Literal["guarded", "simple", "four_way"]
 Many = Field(strict=False)
+SHA256 = r"^([0-9a-f]{64})?$"
 OVERRIDE = "# --set "
 """What a line of an attached text begins with that states an override."""
 
@@ -88,6 +90,9 @@ class _Numbering(Table):
     traceability: str = ""
     reproduction: str = ""
     """Sentences in place of the usual ones."""
+    previous: str = ""
+    previous_sha256: Annotated[str, Field(pattern=SHA256)] = ""
+    """The item's calibration certificate before this one, and the digest of its file."""
     amends: str = ""
     amends_issued: dt.date | None = None
     changes: Annotated[tuple[str, ...], Many] = ()
@@ -102,6 +107,8 @@ class _Numbering(Table):
     def _another_number(self) -> Self:
         if self.amends and self.amends == self.number:
             raise ValueError(f"an amendment of {self.amends} needs a number of its own")
+        if bool(self.previous.strip()) != bool(self.previous_sha256):
+            raise ValueError("previous and previous_sha256, the digest of its file, go together")
         if self.amends_issued is not None and not self.amends.strip():
             raise ValueError(
                 f"amends_issued = {self.amends_issued}, but amends names no certificate"
@@ -171,9 +178,15 @@ class _Conditions(Table):
 class Standard(Table):
     """A reference standard or measuring equipment that makes the results traceable."""
 
-    name: str
+    name: str = ""
+    dcc: str = ""
+    """Its digital calibration certificate, relative to the profile, which fills the other keys."""
+    result: str = ""
+    """Name, id, label or refType of the quantity in it whose U counts, where it has several."""
     serial: str = ""
     certificate: str = ""
+    sha256: Annotated[str, Field(pattern=SHA256)] = ""
+    """Digest of the certificate's file."""
     date: dt.date | None = None
     valid_until: dt.date | None = None
     laboratory: str = ""
@@ -181,14 +194,42 @@ class Standard(Table):
     expanded_uncertainty: Positive | None = None
     coverage_factor: Annotated[float, Field(ge=1.0)] = 2.0
     unit: str = ""
+    quantity: str = ""
+    """Input whose error it is: its U is then a type B term."""
 
     _dates = field_validator("date", "valid_until", mode="before")(_as_date)
 
     @model_validator(mode="after")
-    def _has_unit(self) -> Self:
+    def _whole(self) -> Self:
+        if self.dcc and self.expanded_uncertainty is None:
+            return self  # not yet read
+        if not self.name.strip():
+            raise ValueError("a standard needs a name")
         if self.expanded_uncertainty is not None and not self.unit.strip():
             raise ValueError(f"'{self.name}': an expanded_uncertainty needs its unit")
+        if self.quantity and self.expanded_uncertainty is None:
+            raise ValueError(f"'{self.name}': its quantity needs an expanded_uncertainty")
+        _ = self.terms
         return self
+
+    @property
+    def terms(self) -> tuple[TypeB, ...]:
+        """What it contributes to the uncertainty of results; ValueError for a unit that its
+        quantity cannot have.
+        """
+        if not self.quantity:
+            return ()
+        stated = {
+            "name": ", ".join(filter(None, (self.name, self.certificate))),
+            "quantity": self.quantity,
+            "unit": self.unit,
+            "expanded_uncertainty": self.expanded_uncertainty,
+            "coverage_factor": self.coverage_factor,
+        }
+        try:
+            return (TypeB.model_validate(stated),)
+        except ValidationError as error:
+            raise ValueError(error.errors()[0]["msg"].removeprefix("Value error, ")) from None
 
 
 class _Person(Table):
@@ -267,6 +308,11 @@ class Profile(Table):
     type_b_none: _TypeBNone = _TypeBNone()
     remarks: Annotated[tuple[str, ...], Many] = ()
 
+    @property
+    def terms(self) -> tuple[TypeB, ...]:
+        """Type B terms: those of [[type_b]], and those of standards that state their quantity."""
+        return (*self.type_b, *(term for one in self.standard for term in one.terms))
+
 
 def read_source(path: Path | None, overrides: tuple[str, ...] = ()) -> loader.Source:
     """Text of a profile with its overrides, empty for none; RecipeError where it cannot be read."""
@@ -285,8 +331,37 @@ def load(path: Path | None, overrides: tuple[str, ...] = ()) -> tuple[Profile, s
     """Profile and what is attached of it, its keys with the overrides and without comments, or an
     empty one; RecipeError with every fault, one per line.
     """
-    found = read_source(path, overrides).table(Profile)
+    source = read_source(path, overrides)
+    found = source.table(Profile)
+    folder = Path() if path is None else path.parent
+    with source.placing():
+        standards = tuple(_fill(k, one, folder) for k, one in enumerate(found.standard))
+    found = found.model_copy(update={"standard": standards})
     return found, "" if path is None and not overrides else dumps(found)
+
+
+def _fill(number: int, standard: Standard, folder: Path) -> Standard:
+    """A standard with what its DCC states; RecipeError where the profile contradicts it."""
+    if not standard.dcc:
+        return standard
+    stated, at = standard.model_dump(exclude_defaults=True), ("standard", number, "dcc")
+    try:
+        found = standard_dcc.read(folder / standard.dcc, standard.result)
+    except RecipeError as error:
+        raise RecipeError(error.message, hint=error.hint, at=at) from None
+    for key in (found.keys() & stated.keys()) - {"name"}:
+        if stated[key] != found[key]:
+            raise RecipeError(
+                f"[[standard]] {key} = {stated[key]}, {standard.dcc} states {found[key]}",
+                hint=f"leave out {key}, or name the right DCC",
+                at=at,
+            )
+    try:
+        return Standard.model_validate(found | stated)
+    except ValidationError as error:
+        message = error.errors()[0]["msg"].removeprefix("Value error, ")
+        hint = "state what it leaves out, or name another DCC"
+        raise RecipeError(f"{standard.dcc}: {message}", hint=hint, at=at) from None
 
 
 def dumps(profile: Profile) -> str:

@@ -105,6 +105,7 @@ def _party(party: Party, lang: Lang, order: str = "") -> Rows:
 def _item(certificate: Certificate, lang: Lang) -> Rows:
     """What was calibrated, in which condition, when."""
     item, dates = certificate.profile.item, certificate.profile.dates
+    numbering = certificate.profile.certificate
     until = f" … {dates.performed_until}" if dates.performed_until else ""
     return in_words(
         [
@@ -114,6 +115,7 @@ def _item(certificate: Certificate, lang: Lang) -> Rows:
             (Words("Serial number", "编号"), certificate.run.serial),
             *list_given((Words("Identification", "标识"), item.identification)),
             (Words("Condition", "状态"), item.condition),
+            *list_given((Words("Certificate before", "上一份证书"), numbering.previous)),
             *list_given((Words("Received", "接收日期"), str(dates.received or ""))),
             (Words("Calibrated", "校准日期"), f"{dates.performed or ''}{until}"),
             (Words("Issued", "签发日期"), str(certificate.issued)),

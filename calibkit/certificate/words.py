@@ -122,6 +122,11 @@ ANGLES = ("°", "′", "″")
 POWERS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
+def character_code(character: str) -> str:
+    """A character by its number: [U+8BA1]."""
+    return f"[U+{ord(character):04X}]"
+
+
 def with_unit(number: str, mark: str) -> str:
     """A number with its unit: ° ′ ″ of plane angle stand without a space, nothing for none."""
     return f"{number}{mark}" if mark in ANGLES else f"{number} {mark}".strip()
