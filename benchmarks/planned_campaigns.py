@@ -11,6 +11,7 @@ how often the interval of the fit covers the truth.
 import argparse
 import tempfile
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,10 @@ from calibkit.arrays import Array
 from calibkit.instruments.accelerometer import dwells as triad_dwells, simulate_plan
 from calibkit.instruments.accelerometer.fit import fit_triad
 from calibkit.instruments.accelerometer.numeric import affine_model
+from calibkit.instruments.gyro_scale.numeric import all_runs
+from calibkit.instruments.gyro_scale.numeric.planned import Runs
 from calibkit.numeric import gum
+from calibkit.numeric.least_squares.components import Known
 from calibkit.planning import document
 from calibkit.recipe.tables import ErrorComponent
 
@@ -84,6 +88,66 @@ def run_triad(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  
     return error, np.array([*predicted.values()]), u, np.array(list(map(gum.coverage_factor, dof)))
 
 
+def run_table(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  # noqa: ANN401
+    """As `run_triad`, of K and F0 of a gyro at the reference temperature [ppm, °/h]: means over the
+    held rates with all errors of the plan, fitted by the model of all runs.
+    """
+    rng = np.random.default_rng(seed)
+    told = plan.document["settings"]
+    runs = Runs(
+        tuple(told["rates_dps"]),
+        np.array(told["middle_h"]),
+        np.array(told["noise_dps"]),
+        tuple(told["temperatures_degc"]),
+    )
+    rows, order = runs.rows(), told["order"]
+    x = (rows.row_degc - 25.0) / 100.0
+    K, F0 = rng.normal(0.0, 3e-3, 3), rng.normal(0.0, 1e-3, 3)
+    scale = 1.0 + np.vander(x, 3, increasing=True) @ K
+    size = {one["effect"]: one["value"] for one in plan.document["components"]}
+    count = len(runs.degc)
+    drawn = rng.normal(0.0, 1.0, (3, count))
+    response = rng.normal(0.0, size["response"] / 3600.0, len(runs.rates_dps))
+    indication = (
+        (scale + 1e-6 * size["scale"] * drawn[0][rows.run]) * rows.rate_dps
+        + np.vander(x, 3, increasing=True) @ F0
+        + size["zero"] / 3600.0 * drawn[1][rows.run]
+        + size["zero drift"] / 3600.0 * drawn[2][rows.run] * rows.hours
+        + np.tile(runs.noise_dps, count) * rng.normal(size=rows.run.size)
+        + np.tile(response, count)
+    )
+    # the best straight line over the rates takes its part of the response
+    rate = np.array(runs.rates_dps)
+    slope, zero = np.polyfit(rate, response, 1)
+    indication, K0 = 1e4 * indication, 1e4
+    rows = replace(rows, indication=indication, corrected=indication)
+    known = {
+        "scale": Known(1e-6 * size["scale"] * K0, 20.0),
+        "zero": Known(size["zero"] / 3600.0 * K0, 20.0),
+    }
+    shapes, _ = all_runs.own_lines(rows)
+    fitted = all_runs.fit(rows, (order, order), shapes, known)
+    at = spec.reference_temp_degc
+    one = [fitted.at(which, at) for which in (all_runs.SCALE, all_runs.ZERO)]
+    powers = np.array([1.0, (at - 25.0) / 100.0, ((at - 25.0) / 100.0) ** 2])
+    truth = K0 * np.array([1.0 + powers @ K + slope, powers @ F0 + zero])
+    unit = np.array([1e6, 3600.0]) / K0
+    predicted = [part["standard_uncertainty"] for part in plan.document["coefficients"]]
+    return (
+        (np.array([part.value for part in one]) - truth) * unit,
+        np.array(predicted),
+        np.array([part.standard_uncertainty for part in one]) * unit,
+        np.array([gum.coverage_factor(part.dof) for part in one]),
+    )
+
+
+RUNS = {
+    "accelerometer": (run_triad, "inclination<=0.01 deg", (-40.0, 125.0)),
+    "rate_table": (run_table, "scale factor<=1 ppm", (-40.0, 60.0)),
+}
+"""Procedure → one campaign of it, wish and range of the plan."""
+
+
 def judge(
     plan: document.Plan,
     campaigns: int,
@@ -105,11 +169,12 @@ def judge(
 def main() -> None:
     """Print the figures of one procedure."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("procedure", choices=["accelerometer"])
+    parser.add_argument("procedure", choices=list(RUNS))
     parser.add_argument("--campaigns", type=int, default=1000)
     asked = parser.parse_args()
-    plan = make_plan(asked.procedure, wishes=("inclination<=0.01 deg",), range_degc=(-40.0, 125.0))
-    ratio, spread, coverage = judge(plan, asked.campaigns)
+    run, wish, range_degc = RUNS[asked.procedure]
+    plan = make_plan(asked.procedure, wishes=(wish,), range_degc=range_degc)
+    ratio, spread, coverage = judge(plan, asked.campaigns, run)
     print(
         f"{asked.procedure}, {plan.document['plan']}: predicted / actual u {ratio:.3f} ±"
         f" {spread:.3f}, coverage {coverage:.3f}, {asked.campaigns} campaigns"

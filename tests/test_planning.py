@@ -36,6 +36,15 @@ def quadratic(levels):
     return np.einsum("ci,cj->cij", rows, rows)
 
 
+def judge(folder, campaigns, run):
+    """Predicted over actual u, its standard error and the coverage, by the benchmark."""
+    spec = importlib.util.spec_from_file_location("planned_campaigns", BENCHMARK)
+    benchmark = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(benchmark)
+    plan = document.load_plan(folder)
+    return benchmark.judge(plan, campaigns, getattr(benchmark, run), first=100)
+
+
 @pytest.fixture
 def rng():
     """Random numbers of a stated seed."""
@@ -313,10 +322,56 @@ def test_every_planner_has_its_device_on_the_sample_bench():
 
 def test_predicted_uncertainty_is_the_scatter_of_campaigns(planned):
     """Of 30 campaigns with all errors of the plan: 0.93 to 1.07 beside what chance allows."""
-    spec = importlib.util.spec_from_file_location("planned_campaigns", BENCHMARK)
-    benchmark = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(benchmark)
-    ratio, spread, coverage = benchmark.judge(document.load_plan(planned), 30, first=100)
+    ratio, spread, coverage = judge(planned, 30, "run_triad")
     assert 0.93 - 3.0 * spread <= ratio <= 1.07 + 3.0 * spread
     assert spread < 0.05
     assert 0.9 <= coverage <= 1.0
+
+
+@pytest.fixture(scope="module")
+def planned_runs(tmp_path_factory):
+    """Folder of a plan of a rate table."""
+    out = tmp_path_factory.mktemp("planned") / "plan"
+    request = plans.Request(wishes=("scale factor<=1.5 ppm",), range_degc=(-40.0, 60.0))
+    plans.plan(recipe.find("rate_table"), request, out)
+    return out
+
+
+def test_a_plan_of_a_rate_table_spans_the_rates_and_the_range(planned_runs):
+    """Both ways, one temperature more than the order needs, a return, a withheld run."""
+    plan = document.load_plan(planned_runs)
+    Draft202012Validator(SCHEMA).validate(dict(plan.document))
+    held = plan.schedule.recorded("rate")
+    fitted = [one for one in held if not one.log.startswith("withheld")]
+    rates = sorted({one.table_rate_dps for one in fitted})
+    assert rates == [-rate for rate in reversed(rates)]
+    assert rates[-1] == 100.0
+    assert len(rates) >= 10
+    degc = list(dict.fromkeys((one.log, one.set_degc) for one in fitted))
+    temperatures = [one for _, one in degc]
+    assert temperatures[0] == temperatures[-1] == -40.0
+    assert set(temperatures) >= {-40.0, 25.0, 60.0}
+    assert len(set(temperatures)) == plan.document["settings"]["order"] + 2
+    assert {one.log for one in held} - {one.log for one in fitted}
+
+
+def test_predicted_uncertainty_of_a_rate_table_is_the_scatter_of_campaigns(planned_runs):
+    """Of 60 campaigns with all errors of the plan: 0.93 to 1.07 beside what chance allows."""
+    ratio, spread, coverage = judge(planned_runs, 60, "run_table")
+    assert 0.93 - 3.0 * spread <= ratio <= 1.07 + 3.0 * spread
+    assert spread < 0.1
+    assert 0.9 <= coverage <= 1.0
+
+
+def test_runs_of_a_plan_are_fitted_by_its_recipe(planned_runs, tmp_path):
+    """What the fit states of K is what was predicted, within a third."""
+    logs, runs = tmp_path / "logs", tmp_path / "runs"
+    plans.simulate(planned_runs, logs, 3)
+    arguments = ["fit", str(planned_runs / "recipe.toml"), "--data", str(logs), "--serial", "G-1"]
+    done = CliRunner().invoke(cli, [*arguments, "--out", str(runs)], standalone_mode=False)
+    assert done.return_value == 0, done.output
+    model = json.loads((runs / "G-1" / "r001" / "gyro_scale.json").read_text())["models"][0]
+    K = model["coefficients"][0]
+    plan = json.loads((planned_runs / "plan.json").read_text(encoding="utf-8"))
+    predicted = plan["coefficients"][0]["standard_uncertainty"]
+    assert 0.75 < 1e6 * K["standard_uncertainty"] / K["value"] / predicted < 1.33

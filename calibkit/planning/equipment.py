@@ -58,6 +58,14 @@ class Fixture(Table):
     step_deg: Annotated[int, Field(ge=1, le=90)] = 30
 
 
+class RateTable(Table):
+    """A rate table."""
+
+    fastest_dps: Positive
+    acceleration_dps2: Positive
+    rates: Annotated[tuple[Annotated[int, Field(ge=2)], ...], Many] = (5, 7, 9, 11)
+
+
 class Device(Table):
     """What is known of a type of device before it is measured."""
 
@@ -67,6 +75,8 @@ class Device(Table):
     noise_unit: str
     noise_s: Positive = 60.0
     dwell_s: Annotated[tuple[Positive, ...], Many] = (60.0,)
+    order: Annotated[int, Field(ge=1, le=3)] = 2
+    """Highest power of temperature that is assumed where the recipe states none."""
     component: Annotated[tuple[ErrorComponent, ...], Field(strict=False)] = ()
 
 
@@ -77,7 +87,17 @@ class Equipment(Table):
     chamber: Chamber
     operator: Operator = Operator()
     attitudes: dict[Literal["two-axis", "dividing-head", "faces", "file"], Fixture]
+    rate_table: RateTable | None = None
     device: dict[str, Device]
+
+    def require_reached(self, low: float, high: float) -> None:
+        """Raise UsageError for a range [°C] that the chamber does not reach."""
+        if not self.chamber.low_degc <= low < high <= self.chamber.high_degc:
+            raise UsageError(
+                f"--range {low:g} {high:g}: the chamber reaches {self.chamber.low_degc:g} to"
+                f" {self.chamber.high_degc:g} °C",
+                hint="state a range within it, the lower end first",
+            )
 
     def known_device(self, procedure: str) -> Device:
         """What is known of the devices of a procedure; UsageError where nothing is."""

@@ -6,12 +6,15 @@ import re
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
+import numpy as np
+
 from calibkit import units
 from calibkit.errors import UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
+    from calibkit.arrays import Array
     from calibkit.coefficients import Record
     from calibkit.frame import Log
     from calibkit.planning.equipment import Equipment
@@ -99,6 +102,16 @@ class Predicted:
     """Largest standard uncertainty in the range of use."""
     limits: Mapping[str, float]
     """Source → its share of the mean variance; sums to 1."""
+
+    @classmethod
+    def of(cls, name: str, unit: str, parts: Mapping[str, Array]) -> Predicted:
+        """Uncertainty of a result from the variances [m] over the range of use that noise and each
+        source leave.
+        """
+        whole = np.sum([*parts.values()], axis=0)
+        mean = float(whole.mean())
+        limits = {source: float(part.mean()) / mean for source, part in parts.items()}
+        return cls(name, unit, float(np.sqrt(mean)), float(np.sqrt(whole.max())), limits)
 
     @property
     def expanded(self) -> float:

@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.errors import FitError, UsageError
+from calibkit.errors import FitError
 from calibkit.instruments.accelerometer import assumptions
 from calibkit.instruments.accelerometer.numeric import planned
 from calibkit.instruments.accelerometer.numeric.planned import Dwells, Model, Soaks
 from calibkit.numeric import exchange
+from calibkit.numeric.least_squares import polynomial
 from calibkit.planning.proposal import (
     Candidate,
     Coefficient,
@@ -185,13 +186,7 @@ def _prepare(spec: AccelerometerRecipe, task: Task) -> _Bench:
     """What the search needs; UsageError for what cannot be planned."""
     assumed = assumptions.assume(spec, task)
     low, high = assumed.range_degc
-    chamber = task.equipment.chamber
-    if not chamber.low_degc <= low < high <= chamber.high_degc:
-        raise UsageError(
-            f"--range {low:g} {high:g}: the chamber reaches {chamber.low_degc:g} to"
-            f" {chamber.high_degc:g} °C",
-            hint="state a range within it, the lower end first",
-        )
+    task.equipment.require_reached(low, high)
     model = assumptions.planned_model(spec, assumed)
     spots, mounting = _list_spots(task, assumed.fixture)
     base = None if assumed.have is None else model.information(assumed.have)
@@ -292,7 +287,7 @@ def _order_soaks(bench: _Bench, levels: int, allowed: Integers) -> tuple[int, ..
             return float("inf")
         return float(np.sum(found.covariance[:p, :p] * target))
 
-    start = planned.space_levels(*ends, levels)
+    start = polynomial.space_levels(*ends, levels)
     # every second temperature on the way back: as long a way, and drift is told from temperature
     order = [*start[::2], *start[1::2][::-1]]
     moves = partial(_moves, ends=ends)
@@ -343,15 +338,7 @@ def _polish(bench: _Bench, best: Candidate, wishes: Sequence[Wish]) -> Candidate
 def _predict(model: Model, information: Information, name: str) -> Predicted:
     """Predicted uncertainty of a result, and what limits it."""
     parts = information.variances(model.result_slopes(name))
-    whole = np.sum([*parts.values()], axis=0)
-    mean = float(whole.mean())
-    return Predicted(
-        name,
-        planned.RESULTS[name],
-        float(np.sqrt(mean)),
-        float(np.sqrt(whole.max())),
-        {source: float(part.mean()) / mean for source, part in parts.items()},
-    )
+    return Predicted.of(name, planned.RESULTS[name], parts)
 
 
 def _coefficients(model: Model, information: Information) -> tuple[Coefficient, ...]:

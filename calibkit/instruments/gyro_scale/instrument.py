@@ -37,6 +37,7 @@ from calibkit.instruments.gyro_scale.recipe import (
     GyroTriadRecipe,
     RateTableRecipe,
 )
+from calibkit.planning.proposal import Planner
 from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary
 
@@ -208,6 +209,13 @@ def _firmware() -> Firmware[Any]:
     return FIRMWARE
 
 
+def _planner() -> Planner:
+    """How campaigns are planned."""
+    from calibkit.instruments.gyro_scale import plan
+
+    return Planner(plan.propose, plan.simulate)
+
+
 LINE_KEYS = r"gyro_scale\.(nonlinearity_full_scale|asymmetry)\.GJB 2426A\..+"
 """Pattern of the key figures of lines."""
 
@@ -231,6 +239,7 @@ RATE_TABLE = Instrument(
     ),
     campaigns={"rate_table": simulate_rate_table.campaign},
     propose=propose.propose_rate_table,
+    planner=_planner,
 )
 PAIR = Instrument(
     recipe=GyroPairRecipe,

@@ -162,3 +162,10 @@ def choose_order(
         few = gum.widening(max(count - order - 1, 1)) if count_dof else 1.0
         errors.append(few * rms(left if weights is None else left * np.sqrt(weights)))
     return leave_out.choose_simplest(errors, margin)
+
+
+def space_levels(low: float, high: float, count: int) -> list[int]:
+    """Whole temperatures [°C] where polynomials are best determined: Chebyshev extremes."""
+    turn = np.cos(np.pi * np.arange(count) / (count - 1)) if count > 1 else np.zeros(1)
+    found = np.rint((low + high) / 2.0 - (high - low) / 2.0 * turn).astype(int).tolist()
+    return list(found)

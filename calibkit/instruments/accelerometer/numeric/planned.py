@@ -254,13 +254,6 @@ def reduce_to_coefficients(found: Information) -> Array:
     return np.asarray(whole[:p, :p] - whole[:p, p:] @ invert(inner) @ whole[p:, :p])
 
 
-def space_levels(low: float, high: float, count: int) -> list[int]:
-    """Whole temperatures [°C] where polynomials are best determined: Chebyshev extremes."""
-    turn = np.cos(np.pi * np.arange(count) / (count - 1)) if count > 1 else np.zeros(1)
-    found = np.rint((low + high) / 2.0 - (high - low) / 2.0 * turn).astype(int).tolist()
-    return list(found)
-
-
 def spread_apart(spots: Array, taken: Sequence[int], count: int) -> list[int]:
     """Attitudes [count] of spots [c, 2] that lie farthest from those that are taken."""
     gravity = attitude.gravity_vector(spots[:, 0], spots[:, 1])

@@ -185,7 +185,7 @@ def fit(
     mixed = shared_fit.fit(
         np.column_stack((base, *shapes.values())),
         rows.indication,
-        list(_effects(rows, orders, known)),
+        list(list_effects(rows, orders, known)),
         list(_candidates(rows)),
         weights=np.ones(count),
         channel=np.zeros(count, dtype=np.int64),
@@ -201,7 +201,7 @@ def fit(
     return AllRuns(mixed, lines, (middle, half), hidden, tuple(shapes))
 
 
-def _effects(
+def list_effects(
     rows: Rows, orders: tuple[int, int], known: Mapping[str, components.Known]
 ) -> Iterator[components.Effect]:
     """What differs from run to run: scale factor, zero, and what changes during a run; and what the
@@ -210,7 +210,8 @@ def _effects(
     yield components.Effect("run", "scale", rows.run, rows.rate_dps, known.get("scale"))
     yield components.Effect("run", "zero", rows.run, np.ones(rows.run.size), known.get("zero"))
     if rows.hours.any():
-        yield components.Effect("run", "zero drift", rows.run, rows.hours)
+        drift = known.get("zero drift")
+        yield components.Effect("run", "zero drift", rows.run, rows.hours, drift)
     warmer = rows.row_degc - rows.temp_degc[rows.run]
     if not orders[SCALE] and np.isfinite(warmer).all() and warmer.any():
         yield components.Effect("run", "scale over temperature", rows.run, rows.rate_dps * warmer)
@@ -218,7 +219,8 @@ def _effects(
         yield components.Effect("run", "scale drift", rows.run, rows.rate_dps * rows.hours)
     pattern = rows.pattern() if rows.both_ways else np.empty((rows.run.size, 0))
     if pattern.size:
-        yield components.Effect("rate", "response", np.zeros_like(rows.run), pattern)
+        every = np.zeros_like(rows.run)
+        yield components.Effect("rate", "response", every, pattern, known.get("response"))
 
 
 def _candidates(rows: Rows) -> Iterator[components.Effect]:

@@ -1,0 +1,138 @@
+"""What planned runs of a rate table will tell of scale factor and zero over temperature."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibkit.arrays import Array
+from calibkit.constants import DPH_PER_DPS, REVOLUTION_DEG
+from calibkit.instruments.gyro_scale.numeric import all_runs
+from calibkit.instruments.gyro_scale.numeric.gjb_figures import PPM
+from calibkit.numeric.information import Information, find_information
+from calibkit.numeric.least_squares import polynomial
+from calibkit.numeric.least_squares.components import Known
+
+SETTLE_S = 6.0
+"""Time of a hold [s] in which the table settles; more than a whole revolution stays."""
+SPARE = 1.02
+"""Share of a revolution that a slow rate is held for."""
+LEVELS = 25
+"""Temperatures of use at which an uncertainty is predicted."""
+RESULTS = {"scale factor": "ppm", "zero": "deg/h"}
+"""Results that a plan predicts, with their units."""
+UNITS = {
+    ("run", "scale"): "ppm",
+    ("run", "zero"): "deg/h",
+    ("run", "zero drift"): "deg/h/h",
+    ("rate", "response"): "deg/h",
+}
+"""(group, effect) of the errors that can be assumed, and the units they are stated in."""
+
+
+def hold_s(rate_dps: float, shortest_s: float) -> float:
+    """How long [s] a rate is held: a whole revolution at least."""
+    return max(shortest_s, SETTLE_S + SPARE * REVOLUTION_DEG / abs(rate_dps))
+
+
+@dataclass(frozen=True, slots=True)
+class Runs:
+    """Planned runs, all with the same rates."""
+
+    rates_dps: tuple[float, ...]
+    """Signed rates in the order of a run."""
+    hours: Array
+    """[k], middle of each hold from the middle of the run."""
+    noise_dps: Array
+    """[k], noise of the mean over each hold."""
+    degc: tuple[int, ...]
+    """Temperatures of the runs in their order."""
+
+    def rows(self) -> all_runs.Rows:
+        """Holds of all runs, of a gyro that is exact."""
+        runs = len(self.degc)
+        rate = np.tile(np.array(self.rates_dps), runs)
+        run = np.repeat(np.arange(runs), len(self.rates_dps))
+        degc = np.array(self.degc, dtype=np.float64)[run]
+        return all_runs.Rows(rate, rate, rate, run, degc, np.tile(self.hours, runs))
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """Polynomials of scale factor and zero of an order, over a range of use."""
+
+    order: int
+    range_degc: tuple[float, float]
+    sizes: Mapping[tuple[str, str], Known]
+    """(group, effect) → standard deviation in the units of `UNITS`."""
+
+    def powers(self, degc: Array) -> Array:
+        """Powers [n, order + 1] of temperatures mapped to [−1, 1]."""
+        low, high = self.range_degc
+        return polynomial.powers(
+            degc, self.order, middle=(low + high) / 2.0, half=(high - low) / 2.0
+        )
+
+    def information(self, runs: Runs) -> Information:
+        """Information on the polynomials of relative K, then those of F0 [°/s], and on the
+        asymmetry of the response, with the effects of the fit.
+        """
+        rows = runs.rows()
+        powers = self.powers(rows.row_degc)
+        size = np.abs(rows.rate_dps)[:, None]
+        asymmetry = size if np.ptp(size) > 0.0 else np.zeros((size.size, 0))
+        design = np.column_stack([powers * rows.rate_dps[:, None], powers, asymmetry])
+        unit = {"scale": 1.0 / PPM}
+        known = {
+            effect: Known(one.value * unit.get(effect, 1.0 / DPH_PER_DPS), one.dof)
+            for (_, effect), one in self.sizes.items()
+        }
+        effects = all_runs.list_effects(rows, (self.order, self.order), known)
+        noise = np.tile(runs.noise_dps, len(runs.degc))
+        weighted = [one.divided_by(noise) for one in effects]
+        return find_information(design / noise[:, None], 1.0, weighted)
+
+    def result_slopes(self, result: str, runs: Runs) -> Array:
+        """Derivatives [m, p] of a result over the range of use by the coefficients."""
+        return self._slopes_at(result, runs, np.linspace(*self.range_degc, LEVELS))
+
+    def at(self, result: str, runs: Runs, degc: float) -> Array:
+        """Derivatives [1, p] of a result at one temperature [°C]."""
+        return self._slopes_at(result, runs, np.array([degc]))
+
+    def _slopes_at(self, result: str, runs: Runs, degc: Array) -> Array:
+        """Derivatives [m, p] at temperatures [m]; the zero is that of the best straight line, which
+        an asymmetry moves.
+        """
+        powers = self.powers(degc)
+        none = np.zeros_like(powers)
+        if result == "scale factor":
+            found = PPM * np.column_stack([powers, none])
+        else:
+            found = DPH_PER_DPS * np.column_stack([none, powers])
+        rate = np.array(runs.rates_dps)
+        if np.ptp(np.abs(rate)) > 0.0:
+            line = np.column_stack([rate, np.ones(rate.size)])
+            bent = float(np.linalg.pinv(line)[1] @ np.abs(rate))
+            own = 0.0 if result == "scale factor" else DPH_PER_DPS * bent
+            found = np.column_stack([found, np.full(len(found), own)])
+        return np.asarray(found, dtype=np.float64)
+
+
+def order_rates(rates_dps: Sequence[int], *, alternating: bool) -> tuple[float, ...]:
+    """Signed rates of a run: each one both ways at once, or one side after the other."""
+    if alternating:
+        return tuple(float(sign * rate) for rate in rates_dps for sign in (1, -1))
+    return tuple(float(sign * rate) for sign in (1, -1) for rate in rates_dps)
+
+
+def spread_rates(fastest: int, count: int, *, even: bool) -> list[int]:
+    """Whole rates [°/s] up to the fastest: in even steps, or from a twentieth of it in steps of one
+    ratio. They span the range, so that a bend of the response shows.
+    """
+    slowest = fastest / count if even else max(fastest / 20.0, 1.0)
+    spread = np.linspace if even else np.geomspace
+    found = np.rint(spread(slowest, fastest, count)).astype(int).tolist()
+    for k in range(1, count):
+        found[k] = max(found[k], found[k - 1] + 1)
+    return list(found)
