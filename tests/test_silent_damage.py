@@ -1,9 +1,14 @@
 """Damages that leave a log readable: found, refused, or without effect within the uncertainty."""
 
+from types import SimpleNamespace
+
 import numpy as np
+import pandas as pd
 import pytest
 
 from attacks import campaigns, silent
+from calibkit.check import thermometers
+from conftest import ROOT
 
 
 @pytest.fixture(scope="module")
@@ -59,6 +64,35 @@ def test_a_thermometer_that_steps_for_a_while_is_named(bias):
     found, _, said = outcome(bias, "log_0.csv", "temp_case_degc", change)
     assert found == "found"
     assert "from one row to the next" in said
+
+
+@pytest.mark.parametrize(
+    ("procedure", "name", "column", "rows"),
+    [
+        ("rate_table", "room_1.csv", "temp_case_degc", 443),
+        ("fog_thermal", "ramp_heating_01.csv", "temp_env_degc", 3000),
+    ],
+)
+def test_thermometers_of_tables_and_ramps_that_step_are_named(
+    calibkit, tmp_path, procedure, name, column, rows
+):
+    """From this row on in °F: the temperature coefficient of K and the lags moved by up to 16 of
+    their expanded uncertainties without a word.
+    """
+    log = silent.Text.parse((ROOT / "datasets" / procedure / name).read_text(encoding="utf-8"))
+    values = log.column(column)
+    values[rows:] = 1.8 * values[rows:] + 32.0
+    (tmp_path / name).write_text(log.put(column, values).format(), encoding="utf-8")
+    done = calibkit("check", procedure, "--data", tmp_path, "--details")
+    assert "from one row to the next" in done.out + done.err
+
+
+def test_a_chamber_that_is_logged_once_a_minute_makes_no_step():
+    """A ramp of 10 °C/min in twenty hours of soaks: 40 °C within four rows is what it ran."""
+    time = 60.0 * np.arange(1200.0)
+    case = np.clip(10.0 * (time - 36000.0) / 60.0, -30.0, 60.0)
+    log = SimpleNamespace(frame=pd.DataFrame({"time_s": time, "temp_case_degc": case}))
+    assert thermometers.check_steps(log, "temp_case_degc") == []
 
 
 def test_a_unit_in_the_header_that_the_columns_name_contradicts_is_named(bias):

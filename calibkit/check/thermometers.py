@@ -53,8 +53,8 @@ _STEPS = 10.0
 """Steps from station to station, in medians, that a tool which warms steadily does not make."""
 _SAME = 4
 """Stations at one reading of a thermometer that else never reads the same twice."""
-_STEP_ROWS, _STEP_DEGC = 4, 5.0
-"""Rows whose medians are compared, and the least step [°C] that is one."""
+_STEP_ROWS, _STEP_DEGC, _STEP_DEGC_MIN = 4, 5.0, 60.0
+"""Rows whose medians are compared, and the least step [°C] and its rate [°C/min] that are one."""
 BLOCKS = 600
 """Block means that the two are compared by."""
 
@@ -154,16 +154,17 @@ def check_stations(log: Log, station: str, column: str) -> list[Finding]:
 
 def check_steps(log: Log, column: str) -> list[Finding]:
     """A thermometer of a sampled log that steps from one row to the next, and stays there for four
-    rows or more, further than it ever moves within four rows elsewhere.
+    rows or more, further than it moves within four rows elsewhere and than a chamber can.
     """
-    data = values(log.frame, column)
+    data, time = values(log.frame, column), values(log.frame, "time_s")
     if data.size < 5 * _STEP_ROWS:
         return []
     windows = np.lib.stride_tricks.sliding_window_view(data, _STEP_ROWS)
     level = np.sort(windows, axis=1)[:, _STEP_ROWS // 2 - 1]
     steps = np.abs(level[_STEP_ROWS:] - level[:-_STEP_ROWS])
     k = int(np.argmax(steps))
-    if steps[k] <= max(_STEP_DEGC, _STEPS * float(np.quantile(steps, 0.9))):
+    least = _STEP_DEGC_MIN / 60.0 * float(time[k + _STEP_ROWS] - time[k])
+    if steps[k] <= max(_STEP_DEGC, least, _STEPS * float(np.quantile(steps, 0.9))):
         return []
     row = k + 1 + int(np.argmax(np.abs(np.diff(data[k : k + 2 * _STEP_ROWS]))))
     return [

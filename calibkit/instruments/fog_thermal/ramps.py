@@ -94,6 +94,7 @@ def _faults(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
         *found,
         *check.magnitude.check_time_unit(log, air),
         *check.thermometers.check_pair(log, case, air),
+        *(one for column in (case, air) for one in check.thermometers.check_steps(log, column)),
         *_check_stated_rate(log, recipe),
         *check.magnitude.check_gyro_unit(log, "gyro_dph"),
         *check.magnitude.find_compensated_names(log, recipe, ["gyro_dph"]),

@@ -223,11 +223,10 @@ def _find_implausible(log: Log, gyros: Sequence[str]) -> list[Finding]:
 def _find_suspicious(spec: AnyRecipe, log: Log) -> list[Finding]:
     """Findings on suspicious sensors, loggers and signs, which do not stop a fit."""
     columns = [forms.gyro_column(gyro) for gyro in spec.gyros]
-    found = (
-        check.series.check_temperature(log, forms.TEMPERATURE)
-        if forms.TEMPERATURE in log.frame.columns
-        else []
-    )
+    found = []
+    if forms.TEMPERATURE in log.frame.columns:
+        found += check.series.check_temperature(log, forms.TEMPERATURE)
+        found += check.thermometers.check_steps(log, forms.TEMPERATURE)
     reach = {name: _span(values(log.frame, name)) for name in columns}
     # a gyro across the table axis indicates its misalignment, of either sign
     along = max(columns, key=lambda name: reach[name])
