@@ -93,11 +93,11 @@ def describe_firmware(
     spec: Recipe, records: Mapping[str, coefficients.Record]
 ) -> tuple[tuple[str, ...], str]:
     """Coefficient files that firmware takes, and why nothing can be exported, which is empty where
-    it can; no file where the procedure has no firmware.
+    it can; no file where the procedure corrects nothing.
     """
     make = instruments.find(spec.procedure).firmware
     if make is None:
-        return (), ""
+        return (), "this procedure corrects no indication"
     firmware = make()
     try:
         firmware.chain(spec, records)

@@ -53,7 +53,7 @@ def follow_fit(
     spec = instruments.fitted_recipe(run.document)
     files, refused = run_content.describe_firmware(spec, run.records)
     if refused or not files:
-        why = f"No firmware yet: {refused}. " if refused else ""
+        why = f"No firmware: {refused}. " if refused else ""
         return report, f"{why}Next: {_command_line('show', *_name_run(run, runs))}"
     out = f"firmware/{run.document['serial']}"
     call = _command_line("export", *_name_run(run, runs), "--target", "c", "--out", out)

@@ -80,12 +80,12 @@ def warn_of_few_groups(
         if one.groups == 1:
             flags.append(
                 f"{one.effect} of the {one.group}: one {one.group} cannot show how another differs,"
-                f" so it is in no uncertainty; {cure}"
+                f" so the uncertainties leave it out; {cure}"
             )
         elif one.dof == 0:
             flags.append(
                 f"{one.effect} of the {one.group}: {one.groups} of them do not tell it from the"
-                f" coefficients, so it is in no uncertainty; {cure}, or lower an order"
+                f" coefficients, so the uncertainties leave it out; {cure}, or lower an order"
             )
         else:
             less = f", less {own} coefficients of an axis," if own else ""

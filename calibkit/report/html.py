@@ -159,8 +159,12 @@ def _first_screen(document: Mapping[str, Any], shown: Shown, frames: Sequence[Ma
     if document["recipe"]["overrides"]:
         checks.append("the recipe was changed by --set: see Where this comes from")
     beside = [element("dl", join_markup(values))] if values else []
+    if any(one.standard_uncertainty for one in overview.values):
+        beside.append(
+            element("p", "Digits in brackets: standard uncertainty of the last digits (k = 1).")
+        )
     if shown.no_firmware:
-        beside.append(element("p", f"No firmware yet: {shown.no_firmware}"))
+        beside.append(element("p", f"No firmware: {shown.no_firmware}"))
     elif shown.exported:
         beside.append(element("p", f"Firmware takes {', '.join(shown.exported)}"))
     if checks:

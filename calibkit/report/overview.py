@@ -70,15 +70,16 @@ def describe_span(low: float, high: float, unit: str, digits: str = ".0f") -> st
 
 
 def describe_verdict(criteria: Sequence[Criterion]) -> str:
-    """Verdict in words: each limit that failed, or the closest of those of the recipe that are
-    met.
+    """Verdict in words: each limit that failed, or the one of the recipe that is nearest to
+    its limit.
     """
     failed = [_describe_limit(criterion) for criterion in criteria if not criterion.passed]
     if failed:
         return f"REJECTED: {'; '.join(failed)}"
     stated = [criterion for criterion in criteria if criterion.set_by == "recipe"]
     nearest, count = _describe_limit(max(stated, key=_nearness)), len(criteria)
-    return f"accepted: {nearest}{f', the closest; {count} limits met' if count > 1 else ''}"
+    all_met = f" is nearest to its limit; all {count} limits are met"
+    return f"accepted: {nearest}{all_met if count > 1 else ''}"
 
 
 def _describe_limit(criterion: Criterion) -> str:

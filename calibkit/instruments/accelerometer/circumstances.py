@@ -78,9 +78,9 @@ def warn_of_set_up(spec: AccelerometerRecipe) -> tuple[str, ...]:
         return ()
     group, effect = shared_errors.SET_UP
     flag = (
-        "how the triad is set up in its fixture is in no uncertainty, and turns every corrected"
-        f' vector: state it in [[errors.component]] group = "{group}", effect = "{effect}", or what'
-        " is known of inclination_deg and toolface_deg in [[type_b]]"
+        "an error in setting up the triad in its fixture turns every corrected vector, and the"
+        f' uncertainties leave it out: state its size in [[errors.component]] group = "{group}",'
+        f' effect = "{effect}", or in [[type_b]] of inclination_deg and toolface_deg'
     )
     return (flag,)
 

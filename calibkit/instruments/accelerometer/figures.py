@@ -65,7 +65,7 @@ def _draw_residuals(title: str, report: TriadReport) -> Figure:
     """
     figure, axes = page(2, 2, title=f"{title}: residual after correction, and the attitudes held")
     dwells, residual = report.dwells, report.after.residual
-    names = ("x", "y", "z") if residual.shape[1] == 3 else ("| |G| - g |",)
+    names = ("x", "y", "z") if residual.shape[1] == 3 else ("|G| - g",)
     for k, name in enumerate(names):
         axes[k].plot(dwells.temperature, 1e6 * residual[:, k], ".", ms=3, color=DENOISED)
         axes[k].axhline(0.0, color=MUTED, lw=0.6)

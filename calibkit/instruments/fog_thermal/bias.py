@@ -29,8 +29,8 @@ from calibkit.report.table import Table
 
 RESULT = "bias_at_reference"
 NO_BIAS = (
-    "no rate at rest and no bias is stated: without a model on levels the drift of the logs is in"
-    " their means"
+    "no rate at rest and no bias are stated: this model follows changes of the drift only, so the"
+    ' means of the logs still hold drift; for a bias, fit with [drift] model = "auto"'
 )
 
 

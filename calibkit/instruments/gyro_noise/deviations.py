@@ -75,8 +75,8 @@ class _Record:
         missing = int(np.isnan(self.rate).sum())
         if missing:
             flags.append(
-                f"{self.name}: {missing} of {self.rate.size} samples are missing and counted as"
-                " gaps"
+                f"{self.name}: {missing} of {self.rate.size} samples"
+                f" ({missing / self.rate.size:.1%}) are missing; averages across them are left out"
             )
         flags += [
             Remark(f"{self.name}: {term.name} ({term.symbol}) not observable: {term.reason}")

@@ -142,9 +142,7 @@ def _draw_temperatures(title: str, curves: tuple[Curve, ...]) -> Figure:
         left.plot(curve.temperature, curve.value, "o", ms=4, color=DENOISED, label="runs")
         residual = curve.value - np.interp(curve.temperature, curve.grid, curve.curve)
         band = curve.coverage_factor * curve.u_curve
-        right.fill_between(
-            curve.grid, -band, band, color=RAW, alpha=0.5, lw=0, label="polynomial, U"
-        )
+        right.fill_between(curve.grid, -band, band, color=RAW, alpha=0.5, lw=0)
         right.errorbar(
             curve.temperature,
             residual,
@@ -153,14 +151,13 @@ def _draw_temperatures(title: str, curves: tuple[Curve, ...]) -> Figure:
             ms=4,
             capsize=3,
             color=DENOISED,
-            label="runs, k = 2",
         )
         for ax in (left, right):
             ax.axhline(0.0, color=MUTED, lw=0.6)
             ax.set_xlabel("case temperature [°C]")
-            ax.legend(loc="best")
+        left.legend(loc="best")
         left.set(title=f"gyro {curve.name}", ylabel="K/K_reference - 1 [ppm]")
-        right.set(title=f"gyro {curve.name}: K - polynomial", ylabel="[ppm]")
+        right.set(title=f"gyro {curve.name}: band U, bars k = 2", ylabel="K - polynomial [ppm]")
     return figure
 
 

@@ -43,7 +43,7 @@ def _in_words(values: Sequence[KeyValue]) -> tuple[str, ...]:
     """Values as one line."""
     if not values:
         return ()
-    text = "; ".join(f"{one.name} {one}" for one in values)
+    text = "; ".join(f"{one.name} = {one}" for one in values)
     return (f"{text[0].upper()}{text[1:]}.",)
 
 
@@ -73,8 +73,8 @@ def summarize_pair(fitted: pair_fit.PairFit, scales: StageResult, table: Table) 
     ratio = KeyValue("ratio of scale factors N = K_B/K_A", found.N, "1", u_N)
     gamma = KeyValue("γ", found.gamma, "1", u_gamma)
     sentence = (
-        f"Angle between the input axes α = {concise(found.alpha_deg, u_alpha)}°: {error.name}"
-        f" {error}, to the {found.side} side."
+        f"Angle between the input axes α = {concise(found.alpha_deg, u_alpha)}°: {error.name} ="
+        f" {error}."
     )
     largest = _largest_figures(scales.figures)
     facts = (f"N = K_B/K_A = {ratio}; γ = {gamma}.", *_in_words(largest))

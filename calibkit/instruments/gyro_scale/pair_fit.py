@@ -57,10 +57,10 @@ def fit_pair(
     flags = [*about_a.flags, *about_b.flags, *found.flags, *_flag_temperatures(apart, spec)]
     if found.mounting_deg[0] > 0.0 and not stated:
         flags.append(
-            f"u of gamma and alpha holds a mounting error of {found.mounting_deg[0]:.2g}° by"
-            f" {found.dof[2]:.2g} degrees of freedom, its interval is"
-            f" ± {gum.coverage_factor(found.dof[2]):.3g} standard uncertainties: state what is"
-            ' known in [[errors.component]] group = "mounting", effect = "angle"'
+            f"the two runs show a mounting error of {found.mounting_deg[0]:.2g}°, which is in u of"
+            f" gamma and alpha with {found.dof[2]:.2g} degrees of freedom (k ="
+            f" {gum.coverage_factor(found.dof[2]):.3g}): state how well a mounting repeats in"
+            ' [[errors.component]] group = "mounting", effect = "angle"'
         )
     for gyro, run in runs.items():
         flags += table_runs.flag_uncertain(forms.line_name(gyro, gyro), run.scale(gyro))

@@ -125,6 +125,7 @@ def _draw_azimuth(title: str, report: SeekingReport) -> Figure:
             color=GOOD,
             label="corrected, bars k = 2",
         )
+        axes[0].legend(loc="best", ncols=2)
         axes[0].set(title="error against the reference", xlabel="C", ylabel="azimuth error [°]")
     else:
         axes[0].errorbar(
@@ -135,15 +136,13 @@ def _draw_azimuth(title: str, report: SeekingReport) -> Figure:
             ms=4,
             lw=0.8,
             color=DENOISED,
-            label="bars k = 2",
         )
         axes[0].set(
-            title="what s changes (no reference azimuth)",
+            title="change of the azimuth by the scale factor s (no reference azimuth), bars k = 2",
             xlabel="C",
             ylabel="azimuth − azimuth with s = 1 [°]",
         )
     axes[0].axhline(0.0, color=MUTED, lw=0.6)
-    axes[0].legend(loc="best", ncols=2)
     axes[1].plot(report.label, bars, "o", ms=4, color=ALERT)
     axes[1].set(title="stated uncertainty of the azimuth, k = 2", xlabel="C", ylabel="U [°]")
     axes[1].set_ylim(bottom=0.0)

@@ -129,7 +129,10 @@ COMPUTED = 1e-9
 """Standard uncertainty of a root of s below which stations are computed ones: closures of 0 show no
 noise.
 """
-UNTESTED = "no reference azimuth in the logs to test the [acceptance] limits of angles on"
+UNTESTED = (
+    "the [acceptance] limits of angles were not tested: the logs have no azimuth_deg to test them"
+    " on"
+)
 
 
 def summarize(

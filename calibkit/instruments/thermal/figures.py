@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.certificate.words import unit_mark
 from calibkit.report.figures import ALERT, GOOD, INK, RAW, page
 
 if TYPE_CHECKING:
@@ -106,7 +107,7 @@ def _draw_channel(
         every = max(1, course.minutes.size // MOST_POINTS)
         minutes, temperature = course.minutes[::every] + offset, course.temperature[::every]
         first = k == 0
-        for values, colour, label in ((raw, RAW, "indication"), (left, GOOD, "compensated")):
+        for values, colour, label in ((raw, RAW, "before"), (left, GOOD, "after")):
             over_time.plot(
                 minutes, values[::every], color=colour, lw=0.8, label=label if first else None
             )
@@ -116,6 +117,6 @@ def _draw_channel(
             over_time.plot(
                 minutes[out], left[::every][out], ".", ms=2, color=ALERT, label="withheld"
             )
-    unit = f"[{channel.unit}]"
-    over_time.set(title=channel.name, xlabel="time [min]", ylabel=f"about turn-on {unit}")
+    unit = f"[{unit_mark(channel.unit)}]"
+    over_time.set(title=channel.name, xlabel="time [min]", ylabel=f"less turn-on bias {unit}")
     over_temperature.set(title=channel.name, xlabel="temperature [°C]")

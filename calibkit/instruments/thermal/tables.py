@@ -38,31 +38,39 @@ def _overview(found: Sequence[FittedChannel]) -> Overview:
     """First screen of a fit: what each channel's drift is, and what is left of it."""
     drifts = []
     for one in found:
-        unit = unit_mark(one.unit)
+        factor, unit = _scale(one)
         terms = one.choice.chosen.candidate.name if one.varies else "no drift term needed"
         drifts.append(
-            f"{one.name} drifts by {one.before:.3g} {unit} (rms) in a power-on; {one.after:.3g}"
-            f" {unit} is left ({terms})."
+            f"{one.name}: drift in a power-on (rms) {factor * one.before:.3g} {unit} before,"
+            f" {factor * one.after:.3g} {unit} after ({terms})."
         )
-    values = [KeyValue(f"rms left of {one.name}", one.after, unit_mark(one.unit)) for one in found]
+    values = [
+        KeyValue(f"drift of {one.name}, after", _scale(one)[0] * one.after, _scale(one)[1])
+        for one in found
+    ]
     return Overview(drifts[0], tuple(drifts[1:]), tuple(values[:4]), _models(found))
+
+
+def _scale(one: FittedChannel) -> tuple[float, str]:
+    """Factor and unit in which a channel's drift is shown."""
+    return (1e6, "µg") if one.unit == "g" else (1.0, unit_mark(one.unit))
 
 
 def _models(found: Sequence[FittedChannel]) -> Table:
     """Chosen model of each channel, rms before and after."""
     rows = []
     for one in found:
-        model = one.choice.model
+        model, (factor, unit) = one.choice.model, _scale(one)
         rows.append(
             (
                 one.name,
                 one.choice.chosen.candidate.name,
                 ", ".join(f"{lag:.0f}" for lag in model.lags),
-                number(one.before),
-                number(one.after),
-                number(one.choice.chosen.pooled),
-                number(model.model_error, 2),
-                one.unit,
+                number(factor * one.before),
+                number(factor * one.after),
+                number(factor * one.choice.chosen.pooled),
+                number(factor * model.model_error, 2),
+                unit,
             )
         )
     return Table(

@@ -343,9 +343,9 @@ def _with_any_drift(
     left = _beside(slopes, drifts[0].loading)
     if np.any(left <= SEPARATE * np.linalg.norm(drifts[0].loading, axis=0)):
         flag = (
-            "a zero that drifts with time cannot be separated from its temperature coefficients and"
-            " is in no uncertainty: return to the first temperature at the end, or state the drift"
-            " of the session in [[errors.component]]"
+            "a zero that drifts with time cannot be separated from its temperature coefficients,"
+            " and the uncertainties leave it out: return to the first temperature at the end, or"
+            " state the drift of the session in [[errors.component]]"
         )
         return fitted, (flag,)
     others = [one for one in fitted.effects if (one.group, one.effect) != DRIFT]
