@@ -102,7 +102,7 @@ def test_a_gap_in_time_and_a_missing_rate_are_gaps(calibkit, white, tmp_path, lo
     expected = allan.overlapping(rate, 0.5)
     found = [f.value for n, f in figures(run).items() if n.startswith("allan_deviation")]
     assert found == pytest.approx(expected.deviation, rel=1e-9)
-    assert any("101 of 8000 samples are missing" in flag for flag in run.document["flags"])
+    assert any("101 of 8000 samples (1.3%) are missing" in flag for flag in run.document["flags"])
 
 
 def test_a_limit_on_a_term_that_is_not_observable_is_held_against_what_it_can_be_at_most(
