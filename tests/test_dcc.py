@@ -26,6 +26,7 @@ from calibkit.certificate import (
 )
 from calibkit.certificate.dcc_units import dsi
 from calibkit.errors import OutputError, RecipeError, UsageError
+from calibkit.version import __version__
 from conftest import REAL, ROOT, write_log
 
 pytest.importorskip("lxml")
@@ -202,7 +203,7 @@ def test_every_procedure_gives_a_valid_certificate(name, lang, run):
     for stated in (sample(name), None):
         root = valid(dcc.render(certificate(made, stated), lang))
         assert root.get("schemaVersion") == "3.3.0"
-        assert root.findtext(".//dcc:release", "", xml.NAMES) == "v0.1.0"
+        assert root.findtext(".//dcc:release", "", xml.NAMES) == f"v{__version__}"
         for result in root.iterfind(".//dcc:measurementResult", xml.NAMES):
             assert result.find("dcc:usedMethods/dcc:usedMethod/dcc:name", xml.NAMES) is not None
             assert (

@@ -415,3 +415,58 @@ def test_every_style_of_the_figures_is_said_by_attributes_or_by_the_page():
         patch.setattr(svg, "_styled", watched)
         svg.inline((figure(),))
     assert dropped <= {"font-family"}
+
+
+def test_a_small_device_of_a_fleet_has_a_small_report(tmp_path, calibkit, log_writer):
+    """Report of one channel over temperature: at most 35 kB, of which half is style and script that
+    every page needs; its figure keeps every label and every point.
+    """
+    seconds = np.arange(2000.0)
+    case = 60.0 - 80.0 * np.exp(-3.0 * seconds / 2000.0)
+    gyro = 0.02 * case + np.random.default_rng(0).normal(0.0, 0.05, 2000)
+    log_writer(tmp_path / "U1" / "w.csv", time_s=seconds, temp_case_degc=case, gyro_dph=gyro)
+    (tmp_path / "r.toml").write_text(
+        'procedure = "bias_temperature"\n[logs]\nfiles = ["*.csv"]\n[polynomials]\n'
+        'abscissa = "temp_case_degc"\nbias = [{ indication = "gyro_dph", order = 3 }]\n',
+        encoding="utf-8",
+    )
+    where = ("--data", tmp_path / "U1", "--serial", "U1", "--out", tmp_path / "runs")
+    calibkit("fit", tmp_path / "r.toml", *where, "--date", "2026-11-21")
+    page = (tmp_path / "runs" / "U1" / "r001" / "report.html").read_bytes()
+    assert len(page) <= 35_000
+    drawing = re.search(r"<svg.*</svg>", page.decode(), re.DOTALL).group()
+    assert re.findall(r"<text[^>]*>(−?\d+)</text>", drawing)[:3] == ["−20", "−10", "0"]
+    assert drawing.count("<use ") > 140
+
+
+def test_parts_that_look_alike_state_it_once_and_look_the_same():
+    """Look and place of every curve, mark and label, as they are drawn: those of matplotlib's own
+    SVG, whatever groups state them.
+    """
+    made = figure("plain")
+    figures.settle([made])
+    (drawing,), _ = svg.inline([made])
+    seen = []
+
+    def walk(element, look):
+        look = look | {k: v for k, v in element.attrib.items() if k in svg._ATTRIBUTES}
+        if element.tag in ("path", "use", "text"):
+            seen.append((element.tag, look, element.text))
+        for child in element if element.tag not in ("defs", "clipPath") else ():
+            walk(child, look)
+
+    from xml.etree import ElementTree as ET
+
+    walk(ET.fromstring(drawing), {})  # noqa: S314 (what was just drawn)
+    labels = {text: look for tag, look, text in seen if tag == "text"}
+    assert labels["0.00"]["text-anchor"] == "middle"
+    assert labels["1.00"]["text-anchor"] == "end"
+    assert labels["0.00"]["fill"] == labels["1.00"]["fill"] == figures.MUTED
+    assert "stroke" not in labels["0.00"]
+    (curve,) = [
+        look for tag, look, _ in seen if look.get("stroke") == "#1f77b4" and "clip-path" in look
+    ]
+    assert curve["fill"] == "none"
+    grids = [look for tag, look, _ in seen if look.get("stroke") == "#e5e7eb"]
+    assert len(grids) == 2
+    assert all(look["clip-path"] for look in grids)

@@ -2,6 +2,7 @@
 them.
 """
 
+import os
 import runpy
 import sysconfig
 from pathlib import Path
@@ -14,7 +15,11 @@ class KernelsBuildHook(BuildHookInterface[Any]):
     """Adds the compiled library to a wheel, which then is one of this platform, of any Python."""
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """Compile, and say so where it does not work."""
+        """Compile, and say so where it does not work; CALIBKIT_NATIVE=off builds a wheel of any
+        platform.
+        """
+        if os.environ.get("CALIBKIT_NATIVE") == "off":
+            return
         folder = Path(self.root) / "calibkit" / "native"
         # calibkit itself is not installed yet
         compiling = runpy.run_path(str(folder / "compiling.py"))

@@ -7,6 +7,7 @@ named by their digests.
 """
 
 import base64
+import functools
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -100,9 +101,12 @@ def _run_name(document: Mapping[str, Any]) -> str:
     return f"{document['serial']} r{document['revision']:03d}"
 
 
+@functools.cache
 def _own(file: str) -> str:
-    """Text of a file of this package."""
-    return resources.files("calibkit.report").joinpath(file).read_text(encoding="utf-8")
+    """Text of a file of this package, without indents and lines of comment."""
+    text = resources.files("calibkit.report").joinpath(file).read_text(encoding="utf-8")
+    lines = map(str.strip, text.splitlines())
+    return "\n".join(line for line in lines if line and not line.startswith("//"))
 
 
 def _policy(style: str, script: str) -> str:

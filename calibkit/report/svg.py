@@ -13,7 +13,7 @@ import numpy as np
 from calibkit.report.figures import drawing, literal
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
     from xml.etree.ElementTree import Element
 
     from matplotlib.axes import Axes
@@ -62,6 +62,10 @@ _ATTRIBUTES = frozenset(
 """Properties that may be attributes, which need no permission of a content security policy; the
 rest is the page's.
 """
+_INHERITED = _ATTRIBUTES - {"clip-path", "opacity"}
+"""Those that a group's parts take from it."""
+_UNSEEN = frozenset({"defs", "clipPath"})
+"""Parts that are seen where something refers to them, and look as that does."""
 
 
 def inline(figures: Sequence[Figure]) -> tuple[list[str], bool]:
@@ -158,7 +162,7 @@ def _svg(figure: Figure, prefix: str) -> str:
             del group.attrib["id"]
             group.attrib |= _panel(ax, figure)
     root.attrib = {"viewBox": root.get("viewBox", ""), "role": "img", "focusable": "false"}
-    return ET.tostring(root, encoding="unicode")
+    return ET.tostring(root, encoding="unicode").replace(" />", "/>")
 
 
 def _plain(root: Element, prefix: str) -> None:
@@ -169,14 +173,18 @@ def _plain(root: Element, prefix: str) -> None:
         for child in list(parent):
             if _PREFIX.sub("", child.tag) in {"style", "metadata"}:
                 parent.remove(child)
-    wanted = set(_references(root))
+    axes = [group for group in root.iter() if group.get("id", "").startswith("matplotlib.axis_")]
+    names = {name: f"{prefix}{k}" for k, name in enumerate(dict.fromkeys(_references(root)))}
     for element in root.iter():
         element.tag = _PREFIX.sub("", element.tag)
-        element.attrib = _attributes(element, wanted, prefix)
+        element.attrib = _attributes(element, names)
         for side in ("text", "tail"):
             if not (getattr(element, side) or "").strip():
                 setattr(element, side, None)
-    for group in root.iter("g"):
+    for group in axes:
+        _gather(group)
+    for group in reversed(list(root.iter("g"))):  # what is within a group comes before it
+        _unwrap(group)
         _hoist(group)
 
 
@@ -189,21 +197,22 @@ def _references(root: Element) -> Iterator[str]:
             yield from _URL.findall(value)
 
 
-def _attributes(element: Element, wanted: set[str], prefix: str) -> dict[str, str]:
-    """Attributes of an element without a style, coordinates rounded."""
+def _attributes(element: Element, names: Mapping[str, str]) -> dict[str, str]:
+    """Attributes of an element without a style, coordinates rounded; `names` are those of the ids
+    that something refers to.
+    """
     given = {_PREFIX.sub("", name): value for name, value in element.attrib.items()}
     given |= _styled(given.pop("style", ""))
     found = {}
     for name, value in given.items():
-        if name == "id" and value not in wanted:
-            if value.startswith("panel"):
-                found["id"] = value
-        elif name == "id":
-            found["id"] = prefix + value
+        if name == "id":
+            if value in names or value.startswith("panel"):
+                found["id"] = names.get(value, value)
         elif name == "href":
-            found["href"] = f"#{prefix}{value.removeprefix('#')}"
+            found["href"] = f"#{names[value.removeprefix('#')]}"
         elif not (name == "transform" and value.startswith("rotate(-0 ")):
-            found[name] = _URL.sub(rf"url(#{prefix}\1)", _LONG.sub(_rounded, value)).strip()
+            rounded = _LONG.sub(_rounded, value).strip()
+            found[name] = _URL.sub(lambda match: f"url(#{names[match[1]]})", rounded)
     if "d" in found:
         found["d"] = found["d"].replace("\n", "").replace(" L ", "L").replace(" ", " ")
     return found
@@ -222,21 +231,55 @@ def _rounded(match: re.Match[str]) -> str:
 
 
 def _hoist(group: Element) -> None:
-    """State the look of equal markers once, on their group."""
-    if len(group) < 2 or any(child.tag != "use" for child in group):
-        return
-    looks = [
-        {name: value for name, value in child.attrib.items() if name in _ATTRIBUTES}
-        for child in group
-    ]
+    """State the look that all parts of a group share once, on the group."""
+    parts = [child for child in group if child.tag not in _UNSEEN]
+    placed = any("transform" in one.attrib for one in (group, *parts))
     shared = {
         name: value
-        for name, value in looks[0].items()
-        if all(look.get(name) == value for look in looks)
+        for name, value in (parts[0].attrib if parts else {}).items()
+        if (name in _INHERITED or (name == "clip-path" and not placed))
+        and all(part.get(name) == value for part in parts)
     }
-    for child in group:
-        child.attrib = {name: value for name, value in child.attrib.items() if name not in shared}
+    if "clip-path" in group.attrib:
+        shared.pop("clip-path", None)
+    for part in parts:
+        part.attrib = {name: value for name, value in part.attrib.items() if name not in shared}
     group.attrib |= shared
+
+
+def _gather(axis: Element) -> None:
+    """State the look of equal parts of an axis once: grid lines become one path, marks and labels a
+    group each. They do not lie on each other, so their order is not seen.
+    """
+    from xml.etree import ElementTree as ET
+
+    if any(group.attrib for group in axis.iter("g") if group is not axis):
+        return
+    hidden = list(axis.iter("defs"))
+    inner = {id(part) for defs in hidden for part in defs.iter()}
+    alike: dict[tuple[str, tuple[tuple[str, str], ...]], list[Element]] = {}
+    for part in axis.iter():
+        if part is not axis and part.tag != "g" and id(part) not in inner:
+            look = tuple(item for item in part.attrib.items() if item[0] in _ATTRIBUTES)
+            alike.setdefault((part.tag, look), []).append(part)
+    axis[:] = hidden
+    for (tag, look), parts in alike.items():
+        if tag == "path":
+            parts[0].set("d", " ".join(part.get("d", "") for part in parts))
+            axis.append(parts[0])
+        else:
+            group = ET.SubElement(axis, "g", dict(look))
+            for part in parts:
+                part.attrib = {k: v for k, v in part.attrib.items() if k not in group.attrib}
+            group.extend(parts)
+
+
+def _unwrap(group: Element) -> None:
+    """Put the parts of groups that say nothing in the place of these groups."""
+    parts: list[Element] = []
+    for child in group:
+        parts += child if child.tag == "g" and not child.attrib else [child]
+    group[:] = parts
 
 
 def _panel(ax: Axes, figure: Figure) -> dict[str, str]:
