@@ -7,14 +7,14 @@ import datetime as dt
 from calibkit.errors import UsageError
 
 
-def date_or_today(text: str | None) -> str:
-    """Date as given, or today's; UsageError for what is not a date."""
+def date_or_today(text: str | None, option: str = "--date") -> str:
+    """Date as given with an option, or today's; UsageError for what is not a date."""
     if text is None:
         return dt.datetime.now().astimezone().date().isoformat()
     try:
         return dt.date.fromisoformat(text).isoformat()
     except ValueError:
-        raise UsageError(f"--date {text}: not a date", hint="write YYYY-MM-DD") from None
+        raise UsageError(f"{option} {text}: not a date", hint="write YYYY-MM-DD") from None
 
 
 def now() -> dt.datetime:

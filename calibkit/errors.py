@@ -126,6 +126,13 @@ class OutputError(CalibkitError):
     code = "output"
 
 
+class NotCheckedError(CalibkitError):
+    """Something was not checked, because an optional library is missing: neither good nor bad."""
+
+    exit_code = 5
+    code = "not_checked"
+
+
 class StoppedError(CalibkitError):
     """Someone stopped the command; the message states what it had finished."""
 

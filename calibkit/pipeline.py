@@ -12,6 +12,7 @@ from calibkit import (
     coefficients,
     instruments,
     new_files,
+    own_files,
     recipe,
     run_content,
     run_document,
@@ -29,7 +30,6 @@ from calibkit.errors import (
 )
 from calibkit.history import dates, pooling
 from calibkit.ingest import logs as ingest
-from calibkit.planning import document as plan_file
 from calibkit.recipe import type_b
 from calibkit.report import budget
 from calibkit.version import SOFTWARE
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
+    from calibkit.certificate.signature_trust import Demands
     from calibkit.certificate.verify import Verified
     from calibkit.firmware.export import Export
     from calibkit.ingest.write_back import Applied, Rewritten
@@ -302,17 +303,26 @@ def export(
     return [out / name for name in sorted(files)]
 
 
-def verify(path: Path, trust: Sequence[Path] = (), schema_dir: Path | None = None) -> Verified:
-    """Check a file that calibkit wrote; returns what it is, and the warnings on a certificate.
+def verify(
+    path: Path,
+    demands: Demands | None = None,
+    schema_dir: Path | None = None,
+    beside: Mapping[Path, Verified] | None = None,
+) -> Verified:
+    """Check a file that calibkit wrote; returns what it is, and the warnings on a certificate. A
+    DCC is compared with the certificates `beside` it.
 
-    Raises CoefficientError for whatever is wrong with it: its author may have meant it to break.
+    Raises CoefficientError for whatever is wrong with it: its author may have meant it to break;
+    NotCheckedError where an optional library is missing.
     """
     from calibkit.certificate import verify as certificates
 
     try:
         if path.is_file() and certificates.is_certificate(path):
-            return certificates.verify(path, instruments.certificate_layout, trust, schema_dir)
-        return certificates.Verified(_check_digests(path))
+            return certificates.verify(
+                path, instruments.certificate_layout, demands, schema_dir, beside
+            )
+        found = certificates.Verified(own_files.identify(path))
     except CalibkitError:
         raise
     except Exception as error:
@@ -320,56 +330,12 @@ def verify(path: Path, trust: Sequence[Path] = (), schema_dir: Path | None = Non
             f"{path}: cannot be read: {type(error).__name__}: {' '.join(str(error).split())[:120]}",
             hint="it is damaged, or calibkit did not write it",
         ) from error
-
-
-def _check_digests(path: Path) -> str:
-    """Check a file's digest or recompute an export's vectors; returns what the file is."""
-    if (path / store.FLEET_FILE).is_file():
-        fleet = store.load_fleet(path)
-        return f"fleet of {len(fleet['units'])} devices, {len(fleet['files'])} files"
-    if path.is_dir():
-        run = store.load(path)
-        return f"run {run.name}, {len(run.document['files'])} files"
-    if not path.is_file():
-        raise UsageError(
-            f"{path}: no such file", hint="name a coefficient file, a validation or a run folder"
-        )
-    from calibkit.firmware import targets
-
-    if path.suffix in targets.READERS:
-        return targets.READERS[path.suffix](str(path), path.read_bytes())
-    return _check_document(path)
-
-
-def _check_document(path: Path) -> str:
-    """Check the digest of a JSON document; returns what it is."""
-    from calibkit.firmware import targets
-
-    try:
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError:
+    if demands is not None and demands.signed:
         raise CoefficientError(
-            f"{path}: not a text that calibkit wrote", hint="verify takes calibkit's own files"
-        ) from None
-    of_runs = run_document.FORMATS + run_document.VALIDATION_FORMATS
-    formats = coefficients.FORMATS + of_runs + targets.MANIFESTS + (plan_file.FORMAT,)
-    document = sealed.unseal(text, str(path), formats)
-    if document["format"] in targets.MANIFESTS:
-        return targets.verify_manifest(path)
-    if document["format"] == plan_file.FORMAT:
-        plan_file.load_plan(path.parent)
-        return f"plan of {document['procedure']}: {document['plan']}"
-    if document["format"] in coefficients.FORMATS:
-        record = coefficients.loads(text, str(path))
-        return (
-            f"{record.stage} of {record.serial} r{record.revision:03d}, effective from"
-            f" {record.effective_from}"
+            f"{path}: not signed, and a signature is required: {found.what}",
+            hint="verify the signed certificate, which holds the files that it rests on",
         )
-    if not (isinstance(document.get("serial"), str) and isinstance(document.get("revision"), int)):
-        raise CoefficientError(
-            f"{path}: states no serial and revision", hint="calibkit did not write it"
-        )
-    return f"{document['format']} of {document['serial']} r{document['revision']:03d}"
+    return found
 
 
 def simulate(procedure: str, out: Path, seed: int, *, dry_run: bool = False) -> list[str]:

@@ -684,10 +684,19 @@ def test_exit_code_70_is_an_internal_error(tmp_path, calibkit, monkeypatch):
     assert "Traceback" not in outcome.err
 
 
+def test_exit_code_5_is_not_checked(tmp_path, calibkit, monkeypatch):
+    """A library that checks certificates is missing: neither good nor bad."""
+    (tmp_path / "c.xml").write_text("<a/>", encoding="utf-8")
+    monkeypatch.setitem(sys.modules, "lxml.etree", None)
+    outcome = calibkit("verify", tmp_path / "c.xml")
+    assert (outcome.code, outcome.out) == (5, "")
+    assert "NOT CHECKED: install calibkit[verify]" in outcome.err
+
+
 def test_exit_code_130_is_interrupted(tmp_path, calibkit, monkeypatch):
     """Ctrl-C is 130 and one line, no traceback."""
 
-    def interrupted(path, trust, schema_dir):
+    def interrupted(path, demands, schema_dir, beside):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(pipeline, "verify", interrupted)

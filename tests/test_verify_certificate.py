@@ -19,13 +19,14 @@ from calibkit.certificate import (
     pdf,
     profile,
     run_files,
-    sign,
+    signature_trust,
+    signing_key,
     verify,
     verify_signature,
     verify_text,
 )
 from calibkit.certificate.results import ListTable
-from calibkit.errors import CoefficientError, OutputError
+from calibkit.errors import CoefficientError
 from conftest import AUTHORITIES, ROOT
 
 pytest.importorskip("typst")
@@ -33,11 +34,10 @@ pytest.importorskip("lxml")
 pytest.importorskip("pypdf")
 pytest.importorskip("pyhanko")
 pikepdf = pytest.importorskip("pikepdf")
-x509 = pytest.importorskip("cryptography.x509")
+authority = pytest.importorskip("authority")
 
 PROFILE = ROOT / "reports" / "profiles" / "gyro_pair.toml"
 ISSUED = dt.date(2026, 11, 21)
-NOW = dt.datetime.now(dt.UTC)
 STATED = 'adjustment.statement="no adjustment"'
 
 
@@ -49,55 +49,12 @@ def called(*arguments):
 
 
 def key_file(path, days=(-10, 1000)):
-    """Write a PKCS#12 file with a fresh key, its certificate by a fresh authority; beside it the
-    authority's as PEM.
+    """Write a PKCS#12 file with a key, its certificate by an authority; beside it the authority's
+    as PEM.
     """
-    from cryptography.hazmat.primitives import hashes, serialization
-    from cryptography.hazmat.primitives.asymmetric import rsa
-    from cryptography.hazmat.primitives.serialization import pkcs12
-
-    def named(text):
-        return x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, text)])
-
-    def certificate(subject, key, issuer, by, first, last, *, ca):
-        usage = dict.fromkeys(
-            (
-                "key_encipherment",
-                "data_encipherment",
-                "key_agreement",
-                "encipher_only",
-                "decipher_only",
-            ),
-            False,
-        )
-        usage |= {
-            "digital_signature": not ca,
-            "content_commitment": not ca,
-            "key_cert_sign": ca,
-            "crl_sign": ca,
-        }
-        builder = x509.CertificateBuilder().subject_name(named(subject)).issuer_name(named(issuer))
-        builder = builder.public_key(key.public_key()).serial_number(7 + ca)
-        builder = builder.not_valid_before(NOW + dt.timedelta(first)).not_valid_after(
-            NOW + dt.timedelta(last)
-        )
-        builder = builder.add_extension(x509.BasicConstraints(ca, None), critical=True)
-        builder = builder.add_extension(x509.KeyUsage(**usage), critical=True)
-        builder = builder.add_extension(
-            x509.SubjectKeyIdentifier.from_public_key(key.public_key()), critical=False
-        )
-        builder = builder.add_extension(
-            x509.AuthorityKeyIdentifier.from_issuer_public_key(by.public_key()), critical=False
-        )
-        return builder.sign(by, hashes.SHA256())
-
-    root, own = (rsa.generate_private_key(65537, 2048) for _ in range(2))
-    by = certificate("Test authority", root, "Test authority", root, -1000, 5000, ca=True)
-    leaf = certificate("Test laboratory", own, "Test authority", root, *days, ca=False)
-    encrypted = serialization.BestAvailableEncryption(b"a secret")
-    path.write_bytes(pkcs12.serialize_key_and_certificates(b"key", own, leaf, [by], encrypted))
-    path.with_suffix(".pem").write_bytes(by.public_bytes(serialization.Encoding.PEM))
-    return path
+    issuer = authority.Authority()
+    issuer.write(path.with_suffix(".pem"))
+    return issuer.issue(path, days=days)
 
 
 @pytest.fixture(scope="module")
@@ -144,7 +101,7 @@ def signed(run, key, tmp_path_factory):
     out = tmp_path_factory.mktemp("signed") / "certificate.pdf"
     arguments = ("--profile", PROFILE, "--date", ISSUED, "--set", STATED, "--sign", key)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv(sign.PASSPHRASE, "a secret")
+        patch.setenv(signing_key.PASSPHRASE, "a secret")
         assert called("certify", run.folder, "--out", out, *arguments) == 0
     return out
 
@@ -197,7 +154,7 @@ def test_an_intact_signature_by_a_stranger_passes_with_a_warning(signed, key, ca
     """Exit 0; the signer is named; the warning goes when the authority is trusted."""
     found = calibkit("verify", signed)
     assert found.code == 0
-    assert "signed by Common Name: Test laboratory" in found.out
+    assert 'signed by "Common Name: Test laboratory"' in found.out
     assert "rows of numbers as the attached files give them" in found.out
     assert "its signer is not trusted" in found.err
     trusted = calibkit("verify", signed, "--trust", key.with_suffix(".pem"), "--json")
@@ -216,12 +173,14 @@ def test_signing_changes_nothing_that_was_there(signed, unsigned, record):
     assert signed.with_suffix(".xml").read_bytes() == unsigned.with_suffix(".xml").read_bytes()
 
 
-def test_the_signature_is_a_certification_that_allows_no_change(signed):
-    """PAdES subfilter, DocMDP level 1, the whole file covered, still PDF/A-3b."""
+def test_the_signature_is_a_certification_that_allows_signatures_alone(signed):
+    """PAdES subfilter, DocMDP level 2, the whole file covered, the metadata of before, still
+    PDF/A-3b.
+    """
     with pikepdf.open(signed) as document:
         signature = document.Root.AcroForm.Fields[0].V
         assert signature.SubFilter == "/ETSI.CAdES.detached"
-        assert signature.Reference[0].TransformParams.P == 1
+        assert signature.Reference[0].TransformParams.P == 2
         assert document.Root.Perms.DocMDP == signature
         start, length, after, rest = (int(number) for number in signature.ByteRange)
     assert (start, after + rest) == (0, signed.stat().st_size)
@@ -264,7 +223,7 @@ def test_one_changed_byte_anywhere_in_the_signed_file_is_found(signed, tmp_path,
     for place in places:
         damaged = bytearray(whole)
         damaged[place] ^= 1 << rng.randrange(8)
-        found = verify_signature.check_signatures(bytes(damaged), [])
+        found = verify_signature.check_signatures(bytes(damaged), signature_trust.Demands())
         assert not found or any(one.faults for one in found), place
         if not found:  # what says that there is a signature was hit
             (tmp_path / "hit.pdf").write_bytes(damaged)
@@ -600,9 +559,9 @@ def test_a_key_that_cannot_sign_stops_before_anything_is_written(
         (expired, "a secret", "is valid from"),
     ]
     for path, passphrase, words in cases:
-        monkeypatch.delenv(sign.PASSPHRASE, raising=False)
+        monkeypatch.delenv(signing_key.PASSPHRASE, raising=False)
         if passphrase is not None:
-            monkeypatch.setenv(sign.PASSPHRASE, passphrase)
+            monkeypatch.setenv(signing_key.PASSPHRASE, passphrase)
         found = calibkit("certify", run.folder, "--out", out, "--sign", path)
         assert found.code == 2
         assert words in found.err
@@ -610,23 +569,26 @@ def test_a_key_that_cannot_sign_stops_before_anything_is_written(
     assert not list(tmp_path.glob("certificate.*"))
 
 
-@pytest.mark.parametrize(
-    ("module", "words"),
-    [("pypdf", "calibkit[verify]"), ("pyhanko.pdf_utils.reader", "calibkit[verify]")],
-)
-def test_an_absent_library_names_the_command_that_installs_it(module, words, signed, monkeypatch):
-    """A signature that cannot be checked is not passed over."""
+@pytest.mark.parametrize("module", ["pypdf", "pyhanko.pdf_utils.reader", "lxml.etree"])
+def test_what_cannot_be_checked_is_called_so(module, signed, unsigned, monkeypatch, calibkit):
+    """A missing library: exit 5, the command that installs it, no "ok"; 4 stands over 5."""
     monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(OutputError) as caught:
-        verify.verify(signed, instruments.certificate_layout)
-    assert words in str(caught.value)
+    found = calibkit("verify", signed)
+    assert (found.code, found.out) == (5, "")
+    assert "NOT CHECKED: install calibkit[verify]" in found.err
+    told = calibkit("verify", signed, "--json").json
+    assert (told["ok"], told["error"]["code"]) == (False, "not_checked")
+    assert told["files"][0]["checked"] is False
+    damaged = signed.with_name("x.json")
+    damaged.write_text("{}", encoding="utf-8")
+    assert calibkit("verify", damaged, signed).code == 4
 
 
 def test_a_draft_is_not_signed(run, key, tmp_path, monkeypatch, calibkit):
     """A signature makes a certificate of what it stands under: exit 2, what is missing, nothing
     written.
     """
-    monkeypatch.setenv(sign.PASSPHRASE, "a secret")
+    monkeypatch.setenv(signing_key.PASSPHRASE, "a secret")
     out = tmp_path / "c.pdf"
     arguments = (
         "--profile",

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from calibkit import new_files, store
-from calibkit.certificate import content, dcc, pdf, profile, run_files, sign
+from calibkit.certificate import content, countersign, dcc, pdf, profile, run_files
 from calibkit.certificate.checklist import Missing
+from calibkit.certificate.signing_key import Key
 from calibkit.certificate.words import Lang
 from calibkit.errors import RecipeError, UsageError
 from calibkit.run_document import ACCEPTED
@@ -21,6 +22,8 @@ class Issued:
 
     files: tuple[Path, ...]
     certificate: content.Certificate
+    warnings: tuple[str, ...] = ()
+    """What its signature could not hold."""
 
     @property
     def missing(self) -> tuple[Missing, ...]:
@@ -71,7 +74,7 @@ def certify(
     lang: Lang = "en",
     overrides: tuple[str, ...] = (),
     schema_dir: Path | None = None,
-    key: sign.Key | None = None,
+    key: Key | None = None,
     dry_run: bool = False,
 ) -> Issued:
     """Write the certificate of a run as PDF, with its DCC inside and beside it; nothing is
@@ -100,14 +103,21 @@ def certify(
     certificate, digital, document = _rendered(certificate, lang, typeset, schema_dir)
     if out is None:
         return Issued((), certificate)
+    warnings: tuple[str, ...] = ()
     if key is not None:
-        if certificate.draft:
-            listed = ", ".join(item.key for item in certificate.missing)
-            hint = "state what is missing, or leave out --sign"
-            raise UsageError(f"a DRAFT is not signed; missing: {listed}", hint=hint)
-        document = sign.sign_document(document, signer, key.now)
+        _refuse_draft(certificate)
+        signed = countersign.sign_checked(document, signer, key)
+        document, warnings = signed.document, signed.warnings
     new_files.write_all(files := {out: document, _beside(out): digital.content}, dry_run=dry_run)
-    return Issued(tuple(files), certificate)
+    return Issued(tuple(files), certificate, warnings)
+
+
+def _refuse_draft(certificate: content.Certificate) -> None:
+    """Raise UsageError for a DRAFT, which is not signed."""
+    if certificate.draft:
+        listed = ", ".join(item.key for item in certificate.missing)
+        hint = "state what is missing, or leave out --sign"
+        raise UsageError(f"a DRAFT is not signed; missing: {listed}", hint=hint)
 
 
 def _beside(out: Path) -> Path:

@@ -1,89 +1,148 @@
-"""A certificate signed with the user's key: PAdES, a certification signature that allows no change,
-over the whole file.
+"""A certificate signed with the user's key: PAdES, a certification signature that allows nothing
+but further signatures; with a time stamp and the issuer's word on revocation where they can be had.
 """
 
 import asyncio
-import contextlib
-import datetime as dt
 import io
-import logging
-from collections.abc import Iterator
-from dataclasses import dataclass, field
-from pathlib import Path
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
-from calibkit import extras
-from calibkit.errors import UsageError
+from calibkit.certificate.signing_key import Key, quiet
+from calibkit.errors import OutputError, UsageError
 
 FIELD = "Signature"
-PASSPHRASE = "CALIBKIT_SIGN_PASSPHRASE"  # noqa: S105 (the name of the variable, not what it holds)
-
-
-@contextlib.contextmanager
-def quiet() -> Iterator[None]:
-    """Keep libraries from logging to stderr what calibkit reports in one line."""
-    before = logging.root.manager.disable
-    logging.disable(logging.CRITICAL)
-    try:
-        yield
-    finally:
-        logging.disable(before)
+_WAIT_S = 20
+"""Seconds that a server of time stamps may take."""
 
 
 @dataclass(frozen=True, slots=True)
-class Key:
-    """A PKCS#12 file with its passphrase, and the time that the signer claims to sign at."""
+class Signed:
+    """A document with one signature more, and what could not be put into it."""
 
-    path: Path
-    passphrase: str = field(repr=False)
-    now: dt.datetime
-
-    def load_signer(self) -> Any:  # noqa: ANN401 (a class of an optional library)
-        """Signer of a PKCS#12 file, opened before anything is made; UsageError where it cannot
-        sign, OutputError without pyHanko.
-        """
-        found = _opened(self)
-        valid = found.signing_cert["tbs_certificate"]["validity"]
-        first, last = valid["not_before"].native, valid["not_after"].native
-        if not first <= self.now <= last:
-            raise UsageError(
-                f"--sign {self.path}: the key's certificate is valid from {first:%Y-%m-%d} to"
-                f" {last:%Y-%m-%d}",
-                hint="sign with a certificate that is valid now",
-            )
-        found.signed_attr_prov_spec = _attributes(found)
-        return found
+    document: bytes
+    warnings: tuple[str, ...]
 
 
-def _opened(key: Key) -> Any:  # noqa: ANN401 (a class of an optional library)
-    """Signer of a PKCS#12 file with its certificate; UsageError where it cannot be opened."""
-    signers = extras.load_library("pyhanko.sign.signers", "sign", "signing needs pyHanko")
-    try:
-        content = key.path.read_bytes()
-    except OSError as error:
-        raise UsageError(
-            f"--sign {key.path}: {error.strerror}", hint="name a PKCS#12 file (.p12, .pfx)"
-        ) from None
-    passphrase = key.passphrase.encode() if key.passphrase else None
+def sign_document(document: bytes, by: Any, key: Key, role: str = "") -> Signed:  # noqa: ANN401 (a class of an optional library)
+    """The document with a signature behind it; what was there stays as it is, byte for byte.
+
+    The first signature certifies the document; a further one states its role ("checked",
+    "approved"). Raises OutputError where the time-stamp server does not answer, UsageError where
+    the key was revoked or what was signed does not verify.
+    """
     with quiet():
-        try:
-            found = signers.SimpleSigner.load_pkcs12_data(
-                content, other_certs=(), passphrase=passphrase
+        return asyncio.run(_sign(document, by, key, role))
+
+
+async def _sign(document: bytes, by: Any, key: Key, role: str) -> Signed:  # noqa: ANN401 (a class of an optional library)
+    """Sign in pyHanko's own steps, with the time that is given rather than a clock's."""
+    from pyhanko.sign.signers.pdf_cms import PdfCMSSignedAttributes
+    from pyhanko.sign.timestamps import TimestampRequestError
+
+    writer = _open_for_update(document)
+    stamper, out = _find_stamper(key), io.BytesIO()
+    by.signed_attr_prov_spec = _attributes(by)
+    signer = _find_signer(writer.prev.embedded_signatures, by, stamper, role)
+    try:
+        warnings = await _embed_revocation(writer, by, stamper, key)
+        session = signer.init_signing_session(writer)
+        session.system_time = key.now
+        none = await session.perform_presign_validation()
+        prepared = session.prepare_tbs_document(
+            none, await session.estimate_signature_container_size(none, tight=False)
+        )
+        digest, _ = prepared.digest_tbs_document(output=out)
+        attributes = PdfCMSSignedAttributes(signing_time=key.now)
+        done = await prepared.perform_signature(
+            digest.document_digest, pdf_cms_signed_attrs=attributes
+        )
+    except (TimestampRequestError, TimeoutError) as error:
+        cause = error.__cause__ or error
+        raise OutputError(
+            f"--timestamp {key.timestamp}: no time stamp: {str(cause) or type(cause).__name__}",
+            hint="ask again, or sign without --timestamp",
+        ) from None
+    await done.post_signature_processing(out)
+    return Signed(out.getvalue(), warnings)
+
+
+def _find_signer(before: Sequence[Any], by: Any, stamper: Any, role: str) -> Any:  # noqa: ANN401 (classes of an optional library)
+    """What signs a document with signatures before it; UsageError where the first one allows no
+    other.
+    """
+    from pyhanko.sign import fields, signers
+
+    if before and before[0].docmdp_level is fields.MDPPerm.NO_CHANGES:
+        raise UsageError(
+            "the first signature of this certificate allows no further one",
+            hint="issue it again: since 0.2 certificates allow further signatures",
+        )
+    name = f"{FIELD}{len(before) + 1}" if before else FIELD
+    meta = signers.PdfSignatureMetadata(
+        field_name=name,
+        certify=not before,
+        reason=role or None,
+        subfilter=fields.SigSeedSubFilter.PADES,
+        docmdp_permissions=fields.MDPPerm.FILL_FORMS,
+        md_algorithm="sha256",
+    )
+    unseen = fields.InvisSigSettings(set_print_flag=True)
+    return signers.PdfSigner(
+        meta,
+        signer=by,
+        timestamper=stamper,
+        new_field_spec=fields.SigFieldSpec(name, invis_sig_settings=unseen),
+    )
+
+
+def _open_for_update(document: bytes) -> Any:  # noqa: ANN401 (a class of an optional library)
+    """Writer that adds to a PDF what it is told to: no date of change, no later version of PDF than
+    PDF/A-3 has, so that a further signature changes nothing else.
+    """
+    from pyhanko.pdf_utils.incremental_writer import IncrementalPdfFileWriter
+
+    class Writer(IncrementalPdfFileWriter):
+        def _update_meta(self) -> None:
+            """Leave the metadata as they are."""
+
+        def ensure_output_version(self, version: Any) -> None:  # noqa: ANN401
+            """Leave the version as it is."""
+
+        def register_extension(self, ext: Any) -> None:  # noqa: ANN401 (the same)
+            """Register that of PAdES alone, which is of the same version."""
+            if ext.prefix_name == "/ESIC":
+                super().register_extension(ext)
+
+    return Writer(io.BytesIO(document))
+
+
+def _find_stamper(key: Key) -> Any:  # noqa: ANN401 (a class of an optional library)
+    """Client of the key's server of time stamps, or None."""
+    from asn1crypto import cms
+    from pyhanko.sign.timestamps import HTTPTimeStamper, TimestampRequestError
+    from pyhanko.sign.validation.generic_cms import extract_certs_for_validation
+
+    class Stamper(HTTPTimeStamper):
+        issuers: tuple[Any, ...] = ()
+        """Certificates that came with the stamps, beside the servers' own."""
+
+        async def async_timestamp(self, message_digest: bytes, md_algorithm: str) -> Any:  # noqa: ANN401
+            """Time stamp with the server's own certificate, which it names; the others would
+            travel unsigned.
+            """
+            try:
+                token = await super().async_timestamp(message_digest, md_algorithm)
+                found = extract_certs_for_validation(token["content"])
+            except (ValueError, TypeError, KeyError) as error:
+                raise TimestampRequestError("no reply of RFC 3161") from error
+            self.issuers = tuple(found.other_certs)
+            token["content"]["certificates"] = cms.CertificateSet(
+                [cms.CertificateChoices("certificate", found.signer_cert)]
             )
-        except (ValueError, TypeError):
-            found = None
-    if found is None:
-        state = "is not its passphrase" if key.passphrase else "is not set"
-        raise UsageError(
-            f"--sign {key.path}: cannot be opened: {PASSPHRASE} {state}, or it is no PKCS#12 file",
-            hint=f"set {PASSPHRASE}",
-        )
-    if found.signing_cert is None:
-        raise UsageError(
-            f"--sign {key.path}: holds no certificate for its key",
-            hint="export key and certificate together",
-        )
-    return found
+            return token
+
+    return Stamper(key.timestamp, timeout=_WAIT_S) if key.timestamp else None
 
 
 def _attributes(by: Any) -> Any:  # noqa: ANN401 (classes of an optional library)
@@ -112,42 +171,60 @@ def _attributes(by: Any) -> Any:  # noqa: ANN401 (classes of an optional library
     return Attributes()
 
 
-def sign_document(document: bytes, by: Any, now: dt.datetime) -> bytes:  # noqa: ANN401 (a class of an optional library)
-    """The document with a signature behind it; what was there stays as it is, byte for byte.
-
-    `now` stands in the signature as the time that the signer claims.
+async def _embed_revocation(writer: Any, by: Any, stamper: Any, key: Key) -> tuple[str, ...]:  # noqa: ANN401 (classes of an optional library)
+    """Put into the document what the issuers of the certificates say on their revocation, and the
+    certificates above that of the time stamps; returns what the issuers did not say.
     """
-    from pyhanko.sign import fields, signers
+    from pyhanko.sign.validation.dss import DocumentSecurityStore
+    from pyhanko.sign.validation.generic_cms import extract_certs_for_validation
 
-    meta = signers.PdfSignatureMetadata(
-        field_name=FIELD,
-        certify=True,
-        subfilter=fields.SigSeedSubFilter.PADES,
-        docmdp_permissions=fields.MDPPerm.NO_CHANGES,
-        md_algorithm="sha256",
+    chains = [[by.signing_cert, *(one for one in by.cert_registry if one != by.signing_cert)]]
+    if stamper is not None:
+        token = await stamper.async_dummy_response("sha256")
+        own = extract_certs_for_validation(token["content"]).signer_cert
+        chains.append([own, *stamper.issuers])
+    warnings = []
+    for chain in chains:
+        offered = any(one.ocsp_urls or one.crl_distribution_points for one in chain)
+        context = await _ask_issuers(chain, key) if offered else None
+        said = context is not None and (context.ocsps or context.crls)
+        if said or (chain is not chains[0] and chain[1:]):
+            DocumentSecurityStore.supply_dss_in_writer(
+                writer,
+                None,
+                certs=chain,
+                ocsps=context.ocsps if context else (),
+                crls=context.crls if context else (),
+            )
+        if offered and not said:
+            warnings.append(
+                "no data on revocation came from the issuer of"
+                f" {chain[0].subject.human_friendly}: the signature holds none"
+            )
+    return tuple(warnings)
+
+
+async def _ask_issuers(chain: list[Any], key: Key) -> Any:  # noqa: ANN401 (classes of an optional library)
+    """What the issuers of a chain of certificates say on their revocation, the signer's first;
+    UsageError where one of them was revoked.
+    """
+    from pyhanko_certvalidator import CertificateValidator, ValidationContext, errors
+
+    roots = [one for one in chain if one.self_issued] or chain[1:]
+    context = ValidationContext(
+        trust_roots=roots, other_certs=chain, allow_fetching=True, revocation_mode="soft-fail"
     )
-    made = fields.SigFieldSpec(
-        FIELD, invis_sig_settings=fields.InvisSigSettings(set_print_flag=True)
-    )
-    with quiet():
-        return asyncio.run(
-            _sign_document(document, signers.PdfSigner(meta, signer=by, new_field_spec=made), now)
-        )
-
-
-async def _sign_document(document: bytes, by: Any, now: dt.datetime) -> bytes:  # noqa: ANN401 (a class of an optional library)
-    """Sign in pyHanko's own steps, with the time that is given rather than a clock's."""
-    from pyhanko.pdf_utils.incremental_writer import IncrementalPdfFileWriter
-    from pyhanko.sign.signers.pdf_cms import PdfCMSSignedAttributes
-
-    session = by.init_signing_session(IncrementalPdfFileWriter(io.BytesIO(document)))
-    session.system_time = now
-    none = await session.perform_presign_validation()
-    prepared = session.prepare_tbs_document(
-        none, await session.estimate_signature_container_size(none, tight=False)
-    )
-    digest, out = prepared.digest_tbs_document(output=io.BytesIO())
-    attributes = PdfCMSSignedAttributes(signing_time=now)
-    done = await prepared.perform_signature(digest.document_digest, pdf_cms_signed_attrs=attributes)
-    await done.post_signature_processing(out)
-    return bytes(out.getvalue())
+    try:
+        await CertificateValidator(
+            chain[0], intermediate_certs=chain, validation_context=context
+        ).async_validate_usage(set())
+    except errors.RevokedError as error:
+        raise UsageError(
+            f"--sign {key.path}: {' '.join(str(error).split())}",
+            hint="sign with a certificate that was not revoked",
+        ) from None
+    except (errors.PathError, errors.ValidationError):
+        pass  # an issuer that is not known says nothing
+    finally:
+        await context.aclose()
+    return context

@@ -25,14 +25,16 @@ from calibkit.certificate import (
     pdf,
     profile,
     sheet,
+    signature_traces,
+    signature_trust,
     verify_signature,
     verify_text,
 )
 from calibkit.certificate.content import Attachment
 from calibkit.certificate.dcc_xml import LANGUAGES, NAMES
 from calibkit.certificate.run_files import AsFoundAsLeft, RunFiles
-from calibkit.certificate.sign import quiet
-from calibkit.errors import CalibkitError, CoefficientError, OutputError
+from calibkit.certificate.signing_key import quiet
+from calibkit.errors import CalibkitError, CoefficientError, NotCheckedError, OutputError
 
 if TYPE_CHECKING:
     import datetime as dt
@@ -44,6 +46,7 @@ if TYPE_CHECKING:
     from calibkit.certificate.words import Lang
 
 MAGIC = b"%PDF-"
+UNSIGNED = "not signed: nothing says who made it"
 MOST = 6
 """Faults that a message lists."""
 SAME = 1e-9
@@ -54,10 +57,14 @@ printed digit.
 
 @dataclass(frozen=True, slots=True)
 class Verified:
-    """What a certificate is, and warnings where nothing is wrong with it."""
+    """What a certificate is, warnings where nothing is wrong with it, its signatures, and the DCC
+    that it holds.
+    """
 
     what: str
     warnings: tuple[str, ...] = ()
+    signatures: tuple[signature_trust.Signature, ...] = ()
+    dcc: bytes = b""
 
 
 def is_certificate(path: Path) -> bool:
@@ -71,50 +78,73 @@ def is_certificate(path: Path) -> bool:
 def verify(
     path: Path,
     layout_of: content.LayoutOf,
-    trust: Sequence[Path] = (),
+    demands: signature_trust.Demands | None = None,
     schema_dir: Path | None = None,
+    beside: Mapping[Path, Verified] | None = None,
 ) -> Verified:
-    """Check a certificate; raises CoefficientError that lists what is wrong, OutputError where a
-    library is absent.
+    """Check a certificate; `beside` are the PDFs that a DCC has to agree with, as they were found
+    to be.
+
+    Raises CoefficientError that lists what is wrong, NotCheckedError where a library is absent.
     """
     document = path.read_bytes()
+    demands = demands or signature_trust.Demands()
+    extras.load_checker("lxml.etree")
     if path.suffix.lower() == ".xml":
-        return _alone(path, document, schema_dir)
-    signatures = verify_signature.check_signatures(
-        document, verify_signature.load_trust_roots(trust)
-    )
+        return _alone(path, document, demands, schema_dir, beside or {})
+    signatures = verify_signature.check_signatures(document, demands)
     faults = [fault for one in signatures for fault in one.faults]
     warnings = [warning for one in signatures for warning in one.warnings]
-    try:
-        pages, attached, twice = _read(document)
-    except CalibkitError:
-        raise
-    except Exception as error:  # noqa: BLE001 (a damaged file fails in as many ways as it has bytes)
-        raise _failed(path, [*faults, f"the PDF cannot be read: {type(error).__name__}"]) from None
-    if not {new_files.RUN_FILE, dcc.FILE} & attached.keys():
-        raise _failed(
-            path, [*faults, "no run.json and no dcc.xml is attached: not a certificate of calibkit"]
-        )
+    pages, attached, twice, trace = _opened(path, document, faults)
+    if all(one.role == signature_trust.STAMP for one in signatures):
+        faults += [f"its signature was taken off or damaged: {trace} is left of it"] * bool(trace)
+        warnings.append(UNSIGNED)
     faults += [f"{name} is attached twice" for name in twice]
     faults += _digests(attached, pages)
     count, draft = 0, False
     if not faults:
         more, count, draft = _remade(attached, layout_of, pages, schema_dir)
         faults += more
+    if demands.signed and UNSIGNED in warnings:
+        faults.append("not signed, and a signature is required")
     if faults:
         raise _failed(path, faults)
-    if not signatures:
-        warnings.append("not signed: nothing says who made it")
     if draft:
         warnings.append("a DRAFT: not a calibration certificate")
     if _document(attached)["verdict"] == "rejected":
         warnings.append("the run failed its acceptance limits")
-    return Verified(_what(attached, signatures, count), tuple(warnings))
+    what = _what(attached, signatures, count)
+    return Verified(what, tuple(warnings), signatures, attached[dcc.FILE])
 
 
-def _alone(path: Path, document: bytes, schema_dir: Path | None) -> Verified:
-    """Check a DCC beside its PDF: structure, schema, and the coefficient files in it by their own
-    digests.
+def _opened(
+    path: Path, document: bytes, faults: Sequence[str]
+) -> tuple[list[str], dict[str, bytes], list[str], str]:
+    """What `_read` finds in a certificate; CoefficientError, after the faults that are known, for
+    what is none.
+    """
+    try:
+        found = _read(document)
+    except CalibkitError:
+        raise
+    except Exception as error:  # noqa: BLE001 (a damaged file fails in as many ways as it has bytes)
+        raise _failed(path, [*faults, f"the PDF cannot be read: {type(error).__name__}"]) from None
+    if not {new_files.RUN_FILE, dcc.FILE} & found[1].keys():
+        raise _failed(
+            path, [*faults, "no run.json and no dcc.xml is attached: not a certificate of calibkit"]
+        )
+    return found
+
+
+def _alone(
+    path: Path,
+    document: bytes,
+    demands: signature_trust.Demands,
+    schema_dir: Path | None,
+    beside: Mapping[Path, Verified],
+) -> Verified:
+    """Check a DCC: structure, schema, the coefficient files in it by their own digests, and that
+    one of the PDFs beside it holds the same bytes.
     """
     try:
         root = dcc_check.check(document, schema_dir)
@@ -128,10 +158,33 @@ def _alone(path: Path, document: bytes, schema_dir: Path | None) -> Verified:
     except (OutputError, CoefficientError, UnicodeDecodeError) as error:
         raise _failed(path, [_message(error)]) from None
     number = root.findtext(".//dcc:uniqueIdentifier", "", NAMES)
-    warning = "not signed: check the certificate that it came with, which holds the same file"
+    what = f"DCC {dcc.VERSION} of certificate {number}, {len(files)} coefficient files"
+    held = {pdf: found.dcc for pdf, found in beside.items()} or _held_beside(path)
+    same = [pdf for pdf, own in held.items() if own == document]
+    if held and not same:
+        listed = ", ".join(map(str, held))
+        raise _failed(path, [f"it is not the {dcc.FILE} that {listed} holds"])
+    if same and same[0] in beside and beside[same[0]].signatures:
+        return Verified(f"{what}, which {same[0]} holds and its signature covers")
+    if demands.signed:
+        wanted = "name the signed PDF with it, which holds the same file"
+        raise _failed(path, [f"not signed, and a signature is required: {wanted}"])
     return Verified(
-        f"DCC {dcc.VERSION} of certificate {number}, {len(files)} coefficient files", (warning,)
+        what,
+        ("not signed: check it together with the certificate that holds the same file",),
     )
+
+
+def _held_beside(path: Path) -> dict[Path, bytes]:
+    """The DCC that a PDF of the same name in the same folder holds, if there is one."""
+    other = path.with_suffix(".pdf")
+    try:
+        attached = _read(other.read_bytes())[1]
+    except NotCheckedError:
+        raise
+    except Exception:  # noqa: BLE001 (it is not there, or no PDF: nothing to compare with)
+        return {}
+    return {other: attached[dcc.FILE]} if dcc.FILE in attached else {}
 
 
 def _message(error: Exception) -> str:
@@ -149,17 +202,21 @@ def _failed(path: Path, faults: Sequence[str]) -> CoefficientError:
     )
 
 
-def _read(document: bytes) -> tuple[list[str], dict[str, bytes], list[str]]:
-    """Text of every page, every attached file, and the names that are attached more than once."""
-    pypdf = extras.load_library("pypdf", "verify", "certificates are read with pypdf")
+def _read(document: bytes) -> tuple[list[str], dict[str, bytes], list[str], str]:
+    """Text of every page, every attached file, the names that are attached more than once, and what
+    is left of a signature.
+    """
+    pypdf = extras.load_checker("pypdf")
     with quiet():
         reader = pypdf.PdfReader(io.BytesIO(document))
         pages = [page.extract_text() for page in reader.pages]
         found = {name: list(contents) for name, contents in reader.attachments.items()}
+        trace = signature_traces.find_trace(document, reader, pages)
     return (
         pages,
         {name: contents[0] for name, contents in found.items()},
         [n for n, c in found.items() if len(c) > 1],
+        trace,
     )
 
 
@@ -330,12 +387,12 @@ def _same(one: str, other: str) -> bool:
 
 
 def _what(
-    attached: Mapping[str, bytes], signatures: Sequence[verify_signature.Signature], count: int
+    attached: Mapping[str, bytes], signatures: Sequence[signature_trust.Signature], count: int
 ) -> str:
     """A certificate in one line."""
     run = _document(attached)
     number = dcc_check.parse(attached[dcc.FILE]).findtext(".//dcc:uniqueIdentifier", "", NAMES)
-    signed = "".join(f", signed by {one.signer}, who states {one.claimed}" for one in signatures)
+    signed = "".join(f", {one}" for one in signatures)
     return (
         f"certificate {number} of {run['serial']} r{run['revision']:03d}, {len(attached)}"
         f" attachments as printed, {count} rows of numbers as the attached files give them{signed}"

@@ -29,7 +29,8 @@ def cli() -> None:
     calibkit apply FOG-0001 --data field.csv --out compensated.csv
 
     Exit codes: 0 accepted or no verdict, 1 an acceptance limit failed, 2 usage or recipe, 3 data
-    unreadable or unusable, 4 output or verification, 70 internal error, 130 interrupted.
+    unreadable or unusable, 4 output or verification,
+    5 not checked, 70 internal error, 130 interrupted.
     """
 
 
@@ -40,6 +41,7 @@ for kept in (
     logs.apply,
     logs.validate,
     outputs.certify,
+    outputs.sign,
     fleets.fleet,
     outputs.export,
     results.evaluate,

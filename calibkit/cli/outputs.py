@@ -1,4 +1,4 @@
-"""Commands that hand a run on: certify, export, report."""
+"""Commands that hand a run on: certify, sign, export, report."""
 
 import os
 from collections.abc import Sequence
@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from calibkit.certificate.signing_key import PASSPHRASE, Key
 from calibkit.certificate.words import Lang
 from calibkit.cli.console import SETTINGS, print_flags, print_message, print_result
 from calibkit.cli.options import DETAILS, DRY, JSON, PATH, RUN, RUNS, command
@@ -17,6 +18,14 @@ from calibkit.errors import CoefficientError, UsageError
 if TYPE_CHECKING:
     from calibkit.certificate.certify import Issued
 
+_SERVER = "CALIBKIT_TIMESTAMP_URL"
+_TIMESTAMP = click.option(
+    "--timestamp",
+    envvar=_SERVER,
+    default="",
+    metavar="URL",
+    help=f"server that states when it was signed (RFC 3161; default: {_SERVER})",
+)
 _MOST_MISSING = 20
 """Lines on what a certificate lacks."""
 
@@ -30,6 +39,7 @@ _MOST_MISSING = 20
 @click.option("--date", default=None, metavar="YYYY-MM-DD", help="date of issue (default: today)")
 @click.option("--lang", type=click.Choice(["en", "zh", "both"]), default="en", show_default=True)
 @click.option("--sign", "key", type=PATH, help="PKCS#12 key; CALIBKIT_SIGN_PASSPHRASE opens it")
+@_TIMESTAMP
 @click.option("--schema-dir", type=PATH, help="folder with dcc.xsd, to hold the DCC against it")
 @click.option(
     "--set",
@@ -50,6 +60,7 @@ def certify(
     date: str | None,
     lang: Lang,
     key: Path | None,
+    timestamp: str,
     schema_dir: Path | None,
     overrides: tuple[str, ...],
     runs: Path,
@@ -68,10 +79,12 @@ def certify(
     calibkit certify FOG-0001 --profile lab.toml --sign key.p12 --out certificate.pdf
     """
     from calibkit import store
-    from calibkit.certificate import certify as certificates, sign
+    from calibkit.certificate import certify as certificates
     from calibkit.instruments import certificate_layout
 
     _require_one(out, check=check)
+    if timestamp and not key and _SERVER not in os.environ:
+        raise UsageError("--timestamp stamps a signature", hint="add --sign KEY.p12")
     with working("typesetting"):
         issued = certificates.certify(
             store.find(run, runs),
@@ -83,7 +96,7 @@ def certify(
             lang=lang,
             overrides=overrides,
             schema_dir=schema_dir,
-            key=sign.Key(key, os.environ.get(sign.PASSPHRASE, ""), now()) if key else None,
+            key=_read_key(key, timestamp) if key else None,
             dry_run=dry_run,
         )
     return _print_issued(issued, check=check, as_json=as_json, dry_run=dry_run)
@@ -91,7 +104,7 @@ def certify(
 
 def _print_issued(issued: "Issued", *, check: bool, as_json: bool, dry_run: bool) -> int:
     """Print a certificate, or what one would lack, which is 1."""
-    print_flags(filter(None, (issued.certificate.rejection.en,)))
+    print_flags(filter(None, (issued.certificate.rejection.en, *issued.warnings)))
     if check and not as_json:
         _print_check(issued)
     else:
@@ -134,6 +147,50 @@ def _print_check(issued: "Issued") -> None:
     )
     for line in filter(None, lines):
         click.echo(line)
+
+
+def _read_key(path: Path, timestamp: str) -> Key:
+    """A key file with its passphrase, which stands in the environment, and the time."""
+    return Key(path, os.environ.get(PASSPHRASE, ""), now(), timestamp)
+
+
+@command()
+@click.argument("certificate", type=PATH)
+@click.option(
+    "--key", required=True, type=PATH, help="PKCS#12 key; CALIBKIT_SIGN_PASSPHRASE opens it"
+)
+@click.option("--role", required=True, type=click.Choice(["checked", "approved"]))
+@click.option("--out", required=True, type=PATH, help="PDF file to write")
+@_TIMESTAMP
+@DRY
+@JSON
+def sign(
+    certificate: Path,
+    key: Path,
+    role: str,
+    out: Path,
+    timestamp: str,
+    *,
+    dry_run: bool,
+    as_json: bool,
+) -> int:
+    """Add a signature to a certificate that is signed already: of who checked it, or approved it.
+
+    The signatures before it stay valid. A certificate that does not verify is not signed.
+
+    \b
+    calibkit sign certificate.pdf --key head.p12 --role approved --out approved.pdf
+    calibkit sign c.pdf --key k.p12 --role checked --timestamp http://stamps.example --out d.pdf
+    """
+    from calibkit.certificate.countersign import countersign
+    from calibkit.instruments import certificate_layout
+
+    warnings = countersign(
+        certificate, out, certificate_layout, _read_key(key, timestamp), role, dry_run=dry_run
+    )
+    print_flags(warnings)
+    print_result({"out": [str(out)], "role": role}, [out], as_json=as_json, dry_run=dry_run)
+    return 0
 
 
 def _print_missing(lines: Sequence[str]) -> None:

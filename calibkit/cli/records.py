@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime as dt
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -19,15 +20,25 @@ from calibkit.cli.console import (
 from calibkit.cli.options import CSV, DETAILS, JSON, PATH, RUN, RUNS, command
 from calibkit.cli.progress import working
 from calibkit.clock import date_or_today
-from calibkit.errors import CalibkitError, CoefficientError, UsageError, visible
+from calibkit.errors import (
+    CalibkitError,
+    CoefficientError,
+    NotCheckedError,
+    UsageError,
+    visible,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
+    from calibkit.certificate.signature_trust import Demands
+    from calibkit.certificate.verify import Verified
     from calibkit.report.summary import Summary
     from calibkit.report.table import Table
 
+_STATES = {(True, True): "ok    ", (False, True): "FAILED", (False, False): "-     "}
+"""What stands before a file: whether it is sound, whether it was checked."""
 _ON = click.option(
     "--date", default=None, metavar="YYYY-MM-DD", help="of a SERIAL, the run in force on that date"
 )
@@ -39,7 +50,19 @@ _ON = click.option(
     "--trust",
     multiple=True,
     type=PATH,
-    help="certificate whose signatures are trusted",
+    help="signer's certificate, or its authority's: no other signature is accepted",
+)
+@click.option(
+    "--trust-timestamp",
+    multiple=True,
+    type=PATH,
+    help="certificate of an authority that is trusted for time stamps alone",
+)
+@click.option("--require-signature", is_flag=True, help="refuse what is not signed")
+@click.option(
+    "--at",
+    metavar="YYYY-MM-DD",
+    help="date of signing, where no time stamp states it: the signer is judged for that date",
 )
 @click.option(
     "--schema-dir",
@@ -48,35 +71,38 @@ _ON = click.option(
 )
 @JSON
 def verify(
-    files: tuple[Path, ...], trust: tuple[Path, ...], schema_dir: Path | None, *, as_json: bool
+    files: tuple[Path, ...],
+    trust: tuple[Path, ...],
+    trust_timestamp: tuple[Path, ...],
+    at: str | None,
+    schema_dir: Path | None,
+    *,
+    require_signature: bool,
+    as_json: bool,
 ) -> int:
     """Check what calibkit wrote: digests, an export's vectors, a certificate's signature,
     attachments and printed numbers.
 
     \b
-    calibkit verify certificate.pdf --trust laboratory.pem
+    calibkit verify certificate.pdf certificate.xml --trust laboratory.pem
+    calibkit verify certificate.pdf --trust laboratory.pem --at 2026-11-21
     calibkit verify runs/FOG-0001/r001
     calibkit verify drift_rate.json validation.json firmware/gyro.c
-    """
-    from calibkit import pipeline
 
-    results: list[dict[str, Any]] = []
-    failed: list[CalibkitError] = []
-    for path in _follow(files):
-        try:
-            found = pipeline.verify(path, trust, schema_dir)
-            results.append(
-                {
-                    "file": str(path),
-                    "ok": True,
-                    "what": found.what,
-                    "warnings": list(found.warnings),
-                }
-            )
-        except CalibkitError as error:
-            results.append({"file": str(path), "ok": False, "what": str(error), "warnings": []})
-            failed.append(error)
-    worst = max(failed, key=lambda error: error.exit_code, default=None)
+    A DCC is compared with the PDFs that are named with it. Exit code 4 where anything is wrong, 5
+    where a library that checks is missing.
+    """
+    from calibkit.certificate.signature_trust import Demands
+
+    when = date_or_today(at, "--at") if at else None
+    demands = Demands(
+        trust=trust,
+        trust_timestamp=trust_timestamp,
+        required=require_signature,
+        at=dt.date.fromisoformat(when) if when else None,
+    )
+    results, failed = _verify_all(files, demands, schema_dir)
+    worst = max(failed, key=_weigh, default=None)
     if as_json:
         print_json(
             {
@@ -87,13 +113,50 @@ def verify(
         )
     else:
         for result in results:
-            line = f"{'ok    ' if result['ok'] else 'FAILED'} {result['file']}: {result['what']}"
+            line = f"{_STATES[result['ok'], result['checked']]} {result['file']}: {result['what']}"
             if result["ok"]:
                 click.echo(visible(line))
             else:
-                print_message(line)
-            print_flags(f"{result['file']}: {warning}" for warning in result["warnings"])
+                print_message(visible(line))
+            print_flags(visible(f"{result['file']}: {warning}") for warning in result["warnings"])
     return worst.exit_code if worst else 0
+
+
+def _weigh(error: CalibkitError) -> float:
+    """Which of several errors a command ends with: what is wrong stands over what was not
+    checked.
+    """
+    return 3.5 if isinstance(error, NotCheckedError) else error.exit_code
+
+
+def _verify_all(
+    files: Sequence[Path], demands: Demands, schema_dir: Path | None
+) -> tuple[list[dict[str, Any]], list[CalibkitError]]:
+    """What each file was found to be, in their order, and every error; PDFs are read first, as DCCs
+    are compared with them.
+    """
+    from calibkit import pipeline
+
+    results: dict[Path, dict[str, Any]] = {}
+    failed: list[CalibkitError] = []
+    beside: dict[Path, Verified] = {}
+    for path in _follow(sorted(files, key=lambda path: path.suffix.lower() != ".pdf")):
+        stated = {"file": str(path), "ok": True, "checked": True, "warnings": [], "signatures": []}
+        try:
+            found = pipeline.verify(path, demands, schema_dir, beside)
+        except CalibkitError as error:
+            checked = not isinstance(error, NotCheckedError)
+            results[path] = stated | {"ok": False, "checked": checked, "what": str(error)}
+            failed.append(error)
+            continue
+        if path.suffix.lower() == ".pdf":
+            beside[path] = found
+        results[path] = stated | {
+            "what": found.what,
+            "warnings": list(found.warnings),
+            "signatures": [one.document() for one in found.signatures],
+        }
+    return [results[path] for path in files], failed
 
 
 @command()

@@ -1,0 +1,46 @@
+"""Signatures that are verified before anybody has them: of who issues a certificate, and of who
+checked or approved one that is signed already.
+"""
+
+from pathlib import Path
+from typing import Any
+
+from calibkit import new_files
+from calibkit.certificate import content, sign, signature_trust, verify, verify_signature
+from calibkit.certificate.signing_key import Key
+from calibkit.errors import OutputError, UsageError
+
+
+def countersign(
+    issued: Path, out: Path, layout_of: content.LayoutOf, key: Key, role: str, *, dry_run: bool
+) -> tuple[str, ...]:
+    """Write a signed certificate with one signature more, of who checked or approved it; returns
+    what the signature could not hold. Nothing is overwritten.
+
+    Raises CoefficientError for a certificate that does not verify, UsageError for a key that cannot
+    sign or a certificate that nobody signed before, NotCheckedError where a library is absent.
+    """
+    if not issued.is_file():
+        raise UsageError(f"{issued}: no such file", hint="name a signed certificate")
+    new_files.refuse_existing(out)
+    signer = key.load_signer()
+    found = verify.verify(issued, layout_of, signature_trust.Demands(now=key.now))
+    if not found.signatures:
+        raise UsageError(
+            f"{issued}: is not signed", hint="issue it with calibkit certify --sign first"
+        )
+    made = sign_checked(issued.read_bytes(), signer, key, role)
+    new_files.write_all({out: made.document}, dry_run=dry_run)
+    return made.warnings
+
+
+def sign_checked(document: bytes, signer: Any, key: Key, role: str = "") -> sign.Signed:  # noqa: ANN401 (a class of an optional library)
+    """A document with one signature more; OutputError where it would not verify."""
+    made = sign.sign_document(document, signer, key, role)
+    found = verify_signature.check_signatures(made.document, signature_trust.Demands(now=key.now))
+    if faults := [fault for one in found for fault in one.faults]:
+        raise OutputError(
+            f"--sign {key.path}: the signature does not verify: {faults[0]}",
+            hint="sign with another key, or without --timestamp",
+        )
+    return made

@@ -1,0 +1,251 @@
+"""One signature of a certificate: whether it is intact, when it was made, and whether its signer is
+trusted for that time.
+"""
+
+import datetime as dt
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from calibkit import clock, extras
+from calibkit.certificate import signature_container, signing_key
+from calibkit.errors import UsageError
+
+ROLES = {"checked": "checked", "approved": "approved"}
+"""What a further signature says that its signer did."""
+STAMP = "time stamp"
+_DAY = dt.timedelta(days=1)
+_MOST_CHARACTERS = 200
+
+
+@dataclass(frozen=True, slots=True)
+class Demands:
+    """What signatures are held against.
+
+    `now` is the time of checking; `trust` and `trust_timestamp` are files of certificates whose
+    signatures, or whose time stamps alone, are trusted; `required` asks for a signature, whoever
+    signed; `at` is the date of signing, where no time stamp states it.
+    """
+
+    now: dt.datetime = field(default_factory=clock.now)
+    trust: tuple[Path, ...] = ()
+    trust_timestamp: tuple[Path, ...] = ()
+    required: bool = False
+    at: dt.date | None = None
+
+    @property
+    def signed(self) -> bool:
+        """Whether an unsigned file is refused."""
+        return self.required or bool(self.trust)
+
+    def load_roots(self) -> tuple[list[Any], list[Any]]:
+        """Certificates that are trusted for signatures, and those for time stamps; UsageError for a
+        file that holds none.
+        """
+        own = [one for path in self.trust for one in _load_roots("--trust", path)]
+        stamps = [
+            one for path in self.trust_timestamp for one in _load_roots("--trust-timestamp", path)
+        ]
+        return own, own + stamps
+
+
+def _load_roots(option: str, path: Path) -> list[Any]:
+    """Certificates of a PEM or DER file; UsageError for one that holds none."""
+    keys = extras.load_checker("pyhanko.keys")
+    try:
+        return [*keys.load_certs_from_pemder([str(path)])]
+    except (OSError, ValueError) as error:
+        raise UsageError(
+            f"{option} {path}: no certificate: {error}", hint="name a PEM or DER file"
+        ) from None
+
+
+@dataclass(frozen=True, slots=True)
+class Signature:
+    """Who signed in which role, the times that the signer and a trusted time stamp state, whether
+    the signer is trusted, faults and warnings.
+    """
+
+    signer: str = ""
+    role: str = ""
+    claimed: str = ""
+    stamped: str = ""
+    trusted: bool = False
+    faults: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        """The signature in one clause."""
+        trusted = " (trusted)" if self.trusted else ""
+        when = f"time stamp {self.stamped}" if self.stamped else f"who states {self.claimed}"
+        return f"{self.role or 'signed'} by {quoted(self.signer)}{trusted}, {when}"
+
+    def document(self) -> dict[str, Any]:
+        """JSON object of a signature that holds."""
+        return {
+            "signer": self.signer,
+            "role": self.role,
+            "claimed": self.claimed,
+            "time_stamp": self.stamped,
+            "trusted": self.trusted,
+        }
+
+
+def quoted(name: str) -> str:
+    """A name that can hold anything, in quotes, which it cannot end itself."""
+    return json.dumps(name[:_MOST_CHARACTERS], ensure_ascii=False)
+
+
+@dataclass(slots=True)
+class Judgement:
+    """One signature of a document (of an optional library's class) while it is judged; `stamped` is
+    the earliest time by which a trusted time stamp says that it was there.
+    """
+
+    document: bytes
+    embedded: Any
+    demands: Demands
+    roots: tuple[list[Any], list[Any]]
+    store: Any
+    """Certificates and data on revocation that the document carries, or None."""
+    stamped: dt.datetime | None = None
+    faults: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+
+    async def judge(self) -> Signature:
+        """What the signature states, and what is wrong with it."""
+        self.faults += signature_container.list_changes(self.document, self.embedded)
+        own = self.embedded
+        if own.sig_object_type == "/DocTimeStamp":
+            await self._read_stamp(own.signed_data, own.compute_digest)
+            return self._stated(STAMP)
+        for token in signature_container.find_stamps(own.signer_info):
+            await self._read_stamp(token["content"], _imprint(own.signer_info))
+        await self._judge_signer()
+        reason = str(own.sig_object.get("/Reason", ""))
+        return self._stated(ROLES.get(reason, ""))
+
+    def _stated(self, role: str) -> Signature:
+        """The record of a signature that was judged."""
+        claimed = self.embedded.self_reported_timestamp
+        return Signature(
+            self.embedded.signer_cert.subject.human_friendly,
+            role,
+            "" if claimed is None else claimed.isoformat(),
+            "" if self.stamped is None else self.stamped.isoformat(timespec="seconds"),
+            trusted=bool(self.demands.trust) and not self.faults,
+            faults=tuple(self.faults),
+            warnings=() if self.faults else tuple(self.warnings),
+        )
+
+    def _context(self, roots: list[Any], moment: dt.datetime) -> Any:  # noqa: ANN401 (a class of an optional library)
+        """What certificates are held against at a moment; nothing is asked of any network."""
+        from pyhanko_certvalidator import ValidationContext
+
+        given: dict[str, Any] = {
+            "trust_roots": roots,
+            "moment": moment,
+            "retroactive_revinfo": True,
+        }
+        if self.store is None:
+            return ValidationContext(**given)
+        return self.store.as_validation_context(given)
+
+    async def _read_stamp(self, token: Any, imprint: Any) -> None:  # noqa: ANN401 (classes of an optional library)
+        """Judge a time stamp: broken ones are faults, those of strangers state no time."""
+        from pyhanko.sign.validation import generic_cms
+        from pyhanko.sign.validation.status import TimestampSignatureStatus
+
+        time = token["encap_content_info"]["content"].parsed["gen_time"].native
+        status = TimestampSignatureStatus(
+            **await generic_cms.validate_tst_signed_data(
+                token, self._context(self.roots[1], time), imprint
+            )
+        )
+        own = status.signing_cert
+        who = f"the time stamp of {quoted(own.subject.human_friendly)}"
+        if not (status.intact and status.valid):
+            self.faults.append("its time stamp is of something else, or was changed")
+        elif not status.trusted or not signing_key.is_valid_at(own, time):
+            self.warnings.append(
+                f"{who} is not trusted: it states {time.isoformat(timespec='seconds')}"
+            )
+        else:
+            self.stamped = min(time, self.stamped or time)
+            if not signing_key.is_valid_at(own, self.demands.now):
+                self.warnings.append(f"{who} was {signing_key.format_validity(own)}")
+
+    async def _judge_signer(self) -> None:
+        """Judge the signature itself, its key, and its signer for the time of signing."""
+        from pyhanko.sign.validation import settings
+        from pyhanko.sign.validation.pdf_embedded import async_validate_pdf_signature
+
+        certificate = self.embedded.signer_cert
+        moment = self._moment()
+        status = await async_validate_pdf_signature(
+            self.embedded,
+            self._context(self.roots[0], moment),
+            self._context(self.roots[1], moment),
+            key_usage_settings=settings.KeyUsageConstraints(key_usage=()),
+            skip_diff=True,
+        )
+        if not status.intact:
+            self.faults.append("a byte was changed after signing: the signed digest is another")
+        elif not status.valid:
+            self.faults.append(
+                "the signature was not made by the key of its certificate, or was changed"
+            )
+        if status.revoked:
+            self.faults.append("the signer's certificate was revoked")
+        self.faults += (f"the signer: {one}" for one in signing_key.list_weaknesses(certificate))
+        doubts = [*signing_key.list_wrong_uses(certificate), *self._list_doubts(moment)]
+        if not status.trusted:
+            doubts.append(
+                f"its signer is not trusted: {quoted(certificate.subject.human_friendly)}"
+            )
+        if self.demands.trust:
+            self.faults += (f"the signature does not count: {one}" for one in doubts)
+        else:
+            self.warnings += (f"the signature is intact, but {one}" for one in doubts)
+
+    def _moment(self) -> dt.datetime:
+        """The time for which the signer has to be trusted: that of a time stamp, else on the date
+        that was asked for, else now, as nobody can tell.
+        """
+        claimed, at = self.embedded.self_reported_timestamp, self.demands.at
+        if self.stamped is not None:
+            return self.stamped
+        if at is None:
+            return self.demands.now
+        end = dt.datetime.combine(at, dt.time(), dt.UTC) + _DAY
+        return claimed if claimed is not None and abs(end - claimed - _DAY / 2) < _DAY else end
+
+    def _list_doubts(self, moment: dt.datetime) -> Iterator[str]:
+        """Why a signature says less than it seems to, as far as times say so."""
+        certificate, claimed = self.embedded.signer_cert, self.embedded.self_reported_timestamp
+        proved = self.stamped is not None or self.demands.at is not None
+        dates = signing_key.format_validity(certificate)
+        if not signing_key.is_valid_at(certificate, moment):
+            yield f"its signer's certificate is {dates}" + (
+                f", not at {moment:%Y-%m-%d}, when it was signed"
+                if proved
+                else ", and nothing but the signer's own clock says when it was signed: state --at"
+            )
+        elif (
+            not proved and claimed is not None and not signing_key.is_valid_at(certificate, claimed)
+        ):
+            yield f"its signer states {claimed:%Y-%m-%d}, and the certificate is {dates}"
+        if proved and claimed is not None and abs(claimed - moment) > 2 * _DAY:
+            self.warnings.append(
+                f"its signer states {claimed:%Y-%m-%d}, and it was signed on {moment:%Y-%m-%d}"
+            )
+
+
+def _imprint(signer_info: Any) -> Any:  # noqa: ANN401 (classes of an optional library)
+    """What the time stamp of a signature has to be of: the digest of the signature's value."""
+    import hashlib
+
+    value = signer_info["signature"].native
+    return lambda digest: hashlib.new(digest, value).digest()

@@ -1,0 +1,57 @@
+"""Files that calibkit wrote, but for certificates: what each is, if its digests are right."""
+
+from pathlib import Path
+
+from calibkit import coefficients, run_document, sealed, store
+from calibkit.errors import CoefficientError, UsageError
+from calibkit.planning import document as plan_file
+
+
+def identify(path: Path) -> str:
+    """Check a file's digest or recompute an export's vectors; returns what the file is."""
+    if (path / store.FLEET_FILE).is_file():
+        fleet = store.load_fleet(path)
+        return f"fleet of {len(fleet['units'])} devices, {len(fleet['files'])} files"
+    if path.is_dir():
+        run = store.load(path)
+        return f"run {run.name}, {len(run.document['files'])} files"
+    if not path.is_file():
+        raise UsageError(
+            f"{path}: no such file", hint="name a coefficient file, a validation or a run folder"
+        )
+    from calibkit.firmware import targets
+
+    if path.suffix in targets.READERS:
+        return targets.READERS[path.suffix](str(path), path.read_bytes())
+    return _check_document(path)
+
+
+def _check_document(path: Path) -> str:
+    """Check the digest of a JSON document; returns what it is."""
+    from calibkit.firmware import targets
+
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError:
+        raise CoefficientError(
+            f"{path}: not a text that calibkit wrote", hint="verify takes calibkit's own files"
+        ) from None
+    of_runs = run_document.FORMATS + run_document.VALIDATION_FORMATS
+    formats = coefficients.FORMATS + of_runs + targets.MANIFESTS + (plan_file.FORMAT,)
+    document = sealed.unseal(text, str(path), formats)
+    if document["format"] in targets.MANIFESTS:
+        return targets.verify_manifest(path)
+    if document["format"] == plan_file.FORMAT:
+        plan_file.load_plan(path.parent)
+        return f"plan of {document['procedure']}: {document['plan']}"
+    if document["format"] in coefficients.FORMATS:
+        record = coefficients.loads(text, str(path))
+        return (
+            f"{record.stage} of {record.serial} r{record.revision:03d}, effective from"
+            f" {record.effective_from}"
+        )
+    if not (isinstance(document.get("serial"), str) and isinstance(document.get("revision"), int)):
+        raise CoefficientError(
+            f"{path}: states no serial and revision", hint="calibkit did not write it"
+        )
+    return f"{document['format']} of {document['serial']} r{document['revision']:03d}"
