@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from calibkit.frame import Log
+    from calibkit.left_out import LeftOut
     from calibkit.plugins import Plugin
 
 FORMAT = "calibkit-coefficients/2"
@@ -108,18 +109,16 @@ class Input:
     content: frozenset[bytes] = field(default=frozenset(), compare=False, repr=False)
     """First rows of its values, by which copies are seen; run.json keeps their fingerprint."""
     measured: tuple[tuple[str, float, float], ...] = field(default=(), compare=False)
-    """Column, lowest and highest reading of its thermometers; kept in run.json."""
+    """Column, lowest and highest reading of its thermometers."""
+    left_out: tuple[LeftOut, ...] = field(default=(), compare=False)
 
     @classmethod
     def of(cls, log: Log) -> Input:
         """The input that a log is."""
         return cls(
             *(log.file, log.sha256, log.rows, log.reading, log.clock, log.plugins),
-            log.second_logger_sha256,
-            last_date=log.last_date,
-            overlap=log.overlap,
-            content=log.first_rows(),
-            measured=log.measured_conditions(),
+            *(log.second_logger_sha256, log.last_date, log.overlap, log.first_rows()),
+            *(log.measured_conditions(), log.list_left_out()),
         )
 
     def identity(self) -> dict[str, str | int]:

@@ -19,6 +19,7 @@ from calibkit.errors import (
     list_ranges,
     visible,
 )
+from calibkit.left_out import Cause, LeftOut
 from calibkit.numeric import chunks, intervals
 
 if TYPE_CHECKING:
@@ -188,6 +189,17 @@ class Log:
         file = places[0][0]
         lines = list_ranges(line for name, line in places if name == file)
         return advise_exclude(file, lines=lines[:EXCLUDED])
+
+    def list_left_out(self) -> tuple[LeftOut, ...]:
+        """Rows that the frame is without: those that the recipe excludes, those that lack a
+        value.
+        """
+        lost = sum(len(rows) for _, rows in self.lost)
+        counts: tuple[tuple[Cause, int], ...]
+        counts = (("excluded", self.excluded_rows), ("incomplete", lost))
+        return tuple(
+            LeftOut("rows", count, self.rows, cause, self.file) for cause, count in counts if count
+        )
 
     def measured_conditions(self) -> tuple[tuple[str, float, float], ...]:
         """Column, lowest and highest reading [°C] of each thermometer."""

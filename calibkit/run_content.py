@@ -12,6 +12,7 @@ from typing import Any
 from calibkit import (
     coefficients,
     instruments,
+    left_out,
     new_files,
     plugins,
     run_document,
@@ -139,9 +140,12 @@ def _run_facts(
         "acceptance": [asdict(criterion) for criterion in fitted.summary.criteria],
         "uncertainty": budget.combine_results(fitted.results, spec.type_b, fitted.uncertainty),
         "sensitivities": sensitivities.dumps(fitted.sensitivities),
+        "left_out": left_out.dumps(
+            (*(fact for log in identity.inputs for fact in log.left_out), *fitted.left_out)
+        ),
         "flags": list(fitted.summary.flags),
     }
-    optional = ("type", "plugins", "corrections", POOLED)
+    optional = ("type", "plugins", "corrections", "left_out", POOLED)
     return {key: value for key, value in facts.items() if value or key not in optional}
 
 

@@ -215,6 +215,8 @@ def every(tmp_path_factory):
     def of(name):
         data = ROOT / "datasets" / name
         if name == "mpu6050_warmup":
+            if not REAL.is_dir():
+                pytest.skip("the logs of the field are not beside the repository")
             data = REAL / name
         elif not data.is_dir():
             assert name in WRITTEN

@@ -7,6 +7,7 @@ from calibkit.certificate import names, tables
 from calibkit.certificate.content import Certificate
 from calibkit.certificate.profile import Profile, Standard
 from calibkit.certificate.words import CONDITIONS, SENTENCES, Lang, Words, unit_mark, with_unit
+from calibkit.left_out import Cause, Kind, LeftOut
 
 Rows = list[list[str]]
 
@@ -42,6 +43,47 @@ def lay_out_conditions(certificate: Certificate, lang: Lang) -> Rows:
             text += f" ({words} {u})"
         rows.append((label, text))
     return in_words(rows, lang)
+
+
+_COUNTED: dict[Kind, Words] = {
+    "rows": Words("rows", "行"),
+    "samples": Words("samples", "个采样"),
+    "positions": Words("positions", "个位置"),
+    "stations": Words("stations", "个测站"),
+}
+_CAUSES: dict[Cause, Words] = {
+    "excluded": Words("excluded for the reason that is stated", "按所述原因剔除"),
+    "incomplete": Words(
+        "excluded because a value that is needed is missing", "因缺少所需数值而剔除"
+    ),
+    "missing": Words("not in the log", "缺失"),
+    "outlier": Words(
+        "excluded because they differ from the others by far more than noise", "因明显离群而剔除"
+    ),
+    "unsolved": Words("excluded because their readings give no result", "因读数无解而剔除"),
+}
+
+
+def describe_left_out(fact: LeftOut) -> Words:
+    """What a fit did not use, in a customer's words."""
+    what, why = _COUNTED[fact.what], _CAUSES[fact.cause]
+    were = "was" if fact.count == 1 else "were"
+    where = names.name_channel(fact.where) if fact.what == "stations" else Words(fact.where)
+    of, at = (f" of {where.en}", f"{where.zh or where.en} ") if fact.where else ("", "")
+    return Words(
+        f"{fact.count} of {fact.of} {what.en}{of} {were} {why.en}.",
+        f"{at}{fact.of} {what.zh}中有 {fact.count} {what.zh}{why.zh}。",
+    )
+
+
+def describe_remarks(count: int, file: str) -> Words:
+    """How many remarks of an evaluation there are, and where; empty for none."""
+    if not count:
+        return Words("")
+    return Words(
+        f"Remarks of the evaluation for the laboratory: {count}, in {file}.",
+        f"数据处理备注 {count} 条，供实验室使用，见 {file}。",
+    )
 
 
 def lay_out_traceability(profile: Profile, lang: Lang) -> dict[str, Any]:

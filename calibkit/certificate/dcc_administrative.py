@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, TypeAlias
 from calibkit.certificate import circumstances, dcc_results, dcc_xml as xml, tables
 from calibkit.certificate.dcc_xml import node
 from calibkit.certificate.words import SENTENCES, Words
+from calibkit.new_files import RUN_FILE
 from calibkit.version import __version__
 
 if TYPE_CHECKING:
@@ -229,6 +230,7 @@ def _list_statements(certificate: Certificate) -> list[_Stated]:
     numbering = profile.certificate
     missing = Words("DRAFT: not a calibration certificate; missing", "草稿：非正式校准证书；尚缺")
     accredited = circumstances.describe_accreditation(certificate)
+    remarks = circumstances.describe_remarks(len(run.flags), RUN_FILE)
     outside = any(result.outside_scope for result in certificate.results)
     return [
         (Words("Validity", "有效范围"), [SENTENCES["only_item"]], ""),
@@ -252,8 +254,15 @@ def _list_statements(certificate: Certificate) -> list[_Stated]:
         (Words("Adjustment", "调整"), [profile.adjustment.statement], ""),
         (Words("Amendment", "修改说明"), numbering.changes, "basic_revision"),
         (Words("Remarks", "备注"), profile.remarks, ""),
-        (Words("Left out", "剔除数据"), [f"{w}: {y} ({who})" for w, y, who in run.excluded], ""),
-        (Words("Flags of the evaluation", "数据处理提示"), run.flags, ""),
+        (
+            Words("Left out", "剔除数据"),
+            [
+                *(f"{what}: {why} ({who})" for what, why, who in run.excluded),
+                *map(circumstances.describe_left_out, run.left_out),
+            ],
+            "",
+        ),
+        (Words("Remarks of the evaluation", "数据处理备注"), [remarks], ""),
     ]
 
 

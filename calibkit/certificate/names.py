@@ -8,6 +8,9 @@ from calibkit.certificate.results import Result
 from calibkit.certificate.words import Words, unit_mark, with_unit
 
 _SUBJECTS = (
+    (r"gyro_([a-z0-9]+)_(?:dph|lsb)", "gyro {0}", "{0} 陀螺"),
+    (r"accel_([a-z0-9]+)_(?:g|lsb)", "accelerometer {0}", "{0} 加速度计"),
+    (r"gyro_dph", "gyro", "陀螺"),
     (r"gyro_([a-z0-9]+)", "gyro {0}", "{0} 陀螺"),
     (r"accel_([a-z0-9]+)", "{0} axis", "{0} 轴"),
     (r"([a-z0-9]+)_about_([a-z0-9]+)", "gyro {0} about axis {1}", "{0} 陀螺绕 {1} 轴"),
@@ -37,8 +40,33 @@ _CONDITIONS = {
     "input_axis_elevation": Words("elevation of the input axis", "输入轴仰角"),
     "input_axis_azimuth": Words("azimuth of the input axis", "输入轴方位角"),
     "temp_case_degc": Words("case temperature", "壳温"),
+    "temp_env_degc": Words("chamber air", "箱内气温"),
+    "probability_of_deviation_limits": Words("probability of deviation limits", "偏差界限的概率"),
     "temp_rate": Words("temperature rate", "温变速率"),
 }
+_MODELS = {
+    "pair": Words("pair of gyros", "陀螺对"),
+    "triad": Words("triad", "三轴组件"),
+    "drift": Words("drift", "漂移"),
+    "K_over_temperature": Words("scale factor over temperature", "标度因数随温度"),
+    "F0_over_temperature": Words("zero-rate indication over temperature", "零速率示值随温度"),
+}
+_CRITERIA = {
+    "residual over noise": "残差与噪声之比",
+    "residual rms": "残差均方根",
+    "largest inclination error": "井斜角最大误差",
+    "largest toolface error": "工具面角最大误差",
+    "largest toolface error times sin(inclination)": "工具面角最大误差乘 sin(井斜角)",
+    "largest azimuth error": "方位角最大误差",
+    "standard uncertainty of gamma": "γ 的标准不确定度",
+    "standard uncertainty of an angle": "角度的标准不确定度",
+    "nonlinearity over full scale": "非线性度（满量程）",
+    "rate gain off 1 by": "速率增益与 1 之差",
+    "drift reduction": "漂移减小倍数",
+    "drift reduction on withheld ramps": "保留数据的漂移减小倍数",
+    "rms error over its u": "均方根误差与其 u 之比",
+}
+"""Acceptance limits in Chinese."""
 _FILES = {
     "run.json": Words("recipe, logs and software of the run", "处理记录：配方、数据、软件"),
     "validation.json": Words("as-found and as-left results", "调整前后结果"),
@@ -49,7 +77,32 @@ _FILES = {
 
 def name_condition(name: str) -> Words:
     """A condition of the computation."""
-    return _CONDITIONS.get(name, Words(name.replace("_", " ")))
+    return _CONDITIONS.get(name) or name_channel(name)
+
+
+def name_channel(column: str) -> Words:
+    """A sensor or channel by its column or letter; one that is not known without its unit."""
+    if (found := _find_subject(column)) is not None:
+        return found
+    return Words(re.sub(r"_(lsb|dph|dps|g|mg|v|mv)$", "", column).replace("_", " "))
+
+
+def name_model(name: str) -> Words:
+    """A model of a coefficient file: of which sensor, over what, of which log."""
+    head, _, rest = name.partition(".")
+    words = _MODELS.get(head) or name_channel(head)
+    return words + (Words(", ", "，") + _MODELS.get(rest, Words(rest)) if rest else Words(""))
+
+
+def name_criterion(name: str) -> Words:
+    """An acceptance limit by its name, with the channel or log that it is of."""
+    of, colon, what = name.rpartition(": ")
+    chinese = _CRITERIA.get(what, "")
+    subject = name_channel(of.replace("gyro ", "")) if colon else Words("")
+    if not subject.zh and colon:
+        subject = Words(of, of)
+    english = f"{subject.en}: {what}" if colon else what
+    return Words(english, f"{subject.zh}：{chinese}" if colon and chinese else chinese)
 
 
 def name_file(name: str) -> Words:
@@ -63,11 +116,17 @@ def name_subject(key: str) -> Words:
     if parts[-2] == "angle_deg":
         one, _, other = parts[-1].partition("_")
         return Words(f"{one} to {other}", f"{one} 与 {other}")
-    for part in parts[1:]:
-        for pattern, english, chinese in _SUBJECTS:
-            if found := re.fullmatch(pattern, part):
-                return Words(english.format(*found.groups()), chinese.format(*found.groups()))
-    return Words("")
+    known = (own for part in parts[1:] if (own := _find_subject(part)) is not None)
+    counted = parts[1].endswith("_lsb")
+    return next(known, name_channel(parts[1]) if counted else Words(""))
+
+
+def _find_subject(part: str) -> Words | None:
+    """Gyro, axis or channel that a part of a key names."""
+    for pattern, english, chinese in _SUBJECTS:
+        if found := re.fullmatch(pattern, part):
+            return Words(english.format(*found.groups()), chinese.format(*found.groups()))
+    return None
 
 
 def name_result(result: Result) -> Words:
@@ -76,6 +135,7 @@ def name_result(result: Result) -> Words:
     """
     symbol = show_symbol(result.symbol)
     name = _WORDS.get(result.name.en, result.name) if result.name.en else Words(symbol)
+    said = {*name.en.split()}
     is_word = len(symbol) > LONGEST_SYMBOL and symbol.islower() and "_" not in symbol
     if symbol and not is_word and symbol not in name.en.split():
         name += Words(f" {symbol}")
@@ -83,8 +143,8 @@ def name_result(result: Result) -> Words:
         name += Words(f" ({result.standard})")
     subject = name_subject(result.quantity)
     letters = {word for word in subject.en.split() if len(word) == 1}
-    if subject.en and not letters <= {*name.en.split()}:
-        name += Words(f", {subject.en}", f"，{subject.zh}")
+    if subject.en and not letters <= said:
+        name += Words(f", {subject.en}", f"，{subject.zh or subject.en}")
     if result.condition and result.at:
         at = ", ".join(
             with_unit(f"{x:.5g}".replace("-", "−"), unit_mark(u)) for _, x, u in result.at

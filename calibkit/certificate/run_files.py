@@ -8,10 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
-from calibkit import sealed
+from calibkit import left_out, sealed
 from calibkit.certificate.words import Words
 from calibkit.coefficients import Condition, Criterion, Input, Record
 from calibkit.errors import CoefficientError, UsageError
+from calibkit.left_out import LeftOut
 from calibkit.new_files import RUN_FILE
 from calibkit.numeric import gum
 from calibkit.report.run import stated_criteria
@@ -52,6 +53,7 @@ class RunFiles:
             excluded=tuple((_range(e), e["reason"], e["person"]) for e in document["excluded"]),
             criteria=stated_criteria(document),
             flags=tuple(document["flags"]),
+            left_out=left_out.loads(document.get("left_out", ()), RUN_FILE),
             conditions=tuple(conditions.values()),
             verdict=document["verdict"],
         )
@@ -82,6 +84,7 @@ class RunFacts:
     """What was left out, why, by whom."""
     criteria: tuple[Criterion, ...]
     flags: tuple[str, ...]
+    left_out: tuple[LeftOut, ...]
     conditions: tuple[Condition, ...]
     verdict: Verdict
     """On the run's acceptance limits."""

@@ -8,7 +8,7 @@ from typing import Any
 
 from calibkit.certificate import circumstances, judgements, names, plots, tables
 from calibkit.certificate.circumstances import Rows, in_words, list_given
-from calibkit.certificate.content import Certificate
+from calibkit.certificate.content import VALIDATION, Certificate
 from calibkit.certificate.profile import Laboratory, Party, Profile
 from calibkit.certificate.results import Block, ListTable
 from calibkit.certificate.run_files import BeforeAfter
@@ -23,6 +23,7 @@ from calibkit.certificate.words import (
     with_unit,
 )
 from calibkit.coefficients import Criterion
+from calibkit.new_files import RUN_FILE
 from calibkit.numeric import gum
 
 
@@ -141,6 +142,10 @@ def _method(certificate: Certificate, lang: Lang) -> Rows:
                 (Words("Left out", "剔除数据"), f"{what}: {why} ({person})")
                 for what, why, person in run.excluded
             ),
+            *(
+                (Words("Left out", "剔除数据"), circumstances.describe_left_out(fact).of(lang))
+                for fact in run.left_out
+            ),
         ],
         lang,
     )
@@ -184,7 +189,8 @@ def _as_found(certificate: Certificate, lang: Lang) -> dict[str, Any]:
         )
     ]
     notes += map(_criterion, found.criteria)
-    notes += [Words(flag) for flag in found.flags]
+    if found.flags:
+        notes.append(circumstances.describe_remarks(len(found.flags), VALIDATION))
     shown = [
         _before_after(
             found.rows,
@@ -199,12 +205,13 @@ def _as_found(certificate: Certificate, lang: Lang) -> dict[str, Any]:
 
 def _criterion(criterion: Criterion) -> Words:
     """An acceptance limit of the recipe, and whether the result meets it."""
-    name, passed = criterion.name, criterion.passed
+    name, passed = names.name_criterion(criterion.name), criterion.passed
     shown = tables.format_beside(criterion.value, criterion.limit)
     bound = with_unit(tables.format_exact(criterion.limit), unit_mark(criterion.unit))
     return Words(
-        f"Limit of the recipe: {name} {shown} against {bound}: {'met' if passed else 'NOT met'}.",
-        f"配方限值：{name} {shown}，限值 {bound}：{'满足' if passed else '不满足'}。",
+        f"Limit of the recipe: {name.en} {shown} against {bound}:"
+        f" {'met' if passed else 'NOT met'}.",
+        f"配方限值：{name.zh or name.en} {shown}，限值 {bound}：{'满足' if passed else '不满足'}。",
     )
 
 
@@ -285,13 +292,8 @@ def _data(certificate: Certificate, lang: Lang) -> dict[str, Any]:
     ]
     notes += [certificate.verdict.of(lang)]
     notes += [_criterion(criterion).of(lang) for criterion in run.criteria]
-    if run.flags:
-        count = len(run.flags)
-        words = Words(
-            f"Remarks of the evaluation for the laboratory: {count}, in run.json.",
-            f"数据处理备注 {count} 条，供实验室使用，见 run.json。",
-        )
-        notes.append(words.of(lang))
+    if remarks := circumstances.describe_remarks(len(run.flags), RUN_FILE).of(lang):
+        notes.append(remarks)
     heads = [Words("file", "文件"), Words("content", "内容"), Words("SHA-256")]
     log_heads = [Words("log", "数据"), Words("rows", "行数"), Words("SHA-256")]
     return {

@@ -12,6 +12,7 @@ import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.certificate.accreditation import Scope
+from calibkit.certificate.names import name_condition, name_model
 from calibkit.certificate.results import GridTable, ListTable, Result, Uncertainty
 from calibkit.certificate.uncertainty import TYPE_A, Influences, Part, Source
 from calibkit.certificate.words import Words, unit_mark
@@ -326,24 +327,25 @@ QUANTITIES = {
 
 def range_words(model: Model) -> Words:
     """Ranges that a model holds in."""
-    parts = []
+    parts, name = [], name_model(model.name)
     for column, ends in model.valid.items():
-        words, unit = QUANTITIES.get(column, (Words(column), ""))
+        words, unit = QUANTITIES.get(column, (name_condition(column), ""))
         low, high = (f"{end:.4g}".replace("-", "−") for end in ends)
         parts.append(words + Words(f" {low} … {high} {unit}".rstrip()))
     return Words(
-        f"Model {model.name} holds for {'; '.join(part.en for part in parts)}.",
-        f"模型 {model.name} 适用范围：{'；'.join(part.zh or part.en for part in parts)}。",
+        f"Model {name.en} holds for {'; '.join(part.en for part in parts)}.",
+        f"模型 {name.zh or name.en} 适用范围：{'；'.join(part.zh or part.en for part in parts)}。",
     )
 
 
 def residual_words(model: Model) -> Words:
     """What the fit left, called by its name."""
-    rms, unit = f"{model.residual_rms:.2g}", unit_mark(model.residual_unit)
+    rms = f"{model.residual_rms:.2g} {unit_mark(model.residual_unit)}".strip()
+    name = name_model(model.name)
     return Words(
-        f"Model {model.name}: residual rms of the fit {f'{rms} {unit}'.strip()}, {model.dof}"
+        f"Model {name.en}: residual rms of the fit {rms}, {model.dof}"
         " degrees of freedom (a descriptor, not an uncertainty).",
-        f"模型 {model.name}：拟合残差均方根 {rms} {unit}，自由度 {model.dof}（仅为描述量，"
+        f"模型 {name.zh or name.en}：拟合残差均方根 {rms}，自由度 {model.dof}（仅为描述量，"
         "并非不确定度）。",
     )
 

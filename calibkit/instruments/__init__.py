@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from calibkit.ingest.logs import Reader
     from calibkit.ingest.recipe_text import Choice
     from calibkit.ingest.write_back import Applied
+    from calibkit.left_out import LeftOut
     from calibkit.planning.proposal import Planner
     from calibkit.report.documents import Drawn
     from calibkit.report.summary import Summary
@@ -77,6 +78,8 @@ class Fitted(Generic[Drawing]):
     """Whether there is a correction to export, or a result to state."""
     sensitivities: tuple[Sensitivity, ...] = ()
     """How the results move where an input is off."""
+    left_out: tuple[LeftOut, ...] = ()
+    """Positions and stations that the fit did not use."""
 
 
 def _draw_tables(_: str, fitted: Fitted[Any]) -> Drawn:

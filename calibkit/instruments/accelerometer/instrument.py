@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calibkit.check import copies
-from calibkit.coefficients import Criterion, Input
+from calibkit.coefficients import Criterion, Figure, Input
 from calibkit.frame import refuse, require
 from calibkit.ingest import logs as ingest, write_back
 from calibkit.instruments import Fitted, Instrument
@@ -23,9 +23,10 @@ from calibkit.instruments.accelerometer import (
     tables,
 )
 from calibkit.instruments.accelerometer.figures import TriadReport, draw_pages
-from calibkit.instruments.accelerometer.fit import fit_triad
+from calibkit.instruments.accelerometer.fit import TriadFit, fit_triad
 from calibkit.instruments.accelerometer.propose import propose
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
+from calibkit.left_out import LeftOut
 from calibkit.numeric import attitude, chunks
 from calibkit.planning.proposal import Planner
 from calibkit.report.documents import Drawn
@@ -68,11 +69,9 @@ def _fit(
     dwells = plausibility.screen(triad_dwells.collect_dwells(logs, spec), spec)
     fitted = fit_triad(dwells, spec)
     counted = dwells.without(fitted.left_out) if fitted.left_out else dwells
-    uncertainty = (
-        errors.propagate_uncertainty(fitted.affine, counted, spec.toolface_range_deg)
-        if fitted.affine is not None
-        else ()
-    )
+    uncertainty: tuple[Figure, ...] = ()
+    if fitted.affine is not None:
+        uncertainty = errors.propagate_uncertainty(fitted.affine, counted, spec.toolface_range_deg)
     results = coefficient_files.list_results(fitted, dwells, spec.site.local_gravity(), uncertainty)
     stages, found = {result.stage for result in results}, {}
     found["indication"] = errors.DwellErrors.compare(counted, spec)
@@ -99,7 +98,15 @@ def _fit(
         TriadReport(counted, found["indication"], after, spec.toolface_range_deg),
         lacks=fitted.k_not_fitted,
         sensitivities=sensitivities.find(fitted, counted, spec),
+        left_out=_list_left_out(fitted, len(dwells.indication)),
     )
+
+
+def _list_left_out(fitted: TriadFit, count: int) -> tuple[LeftOut, ...]:
+    """Outliers among the positions of a fit."""
+    if not fitted.left_out:
+        return ()
+    return (LeftOut("positions", len(fitted.left_out), count, "outlier"),)
 
 
 def _apply(spec: AccelerometerRecipe, records: Mapping[str, Record], data: Path) -> Applied:

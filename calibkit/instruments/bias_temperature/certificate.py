@@ -1,6 +1,7 @@
 """Bias results: each channel's bias as a polynomial of its abscissa."""
 
 from calibkit import units
+from calibkit.certificate.names import name_condition, name_model
 from calibkit.certificate.quantities import state
 from calibkit.certificate.results import (
     Block,
@@ -11,7 +12,7 @@ from calibkit.certificate.results import (
     Result,
     Series,
 )
-from calibkit.certificate.stated import Stated, range_words, residual_words
+from calibkit.certificate.stated import TEMPERATURE, Stated, range_words, residual_words
 from calibkit.certificate.words import Words, unit_mark
 from calibkit.coefficients import Model, Record
 from calibkit.forms import POLYNOMIAL
@@ -37,7 +38,7 @@ def blocks(stated: Stated) -> tuple[Block, ...]:
             stated.coefficients(
                 record,
                 model,
-                Words(f"{model.name}: coefficients", f"{model.name}：系数"),
+                name_model(model.name) + Words(": coefficients", "：系数"),
                 also={"p0": ("bias",)},
             )
         )
@@ -66,13 +67,15 @@ def _values(stated: Stated, record: Record, model: Model, abscissa: str) -> Grid
     if not points:
         return None
     quantity = quantities.bias(record.stage, model)
+    # an abscissa that is no temperature has no reference: the middle stands for it
+    chosen = stated.reference_degc if abscissa == TEMPERATURE else points[len(points) // 2]
 
     def at(x: float) -> Result:
-        principal = x == stated.reference_degc
+        principal = x == chosen
         return state(stated, quantity, {abscissa: x}, principal=principal)
 
     return stated.over(
-        Words(f"{model.name}: bias", f"{model.name}：零偏"),
+        name_model(model.name) + Words(": bias", "：零偏"),
         points,
         [(quantity.words, quantity.unit, at)],
         row_head=_head(abscissa),
@@ -81,7 +84,8 @@ def _values(stated: Stated, record: Record, model: Model, abscissa: str) -> Grid
 
 def _head(abscissa: str) -> Words:
     """Name and unit of the abscissa."""
-    return Words(f"{abscissa} [{unit_mark(units.column_unit(abscissa)) or 1}]")
+    unit = unit_mark(units.column_unit(abscissa)) or "1"
+    return name_condition(abscissa) + Words(f" [{unit}]")
 
 
 def _plot(model: Model, table: GridTable, abscissa: str) -> Figure:

@@ -28,6 +28,7 @@ from calibkit.instruments.gyro_noise.forms import (
 )
 from calibkit.numeric import gum
 from calibkit.numeric.noise.confidence import chi_square_limits
+from calibkit.numeric.noise.laws import ACCELEROMETER_LAWS, LAWS
 
 ALLAN = Equation(
     ALLAN_DEVIATION,
@@ -91,7 +92,23 @@ def blocks(stated: Stated) -> tuple[Block, ...]:
             (ALLAN,),
             tuple(tables),
             tuple(figures),
-            tuple(map(Words, record.flags)),
+            _not_observable(terms),
+        ),
+    )
+
+
+def _not_observable(terms: Sequence[Found]) -> tuple[Words, ...]:
+    """Note on the terms of the Allan deviation that no record shows."""
+    found = {read_term(figure.name)[0] for figure in terms}
+    sensors = (("mean_rate", LAWS), ("mean_acceleration", ACCELEROMETER_LAWS))
+    names = [law.name for mean, laws in sensors if mean in found for law in laws]
+    absent = [NAMES[name] for name in dict.fromkeys(names) if name not in found]
+    if not absent:
+        return ()
+    return (
+        Words(
+            f"Not stated, as no record shows it: {', '.join(one.en for one in absent)}.",
+            f"数据中不可观测，未给出：{'、'.join(one.zh for one in absent)}。",
         ),
     )
 

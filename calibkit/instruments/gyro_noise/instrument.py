@@ -30,6 +30,7 @@ from calibkit.instruments.gyro_noise.deviations import NoiseFigures
 from calibkit.instruments.gyro_noise.forms import read_deviation, read_term
 from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe
 from calibkit.instruments.gyro_noise.sensors import ACCELEROMETER, find_sensor
+from calibkit.left_out import LeftOut
 from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary
 from calibkit.sensitivities import Kind, Sensitivity
@@ -83,7 +84,7 @@ def _fit(
     spec: GyroNoiseRecipe, data: Path, files: Sequence[str], progress: Progress
 ) -> Fitted[tuple[pages.NoiseView, ...]]:
     """Estimate the noise of every record."""
-    inputs, figures, flags = [], [], []
+    inputs, figures, flags, gaps = [], [], [], []
     for log in copies.refuse_copies(
         ingest.read_ahead(
             progress(files, "reading and averaging"), lambda file: _read(spec, data, file)
@@ -93,6 +94,11 @@ def _fit(
         inputs.append(Input.of(log))
         figures += found
         flags += noted
+        gaps += [
+            LeftOut("samples", one.missing, one.record.rate.size, "missing", log.file)
+            for one in found
+            if one.missing
+        ]
     result = deviations.result(figures, flags, spec.noise.probability)
     return Fitted(
         (result,),
@@ -100,6 +106,7 @@ def _fit(
         _summarize(spec, spec.title, figures, flags),
         tuple(map(tables.view, figures)),
         sensitivities=_proportional(result, figures),
+        left_out=tuple(gaps),
     )
 
 

@@ -34,6 +34,7 @@ from calibkit.instruments.inclinometer import (
 from calibkit.instruments.inclinometer.forms import SCALE
 from calibkit.instruments.inclinometer.propose import propose
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
+from calibkit.left_out import LeftOut
 from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary
 from calibkit.simulate.campaign import Campaign
@@ -70,6 +71,16 @@ def _fit(
         tables.summarize(fits, stations, seen, result.flags, spec),
         tables.collect_drawing(fits, stations, seen, spec),
         sensitivities=sensitivities.find(fits, rows, spec.on_site()),
+        left_out=_list_left_out(stations),
+    )
+
+
+def _list_left_out(stations: inclinometer_stations.Stations) -> tuple[LeftOut, ...]:
+    """Stations that give no result of a gyro."""
+    return tuple(
+        LeftOut("stations", count, len(status), "unsolved", axis)
+        for axis, status in stations.status.items()
+        if (count := sum(map(bool, status)))
     )
 
 

@@ -1,5 +1,6 @@
 """Bias results on a certificate: terms of each channel, and its bias at rest over temperature."""
 
+from calibkit.certificate.names import name_model
 from calibkit.certificate.quantities import state
 from calibkit.certificate.results import (
     Block,
@@ -48,7 +49,7 @@ def blocks(stated: Stated) -> tuple[Block, ...]:
     figures: list[Figure] = []
     notes: list[Words] = []
     for model in record.models:
-        title = Words(f"{model.name}: coefficients", f"{model.name}：系数")
+        title = name_model(model.name) + Words(": coefficients", "：系数")
         tables.append(stated.coefficients(record, model, title))
         table = _values(stated, record, model)
         if table is not None:
@@ -81,7 +82,7 @@ def _values(stated: Stated, record: Record, model: Model) -> GridTable | None:
         return state(stated, quantity, {CASE: t, RATE: 0.0}, principal=principal, symbol="y")
 
     return stated.over(
-        Words(f"{model.name}: bias at rest", f"{model.name}：稳态零偏"),
+        name_model(model.name) + Words(": bias at rest", "：稳态零偏"),
         points,
         [(quantity.words, quantity.unit, at)],
     )

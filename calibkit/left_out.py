@@ -1,0 +1,42 @@
+"""What was left out of a fit, as facts: how many of how many of what, and why."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Literal, get_args
+
+from calibkit.errors import CoefficientError
+
+Kind = Literal["rows", "samples", "positions", "stations"]
+Cause = Literal["excluded", "incomplete", "missing", "outlier", "unsolved"]
+
+
+@dataclass(frozen=True, slots=True)
+class LeftOut:
+    """`count` of `of` rows, samples, positions or stations that a fit did not use, where, and why:
+    a person excluded them, a needed value is missing, they are not in the log, they are outliers,
+    or they give no result.
+    """
+
+    what: Kind
+    count: int
+    of: int
+    cause: Cause
+    where: str = ""
+    """Log or sensor; empty for all."""
+
+
+def dumps(facts: Iterable[LeftOut]) -> list[dict[str, Any]]:
+    """Facts as JSON objects of run.json."""
+    return [asdict(one) for one in facts]
+
+
+def loads(entries: Iterable[Mapping[str, Any]], name: str) -> tuple[LeftOut, ...]:
+    """Facts of a run.json; CoefficientError for what is none."""
+    try:
+        found = tuple(LeftOut(**entry) for entry in entries)
+    except TypeError:
+        raise CoefficientError(f"{name}: left_out is no list of facts", hint="fit again") from None
+    for one in found:
+        if one.what not in get_args(Kind) or one.cause not in get_args(Cause):
+            raise CoefficientError(f"{name}: left_out: {one!r:.80}", hint="fit again")
+    return found
