@@ -17,6 +17,7 @@ from calibkit.forms import Form, Inputs
 from calibkit.numeric.thermal import coil
 from calibkit.numeric.thermal.noise import Noise
 from calibkit.numeric.thermal.terms import LAGS, TERMS, Drivers, ThermalModel, Valid
+from calibkit.sensitivities import Sensitivity
 
 CASE = "temp_case_degc"
 RATE = "temp_rate_degc_min"
@@ -93,6 +94,16 @@ def model_error(model: Model) -> tuple[float, float]:
     """
     stated = {parameter.name: parameter.value for parameter in model.parameters}
     return stated.get("model_error", 0.0), stated.get("model_error_dof", math.inf)
+
+
+def list_time_errors(stage: str, model: Model) -> tuple[Sensitivity, ...]:
+    """Sensitivity of a model on levels to the scale of the time base: terms of rates, and lags, are
+    in proportion to the logged time. None of a model whose lags are given.
+    """
+    timed = {"s_rate", "s_temp_rate", "s_grad_rate", *LAGS}
+    found = {c.name: c.value for c in model.coefficients if c.name in timed and c.value}
+    named = {f"{stage}.{model.name}.{name}": value for name, value in found.items()}
+    return (Sensitivity("time_s", "scale", named),) if named else ()
 
 
 def slope_over_case(model: Model, at: Inputs) -> Array:

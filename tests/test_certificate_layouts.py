@@ -18,7 +18,7 @@ from calibkit.instruments import silent
 from calibkit.instruments.accelerometer import forms
 from calibkit.instruments.fog_thermal import forms as fog_forms
 from calibkit.instruments.fog_thermal.numeric import evaluate
-from calibkit.numeric import gum
+from calibkit.numeric import earth, gum
 from calibkit.numeric.thermal.terms import Valid
 from conftest import ROOT, write_log
 
@@ -111,7 +111,7 @@ def test_keys_are_distinct_and_every_uncertainty_adds_up(run, name):
     for result in made.results:
         if (u := result.uncertainty) is not None:
             assert u.standard_uncertainty == pytest.approx(
-                math.hypot(of_type(u, "A"), of_type(u, "B")), rel=1e-12
+                math.hypot(*(of_type(u, kind) for kind in ("A", "B", "CMC"))), rel=1e-12
             )
             assert u.expanded_uncertainty == pytest.approx(
                 u.coverage_factor * u.standard_uncertainty, rel=1e-12
@@ -481,3 +481,35 @@ def test_every_equation_that_a_layout_states_is_drawn():
     }
     assert len(stated) > 10
     assert {form for form in stated if f'"{form}": $' not in drawn} == set()
+
+
+def test_the_alignment_of_the_input_axis_enters_the_bias_of_a_gyro(tmp_path):
+    """By the derivative of the earth's rate along it, in the certificate and in run.json alike."""
+    where = ("site.latitude_deg=34.2", "input_axis={elevation_deg=20.0, azimuth_deg=75.0}")
+    names = ("input_axis_elevation_deg", "input_axis_azimuth_deg")
+    terms = ", ".join(
+        f'{{name="{n}", quantity="{n}", unit="deg", standard_uncertainty=0.1}}' for n in names
+    )
+    made = fitted(tmp_path, "fog_thermal", overrides=(*where, f"type_b=[{terms}]"))
+    bias = next(r for r in certificate(made).results if r.key.startswith("drift_rate.bias_at"))
+    found = {c.quantity: c for c in bias.uncertainty.contributions if c.kind == "B"}
+    slopes = earth.along_axis_by_attitude(34.2, 20.0, 75.0)
+    for name, slope in zip(names, slopes, strict=True):
+        assert found[name].contribution == pytest.approx(0.1 * abs(slope), rel=1e-12)
+
+
+def test_the_choice_of_the_order_of_s_over_temperature_is_in_its_uncertainty(run):
+    """A contribution of its own under each name of the value; none where the recipe states it."""
+    found = by_key(certificate(run("inclinometer"), "inclinometer"))
+    for gyro in "xy":
+        size = run("inclinometer").records["inclinometer_scale.json"].models["xy".index(gyro)]
+        (u,) = (p.value for p in size.parameters if p.name == "order_choice")
+        for key in (f"inclinometer_scale.{gyro}.s@25", f"inclinometer_scale.{gyro}.s0"):
+            (part,) = (
+                c
+                for c in found[key].uncertainty.contributions
+                if "choice of the order" in c.name.en
+            )
+            assert part.contribution == u > 0.0
+    constant = found["inclinometer_scale.y.s@25"].uncertainty.expanded_uncertainty
+    assert found["inclinometer_scale.y.s0"].uncertainty.expanded_uncertainty == constant

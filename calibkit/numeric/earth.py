@@ -65,6 +65,18 @@ def along_axis_by_latitude(
     )
 
 
+def along_axis_by_attitude(
+    latitude_deg: float, elevation_deg: float, azimuth_deg: float = 0.0
+) -> tuple[float, float]:
+    """Derivatives of `along_axis` by elevation and by azimuth of the axis [°/h/°]: ω_e (sin α cos
+    el − cos α sin el cos az) π/180 and −ω_e cos α cos el sin az π/180.
+    """
+    el, az = np.radians(elevation_deg), np.radians(azimuth_deg)
+    north, up = _horizontal_rate(latitude_deg), vertical_rate(latitude_deg)
+    by_elevation = np.radians(up * np.cos(el) - north * np.sin(el) * np.cos(az))
+    return float(by_elevation), float(np.radians(-north * np.cos(el) * np.sin(az)))
+
+
 def local_gravity(latitude_deg: float, height_m: float = 0.0) -> float:
     """Normal gravity [m/s²] at a geodetic latitude [°] and a height above the ellipsoid [m].
 

@@ -27,7 +27,12 @@ from calibkit.recipe.strict import Positive, Table
 
 RELATIVE = {unit: units.SHARES[unit] for unit in ("ppm", "%")}
 """Units of an uncertainty that is a share of the quantity itself."""
-SITE = {"latitude_deg": "deg", "gravity_mps2": "m/s^2"}
+SITE = {
+    "latitude_deg": "deg",
+    "gravity_mps2": "m/s^2",
+    "input_axis_elevation_deg": "deg",
+    "input_axis_azimuth_deg": "deg",
+}
 """Influence quantities that are facts of the site, with the unit of their names."""
 Words = Annotated[str, Field(min_length=1)]
 

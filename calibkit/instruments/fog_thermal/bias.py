@@ -215,6 +215,11 @@ def _uncertainty(rest: _Rest, recipe: FogThermalRecipe) -> list[dict[str, Any]]:
         "latitude_deg": (recipe.site.latitude_deg, -rest.by_latitude),
         "gyro_dph": (rest.rate_dph, 1.0),
     }
+    if (axis := recipe.input_axis) is not None:
+        held = axis.elevation_deg, axis.azimuth_deg or 0.0
+        slopes = earth.along_axis_by_attitude(recipe.site.latitude_deg, *held)
+        names = ("input_axis_elevation_deg", "input_axis_azimuth_deg")
+        known |= {n: (at, -slope) for n, at, slope in zip(names, held, slopes, strict=True)}
     parts = type_b.terms_of(recipe.type_b, RESULT, rest.bias_dph, known).components
     if not parts:
         return []

@@ -173,6 +173,8 @@ class _OnLevels:
             return (bias,)
         rest = levels.rate({CASE: self.reference})
         latitude, azimuth = where["latitude"], where.get("input_axis_azimuth", 0.0)
+        axis = latitude, where["input_axis_elevation"], azimuth
+        by_elevation, by_azimuth = earth.along_axis_by_attitude(*axis)
         own = self.stated.result(
             f"{self.record.stage}.json",
             f"{self.record.stage}.{BIAS}",
@@ -185,9 +187,9 @@ class _OnLevels:
             called=(BIAS, bias.quantity, "bias"),
             influences={
                 **self.stated.of_models(rest.parts)[0],
-                ("latitude_deg", "offset"): -float(
-                    earth.along_axis_by_latitude(latitude, where["input_axis_elevation"], azimuth)
-                ),
+                ("latitude_deg", "offset"): -float(earth.along_axis_by_latitude(*axis)),
+                ("input_axis_elevation_deg", "offset"): -by_elevation,
+                ("input_axis_azimuth_deg", "offset"): -by_azimuth,
             },
             at=bias.at,
             more=rest.type_a(),

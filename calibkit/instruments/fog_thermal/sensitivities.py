@@ -10,7 +10,7 @@ from calibkit.coefficients import Model, StageResult
 from calibkit.instruments.fog_thermal import forms
 from calibkit.instruments.fog_thermal.bias import RESULT
 from calibkit.sensitivities import Sensitivity
-from calibkit.thermal_forms import CASE, RATE
+from calibkit.thermal_forms import CASE, RATE, list_time_errors
 
 POINTS = 41
 """Temperatures at rest over which shifted coefficients are found."""
@@ -30,6 +30,7 @@ def find(result: StageResult) -> tuple[Sensitivity, ...]:
         if model.form in forms.ON_LEVELS:
             rest = {f.name: f.value for f in result.figures if f.name in AT_REST}
             found += _of_levels(result.stage, model, rest)
+            found += list_time_errors(result.stage, model)
     return tuple(found)
 
 

@@ -178,7 +178,7 @@ def _fit_all(
                 margin=HIGHER_ORDER,
                 groups=level,
                 count_dof=True,
-            ),
+            ).order,
             LOWEST_ORDER,
         )
         if highest > 0

@@ -42,6 +42,7 @@ def blocks(stated: Stated) -> tuple[Block, ...]:
             record,
             model,
             Words(f"Coefficients of gyro {model.name}", f"{model.name} 陀螺系数"),
+            more={"s0": quantities.choice_of_order(model)},
             also={"s0": ("s",)},
         )
         for model in record.models

@@ -238,7 +238,7 @@ def _fit_over_temperature(
         scatter,
         over.valid_degc if timed else None,
         noise,
-        found.turn_deg(over.turn_deg),
+        *(found.turn_deg(over.turn_deg), over.choice),
     )
     return ScaleFit(
         model,

@@ -8,7 +8,7 @@ import numpy as np
 from calibkit.coefficients import StageResult
 from calibkit.numeric.thermal.terms import TERMS
 from calibkit.sensitivities import Kind, Sensitivity
-from calibkit.thermal_forms import CASE
+from calibkit.thermal_forms import CASE, list_time_errors
 
 
 def find(result: StageResult) -> tuple[Sensitivity, ...]:
@@ -42,4 +42,5 @@ def find(result: StageResult) -> tuple[Sensitivity, ...]:
                 if one
             }
             found.append(Sensitivity(column, kind, named))
+        found += list_time_errors(result.stage, model)
     return tuple(found)

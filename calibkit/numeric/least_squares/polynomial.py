@@ -129,6 +129,18 @@ def to_raw_powers(middle: float, half: float, order: int) -> NDArray[np.longdoub
     return matrix
 
 
+@dataclass(frozen=True, slots=True)
+class OrderChoice:
+    """The chosen order of a polynomial, and the standard deviation that the choice adds to its
+    values: the rms by which the other orders differ from it at the abscissae, each order by the
+    weight that its errors at left-out values give it, (least error/its error)^n of n groups
+    (pseudo-Bayesian model averaging, Yao and others 2018, Bayesian Analysis 13:917).
+    """
+
+    order: int
+    spread: float
+
+
 def choose_order(
     abscissa: Array,
     indication: Array,
@@ -138,7 +150,7 @@ def choose_order(
     weights: Array | None = None,
     groups: Array | None = None,
     count_dof: bool = False,
-) -> int:
+) -> OrderChoice:
     """Order from 0 to `highest` of the polynomial whose errors at left-out values have the least
     weighted rms; a higher order must lower it below `margin` times that of the best lower one.
 
@@ -154,14 +166,20 @@ def choose_order(
         Whether errors count times Student's t of the values that an order leaves over.
     """
     middle, half = middle_and_half(abscissa)
-    errors, count = [], abscissa.size if groups is None else np.unique(groups).size
+    errors, values, count = [], [], abscissa.size if groups is None else np.unique(groups).size
     for order in range(highest + 1):
         design = powers(abscissa, order, middle=middle, half=half or 1.0)
         residuals = least_squares.linear(design, indication, weights=weights).residuals
         left = leave_out.left_out_errors(design, residuals, weights=weights, groups=groups)
+        values.append(indication - residuals)
         few = gum.widening(max(count - order - 1, 1)) if count_dof else 1.0
         errors.append(few * rms(left if weights is None else left * np.sqrt(weights)))
-    return leave_out.choose_simplest(errors, margin)
+    chosen = leave_out.choose_simplest(errors, margin)
+    if not np.isfinite(least := min(errors, default=np.inf)):
+        return OrderChoice(chosen, 0.0)
+    shares = np.array([1.0 if one == least else (least / one) ** count for one in errors])
+    apart = [float(np.mean((other - values[chosen]) ** 2)) for other in values]
+    return OrderChoice(chosen, float(np.sqrt(shares @ apart / shares.sum())))
 
 
 def space_levels(low: float, high: float, count: int) -> list[int]:

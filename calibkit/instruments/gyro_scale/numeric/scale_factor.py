@@ -270,7 +270,7 @@ def over_temperature(
     highest = min(polynomial.HIGHEST_ORDER, np.unique(level).size - 2)
     chosen = order
     if chosen is None:
-        chosen = polynomial.choose_order(temp_degc, K, highest, groups=level, count_dof=True)
+        chosen = polynomial.choose_order(temp_degc, K, highest, groups=level, count_dof=True).order
     fit, raw, covariance = polynomial.fit_polynomial(temp_degc, K, chosen)
     solver = np.array(
         [polynomial.fit_polynomial(temp_degc, row, chosen)[1] for row in np.eye(temp_degc.size)]

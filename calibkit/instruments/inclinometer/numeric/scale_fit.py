@@ -50,6 +50,8 @@ class _ScaleOverTemperature(TemperaturePolynomial):
     """Scatter of s from log to log and from station to station."""
     effective_dof: Array | None
     """Of the coefficients, where s scatters from log to log."""
+    choice: float
+    """Standard deviation that the choice of the order adds."""
 
 
 def fit_over_temperature(
@@ -86,7 +88,10 @@ def fit_over_temperature(
     """
     used, s, u = _used_roots(solution, temp_degc)
     effects = [] if log is None else [log.of_rows(used)]
-    chosen = _choose_order(s, u, temp_degc[used], effects) if order is None else order
+    found = polynomial.OrderChoice(order or 0, 0.0)
+    if order is None:
+        found = _choose_order(s, u, temp_degc[used], effects)
+    chosen = found.order
     every, to_raw, limits = _powers(temp_degc, used, chosen)
     rows, angle = every, (0.0, 0.0)
     if turn is not None:
@@ -110,6 +115,7 @@ def fit_over_temperature(
         turn_deg=angle,
         components=fit.components,
         effective_dof=fit.effective_dof(to_raw) if effects else None,
+        choice=found.spread,
     )
 
 
@@ -277,7 +283,9 @@ def _excess_scatter(s: Array, u: Array, design: Array) -> float:
     return float(brentq(excess, 0.0, upper, xtol=1e-12))
 
 
-def _choose_order(s: Array, u: Array, temperature: Array, effects: Sequence[Effect]) -> int:
+def _choose_order(
+    s: Array, u: Array, temperature: Array, effects: Sequence[Effect]
+) -> polynomial.OrderChoice:
     """Order with the least weighted leave-one-out error among those that the temperatures
     determine; a higher order must improve it significantly (GAIN).
     """
