@@ -23,6 +23,8 @@ from calibkit.instruments.fog_thermal.numeric.choice import (
 )
 from calibkit.numeric import intervals
 from calibkit.numeric.thermal import left_out, noise as thermal_noise, pooled_fit, uncertainty
+from calibkit.numeric.thermal.evaluate import Evaluation
+from calibkit.numeric.thermal.noise import Noise
 from calibkit.numeric.thermal.pooled_fit import ThermalLog
 from calibkit.simulate import noise
 from calibkit.simulate.chamber import Chamber
@@ -304,6 +306,26 @@ def test_ramps_of_one_direction_ask_for_a_bank():
 
 
 # uncertainty
+
+
+def test_what_is_common_to_a_log_is_no_error_about_its_mean():
+    """A coefficient that moves a whole log alike has no part in U about the log's mean, and the
+    share of means within U is counted by that; the limits are absolute.
+    """
+    along = np.linspace(-1.0, 1.0, 400)
+    found = Evaluation(
+        along,
+        np.column_stack([np.ones(400), along]),
+        np.zeros(400),
+        *[np.zeros(400, dtype=bool)] * 4,
+    )
+    assert np.allclose(found.about_mean().sensitivities, np.column_stack([np.zeros(400), along]))
+    u = np.full(400, 0.01)
+    compared, _, limit = uncertainty.compare_means(
+        along, u, (np.full(400, 3.0), np.full(400, 0.5)), Noise(0.0, 0.0), 10
+    )
+    assert compared["share_within_expanded_uncertainty"] == pytest.approx(0.5, abs=0.03)
+    assert np.allclose(limit, 3.0)
 
 
 def test_model_error_is_what_lasts_in_left_out_ramps():

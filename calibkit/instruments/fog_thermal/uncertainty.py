@@ -110,9 +110,10 @@ def _propagate(
     reference_degc: float,
     *,
     settled: bool = False,
+    about_mean: bool = False,
 ) -> _RateUncertainty:
-    """Uncertainty of the drift along a log: type A, model error, clamping, hysteresis, and type B
-    terms.
+    """Uncertainty of the drift along a log, or of the drift less its mean: type A, model error,
+    clamping, hysteresis, and type B terms.
 
     A type B term of temp_case_degc or temp_env_degc is propagated by the derivative of the drift
     for a constant error of that thermometer. A term of the compensated rate (gyro_dph) enters
@@ -125,7 +126,7 @@ def _propagate(
         )
 
     found = shifted(0.0, 0.0)
-    known = uncertainty.contributions(thermal, found)
+    known = uncertainty.contributions(thermal, found.about_mean() if about_mean else found)
     for term in terms:
         influenced = _influenced(term)
         if not influenced:
@@ -137,6 +138,7 @@ def _propagate(
         else:
             u = term.u_of(0.0) if term.sensitivity is None else term.u * term.sensitivity
             part = np.full(time.size, u)
+        part = part - part.mean() if about_mean else part
         dof = float("inf") if term.dof is None else term.dof
         known.append((term.name, "B", np.asarray(np.abs(part), dtype=np.float64), dof))
     names, kinds, parts, dofs = zip(*known, strict=True)
@@ -146,8 +148,12 @@ def _propagate(
     )
 
 
-def _along_blocks(model: DriftModel, blocks: Blocks, terms: Sequence[TypeB]) -> _RateUncertainty:
-    """Uncertainty along block means; raises UsageError without a level or lagged model."""
+def _along_blocks(
+    model: DriftModel, blocks: Blocks, terms: Sequence[TypeB], *, about_mean: bool = False
+) -> _RateUncertainty:
+    """Uncertainty along block means, of the drift or of the drift less its mean; raises UsageError
+    without a level or lagged model.
+    """
     if model.thermal is None:
         found = (
             "gradient_rate, whose error on other rates is not known"
@@ -166,6 +172,7 @@ def _along_blocks(model: DriftModel, blocks: Blocks, terms: Sequence[TypeB]) -> 
         blocks.case - blocks.gradient,
         terms,
         model.reference_temp_degc,
+        about_mean=about_mean,
     )
 
 
@@ -286,7 +293,7 @@ class RestLevel:
 
     def compare(self, left: Array, limit: Array) -> dict[str, float]:
         """JSON object: share of compensated means [m, °/h] that are as near to the rate at rest as
-        their limits [m, °/h] about the log's mean and this level say, and the log's offset.
+        their limits [m, °/h] and this level say, and the log's offset.
         """
         absolute = np.hypot(limit, self.expanded)
         return {
@@ -302,9 +309,10 @@ def check_coverage(
     """JSON object: uncertainties along a log, and the share of its 100 s means within U, about the
     log's mean and absolutely.
 
-    The limit for a mean combines the expanded uncertainty of the drift with noise: white noise of
-    the blocks and flicker noise, at the levels of the fit. Absolutely, a log is held against the
-    rate at rest of the run, and the turn-on bias of one more log is in the limit.
+    The limit for a mean combines the expanded uncertainty of the drift, about the log's mean that
+    of the drift less its mean, with noise: white noise of the blocks and flicker noise, at the
+    levels of the fit. Absolutely, a log is held against the rate at rest of the run, and the
+    turn-on bias of one more log is in the limit.
     """
     if model.thermal is None:
         return {"not_available": "the run exports no model on levels"}
@@ -318,8 +326,9 @@ def check_coverage(
         "probability": gum.TWO_SIGMA,
     }
     left, noise = blocks.indication - found.drift, model.thermal.noise
+    centred = _along_blocks(model, blocks, terms, about_mean=True)
     compared, means, limit = uncertainty.compare_means(
-        left, found.standard, found.expanded, noise, group
+        left, found.standard, (found.expanded, centred.expanded), noise, group
     )
     if compared and level is not None:
         entry |= level.compare(means, limit)

@@ -44,12 +44,13 @@ def average_log(log: Log, raw: Log, interval_s: float, spec: ThermalRecipe) -> l
 @dataclass(frozen=True, slots=True)
 class Drift:
     """Bias [n] of one channel along the blocks of a power-on, zero at the reference temperature,
-    and its standard and expanded uncertainties [n].
+    its standard and expanded uncertainties [n], and the expanded one [n] of the bias less its mean.
     """
 
     found: Evaluation
     standard: Array
     expanded: Array
+    about_mean: Array
 
 
 def follow_bias(model: ThermalModel, one: PowerOn, name: str, spec: ThermalRecipe) -> Drift:
@@ -58,7 +59,9 @@ def follow_bias(model: ThermalModel, one: PowerOn, name: str, spec: ThermalRecip
     """
     log, reference = one.of_channel(name), spec.reference_temp_degc
     found = channels.evaluate_wide(model, log, reference)
-    parts = [(values, dof) for _, _, values, dof in uncertainty.contributions(model, found)]
+    known = uncertainty.contributions(model, found)
+    centred = uncertainty.contributions(model, found.about_mean())
+    parts = [(of[2], less[2], of[3]) for of, less in zip(known, centred, strict=True)]
     for term in spec.type_b:
         u = term.u_of(0.0)
         dof = np.inf if term.dof is None else term.dof
@@ -69,12 +72,13 @@ def follow_bias(model: ThermalModel, one: PowerOn, name: str, spec: ThermalRecip
                 ).drift
                 for step in (CASE_STEP_DEGC, -CASE_STEP_DEGC)
             )
-            parts.append((np.abs(warmer - colder) / (2.0 * CASE_STEP_DEGC) * u, dof))
+            part = (warmer - colder) / (2.0 * CASE_STEP_DEGC) * u
+            parts.append((np.abs(part), np.abs(part - part.mean()), dof))
         elif term.quantity == name and term.unit not in RELATIVE:
-            parts.append((np.full(log.time.size, u), dof))
-    stacked = np.stack([values for values, _ in parts])
-    standard, _, expanded = gum.expand_along(stacked, np.array([dof for _, dof in parts]))
-    return Drift(found, standard, expanded)
+            parts.append((np.full(log.time.size, u), np.zeros(log.time.size), dof))
+    values, less, dofs = (list(one) for one in zip(*parts, strict=True))
+    standard, _, expanded = gum.expand_along(np.stack(values), np.array(dofs))
+    return Drift(found, standard, expanded, gum.expand_along(np.stack(less), np.array(dofs))[2])
 
 
 def compensate_log(
@@ -161,7 +165,7 @@ def validation_entry(
             | uncertainty.compare_means(
                 left[longest],
                 drifts[longest].standard,
-                drifts[longest].expanded,
+                (drifts[longest].expanded, drifts[longest].about_mean),
                 fitted.noise,
                 channels.figure_blocks(interval_s),
             )[0]

@@ -38,6 +38,12 @@ class Evaluation:
     unknown_start: Array | float = 0.0
     """[n, °/h], half the spread of the drift by what was before the log and is not known."""
 
+    def about_mean(self) -> "Evaluation":
+        """The same for the drift less its mean along the log: what is common to all instants of a
+        log is no error there.
+        """
+        return replace(self, sensitivities=self.sensitivities - self.sensitivities.mean(axis=0))
+
 
 def _drivers(
     model: ThermalModel, time: Array, case: Array, env: Array, spans: Spans = ()

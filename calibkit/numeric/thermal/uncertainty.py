@@ -125,12 +125,13 @@ def contributions(model: _Stated, evaluation: Evaluation) -> list[tuple[str, str
 
 
 def compare_means(
-    left: Array, standard: Array, expanded: Array, noise: Noise, group: int
+    left: Array, standard: Array, expanded: tuple[Array, Array], noise: Noise, group: int
 ) -> tuple[dict[str, float], Array, Array]:
     """Errors [n] of a log as means over a group of blocks about the log's mean, against their
-    standard and expanded uncertainties [n]: number of means, the share within U and noise, and the
-    size over the standard uncertainty with its limit, as a JSON object; the means [m] and the
-    limits [m] of U and noise. Empty for less than two means.
+    standard uncertainty [n] and the expanded ones [n] of the drift and of the drift less its mean:
+    number of means, the share within U and noise, and the size over the standard uncertainty with
+    its limit, as a JSON object; the means [m] and the absolute limits [m] of U and noise. Empty for
+    less than two means.
     """
     count = left.size // group
     if count < 2:
@@ -141,14 +142,14 @@ def compare_means(
 
     flicker = noise.flicker**2 * np.diag(about_its_mean(thermal_noise.flicker_kernel(count)))
     own = noise.white_variance / group + flicker
-    limit = np.sqrt(grouped(expanded) ** 2 + 4.0 * own)
+    limit, near = (np.sqrt(grouped(one) ** 2 + 4.0 * own) for one in expanded)
     means = grouped(left)
     error = means - means.mean()
     # the error of the drift is taken as one pattern along the log
     judged = consistency.compare_errors(error, grouped(standard)[:, None], own)
     compared = {
         "means_of_100_s": count,
-        "share_within_expanded_uncertainty": float(np.mean(np.abs(error) <= limit)),
+        "share_within_expanded_uncertainty": float(np.mean(np.abs(error) <= near)),
         "rms_error_over_uncertainty": judged.ratio,
         "largest_rms_error_over_uncertainty": judged.limit,
     }

@@ -7,7 +7,7 @@ Results are averaged over the variances and over the flicker noise that the logs
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 
 import numpy as np
@@ -32,7 +32,7 @@ SMOOTH_DEGC = 8.0
 """Correlation length of the table over temperature [°C]."""
 STATIC_MEAN = np.array([np.log(250.0), np.log(1500.0), 0.4])
 """Prior of the static lag: logarithms of both lags [s], share of the slower."""
-STATIC_SPREAD = np.array([0.8, 0.6, 0.3])
+STATIC_SPREAD = np.array([0.5, 0.4, 0.2])
 LARGEST_STEP = np.array([0.7, 0.7, 0.3])
 SHAPE = 0.16
 """Prior variance of a static power relative to that of the power before."""
@@ -57,8 +57,8 @@ TURN_ON, INITIAL = ([name for name, *_ in SIZES].index(name) for name in ("turn-
 NEGLIGIBLE = 1e-3
 """Share of a standard deviation at which a part is as good as absent."""
 GAINED = 3.0
-"""Increase of the logarithm of the evidence from which a further term of a bank is tested on
-left-out ramps, and initial states count as seen: odds of 20 to 1.
+"""Increase of the logarithm of the evidence from which initial states count as seen: odds of 20 to
+1.
 """
 STEPS = 10
 POINTS = np.random.default_rng(952).standard_normal((32, len(SIZES) + 1))
@@ -206,18 +206,21 @@ class Solution:
         known = evidence.log_variances(self.problem.prior, self.posterior.theta)
         return float(np.sum(1.0 - np.diag(self.posterior.covariance) / np.exp(known)))
 
-    def size_of_part(self, letter: str) -> float:
-        """Rms [°/h] over the logs of the terms whose names begin with a letter, their uncertainty
-        included.
+    def drift(self) -> tuple[Array, Array]:
+        """Drift [n, °/h] along the logs against rest at 25 °C, and its variance [n, (°/h)²]."""
+        own, p = self.problem, self.problem.root.shape[0] + 3
+        columns = own.columns(self.lag, own.root @ self.posterior.coefficients[: p - 3])[:, 1:p]
+        # the derivatives stand for a change of the lag from its prior mean
+        offset = columns[:, p - 4 :] @ (STATIC_MEAN - self.lag)
+        variance = np.sum(columns @ self.posterior.covariance[1:p, 1:p] * columns, axis=1)
+        return columns @ self.posterior.coefficients[1:p] + offset, variance
+
+    def change_from(self, other: "Solution") -> float:
+        """Rms [°/h] over the logs of what the drift is more uncertain by than another solution
+        states if this one is right.
         """
-        part = self.problem.bank.part(letter)
-        columns = self.problem.columns(self.lag, None)[:, part]
-        mean, covariance = (
-            self.posterior.coefficients[part],
-            self.posterior.covariance[part, part],
-        )
-        square = covariance + np.outer(mean, mean)
-        return float(np.sqrt(np.mean(np.sum(columns @ square * columns, axis=1))))
+        (drift, variance), (before, known) = self.drift(), other.drift()
+        return float(np.sqrt(max(float(np.mean((drift - before) ** 2 + variance - known)), 0.0)))
 
     @property
     def unsettled(self) -> bool:
@@ -267,10 +270,13 @@ class Solution:
     def finish(self) -> BankModel:
         """Model in raw units, averaged over the variances and the flicker noise."""
         own, p = self.problem, self.problem.root.shape[0]
-        grams = [_total(own.groups.grams(self.turned, level)) for level in LEVELS]
-        found, start = [], self.posterior.theta
-        for gram in grams:
-            found.append(evidence.maximise(gram, own.prior, start))
+        grams, found, whites, start = [], [], [], self.posterior.theta
+        for level in LEVELS:
+            gram = _total(own.groups.grams(self.turned, level))
+            first = evidence.maximise(gram, own.prior, start)
+            whites.append(evidence.noise_variance(gram, first))
+            grams.append(gram.scaled(whites[-1]))
+            found.append(evidence.maximise(grams[-1], own.prior, first.theta))
             start = found[-1].theta
         mean, covariance, share = evidence.average(grams, own.prior, found, POINTS)
         to_raw = np.eye(p + 3)
@@ -292,13 +298,15 @@ class Solution:
             turn_on_sd=float(np.sqrt(share @ sizes[:, TURN_ON] ** 2)),
             dof=max(int(sum(g.weight.size for g in own.groups.ramps) - self._determined), 1),
             residual_rms=float(np.sqrt(np.average(residual**2, weights=own.groups.weights))),
-            noise=self._noise(share),
+            noise=self._noise(share * np.array(whites)),
         )
 
     def _noise(self, share: Array) -> Noise:
-        """White variance of a block and flicker level, averaged with shares [levels]."""
+        """White variance of a block and flicker level, averaged with the share [levels] of each
+        flicker level times the white variance that goes with it, in that of the fit.
+        """
         level = float(np.sqrt(share @ np.square(LEVELS)))
-        return Noise(self._white, level * self.problem.groups.white)
+        return Noise(self._white * float(share.sum()), level * self.problem.groups.white)
 
     @property
     def _white(self) -> float:
@@ -315,9 +323,13 @@ def _span(values: Array) -> Span:
 
 def solve(own: Problem) -> Solution:
     """Static lag of the largest evidence by Gauss–Newton steps, each halved until it is larger, and
-    the posterior there.
+    the posterior there; white noise is what the fit leaves.
     """
-    lag, found = _search(own)
+    lag, found = _search(own, STATIC_MEAN, None)
+    gram = _total(own.groups.grams(own.moments(lag, None), USUAL_LEVEL))
+    white = own.groups.white * evidence.noise_variance(gram, found) ** 0.5
+    own = replace(own, groups=replace(own.groups, white=white))
+    lag, found = _search(own, lag, found.theta)
     return solve_at(own, lag, found.theta)
 
 
@@ -331,9 +343,9 @@ def solve_at(own: Problem, lag: Array, start: Array) -> Solution:
     return Solution(own, lag, posterior, grams, tuple(turned))
 
 
-def _search(own: Problem) -> tuple[Array, Posterior]:
-    """Static lag [3] and the posterior without its derivatives."""
-    lag, step, start = STATIC_MEAN, np.zeros(3), None
+def _search(own: Problem, lag: Array, start: Array | None) -> tuple[Array, Posterior]:
+    """Static lag [3], sought from one, and the posterior without its derivatives."""
+    step = np.zeros(3)
     best: tuple[float, Array, Posterior] | None = None
     p = own.root.shape[0]
     for _ in range(STEPS):

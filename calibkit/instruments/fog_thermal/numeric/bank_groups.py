@@ -109,6 +109,7 @@ class Groups:
                     weighted.T @ values,
                     float(values @ (values / variance)),
                     float(np.sum(np.log(variance))),
+                    int(np.count_nonzero(ramp.weight)),
                 )
             )
         return found

@@ -13,12 +13,16 @@ from calibkit.numeric.thermal.pooled_fit import Stack
 
 FURTHER = {"g": "table over temperature", "h": "hysteresis", "w": "warm-up"}
 """Further terms of a bank, and what they describe."""
+ASKED = 1.0
+"""Increase of the logarithm of the evidence from which a further term is tested on left-out ramps:
+odds of 3 to 1. Left-out ramps decide.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Unmodelled:
-    """Further term that a bank has not: its name, size [°/h], and how probable it is by the
-    evidence.
+    """Further term that a bank has not: its name, how far off [°/h] the drift is if it is there,
+    and how probable it is by the evidence.
     """
 
     name: str
@@ -48,17 +52,19 @@ def grow(stacked: Stack, robust: Array, *, one_sided: bool) -> Iterator[Grown]:
     here = Grown("", bank_fit.solve(bank_fit.state_problem(stacked, groups)))
     left = set(FURTHER) - ({"h"} if one_sided else set())
     while left:
-        tried = {letter: _with_term(here, letter, stacked, groups) for letter in sorted(left)}
+        tried = {letter: _with_term(here, letter, stacked) for letter in sorted(left)}
         before = here.solution.posterior.log_integral
         gains = {name: one.posterior.log_integral - before for name, one in tried.items()}
         letter = max(gains, key=lambda name: gains[name])
         # initial states that the term leaves no need for would hide what it explains
         unsettled = tried[letter].unsettled
         errors = [_mean_square(one, own_start=unsettled) for one in (tried[letter], here.solution)]
-        if gains[letter] < bank_fit.GAINED or errors[0] >= errors[1]:
+        if gains[letter] < ASKED or errors[0] >= errors[1]:
             found = (
                 Unmodelled(
-                    FURTHER[name], tried[name].size_of_part(name), 1.0 / (1.0 + np.exp(-gain))
+                    FURTHER[name],
+                    tried[name].change_from(here.solution),
+                    1.0 / (1.0 + np.exp(-gain)),
                 )
                 for name, gain in gains.items()
             )
@@ -70,9 +76,9 @@ def grow(stacked: Stack, robust: Array, *, one_sided: bool) -> Iterator[Grown]:
     yield here
 
 
-def _with_term(here: Grown, letter: str, stacked: Stack, groups: Groups) -> bank_fit.Solution:
+def _with_term(here: Grown, letter: str, stacked: Stack) -> bank_fit.Solution:
     """Fit with one more term, at the static lag without it."""
-    problem = bank_fit.state_problem(stacked, groups, here.letters + letter)
+    problem = bank_fit.state_problem(stacked, here.solution.problem.groups, here.letters + letter)
     return bank_fit.solve_at(problem, here.solution.lag, here.solution.posterior.theta)
 
 

@@ -189,8 +189,9 @@ def _with_model_error(
     probability.
     """
     likely = (
-        f"{one.name} of some {one.size:.2g} deg/h is likely, but left-out ramps do not come out"
-        " better with it: it is not modelled and is in the uncertainty"
+        f"{one.name} is likely, which would change the drift by some {one.size:.2g} deg/h, but"
+        " left-out ramps do not come out better with it: it is not modelled and is in the"
+        " uncertainty"
         for one in unmodelled
         if one.probability > LIKELY
     )

@@ -17,6 +17,8 @@ LARGEST_STEP = 1.5
 """Largest change of the logarithm of a variance in one iteration."""
 CLOSE = 1e-3
 """Increase of the logarithm of the evidence below which the iteration ends."""
+LEAST_VARIANCE = 1e-4
+"""Smallest variance of the noise, in what was taken for it: logs without noise leave nothing."""
 FLAT = -1
 """Group of a column with a flat prior."""
 
@@ -31,6 +33,17 @@ class Gram:
     right: Array
     square: float
     log_noise: float
+    rows: int
+
+    def scaled(self, variance: float) -> "Gram":
+        """Moments of the same rows where the variance of their noise is as many times as large."""
+        return Gram(
+            self.matrix / variance,
+            self.right / variance,
+            self.square / variance,
+            self.log_noise + self.rows * float(np.log(variance)),
+            self.rows,
+        )
 
     def plus(self, other: "Gram") -> "Gram":
         """Moments of the rows of both."""
@@ -39,6 +52,7 @@ class Gram:
             self.right + other.right,
             self.square + other.square,
             self.log_noise + other.log_noise,
+            self.rows + other.rows,
         )
 
     def minus(self, other: "Gram") -> "Gram":
@@ -48,6 +62,7 @@ class Gram:
             self.right - other.right,
             self.square - other.square,
             self.log_noise - other.log_noise,
+            self.rows - other.rows,
         )
 
 
@@ -152,6 +167,15 @@ def maximise(gram: Gram, prior: Prior, start: Array | None = None) -> Posterior:
     information = _score(prior, theta, mean, covariance)[1]
     inverse = np.asarray(np.linalg.inv(information), dtype=np.float64)
     return Posterior(theta, mean, covariance, value, inverse)
+
+
+def noise_variance(gram: Gram, found: Posterior) -> float:
+    """Variance of the noise of the rows, in what was taken for it, from what the coefficients leave
+    (MacKay 1992).
+    """
+    left = gram.square + found.coefficients @ (gram.matrix @ found.coefficients - 2.0 * gram.right)
+    determined = float(np.sum(gram.matrix * found.covariance))
+    return max(float(left), LEAST_VARIANCE * gram.rows) / max(gram.rows - determined, 1.0)
 
 
 def average(
