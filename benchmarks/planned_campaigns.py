@@ -22,10 +22,19 @@ from calibkit.arrays import Array
 from calibkit.instruments.accelerometer import dwells as triad_dwells, simulate_plan
 from calibkit.instruments.accelerometer.fit import fit_triad
 from calibkit.instruments.accelerometer.numeric import affine_model
+from calibkit.instruments.fog_thermal.numeric import (
+    bank as forward,
+    bank_fit,
+    planned as fog_planned,
+)
+from calibkit.instruments.fog_thermal.numeric.bank_groups import Groups
 from calibkit.instruments.gyro_scale.numeric import all_runs
 from calibkit.instruments.gyro_scale.numeric.planned import Runs
 from calibkit.numeric import gum
 from calibkit.numeric.least_squares.components import Known
+from calibkit.numeric.thermal import coil
+from calibkit.numeric.thermal.noise import flicker_kernel
+from calibkit.numeric.thermal.pooled_fit import Stack, ThermalLog
 from calibkit.planning import document
 from calibkit.recipe.tables import ErrorComponent
 
@@ -141,9 +150,85 @@ def run_table(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  
     )
 
 
+def run_gyro(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  # noqa: ANN401, ARG001
+    """As `run_triad`, of the drift [°/h] about its mean along the ramps on which it is used: a gyro
+    drawn from the priors of the plan, fitted by a bank whose variances are sought.
+    """
+    rng = np.random.default_rng(seed)
+    told = plan.document["settings"]
+    sizes = {(one["group"], one["effect"]): one["value"] for one in plan.document["components"]}
+    model = fog_planned.Model(
+        tuple(told["range_degc"]), told["case_lag_s"], told["white_dph"], sizes
+    )
+    held = [one for one in plan.schedule.actions if one.log and "withheld" not in one.log]
+    ramps = [
+        fog_planned.Ramp(b.ramp_degc_per_min, c.duration_s)
+        for b, c in zip(held[1::3], held[2::3], strict=True)
+    ]
+    p = len(fog_planned.BANK.terms)
+    drawn = rng.normal(size=p + 3) / np.sqrt(model.prior + 1e-12)
+    drawn[0] = 0.0
+    lag = bank_fit.STATIC_MEAN + drawn[p:]
+    lag[2] = np.clip(lag[2], 0.0, 1.0)
+    logs = []
+    for number, ramp in enumerate(ramps):
+        time, case = model.case(ramp)
+        own, precision = model.own(time.size)
+        factor = np.linalg.cholesky(
+            model.white_dph**2 * np.eye(time.size)
+            + sizes["log", "flicker"] ** 2 * flicker_kernel(time.size)
+        )
+        value = drift_of(time, case, drawn[:p], lag) + factor @ rng.normal(size=time.size)
+        value += own @ (rng.normal(size=precision.size) / np.sqrt(precision))
+        part = np.zeros(time.size, dtype=np.int64)
+        logs.append(ThermalLog(f"{number}", time, case, case, value, part))
+    stacked = Stack.of_logs(logs)
+    groups = Groups.of_stack(stacked, np.ones(stacked.indication.size))
+    found = bank_fit.solve(bank_fit.state_problem(stacked, groups)).finish()
+    fitted_lag = np.array([*np.log(found.static_lag[:2]), found.static_lag[2]])
+    back = np.diag([*np.ones(p), *(1.0 / np.array(found.static_lag[:2])), 1.0])
+    covariance = back @ found.covariance @ back.T
+    error, variance = [], []
+    for rate in fog_planned.USED:
+        for sign in (1.0, -1.0):
+            time, case = model.case(fog_planned.Ramp(sign * rate, fog_planned.USED_SOAK_S))
+            off = drift_of(time, case, found.coefficients, fitted_lag)
+            off = off - drift_of(time, case, drawn[:p], lag)
+            slopes = slopes_of(time, case, found.coefficients, fitted_lag)
+            slopes = (slopes - slopes.mean(axis=0))[:: fog_planned.EVERY]
+            error.append((off - off.mean())[:: fog_planned.EVERY])
+            variance.append(np.einsum("mp,pq,mq->m", slopes, covariance, slopes))
+    parts = model.information(ramps).variances(model.result_slopes("drift"))
+    predicted = np.sqrt(np.sum([*parts.values()], axis=0))
+    u = np.sqrt(np.concatenate(variance))
+    return np.concatenate(error), predicted, u, np.full(u.size, gum.coverage_factor(found.dof))
+
+
+def drivers_of(time: Array, case: Array, lag: Array) -> Any:  # noqa: ANN401
+    """Drivers of one log for a static lag, and the derivatives of T by it."""
+    along = coil.path([(time, case)])
+    temperature = forward.static_temperature(along, lag)
+    followed = forward.follow_lags(fog_planned.BANK, along)
+    drivers = forward.log_drivers(fog_planned.BANK, [(time, case)], temperature, followed)
+    return drivers, forward.static_derivatives(along, lag, temperature)
+
+
+def drift_of(time: Array, case: Array, coefficients: Array, lag: Array) -> Array:
+    """Drift [m, °/h] of one log."""
+    return np.asarray(fog_planned.BANK.columns(drivers_of(time, case, lag)[0]) @ coefficients)
+
+
+def slopes_of(time: Array, case: Array, coefficients: Array, lag: Array) -> Array:
+    """Derivatives [m, p + 3] of the drift by coefficients and lag."""
+    drivers, moved = drivers_of(time, case, lag)
+    by_lag = moved * fog_planned.BANK.slope(coefficients, drivers)[:, None]
+    return np.column_stack([fog_planned.BANK.columns(drivers), by_lag])
+
+
 RUNS = {
     "accelerometer": (run_triad, "inclination<=0.01 deg", (-40.0, 125.0)),
     "rate_table": (run_table, "scale factor<=1 ppm", (-40.0, 60.0)),
+    "fog_thermal": (run_gyro, "drift<=0.03 deg/h", (-40.0, 60.0)),
 }
 """Procedure → one campaign of it, wish and range of the plan."""
 

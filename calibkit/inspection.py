@@ -10,6 +10,7 @@ from calibkit.check import examination
 from calibkit.check.report import Campaign, Judgement
 from calibkit.errors import FitError, FrameError, LogFormatError, RecipeError
 from calibkit.ingest import logs as ingest, proposal
+from calibkit.planning import comparison
 from calibkit.recipe import type_b
 from calibkit.report import budget, figures
 
@@ -19,8 +20,10 @@ if TYPE_CHECKING:
 
     from calibkit.check.report import LogReport
     from calibkit.coefficients import StageResult
+    from calibkit.frame import Log
     from calibkit.ingest.proposal import Proposal
     from calibkit.instruments import Instrument, Progress
+    from calibkit.planning.schedule import Schedule
 
 LARGEST_TRIAL = 50_000_000
 """Bytes of logs up to which a campaign is judged by a fit on trial."""
@@ -31,11 +34,13 @@ def check(
     data: Path,
     figure: Path | None = None,
     progress: Progress = instruments.silent,
+    schedule: Schedule | None = None,
 ) -> Campaign:
     """What each log that a recipe would read holds and what is wrong with it, and what the logs
     determine together; nothing is written but the figure.
 
-    A figure (PDF, one page per log) is written where a path for it is given.
+    A figure (PDF, one page per log) is written where a path for it is given. Where the recipe is
+    that of a plan, its schedule says what is missing or differs.
     """
     if figure is not None:
         new_files.refuse_existing(figure)
@@ -61,7 +66,17 @@ def check(
         replace(one, findings=(*one.findings, *(found for at, found in compared if at == one.file)))
         for one in (outcome.report for outcome in outcomes)
     )
-    return Campaign(reports, _judge(instrument, spec, data, files, reports, progress))
+    judged = _judge(instrument, spec, data, files, reports, progress)
+    if schedule is not None:
+        refused = {report.file for report in reports if report.refused}
+
+        def read(name: str) -> Log | None:
+            there = (data / name).is_file() and name not in refused
+            return instrument.read(spec, data, name) if there else None
+
+        missing = comparison.find_differences(schedule, read)
+        judged = replace(judged, lacks=(*judged.lacks, *missing))
+    return Campaign(reports, judged)
 
 
 def _judge(

@@ -130,11 +130,12 @@ def check(
     from calibkit import inspection
     from calibkit.check.report import compose_report, report_document
     from calibkit.cli.next_command import follow_check
+    from calibkit.planning import document as plan_file
     from calibkit.recipe import find
 
     source = find(recipe, overrides)
     with working("fitting on trial") as progress:
-        campaign = inspection.check(source, data, figure, progress)
+        campaign = inspection.check(source, data, figure, progress, plan_file.beside(Path(recipe)))
     if as_json:
         print_json(report_document(campaign))
     else:

@@ -135,6 +135,14 @@ def load_plan(folder: Path) -> Plan:
     return Plan(document, schedule, Source(RECIPE, _read(folder / RECIPE)))
 
 
+def beside(recipe: Path) -> Schedule | None:
+    """Schedule beside a recipe's file; None where there is none."""
+    path = recipe.with_name(SCHEDULE)
+    if not recipe.is_file() or not path.is_file():
+        return None
+    return read_schedule(_read(path), str(path))
+
+
 def _read(path: Path) -> str:
     """Text of a file of a plan, or CoefficientError."""
     try:

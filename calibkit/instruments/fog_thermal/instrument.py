@@ -35,6 +35,7 @@ from calibkit.instruments.fog_thermal import (
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 from calibkit.numeric import chunks
 from calibkit.numeric.dispersion import rms
+from calibkit.planning.proposal import Planner
 from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary
 from calibkit.simulate.campaign import Campaign
@@ -318,6 +319,13 @@ def _firmware() -> Firmware[FogThermalRecipe]:
     return FIRMWARE
 
 
+def _planner() -> Planner:
+    """How campaigns are planned."""
+    from calibkit.instruments.fog_thermal import plan
+
+    return Planner(plan.propose, plan.simulate)
+
+
 def _simulate(seed: int) -> Campaign:
     """Simulated campaign."""
     from calibkit.instruments.fog_thermal.simulate import campaign
@@ -367,4 +375,5 @@ INSTRUMENT = Instrument(
     ),
     campaigns={"fog_thermal": _simulate},
     propose=_propose,
+    planner=_planner,
 )

@@ -149,9 +149,19 @@ def campaign(
     device = replace(device, case_resolution_degc=case_resolution_degc)
     chamber, runs = Chamber(), programmes(rates, withheld, steps=steps)
     made = logs(device, runs, seed, chamber)
-    truth = {
+    truth = describe(device, chamber, runs, made) | {"seed": seed}
+    return Campaign({name: made[name].columns for name in made}, DECIMALS, truth)
+
+
+def describe(
+    device: FogGyro,
+    chamber: Chamber,
+    runs: Mapping[str, Programme],
+    made: Mapping[str, SimulatedLog],
+) -> dict[str, object]:
+    """Truth of a campaign, but for its seed."""
+    return {
         "procedure": "fog_thermal",
-        "seed": seed,
         "gyro": asdict(device),
         "chamber": asdict(chamber),
         "drift_reference": (
@@ -160,7 +170,6 @@ def campaign(
         ),
         "logs": {name: _truth_of(runs[name], made[name]) for name in made},
     }
-    return Campaign({name: made[name].columns for name in made}, DECIMALS, truth)
 
 
 def _truth_of(programme: Programme, simulated: SimulatedLog) -> dict[str, object]:

@@ -1,0 +1,251 @@
+"""Campaigns of a gyro in a chamber: which ramps with which soaks, and what they will give."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from calibkit.constants import SECONDS_PER_HOUR
+from calibkit.errors import UsageError
+from calibkit.instruments.fog_thermal import simulate as simulated
+from calibkit.instruments.fog_thermal.numeric import planned
+from calibkit.instruments.fog_thermal.numeric.planned import Model, Ramp
+from calibkit.instruments.fog_thermal.simulate_gyro import FogGyro
+from calibkit.numeric.information import invert
+from calibkit.planning import recipe_text
+from calibkit.planning.proposal import (
+    Candidate,
+    Coefficient,
+    Predicted,
+    Proposal,
+    Task,
+    Wish,
+    choose,
+    find_front,
+)
+from calibkit.planning.schedule import Clock
+from calibkit.simulate.campaign import Campaign
+from calibkit.simulate.chamber import Chamber, Programme
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from calibkit.arrays import Array
+    from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
+    from calibkit.planning.equipment import Device
+    from calibkit.planning.schedule import Schedule
+    from calibkit.recipe.tables import ErrorComponent
+
+RANGE_DEGC = (-40.0, 60.0)
+RATES = (1, 2, 3, 5, 8, 10)
+"""Unsigned rates [°C/min] that the search takes."""
+MOST = 4
+"""Ramps of each direction that the search takes at most."""
+SAMPLE = (1, 5, 8, 10)
+"""Rates of the usual campaign, which the sample logs have."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Design:
+    """A campaign: unsigned rates of the heating and of the cooling ramps, soak after each."""
+
+    heating: tuple[int, ...]
+    cooling: tuple[int, ...]
+    after_s: float
+
+    @property
+    def ramps(self) -> list[Ramp]:
+        """Ramps in their order: heating and cooling by turns."""
+        return [
+            Ramp(float(sign * rate), self.after_s)
+            for pair in zip(self.heating, self.cooling, strict=True)
+            for sign, rate in zip((1, -1), pair, strict=True)
+        ]
+
+    @property
+    def label(self) -> str:
+        """The campaign in a few words."""
+        if self.heating == self.cooling:
+            rates = ", ".join(f"±{rate}" for rate in self.heating)
+        else:
+            signed = [*(f"+{rate}" for rate in self.heating), *(f"−{r}" for r in self.cooling)]
+            rates = ", ".join(signed)
+        return f"ramps of {rates} °C/min, soaks of {self.after_s / 60.0:g} min"
+
+
+@dataclass(frozen=True, slots=True)
+class _Bench:
+    """What the search needs to know."""
+
+    task: Task
+    device: Device
+    model: Model
+    components: tuple[ErrorComponent, ...]
+    slopes: Mapping[str, Array]
+    """Result → its derivatives where it is used."""
+
+    def schedule(self, design: _Design) -> Schedule:
+        """Schedule of a design, with one heating ramp that is withheld at its end."""
+        low, _ = self.model.range_degc
+        rate = self.task.equipment.fastest(self.device)
+        clock = Clock(self.task.equipment)
+        change = low - clock.degc
+        clock.ramp(low, rate)
+        clock.soak(self.task.equipment.soak_s(self.device, change, rate))
+        withheld = self.withheld(design)
+        named = [(ramp, f"ramp_{_sense(ramp)}_{abs(ramp.rate):02g}.csv") for ramp in design.ramps]
+        last = Ramp(float(withheld), design.after_s)
+        named.append((last, f"withheld/ramp_heating_{withheld:02d}.csv"))
+        for ramp, log in named:
+            clock.soak(planned.BEFORE_S, log)
+            clock.ramp(self.model.range_degc[ramp.rate > 0.0], abs(ramp.rate), log)
+            clock.soak(ramp.after_s, log)
+        return clock.schedule()
+
+    def withheld(self, design: _Design) -> int:
+        """Rate of the ramp that is withheld: between those of the design, and none of them."""
+        fastest = self.task.equipment.fastest(self.device)
+        spare = [one for one in RATES if one not in design.heating and one <= fastest]
+        middle = float(np.sqrt(design.heating[0] * design.heating[-1]))
+        return min(spare or [design.heating[0]], key=lambda one: abs(np.log(one / middle)))
+
+    def hours(self, design: _Design) -> float:
+        """Length of the ramps of a design and of the withheld one, without a schedule."""
+        low, high = self.model.range_degc
+        ramps = [*(abs(one.rate) for one in design.ramps), self.withheld(design)]
+        held = len(ramps) * (planned.BEFORE_S + design.after_s)
+        return (held + 60.0 * sum((high - low) / rate for rate in ramps)) / SECONDS_PER_HOUR
+
+    def candidate(self, design: _Design, parts: Mapping[Ramp, Array]) -> Candidate:
+        """A campaign with the hours of its ramps, and uncertainties."""
+        own = [parts[ramp] for ramp in design.ramps]
+        covariance = planned.covariance_of(own, self.model.prior)
+        largest = {}
+        for name, slopes in self.slopes.items():
+            variance = np.einsum("mp,pq,mq->m", slopes, covariance, slopes)
+            largest[name] = float(np.sqrt(variance.max()))
+        return Candidate(design.label, self.hours(design), largest, design)
+
+
+def _sense(ramp: Ramp) -> str:
+    return "heating" if ramp.rate > 0.0 else "cooling"
+
+
+def propose(spec: FogThermalRecipe, task: Task) -> tuple[Proposal, tuple[Wish, ...]]:
+    """Cheapest campaign of a recipe that meets the wishes, or the best within hours."""
+    wishes = tuple(Wish.parse(text, planned.RESULTS) for text in task.wishes)
+    bench = _prepare(spec, task)
+    name = wishes[0].name if wishes else "drift"
+    found = list(_search(bench))
+    best = choose(found, wishes, task.within_h, name)
+    information = bench.model.information(best.design.ramps)
+    results = tuple(
+        Predicted.of(key, planned.RESULTS[key], information.variances(bench.slopes[key]))
+        for key in planned.RESULTS
+    )
+    u = np.sqrt(np.diag(invert(information.data + np.diag(information.prior + 1e-12))))
+    terms = planned.BANK.terms
+    return Proposal(
+        best.label,
+        bench.schedule(best.design),
+        results,
+        tuple(
+            Coefficient("bank", key, unit, float(size))
+            for (key, unit), size in list(zip(terms, u, strict=False))[1:]
+        ),
+        recipe_text.write_recipe(spec, ["ramp_*.csv"], (), {}),
+        bench.device.noise,
+        "deg/h",
+        bench.components,
+        tuple(find_front(found, name)),
+        tuple(one for one in found if one.label == _usual(bench).label),
+        () if task.range_degc else ("no --range: planned for −40 to 60 °C",),
+        {
+            "range_degc": list(bench.model.range_degc),
+            "case_lag_s": bench.model.case_lag_s,
+            "white_dph": bench.model.white_dph,
+        },
+    ), wishes
+
+
+def _prepare(spec: FogThermalRecipe, task: Task) -> _Bench:
+    """What the search needs; UsageError for what cannot be planned."""
+    device = task.equipment.known_device(spec.procedure)
+    if device.noise_unit != "deg/h":
+        raise UsageError(
+            f"noise_unit = '{device.noise_unit}' of [device.{spec.procedure}], expected 'deg/h'",
+            hint="state the noise of the mean over noise_s in deg/h",
+        )
+    if task.have or task.earlier is not None:
+        raise UsageError(
+            f"--have and --from are not planned for '{spec.procedure}'",
+            hint="state the sizes of drift and noise in [device] of the equipment file",
+        )
+    low, high = task.range_degc or RANGE_DEGC
+    task.equipment.require_reached(low, high)
+    stated = {(one.group, one.effect): one for one in device.component}
+    if not {("coil", "drift"), ("log", "turn-on")} <= stated.keys() <= planned.UNITS.keys():
+        raise UsageError(
+            f"components of [device.{spec.procedure}]:"
+            f" {', '.join(f'{effect} of {group}' for group, effect in stated)}",
+            hint="expected drift of coil and turn-on of log, with initial state and flicker of log",
+        )
+    sizes = {key: one.value_in(planned.UNITS[key]) for key, one in stated.items()}
+    white = device.noise * float(np.sqrt(device.noise_s / planned.STEP_S))
+    model = Model((low, high), min(device.lags_s), white, sizes)
+    slopes = {name: model.result_slopes(name) for name in planned.RESULTS}
+    return _Bench(task, device, model, tuple(device.component), slopes)
+
+
+def _usual(bench: _Bench) -> _Design:
+    """The usual campaign: eight ramps with long soaks."""
+    rates = tuple(rate for rate in SAMPLE if rate <= bench.task.equipment.fastest(bench.device))
+    return _Design(rates, rates, max(bench.device.dwell_s))
+
+
+def _search(bench: _Bench) -> Iterator[Candidate]:
+    """Every campaign of up to four rates of each direction."""
+    fastest = bench.task.equipment.fastest(bench.device)
+    rates = [rate for rate in RATES if rate <= fastest]
+    sets = [found for size in range(1, MOST + 1) for found in combinations(rates, size)]
+    labels = [f"soaks of {after / 60.0:g} min" for after in bench.device.dwell_s]
+    fixed = bench.schedule(_usual(bench)).hours - bench.hours(_usual(bench))
+    for after, _ in zip(
+        bench.device.dwell_s, bench.task.progress(labels, "searching"), strict=True
+    ):
+        ramps = [Ramp(float(sign * rate), after) for rate in rates for sign in (1, -1)]
+        parts = {ramp: bench.model.part(ramp) for ramp in ramps}
+        for heating in sets:
+            for cooling in sets:
+                if len(heating) == len(cooling):
+                    found = bench.candidate(_Design(heating, cooling, after), parts)
+                    # the way to the first temperature is common to all
+                    yield replace(found, hours=found.hours + fixed)
+
+
+def simulate(
+    spec: FogThermalRecipe,  # noqa: ARG001 (as every planner's)
+    schedule: Schedule,
+    document: Mapping[str, Any],
+    seed: int,
+) -> Campaign:
+    """Logs of a simulated gyro on the ramps of a schedule, and its truth."""
+    device, chamber = FogGyro.draw(seed), Chamber()
+    runs = {}
+    for name in dict.fromkeys(one.log for one in schedule.actions if one.log):
+        before, ramp, after = (one for one in schedule.actions if one.log == name)
+        runs[name] = Programme.ramp(
+            before.set_degc,
+            ramp.set_degc,
+            abs(ramp.ramp_degc_per_min),
+            soak_before_s=before.duration_s,
+            soak_after_s=after.duration_s,
+        )
+    made = simulated.logs(device, runs, seed, chamber)
+    truth = simulated.describe(device, chamber, runs, made)
+    logs = {name: one.columns for name, one in made.items()}
+    stated = {"seed": seed, "plan": document["sha256"]}
+    return Campaign(logs, simulated.DECIMALS, truth | stated)

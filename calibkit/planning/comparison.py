@@ -1,0 +1,115 @@
+"""Logs held against the schedule of their plan: which actions are missing, and which differ."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.constants import SECONDS_PER_MINUTE
+from calibkit.frame import values
+from calibkit.numeric import attitude
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from calibkit.arrays import Array, Mask
+    from calibkit.frame import Log
+    from calibkit.planning.schedule import Action, Schedule
+
+NEAR_DEGC = 5.0
+"""Largest difference of a case temperature [°C] from the set point of the chamber."""
+NEAR_DEG = 1.0
+"""Largest angle [°] between a planned and a logged direction of gravity."""
+NEAR_RATE = 0.02
+"""Largest relative difference of a held rate of the table."""
+NEAR_RAMP = 0.2
+"""Largest relative difference of the rate of a ramp; the case lags the chamber at its ends."""
+MIDDLE = (0.3, 0.7)
+"""Part of a ramp in which its rate is measured, by temperature."""
+ONE_ROW = 3
+"""Rows per planned dwell up to which a row is a dwell."""
+
+
+def find_differences(schedule: Schedule, read: Callable[[str], Log | None]) -> Iterator[str]:
+    """Actions of a schedule that logs lack, and those that differ, one text each; `read` gives a
+    log by its name, None where there is none.
+    """
+    for name in dict.fromkeys(one.log for one in schedule.actions if one.log):
+        planned = [one for one in schedule.actions if one.log == name]
+        log = read(name)
+        if log is None:
+            kinds = {one.action for one in planned}
+            yield f"{name}: planned, with {len(planned)} actions ({', '.join(sorted(kinds))})"
+            continue
+        yield from _find_missing(log, [one for one in planned if one.action in ("dwell", "rate")])
+        for one in planned:
+            if one.action == "ramp":
+                yield from _compare_ramp(log, one)
+
+
+def _find_missing(log: Log, planned: Sequence[Action]) -> Iterator[str]:
+    """Planned dwells and held rates that a log has not as often as planned."""
+    each = len(log.frame) <= ONE_ROW * len(planned)
+    counted: dict[str, tuple[Mask, int]] = {}
+    for one in planned:
+        what, rows = _describe(one), _rows_at(log, one)
+        counted[what] = rows, counted.get(what, (rows, 0))[1] + 1
+    for what, (rows, times) in counted.items():
+        found = int(rows.sum())
+        if not found:
+            yield f"{log.file}: {what}"
+        elif each and found < times:
+            yield f"{log.file}: {what}, {found} of {times} times"
+
+
+def _describe(one: Action) -> str:
+    """A dwell or a held rate in words."""
+    if one.action == "rate":
+        return f"rate {one.table_rate_dps:+g} °/s at {one.set_degc:g} °C"
+    return (
+        f"dwell at inclination {one.inclination_deg:g}°, toolface {one.toolface_deg:g}°,"
+        f" {one.set_degc:g} °C"
+    )
+
+
+def _rows_at(log: Log, one: Action) -> Mask:
+    """Rows of a log that are at a planned dwell or rate."""
+    found = np.abs(_column(log, "temp_case_degc") - one.set_degc) <= NEAR_DEGC
+    if one.action == "rate":
+        off = np.abs(_column(log, "table_rate_dps") - one.table_rate_dps)
+        return np.asarray(found & (off <= NEAR_RATE * abs(one.table_rate_dps)), dtype=np.bool_)
+    angles = _column(log, "inclination_deg"), _column(log, "toolface_deg")
+    planned = attitude.gravity_vector(
+        np.array([one.inclination_deg]), np.array([one.toolface_deg])
+    )[0]
+    along = attitude.gravity_vector(*angles) @ planned
+    return np.asarray(found & (along >= np.cos(np.radians(NEAR_DEG))), dtype=np.bool_)
+
+
+def _compare_ramp(log: Log, one: Action) -> Iterator[str]:
+    """A ramp that ends elsewhere, or has another rate."""
+    time, degc = _column(log, "time_s"), _column(log, "temp_env_degc")
+    rising = one.ramp_degc_per_min > 0.0
+    end = float(np.nanmax(degc) if rising else np.nanmin(degc))
+    planned = f"ramp of {one.ramp_degc_per_min:+g} °C/min to {one.set_degc:g} °C"
+    if not abs(end - one.set_degc) <= NEAR_DEGC:
+        yield f"{log.file}: {planned}; it ends at {end:.1f} °C"
+        return
+    first = float(degc[0])
+    share = (degc - first) / (one.set_degc - first) if one.set_degc != first else degc * np.nan
+    below, above = (np.flatnonzero(share >= part) for part in MIDDLE)
+    if not (below.size and above.size and above[0] > below[0]):
+        yield f"{log.file}: {planned}; there is no ramp"
+        return
+    a, b = below[0], above[0]
+    rate = float((degc[b] - degc[a]) / (time[b] - time[a]) * SECONDS_PER_MINUTE)
+    if not abs(rate / one.ramp_degc_per_min - 1.0) <= NEAR_RAMP:
+        yield f"{log.file}: {planned}; its rate is {rate:+.3g} °C/min"
+
+
+def _column(log: Log, name: str) -> Array:
+    """A column of a log; NaN where it has none."""
+    if name not in log.frame.columns:
+        return np.full(len(log.frame), np.nan)
+    return np.asarray(values(log.frame, name), dtype=np.float64)
