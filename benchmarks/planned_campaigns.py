@@ -111,15 +111,15 @@ def run_table(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  
     )
     rows, order = runs.rows(), told["order"]
     x = (rows.row_degc - 25.0) / 100.0
-    K, F0 = rng.normal(0.0, 3e-3, 3), rng.normal(0.0, 1e-3, 3)
-    scale = 1.0 + np.vander(x, 3, increasing=True) @ K
+    K, F0 = rng.normal(0.0, 3e-3, order + 1), rng.normal(0.0, 1e-3, order + 1)
+    scale = 1.0 + np.vander(x, order + 1, increasing=True) @ K
     size = {one["effect"]: one["value"] for one in plan.document["components"]}
     count = len(runs.degc)
     drawn = rng.normal(0.0, 1.0, (3, count))
     response = rng.normal(0.0, size["response"] / 3600.0, len(runs.rates_dps))
     indication = (
         (scale + 1e-6 * size["scale"] * drawn[0][rows.run]) * rows.rate_dps
-        + np.vander(x, 3, increasing=True) @ F0
+        + np.vander(x, order + 1, increasing=True) @ F0
         + size["zero"] / 3600.0 * drawn[1][rows.run]
         + size["zero drift"] / 3600.0 * drawn[2][rows.run] * rows.hours
         + np.tile(runs.noise_dps, count) * rng.normal(size=rows.run.size)
@@ -138,7 +138,7 @@ def run_table(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  
     fitted = all_runs.fit(rows, (order, order), shapes, known)
     at = spec.reference_temp_degc
     one = [fitted.at(which, at) for which in (all_runs.SCALE, all_runs.ZERO)]
-    powers = np.array([1.0, (at - 25.0) / 100.0, ((at - 25.0) / 100.0) ** 2])
+    powers = ((at - 25.0) / 100.0) ** np.arange(order + 1)
     truth = K0 * np.array([1.0 + powers @ K + slope, powers @ F0 + zero])
     unit = np.array([1e6, 3600.0]) / K0
     predicted = [part["standard_uncertainty"] for part in plan.document["coefficients"]]

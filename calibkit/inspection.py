@@ -15,7 +15,7 @@ from calibkit.recipe import type_b
 from calibkit.report import budget, figures
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
 
     from calibkit.check.report import LogReport
@@ -68,15 +68,26 @@ def check(
     )
     judged = _judge(instrument, spec, data, files, reports, progress)
     if schedule is not None:
-        refused = {report.file for report in reports if report.refused}
-
-        def read(name: str) -> Log | None:
-            there = (data / name).is_file() and name not in refused
-            return instrument.read(spec, data, name) if there else None
-
-        missing = comparison.find_differences(schedule, read)
+        missing = _compare(instrument, spec, data, reports, schedule)
         judged = replace(judged, lacks=(*judged.lacks, *missing))
     return Campaign(reports, judged)
+
+
+def _compare(
+    instrument: Instrument[Any, Any],
+    spec: recipe.Recipe,
+    data: Path,
+    reports: Sequence[LogReport],
+    schedule: Schedule,
+) -> Iterator[str]:
+    """Actions of a schedule that the logs lack, and those that differ."""
+    refused = {report.file for report in reports if report.refused}
+
+    def read(name: str) -> Log | None:
+        there = (data / name).is_file() and name not in refused
+        return instrument.read(spec, data, name) if there else None
+
+    return comparison.find_differences(schedule, read)
 
 
 def _judge(

@@ -13,7 +13,7 @@ from jsonschema import Draft202012Validator
 
 from calibkit import inspection, instruments, plans, recipe
 from calibkit.cli import cli
-from calibkit.errors import CoefficientError, RecipeError, UsageError
+from calibkit.errors import CoefficientError, FitError, RecipeError, UsageError
 from calibkit.numeric.exchange import Pool, exchange_values
 from calibkit.numeric.information import NOISE, find_information
 from calibkit.numeric.least_squares.components import Effect, Known
@@ -65,11 +65,15 @@ def attitudes(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory):
-    """The sample bench with dwells of one length, so that a search is short."""
+    """The sample bench with dwells of one length, so that a search is short, and with gyros of the
+    order that simulated ones have.
+    """
     path = tmp_path_factory.mktemp("bench") / "bench.toml"
     text = equipment.sample_text()
-    assert "dwell_s = [60, 120, 300]" in text
-    path.write_text(text.replace("dwell_s = [60, 120, 300]", "dwell_s = [60]"), encoding="utf-8")
+    for found, made in (("dwell_s = [60, 120, 300]", "dwell_s = [60]"), ("order = 2", "order = 1")):
+        assert found in text
+        text = text.replace(found, made)
+    path.write_text(text, encoding="utf-8")
     return path
 
 
@@ -337,10 +341,12 @@ def test_predicted_uncertainty_is_the_scatter_of_campaigns(planned):
 
 
 @pytest.fixture(scope="module")
-def planned_runs(tmp_path_factory):
+def planned_runs(tmp_path_factory, bench):
     """Folder of a plan of a rate table."""
     out = tmp_path_factory.mktemp("planned") / "plan"
-    request = plans.Request(wishes=("scale factor<=1.5 ppm",), range_degc=(-40.0, 60.0))
+    request = plans.Request(
+        wishes=("scale factor<=1.5 ppm",), range_degc=(-40.0, 60.0), equipment=bench
+    )
     plans.plan(recipe.find("rate_table"), request, out)
     return out
 
@@ -480,3 +486,37 @@ def test_ramps_are_held_against_the_schedule(planned_ramps, tmp_path):
     assert compare() == []
     assert "its rate is +" in compare(ramp_degc_per_min=20.0)[0]
     assert "it ends at 60" in compare(set_degc=90.0)[0]
+
+
+def test_angles_over_three_axes_are_predicted_with_their_mountings(tmp_path):
+    """Each axis is a mounting in working hours; what the fit states is what was predicted."""
+    folder = tmp_path / "plan"
+    plans.plan(recipe.find("gyro_triad"), plans.Request(wishes=("angle<=0.002 deg",)), folder)
+    plan = document.load_plan(folder)
+    mountings = [one.start_s / 3600.0 for one in plan.schedule.actions if one.action == "remount"]
+    assert len(mountings) == 2
+    assert all(hour % 24.0 <= 8.5 for hour in mountings)
+    predicted = {one["name"]: one["standard_uncertainty"] for one in plan.document["coefficients"]}
+    assert min(predicted.values()) > np.sqrt(2.0) * 0.0005
+    near = [one for one in plan.schedule.actions if one.set_degc == 25.0]
+    near = schedule.Schedule(tuple(one for one in near if not one.log.startswith("withheld")))
+    spec = instruments.parse_recipe(plan.source)
+    made = instruments.find("gyro_triad").planner().simulate(spec, near, plan.document, 3)
+    for name, content in made.files().items():
+        (tmp_path / name).write_bytes(content)
+    found = instruments.find("gyro_triad").fit(
+        spec, tmp_path, sorted(made.logs), instruments.silent
+    )
+    figures = [one for result in found.results for one in result.figures]
+    u = {one.name: one.standard_uncertainty for one in figures}
+    for name, size in predicted.items():
+        assert u[name] == pytest.approx(size, rel=0.05)
+
+
+def test_one_plane_of_a_dividing_head_determines_no_triad(bench, tmp_path):
+    """Without a remounting gravity never leaves a plane; what rounding leaves does not count."""
+    request = plans.Request(
+        range_degc=(-20.0, 60.0), attitudes="dividing-head", equipment=bench, restarts=1
+    )
+    with pytest.raises(FitError, match="0 remountings"):
+        plans.plan(recipe.find("accelerometer", LOW_ORDERS), request, tmp_path / "plan")

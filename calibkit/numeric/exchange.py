@@ -76,9 +76,10 @@ class Pool:
             for place in range(len(found)):
                 others = [*found[:place], *found[place + 1 :]]
                 matrix = self.base + self.parts[others].sum(axis=0)
-                gains = self._gains(matrix)
-                gains[np.bincount(others, minlength=len(gains)) >= self.most] = -np.inf
-                for one in np.argsort(-gains, kind="stable")[:TRIED].tolist():
+                free = np.bincount(others, minlength=len(self.parts)) < self.most
+                gains = np.where(free, self._gains(matrix), -np.inf)
+                ranked = [one for one in np.argsort(-gains, kind="stable").tolist() if free[one]]
+                for one in ranked[:TRIED]:
                     value = self._value(matrix + self.parts[one])
                     if value < best * (1.0 - GAIN) or (np.isinf(best) and np.isfinite(value)):
                         found[place], best = one, value

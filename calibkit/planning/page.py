@@ -62,17 +62,16 @@ def make_page(title: str, verdict: str, proposal: Proposal, wishes: Sequence[Wis
 def _draw_time(schedule: Schedule) -> Figure:
     """Set point over time, with the actions."""
     figure, (ax,) = figures.page(1, 1, title="Set point of the chamber over time", height=3.6)
-    degc = schedule.actions[0].set_degc if schedule.actions else 0.0
     named: set[str] = set()
     for one in schedule.actions:
         begin, end = one.start_s / 3600.0, one.end_s / 3600.0
-        first = degc if one.action == "ramp" else one.set_degc
+        climbed = one.ramp_degc_per_min * one.duration_s / 60.0 if one.action == "ramp" else 0.0
         colour = _COLOURS.get(one.action, "#777777")
         label = "_" if one.action in named else str(one.action)
         named.add(one.action)
         width = 3.0 if one.action in ("dwell", "rate") else 1.2
-        ax.plot([begin, end], [first, one.set_degc], color=colour, linewidth=width, label=label)
-        degc = one.set_degc
+        degc = [one.set_degc - climbed, one.set_degc]
+        ax.plot([begin, end], degc, color=colour, linewidth=width, label=label)
     ax.set_xlabel("time [h]")
     ax.set_ylabel("set point [°C]")
     ax.legend(loc="upper right")
@@ -161,9 +160,9 @@ def _results(proposal: Proposal, wishes: Sequence[Wish]) -> Markup:
 
 def _limits(proposal: Proposal) -> Markup:
     """What the uncertainty of each result consists of."""
-    sources = list(proposal.results[0].limits)
+    sources = dict.fromkeys(source for one in proposal.results for source in one.limits)
     rows = [
-        (source, *(f"{100.0 * one.limits[source]:.1f}" for one in proposal.results))
+        (source, *(f"{100.0 * one.limits.get(source, 0.0):.1f}" for one in proposal.results))
         for source in sources
     ]
     heads = ("source", *(one.name for one in proposal.results))

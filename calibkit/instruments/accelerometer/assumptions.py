@@ -35,6 +35,11 @@ USUAL = {
     "12 edges, 9 temperatures": _EDGES,
     "18 faces and edges, 9 temperatures": (*_FACES, *_EDGES),
     "26 faces, edges and corners, 9 temperatures": (*_FACES, *_EDGES, *_CORNERS),
+    "42 attitudes of the sample logs, 9 temperatures": (
+        (0, 0),
+        *((tilt, roll) for tilt in range(30, 151, 30) for roll in range(0, 360, 45)),
+        (180, 0),
+    ),
 }
 """Usual sets of attitudes: directions to the faces, edges and corners of a cube."""
 

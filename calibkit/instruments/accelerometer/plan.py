@@ -242,7 +242,10 @@ def _search_levels(
     spots, mounting = bench.spots[allowed], _number(bench.mounting[allowed])
     noise = bench.assumed.noise_of(shortest)
     hours = bench.soak_hours(degc, 16, shortest)
-    pool = bench.model.pool(spots, Soaks(degc, hours, mounting), noise, bench.base)
+    soaks = Soaks(degc, hours, mounting)
+    if not bench.information(soaks.hold(spots, noise)).determined:
+        return
+    pool = bench.model.pool(spots, soaks, noise, bench.base)
     pool = replace(pool, most=max(1, -(-24 // len(spots)))) if len(spots) < 24 else pool
     counts = [n for n in COUNTS if n <= len(spots) * pool.most]
     for count in counts or [len(spots)]:

@@ -280,6 +280,7 @@ TRIAD = Instrument(
         r"gyro_orthogonality\.misalignment\.(?!(\w)\1$)[a-z0-9]+",
         r"gyro_orthogonality\.orthogonality_error_deg\.[a-z0-9]+_[a-z0-9]+",
     ),
+    planner=_planner,
     campaigns={"gyro_triad": simulate_triad.campaign},
     propose=propose.propose_triad,
 )

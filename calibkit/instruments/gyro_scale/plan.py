@@ -4,16 +4,19 @@ give.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from itertools import product
+from dataclasses import asdict, dataclass, replace
+from itertools import combinations, product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from calibkit.constants import DPH_PER_DPS
 from calibkit.errors import UsageError
-from calibkit.instruments.gyro_scale import simulate_rate_table
+from calibkit.instruments.gyro_scale import forms, simulate_rate_table
 from calibkit.instruments.gyro_scale.numeric import planned
+from calibkit.instruments.gyro_scale.numeric.gjb_figures import PPM
 from calibkit.instruments.gyro_scale.numeric.planned import Model, Runs
+from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe, RateTableRecipe
 from calibkit.numeric.least_squares import polynomial
 from calibkit.numeric.least_squares.components import Known
 from calibkit.planning import recipe_text
@@ -35,12 +38,13 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
     from calibkit.arrays import Array
-    from calibkit.instruments.gyro_scale.recipe import RateTableRecipe
-    from calibkit.numeric.information import Information
     from calibkit.planning.equipment import Device, RateTable
     from calibkit.planning.schedule import Schedule
 
+GyroRecipe = RateTableRecipe | GyroTriadRecipe
 RANGE_DEGC = (-40.0, 60.0)
+MOUNTED_RAD = 3e-3
+"""Standard deviation of the angles of simulated input axes to those of their base."""
 MORE_LEVELS = 3
 """Temperatures that the search takes at most beyond one more than the order needs."""
 REPEATS = (1, 2, 3)
@@ -70,6 +74,10 @@ class _Bench:
     reference_degc: float
     gyros: tuple[str, ...]
     components: tuple[ErrorComponent, ...]
+    results: Mapping[str, str]
+    """Results that a plan predicts, with their units."""
+    axes: tuple[str, ...] = ("",)
+    """Table axes about which the base is turned, one mounting each."""
 
     def holds(self, design: _Design) -> list[tuple[float, float, float]]:
         """Signed rate [°/s], start and length [s] of each hold of a run."""
@@ -95,57 +103,86 @@ class _Bench:
         """Schedule of a design, with one run that is withheld between the two first
         temperatures.
         """
-        equipment = self.task.equipment
-        rate = equipment.fastest(self.device)
         levels = sorted(set(design.degc))
         between = round((levels[0] + levels[1]) / 2.0) if len(levels) > 1 else levels[0]
-        order: list[tuple[int, str]] = [
-            (degc, f"run_{k + 1:02d}_{degc}.csv") for k, degc in enumerate(design.degc)
-        ]
-        order.insert(1, (between, f"withheld/run_{between}.csv"))
-        clock = Clock(equipment)
-        for degc, log in order:
-            change = degc - clock.degc
-            clock.ramp(float(degc), rate)
-            clock.soak(equipment.soak_s(self.device, change, rate))
-            begin = clock.now_s
-            for signed, start, length in self.holds(design):
-                clock.move(begin + start - clock.now_s)
-                clock.rate(signed, length, log)
+        clock = Clock(self.task.equipment)
+        for axis in self.axes:
+            if axis != self.axes[0]:
+                clock.remount(self.task.equipment.fastest(self.device))
+            stem = f"about_{axis}" if axis else "run"
+            order = [(degc, f"{stem}_{k + 1:02d}_{degc}.csv") for k, degc in enumerate(design.degc)]
+            order.insert(1, (between, f"withheld/{stem}_{between}.csv"))
+            for degc, log in order:
+                self._run(clock, design, degc, log)
         return clock.schedule()
+
+    def _run(self, clock: Clock, design: _Design, degc: int, log: str) -> None:
+        """One run: ramp, soak, held rates."""
+        equipment = self.task.equipment
+        rate, change = equipment.fastest(self.device), degc - clock.degc
+        clock.ramp(float(degc), rate)
+        clock.soak(equipment.soak_s(self.device, change, rate))
+        begin = clock.now_s
+        for signed, start, length in self.holds(design):
+            clock.move(begin + start - clock.now_s)
+            clock.rate(signed, length, log)
+
+    def variances(self, name: str, runs: Runs, degc: Array | None = None) -> dict[str, Array]:
+        """Variances [m] of a result that noise and each source leave, over the range of use or at
+        temperatures [m] [°C].
+        """
+        if name != planned.ANGLE:
+            found = self.model.information(runs)
+            return found.variances(self.model.result_slopes(name, runs, degc))
+        # two gyros, each seen a little about the axis of the other, where no scale factor matters
+        across = self.model.without(("run", "scale"))
+        slopes = across.result_slopes("scale factor", runs, degc) * np.degrees(1.0 / PPM)
+        parts = across.information(runs).variances(slopes)
+        size = self.model.sizes.get(planned.MOUNTING)
+        mounted = np.full(len(slopes), (0.0 if size is None else size.value) ** 2)
+        return {source: 2.0 * part for source, part in parts.items()} | {
+            "angle of the mounting": 2.0 * mounted
+        }
 
     def candidate(self, design: _Design) -> Candidate:
         """A campaign with its hours and uncertainties."""
         runs = self.runs(design)
-        covariance = self.model.information(runs).covariance
-        largest = {}
-        for name in planned.RESULTS:
-            slopes = self.model.result_slopes(name, runs)
-            variance = np.einsum("mp,pq,mq->m", slopes, covariance, slopes)
-            largest[name] = float(np.sqrt(variance.max()))
+        largest = {
+            name: float(np.sqrt(np.sum([*self.variances(name, runs).values()], axis=0).max()))
+            for name in self.results
+        }
         label = (
             f"{len(design.rates)} rates both ways, {len(design.degc)} runs at"
             f" {len(set(design.degc))} temperatures, holds of {design.shortest_s:g} s"
+            f"{f', about {len(self.axes)} axes' if len(self.axes) > 1 else ''}"
         )
         return Candidate(label, self.schedule(design).hours, largest, design)
 
 
-def propose(spec: RateTableRecipe, task: Task) -> tuple[Proposal, tuple[Wish, ...]]:
+def propose(spec: GyroRecipe, task: Task) -> tuple[Proposal, tuple[Wish, ...]]:
     """Cheapest campaign of a recipe that meets the wishes, or the best within hours."""
-    wishes = tuple(Wish.parse(text, planned.RESULTS) for text in task.wishes)
     bench = _prepare(spec, task)
+    wishes = tuple(Wish.parse(text, bench.results) for text in task.wishes)
     name = wishes[0].name if wishes else "scale factor"
     found = list(_search(bench))
     best = choose(found, wishes, task.within_h, name)
     runs = bench.runs(best.design)
-    information = bench.model.information(runs)
-    own = [one for one in bench.components if one.group == "run" and one.effect != "zero drift"]
+    # what the recipes of these procedures can state
+    own = [
+        one
+        for one in bench.components
+        if one.group in spec.error_groups and (one.group, one.effect) in planned.STATED
+    ]
+    files = sorted({f"{f'about_{axis}' if axis else 'run'}_*.csv" for axis in bench.axes})
     return Proposal(
         best.label,
         bench.schedule(best.design),
-        tuple(_predict(bench.model, information, runs, name) for name in planned.RESULTS),
-        tuple(_coefficients(bench, information, runs)),
-        recipe_text.write_recipe(spec, ["run_*.csv"], own, {}),
+        tuple(
+            Predicted.of(key, unit, bench.variances(key, runs))
+            for key, unit in bench.results.items()
+        ),
+        tuple(_coefficients(bench, runs)),
+        recipe_text.write_recipe(spec, files, own, {}),
         bench.device.noise,
         "deg/s",
         bench.components,
@@ -163,7 +200,7 @@ def propose(spec: RateTableRecipe, task: Task) -> tuple[Proposal, tuple[Wish, ..
     ), wishes
 
 
-def _prepare(spec: RateTableRecipe, task: Task) -> _Bench:
+def _prepare(spec: GyroRecipe, task: Task) -> _Bench:
     """What the search needs; UsageError for what cannot be planned."""
     device, table = task.equipment.known_device(spec.procedure), task.equipment.rate_table
     if table is None or device.noise_unit != "deg/s":
@@ -188,7 +225,12 @@ def _prepare(spec: RateTableRecipe, task: Task) -> _Bench:
     sizes = {key: Known(one.value_in(planned.UNITS[key]), one.dof) for key, one in stated.items()}
     model = Model(device.order, (low, high), sizes)
     reference = float(np.clip(spec.reference_temp_degc, low, high))
-    return _Bench(task, device, table, model, reference, spec.gyros, tuple(stated.values()))
+    over_axes = isinstance(spec, GyroTriadRecipe)
+    return _Bench(
+        *(task, device, table, model, reference, spec.gyros, tuple(stated.values())),
+        planned.ANGLES if over_axes else planned.RESULTS,
+        forms.AXES if over_axes else ("",),
+    )
 
 
 def _search(bench: _Bench) -> Iterator[Candidate]:
@@ -228,22 +270,23 @@ def _order_temperatures(bench: _Bench, size: int, repeats: int) -> tuple[int, ..
     return (*order[:at], *([levels[nearest]] * repeats), *order[at + 1 :])
 
 
-def _predict(model: Model, information: Information, runs: Runs, name: str) -> Predicted:
-    """Predicted uncertainty of a result, and what limits it."""
-    return Predicted.of(
-        name, planned.RESULTS[name], information.variances(model.result_slopes(name, runs))
-    )
-
-
-def _coefficients(bench: _Bench, information: Information, runs: Runs) -> Iterator[Coefficient]:
-    """Predicted standard uncertainties of K and F0 at the reference temperature."""
+def _coefficients(bench: _Bench, runs: Runs) -> Iterator[Coefficient]:
+    """Predicted standard uncertainties at the reference temperature: K and F0 of each gyro; over
+    three axes the angles between them, which are those of the runs at that temperature alone.
+    """
+    at = np.array([bench.reference_degc])
+    if planned.ANGLE in bench.results:
+        one = replace(runs, degc=(round(bench.reference_degc),))
+        alone = replace(bench, model=bench.model.constant())
+        parts = alone.variances(planned.ANGLE, one, at)
+        u = float(np.sqrt(np.sum([*parts.values()])))
+        for a, b in combinations(bench.gyros, 2):
+            yield Coefficient("triad", f"orthogonality_error_deg.{a}_{b}", "deg", u)
+        return
     for gyro in bench.gyros:
         for letter, name in (("K", "scale factor"), ("F0", "zero")):
-            slopes = bench.model.at(name, runs, bench.reference_degc)
-            variance = float((slopes @ information.covariance @ slopes.T)[0, 0])
-            yield Coefficient(
-                f"gyro_{gyro}", letter, planned.RESULTS[name], float(np.sqrt(variance))
-            )
+            u = float(np.sqrt(np.sum([*bench.variances(name, runs, at).values()])))
+            yield Coefficient(f"gyro_{gyro}", letter, bench.results[name], u)
 
 
 def _usual(bench: _Bench) -> Iterator[Candidate]:
@@ -262,38 +305,51 @@ def _usual(bench: _Bench) -> Iterator[Candidate]:
 
 
 def simulate(
-    spec: RateTableRecipe, schedule: Schedule, document: Mapping[str, Any], seed: int
+    spec: GyroRecipe, schedule: Schedule, document: Mapping[str, Any], seed: int
 ) -> Campaign:
     """Logs of gyros on a table that was run by a schedule, with the errors of runs that the plan
     assumes, and their truth.
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed))
     gyros = {f"gyro_{name}_lsb": simulate_rate_table.RateGyro.draw(rng) for name in spec.gyros}
+    directions = np.eye(3)[: len(gyros)] + rng.normal(0.0, MOUNTED_RAD, (len(gyros), 3))
     table = simulate_rate_table.Table(
         interval_s=1.0, shortest_hold_s=float(document["settings"]["hold_s"])
     )
-    sizes = {one["effect"]: ErrorComponent.model_validate(one) for one in document["components"]}
-    scale = sizes["scale"].value_in("ppm") / 1e6 if "scale" in sizes else 0.0
-    zero = sizes["zero"].value_in("deg/h") / 3600.0 if "zero" in sizes else 0.0
+    size = {
+        (one.group, one.effect): one.value_in(planned.UNITS[one.group, one.effect])
+        for one in map(ErrorComponent.model_validate, document["components"])
+    }
+    scale, zero = size.get(("run", "scale"), 0.0) / PPM, size.get(("run", "zero"), 0.0)
+    tilts = np.radians(rng.normal(0.0, size.get(planned.MOUNTING, 0.0), (3, 3)))
     logs: dict[str, dict[str, Array]] = {}
-    lines: dict[str, Any] = {}
     held = schedule.recorded("rate")
     for log in dict.fromkeys(one.log for one in held):
         own = [one for one in held if one.log == log]
-        rates = [one.table_rate_dps for one in own]
+        axis = spec.find_axis(log.removeprefix("withheld/"))
+        seen = _mount(directions, axis, tilts) if axis else np.eye(3)[[2] * len(gyros)]
         moved = {
             name: replace(
                 gyro,
+                axis=tuple((direction / np.linalg.norm(direction)).tolist()),
                 K=gyro.K * (1.0 + rng.normal(0.0, scale)),
-                bias_dps=gyro.bias_dps + rng.normal(0.0, zero),
+                bias_dps=gyro.bias_dps + rng.normal(0.0, zero) / DPH_PER_DPS,
             )
-            for name, gyro in gyros.items()
+            for (name, gyro), direction in zip(gyros.items(), seen, strict=True)
         }
         degc = own[0].set_degc - table.warming_degc / 2.0
+        rates = [one.table_rate_dps for one in own]
         logs[log] = simulate_rate_table.run(moved, table, rates, degc, rng)
-        lines[log] = {
-            name: gyro.best_line(table, rates, own[0].set_degc) for name, gyro in gyros.items()
-        }
-    decimals = simulate_rate_table.DECIMALS | dict.fromkeys(gyros, 1)
-    truth = {"seed": seed, "plan": document["sha256"], "lines": lines}
-    return Campaign(logs, decimals, truth)
+    drawn = {name: asdict(gyro) for name, gyro in gyros.items()}
+    truth = {"seed": seed, "plan": document["sha256"], "gyros": drawn}
+    truth |= {"directions": directions.tolist(), "tilts_rad": tilts.tolist()}
+    return Campaign(logs, simulate_rate_table.DECIMALS | dict.fromkeys(gyros, 1), truth)
+
+
+def _mount(directions: Array, axis: str, tilts: Array) -> Array:
+    """Input axes [g, 3] in axes of a table that turns the base about one of its own, which is
+    mounted with a tilt of its own [3, 3] [rad]: two components that turn, and one along the table.
+    """
+    at = forms.AXES.index(axis)
+    turned = directions + np.cross(directions, tilts[at])
+    return np.asarray(np.roll(turned, 2 - at, axis=1), dtype=np.float64)

@@ -19,6 +19,7 @@ from calibkit.numeric.least_squares.components import Effect, Known
 INDEX = ("attitude", "index")
 TILTS_DEG = (0.0, 30.0, 60.0, 90.0, 120.0, 150.0, 180.0)
 TOOLFACES_DEG = (0.0, 45.0, 90.0, 135.0, 180.0, 225.0, 270.0, 315.0)
+DECIMALS = 12
 LEVELS = 9
 """Attitudes and temperatures of use at which an uncertainty is predicted."""
 RESULTS = {"inclination": "deg", "toolface times sin(inclination)": "deg", "component": "g"}
@@ -45,8 +46,8 @@ class Dwells:
 
     @property
     def gravity(self) -> Array:
-        """Reference vectors [n, 3] [g]."""
-        return attitude.gravity_vector(self.spots[:, 0], self.spots[:, 1])
+        """Reference vectors [n, 3] [g] without what rounding leaves of a right angle."""
+        return np.round(attitude.gravity_vector(self.spots[:, 0], self.spots[:, 1]), DECIMALS)
 
 
 @dataclass(frozen=True, slots=True)

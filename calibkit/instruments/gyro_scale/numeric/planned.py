@@ -1,7 +1,7 @@
 """What planned runs of a rate table will tell of scale factor and zero over temperature."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,13 +21,20 @@ LEVELS = 25
 """Temperatures of use at which an uncertainty is predicted."""
 RESULTS = {"scale factor": "ppm", "zero": "deg/h"}
 """Results that a plan predicts, with their units."""
+ANGLE = "angle"
+ANGLES = {"scale factor": "ppm", ANGLE: "deg"}
+"""Results over three table axes; an angle is that between two input axes."""
+MOUNTING = ("mounting", "angle")
 UNITS = {
+    MOUNTING: "deg",
     ("run", "scale"): "ppm",
     ("run", "zero"): "deg/h",
     ("run", "zero drift"): "deg/h/h",
     ("rate", "response"): "deg/h",
 }
 """(group, effect) of the errors that can be assumed, and the units they are stated in."""
+STATED = (MOUNTING, ("run", "scale"), ("run", "zero"))
+"""Errors that recipes can state."""
 
 
 def hold_s(rate_dps: float, shortest_s: float) -> float:
@@ -85,25 +92,27 @@ class Model:
         unit = {"scale": 1.0 / PPM}
         known = {
             effect: Known(one.value * unit.get(effect, 1.0 / DPH_PER_DPS), one.dof)
-            for (_, effect), one in self.sizes.items()
+            for (group, effect), one in self.sizes.items()
+            if group != MOUNTING[0]
         }
         effects = all_runs.list_effects(rows, (self.order, self.order), known)
         noise = np.tile(runs.noise_dps, len(runs.degc))
         weighted = [one.divided_by(noise) for one in effects]
         return find_information(design / noise[:, None], 1.0, weighted)
 
-    def result_slopes(self, result: str, runs: Runs) -> Array:
-        """Derivatives [m, p] of a result over the range of use by the coefficients."""
-        return self._slopes_at(result, runs, np.linspace(*self.range_degc, LEVELS))
+    def without(self, name: tuple[str, str]) -> "Model":
+        """The model without an error."""
+        return replace(self, sizes={key: one for key, one in self.sizes.items() if key != name})
 
-    def at(self, result: str, runs: Runs, degc: float) -> Array:
-        """Derivatives [1, p] of a result at one temperature [°C]."""
-        return self._slopes_at(result, runs, np.array([degc]))
+    def constant(self) -> "Model":
+        """The model of runs at one temperature, each with its own zero."""
+        return replace(self.without(("run", "zero")), order=0)
 
-    def _slopes_at(self, result: str, runs: Runs, degc: Array) -> Array:
-        """Derivatives [m, p] at temperatures [m]; the zero is that of the best straight line, which
-        an asymmetry moves.
+    def result_slopes(self, result: str, runs: Runs, degc: Array | None = None) -> Array:
+        """Derivatives [m, p] of a result by the coefficients, over the range of use or at
+        temperatures [m] [°C]; the zero is that of the best straight line, which an asymmetry moves.
         """
+        degc = np.linspace(*self.range_degc, LEVELS) if degc is None else degc
         powers = self.powers(degc)
         none = np.zeros_like(powers)
         if result == "scale factor":
