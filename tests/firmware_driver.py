@@ -6,7 +6,7 @@ from math import frexp
 
 import numpy as np
 
-from calibkit.firmware import c_header, c_source, export, formats, ranges, twin
+from calibkit.firmware import c_header, c_source, export, formats, ranges, twin, twin_clock
 
 IDENTITY = export.Identity(
     "FW-1",
@@ -18,6 +18,8 @@ IDENTITY = export.Identity(
     verdict="accepted",
 )
 STRIDES = (1, 40503, 30029, 20011)
+PAUSES = (1000, 1000, 250, 3000, 1000, 900, 1200, 70000)
+"""Time from call to call, in thousandths of an interval."""
 UPDATES = 12
 """Updates of a chain with memory from each reset: a window and more."""
 
@@ -64,7 +66,7 @@ def raw(one, lanes):
 def expected(one, lanes):
     """Number that the twin's outputs and statuses make."""
     program, names = one.program, [entry.name for entry in one.chain.structure.inputs]
-    state = twin._reset(program, lanes) if one.chain.structure.interval_s is not None else None
+    state = twin.reset(program, lanes) if one.chain.structure.interval_s is not None else None
     rows, total = raw(one, lanes), 0
     outputs = [output.name for output in one.chain.structure.outputs]
     for j, row in enumerate(rows):
@@ -74,8 +76,13 @@ def expected(one, lanes):
                 words[name] = counts * 65536 if program.format.bits == 32 else counts
             else:
                 words[name] = (counts * unit).astype(twin.dtype(program))
-        result = twin.call(program, words, state)
-        state = result.state
+        if state is None:
+            result = twin.call(program, words)
+        else:
+            places = (7 * np.arange(lanes) + 3 * j) % len(PAUSES)
+            elapsed = np.array(PAUSES)[places] * one.chain.structure.interval_ms // 1000
+            result = twin_clock.update(program, words, elapsed, state)
+            state = result.after
         index = (np.arange(lanes) * len(rows) + j) * (2 * len(outputs) + 1)
         total = (total + mixed(result.status, index)) & 0xFFFFFFFF
         for k, output in enumerate(outputs):
@@ -132,6 +139,11 @@ static int32_t count_of(uint32_t lane, uint32_t i, uint32_t j)
     const uint32_t k = (lane * (65536U / LANES)) & 0xFFFFU;
     const uint32_t c = (k * strides[i] + 977U * i + 24U * (i + 1U) * j) & 0xFFFFU;
     return (c >= 32768U) ? (int32_t)c - 65536 : (int32_t)c;
+}
+static uint32_t pause(uint32_t lane, uint32_t j)
+{
+    static const uint32_t pauses[8] = {1000U, 1000U, 250U, 3000U, 1000U, 900U, 1200U, 70000U};
+    return pauses[(7U * lane + 3U * j) % 8U];
 }
 static void say(const char *name, uint32_t total, int32_t failed)
 {
@@ -231,7 +243,8 @@ def _function(one):
             else f"{value} * ({kind}){unit!r}"
         )
         lines.append(f"            in.{entry.name} = {value};")
-    call = f"{p}_update(&state, &in, &out)" if memory else f"{p}_correct(&in, &out)"
+    elapsed = f"pause(lane, j) * {one.chain.structure.interval_ms}U / 1000U"
+    call = f"{p}_update(&state, {elapsed}, &in, &out)" if memory else f"{p}_correct(&in, &out)"
     lines.append(
         f"            index = (lane * {UPDATES if memory else 1}U + j) * {2 * len(outputs) + 1}U;"
     )

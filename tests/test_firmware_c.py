@@ -245,6 +245,16 @@ CODE = (
     ("state->fall = fall;", ""),
     ("state->x = x;", ""),
     ("state->increment = increment;", ""),
+    ("state->waited_ms += elapsed_ms;", ""),
+    ("state->waited_ms %= ", "state->waited_ms += "),
+    ("status |= M_STARTING;", ""),
+    ("state->in.temp_case_degc = in->temp_case_degc;", ""),
+    ("from->temp_case_degc + ((", "from->temp_case_degc - (("),
+    ("if (k < count) {", "if (k > count) {"),
+    ("(count <= M_LONGEST) &&", "(count > M_LONGEST) &&"),
+    ("? 1U : count;", "? 1U : 1U;"),
+    ("state->lag = 0.0F;\n        }\n        for", "}\n        for"),
+    ("return ((away < -most) || (away > most))", "return ((away > -most) || (away > most))"),
     ("state->drift = drift;", ""),
     ("state->updates++;", ""),
     ("status |= status_heating;", "status |= status_cooling;"),
@@ -278,14 +288,16 @@ def mutants(one, text):
                 and place > 1
                 and bool(one.chain.structure.slopes)
             )
-            if padding or wide or table in ranges_within or (table, place) in untold:
+            never = table == "pace" and value == 0.0  # without lags nothing is starting
+            if padding or never or wide or table in ranges_within or (table, place) in untold:
                 continue
             at = constant.start(2) + number.start()
             other = "0.0625" if value == 0.0 else f"{2.0 * value:.9g}"
             other = other if any(mark in other for mark in ".e") else f"{other}.0"
             changed = body[:at] + other + body[at + len(number.group()) :]
             found.append((f"{table} {number.group()}", changed + "#ifndef CAL_NO_SELFTEST" + test))
-    for right, wrong in CODE:
+    for fault in CODE:
+        right, wrong = (text.replace("M_", f"{one.prefix.upper()}_") for text in fault)
         if right in body:
             found.append((right, body.replace(right, wrong, 1) + "#ifndef CAL_NO_SELFTEST" + test))
     return found

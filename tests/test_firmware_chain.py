@@ -148,7 +148,7 @@ def history(interval=10.0):
 def along(quantised, columns):
     """Drift [n, °/h] of the twin, update by update."""
     words = {name: twin.encode(quantised, name, values) for name, values in columns.items()}
-    state, found = twin._reset(quantised, 1), []
+    state, found = twin.reset(quantised, 1), []
     for k in range(len(next(iter(words.values())))):
         result = twin.call(
             quantised, {name: column[k : k + 1] for name, column in words.items()}, state
@@ -241,11 +241,11 @@ def test_statuses_say_what_was_clamped_and_what_is_no_number(name, runs):
     }
     first = this.chain.structure.inputs[0].name
     middle[first] = np.array([middle[first][0], np.nan, 1e9 + middle[first][0]])
-    state = twin._reset(quantised, 3) if this.chain.structure.interval_s else None
+    state = twin.reset(quantised, 3) if this.chain.structure.interval_s else None
     words = {column: twin.encode(quantised, column, values) for column, values in middle.items()}
     result = twin.call(quantised, words, state)
     still = {flag: 1 << k for k, flag in enumerate(this.chain.structure.flags)}
-    assert result.status[0] & ~(still.get("HELD", 0) | still.get("RATE_STARTING", 0)) == 0
+    assert result.status[0] & ~(still.get("HELD", 0) | still.get("STARTING", 0)) == 0
     assert result.status[1] == twin.INVALID
     beyond = [still.get(flag, 0) for flag in ("TEMP_CLAMPED", "RATE_CLAMPED", "RATE_BEYOND")]
     assert result.status[2] & sum(beyond)

@@ -277,9 +277,10 @@ def test_apply_as_firmware_is_what_the_target_will_do(drift_run, triad_run, tmp_
     raw, out = pd.read_csv(log)["gyro_dph"], pd.read_csv(tmp_path / "f.csv")["gyro_dph"]
     assert out.rolling(100).mean().std() < 0.3 * raw.rolling(100).mean().std()
     drift = (raw - out).to_numpy()
-    assert all(
-        np.ptp(drift[k : k + 10]) < 1e-9 for k in range(0, drift.size - 10, 10)
-    )  # °/h, held over an interval
+    assert calibkit("apply", drift_run, "--data", log, "--out", tmp_path / "h.csv").code == 0
+    along = (raw - pd.read_csv(tmp_path / "h.csv")["gyro_dph"]).to_numpy()
+    late = 15  # rows of 1 s: the middle of an interval of 10 s is shown an interval after its end
+    np.testing.assert_allclose(drift[30:], along[30 - late : -late], atol=1e-4)  # °/h
     assert (
         calibkit(
             "apply", drift_run, "--data", log, "--out", tmp_path / "g.csv", "--as-firmware", "q7"
@@ -367,6 +368,9 @@ def test_cppcheck_finds_no_misra_deviation_but_the_three_on_the_list(
             ).code
             == 0
         )
+    if number == "f32":
+        options = ("--target", "blob", "--prefix", "m2", "--out", tmp_path)
+        assert calibkit("export", drift_run, *options).code == 0
     done = subprocess.run(
         [
             *(
@@ -378,6 +382,7 @@ def test_cppcheck_finds_no_misra_deviation_but_the_three_on_the_list(
                 "--suppress=missingIncludeSystem",
             ),
             *("--suppress=unusedFunction", "m0.c", "m1.c"),
+            *(["m2.c"] if number == "f32" else []),
         ],
         cwd=tmp_path,
         capture_output=True,
@@ -387,4 +392,5 @@ def test_cppcheck_finds_no_misra_deviation_but_the_three_on_the_list(
     found = re.findall(r"^\S+:\d+:\d+: .*\[([\w.-]+)\]$", done.stderr, re.MULTILINE)
     if "misra" not in done.stderr:
         pytest.skip("cppcheck has no MISRA addon here")
-    assert {rule.removeprefix("misra-c2012-") for rule in found} <= ADVISORY
+    recorded = {"19.2"} if number == "f32" else set()  # the loader's deviation
+    assert {rule.removeprefix("misra-c2012-") for rule in found} <= ADVISORY | recorded

@@ -9,12 +9,13 @@ import numpy as np
 
 from calibkit import check
 from calibkit.arrays import Array, Integers
-from calibkit.firmware import twin
+from calibkit.firmware import twin, twin_clock
 from calibkit.firmware.chain import Chain, Correction
 from calibkit.firmware.program import Program
 from calibkit.frame import Log, refuse, values
 from calibkit.ingest import logs, write_back
 from calibkit.ingest.write_back import Applied
+from calibkit.numeric.intervals import Intervals
 from calibkit.recipe import Recipe
 
 
@@ -43,6 +44,43 @@ def apply(
     columns, derived = _corrected(log, found, corrections)
     content = write_back.rewrite_log(spec, data, log, columns, {**derived, **derive(found)})
     return content, status_flags(log.file, quantised, result.status)
+
+
+def follow(
+    quantised: Program, held: Intervals, time: Array, heard: Mapping[str, Array]
+) -> tuple[dict[str, Array], Integers]:
+    """Outputs at each row of a log [rows] of a chain that is updated at the end of each interval
+    that holds enough rows, with inputs heard over it [m]; and the statuses of the updates.
+
+    Between two updates an output goes in a straight line from that of the update before to that of
+    the last; rows of the first interval get its own.
+    """
+    used = held.enough
+    number = held.number[used]
+    elapsed = np.diff(number, prepend=number[0]) * quantised.structure.interval_ms
+    words = {name: twin.encode(quantised, name, heard[name][used]) for name in heard}
+    results = list(twin_clock.run_by_the_clock(quantised, words, elapsed))
+    # the last update before the interval of each row, and how much of the next interval is over
+    row = np.searchsorted(number, np.repeat(held.number, held.count), side="left") - 1
+    last = np.maximum(row, 0)
+    ended = held.begin + (number[last] + 1) * held.length_s - 0.5 * held.step_s
+    share = np.where(row < 0, 1.0, np.clip((time - ended) / held.length_s, 0.0, 1.0))
+    found = {}
+    for name in (output.name for output in quantised.structure.outputs):
+        sides = [(one.before[name], one.outputs[name]) for one in results]
+        before, after = (
+            twin.decode(quantised, name, np.concatenate(side)) for side in zip(*sides, strict=True)
+        )
+        found[name] = before[last] + (after[last] - before[last]) * share
+    return found, np.concatenate([one.status for one in results])
+
+
+def note(file: str, interval_s: float) -> str:
+    """What a log is corrected by in which interval."""
+    return (
+        f"{file}: as the firmware's output between updates every {interval_s:g} s, which is one"
+        " interval late; the first interval by its own"
+    )
 
 
 def _corrected(

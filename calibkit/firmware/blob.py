@@ -21,10 +21,11 @@ from fractions import Fraction
 
 from calibkit.errors import CoefficientError, OutputError
 from calibkit.firmware import c_selftest, c_text, layout, vectors
+from calibkit.firmware.chain import Structure
 from calibkit.firmware.export import Export
 from calibkit.firmware.program import Program
 
-MAGIC, MAJOR, MINOR = b"CALB", 1, 1
+MAGIC, MAJOR, MINOR = b"CALB", 1, 2
 HEADER = struct.Struct("<4sHHIHH8sI32s32s12sII")
 SERIAL_BYTES = 32
 FLAGS = {"rejected": 0, "accepted": 1, "no verdict": 3}
@@ -62,6 +63,18 @@ def shape(program: Program) -> Shape:
     return Shape(tables, lines, hashlib.sha256("\n".join(lines).encode()).digest()[:8])
 
 
+def updates_at(structure: Structure) -> int:
+    """Place of the updates in a vector: behind inputs and outputs."""
+    return len(structure.inputs) + len(structure.outputs)
+
+
+def width(structure: Structure) -> int:
+    """Numbers of a vector: inputs, outputs, updates, milliseconds where the chain keeps time,
+    status.
+    """
+    return updates_at(structure) + (3 if structure.pace else 2)
+
+
 def render(export: Export) -> bytes:
     """Bytes of a run's blob."""
     program, identity, found = export.program, export.identity, shape(export.program)
@@ -79,7 +92,8 @@ def render(export: Export) -> bytes:
     for k, status in enumerate(rows.status):
         numbers += [rows.inputs[entry.name][k] for entry in program.structure.inputs]
         numbers += [rows.outputs[output.name][k] for output in program.structure.outputs]
-        numbers += [float(rows.updates[k]), float(status)]
+        elapsed = [float(rows.elapsed_ms[k])] if rows.elapsed_ms else []
+        numbers += [float(rows.updates[k]), *elapsed, float(status)]
     text = "\n".join([*c_text.facts(export), "", *found.lines]) + "\n"
     size = program.format.size
     content = struct.pack(f"<{len(numbers)}{CODES[8 * size]}", *numbers) + text.encode("ascii")
@@ -144,8 +158,8 @@ def _read(
         structure = layout.read_program(lines[:-1], {}, name).structure
         inputs = [entry.name for entry in structure.inputs]
         outputs = [output.name for output in structure.outputs]
-        width = len(inputs) + len(outputs) + 2
-        total = count + len(outputs) + rows * width
+        row = width(structure)
+        total = count + len(outputs) + rows * row
         numbers = struct.unpack_from(f"<{total}{CODES[bits]}", content, HEADER.size)
     except (ValueError, KeyError, TypeError, struct.error) as error:
         raise CoefficientError(
@@ -157,12 +171,15 @@ def _read(
         for table, (start, end) in zip(lengths, itertools.pairwise(ends), strict=True)
     }
     flat = numbers[count + len(outputs) :]
-    columns = [flat[k::width] for k in range(width)]
-    updates, status = (tuple(map(int, column)) for column in columns[-2:])
+    columns = [flat[k::row] for k in range(row)]
+    status = tuple(map(int, columns[-1]))
+    updates = tuple(map(int, columns[updates_at(structure)]))
+    elapsed = tuple(map(int, columns[-2])) if structure.pace else ()
     stated = vectors.Vectors(
         dict(zip(inputs, columns, strict=False)),  # a result may have the name of an input
         updates,
         dict(zip(outputs, columns[len(inputs) :], strict=False)),
         status,
+        elapsed,
     )
     return layout.read_program(lines[:-1], tables, name), stated

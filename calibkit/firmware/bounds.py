@@ -59,6 +59,24 @@ def find_bounds(chain: Chain, program: Program, *, full: bool = False) -> dict[s
     return found
 
 
+def find_gains(chain: Chain, program: Program) -> dict[str, dict[str, float]]:
+    """Output → remembered value → largest derivative of the output by it, for values that a reset
+    takes for 0.
+    """
+    known = ranges.find_ranges(chain, usual=True)
+    driven = [memory for memory in chain.structure.memories if memory.source in chain.gains]
+    rest = {memory.name: 0.0 for memory in driven}
+    outputs = chain.structure.outputs
+    start = _Analysis(chain, program, known, rest).run().errors
+    found: dict[str, dict[str, float]] = {output.name: {} for output in outputs}
+    for memory in (one for one in driven if one.source in chain.ramped):
+        moved = _Analysis(chain, program, known, rest | {memory.name: 1.0}).run().errors
+        for output in outputs:
+            gain = moved[output.source] - start[output.source]
+            found[output.name][memory.source] = gain
+    return found
+
+
 def _settled(growth: Sequence[Sequence[float]], fed: Sequence[float]) -> list[float]:
     """Errors e = growth · e + fed of remembered values after any number of updates."""
     size = range(len(fed))

@@ -16,9 +16,15 @@ STATUS = {
     "ACCEL_BEYOND": "indication outside the fitted range: corrected as it is",
     "RATE_BEYOND": "indication outside the fitted rates: corrected as it is",
     "FULL_SCALE": "indication beyond the full scale: its end was used",
-    "RATE_STARTING": (
-        "fewer values than half a window since the reset: temperature rates are taken as 0"
+    "STARTING": (
+        "the lags have not settled since the reset or since a gap too long to bridge: the header"
+        " states by how much the result may be wrong"
     ),
+    "INTERVAL": (
+        "not one interval after the inputs that were used last: a gap was bridged in a straight"
+        " line, or the call came too early and nothing changed"
+    ),
+    "JUMPED": "the temperature moved faster than it can: not used, the drift is held",
     "HELD": "the air is at rest, or moves on a side that was not fitted: the drift is held",
     "DRIFT_LIMITED": "the summed drift reached its limit: reset or anchor it",
 }
@@ -120,43 +126,50 @@ def structs(export: Export, *, ranges: bool = True) -> str:
         lines += ["", "typedef struct { /* call @p_reset before the first update */"]
         lines += [f"    {word} {memory.source};" for memory in structure.memories]
         lines += [f"    {word} {slope.name}_history[{slope.length}];" for slope in structure.slopes]
-        lines.append("    @p_out last;")
-        lines += ["    uint32_t updates;"] if structure.counting else []
+        lines += ["    @p_out last;", "    @p_out before; /* the update before */"]
+        lines += ["    @p_in in; /* the last that was used */"]
+        lines += ["    uint32_t updates;", "    uint32_t waited_ms;"]
         lines.append("} @p_state;")
     return "\n".join(lines) + "\n"
 
 
-def prototypes(export: Export) -> str:
-    """Functions that the application calls."""
-    structure = export.structure
+def prototypes(export: Export, unit: str = "") -> str:
+    """Functions that the application calls; `unit` is the argument that a loader's functions take
+    first.
+    """
+    structure, kind = export.structure, export.program.format.c_type
     lines = [
-        "/* corrects one set of indications; returns a status, of which 0 is all right */",
-        "uint32_t @p_correct(const @p_in *in, @p_out *out);",
+        "/** Corrects one set of indications; returns a status, of which 0 is all right. */",
+        f"uint32_t @p_correct({unit}const @p_in *in, @p_out *out);",
     ]
     if structure.has_memory:
-        name = structure.outputs[0].name
         anchor = [
-            "/* sets the drift where a bias reference tells it, in the unit of the output */",
-            f"void @p_anchor(@p_state *state, {export.program.format.c_type} {name});",
+            "/** Sets the drift where a bias reference tells it, in the unit of the output. */",
+            f"void @p_anchor(@p_state *state, {kind} {structure.outputs[0].name});",
         ]
         lines = [
-            "/* forgets the past: the next update starts at rest, in equilibrium */",
+            f"#define @P_INTERVAL_MS {structure.interval_ms}U /* from update to update */",
+            "",
+            "/** Forgets the past: the next update starts at rest, in equilibrium. */",
             "void @p_reset(@p_state *state);",
             *(anchor if structure.summing else []),
-            (
-                f"/* call it every {structure.interval_s:g} s; returns a status, of which 0 is all"
-                " right */"
-            ),
-            "uint32_t @p_update(@p_state *state, const @p_in *in, @p_out *out);",
+            "/** Call it every @P_INTERVAL_MS with means over them; elapsed_ms is the time since the",
+            "    call before by a clock. Returns a status, of which 0 is all right. */",
+            f"uint32_t @p_update({unit}@p_state *state, uint32_t elapsed_ms, const @p_in *in,",
+            "    @p_out *out);",
+            "/** Output elapsed_ms after the last update, in a straight line from the output of the",
+            "    update before to that of the last: one interval late, and without steps. */",
+            "void @p_between(const @p_state *state, uint32_t elapsed_ms, @p_out *out);",
         ]
-    return "\n".join([*lines, *SELFTEST]) + "\n"
+    return "\n".join([*lines, *selftest(unit)]) + "\n"
 
 
-SELFTEST = (
-    "",
-    "#ifndef CAL_NO_SELFTEST",
-    "/* 0 = pass; run it once after every start */",
-    "int32_t @p_selftest(void);",
-    "#endif",
-)
-"""Prototype of the self-test."""
+def selftest(unit: str = "") -> tuple[str, ...]:
+    """Prototype of the self-test."""
+    return (
+        "",
+        "#ifndef CAL_NO_SELFTEST",
+        "/** 0 = pass; run it once after every start. */",
+        f"int32_t @p_selftest({unit.removesuffix(', ') or 'void'});",
+        "#endif",
+    )

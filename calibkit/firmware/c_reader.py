@@ -59,6 +59,7 @@ def _read(text: str, name: str) -> tuple[Program, vectors.Vectors]:
     try:
         inputs, outputs, status = (tables.pop(f"test_{side}") for side in ("in", "out", "status"))
         updates = tables.pop("test_updates", (1,) * len(status))
+        elapsed = tables.pop("test_elapsed", ())
     except KeyError as error:
         raise CoefficientError(f"{name}: no table {error}", hint="export it again") from None
     stated = vectors.Vectors(
@@ -66,6 +67,7 @@ def _read(text: str, name: str) -> tuple[Program, vectors.Vectors]:
         tuple(map(int, updates)),
         _columns([output.name for output in bare.structure.outputs], outputs),
         tuple(map(int, status)),
+        tuple(map(int, elapsed)),
     )
     return layout.read_program(lines, tables, name), stated
 

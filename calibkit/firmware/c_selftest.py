@@ -11,17 +11,21 @@ from calibkit.firmware.vectors import tolerances
 def render(export: Export) -> str:
     """Tables of the vectors and the function of the self-test."""
     structure, rows = export.structure, export.vectors
-    out = "@p_out out;"
+    out, words = "@p_out out;", []
     call = ["const uint32_t status = @p_correct(&@p_test_in[k], &out);"]
     if structure.has_memory:
         zeros = [export.program.format.text(0.0)] * len(structure.outputs)
         out = f"@p_out out = {{{', '.join(zeros)}}};"
-        update = "@p_update(&state, &@p_test_in[k], &out)"
-        call = [
-            "uint32_t status = @P_OK;",
-            "uint32_t n;",
-            "",
-            *updating_lines(structure, "@p_test_updates[k]", update),
+        call = ["uint32_t status = @P_OK;", "uint32_t i;", ""]
+        call += updating_lines(
+            structure,
+            ("@p_test_updates[k]", "@p_test_elapsed[k]"),
+            "@p_step(&state, &@p_test_in[k])",
+            "@p_update(&state, @p_test_elapsed[k], &@p_test_in[k], &out)",
+        )
+        words = [
+            _words("updates", [f"{count}U" for count in rows.updates]),
+            _words("elapsed", [f"{count}U" for count in rows.elapsed_ms]),
         ]
     lines = [
         "#ifndef CAL_NO_SELFTEST",
@@ -30,11 +34,7 @@ def render(export: Export) -> str:
         *([] if export.program.format.fixed else [c_helpers.NEAR]),
         *_structs(export, "in", [entry.name for entry in structure.inputs]),
         *_structs(export, "out", [output.name for output in structure.outputs]),
-        *(
-            [_words("updates", [f"{count}U" for count in rows.updates])]
-            if structure.has_memory
-            else []
-        ),
+        *words,
         _words("status", [f"0x{status:x}U" for status in rows.status]),
         "",
         *comparing_function(
@@ -63,7 +63,6 @@ def comparing_function(
     """
     declaration, value, otherwise = result
     state = ["    @p_state state;"] if structure.has_memory else []
-    reset = ["    @p_reset(&state);"] if structure.has_memory and not structure.summing else []
     name = declaration.split()[-1]
     return [
         head,
@@ -71,7 +70,8 @@ def comparing_function(
         f"    {declaration} = {value};",
         "    uint32_t k;",
         *state,
-        *(["", *reset] if reset else [""]),
+        "",
+        *(["    @p_reset(&state);"] if state else []),
         f"    for (k = 0U; k < {count}; k++) {{",
         *(f"        {line}".rstrip() for line in body),
         "        if (" + "\n            || ".join(differences) + ") {",
@@ -83,14 +83,22 @@ def comparing_function(
     ]
 
 
-def updating_lines(structure: Structure, count: str, update: str) -> list[str]:
-    """Lines that evaluate one vector of a chain with memory: as many updates as it states, from a
-    reset where the chain sums.
+def updating_lines(
+    structure: Structure, counts: tuple[str, str], step: str, update: str
+) -> list[str]:
+    """Lines that evaluate one vector of a chain with memory: as many updates as it states, by the
+    clock where it states a time, else from a reset where the chain sums.
     """
+    updates, elapsed = counts
     return [
-        *(["@p_reset(&state);"] if structure.summing else []),
-        f"for (n = 0U; n < {count}; n++) {{",
-        f"    status = {update};",
+        *([f"if ({elapsed} == 0U) {{", "    @p_reset(&state);", "}"] if structure.summing else []),
+        f"for (i = 0U; i < {updates}; i++) {{",
+        f"    if ({elapsed} == 0U) {{",
+        f"        status = {step};",
+        *(f"        out.{o.name} = state.last.{o.name};" for o in structure.outputs),
+        "    } else {",
+        f"        status = {update};",
+        "    }",
         "}",
     ]
 

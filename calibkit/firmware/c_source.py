@@ -4,7 +4,8 @@
 
 from collections.abc import Iterator, Sequence
 
-from calibkit.firmware import c_helpers, c_selftest, c_steps, c_text, layout
+from calibkit.firmware import c_clock, c_helpers, c_selftest, c_steps, c_text, layout
+from calibkit.firmware.c_steps import Home
 from calibkit.firmware.chain import Limit, Map, Play, Select, Slope, Step, Sum
 from calibkit.firmware.export import Export
 from calibkit.firmware.program import Program
@@ -26,9 +27,9 @@ FLOAT_GUARD = """#include <float.h>
 """Refuses compilers that take every number for finite."""
 
 COUNTED = (
-    "        if (state->updates < UINT32_MAX) {",
-    "            state->updates++;",
-    "        }",
+    "    if (state->updates < UINT32_MAX) {",
+    "        state->updates++;",
+    "    }",
 )
 """Counts the updates, and never starts anew."""
 
@@ -36,7 +37,7 @@ COUNTED = (
 def render(export: Export) -> str:
     """Text of the source."""
     fixed = export.program.format.fixed
-    body = "\n".join([functions(export), c_selftest.render(export)])
+    body = "\n".join([functions(export, Home()), c_selftest.render(export)])
     title = f"{export.prefix}: correction chain as firmware; C99, no library"
     parts = [
         c_text.comment([title, "", *c_text.facts(export), "", CONTRACT[fixed]]),
@@ -79,11 +80,14 @@ def seal_source(parts: Sequence[str], export: Export) -> str:
 
 
 def windows(export: Export) -> str:
-    """Lengths of the histories."""
-    slopes = export.structure.slopes
+    """Constants of the clock, and lengths of the histories."""
+    slopes, clock = export.structure.slopes, c_clock.defines(export)
     if not slopes:
-        return ""
-    return f"#define @P_WINDOW {slopes[0].length}U\n#define @P_WINDOW_LEAST {slopes[0].least}U\n"
+        return clock
+    return (
+        clock
+        + f"#define @P_WINDOW {slopes[0].length}U\n#define @P_WINDOW_LEAST {slopes[0].least}U\n"
+    )
 
 
 def _tables(export: Export) -> str:
@@ -104,6 +108,9 @@ def _tables(export: Export) -> str:
         )
         for entry in program.structure.inputs
     ]
+    if pace := program.structure.pace:
+        what = f"updates until the lags have settled; farthest move of {pace.followed} an interval"
+        lines.append(_array(export, pace.table, word, what))
     for step in program.structure.steps:
         lines += list(_step_tables(export, step, word))
     return "\n".join(lines) + "\n"
@@ -159,39 +166,58 @@ def _scalar(export: Export, name: str, word: str) -> str:
     )
 
 
-def functions(export: Export, name: str = "") -> str:
-    """The chain as a function, and what handles its state; under another name it is private."""
-    reset = [_reset(export)] if export.structure.has_memory else []
-    return "\n".join([*reset, _function(export, name)])
-
-
-def _function(export: Export, name: str) -> str:
-    """Function that refuses an input that is no number, and else computes the steps of the chain."""
-    structure, program = export.structure, export.program
-    if structure.has_memory:
-        head, refusal = "update(@p_state *state, ", ["*out = state->last;"]
-    else:
-        head, refusal = "correct(", _spoiled_outputs(export)
+def functions(export: Export, home: Home, name: str = "") -> str:
+    """The chain as functions: of one without memory, and the update of one with, the name where it
+    is private.
+    """
+    if not export.structure.has_memory:
+        return _correct(export, home, name)
+    head = f"uint32_t @p_{name or 'update'}({home.declared}@p_state *state, uint32_t elapsed_ms,"
     if name:
-        head = f"{name}({head.partition('(')[2]}"
-    groups = dict.fromkeys(step.group for step in structure.maps if step.group)
+        head = f"static {head}"
+    clock = c_clock.render(export, home, f"{head} const @p_in *in, @p_out *out)", _invalid(export))
+    return "\n".join([_reset(export), _step(export, home), clock])
+
+
+def _correct(export: Export, home: Home, name: str) -> str:
+    """Function that refuses an input that is no number, and else computes the steps of the chain."""
+    program, kind = export.program, "static uint32_t" if name else "uint32_t"
+    outputs = export.structure.outputs
     lines = [
-        f"{'static ' if name else ''}uint32_t @p_{head}const @p_in *in, @p_out *out)",
+        f"{kind} @p_{name or 'correct'}({home.declared}const @p_in *in, @p_out *out)",
         "{",
         "    uint32_t status = @P_OK;",
         "",
         f"    if ({_invalid(export)}) {{",
-        *(f"        {line}".rstrip() for line in refusal),
+        *(f"        {line}".rstrip() for line in _spoiled_outputs(export)),
         "        status = @P_INVALID;",
         "    } else {",
-        *(f"        uint32_t status_{group} = @P_OK;" for group in groups),
-        *(f"        {line}" for line in _chain(export)),
+        *(f"        {line}" for line in _chain(export, home)),
         "",
-        *(f"        state->{memory.source} = {memory.source};" for memory in structure.memories),
-        *(COUNTED if structure.counting else []),
-        *(f"        out->{o.name} = {_output_word(program, o.source)};" for o in structure.outputs),
-        *(["        state->last = *out;"] if structure.has_memory else []),
+        *(f"        out->{o.name} = {_output_word(program, o.source)};" for o in outputs),
         "    }",
+        "    return status;",
+        "}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _step(export: Export, home: Home) -> str:
+    """Function that takes the steps of a chain with memory over one interval."""
+    structure, program = export.structure, export.program
+    groups = dict.fromkeys(step.group for step in structure.maps if step.group)
+    last = [f"state->last.{o.name} = {_output_word(program, o.source)};" for o in structure.outputs]
+    lines = [
+        "/* one interval, for inputs that are numbers */",
+        f"static uint32_t @p_step({home.declared}@p_state *state, const @p_in *in)",
+        "{",
+        "    uint32_t status = @P_OK;",
+        *(f"    uint32_t status_{group} = @P_OK;" for group in groups),
+        *(f"    {line}" for line in _chain(export, home)),
+        "",
+        *(f"    state->{memory.source} = {memory.source};" for memory in structure.memories),
+        *COUNTED,
+        *(f"    {line}" for line in last),
         "    return status;",
         "}",
     ]
@@ -216,9 +242,9 @@ def _output_word(program: Program, value: str) -> str:
     return f"@p_narrow({value})" if program.word == 32 else f"(int16_t){value}"
 
 
-def _chain(export: Export) -> list[str]:
+def _chain(export: Export, home: Home) -> list[str]:
     """Inputs and steps as statements."""
-    body = c_steps.Body(export.program)
+    body = c_steps.Body(export.program, home)
     lines = [body.input(entry) for entry in export.structure.inputs]
     for step in export.structure.steps:
         lines += body.statements(step)
@@ -243,8 +269,10 @@ def _reset(export: Export) -> str:
         lines += [f"        state->{slope.name}_history[i] = {zero};" for slope in structure.slopes]
         lines.append("    }")
     lines += [f"    state->{memory.source} = {zero};" for memory in structure.memories]
-    lines += [f"    state->last.{output.name} = {zero};" for output in structure.outputs]
-    lines += ["    state->updates = 0U;"] if structure.counting else []
+    for kept in ("last", "before"):
+        lines += [f"    state->{kept}.{output.name} = {zero};" for output in structure.outputs]
+    lines += [f"    state->in.{entry.name} = {zero};" for entry in structure.inputs]
+    lines += ["    state->updates = 0U;", "    state->waited_ms = 0U;"]
     lines += ["}", ""]
     if structure.summing:
         places, output = export.program.word - export.program.format.bits, structure.outputs[0]
@@ -256,6 +284,7 @@ def _reset(export: Export) -> str:
             "{",
             f"    state->{output.source} = {value};",
             f"    state->last.{output.name} = {output.name};",
+            f"    state->before.{output.name} = {output.name};",
             "}",
             "",
         ]

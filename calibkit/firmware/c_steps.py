@@ -23,10 +23,22 @@ ONE_LINE = 70
 
 
 @dataclass(frozen=True, slots=True)
+class Home:
+    """Where the functions of a chain find its tables: what stands before the name of one, and how
+    they are declared and passed.
+    """
+
+    tables: str = "@p_"
+    declared: str = ""
+    passed: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class Body:
     """C statements of a program."""
 
     program: Program
+    home: Home
 
     @property
     def type(self) -> str:
@@ -39,7 +51,7 @@ class Body:
         if entry.beyond:
             full = flags if self.program.format.fixed else []
             flags, helper = [self._flag(entry.beyond), *full], "indicated"
-        call = f"@p_{helper}(in->{entry.name}, @p_{entry.table}, {', '.join(flags)}, &status)"
+        call = f"@p_{helper}(in->{entry.name}, {self.home.tables}{entry.table}, {', '.join(flags)}, &status)"
         return f"const {self.type} {entry.name} = {call};"
 
     def statements(self, step: Step) -> Iterator[str]:
@@ -54,10 +66,10 @@ class Body:
         match step:
             case Map():
                 status = f"status_{step.group}" if step.group else "status"
-                return f"@p_mapped({step.source}, &@p_{step.table}, {self._flag(step.flag)}, &{status})"
+                return f"@p_mapped({step.source}, &{self.home.tables}{step.table}, {self._flag(step.flag)}, &{status})"
             case Limit():
                 flag = self._flag(step.flag)
-                return f"@p_limited({step.source}, @p_{step.table}, {flag}, &status)"
+                return f"@p_limited({step.source}, {self.home.tables}{step.table}, {flag}, &status)"
             case Sum():
                 return self._sum(step)
             case Quotient():
@@ -70,12 +82,12 @@ class Body:
                 scales, source = self.program.scales, step.source
                 if self.program.format.fixed:
                     source = self._shifted(source, scales[source] - scales[step.name])
-                return f"@p_played({step.kept}, {source}, @p_{step.table})"
+                return f"@p_played({step.kept}, {source}, {self.home.tables}{step.table})"
             case Slope():
                 fixed = self.program.format.fixed
                 return (
                     f"@p_slope(state->{step.name}_history, {step.source}, state->updates,"
-                    f" @p_{step.table},{f' {self.program.slope_places(step)}U,' if fixed else ''}\n"
+                    f" {self.home.tables}{step.table},{f' {self.program.slope_places(step)}U,' if fixed else ''}\n"
                     f"    {self._flag(step.flag)}, &status)"
                 )
 
@@ -119,9 +131,9 @@ class Body:
         """Polynomial, or the plain number."""
         count = len(self.program.tables[entry.table])
         if not entry.over:
-            return f"@p_{entry.table}"
+            return f"{self.home.tables}{entry.table}"
         places = f", {self.program.scales[entry.over]}U" if self.program.format.fixed else ""
-        return f"@p_polynomial(@p_{entry.table}, {count}U, {entry.over}{places})"
+        return f"@p_polynomial({self.home.tables}{entry.table}, {count}U, {entry.over}{places})"
 
     def _shifted(self, value: str, places: int) -> str:
         """A fixed-point value at another scale."""
@@ -143,7 +155,10 @@ class Body:
         yield f"{self.type} {step.name} = {self.program.format.text(0.0)};"
         word = "if"
         for case in step.cases:
-            up, down = f"({step.source} >= @p_{case.table})", f"({step.source} <= -@p_{case.table})"
+            up, down = (
+                f"({step.source} >= {self.home.tables}{case.table})",
+                f"({step.source} <= -{self.home.tables}{case.table})",
+            )
             holds = {1: up, -1: down, 0: f"({up} || {down})"}[case.side]
             value = case.value
             if self.program.format.fixed:

@@ -54,6 +54,7 @@ def facts(export: Export, *, bounds: bool = True) -> list[str]:
     ]
     if structure.has_memory:
         lines.append(f"interval      update every {structure.interval_s:g} s, with means over it")
+        lines += export.chain.timing
     lines.insert(0, VERDICTS[identity.verdict])
     return [ascii_only(line) for line in (*lines, *(_bounds(export) if bounds else []))]
 

@@ -172,6 +172,22 @@ class Correction:
 
 
 @dataclass(frozen=True, slots=True)
+class Pace:
+    """How a chain with memory keeps time; table: updates until its lags have settled, and how far
+    the input `followed` may move from one interval to the next.
+    """
+
+    followed: str
+    longest: int
+    """Most intervals that are bridged in a straight line."""
+    table: str
+    lags: tuple[str, ...]
+    """Remembered values that a longer gap takes for 0."""
+    flags: tuple[str, ...] = ("STARTING", "INTERVAL", "JUMPED")
+    """Statuses of a start, of a call that is not one interval after the last, of a jump."""
+
+
+@dataclass(frozen=True, slots=True)
 class Structure:
     """What a chain does, without its numbers."""
 
@@ -184,6 +200,13 @@ class Structure:
     outputs: tuple[Output, ...]
     interval_s: float | None
     """Interval [s] at which the chain has to be updated; none of a chain without memory."""
+    pace: Pace | None = None
+    """None of a chain without memory, and of one that was exported before 0.2."""
+
+    @property
+    def interval_ms(self) -> int:
+        """Interval in whole milliseconds."""
+        return round(1000.0 * (self.interval_s or 0.0))
 
     @property
     def flags(self) -> tuple[str, ...]:
@@ -192,6 +215,7 @@ class Structure:
         silent = Sum | Quotient | Memory | Play
         named += [step.flag for step in self.steps if not isinstance(step, silent)]
         named += [entry.flag for entry in self.inputs]
+        named += self.pace.flags if self.pace else ()
         return tuple(dict.fromkeys(flag for flag in named if flag))
 
     @property
@@ -208,14 +232,10 @@ class Structure:
         return any(isinstance(step, Limit) and step.name in remembered for step in self.steps)
 
     @property
-    def counting(self) -> bool:
-        """Whether a result depends on the number of updates since the reset."""
-        return bool(self.slopes) or any(memory.start == "same" for memory in self.memories)
-
-    @property
     def tables(self) -> tuple[str, ...]:
         """Tables in the order in which a program meets them, each once."""
         names = [entry.table for entry in self.inputs]
+        names += [self.pace.table] if self.pace else []
         for step in self.steps:
             match step:
                 case Map() | Limit() | Play() | Slope():
@@ -246,12 +266,14 @@ class Structure:
 
 @dataclass(frozen=True, slots=True)
 class Trials:
-    """Inputs of the self-test of a chain with memory, in turn from a reset: one row per call, and
-    how many updates each row lasts.
+    """Inputs of the self-test of a chain with memory, in turn from a reset: one row per call, how
+    many updates each row lasts, and the milliseconds from call to call, 0 where the steps are taken
+    without the clock.
     """
 
     inputs: Mapping[str, Array]
     updates: tuple[int, ...]
+    elapsed_ms: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -269,9 +291,13 @@ class Chain:
     limits: Mapping[str, Fraction] = field(default_factory=dict)
     usual: Mapping[str, Fraction] = field(default_factory=dict)
     gains: Mapping[str, Fraction] = field(default_factory=dict)
+    ramped: Mapping[str, Fraction] = field(default_factory=dict)
+    """Remembered values on the fastest fitted ramp, which a reset takes for 0."""
     condition: str = ""
     ranges: tuple[str, ...] = ()
     """Ranges in which the models were fitted, in words."""
     corrections: tuple[Correction, ...] = ()
     trials: Trials | None = None
     """None of a chain without memory, which is tested at any inputs within their ranges."""
+    timing: tuple[str, ...] = ()
+    """What start, gaps and jumps do to a chain with memory, in words."""

@@ -24,8 +24,7 @@ from calibkit.firmware.chain import (
 )
 
 BEYOND = Fraction(5, 4)
-"""How far [u] an input may leave the fitted range before a chain with memory refuses to follow it.
-"""
+"""How far [u] the word of an input reaches beyond the fitted range."""
 
 
 @dataclass(slots=True)
@@ -43,6 +42,7 @@ class Draft:
     limits: dict[str, Fraction] = field(default_factory=dict)
     usual: dict[str, Fraction] = field(default_factory=dict)
     gains: dict[str, Fraction] = field(default_factory=dict)
+    ramped: dict[str, Fraction] = field(default_factory=dict)
     ranges: list[str] = field(default_factory=list)
     corrections: list[Correction] = field(default_factory=list)
 
@@ -78,15 +78,13 @@ class Draft:
         *,
         flag: str,
         group: str = "",
-        beyond: Fraction | None = None,
+        followed: tuple[float, float] | None = None,
     ) -> tuple[Fraction, Fraction]:
-        """Map a value to u over its fitted range, clamped to it (or, with `beyond`, to ±beyond);
-        returns middle and half.
+        """Map a value to u over its fitted range, clamped to it, or to the range in which it is
+        followed; returns middle and half.
         """
         middle, half = exact.span(*valid)
-        low, high = ((Fraction(limit) - middle) / half for limit in valid)
-        if beyond is not None:
-            low, high = -beyond, beyond
+        low, high = ((Fraction(limit) - middle) / half for limit in followed or valid)
         table = self.table(f"{name}_map", (middle, 1 / half, low, high))
         self.steps.append(Map(name, source, table, flag, group))
         return middle, half
@@ -171,6 +169,7 @@ class Draft:
             (self.limits, part.limits),
             (self.usual, part.usual),
             (self.gains, part.gains),
+            (self.ramped, part.ramped),
         ):
             for key, value in added.items():
                 name, dot, of = key.partition(".")
@@ -199,6 +198,7 @@ class Draft:
             self.limits,
             self.usual,
             self.gains,
+            self.ramped,
             condition,
             tuple(self.ranges),
             tuple(self.corrections),

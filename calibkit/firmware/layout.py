@@ -36,12 +36,22 @@ def write_program(program: Program) -> list[str]:
         "interval_s": structure.interval_s,
         "scales": program.scales,
     }
+    if structure.pace:
+        head["pace"] = asdict(structure.pace)
     return [
         _line({"program": head}),
-        *(_line({"input": asdict(entry)}) for entry in structure.inputs),
+        *(_line({"input": _input(entry)}) for entry in structure.inputs),
         *(_line({type(step).__name__.lower(): asdict(step)}) for step in structure.steps),
         *(_line({"output": asdict(output)}) for output in structure.outputs),
     ]
+
+
+def _input(entry: chain.Input) -> dict[str, str]:
+    """Fields of an input; one that calibkit 0.1.0 did not know stands where it is used, so that
+    what is laid out as before is read as before.
+    """
+    found = asdict(entry)
+    return found if entry.beyond else {name: found[name] for name in found if name != "beyond"}
 
 
 def _line(document: Mapping[str, Any]) -> str:
@@ -72,12 +82,19 @@ def read_program(
             tuple(steps),
             tuple(outputs),
             head["interval_s"],
+            _pace(head.get("pace")),
         )
         return Program(structure, formats.Format.find(head["number"]), dict(tables), head["scales"])
     except (ValueError, KeyError, TypeError, IndexError) as error:
         raise CoefficientError(
             f"{name}: its steps cannot be read: {error}", hint="export it again"
         ) from None
+
+
+def _pace(fields: dict[str, Any] | None) -> chain.Pace | None:
+    """How time is kept, of its JSON object."""
+    listed = {name: tuple(fields[name]) for name in ("lags", "flags")} if fields else {}
+    return chain.Pace(**{**fields, **listed}) if fields else None
 
 
 def _step(kind: str, fields: dict[str, Any]) -> chain.Step:

@@ -163,6 +163,8 @@ def _reach(
 def _fixed_tables(chain: Chain, scales: Mapping[str, int], word: int) -> dict[str, tuple[int, ...]]:
     """Tables as words."""
     own = {entry.table: [scales[entry.name]] for entry in chain.structure.inputs}
+    if pace := chain.structure.pace:
+        own[pace.table] = [0, scales[pace.followed]]
     for step in chain.structure.steps:
         match step:
             case Map():

@@ -125,7 +125,9 @@ def _recomputed(row: Mapping[str, str], place: str) -> None:
             {key: tuple(column) for key, column in stated[side].items()}
             for side in ("inputs", "outputs")
         )
-        rows = vectors.Vectors(inputs, tuple(stated["updates"]), outputs, tuple(stated["status"]))
+        counts = (tuple(stated.get(name, ())) for name in ("updates", "status", "elapsed_ms"))
+        updates, status, elapsed = counts
+        rows = vectors.Vectors(inputs, updates, outputs, status, elapsed)
         vectors.require_recomputed(program, rows, place)
     except (ValueError, KeyError, TypeError) as error:
         raise CoefficientError(

@@ -2,12 +2,15 @@
 temperatures, once per interval.
 """
 
+from collections.abc import Iterable
 from fractions import Fraction
 
 from calibkit.coefficients import Model
 from calibkit.firmware import exact
 from calibkit.firmware.chain import Map, Memory, Slope
-from calibkit.firmware.draft import BEYOND, Draft, factor, numbers
+from calibkit.firmware.draft import Draft, factor, numbers
+from calibkit.firmware.pace import FASTEST
+from calibkit.numeric.thermal import coil
 from calibkit.numeric.thermal.terms import LAGS, TERMS
 from calibkit.thermal_forms import CASE, DRIVERS, GRADIENT, RATE
 
@@ -15,12 +18,12 @@ GRADIENT_RATE = DRIVERS[3]
 AIR = "temp_env_degc"
 CASE_MEANING = "temperature of the sensor case, mean of the interval"
 AIR_MEANING = "temperature of the air around the sensor, mean of the interval"
-WIDEST = 2
-"""Range of an input's word on each side of the middle, in half widths of the fitted range."""
-FASTEST = 2
-"""Multiple of the largest fitted rate up to which the printed error bound of a chain with memory
-holds.
+WIDER = Fraction(1, 4)
+"""How far an input's word reaches beyond each end of the range in which the case is followed, over
+that range.
 """
+AIR_APART_DEGC = 60
+"""How far the air may be from a case that is followed."""
 UNUSED = Fraction(2**20)
 """Limit of a driver that a padded chain follows though its model does not use it."""
 LEAST_SAMPLES = 4
@@ -29,6 +32,29 @@ LEAST_SAMPLES = 4
 
 Mapped = tuple[Fraction, Fraction]
 """Middle and half range [°C] by which the case temperature is mapped to x."""
+
+
+def followed(model: Model) -> tuple[float, float]:
+    """Case temperatures [°C] that the chain of a model follows."""
+    return coil.followed_range(*model.valid[CASE])
+
+
+def say_followed(span: tuple[float, float]) -> str:
+    """What a header states beside the fitted ranges."""
+    return f"these; the case is followed from {span[0]:.4g} to {span[1]:.4g} degC, as by apply"
+
+
+def reach_of(spans: Iterable[tuple[float, float]]) -> Mapped:
+    """Range [°C] of the word of a case temperature that is followed over these."""
+    ends = [*spans]
+    low, high = Fraction(min(low for low, _ in ends)), Fraction(max(high for _, high in ends))
+    return low - WIDER * (high - low), high + WIDER * (high - low)
+
+
+def span_of_case(draft: Draft) -> Fraction:
+    """Width [u] of the range in which "x" follows the case."""
+    low, high = draft.tables["x_map"][2:]
+    return high - low
 
 
 def follow_terms(
@@ -119,7 +145,7 @@ def _follow_lags(draft: Draft, model: Model, h: Fraction, mapped: Mapped) -> Non
     fastest = FASTEST * largest(model, RATE) / 60 / half
     draft.steps.append(Memory("x_before", "x", "same"))
     draft.sum("move", factor("x"), factor("x_before", -1))
-    bound_memory(draft, "move", 2 * BEYOND, fastest * h)
+    bound_memory(draft, "move", span_of_case(draft), fastest * h)
     follow_lag(draft, "lag", h, tau, fastest)
     if gradient or gradient_rate:
         _follow_inner(draft, model, (h, tau, exact.exp(-h / tau)), half)
@@ -149,7 +175,8 @@ def _follow_inner(
         factor("fall_before"),
     )
     share = min(Fraction(1), tau_i / tau)
-    bound_memory(draft, "fall", 2 * BEYOND * share, draft.usual["lag"] * share)
+    draft.ramped["fall"] = draft.ramped["lag"] * share
+    bound_memory(draft, "fall", span_of_case(draft) * share, draft.usual["lag"] * share)
     draft.sum(
         "coil_gradient",
         draft.polynomial("gradient_of_fall", (half / largest(model, GRADIENT),), "", "fall"),
@@ -170,7 +197,7 @@ def _follow_case(draft: Draft, model: Model, h: Fraction, mapped: Mapped) -> Non
     window.
     """
     _limited_temperature(draft, model, "x", mapped)
-    middle, half = mapped
+    half = mapped[1]
     length, least = _window(h, Fraction(model.value("window")))
 
     def slope(name: str, source: str, column: str, unit: Fraction) -> None:
@@ -178,20 +205,22 @@ def _follow_case(draft: Draft, model: Model, h: Fraction, mapped: Mapped) -> Non
             f"case_{name}_weights",
             exact.scale(_weights(h, length, least), unit / largest(model, column)),
         )
-        draft.steps.append(Slope(f"case_{name}", source, table, length, least, "RATE_STARTING"))
+        draft.steps.append(Slope(f"case_{name}", source, table, length, least, "STARTING"))
         _limited(draft, model, name, f"case_{name}", column, "RATE_CLAMPED")
 
     rate, gradient, gradient_rate = (draft.padded or uses(model, name) for name in DRIVERS[1:])
     if rate:
         fastest = FASTEST * largest(model, RATE)
-        draft.usual["case_rate.difference"] = min(2 * BEYOND, fastest * length * h / 60 / half)
+        moved = fastest * length * h / 60 / half
+        draft.usual["case_rate.difference"] = min(span_of_case(draft), moved)
         slope("rate", "x", RATE, half)
     if gradient or gradient_rate:
         scale = largest(model, GRADIENT)
-        reach = (middle - 2 * BEYOND * half, middle + 2 * BEYOND * half)
+        low, high = map(Fraction, followed(model))
+        reach = (low - AIR_APART_DEGC, high + AIR_APART_DEGC)
         draft.input(AIR, "degC", AIR_MEANING, reach, "AIR_CLAMPED")
         draft.sum("apart", factor(CASE), factor(AIR, -1))
-        wide = Fraction(2) if uses(model, GRADIENT) else 4 * BEYOND * half / scale
+        wide = Fraction(2) if uses(model, GRADIENT) else (reach[1] - reach[0]) / scale
         table = draft.table("wide_gradient_map", (Fraction(0), 1 / scale, -wide, wide))
         draft.steps.append(Map("wide_gradient", "apart", table, "GRADIENT_CLAMPED"))
         if gradient:
@@ -244,7 +273,10 @@ def follow_lag(draft: Draft, name: str, h: Fraction, tau: Fraction, fastest: Fra
         draft.polynomial(f"{name}_move", (tau * (1 - a) / h,), "", "move"),
         factor(f"{name}_before"),
     )
-    bound_memory(draft, name, 2 * BEYOND, min(2 * BEYOND, fastest * tau))
+    # behind a case that crosses all of its range at that pace
+    width, behind = span_of_case(draft), fastest * tau
+    draft.ramped[name] = behind / FASTEST
+    bound_memory(draft, name, width, behind * (1 - exact.exp(-width / behind)))
 
 
 def bound_memory(draft: Draft, name: str, limit: Fraction, usual: Fraction) -> None:

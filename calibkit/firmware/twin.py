@@ -6,8 +6,8 @@ Bit for bit holds for C that is compiled without contraction to fused multiply-a
 runs many instants of a chain without memory, or many devices.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -37,7 +37,7 @@ INVALID = 1 << 15
 
 
 @dataclass(frozen=True, slots=True)
-class _State:
+class State:
     """What a chain keeps from update to update."""
 
     values: Mapping[str, Words]
@@ -46,15 +46,32 @@ class _State:
     updates: Words
     held: Mapping[str, Words]
     """Last outputs, which an invalid input leaves as they were."""
+    before: Mapping[str, Words]
+    """Outputs of the update before."""
+    inputs: Mapping[str, Words]
+    """Last inputs that were used."""
+    waited_ms: Words
+    """Since the last used inputs, and half an interval."""
 
 
 @dataclass(frozen=True, slots=True)
-class _Result:
+class Result:
     """Outputs and status of one call, and the state after it."""
 
     outputs: Mapping[str, Words]
     status: Words
-    state: _State | None
+    state: State | None
+
+    @property
+    def after(self) -> State:
+        """State after a call of a chain with memory."""
+        assert self.state is not None  # noqa: S101 (it was called with its state)
+        return self.state
+
+    @property
+    def before(self) -> Mapping[str, Words]:
+        """Outputs of the update before."""
+        return self.after.before
 
 
 def encode(program: Program, name: str, physical: Array) -> Words:
@@ -78,10 +95,10 @@ def decode(program: Program, name: str, words: Words) -> Array:
     return np.where(words == program.format.no_number, np.nan, physical)
 
 
-def _reset(program: Program, lanes: int) -> _State:
+def reset(program: Program, lanes: int) -> State:
     """State of a device that has just been switched on."""
     zero = np.zeros(lanes, dtype=dtype(program))
-    return _State(
+    return State(
         {memory.name: zero for memory in program.structure.memories},
         {
             slope.name: np.zeros((slope.length, lanes), dtype=dtype(program))
@@ -89,22 +106,21 @@ def _reset(program: Program, lanes: int) -> _State:
         },
         np.zeros(lanes, dtype=np.int64),
         {output.name: zero for output in program.structure.outputs},
+        {output.name: zero for output in program.structure.outputs},
+        {entry.name: zero for entry in program.structure.inputs},
+        np.zeros(lanes, dtype=np.int64),
     )
 
 
-def call(program: Program, inputs: Mapping[str, Words], state: _State | None = None) -> _Result:
+def call(program: Program, inputs: Mapping[str, Words], state: State | None = None) -> Result:
     """One call of the firmware's function on lanes of inputs [n]; a chain with memory needs its
     state.
     """
-    invalid = {
-        name: words == program.format.no_number if program.format.fixed else ~np.isfinite(words)
-        for name, words in inputs.items()
-    }
-    bad = np.any(list(invalid.values()), axis=0)
+    bad = find_refused(program, inputs)
     with np.errstate(all="ignore"):
         run = _Run(program, state, np.zeros(bad.size, dtype=np.int64))
         for entry in program.structure.inputs:
-            safe = np.where(invalid[entry.name], 0, inputs[entry.name]).astype(dtype(program))
+            safe = np.where(bad, 0, inputs[entry.name]).astype(dtype(program))
             run.values[entry.name] = run.input(entry, safe)
         for step in program.structure.steps:
             run.values[step.name] = run.step(step)
@@ -115,35 +131,30 @@ def call(program: Program, inputs: Mapping[str, Words], state: _State | None = N
         outputs = {
             name: np.where(bad, none, words).astype(words.dtype) for name, words in fresh.items()
         }
-        return _Result(outputs, status, None)
+        return Result(outputs, status, None)
     outputs = {name: np.where(bad, state.held[name], words) for name, words in fresh.items()}
-    after = _State(
-        {
+    after = replace(
+        state,
+        values={
             m.name: np.where(bad, state.values[m.name], run.values[m.source])
             for m in program.structure.memories
         },
-        {name: np.where(bad, state.histories[name], rows) for name, rows in run.histories.items()},
-        np.where(bad, state.updates, state.updates + 1),
-        outputs,
+        histories={
+            name: np.where(bad, state.histories[name], rows) for name, rows in run.histories.items()
+        },
+        updates=np.where(bad, state.updates, state.updates + 1),
+        held=outputs,
     )
-    return _Result(outputs, status, after)
+    return Result(outputs, status, after)
 
 
-def run_in_turn(
-    program: Program, inputs: Mapping[str, Words], updates: Sequence[int], *, anew: bool = False
-) -> Iterator[_Result]:
-    """Last result of each row of inputs [n] of a chain with memory, which lasts as many updates as
-    stated; from a reset on, or `anew` from a reset in each row.
-    """
-    state: _State | None = _reset(program, 1)
-    for k, count in enumerate(updates):
-        if anew:
-            state = _reset(program, 1)
-        row = {name: words[k : k + 1] for name, words in inputs.items()}
-        for _ in range(count):
-            result = call(program, row, state)
-            state = result.state
-        yield result
+def find_refused(program: Program, inputs: Mapping[str, Words]) -> Words:
+    """Whether an input is no number, in each lane."""
+    if program.format.fixed:
+        invalid = [words == program.format.no_number for words in inputs.values()]
+    else:
+        invalid = [~np.isfinite(words) for words in inputs.values()]
+    return np.asarray(np.any(invalid, axis=0))
 
 
 def dtype(program: Program) -> Any:  # noqa: ANN401 (a numpy type)
@@ -158,7 +169,7 @@ class _Run:
     selection.
     """
 
-    def __init__(self, program: Program, state: _State | None, status: Words) -> None:
+    def __init__(self, program: Program, state: State | None, status: Words) -> None:
         self.program, self.state, self.status = program, state, status
         self.fixed = program.format.fixed
         self.values: dict[str, Words] = {}

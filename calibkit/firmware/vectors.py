@@ -8,7 +8,7 @@ import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.errors import CoefficientError
-from calibkit.firmware import twin
+from calibkit.firmware import twin, twin_clock
 from calibkit.firmware.chain import Chain, Sum, Trials
 from calibkit.firmware.program import Program
 
@@ -20,6 +20,8 @@ others.
 """
 TRIED = 512
 """Inputs within their ranges at which a coefficient may count."""
+CLOCKED = 32
+"""Updates of the rows of a self-test that are called by the clock, one after the other."""
 LEAST = float(np.finfo(np.float64).tiny)
 """Tolerance of an output that is exact."""
 FOR_ZERO = 0.0625
@@ -38,6 +40,8 @@ class Vectors:
     updates: tuple[int, ...]
     outputs: Mapping[str, tuple[float, ...]]
     status: tuple[int, ...]
+    elapsed_ms: tuple[int, ...] = ()
+    """From call to call; none of a chain that keeps no time."""
 
     @staticmethod
     def make(chain: Chain, program: Program, bounds: Mapping[str, float]) -> "Vectors":
@@ -53,7 +57,7 @@ class Vectors:
         if chain.trials is None and not program.format.fixed:
             words = _with_every_coefficient(chain, program, words, tolerances(chain, bounds))
         columns = {name: tuple(column.tolist()) for name, column in words.items()}
-        return _recomputed(program, columns, trials.updates)
+        return _recomputed(program, columns, trials.updates, trials.elapsed_ms)
 
 
 def tolerances(
@@ -62,7 +66,7 @@ def tolerances(
     """Difference that the self-test allows an output: both sides may be off by the bound, which a
     sum adds up.
     """
-    summed = max(updates) if chain.structure.summing else 1
+    summed = max(*updates, CLOCKED) if chain.structure.summing else 1
     # the test's temperatures jump, which the bound leaves out
     jumps = 2.0 if chain.condition else 1.0
     return {name: float(f"{2.0 * jumps * bound * summed:.2g}") for name, bound in bounds.items()}
@@ -132,12 +136,16 @@ def _with_every_coefficient(
 
 
 def _recomputed(
-    program: Program, inputs: Mapping[str, tuple[float, ...]], updates: tuple[int, ...]
+    program: Program,
+    inputs: Mapping[str, tuple[float, ...]],
+    updates: tuple[int, ...],
+    elapsed_ms: tuple[int, ...],
 ) -> Vectors:
     """Outputs and statuses of the twin for rows of inputs, in turn where the chain has memory."""
     columns = {name: np.array(words, dtype=twin.dtype(program)) for name, words in inputs.items()}
     if program.structure.has_memory:  # a sum begins anew: its error bound grows with the updates
-        found = list(twin.run_in_turn(program, columns, updates, anew=program.structure.summing))
+        anew = program.structure.summing
+        found = list(twin_clock.run_in_turn(program, columns, updates, elapsed_ms, anew=anew))
     else:
         found = [twin.call(program, columns)]
     outputs = {
@@ -145,12 +153,12 @@ def _recomputed(
         for output in program.structure.outputs
     }
     status = tuple(np.concatenate([result.status for result in found]).tolist())
-    return Vectors(dict(inputs), updates, outputs, status)
+    return Vectors(dict(inputs), updates, outputs, status, elapsed_ms)
 
 
 def require_recomputed(program: Program, stated: Vectors, name: str, of: str = "numbers") -> None:
     """CoefficientError for a file whose vectors are not those that its numbers give."""
-    again = _recomputed(program, stated.inputs, stated.updates)
+    again = _recomputed(program, stated.inputs, stated.updates, stated.elapsed_ms)
     if (again.outputs, again.status) != (stated.outputs, stated.status):
         raise CoefficientError(
             f"{name}: its vectors are not those of its {of}", hint="export it again"

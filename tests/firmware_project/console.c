@@ -1,12 +1,21 @@
 #include "console.h"
 
-#ifdef __ARM_EABI__
+#if defined(__ARM_EABI__)
 void print_text(const char *text)
 {
     register uint32_t operation __asm__("r0") = 4U; /* semihosting SYS_WRITE0 */
     register const char *argument __asm__("r1") = text;
 
     __asm__ volatile("bkpt 0xAB" : "+r"(operation) : "r"(argument) : "memory");
+}
+#elif defined(__riscv)
+void print_text(const char *text)
+{
+    register uint32_t operation __asm__("a0") = 4U; /* semihosting SYS_WRITE0 */
+    register const char *argument __asm__("a1") = text;
+
+    __asm__ volatile(".balign 16\n.option push\n.option norvc\nslli x0, x0, 0x1f\nebreak\nsrai x0, x0, 7\n.option pop"
+                     : "+r"(operation) : "r"(argument) : "memory");
 }
 #else
 #include <stdio.h>

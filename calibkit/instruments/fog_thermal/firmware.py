@@ -9,9 +9,9 @@ from math import comb
 
 from calibkit.coefficients import Model, Record
 from calibkit.errors import OutputError
-from calibkit.firmware import exact, thermal_steps
+from calibkit.firmware import exact, pace, thermal_steps
 from calibkit.firmware.chain import Case, Chain, Memory, Select, Term
-from calibkit.firmware.draft import BEYOND, Draft, factor, numbers
+from calibkit.firmware.draft import Draft, factor, numbers
 from calibkit.firmware.sources import required_record
 from calibkit.instruments import Firmware
 from calibkit.instruments.fog_thermal import firmware_bank, firmware_updates
@@ -51,6 +51,8 @@ def _chain(spec: FogThermalRecipe, records: Mapping[str, Record]) -> Chain:
         found = _recursive(draft, models, spec.segments.slope_window_s)
     else:
         found = _on_levels(draft, models[0], spec.reference_temp_degc)
+    rate = max(thermal_steps.largest(model, RATE) for model in models)
+    found = pace.keep_time(found, CASE, rate, spec.largest_gap_s())
     return replace(found, trials=firmware_updates.thermal_history(found))
 
 
@@ -71,19 +73,19 @@ def _on_levels(draft: Draft, model: Model, reference_degc: float) -> Chain:
     """
     h = Fraction(model.value("interval"))
     middle, half = exact.span(*model.valid[CASE])
-    reach = (middle - thermal_steps.WIDEST * half, middle + thermal_steps.WIDEST * half)
-    draft.input(
-        CASE, "degC", thermal_steps.CASE_MEANING, reach
-    )  # the map clamps it and sets the flag
-    draft.map("x", CASE, model.valid[CASE], flag="TEMP_CLAMPED", beyond=BEYOND)
-    fastest = thermal_steps.FASTEST * thermal_steps.largest(model, RATE)
+    followed = thermal_steps.followed(model)
+    # the map clamps it and sets the flag
+    draft.input(CASE, "degC", thermal_steps.CASE_MEANING, thermal_steps.reach_of([followed]))
+    draft.map("x", CASE, model.valid[CASE], flag="TEMP_CLAMPED", followed=followed)
+    fastest = pace.FASTEST * thermal_steps.largest(model, RATE)
     lagged = model.form in (LAGGED.name, BANK.name)
     if model.form == BANK.name:
-        pace = fastest / 60 / half
-        _output(draft, firmware_bank.follow_bank(draft, model, h, pace, reference_degc))
+        speed = fastest / 60 / half
+        _output(draft, firmware_bank.follow_bank(draft, model, h, speed, reference_degc))
     else:
         _output(draft, thermal_steps.follow_terms(draft, model, h, reference_degc, (middle, half)))
     _ranges(draft, model, "coil" if lagged else "case")
+    draft.ranges.append(thermal_steps.say_followed(followed))
     moved = f"the case moves by no more than {float(fastest):.3g} degC/min"
     return draft.chain(
         [model.form],

@@ -8,7 +8,7 @@ from itertools import pairwise
 from calibkit.coefficients import Model
 from calibkit.firmware import exact, thermal_steps
 from calibkit.firmware.chain import Memory, Play, Term
-from calibkit.firmware.draft import BEYOND, Draft, factor, numbers
+from calibkit.firmware.draft import Draft, factor, numbers
 from calibkit.instruments.fog_thermal.forms import read_bank
 from calibkit.instruments.fog_thermal.numeric.bank import (
     ORIGIN_DEGC,
@@ -31,7 +31,7 @@ def follow_bank(
     middle, half = exact.span(*model.valid[CASE])
     draft.steps.append(Memory("x_before", "x", "same"))
     draft.sum("move", factor("x"), factor("x_before", -1))
-    thermal_steps.bound_memory(draft, "move", 2 * BEYOND, fastest * h)
+    thermal_steps.bound_memory(draft, "move", thermal_steps.span_of_case(draft), fastest * h)
     _static_temperature(draft, model, h, fastest)
     low, high = ((Fraction(limit) - middle) / half for limit in model.valid[CASE])
     draft.limit("u", "coil", low, high, "TEMP_CLAMPED")
@@ -148,7 +148,9 @@ def _hysteresis(
     for k, width in enumerate((Fraction(width) / half for width in bank.widths), start=1):
         name, kept, away = f"play_{k}", f"play_{k}_before", f"behind_play_{k}"
         for bounds in (draft.limits, draft.usual):
-            coil = BEYOND + sum(part * bounds[lag] for lag, part in shares.items())
+            coil = max(map(abs, draft.tables["x_map"][2:])) + sum(
+                part * bounds[lag] for lag, part in shares.items()
+            )
             bounds[name] = bounds[kept] = coil + abs(origin) + width
             bounds[away] = width * ROUNDED
         draft.steps.append(Memory(kept, name, "zero"))

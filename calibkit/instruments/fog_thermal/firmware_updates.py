@@ -4,15 +4,14 @@ from pathlib import Path
 
 import numpy as np
 
-from calibkit import check
-from calibkit.firmware import as_firmware, twin, vectors
+from calibkit.firmware import as_firmware, pace, vectors
 from calibkit.firmware.chain import Chain, Trials
+from calibkit.firmware.draft import BEYOND
 from calibkit.firmware.program import Program
 from calibkit.frame import refuse, values
 from calibkit.ingest import logs, write_back
 from calibkit.ingest.write_back import Applied
 from calibkit.instruments.fog_thermal import ramps
-from calibkit.instruments.fog_thermal.numeric import gradient
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 from calibkit.numeric import intervals, segments
 
@@ -46,10 +45,15 @@ IN_TURN = (
     (0.98, -0.6, 0.7, 4),
     (-0.2, 0.2, 0.5, 6),
     (0.1, -0.3, -0.2, 12),
+    (-1.02, -4.0, 0.2, 500),
+    *((1.02, 0.5, 0.2, updates) for updates in (3, 20, 40, 60, 90)),
+    (1.02, 4.0, 0.2, 300),
+    *((-1.02, -0.5, -0.2, updates) for updates in (3, 20, 40, 60, 90)),
 )
 """Thermal history of the self-test from the reset on, one tuple per row: case temperature relative
-to the half range of its input, air less case relative to the largest gradient, air rate relative to
-the largest fitted rate, and number of updates. It reaches both ends of every range.
+to the half range of its input, beyond ±1 from the end of what is followed, air less case relative
+to the largest gradient, air rate relative to the largest fitted rate, and number of updates. It
+reaches both ends of every range.
 """
 
 
@@ -69,32 +73,20 @@ def apply(
     slope = segments.causal_slope(time, env, spec.segments.slope_window_s)
     interval = spec.drift.interval_s
     held = intervals.Intervals.find(time, interval)
-    means = (held.means(column) for column in (time, case, env, gyro))
-    blocks = gradient.Blocks.fill(held, means, slope)
-    heard = {
-        "temp_case_degc": blocks.case,
-        "temp_env_degc": blocks.case - blocks.gradient,
-        "temp_env_rate_degc_min": blocks.rate,
+    taken = {
+        "temp_case_degc": lambda: held.means(case),
+        "temp_env_degc": lambda: held.means(env),
+        "temp_env_rate_degc_min": lambda: held.last(slope),
     }
-    words = {
-        entry.name: twin.encode(quantised, entry.name, heard[entry.name])
-        for entry in quantised.structure.inputs
-    }
-    results = list(twin.run_in_turn(quantised, words, [1] * blocks.case.size))
+    heard = {entry.name: taken[entry.name]() for entry in quantised.structure.inputs}
+    found, status = as_firmware.follow(quantised, held, time, heard)
     (output,) = quantised.structure.outputs
-    drifts = [twin.decode(quantised, output.name, one.outputs[output.name]) for one in results]
-    level, status = np.concatenate(drifts), np.concatenate([one.status for one in results])
-    known = level[np.maximum(np.repeat(held.number, held.count) - 1, 0)]
-    note = (
-        f"{log.file}: each interval of {interval:g} s is corrected by the drift of the one before,"
-        " the first by its own"
-    )
     flags = (
-        *check.flag_bridged_gaps(log),
-        note,
+        as_firmware.note(log.file, interval),
         *as_firmware.status_flags(log.file, quantised, status),
     )
-    return write_back.rewrite_log(spec, data, log, {"gyro_dph": gyro - known}), flags
+    corrected = {"gyro_dph": gyro - found[output.name]}
+    return write_back.rewrite_log(spec, data, log, corrected), flags
 
 
 def _columns(quantised: Program) -> tuple[str, str, str, str]:
@@ -108,23 +100,32 @@ def thermal_history(chain: Chain) -> Trials:
     """Trials of a drift chain: one thermal history that covers every range from end to end."""
     ranges = {entry.name: chain.tables[entry.table] for entry in chain.structure.inputs}
     low, high = (float(limit) for limit in ranges["temp_case_degc"])
-    half = (high - low) / 2.0
-    if "x_map" in chain.tables:  # the input exceeds the fitted range
-        half = float(chain.tables["x_map"][3] / chain.tables["x_map"][1])
+    middle, half = (low + high) / 2.0, (high - low) / 2.0
+    if "x_map" in chain.tables:  # the case is followed beyond the fitted range, its word further
+        middle, reciprocal, *ends = map(float, chain.tables["x_map"])
+        half = float(BEYOND) / reciprocal
+        low, high = (middle + end / reciprocal for end in ends)
     gradients = [
         abs(chain.tables[step.table][0]) + 1 / chain.tables[step.table][1]
         for step in chain.structure.maps
         if step.source == "apart"
     ]
-    case, ahead, pace, updates = (np.array(column) for column in zip(*IN_TURN, strict=True))
-    physical = {"temp_case_degc": (low + high) / 2.0 + half * case}
+    case, ahead, climb, updates = (np.array(column) for column in zip(*IN_TURN, strict=True))
+    physical = {
+        "temp_case_degc": np.select(
+            [case > 1.0, case < -1.0],
+            [high + (case - 1.0) * half, low + (case + 1.0) * half],
+            middle + half * case,
+        )
+    }
     physical["temp_env_degc"] = (
         physical["temp_case_degc"] + float(max(gradients, default=0)) * ahead
     )
     if chain.structure.summing:
         fastest = float(ranges["temp_env_rate_degc_min"][1])
-        physical["temp_env_rate_degc_min"] = fastest / 4.0 * pace
+        physical["temp_env_rate_degc_min"] = fastest / 4.0 * climb
         updates = np.full_like(updates, SUMMED)
-    return Trials(
+    trials = Trials(
         {name: vectors.coarsen(physical[name], half) for name in ranges}, tuple(updates.tolist())
     )
+    return pace.by_the_clock(chain, trials)

@@ -6,16 +6,15 @@ from collections.abc import Mapping
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from calibkit import check
 from calibkit.coefficients import Model, Record
 from calibkit.errors import OutputError
-from calibkit.firmware import as_firmware, exact, thermal_steps, twin, vectors
+from calibkit.firmware import as_firmware, pace, thermal_steps, vectors
 from calibkit.firmware.chain import Chain, Trials
-from calibkit.firmware.draft import BEYOND, Draft
+from calibkit.firmware.draft import Draft
 from calibkit.firmware.program import Program
 from calibkit.firmware.sources import required_record
 from calibkit.frame import refuse, values
@@ -26,9 +25,6 @@ from calibkit.instruments.thermal.forms import CASE_RANGE, FILE
 from calibkit.instruments.thermal.recipe import ThermalRecipe
 from calibkit.numeric import intervals
 from calibkit.thermal_forms import CASE, RATE
-
-if TYPE_CHECKING:
-    from calibkit.arrays import Array
 
 HISTORY = (
     (0.0, 1),
@@ -69,11 +65,12 @@ def _chain(spec: ThermalRecipe, records: Mapping[str, Record]) -> Chain:
     # channels have terms and lags of their own: no layout holds for all devices
     draft = Draft()
     h = Fraction(models[0].value("interval"))
-    draft.input(CASE, "degC", thermal_steps.CASE_MEANING, _reach(models))
+    reach = thermal_steps.reach_of(map(thermal_steps.followed, models))
+    draft.input(CASE, "degC", thermal_steps.CASE_MEANING, reach)
     paces = []
     for model in models:
         _follow_channel(draft, model, h, spec.reference_temp_degc)
-        paces.append(thermal_steps.FASTEST * thermal_steps.largest(model, RATE))
+        paces.append(pace.FASTEST * thermal_steps.largest(model, RATE))
     found = draft.chain(
         [model.form for model in models],
         "corrected = indication - bias, each channel in its unit; the bias is 0 at rest at"
@@ -81,45 +78,34 @@ def _chain(spec: ThermalRecipe, records: Mapping[str, Record]) -> Chain:
         interval_s=float(h),
         condition=f"the case moves by no more than {float(min(paces)):.3g} degC/min",
     )
+    rate = min(paces) / pace.FASTEST
+    found = pace.keep_time(found, CASE, rate, spec.thermal.max_gap_s)
     return replace(found, trials=_thermal_history(found))
-
-
-def _span(model: Model) -> tuple[Fraction, Fraction]:
-    """Middle and half range [°C] of the thermometer in the fitted logs."""
-    return exact.span(*(model.value(name) for name in CASE_RANGE))
-
-
-def _reach(models: list[Model]) -> tuple[Fraction, Fraction]:
-    """Range of the input's word: that of all channels."""
-    spans = [_span(model) for model in models]
-    widest = thermal_steps.WIDEST
-    return (
-        min(middle - widest * half for middle, half in spans),
-        max(middle + widest * half for middle, half in spans),
-    )
 
 
 def _follow_channel(draft: Draft, model: Model, h: Fraction, reference_degc: float) -> None:
     """Steps of one channel, which end in its name."""
     own = Draft()
     low, high = (model.value(name) for name in CASE_RANGE)
-    mapped = own.map("x", CASE, (low, high), flag="TEMP_CLAMPED", beyond=BEYOND)
+    followed = thermal_steps.followed(model)
+    mapped = own.map("x", CASE, (low, high), flag="TEMP_CLAMPED", followed=followed)
     source = thermal_steps.follow_terms(own, model, h, reference_degc, mapped)
     draft.include(own, f"_{model.name}")
     name = f"bias_{model.name}"
     meaning = f"bias of {model.name}, to be subtracted from it"
     draft.output(name, model.residual_unit, f"{source}_{model.name}", meaning, corrects=model.name)
     draft.ranges.append(f"{CASE} of {model.name} {low:.4g} to {high:.4g} degC")
+    draft.ranges.append(thermal_steps.say_followed(followed))
 
 
 def _thermal_history(chain: Chain) -> Trials:
     """Trials of a chain: one thermal history that covers its range from end to end."""
     low, high = (float(limit) for limit in chain.tables[chain.structure.inputs[0].table])
-    # the input's range is WIDEST times the fitted one
-    half = (high - low) / 2.0 / float(thermal_steps.WIDEST) * float(BEYOND)
+    # the input's word reaches beyond what is followed
+    half = (high - low) / 2.0 / float(1 + 2 * thermal_steps.WIDER)
     away, updates = zip(*HISTORY, strict=True)
     case = (low + high) / 2.0 + half * np.array(away)
-    return Trials({CASE: vectors.coarsen(case, half)}, updates)
+    return pace.by_the_clock(chain, Trials({CASE: vectors.coarsen(case, half)}, updates))
 
 
 def _apply(spec: ThermalRecipe, chain: Chain, quantised: Program, data: Path) -> Applied:
@@ -132,24 +118,14 @@ def _apply(spec: ThermalRecipe, chain: Chain, quantised: Program, data: Path) ->
     refuse(check.find_unordered_times(log))
     interval_s = chain.structure.interval_s or 0.0
     held = intervals.Intervals.find(values(log.frame, "time_s"), interval_s, log.steps.usual)
-    case = held.filled(held.means(values(log.frame, CASE)))
-    words = {CASE: twin.encode(quantised, CASE, case)}
-    results = list(twin.run_in_turn(quantised, words, [1] * case.size))
-    status = np.concatenate([one.status for one in results])
-    before = np.maximum(np.repeat(held.number, held.count) - 1, 0)
-    replaced: dict[str, Array] = {}
-    for output, entry in zip(quantised.structure.outputs, chain.corrections, strict=True):
-        bias = np.concatenate(
-            [twin.decode(quantised, output.name, one.outputs[output.name]) for one in results]
-        )
-        replaced[entry.column] = values(log.frame, entry.column) - bias[before]
-    note = (
-        f"{log.file}: each interval of {interval_s:g} s is corrected by the bias of the one before,"
-        " the first by its own"
-    )
+    heard = {CASE: held.means(values(log.frame, CASE))}
+    found, status = as_firmware.follow(quantised, held, values(log.frame, "time_s"), heard)
+    replaced = {
+        entry.column: values(log.frame, entry.column) - found[entry.output]
+        for entry in chain.corrections
+    }
     flags = (
-        *check.flag_bridged_gaps(log),
-        note,
+        as_firmware.note(log.file, interval_s),
         *as_firmware.status_flags(log.file, quantised, status),
     )
     return write_back.rewrite_log(spec, data, log, replaced), flags

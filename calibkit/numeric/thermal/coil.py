@@ -51,6 +51,18 @@ class Path:
         )
 
 
+FOLLOWED_DEGC = (-70.0, 110.0)
+"""Case temperatures that lags follow, whatever was fitted; beyond them a reading is a fault."""
+
+
+def followed_range(low: float, high: float) -> tuple[float, float]:
+    """Case temperatures [°C] that lags of a model follow that was fitted from low to high [°C]: an
+    eighth of its range beyond, and all of FOLLOWED_DEGC.
+    """
+    beyond = (high - low) / 8.0
+    return min(FOLLOWED_DEGC[0], low - beyond), max(FOLLOWED_DEGC[1], high + beyond)
+
+
 RUN_UP_S = 36_000.0
 """Duration of the run-up at a constant rate that is assumed before a span: longer than any lag."""
 APART_S = 1e8

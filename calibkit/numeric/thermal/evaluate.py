@@ -69,8 +69,9 @@ def evaluate_terms(
 
     It is causal: only samples up to an instant enter. Drivers outside the fitted ranges are clamped
     and flagged. Lags start in equilibrium at the first sample, or in a log of spans as these state;
-    env does not enter a lagged model.
+    env does not enter a lagged model. The case is followed within `coil.followed_range`.
     """
+    case = np.clip(case, *coil.followed_range(*model.valid.temperature))
     found = _drivers(model, time, case, env, spans)
     inside = _clamp(found, model)
     rest = design_at_rest(model, reference_degc)

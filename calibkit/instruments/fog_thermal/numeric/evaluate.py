@@ -59,6 +59,7 @@ def _evaluate_bank(
     """Evaluation of a bank model, whose temperature and lagged rates are clamped to the fitted
     ranges, rates to the largest fitted magnitude on either side.
     """
+    case = np.clip(case, *coil.followed_range(*model.valid.temperature))
     logs, along = [(time, case)], coil.path([(time, case)])
     lag = np.array([*np.log(model.static_lag[:2]), model.static_lag[2]])
     temperature = bank.static_temperature(along, lag)

@@ -1,0 +1,166 @@
+"""The functions by which a chain with memory keeps time: an update so many milliseconds after the
+call before, gaps bridged, jumps left out, and its output between two updates.
+"""
+
+from collections.abc import Sequence
+
+from calibkit.firmware.c_steps import Home
+from calibkit.firmware.chain import Pace
+from calibkit.firmware.export import Export
+from calibkit.firmware.formats import Format
+
+UPDATE = """@head
+{
+    uint32_t first = 0U;
+    uint32_t status = @P_OK;
+    uint32_t count;
+
+    if (state->updates == 0U) {
+        first = 1U;
+        state->waited_ms = @P_INTERVAL_MS + (@P_INTERVAL_MS / 2U);
+    } else if (elapsed_ms > (UINT32_MAX - state->waited_ms)) {
+        state->waited_ms = UINT32_MAX;
+    } else {
+        state->waited_ms += elapsed_ms;
+    }
+    count = state->waited_ms / @P_INTERVAL_MS;
+    if (count != 0U) {
+@kept    }
+    if (@invalid) {
+        status = @P_INVALID;
+    } else if (count == 0U) {
+        status = @P_INTERVAL;
+    } else if ((first == 0U) && (count <= @P_LONGEST) && (@p_jumped(@passedstate, in, count) != 0U)) {
+        status = @P_JUMPED;
+    } else {
+        const uint32_t steps = (count > @P_LONGEST) ? 1U : count;
+        uint32_t k;
+
+        if (count > @P_LONGEST) {
+@restart        }
+        for (k = 1U; k <= steps; k++) {
+            @p_in at;
+
+            @p_bridge(&state->in, in, k, steps, &at);
+            status = @p_step(@passedstate, &at);
+        }
+        if ((first == 0U) && ((count != 1U) || (elapsed_ms < @P_EARLIEST_MS) || (elapsed_ms > @P_LATEST_MS))) {
+            status |= @P_INTERVAL;
+        }
+        if (state->updates <= (uint32_t)@tables@pace[0]) {
+            status |= @P_STARTING;
+        }
+        if (first != 0U) {
+@began        }
+@used        state->waited_ms %= @P_INTERVAL_MS;
+    }
+@out    return status;
+}
+"""
+BETWEEN = """void @p_between(const @p_state *state, uint32_t elapsed_ms, @p_out *out)
+{
+    const uint32_t passed = (elapsed_ms < @P_INTERVAL_MS) ? elapsed_ms : @P_INTERVAL_MS;
+@share
+@outputs
+}
+"""
+
+
+def render(export: Export, home: Home, head: str, invalid: str) -> str:
+    """Functions that keep time; `head` is that of the update, `invalid` what no number is."""
+    structure = export.structure
+    pace = structure.pace
+    assert pace is not None  # noqa: S101 (a chain with memory that is exported keeps time)
+    number = export.program.format
+    restart = [f"state->{name} = {number.text(0.0)};" for name in pace.lags]
+    update = UPDATE.replace("@head", head).replace("@invalid", invalid)
+    update = update.replace("@passed", home.passed).replace(
+        "@tables@pace", home.tables + pace.table
+    )
+    update = update.replace("@restart", _indented(["state->updates = 0U;", *restart], 12))
+    fields, outputs = ([one.name for one in side] for side in (structure.inputs, structure.outputs))
+    kept = _copied("state->before.", "state->last.", outputs)
+    update = update.replace("@kept", _indented(kept, 8)).replace("@began", _indented(kept, 12))
+    update = update.replace("@used", _indented(_copied("state->in.", "in->", fields), 8))
+    update = update.replace("@out", _indented(_copied("out->", "state->last.", outputs), 4))
+    shown = [f"out->{o.name} = {_line(number, 'state->', o.name)};" for o in structure.outputs]
+    share = "" if number.fixed else f"    const {number.c_type} share = {_share(number)};\n"
+    between = BETWEEN.replace("@share\n", share).replace("@outputs\n", _indented(shown, 4))
+    return "\n".join([_jumped(export, home, pace), _bridge(number, fields), update, between])
+
+
+def defines(export: Export) -> str:
+    """Constants of the clock."""
+    structure = export.structure
+    if structure.pace is None:
+        return ""
+    interval = structure.interval_ms
+    return (
+        f"#define @P_EARLIEST_MS {interval - interval // 8}U\n"
+        f"#define @P_LATEST_MS {interval + interval // 8}U\n"
+        f"#define @P_LONGEST {structure.pace.longest}U /* intervals that are bridged */\n"
+    )
+
+
+def _indented(lines: Sequence[str], width: int) -> str:
+    """Lines of C at an indentation."""
+    return "".join(f"{' ' * width}{line}\n" for line in lines)
+
+
+def _copied(to: str, source: str, names: Sequence[str]) -> list[str]:
+    """Statements that copy fields one by one: of a struct, a compiler may call memcpy."""
+    return [f"{to}{name} = {source}{name};" for name in names]
+
+
+def _share(number: Format) -> str:
+    """Share of the interval that has passed."""
+    return f"({number.c_type})passed / ({number.c_type})@P_INTERVAL_MS"
+
+
+def _line(number: Format, place: str, name: str) -> str:
+    """An output between the last two."""
+    before, last = f"{place}before.{name}", f"{place}last.{name}"
+    if not number.fixed:
+        return f"{before} + (({last} - {before}) * share)"
+    moved = f"((int64_t){last} - (int64_t){before}) * (int64_t)passed"
+    return (
+        f"({number.c_type})((int64_t){before}\n        + (({moved})\n"
+        "            / (int64_t)@P_INTERVAL_MS))"
+    )
+
+
+def _jumped(export: Export, home: Home, pace: Pace) -> str:
+    """Function that tells a jump of the followed input."""
+    kind = "int64_t" if export.program.format.fixed else export.program.format.c_type
+    cast = "(int64_t)" if export.program.format.fixed else ""
+    return f"""/* whether the input moved further than so many intervals allow */
+static uint32_t @p_jumped({home.declared}const @p_state *state, const @p_in *in, uint32_t count)
+{{
+    const {kind} away = {cast}in->{pace.followed} - {cast}state->in.{pace.followed};
+    const {kind} most = {cast}{home.tables}{pace.table}[1] * ({kind})count;
+
+    return ((away < -most) || (away > most)) ? 1U : 0U;
+}}
+"""
+
+
+def _bridge(number: Format, fields: Sequence[str]) -> str:
+    """Function that gives the inputs of one of several intervals."""
+    lines = []
+    for name in fields:
+        if number.fixed:
+            moved = f"((int64_t)to->{name} - (int64_t)from->{name}) * (int64_t)k"
+            line = f"({number.c_type})((int64_t)from->{name} + (({moved}) / (int64_t)count))"
+        else:
+            line = f"from->{name} + ((to->{name} - from->{name}) * share)"
+        lines.append(f"in->{name} = {line};")
+    kind = number.c_type
+    share = "" if number.fixed else f"        const {kind} share = ({kind})k / ({kind})count;\n\n"
+    return f"""/* inputs of the k-th of count intervals, in a straight line */
+static void @p_bridge(const @p_in *from, const @p_in *to, uint32_t k, uint32_t count, @p_in *in)
+{{
+    if (k < count) {{
+{share}{_indented(lines, 8)}    }} else {{
+{_indented(_copied("in->", "to->", fields), 8)}    }}
+}}
+"""

@@ -1,0 +1,153 @@
+"""What the firmware of a chain with memory computes by the clock, bit for bit: gaps bridged, jumps
+left out, and rows of updates in turn.
+"""
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import zip_longest
+
+import numpy as np
+
+from calibkit.arrays import Integers
+from calibkit.firmware import twin
+from calibkit.firmware.program import Program
+from calibkit.firmware.twin import Result, State, Words
+
+LONGEST_MS = 2**32 - 1
+"""Milliseconds that a counter of 32 bits holds."""
+
+
+def update(
+    program: Program, inputs: Mapping[str, Words], elapsed_ms: Integers, state: State
+) -> Result:
+    """One call of the firmware's update on lanes of inputs [n], so many milliseconds [n] after the
+    call before: intervals without a usable input are bridged in a straight line.
+    """
+    structure, pace = program.structure, program.structure.pace
+    assert pace is not None  # noqa: S101 (a chain that keeps time)
+    bits = {flag: 1 << k for k, flag in enumerate(structure.flags)}
+    starting, off, jumped = (bits[flag] for flag in pace.flags)
+    length, first = structure.interval_ms, state.updates == 0
+    waited = np.minimum(state.waited_ms + elapsed_ms, LONGEST_MS)
+    waited = np.where(first, length + length // 2, waited)
+    count, bad = waited // length, twin.find_refused(program, inputs)
+    safe = {name: np.where(bad, state.inputs[name], words) for name, words in inputs.items()}
+    late = count > pace.longest
+    jump = ~bad & ~first & ~late & (count > 0) & _jumps(program, safe, count, state)
+    used = ~bad & ~jump & (count > 0)
+    status = np.where(bad, twin.INVALID, np.where(jump, jumped, np.where(count == 0, off, 0)))
+    lags = {memory.name for memory in structure.memories if memory.source in pace.lags}
+    after = _restarted(state, lags, used & late)
+    steps = np.where(late, 1, np.maximum(count, 1))
+    for k in range(1, int(np.max(np.where(used, steps, 0), initial=0)) + 1):
+        here = used & (k <= steps)
+        result = twin.call(program, _between(program, state.inputs, safe, k, steps), after)
+        after = _chosen(here, result, after)
+        status = np.where(here, result.status, status)
+    settled = int(program.tables[pace.table][0])
+    uneven = ~first & ((count != 1) | (np.abs(elapsed_ms - length) > length // 8))
+    status = status | np.where(used & uneven, off, 0)
+    status = status | np.where(used & (after.updates <= settled), starting, 0)
+    before = {
+        name: np.where(used & first, after.held[name], np.where(count == 0, old, state.held[name]))
+        for name, old in state.before.items()
+    }
+    after = replace(
+        after,
+        before=before,
+        inputs={name: np.where(used, safe[name], words) for name, words in state.inputs.items()},
+        waited_ms=np.where(used, waited % length, waited),
+    )
+    return Result(after.held, status, after)
+
+
+def _jumps(program: Program, inputs: Mapping[str, Words], count: Words, state: State) -> Words:
+    """Whether the followed input moved further than so many intervals allow."""
+    pace = program.structure.pace
+    assert pace is not None  # noqa: S101 (as above)
+    kind = twin.dtype(program)
+    away = inputs[pace.followed].astype(kind) - state.inputs[pace.followed].astype(kind)
+    most = kind(program.tables[pace.table][1]) * count.astype(kind)
+    return np.asarray((away < -most) | (away > most))
+
+
+def _between(
+    program: Program, before: Mapping[str, Words], inputs: Mapping[str, Words], k: int, count: Words
+) -> dict[str, Words]:
+    """Inputs of the k-th of so many intervals, in a straight line from those before."""
+    found = {}
+    for name, words in inputs.items():
+        kind = twin.dtype(program)
+        start, end = before[name].astype(kind), words.astype(kind)
+        if program.format.fixed:
+            moved = (end - start) * k
+            part = np.sign(moved) * (np.abs(moved) // count)
+        else:
+            part = (end - start) * (kind(k) / count.astype(kind))
+        found[name] = np.where(k == count, end, start + part)
+    return found
+
+
+def _restarted(state: State, lags: Collection[str], where: Words) -> State:
+    """State in which lags are at rest on some lanes, and the updates counted anew."""
+    values = {
+        name: np.where(where, 0, words).astype(words.dtype) if name in lags else words
+        for name, words in state.values.items()
+    }
+    return replace(state, values=values, updates=np.where(where, 0, state.updates))
+
+
+def _chosen(where: Words, result: Result, before: State) -> State:
+    """State after a call on some lanes, before it on the others."""
+    after = result.after
+
+    def chosen(new: Mapping[str, Words], old: Mapping[str, Words]) -> dict[str, Words]:
+        return {name: np.where(where, words, old[name]) for name, words in new.items()}
+
+    return replace(
+        before,
+        values=chosen(after.values, before.values),
+        histories=chosen(after.histories, before.histories),
+        updates=np.where(where, after.updates, before.updates),
+        held=chosen(after.held, before.held),
+    )
+
+
+def run_in_turn(
+    program: Program,
+    inputs: Mapping[str, Words],
+    updates: Sequence[int],
+    elapsed_ms: Sequence[int] = (),
+    *,
+    anew: bool = False,
+) -> Iterator[Result]:
+    """Last result of each row of inputs [n] of a chain with memory, which lasts as many updates as
+    stated; from a reset on, Rows with no time between the calls
+    take the steps without the clock, `anew` each from a reset.
+    """
+    state = twin.reset(program, 1)
+    for k, (count, elapsed) in enumerate(zip_longest(updates, elapsed_ms, fillvalue=0)):
+        if anew and not elapsed:
+            state = twin.reset(program, 1)
+        row = {name: words[k : k + 1] for name, words in inputs.items()}
+        for _ in range(count):
+            if elapsed:
+                result = update(program, row, np.array([elapsed]), state)
+            else:
+                result = twin.call(program, row, state)
+            state = result.after
+        yield result
+
+
+def run_by_the_clock(
+    program: Program, inputs: Mapping[str, Words], elapsed_ms: Integers
+) -> Iterator[Result]:
+    """Result of each update of a chain with memory from a reset on, for rows of inputs [n] so many
+    milliseconds [n] after one another.
+    """
+    state = twin.reset(program, 1)
+    for k in range(elapsed_ms.size):
+        row = {name: words[k : k + 1] for name, words in inputs.items()}
+        result = update(program, row, elapsed_ms[k : k + 1], state)
+        state = result.after
+        yield result

@@ -1,0 +1,111 @@
+"""A C program that damages a blob in many ways and loads what comes out: bursts of wrong bits, and
+mutants whose CRC was made right again. It counts what is accepted, how long the longest load took,
+and by how many tolerances an accepted mutant whose vectors are intact differs from the blob.
+
+    PYTHONPATH=.:tests python tests/firmware_damage.py [bursts and mutants a chain, 10000] [seed]
+"""
+
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from calibkit.firmware import blob, c_loader, ranges
+
+SANITIZED = ("-std=c99", "-O1", "-g", "-w", "-ffp-contract=off")
+SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+PROGRAM = Path(__file__).with_suffix(".c")
+
+
+def program(export):
+    """Text of the program for the loader of one chain."""
+    structure = export.structure
+    known = ranges.find_ranges(export.chain, usual=False)
+    spans = [known[entry.name] for entry in structure.inputs]
+    fields = "\n".join(f"    in->{e.name} = (@real)x[{k}];" for k, e in enumerate(structure.inputs))
+    calls = "        (void)unit_correct(a, &in, &x); (void)unit_correct(b, &in, &y);"
+    begin = ""
+    if structure.has_memory:
+        begin = "    unit_state s, t;\n    unit_reset(&s); unit_reset(&t);"
+        calls = "\n".join(
+            f"        (void)unit_update({one}, &{state}, k % 10U == 9U ? 10000000U :"
+            f" UNIT_INTERVAL_MS, &in, &{out});"
+            for one, state, out in (("a", "s", "x"), ("b", "t", "y"))
+        )
+    size = export.program.format.size
+    compare = "\n".join(
+        f"        found = fmax(found, fabs((double)x.{o.name} - (double)y.{o.name})"
+        f" / (double)unit_number(&a->slots[a->active - 1U].tests[{k * size}]));"
+        for k, o in enumerate(structure.outputs)
+    )
+    text = PROGRAM.read_text(encoding="ascii")
+    for mark, filled in {
+        "@fields": fields,
+        "@begin": begin,
+        "@calls": calls,
+        "@compare": compare,
+        "@inputs": str(len(spans)),
+        "@least": ", ".join(repr(float(low)) for low, _ in spans),
+        "@most": ", ".join(repr(float(high)) for _, high in spans),
+        "@size": str(export.program.format.size),
+        "@real": export.program.format.c_type,
+    }.items():
+        text = text.replace(mark, filled)
+    return text
+
+
+def damage(export, folder, times, seed=1, timeout=300):
+    """What the program prints: bursts and mutants that were taken, the worst difference of an
+    accepted mutant with intact vectors [tolerances], the longest load [s].
+    """
+    (folder / "unit.h").write_bytes(c_loader.header(export))
+    (folder / "unit.c").write_bytes(c_loader.source(export))
+    (folder / "damage.c").write_text(program(export))
+    command = ("gcc", *SANITIZED, *SANITIZERS, "damage.c", "-lm", "-o", "damage")
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[:3000]
+    done = subprocess.run(
+        [str(folder / "damage"), str(times), str(seed)],
+        input=blob.render(export),
+        capture_output=True,
+        check=False,
+        timeout=timeout,
+    )
+    said = done.stdout.decode()
+    assert done.returncode == 0, said + done.stderr.decode()[:3000]
+    taken, mutants, intact = (int(x) for x in re.findall(r"(?:taken|intact) (\d+)", said))
+    apart, longest = (float(x) for x in re.findall(r"(?:apart|longest) ([\d.e+-]+|inf)", said))
+    return {
+        "bursts": taken,
+        "mutants": mutants,
+        "intact": intact,
+        "apart": apart,
+        "longest_s": longest,
+        "said": said,
+    }
+
+
+def main():
+    """Damage the blobs of several chains."""
+    import firmware_runs
+    from firmware_driver import exported
+
+    given = [int(x) for x in sys.argv[1:]]
+    times, seed = (*given, *(10000, 1)[len(given) :])
+    assert shutil.which("gcc"), "gcc is not installed"
+    for name in ("scale", "affine", "rate", "lagged", "level", "gradient", "grown"):
+        with tempfile.TemporaryDirectory() as place:
+            folder = Path(place)
+            (folder / "run").mkdir()
+            chain = firmware_runs.fitted(name, folder / "run").chain
+            found = damage(exported(chain, "f32", "unit"), folder, times, seed, timeout=3600)
+            said = found["said"].splitlines()
+            sys.stdout.write(f"{name}: {said[0]}; {said[1]}\n")
+            sys.stdout.flush()
+            assert found["bursts"] == 0
+
+
+if __name__ == "__main__":
+    main()
