@@ -11,6 +11,7 @@ from calibkit import (
     clock,
     coefficients,
     instruments,
+    layouts,
     new_files,
     own_files,
     recipe,
@@ -95,6 +96,7 @@ def fit(
     with store.next_revision(out, serial, dry_run=dry_run) as (revision, superseded):
         found = run_content.complete_summary(fitted, pooled)
         summary = dates.flag_date_order(found, out, serial, revision, date)
+        summary = layouts.flag_layout(summary, pooled.recipe, fitted, out, serial, revision)
         document, records, files, drawn = run_content.build_run(
             source, pooled, replace(fitted, summary=summary), serial, revision, date, superseded
         )

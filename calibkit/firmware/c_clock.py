@@ -36,9 +36,7 @@ UPDATE = """@head
         const uint32_t steps = (count > @P_LONGEST) ? 1U : count;
         uint32_t k;
 
-        if (count > @P_LONGEST) {
-@restart        }
-        for (k = 1U; k <= steps; k++) {
+@restart        for (k = 1U; k <= steps; k++) {
             @p_in at;
 
             @p_bridge(&state->in, in, k, steps, &at);
@@ -47,10 +45,7 @@ UPDATE = """@head
         if ((first == 0U) && ((count != 1U) || (elapsed_ms < @P_EARLIEST_MS) || (elapsed_ms > @P_LATEST_MS))) {
             status |= @P_INTERVAL;
         }
-        if (state->updates <= (uint32_t)@tables@pace[0]) {
-            status |= @P_STARTING;
-        }
-        if (first != 0U) {
+@starting        if (first != 0U) {
 @began        }
 @used        state->waited_ms %= @P_INTERVAL_MS;
     }
@@ -72,12 +67,16 @@ def render(export: Export, home: Home, head: str, invalid: str) -> str:
     pace = structure.pace
     assert pace is not None  # noqa: S101 (a chain with memory that is exported keeps time)
     number = export.program.format
-    restart = [f"state->{name} = {number.text(0.0)};" for name in pace.lags]
+    restart, starting = "", ""
+    if not structure.summing:
+        lines = ["state->updates = 0U;", *(f"state->{k} = {number.text(0.0)};" for k in pace.lags)]
+        restart = _block("if (count > @P_LONGEST) {", lines)
+    if pace.lags:
+        settled = f"if (state->updates <= (uint32_t){home.tables}{pace.table}[0]) {{"
+        starting = _block(settled, ["status |= @P_STARTING;"])
     update = UPDATE.replace("@head", head).replace("@invalid", invalid)
-    update = update.replace("@passed", home.passed).replace(
-        "@tables@pace", home.tables + pace.table
-    )
-    update = update.replace("@restart", _indented(["state->updates = 0U;", *restart], 12))
+    update = update.replace("@passed", home.passed)
+    update = update.replace("@restart", restart).replace("@starting", starting)
     fields, outputs = ([one.name for one in side] for side in (structure.inputs, structure.outputs))
     kept = _copied("state->before.", "state->last.", outputs)
     update = update.replace("@kept", _indented(kept, 8)).replace("@began", _indented(kept, 12))
@@ -110,6 +109,11 @@ def _indented(lines: Sequence[str], width: int) -> str:
 def _copied(to: str, source: str, names: Sequence[str]) -> list[str]:
     """Statements that copy fields one by one: of a struct, a compiler may call memcpy."""
     return [f"{to}{name} = {source}{name};" for name in names]
+
+
+def _block(head: str, lines: Sequence[str]) -> str:
+    """Statements under a condition, within a branch."""
+    return _indented([head, *(f"    {line}" for line in lines), "}"], 8)
 
 
 def _share(number: Format) -> str:

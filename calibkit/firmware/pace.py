@@ -170,10 +170,13 @@ def by_the_clock(chain: Chain, trials: Trials) -> Trials:
     pace, interval = chain.structure.pace, chain.structure.interval_ms
     assert pace is not None  # noqa: S101 (a chain that keeps time)
     move = float(chain.tables[pace.table][1])
-    inputs = {}
+    inputs, units = {}, {entry.name: entry.unit for entry in chain.structure.inputs}
     for name, column in trials.inputs.items():
         low, high = (float(limit) for limit in chain.tables[f"{name}_range"])
-        away = np.array([share for share, _, _ in CLOCK]) * (move if name == pace.followed else 0.0)
+        # the air moves half as far, a rate stays within its range
+        pull = move if name == pace.followed else 0.5 * move
+        still = 0.0 if units[name] == "degC" else 0.1 * (high - low)
+        away = np.array([still or share * pull for share, _, _ in CLOCK])
         added = vectors.coarsen(0.5 * (low + high) + away, 8.0 * move)
         inputs[name] = np.concatenate([column, added])
     calls = [(count, round(share * interval)) for _, count, share in CLOCK]
