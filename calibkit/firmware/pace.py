@@ -2,12 +2,15 @@
 bounded by the chain's own lags.
 """
 
-from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from fractions import Fraction
+from itertools import pairwise
+from typing import Self
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.errors import OutputError
 from calibkit.firmware import bounds, formats, program, vectors
 from calibkit.firmware.chain import Chain, Pace, Sum, Trials
@@ -43,6 +46,45 @@ MOST_UPDATES = 100_000
 """Updates after which lags that have not settled are refused."""
 
 
+@dataclass(frozen=True, slots=True)
+class _Lags:
+    """The remembered values of a chain that a reset takes for 0: next = decay · values + driven ·
+    move, the move in those of FASTEST times the largest fitted rate.
+    """
+
+    names: tuple[str, ...]
+    decay: Array
+    driven: Array
+    ramped: Array
+    """On the fastest fitted ramp."""
+    gains: Mapping[str, Array]
+    """Output → largest derivative by each value."""
+
+    @classmethod
+    def find(cls, chain: Chain) -> Self:
+        """Those of a chain, whose steps are sums of values with constant weights."""
+        names = tuple(chain.ramped)
+        kept = {m.name: m.source for m in chain.structure.memories if m.source in names}
+        decay, driven = np.zeros((len(names), len(names))), np.zeros(len(names))
+        sums = {step.name: step for step in chain.structure.steps if isinstance(step, Sum)}
+        for row, name in enumerate(names):
+            for term in sums[name].terms:
+                weight = float(chain.tables[term.table][0]) if term.table else 1.0
+                (factor,) = term.factors
+                if factor in kept:
+                    decay[row, names.index(kept[factor])] += term.sign * weight
+                else:
+                    driven[row] += term.sign * weight * float(chain.usual[factor])
+        ramped = np.array([float(chain.ramped[name]) for name in names])
+        by = bounds.find_gains(chain, program.quantise(chain, formats.FORMATS["f64"]))
+        gains = {output: np.array([one[name] for name in names]) for output, one in by.items()}
+        return cls(names, decay, driven, ramped, gains)
+
+    def weigh(self, values: Array) -> dict[str, float]:
+        """Error of each output by those of the values."""
+        return {output: float(gain @ np.abs(values)) for output, gain in self.gains.items()}
+
+
 def keep_time(chain: Chain, followed: str, rate: Fraction, longest_gap_s: float) -> Chain:
     """Chain that keeps time by the input `followed`, with the largest fitted rate [°C/min] and the
     longest gap [s] that is bridged; OutputError for an interval that is no whole number of
@@ -56,8 +98,8 @@ def keep_time(chain: Chain, followed: str, rate: Fraction, longest_gap_s: float)
         )
     low, high = chain.tables[f"{followed}_range"]
     longest = max(1, int(longest_gap_s / h))
-    gains = bounds.find_gains(chain, program.quantise(chain, formats.FORMATS["f64"]))
-    started = _errors_of_start(chain, gains)
+    lags = _Lags.find(chain)
+    started = _errors_of_start(lags)
     settled = len(started) - 1
     move = max(FASTEST * rate * Fraction(h) / 60, (high - low) / NOISE)
     structure = replace(chain.structure, pace=Pace(followed, longest, "pace", tuple(chain.ramped)))
@@ -69,7 +111,7 @@ def keep_time(chain: Chain, followed: str, rate: Fraction, longest_gap_s: float)
         timing[1] += "; a longer one is left out of the sum: anchor it"
     if settled:
         worst = f"while the case moves by no more than {float(rate):.3g} degC/min"
-        bridged = _errors_of_gap(chain, gains, longest)
+        bridged = _errors_of_gap(lags, longest)
         timing[1] += f", wrong by up to {_listed(chain, bridged)} {worst}; a longer one is a start"
         timing.append(
             f"start         STARTING for {settled * h:g} s after a reset, which, {worst}, is wrong"
@@ -86,81 +128,34 @@ def _listed(chain: Chain, errors: Mapping[str, float]) -> str:
     )
 
 
-def _errors_of_start(
-    chain: Chain, gains: Mapping[str, Mapping[str, float]]
-) -> list[Mapping[str, float]]:
+def _errors_of_start(lags: _Lags) -> list[Mapping[str, float]]:
     """Largest error of each output from the reset on, update by update until the lags have
     settled; none where there is no lag.
     """
-    kept = {name: float(value) for name, value in chain.ramped.items()}
-    found = [_weighed(gains, kept)]
-    while chain.ramped and any(
-        error > SETTLED * found[0][name] for name, error in found[-1].items()
-    ):
+    kept, found = lags.ramped, [lags.weigh(lags.ramped)]
+    while lags.names and any(error > SETTLED * found[0][name] for name, error in found[-1].items()):
         if len(found) > MOST_UPDATES:
             raise OutputError(
                 f"the lags have not settled after {MOST_UPDATES} updates",
                 hint="fit with a longer interval_s",
             )
-        kept = _advanced(chain, kept, 0.0)
-        found.append(_weighed(gains, kept))
+        kept = lags.decay @ kept
+        found.append(lags.weigh(kept))
     return found
 
 
-def _errors_of_gap(
-    chain: Chain, gains: Mapping[str, Mapping[str, float]], longest: int
-) -> Mapping[str, float]:
+def _errors_of_gap(lags: _Lags, longest: int) -> Mapping[str, float]:
     """Largest error of each output behind a gap of so many intervals, where the case was anywhere
     between its ends that the largest fitted rate reaches: at most 2 R s (g − s)/g from the line.
     """
-    kept = dict.fromkeys(chain.ramped, 0.0)
-    most = dict(kept)
+    kept, most = np.zeros(len(lags.names)), np.zeros(len(lags.names))
     away = [2.0 * k * (longest - k) / longest for k in range(longest + 1)]
-    for k in range(longest):
-        kept = _advanced(chain, kept, (away[k + 1] - away[k]) / FASTEST)
-        most = {name: max(most[name], abs(value)) for name, value in kept.items()}
+    for before, after in pairwise(away):
+        kept = lags.decay @ kept + lags.driven * (after - before) / FASTEST
+        most = np.maximum(most, np.abs(kept))
     # a lag forgets, so that its last error counts; a difference of two is bounded by either's
-    driven = {name: _is_driven(chain, name) for name in kept}
-    return _weighed(gains, {n: abs(kept[n]) if driven[n] else max(most.values()) for n in kept})
-
-
-def _is_driven(chain: Chain, name: str) -> bool:
-    """Whether a remembered value follows the case alone, not another remembered value."""
-    sources = {memory.name: memory.source for memory in chain.structure.memories}
-    return {sources[factor] for factor, _ in _linear(chain, name) if factor in sources} == {name}
-
-
-def _weighed(
-    gains: Mapping[str, Mapping[str, float]], kept: Mapping[str, float]
-) -> Mapping[str, float]:
-    """Error of each output by those of remembered values."""
-    return {
-        output: sum(by[name] * abs(value) for name, value in kept.items())
-        for output, by in gains.items()
-    }
-
-
-def _linear(chain: Chain, name: str) -> Iterator[tuple[str, float]]:
-    """Factors of a remembered value, a sum of values with constant weights, and their weights."""
-    (step,) = (s for s in chain.structure.steps if s.name == name and isinstance(s, Sum))
-    for term in step.terms:
-        weight = float(chain.tables[term.table][0]) if term.table else 1.0
-        yield term.factors[0], term.sign * weight
-
-
-def _advanced(chain: Chain, kept: Mapping[str, float], moved: float) -> dict[str, float]:
-    """Errors of remembered values one update later, the case moving by an error of so many times
-    its fastest usual move.
-    """
-    sources = {memory.name: memory.source for memory in chain.structure.memories}
-    found = {}
-    for name in kept:
-        found[name] = sum(
-            weight
-            * (kept[sources[factor]] if factor in sources else moved * float(chain.usual[factor]))
-            for factor, weight in _linear(chain, name)
-        )
-    return found
+    alone = np.count_nonzero(lags.decay, axis=1) == 1
+    return lags.weigh(np.where(alone, np.abs(kept), most.max(initial=0.0)))
 
 
 def by_the_clock(chain: Chain, trials: Trials) -> Trials:
