@@ -132,7 +132,8 @@ def _errors_of_start(lags: _Lags) -> list[Mapping[str, float]]:
     """Largest error of each output from the reset on, update by update until the lags have
     settled; none where there is no lag.
     """
-    kept, found = lags.ramped, [lags.weigh(lags.ramped)]
+    kept = lags.ramped
+    found: list[Mapping[str, float]] = [lags.weigh(kept)]
     while lags.names and any(error > SETTLED * found[0][name] for name, error in found[-1].items()):
         if len(found) > MOST_UPDATES:
             raise OutputError(
