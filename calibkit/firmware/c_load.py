@@ -211,6 +211,26 @@ def _testable(export: Export) -> str:
     return "\n".join(lines) + "\n"
 
 
+def _calls(export: Export, width: int) -> tuple[list[str], list[str]]:
+    """Declarations and statements that evaluate one vector of so many numbers."""
+    structure, size = export.structure, export.program.format.size
+    if not structure.has_memory:
+        return [], ["status = @p_corrected(n, &in, &out);"]
+    words = [
+        f"const @real calls = @p_number(&row[{size * (width - 3)}]);",
+        f"const @real later = @p_number(&row[{size * (width - 2)}]);",
+        "const uint32_t updates = @p_count(calls, @P_MOST_UPDATES);",
+        "const uint32_t elapsed = @p_count(later, @P_MOST_COUNT);",
+        "uint32_t i;",
+    ]
+    return words, c_selftest.updating_lines(
+        structure,
+        ("updates", "elapsed"),
+        "@p_step(n, &state, &in)",
+        "@p_updated(n, &state, elapsed, &in, &out)",
+    )
+
+
 def _hold(export: Export) -> str:
     """Function that runs the vectors of a blob."""
     structure, size = export.structure, export.program.format.size
@@ -222,22 +242,7 @@ def _hold(export: Export) -> str:
         f" @p_number(&n->tests[{size * k}])) == 0U)"
         for k, output in enumerate(outputs)
     ]
-    call = ["status = @p_corrected(n, &in, &out);"]
-    words: list[str] = []
-    if structure.has_memory:
-        words = [
-            f"const @real calls = @p_number(&row[{size * (width - 3)}]);",
-            f"const @real later = @p_number(&row[{size * (width - 2)}]);",
-            "const uint32_t updates = @p_count(calls, @P_MOST_UPDATES);",
-            "const uint32_t elapsed = @p_count(later, @P_MOST_COUNT);",
-            "uint32_t i;",
-        ]
-        call = c_selftest.updating_lines(
-            structure,
-            ("updates", "elapsed"),
-            "@p_step(n, &state, &in)",
-            "@p_updated(n, &state, elapsed, &in, &out)",
-        )
+    words, call = _calls(export, width)
     body = [
         f"const uint8_t *row = &n->tests[{first * size}U + (k * @P_ROW)];",
         *words,
