@@ -55,8 +55,8 @@ def find(residuals: Array, groupings: Mapping[str, Integers]) -> tuple[LackOfFit
 
 def _chance(between: float, within: float, numerator: int, denominator: int) -> float:
     """Probability of so large a ratio of mean squares by chance."""
-    from scipy.stats import f  # slow to import
+    from scipy.special import fdtrc
 
     if within == 0.0:
         return 1.0 if between == 0.0 else 0.0
-    return float(f.sf(between / within, numerator, denominator))
+    return float(fdtrc(numerator, denominator, between / within))

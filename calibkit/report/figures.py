@@ -163,7 +163,10 @@ def settle(figures: Sequence[Figure]) -> None:
         for figure in figures:
             literal(figure)
             _settle(figure)
-            figure.draw_without_rendering()
+            engine = figure.get_layout_engine()
+            if engine is not None:
+                # a whole drawing would lay it out too, and draw what is drawn later
+                engine.execute(figure)
 
 
 def _settle(figure: Figure) -> None:

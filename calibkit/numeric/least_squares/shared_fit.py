@@ -63,9 +63,9 @@ def fit(
     FitError : as `components.fit`.
 
     """
-    from scipy.stats import norm
+    from scipy.special import ndtri
 
-    limit = float(norm.isf(FALSE_ALARM / (2.0 * len(indication))))
+    limit = -float(ndtri(FALSE_ALARM / (2.0 * len(indication))))
     balance, kept, trial = weights, list(effects), list(candidates)
     for _ in range(ROUNDS):
         kept, trial, found = _grow(design, indication, kept, trial, balance, used, names)

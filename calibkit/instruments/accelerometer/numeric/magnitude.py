@@ -382,6 +382,6 @@ def _flags(
 
 def _t95(dof: int) -> float:
     """Two-sided 95 % quantile of Student's t; zero degrees of freedom count as one."""
-    from scipy.stats import t
+    from scipy.special import stdtrit
 
-    return float(t.ppf(0.975, max(dof, 1)))
+    return float(stdtrit(max(dof, 1), 0.975))

@@ -270,7 +270,7 @@ def _find_unexplained(
     where: Circumstances, at: Residuals, fitted: SharedFit, slopes: Array
 ) -> tuple[Unexplained, ...]:
     """Residuals that differ from group to group where shared errors are taken out."""
-    from scipy.stats import t
+    from scipy.special import stdtrit
 
     left = fitted.residuals - fitted.found.shared(fitted.effects)
     quarter = np.minimum(4 * where.soak // (where.soak.max() + 1), 3)
@@ -280,7 +280,7 @@ def _find_unexplained(
         for name, label in groups.items()
     }
     u = np.sqrt(np.einsum("mp,pq,mq->m", slopes, fitted.found.covariance, slopes))
-    k = float(t.ppf(0.975, np.median(fitted.found.effective_dof)))
+    k = float(stdtrit(np.median(fitted.found.effective_dof), 0.975))
     expanded = k * float(np.sqrt(np.mean(u**2)))
     axes = ("along x", "along y", "along z") if at.per_dwell == 3 else ("of the length",)
     return tuple(
