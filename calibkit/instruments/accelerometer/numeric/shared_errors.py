@@ -280,7 +280,7 @@ def _find_unexplained(
         for name, label in groups.items()
     }
     u = np.sqrt(np.einsum("mp,pq,mq->m", slopes, fitted.found.covariance, slopes))
-    k = float(stdtrit(np.median(fitted.found.effective_dof), 0.975))
+    k = float(stdtrit(float(np.median(fitted.found.effective_dof)), 0.975))
     expanded = k * float(np.sqrt(np.mean(u**2)))
     axes = ("along x", "along y", "along z") if at.per_dwell == 3 else ("of the length",)
     return tuple(
