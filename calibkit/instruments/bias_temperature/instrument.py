@@ -2,25 +2,18 @@
 bias.json.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
-from typing import Any
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from calibkit import check as checks, units
-from calibkit.certificate.quantities import Quantity
-from calibkit.certificate.results import Block
-from calibkit.certificate.stated import Stated
 from calibkit.check import chunked, copies
 from calibkit.coefficients import Input, Record
 from calibkit.forms import POLYNOMIAL
 from calibkit.frame import Examined, Finding, Log, refuse, values
 from calibkit.ingest import logs as ingest, write_back
-from calibkit.ingest.evidence import Evidence
-from calibkit.ingest.logs import Reader
-from calibkit.ingest.recipe_text import Choice
-from calibkit.ingest.write_back import Applied
 from calibkit.instruments import Firmware, Fitted, Instrument, Progress
 from calibkit.instruments.bias_temperature import (
     figures as pages,
@@ -30,7 +23,19 @@ from calibkit.instruments.bias_temperature import (
 from calibkit.instruments.bias_temperature.recipe import BiasTemperatureRecipe
 from calibkit.numeric import chunks
 from calibkit.report.documents import Drawn
-from calibkit.report.summary import Summary
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+    from pathlib import Path
+
+    from calibkit.certificate.quantities import Quantity
+    from calibkit.certificate.results import Block
+    from calibkit.certificate.stated import Stated
+    from calibkit.ingest.evidence import Evidence
+    from calibkit.ingest.logs import Reader
+    from calibkit.ingest.recipe_text import Choice
+    from calibkit.ingest.write_back import Applied
+    from calibkit.report.summary import Summary
 
 
 def _read(

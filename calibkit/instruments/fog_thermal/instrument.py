@@ -1,23 +1,16 @@
 """Thermal drift of a fibre-optic gyro: ramps → denoise.json, drift.json, drift_rate.json."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from __future__ import annotations
+
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calibkit.certificate.quantities import Quantity
-from calibkit.certificate.results import Block
-from calibkit.certificate.stated import Stated
 from calibkit.check import copies, flag_bridged_gaps, magnitude, thermometers
 from calibkit.coefficients import Criterion, Record, at_least, at_most
 from calibkit.frame import Finding, Log, refuse, values
 from calibkit.ingest import logs as ingest, two_loggers, write_back
-from calibkit.ingest.evidence import Evidence
-from calibkit.ingest.logs import Reader
-from calibkit.ingest.recipe_text import Choice
-from calibkit.ingest.write_back import Applied
 from calibkit.instruments import Firmware, Fitted, Instrument, Progress
 from calibkit.instruments.fog_thermal import (
     bias,
@@ -38,7 +31,19 @@ from calibkit.numeric.dispersion import rms
 from calibkit.planning.proposal import Planner
 from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary
-from calibkit.simulate.campaign import Campaign
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+    from pathlib import Path
+
+    from calibkit.certificate.quantities import Quantity
+    from calibkit.certificate.results import Block
+    from calibkit.certificate.stated import Stated
+    from calibkit.ingest.evidence import Evidence
+    from calibkit.ingest.logs import Reader
+    from calibkit.ingest.recipe_text import Choice
+    from calibkit.ingest.write_back import Applied
+    from calibkit.simulate.campaign import Campaign
 
 
 def _fit(

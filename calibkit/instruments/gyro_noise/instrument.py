@@ -2,31 +2,23 @@
 stability → gyro_noise.json.
 """
 
+from __future__ import annotations
+
 import json
 import re
-from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calibkit.certificate.quantities import Quantity
-from calibkit.certificate.results import Block
-from calibkit.certificate.stated import Stated
 from calibkit.check import copies
 from calibkit.coefficients import Input, Record, StageResult
 from calibkit.constants import STANDARD_GRAVITY_MPS2
 from calibkit.errors import CalibkitError, FitError, UsageError
 from calibkit.frame import Examined, Finding, Log, refuse, values
 from calibkit.ingest import logs as ingest
-from calibkit.ingest.evidence import Evidence
-from calibkit.ingest.logs import Reader
-from calibkit.ingest.recipe_text import Choice
-from calibkit.ingest.write_back import Applied
 from calibkit.instruments import Fitted, Instrument, Progress
 from calibkit.instruments.gyro_noise import deviations, figures as pages, tables
-from calibkit.instruments.gyro_noise.deviations import NoiseFigures
 from calibkit.instruments.gyro_noise.forms import read_deviation, read_term
 from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe
 from calibkit.instruments.gyro_noise.sensors import ACCELEROMETER, find_sensor
@@ -34,7 +26,20 @@ from calibkit.left_out import LeftOut
 from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary
 from calibkit.sensitivities import Kind, Sensitivity
-from calibkit.simulate.campaign import Campaign
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+    from pathlib import Path
+
+    from calibkit.certificate.quantities import Quantity
+    from calibkit.certificate.results import Block
+    from calibkit.certificate.stated import Stated
+    from calibkit.ingest.evidence import Evidence
+    from calibkit.ingest.logs import Reader
+    from calibkit.ingest.recipe_text import Choice
+    from calibkit.ingest.write_back import Applied
+    from calibkit.instruments.gyro_noise.deviations import NoiseFigures
+    from calibkit.simulate.campaign import Campaign
 
 TEMPERATURES = ("temp_case_degc", "temp_env_degc")
 REFERENCES = {"inclination_deg", "toolface_deg", "position", "station", "position_deg"}

@@ -1,23 +1,17 @@
 """Four-position inclinometer: stations → inclinometer_scale.json."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from __future__ import annotations
+
 from dataclasses import fields, replace
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calibkit.arrays import Array
-from calibkit.certificate.quantities import Quantity
-from calibkit.certificate.results import Block
-from calibkit.certificate.stated import Stated
 from calibkit.check import copies
 from calibkit.coefficients import Input, Record
 from calibkit.errors import FrameError
 from calibkit.frame import Log, refuse, values
 from calibkit.ingest import logs as ingest, write_back
-from calibkit.ingest.logs import Reader
-from calibkit.ingest.write_back import Applied
 from calibkit.instruments import Firmware, Fitted, Instrument, Progress
 from calibkit.instruments.inclinometer import (
     coefficient_files,
@@ -37,7 +31,18 @@ from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.left_out import LeftOut
 from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary
-from calibkit.simulate.campaign import Campaign
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+    from pathlib import Path
+
+    from calibkit.arrays import Array
+    from calibkit.certificate.quantities import Quantity
+    from calibkit.certificate.results import Block
+    from calibkit.certificate.stated import Stated
+    from calibkit.ingest.logs import Reader
+    from calibkit.ingest.write_back import Applied
+    from calibkit.simulate.campaign import Campaign
 
 
 def _read(spec: InclinometerRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:

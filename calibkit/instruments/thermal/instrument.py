@@ -1,19 +1,14 @@
 """Bias of the channels of a static instrument against one thermometer: logs → thermal.json."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
-from typing import Any
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
 
 from calibkit import check as checks, units
-from calibkit.certificate.quantities import Quantity
-from calibkit.certificate.results import Block
-from calibkit.certificate.stated import Stated
 from calibkit.check import copies
 from calibkit.coefficients import Input, Record
 from calibkit.frame import Examined, Finding, Log, refuse
 from calibkit.ingest import logs as ingest, write_back
-from calibkit.ingest.logs import Reader
-from calibkit.ingest.write_back import Applied
 from calibkit.instruments import Firmware, Fitted, Instrument, Progress
 from calibkit.instruments.thermal import (
     channels,
@@ -27,8 +22,18 @@ from calibkit.instruments.thermal import (
 from calibkit.instruments.thermal.propose import propose
 from calibkit.instruments.thermal.recipe import ThermalRecipe
 from calibkit.report.documents import Drawn
-from calibkit.report.summary import Summary
-from calibkit.simulate.campaign import Campaign
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+    from pathlib import Path
+
+    from calibkit.certificate.quantities import Quantity
+    from calibkit.certificate.results import Block
+    from calibkit.certificate.stated import Stated
+    from calibkit.ingest.logs import Reader
+    from calibkit.ingest.write_back import Applied
+    from calibkit.report.summary import Summary
+    from calibkit.simulate.campaign import Campaign
 
 
 def _read(spec: ThermalRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
