@@ -6,6 +6,7 @@ import tracemalloc
 import allantools
 import numpy as np
 import pytest
+import pywt
 from hypothesis import given, settings, strategies as st
 
 from calibkit.errors import FitError
@@ -786,3 +787,40 @@ def test_curves_that_cannot_be_fitted_are_refused():
         fit_noise(allan.overlapping(white[:60], 1.0))
     with pytest.raises(FitError, match="does not change"):
         fit_noise(allan.overlapping(np.full(1000, 3.0), 1.0))
+
+
+def test_the_wavelet_deviation_takes_one_copy_of_the_record():
+    """Beside the record one array of its length, and room to find the mean between gaps."""
+    rate = np.random.default_rng(3).normal(7.5, 0.1, 400_000)
+    for gaps, copies in ((0, 1.2), (1, 1.5)):
+        if gaps:
+            rate[1000:1010] = np.nan
+        tracemalloc.start()
+        allan.wavelet_deviation(rate, 1.0)
+        _, peak = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        assert peak < copies * rate.nbytes
+
+
+@pytest.mark.parametrize("wavelet", ["haar", "db2", "db3", "sym4"])
+def test_the_wavelet_deviation_is_that_of_the_stationary_transform(wavelet):
+    """Levels, coefficients that count and variances are those of PyWavelets' undecimated transform,
+    of a record with a gap.
+    """
+    rate = np.random.default_rng(4).normal(0.0, 1.0, 1024)
+    rate[300:304] = np.nan
+    curve = allan.wavelet_deviation(rate, 1.0, wavelet=wavelet)
+    half = pywt.Wavelet(wavelet).dec_len // 2
+    centred = np.nan_to_num(rate - np.nanmean(rate))
+    details = pywt.swt(centred, wavelet, level=curve.factor.size, norm=True)[::-1]
+    for factor, deviation, pairs, (_, detail) in zip(
+        curve.factor, curve.deviation, curve.pairs, details, strict=True
+    ):
+        back, ahead = (2 * factor - 1) * (half - 1), (2 * factor - 1) * half
+        seen = [
+            detail[k]
+            for k in range(back, 1024 - ahead)
+            if np.isfinite(rate[k - back : k + ahead + 1]).all()
+        ]
+        assert len(seen) == pairs
+        assert deviation == pytest.approx(np.sqrt(2.0 * np.mean(np.square(seen))), rel=1e-9)

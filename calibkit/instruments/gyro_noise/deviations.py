@@ -169,24 +169,31 @@ def _steady(log: Log) -> list[Finding]:
 def read_records(log: Log, columns: Sequence[str]) -> list[_Record]:
     """Indications of a log on an even grid; raises FitError where the samples do not lie on one."""
     time = values(log.frame, "time_s")
-    step = np.diff(time)
-    usual = float(np.median(step))
-    whole = np.round(step / usual)
-    off = np.abs(step / usual - whole)
+    off = np.diff(time)
+    usual = float(np.median(off))
+    off /= usual
+    whole = np.round(off)
+    off -= whole
+    np.abs(off, out=off)
     worst = int(np.argmax(off))
     if off[worst] > OFF_GRID or not np.all(whole >= 1.0) or float(whole.sum()) > LONGEST_GRID:
+        step = float(time[worst + 1] - time[worst])
         raise FitError(
-            f"{log.file}:{log.line(worst + 1)}: a step of {step[worst]:g} s, expected"
+            f"{log.file}:{log.line(worst + 1)}: a step of {step:g} s, expected"
             f" a multiple of {usual:g} s",
             hint="an Allan deviation wants even sampling; resampling would change it",
         )
-    place = np.concatenate(([0], np.cumsum(whole.astype(np.int64))))
-    interval = float((time[-1] - time[0]) / place[-1])
+    steps, gapless = int(whole.sum()), bool(np.all(whole == 1.0))
+    place = None if gapless else np.concatenate(([0], np.cumsum(whole.astype(np.int64))))
+    interval = float((time[-1] - time[0]) / steps)
     found = []
     for column in columns:
-        rate = np.full(int(place[-1]) + 1, np.nan)
         own, shown = units.column_unit(column), find_sensor(column).unit
-        rate[place] = units.convert(values(log.frame, column), own, shown)
+        rate = units.convert(values(log.frame, column), own, shown)
+        if place is not None:
+            on_grid = np.full(steps + 1, np.nan)
+            on_grid[place] = rate
+            rate = on_grid
         found.append(_Record(log.name, column, interval, rate))
     return found
 

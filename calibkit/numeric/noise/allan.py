@@ -286,7 +286,8 @@ def wavelet_deviation(
             f"{rate.size} samples are too few for wavelet {wavelet}",
             hint="use haar or a longer record",
         )
-    found = list(_wavelet_variances(rate - _finite_mean(rate), wavelet, half, levels))
+    low, high = np.array(bank.dec_lo), np.array(bank.dec_hi)
+    found = list(_wavelet_variances(rate, low, high, levels))
     if not found:
         raise FitError(
             "no stretch without a gap is long enough for the wavelet",
@@ -294,7 +295,6 @@ def wavelet_deviation(
         )
     variance, factors, pairs = np.array(found).T
     factors = factors.astype(np.int64)
-    low, high = np.array(bank.dec_lo), np.array(bank.dec_hi)
     correlation = np.array([wavelet_correlation(low, high, m) for m in factors.tolist()])
     dof = np.maximum(pairs / correlation, 1.0)
     return _curve(
@@ -303,31 +303,43 @@ def wavelet_deviation(
 
 
 def _wavelet_variances(
-    rate: Array, wavelet: str, half: int, levels: int
+    rate: Array, low: Array, high: Array, levels: int
 ) -> Iterator[tuple[float, int, int]]:
-    """Wavelet variance of a rate [n] of mean zero on the Allan variance's scale, averaging factor
-    and number of coefficients of each level that has one beside gaps; half the filter is `half`
-    samples.
-    """
-    import pywt
+    """Wavelet variance of a rate [n] on the Allan variance's scale, averaging factor and number of
+    coefficients of each level that has one beside gaps and ends; `low` and `high` are the filters.
 
-    padded = np.full(-(-rate.size // 2**levels) * 2**levels, np.nan)
-    padded[: rate.size] = rate
-    missing = np.cumsum(np.concatenate(([0], np.isnan(padded))))
-    smooth = np.nan_to_num(padded, nan=0.0)
-    for level in range(1, levels + 1):
-        factor = 2 ** (level - 1)
-        # one level on every 2^(level − 1)th sample: PyWavelets' own start_level pads its filters
-        # with as many zeros
-        ((low, high),) = pywt.swt(smooth.reshape(-1, factor), wavelet, level=1, axis=0, norm=True)
-        smooth, detail = low.ravel(), high.ravel()
-        # a coefficient at k sees the samples from k − back to k + ahead, and only such as see the
-        # record itself count
-        back, ahead = (2**level - 1) * (half - 1), (2**level - 1) * half
-        whole = missing[back + ahead + 1 :] == missing[: missing.size - back - ahead - 1]
-        inside = detail[back : back + whole.size][whole]
-        if inside.size:
-            yield 2.0 * float(np.mean(inside**2)), factor, inside.size
+    A level takes the place of the one before it, block by block: a coefficient is made of samples
+    from its own place on.
+    """
+    smooth = rate - _finite_mean(rate)
+    gaps = np.flatnonzero(np.isnan(smooth))
+    smooth[gaps] = 0.0
+    filters = [half[::-1] / np.sqrt(2.0) for half in (low, high)]
+    for level in range(levels):
+        factor = 2**level
+        reach = (low.size - 1) * (2 * factor - 1)
+        size, square, count = rate.size - reach, 0.0, 0
+        for start in range(0, size, BLOCK):
+            stop = min(start + BLOCK, size)
+            kept, detail = (_filter_block(smooth, taps, factor, start, stop) for taps in filters)
+            if gaps.size:
+                first = np.arange(start, stop)
+                passed = np.searchsorted(gaps, first + reach + 1) > np.searchsorted(gaps, first)
+                detail = detail[~passed]
+            smooth[start:stop] = kept
+            square += float(detail @ detail)
+            count += detail.size
+        if count:
+            yield 2.0 * square / count, factor, count
+
+
+def _filter_block(values: Array, taps: Array, apart: int, start: int, stop: int) -> Array:
+    """Sums [stop − start] of values [n] from each place on, `apart` from each other, by taps."""
+    total: Array = values[start:stop] * taps[0]
+    term = np.empty_like(total)
+    for k in range(1, taps.size):
+        total += np.multiply(values[start + k * apart : stop + k * apart], taps[k], out=term)
+    return total
 
 
 def _curve(
