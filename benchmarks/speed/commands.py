@@ -4,11 +4,13 @@ their memory.
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import re
 import subprocess
 import sys
+import tarfile
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -56,6 +58,18 @@ RATES = (1.0, 2.0, 5.0, 10.0)
 READ = "import polars as pl, sys\nfor path in sys.argv[1:]: pl.read_csv(path)"
 CALIBKIT = (sys.executable, "-m", "calibkit")
 DATE = ("--date", "2026-11-21")
+RELEASE = "adbfa49"
+"""Commit of version 0.1.0."""
+SAMPLES = {
+    "gyro_pair": 0.6,
+    "rate_table": 0.6,
+    "gyro_triad": 0.6,
+    "accelerometer": 0.6,
+    "inclinometer": 0.6,
+    "gyro_noise": 0.6,
+    "fog_thermal": 1.0,
+}
+"""Sample → share of the processor time of 0.1.0 that its fit should take at most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,13 +84,18 @@ class Spent:
 
 
 def spent(
-    command: Sequence[object], *, accepted: Sequence[int] = (0,), compiled: str = ""
+    command: Sequence[object],
+    *,
+    accepted: Sequence[int] = (0,),
+    compiled: str = "",
+    root: Path = ROOT,
 ) -> Spent:
     """Run a command to its end; raises RuntimeError for an exit code that is not accepted.
 
-    `compiled` is a folder for byte code where starting counts: an installed package has its own.
+    `compiled` is a folder for byte code where starting counts: an installed package has its own;
+    `root` holds the calibkit that is run.
     """
-    environment = os.environ | ONE_THREAD | {"PYTHONPATH": str(ROOT)}
+    environment = os.environ | ONE_THREAD | {"PYTHONPATH": str(root)}
     if compiled:
         environment["PYTHONPYCACHEPREFIX"] = compiled
         environment.pop("PYTHONDONTWRITEBYTECODE", None)
@@ -253,6 +272,46 @@ def pool(goals: Sequence[Goal], rows: int, turns: int, python: Python) -> list[L
     return [line(goal, rows, halves, digits=17.0, memory=False) for goal in goals]
 
 
+def _unpack_release(folder: Path) -> Path:
+    """Version 0.1.0 from the repository's history, its kernels compiled."""
+    archive = subprocess.run(
+        ["git", "-C", str(ROOT), "archive", RELEASE], check=True, capture_output=True
+    ).stdout
+    with tarfile.open(fileobj=io.BytesIO(archive)) as content:
+        content.extractall(folder, filter="data")
+    spent([sys.executable, "-m", "calibkit.native"], root=folder)
+    return folder
+
+
+def samples(goals: Sequence[Goal], rows: int, turns: int, python: Python) -> list[Line]:
+    """`calibkit fit` of each sample beside that of version 0.1.0 on the same logs and recipe, child
+    processes included.
+    """
+    del python
+    with tempfile.TemporaryDirectory() as name:
+        folder, lines = Path(name), []
+        old = _unpack_release(folder / "0.1.0")
+        for goal in goals:
+            procedure = goal.name.removeprefix("sample_")
+            logs = ("--data", old / "datasets" / procedure, "--serial", "G", *DATE)
+            command = [*CALIBKIT, "fit", old / "recipes" / f"{procedure}.toml", *logs]
+            pairs = []
+            for turn in range(turns + 1):
+                both = [
+                    spent(
+                        [*command, "--out", folder / f"{goal.name}_{turn}_{side}"],
+                        accepted=(0, 1),
+                        compiled=str(folder / f"compiled_{side}"),
+                        root=root,
+                    )
+                    for side, root in (("now", ROOT), ("then", old))
+                ]
+                if turn:  # the first one compiles the byte code
+                    pairs.append((both[0], both[1]))
+            lines.append(line(goal, rows, pairs))
+    return lines
+
+
 def autopilot(goals: Sequence[Goal], rows: int, turns: int, python: Python) -> list[Line]:
     """Temperature calibration of ardupilot-methodic-configurator beside `calibkit fit`, each on its
     own format of one data.
@@ -371,6 +430,23 @@ COMMANDS = (
         ),
         pool,
         lambda rows: [4] if max(rows) <= LEAST else [20, 100] if max(rows) > 100_000 else [20],
+    ),
+    Command(
+        tuple(
+            Goal(
+                f"sample_{name}",
+                f"`calibkit fit`, sample of {name}",
+                "calibkit 0.1.0",
+                share,
+                1,
+                faster=False,
+                rows_are="sample",
+                note="a whole process with its children beside that of 0.1.0, on the same logs",
+            )
+            for name, share in SAMPLES.items()
+        ),
+        samples,
+        lambda _: [1],
     ),
     Command(
         (
