@@ -279,8 +279,7 @@ def wavelet_deviation(
             f"'{wavelet}' is not an orthogonal wavelet", hint="use haar, db2, db3, sym4 ..."
         )
     bank = pywt.Wavelet(wavelet)
-    half = bank.dec_len // 2
-    levels = int(np.log2(1.0 + (rate.size - 1) / (2 * half - 1)))
+    levels = int(np.log2(1.0 + (rate.size - 1) / (bank.dec_len - 1)))
     if levels < 1:
         raise FitError(
             f"{rate.size} samples are too few for wavelet {wavelet}",
@@ -316,8 +315,7 @@ def _wavelet_variances(
     smooth[gaps] = 0.0
     filters = [half[::-1] / np.sqrt(2.0) for half in (low, high)]
     for level in range(levels):
-        factor = 2**level
-        reach = (low.size - 1) * (2 * factor - 1)
+        factor, reach = 2**level, (low.size - 1) * (2 ** (level + 1) - 1)
         size, square, count = rate.size - reach, 0.0, 0
         for start in range(0, size, BLOCK):
             stop = min(start + BLOCK, size)
@@ -336,9 +334,8 @@ def _wavelet_variances(
 def _filter_block(values: Array, taps: Array, apart: int, start: int, stop: int) -> Array:
     """Sums [stop − start] of values [n] from each place on, `apart` from each other, by taps."""
     total: Array = values[start:stop] * taps[0]
-    term = np.empty_like(total)
     for k in range(1, taps.size):
-        total += np.multiply(values[start + k * apart : stop + k * apart], taps[k], out=term)
+        total += values[start + k * apart : stop + k * apart] * taps[k]
     return total
 
 
