@@ -5,7 +5,7 @@ wanted functions.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +21,7 @@ from calibkit import (
 )
 from calibkit.analysis import Run
 from calibkit.certificate import certify as certificates
+from calibkit.certificate.signature_trust import Demands
 from calibkit.check import examination
 from calibkit.errors import CalibkitError, CoefficientError, UsageError
 from calibkit.ingest import logs
@@ -33,6 +34,7 @@ from calibkit.readers import in_memory
 from calibkit.recipe import Source, toml_text
 
 if TYPE_CHECKING:
+    import datetime as dt
     import os
 
     import pandas as pd
@@ -257,11 +259,19 @@ def export_firmware(
     return tuple(files)
 
 
-def verify(path: AnyPath) -> str:
+def verify(
+    path: AnyPath,
+    trust: Sequence[AnyPath] = (),
+    *,
+    require_signature: bool = False,
+    at: dt.date | None = None,
+) -> str:
     """What a file of calibkit's is; raises CalibkitError where its digest, signature or vectors are
-    wrong.
+    wrong, or a signature is not what is asked for (`calibkit verify`).
     """
-    found = pipeline.verify(Path(path))
+    roots = tuple(map(Path, trust))
+    demands = Demands(trust=roots, required=require_signature, at=at)
+    found = pipeline.verify(Path(path), demands)
     return "; ".join((found.what, *found.warnings))
 
 

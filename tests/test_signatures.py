@@ -7,18 +7,16 @@ import io
 
 import pytest
 
-from calibkit import cli, pipeline
+from calibkit import pipeline
 from calibkit.certificate import countersign, sign, signature_trust, signing_key, verify_signature
 from calibkit.errors import CalibkitError, OutputError, UsageError
-from conftest import ROOT
 
 for needed in ("typst", "lxml", "pypdf", "pyhanko", "pikepdf"):
     pytest.importorskip(needed)
 authority = pytest.importorskip("authority")
 attacks = pytest.importorskip("attacks.signed")
 
-PROFILE = ROOT / "reports" / "profiles" / "gyro_pair.toml"
-STATED = 'adjustment.statement="no adjustment"'
+PROFILE, STATED = attacks.PROFILE, attacks.STATED
 DAY = dt.timedelta(days=1)
 
 
@@ -49,31 +47,14 @@ def stamps():
 
 @pytest.fixture(scope="module")
 def issued(tmp_path_factory, keys):
-    """A signed certificate as `certify` writes it, its DCC beside it; `unsigned.pdf` is another."""
-    folder = tmp_path_factory.mktemp("issued")
-    data = ROOT / "datasets" / "gyro_pair"
-    stated = ("certify", folder / "P" / "r001", "--profile", PROFILE, "--set", STATED)
-    signing = ("--sign", keys / "laboratory.p12", "--out", folder / "certificate.pdf")
-    commands = (
-        ("fit", "gyro_pair", "--data", data, "--serial", "P", "--out", folder),
-        (*stated, *signing),
-        (*stated, "--out", folder / "unsigned.pdf"),
-    )
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv(signing_key.PASSPHRASE, authority.SECRET)
-        for command in commands:
-            dated = (*map(str, command), "--date", "2026-11-21")
-            with pytest.raises(SystemExit) as stopped:
-                cli.main(dated)
-            assert stopped.value.code == 0
-    return folder / "certificate.pdf"
+    """A signed certificate as `certify` writes it; `unsigned.pdf` beside it is another."""
+    return attacks.certified(tmp_path_factory.mktemp("issued"), keys / "laboratory.p12")
 
 
 @pytest.fixture(scope="module")
 def plain(issued):
     """The certificate before it was signed."""
-    document = issued.read_bytes()
-    return document[: document.index(b"%%EOF") + 6]
+    return attacks.unsigned_part(issued.read_bytes())
 
 
 @pytest.fixture
@@ -500,10 +481,21 @@ def test_no_change_of_the_structure_is_accepted(what, plain, keys, tmp_path):
 
 
 def test_genuine_certificates_raise_no_alarm(plain, keys, stamps, tmp_path):
-    """Ten that were signed in different ways; `tests/attacks` tries 50, ten of them five years
+    """Five that were signed in different ways; `tests/attacks` tries 50, ten of them five years
     later.
     """
-    for number, (document, demands) in enumerate(attacks.genuine(plain, tmp_path, *stamps, 10)):
+    for number, (document, demands) in enumerate(attacks.genuine(plain, tmp_path, *stamps, 5)):
         found = check(document, **demands)
         assert [one.faults for one in found] == [()] * len(found), number
         assert all(one.trusted for one in found), number
+
+
+def test_python_asks_for_what_the_command_asks_for(issued, keys):
+    """Trust, a signature at all."""
+    import calibkit
+
+    assert "(trusted)" in calibkit.verify(issued, [keys / "own.pem"])
+    with pytest.raises(CalibkitError, match="not trusted"):
+        calibkit.verify(issued, [keys / "other.pem"])
+    with pytest.raises(CalibkitError, match="a signature is required"):
+        calibkit.verify(issued.with_name("unsigned.pdf"), require_signature=True)

@@ -24,8 +24,6 @@ def find_trace(document: bytes, reader: Any, pages: Sequence[str]) -> str:  # no
     """
     if found := _BYTES.search(document):
         return f"'{found.group()[:20].decode('ascii')}'"
-    if document.count(b"startxref") > 1 or document.rstrip()[-5:] != b"%%EOF":
-        return "an update behind it, or bytes behind its end"
     printed = compact("".join(pages))
     if any(compact(text) in printed for text in (SENTENCES["signed"].en, SENTENCES["signed"].zh)):
         return "the printed words that it is signed electronically"

@@ -1,5 +1,5 @@
-"""Write the tables of attacks into docs/trust.md: `python tests/attacks [files|writes|silent …]`,
-all three without a name, in an hour; `--quick` prints those of a hundredth.
+"""Write the tables of attacks into docs/trust.md: `python tests/attacks [files|signed|writes|silent
+…]`, all four without a name, in an hour; `--quick` prints those of a hundredth.
 """
 
 import contextlib
@@ -8,6 +8,7 @@ import sys
 import tempfile
 import warnings
 from functools import partial
+from itertools import islice
 from pathlib import Path
 
 TESTS = Path(__file__).resolve().parents[1]
@@ -82,7 +83,40 @@ def attack_silently(folder, share):
         yield f"*not detectable:* {kind}", len(outcomes), ["x" for o in outcomes if o == "silent"]
 
 
-PARTS = {"files": attack_files, "writes": attack_writes, "silent": attack_silently}
+def attack_signed(folder, share):
+    """Rows of the table on signed certificates; what passes as intact is a fault."""
+    import authority
+    from attacks import documents, signed
+
+    issuer = authority.Authority("Stamp authority", 500)
+    own = authority.Authority().issue(folder / "own.p12")
+    stranger = authority.Authority("stranger", 400).issue(folder / "stranger.p12", number=1)
+    plain = signed.unsigned_part(signed.certified(folder, own).read_bytes())
+    path = folder / "attacked.pdf"
+    with authority.serve_stamps(issuer) as url:
+        stamped = signed.signed(plain, own, stamps=f"{url}/tsa")
+        bare, other = signed.signed(plain, own), signed.signed(plain, stranger)
+        flipped = signed.flipped(stamped, round(500 * share), 4)
+        forged = islice(signed.forgeries(bare, other, stranger), max(1, round(127 * share)))
+        for row, made in (
+            ("a bit of a signed certificate flipped, a third of them in the signature", flipped),
+            ("structure of one changed, also with a stranger's signature over it", forged),
+        ):
+            ends = [(name, documents.outcome(path, content)) for name, content in made]
+            yield row, len(ends), [f"{name}: {end}" for name, end in ends if end != "refused"]
+        count = round(50 * share) or 1
+        asked = signed.genuine(plain, folder, url, issuer, count)
+        ends = [documents.outcome(path, content, **demands) for content, demands in asked]
+    row = "genuine certificate accepted with --trust, every fifth signed five years ago"
+    yield row, count, [end for end in ends if end != "passed"]
+
+
+PARTS = {
+    "files": attack_files,
+    "signed": attack_signed,
+    "writes": attack_writes,
+    "silent": attack_silently,
+}
 
 
 def main(names, share):

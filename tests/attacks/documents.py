@@ -7,6 +7,7 @@ import random
 import re
 
 from calibkit import pipeline, sealed
+from calibkit.certificate.signature_trust import Demands
 from calibkit.errors import CalibkitError
 
 JUNK = (None, True, -1, 1e300, "x", [], {}, [1], {"a": 1}, "../..", "/etc/passwd", "\0", "a" * 300)
@@ -14,11 +15,13 @@ TEXTS = (b"", b"nan", b"1e999", b"-", b"&#0;", b"1 2 3", "é٣".encode(), b"9" *
 FILES = (b"", b"\xff\xfe", b"{}", b"[]", b"[" * 40_000, b'{"format":1}', b"1e999")
 
 
-def outcome(path, content):
-    """Return how `verify` of these bytes ends: passed, refused, or what must never be."""
+def outcome(path, content, **demands):
+    """Return how `verify` of these bytes, held against demands, ends: passed, refused, or what must
+    never be.
+    """
     path.write_bytes(content)
     try:
-        pipeline.verify(path)
+        pipeline.verify(path, Demands(**demands))
     except CalibkitError as error:
         right = error.exit_code == 4 and "\n" not in str(error)
         return "refused" if right else f"exit code {error.exit_code}: {error}"

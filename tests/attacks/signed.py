@@ -3,16 +3,55 @@ in place and behind the signature, strangers' signatures over them.
 """
 
 import io
+import os
 import random
 import re
 import warnings
+from pathlib import Path
 
 import authority
+from calibkit import cli
 from calibkit.certificate import sign
-from calibkit.certificate.signing_key import Key
+from calibkit.certificate.signing_key import PASSPHRASE, Key
 from calibkit.errors import CalibkitError
 
+ROOT = Path(__file__).resolve().parents[2]
+PROFILE = ROOT / "reports" / "profiles" / "gyro_pair.toml"
+STATED = 'adjustment.statement="no adjustment"'
 WHITE = b"q 1 1 1 rg 50 300 500 400 re f Q\n"
+
+
+def certified(folder, key):
+    """Certificate of the sample gyro pair as `certify` writes it, signed with a key file; its DCC
+    and `unsigned.pdf` lie beside it.
+    """
+    run = folder / "P" / "r001"
+    stated = ("certify", run, "--profile", PROFILE, "--set", STATED)
+    commands = (
+        ("fit", "gyro_pair", "--data", ROOT / "datasets/gyro_pair", "--serial", "P"),
+        (*stated, "--sign", key, "--out", folder / "certificate.pdf"),
+        (*stated, "--out", folder / "unsigned.pdf"),
+    )
+    before = os.environ.get(PASSPHRASE)
+    os.environ[PASSPHRASE] = authority.SECRET
+    try:
+        for command in commands:
+            out = ("--out", folder) if command[0] == "fit" else ()
+            try:
+                cli.main([str(word) for word in (*command, *out, "--date", "2026-11-21")])
+            except SystemExit as end:
+                if end.code:
+                    raise RuntimeError(f"{command[0]}: exit code {end.code}") from None
+    finally:
+        os.environ.pop(PASSPHRASE)
+        if before is not None:
+            os.environ[PASSPHRASE] = before
+    return folder / "certificate.pdf"
+
+
+def unsigned_part(document):
+    """A certificate as it was before it was signed."""
+    return document[: document.index(b"%%EOF") + 6]
 
 
 def signed(document, key, role="", stamps="", now=authority.NOW):
