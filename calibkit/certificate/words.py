@@ -72,9 +72,8 @@ SENTENCES = {
         "与设备不确定度（B 类），仅对校准时的时间与条件有效，不含被校件的长期稳定性。",
     ),
     "traceability": Words(
-        "The results are traceable to national standards through the certificates of the standards"
-        " below.",
-        "测量结果通过下列标准器的证书溯源至国家计量基准。",
+        "The results are traceable through the certificates of the standards below.",
+        "量值通过下列标准器的证书溯源。",
     ),
     "reproduction": Words(
         "This certificate may be reproduced only in full, except with the laboratory's written"
