@@ -1,4 +1,5 @@
-"""What generated firmware costs: bytes of flash and instructions a call, by core and number format.
+"""What generated firmware costs: bytes of flash and instructions a call, by core and number format;
+and what a loader costs, with its instance struct, its load and its self-test.
 
     PYTHONPATH=.:tests python benchmarks/firmware_cost.py
 
@@ -15,7 +16,7 @@ import tempfile
 from pathlib import Path
 
 import firmware_runs
-from calibkit.firmware import c_header, c_source, export, formats
+from calibkit.firmware import blob, c_header, c_loader, c_source, export, formats
 
 RUNS = {
     "gyro K(T), F0(T)": "rate",
@@ -79,6 +80,19 @@ void reset(void)
 }
 __attribute__((section(".vectors"), used)) static const uintptr_t vectors[2] = {(uintptr_t)stack_top, (uintptr_t)reset};
 """
+LOADED = MAIN.replace("STATE", '#include "blob.inc"\nstatic unit_unit unit;').replace(
+    "return CALL;",
+    "(void)in; (void)out; return what != 0U ? (uint32_t)unit_selftest(&unit)"
+    " : unit_load(&unit, blob, sizeof blob, (const char *)0, 0U);",
+)
+LOADED = LOADED.replace("int main(void);", "int main(void);\nstatic uint32_t what;")
+LOADED = LOADED.replace("k < 1000U", "k < 1U").replace("INPUT", "0")
+LOADED = re.sub(
+    r"\{ START print.*?return 0; \}",
+    "{ print(ticks(call)); what = 1U; print(ticks(call)); print(sizeof unit); return 0; }",
+    LOADED,
+)
+"""The same program around a loader, which loads and tests once."""
 LINKER = """
 MEMORY { FLASH (rx) : ORIGIN = 0, LENGTH = 256K RAM (rwx) : ORIGIN = 0x20000000, LENGTH = 16K }
 stack_top = ORIGIN(RAM) + LENGTH(RAM);
@@ -109,7 +123,8 @@ def cost(one: export.Export, folder: Path, core: str) -> tuple[int, int, int]:
     main = main.replace("START", "unit_reset(&state);" if memory else "")
     main = main.replace("KEPT", "sizeof state" if memory else "0U")
     main = main.replace(
-        "CALL", "unit_update(&state, in, out)" if memory else "unit_correct(in, out)"
+        "CALL",
+        "unit_update(&state, UNIT_INTERVAL_MS, in, out)" if memory else "unit_correct(in, out)",
     )
     files = {
         "unit.h": c_header.render(one),
@@ -150,8 +165,53 @@ def cost(one: export.Export, folder: Path, core: str) -> tuple[int, int, int]:
     return size, round((called - empty) * tick / CALLS), kept
 
 
+def loader_cost(one: export.Export, folder: Path, core: str) -> tuple[int, int, int, int, int]:
+    """Bytes of a loader with its self-test, of the blob and of the instance struct; instructions of
+    a load and of a self-test.
+    """
+    machine, options = CORES[core]
+    content = blob.render(one)
+    (folder / "unit.h").write_bytes(c_loader.header(one))
+    (folder / "unit.c").write_bytes(c_loader.source(one))
+    array = f"static const uint8_t blob[{len(content)}] = {{{', '.join(map(str, content))}}};\n"
+    (folder / "blob.inc").write_text(array, encoding="ascii")
+    (folder / "main.c").write_text(LOADED, encoding="ascii")
+    (folder / "core.ld").write_text(LINKER, encoding="ascii")
+    flags = ("-mthumb", f"-mcpu={core}", *options, "-O2", "-ffp-contract=off", "-ffreestanding")
+    ran("arm-none-eabi-gcc", *flags, "-c", "unit.c", "-o", "unit.o", cwd=folder)
+    size = int(ran("arm-none-eabi-size", "unit.o", cwd=folder).splitlines()[1].split()[0])
+    link = ("-nostdlib", "-T", "core.ld", "main.c", "unit.o", "-lgcc", "-o", "e.elf")
+    ran("arm-none-eabi-gcc", *flags, *link, cwd=folder)
+    console = ("-nographic", "-semihosting-config", "enable=on,target=native", "-icount", "shift=0")
+    said = ran("qemu-system-arm", "-M", machine, *console, "-kernel", "e.elf", cwd=folder)
+    load, test, unit = (int(word, 16) for word in re.findall(r"[0-9a-f]{8}", said)[:3])
+    tick = TICK if core != "cortex-m0" else 62
+    return size, len(content), unit, load * tick, test * tick
+
+
+def print_loaders() -> None:
+    """Print the table of loaders."""
+    print(
+        "\n| chain, f32 | blob: bytes | struct: bytes | core | loader: bytes | load | self-test |"
+    )
+    print("|---|---|---|---|---|---|---|")
+    identity = export.Identity(
+        "U", 1, "2026-11-21", "0" * 64, {"a": "0" * 64}, "calibkit", verdict="accepted"
+    )
+    with tempfile.TemporaryDirectory() as place:
+        for chain, name in RUNS.items():
+            folder = Path(place) / name
+            fitted = firmware_runs.fitted(name, folder)
+            one = export.prepare(fitted.chain, identity, formats.Format.find("f32"), "unit")
+            for core in CORES:
+                size, content, unit, load, test = loader_cost(one, folder, core)
+                print(
+                    f"| {chain} | {content} | {unit} | {core} | {size} | {load:.2g} | {test:.2g} |"
+                )
+
+
 def main() -> None:
-    """Print the table."""
+    """Print the tables."""
     print(
         "| chain | number | state: bytes | "
         + " | ".join(f"{core}: bytes | instructions" for core in CORES)
@@ -170,6 +230,7 @@ def main() -> None:
                 found = [cost(one, folder, core) for core in CORES]
                 cells = [f"{size} | {count}" for size, count, _ in found]
                 print(f"| {chain} | {number} | {found[0][2]} | {' | '.join(cells)} |")
+    print_loaders()
 
 
 if __name__ == "__main__":

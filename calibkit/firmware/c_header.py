@@ -38,7 +38,12 @@ def render(export: Export) -> str:
     guard = f"{export.prefix.upper()}_H"
     parts = [
         c_text.comment(
-            [f"{export.prefix}: correction chain as firmware", "", *c_text.facts(export)]
+            [
+                f"{export.prefix}: correction chain as firmware",
+                c_text.LICENCE,
+                "",
+                *c_text.facts(export),
+            ]
         ),
         f"#ifndef {guard}\n#define {guard}\n\n#include <stdint.h>\n",
         '#ifdef __cplusplus\nextern "C" {\n#endif\n',

@@ -124,7 +124,7 @@ def _title(export: Export, found: Shape) -> list[str]:
     number = export.program.format.name
     return [
         f"{export.prefix}: {c_reader.LOADER}, correction chain as firmware; C99, no library",
-        "SPDX-License-Identifier: 0BSD",
+        c_text.LICENCE,
         "",
         f"layout        {found.digest.hex()}: a blob of any other is refused",
         f"forms         {', '.join(structure.forms)}",

@@ -40,7 +40,7 @@ def render(export: Export) -> str:
     body = "\n".join([functions(export, Home()), c_selftest.render(export)])
     title = f"{export.prefix}: correction chain as firmware; C99, no library"
     parts = [
-        c_text.comment([title, "", *c_text.facts(export), "", CONTRACT[fixed]]),
+        c_text.comment([title, c_text.LICENCE, "", *c_text.facts(export), "", CONTRACT[fixed]]),
         f'#include "{export.prefix}.h"\n',
         "" if fixed else FLOAT_GUARD,
         windows(export),

@@ -16,6 +16,8 @@ NUMBERS = {
     "q15": "fixed point in words of 16 bits",
 }
 WIDTH = 100
+LICENCE = "SPDX-License-Identifier: MIT"
+"""That of calibkit, for the code that it writes."""
 CONTENT = "content digest (field sha256)"
 """A sealed file's digest of its other keys, which the file states itself; that of its bytes is
 another.
