@@ -29,6 +29,8 @@ warnings.simplefilter("ignore")
 from attacks import faults
 faults.quick()
 counted, bad = faults.attack(Path(sys.argv[1]), ("EIO", "ENOLCK"), {"apply", "export"}, 8)
+read, worse = faults.attack(Path(sys.argv[1]), ("EIO",), {"report"}, 3)
+counted, bad = counted | read, bad + worse
 kills, more = faults.kill(Path(sys.argv[1]), 3, 1)
 sys.stderr.write(f"{sum(counted.values())} {kills} {[*bad, *more]}")
 """
@@ -36,8 +38,8 @@ sys.stderr.write(f"{sum(counted.values())} {kills} {[*bad, *more]}")
 
 @POSIX
 def test_calls_that_fail_and_kills_leave_the_old_state_or_the_new(tmp_path):
-    """Every eighth call of apply and export that touches a file of its own fails once; three
-    kills of any command.
+    """Every eighth call of apply and export, and every third of report, that touches a file of its
+    own fails once; three kills of any command.
     """
     pytest.importorskip("typst")
     path = os.pathsep.join([str(ROOT), str(ROOT / "tests")])

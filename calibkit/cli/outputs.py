@@ -307,7 +307,7 @@ def report(run: str, out: Path, runs: Path, *, dry_run: bool, as_json: bool) -> 
         raise CoefficientError(
             f"{found.name} keeps no {PAGE}", hint="an older calibkit wrote it; see report.pdf there"
         )
-    content = path.read_bytes()
+    content = store.read_bytes(path)
     if out.suffix == ".pdf":
         with working("typesetting"):
             content = pdf.render_page(content, found.document["effective_from"])
