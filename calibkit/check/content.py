@@ -196,9 +196,12 @@ def _warn_of_gaps(log: Log, before: Integers, step: Array) -> list[Finding]:
     ]
 
 
-def flag_bridged_gaps(log: Log) -> list[str]:
+def flag_bridged_gaps(
+    log: Log,
+    what: str = "the compensation runs across a gap and knows nothing of what happened in it",
+) -> list[str]:
     """Flag for the gaps that a compensation with a memory runs across: their number, the longest,
-    the time they take.
+    the time they take, and what becomes of them.
 
     What happened in them it does not know, and what it remembers from before them may be over.
     """
@@ -206,14 +209,13 @@ def flag_bridged_gaps(log: Log) -> list[str]:
     if not before.size:
         return []
     k = int(before[np.argmax(step)])
-    count, them = "a gap", "it"
+    count = "1 gap"
     if before.size > 1:
-        count, them = f"{before.size} gaps, {step.sum():g} s together, the longest", "them"
+        count = f"{before.size} gaps, {step.sum():g} s together, the longest"
     return [
         (
             f"{log.place(k + 1)}: {count} of {step.max():g} s from"
-            f" {float(log.frame['time_s'].iloc[k]):.12g} s: the compensation runs across {them} and"
-            " knows nothing of what happened there"
+            f" {float(log.frame['time_s'].iloc[k]):.12g} s: {what}"
         )
     ]
 

@@ -43,7 +43,7 @@ def apply(
     }
     columns, derived = _corrected(log, found, corrections)
     content = write_back.rewrite_log(spec, data, log, columns, {**derived, **derive(found)})
-    return content, status_flags(log.file, quantised, result.status)
+    return content, _status_flags(log.file, quantised, result.status)
 
 
 def follow(
@@ -75,11 +75,23 @@ def follow(
     return found, np.concatenate([one.status for one in results])
 
 
-def note(file: str, interval_s: float) -> str:
-    """What a log is corrected by in which interval."""
+def updates_flags(log: Log, quantised: Program, status: Integers) -> tuple[str, ...]:
+    """What a log is corrected by in which interval, what becomes of its gaps, and the share of the
+    updates that returned each status.
+    """
+    pace, interval_s = quantised.structure.pace, quantised.structure.interval_ms / 1000.0
+    assert pace is not None  # noqa: S101 (a chain that keeps time)
     return (
-        f"{file}: as the firmware's output between updates every {interval_s:g} s, which is one"
-        " interval late; the first interval by its own"
+        (
+            f"{log.file}: as the firmware's output between updates every {interval_s:g} s, which is"
+            " one interval late; the first interval by its own"
+        ),
+        *check.flag_bridged_gaps(
+            log,
+            f"the firmware bridges up to {pace.longest * interval_s:g} s in a straight line and"
+            " knows nothing of what happened in a longer gap",
+        ),
+        *_status_flags(log.file, quantised, status),
     )
 
 
@@ -101,7 +113,7 @@ def _corrected(
     return columns, derived
 
 
-def status_flags(file: str, quantised: Program, status: Integers) -> tuple[str, ...]:
+def _status_flags(file: str, quantised: Program, status: Integers) -> tuple[str, ...]:
     """Share of calls that returned each status."""
     bits = {flag: 1 << k for k, flag in enumerate(quantised.structure.flags)} | {
         "INVALID": twin.INVALID

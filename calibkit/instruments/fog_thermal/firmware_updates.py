@@ -81,10 +81,7 @@ def apply(
     heard = {entry.name: taken[entry.name]() for entry in quantised.structure.inputs}
     found, status = as_firmware.follow(quantised, held, time, heard)
     (output,) = quantised.structure.outputs
-    flags = (
-        as_firmware.note(log.file, interval),
-        *as_firmware.status_flags(log.file, quantised, status),
-    )
+    flags = as_firmware.updates_flags(log, quantised, status)
     corrected = {"gyro_dph": gyro - found[output.name]}
     return write_back.rewrite_log(spec, data, log, corrected), flags
 

@@ -124,10 +124,7 @@ def _apply(spec: ThermalRecipe, chain: Chain, quantised: Program, data: Path) ->
         entry.column: values(log.frame, entry.column) - found[entry.output]
         for entry in chain.corrections
     }
-    flags = (
-        as_firmware.note(log.file, interval_s),
-        *as_firmware.status_flags(log.file, quantised, status),
-    )
+    flags = as_firmware.updates_flags(log, quantised, status)
     return write_back.rewrite_log(spec, data, log, replaced), flags
 
 
