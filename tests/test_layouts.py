@@ -2,10 +2,18 @@
 before.
 """
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
 from calibkit import instruments, pipeline, recipe
+from calibkit.firmware import blob, formats, program
+from calibkit.instruments.fog_thermal import forms
+from calibkit.instruments.fog_thermal.forms import FILE
+from calibkit.instruments.fog_thermal.numeric import bank_fit
 from conftest import ROOT
+from firmware_runs import cached
 
 DATA = ROOT / "datasets" / "fog_thermal"
 TYPED = 'type="FOG-98"'
@@ -50,3 +58,43 @@ def test_a_change_of_model_form_is_named(runs):
     (flag,) = said(runs, "FOG-5", "bank")
     assert "FOG-5 r001, the revision before" in flag
     assert "model form fog-drift-bank/1, not fog-drift-lagged/1" in flag
+
+
+def fewer_lags(record):
+    """Record of a lagged model without an inner lag, whose terms of the gradient are 0."""
+    model = forms.read_thermal(record.models[0])
+    coefficients = model.coefficients.copy()
+    coefficients[[5, 6, 8]] = 0.0
+    smaller = replace(
+        model,
+        coefficients=coefficients,
+        lags=model.lags[:1],
+        covariance=model.covariance[:-1, :-1],
+    )
+    return replace(record, models=(forms.write_thermal(smaller, 10.0),))
+
+
+def more_parts(record):
+    """Record of a bank with play operators."""
+    bank = forms.read_thermal(record.models[0])
+    coefficients = np.concatenate([bank.coefficients, [0.02, -0.01, 0.03]])
+    bigger = replace(
+        bank,
+        bank=replace(bank.bank, widths=bank_fit.WIDTHS_DEGC),
+        coefficients=coefficients,
+        covariance=1e-8 * np.eye(coefficients.size + len(bank.static_lag)),
+    )
+    return replace(record, models=(forms.write_thermal(bigger, 10.0),))
+
+
+@pytest.mark.parametrize(("name", "change"), [("lagged", fewer_lags), ("bank", more_parts)])
+def test_all_devices_of_one_form_share_a_loader(name, change, tmp_path_factory):
+    """A lagged model that needs no inner lag, and a bank with a hysteresis, are laid out as those
+    of other devices: what one has not stands there with 0.
+    """
+    this = cached(name, tmp_path_factory)
+    firmware = instruments.find("fog_thermal").firmware()
+    other = firmware.chain(this.spec, {FILE: change(this.record(FILE))})
+    number = formats.Format.find("f32")
+    one, two = (blob.shape(program.quantise(c, number)) for c in (this.chain, other))
+    assert one == two

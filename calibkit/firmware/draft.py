@@ -265,6 +265,11 @@ def numbers(model: Model, *names: str) -> exact.Poly:
     return tuple(Fraction(model.value(name)) for name in names)
 
 
+def number_or_zero(model: Model, name: str) -> Fraction:
+    """A coefficient that a model need not have, exactly; 0 where it has none."""
+    return sum((Fraction(c.value) for c in model.coefficients if c.name == name), Fraction(0))
+
+
 def powers(model: Model, letter: str) -> exact.Poly:
     """Coefficients letter0, letter1, … of a model, as many as there are."""
     present = {c.name for c in model.coefficients}

@@ -8,7 +8,7 @@ from fractions import Fraction
 from calibkit.coefficients import Model
 from calibkit.firmware import exact
 from calibkit.firmware.chain import Map, Memory, Slope
-from calibkit.firmware.draft import Draft, factor, numbers
+from calibkit.firmware.draft import Draft, factor, number_or_zero, numbers
 from calibkit.firmware.pace import FASTEST
 from calibkit.numeric.thermal import coil
 from calibkit.numeric.thermal.terms import LAGS, TERMS
@@ -162,7 +162,9 @@ def _follow_inner(
     draft: Draft, model: Model, outer: tuple[Fraction, Fraction, Fraction], half: Fraction
 ) -> None:
     """Gradient of the outer to the inner coil temperature, and the rate of the gradient."""
-    (h, tau, a), tau_i = outer, Fraction(model.value(LAGS[1])) or outer[1]
+    h, tau, a = outer
+    # a model without an inner lag has no gradient: a padded chain follows one and weighs it by 0
+    tau_i = number_or_zero(model, LAGS[1]) or tau
     b = exact.exp(-h / tau_i)
     carried = tau_i * (a - b) / (tau - tau_i) if tau != tau_i else h / tau * a
     moved = (tau_i * (1 - b) - tau * carried) / h

@@ -2,13 +2,14 @@
 temperature that is linear over an interval.
 """
 
+from dataclasses import replace
 from fractions import Fraction
 from itertools import pairwise
 
 from calibkit.coefficients import Model
 from calibkit.firmware import exact, thermal_steps
 from calibkit.firmware.chain import Memory, Play, Term
-from calibkit.firmware.draft import Draft, factor, numbers
+from calibkit.firmware.draft import Draft, factor, number_or_zero, numbers
 from calibkit.instruments.fog_thermal.forms import read_bank
 from calibkit.instruments.fog_thermal.numeric.bank import (
     ORIGIN_DEGC,
@@ -17,6 +18,7 @@ from calibkit.instruments.fog_thermal.numeric.bank import (
     STATIC_LAGS,
     Bank,
 )
+from calibkit.instruments.fog_thermal.numeric.bank_fit import WARM_UP_S, WIDTHS_DEGC
 from calibkit.thermal_forms import CASE, RATE
 
 ROUNDED = Fraction(1025, 1024)
@@ -28,6 +30,8 @@ def follow_bank(
 ) -> str:
     """Drift of a bank of lags from the mapped case temperature "x"."""
     bank = read_bank(model)
+    if draft.padded:
+        bank = replace(bank, widths=bank.widths or WIDTHS_DEGC, warm_up=bank.warm_up or WARM_UP_S)
     middle, half = exact.span(*model.valid[CASE])
     draft.steps.append(Memory("x_before", "x", "same"))
     draft.sum("move", factor("x"), factor("x_before", -1))
@@ -157,7 +161,7 @@ def _hysteresis(
         table = draft.table(f"{name}_distances", (-width, width))
         draft.steps.append(Play(name, "swing", kept, table))
         draft.sum(away, factor(name), factor("swing", -1))
-        (weight,) = numbers(model, f"h{k}")
+        weight = number_or_zero(model, f"h{k}")
         terms += draft.polynomial(f"hysteresis_{k}", (weight / width,), "", away)
     return terms
 
@@ -174,7 +178,7 @@ def _warm_up(draft: Draft, model: Model, bank: Bank, h: Fraction) -> list[Term]:
             draft.polynomial(f"{name}_grown", (1 - a,), ""),
         )
         thermal_steps.bound_memory(draft, name, Fraction(1), Fraction(1))
-        (weight,) = numbers(model, f"w{k}")
+        weight = number_or_zero(model, f"w{k}")
         terms += draft.polynomial(f"{name}_weight", (weight,), "")
         terms += draft.polynomial(f"{name}_faded", (-weight,), "", f"{name}_before")
     return terms
