@@ -197,7 +197,7 @@ def test_an_eccentric_encoder_gives_numbers(fitted):
     phase = rng.uniform(0.0, 2.0 * np.pi, 2)[1]
     off = 0.05 * np.sin(np.radians(angles[:, 1]) + phase)
     stood = attitude.gravity_vector(angles[:, 0], angles[:, 1] + off)
-    logged = simulator._indications(sensors, stood, warm) + rng.normal(0.0, 2e-5, stood.shape)
+    logged = simulator.indications(sensors, stood, warm) + rng.normal(0.0, 2e-5, stood.shape)
     columns = {
         "temp_case_degc": warm,
         "inclination_deg": angles[:, 0],

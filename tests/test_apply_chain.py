@@ -18,6 +18,7 @@ MOST = 12
 CHAIN = [
     "cli.logs.apply",
     "pipeline.apply",
+    "pipeline.compensate",
     "instruments.fog_thermal.instrument._apply",
     "instruments.fog_thermal.compensate.compensate_log",
     "instruments.fog_thermal.compensate.DriftModel.drift_along",
@@ -29,9 +30,9 @@ STOPS = [
     "cli.memory.tune_memory",
     "cli.progress.working",
     "pipeline.apply",
+    "pipeline.compensate",
     "pipeline.run_recipe",
     "instruments.fitted_recipe",
-    "instruments.parse_recipe",
     "instruments.find",
     "instruments.fog_thermal.instrument._apply",
     "instruments.fog_thermal.forms.read_thermal",

@@ -411,7 +411,7 @@ def test_a_validation_stands_for_the_statement_on_adjustment(tmp_path):
             "did you mean 'guarded'",
         ),
         ("[laboratory]\ncountry = 'Germany'", "laboratory.country"),
-        ("[[standard]]\ncertificate = 'x'", "missing key 'standard.0.name'"),
+        ("[[standard]]\ncertificate = 'x'", "lab.toml:1: standard.0: a standard needs a name"),
         ("[item", "not TOML"),
     ],
 )

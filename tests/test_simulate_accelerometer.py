@@ -124,7 +124,7 @@ def test_one_indication_is_the_sensor_written_out():
         axis_turn=(0.0, 0.0, 1e-3),
     )
     other = replace(sensor, axis=(0.0, 1.0, 0.0))
-    found = simulate._indications(
+    found = simulate.indications(
         (sensor, other, sensor), np.array([[0.6, 0.8, 0.0]]), np.array([75.0])
     )
     turned, crossed = np.array([1.0, 0.05]), np.array([-0.05, 1.0])
@@ -147,7 +147,7 @@ def test_truth_describes_the_sensors():
     )
     indicated, temperature, _, _ = read(campaign)
     np.testing.assert_allclose(
-        simulate._indications(sensors, vector, temperature), indicated, atol=1e-12
+        simulate.indications(sensors, vector, temperature), indicated, atol=1e-12
     )  # g
 
 

@@ -230,7 +230,8 @@ def parse_recipe(source: recipe.Source) -> Recipe:
 def fitted_recipe(document: Mapping[str, Any], *overrides: str) -> Recipe:
     """Recipe of a run by its run.json, with more overrides behind those of the fit."""
     text = document["recipe"]
-    return parse_recipe(recipe.Source(text["name"], text["text"], (*text["overrides"], *overrides)))
+    source = recipe.Source(text["name"], text["text"], (*text["overrides"], *overrides))
+    return recipe.parse(source, REGISTRY)
 
 
 def model_forms(procedure: str) -> dict[str, Form]:
