@@ -331,7 +331,7 @@ def test_blobs_of_older_schemas_are_read_again(path):
 
 @pytest.mark.parametrize("stem", ["scale_f32_1.0", "scale_f64_1.0"])
 def test_blobs_of_older_schemas_load(stem, tmp_path):
-    """A loader of today for the layout of an older blob takes it. Layouts whose meaning was changed
+    """A loader of today for the layout of an older blob takes it; layouts whose meaning was changed
     since (indications that were clamped, a drift without a clock) need the loader that was exported
     with them.
     """

@@ -183,7 +183,7 @@ def test_an_hour_without_numbers_starts_anew_and_says_so(name, runs):
 @pytest.mark.parametrize("name", ["lagged", "bank"])
 def test_a_glitch_is_not_used(name, number, runs):
     """One reading of 85 °C, and three of 0 °C: the drift is held, and behind them as if there had
-    been none. A step that stays is a start.
+    been none; a step that stays is a start.
     """
     this = runs(name)
     quantised = program.quantise(this.chain, formats.Format.find(number))

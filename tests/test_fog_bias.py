@@ -116,7 +116,7 @@ def test_without_a_model_on_levels_no_rate_at_rest_is_stated(calibkit, campaign,
     assert outcome.code == 0, outcome.err
     found, document = figures(tmp_path / "F/r001")
     assert not {"mean_rate_at_reference", "bias_at_reference"} & set(found)
-    assert any("no rate at rest and no bias is stated" in flag for flag in document["flags"])
+    assert any("no rate at rest and no bias are stated" in flag for flag in document["flags"])
 
 
 def test_a_reference_beyond_the_fitted_temperatures_is_said(calibkit, campaign, tmp_path):

@@ -144,8 +144,8 @@ def dwells_of_the_sample():
 
 def test_a_larger_error_of_the_inclination_moves_results_as_predicted_while_effects_are_held():
     """3 m° are 1.5 U of the z zero, within 5 % or 0.02 U for every result, with the errors that
-    dwells share held. A fit that finds those errors anew sees a tilt of the table in it, and takes
-    four fifths of it out: the prediction is the one that does not trust in that.
+    dwells share held: a fit that finds those errors anew sees a tilt of the table in it and takes
+    four fifths of it out, and the prediction is the one that does not trust in that.
     """
     spec, held, fitted = dwells_of_the_sample()
     found = merged(find_sensitivities(fitted, held, spec), "inclination_deg", "offset")

@@ -98,6 +98,15 @@ def test_a_run_of_the_second_format_is_read(calibkit):
     assert calibkit("verify", run.folder, GOLDEN.parent / "run-2" / "validation.json").code == 0
 
 
+def test_a_plan_of_the_first_format_still_gives_logs(tmp_path, calibkit):
+    """A campaign is simulated by a plan that was kept, action for action of its schedule."""
+    outcome = calibkit(
+        "simulate", "--plan", GOLDEN.parent / "plan-1", "--seed", "1", "--out", tmp_path / "logs"
+    )
+    assert outcome.code == 0, outcome.err
+    assert len(list((tmp_path / "logs").glob("*.csv"))) == 5
+
+
 def test_a_run_of_the_first_format_without_limits_has_no_verdict(golden):
     """Its `accepted` was true because nothing could fail; with a limit it is what it was."""
     assert json.loads((golden / "run.json").read_text(encoding="utf-8"))["accepted"] is True
