@@ -118,8 +118,8 @@ def test_a_key_for_something_else_or_out_of_date_does_not_count(plain, keys, mon
 
 
 def test_the_dcc_is_held_against_the_pdf_that_is_named_with_it(issued, keys, tmp_path, calibkit):
-    """The same file is covered by the signature; with a value, customer or unit changed it is exit 4,
-    in any order, and where the genuine PDF lies beside it without being named; alone it is a
+    """The same file is covered by the signature; with a value, customer or unit changed it is exit
+    4, in any order, and where the genuine PDF lies beside it without being named; alone it is a
     warning, or exit 4 where a signature is required.
     """
     dcc = issued.with_suffix(".xml")
