@@ -19,7 +19,7 @@ NASTY = "a*/b\\ /* ??/ @p_ \n° 陀 {x}'"
 def lines(spec, structure, *corrections):
     """Lines of a chain under a recipe, with what its instrument states."""
     firmware = instruments.find(spec.procedure).firmware()
-    chain = SimpleNamespace(structure=structure, corrections=corrections)
+    chain = SimpleNamespace(structure=structure, corrections=corrections, derived={})
     return sources.describe_sources(spec, chain, firmware.conventions(spec))
 
 
@@ -27,7 +27,8 @@ def drift(overrides):
     """Lines of a drift chain under a recipe with overrides."""
     spec = instruments.parse_recipe(recipe.find("fog_thermal", overrides))
     taken = SimpleNamespace(
-        inputs=[SimpleNamespace(name="temp_case_degc")], outputs=[SimpleNamespace(name="drift_dph")]
+        inputs=[SimpleNamespace(name="temp_case_degc", unit="degC")],
+        outputs=[SimpleNamespace(name="drift_dph")],
     )
     return lines(spec, taken, Correction("drift_dph", "gyro_dph"))
 
@@ -87,7 +88,7 @@ def test_counts_per_sample_say_what_they_are_divided_by():
     spec = instruments.parse_recipe(
         recipe.find("rate_table", ('columns.gyro_x_lsb={from="N",unit="1/sample",interval_s=0.5}',))
     )
-    taken = SimpleNamespace(inputs=[SimpleNamespace(name="gyro_x_lsb")], outputs=[])
+    taken = SimpleNamespace(inputs=[SimpleNamespace(name="gyro_x_lsb", unit="1/s")], outputs=[])
     assert "column 'N', counts per sample, / (0.5 s)" in lines(spec, taken)[0]
     spec = instruments.parse_recipe(
         recipe.find("rate_table", ('columns.gyro_x_lsb={from="N",accumulated=true,sign=-1}',))
@@ -145,6 +146,17 @@ def test_header_source_blob_and_table_say_it(run, words, tmp_path, tmp_path_fact
             )
             assert all(word in text for word in words), (name, text[:2000])
             assert calibkit("verify", out / name).code == 0
+
+
+def test_an_input_that_no_log_holds_says_how_it_is_made(tmp_path_factory):
+    """The rate of the air is a slope of its temperature, with its unit; no column is named."""
+    this = cached("gradient", tmp_path_factory)
+    said = sources.describe_sources(this.spec, this.chain, ())
+    (line,) = (line for line in said if "temp_env_rate_degc_min" in line)
+    assert line == (
+        "input         temp_env_rate_degc_min [degC/min] = slope of temp_env_degc by least squares"
+        " over the 60 s before the end of the interval"
+    )
 
 
 def test_exports_of_before_verify(calibkit):

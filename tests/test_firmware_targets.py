@@ -5,6 +5,7 @@ proven again.
 import csv
 import io
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -37,14 +38,19 @@ def export(calibkit, runs, out, target, *names, code=0, **options):
     return out if code == 0 else outcome
 
 
+def bias(runs, name):
+    """Model of a channel of the first unit."""
+    record = coefficients.loads(
+        (runs / "IMU-1" / "r001" / "bias.json").read_text(encoding="utf-8"), "bias.json"
+    )
+    return record.model(name)
+
+
 def drift(runs, name, temperature):
     """What `apply` takes out of a channel of the first unit [its own unit], by its coefficient
     file.
     """
-    record = coefficients.loads(
-        (runs / "IMU-1" / "r001" / "bias.json").read_text(encoding="utf-8"), "bias.json"
-    )
-    model = record.model(name)
+    model = bias(runs, name)
     powers = [c.value for c in model.coefficients]
     low, high = model.valid["temp_case_degc"]
     clamped = np.clip(temperature, low, high)
@@ -125,6 +131,68 @@ def test_px4_parameters_give_the_run_s_own_correction(calibkit, runs, tmp_path):
         offset = (x[0] + x[1] * d + x[2] * d * d + x[3] * d * d * d).astype(float)
         unit, limit = (RAD_S, 1e-4) if letter == "G" else (9.80665, 1e-6)
         assert np.max(np.abs(offset / unit - drift(runs, name, temperature))) < limit
+
+
+@pytest.mark.parametrize(
+    ("target", "board"), [("px4", "SENS_BOARD_ROT"), ("ardupilot", "AHRS_ORIENTATION")]
+)
+def test_a_parameter_file_says_what_it_asks_of_the_vehicle(calibkit, runs, tmp_path, target, board):
+    """Where the bias is 0, axes, signs, whose temperature, which instance, and the restart."""
+    (path,) = sorted(export(calibkit, runs, tmp_path / "p", target).iterdir())
+    said = [line[2:] for line in path.read_text("ascii").splitlines() if line.startswith("# ")]
+    stated = {line[:14].strip(): line[14:] for line in said}
+    assert "the bias is 0 at 25 degC" in stated["formula"]
+    assert f"before {board}" in stated["axes"]
+    assert "level accel z reads -1 g" in stated["signs"]
+    assert "itself measures" in stated["temperature"]
+    assert {"instances", "reboot"} <= stated.keys()
+
+
+@pytest.mark.parametrize("target", ["px4", "ardupilot"])
+def test_the_error_that_a_parameter_file_states_is_a_bound(calibkit, runs, tmp_path, target):
+    """At 100,001 temperatures from TMIN to TMAX, in single precision and in two orders of
+    evaluation, no offset is further from the coefficient file; and TMIN to TMAX holds its range.
+    """
+    (path,) = sorted(export(calibkit, runs, tmp_path / "p", target).iterdir())
+    lines = path.read_text(encoding="ascii").splitlines()
+    words = [re.split(r"[\t,]", line)[-4:] for line in lines if line[0] != "#"]
+    values = {
+        w[-3] if target == "px4" else w[-2]: w[-2] if target == "px4" else w[-1] for w in words
+    }
+    values = {name: np.float32(value) for name, value in values.items()}
+    bounds = {
+        found[1]: float(found[2])
+        for line in lines
+        if (found := re.match(r"# error bound   (\w+): (\S+) ", line))
+    }
+    assert set(bounds) == {"_".join(name.split("_")[:2]) for name in ORDERS}
+    for name in ORDERS:
+        sensor, axis = name.split("_")[:2]
+        if target == "px4":
+            stem = f"TC_{'G' if sensor == 'gyro' else 'A'}0"
+            c = [values[f"{stem}_X{k}_{'xyz'.index(axis)}"] for k in range(4)]
+            low, high, about = (values[f"{stem}_{end}"] for end in ("TMIN", "TMAX", "TREF"))
+            scale = np.float32(1.0)
+        else:
+            letters = "GYR" if sensor == "gyro" else "ACC"
+            c = [np.float32(0.0)]
+            c += [values[f"INS_TCAL1_{letters}{k}_{axis.upper()}"] for k in (1, 2, 3)]
+            low, high, about = values["INS_TCAL1_TMIN"], values["INS_TCAL1_TMAX"], np.float32(35.0)
+            scale = np.float32(1e-6)
+        (valid,) = bias(runs, name).valid.values()
+        assert float(low) <= valid[0]
+        assert float(high) >= valid[1]
+        temperature = np.linspace(low, high, 100_001, dtype=np.float32)
+        d = temperature - about
+        exactly = drift(runs, name, np.clip(temperature.astype(float), *valid))
+        exactly = exactly * (RAD_S if sensor == "gyro" else 9.80665)
+        for offset in (
+            (c[0] + (c[1] + (c[2] + c[3] * d) * d) * d) * scale,
+            (c[0] + c[1] * d + c[2] * (d * d) + c[3] * (d * d * d)) * scale,
+        ):
+            error = offset.astype(float) - exactly
+            worst = np.ptp(error) if target == "ardupilot" else np.abs(error).max()
+            assert bounds[f"{sensor}_{axis}"] / 30.0 < worst <= bounds[f"{sensor}_{axis}"]
 
 
 def test_ardupilot_parameters_give_the_run_s_own_changes(calibkit, runs, tmp_path):

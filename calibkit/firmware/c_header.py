@@ -1,6 +1,6 @@
 """The header: facts, statuses, inputs and outputs with units, functions."""
 
-from calibkit.firmware import c_text
+from calibkit.firmware import c_text, exact
 from calibkit.firmware.export import Export
 from calibkit.firmware.twin import INVALID
 
@@ -116,9 +116,10 @@ def structs(export: Export, *, ranges: bool = True) -> str:
     kind = export.program.format.c_type
     lines = ["typedef struct {"]
     for entry in structure.inputs:
-        low, high, *full = (f"{float(limit):.6g}" for limit in tables[entry.table])
-        reach = f"; {low} to {high}" if ranges else ""
-        reach += f", full scale {' to '.join(full)}" if ranges and full else ""
+        low, high, *full = (float(limit) for limit in tables[entry.table])
+        reach = f"; {exact.limits_text(low, high, 6)}" if ranges else ""
+        if ranges and full:
+            reach += f", full scale {exact.limits_text(full[0], full[1], 6)}"
         lines.append(f"    {kind} {entry.name}; /* [{entry.unit}] {entry.meaning}{reach} */")
     lines += ["} @p_in;", "", "typedef struct {"]
     lines += [

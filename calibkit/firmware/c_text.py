@@ -6,6 +6,7 @@ import textwrap
 from collections.abc import Iterable, Mapping
 
 from calibkit.errors import CoefficientError
+from calibkit.firmware import exact
 from calibkit.firmware.export import SCHEMA, Export
 from calibkit.run_document import ACCEPTED
 
@@ -67,9 +68,13 @@ def _bounds(export: Export) -> list[str]:
     lines = []
     for output in export.structure.outputs:
         unit = "" if output.unit == "1" else f" {output.unit}"
-        line = f"error bound   {output.name}: {export.bounds[output.name]:.1e}{unit}{each}"
+        bound, full = (
+            exact.round_to(of[output.name], 2, up=True)
+            for of in (export.bounds, export.full_bounds)
+        )
+        line = f"error bound   {output.name}: {bound:.1e}{unit}{each}"
         if any(entry.beyond for entry in export.structure.inputs):
-            line += f"; up to the full scale {export.full_bounds[output.name]:.1e}{unit}"
+            line += f"; up to the full scale {full:.1e}{unit}"
         lines.append(line)
     case = "evaluation against the exact chain, over all inputs in range"
     if export.chain.condition:

@@ -297,6 +297,8 @@ class Chain:
     ranges: tuple[str, ...] = ()
     """Ranges in which the models were fitted, in words."""
     corrections: tuple[Correction, ...] = ()
+    derived: Mapping[str, str] = field(default_factory=dict)
+    """How inputs are made that are no columns of the logs, in words."""
     trials: Trials | None = None
     """None of a chain without memory, which is tested at any inputs within their ranges."""
     timing: tuple[str, ...] = ()

@@ -44,6 +44,7 @@ class Draft:
     gains: dict[str, Fraction] = field(default_factory=dict)
     ramped: dict[str, Fraction] = field(default_factory=dict)
     ranges: list[str] = field(default_factory=list)
+    derived: dict[str, str] = field(default_factory=dict)
     corrections: list[Correction] = field(default_factory=list)
 
     def table(self, name: str, numbers: Iterable[Fraction]) -> str:
@@ -52,10 +53,19 @@ class Draft:
         return name
 
     def input(
-        self, name: str, unit: str, meaning: str, span: tuple[Fraction, Fraction], flag: str = ""
+        self,
+        name: str,
+        unit: str,
+        meaning: str,
+        span: tuple[Fraction, Fraction],
+        flag: str = "",
+        derived: str = "",
     ) -> str:
-        """Add an input once; without a flag its range only says how large it can be."""
+        """Add an input once; without a flag its range only says how large it can be. `derived` says
+        how one is made that is no column of the logs.
+        """
         if name not in [entry.name for entry in self.inputs]:
+            self.derived |= {name: derived} if derived else {}
             self.inputs.append(Input(name, unit, meaning, self.table(f"{name}_range", span), flag))
         return name
 
@@ -100,7 +110,7 @@ class Draft:
             "temperature of the sensor case",
             (middle - BEYOND * half, middle + BEYOND * half),
         )
-        self.ranges.append(f"{column} {valid[0]:.4g} to {valid[1]:.4g} degC")
+        self.ranges.append(f"{column} {exact.limits_text(*valid)} degC")
         return self.map(name, column, valid, flag="TEMP_CLAMPED")
 
     def limit(self, name: str, source: str, low: Fraction, high: Fraction, flag: str) -> str:
@@ -202,6 +212,7 @@ class Draft:
             condition,
             tuple(self.ranges),
             tuple(self.corrections),
+            self.derived,
         )
 
 

@@ -3,7 +3,7 @@ library.
 """
 
 from collections.abc import Sequence
-from decimal import Context, Decimal
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from fractions import Fraction
 from itertools import zip_longest
 
@@ -85,6 +85,17 @@ def power_of_two(x: Fraction) -> int:
     while abs(x) > Fraction(2) ** e:
         e += 1
     return e
+
+
+def round_to(x: float, digits: int, *, up: bool) -> float:
+    """A number with so many digits, not below x where it is rounded up, not above it where not."""
+    return float(Context(digits, ROUND_CEILING if up else ROUND_FLOOR).create_decimal(Decimal(x)))
+
+
+def limits_text(low: float, high: float, digits: int = 4) -> str:
+    """A range with so many digits, rounded outwards."""
+    least, most = round_to(low, digits, up=False), round_to(high, digits, up=True)
+    return f"{least:.{digits}g} to {most:.{digits}g}"
 
 
 def span(low: float, high: float) -> tuple[Fraction, Fraction]:

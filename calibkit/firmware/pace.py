@@ -12,7 +12,7 @@ import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.errors import OutputError
-from calibkit.firmware import bounds, formats, program, vectors
+from calibkit.firmware import bounds, exact, formats, program, vectors
 from calibkit.firmware.chain import Chain, Pace, Sum, Trials
 
 SETTLED = 0.01
@@ -103,14 +103,19 @@ def keep_time(chain: Chain, followed: str, rate: Fraction, longest_gap_s: float)
     settled = len(started) - 1
     move = max(FASTEST * rate * Fraction(h) / 60, (high - low) / NOISE)
     structure = replace(chain.structure, pace=Pace(followed, longest, "pace", tuple(chain.ramped)))
+    furthest = exact.round_to(float(move), 3, up=True)
     timing = [
-        f"jump          a {followed} {float(move):.3g} degC an interval from the last is not used",
+        (
+            f"jump          a {followed} more than {furthest:.3g} degC an interval from the last is"
+            " not used"
+        ),
         f"gap           up to {longest * h:g} s is bridged in a straight line",
     ]
     if chain.structure.summing:
         timing[1] += "; a longer one is left out of the sum: anchor it"
     if settled:
-        worst = f"while the case moves by no more than {float(rate):.3g} degC/min"
+        highest = exact.round_to(float(rate), 3, up=False)
+        worst = f"while the case moves by no more than {highest:.3g} degC/min"
         bridged = _errors_of_gap(lags, longest)
         timing[1] += f", wrong by up to {_listed(chain, bridged)} {worst}; a longer one is a start"
         timing.append(
@@ -124,7 +129,8 @@ def keep_time(chain: Chain, followed: str, rate: Fraction, longest_gap_s: float)
 def _listed(chain: Chain, errors: Mapping[str, float]) -> str:
     """Error of each output with its unit."""
     return ", ".join(
-        f"{errors[output.name]:.2g} {output.unit}" for output in chain.structure.outputs
+        f"{exact.round_to(errors[output.name], 2, up=True):.2g} {output.unit}"
+        for output in chain.structure.outputs
     )
 
 

@@ -14,10 +14,9 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibkit.constants import STANDARD_GRAVITY_MPS2
 from calibkit.errors import CoefficientError, OutputError
@@ -27,13 +26,25 @@ from calibkit.firmware.export import Export
 
 DEGREE = 3
 ARDUPILOT_SCALE = 10**6
-POINTS = 1001
+POINTS = 33
+ROUNDINGS = Fraction(12, 2**24)
+"""Largest relative error of each term in single precision: three roundings of T − reference, three
+products, four sums, the scale of ArduPilot and its product.
+"""
+UNDERFLOW = Fraction(1, 2**140)
+CUBIC = 8
+"""Bound of the sum of a cubic's coefficients over its largest value from −1 to 1, which is 7."""
+SIGN = (
+    "signs         angular rate and specific force along these axes, forward, right, down: at rest"
+    " and level accel z reads -1 g; a column that is positive along gravity needs sign = -1 in the"
+    " recipe"
+)
 LARGEST_ERROR = 1e-3
 """Of the correction's span: a printed polynomial that is off by more is refused."""
 CHANNEL = re.compile(r"(gyro|accel)_([xyz])_(?:dph|g)")
 SI = {"gyro": Fraction(np.pi / 180.0 / 3600.0), "accel": Fraction(STANDARD_GRAVITY_MPS2)}
 """Sensor → 1 °/h in rad/s, 1 g in m/s²."""
-Single: TypeAlias = NDArray[np.float32]
+UNIT = {"gyro": "rad/s", "accel": "m/s^2"}
 Values = Mapping[str, float]
 """Parameter → value, as printed."""
 
@@ -74,8 +85,8 @@ class _Pilot:
     title: str
     lines: Callable[[_Thermal], list[str]]
     """Lines of its parameter file."""
-    offset: Callable[[_Channel, Values, Single], Single]
-    """What it subtracts on one axis at temperatures [°C], in single precision."""
+    powers: Callable[[_Channel, Values], exact.Poly]
+    """Printed coefficients of what it subtracts on one axis, in powers of T − reference."""
     remarks: tuple[str, ...]
     reference: Fraction | None = None
     """Temperature [°C] that it counts from; None where it takes any, then the middle of the range.
@@ -106,14 +117,15 @@ def _px4_lines(thermal: _Thermal) -> list[str]:
     return lines
 
 
-def _px4_offset(channel: _Channel, values: Values, temperature: Single) -> Single:
-    """X0 + X1 d + X2 d² + X3 d³ with d = T − TREF."""
-    one, axis = np.float32, "xyz".index(channel.axis)
-    stem = f"TC_{'G' if channel.sensor == 'gyro' else 'A'}0"
-    d = temperature - one(values[f"{stem}_TREF"])
-    c = [one(values.get(f"{stem}_X{k}_{axis}", 0.0)) for k in range(DEGREE + 1)]
-    square = d * d
-    return np.asarray(c[0] + c[1] * d + c[2] * square + c[3] * (square * d), dtype=one)
+def _px4_powers(channel: _Channel, values: Values) -> exact.Poly:
+    """X0, X1, X2, X3."""
+    stem, axis = _px4_stem(channel), "xyz".index(channel.axis)
+    return tuple(Fraction(values.get(f"{stem}_X{k}_{axis}", 0.0)) for k in range(DEGREE + 1))
+
+
+def _px4_stem(channel: _Channel) -> str:
+    """What the names of a sensor's parameters begin with."""
+    return f"TC_{'G' if channel.sensor == 'gyro' else 'A'}0"
 
 
 def _ardupilot_lines(thermal: _Thermal) -> list[str]:
@@ -136,35 +148,38 @@ def _ardupilot_name(channel: _Channel, power: int) -> str:
     return f"INS_TCAL1_{letters}{power}_{channel.axis.upper()}"
 
 
-def _ardupilot_offset(channel: _Channel, values: Values, temperature: Single) -> Single:
-    """(C1 d + C2 d² + C3 d³)/1e6 with d = T − 35 °C."""
-    one = np.float32
-    d = temperature - one(35.0)
-    c = [one(values[_ardupilot_name(channel, k)]) for k in (1, 2, 3)]
-    return np.asarray((c[0] + (c[1] + c[2] * d) * d) * d * one(1e-6), dtype=one)
+def _ardupilot_powers(channel: _Channel, values: Values) -> exact.Poly:
+    """0, C1, C2, C3 in its unit."""
+    found = (Fraction(values[_ardupilot_name(channel, k)]) for k in range(1, DEGREE + 1))
+    return (Fraction(0), *(c / ARDUPILOT_SCALE for c in found))
 
 
 PX4 = _Pilot(
     "px4",
     "PX4",
     _px4_lines,
-    _px4_offset,
+    _px4_powers,
     (
         (
             "model         offset = X0 + X1 d + X2 d^2 + X3 d^3, d = T - TREF; corrected = reading"
             " - offset; degree at most 3"
         ),
+        "axes          x, y, z of the topics sensor_gyro and sensor_accel: before SENS_BOARD_ROT",
+        SIGN,
+        "temperature   that of the same topics, which the sensor itself measures",
+        ("instances     sensor 0; for another one write its number for the 0 in TC_G0_ and TC_A0_"),
         (
             "identity      set TC_G0_ID and TC_A0_ID to the sensors' device identifiers: without"
             " them PX4 uses none of this"
         ),
+        "reboot        after loading: PX4 reads TC_G_ENABLE and TC_A_ENABLE at its start only",
     ),
 )
 ARDUPILOT = _Pilot(
     "ardupilot",
     "ArduPilot",
     _ardupilot_lines,
-    _ardupilot_offset,
+    _ardupilot_powers,
     (
         (
             "model         (C1 d + C2 d^2 + C3 d^3) / 1e6, d = T - 35 degC, is subtracted from the"
@@ -172,8 +187,13 @@ ARDUPILOT = _Pilot(
         ),
         (
             "constant      none: the offset at the temperature of the offset calibration is that"
-            " calibration's"
+            " calibration's (INS_GYR1_CALTEMP, INS_ACC1_CALTEMP); calibrate offsets once"
         ),
+        "axes          x, y, z of the IMU: before AHRS_ORIENTATION",
+        SIGN,
+        "temperature   that which the IMU itself measures",
+        "instances     the first IMU; of the others INS_TCAL2_, INS_TCAL3_",
+        "reboot        after loading: ArduPilot enables the correction at its start",
     ),
     Fraction(35),
     relative=True,
@@ -188,20 +208,20 @@ def render(export: Export, pilot: _Pilot) -> bytes:
     thermal = _thermal(export, pilot)
     lines = pilot.lines(thermal)
     stated = {}
-    for name, (error, span) in _errors(thermal, _values(lines), pilot).items():
-        if not error <= LARGEST_ERROR * span:
+    for name, (printed, rounded, span) in _errors(thermal, _values(lines), pilot).items():
+        if not (error := printed + rounded) <= LARGEST_ERROR * span:
             raise OutputError(
                 f"{name.replace('_', ' ')}: single precision leaves an error of {error:.1e} of"
                 f" {span:.1e}",
                 hint="export it with --target c",
             )
-        stated[name] = f"{error:.1e}"
+        stated[name] = f"{exact.round_to(error, 2, up=True):.1e}"
     proof = {
         "pilot": pilot.name,
         "middle": str(thermal.middle),
         "half": str(thermal.half),
         "channels": {
-            c.name: {"u": [str(x) for x in c.over_u], "largest_error": stated[c.name]}
+            c.name: {"u": [str(x) for x in c.over_u], "bound": stated[c.name]}
             for c in thermal.channels
         },
     }
@@ -213,7 +233,8 @@ def render(export: Export, pilot: _Pilot) -> bytes:
         ),
         *pilot.remarks,
         *(
-            f"after print   {name}: off by at most {error} over the range"
+            f"error bound   {name}: {error} {UNIT[name.partition('_')[0]]}, after printing, in"
+            " single precision, from TMIN to TMAX"
             for name, error in stated.items()
         ),
         json.dumps(proof, sort_keys=True),
@@ -246,7 +267,7 @@ def _thermal(export: Export, pilot: _Pilot) -> _Thermal:
         channel = _channel(column, polynomial, pilot.title)
         powers = exact.mapped(channel.over_u, (about - middle) * reciprocal, reciprocal)
         channels.append(replace(channel, powers=powers))
-    limits = float(_single(middle + half * low)), float(_single(middle + half * high))
+    limits = _outwards(middle + half * low, -np.inf), _outwards(middle + half * high, np.inf)
     return _Thermal(tuple(channels), about, limits, middle, half)
 
 
@@ -272,6 +293,13 @@ def _single(value: Fraction) -> Fraction:
     return Fraction(float(np.float32(float(value))))
 
 
+def _outwards(limit: Fraction, to: float) -> float:
+    """Nearest number of single precision that is not within a limit."""
+    found = _single(limit)
+    inside = found > limit if to < 0 else found < limit
+    return float(np.nextafter(np.float32(float(found)), np.float32(to))) if inside else float(found)
+
+
 def _text(value: Fraction) -> str:
     """Number in single precision with nine significant digits."""
     return f"{float(_single(value)):.9g}"
@@ -287,20 +315,35 @@ def _values(lines: Sequence[str]) -> dict[str, float]:
     return found
 
 
-def _errors(thermal: _Thermal, values: Values, pilot: _Pilot) -> dict[str, tuple[float, float]]:
-    """Largest difference [rad/s, m/s²] over the range between what the autopilot calculates with
-    the printed parameters and the run's own chain, and the span of the chain, of each channel.
+def _errors(
+    thermal: _Thermal, values: Values, pilot: _Pilot
+) -> dict[str, tuple[float, float, float]]:
+    """Bounds [rad/s, m/s²] over the range of how far the printed polynomial of each channel is from
+    the run's own, and of what single precision adds; and the span of the run's own.
     """
-    temperature = np.linspace(*thermal.limits, POINTS).astype(np.float32)
-    u = (temperature.astype(np.float64) - float(thermal.middle)) / float(thermal.half)
+    low, high = map(Fraction, thermal.limits)
+    widest = max(abs(low - thermal.middle), abs(high - thermal.middle)) / thermal.half
+    u = np.linspace(-float(widest), float(widest), POINTS)
+    # of a difference of offsets at two temperatures the constant drops out, and either may be off
+    first, sides = (1, 2) if pilot.relative else (0, 1)
     errors = {}
     for channel in thermal.channels:
-        exactly = np.polynomial.polynomial.polyval(u, [float(c) for c in channel.over_u])
-        found = pilot.offset(channel, values, temperature).astype(np.float64)
-        if pilot.relative:
-            exactly, found = (offset - offset[POINTS // 2] for offset in (exactly, found))
-        errors[channel.name] = float(np.max(np.abs(found - exactly))), float(np.ptp(exactly))
+        about = pilot.reference or Fraction(values[f"{_px4_stem(channel)}_TREF"])
+        printed = pilot.powers(channel, values)
+        over_u = exact.mapped(printed, thermal.middle - about, thermal.half)
+        apart = exact.add(over_u, exact.scale(channel.over_u, Fraction(-1)))[first:]
+        furthest = max(abs(low - about), abs(high - about))
+        errors[channel.name] = (
+            float(sides * _largest(apart, widest) * widest**first),
+            float(sides * ROUNDINGS * _largest(printed, furthest) + UNDERFLOW),
+            float(np.ptp(np.polynomial.polynomial.polyval(u, [*map(float, channel.over_u)]))),
+        )
     return errors
+
+
+def _largest(polynomial: exact.Poly, reach: Fraction) -> Fraction:
+    """Bound of a polynomial from −reach to reach."""
+    return exact.value([abs(c) for c in polynomial], reach)
 
 
 def verify(name: str, content: bytes) -> str:
@@ -312,8 +355,15 @@ def verify(name: str, content: bytes) -> str:
         stated = json.loads(next(line[2:] for line in lines if line.startswith("# {")))
         values = _values([line for line in lines if not line.startswith("#")])
         errors = _errors(_stated(stated, values), values, PILOTS[stated["pilot"]])
-        for channel, (error, _) in errors.items():
-            if not error <= 1.06 * float(stated["channels"][channel]["largest_error"]) + 1e-300:
+        for channel, (printed, rounded, _) in errors.items():
+            entry = stated["channels"][channel]
+            sampled = "largest_error" in entry  # calibkit 0.1 evaluated 1,001 temperatures
+            error, largest = (
+                (printed, CUBIC * float(entry["largest_error"]))
+                if sampled
+                else (printed + rounded, float(entry["bound"]))
+            )
+            if not error <= largest + 1e-300:
                 raise CoefficientError(
                     f"{name}: {channel.replace('_', ' ')} is off", hint="export it again"
                 )

@@ -40,11 +40,12 @@ def describe_sources(spec: Recipe, chain: Chain, conventions: Sequence[str]) -> 
     """One line per quantity that a chain takes or corrects: its unit, and how the recipe made it
     from a column of the logs.
     """
-    taken = [entry.name for entry in chain.structure.inputs]
+    taken = {entry.name: entry.unit for entry in chain.structure.inputs}
     return (
         *(
-            f"input         {name} [{units.column_unit(name)}] = {_right_hand_side(spec, name)}"
-            for name in taken
+            f"input         {name} [{unit}] ="
+            f" {chain.derived.get(name) or _right_hand_side(spec, name)}"
+            for name, unit in taken.items()
         ),
         *(
             f"indication    {name} [{units.column_unit(name)}] = {_right_hand_side(spec, name)}"

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 
 from calibkit.errors import CoefficientError, OutputError
-from calibkit.firmware import c_text, layout, vectors
+from calibkit.firmware import c_text, exact, layout, vectors
 from calibkit.firmware.export import Export
 from calibkit.report.table import Table
 from calibkit.run_document import ACCEPTED
@@ -64,7 +64,9 @@ def _row(export: Export) -> dict[str, str]:
         "made_of": "; ".join(" ".join(line.split()) for line in export.sources),
     }
     row |= {
-        f"{name}_{output.name} [{output.unit}]": f"{bound[output.name]:.1e}"
+        f"{name}_{output.name} [{output.unit}]": (
+            f"{exact.round_to(bound[output.name], 2, up=True):.1e}"
+        )
         for name, bound in (("bound", export.bounds), ("full_scale_bound", export.full_bounds))
         for output in structure.outputs
     }

@@ -18,6 +18,7 @@ GRADIENT_RATE = DRIVERS[3]
 AIR = "temp_env_degc"
 CASE_MEANING = "temperature of the sensor case, mean of the interval"
 AIR_MEANING = "temperature of the air around the sensor, mean of the interval"
+UNWEIGHED = "weighed by 0: hand over the case temperature where there is no thermometer of the air"
 WIDER = Fraction(1, 4)
 """How far an input's word reaches beyond each end of the range in which the case is followed, over
 that range.
@@ -41,7 +42,7 @@ def followed(model: Model) -> tuple[float, float]:
 
 def say_followed(span: tuple[float, float]) -> str:
     """What a header states beside the fitted ranges."""
-    return f"these; the case is followed from {span[0]:.4g} to {span[1]:.4g} degC, as by apply"
+    return f"these; the case is followed from {exact.limits_text(*span)} degC, as by apply"
 
 
 def reach_of(spans: Iterable[tuple[float, float]]) -> Mapped:
@@ -220,7 +221,8 @@ def _follow_case(draft: Draft, model: Model, h: Fraction, mapped: Mapped) -> Non
         scale = largest(model, GRADIENT)
         low, high = map(Fraction, followed(model))
         reach = (low - AIR_APART_DEGC, high + AIR_APART_DEGC)
-        draft.input(AIR, "degC", AIR_MEANING, reach, "AIR_CLAMPED")
+        needed = uses(model, GRADIENT) or uses(model, GRADIENT_RATE)
+        draft.input(AIR, "degC", AIR_MEANING, reach, "AIR_CLAMPED", "" if needed else UNWEIGHED)
         draft.sum("apart", factor(CASE), factor(AIR, -1))
         wide = Fraction(2) if uses(model, GRADIENT) else (reach[1] - reach[0]) / scale
         table = draft.table("wide_gradient_map", (Fraction(0), 1 / scale, -wide, wide))

@@ -37,7 +37,7 @@ def _chain(spec: BiasTemperatureRecipe, records: Mapping[str, Record]) -> Chain:
         reach = (middle - BEYOND * half, middle + BEYOND * half)
         draft.input(column, unit, "abscissa of the bias", reach)
         if number == 0:
-            draft.ranges.append(f"{column} {valid[0]:.6g} to {valid[1]:.6g} {unit}")
+            draft.ranges.append(f"{column} {exact.limits_text(*valid, 6)} {unit}")
             draft.map("u", column, valid, flag="TEMP_CLAMPED")
         low, high = (Fraction(limit) for limit in valid)
         reference = (
@@ -56,7 +56,18 @@ def _chain(spec: BiasTemperatureRecipe, records: Mapping[str, Record]) -> Chain:
         draft.output(f"bias_{name}", units.column_unit(name), source, meaning, corrects=name)
     return draft.chain(
         [model.form for model in record.models],
-        "corrected = indication - bias, each channel in its unit",
+        f"corrected = indication - bias, each channel in its unit; {_zero(spec)}",
+    )
+
+
+def _zero(spec: BiasTemperatureRecipe) -> str:
+    """Where the bias of every channel is 0, in words."""
+    column = spec.polynomials.abscissa
+    if not column.endswith("_degc"):
+        return f"the bias is 0 in the middle of the fitted range of {column}"
+    return (
+        f"the bias is 0 at {spec.reference_temp_degc:g} degC, or at the end of the fitted range"
+        " nearest to it"
     )
 
 

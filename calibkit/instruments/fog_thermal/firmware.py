@@ -23,7 +23,8 @@ AIR_RATE = "temp_env_rate_degc_min"
 LONGEST_DRIFT = 1024
 """Bound of the recursive drift, in multiples of the largest increment per interval."""
 FORMULA = (
-    "corrected = indication - drift, both in deg/h; the drift is 0 at rest at {reference:g} degC"
+    "corrected = indication - drift, both in deg/h; the drift is 0 at rest at {reference:g} degC,"
+    " or at the end of the fitted range nearest to it"
 )
 RECURSIVE = (
     "corrected = indication - drift, both in deg/h; the drift is 0 at the reset, or where it is"
@@ -86,7 +87,8 @@ def _on_levels(draft: Draft, model: Model, reference_degc: float) -> Chain:
         _output(draft, thermal_steps.follow_terms(draft, model, h, reference_degc, (middle, half)))
     _ranges(draft, model, "coil" if lagged else "case")
     draft.ranges.append(thermal_steps.say_followed(followed))
-    moved = f"the case moves by no more than {float(fastest):.3g} degC/min"
+    highest = exact.round_to(float(fastest), 3, up=False)
+    moved = f"the case moves by no more than {highest:.3g} degC/min"
     return draft.chain(
         [model.form],
         FORMULA.format(reference=reference_degc),
@@ -98,7 +100,8 @@ def _on_levels(draft: Draft, model: Model, reference_degc: float) -> Chain:
 def _ranges(draft: Draft, model: Model, whose: str) -> None:
     """Append the fitted ranges in words."""
     for column, (low, high) in model.valid.items():
-        draft.ranges.append(f"{column} of the {whose} {low:.4g} to {high:.4g}")
+        unit = "degC" if column in (CASE, GRADIENT) else "degC/min"
+        draft.ranges.append(f"{column} of the {whose} {exact.limits_text(low, high)} {unit}")
 
 
 def _recursive(draft: Draft, models: Sequence[Model], slope_window_s: float) -> Chain:
@@ -112,13 +115,16 @@ def _recursive(draft: Draft, models: Sequence[Model], slope_window_s: float) -> 
     draft.input(CASE, "degC", thermal_steps.CASE_MEANING, reach, "TEMP_CLAMPED")
     draft.input(thermal_steps.AIR, "degC", thermal_steps.AIR_MEANING, reach, "AIR_CLAMPED")
     fastest = 4 * max(thermal_steps.largest(model, RATE) for model in models)
-    meaning = (
-        f"rate of the air, slope by least squares over the {slope_window_s:g} s before the end of"
-        " the interval"
-    )
+    window = f"by least squares over the {slope_window_s:g} s before the end of the interval"
+    made = f"slope of {thermal_steps.AIR} {window}"
+    # the sides clamp it and set the flag
     draft.input(
-        AIR_RATE, "degC/min", meaning, (-fastest, fastest)
-    )  # the sides clamp it and set the flag
+        AIR_RATE,
+        "degC/min",
+        f"rate of the air, slope {window}",
+        (-fastest, fastest),
+        derived=made,
+    )
     draft.sum("apart", factor(CASE), factor(thermal_steps.AIR, -1))
     sides, bounds = zip(*(_side(draft, model) for model in models), strict=True)
     draft.steps.append(Select("increment", AIR_RATE, sides, "HELD"))

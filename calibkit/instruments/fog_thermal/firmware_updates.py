@@ -8,6 +8,7 @@ from calibkit.firmware import as_firmware, pace, vectors
 from calibkit.firmware.chain import Chain, Trials
 from calibkit.firmware.draft import BEYOND
 from calibkit.firmware.program import Program
+from calibkit.firmware.thermal_steps import AIR
 from calibkit.frame import refuse, values
 from calibkit.ingest import logs, write_back
 from calibkit.ingest.write_back import Applied
@@ -59,14 +60,14 @@ reaches both ends of every range.
 
 def apply(
     spec: FogThermalRecipe,
-    chain: Chain,  # noqa: ARG001 (the protocol's shape)
+    chain: Chain,
     quantised: Program,
     data: Path,
 ) -> Applied:
     """Correct every row of a log by the drift of the previous interval; the chain is updated once
     per interval with means over it.
     """
-    columns = _columns(quantised)
+    columns = _columns(chain)
     log = logs.read_log(spec, data, data.name, tuple(dict.fromkeys(columns)))
     refuse(ramps.find_unusable(log))
     time, case, env, gyro = (values(log.frame, column) for column in columns)
@@ -86,9 +87,10 @@ def apply(
     return write_back.rewrite_log(spec, data, log, corrected), flags
 
 
-def _columns(quantised: Program) -> tuple[str, str, str, str]:
+def _columns(chain: Chain) -> tuple[str, str, str, str]:
     """Time, case, chamber air and indication of a log; the case again where no air is needed."""
-    needs_air = any(entry.name.startswith("temp_env") for entry in quantised.structure.inputs)
+    taken = (entry.name for entry in chain.structure.inputs)
+    needs_air = any(name.startswith("temp_env") for name in taken) and AIR not in chain.derived
     air = "temp_env_degc" if needs_air else "temp_case_degc"
     return ("time_s", "temp_case_degc", air, "gyro_dph")
 

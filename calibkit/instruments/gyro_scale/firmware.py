@@ -95,7 +95,7 @@ def _chain_about_base(spec: GyroTriadRecipe, matrix: GyroMatrix) -> Chain:
     full_scale_dps = Fraction(spec.full_scale("rate_dps"))
     S, B = _polynomials(draft, matrix, "u")
     low, high = matrix.model.valid[RATE]
-    draft.ranges.append(f"rate about each axis {low:.4g} to {high:.4g} deg/s")
+    draft.ranges.append(f"rate about each axis {exact.limits_text(low, high)} deg/s")
     for gyro, row, bias in zip(matrix.gyros, S, B, strict=True):
         _add_indication(draft, matrix, gyro, (row, bias), full_scale_dps)
         terms = draft.polynomial(f"bias_{gyro}", bias, "u", sign=-1)
@@ -159,7 +159,7 @@ def _add_quotient(
     ((K,),), (F0,) = _polynomials(draft, matrix, over)
     _add_indication(draft, matrix, gyro, ([K], F0), full_scale_dps)
     low, high = matrix.model.valid[RATE]
-    draft.ranges.append(f"rate of gyro {gyro} {low:.4g} to {high:.4g} deg/s")
+    draft.ranges.append(f"rate of gyro {gyro} {exact.limits_text(low, high)} deg/s")
     terms = draft.polynomial(f"zero_{gyro}", F0, over, sign=-1)
     draft.sum(f"above_{gyro}", terms, factor(gyro_column(gyro)))
     draft.sum(f"scale_{gyro}", draft.polynomial(f"scale_factor_{gyro}", K, over))

@@ -12,7 +12,7 @@ import numpy as np
 from calibkit import check
 from calibkit.coefficients import Model, Record
 from calibkit.errors import OutputError
-from calibkit.firmware import as_firmware, pace, thermal_steps, vectors
+from calibkit.firmware import as_firmware, exact, pace, thermal_steps, vectors
 from calibkit.firmware.chain import Chain, Trials
 from calibkit.firmware.draft import Draft
 from calibkit.firmware.program import Program
@@ -71,12 +71,13 @@ def _chain(spec: ThermalRecipe, records: Mapping[str, Record]) -> Chain:
     for model in models:
         _follow_channel(draft, model, h, spec.reference_temp_degc)
         paces.append(pace.FASTEST * thermal_steps.largest(model, RATE))
+    highest = exact.round_to(float(min(paces)), 3, up=False)
     found = draft.chain(
         [model.form for model in models],
         "corrected = indication - bias, each channel in its unit; the bias is 0 at rest at"
-        f" {spec.reference_temp_degc:g} degC",
+        f" {spec.reference_temp_degc:g} degC, or at the end of the fitted range nearest to it",
         interval_s=float(h),
-        condition=f"the case moves by no more than {float(min(paces)):.3g} degC/min",
+        condition=f"the case moves by no more than {highest:.3g} degC/min",
     )
     rate = min(paces) / pace.FASTEST
     found = pace.keep_time(found, CASE, rate, spec.thermal.max_gap_s)
@@ -94,7 +95,7 @@ def _follow_channel(draft: Draft, model: Model, h: Fraction, reference_degc: flo
     name = f"bias_{model.name}"
     meaning = f"bias of {model.name}, to be subtracted from it"
     draft.output(name, model.residual_unit, f"{source}_{model.name}", meaning, corrects=model.name)
-    draft.ranges.append(f"{CASE} of {model.name} {low:.4g} to {high:.4g} degC")
+    draft.ranges.append(f"{CASE} of {model.name} {exact.limits_text(low, high)} degC")
     draft.ranges.append(thermal_steps.say_followed(followed))
 
 
