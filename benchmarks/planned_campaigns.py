@@ -172,8 +172,9 @@ def run_gyro(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  #
     lag[2] = np.clip(lag[2], 0.0, 1.0)
     logs = []
     for number, ramp in enumerate(ramps):
-        time, case = model.case(ramp)
-        own, precision = model.own(time.size)
+        log = model.log(ramp)
+        time, case = log.time, log.case
+        own, precision = model.own(time)
         factor = np.linalg.cholesky(
             model.white_dph**2 * np.eye(time.size)
             + sizes["log", "flicker"] ** 2 * flicker_kernel(time.size)
@@ -191,14 +192,17 @@ def run_gyro(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  #
     error, variance = [], []
     for rate in fog_planned.USED:
         for sign in (1.0, -1.0):
-            time, case = model.case(fog_planned.Ramp(sign * rate, fog_planned.USED_SOAK_S))
+            used = model.log(fog_planned.Ramp(sign * rate, fog_planned.USED_SOAK_S))
+            time, case = used.time, used.case
             off = drift_of(time, case, found.coefficients, fitted_lag)
             off = off - drift_of(time, case, drawn[:p], lag)
             slopes = slopes_of(time, case, found.coefficients, fitted_lag)
             slopes = (slopes - slopes.mean(axis=0))[:: fog_planned.EVERY]
             error.append((off - off.mean())[:: fog_planned.EVERY])
             variance.append(np.einsum("mp,pq,mq->m", slopes, covariance, slopes))
-    parts = model.information(ramps).variances(model.result_slopes("drift"))
+    parts = model.information([model.log(ramp) for ramp in ramps]).variances(
+        model.result_slopes("drift")
+    )
     predicted = np.sqrt(np.sum([*parts.values()], axis=0))
     u = np.sqrt(np.concatenate(variance))
     return np.concatenate(error), predicted, u, np.full(u.size, gum.coverage_factor(found.dof))

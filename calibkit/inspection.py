@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 from calibkit import instruments, new_files, recipe
 from calibkit.check import examination
-from calibkit.check.report import Campaign, Judgement
-from calibkit.errors import FitError, FrameError, LogFormatError, RecipeError
+from calibkit.check.report import Campaign, Judgement, Reached
+from calibkit.errors import FitError, FrameError, LogFormatError, RecipeError, UsageError
 from calibkit.ingest import logs as ingest, proposal
-from calibkit.planning import comparison
+from calibkit.planning import comparison, equipment
+from calibkit.planning.proposal import COVERAGE, Task, measured_range
 from calibkit.recipe import type_b
 from calibkit.report import budget, figures
 
@@ -22,7 +23,8 @@ if TYPE_CHECKING:
     from calibkit.coefficients import StageResult
     from calibkit.frame import Log
     from calibkit.ingest.proposal import Proposal
-    from calibkit.instruments import Instrument, Progress
+    from calibkit.instruments import Fitted, Instrument, Progress
+    from calibkit.planning.document import Beside
     from calibkit.planning.schedule import Schedule
 
 LARGEST_TRIAL = 50_000_000
@@ -34,13 +36,13 @@ def check(
     data: Path,
     figure: Path | None = None,
     progress: Progress = instruments.silent,
-    schedule: Schedule | None = None,
+    planned: Beside | None = None,
 ) -> Campaign:
     """What each log that a recipe would read holds and what is wrong with it, and what the logs
     determine together; nothing is written but the figure.
 
     A figure (PDF, one page per log) is written where a path for it is given. Where the recipe is
-    that of a plan, its schedule says what is missing or differs.
+    that of a plan, its schedule states what is missing or differs.
     """
     if figure is not None:
         new_files.refuse_existing(figure)
@@ -66,9 +68,9 @@ def check(
         replace(one, findings=(*one.findings, *(found for at, found in compared if at == one.file)))
         for one in (outcome.report for outcome in outcomes)
     )
-    judged = _judge(instrument, spec, data, files, reports, progress)
-    if schedule is not None:
-        missing = _compare(instrument, spec, data, reports, schedule)
+    judged = _judge(instrument, spec, data, files, reports, progress, planned)
+    if planned is not None:
+        missing = _compare(instrument, spec, data, reports, planned.schedule)
         judged = replace(judged, lacks=(*judged.lacks, *missing))
     return Campaign(reports, judged)
 
@@ -97,8 +99,11 @@ def _judge(
     files: Sequence[str],
     reports: Sequence[LogReport],
     progress: Progress,
+    planned: Beside | None,
 ) -> Judgement:
-    """What the logs of a campaign determine together, by the fit itself, on trial."""
+    """What the logs of a campaign determine together: by the fit itself, on trial, and with which
+    uncertainty, as a plan judges it.
+    """
     refused = sum(report.refused for report in reports)
     if refused:
         lacks = f"{refused} of {len(reports)} logs refused: mend them, or exclude them"
@@ -114,8 +119,53 @@ def _judge(
     except (FrameError, FitError, LogFormatError, RecipeError) as error:
         return Judgement((), (str(error),), exports=False, exit_code=error.exit_code)
     determined = tuple(_describe(result) for result in fitted.results)
-    verdict = fitted.summary.verdict
-    return Judgement(determined, fitted.lacks, exports=fitted.exports, verdict=verdict)
+    reached = _predict(instrument, spec, data, files, fitted, planned)
+    missed = (
+        f"{one}: calibkit plan RECIPE --have {data} plans what is missing"
+        for one in reached
+        if one.wanted is not None and one.expanded_uncertainty > one.wanted
+    )
+    return Judgement(
+        determined,
+        (*fitted.lacks, *missed),
+        exports=fitted.exports,
+        verdict=fitted.summary.verdict,
+        predicted=reached,
+    )
+
+
+def _predict(
+    instrument: Instrument[Any, Any],
+    spec: recipe.Recipe,
+    data: Path,
+    files: Sequence[str],
+    fitted: Fitted[Any],
+    planned: Beside | None,
+) -> tuple[Reached, ...]:
+    """Uncertainty of results that logs tell over the range of a plan, else over their own: with
+    noise and shared errors as the fit found them, others as on the sample bench. Empty for what is
+    not planned, or not determined.
+    """
+    if instrument.planner is None:
+        return ()
+    logs = tuple(instrument.read(spec, data, file) for file in files)
+    asked = planned.range_degc if planned else None
+    range_degc = asked or measured_range(logs)
+    earlier = {f"{one.stage}.json": one for one in fitted.results}
+    bench = equipment.read_equipment(None)
+    try:
+        task = Task(bench, range_degc=range_degc, earlier=earlier, have=logs)
+        found = instrument.planner().judge(spec, task)
+    except (UsageError, FitError, FrameError):
+        return ()
+    wanted = planned.wanted if planned else {}
+    return tuple(
+        Reached(
+            *(one.name, one.unit, one.expanded, COVERAGE, range_degc or (0.0, 0.0), one.limits),
+            wanted.get(one.name),
+        )
+        for one in found
+    )
 
 
 def _describe(result: StageResult) -> str:

@@ -13,7 +13,7 @@ from calibkit import instruments, new_files, recipe, store
 from calibkit.errors import UsageError
 from calibkit.ingest import logs as ingest
 from calibkit.planning import document, equipment, page, screen
-from calibkit.planning.proposal import Planner, Proposal, Task
+from calibkit.planning.proposal import WITHHELD, Planner, Proposal, Task
 
 if TYPE_CHECKING:
     from calibkit.instruments import Progress
@@ -72,13 +72,14 @@ def plan(
         new_files.refuse_existing(out / name)
     task = _task(spec, request, progress)
     proposal, wishes = planner.propose(spec, task)
-    summary = screen.summarize(proposal, wishes, spec.title or spec.procedure)
+    title = spec.title or spec.procedure
+    summary = screen.summarize(proposal, wishes, title, request.within_h)
     beside = {
         document.SCHEDULE: proposal.schedule.to_csv(),
         document.RECIPE: proposal.recipe.encode(),
     }
     text = document.plan_document(proposal, wishes, task, source, spec.procedure, beside)
-    shown = page.make_page(summary.title, summary.last_line, proposal, wishes)
+    shown = page.make_page(summary, proposal, wishes)
     files = {document.PLAN: text.encode(), **beside, document.PAGE: shown}
     # the recipe that is handed out must be one
     instruments.parse_recipe(recipe.Source(document.RECIPE, proposal.recipe))
@@ -122,6 +123,7 @@ def _task(spec: recipe.Recipe, request: Request, progress: Progress) -> Task:
         request.restarts,
         earlier,
         have,
+        request.have is not None and any((request.have / WITHHELD).glob("*")),
         progress,
     )
 
@@ -161,5 +163,7 @@ def simulate(folder: Path, out: Path, seed: int, *, dry_run: bool = False) -> li
 def simulated(folder: Path, seed: int) -> Campaign:
     """Campaign that was run by the plan of a folder."""
     found = document.load_plan(folder)
+    if not found.schedule.actions:
+        raise UsageError(f"{folder}: a plan of no actions", hint="it has nothing to simulate")
     spec = instruments.parse_recipe(found.source)
     return _planner(spec.procedure).simulate(spec, found.schedule, found.document, seed)

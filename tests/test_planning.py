@@ -421,12 +421,12 @@ def test_check_holds_logs_against_the_schedule_beside_the_recipe(planned, tmp_pa
     found = document.beside(path)
     assert found is not None
     source = recipe.find(str(path))
-    before = inspection.check(source, logs, schedule=found).judgement.lacks
+    before = inspection.check(source, logs, planned=found).judgement.lacks
     assert not any("dwell" in lack for lack in before)
     lines = (logs / "positions.csv").read_text().splitlines(keepends=True)
     (logs / "positions.csv").write_text("".join([*lines[:3], *lines[4:-1]]))
     (logs / "withheld" / "positions.csv").unlink()
-    lacks = inspection.check(source, logs, schedule=found).judgement.lacks[len(before) :]
+    lacks = inspection.check(source, logs, planned=found).judgement.lacks[len(before) :]
     assert len(lacks) == 3
     assert all("dwell" in lack for lack in lacks)
     assert lacks[2].startswith("withheld/positions.csv: planned, with ")
@@ -520,3 +520,156 @@ def test_one_plane_of_a_dividing_head_determines_no_triad(bench, tmp_path):
     )
     with pytest.raises(FitError, match="0 remountings"):
         plans.plan(recipe.find("accelerometer", LOW_ORDERS), request, tmp_path / "plan")
+
+
+def run_cli(*arguments):
+    """Output of a command that succeeds, or the exit code that is asked for."""
+    return CliRunner().invoke(cli, [*map(str, arguments)], standalone_mode=False)
+
+
+def copy_logs(names, source, out):
+    """Copy some of the sample logs."""
+    out.mkdir(exist_ok=True)
+    for name in names:
+        (out / Path(name).name).write_bytes((ROOT / "datasets" / source / name).read_bytes())
+    return out
+
+
+@pytest.fixture(scope="module")
+def earlier(tmp_path_factory):
+    """Runs of the sample logs of a gyro in a chamber and on a rate table."""
+    runs = tmp_path_factory.mktemp("runs")
+    for procedure, serial in (("fog_thermal", "FOG-0001"), ("rate_table", "GYRO-0001")):
+        data = ROOT / "datasets" / procedure
+        done = run_cli("fit", procedure, "--data", data, "--serial", serial, "--out", runs)
+        assert done.return_value == 0, done.output
+    return runs
+
+
+def test_a_plan_of_ramps_takes_noise_and_turn_on_biases_from_an_earlier_run(earlier, tmp_path):
+    """The simulated gyro has 0.6 °/h over 1 s, turn-on biases of 0.02 °/h, a drift of 0.4 °/h."""
+    asked = plans.Request(within_h=8.0, earlier="FOG-0001", runs=earlier)
+    found = plans.plan(recipe.find("fog_thermal"), asked, tmp_path / "plan").proposal
+    size = {one.effect: one.value for one in found.components}
+    assert found.noise == pytest.approx(0.6, rel=0.05)
+    assert size["drift"] == pytest.approx(0.4, rel=0.1)
+    assert size["turn-on"] == pytest.approx(0.02, rel=0.6)
+    assert found.schedule.hours <= 8.0
+
+
+def test_a_plan_of_runs_takes_the_response_from_an_earlier_run(earlier, tmp_path):
+    """Held rates are 0.4 °/h off the line; errors that were not seen are as on the bench."""
+    asked = plans.Request(earlier="GYRO-0001", runs=earlier)
+    found = plans.plan(recipe.find("rate_table"), asked, tmp_path / "plan").proposal
+    size = {one.effect: one.value for one in found.components}
+    assert size["response"] == pytest.approx(0.4, rel=0.3)
+    assert size["scale"] == 0.3
+    with pytest.raises(UsageError, match="no level, lagged or bank model"):
+        plans.plan(recipe.find("fog_thermal"), asked, tmp_path / "other")
+
+
+def test_ramps_that_are_measured_count(tmp_path):
+    """Three of the eight sample ramps need less than no ramp at all, all eight nothing."""
+    source, wish = recipe.find("fog_thermal"), ("drift<=0.03 deg/h",)
+    whole = plans.plan(source, plans.Request(wishes=wish), tmp_path / "whole").proposal
+    names = [f"ramp_{way}.csv" for way in ("heating_10", "cooling_10", "heating_05")]
+    logs = copy_logs(names, "fog_thermal", tmp_path / "logs")
+    asked = plans.Request(wishes=wish, have=logs)
+    found = plans.plan(source, asked, tmp_path / "plan").proposal
+    assert found.results[0].expanded <= 0.03
+    assert 0.0 < found.schedule.hours < 0.8 * whole.schedule.hours
+    made = {one.log for one in found.schedule.actions if one.log}
+    assert all(Path(name).name.startswith("added_ramp_") for name in made)
+    spec = instruments.parse_recipe(recipe.find(str(tmp_path / "plan" / "recipe.toml")))
+    assert spec.logs.files == ("*.csv", "added_ramp_*.csv")
+    every = plans.Request(wishes=wish, have=ROOT / "datasets" / "fog_thermal")
+    enough = plans.plan(source, every, tmp_path / "enough")
+    assert enough.proposal.schedule.hours == 0.0
+    Draft202012Validator(SCHEMA).validate(json.loads((tmp_path / "enough/plan.json").read_text()))
+    with pytest.raises(UsageError, match="no actions"):
+        plans.simulate(tmp_path / "enough", tmp_path / "simulated", 1)
+
+
+def test_a_plan_of_runs_adds_the_temperature_that_is_missing(tmp_path):
+    """At −40, 0 and 25 °C runs are measured, at 60 °C none."""
+    names = ["at_-40.csv", "at_0.csv", "room_1.csv"]
+    logs = copy_logs(names, "rate_table", tmp_path / "logs")
+    asked = plans.Request(have=logs)
+    found = plans.plan(recipe.find("rate_table"), asked, tmp_path / "plan").proposal
+    fitted = [one for one in found.schedule.recorded("rate") if "withheld" not in one.log]
+    assert {one.set_degc for one in fitted} == {60.0}
+
+
+def test_a_triad_is_completed_about_each_axis(tmp_path):
+    """Each temperature needs a run about each axis: of y one is missing, of z all are."""
+    names = [f"about_x_{degc}.csv" for degc in (-40, 0, 25, 60)]
+    names += [f"about_y_{degc}.csv" for degc in (-40, 0, 25)]
+    logs = copy_logs(names, "gyro_triad", tmp_path / "logs")
+    asked = plans.Request(wishes=("angle<=0.004 deg",), have=logs)
+    found = plans.plan(recipe.find("gyro_triad"), asked, tmp_path / "plan").proposal
+    held = {one.log: one.set_degc for one in found.schedule.recorded("rate")}
+    fitted = {log: degc for log, degc in held.items() if "withheld" not in log}
+    about = {axis: {d for log, d in fitted.items() if f"_{axis}_" in log} for axis in "xyz"}
+    assert about == {"x": set(), "y": {60.0}, "z": {-40.0, 0.0, 25.0, 60.0}}
+    spec = instruments.parse_recipe(recipe.find(str(tmp_path / "plan" / "recipe.toml")))
+    assert {spec.find_axis(log) for log in fitted} == {"y", "z"}
+
+
+def test_hours_that_are_too_few_are_not_met(tmp_path):
+    """Exit code 1 with the shortest campaign."""
+    done = run_cli("plan", "fog_thermal", "--within", "0.1h", "--out", tmp_path / "plan")
+    assert done.return_value == 1, done.output
+    assert "cannot be met: chamber time 3." in done.output
+
+
+def test_a_temperature_beyond_the_order_is_not_beside_another(planned):
+    """A lack of fit shows only between temperatures that lie apart."""
+    plan = document.load_plan(planned)
+    degc = sorted({one.set_degc for one in plan.schedule.actions if one.action == "soak"})
+    assert min(np.diff(degc)) >= 0.5 * (degc[-1] - degc[0]) / (len(degc) - 1)
+
+
+def test_check_judges_a_campaign_as_a_plan_does(planned, tmp_path):
+    """Predicted U over the range of the plan beside what it wanted; half a campaign lacks it."""
+    logs, path = tmp_path / "logs", planned / "recipe.toml"
+    plans.simulate(planned, logs, 4)
+    beside, source = document.beside(path), recipe.find(str(path))
+    whole = inspection.check(source, logs, planned=beside).judgement
+    first = whole.predicted[0]
+    assert (first.name, first.wanted, first.range_degc) == ("inclination", 0.012, (-20.0, 60.0))
+    planned_u = json.loads((planned / "plan.json").read_text())["results"][0]
+    assert first.expanded_uncertainty == pytest.approx(planned_u["expanded_uncertainty"], rel=0.4)
+    assert any(line.strip().startswith("U of inclination") for line in whole.lines())
+    tight = replace(beside, wanted={"inclination": 0.001})
+    lacks = inspection.check(source, logs, planned=tight).judgement.lacks
+    assert any("wanted at most 0.001" in lack and "--have" in lack for lack in lacks)
+
+
+@pytest.mark.parametrize("procedure", ["accelerometer", "fog_thermal", "rate_table", "gyro_triad"])
+def test_check_predicts_what_each_planned_procedure_determines(procedure):
+    """Over the temperatures of the sample logs."""
+    found = inspection.check(recipe.find(procedure), ROOT / "datasets" / procedure).judgement
+    assert found.predicted
+    assert all(one.expanded_uncertainty > 0.0 for one in found.predicted)
+
+
+def test_information_of_two_campaigns_adds_up(rng):
+    """They share the coefficients, and none of the errors."""
+    parts = []
+    for rows in (20, 30):
+        design = rng.normal(size=(rows, 3))
+        soak = Effect("soak", "zero", np.arange(rows) // 5, np.ones(rows), Known(0.5))
+        parts.append((design, soak))
+    one, other = (find_information(design, 0.3, [soak]) for design, soak in parts)
+    whole = Effect(
+        "soak",
+        "zero",
+        np.concatenate([parts[0][1].labels, parts[1][1].labels + 4]),
+        np.ones(50),
+        Known(0.5),
+    )
+    expected = find_information(np.vstack([design for design, _ in parts]), 0.3, [whole])
+    found = one.join(other)
+    np.testing.assert_allclose(found.covariance, expected.covariance, rtol=1e-9)
+    slopes = np.eye(3)
+    assert found.variances(slopes)[NOISE] == pytest.approx(expected.variances(slopes)[NOISE])

@@ -1,6 +1,6 @@
 """Reports of `calibkit check` on the logs of a folder: a document for scripts, lines for people."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -8,7 +8,7 @@ from calibkit.check.facts import Facts
 from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.errors import FitError, FrameError
 from calibkit.frame import Finding, Severity
-from calibkit.report.overview import describe_span
+from calibkit.report.overview import concise, describe_span
 from calibkit.report.screen import MOST, arrange, shorten, wrap
 from calibkit.report.table import Cell, Table
 
@@ -85,6 +85,30 @@ class LogReport:
 
 
 @dataclass(frozen=True, slots=True)
+class Reached:
+    """Expanded uncertainty of a result, the largest over a range of use, and what limits it."""
+
+    name: str
+    unit: str
+    expanded_uncertainty: float
+    coverage_factor: float
+    range_degc: tuple[float, float]
+    limits: Mapping[str, float]
+    """Source → its share of the mean variance."""
+    wanted: float | None = None
+    """What the plan wanted at most."""
+
+    def __str__(self) -> str:
+        low, high = self.range_degc
+        most = max(self.limits, key=lambda name: self.limits[name])
+        wanted = "" if self.wanted is None else f", wanted at most {concise(self.wanted)}"
+        return (
+            f"U of {self.name} {concise(self.expanded_uncertainty)} {self.unit}{wanted}"
+            f" (k = {self.coverage_factor:g}, {low:.0f} to {high:.0f} °C; largest part: {most})"
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class Judgement:
     """What the logs of a campaign determine together, and whether a fit would export it (None
     where that was not tried); the verdict and the exit code that the fit would have.
@@ -95,12 +119,15 @@ class Judgement:
     exports: bool | None
     verdict: str = ""
     exit_code: int = 0
+    predicted: tuple[Reached, ...] = ()
+    """Uncertainty of results over a range of use, as `plan` judges it."""
 
     def lines(self) -> list[str]:
         """The last paragraph of a check."""
         found = "; ".join(self.determines) or ("not tried" if self.exports is None else "nothing")
         return [
             f"This campaign determines: {found}",
+            *(f"  {one}" for one in self.predicted),
             *(f"  missing: {lack}" for lack in self.lacks),
             *([f"  fit would {self._outcome()}"] if self.exports is not None else ()),
         ]

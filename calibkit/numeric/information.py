@@ -50,6 +50,22 @@ class Information:
         count = int(np.sum(self.source < 0))
         return invert(self.data + np.diag(self.prior))[:count, :count]
 
+    def join(self, other: "Information") -> "Information":
+        """Information of these rows and of others that share none of their errors."""
+        p, q = int(np.sum(self.source < 0)), self.source.size
+        at = np.concatenate([np.arange(p), np.arange(q, q + other.source.size - p)])
+        data = np.zeros((q + other.source.size - p,) * 2)
+        data[:q, :q] += self.data
+        data[np.ix_(at, at)] += other.data
+        sources = tuple(dict.fromkeys([*self.sources, *other.sources]))
+        number = np.array([sources.index(one) for one in other.sources], dtype=np.int64)
+        return Information(
+            data,
+            np.concatenate([self.prior, other.prior[p:]]),
+            np.concatenate([self.source, number[other.source[p:]]]),
+            sources,
+        )
+
     def variances(self, slopes: Array) -> dict[str, Array]:
         """Variance [m] that noise and each source leave in combinations [m, p] of the
         coefficients; their sum is the variance of the combination.

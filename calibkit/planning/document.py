@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from calibkit import sealed
@@ -35,8 +35,11 @@ class Plan:
 
 
 def third_more(proposal: Proposal, name: str) -> Candidate | None:
-    """The campaign that a third more hours would allow; None where they allow no better one."""
-    hours = proposal.schedule.hours * THIRD
+    """The campaign that a third more hours would allow, and to a plan of none the shortest; None
+    where they allow no better one.
+    """
+    shortest = min((one.hours for one in proposal.curve if one.hours > 0.0), default=0.0)
+    hours = proposal.schedule.hours * THIRD or shortest
     inside = [one for one in proposal.curve if one.hours <= hours]
     own = next(one.largest_u for one in proposal.results if one.name == name)
     better = [one for one in inside if one.largest_u[name] < WORTH * own]
@@ -65,6 +68,7 @@ def plan_document(
             "seed": task.seed,
             "restarts": task.restarts,
             "within_h": task.within_h,
+            "range_degc": list(proposal.range_degc),
             **_predictions(proposal, wishes),
             "settings": dict(proposal.settings),
             "files": [
@@ -135,12 +139,34 @@ def load_plan(folder: Path) -> Plan:
     return Plan(document, schedule, Source(RECIPE, _read(folder / RECIPE)))
 
 
-def beside(recipe: Path) -> Schedule | None:
-    """Schedule beside a recipe's file; None where there is none."""
+@dataclass(frozen=True, slots=True)
+class Beside:
+    """What stands beside the recipe of a plan."""
+
+    schedule: Schedule
+    range_degc: tuple[float, float] | None = None
+    """Range of use; None where no plan.json is there."""
+    wanted: Mapping[str, float] = field(default_factory=dict)
+    """Result → expanded uncertainty that was wanted, in the unit of the result."""
+
+
+def beside(recipe: Path) -> Beside | None:
+    """Schedule and wishes beside a recipe's file; None where there is no schedule."""
     path = recipe.with_name(SCHEDULE)
     if not recipe.is_file() or not path.is_file():
         return None
-    return read_schedule(_read(path), str(path))
+    schedule = read_schedule(_read(path), str(path))
+    if not recipe.with_name(PLAN).is_file():
+        return Beside(schedule)
+    whole = recipe.with_name(PLAN)
+    document = sealed.unseal(_read(whole), str(whole), (FORMAT,))
+    low, high = document.get("range_degc", (None, None))
+    results = document["results"]
+    return Beside(
+        schedule,
+        (low, high) if low is not None and high is not None else None,
+        {one["name"]: one["wanted"] for one in results if one["wanted"] is not None},
+    )
 
 
 def _read(path: Path) -> str:

@@ -21,13 +21,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from calibkit.planning.schedule import Schedule
+    from calibkit.report.summary import Summary
 
 _COLOURS = {"dwell": "#cc3311", "rate": "#cc3311", "ramp": "#4477aa", "soak": "#999933"}
 
 
-def make_page(title: str, verdict: str, proposal: Proposal, wishes: Sequence[Wish]) -> bytes:
+def make_page(summary: Summary, proposal: Proposal, wishes: Sequence[Wish]) -> bytes:
     """The page as UTF-8; it loads nothing."""
-    drawn = [_draw_time(proposal.schedule)]
+    drawn = [_draw_time(proposal.schedule)] if proposal.schedule.actions else []
     drawn += _draw_attitudes(proposal.schedule)
     name = wishes[0].name if wishes else proposal.results[0].name
     drawn.append(_draw_hours(proposal, wishes, name))
@@ -38,13 +39,10 @@ def make_page(title: str, verdict: str, proposal: Proposal, wishes: Sequence[Wis
         element("figure", Markup(drawing), element("figcaption", caption))
         for drawing, caption in zip(drawings, captions, strict=True)
     ]
-    met = all(
-        w.value >= one.expanded for w in wishes for one in proposal.results if one.name == w.name
-    )
-    kind = ("accepted" if met else "rejected") if wishes else "open"
+    kind = summary.verdict if summary.criteria else "open"
     top = [
-        element("header", element("h1", title)),
-        element("p", element("strong", verdict), class_=f"band {kind}"),
+        element("header", element("h1", summary.title)),
+        element("p", element("strong", summary.last_line), class_=f"band {kind}"),
     ]
     parts = {
         "Predicted uncertainty": [_results(proposal, wishes), _limits(proposal)],
@@ -56,7 +54,9 @@ def make_page(title: str, verdict: str, proposal: Proposal, wishes: Sequence[Wis
     sections = [
         element("section", element("h2", head), join_markup(made)) for head, made in parts.items()
     ]
-    return html.whole_page(title, [*top, element("main", join_markup(sections), id="content")])
+    return html.whole_page(
+        summary.title, [*top, element("main", join_markup(sections), id="content")]
+    )
 
 
 def _draw_time(schedule: Schedule) -> Figure:

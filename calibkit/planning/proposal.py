@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from calibkit import units
-from calibkit.errors import UsageError
+from calibkit.errors import RecipeError, UsageError
+from calibkit.frame import values
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from calibkit.arrays import Array
-    from calibkit.coefficients import Record
+    from calibkit.coefficients import Record, StageResult
     from calibkit.frame import Log
     from calibkit.planning.equipment import Equipment
     from calibkit.planning.schedule import Schedule
@@ -24,6 +26,14 @@ if TYPE_CHECKING:
 
 COVERAGE = 2.0
 """Coverage factor of U in plans: the sizes of shared errors are assumed, not estimated."""
+WITHHELD = "withheld/"
+"""Folder of the logs that a fit does not see."""
+ADDED = "added_"
+"""Names of logs that are added to a campaign begin with this."""
+ONE_LEVEL_DEGC = 5.0
+"""Temperatures nearer than this are one of a campaign."""
+NOTHING = "nothing to add to what is measured"
+"""Label of an empty campaign."""
 _WISH = re.compile(r"^\s*(?P<name>.+?)\s*<=\s*(?P<value>[-+.\deE]+)\s*(?P<unit>\S+)\s*$")
 
 
@@ -64,7 +74,13 @@ class Wish:
             )
         unit = offered[found["name"]]
         own = units.ALIASES.get(found["unit"], found["unit"])
-        factor = 1.0 if own == unit else units.difference_factor(own, unit)
+        try:
+            factor = 1.0 if own == unit else units.difference_factor(own, unit)
+        except RecipeError:
+            raise UsageError(
+                f"--want '{text}': '{own}' is no unit of '{found['name']}'",
+                hint=f"results: {names}",
+            ) from None
         return cls(found["name"], value * factor, unit)
 
 
@@ -83,11 +99,56 @@ class Task:
     remountings: int = 0
     seed: int = 1
     restarts: int = 3
-    earlier: Mapping[str, Record] | None = None
+    earlier: Mapping[str, Record | StageResult] | None = None
     """Coefficient files of an earlier run of this type of device."""
     have: tuple[Log, ...] = ()
     """Logs of what is measured already."""
+    withheld: bool = False
+    """Whether logs are withheld already."""
     progress: Progress = lambda items, _: items
+
+    def name_log(self, name: str) -> str:
+        """Name of a log of the plan, which no measured log has."""
+        prefix = ADDED if self.have else ""
+        while any(prefix and Path(log.file).name.startswith(prefix) for log in self.have):
+            prefix += ADDED
+        return prefix + name
+
+    def describe(self, default: tuple[float, float], best: Candidate) -> Iterator[str]:
+        """Notes on the range that is planned for where none was asked for, and on what is not
+        withheld.
+        """
+        low, high = default
+        if self.range_degc is None:
+            yield f"no --range: planned for {low:g} to {high:g} °C"
+        if best.label == NOTHING and not self.withheld:
+            yield (
+                f"--have holds no folder {WITHHELD.rstrip('/')}: no log judges the fit that it did"
+                " not see"
+            )
+
+
+def measured_range(logs: Iterable[Log]) -> tuple[float, float] | None:
+    """Lowest and highest case temperature [°C] of logs; None where none is logged."""
+    name = "temp_case_degc"
+    found = [values(log.frame, name) for log in logs if name in log.frame.columns]
+    ends = [(float(np.nanmin(one)), float(np.nanmax(one))) for one in found if one.size]
+    return (min(low for low, _ in ends), max(high for _, high in ends)) if ends else None
+
+
+def cover_range(
+    temperatures: Iterable[float], fewest: int, range_degc: tuple[float, float]
+) -> bool:
+    """Whether temperatures [°C] reach both ends of a range of use, and at least so many differ."""
+    found = np.sort(np.fromiter(temperatures, dtype=np.float64))
+    ends = np.array(range_degc) + np.array([1.0, -1.0]) * ONE_LEVEL_DEGC
+    reached = found.size and found[0] <= ends[0] and found[-1] >= ends[1]
+    return bool(reached and 1 + np.sum(np.diff(found) > ONE_LEVEL_DEGC) >= fewest)
+
+
+def count(number: int, noun: str) -> str:
+    """A number of things in words."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,6 +219,8 @@ class Proposal:
     schedule: Schedule
     results: tuple[Predicted, ...]
     coefficients: tuple[Coefficient, ...]
+    range_degc: tuple[float, float]
+    """Range of use."""
     recipe: str
     """Text of the recipe by which its logs are fitted."""
     noise: float
@@ -181,6 +244,8 @@ class Planner:
     """Recipe and task → what is proposed, and the wishes in the units of its results; the wishes
     may be not met.
     """
+    judge: Callable[[Any, Task], tuple[Predicted, ...]]
+    """Recipe and task → what the logs that it has tell; empty where they do not determine all."""
     simulate: Callable[[Any, Schedule, Mapping[str, Any], int], Campaign]
     """Recipe, schedule, document of the plan and seed → logs of a campaign with its truth."""
 

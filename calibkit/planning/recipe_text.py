@@ -20,16 +20,21 @@ def write_recipe(
     files: Sequence[str],
     components: Sequence[ErrorComponent],
     changes: Mapping[str, Any],
+    *,
+    added: bool,
 ) -> str:
     """Text of a recipe for the logs of a plan, with the errors that were assumed; `changes` are
-    keys and tables with other values.
+    keys and tables with other values. Logs that are `added` stand beside those that the recipe
+    reads already.
     """
     stated = spec.model_dump(mode="json", by_alias=True, exclude_unset=True)
-    tables = {name: value for name, value in stated.items() if name not in _OF_OTHER_LOGS}
-    tables["logs"] = {**tables["logs"], "files": list(files)}
+    others = () if added else _OF_OTHER_LOGS
+    tables = {name: value for name, value in stated.items() if name not in others}
+    own = tables["logs"]["files"] if added else []
+    tables["logs"] = {**tables["logs"], "files": [*own, *files]}
     if components:
-        own = [one.model_dump(mode="json") for one in components]
-        tables["errors"] = {**tables.get("errors", {}), "component": own}
+        assumed = [one.model_dump(mode="json") for one in components]
+        tables["errors"] = {**tables.get("errors", {}), "component": assumed}
     for name, value in changes.items():
         tables[name] = {**tables.get(name, {}), **value} if isinstance(value, dict) else value
     head = "# Written by calibkit plan: the recipe of the plan, with the errors that it assumes.\n"

@@ -20,13 +20,17 @@ _NAMED = 3
 """Sources of uncertainty that the screen names."""
 
 
-def summarize(proposal: Proposal, wishes: Sequence[Wish], title: str) -> Summary:
-    """What is printed of a plan; its verdict is that on the wishes."""
+def summarize(
+    proposal: Proposal, wishes: Sequence[Wish], title: str, within_h: float | None
+) -> Summary:
+    """What is printed of a plan; its verdict is that on the wishes and on the hours."""
     results = {one.name: one for one in proposal.results}
     criteria = tuple(
         at_most(f"U of {wish.name}", results[wish.name].expanded, wish.value, wish.unit)
         for wish in wishes
     )
+    if within_h is not None:
+        criteria += (at_most("chamber time", proposal.schedule.hours, within_h, "h"),)
     first = results[wishes[0].name] if wishes else proposal.results[0]
     schedule = proposal.schedule
     person = f", {schedule.operator_h:.1f} h with a person" if schedule.operator_h else ""
@@ -62,13 +66,11 @@ def _conclude(criteria: Sequence[Criterion], hours: float) -> str:
 def _describe_more(proposal: Proposal, first: Predicted) -> str:
     """What a third more hours would buy."""
     more = third_more(proposal, first.name)
+    what = "A third more hours" if proposal.schedule.actions else "A small addition"
     if more is None:
-        return "A third more hours would buy nothing."
+        return f"{what} would buy nothing."
     bought = COVERAGE * more.largest_u[first.name]
-    return (
-        f"A third more hours would buy U {concise(bought)} {first.unit} in {more.hours:.1f} h:"
-        f" {more.label}."
-    )
+    return f"{what} would buy U {concise(bought)} {first.unit} in {more.hours:.1f} h: {more.label}."
 
 
 def _tabulate(proposal: Proposal, wishes: Sequence[Wish]) -> Table:

@@ -19,7 +19,8 @@ from calibkit.recipe.tables import ErrorComponent
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from calibkit.coefficients import Record
+    from calibkit.arrays import Array, Integers
+    from calibkit.coefficients import Record, StageResult
     from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
     from calibkit.planning.equipment import Device
     from calibkit.planning.proposal import Task
@@ -30,6 +31,7 @@ _EDGES = (
     *((tilt, roll) for tilt in (45, 135) for roll in (0, 90, 180, 270)),
     *((90, roll) for roll in (45, 135, 225, 315)),
 )
+RANGE_DEGC = (-20.0, 125.0)
 USUAL = {
     "6 faces, 9 temperatures": _FACES,
     "12 edges, 9 temperatures": _EDGES,
@@ -97,9 +99,7 @@ def assume(spec: AccelerometerRecipe, task: Task) -> Assumed:
             " triad",
             hint=f"there are {', '.join(f'{one} of {other}' for other, one in SHARED_UNITS)}",
         )
-    low, high = task.range_degc or (-20.0, 125.0)
-    if task.range_degc is None:
-        notes.append(f"no --range: planned for {low:g} to {high:g} °C")
+    low, high = task.range_degc or RANGE_DEGC
     fixtures = task.equipment.attitudes
     fixture = task.attitudes if task.attitudes in fixtures else "file"
     components = tuple(found.values())
@@ -109,6 +109,28 @@ def assume(spec: AccelerometerRecipe, task: Task) -> Assumed:
         have=_measured(spec, task, noise),
         notes=tuple(notes),
     )
+
+
+def list_spots(task: Task, fixture: str) -> tuple[Array, Integers]:
+    """Attitudes [c, 2] [°] of a fixture, and the mounting of each [c]."""
+    step = task.equipment.fixture(fixture).step_deg
+    if fixture == "file":
+        return np.array(task.spots), np.zeros(len(task.spots), dtype=np.int64)
+    if fixture == "faces":
+        return np.array(_FACES, dtype=np.float64), np.zeros(6, dtype=np.int64)
+    turns = range(0, 360, step)
+    if fixture == "two-axis":
+        tilts = [(tilt, roll) for tilt in range(step, 180, step) for roll in turns]
+        spots = np.array([(0, 0), *tilts, (180, 0)], dtype=np.float64)
+        return spots, np.zeros(len(spots), dtype=np.int64)
+    # along the head's axis; across it, in two planes that hold the tool's axis
+    along = [(90, roll) for roll in turns]
+    planes = [
+        [(turn, roll) if turn <= 180 else (360 - turn, roll + 180) for turn in turns]
+        for roll in (0, 90)
+    ]
+    spots = np.array([*along, *planes[0], *planes[1]], dtype=np.float64)
+    return spots, np.repeat(np.arange(3), len(along))
 
 
 def _require_planned(spec: AccelerometerRecipe) -> None:
@@ -147,7 +169,7 @@ def planned_model(spec: AccelerometerRecipe, assumed: Assumed) -> planned.Model:
 
 
 def _read_run(
-    records: Mapping[str, Record],
+    records: Mapping[str, Record | StageResult],
 ) -> tuple[float, dict[tuple[str, str], ErrorComponent]]:
     """Noise [g] of a dwell and shared errors of a run; UsageError for one of no triad."""
     models = [model for record in records.values() for model in record.models]
@@ -179,7 +201,10 @@ def _measured(spec: AccelerometerRecipe, task: Task, noise: float) -> planned.Dw
     return planned.Dwells(spots, found.temperature, soak, hours, noise)
 
 
-def write_recipe(spec: AccelerometerRecipe, assumed: Assumed, log: str) -> str:
+def write_recipe(spec: AccelerometerRecipe, task: Task, assumed: Assumed, log: str | None) -> str:
     """Recipe of the planned campaign."""
-    changes = {"dwells": {"mode": "rows"}}
-    return recipe_text.write_recipe(spec, [log], assumed.components, changes)
+    # logs beside those that are measured are as these are
+    changes = {} if task.have else {"dwells": {"mode": "rows"}}
+    return recipe_text.write_recipe(
+        spec, [log] if log else [], assumed.components, changes, added=bool(task.have)
+    )

@@ -207,7 +207,7 @@ def _planner() -> Planner:
     """How campaigns are planned."""
     from calibkit.instruments.accelerometer import plan, simulate_plan
 
-    return Planner(plan.propose, simulate_plan.campaign)
+    return Planner(plan.propose, plan.judge, simulate_plan.campaign)
 
 
 def _simulate(seed: int) -> Campaign:

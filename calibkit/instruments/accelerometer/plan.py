@@ -18,6 +18,8 @@ from calibkit.instruments.accelerometer.numeric.planned import Dwells, Model, So
 from calibkit.numeric import exchange
 from calibkit.numeric.least_squares import polynomial
 from calibkit.planning.proposal import (
+    NOTHING,
+    WITHHELD,
     Candidate,
     Coefficient,
     Predicted,
@@ -25,9 +27,11 @@ from calibkit.planning.proposal import (
     Task,
     Wish,
     choose,
+    count,
+    cover_range,
     find_front,
 )
-from calibkit.planning.schedule import Clock
+from calibkit.planning.schedule import Clock, Schedule
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -36,9 +40,8 @@ if TYPE_CHECKING:
     from calibkit.instruments.accelerometer.assumptions import Assumed
     from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
     from calibkit.numeric.information import Information
-    from calibkit.planning.schedule import Schedule
 
-LOG, WITHHELD = "positions.csv", "withheld/positions.csv"
+LOG = "positions.csv"
 MOST_SOAKS = 5
 """Temperatures that the search takes at most beyond what the order needs."""
 COUNTS = (6, 8, 10, 12, 16, 20, 24, 30, 36, 42, 50)
@@ -47,8 +50,10 @@ LEFT_OUT = 2
 """Attitudes that are withheld."""
 STEPS_DEGC = (-20, -5, -1, 1, 5, 20)
 """Exchanges of a temperature."""
-LEAST_APART_DEGC = 5
-FACES = ((0, 0), (180, 0), (90, 0), (90, 90), (90, 180), (90, 270))
+APART = 0.5
+"""Least distance of two temperatures, of that of as many in even steps: so that the one beyond the
+order shows a lack of fit.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +64,18 @@ class _Design:
     chosen: tuple[int, ...]
     withheld: tuple[int, ...]
     dwell_s: float
+
+    @property
+    def label(self) -> str:
+        """The campaign in a few words."""
+        if not self.chosen:
+            return NOTHING
+        levels = count(len(set(self.degc)), "temperature")
+        return f"{len(self.chosen)} attitudes, {levels}, dwells of {self.dwell_s:g} s"
+
+
+NO_DWELLS = _Design((), (), (), 0.0)
+"""An empty campaign."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +101,7 @@ class _Bench:
         """Schedule of a design, and its dwells without those that are withheld."""
         equipment, device = self.task.equipment, self.assumed.device
         fixture = equipment.fixture(self.assumed.fixture)
+        log = self.task.name_log(LOG)
         clock, fitted, soak = Clock(equipment), [], -1
         mountings = np.unique(self.mounting[list(design.chosen)])
         for number, mounting in enumerate(mountings.tolist()):
@@ -101,8 +119,11 @@ class _Bench:
                     if fixture.attended:
                         clock.attend(taken)
                     clock.move(fixture.move_s)
-                    log = LOG if k in own else WITHHELD
-                    clock.dwell(self.spots[k].tolist(), design.dwell_s, log)
+                    clock.dwell(
+                        self.spots[k].tolist(),
+                        design.dwell_s,
+                        log if k in own else f"{WITHHELD}{log}",
+                    )
                     if k in own:
                         fitted.append((k, degc, soak, clock.now_s / 3600.0))
         spots, degc_of, soaks, hours = (np.array(one) for one in zip(*fitted, strict=True))
@@ -122,11 +143,36 @@ class _Bench:
         data[:p, :p] += planned.reduce_to_coefficients(self.base)
         return replace(found, data=data)
 
-    def candidate(self, label: str, design: _Design) -> Candidate | None:
-        """A campaign with its hours and uncertainties; None where it does not determine all."""
-        schedule, dwells = self.run(design)
-        found = self.information(dwells)
-        if not found.determined:
+    def explain(self, design: _Design) -> Information | None:
+        """Information of a design and of what is measured already, with all sources; None where
+        there is neither.
+        """
+        if not design.chosen:
+            return self.base
+        found = self.model.information(self.run(design)[1])
+        return found if self.base is None else found.join(self.base)
+
+    def predict(self, found: Information) -> tuple[Predicted, ...]:
+        """Predicted uncertainty of each result, and what limits it."""
+        return tuple(
+            Predicted.of(name, unit, found.variances(self.model.result_slopes(name)))
+            for name, unit in planned.RESULTS.items()
+        )
+
+    def candidate(self, design: _Design, label: str = "") -> Candidate | None:
+        """A campaign with its hours and uncertainties; None where it does not determine all, or has
+        no temperature more than the order needs or none at an end of the range.
+        """
+        have = self.assumed.have
+        measured = [] if have is None else have.temperature.tolist()
+        fewest = self.assumed.order + 2
+        if not cover_range([*measured, *design.degc], fewest, self.model.range_degc):
+            return None
+        hours, found = 0.0, self.base
+        if design.chosen:
+            schedule, dwells = self.run(design)
+            hours, found = schedule.hours, self.information(dwells)
+        if found is None or not found.determined:
             return None
         covariance = found.covariance
         largest = {}
@@ -134,7 +180,7 @@ class _Bench:
             slopes = self.model.result_slopes(name)
             variance = np.einsum("mp,pq,mq->m", slopes, covariance, slopes)
             largest[name] = float(np.sqrt(variance.max()))
-        return Candidate(label, schedule.hours, largest, design)
+        return Candidate(label or design.label, hours, largest, design)
 
     def soak_hours(self, degc: Sequence[int], count: int, dwell_s: float) -> tuple[float, ...]:
         """Middle of the dwells of each soak [h], for a number of dwells a soak."""
@@ -163,23 +209,35 @@ def propose(spec: AccelerometerRecipe, task: Task) -> tuple[Proposal, tuple[Wish
     front = find_front(found, name)
     best = choose(found, wishes, task.within_h, name)
     best = _polish(bench, best, wishes)
-    schedule, dwells = bench.run(best.design)
-    information = bench.information(dwells)
+    design: _Design = best.design
+    information = bench.explain(design)
+    assert information is not None  # noqa: S101 (a campaign without dwells has what is measured)
+    log = task.name_log(LOG) if design.chosen else None
+    noise = {"noise_g": bench.assumed.noise_of(design.dwell_s)} if design.chosen else {}
     proposal = Proposal(
         best.label,
-        schedule,
-        tuple(_predict(bench.model, information, name) for name in planned.RESULTS),
+        bench.run(design)[0] if design.chosen else Schedule(()),
+        bench.predict(information),
         _coefficients(bench.model, information),
-        assumptions.write_recipe(spec, bench.assumed, LOG),
-        bench.assumed.device.noise,
+        bench.model.range_degc,
+        assumptions.write_recipe(spec, task, bench.assumed, log),
+        bench.assumed.noise_g,
         "g",
         bench.assumed.components,
         tuple(front),
-        tuple(_usual(bench)),
-        bench.assumed.notes,
-        {"noise_g": bench.assumed.noise_of(best.design.dwell_s)},
+        () if task.have else tuple(_usual(bench)),
+        (*bench.assumed.notes, *task.describe(assumptions.RANGE_DEGC, best)),
+        noise,
     )
     return proposal, wishes
+
+
+def judge(spec: AccelerometerRecipe, task: Task) -> tuple[Predicted, ...]:
+    """What the dwells that are measured tell; empty where they do not determine all."""
+    bench = _prepare(spec, task)
+    if bench.base is None or bench.candidate(NO_DWELLS) is None:
+        return ()
+    return bench.predict(bench.base)
 
 
 def _prepare(spec: AccelerometerRecipe, task: Task) -> _Bench:
@@ -188,37 +246,17 @@ def _prepare(spec: AccelerometerRecipe, task: Task) -> _Bench:
     low, high = assumed.range_degc
     task.equipment.require_reached(low, high)
     model = assumptions.planned_model(spec, assumed)
-    spots, mounting = _list_spots(task, assumed.fixture)
+    spots, mounting = assumptions.list_spots(task, assumed.fixture)
     base = None if assumed.have is None else model.information(assumed.have)
     return _Bench(task, assumed, model, spots, mounting, base)
-
-
-def _list_spots(task: Task, fixture: str) -> tuple[Array, Integers]:
-    """Attitudes [c, 2] [°] of a fixture, and the mounting of each [c]."""
-    step = task.equipment.fixture(fixture).step_deg
-    if fixture == "file":
-        return np.array(task.spots), np.zeros(len(task.spots), dtype=np.int64)
-    if fixture == "faces":
-        return np.array(FACES, dtype=np.float64), np.zeros(6, dtype=np.int64)
-    turns = range(0, 360, step)
-    if fixture == "two-axis":
-        tilts = [(tilt, roll) for tilt in range(step, 180, step) for roll in turns]
-        spots = np.array([(0, 0), *tilts, (180, 0)], dtype=np.float64)
-        return spots, np.zeros(len(spots), dtype=np.int64)
-    # along the head's axis; across it, in two planes that hold the tool's axis
-    along = [(90, roll) for roll in turns]
-    planes = [
-        [(turn, roll) if turn <= 180 else (360 - turn, roll + 180) for turn in turns]
-        for roll in (0, 90)
-    ]
-    spots = np.array([*along, *planes[0], *planes[1]], dtype=np.float64)
-    return spots, np.repeat(np.arange(3), len(along))
 
 
 def _search(bench: _Bench) -> Iterator[Candidate | None]:
     """Campaigns of all sizes, each the best of its size."""
     task = bench.task
     order = bench.assumed.order
+    if bench.base is not None:
+        yield bench.candidate(NO_DWELLS)
     fewest = 1 if bench.base is not None else order + 2
     most = order + 1 + MOST_SOAKS
     groups = np.unique(bench.mounting)
@@ -248,9 +286,10 @@ def _search_levels(
     pool = bench.model.pool(spots, soaks, noise, bench.base)
     pool = replace(pool, most=max(1, -(-24 // len(spots)))) if len(spots) < 24 else pool
     counts = [n for n in COUNTS if n <= len(spots) * pool.most]
-    for count in counts or [len(spots)]:
-        chosen, _ = pool.search(count, rng, bench.task.restarts)
-        withheld = planned.spread_apart(spots, chosen, LEFT_OUT)
+    for size in counts or [len(spots)]:
+        chosen, _ = pool.search(size, rng, bench.task.restarts)
+        left_out = 0 if bench.task.withheld else LEFT_OUT
+        withheld = planned.spread_apart(spots, chosen, left_out)
         for dwell_s in device.dwell_s:
             design = _Design(
                 degc,
@@ -258,8 +297,7 @@ def _search_levels(
                 tuple(int(allowed[k]) for k in withheld),
                 dwell_s,
             )
-            label = f"{count} attitudes, {len(set(degc))} temperatures, dwells of {dwell_s:g} s"
-            yield bench.candidate(label, design)
+            yield bench.candidate(design)
 
 
 def _number(mounting: Integers) -> Integers:
@@ -303,11 +341,12 @@ def _moves(found: Sequence[int], place: int, ends: tuple[int, int]) -> list[int]
     if found[place] in ends:
         return []
     others = [one for k, one in enumerate(found) if k != place]
+    apart = APART * (ends[1] - ends[0]) / len(others)
     tried = [found[place] + step for step in STEPS_DEGC]
     return [
         one
         for one in tried
-        if ends[0] < one < ends[1] and min(abs(one - k) for k in others) >= LEAST_APART_DEGC
+        if ends[0] < one < ends[1] and min(abs(one - k) for k in others) >= apart
     ]
 
 
@@ -324,24 +363,13 @@ def _polish(bench: _Bench, best: Candidate, wishes: Sequence[Wish]) -> Candidate
         fewer = [[*design.chosen[:k], *design.chosen[k + 1 :]] for k in range(len(design.chosen))]
         chosen, _ = pool.exchange(min(fewer, key=pool.criterion))
         smaller = replace(design, chosen=tuple(sorted(chosen)))
-        smaller = replace(
-            smaller, withheld=tuple(planned.spread_apart(bench.spots, smaller.chosen, LEFT_OUT))
-        )
-        label = (
-            f"{len(chosen)} attitudes, {len(set(design.degc))} temperatures, dwells of"
-            f" {design.dwell_s:g} s"
-        )
-        tried = bench.candidate(label, smaller)
+        apart = planned.spread_apart(bench.spots, smaller.chosen, len(design.withheld))
+        smaller = replace(smaller, withheld=tuple(apart))
+        tried = bench.candidate(smaller)
         if tried is None or not tried.meets(wishes):
             break
         best, design = tried, smaller
     return best
-
-
-def _predict(model: Model, information: Information, name: str) -> Predicted:
-    """Predicted uncertainty of a result, and what limits it."""
-    parts = information.variances(model.result_slopes(name))
-    return Predicted.of(name, planned.RESULTS[name], parts)
 
 
 def _coefficients(model: Model, information: Information) -> tuple[Coefficient, ...]:
@@ -366,6 +394,6 @@ def _usual(bench: _Bench) -> Iterator[Candidate]:
             mounting=np.zeros(len(spots), dtype=np.int64),
         )
         design = _Design(degc, tuple(range(len(spots))), (), min(bench.assumed.device.dwell_s))
-        found = table.candidate(name, design)
+        found = table.candidate(design, name)
         if found is not None:
             yield found

@@ -328,7 +328,7 @@ def _planner() -> Planner:
     """How campaigns are planned."""
     from calibkit.instruments.fog_thermal import plan
 
-    return Planner(plan.propose, plan.simulate)
+    return Planner(plan.propose, plan.judge, plan.simulate)
 
 
 def _simulate(seed: int) -> Campaign:

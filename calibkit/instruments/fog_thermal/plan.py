@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, product, zip_longest
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.errors import UsageError
-from calibkit.instruments.fog_thermal import simulate as simulated
+from calibkit.instruments.fog_thermal import assumptions, simulate as simulated
 from calibkit.instruments.fog_thermal.numeric import planned
-from calibkit.instruments.fog_thermal.numeric.planned import Model, Ramp
+from calibkit.instruments.fog_thermal.numeric.planned import CaseLog, Model, Ramp
 from calibkit.instruments.fog_thermal.simulate_gyro import FogGyro
 from calibkit.numeric.information import invert
 from calibkit.planning import recipe_text
 from calibkit.planning.proposal import (
+    NOTHING,
+    WITHHELD,
     Candidate,
     Coefficient,
     Predicted,
@@ -24,6 +26,7 @@ from calibkit.planning.proposal import (
     Task,
     Wish,
     choose,
+    cover_range,
     find_front,
 )
 from calibkit.planning.schedule import Clock
@@ -31,10 +34,11 @@ from calibkit.simulate.campaign import Campaign
 from calibkit.simulate.chamber import Chamber, Programme
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator, Mapping, Sequence
 
     from calibkit.arrays import Array
     from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
+    from calibkit.numeric.information import Information
     from calibkit.planning.equipment import Device
     from calibkit.planning.schedule import Schedule
     from calibkit.recipe.tables import ErrorComponent
@@ -58,16 +62,19 @@ class _Design:
 
     @property
     def ramps(self) -> list[Ramp]:
-        """Ramps in their order: heating and cooling by turns."""
+        """Ramps in their order: heating and cooling by turns; one may be heating alone."""
         return [
             Ramp(float(sign * rate), self.after_s)
-            for pair in zip(self.heating, self.cooling, strict=True)
+            for pair in zip_longest(self.heating, self.cooling)
             for sign, rate in zip((1, -1), pair, strict=True)
+            if rate is not None
         ]
 
     @property
     def label(self) -> str:
         """The campaign in a few words."""
+        if not self.heating:
+            return NOTHING
         if self.heating == self.cooling:
             rates = ", ".join(f"±{rate}" for rate in self.heating)
         else:
@@ -86,42 +93,68 @@ class _Bench:
     components: tuple[ErrorComponent, ...]
     slopes: Mapping[str, Array]
     """Result → its derivatives where it is used."""
+    have: tuple[CaseLog, ...]
+    """Logs that are measured already."""
+    notes: tuple[str, ...]
+
+    def information(self, ramps: Sequence[Ramp]) -> Information:
+        """Information of what is measured already and of ramps."""
+        return self.model.information([*self.have, *map(self.model.log, ramps)])
+
+    def predict(self, ramps: Sequence[Ramp]) -> tuple[Predicted, ...]:
+        """Predicted uncertainty of each result."""
+        found = self.information(ramps)
+        return tuple(
+            Predicted.of(name, unit, found.variances(self.slopes[name]))
+            for name, unit in planned.RESULTS.items()
+        )
 
     def schedule(self, design: _Design) -> Schedule:
-        """Schedule of a design, with one heating ramp that is withheld at its end."""
+        """Schedule of a design; where nothing is withheld yet, with one heating ramp at its end
+        that is.
+        """
         low, _ = self.model.range_degc
         rate = self.task.equipment.fastest(self.device)
         clock = Clock(self.task.equipment)
+        if not design.heating:
+            return clock.schedule()
         change = low - clock.degc
         clock.ramp(low, rate)
         clock.soak(self.task.equipment.soak_s(self.device, change, rate))
-        withheld = self.withheld(design)
-        named = [(ramp, f"ramp_{_sense(ramp)}_{abs(ramp.rate):02g}.csv") for ramp in design.ramps]
-        last = Ramp(float(withheld), design.after_s)
-        named.append((last, f"withheld/ramp_heating_{withheld:02d}.csv"))
-        for ramp, log in named:
+        own = [*design.ramps, *(Ramp(float(one), design.after_s) for one in self.withheld(design))]
+        for number, ramp in enumerate(own):
+            log = self.task.name_log(f"ramp_{_sense(ramp)}_{abs(ramp.rate):02g}.csv")
+            log = log if number < len(design.ramps) else f"{WITHHELD}{log}"
             clock.soak(planned.BEFORE_S, log)
             clock.ramp(self.model.range_degc[ramp.rate > 0.0], abs(ramp.rate), log)
             clock.soak(ramp.after_s, log)
         return clock.schedule()
 
-    def withheld(self, design: _Design) -> int:
-        """Rate of the ramp that is withheld: between those of the design, and none of them."""
+    def withheld(self, design: _Design) -> tuple[int, ...]:
+        """Rate of the ramp that is withheld: between those of the design, and none of them; empty
+        where a log is withheld already.
+        """
+        if self.task.withheld:
+            return ()
         fastest = self.task.equipment.fastest(self.device)
         spare = [one for one in RATES if one not in design.heating and one <= fastest]
         middle = float(np.sqrt(design.heating[0] * design.heating[-1]))
-        return min(spare or [design.heating[0]], key=lambda one: abs(np.log(one / middle)))
+        return (min(spare or [design.heating[0]], key=lambda one: abs(np.log(one / middle))),)
 
     def hours(self, design: _Design) -> float:
         """Length of the ramps of a design and of the withheld one, without a schedule."""
+        if not design.heating:
+            return 0.0
         low, high = self.model.range_degc
-        ramps = [*(abs(one.rate) for one in design.ramps), self.withheld(design)]
+        ramps = [*(abs(one.rate) for one in design.ramps), *self.withheld(design)]
         held = len(ramps) * (planned.BEFORE_S + design.after_s)
         return (held + 60.0 * sum((high - low) / rate for rate in ramps)) / SECONDS_PER_HOUR
 
-    def candidate(self, design: _Design, parts: Mapping[Ramp, Array]) -> Candidate:
-        """A campaign with the hours of its ramps, and uncertainties."""
-        own = [parts[ramp] for ramp in design.ramps]
+    def candidate(self, design: _Design, parts: Mapping[Ramp, Array], base: Array) -> Candidate:
+        """A campaign with the hours of its ramps, and uncertainties; `base` is the information of
+        what is measured already.
+        """
+        own = [base, *(parts[ramp] for ramp in design.ramps)]
         covariance = planned.covariance_of(own, self.model.prior)
         largest = {}
         for name, slopes in self.slopes.items():
@@ -141,34 +174,37 @@ def propose(spec: FogThermalRecipe, task: Task) -> tuple[Proposal, tuple[Wish, .
     name = wishes[0].name if wishes else "drift"
     found = list(_search(bench))
     best = choose(found, wishes, task.within_h, name)
-    information = bench.model.information(best.design.ramps)
-    results = tuple(
-        Predicted.of(key, planned.RESULTS[key], information.variances(bench.slopes[key]))
-        for key in planned.RESULTS
-    )
+    information = bench.information(best.design.ramps)
     u = np.sqrt(np.diag(invert(information.data + np.diag(information.prior + 1e-12))))
     terms = planned.BANK.terms
+    files = [task.name_log("ramp_*.csv")] if best.design.heating else []
     return Proposal(
         best.label,
         bench.schedule(best.design),
-        results,
+        bench.predict(best.design.ramps),
         tuple(
             Coefficient("bank", key, unit, float(size))
             for (key, unit), size in list(zip(terms, u, strict=False))[1:]
         ),
-        recipe_text.write_recipe(spec, ["ramp_*.csv"], (), {}),
+        bench.model.range_degc,
+        recipe_text.write_recipe(spec, files, (), {}, added=bool(task.have)),
         bench.device.noise,
         "deg/h",
         bench.components,
         tuple(find_front(found, name)),
-        tuple(one for one in found if one.label == _usual(bench).label),
-        () if task.range_degc else ("no --range: planned for −40 to 60 °C",),
+        () if task.have else tuple(one for one in found if one.label == _usual(bench).label),
+        (*bench.notes, *task.describe(RANGE_DEGC, best)),
         {
             "range_degc": list(bench.model.range_degc),
             "case_lag_s": bench.model.case_lag_s,
             "white_dph": bench.model.white_dph,
         },
     ), wishes
+
+
+def judge(spec: FogThermalRecipe, task: Task) -> tuple[Predicted, ...]:
+    """What the ramps that are measured tell of the drift."""
+    return _prepare(spec, task).predict(())
 
 
 def _prepare(spec: FogThermalRecipe, task: Task) -> _Bench:
@@ -179,25 +215,28 @@ def _prepare(spec: FogThermalRecipe, task: Task) -> _Bench:
             f"noise_unit = '{device.noise_unit}' of [device.{spec.procedure}], expected 'deg/h'",
             hint="state the noise of the mean over noise_s in deg/h",
         )
-    if task.have or task.earlier is not None:
-        raise UsageError(
-            f"--have and --from are not planned for '{spec.procedure}'",
-            hint="state the sizes of drift and noise in [device] of the equipment file",
-        )
     low, high = task.range_degc or RANGE_DEGC
     task.equipment.require_reached(low, high)
     stated = {(one.group, one.effect): one for one in device.component}
+    notes: tuple[str, ...] = ()
+    if task.earlier is not None:
+        noise, earlier = assumptions.read_run(task.earlier, device.noise_s)
+        device = device.model_copy(update={"noise": noise})
+        stated |= earlier
+        sizes = (f"{effect} {one.value:.2g}" for (_, effect), one in earlier.items())
+        notes = (f"of that run: noise {noise:.2g}, {', '.join(sizes)} deg/h",)
     if not {("coil", "drift"), ("log", "turn-on")} <= stated.keys() <= planned.UNITS.keys():
         raise UsageError(
             f"components of [device.{spec.procedure}]:"
             f" {', '.join(f'{effect} of {group}' for group, effect in stated)}",
             hint="expected drift of coil and turn-on of log, with initial state and flicker of log",
         )
-    sizes = {key: one.value_in(planned.UNITS[key]) for key, one in stated.items()}
+    sizes_dph = {key: one.value_in(planned.UNITS[key]) for key, one in stated.items()}
     white = device.noise * float(np.sqrt(device.noise_s / planned.STEP_S))
-    model = Model((low, high), min(device.lags_s), white, sizes)
+    model = Model((low, high), min(device.lags_s), white, sizes_dph)
     slopes = {name: model.result_slopes(name) for name in planned.RESULTS}
-    return _Bench(task, device, model, tuple(device.component), slopes)
+    have = assumptions.measure_logs(spec, task.have)
+    return _Bench(task, device, model, tuple(stated.values()), slopes, have, notes)
 
 
 def _usual(bench: _Bench) -> _Design:
@@ -207,23 +246,29 @@ def _usual(bench: _Bench) -> _Design:
 
 
 def _search(bench: _Bench) -> Iterator[Candidate]:
-    """Every campaign of up to four rates of each direction."""
+    """Every campaign of up to four rates of each direction; where something is measured already
+    and withheld, also those of one heating ramp more, and none.
+    """
     fastest = bench.task.equipment.fastest(bench.device)
     rates = [rate for rate in RATES if rate <= fastest]
     sets = [found for size in range(1, MOST + 1) for found in combinations(rates, size)]
     labels = [f"soaks of {after / 60.0:g} min" for after in bench.device.dwell_s]
     fixed = bench.schedule(_usual(bench)).hours - bench.hours(_usual(bench))
+    base = np.sum([np.zeros((len(bench.model.prior),) * 2), *map(bench.model.part, bench.have)], 0)
+    more = (0, 1) if bench.have and bench.task.withheld else (0,)
+    measured = [one for log in bench.have for one in (log.case.min(), log.case.max())]
+    if cover_range(measured, 2, bench.model.range_degc):
+        yield bench.candidate(_Design((), (), 0.0), {}, base)
     for after, _ in zip(
         bench.device.dwell_s, bench.task.progress(labels, "searching"), strict=True
     ):
         ramps = [Ramp(float(sign * rate), after) for rate in rates for sign in (1, -1)]
-        parts = {ramp: bench.model.part(ramp) for ramp in ramps}
-        for heating in sets:
-            for cooling in sets:
-                if len(heating) == len(cooling):
-                    found = bench.candidate(_Design(heating, cooling, after), parts)
-                    # the way to the first temperature is common to all
-                    yield replace(found, hours=found.hours + fixed)
+        parts = {ramp: bench.model.part(bench.model.log(ramp)) for ramp in ramps}
+        for heating, cooling in product(sets, [(), *sets]):
+            if len(heating) - len(cooling) in more:
+                found = bench.candidate(_Design(heating, cooling, after), parts, base)
+                # the way to the first temperature is common to all
+                yield replace(found, hours=found.hours + fixed)
 
 
 def simulate(

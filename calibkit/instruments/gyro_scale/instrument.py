@@ -211,9 +211,9 @@ def _firmware() -> Firmware[Any]:
 
 def _planner() -> Planner:
     """How campaigns are planned."""
-    from calibkit.instruments.gyro_scale import plan
+    from calibkit.instruments.gyro_scale import plan, simulate_plan
 
-    return Planner(plan.propose, plan.simulate)
+    return Planner(plan.propose, plan.judge, simulate_plan.campaign)
 
 
 LINE_KEYS = r"gyro_scale\.(nonlinearity_full_scale|asymmetry)\.GJB 2426A\..+"

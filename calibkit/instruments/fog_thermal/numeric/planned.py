@@ -15,6 +15,8 @@ from calibkit.numeric.thermal import coil, noise as thermal_noise
 
 STEP_S = 60.0
 """Averaging time of the rows."""
+MOST_ROWS = 400
+"""Rows of a measured log, which are longer than `STEP_S` where the log is long."""
 BEFORE_S = 600.0
 """Soak before a ramp that belongs to its log."""
 USED = (2.0, 4.0, 7.0)
@@ -62,8 +64,8 @@ class Model:
     def _size(self, group: str, effect: str) -> float:
         return self.sizes.get((group, effect), 0.0)
 
-    def case(self, ramp: Ramp) -> tuple[Array, Array]:
-        """Time [m, s] and case temperature [m, °C] of the rows of a log: the set point, lagged."""
+    def log(self, ramp: Ramp) -> "CaseLog":
+        """Rows of the log of a ramp: the set point, lagged."""
         low, high = self.range_degc
         start, end = (low, high) if ramp.rate > 0.0 else (high, low)
         length = abs(end - start) / abs(ramp.rate) * SECONDS_PER_MINUTE
@@ -71,13 +73,13 @@ class Model:
         time = np.arange(0.0, corners[-1], STEP_S)
         chamber = np.interp(time, corners, [start, start, end, end])
         along = coil.path([(time, np.asarray(chamber, dtype=np.float64))])
-        return time, along.drivers(self.case_lag_s, None).temperature
+        return CaseLog(time, along.drivers(self.case_lag_s, None).temperature)
 
-    def columns(self, ramp: Ramp) -> Array:
+    def columns(self, log: "CaseLog") -> Array:
         """Derivatives [m, p + 3] by the linear coefficients and by the static lag, for a static
         drift of the assumed size.
         """
-        time, case = self.case(ramp)
+        time, case = log.time, log.case
         along = coil.path([(time, case)])
         lag = bank_fit.STATIC_MEAN
         temperature = forward.static_temperature(along, lag)
@@ -103,51 +105,48 @@ class Model:
         found[-3:] = bank_fit.STATIC_SPREAD**-2.0
         return found
 
-    def own(self, rows: int) -> tuple[Array, Array]:
-        """Columns [m, k] of the errors of one log, turn-on bias and initial state, and their
-        precisions [k].
+    def own(self, time: Array) -> tuple[Array, Array]:
+        """Columns [m, k] of the errors of one log at times [m, s], turn-on bias and initial state,
+        and their precisions [k].
         """
-        time = np.arange(rows) * STEP_S
-        states = np.exp(-time[:, None] / np.array(bank_fit.WARM_UP_S))
+        states = np.exp(-(time - time[0])[:, None] / np.array(bank_fit.WARM_UP_S))
         sizes = [self._size("log", "turn-on"), *[self._size("log", "initial state")] * 3]
         present = np.array(sizes) > 0.0
-        columns = np.column_stack([np.ones(rows), states])[:, present]
+        columns = np.column_stack([np.ones(time.size), states])[:, present]
         return columns, np.array(sizes)[present] ** -2.0
 
-    def whitened(self, ramp: Ramp) -> tuple[Array, Array]:
+    def whitened(self, log: "CaseLog") -> tuple[Array, Array]:
         """Columns [m, p + 3] and those of the log's own errors [m, k] in units of independent
         noise.
         """
-        columns = self.columns(ramp)
+        columns = self.columns(log)
         rows = len(columns)
-        variance = self.white_dph**2 * np.eye(rows)
+        variance = self.white_dph**2 * STEP_S / log.step_s * np.eye(rows)
         variance += self._size("log", "flicker") ** 2 * _kernel(rows)
         factor = np.linalg.cholesky(variance)
-        return np.linalg.solve(factor, columns), np.linalg.solve(factor, self.own(rows)[0])
+        return np.linalg.solve(factor, columns), np.linalg.solve(factor, self.own(log.time)[0])
 
-    def part(self, ramp: Ramp) -> Array:
+    def part(self, log: "CaseLog") -> Array:
         """Information [p + 3, p + 3] of one log, its own errors averaged over."""
-        columns, own = self.whitened(ramp)
-        inner = own.T @ own + np.diag(self.own(len(columns))[1])
+        columns, own = self.whitened(log)
+        inner = own.T @ own + np.diag(self.own(log.time)[1])
         across = columns.T @ own
         return np.asarray(columns.T @ columns - across @ np.linalg.solve(inner, across.T))
 
-    def information(self, ramps: Sequence[Ramp]) -> Information:
+    def information(self, logs: Sequence["CaseLog"]) -> Information:
         """Information of a campaign with the errors of each log written out."""
-        p, k = len(BANK.terms) + 3, self.own(1)[1].size
-        data = np.zeros((p + k * len(ramps),) * 2)
-        prior = [self.prior]
-        source = [[0] * (p - 3), [1] * 3]
+        precision = self.own(np.zeros(1))[1]
+        p, k = len(BANK.terms) + 3, precision.size
+        data = np.zeros((p + k * len(logs),) * 2)
         kinds = [2] * (self._size("log", "turn-on") > 0.0)
-        for number, ramp in enumerate(ramps):
-            columns, own = self.whitened(ramp)
+        for number, log in enumerate(logs):
             at = [*range(p), *range(p + k * number, p + k * (number + 1))]
-            whole = np.column_stack([columns, own])
+            whole = np.column_stack(self.whitened(log))
             data[np.ix_(at, at)] += whole.T @ whole
-            prior.append(self.own(1)[1])
-            source.append([*kinds, *[3] * (k - len(kinds))])
-        numbers = np.array([one for part in source for one in part], dtype=np.int64)
-        return Information(data, np.concatenate(prior), numbers, SOURCES)
+        own = [*kinds, *[3] * (k - len(kinds))]
+        source = np.array([*[0] * (p - 3), *[1] * 3, *own * len(logs)], dtype=np.int64)
+        prior = np.concatenate([self.prior, np.tile(precision, len(logs))])
+        return Information(data, prior, source, SOURCES)
 
     def result_slopes(self, result: str) -> Array:
         """Derivatives [m, p + 3] of a result where it is used by the coefficients: of the drift
@@ -159,8 +158,29 @@ class Model:
             found[:, BANK.part("s")] = z[:, None] ** np.arange(1, forward.POWERS + 1)
             return found
         used = [Ramp(sign * rate, USED_SOAK_S) for rate in USED for sign in (1.0, -1.0)]
-        logs = [self.columns(ramp) for ramp in used]
+        logs = [self.columns(self.log(ramp)) for ramp in used]
         return np.concatenate([(log - log.mean(axis=0))[::EVERY] for log in logs])
+
+
+@dataclass(frozen=True, slots=True)
+class CaseLog:
+    """Rows of a planned or measured log."""
+
+    time: Array
+    """[m] [s]."""
+    case: Array
+    """[m], case temperature [°C]."""
+    step_s: float = STEP_S
+    """Length of a row."""
+
+    @classmethod
+    def of_blocks(cls, time: Array, case: Array) -> "CaseLog":
+        """Rows of a measured log from shorter block means [n]."""
+        step = max(STEP_S, float(time[-1] - time[0]) / MOST_ROWS)
+        row = np.floor((time - time[0]) / step).astype(np.int64)
+        first = np.flatnonzero(np.diff(row, prepend=-1))
+        count = np.diff(first, append=row.size)
+        return cls(np.add.reduceat(time, first) / count, np.add.reduceat(case, first) / count, step)
 
 
 @lru_cache

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibkit.arrays import Array
+from calibkit.arrays import Array, Integers
 from calibkit.constants import DPH_PER_DPS, REVOLUTION_DEG
 from calibkit.instruments.gyro_scale.numeric import all_runs
 from calibkit.instruments.gyro_scale.numeric.gjb_figures import PPM
@@ -57,11 +57,62 @@ class Runs:
 
     def rows(self) -> all_runs.Rows:
         """Holds of all runs, of a gyro that is exact."""
-        runs = len(self.degc)
-        rate = np.tile(np.array(self.rates_dps), runs)
-        run = np.repeat(np.arange(runs), len(self.rates_dps))
-        degc = np.array(self.degc, dtype=np.float64)[run]
-        return all_runs.Rows(rate, rate, rate, run, degc, np.tile(self.hours, runs))
+        return self.holds().rows
+
+    def holds(self) -> "Holds":
+        """Holds of all runs with their noise."""
+        runs, count = len(self.degc), len(self.rates_dps)
+        run = np.repeat(np.arange(runs), count)
+        return Holds.of(
+            np.tile(np.array(self.rates_dps), runs),
+            run,
+            np.array(self.degc, dtype=np.float64)[run],
+            np.tile(self.hours, runs),
+            np.tile(self.noise_dps, runs),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Holds:
+    """Planned or measured holds of several runs."""
+
+    rows: all_runs.Rows
+    noise_dps: Array
+    """[n], noise of the mean over each hold."""
+
+    @classmethod
+    def of(
+        cls, rate_dps: Array, run: Integers, degc: Array, hours: Array, noise_dps: Array
+    ) -> "Holds":
+        """Holds [n] of a gyro that is exact."""
+        return cls(all_runs.Rows(rate_dps, rate_dps, rate_dps, run, degc, hours), noise_dps)
+
+    def join(self, other: "Holds") -> "Holds":
+        """These holds and those of other runs."""
+        a, b = self.rows, other.rows
+        return Holds.of(
+            np.concatenate([a.rate_dps, b.rate_dps]),
+            np.concatenate([a.run, b.run + int(a.run.max(initial=-1)) + 1]),
+            np.concatenate([a.row_degc, b.row_degc]),
+            np.concatenate([a.hours, b.hours]),
+            np.concatenate([self.noise_dps, other.noise_dps]),
+        )
+
+    def nearest(self, degc: float, width: float) -> "Holds":
+        """Holds at the temperature that is nearest to another [°C]; temperatures that differ by
+        less than a width are one.
+        """
+        own = self.rows.row_degc
+        at = own[np.argmin(np.abs(own - degc))]
+        kept = np.abs(own - at) <= width
+        run = np.unique(self.rows.run[kept], return_inverse=True)[1]
+        return Holds.of(
+            self.rows.rate_dps[kept],
+            np.asarray(run),
+            np.full(int(kept.sum()), at),
+            self.rows.hours[kept],
+            self.noise_dps[kept],
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,11 +131,11 @@ class Model:
             degc, self.order, middle=(low + high) / 2.0, half=(high - low) / 2.0
         )
 
-    def information(self, runs: Runs) -> Information:
+    def information(self, holds: Holds) -> Information:
         """Information on the polynomials of relative K, then those of F0 [°/s], and on the
         asymmetry of the response, with the effects of the fit.
         """
-        rows = runs.rows()
+        rows = holds.rows
         powers = self.powers(rows.row_degc)
         size = np.abs(rows.rate_dps)[:, None]
         asymmetry = size if np.ptp(size) > 0.0 else np.zeros((size.size, 0))
@@ -96,7 +147,7 @@ class Model:
             if group != MOUNTING[0]
         }
         effects = all_runs.list_effects(rows, (self.order, self.order), known)
-        noise = np.tile(runs.noise_dps, len(runs.degc))
+        noise = holds.noise_dps
         weighted = [one.divided_by(noise) for one in effects]
         return find_information(design / noise[:, None], 1.0, weighted)
 
@@ -108,9 +159,10 @@ class Model:
         """The model of runs at one temperature, each with its own zero."""
         return replace(self.without(("run", "zero")), order=0)
 
-    def result_slopes(self, result: str, runs: Runs, degc: Array | None = None) -> Array:
+    def result_slopes(self, result: str, rate_dps: Array, degc: Array | None = None) -> Array:
         """Derivatives [m, p] of a result by the coefficients, over the range of use or at
-        temperatures [m] [°C]; the zero is that of the best straight line, which an asymmetry moves.
+        temperatures [m] [°C], for holds at rates [n] [°/s]; the zero is that of the best straight
+        line, which an asymmetry moves.
         """
         degc = np.linspace(*self.range_degc, LEVELS) if degc is None else degc
         powers = self.powers(degc)
@@ -119,10 +171,10 @@ class Model:
             found = PPM * np.column_stack([powers, none])
         else:
             found = DPH_PER_DPS * np.column_stack([none, powers])
-        rate = np.array(runs.rates_dps)
-        if np.ptp(np.abs(rate)) > 0.0:
-            line = np.column_stack([rate, np.ones(rate.size)])
-            bent = float(np.linalg.pinv(line)[1] @ np.abs(rate))
+        size = np.abs(rate_dps)
+        if np.ptp(size) > 0.0:
+            line = np.column_stack([rate_dps, np.ones(size.size)])
+            bent = float(np.linalg.pinv(line)[1] @ size)
             own = 0.0 if result == "scale factor" else DPH_PER_DPS * bent
             found = np.column_stack([found, np.full(len(found), own)])
         return np.asarray(found, dtype=np.float64)
