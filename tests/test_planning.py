@@ -613,6 +613,8 @@ def test_a_triad_is_completed_about_each_axis(tmp_path):
     assert about == {"x": set(), "y": {60.0}, "z": {-40.0, 0.0, 25.0, 60.0}}
     spec = instruments.parse_recipe(recipe.find(str(tmp_path / "plan" / "recipe.toml")))
     assert {spec.find_axis(log) for log in fitted} == {"y", "z"}
+    # a pattern that matches no log would be refused
+    assert spec.logs.files[-2:] == ("added_about_y_*.csv", "added_about_z_*.csv")
 
 
 def test_hours_that_are_too_few_are_not_met(tmp_path):

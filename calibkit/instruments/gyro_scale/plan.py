@@ -58,20 +58,6 @@ def propose(spec: GyroRecipe, task: Task) -> tuple[Proposal, tuple[Wish, ...]]:
         )
     best = choose(found, wishes, task.within_h, name)
     design: Design = best.design
-    # what the recipes of these procedures can state
-    own = [
-        one
-        for one in bench.components
-        if one.group in spec.error_groups and (one.group, one.effect) in planned.STATED
-    ]
-    stems = {axis: task.name_log(f"about_{axis}" if axis else "run") for axis in bench.axes}
-    files = sorted(f"{stem}_*.csv" for stem in stems.values()) if design.rates else []
-    changes: dict[str, Any] = {}
-    if isinstance(spec, GyroTriadRecipe):
-        before = dict(spec.axes) if task.have else {}
-        changes["axes"] = {
-            axis: [*before.get(axis, ()), f"{stem}_*.csv"] for axis, stem in stems.items()
-        }
     campaign = bench.campaign(design)
     runs = bench.runs(design, bench.axes[0]) if design.rates else None
     return Proposal(
@@ -80,7 +66,7 @@ def propose(spec: GyroRecipe, task: Task) -> tuple[Proposal, tuple[Wish, ...]]:
         bench.predict(campaign),
         tuple(_coefficients(bench, campaign)),
         bench.model.range_degc,
-        recipe_text.write_recipe(spec, files, own, changes, added=bool(task.have)),
+        _write_recipe(spec, bench, design),
         bench.device.noise,
         "deg/s",
         bench.components,
@@ -99,6 +85,27 @@ def propose(spec: GyroRecipe, task: Task) -> tuple[Proposal, tuple[Wish, ...]]:
             else {}
         ),
     ), wishes
+
+
+def _write_recipe(spec: GyroRecipe, bench: Bench, design: Design) -> str:
+    """Recipe of the planned campaign."""
+    task = bench.task
+    # what the recipes of these procedures can state
+    own = [
+        one
+        for one in bench.components
+        if one.group in spec.error_groups and (one.group, one.effect) in planned.STATED
+    ]
+    stems = {axis: task.name_log(f"about_{axis}" if axis else "run") for axis in bench.axes}
+    mounted = [axis for axis in bench.axes if design.rates and bench.temperatures(design, axis)]
+    files = [f"{stems[axis]}_*.csv" for axis in mounted]
+    changes: dict[str, Any] = {}
+    if isinstance(spec, GyroTriadRecipe):
+        before = dict(spec.axes) if task.have else {}
+        changes["axes"] = {
+            axis: [*before.get(axis, ()), f"{stem}_*.csv"] for axis, stem in stems.items()
+        }
+    return recipe_text.write_recipe(spec, files, own, changes, added=bool(task.have))
 
 
 def judge(spec: GyroRecipe, task: Task) -> tuple[Predicted, ...]:
