@@ -16,7 +16,7 @@ import numpy as np
 
 from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError
-from calibkit.numeric.thermal import coil, pooled_fit
+from calibkit.numeric.thermal import coil, pooled_fit, pooled_moments
 from calibkit.numeric.thermal.pooled_fit import Solution, Stack
 from calibkit.numeric.thermal.terms import (
     LAGS,
@@ -89,10 +89,9 @@ class Survey:
         count = 2 if "s_grad" in names else 1
         reached = [_projected(problem, start[:count]) for start in _starts(self, chosen, count)]
         rough = min(reached, key=lambda lags: lags.square)
-        weights = pooled_fit.balanced_weights(
-            problem.design(rough.log_lags), self.robust, self.stacked, names
-        )
-        problem = Problem(self, chosen, weights)
+        design = problem.design(rough.log_lags)
+        weights = pooled_fit.balanced_weights(design, self.robust, self.stacked, names)
+        problem = Problem(self, chosen, weights).with_turn_on(design)
         return _solution(problem, _polished(problem, _projected(problem, rough.log_lags)), names)
 
     @classmethod
@@ -131,6 +130,11 @@ class Problem:
     left_out: int | None = None
     """Index of the ramp that is left out of the fit."""
 
+    def with_turn_on(self, design: Array) -> Self:
+        """Problem with turn-on biases that are as random as the logs show at a design [n, k]."""
+        stacked = pooled_fit.with_turn_on(design, self.weights, self.survey.stacked)
+        return replace(self, survey=replace(self.survey, stacked=stacked))
+
     def drivers(self, log_lags: Array) -> Drivers:
         """Drivers [n] of all logs in sequence, for the logarithms of one lag or two."""
         outer, *inner = np.exp(log_lags).tolist()
@@ -156,7 +160,7 @@ class Problem:
             self.survey.stacked,
             self.left_out,
         )
-        return pooled_fit.solve_moments(pooled)
+        return pooled_moments.solve(pooled)
 
     def sensitivities(self, here: _Lags, design: Array) -> Array:
         """Derivatives [n, lags] of the fitted drift by the logarithm of each lag."""
@@ -199,13 +203,13 @@ class Problem:
         k, lags = problem.chosen.size, log_lags.size
         matrix = pooled_fit.pool_moments(moments, problem.survey.stacked, ramp)
         own = np.r_[:k, matrix.shape[0] - 1]
-        here = pooled_fit.solve_moments(matrix[np.ix_(own, own)])
+        here = pooled_moments.solve(matrix[np.ix_(own, own)])
         if here is not None:
             along = np.zeros((matrix.shape[0], k + lags + 1))
             along[:k, :k] = np.eye(k)
             along[k:-1, k:-1] = np.kron(np.eye(lags), here[0][:, None])
             along[-1, -1] = 1.0
-            step = pooled_fit.solve_moments(along.T @ matrix @ along)
+            step = pooled_moments.solve(along.T @ matrix @ along)
             lower = None if step is None else _lower(problem, _Lags(log_lags, *here), step[0][k:])
             if lower is not None:
                 return lower[1] @ lower[0].coefficients
@@ -293,7 +297,7 @@ def _starts(surveyed: Survey, chosen: Integers, count: int) -> list[Array]:
     squares = np.full(len(surveyed.grid), np.inf)
     for k, moment in enumerate(surveyed.moments):
         own = moment[:, columns[:, None], columns]
-        found = pooled_fit.solve_moments(pooled_fit.pool_moments(own, surveyed.stacked))
+        found = pooled_moments.solve(pooled_fit.pool_moments(own, surveyed.stacked))
         if found is not None:
             squares[k] = found[1]
     if not np.isfinite(squares).any():
@@ -331,6 +335,7 @@ def _solution(problem: Problem, found: _Lags, names: tuple[str, ...]) -> Solutio
         robust=problem.survey.robust,
         weights=problem.weights,
         window_s=0.0,
+        alike=problem.survey.stacked.alike,
     )
 
 

@@ -1,11 +1,12 @@
 """Predictions of ramps that were left out of a fit, and errors as means of the drift figure."""
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from calibkit.arrays import Array
-from calibkit.numeric.thermal import lagged, pooled_fit
+from calibkit.numeric.thermal import lagged, pooled_fit, pooled_moments
 from calibkit.numeric.thermal.lagged import Survey
 from calibkit.numeric.thermal.pooled_fit import Solution, Stack
 from calibkit.numeric.thermal.terms import chosen_columns
@@ -49,12 +50,14 @@ def predict_left_out(solution: Solution, survey: Survey | None, stacked: Stack) 
     """Drift [n, up to a constant] of all rows by the fit without each ramp in turn; a level
     solution has no survey, the lags of others start from the fit to all ramps.
     """
+    stacked = replace(stacked, alike=solution.alike)
     if survey is None:
         moment = pooled_fit.moments(solution.columns, solution.weights, stacked)
         for number in range(len(stacked.ramps)):
-            found = pooled_fit.solve_moments(pooled_fit.pool_moments(moment, stacked, number))
+            found = pooled_moments.solve(pooled_fit.pool_moments(moment, stacked, number))
             yield solution.columns @ (found[0] if found else np.zeros(solution.columns.shape[1]))
         return
+    survey = replace(survey, stacked=stacked)
     problem = lagged.Problem(survey, chosen_columns(solution.terms)[1:], solution.weights)
     moments = problem.tangent_moments(solution.log_lags)
     for number in range(len(stacked.ramps)):

@@ -117,6 +117,7 @@ class _Basis:
         design = self.design[:, chosen]
         names = tuple(TERMS[k] for k in chosen)
         weights = pooled_fit.balanced_weights(design, self.robust, self.stacked, names)
+        stacked = pooled_fit.with_turn_on(design, weights, self.stacked)
         return Solution(
             form="level",
             terms=("b0", *names),
@@ -124,12 +125,13 @@ class _Basis:
             drivers=self.drivers,
             columns=design,
             sensitivities=np.zeros((design.shape[0], 0)),
-            coefficients=pooled_fit.coefficients(design, weights, self.stacked, names),
+            coefficients=pooled_fit.coefficients(design, weights, stacked, names),
             log_lags=np.zeros(0),
             free=np.zeros(0, dtype=bool),
             robust=self.robust,
             weights=weights,
             window_s=self.window_s,
+            alike=stacked.alike,
         )
 
 

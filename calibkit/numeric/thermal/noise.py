@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibkit.arrays import Array
+from calibkit.numeric.thermal import pooled_moments
 
 LEVELS = np.concatenate([np.linspace(0.0, 2.0, 51), np.geomspace(2.0, 200.0, 31)[1:]])
 """Grid of flicker levels, in standard deviations of the white noise of a group."""
@@ -152,12 +153,13 @@ def _restricted(turned: Sequence[tuple[Array, Array]], ratio: float) -> tuple[fl
     return determinant + dof * float(np.log(variance)), variance
 
 
-def covariance(logs: Sequence[_Grouped], noise: Noise) -> Array:
+def covariance(logs: Sequence[_Grouped], noise: Noise, alike: float = 0.0) -> Array:
     """Covariance [L + k, L + k] of the L offsets and the k coefficients of a weighted fit for the
     given noise.
 
-    It is (Z'WZ)⁻¹ Z'W Ω W Z (Z'WZ)⁻¹; Ω is white noise of the rows plus flicker noise of the
-    groups, independent between logs.
+    It is H Z'W Ω W Z H' with the estimator H; Ω is white noise of the rows plus flicker noise of
+    the groups, independent between logs. With turn-on biases that are `alike`, the coefficients
+    err by these too. Offsets are the mean residuals of the logs.
     """
     count = len(logs)
     size = count + logs[0].design.shape[1]
@@ -170,7 +172,22 @@ def covariance(logs: Sequence[_Grouped], noise: Noise) -> Array:
         bread[place] += log.bread
         meat[place] += noise.white_variance * log.white
         meat[place] += noise.flicker**2 * z.T @ kernel[:m, :m] @ z
-    length = np.sqrt(np.diag(bread))
+    sums, own = np.diag(bread)[:count], slice(count, None)
+    means = bread[:count, own] / sums[:, None]
+    between = np.zeros((size - count, count))
+    pooled = bread[own, own] - (sums * means.T) @ means
+    if alike:
+        weight, apart = pooled_moments.between_logs(sums, means, alike)
+        between = weight * apart.T
+        pooled += between @ apart
+    length = np.sqrt(np.diag(pooled))
     outer = np.outer(length, length)
-    inverse = np.linalg.pinv(bread / outer, rcond=DEPENDENT, hermitian=True) / outer
-    return np.asarray(inverse @ meat @ inverse, dtype=np.float64)
+    inverse = np.linalg.pinv(pooled / outer, rcond=DEPENDENT, hermitian=True) / outer
+    whole = np.vstack([-means, np.eye(size - count)]) @ inverse
+    estimator = whole @ np.hstack([between / sums - means.T, np.eye(size - count)])
+    estimator[:count, :count] += np.diag(1.0 / sums)
+    found = estimator @ meat @ estimator.T
+    if alike:
+        by_turn_on = whole @ between
+        found += noise.white_variance / alike * by_turn_on @ by_turn_on.T
+    return np.asarray(found, dtype=np.float64)

@@ -7,7 +7,7 @@ lags cheap.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal, Self
 
@@ -19,7 +19,7 @@ from calibkit.numeric.dispersion import mad_sigma, rms
 from calibkit.numeric.intervals import Intervals
 from calibkit.numeric.least_squares import fit
 from calibkit.numeric.least_squares.robust import HUBER, TUKEY
-from calibkit.numeric.thermal import noise as thermal_noise, occupancy
+from calibkit.numeric.thermal import noise as thermal_noise, occupancy, pooled_moments
 from calibkit.numeric.thermal.terms import (
     Drivers,
     Scales,
@@ -36,10 +36,6 @@ SETTLED = 1e-3
 LASTING_S = (60.0, 300.0)
 """Shortest and longest lag [s] of the residual products that give the misfit."""
 LASTING_LAGS = 25
-DEPENDENT = 1e-10
-"""Smallest eigenvalue of the columns' correlation matrix (mean 1) below which they count as
-linearly dependent.
-"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +91,8 @@ class Stack:
     ramps: tuple[slice, ...]
     ramp_log: Integers
     ramp_names: tuple[str, ...]
+    alike: float = 0.0
+    """White variance of a row over the variance of the turn-on biases; 0 where they are free."""
 
     @classmethod
     def of_logs(cls, logs: Sequence[ThermalLog]) -> Self:
@@ -151,31 +149,23 @@ def moments(columns: Array, weights: Array, stacked: Stack) -> Array:
 
 
 def pool_moments(moment: Array, stacked: Stack, left_out: int | None = None) -> Array:
-    """Moment matrix [k + 1, k + 1] of all ramps but `left_out`, with a free offset per log
-    eliminated.
+    """Moment matrix [k + 1, k + 1] of all ramps but `left_out`, with the turn-on biases of their
+    logs eliminated.
     """
+    return pooled_moments.pool(_by_log(moment, stacked, left_out), stacked.alike)
+
+
+def _by_log(moment: Array, stacked: Stack, left_out: int | None = None) -> Array:
+    """Moment matrices [logs, k + 2, k + 2] of logs, from those of their ramps but `left_out`."""
     kept = [ramp for ramp in range(len(stacked.ramps)) if ramp != left_out]
     _, first = np.unique(stacked.ramp_log[kept], return_index=True)
-    log = np.add.reduceat(moment[kept], first, axis=0)
-    away = log[:, 0, 1:] / np.sqrt(log[:, :1, 0])
-    return np.asarray(log[:, 1:, 1:].sum(axis=0) - away.T @ away, dtype=np.float64)
+    return np.asarray(np.add.reduceat(moment[kept], first, axis=0), dtype=np.float64)
 
 
-def solve_moments(matrix: Array) -> tuple[Array, float] | None:
-    """Coefficients [k] and weighted residual sum of squares from a moment matrix [k + 1, k + 1];
-    None if columns are dependent.
-    """
-    left, right = matrix[:-1, :-1], matrix[:-1, -1]
-    square = np.diag(left)
-    if not np.all(square > 0.0):
-        return None
-    length = np.sqrt(square)
-    correlation = left / np.outer(length, length)
-    if length.size and np.linalg.eigvalsh(correlation)[0] < DEPENDENT:
-        return None
-    found = np.linalg.solve(correlation, right / length) / length
-    rest = matrix[-1, -1] - 2.0 * found @ right + found @ left @ found
-    return found, max(float(rest), 0.0)
+def with_turn_on(columns: Array, weights: Array, stacked: Stack) -> Stack:
+    """Stack whose turn-on biases are as alike as a fit to columns [n, k] shows."""
+    by_log = _by_log(moments(columns, weights, stacked), stacked)
+    return replace(stacked, alike=pooled_moments.find_alike(by_log, int(np.count_nonzero(weights))))
 
 
 def _residuals(
@@ -222,11 +212,11 @@ def _loss_weights(apart: Array, *, biweight: bool) -> Array:
 
 
 def coefficients(columns: Array, weights: Array, stacked: Stack, names: Sequence[str]) -> Array:
-    """Coefficients [k] of a weighted fit with a free offset per log.
+    """Coefficients [k] of a weighted fit with an offset per log.
 
     Raises FitError naming the terms that the logs cannot determine.
     """
-    found = solve_moments(pool_moments(moments(columns, weights, stacked), stacked))
+    found = pooled_moments.solve(pool_moments(moments(columns, weights, stacked), stacked))
     if found is not None:
         return found[0]
     loose = fit.undetermined(
@@ -272,7 +262,7 @@ def _projected_out(columns: Array, weights: Array, stacked: Stack) -> Array:
     length = np.sqrt(np.where(square > 0.0, square, 1.0))
     correlation = matrix[:-1, :-1] / np.outer(length, length)
     found = (
-        np.linalg.pinv(correlation, rcond=DEPENDENT, hermitian=True)
+        np.linalg.pinv(correlation, rcond=pooled_moments.DEPENDENT, hermitian=True)
         @ (matrix[:-1, -1] / length)
         / length
     )
@@ -318,6 +308,8 @@ class Solution:
     weights: Array
     """[n], robust weights times those by the occupancy of the temperatures."""
     window_s: float
+    alike: float
+    """White variance of a row over the variance of the turn-on biases."""
 
     def finish(self, stacked: Stack) -> ThermalModel:
         """Drift model in raw units, with a covariance for white and flicker noise.
@@ -334,7 +326,7 @@ class Solution:
         ]
         noise = thermal_noise.estimate(groups)
         matrix = _to_raw_and_lags(self, len(stacked.logs), chosen)
-        found = thermal_noise.covariance(groups, noise)
+        found = thermal_noise.covariance(groups, noise, self.alike)
         covariance = matrix @ found @ matrix.T
         covariance[0, 0] += _turn_on_variance(level, found)
         scaled = np.concatenate([[level.mean()], np.zeros(8)])
@@ -361,14 +353,19 @@ class Solution:
 
 def _exact(solution: Solution, stacked: Stack) -> Array:
     """Coefficients [k] by orthogonal factorisation of the columns, centred by their weighted means
-    in each log.
+    in each log, and of these means where the turn-on biases are alike.
     """
     if not solution.columns.shape[1]:
         return np.zeros(0)
-    whole = np.column_stack([solution.columns, stacked.indication])
-    centred = _centre(whole, solution.weights, stacked)
+    whole, weights = np.column_stack([solution.columns, stacked.indication]), solution.weights
+    rows = _centre(whole, weights, stacked)
+    if solution.alike:
+        sums = np.array([weights[log].sum() for log in stacked.log_rows])
+        means = np.array([(whole[log] - rows[log])[0] for log in stacked.log_rows])
+        between, apart = pooled_moments.between_logs(sums, means, solution.alike)
+        rows, weights = np.concatenate([rows, apart]), np.concatenate([weights, between])
     return fit.linear(
-        centred[:, :-1], centred[:, -1], weights=solution.weights, names=solution.terms[1:]
+        rows[:, :-1], rows[:, -1], weights=weights, names=solution.terms[1:]
     ).coefficients
 
 
