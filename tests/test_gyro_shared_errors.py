@@ -19,7 +19,7 @@ from calibkit.instruments.gyro_scale import (
 from calibkit.instruments.gyro_scale.recipe import RateTableRecipe
 from calibkit.numeric import gum
 
-SEEDS = range(50)
+SEEDS = range(24)
 LEAST = 0.88
 """Share of campaigns that the stated interval must cover."""
 RATES = simulate_rate_table.both_ways((2.0, 5.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 80.0, 100.0))
@@ -253,7 +253,7 @@ def sweeps(seed, *, count=18, one_way=False, by_temperature=False):
 
 
 @pytest.mark.parametrize(
-    ("seeds", "by_temperature"), [(50, False), (20, True)], ids=["alternating", "by temperature"]
+    ("seeds", "by_temperature"), [(20, False), (20, True)], ids=["alternating", "by temperature"]
 )
 def test_one_way_sweeps_of_a_bent_response_share_their_line(seeds, by_temperature):
     """18 sweeps of ±151 °/s: the slope of K over temperature covers −404 ppm/°C within 20 ppm/°C,

@@ -106,7 +106,7 @@ def kind_of_signal(kind, size, seed):
 )
 @example(FAR_APART, 5000, 2, "symmetric", "soft", 1 << 18, "noise", 1)
 @example(THREE_EQUAL, 5000, 2, "trend", "firm", 1 << 18, "noise", 1)
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=50, deadline=None)
 def test_compiled_steps_give_the_bits_of_arrays(
     which, size, levels, extension, rule, chunk, kind, seed
 ):
