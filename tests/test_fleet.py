@@ -41,8 +41,8 @@ def coefficients(out, serial, revision=1):
 
 
 def test_a_fleet_survives_killed_processes(tmp_path, quick):
-    """With a process killed after 10 and after 40 units all 60 have one run, correct, and nothing is
-    half written.
+    """With a process killed after 10 and after 40 units all 60 have one run, correct, and nothing
+    is half written.
     """
     logs = fleet_logs(tmp_path / "units", 60)
 
