@@ -65,6 +65,21 @@ int main(int count, char **arguments)
     double longest = 0.0, worst = 0.0;
     seed = strtoull(arguments[2], NULL, 10);
     if (unit_load(right, good, size, NULL, 0U) != UNIT_LOADED) { return 2; }
+    if (count > 3) { /* every bit and every length */
+        for (uint32_t k = 0; k < size * 8U; k++) {
+            good[k / 8U] ^= (uint8_t)(1U << (k % 8U));
+            taken += unit_load(unit, good, size, NULL, 0U) == UNIT_LOADED;
+            good[k / 8U] ^= (uint8_t)(1U << (k % 8U));
+        }
+        for (uint32_t k = 0; k < size; k++) {
+            uint8_t *cut = malloc(k + 1U); /* of its own, so that a read beyond it is seen */
+            memcpy(cut, good, k);
+            taken += unit_load(unit, cut, k, NULL, 0U) == UNIT_LOADED;
+            free(cut);
+        }
+    }
+    (void)printf("flips and cuts %u taken %u\n", count > 3 ? size * 9U : 0U, taken);
+    taken = 0;
     for (uint32_t k = 0; k < times; k++) { /* bursts of up to 32 bits */
         const uint32_t first = drawn(size * 8U), width = 1U + drawn(32U);
         memcpy(bytes, good, size);

@@ -2,8 +2,6 @@
 again.
 """
 
-import hashlib
-import json
 import shutil
 import struct
 import subprocess
@@ -13,6 +11,7 @@ from dataclasses import replace
 import pytest
 
 import firmware_damage
+import page_parser
 from calibkit import instruments
 from calibkit.errors import CoefficientError, OutputError
 from calibkit.firmware import blob, c_loader, c_reader, chain, export, formats, program
@@ -157,14 +156,15 @@ def test_a_refused_load_leaves_the_good_numbers_and_says_why(tmp_path, tmp_path_
 
 @pytest.mark.parametrize("name", ["scale", "lagged", "level"])
 def test_bursts_and_mutants_with_a_right_crc_do_no_harm(name, tmp_path, tmp_path_factory):
-    """500 of each under the sanitizers of addresses and undefined behaviour: no burst is taken, no
-    load is long, and a mutant that is taken though its vectors are intact is the blob within a few
-    tolerances. 10,000 of each are `.ci/nightly`.
+    """500 of each, every bit and every length under the sanitizers of addresses and undefined
+    behaviour: no flip, cut or burst is taken, no load is long, and a mutant that is taken though
+    its vectors are intact is the blob within a few tolerances. 10,000 of each are `.ci/nightly`.
     """
     if shutil.which("gcc") is None:
         pytest.skip("gcc is not installed")
-    found = firmware_damage.damage(export_of(name, "f32", tmp_path_factory), tmp_path, 500)
-    assert found["bursts"] == 0
+    one = export_of(name, "f32", tmp_path_factory)
+    found = firmware_damage.damage(one, tmp_path, 500, every_bit=True)
+    assert found["flipped"] == found["bursts"] == 0
     assert found["intact"] > 10
     assert found["apart"] < 4.0
     assert found["longest_s"] < 1.0
@@ -345,73 +345,20 @@ def test_blobs_of_older_schemas_load(stem, tmp_path):
     assert built(one, tmp_path)(content) == "1 0 0"
 
 
-def parsed(content):
-    """Tables, layout and vectors of a blob by the page on firmware alone, no code of calibkit."""
-    assert content[:4] == b"CALB"
-    (length,) = struct.unpack_from("<I", content, 8)
-    (bits,) = struct.unpack_from("<H", content, 12)
-    n, r = struct.unpack_from("<II", content, 104)
-    assert zlib.crc32(content[: length - 4]) == struct.unpack_from("<I", content, length - 4)[0]
-    text = content[112 : length - 4].decode("latin-1").partition("\n\n{")[2]
-    lines = ("{" + text).rstrip("\n").split("\n")
-    assert hashlib.sha256("\n".join(lines).encode()).digest()[:8] == content[16:24]
-    listed = [json.loads(line) for line in lines]
-    kinds = [(kind, value) for one in listed for kind, value in one.items()]
-    inputs = [value for kind, value in kinds if kind == "input"]
-    outputs = [value for kind, value in kinds if kind == "output"]
-    timed = "pace" in listed[0]["program"]
-    v = len(inputs) + len(outputs) + (3 if timed else 2)
-    letter = {32: "f", 64: "d"}[bits]
-    flat = struct.unpack_from(f"<{n + len(outputs) + r * v}{letter}", content, 112)
-    tables, at = {}, 0
-    for name, count in listed[-1]["tables"]:
-        tables[name], at = flat[at : at + count], at + count
-    allowed, rows = flat[n : n + len(outputs)], flat[n + len(outputs) :]
-    steps = [(k, x) for k, x in kinds if k in ("map", "sum", "limit", "quotient")]
-    return inputs, steps, outputs, tables, allowed, [rows[k * v : k * v + v] for k in range(r)]
-
-
-def evaluated(inputs, steps, tables, row):
-    """Values of a chain without memory for the inputs of a vector."""
-    values = {}
-    for entry, x in zip(inputs, row, strict=False):
-        low, high = tables[entry["table"]][:2]
-        values[entry["name"]] = x if entry.get("beyond") else min(max(x, low), high)
-    for kind, step in steps:
-        if kind == "map":
-            middle, reciprocal, low, high = tables[step["table"]]
-            values[step["name"]] = min(
-                max((values[step["source"]] - middle) * reciprocal, low), high
-            )
-        elif kind == "sum":
-            total = 0.0
-            for term in step["terms"]:
-                c = tables[term["table"]] if term["table"] else (1.0,)
-                x = values[term["over"]] if term["over"] else 0.0
-                part = sum(a * x**k for k, a in enumerate(c))
-                for name in term["factors"]:
-                    part *= values[name]
-                total += term["sign"] * part
-            values[step["name"]] = total
-        elif kind == "limit":
-            low, high = tables[step["table"]]
-            values[step["name"]] = min(max(values[step["source"]], low), high)
-        else:
-            values[step["name"]] = values[step["numerator"]] / values[step["denominator"]]
-    return values
-
-
-@pytest.mark.parametrize("name", ["affine", "rate", "scale", "triad"])
+@pytest.mark.parametrize(
+    "name", ["affine", "rate", "scale", "triad", "lagged", "level", "gradient", "grown"]
+)
 def test_a_parser_written_from_the_page_alone_reads_a_blob_and_gives_its_results(
     name, tmp_path_factory
 ):
-    """Header, layout, tables and vectors as docs/firmware.md has them; results within the stated
-    tolerances, in double precision.
+    """Header, layout, tables and vectors as docs/firmware.md has them: results within
+    the stated tolerances, in double precision, and every status, by the clock too.
     """
-    content = blob.render(export_of(name, "f32", tmp_path_factory))
-    inputs, steps, outputs, tables, allowed, rows = parsed(content)
+    found = page_parser.Blob(blob.render(export_of(name, "f32", tmp_path_factory)))
+    count, rows = len(found.inputs), list(zip(found.rows, found.run(), strict=True))
     assert len(rows) > 10
-    for row in rows:
-        found = evaluated(inputs, steps, tables, row)
-        for k, output in enumerate(outputs):
-            assert abs(found[output["source"]] - row[len(inputs) + k]) <= allowed[k]
+    assert found.pace is None or any(row[-2] for row, _ in rows)
+    for row, (outputs, status) in rows:
+        for k, (value, allowed) in enumerate(zip(outputs, found.allowed, strict=True)):
+            assert abs(value - row[count + k]) <= allowed
+        assert status == round(row[-1])
