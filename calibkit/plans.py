@@ -5,13 +5,16 @@ from __future__ import annotations
 import csv
 import io
 import json
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from calibkit import instruments, new_files, recipe, store
+import numpy as np
+
+from calibkit import instruments, new_files, recipe, store, units
 from calibkit.errors import UsageError
-from calibkit.ingest import logs as ingest
+from calibkit.ingest import column_values, logs as ingest
 from calibkit.planning import document, equipment, page, screen
 from calibkit.planning.proposal import WITHHELD, Planner, Proposal, Task
 
@@ -22,6 +25,10 @@ if TYPE_CHECKING:
 
 PRINTED = ("plan", "hours", "operator_h", "results", "third_more", "notes")
 """What --json prints of plan.json."""
+PLAIN = {"files", "missing", "sentinels"}
+"""Keys of [logs] that plain CSV may have."""
+NOT_NUMBERS = {"time_format", "date", "accumulated", "wraps_at"}
+"""Keys of a column whose values are not those of the canonical one."""
 NAMED = ("faces", "dividing-head", "two-axis")
 """Fixtures that `--attitudes` names; anything else is a file."""
 
@@ -166,4 +173,42 @@ def simulated(folder: Path, seed: int) -> Campaign:
     if not found.schedule.actions:
         raise UsageError(f"{folder}: a plan of no actions", hint="it has nothing to simulate")
     spec = instruments.parse_recipe(found.source)
-    return _planner(spec.procedure).simulate(spec, found.schedule, found.document, seed)
+    made = _planner(spec.procedure).simulate(spec, found.schedule, found.document, seed)
+    return _as_logged(spec, made)
+
+
+def _as_logged(spec: recipe.Recipe, made: Campaign) -> Campaign:
+    """Logs in the columns, units and signs that the recipe maps; UsageError for a recipe whose logs
+    are no plain CSV.
+    """
+    others = [f"[logs] {key}" for key in spec.logs.model_fields_set - PLAIN]
+    mapped = {name: one for name, one in spec.columns.items() if name in made.decimals}
+    for name, one in mapped.items():
+        keys = one.model_fields_set & NOT_NUMBERS
+        others += [f"[columns.{name}] {key}" for key in keys]
+    if spec.chamber is not None:
+        others.append("[chamber]")
+    if others:
+        raise UsageError(
+            f"the recipe of the plan states {', '.join(sorted(others))}: simulated logs are plain"
+            " CSV, with numbers",
+            hint="plan and simulate by a recipe without it",
+        )
+    decimals, logs = dict(made.decimals), {file: dict(log) for file, log in made.logs.items()}
+    for name, one in mapped.items():
+        stated = units.unit_in_header(one.source)
+        ends = column_values.unmap_values(np.array([0.0, 1.0]), one, name, spec, stated)
+        slope = abs(float(ends[1] - ends[0]))
+        decimals[one.source] = max(decimals[name] - math.floor(math.log10(slope)), 0)
+        logs = {
+            file: {
+                one.source if key == name else key: column_values.unmap_values(
+                    np.asarray(values, dtype=np.float64), one, name, spec, stated
+                )
+                if key == name
+                else values
+                for key, values in log.items()
+            }
+            for file, log in logs.items()
+        }
+    return replace(made, logs=logs, decimals=decimals)

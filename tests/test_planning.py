@@ -675,3 +675,25 @@ def test_information_of_two_campaigns_adds_up(rng):
     np.testing.assert_allclose(found.covariance, expected.covariance, rtol=1e-9)
     slopes = np.eye(3)
     assert found.variances(slopes)[NOISE] == pytest.approx(expected.variances(slopes)[NOISE])
+
+
+def test_simulated_logs_have_the_columns_that_the_recipe_maps(bench, tmp_path):
+    """Name, unit and sign; what is no plain CSV is refused."""
+    path = tmp_path / "mine.toml"
+    path.write_text(
+        'procedure = "rate_table"\ngyros = ["x"]\n[logs]\nfiles = ["*.csv"]\n'
+        '[columns.table_rate_dps]\nfrom = "rate (deg/h)"\nsign = -1\n'
+        '[columns.temp_case_degc]\nfrom = "T"\nunit = "K"\n'
+    )
+    plans.plan(recipe.find(str(path)), plans.Request(equipment=bench), tmp_path / "plan")
+    logs = tmp_path / "logs"
+    plans.simulate(tmp_path / "plan", logs, 3)
+    beside = document.beside(tmp_path / "plan" / "recipe.toml")
+    source = recipe.find(str(tmp_path / "plan" / "recipe.toml"))
+    found = inspection.check(source, logs, planned=beside)
+    assert not any(report.refused for report in found.logs)
+    assert not any("rate" in lack for lack in found.judgement.lacks)
+    binary = recipe.find(str(path), ("logs.rate_hz=1",))
+    plans.plan(binary, plans.Request(equipment=bench), tmp_path / "other")
+    with pytest.raises(UsageError, match=r"\[logs\] rate_hz"):
+        plans.simulate(tmp_path / "other", tmp_path / "none", 3)
