@@ -18,6 +18,10 @@ TRIED = 3
 """Best candidates of an entry, by the derivative of the criterion, that are tried."""
 GAIN = 1e-9
 """Relative decrease of a criterion that is no rounding."""
+SMALL = 30
+"""Entries of as many starts of a small design as count for one: where few entries can be exchanged,
+more starts end away from the best.
+"""
 PASSES = 20
 RIDGE = 1e-9
 """Information, relative to that of a candidate, that lets a start be worse than determined."""
@@ -90,8 +94,11 @@ class Pool:
     def search(
         self, count: int, rng: np.random.Generator, restarts: int
     ) -> tuple[list[int], float]:
-        """Best design of a number of candidates from several starts, and its criterion."""
-        tried = [self.exchange(self.start(count, rng)) for _ in range(restarts)]
+        """Best design of a number of candidates from several starts, more of a small one, and its
+        criterion.
+        """
+        starts = restarts * max(SMALL // count, 1)
+        tried = [self.exchange(self.start(count, rng)) for _ in range(starts)]
         found, value = min(tried, key=lambda one: one[1])
         return sorted(found), value
 

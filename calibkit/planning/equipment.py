@@ -41,12 +41,13 @@ class Operator(Table):
 
     from_h: Annotated[float, Field(ge=0.0, lt=24.0)] = 8.0
     to_h: Annotated[float, Field(gt=0.0, le=24.0)] = 17.0
+    mount_h: NonNegative = 0.0
     remount_h: NonNegative = 0.5
 
     @model_validator(mode="after")
     def _a_day(self) -> Self:
-        if self.to_h - self.from_h < max(self.remount_h, 0.5):
-            raise ValueError("the hours from from_h to to_h are too few for one remounting")
+        if self.to_h - self.from_h < max(self.mount_h, self.remount_h, 0.5):
+            raise ValueError("the hours from from_h to to_h are too few for one mounting")
         return self
 
 

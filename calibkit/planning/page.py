@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from calibkit.planning.schedule import Schedule
     from calibkit.report.summary import Summary
 
+SHOWN = 2.0
+"""Hours that are drawn, relative to those of the plan, beyond which little is gained."""
 _COLOURS = {"dwell": "#cc3311", "rate": "#cc3311", "ramp": "#4477aa", "soak": "#999933"}
 
 
@@ -135,6 +137,9 @@ def _draw_hours(proposal: Proposal, wishes: Sequence[Wish], name: str) -> Figure
     for wish in wishes:
         if wish.name == name:
             ax.axhline(wish.value, color="#777777", linestyle="--", label="wanted")
+    shown = [SHOWN * proposal.schedule.hours, *(one.hours for one in proposal.usual)]
+    if max(shown) > 0.0:
+        ax.set_xlim(right=1.1 * max(shown))
     ax.set_xlabel("chamber time [h]")
     ax.set_ylabel(f"U [{unit}]")
     ax.legend(loc="upper right")

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from calibkit.planning.equipment import Equipment
 
-Kind = Literal["ramp", "soak", "dwell", "rate", "remount", "wait"]
+Kind = Literal["mount", "ramp", "soak", "dwell", "rate", "remount", "wait"]
 _HOUR, _DAY = 3600.0, 86400.0
 _NONE = float("nan")
 
@@ -114,7 +114,12 @@ class Clock:
 
     def _add(self, kind: Kind, duration_s: float, log: str = "", **quantities: float) -> None:
         if duration_s > 0.0:
-            made = Action(self.now_s, kind, self.degc, duration_s=duration_s, log=log, **quantities)
+            if not self._actions and kind != "mount":
+                needed = self.equipment.operator.mount_h * _HOUR
+                self._operator_s += needed
+                self._add("mount", needed)
+            degc = self.equipment.chamber.room_degc if kind == "mount" else self.degc
+            made = Action(self.now_s, kind, degc, duration_s=duration_s, log=log, **quantities)
             self._actions.append(made)
             self.now_s += duration_s
 

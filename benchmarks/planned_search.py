@@ -1,0 +1,118 @@
+"""How good and how fast the search of a plan is.
+
+    python benchmarks/planned_search.py
+
+Criterion of the best of all designs over that of the search, on cases small enough to try them all;
+criterion of D-optimal designs of pyDOE3 over that of the search; and the time of a plan over that
+of a fit of the sample logs. Needs pyDOE3.
+"""
+
+import itertools
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pyDOE3.doe_optimal as doe
+
+from calibkit import instruments, plans, recipe
+from calibkit.ingest import logs as ingest
+from calibkit.instruments.accelerometer import assumptions
+from calibkit.instruments.accelerometer.numeric.planned import Soaks
+from calibkit.numeric.exchange import Pool
+from calibkit.planning import equipment
+from calibkit.planning.proposal import Task
+
+DATASETS = Path(__file__).resolve().parents[1] / "datasets"
+LOW_ORDERS = (
+    *("affine.scale_order=1", "affine.cross_order=0", "affine.bias_order=1"),
+    *("k.scale_order=1", "k.zero_order=1"),
+)
+RESTARTS = 3
+"""Starts of a search, as `calibkit plan` has them."""
+WISHES = {
+    "accelerometer": "inclination<=0.01 deg",
+    "fog_thermal": "drift<=0.03 deg/h",
+    "rate_table": "scale factor<=1 ppm",
+    "gyro_triad": "angle<=0.002 deg",
+}
+
+
+def list_small() -> Iterator[tuple[str, Pool, int]]:
+    """Name, candidates and size of designs that can all be tried."""
+    rows = np.vander(np.linspace(-1.0, 1.0, 13), 4)
+    parts = np.einsum("ci,cj->cij", rows, rows)
+    yield "cubic, 6 of 13 levels, D", Pool(np.zeros((4, 4)), parts), 6
+    yield "cubic, 6 of 13 levels, I", Pool(np.zeros((4, 4)), parts, parts.mean(axis=0)), 6
+    pool = triad_pool()
+    for size in (4, 5):
+        yield f"triad, {size} of {len(pool.parts)} faces and edges at 4 soaks, I", pool, size
+
+
+def triad_pool() -> Pool:
+    """Faces and edges of a cube, with the errors of the sample bench."""
+    spec = instruments.parse_recipe(recipe.find("accelerometer", LOW_ORDERS))
+    task = Task(equipment.read_equipment(None), range_degc=(-20.0, 60.0))
+    assumed = assumptions.assume(spec, task)  # type: ignore[arg-type]
+    model = assumptions.planned_model(spec, assumed)  # type: ignore[arg-type]
+    spots = np.array(assumptions.USUAL["18 faces and edges, 9 temperatures"], dtype=np.float64)
+    soaks = Soaks((-20, 60, 20, -20), (0.0, 3.0, 6.0, 9.0), np.zeros(len(spots), dtype=np.int64))
+    return model.pool(spots, soaks, assumed.noise_g, None)
+
+
+def best_of_all(pool: Pool, size: int) -> float:
+    """Criterion of the best of all designs of a size."""
+    return min(pool.criterion(one) for one in itertools.combinations(range(len(pool.parts)), size))
+
+
+def library(size: int, rng: np.random.Generator) -> float:
+    """Criterion of a D-optimal design of pyDOE3 for a cubic surface of two factors, over that of
+    the search.
+    """
+    grid = np.array(list(itertools.product(np.linspace(-1.0, 1.0, 7), repeat=2)))
+    rows = doe.build_design_matrix(grid, 3)
+    design, _ = doe.optimal_design(grid, size, 3, "D", "fedorov")
+    theirs = doe.build_design_matrix(design, 3)
+    count = rows.shape[1]
+    pool = Pool(np.zeros((count, count)), np.einsum("ci,cj->cij", rows, rows), most=size)
+    value = pool.search(size, rng, RESTARTS)[1]
+    return float(np.linalg.det(theirs.T @ theirs) ** (-1.0 / count) / value)
+
+
+def time_plan(procedure: str, wish: str) -> tuple[float, float]:
+    """Processor seconds of a plan and of a fit of the sample logs."""
+    source, data = recipe.find(procedure), DATASETS / procedure
+    spec = instruments.parse_recipe(source)
+    begin = time.process_time()
+    instruments.find(procedure).fit(spec, data, ingest.find_logs(spec, data), instruments.silent)
+    fitted = time.process_time() - begin
+    begin = time.process_time()
+    with tempfile.TemporaryDirectory() as folder:
+        plans.plan(source, plans.Request(wishes=(wish,)), Path(folder) / "plan")
+    return time.process_time() - begin, fitted
+
+
+def main() -> None:
+    """Print three tables."""
+    print("| designs | number | efficiency, 20 seeds: least | mean |\n|---|---|---|---|")
+    for name, pool, size in list_small():
+        best = best_of_all(pool, size)
+        found = [
+            best / pool.search(size, np.random.default_rng(seed), RESTARTS)[1] for seed in range(20)
+        ]
+        number = len(list(itertools.combinations(range(len(pool.parts)), size)))
+        print(f"| {name} | {number:,} | {min(found):.4f} | {np.mean(found):.4f} |", flush=True)
+    print("\n| rows of a cubic surface | pyDOE3 / search |\n|---|---|")
+    for size in (10, 14, 20):
+        print(f"| {size} | {library(size, np.random.default_rng(size)):.4f} |", flush=True)
+    print("\n| procedure | plan [s] | fit [s] | fits |\n|---|---|---|---|")
+    for procedure, wish in WISHES.items():
+        planned, fitted = time_plan(procedure, wish)
+        print(
+            f"| `{procedure}` | {planned:.1f} | {fitted:.1f} | {planned / fitted:.0f} |", flush=True
+        )
+
+
+if __name__ == "__main__":
+    main()
