@@ -83,9 +83,15 @@ def test_a_number_without_uncertainty_is_printed_to_three_digits_and_a_count_as_
 
 
 def test_units_are_printed_as_the_field_writes_them():
-    """Degrees, powers and pure numbers."""
-    units = ("1/deg", "deg/h/degC^2", "g/degC3", "1", "m/s^2", "1/deg/degC")
-    assert [unit_mark(unit) for unit in units] == ["1/°", "°/h/°C²", "g/°C³", "", "m/s²", "1/°/°C"]
+    """Degrees, powers and pure numbers; one solidus, or brackets."""
+    units = (
+        *("1/deg", "deg/h/degC^2", "g/degC3", "1", "m/s^2", "1/deg/degC"),
+        *("deg/h/degC/(degC/min)", "g/degC/(degC/min)", "deg/h/sqrt(h)", "1/(1)^2", "(deg/h)^2"),
+    )
+    assert [unit_mark(unit) for unit in units] == [
+        *("1/°", "(°/h)/°C²", "g/°C³", "", "m/s²", "1/(°·°C)"),
+        *("(°/h)/(°C·°C/min)", "(g/°C)/(°C/min)", "(°/h)/√h", "", "(°/h)²"),
+    ]
 
 
 def limits(lower, upper, rule="guarded", unit="ppm"):

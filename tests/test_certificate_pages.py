@@ -9,10 +9,23 @@ from pathlib import Path
 
 import pytest
 
-from calibkit import instruments, store
-from calibkit.certificate import conformity, content, names, pdf, profile, run_files, sheet, words
-from calibkit.certificate.results import Result
+from calibkit import instruments, pipeline, store
+from calibkit.certificate import (
+    conformity,
+    content,
+    judgements,
+    names,
+    pdf,
+    profile,
+    run_files,
+    sheet,
+    tables,
+    words,
+)
+from calibkit.certificate.results import GridTable, ListTable, Result
 from calibkit.certificate.words import Words
+from calibkit.coefficients import at_most
+from calibkit.instruments import silent
 from conftest import REAL, ROOT
 from test_certificate_layouts import ISSUED, fitted
 from test_sensitivities import warm_up
@@ -35,6 +48,8 @@ LANGUAGES = [
 ]
 NAMES = tuple(sorted(path.stem for path in (ROOT / "reports" / "profiles").glob("*.toml")))
 """Every shipped recipe."""
+VALIDATED = ("fog_thermal", "inclinometer")
+"""Those whose sample certificate has as-found and as-left results."""
 ENGLISH = re.compile(r"[A-Za-z]{3,}(?: [A-Za-z]{3,})+")
 """Words in English one behind the other."""
 NAMED = ("IEEE Std", "calibkit verify")
@@ -51,9 +66,16 @@ def made(tmp_path_factory):
     def of(name, lang, *, signed=False):
         if name not in runs:
             data = logs_of(name, folder)
-            files = run_files.RunFiles.read(store.load(fitted(folder / name, name, data).folder))
+            run = store.load(fitted(folder / name, name, data).folder)
+            files = run_files.RunFiles.read(run)
             stated = profile.load(ROOT / "reports" / "profiles" / f"{name}.toml")
-            runs[name] = content.build(files, instruments.certificate_layout, *stated, None, ISSUED)
+            found = None
+            if name in VALIDATED:
+                withheld = ROOT / "datasets" / name / "withheld"
+                pipeline.validate(run, withheld, folder / f"{name}.json", silent)
+                found = run_files.AsFoundAsLeft.load(folder / f"{name}.json", files)
+            layout = instruments.certificate_layout
+            runs[name] = content.build(files, layout, *stated, found, ISSUED)
         key = name, lang, signed
         if key not in pages:
             fonts = () if lang == "en" else (CHINESE,)
@@ -86,8 +108,15 @@ def texts(value):
 
 
 def squeezed(text):
-    """Text without blanks and places to break."""
-    return re.sub(r"[\s\u200b]+", "", text)
+    """Text without blanks, places to break, and the underscores that stand for subscripts."""
+    return re.sub(r"[\s\u200b_]+", "", text)
+
+
+def tables_of(shown):
+    """Every table of a sheet but that of standards and those of digests."""
+    every = [shown["principal"], *shown["as_found"]["tables"], shown["conformity"]["table"]]
+    every += [table for block in shown["blocks"] for table in block["tables"]]
+    return [table for table in every if table is not None]
 
 
 @pytest.mark.parametrize("lang", LANGUAGES)
@@ -124,12 +153,16 @@ def test_no_page_is_nearly_empty_and_no_title_ends_one(made, name, lang):
     shown = sheet.sheet(certificate, lang)
     titles = {squeezed(text) for key, text in shown["words"].items() if not key.startswith("s_")}
     titles |= {squeezed(t["title"]) for b in shown["blocks"] for t in b["tables"] if t["title"]}
+    leads = (words.SENTENCES["attached"].of(lang), shown["conformity"]["text"])
+    asked = shown["conformity"]["table"] is not None
+    titles |= {squeezed(leads[0])} | ({squeezed(leads[1])} if asked else set())
     foot = squeezed(words.SENTENCES["only_item"].of(lang))
     for page in pages:
         lines = [squeezed(line) for line in page.splitlines() if line.strip()]
         body = [line for line in lines if line not in foot]
         assert len(body) >= 20, body
         assert body[-1] not in titles, body[-3:]
+        assert not any(lead.endswith(body[-1]) for lead in titles if len(body[-1]) > 8), body[-1]
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -234,3 +267,98 @@ def test_files_and_conditions_have_names_in_both_languages(made):
     assert all(re.search(r"[\u4e00-\u9fff]", label) for label, _ in shown["conditions"])
     whole = replace(certificate, title=Words("T"))
     assert sheet.sheet(whole, "zh")["title"] == "T"
+
+
+@pytest.mark.parametrize("lang", LANGUAGES)
+@pytest.mark.parametrize("name", NAMES)
+def test_a_unit_has_one_solidus_and_every_u_has_its_unit(made, name, lang):
+    """(°/h)/°C and not °/h/°C; U beside a column of units or with the unit in its head."""
+    certificate, _ = made(name, lang)
+    shown = sheet.sheet(certificate, lang)
+    for text in texts([tables_of(shown), shown["budgets"]]):
+        assert not re.search(r"[^\s/()\[\]]/[^\s/()\[\]]+/", text), text
+    unit = {tables.UNIT.of(lang), tables.UNIT_OF_BOTH.of(lang), judgements.LIMITS.of(lang)}
+    for table in tables_of(shown):
+        for head in table["heads"]:
+            assert head != "U" or unit & {*table["heads"]}, table["heads"]
+        assert not any(head.startswith("U [") and head.endswith("[]") for head in table["heads"])
+
+
+@pytest.mark.parametrize("lang", LANGUAGES)
+@pytest.mark.parametrize("name", NAMES)
+def test_symbols_have_subscripts_as_in_the_equations(made, name, lang):
+    """S with a small xx, and nowhere S_xx, but in names of the customer's own files."""
+    certificate, pages = made(name, lang)
+    own = " ".join(texts(certificate.profile.model_dump()))
+    own += " ".join(log.name for log in certificate.run.inputs)
+    found = re.findall(r"\b[A-Za-zα-ω]_[A-Za-z0-9]+\b", "\n".join(pages))
+    assert [symbol for symbol in found if symbol not in own] == []
+
+
+@pytest.mark.parametrize("lang", LANGUAGES)
+@pytest.mark.parametrize("name", NAMES)
+def test_a_certificate_does_not_contradict_the_conditions_that_it_states(made, name, lang):
+    """Every profile states the latitude: nothing on the pages says that it is not known."""
+    certificate, pages = made(name, lang)
+    whole = squeezed("".join(pages))
+    assert certificate.profile.conditions.latitude
+    assert squeezed(certificate.profile.conditions.latitude) in whole
+    for word in ("not known", "unknown", "未知", "latitude_deg"):
+        assert squeezed(word) not in whole
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_no_two_rows_columns_or_lists_of_a_block_are_called_alike(made, name):
+    """A column says of which gyro, log and temperature it is; a list which model it holds."""
+    certificate, _ = made(name, "en")
+    for block in certificate.blocks:
+        listed = [table.title.en for table in block.tables if isinstance(table, ListTable)]
+        assert len(listed) == len({*listed})
+        for table in block.tables:
+            if isinstance(table, GridTable):
+                labels = [one if isinstance(one, str) else one.en for one in table.labels]
+                assert len(labels) == len({*labels}), labels
+                heads = [head.en for head in table.heads]
+                assert len(heads) == len({*heads}), heads
+
+
+@pytest.mark.parametrize("name", VALIDATED)
+def test_results_as_left_have_k_and_limits_of_the_evaluation_few_digits(made, name):
+    """A column k beside U; 0.837 against 3.29, not 3.290526731491895."""
+    certificate, _ = made(name, "en")
+    shown = sheet.sheet(certificate, "en")["as_found"]
+    for table in shown["tables"]:
+        if "U" in table["heads"]:
+            column = table["heads"].index("k")
+            assert all(row[column] for row in table["rows"] if row[column - 1])
+    own = [note for note in shown["notes"] if note.startswith("Limit of the evaluation")]
+    assert own
+    for note in own:
+        assert max(len(number) for number in re.findall(r"[\d.]+", note)) <= 7, note
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "asymmetry",
+        "azimuth rms",
+        "stations.csv: turn that azimuths share, over its u",
+        "pair: error of gamma over its u",
+        "angle_random_walk of static",
+        "rate_ramp of static (not observable: at most)",
+        "bias stability over 10 s of static",
+        "gyro x: residual over noise",
+        "share of 100 s means within their uncertainty",
+    ],
+)
+def test_acceptance_limits_have_chinese_names(name):
+    """One word or many, of a channel, log or record."""
+    assert re.search(r"[\u4e00-\u9fff]", names.name_criterion(name).zh)
+
+
+def test_a_rejected_run_is_called_one_in_chinese(made):
+    """The limits that failed have their Chinese names."""
+    certificate, _ = made("gyro_pair", "en")
+    failed = at_most("asymmetry", 2.0, 1.0, "ppm")
+    run = replace(certificate.run, criteria=(failed,), verdict="rejected")
+    assert replace(certificate, run=run).rejection.zh == "本次处理未满足接受限：不对称度"

@@ -140,7 +140,7 @@ def test_parameters_and_their_covariance_are_converted():
 @pytest.mark.parametrize(("unit", "size", "spelling"), UNITS)
 def test_as_found_and_as_left_are_converted(unit, size, spelling):
     """A figure of a validation, 3 with U = 0.25 of a unit."""
-    row = BeforeAfter("log.csv", Words("rms"), 3.0, 3.0, unit, 0.25)
+    row = BeforeAfter("log.csv", Words("rms"), 3.0, 3.0, unit, 0.25, 2.0)
     made = dcc_results.as_found_as_left(AsFoundAsLeft((row,), (), (), (), (), ""), NOTATION)
     assert numbers(made, "value") == pytest.approx([3.0 * size] * 2, rel=1e-14)
     assert texts(made, "unit") == [spelling] * 2

@@ -11,7 +11,7 @@ from typing import Any, Literal, TypeAlias
 from calibkit import sensitivities
 from calibkit.certificate import checklist, conformity, uncertainty
 from calibkit.certificate.accreditation import Scope
-from calibkit.certificate.names import name_result
+from calibkit.certificate.names import name_criterion, name_result
 from calibkit.certificate.profile import Profile
 from calibkit.certificate.results import Block, Result, Uncertainty
 from calibkit.certificate.run_files import AsFoundAsLeft, RunFacts, RunFiles
@@ -93,9 +93,12 @@ class Certificate:
         """Statement on a run that failed its acceptance limits; empty for another."""
         if self.run.verdict != "rejected":
             return Words("")
-        failed = ", ".join(c.name for c in self.run.criteria if not c.passed) or "acceptance"
+        failed = [name_criterion(c.name) for c in self.run.criteria if not c.passed]
+        english = ", ".join(name.en for name in failed) or "acceptance"
+        chinese = "，".join(name.zh or name.en for name in failed) or "acceptance"
         return Words(
-            f"The run failed its acceptance limits: {failed}", f"本次处理未满足接受限：{failed}"
+            f"The run failed its acceptance limits: {english}",
+            f"本次处理未满足接受限：{chinese}",
         )
 
     @property

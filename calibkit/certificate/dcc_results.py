@@ -241,7 +241,11 @@ def as_found_as_left(found: AsFoundAsLeft | None, notation: Notation) -> _Elemen
     """
     rows = () if found is None else (*found.rows, *found.check_points)
     before = [(row, row.found, None) for row in rows if row.found is not None]
-    after = [(row, row.left, row.left_u) for row in rows if row.left is not None]
+    after = [
+        (row, row.left, (row.left_u, row.left_k) if row.left_u and row.left_k else None)
+        for row in rows
+        if row.left is not None
+    ]
     results = [
         notation.named(
             "dcc:result",
@@ -263,10 +267,15 @@ def as_found_as_left(found: AsFoundAsLeft | None, notation: Notation) -> _Elemen
     )
 
 
-def _validated(row: BeforeAfter, value: float, U: float | None, notation: Notation) -> _Element:
-    """One value of a validation, with its expanded uncertainty where it has one."""
-    unit = notation.unit(row.unit)
-    uncertainty = _expanded_uncertainty(U * unit.factor, 2.0, gum.TWO_SIGMA) if U else None
+def _validated(
+    row: BeforeAfter, value: float, expanded: tuple[float, float] | None, notation: Notation
+) -> _Element:
+    """One value of a validation, with its expanded uncertainty and coverage factor where it has
+    them.
+    """
+    unit, uncertainty = notation.unit(row.unit), None
+    if expanded is not None:
+        uncertainty = _expanded_uncertainty(expanded[0] * unit.factor, expanded[1], gum.TWO_SIGMA)
     return notation.named(
         "dcc:quantity",
         (Words(f"{row.log}: ") if row.log else Words("")) + row.what,

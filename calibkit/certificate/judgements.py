@@ -10,13 +10,15 @@ from calibkit.certificate.content import Certificate
 from calibkit.certificate.names import name_result
 from calibkit.certificate.words import Lang, Words, unit_mark, with_unit
 
+LIMITS = Words("limits", "允许范围")
+"""Head of the column whose entries state the unit of a row."""
 _HEADS = (
     Words("result", "结果"),
     Words("specification", "技术要求"),
     tables.VALUE,
     tables.U,
     tables.K,
-    Words("limits", "允许范围"),
+    LIMITS,
     Words("acceptance limits", "接受限"),
     Words("rule", "规则"),
     Words("decision", "结论"),

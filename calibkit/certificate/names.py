@@ -65,8 +65,40 @@ _CRITERIA = {
     "drift reduction": "漂移减小倍数",
     "drift reduction on withheld ramps": "保留数据的漂移减小倍数",
     "rms error over its u": "均方根误差与其 u 之比",
+    "rms error of K over its u": "标度因数均方根误差与其 u 之比",
+    "rms azimuth error over its u": "方位角均方根误差与其 u 之比",
+    "turn that azimuths share, over its u": "方位角共同偏转与其 u 之比",
+    "drift over its u": "漂移与其 u 之比",
+    "azimuth rms": "方位角均方根误差",
+    "asymmetry": "不对称度",
+    "repeatability": "重复性",
+    "temperature sensitivity": "温度灵敏度",
+    "scale-factor error": "标度因数误差",
+    "rate error": "速率误差",
+    "rate across the turned axis": "横轴速率",
+    "orthogonality error": "正交误差",
+    "largest drift rms after": "补偿后漂移均方根最大值",
+    "share of 100 s means within their uncertainty": "100 s 均值在其不确定度内的比例",
+    "reduction": "减小倍数",
+    "reduction on left-out stretches": "留出段的减小倍数",
+    "angle random walk": "角度随机游走",
+    "velocity random walk": "速度随机游走",
+    "bias instability": "零偏不稳定性",
+    "rate random walk": "速率随机游走",
+    "acceleration random walk": "加速度随机游走",
+    "rate ramp": "速率斜坡",
+    "acceleration ramp": "加速度斜坡",
+    "quantization": "量化噪声",
 }
 """Acceptance limits in Chinese."""
+_OF_SOMETHING = (
+    (r"error of (\w+) over its u", "{0} 的误差与其 u 之比"),
+    (r"unexplained residual, (.+)", "未解释的残差，{0}"),
+    (r"bias stability over (\S+) s of (.+)", "{1}：零偏稳定性（{0} s 平均）"),
+    (r"([a-z_]+) of (\S+) \(not observable: at most\)", "{1}：{0}（不可观测，上限）"),
+    (r"([a-z_]+) of (\S+)", "{1}：{0}"),
+)
+"""Acceptance limits that name what they are of, and the same in Chinese."""
 _FILES = {
     "run.json": Words("recipe, logs and software of the run", "处理记录：配方、数据、软件"),
     "validation.json": Words("as-found and as-left results", "调整前后结果"),
@@ -97,6 +129,10 @@ def name_model(name: str) -> Words:
 def name_criterion(name: str) -> Words:
     """An acceptance limit by its name, with the channel or log that it is of."""
     of, colon, what = name.rpartition(": ")
+    for english, chinese in _OF_SOMETHING:
+        if found := re.fullmatch(english, what) or re.fullmatch(english, name):
+            term = _CRITERIA.get(found[1].replace("_", " "), found[1])
+            return Words(name.replace("_", " "), chinese.format(term, *found.groups()[1:]))
     chinese = _CRITERIA.get(what, "")
     subject = name_channel(of.replace("gyro ", "")) if colon else Words("")
     if not subject.zh and colon:
@@ -145,7 +181,7 @@ def name_result(result: Result) -> Words:
     letters = {word for word in subject.en.split() if len(word) == 1}
     if subject.en and not letters <= said:
         name += Words(f", {subject.en}", f"，{subject.zh or subject.en}")
-    if result.condition and result.at:
+    if result.at:
         at = ", ".join(
             with_unit(f"{x:.5g}".replace("-", "−"), unit_mark(u)) for _, x, u in result.at
         )

@@ -33,7 +33,7 @@ _ESCAPE = re.compile(r"\\u\{([0-9a-f]+)\}")
 
 SPACINGS = (1.0, 0.92, 0.84, 0.76, 1.1, 1.2, 1.3)
 """Spacings of lines that are tried until the last page is not nearly empty."""
-LEAST_FILLED_MM = 110.0
+LEAST_FILLED_MM = 125.0
 """Height of the end mark on a last page that is filled well enough [mm]."""
 
 

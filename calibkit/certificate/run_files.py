@@ -143,6 +143,8 @@ class BeforeAfter:
     unit: str
     left_u: float | None = None
     """Expanded uncertainty (about 95 %) of the as-left result where the validation states one."""
+    left_k: float | None = None
+    """Its coverage factor."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,9 +223,8 @@ def _gyro(log: str, gyro: Mapping[str, Any]) -> Iterator[BeforeAfter]:
     what = Words(f"gyro {name}: scale-factor error", f"{name} 陀螺：标度因数误差")
     factor = gum.coverage_factor(max(gyro.get("scale_factor_error_dof", math.inf), 1.0))
     u = factor * gyro["scale_factor_error_standard_uncertainty_ppm"]
-    yield BeforeAfter(
-        log, what, before["scale_factor_error_ppm"], after["scale_factor_error_ppm"], "ppm", u
-    )
+    errors = before["scale_factor_error_ppm"], after["scale_factor_error_ppm"]
+    yield BeforeAfter(log, what, *errors, "ppm", u, factor)
     what = Words(f"gyro {name}: rate error rms", f"{name} 陀螺：速率误差均方根")
     yield BeforeAfter(log, what, before["rate_error_rms_dps"], after["rate_error_rms_dps"], "deg/s")
 
@@ -263,15 +264,14 @@ def _stations(entry: Mapping[str, Any]) -> Iterator[BeforeAfter]:
             f"station {station['station']}: azimuth error", f"测站 {station['station']}：方位角误差"
         )
         before, after = station.get("azimuth_error_before_deg"), station["azimuth_error_after_deg"]
-        yield BeforeAfter(
-            str(entry["name"]), what, before, after, "deg", None if u is None else 2.0 * u
-        )
+        expanded = () if u is None else (2.0 * u, 2.0)
+        yield BeforeAfter(str(entry["name"]), what, before, after, "deg", *expanded)
 
 
 def _pair(document: Mapping[str, Any]) -> Iterator[BeforeAfter]:
     """Differences of N, ε, γ, α found on other runs from those of the coefficients."""
     for entry in document.get("pair", ()):
         what = Words(f"{entry['name']}: difference of the new runs", f"{entry['name']}：新测次之差")
-        u = gum.coverage_factor(max(entry.get("dof", math.inf), 1.0))
-        u *= entry["standard_uncertainty"]
-        yield BeforeAfter("", what, None, entry["difference"], entry["unit"], u)
+        factor = gum.coverage_factor(max(entry.get("dof", math.inf), 1.0))
+        u = factor * entry["standard_uncertainty"]
+        yield BeforeAfter("", what, None, entry["difference"], entry["unit"], u, factor)

@@ -206,12 +206,18 @@ def _as_found(certificate: Certificate, lang: Lang) -> dict[str, Any]:
 def _criterion(criterion: Criterion) -> Words:
     """An acceptance limit of the recipe, and whether the result meets it."""
     name, passed = names.name_criterion(criterion.name), criterion.passed
-    shown = tables.format_beside(criterion.value, criterion.limit)
-    bound = with_unit(tables.format_exact(criterion.limit), unit_mark(criterion.unit))
+    whose, shown, limit = Words("Limit of the recipe", "配方限值"), "", ""
+    if criterion.set_by == "recipe":
+        shown = tables.format_beside(criterion.value, criterion.limit)
+        limit = tables.format_exact(criterion.limit)
+    else:
+        whose = Words("Limit of the evaluation", "数据处理限值")
+        shown, limit = tables.format_pair(criterion.value, criterion.limit)
+    bound = with_unit(limit, unit_mark(criterion.unit))
+    met = Words("met", "满足") if passed else Words("NOT met", "不满足")
     return Words(
-        f"Limit of the recipe: {name.en} {shown} against {bound}:"
-        f" {'met' if passed else 'NOT met'}.",
-        f"配方限值：{name.zh or name.en} {shown}，限值 {bound}：{'满足' if passed else '不满足'}。",
+        f"{whose.en}: {name.en} {shown} against {bound}: {met.en}.",
+        f"{whose.zh}：{name.zh or name.en} {shown}，限值 {bound}：{met.zh}。",
     )
 
 
@@ -221,18 +227,19 @@ def _before_after(rows: Sequence[BeforeAfter], title: Words, lang: Lang) -> dict
     shown = []
     for row in rows:
         before, after = (tables.format_plain(value, 3) for value in (row.found, row.left))
-        u = [""] if certain else []
+        u = ["", ""] if certain else []
         if row.left_u and row.left is not None:
             after, *u = map(tables.format_number, gum.rounded(row.left, row.left_u))
+            u.append(tables.format_coverage(row.left_k))
             if row.found is not None:
                 before = tables.format_number(gum.rounded(row.found, row.left_u)[0])
         shown.append([row.log, row.what.of(lang), before, after, *u, unit_mark(row.unit) or "1"])
-    expanded = [tables.U] if certain else []
+    expanded = [tables.U, tables.K] if certain else []
     heads = [Words(""), Words(""), AS_FOUND, AS_LEFT, *expanded, tables.UNIT]
-    align = "llrrrl" if certain else "llrrl"
+    align = "llrrrrl" if certain else "llrrl"
     note = Words(
-        "U with k = 2, or Student's factor of few degrees of freedom, of the validation.",
-        "U：k = 2，自由度少时取 t 分布因子（验证）。",
+        "U = k·u of the as-left results, coverage probability about 95 %.",
+        "U = k·u（调整后结果），包含概率约 95 %。",
     )
     return tables.text_table(
         heads, align, shown, lang, title=title, notes=[note] if certain else []
@@ -288,7 +295,7 @@ def _data(certificate: Certificate, lang: Lang) -> dict[str, Any]:
         ]
     notes = [
         run.content_digest.of(lang),
-        Words("Coefficients hold from ", "系数生效日期 ").of(lang) + run.effective_from,
+        (Words("Coefficients hold from ", "系数生效日期 ") + Words(run.effective_from)).of(lang),
     ]
     notes += [certificate.verdict.of(lang)]
     notes += [_criterion(criterion).of(lang) for criterion in run.criteria]

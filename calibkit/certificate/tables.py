@@ -80,12 +80,12 @@ def format_factor(result: Result | None) -> str:
     """Coverage factor of a result's U; empty where it has none, or an interval instead."""
     if result is None or result.uncertainty is None or result.interval is not None:
         return ""
-    return _factor(result.uncertainty)
+    return format_coverage(result.uncertainty.coverage_factor)
 
 
-def _factor(uncertainty: Uncertainty) -> str:
-    """Coverage factor to two decimal places, 2 as it is."""
-    return f"{uncertainty.coverage_factor:.2f}".removesuffix(".00")
+def format_coverage(factor: float | None) -> str:
+    """Coverage factor to two decimal places, 2 as it is; empty for none."""
+    return "" if factor is None else f"{factor:.2f}".removesuffix(".00")
 
 
 def format_stated(result: Result | None) -> tuple[str, str, str]:
@@ -135,6 +135,17 @@ def format_beside(value: float, limit: float) -> str:
     return format_exact(value)
 
 
+def format_pair(value: float, limit: float) -> tuple[str, str]:
+    """A number and the computed limit that it was judged by, in as few digits as show on which side
+    it lies.
+    """
+    for digits in range(FEWEST, MOST_DIGITS):
+        shown, bound = (float(f"{one:.{digits}g}") for one in (value, limit))
+        if (shown > bound, shown < bound) == (value > limit, value < limit):
+            return format_plain(value, digits), format_plain(limit, digits)
+    return format_exact(value), format_exact(limit)
+
+
 def format_acceptance(limit: float | None, stated: float | None, result: Result) -> str | None:
     """An acceptance limit: as stated where nothing was taken off, else to one place more than U."""
     if limit is None or limit == stated or result.uncertainty is None:
@@ -152,18 +163,20 @@ def _significant(value: float) -> str:
 
 
 def lay_out_list(table: ListTable, lang: Lang) -> dict[str, Any]:
-    """A list as rows of symbol, name (where any result has one), value, U, unit."""
+    """A list as rows of symbol and name (where any result has one), value, U, unit."""
     named = any(result.name.en for result in table.results)
+    lettered = not named or any(result.symbol for result in table.results)
     rows = []
     for result in table.results:
         name = result.name.of(lang) + (f" ({result.standard})" if result.standard else "")
         symbol = show_symbol(result.symbol)
-        head = [symbol, name] if named else [symbol]
+        head = [*[symbol] * lettered, *[name] * named]
         rows.append([*head, *format_stated(result), unit_mark(result.unit) or "1"])
     parts = 1 if named else min(3, -(-len(rows) // LONGEST))
     unit = UNIT_OF_BOTH if parts == 1 else UNIT
-    heads = [*[Words("")] * (2 if named else 1), VALUE, U, K, unit] * parts
-    align = ("llrrrl" if named else "lrrrl") * parts
+    left = lettered + named
+    heads = [*[Words("")] * left, VALUE, U, K, unit] * parts
+    align = ("l" * left + "rrrl") * parts
     notes = (table.note, _factor_words(table.results), _outside_words(table.results))
     return text_table(heads, align, _side_by_side(rows, parts), lang, table.title, notes)
 
@@ -328,7 +341,7 @@ def lay_out_budget(result: Result, uncertainty: Uncertainty, lang: Lang) -> dict
         "sum": [
             with_unit(f"u_c = {_significant(uncertainty.standard_uncertainty)}", unit),
             f"ν_eff = {_dof(uncertainty.effective_dof)}",
-            f"k = {_factor(uncertainty)}",
+            f"k = {format_coverage(uncertainty.coverage_factor)}",
             with_unit(f"U = {expanded}", unit),
         ],
     }

@@ -36,6 +36,8 @@ class _Text:
         whole = "\n".join(map(_plain, pages))
         characters, apart, blank = [], [], True
         for character in whole:
+            if character == "_":
+                continue
             if character.isspace():
                 blank = True
                 continue
@@ -91,8 +93,8 @@ def _plain(text: str) -> str:
 
 
 def compact(text: str) -> str:
-    """Text without blanks and invisible marks."""
-    return "".join(_plain(text).split())
+    """Text without blanks, invisible marks, and the underscores that stand for subscripts."""
+    return "".join(_plain(text).replace("_", "").split())
 
 
 def _readable(text: str) -> bool:

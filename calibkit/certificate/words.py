@@ -4,6 +4,7 @@ printed.
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import Literal
 
@@ -104,6 +105,7 @@ CONDITIONS = (
 """Key of [conditions] in the profile, and what it is called."""
 
 UNIT_MARKS = {
+    "": "",
     "1": "",
     "deg": "°",
     "degC": "°C",
@@ -132,14 +134,29 @@ def with_unit(number: str, mark: str) -> str:
 
 
 def unit_mark(unit: str) -> str:
-    """Unit as it is printed: 1/deg → 1/°, deg/h/degC^2 → °/h/°C², nothing for a pure number."""
+    """Unit as it is printed, with one solidus or brackets: 1/deg → 1/°, deg/h/degC^2 → (°/h)/°C²,
+    1/s/degC → 1/(s·°C); nothing for a pure number.
+    """
     if unit in UNIT_MARKS:
         return UNIT_MARKS[unit]
-    marked = unit
-    for spelling in ("degC", "deg"):
-        marked = marked.replace(spelling, UNIT_MARKS[spelling])
-    head, *powers = marked.replace("°C2", "°C^2").replace("°C3", "°C^3").split("^")
-    for power in powers:
-        digits = power[: len(power) - len(power.lstrip("0123456789"))]
-        head += digits.translate(POWERS) + power[len(digits) :]
-    return head
+    first, *rest = map(_mark_factor, re.findall(r"(?:[^/()]|\([^()]*\))+", unit))
+    below = [mark for mark in rest if mark != "1"]
+    if not below and first == "1":
+        return ""
+    if len(below) > 1 and first != "1":
+        first, below = f"({first}/{below[0]})", below[1:]
+    if len(below) > 1:
+        flat = (mark.strip("()") for mark in sorted(below, key=lambda mark: "/" in mark))
+        below = [f"({'·'.join(flat)})"]
+    return "/".join((first, *below))
+
+
+def _mark_factor(factor: str) -> str:
+    """One factor of a unit: degC^2 → °C², sqrt(h) → √h, (1)^2 → 1."""
+    base, _, power = factor.replace("*", "·").partition("^")
+    if base[-1].isdigit() and base != "1":
+        base, power = base[:-1], base[-1]
+    base = re.sub(r"^\((\w+)\)$", r"\1", re.sub(r"^sqrt\((\w+)\)$", r"√\1", base))
+    if base == "1":
+        return "1"
+    return base.replace("degC", "°C").replace("deg", "°") + power.translate(POWERS)

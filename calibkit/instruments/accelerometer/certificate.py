@@ -220,11 +220,11 @@ def _column(
     """Column of a quantity Σ c_k t^k against temperature; `terms` names its coefficients c_k."""
     quantity = over_temperature(record.stage, model, key, name, terms, unit)
 
-    def at(t: float) -> Result:
-        principal = t == stated.reference_degc and not cross
-        return state(stated, quantity, {forms.TEMPERATURE: t}, principal=principal)
+    def value(t: float) -> Result:
+        at, principal = {forms.TEMPERATURE: t}, t == stated.reference_degc and not cross
+        return state(stated, quantity, at, principal=principal, symbol=head)
 
-    return Words(head), unit, at
+    return Words(head), unit, value
 
 
 def _plot_change(table: GridTable) -> Figure:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
-from calibkit.certificate.names import name_subject
+from calibkit.certificate.names import name_model, name_subject, show_symbol
 from calibkit.certificate.quantities import state
 from calibkit.certificate.results import (
     Block,
@@ -90,7 +90,7 @@ def _state_scale(stated: Stated, record: Record) -> Block:
     figures: list[Figure] = []
     notes: list[Words] = []
     for model in others:
-        title = name_subject(f".{model.name}") + Words(": coefficients", "：系数")
+        title = name_model(model.name) + Words(": coefficients", "：系数")
         tables.append(stated.coefficients(record, model, title, also={"p0": ("value",)}))
         notes += [range_words(model), *stated.left_out(model)]
     for letter in ("K", "F0"):
@@ -99,7 +99,7 @@ def _state_scale(stated: Stated, record: Record) -> Block:
             table = _tabulate_curves(stated, record, found, letter, temperatures)
             tables.append(table)
             figures.append(_plot(table, relative=letter == "K"))
-    tables += _tabulate_figures(stated, record, [model.name for model in lines])
+    tables += _tabulate_figures(stated, record, _label_lines(lines))
     return Block(
         record.stage,
         forms.SCALE_FILE,
@@ -137,7 +137,7 @@ def _tabulate_lines(stated: Stated, record: Record, models: Sequence[Model]) -> 
         Words("gyro, run", "陀螺、测次"),
         (Words("K"), Words("F₀")),
         ("1/deg", "1/s"),
-        tuple(map(_label, models)),
+        tuple(_label_lines(models).values()),
         tuple(cells),
     )
 
@@ -158,14 +158,34 @@ def _find_temperature(model: Model) -> tuple[tuple[str, float, str], ...] | None
     )
 
 
-def _label(model: Model) -> Words:
-    """Label of a line: its gyro and its case temperature, or the range where its runs differ."""
-    subject, at = name_subject(f".{model.name}"), _find_temperature(model)
-    if at is None:
-        return subject
-    low, high = model.valid[forms.TEMPERATURE]
-    text = f"{low:.1f} … {high:.1f}" if high - low > ONE_TEMPERATURE_DEGC else f"{at[0][1]:.1f}"
-    return subject + Words(f" ({text} °C)".replace("(-", "(−").replace("… -", "… −"))
+def _label_lines(models: Sequence[Model]) -> dict[str, Words]:
+    """Labels of lines by their names: gyro and case temperature, or the range where its runs
+    differ; where these are alike also the log, or of how many runs it is the mean.
+    """
+    found = {}
+    for model in models:
+        subject, at = name_subject(f".{model.name}"), _find_temperature(model)
+        own = Words("")
+        if at is not None:
+            low, high = model.valid[forms.TEMPERATURE]
+            span = f"{low:.1f} … {high:.1f}"
+            text = span if high - low > ONE_TEMPERATURE_DEGC else f"{at[0][1]:.1f}"
+            own = Words(f" ({text} °C)".replace("(-", "(−").replace("… -", "… −"))
+        found[model.name] = subject, _name_log(model), own
+    plain = [subject + at for subject, _, at in found.values()]
+    return {
+        name: subject + at if plain.count(subject + at) == 1 else subject + log + at
+        for name, (subject, log, at) in found.items()
+    }
+
+
+def _name_log(model: Model) -> Words:
+    """Log of a line, or of how many runs it is the mean."""
+    log = model.name.partition(".")[2]
+    if log:
+        return Words(f", {log}", f"，{log}")
+    runs = next((p.value for p in model.parameters if p.name == "runs"), 1.0)
+    return Words(f", mean of {runs:g} runs", f"，{runs:g} 次平均") if runs > 1.0 else Words("")
 
 
 def _tabulate_curves(
@@ -185,7 +205,9 @@ def _tabulate_curves(
         for model in models
     ]
     return stated.over(
-        Words(f"{letter} over temperature", f"{letter} 随温度"), temperatures, columns
+        Words(f"{show_symbol(letter)} over temperature", f"{show_symbol(letter)} 随温度"),
+        temperatures,
+        columns,
     )
 
 
@@ -231,9 +253,11 @@ def _plot(table: GridTable, *, relative: bool) -> Figure:
 
 
 def _tabulate_figures(
-    stated: Stated, record: Record, names: Sequence[str]
+    stated: Stated, record: Record, names: Mapping[str, Words]
 ) -> list[ListTable | GridTable]:
-    """Tables of figures in the standards' terms: rows are figures, columns are models."""
+    """Tables of figures in the standards' terms: rows are figures, columns are models, by their
+    names.
+    """
     kinds: dict[tuple[str, str, str], dict[str, Result]] = {}
     for figure in record.figures:
         what, standard, model = forms.read_figure_name(figure.name)
@@ -249,20 +273,24 @@ def _tabulate_figures(
     alike: dict[tuple[object, ...], list[str]] = {}
     for name in names:  # models with the same figures stand side by side
         alike.setdefault(tuple(kind for kind, row in kinds.items() if name in row), []).append(name)
-    return [_tabulate_group(kinds, shown, group) for shown, group in alike.items() if shown]
+    return [
+        _tabulate_group(kinds, shown, {name: names[name] for name in group})
+        for shown, group in alike.items()
+        if shown
+    ]
 
 
 def _tabulate_group(
     kinds: Mapping[tuple[str, str, str], Mapping[str, Result]],
     shown: tuple[object, ...],
-    group: Sequence[str],
+    group: Mapping[str, Words],
 ) -> GridTable:
     """Table of the figures that a group of models has in common, a row for each figure."""
     rows = [(kind, row) for kind, row in kinds.items() if kind in shown]
     return GridTable(
         Words("Figures of the scale factor", "标度因数特征量"),
         Words(""),
-        tuple(name_subject(f".{name}") for name in group),
+        tuple(group.values()),
         tuple(unit for (_, _, unit), _ in rows),
         tuple(NAMES.get(w, Words(w)) + Words(f" {s}" if s else "") for (w, s, _), _ in rows),
         tuple(tuple(row.get(name) for name in group) for _, row in rows),
