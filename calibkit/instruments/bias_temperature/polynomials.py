@@ -32,7 +32,7 @@ from calibkit.recipe.type_b import RELATIVE, TypeB, combine_terms
 from calibkit.report.summary import Summary, number
 from calibkit.report.table import Table
 
-BINS = 200
+BINS, POINTS = 200, 9
 GROUP, EFFECTS = "log", ("turn-on bias", "drift in time", "bend in time", "wave in time")
 """Errors that all rows of a log share: its level, and courses that are tried."""
 
@@ -111,37 +111,38 @@ def _concatenate(logs: Sequence[Log], column: str, allocate: Allocate) -> Array:
 
 def _fit_channel(entry: Bias, name: str, rows: _Rows, errors: Errors) -> _BiasFit:
     """One channel's polynomial over the abscissa of that name."""
-    unit = units.column_unit(entry.indication)
-    unit_of = {(GROUP, effect): unit for effect in EFFECTS}
+    unit_of = {(GROUP, effect): units.column_unit(entry.indication) for effect in EFFECTS}
     design, to_raw = polynomial.mapped_powers(rows.abscissa, entry.order)
-    names = [f"p{k}" for k in range(entry.order + 1)]
-    turned = np.asarray(to_raw, dtype=np.float64)
+    count = entry.order + 1
+    names = [f"p{k}" for k in range(count)]
+    held = np.vander(np.linspace(*chunks.extremes(rows.abscissa), POINTS), count, increasing=True)
+    along = np.vstack([np.eye(count), held]) @ np.asarray(to_raw, dtype=np.float64)
     offered: tuple[Effect, ...] = (Effect(GROUP, EFFECTS[0], np.zeros(1, int), np.ones(1)),)
-    if several := len(rows.bounds) > 1:
-        blocks = levels.Blocks.of(design, rows.indication, rows.abscissa, rows.bounds)
-        blocks = blocks.without_memory()
+    if several := len(bounds := rows.bounds) > 1:
+        blocks = levels.Blocks.of(design, rows.indication, rows.abscissa, bounds).without_memory()
         offered = blocks.effects(GROUP, EFFECTS)
     stated, tried = state_effects(errors, offered[:1], offered[1:], unit_of)
     if stated and several:
-        shared = levels.fit(blocks, stated, tried, turned, names=names)
+        shared = levels.fit(blocks, stated, tried, along, names=names)
     else:
         known = stated[0].known if stated else None
-        shared = _of_one_level(design, rows, names, turned, known)
+        shared = _of_one_level(design, rows, names, along[:count], known)
+    dof = shared.effective_dof
+    dof[0] = dof[np.r_[0, count : dof.size]].min()  # p0 is in every value, itself beyond the logs
     raw, covariance = polynomial.in_raw_powers(shared.coefficients, shared.covariance, to_raw)
     shown, rms, over_noise = _bin_means(rows, shared.levels, raw)
-    curve = np.asarray(np.polynomial.polynomial.polyval(shown[0], raw), dtype=np.float64)
     found = shared.components if stated else ()
     return _BiasFit(
         entry.indication,
         name,
         raw,
         covariance,
-        shared.effective_dof,
+        dof[:count],
         rows.indication.size - raw.size,
         rms,
         over_noise,
         chunks.extremes(rows.abscissa),
-        BiasCurve(entry.indication, *shown, curve),
+        BiasCurve(entry.indication, *shown, np.vander(shown[0], count, increasing=True) @ raw),
         list_components(found, unit_of),
         tuple(f"{entry.indication}: {flag}" for flag in warn_of_few_groups(found)),
     )
@@ -164,8 +165,7 @@ def _of_one_level(
     before = float(to_raw[0] @ covariance @ to_raw[0])
     covariance[0, 0] += size.value**2
     if size.value > 0.0:
-        spread = before**2 / dof[0] + size.value**4 / size.dof
-        dof[0] = (before + size.value**2) ** 2 / spread
+        dof[0] = (before + size.value**2) ** 2 / (before**2 / dof[0] + size.value**4 / size.dof)
     one = components.Component(GROUP, EFFECTS[0], size.value, 0.0, 1, 0, known is not None)
     return LevelFit(found.coefficients, covariance, dof, (one,), np.zeros(len(rows.bounds)))
 
