@@ -16,6 +16,7 @@ from calibkit import instruments, pipeline, recipe
 from calibkit.errors import OutputError
 from calibkit.firmware import c_text, export as firmware_export, formats
 from calibkit.instruments.fog_thermal import firmware
+from calibkit.recipe.tables import Export
 from conftest import ROOT
 from firmware_runs import cached
 
@@ -336,6 +337,23 @@ def test_the_full_scale_of_words_is_stated_in_the_recipe(tmp_path, triad_run, ca
     outcome = calibkit(*call, "export.full_scale.gyro_dps=2.5")
     assert outcome.code == 2
     assert "expected accel_g" in outcome.err
+
+
+@pytest.mark.parametrize("layout", ["padded", "fitted"])
+def test_words_of_16_bits_keep_the_layout_and_take_the_fitted_rates(
+    layout, tmp_path, tmp_path_factory, calibkit
+):
+    """A scale factor of a gyro without a stated full scale is exported over its fitted rates, laid
+    out as the recipe asks.
+    """
+    folder = cached("rate", tmp_path_factory).run.folder
+    spec = cached("rate", tmp_path_factory).spec
+    chosen = spec.model_copy(update={"export": Export(layout=layout)}).in_words_of_16_bits()
+    assert chosen.export.layout == layout
+    assert chosen.full_scale("rate_dps") == 0.0
+    options = ("--target", "c", "--number", "q15", "--out", tmp_path)
+    assert calibkit("export", folder, *options).code == 0
+    assert "error bound   gyro_x_dps" in (tmp_path / "cal.h").read_text(encoding="ascii")
 
 
 ADVISORY = {"2.5", "8.7", "8.9"}

@@ -311,7 +311,7 @@ class Recipe(Table):
     def in_words_of_16_bits(self) -> Self:
         """Recipe with the full scales of such words, where none is stated."""
         small = {name: least for name, (_, least) in self.full_scales.items()}
-        stated = Export(full_scale={**small, **self.export.full_scale})
+        stated = self.export.model_copy(update={"full_scale": {**small, **self.export.full_scale}})
         return self.model_copy(update={"export": stated})
 
     @model_validator(mode="after")
