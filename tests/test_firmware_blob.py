@@ -329,7 +329,9 @@ def test_blobs_of_older_schemas_are_read_again(path):
     assert "vectors recomputed" in said
 
 
-@pytest.mark.parametrize("stem", ["scale_f32_1.0", "scale_f64_1.0"])
+@pytest.mark.parametrize(
+    "stem", ["scale_f32_1.0", "scale_f64_1.0", "scale_f32_1.2", "lagged_f32_1.2"]
+)
 def test_blobs_of_older_schemas_load(stem, tmp_path):
     """A loader of today for the layout of an older blob takes it; layouts whose meaning was changed
     since (indications that were clamped, a drift without a clock) need the loader that was exported

@@ -2,6 +2,7 @@
 that is safe in C.
 """
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,6 +11,9 @@ import pytest
 from calibkit import instruments, recipe
 from calibkit.firmware import c_text, sources
 from calibkit.firmware.chain import Correction
+from calibkit.instruments.fog_thermal import firmware_updates, forms
+from calibkit.instruments.fog_thermal.firmware import FIRMWARE
+from calibkit.instruments.fog_thermal.forms import FILE
 from conftest import ROOT
 from firmware_runs import cached
 
@@ -157,6 +161,24 @@ def test_an_input_that_no_log_holds_says_how_it_is_made(tmp_path_factory):
         "input         temp_env_rate_degc_min [degC/min] = slope of temp_env_degc by least squares"
         " over the 60 s before the end of the interval"
     )
+
+
+def test_air_that_is_weighed_by_0_is_said_to_be_and_needs_no_thermometer(tmp_path_factory):
+    """A level model without a gradient, whose padded chain takes the air: the header says to hand
+    over the case, and `apply --as-firmware` asks the log for no air.
+    """
+    this = cached("level", tmp_path_factory)
+    record = this.record(FILE)
+    model = forms.read_thermal(record.models[0])
+    assert firmware_updates._columns(this.chain)[2] == "temp_env_degc"
+    coefficients = model.coefficients.copy()
+    coefficients[[5, 6, 8]] = 0.0
+    written = forms.write_thermal(replace(model, coefficients=coefficients), 10.0)
+    chain = FIRMWARE.chain(this.spec, {FILE: replace(record, models=(written,))})
+    said = sources.describe_sources(this.spec, chain, ())
+    (line,) = (line for line in said if "temp_env_degc" in line)
+    assert "weighed by 0: hand over the case temperature" in line
+    assert firmware_updates._columns(chain)[2] == "temp_case_degc"
 
 
 def test_exports_of_before_verify(calibkit):
