@@ -41,14 +41,14 @@ LEVELS = (0.0, 0.03, 0.06, 0.12, 0.25, 0.5)
 USUAL_LEVEL = 0.06
 SIZES = (
     ("a", 0.05, 2.0),
-    ("b", 0.15, 0.8),
-    ("c", 0.05, 1.0),
+    ("b", 0.1, 0.7),
+    ("c", 0.02, 0.8),
     ("s", 1.0, 1.0),
     ("g", 0.1, 3.0),
     ("h", 0.1, 2.0),
     ("w", 0.1, 2.0),
     ("turn-on", 0.15, 1.5),
-    ("initial", 0.1, 2.0),
+    ("initial", 0.02, 1.5),
 )
 """Prior of the standard deviation of each part: its median relative to the drift (of b and c: to
 that of a), and the standard deviation of its logarithm.
