@@ -1,12 +1,14 @@
 """Chamber hours that a plan saves at the uncertainty of a usual campaign, on the sample bench.
 
     python benchmarks/planned_hours.py
+    python benchmarks/planned_hours.py --usual accelerometer
 
 For each procedure: hours and U of the campaign that the sample logs have, the hours of the plan
 that reaches the same U with its withheld part and its return to the first temperature, the hours
 that it saves, and how long the search took.
 """
 
+import argparse
 import tempfile
 import time
 from pathlib import Path
@@ -34,12 +36,17 @@ def make_plan(procedure: str, wish: str, range_degc: tuple[float, float]) -> dic
 
 
 def main() -> None:
-    """Print a table."""
+    """Print a table, of one campaign per procedure, or of all usual ones of one procedure."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--usual", choices=list(ASKED), help="all usual campaigns of a procedure")
+    every = parser.parse_args().usual
     print("| procedure | usual campaign | h | U | plan at the same U | h | saved | search [s] |")
     print("|---|---|---|---|---|---|---|---|")
     for procedure, (name, unit, range_degc, loose) in ASKED.items():
+        if every not in (None, procedure):
+            continue
         first = make_plan(procedure, f"{name}<={loose} {unit}", range_degc)
-        for usual in first["usual"][-1:]:
+        for usual in first["usual"][0 if every else -1 :]:
             size, hours = usual["expanded_uncertainty"][name], usual["hours"]
             begin = time.perf_counter()
             found = make_plan(procedure, f"{name}<={size!r} {unit}", range_degc)

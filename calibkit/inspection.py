@@ -117,7 +117,9 @@ def _judge(
         results = budget.name_results(fitted.results)
         type_b.require_known(spec.type_b, (*results, *spec.own_columns()))
     except (FrameError, FitError, LogFormatError, RecipeError) as error:
-        return Judgement((), (str(error),), exports=False, exit_code=error.exit_code)
+        plannable = isinstance(error, FitError) and instrument.planner is not None
+        cure = (f"calibkit plan RECIPE --have {data} plans what it takes",) if plannable else ()
+        return Judgement((), (str(error), *cure), exports=False, exit_code=error.exit_code)
     determined = tuple(_describe(result) for result in fitted.results)
     reached = _predict(instrument, spec, data, files, fitted, planned)
     missed = (

@@ -115,6 +115,11 @@ def _task(spec: recipe.Recipe, request: Request, progress: Progress) -> Task:
         earlier = store.load(store.find(request.earlier, request.runs)).records
     have: tuple[Any, ...] = ()
     if request.have is not None:
+        if not request.have.is_dir():
+            raise UsageError(
+                f"--have {request.have}: no such folder",
+                hint="name the folder that holds the logs which are measured already",
+            )
         read = instruments.find(spec.procedure).read
         names = ingest.find_logs(spec, request.have)
         have = tuple(read(spec, request.have, name) for name in names)

@@ -342,6 +342,8 @@ def test_a_wish_that_cannot_be_met_exits_1_with_what_can(tmp_path):
         ("accelerometer", {"range_degc": (60.0, -20.0)}, "--range"),
         ("accelerometer", {"attitudes": "no_such_file.csv"}, "--attitudes no_such_file.csv"),
         ("accelerometer", {"wishes": ("azimuth<=1 deg",)}, "no result 'azimuth'"),
+        ("accelerometer", {"wishes": ("component<=1 rpm",)}, "'rpm' is no unit of 'component'"),
+        ("fog_thermal", {"have": Path("no_such_folder")}, "--have no_such_folder: no such folder"),
     ],
 )
 def test_what_cannot_be_planned_is_refused_in_one_line(procedure, options, expected, tmp_path):
@@ -351,6 +353,19 @@ def test_what_cannot_be_planned_is_refused_in_one_line(procedure, options, expec
     assert expected in refused.value.message
     assert "\n" not in refused.value.message
     assert not (tmp_path / "plan").exists()
+
+
+def test_a_chamber_that_makes_one_rate_of_ramps_is_refused(tmp_path):
+    """No ramp could be left out."""
+    path = tmp_path / "slow.toml"
+    text = equipment.sample_text()
+    assert "fastest_degc_per_min = 10.0  # fastest ramp" in text
+    path.write_text(
+        text.replace("fastest_degc_per_min = 10.0  # f", "fastest_degc_per_min = 1.0 # f"), "utf-8"
+    )
+    asked = plans.Request(equipment=path)
+    with pytest.raises(UsageError, match="leaves one of the rates"):
+        plans.plan(recipe.find("fog_thermal"), asked, tmp_path / "plan")
 
 
 def test_every_planner_has_its_device_on_the_sample_bench():
@@ -650,7 +665,22 @@ def test_hours_that_are_too_few_are_not_met(tmp_path):
     """Exit code 1 with the shortest campaign."""
     done = run_cli("plan", "fog_thermal", "--within", "0.1h", "--out", tmp_path / "plan")
     assert done.return_value == 1, done.output
-    assert "cannot be met: chamber time 3." in done.output
+    assert "cannot be met: chamber time " in done.output
+
+
+def test_the_shortest_plan_of_ramps_is_fitted(tmp_path):
+    """Two ramps are no campaign, whatever they tell: each direction has one to leave out."""
+    plans.plan(recipe.find("fog_thermal"), plans.Request(), tmp_path / "plan")
+    plans.simulate(tmp_path / "plan", tmp_path / "logs", 3)
+    source = recipe.find(str(tmp_path / "plan" / "recipe.toml"))
+    judged = inspection.check(source, tmp_path / "logs").judgement
+    assert judged.exit_code == 0
+    assert judged.exports
+    two = copy_logs(["ramp_heating_10.csv", "ramp_cooling_10.csv"], "fog_thermal", tmp_path / "two")
+    lacks = inspection.check(recipe.find("fog_thermal"), two).judgement.lacks
+    assert "--have" in lacks[-1]
+    added = plans.plan(recipe.find("fog_thermal"), plans.Request(have=two), tmp_path / "added")
+    assert added.proposal.schedule.hours > 0.0
 
 
 def test_a_temperature_beyond_the_order_is_not_beside_another(planned):

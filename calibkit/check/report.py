@@ -18,6 +18,9 @@ MOST_NAMED = 4
 """Refused logs that the first line names; the rest are counted."""
 _MOST_JUDGED = 8
 """Lines of a screen on what the campaign determines."""
+ASSUMED = (
+    "U as `calibkit plan` judges it: errors that the fit did not find are as on its sample bench"
+)
 MOST_HELD = 12
 """Held conditions that are listed; the rest are counted."""
 
@@ -127,9 +130,10 @@ class Judgement:
         found = "; ".join(self.determines) or ("not tried" if self.exports is None else "nothing")
         return [
             f"This campaign determines: {found}",
-            *(f"  {one}" for one in self.predicted),
             *(f"  missing: {lack}" for lack in self.lacks),
             *([f"  fit would {self._outcome()}"] if self.exports is not None else ()),
+            *(f"  {one}" for one in self.predicted),
+            *([f"  {ASSUMED}"] if self.predicted else ()),
         ]
 
     def _outcome(self) -> str:

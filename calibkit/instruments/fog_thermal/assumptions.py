@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,12 +15,14 @@ from calibkit.instruments.fog_thermal.uncertainty import TURN_ON
 from calibkit.recipe.tables import ErrorComponent
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from calibkit.coefficients import Record, StageResult
     from calibkit.frame import Log
     from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 
+DIFFERENT = 1.1
+"""Ratio of two rates from which on they differ."""
 BEFORE, NOISE = "drift_rms_before.", "noise_rms."
 """Figures of the drift rms of a log and of the noise in it begin with these."""
 
@@ -65,11 +68,35 @@ def read_run(
     }
 
 
-def measure_logs(spec: FogThermalRecipe, logs: Sequence[Log]) -> tuple[CaseLog, ...]:
-    """Rows of measured logs; FrameError for one that a fit refuses."""
-    found = []
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """Logs that are measured already."""
+
+    logs: tuple[CaseLog, ...]
+    rates: tuple[float, ...]
+    """Signed rates [°C/min] of their ramps."""
+
+    def rates_with(self, planned: Iterable[float]) -> tuple[int, int]:
+        """Number of rates that differ, heating and cooling, of these and of planned ramps."""
+        every = [*self.rates, *planned]
+        return _count_rates(one for one in every if one > 0.0), _count_rates(
+            -one for one in every if one < 0.0
+        )
+
+
+def _count_rates(rates: Iterable[float]) -> int:
+    """Number of unsigned rates [°C/min] that differ."""
+    ordered = sorted(rates)
+    return sum(k == 0 or one > DIFFERENT * ordered[k - 1] for k, one in enumerate(ordered))
+
+
+def measure_logs(spec: FogThermalRecipe, logs: Sequence[Log]) -> Measured:
+    """Measured logs; FrameError for one that a fit refuses."""
+    found, rates = [], list[float]()
     for log in logs:
-        refuse(ramps.find_faults(log, spec))
+        examined = ramps.examine(spec, log)
+        refuse(examined.findings)
+        rates += [one.level for one in examined.held if one.kind == "ramp"]
         blocks = ramps.block_means(log, spec, rated=False)[1]
         found.append(CaseLog.of_blocks(blocks.time, blocks.case))
-    return tuple(found)
+    return Measured(tuple(found), tuple(rates))

@@ -12,7 +12,7 @@ from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.errors import UsageError
 from calibkit.instruments.fog_thermal import assumptions, simulate as simulated
 from calibkit.instruments.fog_thermal.numeric import planned
-from calibkit.instruments.fog_thermal.numeric.planned import CaseLog, Model, Ramp
+from calibkit.instruments.fog_thermal.numeric.planned import Model, Ramp
 from calibkit.instruments.fog_thermal.simulate_gyro import FogGyro
 from calibkit.numeric.information import invert
 from calibkit.planning import recipe_text
@@ -46,6 +46,8 @@ if TYPE_CHECKING:
 RANGE_DEGC = (-40.0, 60.0)
 RATES = (1, 2, 3, 5, 8, 10)
 """Unsigned rates [°C/min] that the search takes."""
+FEWEST_RATES = 2
+"""Rates of each direction that a fit needs, so that one can be left out."""
 MOST = 4
 """Ramps of each direction that the search takes at most."""
 SAMPLE = (1, 5, 8, 10)
@@ -93,13 +95,12 @@ class _Bench:
     components: tuple[ErrorComponent, ...]
     slopes: Mapping[str, Array]
     """Result → its derivatives where it is used."""
-    have: tuple[CaseLog, ...]
-    """Logs that are measured already."""
+    have: assumptions.Measured
     notes: tuple[str, ...]
 
     def information(self, ramps: Sequence[Ramp]) -> Information:
         """Information of what is measured already and of ramps."""
-        return self.model.information([*self.have, *map(self.model.log, ramps)])
+        return self.model.information([*self.have.logs, *map(self.model.log, ramps)])
 
     def predict(self, ramps: Sequence[Ramp]) -> tuple[Predicted, ...]:
         """Predicted uncertainty of each result."""
@@ -108,6 +109,12 @@ class _Bench:
             Predicted.of(name, unit, found.variances(self.slopes[name]))
             for name, unit in planned.RESULTS.items()
         )
+
+    def suffices(self, ramps: Sequence[Ramp]) -> bool:
+        """Whether a fit can leave out ramps of each direction, these and those that are measured:
+        two of other rates.
+        """
+        return min(self.have.rates_with(ramp.rate for ramp in ramps)) >= FEWEST_RATES
 
     def schedule(self, design: _Design) -> Schedule:
         """Schedule of a design; where nothing is withheld yet, with one heating ramp at its end
@@ -173,6 +180,12 @@ def propose(spec: FogThermalRecipe, task: Task) -> tuple[Proposal, tuple[Wish, .
     bench = _prepare(spec, task)
     name = wishes[0].name if wishes else "drift"
     found = list(_search(bench))
+    if not found:
+        raise UsageError(
+            f"fastest_degc_per_min leaves one of the rates {', '.join(map(str, RATES))} °C/min,"
+            f" expected {FEWEST_RATES}: a fit leaves out a ramp of each direction",
+            hint="state the fastest ramp of chamber and device in the equipment file",
+        )
     best = choose(found, wishes, task.within_h, name)
     information = bench.information(best.design.ramps)
     u = np.sqrt(np.diag(invert(information.data + np.diag(information.prior + 1e-12))))
@@ -246,7 +259,7 @@ def _usual(bench: _Bench) -> _Design:
 
 
 def _search(bench: _Bench) -> Iterator[Candidate]:
-    """Every campaign of up to four rates of each direction; where something is measured already
+    """Every campaign of two to four rates of each direction; where something is measured already
     and withheld, also those of one heating ramp more, and none.
     """
     fastest = bench.task.equipment.fastest(bench.device)
@@ -254,10 +267,12 @@ def _search(bench: _Bench) -> Iterator[Candidate]:
     sets = [found for size in range(1, MOST + 1) for found in combinations(rates, size)]
     labels = [f"soaks of {after / 60.0:g} min" for after in bench.device.dwell_s]
     fixed = bench.schedule(_usual(bench)).hours - bench.hours(_usual(bench))
-    base = np.sum([np.zeros((len(bench.model.prior),) * 2), *map(bench.model.part, bench.have)], 0)
-    more = (0, 1) if bench.have and bench.task.withheld else (0,)
-    measured = [one for log in bench.have for one in (log.case.min(), log.case.max())]
-    if cover_range(measured, 2, bench.model.range_degc):
+    base = np.sum(
+        [np.zeros((len(bench.model.prior),) * 2), *map(bench.model.part, bench.have.logs)], 0
+    )
+    more = (0, 1) if bench.have.logs and bench.task.withheld else (0,)
+    measured = [one for log in bench.have.logs for one in (log.case.min(), log.case.max())]
+    if bench.suffices(()) and cover_range(measured, 2, bench.model.range_degc):
         yield bench.candidate(_Design((), (), 0.0), {}, base)
     for after, _ in zip(
         bench.device.dwell_s, bench.task.progress(labels, "searching"), strict=True
@@ -265,8 +280,9 @@ def _search(bench: _Bench) -> Iterator[Candidate]:
         ramps = [Ramp(float(sign * rate), after) for rate in rates for sign in (1, -1)]
         parts = {ramp: bench.model.part(bench.model.log(ramp)) for ramp in ramps}
         for heating, cooling in product(sets, [(), *sets]):
-            if len(heating) - len(cooling) in more:
-                found = bench.candidate(_Design(heating, cooling, after), parts, base)
+            design = _Design(heating, cooling, after)
+            if len(heating) - len(cooling) in more and bench.suffices(design.ramps):
+                found = bench.candidate(design, parts, base)
                 # the way to the first temperature is common to all
                 yield replace(found, hours=found.hours + fixed)
 
