@@ -131,9 +131,9 @@ class Judgement:
         return [
             f"This campaign determines: {found}",
             *(f"  missing: {lack}" for lack in self.lacks),
-            *([f"  fit would {self._outcome()}"] if self.exports is not None else ()),
             *(f"  {one}" for one in self.predicted),
             *([f"  {ASSUMED}"] if self.predicted else ()),
+            *([f"  fit would {self._outcome()}"] if self.exports is not None else ()),
         ]
 
     def _outcome(self) -> str:
