@@ -350,6 +350,19 @@ def test_each_scale_factor_stands_with_the_temperature_that_it_was_found_at(run)
     )
 
 
+def test_a_scale_factor_at_a_temperature_has_the_thermometer_in_its_uncertainty(run):
+    """K of the runs near 25 °C is stated for the temperature that was read there: what the
+    thermometer may be off by enters as in K over temperature.
+    """
+    found = by_key(certificate(run("rate_table"), "rate_table"))
+    line, curve = (
+        {c.name.en: c.contribution for c in found[key].uncertainty.contributions}
+        for key in ("gyro_scale.gyro_x.K", "gyro_scale.gyro_x.K_over_temperature.value@25")
+    )
+    for name in ("case thermometer, calibration", "case thermometer, gradient to the sensor"):
+        assert line[name] == pytest.approx(curve[name], rel=0.02)
+
+
 def test_type_b_of_a_rate_table_scales_k_and_leaves_the_pair_alone(run):
     """1.7 ppm and 0.5 ppm/√3 of K, whatever the table was; N, γ and α do not see the table's
     rate.

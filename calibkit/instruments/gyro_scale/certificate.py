@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
+import numpy as np
+
 from calibkit.certificate.names import name_model, name_subject, show_symbol
 from calibkit.certificate.quantities import state
 from calibkit.certificate.results import (
@@ -19,6 +21,7 @@ from calibkit.certificate.results import (
     Series,
 )
 from calibkit.certificate.stated import Stated, range_words, residual_words
+from calibkit.certificate.uncertainty import Influences
 from calibkit.certificate.words import Words, unit_mark
 from calibkit.coefficients import Model, Record
 from calibkit.forms import POLYNOMIAL
@@ -123,11 +126,18 @@ def _tabulate_lines(stated: Stated, record: Record, models: Sequence[Model]) -> 
                 NAMES["scale_factor"],
                 {"K": 1.0},
                 "1/deg",
+                influences=_by_thermometer(record, model, "K"),
                 # the mean of the runs of a gyro about its own axis
                 principal="." not in model.name and not _is_cross(model.name),
             ),
             stated.linear(
-                record, model, "F0", Words("zero-rate indication", "零速率示值"), {"F0": 1.0}, "1/s"
+                record,
+                model,
+                "F0",
+                Words("zero-rate indication", "零速率示值"),
+                {"F0": 1.0},
+                "1/s",
+                influences=_by_thermometer(record, model, "F0"),
             ),
         )
         at = _find_temperature(model)
@@ -140,6 +150,18 @@ def _tabulate_lines(stated: Stated, record: Record, models: Sequence[Model]) -> 
         tuple(_label_lines(models).values()),
         tuple(cells),
     )
+
+
+def _by_thermometer(record: Record, line: Model, letter: str) -> Influences:
+    """Derivative of K or F0 at the temperature that it is stated for by an error of the
+    thermometer: that of its curve; none where no curve was fitted.
+    """
+    name, at = f"{line.name.partition('.')[0]}.{letter}_over_temperature", _find_temperature(line)
+    curve = next((model for model in record.models if model.name == name), None)
+    if curve is None or at is None:
+        return {}
+    slope = np.polynomial.Polynomial([c.value for c in curve.coefficients]).deriv()(at[0][1])
+    return {(forms.TEMPERATURE, "offset"): -float(slope)}
 
 
 def _find_temperature(model: Model) -> tuple[tuple[str, float, str], ...] | None:

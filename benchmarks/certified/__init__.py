@@ -1,0 +1,1 @@
+"""Simulated campaigns whose certificates are held against the truth."""
