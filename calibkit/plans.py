@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 PRINTED = ("plan", "hours", "operator_h", "results", "third_more", "notes")
 """What --json prints of plan.json."""
+UNJUDGED = "no log is withheld: none judges the fit that it did not see"
 PLAIN = {"files", "missing", "sentinels"}
 """Keys of [logs] that plain CSV may have."""
 NOT_NUMBERS = {"time_format", "date", "accumulated", "wraps_at"}
@@ -79,6 +80,9 @@ def plan(
         new_files.refuse_existing(out / name)
     task = _task(spec, request, progress)
     proposal, wishes = planner.propose(spec, task)
+    logs = {one.log for one in proposal.schedule.actions}
+    if not task.withheld and not any(log.startswith(WITHHELD) for log in logs):
+        proposal = replace(proposal, notes=(*proposal.notes, UNJUDGED))
     title = spec.title or spec.procedure
     summary = screen.summarize(proposal, wishes, title, request.within_h)
     beside = {

@@ -629,6 +629,15 @@ def test_ramps_that_are_measured_count(tmp_path):
     every = plans.Request(wishes=wish, have=ROOT / "datasets" / "fog_thermal")
     enough = plans.plan(source, every, tmp_path / "enough")
     assert enough.proposal.schedule.hours == 0.0
+    # the sample logs have withheld ramps, the three have none and one is planned
+    assert plans.UNJUDGED not in (*enough.proposal.notes, *found.notes)
+    unseen = copy_logs(
+        [one.name for one in (ROOT / "datasets/fog_thermal").glob("*.csv")],
+        "fog_thermal",
+        tmp_path / "unseen",
+    )
+    asked = plans.Request(wishes=wish, have=unseen)
+    assert plans.UNJUDGED in plans.plan(source, asked, tmp_path / "last").proposal.notes
     Draft202012Validator(SCHEMA).validate(json.loads((tmp_path / "enough/plan.json").read_text()))
     with pytest.raises(UsageError, match="no actions"):
         plans.simulate(tmp_path / "enough", tmp_path / "simulated", 1)

@@ -14,7 +14,7 @@ from calibkit.errors import RecipeError, UsageError
 from calibkit.frame import values
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from calibkit.arrays import Array
     from calibkit.coefficients import Record, StageResult
@@ -114,18 +114,10 @@ class Task:
             prefix += ADDED
         return prefix + name
 
-    def describe(self, default: tuple[float, float], best: Candidate) -> Iterator[str]:
-        """Notes on the range that is planned for where none was asked for, and on what is not
-        withheld.
-        """
+    def describe_range(self, default: tuple[float, float]) -> tuple[str, ...]:
+        """Note on the range that is planned for where none was asked for."""
         low, high = default
-        if self.range_degc is None:
-            yield f"no --range: planned for {low:g} to {high:g} °C"
-        if best.label == NOTHING and not self.withheld:
-            yield (
-                f"--have holds no folder {WITHHELD.rstrip('/')}: no log judges the fit that it did"
-                " not see"
-            )
+        return () if self.range_degc else (f"no --range: planned for {low:g} to {high:g} °C",)
 
 
 def measured_range(logs: Iterable[Log]) -> tuple[float, float] | None:

@@ -226,7 +226,7 @@ def propose(spec: AccelerometerRecipe, task: Task) -> tuple[Proposal, tuple[Wish
         bench.assumed.components,
         tuple(front),
         () if task.have else tuple(_usual(bench)),
-        (*bench.assumed.notes, *task.describe(assumptions.RANGE_DEGC, best)),
+        (*bench.assumed.notes, *task.describe_range(assumptions.RANGE_DEGC)),
         noise,
     )
     return proposal, wishes

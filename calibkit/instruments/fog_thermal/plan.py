@@ -206,7 +206,7 @@ def propose(spec: FogThermalRecipe, task: Task) -> tuple[Proposal, tuple[Wish, .
         bench.components,
         tuple(find_front(found, name)),
         () if task.have else tuple(one for one in found if one.label == _usual(bench).label),
-        (*bench.notes, *task.describe(RANGE_DEGC, best)),
+        (*bench.notes, *task.describe_range(RANGE_DEGC)),
         {
             "range_degc": list(bench.model.range_degc),
             "case_lag_s": bench.model.case_lag_s,

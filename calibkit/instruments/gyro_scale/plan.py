@@ -72,7 +72,7 @@ def propose(spec: GyroRecipe, task: Task) -> tuple[Proposal, tuple[Wish, ...]]:
         bench.components,
         tuple(find_front(found, name)),
         () if task.have else tuple(_usual(bench)),
-        (*bench.notes, *task.describe(RANGE_DEGC, best)),
+        (*bench.notes, *task.describe_range(RANGE_DEGC)),
         {"hold_s": design.shortest_s, "order": bench.device.order}
         | (
             {
