@@ -270,6 +270,13 @@ def test_interval_of_a_magnitude_covers_what_its_folded_distribution_says(value,
     assert folded.cdf(high) - folded.cdf(low) == pytest.approx(0.9545, abs=2e-4)
 
 
+def test_a_magnitude_of_zero_is_printed_to_the_place_of_its_uncertainty():
+    """The lower end of its interval is zero but for rounding: [0.000…0.030] and not 0.0 × 10⁻⁷."""
+    stated = Uncertainty((), 0.015, math.inf, 2.0, 0.03, 0.9545)
+    none = Result("q", "f.json", "", Words("n"), 0.0, "deg/h", stated, interval=(9.4e-7, 0.03))
+    assert tables.format_result(none) == ("0.000", "[0.000…0.030]")
+
+
 def test_interval_of_a_magnitude_widens_with_few_degrees_of_freedom():
     """Two degrees of freedom: far wider than the normal one."""
     few = stated._magnitude_interval(1.0, Uncertainty((), 0.1, 2.0, 4.5, 0.45, 0.9545))

@@ -26,6 +26,8 @@ LONGEST = 12
 MANY = 10_000.0
 """Degrees of freedom that are printed as infinite."""
 ABSENT = "—"
+ENDS = 0.01
+"""Distance of an end of an interval from its value, relative to U, below which it tells nothing."""
 FEWEST, MOST_DIGITS = 4, 17
 """Significant digits of a number without an uncertainty, and those that hold any float64."""
 VALUE, U, K, UNIT = Words("value", "值"), Words("U"), Words("k"), Words("unit", "单位")
@@ -64,7 +66,7 @@ def format_result(result: Result | None) -> tuple[str, str]:
     expanded = result.uncertainty.expanded_uncertainty
     if result.interval is not None:  # the end that is nearer tells how well the value is known
         reach = (abs(result.value - end) for end in result.interval)
-        expanded = min((one for one in reach if one > 0.0), default=expanded)
+        expanded = min((one for one in reach if one > ENDS * expanded), default=expanded)
     shown = round_result(result.value, expanded)
     if result.interval is None:
         return format_number(shown.value, shown.exponent), format_number(

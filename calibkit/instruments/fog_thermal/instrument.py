@@ -85,7 +85,7 @@ def _fit(
         (*(one.to_object() for one in stated), *at_rest.uncertainty),
         (*decision.list_undetermined(choices, levels), *decision.flag_one_way(logs, model)),
         model.exported,
-        sensitivities=sensitivities.find(exported),
+        sensitivities=sensitivities.find(exported, fitted, spec.drift),
     )
 
 

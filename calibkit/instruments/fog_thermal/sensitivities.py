@@ -1,26 +1,29 @@
-"""How the coefficients of an exported drift model move with errors of the case thermometer and
-of the gyro's indication.
+"""How the coefficients of every ramp and of an exported drift model move with errors of the
+thermometers and of the gyro's indication.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from calibkit.coefficients import Model, StageResult
 from calibkit.instruments.fog_thermal import forms
 from calibkit.instruments.fog_thermal.bias import RESULT
-from calibkit.sensitivities import Sensitivity
+from calibkit.instruments.fog_thermal.gradient_file import FittedRamp
+from calibkit.instruments.fog_thermal.recipe import Drift
+from calibkit.sensitivities import InputError, Sensitivity, differentiate, of_thermometer
 from calibkit.thermal_forms import CASE, RATE, list_time_errors
 
+ENV, SHARE = "temp_env_degc", 1e-5
 POINTS = 41
 """Temperatures at rest over which shifted coefficients are found."""
 AT_REST = ("mean_rate_at_reference", RESULT)
 """Figures that move with the level."""
 
 
-def find(result: StageResult) -> tuple[Sensitivity, ...]:
-    """Sensitivities of the level's coefficients of a model on levels; none of another model, whose
-    coefficients are of differences.
+def find(result: StageResult, ramps: Sequence[FittedRamp], spec: Drift) -> tuple[Sensitivity, ...]:
+    """Sensitivities of every ramp's coefficients, and of the level's of a model on levels; none of
+    another exported model, whose coefficients are polynomials of those of ramps.
 
     At rest the model is a polynomial of temperature: where every temperature is off, or off in
     proportion, it is one of the same order, found exactly by least squares.
@@ -31,7 +34,41 @@ def find(result: StageResult) -> tuple[Sensitivity, ...]:
             rest = {f.name: f.value for f in result.figures if f.name in AT_REST}
             found += _of_levels(result.stage, model, rest)
             found += list_time_errors(result.stage, model)
-    return tuple(found)
+    return (*found, *_of_ramps(ramps, spec))
+
+
+def _of_ramps(fitted: Sequence[FittedRamp], spec: Drift) -> tuple[Sensitivity, ...]:
+    """Sensitivities of a0, a1 and a2 of every ramp to errors of both thermometers, by fits of the
+    same intervals, and to the scale of the indication.
+    """
+    parts = [item.log.denoised.between(item.ramp.start, item.ramp.stop) for item in fitted]
+    if not parts:
+        return ()
+    every = {
+        CASE: np.concatenate([part.case for part in parts]),
+        ENV: np.concatenate([part.case - part.gradient for part in parts]),
+    }
+
+    def refit(error: InputError | None) -> tuple[StageResult]:
+        models = []
+        for item, part in zip(fitted, parts, strict=True):
+            moved = part
+            if error is not None and error.input in every:
+                case, env = part.case, part.case - part.gradient
+                case = error.shift(case) if error.input == CASE else case
+                env = error.shift(env) if error.input == ENV else env
+                moved = part._replace(case=case, gradient=case - env)
+            elif error is not None:
+                moved = part._replace(indication=error.shift(part.indication))
+            found = moved.fit_ramp(item.ramp.rate, estimate=spec.estimate)
+            models.append(forms.write_ramp(item.ramp.name, found, spec.interval_s))
+        return (StageResult("drift", models=tuple(models)),)
+
+    errors = [
+        *(e for name, t in every.items() for e in of_thermometer(name, t.min(), t.max())),
+        InputError("gyro_dph", "scale", SHARE),
+    ]
+    return differentiate(errors, refit(None), refit)
 
 
 def _of_levels(stage: str, model: Model, rest: Mapping[str, float]) -> list[Sensitivity]:
