@@ -84,7 +84,7 @@ def test_a_model_is_evaluated_with_its_covariance(run):
     at_n = {name: np.broadcast_to(values, 3) for name, values in at.items()}
     gradient = one.form.gradient(one.model, at_n)
     between = gradient[0] @ np.array(one.model.covariance) @ gradient[2]
-    np.testing.assert_allclose(found.covariance[0, 2], between, rtol=1e-12)
+    np.testing.assert_allclose(found.covariance[0, 2], between, rtol=1e-10)  # terms that cancel
     assert found.covariance[0, 2] < u[0] * u[2]
     with pytest.raises(calibkit.CalibkitError, match="no input temp_degc"):
         run.model("drift").evaluate(temp_case_degc=1.0, temp_degc=2.0)

@@ -316,10 +316,12 @@ def test_a_log_in_one_piece_has_a_fifth_less_error_than_its_segments():
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     seeds = range(87_000, 87_003)
-    whole, cut, moving = (
-        module.judged(act, seeds)[0]
-        for act in (module.whole, module.segments, partial(module.moving_average, width=451))
-    )
+    acts = {
+        "whole": module.whole,
+        "cut": module.segments,
+        "moving": partial(module.moving_average, width=451),
+    }
+    whole, cut, moving = (error for error, _ in module.judged(acts, seeds).values())
     assert whole[0] < 0.8 * cut[0]
     assert whole[1] < 0.8 * cut[1]
     assert whole[0] < moving[0]
