@@ -170,13 +170,12 @@ def fit(
             hint="add data or lower the order",
         )
     root = np.ones(len(indication)) if weights is None else np.sqrt(weights)
-    blocks = [_spread(effect) for effect in effects]
-    reduced = _reduce(design, plain, blocks, root)
+    reduced = _reduce(design, plain, effects, root)
     exact = plain.residual_rms <= ROUNDING * float(np.max(np.abs(indication)))
     dof = [0 if exact else reduced.degrees(g) for g in range(len(effects))]
     priors = [_prior(effect, rank) for effect, rank in zip(effects, dof, strict=True)]
     found = reduced.solve(plain.coefficients, priors)
-    levels = [block.shape[1] // e.width for block, e in zip(blocks, effects, strict=True)]
+    levels = [_levels(effect) for effect in effects]
     return MixedFit(
         coefficients=found.coefficients,
         covariance=found.covariance,
@@ -185,7 +184,7 @@ def fit(
         residual_rms=float(np.sqrt(found.variances[0] * len(root) / np.sum(root**2))),
         condition=plain.condition,
         components=_components(effects, levels, dof, found),
-        deviance=reduced.deviance(priors, found.variances),
+        deviance=found.deviance,
         predicted=tuple(
             found.shared[reduced.member == g].reshape(-1, effect.width)
             for g, effect in enumerate(effects)
@@ -230,26 +229,35 @@ def _prior(effect: Effect, degrees: int) -> Prior:
     return Prior() if degrees else Prior(0.0, np.inf)
 
 
-def _spread(effect: Effect) -> Any:  # noqa: ANN401 (a sparse array)
-    """Sparse loadings [n, levels · k] of an effect; the k effects of a level stand side by side."""
+def _levels(effect: Effect) -> int:
+    """Number of levels of an effect."""
+    return int(effect.labels.max(initial=-1)) + 1
+
+
+def _spread(effects: Sequence[Effect], root: Array) -> Any:  # noqa: ANN401 (a sparse array)
+    """Sparse loadings [n, q] of effects on rows times `root` [n]; the k effects of a level stand
+    side by side.
+    """
     from scipy import sparse
 
-    width, rows = effect.width, np.flatnonzero(effect.labels >= 0)
-    columns = effect.labels[rows, None] * width + np.arange(width)
-    return sparse.csr_array(
-        (effect.loading[rows].ravel(), (np.repeat(rows, width), columns.ravel())),
-        shape=(len(effect.labels), (int(effect.labels.max(initial=-1)) + 1) * width),
-    )
+    values, rows, columns, first = [np.empty(0)], [], [], 0
+    for effect in effects:
+        width, seen = effect.width, np.flatnonzero(effect.labels >= 0)
+        values.append((effect.loading[seen].T * root[seen]).T.ravel())
+        rows.append(np.repeat(seen, width))
+        columns.append((first + effect.labels[seen, None] * width + np.arange(width)).ravel())
+        first += _levels(effect) * width
+    none = np.empty(0, np.intp)
+    at = np.concatenate([none, *rows]), np.concatenate([none, *columns])
+    return sparse.csr_array((np.concatenate(values), at), shape=(len(root), first))
 
 
 def _reduce(
-    design: Array, plain: least_squares.LinearFit, blocks: Sequence[Any], root: Array
+    design: Array, plain: least_squares.LinearFit, effects: Sequence[Effect], root: Array
 ) -> Reduced:
-    """Rows reduced to the levels of the effects whose sparse loadings are `blocks`."""
-    from scipy import sparse
-
-    none = sparse.csr_array((len(root), 0))
-    shared = sparse.diags_array(root) @ sparse.hstack([*blocks, none], format="csr")
+    """Rows weighted by `root`² [n] reduced to the levels of the effects."""
+    shared = _spread(effects, root)
+    products = (shared.T @ shared).toarray()
     weighted = design * root[:, None]
     scale = np.linalg.norm(weighted, axis=0)
     q, r = np.linalg.qr(weighted / scale)
@@ -258,13 +266,13 @@ def _reduce(
     largest = float(np.max(np.abs(weighted @ plain.coefficients + left)))
     inverse = least_squares.triangular(r, np.eye(len(scale))) / scale[:, None]
     return Reduced(
-        whole=np.asarray((shared.T @ shared).diagonal()),
-        between=(shared.T @ shared).toarray() - across.T @ across,
+        whole=np.diag(products),
+        between=products - across.T @ across,
         target=np.asarray(shared.T @ left),
         square=float(left @ left),
         spare=plain.dof,
         least=max((ROUNDING * largest) ** 2, float(np.finfo(np.float64).tiny)),
-        member=np.repeat(np.arange(len(blocks)), [block.shape[1] for block in blocks]),
+        member=np.repeat(np.arange(len(effects)), [_levels(e) * e.width for e in effects]),
         into=inverse @ across,
         basis=inverse @ inverse.T,
     )

@@ -24,6 +24,10 @@ CUT_AT_ZERO = float(np.sqrt(0.5 - 0.5 / np.pi))
 """Standard deviation of a normal estimate about 0 that is cut off there, relative to that of one
 that is not.
 """
+RANK = 1e-15
+"""Eigenvalue of the scaled information, over its largest, below which a combination of variances is
+not told apart.
+"""
 LARGEST_RATIO = 1e10
 """Variance of an effect over that of the noise of a level, above which no digit changes but those
 lost to rounding.
@@ -66,10 +70,28 @@ class Solution:
     """Predicted shared errors [q]."""
     variances: Array
     """σ² and θ [1 + g]."""
+    deviance: float
+    """−2 × logarithm of the likelihood, up to a constant."""
     slopes: Array
     """Derivatives [1 + g, p, p] of (Xᵀ V⁻¹ X)⁻¹ by σ² and θ."""
     variance_covariance: Array
     """Covariance [1 + g, 1 + g] of the estimated variances; zero for one that is held."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Point:
+    """The likelihood at some variances."""
+
+    variances: Array
+    """σ² and θ [1 + g]."""
+    deviance: float
+    """−2 × logarithm of the likelihood, up to a constant."""
+    ratio: Array
+    """λ = θ/σ² of each column [q]."""
+    inverse: Array
+    """A = (I + S Λ)⁻¹ [q, q]; A S is symmetric."""
+    u: Array
+    """A Zᵀ M y [q]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,8 +124,8 @@ class Reduced:
         values = np.linalg.eigvalsh(self.between[np.ix_(at, at)])
         return int(np.sum(values > DETERMINED * whole))
 
-    def maximise(self, priors: Sequence[Prior]) -> Array:
-        """σ² and θ [1 + g] that maximise the restricted likelihood times that of what is known, by
+    def maximise(self, priors: Sequence[Prior]) -> "_Point":
+        """The variances that maximise the restricted likelihood times that of what is known, by
         Fisher's scoring from a small and from a large start.
         """
         noise = max(self.square / self.spare, self.least)
@@ -114,65 +136,66 @@ class Reduced:
                 if not prior.dof:
                     start[g + 1] = size * noise / np.mean(self.whole[self.member == g])
             found.append(self._ascend(priors, start))
-        return min(found, key=lambda each: each[0])[1]
+        return min(found, key=lambda each: each.deviance)
 
-    def _ascend(self, priors: Sequence[Prior], variances: Array) -> tuple[float, Array]:
-        """Deviance and variances [1 + g] where Fisher's scoring from a start ends."""
-        free = _free(priors)
-        deviance = self.deviance(priors, variances)
+    def _ascend(self, priors: Sequence[Prior], start: Array) -> "_Point":
+        """Where Fisher's scoring from a start [1 + g] ends."""
+        free, at = _free(priors), self._point(priors, start)
+        least = max(LEAST_NOISE * self.square / self.spare, self.least)
         for _ in range(ITERATIONS):
-            score, information = self._information(priors, variances)
-            moved = free & ((variances > 0.0) | (score > 0.0))
+            score, information = self._information(priors, at)
+            moved = free & ((at.variances > 0.0) | (score > 0.0))
             step = np.where(moved, _inverse(information, moved) @ np.where(moved, score, 0.0), 0.0)
             for halving in range(HALVINGS):
-                tried = np.maximum(variances + step * 0.5**halving, 0.0)
-                least = max(LEAST_NOISE * self.square / self.spare, self.least)
-                tried[0] = max(tried[0], 0.1 * variances[0], least)
-                reached = self.deviance(priors, tried)
-                if reached <= deviance:
+                tried = np.maximum(at.variances + step * 0.5**halving, 0.0)
+                tried[0] = max(tried[0], 0.1 * at.variances[0], least)
+                reached = self._point(priors, tried)
+                if reached.deviance <= at.deviance:
                     break
             else:
                 break
-            gain, deviance, variances = deviance - reached, reached, tried
+            gain, at = at.deviance - reached.deviance, reached
             if gain < TOLERANCE:
                 break
-        return deviance, variances
+        return at
 
-    def _solve(self, variances: Array) -> tuple[Array, Array, Array, Array]:
-        """λ = θ/σ² of each column [q], A = (I + S Λ)⁻¹ and T = A S [q, q], u = A Zᵀ M y [q]."""
+    def _point(self, priors: Sequence[Prior], variances: Array) -> "_Point":
+        """The likelihood at σ² and θ [1 + g]."""
+        from scipy.linalg import lapack
+
         ratio = (variances[1:] / variances[0])[self.member]
         ratio = np.minimum(ratio, LARGEST_RATIO / np.max(self.whole, initial=1e-200))
-        inverse = np.linalg.inv(np.eye(len(ratio)) + self.between * ratio)
-        return ratio, inverse, inverse @ self.between, inverse @ self.target
-
-    def deviance(self, priors: Sequence[Prior], variances: Array) -> float:
-        """−2 × logarithm of the likelihood, up to a constant."""
-        ratio, inverse, _, u = self._solve(variances)
-        logarithm = -np.linalg.slogdet(inverse)[1]
+        unit = np.eye(len(ratio))
+        if len(ratio):
+            factors, _, inverse, _ = lapack.dgesv(unit + self.between * ratio, unit)
+        else:
+            factors = inverse = unit
+        logarithm = float(np.sum(np.log(np.abs(np.diag(factors)))))
+        u = inverse @ self.target
         left = self.square - float((self.target * ratio) @ u)
         known = sum(p.deviance(float(t)) for p, t in zip(priors, variances[1:], strict=True))
-        return float(self.spare * np.log(variances[0]) + logarithm + left / variances[0]) + known
+        noise = variances[0]
+        deviance = float(self.spare * np.log(noise) + logarithm + left / noise) + known
+        return _Point(variances, deviance, ratio, inverse, u)
 
-    def _information(self, priors: Sequence[Prior], variances: Array) -> tuple[Array, Array]:
+    def _information(self, priors: Sequence[Prior], at: "_Point") -> tuple[Array, Array]:
         """Score [1 + g] and expected information [1 + g, 1 + g] of σ² and θ, what is known
         included.
         """
-        noise, count = variances[0], len(variances) - 1
-        ratio, inverse, inner, u = self._solve(variances)
-        groups = [self.member == g for g in range(count)]
-        shared = ratio * u
-        free = self.spare - len(ratio)
-        twice = np.diag(inverse @ inner)
+        variances, noise, inner = at.variances, at.variances[0], at.inverse @ self.between
+        of = (self.member == np.arange(len(variances) - 1)[:, None]).astype(np.float64)
+        shared = at.ratio * at.u
+        free = self.spare - len(at.ratio)
         # yᵀ P Z Zᵀ P y and tr(Zᵀ P Z) with the powers of σ² in them; for σ² itself Z is I
-        square = [self.square - shared @ (self.target + u), *(u[g] @ u[g] for g in groups)]
-        trace = [free + np.trace(inverse), *(np.trace(inner[np.ix_(g, g)]) for g in groups)]
-        score = 0.5 * (np.array(square) / noise - np.array(trace)) / noise
-        information = np.empty((count + 1, count + 1))
+        square = np.array([self.square - shared @ (self.target + at.u), *(of @ at.u**2)])
+        trace = np.array([free + np.trace(at.inverse), *(of @ np.diag(inner))])
+        score = 0.5 * (square / noise - trace) / noise
+        information = np.empty((len(variances), len(variances)))
         # where effects can explain every row, rounding is left: one degree of freedom at least
-        information[0, 0] = max(free + np.sum(inverse * inverse.T), 1.0)
-        information[0, 1:] = information[1:, 0] = [np.sum(twice[g]) for g in groups]
-        for g, at in enumerate(groups, start=1):
-            information[g, 1:] = [np.sum(inner[np.ix_(at, other)] ** 2) for other in groups]
+        information[0, 0] = max(free + np.sum(at.inverse * at.inverse.T), 1.0)
+        information[0, 1:] = of @ np.sum(at.inverse * inner.T, axis=1)
+        information[1:, 0] = information[0, 1:]
+        information[1:, 1:] = of @ inner**2 @ of.T
         information *= 0.5 / noise**2
         for g, prior in enumerate(priors, start=1):
             slope, curvature = prior.information(float(variances[g]))
@@ -184,9 +207,9 @@ class Reduced:
         """Generalised least squares at the most likely variances; `coefficients` [p] are those of
         ordinary least squares.
         """
-        variances = self.maximise(priors)
-        noise, theta = variances[0], variances[1:]
-        ratio, inverse, inner, u = self._solve(variances)
+        at = self.maximise(priors)
+        variances, ratio, inverse, u = at.variances, at.ratio, at.inverse, at.u
+        noise, theta, inner = variances[0], variances[1:], inverse @ self.between
         # Φ Xᵀ V⁻¹ = (Xᵀ X)⁻¹ Xᵀ − pull Zᵀ M, and its products with the Z_g; Φ = (Xᵀ V⁻¹ X)⁻¹
         pull = (self.into * ratio) @ inverse
         onto = self.into @ inverse.T
@@ -195,21 +218,27 @@ class Reduced:
         cross = np.empty((len(variances), *slopes.shape))
         slopes[0] = self.basis + pull @ self.between @ pull.T
         cross[0, 0] = pull @ inner @ pull.T / noise
-        for g, at in enumerate(groups, start=1):
-            slopes[g] = onto[:, at] @ onto[:, at].T
-            cross[0, g] = -pull @ inner[:, at] @ onto[:, at].T / noise
+        for g, own in enumerate(groups, start=1):
+            slopes[g] = onto[:, own] @ onto[:, own].T
+            cross[0, g] = -pull @ inner[:, own] @ onto[:, own].T / noise
             cross[g, 0] = cross[0, g].T
             for h, beside in enumerate(groups, start=1):
-                part = inner[np.ix_(at, beside)] / noise
-                cross[g, h] = onto[:, at] @ part @ onto[:, beside].T
-        spread = _inverse(self._information(priors, variances)[1], _free(priors))
+                part = inner[np.ix_(own, beside)] / noise
+                cross[g, h] = onto[:, own] @ part @ onto[:, beside].T
+        spread = _inverse(self._information(priors, at)[1], _free(priors))
         # a variance at zero is on average above the true one: what it adds is in the estimate
         inside = np.where(np.outer(variances, variances) > 0.0, spread, 0.0)
         covariance = np.tensordot(variances, slopes, 1) + 2.0 * np.tensordot(inside, cross, 2)
         cut = np.where(variances > 0.0, 1.0, CUT_AT_ZERO)
         found = coefficients - self.into @ (ratio * u)
         return Solution(
-            found, covariance, ratio * u, variances, slopes, spread * np.outer(cut, cut)
+            found,
+            covariance,
+            ratio * u,
+            variances,
+            at.deviance,
+            slopes,
+            spread * np.outer(cut, cut),
         )
 
 
@@ -221,6 +250,10 @@ def _free(priors: Sequence[Prior]) -> Mask:
 def _inverse(information: Array, free: Mask) -> Array:
     """Inverse [m, m] of the information of the free variances, zero elsewhere."""
     size = np.sqrt(np.where(free, np.diag(information), 1.0))
-    scaled = np.where(free & free[:, None], information / np.outer(size, size), np.eye(len(size)))
-    inverse = np.linalg.pinv(scaled, hermitian=True) / np.outer(size, size)
-    return np.where(free & free[:, None], inverse, 0.0)
+    both = free & free[:, None]
+    values, vectors = np.linalg.eigh(
+        np.where(both, information / np.outer(size, size), np.eye(len(size)))
+    )
+    told = values > RANK * values[-1]
+    vectors = vectors[:, told] / size[:, None]
+    return np.where(both, vectors / values[told] @ vectors.T, 0.0)
