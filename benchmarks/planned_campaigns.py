@@ -17,8 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from calibkit import instruments, plans, recipe
+from calibkit import instruments, new_files, plans, recipe
 from calibkit.arrays import Array
+from calibkit.ingest import logs as ingest
 from calibkit.instruments.accelerometer import dwells as triad_dwells, simulate_plan
 from calibkit.instruments.accelerometer.fit import fit_triad
 from calibkit.instruments.accelerometer.numeric import affine_model
@@ -208,6 +209,35 @@ def run_gyro(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  #
     return np.concatenate(error), predicted, u, np.full(u.size, gum.coverage_factor(found.dof))
 
 
+def run_logs(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  # noqa: ANN401
+    """As `run_triad`, of all coefficients of a procedure whose simulation states their truth: its
+    logs are written, and fitted as `calibkit fit` does.
+    """
+    instrument = instruments.find(spec.procedure)
+    assert instrument.planner is not None  # noqa: S101 (it has planned)
+    made = instrument.planner().simulate(spec, plan.schedule, plan.document, seed)
+    with tempfile.TemporaryDirectory() as folder:
+        new_files.write_all({Path(folder) / key: own for key, own in made.files().items()})
+        fitted = instrument.fit(
+            spec, Path(folder), ingest.find_logs(spec, Path(folder)), instruments.silent
+        )
+    models = {one.name: one for result in fitted.results for one in result.models}
+    truth: Any = made.truth["coefficients"]
+    rows = []
+    for one in plan.document["coefficients"]:
+        model = models[one["model"]]
+        found = next(part for part in model.coefficients if part.name == one["name"])
+        rows.append(
+            (
+                found.value - truth[one["model"]][one["name"]],
+                one["standard_uncertainty"],
+                found.standard_uncertainty,
+                gum.coverage_factor(model.dof_of(found)),
+            )
+        )
+    return tuple(np.array(part) for part in zip(*rows, strict=True))
+
+
 def drivers_of(time: Array, case: Array, lag: Array) -> Any:  # noqa: ANN401
     """Drivers of one log for a static lag, and the derivatives of T by it."""
     along = coil.path([(time, case)])
@@ -232,6 +262,8 @@ def slopes_of(time: Array, case: Array, coefficients: Array, lag: Array) -> Arra
 RUNS = {
     "accelerometer": (run_triad, "inclination<=0.01 deg", (-40.0, 125.0)),
     "rate_table": (run_table, "scale factor<=1 ppm", (-40.0, 60.0)),
+    "bias_temperature": (run_logs, "drift<=0.04 deg/h", (-40.0, 60.0)),
+    "gyro_pair": (run_logs, "N<=2 ppm", None),
     "fog_thermal": (run_gyro, "drift<=0.03 deg/h", (-40.0, 60.0)),
 }
 """Procedure → one campaign of it, wish and range of the plan."""

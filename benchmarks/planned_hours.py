@@ -19,6 +19,8 @@ from calibkit.planning import document
 
 ASKED = {
     "accelerometer": ("inclination", "deg", (-20.0, 125.0), "0.1"),
+    "bias_temperature": ("drift", "deg/h", (-40.0, 60.0), "10"),
+    "gyro_pair": ("N", "ppm", None, "1000"),
     "fog_thermal": ("drift", "deg/h", (-40.0, 60.0), "10"),
     "rate_table": ("scale factor", "ppm", (-40.0, 60.0), "1000"),
     "gyro_triad": ("angle", "deg", (-40.0, 60.0), "10"),
@@ -26,7 +28,7 @@ ASKED = {
 """Procedure → result, unit, range of use, and a wish that every campaign meets."""
 
 
-def make_plan(procedure: str, wish: str, range_degc: tuple[float, float]) -> dict[str, Any]:
+def make_plan(procedure: str, wish: str, range_degc: tuple[float, float] | None) -> dict[str, Any]:
     """plan.json of a wish."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "plan"

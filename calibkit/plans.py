@@ -14,6 +14,7 @@ import numpy as np
 
 from calibkit import instruments, new_files, recipe, store, units
 from calibkit.errors import UsageError
+from calibkit.frame import refuse
 from calibkit.ingest import column_values, logs as ingest
 from calibkit.planning import document, equipment, page, screen
 from calibkit.planning.proposal import WITHHELD, Planner, Proposal, Task
@@ -124,9 +125,10 @@ def _task(spec: recipe.Recipe, request: Request, progress: Progress) -> Task:
                 f"--have {request.have}: no such folder",
                 hint="name the folder that holds the logs which are measured already",
             )
-        read = instruments.find(spec.procedure).read
-        names = ingest.find_logs(spec, request.have)
-        have = tuple(read(spec, request.have, name) for name in names)
+        instrument, names = instruments.find(spec.procedure), ingest.find_logs(spec, request.have)
+        have = tuple(instrument.read(spec, request.have, name) for name in names)
+        for log in have:
+            refuse(instrument.examine(spec, log).findings)
     return Task(
         equipment.read_equipment(found),
         request.wishes,

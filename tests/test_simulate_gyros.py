@@ -94,7 +94,7 @@ def test_the_best_line_is_that_of_the_response_over_the_rates():
     gyro = simulate_rate_table.RateGyro.draw(rng)
     table = simulate_rate_table.Table()
     slope, _ = gyro.best_line(table, simulate_rate_table.both_ways(), 25.0)
-    straight, intercept = simulate_pair._linear(gyro).best_line(
+    straight, intercept = simulate_pair.linear(gyro).best_line(
         table, simulate_rate_table.both_ways(), 25.0
     )
     assert straight == pytest.approx(gyro.K, rel=1e-12)

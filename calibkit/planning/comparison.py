@@ -88,13 +88,18 @@ def _rows_at(log: Log, one: Action) -> Mask:
 
 
 def _compare_ramp(log: Log, one: Action) -> Iterator[str]:
-    """A ramp that ends elsewhere, or has another rate."""
+    """A ramp that ends elsewhere, or has another rate; of a case that lags, the end alone."""
     time, degc = _column(log, "time_s"), _column(log, "temp_env_degc")
+    lags = not np.isfinite(degc).any()
+    degc = _column(log, "temp_case_degc") if lags else degc
+    if not np.isfinite(degc).any():
+        return
     rising = one.ramp_degc_per_min > 0.0
     end = float(np.nanmax(degc) if rising else np.nanmin(degc))
     planned = f"ramp of {one.ramp_degc_per_min:+g} °C/min to {one.set_degc:g} °C"
     if not abs(end - one.set_degc) <= NEAR_DEGC:
         yield f"{log.file}: {planned}; it ends at {end:.1f} °C"
+    if lags or not abs(end - one.set_degc) <= NEAR_DEGC:
         return
     first = float(degc[0])
     share = (degc - first) / (one.set_degc - first) if one.set_degc != first else degc * np.nan

@@ -76,6 +76,8 @@ class Device(Table):
     noise_unit: str
     noise_s: Positive = 60.0
     dwell_s: Annotated[tuple[Positive, ...], Many] = (60.0,)
+    warm_up_s: NonNegative = 0.0
+    """Time after switching on that no log holds."""
     order: Annotated[int, Field(ge=1, le=3)] = 2
     """Highest power of temperature that is assumed where the recipe states none."""
     component: Annotated[tuple[ErrorComponent, ...], Field(strict=False)] = ()

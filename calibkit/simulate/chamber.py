@@ -124,3 +124,12 @@ def _controlled(chamber: Chamber, set_degc: Array) -> Array:
     )
     above: Array = np.asarray(lfilter(numerator, denominator, set_degc - set_degc[0]))
     return above + float(set_degc[0])
+
+
+def follow_with_lag(degc: Array, lag_s: float) -> Array:
+    """Temperature [n] at 1 Hz of a body that follows another with a lag, from equilibrium."""
+    from scipy.signal import lfilter  # a slow import
+
+    share = -math.expm1(-1.0 / lag_s)
+    followed: Array = np.asarray(lfilter([share], [1.0, share - 1.0], degc - degc[0])) + degc[0]
+    return followed

@@ -22,6 +22,7 @@ from calibkit.instruments.bias_temperature import (
 )
 from calibkit.instruments.bias_temperature.recipe import BiasTemperatureRecipe
 from calibkit.numeric import chunks
+from calibkit.planning.proposal import Planner
 from calibkit.report.documents import Drawn
 
 if TYPE_CHECKING:
@@ -180,6 +181,13 @@ def _propose(evidence: Evidence) -> Choice | None:
     return evidence.choose_at_rest("bias_temperature", _keys_of)
 
 
+def _planner() -> Planner:
+    """How campaigns are planned."""
+    from calibkit.instruments.bias_temperature import plan, simulate_plan
+
+    return Planner(plan.propose, plan.judge, simulate_plan.campaign)
+
+
 INSTRUMENT = Instrument(
     recipe=BiasTemperatureRecipe,
     read=_read,
@@ -195,4 +203,5 @@ INSTRUMENT = Instrument(
     firmware=_firmware,
     key_figures=(r"bias\..+(\.p\d|\.residual_rms| at \S+ degC)",),
     propose=_propose,
+    planner=_planner,
 )

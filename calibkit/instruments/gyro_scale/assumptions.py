@@ -18,7 +18,11 @@ if TYPE_CHECKING:
 
     from calibkit.coefficients import Record, StageResult
     from calibkit.frame import Log
-    from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe, RateTableRecipe
+    from calibkit.instruments.gyro_scale.recipe import (
+        GyroPairRecipe,
+        GyroTriadRecipe,
+        RateTableRecipe,
+    )
     from calibkit.planning.equipment import Device
 
 OFF_LINE = "linearity_error_rms."
@@ -40,7 +44,7 @@ def read_run(
     if found is None or not off:
         raise UsageError(
             "that run has no scale factor of a gyro on a rate table",
-            hint="name a run of rate_table or gyro_triad",
+            hint="name a run of rate_table, gyro_triad or gyro_pair",
         )
     seen = {
         (one.group, one.effect): (one.value, one.unit)
@@ -56,7 +60,7 @@ def read_run(
 
 
 def measure_runs(
-    spec: RateTableRecipe | GyroTriadRecipe, logs: Sequence[Log], device: Device
+    spec: RateTableRecipe | GyroTriadRecipe | GyroPairRecipe, logs: Sequence[Log], device: Device
 ) -> dict[str, Holds]:
     """Table axis → holds of its measured runs, with their noise; FitError for a log that a fit
     refuses, or without temperature.

@@ -216,6 +216,13 @@ def _planner() -> Planner:
     return Planner(plan.propose, plan.judge, simulate_plan.campaign)
 
 
+def _pair_planner() -> Planner:
+    """How campaigns of pairs are planned."""
+    from calibkit.instruments.gyro_scale import plan_pair, simulate_plan_pair
+
+    return Planner(plan_pair.propose, plan_pair.judge, simulate_plan_pair.campaign)
+
+
 LINE_KEYS = r"gyro_scale\.(nonlinearity_full_scale|asymmetry)\.GJB 2426A\..+"
 """Pattern of the key figures of lines."""
 
@@ -261,6 +268,7 @@ PAIR = Instrument(
     ),
     campaigns={"gyro_pair": simulate_pair.campaign},
     propose=propose.propose_pair,
+    planner=_pair_planner,
 )
 TRIAD = Instrument(
     recipe=GyroTriadRecipe,

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calibkit.errors import FitError, UsageError
-from calibkit.instruments.gyro_scale import assumptions, forms
+from calibkit.errors import FitError
+from calibkit.instruments.gyro_scale import assumptions, forms, planned_runs
 from calibkit.instruments.gyro_scale.numeric import planned
 from calibkit.instruments.gyro_scale.numeric.planned import Holds, Model
 from calibkit.instruments.gyro_scale.planned_runs import NO_RUNS, Bench, Design
@@ -19,6 +19,7 @@ from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe, RateTableRec
 from calibkit.numeric.least_squares import polynomial
 from calibkit.numeric.least_squares.components import Known
 from calibkit.planning import recipe_text
+from calibkit.planning.linear import assume_errors, order_there_and_back
 from calibkit.planning.proposal import (
     ONE_LEVEL_DEGC,
     Candidate,
@@ -118,23 +119,11 @@ def judge(spec: GyroRecipe, task: Task) -> tuple[Predicted, ...]:
 
 def _prepare(spec: GyroRecipe, task: Task) -> Bench:
     """What the search needs; UsageError for what cannot be planned."""
-    device, table = task.equipment.known_device(spec.procedure), task.equipment.rate_table
-    if table is None or device.noise_unit != "deg/s":
-        raise UsageError(
-            "a plan of gyros needs [rate_table] in the equipment file and a noise in deg/s",
-            hint="see calibkit plan --print-equipment",
-        )
+    device, table = planned_runs.require_table(task, spec.procedure)
     low, high = task.range_degc or RANGE_DEGC
     task.equipment.require_reached(low, high)
     earlier = {} if task.earlier is None else assumptions.read_run(task.earlier)
-    stated = {(one.group, one.effect): one for one in device.component} | earlier
-    stated |= {(one.group, one.effect): one for one in spec.errors.component}
-    unknown = [name for name in stated if name not in planned.UNITS]
-    if unknown:
-        raise UsageError(
-            f"component '{unknown[0][1]}' of group '{unknown[0][0]}' is no error of a rate table",
-            hint=f"there are {', '.join(f'{e} of {g}' for g, e in planned.UNITS)}",
-        )
+    stated = assume_errors(spec, device, earlier.values(), planned.UNITS)
     sizes = {key: Known(one.value_in(planned.UNITS[key]), one.dof) for key, one in stated.items()}
     model = Model(device.order, (low, high), sizes)
     reference = float(np.clip(spec.reference_temp_degc, low, high))
@@ -209,8 +198,7 @@ def _order_temperatures(bench: Bench, size: int, repeats: int) -> tuple[int, ...
     nearest = min(inner, key=lambda k: abs(levels[k] - reference))
     if levels[0] < reference < levels[-1]:
         levels[nearest] = reference
-    up, down = levels[::2], levels[1::2][::-1]
-    order = [*up, *down, up[0]]
+    order = order_there_and_back(levels)
     at = order.index(levels[nearest])
     return (*order[:at], *([levels[nearest]] * repeats), *order[at + 1 :])
 

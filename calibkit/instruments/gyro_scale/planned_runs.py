@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.errors import UsageError
 from calibkit.instruments.gyro_scale.numeric import planned
 from calibkit.instruments.gyro_scale.numeric.gjb_figures import PPM
 from calibkit.instruments.gyro_scale.numeric.planned import Holds, Model, Runs
@@ -135,10 +136,10 @@ class Bench:
                 between = round((levels[0] + levels[1]) / 2.0) if len(levels) > 1 else levels[0]
                 order.insert(1, (between, f"{WITHHELD}{stem}_{between}.csv"))
             for one, log in order:
-                self._run(clock, design, one, log)
+                self.run_at(clock, design, one, log)
         return clock.schedule()
 
-    def _run(self, clock: Clock, design: Design, degc: int, log: str) -> None:
+    def run_at(self, clock: Clock, design: Design, degc: int, log: str) -> None:
         """One run: ramp, soak, held rates."""
         equipment = self.task.equipment
         rate, change = equipment.fastest(self.device), degc - clock.degc
@@ -149,6 +150,11 @@ class Bench:
             clock.move(begin + start - clock.now_s)
             clock.rate(signed, length, log)
 
+    def variances_of(self, name: str, holds: Holds, degc: Array | None) -> dict[str, Array]:
+        """Variances [m] of a result of one axis by source."""
+        slopes = self.model.result_slopes(name, holds.rows.rate_dps, degc)
+        return self.model.information(holds).variances(slopes)
+
     def variances(
         self, name: str, campaign: Mapping[str, Holds], degc: Array | None = None
     ) -> dict[str, Array]:
@@ -157,10 +163,11 @@ class Bench:
         """
         own = {id(holds): holds for holds in campaign.values()}.values()
         if name != planned.ANGLE:
-            return max((_variances(self.model, name, one, degc) for one in own), key=_mean)
+            return max((self.variances_of(name, one, degc) for one in own), key=_mean)
         # two gyros, each seen a little about the axis of the other, where no scale factor matters
-        across = self.model.without(("run", "scale"))
-        worst = sorted((_variances(across, "scale factor", one, degc) for one in own), key=_mean)
+        across = replace(self, model=self.model.without(("run", "scale")))
+        found = (across.variances_of("scale factor", one, degc) for one in own)
+        worst = sorted(found, key=_mean)
         a, b = (worst * 2)[-2:]
         none = np.zeros_like(a[NOISE])
         size = self.model.sizes.get(planned.MOUNTING)
@@ -214,10 +221,15 @@ class Bench:
         )
 
 
-def _variances(model: Model, name: str, holds: Holds, degc: Array | None) -> dict[str, Array]:
-    """Variances [m] of a result of one axis by source."""
-    slopes = model.result_slopes(name, holds.rows.rate_dps, degc)
-    return model.information(holds).variances(slopes)
+def require_table(task: Task, procedure: str) -> tuple[Device, RateTable]:
+    """Device and rate table of the equipment file; UsageError where it lacks one."""
+    device, table = task.equipment.known_device(procedure), task.equipment.rate_table
+    if table is None or device.noise_unit != "deg/s":
+        raise UsageError(
+            "a plan of gyros needs [rate_table] in the equipment file and a noise in deg/s",
+            hint="see calibkit plan --print-equipment",
+        )
+    return device, table
 
 
 def _mean(parts: Mapping[str, Array]) -> float:

@@ -18,7 +18,7 @@ LARGEST_MOUNTING_ERROR_DEG = 0.02
 """Largest angle between a gyro's input axis and the table axis nominally its own [°]."""
 
 
-def _linear(gyro: simulate_rate_table.RateGyro) -> simulate_rate_table.RateGyro:
+def linear(gyro: simulate_rate_table.RateGyro) -> simulate_rate_table.RateGyro:
     """The same gyro with a straight-line response and no temperature terms."""
     return replace(gyro, K_per_degc=0.0, ripple_dps=0.0, asymmetry=0.0, bias_dps_per_degc=0.0)
 
@@ -60,7 +60,7 @@ def campaign(
     }
     gyro = simulate_rate_table.RateGyro
     drawn = {name: gyro.draw(rng, noise_lsb=noise_lsb) for name in ("a", "b")}
-    gyros = {name: _linear(gyro) for name, gyro in drawn.items()} if ideal else drawn
+    gyros = {name: linear(gyro) for name, gyro in drawn.items()} if ideal else drawn
     rates = simulate_rate_table.both_ways() if rates_dps is None else tuple(rates_dps)
     stand = table or simulate_rate_table.Table(start_angle_deg=rng.uniform(0.0, 360.0))
     logs, lines = _turn(gyros, directions, stand, rates, rng)

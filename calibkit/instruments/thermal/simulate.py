@@ -14,7 +14,7 @@ from calibkit.arrays import Array
 from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.simulate import noise
 from calibkit.simulate.campaign import Campaign
-from calibkit.simulate.chamber import Chamber, Programme
+from calibkit.simulate.chamber import Chamber, Programme, follow_with_lag
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -116,10 +116,7 @@ def campaign(seed: int) -> Campaign:
     rng = np.random.default_rng(np.random.SeedSequence([seed, 18]))
     time, set_degc = _programme().set_points()
     air, lag_s = Chamber().air(set_degc, rng), rng.uniform(120.0, 400.0)
-    from scipy.signal import lfilter  # a slow import
-
-    share = 1.0 - float(np.exp(-1.0 / lag_s))
-    board = np.asarray(lfilter([share], [1.0, share - 1.0], air - air[0])) + air[0]
+    board = follow_with_lag(air, lag_s)
     diffusion_s = rng.uniform(400.0, 1500.0)
     layers = _layers(board, diffusion_s)
     rows = slice(None, None, EVERY_S)

@@ -1,0 +1,88 @@
+"""What plans of linear models share: errors that are assumed, temperatures in their order, results
+by the information of a campaign.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.errors import UsageError
+from calibkit.planning.proposal import Candidate, Predicted
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+    from typing import Any
+
+    from calibkit.arrays import Array
+    from calibkit.numeric.information import Information
+    from calibkit.planning.equipment import Device
+    from calibkit.recipe import Recipe
+    from calibkit.recipe.tables import ErrorComponent
+
+LEVELS = 25
+"""Temperatures of use at which an uncertainty is predicted."""
+
+
+def assume_errors(
+    spec: Recipe,
+    device: Device,
+    earlier: Iterable[ErrorComponent],
+    units: Mapping[tuple[str, str], str],
+) -> dict[tuple[str, str], ErrorComponent]:
+    """Shared errors by (group, effect): those of the equipment, over them those of an earlier run,
+    over these what the recipe states; UsageError for one that the procedure does not have.
+    """
+    every = (*device.component, *earlier, *spec.errors.component)
+    stated = {(one.group, one.effect): one for one in every}
+    unknown = [name for name in stated if name not in units]
+    if unknown:
+        group, effect = unknown[0]
+        raise UsageError(
+            f"component '{effect}' of group '{group}' is no error of {spec.procedure}",
+            hint=f"there are {', '.join(f'{e} of {g}' for g, e in units)}",
+        )
+    return stated
+
+
+def order_there_and_back(levels: Sequence[int]) -> tuple[int, ...]:
+    """Temperatures, lowest first, in the order of a campaign: every second one on the way back to
+    the first, so that drift is told from temperature on a way that is no longer.
+    """
+    return (*levels[::2], *levels[1::2][::-1], levels[0])
+
+
+@dataclass(frozen=True, slots=True)
+class Results:
+    """Results of a campaign as combinations of its coefficients."""
+
+    units: Mapping[str, str]
+    """Result → unit."""
+    slopes: Mapping[str, Array]
+    """Result → derivatives [m, p] over the range of use."""
+
+    def predict(self, information: Information) -> tuple[Predicted, ...]:
+        """Predicted uncertainty of each result."""
+        return tuple(
+            Predicted.of(name, unit, information.variances(self.slopes[name]))
+            for name, unit in self.units.items()
+        )
+
+    def candidate(
+        self,
+        label: str,
+        hours: float,
+        information: Information,
+        design: Any,  # noqa: ANN401 (as Candidate's)
+    ) -> Candidate | None:
+        """A campaign with its uncertainties; None where it does not determine all."""
+        if not information.determined:
+            return None
+        covariance = information.covariance
+        largest = {
+            name: float(np.sqrt(np.einsum("mp,pq,mq->m", rows, covariance, rows).max()))
+            for name, rows in self.slopes.items()
+        }
+        return Candidate(label, hours, largest, design)

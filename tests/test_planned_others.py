@@ -1,0 +1,80 @@
+"""Plans of static instruments, inclinometers and pairs of gyros."""
+
+import json
+
+import pytest
+
+from calibkit import inspection, instruments, plans, recipe
+from calibkit.errors import UsageError
+from calibkit.planning import document, equipment
+from calibkit.planning.proposal import Task
+from test_planning import load_benchmark
+
+WISHES = {"bias_temperature": "drift<=0.06 deg/h", "gyro_pair": "N<=2.1 ppm"}
+"""Procedure → a wish that a small campaign meets."""
+
+
+@pytest.fixture(scope="module", params=list(WISHES))
+def planned(request, tmp_path_factory):
+    """Folder of the plan of each procedure."""
+    out = tmp_path_factory.mktemp(request.param) / "plan"
+    plans.plan(recipe.find(request.param), plans.Request(wishes=(WISHES[request.param],)), out)
+    return out
+
+
+@pytest.fixture(scope="module")
+def logs(planned, tmp_path_factory):
+    """Logs of a campaign that was run by the plan."""
+    out = tmp_path_factory.mktemp("logs") / "logs"
+    plans.simulate(planned, out, 5)
+    return out
+
+
+def test_a_plan_meets_its_wish_and_its_logs_are_judged_as_it_predicted(planned, logs):
+    """`check` finds nothing missing, and the same U within a tenth."""
+    source = recipe.find(str(planned / "recipe.toml"))
+    found = inspection.check(source, logs, planned=document.beside(planned / "recipe.toml"))
+    assert not any(report.refused for report in found.logs)
+    assert not found.judgement.lacks
+    told = json.loads((planned / "plan.json").read_text())
+    assert told["results"][0]["met"]
+    plan, spec = document.load_plan(planned), instruments.parse_recipe(source)
+    instrument = instruments.find(spec.procedure)
+    names = {one.log for one in plan.schedule.actions if one.log and "withheld" not in one.log}
+    have = tuple(instrument.read(spec, logs, name) for name in sorted(names))
+    task = Task(equipment.read_equipment(None), range_degc=told["range_degc"], have=have)
+    judged = {one.name: one.expanded for one in instrument.planner().judge(spec, task)}
+    predicted = {one["name"]: one["expanded_uncertainty"] for one in told["results"]}
+    assert judged == pytest.approx(predicted, rel=0.1)
+
+
+def test_a_plan_beside_its_own_logs_is_empty(planned, logs, tmp_path):
+    """Nothing is missing, in 0 h; half of the campaign is completed."""
+    told = json.loads((planned / "plan.json").read_text())
+    found = plans.plan(
+        recipe.find(str(planned / "recipe.toml")),
+        plans.Request(
+            wishes=(f"{told['results'][0]['name']}<=1e3 {told['results'][0]['unit']}",),
+            range_degc=tuple(told["range_degc"]),
+            have=logs,
+        ),
+        tmp_path / "plan",
+    )
+    assert found.document["hours"] == 0.0
+
+
+def test_predicted_uncertainty_is_the_scatter_of_fitted_logs(planned):
+    """Of 12 campaigns: no further from it than four standard errors beside 7 %."""
+    benchmark = load_benchmark("planned_campaigns")
+    plan = document.load_plan(planned)
+    ratio, spread, _ = benchmark.judge(plan, 12, benchmark.run_logs, first=100)
+    assert abs(ratio - 1.0) <= 0.07 + 4.0 * spread
+
+
+def test_channels_of_another_unit_are_not_planned(tmp_path):
+    """The noise of the equipment file is in one unit."""
+    other = recipe.find(
+        "bias_temperature", ('polynomials.bias=[{indication="accel_x_g",order=2}]',)
+    )
+    with pytest.raises(UsageError, match="channels in deg/h"):
+        plans.plan(other, plans.Request(), tmp_path / "plan")
