@@ -78,7 +78,8 @@ def describe_verdict(criteria: Sequence[Criterion]) -> str:
         return f"REJECTED: {'; '.join(failed)}"
     stated = [criterion for criterion in criteria if criterion.set_by == "recipe"]
     nearest, count = _describe_limit(max(stated, key=_nearness)), len(criteria)
-    all_met = f" is nearest to its limit; all {count} limits are met"
+    every = "both" if count == 2 else f"all {count}"
+    all_met = f" is nearest to its limit; {every} limits are met"
     return f"accepted: {nearest}{all_met if count > 1 else ''}"
 
 
