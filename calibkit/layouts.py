@@ -25,12 +25,14 @@ def flag_layout(
     """The summary of a revision about to be saved, with a flag where the firmware's layout is not
     that of the revision before, or of the first device of its type in the runs.
     """
-    identity = Identity(serial, revision, "", SOFTWARE, "", ())
-    own = _layout(spec, {one.file: one.as_record(identity, "") for one in fitted.results})
     before = [number for number in store.revisions(runs / serial) if number < revision]
     compared = [(serial, before[-1], "the revision before")] if before else []
     first = _first_of_type(spec, runs, serial)
     compared += [(*first, f"the first of type '{spec.type}' here")] if first else []
+    if not compared:
+        return summary
+    identity = Identity(serial, revision, "", SOFTWARE, "", ())
+    own = _layout(spec, {one.file: one.as_record(identity, "") for one in fitted.results})
     flags = []
     for name, number, what in compared if own else ():
         other = _layout_of(runs, name, number)

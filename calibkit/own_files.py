@@ -4,7 +4,6 @@ from pathlib import Path
 
 from calibkit import coefficients, run_document, sealed, store
 from calibkit.errors import CoefficientError, UsageError
-from calibkit.planning import document as plan_file
 
 
 def identify(path: Path) -> str:
@@ -29,6 +28,7 @@ def identify(path: Path) -> str:
 def _check_document(path: Path) -> str:
     """Check the digest of a JSON document; returns what it is."""
     from calibkit.firmware import targets
+    from calibkit.planning import document as plan_file
 
     try:
         text = path.read_text(encoding="utf-8")

@@ -121,3 +121,30 @@ def test_a_console_that_cannot_print_degrees_does_not_stop_a_command(campaign, t
     )
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "S" / "r001" / "run.json").is_file()
+
+
+def test_fit_imports_no_library_that_it_does_not_use(tmp_path):
+    """`calibkit fit` executes no PDF writer, filter, compiler or test tool of a library, and
+    nothing of its own that validation, plans or certificates alone need.
+    """
+    unused = (
+        "matplotlib.backends.backend_pdf",
+        "scipy.ndimage",
+        "scipy.stats",
+        "numpy.f2py.crackfortran",
+        "unittest.mock",
+        "fontTools.ttLib",
+        "calibkit.certificate.profile",
+        "calibkit.planning.document",
+    )
+    fit = ["fit", "gyro_pair", "--data", str(ROOT / "datasets" / "gyro_pair"), "--serial", "G"]
+    code = (
+        "import sys\nfrom calibkit import cli\n"
+        f"try:\n    cli.main([*{fit!r}, '--out', {str(tmp_path)!r}, '--date', '2026-11-21'])\n"
+        f"except SystemExit: pass\nprint([m for m in {unused!r} if m in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT
+    )
+    assert done.stdout.strip().endswith("[]")
+    assert (tmp_path / "G" / "r001" / "run.json").is_file()

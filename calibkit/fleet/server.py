@@ -21,11 +21,12 @@ if TYPE_CHECKING:
 COPIES = sys.platform == "linux"
 NEEDED = (
     "calibkit.fleet.handover",
+    "calibkit.lean_imports",
     "pandas",
     "scipy.linalg",
     "scipy.special",
+    "calibkit.report.svg_canvas",
     "matplotlib.figure",
-    "calibkit.report.backends",
     "xml.etree.ElementTree",
     "rich.console",
     "rich.table",

@@ -17,10 +17,11 @@ from calibkit.recipe import Recipe
 
 _Read = TypeVar("_Read")
 _NEEDED_LATER = (
+    "calibkit.lean_imports",
     "scipy.linalg",
     "scipy.special",
+    "calibkit.report.svg_canvas",
     "matplotlib.figure",
-    "calibkit.report.backends",
 )
 """Libraries that are slow to import and that every fit needs when its logs have been read."""
 

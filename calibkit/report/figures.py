@@ -144,7 +144,7 @@ def _texts(artist: Artist) -> Iterator[Text]:
 
 def pdf(figures: Sequence[Figure]) -> bytes:
     """Figures as the pages of one PDF without a clock in it."""
-    from calibkit.report.backends import FigureCanvasPdf, PdfPages
+    from calibkit.report.pdf_canvas import FigureCanvasPdf, PdfPages
 
     buffer = io.BytesIO()
     quiet = {"CreationDate": None, "ModDate": None, "Producer": None, "Creator": "calibkit"}

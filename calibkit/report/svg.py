@@ -143,7 +143,7 @@ def _svg(figure: Figure, prefix: str) -> str:
 
     import matplotlib as mpl
 
-    from calibkit.report.backends import FigureCanvasSVG
+    from calibkit.report.svg_canvas import FigureCanvasSVG
 
     literal(figure)
     figure.set_layout_engine("none")

@@ -29,7 +29,6 @@ from calibkit.instruments.gyro_scale import (
     table_runs,
     tables,
     triad_fit,
-    unseen,
 )
 from calibkit.instruments.gyro_scale.recipe import (
     AnyRecipe,
@@ -49,6 +48,7 @@ if TYPE_CHECKING:
     from calibkit.certificate.results import Block
     from calibkit.certificate.stated import Stated
     from calibkit.coefficients import Criterion, Record, StageResult
+    from calibkit.frame import Log
     from calibkit.instruments import Firmware, Progress
     from calibkit.instruments.gyro_scale.table_runs import TableRun
     from calibkit.report.overview import Overview
@@ -188,6 +188,15 @@ def _draw(title: str, fitted: Fitted[curves.GyroReport]) -> Drawn:
     return Drawn(draw_pages(title, fitted.drawing), fitted.summary)
 
 
+def _validate(
+    spec: AnyRecipe, records: Mapping[str, Record], logs: Iterable[Log]
+) -> tuple[dict[str, Any], Summary]:
+    """Test frozen coefficients on unseen logs."""
+    from calibkit.instruments.gyro_scale import unseen
+
+    return unseen.validate(spec, records, logs)
+
+
 def _quantities(records: Mapping[str, Record], spec: AnyRecipe) -> tuple[Quantity, ...]:
     """Results of a run as functions of their inputs."""
     from calibkit.instruments.gyro_scale.quantities import list_quantities
@@ -233,7 +242,7 @@ RATE_TABLE = Instrument(
     fit=_fit_rate_table,
     draw=_draw,
     residuals=curves.GyroReport.residuals,
-    validate=unseen.validate,
+    validate=_validate,
     apply=compensate.apply,
     certificate=_certificate,
     quantities=_quantities,
@@ -255,7 +264,7 @@ PAIR = Instrument(
     fit=_fit_pair,
     draw=_draw,
     residuals=curves.GyroReport.residuals,
-    validate=unseen.validate,
+    validate=_validate,
     apply=compensate.apply,
     certificate=_certificate,
     quantities=_quantities,
@@ -277,7 +286,7 @@ TRIAD = Instrument(
     fit=_fit_triad,
     draw=_draw,
     residuals=curves.GyroReport.residuals,
-    validate=unseen.validate,
+    validate=_validate,
     apply=compensate.apply,
     certificate=_certificate,
     quantities=_quantities,

@@ -227,13 +227,9 @@ class _Stillness:
 
     def held(self, first: int, stop: int) -> Mask:
         """Mask of the windows, beginning in rows first … stop − 1, over which the rate is held."""
-        from scipy.ndimage import maximum_filter1d, minimum_filter1d
-
         rate = self.rate(first, stop + self.window - 1)
-        begin = slice(self.window // 2, self.window // 2 + stop - first)
         highest, lowest = (
-            maximum_filter1d(rate, self.window)[begin],
-            minimum_filter1d(rate, self.window)[begin],
+            _of_windows(extreme, rate, self.window) for extreme in (np.maximum, np.minimum)
         )
         allowed = np.maximum(
             self.rules.relative * np.maximum(np.abs(highest), np.abs(lowest)), self.rules.floor_dps
@@ -241,6 +237,18 @@ class _Stillness:
         return np.asarray(
             highest - lowest <= np.maximum(allowed, max(self.noise, self.quantum)), dtype=np.bool_
         )
+
+
+def _of_windows(extreme: np.ufunc, values: Array, window: int) -> Array:
+    """np.maximum or np.minimum of each window of values [n]: [n − window + 1], of two windows half
+    as long each time.
+    """
+    width = 1
+    while width < window:
+        step = min(width, window - width)
+        values = extreme(values[:-step], values[step:])
+        width += step
+    return values
 
 
 def _quantum(rate: Series, rows: int) -> float:
