@@ -123,7 +123,8 @@ class Evidence:
             return None
         base = {name: column for name, column in columns.items() if not name.startswith("temp_")}
         base["temp_case_degc"] = temperature
-        what = "a gyro" if len(channels) == 1 else f"{len(channels)} channels at rest"
+        one = "a gyro" if channels[0].startswith("gyro") else "an accelerometer"
+        what = one if len(channels) == 1 else f"{len(channels)} channels at rest"
         read = ("time_s", "temp_case_degc", *channels)
         reason = f"{what} beside one temperature"
         return self.choose(name, read, base, keys_of(channels), reason=reason)

@@ -27,6 +27,8 @@ REACH = 1.0 / 3.0
 held. On left-out quarters of simulated sweeps that go 30 % further than the rest, its error is then
 that of the true model; held at the ends it is several times that.
 """
+BY_CHANCE = 0.005
+"""Chance at which turn-on biases of faultless power-ons are said to follow the temperature."""
 NO_TERM = "no drift term needed: no model is clearly better than a constant on left-out stretches"
 
 
@@ -113,7 +115,8 @@ def fit_channel(
     if not stacked.fitted.all():
         both = [rms(_about_level(values, masks, out)) for values in (raw, left)]
         withheld = both[0], both[1]
-    flags = (NO_TERM,) if found.chosen.candidate is choice.CONSTANT else ()
+    no_term = (NO_TERM,) if found.chosen.candidate is choice.CONSTANT else ()
+    flags = (*found.model.flags, *no_term, *_flag_soaks_apart(name, found, power_ons))
     return FittedChannel(
         name,
         found,
@@ -123,7 +126,7 @@ def fit_channel(
         withheld,
         chunks.extremes(np.concatenate([one.blocks.case[one.fitted] for one in power_ons])),
         components,
-        tuple(f"{name}: {flag}" for flag in (*found.model.flags, *flags)),
+        tuple(f"{name}: {flag}" for flag in flags),
     )
 
 
@@ -153,6 +156,30 @@ def _share_turn_on(
     value = float(np.std(model.turn_on, ddof=1))
     u = value / np.sqrt(2.0 * (count - 1))
     return found, (Component(GROUP, EFFECT, value, unit, float(u), count),)
+
+
+def _flag_soaks_apart(name: str, found: Choice, power_ons: Sequence[PowerOn]) -> tuple[str, ...]:
+    """Flag that turn-on biases follow the temperatures of the power-ons."""
+    from scipy.special import stdtr
+
+    case = np.array([one.blocks.case[one.fitted].mean() for one in power_ons])
+    about, biases = case - case.mean(), found.model.turn_on - found.model.turn_on.mean()
+    spread, dof = float(about @ about), len(power_ons) - 2
+    if dof < 1 or not spread:
+        return ()
+    slope = float(about @ biases) / spread
+    left = float(np.sum((biases - slope * about) ** 2))
+    ratio = abs(slope) * np.sqrt(spread * dof / left) if left else np.inf
+    if 2.0 * stdtr(dof, -ratio) > BY_CHANCE:
+        return ()
+    return (
+        (
+            f"turn-on biases of {len(power_ons)} power-ons follow their temperatures"
+            f" ({slope:+.3g} {units.column_unit(name)}/°C): drift that no power-on shows is not"
+            " taken off; where the instrument stayed on, name these logs in [thermal] sessions,"
+            " else log ramps"
+        ),
+    )
 
 
 def flag_one_power_on(power_ons: Sequence[PowerOn], spec: ThermalRecipe) -> tuple[str, ...]:
