@@ -39,12 +39,16 @@ from calibkit.numeric.thermal.pooled_fit import Stack, ThermalLog
 from calibkit.planning import document
 from calibkit.recipe.tables import ErrorComponent
 
+ORDERS = {"inclinometer": ("scale.order=2",)}
+"""Procedure → what its recipe states beside, so that a fit has all planned coefficients."""
+
 
 def make_plan(procedure: str, **asked: Any) -> document.Plan:  # noqa: ANN401 (as Request)
     """A plan that is written and read back."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "plan"
-        plans.plan(recipe.find(procedure), plans.Request(**asked), out)
+        source = recipe.find(procedure, ORDERS.get(procedure, ()))
+        plans.plan(source, plans.Request(**asked), out)
         return document.load_plan(out)
 
 
@@ -263,6 +267,7 @@ RUNS = {
     "accelerometer": (run_triad, "inclination<=0.01 deg", (-40.0, 125.0)),
     "rate_table": (run_table, "scale factor<=1 ppm", (-40.0, 60.0)),
     "bias_temperature": (run_logs, "drift<=0.04 deg/h", (-40.0, 60.0)),
+    "inclinometer": (run_logs, "azimuth<=0.05 deg", (20.0, 120.0)),
     "gyro_pair": (run_logs, "N<=2 ppm", None),
     "fog_thermal": (run_gyro, "drift<=0.03 deg/h", (-40.0, 60.0)),
 }

@@ -600,8 +600,8 @@ def test_least_squares_takes_any_sequence_and_removes_a_bias_ramp(tmp_path, comm
         truth.append(psi)
         attitude = simulator.Attitudes(*(np.full(6, v) for v in (theta, phi, psi)))
         latitude = np.radians(34.2)
-        gravity = simulator._rotated(attitude, np.array([0.0, 0.0, 1.0]))
-        rate = simulator._rotated(
+        gravity = simulator.rotated(attitude, np.array([0.0, 0.0, 1.0]))
+        rate = simulator.rotated(
             attitude, 15.041067 * np.array([np.cos(latitude), 0.0, -np.sin(latitude)])
         )
         for k, turn in enumerate(sequence):

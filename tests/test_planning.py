@@ -337,7 +337,7 @@ def test_a_wish_that_cannot_be_met_exits_1_with_what_can(tmp_path):
 @pytest.mark.parametrize(
     ("procedure", "options", "expected"),
     [
-        ("inclinometer", {}, "campaigns of 'inclinometer' are not planned"),
+        ("thermal", {}, "campaigns of 'thermal' are not planned"),
         ("accelerometer_magnitude", {}, "against known attitudes"),
         ("accelerometer", {"range_degc": (60.0, -20.0)}, "--range"),
         ("accelerometer", {"attitudes": "no_such_file.csv"}, "--attitudes no_such_file.csv"),

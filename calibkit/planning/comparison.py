@@ -53,7 +53,7 @@ def _find_missing(log: Log, planned: Sequence[Action]) -> Iterator[str]:
     each = len(log.frame) <= ONE_ROW * len(planned)
     counted: dict[str, tuple[Mask, int]] = {}
     for one in planned:
-        what, rows = _describe(one), _rows_at(log, one)
+        what, rows = _describe(one, log), _rows_at(log, one)
         counted[what] = rows, counted.get(what, (rows, 0))[1] + 1
     for what, (rows, times) in counted.items():
         found = int(rows.sum())
@@ -63,10 +63,12 @@ def _find_missing(log: Log, planned: Sequence[Action]) -> Iterator[str]:
             yield f"{log.file}: {what}, {found} of {times} times"
 
 
-def _describe(one: Action) -> str:
-    """A dwell or a held rate in words."""
+def _describe(one: Action, log: Log) -> str:
+    """A dwell or a held rate in words, as far as a log tells them apart."""
     if one.action == "rate":
         return f"rate {one.table_rate_dps:+g} °/s at {one.set_degc:g} °C"
+    if "inclination_deg" not in log.frame.columns:
+        return f"dwell at {one.set_degc:g} °C"
     return (
         f"dwell at inclination {one.inclination_deg:g}°, toolface {one.toolface_deg:g}°,"
         f" {one.set_degc:g} °C"
@@ -79,7 +81,10 @@ def _rows_at(log: Log, one: Action) -> Mask:
     if one.action == "rate":
         off = np.abs(_column(log, "table_rate_dps") - one.table_rate_dps)
         return np.asarray(found & (off <= NEAR_RATE * abs(one.table_rate_dps)), dtype=np.bool_)
-    angles = _column(log, "inclination_deg"), _column(log, "toolface_deg")
+    if "inclination_deg" not in log.frame.columns:
+        return found
+    turned = values(log.frame, "position_deg") if "position_deg" in log.frame.columns else 0.0
+    angles = _column(log, "inclination_deg"), _column(log, "toolface_deg") + turned
     planned = attitude.gravity_vector(
         np.array([one.inclination_deg]), np.array([one.toolface_deg])
     )[0]

@@ -11,17 +11,20 @@ import numpy as np
 
 from calibkit.errors import UsageError
 from calibkit.planning.proposal import Candidate, Predicted
+from calibkit.recipe.tables import ErrorComponent
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
     from typing import Any
 
     from calibkit.arrays import Array
+    from calibkit.coefficients import Record, StageResult
     from calibkit.numeric.information import Information
     from calibkit.planning.equipment import Device
     from calibkit.recipe import Recipe
-    from calibkit.recipe.tables import ErrorComponent
 
+EARLIER_DOF = 20.0
+"""Degrees of freedom of what an earlier run found."""
 LEVELS = 25
 """Temperatures of use at which an uncertainty is predicted."""
 
@@ -45,6 +48,28 @@ def assume_errors(
             hint=f"there are {', '.join(f'{e} of {g}' for g, e in units)}",
         )
     return stated
+
+
+def read_components(
+    records: Mapping[str, Record | StageResult], file: str, procedure: str
+) -> Iterator[ErrorComponent]:
+    """Shared errors of an earlier run where they were seen, the largest of each; UsageError for a
+    run of another procedure.
+    """
+    if file not in records:
+        raise UsageError(f"that run has no {file}", hint=f"name a run of {procedure}")
+    seen = {
+        (one.group, one.effect): one
+        for one in sorted(
+            (one for model in records[file].models for one in model.components),
+            key=lambda one: one.value,
+        )
+        if one.value > one.standard_uncertainty
+    }
+    for (group, effect), one in seen.items():
+        yield ErrorComponent(
+            group=group, effect=effect, value=one.value, unit=one.unit, dof=EARLIER_DOF
+        )
 
 
 def order_there_and_back(levels: Sequence[int]) -> tuple[int, ...]:

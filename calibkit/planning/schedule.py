@@ -31,6 +31,7 @@ class Action:
     ramp_degc_per_min: float = _NONE
     inclination_deg: float = _NONE
     toolface_deg: float = _NONE
+    azimuth_deg: float = _NONE
     table_rate_dps: float = _NONE
     duration_s: float = 0.0
     log: str = ""
@@ -88,10 +89,11 @@ def read_schedule(text: str, name: str) -> Schedule:
     actions = []
     for number, row in enumerate(rows[1:], start=2):
         try:
-            numbers = [float(cell) if cell else _NONE for cell in (row[0], *row[2:8])]
-            start, degc, ramp, tilt, roll, rate, duration = numbers
+            numbers = [float(cell) if cell else _NONE for cell in (row[0], *row[2:9])]
+            start, degc, ramp, tilt, roll, azimuth, rate, duration = numbers
             kind: Any = row[1]
-            actions.append(Action(start, kind, degc, ramp, tilt, roll, rate, duration, row[8]))
+            held = (tilt, roll, azimuth, rate, duration)
+            actions.append(Action(start, kind, degc, ramp, *held, row[9]))
         except (ValueError, IndexError):
             raise CoefficientError(
                 f"{name}:{number}: not an action of a schedule",
@@ -144,9 +146,9 @@ class Clock:
         self._add("soak", duration_s, log)
 
     def dwell(self, spot: Sequence[float], duration_s: float, log: str) -> None:
-        """Hold an attitude: inclination and toolface [°]."""
-        tilt, roll = spot
-        self._add("dwell", duration_s, log, inclination_deg=tilt, toolface_deg=roll)
+        """Hold an attitude: inclination and toolface [°], and azimuth [°] where it matters."""
+        names = ("inclination_deg", "toolface_deg", "azimuth_deg")
+        self._add("dwell", duration_s, log, **dict(zip(names, spot, strict=False)))
 
     def rate(self, rate_dps: float, duration_s: float, log: str) -> None:
         """Hold a rate of the table [°/s]."""

@@ -19,7 +19,13 @@ from calibkit.numeric.information import find_information
 from calibkit.numeric.least_squares import polynomial
 from calibkit.numeric.least_squares.components import Effect, Known
 from calibkit.planning import recipe_text
-from calibkit.planning.linear import LEVELS, Results, assume_errors, order_there_and_back
+from calibkit.planning.linear import (
+    LEVELS,
+    Results,
+    assume_errors,
+    order_there_and_back,
+    read_components,
+)
 from calibkit.planning.proposal import (
     NOTHING,
     ONE_LEVEL_DEGC,
@@ -36,20 +42,20 @@ from calibkit.planning.proposal import (
     find_front,
 )
 from calibkit.planning.schedule import Clock
-from calibkit.recipe.tables import ErrorComponent
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Sequence
 
     from calibkit.arrays import Array, Integers
-    from calibkit.coefficients import Record, StageResult
     from calibkit.frame import Log
     from calibkit.instruments.bias_temperature.recipe import BiasTemperatureRecipe
     from calibkit.numeric.information import Information
     from calibkit.planning.equipment import Device
     from calibkit.planning.schedule import Schedule
+    from calibkit.recipe.tables import ErrorComponent
 
 RANGE_DEGC = (-40.0, 60.0)
+FILE = "bias.json"
 TURN_ON = (GROUP, EFFECTS[0])
 MORE_LEVELS = 4
 """Temperatures that the search takes at most beyond one more than the order needs."""
@@ -59,8 +65,6 @@ MOST_ADDED = 3
 """Temperatures that are added to what is measured, of which every choice is tried."""
 BLOCKS = 64
 """Parts of a measured log whose mean temperatures are taken."""
-DOF = 20.0
-"""Degrees of freedom of what an earlier run found."""
 RESTART = "the instrument is switched off and on before each log that a fit sees"
 
 
@@ -224,7 +228,8 @@ def _prepare(spec: BiasTemperatureRecipe, task: Task) -> _Bench:
     low, high = range_degc = task.range_degc or RANGE_DEGC
     task.equipment.require_reached(low, high)
     unit = device.noise_unit
-    earlier = _read_turn_on(task.earlier) if task.earlier is not None else ()
+    seen = () if task.earlier is None else read_components(task.earlier, FILE, spec.procedure)
+    earlier = [one for one in seen if (one.group, one.effect) == TURN_ON]
     stated = assume_errors(spec, device, earlier, {TURN_ON: unit})
     found = stated.get(TURN_ON)
     size = Known(found.value_in(unit), found.dof) if found else Known(0.0)
@@ -236,25 +241,6 @@ def _prepare(spec: BiasTemperatureRecipe, task: Task) -> _Bench:
     )
     have = _measure(task.have, own.abscissa, device)
     return _Bench(task, device, order, range_degc, tuple(stated.values()), size, results, have)
-
-
-def _read_turn_on(records: Mapping[str, Record | StageResult]) -> Iterator[ErrorComponent]:
-    """The turn-on bias of a run, where it was seen; UsageError for a run of another procedure."""
-    if "bias.json" not in records:
-        raise UsageError(
-            "that run has no bias of a static instrument", hint="name a run of bias_temperature"
-        )
-    seen = [
-        one
-        for model in records["bias.json"].models
-        for one in model.components
-        if (one.group, one.effect) == TURN_ON and one.value > one.standard_uncertainty
-    ]
-    if seen:
-        largest = max(seen, key=lambda one: one.value)
-        yield ErrorComponent(
-            group=GROUP, effect=EFFECTS[0], value=largest.value, unit=largest.unit, dof=DOF
-        )
 
 
 def _measure(logs: Sequence[Log], abscissa: str, device: Device) -> _Rows:

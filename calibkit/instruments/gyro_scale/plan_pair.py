@@ -114,7 +114,7 @@ class _PairBench:
         for axis in self.missing if design.rates else ():
             if axis != self.missing[0]:
                 clock.remount(task.equipment.fastest(self.runs.device))
-            name = name_log(task, axis)
+            name = _log_about(task, axis)
             self.runs.run_at(clock, design, round(self.runs.reference_degc), name)
             if axis == self.missing[0] and not task.withheld:
                 name = f"{WITHHELD}{name}"
@@ -122,7 +122,7 @@ class _PairBench:
         return clock.schedule()
 
 
-def name_log(task: Task, axis: str) -> str:
+def _log_about(task: Task, axis: str) -> str:
     """Log of the run about an axis."""
     return task.name_log(f"table_axis_{axis}.csv")
 
@@ -137,7 +137,7 @@ def propose(spec: GyroPairRecipe, task: Task) -> tuple[Proposal, tuple[Wish, ...
     design: Design = best.design
     predicted = bench.predict(bench.campaign(design))
     stated = [one for one in bench.runs.components if (one.group, one.effect) == planned.MOUNTING]
-    logs = {f"axis_{axis}": name_log(task, axis) for axis in bench.missing}
+    logs = {f"axis_{axis}": _log_about(task, axis) for axis in bench.missing}
     sizes = {one.name: one.largest_u for one in predicted}
     return Proposal(
         best.label,

@@ -29,6 +29,7 @@ from calibkit.instruments.inclinometer.forms import SCALE
 from calibkit.instruments.inclinometer.propose import propose
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.left_out import LeftOut
+from calibkit.planning.proposal import Planner
 from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary
 
@@ -245,6 +246,13 @@ def _simulate(seed: int) -> Campaign:
     return campaign(seed)
 
 
+def _planner() -> Planner:
+    """How campaigns are planned."""
+    from calibkit.instruments.inclinometer import plan, simulate_plan
+
+    return Planner(plan.propose, plan.judge, simulate_plan.campaign)
+
+
 INSTRUMENT = Instrument(
     recipe=InclinometerRecipe,
     read=_read,
@@ -261,4 +269,5 @@ INSTRUMENT = Instrument(
     key_figures=(r"inclinometer_scale\.s_\w", r"inclinometer_scale\.\w\.(s\d|residual_rms)"),
     campaigns={"inclinometer": _simulate},
     propose=propose,
+    planner=_planner,
 )

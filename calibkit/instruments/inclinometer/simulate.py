@@ -73,8 +73,8 @@ class Tool:
         """Log columns of n stations, four rows per station, and the true scale factors of both
         pairs [n, 2].
         """
-        gravity = _rotated(attitudes, np.array([0.0, 0.0, 1.0]))
-        rate = _rotated(attitudes, earth.north_east_down(latitude_deg))
+        gravity = rotated(attitudes, np.array([0.0, 0.0, 1.0]))
+        rate = rotated(attitudes, earth.north_east_down(latitude_deg))
         count = temp_degc.size
         turned = POSITIONS_DEG + self.index_deg * rng.normal(0.0, 1.0, (count, 4))
         numbers = np.arange(count)
@@ -139,7 +139,7 @@ def draw(rng: np.random.Generator, *, gyro_noise_dph: float, ideal: bool) -> _Se
     )
 
 
-def _rotated(attitudes: Attitudes, north_east_down: Array) -> Array:
+def rotated(attitudes: Attitudes, north_east_down: Array) -> Array:
     """Vector [3] in the axes of the tool at n stations [n, 3]: R_z(φ) R_y(θ) R_z(ψ), passive."""
     theta, phi, psi = (
         np.radians(angle)
@@ -166,7 +166,7 @@ def _scale(pair: _SensorPair, temp_degc: Array, rng: np.random.Generator) -> Arr
     )
 
 
-def _resolve_along(vectors: Array, direction_deg: Array, tilt_deg: float) -> Array:
+def resolve_along(vectors: Array, direction_deg: Array, tilt_deg: float) -> Array:
     """Components [n, 4] of vectors [n, 3] along a sensor axis at directions [n, 4] [°] about the
     tool axis, tilted out of the plane across the tool.
     """
@@ -192,13 +192,13 @@ def _readings(
     """
     direction = nominal_deg + turned_deg + pair.axis_deg
     accel = (
-        _resolve_along(gravity, direction, pair.axis_tilt_deg) * (1.0 + pair.accel_scale)
+        resolve_along(gravity, direction, pair.axis_tilt_deg) * (1.0 + pair.accel_scale)
         + pair.accel_bias_g
     )
     bias = pair.bias_dph + pair.bias_dph_per_degc * (temp_degc - REFERENCE_DEGC)
     walk = np.cumsum(pair.bias_walk_dph * rng.normal(0.0, 1.0, turned_deg.shape), axis=1)
     gyro = (
-        _resolve_along(rate_dph, direction, pair.axis_tilt_deg) / s[:, None] + bias[:, None] + walk
+        resolve_along(rate_dph, direction, pair.axis_tilt_deg) / s[:, None] + bias[:, None] + walk
     )
     noise = rng.normal(0.0, 1.0, (2, *turned_deg.shape))
     return accel + pair.accel_noise_g * noise[0], gyro + pair.gyro_noise_dph * noise[1]

@@ -116,12 +116,12 @@ def fit_scale(
     """
     status = {}
     for axis in spec.axes:
-        first = _solve_in_sequence(stations, spec, axis)
+        first = solve_in_sequence(stations, spec, axis)
         _require_plausible(first, stations, spec, axis)
         status[axis] = _refuse_contradictions(first, stations.status[axis], spec)
     kept = replace(stations, status=status)
     fits = {
-        axis: _fit_over_temperature(_solve_in_sequence(kept, spec, axis), kept, spec, axis)
+        axis: _fit_over_temperature(solve_in_sequence(kept, spec, axis), kept, spec, axis)
         for axis in spec.axes
     }
     turn_deg = max(scale.model.turn_deg for scale in fits.values())
@@ -156,7 +156,7 @@ def seek_north(
         kept = replace(kept, status=status)
 
 
-def _solve_in_sequence(stations: Stations, spec: InclinometerRecipe, axis: Sensor) -> Solution:
+def solve_in_sequence(stations: Stations, spec: InclinometerRecipe, axis: Sensor) -> Solution:
     """Solve the stations of one sensor pair in order, with the history of s as prior."""
     return scale_prior.predict_in_sequence(
         stations.components[axis],
