@@ -5,7 +5,7 @@ simulated truth.
 
 Each gyro's true drift on ±1, ±5, ±10 °C/min with white and flicker noise, 1 Hz. Every method has
 one setting for all logs, which is the best of its list on other gyros. Printed: rms error [°/h]
-over all logs, in the first and last ten minutes, and time over that of PyWavelets. Exit code 1
+over all logs, in the first and last ten minutes, and speed over that of PyWavelets. Exit code 1
 where another method has less error than the recipe's default, or this is not 15 % below the
 denoising of each segment by itself.
 """
@@ -155,10 +155,10 @@ def main() -> int:
     found = judged(acts, range(first, first + count))
     reference = found["PyWavelets"][1]
     print(f"{count} gyros, {2 * len(RATES) * count} logs; rms error [°/h]")
-    print("| method (setting chosen on other gyros) | error | at the ends | time / PyWavelets |")
+    print("| method (setting chosen on other gyros) | error | at the ends | speed / PyWavelets |")
     print("|---|---|---|---|")
     for name, ((error, ends), taken) in found.items():
-        print(f"| {labels[name]} | {error:.4f} | {ends:.4f} | {taken / reference:.2f} |")
+        print(f"| {labels[name]} | {error:.4f} | {ends:.4f} | {reference / taken:.2f} |")
     own = found[DEFAULT][0][0]
     others = [error[0] for name, (error, _) in found.items() if name != DEFAULT]
     return int(own > min(others) or own > 0.85 * found[SEGMENTS][0][0])

@@ -15,7 +15,7 @@ FURTHER = {"g": "table over temperature", "h": "hysteresis", "w": "warm-up"}
 """Further terms of a bank, and what they describe."""
 ASKED = 1.0
 """Increase of the logarithm of the evidence from which a further term is tested on left-out ramps:
-odds of 3 to 1. Left-out ramps decide.
+odds of 3 to 1. All logs together tell a hysteresis, by their levels, before a single ramp shows it.
 """
 
 
@@ -45,8 +45,8 @@ class Grown:
 
 
 def grow(stacked: Stack, robust: Array, *, one_sided: bool) -> Iterator[Grown]:
-    """Bank of lags, then with one further term after the other, as long as the evidence asks for it
-    and left-out ramps come out better. Ramps of one direction show no hysteresis.
+    """Bank of lags, then with one further term after the other, the likeliest first, as long as one
+    helps. Ramps of one direction show no hysteresis.
     """
     groups = Groups.of_stack(stacked, robust)
     here = Grown("", bank_fit.solve(bank_fit.state_problem(stacked, groups)))
@@ -55,16 +55,14 @@ def grow(stacked: Stack, robust: Array, *, one_sided: bool) -> Iterator[Grown]:
         tried = {letter: _with_term(here, letter, stacked) for letter in sorted(left)}
         before = here.solution.posterior.log_integral
         gains = {name: one.posterior.log_integral - before for name, one in tried.items()}
-        letter = max(gains, key=lambda name: gains[name])
-        # initial states that the term leaves no need for would hide what it explains
-        unsettled = tried[letter].unsettled
-        errors = [_mean_square(one, own_start=unsettled) for one in (tried[letter], here.solution)]
-        if gains[letter] < ASKED or errors[0] >= errors[1]:
+        likeliest = sorted(gains, key=lambda name: -gains[name])
+        letter = next((k for k in likeliest if _helps(here.solution, tried[k], gains[k])), "")
+        if not letter:
             found = (
                 Unmodelled(
                     FURTHER[name],
                     tried[name].change_from(here.solution),
-                    1.0 / (1.0 + np.exp(-gain)),
+                    float(1.0 / (1.0 + np.exp(-gain))),
                 )
                 for name, gain in gains.items()
             )
@@ -76,18 +74,30 @@ def grow(stacked: Stack, robust: Array, *, one_sided: bool) -> Iterator[Grown]:
     yield here
 
 
+def _helps(before: bank_fit.Solution, after: bank_fit.Solution, gain: float) -> bool:
+    """Whether the evidence asks for a term and left-out ramps do not speak against it, by more than
+    a standard error of the difference ramp by ramp.
+    """
+    if gain < ASKED:
+        return False
+    # initial states that the term leaves no need for would hide what it explains
+    squares = [_left_out_squares(one, own_start=after.unsettled) for one in (after, before)]
+    more = squares[0] - squares[1]
+    return bool(more.mean() < np.std(more, ddof=1) / np.sqrt(more.size))
+
+
 def _with_term(here: Grown, letter: str, stacked: Stack) -> bank_fit.Solution:
     """Fit with one more term, at the static lag without it."""
     problem = bank_fit.state_problem(stacked, here.solution.problem.groups, here.letters + letter)
     return bank_fit.solve_at(problem, here.solution.lag, here.solution.posterior.theta)
 
 
-def _mean_square(solution: bank_fit.Solution, *, own_start: bool) -> float:
-    """Mean over the ramps of the variance of the error on each left-out ramp, in groups of
-    blocks, with the initial state of the ramp or without.
+def _left_out_squares(solution: bank_fit.Solution, *, own_start: bool) -> Array:
+    """Variance [ramps] of the error on each left-out ramp, in groups of blocks, with the initial
+    state of the ramp or without.
     """
     predicted, own = solution.leave_out(), solution.problem
     if own_start:
         predicted = solution.with_own_start(predicted)
     errors = left_out_errors(predicted, own.stacked, own.groups.weights, FIGURE_BLOCKS)
-    return float(np.mean([np.var(error) for error in errors]))
+    return np.array([np.var(error) for error in errors])

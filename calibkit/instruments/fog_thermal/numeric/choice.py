@@ -190,8 +190,8 @@ def _with_model_error(
     """
     likely = (
         f"{one.name} is likely, which would change the drift by some {one.size:.2g} deg/h, but"
-        " left-out ramps do not come out better with it: it is not modelled and is in the"
-        " uncertainty"
+        " the logs do not ask for it clearly, or left-out ramps speak against it: it is not"
+        " modelled and is in the uncertainty"
         for one in unmodelled
         if one.probability > LIKELY
     )
