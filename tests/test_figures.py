@@ -5,6 +5,7 @@ import sys
 
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
@@ -53,6 +54,31 @@ def test_a_drawing_of_the_web_page_is_as_if_every_place_had_been_searched_for(mo
     assert "in red" in quick[0][0]
     monkeypatch.setattr(figures, "_settle", lambda figure: None)
     assert quick == drawn()
+
+
+@pytest.mark.parametrize(("factor", "named"), [(1.0, True), (1.0, False), (1e-7, True)])
+def test_panels_stand_where_a_constrained_layout_puts_them_and_are_measured_once(
+    monkeypatch, factor, named
+):
+    """To 2 pt, which are the hints of the fonts of a screen; each panel's words are measured
+    once.
+    """
+    searched, placed = (two_panels(factor, named=named) for _ in range(2))
+    FigureCanvasAgg(searched).draw()
+    measured, measure = [], Axes.get_tightbbox
+
+    def counted(ax, *given, **named_ones):
+        measured.append(ax)
+        return measure(ax, *given, **named_ones)
+
+    monkeypatch.setattr(Axes, "get_tightbbox", counted)
+    figures.settle([placed])
+    svg.inline([placed])
+    assert measured == placed.axes
+    points = np.tile(placed.get_size_inches(), 2) * 72.0
+    for one, other in zip(placed.axes, searched.axes, strict=True):
+        moved = (one.get_position().extents - other.get_position().extents) * points
+        assert np.all(np.abs(moved) < 2.0), moved
 
 
 CHARTS = {

@@ -43,6 +43,8 @@ WIDE_FILES = ("notosanscjk", "wqy-zenhei", "msyh", "simhei", "pingfang", "source
 WIDE = "\u2e80"
 """From here on letters are not in the font that matplotlib brings."""
 
+POINTS = 72.0
+"""Units of an SVG in an inch."""
 STYLE: Any = {
     "font.size": 9.0,
     "axes.titlesize": 10.0,
@@ -158,15 +160,17 @@ def pdf(figures: Sequence[Figure]) -> bytes:
 
 
 def settle(figures: Sequence[Figure]) -> None:
-    """Lay figures out, as for a PDF: what is drawn of them later stands at the same places."""
+    """Lay figures out: what is drawn of them later as SVG stands at these places."""
+    from calibkit.report import places, svg_canvas
+
     with drawing():
         for figure in figures:
             literal(figure)
             _settle(figure)
-            engine = figure.get_layout_engine()
-            if engine is not None:
-                # a whole drawing would lay it out too, and draw what is drawn later
-                engine.execute(figure)
+            if figure.get_layout_engine() is not None:
+                figure.set_layout_engine("none")
+                figure.dpi = POINTS
+                places.arrange(figure, svg_canvas.Renderer(*figure.bbox.size, io.StringIO()))
 
 
 def _settle(figure: Figure) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.report.figures import drawing, literal
+from calibkit.report.figures import POINTS, drawing, literal
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -143,17 +143,18 @@ def _svg(figure: Figure, prefix: str) -> str:
 
     import matplotlib as mpl
 
-    from calibkit.report.svg_canvas import FigureCanvasSVG
+    from calibkit.report.svg_canvas import Renderer
 
     literal(figure)
     figure.set_layout_engine("none")
     for number, ax in enumerate(figure.axes):
         ax.set_gid(f"panel{number}")
     buffer = io.StringIO()
-    without_clock = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+    figure.dpi = POINTS
     with drawing(), mpl.rc_context({"svg.fonttype": "none"}):
-        # savefig would draw it twice, once for the layout that it has
-        FigureCanvasSVG(figure).print_svg(buffer, metadata=without_clock)  # type: ignore[no-untyped-call] # typed in parts
+        renderer = Renderer(*figure.bbox.size, buffer)
+        figure.draw(renderer)
+        renderer.finalize()  # type: ignore[no-untyped-call]
     root = ET.fromstring(buffer.getvalue())  # noqa: S314 - what matplotlib has just written
     _plain(root, prefix)
     for number, ax in enumerate(figure.axes):
