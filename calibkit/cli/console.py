@@ -221,7 +221,8 @@ def print_screen(
     from calibkit.report.summary import STYLES
 
     console = _console()
-    log_line("summary", summary.text())
+    if SETTINGS.log:
+        log_line("summary", summary.text())
     for line in compose_screen(summary, tail, console.width, most=MOST - below):
         verdict = bool(line) and summary.last_line.startswith(line)
         style = STYLES[summary.verdict] if verdict else ""

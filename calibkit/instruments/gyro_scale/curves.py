@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Self
 
 import numpy as np
@@ -125,10 +126,10 @@ class GyroReport:
                 MRAD * found.misalignment_uncertainty[g, a],
             )
 
-        gyros = fitted.gyros
+        gyros, set_curve = fitted.gyros, partial(_set_curve, fitted, *_over_temperature(fitted))
         angles = tuple(
             replace(
-                _set_curve(f"{gyros[g]}, {gyros[h]}", fitted, orthogonality(g, h)),
+                set_curve(f"{gyros[g]}, {gyros[h]}", orthogonality(g, h)),
                 coverage_factor=gum.coverage_factor(
                     min(float(one.triad.angle_dof[g, h]) for one in fitted.sets)
                 ),
@@ -136,7 +137,7 @@ class GyroReport:
             for g, h in fitted.pairs
         )
         across = tuple(
-            _set_curve(f"{gyros[g]} to {axis}", fitted, component(g, a))
+            set_curve(f"{gyros[g]} to {axis}", component(g, a))
             for g, own in main
             for a, axis in enumerate(forms.AXES)
             if a != own
@@ -182,18 +183,27 @@ def _temperature_curve(
     )
 
 
+def _over_temperature(fitted: triad_fit.AxesFit) -> tuple[Array, list[gyro_triad.Triad]]:
+    """Temperatures [°C] at which curves are drawn, and the triad at each; none without a fit over
+    temperature.
+    """
+    if fitted.over is None:
+        return np.zeros(0), []
+    grid = np.linspace(*fitted.over.valid_degc, 61)
+    return grid, [fitted.over.at(degc) for degc in grid.tolist()]
+
+
 def _set_curve(
-    name: str,
     fitted: triad_fit.AxesFit,
+    grid: Array,
+    between: Sequence[gyro_triad.Triad],
+    name: str,
     quantity: Callable[[gyro_triad.Triad], tuple[float, float]],
 ) -> Curve:
-    """A quantity, given as value and standard uncertainty of a triad, for every set and over
-    temperature.
+    """A quantity, given as value and standard uncertainty of a triad, for every set, and of the
+    triads at the temperatures of a grid.
     """
     value, u = np.array([quantity(one.triad) for one in fitted.sets]).T
     temperature = np.array([one.temp_degc for one in fitted.sets])
-    if fitted.over is None:
-        return Curve(name, temperature, value, u, *np.zeros((3, 0)))
-    grid = np.linspace(*fitted.over.valid_degc, 61)
-    curve, u_curve = np.array([quantity(fitted.over.at(float(degc))) for degc in grid]).T
+    curve, u_curve = np.array([quantity(one) for one in between]).reshape(-1, 2).T
     return Curve(name, temperature, value, u, grid, curve, u_curve)

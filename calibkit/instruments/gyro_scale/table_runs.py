@@ -58,6 +58,13 @@ class TableRun:
     plateaus: plateau_means.Plateaus
     scales: scale_factor.RunScales
     flags: tuple[str, ...]
+    temp_range: tuple[float, float]
+    """Lowest and highest row temperature [°C]: of the whole run where it was isothermal, else of
+    its held rates; NaN where none was logged.
+
+    The calibrated range is that of the soak's rows, not of their mean: it contains all rows of the
+    run.
+    """
 
     def scale(self, gyro: str) -> scale_factor.ScaleFactor:
         """Scale factor of one gyro."""
@@ -77,24 +84,6 @@ class TableRun:
     def temp_degc(self) -> float:
         """Mean temperature [°C] of the held rates; NaN where none was logged."""
         return float(self.plateaus.temp_degc.mean())
-
-    @property
-    def temp_range(self) -> tuple[float, float]:
-        """Lowest and highest row temperature [°C]: of the whole run where it was isothermal, else
-        of its held rates.
-
-        The calibrated range is that of the soak's rows, not of their mean: it contains all rows of
-        the run.
-        """
-        if forms.TEMPERATURE not in self.log.frame.columns:
-            return float("nan"), float("nan")
-        temperature = anomalies.remove_spikes(
-            values(self.log.frame, forms.TEMPERATURE), allocate=self.log.allocate
-        )
-        ends = [chunks.extremes(temperature)]
-        if ends[0][1] - ends[0][0] > ONE_SOAK_DEGC:
-            ends = [chunks.extremes(temperature[a:b]) for a, b in self.plateaus.span.tolist()]
-        return min(low for low, _ in ends), max(high for _, high in ends)
 
 
 def read(spec: AnyRecipe, data: Path, file: str, reader: logs.Reader = logs.read_log) -> Log:
@@ -149,8 +138,21 @@ def fit_run(spec: AnyRecipe, log: Log) -> TableRun:
         raise FitError(f"{log.file}: {error.message}", hint=error.hint) from None
     notes = (f"{log.file}: {note}" for note in (*log.notes, *held.flags))
     flags = (*notes, *(str(finding) for finding in found if finding.flagged))
-    run = TableRun(log, spec.gyros, held, scales, flags)
+    run = TableRun(log, spec.gyros, held, scales, flags, _temp_range(log, held))
     return replace(run, flags=(*flags, *_flag_terms(run)))
+
+
+def _temp_range(log: Log, held: plateau_means.Plateaus) -> tuple[float, float]:
+    """Lowest and highest row temperature [°C] of a run, NaN where none was logged."""
+    if forms.TEMPERATURE not in log.frame.columns:
+        return float("nan"), float("nan")
+    temperature = anomalies.remove_spikes(
+        values(log.frame, forms.TEMPERATURE), allocate=log.allocate
+    )
+    ends = [chunks.extremes(temperature)]
+    if ends[0][1] - ends[0][0] > ONE_SOAK_DEGC:
+        ends = [chunks.extremes(temperature[a:b]) for a, b in held.span.tolist()]
+    return min(low for low, _ in ends), max(high for _, high in ends)
 
 
 def _flag_terms(run: TableRun) -> Iterator[str]:
