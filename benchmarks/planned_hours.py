@@ -21,6 +21,7 @@ ASKED = {
     "accelerometer": ("inclination", "deg", (-20.0, 125.0), "0.1"),
     "bias_temperature": ("drift", "deg/h", (-40.0, 60.0), "10"),
     "inclinometer": ("azimuth", "deg", (20.0, 120.0), "10"),
+    "gyro_noise": ("bias instability", "deg/h", None, "10"),
     "gyro_pair": ("N", "ppm", None, "1000"),
     "fog_thermal": ("drift", "deg/h", (-40.0, 60.0), "10"),
     "rate_table": ("scale factor", "ppm", (-40.0, 60.0), "1000"),

@@ -198,12 +198,12 @@ def test_memory_stays_at_one_more_record():
 
 def test_averaging_factors_are_spaced_as_asked():
     """Octaves and decades run from one sample to a third of the record, without repetition."""
-    np.testing.assert_array_equal(allan._averaging_factors(130), [1, 2, 4, 8, 16, 32])
+    np.testing.assert_array_equal(allan.averaging_factors(130), [1, 2, 4, 8, 16, 32])
     np.testing.assert_array_equal(
-        allan._averaging_factors(3000, spacing="decade"), [1, 10, 100, 1000]
+        allan.averaging_factors(3000, spacing="decade"), [1, 10, 100, 1000]
     )
     np.testing.assert_array_equal(
-        allan._averaging_factors(30, spacing="decade", points=4), [1, 2, 3, 6, 10]
+        allan.averaging_factors(30, spacing="decade", points=4), [1, 2, 3, 6, 10]
     )
 
 

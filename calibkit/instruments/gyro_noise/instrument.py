@@ -23,6 +23,7 @@ from calibkit.instruments.gyro_noise.forms import read_deviation, read_term
 from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe
 from calibkit.instruments.gyro_noise.sensors import ACCELEROMETER, find_sensor
 from calibkit.left_out import LeftOut
+from calibkit.planning.proposal import Planner
 from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary
 from calibkit.sensitivities import Kind, Sensitivity
@@ -266,6 +267,13 @@ def _is_steady(spec: GyroNoiseRecipe, folder: Path, file: str) -> bool:
     )
 
 
+def _planner() -> Planner:
+    """How records are planned."""
+    from calibkit.instruments.gyro_noise import plan
+
+    return Planner(plan.propose, plan.judge, plan.simulate)
+
+
 INSTRUMENT = Instrument(
     recipe=GyroNoiseRecipe,
     read=_read,
@@ -280,4 +288,5 @@ INSTRUMENT = Instrument(
     key_figures=(r"gyro_noise\.(?!allan_deviation|wavelet_deviation).+",),
     campaigns={"gyro_noise": _simulate},
     propose=_propose,
+    planner=_planner,
 )

@@ -119,7 +119,7 @@ def overlapping(
         raise FitError(f"noise type '{noise}'", hint=f"expected identify or {', '.join(TYPES)}")
     runs = _whole_runs(rate)
     if tau_s is None:
-        wanted = _averaging_factors(rate.size, spacing=spacing, points=points)
+        wanted = averaging_factors(rate.size, spacing=spacing, points=points)
         factors = wanted[2 * wanted <= runs.max()]
     else:
         factors = _factors_of(tau_s, interval_s, int(runs.max()))
@@ -144,7 +144,7 @@ def overlapping(
     )
 
 
-def _averaging_factors(samples: int, *, spacing: Spacing = "octave", points: int = 1) -> Integers:
+def averaging_factors(samples: int, *, spacing: Spacing = "octave", points: int = 1) -> Integers:
     """Whole averaging factors [m] from 1 to a third of the samples, evenly spaced in logarithm, no
     two equal.
     """

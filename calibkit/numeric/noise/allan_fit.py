@@ -160,6 +160,16 @@ def fit_noise(curve: DeviationCurve, laws: tuple[PowerLaw, ...] = LAWS) -> Noise
     return NoiseFit(tuple(terms), tuple(absent), curve.tau_s, model, attempt.misfit, flags)
 
 
+def weigh(curve: DeviationCurve, coefficients: Array) -> tuple[Array, Array, Array]:
+    """Design [m, 5], covariance [m, m] and variances of the weights [m] of the Allan variances of a
+    curve that is exactly that of coefficients [5].
+    """
+    _require_curve(curve)
+    record = _record(curve, 0)
+    covariance = _covariance(record, coefficients)
+    return record.design, covariance, np.diag(covariance) + (MODEL_ERROR * record.variance) ** 2
+
+
 def _first_that_fits(curve: DeviationCurve) -> _Attempt:
     """The fit that leaves out the fewest of the shortest averaging times to be credible, or the fit
     to all of them.
@@ -324,18 +334,18 @@ def _fitted(record: _Record, allowed: Mask) -> tuple[Array, Array, Array]:
     """
     design, variance = record.design, record.variance
     spread = record.start + (MODEL_ERROR * variance) ** 2
-    coefficients = _non_negative(design, variance, spread, allowed)
+    coefficients = non_negative(design, variance, spread, allowed)
     covariance = _covariance(record, coefficients)
     for _ in range(ITERATIONS):
         spread = np.diag(covariance) + (MODEL_ERROR * (design @ coefficients)) ** 2
-        last, coefficients = coefficients, _non_negative(design, variance, spread, allowed)
+        last, coefficients = coefficients, non_negative(design, variance, spread, allowed)
         covariance = _covariance(record, coefficients)
         if np.allclose(coefficients, last, rtol=1e-6, atol=0.0):
             break
     return coefficients, spread, covariance
 
 
-def _non_negative(design: Array, variance: Array, spread: Array, allowed: Mask) -> Array:
+def non_negative(design: Array, variance: Array, spread: Array, allowed: Mask) -> Array:
     """Weighted least squares with non-negative coefficients [5], zero where not allowed (Lawson &
     Hanson 1974).
     """

@@ -1,0 +1,44 @@
+"""What a record of a length will tell of its noise terms."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from calibkit.arrays import Array
+from calibkit.numeric.noise import allan_fit
+from calibkit.numeric.noise.allan import DeviationCurve, Spacing, averaging_factors
+from calibkit.numeric.noise.laws import LAWS
+
+DRAWS = 400
+"""Curves of which a prediction is made."""
+
+
+def predict_terms(
+    coefficients: Sequence[float],
+    samples: int,
+    interval_s: float,
+    *,
+    spacing: Spacing = "octave",
+    points: int = 1,
+    seed: int = 1,
+) -> Array:
+    """Predicted standard uncertainties [5] of the square roots of coefficients [5] of the laws that
+    a record without gaps will show.
+
+    The coefficients cannot be negative, so that errors do not propagate linearly: they are the rms
+    error of fits to DRAWS curves, with normal errors of the covariance that the noise has.
+    """
+    true = np.asarray(coefficients, dtype=np.float64)
+    factor = averaging_factors(samples, spacing=spacing, points=points)
+    tau = np.asarray(factor * interval_s, dtype=np.float64)
+    variance = tau[:, None] ** np.array([float(law.exponent) for law in LAWS]) @ true
+    ones, deviation = np.ones(tau.size), np.sqrt(variance)
+    curve = DeviationCurve(
+        *("overlapping Allan", interval_s, samples, factor, tau, deviation),
+        *(samples - 2 * factor + 1, (), ones, deviation, deviation, 0.0),
+    )
+    design, covariance, spread = allan_fit.weigh(curve, true)
+    drawn = np.random.default_rng(seed).multivariate_normal(variance, covariance, DRAWS)
+    active = np.ones(true.size, dtype=np.bool_)
+    found = [allan_fit.non_negative(design, one, spread, active) for one in drawn]
+    return np.asarray(np.sqrt(np.mean((np.sqrt(found) - np.sqrt(true)) ** 2, axis=0)))
