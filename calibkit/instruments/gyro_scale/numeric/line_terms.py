@@ -3,9 +3,9 @@ that drifts with time, scale factor and zero that follow temperature, asymmetry 
 directions.
 """
 
-from collections.abc import Mapping
+import functools
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 
@@ -31,6 +31,8 @@ STOPPED = 1e-6
 """Largest rate of a table at rest, relative to the largest rate of the run."""
 BOTH_WAYS = 2.0
 """Range of the signs of rates of both directions."""
+FEW = 100
+"""Rates of a run up to which what they alone determine is found once for all its gyros."""
 ALIKE = 0.02
 """Share of a term that the other terms must leave over, for the data to tell it."""
 
@@ -46,31 +48,40 @@ class Solved:
     taken_out: Array
     """[p, p], from indications to what time and temperature added to them."""
 
-    @classmethod
-    def of(cls, rate_dps: Array, terms: Mapping[str, Array]) -> Self:
-        """Solution for terms by name, with columns [p, k]."""
-        design = np.column_stack((rate_dps, np.ones_like(rate_dps), *terms.values()))
-        solver = np.linalg.pinv(design)
-        own = np.ones(len(solver), dtype=np.bool_)
-        own[:2] = False
-        first = 2
-        for name, columns in terms.items():
-            own[first : first + columns.shape[1]] = name in DRIFTS
-            first += columns.shape[1]
-        return cls(design, solver, design[:, own] @ solver[own])
+    results: Array
+    """[4, p], from indications to K and F0 of the best straight line of what is left, to the
+    indication at rest of the model, and to that of the held zero rates (the former again where
+    none is held).
+    """
 
-    def results(self) -> Array:
-        """Matrix [4, p] from indications to K and F0 of the best straight line of what is left, to
-        the indication at rest of the model, and to that of the held zero rates (the former again
-        where none is held).
-        """
-        line, rate = self.design[:, :2], self.design[:, 0]
-        left = np.eye(rate.size) - self.taken_out
-        straight = np.linalg.pinv(line) @ left
-        held = at_rest(rate)
-        mean = held / max(int(held.sum()), 1)
-        stopped = mean @ left - (mean @ rate) * straight[0] if held.any() else self.solver[1]
-        return np.vstack((straight, self.solver[1], stopped))
+
+def _solve(rate_dps: Array, terms: Mapping[str, Array]) -> Solved:
+    """Solution for terms by name, with columns [p, k]."""
+    design = np.column_stack((rate_dps, np.ones_like(rate_dps), *terms.values()))
+    drifts = [name in DRIFTS for name, columns in terms.items() for _ in columns.T]
+    if len(design) > FEW:
+        return _solve_design(design, drifts)
+    return _solve_few(design.tobytes(), design.shape[1], tuple(drifts))
+
+
+@functools.lru_cache(1024)
+def _solve_few(design: bytes, columns: int, drifts: tuple[bool, ...]) -> Solved:
+    """The same of the bytes of a design."""
+    return _solve_design(np.frombuffer(design).reshape(-1, columns), drifts)
+
+
+def _solve_design(design: Array, drifts: Sequence[bool]) -> Solved:
+    """Solution of a design of Ω, 1 and columns, of which some are drifts."""
+    solver: Array = np.asarray(np.linalg.pinv(design))
+    own = np.array([False, False, *drifts])
+    taken_out = design[:, own] @ solver[own]
+    line, rate = design[:, :2], design[:, 0]
+    left = np.eye(rate.size) - taken_out
+    straight = np.linalg.pinv(line) @ left
+    held = at_rest(rate)
+    mean = held / max(int(held.sum()), 1)
+    stopped = mean @ left - (mean @ rate) * straight[0] if held.any() else solver[1]
+    return Solved(design, solver, taken_out, np.vstack((straight, solver[1], stopped)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +125,7 @@ def choose(rate_dps: Array, indication: Array, candidates: Mapping[str, Array]) 
     """
     line = np.column_stack((rate_dps, np.ones_like(rate_dps)))
     included, others = ask(line, indication, dict(candidates) | shapes(rate_dps))
-    solved = Solved.of(rate_dps, included)
+    solved = _solve(rate_dps, included)
     found, terms = solved.solver @ indication, {}
     first = 2
     for name, columns in included.items():
@@ -123,7 +134,7 @@ def choose(rate_dps: Array, indication: Array, candidates: Mapping[str, Array]) 
     return Chosen(
         solved,
         terms,
-        tuple(Solved.of(rate_dps, included | {name: columns}) for name, columns in others.items()),
+        tuple(_solve(rate_dps, included | {name: columns}) for name, columns in others.items()),
     )
 
 
@@ -174,14 +185,13 @@ def _test(design: Array, columns: Array, indication: Array) -> tuple[float, floa
     """
     from scipy.special import fdtrc
 
-    q, _ = np.linalg.qr(design)
-    across = columns - q @ (q.T @ columns)
-    length = np.linalg.norm(columns, axis=0)
-    if not (np.linalg.norm(across, axis=0) > ALIKE * length).all():
-        return 0.0, 1.0
-    basis, spread, _ = np.linalg.svd(across / length, full_matrices=False)
     dof = indication.size - design.shape[1] - columns.shape[1]
-    if dof < LEAST_DOF or not spread[-1] > ALIKE * spread[0]:
+    few = indication.size <= FEW
+    shape = design.shape[1], columns.shape[1]
+    q, basis = (
+        _tell_few(design.tobytes(), columns.tobytes(), shape) if few else _tell(design, columns)
+    )
+    if dof < LEAST_DOF or basis is None:
         return 0.0, 1.0
     residual = indication - q @ (q.T @ indication)
     explained = float(np.sum((basis.T @ residual) ** 2))
@@ -189,3 +199,25 @@ def _test(design: Array, columns: Array, indication: Array) -> tuple[float, floa
     rest = max(float(residual @ residual) - explained, least)
     ratio = explained / columns.shape[1] / (rest / dof)
     return ratio, float(fdtrc(columns.shape[1], dof, ratio))
+
+
+@functools.lru_cache(1024)
+def _tell_few(design: bytes, columns: bytes, shape: tuple[int, int]) -> tuple[Array, Array | None]:
+    """What `_tell` finds, of the bytes of a design and of columns."""
+    parts = (
+        np.frombuffer(part).reshape(-1, k) for part, k in zip((design, columns), shape, strict=True)
+    )
+    return _tell(*parts)
+
+
+def _tell(design: Array, columns: Array) -> tuple[Array, Array | None]:
+    """Orthonormal directions of a design [p, m], and of columns [p, k] beside it; None where the
+    data cannot tell these.
+    """
+    q, _ = np.linalg.qr(design)
+    across = columns - q @ (q.T @ columns)
+    length = np.linalg.norm(columns, axis=0)
+    if not (np.linalg.norm(across, axis=0) > ALIKE * length).all():
+        return q, None
+    basis, spread, _ = np.linalg.svd(across / length, full_matrices=False)
+    return q, np.asarray(basis) if spread[-1] > ALIKE * spread[0] else None

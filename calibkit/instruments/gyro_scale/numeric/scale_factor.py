@@ -139,7 +139,7 @@ def _scale_factor(
     corrected = indication - chosen.solved.taken_out @ indication
     fit = linear(np.column_stack([rate_dps, np.ones_like(rate_dps)]), corrected, names=TERMS)
     full = linear(chosen.solved.design, indication)
-    results = chosen.solved.results()
+    results = chosen.solved.results
     covariance, ratio = _covariance(full, chosen, indication, standard_uncertainty)
     # of the model, or of the held zero rates where these know it better
     rest = 3 if covariance[3, 3] < covariance[2, 2] else 2
@@ -172,7 +172,7 @@ def _covariance(
     noise of the others: the sum of squares is compared with its expectation for this noise, not
     with the degrees of freedom.
     """
-    results = chosen.solved.results()
+    results = chosen.solved.results
     noise = standard_uncertainty
     if noise is None and fit.dof == 0:
         raise FitError(
@@ -188,7 +188,7 @@ def _covariance(
         # what is held at rest has no part in the residuals of the line
         raised = np.array([excess, excess, excess, 1.0])
     covariance = (results * noise**2) @ results.T * np.outer(raised, raised)
-    shifts = [(other.results() - results) @ fit.residuals for other in chosen.left_out]
+    shifts = [(other.results - results) @ fit.residuals for other in chosen.left_out]
     if shifts:
         # an effect too small to be found is still there; what the model explains changes nothing
         largest = max(shifts, key=lambda shift: abs(float(shift[0])))
