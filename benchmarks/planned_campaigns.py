@@ -45,11 +45,11 @@ ORDERS = {"inclinometer": ("scale.order=2",)}
 """Procedure → what its recipe states beside, so that a fit has all planned coefficients."""
 
 
-def make_plan(procedure: str, **asked: Any) -> document.Plan:  # noqa: ANN401 (as Request)
-    """A plan that is written and read back."""
+def make_plan(procedure: str, *stated: str, **asked: Any) -> document.Plan:  # noqa: ANN401
+    """A plan of a recipe with stated keys, asked as a Request, that is written and read back."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "plan"
-        source = recipe.find(procedure, ORDERS.get(procedure, ()))
+        source = recipe.find(procedure, (*ORDERS.get(procedure, ()), *stated))
         plans.plan(source, plans.Request(**asked), out)
         return document.load_plan(out)
 
@@ -273,6 +273,7 @@ def slopes_of(time: Array, case: Array, coefficients: Array, lag: Array) -> Arra
 
 RUNS = {
     "accelerometer": (run_triad, "inclination<=0.01 deg", (-40.0, 125.0)),
+    "accelerometer_magnitude": (run_logs, "component<=5e-5 g", None),
     "rate_table": (run_table, "scale factor<=1 ppm", (-40.0, 60.0)),
     "bias_temperature": (run_logs, "drift<=0.04 deg/h", (-40.0, 60.0)),
     "gyro_noise": (run_logs, "bias instability<=0.006 deg/h", None),
@@ -307,9 +308,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("procedure", choices=list(RUNS))
     parser.add_argument("--campaigns", type=int, default=1000)
+    parser.add_argument("--set", action="append", default=[], help="key of the recipe, as loss=...")
     asked = parser.parse_args()
     run, wish, range_degc = RUNS[asked.procedure]
-    plan = make_plan(asked.procedure, wishes=(wish,), range_degc=range_degc)
+    plan = make_plan(asked.procedure, *asked.set, wishes=(wish,), range_degc=range_degc)
     ratio, spread, coverage = judge(plan, asked.campaigns, run)
     print(
         f"{asked.procedure}, {plan.document['plan']}: predicted / actual u {ratio:.3f} ±"

@@ -19,6 +19,7 @@ from calibkit.planning import document
 
 ASKED = {
     "accelerometer": ("inclination", "deg", (-20.0, 125.0), "0.1"),
+    "accelerometer_magnitude": ("component", "g", None, "1"),
     "bias_temperature": ("drift", "deg/h", (-40.0, 60.0), "10"),
     "inclinometer": ("azimuth", "deg", (20.0, 120.0), "10"),
     "gyro_noise": ("bias instability", "deg/h", None, "10"),
@@ -58,8 +59,8 @@ def main() -> None:
             saved = 100.0 * (1.0 - found["hours"] / hours)
             label = found["plan"] if found["results"] and _met(found) else "not reached"
             print(
-                f"| {procedure} | {usual['name']} | {hours:.1f} | {size:.3g} {unit} | {label} |"
-                f" {found['hours']:.1f} | {saved:.0f} % | {took:.0f} |",
+                f"| {procedure} | {usual['name']} | {hours:.3g} | {size:.3g} {unit} | {label} |"
+                f" {found['hours']:.3g} | {saved:.0f} % | {took:.0f} |",
                 flush=True,
             )
 

@@ -11,14 +11,15 @@ from calibkit.planning.proposal import Task
 from test_planning import load_benchmark
 
 WISHES = {
+    "accelerometer_magnitude": "component<=6e-5 g",
     "bias_temperature": "drift<=0.06 deg/h",
     "gyro_pair": "N<=2.1 ppm",
     "gyro_noise": "bias instability<=0.015 deg/h",
     "inclinometer": "azimuth<=0.1 deg",
 }
 """Procedure → a wish that a small campaign meets."""
-NEAR = {"inclinometer": 0.3}
-"""How far U of measured logs may be off, where their noise is measured on few closures."""
+NEAR = {"inclinometer": 0.3, "accelerometer": 0.3}
+"""How far U of measured logs may be off, where their noise is that of few closures or samples."""
 
 
 @pytest.fixture(scope="module", params=list(WISHES))
@@ -89,6 +90,13 @@ def test_channels_of_another_unit_are_not_planned(tmp_path):
     )
     with pytest.raises(UsageError, match="channels in deg/h"):
         plans.plan(other, plans.Request(), tmp_path / "plan")
+
+
+def test_unknown_attitudes_are_planned_at_one_temperature_alone(tmp_path):
+    """Over temperature a hand cannot hold them."""
+    over = recipe.find("accelerometer_magnitude", ("affine.enabled=true",))
+    with pytest.raises(UsageError, match="one temperature"):
+        plans.plan(over, plans.Request(), tmp_path / "plan")
 
 
 def test_a_term_that_a_log_hardly_shows_is_named(tmp_path):

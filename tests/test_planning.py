@@ -338,7 +338,6 @@ def test_a_wish_that_cannot_be_met_exits_1_with_what_can(tmp_path):
     ("procedure", "options", "expected"),
     [
         ("thermal", {}, "campaigns of 'thermal' are not planned"),
-        ("accelerometer_magnitude", {}, "against known attitudes"),
         ("accelerometer", {"range_degc": (60.0, -20.0)}, "--range"),
         ("accelerometer", {"attitudes": "no_such_file.csv"}, "--attitudes no_such_file.csv"),
         ("accelerometer", {"wishes": ("azimuth<=1 deg",)}, "no result 'azimuth'"),
@@ -372,7 +371,7 @@ def test_every_planner_has_its_device_on_the_sample_bench():
     """`calibkit plan` works without an equipment file."""
     bench = equipment.read_equipment(None)
     able = {name for name, one in instruments.list_usable().items() if one.planner is not None}
-    assert able == set(bench.device)
+    assert able | {"accelerometer_magnitude"} == set(bench.device)
     assert Path(plans.__file__).with_name("planning").joinpath(equipment.SAMPLE).is_file()
 
 

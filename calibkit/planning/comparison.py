@@ -77,7 +77,7 @@ def _describe(one: Action, log: Log) -> str:
 
 def _rows_at(log: Log, one: Action) -> Mask:
     """Rows of a log that are at a planned dwell or rate."""
-    found = np.abs(_column(log, "temp_case_degc") - one.set_degc) <= NEAR_DEGC
+    found = ~(np.abs(_column(log, "temp_case_degc") - one.set_degc) > NEAR_DEGC)
     if one.action == "rate":
         off = np.abs(_column(log, "table_rate_dps") - one.table_rate_dps)
         return np.asarray(found & (off <= NEAR_RATE * abs(one.table_rate_dps)), dtype=np.bool_)

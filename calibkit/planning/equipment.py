@@ -89,7 +89,7 @@ class Equipment(Table):
     name: str = ""
     chamber: Chamber
     operator: Operator = Operator()
-    attitudes: dict[Literal["two-axis", "dividing-head", "faces", "file", "north"], Fixture]
+    attitudes: dict[Literal["two-axis", "dividing-head", "faces", "file", "north", "hand"], Fixture]
     rate_table: RateTable | None = None
     device: dict[str, Device]
 

@@ -33,7 +33,7 @@ def summarize(
         criteria += (at_most("chamber time", proposal.schedule.hours, within_h, "h"),)
     first = results[wishes[0].name] if wishes else proposal.results[0]
     schedule = proposal.schedule
-    person = f", {schedule.operator_h:.1f} h with a person" if schedule.operator_h else ""
+    person = f", {_last(schedule.operator_h)} with a person" if schedule.operator_h else ""
     largest = sorted(first.limits.items(), key=lambda item: -item[1])[:_NAMED]
     limits = ", ".join(f"{name} {100.0 * share:.0f} %" for name, share in largest)
     return Summary(
@@ -43,13 +43,18 @@ def summarize(
         criteria,
         conclusion=_conclude(criteria, schedule.hours),
         overview=Overview(
-            f"{schedule.hours:.1f} h of the chamber{person}: {proposal.label}.",
+            f"{_last(schedule.hours)} of the chamber{person}: {proposal.label}.",
             (
                 f"What limits {first.name}: {limits} of the variance.",
                 _describe_more(proposal, first),
             ),
         ),
     )
+
+
+def _last(hours: float) -> str:
+    """A length of time in hours, below one in minutes."""
+    return f"{60.0 * hours:.0f} min" if 0.0 < hours < 1.0 else f"{hours:.1f} h"
 
 
 def _conclude(criteria: Sequence[Criterion], hours: float) -> str:
@@ -60,7 +65,7 @@ def _conclude(criteria: Sequence[Criterion], hours: float) -> str:
         f"{one.name} {concise(one.value)} {one.unit}, wanted at most {concise(one.limit)}"
         for one in failed or criteria
     ]
-    return f"{head}: {'; '.join(reached) or f'{hours:.1f} h'}"
+    return f"{head}: {'; '.join(reached) or _last(hours)}"
 
 
 def _describe_more(proposal: Proposal, first: Predicted) -> str:
@@ -70,7 +75,9 @@ def _describe_more(proposal: Proposal, first: Predicted) -> str:
     if more is None:
         return f"{what} would buy nothing."
     bought = COVERAGE * more.largest_u[first.name]
-    return f"{what} would buy U {concise(bought)} {first.unit} in {more.hours:.1f} h: {more.label}."
+    return (
+        f"{what} would buy U {concise(bought)} {first.unit} in {_last(more.hours)}: {more.label}."
+    )
 
 
 def _tabulate(proposal: Proposal, wishes: Sequence[Wish]) -> Table:

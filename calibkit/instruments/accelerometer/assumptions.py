@@ -119,7 +119,7 @@ def list_spots(task: Task, fixture: str) -> tuple[Array, Integers]:
     if fixture == "faces":
         return np.array(_FACES, dtype=np.float64), np.zeros(6, dtype=np.int64)
     turns = range(0, 360, step)
-    if fixture == "two-axis":
+    if fixture in ("two-axis", "hand"):
         tilts = [(tilt, roll) for tilt in range(step, 180, step) for roll in turns]
         spots = np.array([(0, 0), *tilts, (180, 0)], dtype=np.float64)
         return spots, np.zeros(len(spots), dtype=np.int64)

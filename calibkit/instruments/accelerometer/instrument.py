@@ -205,9 +205,17 @@ def _firmware() -> Firmware[AccelerometerRecipe]:
 
 def _planner() -> Planner:
     """How campaigns are planned."""
-    from calibkit.instruments.accelerometer import plan, simulate_plan
+    from calibkit.instruments.accelerometer import plan, plan_magnitude, simulate_plan
 
-    return Planner(plan.propose, plan.judge, simulate_plan.campaign)
+    ways = {
+        "attitude": Planner(plan.propose, plan.judge, simulate_plan.campaign),
+        "magnitude": plan_magnitude.PLANNER,
+    }
+    return Planner(
+        lambda spec, task: ways[spec.reference.kind].propose(spec, task),
+        lambda spec, task: ways[spec.reference.kind].judge(spec, task),
+        lambda spec, *told: ways[spec.reference.kind].simulate(spec, *told),
+    )
 
 
 def _simulate(seed: int) -> Campaign:

@@ -19,6 +19,8 @@ NOISE_G, SHAKE_G, WALK_G = 2e-4, 3e-2, 2e-6
 """Standard deviations [g] of a sample at rest, of the hand's shaking during a turn, and of one step
 of the bias's random walk.
 """
+SIZES = (5e-3, 2e-2, 8e-3)
+"""Standard deviations of relative scale factors, biases [g] and Q [rad]."""
 SECOND_ORDER = 2e-5
 """Largest second-order error [g/g²]."""
 
@@ -39,17 +41,14 @@ def campaign(seed: int, *, positions: int = 24) -> Campaign:
 
     """
     rng = np.random.default_rng(seed)
-    scale, bias, q = (
-        1.0 + rng.normal(0.0, 5e-3, 3),
-        rng.normal(0.0, 2e-2, 3),
-        rng.normal(0.0, 8e-3, 3),
-    )
+    scale, bias, q = (rng.normal(0.0, size, 3) for size in SIZES)
+    scale += 1.0
     axes = q_factor.axes_from_angles(q)
     second_order = rng.uniform(-SECOND_ORDER, SECOND_ORDER, 3)
     logs, held = {}, {}
     for name, count in (("tumble.csv", positions), ("withheld/tumble.csv", positions // 2)):
         directions = _directions(rng, count)
-        along = _path(rng, directions) @ axes.T
+        along = path(rng, directions) @ axes.T
         walk = np.cumsum(rng.normal(0.0, WALK_G, along.shape), axis=0)
         indicated = (
             scale * (along + second_order * along**2)
@@ -84,11 +83,11 @@ def _directions(rng: np.random.Generator, count: int) -> Array:
     return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True), dtype=np.float64)
 
 
-def _path(rng: np.random.Generator, directions: Array) -> Array:
+def path(rng: np.random.Generator, directions: Array, hold_s: float = HOLD_S) -> Array:
     """Gravity vectors [n, 3, g] in the triad's frame along the rests and the shaken turns between
     them.
     """
-    hold, turn = round(HOLD_S / INTERVAL_S), round(TURN_S / INTERVAL_S)
+    hold, turn = round(hold_s / INTERVAL_S), round(TURN_S / INTERVAL_S)
     share = np.linspace(0.0, 1.0, turn, endpoint=False)[:, None]
     pieces = []
     for here, after in zip(directions, np.roll(directions, -1, axis=0), strict=True):
