@@ -14,7 +14,7 @@ from scipy.stats import t
 from calibkit.errors import FitError
 from calibkit.instruments.accelerometer.numeric import determination, k_factor
 from calibkit.numeric import attitude
-from calibkit.numeric.least_squares import fit as least_squares
+from calibkit.numeric.least_squares import fit as least_squares, gram
 
 AUTHORITY = json.loads((Path(__file__).parent / "authorities" / "accel_k.json").read_text())
 ROWS = np.array(AUTHORITY["rows"])
@@ -422,6 +422,29 @@ def test_long_logs_are_folded_without_losing_digits():
         np.testing.assert_allclose(axis.mapped_covariance, whole.covariance, rtol=1e-8, atol=1e-24)
         np.testing.assert_allclose(axis.residuals, whole.residuals, atol=1e-13)
         assert axis.dof == 29_990
+
+
+def test_what_some_of_many_rows_determine_is_not_searched_in_all(monkeypatch):
+    """A long sweep whose evenly spread rows determine every coefficient is condensed no further;
+    one whose spread rows are all of one attitude is, and is accepted too.
+    """
+    times = 2500
+    whole = np.tile(TEMPERATURE, times), np.tile(REFERENCE, (times, 1))
+    condensed, condense = [], gram.condensed
+
+    def counted(design, rows):
+        condensed.append(rows)
+        return condense(design, rows)
+
+    monkeypatch.setattr(gram, "condensed", counted)
+    k_factor.fit(simulated(1, temperature=whole[0], reference=whole[1]), *whole)
+    assert not condensed
+    step = 1 + len(whole[0]) // gram.SAMPLE_ROWS
+    alike = np.arange(len(whole[0])) % step == 0
+    turned = whole[1].copy()
+    turned[alike] = REFERENCE[0]
+    k_factor.fit(simulated(1, temperature=whole[0], reference=turned), whole[0], turned)
+    assert condensed == [len(whole[0])] * 3
 
 
 def test_temperatures_a_step_apart_are_distinct_and_a_sweep_counts_its_steps():

@@ -824,3 +824,17 @@ def test_the_wavelet_deviation_is_that_of_the_stationary_transform(wavelet):
         ]
         assert len(seen) == pairs
         assert deviation == pytest.approx(np.sqrt(2.0 * np.mean(np.square(seen))), rel=1e-9)
+
+
+@pytest.mark.parametrize("missing", [0, 40])
+def test_a_straight_line_is_taken_out_of_means_as_by_polyfit(missing):
+    """Ramps of means with and without gaps leave what a fit of numpy leaves, in a tenth of its
+    time.
+    """
+    rng = np.random.default_rng(5)
+    means = rng.normal(size=1000) + 0.3 * np.arange(1000.0)
+    means[rng.choice(1000, missing, replace=False)] = np.nan
+    there = ~np.isnan(means)
+    at = np.arange(1000.0)
+    line = np.polynomial.Polynomial.fit(at[there], means[there], 1)
+    np.testing.assert_allclose(confidence._without_line(means), means - line(at), atol=1e-9)

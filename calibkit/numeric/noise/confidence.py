@@ -65,14 +65,22 @@ def _lag_one_type(means: Array) -> Noise:
     rounded, as Stable32 rounds it. Means of flicker, −0.217 after differencing, lie near the limit
     of −0.2 to a random walk.
     """
-    present = ~np.isnan(means)
-    place = np.arange(means.size, dtype=np.float64)
-    level = means - np.polyval(np.polyfit(place[present], means[present], 1), place)
+    level = _without_line(means)
     order, differenced = _fraction(level), 0
     if order >= 0.25:
         order, differenced = _fraction(np.diff(level)), 1
     exponent = -round(2.0 * order) - 2 * differenced
     return TYPES[2 - min(max(exponent, -2), 2)]
+
+
+def _without_line(means: Array) -> Array:
+    """Block means [k], NaN where not whole, less the straight line through them."""
+    present = ~np.isnan(means)
+    place = np.arange(means.size, dtype=np.float64)
+    place -= place.mean(where=present)
+    level = means - means.mean(where=present)
+    slope = np.sum(place * level, where=present) / np.sum(place**2, where=present)
+    return np.asarray(level - slope * place, dtype=np.float64)
 
 
 def _fraction(series: Array) -> float:
@@ -104,10 +112,12 @@ def _lag_one(series: Array) -> float:
     or nothing varies.
     """
     product, square = series[1:] * series[:-1], series**2
-    if np.isnan(product).all() or not np.nansum(square) > 0.0:
+    left = ~np.isnan(product)
+    present = ~np.isnan(square)
+    if not left.any() or not square.sum(where=present) > 0.0:
         return 1.0
     share = product.size / series.size
-    return share * float(np.nanmean(product) / np.nanmean(square))
+    return share * float(product.mean(where=left) / square.mean(where=present))
 
 
 def equivalent_dof(factor: int, runs: Integers, noise: Noise) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 
 from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError
-from calibkit.numeric import attitude
+from calibkit.numeric import attitude, chunks
 from calibkit.numeric.least_squares import fold, gram, polynomial
 
 TEMPERATURE_STEP_DEGC = 1.0
@@ -73,10 +73,9 @@ def require_determined(
         importance.
 
     """
-    levels, level = distinct_temperatures(temperature)
-    middle, half = polynomial.middle_and_half(levels)
-    half = half or 1.0
-    mapped = (level - middle) / half
+    if len(temperature) >= gram.TALL and _determined_by_some(parts, reference, temperature):
+        return
+    levels, (middle, half), mapped = _mapped_levels(temperature)
     # a Gram matrix of many rows is good to 1e-8, far below the limit of 1e-3
     if len(temperature) >= gram.TALL and not any(
         _undetermined(part, reference, mapped, gram.condensed) for part in parts
@@ -104,6 +103,24 @@ def require_determined(
         f" {affine_rank(reference)} are affinely independent (cross-axis terms need 4)",
         hint=f"add dwells at {_describe_dwells(add)}; or {lower}",
     )
+
+
+def _determined_by_some(parts: Sequence[Part], reference: Array, temperature: Array) -> bool:
+    """Whether evenly spread rows determine every coefficient: then so do all."""
+    some = slice(0, len(temperature), 1 + len(temperature) // gram.SAMPLE_ROWS)
+    spread = chunks.take_slice(reference, some)
+    _, _, mapped = _mapped_levels(chunks.take_slice(temperature, some))
+    return not any(_undetermined(part, spread, mapped, fold.triangle) for part in parts)
+
+
+def _mapped_levels(temperature: Array) -> tuple[Array, tuple[float, float], Array]:
+    """Distinct temperatures [k] [°C], their middle and half-width, and for each temperature [n] its
+    level mapped to [−1, 1].
+    """
+    levels, level = distinct_temperatures(temperature)
+    middle, half = polynomial.middle_and_half(levels)
+    half = half or 1.0
+    return levels, (middle, half), (level - middle) / half
 
 
 def distinct_temperatures(

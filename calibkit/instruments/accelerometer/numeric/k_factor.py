@@ -84,10 +84,11 @@ def columns(
     `temperature` [n] is in the unit that the coefficients are meant for: °C, or mapped to [−1, 1].
     """
     powers = polynomial.powers(temperature, 3).T
+    own = np.ascontiguousarray(indication[:, axis])
     whole = np.empty((len(numbers), temperature.size))
     for row, k in zip(whole, numbers, strict=True):
         if k < 4:
-            np.multiply(indication[:, axis], powers[k], out=row)
+            np.multiply(own, powers[k], out=row)
         else:
             np.negative(powers[k - 4] if k < 8 else indication[:, CROSS[axis][k - 8]], out=row)
     # each column contiguous
