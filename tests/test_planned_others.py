@@ -1,6 +1,7 @@
 """Plans of static instruments, inclinometers, pairs of gyros and records of noise."""
 
 import json
+from dataclasses import replace
 
 import pytest
 
@@ -73,6 +74,26 @@ def test_a_plan_beside_its_own_logs_is_empty(planned, logs, tmp_path):
         tmp_path / "plan",
     )
     assert found.document["hours"] == 0.0
+
+
+def test_stations_of_another_day_are_added_and_fitted_with_the_first_ones(tmp_path):
+    """One soak is measured: the others are planned, and both logs are fitted by the recipe."""
+    request = plans.Request(wishes=(WISHES["inclinometer"],))
+    source = recipe.find("inclinometer", ("scale.order=2",))
+    plans.plan(source, request, tmp_path / "whole")
+    logs = tmp_path / "logs"
+    plans.simulate(tmp_path / "whole", logs, 7)
+    rows = (logs / "stations.csv").read_text().splitlines()
+    (logs / "stations.csv").write_text("\n".join(rows[:13]) + "\n")
+    first = recipe.find(str(tmp_path / "whole" / "recipe.toml"))
+    plans.plan(first, replace(request, have=logs), tmp_path / "rest")
+    plans.simulate(tmp_path / "rest", tmp_path / "added", 7)
+    for path in (tmp_path / "added").glob("added_*.csv"):
+        path.rename(logs / path.name)
+    both = recipe.find(str(tmp_path / "rest" / "recipe.toml"))
+    judged = inspection.check(both, logs).judgement
+    assert judged.verdict == "accepted"
+    assert not judged.lacks
 
 
 def test_predicted_uncertainty_is_the_scatter_of_fitted_logs(planned):

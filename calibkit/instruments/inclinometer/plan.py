@@ -214,7 +214,9 @@ def propose(spec: InclinometerRecipe, task: Task) -> tuple[Proposal, tuple[Wish,
     best = choose(found, wishes, task.within_h, name)
     design: _Design = best.design
     information = bench.information(bench.roots(design))
-    of_recipe = [one for one in bench.components if one.group in spec.error_groups]
+    # a single log shows no difference between logs
+    own = set(spec.error_groups) - (set() if task.have else {planned.OF_LOG[0]})
+    of_recipe = [one for one in bench.components if one.group in own]
     return Proposal(
         best.label,
         bench.schedule(design),
@@ -224,7 +226,7 @@ def propose(spec: InclinometerRecipe, task: Task) -> tuple[Proposal, tuple[Wish,
         recipe_text.write_recipe(
             spec,
             [task.name_log(LOG)] if design.degc else [],
-            [one for one in of_recipe if (one.group, one.effect) != planned.OF_LOG],
+            of_recipe,
             {},
             added=bool(task.have),
         ),

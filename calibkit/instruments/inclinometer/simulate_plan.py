@@ -109,6 +109,7 @@ class _Pair:
         accel += rng.normal(0.0, size[planned.ACCEL], seen_deg.shape)
         s = np.polynomial.polynomial.polyval(degc, self.scale)
         s = s + rng.normal(0.0, size[planned.SCATTER], degc.size)
+        s = s + rng.normal(0.0, size[planned.OF_LOG])
         walk = np.cumsum(rng.normal(0.0, size[planned.WALK], seen_deg.shape), axis=1)
         gyro = simulate.resolve_along(rate, seen_deg + self.turn_deg, 0.0) / s[:, None] + walk
         gyro += self.bias[1] + rng.normal(0.0, told["noise_dph"], seen_deg.shape)
