@@ -36,6 +36,10 @@ WISHES = {
     "fog_thermal": "drift<=0.03 deg/h",
     "rate_table": "scale factor<=1 ppm",
     "gyro_triad": "angle<=0.002 deg",
+    "gyro_pair": "N<=2 ppm",
+    "inclinometer": "azimuth<=0.05 deg",
+    "accelerometer_magnitude": "component<=5e-5 g",
+    "gyro_noise": "bias instability<=0.006 deg/h",
 }
 
 
@@ -85,7 +89,9 @@ def time_plan(procedure: str, wish: str) -> tuple[float, float]:
     source, data = recipe.find(procedure), DATASETS / procedure
     spec = instruments.parse_recipe(source)
     begin = time.process_time()
-    instruments.find(procedure).fit(spec, data, ingest.find_logs(spec, data), instruments.silent)
+    instruments.find(spec.procedure).fit(
+        spec, data, ingest.find_logs(spec, data), instruments.silent
+    )
     fitted = time.process_time() - begin
     begin = time.process_time()
     with tempfile.TemporaryDirectory() as folder:

@@ -163,7 +163,7 @@ def _predict(
     wanted = planned.wanted if planned else {}
     return tuple(
         Reached(
-            *(one.name, one.unit, one.expanded, COVERAGE, range_degc or (0.0, 0.0), one.limits),
+            *(one.name, one.unit, one.expanded, COVERAGE, range_degc, one.limits),
             wanted.get(one.name),
         )
         for one in found

@@ -9,6 +9,7 @@ from calibkit import inspection, instruments, plans, recipe
 from calibkit.errors import UsageError
 from calibkit.planning import document, equipment
 from calibkit.planning.proposal import Task
+from conftest import ROOT
 from test_planning import load_benchmark
 
 WISHES = {
@@ -102,6 +103,22 @@ def test_predicted_uncertainty_is_the_scatter_of_fitted_logs(planned):
     plan = document.load_plan(planned)
     ratio, spread, _ = benchmark.judge(plan, 12, benchmark.run_logs, first=100)
     assert abs(ratio - 1.0) <= 0.07 + 4.0 * spread
+
+
+@pytest.mark.parametrize(
+    ("procedure", "logged"),
+    [
+        ("gyro_pair", True),
+        ("inclinometer", True),
+        ("gyro_noise", False),
+        ("accelerometer_magnitude", False),
+    ],
+)
+def test_check_predicts_what_the_sample_logs_determine(procedure, logged):
+    """With the temperatures of the logs, where they have any."""
+    found = inspection.check(recipe.find(procedure), ROOT / "datasets" / procedure).judgement
+    assert found.predicted
+    assert all(("°C" in str(one)) == logged for one in found.predicted)
 
 
 def test_channels_of_another_unit_are_not_planned(tmp_path):

@@ -95,19 +95,21 @@ class Reached:
     unit: str
     expanded_uncertainty: float
     coverage_factor: float
-    range_degc: tuple[float, float]
+    range_degc: tuple[float, float] | None
+    """None where no temperature is logged."""
     limits: Mapping[str, float]
     """Source → its share of the mean variance."""
     wanted: float | None = None
     """What the plan wanted at most."""
 
     def __str__(self) -> str:
-        low, high = self.range_degc
+        low, high = self.range_degc or (0.0, 0.0)
+        over = f", {low:.0f} to {high:.0f} °C" if self.range_degc else ""
         most = max(self.limits, key=lambda name: self.limits[name])
         wanted = "" if self.wanted is None else f", wanted at most {concise(self.wanted)}"
         return (
             f"U of {self.name} {concise(self.expanded_uncertainty)} {self.unit}{wanted}"
-            f" (k = {self.coverage_factor:g}, {low:.0f} to {high:.0f} °C; largest part: {most})"
+            f" (k = {self.coverage_factor:g}{over}; largest part: {most})"
         )
 
 
