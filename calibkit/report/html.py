@@ -9,6 +9,7 @@ named by their digests.
 import base64
 import functools
 import hashlib
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
@@ -26,6 +27,8 @@ HOW = (
     " panel to fill the figure with it, again for the whole; two fingers on a touch screen; the"
     " numbers below a figure show a panel. Keys: + − arrows, 0 for the whole, 1 to 9 for a panel."
 )
+_QUOTED = re.compile(r"""("[^"\n]*"|`[^`]*`)""")
+_AROUND = re.compile(r" ?([-=,{}()?:;<>&|*+/!]+) ?(?:(?<=[{;,(])\n)?")
 _MOST_CHECKS = 6
 """Findings on the first screen."""
 THINNED = " Of long curves the extremes of short pieces are drawn; the fit used every point."
@@ -103,10 +106,15 @@ def _run_name(document: Mapping[str, Any]) -> str:
 
 @functools.cache
 def _own(file: str) -> str:
-    """Text of a file of this package, without indents and lines of comment."""
+    """Text of a file of this package, without lines of comment and spaces that nobody reads."""
     text = resources.files("calibkit.report").joinpath(file).read_text(encoding="utf-8")
     lines = map(str.strip, text.splitlines())
-    return "\n".join(line for line in lines if line and not line.startswith("//"))
+    kept = "\n".join(line for line in lines if line and not line.startswith("//"))
+    if file.endswith(".css"):  # there spaces have meanings
+        return kept
+    parts = _QUOTED.split(kept)
+    parts[::2] = [_AROUND.sub(r"\1", part) for part in parts[::2]]
+    return "".join(parts)
 
 
 def _policy(style: str, script: str) -> str:
