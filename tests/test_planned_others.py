@@ -144,5 +144,18 @@ def test_a_term_that_a_log_hardly_shows_is_named(tmp_path):
         out = tmp_path / f"plan{number}"
         notes = plans.plan(source, plans.Request(within_h=hours), out).document["notes"]
         assert sum("bias instability of 0.03" in note for note in notes) == number
+
+
+@pytest.mark.parametrize("procedure", ["gyro_noise", "gyro_pair", "accelerometer_magnitude"])
+def test_a_range_asked_of_one_temperature_is_refused(procedure, tmp_path):
+    """It would be left out of account silently."""
+    request = plans.Request(range_degc=(0.0, 50.0))
     with pytest.raises(UsageError, match="at one temperature"):
-        plans.plan(source, plans.Request(range_degc=(0.0, 50.0)), tmp_path / "other")
+        plans.plan(recipe.find(procedure), request, tmp_path / "plan")
+
+
+def test_a_fixture_of_known_attitudes_is_refused_for_unknown_ones(tmp_path):
+    """A hand has other positions than six faces."""
+    request = plans.Request(attitudes="faces")
+    with pytest.raises(UsageError, match="those of a hand"):
+        plans.plan(recipe.find("accelerometer_magnitude"), request, tmp_path / "plan")

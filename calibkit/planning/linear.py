@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from calibkit.coefficients import Record, StageResult
     from calibkit.numeric.information import Information
     from calibkit.planning.equipment import Device
+    from calibkit.planning.proposal import Task
     from calibkit.recipe import Recipe
 
 EARLIER_DOF = 20.0
@@ -69,6 +70,17 @@ def read_components(
     for (group, effect), one in seen.items():
         yield ErrorComponent(
             group=group, effect=effect, value=one.value, unit=one.unit, dof=EARLIER_DOF
+        )
+
+
+def refuse_range(task: Task, procedure: str) -> None:
+    """Raise UsageError for a range of use asked of a campaign at one temperature; logs that are
+    measured may have one.
+    """
+    if task.range_degc and not task.have:
+        raise UsageError(
+            f"--range: a campaign of {procedure} is at one temperature",
+            hint="state reference_temp_degc in the recipe, and no --range",
         )
 
 

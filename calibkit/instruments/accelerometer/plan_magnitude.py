@@ -25,7 +25,7 @@ from calibkit.numeric.exchange import Pool
 from calibkit.numeric.information import Information, find_information
 from calibkit.numeric.least_squares.components import Known
 from calibkit.planning import recipe_text
-from calibkit.planning.linear import Results, assume_errors
+from calibkit.planning.linear import Results, assume_errors, refuse_range
 from calibkit.planning.proposal import (
     NOTHING,
     WITHHELD,
@@ -197,6 +197,12 @@ def _prepare(spec: AccelerometerRecipe, task: Task) -> _Bench:
             "a plan of unknown attitudes is for one temperature, and for a continuous log with a"
             " noise in g",
             hint='use affine.enabled = false and dwells.mode = "series"',
+        )
+    refuse_range(task, DEVICE)
+    if task.attitudes in ("faces", "dividing-head"):
+        raise UsageError(
+            f"--attitudes {task.attitudes}: attitudes that are unknown are those of a hand",
+            hint="leave it out, or name a file of attitudes",
         )
     stated = assume_errors(spec, device, (), UNITS)
     components = tuple(stated.values())

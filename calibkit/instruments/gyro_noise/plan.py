@@ -16,7 +16,7 @@ from calibkit.instruments.gyro_noise.sensors import GYRO, find_sensor
 from calibkit.numeric.information import NOISE
 from calibkit.numeric.noise.predicted import predict_terms
 from calibkit.planning import recipe_text
-from calibkit.planning.linear import assume_errors
+from calibkit.planning.linear import assume_errors, refuse_range
 from calibkit.planning.proposal import (
     NOTHING,
     Candidate,
@@ -185,11 +185,7 @@ def _prepare(spec: GyroNoiseRecipe, task: Task) -> _Bench:
             f" {device.noise_unit}",
             hint="plan records of gyros alone",
         )
-    if task.range_degc and task.earlier is None and not task.have:
-        raise UsageError(
-            "--range: a record of noise is at one temperature",
-            hint="state reference_temp_degc in the recipe, and no --range",
-        )
+    refuse_range(task, spec.procedure)
     units = {("record", name.replace("_", " ")): unit for name, unit in UNITS.items()}
     stated = assume_errors(spec, device, (), units)
     # the mean over noise_s; IEEE Std 952: N/√τ

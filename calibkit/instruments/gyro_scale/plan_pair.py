@@ -18,7 +18,7 @@ from calibkit.instruments.gyro_scale.numeric.planned import Holds, Model
 from calibkit.instruments.gyro_scale.planned_runs import NO_RUNS, Bench, Design
 from calibkit.numeric.least_squares.components import Known
 from calibkit.planning import recipe_text
-from calibkit.planning.linear import assume_errors
+from calibkit.planning.linear import assume_errors, refuse_range
 from calibkit.planning.proposal import (
     NOTHING,
     WITHHELD,
@@ -202,6 +202,7 @@ def _list_designs(bench: _PairBench) -> Iterator[Design]:
 def _prepare(spec: GyroPairRecipe, task: Task) -> _PairBench:
     """What the search needs; UsageError for what cannot be planned."""
     device, table = planned_runs.require_table(task, spec.procedure)
+    refuse_range(task, spec.procedure)
     earlier = {} if task.earlier is None else assumptions.read_run(task.earlier)
     stated = assume_errors(spec, device, earlier.values(), UNITS)
     have = assumptions.measure_runs(spec, task.have, device)
