@@ -24,6 +24,10 @@ CLEARLY = 0.95
 """
 LIKELY = 0.5
 """Probability from which a term that is not modelled is flagged."""
+OUTLYING = 0.2
+"""Tukey's weight, at 3.5 standard deviations, up to which a row is left out. The others count in
+full: weights by what a level model leaves would draw every other model towards that one.
+"""
 LEAST_RAMPS = 3
 """Fewest ramps for leaving one out: one more than the two sides of a thermal cycle."""
 
@@ -269,9 +273,10 @@ def _solutions_of(
     """Solutions of the candidates that the logs can determine, and the reasons why the others
     failed.
 
-    All candidates have the same robust weights, so that their errors are comparable.
+    All candidates leave out the same rows, so that their errors are comparable.
     """
     prepared = level.basis(stacked)
+    prepared = replace(prepared, robust=(prepared.robust > OUTLYING).astype(np.float64))
     surveyed = (
         lagged.Survey.of_logs(stacked, prepared.robust)
         if any(c.form == "lagged" for c in candidates)
