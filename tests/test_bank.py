@@ -179,6 +179,14 @@ def test_a_hysteresis_that_all_logs_tell_is_modelled_before_a_single_ramp_shows_
     assert np.all(np.abs(away) <= 2.0 * sizes)
 
 
+def test_logs_that_start_unsettled_show_no_warm_up_that_left_out_ramps_do_not():
+    """Each log starts as the one before ended: a warm-up would explain all of their starts, and no
+    left-out ramp better.
+    """
+    _, found = fitted(981_012, cycled=True)
+    assert not found.model.bank.warm_up
+
+
 def test_weights_that_grow_with_the_temperature_of_their_layer_are_followed():
     """Weights that grow by 0.4 %/°C, almost no noise: what is left of the drift of logs that were
     not fitted is below 1/120 in the median, and below 1/30 on every log.

@@ -76,14 +76,16 @@ def grow(stacked: Stack, robust: Array, *, one_sided: bool) -> Iterator[Grown]:
 
 def _helps(before: bank_fit.Solution, after: bank_fit.Solution, gain: float) -> bool:
     """Whether the evidence asks for a term and left-out ramps do not speak against it, by more than
-    a standard error of the difference ramp by ramp.
+    a standard error of the difference ramp by ramp. Logs that start unsettled show what looks like
+    one: there left-out ramps must come out better.
     """
     if gain < ASKED:
         return False
     # initial states that the term leaves no need for would hide what it explains
     squares = [_left_out_squares(one, own_start=after.unsettled) for one in (after, before)]
     more = squares[0] - squares[1]
-    return bool(more.mean() < np.std(more, ddof=1) / np.sqrt(more.size))
+    chance = 0.0 if before.unsettled else float(np.std(more, ddof=1) / np.sqrt(more.size))
+    return bool(more.mean() < chance)
 
 
 def _with_term(here: Grown, letter: str, stacked: Stack) -> bank_fit.Solution:
