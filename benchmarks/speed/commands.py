@@ -102,8 +102,15 @@ def spent(
     with tempfile.TemporaryFile() as said:
         # a child's peak begins with that of the process that started it: a small one must
         asked = [sys.executable, "-I", "-S", "-c", LAUNCHER, *(str(part) for part in command)]
+        # `python -m` takes the package of the folder that it is run in before that of PYTHONPATH
         done = subprocess.run(
-            asked, stdout=subprocess.PIPE, stderr=said, env=environment, check=True, text=True
+            asked,
+            stdout=subprocess.PIPE,
+            stderr=said,
+            env=environment,
+            check=True,
+            text=True,
+            cwd=root,
         )
         code, wall, cpu, peak = map(float, done.stdout.split())
         if code not in accepted:
