@@ -189,6 +189,27 @@ def test_s_that_differs_from_log_to_log_is_within_its_u():
     assert 2e-4 < np.sqrt(np.mean(np.square(sizes))) < 4e-4
 
 
+@pytest.mark.parametrize("shift", [0.0, 1e-3])
+def test_stations_of_two_logs_at_other_temperatures_have_a_prior_without_their_own_root(shift):
+    """Six tools with a cold and a hot log whose s differ by up to 1e-3: s(T) without a station is
+    within 4 of its standard uncertainties, which are below 1 %.
+    """
+    for seed in range(6):
+        made = simulate.campaign(seed, count=40, ideal=True)
+        columns = {name: np.asarray(v) for name, v in made.logs["stations.csv"].items()}
+        hot = columns["temp_case_degc"] > np.median(columns["temp_case_degc"])
+        logs = [
+            log_of(turned({k: v[part] for k, v in columns.items()}, 0.0, relative), name)
+            for name, part, relative in (("cold", ~hot, 0.0), ("hot", hot, shift))
+        ]
+        found = fit(logs, recipe(scale={"order": 2}))["x"].left_out
+        truth = np.asarray(made.truth["stations"]["s_x"])
+        order = [*dict.fromkeys(columns["station"][~hot]), *dict.fromkeys(columns["station"][hot])]
+        off = found.s - truth[np.array(order, int) - 1]
+        assert np.all(np.abs(off) < 4.0 * found.standard_uncertainty)
+        assert np.all(found.standard_uncertainty < 0.01)
+
+
 def test_logs_that_coincide_with_temperature_are_refused():
     """Two logs, each at one temperature, and a straight line s(T)."""
     columns = {k: np.asarray(v) for k, v in simulate.campaign(2).logs["stations.csv"].items()}

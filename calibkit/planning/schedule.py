@@ -81,7 +81,8 @@ def read_schedule(text: str, name: str) -> Schedule:
     """Schedule of a CSV text; CoefficientError for one that calibkit did not write."""
     names = [field.name for field in fields(Action)]
     rows = list(csv.reader(io.StringIO(text)))
-    if not rows or rows[0] != names:
+    # plans were once without azimuths
+    if not rows or rows[0] not in (names, [one for one in names if one != "azimuth_deg"]):
         raise CoefficientError(
             f"{name}: not a schedule: its first line is not {','.join(names)}",
             hint="restore the file that calibkit plan wrote",
@@ -89,12 +90,11 @@ def read_schedule(text: str, name: str) -> Schedule:
     actions = []
     for number, row in enumerate(rows[1:], start=2):
         try:
-            numbers = [float(cell) if cell else _NONE for cell in (row[0], *row[2:9])]
-            start, degc, ramp, tilt, roll, azimuth, rate, duration = numbers
-            kind: Any = row[1]
-            held = (tilt, roll, azimuth, rate, duration)
-            actions.append(Action(start, kind, degc, ramp, *held, row[9]))
-        except (ValueError, IndexError):
+            told: dict[str, Any] = dict(zip(rows[0], row, strict=True))
+            for key in told.keys() - {"action", "log"}:
+                told[key] = float(told[key] or _NONE)
+            actions.append(Action(**told))
+        except ValueError:
             raise CoefficientError(
                 f"{name}:{number}: not an action of a schedule",
                 hint="restore the file that calibkit plan wrote",

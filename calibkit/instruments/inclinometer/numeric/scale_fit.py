@@ -111,7 +111,7 @@ def fit_over_temperature(
         residual_rms=fit.residual_rms,
         valid_degc=limits,
         used=used,
-        left_out=_predict_left_out(every, rows, fit, own, roots),
+        left_out=_predict_left_out(every, rows, fit, own, roots, log),
         turn_deg=angle,
         components=fit.components,
         effective_dof=fit.effective_dof(to_raw) if effects else None,
@@ -244,18 +244,26 @@ def _measure_turn(
 
 
 def _predict_left_out(
-    wanted: Array, design: Array, fit: _Roots, own_weight: Array, s: Array
+    wanted: Array, design: Array, fit: _Roots, own_weight: Array, s: Array, log: Effect | None
 ) -> Prior:
     """s(T) at each station without its own root: z β_(i), β_(i) = β − P x w e/(1 − h), with its
-    variance z P z + w (z P x)²/(1 − h), of rows x of the design and z [n, q] of what is wanted.
+    variance z P z + w (z P x)²/(1 − h), of rows x of the design and z [n, q] of what is
+    wanted. What a log shares is part of x, with its size as known.
     """
-    count = wanted.shape[1]
-    power = gum.variance_along(design, fit.covariance)
-    across = np.einsum("ni,ij,nj->n", wanted, fit.covariance[:count], design)
+    count, covariance, left = wanted.shape[1], fit.covariance, s - design @ fit.coefficients
+    if fit.mixed is not None and log is not None and fit.components[0].value > 0.0:
+        left = left - fit.mixed.shared([log])
+        level = log.labels[:, None] == np.unique(log.labels)
+        known = np.zeros(design.shape[1] + level.shape[1])
+        known[design.shape[1] :] = fit.components[0].value ** -2.0
+        design = np.column_stack([design, level])
+        information = (design * own_weight[:, None]).T @ design + np.diag(known)
+        covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
+    power = gum.variance_along(design, covariance)
+    across = np.einsum("ni,ij,nj->n", wanted, covariance[:count], design)
     spare = 1.0 - np.minimum(power * own_weight, 1.0 - 1e-6)
-    left = s - design @ fit.coefficients
     value = wanted @ fit.coefficients[:count] - across * own_weight * left / spare
-    variance = gum.variance_along(wanted, fit.covariance[:count, :count])
+    variance = gum.variance_along(wanted, covariance[:count, :count])
     variance += own_weight * across**2 / spare
     return Prior(value, np.sqrt(variance + fit.scatter**2))
 
