@@ -61,7 +61,7 @@ def _margins(ax: Axes, renderer: RendererBase) -> Array:
     inner, whole = ax.bbox, ax.get_tightbbox(renderer, for_layout_only=True)
     outer = inner if whole is None else whole
     out = (inner.p0 - outer.p0, outer.p1 - inner.p1)
-    figure = ax.get_figure(root=True)
+    figure = ax.get_figure()
     return np.concatenate(out) / np.tile(figure.bbox.size, 2)  # type: ignore[union-attr] # a panel has one
 
 
