@@ -16,6 +16,7 @@ from calibkit.instruments.thermal.power_ons import PowerOn
 from calibkit.instruments.thermal.recipe import EFFECT, GROUP, ThermalRecipe
 from calibkit.numeric import chunks, dispersion
 from calibkit.numeric.dispersion import rms
+from calibkit.numeric.least_squares.fit import linear
 from calibkit.numeric.thermal.evaluate import Evaluation, evaluate_terms
 from calibkit.numeric.thermal.pooled_fit import Stack, ThermalLog
 from calibkit.numeric.thermal.terms import ThermalModel, Valid
@@ -160,17 +161,14 @@ def _share_turn_on(
 
 def _flag_soaks_apart(name: str, found: Choice, power_ons: Sequence[PowerOn]) -> tuple[str, ...]:
     """Flag that turn-on biases follow the temperatures of the power-ons."""
-    from scipy.special import stdtr
+    from scipy.special import stdtrit
 
     case = np.array([one.blocks.case[one.fitted].mean() for one in power_ons])
-    about, biases = case - case.mean(), found.model.turn_on - found.model.turn_on.mean()
-    spread, dof = float(about @ about), len(power_ons) - 2
-    if dof < 1 or not spread:
+    if case.size < 3 or not np.ptp(case):
         return ()
-    slope = float(about @ biases) / spread
-    left = float(np.sum((biases - slope * about) ** 2))
-    ratio = abs(slope) * np.sqrt(spread * dof / left) if left else np.inf
-    if 2.0 * stdtr(dof, -ratio) > BY_CHANCE:
+    line = linear(np.column_stack([case - case.mean(), np.ones_like(case)]), found.model.turn_on)
+    slope, u = float(line.coefficients[0]), float(line.standard_uncertainty[0])
+    if abs(slope) <= stdtrit(line.dof, 1.0 - BY_CHANCE / 2.0) * u:
         return ()
     return (
         (
