@@ -50,26 +50,26 @@ def test_a_plan_meets_its_wish_and_its_logs_are_judged_as_it_predicted(planned, 
     assert not any(report.refused for report in found.logs)
     lacks = [one for one in found.judgement.lacks if "plans what is missing" not in one]
     assert not lacks
-    told = json.loads((planned / "plan.json").read_text())
-    assert [one["met"] for one in told["results"] if one["wanted"]] == [True]
+    stated = json.loads((planned / "plan.json").read_text())
+    assert [one["met"] for one in stated["results"] if one["wanted"]] == [True]
     plan, spec = document.load_plan(planned), instruments.parse_recipe(source)
     instrument = instruments.find(spec.procedure)
     names = {one.log for one in plan.schedule.actions if one.log and "withheld" not in one.log}
     have = tuple(instrument.read(spec, logs, name) for name in sorted(names))
-    task = Task(equipment.read_equipment(None), range_degc=told["range_degc"], have=have)
+    task = Task(equipment.read_equipment(None), range_degc=stated["range_degc"], have=have)
     judged = {one.name: one.expanded for one in instrument.planner().judge(spec, task)}
-    predicted = {one["name"]: one["expanded_uncertainty"] for one in told["results"]}
+    predicted = {one["name"]: one["expanded_uncertainty"] for one in stated["results"]}
     assert judged == pytest.approx(predicted, rel=NEAR.get(spec.procedure, 0.1))
 
 
 def test_a_plan_beside_its_own_logs_is_empty(planned, logs, tmp_path):
     """Nothing is missing, in 0 h; half of the campaign is completed."""
-    told = json.loads((planned / "plan.json").read_text())
+    stated = json.loads((planned / "plan.json").read_text())
     found = plans.plan(
         recipe.find(str(planned / "recipe.toml")),
         plans.Request(
-            wishes=(f"{told['results'][0]['name']}<=1e3 {told['results'][0]['unit']}",),
-            range_degc=tuple(told["range_degc"]),
+            wishes=(f"{stated['results'][0]['name']}<=1e3 {stated['results'][0]['unit']}",),
+            range_degc=tuple(stated["range_degc"]),
             have=logs,
         ),
         tmp_path / "plan",

@@ -73,14 +73,14 @@ def _gyro(stated: Any) -> simulate_rate_table.RateGyro:  # noqa: ANN401 (a JSON 
 def rate_table(number: int, _: Errors) -> tuple[Frames, Truth]:
     """One gyro at four temperatures: K and F0 there."""
     made = simulate_rate_table.campaign(number)
-    told: Any = made.truth
-    gyro, table = _gyro(told["gyro"]), simulate_rate_table.Table(**told["table"])
+    stated: Any = made.truth
+    gyro, table = _gyro(stated["gyro"]), simulate_rate_table.Table(**stated["table"])
 
     def truth(result: Result) -> float | None:
         terms = [k for k, name in enumerate(("K", "F0")) if f".gyro_x.{name}" in result.quantity]
         if not terms or not result.at:
             return None
-        return gyro.best_line(table, told["rates_dps"], _degc(result))[terms[0]]
+        return gyro.best_line(table, stated["rates_dps"], _degc(result))[terms[0]]
 
     return _frames(made.logs), truth
 
@@ -88,14 +88,15 @@ def rate_table(number: int, _: Errors) -> tuple[Frames, Truth]:
 def gyro_pair(number: int, errors: Errors) -> tuple[Frames, Truth]:
     """Two gyros about two axes: K, N, ε, γ and α."""
     made = simulate_pair.campaign(number)
-    told: Any = made.truth
-    alpha = told["alpha_deg"] + errors["alpha_deg"]
+    stated: Any = made.truth
+    alpha = stated["alpha_deg"] + errors["alpha_deg"]
     gamma = float(np.cos(np.radians(alpha)))
     found = {
-        "gyro_scale.a_about_a.K": told["models"]["a_about_a"]["K"],
-        "gyro_scale.b_about_b.K": told["models"]["b_about_b"]["K"],
-        "gyro_orthogonality.pair.N": told["N"],
-        "gyro_orthogonality.pair.epsilon": told["epsilon"] + told["N"] * (gamma - told["gamma"]),
+        "gyro_scale.a_about_a.K": stated["models"]["a_about_a"]["K"],
+        "gyro_scale.b_about_b.K": stated["models"]["b_about_b"]["K"],
+        "gyro_orthogonality.pair.N": stated["N"],
+        "gyro_orthogonality.pair.epsilon": stated["epsilon"]
+        + stated["N"] * (gamma - stated["gamma"]),
         "gyro_orthogonality.pair.gamma": gamma,
         "gyro_orthogonality.pair.alpha_deg": alpha,
     }
@@ -105,14 +106,14 @@ def gyro_pair(number: int, errors: Errors) -> tuple[Frames, Truth]:
 def gyro_triad(number: int, errors: Errors) -> tuple[Frames, Truth]:
     """Three gyros about three axes: sensitivities and angles at 25 °C."""
     made = simulate_triad.campaign(number)
-    told: Any = made.truth
-    at, table = told["at"]["25"], simulate_rate_table.Table(**told["table"])
+    stated: Any = made.truth
+    at, table = stated["at"]["25"], simulate_rate_table.Table(**stated["table"])
     found = {}
     for k, g in enumerate("xyz"):
         found[f"gyro_orthogonality.triad.S_{g}{g}"] = at["sensitivity"][k][k]
         direction = np.roll(at["axes"], 2 - k, axis=1)[k].tolist()
-        mounted = replace(_gyro(told["gyros"][g]), axis=tuple(direction))
-        line = mounted.best_line(table, told["rates_dps"], ROOM_DEGC)
+        mounted = replace(_gyro(stated["gyros"][g]), axis=tuple(direction))
+        line = mounted.best_line(table, stated["rates_dps"], ROOM_DEGC)
         found[f"gyro_scale.{g}_about_{g}.K_over_temperature.value@25"] = line[0]
         for other in range(k + 1, 3):
             key = f"gyro_orthogonality.angle_deg.{g}_{'xyz'[other]}"
@@ -144,10 +145,10 @@ def accelerometer_magnitude(number: int, _: Errors) -> tuple[Frames, Truth]:
     the truth states them.
     """
     made = tumble.campaign(number)
-    told: Any = made.truth
-    scale, axes = np.array(told["k"]), q_factor.axes_from_angles(np.array(told["Q"]))
+    stated: Any = made.truth
+    scale, axes = np.array(stated["k"]), q_factor.axes_from_angles(np.array(stated["Q"]))
     matrix = np.linalg.inv(scale[:, None] * axes)
-    found = {f"accel_q.triad.Q{k + 1}": told["Q"][k] for k in range(3)}
+    found = {f"accel_q.triad.Q{k + 1}": stated["Q"][k] for k in range(3)}
     for k, axis in enumerate("xyz"):
         found[f"accel_affine.triad.m_{axis}{axis}@25"] = float(matrix[k, k])
     return _frames(made.logs), lambda result: found.get(result.key)
@@ -156,8 +157,8 @@ def accelerometer_magnitude(number: int, _: Errors) -> tuple[Frames, Truth]:
 def inclinometer(number: int, errors: Errors) -> tuple[Frames, Truth]:
     """Two pairs in four positions at 36 stations: s(T)."""
     made = tool.campaign(number, latitude_deg=LATITUDE_DEG + errors["latitude_deg"])
-    told: Any = made.truth
-    pairs = dict(zip("xy", told["tool"]["pairs"], strict=True))
+    stated: Any = made.truth
+    pairs = dict(zip("xy", stated["tool"]["pairs"], strict=True))
 
     def truth(result: Result) -> float | None:
         if ".s@" not in result.key:
@@ -172,8 +173,8 @@ def inclinometer(number: int, errors: Errors) -> tuple[Frames, Truth]:
 def fog_thermal(number: int, errors: Errors) -> tuple[Frames, Truth]:
     """A gyro on ramps: bias at 25 °C and drift at rest."""
     made = fog.campaign(number, withheld=())
-    told: Any = made.truth
-    gyro = told["gyro"]
+    stated: Any = made.truth
+    gyro = stated["gyro"]
 
     def truth(result: Result) -> float | None:
         if result.quantity == "drift_rate.drift.bias":
@@ -189,13 +190,13 @@ def fog_thermal(number: int, errors: Errors) -> tuple[Frames, Truth]:
 def thermal(number: int, _: Errors) -> tuple[Frames, Truth]:
     """Six channels against one thermometer: bias at rest."""
     made = sweep.campaign(number)
-    told: Any = made.truth
+    stated: Any = made.truth
 
     def truth(result: Result) -> float | None:
         _, name, what = result.quantity.split(".")
         if what != "bias" or not result.at:
             return None
-        own = told["channels"][name]
+        own = stated["channels"][name]
         z = (_degc(result) - sweep.REFERENCE_DEGC) / 50.0
         static = sum(power * z**k for k, power in enumerate(own["powers"], 1))
         return float(sweep.ATTITUDE_G.get(name, 0.0) + own["bias"] + static)
@@ -206,10 +207,10 @@ def thermal(number: int, _: Errors) -> tuple[Frames, Truth]:
 def gyro_noise(number: int, _: Errors) -> tuple[Frames, Truth]:
     """A gyro at rest: angle random walk and bias instability."""
     made = static.campaign(number)
-    told: Any = made.truth
+    stated: Any = made.truth
     found = {
-        "gyro_noise.angle_random_walk.static": told["terms"]["N"],
-        "gyro_noise.bias_instability.static": told["terms"]["B"],
+        "gyro_noise.angle_random_walk.static": stated["terms"]["N"],
+        "gyro_noise.bias_instability.static": stated["terms"]["B"],
     }
     return _frames(made.logs), lambda result: found.get(result.key)
 

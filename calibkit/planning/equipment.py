@@ -102,14 +102,23 @@ class Equipment(Table):
                 hint="state a range within it, the lower end first",
             )
 
-    def known_device(self, procedure: str) -> Device:
-        """What is known of the devices of a procedure; UsageError where nothing is."""
+    def known_device(self, procedure: str, noise_unit: str | None = None) -> Device:
+        """What is known of the devices of a procedure; UsageError where nothing is, or where the
+        noise has another unit than the procedure needs.
+        """
         if procedure not in self.device:
             raise UsageError(
                 f"the equipment file has no [device.{procedure}]",
                 hint="copy it from calibkit plan --print-equipment and state your own values",
             )
-        return self.device[procedure]
+        found = self.device[procedure]
+        if noise_unit is not None and found.noise_unit != noise_unit:
+            raise UsageError(
+                f"noise_unit = '{found.noise_unit}' of [device.{procedure}], expected"
+                f" '{noise_unit}'",
+                hint=f"state the noise of the mean over noise_s in {noise_unit}",
+            )
+        return found
 
     def fixture(self, name: str) -> Fixture:
         """A fixture of the laboratory by its name; UsageError where it has none."""

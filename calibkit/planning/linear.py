@@ -5,11 +5,14 @@ by the information of a campaign.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from calibkit.errors import UsageError
+from calibkit.numeric.least_squares import polynomial
+from calibkit.numeric.least_squares.components import Known
 from calibkit.planning.proposal import Candidate, Predicted
 from calibkit.recipe.tables import ErrorComponent
 
@@ -28,6 +31,10 @@ EARLIER_DOF = 20.0
 """Degrees of freedom of what an earlier run found."""
 LEVELS = 25
 """Temperatures of use at which an uncertainty is predicted."""
+USUAL_LEVELS = 9
+"""Temperatures of a usual campaign."""
+MOST_ADDED = 3
+"""Temperatures that are added to what is measured, of which every choice is tried."""
 
 
 def assume_errors(
@@ -49,6 +56,26 @@ def assume_errors(
             hint=f"there are {', '.join(f'{e} of {g}' for g, e in units)}",
         )
     return stated
+
+
+def known_sizes(
+    components: Iterable[ErrorComponent], units: Mapping[tuple[str, str], str]
+) -> dict[tuple[str, str], Known]:
+    """Sizes of shared errors by (group, effect), in the units of a fit."""
+    return {
+        name: Known(one.value_in(units[name]), one.dof)
+        for one in components
+        for name in [(one.group, one.effect)]
+    }
+
+
+def read_sizes(
+    document: Mapping[str, Any], units: Mapping[tuple[str, str], str]
+) -> dict[tuple[str, str], float]:
+    """Standard deviation of each error that a plan may assume, 0 where it assumed none."""
+    stated = map(ErrorComponent.model_validate, document["components"])
+    sizes = {name: known.value for name, known in known_sizes(stated, units).items()}
+    return dict.fromkeys(units, 0.0) | sizes
 
 
 def read_components(
@@ -84,11 +111,53 @@ def refuse_range(task: Task, procedure: str) -> None:
         )
 
 
+def list_levels(
+    task: Task, order: int, more: int, range_degc: tuple[float, float]
+) -> Iterator[list[int]]:
+    """Temperatures of campaigns of all sizes, lowest first: from one more than an order needs, with
+    progress.
+    """
+    low, high = np.ceil(range_degc[0]), np.floor(range_degc[1])
+    sizes = range(order + 2, order + 2 + more + 1)
+    labels = [f"{size} temperatures" for size in sizes]
+    for size, _ in zip(sizes, task.progress(labels, "searching"), strict=True):
+        yield polynomial.space_levels(low, high, size)
+
+
+def list_usual_levels(range_degc: tuple[float, float]) -> tuple[int, ...]:
+    """Temperatures of a usual campaign, from low to high."""
+    return tuple(np.rint(np.linspace(*range_degc, USUAL_LEVELS)).astype(int).tolist())
+
+
+def choose_some(levels: Sequence[int]) -> Iterator[tuple[int, ...]]:
+    """Every choice of temperatures that may be added to what is measured."""
+    for number in range(1, min(len(levels), MOST_ADDED) + 1):
+        yield from combinations(levels, number)
+
+
 def order_there_and_back(levels: Sequence[int]) -> tuple[int, ...]:
     """Temperatures, lowest first, in the order of a campaign: every second one on the way back to
     the first, so that drift is told from temperature on a way that is no longer.
     """
     return (*levels[::2], *levels[1::2][::-1], levels[0])
+
+
+def raw_uncertainties(
+    information: Information, order: int, range_degc: tuple[float, float]
+) -> list[float]:
+    """Predicted standard uncertainties of the coefficients of a polynomial in powers of °C."""
+    to_raw = polynomial.to_raw_powers(*polynomial.middle_and_half(np.array(range_degc)), order)
+    zeros = np.zeros(order + 1)
+    _, covariance = polynomial.in_raw_powers(zeros, information.covariance, to_raw)
+    return [float(u) for u in np.sqrt(np.diag(covariance))]
+
+
+def find_largest(slopes: Mapping[str, Array], covariance: Array) -> dict[str, float]:
+    """Result → largest standard uncertainty of its combinations [m, p] of coefficients."""
+    return {
+        name: float(np.sqrt(np.einsum("mp,pq,mq->m", rows, covariance, rows).max()))
+        for name, rows in slopes.items()
+    }
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,9 +186,5 @@ class Results:
         """A campaign with its uncertainties; None where it does not determine all."""
         if not information.determined:
             return None
-        covariance = information.covariance
-        largest = {
-            name: float(np.sqrt(np.einsum("mp,pq,mq->m", rows, covariance, rows).max()))
-            for name, rows in self.slopes.items()
-        }
+        largest = find_largest(self.slopes, information.covariance)
         return Candidate(label, hours, largest, design)

@@ -90,10 +90,10 @@ def read_schedule(text: str, name: str) -> Schedule:
     actions = []
     for number, row in enumerate(rows[1:], start=2):
         try:
-            told: dict[str, Any] = dict(zip(rows[0], row, strict=True))
-            for key in told.keys() - {"action", "log"}:
-                told[key] = float(told[key] or _NONE)
-            actions.append(Action(**told))
+            cells: dict[str, Any] = dict(zip(rows[0], row, strict=True))
+            for key in cells.keys() - {"action", "log"}:
+                cells[key] = float(cells[key] or _NONE)
+            actions.append(Action(**cells))
         except ValueError:
             raise CoefficientError(
                 f"{name}:{number}: not an action of a schedule",

@@ -12,8 +12,8 @@ from calibkit.instruments.accelerometer import dwells as triad_dwells, forms
 from calibkit.instruments.accelerometer.circumstances import SHARED_UNITS
 from calibkit.instruments.accelerometer.numeric import k_factor, planned, shared_errors
 from calibkit.instruments.accelerometer.numeric.affine_model import AffineTerms
-from calibkit.numeric.least_squares.components import Known
 from calibkit.planning import recipe_text
+from calibkit.planning.linear import assume_errors, known_sizes
 from calibkit.recipe.tables import ErrorComponent
 
 if TYPE_CHECKING:
@@ -63,12 +63,7 @@ class Assumed:
     @property
     def sizes(self) -> planned.Sizes:
         """Standard deviations of the shared errors in the units of the fit."""
-        return {
-            (one.group, one.effect): Known(
-                one.value_in(SHARED_UNITS[one.group, one.effect]), one.dof
-            )
-            for one in self.components
-        }
+        return known_sizes(self.components, SHARED_UNITS)
 
     def noise_of(self, dwell_s: float) -> float:
         """Standard deviation [g] of the mean of a dwell of a length [s]."""
@@ -78,27 +73,12 @@ class Assumed:
 def assume(spec: AccelerometerRecipe, task: Task) -> Assumed:
     """Assumptions of a plan; UsageError for a recipe that is not planned."""
     _require_planned(spec)
-    device = task.equipment.known_device(spec.procedure)
-    found = {(one.group, one.effect): one for one in device.component}
-    noise, notes = device.noise, []
-    if device.noise_unit != "g":
-        raise UsageError(
-            f"noise_unit = '{device.noise_unit}' of [device.{spec.procedure}], expected 'g'",
-            hint="state the noise of a dwell in g",
-        )
+    device = task.equipment.known_device(spec.procedure, "g")
+    noise, notes, earlier = device.noise, [], dict[tuple[str, str], ErrorComponent]()
     if task.earlier is not None:
         noise, earlier = _read_run(task.earlier)
-        found |= earlier
         notes.append(f"noise {1e6 * noise:.3g} µg and {len(earlier)} shared errors of that run")
-    found |= {(one.group, one.effect): one for one in spec.errors.component}
-    unknown = [name for name in found if name not in SHARED_UNITS]
-    if unknown:
-        group, effect = unknown[0]
-        raise UsageError(
-            f"[device.{spec.procedure}] component '{effect}' of group '{group}' is no error of a"
-            " triad",
-            hint=f"there are {', '.join(f'{one} of {other}' for other, one in SHARED_UNITS)}",
-        )
+    found = assume_errors(spec, device, earlier.values(), SHARED_UNITS)
     low, high = task.range_degc or RANGE_DEGC
     fixtures = task.equipment.attitudes
     fixture = task.attitudes if task.attitudes in fixtures else "file"

@@ -214,7 +214,7 @@ def _planner() -> Planner:
     return Planner(
         lambda spec, task: ways[spec.reference.kind].propose(spec, task),
         lambda spec, task: ways[spec.reference.kind].judge(spec, task),
-        lambda spec, *told: ways[spec.reference.kind].simulate(spec, *told),
+        lambda spec, *asked: ways[spec.reference.kind].simulate(spec, *asked),
     )
 
 

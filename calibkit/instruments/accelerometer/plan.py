@@ -17,6 +17,7 @@ from calibkit.instruments.accelerometer.numeric import planned
 from calibkit.instruments.accelerometer.numeric.planned import Dwells, Model, Soaks
 from calibkit.numeric import exchange
 from calibkit.numeric.least_squares import polynomial
+from calibkit.planning.linear import list_usual_levels
 from calibkit.planning.proposal import (
     NOTHING,
     WITHHELD,
@@ -385,8 +386,7 @@ def _usual(bench: _Bench) -> Iterator[Candidate]:
     """Usual campaigns: 6, 12, 18 and 26 attitudes at nine temperatures, from low to high."""
     if bench.assumed.fixture != "two-axis":
         return
-    low, high = bench.model.range_degc
-    degc = tuple(np.rint(np.linspace(low, high, 9)).astype(int).tolist())
+    degc = list_usual_levels(bench.model.range_degc)
     for name, spots in assumptions.USUAL.items():
         table = replace(
             bench,

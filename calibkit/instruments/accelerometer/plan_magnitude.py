@@ -23,9 +23,14 @@ from calibkit.instruments.accelerometer.numeric.shared_errors import Circumstanc
 from calibkit.numeric import attitude
 from calibkit.numeric.exchange import Pool
 from calibkit.numeric.information import Information, find_information
-from calibkit.numeric.least_squares.components import Known
 from calibkit.planning import recipe_text
-from calibkit.planning.linear import Results, assume_errors, refuse_range
+from calibkit.planning.linear import (
+    Results,
+    assume_errors,
+    known_sizes,
+    read_sizes,
+    refuse_range,
+)
 from calibkit.planning.proposal import (
     NOTHING,
     WITHHELD,
@@ -40,7 +45,6 @@ from calibkit.planning.proposal import (
     find_front,
 )
 from calibkit.planning.schedule import Clock
-from calibkit.recipe.tables import ErrorComponent
 from calibkit.simulate.campaign import Campaign
 
 if TYPE_CHECKING:
@@ -50,6 +54,7 @@ if TYPE_CHECKING:
     from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
     from calibkit.planning.equipment import Device
     from calibkit.planning.schedule import Schedule
+    from calibkit.recipe.tables import ErrorComponent
 
 DEVICE = "accelerometer_magnitude"
 FIXTURE = "hand"
@@ -237,10 +242,7 @@ def _information(
     rows = length_residuals(IDEAL, unit, 1.0, np.ones(len(unit)))[1]
     soak = np.zeros(len(unit), dtype=np.int64) if dwells is None else dwells.log
     where, at = Circumstances(soak, None, unit), Residuals.of_lengths(unit)
-    size = {
-        (one.group, one.effect): Known(one.value_in(UNITS[one.group, one.effect]), one.dof)
-        for one in components
-    }
+    size = known_sizes(components, UNITS)
     effects = (*shared_errors.list_effects(where, at), *shared_errors.list_candidates(where, at))
     known = [replace(one, known=size.get((one.group, one.effect))) for one in effects]
     return find_information(rows, noise_g, known)
@@ -297,14 +299,13 @@ def simulate(
     spec: AccelerometerRecipe, schedule: Schedule, document: Mapping[str, Any], seed: int
 ) -> Campaign:
     """Logs of a triad that is turned by hand into the positions of a schedule, and its truth."""
-    rng, told = np.random.default_rng(seed), document["settings"]
-    stated = [ErrorComponent.model_validate(one) for one in document["components"]]
-    size = {(one.group, one.effect): one.value_in(UNITS[one.group, one.effect]) for one in stated}
+    rng, settings = np.random.default_rng(seed), document["settings"]
+    size = read_sizes(document, UNITS)
     k, b, q = (rng.normal(0.0, one, 3) for one in simulate_magnitude.SIZES)
     axes = q_factor.axes_from_angles(q)
-    second = rng.normal(0.0, size.get(shared_errors.SECOND_ORDER, 0.0), 3)
-    zero = rng.normal(0.0, size.get(("soak", "zero"), 0.0), 3)
-    noise = told["noise_1s"] / np.sqrt(simulate_magnitude.INTERVAL_S)
+    second = rng.normal(0.0, size[shared_errors.SECOND_ORDER], 3)
+    zero = rng.normal(0.0, size["soak", "zero"], 3)
+    noise = settings["noise_1s"] / np.sqrt(simulate_magnitude.INTERVAL_S)
     sign = 1.0 if spec.reference.convention == "gravity" else -1.0
     logs: dict[str, dict[str, Array]] = {}
     for name in dict.fromkeys(one.log for one in schedule.recorded("dwell")):
@@ -312,7 +313,7 @@ def simulate(
         spots = np.array([(one.inclination_deg, one.toolface_deg) for one in held])
         gravity = attitude.gravity_vector(*spots.T) + rng.normal(0.0, BY_HAND, (len(held), 3))
         gravity /= np.linalg.norm(gravity, axis=1)[:, None]
-        along = simulate_magnitude.path(rng, gravity, told["dwell_s"]) @ axes.T
+        along = simulate_magnitude.path(rng, gravity, settings["dwell_s"]) @ axes.T
         seen = (1.0 + k) * (along + second * along**2) + b + zero
         seen = sign * (seen + rng.normal(0.0, noise, seen.shape))
         logs[name] = {

@@ -5,7 +5,7 @@ switched on, and what they will give.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import combinations, pairwise
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,7 +23,12 @@ from calibkit.planning.linear import (
     LEVELS,
     Results,
     assume_errors,
+    choose_some,
+    known_sizes,
+    list_levels,
+    list_usual_levels,
     order_there_and_back,
+    raw_uncertainties,
     read_components,
 )
 from calibkit.planning.proposal import (
@@ -61,8 +66,6 @@ MORE_LEVELS = 4
 """Temperatures that the search takes at most beyond one more than the order needs."""
 TIMES = (1, 2, 3)
 """How often the temperatures are gone through, or how often it is switched on at each."""
-MOST_ADDED = 3
-"""Temperatures that are added to what is measured, of which every choice is tried."""
 BLOCKS = 64
 """Parts of a measured log whose mean temperatures are taken."""
 RESTART = "the instrument is switched off and on before each log that a fit sees"
@@ -231,8 +234,7 @@ def _prepare(spec: BiasTemperatureRecipe, task: Task) -> _Bench:
     seen = () if task.earlier is None else read_components(task.earlier, FILE, spec.procedure)
     earlier = [one for one in seen if (one.group, one.effect) == TURN_ON]
     stated = assume_errors(spec, device, earlier, {TURN_ON: unit})
-    found = stated.get(TURN_ON)
-    size = Known(found.value_in(unit), found.dof) if found else Known(0.0)
+    size = known_sizes(stated.values(), {TURN_ON: unit}).get(TURN_ON, Known(0.0))
     middle, half = polynomial.middle_and_half(np.array(range_degc))
     used = np.append(np.linspace(low, high, LEVELS), np.clip(spec.reference_temp_degc, low, high))
     powers = polynomial.powers(used, order, middle=middle, half=half)
@@ -264,21 +266,14 @@ def _list_designs(bench: _Bench) -> Iterator[_Design]:
     """Campaigns of all sizes; beside what is measured, those of the temperatures that it lacks, and
     an empty one.
     """
-    fewest = bench.order + 2
-    sizes = range(fewest, fewest + MORE_LEVELS + 1)
-    labels = [f"{size} temperatures" for size in sizes]
     seen: set[tuple[int, ...]] = {()}
     if bench.have.degc.size:
         yield _Design((), 0.0)
-    for size, _ in zip(sizes, bench.task.progress(labels, "searching"), strict=True):
-        low, high = bench.range_degc
-        spaced = polynomial.space_levels(np.ceil(low), np.floor(high), size)
-        tour = order_there_and_back(spaced)
+    for levels in list_levels(bench.task, bench.order, MORE_LEVELS, bench.range_degc):
+        tour = order_there_and_back(levels)
         tours = (tour[:-1] * number + tour[:1] for number in TIMES)
         listed = [*tours, *(tuple(np.repeat(tour, number).tolist()) for number in TIMES)]
-        if bench.have.degc.size:
-            for number in range(1, MOST_ADDED + 1):
-                listed += combinations(tour[:-1], number)
+        listed += choose_some(tour[:-1]) if bench.have.degc.size else ()
         for degc in listed:
             if degc not in seen:
                 seen.add(degc)
@@ -291,18 +286,14 @@ def _list_coefficients(
     """Predicted standard uncertainties in powers of °C; of a channel of a lower order as of the
     highest.
     """
-    to_raw = polynomial.to_raw_powers(*bench.scale, bench.order)
-    zeros = np.zeros(bench.order + 1)
-    _, covariance = polynomial.in_raw_powers(zeros, information.covariance, to_raw)
+    every = raw_uncertainties(information, bench.order, bench.range_degc)
     for channel in spec.polynomials.bias:
-        for k, u in enumerate(np.sqrt(np.diag(covariance)).tolist()[: channel.order + 1]):
+        for k, u in enumerate(every[: channel.order + 1]):
             unit = power_unit(bench.device.noise_unit, "degC", k)
             yield Coefficient(channel.indication, f"p{k}", unit, u)
 
 
 def _list_usual(bench: _Bench) -> tuple[Candidate, ...]:
     """The usual campaign: an hour at each of nine temperatures, from low to high."""
-    low, high = bench.range_degc
-    degc = tuple(np.rint(np.linspace(low, high, 9)).astype(int).tolist())
-    found = bench.candidate(_Design(degc, 3600.0))
+    found = bench.candidate(_Design(list_usual_levels(bench.range_degc), 3600.0))
     return () if found is None else (found,)

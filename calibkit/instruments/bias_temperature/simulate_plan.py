@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calibkit.instruments.bias_temperature.plan import TURN_ON
-from calibkit.recipe.tables import ErrorComponent
+from calibkit.planning.linear import read_sizes
 from calibkit.simulate.campaign import Campaign
 from calibkit.simulate.chamber import follow_with_lag
 
@@ -28,12 +28,10 @@ def campaign(
     spec: BiasTemperatureRecipe, schedule: Schedule, document: Mapping[str, Any], seed: int
 ) -> Campaign:
     """Logs of an instrument whose bias is a polynomial of its case temperature, and its truth."""
-    rng, told = np.random.default_rng(seed), document["settings"]
+    rng, settings = np.random.default_rng(seed), document["settings"]
     low, high = document["range_degc"]
-    stated = [ErrorComponent.model_validate(one) for one in document["components"]]
-    unit = document["noise"]["unit"]
-    turn_on = sum(one.value_in(unit) for one in stated if (one.group, one.effect) == TURN_ON)
-    size = DRIFT * told["noise_1s"] / np.sqrt(60.0)
+    turn_on = read_sizes(document, {TURN_ON: document["noise"]["unit"]})[TURN_ON]
+    size = DRIFT * settings["noise_1s"] / np.sqrt(60.0)
     truth = {
         one.indication: np.polynomial.Polynomial(
             rng.normal(0.0, size, one.order + 1) / (1.0 + np.arange(one.order + 1.0)),
@@ -44,14 +42,14 @@ def campaign(
     logs: dict[str, dict[str, Array]] = {}
     for name in dict.fromkeys(one.log for one in schedule.actions if one.log):
         own = [one for one in schedule.actions if one.log == name]
-        case = _follow(own, told["lag_s"]) + rng.normal(0.0, REACHED_DEGC)
+        case = _follow(own, settings["lag_s"]) + rng.normal(0.0, REACHED_DEGC)
         logs[name] = {
             "time_s": np.arange(float(case.size)),
             spec.polynomials.abscissa: case + rng.normal(0.0, THERMOMETER_DEGC, case.size),
         } | {
             channel: bias(case)
             + rng.normal(0.0, turn_on)
-            + rng.normal(0.0, told["noise_1s"], case.size)
+            + rng.normal(0.0, settings["noise_1s"], case.size)
             for channel, bias in truth.items()
         }
     decimals = {"time_s": 0, spec.polynomials.abscissa: 3} | dict.fromkeys(truth, 6)

@@ -16,6 +16,7 @@ from calibkit.instruments.fog_thermal.numeric.planned import Model, Ramp
 from calibkit.instruments.fog_thermal.simulate_gyro import FogGyro
 from calibkit.numeric.information import invert
 from calibkit.planning import recipe_text
+from calibkit.planning.linear import find_largest
 from calibkit.planning.proposal import (
     NOTHING,
     WITHHELD,
@@ -163,10 +164,7 @@ class _Bench:
         """
         own = [base, *(parts[ramp] for ramp in design.ramps)]
         covariance = planned.covariance_of(own, self.model.prior)
-        largest = {}
-        for name, slopes in self.slopes.items():
-            variance = np.einsum("mp,pq,mq->m", slopes, covariance, slopes)
-            largest[name] = float(np.sqrt(variance.max()))
+        largest = find_largest(self.slopes, covariance)
         return Candidate(design.label, self.hours(design), largest, design)
 
 
@@ -222,12 +220,7 @@ def judge(spec: FogThermalRecipe, task: Task) -> tuple[Predicted, ...]:
 
 def _prepare(spec: FogThermalRecipe, task: Task) -> _Bench:
     """What the search needs; UsageError for what cannot be planned."""
-    device = task.equipment.known_device(spec.procedure)
-    if device.noise_unit != "deg/h":
-        raise UsageError(
-            f"noise_unit = '{device.noise_unit}' of [device.{spec.procedure}], expected 'deg/h'",
-            hint="state the noise of the mean over noise_s in deg/h",
-        )
+    device = task.equipment.known_device(spec.procedure, "deg/h")
     low, high = task.range_degc or RANGE_DEGC
     task.equipment.require_reached(low, high)
     stated = {(one.group, one.effect): one for one in device.component}

@@ -220,18 +220,18 @@ def simulate(
     spec: GyroNoiseRecipe, schedule: Schedule, document: Mapping[str, Any], seed: int
 ) -> Campaign:
     """Log of gyros with the noise terms that the plan assumes."""
-    rng, told = np.random.default_rng(seed), document["settings"]
-    terms = dict.fromkeys(TERMS, 0.0) | told["terms"]
+    rng, settings = np.random.default_rng(seed), document["settings"]
+    terms = dict.fromkeys(TERMS, 0.0) | settings["terms"]
     (held,) = schedule.recorded("soak")
-    count = round(held.duration_s / told["interval_s"])
-    interval = told["interval_s"]
+    count = round(held.duration_s / settings["interval_s"])
+    interval = settings["interval_s"]
     rates = {
         column: noise.angle_random_walk(terms[TERMS[0]], count, rng, interval_s=interval)
         + noise.flicker(terms[TERMS[1]], count, rng)
         + noise.rate_random_walk(terms[TERMS[2]], count, rng, interval_s=interval)
         for column in spec.noise.columns
     }
-    drawn = {term_name(name, LOG): value for name, value in told["terms"].items()}
+    drawn = {term_name(name, LOG): value for name, value in settings["terms"].items()}
     facts = {"seed": seed, "plan": document["sha256"], "coefficients": {"gyro_noise": drawn}}
     logs = {held.log: {"time_s": interval * np.arange(count)} | rates}
     return Campaign(logs, {"time_s": 1} | dict.fromkeys(rates, 4), facts)

@@ -16,10 +16,14 @@ from calibkit.instruments.gyro_scale.numeric import planned
 from calibkit.instruments.gyro_scale.numeric.planned import Holds, Model
 from calibkit.instruments.gyro_scale.planned_runs import NO_RUNS, Bench, Design
 from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe, RateTableRecipe
-from calibkit.numeric.least_squares import polynomial
-from calibkit.numeric.least_squares.components import Known
 from calibkit.planning import recipe_text
-from calibkit.planning.linear import assume_errors, order_there_and_back
+from calibkit.planning.linear import (
+    assume_errors,
+    choose_some,
+    known_sizes,
+    list_levels,
+    order_there_and_back,
+)
 from calibkit.planning.proposal import (
     ONE_LEVEL_DEGC,
     Candidate,
@@ -42,8 +46,6 @@ MORE_LEVELS = 3
 """Temperatures that the search takes at most beyond one more than the order needs."""
 REPEATS = (1, 2, 3)
 """Runs at the reference temperature."""
-MOST_ADDED = 3
-"""Temperatures that are added to what is measured, of which every choice is tried."""
 
 
 def propose(spec: GyroRecipe, task: Task) -> tuple[Proposal, tuple[Wish, ...]]:
@@ -124,7 +126,7 @@ def _prepare(spec: GyroRecipe, task: Task) -> Bench:
     task.equipment.require_reached(low, high)
     earlier = {} if task.earlier is None else assumptions.read_run(task.earlier)
     stated = assume_errors(spec, device, earlier.values(), planned.UNITS)
-    sizes = {key: Known(one.value_in(planned.UNITS[key]), one.dof) for key, one in stated.items()}
+    sizes = known_sizes(stated.values(), planned.UNITS)
     model = Model(device.order, (low, high), sizes)
     reference = float(np.clip(spec.reference_temp_degc, low, high))
     over_axes = isinstance(spec, GyroTriadRecipe)
@@ -144,16 +146,14 @@ def _list_designs(bench: Bench) -> Iterator[Design]:
     """Campaigns of all sizes; beside what is measured, those of the temperatures that it lacks, and
     an empty one.
     """
-    fewest = bench.model.order + 2
-    sizes = range(fewest, fewest + MORE_LEVELS + 1)
-    labels = [f"{size} temperatures" for size in sizes]
     fastest = int(bench.table.fastest_dps)
     if bench.have:
         yield NO_RUNS
     seen: set[tuple[int, ...]] = set()
-    for size, _ in zip(sizes, bench.task.progress(labels, "searching"), strict=True):
+    model = bench.model
+    for levels in list_levels(bench.task, model.order, MORE_LEVELS, model.range_degc):
         for repeats in REPEATS:
-            whole = _order_temperatures(bench, size, repeats)
+            whole = _order_temperatures(bench, levels, repeats)
             listed = set(_list_additions(bench, whole)) if bench.have else {whole}
             for degc, count in product(sorted(listed - seen), bench.table.rates):
                 ladders = {
@@ -180,18 +180,16 @@ def _list_additions(bench: Bench, whole: Sequence[int]) -> Iterator[tuple[int, .
         yield ()
     yield tuple(whole)
     yield (round(bench.reference_degc),)
-    for count in range(1, min(len(absent), MOST_ADDED) + 1):
-        yield from combinations(absent, count)
+    yield from choose_some(absent)
     if absent:
         yield tuple(absent)
 
 
-def _order_temperatures(bench: Bench, size: int, repeats: int) -> tuple[int, ...]:
+def _order_temperatures(bench: Bench, spaced: Sequence[int], repeats: int) -> tuple[int, ...]:
     """Temperatures in their order: every second one on the way back to the first, and further runs
     where the reference temperature is passed.
     """
-    low, high = bench.model.range_degc
-    levels = polynomial.space_levels(np.ceil(low), np.floor(high), size)
+    levels, size = list(spaced), len(spaced)
     reference = round(bench.reference_degc)
     # the level nearest to the reference is the reference; the ends of the range stay
     inner = range(1, size - 1)

@@ -16,9 +16,8 @@ from calibkit.instruments.gyro_scale.numeric import planned
 from calibkit.instruments.gyro_scale.numeric.gjb_figures import PPM
 from calibkit.instruments.gyro_scale.numeric.planned import Holds, Model
 from calibkit.instruments.gyro_scale.planned_runs import NO_RUNS, Bench, Design
-from calibkit.numeric.least_squares.components import Known
 from calibkit.planning import recipe_text
-from calibkit.planning.linear import assume_errors, refuse_range
+from calibkit.planning.linear import assume_errors, known_sizes, refuse_range
 from calibkit.planning.proposal import (
     NOTHING,
     WITHHELD,
@@ -214,9 +213,9 @@ def _prepare(spec: GyroPairRecipe, task: Task) -> _PairBench:
         )
     degc = [float(one.rows.row_degc.mean()) for one in have.values()]
     reference = float(np.mean(degc or [spec.reference_temp_degc]))
-    task.equipment.require_reached(reference - 1.0, reference + 1.0)
-    sizes = {key: Known(one.value_in(UNITS[key]), one.dof) for key, one in stated.items()}
-    model = Model(0, (reference - 1.0, reference + 1.0), sizes)
+    around = reference - 1.0, reference + 1.0
+    task.equipment.require_reached(*around)
+    model = Model(0, around, known_sizes(stated.values(), UNITS))
     components: Any = tuple(stated.values())
     bench = Bench(
         *(task, device, table, model, reference, spec.gyros, components),

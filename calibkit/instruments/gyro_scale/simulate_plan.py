@@ -11,8 +11,8 @@ from calibkit.constants import DPH_PER_DPS
 from calibkit.instruments.gyro_scale import forms, simulate_rate_table
 from calibkit.instruments.gyro_scale.numeric import planned
 from calibkit.instruments.gyro_scale.numeric.gjb_figures import PPM
+from calibkit.planning.linear import read_sizes
 from calibkit.planning.proposal import WITHHELD
-from calibkit.recipe.tables import ErrorComponent
 from calibkit.simulate.campaign import Campaign
 
 if TYPE_CHECKING:
@@ -41,12 +41,9 @@ def campaign(
     table = simulate_rate_table.Table(
         interval_s=1.0, shortest_hold_s=float(document["settings"]["hold_s"])
     )
-    size = {
-        (one.group, one.effect): one.value_in(planned.UNITS[one.group, one.effect])
-        for one in map(ErrorComponent.model_validate, document["components"])
-    }
-    scale, zero = size.get(("run", "scale"), 0.0) / PPM, size.get(("run", "zero"), 0.0)
-    tilts = np.radians(rng.normal(0.0, size.get(planned.MOUNTING, 0.0), (3, 3)))
+    size = read_sizes(document, planned.UNITS)
+    scale, zero = size["run", "scale"] / PPM, size["run", "zero"]
+    tilts = np.radians(rng.normal(0.0, size[planned.MOUNTING], (3, 3)))
     logs: dict[str, dict[str, Array]] = {}
     held = schedule.recorded("rate")
     for log in dict.fromkeys(one.log for one in held):

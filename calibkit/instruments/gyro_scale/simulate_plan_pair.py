@@ -12,8 +12,8 @@ from calibkit.instruments.gyro_scale import simulate_pair, simulate_rate_table
 from calibkit.instruments.gyro_scale.numeric import planned
 from calibkit.instruments.gyro_scale.numeric.gjb_figures import PPM
 from calibkit.instruments.gyro_scale.plan_pair import AXES, TEMPERATURE, UNITS
+from calibkit.planning.linear import read_sizes
 from calibkit.planning.proposal import WITHHELD
-from calibkit.recipe.tables import ErrorComponent
 from calibkit.simulate.campaign import Campaign
 
 if TYPE_CHECKING:
@@ -29,19 +29,16 @@ def campaign(
 ) -> Campaign:
     """Logs of two linear gyros about the axis of each, and N and the angle between them."""
     rng = np.random.default_rng(np.random.SeedSequence(seed))
-    stated = [ErrorComponent.model_validate(one) for one in document["components"]]
-    size = dict.fromkeys(UNITS, 0.0) | {
-        (one.group, one.effect): one.value_in(UNITS[one.group, one.effect]) for one in stated
-    }
-    told, simulated = document["settings"], simulate_rate_table
-    table = simulated.Table(interval_s=1.0, shortest_hold_s=told["hold_s"], warming_degc=0.0)
+    size = read_sizes(document, UNITS)
+    settings, simulated = document["settings"], simulate_rate_table
+    table = simulated.Table(interval_s=1.0, shortest_hold_s=settings["hold_s"], warming_degc=0.0)
     gyros = {name: simulate_pair.linear(simulated.RateGyro.draw(rng)) for name in AXES}
     alpha = 90.0 + rng.normal(0.0, 0.3)
     held = schedule.recorded("rate")
     rates = np.unique([one.table_rate_dps for one in held])
     response = rng.normal(0.0, size["rate", "response"] / DPH_PER_DPS, (2, rates.size))
     # both gyros change with temperature alike
-    per_degc = float(rng.normal(0.0, told["coefficient_per_degc"]))
+    per_degc = float(rng.normal(0.0, settings["coefficient_per_degc"]))
     logs: dict[str, dict[str, Array]] = {}
     for log in dict.fromkeys(one.log for one in held):
         axis = spec.find_axis(log.removeprefix(WITHHELD))

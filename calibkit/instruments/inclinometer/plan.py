@@ -5,12 +5,11 @@ position, and what s(T) will be known to.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.errors import FitError, UsageError
+from calibkit.errors import FitError
 from calibkit.forms import power_unit
 from calibkit.instruments.inclinometer import mounting, simulate, solve, stations
 from calibkit.instruments.inclinometer.forms import FILE
@@ -20,12 +19,16 @@ from calibkit.instruments.inclinometer.numeric.root_choice import Limits
 from calibkit.instruments.inclinometer.rows import Rows
 from calibkit.numeric import earth
 from calibkit.numeric.least_squares import polynomial
-from calibkit.numeric.least_squares.components import Known
 from calibkit.planning import recipe_text
 from calibkit.planning.linear import (
     LEVELS,
     assume_errors,
+    choose_some,
+    known_sizes,
+    list_levels,
+    list_usual_levels,
     order_there_and_back,
+    raw_uncertainties,
     read_components,
 )
 from calibkit.planning.proposal import (
@@ -67,8 +70,6 @@ STATIONS = (1, 2, 3, 4, 6, 8, 12)
 """Stations at each temperature."""
 LEFT_OUT = 4
 """Stations that are withheld."""
-MOST_ADDED = 3
-"""Temperatures that are added to what is measured, of which every choice is tried."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -250,17 +251,12 @@ def judge(spec: InclinometerRecipe, task: Task) -> tuple[Predicted, ...]:
 
 def _prepare(spec: InclinometerRecipe, task: Task) -> _Bench:
     """What the search needs; UsageError for what cannot be planned."""
-    device = task.equipment.known_device(spec.procedure)
-    if device.noise_unit != "deg/h":
-        raise UsageError(
-            f"noise_unit = '{device.noise_unit}' of [device.{spec.procedure}], expected 'deg/h'",
-            hint="state the noise of the mean over noise_s in deg/h",
-        )
+    device = task.equipment.known_device(spec.procedure, "deg/h")
     low, high = task.range_degc or RANGE_DEGC
     task.equipment.require_reached(low, high)
     earlier = () if task.earlier is None else read_components(task.earlier, FILE, spec.procedure)
     stated = assume_errors(spec, device, earlier, planned.UNITS)
-    sizes = {key: Known(one.value_in(planned.UNITS[key]), one.dof) for key, one in stated.items()}
+    sizes = known_sizes(stated.values(), planned.UNITS)
     order = device.order if spec.scale.order == "auto" else spec.scale.order
     step = task.equipment.fixture(FIXTURE).step_deg
     tilts, azimuths = np.arange(step, 90, step), np.arange(0, 360, step)
@@ -323,9 +319,6 @@ def _list_designs(bench: _Bench) -> Iterator[_Design]:
     """Campaigns of all sizes; beside what is measured, those of the temperatures that it lacks, and
     an empty one.
     """
-    fewest = bench.order + 2
-    sizes = range(fewest, fewest + MORE_LEVELS + 1)
-    labels = [f"{size} temperatures" for size in sizes]
     places = [
         (dwell_s, best)
         for dwell_s in bench.device.dwell_s
@@ -334,13 +327,9 @@ def _list_designs(bench: _Bench) -> Iterator[_Design]:
     seen: set[tuple[int, ...]] = set()
     if bench.have.u.size:
         yield _Design((), (), 0.0)
-    for size, _ in zip(sizes, bench.task.progress(labels, "searching"), strict=True):
-        low, high = bench.range_degc
-        tour = order_there_and_back(polynomial.space_levels(np.ceil(low), np.floor(high), size))
-        listed = [tour]
-        if bench.have.u.size:
-            for number in range(1, MOST_ADDED + 1):
-                listed += combinations(tour[:-1], number)
+    for levels in list_levels(bench.task, bench.order, MORE_LEVELS, bench.range_degc):
+        tour = order_there_and_back(levels)
+        listed = [tour, *(choose_some(tour[:-1]) if bench.have.u.size else ())]
         for degc in listed:
             if degc not in seen:
                 seen.add(degc)
@@ -352,12 +341,8 @@ def _list_designs(bench: _Bench) -> Iterator[_Design]:
 
 def _list_coefficients(bench: _Bench, information: Information) -> Iterator[Coefficient]:
     """Predicted standard uncertainties in powers of °C."""
-    middle, half = polynomial.middle_and_half(np.array(bench.range_degc))
-    to_raw = polynomial.to_raw_powers(middle, half, bench.order)
-    zeros = np.zeros(bench.order + 1)
-    _, covariance = polynomial.in_raw_powers(zeros, information.covariance, to_raw)
     for axis in bench.spec.axes:
-        for k, u in enumerate(np.sqrt(np.diag(covariance)).tolist()):
+        for k, u in enumerate(raw_uncertainties(information, bench.order, bench.range_degc)):
             yield Coefficient(axis, f"s{k}", power_unit("1", "degC", k), u)
 
 
@@ -365,8 +350,7 @@ def _list_usual(bench: _Bench) -> Iterator[Candidate]:
     """The usual campaign: at each of nine temperatures, from low to high, stations to the north,
     east, south and west at one inclination near 30°, a minute in a position.
     """
-    low, high = bench.range_degc
-    degc = tuple(np.rint(np.linspace(low, high, 9)).astype(int).tolist())
+    degc = list_usual_levels(bench.range_degc)
     u, _ = bench.uncertainty(60.0)
     tilt, azimuth = bench.places.T
     near = tilt[np.argmin(np.abs(tilt - 30.0))]

@@ -9,10 +9,9 @@ import numpy as np
 
 from calibkit.instruments.inclinometer import simulate
 from calibkit.instruments.inclinometer.numeric import planned
-from calibkit.instruments.inclinometer.numeric.planned import UNITS
 from calibkit.numeric import earth
+from calibkit.planning.linear import read_sizes
 from calibkit.planning.proposal import WITHHELD
-from calibkit.recipe.tables import ErrorComponent
 from calibkit.simulate.campaign import Campaign
 
 if TYPE_CHECKING:
@@ -34,12 +33,9 @@ def campaign(
     spec: InclinometerRecipe, schedule: Schedule, document: Mapping[str, Any], seed: int
 ) -> Campaign:
     """Logs of the stations of a schedule, and the coefficients of s(T) of each gyro."""
-    rng, told = np.random.default_rng(seed), document["settings"]
-    stated = [ErrorComponent.model_validate(one) for one in document["components"]]
-    size = dict.fromkeys(UNITS, 0.0) | {
-        (one.group, one.effect): one.value_in(UNITS[one.group, one.effect]) for one in stated
-    }
-    pairs = {axis: _Pair.draw(rng, told["order"], size) for axis in spec.axes}
+    rng, settings = np.random.default_rng(seed), document["settings"]
+    size = read_sizes(document, planned.UNITS)
+    pairs = {axis: _Pair.draw(rng, settings["order"], size) for axis in spec.axes}
     sign = 1.0 if spec.reference.convention == "gravity" else -1.0
     logs: dict[str, dict[str, Array | Integers]] = {}
     for name in dict.fromkeys(one.log for one in schedule.recorded("dwell")):
@@ -60,7 +56,7 @@ def campaign(
         }
         for axis, pair in pairs.items():
             seen = (0.0 if axis == "x" else 90.0) + simulate.POSITIONS_DEG + index
-            accel, gyro = pair.read(rng, attitudes, seen, degc, told, size)
+            accel, gyro = pair.read(rng, attitudes, seen, degc, settings, size)
             columns[f"accel_{axis}_g"] = sign * accel.ravel()
             columns[f"gyro_{axis}_dph"] = gyro.ravel()
         for column in simulate.REFERENCE if name.startswith(WITHHELD) else ():
@@ -99,12 +95,12 @@ class _Pair:
         attitudes: simulate.Attitudes,
         seen_deg: Array,
         degc: Array,
-        told: Mapping[str, Any],
+        settings: Mapping[str, Any],
         size: Mapping[tuple[str, str], float],
     ) -> tuple[Array, Array]:
         """Accelerometer [g] and gyro [°/h] in directions [n, 4] [°] about the axis of the tool."""
         gravity = simulate.rotated(attitudes, np.array([0.0, 0.0, 1.0]))
-        rate = simulate.rotated(attitudes, earth.north_east_down(told["latitude_deg"]))
+        rate = simulate.rotated(attitudes, earth.north_east_down(settings["latitude_deg"]))
         accel = simulate.resolve_along(gravity, seen_deg, 0.0) + self.bias[0]
         accel += rng.normal(0.0, size[planned.ACCEL], seen_deg.shape)
         s = np.polynomial.polynomial.polyval(degc, self.scale)
@@ -112,5 +108,5 @@ class _Pair:
         s = s + rng.normal(0.0, size[planned.OF_LOG])
         walk = np.cumsum(rng.normal(0.0, size[planned.WALK], seen_deg.shape), axis=1)
         gyro = simulate.resolve_along(rate, seen_deg + self.turn_deg, 0.0) / s[:, None] + walk
-        gyro += self.bias[1] + rng.normal(0.0, told["noise_dph"], seen_deg.shape)
+        gyro += self.bias[1] + rng.normal(0.0, settings["noise_dph"], seen_deg.shape)
         return accel, gyro

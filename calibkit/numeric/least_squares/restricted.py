@@ -26,7 +26,7 @@ that is not.
 """
 RANK = 1e-15
 """Eigenvalue of the scaled information, over its largest, below which a combination of variances is
-not told apart.
+not determined.
 """
 LARGEST_RATIO = 1e10
 """Variance of an effect over that of the noise of a level, above which no digit changes but those
@@ -254,6 +254,6 @@ def _inverse(information: Array, free: Mask) -> Array:
     values, vectors = np.linalg.eigh(
         np.where(both, information / np.outer(size, size), np.eye(len(size)))
     )
-    told = values > RANK * values[-1]
-    vectors = vectors[:, told] / size[:, None]
-    return np.where(both, vectors / values[told] @ vectors.T, 0.0)
+    determined = values > RANK * values[-1]
+    vectors = vectors[:, determined] / size[:, None]
+    return np.where(both, vectors / values[determined] @ vectors.T, 0.0)
