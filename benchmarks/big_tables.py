@@ -1,5 +1,5 @@
-"""Logs of any number of rows of a gyro on a rate table and of a triad on a two-axis table, the same
-for the same seed.
+"""Logs of any number of rows of a gyro on a rate table, of a triad on a two-axis table, and of a
+gyro at rest, the same for the same seed.
 
 The table turns at 25 rates from −100 to 100 °/s, the triad is held at 26 attitudes, each for an
 equal share of the rows at 1 kHz. Gyro and triad are plain: a line with noise, a matrix with noise.
@@ -75,6 +75,15 @@ def triad_rows(time: Array, hold_s: float, rng: np.random.Generator) -> list[Arr
     return [time, case, inclination, toolface, *shown.T]
 
 
+def rest_rows(
+    time: Array,
+    hold_s: float,  # noqa: ARG001 (as of the tables)
+    rng: np.random.Generator,
+) -> list[Array]:
+    """Columns of a gyro at rest at times [m, s]."""
+    return [time, 8.5 + 0.01 * np.sin(time / 2000.0) + rng.normal(0.0, 5.0, time.size)]
+
+
 KINDS: dict[
     str, tuple[str, str, int, Callable[[Array, float, np.random.Generator], list[Array]]]
 ] = {
@@ -90,18 +99,19 @@ KINDS: dict[
         len(ATTITUDES),
         triad_rows,
     ),
+    "gyro_noise": ("time_s,gyro_dph", "%.3f,%.4f", 1, rest_rows),
 }
 """What is logged → header, format of a line, levels held, columns at times."""
 
 
-def write(folder: Path, kind: str, rows: int) -> Path:
+def write(folder: Path, kind: str, rows: int, seed: int = SEED) -> Path:
     """Write one log of so many rows unless it is there; returns the file."""
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{kind}.csv"
     if path.exists():
         return path
     header, line, levels, columns = KINDS[kind]
-    rng, hold_s = np.random.default_rng(SEED), rows / RATE_HZ / levels
+    rng, hold_s = np.random.default_rng(seed), rows / RATE_HZ / levels
     unfinished = path.with_suffix(".part")
     with unfinished.open("w", encoding="ascii") as stream:
         stream.write(header + "\n")

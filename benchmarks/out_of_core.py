@@ -1,11 +1,11 @@
-"""Logs larger than memory should be, fitted and compensated from disk and in memory: peak resident
-set, times, differences.
+"""Logs larger than memory should be, fitted, validated and compensated from disk and in memory:
+peak resident set, times, differences.
 
 A simulated log of so many rows (default 40 million, 1.4 GB) is written as CSV unless it is there,
 and each procedure fits it twice by the command line: with its columns on disk
-(CALIBKIT_LARGEST_LOG_MB=0) and in memory; `apply` then compensates the same log with its run, that
-of fog_thermal with a run of the same simulated gyro on eight ramps: one ramp exports no drift. What
-differs in the coefficient files is printed; compensated logs must be the same to the byte.
+(CALIBKIT_LARGEST_LOG_MB=0) and in memory. `validate` and `apply` then take the same log with a run
+of shorter ones: of the same simulated gyro on eight ramps, or of a tenth of the rows. What differs
+in the coefficient files is printed; validations and compensated logs must be the same to the byte.
 
     python benchmarks/out_of_core.py FOLDER                      40 million rows, all procedures
     python benchmarks/out_of_core.py FOLDER 4000000 rate_table   one procedure; FOLDER is kept
@@ -35,8 +35,11 @@ PROCEDURES: dict[str, tuple[str, ...]] = {
     "bias_temperature": (),
     "rate_table": (),
     "accelerometer": SERIES,
+    "gyro_noise": (),
 }
 """Procedure → options of its fit."""
+NOT_APPLIED = {"gyro_noise"}
+"""Procedures whose runs hold nothing to compensate with."""
 RAMP_DEGC_MIN = 5.0
 LARGEST_DIFFERENCE = 1e-10
 
@@ -96,8 +99,8 @@ def difference(one: Path, other: Path) -> float:
     return largest
 
 
-def compared(procedure: str, log: Path, out: Path) -> bool:
-    """Fit and compensate from disk and in memory; whether both came out alike."""
+def compared(procedure: str, log: Path, rows: int, out: Path) -> bool:
+    """Fit, validate and compensate from disk and in memory; whether both came out alike."""
     runs = {place: out / place for place in SETTINGS}
     for place, run in runs.items():
         options = (
@@ -112,27 +115,39 @@ def compared(procedure: str, log: Path, out: Path) -> bool:
         )
         measured(f"fit {procedure}", place, "fit", procedure, *options, *PROCEDURES[procedure])
     alike = difference(*(run / "G" / "r001" for run in runs.values())) <= LARGEST_DIFFERENCE
-    run = str(
-        _of_eight_ramps(out) if procedure == "fog_thermal" else runs["in memory"] / "G" / "r001"
-    )
-    written = {place: out / f"{place}.csv" for place in SETTINGS}
-    for place, path in written.items():
-        measured(f"apply {procedure}", place, "apply", run, "--data", str(log), "--out", str(path))
-    same = filecmp.cmp(*written.values(), shallow=False)
-    print(f"{'':22s} compensated logs: {'the same bytes' if same else 'they differ'}", flush=True)
-    return alike and same
+    run = str(_run_of_shorter(procedure, rows // 10, out))
+    commands = {"validate": str(log.parent), "apply": str(log)}
+    for command, data in commands.items():
+        if command == "apply" and procedure in NOT_APPLIED:
+            continue
+        written = {place: out / f"{command} {place}" for place in SETTINGS}
+        for place, path in written.items():
+            words = (command, run, "--data", data, "--out", str(path))
+            measured(f"{command} {procedure}", place, *words)
+        same = filecmp.cmp(*written.values(), shallow=False)
+        print(f"{'':22s} {'the same bytes' if same else 'the files differ'}", flush=True)
+        alike &= same
+    return alike
 
 
-def _of_eight_ramps(out: Path) -> Path:
-    """Run of the simulated gyro whose drift the big log shows too."""
-    logs = str(out / "ramps")
-    for words in (
-        ("simulate", "fog_thermal", "--seed", str(big_ramps.SEED), "--out", logs),
-        ("fit", "fog_thermal", "--data", logs, "--serial", "E", "--out", str(out)),
-    ):
-        command = [sys.executable, "-m", "calibkit", *words]
-        subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+def _run_of_shorter(procedure: str, rows: int, out: Path) -> Path:
+    """Run of other logs of what the big log shows: of so many rows, or of eight ramps."""
+    logs = out / "shorter"
+    if procedure in big_tables.KINDS:
+        big_tables.write(logs, procedure, rows, big_tables.SEED + 1)
+    else:
+        _run("simulate", "fog_thermal", "--seed", str(big_ramps.SEED), "--out", str(logs))
+    options = ("--data", str(logs), "--serial", "E", "--out", str(out))
+    _run("fit", procedure, *options, *PROCEDURES[procedure])
     return out / "E" / "r001"
+
+
+def _run(*words: str) -> None:
+    """Run a command that ends with 0 or 1."""
+    command = [sys.executable, "-m", "calibkit", *words]
+    done = subprocess.run(command, check=False, capture_output=True, text=True)
+    if done.returncode not in (0, 1):
+        sys.exit(done.stderr)
 
 
 def main() -> None:
@@ -144,7 +159,7 @@ def main() -> None:
         log = log_of(Path(folder), procedure, rows)
         print(f"{procedure}: {log.stat().st_size / 1e6:.0f} MB, {rows} rows", flush=True)
         with tempfile.TemporaryDirectory() as out:
-            alike &= compared(procedure, log, Path(out))
+            alike &= compared(procedure, log, rows, Path(out))
     sys.exit(not alike)
 
 

@@ -204,8 +204,8 @@ class Log:
     def measured_conditions(self) -> tuple[tuple[str, float, float], ...]:
         """Column, lowest and highest reading [°C] of each thermometer."""
         read = {name: values(self.frame, name) for name in THERMOMETERS if name in self.frame}
-        ends = ((name, np.fmin.reduce(x), np.fmax.reduce(x)) for name, x in read.items() if x.size)
-        return tuple((n, float(low), float(high)) for n, low, high in ends if np.isfinite(high))
+        ends = ((name, *chunks.extremes_of_present(x)) for name, x in read.items())
+        return tuple((name, low, high) for name, low, high in ends if np.isfinite(high))
 
     def first_rows(self) -> frozenset[bytes]:
         """Different ones of the first rows, the bytes of their values as they were mapped; words

@@ -4,7 +4,6 @@ before.
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -55,8 +54,9 @@ COMPENSATED = re.compile(
 def check_gyro_unit(log: Log, column: str) -> list[Finding]:
     """A gyro at rest whose indication is too small or too large for °/h."""
     data = values(log.frame, column)
-    low, high = log.extremes(column)
-    span, level = high - low, float(np.median(np.abs(anomalies.sample(data))))
+    low, high = chunks.extremes_of_present(data)
+    sampled = np.abs(anomalies.sample(data))
+    span, level = high - low, order_statistics.median(sampled[~np.isnan(sampled)])
     if 0.0 < span < QUIETEST_DPH:
         words = (
             f"all {data.size} rows lie within {span:.2g} deg/h",
@@ -81,20 +81,15 @@ def check_noise_unit(log: Log, column: str) -> list[Finding]:
     Its noise alone may be that of a quiet gyro: the span shows °/s only where the whole indication
     is that small too.
     """
-    data = values(log.frame, column)
-    kept = data[np.isfinite(data)]
-    if (
-        kept.size
-        and float(np.ptp(kept)) < QUIETEST_DPH
-        and abs(float(np.median(kept))) > QUIETEST_MEAN_DPH
-    ):
+    low, high = chunks.extremes_of_present(values(log.frame, column))
+    if high - low < QUIETEST_DPH and max(high, -low) > QUIETEST_MEAN_DPH:
         return []
-    return check_gyro_unit(replace(log, frame=log.frame[np.isfinite(data)]), column)
+    return check_gyro_unit(log, column)
 
 
 def check_sampling_unit(log: Log) -> list[Finding]:
     """A clock whose unit makes a record of noise one sample in minutes."""
-    step = float(np.median(np.diff(values(log.frame, "time_s"))))
+    step = log.steps.usual
     if step < SLOWEST_SAMPLING_S:
         return []
     return [
@@ -139,15 +134,19 @@ def check_time_unit(log: Log, air: str) -> list[Finding]:
 
 def check_gravity_unit(log: Log, axes: Sequence[str]) -> list[Finding]:
     """A triad at rest whose length is not one g in most rows, or one or two axes that show more:
-    another unit.
+    another unit. Rows in which a value is missing are left out.
     """
     columns = [values(log.frame, axis) for axis in axes]
 
     def lengths() -> Iterator[Array]:
         for a, b in chunks.ranges_along(*columns):
-            yield np.sqrt(np.sum(np.column_stack([column[a:b] for column in columns]) ** 2, axis=1))
+            rows = np.column_stack([column[a:b] for column in columns])
+            length = np.sqrt(np.sum(rows**2, axis=1))
+            yield length[~np.isnan(length)] if missing else length
 
-    usual = order_statistics.median_of_chunks(lengths, len(log.frame))
+    missing = any(np.isnan(log.extremes(axis)).any() for axis in axes)
+    count = sum(part.size for part in lengths()) if missing else len(log.frame)
+    usual = order_statistics.median_of_chunks(lengths, count)
     if (0.8 if len(axes) == 3 else 0.0) <= usual < 1.25:
         return []
     unit = next((unit for unit, g in G_OF_UNIT.items() if 0.8 < usual / g < 1.25), None)

@@ -46,7 +46,7 @@ def check_indication(log: Log, column: str, unit: str) -> list[Finding]:
         *_check_spikes(log, column, data, unit),
         *_report_stuck(log, column, data, stuck, unit),
         *(() if len(stuck) else _check_clipping(log, column, data, unit)),
-        *(() if steps else _check_jumps(log, column, anomalies.remove_spikes(data), unit)),
+        *(() if steps else _check_jumps(log, column, data, unit)),
         *steps,
     ]
 
@@ -248,7 +248,7 @@ def _check_clipping(log: Log, column: str, data: Array, unit: str) -> list[Findi
     if pile is None:
         return []
     count, value = pile
-    rows = np.flatnonzero(data == value)
+    rows = chunks.rows_where(data, lambda part: part == value)
     return [
         finding_at_row(
             log,
@@ -265,8 +265,9 @@ def _check_clipping(log: Log, column: str, data: Array, unit: str) -> list[Findi
 
 
 def _check_jumps(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
-    """One finding for the sudden changes of the bias that stay, at the largest."""
-    rows, change = level_changes.jumps(data, int(np.clip(data.size // 50, 20, 2000)))
+    """One finding for the sudden changes of the bias that stay, at the largest; a spike is none."""
+    calm = anomalies.remove_spikes(data, allocate=log.allocate)
+    rows, change = level_changes.jumps(calm, int(np.clip(data.size // 50, 20, 2000)))
     if not rows.size:
         return []
     k = int(np.argmax(np.abs(change)))

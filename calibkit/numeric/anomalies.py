@@ -325,6 +325,11 @@ def remove_spikes(values: Array, *, allocate: Callable[[int], Array] = np.empty)
     return clean
 
 
+def _count_equal(values: Array, value: float) -> int:
+    """Number of values [n] that are equal to one."""
+    return chunks.count(values, lambda part: part == value)
+
+
 def clipped(values: Array) -> tuple[int, float] | None:
     """Number of rows at the largest or smallest value of a noisy series [n], and this value, if the
     series is clipped there; otherwise None.
@@ -333,13 +338,15 @@ def clipped(values: Array) -> tuple[int, float] | None:
         return None
     low, high = chunks.extremes(values)
     for end, sense in ((high, 1.0), (low, -1.0)):
-        at = int(np.count_nonzero(values == end))
+        at = _count_equal(values, end)
         if at < PILE:
             continue
-        others = values[values != end]
-        if not others.size:
+        nearest = np.nan
+        for a, b in chunks.ranges_along(values):
+            inside = np.where(values[a:b] != end, values[a:b], np.nan)
+            nearest = sense * float(np.fmax.reduce(sense * inside, initial=sense * nearest))
+        if np.isnan(nearest):
             return None
-        nearest = float((sense * others).max()) * sense
-        if at > PILED * int(np.sum(values == nearest)):
+        if at > PILED * _count_equal(values, nearest):
             return at, end
     return None

@@ -117,6 +117,16 @@ def extremes(values: Array) -> tuple[float, float]:
     return float(np.min(low)), float(np.max(high))
 
 
+def extremes_of_present(values: Array) -> tuple[float, float]:
+    """Smallest and largest of those values [n] that are not NaN; NaN if there is none."""
+    ends = [
+        (np.fmin.reduce(values[a:b]), np.fmax.reduce(values[a:b])) for a, b in ranges_along(values)
+    ]
+    low = np.fmin.reduce([low for low, _ in ends], initial=np.nan)
+    high = np.fmax.reduce([high for _, high in ends], initial=np.nan)
+    return float(low), float(high)
+
+
 def total(values: Array) -> float:
     """Sum of values [n]."""
     return sum(float(np.sum(values[a:b])) for a, b in ranges_along(values))
@@ -125,6 +135,18 @@ def total(values: Array) -> float:
 def mean(values: Array) -> float:
     """Mean of values [n]."""
     return total(values) / values.size
+
+
+def block_means(values: Array, rows: int) -> Array:
+    """Means [n // rows] of consecutive blocks of so many rows of values [n]; NaN where a block has
+    one.
+    """
+    together = max(ROWS // rows, 1) * rows
+    whole = values[: values.size // rows * rows]
+    means = [
+        whole[a:b].reshape(-1, rows).mean(axis=1) for a, b in ranges_along(whole, rows=together)
+    ]
+    return np.concatenate(means) if means else np.zeros(0)
 
 
 def count(values: Array, chosen: Callable[[Array], Mask]) -> int:

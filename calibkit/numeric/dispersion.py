@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calibkit.arrays import Array
+from calibkit.numeric import chunks
 
 MAD_TO_SIGMA = 1.4826022185056018
 """Standard deviation of a normal distribution over its median absolute deviation, 1/Φ⁻¹(3/4)."""
@@ -28,6 +29,13 @@ def rms(values: ArrayLike) -> float:
     """Root mean square of values [n]; NaN for no values."""
     square = np.asarray(values, dtype=np.float64) ** 2
     return float(np.sqrt(np.mean(square))) if square.size else float("nan")
+
+
+def variance(values: Array) -> float:
+    """Mean square of values [n] about their mean."""
+    mean = chunks.mean(values)
+    square = sum(float(np.sum((values[a:b] - mean) ** 2)) for a, b in chunks.ranges_along(values))
+    return square / values.size
 
 
 def largest_by_chance(sizes: Array, *, chance: float = 0.001) -> float:
@@ -58,10 +66,12 @@ def variances_within(residuals: Array, indication: Array) -> Array:
     and correlation is part of it.
     """
     parts = np.array_split(residuals, int(np.clip(residuals.size // _ROWS_OF_PART, 1, _PARTS)))
-    steps = np.abs(np.diff(indication))
-    step = float(np.min(steps, where=steps > 0.0, initial=np.inf))
+    step = np.inf
+    for a, b in chunks.ranges_along(indication):
+        steps = np.abs(np.diff(indication[a : b + 1]))
+        step = float(np.min(steps, where=steps > 0.0, initial=step))
     rounding = step**2 / 12.0 if np.isfinite(step) else 0.0
-    return np.maximum([np.var(part) for part in parts], rounding)
+    return np.maximum([variance(part) for part in parts], rounding)
 
 
 def over_noise(scatter: float, variances: Iterable[Array]) -> float:

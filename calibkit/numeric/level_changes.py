@@ -3,6 +3,7 @@
 import numpy as np
 
 from calibkit.arrays import Array, Integers
+from calibkit.numeric import chunks
 from calibkit.numeric.anomalies import SMALL, resolution, scatter, span
 from calibkit.numeric.dispersion import mad_sigma
 
@@ -34,8 +35,7 @@ def jumps(values: Array, window: int) -> tuple[Integers, Array]:
     """
     every = values.size // MOST_MEANS + 1
     if every > 1:
-        means = values[: values.size // every * every].reshape(-1, every).mean(axis=1)
-        rows, change = jumps(means, max(window // every, 20))
+        rows, change = jumps(chunks.block_means(values, every), max(window // every, 20))
         return np.asarray(rows * every + every // 2, dtype=np.int64), change
     none = np.zeros(0, dtype=np.int64), np.zeros(0)
     short = max(window // 8, 3)

@@ -2,8 +2,8 @@
 and gyro_noise.json.
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,27 +15,30 @@ from calibkit.frame import Finding, Log, Remark, values
 from calibkit.instruments.gyro_noise import forms
 from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe
 from calibkit.instruments.gyro_noise.sensors import ACCELEROMETER, Sensor, find_sensor
-from calibkit.numeric.noise import allan, allan_fit
+from calibkit.numeric import chunks, dispersion
+from calibkit.numeric.noise import allan, allan_fit, wavelets
 
 CASE = "temp_case_degc"
 STEADY_DEGC = 2.0
 """Change of the case temperature [°C] up to which a record counts as one of noise."""
 OFF_GRID = 0.25
 """Share of the sampling interval by which a sample may be off its place."""
-LONGEST_GRID = 1 << 27
-"""Places of a grid, gaps included, above which the times cannot be right."""
+MOST_MISSING = 1 << 27
+"""Places of a grid without a row above which the times cannot be right."""
+BLOCKS = 600
+"""Means over a record that its figure shows, at least where it has as many samples."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Record:
-    """One sensor's indication [n] in one log, in the unit of its noise, on an even grid, NaN where
-    samples are missing.
+    """One sensor's indication in one log, in the unit of its noise, on an even grid of `samples`
+    places.
     """
 
     log: str
     column: str
     interval_s: float
-    rate: Array
+    samples: int
 
     @property
     def name(self) -> str:
@@ -47,50 +50,13 @@ class _Record:
         """Kind of sensor."""
         return find_sensor(self.column)
 
-    def estimate_noise(self, recipe: GyroNoiseRecipe) -> "NoiseFigures":
-        """Curves, terms and bias stability of one record; what a record is too short for is flagged
-        and left out.
-        """
-        spec = recipe.noise
-        try:
-            curve = allan.overlapping(
-                self.rate,
-                self.interval_s,
-                spacing=spec.spacing,
-                points=spec.points,
-                probability=spec.probability,
-            )
-            terms = allan_fit.fit_noise(curve, self.sensor.laws)
-            wavelet = allan.wavelet_deviation(
-                self.rate, self.interval_s, wavelet=spec.wavelet, probability=spec.probability
-            )
-        except FitError as error:
-            raise FitError(f"{self.name}: {error.message}", hint=error.hint) from None
-        stability, flags = [], [f"{self.name}: {flag}" for flag in terms.flags]
-        for block_s in spec.bias_stability_s:
-            try:
-                stability.append(allan.bias_stability(self.rate, self.interval_s, block_s=block_s))
-            except FitError as error:
-                flags.append(f"{self.name}: no bias stability over {block_s:g} s: {error.message}")
-        missing = int(np.isnan(self.rate).sum())
-        if missing:
-            flags.append(
-                f"{self.name}: {missing} of {self.rate.size} samples"
-                f" ({missing / self.rate.size:.1%}) are missing; averages across them are left out"
-            )
-        flags += [
-            Remark(f"{self.name}: {term.name} ({term.symbol}) not observable: {term.reason}")
-            for term in terms.not_observable
-        ]
-        mean = float(np.nanmean(self.rate))
-        return NoiseFigures(
-            self, curve, wavelet, terms, tuple(stability), mean, missing, tuple(flags)
-        )
-
 
 @dataclass(frozen=True, slots=True)
 class NoiseFigures:
-    """Deviations, noise terms and bias stability of one record."""
+    """Deviations, noise terms and bias stability of one record, its mean, its standard deviation
+    over the noise within its parts, the number of samples that are missing, and means [k] of blocks
+    of so many samples.
+    """
 
     record: _Record
     curve: allan.DeviationCurve
@@ -98,8 +64,83 @@ class NoiseFigures:
     terms: allan_fit.NoiseFit
     stability: tuple[allan.BiasStability, ...]
     mean: float
+    over_noise: float
     missing: int
+    block: int
+    block_means: Array
     flags: tuple[str, ...]
+
+
+def estimate_noise(
+    record: _Record, rate: Array, recipe: GyroNoiseRecipe, allocate: Callable[[int], Array]
+) -> NoiseFigures:
+    """Curves, terms and bias stability of one record with its rate [n], NaN where samples are
+    missing; what it is too short for is flagged and left out.
+    """
+    curve, terms, wavelet = _curves(record, rate, recipe, allocate)
+    stability, flags = [], [f"{record.name}: {flag}" for flag in terms.flags]
+    for block_s in recipe.noise.bias_stability_s:
+        try:
+            stability.append(allan.bias_stability(rate, record.interval_s, block_s=block_s))
+        except FitError as error:
+            flags.append(f"{record.name}: no bias stability over {block_s:g} s: {error.message}")
+    present = _present(rate, allocate)
+    missing = rate.size - present.size
+    if missing:
+        flags.append(
+            f"{record.name}: {missing} of {rate.size} samples"
+            f" ({missing / rate.size:.1%}) are missing; averages across them are left out"
+        )
+    flags += [
+        Remark(f"{record.name}: {term.name} ({term.symbol}) not observable: {term.reason}")
+        for term in terms.not_observable
+    ]
+    mean, block = chunks.mean(present), max(1, rate.size // BLOCKS)
+    scatter = float(np.sqrt(dispersion.variance(present)))
+    noise = dispersion.over_noise(scatter, [dispersion.variances_within(present, present)])
+    return NoiseFigures(
+        *(record, curve, wavelet, terms, tuple(stability), mean, noise, missing, block),
+        *(chunks.block_means(rate, block), tuple(flags)),
+    )
+
+
+def _curves(
+    record: _Record, rate: Array, recipe: GyroNoiseRecipe, allocate: Callable[[int], Array]
+) -> tuple[allan.DeviationCurve, allan_fit.NoiseFit, allan.DeviationCurve]:
+    """Allan deviation of a rate [n], its noise terms, and wavelet deviation."""
+    spec, probability = recipe.noise, recipe.noise.probability
+    try:
+        curve = allan.overlapping(
+            rate,
+            record.interval_s,
+            spacing=spec.spacing,
+            points=spec.points,
+            probability=probability,
+            allocate=allocate,
+        )
+        terms = allan_fit.fit_noise(curve, record.sensor.laws)
+        wavelet = wavelets.wavelet_deviation(
+            rate,
+            record.interval_s,
+            wavelet=spec.wavelet,
+            probability=probability,
+            allocate=allocate,
+        )
+    except FitError as error:
+        raise FitError(f"{record.name}: {error.message}", hint=error.hint) from None
+    return curve, terms, wavelet
+
+
+def _present(rate: Array, allocate: Callable[[int], Array]) -> Array:
+    """Rates [m] of a rate [n] that are not missing."""
+    if chunks.all_finite(rate):
+        return rate
+    made, row = allocate(rate.size), 0
+    for a, b in chunks.ranges_along(rate, made):
+        part = rate[a:b][~np.isnan(rate[a:b])]
+        made[row : row + part.size] = part
+        row += part.size
+    return made[:row]
 
 
 def find_faults(log: Log, recipe: GyroNoiseRecipe) -> list[Finding]:
@@ -114,31 +155,31 @@ def find_faults(log: Log, recipe: GyroNoiseRecipe) -> list[Finding]:
     found = [*early, *check.find_unordered_times(log)]
     for column in spec.columns:
         rate = values(log.frame, column)
-        present = rate[~np.isnan(rate)]
-        if present.size < spec.min_rows or np.isinf(present).any():
+        low, high = chunks.extremes_of_present(rate)
+        present = rate.size - chunks.count(rate, np.isnan)
+        infinite = chunks.count(rate, np.isinf)
+        if present < spec.min_rows or infinite:
             found.append(
                 Finding(
                     f"{log.file}: column '{column}'",
-                    f"{present.size} rates{', some infinite' if np.isinf(present).any() else ''}",
+                    f"{present} rates{', some infinite' if infinite else ''}",
                     f"at least {spec.min_rows} finite ones",
                     "record for longer, or lower [noise] min_rows",
                 )
             )
-        elif np.ptp(present) == 0.0:
+        elif low == high:
             found += check.find_constant_columns(log, [column])
         else:
             of_gyro = find_sensor(column) is not ACCELEROMETER
             implausible = check.find_implausible_rates(log, column) if of_gyro else []
             if of_gyro:
                 found += implausible or check.magnitude.check_noise_unit(log, column)
-            if present.size == rate.size and not implausible:
+            if present == rate.size and not implausible:
                 # only without missing rates are the rows an even series
                 found += check.series.check_indication(log, column, units.column_unit(column))
     accelerations = [name for name in spec.columns if find_sensor(name) is ACCELEROMETER]
     if accelerations and not any(finding.refused for finding in found):
-        found += check.magnitude.check_gravity_unit(
-            replace(log, frame=log.frame.dropna(subset=accelerations)), accelerations
-        )
+        found += check.magnitude.check_gravity_unit(log, accelerations)
     if not any(finding.refused for finding in found):
         found += check.magnitude.check_sampling_unit(log)
     return [*found, *_steady(log)]
@@ -148,11 +189,11 @@ def _steady(log: Log) -> list[Finding]:
     """Flag a case whose temperature moved: drift is then in every figure of the longer averaging
     times.
     """
-    if CASE not in log.frame.columns or not np.isfinite(values(log.frame, CASE)).any():
+    if CASE not in log.frame.columns:
         return []
-    case = values(log.frame, CASE)
-    moved = float(np.nanmax(case) - np.nanmin(case))
-    if moved <= STEADY_DEGC:
+    low, high = chunks.extremes_of_present(values(log.frame, CASE))
+    moved = high - low
+    if not moved > STEADY_DEGC:
         return []
     return [
         Finding(
@@ -166,36 +207,59 @@ def _steady(log: Log) -> list[Finding]:
     ]
 
 
-def read_records(log: Log, columns: Sequence[str]) -> list[_Record]:
-    """Indications of a log on an even grid; raises FitError where the samples do not lie on one."""
+def read_records(log: Log, columns: Sequence[str]) -> Iterator[tuple[_Record, Array]]:
+    """Indications of a log on an even grid, each with its rate [n], NaN where samples are missing;
+    raises FitError where the samples do not lie on one.
+    """
     time = values(log.frame, "time_s")
-    off = np.diff(time)
-    usual = float(np.median(off))
-    off /= usual
-    whole = np.round(off)
-    off -= whole
-    np.abs(off, out=off)
-    worst = int(np.argmax(off))
-    if off[worst] > OFF_GRID or not np.all(whole >= 1.0) or float(whole.sum()) > LONGEST_GRID:
+    steps = require_even_grid(log)
+    interval = float((time[-1] - time[0]) / steps)
+    for column in columns:
+        rate = values(log.frame, column)
+        if rate.size <= steps or units.column_unit(column) != find_sensor(column).unit:
+            rate = _put_on_grid(log, column, steps + 1)
+        yield _Record(log.name, column, interval, rate.size), rate
+
+
+def _put_on_grid(log: Log, column: str, size: int) -> Array:
+    """Indication of a log in the unit of its noise on an even grid [size], NaN where samples are
+    missing.
+    """
+    own, shown = units.column_unit(column), find_sensor(column).unit
+    time, data, rate = values(log.frame, "time_s"), values(log.frame, column), log.allocate(size)
+    place = 0
+    for a, b in chunks.ranges_along(rate):
+        rate[a:b] = np.nan
+    for a, b in chunks.ranges_along(time, data, rate):
+        whole = np.round(np.diff(time[a : b + 1]) / log.steps.usual).astype(np.int64)
+        places = place + np.concatenate(([0], np.cumsum(whole)))
+        rate[places[: b - a]] = units.convert(data[a:b], own, shown)
+        place = int(places[-1])
+    return rate
+
+
+def require_even_grid(log: Log) -> int:
+    """Number of intervals of the even grid that a log's time lies on; raises FitError where it lies
+    on none.
+    """
+    time = values(log.frame, "time_s")
+    usual, steps, worst, largest, shortest = log.steps.usual, 0, 0, -1.0, 1.0
+    for a, b in chunks.ranges_along(time):
+        off = np.diff(time[a : b + 1]) / usual
+        whole = np.round(off)
+        off = np.abs(off - whole)
+        if off.size and off.max() > largest:
+            worst, largest = a + int(np.argmax(off)), float(off.max())
+        shortest = min(shortest, float(whole.min(initial=1.0)))
+        steps += int(whole.sum())
+    if largest > OFF_GRID or shortest < 1.0 or steps > time.size + MOST_MISSING:
         step = float(time[worst + 1] - time[worst])
         raise FitError(
             f"{log.file}:{log.line(worst + 1)}: a step of {step:g} s, expected"
             f" a multiple of {usual:g} s",
             hint="an Allan deviation wants even sampling; resampling would change it",
         )
-    steps, gapless = int(whole.sum()), bool(np.all(whole == 1.0))
-    place = None if gapless else np.concatenate(([0], np.cumsum(whole.astype(np.int64))))
-    interval = float((time[-1] - time[0]) / steps)
-    found = []
-    for column in columns:
-        own, shown = units.column_unit(column), find_sensor(column).unit
-        rate = units.convert(values(log.frame, column), own, shown)
-        if place is not None:
-            on_grid = np.full(steps + 1, np.nan)
-            on_grid[place] = rate
-            rate = on_grid
-        found.append(_Record(log.name, column, interval, rate))
-    return found
+    return steps
 
 
 def result(found: Sequence[NoiseFigures], flags: Sequence[str], probability: float) -> StageResult:

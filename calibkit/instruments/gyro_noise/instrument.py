@@ -66,7 +66,7 @@ def _examine(spec: GyroNoiseRecipe, log: Log) -> Examined:
     found = deviations.find_faults(log, spec)
     if not any(finding.refused for finding in found):
         try:
-            deviations.read_records(log, spec.noise.columns)
+            deviations.require_even_grid(log)
         except FitError as error:
             found.append(Finding.of(error))
     return Examined(tuple(found))
@@ -77,7 +77,8 @@ def _figures(spec: GyroNoiseRecipe, log: Log) -> tuple[list[NoiseFigures], list[
     found = deviations.find_faults(log, spec)
     refuse(found)
     figures = [
-        record.estimate_noise(spec) for record in deviations.read_records(log, spec.noise.columns)
+        deviations.estimate_noise(record, rate, spec, log.allocate)
+        for record, rate in deviations.read_records(log, spec.noise.columns)
     ]
     return figures, [
         *(f"{log.file}: {note}" for note in log.notes),
@@ -101,7 +102,7 @@ def _fit(
         figures += found
         flags += noted
         gaps += [
-            LeftOut("samples", one.missing, one.record.rate.size, "missing", log.file)
+            LeftOut("samples", one.missing, one.record.samples, "missing", log.file)
             for one in found
             if one.missing
         ]

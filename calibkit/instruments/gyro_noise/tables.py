@@ -12,7 +12,6 @@ from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.instruments.gyro_noise.deviations import NoiseFigures, stability_uncertainty
 from calibkit.instruments.gyro_noise.figures import NoiseView
 from calibkit.instruments.gyro_noise.recipe import NoiseAcceptance
-from calibkit.numeric.dispersion import over_noise, variances_within
 from calibkit.numeric.noise import allan, allan_fit
 from calibkit.numeric.noise.confidence import TYPES
 from calibkit.numeric.noise.laws import PowerLaw
@@ -40,10 +39,8 @@ def criteria(found: Sequence[NoiseFigures], limits: NoiseAcceptance) -> tuple[Cr
                     value = _largest_possible(one.curve, law)
                 tested.append(at_most(name, value, limit, law.unit))
         if limits.max_residual_over_noise is not None:
-            present = one.record.rate[~np.isnan(one.record.rate)]
-            scatter = over_noise(float(np.std(present)), [variances_within(present, present)])
             name = f"{one.record.name}: residual over noise"
-            tested.append(at_most(name, scatter, limits.max_residual_over_noise, "1"))
+            tested.append(at_most(name, one.over_noise, limits.max_residual_over_noise, "1"))
         if stated["bias_stability"] is not None:
             tested += [
                 at_most(
@@ -114,7 +111,7 @@ def summarize_noise(found: Sequence[NoiseFigures]) -> Overview:
         for entry in found[0].stability
     ]
     shown = "; ".join(f"{one.name} {one}" for one in values)
-    hours = found[0].record.rate.size * found[0].record.interval_s / SECONDS_PER_HOUR
+    hours = found[0].record.samples * found[0].record.interval_s / SECONDS_PER_HOUR
     sentence = f"Noise of {found[0].record.name} over {hours:.3g} h at rest: {shown}."
     rows = tuple(row for row in tables(found)[0].rows if row[3])
     table = replace(tables(found)[0], rows=rows)
@@ -175,10 +172,8 @@ def validation_entry(one: NoiseFigures) -> dict[str, object]:
 
 
 def view(one: NoiseFigures) -> NoiseView:
-    """Page of one record; the lower panel has some 600 means."""
-    record = one.record
-    size = max(1, record.rate.size // 600)
-    blocks = record.rate[: record.rate.size // size * size].reshape(-1, size)
+    """Page of one record."""
+    record, block_s = one.record, one.block * one.record.interval_s
     laws = {law.name: law for law in record.sensor.laws}
     shares = [
         (
@@ -194,11 +189,11 @@ def view(one: NoiseFigures) -> NoiseView:
         one.terms.model,
         tuple(shares),
         np.asarray(
-            (np.arange(blocks.shape[0]) + 0.5) * (size * record.interval_s / SECONDS_PER_HOUR),
+            (np.arange(one.block_means.size) + 0.5) * (block_s / SECONDS_PER_HOUR),
             dtype=np.float64,
         ),
-        np.asarray(blocks.mean(axis=1), dtype=np.float64),
-        size * record.interval_s,
+        one.block_means,
+        block_s,
     )
 
 

@@ -1,14 +1,16 @@
-"""Allan deviation with gaps and confidence limits, wavelet deviation, and the bias stability of GJB
-2426A. A rate here is the indication of any sensor at rest, and results are in its unit.
+"""Allan deviation with gaps and confidence limits, and the bias stability of GJB 2426A. A rate here
+is the indication of any sensor at rest, and results are in its unit.
+
+Records in memory and on disk are worked along in the same blocks, so that results are identical.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers
+from calibkit.arrays import Array, Integers, Mask
 from calibkit.errors import FitError
 from calibkit.numeric import chunks
 from calibkit.numeric.noise.confidence import (
@@ -17,8 +19,8 @@ from calibkit.numeric.noise.confidence import (
     chi_square_limits,
     equivalent_dof,
     identify_noise,
-    wavelet_correlation,
 )
+from calibkit.numeric.noise.gaps import Gaps, open_places
 
 Spacing = Literal["octave", "decade"]
 
@@ -51,6 +53,28 @@ class DeviationCurve:
     lower: Array
     upper: Array
     probability: float
+
+    @classmethod
+    def of_variance(
+        cls,
+        estimator: str,
+        interval_s: float,
+        samples: int,
+        factors: Integers,
+        variance: Array,
+        pairs: Array | Integers,
+        kinds: tuple[Noise, ...],
+        dof: Array,
+        probability: float,
+    ) -> Self:
+        """Curve of variances [m] with its limits."""
+        deviation = np.sqrt(variance)
+        lower, upper = chi_square_limits(deviation, dof, probability)
+        tau_s = np.asarray(factors * interval_s, dtype=np.float64)
+        return cls(
+            *(estimator, interval_s, samples, factors, tau_s, deviation, pairs.astype(np.int64)),
+            *(kinds, dof, lower, upper, probability),
+        )
 
     @property
     def deviation_dph(self) -> Array:
@@ -88,6 +112,7 @@ def overlapping(
     points: int = 1,
     noise: Noise | Literal["identify"] = "identify",
     probability: float = 0.95,
+    allocate: Callable[[int], Array] = np.empty,
 ) -> DeviationCurve:
     """Overlapping Allan deviation of a rate signal.
 
@@ -102,6 +127,7 @@ def overlapping(
     noise : the type that the degrees of freedom assume, or "identify" for Riley's lag-1 test at
         each averaging time.
     probability : of the two-sided limits, which are chi-square's.
+    allocate : makes the array [n + 1] of the running sum, in memory or on disk.
 
     Raises
     ------
@@ -114,10 +140,11 @@ def overlapping(
     ȳ_k)²/2 over all k. The record's mean is taken out first, so that the running sum loses no
     digits to it.
     """
-    _require_record(rate, interval_s)
+    require_record(rate, interval_s)
     if noise not in ("identify", *TYPES):
         raise FitError(f"noise type '{noise}'", hint=f"expected identify or {', '.join(TYPES)}")
-    runs = _whole_runs(rate)
+    gaps = Gaps.find(rate)
+    runs = gaps.lengths_between()
     if tau_s is None:
         wanted = averaging_factors(rate.size, spacing=spacing, points=points)
         factors = wanted[2 * wanted <= runs.max()]
@@ -128,19 +155,19 @@ def overlapping(
             "every other sample is a gap: no two whole neighbours",
             hint="look at how the log marks gaps",
         )
-    total = _running_sum(rate)
-    missing = None if chunks.all_finite(rate) else np.cumsum(np.concatenate(([0], np.isnan(rate))))
-    variance, pairs = np.array([_pair_variance(total, missing, int(m)) for m in factors]).T
+    total = _running_sum(rate, gaps, allocate)
+    variance, pairs = np.array([_pair_variance(total, gaps, int(m)) for m in factors]).T
     kinds = (
-        identify_noise(total, missing, factors)
+        identify_noise(total, gaps, factors)
         if noise == "identify"
         else (noise,) * int(factors.size)
     )
     dof = np.array(
         [equivalent_dof(int(m), runs, kind) for m, kind in zip(factors, kinds, strict=True)]
     )
-    return _curve(
-        "overlapping Allan", rate, interval_s, factors, variance, pairs, kinds, dof, probability
+    return DeviationCurve.of_variance(
+        *("overlapping Allan", interval_s, rate.size, factors, variance, pairs, kinds, dof),
+        probability,
     )
 
 
@@ -156,25 +183,29 @@ def averaging_factors(samples: int, *, spacing: Spacing = "octave", points: int 
     return np.unique(np.round(base**exponents).astype(np.int64))
 
 
-def _whole_runs(rate: Array) -> Integers:
-    """Lengths [g] of the runs of rate [n] that hold no gap; a single 0 when there is none."""
-    runs = chunks.find_runs(rate.size, lambda a, b: ~np.isnan(rate[a:b]))
-    return np.array([stop - start for start, stop in runs] or [0], dtype=np.int64)
+def _blocks(size: int, *columns: Array) -> Iterator[tuple[int, int]]:
+    """First place and place after the last of consecutive blocks of BLOCK places of `size`; the
+    memory pages of columns are released after some.
+    """
+    for first, last in chunks.ranges(size):
+        for start, stop in chunks.ranges(last - first, BLOCK):
+            yield first + start, first + stop
+        chunks.release(*columns)
 
 
-def _running_sum(rate: Array) -> Array:
+def _running_sum(rate: Array, gaps: Gaps, allocate: Callable[[int], Array]) -> Array:
     """Running sum [n + 1] of rate [n] less its mean, gaps as zero; carried over blocks in extended
     precision.
     """
-    mean, gapless = _finite_mean(rate), chunks.all_finite(rate)
-    total = np.empty(rate.size + 1)
+    mean = finite_mean(rate, gaps)
+    total = allocate(rate.size + 1)
     total[0] = 0.0
     carry = np.longdouble(0.0)
-    for start in range(0, rate.size, BLOCK):
-        block = rate[start : start + BLOCK] - mean
-        if not gapless:
+    for start, stop in _blocks(rate.size, rate, total):
+        block = rate[start:stop] - mean
+        if gaps.runs.size:
             block[np.isnan(block)] = 0.0
-        part = total[start + 1 : start + 1 + block.size]
+        part = total[start + 1 : stop + 1]
         np.cumsum(block, out=part)
         step = np.longdouble(part[-1])
         part += float(carry)
@@ -182,28 +213,30 @@ def _running_sum(rate: Array) -> Array:
     return total
 
 
-def _finite_mean(rate: Array) -> float:
-    """Mean of the samples that are not NaN."""
-    return float(np.mean(rate) if chunks.all_finite(rate) else np.nanmean(rate))
+def finite_mean(rate: Array, gaps: Gaps) -> float:
+    """Mean of a rate [n] without its gaps."""
+    if not gaps.runs.size:
+        return chunks.mean(rate)
+    total = sum(float(np.nansum(rate[a:b])) for a, b in chunks.ranges_along(rate))
+    return total / (rate.size - gaps.missing)
 
 
-def _pair_variance(total: Array, missing: Integers | None, factor: int) -> tuple[float, int]:
+def _pair_variance(total: Array, gaps: Gaps, factor: int) -> tuple[float, int]:
     """Allan variance and number of whole pairs at one averaging factor, in blocks along the running
     sum.
     """
     last = total.size - 2 * factor
     square, pairs = 0.0, 0
-    buffer = np.empty(min(BLOCK, last))
-    for start in range(0, last, BLOCK):
-        stop = min(start + BLOCK, last)
+    buffer, closed = np.empty(min(BLOCK, last)), gaps.closed_to(2 * factor)
+    for start, stop in _blocks(last, total):
         middle = total[start + factor : stop + factor]
         step = np.subtract(
             total[start + 2 * factor : stop + 2 * factor], middle, out=buffer[: stop - start]
         )
         step -= middle
         step += total[start:stop]
-        if missing is not None:
-            step = step[missing[start + 2 * factor : stop + 2 * factor] == missing[start:stop]]
+        whole = open_places(closed, start, stop)
+        step = step if whole is None else step[whole]
         square += float(step @ step)
         pairs += step.size
     return square / (2.0 * factor**2 * pairs), pairs
@@ -229,14 +262,14 @@ def bias_stability(rate: Array, interval_s: float, *, block_s: float = 10.0) -> 
     included, so it is no substitute for the Allan deviation at the same time, nor the other way
     about.
     """
-    _require_record(rate, interval_s)
+    require_record(rate, interval_s)
     length = round(block_s / interval_s)
     if length < 1 or abs(length * interval_s - block_s) > RIGHT_LENGTH * block_s:
         raise FitError(
             f"a block of {block_s:g} s is not a whole number of samples of {interval_s:g} s",
             hint="resample the log to an interval that divides it",
         )
-    means = rate[: rate.size // length * length].reshape(-1, length).mean(axis=1)
+    means = chunks.block_means(rate, length)
     means = means[~np.isnan(means)]
     if means.size < 2:
         raise FitError(
@@ -247,144 +280,24 @@ def bias_stability(rate: Array, interval_s: float, *, block_s: float = 10.0) -> 
     return BiasStability(length * interval_s, float(np.std(means, ddof=1)), int(means.size))
 
 
-def wavelet_deviation(
-    rate: Array, interval_s: float, *, wavelet: str = "db2", probability: float = 0.95
-) -> DeviationCurve:
-    """Wavelet deviation of a rate signal, on the Allan deviation's scale but blind to drift.
-
-    Parameters
-    ----------
-    rate : [n], evenly sampled; a coefficient that touches a gap (NaN) or an end of the
-        record is left out.
-    wavelet : an orthogonal PyWavelets name with p vanishing moments, blind to drift of degree p −
-        1: "haar" (p = 1) is
-        the Allan deviation itself, "db2" ignores a linear drift, "db3" a quadratic one.
-
-    Raises
-    ------
-    FitError : an unknown or non-orthogonal wavelet, or a record too short for the first level.
-
-    Notes
-    -----
-    Percival & Guttorp 1994: √2 times the unbiased wavelet deviation at scale τ = 2^(j−1) τ₀. Equal
-    to the Allan deviation for angle random walk with every wavelet, for other noise a little below
-    it. Degrees of freedom: the number of coefficients over the sum of their squared correlations
-    (Percival 1995, η₁), for the noise type that has the fewest, and at least 1.
-    """
-    import pywt
-
-    _require_record(rate, interval_s)
-    if wavelet not in pywt.wavelist(kind="discrete") or not pywt.Wavelet(wavelet).orthogonal:
-        raise FitError(
-            f"'{wavelet}' is not an orthogonal wavelet", hint="use haar, db2, db3, sym4 ..."
-        )
-    bank = pywt.Wavelet(wavelet)
-    levels = int(np.log2(1.0 + (rate.size - 1) / (bank.dec_len - 1)))
-    if levels < 1:
-        raise FitError(
-            f"{rate.size} samples are too few for wavelet {wavelet}",
-            hint="use haar or a longer record",
-        )
-    low, high = np.array(bank.dec_lo), np.array(bank.dec_hi)
-    found = list(_wavelet_variances(rate, low, high, levels))
-    if not found:
-        raise FitError(
-            "no stretch without a gap is long enough for the wavelet",
-            hint="use haar or a longer record",
-        )
-    variance, factors, pairs = np.array(found).T
-    factors = factors.astype(np.int64)
-    correlation = np.array([wavelet_correlation(low, high, m) for m in factors.tolist()])
-    dof = np.maximum(pairs / correlation, 1.0)
-    return _curve(
-        f"wavelet {wavelet}", rate, interval_s, factors, variance, pairs, (), dof, probability
-    )
-
-
-def _wavelet_variances(
-    rate: Array, low: Array, high: Array, levels: int
-) -> Iterator[tuple[float, int, int]]:
-    """Wavelet variance of a rate [n] on the Allan variance's scale, averaging factor and number of
-    coefficients of each level that has one beside gaps and ends; `low` and `high` are the filters.
-
-    A level takes the place of the one before it, block by block: a coefficient is made of samples
-    from its own place on.
-    """
-    smooth = rate - _finite_mean(rate)
-    gaps = np.flatnonzero(np.isnan(smooth))
-    smooth[gaps] = 0.0
-    filters = [half[::-1] / np.sqrt(2.0) for half in (low, high)]
-    for level in range(levels):
-        factor, reach = 2**level, (low.size - 1) * (2 ** (level + 1) - 1)
-        size, square, count = rate.size - reach, 0.0, 0
-        for start in range(0, size, BLOCK):
-            stop = min(start + BLOCK, size)
-            kept, detail = (_filter_block(smooth, taps, factor, start, stop) for taps in filters)
-            if gaps.size:
-                first = np.arange(start, stop)
-                passed = np.searchsorted(gaps, first + reach + 1) > np.searchsorted(gaps, first)
-                detail = detail[~passed]
-            smooth[start:stop] = kept
-            square += float(detail @ detail)
-            count += detail.size
-        if count:
-            yield 2.0 * square / count, factor, count
-
-
-def _filter_block(values: Array, taps: Array, apart: int, start: int, stop: int) -> Array:
-    """Sums [stop − start] of values [n] from each place on, `apart` from each other, by taps."""
-    total: Array = values[start:stop] * taps[0]
-    for k in range(1, taps.size):
-        total += values[start + k * apart : stop + k * apart] * taps[k]
-    return total
-
-
-def _curve(
-    estimator: str,
-    rate: Array,
-    interval_s: float,
-    factors: Integers,
-    variance: Array,
-    pairs: Array | Integers,
-    kinds: tuple[Noise, ...],
-    dof: Array,
-    probability: float,
-) -> DeviationCurve:
-    """Assemble a curve with its limits."""
-    deviation = np.sqrt(variance)
-    lower, upper = chi_square_limits(deviation, dof, probability)
-    return DeviationCurve(
-        estimator=estimator,
-        interval_s=interval_s,
-        samples=int(rate.size),
-        factor=factors,
-        tau_s=np.asarray(factors * interval_s, dtype=np.float64),
-        deviation=deviation,
-        pairs=pairs.astype(np.int64),
-        noise=kinds,
-        dof=dof,
-        lower=lower,
-        upper=upper,
-        probability=probability,
-    )
-
-
-def _require_record(rate: Array, interval_s: float) -> None:
+def require_record(rate: Array, interval_s: float) -> None:
     """Refuse what has no deviation: too few samples, infinite ones, no interval."""
-    if (
-        rate.ndim != 1
-        or rate.size < 3
-        or (not chunks.all_finite(rate) and int(np.sum(~np.isnan(rate))) < 3)
-    ):
+    finite = rate.ndim == 1 and chunks.all_finite(rate)
+    if rate.ndim != 1 or (rate.size if finite else chunks.count(rate, _is_there)) < 3:
         raise FitError(
             f"a record of shape {rate.shape} holds fewer than three rates", hint="record for longer"
         )
-    if not chunks.all_finite(rate) and np.isinf(rate).any():
+    if not finite and chunks.count(rate, np.isinf):
         raise FitError(
             "an infinite rate in the record", hint="mark unusable samples as missing (NaN)"
         )
     if not (np.isfinite(interval_s) and interval_s > 0.0):
         raise FitError(f"the sampling interval is {interval_s!r} s, expected a positive number")
+
+
+def _is_there(rate: Array) -> Mask:
+    """Which rates [n] are not missing."""
+    return ~np.isnan(rate)
 
 
 def _factors_of(tau_s: Sequence[float], interval_s: float, longest: int) -> Integers:
