@@ -1,5 +1,5 @@
-"""Logs of any number of rows of a gyro on a rate table, of a triad on a two-axis table, and of a
-gyro at rest, the same for the same seed.
+"""Logs of any number of rows of a gyro on a rate table, of a triad on a two-axis table, of an
+instrument at rest that is warmed, and of a gyro at rest, the same for the same seed.
 
 The table turns at 25 rates from −100 to 100 °/s, the triad is held at 26 attitudes, each for an
 equal share of the rows at 1 kHz. Gyro and triad are plain: a line with noise, a matrix with noise.
@@ -84,6 +84,22 @@ def rest_rows(
     return [time, 8.5 + 0.01 * np.sin(time / 2000.0) + rng.normal(0.0, 5.0, time.size)]
 
 
+def warmed_rows(time: Array, hold_s: float, rng: np.random.Generator) -> list[Array]:
+    """Columns of a gyro and an accelerometer at rest in a chamber that goes up and down at times
+    [m, s].
+    """
+    case, inner = (
+        25.0
+        + 26.0 * np.sin(2.0 * np.pi * (time - late) / hold_s)
+        + 8.0 * np.sin(14.0 * np.pi * (time - late) / hold_s)
+        for late in (0.0, 200.0)
+    )
+    case += rng.normal(0.0, 0.01, time.size)
+    gyro = 5.0 + 0.3 * (inner - 25.0) + rng.normal(0.0, 0.5, time.size)
+    acceleration = 1.0 + 1e-5 * (inner - 25.0) + rng.normal(0.0, 1e-4, time.size)
+    return [time, case, gyro, acceleration]
+
+
 KINDS: dict[
     str, tuple[str, str, int, Callable[[Array, float, np.random.Generator], list[Array]]]
 ] = {
@@ -98,6 +114,12 @@ KINDS: dict[
         "%.3f,%.3f,%.4f,%.4f,%.7f,%.7f,%.7f",
         len(ATTITUDES),
         triad_rows,
+    ),
+    "thermal": (
+        "time_s,temp_case_degc,gyro_x_dph,accel_x_g",
+        "%.3f,%.3f,%.4f,%.7f",
+        1,
+        warmed_rows,
     ),
     "gyro_noise": ("time_s,gyro_dph", "%.3f,%.4f", 1, rest_rows),
 }

@@ -30,11 +30,13 @@ import big_tables
 
 SETTINGS = {"on disk": "0", "in memory": "1e9"}
 SERIES = ("--set", 'logs.files=["*.csv"]', "--set", "dwells.mode=series")
+ONE_RAMP = ("--set", "drift.model=gradient_rate", "--set", "drift.order=0")
 PROCEDURES: dict[str, tuple[str, ...]] = {
-    "fog_thermal": (),
+    "fog_thermal": ONE_RAMP,
     "bias_temperature": (),
     "rate_table": (),
     "accelerometer": SERIES,
+    "thermal": ("--set", 'thermal.channels=["gyro_x_dph","accel_x_g"]'),
     "gyro_noise": (),
 }
 """Procedure → options of its fit."""
@@ -133,12 +135,13 @@ def compared(procedure: str, log: Path, rows: int, out: Path) -> bool:
 def _run_of_shorter(procedure: str, rows: int, out: Path) -> Path:
     """Run of other logs of what the big log shows: of so many rows, or of eight ramps."""
     logs = out / "shorter"
+    options = PROCEDURES[procedure]
     if procedure in big_tables.KINDS:
         big_tables.write(logs, procedure, rows, big_tables.SEED + 1)
     else:
         _run("simulate", "fog_thermal", "--seed", str(big_ramps.SEED), "--out", str(logs))
-    options = ("--data", str(logs), "--serial", "E", "--out", str(out))
-    _run("fit", procedure, *options, *PROCEDURES[procedure])
+        options = ()
+    _run("fit", procedure, "--data", str(logs), "--serial", "E", "--out", str(out), *options)
     return out / "E" / "r001"
 
 

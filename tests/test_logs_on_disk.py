@@ -1,20 +1,25 @@
 """A log on disk is fitted like one in memory: the same numbers, and nothing left behind."""
 
 import tempfile
+import tracemalloc
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from calibkit import instruments, pipeline, recipe
-from calibkit.check import chunked
+from calibkit import instruments, pipeline, recipe, store
+from calibkit.check import chunked, thermometers
 from calibkit.errors import OutputError, RecipeError, UsageError
+from calibkit.frame import Log, values
 from calibkit.ingest import logs, logs_on_disk
 from calibkit.instruments.fog_thermal import ramps
-from calibkit.numeric import anomalies, chunks, intervals, order_statistics, segments
+from calibkit.instruments.gyro_scale import dropouts
+from calibkit.numeric import anomalies, chunks, intervals, level_changes, order_statistics, segments
 from calibkit.numeric.thermal import occupancy
-from calibkit.numeric.wavelet import denoise, lifting
+from calibkit.numeric.wavelet import denoise, extension, lifting
 
 FILE = "ramp_heating_05.csv"
 RNG = np.random.default_rng(11)
@@ -199,6 +204,97 @@ def test_equal_runs_are_those_of_a_loop(values, shortest, rows):
         driver = np.array(values, dtype=float).cumsum()
         moved = [[a, b] for a, b in expected if np.ptp(driver[a : min(b, driver.size - 1)]) > 15.0]
         assert anomalies.stuck_against(driver, 15.0, found).tolist() == moved
+
+
+@pytest.fixture
+def long_log(monkeypatch):
+    """Return a log of 1,000,000 rows of a warmed gyro with its columns on disk, and work on it in
+    small pieces.
+    """
+    monkeypatch.setattr(chunks, "ROWS", 1 << 13)
+    monkeypatch.setattr(order_statistics, "COLLECTED", 1 << 13)
+    time = np.arange(1_000_000) / 100.0
+    case = 25.0 + 20.0 * np.sin(time / 2000.0) + RNG.normal(0.0, 0.01, time.size)
+    made = {"time_s": time, "temp_case_degc": case, "temp_env_degc": case + 0.1}
+    made["gyro_dph"] = 0.1 * case + RNG.normal(0.0, 1.0, time.size)
+    columns = {}
+    for name, column in made.items():
+        columns[name] = logs_on_disk._allocate_column(column.size)
+        columns[name][:] = column
+    frame = pd.DataFrame(columns, copy=False)
+    return Log("a", "a.csv", "", len(frame), frame, allocate=logs_on_disk._allocate_column)
+
+
+@pytest.mark.parametrize(
+    "work",
+    [
+        lambda log: thermometers.check_steps(log, "temp_case_degc"),
+        lambda log: extension.Continuation.fit(values(log.frame, "gyro_dph"), "trend", 1 << 19),
+    ],
+    ids=["steps", "ends"],
+)
+def test_what_looks_along_a_log_on_disk_holds_pieces_of_it(long_log, work):
+    """Beside pieces, and an end of a signal, nothing is in memory."""
+    work(long_log)  # imports
+    tracemalloc.start()
+    work(long_log)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 12 * len(long_log.frame)
+
+
+@pytest.mark.skipif(not Path("/proc/self/smaps").exists(), reason="pages are told by Linux")
+@pytest.mark.parametrize(
+    "work",
+    [
+        lambda log: log.measured_conditions(),
+        lambda log: dropouts_of(log),  # noqa: PLW0108 (it stands below)
+        lambda log: level_changes.jumps(values(log.frame, "gyro_dph"), 2000),
+    ],
+    ids=["conditions", "dropouts", "jumps"],
+)
+def test_what_looks_along_a_log_on_disk_lets_go_of_its_pages(long_log, work):
+    """A tenth of a column at most is left in memory."""
+    chunks.release(*(values(long_log.frame, str(name)) for name in long_log.frame.columns))
+    before = resident_scratch()
+    work(long_log)
+    assert resident_scratch() - before < len(long_log.frame)
+
+
+def resident_scratch():
+    """Bytes of scratch files that are in memory."""
+    lines = Path("/proc/self/smaps").read_text("utf-8").splitlines()
+    mapped, total = False, 0
+    for line in lines:
+        if not line.split()[0].endswith(":"):
+            mapped = "(deleted)" in line
+        elif mapped and line.startswith("Rss:"):
+            total += 1024 * int(line.split()[1])
+    return total
+
+
+def dropouts_of(log):
+    """Dropouts of a gyro in two held rates."""
+    held = SimpleNamespace(
+        span=np.array([[0, 500_000], [500_000, 1_000_000]]), rate_dps=np.array([1.0, 2.0])
+    )
+    return list(dropouts.find(log, held, ["gyro_dph"]))
+
+
+def test_a_log_on_disk_is_validated_in_memory_for_some_chunks(folder, long_log, calibkit, tmp_path):
+    """Compensation, its uncertainty and both Allan deviations of a run of another log."""
+    pinned = ("--set", "drift.model=gradient_rate", "--set", "drift.order=0")  # of one ramp
+    options = ("--serial", "S", "--date", "2026-01-01", "--out", tmp_path)
+    assert calibkit("fit", "fog_thermal", "--data", folder, *options, *pinned).code in (0, 1)
+    run = store.load(tmp_path / "S" / "r001")
+    spec = instruments.parse_recipe(recipe.find("fog_thermal", ()))
+    validate = instruments.find("fog_thermal").validate
+    validate(spec, run.records, [long_log])  # imports
+    tracemalloc.start()
+    validate(spec, run.records, [long_log])
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 12 * len(long_log.frame)
 
 
 def test_mapped_arrays_let_go_of_their_pages_and_keep_their_values():

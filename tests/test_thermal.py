@@ -3,6 +3,7 @@ which power-ons are found, and what ordinary bad input is told.
 """
 
 import json
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -10,10 +11,12 @@ import pytest
 from scipy.optimize import minimize
 from scipy.signal import lfilter
 
-from calibkit import store
-from calibkit.instruments.thermal import channels, power_ons, simulate
+from calibkit import instruments, recipe, store
+from calibkit.check import series
+from calibkit.ingest import logs_on_disk
+from calibkit.instruments.thermal import channels, instrument as thermal, power_ons, simulate
 from calibkit.instruments.thermal.numeric import choice
-from calibkit.numeric import gum, intervals
+from calibkit.numeric import chunks, gum, intervals, order_statistics
 from calibkit.numeric.thermal import coil, pooled_fit, uncertainty
 from calibkit.simulate import noise
 from calibkit.simulate.chamber import Chamber, Programme
@@ -252,6 +255,48 @@ def test_the_clock_that_begins_anew_is_a_power_on(tmp_path, fit):
         assert component.groups == 2
         assert component.value == pytest.approx(4.0 / np.sqrt(2.0), abs=0.4)
         assert model.value("tau_outer") == pytest.approx(200.0, rel=0.15)
+
+
+def test_a_log_on_disk_is_fitted_and_compensated_as_one_in_memory(
+    tmp_path, fit, calibkit, monkeypatch
+):
+    """Of a log with a reboot and a gap: the same bytes, from columns that lie in scratch files."""
+    time, case, gyro = sweep()
+    row = np.arange(time.size)
+    time = np.where(row < 2000, time, time - time[2000] + 1.0) + 300.0 * (row >= 4000)
+    write_log(tmp_path / "logs" / "a.csv", time, case, gyro_x_dph=gyro)
+    for name, setting in (("disk", "0"), ("memory", "1000")):
+        monkeypatch.setenv(logs_on_disk.SETTING, setting)
+        assert fit(RECIPE, "--date", "2026-01-01").code == 0
+        options = ("--data", tmp_path / "logs" / "a.csv", "--out", tmp_path / name)
+        assert calibkit("apply", "I-1@r001", "--runs", tmp_path / "runs", *options).code == 0
+    (tmp_path / "runs").rename(tmp_path / "fitted")
+    folders = [tmp_path / "fitted" / "I-1" / f"r00{k}" / "thermal.json" for k in (1, 2)]
+    models = [store.load(path.parent).records["thermal.json"].models for path in folders]
+    assert models[0] == models[1]
+    assert (tmp_path / "disk").read_bytes() == (tmp_path / "memory").read_bytes()
+
+
+def test_a_log_on_disk_takes_memory_for_some_chunks_alone(tmp_path, monkeypatch):
+    """Faults and power-ons are found in less memory than half of the log takes."""
+    time, case, gyro = sweep(rows=1_000_000, step=0.02)
+    rows = zip(time.tolist(), case.tolist(), gyro.tolist(), strict=True)
+    text = "time_s,temp_case_degc,gyro_x_dph\n" + "".join(map("%.2f,%.4f,%.4f\n".__mod__, rows))
+    (tmp_path / "a.csv").write_text(text, encoding="ascii")
+    (tmp_path / "recipe.toml").write_text(RECIPE)
+    monkeypatch.setenv(logs_on_disk.SETTING, "0")
+    monkeypatch.setattr(chunks, "ROWS", 1 << 13)
+    monkeypatch.setattr(series, "CHUNK", 1 << 15)
+    monkeypatch.setattr(order_statistics, "COLLECTED", 1 << 13)
+    spec = instruments.parse_recipe(recipe.find(str(tmp_path / "recipe.toml"), ()))
+    log = thermal._mend(spec, thermal._read(spec, tmp_path, "a.csv"))
+    tracemalloc.start()
+    found = thermal._find_faults(spec, log)
+    assert power_ons.find_power_ons([log], [log], spec.thermal, 10.0)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert not any(finding.refused for finding in found)
+    assert peak < 1.5 * time.nbytes
 
 
 def test_logs_whose_clock_goes_on_are_one_power_on(tmp_path, fit):

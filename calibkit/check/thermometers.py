@@ -16,6 +16,9 @@ from calibkit.check.content import finding_at_row, finding_of_column
 from calibkit.check.magnitude import SPAN_DEGC
 from calibkit.errors import advise_exclude
 from calibkit.frame import Finding, Log, values
+from calibkit.numeric import chunks
+from calibkit.numeric.anomalies import level_steps
+from calibkit.numeric.order_statistics import quantile_of_chunks
 
 APART_DEGC = 20.0
 """Difference [°C] of case and air that no self-heating keeps up in a soak."""
@@ -159,26 +162,25 @@ def check_steps(log: Log, column: str) -> list[Finding]:
     data, time = values(log.frame, column), values(log.frame, "time_s")
     if data.size < 5 * _STEP_ROWS:
         return []
-    windows = np.lib.stride_tricks.sliding_window_view(data, _STEP_ROWS)
-    level = np.sort(windows, axis=1)[:, _STEP_ROWS // 2 - 1]
-    steps = np.abs(level[_STEP_ROWS:] - level[:-_STEP_ROWS])
-    k = int(np.argmax(steps))
-    least = _STEP_DEGC_MIN / 60.0 * float(time[k + _STEP_ROWS] - time[k])
-    if steps[k] <= max(_STEP_DEGC, least, _STEPS * float(np.quantile(steps, 0.9))):
+    tops = [(part.max(), int(part.argmax())) for part in level_steps(data, _STEP_ROWS)]
+    at = max(range(len(tops)), key=lambda chunk: tops[chunk][0])
+    step, k = float(tops[at][0]), tops[at][1] + at * chunks.ROWS
+    if step <= max(_STEP_DEGC, _STEP_DEGC_MIN / 60.0 * float(time[k + _STEP_ROWS] - time[k])):
+        return []
+    count = data.size - 2 * _STEP_ROWS + 1
+    if step <= _STEPS * quantile_of_chunks(lambda: level_steps(data, _STEP_ROWS), count, 0.9):
         return []
     row = k + 1 + int(np.argmax(np.abs(np.diff(data[k : k + 2 * _STEP_ROWS]))))
     return [
         finding_at_row(
-            log,
-            row,
-            column,
+            *(log, row, column),
             f"{data[row - 1]:.2f} → {data[row]:.2f} °C from one row to the next",
             "a temperature that moves as elsewhere in the log",
             "see whether the thermometer was exchanged, or its range or unit; leave out the rows:"
             f" {log.advise_exclude([row])}",
             "thermometer",
             severity="warn",
-            figure=float(steps[k]),
+            figure=step,
         )
     ]
 

@@ -325,6 +325,17 @@ def remove_spikes(values: Array, *, allocate: Callable[[int], Array] = np.empty)
     return clean
 
 
+def level_steps(values: Array, rows: int) -> Iterator[Array]:
+    """Changes of the lower median of so many rows of a series [n] to that of the next as many, from
+    each row on that has them, a chunk of rows at a time.
+    """
+    for a, b in chunks.ranges(values.size - 2 * rows + 1):
+        windows = np.lib.stride_tricks.sliding_window_view(values[a : b + 2 * rows - 1], rows)
+        level = np.sort(windows, axis=1)[:, (rows - 1) // 2]
+        yield np.abs(level[rows:] - level[:-rows])
+        chunks.release(values)
+
+
 def _count_equal(values: Array, value: float) -> int:
     """Number of values [n] that are equal to one."""
     return chunks.count(values, lambda part: part == value)

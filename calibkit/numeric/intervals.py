@@ -49,9 +49,17 @@ class Intervals:
         ):
             yield slice(a, b), slice(start, stop)
 
-    def means(self, values: Array) -> Array:
-        """Mean [m] of values [rows] over each interval."""
-        return self.means_of_parts(values[rows] for _, rows in self.groups())
+    def means(self, values: Array, *, origin: float = 0.0) -> Array:
+        """Mean [m] of values [rows] over each interval, above an origin."""
+        if not origin:
+            return self.means_of_parts(values[rows] for _, rows in self.groups())
+
+        def above() -> Iterator[Array]:
+            for _, rows in self.groups():
+                yield values[rows] - origin
+                chunks.release(values)
+
+        return self.means_of_parts(above())
 
     def means_of_parts(self, parts: Iterable[Array]) -> Array:
         """Mean [m] over each interval of values [rows] that come in consecutive parts: that of

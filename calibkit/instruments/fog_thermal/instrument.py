@@ -218,11 +218,10 @@ def _validate(
         found = compensate.LogFigures.summarize(log.name, blocks, model)
         compensated.append(found)
         output, _ = compensate.compensate_log(log, model, spec)
-        time, gyro = (values(log.frame, column) for column in ("time_s", "gyro_dph"))
         entries.append(
             tables.validation_entry(log, found, model)
             | {"uncertainty": uncertainty.check_coverage(model, blocks, spec.type_b, level)}
-            | {"allan_deviation": tables.allan_deviations(time, gyro, output)}
+            | {"allan_deviation": tables.allan_deviations(log, output)}
         )
     flags = tuple(flag for log in compensated for flag in log.flags)
     flags += model.thermal.flags if model.thermal is not None else ()

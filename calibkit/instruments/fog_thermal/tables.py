@@ -3,10 +3,8 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
 from calibkit.arrays import Array
-from calibkit.frame import Log
+from calibkit.frame import Log, values
 from calibkit.instruments.fog_thermal.compensate import DriftModel, LogFigures
 from calibkit.instruments.fog_thermal.decision import Export
 from calibkit.instruments.fog_thermal.figures import DriftLog, DriftReport, Tested
@@ -204,17 +202,19 @@ def coverage_tables(entries: Mapping[str, Mapping[str, Any]], which: str) -> tup
     return (Table(title, heads, tuple(rows)),)
 
 
-def allan_deviations(time: Array, before: Array, after: Array) -> dict[str, object]:
-    """JSON object of the overlapping Allan deviations [°/h] of indication and compensated rate [n,
-    °/h], or the reason why there are none.
+def allan_deviations(log: Log, after: Array) -> dict[str, object]:
+    """JSON object of the overlapping Allan deviations [°/h] of a log's indication and its
+    compensated rate [n, °/h], or the reason why there are none.
 
     Nothing is denoised or resampled, as the Allan deviation would show the filter.
     """
-    step = np.diff(time)
-    usual = float(np.median(step))
-    if np.abs(step - usual).max() > UNEVEN * usual:
+    usual = log.steps.usual
+    if max(log.steps.longest - usual, usual - log.steps.shortest) > UNEVEN * usual:
         return {"not_available": "the log is not evenly sampled"}
-    raw, left = (allan.overlapping(rate, usual) for rate in (before, after))
+    raw, left = (
+        allan.overlapping(rate, usual, allocate=log.allocate)
+        for rate in (values(log.frame, "gyro_dph"), after)
+    )
     return {
         "estimator": "overlapping Allan deviation",
         "unit": "deg/h",

@@ -14,7 +14,7 @@ from calibkit.frame import Log, values
 from calibkit.instruments.thermal import channels, forms, power_ons
 from calibkit.instruments.thermal.power_ons import PowerOn
 from calibkit.instruments.thermal.recipe import ThermalRecipe
-from calibkit.numeric import gum
+from calibkit.numeric import chunks, gum
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.thermal import uncertainty
 from calibkit.numeric.thermal.evaluate import Evaluation
@@ -89,34 +89,37 @@ def compensate_log(
     The bias is evaluated on block means at the model interval, as in the fit, and interpolated to
     the rows.
     """
-    time = values(log.frame, "time_s")
     columns, added = {}, {}
     flags: list[str] = []
     for name, model in models.items():
         fitted = thermal_forms.read_terms(model)
         found = average_log(log, raw, model.value("interval"), spec)
         drifts = [follow_bias(fitted, one, name, spec) for one in found]
-        bias = _to_rows(time, found, [drift.found.drift for drift in drifts])
-        columns[name] = values(log.frame, name) - bias
+        bias = _to_rows(log, found, [drift.found.drift for drift in drifts])
+        logged, columns[name] = values(log.frame, name), log.allocate(bias.size)
+        for a, b in chunks.ranges_along(logged, bias, columns[name]):
+            np.subtract(logged[a:b], bias[a:b], out=columns[name][a:b])
         stem, _, unit = name.rpartition("_")
         if spec.output.drift:
             added[f"{stem}_drift_{unit}"] = bias
         if spec.output.rate_uncertainty:
             standard = [drift.standard for drift in drifts]
-            added[f"{stem}_standard_uncertainty_{unit}"] = _to_rows(time, found, standard)
+            added[f"{stem}_standard_uncertainty_{unit}"] = _to_rows(log, found, standard)
         if any(fitted.coefficients[1:]):
             flags += _flag_ranges(log.file, name, [drift.found for drift in drifts])
         flags += [note for one in found for note in one.notes]
     return columns, added, tuple(dict.fromkeys(flags))
 
 
-def _to_rows(time: Array, found: Sequence[PowerOn], along: Sequence[Array]) -> Array:
+def _to_rows(log: Log, found: Sequence[PowerOn], along: Sequence[Array]) -> Array:
     """Values of blocks interpolated to the rows [n] of one log."""
-    rows = np.empty(time.size)
+    time = values(log.frame, "time_s")
+    rows = log.allocate(time.size)
     for one, blocks in zip(found, along, strict=True):
         for _, first, stop, begins in one.spans:
-            at = begins + time[first:stop] - time[first]
-            rows[first:stop] = np.interp(at, one.blocks.time, blocks)
+            own, made, origin = time[first:stop], rows[first:stop], float(time[first])
+            for a, b in chunks.ranges_along(own, made):
+                made[a:b] = np.interp(begins + own[a:b] - origin, one.blocks.time, blocks)
     return rows
 
 

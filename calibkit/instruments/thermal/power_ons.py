@@ -10,7 +10,7 @@ from calibkit.arrays import Array, Mask
 from calibkit.errors import FitError
 from calibkit.frame import Log, values
 from calibkit.instruments.thermal.recipe import Terms
-from calibkit.numeric import intervals
+from calibkit.numeric import chunks, intervals
 from calibkit.numeric.thermal import occupancy
 from calibkit.numeric.thermal.pooled_fit import ThermalLog
 
@@ -96,7 +96,7 @@ def _restarted_rows(time: Array) -> Array:
     """Rows [k] at which the clock of a log [n, s] begins anew, as after a reboot; a stamp that is
     merely out of order is none.
     """
-    back = np.flatnonzero(np.diff(time) <= 0.0) + 1
+    back = chunks.rows_where(time, lambda step: step <= 0.0, step=True) + 1
     elapsed = time[back - 1] - time[0]
     anew = time[back] - time[0] <= np.maximum(RESTARTED_S, RESTARTED * elapsed)
     return np.asarray(back[anew & (elapsed > RESTARTED_S)])
@@ -104,18 +104,24 @@ def _restarted_rows(time: Array) -> Array:
 
 def mend_clock(log: Log, interval_s: float) -> Log:
     """Log whose time goes on where its clock begins anew, a whole interval later."""
+    import pandas as pd
+
     if "time_s" not in log.frame.columns:
         return log
     time = values(log.frame, "time_s")
-    rows = _restarted_rows(time) if np.isfinite(time).all() else np.zeros(0, dtype=np.int64)
+    rows = _restarted_rows(time) if chunks.all_finite(time) else np.zeros(0, dtype=np.int64)
     if not rows.size:
         return log
-    mended = time.copy()
-    for row in rows.tolist():
-        passed = np.floor((mended[row - 1] - mended[0]) / interval_s) + 2.0
-        mended[row:] += mended[0] + passed * interval_s - mended[row]
+    mended, late = log.allocate(time.size), 0.0
+    for first, stop in pairwise((0, *rows.tolist(), time.size)):
+        if first:
+            passed = np.floor((mended[first - 1] - mended[0]) / interval_s) + 2.0
+            late = float(mended[0] + passed * interval_s - time[first])
+        for a, b in chunks.ranges_along(time[first:stop], mended[first:stop]):
+            np.add(time[first + a : first + b], late, out=mended[first + a : first + b])
     note = f"the clock begins anew at {log.place(int(rows[0]))}: taken as a power-on"
-    frame = log.frame.assign(time_s=mended)
+    columns = {str(name): values(log.frame, str(name)) for name in log.frame.columns}
+    frame = pd.DataFrame(columns | {"time_s": mended}, log.frame.index, copy=False)
     return replace(log, frame=frame, notes=(*log.notes, note))
 
 
@@ -184,8 +190,10 @@ def _cut(log: Log, raw: Log, spec: Terms, interval_s: float) -> Iterator[_Span]:
     """Spans of a log between gaps, restarts of its clock and stated power-ons."""
     time = values(log.frame, "time_s")
     # a gap is an interval at least, so that no block holds rows of both sides
-    gaps = np.flatnonzero(np.diff(time) > max(spec.max_gap_s, interval_s, 2.5 * log.steps.usual))
-    excluded = np.flatnonzero(np.diff(log.frame.index.to_numpy()) > 1)
+    longest = max(spec.max_gap_s, interval_s, 2.5 * log.steps.usual)
+    gaps = chunks.rows_where(time, lambda step: step > longest, step=True)
+    lines = log.frame.index[gaps + 1].to_numpy() - log.frame.index[gaps].to_numpy()
+    excluded = gaps[lines > 1]
     stated = [entry.at_s for entry in spec.power_on if entry.log in (log.file, log.name)]
     again = {int(row) for row in np.searchsorted(time, stated) if 0 < row < time.size}
     again |= {int(row) for row in _restarted_rows(values(raw.frame, "time_s"))}
@@ -248,7 +256,7 @@ def _average(group: Sequence[_Span], spec: Terms, interval_s: float, name: str) 
     for k, span in enumerate(group):
         time, case = (values(span.log.frame, column)[span.rows] for column in COLUMNS)
         held = intervals.Intervals.find(time, interval_s, span.log.steps.usual)
-        means, temperature = held.means(time - time[0]), held.means(case)
+        means, temperature = held.means(time, origin=float(time[0])), held.means(case)
         joined = k > 0 and not span.apart and _adjoins(group[k - 1], span, spec)
         if k:
             begins += group[k - 1].lasts + (

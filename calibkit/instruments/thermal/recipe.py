@@ -95,6 +95,7 @@ class ThermalRecipe(Recipe):
     thermometer.
     """
 
+    along_chunks: ClassVar[bool] = True
     error_groups: ClassVar[tuple[str, ...]] = (GROUP,)
 
     procedure: Literal["thermal"]

@@ -8,6 +8,7 @@ from typing import Literal, Self, get_args
 import numpy as np
 
 from calibkit.arrays import Array, Integers
+from calibkit.numeric.chunks import release
 from calibkit.numeric.wavelet.shrinkage import estimate_noises
 
 Extension = Literal["symmetric", "antisymmetric", "trend", "constant", "periodic"]
@@ -111,17 +112,32 @@ def lengths_at_end(size: int, window: int) -> tuple[int, int, int]:
 
 
 @lru_cache(maxsize=64)
-def sections(window: int, limit: int) -> tuple[Array, Array, Integers, Array]:
-    """Sizes of the sections at an end, which grow by halves to the window and on to a limit, the
-    sum of the squared distances of their samples from their middle, where each begins to have more
-    than the one before, and 0 … limit − 1.
+def sections(window: int, limit: int) -> tuple[Array, Array]:
+    """Sizes of the sections at an end, which grow by halves to the window and on to a limit, and
+    the sum of the squared distances of their samples from their middle.
     """
     sizes = [min(STRETCH, window)]
     for most in (window, limit):
         while sizes[-1] < most:
             sizes.append(min(sizes[-1] + sizes[-1] // 2, most))
     m = np.array(sizes, dtype=np.float64)
-    return m, m * (m**2 - 1.0) / 12.0, np.array([0, *sizes[:-1]]), np.arange(float(limit))
+    return m, m * (m**2 - 1.0) / 12.0
+
+
+def _sums(end: Array, sizes: Array) -> Array:
+    """Sums [k, 2] above sample 0 of the samples that each section of given sizes [k] adds to the
+    one before, by themselves and times their place; one section is in memory at a time.
+    """
+    found, first = np.empty((sizes.size, 2)), 0
+    for k, stop in enumerate(sizes.astype(np.int64).tolist()):
+        above = end[first:stop] - end[0]
+        # in the order of the compiled sums
+        found[k, 0] = np.add.reduceat(above, [0])[0]
+        above *= np.arange(first, stop)
+        found[k, 1] = np.add.reduceat(above, [0])[0]
+        first = stop
+        release(end)
+    return found
 
 
 def _fit_end(end: Array, window: int) -> tuple[float, bool]:
@@ -136,9 +152,8 @@ def _fit_end(end: Array, window: int) -> tuple[float, bool]:
     if window < 3:
         return float(end[0]), True
     spread = estimate_noises([np.diff(end[:known])])[0] / math.sqrt(2.0)
-    sizes, squares, starts, at = sections(window, limit)
-    above = end[:limit] - end[0]
-    totals, moments = (np.cumsum(np.add.reduceat(one, starts)) for one in (above, at * above))
+    sizes, squares = sections(window, limit)
+    totals, moments = np.cumsum(_sums(end, sizes), axis=0).T
     slopes = (moments - totals * (sizes - 1.0) / 2.0) / squares
     fitted = totals / sizes - slopes * (sizes - 1.0) / 2.0
     margins = 4.0 * spread / np.sqrt(sizes)

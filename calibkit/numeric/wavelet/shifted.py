@@ -372,7 +372,7 @@ def _encoded_plan(
     ready = _planned(scheme, length, depth, periodic=extension == "periodic")
     plan, known = ready.plan, sum(size >= OWN_NOISE_FROM for _, size in ready.plan.own)
     differing, limit, window = lengths_at_end(length, window_of(depth))
-    sizes, squares, _, _ = sections(window, limit)
+    sizes, squares = sections(window, limit)
     numbers = [
         *(length, plan.start, EXTENSIONS.index(extension), CODES[rule], depth, known),
         *(plan.turns, plan.count, plan.shifts, plan.mean, plan.made),
