@@ -9,6 +9,7 @@ has to be fitted again.
 from __future__ import annotations
 
 import contextlib
+import gc
 import signal
 import sys
 from collections import Counter, deque
@@ -143,6 +144,11 @@ def _serve(pipe: Connection, task: Task, plan: Plan) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _end_process)
     with contextlib.suppress(EOFError, OSError):
+        pipe.send(task(plan, pipe.recv()))
+        # what the first device had imported stays to the end: not to be looked through for garbage
+        # with every figure
+        gc.collect()
+        gc.freeze()
         while True:
             pipe.send(task(plan, pipe.recv()))
 
