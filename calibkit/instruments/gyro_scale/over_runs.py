@@ -64,26 +64,32 @@ class GyroOverRuns:
     response: rate_response.Response | None
     model: all_runs.AllRuns | None
     """Model of all runs; None for a single run."""
+    line: all_runs.AllRuns | None
+    """The same with K in first order over temperature; None where the temperature does not vary."""
 
 
 def fit_over_runs(
-    spec: OwnAxisRecipe, gyro: str, runs: Sequence[table_runs.TableRun]
+    spec: OwnAxisRecipe,
+    gyro: str,
+    runs: Sequence[table_runs.TableRun],
+    near: GyroOverRuns | None = None,
 ) -> GyroOverRuns:
     """Fit one gyro over all runs: the mean at the reference temperature, and K and F0 over
-    temperature where the temperature varies.
+    temperature where the temperature varies; orders and errors are those of `near`, a fit of nearly
+    the same runs, where there is one.
     """
     temperature = np.array([run.temp_degc for run in runs])
-    near = np.isnan(temperature) | (np.abs(temperature - spec.reference_temp_degc) <= ROOM_DEGC)
-    at_room = tuple(run for run, is_near in zip(runs, near, strict=True) if is_near) or tuple(runs)
+    room = np.isnan(temperature) | (np.abs(temperature - spec.reference_temp_degc) <= ROOM_DEGC)
+    at_room = tuple(run for run, is_in in zip(runs, room, strict=True) if is_in) or tuple(runs)
     varies = np.isfinite(temperature).all() and np.ptp(temperature) >= VARIES_DEGC
     known = _known_components(spec, runs[0].scale(gyro).K)
     response = choose_response(spec, gyro, runs)
     if len(runs) == 1:
         K, F0, correlation = _of_single(runs[0].scale(gyro), known)
         return GyroOverRuns(
-            gyro, tuple(runs), at_room, K, F0, correlation, None, None, response, None
+            gyro, tuple(runs), at_room, K, F0, correlation, None, None, response, None, None
         )
-    found = _fit_all(gyro, runs, known, varies=bool(varies))
+    found, line = _fit_all(gyro, runs, known, varies=bool(varies), near=near)
     degc = float(np.mean([run.temp_degc for run in at_room]))
     K_curve, F0_curve = (
         found.curve(which, temperature) if varies else None
@@ -100,6 +106,7 @@ def fit_over_runs(
         F0_curve,
         response,
         found,
+        line,
     )
 
 
@@ -150,10 +157,11 @@ def _fit_all(
     known: Mapping[str, components.Known],
     *,
     varies: bool,
-    K_order: int | None = None,
-) -> all_runs.AllRuns:
+    near: GyroOverRuns | None,
+) -> tuple[all_runs.AllRuns, all_runs.AllRuns | None]:
     """Fit one model over all runs of a gyro, its orders over temperature chosen by the errors at
-    left-out temperatures where they are not given.
+    left-out temperatures or those of a fit that is near, and one in which K is a line over
+    temperature, where that varies.
     """
     lines = [run.scale(gyro) for run in runs]
     rows = all_runs.Rows(
@@ -165,27 +173,35 @@ def _fit_all(
         np.concatenate([run.plateaus.hours for run in runs]),
     )
     shapes, own = all_runs.own_lines(rows)
-    temp_degc = rows.temp_degc
+    beside = (near.model, near.line) if near else (None, None)
+    orders = beside[0].orders if beside[0] else _choose_orders(rows, own, varies=varies)
+    found = all_runs.fit(rows, orders, shapes, known, beside[0])
+    if not varies or orders[0] == LOWEST_ORDER:
+        return found, found if varies else None
+    return found, all_runs.fit(rows, (LOWEST_ORDER, orders[1]), shapes, known, beside[1])
+
+
+def _choose_orders(rows: all_runs.Rows, own: Array, *, varies: bool) -> tuple[int, int]:
+    """Orders of K and F0 over temperature by the errors of those of the runs' own lines [2, r] at
+    temperatures that are left out.
+    """
     # all runs at a temperature are left out together
-    level = np.round(temp_degc)
+    level = np.round(rows.temp_degc)
     highest = min(polynomial.HIGHEST_ORDER, np.unique(level).size - 2) if varies else 0
-    orders = [
-        max(
-            polynomial.choose_order(
-                temp_degc,
-                all_runs.without_sides(rows, values, highest),
-                highest,
-                margin=HIGHER_ORDER,
-                groups=level,
-                count_dof=True,
-            ).order,
-            LOWEST_ORDER,
-        )
-        if highest > 0
-        else 0
+    if highest <= 0:
+        return 0, 0
+    K, F0 = (
+        polynomial.choose_order(
+            rows.temp_degc,
+            all_runs.without_sides(rows, values, highest),
+            highest,
+            margin=HIGHER_ORDER,
+            groups=level,
+            count_dof=True,
+        ).order
         for values in own
-    ]
-    return all_runs.fit(rows, (orders[0] if K_order is None else K_order, orders[1]), shapes, known)
+    )
+    return max(K, LOWEST_ORDER), max(F0, LOWEST_ORDER)
 
 
 def _points(gyro: str, runs: Sequence[table_runs.TableRun], name: str) -> tuple[Array, Array]:
@@ -235,7 +251,7 @@ def run_figures(name: str, one: GyroOverRuns, spec: OwnAxisRecipe) -> list[Figur
         return figures
     temperature = np.array([run.temp_degc for run in one.runs])
     size = gjb_figures.PPM / abs(one.K[0])
-    kinds = [(gjb_figures.IEEE, *_slope(one, spec, temperature))]
+    kinds = [(gjb_figures.IEEE, *_slope(one, temperature))]
     room = np.abs(temperature - spec.reference_temp_degc) <= ROOM_DEGC
     if room.any() and not room.all():
         K, u_K = _points(one.gyro, one.runs, "K")
@@ -253,14 +269,12 @@ def run_figures(name: str, one: GyroOverRuns, spec: OwnAxisRecipe) -> list[Figur
     return figures
 
 
-def _slope(one: GyroOverRuns, spec: OwnAxisRecipe, temp_degc: Array) -> tuple[float, float]:
+def _slope(one: GyroOverRuns, temp_degc: Array) -> tuple[float, float]:
     """Slope of K over temperature [1/deg/°C] by the model over all runs, and its standard
     uncertainty, raised by Student's t for few runs.
     """
-    known = _known_components(spec, one.K[0])
-    line = _fit_all(one.gyro, one.runs, known, varies=True, K_order=1).curve(
-        all_runs.SCALE, temp_degc
-    )
+    assert one.line is not None  # noqa: S101 (there is a curve)
+    line = one.line.curve(all_runs.SCALE, temp_degc)
     u = float(np.sqrt(max(line.covariance[1, 1], 0.0)))
     return float(line.coefficients[1]), u * gum.widening(line.dof)
 

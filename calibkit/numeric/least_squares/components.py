@@ -146,6 +146,7 @@ def fit(
     *,
     weights: Array | None = None,
     names: Sequence[str] = (),
+    near: MixedFit | None = None,
 ) -> MixedFit:
     """Fit indication = design · coefficients with errors that rows share.
 
@@ -157,6 +158,7 @@ def fit(
         not known has no part in the covariance, and a component with 0 degrees of freedom.
     weights : [n], proportional to 1/variance of the errors that are not shared.
     names : what an error calls the coefficients that the data cannot determine.
+    near : fit of the same effects to nearly the same rows, from whose variances the search begins.
 
     Raises
     ------
@@ -174,7 +176,7 @@ def fit(
     exact = plain.residual_rms <= ROUNDING * float(np.max(np.abs(indication)))
     dof = [0 if exact else reduced.degrees(g) for g in range(len(effects))]
     priors = [_prior(effect, rank) for effect, rank in zip(effects, dof, strict=True)]
-    found = reduced.solve(plain.coefficients, priors)
+    found = reduced.solve(plain.coefficients, priors, near._solution.variances if near else None)
     levels = [_levels(effect) for effect in effects]
     return MixedFit(
         coefficients=found.coefficients,

@@ -124,18 +124,23 @@ class Reduced:
         values = np.linalg.eigvalsh(self.between[np.ix_(at, at)])
         return int(np.sum(values > DETERMINED * whole))
 
-    def maximise(self, priors: Sequence[Prior]) -> "_Point":
+    def maximise(self, priors: Sequence[Prior], near: Array | None = None) -> "_Point":
         """The variances that maximise the restricted likelihood times that of what is known, by
-        Fisher's scoring from a small and from a large start.
+        Fisher's scoring from a small and from a large start, or from variances [1 + g] that are
+        near.
         """
         noise = max(self.square / self.spare, self.least)
+        start = np.array([noise, *(prior.square for prior in priors)])
+        if near is not None:
+            start = np.where(_free(priors), near, start)
+            start[0] = max(start[0], self.least)
+            return self._ascend(priors, start)
+        unknown = [g for g, prior in enumerate(priors) if not prior.dof]
         found = []
-        for size in (0.1, 10.0):
-            start = np.array([noise, *(prior.square for prior in priors)])
-            for g, prior in enumerate(priors):
-                if not prior.dof:
-                    start[g + 1] = size * noise / np.mean(self.whole[self.member == g])
-            found.append(self._ascend(priors, start))
+        for size in (0.1, 10.0) if unknown else (1.0,):
+            for g in unknown:
+                start[g + 1] = size * noise / np.mean(self.whole[self.member == g])
+            found.append(self._ascend(priors, start.copy()))
         return min(found, key=lambda each: each.deviance)
 
     def _ascend(self, priors: Sequence[Prior], start: Array) -> "_Point":
@@ -203,11 +208,13 @@ class Reduced:
             information[g, g] += curvature
         return score, information
 
-    def solve(self, coefficients: Array, priors: Sequence[Prior]) -> Solution:
+    def solve(
+        self, coefficients: Array, priors: Sequence[Prior], near: Array | None = None
+    ) -> Solution:
         """Generalised least squares at the most likely variances; `coefficients` [p] are those of
-        ordinary least squares.
+        ordinary least squares, `near` as for `maximise`.
         """
-        at = self.maximise(priors)
+        at = self.maximise(priors, near)
         variances, ratio, inverse, u = at.variances, at.ratio, at.inverse, at.u
         noise, theta, inner = variances[0], variances[1:], inverse @ self.between
         # Φ Xᵀ V⁻¹ = (Xᵀ X)⁻¹ Xᵀ − pull Zᵀ M, and its products with the Z_g; Φ = (Xᵀ V⁻¹ X)⁻¹

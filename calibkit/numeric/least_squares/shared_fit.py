@@ -46,6 +46,7 @@ def fit(
     used: Mask,
     leave_out: bool,
     names: Sequence[str] = (),
+    near: MixedFit | None = None,
 ) -> SharedFit:
     """Fit indication [n] = design [n, p] · coefficients with errors that rows share.
 
@@ -57,6 +58,7 @@ def fit(
     channel : [n], sensors with a noise of their own.
     used : [n], rows to begin with.
     leave_out : whether rows are left out, and taken in again, by their residuals.
+    near : fit to nearly the same rows: the effects that it kept are kept, no other is tried.
 
     Raises
     ------
@@ -67,8 +69,10 @@ def fit(
 
     limit = -float(ndtri(FALSE_ALARM / (2.0 * len(indication))))
     balance, kept, trial = weights, list(effects), list(candidates)
+    if near is not None:
+        kept, trial = [*kept, *_kept_by(near, trial)], []
     for _ in range(ROUNDS):
-        kept, trial, found = _grow(design, indication, kept, trial, balance, used, names)
+        kept, trial, found = _grow(design, indication, kept, trial, balance, used, names, near)
         residuals = indication - design @ found.coefficients
         left = residuals - found.shared(kept)
         balance = _balance(left, weights, used, channel)
@@ -91,13 +95,14 @@ def _grow(
     weights: Array,
     used: Mask,
     names: Sequence[str],
+    near: MixedFit | None,
 ) -> tuple[list[Effect], list[Effect], MixedFit]:
     """Effects with those candidates that the likelihood asks for, the other candidates, the fit."""
 
     def solve(effects: list[Effect]) -> MixedFit:
         part = [effect.of_rows(used) for effect in effects]
         return components.fit(
-            design[used], indication[used], part, weights=weights[used], names=names
+            design[used], indication[used], part, weights=weights[used], names=names, near=near
         )
 
     found = solve(kept)
@@ -109,6 +114,13 @@ def _grow(
         found = tried[best]
         kept, trial = [*kept, trial[best]], [*trial[:best], *trial[best + 1 :]]
     return kept, trial, found
+
+
+def _kept_by(near: MixedFit, candidates: Sequence[Effect]) -> list[Effect]:
+    """Candidates that a fit kept, in its order."""
+    by_name = {(effect.group, effect.effect): effect for effect in candidates}
+    names = [(component.group, component.effect) for component in near.components]
+    return [by_name[name] for name in names if name in by_name]
 
 
 def _rms(left: Array, balance: Array, used: Mask) -> float:

@@ -123,6 +123,11 @@ class AllRuns:
         return Estimate(float((row @ self.mixed.coefficients)[0]), float(np.sqrt(variance)), dof)
 
     @property
+    def orders(self) -> tuple[int, int]:
+        """Orders of K and F0 over temperature."""
+        return len(self.lines[SCALE]) - 1, len(self.lines[ZERO]) - 1
+
+    @property
     def correlation(self) -> float:
         """Correlation of K and F0 at the middle temperature."""
         rows = np.array([lines[0] for lines in self.lines])
@@ -153,6 +158,7 @@ def fit(
     orders: tuple[int, int],
     shapes: Mapping[str, Array],
     known: Mapping[str, components.Known],
+    near: AllRuns | None = None,
 ) -> AllRuns:
     """Fit all runs.
 
@@ -162,6 +168,7 @@ def fit(
     orders : of the polynomials of K and F0 over temperature.
     shapes : terms of the response, name → [n, 1], from `own_lines`.
     known : run-to-run standard deviations that are known: "scale" [1/s/(°/s)], "zero" [1/s].
+    near : fit of nearly the same rows, of the same orders, whose errors of runs are kept.
 
     Raises
     ------
@@ -192,6 +199,7 @@ def fit(
         used=np.ones(count, dtype=np.bool_),
         leave_out=False,
         names=_names(orders, list(shapes)),
+        near=None if near is None else near.mixed,
     ).found
     lines = _lines(rows.rate_dps, orders, shapes, mixed.coefficients)
     hidden = 0.0
