@@ -28,8 +28,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from speed import page, pairs, peers  # noqa: E402 the repository is found first
-from speed.commands import COMMANDS  # noqa: E402
+from speed import commands, page, pairs, peers, release  # noqa: E402 the repository is found first
 from speed.goals import Goal, Line  # noqa: E402
 from speed.page import replaced  # noqa: E402
 from speed.rows import ROWS, Row  # noqa: E402
@@ -39,6 +38,7 @@ from calibkit import native  # noqa: E402 the repository is found first
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+COMMANDS = (*commands.COMMANDS, *release.COMMANDS)
 PAGE = ROOT / "docs" / "performance.md"
 SIZES = "1e5,1e6,1e7"
 QUICK = "2560"

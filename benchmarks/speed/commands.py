@@ -4,13 +4,11 @@ their memory.
 
 from __future__ import annotations
 
-import io
 import json
 import os
 import re
 import subprocess
 import sys
-import tarfile
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -58,18 +56,8 @@ RATES = (1.0, 2.0, 5.0, 10.0)
 READ = "import polars as pl, sys\nfor path in sys.argv[1:]: pl.read_csv(path)"
 CALIBKIT = (sys.executable, "-m", "calibkit")
 DATE = ("--date", "2026-11-21")
-RELEASE = "adbfa49"
-"""Commit of version 0.1.0."""
-SAMPLES = {
-    "gyro_pair": 0.6,
-    "rate_table": 0.6,
-    "gyro_triad": 0.6,
-    "accelerometer": 0.6,
-    "inclinometer": 0.6,
-    "gyro_noise": 0.6,
-    "fog_thermal": 1.0,
-}
-"""Sample → share of the processor time of 0.1.0 that its fit should take at most."""
+PINNED = "lagged"
+"""Family of drift models that is fitted beside a read of the logs: the slowest of 0.1.0."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,22 +194,14 @@ def written(folder: Path, rows: int, python: Python) -> tuple[list[Path], int]:
 
 
 def fit(goals: Sequence[Goal], rows: int, turns: int, python: Python) -> list[Line]:
-    """`calibkit fit` on four ramps beside a process that reads the same files with polars, one
-    after the other.
+    """`calibkit fit` of one family of drift models on four ramps beside a process that reads the
+    same files with polars, one after the other.
     """
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         paths, count = written(folder, rows, python)
-        command = [
-            *CALIBKIT,
-            "fit",
-            "fog_thermal",
-            "--data",
-            folder / "logs",
-            "--serial",
-            "G",
-            *DATE,
-        ]
+        logs = ("--data", folder / "logs", "--serial", "G", *DATE)
+        command = [*CALIBKIT, "fit", "fog_thermal", *logs, "--set", f"drift.model={PINNED}"]
         pairs = []
         for turn in range(turns + 1):
             out = folder / f"out_{turn}"
@@ -277,46 +257,6 @@ def pool(goals: Sequence[Goal], rows: int, turns: int, python: Python) -> list[L
         raise RuntimeError("one and two processes wrote different bytes")
     halves = [(Spent(a.wall, a.cpu / 2.0, a.peak), b) for a, b in pairs]
     return [line(goal, rows, halves, digits=17.0, memory=False) for goal in goals]
-
-
-def _unpack_release(folder: Path) -> Path:
-    """Version 0.1.0 from the repository's history, its kernels compiled."""
-    archive = subprocess.run(
-        ["git", "-C", str(ROOT), "archive", RELEASE], check=True, capture_output=True
-    ).stdout
-    with tarfile.open(fileobj=io.BytesIO(archive)) as content:
-        content.extractall(folder, filter="data")
-    spent([sys.executable, "-m", "calibkit.native"], root=folder)
-    return folder
-
-
-def samples(goals: Sequence[Goal], rows: int, turns: int, python: Python) -> list[Line]:
-    """`calibkit fit` of each sample beside that of version 0.1.0 on the same logs and recipe, child
-    processes included.
-    """
-    del python
-    with tempfile.TemporaryDirectory() as name:
-        folder, lines = Path(name), []
-        old = _unpack_release(folder / "0.1.0")
-        for goal in goals:
-            procedure = goal.name.removeprefix("sample_")
-            logs = ("--data", old / "datasets" / procedure, "--serial", "G", *DATE)
-            command = [*CALIBKIT, "fit", old / "recipes" / f"{procedure}.toml", *logs]
-            pairs = []
-            for turn in range(turns + 1):
-                both = [
-                    spent(
-                        [*command, "--out", folder / f"{goal.name}_{turn}_{side}"],
-                        accepted=(0, 1),
-                        compiled=str(folder / f"compiled_{side}"),
-                        root=root,
-                    )
-                    for side, root in (("now", ROOT), ("then", old))
-                ]
-                if turn:  # the first one compiles the byte code
-                    pairs.append((both[0], both[1]))
-            lines.append(line(goal, rows, pairs))
-    return lines
 
 
 def autopilot(goals: Sequence[Goal], rows: int, turns: int, python: Python) -> list[Line]:
@@ -377,7 +317,7 @@ class Command:
     sizes: Callable[[Sequence[int]], list[int]]
 
 
-def _with_all_rows(rows: Sequence[int]) -> list[int]:
+def with_all_rows(rows: Sequence[int]) -> list[int]:
     """The four ramps of the target in place of the largest size."""
     return [14_400_000 if size == 10_000_000 else max(size, LEAST) for size in rows]
 
@@ -389,21 +329,21 @@ COMMANDS = (
                 "fit",
                 "`calibkit fit`, four ramps, time",
                 "polars",
-                4.0,
+                2.5,
                 14_400_000,
                 reach=2.0,
                 faster=False,
                 clock="wall",
                 note=(
-                    "a whole process beside one that only reads the same files, both from byte code"
-                    " as installed packages are"
+                    "a whole process, of one family of drift models, beside one that only reads the"
+                    " same files, both from byte code as installed packages are"
                 ),
             ),
             Goal(
                 "fit_memory",
                 "`calibkit fit`, four ramps, memory",
                 "polars",
-                2.0,
+                1.3,
                 14_400_000,
                 faster=False,
                 clock="peak",
@@ -414,7 +354,7 @@ COMMANDS = (
             ),
         ),
         fit,
-        _with_all_rows,
+        with_all_rows,
     ),
     Command(
         (Goal("help", "`calibkit --help`", "bare Python", 6.0, 1, faster=False, rows_are="call"),),
@@ -437,23 +377,6 @@ COMMANDS = (
         ),
         pool,
         lambda rows: [4] if max(rows) <= LEAST else [20, 100] if max(rows) > 100_000 else [20],
-    ),
-    Command(
-        tuple(
-            Goal(
-                f"sample_{name}",
-                f"`calibkit fit`, sample of {name}",
-                "calibkit 0.1.0",
-                share,
-                1,
-                faster=False,
-                rows_are="sample",
-                note="a whole process with its children beside that of 0.1.0, on the same logs",
-            )
-            for name, share in SAMPLES.items()
-        ),
-        samples,
-        lambda _: [1],
     ),
     Command(
         (
