@@ -224,10 +224,11 @@ def nonlinear(
     """
     parameters = start
     step: RobustFit | None = None
+    moved = np.inf
     for number in range(ITERATIONS):
         residual, slopes = linearised(parameters)
         # the start may be far: a few linearisations are looked at afresh, the others follow them
-        near = step if number > 2 else None
+        near = step if step and (number > 2 or moved <= step.scale) else None
         largest = float(np.max(np.abs(slopes @ parameters)))
         step = linear(slopes, -residual, names=names, groups=groups, near=near, largest=largest)
         parameters = parameters + step.fit.coefficients
