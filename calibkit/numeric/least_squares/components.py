@@ -111,6 +111,11 @@ class MixedFit:
         return np.sqrt(np.diag(self.covariance))
 
     @property
+    def variances(self) -> Array:
+        """Variance of the noise and of each effect [1 + g]."""
+        return self._solution.variances
+
+    @property
     def effective_dof(self) -> Array:
         """Effective degrees of freedom [p] of the coefficients."""
         return self.effective_dof_of(np.eye(len(self.coefficients)))
@@ -176,7 +181,7 @@ def fit(
     exact = plain.residual_rms <= ROUNDING * float(np.max(np.abs(indication)))
     dof = [0 if exact else reduced.degrees(g) for g in range(len(effects))]
     priors = [_prior(effect, rank) for effect, rank in zip(effects, dof, strict=True)]
-    found = reduced.solve(plain.coefficients, priors, near._solution.variances if near else None)
+    found = reduced.solve(plain.coefficients, priors, near.variances if near else None)
     levels = [_levels(effect) for effect in effects]
     return MixedFit(
         coefficients=found.coefficients,
