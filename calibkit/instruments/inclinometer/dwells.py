@@ -13,7 +13,7 @@ import numpy as np
 from calibkit.errors import FrameError
 from calibkit.frame import Finding, Held, require, values
 from calibkit.instruments.inclinometer.numeric import published
-from calibkit.numeric import attitude
+from calibkit.numeric import attitude, chunks
 from calibkit.numeric.dwells import average_dwells
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-    from calibkit.arrays import Array, Integers, Mask
+    from calibkit.arrays import Array, Integers
     from calibkit.frame import Log
     from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 
@@ -50,19 +50,18 @@ class DwellLog:
     findings: tuple[Finding, ...] = ()
     continuous: bool = False
 
-    def along(self, of_row: Array, rows: int) -> Array:
-        """Expand a value of each dwell to the rows of the log as it was read [rows]; a row between
-        two dwells takes the value of the earlier one.
+    def along(self, of_row: Array, log: Log, *, standing: bool = False) -> Array:
+        """Expand a value of each dwell to the rows [n] of the log as it was read; a row between two
+        dwells takes the value of the earlier one, or NaN with `standing`.
         """
-        dwell = np.searchsorted(self.start, np.arange(rows), side="right") - 1
-        return of_row[np.maximum(dwell, 0)]
-
-    def standing(self, rows: int) -> Mask:
-        """Mask [rows] of the rows of the log as it was read that lie in a dwell."""
-        edges = np.zeros(rows + 1, dtype=np.int64)
-        np.add.at(edges, self.start, 1)
-        np.add.at(edges, self.stop, -1)
-        return np.cumsum(edges[:-1]) > 0
+        made = log.allocate(len(log.frame))
+        for a, b in chunks.ranges_along(made):
+            rows = np.arange(a, b)
+            dwell = np.searchsorted(self.start, rows, side="right") - 1
+            made[a:b] = of_row[np.maximum(dwell, 0)]
+            if standing:
+                made[a:b][(dwell < 0) | (rows >= self.stop[dwell])] = np.nan
+        return made
 
     def held(self) -> tuple[Held, ...]:
         """Row ranges, in the log as it was read, of the stations and, for a continuous log, of the
@@ -100,7 +99,7 @@ def find_dwells(log: Log, spec: InclinometerRecipe) -> DwellLog:
     if "station" not in frame.columns and spec.stations.method != "four_differences":
         # such a station may have any number of positions, so the start of the next one is unknown
         require(log.file, frame.columns, ("station",))
-    there = np.isfinite(values(frame, "position_deg"))[start]
+    there = np.isfinite(chunks.take_rows(values(frame, "position_deg"), start))
     start, stop = _settled_runs(values(frame, "time_s"), start[there], stop[there], spec)
     if not start.size:
         raise FrameError(
@@ -120,31 +119,43 @@ def find_dwells(log: Log, spec: InclinometerRecipe) -> DwellLog:
 
 def _find_runs(log: Log) -> tuple[Integers, Integers]:
     """First row and end row of each run of rows with the same position and station."""
-    turned = np.remainder(values(log.frame, "position_deg"), 360.0) / (
-        2.0 * published.POSITION_TOLERANCE_DEG
-    )
-    cell = np.where(
-        np.isfinite(turned),
-        np.remainder(np.round(turned), 360.0 / 2.0 / published.POSITION_TOLERANCE_DEG),
-        -1.0,
-    )
-    moved = np.diff(cell) != 0.0
-    if "station" in log.frame.columns:
-        moved |= np.diff(values(log.frame, "station")) != 0.0
-    bounds = np.concatenate(([0], np.flatnonzero(moved) + 1, [cell.size]))
+    position = values(log.frame, "position_deg")
+    station = values(log.frame, "station") if "station" in log.frame.columns else position
+    edges = [np.zeros(1, dtype=np.int64)]
+    for a, b in chunks.ranges_along(position, station):
+        moved = np.diff(_cells(position[a : b + 1])) != 0.0
+        if station is not position:
+            moved |= np.diff(station[a : b + 1]) != 0.0
+        edges.append(np.flatnonzero(moved) + a + 1)
+    bounds = np.concatenate([*edges, [position.size]])
     return bounds[:-1], bounds[1:]
+
+
+def _cells(position: Array) -> Array:
+    """Number of the cell, twice the tolerance wide, of each position [n, °]; −1 where there is
+    none.
+    """
+    turned = np.remainder(position, 360.0) / (2.0 * published.POSITION_TOLERANCE_DEG)
+    count = 360.0 / 2.0 / published.POSITION_TOLERANCE_DEG
+    return np.where(np.isfinite(turned), np.remainder(np.round(turned), count), -1.0)
 
 
 def _settled_runs(
     time: Array, start: Integers, stop: Integers, spec: InclinometerRecipe
 ) -> tuple[Integers, Integers]:
     """Rows of the runs that last long enough, without the settling time at both ends."""
-    lasting = time[stop - 1] - time[start] >= spec.stations.dwell_s
-    start, stop = start[lasting], stop[lasting]
-    first = np.searchsorted(time, time[start] + spec.stations.settle_s, side="left")
-    last = np.searchsorted(time, time[stop - 1] - spec.stations.settle_s, side="right")
-    enough = last - first >= FEWEST
-    return first[enough], last[enough]
+    settle_s, kept = spec.stations.settle_s, []
+    lasts = chunks.take_rows(time, stop - 1) - chunks.take_rows(time, start)
+    lasting = lasts >= spec.stations.dwell_s
+    for a, b in zip(start[lasting].tolist(), stop[lasting].tolist(), strict=True):
+        own = time[a:b]
+        first = a + int(np.searchsorted(own, own[0] + settle_s, side="left"))
+        last = a + int(np.searchsorted(own, own[-1] - settle_s, side="right"))
+        if last - first >= FEWEST:
+            kept.append((first, last))
+        chunks.release(time)
+    both = np.array(kept, dtype=np.int64).reshape(-1, 2)
+    return both[:, 0], both[:, 1]
 
 
 def _average_dwells(
@@ -157,13 +168,19 @@ def _average_dwells(
 
     intervals = np.column_stack((start, stop))
     names = [name for name in log.frame.columns if pd.api.types.is_numeric_dtype(log.frame[name])]
-    columns = np.column_stack([values(log.frame, name) for name in names])
-    for k, name in enumerate(names):
-        if name in DIRECTIONS:
-            # departures of a dwell's rows from its first row, wrapped, so that 359.98° and 0.01°
-            # are neighbours
-            first = np.repeat(columns[start, k], np.diff(np.append(start, len(columns))))
-            columns[start[0] :, k] = first + attitude.wrapped(columns[start[0] :, k] - first)
+    rows = len(log.frame)
+    columns = log.allocate(rows * len(names)).reshape(rows, len(names))
+    logged = [values(log.frame, name) for name in names]
+    begins = [chunks.take_rows(data, start) for data in logged]
+    for a, b in chunks.ranges_along(columns, *logged):
+        columns[a:b] = np.column_stack([data[a:b] for data in logged])
+        dwell = np.maximum(np.searchsorted(start, np.arange(a, b), side="right") - 1, 0)
+        for k, name in enumerate(names):
+            if name in DIRECTIONS:
+                # departures of a dwell's rows from its first row, wrapped, so that 359.98° and
+                # 0.01° are neighbours
+                first = begins[k][dwell]
+                columns[a:b, k] = first + attitude.wrapped(columns[a:b, k] - first)
     found = average_dwells(columns, intervals)
     frame = pd.DataFrame(found.mean, columns=names, index=log.frame.index[start])
     return frame, dict(zip(names, found.standard_error.T, strict=True))

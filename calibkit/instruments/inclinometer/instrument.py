@@ -29,6 +29,7 @@ from calibkit.instruments.inclinometer.forms import SCALE
 from calibkit.instruments.inclinometer.propose import propose
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.left_out import LeftOut
+from calibkit.numeric import chunks
 from calibkit.planning.proposal import Planner
 from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary
@@ -116,13 +117,14 @@ def _apply(spec: InclinometerRecipe, records: Mapping[str, Record], data: Path) 
     dwelt = dwells.find_dwells(log, spec)
     refuse(dwelt.findings)
     stations, seen, flags = _seek(spec, records, dwelt.log)
-    rows = len(log.frame)
     columns = {}
     for axis, solution in seen.solutions.items():
         # a station without a result is corrected by the s(T) of the calibration
         s = np.where(np.isfinite(solution.s), solution.s, seen.priors[axis].s)
-        along = dwelt.along(s[stations.row_station], rows)
-        columns[f"gyro_{axis}_dph"] = along * values(log.frame, f"gyro_{axis}_dph")
+        gyro = values(log.frame, f"gyro_{axis}_dph")
+        columns[f"gyro_{axis}_dph"] = made = dwelt.along(s[stations.row_station], log)
+        for a, b in chunks.ranges_along(gyro, made):
+            made[a:b] *= gyro[a:b]
     combined = seen.combined
     angles = {
         "inclination_deg": combined.inclination_deg,
@@ -134,14 +136,10 @@ def _apply(spec: InclinometerRecipe, records: Mapping[str, Record], data: Path) 
     if spec.output.rows == "station":
         return _list_stations(spec, log, dwelt.log, stations, seen, angles), flags
     # rows recorded while the tool was being turned have no angles
-    standing = dwelt.standing(rows)
+    shown = {name: np.where(seen.refused, np.nan, angle) for name, angle in angles.items()}
     derived = {
-        name: np.where(
-            standing,
-            dwelt.along(np.where(seen.refused, np.nan, angle)[stations.row_station], rows),
-            np.nan,
-        )
-        for name, angle in angles.items()
+        name: dwelt.along(angle[stations.row_station], log, standing=True)
+        for name, angle in shown.items()
     }
     return write_back.rewrite_log(spec.on_site(), data, log, columns, derived), flags
 

@@ -4,6 +4,7 @@ a station is refused.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from calibkit.instruments.inclinometer.numeric import published, sinusoid_fit
 from calibkit.instruments.inclinometer.numeric.published import Components, Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.rows import REFERENCE, Rows
-from calibkit.numeric import attitude
+from calibkit.numeric import attitude, chunks
 
 PLAUSIBLE = {"accel": (1.5, "g"), "gyro": (1000.0, "deg/h")}
 """Largest indication of a tool at rest, bias included; a larger one shows a wrong unit."""
@@ -121,7 +122,7 @@ def find_unusable(log: Log, spec: InclinometerRecipe) -> list[Finding]:
         for kind, suffix in (("accel", "g"), ("gyro", "dph")):
             column, (limit, unit) = f"{kind}_{axis}_{suffix}", PLAUSIBLE[kind]
             data = values(log.frame, column)
-            bad = np.flatnonzero(np.abs(data) > limit)
+            bad = chunks.rows_where(data, partial(_is_beyond, limit=limit))
             if bad.size:
                 what = f"{data[bad[0]]:g} {unit} ({bad.size} such row{'s' if bad.size > 1 else ''})"
                 expected = f"at most {limit:g} {unit} of a tool at rest"
@@ -131,6 +132,11 @@ def find_unusable(log: Log, spec: InclinometerRecipe) -> list[Finding]:
                     check.finding_at_row(log, row, column, what, expected, advice, "range")
                 )
     return found
+
+
+def _is_beyond(data: Array, limit: float) -> Mask:
+    """Which indications [n] are larger than a limit."""
+    return np.asarray(np.abs(data) > limit, dtype=np.bool_)
 
 
 def _find_position_faults(log: Log) -> list[Finding]:
