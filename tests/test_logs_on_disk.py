@@ -250,8 +250,9 @@ def test_what_looks_along_a_log_on_disk_holds_pieces_of_it(long_log, work):
         lambda log: log.measured_conditions(),
         lambda log: dropouts_of(log),  # noqa: PLW0108 (it stands below)
         lambda log: level_changes.jumps(values(log.frame, "gyro_dph"), 2000),
+        lambda log: long_intervals(log).means(values(log.frame, "gyro_dph")),
     ],
-    ids=["conditions", "dropouts", "jumps"],
+    ids=["conditions", "dropouts", "jumps", "means"],
 )
 def test_what_looks_along_a_log_on_disk_lets_go_of_its_pages(long_log, work):
     """A tenth of a column at most is left in memory."""
@@ -271,6 +272,11 @@ def resident_scratch():
         elif mapped and line.startswith("Rss:"):
             total += 1024 * int(line.split()[1])
     return total
+
+
+def long_intervals(log):
+    """Intervals of a log that are each longer than a chunk."""
+    return intervals.Intervals.find(values(log.frame, "time_s"), 200.0)
 
 
 def dropouts_of(log):

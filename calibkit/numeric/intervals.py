@@ -84,6 +84,7 @@ class Intervals:
             if done < sums.size:
                 begun.append(part[max(self.first[done] - row, 0) :].copy())
             row += part.size
+            chunks.release(part)
         return sums / self.count
 
     def last(self, values: Array) -> Array:

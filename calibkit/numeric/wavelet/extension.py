@@ -8,7 +8,7 @@ from typing import Literal, Self, get_args
 import numpy as np
 
 from calibkit.arrays import Array, Integers
-from calibkit.numeric.chunks import release
+from calibkit.numeric import chunks
 from calibkit.numeric.wavelet.shrinkage import estimate_noises
 
 Extension = Literal["symmetric", "antisymmetric", "trend", "constant", "periodic"]
@@ -130,13 +130,16 @@ def _sums(end: Array, sizes: Array) -> Array:
     """
     found, first = np.empty((sizes.size, 2)), 0
     for k, stop in enumerate(sizes.astype(np.int64).tolist()):
-        above = end[first:stop] - end[0]
+        above = np.empty(stop - first)
+        for a, b in chunks.ranges(above.size):
+            np.subtract(end[first + a : first + b], end[0], out=above[a:b])
+            chunks.release(end)
         # in the order of the compiled sums
         found[k, 0] = np.add.reduceat(above, [0])[0]
-        above *= np.arange(first, stop)
+        for a, b in chunks.ranges(above.size):
+            above[a:b] *= np.arange(first + a, first + b)
         found[k, 1] = np.add.reduceat(above, [0])[0]
         first = stop
-        release(end)
     return found
 
 
@@ -151,7 +154,12 @@ def _fit_end(end: Array, window: int) -> tuple[float, bool]:
     known, limit, window = lengths_at_end(end.size, window)
     if window < 3:
         return float(end[0]), True
-    spread = estimate_noises([np.diff(end[:known])])[0] / math.sqrt(2.0)
+    steps = np.empty(known - 1)
+    for a, b in chunks.ranges(steps.size):
+        np.subtract(end[a + 1 : b + 1], end[a:b], out=steps[a:b])
+        chunks.release(end)
+    spread = estimate_noises([steps])[0] / math.sqrt(2.0)
+    del steps
     sizes, squares = sections(window, limit)
     totals, moments = np.cumsum(_sums(end, sizes), axis=0).T
     slopes = (moments - totals * (sizes - 1.0) / 2.0) / squares
