@@ -17,7 +17,7 @@ from calibkit.check.magnitude import SPAN_DEGC
 from calibkit.errors import advise_exclude
 from calibkit.frame import Finding, Log, values
 from calibkit.numeric import chunks
-from calibkit.numeric.anomalies import level_steps
+from calibkit.numeric.anomalies import LEVEL_ROWS, level_steps
 from calibkit.numeric.order_statistics import quantile_of_chunks
 
 APART_DEGC = 20.0
@@ -56,8 +56,8 @@ _STEPS = 10.0
 """Steps from station to station, in medians, that a tool which warms steadily does not make."""
 _SAME = 4
 """Stations at one reading of a thermometer that else never reads the same twice."""
-_STEP_ROWS, _STEP_DEGC, _STEP_DEGC_MIN = 4, 5.0, 60.0
-"""Rows whose medians are compared, and the least step [°C] and its rate [°C/min] that are one."""
+_STEP_DEGC, _STEP_DEGC_MIN = 5.0, 60.0
+"""Least change of the level [°C] and its rate [°C/min] that are a step."""
 BLOCKS = 600
 """Block means that the two are compared by."""
 
@@ -160,17 +160,17 @@ def check_steps(log: Log, column: str) -> list[Finding]:
     rows or more, further than it moves within four rows elsewhere and than a chamber can.
     """
     data, time = values(log.frame, column), values(log.frame, "time_s")
-    if data.size < 5 * _STEP_ROWS:
+    if data.size < 5 * LEVEL_ROWS:
         return []
-    tops = [(part.max(), int(part.argmax())) for part in level_steps(data, _STEP_ROWS)]
+    tops = [(part.max(), int(part.argmax())) for part in level_steps(data)]
     at = max(range(len(tops)), key=lambda chunk: tops[chunk][0])
     step, k = float(tops[at][0]), tops[at][1] + at * chunks.ROWS
-    if step <= max(_STEP_DEGC, _STEP_DEGC_MIN / 60.0 * float(time[k + _STEP_ROWS] - time[k])):
+    if step <= max(_STEP_DEGC, _STEP_DEGC_MIN / 60.0 * float(time[k + LEVEL_ROWS] - time[k])):
         return []
-    count = data.size - 2 * _STEP_ROWS + 1
-    if step <= _STEPS * quantile_of_chunks(lambda: level_steps(data, _STEP_ROWS), count, 0.9):
+    count = data.size - 2 * LEVEL_ROWS + 1
+    if step <= _STEPS * quantile_of_chunks(lambda: level_steps(data), count, 0.9):
         return []
-    row = k + 1 + int(np.argmax(np.abs(np.diff(data[k : k + 2 * _STEP_ROWS]))))
+    row = k + 1 + int(np.argmax(np.abs(np.diff(data[k : k + 2 * LEVEL_ROWS]))))
     return [
         finding_at_row(
             *(log, row, column),

@@ -11,6 +11,8 @@ from calibkit.errors import FrameError
 
 _FEWEST_ROWS = 30
 """Rows from which a spacing is judged: a handful of rows may be days apart."""
+_ENOUGH_ROWS = 100_000
+"""Rows that tell it: of seconds, as many that are questioned are three years."""
 _NOTED_S, _REFUSED_S = 900.0, 1e4
 """Spacings from which numbers without a unit are questioned, and refused: no logger waits three
 hours between rows.
@@ -25,13 +27,11 @@ def question_seconds(stamps: Array, source: str, file: str) -> tuple[str, ...]:
     """Note on numbers [n] without a stated unit whose spacing is hardly one of seconds. Raises
     FrameError where it is none, with the unit that it looks like.
     """
-    there = stamps[np.isfinite(stamps)]
-    if there.size < _FEWEST_ROWS:
-        return ()
-    step = abs(float(np.median(np.diff(there))))
+    step = _spacing(stamps)
     if step < _NOTED_S:
         return ()
     words, keys = _guess_unit(step)
+    there = stamps[np.isfinite(stamps)]
     span = float(there[-1] - there[0])
     rows = f"{there.size:,} rows over {span:.4g} s, one every {step:.6g} s"
     found = f"column '{source}': {rows}: {words}?"
@@ -46,10 +46,15 @@ def question_seconds(stamps: Array, source: str, file: str) -> tuple[str, ...]:
 
 def guess_keys(stamps: Array) -> str:
     """Keys of [columns.time_s] that numbers [n] without a unit ask for by their spacing, or ""."""
-    there = stamps[np.isfinite(stamps)]
-    if there.size < _FEWEST_ROWS or (step := abs(float(np.median(np.diff(there))))) < _REFUSED_S:
-        return ""
-    return _guess_unit(step)[1]
+    step = _spacing(stamps)
+    return "" if step < _REFUSED_S else _guess_unit(step)[1]
+
+
+def _spacing(stamps: Array) -> float:
+    """Median step of the first stamps [n]; 0 where there are too few."""
+    first = stamps[:_ENOUGH_ROWS]
+    there = first[np.isfinite(first)]
+    return 0.0 if there.size < _FEWEST_ROWS else abs(float(np.median(np.diff(there))))
 
 
 def _guess_unit(step: float) -> tuple[str, str]:

@@ -44,6 +44,8 @@ NOISY = 0.5
 """Share of repeated values up to which a series counts as noisy: a quantised thermometer repeats
 most of its values.
 """
+LEVEL_ROWS = 4
+"""Rows whose medians are compared for a step."""
 PILE = 10
 """Fewest rows at an extreme value for which clipping is tested."""
 PILED = 5.0
@@ -325,14 +327,18 @@ def remove_spikes(values: Array, *, allocate: Callable[[int], Array] = np.empty)
     return clean
 
 
-def level_steps(values: Array, rows: int) -> Iterator[Array]:
-    """Changes of the lower median of so many rows of a series [n] to that of the next as many, from
-    each row on that has them, a chunk of rows at a time.
+def level_steps(values: Array) -> Iterator[Array]:
+    """Changes of the lower median of LEVEL_ROWS rows of a series [n] to that of the next as many,
+    from each row on that has them, a chunk of rows at a time.
     """
-    for a, b in chunks.ranges(values.size - 2 * rows + 1):
-        windows = np.lib.stride_tricks.sliding_window_view(values[a : b + 2 * rows - 1], rows)
-        level = np.sort(windows, axis=1)[:, (rows - 1) // 2]
-        yield np.abs(level[rows:] - level[:-rows])
+    for a, b in chunks.ranges(values.size - 2 * LEVEL_ROWS + 1):
+        part = values[a : b + 2 * LEVEL_ROWS - 1]
+        # the second smallest of two pairs
+        low, high = np.minimum(part[:-1], part[1:]), np.maximum(part[:-1], part[1:])
+        level = np.maximum(low[:-2], low[2:])
+        for upper in (high[:-2], high[2:]):
+            np.minimum(level, upper, out=level)
+        yield np.abs(level[LEVEL_ROWS:] - level[:-LEVEL_ROWS])
         chunks.release(values)
 
 
