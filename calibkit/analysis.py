@@ -256,7 +256,7 @@ class Run(store.Run):
     def _by_name(self) -> dict[str, Figure]:
         """Name → figure: what its title says behind the run, a number where it stands twice."""
         found: dict[str, Figure] = {}
-        for figure in self._fitted("figures, but report.html shows them").drawn.figures:
+        for figure in self._fitted("figures, but report.html shows them").shown.drawn.figures:
             title = figure.get_suptitle().partition(": ")[2]
             name = title.partition(" (")[0].partition(":")[0].partition(",")[0].partition(" =")[0]
             again = sum(other.partition(" #")[0] == name for other in found)

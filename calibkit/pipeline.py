@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from calibkit.firmware.export import Export
     from calibkit.ingest.write_back import Applied, Rewritten
     from calibkit.instruments import Firmware, Progress
-    from calibkit.report.documents import Drawn
+    from calibkit.report.html import Shown
     from calibkit.report.summary import Summary
     from calibkit.simulate.campaign import Campaign
 
@@ -62,7 +62,8 @@ class FitOutcome:
     """Where each log and its second logger's file overlap, and how their clocks differ."""
     files: Mapping[str, bytes]
     """Content of every file of the run folder."""
-    drawn: Drawn
+    shown: Shown
+    """What the report shows."""
     residuals: Callable[[], Mapping[str, object]]
     """Columns of the residuals of the fit, or none."""
 
@@ -97,7 +98,7 @@ def fit(
         found = run_content.complete_summary(fitted, pooled)
         summary = dates.flag_date_order(found, out, serial, revision, date)
         summary = layouts.flag_layout(summary, pooled.recipe, fitted, out, serial, revision)
-        document, records, files, drawn = run_content.build_run(
+        document, records, files, shown = run_content.build_run(
             source, pooled, replace(fitted, summary=summary), serial, revision, date, superseded
         )
         folder = store.save(out, serial, revision, files, dry_run=dry_run)
@@ -108,7 +109,7 @@ def fit(
     last = f"effective from {dated}, the date of the last row of the logs; --date states another"
     overlaps = tuple(f"{log.name}: {log.overlap}" for log in fitted.inputs if log.overlap)
     guesses = (*guesses, last) if dated else guesses
-    return FitOutcome(run, summary, guesses, overlaps, files, drawn, residuals)
+    return FitOutcome(run, summary, guesses, overlaps, files, shown, residuals)
 
 
 def run_recipe(run: store.Run, overrides: tuple[str, ...]) -> recipe.Recipe:

@@ -63,7 +63,7 @@ def build_run(
     revision: int,
     date: str,
     superseded: Mapping[str, str],
-) -> tuple[dict[str, Any], dict[str, coefficients.Record], dict[str, bytes], documents.Drawn]:
+) -> tuple[dict[str, Any], dict[str, coefficients.Record], dict[str, bytes], html.Shown]:
     """Make all files of a run that holds from `date`; `superseded` is the digest of each stage's
     coefficient file in the revision before.
 
@@ -83,14 +83,14 @@ def build_run(
     facts = _run_facts(source, pooled, identity, fitted)
     dates = {log.last_date for log in fitted.inputs if log.last_date}
     measured = " to ".join(dict.fromkeys((min(dates), max(dates)))) if dates else ""
-    shown = html.Shown(drawn, *describe_firmware(pooled.recipe, records), measured)
+    shown = html.Shown(drawn, *_describe_firmware(pooled.recipe, records), measured)
     files[documents.PAGE] = html.page(facts | {"files": store.list_files(files)}, records, shown)
     text = sealed.seal(facts | {"files": store.list_files(files)})
     document = run_document.loads(text, new_files.RUN_FILE)
-    return document, records, {new_files.RUN_FILE: text.encode(), **files}, drawn
+    return document, records, {new_files.RUN_FILE: text.encode(), **files}, shown
 
 
-def describe_firmware(
+def _describe_firmware(
     spec: Recipe, records: Mapping[str, coefficients.Record]
 ) -> tuple[tuple[str, ...], str]:
     """Coefficient files that firmware takes, and why nothing can be exported, which is empty where

@@ -96,7 +96,7 @@ def fit(
     if outcome.overlaps:
         print_done("joined", outcome.overlaps)
     if not as_json:
-        tail = () if dry_run else follow_fit(run, out, recipe, data, overrides)
+        tail = () if dry_run else follow_fit(outcome, out, recipe, data, overrides)
         print_screen(outcome.summary, tail)
         log_line("wrote", f"{folder}{DRY_RUN if dry_run else ''}")
     document = {

@@ -6,7 +6,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from calibkit import instruments, recipe, run_content, store
+from calibkit import instruments, recipe, store
+from calibkit.pipeline import FitOutcome
 from calibkit.report.documents import PAGE
 
 
@@ -41,20 +42,19 @@ def follow_check(source: recipe.Source, name: str, data: Path) -> str:
 
 
 def follow_fit(
-    run: store.Run, runs: Path, name: str, data: Path, overrides: Sequence[str]
+    outcome: FitOutcome, runs: Path, name: str, data: Path, overrides: Sequence[str]
 ) -> tuple[str, str]:
     """Last lines of a fit's screen: where the report is, which files firmware takes and how, or
     what a rejected run and a procedure without firmware ask for.
     """
+    run, shown = outcome.run, outcome.shown
     report = f"Report: {run.folder / PAGE}"
     if run.document["verdict"] == "rejected":
         changed = (word for text in overrides for word in ("--set", text))
         return report, f"Next: {_command_line('check', name, '--data', data, *changed)}"
-    spec = instruments.fitted_recipe(run.document)
-    files, refused = run_content.describe_firmware(spec, run.records)
-    if refused or not files:
-        why = f"No firmware: {refused}. " if refused else ""
+    if shown.no_firmware or not shown.exported:
+        why = f"No firmware: {shown.no_firmware}. " if shown.no_firmware else ""
         return report, f"{why}Next: {_command_line('show', *_name_run(run, runs))}"
     out = f"firmware/{run.document['serial']}"
     call = _command_line("export", *_name_run(run, runs), "--target", "c", "--out", out)
-    return report, f"Firmware takes {', '.join(files)}. Next: {call}"
+    return report, f"Firmware takes {', '.join(shown.exported)}. Next: {call}"

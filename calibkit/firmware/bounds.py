@@ -9,7 +9,7 @@ out.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from decimal import ROUND_CEILING, Context, Decimal
 from fractions import Fraction
 from typing import Self
@@ -44,12 +44,13 @@ def find_bounds(chain: Chain, program: Program, *, full: bool = False) -> dict[s
     known = ranges.find_ranges(chain, usual=True, full=full)
     driven = [memory for memory in chain.structure.memories if memory.source in chain.gains]
     rest = {memory.name: 0.0 for memory in driven}
-    start = _Analysis(chain, program, known, rest).run().inner
-    columns = [_Analysis(chain, program, known, rest | {m.name: 1.0}).run().inner for m in driven]
+    analysis = _Analysis(chain, program, known, rest).run()
+    start = analysis.inner
+    columns = [analysis.again(rest | {m.name: 1.0}).inner for m in driven]
     growth = [[column[m.source] - start[m.source] for column in columns] for m in driven]
     settled = _settled(growth, [start[m.source] for m in driven])
     states = {m.name: error for m, error in zip(driven, settled, strict=True)}
-    errors = _Analysis(chain, program, known, states).run().errors
+    errors = analysis.again(states).errors
     found = {}
     for output in chain.structure.outputs:
         last = 0.0
@@ -67,12 +68,12 @@ def find_gains(chain: Chain, program: Program) -> dict[str, dict[str, float]]:
     driven = [memory for memory in chain.structure.memories if memory.source in chain.gains]
     rest = {memory.name: 0.0 for memory in driven}
     outputs = chain.structure.outputs
-    start = _Analysis(chain, program, known, rest).run().errors
+    analysis = _Analysis(chain, program, known, rest).run()
     found: dict[str, dict[str, float]] = {output.name: {} for output in outputs}
     for memory in (one for one in driven if one.source in chain.ramped):
-        moved = _Analysis(chain, program, known, rest | {memory.name: 1.0}).run().errors
+        moved = analysis.again(rest | {memory.name: 1.0}).errors
         for output in outputs:
-            gain = moved[output.source] - start[output.source]
+            gain = moved[output.source] - analysis.errors[output.source]
             found[output.name][memory.source] = gain
     return found
 
@@ -101,6 +102,14 @@ class _Analysis:
     inner: dict[str, float] = field(default_factory=dict)
     """Errors of filtered values by rounding alone, without the error of the map that drives them.
     """
+    reaches: dict[str, float] = field(default_factory=dict)
+    offs: dict[tuple[str, int], list[float]] = field(default_factory=dict)
+    parts: dict[Term, list[Range]] = field(default_factory=dict)
+    """What `reach`, `off` and `part` found: exact arithmetic is slow."""
+
+    def again(self, states: Mapping[str, float]) -> Self:
+        """The same with other errors of remembered states."""
+        return replace(self, states=states, errors={}, inner={}).run()
 
     def run(self) -> Self:
         """Walk the steps."""
@@ -123,13 +132,24 @@ class _Analysis:
 
     def reach(self, name: str) -> float:
         """Largest magnitude of a value."""
-        return float(ranges.magnitude(self.known[name]))
+        if name not in self.reaches:
+            self.reaches[name] = float(ranges.magnitude(self.known[name]))
+        return self.reaches[name]
 
     def off(self, table: str, scale: int) -> list[float]:
         """How far each number of a table is from the exact one."""
-        unit = Fraction(2) ** -scale if self.program.format.fixed else Fraction(1)
-        pairs = zip(self.chain.tables[table], self.program.tables[table], strict=True)
-        return [float(abs(exact - Fraction(stored) * unit)) for exact, stored in pairs]
+        if (table, scale) not in self.offs:
+            unit = Fraction(2) ** -scale if self.program.format.fixed else Fraction(1)
+            pairs = zip(self.chain.tables[table], self.program.tables[table], strict=True)
+            found = [float(abs(exact - Fraction(stored) * unit)) for exact, stored in pairs]
+            self.offs[table, scale] = found
+        return self.offs[table, scale]
+
+    def part(self, entry: Term) -> list[Range]:
+        """Ranges of a term: of its polynomial, then of each product with one more factor."""
+        if entry not in self.parts:
+            self.parts[entry] = ranges.term(self.chain, entry, self.known)
+        return self.parts[entry]
 
     def rounding(self, reach: float, scale: str, places: int = 1) -> float:
         """Error of one rounding: of a float of that magnitude, or of a shift to that scale."""
@@ -190,7 +210,7 @@ class _Analysis:
         shared: dict[tuple[str, ...], list[Range]] = {}
         partial = Fraction(0)
         for number, entry in enumerate(step.terms):
-            parts = ranges.term(self.chain, entry, self.known)
+            parts = self.part(entry)
             shared.setdefault(entry.factors, []).append(parts[0])
             partial += ranges.magnitude(parts[-1])
             if number and not self.program.format.fixed:
@@ -208,7 +228,7 @@ class _Analysis:
 
     def term(self, step: Sum, number: int, entry: Term, errors: Mapping[str, float]) -> float:
         """Rounding of a term's polynomial and products, the factors taken as exact."""
-        parts = ranges.term(self.chain, entry, self.known)
+        parts = self.part(entry)
         factors, error = list(entry.factors), 0.0
         if entry.table:
             error = self.polynomial(entry, errors)
