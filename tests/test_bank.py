@@ -163,7 +163,7 @@ def test_a_hysteresis_that_ramps_from_rest_do_not_show_is_in_the_uncertainty_at_
     """±0.05 °/h that neither evidence nor left-out ramps ask for: at least 0.008 °/h of
     model error.
     """
-    _, found = fitted(610_003, "hysteresis")
+    _, found = fitted(990_025, "hysteresis")
     assert not found.model.bank.widths
     assert found.model.model_error > 0.008
 
@@ -176,6 +176,16 @@ def test_a_hysteresis_that_all_logs_tell_is_modelled_before_a_single_ramp_shows_
     assert found.model.bank.widths
     away, sizes = errors_at_rest(coil, found.model)
     assert np.max(np.abs(away)) < 0.04
+    assert np.all(np.abs(away) <= 2.0 * sizes)
+
+
+def test_a_hysteresis_that_is_more_likely_than_not_is_modelled():
+    """±0.05 °/h at odds of 2 to 1: without it the drift at rest is off by 0.069 °/h, 1.9 U; with it
+    all of it is within U.
+    """
+    coil, found = fitted(990_026, "hysteresis")
+    assert found.model.bank.widths
+    away, sizes = errors_at_rest(coil, found.model)
     assert np.all(np.abs(away) <= 2.0 * sizes)
 
 

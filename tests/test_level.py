@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from calibkit.errors import FitError
-from calibkit.instruments.fog_thermal.numeric import evaluate
+from calibkit.instruments.fog_thermal.numeric import choice, evaluate
 from calibkit.numeric.thermal import (
     level,
     noise as thermal_noise,
@@ -249,6 +249,15 @@ def test_spikes_that_survive_averaging_have_no_say():
     before, after = fit_level(clean), fit_level(spiked)
     moved = np.abs(after.coefficients - before.coefficients) / before.standard_uncertainty
     assert np.max(moved) < 0.5
+
+
+def test_rows_of_normal_noise_are_hardly_ever_left_out():
+    """Beyond 3.5 standard deviations lie 5 of 10,000 normal rows, and twice as many beyond what
+    neighbours tell of their middle and the scale.
+    """
+    stacked = pooled_fit.Stack.of_logs(campaign(noise=0.1, seed=4))
+    weights = level.basis(stacked).robust
+    assert np.mean(weights < choice.OUTLYING) < 0.002
 
 
 def test_a_lasting_misfit_keeps_its_say():

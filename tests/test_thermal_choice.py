@@ -160,7 +160,7 @@ def test_a_gyro_without_drift_gets_no_drift_term(seed):
     assert found.model is None
     assert found.chosen is None
     assert "no drift term" in found.reason
-    assert len(found.tested) == len(CANDIDATES)
+    assert {one.candidate.name for one in found.tested} >= {one.name for one in CANDIDATES}
 
 
 def test_two_ramps_are_too_few_to_choose():

@@ -190,14 +190,16 @@ def _centre(columns: Array, weights: Array, stacked: Stack) -> Array:
 
 
 def _isolated(residual: Array, stacked: Stack) -> Array:
-    """Residuals [n] less their running median in the same log, which removes slow misfit."""
+    """Residuals [n] less the median of their neighbours in the same log, which removes slow misfit;
+    a row among its own neighbours would often be the median, and the scale too small.
+    """
     apart = np.empty_like(residual)
     half = NEIGHBOURS // 2
     for rows in stacked.log_rows:
         around = np.lib.stride_tricks.sliding_window_view(
             np.pad(residual[rows], half, mode="reflect"), NEIGHBOURS
         )
-        apart[rows] = residual[rows] - np.median(around, axis=1)
+        apart[rows] = residual[rows] - np.median(np.delete(around, half, axis=1), axis=1)
     return apart
 
 

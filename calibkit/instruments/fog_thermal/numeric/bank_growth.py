@@ -13,9 +13,10 @@ from calibkit.numeric.thermal.pooled_fit import Stack
 
 FURTHER = {"g": "table over temperature", "h": "hysteresis", "w": "warm-up"}
 """Further terms of a bank, and what they describe."""
-ASKED = 1.0
+ASKED = {"g": 1.0, "h": 0.0, "w": 1.0}
 """Increase of the logarithm of the evidence from which a further term is tested on left-out ramps:
-odds of 3 to 1. All logs together tell a hysteresis, by their levels, before a single ramp shows it.
+odds of 3 to 1, of a hysteresis even odds. All logs together tell it, by their levels, before a
+single ramp shows it, and a bank without it is wrong at rest, where no ramp tests it.
 """
 
 
@@ -56,7 +57,9 @@ def grow(stacked: Stack, robust: Array, *, one_sided: bool) -> Iterator[Grown]:
         before = here.solution.posterior.log_integral
         gains = {name: one.posterior.log_integral - before for name, one in tried.items()}
         likeliest = sorted(gains, key=lambda name: -gains[name])
-        letter = next((k for k in likeliest if _helps(here.solution, tried[k], gains[k])), "")
+        letter = next(
+            (k for k in likeliest if _helps(here.solution, tried[k], gains[k] - ASKED[k])), ""
+        )
         if not letter:
             found = (
                 Unmodelled(
@@ -74,12 +77,12 @@ def grow(stacked: Stack, robust: Array, *, one_sided: bool) -> Iterator[Grown]:
     yield here
 
 
-def _helps(before: bank_fit.Solution, after: bank_fit.Solution, gain: float) -> bool:
-    """Whether the evidence asks for a term and left-out ramps do not speak against it, by more than
-    a standard error of the difference ramp by ramp. Logs that start unsettled show what looks like
-    one: there left-out ramps must come out better.
+def _helps(before: bank_fit.Solution, after: bank_fit.Solution, beyond: float) -> bool:
+    """Whether the evidence is beyond what is asked and left-out ramps do not speak against a term,
+    by more than a standard error of the difference ramp by ramp. Logs that start unsettled show
+    what looks like one: there left-out ramps must come out better.
     """
-    if gain < ASKED:
+    if beyond < 0.0:
         return False
     # initial states that the term leaves no need for would hide what it explains
     squares = [_left_out_squares(one, own_start=after.unsettled) for one in (after, before)]
