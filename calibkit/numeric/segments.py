@@ -206,10 +206,12 @@ def segments(
     `merge` rows lie between. All else is soak.
     """
     runs = _merged(_runs(slope, ramp_min), merge)
+    ends = np.array([(start, stop - 1) for start, stop, _ in runs], dtype=np.int64).reshape(-1, 2)
+    spans = np.ptp(chunks.take_rows(temperature, ends), axis=1).tolist()
     ramps = [
         Segment("ramp", start, stop, order_statistics.median(slope[start:stop]))
-        for start, stop, direction in runs
-        if direction != 0.0 and abs(temperature[stop - 1] - temperature[start]) >= min_span
+        for (start, stop, _), span in zip(runs, spans, strict=True)
+        if span >= min_span
     ]
     return _with_soaks(ramps, slope)
 
