@@ -233,9 +233,7 @@ def equal_runs(values: Array, shortest: int) -> Integers:
         chunks.release(values)
         return np.asarray(same, dtype=np.bool_)
 
-    runs = np.array(chunks.find_runs(values.size - shortest + 1, alike), dtype=np.int64).reshape(
-        -1, 2
-    )
+    runs = chunks.find_runs(values.size - shortest + 1, alike)
     runs[:, 1] += shortest - 1
     return runs
 

@@ -173,15 +173,14 @@ def changed_rows(values: NDArray[np.generic], before: float) -> Integers:
     return np.flatnonzero(changed)
 
 
-def find_runs(size: int, chosen: Callable[[int, int], Mask]) -> list[tuple[int, int]]:
-    """First row and row after the last of each run of chosen rows among `size`; `chosen` returns
-    the mask of one chunk.
+def find_runs(size: int, chosen: Callable[[int, int], Mask]) -> Integers:
+    """First row and row after the last [m, 2] of each run of chosen rows among `size`; `chosen`
+    returns the mask of one chunk.
     """
-    runs: list[tuple[int, int]] = []
+    edges, inside = [np.zeros(0, dtype=np.int64)], False
     for start, stop in ranges(size):
-        padded = np.concatenate(([0], chosen(start, stop).astype(np.int8), [0]))
-        edges = np.flatnonzero(np.diff(padded)) + start
-        for first, end in edges.reshape(-1, 2).tolist():
-            continues = bool(runs) and runs[-1][1] == first
-            runs[-1 if continues else len(runs) :] = [(runs[-1][0] if continues else first, end)]
-    return runs
+        mask = chosen(start, stop)
+        edges.append(changed_rows(mask, inside) + start)
+        inside = bool(mask[-1])
+    last = [np.array([size])] if inside else []
+    return np.concatenate([*edges, *last]).reshape(-1, 2)

@@ -88,7 +88,7 @@ def find_dwells(
 
     limit = _noise_limit(indication, noise, windows) if threshold is None else threshold
     runs = chunks.find_runs(windows, lambda a, b: noise(a, b) <= limit)
-    intervals = np.array(runs, dtype=np.int64).reshape(-1, 2) + window // 2
+    intervals = runs + window // 2
     intervals = intervals[intervals[:, 1] - intervals[:, 0] >= shortest]
     if not len(intervals):
         raise FitError(

@@ -2,7 +2,7 @@
 settling.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -126,7 +126,7 @@ def find(
         chunks.release(table_rate_dps, turn.turn_deg, turn.interval_s)
         return chosen
 
-    runs = chunks.find_runs(max(time_s.size - window + 1, 0), held)
+    runs = chunks.find_runs(max(time_s.size - window + 1, 0), held).tolist()
     least, kept = max(rules.shortest_samples // 2, 2), []
     for run in _join_runs(runs, window):
         steady = _steady(table_rate_dps, *run, rules, still[0].quantum)
@@ -288,7 +288,7 @@ def _unbroken(interval_s: Array, window: int, median_s: float) -> Mask:
     return np.asarray(gaps[window - 1 :] == gaps[: gaps.size - window + 1], dtype=np.bool_)
 
 
-def _join_runs(runs: list[tuple[int, int]], window: int) -> list[tuple[int, int]]:
+def _join_runs(runs: Sequence[Sequence[int]], window: int) -> list[tuple[int, int]]:
     """First and end rows covered by runs of held windows; rows shared by two runs belong to the
     first.
     """
@@ -309,7 +309,7 @@ def _steady(rate: Array, first: int, stop: int, rules: Rules, quantum: float) ->
     noise = MAD_TO_SIGMA * order_statistics.median_magnitude(part, middle)
     allowed = max(rules.relative * abs(middle), rules.floor_dps, NOISE_RANGE * noise, quantum)
     near = chunks.find_runs(part.size, lambda a, b: np.abs(part[a:b] - middle) <= allowed)
-    begin, end = max(near, key=lambda run: run[1] - run[0])
+    begin, end = near[np.argmax(near[:, 1] - near[:, 0])].tolist()
     chunks.release(rate)
     return first + begin, first + end
 
