@@ -2,7 +2,8 @@
 thermometers and of the gyro's indication.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from calibkit.coefficients import Model, StageResult
 from calibkit.instruments.fog_thermal import forms
 from calibkit.instruments.fog_thermal.bias import RESULT
 from calibkit.instruments.fog_thermal.gradient_file import FittedRamp
+from calibkit.instruments.fog_thermal.numeric.gradient import RampFit
 from calibkit.instruments.fog_thermal.recipe import Drift
 from calibkit.sensitivities import InputError, Sensitivity, differentiate, of_thermometer
 from calibkit.thermal_forms import CASE, RATE, list_time_errors
@@ -49,26 +51,32 @@ def _of_ramps(fitted: Sequence[FittedRamp], spec: Drift) -> tuple[Sensitivity, .
         ENV: np.concatenate([part.case - part.gradient for part in parts]),
     }
 
-    def refit(error: InputError | None) -> tuple[StageResult]:
-        models = []
+    def written(fits: Iterable[RampFit]) -> tuple[StageResult]:
+        models = (
+            forms.write_ramp(item.ramp.name, found, spec.interval_s)
+            for item, found in zip(fitted, fits, strict=True)
+        )
+        return (StageResult("drift", models=tuple(models)),)
+
+    def refit(error: InputError) -> tuple[StageResult]:
+        fits = []
         for item, part in zip(fitted, parts, strict=True):
-            moved = part
-            if error is not None and error.input in every:
+            if error.input in every:
                 case, env = part.case, part.case - part.gradient
                 case = error.shift(case) if error.input == CASE else case
                 env = error.shift(env) if error.input == ENV else env
                 moved = part._replace(case=case, gradient=case - env)
-            elif error is not None:
+            else:
                 moved = part._replace(indication=error.shift(part.indication))
-            found = moved.fit_ramp(item.ramp.rate, estimate=spec.estimate)
-            models.append(forms.write_ramp(item.ramp.name, found, spec.interval_s))
-        return (StageResult("drift", models=tuple(models)),)
+            line, _ = moved.fit_line(estimate=spec.estimate)
+            fits.append(replace(item.fit, coefficients=line.coefficients[-3:]))
+        return written(fits)
 
     errors = [
         *(e for name, t in every.items() for e in of_thermometer(name, t.min(), t.max())),
         InputError("gyro_dph", "scale", SHARE),
     ]
-    return differentiate(errors, refit(None), refit)
+    return differentiate(errors, written(item.fit for item in fitted), refit)
 
 
 def _of_levels(stage: str, model: Model, rest: Mapping[str, float]) -> list[Sensitivity]:

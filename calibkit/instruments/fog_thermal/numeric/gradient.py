@@ -37,8 +37,8 @@ class Blocks(NamedTuple):
         """Intervals start … stop − 1."""
         return Blocks(*(values[start:stop] for values in self))
 
-    def fit_ramp(self, rate: float, *, estimate: str = "levels") -> "RampFit":
-        """Fit a0, a1, a2 of one ramp.
+    def fit_line(self, *, estimate: str = "levels") -> tuple[fit.LinearFit, Array]:
+        """Least squares for a0, a1, a2 of one ramp, the last three coefficients, and its design.
 
         estimate = "increments" regresses ω_k − ω_{k−1} on G_{k−1} as published. "levels" regresses
         the same equation summed from the ramp's start, ω_k = ω_0 + Σ (a0 + a1 G + a2 G²): white
@@ -57,7 +57,12 @@ class Blocks(NamedTuple):
             summed = np.vstack([np.zeros(3), np.cumsum(design, axis=0)])
             design = np.column_stack([np.ones(G.size + 1), summed])
             target, names = self.indication, ["start", *TERMS]
-        found = fit.linear(design, target, names=names)
+        return fit.linear(design, target, names=names), design
+
+    def fit_ramp(self, rate: float, *, estimate: str = "levels") -> "RampFit":
+        """Fit of one ramp at a rate [°C/min]; FitError as `fit_line`."""
+        found, design = self.fit_line(estimate=estimate)
+        G = self.gradient[:-1]
         covariance = hac.covariance(lambda part: design[part], found.residuals).covariance
         return RampFit(
             found.coefficients[-3:],
