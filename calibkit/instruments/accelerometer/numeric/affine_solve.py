@@ -56,16 +56,20 @@ class AffineFit(MappedFit):
 
     def _angles(self, temperature: float) -> tuple[Array, Array]:
         """Q1, Q2, Q3 [3] [rad] and their derivatives [3, p] by the mapped coefficients."""
-        mapped = np.array([(temperature - self.middle) / self.half])
-
-        def angles(values: Array) -> Array:
-            matrix = matrix_and_bias(self.entries, values, mapped)[0][0]
-            return q_factor.small_angles(q_factor.axes_from_sensitivity(np.linalg.inv(matrix))[0])
-
+        mapped = (temperature - self.middle) / self.half
         values = self.mapped_coefficients
-        largest = max(abs(v) for e, v in zip(self.entries, values, strict=True) if e.kind == "m")
-        scale = np.full(values.size, float(largest))
-        return angles(values), q_factor.differentiate(angles, values, scale=scale)
+        matrix = matrix_and_bias(self.entries, values, np.array([mapped]))[0].ravel()
+
+        def angles(matrix: Array) -> Array:
+            sensitivity = np.asarray(np.linalg.inv(matrix.reshape(3, 3)), dtype=np.float64)
+            return q_factor.small_angles(q_factor.axes_from_sensitivity(sensitivity)[0])
+
+        by_values = np.zeros((9, values.size))
+        for k, entry in enumerate(self.entries):
+            if entry.kind == "m":
+                by_values[3 * entry.row + entry.factors[0], k] = mapped**entry.power
+        scale = np.full(9, np.max(np.abs(matrix)))
+        return angles(matrix), q_factor.differentiate(angles, matrix, scale=scale) @ by_values
 
 
 @dataclass(frozen=True, slots=True)
