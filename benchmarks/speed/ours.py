@@ -134,7 +134,6 @@ def turntable(still: Array, turned: Array, *, hertz: float, angle_deg: float) ->
     gyros [°/s].
     """
     from calibkit.instruments.accelerometer.numeric import affine, affine_model
-    from calibkit.instruments.gyro_scale.numeric import triad as gyro_triad
 
     faces = np.repeat(np.eye(3), 2, axis=0) * np.array([1.0, -1.0] * 3)[:, None]
 
@@ -150,9 +149,7 @@ def turntable(still: Array, turned: Array, *, hertz: float, angle_deg: float) ->
         columns = []
         for log in turned:
             offset = zero + (log[:, :3] - bias) @ matrix.T @ by_gravity.T
-            columns.append(
-                gyro_triad.turned(log[:, 3:], offset, np.full(len(log), 1.0 / hertz), angle_deg)
-            )
+            columns.append(np.sum(log[:, 3:] - offset, axis=0) / hertz / angle_deg)
         return {
             "accelerometer_matrix": np.linalg.inv(matrix),
             "accelerometer_bias": bias,
