@@ -36,7 +36,7 @@ SETTING = "CALIBKIT_LARGEST_LOG_MB"
 """Environment variable: megabytes of a log up to which it is held in memory; worked on there, it
 takes some four times as much.
 """
-LARGEST_MB = 130.0
+LARGEST_MB = 200.0
 ROWS = 1 << 19
 """Rows that are read at a time."""
 
