@@ -69,6 +69,18 @@ def test_rows_run_beside_the_peers_that_are_installed_here(tmp_path):
     assert text.count("lifting denoise, 8 levels, CDF 9/7 |") == 2
 
 
+def test_calibkits_side_of_every_row_runs():
+    """Also of rows whose peer is not installed here: each gives arrays, all finite."""
+    ours = importlib.import_module("speed.ours")
+    rows = [row for row in importlib.import_module("speed.rows").ROWS if row.side != "read_log"]
+    for row in rows:
+        data = row.data(2560)
+        run, answer = getattr(ours, row.side)(**data.arrays, **data.settings)
+        found = answer(run())
+        assert found, row.goal.name
+        assert all(np.isfinite(np.asarray(values)).all() for values in found.values())
+
+
 @pytest.mark.parametrize("text", [None, "a page without a place for it"])
 def test_a_page_that_cannot_be_written_is_told_before_anything_is_measured(tmp_path, capsys, text):
     """A page that is not there, or that has no lines to write between, ends the run with a usage
