@@ -243,7 +243,9 @@ def test_what_looks_along_a_log_on_disk_holds_pieces_of_it(long_log, work):
     assert peak < 12 * len(long_log.frame)
 
 
-@pytest.mark.skipif(not Path("/proc/self/smaps").exists(), reason="pages are told by Linux")
+@pytest.mark.skipif(
+    not Path("/proc/self/smaps").exists(), reason="only Linux lists the memory of a process"
+)
 @pytest.mark.parametrize(
     "work",
     [

@@ -51,12 +51,10 @@ class Intervals:
 
     def means(self, values: Array, *, origin: float = 0.0) -> Array:
         """Mean [m] of values [rows] over each interval, above an origin."""
-        if not origin:
-            return self.means_of_parts(values[rows] for _, rows in self.groups())
 
         def above() -> Iterator[Array]:
             for _, rows in self.groups():
-                yield values[rows] - origin
+                yield values[rows] - origin if origin else values[rows]
                 chunks.release(values)
 
         return self.means_of_parts(above())

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.constants import SECONDS_PER_HOUR
+from calibkit.numeric import chunks
 from calibkit.report.figures import ALERT, DENOISED, GOOD, INK, MUTED, RAW, SIDES, page
 
 if TYPE_CHECKING:
@@ -274,5 +275,4 @@ def _hysteresis(ax: Axes, sides: Sequence[tuple[str, Hysteresis]]) -> None:
 
 def _means(values: Array, group: int) -> Array:
     """Means of values [n] over whole groups, or the values themselves if no group is whole."""
-    whole = values.size // group
-    return values if whole == 0 else values[: whole * group].reshape(whole, group).mean(axis=1)
+    return chunks.block_means(values, group) if values.size >= group else values

@@ -10,7 +10,7 @@ from typing import Literal, Self
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers, Mask
+from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError
 from calibkit.numeric import chunks
 from calibkit.numeric.noise.confidence import (
@@ -283,7 +283,7 @@ def bias_stability(rate: Array, interval_s: float, *, block_s: float = 10.0) -> 
 def require_record(rate: Array, interval_s: float) -> None:
     """Refuse what has no deviation: too few samples, infinite ones, no interval."""
     finite = rate.ndim == 1 and chunks.all_finite(rate)
-    if rate.ndim != 1 or (rate.size if finite else chunks.count(rate, _is_there)) < 3:
+    if rate.ndim != 1 or rate.size - (0 if finite else chunks.count(rate, np.isnan)) < 3:
         raise FitError(
             f"a record of shape {rate.shape} holds fewer than three rates", hint="record for longer"
         )
@@ -293,11 +293,6 @@ def require_record(rate: Array, interval_s: float) -> None:
         )
     if not (np.isfinite(interval_s) and interval_s > 0.0):
         raise FitError(f"the sampling interval is {interval_s!r} s, expected a positive number")
-
-
-def _is_there(rate: Array) -> Mask:
-    """Which rates [n] are not missing."""
-    return ~np.isnan(rate)
 
 
 def _factors_of(tau_s: Sequence[float], interval_s: float, longest: int) -> Integers:

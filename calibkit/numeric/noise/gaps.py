@@ -21,17 +21,13 @@ class Gaps:
     @classmethod
     def find(cls, rate: Array) -> Self:
         """Gaps of a rate [n], in which NaN is missing."""
-        edges = [np.zeros(0, dtype=np.int64)]
-        for start, stop in chunks.ranges_along(rate):
-            missing = np.isnan(rate[start:stop])
-            if missing.any():
-                padded = np.concatenate(([0], missing.astype(np.int8), [0]))
-                edges.append(np.flatnonzero(np.diff(padded)) + start)
-        joined = np.concatenate(edges)
-        # a gap across the edge of a chunk ends and begins there
-        across = np.flatnonzero(joined[1:] == joined[:-1])
-        runs = np.delete(joined, np.concatenate([across, across + 1]))
-        return cls(rate.size, runs.reshape(-1, 2))
+
+        def missing(first: int, stop: int) -> Mask:
+            found = np.isnan(rate[first:stop])
+            chunks.release(rate)
+            return found
+
+        return cls(rate.size, chunks.find_runs(rate.size, missing))
 
     @property
     def missing(self) -> int:

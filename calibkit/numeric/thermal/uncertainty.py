@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from calibkit.arrays import Array
-from calibkit.numeric import consistency, gum
+from calibkit.numeric import chunks, consistency, gum
 from calibkit.numeric.thermal import noise as thermal_noise
 from calibkit.numeric.thermal.evaluate import Evaluation
 from calibkit.numeric.thermal.noise import Noise
@@ -136,17 +136,13 @@ def compare_means(
     count = left.size // group
     if count < 2:
         return {}, np.zeros(0), np.zeros(0)
-
-    def grouped(values: Array) -> Array:
-        return np.asarray(values[: count * group].reshape(count, group).mean(axis=1))
-
     flicker = noise.flicker**2 * np.diag(about_its_mean(thermal_noise.flicker_kernel(count)))
     own = noise.white_variance / group + flicker
-    limit, near = (np.sqrt(grouped(one) ** 2 + 4.0 * own) for one in expanded)
-    means = grouped(left)
+    limit, near = (np.sqrt(chunks.block_means(one, group) ** 2 + 4.0 * own) for one in expanded)
+    means = chunks.block_means(left, group)
     error = means - means.mean()
     # the error of the drift is taken as one pattern along the log
-    judged = consistency.compare_errors(error, grouped(standard)[:, None], own)
+    judged = consistency.compare_errors(error, chunks.block_means(standard, group)[:, None], own)
     compared = {
         "means_of_100_s": count,
         "share_within_expanded_uncertainty": float(np.mean(np.abs(error) <= near)),

@@ -7,6 +7,7 @@ import numpy as np
 
 from calibkit.arrays import Array, Mask
 from calibkit.instruments.fog_thermal.numeric import gradient as drift
+from calibkit.numeric import chunks
 from calibkit.numeric.dispersion import rms
 
 FIGURE_INTERVAL_S = 100.0
@@ -190,8 +191,7 @@ def figure_means(output: Array, group: int) -> Array:
     """Means of an output [n, °/h] over whole groups of intervals; with fewer than two groups the
     output itself.
     """
-    whole = output.size // group
-    return output[: whole * group].reshape(whole, group).mean(axis=1) if whole >= 2 else output
+    return chunks.block_means(output, group) if output.size >= 2 * group else output
 
 
 def drift_rms(output: Array, group: int = 1) -> float:
