@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from calibkit import __version__
+from calibkit import __version__, instruments
 from conftest import ROOT
 
 
@@ -121,6 +121,23 @@ def test_a_console_that_cannot_print_degrees_does_not_stop_a_command(campaign, t
     )
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "S" / "r001" / "run.json").is_file()
+
+
+@pytest.mark.parametrize("procedure", instruments.SHIPPED)
+def test_a_fit_starts_to_read_before_it_imports_what_it_needs_later(procedure):
+    """The recipe is read and its procedure found without pandas, scipy and matplotlib, which are
+    imported beside the first log.
+    """
+    later = ("pandas", "scipy", "matplotlib")
+    code = (
+        "import sys\nfrom calibkit import instruments, pipeline\nfrom calibkit.recipe import find\n"
+        f"instruments.parse_recipe(find({procedure!r}))\n"
+        f"print([m for m in {later!r} if m in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT
+    )
+    assert done.stdout.strip() == "[]"
 
 
 def test_fit_imports_no_library_that_it_does_not_use(tmp_path):

@@ -54,6 +54,20 @@ def test_it_is_the_median_of_numpy_to_the_last_bit(n):
         ), name
 
 
+def test_runs_of_any_length_have_the_medians_of_numpy():
+    """Runs of one value and of many, of equal and of unequal lengths; a zero is positive."""
+    lengths = ([1] * 40, [2, 1, 3] * 9, [300] * 7, [1, 900, 256, 255, 2, 256, 301])
+    for count in lengths:
+        first = np.cumsum([0, *count[:-1]])
+        for name, values in cases(sum(count)).items():
+            parts = np.split(values, first[1:])
+            found = order_statistics.run_medians(values, first)
+            assert found.tolist() == [np.median(part) for part in parts], name
+    zeros = order_statistics.run_medians(np.full(600, -0.0), np.array([0, 300]))
+    assert not np.signbit(zeros).any()
+    assert order_statistics.run_medians(np.zeros(0), np.zeros(0, dtype=np.int64)).size == 0
+
+
 def test_a_sample_that_misleads_leaves_the_median_as_it_is():
     """Where every sampled value is an outlier the bracket misses the median, and another is looked
     for.

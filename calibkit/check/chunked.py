@@ -5,21 +5,29 @@ The memory of a check is that of a chunk and of the thinned log, whatever the si
 clean CSV can be read in chunks; another format is read whole.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from calibkit import check, units
 from calibkit.check import facts
-from calibkit.check.facts import Facts
-from calibkit.frame import Finding, Log, values
+from calibkit.frame import Log, values
 from calibkit.ingest import logs_on_disk, mapping
 from calibkit.numeric.chunks import release
 from calibkit.readers import clean
-from calibkit.recipe import Recipe
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+    from pathlib import Path
+
+    import pandas as pd
+
+    from calibkit.check.facts import Facts
+    from calibkit.frame import Finding
+    from calibkit.recipe import Recipe
 
 LARGEST = 100_000_000
 """Bytes of a log up to which it is read whole."""
@@ -95,6 +103,8 @@ def _examine_chunks(
     """Examine the chunks of a log of so many rows, thinned to means of `every` rows; None where
     they hold no row.
     """
+    import pandas as pd
+
     frames: list[pd.DataFrame] = []
     found: list[Finding] = []
     parts: list[Facts] = []
@@ -118,6 +128,8 @@ def _examine_chunks(
 
 def _thin(frame: pd.DataFrame, every: int) -> pd.DataFrame:
     """Means of blocks of rows, numbered by the line of their first."""
+    import pandas as pd
+
     block = frame.index.to_numpy() // every
     first = np.flatnonzero(np.diff(block, prepend=-1))
     count = np.diff(np.append(first, len(frame)))
@@ -129,6 +141,8 @@ def _thin(frame: pd.DataFrame, every: int) -> pd.DataFrame:
 
 def _examine_chunk(recipe: Recipe, log: Log, last: Log | None) -> list[Finding]:
     """Findings of one chunk; `last` is the last row of the chunk before it, None for the first."""
+    import pandas as pd
+
     joined = log if last is None else replace(log, frame=pd.concat([last.frame, log.frame]))
     columns = [str(name) for name in log.frame.columns]
     found = check.find_missing_values(log, columns)

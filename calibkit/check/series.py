@@ -93,7 +93,7 @@ def find_turn_back(log: Log, column: str) -> list[Finding]:
     count = data.size // block
     if count < 10:
         return []
-    course = order_statistics.row_medians(data[: count * block].reshape(count, block))
+    course = order_statistics.run_medians(data[: count * block], block * np.arange(count))
     net, span = float(course[-1] - course[0]), float(np.ptp(course))
     if abs(net) < ONE_WAY * span:
         return []

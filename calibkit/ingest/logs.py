@@ -17,6 +17,7 @@ from calibkit.recipe import Recipe
 
 _Read = TypeVar("_Read")
 _NEEDED_LATER = (
+    "pandas",
     "calibkit.lean_imports",
     "scipy.linalg",
     "scipy.special",

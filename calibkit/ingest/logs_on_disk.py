@@ -63,13 +63,13 @@ def read_to_disk(
     """A large clean log with its columns on disk; None for a log that is held in memory. Raises as
     `ingest.read_log`.
     """
-    import pandas as pd
-
     if not recipe.along_chunks:
         return None
     scan = scan_large_log(recipe, path, file, _largest_in_memory())
     if scan is None:
         return None
+    import pandas as pd
+
     whole = recipe.model_copy(update={"exclude": ()})
     kept: dict[str, Array] = {}
     lines, row = _allocate_column(scan.rows), 0

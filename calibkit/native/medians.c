@@ -5,6 +5,7 @@
 
 #include <math.h>
 #include <stdint.h>
+#include <string.h>
 
 #include "doubles.h"
 #if WIDE
@@ -131,8 +132,8 @@ static void placed(double *values, int64_t low, int64_t high, int64_t k)
 static void two_ranks(double *room, int64_t size, int64_t k, double *lower, double *upper)
 {
     placed(room, 0, size - 1, k);
-    *lower = 0.0;
-    for (int64_t i = 0; i < k; i++)
+    *lower = room[0];
+    for (int64_t i = 1; i < k; i++)
         *lower = room[i] > *lower ? room[i] : *lower;
     *upper = room[k];
 }
@@ -180,4 +181,17 @@ int64_t calibkit_medians(const double *const *values, const int64_t *sizes, int6
         medians[j] = size % 2 ? upper : (lower + upper) / 2.0;
     }
     return 0;
+}
+
+/* Medians of `count` runs of finite values, run j from first[j] to before first[j + 1]; room is that of the largest. A median
+ * that is zero is positive. */
+void calibkit_run_medians(const double *values, const int64_t *first, double *room, double *medians, int64_t count)
+{
+    for (int64_t j = 0; j < count; j++) {
+        const int64_t size = first[j + 1] - first[j];
+        double lower, upper;
+        memcpy(room, values + first[j], (size_t)size * sizeof *room);
+        two_ranks(room, size, size / 2, &lower, &upper);
+        medians[j] = (size % 2 ? upper : (lower + upper) / 2.0) + 0.0;
+    }
 }

@@ -1,16 +1,23 @@
 """Named arrays of a container file (MATLAB, HDF5, JSON) → columns of one log."""
 
+from __future__ import annotations
+
 import re
-from collections.abc import Collection, Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
-from numpy.typing import NDArray
 
 from calibkit.errors import LogFormatError, NamelessColumnsError, SeveralTablesError
 from calibkit.readers import delimited
 from calibkit.readers.table import FIRST_ROW, Guess
-from calibkit.recipe.logs import Logs
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping
+
+    import pandas as pd
+    from numpy.typing import NDArray
+
+    from calibkit.recipe.logs import Logs
 
 SIDE_BY_SIDE = "*"
 """[logs] table of all groups, one beside the other."""
@@ -56,6 +63,8 @@ def _stack_tables(
     arrays: Mapping[str, NDArray[np.generic]], file: str, logs: Logs, needed: Collection[str]
 ) -> tuple[pd.DataFrame, tuple[str, ...]]:
     """Rows of several tables of the same columns, one table behind the other."""
+    import pandas as pd
+
     frames = [
         select_columns(
             arrays, file, logs.model_copy(update={"table": table, "tables": ()}), needed
@@ -179,6 +188,8 @@ def join_vectors(
 
 def make_frame(columns: Mapping[str, NDArray[np.generic]]) -> pd.DataFrame:
     """Frame of columns of one length, whose index counts records: messages call record 1 line 1."""
+    import pandas as pd
+
     frame = pd.DataFrame(
         {name: np.asarray(column, dtype=np.float64) for name, column in columns.items()}
     )

@@ -41,8 +41,6 @@ def read(path: Path, file: str) -> Table | None:
     Memory beyond the numbers is that of a few blocks. Raises LogFormatError where the file cannot
     be read.
     """
-    import pandas as pd
-
     with delimited.open_log(path, file) as stream:
         before = path.stat()
         first = stream.readline(_LARGEST_HEADER)
@@ -53,6 +51,8 @@ def read(path: Path, file: str) -> Table | None:
         raise changed(file)
     if header is None or columns is None:
         return None
+    import pandas as pd  # beside a long log, in another thread, before this
+
     frame = pd.DataFrame(dict(zip(header, columns, strict=True)), copy=False)
     return Table(file, sha256.hexdigest(), frame)
 

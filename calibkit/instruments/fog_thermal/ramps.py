@@ -175,10 +175,11 @@ def _prepared(log: Log, recipe: FogThermalRecipe, found: Sequence[Finding]) -> P
     except FitError as error:
         raise FitError(f"{log.file}: {error.message}", hint=error.hint) from None
     cuts, slope = _cut(log, recipe)
-    chunks.release(time, env)
-    smooth, noise = _denoised(log, gyro, held, recipe)
     means = [held.means(column) for column in (time, case, env)]
     raw = gradient.Blocks.fill(held, [*means, held.means(gyro)], slope)
+    del slope  # a column, and denoising takes two
+    chunks.release(time, env)
+    smooth, noise = _denoised(log, gyro, held, recipe)
     # a soak belongs to the ramp before it, the first soak to the first ramp
     begins = [segment.start for segment in cuts if segment.kind == "ramp"][1:]
     return PreparedLog(

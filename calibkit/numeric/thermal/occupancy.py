@@ -33,9 +33,10 @@ def spikes(indication: Array, held: Intervals) -> Integers:
     sample: list[Array] = []
     for among, rows in held.groups():
         first = held.first[among] - rows.start
-        middles[among] = _medians(indication[rows], first)
+        middles[among] = order_statistics.run_medians(indication[rows], first)
         away = _deviation(indication[rows], middles[among], held.count[among])
-        own[among], largest[among] = _medians(away, first), np.maximum.reduceat(away, first)
+        own[among] = order_statistics.run_medians(away, first)
+        largest[among] = np.maximum.reduceat(away, first)
         sample.append(away[away.size % every // 2 :: every].copy())
         chunks.release(indication)
 
@@ -70,23 +71,6 @@ def _deviation(values: Array, middles: Array, count: Integers) -> Array:
     away = np.repeat(middles, count)
     np.subtract(values, away, out=away)
     return np.abs(away, out=away)
-
-
-def _medians(values: Array, first: Integers) -> Array:
-    """Medians [m] of values [n] over intervals that begin at rows `first` [m]; intervals of equal
-    size are partitioned together.
-    """
-    count = np.diff(np.append(first, values.size))
-    out = np.empty(first.size)
-    for size in np.unique(count).tolist():
-        same = np.flatnonzero(count == size)
-        begin = int(first[same[0]])
-        if int(first[same[-1]]) == begin + (same.size - 1) * size and (np.diff(same) == 1).all():
-            together = values[begin : begin + same.size * size].reshape(same.size, size)
-        else:
-            together = values[first[same, None] + np.arange(size)]
-        out[same] = order_statistics.row_medians(together)
-    return out
 
 
 def means(values: Array, held: Intervals, *, without: Integers) -> Array:
