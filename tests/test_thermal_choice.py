@@ -2,6 +2,7 @@
 exported, and when nothing is.
 """
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -433,6 +434,34 @@ def test_flicker_of_the_simulated_kind_has_the_covariance_that_is_assumed():
             for i in range(40 - lag)
         ]
         assert seen == pytest.approx(np.mean(pairs), rel=0.1)
+
+
+@pytest.mark.parametrize(("first", "stop"), [(0, 60), (20, 45), (59, 60), (0, 2)])
+@pytest.mark.parametrize("of_rest", [False, True])
+def test_covariances_about_a_level_are_those_of_the_whole_matrix(first, stop, of_rest):
+    """Lag by lag, about the mean of the same means or of the others, as by the kernel of all."""
+    inside = np.isin(np.arange(60), np.arange(first, stop))
+    level = ~inside if of_rest and not inside.all() else inside
+    about = np.eye(60)[inside] - level / np.count_nonzero(level)
+    whole = about @ thermal_noise.flicker_kernel(60) @ about.T
+    lags = (0, 1, 2, 3)
+    found = thermal_noise.Flicker(60).about_level(first, stop, lags, of_rest=of_rest)
+    for lag, covariances in zip(lags, found, strict=True):
+        wanted = np.diag(whole, lag) if lag < stop - first else np.zeros(0)
+        assert covariances.shape == wanted.shape
+        assert np.allclose(covariances, wanted, rtol=1e-11, atol=1e-13)
+
+
+def test_a_log_of_weeks_has_its_flicker_noise_in_memory_that_grows_with_its_length():
+    """The noise of 30,000 means, of 35 days, in 60 MB: their covariance matrix has 7 GB."""
+    tracemalloc.start()
+    try:
+        (variances,) = thermal_noise.Flicker(30_000).about_level(0, 30_000, [0])
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 60e6
+    assert variances.min() > 0.0
 
 
 def test_noise_is_told_into_white_and_flicker():

@@ -87,14 +87,72 @@ def flicker_kernel(count: int) -> Array:
     1); the level does not depend on the interval. Any older offset is part of the log's turn-on
     bias.
     """
-    fine = count * FINER
-    lags = np.arange(1, fine)
-    summed = np.concatenate(
-        ([0.0], np.cumsum(np.concatenate(([1.0], np.cumprod((lags - 0.5) / lags)))))
-    )
-    passed = (np.arange(count)[:, None] + 1) * FINER - np.arange(fine)
-    means = (summed[np.maximum(passed, 0)] - summed[np.maximum(passed - FINER, 0)]) / FINER
+    passed = (np.arange(count)[:, None] + 1) * FINER - np.arange(count * FINER)
+    means = np.append(0.0, _responses(count))[np.maximum(passed, 0)]
     return np.asarray(means @ means.T, dtype=np.float64)
+
+
+def _responses(count: int) -> Array:
+    """What a sample of the white noise adds to the mean of FINER samples of flicker noise that
+    ends 1, 2, … samples after it began [count · FINER].
+    """
+    lags = np.arange(1, count * FINER)
+    summed = np.cumsum(np.concatenate(([1.0], np.cumprod((lags - 0.5) / lags))))
+    summed[FINER:] -= summed[:-FINER].copy()
+    return np.asarray(summed / FINER, dtype=np.float64)
+
+
+class Flicker:
+    """What `flicker_kernel` holds of any number of interval means, in memory that grows with their
+    number alone.
+
+    The noise has no memory of where a log begins: a covariance is a sum of products of the response
+    with itself, over as many samples as have passed.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._count = count
+        self._response = _responses(count)
+        self._size = 1 << (2 * self._response.size - 1).bit_length()
+        self._spectrum = np.fft.rfft(self._response, self._size)
+        self._all = self.sums(0, count)
+
+    def at_lag(self, lag: int) -> Array:
+        """Covariances [count − lag] between each mean and the one `lag` behind it."""
+        h = self._response
+        products = h[: max(h.size - lag * FINER, 0)] * h[lag * FINER :]
+        return np.asarray(np.cumsum(products)[FINER - 1 :: FINER], dtype=np.float64)
+
+    def sums(self, first: int, stop: int) -> Array:
+        """Sums [count] of the covariances of each mean with the means first … stop − 1."""
+        h = self._response
+        ends = np.cumsum(h.reshape(-1, FINER), axis=0).ravel()
+        from_each = np.zeros(h.size)
+        from_each[: stop * FINER] = ends[: stop * FINER][::-1]
+        from_each[: first * FINER] -= ends[: first * FINER][::-1]
+        passed = np.fft.irfft(self._spectrum * np.fft.rfft(from_each, self._size), self._size)
+        return np.asarray(passed[FINER - 1 : h.size : FINER], dtype=np.float64)
+
+    def about_level(
+        self, first: int, stop: int, lags: Sequence[int], *, of_rest: bool = False
+    ) -> list[Array]:
+        """Covariances [stop − first − lag], one array for each lag, of the means first … stop − 1
+        less their own mean, or less that `of_rest`, the other means, if there are any.
+        """
+        own, inside = self.sums(first, stop), np.zeros(self._count, dtype=np.bool_)
+        inside[first:stop] = True
+        level = inside
+        if of_rest and not inside.all():
+            own, level = self._all - own, ~inside
+        with_level = own / np.count_nonzero(level)
+        of_level, beside = float(with_level[level].mean()), with_level[first:stop]
+        return [
+            self.at_lag(lag)[first : max(stop - lag, first)]
+            - beside[: max(beside.size - lag, 0)]
+            - beside[lag:]
+            + of_level
+            for lag in lags
+        ]
 
 
 def estimate(logs: Sequence[_Grouped]) -> Noise:

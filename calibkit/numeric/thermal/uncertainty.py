@@ -9,9 +9,8 @@ import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.numeric import chunks, consistency, gum
-from calibkit.numeric.thermal import noise as thermal_noise
 from calibkit.numeric.thermal.evaluate import Evaluation
-from calibkit.numeric.thermal.noise import Noise
+from calibkit.numeric.thermal.noise import Flicker, Noise
 from calibkit.numeric.thermal.pooled_fit import ThermalLog
 
 NEIGHBOURING = (1, 2, 3)
@@ -78,8 +77,7 @@ def explained(
     The mean of each ramp is removed, as for left-out errors.
     """
     longest = max(log.time.size for log in logs) // group
-    flicker = model.noise.flicker**2 * thermal_noise.flicker_kernel(max(longest, 1))
-    total, count = 0.0, 0
+    flicker, total, count = Flicker(max(longest, 1)), 0.0, 0
     for log, sensitivity in zip(logs, sensitivities, strict=True):
         for part in np.unique(log.part):
             rows = np.flatnonzero(log.part == part)
@@ -87,19 +85,21 @@ def explained(
             s = sensitivity[rows[: whole * group]].reshape(whole, group, -1).mean(axis=1)
             s -= s.mean(axis=0)
             last = min(first + whole, longest)
-            noise = about_its_mean(flicker[last - whole : last, last - whole : last])
-            for k in NEIGHBOURING:
-                if k < whole:
-                    product = np.einsum("ij,jk,ik->i", s[k:], model.covariance, s[: whole - k])
-                    total += float(product.sum() + np.trace(noise, k))
-                    count += whole - k
+            lags = [k for k in NEIGHBOURING if k < whole]
+            noise = flicker.about_level(last - whole, last, lags) if lags else []
+            for k, by_flicker in zip(lags, noise, strict=True):
+                total += float(of_coefficients(model, s, k).sum())
+                total += model.noise.flicker**2 * float(by_flicker.sum())
+                count += whole - k
     return total / count if count else 0.0
 
 
-def about_its_mean(covariance: Array) -> Array:
-    """Covariance [m, m] of values less their mean, from that of the values."""
-    columns = covariance - covariance.mean(axis=0)
-    return np.asarray(columns - columns.mean(axis=1)[:, None], dtype=np.float64)
+def of_coefficients(model: _Stated, sensitivity: Array, lag: int) -> Array:
+    """Covariances [m − lag] that the uncertainty of the coefficients gives to values with these
+    derivatives [m, p] and those a lag behind them.
+    """
+    before = sensitivity[: max(len(sensitivity) - lag, 0)]
+    return np.einsum("ij,jk,ik->i", sensitivity[lag:], model.covariance, before)
 
 
 def contributions(model: _Stated, evaluation: Evaluation) -> list[tuple[str, str, Array, float]]:
@@ -136,8 +136,8 @@ def compare_means(
     count = left.size // group
     if count < 2:
         return {}, np.zeros(0), np.zeros(0)
-    flicker = noise.flicker**2 * np.diag(about_its_mean(thermal_noise.flicker_kernel(count)))
-    own = noise.white_variance / group + flicker
+    (flicker,) = Flicker(count).about_level(0, count, [0])
+    own = noise.white_variance / group + noise.flicker**2 * flicker
     limit, near = (np.sqrt(chunks.block_means(one, group) ** 2 + 4.0 * own) for one in expanded)
     means = chunks.block_means(left, group)
     error = means - means.mean()

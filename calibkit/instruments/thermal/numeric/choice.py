@@ -8,12 +8,14 @@ from typing import Literal
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers, Mask
+from calibkit.arrays import Array, Mask
 from calibkit.errors import FitError
-from calibkit.numeric.thermal import lagged, level, noise as thermal_noise, uncertainty
+from calibkit.numeric import chunks
+from calibkit.numeric.thermal import lagged, level, uncertainty
 from calibkit.numeric.thermal.evaluate import evaluate_terms
 from calibkit.numeric.thermal.lagged import Survey
 from calibkit.numeric.thermal.left_out import figure_means, predict_left_out
+from calibkit.numeric.thermal.noise import Flicker
 from calibkit.numeric.thermal.pooled_fit import Solution, Stack, ThermalLog
 from calibkit.numeric.thermal.terms import ThermalModel
 
@@ -207,29 +209,33 @@ def _with_model_error(
     rest or while the temperature changes, whichever is larger.
     """
     still = model.nearest_fitted(0.0)
-    found: list[tuple[Array, Array, Mask]] = []
+    found: list[tuple[Array, list[Array], Mask]] = []
     errors = iter(tested.of_pairs)
     for log in stacked.logs:
         along = evaluate_terms(model, log.time, log.case, log.env, still, log.starts).sensitivities
         found += _stretch_errors(model, log, along, errors, figure_blocks)
     sizes = [0.0]
     for moving in (True, False):
-        parts = [
-            (e[rows], c[np.ix_(rows, rows)]) for e, c, m in found for rows in _runs(m == moving)
-        ]
+        parts = [(e[run], c, run) for e, c, m in found for run in _runs(m == moving)]
         if parts:
-            known = [np.trace(c, k) for _, c in parts for k in uncertainty.NEIGHBOURING]
-            pairs = sum(max(e.size - k, 0) for e, _ in parts for k in uncertainty.NEIGHBOURING)
-            sizes.append(uncertainty.model_error([e for e, _ in parts], sum(known) / max(pairs, 1)))
+            known = np.concatenate(
+                [
+                    at_lag[run.start : max(run.stop - k, run.start)]
+                    for _, c, run in parts
+                    for k, at_lag in zip(uncertainty.NEIGHBOURING, c, strict=True)
+                ]
+            )
+            errors_of = [e for e, *_ in parts]
+            sizes.append(uncertainty.model_error(errors_of, known.sum() / max(known.size, 1)))
     return replace(
         model, model_error=max(sizes), model_error_dof=float(max(len(stacked.ramps) - 1, 1))
     )
 
 
-def _runs(mask: Mask) -> list[Integers]:
-    """Consecutive places of a mask [n], run by run."""
-    places = np.flatnonzero(mask)
-    return [run for run in np.split(places, np.flatnonzero(np.diff(places) > 1) + 1) if run.size]
+def _runs(mask: Mask) -> list[slice]:
+    """Runs of a mask [n]."""
+    runs = chunks.find_runs(mask.size, lambda a, b: mask[a:b])
+    return [slice(first, stop) for first, stop in runs.tolist()]
 
 
 def _stretch_errors(
@@ -238,9 +244,10 @@ def _stretch_errors(
     sensitivities: Array,
     errors: Iterator[Array],
     figure_blocks: int,
-) -> Iterator[tuple[Array, Array, Mask]]:
-    """Errors [m] on each stretch of a log, the covariance [m, m] that type A uncertainty and
-    flicker noise cause about the level of the rest, and whether the temperature changes [m].
+) -> Iterator[tuple[Array, list[Array], Mask]]:
+    """Errors [m] on each stretch of a log, the covariances [m − k] of neighbouring ones that type A
+    uncertainty and flicker noise cause about the level of the rest, and whether the temperature
+    changes [m].
     """
     parts = np.unique(log.part)
     rows = [np.flatnonzero(log.part == part) for part in parts]
@@ -251,13 +258,20 @@ def _stretch_errors(
     ]
     whole = [group for own in groups for group in own]
     s = np.stack([sensitivities[group].mean(axis=0) for group in whole])
-    kernel = thermal_noise.flicker_kernel(len(whole))
-    covariance = s @ model.covariance @ s.T + model.noise.flicker**2 * kernel
+    flicker, variance = Flicker(len(whole)), model.noise.flicker**2
     rate = [60.0 * np.ptp(log.case[g]) / max(np.ptp(log.time[g]), 1.0) for g in whole]
     part = np.repeat(parts, counts)
     for number in parts:
         inside, error = part == number, next(errors)
-        others = ~inside if not inside.all() else inside
-        about = np.eye(len(whole))[inside] - others / np.count_nonzero(others)
-        if error.size == about.shape[0]:
-            yield error, about @ covariance @ about.T, np.array(rate)[inside] > MOVING_DEGC_MIN
+        if error.size != np.count_nonzero(inside):
+            continue
+        first = int(np.argmax(inside))
+        by_flicker = flicker.about_level(
+            first, first + error.size, uncertainty.NEIGHBOURING, of_rest=True
+        )
+        apart = s[inside] - s[inside if inside.all() else ~inside].mean(axis=0)
+        known = [
+            uncertainty.of_coefficients(model, apart, k) + variance * noise
+            for k, noise in zip(uncertainty.NEIGHBOURING, by_flicker, strict=True)
+        ]
+        yield error, known, np.array(rate)[inside] > MOVING_DEGC_MIN
