@@ -99,7 +99,8 @@ def of_coefficients(model: _Stated, sensitivity: Array, lag: int) -> Array:
     derivatives [m, p] and those a lag behind them.
     """
     before = sensitivity[: max(len(sensitivity) - lag, 0)]
-    return np.einsum("ij,jk,ik->i", sensitivity[lag:], model.covariance, before)
+    product = np.einsum("ij,jk,ik->i", sensitivity[lag:], model.covariance, before)
+    return np.asarray(product, dtype=np.float64)
 
 
 def contributions(model: _Stated, evaluation: Evaluation) -> list[tuple[str, str, Array, float]]:
