@@ -6,12 +6,14 @@ import os
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 
 from calibkit import native
 from calibkit.native import compiling
+from conftest import ROOT
 
 COMPILER = any(shutil.which(name) for name in ("cc", "gcc", "clang"))
 
@@ -73,6 +75,41 @@ def test_without_a_compiler_there_is_a_reason_and_no_library(sources, monkeypatc
     monkeypatch.setenv("CC", "false")
     assert compiling.compile_kernels(sources).startswith("false: ")
     assert {path.name for path in sources.iterdir()} == before
+
+
+@pytest.mark.parametrize("package", ["wheel", "sdist"])
+def test_what_another_process_is_compiling_is_in_no_package(tmp_path, monkeypatch, package):
+    """A folder that a compilation uses, or that a killed one left, is packed neither into a wheel
+    nor into a source distribution.
+    """
+    builder = pytest.importorskip(f"hatchling.builders.{package}")
+    shutil.copy(ROOT / "pyproject.toml", tmp_path)
+    folder = tmp_path / "calibkit" / "native"
+    shutil.copytree(native.FOLDER, folder)
+
+    def seen(*_, **__):
+        packed = getattr(builder, f"{package.capitalize()}Builder")(str(tmp_path))
+        listed.extend(file.distribution_path for file in packed.recurse_included_files())
+        assert list(folder.glob("*/mark.c"))
+        return subprocess.CompletedProcess((), 1, stderr="")
+
+    listed = []
+    monkeypatch.setenv("CC", sys.executable)
+    monkeypatch.setattr(subprocess, "run", seen)
+    compiling.compile_kernels(folder)
+    assert "calibkit/native/lifting.c" in listed
+    assert not [name for name in listed if "mark.c" in name]
+
+
+def test_the_next_compilation_removes_what_a_killed_one_left(sources, monkeypatch):
+    """A folder older than any compilation takes is removed, one of another process stays."""
+    monkeypatch.setenv("CC", "false")
+    for name, age_s in (("old", 2 * compiling.TIMEOUT_S), ("new", 0)):
+        left = sources / f".compiling-{name}"
+        left.mkdir()
+        os.utime(left, (time.time() - age_s,) * 2)
+    compiling.compile_kernels(sources)
+    assert [path.name for path in sources.glob(".compiling-*")] == [".compiling-new"]
 
 
 @pytest.mark.skipif(not COMPILER, reason="no C compiler")

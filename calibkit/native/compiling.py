@@ -11,6 +11,8 @@ FLAGS = ("-O3", "-std=c11", "-fPIC", "-shared", "-ffp-contract=off")
 numpy.
 """
 TIMEOUT_S = 120.0
+_BEGUN = ".compiling-"
+"""How the folders begin in which a library is made; no wheel and no commit takes them."""
 
 
 def made_of(folder: Path) -> int:
@@ -36,8 +38,9 @@ def compile_kernels(folder: Path) -> str | None:
     compiler = _compiler()
     if compiler is None:
         return "no C compiler was found"
+    _remove_stale(folder)
     try:
-        with tempfile.TemporaryDirectory(dir=folder) as name:
+        with tempfile.TemporaryDirectory(prefix=_BEGUN, dir=folder) as name:
             made, mark = Path(name) / LIBRARY, Path(name) / "mark.c"
             mark.write_text(
                 f"unsigned long long calibkit_made_of = 0x{made_of(folder):016x}ULL;\n",
@@ -59,6 +62,18 @@ def compile_kernels(folder: Path) -> str | None:
     except (OSError, subprocess.TimeoutExpired) as error:
         return str(error)
     return None
+
+
+def _remove_stale(folder: Path) -> None:
+    """Remove what killed compilations left, and nothing that one may still need."""
+    import contextlib
+    import shutil
+    import time
+
+    for left in folder.glob(f"{_BEGUN}*"):
+        with contextlib.suppress(OSError):
+            if time.time() - left.stat().st_mtime > TIMEOUT_S:
+                shutil.rmtree(left)
 
 
 def _compiler() -> list[str] | None:
