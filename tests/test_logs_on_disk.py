@@ -20,6 +20,7 @@ from calibkit.instruments.gyro_scale import dropouts
 from calibkit.numeric import anomalies, chunks, intervals, level_changes, order_statistics, segments
 from calibkit.numeric.thermal import occupancy
 from calibkit.numeric.wavelet import denoise, extension, lifting
+from conftest import ROOT
 
 FILE = "ramp_heating_05.csv"
 RNG = np.random.default_rng(11)
@@ -108,6 +109,28 @@ def test_a_fit_from_disk_has_the_coefficients_of_one_in_memory(
             (tmp_path / name / "S" / "r001" / stage).read_bytes() for name in ("disk", "memory")
         )
         assert disk == memory
+
+
+def test_every_shipped_procedure_works_along_logs_on_disk():
+    """None of them takes a long log into memory."""
+    assert all(instruments.find(name).recipe.along_chunks for name in instruments.SHIPPED)
+
+
+@pytest.mark.parametrize("procedure", ["gyro_pair", "gyro_triad"])
+def test_gyros_about_several_axes_are_fitted_from_disk_as_in_memory(
+    procedure, on_disk, calibkit, monkeypatch, tmp_path
+):
+    """The run folders are the same, byte for byte."""
+    for name, setting in (("disk", "0"), ("memory", "1000")):
+        monkeypatch.setenv(logs_on_disk.SETTING, setting)
+        options = ("--serial", "S", "--date", "2026-01-01", "--out", tmp_path / name)
+        data = ROOT / "datasets" / procedure
+        assert calibkit("fit", procedure, "--data", data, *options).code == 0
+    disk, memory = (
+        {path.name: path.read_bytes() for path in (tmp_path / name / "S" / "r001").iterdir()}
+        for name in ("disk", "memory")
+    )
+    assert disk == memory
 
 
 def test_ranges_are_left_out_of_a_log_on_disk_too(folder, on_disk, monkeypatch):

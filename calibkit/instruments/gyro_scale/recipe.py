@@ -45,6 +45,7 @@ class _PlateauSpec(Table):
 class GyroRecipe(Recipe):
     """Keys that all rate-table procedures share."""
 
+    along_chunks: ClassVar[bool] = True
     full_scales: ClassVar[Mapping[str, tuple[float, float]]] = {"rate_dps": (2000.0, 0.0)}
     component_units: ClassVar[Mapping[str, str]] = {"angle": "deg"}
     """Effect of a known component → the unit that it is stated in."""
@@ -179,7 +180,6 @@ class RateTableRecipe(OwnAxisRecipe):
     temperature.
     """
 
-    along_chunks: ClassVar[bool] = True
     error_groups: ClassVar[tuple[str, ...]] = ("run",)
     component_units: ClassVar[Mapping[str, str]] = {"scale": "ppm", "zero": "deg/h"}
 
