@@ -10,6 +10,7 @@ import numpy as np
 
 from calibkit import instruments, pipeline, run_document, sealed, store
 from calibkit.errors import CoefficientError, UsageError, did_you_mean
+from calibkit.ingest import column_values
 from calibkit.instruments import silent
 from calibkit.readers import in_memory
 from calibkit.recipe import toml_text
@@ -305,15 +306,17 @@ class Run(store.Run):
         CalibkitError : a column that is missing, or values that cannot be meant.
 
         """
+        if uncorrected not in ("empty", "keep"):
+            raise UsageError(f"uncorrected = '{uncorrected}'", hint="give 'empty' or 'keep'")
+        overrides = toml_text.write_overrides(settings)
         with in_memory.hold({"log": frame}, ["*"]) as folder:
-            content, flags = pipeline.compensate(
-                self,
-                folder / "log",
-                toml_text.write_overrides(settings),
-                keep=uncorrected == "keep",
-            )
+            log = folder / "log"
+            content, flags = pipeline.compensate(self, log, overrides, keep=uncorrected == "keep")
             made = in_memory.label_units(content.as_frame(frame))
-        made.attrs[in_memory.UNITS] |= frame.attrs.get(in_memory.UNITS, {})
+            held = in_memory.find(log)
+            assert held is not None  # noqa: S101 (it is there until the context ends)
+            logged = column_values.resolve_units(pipeline.run_recipe(self, overrides), held)
+        made.attrs[in_memory.UNITS] |= frame.attrs.get(in_memory.UNITS, {}) | logged
         made.attrs["flags"] = list(flags)
         return made
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from calibkit import (
     analysis,
+    clock,
     coefficients,
     frame,
     inspection,
@@ -172,7 +173,8 @@ def fit(
         raise UsageError("give either data, a folder, or logs, {name: frame}")
     source, out = _source(recipe), Path(analysis.NOT_WRITTEN if runs is None else runs)
     spec = instruments.parse_recipe(source)
-    serial = serial or spec.serial or ("unsaved" if runs is None else "")
+    date = None if date is None else clock.date_or_today(date, "date")
+    serial = str(serial or spec.serial or ("unsaved" if runs is None else ""))
     with contextlib.ExitStack() as held:
         folder = Path(data or "")
         if logs is not None:

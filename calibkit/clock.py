@@ -13,7 +13,7 @@ def date_or_today(text: str | None, option: str = "--date") -> str:
         return dt.datetime.now().astimezone().date().isoformat()
     try:
         return dt.date.fromisoformat(text).isoformat()
-    except ValueError:
+    except (TypeError, ValueError):
         raise UsageError(f"{option} {text}: not a date", hint="write YYYY-MM-DD") from None
 
 

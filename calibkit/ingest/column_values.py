@@ -13,7 +13,7 @@ from calibkit.errors import FrameError, LogFormatError, RecipeError, did_you_mea
 from calibkit.frame import Origin
 from calibkit.ingest import column_names, time_units
 from calibkit.readers import times
-from calibkit.readers.table import Guess
+from calibkit.readers.table import FIRST_ROW, Guess
 from calibkit.recipe import Column
 
 if TYPE_CHECKING:
@@ -220,6 +220,32 @@ def needs_time(table: Table, source: str, name: str, recipe: Recipe) -> bool:
     return column.interval_s is None and _resolve_unit(table, source, column, name) == "1/sample"
 
 
+def resolve_units(recipe: Recipe, table: Table) -> dict[str, str]:
+    """Unit of each column of a log that the recipe names, as the log has it."""
+    found = {name: find_column(column.source, table) for name, column in recipe.columns.items()}
+    return {
+        source: _resolve_unit(table, source, recipe.columns[name], name)
+        for name, source in found.items()
+        if source is not None and not recipe.columns[name].time_format
+    }
+
+
+def _read_numbers(table: Table, source: str) -> Array:
+    """Numbers [n] of a column; raises LogFormatError that names the row of what is none."""
+    column = table.frame[source]
+    try:
+        return np.asarray(column.to_numpy(dtype=np.float64), dtype=np.float64)
+    except (TypeError, ValueError):
+        import pandas as pd
+
+        row = int(np.flatnonzero(pd.to_numeric(column, errors="coerce").isna())[0])
+    raise LogFormatError(
+        f"{table.file}:{int(column.index[row]) + FIRST_ROW}: column '{source}': found"
+        f" '{str(column.iloc[row])[:40]}', expected a number",
+        hint="repair the row, or leave it out",
+    )
+
+
 def read_values(
     table: Table, source: str, name: str, recipe: Recipe, seconds: Array | None
 ) -> MappedColumn:
@@ -230,7 +256,7 @@ def read_values(
     time [s]. Raises LogFormatError, FrameError or RecipeError.
     """
     column = recipe.columns.get(name) or Column(source=source)
-    raw = table.frame[source].to_numpy(dtype=np.float64)
+    raw = _read_numbers(table, source)
     unit, target = _resolve_unit(table, source, column, name), units.column_unit(name)
     raw, notes = _blank_sentinels(raw, recipe, unit, source, table)
     reading: tuple[str, ...] = ()

@@ -7,6 +7,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import itertools
+from collections.abc import Mapping
 from fnmatch import fnmatchcase
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
@@ -16,7 +17,7 @@ from calibkit.errors import FrameError
 from calibkit.readers.table import Table
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Sequence
 
     import pandas as pd
 
@@ -33,11 +34,17 @@ def hold(frames: Mapping[str, pd.DataFrame], patterns: Sequence[str]) -> Iterato
 
     Raises FrameError for a name that no pattern matches, and for what is no frame of named columns.
     """
-    folder, held = Path(f"<frames {next(_FOLDERS)}>"), {}
-    if not frames:
-        raise FrameError("logs: no frame", hint="give {name of the log: frame}")
+    folder, held = Path(f"<frames {next(_FOLDERS)}>"), dict[Path, Table]()
+    if not isinstance(frames, Mapping) or not frames:
+        found = "no frame" if isinstance(frames, Mapping) else f"found {_kind(frames)}"
+        raise FrameError(f"logs: {found}", hint="give {name of the log: frame}")
     for name, frame in frames.items():
-        file = _name_file(name, patterns)
+        file = _name_file(str(name), patterns)
+        if folder / file in held:
+            raise FrameError(
+                f"logs: '{name}' and a frame before it both stand for {file}",
+                hint="give each log one name",
+            )
         held[folder / file] = _tabulate(file, frame)
     _HELD.update(held)
     try:
@@ -59,25 +66,37 @@ def _name_file(name: str, patterns: Sequence[str]) -> str:
     )
 
 
+def _kind(found: object) -> str:
+    """Type of what is no frame, for people."""
+    return f"{type(found).__module__}.{type(found).__qualname__}".removeprefix("builtins.")
+
+
 def _tabulate(file: str, frame: pd.DataFrame) -> Table:
     """A frame as a log before any mapping; its digest is that of its names and values."""
-    columns = list(map(str, frame.columns))
+    import pandas as pd
+
+    if not isinstance(frame, pd.DataFrame):
+        advice = "frame.to_pandas()" if hasattr(frame, "to_pandas") else "pandas.DataFrame(…)"
+        raise FrameError(f"{file}: found {_kind(frame)}, expected a frame", hint=f"give {advice}")
+    columns, stated = list(map(str, frame.columns)), frame.attrs.get(UNITS, {})
     if len(set(columns)) < len(columns) or not columns:
         raise FrameError(
             f"{file}: columns {', '.join(columns) or 'none'}", hint="give each column its own name"
         )
+    if not isinstance(stated, Mapping):
+        raise FrameError(f"{file}: attrs['{UNITS}'] is {_kind(stated)}", hint="give {column: unit}")
     table = frame.set_axis(columns, axis=1).reset_index(drop=True)
     sha256 = hashlib.sha256()
     for name in columns:
         column = table[name]
-        if column.dtype.kind in "iufb":
+        if column.dtype.kind in "iuf":
             content = column.to_numpy(dtype="<f8").tobytes()
         else:
-            table[name] = column = column.astype(str)
+            table[name] = column = column.astype(str).fillna("")
             content = "\n".join(column).encode()
         sha256.update(f"{name}\0{len(content)}\0".encode() + content)
-    stated = {str(name): unit for name, unit in frame.attrs.get(UNITS, {}).items()}
-    return Table(file, sha256.hexdigest(), table, units=stated)
+    own = {str(name): str(unit) for name, unit in stated.items()}
+    return Table(file, sha256.hexdigest(), table, units=own)
 
 
 def find(path: Path) -> Table | None:

@@ -68,6 +68,7 @@ class Summary:
             width=110,
             color_system=None,
             force_terminal=False,
+            force_jupyter=False,  # a notebook would show the text, and the file would be empty
             legacy_windows=False,
             _environ={},
         )

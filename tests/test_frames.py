@@ -1,0 +1,150 @@
+"""Frames in place of log files: what they may hold, and what is refused, with the reason."""
+
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import calibkit
+from conftest import ROOT
+
+PAIR = ROOT / "datasets" / "gyro_pair"
+DATE = "2026-11-21"
+
+
+@pytest.fixture(scope="module")
+def logs():
+    """Return the sample logs of a pair as frames."""
+    return {path.stem: pd.read_csv(path) for path in sorted(PAIR.glob("*.csv"))}
+
+
+@pytest.fixture(scope="module")
+def run(logs):
+    """Return the run of the pair, of which nothing is written."""
+    return fitted(logs)
+
+
+def fitted(logs, **options):
+    """Run of frames of the pair."""
+    return calibkit.fit("gyro_pair", logs=logs, runs=None, **{"date": DATE, **options})
+
+
+def test_a_report_is_whole_where_a_notebook_is_at_work(logs, run, monkeypatch, capsys):
+    """Rich would show its text in a cell, and report.txt would be empty."""
+    import rich.console
+
+    monkeypatch.setattr(rich.console, "_is_jupyter", lambda: True)
+    assert fitted(logs).outcome.files == run.outcome.files
+    assert capsys.readouterr().out == ""
+
+
+@pytest.mark.parametrize("date", ["yesterday", "2026-13-01", pd.Timestamp("2026-11-21"), 20261121])
+def test_a_date_is_refused_that_no_run_could_be_read_with(logs, date):
+    """As the command refuses it, before anything is fitted."""
+    with pytest.raises(calibkit.CalibkitError, match="not a date"):
+        fitted(logs, date=date)
+
+
+def test_a_serial_may_be_a_number(logs):
+    """It is written as text."""
+    assert fitted(logs, serial=5).document["serial"] == "5"
+
+
+def test_columns_that_are_not_read_may_hold_anything(logs, run):
+    """Remarks of which most are missing, times, lists and truth values change nothing."""
+    more = {
+        name: frame.assign(
+            note=pd.Series([None] * (len(frame) - 1) + ["end"], dtype=object),
+            stamp=pd.Timestamp("2026-11-21"),
+            several=[[1]] * len(frame),
+            good=True,
+        )
+        for name, frame in logs.items()
+    }
+    found = fitted(more)
+    assert found.records["gyro_scale.json"].models == run.records["gyro_scale.json"].models
+
+
+@pytest.mark.parametrize(
+    ("value", "found"),
+    [("abc", "abc"), ("7,66", "7,66"), (None, ""), (1.0 + 2.0j, "(1+2j)"), (True, "True")],
+)
+def test_what_is_no_number_is_named_with_its_row(logs, value, found):
+    """A text, a truth value or a complex number among the counts of a gyro."""
+    name, frame = next(iter(logs.items()))
+    column = frame["gyro_a_lsb"].astype(object)
+    column.iloc[7] = value
+    if value is True:
+        column = frame["gyro_a_lsb"] > 0.0
+        column.iloc[0] = True
+    with pytest.raises(calibkit.CalibkitError) as error:
+        fitted(logs | {name: frame.assign(gyro_a_lsb=column)})
+    row = 2 if value is True else 9
+    assert f"{name}.csv:{row}: column 'gyro_a_lsb': found '{found}'" in error.value.message
+
+
+class _Other:
+    """A frame of another library."""
+
+    def to_pandas(self):
+        """Return a frame."""
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ([1], r"logs: found list"),
+        ("folder", r"logs: found str"),
+        (pd.DataFrame({"time_s": [0.0]}), r"logs: found pandas\..*DataFrame"),
+        ({"table_axis_a": None}, r"table_axis_a.csv: found NoneType, expected a frame"),
+        ({"table_axis_a": _Other()}, r"expected a frame: give frame.to_pandas\(\)"),
+        ({5: pd.DataFrame({"time_s": [0.0]})}, r"'5' is none of the logs"),
+    ],
+)
+def test_what_is_no_frame_is_refused_by_its_type(given, said):
+    """With what to give in its place."""
+    with pytest.raises(calibkit.CalibkitError) as error:
+        fitted(given)
+    assert re.search(said, f"{error.value.message}: {error.value.hint}")
+
+
+def test_two_names_of_one_log_are_refused(logs):
+    """The one with its suffix would silently be taken for the one without."""
+    name, frame = next(iter(logs.items()))
+    with pytest.raises(calibkit.CalibkitError, match=f"both stand for {name}.csv"):
+        fitted({**logs, f"{name}.csv": frame * 2.0})
+
+
+def test_units_of_attrs_are_a_mapping(logs):
+    """A unit alone says nothing of which column it is."""
+    name, frame = next(iter(logs.items()))
+    changed = frame.copy()
+    changed.attrs["units"] = "deg/s"
+    with pytest.raises(calibkit.CalibkitError, match=r"attrs\['units'\] is str"):
+        fitted(logs | {name: changed})
+
+
+def test_a_compensated_frame_states_the_units_that_its_columns_have():
+    """A mapped column keeps the log's own unit, under whatever name, and can be given back."""
+    folder = ROOT / "datasets" / "fog_thermal"
+    logs = {path.stem: pd.read_csv(path) for path in sorted(folder.glob("*.csv"))}
+    for own in ("gyro_dph", "rate"):
+        frames = {name: frame.rename(columns={"gyro_dph": own}) for name, frame in logs.items()}
+        for frame in frames.values():
+            frame[own] /= 3600.0
+        recipe = calibkit.load_recipe(
+            "fog_thermal", columns__gyro_dph__from=own, columns__gyro_dph__unit="deg/s"
+        )
+        run = calibkit.fit(recipe, logs=frames, runs=None, date=DATE)
+        frame = next(iter(frames.values()))
+        made = run.apply(frame)
+        assert made.attrs["units"][own] == "deg/s"
+        assert np.abs(made[own].mean()) < 0.01  # deg/s
+        assert run.apply(made.drop(columns="status", errors="ignore")).shape[0] == len(frame)
+
+
+def test_apply_takes_no_other_word_for_rows_that_cannot_be_corrected(logs, run):
+    """A word that it does not know is no wish for empty values."""
+    with pytest.raises(calibkit.CalibkitError, match="uncorrected = 'zero'"):
+        run.apply(next(iter(logs.values())), uncorrected="zero")
