@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import html
+import math
+import numbers
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from calibkit import instruments, pipeline, run_document, sealed, store
+from calibkit.certificate.quantities import outside_ranges, ranged
 from calibkit.errors import CoefficientError, UsageError, did_you_mean
 from calibkit.ingest import column_values
 from calibkit.instruments import silent
@@ -17,6 +20,7 @@ from calibkit.recipe import toml_text
 from calibkit.report import documents
 from calibkit.report.html import first_screen_of
 from calibkit.report.run import RUN_COLUMNS, list_numbers
+from calibkit.results.evaluation import flag_outside
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -34,7 +38,7 @@ NOT_WRITTEN = "not written"
 """Folder of runs that are in memory alone."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Evaluated:
     """Result of a model at n inputs, or of m components there.
 
@@ -45,12 +49,19 @@ class Evaluated:
     covariance : [n, n], or [n, m, n, m]; its diagonal is the square of the standard uncertainty.
         Between two inputs it is that of the coefficients: how the error of the model itself at one
         input goes with that at another is not known, and not in it.
+    outside : for each of the n inputs which columns are outside the ranges that the fit covered,
+        empty where none is. The uncertainty does not cover an extrapolated value.
 
     """
 
     value: Array
     standard_uncertainty: Array
     covariance: Array
+    outside: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        shown = f"{self.value} ± {self.standard_uncertainty}"
+        return f"<{'; '.join((shown, *flag_outside(self.outside)))}>"
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -72,7 +83,7 @@ class RunModel:
         ----------
         at : canonical column = values [n] in its unit, one per input of the model's form; rates and
             gradients of a drift model on levels that are not given are 0, as at rest. Beyond the
-            valid ranges the form is extrapolated.
+            valid ranges the form is extrapolated, which the result states in `outside`.
 
         Returns
         -------
@@ -81,20 +92,20 @@ class RunModel:
 
         Raises
         ------
-        CalibkitError : an input that is missing, unknown, or no numbers.
+        CalibkitError : an input that is missing, unknown, or not finite real numbers.
 
         """
         form, model, asked = self.form, self.model, _Inputs()
         try:
-            columns = [np.asarray(values, dtype=np.float64) for values in at.values()]
-            asked.update(zip(at, np.broadcast_arrays(*map(np.atleast_1d, columns)), strict=True))
+            columns = [_read_input(model, name, values) for name, values in at.items()]
+            asked.update(zip(at, np.broadcast_arrays(*columns), strict=True))
             value, u = form.evaluate(model, asked), form.standard_uncertainty(model, asked)
             gradient = form.gradient(model, asked)
         except KeyError as error:
             raise UsageError(
                 f"model '{model.name}' needs {error}", hint="give it by name"
             ) from None
-        except (TypeError, ValueError) as error:
+        except (OverflowError, TypeError, ValueError) as error:
             raise UsageError(
                 f"model '{model.name}': {error}", hint="give real numbers, as many of each"
             ) from None
@@ -106,7 +117,38 @@ class RunModel:
         flat = gradient.reshape(-1, gradient.shape[-1])
         covariance = flat @ np.array(model.covariance) @ flat.T
         np.fill_diagonal(covariance, u.ravel() ** 2)
-        return Evaluated(value, u, covariance.reshape(u.shape * 2))
+        return Evaluated(value, u, covariance.reshape(u.shape * 2), _find_outside(model, asked))
+
+
+def _read_input(model: Model, name: str, given: ArrayLike) -> Array:
+    """Values [n] of an input; UsageError for one that is no finite real number."""
+    values = np.atleast_1d(np.asarray(given))
+    if values.dtype.kind in "iuf":
+        good = np.isfinite(values)
+    else:
+        good = np.array([_is_real(one) for one in values.flat], dtype=bool).reshape(values.shape)
+    if values.ndim == 1 and good.all():
+        return values.astype(np.float64)
+    found = f"numbers of shape {values.shape}"
+    if not good.all():
+        wrong = values[~good][0]
+        found = f"{wrong} ({type(wrong).__name__})"
+    raise UsageError(
+        f"model '{model.name}': {name} holds {found}, expected finite real numbers",
+        hint=f"give a number, or a list, array or Series of them, in {ranged(model, name).unit}",
+    )
+
+
+def _is_real(one: object) -> bool:
+    """Whether an object is a finite real number; True and False are none."""
+    return isinstance(one, numbers.Real) and not isinstance(one, bool) and math.isfinite(one)
+
+
+def _find_outside(model: Model, at: Mapping[str, Array]) -> tuple[str, ...]:
+    """Which inputs [n] are outside the model's valid ranges, for each point."""
+    inputs = [ranged(model, name) for name in at]
+    points = zip(*(values.tolist() for values in at.values()), strict=True)
+    return tuple(outside_ranges(inputs, dict(zip(at, point, strict=True))) for point in points)
 
 
 class _Inputs(dict[str, "Array"]):

@@ -4,6 +4,7 @@ are compensated and validated as the commands do.
 
 import doctest
 import html
+import re
 
 import numpy as np
 import pandas as pd
@@ -11,6 +12,7 @@ import pytest
 
 import calibkit
 from calibkit import analysis, api
+from calibkit.errors import UsageError
 from calibkit.readers import in_memory
 from conftest import ROOT
 
@@ -88,6 +90,57 @@ def test_a_model_is_evaluated_with_its_covariance(run):
     assert found.covariance[0, 2] < u[0] * u[2]
     with pytest.raises(calibkit.CalibkitError, match="no input temp_degc"):
         run.model("drift").evaluate(temp_case_degc=1.0, temp_degc=2.0)
+
+
+@pytest.mark.parametrize(
+    ("given", "found"),
+    [
+        (pd.date_range("2026-01-01", periods=2), r"2026-01-01T.* \(datetime64\)"),
+        (pd.date_range("2026-01-01", periods=2, tz="UTC"), r"2026-01-01 .* \(Timestamp\)"),
+        (np.array([1.0 + 1j, 2.0]), r"\(1\+1j\) \(complex128\)"),
+        (None, r"None \(NoneType\)"),
+        ([1.0, None], r"None \(NoneType\)"),
+        (np.inf, r"inf \(float64\)"),
+        ([1.0, np.nan], r"nan \(float64\)"),
+        ("40", r"40 \(str_\)"),
+        (True, r"True \(bool_?\)"),
+        (np.zeros((2, 2)), r"numbers of shape \(2, 2\)"),
+    ],
+    ids=str,
+)
+def test_an_input_that_is_no_finite_real_number_is_refused(run, given, found):
+    """The message names the input, what it holds and what is expected."""
+    with pytest.raises(calibkit.CalibkitError) as caught:
+        run.model("drift").evaluate(temp_case_degc=given)
+    assert isinstance(caught.value, UsageError)
+    assert re.search(
+        f"temp_case_degc holds {found}, expected finite real numbers", str(caught.value)
+    )
+    assert "in degC" in caught.value.hint
+
+
+@pytest.mark.parametrize(
+    "given",
+    [40, np.int8(40), [40], pd.Series([40], dtype="Int64"), pd.Series([40.0], dtype="float32")],
+    ids=repr,
+)
+def test_an_input_may_be_any_integers_or_floats(run, given):
+    """Numbers, arrays and Series of each width give the value of the number."""
+    found, number = (run.model("drift").evaluate(temp_case_degc=one) for one in (given, 40.0))
+    np.testing.assert_array_equal(found.value, number.value)
+    assert found.outside == ("",)
+
+
+def test_points_outside_the_fitted_ranges_are_stated(run):
+    """Kelvin in place of °C stand in the result and in its repr, with the range of the fit."""
+    found = run.model("drift").evaluate(temp_case_degc=[40.0, 313.15], temp_rate_degc_min=9.0)
+    low, high = run.model("drift").model.valid["temp_case_degc"]
+    case = f"temp_case_degc 313.15 is outside {low:.4g} … {high:.4g} degC"
+    rate = "temp_rate_degc_min 9 is outside -6.652 … 6.582 degC/min"
+    assert found.outside == (rate, f"{case}; {rate}")
+    assert f"2 of 2 values are extrapolated, U is not known: {rate}>" in repr(found)
+    within = run.model("drift").evaluate(temp_case_degc=[40.0])
+    assert repr(within) == f"<{within.value} ± {within.standard_uncertainty}>"
 
 
 def test_residuals_are_a_tidy_frame_with_units(run):

@@ -204,9 +204,16 @@ def list_values(values: Sequence[Value]) -> Table:
     return Table("", (*columns, "quantity", "value", "unit", *heads), tuple(rows))
 
 
+def flag_outside(outside: Sequence[str]) -> tuple[str, ...]:
+    """What must be known of values of which some state why the model does not hold there."""
+    beyond = [*filter(None, outside)]
+    if not beyond:
+        return ()
+    return (f"{len(beyond)} of {len(outside)} values are {EXTRAPOLATED}: {beyond[0]}",)
+
+
 def flag_values(values: Sequence[Value]) -> tuple[str, ...]:
     """What must be known of the values: lags, and points outside the ranges."""
-    beyond = [value for value in values if value.outside]
     lagged = any(
         value.quantity.beyond is not None and any(list(value.at.values())[1:]) for value in values
     )
@@ -217,11 +224,7 @@ def flag_values(values: Sequence[Value]) -> tuple[str, ...]:
     }
     return (
         *((SETTLED,) if lagged else ()),
-        *(
-            (f"{len(beyond)} of {len(values)} values are {EXTRAPOLATED}: {beyond[0].outside}",)
-            if beyond
-            else ()
-        ),
+        *flag_outside([value.outside for value in values]),
         *((f"no uncertainty is known of {', '.join(sorted(without))}",) if without else ()),
     )
 
