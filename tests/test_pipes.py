@@ -1,5 +1,8 @@
-"""A reader that leaves early does not change how a command ends."""
+"""A reader that leaves early does not change how a command ends, nor does a stream that is closed
+or a current folder that is gone.
+"""
 
+import os
 import subprocess
 import sys
 
@@ -7,6 +10,9 @@ import pytest
 
 from conftest import ROOT
 from firmware_runs import cached
+from test_screens import still
+
+POSIX = pytest.mark.skipif(os.name != "posix", reason="closes descriptors in a shell")
 
 
 def unread(arguments, folder, *, both=False):
@@ -39,3 +45,41 @@ def test_a_refusal_into_a_closed_pipe_keeps_its_own_code(tmp_path):
 def test_help_into_a_closed_pipe_is_no_failure(tmp_path):
     """`calibkit --help | true`."""
     assert unread(("--help",), tmp_path) == (0, "")
+
+
+def in_shell(script, folder, *arguments):
+    """Run a line of a shell in which `"$@"` is calibkit with these arguments."""
+    return subprocess.run(
+        ["sh", "-c", script, "sh", sys.executable, "-m", "calibkit", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        cwd=folder,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        check=False,
+    )
+
+
+@POSIX
+@pytest.mark.parametrize("closed", ["2>&-", ">&-"])
+@pytest.mark.parametrize("command", ["fit", "check", "fleet"])
+def test_a_closed_stream_stops_no_command(tmp_path, command, closed):
+    """With stderr or stdout closed, as a service may start it, a command does what it does."""
+    data = still(tmp_path / "logs" / ("S-1" if command == "fleet" else ""), 2)
+    named = ("--serial", "S-1") if command == "fit" else ()
+    place = () if command == "check" else ("--out", tmp_path / "runs")
+    data = data.parent if command == "fleet" else data
+    call = (command, "bias_temperature", "--data", data, *named, *place)
+    assert in_shell(f'"$@" {closed}', tmp_path, *call).returncode == 0
+    if place:
+        assert list((tmp_path / "runs").rglob("run.json"))
+
+
+@POSIX
+@pytest.mark.parametrize("command", ["fit", "fleet"])
+def test_a_current_folder_that_is_gone_is_named(tmp_path, command):
+    """A relative output then has no place: exit code 4 and what to do, no internal error."""
+    named = ("--serial", "S-1") if command == "fit" else ()
+    call = (command, "bias_temperature", "--data", still(tmp_path / "logs", 2), *named)
+    done = in_shell('mkdir g && cd g && rmdir ../g && "$@"', tmp_path, *call)
+    assert done.returncode == 4
+    assert done.stderr.splitlines()[-1].startswith("calibkit: the current folder is gone")

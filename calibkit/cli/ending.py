@@ -9,6 +9,7 @@ import errno
 import io
 import os
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -76,6 +77,12 @@ def _end_unexpected(error: Exception, *, as_json: bool) -> int:
             hint="free space; what was printed is not whole",
         )
         return _fail(unprinted, as_json=False)
+    if isinstance(error, FileNotFoundError) and error.filename is None:  # of the current folder
+        gone = OutputError(
+            "the current folder is gone, relative paths lead nowhere",
+            hint="change to a folder that exists, or give whole paths, also to --out",
+        )
+        return _fail(gone, as_json=as_json)
     if os.environ.get("CALIBKIT_DEBUG"):
         import traceback
 
@@ -118,11 +125,14 @@ class _Pipe(io.FileIO):
 
 def tolerate_closed_pipes() -> None:
     """Put a `_Pipe` below stdout and stderr of the process where they are redirected; on a terminal
-    somebody reads.
+    somebody reads. What is written to one that is closed goes nowhere.
     """
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
-        if (
+        if stream is None:
+            nowhere = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115 (for the whole process)
+            setattr(sys, name, nowhere)
+        elif (
             stream is getattr(sys, f"__{name}__")
             and isinstance(stream, io.TextIOWrapper)
             and not stream.isatty()
