@@ -26,17 +26,24 @@ def sources(tmp_path):
     return tmp_path
 
 
+def state(folder):
+    """State of the kernels of a folder, in a process of its own that may use them."""
+    environment = {name: value for name, value in os.environ.items() if name != "CALIBKIT_NATIVE"}
+    script = (
+        "import pathlib; from calibkit import native;"
+        f"native.FOLDER = pathlib.Path({str(folder)!r}); print(native.state())"
+    )
+    command = [sys.executable, "-c", script]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    return done.stdout.strip()
+
+
 @pytest.mark.skipif(not COMPILER, reason="no C compiler")
 def test_where_there_is_a_compiler_the_kernels_are_in_use():
     """An installation with a compiler has kernels of its own sources (otherwise: python -m
     calibkit.native).
     """
-    environment = {name: value for name, value in os.environ.items() if name != "CALIBKIT_NATIVE"}
-    command = [sys.executable, "-c", "from calibkit import native; print(native.state())"]
-    assert (
-        subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
-        == "in use\n"
-    )
+    assert state(native.FOLDER) == "in use"
 
 
 def test_kernels_can_be_turned_off():
@@ -65,6 +72,24 @@ def test_a_library_of_other_sources_is_not_used(sources, monkeypatch, kind):
     library, said = native._loaded.__wrapped__()
     assert library is None
     assert "compiled from other sources" in said
+
+
+@pytest.mark.skipif(native.kernels() is None, reason="no compiled kernels")
+@pytest.mark.parametrize("kept", [0.0, 0.001, 0.1, 0.5, 0.99])
+def test_a_cut_off_library_is_called_damaged(sources, kept):
+    """A library that is not whole is not loaded, which might end the process, and is not called one
+    that was never compiled.
+    """
+    library = Path(shutil.copy(native.FOLDER / compiling.LIBRARY, sources))
+    os.truncate(library, int(kept * library.stat().st_size))
+    assert state(sources).startswith("not in use: _kernels.so is damaged or of another machine")
+
+
+def test_without_a_library_no_compiler_is_blamed(sources):
+    """A pure wheel has no library, whether there is a compiler or not."""
+    assert state(sources) == (
+        "not compiled: no kernels were installed (a pure wheel, or no C compiler at installation)"
+    )
 
 
 def test_without_a_compiler_there_is_a_reason_and_no_library(sources, monkeypatch):

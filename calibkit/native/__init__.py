@@ -49,18 +49,32 @@ def _loaded() -> tuple[CDLL | None, str]:
 
     if os.environ.get("CALIBKIT_NATIVE", "on") == "off":
         return None, "turned off by CALIBKIT_NATIVE"
+    there = FOLDER / compiling.LIBRARY
+    remedy = "install calibkit again, or run python -m calibkit.native"
     try:
-        library = ctypes.CDLL(str(FOLDER / compiling.LIBRARY))
+        _refuse_cut_off(there.read_bytes())
+        library = ctypes.CDLL(str(there))
         made_of = ctypes.c_uint64.in_dll(library, "calibkit_made_of").value
+    except FileNotFoundError:
+        why = "no kernels were installed (a pure wheel, or no C compiler at installation)"
+        return None, f"not compiled: {why}"
     except (OSError, ValueError):
-        return None, "not compiled: there was no C compiler at installation"
+        return None, f"not in use: {there.name} is damaged or of another machine: {remedy}"
     if made_of != compiling.made_of(FOLDER):
-        return (
-            None,
-            "compiled from other sources: install calibkit again, or run python -m calibkit.native",
-        )
+        return None, f"compiled from other sources: {remedy}"
     _declare(library)
     return library, "in use"
+
+
+def _refuse_cut_off(library: bytes) -> None:
+    """Raise ValueError for an ELF library that ends before its table of sections does: to load it
+    might end the process.
+    """
+    if library[:6] == b"\x7fELF\2\1":  # of 64 bits, little-endian
+        start = int.from_bytes(library[40:48], "little")
+        size, number = (int.from_bytes(library[at : at + 2], "little") for at in (58, 60))
+        if len(library) < max(64, start + size * number):
+            raise ValueError
 
 
 def _declare(library: CDLL) -> None:
