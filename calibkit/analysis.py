@@ -19,6 +19,7 @@ from calibkit.readers import in_memory
 from calibkit.recipe import toml_text
 from calibkit.report import documents
 from calibkit.report.html import first_screen_of
+from calibkit.report.overview import merge_flags
 from calibkit.report.run import RUN_COLUMNS, list_numbers
 from calibkit.results.evaluation import flag_outside
 
@@ -214,7 +215,20 @@ class Run(store.Run):
         facts = (self.document[key] for key in ("procedure", "verdict"))
         where = NOT_WRITTEN if self.in_memory else self.folder
         logs = len(self.document["inputs"])
-        return f"<{self.name}: {', '.join(facts)}, {logs} log{'s' * (logs > 1)}, {where}>"
+        line = f"<{self.name}: {', '.join(facts)}, {logs} log{'s' * (logs > 1)}, {where}"
+        if count := len(self.flags):
+            line += f", {count} thing{'s' * (count > 1)} to check: run.flags"
+        return f"{line}>"
+
+    @property
+    def flags(self) -> tuple[str, ...]:
+        """What to check before the results are used, a line per cause; of a run that was found in a
+        folder with its remarks, which run.json does not tell apart.
+        """
+        if self.outcome is not None:
+            return tuple(self.outcome.summary.checks)
+        logs = [entry["name"] for entry in self.document["inputs"]]
+        return tuple(merge_flags(self.document["flags"], logs))
 
     def _repr_html_(self) -> str:
         """First screen of the report, in a frame of its own: its style stays there."""
@@ -258,8 +272,11 @@ class Run(store.Run):
         }
         found = [one for whole, one in models.items() if name in (whole, one.name)]
         if len(found) != 1:
+            reason = [flag for flag in self.document["flags"] if flag.startswith(f"no {name} ")]
+            fault = f"{len(found) or 'no'} model{'s are' if found else ' is'} called '{name}'"
             raise CoefficientError(
-                f"{len(found)} models are called '{name}'", hint=f"there are: {', '.join(models)}"
+                ": ".join((f"{self.name}: {fault}", *reason)),
+                hint=f"there are: {', '.join(models) or 'none'}",
             )
         form = instruments.model_forms(self.document["procedure"]).get(found[0].form)
         if form is None:

@@ -64,6 +64,7 @@ def test_frames_give_the_numbers_of_their_files_and_touch_no_disk(run, logs, tmp
 def test_a_run_says_what_it_is_in_a_line(run):
     """The repr is short; the page for a notebook is the report's first screen in a frame."""
     assert repr(run) == "<unsaved@r001: fog_thermal, accepted, 8 logs, not written>"
+    assert run.flags == ()
     shown = run._repr_html_()
     assert shown.startswith('<iframe title="Report of unsaved@r001" srcdoc="')
     page = html.unescape(shown)
@@ -90,6 +91,29 @@ def test_a_model_is_evaluated_with_its_covariance(run):
     assert found.covariance[0, 2] < u[0] * u[2]
     with pytest.raises(calibkit.CalibkitError, match="no input temp_degc"):
         run.model("drift").evaluate(temp_case_degc=1.0, temp_degc=2.0)
+
+
+def test_a_run_says_how_many_things_are_to_check(tmp_path):
+    """They stand in `flags`, the same after a fit and in a folder; a remark is none of them."""
+    logs = simulated("gyro_pair", 7)
+    made = calibkit.fit("gyro_pair", logs=logs, serial="P-1", runs=tmp_path, date=DATE)
+    for one in (made, calibkit.find_run("P-1", tmp_path)):
+        assert repr(one).endswith("r001, 1 thing to check: run.flags>")
+        assert len(one.flags) == 1
+        assert one.flags[0].startswith("the two runs show a mounting error")
+
+
+def test_a_run_without_a_drift_term_says_why_it_has_none(logs):
+    """Where noise is all there is, the fit's reason and the models there are stand in the error."""
+    noise = np.random.default_rng(0).normal
+    still = {name: log.assign(gyro_dph=noise(0.0, 1.0, len(log))) for name, log in logs.items()}
+    run = calibkit.fit("fog_thermal", logs=still, runs=None, date=DATE)
+    assert "things to check: run.flags>" in repr(run)
+    with pytest.raises(calibkit.CalibkitError) as caught:
+        run.model("drift")
+    said = "no model is called 'drift': no drift term exported: gradient_rate heating: not exported"
+    assert said in str(caught.value)
+    assert caught.value.hint.startswith("there are: drift.ramp_cooling_01, ")
 
 
 @pytest.mark.parametrize(

@@ -152,12 +152,12 @@ def test_a_model_of_a_run_is_evaluated_with_its_uncertainty(tmp_path):
     np.testing.assert_allclose(value, powers @ [c.value for c in model.coefficients], rtol=1e-14)
     expected = np.sqrt(np.diag(powers @ np.array(model.covariance) @ powers.T))
     np.testing.assert_allclose(u, expected, rtol=1e-9)
-    with pytest.raises(calibkit.CalibkitError, match="0 models are called 'z'; there are: "):
+    with pytest.raises(calibkit.CalibkitError, match="no model is called 'z'; there are: "):
         calibkit.evaluate(run, "z", temp_case_degc=30.0)
     for inputs, found in (
         ({}, "'x' needs 'temp_case_degc'"),
         ({"temp_case_degc": 30.0, "temp_degc": 30.0}, "no input temp_degc; its inputs are"),
-        ({"temp_case_degc": "warm"}, "could not convert"),
+        ({"temp_case_degc": "warm"}, "x.: temp_case_degc holds warm"),
     ):
         with pytest.raises(calibkit.CalibkitError, match=found):
             calibkit.evaluate(run, "x", **inputs)
