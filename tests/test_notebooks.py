@@ -5,15 +5,19 @@ import json
 import numpy as np
 import pytest
 
+import pages
 from conftest import ROOT
 
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
 
 
-def follow(path, folder, monkeypatch):
-    """Names that the cells of a notebook leave, run in a folder beside the sample logs."""
+def follow(path, folder, monkeypatch, start="."):
+    """Names that the cells of a notebook leave, run in a folder beside the sample logs, or in one
+    below it.
+    """
     monkeypatch.setenv("MPLBACKEND", "agg")
-    monkeypatch.chdir(folder)
+    (folder / start).mkdir(parents=True, exist_ok=True)
+    monkeypatch.chdir(folder / start)
     (folder / "datasets").symlink_to(ROOT / "datasets", target_is_directory=True)
     names = {"__name__": "__main__"}
     for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
@@ -31,22 +35,42 @@ def test_a_notebook_is_one_and_holds_no_output(path):
     assert [
         cell for cell in book["cells"] if cell.get("outputs") or cell.get("execution_count")
     ] == []
-    pages = "".join(page.read_text(encoding="utf-8") for page in (ROOT / "docs").rglob("*.md"))
-    assert f"notebooks/{path.name}" in pages
+    text = "".join(page.read_text(encoding="utf-8") for page in (ROOT / "docs").rglob("*.md"))
+    assert f"notebooks/{path.name}" in text
 
 
-def test_an_own_model_beside_calibkit_s(tmp_path, monkeypatch):
+@pytest.mark.parametrize("start", [".", "docs/notebooks"])
+def test_an_own_model_beside_calibkit_s(tmp_path, monkeypatch, start):
     """On ramps left out the cubic of temperature leaves several times what calibkit leaves, and
-    what it leaves depends on the direction; nothing is written.
+    what it leaves depends on the direction; nothing is written, wherever the kernel starts.
     """
-    names = follow(ROOT / "docs" / "notebooks" / "own_model.ipynb", tmp_path, monkeypatch)
+    names = follow(ROOT / "docs" / "notebooks" / "own_model.ipynb", tmp_path, monkeypatch, start)
     rms = names["rms"]
     for log in names["left_out"]:
         assert rms[log, "calibkit"] < 0.7 * rms[log, "cubic of T"] < 0.2 * rms[log, "raw"]
     directions = names["directions"]
     assert np.ptp(directions["own"]) > 0.05
     assert np.ptp(directions["residual_dph"]) < 1e-9
-    assert [path.name for path in tmp_path.iterdir()] == ["datasets"]
+    assert {path.name for path in tmp_path.rglob("*")} <= {"datasets", "docs", "notebooks"}
+
+
+def test_the_picture_of_the_how_to_is_labelled_and_its_legends_cover_no_curve(
+    tmp_path, monkeypatch
+):
+    """Axes have units, and each legend stands beside its axes."""
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "datasets").symlink_to(ROOT / "datasets", target_is_directory=True)
+    text = (ROOT / "docs" / "how_to" / "13_my_own_model.md").read_text(encoding="utf-8")
+    names = {}
+    exec(pages.BLOCK.findall(text)[0][1], names)  # noqa: S102 (the page's own code)
+    axes = names["figure"].axes
+    assert [ax.get_ylabel() for ax in axes] == ["100 s means [°/h]"] * 2
+    assert axes[-1].get_xlabel() == "time [min]"
+    for ax in axes:
+        beside, curves = (one.get_window_extent() for one in (ax.get_legend(), ax))
+        assert not beside.overlaps(curves)
+        assert beside.x1 <= names["figure"].bbox.x1
 
 
 def test_statistics_of_a_fleet(tmp_path, monkeypatch):
