@@ -1,19 +1,28 @@
-"""Libraries that are installed with one of the package's extras: `pip install 'calibkit[pdf]'`."""
+"""Libraries that are installed with one of the package's extras, like `calibkit[pdf]`."""
 
-import importlib
+import importlib.util
+import sys
 from typing import Any
 
 from calibkit.errors import NotCheckedError, OutputError
 
 
+def install_hint(extra: str) -> str:
+    """How an extra gets into the environment that runs: by its own pip, which not every one has."""
+    if importlib.util.find_spec("pip") is None:
+        return f"install calibkit[{extra}] in place of calibkit (docs/installation.md)"
+    python = f'"{sys.executable}"' if " " in sys.executable else sys.executable
+    return f"{python} -m pip install 'calibkit[{extra}]'"
+
+
 def load_library(module: str, extra: str, purpose: str) -> Any:  # noqa: ANN401 (a module without types)
-    """Module of an optional library; OutputError with the command that installs it where it is
+    """Module of an optional library; OutputError that says how to install it where it is
     absent.
     """
     try:
         return importlib.import_module(module)
     except ImportError:
-        raise OutputError(purpose, hint=f"pip install 'calibkit[{extra}]'") from None
+        raise OutputError(purpose, hint=install_hint(extra)) from None
 
 
 def load_checker(module: str) -> Any:  # noqa: ANN401 (a module without types)
@@ -24,5 +33,5 @@ def load_checker(module: str) -> Any:  # noqa: ANN401 (a module without types)
         return importlib.import_module(module)
     except ImportError:
         raise NotCheckedError(
-            "NOT CHECKED: install calibkit[verify]", hint="pip install 'calibkit[verify]'"
+            "NOT CHECKED: install calibkit[verify]", hint=install_hint("verify")
         ) from None

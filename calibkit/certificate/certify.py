@@ -87,6 +87,7 @@ def certify(
     """
     if out is not None:
         _beside(out)
+    pdf.load_typst()  # its extra brings what the DCC needs too
     signer = None if key is None else key.load_signer()
     run = run_files.RunFiles.read(store.load(run_folder))
     validated = None if validation is None else run_files.AsFoundAsLeft.load(validation, run)

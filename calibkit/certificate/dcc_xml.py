@@ -54,7 +54,7 @@ _ILLEGAL = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
 
 
 def etree() -> Any:  # noqa: ANN401 (a module of an optional library)
-    """lxml.etree, or OutputError that names the command that installs it."""
+    """lxml.etree, or OutputError that says how to install it."""
     return extras.load_library("lxml.etree", "dcc", "digital calibration certificates need lxml")
 
 

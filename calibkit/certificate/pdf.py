@@ -50,6 +50,11 @@ class UnshownError(Exception):
         self.characters = characters
 
 
+def load_typst() -> Any:  # noqa: ANN401 (an optional library)
+    """The library that typesets, or OutputError that says how to install it."""
+    return extras.load_library("typst", "pdf", "certificates need typst")
+
+
 @contextlib.contextmanager
 def _scratch_folder() -> Iterator[str]:
     """Folder that goes with the context; OutputError where none can be made."""
@@ -87,7 +92,7 @@ def render(
         "attachments": [_describe_attachment(a) for a in certificate.attachments],
         "mark": list(mark),
     }
-    typst = extras.load_library("typst", "pdf", "certificates need typst")
+    typst = load_typst()
     with _scratch_folder() as folder:
         data["families"] = _families(fonts, Path(folder))
         inputs = {"sheet": json.dumps(data, ensure_ascii=False)}  # never as source

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from calibkit.errors import UsageError
+from calibkit.extras import install_hint
 from calibkit.fleet import device
 from calibkit.fleet.device import Outcome, Plan
 from calibkit.version import __version__
@@ -28,7 +29,7 @@ def fit_devices(plan: Plan, serials: Sequence[str], address: str) -> Generator[O
     try:
         from distributed import Client, as_completed
     except ImportError:
-        raise UsageError("--cluster needs Dask", hint="pip install 'calibkit[cluster]'") from None
+        raise UsageError("--cluster needs Dask", hint=install_hint("cluster")) from None
     try:
         client = Client(address, timeout=PATIENCE_S, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:  # TypeError: tls:// without certificates

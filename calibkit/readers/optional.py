@@ -7,10 +7,11 @@ from contextlib import contextmanager
 from typing import Any
 
 from calibkit.errors import CalibkitError, LogFormatError, UsageError
+from calibkit.extras import install_hint
 
 
 def import_library(module: str, extra: str, file: str) -> Any:  # noqa: ANN401 (a module of a library that may be absent)
-    """Import a library by its module's name, or raise UsageError with the command that installs
+    """Import a library by its module's name, or raise UsageError that says how to install
     it.
     """
     try:
@@ -20,9 +21,7 @@ def import_library(module: str, extra: str, file: str) -> Any:  # noqa: ANN401 (
 
 
 def require_library(module: str, extra: str, file: str) -> None:
-    """Raise UsageError with the command that installs a library where it is absent; it is not
-    imported.
-    """
+    """Raise UsageError with how to install a library that is absent; it is not imported."""
     try:
         found = importlib.util.find_spec(module) is not None
     except (ImportError, ValueError):
@@ -35,7 +34,7 @@ def _absent(module: str, extra: str, file: str) -> UsageError:
     """The error of a library that is absent."""
     return UsageError(
         f"{file}: reading this format needs {module.partition('.')[0]}",
-        hint=f"install it: pip install 'calibkit[{extra}]'",
+        hint=install_hint(extra),
     )
 
 
