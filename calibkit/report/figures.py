@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import io
-import logging
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -119,10 +118,7 @@ def _wide_fonts() -> list[str]:
 
 @contextlib.contextmanager
 def drawing() -> Iterator[None]:
-    """Styled, and a letter or a weight that no font has is a box or another weight, not a warning
-    on the console.
-    """
-    logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)
+    """Styled, and a letter that no font has is a box, not a warning on the console."""
     with styled(), warnings.catch_warnings():
         warnings.filterwarnings(
             "ignore", message=r"Glyph \d+ .* missing from", category=UserWarning
