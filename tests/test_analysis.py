@@ -13,6 +13,7 @@ import pytest
 import calibkit
 from calibkit import analysis, api
 from calibkit.errors import UsageError
+from calibkit.instruments.bias_temperature.figures import BiasCurve, BiasReport
 from calibkit.readers import in_memory
 from conftest import ROOT
 
@@ -196,6 +197,34 @@ def test_every_procedure_fits_frames_and_states_its_residuals(procedure, column)
     assert len(run.figures) == len(run.outcome.shown.drawn.figures)
     assert all(run.figure(name).axes for name in run.figures)
     assert {"value", "unit", "standard_uncertainty"} < set(run.numbers().columns)
+
+
+@pytest.mark.parametrize(
+    ("procedure", "units"),
+    [
+        ("rate_table", {"residual_ppm": "ppm", "standard_uncertainty_ppm": "ppm"}),
+        ("gyro_noise", {"tau_s": "s", "deviation": "deg/h", "model": "deg/h"}),
+    ],
+)
+def test_residuals_state_units_that_no_name_states(procedure, units):
+    """Shares are in ppm, deviations in the unit of their record."""
+    run = calibkit.fit(procedure, logs=simulated(procedure, 7), runs=None, date=DATE)
+    assert run.residuals().attrs["units"].items() >= units.items()
+
+
+def test_residuals_of_a_warm_up_are_in_the_unit_of_the_channels():
+    """One unit of all channels stands with the table, several do not."""
+    x, z = (BiasCurve(name, *[np.zeros(2)] * 3) for name in ("gyro_x_dph", "accel_z_g"))
+    assert BiasReport("time_s", (x,)).residuals()["units"]["residual"] == "deg/h"
+    assert BiasReport("time_s", (x, z)).residuals()["units"] == {}
+
+
+def test_residuals_of_an_inclinometer_name_their_stations():
+    """Each row states its station, as the log does."""
+    logs = simulated("inclinometer", 7)
+    run = calibkit.fit("inclinometer", logs=logs, runs=None, date=DATE)
+    stations = next(iter(logs.values()))["station"].unique()
+    assert list(run.residuals()["station"]) == list(map(str, stations))
 
 
 def test_a_figure_is_found_by_the_beginning_of_its_name(run):

@@ -120,7 +120,9 @@ class Instrument(Generic[Spec, Drawing]):
     draw: Callable[[str, Fitted[Drawing]], Drawn] = _draw_tables
     """Figures of a fit under a title, and its summary in full."""
     residuals: Callable[[Drawing], Mapping[str, Any]] = lambda _: {}
-    """Columns of a tidy table of what a fit leaves; none where it has no residuals."""
+    """Columns of a tidy table of what a fit leaves, none where it has no residuals; `units` states
+    column → unit where a name does not.
+    """
     certificate: Callable[[Stated], tuple[Block, ...]] | None = None
     """Blocks of results on a certificate; None where there is none."""
     quantities: Callable[[Mapping[str, Record], Spec], tuple[Quantity, ...]] = lambda _, __: ()

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from calibkit.report.figures import GOOD, INK, RAW, page
+from calibkit.units import column_unit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -32,7 +33,7 @@ class BiasReport:
     abscissa: str
     curves: tuple[BiasCurve, ...]
 
-    def residuals(self) -> dict[str, Array]:
+    def residuals(self) -> dict[str, Any]:
         """Columns of a tidy table, one row per bin of a channel: means of the indication less the
         polynomial, in the channel's unit.
         """
@@ -42,7 +43,9 @@ class BiasReport:
             "indication": [curve.indication for curve in self.curves],
             "residual": [curve.indication - curve.polynomial for curve in self.curves],
         }
-        return {name: np.concatenate(columns) for name, columns in parts.items()}
+        named = {column_unit(curve.name) for curve in self.curves}
+        units = dict.fromkeys(("indication", "residual"), named.pop()) if len(named) == 1 else {}
+        return {name: np.concatenate(columns) for name, columns in parts.items()} | {"units": units}
 
 
 def pages(title: str, report: BiasReport) -> list[Figure]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calibkit.report.figures import ALERT, DENOISED, GOOD, INK, MUTED, RAW, page
+from calibkit.units import known
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -40,17 +41,20 @@ class NoiseView:
 
 def list_residuals(views: Sequence[NoiseView]) -> dict[str, Any]:
     """Columns of a tidy table, one row per averaging time of a record: Allan deviation, the noise
-    terms together, and how far it is from them relative to itself.
+    terms together, in the record's unit, and how far it is from them relative to itself.
     """
     curves = [(view, view.curves[0]) for view in views]
     parts = {
         "record": [np.full(c.tau_s.size, view.name, dtype=object) for view, c in curves],
+        "unit": [np.full(c.tau_s.size, known(view.unit), dtype=object) for view, c in curves],
         "tau_s": [curve.tau_s for _, curve in curves],
         "deviation": [curve.deviation for _, curve in curves],
         "model": [view.model for view, _ in curves],
         "residual": [curve.deviation / view.model - 1.0 for view, curve in curves],
     }
-    return {name: np.concatenate(columns) for name, columns in parts.items()}
+    named = {known(view.unit) for view in views}
+    units = dict.fromkeys(("deviation", "model"), named.pop()) if len(named) == 1 else {}
+    return {name: np.concatenate(columns) for name, columns in parts.items()} | {"units": units}
 
 
 def record_page(title: str, view: NoiseView) -> Figure:

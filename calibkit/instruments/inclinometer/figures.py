@@ -5,7 +5,7 @@ correction.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -49,11 +49,12 @@ class SeekingReport:
     standard_uncertainty: Array
     table: Table
 
-    def residuals(self) -> dict[str, Array]:
+    def residuals(self) -> dict[str, Any]:
         """Columns of a tidy table, one row per station: azimuth less the reference azimuth, NaN
         where there is none, over C.
         """
         return {
+            "station": [row[0] for row in self.table.rows],
             "c": self.label,
             "residual_before_deg": self.before,
             "residual_deg": self.after,
