@@ -137,6 +137,22 @@ def test_the_next_compilation_removes_what_a_killed_one_left(sources, monkeypatc
     assert [path.name for path in sources.glob(".compiling-*")] == [".compiling-new"]
 
 
+@pytest.mark.skipif(shutil.which("bash") is None, reason="no bash on this machine")
+def test_wheels_without_a_compiler_say_what_is_missing(tmp_path):
+    """`.ci/wheels` ends before it builds anything, with one line on stderr."""
+    for tool in ("dirname", "realpath"):
+        (tmp_path / tool).symlink_to(shutil.which(tool))
+    done = subprocess.run(
+        [shutil.which("bash"), ROOT / ".ci" / "wheels", tmp_path / "dist"],
+        env={"PATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1
+    assert done.stderr.startswith("no C compiler was found (CC, cc, gcc or clang)")
+
+
 @pytest.mark.skipif(not COMPILER, reason="no C compiler")
 def test_the_kernels_compile_without_a_warning():
     """All warnings, on every source, are errors."""
