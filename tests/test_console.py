@@ -335,6 +335,14 @@ def test_the_help_starts_with_two_examples(calibkit, command):
     assert "\n\n\n" not in outcome.out
 
 
+@pytest.mark.parametrize("command", ["", *COMMANDS])
+def test_no_line_of_the_help_is_wider_than_a_terminal(calibkit, monkeypatch, command):
+    """In a terminal of 80 columns nothing is broken within a word, examples too."""
+    monkeypatch.setenv("COLUMNS", "80")
+    lines = calibkit(*filter(None, [command, "--help"])).out.splitlines()
+    assert [line for line in lines if len(line) > 80] == []
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_has_the_common_options(command):
     """--json, --quiet, --verbose and --log-file are on all commands."""

@@ -58,7 +58,7 @@ def fleet(
 
     \b
     calibkit fleet rate_table --data units --jobs 4 --date 2026-11-21
-    calibkit fleet my_recipe.toml --data units --cluster tcp://10.0.0.5:8786 --keep-going --json
+    calibkit fleet my_recipe.toml --data units --cluster tcp://10.0.0.5:8786
     """
     if jobs and cluster:
         raise UsageError("--jobs and --cluster: one or the other", hint="give one of them")

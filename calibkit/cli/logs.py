@@ -78,7 +78,7 @@ def fit(
 
     \b
     calibkit fit fog_thermal --data logs --serial FOG-0001
-    calibkit fit my_recipe.toml --data logs --serial FOG-0001 --set drift.order=2 --json
+    calibkit fit my_recipe.toml --data logs --serial FOG-1 --set drift.order=2
     """
     tune_memory()
     date = date_or_today(date) if date else None
@@ -205,7 +205,7 @@ def apply(
 
     \b
     calibkit apply FOG-0001 --data field.csv --out compensated.csv
-    calibkit apply runs/INC-7/r002 --data well.csv --out corrected.csv --set site.latitude_deg=58.9
+    calibkit apply INC-7 --data well.csv --out out.csv --set site.latitude_deg=59
     """
     tune_memory()
     from calibkit import pipeline, store

@@ -74,9 +74,9 @@ def certify(
 
     \b
     calibkit certify FOG-0001 --profile lab.toml --out certificate.pdf
-    calibkit certify FOG-0001 --profile lab.toml --validation v.json --lang both --out c.pdf
+    calibkit certify FOG-0001 --profile lab.toml --validation v.json --out c.pdf
     calibkit certify FOG-0001 --profile lab.toml --check
-    calibkit certify FOG-0001 --profile lab.toml --sign key.p12 --out certificate.pdf
+    calibkit certify FOG-0001 --profile lab.toml --sign key.p12 --out c.pdf
     """
     from calibkit import store
     from calibkit.certificate import certify as certificates
@@ -179,8 +179,8 @@ def sign(
     The signatures before it stay valid. A certificate that does not verify is not signed.
 
     \b
-    calibkit sign certificate.pdf --key head.p12 --role approved --out approved.pdf
-    calibkit sign c.pdf --key k.p12 --role checked --timestamp http://stamps.example --out d.pdf
+    calibkit sign certificate.pdf --key own.p12 --role checked --out checked.pdf
+    calibkit sign checked.pdf --key head.p12 --role approved --out approved.pdf
     """
     from calibkit.certificate.countersign import countersign
     from calibkit.instruments import certificate_layout
@@ -255,7 +255,7 @@ def export(
 
     \b
     calibkit export FOG-0001 --target c --prefix gyro --out firmware
-    calibkit export GYRO-7 GYRO-8 GYRO-9 --target hex --address 0x08040000 --out delivery
+    calibkit export GYRO-7 GYRO-8 --target hex --address 0x08040000 --out delivery
 
     Several runs make one row or one blob per device, and a manifest with the digests of all files.
     """

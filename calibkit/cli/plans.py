@@ -101,8 +101,8 @@ def plan(
     within hours.
 
     \b
-    calibkit plan accelerometer --range -40 125 --want "inclination<=0.01 deg" --out plan
-    calibkit plan my_recipe.toml --within 12h --from ACC-0001 --equipment bench.toml --out plan
+    calibkit plan accelerometer --want "inclination<=0.01 deg" --out plan
+    calibkit plan my_recipe.toml --within 12h --equipment bench.toml --out plan
     """
     if print_equipment:
         return _print_equipment(as_json=as_json)
