@@ -268,6 +268,19 @@ def test_a_cache_that_is_gone_or_damaged_changes_nothing(tmp_path, damage):
         index.read_index(tmp_path / "absent", tmp_path / "cache")
 
 
+def test_without_a_home_folder_the_runs_are_read_and_nothing_is_kept(tmp_path, monkeypatch):
+    """A user without a home, as in a container, sees the same runs."""
+
+    def homeless():
+        raise RuntimeError("Could not determine home directory.")
+
+    for name in ("XDG_CACHE_HOME", "LOCALAPPDATA"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(index.Path, "home", homeless)
+    keep(tmp_path / "runs", model({"K": (1.0, "1", 0.1)}))
+    assert list(index.read_index(tmp_path / "runs")) == ["S-1"]
+
+
 def test_nonsense_in_a_run_folder_is_one_line_of_the_list(tmp_path):
     """A run.json that is none, of another shape, a folder or a link: the rest is listed."""
     runs = many(tmp_path, 1, 1)

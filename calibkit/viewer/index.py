@@ -54,9 +54,12 @@ class Entry:
 
 
 def cache_folder() -> Path:
-    """Folder of the user's caches."""
+    """Folder of the user's caches; one that cannot be where the user has no home."""
     named = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA")
-    home = Path.home()
+    try:
+        home = Path.home()
+    except RuntimeError:
+        home = Path(os.devnull)
     own = home / "Library" / "Caches" if sys.platform == "darwin" else home / ".cache"
     return (Path(named) if named else own) / "calibkit"
 
