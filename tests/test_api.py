@@ -4,9 +4,12 @@ for.
 
 import subprocess
 import sys
+import typing
 
 import numpy as np
+import pandas as pd
 import pytest
+from numpy.typing import ArrayLike
 
 import calibkit
 from conftest import ROOT
@@ -161,3 +164,26 @@ def test_a_model_of_a_run_is_evaluated_with_its_uncertainty(tmp_path):
     ):
         with pytest.raises(calibkit.CalibkitError, match=found):
             calibkit.evaluate(run, "x", **inputs)
+
+
+def test_functions_on_arrays_take_whatever_numpy_takes():
+    """Lists, Series and narrow floats give what arrays of doubles give, and types say so."""
+    rate = np.random.default_rng(0).normal(size=64).astype(np.float32)
+    double = rate.astype(np.float64)
+    for one in (rate, pd.Series(rate), rate.tolist()):
+        found = calibkit.allan_deviation(one, 1.0, tau_s=np.array([1.0, 2.0]))
+        known = calibkit.allan_deviation(double, 1.0, tau_s=[1.0, 2.0])
+        np.testing.assert_array_equal(found.deviation, known.deviation)
+        np.testing.assert_array_equal(calibkit.denoise(one).signal, calibkit.denoise(double).signal)
+    parts = [calibkit.UncertaintyComponent(name, 0.0, 1.0, "A") for name in "ab"]
+    whole = calibkit.combine_uncertainty(parts, correlation=[[1, 1], [1, 1]])
+    assert whole.standard_uncertainty == pytest.approx(2.0)
+    for function, names in (
+        (calibkit.allan_deviation, ("rate", "tau_s")),
+        (calibkit.denoise, ("signal",)),
+        (calibkit.combine_uncertainty, ("correlation",)),
+        (calibkit.regress, ("x", "y", "start")),
+    ):
+        hints = typing.get_type_hints(function)
+        wide = set(typing.get_args(ArrayLike))
+        assert [name for name in names if not wide <= set(typing.get_args(hints[name]))] == []

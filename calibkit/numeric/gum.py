@@ -8,6 +8,7 @@ from decimal import ROUND_HALF_UP, Context, Decimal
 from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from calibkit.arrays import Array
 from calibkit.errors import FitError
@@ -82,7 +83,7 @@ class _Propagated:
 def combine(
     components: Sequence[Component],
     *,
-    correlation: Array | None = None,
+    correlation: ArrayLike | None = None,
     probability: float = TWO_SIGMA,
 ) -> _Expanded:
     """Combine components into one standard uncertainty and expand it.
@@ -101,7 +102,7 @@ def combine(
     matrix = (
         np.eye(len(components))
         if correlation is None
-        else _require_correlation(correlation, len(components))
+        else _require_correlation(np.asarray(correlation, dtype=np.float64), len(components))
     )
     contributions = np.array([part.sensitivity * part.standard_uncertainty for part in components])
     # fourth powers of what is left neither over- nor underflow

@@ -3,7 +3,7 @@ squares that is proved a minimum, or no answer.
 """
 
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -73,7 +73,7 @@ class Regression:
 
 
 def regress(
-    model: Model, x: ArrayLike, y: ArrayLike, start: Sequence[float] | Mapping[str, float]
+    model: Model, x: ArrayLike, y: ArrayLike, start: ArrayLike | Mapping[str, float]
 ) -> Regression:
     """Fit the parameters of any model to a response by least squares.
 
@@ -96,10 +96,11 @@ def regress(
         determine, or no minimum that is proved: nothing is returned that is not one.
 
     """
-    names = (
-        tuple(start) if isinstance(start, Mapping) else tuple(f"p{k}" for k in range(len(start)))
-    )
-    begin = np.array(list(start.values()) if isinstance(start, Mapping) else start, dtype=float)
+    if isinstance(start, Mapping):
+        names, begin = tuple(start), np.array(list(start.values()), dtype=np.float64)
+    else:
+        begin = np.atleast_1d(np.array(start, dtype=np.float64))
+        names = tuple(f"p{k}" for k in range(begin.size))
     response = np.asarray(y, dtype=np.float64)
     _require(response, begin)
     problem = _Problem.of(model, np.asarray(x), response, begin)

@@ -4,11 +4,12 @@ is the indication of any sensor at rest, and results are in its unit.
 Records in memory and on disk are worked along in the same blocks, so that results are identical.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Literal, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError
@@ -104,10 +105,10 @@ class BiasStability:
 
 
 def overlapping(
-    rate: Array,
+    rate: ArrayLike,
     interval_s: float,
     *,
-    tau_s: Sequence[float] | None = None,
+    tau_s: ArrayLike | None = None,
     spacing: Spacing = "octave",
     points: int = 1,
     noise: Noise | Literal["identify"] = "identify",
@@ -140,7 +141,7 @@ def overlapping(
     ȳ_k)²/2 over all k. The record's mean is taken out first, so that the running sum loses no
     digits to it.
     """
-    require_record(rate, interval_s)
+    rate = require_record(rate, interval_s)
     if noise not in ("identify", *TYPES):
         raise FitError(f"noise type '{noise}'", hint=f"expected identify or {', '.join(TYPES)}")
     gaps = Gaps.find(rate)
@@ -280,8 +281,11 @@ def bias_stability(rate: Array, interval_s: float, *, block_s: float = 10.0) -> 
     return BiasStability(length * interval_s, float(np.std(means, ddof=1)), int(means.size))
 
 
-def require_record(rate: Array, interval_s: float) -> None:
-    """Refuse what has no deviation: too few samples, infinite ones, no interval."""
+def require_record(given: ArrayLike, interval_s: float) -> Array:
+    """Rate [n] of a record; FitError for what has no deviation: too few samples, infinite ones, no
+    interval.
+    """
+    rate = np.asarray(given, dtype=np.float64)
     finite = rate.ndim == 1 and chunks.all_finite(rate)
     if rate.ndim != 1 or rate.size - (0 if finite else chunks.count(rate, np.isnan)) < 3:
         raise FitError(
@@ -293,11 +297,12 @@ def require_record(rate: Array, interval_s: float) -> None:
         )
     if not (np.isfinite(interval_s) and interval_s > 0.0):
         raise FitError(f"the sampling interval is {interval_s!r} s, expected a positive number")
+    return rate
 
 
-def _factors_of(tau_s: Sequence[float], interval_s: float, longest: int) -> Integers:
+def _factors_of(tau_s: ArrayLike, interval_s: float, longest: int) -> Integers:
     """Averaging factors [m] of the averaging times asked for, ascending, or a refusal."""
-    wanted = np.sort(np.asarray(tau_s, dtype=np.float64))
+    wanted = np.sort(np.asarray(tau_s, dtype=np.float64), axis=None)
     factors = np.round(wanted / interval_s).astype(np.int64)
     if factors.size == 0 or factors[0] < 1 or 2 * factors[-1] > longest:
         raise FitError(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from calibkit.arrays import Array, Mask
 from calibkit.errors import FitError
@@ -60,7 +61,7 @@ class Denoised:
 
 
 def denoise(
-    signal: Array,
+    signal: ArrayLike,
     *,
     wavelet: str = "cdf97",
     levels: int | None = None,
@@ -104,7 +105,7 @@ def denoise(
 
 
 def prepare(
-    signal: Array, wavelet: str, levels: int | None, threshold: str, rule: str
+    signal: ArrayLike, wavelet: str, levels: int | None, threshold: str, rule: str
 ) -> tuple[Array, Scheme, int]:
     """Samples, scheme and depth of what is asked for; FitError as `denoise` says."""
     samples = _checked(signal)
@@ -172,7 +173,7 @@ def _deepest(wavelet: str, length: int) -> int:
     return levels
 
 
-def _checked(signal: Array) -> Array:
+def _checked(signal: ArrayLike) -> Array:
     """The signal as an array of finite numbers."""
     samples = np.ascontiguousarray(signal, dtype=np.float64)
     if not all_finite(samples):
