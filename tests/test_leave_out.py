@@ -47,6 +47,15 @@ def test_a_row_that_alone_determines_a_coefficient_has_an_infinite_error():
         assert np.isinf(found[5])
 
 
+def test_a_group_of_one_row_is_judged_by_its_leverage_however_it_is_rounded():
+    """Its matrix of one number has the condition number 1 whatever is left of it."""
+    design = np.column_stack([np.ones(6), np.eye(6)[5]])
+    for turn in np.linspace(0.1, 1.5, 50):
+        turned = design @ [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
+        found = leave_out.left_out_errors(turned, np.zeros(6), groups=np.arange(6))
+        assert np.isinf(found).tolist() == [False] * 5 + [True]
+
+
 def test_a_model_with_more_coefficients_must_be_a_tenth_better_than_the_best_so_far():
     """On the margin it is not chosen, below it is; a chain of small gains adds up."""
     assert leave_out.choose_simplest([1.0, 0.9]) == 0

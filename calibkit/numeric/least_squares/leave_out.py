@@ -13,10 +13,10 @@ MARGIN = 0.9
 """Factor by which a model with more coefficients must lower the left-out error: by chance alone a
 superfluous term often wins by a few per cent.
 """
-ALONE = 1e10
-"""Condition number above which a group of rows alone determines a coefficient."""
 FREE = 1e-9
-"""What is left of 1 by the leverage of a row that alone determines a coefficient."""
+"""What is left of 1, at most, by the leverage of a row, or the largest of a group of rows, that
+alone determines a coefficient.
+"""
 
 
 def left_out_errors(
@@ -112,6 +112,6 @@ def _left_out(q: Array, residuals: Array) -> Array:
     the group alone determines a coefficient.
     """
     rest = np.eye(len(residuals)) - q @ q.T
-    if np.linalg.cond(rest) > ALONE:
+    if np.linalg.eigvalsh(rest)[0] <= FREE:
         return np.full(len(residuals), np.inf)
     return np.asarray(np.linalg.solve(rest, residuals), dtype=np.float64)
