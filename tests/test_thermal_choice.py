@@ -445,7 +445,7 @@ def test_covariances_about_a_level_are_those_of_the_whole_matrix(first, stop, of
     about = np.eye(60)[inside] - level / np.count_nonzero(level)
     whole = about @ thermal_noise.flicker_kernel(60) @ about.T
     lags = (0, 1, 2, 3)
-    found = thermal_noise.Flicker(60).about_level(first, stop, lags, of_rest=of_rest)
+    found = thermal_noise.Flicker(60, lags).about_level(first, stop, of_rest=of_rest)
     for lag, covariances in zip(lags, found, strict=True):
         wanted = np.diag(whole, lag) if lag < stop - first else np.zeros(0)
         assert covariances.shape == wanted.shape
@@ -456,7 +456,7 @@ def test_a_log_of_weeks_has_its_flicker_noise_in_memory_that_grows_with_its_leng
     """The noise of 30,000 means, of 35 days, in 60 MB: their covariance matrix has 7 GB."""
     tracemalloc.start()
     try:
-        (variances,) = thermal_noise.Flicker(30_000).about_level(0, 30_000, [0])
+        (variances,) = thermal_noise.Flicker(30_000, [0]).about_level(0, 30_000)
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()

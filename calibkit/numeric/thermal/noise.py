@@ -9,6 +9,7 @@ that is as long as the log.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -103,55 +104,57 @@ def _responses(count: int) -> Array:
 
 
 class Flicker:
-    """What `flicker_kernel` holds of any number of interval means, in memory that grows with their
-    number alone.
+    """What `flicker_kernel` holds of any number of interval means at some lags, in memory that
+    grows with their number alone.
 
     The noise has no memory of where a log begins: a covariance is a sum of products of the response
     with itself, over as many samples as have passed.
     """
 
-    def __init__(self, count: int) -> None:
+    def __init__(self, count: int, lags: Sequence[int]) -> None:
         self._count = count
         self._response = _responses(count)
+        self._ends = np.cumsum(self._response.reshape(-1, FINER), axis=0).ravel()
         self._size = 1 << (2 * self._response.size - 1).bit_length()
         self._spectrum = np.fft.rfft(self._response, self._size)
-        self._all = self.sums(0, count)
+        self._at_lags = [(lag, self._covariances(lag)) for lag in lags]
 
-    def at_lag(self, lag: int) -> Array:
+    @cached_property
+    def _whole(self) -> Array:
+        """Sums [count] of the covariances of each mean with all of them."""
+        return self._sums(0, self._count)
+
+    def _covariances(self, lag: int) -> Array:
         """Covariances [count − lag] between each mean and the one `lag` behind it."""
         h = self._response
         products = h[: max(h.size - lag * FINER, 0)] * h[lag * FINER :]
         return np.asarray(np.cumsum(products)[FINER - 1 :: FINER], dtype=np.float64)
 
-    def sums(self, first: int, stop: int) -> Array:
+    def _sums(self, first: int, stop: int) -> Array:
         """Sums [count] of the covariances of each mean with the means first … stop − 1."""
-        h = self._response
-        ends = np.cumsum(h.reshape(-1, FINER), axis=0).ravel()
-        from_each = np.zeros(h.size)
-        from_each[: stop * FINER] = ends[: stop * FINER][::-1]
-        from_each[: first * FINER] -= ends[: first * FINER][::-1]
+        from_each = np.zeros(self._response.size)
+        from_each[: stop * FINER] = self._ends[: stop * FINER][::-1]
+        from_each[: first * FINER] -= self._ends[: first * FINER][::-1]
         passed = np.fft.irfft(self._spectrum * np.fft.rfft(from_each, self._size), self._size)
-        return np.asarray(passed[FINER - 1 : h.size : FINER], dtype=np.float64)
+        return np.asarray(passed[FINER - 1 : from_each.size : FINER], dtype=np.float64)
 
-    def about_level(
-        self, first: int, stop: int, lags: Sequence[int], *, of_rest: bool = False
-    ) -> list[Array]:
+    def about_level(self, first: int, stop: int, *, of_rest: bool = False) -> list[Array]:
         """Covariances [stop − first − lag], one array for each lag, of the means first … stop − 1
         less their own mean, or less that `of_rest`, the other means, if there are any.
         """
-        own, inside = self.sums(first, stop), np.zeros(self._count, dtype=np.bool_)
+        own, inside = self._sums(first, stop), np.zeros(self._count, dtype=np.bool_)
         inside[first:stop] = True
         level = inside
         if of_rest and not inside.all():
-            own, level = self._all - own, ~inside
+            own, level = self._whole - own, ~inside
         with_level = own / np.count_nonzero(level)
         of_level, beside = float(with_level[level].mean()), with_level[first:stop]
         return [
-            self.at_lag(lag)[first : max(stop - lag, first)]
+            covariances[first : max(stop - lag, first)]
             - beside[: max(beside.size - lag, 0)]
             - beside[lag:]
             + of_level
-            for lag in lags
+            for lag, covariances in self._at_lags
         ]
 
 

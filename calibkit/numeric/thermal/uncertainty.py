@@ -77,20 +77,21 @@ def explained(
     The mean of each ramp is removed, as for left-out errors.
     """
     longest = max(log.time.size for log in logs) // group
-    flicker, total, count = Flicker(max(longest, 1)), 0.0, 0
+    flicker, total, count = Flicker(max(longest, 1), NEIGHBOURING), 0.0, 0
     for log, sensitivity in zip(logs, sensitivities, strict=True):
         for part in np.unique(log.part):
             rows = np.flatnonzero(log.part == part)
             whole, first = rows.size // group, int(rows[0]) // group
+            if not whole:
+                continue
             s = sensitivity[rows[: whole * group]].reshape(whole, group, -1).mean(axis=1)
             s -= s.mean(axis=0)
             last = min(first + whole, longest)
-            lags = [k for k in NEIGHBOURING if k < whole]
-            noise = flicker.about_level(last - whole, last, lags) if lags else []
-            for k, by_flicker in zip(lags, noise, strict=True):
+            noise = flicker.about_level(last - whole, last)
+            for k, by_flicker in zip(NEIGHBOURING, noise, strict=True):
                 total += float(of_coefficients(model, s, k).sum())
                 total += model.noise.flicker**2 * float(by_flicker.sum())
-                count += whole - k
+                count += by_flicker.size
     return total / count if count else 0.0
 
 
@@ -137,7 +138,7 @@ def compare_means(
     count = left.size // group
     if count < 2:
         return {}, np.zeros(0), np.zeros(0)
-    (flicker,) = Flicker(count).about_level(0, count, [0])
+    (flicker,) = Flicker(count, [0]).about_level(0, count)
     own = noise.white_variance / group + noise.flicker**2 * flicker
     limit, near = (np.sqrt(chunks.block_means(one, group) ** 2 + 4.0 * own) for one in expanded)
     means = chunks.block_means(left, group)

@@ -258,20 +258,18 @@ def _stretch_errors(
     ]
     whole = [group for own in groups for group in own]
     s = np.stack([sensitivities[group].mean(axis=0) for group in whole])
-    flicker, variance = Flicker(len(whole)), model.noise.flicker**2
-    rate = [60.0 * np.ptp(log.case[g]) / max(np.ptp(log.time[g]), 1.0) for g in whole]
+    flicker, variance = Flicker(len(whole), uncertainty.NEIGHBOURING), model.noise.flicker**2
+    rate = np.array([60.0 * np.ptp(log.case[g]) / max(np.ptp(log.time[g]), 1.0) for g in whole])
     part = np.repeat(parts, counts)
     for number in parts:
         inside, error = part == number, next(errors)
         if error.size != np.count_nonzero(inside):
             continue
         first = int(np.argmax(inside))
-        by_flicker = flicker.about_level(
-            first, first + error.size, uncertainty.NEIGHBOURING, of_rest=True
-        )
+        by_flicker = flicker.about_level(first, first + error.size, of_rest=True)
         apart = s[inside] - s[inside if inside.all() else ~inside].mean(axis=0)
         known = [
             uncertainty.of_coefficients(model, apart, k) + variance * noise
             for k, noise in zip(uncertainty.NEIGHBOURING, by_flicker, strict=True)
         ]
-        yield error, known, np.array(rate)[inside] > MOVING_DEGC_MIN
+        yield error, known, rate[inside] > MOVING_DEGC_MIN
