@@ -231,14 +231,15 @@ class Run(store.Run):
         """
         if uncorrected not in ("empty", "keep"):
             raise UsageError(f"uncorrected = '{uncorrected}'", hint="give 'empty' or 'keep'")
-        overrides = toml_text.write_overrides(settings)
         with in_memory.hold({"log": frame}, ["*"]) as folder:
             log = folder / "log"
-            content, flags = pipeline.compensate(self, log, overrides, keep=uncorrected == "keep")
+            content, flags = pipeline.compensate(
+                self, log, toml_text.write_overrides(settings), keep=uncorrected == "keep"
+            )
             made = in_memory.label_units(content.as_frame(frame))
             held = in_memory.find(log)
             assert held is not None  # noqa: S101 (it is there until the context ends)
-            logged = column_values.resolve_units(pipeline.run_recipe(self, overrides), held)
+            logged = column_values.resolve_units(content.recipe, held)
         made.attrs[in_memory.UNITS] |= frame.attrs.get(in_memory.UNITS, {}) | logged
         made.attrs["flags"] = list(flags)
         return made

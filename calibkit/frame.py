@@ -317,6 +317,12 @@ def is_canonical(column: str) -> bool:
     return column in CANONICAL or any(re.fullmatch(pattern, column) for pattern in PATTERNS)
 
 
+def share_unit(columns: Iterable[str], stated: Iterable[str]) -> dict[str, str]:
+    """Unit of columns whose records state one and the same; empty where they state several."""
+    own = set(stated)
+    return dict.fromkeys(columns, own.pop()) if len(own) == 1 else {}
+
+
 def values(frame: pd.DataFrame, column: str) -> Array:
     """One column as a float64 array [n], in the unit that its name states."""
     return np.ascontiguousarray(frame[column].to_numpy(dtype=np.float64))

@@ -84,6 +84,15 @@ def test_what_is_no_number_is_named_with_its_row(logs, value, found):
     assert f"{name}.csv:{row}: column 'gyro_a_lsb': found '{found}'" in error.value.message
 
 
+def test_the_row_that_is_named_is_the_one_that_is_no_number(logs):
+    """Numbers in any spelling that converts stand before it."""
+    name, frame = next(iter(logs.items()))
+    column = frame["gyro_a_lsb"].astype(object)
+    column.iloc[3], column.iloc[7] = "1_000", "abc"
+    with pytest.raises(calibkit.CalibkitError, match=f"{name}.csv:9: .*found 'abc'"):
+        fitted(logs | {name: frame.assign(gyro_a_lsb=column)})
+
+
 class _Other:
     """A frame of another library."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -236,14 +236,21 @@ def _read_numbers(table: Table, source: str) -> Array:
     try:
         return np.asarray(column.to_numpy(dtype=np.float64), dtype=np.float64)
     except (TypeError, ValueError):
-        import pandas as pd
-
-        row = int(np.flatnonzero(pd.to_numeric(column, errors="coerce").isna())[0])
+        line, field = next(pair for pair in column.items() if not _is_number(pair[1]))
     raise LogFormatError(
-        f"{table.file}:{int(column.index[row]) + FIRST_ROW}: column '{source}': found"
-        f" '{str(column.iloc[row])[:40]}', expected a number",
+        f"{table.file}:{int(str(line)) + FIRST_ROW}: column '{source}': found"
+        f" '{str(field)[:40]}', expected a number",
         hint="repair the row, or leave it out",
     )
+
+
+def _is_number(field: Any) -> bool:  # noqa: ANN401 (whatever a frame holds)
+    """Whether a field is a number, as the conversion of its column sees it."""
+    try:
+        float(field)
+    except (TypeError, ValueError):
+        return False
+    return True
 
 
 def read_values(

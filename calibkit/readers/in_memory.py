@@ -25,6 +25,7 @@ UNITS = "units"
 """Key of `frame.attrs` whose value is column → unit."""
 _HELD: dict[Path, Table] = {}
 _FOLDERS = itertools.count(1)
+_GIVE = "give {name of the log: frame}"
 
 
 @contextlib.contextmanager
@@ -35,9 +36,10 @@ def hold(frames: Mapping[str, pd.DataFrame], patterns: Sequence[str]) -> Iterato
     Raises FrameError for a name that no pattern matches, and for what is no frame of named columns.
     """
     folder, held = Path(f"<frames {next(_FOLDERS)}>"), dict[Path, Table]()
-    if not isinstance(frames, Mapping) or not frames:
-        found = "no frame" if isinstance(frames, Mapping) else f"found {_kind(frames)}"
-        raise FrameError(f"logs: {found}", hint="give {name of the log: frame}")
+    if not isinstance(frames, Mapping):
+        raise FrameError(f"logs: found {_kind(frames)}", hint=_GIVE)
+    if not frames:
+        raise FrameError("logs: no frame", hint=_GIVE)
     for name, frame in frames.items():
         file = _name_file(str(name), patterns)
         if folder / file in held:
@@ -111,9 +113,10 @@ def match(folder: Path, pattern: str) -> list[Path]:
 
 def label_units(frame: pd.DataFrame) -> pd.DataFrame:
     """The frame with the unit of each column whose name states one in `frame.attrs`."""
+    last = {name: name.rpartition("_")[2] for name in map(str, frame.columns) if "_" in name}
     frame.attrs[UNITS] = {
-        name: units.column_unit(name)
-        for name in map(str, frame.columns)
-        if "_" in name and name.rsplit("_", 1)[1] in units.COLUMN_UNITS
+        name: word if word in units.SHARES else units.column_unit(name)
+        for name, word in last.items()
+        if word in units.COLUMN_UNITS or word in units.SHARES
     }
     return frame

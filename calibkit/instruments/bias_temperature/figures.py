@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from calibkit.frame import share_unit
 from calibkit.report.figures import GOOD, INK, RAW, page
 from calibkit.units import column_unit
 
@@ -43,8 +44,8 @@ class BiasReport:
             "indication": [curve.indication for curve in self.curves],
             "residual": [curve.indication - curve.polynomial for curve in self.curves],
         }
-        named = {column_unit(curve.name) for curve in self.curves}
-        units = dict.fromkeys(("indication", "residual"), named.pop()) if len(named) == 1 else {}
+        stated = (column_unit(curve.name) for curve in self.curves)
+        units = share_unit(("indication", "residual"), stated)
         return {name: np.concatenate(columns) for name, columns in parts.items()} | {"units": units}
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from calibkit.frame import share_unit
 from calibkit.report.figures import ALERT, DENOISED, GOOD, INK, MUTED, RAW, page
 from calibkit.units import known
 
@@ -52,8 +53,7 @@ def list_residuals(views: Sequence[NoiseView]) -> dict[str, Any]:
         "model": [view.model for view, _ in curves],
         "residual": [curve.deviation / view.model - 1.0 for view, curve in curves],
     }
-    named = {known(view.unit) for view in views}
-    units = dict.fromkeys(("deviation", "model"), named.pop()) if len(named) == 1 else {}
+    units = share_unit(("deviation", "model"), (known(view.unit) for view in views))
     return {name: np.concatenate(columns) for name, columns in parts.items()} | {"units": units}
 
 

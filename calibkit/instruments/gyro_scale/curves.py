@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
@@ -72,7 +72,7 @@ class GyroReport:
     misalignment: tuple[Curve, ...] = ()
     """Components of the input axes across each gyro's main axis [mrad]."""
 
-    def residuals(self) -> dict[str, Any]:
+    def residuals(self) -> dict[str, Array]:
         """Columns of a tidy table, one row per held rate of a gyro in a run: indication less its
         straight line, in ppm of full scale.
         """
@@ -83,8 +83,7 @@ class GyroReport:
             "residual_ppm": [line.residual_ppm for line in self.lines],
             "standard_uncertainty_ppm": [line.u_residual_ppm for line in self.lines],
         }
-        units = dict.fromkeys(("residual_ppm", "standard_uncertainty_ppm"), "ppm")
-        return {name: np.concatenate(c) for name, c in parts.items()} | {"units": units}
+        return {name: np.concatenate(columns) for name, columns in parts.items()}
 
     @classmethod
     def of_runs(cls, gyros: Sequence[over_runs.GyroOverRuns]) -> Self:
