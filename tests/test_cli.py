@@ -10,18 +10,20 @@ from calibkit import __version__, instruments
 from conftest import ROOT
 
 
-def test_help_imports_nothing_heavy():
-    """`calibkit --help` does not import numpy, pandas, scipy, matplotlib, rich or pydantic."""
-    heavy = ("numpy", "pandas", "scipy", "matplotlib", "rich", "pydantic", "lmfit", "pywt")
-    code = (
-        "import sys\nfrom calibkit import cli\n"
-        "try:\n    cli.main(['--help'])\nexcept SystemExit: pass\n"
-        f"print([m for m in {heavy!r} if m in sys.modules])"
-    )
+def imported(names, code):
+    """Which of these modules a process has imported after a piece of code, as it prints them."""
+    code = f"import sys\n{code}\nprint([m for m in {names!r} if m in sys.modules])"
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT
     )
-    assert done.stdout.strip().endswith("[]")
+    return done.stdout.splitlines()[-1]
+
+
+def test_help_imports_nothing_heavy():
+    """`calibkit --help` does not import numpy, pandas, scipy, matplotlib, rich or pydantic."""
+    heavy = ("numpy", "pandas", "scipy", "matplotlib", "rich", "pydantic", "lmfit", "pywt")
+    code = "from calibkit import cli\ntry:\n    cli.main(['--help'])\nexcept SystemExit: pass"
+    assert imported(heavy, code) == "[]"
 
 
 @pytest.mark.parametrize(
@@ -130,14 +132,10 @@ def test_a_fit_starts_to_read_before_it_imports_what_it_needs_later(procedure):
     """
     later = ("pandas", "scipy", "matplotlib")
     code = (
-        "import sys\nfrom calibkit import instruments, pipeline\nfrom calibkit.recipe import find\n"
-        f"instruments.parse_recipe(find({procedure!r}))\n"
-        f"print([m for m in {later!r} if m in sys.modules])"
+        "from calibkit import instruments, pipeline\nfrom calibkit.recipe import find\n"
+        f"instruments.parse_recipe(find({procedure!r}))"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT
-    )
-    assert done.stdout.strip() == "[]"
+    assert imported(later, code) == "[]"
 
 
 def test_fit_imports_no_library_that_it_does_not_use(tmp_path):
@@ -156,12 +154,9 @@ def test_fit_imports_no_library_that_it_does_not_use(tmp_path):
     )
     fit = ["fit", "gyro_pair", "--data", str(ROOT / "datasets" / "gyro_pair"), "--serial", "G"]
     code = (
-        "import sys\nfrom calibkit import cli\n"
+        "from calibkit import cli\n"
         f"try:\n    cli.main([*{fit!r}, '--out', {str(tmp_path)!r}, '--date', '2026-11-21'])\n"
-        f"except SystemExit: pass\nprint([m for m in {unused!r} if m in sys.modules])"
+        "except SystemExit: pass"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT
-    )
-    assert done.stdout.strip().endswith("[]")
+    assert imported(unused, code) == "[]"
     assert (tmp_path / "G" / "r001" / "run.json").is_file()

@@ -131,7 +131,7 @@ def test_without_dask_the_command_says_how_to_install_it(tmp_path, monkeypatch):
     """The extra is named."""
     monkeypatch.setitem(sys.modules, "distributed", None)
     plan = device.Plan(recipe.Source("bias.toml", RECIPE), tmp_path, tmp_path, DAY)
-    with pytest.raises(UsageError, match=r"calibkit\[cluster\]"):
+    with pytest.raises(UsageError, match=r"pip install 'calibkit\[cluster\]'"):
         list(cluster.fit_devices(plan, ["U000"], "tcp://127.0.0.1:1"))
 
 

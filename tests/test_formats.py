@@ -583,9 +583,9 @@ def test_a_record_out_of_step_is_named(tmp_path):
 def test_a_missing_library_is_named_with_the_command_that_installs_it(
     tmp_path, monkeypatch, module, name, extra
 ):
-    """Exit code 2 and `calibkit[extra]`."""
+    """Exit code 2 and `pip install 'calibkit[extra]'`."""
     monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(UsageError, match=re.escape(f"calibkit[{extra}]")):
+    with pytest.raises(UsageError, match=re.escape(f"pip install 'calibkit[{extra}]'")):
         read(tmp_path, b"anything", format=name)
 
 
