@@ -107,6 +107,21 @@ def test_a_column_over_a_condition_is_converted(kind, unit, size, spelling):
     )
 
 
+def test_a_covariance_is_written_symmetric():
+    """Its two triangles are the same numbers: a fit in raw units leaves 2e-9 between them, and the
+    certificate of such a run was refused.
+    """
+    coefficients = (Coefficient("b", 2.0, "g", 3.0), Coefficient("c", 5.0, "g", 4.0))
+    model = Model("x", "form/1", coefficients, ((9.0, 6.0), (6.00000004, 16.0)), 10, 0.1, "g", {})
+    made = dcc_results.parameters("accel", model, NOTATION)
+    _, upper, lower, _ = (
+        float(entry.text)
+        for covariance in made.iter(f"{{{xml.SI}}}covarianceXMLList")
+        for entry in covariance.iterfind("si:valueXMLList", xml.NAMES)
+    )
+    assert upper == lower
+
+
 def test_parameters_and_their_covariance_are_converted():
     """2 mg and 5 ppm/mg, u² = 9 mg² and 16 ppm²/mg², covariance 6 ppm, at 9.8 m/s²."""
     model = Model(

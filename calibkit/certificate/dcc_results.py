@@ -196,7 +196,11 @@ def parameters(stage: str, model: Model, notation: Notation) -> _Element:
 
 
 def _covariance(model: Model, units: Sequence[Unit]) -> _Element:
-    """Covariance of all parameters of a model, column by column, with the factor of its region."""
+    """Covariance of all parameters of a model, column by column, with the factor of its region.
+
+    One triangle is written twice: in raw units the other differs by rounding, up to 2e-9 of the
+    standard uncertainties.
+    """
     columns = [
         node(
             "si:columnXMLList",
@@ -205,7 +209,9 @@ def _covariance(model: Model, units: Sequence[Unit]) -> _Element:
                     "si:covarianceXMLList",
                     node(
                         "si:valueXMLList",
-                        _format_number(model.covariance[i][j] * first.factor * second.factor),
+                        _format_number(
+                            model.covariance[max(i, j)][min(i, j)] * first.factor * second.factor
+                        ),
                     ),
                     node("si:unitXMLList", (first * second).text),
                 )
