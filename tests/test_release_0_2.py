@@ -1,0 +1,109 @@
+"""What calibkit 0.2.0 wrote keeps its numbers, its bytes and its proofs: runs, validations, plans,
+exports and certificates of every shipped recipe (tests/golden/0.2).
+"""
+
+import json
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+import release_0_2 as release
+
+ROUNDING = {"rtol": 1e-8, "atol": 1e-14}
+"""Another processor and other libraries; 1e-6 of a number would be a change."""
+
+
+@pytest.fixture
+def command_line(calibkit):
+    """Run the command line in this process; its stdout, where it ended with 0 or 1."""
+
+    def run(*arguments):
+        outcome = calibkit(*arguments)
+        assert outcome.code in {0, 1}, outcome.err
+        return outcome.out
+
+    return run
+
+
+@pytest.fixture(autouse=True, params=release.SAMPLES)
+def recipe(request):
+    """Name of a shipped recipe."""
+    return request.param
+
+
+def test_every_command_gives_the_numbers_of_0_2(recipe, command_line, tmp_path):
+    """Coefficients, results at a point, corrected logs, validation, history, comparison and
+    certificate are equal to eight digits; blobs and parameter files to the last byte.
+    """
+    folder = release.FOLDER / recipe
+    expected = json.loads((folder / "numbers.json").read_text(encoding="utf-8"))
+    numbers = release.use(recipe, command_line, tmp_path)
+    assert not expected.keys() - numbers.keys()
+    compared = np.array([[numbers[key], value] for key, value in expected.items()])
+    wrong = ~np.isclose(*compared.T, **ROUNDING)
+    assert not [(key, *row) for key, row, bad in zip(expected, compared, wrong, strict=True) if bad]
+    for target in release.targets(recipe):
+        if target != "c":
+            for path in (folder / target).iterdir():
+                if path.suffix not in {".c", ".h"}:  # the loader of a blob is code, not numbers
+                    assert (tmp_path / target / path.name).read_bytes() == path.read_bytes()
+
+
+def test_every_file_of_0_2_verifies(recipe, command_line):
+    """Digests of runs, validations, plans and exports hold, and the signature of a certificate is
+    that of its laboratory.
+    """
+    folder = release.FOLDER / recipe
+    revisions = sorted((folder / release.SERIAL).iterdir())
+    files = [path for target in release.targets(recipe) for path in (folder / target).iterdir()]
+    plans = [folder / "plan" / "plan.json"] if release.SAMPLES[recipe].planned else []
+    command_line("verify", *revisions, folder / "validation.json", *plans, *files)
+    if recipe == release.PAIR:
+        trust = ("--trust", folder / "authority.pem", "--at", release.DATE, "--require-signature")
+        out = command_line("verify", folder / "certificate.pdf", *trust)
+        assert "trusted" in out
+    command_line("verify", folder / "certificate.xml")
+
+
+def test_a_plan_of_0_2_is_simulated_again(recipe, command_line, tmp_path):
+    """Its schedule is read and a campaign is run by it."""
+    if release.SAMPLES[recipe].planned:
+        command_line(
+            "simulate",
+            "--plan",
+            release.FOLDER / recipe / "plan",
+            "--seed",
+            1,
+            "--out",
+            tmp_path / "logs",
+        )
+        assert list((tmp_path / "logs").rglob("*.csv"))
+
+
+def test_c_of_0_2_proves_itself(recipe, tmp_path):
+    """The exported C compiles without a warning and its own test passes."""
+    if not release.SAMPLES[recipe].firmware:
+        return
+    main = tmp_path / "main.c"
+    main.write_text(
+        '#include "cal.h"\nint main(void) { return cal_selftest(); }\n', encoding="utf-8"
+    )
+    source = release.FOLDER / recipe / "c"
+    program = tmp_path / "program"
+    compiler = shutil.which("gcc") or "cc"
+    command = [
+        compiler,
+        "-std=c99",
+        "-Wall",
+        "-Wextra",
+        "-Werror",
+        f"-I{source}",
+        main,
+        source / "cal.c",
+        "-o",
+        program,
+    ]
+    subprocess.run([*map(str, command), "-lm"], check=True)
+    assert subprocess.run([program], check=False).returncode == 0
