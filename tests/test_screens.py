@@ -176,10 +176,26 @@ def test_flags_of_one_cause_become_one_line():
     flags = [f"{log}: {k} of 21600 samples are missing" for k, log in enumerate(logs)]
     merged = merge_flags([*flags, "ramp_1.csv: a spike", "no latitude"], logs)
     assert merged == [
-        "[30 logs] ramp_1.csv: 0 of 21600 samples are missing",
+        f"{flags[0]} [also ramp_2.csv, ramp_3.csv, ramp_4.csv and 26 more logs]",
         "ramp_1.csv: a spike",
         "no latitude",
     ]
+
+
+@pytest.mark.parametrize(
+    "flags",
+    [
+        ["a.csv: gyro_1 is noisy", "a.csv: gyro_2 is noisy"],
+        ["a.csv: gyro_1 is noisy", "b.csv: gyro_2 is noisy"],
+        ["no soak at 20 °C", "no soak at 60 °C"],
+        ["a.csv: no soak at 20 °C", "a.csv: no soak at 60 °C"],
+        ["1.csv: 21 rows", "1.csv: 31 rows"],
+    ],
+)
+def test_flags_of_two_channels_or_temperatures_stay_apart(flags):
+    """A number that names a channel or a temperature is no figure that could be left out."""
+    logs = [flag.partition(":")[0] for flag in flags if ":" in flag]
+    assert merge_flags(flags, logs) == flags
 
 
 @pytest.mark.parametrize(

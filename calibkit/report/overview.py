@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from calibkit.coefficients import Criterion
     from calibkit.report.table import Table
 
-_NUMBER = re.compile(r"[-+−]?\d[\d.,:eE]*")
+_NUMBER = re.compile(r"(?<!\w)[-+−]?\d[\d.,:eE]*")
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,22 +100,32 @@ def _nearness(criterion: Criterion) -> float:
 
 
 def merge_flags(flags: Iterable[str], logs: Sequence[str]) -> list[str]:
-    """One line per cause: flags of several logs that differ in nothing but the log and its figures
-    become that of the first log, with how many more there are.
+    """One line per cause: flags that differ in nothing but their log and its figures become that of
+    the first log, which names the others.
+
+    A number within a name, and one that differs within the same log or without any, says what the
+    flag is about (gyro_1 or gyro_2, at 20 or 60 °C): such flags stay apart.
     """
     names = sorted(
         {part for log in logs for part in (log, log.rpartition(".")[0]) if part}, key=len
     )
-    any_log = re.compile("|".join(map(re.escape, reversed(names))) or "$.")
-    alike: dict[str, list[str]] = {}
+    any_log = re.compile(rf"(?<!\w)(?:{'|'.join(map(re.escape, reversed(names))) or '$.'})(?!\w)")
+    alike: dict[str, dict[str, str]] = {}
     for flag in flags:
-        alike.setdefault(_NUMBER.sub("#", any_log.sub("@", flag)), []).append(flag)
-    return [_name_more(found, any_log) for found in alike.values()]
+        first = any_log.search(flag)
+        cause = _NUMBER.sub("#", any_log.sub("@", flag)) if first else flag
+        by_log = alike.setdefault(cause, {})
+        log = first[0] if first else ""
+        if log in by_log:
+            by_log = alike.setdefault(flag, {})
+        by_log[log] = flag
+    return [_name_others(by_log) for by_log in alike.values()]
 
 
-def _name_more(flags: Sequence[str], any_log: re.Pattern[str]) -> str:
-    """The first of flags of one cause, and for how many logs it holds."""
-    logs = {found[0] for flag in flags if (found := any_log.search(flag))}
-    if len(flags) == 1:
-        return flags[0]
-    return f"[{f'{len(logs)} logs' if len(logs) > 1 else f'{len(flags)} times'}] {flags[0]}"
+def _name_others(flags: dict[str, str]) -> str:
+    """The first of the flags of one cause by log, and which logs it holds for too."""
+    first, *others = flags
+    if not others:
+        return flags[first]
+    more = f" and {len(others) - 3} more logs" if len(others) > 3 else ""
+    return f"{flags[first]} [also {', '.join(others[:3])}{more}]"
