@@ -267,6 +267,8 @@ def convert(values: Array, source: str, target: str, *, gravity_mps2: float | No
     return (values + a.shift) * a.factor / a.divisor * b.divisor / b.factor - b.shift
 
 
+ANGLE_MARKS = ("°", "′", "″")
+"""Units of plane angle, which follow their number without a space."""
 SHARES = {"%": 1e-2, "ppm": 1e-6, "ppb": 1e-9}
 """Units that are a share of the quantity itself."""
 _MADE_OF: dict[str, tuple[float, dict[str, int]]] = {

@@ -277,6 +277,17 @@ def test_a_magnitude_of_zero_is_printed_to_the_place_of_its_uncertainty():
     assert tables.format_result(none) == ("0.000", "[0.000…0.030]")
 
 
+def test_ends_of_an_interval_are_printed_as_its_value_is():
+    """The same power of ten and the same place: 1.2e−07 beside 1.234 × 10⁻⁷ was read as another
+    number.
+    """
+    interval = (1.2e-7, 1.302e-7)
+    assert tables.format_result(result(1.234e-7, 4e-9, interval=interval)) == (
+        "1.234 × 10⁻⁷",
+        "[1.200…1.302] × 10⁻⁷",
+    )
+
+
 def test_interval_of_a_magnitude_widens_with_few_degrees_of_freedom():
     """Two degrees of freedom: far wider than the normal one."""
     few = stated._magnitude_interval(1.0, Uncertainty((), 0.1, 2.0, 4.5, 0.45, 0.9545))

@@ -342,7 +342,7 @@ def test_each_scale_factor_stands_with_the_temperature_that_it_was_found_at(run)
     made = certificate(run("rate_table"), "rate_table")
     labels = made.blocks[0].tables[0].labels
     assert labels[1].en == "gyro x (−39.9 °C)"
-    assert labels[0].en == "gyro x, mean of 3 runs (25.1 °C)"
+    assert labels[0].en == "gyro x, all 6 runs, weighted (25.1 °C)"
     assert labels[-1].en == "gyro x, room_3 (25.1 °C)"
     (parameter,) = record.model("gyro_x.at_-40").parameters
     assert by_key(made)["gyro_scale.gyro_x.at_-40.K"].at == (
@@ -372,6 +372,9 @@ def test_type_b_of_a_rate_table_scales_k_and_leaves_the_pair_alone(run):
     assert of_type(K.uncertainty, "B") == pytest.approx(
         K.value * 1e-6 * math.hypot(1.7, 0.5 / math.sqrt(3.0)), rel=1e-9
     )
+    (rate,) = [c for c in K.uncertainty.contributions if c.quantity == "table_rate_dps"]
+    assert (rate.standard_uncertainty, rate.unit) == (pytest.approx(1.7), "ppm")
+    assert rate.contribution == pytest.approx(1.7e-6 * K.value)
     ieee = found["gyro_scale.scale_factor.IEEE Std 952.a_about_a"]
     assert of_type(ieee.uncertainty, "B") / ieee.value == pytest.approx(
         of_type(K.uncertainty, "B") / K.value, rel=1e-9

@@ -11,6 +11,7 @@ import pytest
 
 from calibkit.coefficients import at_least, at_most
 from calibkit.frame import Remark
+from calibkit.certificate.words import with_unit
 from calibkit.report.overview import KeyValue, Overview, concise, merge_flags
 from calibkit.report.screen import MOST, compose_screen
 from calibkit.report.summary import Summary
@@ -180,6 +181,12 @@ def test_flags_of_one_cause_become_one_line():
         "ramp_1.csv: a spike",
         "no latitude",
     ]
+
+
+@pytest.mark.parametrize("unit", ["°", "′", "″"])
+def test_a_unit_of_angle_follows_its_number_without_a_space(unit):
+    """As certificates print it."""
+    assert str(KeyValue("angle", 1.5, unit, 0.1)) == with_unit("1.50(10)", unit)
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from decimal import Decimal
+from decimal import ROUND_HALF_UP, Decimal
 from typing import Any
 
 from calibkit.certificate.names import name_result, show_symbol
@@ -72,10 +72,15 @@ def format_result(result: Result | None) -> tuple[str, str]:
         return format_number(shown.value, shown.exponent), format_number(
             shown.uncertainty, shown.exponent
         )
-    ends = "…".join(format_number(round_result(end, expanded).value) for end in result.interval)
-    if shown.exponent:
-        ends = "…".join(f"{end:.2g}".replace("-", "−") for end in result.interval)
-    return format_number(shown.value, shown.exponent), f"[{ends}]"
+    place = Decimal(1).scaleb(int(Decimal(shown.value).as_tuple().exponent))
+    ends = "…".join(
+        f"{Decimal(repr(float(end))).scaleb(-shown.exponent).quantize(place, ROUND_HALF_UP):f}"
+        for end in result.interval
+    )
+    return (
+        format_number(shown.value, shown.exponent),
+        format_number(f"[{ends}]", shown.exponent),
+    )
 
 
 def format_factor(result: Result | None) -> str:

@@ -111,8 +111,7 @@ def _derivative(term: TypeB, influences: Influences) -> dict[str, tuple[float, f
     error in proportion to the readings where the term is relative, else by one that is the same in
     all or that grows over their span, whichever moves the result more.
     """
-    relative = term.unit in type_b.RELATIVE or term.quantity == "time_s"
-    kinds: tuple[Kind, ...] = ("scale",) if relative else ("offset", "span")
+    kinds: tuple[Kind, ...] = ("scale",) if term.unit in type_b.RELATIVE else ("offset", "span")
     found = [influences[key] for kind in kinds if (key := (term.quantity, kind)) in influences]
     return {term.quantity: (1.0, max(found, key=abs))} if found else {}
 
@@ -128,8 +127,21 @@ def _apply(
     result_unit = unit if stated.quantity in names else None
     term = _in_base(stated, result_unit)
     called = next((name for name in names if name in (term.quantity, term.result)), names[0])
+    unit_of_part, share = _unit(term, result_unit), 1.0
+    if term.quantity != called and term.sensitivity is None and term.unit in type_b.RELATIVE:
+        # the derivative is by an error in proportion to the readings: the budget states it in ppm
+        unit_of_part, share = term.unit, type_b.RELATIVE[term.unit]
     return [
-        (part, Words(part.name), term.quantity, _unit(term, result_unit))
+        (
+            replace(
+                part,
+                standard_uncertainty=part.standard_uncertainty / share,
+                sensitivity=part.sensitivity * share,
+            ),
+            Words(part.name),
+            term.quantity,
+            unit_of_part,
+        )
         for part in type_b.terms_of((term,), called, estimate, sensitivities).components
         if part.sensitivity
     ]

@@ -8,6 +8,8 @@ import re
 from dataclasses import dataclass
 from typing import Literal
 
+from calibkit.units import ANGLE_MARKS
+
 Lang = Literal["en", "zh", "both"]
 
 
@@ -119,7 +121,6 @@ UNIT_MARKS = {
 }
 """Printed form of units, and of parts of compound units, that differ from their spelling in files.
 """
-ANGLES = ("°", "′", "″")
 POWERS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -130,7 +131,7 @@ def character_code(character: str) -> str:
 
 def with_unit(number: str, mark: str) -> str:
     """A number with its unit: ° ′ ″ of plane angle stand without a space, nothing for none."""
-    return f"{number}{mark}" if mark in ANGLES else f"{number} {mark}".strip()
+    return f"{number}{mark}" if mark in ANGLE_MARKS else f"{number} {mark}".strip()
 
 
 def unit_mark(unit: str) -> str:

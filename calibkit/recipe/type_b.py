@@ -150,6 +150,11 @@ def _require_unit(term: TypeB) -> None:
     target = quantity_unit(term.quantity)
     if target is None or term.unit in RELATIVE:
         return
+    if term.quantity == "time_s":
+        raise ValueError(
+            f"'{term.name}' is in '{term.unit}', an error of the time base is a share of the time;"
+            " state it in ppm or %"
+        )
     try:
         units.difference_factor(term.unit, target)
     except RecipeError as error:

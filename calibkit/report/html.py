@@ -175,7 +175,9 @@ def _first_screen(document: Mapping[str, Any], shown: Shown, frames: Sequence[Ma
         beside.append(
             element("p", "Digits in brackets: standard uncertainty of the last digits (k = 1).")
         )
-    if shown.no_firmware:
+    if document["verdict"] == "rejected":
+        beside.append(element("p", "No firmware: the run is rejected"))
+    elif shown.no_firmware:
         beside.append(element("p", f"No firmware: {shown.no_firmware}"))
     elif shown.exported:
         beside.append(element("p", f"Firmware takes {', '.join(shown.exported)}"))

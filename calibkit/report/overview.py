@@ -9,6 +9,7 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from calibkit import units
 from calibkit.numeric import gum
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ class KeyValue:
     standard_uncertainty: float = 0.0
 
     def __str__(self) -> str:
-        space = "" if self.unit == "°" else "\N{NO-BREAK SPACE}"
+        space = "" if self.unit in units.ANGLE_MARKS else "\N{NO-BREAK SPACE}"
         unit = "" if self.unit == "1" else f"{space}{self.unit}"
         return f"{concise(self.value, self.standard_uncertainty)}{unit}"
 

@@ -3,6 +3,7 @@ several gyros also the results between them.
 """
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -52,9 +53,14 @@ NAMES = {
     "nonlinearity_per_point": Words("nonlinearity, per point", "非线性度（逐点）"),
     "linearity_error_rms": Words("linearity error, rms", "线性误差均方根"),
     "asymmetry": Words("asymmetry", "不对称度"),
-    "threshold": Words("threshold, at most", "阈值（不大于）"),
+    "threshold": Words(
+        "threshold, at most: smallest rate driven", "阈值（不大于：最小试验角速率）"
+    ),
     "dead_zone": Words("dead zone", "死区"),
-    "resolution": Words("resolution, at most", "分辨率（不大于）"),
+    "resolution": Words(
+        "resolution, at most: smallest step driven",
+        "分辨率（不大于：最小角速率增量）",
+    ),
     "repeatability": Words("repeatability", "重复性"),
     "temperature_sensitivity": Words("temperature sensitivity", "温度灵敏度"),
     "bias": Words("bias", "零偏"),
@@ -182,9 +188,10 @@ def _find_temperature(model: Model) -> tuple[tuple[str, float, str], ...] | None
 
 def _label_lines(models: Sequence[Model]) -> dict[str, Words]:
     """Labels of lines by their names: gyro and case temperature, or the range where its runs
-    differ; where these are alike also the log, or of how many runs it is the mean.
+    differ; where these are alike also the log, or that it is fitted to all runs.
     """
     found = {}
+    runs = Counter(model.name.partition(".")[0] for model in models if "." in model.name)
     for model in models:
         subject, at = name_subject(f".{model.name}"), _find_temperature(model)
         own = Words("")
@@ -193,7 +200,7 @@ def _label_lines(models: Sequence[Model]) -> dict[str, Words]:
             span = f"{low:.1f} … {high:.1f}"
             text = span if high - low > ONE_TEMPERATURE_DEGC else f"{at[0][1]:.1f}"
             own = Words(f" ({text} °C)".replace("(-", "(−").replace("… -", "… −"))
-        found[model.name] = subject, _name_log(model), own
+        found[model.name] = subject, _name_log(model, runs[model.name]), own
     plain = [subject + at for subject, _, at in found.values()]
     return {
         name: subject + at if plain.count(subject + at) == 1 else subject + log + at
@@ -201,13 +208,14 @@ def _label_lines(models: Sequence[Model]) -> dict[str, Words]:
     }
 
 
-def _name_log(model: Model) -> Words:
-    """Log of a line, or of how many runs it is the mean."""
+def _name_log(model: Model, runs: int) -> Words:
+    """Log of a line, or from how many runs it comes: all of a gyro, weighted, those at other
+    temperatures by the curve through them.
+    """
     log = model.name.partition(".")[2]
     if log:
         return Words(f", {log}", f"，{log}")
-    runs = next((p.value for p in model.parameters if p.name == "runs"), 1.0)
-    return Words(f", mean of {runs:g} runs", f"，{runs:g} 次平均") if runs > 1.0 else Words("")
+    return Words(f", all {runs} runs, weighted", f"，全部 {runs} 次加权") if runs > 1 else Words("")
 
 
 def _tabulate_curves(
