@@ -23,7 +23,7 @@ FLEET_FILE = "fleet.json"
 FLEETS = "_fleet"
 """Folder of the tables of fleets, beside the serials' folders; no serial begins like it."""
 _SERIAL = re.compile(r"[^\W_][\w.+-]*", re.UNICODE)
-_REVISION = re.compile(r"r(\d{3,})")
+_REVISION = re.compile(r"r(\d{3}|[1-9]\d{3,})")
 _DATE = re.compile(r"\d{4}-\d{2}-\d{2}")
 _SCANNER_PAUSES_S = (0.05, 0.1, 0.2, 0.4)
 """Pauses before a rename is tried again: on Windows a virus scanner may hold a file that was just

@@ -28,6 +28,13 @@ def test_revisions_follow_each_other_and_supersede(tmp_path):
     assert store.load(first).records["drift.json"].supersedes == ""
 
 
+def test_a_revision_is_written_in_one_way(tmp_path):
+    """r0001 is no second name of r001, r1000 follows r999."""
+    for name in ("r001", "r0001", "r0999", "r999", "r1000"):
+        (tmp_path / name).mkdir()
+    assert store.revisions(tmp_path) == [1, 999, 1000]
+
+
 def test_a_run_is_found_by_folder_serial_and_revision(tmp_path):
     """RUN is a folder, a serial (its newest revision) or a serial with a revision."""
     first, second = save_run(tmp_path), save_run(tmp_path)

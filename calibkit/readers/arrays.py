@@ -92,7 +92,7 @@ def _name_by_path(
     vectors = {
         name: array.ravel()
         for name, array in arrays.items()
-        if array.dtype.kind in "fiub" and array.size > 1 and array.size == max(array.shape)
+        if array.dtype.kind in "fiu" and array.size > 1 and array.size == max(array.shape)
     }
     times = {name: array for name, array in vectors.items() if _TIME.search(name)}
     first = next(iter(times), "")
@@ -107,7 +107,7 @@ def _name_by_path(
 
 def list_tables(arrays: Mapping[str, NDArray[np.generic]]) -> list[str]:
     """Names that [logs] table can have: groups of vectors, and matrices."""
-    numeric = {n: a for n, a in arrays.items() if a.dtype.kind in "fiub" and a.size > 1}
+    numeric = {n: a for n, a in arrays.items() if a.dtype.kind in "fiu" and a.size > 1}
     matrices = [n for n, a in numeric.items() if a.ndim == 2 and min(a.shape) > 1]
     groups = dict.fromkeys(n.rpartition("/")[0] for n in numeric if n not in matrices)
     return [*filter(None, groups), *matrices]
@@ -122,7 +122,7 @@ def _find_group(
     numeric = {
         name: array
         for name, array in arrays.items()
-        if array.dtype.kind in "fiub" and array.size > 1
+        if array.dtype.kind in "fiu" and array.size > 1
     }
     if table:
         chosen = {

@@ -55,7 +55,7 @@ def parse(data: bytes, file: str, table: str) -> limited.Parsed:
     def collect(name: str, node: Any) -> None:  # noqa: ANN401 (h5py's callback)
         if not isinstance(node, h5py.Dataset) or node.shape is None or name.startswith("#refs#"):
             return
-        numeric = bool(node.dtype.names) or node.dtype.kind in "fiub"
+        numeric = bool(node.dtype.names) or node.dtype.kind in "fiu"
         if numeric and (not table or f"{name}/".startswith(f"{table}/")):
             _require_own_values(name, node, file)
         stated_of = {key.lower(): node.attrs[key] for key in node.attrs}
@@ -63,7 +63,7 @@ def parse(data: bytes, file: str, table: str) -> limited.Parsed:
         if node.dtype.names:
             whole = node[()]
             found.update({f"{name}/{field}": whole[field] for field in node.dtype.names})
-        elif node.dtype.kind in "fiub":
+        elif node.dtype.kind in "fiu":
             found[name] = _unpacked(node[()], stated_of)
         if unit:
             stated[name] = unit

@@ -67,12 +67,12 @@ def _collect_arrays(value: Any, path: str, file: str) -> dict[str, Array]:  # no
         return _collect_records(value, path, file)
     try:
         array = np.array(value)
-        if array.dtype.kind in "fO":
+        if array.dtype.kind in "fiO":
             _require_no_truth(value, path, file)
-        if array.dtype.kind == "U" or (
+        if array.dtype.kind in "Ub" or (
             array.dtype.kind == "O" and any(isinstance(e, str) for e in array.flat)
         ):
-            return {}  # text
+            return {}  # text or truth values: no numbers
         return {path or "rows": array.astype(np.float64)}
     except (ValueError, TypeError):
         return {}  # rows of several lengths: no numbers that could be meant as columns

@@ -197,7 +197,7 @@ def _answer_request(
         function = getattr(importlib.import_module(request["module"]), request["function"])
         parsed = function(data, request["file"], *request["arguments"])
         numeric = {
-            name: np.ascontiguousarray(array if array.dtype.kind in "fiub" else np.zeros(0))
+            name: np.ascontiguousarray(array if array.dtype.kind in "fiu" else np.zeros(0))
             for name, array in parsed.arrays.items()
         }
     except MemoryError:

@@ -62,7 +62,8 @@ def parse(data: bytes, file: str) -> limited.Parsed:
 
 
 def _to_numbers(column: Any, kind: Any, pyarrow: Any) -> Array | None:  # noqa: ANN401 (pyarrow ships no types)
-    """A column as float64, instants as seconds since the first, nulls as NaN; None for text."""
+    """A column as float64, instants as seconds since the first, nulls as NaN; None for
+    text and truth values."""
     types = pyarrow.types
     if types.is_timestamp(kind):
         # an instant with a zone is stored as that of UTC
@@ -70,11 +71,6 @@ def _to_numbers(column: Any, kind: Any, pyarrow: Any) -> Array | None:  # noqa: 
         there = values[~np.isnat(values)]
         start = there[0] if there.size else np.datetime64(0, "ns")
         return np.asarray((values - start) / np.timedelta64(1, "ns"), dtype=np.float64) / 1e9
-    if (
-        types.is_integer(kind)
-        or types.is_floating(kind)
-        or types.is_boolean(kind)
-        or types.is_decimal(kind)
-    ):
+    if types.is_integer(kind) or types.is_floating(kind) or types.is_decimal(kind):
         return np.asarray(column.cast(pyarrow.float64(), safe=False).to_numpy(), dtype=np.float64)
     return None

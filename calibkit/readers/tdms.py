@@ -114,7 +114,7 @@ def _to_numbers(values: NDArray[Any]) -> Array | None:
     """A channel as float64; times as seconds since the first; None for text."""
     if values.dtype.kind == "M":
         return np.asarray((values - values[0]) / np.timedelta64(1, "us"), dtype=np.float64) / 1e6
-    return np.asarray(values, dtype=np.float64) if values.dtype.kind in "fiub" else None
+    return np.asarray(values, dtype=np.float64) if values.dtype.kind in "fiu" else None
 
 
 def _waveform_increment(channel: Any) -> tuple[float, float] | None:  # noqa: ANN401 (npTDMS ships no types)

@@ -21,6 +21,10 @@ from calibkit.recipe.tables import Recipe
 _KEY = re.compile(
     r"""^\s*((?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*')(?:\s*\.\s*(?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*'))*)\s*="""
 )
+_QUOTED = re.compile(
+    r""""{3}(?:\\.|[^\\])*?"{3}|'{3}.*?'{3}|"(?:\\.|[^"\\\n])*"|'[^'\n]*'|#[^\n]*""", re.DOTALL
+)
+"""Strings and comments of a TOML text."""
 _HEADER = re.compile(r"^\s*(\[\[?)\s*([^\]]+?)\s*\]\]?")
 
 _CHANGE = "change it or remove it"
@@ -175,7 +179,13 @@ def _key_lines(text: str) -> dict[Location, str]:
     lines: dict[Location, str] = {}
     table: Location = ()
     counts: dict[Location, int] = {}
-    for number, line in enumerate(text.splitlines(), start=1):
+    # a line within a string of several lines, or within a list, is no key and no table
+    bare = _QUOTED.sub(lambda quoted: "[" + "\n" * quoted[0].count("\n") + "]", text).split("\n")
+    depth = 0
+    for number, (line, rest) in enumerate(zip(text.split("\n"), bare, strict=True), start=1):
+        inside, depth = depth > 0, depth + sum(map(rest.count, "[{")) - sum(map(rest.count, "]}"))
+        if inside:
+            continue
         if header := _HEADER.match(line):
             path = _split_key(header.group(2))
             if header.group(1) == "[[":
