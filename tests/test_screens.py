@@ -9,9 +9,9 @@ import shutil
 import numpy as np
 import pytest
 
+from calibkit.certificate.words import with_unit
 from calibkit.coefficients import at_least, at_most
 from calibkit.frame import Remark
-from calibkit.certificate.words import with_unit
 from calibkit.report.overview import KeyValue, Overview, concise, merge_flags
 from calibkit.report.screen import MOST, compose_screen
 from calibkit.report.summary import Summary

@@ -82,7 +82,7 @@ def test_a_unit_of_another_dimension_is_refused():
 def test_an_error_of_the_time_base_is_a_share_of_the_time():
     """One in seconds was taken as a share of one: 1 ms as 1,000 ppm of every rate."""
     line = TERM.replace("temp_case_degc", "time_s").replace("degC", "s") + "half_width = 0.001"
-    with pytest.raises(RecipeError, match="'thermometer' is in 's'.*state it in ppm or %"):
+    with pytest.raises(RecipeError, match=r"'thermometer' is in 's'.*state it in ppm or %"):
         terms(line)
     assert terms(line.replace('"s"', '"ppm"'))[0].u == pytest.approx(0.001 / math.sqrt(3.0))
 

@@ -63,7 +63,8 @@ def parse(data: bytes, file: str) -> limited.Parsed:
 
 def _to_numbers(column: Any, kind: Any, pyarrow: Any) -> Array | None:  # noqa: ANN401 (pyarrow ships no types)
     """A column as float64, instants as seconds since the first, nulls as NaN; None for
-    text and truth values."""
+    text and truth values.
+    """
     types = pyarrow.types
     if types.is_timestamp(kind):
         # an instant with a zone is stored as that of UTC
