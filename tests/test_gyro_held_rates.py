@@ -9,6 +9,7 @@ from calibkit.frame import Log
 from calibkit.instruments.gyro_scale import simulate_rate_table, table_runs
 from calibkit.instruments.gyro_scale.numeric import gjb_figures, scale_factor
 from calibkit.instruments.gyro_scale.recipe import RateTableRecipe
+from conftest import write_log
 
 K = 10000.0
 RATES = simulate_rate_table.both_ways((5.0, 10.0, 20.0, 50.0, 100.0))
@@ -18,7 +19,8 @@ SPEC = RateTableRecipe(procedure="rate_table", logs=LOGS)
 
 def log_of(columns):
     """Log of columns in memory."""
-    return Log("run", "run.csv", "run", len(columns["time_s"]), pd.DataFrame(columns))
+    frame = pd.DataFrame(columns)
+    return Log("run", "run.csv", "run", len(frame), frame)
 
 
 def held(seed, rates=RATES):
@@ -87,6 +89,24 @@ def test_fine_rates_through_zero_give_the_dead_zone():
     assert found["dead_zone"].standard_uncertainty == pytest.approx(0.005 / np.sqrt(6.0))
     whole = gjb_figures.figures(scale_factor._scale_factor(rate, K * rate, u), u)
     assert "dead_zone" not in {f.name for f in whole}
+
+
+def test_rest_is_a_held_rate_of_a_gyro_along_the_axis_without_a_table_angle():
+    """It is kept as a part of a revolution is, and flagged; before, it was left out."""
+    run = table_runs.fit_run(SPEC, log_of(held(5, (0.0, *RATES))))
+    assert run.plateaus.rate_dps[0] == 0.0
+    assert any("of less than a revolution" in flag for flag in run.flags)
+    assert not any("left out" in flag for flag in run.flags)
+
+
+def test_one_row_a_held_rate_needs_no_time(tmp_path):
+    """A table of rates and indications alone is fitted; before, `time_s` was missing."""
+    rng = np.random.default_rng(6)
+    indication = K * np.array(RATES) + 20.0 + rng.normal(0.0, 1.0, len(RATES))
+    write_log(tmp_path / "run.csv", table_rate_dps=RATES, gyro_x_lsb=indication)
+    spec = RateTableRecipe(procedure="rate_table", logs=LOGS, plateaus={"one_row": True})
+    line = table_runs.fit_run(spec, table_runs.read(spec, tmp_path, "run.csv")).scale("x")
+    assert abs(line.K - K) < 4.0 * line.standard_uncertainty[0] < 0.2
 
 
 def test_one_row_a_held_rate_is_valid_data():

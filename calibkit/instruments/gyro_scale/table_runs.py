@@ -87,9 +87,15 @@ class TableRun:
 
 
 def read(spec: AnyRecipe, data: Path, file: str, reader: logs.Reader = logs.read_log) -> Log:
-    """Read one log of the table in canonical columns; table angle and temperature are optional."""
-    needed: tuple[str, ...] = ("time_s", forms.RATE, *map(forms.gyro_column, spec.gyros))
+    """Read one log of the table in canonical columns; table angle and temperature are optional, and
+    times of rows that are means over a held rate each.
+    """
+    needed: tuple[str, ...] = (forms.RATE, *map(forms.gyro_column, spec.gyros))
     optional: tuple[str, ...] = (ANGLE, forms.TEMPERATURE)
+    if spec.plateaus.one_row:
+        optional = ("time_s", *optional)
+    else:
+        needed = ("time_s", *needed)
     if spec.table.reference == "angle":
         needed, optional = (*needed, ANGLE), (forms.TEMPERATURE,)
     return reader(spec, data / file, file, needed, optional)
@@ -207,7 +213,7 @@ def _find_implausible(log: Log, gyros: Sequence[str]) -> list[Finding]:
     """Findings on implausible values of single columns."""
     thermometers = [forms.TEMPERATURE] if forms.TEMPERATURE in log.frame.columns else []
     return [
-        *check.find_unordered_times(log),
+        *(check.find_unordered_times(log) if "time_s" in log.frame.columns else ()),
         *check.find_constant_columns(log, [forms.RATE, *gyros]),
         *_find_beyond(
             log,
@@ -246,7 +252,7 @@ def _average_held_rates(spec: AnyRecipe, log: Log) -> plateau_means.Plateaus:
     present = log.frame.columns
     if spec.plateaus.one_row:
         return plateau_means.of_rows(
-            values(log.frame, "time_s"),
+            values(log.frame, "time_s") if "time_s" in present else None,
             values(log.frame, forms.RATE),
             np.column_stack([values(log.frame, forms.gyro_column(gyro)) for gyro in spec.gyros]),
             values(log.frame, forms.TEMPERATURE) if forms.TEMPERATURE in present else None,
@@ -259,6 +265,7 @@ def _average_held_rates(spec: AnyRecipe, log: Log) -> plateau_means.Plateaus:
         temp_degc=values(log.frame, forms.TEMPERATURE) if forms.TEMPERATURE in present else None,
         rules=rules,
         held=stated_segments.stated_rows(log, spec, ["rate"]),
+        along_axis=spec.procedure == "rate_table",
         allocate=log.allocate,
     )
 

@@ -69,6 +69,7 @@ def means(
     temp_degc: Array | None = None,
     rules: plateaus.Rules = plateaus.DEFAULT_RULES,
     held: Integers | None = None,
+    along_axis: bool = False,
     allocate: Allocate = np.empty,
 ) -> Plateaus:
     """Average each held rate of a rate-table log over whole revolutions of the table.
@@ -80,6 +81,8 @@ def means(
     indication : [n, m], one column per gyro; each row is the mean rate over the interval that ends
         at it.
     temp_degc : [n] [°C].
+    along_axis : whether every gyro lies along the table's axis, where the earth's horizontal rate
+        reaches it through its misalignment alone.
     allocate : makes arrays along the rows; columns that lie in mapped files are worked on in the
         memory of a chunk.
 
@@ -87,8 +90,8 @@ def means(
     -------
     Plateaus. Over a whole revolution the horizontal part of the earth's rate vanishes; where the
     table turned less than one and its angle is logged, the modulation with the angle, fitted to all
-    plateaus together, is taken out. Without an angle a plateau at rest is left out, and one of less
-    than a revolution is kept and flagged.
+    plateaus together, is taken out. Without an angle a plateau of less than a revolution is kept
+    and flagged; so is one at rest along the axis, one across it is left out.
 
     Raises
     ------
@@ -104,7 +107,8 @@ def means(
         )
     turn = plateaus.turn_of(time_s, table_rate_dps, table_angle_deg, allocate=allocate)
     found = plateaus.find(time_s, table_rate_dps, rules=rules, turn=turn) if held is None else held
-    averaged = _means(plateau_noise.Record(turn, table_rate_dps, signals), found, temp_degc)
+    record = plateau_noise.Record(turn, table_rate_dps, signals)
+    averaged = _means(record, found, temp_degc, along_axis=along_axis)
     return replace(
         averaged,
         time_s=0.5 * (time_s[averaged.span[:, 0]] + time_s[averaged.span[:, 1] - 1]),
@@ -113,13 +117,14 @@ def means(
 
 
 def of_rows(
-    time_s: Array, table_rate_dps: Array, indication: Array, temp_degc: Array | None
+    time_s: Array | None, table_rate_dps: Array, indication: Array, temp_degc: Array | None
 ) -> Plateaus:
-    """Rows that are means over a held rate each, as they are: columns as for `means`.
+    """Rows that are means over a held rate each, as they are: columns as for `means`, times None
+    where they were not logged.
 
     Their noise is not known by itself: it is that of the residuals of straight lines.
     """
-    count = time_s.size
+    count = table_rate_dps.size
     q, _ = np.linalg.qr(np.column_stack((table_rate_dps, np.ones(count))))
     left = indication - q @ (q.T @ indication)
     nan = np.full(count, np.nan)
@@ -133,17 +138,19 @@ def of_rows(
         angle_rate_dps=nan,
         span=np.arange(count)[:, None] + np.array([0, 1]),
         flags=("one row per held rate: noise is that of the residuals of the line",),
-        time_s=np.array(time_s),
-        middle_s=0.5 * float(time_s[0] + time_s[-1]),
+        time_s=np.zeros(0) if time_s is None else np.array(time_s),
+        middle_s=0.0 if time_s is None else 0.5 * float(time_s[0] + time_s[-1]),
     )
 
 
-def _means(record: plateau_noise.Record, held: Integers, temp_degc: Array | None) -> Plateaus:
+def _means(
+    record: plateau_noise.Record, held: Integers, temp_degc: Array | None, *, along_axis: bool
+) -> Plateaus:
     """Plateaus of the held rates with rows [p, 2]."""
     turn = record.turn
     parts = [_whole_revolutions(record, first, stop) for first, stop in held.tolist()]
     wave = record.modulation(parts)
-    parts, left_out = _without_rest(turn, parts, determined=wave.earth)
+    parts, left_out = _without_rest(turn, parts, determined=wave.earth, along_axis=along_axis)
     values = _averages(record, parts, chunks.row_reader(record.signals))
     covariance, flags = record.noise(parts, wave, values)
     if wave.earth:
@@ -213,28 +220,29 @@ def _averages(
 
 
 def _without_rest(
-    turn: Turn, parts: list[plateau_noise.Part], *, determined: bool
+    turn: Turn, parts: list[plateau_noise.Part], *, determined: bool, along_axis: bool
 ) -> tuple[list[plateau_noise.Part], tuple[str, ...]]:
     """Plateaus except those at rest at which the earth's horizontal rate is unknown, and a flag for
-    the removed ones.
+    the removed ones; along the axis it reaches a gyro through its misalignment alone, and none is
+    removed.
     """
-    kept = [
+    turning = [
         part
         for part in parts
-        if determined
-        or part.revolutions
-        or abs(chunks.total(turn.turn_deg[part.first : part.stop])) > 1.0
+        if part.revolutions or abs(chunks.total(turn.turn_deg[part.first : part.stop])) > 1.0
     ]
-    if not kept:
+    if not (turning or determined):
         raise FitError(
             "the table never turns in this log",
             hint="a scale factor needs held rates other than zero",
         )
-    rest = len(parts) - len(kept)
+    rest = len(parts) - len(turning)
+    if determined or along_axis or not rest:
+        return parts, ()
     note = (
         f"{rest} plateaus at rest left out: their share of the earth's horizontal rate is unknown"
     )
-    return kept, (note,) if rest else ()
+    return turning, (note,)
 
 
 def _unmodulated(
