@@ -57,6 +57,16 @@ def test_the_vector_comes_out_of_the_shipped_recipe(tmp_path, calibkit, log_writ
         assert [c.value for c in model.coefficients] == pytest.approx(expected, rel=1e-9)
 
 
+@pytest.mark.parametrize("term", ["second_order", "third_order", "tilt", "fixture"])
+def test_a_term_of_a_triad_that_is_not_fitted_is_refused(tmp_path, calibkit, log_writer, term):
+    """It was accepted beside enabled = false and had no effect."""
+    log_writer(tmp_path / "positions.csv", **vector_columns())
+    settings = ("compensation=k", "affine.enabled=false", f"affine.{term}=true")
+    outcome, _ = fit(calibkit, tmp_path, tmp_path / "runs", *settings)
+    assert outcome.code == 2
+    assert f"--set affine.{term}=true: affine.{term} = true has no effect" in outcome.err
+
+
 def test_the_run_holds_three_files_of_the_contract(tmp_path, calibkit, log_writer):
     """accel_k, accel_q and accel_affine with their forms; the affine entries are named by entry and
     power.

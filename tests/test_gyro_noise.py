@@ -63,6 +63,14 @@ def test_the_deviations_in_the_file_are_those_of_the_peer(calibkit, white, tmp_p
     assert [found[tau] for tau in taus] == pytest.approx(peer, rel=1e-9)
 
 
+def test_a_record_without_a_term_of_noise_says_so(calibkit, tmp_path, log_writer):
+    """On a slow sine no term is determined: a sentence, and not "at rest: ."."""
+    time = 0.5 * np.arange(3700)
+    log_writer(tmp_path / "still.csv", time_s=time, gyro_dph=8.0 + np.sin(2.0 * np.pi * time / 900))
+    outcome, _ = fitted(calibkit, tmp_path, tmp_path / "runs")
+    assert "at rest: no term of noise is determined" in " ".join(outcome.out.split())
+
+
 def test_white_noise_shows_its_angle_random_walk_and_nothing_else(calibkit, white, tmp_path):
     """N is 0.01 °/√h within three of its standard uncertainties; B, K, R, Q are said not to be
     observable, without a number.

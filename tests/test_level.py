@@ -286,7 +286,10 @@ def test_a_constant_chamber_cannot_determine_the_gradient_terms():
     ("logs", "message"),
     [
         ([], "no log to fit"),
-        ([log_of("short", 1.0, seconds=80.0)], "short: a ramp of 8 blocks"),
+        (
+            [log_of("short", 1.0, seconds=80.0)],
+            "short: a ramp of 8 blocks over 70 s, expected at least 10",
+        ),
         ([log_of("holed", 1.0, np.full(9, np.nan))], "holed: a value that is not finite"),
     ],
 )

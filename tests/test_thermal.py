@@ -510,3 +510,15 @@ def test_ordinary_bad_input_is_told_in_one_line(tmp_path, fit, change, text, cod
     assert (outcome.code, words in outcome.err) == (code, True), outcome.err
     assert "Traceback" not in outcome.err
     assert not (tmp_path / "runs" / "I-1").exists()
+
+
+def test_a_time_in_minutes_is_named(calibkit, tmp_path):
+    """A case that seems to warm at 90 °C/min is named with the unit of its time to state."""
+    for name, content in simulate.campaign(1).files().items():
+        header, *rows = content.decode().splitlines()
+        if header.startswith("time_s,"):
+            cells = (row.split(",", 1) for row in rows)
+            rows = [f"{float(time) / 60.0:.6f},{rest}" for time, rest in cells]
+            (tmp_path / name).write_text("\n".join([header, *rows]), encoding="utf-8")
+    outcome = calibkit("check", "thermal", "--data", tmp_path)
+    assert "time looks like minutes or hours: state it, [columns.time_s]" in outcome.out

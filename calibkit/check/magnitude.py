@@ -105,17 +105,21 @@ def check_sampling_unit(log: Log) -> list[Finding]:
     ]
 
 
-def check_time_unit(log: Log, air: str) -> list[Finding]:
-    """A clock whose unit makes the chamber change at a rate that no chamber has."""
+def check_time_unit(
+    log: Log, column: str, what: str, slowest: float = SLOWEST_DEGC_MIN
+) -> list[Finding]:
+    """A clock whose unit makes a temperature change at a rate that no chamber has; `slowest`
+    [°C/min] is that of what the column measures.
+    """
     thinned = slice(None, None, len(log.frame) // 20_000 + 1)
-    time, data = values(log.frame, "time_s")[thinned], values(log.frame, air)[thinned]
+    time, data = values(log.frame, "time_s")[thinned], values(log.frame, column)[thinned]
     if time.size < 100 or np.ptp(data) < 2.0 * SPAN_DEGC:
         return []
     window = float(time[-1] - time[0]) / 50.0
     fastest = float(np.quantile(np.abs(segments.causal_slope(time, data, window)), 0.98))
     if fastest > FASTEST_DEGC_MIN:
         advice = 'time looks like minutes or hours: state it, [columns.time_s] unit = "min"'
-    elif fastest < SLOWEST_DEGC_MIN:
+    elif fastest < slowest:
         advice = MILLISECONDS
     else:
         return []
@@ -123,8 +127,8 @@ def check_time_unit(log: Log, air: str) -> list[Finding]:
         finding_of_column(
             log,
             "time_s",
-            f"the chamber air changes by {np.ptp(data):.3g} °C at up to {fastest:.2g} °C/min",
-            f"{SLOWEST_DEGC_MIN:g} to {FASTEST_DEGC_MIN:g} °C/min",
+            f"{what} changes by {np.ptp(data):.3g} °C at up to {fastest:.2g} °C/min",
+            f"{slowest:g} to {FASTEST_DEGC_MIN:g} °C/min",
             advice,
             "unit",
             fastest,

@@ -8,6 +8,7 @@ import numpy as np
 
 from calibkit.check import copies
 from calibkit.coefficients import Criterion, Figure, Input
+from calibkit.errors import RecipeError
 from calibkit.frame import refuse, require
 from calibkit.ingest import logs as ingest, write_back
 from calibkit.instruments import Fitted, Instrument
@@ -64,6 +65,14 @@ def _fit(
     spec: AccelerometerRecipe, data: Path, files: Sequence[str], progress: Progress
 ) -> Fitted[TriadReport]:
     """Fit K-factor, Q-factor and the affine triad to the dwells of all logs together."""
+    for term in ("second_order", "third_order", "tilt", "fixture"):
+        if getattr(spec.affine, term) and not spec.affine.enabled:
+            # refused here and not in the recipe: a run of 0.2 with such a recipe is read
+            raise RecipeError(
+                f"affine.{term} = true has no effect beside affine.enabled = false",
+                hint="remove one of the two",
+                at=("affine", term),
+            )
     read = ingest.read_ahead(progress(files, "reading"), lambda file: _read(spec, data, file))
     logs = list(copies.refuse_copies(read))
     dwells = plausibility.screen(triad_dwells.collect_dwells(logs, spec), spec)

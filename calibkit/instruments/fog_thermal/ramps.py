@@ -92,7 +92,7 @@ def _faults(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
         return found
     return [
         *found,
-        *check.magnitude.check_time_unit(log, air),
+        *check.magnitude.check_time_unit(log, air, "the chamber air"),
         *check.thermometers.check_pair(log, case, air),
         *(one for column in (case, air) for one in check.thermometers.check_steps(log, column)),
         *_check_stated_rate(log, recipe),

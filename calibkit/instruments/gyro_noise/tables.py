@@ -112,6 +112,7 @@ def summarize_noise(found: Sequence[NoiseFigures]) -> Overview:
     ]
     shown = "; ".join(f"{one.name} {one}" for one in values)
     hours = found[0].record.samples * found[0].record.interval_s / SECONDS_PER_HOUR
+    shown = shown or "no term of noise is determined by the Allan deviation"
     sentence = f"Noise of {found[0].record.name} over {hours:.3g} h at rest: {shown}."
     rows = tuple(row for row in tables(found)[0].rows if row[3])
     table = replace(tables(found)[0], rows=rows)

@@ -76,7 +76,12 @@ def _find_faults(spec: ThermalRecipe, log: Log) -> list[Finding]:
     found += checks.series.check_temperature(log, power_ons.CASE)
     for column in spec.still_columns():
         found += checks.series.check_indication(log, column, units.column_unit(column))
-    return [*found, *checks.magnitude.find_compensated_names(log, spec, spec.still_columns())]
+    return [
+        *found,
+        # an instrument that is left alone may warm as slowly as it likes
+        *checks.magnitude.check_time_unit(log, power_ons.CASE, "the case", slowest=0.0),
+        *checks.magnitude.find_compensated_names(log, spec, spec.still_columns()),
+    ]
 
 
 def _examine(spec: ThermalRecipe, log: Log) -> Examined:

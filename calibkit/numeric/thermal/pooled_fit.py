@@ -117,8 +117,10 @@ class Stack:
             for k, (start, stop) in enumerate(pairwise(edges), start=1):
                 if stop - start < 10:
                     raise FitError(
-                        f"{log.name}: a ramp of {stop - start} blocks",
-                        hint="shorten the model interval",
+                        f"{log.name}: a ramp of {stop - start} blocks over"
+                        f" {log.time[stop - 1] - log.time[start]:.3g} s, expected at least 10",
+                        hint="shorten drift.interval_s; a ramp that took longer was logged in"
+                        ' another unit: state it, [columns.time_s] unit = "min"',
                     )
                 ramps.append(slice(row + start, row + stop))
                 owners.append(number)
