@@ -16,7 +16,9 @@ NUMBERS = st.one_of(
     st.integers(-(10**17), 10**17).map(str),
     st.floats(-1e4, 1e4).map(lambda value: f"{value:+.17f}"),
     st.floats(-1e4, 1e4).map(lambda value: f"{value:.3E}"),
+    st.sampled_from(["", "nan", "NaN", "NAN"]),
 )
+"""What a field may hold: a number, or a missing value."""
 ROWS = st.lists(st.tuples(NUMBERS, NUMBERS, NUMBERS), min_size=1, max_size=40)
 
 
@@ -50,8 +52,8 @@ def compiled(patch, *, use):
 def test_clean_logs_come_out_as_from_the_strict_reader(
     tmp_path_factory, rows, end, start, block, kernels
 ):
-    """Any numbers, either line end, byte-order mark, blocks that cut anywhere, compiled or not: bit
-    for bit.
+    """Any numbers and missing values, either line end, byte-order mark, blocks that cut anywhere,
+    compiled or not: bit for bit.
     """
     path = tmp_path_factory.mktemp("clean") / "log.csv"
     path.write_bytes(text_of(rows, end, start))
@@ -71,7 +73,7 @@ def test_a_damaged_log_is_left_to_the_strict_reader_or_read_alike(
     """
     whole = text_of(rows)
     at = data.draw(st.integers(0, len(whole) - 1))
-    byte = bytes([data.draw(st.sampled_from(list(b" ,;\n\r\t\"'-+.eE0a\x00\xff")))])
+    byte = bytes([data.draw(st.sampled_from(list(b" ,;\n\r\t\"'-+.eE0aN\x00\xff")))])
     kind = data.draw(st.sampled_from(["change", "remove", "add"]))
     spoilt = whole[:at] + (b"" if kind == "remove" else byte) + whole[at + (kind != "add") :]
     path = tmp_path_factory.mktemp("spoilt") / "log.csv"
@@ -91,7 +93,10 @@ def test_a_damaged_log_is_left_to_the_strict_reader_or_read_alike(
         "1,2,3\n4,5\n6,7,8,9\n",
         "1,2,3\n4,5,6",
         "1,2,3\n\n4,5,6\n",
-        "1,2,nan\n",
+        "1,2,na\n",
+        "1,2,-nan\n",
+        "1,2,Nan\n",
+        "1,2,1e999\n",
         "1,,3\n\r4,5,6\n",
         "1,2,3\r4,5,6\r",
         "1,2,3 \n",
@@ -111,7 +116,10 @@ def test_a_damaged_log_is_left_to_the_strict_reader_or_read_alike(
             "fields",
             "no end",
             "blank line",
-            "nan",
+            "half a nan",
+            "nan with a sign",
+            "nan in another case",
+            "infinite",
             "return first",
             "old Mac",
             "blank",

@@ -126,6 +126,16 @@ def test_a_row_lost_in_the_preamble_is_refused(tmp_path):
         read(tmp_path, content.encode(), format="text", needed=("t", "a"))
 
 
+def test_numbers_above_the_header_are_skipped_where_the_recipe_says_so(tmp_path):
+    """Pinned lines above the header may hold what they like: the refusal advises to pin them."""
+    content = "5,6,7\nt,a,b\n" + "".join(f"{k},1,2\n" for k in range(9))
+    with pytest.raises(LogFormatError):
+        read(tmp_path, content.encode(), format="text", needed=("t", "a"))
+    spec = recipe.logs.TextSpec(skip_lines=1)
+    table = read(tmp_path, content.encode(), format="text", needed=("t", "a"), text=spec)
+    assert table.frame["t"].tolist() == [float(k) for k in range(9)]
+
+
 def test_a_damaged_first_row_is_not_a_preamble(tmp_path):
     """Without a header nothing stands above the rows: a first row with a field too many or too few
     is refused.

@@ -123,8 +123,20 @@ static inline double number(const char **at)
     return *text == '-' ? -value : value;
 }
 
+/* Whether a missing value stands at *at, which is then moved behind it: an empty field, or nan, NaN, NAN. */
+static inline int missing(const char **at)
+{
+    const char *next = *at;
+    if (*next == 'n' ? next[1] == 'a' && next[2] == 'n' : *next == 'N' && (next[1] == 'a' || next[1] == 'A') && next[2] == 'N')
+        next += 3;
+    if (*next != ',' && *next != '\n' && *next != '\r')
+        return 0;
+    *at = next;
+    return 1;
+}
+
 /*
- * Parse whole lines of `fields` numbers each, the last with its end, into row 0, 1, ... of the columns, which have room for
+ * Parse whole lines of `fields` numbers or missing values each, the last with its end, into row 0, 1, ... of the columns, which have room for
  * `rows`. Returns the rows, or NOT_CLEAN where anything stands that is no such line, or more than there is room for.
  */
 int64_t calibkit_numbers(const char *text, int64_t size, int64_t fields, int64_t rows, double *const *columns)
@@ -137,8 +149,10 @@ int64_t calibkit_numbers(const char *text, int64_t size, int64_t fields, int64_t
         if (row == rows)
             return NOT_CLEAN;
         for (int64_t k = 0; k < fields; k++) {
+            const char *const first = next;
             const double value = number(&next);
-            if (isnan(value))
+            /* a number that is not finite is moved behind, too: it is none that is missing */
+            if (isnan(value) && (next != first || !missing(&next)))
                 return NOT_CLEAN;
             if (k < fields - 1 && *next++ != ',')
                 return NOT_CLEAN;

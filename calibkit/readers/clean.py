@@ -1,6 +1,6 @@
 """Fast reader of clean comma-separated logs: the numbers of the strict reader, or nothing.
 
-Format: that of `delimited` without missing values, texts or blanks, and with an end of the last
+Format: that of `delimited` without texts or blanks, and with an end of the last
 line. The file goes through memory once, in blocks of whole lines: each is added to the digest,
 checked, and parsed into allocated columns, several blocks in parallel. Uncertainty of reading: as
 of `delimited`.
@@ -30,13 +30,13 @@ WORKERS = min(4, os.cpu_count() or 1)
 """Blocks that are parsed beside each other."""
 _LARGEST_HEADER = 1 << 16
 _LARGEST_LINE = 1 << 20
-_NUMBER = b"0123456789.+-eE\r"
-"""Bytes of numbers, and the return before a line end."""
+_NUMBER = b"0123456789.+-eEnaNA\r"
+"""Bytes of numbers and missing values (`delimited.MISSING`), and the return before a line end."""
 
 
 def read(path: Path, file: str) -> Table | None:
-    """Read a log whose every field is a number; None where one is not, for the strict reader to
-    name it.
+    """Read a log whose every field is a number or missing; None where one is not, for the strict
+    reader to name it.
 
     Memory beyond the numbers is that of a few blocks. Raises LogFormatError where the file cannot
     be read.
@@ -247,11 +247,13 @@ def _parse_by_pandas(block: bytes, columns: list[Array]) -> bool:
             header=None,
             names=list(range(fields)),
             dtype="float64",
+            keep_default_na=False,
+            na_values=sorted(delimited.MISSING),
             low_memory=False,
         )
     except (ValueError, OverflowError):
         return False
-    if len(frame) != rows:
+    if len(frame) != rows or np.isinf(frame.to_numpy()).any():
         return False
     for k, column in enumerate(columns):
         column[:] = frame[k].to_numpy()

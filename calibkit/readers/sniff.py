@@ -294,8 +294,8 @@ def _find_header(
     header, stated = headers.read_header(above, last, width, file, spec, names)
     skip = last - header if header else layout.first
     filled = [k for k, line in enumerate(layout.above[:skip]) if _is_filled(line)]
-    headers.refuse_rows_above(layout.above[:skip], delimiter, widths, width, file)
     if not isinstance(spec.skip_lines, int):
+        headers.refuse_rows_above(layout.above[:skip], delimiter, widths, width, file)
         if header or not filled:
             return skip, header, stated
         if spec.torn_lines == "drop":
