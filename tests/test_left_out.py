@@ -4,12 +4,14 @@ customer's words.
 
 import datetime as dt
 import json
+import tomllib
 
 import jsonschema
 import numpy as np
 import pandas as pd
 import pytest
 
+import calibkit
 from calibkit import instruments, left_out
 from calibkit.certificate import circumstances, content, profile, run_files, sheet
 from calibkit.errors import CoefficientError
@@ -97,3 +99,65 @@ def test_what_is_no_fact_is_refused(entry):
     """A run.json that was changed by hand."""
     with pytest.raises(CoefficientError, match=r"run\.json: left_out"):
         left_out.loads([entry], "run.json")
+
+
+QUICK = {
+    "accelerometer": {},
+    "accelerometer_magnitude": {},
+    "bias_temperature": {},
+    "fog_thermal": {"drift": {"model": "gradient_rate", "order": 1}, "denoise": {"enabled": False}},
+    "gyro_noise": {},
+    "gyro_pair": {},
+    "gyro_triad": {},
+    "inclinometer": {},
+    "rate_table": {},
+    "thermal": {"thermal": {"channels": ["gyro_x_dph"], "model": "level"}},
+}
+"""Recipes of every procedure, and tables that make their fits quick."""
+LOGS = {
+    "fog_thermal": "ramp_*_[01][08].csv",
+    "gyro_triad": "about_*_25.csv",
+    "rate_table": "*m_*.csv",
+}
+"""Sample logs that are enough for a fit, where it needs less than all."""
+
+
+def sample_logs(name):
+    """Frames of a procedure's sample logs; of `bias_temperature` two simulated warm-ups."""
+    if name != "bias_temperature":
+        paths = sorted((ROOT / "datasets" / name).glob(LOGS.get(name, "*.csv")))
+        return {path.name: pd.read_csv(path) for path in paths}
+    rng, degc = np.random.default_rng(33), 60.0 - 40.0 * np.exp(-np.arange(300.0) / 90.0)
+    turn_on = {"cold.csv": 0.3, "warm.csv": -0.3}
+    return {
+        file: pd.DataFrame(
+            {
+                "temp_case_degc": degc,
+                "gyro_dph": bias + 0.02 * degc + rng.normal(0.0, 0.05, degc.size),
+            }
+        )
+        for file, bias in turn_on.items()
+    }
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_excluded_rows_leave_the_numbers_of_a_log_that_was_cut(name):
+    """Rows excluded at the start, within and at the end of the first log: coefficients,
+    uncertainties and criteria are those of the log without these rows, digit by digit.
+    """
+    logs = sample_logs(name)
+    file, log = next(iter(logs.items()))
+    # four rows each, from a multiple of four: they are whole stations of an inclinometer
+    rows, middle = len(log), len(log) // 8 * 4
+    cut = log.drop(index=[*range(4), *range(middle, middle + 4), *range(rows - 4, rows)])
+    ranges = ["1-4", f"{middle + 1}-{middle + 4}", f"{rows - 3}-{rows}"]
+    exclude = [{"log": file, "rows": ranges, "reason": "knock", "person": "A"}]
+    recipe = tomllib.loads((ROOT / "recipes" / f"{name}.toml").read_text(encoding="utf-8"))
+    recipe |= {table: recipe[table] | keys for table, keys in QUICK[name].items()}
+    numbers = []
+    for tables, frames in ((recipe | {"exclude": exclude}, logs), (recipe, logs | {file: cut})):
+        run = calibkit.fit(tables, logs=frames, runs=None, date="2026-11-21")
+        stages = {stage: record.document() for stage, record in run.records.items()}
+        kept = [(stage, file["models"], file["figures"]) for stage, file in stages.items()]
+        numbers.append(json.dumps([kept, run.document["acceptance"]]))
+    assert numbers[0] == numbers[1]

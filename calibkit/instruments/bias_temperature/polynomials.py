@@ -81,7 +81,8 @@ def fit(logs: Sequence[Log], spec: Polynomials, errors: Errors) -> list[_BiasFit
     """
     allocate = next((log.allocate for log in logs if log.on_disk), np.empty)
     abscissa = _concatenate(logs, spec.abscissa, allocate)
-    ends = np.cumsum([0, *(log.rows for log in logs)]).tolist()
+    # the rows that are fitted: a file has more where some are excluded or lack a value
+    ends = np.cumsum([0, *(len(log.frame) for log in logs)]).tolist()
     bounds = tuple(pairwise(ends))
     return [
         _fit_channel(
