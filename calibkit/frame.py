@@ -20,7 +20,7 @@ from calibkit.errors import (
     visible,
 )
 from calibkit.left_out import Cause, LeftOut
-from calibkit.numeric import chunks, intervals
+from calibkit.numeric import chunks, intervals, row_sample
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -214,6 +214,13 @@ class Log:
         head = self.frame.head(COMPARED_ROWS).select_dtypes("number").to_numpy(dtype=np.float64)
         # −0 is 0
         return frozenset(row.tobytes() for row in head + 0.0) if head.shape[1] else frozenset()
+
+    def sample_without_time(self) -> frozenset[int]:
+        """Sample of the rows of all numeric columns but the time: a copy with another origin of
+        time, or without its first or last rows, has the same.
+        """
+        names = self.frame.select_dtypes("number").columns.drop("time_s", errors="ignore")
+        return row_sample.sample_rows([values(self.frame, name) for name in names])
 
 
 def fingerprint(rows: Iterable[bytes]) -> str:

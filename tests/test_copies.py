@@ -4,15 +4,19 @@ before anything is fitted.
 
 import json
 import shutil
+import tomllib
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings, strategies as st
 
+import calibkit as api
 from calibkit import sealed, store
 from calibkit.check import copies
-from calibkit.frame import COMPARED_ROWS, KEPT_DIGITS, KEPT_ROWS, fingerprint
+from calibkit.frame import COMPARED_ROWS, KEPT_DIGITS, KEPT_ROWS, Log, fingerprint
 from conftest import ROOT
+from test_left_out import sample_logs
 
 DATA = ROOT / "datasets"
 BIAS = """\
@@ -234,3 +238,74 @@ def test_a_copy_is_refused_before_the_logs_behind_it_are_read(name, tmp_path, ca
     outcome = calibkit("fit", name, "--data", tmp_path, "--serial", "S", "--out", tmp_path / "runs")
     assert outcome.code == 3
     assert f"{logs[1].name}: the same values as {logs[0].name}" in outcome.err
+
+
+COPIES = {
+    "accelerometer": "positions_2.csv",
+    "accelerometer_magnitude": "tumble_2.csv",
+    "bias_temperature": "warm_2.csv",
+    "fog_thermal": "ramp_cooling_09.csv",
+    "gyro_noise": "static_2.csv",
+    "gyro_pair": "table_axis_b.csv",
+    "gyro_triad": "about_x_26.csv",
+    "inclinometer": "stations_2.csv",
+    "rate_table": "room_4.csv",
+    "thermal": "sweep_2.csv",
+}
+"""Names that a copy of a procedure's first sample log is fitted under."""
+
+
+@pytest.mark.parametrize("name", COPIES)
+def test_a_copy_of_another_time_or_of_later_rows_is_refused(name):
+    """A log under a second name, 5000 s later and without its first sixth: no fit takes it for a
+    repeat.
+    """
+    logs = sample_logs(name)
+    file, log = next(iter(logs.items()))
+    # whole stations of four rows
+    copy = log.iloc[len(log) // 24 * 4 :].copy()
+    if "time_s" in copy:
+        copy["time_s"] += 5000.0
+    recipe = tomllib.loads((ROOT / "recipes" / f"{name}.toml").read_text(encoding="utf-8"))
+    recipe["logs"]["files"] = sorted({*recipe["logs"]["files"], file, COPIES[name]})
+    with pytest.raises(api.CalibkitError, match=f"the same values as {file}"):
+        api.fit(recipe, logs=logs | {COPIES[name]: copy}, runs=None, date="2026-11-21")
+
+
+TIME_S = 0.1007 * np.arange(4200)
+"""Times of a run."""
+
+
+def table_run(seed, noise_lsb):
+    """A gyro's run over held rates of a table, in whole counts."""
+    rng = np.random.default_rng([seed, 2])
+    rate = np.repeat(np.linspace(-50.0, 50.0, 21), 200)
+    counts = np.round(97.3 * rate + 0.3 + noise_lsb * rng.normal(size=rate.size))
+    return pd.DataFrame({"time_s": TIME_S, "table_rate_dps": rate, "gyro_x_lsb": counts})
+
+
+def find_copies(*frames):
+    """Logs of frames that are copies of one before them."""
+    logs = [Log(f"{k}", f"{k}.csv", f"{k}", len(f), f) for k, f in enumerate(frames)]
+    return copies.find_copies(
+        (log.file, log.sha256, log.first_rows(), log.sample_without_time()) for log in logs
+    )
+
+
+@pytest.mark.parametrize("noise_lsb", [0.0, 0.03, 0.1, 0.15, 0.2, 0.3, 1.0, 10.0])
+def test_honest_repeats_of_coarse_counts_are_no_copies(noise_lsb):
+    """Runs at the same rates, at other times; noise of none to ten counts."""
+    runs = [table_run(seed, noise_lsb).assign(time_s=seed + TIME_S) for seed in range(20)]
+    assert find_copies(*runs) == []
+
+
+@pytest.mark.parametrize("noise_lsb", [0.3, 1.0, 10.0])
+def test_copies_of_coarse_counts_are_found_by_rows_behind_each_other(noise_lsb):
+    """Without the first or the last sixth, at another time: the copy is found, whichever is
+    longer.
+    """
+    run = table_run(1, noise_lsb)
+    later = run.assign(time_s=run["time_s"] + 77.0)
+    for copy in (later, later.iloc[700:], later.iloc[:-700]):
+        assert [file for file, _ in find_copies(run, copy)] == ["1.csv"]
+        assert [file for file, _ in find_copies(copy, run)] == ["1.csv"]

@@ -2,19 +2,19 @@
 
 A copy would confirm the other when that is left out, or be compared with its own fit. The same
 bytes are a copy, and so are the same values written otherwise: other line ends, other separators, a
-row less. Of logs that are at hand the first rows are compared, of a run's logs the fingerprints
-that its run.json keeps of them.
+row less. Of logs that are at hand the first rows are compared, and samples of all rows without
+their time; of a run's logs the fingerprints that its run.json keeps of them.
 """
 
 import functools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TypeAlias
+from typing import TypeAlias, TypeVar
 
 from calibkit.coefficients import Input
 from calibkit.errors import FrameError
-from calibkit.frame import KEPT_DIGITS, KEPT_ROWS, Log, fingerprint
+from calibkit.frame import KEPT_DIGITS, Log, fingerprint
 from calibkit.ingest import mapping
 from calibkit.readers import parts
 from calibkit.readers.table import Guess
@@ -31,8 +31,13 @@ FINGERPRINT = "fingerprint"
 KEEP_ONE = "keep one of the two logs"
 """Advice where a log is a copy of another."""
 
-_Content: TypeAlias = "tuple[str, str, frozenset[bytes]]"
-"""Name of a log's file, its SHA-256, and its first rows as `Log.first_rows` gives them."""
+_Content: TypeAlias = "tuple[str, str, frozenset[bytes], frozenset[int]]"
+"""Name of a log's file, its SHA-256, its first rows as `Log.first_rows` gives them, and its sample
+as `Log.sample_without_time` gives it.
+"""
+
+Hash = TypeVar("Hash", int, str)
+"""Member of a sample."""
 
 
 def find_copies(logs: Iterable[_Content]) -> list[tuple[str, str]]:
@@ -52,7 +57,7 @@ def refuse_copies(logs: Iterable[Log]) -> Iterator[Log]:
     """
     seen: list[_Content] = []
     for log in logs:
-        content = (log.file, log.sha256, log.first_rows())
+        content = (log.file, log.sha256, log.first_rows(), log.sample_without_time())
         if original := _describe_original(content, seen):
             raise FrameError(f"{log.file}: {original}", hint=KEEP_ONE)
         seen.append(content)
@@ -61,12 +66,18 @@ def refuse_copies(logs: Iterable[Log]) -> Iterator[Log]:
 
 def _describe_original(log: _Content, seen: Iterable[_Content]) -> str:
     """What a log shares with the first of those seen that it is a copy of, or ""."""
-    for file, sha256, rows in seen:
+    for file, sha256, rows, sample in seen:
         if log[1] == sha256:
             return f"the same bytes as {file}"
         fewer, shared = min(len(log[2]), len(rows)), len(log[2] & rows)
         if _are_copies(shared, fewer):
             return f"the same values as {file}: {shared} of the first {fewer} different rows"
+        fewer, shared = _count_shared(log[3], sample)
+        if _are_copies(shared, fewer):
+            return (
+                f"the same values as {file} at other times or in other rows: {shared} of {fewer}"
+                " that were compared"
+            )
     return ""
 
 
@@ -75,16 +86,21 @@ def _are_copies(shared: int, fewer: int) -> bool:
     return fewer >= FEWEST and shared >= SHARED * fewer
 
 
-def _are_fingerprints_alike(one: str, other: str) -> bool:
-    """Whether two fingerprints are of copies: their rows up to the digest that both samples
-    reach.
+def _count_shared(one: frozenset[Hash], other: frozenset[Hash]) -> tuple[int, int]:
+    """Members of the smaller of two samples up to the member that both reach, and how many of them
+    the samples share.
     """
-    samples = [_split_fingerprint(one), _split_fingerprint(other)]
-    if samples[0].isdisjoint(samples[1]):
-        return False
-    ends = [max(sample) for sample in samples if len(sample) >= KEPT_ROWS]
-    reached = [{row for row in sample if not ends or row <= min(ends)} for sample in samples]
-    return _are_copies(len(reached[0] & reached[1]), min(map(len, reached)))
+    if one.isdisjoint(other):
+        return 0, 0
+    reach = min(max(one), max(other))
+    reached = [sum(member <= reach for member in sample) for sample in (one, other)]
+    return min(reached), len(one & other)
+
+
+def _are_fingerprints_alike(one: str, other: str) -> bool:
+    """Whether two fingerprints are of copies."""
+    fewer, shared = _count_shared(_split_fingerprint(one), _split_fingerprint(other))
+    return _are_copies(shared, fewer)
 
 
 @functools.lru_cache(maxsize=4096)

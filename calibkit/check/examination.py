@@ -47,8 +47,8 @@ class _Examination:
     drift_slope: float | None = None
     """Slope of a gyro's indication over its case temperature [°/h/K], where both were read whole.
     """
-    content: frozenset[bytes] = frozenset()
-    """Its first rows, by which copies are seen."""
+    content: tuple[frozenset[bytes], frozenset[int]] = (frozenset(), frozenset())
+    """Its first rows, and its sample without time, by which copies are seen."""
 
 
 def examine_log(
@@ -89,7 +89,8 @@ def examine_log(
     ):
         case, indication = values(log.frame, "temp_case_degc"), values(log.frame, "gyro_dph")
         slope = magnitude.fit_drift_slope(case, indication)
-    return _Examination(report, _draw_log(log, held, findings), slope, log.first_rows())
+    content = log.first_rows(), log.sample_without_time()
+    return _Examination(report, _draw_log(log, held, findings), slope, content)
 
 
 def segment_numbers(
@@ -139,7 +140,7 @@ def _copies(outcomes: Sequence[_Examination]) -> list[tuple[str, Finding]]:
     other.
     """
     logs = [
-        (outcome.report.file, outcome.report.sha256, outcome.content)
+        (outcome.report.file, outcome.report.sha256, *outcome.content)
         for outcome in outcomes
         if outcome.report.sha256  # it could be read
     ]

@@ -1,0 +1,76 @@
+"""A sample of rows by which a copy is known: the rows that have the smallest hashes, wherever they
+stand (Broder 1997, bottom-k sketch).
+
+A copy whose first or last rows were cut keeps nearly all of its sample. What is hashed is as many
+consecutive rows as make nearly each position of the log different from all others: then noise, not
+quantisation, tells positions apart, and an independent repeat shares next to none of them.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibkit.arrays import Array
+from calibkit.numeric import chunks
+
+SIZE = 1000
+"""Hashes of a sample."""
+DOUBLINGS = (0, 3, 6)
+"""Consecutive rows that are hashed together, as powers of two: the fewest that differ are taken."""
+DIFFERENT = 0.9
+"""Share of the positions that must occur once in their log. An independent repeat has a position of
+this log as rarely as the log has it again: in a tenth at most.
+"""
+
+_Hashes = NDArray[np.uint64]
+
+
+def sample_rows(columns: Sequence[Array]) -> frozenset[int]:
+    """The SIZE smallest hashes of rows of columns [n], or of the fewest consecutive rows that are
+    nearly all different; empty where none are.
+    """
+    for doublings in DOUBLINGS if columns else ():
+        kept, counts = _smallest_hashes(columns, doublings)
+        once = counts == 1
+        if once.sum() >= DIFFERENT * max(counts.sum(), 1):
+            return frozenset(kept[once].tolist())
+    return frozenset()
+
+
+def _smallest_hashes(columns: Sequence[Array], doublings: int) -> tuple[_Hashes, NDArray[np.intp]]:
+    """The SIZE smallest hashes of 2^doublings consecutive rows, ascending, and how often each is
+    there.
+    """
+    kept, counts = np.zeros(0, np.uint64), np.zeros(0, np.intp)
+    for start, stop in chunks.ranges_along(*columns):
+        rows = slice(start, stop + 2**doublings - 1)
+        hashes = _hash_rows([column[rows] for column in columns], doublings)
+        if kept.size == SIZE:
+            hashes = hashes[hashes <= kept[-1]]
+        different, times = np.unique(hashes, return_counts=True)
+        kept, inverse = np.unique(np.concatenate([kept, different]), return_inverse=True)
+        # a hash that is kept to the end was never left out before, so that its count is complete
+        counts = np.bincount(inverse, np.concatenate([counts, times])).astype(np.intp)[:SIZE]
+        kept = kept[:SIZE]
+    return kept, counts
+
+
+def _hash_rows(columns: Sequence[Array], doublings: int) -> _Hashes:
+    """Hash of each row of columns [n] with the 2^doublings − 1 rows behind it."""
+    hashes = np.zeros(columns[0].size, np.uint64)
+    for column in columns:
+        # adding 0 turns −0 into 0
+        hashes = _mix(hashes + (column + 0.0).view(np.uint64))
+    for doubling in range(doublings):
+        step = 2**doubling
+        hashes = _mix(_mix(hashes[:-step]) + hashes[step:])
+    return hashes
+
+
+def _mix(values: _Hashes) -> _Hashes:
+    """Integers [n] scattered over all 64 bits, one to one (Steele et al. 2014, splitmix64)."""
+    values = values + np.uint64(0x9E3779B97F4A7C15)
+    values = (values ^ (values >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    values = (values ^ (values >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return values ^ (values >> np.uint64(31))
