@@ -14,6 +14,7 @@ from calibkit.planning import comparison, equipment
 from calibkit.planning.proposal import COVERAGE, Task, measured_range
 from calibkit.recipe import type_b
 from calibkit.report import budget, figures
+from calibkit.threads import one_thread
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -31,6 +32,7 @@ LARGEST_TRIAL = 50_000_000
 """Bytes of logs up to which a campaign is judged by a fit on trial."""
 
 
+@one_thread
 def check(
     source: recipe.Source,
     data: Path,

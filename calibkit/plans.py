@@ -18,6 +18,7 @@ from calibkit.frame import refuse
 from calibkit.ingest import column_values, logs as ingest
 from calibkit.planning import document, equipment, page, screen
 from calibkit.planning.proposal import WITHHELD, Planner, Proposal, Task
+from calibkit.threads import one_thread
 
 if TYPE_CHECKING:
     from calibkit.instruments import Progress
@@ -62,6 +63,7 @@ class Request:
     have: Path | None = None
 
 
+@one_thread
 def plan(
     source: recipe.Source,
     request: Request,

@@ -2,16 +2,22 @@
 for.
 """
 
+import contextlib
 import subprocess
 import sys
+import threading
 import typing
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pandas as pd
 import pytest
+import scipy.linalg  # noqa: F401 (its library is one of those that have threads)
 from numpy.typing import ArrayLike
+from threadpoolctl import threadpool_info, threadpool_limits
 
 import calibkit
+from calibkit.instruments.inclinometer import instrument
 from conftest import ROOT
 
 DATA = ROOT / "datasets" / "gyro_triad"
@@ -187,3 +193,36 @@ def test_functions_on_arrays_take_whatever_numpy_takes():
         hints = typing.get_type_hints(function)
         wide = set(typing.get_args(ArrayLike))
         assert [name for name in names if not wide <= set(typing.get_args(hints[name]))] == []
+
+
+def pool_sizes():
+    """Threads of each library of linear algebra."""
+    return [pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"]
+
+
+@pytest.mark.parametrize("succeeds", [True, False])
+def test_linear_algebra_runs_on_one_thread_during_a_call(succeeds, monkeypatch):
+    """Two threads that a program has set are one during a fit, also of fits side by side, and two
+    after it, also where it fails.
+    """
+    during, both = [], threading.Barrier(2, timeout=60.0)
+    read = instrument.copies.refuse_copies
+
+    def watched(logs):
+        both.wait()
+        during.extend(pool_sizes())
+        if not succeeds:
+            raise calibkit.CalibkitError("no fit", hint="none")
+        return read(logs)
+
+    def fit():
+        with contextlib.nullcontext() if succeeds else pytest.raises(calibkit.CalibkitError):
+            calibkit.fit("inclinometer", ROOT / "datasets" / "inclinometer", runs=None)
+
+    monkeypatch.setattr(instrument.copies, "refuse_copies", watched)
+    with threadpool_limits(limits=2, user_api="blas"), ThreadPoolExecutor(2) as threads:
+        before = pool_sizes()
+        list(threads.map(lambda _: fit(), range(2)))
+        assert pool_sizes() == before
+    assert set(before) == {2}
+    assert set(during) == {1}

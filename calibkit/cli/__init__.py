@@ -79,8 +79,7 @@ def complete(shell: str, *, as_json: bool) -> int:
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run the command line and exit with the contract's codes."""
-    # one thread a factorisation: these are tall and narrow, threads only wait for each other, and
-    # the sums keep their order
+    # libraries that are loaded later start no threads that `calibkit.threads` would have to stop
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     argv = list(sys.argv[1:] if arguments is None else arguments)
     tolerate_closed_pipes()
