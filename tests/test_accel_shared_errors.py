@@ -6,14 +6,16 @@ import numpy as np
 import pytest
 from scipy.stats import t
 
-from calibkit.errors import RecipeError
+from calibkit.errors import FrameError, RecipeError
 from calibkit.instruments.accelerometer import circumstances, forms
+from calibkit.instruments.accelerometer.coefficient_files import Correction
 from calibkit.instruments.accelerometer.dwells import DwellSet
-from calibkit.instruments.accelerometer.errors import judge_lack_of_fit
+from calibkit.instruments.accelerometer.errors import DwellErrors, judge_lack_of_fit
 from calibkit.instruments.accelerometer.fit import fit_triad
 from calibkit.instruments.accelerometer.numeric import shared_errors
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.numeric import attitude
+from calibkit.recipe.tables import Errors
 
 MANY = np.array([(0, 0), *((i, j) for i in (45, 90, 135) for j in range(0, 360, 45)), (180, 0)])
 SIX = np.array([(0, 0), (180, 0), (90, 0), (90, 90), (90, 180), (90, -90)])
@@ -330,6 +332,40 @@ def test_a_drift_of_the_zero_with_time_is_in_u():
         widths[back] = u
         assert np.mean(covered) >= 0.88
     assert widths[True] < widths[False] / 5.0
+
+
+def with_drift():
+    """Recipe that states a drift of 10 µg/h, and the fit of a triad by it."""
+    stated = {"group": "session", "effect": "drift", "value": 1e-5, "unit": "g/h", "dof": 10.0}
+    spec = PLAIN.model_copy(update={"errors": Errors(component=[stated])})
+    return spec, fit_triad(drifting(1, timed=True, back=True), spec)
+
+
+@pytest.mark.parametrize(
+    ("hours", "off_g", "accepted"), [(100.0, 5e-4, True), (0.01, 5e-4, False), (0.01, 0.0, True)]
+)
+def test_a_drift_is_in_the_u_of_unseen_dwells_by_their_hours(hours, off_g, accepted):
+    """A drift of 10 µg/h explains zeros that move by 0.5 mg in 100 hours, and not in 36 seconds."""
+    spec, fitted = with_drift()
+    correction = Correction(((forms.K, fitted.k),))
+    unseen = dwells(2)
+    part = np.linspace(-0.5, 0.5, len(unseen.temperature))
+    # zeros of the middle of the session that was fitted
+    zero_g = 5e-6 * drifting(1, timed=True, back=True).time.mean() / 3600.0
+    unseen = dataclasses.replace(
+        unseen,
+        indication=unseen.indication + zero_g + off_g * part[:, None],
+        time=3600.0 * hours * (part + 0.5),
+    )
+    errors = DwellErrors.compare(unseen, spec, correction)
+    assert errors.judge_uncertainty("a", unseen, correction).passed == accepted
+
+
+def test_a_drift_is_not_added_to_dwells_without_time():
+    """How much of 10 µg/h dwells have that tell no time is not known: refused."""
+    _, fitted = with_drift()
+    with pytest.raises(FrameError, match="no time_s, expected one: the drift of the session"):
+        Correction(((forms.K, fitted.k),)).uncertainty(dwells(2))
 
 
 def test_temperatures_that_follow_time_are_flagged():

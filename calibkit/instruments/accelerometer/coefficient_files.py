@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibkit.arrays import Array
-from calibkit.coefficients import Condition, Figure, Model, Record, StageResult
-from calibkit.errors import CoefficientError
+from calibkit.coefficients import Component, Condition, Figure, Model, Record, StageResult
+from calibkit.errors import CoefficientError, FrameError
 from calibkit.forms import Form, within_ranges
 from calibkit.instruments.accelerometer import forms
 from calibkit.instruments.accelerometer.dwells import DwellSet
@@ -52,10 +52,13 @@ class Correction:
             indication = np.column_stack([form.evaluate(model, at) for model in models])
         return indication
 
-    def uncertainty(self, indication: Array, temperature: Array) -> tuple[Array, Array]:
+    def uncertainty(self, unseen: DwellSet) -> tuple[Array, Array]:
         """Type A uncertainty of corrected components [n, 3, g] of a log of its own: errors that its
         dwells share [n, 3, k, g], and variances [n, 3, g²] of those that they do not.
+
+        Raises FrameError where an error grows with time and the log tells none.
         """
+        indication, temperature = unseen.indication, unseen.temperature
         shared, own, dwells = [], np.zeros_like(indication), len(indication)
         for form, models in self.stages:
             at, _ = within_ranges(models[0], forms.inputs(indication, temperature))
@@ -66,7 +69,7 @@ class Correction:
                 shared.append(np.einsum("ia,nak->nik", along, slopes))
                 own += along.sum(axis=1) * model.residual_rms**2
                 for part in model.components:
-                    size = part.value * (indication if part.unit == "1" else np.ones((dwells, 3)))
+                    size = part.value * _growth(part, unseen)
                     if part.group == "attitude":  # which a log seldom repeats
                         own += along.sum(axis=1) * size**2
                     else:
@@ -132,6 +135,24 @@ class Correction:
         return (
             chunks.count(temperature, lambda part: (part < low) | (part > high)) / temperature.size
         )
+
+
+def _growth(component: Component, dwells: DwellSet) -> Array:
+    """Errors [n, 3] of dwells by one unit of a component: in proportion to the indication, to the
+    time about its mean [h], or the same in all.
+    """
+    if component.unit == "1":
+        return dwells.indication
+    if not component.unit.endswith("/h"):
+        return np.ones_like(dwells.indication)
+    if not np.isfinite(dwells.time).all():
+        raise FrameError(
+            f"{dwells.place[0]}: no time_s, expected one: the {component.effect} of the"
+            f" {component.group}, {component.value:.3g} {component.unit}, grows with time",
+            hint="log time_s",
+        )
+    hours = (dwells.time - dwells.time.mean()) / 3600.0
+    return np.tile(hours[:, None], 3)
 
 
 def find_correction(compensation: str, stages: Iterable[Record | StageResult]) -> Correction:

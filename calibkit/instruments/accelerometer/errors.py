@@ -89,7 +89,7 @@ class DwellErrors:
         """Criterion that the errors of unseen, corrected dwells are as large as their uncertainty
         states, whose parts of the coefficients and of type B terms they share.
         """
-        shared, own = correction.uncertainty(dwells.indication, dwells.temperature)
+        shared, own = correction.uncertainty(dwells)
         known = [correction.by_term(dwells, term) for term in terms]
         shared = np.concatenate([shared, *(part[:, :, None] for part in known)], axis=2)
         if self.angles is None:  # lengths: along the corrected vector
