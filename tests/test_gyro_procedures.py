@@ -7,7 +7,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from calibkit import instruments, pipeline, recipe, store
+from calibkit import inspection, instruments, pipeline, plans, recipe, store
+from calibkit.errors import FitError
 from calibkit.instruments import silent
 from calibkit.instruments.gyro_scale import over_runs, simulate_pair, simulate_rate_table
 from calibkit.instruments.gyro_scale.numeric import plateau_means, scale_factor
@@ -916,3 +917,19 @@ def test_a_temperature_sensitivity_is_as_uncertain_as_runs_repeat():
             ]
         )
     assert 0.9 <= np.mean(np.abs(ratios) < 1.96) <= 0.99
+
+
+def test_a_run_that_was_cut_short_is_checked_by_what_it_holds(tmp_path):
+    """The second log of a pair ends before the table turns the other way: check states what the
+    fit determines, and predicts no uncertainty where rates of one sign leave it open.
+    """
+    for axis, rows in (("a", 3631), ("b", 1500)):
+        log = pd.read_csv(ROOT / "datasets" / "gyro_pair" / f"table_axis_{axis}.csv")
+        log.head(rows).to_csv(tmp_path / f"table_axis_{axis}.csv", index=False)
+    found = inspection.check(recipe.find("gyro_pair", ()), tmp_path).judgement
+    assert found.determines
+    assert found.predicted == ()
+    with pytest.raises(FitError, match=r"do not determine the scale factor .* of both signs"):
+        plans.plan(
+            recipe.find("gyro_pair", ()), plans.Request(have=tmp_path), tmp_path / "p", dry_run=True
+        )

@@ -6,9 +6,12 @@ import csv
 import json
 
 import numpy as np
+import pandas as pd
 import pytest
 
+import calibkit as api
 from calibkit import instruments, recipe, store
+from calibkit.errors import FitError
 from calibkit.instruments import silent
 from calibkit.instruments.inclinometer import (
     instrument,
@@ -691,3 +694,16 @@ def test_the_sample_stations_go_through_every_command(tmp_path, calibkit, comman
     assert "s0" in calibkit("show", "I", "--runs", tmp_path / "a").out
     assert command.apply(data / "stations.csv", "out.csv", runs="a")[0].code == 0
     assert calibkit("verify", tmp_path / "a" / "I" / "r001").code == 0
+
+
+def test_a_far_temperature_that_s_is_extrapolated_to_is_named():
+    """Five stations at 20 to 28 °C predict no positive s at 90 °C: station, value and cure."""
+    log = pd.read_csv(ROOT / "datasets" / "inclinometer" / "stations.csv")
+    log = log[log["station"].between(9, 14)].reset_index(drop=True)
+    log["temp_case_degc"] = np.repeat([20.0, 22.0, 24.0, 26.0, 28.0, 90.0], 4)
+    rng = np.random.default_rng(4)
+    for name in ("gyro_x_dph", "gyro_y_dph"):
+        log[name] += rng.normal(0.0, 0.1, len(log))
+    recipe = api.load_recipe("inclinometer", scale__order=2)
+    with pytest.raises(FitError, match=r"for station 14 at 90 °C, expected a positive number"):
+        api.fit(recipe, logs={"stations.csv": log}, runs=None, date="2026-11-21")

@@ -9,6 +9,7 @@ import numpy as np
 
 from calibkit.check import copies, flag_bridged_gaps, magnitude, thermometers
 from calibkit.coefficients import Criterion, Record, at_least, at_most
+from calibkit.errors import FitError
 from calibkit.frame import Finding, Log, refuse, values
 from calibkit.ingest import logs as ingest, two_loggers, write_back
 from calibkit.instruments import Firmware, Fitted, Instrument, Progress
@@ -146,13 +147,21 @@ def _fit_criteria(
 
 
 def _over_noise(spec: FogThermalRecipe, pairs: Iterable[tuple[float, float]]) -> list[Criterion]:
-    """Criterion of the drift rms that is left, over that of the noise alone, of pairs of both."""
+    """Criterion of the drift rms that is left, over that of the noise alone, of pairs of both.
+
+    Raises FitError where none of what is left can be told to be noise.
+    """
     limit = spec.acceptance.max_residual_over_noise
     if limit is None:
         return []
     left, noise = (rms(column) for column in zip(*pairs, strict=True))
-    ratio = left / noise if noise > 0.0 else np.inf
-    return [at_most("residual over noise", ratio, limit, "1")]
+    if left > 0.0 and noise == 0.0:
+        raise FitError(
+            f"the noise cannot be told from the drift, {left:.3g} deg/h rms, that is left, expected"
+            f" their ratio for max_residual_over_noise = {limit:g}",
+            hint="log longer ramps or soaks, or state [acceptance] max_drift_rms_dph in its place",
+        )
+    return [at_most("residual over noise", left / noise if left > 0.0 else 0.0, limit, "1")]
 
 
 def _common_criteria(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.errors import UsageError
+from calibkit.errors import FitError, UsageError
 from calibkit.instruments.gyro_scale.numeric import planned
 from calibkit.instruments.gyro_scale.numeric.gjb_figures import PPM
 from calibkit.instruments.gyro_scale.numeric.planned import Holds, Model, Runs
@@ -151,9 +151,19 @@ class Bench:
             clock.rate(signed, length, log)
 
     def variances_of(self, name: str, holds: Holds, degc: Array | None) -> dict[str, Array]:
-        """Variances [m] of a result of one axis by source."""
+        """Variances [m] of a result of one axis by source; FitError where its rates do not
+        determine it.
+        """
         slopes = self.model.result_slopes(name, holds.rows.rate_dps, degc)
-        return self.model.information(holds).variances(slopes)
+        information = self.model.information(holds)
+        if not information.determined:
+            low, high = holds.rows.rate_dps.min(), holds.rows.rate_dps.max()
+            raise FitError(
+                f"held rates from {low:.4g} to {high:.4g} °/s do not determine the {name} and its"
+                " errors, expected rates of both signs",
+                hint="measure this run again",
+            )
+        return information.variances(slopes)
 
     def variances(
         self, name: str, campaign: Mapping[str, Holds], degc: Array | None = None

@@ -345,7 +345,17 @@ def _solve_stations(
 ) -> SolvedStations:
     """Solve every station with its priors, and combine both pairs where both are read; the azimuth
     is as uncertain as how the sensors are mounted makes it.
+
+    Raises FitError for a station whose predicted s is not positive.
     """
+    for axis, prior in priors.items():
+        for k in np.flatnonzero(~(prior.s > 0.0))[:1].tolist():
+            raise FitError(
+                f"gyro_{axis}_dph: s(T) predicts s = {prior.s[k]:.3g} for station"
+                f" {stations.names[k]} at {stations.temperature[k]:.4g} °C, expected a positive"
+                " number",
+                hint="lower [scale] order, or add stations near this temperature",
+            )
     solutions = {
         axis: root_choice.solve(
             stations.components[axis],
