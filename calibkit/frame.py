@@ -219,8 +219,13 @@ class Log:
         """Sample of the rows of all numeric columns but the time: a copy with another origin of
         time, or without its first or last rows, has the same.
         """
-        names = self.frame.select_dtypes("number").columns.drop("time_s", errors="ignore")
-        return row_sample.sample_rows([values(self.frame, name) for name in names])
+        return row_sample.sample_rows(
+            [
+                values(self.frame, str(name))
+                for name in self.frame.select_dtypes("number").columns
+                if name != "time_s"
+            ]
+        )
 
 
 def fingerprint(rows: Iterable[bytes]) -> str:

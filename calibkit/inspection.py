@@ -32,7 +32,7 @@ LARGEST_TRIAL = 50_000_000
 """Bytes of logs up to which a campaign is judged by a fit on trial."""
 
 
-@one_thread
+@one_thread()
 def check(
     source: recipe.Source,
     data: Path,

@@ -69,7 +69,7 @@ class FitOutcome:
     """Columns of the residuals of the fit, or none."""
 
 
-@one_thread
+@one_thread()
 def fit(
     source: recipe.Source,
     data: Path,
@@ -204,7 +204,7 @@ def validate(
     return sealed.unseal(text, str(out), run_document.VALIDATION_FORMATS), summary
 
 
-@one_thread
+@one_thread()
 def judge_unseen(run: store.Run, data: Path, progress: Progress) -> tuple[str, Summary]:
     """Hold a run's frozen coefficients against logs that they have not seen; the figures as JSON,
     and a summary.
@@ -353,7 +353,7 @@ def simulate(procedure: str, out: Path, seed: int, *, dry_run: bool = False) -> 
     return sorted(files)
 
 
-@one_thread
+@one_thread()
 def simulated(campaign: str, seed: int) -> Campaign:
     """Simulated campaign of a name, or UsageError with the names there are."""
     campaigns = instruments.campaigns()

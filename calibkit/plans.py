@@ -63,7 +63,7 @@ class Request:
     have: Path | None = None
 
 
-@one_thread
+@one_thread()
 def plan(
     source: recipe.Source,
     request: Request,

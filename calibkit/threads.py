@@ -11,9 +11,13 @@ import threading
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from threadpoolctl import ThreadpoolController
+
+_LOCK = threading.Lock()
+_LIMITS: list[Any] = []
+"""The limit, once for each call under way: calls in several threads of a program share it."""
 
 
 @functools.cache
@@ -25,7 +29,6 @@ def _libraries() -> ThreadpoolController:
 
     # a library is found only once it is loaded
     importlib.import_module("scipy.linalg")
-
     return ThreadpoolController()
 
 
@@ -42,28 +45,21 @@ def _change(setting: Callable[[], Any]) -> Any:  # noqa: ANN401 (threadpoolctl i
         OpenBLASController.clear_controlling_thread(force=True)
 
 
-class _OneThread(contextlib.ContextDecorator):
-    """Calls in several threads of a program share the limit: the first sets it, and the last to
-    end restores what was set before.
+@contextlib.contextmanager
+def one_thread() -> Iterator[None]:
+    """Limit linear algebra to one thread during a call, from the command line as from Python; the
+    last of several calls to end restores what was set before the first.
     """
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._calls = 0
-
-    def __enter__(self) -> None:
-        with self._lock:
-            if not self._calls:
-                limit = functools.partial(_libraries().limit, limits=1, user_api="blas")
-                self._limit = _change(limit)
-            self._calls += 1
-
-    def __exit__(self, *error: object) -> None:
-        with self._lock:
-            self._calls -= 1
-            if not self._calls:
-                _change(self._limit.restore_original_limits)
-
-
-one_thread = _OneThread()
-"""Decorator of what factorises, from the command line as from Python."""
+    with _LOCK:
+        _LIMITS.append(
+            _LIMITS[0]
+            if _LIMITS
+            else _change(lambda: _libraries().limit(limits=1, user_api="blas"))
+        )
+    try:
+        yield
+    finally:
+        with _LOCK:
+            shared = _LIMITS.pop()
+            if not _LIMITS:
+                _change(shared.restore_original_limits)

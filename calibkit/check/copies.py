@@ -10,7 +10,7 @@ import functools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TypeAlias, TypeVar
+from typing import Any, TypeAlias
 
 from calibkit.coefficients import Input
 from calibkit.errors import FrameError
@@ -35,9 +35,6 @@ _Content: TypeAlias = "tuple[str, str, frozenset[bytes], frozenset[int]]"
 """Name of a log's file, its SHA-256, its first rows as `Log.first_rows` gives them, and its sample
 as `Log.sample_without_time` gives it.
 """
-
-Hash = TypeVar("Hash", int, str)
-"""Member of a sample."""
 
 
 def find_copies(logs: Iterable[_Content]) -> list[tuple[str, str]]:
@@ -86,7 +83,7 @@ def _are_copies(shared: int, fewer: int) -> bool:
     return fewer >= FEWEST and shared >= SHARED * fewer
 
 
-def _count_shared(one: frozenset[Hash], other: frozenset[Hash]) -> tuple[int, int]:
+def _count_shared(one: frozenset[Any], other: frozenset[Any]) -> tuple[int, int]:
     """Members of the smaller of two samples up to the member that both reach, and how many of them
     the samples share.
     """

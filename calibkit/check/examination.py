@@ -89,8 +89,12 @@ def examine_log(
     ):
         case, indication = values(log.frame, "temp_case_degc"), values(log.frame, "gyro_dph")
         slope = magnitude.fit_drift_slope(case, indication)
-    content = log.first_rows(), log.sample_without_time()
-    return _Examination(report, _draw_log(log, held, findings), slope, content)
+    return _Examination(
+        report,
+        _draw_log(log, held, findings),
+        slope,
+        (log.first_rows(), log.sample_without_time()),
+    )
 
 
 def segment_numbers(

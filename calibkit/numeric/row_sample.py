@@ -23,8 +23,6 @@ DIFFERENT = 0.9
 this log as rarely as the log has it again: in a tenth at most.
 """
 
-_Hashes = NDArray[np.uint64]
-
 
 def sample_rows(columns: Sequence[Array]) -> frozenset[int]:
     """The SIZE smallest hashes of rows of columns [n], or of the fewest consecutive rows that are
@@ -38,39 +36,37 @@ def sample_rows(columns: Sequence[Array]) -> frozenset[int]:
     return frozenset()
 
 
-def _smallest_hashes(columns: Sequence[Array], doublings: int) -> tuple[_Hashes, NDArray[np.intp]]:
+def _smallest_hashes(
+    columns: Sequence[Array], doublings: int
+) -> tuple[NDArray[np.uint64], NDArray[np.intp]]:
     """The SIZE smallest hashes of 2^doublings consecutive rows, ascending, and how often each is
     there.
     """
     kept, counts = np.zeros(0, np.uint64), np.zeros(0, np.intp)
     for start, stop in chunks.ranges_along(*columns):
-        rows = slice(start, stop + 2**doublings - 1)
-        hashes = _hash_rows([column[rows] for column in columns], doublings)
-        if kept.size == SIZE:
-            hashes = hashes[hashes <= kept[-1]]
-        different, times = np.unique(hashes, return_counts=True)
-        kept, inverse = np.unique(np.concatenate([kept, different]), return_inverse=True)
+        hashes = _hash_rows([x[start : stop + 2**doublings - 1] for x in columns], doublings)
+        largest = kept[-1] if kept.size == SIZE else np.iinfo(np.uint64).max
+        different, times = np.unique(hashes[hashes <= largest], return_counts=True)
+        merged, inverse = np.unique(np.concatenate([kept, different]), return_inverse=True)
         # a hash that is kept to the end was never left out before, so that its count is complete
         counts = np.bincount(inverse, np.concatenate([counts, times])).astype(np.intp)[:SIZE]
-        kept = kept[:SIZE]
+        kept = merged[:SIZE]
     return kept, counts
 
 
-def _hash_rows(columns: Sequence[Array], doublings: int) -> _Hashes:
+def _hash_rows(columns: Sequence[Array], doublings: int) -> NDArray[np.uint64]:
     """Hash of each row of columns [n] with the 2^doublings − 1 rows behind it."""
     hashes = np.zeros(columns[0].size, np.uint64)
     for column in columns:
         # adding 0 turns −0 into 0
         hashes = _mix(hashes + (column + 0.0).view(np.uint64))
-    for doubling in range(doublings):
-        step = 2**doubling
+    for step in (2 ** np.arange(doublings)).tolist():
         hashes = _mix(_mix(hashes[:-step]) + hashes[step:])
     return hashes
 
 
-def _mix(values: _Hashes) -> _Hashes:
+def _mix(values: NDArray[np.uint64]) -> NDArray[np.uint64]:
     """Integers [n] scattered over all 64 bits, one to one (Steele et al. 2014, splitmix64)."""
-    values = values + np.uint64(0x9E3779B97F4A7C15)
     values = (values ^ (values >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     values = (values ^ (values >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     return values ^ (values >> np.uint64(31))

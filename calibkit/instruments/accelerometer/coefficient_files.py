@@ -151,8 +151,7 @@ def _growth(component: Component, dwells: DwellSet) -> Array:
             f" {component.group}, {component.value:.3g} {component.unit}, grows with time",
             hint="log time_s",
         )
-    hours = (dwells.time - dwells.time.mean()) / 3600.0
-    return np.tile(hours[:, None], 3)
+    return np.tile((dwells.time - dwells.time.mean())[:, None] / 3600.0, 3)
 
 
 def find_correction(compensation: str, stages: Iterable[Record | StageResult]) -> Correction:

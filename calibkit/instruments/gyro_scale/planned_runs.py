@@ -157,10 +157,10 @@ class Bench:
         slopes = self.model.result_slopes(name, holds.rows.rate_dps, degc)
         information = self.model.information(holds)
         if not information.determined:
-            low, high = holds.rows.rate_dps.min(), holds.rows.rate_dps.max()
             raise FitError(
-                f"held rates from {low:.4g} to {high:.4g} °/s do not determine the {name} and its"
-                " errors, expected rates of both signs",
+                f"held rates from {holds.rows.rate_dps.min():.4g} to"
+                f" {holds.rows.rate_dps.max():.4g} °/s do not determine the {name} and its errors,"
+                " expected rates of both signs",
                 hint="measure this run again",
             )
         return information.variances(slopes)
