@@ -222,8 +222,8 @@ class Log:
         return row_sample.sample_rows(
             [
                 values(self.frame, str(name))
-                for name in self.frame.select_dtypes("number").columns
-                if name != "time_s"
+                for name, kind in self.frame.dtypes.items()
+                if kind.kind in "fiu" and name != "time_s"
             ]
         )
 
