@@ -26,6 +26,7 @@ from calibkit.certificate import (
     verify_text,
 )
 from calibkit.certificate.results import ListTable
+from calibkit.certificate.words import Words
 from calibkit.errors import CoefficientError
 from conftest import AUTHORITIES, ROOT
 
@@ -355,8 +356,33 @@ def test_numbers_that_do_not_follow_from_the_attached_files_are_named(record, ru
     refused(path, "principal results: 'scale factor K, gyro a", "is not printed", "dcc.xml")
 
 
-def test_a_changed_printed_number_is_named(record, tmp_path):
-    """One printed value and nothing else: its file and its row are named."""
+def test_numbers_of_another_release_are_compared_and_its_words_are_not(
+    record, tmp_path, monkeypatch
+):
+    """A name that this release prints otherwise is no forgery; that the words were not compared is
+    a warning.
+    """
+    monkeypatch.setattr(dcc, "RELEASE", "v9.9.9")
+    path = written(replace(record, blocks=renamed(record.blocks)), tmp_path / "renamed.pdf")
+    found = verify.verify(path, instruments.certificate_layout)
+    assert any("its words and budgets were not compared" in words for words in found.warnings)
+
+
+def renamed(blocks):
+    """Blocks whose last table calls its first result otherwise."""
+    block = blocks[-1]
+    table = block.tables[0]
+    first = replace(table.results[0], words=Words("another name of this result"))
+    tables = (replace(table, results=(first, *table.results[1:])), *block.tables[1:])
+    return (*blocks[:-1], replace(block, tables=tables))
+
+
+@pytest.mark.parametrize("release", [dcc.RELEASE, "v9.9.9"])
+def test_a_changed_printed_number_is_named(record, tmp_path, monkeypatch, release):
+    """One printed value and nothing else: its file and its row are named, whichever release printed
+    it.
+    """
+    monkeypatch.setattr(dcc, "RELEASE", release)
     block = record.blocks[-1]
     table = block.tables[0]
     assert isinstance(table, ListTable)
@@ -482,7 +508,9 @@ def test_text_of_every_kind_in_a_profile_raises_no_false_alarm(text, run, tmp_pa
 def test_a_row_is_found_as_it_is_and_not_with_a_digit_or_sign_more(printed, found):
     """Blanks do not matter, digits and signs do."""
     text = verify_text._Text.from_pages([f"before {printed} behind"])
-    assert (text.find(verify_text._segments(["K0", "1.003253", "0.000040", "1"]), 0) >= 0) is found
+    assert (
+        text.find(verify_text._segments(["K0", "1.003253", "0.000040", "1"], words=True), 0) >= 0
+    ) is found
 
 
 def test_the_dcc_alone_is_checked_by_structure_and_digests(unsigned, tmp_path, calibkit):

@@ -6,6 +6,7 @@ digit, point or sign is another number. Words in scripts whose order changes whe
 passed over.
 """
 
+import re
 import unicodedata
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -18,6 +19,8 @@ LARGEST_GAP = 1500
 """Characters that a text which cannot be read back may take."""
 LIGATURES = {"ﬀ": "ff", "ﬁ": "fi", "ﬂ": "fl", "ﬃ": "ffi", "ﬄ": "ffl", "\u200b": " ", "\u00ad": ""}
 PART_OF_NUMBER = frozenset("0123456789.−")
+NUMBER = re.compile(r"[0-9.−…\[\]*×⁻⁰¹²³⁴-⁹ ]*[0-9][0-9.−…\[\]*×⁻⁰¹²³⁴-⁹ ]*|[0-9a-f\u200b]{64,}")
+"""A cell that is a number, an interval or a digest, and no word."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,11 +112,11 @@ def _readable(text: str) -> bool:
     )
 
 
-def _segments(cells: Sequence[str]) -> Segments:
-    """Cells of a row as texts that stand behind each other."""
+def _segments(cells: Sequence[str], *, words: bool) -> Segments:
+    """Cells of a row as texts that stand behind each other; without `words` those of numbers."""
     found: Segments = []
     for cell in cells:
-        if not _readable(cell):
+        if not _readable(cell) or not (words or not cell or NUMBER.fullmatch(cell)):
             found.append(None)
         elif text := compact(cell):
             found.append(text)
@@ -122,21 +125,29 @@ def _segments(cells: Sequence[str]) -> Segments:
     return found
 
 
-def find_unprinted(sheet: dict[str, Any], pages: Sequence[str]) -> tuple[list[str], int]:
-    """Everything that the sheet holds and the pages do not, and how many rows were found."""
+def find_unprinted(
+    sheet: dict[str, Any], pages: Sequence[str], *, words: bool
+) -> tuple[list[str], int]:
+    """Everything that the sheet holds and the pages do not, and how many rows were found; without
+    `words` the numbers of its results and its digests alone, which every release prints alike.
+    """
     text = _Text.from_pages(pages)
-    missing = [*_marks(sheet, text), *_facts(sheet, text)]
-    place, count = 0, 0
-    for where, cells in _rows(sheet):
-        row = _segments(cells)
+    missing = [*_marks(sheet, text), *(_facts(sheet, text) if words else ())]
+    place, count, taken = 0, 0, set[int]()
+    for where, cells in _rows(sheet, budgets=words):
+        row = _segments(cells, words=words)
         if not row:
             continue
-        end = text.find(row, place)
+        end = text.find(row, place if words else 0)
+        # names of another length lay tables out in another order: each row has a place of its own
+        while end in taken:
+            end = text.find(row, end)
         if end < 0:
             shown = " ".join(cell for cell in cells if cell).replace("\u200b", "")
             missing.append(f"{where}: '{shown[:90]}' is not printed")
         else:
             place, count = end, count + 1
+            taken |= set() if words else {end}
     return missing, count
 
 
@@ -182,8 +193,10 @@ def _body(sheet: dict[str, Any], page: str) -> str:
     return page if foot < 0 else page[:foot]
 
 
-def _rows(sheet: dict[str, Any]) -> Iterator[tuple[str, list[str]]]:
-    """Every row of numbers in the order of printing, with where it belongs."""
+def _rows(sheet: dict[str, Any], *, budgets: bool) -> Iterator[tuple[str, list[str]]]:
+    """Every row of numbers in the order of printing, with where it belongs; those of uncertainty
+    budgets where they are asked for.
+    """
     yield from (("principal results", row) for row in sheet["principal"]["rows"])
     for block in sheet["blocks"]:
         for table in block["tables"]:
@@ -193,7 +206,7 @@ def _rows(sheet: dict[str, Any]) -> Iterator[tuple[str, list[str]]]:
         yield from ((table["title"], row) for row in table["rows"])
     if sheet["conformity"]["table"] is not None:
         yield from (("conformity", row) for row in sheet["conformity"]["table"]["rows"])
-    for budget in sheet["budgets"]["budgets"]:
+    for budget in sheet["budgets"]["budgets"] if budgets else ():
         yield f"budget of {budget['title']}", [budget["title"], budget["value"]]
         yield from ((f"budget of {budget['title']}", row) for row in budget["rows"])
         yield f"budget of {budget['title']}", budget["sum"]
