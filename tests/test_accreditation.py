@@ -16,6 +16,9 @@ from calibkit.certificate import (
     certify,
     checklist,
     content,
+    dcc,
+    dcc_check,
+    dcc_xml,
     pdf,
     profile,
     run_files,
@@ -204,6 +207,93 @@ def test_an_attached_profile_of_a_release_before_is_read_with_its_comments_and_o
     """Certificates that were issued keep their digest and their meaning."""
     text = '[certificate]\nnumber = "A" # ours\n# --set certificate.number="B"\n'
     assert profile.parse(text, "profile.toml").certificate.number == "B"
+
+
+STANDARD = """
+[[standard]]
+name = "Pt100"
+certificate = "T-2026-118"
+sha256 = "{digest}"
+date = 2026-03-02
+valid_until = 2027-03-02
+range = "−50 °C … 130 °C"
+expanded_uncertainty = 0.08
+coverage_factor = 2.3
+unit = "K"
+{keys}
+"""
+
+
+def with_standard(tmp_path, keys=""):
+    """Profile whose last standard has these further keys."""
+    head, tail = (PROFILES / "rate_table.toml").read_text(encoding="utf-8").split("[calibrated_by]")
+    tail = tail.split('[[type_b]]\nname = "case thermometer, calibration"')[0]
+    text = STANDARD.format(digest=64 * "a", keys=keys)
+    path = tmp_path / "lab.toml"
+    path.write_text(f"{head}{text}\n[calibrated_by]{tail}", encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    "key", ['dcc = "T-2026-118.xml"', 'result = "error"', 'dcc = "absent.xml"\nresult = "error"']
+)
+def test_the_key_of_a_standards_dcc_is_refused_in_one_line(tmp_path, key):
+    """No number is read from an XML file of others: the line says what to state instead."""
+    (tmp_path / "T-2026-118.xml").write_text("<a/>")
+    with pytest.raises(RecipeError, match=r"lab.toml:\d+: .*is not read") as refused:
+        profile.load(with_standard(tmp_path, key))
+    assert "\n" not in str(refused.value)
+    assert "expanded_uncertainty, unit and coverage_factor" in str(refused.value)
+    assert refused.value.exit_code == 2
+    bare = tmp_path / "bare.toml"
+    bare.write_text(f"[[standard]]\n{key}\n" if "dcc" in key else f'[[standard]]\nname="S"\n{key}')
+    with pytest.raises(RecipeError, match="is not read"):
+        profile.load(bare)
+
+
+def test_an_attached_profile_of_0_2_with_the_key_of_a_dcc_makes_the_same_certificate(run, tmp_path):
+    """What it was filled with stands in it, with the digest of the file that it was read from."""
+    stated, text = profile.load(with_standard(tmp_path, 'quantity = "temp_case_degc"'))
+    keys = 'dcc = "T-2026-118.xml"\nresult = "error"\n'
+    attached = text.replace('name = "Pt100"\n', f'name = "Pt100"\n{keys}')
+    assert attached != text
+    found = profile.parse(attached, "profile.toml")
+    assert (found.standard[-1].dcc, found.standard[-1].result) == ("T-2026-118.xml", "error")
+    files = run_files.RunFiles.read(run)
+    before, now = (
+        content.build(files, instruments.certificate_layout, one, attached, None, ISSUED)
+        for one in (found, stated)
+    )
+    assert sheet.sheet(before, "en") == sheet.sheet(now, "en")
+    assert before.results == now.results
+
+
+def test_the_uncertainty_of_a_standard_with_its_quantity_is_a_type_b_term(run, tmp_path):
+    """As the same term in [[type_b]] would; without a quantity it enters none."""
+    key, quantity = "gyro_scale.gyro_x.K_over_temperature.value@60", 'quantity = "temp_case_degc"'
+    size = 'unit="K", expanded_uncertainty=0.08, coverage_factor=2.3'
+    stated = f'type_b=[{{name="t", quantity="temp_case_degc", {size}}}]'
+
+    def part(certificate):
+        u = next(r for r in certificate.results if r.key == key).uncertainty
+        return [c for c in u.contributions if c.quantity == "temp_case_degc"]
+
+    (one,) = part(built(run, path=with_standard(tmp_path, quantity)))
+    (other,) = part(built(run, stated, path=with_standard(tmp_path)))
+    assert one.contribution == pytest.approx(other.contribution, rel=1e-12)
+    assert one.name.en == "Pt100, T-2026-118"
+    assert part(built(run, path=with_standard(tmp_path))) == []
+
+
+def test_the_dcc_states_digest_and_validity_of_a_standards_certificate(run, tmp_path):
+    """dcc:certificate with SHA-256 and whether it held on the day; schema 3.3.0."""
+    pytest.importorskip("lxml")
+    made = dcc.render(built(run, path=with_standard(tmp_path)), "en")
+    root = dcc_check.check(made, REAL / "dcc-schema" if REAL.is_dir() else None)
+    one = root.findall(".//dcc:measuringEquipment/dcc:certificate", dcc_xml.NAMES)[-1]
+    names = ("referralID", "procedure", "value", "inValidityRange")
+    texts = [one.findtext(f"dcc:{name}", "", dcc_xml.NAMES) for name in names]
+    assert texts == ["T-2026-118", "SHA-256", 64 * "a", "true"]
 
 
 @pytest.fixture(scope="module")

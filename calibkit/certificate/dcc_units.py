@@ -58,8 +58,6 @@ GRAVITY: dict[str, float] = {"g": 1.0, "mg": 1e-3, "ug": 1e-6}
 REPLACED: dict[str, str] = {"rpm": "rev/min"}
 """Units that are a compound of others."""
 CELSIUS, KELVIN = r"\degreecelsius", r"\kelvin"
-PREFIXES = {"nano": 1e-9, "micro": 1e-6, "milli": 1e-3, "centi": 1e-2, "kilo": 1e3, "mega": 1e6}
-_SPELT = re.compile(r"\\([a-z]+)(?:\\tothe\{(-?\d+(?:\.\d+)?)\})?")
 _TOKEN = re.compile(r"sqrt\(|[()/*]|\^?-?\d+(?:\.\d+)?|[A-Za-z%]+")
 
 
@@ -114,31 +112,6 @@ def dsi(unit: str) -> Unit:
     if rest:
         raise OutputError(f"unit '{unit}' has no D-SI spelling", hint="this is a bug")
     return found
-
-
-def spelling_of(text: str) -> tuple[str, float]:
-    r"""Unit of D-SI as calibkit spells it, and how many of that one is: \milli\kelvin → K, 0.001;
-    OutputError for one that the table lacks.
-    """
-    known = {own[1:]: name for name, (own, factor) in ATOMS.items() if own and factor == 1.0}
-    known |= {"one": "1", "percent": "%", "ppm": "ppm"}
-    above: list[str] = []
-    below: list[str] = []
-    scale = prefix = 1.0
-    for name, digits in _SPELT.findall(text):
-        if name in PREFIXES:
-            prefix = PREFIXES[name]
-            continue
-        if name not in known:
-            raise OutputError(f"unit '{text}' is not known", hint="state it in the profile")
-        power = Fraction(digits or 1)
-        scale *= prefix ** float(power)
-        size = "" if abs(power) == 1 else f"^{float(abs(power)):g}"
-        (above if power > 0 else below).append(f"{known[name]}{size}")
-        prefix = 1.0
-    if "".join(found[0] for found in _SPELT.finditer(text)) != text.strip() or not text.strip():
-        raise OutputError(f"unit '{text}' is not known", hint="state it in the profile")
-    return "/".join(("*".join(above) or "1", *below)), scale
 
 
 def _product(tokens: list[str], whole: str) -> tuple[Unit, list[str]]:

@@ -11,7 +11,6 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
-from calibkit.certificate import standard_dcc
 from calibkit.errors import RecipeError
 from calibkit.recipe import TypeB, loader, toml_text
 from calibkit.recipe.strict import Positive, Table
@@ -180,9 +179,10 @@ class Standard(Table):
 
     name: str = ""
     dcc: str = ""
-    """Its digital calibration certificate, relative to the profile, which fills the other keys."""
     result: str = ""
-    """Name, id, label or refType of the quantity in it whose U counts, where it has several."""
+    """Only in attached profiles of 0.2: the file that the other keys were read from, and which
+    quantity in it.
+    """
     serial: str = ""
     certificate: str = ""
     sha256: Annotated[str, Field(pattern=SHA256)] = ""
@@ -202,7 +202,7 @@ class Standard(Table):
     @model_validator(mode="after")
     def _whole(self) -> Self:
         if self.dcc and self.expanded_uncertainty is None:
-            return self  # not yet read
+            return self  # `load` refuses it, whatever else is missing
         if not self.name.strip():
             raise ValueError("a standard needs a name")
         if self.expanded_uncertainty is not None and not self.unit.strip():
@@ -333,35 +333,16 @@ def load(path: Path | None, overrides: tuple[str, ...] = ()) -> tuple[Profile, s
     """
     source = read_source(path, overrides)
     found = source.table(Profile)
-    folder = Path() if path is None else path.parent
     with source.placing():
-        standards = tuple(_fill(k, one, folder) for k, one in enumerate(found.standard))
-    found = found.model_copy(update={"standard": standards})
+        for number, standard in enumerate(found.standard):
+            if standard.dcc or standard.result:
+                raise RecipeError(
+                    "[[standard]] dcc: the certificate of a standard is not read",
+                    hint="state its certificate (number), date, expanded_uncertainty, unit and"
+                    " coverage_factor here, and leave out dcc and result",
+                    at=("standard", number, "dcc" if standard.dcc else "result"),
+                )
     return found, "" if path is None and not overrides else dumps(found)
-
-
-def _fill(number: int, standard: Standard, folder: Path) -> Standard:
-    """A standard with what its DCC states; RecipeError where the profile contradicts it."""
-    if not standard.dcc:
-        return standard
-    stated, at = standard.model_dump(exclude_defaults=True), ("standard", number, "dcc")
-    try:
-        found = standard_dcc.read(folder / standard.dcc, standard.result)
-    except RecipeError as error:
-        raise RecipeError(error.message, hint=error.hint, at=at) from None
-    for key in (found.keys() & stated.keys()) - {"name"}:
-        if stated[key] != found[key]:
-            raise RecipeError(
-                f"[[standard]] {key} = {stated[key]}, {standard.dcc} states {found[key]}",
-                hint=f"leave out {key}, or name the right DCC",
-                at=at,
-            )
-    try:
-        return Standard.model_validate(found | stated)
-    except ValidationError as error:
-        message = error.errors()[0]["msg"].removeprefix("Value error, ")
-        hint = "state what it leaves out, or name another DCC"
-        raise RecipeError(f"{standard.dcc}: {message}", hint=hint, at=at) from None
 
 
 def dumps(profile: Profile) -> str:
