@@ -9,6 +9,7 @@ import re
 from dataclasses import asdict, dataclass, field, fields
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
+from calibkit import names
 from calibkit.errors import CoefficientError
 from calibkit.sealed import seal, unseal
 
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 FORMAT = "calibkit-coefficients/2"
 FORMATS = ("calibkit-coefficients/1", FORMAT)
 """Every coefficient format ever released; each keeps loading."""
+_FORM = re.compile(r"[a-z][a-z0-9-]*/[1-9][0-9]*")
+"""Name of a model form, which exports state: "fog-drift-bank/1"."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -296,7 +299,7 @@ def loads(text: str, name: str) -> Record:
                 "flags": tuple(_plain(flag, "str") for flag in document["flags"]),
             },
         )
-        _require_format(record)
+        _require_sound(record)
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise CoefficientError(
             f"{name}: not a coefficient record: {error}", hint="restore it from the run's copy"
@@ -304,8 +307,12 @@ def loads(text: str, name: str) -> Record:
     return record
 
 
-def _require_format(record: Record) -> None:
-    """Raise ValueError for a record of format 1 with a key that only format 2 has."""
+def _require_sound(record: Record) -> None:
+    """Raise ValueError for a serial that names no device, or for a record of format 1 with a key
+    that only format 2 has.
+    """
+    if not names.is_serial(record.serial):
+        raise ValueError(f"serial {record.serial!r:.40} is none that fit takes")
     numbers = (*record.figures, *(entry for model in record.models for entry in model.coefficients))
     if record.format == FORMATS[0] and (
         any(entry.effective_dof is not None for entry in numbers)
@@ -332,6 +339,8 @@ def _model(entry: Mapping[str, Any]) -> Model:
             "components": tuple(_typed(Component, item) for item in entry.get("components", ())),
         },
     )
+    if not _FORM.fullmatch(model.form):
+        raise ValueError(f"model form {model.form!r:.40} is no name with a version")
     size = len(model.coefficients)
     if model.covariance and [len(row) for row in model.covariance] != [size] * size:
         raise ValueError(f"model '{model.name}': a covariance that is not {size} × {size}")

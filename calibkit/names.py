@@ -7,6 +7,7 @@ from calibkit.errors import visible
 
 _DEVICE = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\.|$)", re.IGNORECASE)
 """Names that Windows keeps for devices, with any suffix."""
+_SERIAL = re.compile(r"[^\W_][\w.+-]*", re.UNICODE)
 _ALIKE = {"LATIN", "GREEK", "CYRILLIC", "ARMENIAN", "CHEROKEE", "FULLWIDTH", "MATHEMATICAL"}
 """Alphabets that have letters of one shape (Unicode Technical Standard 39)."""
 
@@ -14,6 +15,12 @@ _ALIKE = {"LATIN", "GREEK", "CYRILLIC", "ARMENIAN", "CHEROKEE", "FULLWIDTH", "MA
 def is_device(name: str) -> bool:
     """Whether Windows keeps a name for a device."""
     return _DEVICE.match(name) is not None
+
+
+def is_serial(text: str) -> bool:
+    """Whether a text can name a device's folder on every system: what `fit` takes as a serial."""
+    plain = _SERIAL.fullmatch(text) and not text.endswith(".") and len(text) <= 100
+    return bool(plain) and not is_device(text) and not find_fault(text, words=False)
 
 
 def find_fault(name: str, *, words: bool = True) -> str:

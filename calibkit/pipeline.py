@@ -116,8 +116,17 @@ def fit(
 
 def run_recipe(run: store.Run, overrides: tuple[str, ...]) -> recipe.Recipe:
     """Recipe of a run as it was fitted, with overrides for the place of use; nothing is excluded
-    from now on.
+    from now on. CoefficientError for a model of a form that its procedure does not have.
     """
+    forms = instruments.model_forms(run.document["procedure"])
+    for name, record in run.records.items():
+        for model in record.models:
+            if model.form not in forms:
+                raise CoefficientError(
+                    f"{run.folder / name}: model form '{model.form}', expected one of"
+                    f" {', '.join(forms) or 'none'}",
+                    hint="use the calibkit, or the plugin, that wrote it",
+                )
     return instruments.fitted_recipe(run.document, *overrides).model_copy(update={"exclude": ()})
 
 

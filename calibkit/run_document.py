@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Literal
 
-from calibkit import sealed
+from calibkit import names, sealed
 from calibkit.coefficients import Criterion
 from calibkit.errors import CoefficientError
 from calibkit.frame import KEPT_DIGITS
@@ -150,6 +150,8 @@ def _wrong_contents(document: Mapping[str, Any]) -> list[str]:
     and number.
     """
     faults = [fault for key in TABLES for fault in _misshapen_entries(document, key)]
+    if faults:  # what follows looks into the entries
+        return faults
     faults += [
         f"inputs: fingerprint: {entry['fingerprint']!r:.40}"
         for entry in document["inputs"]
@@ -167,8 +169,10 @@ def _wrong_contents(document: Mapping[str, Any]) -> list[str]:
         faults.append(f"verdict: {document['verdict']!r:.40}, accepted: {stated}")
     if not _is_date(document["effective_from"]):
         faults.append(f"effective_from: {document['effective_from']!r:.40}")
-    if document["revision"] <= 0:
+    if document["revision"] <= 0 or document["revision"] is True:
         faults.append(f"revision: {document['revision']}")
+    if not names.is_serial(document["serial"]):
+        faults.append(f"serial: {document['serial']!r:.40} is none that fit takes")
     return faults
 
 

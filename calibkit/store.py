@@ -22,7 +22,6 @@ FLEET_FORMATS = ("calibkit-fleet/1", "calibkit-fleet/2")
 FLEET_FILE = "fleet.json"
 FLEETS = "_fleet"
 """Folder of the tables of fleets, beside the serials' folders; no serial begins like it."""
-_SERIAL = re.compile(r"[^\W_][\w.+-]*", re.UNICODE)
 _REVISION = re.compile(r"r(\d{3}|[1-9]\d{3,})")
 _DATE = re.compile(r"\d{4}-\d{2}-\d{2}")
 _SCANNER_PAUSES_S = (0.05, 0.1, 0.2, 0.4)
@@ -58,19 +57,18 @@ def check_serial(serial: str) -> str:
     """Return a serial that can name a folder on every system, or raise UsageError."""
     if not serial:
         raise UsageError("no serial number", hint='give --serial, or serial = "…" in the recipe')
+    if names.is_serial(serial):
+        return serial
     fault = names.find_fault(serial, words=False)
-    plain = _SERIAL.fullmatch(serial) and not serial.endswith(".") and len(serial) <= 100
-    if not plain or names.is_device(serial):
-        raise UsageError(
-            f"serial '{serial}' cannot name a folder",
-            hint="use letters, digits, '-', '_', '+' and '.', starting with a letter or digit",
-        )
-    if fault:
+    if fault and not names.is_device(serial):
         raise UsageError(
             f"serial '{serial}' {fault}",
             hint="type it anew in one alphabet: letters that look alike would be two devices",
         )
-    return serial
+    raise UsageError(
+        f"serial '{serial}' cannot name a folder",
+        hint="use letters, digits, '-', '_', '+' and '.', starting with a letter or digit",
+    )
 
 
 def revisions(serial_folder: Path) -> list[int]:
@@ -151,7 +149,7 @@ def find(name: str, runs: Path, date: str = "") -> Path:
         )
     if _is_run(Path(name)):
         return Path(name)
-    numbers = revisions(runs / serial) if _SERIAL.fullmatch(serial) else []
+    numbers = revisions(runs / serial) if names.is_serial(serial) else []
     if not numbers:
         raise UsageError(
             f"run '{name}' is neither a run folder nor a serial under {runs}",
@@ -290,10 +288,12 @@ def _own_record(document: Mapping[str, Any], path: Path) -> coefficients.Record:
     date.
     """
     record = coefficients.loads(_text(path), str(path))
-    for key in ("serial", "revision", "effective_from"):
-        if getattr(record, key) != document[key]:
+    expected = {key: document[key] for key in ("serial", "revision", "effective_from")}
+    for key, value in ({"stage": path.stem} | expected).items():
+        if getattr(record, key) != value:
+            source = "the file's name" if key == "stage" else RUN_FILE
             raise CoefficientError(
-                f"{path}: {key} '{getattr(record, key)}', but run.json says '{document[key]}'",
+                f"{path}: {key} '{getattr(record, key)}', but {source} says '{value}'",
                 hint="the file is of another run; do not use it",
             )
     return record

@@ -5,7 +5,7 @@ twin, mutations, MISRA.
 import re
 import shutil
 import subprocess
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import pytest
 
@@ -100,6 +100,35 @@ def test_headers_and_sources_are_also_cpp(compiler, sources):
     """A C++11 program may include the header, or compile the source itself."""
     needs(compiler)
     ran(compiler, "-x", "c++", "-std=c++11", *WARNINGS, "-fsyntax-only", "all.c", cwd=sources)
+
+
+HOSTILE = 'a*/ int stolen; /*/ "\\" ?\u003f/\n#error\n é\x01 */ int other; \\'
+
+
+@pytest.mark.parametrize("compiler", [("gcc", "-std=c99"), ("g++", "-x", "c++", "-std=c++11")])
+def test_texts_enter_c_only_escaped(compiler, exports, tmp_path):
+    """Whatever serial, date, form, formula and sources hold, the header and the source compile to
+    what they were, and the serial is the text's own bytes.
+    """
+    needs(compiler[0])
+    first = exports[0]
+    structure = replace(first.structure, forms=(HOSTILE,), formula=HOSTILE)
+    hostile = replace(
+        first,
+        identity=replace(first.identity, serial=HOSTILE, effective_from=HOSTILE, software=HOSTILE),
+        chain=replace(first.chain, structure=structure, ranges=(HOSTILE,)),
+        sources=(HOSTILE,),
+    )
+    write([hostile], tmp_path)
+    ran(*compiler, *WARNINGS, "-fsyntax-only", "all.c", cwd=tmp_path)
+    (tmp_path / "say.c").write_text(
+        f'#include "all.c"\n#include <stdio.h>\n'
+        "int stolen = 7, other = 8;\nint main(void) {\n"
+        f"return fputs({hostile.prefix.upper()}_SERIAL, stdout) < 0 || stolen + other != 15; }}\n"
+    )
+    ran(*compiler, "-o", "say", "say.c", cwd=tmp_path)
+    done = subprocess.run([tmp_path / "say"], capture_output=True, check=True, timeout=20)
+    assert done.stdout == HOSTILE.encode()
 
 
 @pytest.mark.parametrize(

@@ -243,6 +243,63 @@ def test_coefficients_of_another_run_are_refused_even_where_run_json_lists_them(
         store.load(golden)
 
 
+C_TEXT = "*/ int stolen(void) { return 1; } /*"
+
+
+@pytest.mark.parametrize(
+    "text", [C_TEXT, 'X"; int x; char *y="', "X\\", "X\n#error", "", "X?\u003f/"]
+)
+@pytest.mark.parametrize("command", ["show", "export", "verify"])
+def test_a_sealed_run_whose_serial_no_fit_takes_is_refused(
+    golden, text, command, tmp_path, calibkit
+):
+    """Digests made to fit or not, it reaches no file: one line and exit code 4."""
+    forge(golden / "inclinometer_scale.json", lambda document: document.update(serial=text))
+    reseal(golden, serial=text)
+    asked = {"export": ("--target", "c", "--prefix", "cal", "--out", tmp_path / "c")}
+    outcome = calibkit(command, golden, *asked.get(command, ()))
+    assert (outcome.code, outcome.err.count("\n")) == (4, 1), outcome
+    assert "serial" in outcome.err + outcome.out
+    assert not (tmp_path / "c").exists()
+    alone = calibkit("verify", golden / "inclinometer_scale.json")
+    assert (alone.code, alone.err.count("\n")) == (4, 1), alone
+
+
+@pytest.mark.parametrize(
+    "form", [f"inclinometer-scale/1{C_TEXT}", C_TEXT, "inclinometer-scale", "accel-k/1", "k/1"]
+)
+def test_a_sealed_run_of_an_unknown_model_form_is_not_exported(golden, form, tmp_path, calibkit):
+    """Also one of another procedure: the coefficients would be taken for something else."""
+    forge(
+        golden / "inclinometer_scale.json", lambda document: document["models"][0].update(form=form)
+    )
+    reseal(golden)
+    out = ("--prefix", "cal", "--out", tmp_path / "c")
+    outcome = calibkit("export", golden, "--target", "c", *out)
+    assert (outcome.code, outcome.err.count("\n")) == (4, 1), outcome
+    assert "form" in outcome.err
+    assert not (tmp_path / "c").exists()
+
+
+@pytest.mark.parametrize("inputs", [[None], [1], ["x"], [[]], [{}]])
+def test_a_sealed_run_whose_inputs_are_no_tables_is_refused(golden, inputs, calibkit):
+    """`show` ends with exit code 4 and says what is not a table, or what it lacks."""
+    reseal(golden, inputs=inputs)
+    outcome = calibkit("show", golden)
+    assert (outcome.code, outcome.err.count("\n")) == (4, 1), outcome
+    assert "inputs: " in outcome.err
+
+
+def test_a_coefficient_file_states_the_stage_that_it_is_named_by(golden, tmp_path, calibkit):
+    """Another one in a run that is sealed anew is refused before it is exported."""
+    forge(golden / "inclinometer_scale.json", lambda document: document.update(stage="other"))
+    reseal(golden)
+    out = ("--target", "c", "--prefix", "cal", "--out", tmp_path / "c")
+    outcome = calibkit("export", golden, *out)
+    assert (outcome.code, outcome.err.count("\n")) == (4, 1), outcome
+    assert "inclinometer_scale.json: stage 'other'" in outcome.err
+
+
 @pytest.mark.parametrize(
     "name",
     [

@@ -62,9 +62,8 @@ def _identity(export: Export) -> str:
     """Whose chain it is, for code that reports it."""
     identity = export.identity
     name, digest = next(iter(identity.files.items()))
-    serial = "".join(chr(b) if 32 <= b < 127 else f"\\{b:03o}" for b in identity.serial.encode())
     return (
-        f'#define @P_SERIAL "{serial}"\n#define @P_REVISION {identity.revision}\n'
+        f"#define @P_SERIAL {c_text.string(identity.serial)}\n#define @P_REVISION {identity.revision}\n"
         f"/* {c_text.CONTENT} of {name} */\n"
         f'#define @P_COEFFICIENTS_SHA256 "{digest}"\n'
         f"/* {', '.join(f'{k} {verdict}' for k, verdict in enumerate(VERDICTS))} */\n"

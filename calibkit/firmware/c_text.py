@@ -5,7 +5,7 @@ import re
 import textwrap
 from collections.abc import Iterable, Mapping
 
-from calibkit.errors import CoefficientError
+from calibkit.errors import CoefficientError, visible
 from calibkit.firmware import exact
 from calibkit.firmware.export import SCHEMA, Export
 from calibkit.run_document import ACCEPTED
@@ -32,6 +32,8 @@ VERDICTS = {
 """Verdict → what every export states of it."""
 MARKS = {"rejected": f", {REJECTED}", "no verdict": ", no verdict", "accepted": ""}
 """Verdict → what verify appends."""
+PLAIN = re.compile(r"[A-Za-z0-9_.+ -]")
+"""Characters that mean themselves in a C string, beside any other."""
 SEALED = re.compile(r"(?:/\*|#) sha256 of all lines above: ([0-9a-f]{64})(?: \*/)?\n\Z")
 
 
@@ -99,14 +101,24 @@ def list_verdicts(accepted: Mapping[str, bool | None]) -> str:
 
 
 def ascii_only(text: str) -> str:
-    """Text that every compiler reads."""
-    return text.encode("ascii", "backslashreplace").decode()
+    """Text that every compiler reads, in one line."""
+    return visible(text).encode("ascii", "backslashreplace").decode()
+
+
+def string(text: str) -> str:
+    """C string that holds a text's bytes in UTF-8, whatever they are: all but plain characters of
+    serials as octal escapes, which end after three digits.
+    """
+    escaped = (
+        chr(byte) if PLAIN.fullmatch(chr(byte)) else f"\\{byte:03o}" for byte in text.encode()
+    )
+    return f'"{"".join(escaped)}"'
 
 
 def comment(lines: Iterable[str]) -> str:
-    """Block comment, long lines broken."""
+    """Block comment, long lines broken; nothing in them ends it or begins another."""
     broken = []
-    for line in lines:
+    for line in (text.replace("*/", "* /").replace("/*", "/ *") for text in lines):
         broken += textwrap.wrap(
             line, WIDTH, subsequent_indent=" " * 14, break_on_hyphens=False
         ) or [""]
