@@ -21,7 +21,7 @@ def identify(path: Path) -> str:
     from calibkit.firmware import targets
 
     if path.suffix in targets.READERS:
-        return targets.READERS[path.suffix](str(path), path.read_bytes())
+        return targets.READERS[path.suffix](str(path), store.read_bytes(path))
     return _check_document(path)
 
 
@@ -31,7 +31,7 @@ def _check_document(path: Path) -> str:
     from calibkit.planning import document as plan_file
 
     try:
-        text = path.read_text(encoding="utf-8")
+        text = store.read_bytes(path).decode("utf-8")
     except UnicodeDecodeError:
         raise CoefficientError(
             f"{path}: not a text that calibkit wrote", hint="verify takes calibkit's own files"
@@ -42,7 +42,7 @@ def _check_document(path: Path) -> str:
     if document["format"] in targets.MANIFESTS:
         return targets.verify_manifest(path)
     if document["format"] == plan_file.FORMAT:
-        plan_file.load_plan(path.parent)
+        plan_file.load_plan(path.parent, path.name)
         return f"plan of {document['procedure']}: {document['plan']}"
     if document["format"] in coefficients.FORMATS:
         record = coefficients.loads(text, str(path))

@@ -7,6 +7,7 @@ import hashlib
 import os
 import re
 import shutil
+import stat
 import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,6 +23,12 @@ FLEET_FORMATS = ("calibkit-fleet/1", "calibkit-fleet/2")
 FLEET_FILE = "fleet.json"
 FLEETS = "_fleet"
 """Folder of the tables of fleets, beside the serials' folders; no serial begins like it."""
+LARGEST_BYTES = 500_000_000
+"""Largest file of calibkit's own that is read back: the largest report of the samples is a
+hundredth of it.
+"""
+_HIGHEST = ".highest-"
+"""Beginning of the name of an empty file that states the highest revision ever given."""
 _REVISION = re.compile(r"r(\d{3}|[1-9]\d{3,})")
 _DATE = re.compile(r"\d{4}-\d{2}-\d{2}")
 _SCANNER_PAUSES_S = (0.05, 0.1, 0.2, 0.4)
@@ -116,8 +123,30 @@ def save(
             _rename_folder(temporary, target)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
+    _mark_highest(target.parent, revision)
     atomic.sync_folder(target.parent)
     return target
+
+
+def _mark_highest(serial_folder: Path, revision: int) -> None:
+    """Keep the number of a revision from being given again once its folder is deleted: a file is
+    made and the one before removed, each in one step. The run is there already, so a disk that is
+    full costs this protection only.
+    """
+    with contextlib.suppress(OSError):
+        before = list(serial_folder.glob(f"{_HIGHEST}*"))
+        mark = serial_folder / f"{_HIGHEST}r{revision:03d}"
+        mark.touch()
+        for path in before:
+            if path != mark:
+                path.unlink()
+
+
+def _highest_given(serial_folder: Path) -> int:
+    """Highest revision ever given to a serial, 0 for none; stores of 0.2 state none."""
+    names = [path.name for path in serial_folder.glob(f"{_HIGHEST}*")]
+    found = (_REVISION.fullmatch(name.removeprefix(_HIGHEST)) for name in names)
+    return max((int(match.group(1)) for match in found if match), default=0)
 
 
 def _rename_folder(temporary: Path, target: Path) -> None:
@@ -300,8 +329,22 @@ def _own_record(document: Mapping[str, Any], path: Path) -> coefficients.Record:
 
 
 def read_bytes(path: Path) -> bytes:
-    """Content of a file, or CoefficientError."""
+    """Content of a file that calibkit may have written, or CoefficientError: what never ends, or
+    is larger than anything that it writes, is not opened.
+    """
     try:
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode):
+            raise CoefficientError(
+                f"{path}: a folder, a pipe or a device, expected a file",
+                hint="calibkit did not write it; do not use it",
+            )
+        if status.st_size > LARGEST_BYTES:
+            raise CoefficientError(
+                f"{path}: {status.st_size / 1e6:.0f} MB, at most {LARGEST_BYTES / 1e6:g} MB are"
+                " read",
+                hint="calibkit did not write it; do not use it",
+            )
         return path.read_bytes()
     except OSError as error:
         raise CoefficientError(
@@ -329,9 +372,15 @@ def next_revision(
     A dry run takes no lock.
     """
     refuse_run_folder(out / serial)
+    if (out / serial).is_symlink():
+        raise OutputError(
+            f"{out / serial}: a link, expected a folder: the run would lie outside of {out}",
+            hint="give the folder that it leads to as --out, or put it in the link's place",
+        )
     with contextlib.nullcontext() if dry_run else held(out, serial):
         newest = max(revisions(out / serial), default=0)
-        yield newest + 1, load_revision(out, serial, newest).stage_digests() if newest else {}
+        before = load_revision(out, serial, newest).stage_digests() if newest else {}
+        yield max(newest, _highest_given(out / serial)) + 1, before
 
 
 @contextlib.contextmanager

@@ -105,7 +105,8 @@ def state(folder, what):
 
 def litter(folder):
     """Names that are neither a run, its files, nor the file under test."""
-    return sorted(path.name for path in folder.rglob("*") if path.name.startswith("."))
+    names = (path.name for path in folder.rglob(".*"))
+    return sorted(name for name in names if not name.startswith(".highest-"))
 
 
 def after(folder, what):

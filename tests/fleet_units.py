@@ -74,4 +74,4 @@ def tree(folder):
 
 def left_over(out):
     """What a writer left unfinished, locks included."""
-    return [path for path in out.rglob("*") if path.name.startswith(".")]
+    return [path for path in out.rglob(".*") if not path.name.startswith(".highest-")]

@@ -209,6 +209,41 @@ def test_an_attached_profile_of_a_release_before_is_read_with_its_comments_and_o
     assert profile.parse(text, "profile.toml").certificate.number == "B"
 
 
+SVG = '<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9">{}</svg>'
+GROUPS = "".join(f'<g id="a{k}">' + 10 * f'<use href="#a{k - 1}"/>' + "</g>" for k in range(1, 9))
+MARKS = {
+    "linked file": SVG.format('<image href="other.png" width="5" height="5"/>'),
+    "linked address": SVG.format('<image href="http://127.0.0.1:9/a.png" width="5" height="5"/>'),
+    "1e8 nodes": SVG.format(
+        f'<defs><g id="a0"><path d="M0 0"/></g>{GROUPS}</defs><use href="#a8"/>'
+    ),
+    "deep": SVG.format(20_000 * "<g>" + 20_000 * "</g>"),
+    "not closed": SVG.format("")[:-6],
+    "no SVG": "<html><svg></html>",
+}
+
+
+@pytest.mark.parametrize("kind", [*MARKS, "endless"])
+def test_a_mark_that_cannot_be_drawn_is_refused_in_one_line(run, tmp_path, capsys, kind):
+    """A linked image, a bomb of nodes, no whole image, no end: exit code 2, and no certificate."""
+    pytest.importorskip("typst")
+    path = tmp_path / "mark.svg"
+    if kind == "endless":
+        path.symlink_to("/dev/zero")
+    else:
+        path.write_text(MARKS[kind], encoding="utf-8")
+    folder = tmp_path / "lab.toml"
+    folder.write_bytes((PROFILES / "rate_table.toml").read_bytes())
+    stated = 'accreditation={body="B",number="N",mark="mark.svg"}'
+    out = tmp_path / "c.pdf"
+    asked = ("--profile", folder, "--set", stated, "--date", "2026-11-21", "--out", out)
+    with pytest.raises(SystemExit) as stopped:
+        cli.main(["certify", str(run.folder), *map(str, asked)])
+    said = capsys.readouterr().err
+    assert (stopped.value.code, said.count("\n"), out.exists()) == (2, 1, False), said
+    assert "mark" in said
+
+
 STANDARD = """
 [[standard]]
 name = "Pt100"

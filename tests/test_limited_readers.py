@@ -234,3 +234,22 @@ def test_a_match_that_is_no_file_is_named(tmp_path, calibkit, kind):
     assert outcome.code == FrameError.exit_code
     found = {"link": "a link that leads nowhere", "pipe": "a pipe or a device"}[kind]
     assert f"b.csv: {found}, expected a log" in outcome.err
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs sparse files and pipes")
+@pytest.mark.parametrize("name", ["a.csv", "a.txt", "a.json", "a.xlsx"])
+def test_a_log_that_is_larger_than_what_is_read_at_once_is_refused_unread(tmp_path, calibkit, name):
+    """20 GB of nothing behind a first line took 19 GB of memory: exit code 3 in one line."""
+    heads = {
+        "a.json": b'{"time_s": [',
+        "a.xlsx": b"PK\x03\x04",
+        "a.txt": b"# log\ntime_s;gyro_dph\n",
+    }
+    with (tmp_path / name).open("wb") as stream:
+        stream.write(heads.get(name, b"time_s,gyro_dph\n0,1\n"))
+        stream.truncate(20_000_000_000)
+    files = f'logs.files=["{name}"]'
+    asked = ("--data", tmp_path, "--serial", "S", "--set", files, "--dry-run")
+    outcome = calibkit("fit", "bias_temperature", *asked)
+    assert (outcome.code, outcome.err.count("\n")) == (3, 1), outcome
+    assert "20.0 GB, at most 2 GB are read at once" in outcome.err

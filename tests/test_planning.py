@@ -3,6 +3,7 @@
 import importlib.util
 import itertools
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 from jsonschema import Draft202012Validator
 
-from calibkit import inspection, instruments, plans, recipe
+from calibkit import inspection, instruments, pipeline, plans, recipe, sealed
 from calibkit.cli import cli
 from calibkit.errors import CoefficientError, FitError, RecipeError, UsageError
 from calibkit.numeric.exchange import Pool, exchange_values
@@ -291,6 +292,28 @@ def test_a_plan_can_be_carried_out_and_judged(planned):
     starts = [one.start_s for one in found.schedule.actions]
     ends = [one.end_s for one in found.schedule.actions]
     assert all(b >= a - 1e-6 for a, b in zip(ends, starts[1:], strict=False))
+
+
+def test_a_renamed_plan_is_checked_itself_and_lists_its_own_files_alone(planned, tmp_path):
+    """`verify` does not check the plan.json beside it; a plan that lists a file elsewhere, or not
+    its schedule, is refused.
+    """
+    folder = Path(shutil.copytree(planned, tmp_path / "plan"))
+    renamed = folder / "renamed_plan.json"
+    (folder / "plan.json").rename(renamed)
+    assert pipeline.verify(renamed).what.startswith("plan of ")
+    whole = json.loads(renamed.read_text(encoding="utf-8"))
+    (folder / "plan.json").write_bytes((planned / "plan.json").read_bytes())
+    own = whole["files"]
+    outside = {"name": "../plan.json", "sha256": "0" * 64}
+    for files in ([*own, outside], own[:1], [own[0], own[0]], [outside]):
+        renamed.write_text(sealed.seal(whole | {"files": files}), encoding="utf-8")
+        with pytest.raises(CoefficientError, match=r"renamed_plan\.json: lists"):
+            pipeline.verify(renamed)
+    (folder / "schedule.csv").write_text("changed", encoding="utf-8")
+    renamed.write_text(sealed.seal(whole), encoding="utf-8")
+    with pytest.raises(CoefficientError, match=r"schedule\.csv: is not the file"):
+        pipeline.verify(renamed)
 
 
 def test_plan_json_is_as_its_schema_says_and_sealed(planned, tmp_path):

@@ -499,3 +499,43 @@ def test_python_asks_for_what_the_command_asks_for(issued, keys):
         calibkit.verify(issued, [keys / "other.pem"])
     with pytest.raises(CalibkitError, match="a signature is required"):
         calibkit.verify(issued.with_name("unsigned.pdf"), require_signature=True)
+
+
+def test_a_strangers_time_stamp_of_the_document_is_not_trusted(plain, keys, stamps, tmp_path):
+    """Put behind a trusted signature it states no time, and is reported as not trusted."""
+    url, issuer = stamps
+    stamped = attacks.stamped(attacks.signed(plain, keys / "laboratory.p12"), f"{url}/tsa")
+    own = (keys / "own.pem",)
+    (first, stamp) = check(stamped, trust=own)
+    assert (first.faults, first.trusted, first.stamped) == ((), True, "")
+    assert (stamp.role, stamp.faults, stamp.trusted) == ("time stamp", (), False)
+    assert any("is not trusted" in warning for warning in stamp.warnings)
+    root = issuer.write(tmp_path / "stamps.pem")
+    (first, stamp) = check(stamped, trust=own, trust_timestamp=(root,))
+    assert (first.trusted, stamp.trusted, bool(first.stamped)) == (True, True, True)
+
+
+def test_a_strangers_certificate_is_approved_only_with_a_warning(
+    plain, keys, tmp_path, passphrase, calibkit
+):
+    """Without --trust what `verify` warns of is printed; with it a stranger's is not signed."""
+    forged = written(tmp_path / "f.pdf", attacks.signed(plain, keys / "stranger.p12"))
+    by = ("--key", keys / "head.p12", "--role", "approved")
+    found = calibkit("sign", forged, *by, "--out", tmp_path / "a.pdf")
+    assert (found.code, "its signer is not trusted" in found.err) == (0, True)
+    out = tmp_path / "b.pdf"
+    found = calibkit("sign", forged, *by, "--out", out, "--trust", keys / "own.pem")
+    assert (found.code, "its signer is not trusted" in found.err, out.exists()) == (4, True, False)
+    right = written(tmp_path / "r.pdf", attacks.signed(plain, keys / "laboratory.p12"))
+    found = calibkit("sign", right, *by, "--out", out, "--trust", keys / "own.pem")
+    assert (found.code, found.err) == (0, "")
+
+
+def test_the_case_of_the_digits_of_a_signature_is_part_of_it(plain, keys):
+    """Every byte is covered: the container in small letters is a changed file."""
+    document = attacks.signed(plain, keys / "laboratory.p12")
+    first, last = attacks._contents(document)
+    changed = document[:first] + document[first:last].lower() + document[last:]
+    assert changed != document
+    assert faults(document) == []
+    assert "the signature's own bytes were changed" in faults(changed)

@@ -1,6 +1,8 @@
 """Run folders: whole or absent, never overwritten, noticed when touched."""
 
 import json
+import os
+import shutil
 
 import pytest
 
@@ -169,3 +171,65 @@ def test_nothing_is_written_into_a_run_folder(tmp_path):
     with pytest.raises(OutputError, match="run folder"):
         save_run(run, serial="S-2")
     assert store.load(run).name == "S-1@r001"
+
+
+def test_the_number_of_a_deleted_revision_is_not_given_again(tmp_path):
+    """The newest run deleted and fitted again gets the next number, and `history` misses one."""
+    save_run(tmp_path)
+    shutil.rmtree(save_run(tmp_path))
+    third = save_run(tmp_path)
+    assert third.name == "r003"
+    assert store.revisions(tmp_path / "S-1") == [1, 3]
+    marks = [path.name for path in (tmp_path / "S-1").iterdir() if path.name.startswith(".")]
+    assert marks == [".highest-r003"]
+    store.clear(tmp_path, "S-1")
+    assert store.find("S-1", tmp_path) == third
+
+
+def test_a_store_of_0_2_and_a_mark_that_is_none_give_the_next_number(tmp_path):
+    """What states no highest revision, or states it otherwise, is passed over."""
+    save_run(tmp_path)
+    mark = tmp_path / "S-1" / ".highest-r001"
+    mark.rename(tmp_path / "S-1" / ".highest-number")
+    assert save_run(tmp_path).name == "r002"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs links")
+def test_a_serials_folder_that_is_a_link_is_refused(tmp_path):
+    """The run would lie outside of --out: exit code 4, and nothing is written there."""
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "S-1").symlink_to(tmp_path / "elsewhere")
+    for dry_run in (False, True):
+        with (
+            pytest.raises(OutputError, match="S-1: a link, expected a folder"),
+            store.next_revision(tmp_path / "out", "S-1", dry_run=dry_run),
+        ):
+            pass
+    assert list((tmp_path / "elsewhere").iterdir()) == []
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs pipes and links")
+@pytest.mark.parametrize("kind", ["pipe", "device", "sparse"])
+@pytest.mark.parametrize("file", ["run.json", "drift.json", "report.txt"])
+def test_a_listed_file_that_never_ends_is_refused_unread(tmp_path, calibkit, file, kind):
+    """A pipe, a link to a device, 20 GB of nothing: `verify` ends with exit code 4 in one line."""
+    run = save_run(tmp_path)
+    spoil(run / file, kind)
+    outcome = calibkit("verify", run)
+    assert (outcome.code, outcome.err.count("\n")) == (4, 1), outcome
+    words = "at most 500 MB are read" if kind == "sparse" else "a pipe or a device"
+    assert f"{file}: " in outcome.err
+    assert words in outcome.err
+
+
+def spoil(path, kind):
+    """Put a pipe, a link to a device or a sparse file of 20 GB in the place of a file."""
+    path.unlink()
+    if kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "device":
+        path.symlink_to("/dev/zero")
+    else:
+        with path.open("wb") as stream:
+            stream.truncate(20_000_000_000)

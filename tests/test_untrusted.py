@@ -281,6 +281,27 @@ def test_a_sealed_run_of_an_unknown_model_form_is_not_exported(golden, form, tmp
     assert not (tmp_path / "c").exists()
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda model: model.update(name=C_TEXT),
+        lambda model: model.update(name="x y"),
+        lambda model: model["coefficients"][0].update(name="x"),
+    ],
+)
+def test_a_sealed_runs_names_that_no_fit_writes_are_not_exported(
+    golden, change, tmp_path, calibkit
+):
+    """The name of a model becomes names in C, that of a coefficient says which it is."""
+    forge(golden / "inclinometer_scale.json", lambda document: change(document["models"][0]))
+    reseal(golden)
+    outcome = calibkit(
+        "export", golden, "--target", "c", "--prefix", "cal", "--out", tmp_path / "c"
+    )
+    assert (outcome.code, outcome.err.count("\n")) == (4, 1), outcome
+    assert not (tmp_path / "c").exists()
+
+
 @pytest.mark.parametrize("inputs", [[None], [1], ["x"], [[]], [{}]])
 def test_a_sealed_run_whose_inputs_are_no_tables_is_refused(golden, inputs, calibkit):
     """`show` ends with exit code 4 and says what is not a table, or what it lacks."""
@@ -444,6 +465,7 @@ def test_a_serial_in_other_letters_does_not_join_another_units_record(tmp_path, 
     keep(tmp_path, model({"K": (1.0, "1", 0.1)}), serial="S-1")
     if not (tmp_path / "s-1").exists():
         (tmp_path / "s-1").symlink_to(tmp_path / "S-1")
+        monkeypatch.setattr(Path, "is_symlink", lambda _: False)  # there it is the folder itself
     with pytest.raises(CoefficientError, match="says S-1 r1, expected s-1 r001"):
         keep(tmp_path, model({"K": (1.0, "1", 0.1)}), serial="s-1")
 

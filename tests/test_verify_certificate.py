@@ -664,3 +664,58 @@ def test_a_rejected_run_is_called_one_on_its_first_page_and_by_every_command(
     checked = calibkit("verify", out)
     assert checked.code == 0
     assert "failed its acceptance limits" in checked.err
+
+
+def test_a_pdf_of_too_many_pages_is_refused_unread(unsigned, tmp_path, monkeypatch):
+    """20,000 pages that show the first one's content would be read for minutes."""
+    import pypdf
+
+    with pikepdf.open(unsigned) as document:
+        for _ in range(600):
+            document.pages.append(document.pages[0])
+        document.save(tmp_path / "many.pdf")
+    monkeypatch.setattr(pypdf.PageObject, "extract_text", None)
+    refused(tmp_path / "many.pdf", "many.pdf: 604 pages, at most 500 are read")
+
+
+@pytest.mark.parametrize("key", ["certificate.number", "certificate.title"])
+@pytest.mark.parametrize("text", ["/ByteRange 7", "a /DocMDP b"])
+def test_a_text_that_looks_like_a_signature_is_refused_before_it_is_issued(
+    run, tmp_path, capsys, key, text
+):
+    """`verify` would refuse the certificate as one whose signature was taken off."""
+    out = tmp_path / "c.pdf"
+    arguments = ("--profile", PROFILE, "--date", ISSUED, "--set", STATED, "--set")
+    assert called("certify", run.folder, "--out", out, *arguments, f'{key}="{text}"') == 2
+    assert text.split()[0][:8] in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_names_of_many_combining_marks_are_verified(run, tmp_path):
+    """Two cells of 500 marks each, which are read back in another order and at twice the length,
+    stand before the numbers of their row.
+    """
+    name = "e" + 500 * "\u0301"
+    limit = f'specification=[{{result="*K*",unit="1/deg",lower=1.0,name="{name}",source="{name}"}}]'
+    out = tmp_path / "c.pdf"
+    arguments = ("--profile", PROFILE, "--date", ISSUED, "--set", STATED, "--set", limit)
+    assert called("certify", run.folder, "--out", out, *arguments) == 0
+    assert "as printed" in verify.verify(out, instruments.certificate_layout).what
+
+
+def test_numeric_identifiers_are_compared_digit_by_digit(record):
+    """The last of thirteen digits of a serial is a difference, that of a recomputed value none."""
+    stated = dcc.render(record, "en")
+    root = verify.dcc_check.parse(stated)
+
+    def differences(path, texts):
+        pair = [verify.dcc_check.parse(stated) for _ in texts]
+        for document, text in zip(pair, texts, strict=True):
+            document.find(f".//{path}", verify.NAMES).text = text
+        return list(verify._differences(*pair))
+
+    assert root.find(".//dcc:identification/dcc:value", verify.NAMES) is not None
+    digits = ("1234567890123", "1234567890124")
+    assert differences("dcc:identification/dcc:value", digits)
+    assert differences("si:value", ("1.0000000000001", "1.0000000000002")) == []
+    assert differences("si:value", ("1.0000001", "1.0000002"))

@@ -15,7 +15,7 @@ import pytest
 
 import browser
 from calibkit import store
-from calibkit.errors import UsageError
+from calibkit.errors import CoefficientError, UsageError
 from calibkit.viewer import index
 from calibkit.viewer.server import Server, Site, _NotFoundError
 from conftest import ROOT
@@ -159,6 +159,19 @@ def test_a_link_instead_of_a_file_is_not_followed(tmp_path):
     assert site.answer("/run/S-1/r001/gyro_scale.json", {}).status == 200
     with pytest.raises(_NotFoundError):
         site.answer("/run/S-1/r001/report.txt", {})
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs pipes")
+@pytest.mark.parametrize("file", ["run.json", "report.txt", "drift.json"])
+def test_a_pipe_in_the_place_of_a_file_does_not_hold_the_pages(tmp_path, file):
+    """The run is refused in one line, and the list of devices is still shown."""
+    folder = keep(tmp_path / "runs", model({"K": (1.0, "1", 0.1)}), serial="P", stage="drift")
+    (folder / file).unlink()
+    os.mkfifo(folder / file)
+    site = Site(tmp_path / "runs", tmp_path / "cache")
+    assert "P" in site.answer("/", {}).content.decode()
+    with pytest.raises(CoefficientError, match="a pipe or a device"):
+        site.answer("/run/P/r001", {})
 
 
 def test_a_run_that_was_changed_is_not_shown(served):

@@ -8,11 +8,20 @@ from pathlib import Path
 from typing import Any
 
 from calibkit import new_files, store
-from calibkit.certificate import content, countersign, dcc, pdf, profile, run_files
+from calibkit.certificate import (
+    content,
+    countersign,
+    dcc,
+    pdf,
+    profile,
+    run_files,
+    signature_traces,
+)
 from calibkit.certificate.checklist import Missing
 from calibkit.certificate.signing_key import Key
 from calibkit.certificate.words import Lang
 from calibkit.errors import RecipeError, UsageError
+from calibkit.recipe import loader
 from calibkit.run_document import ACCEPTED
 
 
@@ -102,6 +111,11 @@ def certify(
         pdf.render, lang=lang, fonts=tuple(fonts), signed=key is not None, mark=mark
     )
     certificate, digital, document = _rendered(certificate, lang, typeset, schema_dir)
+    if mark := signature_traces.find_mark(document):
+        raise RecipeError(
+            f"the texts of the certificate hold {mark}, which verify takes for a signature's",
+            hint="write the number, the title and the names otherwise",
+        )
     if out is None:
         return Issued((), certificate)
     warnings: tuple[str, ...] = ()
@@ -160,7 +174,7 @@ def _read_mark(stated: profile.Profile, folder: Path) -> bytes:
     if not name:
         return b""
     try:
-        found = (folder / name).read_bytes()
+        found = loader.read_limited(folder / name)
     except OSError as error:
         raise RecipeError(
             f"accreditation.mark: {folder / name}: {error.strerror}", hint="name an SVG or PNG file"

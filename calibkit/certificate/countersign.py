@@ -5,17 +5,26 @@ checked or approved one that is signed already.
 from pathlib import Path
 from typing import Any
 
-from calibkit import new_files
+from calibkit import new_files, store
 from calibkit.certificate import content, sign, signature_trust, verify, verify_signature
 from calibkit.certificate.signing_key import Key
 from calibkit.errors import OutputError, UsageError
 
 
 def countersign(
-    issued: Path, out: Path, layout_of: content.LayoutOf, key: Key, role: str, *, dry_run: bool
+    issued: Path,
+    out: Path,
+    layout_of: content.LayoutOf,
+    key: Key,
+    role: str,
+    trust: tuple[Path, ...] = (),
+    *,
+    dry_run: bool,
 ) -> tuple[str, ...]:
     """Write a signed certificate with one signature more, of who checked or approved it; returns
-    what the signature could not hold. Nothing is overwritten.
+    what `verify` warns of, and what the signature could not hold. Nothing is overwritten.
+
+    With `trust`, files of certificates, every signature before has to be by a trusted signer.
 
     Raises CoefficientError for a certificate that does not verify, UsageError for a key that cannot
     sign or a certificate that nobody signed before, NotCheckedError where a library is absent.
@@ -24,14 +33,14 @@ def countersign(
         raise UsageError(f"{issued}: no such file", hint="name a signed certificate")
     new_files.refuse_existing(out)
     signer = key.load_signer()
-    found = verify.verify(issued, layout_of, signature_trust.Demands(now=key.now))
+    found = verify.verify(issued, layout_of, signature_trust.Demands(key.now, trust))
     if not found.signatures:
         raise UsageError(
             f"{issued}: is not signed", hint="issue it with calibkit certify --sign first"
         )
-    made = sign_checked(issued.read_bytes(), signer, key, role)
+    made = sign_checked(store.read_bytes(issued), signer, key, role)
     new_files.write_all({out: made.document}, dry_run=dry_run)
-    return made.warnings
+    return (*found.warnings, *made.warnings)
 
 
 def sign_checked(document: bytes, signer: Any, key: Key, role: str = "") -> sign.Signed:  # noqa: ANN401 (a class of an optional library)

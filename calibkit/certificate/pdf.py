@@ -81,7 +81,8 @@ def render(
     accreditation (SVG or PNG); the same for the same input.
 
     Raises UnshownError for characters that no font has, UsageError for Chinese without a font that
-    has it, RecipeError for a file that is no font, OutputError without typst.
+    has it, RecipeError for a file that is no font or a mark that is no image, OutputError without
+    typst.
     """
     if lang != "en" and not fonts:
         raise UsageError(
@@ -107,6 +108,14 @@ def render(
             )
         except typst.TypstError as error:
             raise _refusal(error, lang) from error
+        except RuntimeError as error:  # of a query, which sees the same faults first
+            if not mark:
+                raise
+            reason = re.sub(r"^failed to compile document: |, searched at [^)]*", "", str(error))
+            raise RecipeError(
+                f"accreditation.mark: {reason}",
+                hint="give a PNG, or a whole SVG without linked images",
+            ) from None
     return made if made.endswith(b"\n") else made + b"\n"
 
 

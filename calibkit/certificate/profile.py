@@ -319,7 +319,7 @@ def read_source(path: Path | None, overrides: tuple[str, ...] = ()) -> loader.So
     if path is None:
         return loader.Source("profile", "", overrides)
     try:
-        text = path.read_bytes().decode("utf-8-sig").replace("\r\n", "\n")
+        text = loader.read_limited(path).decode("utf-8-sig").replace("\r\n", "\n")
     except (OSError, UnicodeDecodeError) as error:
         raise RecipeError(
             f"{path}: cannot be read as UTF-8 text: {error}", hint="name a profile"

@@ -26,17 +26,14 @@ def list_changes(document: bytes, embedded: Any) -> Iterator[str]:  # noqa: ANN4
     start, length, after, rest = (int(number) for number in embedded.byte_range)
     gap = document[start + length : after]
     der = _first_value(bytes.fromhex(gap[1:-1].decode("ascii"))) if len(gap) > 2 else b""
-    plain = {
-        b"<" + text.ljust(len(gap) - 2, b"0") + b">"
-        for text in (der.hex().encode(), der.hex().upper().encode())
-    }
+    plain = b"<" + der.hex().upper().encode().ljust(len(gap) - 2, b"0") + b">"
     stamps = find_stamps(embedded.signer_info)
     attributes = embedded.signer_info["unsigned_attrs"]
     unknown = len(attributes) - len(stamps) if attributes.native else 0
     if (
         start != 0
         or after + rest > len(document)
-        or gap not in plain
+        or gap != plain
         or not _is_regular(der, embedded.signer_cert)
         or len(stamps) > 1
         or unknown

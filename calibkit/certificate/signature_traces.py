@@ -17,13 +17,19 @@ _KEYS = frozenset({"/AcroForm", "/Perms", "/DSS", "/ByteRange", "/SubFilter", "/
 _TYPES = frozenset({"/Sig", "/DocTimeStamp", "/SigRef", "/TransformParams", "/DSS"})
 
 
+def find_mark(document: bytes) -> str:
+    """First bytes in a PDF that signatures alone have, quoted; empty where there are none."""
+    found = _BYTES.search(document)
+    return f"'{found.group()[:20].decode('ascii')}'" if found else ""
+
+
 def find_trace(document: bytes, reader: Any, pages: Sequence[str]) -> str:  # noqa: ANN401 (a class of an optional library)
     """What is left of a signature in a PDF, in words; empty where nothing is.
 
     `reader` is pypdf's of the document, `pages` are the texts of its pages.
     """
-    if found := _BYTES.search(document):
-        return f"'{found.group()[:20].decode('ascii')}'"
+    if mark := find_mark(document):
+        return mark
     printed = compact("".join(pages))
     if any(compact(text) in printed for text in (SENTENCES["signed"].en, SENTENCES["signed"].zh)):
         return "the printed words that it is signed electronically"

@@ -119,15 +119,15 @@ class Judgement:
         self.faults += signature_container.list_changes(self.document, self.embedded)
         own = self.embedded
         if own.sig_object_type == "/DocTimeStamp":
-            await self._read_stamp(own.signed_data, own.compute_digest)
-            return self._stated(STAMP)
+            trusted = await self._read_stamp(own.signed_data, own.compute_digest)
+            return self._stated(STAMP, trusted=trusted)
         for token in signature_container.find_stamps(own.signer_info):
             await self._read_stamp(token["content"], _imprint(own.signer_info))
         await self._judge_signer()
         reason = str(own.sig_object.get("/Reason", ""))
-        return self._stated(ROLES.get(reason, ""))
+        return self._stated(ROLES.get(reason, ""), trusted=bool(self.demands.trust))
 
-    def _stated(self, role: str) -> Signature:
+    def _stated(self, role: str, *, trusted: bool) -> Signature:
         """The record of a signature that was judged."""
         claimed = self.embedded.self_reported_timestamp
         return Signature(
@@ -135,7 +135,7 @@ class Judgement:
             role,
             "" if claimed is None else claimed.isoformat(),
             "" if self.stamped is None else self.stamped.isoformat(timespec="seconds"),
-            trusted=bool(self.demands.trust) and not self.faults,
+            trusted=trusted and not self.faults,
             faults=tuple(self.faults),
             warnings=() if self.faults else tuple(self.warnings),
         )
@@ -153,8 +153,10 @@ class Judgement:
             return ValidationContext(**given)
         return self.store.as_validation_context(given)
 
-    async def _read_stamp(self, token: Any, imprint: Any) -> None:  # noqa: ANN401 (classes of an optional library)
-        """Judge a time stamp: broken ones are faults, those of strangers state no time."""
+    async def _read_stamp(self, token: Any, imprint: Any) -> bool:  # noqa: ANN401 (classes of an optional library)
+        """Judge a time stamp, and return whether it is trusted: broken ones are faults, those of
+        strangers state no time.
+        """
         from pyhanko.sign.validation import generic_cms
         from pyhanko.sign.validation.status import TimestampSignatureStatus
 
@@ -168,14 +170,16 @@ class Judgement:
         who = f"the time stamp of {quoted(own.subject.human_friendly)}"
         if not (status.intact and status.valid):
             self.faults.append("its time stamp is of something else, or was changed")
-        elif not status.trusted or not signing_key.is_valid_at(own, time):
+            return False
+        if not status.trusted or not signing_key.is_valid_at(own, time):
             self.warnings.append(
                 f"{who} is not trusted: it states {time.isoformat(timespec='seconds')}"
             )
-        else:
-            self.stamped = min(time, self.stamped or time)
-            if not signing_key.is_valid_at(own, self.demands.now):
-                self.warnings.append(f"{who} was {signing_key.format_validity(own)}")
+            return False
+        self.stamped = min(time, self.stamped or time)
+        if not signing_key.is_valid_at(own, self.demands.now):
+            self.warnings.append(f"{who} was {signing_key.format_validity(own)}")
+        return True
 
     async def _judge_signer(self) -> None:
         """Judge the signature itself, its key, and its signer for the time of signing."""

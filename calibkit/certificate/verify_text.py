@@ -12,11 +12,17 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Self
 
-Segments = list[str | None]
-"""Texts of cells that stand directly behind each other; None for one that may be anything."""
+Segments = list[str | int]
+"""Texts of cells that stand directly behind each other; of one that cannot be read back the most
+characters that it may take.
+"""
 
 LARGEST_GAP = 1500
-"""Characters that a text which cannot be read back may take."""
+"""Characters that a text which cannot be read back may take, whatever its length."""
+READ_BACK = 36
+"""Further ones for each of its own: a letter is read back with its combining marks once for each of
+them, and words are broken behind 36 characters.
+"""
 LIGATURES = {"ﬀ": "ff", "ﬁ": "fi", "ﬂ": "fl", "ﬃ": "ffi", "ﬄ": "ffl", "\u200b": " ", "\u00ad": ""}
 PART_OF_NUMBER = frozenset("0123456789.−")
 NUMBER = re.compile(r"[0-9.−…\[\]*×⁻⁰¹²³⁴-⁹ ]*[0-9][0-9.−…\[\]*×⁻⁰¹²³⁴-⁹ ]*|[0-9a-f\u200b]{64,}")
@@ -52,8 +58,7 @@ class _Text:
     def find(self, segments: Segments, start: int) -> int:
         """Where a row ends that begins at or behind `start`, or -1."""
         first, *rest = segments
-        if first is None:
-            raise ValueError("a row begins with text that can be read back")
+        assert isinstance(first, str)  # noqa: S101 (a row begins with text that can be read back)
         begin = self.characters.find(first, start)
         while begin >= 0:
             end = self._follow(begin, len(first), rest)
@@ -69,8 +74,8 @@ class _Text:
         end, gap = begin + length, 0
         whole = self._apart(begin) and self._apart(end)
         for segment in rest:
-            if segment is None:
-                gap = LARGEST_GAP
+            if isinstance(segment, int):
+                gap += segment
                 continue
             found = self.characters.find(segment, end, end + gap + len(segment))
             if found < 0:
@@ -117,10 +122,10 @@ def _segments(cells: Sequence[str], *, words: bool) -> Segments:
     found: Segments = []
     for cell in cells:
         if not _readable(cell) or not (words or not cell or NUMBER.fullmatch(cell)):
-            found.append(None)
+            found.append(LARGEST_GAP + READ_BACK * len(cell))
         elif text := compact(cell):
             found.append(text)
-    while found and found[0] is None:
+    while found and isinstance(found[0], int):
         del found[0]
     return found
 

@@ -160,6 +160,12 @@ def _read_key(path: Path, timestamp: str) -> Key:
     "--key", required=True, type=PATH, help="PKCS#12 key; CALIBKIT_SIGN_PASSPHRASE opens it"
 )
 @click.option("--role", required=True, type=click.Choice(["checked", "approved"]))
+@click.option(
+    "--trust",
+    multiple=True,
+    type=PATH,
+    help="certificate of the signers before, or their authority's: no other's is signed",
+)
 @click.option("--out", required=True, type=PATH, help="PDF file to write")
 @_TIMESTAMP
 @DRY
@@ -168,6 +174,7 @@ def sign(
     certificate: Path,
     key: Path,
     role: str,
+    trust: tuple[Path, ...],
     out: Path,
     timestamp: str,
     *,
@@ -176,17 +183,24 @@ def sign(
 ) -> int:
     """Add a signature to a certificate that is signed already: of who checked it, or approved it.
 
-    The signatures before it stay valid. A certificate that does not verify is not signed.
+    The signatures before it stay valid. A certificate that does not verify is not signed; what
+    `verify` warns of is printed.
 
     \b
     calibkit sign certificate.pdf --key own.p12 --role checked --out checked.pdf
-    calibkit sign checked.pdf --key head.p12 --role approved --out approved.pdf
+    calibkit sign checked.pdf --key head.p12 --role approved --trust lab.pem --out approved.pdf
     """
     from calibkit.certificate.countersign import countersign
     from calibkit.instruments import certificate_layout
 
     warnings = countersign(
-        certificate, out, certificate_layout, _read_key(key, timestamp), role, dry_run=dry_run
+        certificate,
+        out,
+        certificate_layout,
+        _read_key(key, timestamp),
+        role,
+        trust,
+        dry_run=dry_run,
     )
     print_flags(warnings)
     print_result({"out": [str(out)], "role": role}, [out], as_json=as_json, dry_run=dry_run)

@@ -119,12 +119,12 @@ def structs(export: Export, *, ranges: bool = True) -> str:
         reach = f"; {exact.limits_text(low, high, 6)}" if ranges else ""
         if ranges and full:
             reach += f", full scale {exact.limits_text(full[0], full[1], 6)}"
-        lines.append(f"    {kind} {entry.name}; /* [{entry.unit}] {entry.meaning}{reach} */")
+        meaning = c_text.within_comment(f"[{entry.unit}] {entry.meaning}{reach}")
+        lines.append(f"    {kind} {entry.name}; /* {meaning} */")
     lines += ["} @p_in;", "", "typedef struct {"]
-    lines += [
-        f"    {kind} {output.name}; /* [{output.unit}] {output.meaning} */"
-        for output in structure.outputs
-    ]
+    for output in structure.outputs:
+        meaning = c_text.within_comment(f"[{output.unit}] {output.meaning}")
+        lines.append(f"    {kind} {output.name}; /* {meaning} */")
     lines.append("} @p_out;")
     if structure.has_memory:
         word = "int32_t" if export.program.format.fixed else kind

@@ -115,10 +115,15 @@ def string(text: str) -> str:
     return f'"{"".join(escaped)}"'
 
 
+def within_comment(text: str) -> str:
+    """Text that neither ends a comment nor begins another."""
+    return ascii_only(text).replace("*/", "* /").replace("/*", "/ *")
+
+
 def comment(lines: Iterable[str]) -> str:
     """Block comment, long lines broken; nothing in them ends it or begins another."""
     broken = []
-    for line in (text.replace("*/", "* /").replace("/*", "/ *") for text in lines):
+    for line in map(within_comment, lines):
         broken += textwrap.wrap(
             line, WIDTH, subsequent_indent=" " * 14, break_on_hyphens=False
         ) or [""]

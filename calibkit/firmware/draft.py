@@ -282,7 +282,9 @@ def number_or_zero(model: Model, name: str) -> Fraction:
 
 
 def powers(model: Model, letter: str) -> exact.Poly:
-    """Coefficients letter0, letter1, … of a model, as many as there are."""
+    """Coefficients letter0, letter1, … of a model, as many as there are; CoefficientError without
+    the first.
+    """
     present = {c.name for c in model.coefficients}
     count = next(k for k in range(len(present) + 1) if f"{letter}{k}" not in present)
-    return numbers(model, *(f"{letter}{k}" for k in range(count)))
+    return numbers(model, *(f"{letter}{k}" for k in range(max(count, 1))))

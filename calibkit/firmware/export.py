@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from calibkit import names
-from calibkit.errors import UsageError
+from calibkit.errors import CoefficientError, UsageError
 from calibkit.firmware import bounds, program, vectors
 from calibkit.firmware.chain import Chain, Structure
 from calibkit.firmware.formats import Format
@@ -93,8 +93,18 @@ class Export:
 def prepare(
     chain: Chain, identity: Identity, number: Format, prefix: str, sources: tuple[str, ...] = ()
 ) -> Export:
-    """Quantise a chain, bound its error and work out its self-test."""
+    """Quantise a chain, bound its error and work out its self-test. CoefficientError where a name
+    of the chain, made of that of a model, is none in C.
+    """
     _check_prefix(prefix)
+    structure = chain.structure
+    parts = (*structure.inputs, *structure.steps, *structure.outputs)
+    for name in (*(part.name for part in parts), *structure.tables):
+        if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name):
+            raise CoefficientError(
+                f"'{name}' is no name that C allows: a model or a column is called so",
+                hint="no fit writes it; do not use the run",
+            )
     quantised = program.quantise(chain, number)
     bound, full = (bounds.find_bounds(chain, quantised, full=full) for full in (False, True))
     tests = vectors.Vectors.make(chain, quantised, bound)

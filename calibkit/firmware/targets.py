@@ -214,18 +214,11 @@ def _manifest(
 
 def verify_manifest(path: Path) -> str:
     """Check a manifest and the digest of every file that it lists beside it; returns what it is."""
-    document = sealed.unseal(path.read_text(encoding="utf-8"), str(path), MANIFESTS)
+    document = sealed.unseal(store.read_bytes(path).decode("utf-8"), str(path), MANIFESTS)
     entries = run_document.list_manifest(document, str(path))
     for entry in entries:
         file = path.parent / entry["name"]
-        try:
-            content = file.read_bytes()
-        except OSError as error:
-            raise CoefficientError(
-                f"{path}: {entry['name']} beside it cannot be read: {error.strerror}",
-                hint="deliver all of its files",
-            ) from None
-        if hashlib.sha256(content).hexdigest() != entry["sha256"]:
+        if hashlib.sha256(store.read_bytes(file)).hexdigest() != entry["sha256"]:
             raise CoefficientError(
                 f"{file}: not the file that the manifest lists", hint="export it again"
             )

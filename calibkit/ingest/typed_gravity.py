@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 from calibkit.errors import LogFormatError
-from calibkit.readers import encoding as encodings, excel, limited, registry
+from calibkit.readers import delimited, encoding as encodings, excel, limited, registry
 
 _TYPED = re.compile(
     r"(?<![a-z])(?:g|gravity|schwere|重力)\b[^\n\d]{0,40}?(9[.,][78]\d{0,6})", re.IGNORECASE
@@ -34,7 +34,7 @@ def find_gravity(path: Path) -> str:
 
 def _read_cells(path: Path) -> str:
     """Cells of every sheet of a workbook as text, a row a line."""
-    data = path.read_bytes()
+    data, _ = delimited.read_bytes(path, path.name)
     sheets = [
         limited.parse(excel.parse, path.name, data, name).arrays["content"]
         for name in excel.list_sheets(path, path.name)

@@ -6,7 +6,7 @@ import hashlib
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from calibkit import sealed
+from calibkit import sealed, store
 from calibkit.errors import CoefficientError, UsageError
 from calibkit.planning.proposal import COVERAGE, Candidate, Predicted, Proposal, Task, Wish
 from calibkit.planning.schedule import Schedule, read_schedule
@@ -121,18 +121,26 @@ def _campaign(one: Candidate) -> dict[str, Any]:
     }
 
 
-def load_plan(folder: Path) -> Plan:
-    """Plan of a folder; CoefficientError where a file is not as it was written."""
-    if not (folder / PLAN).is_file():
+def load_plan(folder: Path, plan: str = PLAN) -> Plan:
+    """Plan of a folder, whose file may have another name; CoefficientError where a file is not as
+    it was written.
+    """
+    if not (folder / plan).is_file():
         raise UsageError(
             f"{folder}: holds no {PLAN}", hint="name the folder that calibkit plan wrote"
         )
-    document = sealed.unseal(_read(folder / PLAN), str(folder / PLAN), (FORMAT,))
+    document = sealed.unseal(_read(folder / plan), str(folder / plan), (FORMAT,))
+    names = sorted(entry["name"] for entry in document["files"])
+    if names != [RECIPE, SCHEDULE]:
+        raise CoefficientError(
+            f"{folder / plan}: lists {', '.join(names)}, expected {RECIPE} and {SCHEDULE}",
+            hint="calibkit did not write it; plan again, or restore the folder",
+        )
     for entry in document["files"]:
         path = folder / entry["name"]
         if hashlib.sha256(_read(path).encode()).hexdigest() != entry["sha256"]:
             raise CoefficientError(
-                f"{path}: is not the file that belongs to {PLAN}",
+                f"{path}: is not the file that belongs to {plan}",
                 hint="it was changed after it was written; plan again, or restore it",
             )
     schedule = read_schedule(_read(folder / SCHEDULE), str(folder / SCHEDULE))
@@ -172,8 +180,8 @@ def beside(recipe: Path) -> Beside | None:
 def _read(path: Path) -> str:
     """Text of a file of a plan, or CoefficientError."""
     try:
-        return path.read_bytes().decode("utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+        return store.read_bytes(path).decode("utf-8")
+    except UnicodeDecodeError as error:
         raise CoefficientError(
             f"{path}: cannot be read: {error}", hint="restore the folder of the plan"
         ) from None

@@ -11,6 +11,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import io
+import stat
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -31,6 +32,10 @@ if TYPE_CHECKING:
 
 _BLOCK = 1 << 24
 """Bytes whose fields are counted at once."""
+LARGEST_BYTES = 2_000_000_000
+"""Largest log that is held in memory as bytes: its numbers and texts take some four times as much.
+Clean CSV, which is read in blocks, may be larger.
+"""
 MISSING = frozenset({"", "nan", "NaN", "NAN"})
 
 
@@ -43,16 +48,30 @@ def read(path: Path, file: str, needed: Collection[str]) -> Table:
 
 
 def read_bytes(path: Path, file: str) -> tuple[bytes, str]:
-    """Bytes of a log and their SHA-256; raises LogFormatError where the file cannot be read."""
+    """Bytes of a log and their SHA-256; raises LogFormatError where the file cannot be read, or is
+    too large to be held in memory.
+    """
     with open_log(path, file) as stream:
+        if (size := path.stat().st_size) > LARGEST_BYTES:
+            raise LogFormatError(
+                f"{file}: {size / 1e9:.1f} GB, at most {LARGEST_BYTES / 1e9:g} GB are read at once",
+                hint="cut it into several logs, or write it as CSV of nothing but numbers",
+            )
         data = stream.read()
     return data, hashlib.sha256(data).hexdigest()
 
 
 @contextmanager
 def open_log(path: Path, file: str) -> Iterator[BinaryIO]:
-    """Open a log; raises LogFormatError where the system cannot open or read it."""
+    """Open a log; raises LogFormatError where the system cannot open or read it, or it is no file:
+    the log is read more than once, and a pipe may never end.
+    """
     try:
+        if not stat.S_ISREG(path.stat().st_mode):
+            raise LogFormatError(
+                f"{file}: a folder, a pipe or a device, expected a log",
+                hint="write what it gives into a file first",
+            )
         with path.open("rb") as stream:
             yield stream
     except OSError as error:

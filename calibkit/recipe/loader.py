@@ -18,6 +18,8 @@ from calibkit.errors import RecipeError, UsageError, did_you_mean
 from calibkit.frame import CANONICAL, is_canonical
 from calibkit.recipe.tables import Recipe
 
+LARGEST_BYTES = 10_000_000
+"""Of a recipe, a profile or a mark: the shipped ones have some thousands."""
 _KEY = re.compile(
     r"""^\s*((?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*')(?:\s*\.\s*(?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*'))*)\s*="""
 )
@@ -80,6 +82,20 @@ def shipped() -> dict[str, Path]:
     return {}
 
 
+def read_limited(path: Path) -> bytes:
+    """Bytes of a recipe, profile or image, also of a stream; RecipeError where there are too many.
+    Raises OSError.
+    """
+    with path.open("rb") as stream:
+        content = stream.read(LARGEST_BYTES + 1)
+    if len(content) > LARGEST_BYTES:
+        raise RecipeError(
+            f"{path}: more than {LARGEST_BYTES / 1e6:g} MB, expected at most that",
+            hint="name a recipe, a profile or an image",
+        )
+    return content
+
+
 def find(name: str, overrides: tuple[str, ...] = ()) -> Source:
     """Find a recipe by file or by the name of a shipped one, or raise UsageError with the names
     there are.
@@ -94,7 +110,7 @@ def find(name: str, overrides: tuple[str, ...] = ()) -> Source:
             )
         path = recipes[name]
     try:
-        content = path.read_bytes()
+        content = read_limited(path)
         # PowerShell's > writes UTF-16
         utf_16 = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
         text = content.decode("utf-16" if utf_16 else "utf-8-sig")

@@ -111,7 +111,9 @@ def _read(serial: str, revision: str, path: Path, stamp: str) -> Entry:
     try:
         if path.is_symlink():
             return Entry(serial, revision, stamp, fault="run.json is a link")
-        document = json.loads(path.read_bytes())
+        from calibkit import store
+
+        document = json.loads(store.read_bytes(path))
         if "verdict" not in document:  # an older format states less
             from calibkit import run_document
 

@@ -120,7 +120,7 @@ class Site:
             raise _NotFoundError
         if path.is_symlink() or not path.resolve().is_relative_to(self.runs.resolve()):
             raise _NotFoundError
-        return _Answer(path.read_bytes(), TYPES[suffix], REPORT if suffix == ".html" else OWN)
+        return _Answer(store.read_bytes(path), TYPES[suffix], REPORT if suffix == ".html" else OWN)
 
 
 class _Handler(BaseHTTPRequestHandler):

@@ -60,6 +60,14 @@ def signed(document, key, role="", stamps="", now=authority.NOW):
     return sign.sign_document(document, own.load_signer(), own, role).document
 
 
+def stamped(document, url):
+    """The document with a time stamp of all of it behind, by a server."""
+    from pyhanko.sign import signers, timestamps
+
+    stamper = signers.PdfTimeStamper(timestamps.HTTPTimeStamper(url))
+    return stamper.timestamp_pdf(sign._open_for_update(document), "sha256").getvalue()
+
+
 def flipped(document, count, seed):
     """Copies of a document with one bit flipped, a third of them within its signatures' own bytes;
     each with its name.
