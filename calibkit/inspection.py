@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from calibkit import instruments, new_files, recipe
 from calibkit.check import examination
 from calibkit.check.report import Campaign, Judgement, Reached
-from calibkit.errors import FitError, FrameError, LogFormatError, RecipeError, UsageError
+from calibkit.errors import FitError, FrameError, LogFormatError, RecipeError, UsageError, visible
 from calibkit.ingest import logs as ingest, proposal
 from calibkit.planning import comparison, equipment
 from calibkit.planning.proposal import COVERAGE, Task, measured_range
@@ -193,5 +193,5 @@ def init(folder: Path, sheet: str = "") -> Proposal:
         found = [str(error)]
     else:
         found = [*report.reading, *map(str, report.findings)] or ["nothing is wrong with it"]
-    lines = [f"# check of {file}: {line}" for part in found for line in part.splitlines()]
+    lines = [visible(f"# check of {file}: {x}") for part in found for x in part.splitlines()]
     return replace(proposed, text="\n".join([*lines, proposed.text]))

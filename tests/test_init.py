@@ -375,3 +375,84 @@ def test_a_json_log_alone_in_a_folder_gets_a_recipe(tmp_path, calibkit):
     (tmp_path / "a.json").write_text(json.dumps({"columns": names, "data": rows}))
     spec = tomllib.loads(proposed(calibkit, tmp_path))
     assert (spec["procedure"], spec["logs"]["format"]) == ("bias_temperature", "json")
+
+
+HOSTILE = (
+    '\n[[exclude]]\nlog = "a"\nreason = "r"\nperson = "p"\n#',
+    '"\n[[exclude]]\nlog = "a"\nreason = "r"\nperson = "p"\nx = "',
+    "\r[site]\r#",
+    "\u2028[site]\u0085\x7f\x00\\",
+    "'''\"\"\" = 1 }",
+)
+
+
+def hostile_log(path, names, units):
+    """Write a log of gyro and thermometer, and columns of these names and units, in the format
+    that the name of the file ends in.
+    """
+    import json
+
+    time, *_, rate, case = imu()
+    columns = {"time_s": time, "temp_case_degc": case, "gyro_dph": rate}
+    columns |= {f"extra{k}{name}": rate for k, name in enumerate(names)}
+    stated = {
+        f"extra{k}{name}": unit for k, (name, unit) in enumerate(zip(names, units, strict=True))
+    }
+    if path.suffix == ".json":
+        rows = [list(map(float, row)) for row in zip(*columns.values(), strict=True)]
+        path.write_text(json.dumps({"columns": list(columns), "data": rows}))
+    elif path.suffix == ".parquet":
+        pandas = pytest.importorskip("pandas")
+        pytest.importorskip("pyarrow")
+        pandas.DataFrame(columns).to_parquet(path)
+    elif path.suffix == ".h5":
+        h5py = pytest.importorskip("h5py")
+        with h5py.File(path, "w") as file:
+            for name, values in columns.items():
+                if "\x00" not in name:
+                    file[name.replace("/", "|")] = np.asarray(values, dtype=float)
+                    file[name.replace("/", "|")].attrs["units"] = stated.get(name, "")
+    else:
+        nptdms = pytest.importorskip("nptdms")
+        with nptdms.TdmsWriter(path) as writer:
+            writer.write_segment(
+                [
+                    nptdms.ChannelObject(
+                        "g",
+                        name,
+                        np.asarray(values, dtype=float),
+                        {"unit_string": stated.get(name, "")},
+                    )
+                    for name, values in columns.items()
+                ]
+            )
+    return path
+
+
+@pytest.mark.parametrize("format_", ["json", "parquet", "h5", "tdms"])
+def test_a_columns_name_and_unit_write_nothing_but_themselves(tmp_path, calibkit, format_):
+    """Line ends, quotes and control characters stay within a value or a comment: the recipe is that
+    of the same log without those columns, but for what it says of them.
+    """
+    plain, hostile = tmp_path / "plain", tmp_path / "hostile"
+    plain.mkdir()
+    hostile.mkdir()
+    hostile_log(plain / f"a.{format_}", (), ())
+    hostile_log(hostile / f"a.{format_}", HOSTILE, HOSTILE)
+    found = proposed(calibkit, hostile)
+    assert tomllib.loads(found) == tomllib.loads(proposed(calibkit, plain))
+    assert not any(line.startswith("[site]") for line in found.splitlines())
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_a_mapped_columns_name_and_unit_are_values(name):
+    """They read back as they are, also in comments that state them."""
+    from calibkit.ingest import recipe_text
+    from calibkit.ingest.column_names import LogColumn
+    from calibkit.recipe import toml_text
+
+    column = LogColumn(name, unit=name)
+    text = "\n".join(recipe_text._map_column("gyro_dph", column, ()))
+    assert tomllib.loads(text)["columns"]["gyro_dph"]["from"] == name
+    assert set(tomllib.loads(text)) == {"columns"}
+    assert tomllib.loads(toml_text.from_tables({name: {name: name}}).text) == {name: {name: name}}

@@ -1,6 +1,5 @@
 """A choice of a shipped recipe for logs → its text, with the mapping of these logs."""
 
-import json
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -9,9 +8,11 @@ from pathlib import Path
 from typing import Self, TypeAlias
 
 from calibkit import recipe, units
+from calibkit.errors import visible
 from calibkit.ingest.column_names import LogColumn
 from calibkit.ingest.log_groups import Group, file_patterns
 from calibkit.recipe import Recipe
+from calibkit.recipe.toml_text import write_value
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +86,7 @@ def note_missing_units(choice: Choice) -> str:
     if not silent:
         return ""
     taken = (
-        f"{json.dumps(column.name, ensure_ascii=False)} in {units.column_unit(name)}"
+        f"{write_value(column.name)} in {units.column_unit(name)}"
         for name, column in silent.items()
     )
     keys = ", ".join(f"[columns.{name}]" for name in silent)
@@ -111,7 +112,7 @@ def write_recipe(
         name for name in names if any(fnmatchcase(name, pattern) for pattern in shipped.logs.files)
     }
     if matched != set(group.files):
-        patterns = json.dumps(file_patterns(group.files, names), ensure_ascii=False)
+        patterns = write_value(file_patterns(group.files, names))
         text = re.sub(r"(?m)^files = .*$", lambda _: f"files = {patterns}", text, count=1)
     layout = group.layout
     stated = {
@@ -120,7 +121,7 @@ def write_recipe(
         "tables": layout.tables,
         "names": layout.names,
     }
-    keys = (f"{k} = {json.dumps(v, ensure_ascii=False)}" for k, v in stated.items() if v)
+    keys = (f"{k} = {write_value(v)}" for k, v in stated.items() if v)
     below = [line for line in (*keys, choice.beside_files) if line]
     text = re.sub(
         r"(?m)^files = .*$", lambda found: "\n".join((found.group(), *below)), text, count=1
@@ -137,16 +138,12 @@ def _write_mapping(choice: Choice, group: Group) -> str:
     """Tables [logs.text] and [columns] of a recipe, and comments on columns that are not used."""
     lines = [""]
     if group.layout.text:
-        pinned = (
-            f"{key} = {json.dumps(value, ensure_ascii=False)}"
-            for key, value in group.layout.text.items()
-        )
+        pinned = (f"{key} = {write_value(value)}" for key, value in group.layout.text.items())
         lines += [f"[logs.text] # {_GUESSED}", *pinned, ""]
     for name, column in choice.mapping.items():
         lines += _map_column(name, column, choice.lines.get(name, ()))
     lines += [
-        f"# could be {name} too: {json.dumps(column.name, ensure_ascii=False)}"
-        for name, column in choice.others
+        f"# could be {name} too: {write_value(column.name)}" for name, column in choice.others
     ]
     used = {
         column.name
@@ -154,7 +151,7 @@ def _write_mapping(choice: Choice, group: Group) -> str:
     }
     unused = [column.name for column in group.columns if column.name not in used]
     if choice.mapping and unused:
-        lines.append(f"# not used: {', '.join(unused)}")
+        lines.append(visible(f"# not used: {', '.join(unused)}"))
     lines += [*_state_gravity(choice), choice.tables]
     return "\n".join(lines).rstrip("\n") + "\n" if any(lines) else ""
 
@@ -166,20 +163,21 @@ def _map_column(name: str, column: LogColumn, more: Sequence[str]) -> list[str]:
     by_reader = column.unit or units.unit_in_header(column.name)
     unit = units.column_unit(name)
     taken = "" if unit == "1" else f' in the log: taken in {unit}, or state unit = "…"'
-    remark = f"the log states {column.stated}" if column.stated else f"no unit{taken}"
+    stated = visible(column.stated)
+    remark = f"the log states {stated}" if column.stated else f"no unit{taken}"
     lines = [
         f"[columns.{name}]" + ("" if column.is_time else f" # {remark}"),
-        f"from = {json.dumps(column.name, ensure_ascii=False)}",
+        f"from = {write_value(column.name)}",
     ]
     if foreign := _is_foreign(column, unit):
         lines += [
             f'unit = "{unit}"',
-            f"{UNSTATED}scale = 1.0 # {unit} per {column.stated}; take the mark off",
+            f"{UNSTATED}scale = 1.0 # {unit} per {stated}; take the mark off",
         ]
     if column.stated and not (by_reader or foreign or column.is_time):
-        lines.append(f'unit = "{column.stated}"')
+        lines.append(f"unit = {write_value(column.stated)}")
     if column.is_time and "%" in column.time_format:
-        lines.append(f"time_format = {json.dumps(column.time_format)}")
+        lines.append(f"time_format = {write_value(column.time_format)}")
     return [*lines, *more, ""]
 
 
@@ -239,4 +237,5 @@ def _write_header(choice: Choice, group: Group, rest: Sequence[Group]) -> str:
                 "# These look like a second logger's (a chamber's): see [chamber] in docs/check.md"
                 " to join them."
             )
-    return "\n".join(lines) + "\n"
+    # names come from files that anybody may have written: a line end would end the comment
+    return "\n".join(map(visible, lines)) + "\n"

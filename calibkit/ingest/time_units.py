@@ -2,12 +2,11 @@
 ticks of a clock crystal from seconds.
 """
 
-import json
-
 import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.errors import FrameError
+from calibkit.recipe.toml_text import write_value
 
 _FEWEST_ROWS = 30
 """Rows from which a spacing is judged: a handful of rows may be days apart."""
@@ -35,7 +34,7 @@ def question_seconds(stamps: Array, source: str, file: str) -> tuple[str, ...]:
     span = float(there[-1] - there[0])
     rows = f"{there.size:,} rows over {span:.4g} s, one every {step:.6g} s"
     found = f"column '{source}': {rows}: {words}?"
-    written = json.dumps(source, ensure_ascii=False)
+    written = write_value(source)
     advice = f"under [columns] time_s = {{ from = {written}, {keys} }}"
     if step >= _REFUSED_S:
         raise FrameError(

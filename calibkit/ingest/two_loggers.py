@@ -1,6 +1,5 @@
 """Which logs of a folder are a second logger's, and the table [chamber] that joins them."""
 
-import json
 import re
 from pathlib import PurePosixPath
 
@@ -8,6 +7,7 @@ from calibkit.ingest import column_names
 from calibkit.ingest.column_names import LogColumn
 from calibkit.ingest.evidence import Evidence
 from calibkit.ingest.log_groups import Group
+from calibkit.recipe.toml_text import write_value
 
 AIR = "temp_env_degc"
 
@@ -25,22 +25,22 @@ def propose_chamber(evidence: Evidence) -> tuple[str, tuple[str, ...]] | None:
     if air is None or "time_s" not in columns or not files:
         return None
     layout = second.layout
-    lines = ["[chamber]", f"files = {json.dumps(files, ensure_ascii=False)}"]
+    lines = ["[chamber]", f"files = {write_value(files)}"]
     if layout.format not in ("csv", "text"):
         lines.append(f'format = "{layout.format}"')
     if layout.names:
-        lines.append(f"names = {json.dumps(layout.names, ensure_ascii=False)}")
+        lines.append(f"names = {write_value(layout.names)}")
     lines += [f'provides = ["{AIR}"]', *_relate_clocks(evidence, columns["time_s"])]
     if layout.text:
-        pinned = (f"{k} = {json.dumps(v, ensure_ascii=False)}" for k, v in layout.text.items())
+        pinned = (f"{k} = {write_value(v)}" for k, v in layout.text.items())
         lines += ["", "[chamber.text]", *pinned]
     lines += ["", "[chamber.columns]"]
     for name, column in (("time_s", columns["time_s"]), (AIR, air)):
-        more = f", time_format = {json.dumps(column.time_format)}" if column.is_time else ""
+        more = f", time_format = {write_value(column.time_format)}" if column.is_time else ""
         if name == AIR and not column.stated:
             more = ', unit = "degC"'
         more = more if "%" in more or name == AIR else ""
-        source = json.dumps(column.name, ensure_ascii=False)
+        source = write_value(column.name)
         lines.append(f"{name} = {{ from = {source}{more} }}")
     return "\n".join(["", *lines, ""]), second.files
 
@@ -68,7 +68,7 @@ def _relate_clocks(evidence: Evidence, other: LogColumn) -> list[str]:
     probes = [column for name, column in evidence.others if name in (AIR, "temp_case_degc")]
     air = [column for column in probes if re.search(r"air|luft|env|probe|amb", column.plain)]
     if air:
-        source = json.dumps(air[0].name, ensure_ascii=False)
+        source = write_value(air[0].name)
         unit = "" if air[0].stated else ', unit = "degC"'
         return [
             'clock = "estimate" # from the air that both loggers measured',

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from typing import TYPE_CHECKING, Any
+
+from calibkit.recipe import toml_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -45,9 +46,9 @@ def _lines(tables: Mapping[str, Any], path: str = "") -> Iterator[str]:
     """Lines of TOML: keys first, then tables, then arrays of tables."""
     for name, value in tables.items():
         if not _is_table(value) and not _is_array_of_tables(value):
-            yield f"{_key(name)} = {_value(value)}"
+            yield f"{toml_text.write_key(name)} = {toml_text.write_value(value)}"
     for name, value in tables.items():
-        full = f"{path}{_key(name)}"
+        full = f"{path}{toml_text.write_key(name)}"
         if _is_table(value):
             yield f"\n[{full}]"
             yield from _lines(value, f"{full}.")
@@ -63,16 +64,3 @@ def _is_table(value: object) -> bool:
 
 def _is_array_of_tables(value: object) -> bool:
     return isinstance(value, list) and bool(value) and all(map(_is_table, value))
-
-
-def _key(name: str) -> str:
-    """A key, in quotes where it needs them."""
-    bare = name.replace("_", "").replace("-", "").isalnum() and name.isascii()
-    return name if bare else json.dumps(name, ensure_ascii=False)
-
-
-def _value(value: object) -> str:
-    """A value on one line."""
-    if isinstance(value, list):
-        return f"[{', '.join(map(_value, value))}]"
-    return json.dumps(value, ensure_ascii=False)

@@ -1,14 +1,10 @@
 """Recipes of Python tables as the TOML text that a file of them would have."""
 
-import datetime as dt
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from calibkit.errors import RecipeError
 from calibkit.recipe.loader import Source
-
-_BARE = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-")
 
 
 def from_tables(tables: Mapping[str, Any], overrides: tuple[str, ...] = ()) -> Source:
@@ -19,7 +15,7 @@ def from_tables(tables: Mapping[str, Any], overrides: tuple[str, ...] = ()) -> S
 def write_overrides(settings: Mapping[str, object]) -> tuple[str, ...]:
     """Settings of Python as those of the command line: a double underscore is the dot."""
     return tuple(
-        f"{key.replace('__', '.')}={_write_value(value)}" for key, value in settings.items()
+        f"{key.replace('__', '.')}={write_value(value)}" for key, value in settings.items()
     )
 
 
@@ -30,9 +26,9 @@ def _write_table(table: Mapping[str, Any], path: tuple[str, ...]) -> Iterator[st
         if isinstance(value, Mapping) or _is_list_of_tables(value):
             inner[key] = value
         else:
-            yield f"{_write_key(key)} = {_write_value(value)}"
+            yield f"{write_key(key)} = {write_value(value)}"
     for key, value in inner.items():
-        place = (*path, _write_key(key))
+        place = (*path, write_key(key))
         several = not isinstance(value, Mapping)
         for one in value if several else [value]:
             yield ("[[{}]]" if several else "[{}]").format(".".join(place))
@@ -45,28 +41,29 @@ def _is_list_of_tables(value: object) -> bool:
     return listed and all(isinstance(one, Mapping) for one in value)  # type: ignore[attr-defined] # a list
 
 
-def _write_key(key: str) -> str:
+def write_key(key: str) -> str:
     """A key, in quotes where it needs them."""
-    return key if key and set(key) <= _BARE else json.dumps(key, ensure_ascii=False)
+    import tomlkit
+
+    return tomlkit.key(key).as_string()
 
 
-def _write_value(value: object) -> str:
+def write_value(value: object) -> str:
     """A value on one line; RecipeError for one that TOML has not."""
+    import tomlkit
+
     if hasattr(value, "tolist"):  # a number or an array of numpy's
         value = value.tolist()
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    if isinstance(value, int | float | dt.date):
-        return value.isoformat() if isinstance(value, dt.date) else repr(value)
     if isinstance(value, Mapping):
-        pairs = (f"{_write_key(key)} = {_write_value(one)}" for key, one in value.items())
+        pairs = (f"{write_key(key)} = {write_value(one)}" for key, one in value.items())
         return f"{{{', '.join(pairs)}}}"
-    if isinstance(value, Sequence | set | frozenset):
-        return f"[{', '.join(map(_write_value, value))}]"
-    raise RecipeError(
-        f"recipe: {value!r:.60} is {type(value).__name__}, expected text, a number, a truth value,"
-        " a date, a list or a table",
-        hint="leave the key out to have its default",
-    )
+    if isinstance(value, Sequence | set | frozenset) and not isinstance(value, str | bytes):
+        return f"[{', '.join(map(write_value, value))}]"
+    try:
+        return tomlkit.item(value).as_string()
+    except ValueError:
+        raise RecipeError(
+            f"recipe: {value!r:.60} is {type(value).__name__}, expected text, a number, a truth"
+            " value, a date, a list or a table",
+            hint="leave the key out to have its default",
+        ) from None
