@@ -56,3 +56,18 @@ def test_calls_that_fail_and_kills_leave_the_old_state_or_the_new(tmp_path):
     assert found is not None, done.stderr[-2000:]
     assert int(found[1]) >= 8
     assert (found[2], found[3]) == ("3", "[]")
+
+
+@POSIX
+def test_what_strangers_wrote_is_refused_or_comes_to_nothing(tmp_path):
+    """30 forged runs, 10 logs with names of theirs, and what never ends in the place of each file
+    of a run, a plan and a delivery.
+    """
+    forged = pytest.importorskip("attacks.forged")
+    exported, bad = forged.attack_runs(tmp_path / "runs", 30, 5)
+    assert (0 < exported < 30, bad) == (True, [])
+    (tmp_path / "logs").mkdir()
+    assert forged.attack_names(tmp_path / "logs", 10, 5) == []
+    (tmp_path / "special").mkdir()
+    tried, bad = forged.attack_special_files(tmp_path / "special")
+    assert (tried, bad) == (48, [])

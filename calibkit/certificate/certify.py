@@ -111,9 +111,9 @@ def certify(
         pdf.render, lang=lang, fonts=tuple(fonts), signed=key is not None, mark=mark
     )
     certificate, digital, document = _rendered(certificate, lang, typeset, schema_dir)
-    if mark := signature_traces.find_mark(document):
+    if trace := signature_traces.find_mark(document):
         raise RecipeError(
-            f"the texts of the certificate hold {mark}, which verify takes for a signature's",
+            f"the texts of the certificate hold {trace}, which verify takes for a signature's",
             hint="write the number, the title and the names otherwise",
         )
     if out is None:

@@ -1,5 +1,5 @@
-"""Write the tables of attacks into docs/trust.md: `python tests/attacks [files|signed|writes|silent
-…]`, all four without a name, in an hour; `--quick` prints those of a hundredth.
+"""Write the tables of attacks into docs/trust.md: `python tests/attacks [NAME …]`, names forged,
+files, signed, writes and silent, all without one, in an hour; `--quick` prints a hundredth.
 """
 
 import contextlib
@@ -111,7 +111,42 @@ def attack_signed(folder, share):
     yield row, count, [end for end in ends if end != "passed"]
 
 
+def attack_forged(folder, share):
+    """Rows of the table on what strangers wrote: runs, names, files, marks, signatures."""
+    import authority
+    from attacks import forged, signed
+
+    count = round(1000 * share)
+    exported, bad = forged.attack_runs(folder / "runs", count, 11)
+    yield f"forged runs with right digests ({exported} exported to C, the rest refused)", count, bad
+    (folder / "logs").mkdir()
+    count = round(500 * share)
+    yield (
+        "line ends, quotes and tables in names of columns that `init` reads",
+        count,
+        forged.attack_names(folder / "logs", count, 12),
+    )
+    (folder / "special").mkdir()
+    count, bad = forged.attack_special_files(folder / "special")
+    yield "a pipe, a device, a folder or 20 GB in the place of a file", count, bad
+    key = authority.Authority()
+    root, own = key.write(folder / "own.pem"), key.issue(folder / "own.p12")
+    stranger = authority.Authority("stranger", 400).issue(folder / "stranger.p12", number=1)
+    plain = signed.unsigned_part(signed.certified(folder, own).read_bytes())
+    (folder / "marks").mkdir()
+    count = max(5, round(50 * share))
+    bad = forged.attack_marks(folder / "marks", folder / "P" / "r001", signed.PROFILE, count, 13)
+    yield "marks of an accreditation with links, bombs or damage", count, bad
+    (folder / "trust").mkdir()
+    count = max(12, round(48 * share))
+    with authority.serve_stamps(authority.Authority("Stamp authority", 500)) as url:
+        bad = forged.attack_trust(plain, own, stranger, folder / "trust", f"{url}/tsa", root, count)
+    row = "strangers' signatures and time stamps, and `sign --trust` over each"
+    yield row, count, bad
+
+
 PARTS = {
+    "forged": attack_forged,
     "files": attack_files,
     "signed": attack_signed,
     "writes": attack_writes,
