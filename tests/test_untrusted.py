@@ -64,6 +64,7 @@ def test_there_is_a_golden_file_of_every_format():
     kept = {
         json.loads(path.read_text(encoding="utf-8"))["format"]
         for path in GOLDEN.parent.rglob("*.json")
+        if path.name != "numbers.json"  # what a test compares, of no format
     }
     assert named >= {
         *coefficients.FORMATS,
