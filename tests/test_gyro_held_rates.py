@@ -1,9 +1,12 @@
 """Held rates of a real table: lost pulses, stops, fine rates through 0, one row per held rate."""
 
+from itertools import pairwise
+
 import numpy as np
 import pandas as pd
 import pytest
 
+import bench_physics as bench
 from calibkit.errors import FrameError
 from calibkit.frame import Log
 from calibkit.instruments.gyro_scale import simulate_rate_table, table_runs
@@ -60,6 +63,85 @@ def test_a_gyro_across_the_axis_loses_no_pulses():
     }
     found = table_runs.examine(SPEC, log_of(across)).findings
     assert not [finding for finding in found if finding.name == "dropout"]
+
+
+def table_log(rates, *, hold_s=40.0, along=1.0, late_s=0.0, filter_s=0.0, phase=0.0, step_s=0.5):
+    """Log of a table that comes to each rate by 20 °/s², and of a gyro that is at an angle to its
+    axis, in the earth's rate at 48°; rows are means over 20 ms steps.
+    """
+    fine = 0.02
+    at = np.repeat(np.array(rates), round(hold_s / fine))
+    ramps = [
+        np.linspace(a, b, max(round(abs(b - a) / 20.0 / fine), 1), endpoint=False)
+        for a, b in pairwise([0.0, *rates])
+    ]
+    parts = zip(ramps, np.split(at, len(rates)), strict=True)
+    rate = np.concatenate([np.concatenate(part) for part in parts])
+    per_row = round(step_s / fine)
+    rate = rate[: rate.size // per_row * per_row]
+    time, turned = fine * np.arange(1, rate.size + 1), np.cumsum(rate) * fine
+    across = np.sqrt(1.0 - along**2) * np.cos(np.radians(turned + phase))
+    sensed = along * rate + bench.EARTH_DPH / 3600.0 * (0.743 * along + 0.669 * across)
+    if filter_s:
+        sensed = bench.lagged(sensed, time, filter_s)
+    sensed = np.interp(time - late_s, time, sensed)
+    noise = np.random.default_rng(5).normal(0.0, 1e-6 * K, rate.size // per_row)
+    return log_of(
+        {
+            "time_s": time[per_row - 1 :: per_row],
+            "table_rate_dps": rate.reshape(-1, per_row).mean(axis=1),
+            "gyro_x_lsb": K * sensed.reshape(-1, per_row).mean(axis=1) + noise,
+        }
+    )
+
+
+SLOW = simulate_rate_table.both_ways((5.0, 10.0, 20.0))
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"late_s": 3.0}, "3 s after the table"),
+        ({"late_s": -3.0}, "3 s before the table"),
+        ({"filter_s": 4.0}, "s after the table"),
+        ({"filter_s": 10.0, "hold_s": 60.0}, "s after the table"),
+    ],
+)
+def test_a_gyro_stamped_late_or_filtered_lost_no_pulses(options, words):
+    """The time offset is named in place of "pulses were lost"; a gyro of neither is accepted, and
+    one that is filtered where what it takes to settle is left out.
+    """
+    (finding,) = table_runs.examine(SPEC, table_log(SLOW, **options)).findings
+    assert (finding.name, finding.refused) == ("late", True)
+    assert words in finding.found
+    assert not table_runs.examine(SPEC, table_log(SLOW)).findings
+    settled = SPEC.model_copy(
+        update={"plateaus": SPEC.plateaus.model_copy(update={"settle_s": 40.0})}
+    )
+    filtered = table_log(SLOW, hold_s=200.0, filter_s=4.0)
+    assert not table_runs.examine(settled, filtered).findings
+
+
+def test_lost_pulses_at_each_change_of_rate_are_no_delay():
+    """Four rows of zero in the first half of each held rate: pulses were lost, nothing is late."""
+    log = table_log(SLOW)
+    held_rows = np.abs(log.frame["table_rate_dps"].diff()) < 1e-9
+    starts = np.flatnonzero(held_rows & ~held_rows.shift(1, fill_value=False))
+    for row in range(12, 16):
+        log.frame.loc[starts + row, "gyro_x_lsb"] = 0.0
+    found = {finding.name for finding in table_runs.examine(SPEC, log).findings}
+    assert "dropout" in found
+    assert "late" not in found
+
+
+@pytest.mark.parametrize("phase", range(0, 360, 30))
+def test_the_earths_rate_in_part_revolutions_across_the_axis_is_no_dropout(phase):
+    """A gyro 5 mrad off the axis' normal and parts of a revolution: the earth's rate moves all rows
+    of a held rate, by as much as the table does.
+    """
+    rates = simulate_rate_table.both_ways((0.1, 0.3, 0.6, 1.2, 2.4))
+    log = table_log(rates, hold_s=100.0, along=5e-3, phase=float(phase))
+    assert not table_runs.examine(SPEC, log).findings
 
 
 def test_no_nonlinearity_is_computed_at_stops():

@@ -44,6 +44,13 @@ NOISY = 0.5
 """Share of repeated values up to which a series counts as noisy: a quantised thermometer repeats
 most of its values.
 """
+COUNTED = 0.55
+"""Rms of a counter about its smooth input [pulses], at most: 0.5 at half a pulse a row, and noise.
+"""
+PASSED = 2.0
+"""Mean of a counter's input over a run of L equal values off that value, in 1/√L pulses, at most:
+1/√L by itself, the rest by what rounding does to the parabola.
+"""
 LEVEL_ROWS = 4
 """Rows whose medians are compared for a step."""
 PILE = 10
@@ -245,7 +252,7 @@ def stuck(values: Array) -> Integers:
     If a share p of the values repeats the one before, a run of L equal values has probability n
     p^(L−1). The share is that of the series, or that of as many rows before and behind the run
     where it is larger: a counter at a slow rate, or a dithered gyro at the turn of a beat, repeats
-    values there too.
+    values there too. Nor is a counter stuck that repeats a number where its input passes it.
     """
     runs = equal_runs(values, SHORTEST_RUN)
     if not len(runs):
@@ -258,7 +265,30 @@ def stuck(values: Array) -> Integers:
     length = runs[:, 1] - runs[:, 0]
     shares = np.array([_share_beside(values, *run) for run in runs.tolist()])
     chance = values.size * np.maximum(shares, share) ** (length - 1)
-    return np.asarray(runs[chance < CHANCE], dtype=np.int64)
+    runs, quantum = runs[chance < CHANCE], resolution(values)
+    counted = [_is_counted(values, *run, quantum) for run in runs.tolist()]
+    return np.asarray(runs[~np.array(counted, dtype=np.bool_)], dtype=np.int64)
+
+
+def _is_counted(values: Array, first: int, stop: int, quantum: float) -> bool:
+    """Whether a parabola through as many rows before and behind a run of equal values as it has
+    passes them as closely as whole pulses let it, and the run too.
+
+    A counter of a smooth input is within a pulse of it, and by no more than a pulse in all off the
+    sum over a run.
+    """
+    length = stop - first
+    beside = np.r_[max(first - length, 0) : first, stop : min(stop + length, values.size)]
+    if beside.size <= SHORTEST_RUN:
+        return False
+    middle = 0.5 * (first + stop - 1)
+    parabola = np.polyfit((beside - middle) / length, values[beside], 2)
+    left = values[beside] - np.polyval(parabola, (beside - middle) / length)
+    inside = np.polyval(parabola, (np.arange(first, stop) - middle) / length).mean()
+    return bool(
+        np.sqrt(np.mean(left**2)) <= COUNTED * quantum
+        and abs(inside - values[first]) <= PASSED / np.sqrt(length) * quantum
+    )
 
 
 def _share_beside(values: Array, first: int, stop: int) -> float:

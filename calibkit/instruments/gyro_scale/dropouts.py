@@ -1,4 +1,6 @@
-"""Rows of held rates in which a gyro indicates far less than the table turns: pulses were lost."""
+"""Rows of held rates in which a gyro indicates far less than the table turns: pulses were lost, or
+the gyro follows the table late or early.
+"""
 
 from collections.abc import Iterator, Sequence
 from functools import partial
@@ -7,7 +9,9 @@ import numpy as np
 
 from calibkit import check
 from calibkit.arrays import Array, Mask
+from calibkit.check.content import finding_of_column
 from calibkit.frame import Finding, Log, values
+from calibkit.instruments.gyro_scale import forms
 from calibkit.instruments.gyro_scale.numeric.plateau_means import Plateaus
 from calibkit.numeric import chunks, order_statistics
 from calibkit.numeric.dispersion import MAD_TO_SIGMA
@@ -18,6 +22,10 @@ CLEAR = 8.0
 """Standard deviations of single rows that a dropout is below what is expected."""
 RESOLVED = 1e-6
 """Share of the largest indication below which a response is no rotation: a gyro across the axis."""
+BETWEEN = 0.05
+"""Share of the change from one held rate to the next by which a row lies between both."""
+LEAST_CHANGES = 3
+"""Changes of the held rate that a delay is told by, at least."""
 
 
 def _is_low(data: Array, rest: float, expected: float) -> Mask:
@@ -25,15 +33,85 @@ def _is_low(data: Array, rest: float, expected: float) -> Mask:
     return np.asarray((data - rest) * np.sign(expected) < SHARE * abs(expected), dtype=np.bool_)
 
 
+def _find_late(log: Log, held: Plateaus, column: str) -> list[Finding]:
+    """A gyro that still indicates the last held rate, or already the next one, while the table
+    holds: its rows are stamped late or early, or it is filtered.
+
+    Changes between held rates that stand out of the noise are judged; most of them must say so,
+    which lost pulses at some rates do not.
+    """
+    time, data = values(log.frame, "time_s"), values(log.frame, column)
+    # a filter has settled in the second half of a held rate, if it does at all
+    halves = [(first, (first + stop) // 2, stop) for first, stop in held.span.tolist()]
+    levels = [order_statistics.median(data[middle:stop]) for _, middle, stop in halves]
+    noise = [
+        MAD_TO_SIGMA * order_statistics.median_magnitude(data[middle:stop], level)
+        for (_, middle, stop), level in zip(halves, levels, strict=True)
+    ]
+    delays, between = [], []
+    for k in range(len(levels) - 1):
+        (_, start, stop), (first, end, _) = halves[k : k + 2]
+        change = levels[k + 1] - levels[k]
+        clear = CLEAR * max(noise[k : k + 2])
+        if abs(change) <= 2.0 * clear or end == first:
+            continue
+        least = max(BETWEEN, clear / abs(change))
+        gone, missing = np.array([data[stop - 1] - levels[k], levels[k + 1] - data[first]]) / change
+        between.append(max(gone, missing) > least)
+        sides = ((column, levels[k : k + 2]), (forms.RATE, held.rate_dps[k : k + 2]))
+        rows_after = [
+            chunks.count(
+                values(log.frame, name)[start:end],
+                partial(_is_beyond, level=0.5 * (x + y), change=y - x),
+            )
+            for name, (x, y) in sides
+        ]
+        followed, turned = (time[max(end - 1 - count, 0)] for count in rows_after)
+        delays.append(float(followed - turned))
+    if len(delays) < LEAST_CHANGES or not any(between):
+        return []
+    delay = float(np.median(delays))
+    # a table's rate at the end of a row, beside a mean over the row, is a row off by itself
+    least_rows = 0.9 if np.median(between) >= 1.0 else 1.5
+    if abs(delay) < least_rows * log.steps.usual:
+        return []
+    return [
+        finding_of_column(
+            log,
+            column,
+            f"it comes to the next held rate {abs(delay):.3g} s"
+            f" {'after' if delay > 0.0 else 'before'} the table, at most changes of the rate",
+            expected="a gyro that turns with the table",
+            advice=(
+                "correct the times of the gyro or of the table; where the gyro is filtered, leave"
+                f" out what it takes to settle: plateaus.settle_s = {10.0 * abs(delay):.2g}"
+            ),
+            name="late",
+            figure=delay,
+            severity="refuse",
+        )
+    ]
+
+
+def _is_beyond(data: Array, level: float, change: float) -> Mask:
+    """Which values [n] lie beyond a level in the direction of a change."""
+    return np.asarray((data - level) * np.sign(change) > 0.0, dtype=np.bool_)
+
+
 def find(log: Log, held: Plateaus, columns: Sequence[str]) -> Iterator[Finding]:
     """Findings on the first dropout of each gyro's column, with the number of rows and what the
     other held rates let expect there.
 
-    A held rate without any response is a dead zone or a gyro across the table axis, no dropout.
+    A held rate without any response is a dead zone or a gyro across the table axis, no dropout; nor
+    is one whose rows differ by less than pulses that are lost: the earth's rate moves all of them
+    where the table turns by a part of a revolution.
     """
     for column in columns:
         data = values(log.frame, column)
         middle = np.array([order_statistics.median(data[a:b]) for a, b in held.span.tolist()])
+        if late := _find_late(log, held, column):
+            yield from late
+            continue
         fast = np.abs(held.rate_dps) >= np.median(np.abs(held.rate_dps))
         # a gyro across the axis may respond less than it indicates at rest
         line = np.polyfit(held.rate_dps, middle, 1) if np.ptp(held.rate_dps) > 0.0 else (0.0, 0.0)
@@ -45,7 +123,8 @@ def find(log: Log, held: Plateaus, columns: Sequence[str]) -> Iterator[Finding]:
             held.span.tolist(), held.rate_dps.tolist(), middle.tolist(), strict=True
         ):
             noise = MAD_TO_SIGMA * order_statistics.median_magnitude(data[a:b], median)
-            if SHARE * abs(K * rate) <= max(CLEAR * noise, least):
+            deficit = SHARE * abs(K * rate)
+            if deficit <= max(CLEAR * noise, least) or np.ptp(chunks.extremes(data[a:b])) < deficit:
                 continue
             low = chunks.rows_where(data[a:b], partial(_is_low, rest=rest, expected=K * rate))
             if 0 < low.size < b - a:
