@@ -20,7 +20,7 @@ from calibkit import (
     sealed,
     store,
 )
-from calibkit.check import copies
+from calibkit.check import copies, thermometers
 from calibkit.errors import (
     CalibkitError,
     CoefficientError,
@@ -29,6 +29,7 @@ from calibkit.errors import (
     OutputError,
     UsageError,
 )
+from calibkit.frame import refuse
 from calibkit.history import dates, pooling
 from calibkit.ingest import logs as ingest
 from calibkit.recipe import type_b
@@ -93,11 +94,14 @@ def fit(
         ingest.require_named_logs(spec, logs)
         pooled = pooling.pool_components(spec, out, [data / name for name in logs])
         fitted = instruments.find(spec.procedure).fit(pooled.recipe, data, logs, progress)
+    apart = thermometers.find_other_units({log.name: log.measured for log in fitted.inputs})
+    refuse(finding for _, finding in apart)
     type_b.require_known(spec.type_b, (*budget.name_results(fitted.results), *spec.own_columns()))
     dated = "" if date else max((log.last_date for log in fitted.inputs), default="")
     date = date or dated or clock.date_or_today(today)
     with store.next_revision(out, serial, dry_run=dry_run) as (revision, superseded):
         found = run_content.complete_summary(fitted, pooled)
+        found = replace(found, flags=(*found.flags, *(str(finding) for _, finding in apart)))
         summary = dates.flag_date_order(found, out, serial, revision, date)
         summary = layouts.flag_layout(summary, pooled.recipe, fitted, out, serial, revision)
         document, records, files, shown = run_content.build_run(

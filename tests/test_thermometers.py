@@ -282,3 +282,95 @@ def test_a_name_that_ends_in_another_unit_needs_its_unit_stated(ramps, tmp_path,
         outcome = calibkit("check", tmp_path / "r.toml", "--data", tmp_path / "logs")
         assert outcome.out.startswith("1 of 1 log ok") != refused
         assert ("its name says degF, it would be taken in degC" in outcome.out) == refused
+
+
+def levels(**ends):
+    """Log file → reading of its thermometer at these ends [°C]."""
+    return {
+        f"{name}.csv": [("temp_case_degc", *np.atleast_1d(pair)[[0, -1]])]
+        for name, pair in ends.items()
+    }
+
+
+def in_degf(measured, *names):
+    """The same, with some logs in °F."""
+    return {
+        file: [(c, 1.8 * low + 32.0, 1.8 * high + 32.0) for c, low, high in readings]
+        if file.removesuffix(".csv") in names
+        else readings
+        for file, readings in measured.items()
+    }
+
+
+SETS = levels(T_m40=-39.2, T_0=0.7, T_25=26.1, T_60=61.3)
+RAMPS = levels(a=(-38.1, 61.8), b=(-40.2, 60.4), c=(-38.4, 62.0), d=(-39.0, 61.0))
+PARTIAL = levels(full=(-40.0, 70.0), cold=(-40.0, 21.0), warm=(20.0, 71.0))
+DATED = levels(
+    d24_T20=20.3, d24_T60=61.0, d25_T20=20.4, d25_T60=60.8, d25_T40=41.0, room_1=25.0, room_33=25.1
+)
+
+
+@pytest.mark.parametrize(
+    ("measured", "names"),
+    [
+        (SETS, ("T_60",)),
+        (SETS, ("T_25", "T_60")),
+        (SETS, ("T_0", "T_25", "T_60")),
+        (DATED, ("d25_T20", "d25_T60", "d25_T40")),
+        (RAMPS, ("c",)),
+        (RAMPS, ("c", "d")),
+    ],
+)
+def test_logs_in_degf_are_told_by_their_names_or_the_ends_of_others(measured, names):
+    """Levels that are 1.8 x + 32 of what the names say, or ends that are those of another log in
+    °F: each such log is refused, no other; in °C there is nothing to say.
+    """
+    assert thermometers.find_other_units(measured) == []
+    told = thermometers.find_other_units(in_degf(measured, *names))
+    assert {(file.removesuffix(".csv"), found.severity) for file, found in told} == {
+        (name, "refuse") for name in names
+    }
+
+
+@pytest.mark.parametrize(
+    "measured",
+    [
+        PARTIAL,
+        levels(run_1=35.0, run_2=35.6, run_3=37.4, run_4=39.2),
+        levels(ramp_1=(-40.0, 60.0), ramp_15=(-40.0, 60.0), ramp_30=(-40.0, 60.0)),
+        levels(a=10.0, b=50.0, c=-10.0, d=32.0, e=0.0),
+    ],
+)
+def test_numbers_and_ranges_that_are_no_set_points_are_not_told_as_degf(measured):
+    """Counted runs near 35 °C, rates, parts of a range, levels of which some are 1.8 x + 32 of
+    others: nothing is refused.
+    """
+    assert not [f for _, f in thermometers.find_other_units(measured) if f.severity == "refuse"]
+
+
+def test_a_thermometer_that_belies_its_name_is_told_where_the_others_do_not():
+    """25 °C in the log of −40 beside three that show what they are named after: flagged with its
+    level; where two show something else nobody can say what numbers mean.
+    """
+    ((file, found),) = thermometers.find_other_units(SETS | levels(T_40=25.2))
+    assert (file, found.severity) == ("T_40.csv", "warn")
+    assert "its name says 40" in found.found
+    assert thermometers.find_other_units(SETS | levels(T_40=22.0, T_50=22.0)) == []
+
+
+def test_half_of_the_ramps_in_degf_is_refused(ramps, tmp_path, calibkit):
+    """Both thermometers of each second ramp in °F: the fit took them, and check said nothing."""
+    mixed = {
+        name: fahrenheit(columns) if k % 2 else columns
+        for k, (name, columns) in enumerate(sorted(ramps.items())[:4])
+    }
+    data = logs(mixed, tmp_path / "logs", dict)
+    outcome = calibkit("check", "fog_thermal", "--data", data, "--details")
+    assert outcome.code == 3
+    quick = ("--set", "drift.model=level", "--set", "denoise.enabled=false")
+    fitted = calibkit(
+        "fit", "fog_thermal", "--data", data, "--serial", "S", "--out", tmp_path / "runs", *quick
+    )
+    assert fitted.code == 3
+    for name in sorted(mixed)[1::2]:
+        assert f"{name}: column 'temp_case_degc'" in fitted.err

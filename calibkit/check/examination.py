@@ -12,7 +12,7 @@ import numpy as np
 from calibkit.check import chunked, copies, facts, magnitude, thermometers
 from calibkit.check.report import HeldCondition, LogReport
 from calibkit.errors import FitError, FrameError, LogFormatError
-from calibkit.frame import Examined, Finding, values
+from calibkit.frame import THERMOMETERS, Examined, Finding, values
 from calibkit.ingest import logs as ingest
 from calibkit.report.logs import Curve, LogFigure, envelope
 
@@ -132,10 +132,20 @@ def compare_logs(outcomes: Sequence[_Examination]) -> list[tuple[str, Finding]]:
         for o in outcomes
     }
     rates = {file: found[0] for file, found in ramps.items() if len(found) == 1}
+    measured = {
+        o.report.file: [
+            (column.name, column.low, column.high)
+            for column in o.report.facts.columns
+            if column.name in THERMOMETERS and column.missing < o.report.facts.rows
+        ]
+        for o in outcomes
+        if o.report.facts is not None
+    }
     return [
         *_copies(outcomes),
         *magnitude.find_compensated_logs(slopes),
         *thermometers.check_rates_in_names(rates),
+        *thermometers.find_other_units(measured),
     ]
 
 

@@ -6,8 +6,9 @@ zero point of °F is a unit, a negative lag an exchange.
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from calibkit.arrays import Array
 from calibkit.check.content import finding_at_row, finding_of_column
 from calibkit.check.magnitude import SPAN_DEGC
 from calibkit.errors import advise_exclude
-from calibkit.frame import Finding, Log, values
+from calibkit.frame import Finding, Log, Severity, values
 from calibkit.numeric import chunks
 from calibkit.numeric.anomalies import LEVEL_ROWS, level_steps
 from calibkit.numeric.order_statistics import quantile_of_chunks
@@ -50,9 +51,25 @@ SURE = 0.5
 ORDERED = 0.3
 """Relative deviation of a measured rate from the recipe's that a chamber may have."""
 _NUMBER = re.compile(r"\d+(?:\.\d+)?")
+_SIGNED = re.compile(r"[-+mnp]?\d+(?:\.\d+)?", re.IGNORECASE)
+"""The same with what stands for a sign: −40 is m40 in names."""
 AGREE = 0.06
 """Relative deviation of measured rates from 9/5 of those that were ordered, up to which all are
 that.
+"""
+NAMED_DEGC, NAMED_SPREAD = 4.0, 20.0
+"""Difference [°C] of a temperature from the set point that its log is named after, at most, and
+least spread of such numbers: those of runs that are counted are closer together.
+"""
+ALIKE_NAMES, MISNAMED_DEGC = 3, 10.0
+"""Different set points in names that agree, at least, where one that does not is told, and how far
+[°C] that is off, at least: a chamber may miss its set point.
+"""
+SAME_DEGC = 2.0
+"""Difference [°C] of the ends of two logs that were driven between the same set points."""
+BEYOND_DEGC, HOT_DEGC = 5.0, 100.0
+"""How far [°C] beyond all others a log in °F goes, at least, and from where on no chamber may have
+gone there: −40 to 70 °C beside −40 to 21 °C are two ranges as well as one.
 """
 _STATION_SPREAD_DEGC, _STATION_STEP_DEGC = 5.0, 15.0
 """Spread of temperature within a station, and least step to the next one, that are looked into."""
@@ -367,12 +384,139 @@ def check_rates_in_names(measured: Mapping[str, float]) -> list[tuple[str, Findi
     """Logs that are named after their rates and ran 9/5 times as fast; `measured` is log file →
     rate [°C/min].
     """
-    numbers = {
-        file: [float(text) for text in _NUMBER.findall(file.rsplit(".", 1)[0])] for file in measured
-    }
+    numbers = _numbers_in_names(measured)
     places = range(min(map(len, numbers.values()), default=0))
     rates = ({file: (numbers[file][k], rate) for file, rate in measured.items()} for k in places)
     return next(filter(None, map(_find_fahrenheit, rates)), [])
+
+
+def find_other_units(
+    measured: Mapping[str, Sequence[tuple[str, float, float]]],
+) -> list[tuple[str, Finding]]:
+    """Logs whose thermometer is in °F beside logs in °C, or shows another level than the set point
+    of their name; `measured` is log file → (column, lowest, highest reading).
+    """
+    findings = []
+    for column in dict.fromkeys(name for ends in measured.values() for name, *_ in ends):
+        ends = {
+            file: np.array([low, high])
+            for file, readings in measured.items()
+            for name, low, high in readings
+            if name == column
+        }
+        named_alike: dict[str, dict[str, Array]] = {}
+        for file, pair in ends.items():
+            named_alike.setdefault(_SIGNED.sub("#", file), {})[file] = pair
+        told = [_find_unnamed_levels(alike, column) for alike in named_alike.values()]
+        findings += list(chain(*told)) or _find_ends_in_degf(ends, column)
+    return findings
+
+
+def _find_unnamed_levels(ends: Mapping[str, Array], column: str) -> list[tuple[str, Finding]]:
+    """Logs whose names differ by set points, and whose lowest, highest or mean temperature shows
+    them in °F, or those of the others do and theirs does not.
+    """
+    numbers = _numbers_in_names(ends)
+    for place in range(min(map(len, numbers.values()), default=0)):
+        named = {file: numbers[file][place] for file in ends}
+        off = {file: _off_set_point(ends[file], named[file]) for file in ends}
+        agreeing = {named[file] for file in ends if off[file] <= NAMED_DEGC}
+        others = [file for file in ends if off[file] > NAMED_DEGC]
+        in_degf = [
+            file
+            for file in others
+            if _off_set_point(_from_degf(ends[file]), named[file]) <= NAMED_DEGC
+        ]
+        if np.ptp(list(named.values())) < NAMED_SPREAD or not others:
+            continue
+        if in_degf == others:
+            return [
+                (file, _in_degf(file, column, ends[file], f"the {named[file]:g} °C of its name"))
+                for file in in_degf
+            ]
+        if len(agreeing) >= ALIKE_NAMES and len(others) == 1 and off[others[0]] > MISNAMED_DEGC:
+            low, high = ends[others[0]]
+            finding = Finding(
+                f"{others[0]}: column '{column}'",
+                f"{low:.1f} to {high:.1f} °C, its name says {named[others[0]]:g}",
+                expected=f"what its name says, as in the other {len(ends) - 1} logs",
+                advice="see whether the thermometer was read and its place, or name the log anew",
+                severity="warn",
+                name="thermometer",
+                figure=off[others[0]],
+                column=column,
+            )
+            return [(others[0], finding)]
+    return []
+
+
+def _off_set_point(ends: Array, number: float) -> float:
+    """Least distance [°C] of the lowest, highest and mean temperature [2, °C] from a number, of
+    either sign: names write −40 as m40.
+    """
+    levels = np.array([*ends, ends.mean()])
+    return float(np.abs(np.abs(levels) - number).min())
+
+
+def _find_ends_in_degf(ends: Mapping[str, Array], column: str) -> list[tuple[str, Finding]]:
+    """Logs over a range that in °F is the range of another log, and goes beyond all of those in °C;
+    sure where it goes further than such logs do in °C.
+    """
+    twins = {
+        file: [
+            other
+            for other, pair in ends.items()
+            if np.abs(_from_degf(own) - pair).max() <= SAME_DEGC and other != file
+        ]
+        for file, own in ends.items()
+        if np.ptp(own) >= NAMED_SPREAD
+    }
+    in_degc = {file: pair for file, pair in ends.items() if not twins.get(file)}
+    highest = max((pair[1] for pair in in_degc.values()), default=np.inf)
+    return [
+        (
+            file,
+            _in_degf(
+                *(file, column, ends[file], f"the range of {twin}"),
+                severity="refuse" if ends[file][1] > HOT_DEGC else "warn",
+            ),
+        )
+        for file, others in twins.items()
+        for twin in [other for other in others if other in in_degc][:1]
+        if ends[file][1] > highest + BEYOND_DEGC
+    ]
+
+
+def _from_degf(temperature: Array) -> Array:
+    """Temperatures [n] in °C from those in °F."""
+    return (temperature - ZERO_DEGF) / FAHRENHEIT
+
+
+def _in_degf(
+    file: str, column: str, ends: Array, shown: str, severity: Severity = "refuse"
+) -> Finding:
+    """Finding on a log's thermometer in °F."""
+    low, high = ends.tolist()
+    return Finding(
+        f"{file}: column '{column}'",
+        f"{low:.1f} to {high:.1f}, in °F {shown}",
+        expected="the logs of a campaign in one unit",
+        advice=(
+            f"it is in °F: write the unit into the log's header, state [columns.{column}] unit ="
+            f' "degF" where all logs are, or leave the log out: {advise_exclude(file)}'
+        ),
+        severity=severity,
+        name="unit",
+        figure=high,
+        column=column,
+    )
+
+
+def _numbers_in_names(files: Iterable[str]) -> dict[str, list[float]]:
+    """File → the numbers in its name."""
+    return {
+        file: [float(text) for text in _NUMBER.findall(file.rsplit(".", 1)[0])] for file in files
+    }
 
 
 def _find_fahrenheit(rates: Mapping[str, tuple[float, float]]) -> list[tuple[str, Finding]]:
