@@ -1,5 +1,7 @@
 """Held rates of a real table: lost pulses, stops, fine rates through 0, one row per held rate."""
 
+import re
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -7,9 +9,9 @@ import pandas as pd
 import pytest
 
 import bench_physics as bench
-from calibkit.errors import FrameError
+from calibkit.errors import FitError, FrameError
 from calibkit.frame import Log
-from calibkit.instruments.gyro_scale import simulate_rate_table, table_runs
+from calibkit.instruments.gyro_scale import over_runs, simulate_rate_table, table_runs
 from calibkit.instruments.gyro_scale.numeric import gjb_figures, scale_factor
 from calibkit.instruments.gyro_scale.recipe import RateTableRecipe
 from conftest import write_log
@@ -221,3 +223,69 @@ def test_the_bias_comes_from_held_zero_rates_where_they_know_it_better():
     line = scale_factor._scale_factor(rate, indication, u)
     assert line.rest == pytest.approx(20.0, abs=0.03)
     assert line.F0 > 25.0
+
+
+def runs_over_temperature(seed, degc, logged, *, bend=0.0):
+    """Runs of one gyro at temperatures [°C], whose thermometers logged others; K(T) of 20 ppm/°C
+    bends by `bend` [1] at 50 °C off 25 °C.
+    """
+    rng = np.random.default_rng(seed)
+    gyro = replace(simulate_rate_table.RateGyro.draw(rng), K_per_degc=20e-6)
+    table = simulate_rate_table.Table(shortest_hold_s=10.0)
+    rates = simulate_rate_table.both_ways((20.0, 50.0, 100.0))
+    runs = []
+    for k, (true, shown) in enumerate(zip(degc, logged, strict=True)):
+        scale = 1.0 + bend * ((true - 25.0) / 50.0) ** 2 + rng.normal(0.0, 1e-6)
+        seen = replace(gyro, K=gyro.K * scale)
+        columns = simulate_rate_table.run({"gyro_x_lsb": seen}, table, rates, true, rng)
+        columns["temp_case_degc"] = columns["temp_case_degc"] - true + shown
+        log = replace(log_of(columns), name=f"run{k}", file=f"run{k}.csv", sha256=f"{k}")
+        runs.append(table_runs.fit_run(SPEC, log))
+    return runs
+
+
+DEGC = np.array([-40.0, -20.0, 0.0, 20.0, 40.0, 60.0, 60.0, 40.0, 20.0, 0.0, -20.0, -40.0])
+
+
+def temperature_flags(runs):
+    """Flags on what runs say of temperature against each other."""
+    gyro = over_runs.fit_over_runs(SPEC, "x", runs)
+    return [
+        flag
+        for flag in over_runs.flag_runs([gyro], SPEC)
+        if "let expect" in flag or "bends that much" in flag
+    ]
+
+
+def test_runs_in_degf_are_refused_by_the_scale_factor_over_temperature():
+    """The second session, or one run, in °F under names that say nothing: named and refused; K was
+    1,260 ppm off before.
+    """
+    for session in (slice(6, None), slice(3, 4)):
+        logged = DEGC.copy()
+        logged[session] = 1.8 * logged[session] + 32.0
+        with pytest.raises(FitError, match="only if these runs are in °F") as raised:
+            temperature_flags(runs_over_temperature(3, DEGC, logged))
+        named = {f"run{k}.csv" for k in range(*session.indices(DEGC.size))}
+        assert {name for name in named if name in raised.value.message} == named
+
+
+def test_a_run_whose_thermometer_shows_another_temperature_is_flagged():
+    """25 °C where it was 60 °C: the run and its size are named; of a run that is alone at its
+    temperature only this or a bend of K(T) explains it, and the flag says so.
+    """
+    logged = DEGC.copy()
+    logged[5] = 25.0
+    flags = temperature_flags(runs_over_temperature(4, DEGC, logged))
+    assert len(flags) == 1
+    assert re.search(r"K of run5.csv at 25.* \+[67]\d\d ppm off what the other runs", flags[0])
+    few = np.array([25.0, 25.0, 25.0, -40.0, -40.0, 60.0, 0.0, 0.0])
+    flags = temperature_flags(runs_over_temperature(4, few, np.where(few == 60.0, 140.0, few)))
+    assert any("either K of run5.csv" in flag and "repeat a run" in flag for flag in flags)
+
+
+@pytest.mark.parametrize("bend", [0.0, 3e-4])
+def test_sound_runs_over_temperature_contradict_nothing(bend):
+    """A straight and a bent K(T): no flag on temperatures."""
+    for seed in range(3):
+        assert temperature_flags(runs_over_temperature(seed, DEGC, DEGC, bend=bend)) == []

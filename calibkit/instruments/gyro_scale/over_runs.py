@@ -10,7 +10,7 @@ import numpy as np
 from calibkit.arrays import Array
 from calibkit.coefficients import Figure
 from calibkit.constants import DPH_PER_DPS
-from calibkit.errors import FitError
+from calibkit.errors import FitError, advise_exclude
 from calibkit.instruments.gyro_scale import forms, table_runs
 from calibkit.instruments.gyro_scale.numeric import (
     all_runs,
@@ -20,7 +20,7 @@ from calibkit.instruments.gyro_scale.numeric import (
     scale_factor,
 )
 from calibkit.instruments.gyro_scale.recipe import GyroRecipe, OwnAxisRecipe
-from calibkit.numeric import gum
+from calibkit.numeric import gum, left_out_run
 from calibkit.numeric.least_squares import components, polynomial
 from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
 from calibkit.recipe import shared_errors
@@ -336,6 +336,40 @@ def _flag_other_gyro(one: GyroOverRuns) -> list[str]:
     return [f"{forms.line_name(one.gyro)}: K of {name} is {apart}"]
 
 
+def _flag_temperatures(one: GyroOverRuns) -> Iterator[str]:
+    """Flags on runs whose K the others over temperature contradict; FitError where that is because
+    their thermometer was in °F.
+    """
+    temperature = np.array([run.temp_degc for run in one.runs])
+    if one.K_over_temperature is None:
+        return
+    files = [run.log.file for run in one.runs]
+    K, u = _points(one.gyro, one.runs, "K")
+    in_degf = left_out_run.find_degf(temperature, K, u)
+    if in_degf.any():
+        listed = ", ".join(
+            f"{files[k]} ({temperature[k]:.1f})" for k in np.flatnonzero(in_degf).tolist()
+        )
+        raise FitError(
+            f"{forms.line_name(one.gyro)}: K over temperature is one curve only if these runs"
+            f" are in °F, not °C: {listed}",
+            hint=(
+                f"write the unit into the headers of these logs, {forms.TEMPERATURE} (degF), or"
+                " leave them out"
+            ),
+        )
+    for found in left_out_run.find(temperature, K, u):
+        off = f"{gjb_figures.PPM * found.off / np.median(np.abs(K)):+.3g} ppm"
+        at = f"{files[found.run]} at {temperature[found.run]:.1f} °C"
+        yield f"{forms.line_name(one.gyro)}: " + (
+            f"K of {at} is {off} off what the other runs let expect: see its thermometer and what"
+            f" else was different, or leave it out: {advise_exclude(files[found.run])}"
+            if found.certain
+            else f"either K of {at} is {off} off, or K over temperature bends that much, which no"
+            " other run shows: repeat a run at that temperature"
+        )
+
+
 def _flag_between(one: GyroOverRuns, spec: GyroRecipe) -> Iterator[str]:
     """Flags on what the runs cannot tell of their repeatability and of the response."""
     name, cure = forms.line_name(one.gyro), 'state [[errors.component]] group = "run"'
@@ -375,7 +409,7 @@ def flag_runs(gyros: Sequence[GyroOverRuns], spec: GyroRecipe) -> tuple[str, ...
                 f"{forms.line_name(one.gyro)} in {run.log.file}", run.scale(one.gyro)
             )
     for one in gyros:
-        flags += [*_flag_other_gyro(one), *_flag_between(one, spec)]
+        flags += [*_flag_other_gyro(one), *_flag_between(one, spec), *_flag_temperatures(one)]
     temperature = np.array([run.temp_degc for run in runs])
     near = np.abs(temperature - spec.reference_temp_degc) <= ROOM_DEGC
     if len(temperature) > 1 and np.isnan(temperature).any():

@@ -1,0 +1,101 @@
+"""One run against the others: a value over temperature that the rest does not let expect.
+
+    F = e² / (s² (1 + z (XᵀX)⁻¹ zᵀ)) against F(1, ν),   s² = max(RSS/ν, u²)
+
+e is what the left-out run is off the polynomial through the rest, z its powers of temperature, RSS
+and ν of the rest's fit (deleted residual; Cook & Weisberg 1982).
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibkit.arrays import Array, Mask
+from calibkit.numeric.least_squares import polynomial
+
+CHANCE = 0.001
+"""Probability with which a run of a faultless campaign is told, of all its runs together."""
+DEGF_CHANCE = 1e-4
+"""The same for a change of unit, which is refused."""
+SPARE = 2
+"""Degrees of freedom that are left for the scatter, at least."""
+LEVEL_DEGC = 5.0
+"""Temperatures [°C] closer than this are one level."""
+
+
+@dataclass(frozen=True, slots=True)
+class LeftOutRun:
+    """A run that the others contradict."""
+
+    run: int
+    off: float
+    """Its value less that of the others at its temperature [unit of the values]."""
+    certain: bool
+    """Whether the rest carries as high an order as all runs do: else a bend would explain it."""
+
+
+def find(temp_degc: Array, values: Array, u: Array) -> Iterator[LeftOutRun]:
+    """Runs whose value [n] with the standard uncertainty [n] of its noise contradicts the others
+    over temperature [n, °C], each left out in turn.
+    """
+    from scipy.special import fdtrc
+
+    every = np.ones(values.size, dtype=np.bool_)
+    highest = _order(temp_degc, every)
+    for run in range(values.size):
+        rest = every.copy()
+        rest[run] = False
+        order = _order(temp_degc, rest)
+        if order < min(highest, 1):
+            continue
+        design = _powers(temp_degc, order)
+        coefficients, variance, dof = _fit(design[rest], values[rest], u[rest])
+        leverage = design[run] @ np.linalg.pinv(design[rest].T @ design[rest]) @ design[run]
+        off = float(values[run] - design[run] @ coefficients)
+        if fdtrc(1, dof, off**2 / (variance * (1.0 + leverage))) < CHANCE / values.size:
+            yield LeftOutRun(run, off, order == highest)
+
+
+def find_degf(temp_degc: Array, values: Array, u: Array) -> Mask:
+    """Which runs [n] are in °F: one, or all from one on, whose change to °C leaves so little of
+    the misfit that it is no chance; none where the runs do not tell.
+    """
+    from scipy.special import fdtrc
+
+    count = values.size
+    in_degf = np.concatenate([np.eye(count, dtype=np.bool_), np.tri(count, dtype=np.bool_).T[1:-1]])
+    every = np.ones(count, dtype=np.bool_)
+    order = _order(temp_degc, every)
+    if order < 1:
+        return ~every
+    _, variance, dof = _fit(_powers(temp_degc, order), values, u)
+    chances = []
+    for chosen in in_degf:
+        degc = np.where(chosen, (temp_degc - 32.0) / 1.8, temp_degc)
+        least = min(order, _order(degc, every))
+        _, left, spare = _fit(_powers(degc, least), values, u)
+        chances.append(float(fdtrc(dof, spare, variance / left)))
+    best = int(np.argmin(chances))
+    return in_degf[best] & (chances[best] < DEGF_CHANCE / len(chances))
+
+
+def _order(temp_degc: Array, chosen: Mask) -> int:
+    """Highest order that some runs carry, with degrees of freedom to spare; -1 for none."""
+    levels = 1 + int(np.count_nonzero(np.diff(np.sort(temp_degc[chosen])) > LEVEL_DEGC))
+    spare = int(np.count_nonzero(chosen)) - 1 - SPARE
+    return max(min(polynomial.HIGHEST_ORDER, levels - 1, spare), -1)
+
+
+def _powers(temp_degc: Array, order: int) -> Array:
+    """Powers [n, order + 1] of the mapped temperatures [n]."""
+    middle, half = polynomial.middle_and_half(temp_degc)
+    return polynomial.powers(temp_degc, order, middle=middle, half=half or 1.0)
+
+
+def _fit(design: Array, values: Array, u: Array) -> tuple[Array, float, int]:
+    """Coefficients, variance of the scatter, of noise at least, and its degrees of freedom."""
+    coefficients, *_ = np.linalg.lstsq(design, values, rcond=None)
+    dof = values.size - design.shape[1]
+    scatter = float(np.sum((values - design @ coefficients) ** 2)) / dof
+    return coefficients, max(scatter, float(np.mean(u**2)), np.finfo(float).tiny), dof
