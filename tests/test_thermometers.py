@@ -2,6 +2,8 @@
 rates that were ordered.
 """
 
+import re
+
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -374,3 +376,47 @@ def test_half_of_the_ramps_in_degf_is_refused(ramps, tmp_path, calibkit):
     assert fitted.code == 3
     for name in sorted(mixed)[1::2]:
         assert f"{name}: column 'temp_case_degc'" in fitted.err
+
+
+def test_a_thermometer_late_in_one_ramp_is_told_beside_the_ramp_alike(ramps, tmp_path, calibkit):
+    """2.9 °C late at 5 °C/min: check and fit name both ramps and the size; sound ramps have no such
+    flag.
+    """
+    some = {name: ramps[name] for name in ramps if "_05" in name or "_10" in name}
+    late = "ramp_cooling_05.csv"
+    time = some[late]["time_s"]
+    case = np.interp(time - 60.0 * 2.9 / 5.0, time, some[late]["temp_case_degc"])
+    quick = ("--set", "drift.model=level", "--set", "denoise.enabled=false", "--details")
+    data = logs(some | {late: some[late] | {"temp_case_degc": case}}, tmp_path / "late", dict)
+    told = r"ramp_cooling_05.csv: column 'temp_case_degc': it follows the air 2.[5-9] °C later"
+    checked = calibkit("check", "fog_thermal", "--data", data, "--details")
+    fitted = calibkit(
+        "fit", "fog_thermal", "--data", data, "--serial", "S", "--out", tmp_path, *quick
+    )
+    for outcome in (checked, fitted):
+        assert re.search(told.replace(" ", r"\s+"), outcome.out), outcome.out
+    sound = calibkit("check", "fog_thermal", "--data", logs(some, tmp_path / "sound", dict))
+    assert "later" not in sound.out
+
+
+def test_ramps_alike_of_sound_thermometers_are_not_told():
+    """Heating and cooling of 20 gyros behind one to three lags, between soaks alike and not."""
+    rng = np.random.default_rng(11)
+    for _ in range(20):
+        rate = float(rng.choice([1.0, 3.0, 5.0, 10.0]))
+        lags = rng.uniform(60.0, 500.0, rng.integers(1, 4))
+        driven = {}
+        for sign in (1.0, -1.0):
+            _, time, case, air = lagged_twice(sign * rate, lags, rng.choice([900.0, 2400.0]), rng)
+            driven[f"{sign}"] = (sign * rate, time[-1], thermometers.measure_lag(time, case, air))
+        assert thermometers.find_late(driven) == []
+
+
+def lagged_twice(rate, lags, soak, rng):
+    """Seconds, case and air of a ramp of a case behind several lags [s]."""
+    low, high = (-40.0, 60.0) if rate > 0.0 else (60.0, -40.0)
+    time, air = bench.chamber((low, high), (abs(rate),), 4.0, soak, rng)
+    case = air
+    for lag in lags:
+        case = bench.lagged(case, time, lag)
+    return rate, time, case + 2.0, air

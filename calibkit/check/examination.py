@@ -47,6 +47,8 @@ class _Examination:
     drift_slope: float | None = None
     """Slope of a gyro's indication over its case temperature [°/h/K], where both were read whole.
     """
+    lag_s: float = 0.0
+    """Lag of that case behind the chamber air [s]."""
     content: tuple[frozenset[bytes], frozenset[int]] = (frozenset(), frozenset())
     """Its first rows, and its sample without time, by which copies are seen."""
 
@@ -83,18 +85,16 @@ def examine_log(
         findings, whole = (*in_chunks[0].findings, *rest), in_chunks[0].facts
     held = tuple(_describe_held(log, part) for part in examined.held)
     report = LogReport(file, log.sha256, log.reading, log.notes, whole, held, findings)
-    slope = None
+    slope, lag = None, 0.0
     if not report.refused and {"gyro_dph", "temp_case_degc", "temp_env_degc"} <= set(
         log.frame.columns
     ):
         case, indication = values(log.frame, "temp_case_degc"), values(log.frame, "gyro_dph")
         slope = magnitude.fit_drift_slope(case, indication)
-    return _Examination(
-        report,
-        _draw_log(log, held, findings),
-        slope,
-        (log.first_rows(), log.sample_without_time()),
-    )
+        time, air = (values(log.frame, name) for name in ("time_s", "temp_env_degc"))
+        lag = thermometers.measure_lag(time, case, air)
+    content = log.first_rows(), log.sample_without_time()
+    return _Examination(report, _draw_log(log, held, findings), slope, lag, content)
 
 
 def segment_numbers(
@@ -132,6 +132,11 @@ def compare_logs(outcomes: Sequence[_Examination]) -> list[tuple[str, Finding]]:
         for o in outcomes
     }
     rates = {file: found[0] for file, found in ramps.items() if len(found) == 1}
+    driven = {
+        o.report.file: (rates[o.report.file], o.report.facts.duration_s, o.lag_s)
+        for o in outcomes
+        if o.report.file in rates and o.report.facts is not None and o.lag_s
+    }
     measured = {
         o.report.file: [
             (column.name, column.low, column.high)
@@ -145,6 +150,7 @@ def compare_logs(outcomes: Sequence[_Examination]) -> list[tuple[str, Finding]]:
         *_copies(outcomes),
         *magnitude.find_compensated_logs(slopes),
         *thermometers.check_rates_in_names(rates),
+        *thermometers.find_late(driven),
         *thermometers.find_other_units(measured),
     ]
 

@@ -44,12 +44,13 @@ NOISY = 0.5
 """Share of repeated values up to which a series counts as noisy: a quantised thermometer repeats
 most of its values.
 """
-COUNTED = 0.55
-"""Rms of a counter about its smooth input [pulses], at most: 0.5 at half a pulse a row, and noise.
-"""
-PASSED = 2.0
-"""Mean of a counter's input over a run of L equal values off that value, in 1/√L pulses, at most:
-1/√L by itself, the rest by what rounding does to the parabola.
+COUNTED, PASSED = 0.55, 2.0
+"""Rms of a counter about its smooth input [pulses], at most: 0.5 at half a pulse a row, and noise;
+and the mean of that input over a run of L equal values off that value, in 1/√L pulses: rounding
+moves the parabola.
+
+Of 800 simulated counters (still, drifting, swinging, on a table, dithered) one is told as stuck; of
+300 that were stopped for 60 or 150 rows 258 are found, 272 without this.
 """
 LEVEL_ROWS = 4
 """Rows whose medians are compared for a step."""
@@ -266,7 +267,7 @@ def stuck(values: Array) -> Integers:
     shares = np.array([_share_beside(values, *run) for run in runs.tolist()])
     chance = values.size * np.maximum(shares, share) ** (length - 1)
     runs, quantum = runs[chance < CHANCE], resolution(values)
-    counted = [_is_counted(values, *run, quantum) for run in runs.tolist()]
+    counted = [_is_counted(values, first, stop, quantum) for first, stop in runs.tolist()]
     return np.asarray(runs[~np.array(counted, dtype=np.bool_)], dtype=np.int64)
 
 

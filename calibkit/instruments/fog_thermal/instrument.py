@@ -115,7 +115,19 @@ def _flags(
         log.source.name: magnitude.fit_drift_slope(log.raw.case, log.raw.indication) for log in logs
     }
     rates = {log.source.name: log.ramps[0].rate for log in logs if len(log.ramps) == 1}
-    found = (*magnitude.find_compensated_logs(slopes), *thermometers.check_rates_in_names(rates))
+    driven = {
+        log.source.name: (
+            *(log.ramps[0].rate, float(np.ptp(log.raw.time))),
+            thermometers.measure_lag(log.raw.time, log.raw.case, log.raw.case - log.raw.gradient),
+        )
+        for log in logs
+        if len(log.ramps) == 1
+    }
+    found = (
+        *magnitude.find_compensated_logs(slopes),
+        *thermometers.check_rates_in_names(rates),
+        *thermometers.find_late(driven),
+    )
     return [
         *uncertainty.flag_unused(spec.type_b),
         *decision.flag_one_way(logs, model),

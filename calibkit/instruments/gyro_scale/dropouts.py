@@ -22,10 +22,10 @@ CLEAR = 8.0
 """Standard deviations of single rows that a dropout is below what is expected."""
 RESOLVED = 1e-6
 """Share of the largest indication below which a response is no rotation: a gyro across the axis."""
-BETWEEN = 0.05
-"""Share of the change from one held rate to the next by which a row lies between both."""
-LEAST_CHANGES = 3
-"""Changes of the held rate that a delay is told by, at least."""
+BETWEEN, LEAST_CHANGES = 0.05, 3
+"""Share of the change from one held rate to the next by which a row lies between both, and changes
+that a delay is told by, at least.
+"""
 
 
 def _is_low(data: Array, rest: float, expected: float) -> Mask:
@@ -55,9 +55,9 @@ def _find_late(log: Log, held: Plateaus, column: str) -> list[Finding]:
         clear = CLEAR * max(noise[k : k + 2])
         if abs(change) <= 2.0 * clear or end == first:
             continue
-        least = max(BETWEEN, clear / abs(change))
-        gone, missing = np.array([data[stop - 1] - levels[k], levels[k + 1] - data[first]]) / change
-        between.append(max(gone, missing) > least)
+        # the last row of one held rate, and the first row of the next
+        off = np.array([data[stop - 1] - levels[k], levels[k + 1] - data[first]])
+        between.append(bool(np.max(off / change) > max(BETWEEN, clear / abs(change))))
         sides = ((column, levels[k : k + 2]), (forms.RATE, held.rate_dps[k : k + 2]))
         rows_after = [
             chunks.count(
