@@ -21,9 +21,9 @@ which a change of unit is, which is refused.
 In 2160 sound campaigns of 6 to 12 runs of 1 ppm scatter (straight and bent K(T), sessions 20 and 50
 ppm apart, thermometers 0.1 °C off) no unit is told, a run as certain in 5.
 """
-SPARE, LEVEL_DEGC = 2, 5.0
-"""Degrees of freedom that are left for the scatter, at least, and difference of temperatures [°C]
-that are one level, at most.
+SPARE, LEVEL_DEGC, EXACT = 2, 5.0, 1e-9
+"""Degrees of freedom that are left for the scatter, at least; difference of temperatures [°C] that
+are one level, at most; relative scatter of values that have none but rounding.
 """
 
 
@@ -48,7 +48,7 @@ def find(temp_degc: Array, values: Array, u: Array) -> Iterator[LeftOutRun]:
     for run in range(values.size):
         rest = np.arange(values.size) != run
         order = _order(temp_degc, rest)
-        if order < min(highest, 1):
+        if order < min(max(highest, 0), 1):
             continue
         design = _powers(temp_degc, order)
         coefficients, variance, dof = _fit(design[rest], values[rest], u[rest])
@@ -99,4 +99,5 @@ def _fit(design: Array, values: Array, u: Array) -> tuple[Array, float, int]:
     coefficients = np.asarray(np.linalg.lstsq(design, values, rcond=None)[0], dtype=np.float64)
     dof = values.size - design.shape[1]
     scatter = float(np.sum((values - design @ coefficients) ** 2)) / dof
-    return coefficients, max(scatter, float(np.mean(u**2)), float(np.finfo(np.float64).tiny)), dof
+    least = float(np.mean(u**2) + (EXACT * np.max(np.abs(values))) ** 2)
+    return coefficients, max(scatter, least), dof
