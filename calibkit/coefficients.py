@@ -111,6 +111,8 @@ class Input:
     """Where it and a second logger's file overlap, and how their clocks differ, in words."""
     content: frozenset[bytes] = field(default=frozenset(), compare=False, repr=False)
     """First rows of its values, by which copies are seen; run.json keeps their fingerprint."""
+    sample: frozenset[int] = field(default=frozenset(), compare=False, repr=False)
+    """Sample of its rows without time, for the same."""
     measured: tuple[tuple[str, float, float], ...] = field(default=(), compare=False)
     """Column, lowest and highest reading of its thermometers."""
     left_out: tuple[LeftOut, ...] = field(default=(), compare=False)
@@ -121,7 +123,7 @@ class Input:
         return cls(
             *(log.file, log.sha256, log.rows, log.reading, log.clock, log.plugins),
             *(log.second_logger_sha256, log.last_date, log.overlap, log.first_rows()),
-            *(log.measured_conditions(), log.list_left_out()),
+            *(log.sample_without_time(), log.measured_conditions(), log.list_left_out()),
         )
 
     def identity(self) -> dict[str, str | int]:

@@ -219,13 +219,16 @@ class Log:
         """Sample of the rows of all numeric columns but the time: a copy with another origin of
         time, or without its first or last rows, has the same.
         """
-        return row_sample.sample_rows(
-            [
-                values(self.frame, str(name))
-                for name, kind in self.frame.dtypes.items()
-                if kind.kind in "fiu" and name != "time_s"
-            ]
-        )
+        if "sample" not in self._known:
+            self._known["sample"] = row_sample.sample_rows(
+                [
+                    values(self.frame, str(name))
+                    for name, kind in self.frame.dtypes.items()
+                    if kind.kind in "fiu" and name != "time_s"
+                ]
+            )
+        known: frozenset[int] = self._known["sample"]
+        return known
 
 
 def fingerprint(rows: Iterable[bytes]) -> str:

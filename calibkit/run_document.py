@@ -153,9 +153,10 @@ def _wrong_contents(document: Mapping[str, Any]) -> list[str]:
     if faults:  # what follows looks into the entries
         return faults
     faults += [
-        f"inputs: fingerprint: {entry['fingerprint']!r:.40}"
+        f"inputs: {key}: {entry[key]!r:.40}"
         for entry in document["inputs"]
-        if "fingerprint" in entry and not _is_fingerprint(entry["fingerprint"])
+        for key in ("fingerprint", "sample")
+        if key in entry and not _is_fingerprint(entry[key])
     ]
     texts = {"flags": document["flags"], "recipe.overrides": document["recipe"]["overrides"]}
     faults += [

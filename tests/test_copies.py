@@ -14,6 +14,7 @@ from hypothesis import given, settings, strategies as st
 import calibkit as api
 from calibkit import sealed, store
 from calibkit.check import copies
+from calibkit.errors import FrameError
 from calibkit.frame import COMPARED_ROWS, KEPT_DIGITS, KEPT_ROWS, Log, fingerprint
 from conftest import ROOT
 from test_left_out import sample_logs
@@ -82,8 +83,9 @@ def test_without_a_fingerprint_only_the_bytes_tell():
     old = {"name": "old.csv", "sha256": "a", "rows": 3}
     assert copies._are_same_log(old, dict(old))
     assert not copies._are_same_log(old, entry(rows(1, 9), "b"))
-    (flag,) = copies.flag_missing_fingerprints("r001", [old, entry(rows(1, 9))])
-    assert flag.startswith("r001 keeps no fingerprint of old.csv: ")
+    values, sample = copies.flag_missing_fingerprints("r001", [old, entry(rows(1, 9))])
+    assert values.startswith("r001 keeps no fingerprint of old.csv: ")
+    assert sample.startswith("r001 keeps no sample of 2 of its logs: ")
 
 
 def with_line_ends(folder, into):
@@ -111,6 +113,18 @@ def test_validation_leaves_out_a_fitted_log_that_was_saved_again(name, tmp_path,
     assert outcome.code == 3
     assert f"holds the values of {inputs[0]['name']}, which this run was fitted to" in outcome.err
     assert not (tmp_path / "v.json").exists()
+
+
+def test_validation_leaves_out_a_fitted_log_of_another_time(tmp_path):
+    """5000 s later and without its first sixth it is no unseen measurement either."""
+    logs = sample_logs("rate_table")
+    run = api.fit("rate_table", logs=logs, serial="S")
+    copied = {
+        name: frame.assign(time_s=frame["time_s"] + 5000.0).iloc[len(frame) // 6 :]
+        for name, frame in logs.items()
+    }
+    with pytest.raises(FrameError, match="which this run was fitted to"):
+        run.validate(copied)
 
 
 def test_a_log_that_was_fitted_but_for_its_start_is_known_again(tmp_path, calibkit, log_writer):

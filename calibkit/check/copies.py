@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 
 from calibkit.coefficients import Input
 from calibkit.errors import FrameError
-from calibkit.frame import KEPT_DIGITS, Log, fingerprint
+from calibkit.frame import KEPT_DIGITS, KEPT_ROWS, Log, fingerprint
 from calibkit.ingest import mapping
 from calibkit.readers import parts
 from calibkit.readers.table import Guess
@@ -26,8 +26,10 @@ measurements differ.
 """
 FEWEST = 3
 """Different rows below which a copy cannot be distinguished from a log that stands still."""
-FINGERPRINT = "fingerprint"
-"""Key of a log in run.json that holds the fingerprint of its values."""
+FINGERPRINT, SAMPLE = "fingerprint", "sample"
+"""Keys of a log in run.json that hold the fingerprint of its values, and the same of its sample
+without time.
+"""
 KEEP_ONE = "keep one of the two logs"
 """Advice where a log is a copy of another."""
 
@@ -106,18 +108,33 @@ def _split_fingerprint(text: str) -> frozenset[str]:
     return frozenset(text[k : k + KEPT_DIGITS] for k in range(0, len(text), KEPT_DIGITS))
 
 
-def _find_fitted_copy(rows: frozenset[bytes], inputs: Sequence[Mapping[str, object]]) -> str:
-    """Name of the log of a run's inputs that a log of these rows is a copy of, or ""."""
-    one = {"sha256": "", FINGERPRINT: fingerprint(rows)}
+def _find_fitted_copy(
+    rows: frozenset[bytes],
+    inputs: Sequence[Mapping[str, object]],
+    sample: frozenset[int] = frozenset(),
+) -> str:
+    """Name of the log of a run's inputs that a log of these rows and this sample is a copy of, or
+    "".
+    """
+    one = {"sha256": "", FINGERPRINT: fingerprint(rows), SAMPLE: _write_sample(sample)}
     return next((str(other["name"]) for other in inputs if _are_same_log(one, other)), "")
 
 
 def _are_same_log(one: Mapping[str, object], other: Mapping[str, object]) -> bool:
-    """Whether two logs, as run.json lists them, are one measurement; of runs that keep no
-    fingerprint only by their bytes.
+    """Whether two logs, as run.json lists them, are one measurement, at whatever times; of runs
+    that keep no fingerprint only by their bytes.
     """
-    marks = str(one.get(FINGERPRINT, "")), str(other.get(FINGERPRINT, ""))
-    return one["sha256"] == other["sha256"] or (all(marks) and _are_fingerprints_alike(*marks))
+    marks = ((str(one.get(key, "")), str(other.get(key, ""))) for key in (FINGERPRINT, SAMPLE))
+    return one["sha256"] == other["sha256"] or any(
+        all(pair) and _are_fingerprints_alike(*pair) for pair in marks
+    )
+
+
+def _write_sample(sample: frozenset[int]) -> str:
+    """The smallest hashes of a sample of rows as run.json keeps them, in the form of a
+    fingerprint.
+    """
+    return "".join(f"{key:016x}"[:KEPT_DIGITS] for key in sorted(sample)[:KEPT_ROWS])
 
 
 def describe_input(log: Input) -> dict[str, object]:
@@ -127,6 +144,7 @@ def describe_input(log: Input) -> dict[str, object]:
     """
     stated = {
         FINGERPRINT: fingerprint(log.content),
+        SAMPLE: _write_sample(log.sample),
         "reading": list(log.reading),
         "guesses": [line for line in log.reading if isinstance(line, Guess)],
         "second_logger_sha256": log.second_logger_sha256,
@@ -140,7 +158,8 @@ def digests_of_input(one: Mapping[str, object]) -> frozenset[str]:
     """Digests of a log, as run.json lists it, and of its rows: a copy has at least one of them
     too.
     """
-    return _split_fingerprint(str(one.get(FINGERPRINT, ""))) | {str(one["sha256"])}
+    marks = (_split_fingerprint(str(one.get(key, ""))) for key in (FINGERPRINT, SAMPLE))
+    return frozenset({str(one["sha256"])}).union(*marks)
 
 
 def shared_logs(
@@ -169,7 +188,7 @@ def read_unseen(
     }:
         return f"{file} was fitted by this run and is left out"
     log = read(spec, data, file)
-    name = _find_fitted_copy(log.first_rows(), inputs)
+    name = _find_fitted_copy(log.first_rows(), inputs, log.sample_without_time())
     usable = [
         entry
         for entry in excluded
@@ -178,7 +197,7 @@ def read_unseen(
     ]
     if not name and usable:
         kept = replace(log, frame=mapping.drop_excluded_rows(log.frame, usable, file)[0])
-        name = _find_fitted_copy(kept.first_rows(), inputs)
+        name = _find_fitted_copy(kept.first_rows(), inputs, kept.sample_without_time())
     if name:
         return f"{file} holds the values of {name}, which this run was fitted to, and is left out"
     return log
@@ -202,14 +221,17 @@ def pass_unseen(logs: Iterable[Log | str], seen: list[str], none: str) -> Iterat
 
 
 def flag_missing_fingerprints(run: str, inputs: Sequence[Mapping[str, object]]) -> list[str]:
-    """Flag of a run that keeps no fingerprints of its logs' values."""
-    names = [str(entry["name"]) for entry in inputs if not entry.get(FINGERPRINT)]
-    if not names:
-        return []
-    listed = f"{len(names)} of its logs" if len(names) > 1 else names[0]
-    return [
-        (
-            f"{run} keeps no fingerprint of {listed}: a copy with other line ends or separators"
-            " passes for a log it has not seen; fit again to have them told"
-        )
-    ]
+    """Flags of a run that keeps no fingerprints of its logs' values, or none without time."""
+    flags = []
+    for key, passes in (
+        (FINGERPRINT, "with other line ends or separators"),
+        (SAMPLE, "with other times, or without its first rows,"),
+    ):
+        names = [str(entry["name"]) for entry in inputs if not entry.get(key)]
+        if names:
+            listed = f"{len(names)} of its logs" if len(names) > 1 else names[0]
+            flags.append(
+                f"{run} keeps no {key} of {listed}: a copy {passes} passes for a log it has not"
+                " seen; fit again to have them told"
+            )
+    return flags

@@ -198,7 +198,11 @@ def _row(run: store.Run, spec: recipe.Recipe, *, before: bool) -> Row:
             run, instruments.find(spec.procedure).key_figures, spec.reference_temp_degc
         ),
         inputs=tuple(
-            {key: entry[key] for key in ("name", "sha256", copies.FINGERPRINT) if key in entry}
+            {
+                key: entry[key]
+                for key in ("name", "sha256", copies.FINGERPRINT, copies.SAMPLE)
+                if key in entry
+            }
             for entry in document["inputs"]
         ),
         guesses=tuple(
