@@ -19,8 +19,13 @@ def is_device(name: str) -> bool:
 
 def is_serial(text: str) -> bool:
     """Whether a text can name a device's folder on every system: what `fit` takes as a serial."""
-    plain = _SERIAL.fullmatch(text) and not text.endswith(".") and len(text) <= 100
-    return bool(plain) and not is_device(text) and not find_fault(text, words=False)
+    return looks_plain(text) and not is_device(text) and not find_fault(text, words=False)
+
+
+def looks_plain(text: str) -> bool:
+    """Whether a text is of the characters and the length that a serial may have."""
+    plain = _SERIAL.fullmatch(text) and not text.endswith(".")
+    return bool(plain) and len(text) <= 100
 
 
 def find_fault(name: str, *, words: bool = True) -> str:

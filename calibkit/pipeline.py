@@ -122,7 +122,7 @@ def run_recipe(run: store.Run, overrides: tuple[str, ...]) -> recipe.Recipe:
     """Recipe of a run as it was fitted, with overrides for the place of use; nothing is excluded
     from now on. CoefficientError for a model of a form that its procedure does not have.
     """
-    forms = instruments.model_forms(run.document["procedure"])
+    forms = [form.name for form in instruments.find(run.document["procedure"]).forms()]
     for name, record in run.records.items():
         for model in record.models:
             if model.form not in forms:

@@ -66,8 +66,8 @@ def check_serial(serial: str) -> str:
         raise UsageError("no serial number", hint='give --serial, or serial = "…" in the recipe')
     if names.is_serial(serial):
         return serial
-    fault = names.find_fault(serial, words=False)
-    if fault and not names.is_device(serial):
+    fault = "" if names.is_device(serial) else names.find_fault(serial, words=False)
+    if fault and names.looks_plain(serial):
         raise UsageError(
             f"serial '{serial}' {fault}",
             hint="type it anew in one alphabet: letters that look alike would be two devices",

@@ -177,10 +177,16 @@ def test_flags_of_one_cause_become_one_line():
     flags = [f"{log}: {k} of 21600 samples are missing" for k, log in enumerate(logs)]
     merged = merge_flags([*flags, "ramp_1.csv: a spike", "no latitude"], logs)
     assert merged == [
-        f"{flags[0]} [also ramp_2.csv, ramp_3.csv, ramp_4.csv and 26 more logs]",
+        f"{flags[0]} [also ramp_2.csv, ramp_3.csv, ramp_4.csv and 26 more]",
         "ramp_1.csv: a spike",
         "no latitude",
     ]
+
+
+def test_many_flags_of_one_log_become_one_line_that_names_their_numbers():
+    """53 stations are no 53 lines, and the first of them are named."""
+    flags = [f"station {k}: s is its prior 1.0{k}" for k in range(1, 54)]
+    assert merge_flags(flags, ["stations.csv"]) == [f"{flags[0]} [also 2, 3, 4 and 49 more]"]
 
 
 @pytest.mark.parametrize("unit", ["°", "′", "″"])

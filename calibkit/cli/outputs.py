@@ -188,7 +188,7 @@ def sign(
 
     \b
     calibkit sign certificate.pdf --key own.p12 --role checked --out checked.pdf
-    calibkit sign checked.pdf --key head.p12 --role approved --trust lab.pem --out approved.pdf
+    calibkit sign c.pdf --key head.p12 --role approved --trust lab.pem --out d.pdf
     """
     from calibkit.certificate.countersign import countersign
     from calibkit.instruments import certificate_layout

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from calibkit.coefficients import Criterion
     from calibkit.report.table import Table
 
+_NAMED = 3
+"""Flags of one cause that are named beside the first."""
 _NUMBER = re.compile(r"(?<!\w)[-+−]?\d[\d.,:eE]*")
 
 
@@ -105,28 +107,31 @@ def merge_flags(flags: Iterable[str], logs: Sequence[str]) -> list[str]:
     the first log, which names the others.
 
     A number within a name, and one that differs within the same log or without any, says what the
-    flag is about (gyro_1 or gyro_2, at 20 or 60 °C): such flags stay apart.
+    flag is about (gyro_1 or gyro_2, at 20 or 60 °C): up to three such flags stay apart, more become
+    the first, which names the numbers of the others.
     """
     names = sorted(
         {part for log in logs for part in (log, log.rpartition(".")[0]) if part}, key=len
     )
     any_log = re.compile(rf"(?<!\w)(?:{'|'.join(map(re.escape, reversed(names))) or '$.'})(?!\w)")
-    alike: dict[str, dict[str, str]] = {}
+    alike: dict[str, list[str]] = {}
     for flag in flags:
-        first = any_log.search(flag)
-        cause = _NUMBER.sub("#", any_log.sub("@", flag)) if first else flag
-        by_log = alike.setdefault(cause, {})
-        log = first[0] if first else ""
-        if log in by_log:
-            by_log = alike.setdefault(flag, {})
-        by_log[log] = flag
-    return [_name_others(by_log) for by_log in alike.values()]
+        alike.setdefault(_NUMBER.sub("#", any_log.sub("@", flag)), []).append(flag)
+    return [line for found in alike.values() for line in _name_others(found, any_log)]
 
 
-def _name_others(flags: dict[str, str]) -> str:
-    """The first of the flags of one cause by log, and which logs it holds for too."""
-    first, *others = flags
-    if not others:
-        return flags[first]
-    more = f" and {len(others) - 3} more logs" if len(others) > 3 else ""
-    return f"{flags[first]} [also {', '.join(others[:3])}{more}]"
+def _name_others(flags: Sequence[str], any_log: re.Pattern[str]) -> Sequence[str]:
+    """The first of the flags of one cause, with what tells the others from it: their logs, or the
+    first of their numbers that does; the flags as they are where they are few and of one log.
+    """
+    parts = [
+        (*any_log.findall(flag)[:1], *_NUMBER.findall(any_log.sub("@", flag))) for flag in flags
+    ]
+    columns = [list(dict.fromkeys(column)) for column in zip(*parts, strict=True)]
+    telling = [column for column in columns if len(column) == len(flags)]
+    of_logs = any_log.search(flags[0]) is not None and columns[0] in telling
+    if len(flags) == 1 or (len(flags) <= _NAMED and not of_logs):
+        return flags
+    others = [part.rstrip(",.:") for part in telling[0][1:]] if telling else []
+    more = f" and {len(flags) - 1 - len(others[:_NAMED])} more" * (len(flags) - 1 > _NAMED)
+    return [f"{flags[0]} [also {', '.join(others[:_NAMED])}{more}]".replace("also  and", "and")]

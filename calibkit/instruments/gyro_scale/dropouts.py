@@ -109,7 +109,7 @@ def find(log: Log, held: Plateaus, columns: Sequence[str]) -> Iterator[Finding]:
     for column in columns:
         data = values(log.frame, column)
         middle = np.array([order_statistics.median(data[a:b]) for a, b in held.span.tolist()])
-        if late := _find_late(log, held, column):
+        if "time_s" in log.frame.columns and (late := _find_late(log, held, column)):
             yield from late
             continue
         fast = np.abs(held.rate_dps) >= np.median(np.abs(held.rate_dps))
