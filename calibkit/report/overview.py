@@ -133,5 +133,6 @@ def _name_others(flags: Sequence[str], any_log: re.Pattern[str]) -> Sequence[str
     if len(flags) == 1 or (len(flags) <= _NAMED and not of_logs):
         return flags
     others = [part.rstrip(",.:") for part in telling[0][1:]] if telling else []
-    more = f" and {len(flags) - 1 - len(others[:_NAMED])} more" * (len(flags) - 1 > _NAMED)
-    return [f"{flags[0]} [also {', '.join(others[:_NAMED])}{more}]".replace("also  and", "and")]
+    named = [f"also {', '.join(others[:_NAMED])}"] if others else []
+    unnamed = len(flags) - 1 - len(others[:_NAMED])
+    return [f"{flags[0]} [{' and '.join([*named, *[f'{unnamed} more'] * (unnamed > 0)])}]"]
