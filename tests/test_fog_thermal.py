@@ -666,12 +666,12 @@ def test_ramps_of_one_direction_are_flagged_by_fit_and_apply(campaign, tmp_path,
     assert "was not measured" not in both.err + both.out
 
 
-def test_noise_that_cannot_be_told_from_drift_judges_no_limit():
+def test_noise_that_cannot_be_separated_from_drift_judges_no_limit():
     """A drift that is left beside a noise of 0 has no finite ratio: refused with what to do, as
     JSON holds no infinity; where nothing is left, the ratio is 0.
     """
     spec = instruments.parse_recipe(recipe.find("fog_thermal", ()))
-    with pytest.raises(FitError, match=r"0.3 deg/h rms, that is left, expected .* = 5"):
+    with pytest.raises(FitError, match=r"that is left, 0.3 deg/h rms, expected .* = 5"):
         instrument._over_noise(spec, [(0.3, 0.0)])
     (criterion,) = instrument._over_noise(spec, [(0.0, 0.0)])
     assert criterion.value == 0.0

@@ -232,6 +232,6 @@ def flag_missing_fingerprints(run: str, inputs: Sequence[Mapping[str, object]]) 
             listed = f"{len(names)} of its logs" if len(names) > 1 else names[0]
             flags.append(
                 f"{run} keeps no {key} of {listed}: a copy {passes} passes for a log it has not"
-                " seen; fit again to have them told"
+                " seen; fit again so that it is known"
             )
     return flags

@@ -62,7 +62,7 @@ NAMED_DEGC, NAMED_SPREAD = 4.0, 20.0
 least spread of such numbers: those of runs that are counted are closer together.
 """
 ALIKE_NAMES, MISNAMED_DEGC = 3, 10.0
-"""Different set points in names that agree, at least, where one that does not is told, and how far
+"""Different set points in names that agree, at least, where one that does not is named, and how far
 [°C] that is off, at least: a chamber may miss its set point.
 """
 SAME_DEGC = 2.0

@@ -49,7 +49,7 @@ COUNTED, PASSED = 0.55, 2.0
 and the mean of that input over a run of L equal values off that value, in 1/√L pulses: rounding
 moves the parabola.
 
-Of 800 simulated counters (still, drifting, swinging, on a table, dithered) one is told as stuck; of
+Of 800 simulated counters (still, drifting, swinging, on a table, dithered) one is called stuck; of
 300 that were stopped for 60 or 150 rows 258 are found, 272 without this.
 """
 LEVEL_ROWS = 4

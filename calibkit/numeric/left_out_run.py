@@ -15,11 +15,11 @@ from calibkit.arrays import Array, Mask
 from calibkit.numeric.least_squares import polynomial
 
 CHANCE, DEGF_CHANCE = 0.001, 1e-4
-"""Probability with which a run of a faultless campaign is told, of all its runs together, and with
+"""Probability with which a run of a faultless campaign is named, of all its runs together, and with
 which a change of unit is, which is refused.
 
 In 2160 sound campaigns of 6 to 12 runs of 1 ppm scatter (straight and bent K(T), sessions 20 and 50
-ppm apart, thermometers 0.1 °C off) no unit is told, a run as certain in 5.
+ppm apart, thermometers 0.1 °C off) no unit is called wrong, a run contradicts the others in 5.
 """
 SPARE, LEVEL_DEGC, EXACT = 2, 5.0, 1e-9
 """Degrees of freedom that are left for the scatter, at least; difference of temperatures [°C] that

@@ -161,7 +161,7 @@ def _fit_criteria(
 def _over_noise(spec: FogThermalRecipe, pairs: Iterable[tuple[float, float]]) -> list[Criterion]:
     """Criterion of the drift rms that is left, over that of the noise alone, of pairs of both.
 
-    Raises FitError where none of what is left can be told to be noise.
+    Raises FitError where no noise can be separated from what is left.
     """
     limit = spec.acceptance.max_residual_over_noise
     if limit is None:
@@ -169,8 +169,8 @@ def _over_noise(spec: FogThermalRecipe, pairs: Iterable[tuple[float, float]]) ->
     left, noise = (rms(column) for column in zip(*pairs, strict=True))
     if left > 0.0 and noise == 0.0:
         raise FitError(
-            f"the noise cannot be told from the drift, {left:.3g} deg/h rms, that is left, expected"
-            f" their ratio for max_residual_over_noise = {limit:g}",
+            f"the noise cannot be separated from the drift that is left, {left:.3g} deg/h rms,"
+            f" expected their ratio for max_residual_over_noise = {limit:g}",
             hint="log longer ramps or soaks, or state [acceptance] max_drift_rms_dph in its place",
         )
     return [at_most("residual over noise", left / noise if left > 0.0 else 0.0, limit, "1")]

@@ -24,7 +24,7 @@ RESOLVED = 1e-6
 """Share of the largest indication below which a response is no rotation: a gyro across the axis."""
 BETWEEN, LEAST_CHANGES = 0.05, 3
 """Share of the change from one held rate to the next by which a row lies between both, and changes
-that a delay is told by, at least.
+from which a delay is measured, at least.
 """
 
 
