@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 
 from calibkit.coefficients import Input
 from calibkit.errors import FrameError
-from calibkit.frame import KEPT_DIGITS, KEPT_ROWS, Log, fingerprint
+from calibkit.frame import KEPT_DIGITS, Log, fingerprint
 from calibkit.ingest import mapping
 from calibkit.readers import parts
 from calibkit.readers.table import Guess
@@ -29,6 +29,10 @@ FEWEST = 3
 FINGERPRINT, SAMPLE = "fingerprint", "sample"
 """Keys of a log in run.json that hold the fingerprint of its values, and the same of its sample
 without time.
+"""
+KEPT_HASHES = 24
+"""Hashes of a sample that run.json keeps: honest repeats share one in a hundred at most, and the run
+of a small device in a fleet has 35 kB.
 """
 KEEP_ONE = "keep one of the two logs"
 """Advice where a log is a copy of another."""
@@ -134,7 +138,7 @@ def _write_sample(sample: frozenset[int]) -> str:
     """The smallest hashes of a sample of rows as run.json keeps them, in the form of a
     fingerprint.
     """
-    return "".join(f"{key:016x}"[:KEPT_DIGITS] for key in sorted(sample)[:KEPT_ROWS])
+    return "".join(f"{key:016x}"[:KEPT_DIGITS] for key in sorted(sample)[:KEPT_HASHES])
 
 
 def describe_input(log: Input) -> dict[str, object]:
