@@ -31,8 +31,8 @@ FINGERPRINT, SAMPLE = "fingerprint", "sample"
 without time.
 """
 KEPT_HASHES = 24
-"""Hashes of a sample that run.json keeps: honest repeats share one in a hundred at most, and the run
-of a small device in a fleet has 35 kB.
+"""Hashes of a sample that run.json keeps: honest repeats share one in a hundred at most, and the
+run of a small device in a fleet has 35 kB.
 """
 KEEP_ONE = "keep one of the two logs"
 """Advice where a log is a copy of another."""
