@@ -2,7 +2,11 @@
 
 import subprocess
 import sys
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
@@ -143,3 +147,22 @@ def test_a_report_is_drawn_without_what_cuts_fonts_down():
         [sys.executable, "-c", drawn], capture_output=True, text=True, check=True
     ).stdout
     assert out.split() == ["False", "True", "True"]
+
+
+def test_two_threads_that_draw_at_once_leave_the_settings_of_matplotlib_as_they_were():
+    """The one that began first ends first: without taking turns the other would put its own style
+    back as what was there before.
+    """
+    before, begun = dict(mpl.rcParams), threading.Event()
+
+    def first():
+        with figures.styled():
+            begun.set()
+            time.sleep(0.2)
+
+    with ThreadPoolExecutor(1) as threads:
+        other = threads.submit(first)
+        begun.wait(10.0)
+        with figures.styled():
+            other.result(10.0)
+    assert dict(mpl.rcParams) == before

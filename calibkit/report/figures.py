@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import io
+import threading
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
-    from contextlib import AbstractContextManager
 
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
@@ -69,13 +69,19 @@ STYLE: Any = {
 }
 
 
-def styled() -> AbstractContextManager[None]:
+# matplotlib's settings are one for all threads: two that draw at once would leave STYLE behind
+_DRAWING = threading.RLock()
+
+
+@contextlib.contextmanager
+def styled() -> Iterator[None]:
     """Titles, legends and ticks that are made within look as STYLE says, not only the axes that
-    `page` makes.
+    `page` makes; one thread draws at a time.
     """
     import matplotlib as mpl
 
-    return mpl.rc_context(STYLE)
+    with _DRAWING, mpl.rc_context(STYLE):
+        yield
 
 
 def page(rows: int, columns: int, *, title: str, height: float = 8.0) -> tuple[Figure, list[Axes]]:
