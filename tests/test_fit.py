@@ -1,226 +1,194 @@
-"""The linear core: digits, rank, covariance."""
+"""The solver under all instruments: sizes of shared errors, uncertainty of results, outliers."""
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
-from scipy.signal import lfilter
-from scipy.stats import t as student
+from scipy import stats
 
 from calibkit.errors import FitError
-from calibkit.numeric.least_squares import fit, hac, polynomial
-from naive import corrected_newey_west
+from calibkit.fit import complex_step
+from calibkit.fit.shared import Prior, Shared
+from calibkit.fit.solve import solve
 
 
-def test_a_fit_equals_the_textbook_formula():
-    """Coefficients and covariance equal (XᵀWX)⁻¹XᵀWy and s²(XᵀWX)⁻¹ to 1e-10 relative on a
-    well-conditioned problem.
-    """
-    rng = np.random.default_rng(2)
-    X, w = rng.normal(size=(50, 3)), rng.uniform(0.5, 2.0, 50)
-    y = X @ [1.0, -2.0, 3.0] + rng.normal(size=50)
-    found = fit.linear(X, y, weights=w)
-    inverse = np.linalg.inv(X.T @ (w[:, None] * X))
-    beta = inverse @ X.T @ (w * y)
-    s2 = np.sum(w * (y - X @ beta) ** 2) / 47
-    assert found.coefficients == pytest.approx(beta, rel=1e-10)
-    assert found.covariance == pytest.approx(s2 * inverse, rel=1e-10)
-    assert found.dof == 47
+def shared(level, loading, **stated):
+    """An error of some groups, "run zero"."""
+    level, loading = np.asarray(level), np.asarray(loading, dtype=float)
+    if loading.ndim == 1:
+        loading = loading[:, None]
+    return Shared(group="run", effect="zero", level=level, loading=loading, unit="V", **stated)
 
 
-@settings(max_examples=40, deadline=None)
-@given(exponents=st.lists(st.integers(-40, 40), min_size=4, max_size=4))
-def test_units_do_not_change_a_fit(exponents):
-    """Scaling a column by a power of two scales its coefficient and its uncertainty by the inverse,
-    exactly.
+def straight(x, y):
+    """Residual of y = p0 + p1 x."""
+    return lambda p: p[0] + p[1] * x - y
+
+
+@pytest.mark.parametrize(("runs", "rows", "spread"), [(2, 5, 3.0), (6, 8, 1.0)])
+def test_the_mean_of_runs_has_the_variance_and_degrees_of_freedom_of_the_analysis_of_variance(
+    runs, rows, spread
+):
+    """Var of the mean is the mean square between runs over all rows, with runs - 1 degrees of
+    freedom: two switch-ons give one.
     """
     rng = np.random.default_rng(3)
-    X, y = rng.normal(size=(30, 4)), rng.normal(size=30)
-    factors = 2.0 ** np.array(exponents)
-    plain, scaled = fit.linear(X, y), fit.linear(X * factors, y)
-    assert (scaled.coefficients * factors == plain.coefficients).all()
-    assert scaled.standard_uncertainty * factors == pytest.approx(
-        plain.standard_uncertainty, rel=1e-12
-    )
+    run = np.repeat(np.arange(runs), rows)
+    y = spread * rng.standard_normal(runs)[run] + rng.standard_normal(runs * rows)
+    fit = solve(lambda p: p[0] - y, np.zeros(1), [shared(run, np.ones(run.size))])
+    means = y.reshape(runs, rows).mean(axis=1)
+    between = rows * np.var(means, ddof=1)
+    within = np.sum((y - means[run]) ** 2) / (runs * (rows - 1))
+    mean = fit.of(lambda p: p[0])
+    assert mean.value == pytest.approx(y.mean(), abs=1e-12)
+    assert fit.shared[0].value ** 2 == pytest.approx((between - within) / rows, rel=1e-6)
+    assert fit.noise[0] ** 2 == pytest.approx(within, rel=1e-6)
+    assert mean.u**2 == pytest.approx(between / y.size, rel=1e-6)
+    assert mean.dof == pytest.approx(runs - 1, rel=1e-6)
+    assert mean.expanded == pytest.approx(stats.t.ppf(0.97725, mean.dof) * mean.u)
 
 
-def test_exact_data_of_an_ill_conditioned_polynomial_give_exact_coefficients():
-    """Wampler's first problem (order 5 over 0 … 20, integers) comes back to 1e-13, numpy's lstsq
-    only to 1e-10.
-    """
-    x = np.arange(21.0)
-    X = np.vander(x, 6, increasing=True)
-    y = X.sum(axis=1)
-    assert fit.linear(X, y).coefficients == pytest.approx(np.ones(6), rel=1e-13)
-    assert np.abs(np.linalg.lstsq(X, y, rcond=None)[0] - 1.0).max() > 1e-10
+def test_the_noise_of_one_sensor_is_in_its_own_uncertainty_alone():
+    """Of two sensors fitted together, the u of the one doubles with its noise, of the other not."""
+    rng = np.random.default_rng(1)
+    channel = np.repeat([0, 1], 40)
+    noise = rng.standard_normal(80)
+
+    def u(factor):
+        y = noise * np.where(channel == 1, factor, 1.0)
+        fit = solve(lambda p: p[channel] - y, np.zeros(2), channel=channel)
+        return fit.of(lambda p: p).u
+
+    assert u(2.0) == pytest.approx(u(1.0) * [1.0, 2.0], rel=1e-6)
 
 
-def test_a_small_term_is_not_cut_off():
-    """Where lstsq's default cut silently drops a term (20 … 40 to the 6th power) every term stays
-    within 1e-4.
-    """
-    x = np.linspace(20.0, 40.0, 200)
-    truth = (-0.5) ** np.arange(7)
-    X = np.vander(x, 7, increasing=True)
-    y = np.asarray(X.astype(np.longdouble) @ truth.astype(np.longdouble), dtype=float)
-    assert fit.linear(X, y).coefficients == pytest.approx(truth, rel=1e-4)
-    assert np.abs(np.linalg.lstsq(X, y, rcond=None)[0] / truth - 1.0).max() > 0.1
+def test_a_stated_size_replaces_the_estimated_one_and_few_degrees_of_freedom_lie_between():
+    """Held at 5, the size is 5; stated with 4 degrees of freedom it moves to what six runs show."""
+    run = np.repeat(np.arange(6), 4)
+    y = np.random.default_rng(5).standard_normal(6)[run] + 0.1 * np.tile([1.0, -1.0], 12)
+
+    def size(**stated):
+        effect = shared(run, np.ones(24), **stated)
+        return solve(lambda p: p[0] - y, np.zeros(1), [effect]).shared[0].value
+
+    assert size(size=5.0) == 5.0
+    assert size() < size(size=5.0, size_dof=4.0) < 5.0
 
 
-def test_what_the_data_cannot_determine_is_named():
-    """Two columns that are the same to the last bit are named, the third is not."""
-    x = np.arange(10.0)
-    X = np.column_stack([x, np.ones(10), 2.0 * x])
-    with pytest.raises(FitError, match=r"cannot determine slope, twin: rank 2 of 3"):
-        fit.linear(X, x, names=("slope", "offset", "twin"))
-    assert fit.undetermined(X, ("slope", "offset", "twin")) == ["slope", "twin"]
-    assert fit.rank(X) == 2
+def test_what_the_rows_cannot_tell_from_the_parameters_has_no_size_unless_one_is_stated():
+    """One run: its zero is 0 with 0 degrees of freedom; stated, it is in u."""
+    y = np.random.default_rng(2).standard_normal(10)
+    run = np.zeros(10, dtype=int)
+
+    def fitted(**stated):
+        return solve(lambda p: p[0] - y, np.zeros(1), [shared(run, np.ones(10), **stated)])
+
+    assert (fitted().shared[0].value, fitted().shared[0].dof) == (0.0, 0)
+    u = np.std(y, ddof=1) / np.sqrt(10)
+    assert fitted(size=2.0).of(lambda p: p[0]).u == pytest.approx(np.hypot(u, 2.0))
 
 
-def test_a_column_of_zeros_is_undetermined():
-    """A term that is zero everywhere is named rather than given any value."""
-    with pytest.raises(FitError, match="cannot determine nothing"):
-        fit.linear(
-            np.column_stack([np.arange(5.0), np.zeros(5)]),
-            np.arange(5.0),
-            names=("slope", "nothing"),
-        )
+def test_an_optional_error_is_kept_where_the_likelihood_asks_for_it():
+    """A drift of 5 noises in each run is kept, one of 0 is not."""
+    rng = np.random.default_rng(8)
+    run, t = np.repeat(np.arange(8), 9), np.tile(np.linspace(-1.0, 1.0, 9), 8)
+    noise, drift = rng.standard_normal(72), rng.standard_normal(8)[run] * t
+    for size, kept in ((0.0, 0), (5.0, 1)):
+        y = noise + size * drift
+        fit = solve(lambda p: p[0] - y, np.zeros(1), [shared(run, t, optional=True)])  # noqa: B023
+        assert len(fit.shared) == kept
 
 
-@pytest.mark.parametrize(
-    ("design", "target", "message"),
-    [
-        (np.ones((1, 2)), np.ones(1), "1 rows for 2 coefficients"),
-        (np.ones((3, 1)), np.array([1.0, np.nan, 2.0]), "not finite"),
-    ],
-)
-def test_a_fit_that_makes_no_sense_is_refused(design, target, message):
-    """Too few rows and values that are not finite are refused."""
-    with pytest.raises(FitError, match=message):
-        fit.linear(design, target)
+def test_an_error_below_a_bound_is_in_u_and_moves_no_value():
+    """u² grows by the square of what the largest such error changes."""
+    x = np.linspace(-1.0, 1.0, 9)
+    y = 1.0 + 2.0 * x + 0.1 * np.cos(7.0 * x)
+    bent = shared(np.zeros(9, dtype=int), x**2, size=0.5, bound=True)
+    plain, bounded = (solve(straight(x, y), np.zeros(2), effects) for effects in ((), (bent,)))
+    assert np.array_equal(plain.parameters, bounded.parameters)
+    off = np.linalg.lstsq(np.column_stack([np.ones(9), x]), 0.5 * x**2)[0]
+    u = [fit.of(lambda p: p).u for fit in (plain, bounded)]
+    assert u[1] == pytest.approx(np.hypot(u[0], off))
 
 
-def test_raw_powers_convert_a_mapped_polynomial():
-    """The polynomial in u = (x − middle)/half and the one in x agree to 1e-12 of their range."""
-    u_coefficients = np.array([1.0, -2.0, 0.5, 0.25])
-    raw = np.asarray(polynomial.to_raw_powers(52.5, 72.5, 3) @ u_coefficients, dtype=float)
-    x = np.linspace(-20.0, 125.0, 50)
-    expected = np.polynomial.polynomial.polyval((x - 52.5) / 72.5, u_coefficients)
-    assert np.polynomial.polynomial.polyval(x, raw) == pytest.approx(expected, abs=1e-12)
-
-
-def test_a_polynomial_fit_equals_numpy():
-    """Order 3 over −20 … 125 °C equals numpy's domain-mapped Polynomial.fit to 1e-9 relative."""
+def test_an_outlier_is_left_out_and_a_level_that_stands_apart_is_not():
+    """One row of 30 noises goes; a run of 30 noises is an error of the run."""
     rng = np.random.default_rng(4)
-    x = rng.uniform(-20.0, 125.0, 400)
-    y = 1.0 + 1e-3 * x - 1e-5 * x**2 + 1e-8 * x**3 + rng.normal(0.0, 1e-3, 400)
-    _, raw, covariance = polynomial.fit_polynomial(x, y, 3)
-    assert raw == pytest.approx(np.polynomial.Polynomial.fit(x, y, 3).convert().coef, rel=1e-9)
-    assert (np.diag(covariance) > 0.0).all()
+    run = np.repeat(np.arange(5), 8)
+    y = rng.standard_normal(40) + np.where(run == 2, 30.0, 0.0)
+    y[3] += 30.0
+    fit = solve(lambda p: p[0] - y, np.zeros(1), [shared(run, np.ones(40))], leave_out=True)
+    assert np.flatnonzero(~fit.used).tolist() == [3]
 
 
-def test_a_polynomial_needs_an_abscissa_that_varies():
-    """A constant abscissa is refused."""
-    with pytest.raises(FitError, match="constant at 5"):
-        polynomial.fit_polynomial(np.full(9, 5.0), np.arange(9.0), 1)
+def test_a_product_of_parameters_is_fitted_as_the_ratio_of_two_lines():
+    """Of y = a (1 + b x), b is the slope over the zero of the straight line, with its u."""
+    x = np.linspace(0.0, 1.0, 20)
+    y = 3.0 * (1.0 + 0.4 * x) + 0.01 * np.sin(50.0 * x)
+    fit = solve(lambda p: p[0] * (1.0 + p[1] * x) - y, np.array([1.0, 0.0]))
+    line = solve(straight(x, y), np.zeros(2))
+    ratio = line.of(lambda p: p[1] / p[0])
+    assert fit.converged
+    assert fit.parameters[1] == pytest.approx(ratio.value, rel=1e-9)
+    assert fit.of(lambda p: p[1]).u == pytest.approx(ratio.u, rel=1e-5)
 
 
-@pytest.mark.parametrize("rho", [0.0, 0.6])
-def test_hac_equals_its_definition(rho):
-    """Covariance and degrees of freedom in one pass are those of whole matrices: of the whitening,
-    of the residuals that a fit leaves of white innovations, and of the kernel.
-    """
-    rng = np.random.default_rng(5)
-    noise = rng.normal(size=90)
-    for k in range(1, 90):
-        noise[k] += rho * noise[k - 1]
-    cold = np.exp(-np.arange(90.0) / 12.0)
-    X = np.column_stack([np.ones(90), cold, cold**2])
-    residuals = fit.linear(X, noise).residuals
-    combinations = np.array([[1.0, 0.0, 0.0], [0.3, -2.0, 1.0]])
-    found = hac.covariance(lambda part: X[part], residuals, combinations=combinations)
-    covariance, dof, order = corrected_newey_west(X, residuals, combinations)
-    assert order == (1 if rho else 0)
-    assert found.covariance == pytest.approx(covariance, rel=1e-8)
-    assert found.effective_dof == pytest.approx(dof, rel=1e-8)
-
-
-def test_hac_uncertainty_covers_where_ordinary_least_squares_does_not():
-    """With AR(1) residuals (ρ = 0.9) the 95 % interval of a mean covers over 88 %; the ordinary one
-    under 50 %.
+def test_a_published_form_has_the_errors_of_the_fit_and_its_own_values():
+    """Least squares of a line on rows with a shared zero: values of least squares, and the variance
+    of the analysis of variance.
     """
     rng = np.random.default_rng(6)
-    X = np.ones((500, 1))
-    hits = {"hac": 0, "ols": 0}
-    for _ in range(300):
-        noise = rng.normal(size=600)
-        for k in range(1, 600):
-            noise[k] += 0.9 * noise[k - 1]
-        found = fit.linear(X, noise[100:])
-        robust = np.sqrt(hac.covariance(lambda part: X[part], found.residuals).covariance[0, 0])
-        hits["ols"] += abs(found.coefficients[0]) < 1.96 * found.standard_uncertainty[0]
-        hits["hac"] += abs(found.coefficients[0]) < 1.96 * robust
-    assert hits["ols"] < 150
-    assert hits["hac"] > 264
+    run, x = np.repeat(np.arange(6), 5), np.tile(np.arange(5.0), 6)
+    y = rng.standard_normal(6)[run] + 0.3 * rng.standard_normal(30)
+    fit = solve(straight(x, y), np.zeros(2), [shared(run, np.ones(30))])
+    P = np.linalg.pinv(np.column_stack([np.ones(30), x]))
+    published = fit.linear(P, y)
+    assert published.parameters == pytest.approx(P @ y)
+    # balanced rows: weighted and plain least squares are the same line
+    assert published.covariance == pytest.approx(fit.covariance, rel=1e-2)
 
 
-def test_hac_of_no_residuals_is_zero():
-    """Data without noise have a covariance of zero, not NaN."""
-    found = hac.covariance(lambda part: np.ones((20, 1))[part], np.zeros(20))
-    assert (found.covariance == 0.0).all()
+def test_parameters_that_a_prior_holds_need_no_rows():
+    """Of a + b only the sum is seen: a prior of a splits it."""
+    y = 2.0 + 0.1 * np.random.default_rng(7).standard_normal(12)
+    prior = Prior(name="a", block=slice(0, 1), size=0.5, mean=1.5)
+    fit = solve(lambda p: (p[0] + p[1]) * np.ones(12) - y, np.zeros(2), priors=[prior])
+    assert fit.parameters == pytest.approx([1.5, y.mean() - 1.5])
+    assert fit.of(lambda p: p[0]).u == pytest.approx(0.5)
+    with pytest.raises(FitError, match="cannot determine a, b"):
+        solve(lambda p: (p[0] + p[1]) * np.ones(12) - y, np.zeros(2), names=["a", "b"])
 
 
-def warm_up(rows, order):
-    """Design over the temperature of a warm-up, mapped to [−1, 1]: a tenth of the rows are cold."""
-    temperature = 50.0 - 35.0 * np.exp(-np.arange(rows) / (0.1 * rows))
-    design, _ = polynomial.mapped_powers(temperature, order)
-    return design
+def test_rows_without_an_error_give_exact_parameters():
+    """A line through its own points, with a shared zero that nothing is estimated of."""
+    x = np.linspace(-1.0, 1.0, 12)
+    effect = shared(np.repeat(np.arange(4), 3), np.ones(12))
+    fit = solve(straight(x, 1.0 + 2.0 * x), np.zeros(2), [effect])
+    assert fit.parameters == pytest.approx([1.0, 2.0], abs=1e-14)
+    assert fit.shared[0].value == 0.0
+
+
+def test_many_rows_are_turned_into_few_without_a_change():
+    """12,000 rows in three parts that fit in memory one by one give the sizes of their groups."""
+    rng = np.random.default_rng(9)
+    run = np.arange(12000) % 30
+    y = 2.0 * rng.standard_normal(30)[run] + rng.standard_normal(12000)
+    fit = solve(lambda p: p[0] - y, np.zeros(1), [shared(run, np.ones(12000))])
+    means = np.bincount(run, y) / 400
+    assert fit.shared[0].value == pytest.approx(np.std(means, ddof=1), rel=1e-2)
+    assert fit.of(lambda p: p[0]).u == pytest.approx(np.std(means, ddof=1) / np.sqrt(30), rel=1e-6)
 
 
 @pytest.mark.parametrize(
-    ("rows", "order", "rho"),
+    "function",
     [
-        (300, 1, 0.0),
-        (300, 1, 0.5),
-        (300, 3, 0.0),
-        (600, 1, 0.0),
-        (1000, 1, 0.0),
-        (1000, 3, 0.5),
+        lambda p: complex_step.absolute(p - 0.4),
+        lambda p: complex_step.length(np.stack([p, 2.0 * p], axis=-1)),
+        lambda p: complex_step.arctan2(p, 0.3 - p**2),
+        lambda p: complex_step.clip(p, 0.3, 0.6),
     ],
 )
-def test_hac_intervals_of_a_warm_up_cover(rows, order, rho):
-    """95 % intervals by Student's t cover 93 to 97 %, white noise or not, though the few cold rows
-    have leverage; a case fails where its binomial 99 % interval lies outside.
-    """
-    rng = np.random.default_rng(rows + order)
-    design = warm_up(rows, order)
-    X, hits, runs = design(slice(0, rows)), 0, 400
-    for _ in range(runs):
-        noise = lfilter([1.0], [1.0, -rho], rng.normal(size=rows + 100))[100:]
-        found = fit.linear(X, noise)
-        consistent = hac.covariance(design, found.residuals)
-        half = student.ppf(0.975, consistent.effective_dof) * np.sqrt(
-            np.diag(consistent.covariance)
-        )
-        hits += abs(found.coefficients[1]) < half[1]
-    spread = 2.6 * np.sqrt(0.05 * 0.95 / runs)
-    assert 0.93 - spread < hits / runs < 0.97 + spread
-
-
-def test_hac_covers_where_the_first_rows_are_noisier():
-    """Noise that is four times as large in the cold rows: cover 90 % and more, ordinary least
-    squares under two thirds.
-    """
-    rng = np.random.default_rng(9)
-    design = warm_up(600, 1)
-    X, size = design(slice(0, 600)), 1.0 + 3.0 * np.exp(-np.arange(600) / 60.0)
-    hits = {"hac": 0, "ols": 0}
-    for _ in range(300):
-        found = fit.linear(X, size * rng.normal(size=600))
-        consistent = hac.covariance(design, found.residuals)
-        half = student.ppf(0.975, consistent.effective_dof[1]) * np.sqrt(
-            consistent.covariance[1, 1]
-        )
-        hits["hac"] += abs(found.coefficients[1]) < half
-        hits["ols"] += abs(found.coefficients[1]) < 1.96 * found.standard_uncertainty[1]
-    assert hits["hac"] > 270
-    assert hits["ols"] < 200
+def test_functions_that_numpy_does_not_continue_have_the_derivative_of_differences(function):
+    """Compared with central differences at values on both sides of a kink."""
+    p, h = np.array([0.1, 0.5, 0.9]), 1e-6
+    steps = np.eye(3) * h
+    differences = np.stack([(function(p + s) - function(p - s)) / (2 * h) for s in steps], axis=-1)
+    assert complex_step.derivative(function, p) == pytest.approx(differences, abs=1e-8)

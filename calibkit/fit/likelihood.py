@@ -1,0 +1,319 @@
+"""Restricted likelihood of the sizes of errors (Patterson & Thompson 1971).
+
+    y = J β + Σ_g Z_g b_g + e,    b_g ~ N(0, θ_g I),    e ~ N(0, R),    R = Σ_i θ_i diag(d_i)    (1)
+    C = Tᵀ R⁻¹ T + diag(0, I),    T = [J, Z √θ]                      (Henderson 1975)            (2)
+    P = R⁻¹ - R⁻¹ T C⁻¹ Tᵀ R⁻¹,   -2 log L = ln|R| + ln|C| + yᵀ P y                              (3)
+
+No matrix is n × n. Residuals of equal noise may be turned into each other: the triangle of a QR of
+[J Z y] keeps what they tell, and (2) and (3) are solved on as many rows as it has.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibkit.arrays import Array, Integers, Mask
+
+ITERATIONS = 60
+HALVINGS = 30
+SETTLED = 1e-9
+"""Fall of -2 log L that ends the search."""
+DETERMINED = 1e-6
+"""Share of an error's square that the coefficients must leave for a level to count."""
+CUT_AT_ZERO = float(np.sqrt(0.5 - 0.5 / np.pi))
+"""Standard deviation of a normal estimate about 0 that is cut off there, relative to that of one
+that is not.
+"""
+RANK = 1e-15
+"""Eigenvalue of the scaled information, over its largest, below which a combination of sizes is not
+determined.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Stated:
+    """What is known of the variances θ [v] before the fit: ν s²/θ is distributed as χ² with ν
+    degrees of freedom; ν = 0 where nothing is known, ∞ where the variance is held at s².
+    """
+
+    square: Array
+    dof: Array
+
+    @property
+    def free(self) -> Mask:
+        """[v], variances that the data have a say in."""
+        return self.dof < np.inf
+
+    @property
+    def prior_dof(self) -> Array:
+        """[v], ν, and 0 where the variance is held."""
+        return np.where(self.free, self.dof, 0.0)
+
+    def deviance(self, theta: Array) -> float:
+        """-2 log of the densities, up to a constant."""
+        known = self.prior_dof > 0.0
+        if np.any(theta[known] <= 0.0):
+            return float("inf")
+        theta, square = theta[known], self.square[known]
+        return float(self.dof[known] @ (np.log(theta) + square / theta))
+
+    def score(self, theta: Array) -> Array:
+        """Derivatives [v] of the log density."""
+        safe = np.where(self.prior_dof > 0.0, theta, 1.0)
+        return np.asarray(-0.5 * self.prior_dof * (1.0 - self.square / safe) / safe)
+
+    def information(self, theta: Array) -> Array:
+        """Information [v, v] that the statements add."""
+        safe = np.where(self.prior_dof > 0.0, theta, 1.0)
+        return np.diag(0.5 * self.prior_dof / safe**2)
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """Rows of (1) with independent noise, and the directions of β in which J has unit columns."""
+
+    J: Array
+    """[n, p]."""
+    Z: Array
+    """[n, q]."""
+    y: Array
+    """[n]."""
+    shares: Array
+    """d [parts, n], what each part of the noise adds to the variance of a row."""
+    count: Array
+    """[n], residuals that a row stands for; more than 1 where they are noise alone."""
+    group: Integers
+    """[q], number of the shared error of each column of Z."""
+    groups: int
+
+    def of_groups(self, kept: Sequence[int]) -> "Rows":
+        """The same rows with some of the shared errors, numbered anew."""
+        columns = [np.flatnonzero(self.group == g) for g in kept]
+        group = np.repeat(np.arange(len(kept)), [len(c) for c in columns])
+        chosen = np.concatenate([*columns, np.empty(0, np.intp)]).astype(np.intp)
+        return replace(self, Z=self.Z[:, chosen], group=group, groups=len(kept))
+
+    def degrees(self, group: int) -> int:
+        """Levels of a shared error that the coefficients leave apart."""
+        Z = self.Z[:, self.group == group]
+        whole = np.max(np.sum(Z**2, axis=0), initial=0.0)
+        if whole == 0.0:
+            return 0
+        Q = np.linalg.qr(self.J)[0]
+        left = Z - Q @ (Q.T @ Z)
+        values = np.linalg.eigvalsh(left.T @ left)
+        return int(np.sum(values > DETERMINED * whole))
+
+    def plain(self) -> tuple[Array, Array]:
+        """Ordinary least squares: the noise [parts] that it leaves, and that of all rows [1]."""
+        left = self.y - self.J @ np.linalg.lstsq(self.J, self.y, rcond=None)[0]
+        share = self.shares > 0.0
+        spare = max(self.count.sum() - self.J.shape[1], 1.0)
+        typical = np.sum(left**2) / spare
+        weight = share @ self.count
+        parts = np.where(weight > 0.0, share @ left**2 / np.maximum(weight, 1.0), typical)
+        return np.asarray(parts), np.array([typical])
+
+
+class Solution:
+    """Equations (2) and (3) solved at variances θ [parts + groups]."""
+
+    def __init__(self, rows: Rows, variances: Array, stated: Stated) -> None:
+        from scipy.linalg import cho_solve
+
+        parts = len(rows.shares)
+        self.rows, self.variances, self.stated = rows, variances, stated
+        self.R = variances[:parts] @ rows.shares
+        self.root = np.sqrt(variances[parts:])[rows.group]
+        self.T = np.hstack([rows.J, rows.Z * self.root])
+        self.weighted = self.T / self.R[:, None]
+        C = self.T.T @ self.weighted
+        p = rows.J.shape[1]
+        C[np.diag_indices_from(C)] += np.arange(len(C)) >= p
+        factor = np.linalg.cholesky(C)
+        self.inverse = np.asarray(cho_solve((factor, True), np.eye(len(C))))
+        self.solution = self.inverse @ (self.weighted.T @ rows.y)
+        left = rows.y - self.T @ self.solution
+        self.Py = left / self.R
+        errors = self.solution[p:]
+        log_determinants = rows.count @ np.log(self.R) + 2.0 * np.sum(np.log(np.diag(factor)))
+        # yᵀ P y as a sum of squares: the product of y and P y loses its digits where θ is large
+        square = left @ self.Py + errors @ errors
+        self.deviance = float(log_determinants + square) + stated.deviance(variances)
+
+    @property
+    def coefficients(self) -> Array:
+        """β [p]."""
+        return self.solution[: self.rows.J.shape[1]]
+
+    @property
+    def errors(self) -> Array:
+        """Shared errors b [q], as the rows show them."""
+        return self.solution[self.rows.J.shape[1] :] * self.root
+
+    @property
+    def gain(self) -> Array:
+        """(Jᵀ V⁻¹ J)⁻¹ Jᵀ V⁻¹ [p, n], change of β by a change of y."""
+        return self.inverse[: self.rows.J.shape[1]] @ self.weighted.T
+
+    def projected(self, F: Array) -> Array:
+        """P F [n, k]."""
+        projected: Array = F - self.T @ (self.inverse @ (self.weighted.T @ F))
+        projected /= self.R[:, None]
+        return projected
+
+    def _member(self) -> Array:
+        """[q, groups], 1 where a column of Z belongs to a shared error."""
+        return (self.rows.group[:, None] == np.arange(self.rows.groups)).astype(np.float64)
+
+    def score(self) -> tuple[Array, Array]:
+        """Derivatives [v] of log L by the variances, and the mean of its observed and expected
+        information, ½ yᵀ P V_i P V_j P y (Gilmour, Thompson & Cullis 1995).
+        """
+        Z, shares, R = self.rows.Z, self.rows.shares, self.R
+        member, PZ = self._member(), self.projected(Z)
+        leverage = np.einsum("nk,nk->n", self.T @ self.inverse, self.T)
+        noise_trace = shares @ (self.rows.count / R - leverage / R**2)
+        trace = np.concatenate([noise_trace, np.sum(Z * PZ, axis=0) @ member])
+        VPy = np.hstack([(shares * self.Py).T, (Z * (Z.T @ self.Py)) @ member])
+        score = 0.5 * (VPy.T @ self.Py - trace) + self.stated.score(self.variances)
+        information = 0.5 * VPy.T @ self.projected(VPy) + self.stated.information(self.variances)
+        return score, information
+
+    def information(self) -> Array:
+        """Expected information [v, v] of the variances, ½ tr(P V_i P V_j)."""
+        Z, shares, R = self.rows.Z, self.rows.shares, self.R
+        member, PZ = self._member(), self.projected(Z)
+        leverage = np.einsum("nk,nk->n", self.T @ self.inverse, self.T)
+        inner = [self.inverse @ ((self.weighted.T * d) @ self.weighted) for d in shares]
+        noise = (shares * (self.rows.count / R**2 - 2.0 * leverage / R**3)) @ shares.T
+        noise += np.array([[np.sum(a * b.T) for b in inner] for a in inner])
+        cross = shares @ PZ**2 @ member
+        mixed = member.T @ (Z.T @ PZ) ** 2 @ member
+        whole = np.block([[noise, cross], [cross.T, mixed]])
+        return 0.5 * whole + self.stated.information(self.variances)
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """Most likely variances, and the covariance of the coefficients with what their estimation
+    adds.
+    """
+
+    solution: Solution
+    covariance: Array
+    """[p, p], after Kenward & Roger (1997)."""
+    slopes: Array
+    """[v, p, p], derivatives of the covariance by the variances."""
+    variance_covariance: Array
+    """[v, v]; 0 for a variance that is held."""
+
+    @property
+    def deviance(self) -> float:
+        """-2 log L."""
+        return self.solution.deviance
+
+    @property
+    def variances(self) -> Array:
+        """θ [v], of the parts of the noise and then of the shared errors."""
+        return self.solution.variances
+
+
+def estimate(rows: Rows, stated: Stated, least: float, near: Array | None = None) -> Estimate:
+    """The most likely variances, from a start [v] that is near or from two that are far apart;
+    noise is at least `least`.
+    """
+    starts = [near] if near is not None else _starts(rows, stated, least)
+    reached = min(
+        (_ascend(rows, start, stated, least) for start in starts), key=lambda s: s.deviance
+    )
+    return at_variances(reached)
+
+
+def at_variances(solution: Solution) -> Estimate:
+    """Covariance of the coefficients where the variances are those of a solution."""
+    rows, variances, stated = solution.rows, solution.variances, solution.stated
+    spread = _inverse(solution.information(), stated.free)
+    # Φ + 2 Σ w_ij G V_i P V_j Gᵀ (Kenward & Roger 1997), V_i Gᵀ = D_i Gᵀ or Z_i Z_iᵀ Gᵀ
+    G = solution.gain
+    VG = [d[:, None] * G.T for d in rows.shares]
+    for g in range(rows.groups):
+        Z = rows.Z[:, rows.group == g]
+        VG.append(Z @ (Z.T @ G.T))
+    PVG = [solution.projected(part) for part in VG]
+    # A variance at zero is on average above the true one: what it adds is in the estimate.
+    w = np.where(np.outer(variances, variances) > 0.0, spread, 0.0)
+    p = rows.J.shape[1]
+    covariance = solution.inverse[:p, :p].copy()
+    for i, j in zip(*np.nonzero(w), strict=True):
+        covariance += 2.0 * w[i, j] * VG[i].T @ PVG[j]
+    cut = np.where(variances > 0.0, 1.0, CUT_AT_ZERO)
+    slopes = np.stack([G @ part for part in VG])
+    return Estimate(solution, covariance, slopes, spread * np.outer(cut, cut))
+
+
+def _starts(rows: Rows, stated: Stated, least: float) -> list[Array]:
+    """Variances to start from: shared errors that are small, or large, against the noise, whatever
+    is stated with few degrees of freedom: such a statement can make the likelihood bimodal.
+    """
+    noise, typical = rows.plain()
+    loading = np.array(
+        [np.mean(np.sum(rows.Z[:, rows.group == g] ** 2, axis=0)) for g in range(rows.groups)]
+    )
+    mixed = typical / np.maximum(loading, 1e-200)
+    starts = []
+    for share in (0.1, 10.0):
+        start = np.concatenate([np.maximum(noise, least), share * mixed])
+        starts.append(np.where(stated.free, start, stated.square))
+    return starts if rows.groups else starts[:1]
+
+
+def _ascend(rows: Rows, variances: Array, stated: Stated, least: float) -> Solution:
+    """Where scoring of the restricted likelihood ends."""
+    parts = len(rows.shares)
+    # Noise that is the only one of some row cannot be zero, nor can that of the first sensor.
+    alone = np.zeros(len(variances), dtype=np.bool_)
+    only = np.sum(rows.shares > 0.0, axis=0) == 1
+    alone[:parts] = np.any((rows.shares > 0.0) & only, axis=1)
+    alone[0] = True
+    floor = np.where(alone & stated.free, least, 0.0)
+    now = Solution(rows, variances, stated)
+    for _ in range(ITERATIONS):
+        score, information = now.score()
+        moved = stated.free & ((now.variances > 0.0) | (score > 0.0))
+        step = _inverse(information, moved) @ np.where(moved, score, 0.0)
+        lowest = np.where(alone | (stated.prior_dof > 0.0), 0.1 * now.variances, 0.0)
+        for halving in range(HALVINGS):
+            trial = np.maximum(now.variances + step * 0.5**halving, np.maximum(lowest, floor))
+            trial = np.where(stated.free, trial, stated.square)
+            reached = _solved(rows, trial, stated)
+            if reached is not None and reached.deviance <= now.deviance:
+                break
+        else:
+            break
+        fall, now = now.deviance - reached.deviance, reached
+        if fall < SETTLED:
+            break
+    return now
+
+
+def _solved(rows: Rows, variances: Array, stated: Stated) -> Solution | None:
+    """The solution at variances; None where rounding makes (2) singular."""
+    try:
+        return Solution(rows, variances, stated)
+    except np.linalg.LinAlgError:
+        return None
+
+
+def _inverse(information: Array, free: Mask) -> Array:
+    """Inverse [v, v] of the information of the free variances, zero elsewhere."""
+    diagonal = np.diag(information)
+    free = free & (diagonal > 0.0)
+    size = np.sqrt(np.where(free, diagonal, 1.0))
+    both = free & free[:, None]
+    scaled = np.where(both, information / np.outer(size, size), np.eye(len(size)))
+    values, vectors = np.linalg.eigh(scaled)
+    determined = values > RANK * values[-1]
+    vectors = vectors[:, determined] / size[:, None]
+    return np.where(both, vectors / values[determined] @ vectors.T, 0.0)

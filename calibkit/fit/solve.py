@@ -1,0 +1,558 @@
+"""Fit of an equation to rows that share errors.
+
+    r(p) = J (p - p0) + Σ_g Z_g b_g + e
+
+r is what the equation leaves of the rows, p its parameters, b_g errors that all rows of a level
+share, e noise, of each sensor its own. The sizes of all errors are the most likely ones
+(`likelihood`), p follows by generalised least squares, and every result is a function of p:
+`Fit.of` states its uncertainty.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from calibkit.arrays import Array, Integers, Mask
+from calibkit.errors import FitError
+from calibkit.fit import likelihood
+from calibkit.fit.complex_step import Numbers, derivative
+from calibkit.fit.likelihood import Estimate, Rows, Stated
+from calibkit.fit.shared import Prior, Residual, Shared
+from calibkit.fit.value import Value
+from calibkit.numeric.least_squares import fit as least_squares
+
+ASKED_FOR = 6.0
+"""Fall of -2 log L that keeps an optional error: by chance once in 140 tries, a variance that is 0
+half the time and else as χ² with one degree of freedom (Self & Liang 1987).
+"""
+OUTLIER_CHANCE = 0.005
+"""Chance that any faultless row of a fit is called an outlier."""
+MOST_OF_A_LEVEL = 0.5
+"""Share of the rows of a level that, standing out together, have an error and are no outliers."""
+SETTLED = 1e-3
+"""Step of a parameter, in its standard uncertainty, that ends the iteration."""
+STEPS = 30
+HALVINGS = 30
+ROUNDING = 1e-11
+"""Residuals this small, relative to what the parameters explain, are rounding: no size is estimated
+of them.
+"""
+CHUNK = 4000
+"""Rows of [J Z y] that stand in memory at once."""
+
+
+@dataclass(frozen=True, slots=True)
+class SharedSize:
+    """Size of a shared error in a fit."""
+
+    error: Shared
+    value: float
+    u: float
+    dof: int
+    """Levels less what the parameters take from them; 0 where the rows cannot tell the error from
+    the parameters.
+    """
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """Parameters with what is known of them."""
+
+    parameters: Array
+    """[p]."""
+    covariance: Array
+    """[p, p], type A, with what the estimation of the sizes adds."""
+    residual: Array
+    """[n], what the equation leaves; shared errors are part of it."""
+    noise_residual: Array
+    """[n], the residual without the shared errors, as the rows show them."""
+    used: Mask
+    """[n], residuals that are no outliers."""
+    dof: int
+    """Residuals used less parameters."""
+    condition: float
+    """Of the scaled Jacobian."""
+    shared: tuple[SharedSize, ...]
+    """Errors that the fit kept, with their sizes."""
+    deviance: float
+    """-2 log L, for fits of the same parameters to the same rows."""
+    converged: bool
+    variances: Array = field(repr=False)
+    """[v], of the noise of each channel, of priors, and of `shared`."""
+    variance_covariance: Array = field(repr=False)
+    """[v, v]; 0 for a variance that is held."""
+    slopes: Array = field(repr=False)
+    """[v, p, p], derivatives of the covariance by the variances."""
+    noise_shares: Array = field(repr=False)
+    """[parts, n], what the first variances add to the variance of the noise of each residual."""
+    gain: Array = field(repr=False)
+    """[p, n], change of the parameters by a change of what the residuals should be."""
+    bounds: Array = field(repr=False)
+    """[p, k], changes of the parameters by errors as large as their bounds allow."""
+
+    @property
+    def noise(self) -> Array:
+        """[n], standard deviation of the noise of each residual."""
+        parts = len(self.noise_shares)
+        return np.asarray(np.sqrt(self.variances[:parts] @ self.noise_shares))
+
+    def of(
+        self,
+        function: Callable[[Numbers], Numbers],
+        *,
+        lack_of_fit: Array | float = 0.0,
+        half_width: Array | float = 0.0,
+    ) -> Value:
+        """A function [...] of the parameters with its uncertainty: the one way to state a result.
+
+        Degrees of freedom are 2 v²/var(v) of the estimated variance v (Satterthwaite 1946;
+        Giesbrecht & Burns 1985), at least 1 and at most those of the rows.
+        """
+        value = np.asarray(function(self.parameters), dtype=np.float64)
+        G = derivative(function, self.parameters).reshape(-1, len(self.parameters))
+        variance = np.einsum("ip,pq,iq->i", G, self.covariance, G)
+        by_size = np.einsum("ip,vpq,iq->vi", G, self.slopes, G)
+        spread = np.einsum("vi,vw,wi->i", by_size, self.variance_covariance, by_size)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            dof = np.where(spread > 0.0, 2.0 * (self.variances @ by_size) ** 2 / spread, np.inf)
+        bound = np.sum((G @ self.bounds) ** 2, axis=1)
+        u = np.sqrt(np.maximum(variance, 0.0) + bound).reshape(value.shape)
+        dof = np.clip(dof, 1.0, max(self.dof, 1)).reshape(value.shape)
+        return Value(value, u, dof, lack_of_fit, half_width)
+
+    def linear(self, P: Array, y: Array) -> "Fit":
+        """Parameters P y [m] of a published form by plain least squares, with the covariance of the
+        errors of this fit, P R Pᵀ + Σ θ (P Z)(P Z)ᵀ; P [m, n] is 0 and y [n] is not read where a
+        row is not used.
+        """
+        parts = len(self.noise_shares)
+        by_variance = [(P * share) @ P.T for share in self.noise_shares]
+        for size in self.shared[len(self.shared) - (len(self.variances) - parts) :]:
+            PZ = _product(P, size.error)
+            by_variance.append(PZ @ PZ.T)
+        slopes = np.array(by_variance)
+        return replace(
+            self,
+            parameters=P @ np.where(self.used, y, 0.0),
+            covariance=np.tensordot(self.variances, slopes, 1),
+            slopes=slopes,
+            gain=P,
+            bounds=np.zeros((len(P), 0)),
+        )
+
+    def bounded_by(self, errors: Sequence[Shared]) -> "Fit":
+        """The fit whose U holds errors of a stated largest size, which are no part of the noise."""
+        columns = [_product(self.gain, one) * one.size for one in errors if one.size]
+        return replace(self, bounds=np.hstack([self.bounds, *columns]))
+
+
+def solve(
+    residual: Residual,
+    start: Array,
+    shared: Sequence[Shared] = (),
+    *,
+    priors: Sequence[Prior] = (),
+    channel: Integers | None = None,
+    noise: Array | None = None,
+    estimate_noise: bool = True,
+    used: Mask | None = None,
+    leave_out: bool = False,
+    free: Mask | None = None,
+    names: Sequence[str] = (),
+) -> Fit:
+    """Fit by Gauss-Newton steps, each at the most likely sizes of the errors.
+
+    Parameters
+    ----------
+    residual : what the equation leaves [n] or [n, m] at parameters [p]; see `complex_step`.
+    start : [p].
+    shared : errors that residuals share; the optional ones are kept where the likelihood asks.
+    priors : parameters that are known beforehand.
+    channel : [n], number of the sensor of each residual, from 0; each has a noise of its own.
+    noise : [n], standard deviation of the noise of each residual, or what is proportional to it
+        within each channel where `estimate_noise`.
+    used : [n], residuals that are no outliers, to begin with.
+    leave_out : whether residuals are left out, and taken in again, by their size.
+    free : [p], parameters that are fitted; the others stay as they start.
+    names : [p], what an error calls the parameters.
+
+    Raises
+    ------
+    FitError : parameters that the rows do not determine, by name; no residual left over.
+
+    """
+    problem = _Problem.of(residual, start, shared, priors, channel, noise, free, names)
+    kept = [g for g, error in enumerate(problem.mixed) if not error.optional]
+    offered = [g for g, error in enumerate(problem.mixed) if error.optional]
+    used = np.ones(problem.n, dtype=np.bool_) if used is None else used
+    p = np.asarray(start, dtype=np.float64)[problem.free]
+    near, converged = None, False
+    for step in range(STEPS):
+        lines = problem.linearise(p, used, noise_known=noise is not None and not estimate_noise)
+        estimate = lines.estimate(kept, near)
+        while offered and step == 1:  # where the equation is already straight
+            tried = [lines.estimate([*kept, g]) for g in offered]
+            best = int(np.argmin([one.deviance for one in tried]))
+            if estimate.deviance - tried[best].deviance < ASKED_FOR:
+                break
+            estimate = tried[best]
+            kept.append(offered.pop(best))
+        near = estimate.variances
+        change = lines.basis @ estimate.solution.coefficients
+        noise_residual = lines.y[: problem.n] - lines.J[: problem.n] @ change
+        noise_residual -= problem.explained(estimate.solution, kept)
+        judged = used
+        if leave_out:
+            judged = problem.judge(noise_residual, estimate, used, kept)
+        change = problem.shortened(p, change, lines, estimate.solution, kept, used)
+        p = p + change
+        u = np.sqrt(np.diag(lines.basis @ estimate.covariance @ lines.basis.T))
+        rounding = np.finfo(np.float64).eps * np.abs(p)
+        settled = bool(np.all(np.abs(change) <= SETTLED * u + rounding))
+        if settled and step > 0 and np.array_equal(judged, used):
+            converged = True
+            break
+        used = judged
+    fit = problem.result(p, lines, estimate, kept, used)
+    return replace(fit, noise_residual=-noise_residual * problem.relative, converged=converged)
+
+
+def _product(matrix: Array, error: Shared) -> Array:
+    """A Z [m, levels · k] of a matrix [m, n] and a shared error."""
+    total = np.zeros((len(matrix), error.levels * error.width))
+    for rows in _chunks(np.arange(matrix.shape[1])):
+        total += matrix[:, rows] @ error.design(rows)
+    return total
+
+
+def _chunks(rows: Integers) -> list[Integers]:
+    """Row numbers in parts of which [J Z y] fits in memory."""
+    return np.array_split(rows, -(-len(rows) // CHUNK)) if len(rows) else []
+
+
+@dataclass(frozen=True, slots=True)
+class _Linearised:
+    """Equation (1) of `likelihood` about some parameters."""
+
+    J: Array
+    """[N, p], rows of the priors last; divided by the noise of each row where it is given."""
+    y: Array
+    """[N]."""
+    basis: Array
+    """[p, p], what turns coefficients of orthonormal columns into changes of the parameters."""
+    rows: Rows
+    stated: Stated
+    least: float
+    """Least variance of the noise."""
+    degrees: tuple[int, ...]
+    """Levels of each mixed error that the parameters leave apart."""
+    condition: float
+
+    def estimate(self, kept: Sequence[int], near: Array | None = None) -> Estimate:
+        """Most likely sizes with some of the mixed errors."""
+        parts = len(self.rows.shares)
+        chosen = np.array([*range(parts), *(parts + g for g in kept)], dtype=np.intp)
+        stated = Stated(self.stated.square[chosen], self.stated.dof[chosen])
+        if near is not None and len(near) != len(chosen):
+            near = None
+        return likelihood.estimate(self.rows.of_groups(kept), stated, self.least, near)
+
+
+@dataclass(frozen=True, slots=True)
+class _Problem:
+    """Equation, errors and rows of one fit; residuals are divided by `relative`."""
+
+    residual: Residual
+    """[p free] → [n]."""
+    start: Array
+    free: Mask
+    priors: tuple[Prior, ...]
+    noises: tuple[Shared, ...]
+    """Errors with one residual a level: parts of the noise."""
+    mixed: tuple[Shared, ...]
+    bounds: tuple[Shared, ...]
+    relative: Array
+    """[n], noise of a residual relative to that of its channel."""
+    channel: Integers
+    channels: int
+    shares: Array
+    """[parts, N], of channels, priors and noises, in units of `relative`²."""
+    names: tuple[str, ...]
+
+    @classmethod
+    def of(
+        cls,
+        residual: Residual,
+        start: Array,
+        shared: Sequence[Shared],
+        priors: Sequence[Prior],
+        channel: Integers | None,
+        noise: Array | None,
+        free: Mask | None,
+        names: Sequence[str],
+    ) -> "_Problem":
+        """Errors sorted by what they are to the solver."""
+        free = np.ones(len(start), dtype=np.bool_) if free is None else free
+        start = np.asarray(start, dtype=np.float64)
+
+        def flat(p: Numbers) -> Numbers:
+            whole = start.astype(p.dtype)
+            whole[free] = p
+            return residual(whole).ravel()
+
+        n = len(flat(start[free]))
+        relative = np.ones(n) if noise is None else np.asarray(noise, dtype=np.float64)
+        channel = np.zeros(n, dtype=np.int64) if channel is None else channel
+        channels = int(channel.max()) + 1
+        inside = [error for error in shared if not error.bound]
+        noises = tuple(error for error in inside if error.is_noise)
+        below = [len(prior.rows(start)) for prior in priors]
+        shares = np.zeros((channels + len(priors) + len(noises), n + sum(below)))
+        shares[channel, np.arange(n)] = 1.0
+        at = n
+        for k, rows in enumerate(below, start=channels):
+            shares[k, at : at + rows] = 1.0
+            at += rows
+        for k, error in enumerate(noises, start=channels + len(priors)):
+            seen = error.level >= 0
+            square = np.sum(error.loading**2, axis=1) / relative**2
+            shares[k, :n] = np.where(seen, square, 0.0)
+        names = tuple(names) or tuple(f"parameter {k}" for k in range(len(start)))
+        return cls(
+            flat,
+            start,
+            free,
+            tuple(priors),
+            noises,
+            tuple(error for error in inside if not error.is_noise),
+            tuple(error for error in shared if error.bound),
+            relative,
+            channel,
+            channels,
+            shares,
+            tuple(name for name, is_free in zip(names, free, strict=True) if is_free),
+        )
+
+    @property
+    def n(self) -> int:
+        """Number of residuals."""
+        return len(self.relative)
+
+    def whole(self, p: Numbers) -> Numbers:
+        """Residuals [N] in units of `relative`, and below them those of the priors."""
+        parameters = self.start.astype(p.dtype)
+        parameters[self.free] = p
+        rows = [prior.rows(parameters) for prior in self.priors]
+        return np.concatenate([self.residual(p) / self.relative, *rows])
+
+    def linearise(self, p: Array, used: Mask, *, noise_known: bool) -> _Linearised:
+        """The equation about p, its used rows turned into few."""
+        y, J = -self.whole(p), derivative(self.whole, p)
+        taken = np.concatenate([used, np.ones(len(y) - self.n, dtype=np.bool_)])
+        count = int(taken.sum())
+        if count <= len(p):
+            raise FitError(
+                f"{count} rows for {len(p)} coefficients leave no residual",
+                hint="add data or lower the order",
+            )
+        parts = list(self._triangles(J, y, taken))
+        J_rows, Z, y_rows = (np.concatenate([part[k] for part in parts]) for k in range(3))
+        shares = np.hstack([part[3] for part in parts])
+        counts = np.concatenate([part[4] for part in parts])
+        plain = least_squares.linear(J_rows, y_rows, names=self.names)
+        Q, R = np.linalg.qr(J_rows)
+        basis = least_squares.triangular(R, np.eye(len(p)))
+        group = np.repeat(
+            np.arange(len(self.mixed)), [error.levels * error.width for error in self.mixed]
+        )
+        rows = Rows(Q, Z, y_rows, shares, counts, group, len(self.mixed))
+        # the target of a linear equation: y = target - J p
+        largest = float(np.max(np.abs(y + J @ p)[taken]))
+        least = max((ROUNDING * largest) ** 2, float(np.finfo(np.float64).tiny))
+        exact = float(np.sum(plain.residuals**2)) / (count - len(p)) <= least
+        degrees = tuple(0 if exact else rows.degrees(g) for g in range(len(self.mixed)))
+        stated = self._stated(degrees, noise_known=noise_known)
+        return _Linearised(J, y, basis, rows, stated, least, degrees, plain.condition)
+
+    def _triangles(
+        self, J: Array, y: Array, taken: Mask
+    ) -> Iterator[tuple[Array, Array, Array, Array, Array]]:
+        """J, Z, y, shares and counts of rows of equal noise, turned into each other."""
+        patterns, pattern = np.unique(self.shares, axis=1, return_inverse=True)
+        pattern = pattern.reshape(-1)
+        p = J.shape[1]
+        for k in range(patterns.shape[1]):
+            rows = np.flatnonzero((pattern == k) & taken)
+            if not len(rows):
+                continue
+            triangle = np.empty((0, 0))
+            for chunk in _chunks(rows):
+                block = np.hstack([J[chunk], self._loadings(chunk), y[chunk, None]])
+                triangle = np.vstack([triangle.reshape(-1, block.shape[1]), block])
+                seen = np.any(triangle != 0.0, axis=0)
+                if len(triangle) > np.sum(seen):
+                    turned = np.zeros((int(np.sum(seen)), triangle.shape[1]))
+                    turned[:, seen] = np.linalg.qr(triangle[:, seen], mode="r")
+                    triangle = turned
+            count = np.ones(len(triangle))
+            noise_alone = len(rows) - len(triangle)
+            if noise_alone:  # zero in J, Z and y: one row stands for all of them
+                triangle = np.vstack([triangle, np.zeros(triangle.shape[1])])
+                count = np.append(count, float(noise_alone))
+            shares = np.repeat(patterns[:, k : k + 1], len(triangle), axis=1)
+            yield triangle[:, :p], triangle[:, p:-1], triangle[:, -1], shares, count
+
+    def _loadings(self, rows: Integers) -> Array:
+        """Z [m, q] of all mixed errors in some rows, in units of `relative`."""
+        q = sum(error.levels * error.width for error in self.mixed)
+        Z = np.zeros((len(rows), q))
+        inside = rows[rows < self.n]
+        if q and len(inside):
+            parts = [error.design(inside) for error in self.mixed]
+            Z[rows < self.n] = np.hstack(parts) / self.relative[inside, None]
+        return Z
+
+    def _stated(self, degrees: Sequence[int], *, noise_known: bool) -> Stated:
+        """What is known of the variances. Where the rows tell nothing of an error, its stated size
+        is held, and one that is not stated is 0.
+        """
+        known = [(1.0, np.inf) if noise_known else (0.0, 0.0)] * self.channels
+        known += [(prior.size, prior.size_dof) for prior in self.priors]
+        for error in self.noises:
+            known.append((0.0, 0.0) if error.size is None else (error.size, error.size_dof))
+        for error, rank in zip(self.mixed, degrees, strict=True):
+            if error.size is None:
+                known.append((0.0, 0.0 if rank else np.inf))
+            else:
+                known.append((error.size, error.size_dof if rank and error.size else np.inf))
+        size, dof = np.array(known).T
+        return Stated(size**2, dof)
+
+    def _errors(self, solution: likelihood.Solution, kept: Sequence[int]) -> list[Array]:
+        """Shared errors b of each mixed error that is kept."""
+        widths = [self.mixed[g].levels * self.mixed[g].width for g in kept]
+        return np.split(solution.errors, np.cumsum(widths)[:-1]) if kept else []
+
+    def explained(self, solution: likelihood.Solution, kept: Sequence[int]) -> Array:
+        """Z b [n] of the shared errors, in units of `relative`."""
+        total = np.zeros(self.n)
+        for g, b in zip(kept, self._errors(solution, kept), strict=True):
+            total += self.mixed[g].along(b)
+        return total / self.relative
+
+    def judge(self, left: Array, estimate: Estimate, used: Mask, kept: Sequence[int]) -> Mask:
+        """Residuals [n] that are no outliers: |left| of a faultless one exceeds the limit with a
+        chance of 0.5 % in the whole fit.
+
+        What is left of a residual that was fitted is smaller than its noise, of one that was not
+        larger. Those of a level, or of one channel in it, of which most stand out have an error of
+        their own, and stay.
+        """
+        from scipy.special import ndtri
+
+        limit = -float(ndtri(OUTLIER_CHANCE / (2.0 * self.n)))
+        parts = len(self.shares)
+        variance = (estimate.variances[:parts] @ self.shares)[: self.n]
+        scaled = np.abs(left) / np.sqrt(variance)
+        fitted = float(np.mean(scaled[used] ** 2))
+        scatter = np.sqrt(np.where(used, fitted, max(2.0 - fitted, fitted)))
+        good = scaled <= limit * scatter
+        for g in kept:
+            level = self.mixed[g].level
+            if level.ndim > 1:
+                continue
+            seen = level >= 0
+            label = level[seen] * self.channels + self.channel[seen]
+            share = np.bincount(label, good[seen]) / np.maximum(np.bincount(label), 1)
+            good[seen] |= (share < MOST_OF_A_LEVEL)[label]
+        return good
+
+    def shortened(
+        self,
+        p: Array,
+        change: Array,
+        lines: _Linearised,
+        solution: likelihood.Solution,
+        kept: Sequence[int],
+        used: Mask,
+    ) -> Array:
+        """The step, halved where the equation bends until rᵀ V⁻¹ r falls."""
+        parts = len(self.shares)
+        R = solution.variances[:parts] @ self.shares
+        taken = np.concatenate([used, np.ones(len(R) - self.n, dtype=np.bool_)])
+        bend = self.whole(p + change) + lines.y - lines.J @ change
+        if np.max(np.abs(bend[taken]) / np.sqrt(R[taken])) < SETTLED:
+            return change
+        columns = len(p)
+        across = solution.T[:, columns:].T @ solution.weighted[:, columns:]
+        across[np.diag_indices_from(across)] += 1.0
+
+        def misfit(r: Array) -> float:
+            weighted = np.where(taken, r / R, 0.0)
+            gathered = [self.mixed[g].gathered(weighted[: self.n] / self.relative) for g in kept]
+            g = np.concatenate([np.empty(0), *gathered]) * solution.root
+            return float(r @ weighted - g @ np.linalg.solve(across, g))
+
+        before = misfit(-lines.y)
+        for _ in range(HALVINGS):
+            if misfit(self.whole(p + change)) < before:
+                break
+            change = 0.5 * change
+        return change
+
+    def result(
+        self,
+        p: Array,
+        lines: _Linearised,
+        estimate: Estimate,
+        kept: Sequence[int],
+        used: Mask,
+    ) -> Fit:
+        """The finished fit, in the units of the residuals and in all parameters."""
+        parts = len(self.shares)
+        variances = estimate.variances
+        R = (variances[:parts] @ self.shares)[: self.n]
+        half = lines.basis @ estimate.solution.inverse[: len(p)]
+        gain = np.zeros((len(self.start), self.n))
+        for rows in _chunks(np.flatnonzero(used)):
+            Z = np.hstack([np.empty((len(rows), 0)), *(self.mixed[g].design(rows) for g in kept)])
+            Z = Z / self.relative[rows, None] * estimate.solution.root
+            T = np.hstack([lines.J[rows] @ lines.basis, Z])
+            gain[np.ix_(self.free, rows)] = half @ (T / R[rows, None]).T / self.relative[rows]
+        embed = np.eye(len(self.start))[:, self.free] @ lines.basis
+        parameters = self.start.copy()
+        parameters[self.free] = p
+        found = Fit(
+            parameters=parameters,
+            covariance=embed @ estimate.covariance @ embed.T,
+            residual=self.residual(p),
+            noise_residual=np.empty(0),
+            used=used,
+            dof=int(used.sum()) - len(p),
+            condition=lines.condition,
+            shared=self._sizes(estimate, kept, lines.degrees),
+            deviance=estimate.deviance,
+            converged=False,
+            variances=variances,
+            variance_covariance=estimate.variance_covariance,
+            slopes=embed @ estimate.slopes @ embed.T,
+            noise_shares=self.shares[:, : self.n] * self.relative**2,
+            gain=gain,
+            bounds=np.zeros((len(self.start), 0)),
+        )
+        return found.bounded_by(self.bounds)
+
+    def _sizes(
+        self, estimate: Estimate, kept: Sequence[int], degrees: Sequence[int]
+    ) -> tuple[SharedSize, ...]:
+        """Standard deviations of the errors that the fit kept."""
+        errors = [*self.noises, *(self.mixed[g] for g in kept)]
+        ranks = [*(error.levels for error in self.noises), *(degrees[g] for g in kept)]
+        first = self.channels + len(self.priors)
+        theta = estimate.variances[first:]
+        u = np.sqrt(np.maximum(np.diag(estimate.variance_covariance)[first:], 0.0))
+        # u of a standard deviation from that of its square; near 0 the square alone tells
+        size_u = np.where(theta > u, u / (2.0 * np.sqrt(np.where(theta > 0, theta, 1.0))), u**0.5)
+        values = zip(errors, np.sqrt(theta).tolist(), size_u.tolist(), ranks, strict=True)
+        return tuple(SharedSize(*value) for value in values)
