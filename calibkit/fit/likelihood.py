@@ -124,9 +124,9 @@ class Solution:
 
         parts = len(rows.shares)
         self.rows, self.variances, self.stated = rows, variances, stated
-        self.R = variances[:parts] @ rows.shares
+        self.R: Array = variances[:parts] @ rows.shares
         self.root = np.sqrt(variances[parts:])[rows.group]
-        self.T = np.hstack([rows.J, rows.Z * self.root])
+        self.T: Array = np.hstack([rows.J, rows.Z * self.root])
         self.weighted = self.T / self.R[:, None]
         C = self.T.T @ self.weighted
         p = rows.J.shape[1]
@@ -159,9 +159,8 @@ class Solution:
 
     def projected(self, F: Array) -> Array:
         """P F [n, k]."""
-        projected: Array = F - self.T @ (self.inverse @ (self.weighted.T @ F))
-        projected /= self.R[:, None]
-        return projected
+        left = F - self.T @ (self.inverse @ (self.weighted.T @ F))
+        return np.asarray(left / self.R[:, None], dtype=np.float64)
 
     def _member(self) -> Array:
         """[q, groups], 1 where a column of Z belongs to a shared error."""
