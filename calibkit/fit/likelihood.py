@@ -127,7 +127,7 @@ class Solution:
         self.R: Array = variances[:parts] @ rows.shares
         self.root = np.sqrt(variances[parts:])[rows.group]
         self.T: Array = np.hstack([rows.J, rows.Z * self.root])
-        self.weighted = self.T / self.R[:, None]
+        self.weighted: Array = self.T / self.R[:, None]
         C = self.T.T @ self.weighted
         p = rows.J.shape[1]
         C[np.diag_indices_from(C)] += np.arange(len(C)) >= p
@@ -159,8 +159,9 @@ class Solution:
 
     def projected(self, F: Array) -> Array:
         """P F [n, k]."""
-        left = F - self.T @ (self.inverse @ (self.weighted.T @ F))
-        return np.asarray(left / self.R[:, None], dtype=np.float64)
+        explained = self.T @ (self.inverse @ (self.weighted.T @ F))
+        left: Array = (F - explained) / self.R[:, None]
+        return left
 
     def _member(self) -> Array:
         """[q, groups], 1 where a column of Z belongs to a shared error."""
