@@ -54,6 +54,11 @@ class SharedSize:
     the parameters.
     """
 
+    @property
+    def known(self) -> bool:
+        """Whether the size was stated, not estimated alone."""
+        return self.error.size is not None
+
 
 @dataclass(frozen=True, slots=True)
 class Fit:

@@ -5,6 +5,8 @@ from dataclasses import replace
 
 from calibkit.coefficients import Component
 from calibkit.errors import RecipeError
+from calibkit.fit.shared import Shared
+from calibkit.fit.solve import SharedSize
 from calibkit.numeric.least_squares import components
 from calibkit.numeric.least_squares.components import Effect, Known
 from calibkit.recipe.tables import Errors
@@ -13,6 +15,50 @@ Units = Mapping[tuple[str, str], str]
 """(group, effect) → unit of its standard deviation."""
 FEW_DOF = 3
 """Degrees of freedom between groups below which a warning says how wide intervals become."""
+
+
+def state_sizes(errors: Errors, shared: Sequence[Shared]) -> list[Shared]:
+    """Errors of the groups that a recipe names, with the sizes that it states; one whose size is
+    stated is no longer optional.
+
+    Raises RecipeError for a stated size of an error that the logs or the model do not have.
+    """
+    stated = {(entry.group, entry.effect): entry for entry in errors.component}
+    # what earlier runs had, these logs need not have
+    if errors.source != "history":
+        for group, effect in stated.keys() - {(one.group, one.effect) for one in shared}:
+            raise RecipeError(
+                f"[[errors.component]] '{effect}' of group '{group}': these logs and this model"
+                " have no such error",
+                hint=f"there are {', '.join(f'{one.effect} of {one.group}' for one in shared)}",
+            )
+    named = []
+    for one in shared:
+        if errors.groups != "auto" and one.group not in errors.groups:
+            continue
+        entry = stated.get((one.group, one.effect))
+        if entry is None:
+            named.append(one)
+        else:
+            size = entry.value_in(one.unit)
+            named.append(replace(one, size=size, size_dof=entry.dof, optional=False))
+    return named
+
+
+def components_of(sizes: Sequence[SharedSize]) -> tuple[Component, ...]:
+    """Shared errors that the rows show, or that are known, as a coefficient file holds them."""
+    return tuple(
+        Component(
+            size.error.group,
+            size.error.effect,
+            size.value,
+            size.error.unit,
+            size.u,
+            size.error.levels,
+        )
+        for size in sizes
+        if size.known or size.dof
+    )
 
 
 def state_effects(
