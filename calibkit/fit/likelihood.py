@@ -165,7 +165,8 @@ class Solution:
 
     def _member(self) -> Array:
         """[q, groups], 1 where a column of Z belongs to a shared error."""
-        return (self.rows.group[:, None] == np.arange(self.rows.groups)).astype(np.float64)
+        member = self.rows.group[:, None] == np.arange(self.rows.groups)
+        return np.asarray(member, dtype=np.float64)
 
     def score(self) -> tuple[Array, Array]:
         """Derivatives [v] of log L by the variances, and the mean of its observed and expected
