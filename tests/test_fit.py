@@ -208,4 +208,13 @@ def test_sizes_of_errors_beside_a_known_noise_do_not_depend_on_the_unit():
         return [size.value / unit for size in fit.shared]
 
     assert sizes(1e-4) == pytest.approx(sizes(1.0), rel=1e-4)
-    assert 0.1 < min(sizes(1.0))
+    assert min(sizes(1.0)) > 0.1
+
+
+def test_the_search_for_a_size_comes_back_from_far_above():
+    """Scatter of five rows beside a known noise that is nothing against it is their deviation."""
+    y = np.array([4.0, 0.0, 3.0, 6.0, 2.0])
+    scatter = shared(np.arange(5), np.ones(5))
+    noise = np.full(5, 1e-13)
+    fit = solve(lambda p: p[0] - y, np.zeros(1), [scatter], noise=noise, estimate_noise=False)
+    assert fit.shared[0].value == pytest.approx(np.std(y, ddof=1), rel=1e-9)

@@ -306,9 +306,12 @@ def _ascend(now: Solution) -> Solution:
         score, information = now.score()
         moved = stated.free & ((now.variances > 0.0) | (score > 0.0))
         step = _inverse(information, moved) @ np.where(moved, score, 0.0)
-        lowest = np.where(alone | (stated.prior_dof > 0.0), 0.1 * now.variances, 0.0)
+        falling = 0.1 * now.variances
+        lowest = np.maximum(np.where(alone | (stated.prior_dof > 0.0), falling, 0.0), floor)
         for halving in range(HALVINGS):
-            trial = np.maximum(now.variances + step * 0.5**halving, np.maximum(lowest, floor))
+            trial = np.maximum(now.variances + step * 0.5**halving, lowest)
+            # from far above, a step of whatever length passes the maximum: fall by decades
+            lowest = np.maximum(lowest, falling)
             trial = np.where(stated.free, trial, stated.square)
             reached = _solved(now, trial)
             if reached is not None and reached.deviance <= now.deviance:
