@@ -515,18 +515,15 @@ def test_the_alignment_of_the_input_axis_enters_the_bias_of_a_gyro(tmp_path):
         assert found[name].contribution == pytest.approx(0.1 * abs(slope), rel=1e-12)
 
 
-def test_the_choice_of_the_order_of_s_over_temperature_is_in_its_uncertainty(run):
-    """A contribution of its own under each name of the value; none where the recipe states it."""
+def test_the_orders_of_s_over_temperature_are_averaged_and_their_spread_is_type_a(run):
+    """One polynomial of the highest order for each gyro, and no contribution of a choice."""
     found = by_key(certificate(run("inclinometer"), "inclinometer"))
     for gyro in "xy":
-        size = run("inclinometer").records["inclinometer_scale.json"].models["xy".index(gyro)]
-        (u,) = (p.value for p in size.parameters if p.name == "order_choice")
-        for key in (f"inclinometer_scale.{gyro}.s@25", f"inclinometer_scale.{gyro}.s0"):
-            (part,) = (
-                c
-                for c in found[key].uncertainty.contributions
-                if "choice of the order" in c.name.en
-            )
-            assert part.contribution == u > 0.0
-    constant = found["inclinometer_scale.y.s@25"].uncertainty.expanded_uncertainty
-    assert found["inclinometer_scale.y.s0"].uncertainty.expanded_uncertainty == constant
+        model = run("inclinometer").records["inclinometer_scale.json"].model(gyro)
+        assert [c.name for c in model.coefficients] == ["s0", "s1", "s2", "s3"]
+        uncertainty = found[f"inclinometer_scale.{gyro}.s@25"].uncertainty
+        powers = 25.0 ** np.arange(4)
+        assert uncertainty.contributions[0].contribution == pytest.approx(
+            np.sqrt(powers @ np.array(model.covariance) @ powers), rel=1e-9
+        )
+        assert not any("choice" in c.name.en for c in uncertainty.contributions)

@@ -21,10 +21,6 @@ MOUNTING = "mounting"
 """Group of the errors of how gyros and accelerometers are mounted."""
 
 
-CHOICE = "order_choice"
-"""Parameter: standard deviation that the choice of the order adds."""
-
-
 @dataclass(frozen=True, slots=True)
 class ScaleModel:
     """s(T) of one gyro from a coefficient file: coefficients of powers of °C, covariance, scatter,
@@ -38,8 +34,6 @@ class ScaleModel:
     noise: Noise
     turn_deg: float = 0.0
     """Standard deviation of the turn of the gyro against its accelerometer [°]."""
-    choice: float = 0.0
-    """Standard deviation that the choice of the order adds to s(T)."""
 
     def prior(self, temperature: Array) -> Prior:
         """Prior of s at temperatures [n] [°C]; for an unknown temperature its uncertainty covers
@@ -71,15 +65,14 @@ class ScaleModel:
                 round(model.value("noise_dof")),
             ),
             next((one.value for one in model.components if one.group == MOUNTING), 0.0),
-            read_choice(model),
         )
 
 
 def read_choice(model: Model) -> float:
-    """Standard deviation that the choice of the order adds to s(T); 0 where the recipe states the
-    order, and of files of before.
+    """Standard deviation that the choice of the order adds to s(T) in files of calibkit 0.2; later
+    ones average the orders.
     """
-    return next((one.value for one in model.parameters if one.name == CHOICE), 0.0)
+    return next((one.value for one in model.parameters if one.name == "order_choice"), 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +108,6 @@ class ScaleFit:
                 Parameter("gyro_noise", model.noise.gyro_dph, "deg/h"),
                 Parameter("accel_noise", model.noise.accel_g, "g"),
                 Parameter("noise_dof", float(model.noise.dof), "1"),
-                *([Parameter(CHOICE, model.choice, "1")] if model.choice else []),
             ),
         )
 

@@ -2,7 +2,7 @@
 errors of the positions, logs that share a scale factor; what a recipe states of them.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Self
 
@@ -10,22 +10,22 @@ import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.coefficients import Component
+from calibkit.fit.shared import Shared
+from calibkit.frame import Remark
 from calibkit.instruments.inclinometer.forms import MOUNTING
 from calibkit.instruments.inclinometer.numeric.covariance import angle_slopes
 from calibkit.instruments.inclinometer.numeric.published import Components, Sensor
 from calibkit.instruments.inclinometer.numeric.root_choice import Solution
+from calibkit.instruments.inclinometer.numeric.scale_fit import ScaleOverTemperature
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.stations import Stations
 from calibkit.numeric.least_squares import components
-from calibkit.numeric.least_squares.components import Effect
-from calibkit.recipe.shared_errors import list_components, state_effects, warn_of_few_groups
+from calibkit.recipe.shared_errors import components_of, state_sizes, warn_of_few_groups
 from calibkit.recipe.type_b import terms_of
-
-UNITS = {("log", "scale"): "1", ("station", "scale"): "1", (MOUNTING, "gyro turn"): "deg"}
-"""Errors that stations share and the units of their standard deviations."""
 
 SHOWN = 3.0
 """Standard uncertainties above which a turn is flagged; it is in the azimuth's from 2 on."""
+ONE_ATTITUDE = "one attitude: a turn of the gyro is not separable, in U of the azimuth as stated"
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +36,7 @@ class Circumstances:
     """Derivatives [n] of the roots of s by a turn of the gyro [1/°]; None where the recipe leaves
     it out.
     """
-    log: Effect | None
+    log: Shared | None
     """Part of s that the stations of a log share; None for a single log."""
     stated_deg: float
     """Standard deviation of the turn that the recipe states [°], or 0."""
@@ -48,17 +48,27 @@ class Circumstances:
         """Circumstances of stations of which s is known."""
         parts = stations.components[axis]
         by_root, _ = _slopes(found, parts, spec, _turned(parts))
-        every = np.zeros(by_root.size, dtype=np.int64)
-        tried = [Effect(MOUNTING, "gyro turn", every, by_root)]
+        tool = np.zeros(by_root.size, dtype=np.int64)
+        offered = [
+            Shared(
+                group=MOUNTING,
+                effect="gyro turn",
+                level=tool,
+                loading=by_root[:, None],
+                unit="deg",
+            )
+        ]
         if stations.log.max() > 0:
-            tried.append(Effect("log", "scale", stations.log, np.ones(by_root.size)))
-        named = {one.group: one for one in state_effects(spec.errors, tried, (), UNITS)[0]}
-        turn = named.get(MOUNTING)
-        known = turn.known if turn is not None else None
+            every = np.ones((by_root.size, 1))
+            offered.append(
+                Shared(group="log", effect="scale", level=stations.log, loading=every, unit="1")
+            )
+        stated = {error.group: error for error in state_sizes(spec.errors, offered)}
+        turn = stated.get(MOUNTING)
         return cls(
             None if turn is None else by_root,
-            named.get("log"),
-            0.0 if known is None else known.value,
+            stated.get("log"),
+            0.0 if turn is None else turn.size or 0.0,
         )
 
     def turn_deg(self, measured: tuple[float, float]) -> float:
@@ -67,27 +77,32 @@ class Circumstances:
         """
         return max(self.stated_deg, float(np.hypot(*measured)))
 
-    def state(
-        self, found: Sequence[components.Component], measured: tuple[float, float]
-    ) -> tuple[tuple[Component, ...], tuple[str, ...]]:
+    def state(self, over: ScaleOverTemperature) -> tuple[tuple[Component, ...], tuple[str, ...]]:
         """Components of a coefficient file, and flags."""
-        size, (angle, u) = self.turn_deg(measured), measured
-        every = list(found)
+        angle, u = over.turn_deg
+        size = self.turn_deg(over.turn_deg)
+        listed = components_of(over.fit.shared)
         if size:
-            unsure = u or size
-            every.append(
-                components.Component(MOUNTING, "gyro turn", size, unsure, 1, 1, known=True)
-            )
-        flags = warn_of_few_groups([one for one in found if one.group == "log"])
+            listed = (*listed, Component(MOUNTING, "gyro turn", size, "deg", u or size, 1))
+        flags = warn_of_few_groups(
+            [
+                components.Component(
+                    error.group, error.effect, log.value, log.u, error.levels, log.dof, log.known
+                )
+                for log in over.fit.shared
+                if (error := log.error).group == "log"
+            ]
+        )
+        if self.turn is not None and over.fixed:
+            flags = (*flags, Remark(ONE_ATTITUDE))
         if abs(angle) > SHOWN * u > 0.0:
-            found_deg = f"{angle:.3f}° ± {u:.2g}°"
             text = (
-                f"the roots of s show a gyro that is turned by {found_deg} against the"
+                f"the roots of s show a gyro that is turned by {angle:.3f}° ± {u:.2g}° against the"
                 " accelerometers about the tool axis, expected 0°: it is in the uncertainty of the"
                 " azimuth; align the sensors and measure again"
             )
             flags = (*flags, text)
-        return list_components(every, UNITS), flags
+        return listed, flags
 
 
 @dataclass(frozen=True, slots=True)

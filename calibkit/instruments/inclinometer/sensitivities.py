@@ -2,15 +2,13 @@
 positions.
 """
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from calibkit.coefficients import StageResult
 from calibkit.instruments.inclinometer import coefficient_files, solve, stations
-from calibkit.instruments.inclinometer.forms import TEMPERATURE, ScaleFit
-from calibkit.instruments.inclinometer.numeric.published import Sensor
+from calibkit.instruments.inclinometer.forms import TEMPERATURE
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.rows import Rows
 from calibkit.sensitivities import InputError, Sensitivity, differentiate, of_thermometer
@@ -18,10 +16,8 @@ from calibkit.sensitivities import InputError, Sensitivity, differentiate, of_th
 LATITUDE_STEP_DEG, INDEX_STEP_DEG, SHARE = 1e-3, 1e-3, 1e-5
 
 
-def find(
-    fits: Mapping[Sensor, ScaleFit], rows: Rows, spec: InclinometerRecipe
-) -> tuple[Sensitivity, ...]:
-    """Sensitivities of s(T) of every gyro, its order held."""
+def find(rows: Rows, spec: InclinometerRecipe) -> tuple[Sensitivity, ...]:
+    """Sensitivities of s(T) of every gyro."""
     errors = [
         InputError("latitude_deg", "offset", LATITUDE_STEP_DEG),
         InputError("position_deg", "offset", INDEX_STEP_DEG),
@@ -30,21 +26,11 @@ def find(
     known = rows.temperature[np.isfinite(rows.temperature)]
     if known.size:
         errors += of_thermometer(TEMPERATURE, float(known.min()), float(known.max()))
-    held = {
-        order: [axis for axis, fit in fits.items() if fit.model.coefficients.size == order + 1]
-        for order in {fit.model.coefficients.size - 1 for fit in fits.values()}
-    }
 
     def refit(moved: Rows, where: InclinometerRecipe) -> list[StageResult]:
-        found = []
-        for order, axes in held.items():
-            scale = where.scale.model_copy(update={"order": order})
-            fixed = where.model_copy(update={"scale": scale})
-            solved = stations.solve_components(moved, fixed)
-            again, seen = solve.fit_scale(solved, fixed)
-            own = {axis: again[axis] for axis in axes}
-            found.append(coefficient_files.make_result(own, solved, seen, (), fixed, None))
-        return found
+        solved = stations.solve_components(moved, where)
+        fits, seen = solve.fit_scale(solved, where)
+        return [coefficient_files.make_result(fits, solved, seen, (), where, None)]
 
     def shift(error: InputError) -> list[StageResult]:
         if error.input == "latitude_deg":
