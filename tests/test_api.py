@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pandas as pd
 import pytest
-import scipy.linalg  # noqa: F401 (its library is one of those that have threads)
+import scipy.linalg
 import scipy.special
 from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_info, threadpool_limits

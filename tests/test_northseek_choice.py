@@ -578,6 +578,24 @@ def test_two_sensor_pairs_are_combined_by_inverse_variance_around_the_circle():
     assert found.standard_uncertainty[0, 2] < x.standard_uncertainty[0, 3]
 
 
+def test_the_latitude_s_error_is_one_error_of_both_pairs():
+    """Readings without noise: both pairs together are as uncertain by the latitude as one, not by
+    √2 less, and their agreement is no matter of it; noise of the readings is √2 less.
+    """
+    u = {}
+    for name, noise, latitude in (("latitude", 1e-18 * NOISE, 0.05), ("noise", NOISE, 0.0)):
+        pair = root_choice.solve(
+            parts_of(45.0, 40.0, 70.0, 34.2, noise=noise),
+            34.2,
+            prior_of(1, u=1e-9),
+            latitude_uncertainty_deg=latitude,
+        )
+        both = sensor_pairs.combine(pair, pair)
+        u[name] = both.standard_uncertainty[0, 2] / pair.standard_uncertainty[0, 3]
+    assert u["latitude"] == pytest.approx(1.0, rel=1e-6)
+    assert u["noise"] == pytest.approx(np.sqrt(0.5), rel=1e-6)
+
+
 def test_a_pair_that_is_refused_leaves_the_other():
     """Where one pair has no result the other's is taken whole and the flag names the lost one; both
     lost is refused.

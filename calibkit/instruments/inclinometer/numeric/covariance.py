@@ -112,15 +112,16 @@ def covariance(
     s_root: Array,
     weight: Array,
     prior_uncertainty: Array,
-) -> Array:
-    """Covariance [n, 4, 4] of θ [°], φ [°], s, ψ [°], to first order.
+) -> tuple[Array, Array]:
+    """Covariance [n, 4, 4] of θ [°], φ [°], s, ψ [°], to first order, by errors of this sensor pair
+    alone; and changes [n, 4] by an error of the latitude, which all sensor pairs share, as large
+    as its standard uncertainty.
 
     parts : components and their covariance; s, s_root, weight : the scale factor used, its root,
     and the root's weight in it [n]; prior_uncertainty : of the prior of s [n].
     """
     inputs = np.zeros((s.size, 6, 6))
     inputs[:, :4, :4] = parts.covariance
-    inputs[:, 4, 4] = np.radians(latitude_uncertainty_deg) ** 2
     inputs[:, 5, 5] = prior_uncertainty**2
     _, _, inner = _inner_jacobian(parts, found)
     jacobian = np.zeros((s.size, 4, 6))
@@ -133,5 +134,6 @@ def covariance(
     jacobian[:, 3] = by_s[:, None] * jacobian[:, 2]
     jacobian[:, 3, :5] += direct
     jacobian *= np.array([np.degrees(1.0), np.degrees(1.0), 1.0, np.degrees(1.0)])[:, None]
+    by_latitude = jacobian[:, :, 4] * np.radians(latitude_uncertainty_deg)
     with np.errstate(invalid="ignore"):
-        return np.asarray(jacobian @ inputs @ np.swapaxes(jacobian, 1, 2), dtype=np.float64)
+        return np.asarray(jacobian @ inputs @ np.swapaxes(jacobian, 1, 2)), by_latitude

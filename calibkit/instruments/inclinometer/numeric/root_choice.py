@@ -121,10 +121,21 @@ class Solution:
     weight: Array
     """Weight of the root in s [n]; 0 where s is its prior."""
     C: Array
-    covariance: Array
-    """[n, 4, 4] of inclination [°], toolface [°], s, azimuth [°]."""
+    pair_covariance: Array
+    """[n, 4, 4] of inclination [°], toolface [°], s, azimuth [°], by errors that other sensor pairs
+    do not share.
+    """
+    by_latitude: Array
+    """[n, 4], changes of the same by an error of the latitude, which all sensor pairs share, as
+    large as its standard uncertainty.
+    """
     status: tuple[str, ...]
     flags: tuple[tuple[str, ...], ...]
+
+    @property
+    def covariance(self) -> Array:
+        """[n, 4, 4] of inclination [°], toolface [°], s, azimuth [°]."""
+        return self.pair_covariance + outer(self.by_latitude)
 
     @property
     def standard_uncertainty(self) -> Array:
@@ -137,6 +148,11 @@ class Solution:
         return np.array([not reason for reason in self.status], dtype=np.bool_) & (
             self.weight > 0.0
         )
+
+
+def outer(changes: Array) -> Array:
+    """Covariance [n, k, k] of results that one error changes by [n, k]."""
+    return changes[:, :, None] * changes[:, None, :]
 
 
 def estimate_roots(
@@ -239,7 +255,7 @@ def solve(
     flags = _list_flags(
         found, s_root, u_root, prior, possible=possible, accepted=accepted, ambiguous=ambiguous
     )
-    spread = covariance(
+    spread, by_latitude = covariance(
         parts,
         found.attitude,
         latitude,
@@ -249,7 +265,9 @@ def solve(
         weight,
         prior.standard_uncertainty,
     )
-    return _assemble(parts, found, latitude, s, s_root, u_root, root, weight, spread, flags)
+    return _assemble(
+        parts, found, latitude, s, s_root, u_root, root, weight, spread, by_latitude, flags
+    )
 
 
 def _require_prior(prior: Prior, count: int) -> None:
@@ -321,6 +339,7 @@ def _assemble(
     root: Integers,
     weight: Array,
     spread: Array,
+    by_latitude: Array,
     flags: tuple[tuple[str, ...], ...],
 ) -> Solution:
     """Correct the rates (step E), seek north (step F), and set the results of refused stations to
@@ -345,7 +364,8 @@ def _assemble(
         root=np.where(solved, root, 0),
         weight=kept(weight),
         C=kept(published.root_label(found.attitude.inclination, psi, latitude)),
-        covariance=np.where(solved[:, None, None], spread, np.nan),
+        pair_covariance=np.where(solved[:, None, None], spread, np.nan),
+        by_latitude=np.where(solved[:, None], by_latitude, np.nan),
         status=found.status,
         flags=flags,
     )
