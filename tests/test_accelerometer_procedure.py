@@ -307,9 +307,9 @@ def test_held_positions_of_a_continuous_log_calibrate_from_magnitude_alone(
     run = store.load(tmp_path / "runs" / "M" / "r001")
     q = [c.value for c in run.records["accel_q.json"].model("triad").coefficients]
     assert q == pytest.approx([-0.014, 0.012 * 0.014 + 0.008, -0.012], abs=2e-4)
-    matrix = run.records["accel_affine.json"].model("triad")
-    assert matrix.value("m_xx0") == pytest.approx(1.0 / 1.01, rel=1e-4)
-    assert matrix.value("b_y0") == pytest.approx(-0.02, abs=1e-4)
+    triad_model = run.records["accel_affine.json"].model("triad")
+    assert triad_model.value("k_x0") == pytest.approx(1.0 / 1.01, rel=1e-4)
+    assert triad_model.value("z_y0") == pytest.approx(-0.02 / 0.99, abs=1e-4)
     outcome = calibkit(
         "fit", "accelerometer_magnitude", *arguments, "--set", "reference.solver=lmfit"
     )
