@@ -116,8 +116,10 @@ class Rows:
         share = self.shares > 0.0
         spare = max(self.count.sum() - self.J.shape[1], 1.0)
         typical = np.sum(left**2) / spare
-        weight = share @ self.count
-        parts = np.where(weight > 0.0, share @ left**2 / np.maximum(weight, 1.0), typical)
+        weight = self.shares @ self.count
+        parts = np.where(
+            weight > 0.0, share @ left**2 / np.where(weight > 0.0, weight, 1.0), typical
+        )
         return np.asarray(parts), np.array([typical])
 
 
