@@ -53,6 +53,8 @@ class SharedSize:
     """Levels less what the parameters take from them; 0 where the rows cannot tell the error from
     the parameters.
     """
+    errors: Array
+    """[levels, k], of each level as the rows show them; empty where each has one row."""
 
     @property
     def known(self) -> bool:
@@ -108,6 +110,11 @@ class Fit:
         parts = len(self.noise_shares)
         return np.asarray(np.sqrt(self.variances[:parts] @ self.noise_shares))
 
+    @property
+    def total_covariance(self) -> Array:
+        """[p, p], with the errors that are as large as their bounds."""
+        return self.covariance + self.bounds @ self.bounds.T
+
     def of(
         self,
         function: Callable[[Numbers], Numbers],
@@ -139,6 +146,11 @@ class Fit:
             dof = np.where(spread > 0.0, 2.0 * (self.variances @ by_size) ** 2 / spread, np.inf)
         return np.clip(dof, 1.0, max(self.dof, 1))
 
+    def covariance_of(self, function: Callable[[Numbers], Numbers]) -> Array:
+        """Covariance [m, m] of a function [m] of the parameters."""
+        G = derivative(function, self.parameters)
+        return np.asarray(G @ self.total_covariance @ G.T, dtype=np.float64)
+
     def linear(self, P: Array, y: Array) -> "Fit":
         """Parameters P y [m] of a published form by plain least squares, with the covariance of the
         errors of this fit, P R Pᵀ + Σ θ (P Z)(P Z)ᵀ; P [m, n] is 0 and y [n] is not read where a
@@ -164,6 +176,41 @@ class Fit:
         """The fit whose U holds errors of a stated largest size, which are no part of the noise."""
         columns = [_product(self.gain, one) * one.size for one in errors if one.size]
         return replace(self, bounds=np.hstack([self.bounds, *columns]))
+
+    def precision(self, F: Array) -> Array:
+        """V⁻¹ F [n, k], V of the noise and the shared errors of the rows used; 0 of the others."""
+        R = self.noise[:, None] ** 2
+        weighted = np.where(self.used[:, None], F / R, 0.0)
+        mixed = self.shared[len(self.shared) - (len(self.variances) - len(self.noise_shares)) :]
+        sizes = [size for size in mixed if size.value > 0.0]
+        if not sizes:
+            return weighted
+        q = sum(size.error.levels * size.error.width for size in sizes)
+        across, inner = np.zeros((q, F.shape[1])), np.eye(q)
+
+        def loadings(rows: Integers) -> Array:
+            return np.hstack([size.error.design(rows) * size.value for size in sizes])
+
+        rows = np.flatnonzero(self.used)
+        for chunk in _chunks(rows):
+            Z = loadings(chunk)
+            across += Z.T @ weighted[chunk]
+            inner += Z.T @ (Z / R[chunk])
+        # V⁻¹ = R⁻¹ - R⁻¹ Z (I + Zᵀ R⁻¹ Z)⁻¹ Zᵀ R⁻¹ (Woodbury 1950)
+        shares = np.linalg.solve(inner, across)
+        for chunk in _chunks(rows):
+            weighted[chunk] -= loadings(chunk) @ shares / R[chunk]
+        return weighted
+
+    def further_error(self, jacobian: Array, loading: Array) -> tuple[Array, Array]:
+        """Errors [k] that all rows would share by a loading [n, k], and their standard
+        uncertainties, beside the parameters with derivatives [n, p] and what the fit has.
+        """
+        VL, VJ = self.precision(loading), self.precision(jacobian)
+        JL = jacobian.T @ VL
+        left = loading.T @ VL - JL.T @ np.linalg.solve(jacobian.T @ VJ, JL)
+        inverse = np.linalg.inv(left)
+        return -inverse @ (VL.T @ self.residual), np.sqrt(np.diag(inverse))
 
 
 def solve(
@@ -235,6 +282,21 @@ def solve(
         used = judged
     fit = problem.result(p, lines, estimate, kept, used)
     return replace(fit, noise_residual=-noise_residual * problem.relative, converged=converged)
+
+
+def sensitivity(residual: Residual, shifted: Residual, fit: Fit) -> Array:
+    """Change [p] of the parameters where an input of the rows is off, the weights held.
+
+    dβ = -(Jᵀ V⁻¹ J)⁻¹ (Jᵀ V⁻¹ dr + dJᵀ V⁻¹ r), dr and dJ the changes of the residuals and of their
+    derivatives.
+    """
+    p = fit.parameters
+    J = derivative(lambda q: residual(q).ravel(), p)
+    dJ = derivative(lambda q: shifted(q).ravel(), p) - J
+    VJ = fit.precision(J)
+    change = VJ.T @ (shifted(p) - residual(p)).ravel()
+    change += dJ.T @ fit.precision(fit.residual[:, None])[:, 0]
+    return np.asarray(-np.linalg.solve(J.T @ VJ, change), dtype=np.float64)
 
 
 def _product(matrix: Array, error: Shared) -> Array:
@@ -574,5 +636,8 @@ class _Problem:
         u = np.sqrt(np.maximum(np.diag(estimate.variance_covariance)[first:], 0.0))
         # u of a standard deviation from that of its square; near 0 the square alone tells
         size_u = np.where(theta > u, u / (2.0 * np.sqrt(np.where(theta > 0, theta, 1.0))), u**0.5)
-        values = zip(errors, np.sqrt(theta).tolist(), size_u.tolist(), ranks, strict=True)
-        return tuple(SharedSize(*value) for value in values)
+        predicted = [np.empty((0, error.width)) for error in self.noises]
+        for g, b in zip(kept, self._errors(estimate.solution, kept), strict=True):
+            predicted.append(b.reshape(self.mixed[g].levels, -1))
+        values = np.sqrt(theta).tolist(), size_u.tolist(), ranks, predicted
+        return tuple(SharedSize(*size) for size in zip(errors, *values, strict=True))

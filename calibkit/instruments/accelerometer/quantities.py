@@ -22,7 +22,7 @@ from calibkit.certificate.words import Words
 from calibkit.coefficients import Model, Record
 from calibkit.instruments.accelerometer import coefficient_files, forms
 from calibkit.instruments.accelerometer.coefficient_files import Correction
-from calibkit.instruments.accelerometer.numeric.affine_model import AXES, find_entry
+from calibkit.instruments.accelerometer.equation import AXES
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 
 POSITIONS = tuple(
@@ -131,18 +131,15 @@ def _of_models(record: Record, *, components: bool) -> list[Quantity]:
                 Quantity("component", record.stage, model.name, words, "g", inputs, form),
             ]
             continue
-        form_of = forms.Q if model.form == forms.Q.name else forms.AFFINE
+        form_of = {form.name: form for form in forms.FORMS}[model.form]
         for axis, letter in enumerate(AXES if components else ""):
             name, words = f"component_{letter}", Words(f"corrected {letter}", f"修正 {letter}")
             point = of_form(form_of, model, inputs, axis)
             found.append(Quantity(name, record.stage, model.name, words, "g", inputs, point))
-        if form_of is forms.AFFINE and forms.TEMPERATURE in model.valid:
-            entries = [find_entry(c.name) for c in model.coefficients]
-            for first in (one for one in entries if one.power == 0 and one.kind in "mb"):
-                terms = [one.name for one in entries if one.symbol == first.symbol]
-                unit = forms.affine_unit(first.name)
-                words = Words(first.symbol.replace("m_", "M_"))
-                found.append(make(model, first.symbol, words, terms, unit))
+        if form_of is not forms.Q and forms.TEMPERATURE in model.valid:
+            for symbol, terms, unit in forms.list_polynomials(model):
+                words = Words(symbol.replace("m_", "M_"))
+                found.append(make(model, symbol, words, terms, unit))
     return found
 
 
