@@ -290,13 +290,16 @@ def sensitivity(residual: Residual, shifted: Residual, fit: Fit) -> Array:
     dβ = -(Jᵀ V⁻¹ J)⁻¹ (Jᵀ V⁻¹ dr + dJᵀ V⁻¹ r), dr and dJ the changes of the residuals and of their
     derivatives.
     """
+    if fit.members:
+        changes = [sensitivity(residual, shifted, member) for member in fit.members]
+        return np.asarray(fit.weights @ changes)
     p = fit.parameters
-    J = derivative(lambda q: residual(q).ravel(), p)
-    dJ = derivative(lambda q: shifted(q).ravel(), p) - J
-    VJ = fit.precision(J)
-    change = VJ.T @ (shifted(p) - residual(p)).ravel()
-    change += dJ.T @ fit.precision(fit.residual[:, None])[:, 0]
-    return np.asarray(-np.linalg.solve(J.T @ VJ, change), dtype=np.float64)
+    dr = (shifted(p) - residual(p)).ravel()
+    dJ = derivative(lambda q: (shifted(q) - residual(q)).ravel(), p)
+    # (Jᵀ V⁻¹ J)⁻¹ = G V Gᵀ, 0 for a parameter that is not fitted
+    inverse = np.tensordot(fit.variances, fit.slopes, 1)
+    Vr = fit.precision(fit.residual[:, None])[:, 0]
+    return np.asarray(-(fit.gain @ dr + inverse @ (dJ.T @ Vr)), dtype=np.float64)
 
 
 def _product(matrix: Array, error: Shared) -> Array:

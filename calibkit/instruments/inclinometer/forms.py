@@ -14,6 +14,7 @@ from calibkit.forms import Form, Inputs
 from calibkit.instruments.inclinometer.noise import Noise
 from calibkit.instruments.inclinometer.numeric import scale_prior
 from calibkit.instruments.inclinometer.numeric.root_choice import Prior
+from calibkit.instruments.inclinometer.numeric.scale_fit import ScaleOverTemperature
 
 FILE = "inclinometer_scale.json"
 TEMPERATURE = "temp_case_degc"
@@ -87,6 +88,8 @@ class ScaleFit:
     effective_dof: Array | None = None
     components: tuple[Component, ...] = ()
     flags: tuple[str, ...] = ()
+    over: ScaleOverTemperature | None = None
+    """None of a single root."""
 
     def write(self, axis: str) -> Model:
         """Model of the gyro on an axis; its parameters are the scatter of s and the noise of the

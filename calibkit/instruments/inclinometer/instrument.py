@@ -77,7 +77,7 @@ def _fit(
         tuple(Input.of(log) for log in logs),
         tables.summarize(fits, stations, seen, result.flags, spec),
         tables.collect_drawing(fits, stations, seen, spec),
-        sensitivities=sensitivities.find(rows, spec.on_site()),
+        sensitivities=sensitivities.find(fits, rows, spec.on_site()),
         left_out=_list_left_out(stations),
     )
 

@@ -13,7 +13,8 @@ from calibkit.coefficients import Component
 from calibkit.fit.shared import Shared
 from calibkit.frame import Remark
 from calibkit.instruments.inclinometer.forms import MOUNTING
-from calibkit.instruments.inclinometer.numeric.covariance import angle_slopes
+from calibkit.instruments.inclinometer.numeric import published
+from calibkit.instruments.inclinometer.numeric.covariance import angle_slopes, root_gradient
 from calibkit.instruments.inclinometer.numeric.published import Components, Sensor
 from calibkit.instruments.inclinometer.numeric.root_choice import Solution
 from calibkit.instruments.inclinometer.numeric.scale_fit import ScaleOverTemperature
@@ -46,8 +47,7 @@ class Circumstances:
         cls, found: Solution, stations: Stations, spec: InclinometerRecipe, axis: Sensor
     ) -> Self:
         """Circumstances of stations of which s is known."""
-        parts = stations.components[axis]
-        by_root, _ = _slopes(found, parts, spec, _turned(parts))
+        by_root = root_slopes(found.s_root, stations, spec, axis)
         tool = np.zeros(by_root.size, dtype=np.int64)
         offered = [
             Shared(
@@ -153,6 +153,16 @@ class Mounted:
         return cls(
             np.fmax.reduce(by_turn), own + index + (largest * turn_deg) ** 2, np.asarray(stated)
         )
+
+
+def root_slopes(s_root: Array, stations: Stations, spec: InclinometerRecipe, axis: Sensor) -> Array:
+    """Derivatives [n] of roots by a turn of the gyro [1/°]."""
+    parts = stations.components[axis]
+    attitude = published.attitude(parts.accel_x, parts.accel_y)
+    latitude = np.full(s_root.size, spec.site.latitude_deg)
+    gradient = root_gradient(parts, attitude, latitude, s_root)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.radians(np.sum(gradient[:, :4] * _turned(parts), axis=1)))
 
 
 def _slopes(

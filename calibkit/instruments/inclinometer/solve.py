@@ -243,6 +243,7 @@ def _fit_over_temperature(
         over.left_out,
         over.effective_dof,
         *shared.state(over),
+        over,
     )
 
 

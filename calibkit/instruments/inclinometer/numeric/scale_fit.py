@@ -19,7 +19,7 @@ from calibkit.errors import FitError
 from calibkit.fit.complex_step import Numbers
 from calibkit.fit.orders import average, orders
 from calibkit.fit.shared import Shared
-from calibkit.fit.solve import Fit, solve
+from calibkit.fit.solve import Fit, sensitivity, solve
 from calibkit.instruments.inclinometer.numeric.root_choice import Prior, Solution
 from calibkit.numeric import gum
 from calibkit.numeric.least_squares import polynomial
@@ -59,6 +59,8 @@ class ScaleOverTemperature:
 
     fit: Fit
     """Of s0 … sn in powers of x and of the turn [°]."""
+    roots: Roots
+    """That were fitted."""
     to_raw: Array
     """[n + 1, n + 1], matrix from powers of x to powers of °C."""
     valid_degc: tuple[float, float]
@@ -81,7 +83,7 @@ class ScaleOverTemperature:
     @property
     def covariance(self) -> Array:
         """[n + 1, n + 1], type A."""
-        return gum.propagate(self.to_raw, self.fit.covariance[:-1, :-1])
+        return self.fit.covariance_of(lambda p: self.to_raw @ p[:-1])
 
     @property
     def effective_dof(self) -> Array:
@@ -117,6 +119,16 @@ class ScaleOverTemperature:
             return 0.0, 0.0
         by_chance = 2.0 * float(stdtr(turn.dof[0], -abs(angle) / u))
         return angle, u if by_chance <= BY_CHANCE else 0.0
+
+    def shifted(self, s: Array, turn: Array, temp_degc: Array) -> Array:
+        """Change of the coefficients [n + 1] where roots, derivatives by a turn and temperatures of
+        all stations are others, the weights held.
+        """
+        low, high = self.valid_degc
+        x = (2.0 * temp_degc - low - high) / (high - low or 2.0)
+        moved = replace(self.roots, s=s[self.used], turn=turn[self.used], x=x[self.used])
+        held, other = partial(residual, roots=self.roots), partial(residual, roots=moved)
+        return np.asarray(self.to_raw @ sensitivity(held, other, self.fit)[:-1])
 
 
 def scale(p: Numbers, x: Array) -> Numbers:
@@ -205,7 +217,7 @@ def fit_over_temperature(
     to_raw = np.asarray(polynomial.to_raw_powers(middle, half, highest), dtype=np.float64)
     left_out = _leave_out(fit, every, roots, used)
     fixed = enough and not separable
-    return ScaleOverTemperature(fit, to_raw, limits, used, left_out, separable, fixed)
+    return ScaleOverTemperature(fit, roots, to_raw, limits, used, left_out, separable, fixed)
 
 
 def _used_roots(every: Roots, used: Mask) -> Roots:
