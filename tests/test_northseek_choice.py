@@ -11,11 +11,10 @@ import pytest
 
 from calibkit.errors import FitError
 from calibkit.fit.shared import Shared
-from calibkit.instruments.inclinometer import simulate
+from calibkit.instruments.inclinometer import published, simulate
 from calibkit.instruments.inclinometer.numeric import (
     closure,
     covariance as northseek_covariance,
-    published,
     root_choice,
     scale_fit,
     scale_prior,
@@ -209,10 +208,10 @@ def test_derivatives_are_those_of_differences():
         )
         return root[0], psi[0]
 
-    found = published.attitude(parts.accel_x, parts.accel_y)
     s = np.array([both(values)[0]])
-    by_root = northseek_covariance.root_gradient(parts, found, latitude, s)[0]
-    by_psi, by_s = northseek_covariance._azimuth_gradient(parts, found, latitude, s)
+    plus, none, one = np.array([True]), np.zeros(1), np.ones(1)
+    by_root = northseek_covariance.slopes(parts, latitude, plus, one, none)[0, 4]
+    by_psi = northseek_covariance.slopes(parts, latitude, plus, none, s)[0, 3]
     step = 1e-6 * np.maximum(np.abs(values), 0.1)
     for k in range(5):
         up, down = values.copy(), values.copy()
@@ -221,9 +220,9 @@ def test_derivatives_are_those_of_differences():
         root = (both(up)[0] - both(down)[0]) / (2.0 * step[k])
         psi = (both(up, s[0])[1] - both(down, s[0])[1]) / (2.0 * step[k])
         assert by_root[k] == pytest.approx(root, abs=1e-6 * np.abs(by_root).max())
-        assert by_psi[0, k] == pytest.approx(psi, abs=1e-6 * np.abs(by_psi).max())
+        assert by_psi[k] == pytest.approx(psi, abs=1e-6 * np.abs(by_psi).max())
     slope = (both(values, s[0] + 1e-6)[1] - both(values, s[0] - 1e-6)[1]) / 2e-6
-    assert by_s[0] == pytest.approx(slope, rel=1e-6)
+    assert by_psi[5] == pytest.approx(slope, rel=1e-6)
 
 
 def test_an_uncertain_latitude_is_in_the_azimuth():

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from calibkit.errors import FitError
-from calibkit.instruments.inclinometer import noise
+from calibkit.instruments.inclinometer import noise, published
 from calibkit.instruments.inclinometer.numeric import (
     closure,
-    published,
     root_choice,
     sinusoid_fit,
 )

@@ -12,7 +12,7 @@ from calibkit.instruments.inclinometer.forms import (
     ScaleFit,
     ScaleModel,
 )
-from calibkit.instruments.inclinometer.numeric.published import Sensor
+from calibkit.instruments.inclinometer.published import Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.solve import WRONG, SolvedStations
 from calibkit.instruments.inclinometer.stations import Stations

@@ -8,7 +8,7 @@ import numpy as np
 
 from calibkit.instruments.inclinometer.forms import ScaleFit
 from calibkit.instruments.inclinometer.numeric import root_choice
-from calibkit.instruments.inclinometer.numeric.published import Sensor
+from calibkit.instruments.inclinometer.published import Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.solve import SolvedStations
 from calibkit.instruments.inclinometer.stations import Stations

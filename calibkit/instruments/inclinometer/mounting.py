@@ -8,16 +8,15 @@ from typing import Self
 
 import numpy as np
 
-from calibkit.arrays import Array
+from calibkit.arrays import Array, Mask
 from calibkit.coefficients import Component
 from calibkit.fit.shared import Shared
 from calibkit.frame import Remark
 from calibkit.instruments.inclinometer.forms import MOUNTING
-from calibkit.instruments.inclinometer.numeric import published
-from calibkit.instruments.inclinometer.numeric.covariance import angle_slopes, root_gradient
-from calibkit.instruments.inclinometer.numeric.published import Components, Sensor
+from calibkit.instruments.inclinometer.numeric.covariance import AZIMUTH, root_slopes, slopes
 from calibkit.instruments.inclinometer.numeric.root_choice import Solution
 from calibkit.instruments.inclinometer.numeric.scale_fit import ScaleOverTemperature
+from calibkit.instruments.inclinometer.published import Components, Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.stations import Stations
 from calibkit.numeric.least_squares import components
@@ -47,7 +46,7 @@ class Circumstances:
         cls, found: Solution, stations: Stations, spec: InclinometerRecipe, axis: Sensor
     ) -> Self:
         """Circumstances of stations of which s is known."""
-        by_root = root_slopes(found.s_root, stations, spec, axis)
+        by_root = turn_slopes(found.root >= 0, stations, spec, axis)
         tool = np.zeros(by_root.size, dtype=np.int64)
         offered = [
             Shared(
@@ -127,18 +126,18 @@ class Mounted:
         """Azimuths whose gyros are turned by an unknown angle of standard deviation `turn_deg`;
         `[[errors.component]]` and type B terms on `azimuth_deg` and `position_deg` are stated.
         """
-        slopes = []
+        changes = []
         for axis, found in solutions.items():
             parts = stations.components[axis]
+            latitude = np.full(found.s.size, spec.site.latitude_deg)
+            rest = found.s - np.where(found.weight > 0.0, found.weight * found.s_root, 0.0)
+            jacobian = slopes(parts, latitude, found.root >= 0, found.weight, rest)
             # positions ±x and ±y that are turned to different sides by half an index error
-            sheared = [parts.accel_y, parts.accel_x, parts.gyro_y, parts.gyro_x]
-            slopes.append(
-                [
-                    _slopes(found, parts, spec, moved)[1]
-                    for moved in (_turned(parts), np.column_stack(sheared) / 2.0)
-                ]
-            )
-        by_turn, by_index = np.moveaxis(np.array(slopes), 0, 1)
+            sheared = np.column_stack([parts.accel_y, parts.accel_x, parts.gyro_y, parts.gyro_x])
+            moved = np.stack([_turned(parts), sheared / 2.0])
+            with np.errstate(invalid="ignore"):
+                changes.append(np.sum(jacobian[:, AZIMUTH, :4] * moved, axis=2))
+        by_turn, by_index = np.moveaxis(np.array(changes), 0, 1)
         largest = np.fmax.reduce(np.abs(by_turn))
         whole, own = (
             sum((one.sensitivity * one.standard_uncertainty) ** 2 for one in terms.components)
@@ -155,22 +154,13 @@ class Mounted:
         )
 
 
-def root_slopes(s_root: Array, stations: Stations, spec: InclinometerRecipe, axis: Sensor) -> Array:
+def turn_slopes(plus: Mask, stations: Stations, spec: InclinometerRecipe, axis: Sensor) -> Array:
     """Derivatives [n] of roots by a turn of the gyro [1/°]."""
     parts = stations.components[axis]
-    attitude = published.attitude(parts.accel_x, parts.accel_y)
-    latitude = np.full(s_root.size, spec.site.latitude_deg)
-    gradient = root_gradient(parts, attitude, latitude, s_root)
+    latitude = np.full(plus.size, spec.site.latitude_deg)
     with np.errstate(invalid="ignore"):
-        return np.asarray(np.radians(np.sum(gradient[:, :4] * _turned(parts), axis=1)))
-
-
-def _slopes(
-    found: Solution, parts: Components, spec: InclinometerRecipe, moved: Array
-) -> tuple[Array, Array]:
-    """Derivatives [n] of root and azimuth by an angle."""
-    latitude = np.full(found.s.size, spec.site.latitude_deg)
-    return angle_slopes(parts, latitude, found.s, found.s_root, found.weight, moved)
+        gradient = root_slopes(parts, latitude, plus) * _turned(parts)
+    return np.asarray(np.radians(np.sum(gradient, axis=1)))
 
 
 def _turned(parts: Components) -> Array:

@@ -8,10 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from calibkit.arrays import Array
-from calibkit.instruments.inclinometer import mounting, stations
+from calibkit.instruments.inclinometer import mounting, published, stations
 from calibkit.instruments.inclinometer.forms import TEMPERATURE, ScaleFit
-from calibkit.instruments.inclinometer.numeric import published
-from calibkit.instruments.inclinometer.numeric.published import Sensor
+from calibkit.instruments.inclinometer.published import Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.rows import Rows
 from calibkit.sensitivities import ROUNDING, InputError, Sensitivity, of_thermometer
@@ -70,7 +69,7 @@ def _changes(
         if fit.over is None:
             changes[axis] = s[fit.used] - before[fit.used]
             continue
-        turn = mounting.root_slopes(s, shifted, spec, axis)
+        turn = mounting.turn_slopes(nearer, shifted, spec, axis)
         changes[axis] = fit.over.shifted(s, turn, np.nan_to_num(shifted.temperature))
     return changes
 

@@ -18,10 +18,10 @@ from calibkit.instruments.inclinometer.numeric import (
     scale_prior,
     sensor_pairs,
 )
-from calibkit.instruments.inclinometer.numeric.published import Sensor
 from calibkit.instruments.inclinometer.numeric.root_choice import Prior, Solution
 from calibkit.instruments.inclinometer.numeric.scale_prior import History
 from calibkit.instruments.inclinometer.numeric.sensor_pairs import Combined
+from calibkit.instruments.inclinometer.published import Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.stations import Stations
 from calibkit.numeric.attitude import wrapped

@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike
 
 from calibkit.arrays import Array, Integers, Mask
 from calibkit.errors import FitError
-from calibkit.instruments.inclinometer.numeric import published
-from calibkit.instruments.inclinometer.numeric.covariance import covariance, root_gradient
-from calibkit.instruments.inclinometer.numeric.published import Attitude, Components, Roots
+from calibkit.instruments.inclinometer import published
+from calibkit.instruments.inclinometer.numeric.covariance import covariance, root_slopes
+from calibkit.instruments.inclinometer.published import Attitude, Components, Roots
 from calibkit.numeric.attitude import wrapped
 
 LIKELIER = 3.0
@@ -174,13 +174,13 @@ def estimate_roots(
     spread = np.empty_like(s)
     psi = np.empty_like(s)
     for k in range(2):
-        gradient = root_gradient(parts, found, latitude, s[:, k])[:, :4]
+        gradient = root_slopes(parts, latitude, np.full(len(s), k == 0))
         with np.errstate(invalid="ignore"):
             spread[:, k] = np.sqrt(np.einsum("ni,nij,nj->n", gradient, parts.covariance, gradient))
         psi[:, k] = published.azimuth(
             parts.accel_x, parts.accel_y, s[:, k] * parts.gyro_x, s[:, k] * parts.gyro_y, latitude
         )
-    spread = np.where(np.isfinite(spread), spread, np.inf)
+    spread = np.where(np.isfinite(spread) & ~roots.clamped[:, None], spread, np.inf)
     with np.errstate(invalid="ignore"):
         apart = np.abs(roots.half_difference)[:, None] > limits.separation * spread
         usable = (s > 0.0) & (spread <= limits.s_uncertainty) & apart & ~roots.clamped[:, None]
@@ -257,12 +257,11 @@ def solve(
     )
     spread, by_latitude = covariance(
         parts,
-        found.attitude,
         latitude,
         latitude_uncertainty_deg,
-        s,
-        s_root,
+        column == 0,
         weight,
+        prior.s,
         prior.standard_uncertainty,
     )
     return _assemble(

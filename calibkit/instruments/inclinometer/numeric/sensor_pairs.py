@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibkit.arrays import Array, Mask
-from calibkit.instruments.inclinometer.numeric.published import full_circle
 from calibkit.instruments.inclinometer.numeric.root_choice import Solution, outer
+from calibkit.instruments.inclinometer.published import full_circle
 from calibkit.numeric.attitude import wrapped
 
 ANGLES = (0, 1, 3)

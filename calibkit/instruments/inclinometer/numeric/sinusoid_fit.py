@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from calibkit.arrays import Array, Integers
 from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.errors import FitError
-from calibkit.instruments.inclinometer.numeric.published import Components, Sensor
+from calibkit.instruments.inclinometer.published import Components, Sensor
 from calibkit.numeric.least_squares.fit import linear, undetermined
 
 NAMES = ("x", "y", "bias", "ramp")
