@@ -19,8 +19,7 @@ from calibkit.instruments.inclinometer.numeric.scale_fit import ScaleOverTempera
 from calibkit.instruments.inclinometer.published import Components, Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.stations import Stations
-from calibkit.numeric.least_squares import components
-from calibkit.recipe.shared_errors import components_of, state_sizes, warn_of_few_groups
+from calibkit.recipe.shared_errors import components_of, state_sizes, warn_of_few_levels
 from calibkit.recipe.type_b import terms_of
 
 SHOWN = 3.0
@@ -47,18 +46,13 @@ class Circumstances:
     ) -> Self:
         """Circumstances of stations of which s is known."""
         by_root = turn_slopes(found.root >= 0, stations, spec, axis)
-        tool = np.zeros(by_root.size, dtype=np.int64)
+        count = by_root.size
+        tool, every = np.zeros(count, dtype=np.int64), np.ones((count, 1))
+        loading = by_root[:, None]
         offered = [
-            Shared(
-                group=MOUNTING,
-                effect="gyro turn",
-                level=tool,
-                loading=by_root[:, None],
-                unit="deg",
-            )
+            Shared(group=MOUNTING, effect="gyro turn", level=tool, loading=loading, unit="deg")
         ]
         if stations.log.max() > 0:
-            every = np.ones((by_root.size, 1))
             offered.append(
                 Shared(group="log", effect="scale", level=stations.log, loading=every, unit="1")
             )
@@ -83,15 +77,8 @@ class Circumstances:
         listed = components_of(over.fit.shared)
         if size:
             listed = (*listed, Component(MOUNTING, "gyro turn", size, "deg", u or size, 1))
-        flags = warn_of_few_groups(
-            [
-                components.Component(
-                    error.group, error.effect, log.value, log.u, error.levels, log.dof, log.known
-                )
-                for log in over.fit.shared
-                if (error := log.error).group == "log"
-            ]
-        )
+        of_log = [log for log in over.fit.shared if log.error.group == "log"]
+        flags = warn_of_few_levels(of_log)
         if self.turn is not None and over.fixed:
             flags = (*flags, Remark(ONE_ATTITUDE))
         if abs(angle) > SHOWN * u > 0.0:
@@ -159,7 +146,7 @@ def turn_slopes(plus: Mask, stations: Stations, spec: InclinometerRecipe, axis: 
     parts = stations.components[axis]
     latitude = np.full(plus.size, spec.site.latitude_deg)
     with np.errstate(invalid="ignore"):
-        gradient = root_slopes(parts, latitude, plus) * _turned(parts)
+        gradient = root_slopes(parts, latitude, plus)[:, :4] * _turned(parts)
     return np.asarray(np.radians(np.sum(gradient, axis=1)))
 
 

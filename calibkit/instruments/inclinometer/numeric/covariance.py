@@ -45,9 +45,9 @@ def slopes(parts: Components, latitude_deg: Array, plus: Mask, weight: Array, re
 
 
 def root_slopes(parts: Components, latitude_deg: Array, plus: Mask) -> Array:
-    """Derivatives [n, 4] of roots s± by g_x, g_y [1/g], ω_x, ω_y [h/°]."""
+    """Derivatives [n, 5] of roots s± by g_x, g_y [1/g], ω_x, ω_y [h/°], α [1/rad]."""
     ones = np.ones(plus.size)
-    return slopes(parts, latitude_deg, plus, ones, 0.0 * ones)[:, ROOT, :4]
+    return slopes(parts, latitude_deg, plus, ones, 0.0 * ones)[:, ROOT, :5]
 
 
 def covariance(

@@ -79,7 +79,7 @@ def own_uncertainty(
     turn of the gyro [1/°].
     """
     none = np.zeros_like(parts.gyro_x)
-    gradient = root_slopes(parts, np.full(plus.size, latitude_deg), plus)
+    gradient = root_slopes(parts, np.full(plus.size, latitude_deg), plus)[:, :4]
     turned = np.column_stack([none, none, parts.gyro_y, -parts.gyro_x])
     sheared = np.column_stack([parts.accel_y, parts.accel_x, parts.gyro_y, parts.gyro_x]) / 2.0
     by_turn, by_index = (

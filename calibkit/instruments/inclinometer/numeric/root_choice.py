@@ -174,7 +174,7 @@ def estimate_roots(
     spread = np.empty_like(s)
     psi = np.empty_like(s)
     for k in range(2):
-        gradient = root_slopes(parts, latitude, np.full(len(s), k == 0))
+        gradient = root_slopes(parts, latitude, np.full(len(s), k == 0))[:, :4]
         with np.errstate(invalid="ignore"):
             spread[:, k] = np.sqrt(np.einsum("ni,nij,nj->n", gradient, parts.covariance, gradient))
         psi[:, k] = published.azimuth(

@@ -120,6 +120,20 @@ class ScaleOverTemperature:
         by_chance = 2.0 * float(stdtr(turn.dof[0], -abs(angle) / u))
         return angle, u if by_chance <= BY_CHANCE else 0.0
 
+    def further_error(self, by_error: Array, spare: int) -> tuple[float, float]:
+        """An error that all stations share by derivatives of the root [n], instead of a turn, and
+        its standard uncertainty; 0 where fewer than `spare` stations are left over, or they do not
+        separate it from s(T).
+        """
+        roots = replace(self.roots, turn=by_error[self.used])
+        order = len(self.to_raw) - 1
+        if len(roots.s) < order + 1 + spare or not _separates_turn(roots, order):
+            return 0.0, 0.0
+        errors = [size.error for size in self.fit.shared]
+        (fit,) = _fit_orders(roots, [order], errors, turned=True)
+        error = fit.of(lambda p: p[-1])
+        return float(error.value), float(error.u)
+
     def shifted(self, s: Array, turn: Array, temp_degc: Array) -> Array:
         """Change of the coefficients [n + 1] where roots, derivatives by a turn and temperatures of
         all stations are others, the weights held.
