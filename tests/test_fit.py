@@ -97,6 +97,14 @@ def test_an_optional_error_is_kept_where_the_likelihood_asks_for_it():
         assert len(fit.shared) == kept
 
 
+def test_an_optional_error_that_the_parameters_take_is_not_kept():
+    """A scale of one run is the slope of its line: nothing of it is left."""
+    x = np.linspace(0.5, 1.5, 30)
+    y = 2.0 * x + 1e-3 * np.random.default_rng(3).standard_normal(30)
+    effect = shared(np.zeros(30, dtype=int), x, optional=True)
+    assert solve(lambda p: p[0] * x - y, np.zeros(1), [effect]).shared == ()
+
+
 def test_an_error_below_a_bound_is_in_u_and_moves_no_value():
     """u² grows by the square of what the largest such error changes."""
     x = np.linspace(-1.0, 1.0, 9)
@@ -208,4 +216,4 @@ def test_sizes_of_errors_beside_a_known_noise_do_not_depend_on_the_unit():
         return [size.value / unit for size in fit.shared]
 
     assert sizes(1e-4) == pytest.approx(sizes(1.0), rel=1e-4)
-    assert 0.1 < min(sizes(1.0))
+    assert min(sizes(1.0)) > 0.1
