@@ -90,6 +90,14 @@ class Triad:
         return (temperature - self.middle) / self.half
 
     @property
+    def residual_rms(self) -> float:
+        """Root of the sum of squares of the residuals used over the degrees of freedom [g]; shared
+        errors are part of it.
+        """
+        used = self.residuals.ravel()[self.fit.used]
+        return float(np.sqrt(used @ used / max(self.fit.dof, 1)))
+
+    @property
     def noise(self) -> Array:
         """Standard deviation of the noise of a dwell [m] along each axis, or of its length [g]."""
         per_dwell = self.residuals.shape[1]
