@@ -55,7 +55,6 @@ INSTRUMENTS = (
     "gyro_triad",
     "bias_temperature",
     "inclinometer",
-    FAULTS,
 )
 """Modules of `intervals`; each has `list_cases()`, `simulate(case, number)` and `judge`."""
 FAST_S, MANY, FEWER, CHUNK = 0.2, 1000, 200, 20
@@ -152,7 +151,7 @@ def main(given: Sequence[str] | None = None) -> int:
     asked = parser.parse_args(given)
     if asked.python:
         return run_elsewhere(sys.argv[1:] if given is None else given)
-    modules = [importlib.import_module(f"intervals.{name}") for name in INSTRUMENTS]
+    modules = [importlib.import_module(f"intervals.{name}") for name in (*INSTRUMENTS, FAULTS)]
     cases = [case for module in modules for case in module.list_cases()]
     if asked.only:
         cases = [case for case in cases if all(text in str(case) for text in asked.only)]

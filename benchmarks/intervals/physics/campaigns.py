@@ -43,12 +43,28 @@ class Truth:
 
 
 @dataclass(frozen=True)
+class Applied:
+    """A log that the run compensates, and the true values of one of the columns."""
+
+    quantity: str
+    log: pd.DataFrame
+    column: str
+    truth: Array
+    """True values [n], in the unit of the column."""
+    expanded: str | float
+    """Column of the standard uncertainty, or largest error that is allowed where there is none."""
+    settings: Mapping[str, Any]
+    """Of the place of use, as keys of the recipe."""
+
+
+@dataclass(frozen=True)
 class Campaign:
     """Logs of a device, the recipe that fits them, and what is true of it."""
 
     recipe: Mapping[str, Any]
     logs: Mapping[str, pd.DataFrame]
     truth: Sequence[Truth]
+    applied: Applied | None = None
 
 
 @dataclass(frozen=True)
@@ -105,7 +121,8 @@ def fit(campaign: Campaign) -> Fitted:
         )
     )
     results = evaluation.RunResults.read(run)
-    error, half_width = defaultdict(list), defaultdict(list)
+    error: dict[str, Any] = defaultdict(list)
+    half_width: dict[str, Any] = defaultdict(list)
     for truth in campaign.truth:
         if truth.at is None:
             value, expanded = _read_number(stated, truth.key)
@@ -113,6 +130,9 @@ def fit(campaign: Campaign) -> Fitted:
             value, expanded = _evaluate(results, truth.key, truth.at)
         error[truth.quantity].append(value - truth.value)
         half_width[truth.quantity].append(expanded)
+    applied = campaign.applied
+    if applied is not None:
+        error[applied.quantity], half_width[applied.quantity] = _apply(run, applied)
     return Fitted(
         {name: np.array(values) for name, values in error.items()},
         {name: np.array(values) for name, values in half_width.items()},
@@ -120,6 +140,17 @@ def fit(campaign: Campaign) -> Fitted:
         tuple(run.document["flags"]),
         rejected=run.document["verdict"] == "rejected",
     )
+
+
+def _apply(run: api.Run, applied: Applied) -> tuple[Array, Array]:
+    """Errors and U [n] of a compensated log; angles are compared on the circle."""
+    frame = run.apply(applied.log, **applied.settings)
+    error = frame[applied.column].to_numpy() - applied.truth
+    if applied.column.endswith("_deg"):
+        error = (error + 180.0) % 360.0 - 180.0
+    if isinstance(applied.expanded, str):
+        return error, 2.0 * frame[applied.expanded].to_numpy()
+    return error, np.full(error.shape, applied.expanded)
 
 
 def _read_number(stated: Mapping[str, Array], key: str) -> tuple[float, float]:

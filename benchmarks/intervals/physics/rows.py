@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from intervals.physics import accelerometer, campaigns
+from intervals.physics import accelerometer, campaigns, gyro, inclinometer
 from intervals.rows import Case
 
 if TYPE_CHECKING:
@@ -18,7 +18,10 @@ if TYPE_CHECKING:
 
     from intervals.physics.campaigns import Fault, Fitted
 
-FAULTS = {f"{fault.procedure}, {fault.label}": fault for fault in accelerometer.FAULTS}
+FAULTS = {
+    f"{fault.procedure}, {fault.label}": fault
+    for fault in (*accelerometer.FAULTS, *gyro.FAULTS, *inclinometer.FAULTS)
+}
 COVERED, COVERED_OR_FLAGGED = 0.88, 0.95
 """Least shares: of truths within U where nothing is flagged, and of either."""
 FALSE_ALARMS = 0.01
@@ -49,7 +52,9 @@ class FaultRow:
     without the fault, of campaigns in which one does.
     """
     noted: float
-    """Share of campaigns in which nothing but a remark names the cause."""
+    """Share of campaigns that are not flagged and in which a remark names the cause, whether or
+    not it does without the fault.
+    """
     covered_or_flagged: float
     expanded: float
     """Mean U."""
@@ -120,11 +125,11 @@ def judge(case: Case, outcomes: Sequence[Outcome]) -> list[FaultRow]:
     fault = FAULTS[case.error]
     alarms = np.array([names_cause(fault, one.sound.flags) for one in outcomes])
     flagged = np.array([names_cause(fault, one.fault.flags) for one in outcomes]) & ~alarms
-    remarked = np.array([names_cause(fault, one.sound.notes) for one in outcomes])
-    noted = np.array([names_cause(fault, one.fault.notes) for one in outcomes]) & ~remarked
+    noted = np.array([names_cause(fault, one.fault.notes) for one in outcomes]) & ~flagged
+    remarked = np.array([names_cause(fault, one.sound.notes) for one in outcomes]) & ~alarms
     return [
-        *_judge(fault, [one.fault for one in outcomes], flagged, noted & ~flagged, present=True),
-        *_judge(fault, [one.sound for one in outcomes], alarms, remarked & ~alarms, present=False),
+        *_judge(fault, [one.fault for one in outcomes], flagged, noted, present=True),
+        *_judge(fault, [one.sound for one in outcomes], alarms, remarked, present=False),
     ]
 
 
@@ -161,10 +166,17 @@ def _judge(
                 float(flagged.mean()),
                 float(noted.mean()),
                 float(np.maximum(inside, flagged).mean()),
-                float(np.nanmean(np.concatenate(widths))) if widths else 0.0,
-                float(np.sqrt(np.nanmean(np.concatenate(errors) ** 2))) if errors else 0.0,
+                _mean(widths),
+                float(np.sqrt(_mean([error**2 for error in errors]))),
                 sum(one.refused for one in fits),
                 sum(one.rejected for one in fits),
             )
         )
     return rows
+
+
+def _mean(values: Sequence[np.ndarray]) -> float:
+    """Mean of all that are stated; 0 where none is."""
+    stated = np.concatenate([*values, np.empty(0)])
+    stated = stated[np.isfinite(stated)]
+    return float(stated.mean()) if stated.size else 0.0
