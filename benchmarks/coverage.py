@@ -9,7 +9,15 @@ instrument with one shared error of 0, 0.5, 1 or 3 times the noise of a dwell an
 Of a row is printed which share of the intervals covers the truth, with its binomial 99 % interval,
 and the mean half-width over that of generalised least squares with known standard deviations. A
 row fails whose binomial interval lies outside 92 to 99.9 %, or which is wider than 1.6 times
-(component given: 92 to 98 %, 1.15 times). With --results rows are kept in a file of JSON lines, and
+(component given: 92 to 98 %, 1.15 times).
+
+Rows of `intervals.physics` are of devices with a fault that their logs do not name, and of the same
+campaigns without it. Printed are the share of truths within U, the share of campaigns in which a
+flag names the cause, of those in which only a remark does, of either coverage or flag, and mean U.
+A row fails below 95 % of either or 88 % of coverage where nothing is flagged; without the fault
+where more than 1 % are flagged or any is refused or rejected.
+
+With --results rows are kept in a file of JSON lines, and
 those that are there are not simulated again; --sets 0 simulates none. --first draws the campaigns
 N … N + sets − 1 in place of 0 … sets − 1: seeds that a row has not been seen with. --python fits
 the same logs with the calibkit that another interpreter has installed. The page is written where

@@ -152,5 +152,5 @@ _row = partial(Fault, "inclinometer")
 FAULTS = (
     _row("latitude of the place of use", 0.5, "°", _latitude, "latitude"),
     _row("stations in one fixed fixture", 1.0, "", _fixture, "one attitude|not separable"),
-    _row("slope of s(T) over its noise", 1.5, "×", _slope, "order"),
+    _row("slope of s(T) over its noise", 1.5, "×", _slope, "order of"),
 )
