@@ -89,11 +89,11 @@ def on_table(
     nothing = np.zeros(zero.shape)
     clean = triad.indication(down, degc, nothing, nothing, np.zeros(3))
     moved = down + np.cross(turn, down)
-    shown = triad.indication(moved, degc, zero, nothing, np.zeros(3))
-    shown += np.asarray(noise_g) * rng.normal(size=shown.shape)
+    indication = triad.indication(moved, degc, zero, nothing, np.zeros(3))
+    indication += np.asarray(noise_g) * rng.normal(size=indication.shape)
     frame = {"temp_case_degc": degc}
     frame |= dict(zip(("inclination_deg", "toolface_deg"), SPOTS_DEG[spot].T, strict=True))
-    frame |= dict(zip((f"accel_{axis}_g" for axis in AXES), shown.T, strict=True))
+    frame |= dict(zip((f"accel_{axis}_g" for axis in AXES), indication.T, strict=True))
     recipe = {
         "procedure": "accelerometer",
         "logs": {"files": ["positions.csv"]},
@@ -105,7 +105,7 @@ def on_table(
     return Campaign(
         recipe,
         {"positions.csv": pd.DataFrame(frame)},
-        [one for one in truth if one.quantity in quantities],
+        [result for result in truth if result.quantity in quantities],
     )
 
 
@@ -128,8 +128,8 @@ def _of_vectors(triad: Triad) -> list[Truth]:
     for k, degc in enumerate(BETWEEN_DEGC):
         faces = np.outer((1.0, -1.0), np.eye(3)[k % 3])
         nothing = np.zeros(faces.shape)
-        shown = triad.indication(faces, np.full(2, degc), nothing, nothing, np.zeros(3))
-        for face, indicated in zip(faces, shown, strict=True):
+        indication = triad.indication(faces, np.full(2, degc), nothing, nothing, np.zeros(3))
+        for face, indicated in zip(faces, indication, strict=True):
             at = dict(zip((f"accel_{axis}_g" for axis in AXES), indicated.tolist(), strict=True))
             at["temp_case_degc"] = degc
             truth += [
@@ -169,9 +169,9 @@ def by_hand(
         down /= np.linalg.norm(down, axis=1)[:, None]
         zero = np.broadcast_to(session_zero_g * rng.normal(size=3), down.shape)
         degc = np.full(len(down), ROOM_DEGC)
-        shown = triad.indication(down, degc, zero, np.zeros(down.shape), np.full(3, second))
-        shown += noise_g * rng.normal(size=shown.shape)
-        frame = dict(zip((f"accel_{axis}_g" for axis in AXES), shown.T, strict=True))
+        indication = triad.indication(down, degc, zero, np.zeros(down.shape), np.full(3, second))
+        indication += noise_g * rng.normal(size=indication.shape)
+        frame = dict(zip((f"accel_{axis}_g" for axis in AXES), indication.T, strict=True))
         logs[f"session_{number}.csv"] = pd.DataFrame(frame)
     recipe: dict[str, Any] = {
         "procedure": "accelerometer",
@@ -184,7 +184,7 @@ def by_hand(
     bias = np.linalg.solve(triad.axes, triad.bias)
     truth = [Truth(BIAS, f"triad.b_{AXES[k]}0", float(bias[k])) for k in range(3)]
     truth += [Truth(SCALE, f"triad.m_{a}{a}0", float(matrix[k, k])) for k, a in enumerate(AXES)]
-    return Campaign(recipe, logs, [one for one in truth if one.quantity in quantities])
+    return Campaign(recipe, logs, [result for result in truth if result.quantity in quantities])
 
 
 def _index(rng: np.random.Generator, size: float) -> Campaign:

@@ -75,8 +75,8 @@ class Gyro:
 
     def best_slope(self, rates_dps: Array, degc: float) -> float:
         """Slope of the least-squares line over table rates at one temperature."""
-        shown = self.indication(rates_dps, np.full(rates_dps.size, degc))
-        return float(np.polyfit(rates_dps, shown, 1)[0])
+        indication = self.indication(rates_dps, np.full(rates_dps.size, degc))
+        return float(np.polyfit(rates_dps, indication, 1)[0])
 
 
 def draw(rng: np.random.Generator, axis: Array, **response: float) -> Gyro:
@@ -119,10 +119,10 @@ def log_run(
     rate = rates_dps + EARTH_DPS * np.sin(np.radians(LATITUDE_DEG))
     for name, gyro in gyros.items():
         zero = (zero_dps or {}).get(name, 0.0)
-        shown = gyro.indication(rate * float(gyro.axis @ turned) + zero, degc)
-        shown = shown * (1.0 + np.asarray((scale_error or {}).get(name, 0.0)))
+        indication = gyro.indication(rate * float(gyro.axis @ turned) + zero, degc)
+        indication = indication * (1.0 + np.asarray((scale_error or {}).get(name, 0.0)))
         noise = gyro.K * noise_dps * rng.normal(size=rate.size)
-        frame[f"gyro_{name}_lsb"] = shown + noise
+        frame[f"gyro_{name}_lsb"] = indication + noise
     return pd.DataFrame(frame)
 
 
@@ -168,7 +168,7 @@ def _log_triad(
     given standard deviations.
     """
     logs = {}
-    for number, held in enumerate(degc):
+    for number, soak_degc in enumerate(degc):
         for name, axis in zip(GYROS, np.eye(3), strict=True):
             errors = dict(zip(gyros, scale_ppm * PPM * rng.normal(size=3), strict=True))
             zeros = dict(zip(gyros, zero_dph / 3600.0 * rng.normal(size=3), strict=True))
@@ -176,7 +176,7 @@ def _log_triad(
                 rng,
                 gyros,
                 axis,
-                held,
+                soak_degc,
                 scale_error=errors,
                 zero_dps=zeros,
                 noise_dps=LOW_NOISE_DPS,
@@ -214,11 +214,11 @@ def _sign(rng: np.random.Generator, size: float) -> Campaign:
     logs = _log_triad(rng, gyros, degc)
     logs["about_x_3.csv"]["gyro_y_lsb"] *= 1.0 - 2.0 * size
     truth = [
-        Truth(CROSS, f"misalignment.{name}{about}{suffix}", float(gyro.axis[k]))
+        Truth(CROSS, f"misalignment.{name}{axis}{suffix}", float(gyro.axis[k]))
         for suffix in ("", ".at_-40", ".at_0", ".at_60")
         for name, gyro in gyros.items()
-        for k, about in enumerate(GYROS)
-        if name != about
+        for k, axis in enumerate(GYROS)
+        if name != axis
     ]
     return Campaign(_triad_recipe(), logs, truth)
 
@@ -244,13 +244,10 @@ def _over_temperature(
 ) -> Campaign:
     """A run at each temperature, with a relative error of its scale factor; K(T) by evaluate."""
     logs = {
-        f"run_{k}.csv": log_run(rng, {"x": gyro}, gyro.axis, held, scale_error={"x": error})
-        for k, (held, error) in enumerate(zip(degc, errors.tolist(), strict=True))
+        f"run_{k}.csv": log_run(rng, {"x": gyro}, gyro.axis, soak_degc, scale_error={"x": error})
+        for k, (soak_degc, error) in enumerate(zip(degc, errors.tolist(), strict=True))
     }
-    truth = [
-        Truth(K_CURVE, ".K_x", float(gyro.scale(held)), {"temp_case_degc": held})
-        for held in at_degc
-    ]
+    truth = [Truth(K_CURVE, ".K_x", float(gyro.scale(t)), {"temp_case_degc": t}) for t in at_degc]
     return Campaign(_recipe("rate_table"), logs, truth)
 
 
@@ -279,12 +276,12 @@ def _open_loop(rng: np.random.Generator, size: float) -> Campaign:
     top = {"top_dps": 150.0 / np.sqrt(0.06 * size), "top_per_degc": 2e-4} if size else {}
     gyro = replace(draw(rng, np.eye(3)[2], **top), per_degc=OPEN_LOOP_PER_DEGC)
     logs, truth = {}, []
-    for k, held in enumerate(np.linspace(-40.0, 60.0, 6).tolist()):
-        degc = held + 3.0 * (1.0 - np.exp(-np.arange(rates.size) / 6.0))
+    for k, start_degc in enumerate(np.linspace(-40.0, 60.0, 6).tolist()):
+        degc = start_degc + 3.0 * (1.0 - np.exp(-np.arange(rates.size) / 6.0))
         logs[f"run_{k}.csv"] = log_run(rng, {"x": gyro}, gyro.axis, degc, rates_dps=rates)
-    for held in (-20.0, 20.0, 60.0):
-        slope = gyro.best_slope(rates, held)
-        truth.append(Truth(K_CURVE, ".K_x", slope, {"temp_case_degc": held}))
+    for t in (-20.0, 20.0, 60.0):
+        slope = gyro.best_slope(rates, t)
+        truth.append(Truth(K_CURVE, ".K_x", slope, {"temp_case_degc": t}))
     degc = 10.0 + 3.0 * (1.0 - np.exp(-np.arange(rates.size) / 6.0))
     applied = Applied(
         "apply",

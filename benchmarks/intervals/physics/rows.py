@@ -123,13 +123,13 @@ def names_cause(fault: Fault, texts: Sequence[str]) -> bool:
 def judge(case: Case, outcomes: Sequence[Outcome]) -> list[FaultRow]:
     """Rows of a fault, and of the same campaigns without it."""
     fault = FAULTS[case.error]
-    alarms = np.array([names_cause(fault, one.sound.flags) for one in outcomes])
-    flagged = np.array([names_cause(fault, one.fault.flags) for one in outcomes]) & ~alarms
-    noted = np.array([names_cause(fault, one.fault.notes) for one in outcomes]) & ~flagged
-    remarked = np.array([names_cause(fault, one.sound.notes) for one in outcomes]) & ~alarms
+    alarms = np.array([names_cause(fault, outcome.sound.flags) for outcome in outcomes])
+    flagged = np.array([names_cause(fault, outcome.fault.flags) for outcome in outcomes]) & ~alarms
+    noted = np.array([names_cause(fault, outcome.fault.notes) for outcome in outcomes]) & ~flagged
+    remarked = np.array([names_cause(fault, outcome.sound.notes) for outcome in outcomes]) & ~alarms
     return [
-        *_judge(fault, [one.fault for one in outcomes], flagged, noted, present=True),
-        *_judge(fault, [one.sound for one in outcomes], alarms, remarked, present=False),
+        *_judge(fault, [outcome.fault for outcome in outcomes], flagged, noted, present=True),
+        *_judge(fault, [outcome.sound for outcome in outcomes], alarms, remarked, present=False),
     ]
 
 
@@ -143,18 +143,18 @@ def _judge(
 ) -> list[FaultRow]:
     """A row per quantity of campaigns that are flagged [n] or only noted [n]."""
     rows = []
-    quantities = dict.fromkeys(name for one in fits for name in one.error)
+    quantities = dict.fromkeys(name for fitted in fits for name in fitted.error)
     for quantity in quantities or ("",):
         # A refused campaign covers nothing; a result that is not stated covers nothing either.
         inside = np.zeros(len(fits))
         errors, widths = [], []
-        for k, one in enumerate(fits):
-            if quantity in one.error:
-                error, half_width = np.abs(one.error[quantity]), one.half_width[quantity]
-                inside[k] = float(np.mean(error <= half_width))
+        for k, fitted in enumerate(fits):
+            if quantity in fitted.error:
+                error, half_width = fitted.error[quantity], fitted.half_width[quantity]
+                inside[k] = float(np.mean(np.abs(error) <= half_width))
                 errors.append(error)
                 widths.append(half_width)
-        results = np.array([quantity in one.error for one in fits])
+        results = np.array([quantity in fitted.error for fitted in fits])
         rows.append(
             FaultRow(
                 fault.procedure,
@@ -168,8 +168,8 @@ def _judge(
                 float(np.maximum(inside, flagged).mean()),
                 _mean(widths),
                 float(np.sqrt(_mean([error**2 for error in errors]))),
-                sum(one.refused for one in fits),
-                sum(one.rejected for one in fits),
+                sum(fitted.refused for fitted in fits),
+                sum(fitted.rejected for fitted in fits),
             )
         )
     return rows
@@ -177,6 +177,6 @@ def _judge(
 
 def _mean(values: Sequence[np.ndarray]) -> float:
     """Mean of all that are stated; 0 where none is."""
-    stated = np.concatenate([*values, np.empty(0)])
-    stated = stated[np.isfinite(stated)]
-    return float(stated.mean()) if stated.size else 0.0
+    finite = np.concatenate([*values, np.empty(0)])
+    finite = finite[np.isfinite(finite)]
+    return float(finite.mean()) if finite.size else 0.0
