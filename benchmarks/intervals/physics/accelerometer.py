@@ -239,5 +239,6 @@ FAULTS = (
     _row("noise of a physical sensor", 1.0, "µg", _low_noise, "second order", sound=20.0),
     _row("hysteresis of the last attitude", 100.0, "µg", _memory, "hysteresis|last attitude"),
     _magnitude("second order of the sensors", 300.0, "µg/g²", _second_order, "second order"),
+    _magnitude("six faces, error of the set-up", 1.0, "°", _set_up, "angle|set-up"),
     _magnitude("six faces, error of the set-up", 2.0, "°", _set_up, "angle|set-up"),
 )

@@ -207,12 +207,10 @@ def _three_runs(rng: np.random.Generator, size: float) -> Campaign:
     return Campaign(_triad_recipe(), logs, truth)
 
 
-def _sign(rng: np.random.Generator, size: float) -> Campaign:
-    """Twelve runs of a triad; with a size of 1 the sign of y is turned in one about x."""
+def _twelve_runs(rng: np.random.Generator) -> Campaign:
+    """Runs of a triad about three axes at four temperatures."""
     gyros = _draw_triad(rng)
-    degc = (-40.0, 0.0, ROOM_DEGC, 60.0)
-    logs = _log_triad(rng, gyros, degc)
-    logs["about_x_3.csv"]["gyro_y_lsb"] *= 1.0 - 2.0 * size
+    logs = _log_triad(rng, gyros, (-40.0, 0.0, ROOM_DEGC, 60.0))
     truth = [
         Truth(CROSS, f"misalignment.{name}{axis}{suffix}", float(gyro.axis[k]))
         for suffix in ("", ".at_-40", ".at_0", ".at_60")
@@ -221,6 +219,22 @@ def _sign(rng: np.random.Generator, size: float) -> Campaign:
         if name != axis
     ]
     return Campaign(_triad_recipe(), logs, truth)
+
+
+def _sign(rng: np.random.Generator, size: float) -> Campaign:
+    """Twelve runs of a triad; with a size of 1 the sign of y is turned in one about x."""
+    campaign = _twelve_runs(rng)
+    campaign.logs["about_x_3.csv"]["gyro_y_lsb"] *= 1.0 - 2.0 * size
+    return campaign
+
+
+def _swapped(rng: np.random.Generator, size: float) -> Campaign:
+    """Twelve runs of a triad; with a size of 1 x and y are swapped in one about z."""
+    campaign = _twelve_runs(rng)
+    if size:
+        log = campaign.logs["about_z_3.csv"]
+        log[["gyro_x_lsb", "gyro_y_lsb"]] = log[["gyro_y_lsb", "gyro_x_lsb"]].to_numpy()
+    return campaign
 
 
 def _warming(rng: np.random.Generator, size: float) -> Campaign:
@@ -257,6 +271,13 @@ def _setting(rng: np.random.Generator, size: float) -> Campaign:
     errors = PPM * rng.normal(size=len(degc))
     errors[-1] += size * PPM
     return _over_temperature(rng, draw(rng, np.eye(3)[2]), degc, errors, (-20.0, 20.0, 60.0))
+
+
+def _fahrenheit(rng: np.random.Generator, size: float) -> Campaign:
+    """The same runs; with a size of 1 the thermometer of that at 40 °C is logged in °F."""
+    campaign = _setting(rng, 0.0)
+    campaign.logs["run_6.csv"]["temp_case_degc"] += size * (32.0 + 0.8 * 40.0)
+    return campaign
 
 
 def _curve(rng: np.random.Generator, size: float) -> Campaign:
@@ -310,6 +331,7 @@ FAULTS = (
         _sign,
         "sign of|contradict|off what the other",
     ),
+    _triads("two gyros swapped in one of twelve logs", 1.0, "", _swapped, f"swap|{RUNS_APART}"),
     _tables("scale factor that warms up", 200.0, "ppm", _warming, "warm|transient"),
     _tables(
         "a run with another setting",
@@ -318,6 +340,7 @@ FAULTS = (
         _setting,
         "contradict|either|off what the other runs",
     ),
+    _tables("thermometer of a run in °F", 1.0, "", _fahrenheit, f"°F|degF|{RUNS_APART}"),
     _tables("K(T) bent", 5.0, "ppm", _curve, "bends"),
     _tables("open-loop response", 3.0, "%", _open_loop, "respon|bent"),
 )
