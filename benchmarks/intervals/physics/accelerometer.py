@@ -179,11 +179,11 @@ def by_hand(
         "reference": {"kind": "magnitude", "convention": "gravity"},
         "affine": {"enabled": False},
     }
-    # g = M G − b with G = S (A g + z): M = (S A)⁻¹, b = A⁻¹ z.
-    matrix = np.linalg.inv(triad.scale[:, None] * triad.axes)
-    bias = np.linalg.solve(triad.axes, triad.bias)
-    truth = [Truth(BIAS, f"triad.b_{AXES[k]}0", float(bias[k])) for k in range(3)]
-    truth += [Truth(SCALE, f"triad.m_{a}{a}0", float(matrix[k, k])) for k, a in enumerate(AXES)]
+    # G = S (A g + b), a = k G - z and g = a - C a: k_i = M_ii of M = (S A)⁻¹, z_i = k_i S_i b_i
+    scale = np.diag(np.linalg.inv(triad.scale[:, None] * triad.axes))
+    zero = scale * triad.scale * triad.bias
+    truth = [Truth(BIAS, f"triad.z_{a}0", float(zero[k])) for k, a in enumerate(AXES)]
+    truth += [Truth(SCALE, f"triad.k_{a}0", float(scale[k])) for k, a in enumerate(AXES)]
     return Campaign(recipe, logs, [result for result in truth if result.quantity in quantities])
 
 

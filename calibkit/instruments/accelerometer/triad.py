@@ -120,7 +120,8 @@ def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, lo
         _require_determined(terms, dwells.reference, dwells.temperature)
     residual, start, priors = _equation(dwells, terms, t, lengths=lengths)
     root = _root_weights(dwells, lengths=lengths)
-    values = solve(residual, start, priors=priors, noise=1.0 / root, names=terms.names).parameters
+    plain = solve(residual, start, priors=priors, noise=1.0 / root, names=terms.names)
+    values = plain.parameters
     used, structured = np.ones(root.size, dtype=np.bool_), tuple[Structure, ...]()
     if loss == "robust":
         labels = common_errors.label(
@@ -131,8 +132,11 @@ def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, lo
             slopes = derivative(lambda q: residual(q).ravel(), p)
             return residual(p).ravel() * root, slopes * root[:, None]
 
-        values, tough = robust.nonlinear(linearised, values, names=terms.names, groups=labels)
-        used[list(tough.suspects)], structured = False, tough.structured
+        tough_values, tough = robust.nonlinear(linearised, values, names=terms.names, groups=labels)
+        # six faces leave the angles to what is known of them, which such a fit does not know
+        if all(np.all(np.abs(prior.rows(tough_values)) < 5.0 * prior.size) for prior in priors):
+            values, structured = tough_values, tough.structured
+            used[list(tough.suspects)] = False
     along, gravity = np.broadcast_to(np.eye(3), (len(t), 3, 3)), dwells.reference
     if lengths:
         gravity = terms.corrected(values, dwells.indication, t)
