@@ -291,19 +291,27 @@ def solve(
     return replace(fit, noise_residual=-noise_residual * problem.relative, converged=converged)
 
 
-def sensitivity(residual: Residual, shifted: Residual, fit: Fit) -> Array:
-    """Change [p] of the parameters where an input of the rows is off, the weights held.
+def sensitivities(residual: Residual, shifted: Sequence[Residual], fit: Fit) -> list[Array]:
+    """Changes [p] of the parameters where an input of the rows is off, for each of several errors,
+    the weights held.
 
     dβ = -(Jᵀ V⁻¹ J)⁻¹ (Jᵀ V⁻¹ dr + dJᵀ V⁻¹ r), dr and dJ the changes of the residuals and of their
     derivatives.
     """
     p = fit.parameters
-    J = derivative(lambda q: residual(q).ravel(), p)
-    dJ = derivative(lambda q: shifted(q).ravel(), p) - J
-    VJ = fit.precision(J)
-    change = VJ.T @ (shifted(p) - residual(p)).ravel()
-    change += dJ.T @ fit.precision(fit.residual[:, None])[:, 0]
-    return np.asarray(-np.linalg.solve(J.T @ VJ, change), dtype=np.float64)
+    J = _jacobian(residual, p)
+    VJ, Vr = fit.precision(J), fit.precision(fit.residual[:, None])[:, 0]
+    changes = []
+    for moved in shifted:
+        dJ = _jacobian(moved, p) - J
+        normal = VJ.T @ (moved(p) - residual(p)).ravel() + dJ.T @ Vr
+        changes.append(np.asarray(-np.linalg.solve(J.T @ VJ, normal), dtype=np.float64))
+    return changes
+
+
+def _jacobian(residual: Residual, p: Array) -> Array:
+    """Derivatives [n, p] of the residuals, one after the other."""
+    return derivative(lambda q: residual(q).ravel(), p)
 
 
 def _product(matrix: Array, error: Shared) -> Array:
