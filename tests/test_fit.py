@@ -127,6 +127,22 @@ def test_an_outlier_is_left_out_and_a_level_that_stands_apart_is_not():
     assert np.flatnonzero(~fit.used).tolist() == [3]
 
 
+def test_an_outlier_alone_in_its_level_stays_left_out():
+    """Nothing tells its error from one of the level, of a size that no other level has."""
+    rng = np.random.default_rng(4)
+    level = np.append(np.repeat(np.arange(12), 4), 12)
+    y = rng.standard_normal(49) + np.where(level == 12, 1e3, 0.0)
+    fit = solve(
+        lambda p: p[0] - y,
+        np.zeros(1),
+        [shared(level, np.ones(49))],
+        used=level < 12,
+        leave_out=True,
+    )
+    assert np.flatnonzero(~fit.used).tolist() == [48]
+    assert fit.shared[0].value < 1.0
+
+
 def test_a_product_of_parameters_is_fitted_as_the_ratio_of_two_lines():
     """Of y = a (1 + b x), b is the slope over the zero of the straight line, with its u."""
     x = np.linspace(0.0, 1.0, 20)

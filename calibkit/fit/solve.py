@@ -553,8 +553,8 @@ class _Problem:
         chance of 0.5 % in the whole fit.
 
         What is left of a residual that was fitted is smaller than its noise, of one that was not
-        larger. Those of a level, or of one channel in it, of which most stand out have an error of
-        their own, and stay.
+        larger. Those of a level, or of one channel in it, of which most stand out together have an
+        error of their own, and stay.
         """
         from scipy.special import ndtri
 
@@ -571,8 +571,10 @@ class _Problem:
                 continue
             seen = level >= 0
             label = level[seen] * self.channels + self.channel[seen]
-            share = np.bincount(label, good[seen]) / np.maximum(np.bincount(label), 1)
-            good[seen] |= (share < MOST_OF_A_LEVEL)[label]
+            count = np.bincount(label)
+            share = np.bincount(label, good[seen]) / np.maximum(count, 1)
+            # a level of one residual has nobody to stand out with
+            good[seen] |= ((share < MOST_OF_A_LEVEL) & (count > 1))[label]
         return good
 
     def shortened(
