@@ -276,8 +276,7 @@ def solve(
         judged = used
         if leave_out:
             judged = problem.judge(noise_residual, solution, used, kept)
-        change = problem.shortened(p, change, lines, solution, kept, used)
-        p = p + change
+        p = p + problem.shortened(p, change, lines, solution, kept, used)
         half = lines.basis @ np.linalg.cholesky(solution.inverse[: len(p), : len(p)])
         u = np.linalg.norm(half, axis=1)
         rounding = np.finfo(np.float64).eps * np.abs(p)
