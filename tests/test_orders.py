@@ -6,7 +6,7 @@ from scipy import optimize
 
 from calibkit.fit import likelihood, orders
 from calibkit.fit.shared import Shared
-from calibkit.fit.solve import sensitivity, solve
+from calibkit.fit.solve import sensitivities, solve
 
 
 def polynomials(x, y, highest, shared=(), **options):
@@ -103,7 +103,7 @@ def test_an_average_moves_with_its_rows_as_its_members_refitted_do():
         W = np.linalg.inv(V)
         b = np.linalg.solve(X.T @ W @ X, X.T @ W @ moved_y)
         refits.append(np.append(b, np.zeros(2 - order)))
-    change = sensitivity(residual(x, y), residual(moved_x, moved_y), fit)
+    (change,) = sensitivities(residual(x, y), [residual(moved_x, moved_y)], fit)
     assert change == pytest.approx(fit.weights @ refits - fit.parameters, rel=1e-4, abs=1e-12)
 
 

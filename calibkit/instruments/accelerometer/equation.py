@@ -153,25 +153,25 @@ class Terms:
         """Values a [n, 3] of indications [n, 3] by equation (1); temperatures t [n] are in the unit
         that p is meant for.
         """
-        powers = np.vander(t, self.order + 1, increasing=True)
-        a = np.zeros(indication.shape, dtype=p.dtype)
+        k = np.zeros((self.order + 1, 3), dtype=p.dtype)
+        z = np.zeros_like(k)
         for value, term in zip(p, self.listed, strict=True):
-            if term.kind == "k":
-                a[:, term.axis] += value * powers[:, term.power] * indication[:, term.axis]
-            elif term.kind == "z":
-                a[:, term.axis] -= value * powers[:, term.power]
-        return a
+            if term.kind in ("k", "z"):
+                (k if term.kind == "k" else z)[term.power, term.axis] = value
+        powers = np.vander(t, self.order + 1, increasing=True)
+        return np.asarray(indication * (powers @ k) - powers @ z)
 
     def corrected(self, p: Numbers, indication: Array, t: Array) -> Numbers:
         """Gravity [n, 3] that indications [n, 3] mean: equations (1) and (2)."""
         a = self.compensated(p, indication, t)
-        g = a.copy()
+        c, d = np.zeros((3, 3), dtype=p.dtype), np.zeros((3, 3), dtype=p.dtype)
+        products = np.zeros_like(a)
         for value, term in zip(p, self.listed, strict=True):
             if term.kind == "c":
-                g[:, term.axis] -= value * t**term.power * a[:, term.factors[0]]
+                (d if term.power else c)[term.factors[0], term.axis] = value
             elif term.kind == "n":
-                g[:, term.axis] += value * np.prod(a[:, term.factors], axis=1)
-        return g
+                products[:, term.axis] += value * np.prod(a[:, term.factors], axis=1)
+        return np.asarray(a - a @ c - t[:, None] * (a @ d) + products)
 
     def axes(self, p: Numbers, t: float) -> Numbers:
         """Unit vectors [3, 3] of the sensitive axes at a temperature: rows of (I - C - D t)⁻¹."""

@@ -3,6 +3,7 @@ itself; scale factors, zero offsets and matrix entries over temperature.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -91,7 +92,24 @@ def _corrected(correction: Correction, axis: int, inputs: Sequence[Input], at: A
         for one in inputs
     }
     used = tuple((model, weights) for model, weights in parts if np.any(weights))
-    return Point(float(vectors[-1][0, axis]), used, slopes)
+    more = tuple(one for model, _ in used for one in _lack_of_fit(model))
+    return Point(float(vectors[-1][0, axis]), used, slopes, more)
+
+
+def _lack_of_fit(model: Model) -> tuple[tuple[Words, float, float], ...]:
+    """What K0 … K9 correct otherwise than the triad, as a further uncertainty [g]."""
+    words = Words("lack of fit of the K-factor", "K 系数的失拟")
+    return tuple(
+        (words, parameter.value, float("inf"))
+        for parameter in model.parameters
+        if parameter.name == "lack_of_fit" and parameter.value > 0.0
+    )
+
+
+def _component(model: Model, inputs: Sequence[Input]) -> Callable[[At], Point]:
+    """Component [g] that the K model of an axis corrects, as a function of its inputs."""
+    point = of_form(forms.K, model, inputs)
+    return lambda at: replace(point(at), more=_lack_of_fit(model))
 
 
 def _by_compensation(
@@ -124,7 +142,7 @@ def _of_models(record: Record, *, components: bool) -> list[Quantity]:
     for model in record.models:
         inputs = _inputs(model)
         if model.form == forms.K.name:
-            words, form = Words("corrected component", "修正分量"), of_form(forms.K, model, inputs)
+            words, form = Words("corrected component", "修正分量"), _component(model, inputs)
             found += [
                 make(model, "scale", Words("scale factor"), forms.SCALE_FACTOR, "1"),
                 make(model, "zero", Words("zero offset"), forms.ZERO_OFFSET, "g"),

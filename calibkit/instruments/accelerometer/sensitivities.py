@@ -10,6 +10,7 @@ from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.fit import TriadFit, list_models
 from calibkit.instruments.accelerometer.forms import COMPONENTS, TEMPERATURE
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
+from calibkit.instruments.accelerometer.triad import Triad
 from calibkit.sensitivities import (
     InputError,
     Sensitivity,
@@ -39,18 +40,20 @@ def find(fitted: TriadFit, dwells: DwellSet, spec: AccelerometerRecipe) -> tuple
     ):
         errors.append(InputError("gravity_mps2", "offset", GRAVITY_STEP * gravity))
 
-    def models(shifted: DwellSet) -> tuple[StageResult, ...]:
-        triad = fitted.triad.shifted(dwells, shifted)
-        k, _, q, affine = list_models(shifted, spec, triad)
-        moved = replace(fitted, k=k, q=q, affine=affine, intervals=())
-        return coefficient_files.list_results(moved, shifted, gravity, ())
-
-    def shift(error: InputError) -> tuple[StageResult, ...]:
+    def shift(error: InputError) -> DwellSet:
         field = FIELDS[error.input]
         values = getattr(dwells, field)
         if error.input == "gravity_mps2":  # what is logged in m/s² is divided by it
             assert gravity is not None  # noqa: S101 (no such error otherwise)
-            return models(replace(dwells, indication=values / (1.0 + error.step / gravity)))
-        return models(replace(dwells, **{field: error.shift(values)}))
+            return replace(dwells, indication=values / (1.0 + error.step / gravity))
+        return replace(dwells, **{field: error.shift(values)})
 
-    return differentiate(errors, models(dwells), shift)
+    def models(shifted: DwellSet, triad: Triad) -> tuple[StageResult, ...]:
+        k, _, q, affine = list_models(shifted, spec, triad)
+        moved = replace(fitted, k=k, q=q, affine=affine, intervals=())
+        return coefficient_files.list_results(moved, shifted, gravity, ())
+
+    shifted = [shift(error) for error in errors]
+    triads = fitted.triad.shifted(dwells, shifted)
+    results = dict(zip(errors, map(models, shifted, triads), strict=True))
+    return differentiate(errors, models(dwells, fitted.triad), results.__getitem__)

@@ -1,5 +1,6 @@
 """Dwells → the triad over temperature, by gravity vectors or by the length of gravity alone."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -9,7 +10,7 @@ from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.fit.complex_step import Numbers, derivative, length
 from calibkit.fit.shared import Prior, Residual, Shared
-from calibkit.fit.solve import Fit, sensitivity, solve
+from calibkit.fit.solve import Fit, sensitivities, solve
 from calibkit.instruments.accelerometer import circumstances, equation
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.equation import AXES, Terms
@@ -28,6 +29,10 @@ from calibkit.numeric.least_squares.structure import Structure
 Loss = Literal["least_squares", "robust"]
 Equation = tuple[Residual, Array, tuple[Prior, ...]]
 """Residual, where it starts, and what is known of the parameters."""
+MOST_TO_START = 1_000
+"""Dwells, evenly spread over more, to which the robust fit is made that others start from."""
+FAR = 6.0
+"""Residual over the noise beyond which a dwell beside these is left out to begin with."""
 LARGEST_ANGLE = 0.01
 """Misalignment [rad] beyond that of any triad: lengths in six positions do not see the angles."""
 
@@ -69,17 +74,19 @@ class Triad:
         )
         return values, covariance, self.fit.of(lambda p: self.to_degrees @ p).dof
 
-    def shifted(self, dwells: DwellSet, shifted: DwellSet) -> "Triad":
-        """The triad as it would be with the dwells shifted by an error of an input, the weights
+    def shifted(self, dwells: DwellSet, shifted: Sequence[DwellSet]) -> "list[Triad]":
+        """The triads as they would be with the dwells shifted by errors of inputs, the weights
         held.
         """
         lengths = self.residuals.shape[1] == 1
-        held, moved = (
+        residual, *moved = (
             _equation(one, self.terms, self.mapped_all(one.temperature), lengths=lengths)[0]
-            for one in (dwells, shifted)
+            for one in (dwells, *shifted)
         )
-        change = sensitivity(held, moved, self.fit)
-        return replace(self, fit=replace(self.fit, parameters=self.fit.parameters + change))
+        return [
+            replace(self, fit=replace(self.fit, parameters=self.fit.parameters + change))
+            for change in sensitivities(residual, moved, self.fit)
+        ]
 
     def mapped_all(self, temperature: Array) -> Array:
         """Temperatures [n] [°C] in the unit of the parameters."""
@@ -88,6 +95,14 @@ class Triad:
     def mapped(self, temperature: float) -> float:
         """A temperature [°C] in the unit of the parameters."""
         return (temperature - self.middle) / self.half
+
+    @property
+    def residual_rms(self) -> float:
+        """Root of the sum of squares of the residuals used over the degrees of freedom [g]; shared
+        errors are part of it.
+        """
+        used = self.residuals.ravel()[self.fit.used]
+        return float(np.sqrt(used @ used / max(self.fit.dof, 1)))
 
     @property
     def noise(self) -> Array:
@@ -112,19 +127,39 @@ def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, lo
         _require_determined(terms, dwells.reference, dwells.temperature)
     residual, start, priors = _equation(dwells, terms, t, lengths=lengths)
     root = _root_weights(dwells, lengths=lengths)
-    values = solve(residual, start, priors=priors, noise=1.0 / root, names=terms.names).parameters
+    plain = solve(residual, start, priors=priors, noise=1.0 / root, names=terms.names)
+    values = plain.parameters
     used, structured = np.ones(root.size, dtype=np.bool_), tuple[Structure, ...]()
     if loss == "robust":
         labels = common_errors.label(
             dwells.temperature, None if lengths else dwells.reference, per_dwell
         )
 
-        def linearised(p: Array) -> tuple[Array, Array]:
-            slopes = derivative(lambda q: residual(q).ravel(), p)
-            return residual(p).ravel() * root, slopes * root[:, None]
+        # evenly spread dwells are enough to start from: the solver judges all of them
+        spread = np.arange(len(t)) % (1 + (len(t) - 1) // MOST_TO_START) == 0
+        rows = np.flatnonzero(np.repeat(spread, per_dwell))
 
-        values, tough = robust.nonlinear(linearised, values, names=terms.names, groups=labels)
-        used[list(tough.suspects)], structured = False, tough.structured
+        def weighted(p: Numbers) -> Numbers:
+            return (residual(p).ravel() * root)[rows]
+
+        tough_values, tough = robust.nonlinear(
+            lambda p: (weighted(p), derivative(weighted, p)),
+            values,
+            names=terms.names,
+            groups=[label[rows] for label in labels],
+        )
+        # six faces leave the angles to what is known of them, which such a fit does not know
+        if all(np.all(np.abs(prior.rows(tough_values)) < 5.0 * prior.size) for prior in priors):
+            values = tough_values
+            structured = tuple(
+                replace(one, rows=np.flatnonzero(labels[one.group] == one.level))
+                for one in tough.structured
+            )
+            used = np.abs(residual(values).ravel() * root) <= FAR * tough.scale
+            for one in structured:
+                used[one.rows] = True
+            used[rows] = True
+            used[rows[list(tough.suspects)]] = False
     along, gravity = np.broadcast_to(np.eye(3), (len(t), 3, 3)), dwells.reference
     if lengths:
         gravity = terms.corrected(values, dwells.indication, t)

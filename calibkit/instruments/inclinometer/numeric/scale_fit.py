@@ -19,7 +19,7 @@ from calibkit.errors import FitError
 from calibkit.fit.complex_step import Numbers
 from calibkit.fit.orders import average, orders
 from calibkit.fit.shared import Shared
-from calibkit.fit.solve import Fit, sensitivity, solve
+from calibkit.fit.solve import Fit, sensitivities, solve
 from calibkit.instruments.inclinometer.numeric.root_choice import Prior, Solution
 from calibkit.numeric import gum
 from calibkit.numeric.least_squares import polynomial
@@ -142,7 +142,8 @@ class ScaleOverTemperature:
         x = (2.0 * temp_degc - low - high) / (high - low or 2.0)
         moved = replace(self.roots, s=s[self.used], turn=turn[self.used], x=x[self.used])
         held, other = partial(residual, roots=self.roots), partial(residual, roots=moved)
-        return np.asarray(self.to_raw @ sensitivity(held, other, self.fit)[:-1])
+        (change,) = sensitivities(held, [other], self.fit)
+        return np.asarray(self.to_raw @ change[:-1])
 
 
 def scale(p: Numbers, x: Array) -> Numbers:
