@@ -29,6 +29,7 @@ BETWEEN_DEGC = (-30.0, 0.0, 40.0, 80.0, 115.0)
 """Temperatures of corrected vectors that are compared with gravity."""
 DWELL_S, SETTLING_S = 120.0, 1500.0
 NOISE_G, MISALIGNED_RAD = 20e-6, 3e-3
+ROOM = {"temp_case_degc": ROOM_DEGC}
 UP = np.array([0.0, 0.0, 1.0])
 K_CROSS, K_SCALE, K_ZERO, VECTOR, Q3 = "K8, K9", "K0", "K4", "corrected vector", "Q3"
 NOISY, QUIET = "K of the noisy axis", "K of the quiet axes"
@@ -179,11 +180,16 @@ def by_hand(
         "reference": {"kind": "magnitude", "convention": "gravity"},
         "affine": {"enabled": False},
     }
-    # G = S (A g + b), a = k G - z and g = a - C a: k_i = M_ii of M = (S A)⁻¹, z_i = k_i S_i b_i
-    scale = np.diag(np.linalg.inv(triad.scale[:, None] * triad.axes))
-    zero = scale * triad.scale * triad.bias
-    truth = [Truth(BIAS, f"triad.z_{a}0", float(zero[k])) for k, a in enumerate(AXES)]
-    truth += [Truth(SCALE, f"triad.k_{a}0", float(scale[k])) for k, a in enumerate(AXES)]
+    # g = M G − b with G = S (A g + z): M = (S A)⁻¹, b = A⁻¹ z. Below the diagonal alone, a = k G − z
+    # and g = a − C a have k_i = M_ii; at G = 0 the corrected vector is −b in every form.
+    matrix = np.linalg.inv(triad.scale[:, None] * triad.axes)
+    bias = np.linalg.solve(triad.axes, triad.bias)
+    at_rest = {f"accel_{axis}_g": 0.0 for axis in AXES}
+    truth = []
+    for k, axis in enumerate(AXES):
+        truth.append(Truth(BIAS, f".corrected_{axis}", -float(bias[k]), at_rest | ROOM))
+        key = f"triad.k_{axis}0|triad.m_{axis}{axis}0"
+        truth.append(Truth(SCALE, key, float(matrix[k, k])))
     return Campaign(recipe, logs, [result for result in truth if result.quantity in quantities])
 
 

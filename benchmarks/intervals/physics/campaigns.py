@@ -36,8 +36,8 @@ class Truth:
     quantity: str
     """Row of the table that it belongs to."""
     key: str
-    """Pattern of ``model.name`` of a coefficient, or of a figure's name; where `at` is given, name
-    of a quantity of ``calibkit evaluate``.
+    """Patterns, with | between them, of ``model.name`` of a coefficient or of a figure; where
+    `at` is given, end of the name of a quantity of ``calibkit evaluate``.
     """
     value: float
     at: Mapping[str, float] | None = None
@@ -162,7 +162,7 @@ def _apply(run: api.Run, applied: Applied) -> tuple[Array, Array]:
 
 def _read_number(stated: Mapping[str, Array], key: str) -> tuple[float, float]:
     """Value and U of a coefficient or figure; NaN where the run does not state it."""
-    for name in fnmatch.filter(stated, key):
+    for name in (name for pattern in key.split("|") for name in fnmatch.filter(stated, pattern)):
         value, u, dof = stated[name]
         # A run that states no degrees of freedom means infinitely many.
         factor = student.ppf(PROBABILITY_95, dof) if np.isfinite(dof) else 2.0
@@ -176,7 +176,8 @@ def _evaluate(
     """Value and U of a quantity at a point; NaN where the run has none or does not know U there."""
     for quantity in results.quantities:
         if fnmatch.fnmatchcase(quantity.key, f"*{key}"):
-            (value,) = evaluation.evaluate(results, [quantity], [at])
+            inputs = {part.column: at[part.column] for part in quantity.inputs}
+            (value,) = evaluation.evaluate(results, [quantity], [inputs])
             expanded = value.result.uncertainty
             return float(value.result.value), (
                 np.nan if expanded is None else float(expanded.expanded_uncertainty)
