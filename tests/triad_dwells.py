@@ -57,3 +57,19 @@ def expanded(model):
     """Half-widths [p] of the 95 % intervals of a model's coefficients."""
     dof = np.array([model.dof_of(one) for one in model.coefficients])
     return stats.t.ppf(0.975, dof) * uncertainties(model)
+
+
+def nine(triad):
+    """Scale factors, biases and Q [9] of a triad of constant terms, with 95 % half-widths."""
+
+    def parameters(p):
+        k, z = p[:3], p[3:6]
+        inverse = np.eye(3, dtype=p.dtype)
+        inverse[(1, 2, 2), (0, 0, 1)] = -p[6:]
+        # g = (I - C) diag(k) (G - b), whose inverse is the sensitivity
+        row = np.linalg.inv(inverse)
+        stretch = np.sqrt(np.sum(row * row, axis=1))
+        return np.concatenate([stretch / k, z / k, triad.terms.small_angles(p, 0.0)])
+
+    value = triad.fit.of(parameters)
+    return value.value, stats.t.ppf(0.975, value.dof) * value.u

@@ -44,12 +44,10 @@ def state_errors(where: Circumstances, along: Array, spec: AccelerometerRecipe) 
         spec.errors,
         [one for one in listed if not (spec.affine.enabled and parameters.get(one.effect))],
     )
-    # no dwell tells a set-up from axes that are turned together
-    return [
-        one
-        for one in stated
-        if (one.group, one.effect) != shared_errors.SET_UP or one.size is not None
-    ]
+    # no dwell tells a set-up from axes that are turned together, nor a scale factor that all dwells
+    # share from that of the triad
+    alike = {shared_errors.SET_UP} | ({("soak", "scale")} if where.soak.max() == 0 else set())
+    return [one for one in stated if (one.group, one.effect) not in alike or one.size is not None]
 
 
 def warn_of_set_up(spec: AccelerometerRecipe) -> tuple[str, ...]:

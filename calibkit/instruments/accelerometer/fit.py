@@ -63,7 +63,7 @@ def fit_triad(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
     flags += warn_of_few_levels(triad.fit.shared, taken)
     flags += (*_name_suspects(triad, dwells), *_name_common(triad, dwells))
     if lengths:
-        flags += _warn_of_lengths(triad, _reference_temperature(dwells, spec))
+        flags += _warn_of_lengths(triad, dwells, _reference_temperature(dwells, spec))
     intervals: tuple[Figure, ...] = ()
     if bounded:
         intervals, doubts = _profile_intervals(dwells)
@@ -259,7 +259,17 @@ FEW_DOF = 5
 """Degrees of freedom below which the residuals are too few to judge the uncertainty."""
 
 
-def _warn_of_lengths(triad: Triad, temperature: float) -> tuple[str, ...]:
+def _attitude_condition(triad: Triad, dwells: DwellSet) -> float:
+    """Condition number of scale factors, zeros and angles as lengths at the attitudes see them;
+    that of the fit's own columns has the prior of the angles, and depends on the size of the zeros.
+    """
+    t = triad.mapped_all(dwells.temperature)
+    down = triad.terms.corrected(triad.fit.parameters, dwells.indication, t)
+    design = np.column_stack([down**2, down, down * np.roll(down, 1, axis=1)])
+    return float(np.linalg.cond(design / np.linalg.norm(design, axis=0)))
+
+
+def _warn_of_lengths(triad: Triad, dwells: DwellSet, temperature: float) -> tuple[str, ...]:
     """Flags for poorly determined parameters, poorly spread attitudes and unchecked dwells."""
     t, fit, listed = triad.mapped(temperature), triad.fit, triad.terms.listed
 
@@ -277,9 +287,10 @@ def _warn_of_lengths(triad: Triad, temperature: float) -> tuple[str, ...]:
             f"{len(triad.residuals)} dwells for {len(listed)} parameters leave {fit.dof} degrees"
             " of freedom: the residuals cannot vouch for these numbers"
         )
-    if fit.condition > ILL_CONDITIONED:
+    condition = _attitude_condition(triad, dwells)
+    if condition > ILL_CONDITIONED:
         flags.append(
-            f"ill-conditioned: condition number {fit.condition:.3g}, six faces have 1.7; add other"
+            f"ill-conditioned: condition number {condition:.3g}, six faces have 1.7; add other"
             " attitudes"
         )
     flags += [

@@ -260,6 +260,11 @@ def _of_lengths(dwells: DwellSet, terms: Terms, t: Array) -> Equation:
             hint="lower the orders",
         )
     sphere = magnitude.fit_sphere(dwells.indication, 1.0)
+    if determination.affine_rank((dwells.indication - sphere[3:6]) / sphere[:3]) < 4:
+        raise FitError(
+            "dwells on one cone or plane cannot determine the triad by the length of gravity",
+            hint="hold it in attitudes that are spread over the whole sphere",
+        )
     start = np.zeros(len(terms.listed))
     for k, term in enumerate(terms.listed):
         if term.power == 0 and term.kind == "k":
