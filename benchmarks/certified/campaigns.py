@@ -141,8 +141,8 @@ def accelerometer(number: int, _: Errors) -> tuple[Frames, Truth]:
 
 
 def accelerometer_magnitude(number: int, _: Errors) -> tuple[Frames, Truth]:
-    """A triad turned by hand: scale factors and Q; biases wander from the start of the log, at which
-    alone the truth states them.
+    """A triad turned by hand: scale factors and Q; biases wander from the start of the log, at
+    which alone the truth states them.
     """
     made = tumble.campaign(number)
     stated: Any = made.truth
