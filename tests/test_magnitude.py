@@ -9,7 +9,6 @@ from calibkit.instruments.accelerometer.equation import Terms
 from calibkit.instruments.accelerometer.fit import fit_triad
 from calibkit.instruments.accelerometer.numeric import magnitude, q_factor
 from calibkit.instruments.accelerometer.triad import solve_triad
-from calibkit.numeric.least_squares import gauss_newton
 from triad_dwells import collect, nine, recipe
 
 TRUTH = np.array([1.012, 0.985, 1.004, 0.011, -0.02, 0.007, 0.0043, -0.0087, 0.0121])
@@ -205,23 +204,3 @@ def test_many_rows_on_one_cone_are_refused():
     )
     with pytest.raises(FitError, match="cannot determine"):
         fitted(cone)
-
-
-def test_a_sample_that_determines_nothing_leaves_the_start_as_it_is():
-    """Where every evenly spread row is the same one, the fit of all begins where it was to
-    begin.
-    """
-    rng = np.random.default_rng(13)
-    direction = rng.normal(size=(1000, 3))
-    direction /= np.linalg.norm(direction, axis=1)[:, None]
-    direction[::5] = [0.6, 0.0, 0.8]
-    indication = direction * 1.02 + 0.01 + rng.normal(0.0, 1e-4, direction.shape)
-    begin = gauss_newton.fit_some_rows(
-        lambda at, rows: magnitude.length_residuals(
-            at, indication[rows], 1.0, np.ones(len(indication[rows]))
-        ),
-        np.ones(9),
-        1000,
-        enough=200,
-    )
-    assert (begin == np.ones(9)).all()

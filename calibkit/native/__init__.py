@@ -98,7 +98,6 @@ def _declare(library: CDLL) -> None:
         "run_medians": (None, (at, at, at, at, whole)),
         "bracketed": (whole, (at, whole, real, real, real, at, whole, at)),
         "components": (None, (at, whole, at, at)),
-        "squares": (None, (at, whole, whole, at)),
     }
     for name, (result, arguments) in kernels.items():
         kernel = getattr(library, f"calibkit_{name}")

@@ -83,19 +83,3 @@ void calibkit_components(const double *restrict rows, int64_t size, const double
         components[2 * size + i] = rows[3 * i + 2] - c;
     }
 }
-
-/* Sums of the squares of `count` rows of `size` values each, down the columns from the first row. */
-void calibkit_squares(const double *restrict rows, int64_t count, int64_t size, double *restrict sums)
-{
-    for (int64_t begin = 0; begin < size; begin += BLOCK) {
-        const int64_t part = size - begin < BLOCK ? size - begin : BLOCK;
-        double *restrict sum = sums + begin;
-        for (int64_t i = 0; i < part; i++)
-            sum[i] = rows[begin + i] * rows[begin + i];
-        for (int64_t k = 1; k < count; k++) {
-            const double *row = rows + k * size + begin;
-            for (int64_t i = 0; i < part; i++)
-                sum[i] += row[i] * row[i];
-        }
-    }
-}

@@ -69,16 +69,3 @@ def length_residuals(
         np.multiply(direction[i], shifted[j], out=row)
     np.matmul(-matrix.T, direction, out=slopes[6:])
     return (length - gravity) * root, slopes.T
-
-
-def sum_squares(rows: Array) -> Array:
-    """Sums [n] over k of the squares of rows [k, n], added from the first row to the last."""
-    library = kernels_for(rows)
-    if library is not None:
-        sums = np.empty(rows.shape[1])
-        library.calibkit_squares(rows.ctypes.data, *rows.shape, sums.ctypes.data)
-        return sums
-    added = rows[0] * rows[0]
-    for row in rows[1:]:
-        added += row * row
-    return np.asarray(added, dtype=np.float64)
