@@ -1,4 +1,5 @@
-"""Triads on a two-axis table in a chamber, and turned by hand: K, affine triad, Q, magnitude only.
+"""Triads on a two-axis table in a chamber, and turned by hand: K, triad over temperature, Q,
+magnitude only.
 
 The sensors are physical: magnets lose flux by an exponential law, the bias saturates as a spring's
 does. Errors act where they arise: on the sensor's zero, flux or second order, on the base, the
@@ -14,32 +15,19 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
+from scipy.optimize import least_squares
 
-from calibkit.errors import CalibkitError
-from calibkit.instruments.accelerometer import forms
-from calibkit.instruments.accelerometer.dwells import DwellSet
-from calibkit.instruments.accelerometer.errors import judge_lack_of_fit
-from calibkit.instruments.accelerometer.fit import fit_triad
-from calibkit.instruments.accelerometer.numeric import (
-    affine,
-    affine_model,
-    k_factor,
-    magnitude,
-    q_factor,
-)
-from calibkit.instruments.accelerometer.numeric.norms import lower_matrix
-from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
-from calibkit.numeric import gum
 from intervals import exact
+from intervals.physics.accelerometer import AXES, UP, fit_k, k_design
+from intervals.physics.campaigns import Campaign, Truth, fit
 from intervals.physics.triad import ROOM_DEGC, SPOTS_DEG, Triad, draw, gravity
 from intervals.rows import GROUPS, NONE, RATIOS, Case, Outcome
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable
 
     from numpy.typing import NDArray
-
-    from calibkit.coefficients import Model
 
     Array = NDArray[np.float64]
 
@@ -49,8 +37,9 @@ LOW_DEGC, HIGH_DEGC = -40.0, 125.0
 SOAK_H, DWELL_H = 1.5, 2.0 / 60.0
 BETWEEN_DEGC = np.array([-30.0, 0.0, 40.0, 80.0, 115.0])
 """Temperatures at which corrected vectors are judged, in two opposite faces each."""
-AT_ROOM_DEGC = np.full(5, ROOM_DEGC)
-"""Those of a triad that knows no temperature."""
+U_OVER_95 = 2.0 / exact.NORMAL_95
+"""U of a result over its 95 % half-width."""
+ZEROS, PARAMETERS, VECTOR, ANGLES = "K4–K7", "parameters", "corrected vector", "Q"
 ZERO, SCALE, INDEX, TILT, ECCENTRIC, SECOND, DRIFT = (
     "zero of a soak",
     "scale factor of a soak",
@@ -114,7 +103,7 @@ def _draw(rng: np.random.Generator, procedure: str) -> Triad:
     off = 1e-4 if procedure.startswith(K) else 3e-3
     axes = np.eye(3) + rng.normal(0.0, off, (3, 3))
     if procedure.startswith(LENGTH):
-        axes = q_factor.axes_from_angles(rng.normal(0.0, off, 3))
+        axes = np.eye(3) + np.tril(rng.normal(0.0, off, (3, 3)), -1)
     return draw(rng, axes)
 
 
@@ -164,7 +153,7 @@ def _size(case: Case, plan: _Plan) -> float:
 def _indicated(case: Case, triad: Triad, plan: _Plan, errors: Array) -> Array:
     """Noise-free indications [n, 3] with shared errors [q] in their own units."""
     zero, flux, second = np.zeros((len(plan.soak), 3)), np.zeros((len(plan.soak), 3)), np.zeros(3)
-    angle, base, turn = plan.angle, np.array([0.0, 0.0, 1.0]), np.zeros((len(plan.soak), 3))
+    angle, base, turn = plan.angle, UP, np.zeros((len(plan.soak), 3))
     if case.error == ZERO:
         zero = errors.reshape(-1, 3)[plan.soak]
     elif case.error == SCALE:
@@ -185,42 +174,124 @@ def _indicated(case: Case, triad: Triad, plan: _Plan, errors: Array) -> Array:
     return triad.indication(down, plan.degc, zero, flux, second)
 
 
-def _recipe(case: Case, plan: _Plan) -> AccelerometerRecipe:
+def _recipe(case: Case, plan: _Plan) -> dict[str, object]:
     """Recipe of a case."""
+    by_length = case.procedure.startswith(LENGTH)
     tables: dict[str, object] = {
         "procedure": "accelerometer",
-        "title": "a triad",
-        "logs": {"files": ["a.csv"]},
+        "logs": {"files": ["*.csv"]},
+        "reference": {"kind": "magnitude" if by_length else "attitude", "convention": "gravity"},
         "loss": "robust" if case.procedure.endswith(ROBUST) else "least_squares",
         "reference_temp_degc": ROOM_DEGC,
     }
     if case.given:
         # what is estimated whatever its size is stated too
-        sizes = {ZERO: 0.0, INDEX: 0.0} | {case.error: _size(case, plan)}
-        if case.procedure.startswith(LENGTH):
-            del sizes[INDEX]
-            sizes = {SECOND: 0.0} | sizes
-        tables["errors"] = {
-            "component": [
-                {
-                    "group": group,
-                    "effect": effect,
-                    "value": sizes[error],
-                    "unit": unit,
-                    "dof": 1000.0,
-                }
-                for error, (group, effect, unit) in COMPONENT.items()
-                if error in sizes
-            ]
-        }
+        sizes = {ZERO: 0.0, SECOND if by_length else INDEX: 0.0} | {case.error: _size(case, plan)}
+        stated = [(*COMPONENT[error], size) for error, size in sizes.items()]
+        keys = ("group", "effect", "unit", "value")
+        components = [dict(zip(keys, part, strict=True)) | {"dof": 1000.0} for part in stated]
+        tables["errors"] = {"component": components}
     if case.procedure.startswith(K):
-        tables |= {"affine": {"enabled": False}, "compensation": "k"}
-    elif case.procedure.startswith(LENGTH):
-        tables |= {"reference": {"kind": "magnitude"}, "k": {"enabled": False}}
+        return tables | {"affine": {"enabled": False}, "compensation": "k"}
+    if by_length:
         tables["affine"] = {"enabled": False}
-    else:
-        tables["k"] = {"enabled": False}
-    return AccelerometerRecipe.model_validate(tables, strict=False)
+    return tables | {"k": {"enabled": False}}
+
+
+@dataclass(frozen=True)
+class _Form:
+    """Triad over temperature t [°C] with its parameters p, and its truth.
+
+    a_i = G_i Σ k_in tⁿ − Σ z_in tⁿ
+    g_i = a_i − Σ_j (c_ij + d_ij t) a_j
+    """
+
+    order: int
+    pairs: tuple[tuple[int, int], ...]
+    """Axes i, j of the cross-axis terms."""
+
+    @classmethod
+    def of(cls, procedure: str) -> _Form:
+        """Cubics and six changing cross-axis terms; constants and three of them by length."""
+        if procedure.startswith(LENGTH):
+            return cls(0, ((1, 0), (2, 0), (2, 1)))
+        return cls(3, tuple((i, j) for i in range(3) for j in range(3) if i != j))
+
+    @property
+    def names(self) -> list[str]:
+        """Names [p] in coefficient files."""
+        powers = range(self.order + 1)
+        names = [f"{letter}_{axis}{n}" for letter in "kz" for axis in AXES for n in powers]
+        for letter in "cd" if self.order else "c":
+            names += [f"{letter}_{AXES[i]}{AXES[j]}" for i, j in self.pairs]
+        return names
+
+    @property
+    def units(self) -> Array:
+        """Sizes [p] that the parameters are solved in: temperature over 100 °C."""
+        powers = 100.0 ** -np.arange(self.order + 1.0)
+        cross = np.repeat((1.0, 0.01)[: 2 if self.order else 1], len(self.pairs))
+        return np.concatenate((np.tile(powers, 6), cross))
+
+    def _cross(self, p: Array, degc: Array) -> Array:
+        """Cross-axis terms [n, 3, 3] at temperatures [n]."""
+        terms = np.zeros((len(degc), 3, 3))
+        values = p[6 * (self.order + 1) :].reshape(-1, len(self.pairs))
+        for (i, j), column in zip(self.pairs, values.T, strict=True):
+            terms[:, i, j] = np.polynomial.polynomial.polyval(degc, column)
+        return terms
+
+    def corrected(self, p: Array, indication: Array, degc: Array) -> Array:
+        """Gravity [n, 3] that indications [n, 3] mean."""
+        powers = np.vander(degc, self.order + 1, increasing=True)
+        k, z = p[: 6 * (self.order + 1)].reshape(2, 3, -1)
+        a = indication * (powers @ k.T) - powers @ z.T
+        return np.asarray(a - np.einsum("nij,nj->ni", self._cross(p, degc), a))
+
+    def angles(self, p: Array) -> Array:
+        """Q1, Q2, Q3 [3] at room temperature: −z·e2, (y·e1)(z·e2) − z·e1, −y·e1."""
+        axes = np.linalg.inv(np.eye(3) - self._cross(p, np.array([ROOM_DEGC]))[0])
+        x, y, z = axes / np.linalg.norm(axes, axis=1)[:, None]
+        e2 = (y - (y @ x) * x) / np.sqrt(1.0 - (y @ x) ** 2)
+        return np.array([-z @ e2, (y @ x) * (z @ e2) - z @ x, -y @ x])
+
+    def solve(self, residual: Callable[[Array], Array]) -> Array:
+        """Parameters [p] with the least squares of a residual."""
+        start = np.array([float(name in ("k_x0", "k_y0", "k_z0")) for name in self.names])
+        tolerances = dict.fromkeys(("xtol", "ftol", "gtol"), 1e-14)
+        solved = least_squares(
+            lambda q: residual(q * self.units), start, jac="3-point", method="lm", **tolerances
+        )
+        return np.asarray(solved.x * self.units)
+
+    def slopes(self, function: Callable[[Array], Array], p: Array) -> Array:
+        """Derivatives [m, p]; the form is linear but for products of two parameters."""
+        steps = 1e-4 * self.units
+        moved = [
+            (function(p + step) - function(p - step)).ravel() / (2.0 * step.sum())
+            for step in np.diag(steps)
+        ]
+        return np.array(moved).T
+
+
+def _clean(triad: Triad, plan: _Plan) -> tuple[Array, Array]:
+    """Gravity and indications [n, 3] without any error."""
+    down, nothing = gravity(plan.angle, UP), np.zeros((len(plan.soak), 3))
+    return down, triad.indication(down, plan.degc, nothing, nothing, np.zeros(3))
+
+
+def _true_form(procedure: str, triad: Triad, plan: _Plan) -> Array:
+    """Parameters [p] by the same dwells without any error."""
+    form = _Form.of(procedure)
+    down, clean = _clean(triad, plan)
+
+    def residual(p: Array) -> Array:
+        vector = form.corrected(p, clean, plan.degc)
+        if procedure.startswith(LENGTH):
+            return np.linalg.norm(vector, axis=1) - 1.0
+        return (vector - down).ravel()
+
+    return form.solve(residual)
 
 
 def simulate(case: Case, number: int) -> Outcome:
@@ -234,176 +305,78 @@ def simulate(case: Case, number: int) -> Outcome:
     errors = _size(case, plan) * rng.normal(size=_latent(case))
     indicated = _indicated(case, triad, plan, errors)
     indicated = indicated + rng.normal(0.0, NOISE_G, indicated.shape)
-    try:
-        fitted = fit_triad(_dwells(case, plan, indicated), _recipe(case, plan))
-    except CalibkitError as error:
-        return Outcome({}, {}, refused=str(error))
-    wide = _exact(case)
     second = errors if case.error == SECOND else np.zeros(3)
-    if case.procedure.startswith(K):
-        inside, width = _judge_k(fitted.k, triad, plan, second, wide)
-    elif case.procedure.startswith(AFFINE):
-        assert fitted.affine is not None  # noqa: S101 (the recipe enables it)
-        assert fitted.q is not None  # noqa: S101
-        inside, width = _judge_affine(fitted.affine, fitted.q, triad, plan, second, wide)
-    else:
-        assert fitted.affine is not None  # noqa: S101
-        assert fitted.q is not None  # noqa: S101
-        inside, width = _judge_lengths(fitted.affine, fitted.q, triad, plan, second, wide)
-    flags = (*fitted.k_flags, *fitted.affine_flags)
-    warned = any(text in flag for flag in flags for text in FEW)
-    rejected = bool(judge_lack_of_fit(fitted.lack_of_fit))
-    return Outcome(inside, width, warned=warned, rejected=rejected)
+    truth = [*_true_coefficients(case.procedure, triad, plan)]
+    truth += _true_vectors(case.procedure, triad, second)
+    fitted = fit(Campaign(_recipe(case, plan), _logs(case, plan, indicated), truth))
+    if fitted.refused:
+        return Outcome({}, {}, refused=fitted.flags[0])
+    inside = {
+        name: (np.abs(error) <= fitted.half_width[name]).astype(np.float64)
+        for name, error in fitted.error.items()
+    }
+    wide = _exact(case)
+    width = {name: half / (U_OVER_95 * wide[name]) for name, half in fitted.half_width.items()}
+    warned = any(text in flag for flag in fitted.notes for text in FEW)
+    return Outcome(inside, width, warned=warned, rejected=fitted.rejected)
 
 
-def _dwells(case: Case, plan: _Plan, indicated: Array) -> DwellSet:
-    """Dwells of a campaign; by magnitude each session is a log."""
-    count = len(indicated)
-    by_length = case.procedure.startswith(LENGTH)
-    unknown = np.full(count, np.nan)
-    inclination, toolface = (unknown, unknown) if by_length else plan.angle.T
-    return DwellSet(
-        indicated,
-        plan.degc,
-        inclination,
-        toolface,
-        np.full(indicated.shape, np.nan),
-        3600.0 * plan.hours if case.error == DRIFT else unknown,
-        plan.soak if by_length else np.zeros(count, dtype=np.int64),
-        tuple(f"a.csv:{row}" for row in range(count)),
-        (),
-    )
+def _logs(case: Case, plan: _Plan, indicated: Array) -> dict[str, pd.DataFrame]:
+    """Logs of a campaign; by magnitude each session is a log."""
+    frame = pd.DataFrame(indicated, columns=[f"accel_{axis}_g" for axis in AXES])
+    if case.procedure.startswith(LENGTH):
+        return {f"{soak}.csv": part for soak, part in frame.groupby(plan.soak)}
+    frame["temp_case_degc"] = plan.degc
+    frame[["inclination_deg", "toolface_deg"]] = plan.angle
+    if case.error == DRIFT:
+        frame["time_s"] = 3600.0 * plan.hours
+    return {"a.csv": frame}
 
 
-Judged = tuple[dict[str, "Array"], dict[str, "Array"]]
+def _true_coefficients(procedure: str, triad: Triad, plan: _Plan) -> list[Truth]:
+    """Zero offsets K4 … K7; or parameters of the triad, and Q."""
+    if procedure.startswith(K):
+        down, clean = _clean(triad, plan)
+        return [
+            Truth(ZEROS, f"accel_{axis}.K{k}", float(row[k]))
+            for axis, row in zip(AXES, fit_k(clean, plan.degc, down), strict=True)
+            for k in range(4, 8)
+        ]
+    form, p = _Form.of(procedure), _true_form(procedure, triad, plan)
+    truth = [
+        Truth(PARAMETERS, f"triad.{name}", float(value))
+        for name, value in zip(form.names, p, strict=True)
+    ]
+    angles = form.angles(p).tolist()
+    return truth + [Truth(ANGLES, f"triad.Q{k}", value) for k, value in enumerate(angles, 1)]
 
 
-def _compare(
-    found: Sequence[tuple[str, Array, Array, Array, Array]], wide: dict[str, Array]
-) -> Judged:
-    """Whether truths are inside and how wide the intervals are, from (quantity, values, truths,
-    standard uncertainties, degrees of freedom).
-    """
-    inside, width = {}, {}
-    for name, values, truths, u, dof in found:
-        factor = np.array([gum.coverage_factor(float(d), probability=0.95) for d in dof])
-        inside[name] = (np.abs(values - truths) <= factor * u).astype(np.float64)
-        width[name] = factor * u / wide[name]
-    return inside, width
+def _faces(procedure: str) -> tuple[Array, Array]:
+    """Gravity [m, 3] and temperatures [m] at which corrected vectors are judged."""
+    degc = np.full(5, ROOM_DEGC) if procedure.startswith(LENGTH) else BETWEEN_DEGC
+    faces = np.vstack([(np.eye(3)[k % 3], -np.eye(3)[k % 3]) for k in range(len(degc))])
+    return faces, np.repeat(degc, 2)
 
 
-def _coefficients(model: Model) -> tuple[Array, Array, Array]:
-    """Values, standard uncertainties and degrees of freedom [p] of a model."""
-    listed = [(c.value, c.standard_uncertainty, model.dof_of(c)) for c in model.coefficients]
-    values, u, dof = np.array(listed).T
-    return values, u, dof
-
-
-def _corrected(
-    model: Model,
-    triad: Triad,
-    axes: Sequence[int],
-    second: Array,
-    held_degc: Array = BETWEEN_DEGC,
-) -> tuple[Array, ...]:
-    """Corrected components, their truth, standard uncertainties and degrees of freedom [m]."""
-    vectors, degc = _faces(held_degc)
-    at = forms.inputs(_at_faces(triad, second, held_degc), degc)
-    form = forms.K if len(axes) == 1 else forms.AFFINE
-    values = form.evaluate(model, at).reshape(len(degc), -1).ravel()
-    slopes = form.gradient(model, at).reshape(values.size, -1)
-    covariance, dof = np.array(model.covariance), _coefficients(model)[2]
-    u = np.sqrt(np.einsum("mp,pq,mq->m", slopes, covariance, slopes))
-    own = np.array([gum.degrees_of_freedom(row, covariance, dof) for row in slopes])
-    return values, vectors[:, list(axes)].ravel(), u, own
-
-
-def _at_faces(triad: Triad, second: Array, held_degc: Array = BETWEEN_DEGC) -> Array:
+def _at_faces(procedure: str, triad: Triad, second: Array) -> Array:
     """Indications [m, 3] at the faces of a sensor with an error of second order [3]."""
-    vectors, degc = _faces(held_degc)
+    vectors, degc = _faces(procedure)
     nothing = np.zeros(vectors.shape)
     return triad.indication(vectors, degc, nothing, nothing, second)
 
 
-def _faces(held_degc: Array = BETWEEN_DEGC) -> tuple[Array, Array]:
-    """Gravity [m, 3] and temperatures [m] at which corrected vectors are judged."""
-    faces = np.vstack([(np.eye(3)[k % 3], -np.eye(3)[k % 3]) for k in range(len(held_degc))])
-    return faces, np.repeat(held_degc, 2)
-
-
-def _true_k(triad: Triad, plan: _Plan) -> tuple[k_factor.KAxis, ...]:
-    """K of the same dwells without errors."""
-    down, nothing = gravity(plan.angle, np.array([0.0, 0.0, 1.0])), np.zeros((len(plan.soak), 3))
-    clean = triad.indication(down, plan.degc, nothing, nothing, np.zeros(3))
-    return k_factor.fit(clean, plan.degc, down)
-
-
-def _judge_k(
-    models: Sequence[Model], triad: Triad, plan: _Plan, second: Array, wide: dict[str, Array]
-) -> Judged:
-    """K4 … K7 and corrected components of three axes."""
-    truth = _true_k(triad, plan)
-    zeros, vectors = [], []
-    for axis, model in enumerate(models):
-        values, u, dof = _coefficients(model)
-        zeros.append(np.array([values[4:8], truth[axis].coefficients[4:8], u[4:8], dof[4:8]]))
-        vectors.append(np.array(_corrected(model, triad, [axis], second)))
-    parts = {"K4–K7": np.hstack(zeros), "corrected vector": np.hstack(vectors)}
-    return _compare([(name, *part) for name, part in parts.items()], wide)
-
-
-def _affine_truth(triad: Triad, plan: _Plan) -> affine.AffineFit:
-    """Affine triad of the same dwells without errors."""
-    down, nothing = gravity(plan.angle, np.array([0.0, 0.0, 1.0])), np.zeros((len(plan.soak), 3))
-    clean = triad.indication(down, plan.degc, nothing, nothing, np.zeros(3))
-    return affine.fit(clean, plan.degc, down)
-
-
-def _judge_affine(
-    model: Model, q: Model, triad: Triad, plan: _Plan, second: Array, wide: dict[str, Array]
-) -> Judged:
-    """Affine parameters, corrected components, and Q at the reference temperature."""
-    truth = _affine_truth(triad, plan)
-    values, u, dof = _coefficients(model)
-    angles, u_q, dof_q = _coefficients(q)
-    return _compare(
-        [
-            ("affine parameters", values, truth.coefficients, u, dof),
-            ("corrected vector", *_corrected(model, triad, [0, 1, 2], second)),
-            ("Q", angles, truth.evaluate_q(ROOM_DEGC)[0], u_q, dof_q),
-        ],
-        wide,
-    )
-
-
-def _lengths(parameters: Array, indication: Array) -> Array:
-    """Lengths [n] of corrected vectors by the nine parameters."""
-    axes = q_factor.axes_from_angles(parameters[6:9])
-    matrix = q_factor.exact_matrix(axes) / parameters[:3]
-    return np.asarray(np.linalg.norm((indication - parameters[3:6]) @ matrix.T, axis=1))
-
-
-def _judge_lengths(
-    model: Model, q: Model, triad: Triad, plan: _Plan, second: Array, wide: dict[str, Array]
-) -> Judged:
-    """Constant matrix and bias, corrected components, and Q, from lengths alone."""
-    truth = _true_lengths(triad, plan)
-    values, u, dof = _coefficients(model)
-    angles, u_q, dof_q = _coefficients(q)
-    return _compare(
-        [
-            ("matrix and bias", values, truth.as_affine()[1], u, dof),
-            ("corrected vector", *_corrected(model, triad, [0, 1, 2], second, AT_ROOM_DEGC)),
-            ("Q", angles, truth.parameters[6:], u_q, dof_q),
-        ],
-        wide,
-    )
-
-
-def _true_lengths(triad: Triad, plan: _Plan) -> magnitude.MagnitudeFit:
-    """Nine parameters of the same dwells without errors."""
-    down, nothing = gravity(plan.angle, np.array([0.0, 0.0, 1.0])), np.zeros((len(plan.soak), 3))
-    return magnitude.fit(triad.indication(down, plan.degc, nothing, nothing, np.zeros(3)))
+def _true_vectors(procedure: str, triad: Triad, second: Array) -> list[Truth]:
+    """Components of gravity at the faces; by K axis after axis, as its models are."""
+    faces, degc = _faces(procedure)
+    indicated = _at_faces(procedure, triad, second)
+    truth = []
+    for face, shown, t in zip(faces.tolist(), indicated.tolist(), degc.tolist(), strict=True):
+        at = {f"accel_{axis}_g": value for axis, value in zip(AXES, shown, strict=True)}
+        for axis, component in zip(AXES, face, strict=True):
+            by_k = procedure.startswith(K)
+            key = f".accel_{axis}.component" if by_k else f".corrected_{axis}"
+            truth.append(Truth(VECTOR, key, component, at | {"temp_case_degc": t}))
+    return truth
 
 
 @lru_cache(maxsize=8)
@@ -415,112 +388,64 @@ def _exact(case: Case) -> dict[str, Array]:
     step = max(size, NOISE_G)
     moved = [_indicated(case, triad, plan, step * row) - clean for row in np.eye(count)]
     shared = np.array(moved).reshape(count, clean.size).T * (size / step)
+    second = size if case.error == SECOND else 0.0
     if case.procedure.startswith(K):
-        return _exact_k(triad, plan, clean, shared, size if case.error == SECOND else 0.0)
-    if case.procedure.startswith(AFFINE):
-        return _exact_affine(triad, plan, clean, shared, size if case.error == SECOND else 0.0)
-    return _exact_lengths(triad, plan, clean, shared, size if case.error == SECOND else 0.0)
+        return _exact_k(triad, plan, clean, shared, second)
+    return _exact_form(case.procedure, triad, plan, clean, shared, second)
 
 
-def _own_second(size: float, q: int) -> Array:
-    """Derivatives [m, 3, q] of the components at the faces by errors of second order; none where
+def _of_second(procedure: str, size: float, q: int) -> Array:
+    """Derivatives [3 m, q] of the components at the faces by errors of second order; none where
     there are no such errors.
     """
-    faces, _ = _faces()
+    faces, _ = _faces(procedure)
     if size == 0.0:
-        return np.zeros((*faces.shape, q))
-    return np.asarray(size * np.eye(3) * faces[:, :, None] ** 2)
-
-
-def _scale_factors(names: Sequence[str], size: float, q: int) -> Array:
-    """Derivatives [p, q] of what scale factors are by errors of second order: the slopes to +1 g
-    and to −1 g differ by two such errors, and a scale factor is one or the other.
-    """
-    own = np.zeros((len(names), q))
-    for axis, name in enumerate(("m_xx0", "m_yy0", "m_zz0")):
-        if size:
-            own[list(names).index(name), axis] = size
-    return own
+        return np.zeros((faces.size, q))
+    return np.asarray(size * np.eye(3) * faces[:, :, None] ** 2).reshape(faces.size, q)
 
 
 def _exact_k(
     triad: Triad, plan: _Plan, clean: Array, shared: Array, second: float
 ) -> dict[str, Array]:
     """Of the three axes together; `second` is the size of second-order errors."""
-    mapped = [k_factor.columns(clean, plan.degc, axis) for axis in range(3)]
     design = np.zeros((len(clean), 3, 30))
-    _, degc = _faces()
-    shown = _at_faces(triad, np.zeros(3))
-    zeros, vectors = [], []
+    faces, degc = _faces(K)
+    indicated = _at_faces(K, triad, np.zeros(3))
+    vectors = np.zeros((len(faces), 3, 30))
     for axis in range(3):
-        own = slice(10 * axis, 10 * axis + 10)
-        design[:, axis, own] = mapped[axis]
-        zeros.append(np.eye(30)[own][4:8])
-        rows = np.zeros((len(degc), 30))
-        rows[:, own] = k_factor.columns(shown, degc, axis)
-        vectors.append(rows)
-    flat = design.reshape(-1, 30)
-    own_errors = np.concatenate(list(np.swapaxes(_own_second(second, shared.shape[1]), 0, 1)))
+        block = slice(10 * axis, 10 * axis + 10)
+        design[:, axis, block] = k_design(clean, plan.degc, axis)
+        vectors[:, axis, block] = k_design(indicated, degc, axis)
+    flat, zeros = design.reshape(-1, 30), np.eye(30).reshape(3, 10, 30)[:, 4:8].reshape(12, 30)
+    errors = _of_second(K, second, shared.shape[1])
     return {
-        "K4–K7": exact.half_widths(flat, shared, NOISE_G, np.vstack(zeros)),
-        "corrected vector": exact.half_widths(
-            flat, shared, NOISE_G, np.vstack(vectors), own_errors
-        ),
+        ZEROS: exact.half_widths(flat, shared, NOISE_G, zeros),
+        VECTOR: exact.half_widths(flat, shared, NOISE_G, vectors.reshape(-1, 30), errors),
     }
 
 
-def _exact_affine(
-    triad: Triad, plan: _Plan, clean: Array, shared: Array, second: float
+def _exact_form(
+    procedure: str, triad: Triad, plan: _Plan, clean: Array, shared: Array, second: float
 ) -> dict[str, Array]:
-    """Of the affine triad; `second` is the size of second-order errors."""
-    truth = _affine_truth(triad, plan)
-    values, entries = truth.coefficients, truth.entries
-    design = affine_model.evaluate(entries, values, clean, plan.degc)[1].reshape(clean.size, -1)
-    faces, degc = _faces()
-    shown = _at_faces(triad, np.zeros(3))
-    vectors = affine_model.evaluate(entries, values, shown, degc)[1].reshape(faces.size, -1)
-
-    def angles(at: Array) -> Array:
-        matrix = affine_model.matrix_and_bias(entries, at, np.array([ROOM_DEGC]))[0][0]
-        return q_factor.small_angles(q_factor.axes_from_sensitivity(np.linalg.inv(matrix))[0])
-
-    slopes = q_factor.differentiate(angles, values, scale=np.maximum(np.abs(values), 1e-6))
-    own = _own_second(second, shared.shape[1]).reshape(faces.size, -1)
-    scales = _scale_factors(truth.names, second, shared.shape[1])
+    """Of the triad over temperature; `second` is the size of second-order errors."""
+    form, p = _Form.of(procedure), _true_form(procedure, triad, plan)
+    design = form.slopes(lambda q: form.corrected(q, clean, plan.degc), p)
+    if procedure.startswith(LENGTH):
+        # A change of the corrected vector moves its length along the unit vector of gravity.
+        down = gravity(plan.angle, UP)
+        design = np.einsum("ni,nip->np", down, design.reshape(len(down), 3, -1))
+        shared = np.einsum("ni,niq->nq", down, shared.reshape(len(down), 3, -1))
+    _, degc = _faces(procedure)
+    indicated = _at_faces(procedure, triad, np.zeros(3))
+    vectors = form.slopes(lambda q: form.corrected(q, indicated, degc), p)
+    # Slopes to +1 g and to −1 g differ by two errors of second order, a scale factor is of one.
+    scales = np.zeros((p.size, shared.shape[1]))
+    if second:
+        rows = [form.names.index(f"k_{axis}0") for axis in AXES]
+        scales[rows, range(3)] = second
+    errors = _of_second(procedure, second, shared.shape[1])
     return {
-        "affine parameters": exact.half_widths(
-            design, shared, NOISE_G, np.eye(values.size), scales
-        ),
-        "corrected vector": exact.half_widths(design, shared, NOISE_G, vectors, own),
-        "Q": exact.half_widths(design, shared, NOISE_G, slopes),
-    }
-
-
-def _exact_lengths(
-    triad: Triad, plan: _Plan, clean: Array, shared: Array, second: float
-) -> dict[str, Array]:
-    """Of the nine parameters from lengths; `second` is the size of second-order errors."""
-    truth = _true_lengths(triad, plan)
-    at, scale = truth.parameters, np.ones(9)
-    design = q_factor.differentiate(lambda p: _lengths(p, clean), at, scale=scale)
-    # a change of the indication moves the length along the unit vector of gravity
-    down = gravity(plan.angle, np.array([0.0, 0.0, 1.0]))
-    along = np.einsum("ni,niq->nq", down, shared.reshape(len(clean), 3, -1))
-    to_affine = q_factor.differentiate(magnitude.to_triangle, at, scale=scale)
-    names, entries, _ = truth.as_affine()
-    faces, shown = _faces(AT_ROOM_DEGC)[0], _at_faces(triad, np.zeros(3), AT_ROOM_DEGC)
-
-    def corrected(values: Array) -> Array:
-        return ((shown - values[6:]) @ lower_matrix(values[:6]).T).ravel()
-
-    vectors = q_factor.differentiate(corrected, entries, scale=scale) @ to_affine
-    own = _own_second(second, shared.shape[-1]).reshape(faces.size, -1)
-    named = {
-        "matrix and bias": (to_affine, _scale_factors(names, second, shared.shape[-1])),
-        "corrected vector": (vectors, own),
-        "Q": (np.eye(9)[6:], 0.0),
-    }
-    return {
-        name: exact.half_widths(design, along, NOISE_G, rows, part)
-        for name, (rows, part) in named.items()
+        PARAMETERS: exact.half_widths(design, shared, NOISE_G, np.eye(p.size), scales),
+        VECTOR: exact.half_widths(design, shared, NOISE_G, vectors, errors),
+        ANGLES: exact.half_widths(design, shared, NOISE_G, form.slopes(form.angles, p)),
     }

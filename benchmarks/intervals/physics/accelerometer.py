@@ -36,20 +36,24 @@ NOISY, QUIET = "K of the noisy axis", "K of the quiet axes"
 BIAS, SCALE = "bias", "scale factor"
 
 
-def fit_k(indication: Array, degc: Array, down: Array) -> Array:
-    """K0 … K9 [3, 10] of the published form by plain least squares.
+def k_design(indication: Array, degc: Array, axis: int) -> Array:
+    """Columns [n, 10] of the published form, by which K0 … K9 of an axis are multiplied.
 
     g_i = G_i (K0 + K1 t + K2 t² + K3 t³) − (K4 + K5 t + K6 t² + K7 t³) − K8 G_j − K9 G_k
     """
+    powers = np.vander(degc, 4, increasing=True)
+    cross = np.roll(indication, -axis - 1, axis=1)[:, :2]
+    return np.hstack((indication[:, axis, None] * powers, -powers, -cross))
+
+
+def fit_k(indication: Array, degc: Array, down: Array) -> Array:
+    """K0 … K9 [3, 10] by plain least squares of the published form."""
     coefficients = []
-    # Powers of t / half are of order 1; `units` takes their coefficients back to powers of t.
-    half = (degc.max() - degc.min()) / 2.0
-    powers = np.vander(degc / half, 4, increasing=True)
-    units = np.concatenate((half ** -np.arange(4.0), half ** -np.arange(4.0), (1.0, 1.0)))
-    for i in range(3):
-        cross = np.roll(indication, -i - 1, axis=1)[:, :2]
-        design = np.hstack((indication[:, i, None] * powers, -powers, -cross))
-        coefficients.append(np.linalg.lstsq(design, down[:, i])[0] * units)
+    for axis in range(3):
+        design = k_design(indication, degc, axis)
+        # Columns in powers of °C differ by 1e6 in length.
+        scale = np.linalg.norm(design, axis=0)
+        coefficients.append(np.linalg.lstsq(design / scale, down[:, axis])[0] / scale)
     return np.array(coefficients)
 
 
@@ -180,8 +184,8 @@ def by_hand(
         "reference": {"kind": "magnitude", "convention": "gravity"},
         "affine": {"enabled": False},
     }
-    # g = M G − b with G = S (A g + z): M = (S A)⁻¹, b = A⁻¹ z. Below the diagonal alone, a = k G − z
-    # and g = a − C a have k_i = M_ii; at G = 0 the corrected vector is −b in every form.
+    # g = M G − b with G = S (A g + z): M = (S A)⁻¹, b = A⁻¹ z. With C below the diagonal, the
+    # form a = k G − z, g = a − C a has k_i = M_ii; at G = 0 every form corrects to −b.
     matrix = np.linalg.inv(triad.scale[:, None] * triad.axes)
     bias = np.linalg.solve(triad.axes, triad.bias)
     at_rest = {f"accel_{axis}_g": 0.0 for axis in AXES}
