@@ -178,7 +178,7 @@ def test_weights_hold_noisy_dwells_back():
     """Dwells with a hundred-millionth of the weight hardly move Q."""
     rng = np.random.default_rng(2)
     indicated = REFERENCE @ q_factor.axes_from_angles(Q).T
-    indicated[:4] += rng.normal(0.0, 1e-3, (4, 3))
+    indicated[:4] += rng.normal(0.0, 1e-2, (4, 3))
     noise = np.ones(len(SPOTS))
     noise[:4] = 1e4
     plain, weighted = (values(fit_q(indicated, noise=n)[0]) for n in (None, noise))

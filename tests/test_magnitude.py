@@ -59,7 +59,7 @@ def test_exact_dwells_give_the_parameters_back(seed):
     rng = np.random.default_rng(seed)
     counts = 10.0 ** rng.uniform(-1.0, 4.5)
     truth = np.concatenate(
-        [rng.uniform(0.7, 1.4, 3), rng.uniform(-2.0, 2.0, 3), rng.uniform(-0.03, 0.03, 3)]
+        [rng.uniform(0.7, 1.4, 3), rng.uniform(-2.0, 2.0, 3), rng.uniform(-0.08, 0.08, 3)]
     )
     truth[:6] *= counts
     parameters, _ = fitted(indications(sphere(30), truth=truth, noise=0.0))
@@ -176,8 +176,8 @@ def test_too_few_dwells_are_refused():
     """Eight dwells cannot give nine parameters, and nine leave nothing to judge them by."""
     with pytest.raises(FitError, match="8 dwells for 9 parameters"):
         fit_triad(collect(indications(sphere(8))), PLAIN)
-    nine_dwells = fit_triad(collect(indications(sphere(9))), PLAIN)
-    assert any("leave 0 degrees of freedom" in flag for flag in nine_dwells.flags)
+    with pytest.raises(FitError, match="leave no residual"):
+        fit_triad(collect(indications(sphere(9))), PLAIN)
 
 
 def test_dwells_on_one_circle_are_refused():

@@ -42,6 +42,8 @@ class Stated:
 
     square: Array
     dof: Array
+    largest: Array
+    """[v], variances beyond which none is sought."""
     least: float = 0.0
     """Least variance of the noise."""
 
@@ -299,6 +301,7 @@ def _starts(rows: Rows, stated: Stated) -> list[Array]:
     starts = []
     for share in (0.1, 10.0):
         start = np.concatenate([np.maximum(noise, stated.least), share * mixed])
+        start = np.minimum(start, stated.largest)
         starts.append(np.where(stated.free, start, stated.square))
     return starts if rows.groups else starts[:1]
 
@@ -323,7 +326,7 @@ def _ascend(now: Solution) -> Solution:
             trial = np.maximum(now.variances + step * 0.5**halving, lowest)
             # from far above, a step of whatever length passes the maximum: fall by decades
             lowest = np.maximum(lowest, falling)
-            trial = np.where(stated.free, trial, stated.square)
+            trial = np.where(stated.free, np.minimum(trial, stated.largest), stated.square)
             reached = _solved(now, trial)
             if reached is not None and reached.deviance <= now.deviance:
                 break

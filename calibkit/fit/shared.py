@@ -28,6 +28,10 @@ class Shared:
     """Standard deviation where it is stated."""
     size_dof: float = np.inf
     """Degrees of freedom of the stated size; with fewer the data add to it, ∞ holds it."""
+    largest: float = np.inf
+    """Size beyond which none is sought: gross errors in a few rows can make the likelihood of a
+    large error of all rows rise without bound.
+    """
     optional: bool = False
     """Kept where the likelihood asks for it."""
     bound: bool = False

@@ -42,6 +42,8 @@ ROUNDING = 1e-11
 """Residuals this small, relative to what the parameters explain, are rounding: no size is estimated
 of them.
 """
+ROUNDING_FAR = 10.0
+"""Rounding of a residual, over what counts as such, of which no outlier is made."""
 CHUNK = 4000
 """Rows of [J Z y] that stand in memory at once."""
 
@@ -276,6 +278,7 @@ def solve(
         judged = used
         if leave_out:
             judged = problem.judge(noise_residual, solution, used, kept)
+            judged |= noise_residual**2 <= ROUNDING_FAR**2 * lines.stated.least
         p = p + problem.shortened(p, change, lines, solution, kept, used)
         half = lines.basis @ np.linalg.cholesky(solution.inverse[: len(p), : len(p)])
         u = np.linalg.norm(half, axis=1)
@@ -361,10 +364,15 @@ class _Linearised:
         parts = len(self.rows.shares)
         chosen = np.array([*range(parts), *(parts + g for g in kept)], dtype=np.intp)
         stated = replace(
-            self.stated, square=self.stated.square[chosen], dof=self.stated.dof[chosen]
+            self.stated,
+            square=self.stated.square[chosen],
+            dof=self.stated.dof[chosen],
+            largest=self.stated.largest[chosen],
         )
         if near is not None and len(near) != len(chosen):
             near = None
+        if near is not None:
+            near = np.minimum(near, stated.largest)
         return likelihood.maximise(self.rows.of_groups(kept), stated, near)
 
 
@@ -536,7 +544,9 @@ class _Problem:
             else:
                 known.append((error.size, error.size_dof if rank and error.size else np.inf))
         size, dof = np.array(known).T
-        return Stated(size**2, dof, least)
+        first = self.channels + len(self.priors) + len(self.noises)
+        limits = [np.inf] * first + [error.largest for error in self.mixed]
+        return Stated(size**2, dof, np.array(limits) ** 2, least)
 
     def _errors(self, solution: Solution, kept: Sequence[int]) -> list[Array]:
         """Shared errors b of each mixed error that is kept."""

@@ -45,8 +45,11 @@ def state_errors(where: Circumstances, along: Array, spec: AccelerometerRecipe) 
         [one for one in listed if not (spec.affine.enabled and parameters.get(one.effect))],
     )
     # no dwell tells a set-up from axes that are turned together, nor a scale factor that all dwells
-    # share from that of the triad
-    alike = {shared_errors.SET_UP} | ({("soak", "scale")} if where.soak.max() == 0 else set())
+    # share from that of the triad; a few wrong dwells at the begin of a single soak look as if its
+    # zero settled
+    alike = {shared_errors.SET_UP}
+    if where.soak.max() == 0:
+        alike |= {("soak", "scale"), ("soak", "settling")}
     return [one for one in stated if (one.group, one.effect) not in alike or one.size is not None]
 
 

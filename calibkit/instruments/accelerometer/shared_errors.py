@@ -45,6 +45,10 @@ UNITS = {
     DRIFT: "g/h",
 }
 """Errors that dwells share and the units of their standard deviations."""
+LARGEST = {"g": 0.05, "rad": 0.1, "1": 0.02, "1/g": 0.02, "g/h": 0.05}
+"""Unit → size of a shared error beyond that of any table and of any sensor that is worth a
+calibration.
+"""
 LACKING = "lacking terms", "scale"
 """What stands for errors of second order where the model has no coefficients for them."""
 HALF_INTERVAL = 0.8
@@ -141,6 +145,7 @@ def list_errors(where: Circumstances, along: Array) -> list[Shared]:
             level=np.repeat(level, per_dwell),
             loading=loading,
             unit=UNITS[group_effect],
+            largest=LARGEST[UNITS[group_effect]],
             optional=optional,
         )
 

@@ -19,6 +19,7 @@ from calibkit.instruments.accelerometer.numeric.common_errors import CommonError
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.instruments.accelerometer.shared_errors import (
     Unexplained,
+    beside,
     find_unexplained,
     lacking_terms,
     possible_drift,
@@ -34,7 +35,11 @@ MOST_TO_START = 1_000
 FAR = 6.0
 """Residual over the noise beyond which a dwell beside these is left out to begin with."""
 LARGEST_ANGLE = 0.01
-"""Misalignment [rad] beyond that of any triad: lengths in six positions do not see the angles."""
+"""Misalignment [rad] beyond that of any good triad, where lengths do not see the angles."""
+SEEN = 0.05
+"""What is left of the product of two components of a direction where lengths see their angle: 0.02
+in six faces that are set up within 2°, 0.24 in 26 attitudes.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -260,7 +265,8 @@ def _of_lengths(dwells: DwellSet, terms: Terms, t: Array) -> Equation:
             hint="lower the orders",
         )
     sphere = magnitude.fit_sphere(dwells.indication, 1.0)
-    if determination.affine_rank((dwells.indication - sphere[3:6]) / sphere[:3]) < 4:
+    direction = (dwells.indication - sphere[3:6]) / sphere[:3]
+    if determination.affine_rank(direction) < 4:
         raise FitError(
             "dwells on one cone or plane cannot determine the triad by the length of gravity",
             hint="hold it in attitudes that are spread over the whole sphere",
@@ -273,7 +279,7 @@ def _of_lengths(dwells: DwellSet, terms: Terms, t: Array) -> Equation:
             start[k] = sphere[3 + term.axis] / sphere[term.axis]
     cross = terms.of_kind("c")
     priors: tuple[Prior, ...] = ()
-    if cross:
+    if cross and not _sees_angles(direction):
         block = slice(cross[0], cross[-1] + 1)
         priors = (Prior(name="angles", block=block, size=LARGEST_ANGLE),)
 
@@ -323,6 +329,15 @@ def _require_determined(terms: Terms, reference: Array, temperature: Array) -> N
         order=terms.order,
         lower="lower scale_order, cross_order and bias_order, or leave out higher-order terms",
     )
+
+
+def _sees_angles(direction: Array) -> bool:
+    """Whether lengths in directions [n, 3] show the angles between the axes: an angle moves them by
+    the product of two components, of which squares and components leave nothing at six faces.
+    """
+    product = direction * np.roll(direction, 1, axis=1)
+    left = beside(np.hstack([direction**2, direction]), product)
+    return bool(np.sqrt(np.mean(left**2, axis=0)).min() > SEEN)
 
 
 def _tool_rotation(dwells: DwellSet) -> Array:
