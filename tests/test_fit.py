@@ -192,3 +192,19 @@ def test_functions_that_numpy_does_not_continue_have_the_derivative_of_differenc
     steps = np.eye(3) * h
     differences = np.stack([(function(p + s) - function(p - s)) / (2 * h) for s in steps], axis=-1)
     assert complex_step.derivative(function, p) == pytest.approx(differences, abs=1e-8)
+
+
+def test_a_restated_fit_states_what_the_fit_itself_does():
+    """A result of intercept and slope relative to the intercept has value, u and degrees of freedom
+    of the same function of the parameters, with a bound error in u.
+    """
+    rng = np.random.default_rng(8)
+    x, run = np.tile(np.linspace(1.0, 2.0, 6), 4), np.repeat(np.arange(4), 6)
+    y = 3.0 + 0.5 * x + 0.2 * rng.standard_normal(4)[run] + 0.05 * rng.standard_normal(24)
+    bound = shared(np.zeros(24, dtype=int), x, size=0.1, bound=True)
+    fit = solve(straight(x, y), np.ones(2), [shared(run, np.ones(24)), bound])
+    other = fit.restated(lambda p: np.stack([p[0], p[1] / p[0]]))
+    found, same = fit.of(lambda p: p[1] / p[0] + p[0]), other.of(lambda q: q[1] + q[0])
+    assert same.value == pytest.approx(found.value, rel=1e-12)
+    assert same.u == pytest.approx(found.u, rel=1e-12)
+    assert same.dof == pytest.approx(found.dof, rel=1e-9)

@@ -126,6 +126,18 @@ class Fit:
         dof = np.clip(dof, 1.0, max(self.dof, 1)).reshape(value.shape)
         return Value(value, u, dof, lack_of_fit, half_width)
 
+    def restated(self, function: Callable[[Numbers], Numbers]) -> "Fit":
+        """The fit of other parameters, a function [m] of these, with their covariance."""
+        G = derivative(function, self.parameters)
+        return replace(
+            self,
+            parameters=np.asarray(function(self.parameters), dtype=np.float64),
+            covariance=G @ self.covariance @ G.T,
+            slopes=G @ self.slopes @ G.T,
+            gain=G @ self.gain,
+            bounds=G @ self.bounds,
+        )
+
     def linear(self, P: Array, y: Array) -> "Fit":
         """Parameters P y [m] of a published form by plain least squares, with the covariance of the
         errors of this fit, P R Pᵀ + Σ θ (P Z)(P Z)ᵀ; P [m, n] is 0 and y [n] is not read where a

@@ -22,6 +22,7 @@ from calibkit.instruments.gyro_scale.numeric import (
 from calibkit.instruments.gyro_scale.recipe import GyroRecipe, OwnAxisRecipe
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
+from calibkit.recipe import shared_errors
 
 PAIR_LINES = (("a", "a"), ("b", "b"), ("b", "a"), ("a", "b"))
 """(gyro, table axis) of the lines of a pair, own axes first."""
@@ -179,19 +180,10 @@ def _mean_model(name: str, one: over_runs.GyroOverRuns) -> Model:
 
 
 def _components(one: over_runs.GyroOverRuns) -> tuple[Component, ...]:
-    """Run-to-run standard deviations: of the scale factor in ppm, of the zero in °/h."""
-    size = {"scale": (gjb_figures.PPM, "ppm"), "zero": (DPH_PER_DPS, "deg/h")}
-    return tuple(
-        Component(
-            entry.group,
-            entry.effect,
-            entry.value * size[entry.effect][0] / abs(one.K.value),
-            size[entry.effect][1],
-            entry.standard_uncertainty * size[entry.effect][0] / abs(one.K.value),
-            entry.groups,
-        )
-        for entry in (one.model.mixed.components if one.model else ())
-        if entry.dof and entry.effect in size
+    """Standard deviations of what differs from run to run and from side to side."""
+    sizes = one.fit.shared if one.fit else ()
+    return shared_errors.components_of(
+        [size for size in sizes if size.error.effect in ("scale", "zero") and size.dof]
     )
 
 

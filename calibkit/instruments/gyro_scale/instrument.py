@@ -4,7 +4,6 @@ three axes.
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -112,22 +111,15 @@ def _fit_rate_table(
         curves.GyroReport.of_runs(gyros),
         overview.summarize_rate_table(gyros, scales, shown[0]),
         lambda spec, runs: coefficient_files.list_rate_table_results(
-            _over_runs(spec, runs, gyros), (), spec
+            _over_runs(spec, runs), (), spec
         ),
     )
     return replace(found, lacks=over_runs.list_undetermined(gyros))
 
 
-def _over_runs(
-    spec: RateTableRecipe,
-    runs: sensitivities.Runs,
-    near: Sequence[over_runs.GyroOverRuns] = (),
-) -> list[over_runs.GyroOverRuns]:
-    """Each gyro over its runs; `near` are fits to nearly the same ones."""
-    return [
-        over_runs.fit_over_runs(spec, gyro, runs[""], beside)
-        for gyro, beside in itertools.zip_longest(spec.gyros, near)
-    ]
+def _over_runs(spec: RateTableRecipe, runs: sensitivities.Runs) -> list[over_runs.GyroOverRuns]:
+    """Each gyro over its runs."""
+    return [over_runs.fit_over_runs(spec, gyro, runs[""]) for gyro in spec.gyros]
 
 
 def _fit_pair(
