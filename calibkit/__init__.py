@@ -7,6 +7,8 @@ may change between versions.
 
 from __future__ import annotations
 
+import sys
+from types import ModuleType
 from typing import TYPE_CHECKING
 
 from calibkit.version import __version__ as __version__
@@ -57,6 +59,19 @@ __all__ = [
     "validate",
     "verify",
 ]
+
+
+class _Package(ModuleType):
+    """The package, of which `fit` stays the function: an import of calibkit.fit would put the
+    module of that name in its place.
+    """
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if name != "fit":
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package
 
 
 def __getattr__(name: str) -> object:

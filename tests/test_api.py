@@ -46,6 +46,12 @@ def test_another_name_is_an_attribute_error():
         calibkit.calibrate  # noqa: B018 (the access is the test)
 
 
+def test_fit_is_the_function_whatever_is_imported():
+    """The solver's package has the same name."""
+    code = "import calibkit, calibkit.fit.solve; assert callable(calibkit.fit)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
 def test_importing_the_package_imports_no_numpy():
     """The public names cost nothing until they are used."""
     code = "import calibkit, sys; sys.exit('numpy' in sys.modules)"

@@ -208,3 +208,20 @@ def test_a_restated_fit_states_what_the_fit_itself_does():
     assert same.value == pytest.approx(found.value, rel=1e-12)
     assert same.u == pytest.approx(found.u, rel=1e-12)
     assert same.dof == pytest.approx(found.dof, rel=1e-9)
+
+
+def test_sizes_of_errors_beside_a_known_noise_do_not_depend_on_the_unit():
+    """Scatter of each row and of three runs beside known noise: both sizes scale with the unit."""
+    rng = np.random.default_rng(0)
+    run, noise = np.arange(36) % 3, rng.uniform(0.2, 2.0, 36)
+    y = rng.standard_normal(36) * noise + 0.5 * rng.standard_normal(36) + 0.3 * run
+    errors = [shared(run, np.ones(36)), shared(np.arange(36), np.ones(36))]
+
+    def sizes(unit):
+        fit = solve(
+            lambda p: p[0] - unit * y, np.zeros(1), errors, noise=unit * noise, estimate_noise=False
+        )
+        return [size.value / unit for size in fit.shared]
+
+    assert sizes(1e-4) == pytest.approx(sizes(1.0), rel=1e-4)
+    assert 0.1 < min(sizes(1.0))

@@ -4,6 +4,9 @@
     C = Tᵀ R⁻¹ T + diag(0, I),    T = [J, Z √θ]                      (Henderson 1975)            (2)
     P = R⁻¹ - R⁻¹ T C⁻¹ Tᵀ R⁻¹,   -2 log L = ln|R| + ln|C| + yᵀ P y                              (3)
 
+Without restriction -2 log L is less by ln|Jᵀ V⁻¹ J|: that compares fits of different J, and lacks
+what the coefficients take from the sizes.
+
 No matrix is n × n. Residuals of equal noise may be turned into each other: the triangle of a QR of
 [J Z y] keeps what they tell, and (2) and (3) are solved on as many rows as it has.
 """
@@ -39,6 +42,8 @@ class Stated:
 
     square: Array
     dof: Array
+    least: float = 0.0
+    """Least variance of the noise."""
 
     @property
     def free(self) -> Mask:
@@ -111,15 +116,19 @@ class Rows:
         share = self.shares > 0.0
         spare = max(self.count.sum() - self.J.shape[1], 1.0)
         typical = np.sum(left**2) / spare
-        weight = share @ self.count
-        parts = np.where(weight > 0.0, share @ left**2 / np.maximum(weight, 1.0), typical)
+        weight = self.shares @ self.count
+        parts = np.where(
+            weight > 0.0, share @ left**2 / np.where(weight > 0.0, weight, 1.0), typical
+        )
         return np.asarray(parts), np.array([typical])
 
 
 class Solution:
     """Equations (2) and (3) solved at variances θ [parts + groups]."""
 
-    def __init__(self, rows: Rows, variances: Array, stated: Stated) -> None:
+    def __init__(
+        self, rows: Rows, variances: Array, stated: Stated, *, restricted: bool = True
+    ) -> None:
         from scipy.linalg import cho_solve
 
         parts = len(rows.shares)
@@ -141,6 +150,9 @@ class Solution:
         # yᵀ P y as a sum of squares: the product of y and P y loses its digits where θ is large
         square = left @ self.Py + errors @ errors
         self.deviance = float(log_determinants + square) + stated.deviance(variances)
+        self.restricted = restricted
+        if not restricted:
+            self.deviance += float(np.linalg.slogdet(self.inverse[:p, :p])[1])
 
     @property
     def coefficients(self) -> Array:
@@ -159,7 +171,11 @@ class Solution:
 
     def projected(self, F: Array) -> Array:
         """P F [n, k]."""
-        explained = self.T @ (self.inverse @ (self.weighted.T @ F))
+        return self._less_explained(F, self.inverse)
+
+    def _less_explained(self, F: Array, inverse: Array) -> Array:
+        """R⁻¹ F - R⁻¹ T C⁻¹ Tᵀ R⁻¹ F [n, k], C⁻¹ [p + q, p + q] whole or of some columns of T."""
+        explained = self.T @ (inverse @ (self.weighted.T @ F))
         left: Array = (F - explained) / self.R[:, None]
         return left
 
@@ -173,10 +189,14 @@ class Solution:
         information, ½ yᵀ P V_i P V_j P y (Gilmour, Thompson & Cullis 1995).
         """
         Z, shares, R = self.rows.Z, self.rows.shares, self.R
-        member, PZ = self._member(), self.projected(Z)
-        leverage = np.einsum("nk,nk->n", self.T @ self.inverse, self.T)
+        inverse, p = self.inverse, self.rows.J.shape[1]
+        if not self.restricted:  # P of (3) without J in T is V⁻¹, whose traces stand for those of P
+            across = inverse[:, :p]
+            inverse = inverse - across @ np.linalg.solve(inverse[:p, :p], across.T)
+        member, MZ = self._member(), self._less_explained(Z, inverse)
+        leverage = np.einsum("nk,nk->n", self.T @ inverse, self.T)
         noise_trace = shares @ (self.rows.count / R - leverage / R**2)
-        trace = np.concatenate([noise_trace, np.sum(Z * PZ, axis=0) @ member])
+        trace = np.concatenate([noise_trace, np.sum(Z * MZ, axis=0) @ member])
         VPy = np.hstack([(shares * self.Py).T, (Z * (Z.T @ self.Py)) @ member])
         score = 0.5 * (VPy.T @ self.Py - trace) + self.stated.score(self.variances)
         information = 0.5 * VPy.T @ self.projected(VPy) + self.stated.information(self.variances)
@@ -221,15 +241,17 @@ class Estimate:
         return self.solution.variances
 
 
-def estimate(rows: Rows, stated: Stated, least: float, near: Array | None = None) -> Estimate:
-    """The most likely variances, from a start [v] that is near or from two that are far apart;
-    noise is at least `least`.
-    """
-    starts = [near] if near is not None else _starts(rows, stated, least)
-    reached = min(
-        (_ascend(rows, start, stated, least) for start in starts), key=lambda s: s.deviance
-    )
+def estimate(rows: Rows, stated: Stated, near: Array | None = None) -> Estimate:
+    """The most likely variances, from a start [v] that is near or from two that are far apart."""
+    starts = [near] if near is not None else _starts(rows, stated)
+    reached = min((_ascend(Solution(rows, v, stated)) for v in starts), key=lambda s: s.deviance)
     return at_variances(reached)
+
+
+def unrestricted(solution: Solution) -> float:
+    """Least -2 log L without restriction, by its own variances, of the fit of a solution."""
+    rows, stated = solution.rows, solution.stated
+    return _ascend(Solution(rows, solution.variances, stated, restricted=False)).deviance
 
 
 def at_variances(solution: Solution) -> Estimate:
@@ -254,7 +276,7 @@ def at_variances(solution: Solution) -> Estimate:
     return Estimate(solution, covariance, slopes, spread * np.outer(cut, cut))
 
 
-def _starts(rows: Rows, stated: Stated, least: float) -> list[Array]:
+def _starts(rows: Rows, stated: Stated) -> list[Array]:
     """Variances to start from: shared errors that are small, or large, against the noise, whatever
     is stated with few degrees of freedom: such a statement can make the likelihood bimodal.
     """
@@ -265,21 +287,21 @@ def _starts(rows: Rows, stated: Stated, least: float) -> list[Array]:
     mixed = typical / np.maximum(loading, 1e-200)
     starts = []
     for share in (0.1, 10.0):
-        start = np.concatenate([np.maximum(noise, least), share * mixed])
+        start = np.concatenate([np.maximum(noise, stated.least), share * mixed])
         starts.append(np.where(stated.free, start, stated.square))
     return starts if rows.groups else starts[:1]
 
 
-def _ascend(rows: Rows, variances: Array, stated: Stated, least: float) -> Solution:
-    """Where scoring of the restricted likelihood ends."""
+def _ascend(now: Solution) -> Solution:
+    """Where scoring of the likelihood ends, from a solution."""
+    rows, stated = now.rows, now.stated
     parts = len(rows.shares)
     # Noise that is the only one of some row cannot be zero, nor can that of the first sensor.
-    alone = np.zeros(len(variances), dtype=np.bool_)
+    alone = np.zeros(len(now.variances), dtype=np.bool_)
     only = np.sum(rows.shares > 0.0, axis=0) == 1
     alone[:parts] = np.any((rows.shares > 0.0) & only, axis=1)
     alone[0] = True
-    floor = np.where(alone & stated.free, least, 0.0)
-    now = Solution(rows, variances, stated)
+    floor = np.where(alone & stated.free, stated.least, 0.0)
     for _ in range(ITERATIONS):
         score, information = now.score()
         moved = stated.free & ((now.variances > 0.0) | (score > 0.0))
@@ -288,7 +310,7 @@ def _ascend(rows: Rows, variances: Array, stated: Stated, least: float) -> Solut
         for halving in range(HALVINGS):
             trial = np.maximum(now.variances + step * 0.5**halving, np.maximum(lowest, floor))
             trial = np.where(stated.free, trial, stated.square)
-            reached = _solved(rows, trial, stated)
+            reached = _solved(now, trial)
             if reached is not None and reached.deviance <= now.deviance:
                 break
         else:
@@ -299,10 +321,10 @@ def _ascend(rows: Rows, variances: Array, stated: Stated, least: float) -> Solut
     return now
 
 
-def _solved(rows: Rows, variances: Array, stated: Stated) -> Solution | None:
-    """The solution at variances; None where rounding makes (2) singular."""
+def _solved(now: Solution, variances: Array) -> Solution | None:
+    """The solution at other variances; None where rounding makes (2) singular."""
     try:
-        return Solution(rows, variances, stated)
+        return Solution(now.rows, variances, now.stated, restricted=now.restricted)
     except np.linalg.LinAlgError:
         return None
 

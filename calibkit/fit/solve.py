@@ -17,7 +17,7 @@ from calibkit.arrays import Array, Integers, Mask
 from calibkit.errors import FitError
 from calibkit.fit import likelihood
 from calibkit.fit.complex_step import Numbers, derivative
-from calibkit.fit.likelihood import Estimate, Rows, Stated
+from calibkit.fit.likelihood import Estimate, Rows, Solution, Stated
 from calibkit.fit.shared import Prior, Residual, Shared
 from calibkit.fit.value import Value
 from calibkit.numeric.least_squares import fit as least_squares
@@ -95,6 +95,12 @@ class Fit:
     """[p, n], change of the parameters by a change of what the residuals should be."""
     bounds: Array = field(repr=False)
     """[p, k], changes of the parameters by errors as large as their bounds allow."""
+    solution: Solution = field(repr=False)
+    """At the most likely sizes, in orthonormal columns."""
+    members: tuple["Fit", ...] = field(default=(), repr=False)
+    """Of an average: the fits of single orders."""
+    weights: Array = field(default_factory=lambda: np.zeros(0), repr=False)
+    """[members]."""
 
     @property
     def noise(self) -> Array:
@@ -117,14 +123,21 @@ class Fit:
         value = np.asarray(function(self.parameters), dtype=np.float64)
         G = derivative(function, self.parameters).reshape(-1, len(self.parameters))
         variance = np.einsum("ip,pq,iq->i", G, self.covariance, G)
+        bound = np.sum((G @ self.bounds) ** 2, axis=1)
+        u = np.sqrt(np.maximum(variance, 0.0) + bound).reshape(value.shape)
+        return Value(value, u, self.dof_along(G).reshape(value.shape), lack_of_fit, half_width)
+
+    def dof_along(self, G: Array) -> Array:
+        """Effective degrees of freedom [m] of combinations [m, p] of the parameters; those of an
+        average are the average of the members'.
+        """
+        if self.members:
+            return np.asarray(self.weights @ [member.dof_along(G) for member in self.members])
         by_size = np.einsum("ip,vpq,iq->vi", G, self.slopes, G)
         spread = np.einsum("vi,vw,wi->i", by_size, self.variance_covariance, by_size)
         with np.errstate(divide="ignore", invalid="ignore"):
             dof = np.where(spread > 0.0, 2.0 * (self.variances @ by_size) ** 2 / spread, np.inf)
-        bound = np.sum((G @ self.bounds) ** 2, axis=1)
-        u = np.sqrt(np.maximum(variance, 0.0) + bound).reshape(value.shape)
-        dof = np.clip(dof, 1.0, max(self.dof, 1)).reshape(value.shape)
-        return Value(value, u, dof, lack_of_fit, half_width)
+        return np.clip(dof, 1.0, max(self.dof, 1))
 
     def restated(self, function: Callable[[Numbers], Numbers]) -> "Fit":
         """The fit of other parameters, a function [m] of these, with their covariance."""
@@ -136,6 +149,7 @@ class Fit:
             slopes=G @ self.slopes @ G.T,
             gain=G @ self.gain,
             bounds=G @ self.bounds,
+            members=tuple(member.restated(function) for member in self.members),
         )
 
     def linear(self, P: Array, y: Array) -> "Fit":
@@ -156,6 +170,7 @@ class Fit:
             slopes=slopes,
             gain=P,
             bounds=np.zeros((len(P), 0)),
+            members=tuple(member.linear(P, y) for member in self.members),
         )
 
     def bounded_by(self, errors: Sequence[Shared]) -> "Fit":
@@ -260,8 +275,6 @@ class _Linearised:
     """[p, p], what turns coefficients of orthonormal columns into changes of the parameters."""
     rows: Rows
     stated: Stated
-    least: float
-    """Least variance of the noise."""
     degrees: tuple[int, ...]
     """Levels of each mixed error that the parameters leave apart."""
     condition: float
@@ -270,10 +283,12 @@ class _Linearised:
         """Most likely sizes with some of the mixed errors."""
         parts = len(self.rows.shares)
         chosen = np.array([*range(parts), *(parts + g for g in kept)], dtype=np.intp)
-        stated = Stated(self.stated.square[chosen], self.stated.dof[chosen])
+        stated = replace(
+            self.stated, square=self.stated.square[chosen], dof=self.stated.dof[chosen]
+        )
         if near is not None and len(near) != len(chosen):
             near = None
-        return likelihood.estimate(self.rows.of_groups(kept), stated, self.least, near)
+        return likelihood.estimate(self.rows.of_groups(kept), stated, near)
 
 
 @dataclass(frozen=True, slots=True)
@@ -389,8 +404,8 @@ class _Problem:
         least = max((ROUNDING * largest) ** 2, float(np.finfo(np.float64).tiny))
         exact = float(np.sum(plain.residuals**2)) / (count - len(p)) <= least
         degrees = tuple(0 if exact else rows.degrees(g) for g in range(len(self.mixed)))
-        stated = self._stated(degrees, noise_known=noise_known)
-        return _Linearised(J, y, basis, rows, stated, least, degrees, plain.condition)
+        stated = self._stated(degrees, least, noise_known=noise_known)
+        return _Linearised(J, y, basis, rows, stated, degrees, plain.condition)
 
     def _triangles(
         self, J: Array, y: Array, taken: Mask
@@ -430,7 +445,7 @@ class _Problem:
             Z[rows < self.n] = np.hstack(parts) / self.relative[inside, None]
         return Z
 
-    def _stated(self, degrees: Sequence[int], *, noise_known: bool) -> Stated:
+    def _stated(self, degrees: Sequence[int], least: float, *, noise_known: bool) -> Stated:
         """What is known of the variances. Where the rows tell nothing of an error, its stated size
         is held, and one that is not stated is 0.
         """
@@ -444,14 +459,14 @@ class _Problem:
             else:
                 known.append((error.size, error.size_dof if rank and error.size else np.inf))
         size, dof = np.array(known).T
-        return Stated(size**2, dof)
+        return Stated(size**2, dof, least)
 
-    def _errors(self, solution: likelihood.Solution, kept: Sequence[int]) -> list[Array]:
+    def _errors(self, solution: Solution, kept: Sequence[int]) -> list[Array]:
         """Shared errors b of each mixed error that is kept."""
         widths = [self.mixed[g].levels * self.mixed[g].width for g in kept]
         return np.split(solution.errors, np.cumsum(widths)[:-1]) if kept else []
 
-    def explained(self, solution: likelihood.Solution, kept: Sequence[int]) -> Array:
+    def explained(self, solution: Solution, kept: Sequence[int]) -> Array:
         """Z b [n] of the shared errors, in units of `relative`."""
         total = np.zeros(self.n)
         for g, b in zip(kept, self._errors(solution, kept), strict=True):
@@ -490,7 +505,7 @@ class _Problem:
         p: Array,
         change: Array,
         lines: _Linearised,
-        solution: likelihood.Solution,
+        solution: Solution,
         kept: Sequence[int],
         used: Mask,
     ) -> Array:
@@ -557,6 +572,7 @@ class _Problem:
             noise_shares=self.shares[:, : self.n] * self.relative**2,
             gain=gain,
             bounds=np.zeros((len(self.start), 0)),
+            solution=estimate.solution,
         )
         return found.bounded_by(self.bounds)
 
