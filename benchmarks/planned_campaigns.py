@@ -139,22 +139,20 @@ def run_table(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  
     slope, zero = np.polyfit(rate, response, 1)
     K0 = 1e4
     rows = replace(rows, indication=K0 * indication)
-    terms = equation.Terms(
-        (order, order),
-        polynomial.middle_and_half(rows.temp_degc),
-        (line_terms.ASYMMETRY,) if rows.shows_asymmetry else (),
-    )
+    shapes = (line_terms.ASYMMETRY,) if rows.shows_asymmetry else ()
+    middle_half = polynomial.middle_and_half(rows.temp_degc)
+    terms = equation.Terms(1, (order, order), middle_half, shapes)
     known = {"scale": size["scale"], "zero": size["zero"]}
     shared = [
         replace(one, size=known[one.effect], size_dof=20.0)
         if one.group == "run" and one.effect in known
         else one
-        for one in equation.shared_errors(rows, terms, K0)
+        for one in equation.shared_errors(rows, terms, np.array([K0]), np.array([K0]))
     ]
-    fitted = solve(lambda p: equation.residual(p, rows, terms), np.zeros(len(terms.names)), shared)
+    fitted = solve(lambda p: equation.residual(p, rows, terms), terms.start, shared)
     at, line = spec.reference_temp_degc, equation.best_line(terms, rows.rate_dps)
     x = polynomial.powers(terms.mapped(np.array([at])), order)[0]
-    found = fitted.of(lambda p: np.stack([x @ one for one in line(p)]))
+    found = fitted.of(lambda p: np.stack([x @ one[0] for one in line(p)]))
     powers = ((at - 25.0) / 100.0) ** np.arange(order + 1)
     truth = K0 * np.array([1.0 + powers @ K + slope, powers @ F0 + zero])
     unit = np.array([1e6, 3600.0]) / K0

@@ -224,4 +224,18 @@ def test_sizes_of_errors_beside_a_known_noise_do_not_depend_on_the_unit():
         return [size.value / unit for size in fit.shared]
 
     assert sizes(1e-4) == pytest.approx(sizes(1.0), rel=1e-4)
-    assert 0.1 < min(sizes(1.0))
+    assert min(sizes(1.0)) > 0.1
+
+
+@pytest.mark.parametrize("size", [0.002, 0.1, 5.0])
+def test_a_stated_size_that_the_rows_do_not_show_keeps_its_degrees_of_freedom(size):
+    """One run cannot show how runs differ: the variance of its mean is that of the noise and of the
+    stated size, with degrees of freedom of both (Welch and Satterthwaite).
+    """
+    y = 2.0 + 0.3 * np.random.default_rng(4).standard_normal(30)
+    run = shared(np.zeros(30, dtype=int), np.ones(30), size=size, size_dof=5.0)
+    mean = solve(lambda p: p[0] - y, np.zeros(1), [run]).of(lambda p: p[0])
+    noise = np.var(y, ddof=1) / 30
+    assert mean.u**2 == pytest.approx(noise + size**2, rel=1e-6)
+    dof = (noise + size**2) ** 2 / (noise**2 / 29 + size**4 / 5.0)
+    assert mean.dof == pytest.approx(min(dof, 29.0), rel=1e-3)

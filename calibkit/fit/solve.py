@@ -446,8 +446,8 @@ class _Problem:
         return Z
 
     def _stated(self, degrees: Sequence[int], least: float, *, noise_known: bool) -> Stated:
-        """What is known of the variances. Where the rows tell nothing of an error, its stated size
-        is held, and one that is not stated is 0.
+        """What is known of the variances. Where the rows tell nothing of an error, its size is as
+        stated, with the degrees of freedom that are stated, and 0 if it is not.
         """
         known = [(1.0, np.inf) if noise_known else (0.0, 0.0)] * self.channels
         known += [(prior.size, prior.size_dof) for prior in self.priors]
@@ -457,7 +457,7 @@ class _Problem:
             if error.size is None:
                 known.append((0.0, 0.0 if rank else np.inf))
             else:
-                known.append((error.size, error.size_dof if rank and error.size else np.inf))
+                known.append((error.size, error.size_dof if error.size else np.inf))
         size, dof = np.array(known).T
         return Stated(size**2, dof, least)
 

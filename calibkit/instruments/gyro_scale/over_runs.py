@@ -4,7 +4,6 @@ temperature, response over rate, repeatability.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +12,8 @@ from calibkit.arrays import Array
 from calibkit.coefficients import Figure
 from calibkit.constants import DPH_PER_DPS
 from calibkit.errors import FitError, advise_exclude
-from calibkit.fit.solve import Fit, solve
+from calibkit.fit import orders
+from calibkit.fit.solve import Fit
 from calibkit.instruments.gyro_scale import equation, forms, run_lines, table_runs
 from calibkit.instruments.gyro_scale.numeric import (
     gjb_figures,
@@ -33,6 +33,8 @@ ROOM_DEGC = 5.0
 """
 VARIES_DEGC = 5.0
 """Least span of the runs' temperatures [°C] for a fit of K over temperature."""
+LEAST_LEVELS = 3
+"""Fewest temperatures that show a slope of K and F0."""
 GRID = 9
 """Temperatures at which a polynomial's degrees of freedom are compared; the fewest are stated."""
 LEAST_REPEATED = 2
@@ -91,25 +93,21 @@ def fit_over_runs(
         return GyroOverRuns(gyro, tuple(runs), at_room, *single, response)
     varies = bool(np.isfinite(temperature).all() and np.ptp(temperature) >= VARIES_DEGC)
     rows, terms = _rows_and_terms(gyro, runs, varies=varies)
-    slope = float(np.mean([run.scale(gyro).K for run in runs]))
-    shared = list(equation.shared_errors(rows, terms, slope))
+    slope = np.array([np.mean([run.scale(gyro).K for run in runs])])
+    shared = list(equation.shared_errors(rows, terms, slope, slope))
     stated = shared_errors.state_sizes(spec.errors, [e for e in shared if e.group == "run"])
-    fitted = solve(
-        partial(equation.residual, rows=rows, terms=terms),
-        slope * np.eye(len(terms.names))[0],
-        [*stated, *(error for error in shared if error.group != "run")],
-        names=terms.names,
-    )
+    fitted = equation.fit(rows, terms, [*stated, *(e for e in shared if e.group != "run")])
     line = equation.best_line(terms, rows.rate_dps)
-    K, F0 = fitted.restated(lambda p: line(p)[0]), fitted.restated(lambda p: line(p)[1])
+    K = fitted.restated(lambda p: line(p)[equation.SCALE][0])
+    F0 = fitted.restated(lambda p: line(p)[equation.ZERO][0])
     if not line_terms.turns_both_ways(rows.rate_dps):
         # runs of one direction alone do not tell a bend of the response from F0
-        hidden = F0.parameters[0] - terms.split(fitted.parameters).F0[0]
+        hidden = F0.parameters[0] - terms.split(fitted.parameters).F0[0, 0]
         F0 = replace(F0, bounds=np.column_stack((F0.bounds, hidden * np.eye(len(F0.bounds), 1))))
     degc = np.array([np.mean([run.temp_degc for run in at_room])])
     at = terms.mapped(degc) if varies else np.zeros(1)
     K_at_room, F0_at_room = (_weigh(one, _powers(one, at)[0]) for one in (K, F0))
-    both = fitted.restated(lambda p: np.stack([one[0] for one in line(p)])).covariance
+    both = fitted.restated(lambda p: np.stack([one[0, 0] for one in line(p)])).covariance
     size = float(np.sqrt(both[0, 0] * both[1, 1]))
     found = GyroOverRuns(
         gyro,
@@ -145,14 +143,18 @@ def _rows_and_terms(
         np.repeat(np.arange(len(runs)), [line.rate_dps.size for line in lines]),
         np.concatenate([run.plateaus.temp_degc for run in runs]),
         np.concatenate([run.plateaus.hours for run in runs]),
+        np.zeros(sum(line.rate_dps.size for line in lines), dtype=np.int64),
     )
     corrected = np.concatenate([line.indication for line in lines])
-    shapes, slopes = run_lines.find_shapes(rows, corrected)
-    orders = run_lines.choose_orders(rows, slopes) if varies else (0, 0)
+    levels = np.unique(np.round(rows.temp_degc)).size if varies else 1
+    order = orders.orders(len(runs), levels, polynomial.HIGHEST_ORDER)[-1]
+    if levels >= LEAST_LEVELS:
+        order = max(order, equation.LOWEST_ORDER)
     return rows, equation.Terms(
-        orders,
-        polynomial.middle_and_half(rows.temp_degc) if max(orders) else (0.0, 1.0),
-        shapes,
+        1,
+        (order, order),
+        polynomial.middle_and_half(rows.temp_degc) if order else (0.0, 1.0),
+        run_lines.find_shapes(rows, corrected),
         float(np.max(np.abs(rows.rate_dps))),
         "constant" if rows.both_ways else "as K",
     )

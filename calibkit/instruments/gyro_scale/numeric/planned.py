@@ -87,7 +87,9 @@ class Holds:
         cls, rate_dps: Array, run: Integers, degc: Array, hours: Array, noise_dps: Array
     ) -> "Holds":
         """Holds [n] of a gyro that is exact."""
-        return cls(equation.Rows(rate_dps, rate_dps, run, degc, hours), noise_dps)
+        return cls(
+            equation.Rows(rate_dps, rate_dps, run, degc, hours, np.zeros_like(run)), noise_dps
+        )
 
     def join(self, other: "Holds") -> "Holds":
         """These holds and those of other runs."""
@@ -131,12 +133,12 @@ class Model:
         low, high = self.range_degc
         shapes = (line_terms.ASYMMETRY,) if np.ptp(np.abs(rows.rate_dps)) > 0.0 else ()
         orders = self.order, self.order
-        return equation.Terms(orders, ((low + high) / 2.0, (high - low) / 2.0), shapes)
+        return equation.Terms(1, orders, ((low + high) / 2.0, (high - low) / 2.0), shapes)
 
     def information(self, holds: Holds) -> Information:
         """Information on the parameters of the equation of a gyro whose scale factor is 1."""
         rows, terms = holds.rows, self.terms(holds.rows)
-        design = derivative(lambda p: equation.residual(p, rows, terms), np.zeros(len(terms.names)))
+        design = derivative(lambda p: equation.residual(p, rows, terms), terms.start)
         noise = holds.noise_dps
         effects = [
             Effect(
@@ -146,7 +148,7 @@ class Model:
                 error.loading / noise[:, None],
                 self.sizes.get((error.group, error.effect)),
             )
-            for error in equation.shared_errors(rows, terms, 1.0)
+            for error in equation.shared_errors(rows, terms, np.ones(1), np.ones(1))
         ]
         return find_information(design / noise[:, None], 1.0, effects)
 
@@ -169,7 +171,7 @@ class Model:
         which, size = (
             (equation.SCALE, PPM) if result == "scale factor" else (equation.ZERO, DPH_PER_DPS)
         )
-        slopes = derivative(lambda p: powers @ line(p)[which], np.zeros(len(terms.names)))
+        slopes = derivative(lambda p: powers @ line(p)[which][0], terms.start)
         return np.asarray(size * slopes, dtype=np.float64)
 
 
