@@ -178,6 +178,27 @@ class Fit:
         columns = [_product(self.gain, one) * one.size for one in errors if one.size]
         return replace(self, bounds=np.hstack([self.bounds, *columns]))
 
+    def widened_by(self, errors: Sequence[Shared]) -> "Fit":
+        """The fit whose U holds errors of stated sizes that the rows do not tell from the
+        parameters.
+        """
+        size = np.array([error.size or 0.0 for error in errors])
+        of_size = 2.0 * size**4 / np.array([error.size_dof for error in errors])
+        products = [_product(self.gain, error) for error in errors]
+        added = np.array([PZ @ PZ.T for PZ in products]).reshape(-1, *self.covariance.shape)
+        count = len(self.variances)
+        spread = np.zeros((count + len(size),) * 2)
+        spread[:count, :count] = self.variance_covariance
+        spread[np.arange(count, len(spread)), np.arange(count, len(spread))] = of_size
+        return replace(
+            self,
+            covariance=self.covariance + np.tensordot(size**2, added, 1),
+            variances=np.concatenate((self.variances, size**2)),
+            variance_covariance=spread,
+            slopes=np.concatenate((self.slopes, added)),
+            members=tuple(member.widened_by(errors) for member in self.members),
+        )
+
 
 def solve(
     residual: Residual,

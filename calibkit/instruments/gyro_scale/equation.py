@@ -38,7 +38,7 @@ TINY = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Rows:
-    """Held rates of gyros in all runs. A gyro about an axis of the table is a line."""
+    """Held rates of gyros in all runs; what has a K and F0 of its own is a line."""
 
     rate_dps: Array
     """[n]."""
@@ -52,6 +52,8 @@ class Rows:
     """[n], from the middle of the run; 0 where times are not known."""
     line: Integers
     """[n], number of the line of each row."""
+    channel: Integers
+    """[n], number of gyro and table axis of each row, which have a noise and a response."""
 
     @property
     def temp_degc(self) -> Array:
@@ -192,11 +194,11 @@ def shared_errors(rows: Rows, terms: Terms, K: Array, own_K: Array) -> Iterator[
     the line in every run, and what differs between the sides of the table, where the likelihood
     asks for it.
 
-    Sizes are relative to the scale factors [lines] of the lines, or of their gyros about their own
-    axes where they do not act along the turned axis.
+    Sizes are relative to the scale factors [channels] of the gyros about the table axes, or about
+    their own axes where the error does not act along the turned one.
     """
-    ppm = np.abs(K)[rows.line] * PPM * rows.rate_dps
-    dph = np.abs(own_K)[rows.line] / DPH_PER_DPS
+    ppm = np.abs(K)[rows.channel] * PPM * rows.rate_dps
+    dph = np.abs(own_K)[rows.channel] / DPH_PER_DPS
 
     def of_runs(effect: str, loading: Array, unit: str) -> Shared:
         return Shared(
@@ -217,9 +219,9 @@ def shared_errors(rows: Rows, terms: Terms, K: Array, own_K: Array) -> Iterator[
         return
     pattern = response_pattern(rows)
     if pattern.size:
-        loading = (np.abs(K)[rows.line] / DPH_PER_DPS)[:, None] * pattern
+        loading = (np.abs(K)[rows.channel] / DPH_PER_DPS)[:, None] * pattern
         yield Shared(
-            group="rate", effect="response", level=rows.line, loading=loading, unit="deg/h"
+            group="rate", effect="response", level=rows.channel, loading=loading, unit="deg/h"
         )
     side = 2 * rows.run + (rows.rate_dps < 0.0)
     for effect, level, loading, unit in (
@@ -238,7 +240,7 @@ def shared_errors(rows: Rows, terms: Terms, K: Array, own_K: Array) -> Iterator[
 
 def fit(rows: Rows, terms: Terms, shared: Sequence[Shared]) -> Fit:
     """Average of equation (1) over the orders of its polynomials, all with the optional errors that
-    the highest asks for; each line has a noise of its own.
+    the highest asks for; each channel has a noise of its own.
     """
 
     def fit_order(order: int, errors: Sequence[Shared]) -> Fit:
@@ -246,7 +248,7 @@ def fit(rows: Rows, terms: Terms, shared: Sequence[Shared]) -> Fit:
             partial(residual, rows=rows, terms=terms),
             terms.start,
             errors,
-            channel=rows.line,
+            channel=rows.channel,
             free=terms.up_to(order),
             names=terms.names * terms.lines,
         )
@@ -258,19 +260,29 @@ def fit(rows: Rows, terms: Terms, shared: Sequence[Shared]) -> Fit:
     return orders.average([*fits, *(fit_order(order, kept) for order in lower)])
 
 
+def refit(fitted: Fit, before: Rows, rows: Rows, terms: Terms) -> Fit:
+    """The fit to rows with small errors of rate, time or thermometer, the weights held.
+
+    dp = −(Jᵀ V⁻¹ J)⁻¹ (Jᵀ V⁻¹ dr + dJᵀ V⁻¹ r); such errors change J by combinations of its columns,
+    to which V⁻¹ r is perpendicular: the second term is 0.
+    """
+    p = fitted.parameters
+    change = residual(p, rows, terms) - residual(p, before, terms)
+    return replace(fitted, parameters=p - fitted.gain @ change)
+
+
 def response_pattern(rows: Rows) -> Array:
-    """Columns [n, k] of what the runs of a line have in common at each rate that two of them held,
-    beside a straight line over the rates of all.
+    """Columns [n, k] of what the runs of a channel have in common at each rate that two of them
+    held, beside a straight line over the rates of all.
     """
     order = np.argsort(rows.rate_dps, kind="stable")
     rate = rows.rate_dps[order]
     far = np.diff(rate) > SAME_RATE * np.abs(rate[1:]) + TINY * np.max(np.abs(rate))
     level = np.empty(rate.size, dtype=np.int64)
     level[order] = np.concatenate(([0], np.cumsum(far)))
-    first = rows.line == rows.line[0]
-    repeated = [
-        k for k in range(level.max() + 1) if np.unique(rows.run[first & (level == k)]).size > 1
-    ]
+    held = np.unique(np.column_stack((level, rows.channel, rows.run)), axis=0)
+    _, first, runs = np.unique(held[:, :2], axis=0, return_index=True, return_counts=True)
+    repeated = np.unique(held[first[runs > 1], 0])
     at_level = (level[:, None] == repeated).astype(np.float64)
     line, _ = np.linalg.qr(np.column_stack((rows.rate_dps, np.ones(rate.size))))
     left, spread, _ = np.linalg.svd(at_level - line @ (line.T @ at_level), full_matrices=False)

@@ -72,17 +72,18 @@ class GyroOverRuns:
     F0_over_temperature: TemperaturePolynomial | None = None
     slope: Estimate | None = None
     """Of the straight line through K over temperature [1/deg/°C]."""
-    fit: Fit | None = None
-    """Equation (1) of all runs; None for a single run."""
-    shapes: tuple[str, ...] = ()
-    """Shapes of the response that the runs ask for."""
+    fitted: tuple[Fit, equation.Rows, equation.Terms] | None = None
+    """Equation (1) of all runs, its rows and terms; None for a single run."""
 
 
 def fit_over_runs(
-    spec: OwnAxisRecipe, gyro: str, runs: Sequence[table_runs.TableRun]
+    spec: OwnAxisRecipe,
+    gyro: str,
+    runs: Sequence[table_runs.TableRun],
+    near: GyroOverRuns | None = None,
 ) -> GyroOverRuns:
     """Fit one gyro over all runs: the mean at the reference temperature, and K and F0 over
-    temperature where the temperature varies.
+    temperature where the temperature varies. `near` is a fit of nearly the same runs.
     """
     temperature = np.array([run.temp_degc for run in runs])
     room = np.isnan(temperature) | (np.abs(temperature - spec.reference_temp_degc) <= ROOM_DEGC)
@@ -92,11 +93,16 @@ def fit_over_runs(
         single = _of_single(runs[0].scale(gyro), spec)
         return GyroOverRuns(gyro, tuple(runs), at_room, *single, response)
     varies = bool(np.isfinite(temperature).all() and np.ptp(temperature) >= VARIES_DEGC)
-    rows, terms = _rows_and_terms(gyro, runs, varies=varies)
-    slope = np.array([np.mean([run.scale(gyro).K for run in runs])])
-    shared = list(equation.shared_errors(rows, terms, slope, slope))
-    stated = shared_errors.state_sizes(spec.errors, [e for e in shared if e.group == "run"])
-    fitted = equation.fit(rows, terms, [*stated, *(e for e in shared if e.group != "run")])
+    rows = _rows(gyro, runs)
+    if near and near.fitted:
+        fitted, before, terms = near.fitted
+        fitted = equation.refit(fitted, before, rows, terms)
+    else:
+        terms = _terms(gyro, runs, rows, varies=varies)
+        slope = np.array([np.mean([run.scale(gyro).K for run in runs])])
+        shared = list(equation.shared_errors(rows, terms, slope, slope))
+        stated = shared_errors.state_sizes(spec.errors, [e for e in shared if e.group == "run"])
+        fitted = equation.fit(rows, terms, [*stated, *(e for e in shared if e.group != "run")])
     line = equation.best_line(terms, rows.rate_dps)
     K = fitted.restated(lambda p: line(p)[equation.SCALE][0])
     F0 = fitted.restated(lambda p: line(p)[equation.ZERO][0])
@@ -117,8 +123,7 @@ def fit_over_runs(
         F0_at_room,
         float(both[0, 1]) / size if size > 0.0 else 0.0,
         response,
-        fit=fitted,
-        shapes=terms.shapes,
+        fitted=(fitted, rows, terms),
     )
     if not varies:
         return found
@@ -126,31 +131,37 @@ def fit_over_runs(
     slope_of = np.linalg.pinv(np.column_stack((temperature, np.ones(temperature.size))))[0]
     return replace(
         found,
-        K_over_temperature=_curve(K, terms, temperature),
-        F0_over_temperature=_curve(F0, terms, temperature),
+        K_over_temperature=curve_of(K, terms, temperature),
+        F0_over_temperature=curve_of(F0, terms, temperature),
         slope=_weigh(K, slope_of @ _powers(K, terms.mapped(temperature))),
     )
 
 
-def _rows_and_terms(
-    gyro: str, runs: Sequence[table_runs.TableRun], *, varies: bool
-) -> tuple[equation.Rows, equation.Terms]:
-    """Held rates of a gyro in all runs, and the terms of the equation that they ask for."""
-    lines = [run.scale(gyro) for run in runs]
-    rows = equation.Rows(
-        np.concatenate([line.rate_dps for line in lines]),
+def _rows(gyro: str, runs: Sequence[table_runs.TableRun]) -> equation.Rows:
+    """Held rates of a gyro in all runs."""
+    rates = [run.scale(gyro).rate_dps for run in runs]
+    one = np.zeros(sum(map(len, rates)), dtype=np.int64)
+    return equation.Rows(
+        np.concatenate(rates),
         np.concatenate([run.indication(gyro) for run in runs]),
-        np.repeat(np.arange(len(runs)), [line.rate_dps.size for line in lines]),
+        np.repeat(np.arange(len(runs)), list(map(len, rates))),
         np.concatenate([run.plateaus.temp_degc for run in runs]),
         np.concatenate([run.plateaus.hours for run in runs]),
-        np.zeros(sum(line.rate_dps.size for line in lines), dtype=np.int64),
+        one,
+        one,
     )
-    corrected = np.concatenate([line.indication for line in lines])
+
+
+def _terms(
+    gyro: str, runs: Sequence[table_runs.TableRun], rows: equation.Rows, *, varies: bool
+) -> equation.Terms:
+    """Terms of the equation that the runs carry and ask for."""
+    corrected = np.concatenate([run.scale(gyro).indication for run in runs])
     levels = np.unique(np.round(rows.temp_degc)).size if varies else 1
     order = orders.orders(len(runs), levels, polynomial.HIGHEST_ORDER)[-1]
     if levels >= LEAST_LEVELS:
         order = max(order, equation.LOWEST_ORDER)
-    return rows, equation.Terms(
+    return equation.Terms(
         1,
         (order, order),
         polynomial.middle_and_half(rows.temp_degc) if order else (0.0, 1.0),
@@ -171,7 +182,7 @@ def _weigh(curve: Fit, weights: Array) -> Estimate:
     return Estimate(float(found.value), float(found.u), float(found.dof))
 
 
-def _curve(curve: Fit, terms: equation.Terms, temp_degc: Array) -> TemperaturePolynomial:
+def curve_of(curve: Fit, terms: equation.Terms, temp_degc: Array) -> TemperaturePolynomial:
     """Polynomial of a fit in raw powers, over the temperatures [r] [°C] of the runs."""
     order = curve.parameters.size - 1
     raw, covariance = polynomial.in_raw_powers(
@@ -383,13 +394,13 @@ def _flag_between(one: GyroOverRuns, spec: GyroRecipe) -> Iterator[str]:
     name, cure = forms.line_name(one.gyro), 'state [[errors.component]] group = "run"'
     stated = {entry.effect for entry in spec.errors.component}
     unknown = [effect for effect in ("scale", "zero") if effect not in stated]
-    if one.fit is None and unknown:
+    if one.fitted is None and unknown:
         yield (
             f"{name}: one run does not show how runs repeat; u of K and F0 holds within this run"
             f" only: repeat it, or {cure}, effect = {' and '.join(map(repr, unknown))}"
         )
     for letter, found in (("K", one.K), ("F0", one.F0)):
-        if one.fit is not None and found.dof < shared_errors.FEW_DOF:
+        if one.fitted is not None and found.dof < shared_errors.FEW_DOF:
             factor = gum.coverage_factor(found.dof)
             yield (
                 f"{name}: {letter} has {found.dof:.2g} degrees of freedom between"
@@ -398,7 +409,8 @@ def _flag_between(one: GyroOverRuns, spec: GyroRecipe) -> Iterator[str]:
             )
     sides = {float(s) for run in one.runs for s in np.sign(run.plateaus.rate_dps) if s}
     if len(sides) == 1 and (
-        one.shapes or set(one.runs[0].scale(one.gyro).terms) & set(line_terms.CURVATURES)
+        (one.fitted and one.fitted[2].shapes)
+        or set(one.runs[0].scale(one.gyro).terms) & set(line_terms.CURVATURES)
     ):
         yield (
             f"{name}: every run turns one way and the response is bent: F0, the bias and the other"

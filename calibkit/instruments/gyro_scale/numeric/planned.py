@@ -87,9 +87,8 @@ class Holds:
         cls, rate_dps: Array, run: Integers, degc: Array, hours: Array, noise_dps: Array
     ) -> "Holds":
         """Holds [n] of a gyro that is exact."""
-        return cls(
-            equation.Rows(rate_dps, rate_dps, run, degc, hours, np.zeros_like(run)), noise_dps
-        )
+        line = np.zeros_like(run)
+        return cls(equation.Rows(rate_dps, rate_dps, run, degc, hours, line, line), noise_dps)
 
     def join(self, other: "Holds") -> "Holds":
         """These holds and those of other runs."""

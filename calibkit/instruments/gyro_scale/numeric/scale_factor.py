@@ -50,6 +50,10 @@ class ScaleFactor:
     """
     rest_covariance: Array
     """Covariance [2, 2] of K and `rest`."""
+    left_out: Array
+    """Change [2] of K and F0 by the term, of those that are not included, that would change K
+    most.
+    """
     terms: Mapping[str, tuple[float, ...]]
     """Terms beside the line that the residuals ask for, with their coefficients; what time and
     temperature add is taken out of `indication`.
@@ -141,6 +145,11 @@ def _scale_factor(
     full = linear(chosen.solved.design, indication)
     results = chosen.solved.results
     covariance, ratio = _covariance(full, chosen, indication, standard_uncertainty)
+    # an effect too small to be found is still there; what the model explains changes nothing
+    shifts = [np.zeros(4)]
+    shifts += [(other.results - results) @ full.residuals for other in chosen.left_out]
+    largest = max(shifts, key=lambda shift: abs(float(shift[0])))
+    covariance += np.outer(largest, largest)
     # of the model, or of the held zero rates where these know it better
     rest = 3 if covariance[3, 3] < covariance[2, 2] else 2
     return ScaleFactor(
@@ -155,6 +164,7 @@ def _scale_factor(
         solver=results[:2],
         rest=float(results[rest] @ indication),
         rest_covariance=covariance[np.ix_((0, rest), (0, rest))],
+        left_out=largest[:2],
         terms=chosen.terms,
     )
 
@@ -188,11 +198,6 @@ def _covariance(
         # what is held at rest has no part in the residuals of the line
         raised = np.array([excess, excess, excess, 1.0])
     covariance = (results * noise**2) @ results.T * np.outer(raised, raised)
-    shifts = [(other.results - results) @ fit.residuals for other in chosen.left_out]
-    if shifts:
-        # an effect too small to be found is still there; what the model explains changes nothing
-        largest = max(shifts, key=lambda shift: abs(float(shift[0])))
-        covariance += np.outer(largest, largest)
     if not line_terms.turns_both_ways(chosen.solved.design[:, 0]):
         # one direction alone: nothing tells the line of the other one from a bend of the response
         bend = float((chosen.solved.solver[1] - results[1]) @ indication)
