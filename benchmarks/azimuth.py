@@ -17,10 +17,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibkit.instruments.inclinometer import simulate
+from calibkit.instruments.inclinometer import published, simulate
 from calibkit.instruments.inclinometer.numeric import (
     closure,
-    published,
     root_choice,
     scale_fit,
     scale_prior,

@@ -1,7 +1,7 @@
 """Does U of a certificate cover the truth? Writes its part of docs/coverage.md.
 
     PYTHONPATH=. python benchmarks/certificate_coverage.py
-        [--only PROCEDURE]... [--sets N] [--jobs N] [--results FILE]
+        [--only PROCEDURE]... [--sets N] [--first N] [--jobs N] [--results FILE]
 
 Of each shipped procedure 1,000 campaigns are simulated where one takes less than 0.2 s, else 200,
 with a new instrument every time. The equipment is off as the sample profile's [[type_b]] terms say,
@@ -10,7 +10,8 @@ one half of the campaigns, and grows from −e at the lowest to +e at the highes
 Each is fitted with the shipped recipe, and each result of its certificate is held against the truth
 with the U that is printed. A row fails whose binomial 99 % interval (members of one campaign count
 as one trial) lies outside 93 to 99.5 %. With --results campaigns are kept in a file of JSON lines
-and not simulated again. Exit code 1 where a row fails.
+and not simulated again. --first draws the campaigns N … N + sets − 1 in place of 0 … sets − 1. Exit
+code 1 where a row fails.
 """
 
 from __future__ import annotations
@@ -174,12 +175,13 @@ def run(name: str, asked: argparse.Namespace, pool: ProcessPoolExecutor | None) 
     file: Path | None = asked.results
     found, sets = kept(file, name), asked.sets
     if sets is None:
-        simulate(name, 0)
+        simulate(name, asked.first)
         begin = time.perf_counter()
-        for number in range(1, 4):
+        for number in range(asked.first + 1, asked.first + 4):
             simulate(name, number)
         sets = MANY if (time.perf_counter() - begin) / 3 < FAST_S else FEWER
-    numbers = [number for number in range(sets) if number not in found]
+    drawn = range(asked.first, asked.first + sets)
+    numbers = [number for number in drawn if number not in found]
     one = functools.partial(simulate, name)
     for number, outcome in zip(numbers, pool.map(one, numbers) if pool else map(one, numbers)):  # noqa: B905 (as long as numbers)
         found[number] = outcome
@@ -187,7 +189,7 @@ def run(name: str, asked: argparse.Namespace, pool: ProcessPoolExecutor | None) 
             with file.open("a", encoding="utf-8") as stream:
                 entry = {"procedure": name, "number": number, "outcome": outcome}
                 stream.write(json.dumps(entry) + "\n")
-    return [found[number] for number in sorted(found)]
+    return [found[number] for number in drawn]
 
 
 def judge(name: str, outcomes: Sequence[Outcome]) -> tuple[list[list[str]], bool]:
@@ -218,6 +220,7 @@ def main(given: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--only", action="append", choices=PROCEDURES, help="procedure")
     parser.add_argument("--sets", type=int, help="campaigns of a procedure")
+    parser.add_argument("--first", type=int, default=0, help="number of the first campaign")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--results", type=Path, help="campaigns that are kept between calls")
     parser.add_argument("--page", type=Path, help="page that is written anew")

@@ -1,16 +1,27 @@
 """Do 95 % intervals cover the truth where observations share errors, and are they no wider than
 they must be? Writes docs/coverage.md.
 
-    PYTHONPATH=. python benchmarks/coverage.py [--only TEXT] [--sets N] [--jobs N] [--results FILE]
+    PYTHONPATH=. python benchmarks/coverage.py [--only TEXT] [--sets N] [--first N] [--jobs N]
+        [--results FILE] [--python OTHER/bin/python]
 
 Every row simulates 1,000 campaigns where one takes less than 0.2 s, else 200, by a physical
 instrument with one shared error of 0, 0.5, 1 or 3 times the noise of a dwell and 5, 7 or 9 groups.
 Of a row is printed which share of the intervals covers the truth, with its binomial 99 % interval,
 and the mean half-width over that of generalised least squares with known standard deviations. A
 row fails whose binomial interval lies outside 92 to 99.9 %, or which is wider than 1.6 times
-(component given: 92 to 98 %, 1.15 times). With --results rows are kept in a file of JSON lines, and
-those that are there are not simulated again; --sets 0 simulates none. The page is written where all
-cases were asked for, or --page names it. Exit code 1 where a row fails.
+(component given: 92 to 98 %, 1.15 times).
+
+Rows of `intervals.physics` are of devices with a fault that their logs do not name, and of the same
+campaigns without it. Printed are the share of truths within U, the share of campaigns in which a
+flag names the cause, of those in which only a remark does, of either coverage or flag, and mean U.
+A row fails below 95 % of either or 88 % of coverage where nothing is flagged; without the fault
+where more than 1 % are flagged or any is refused or rejected.
+
+With --results rows are kept in a file of JSON lines, and
+those that are there are not simulated again; --sets 0 simulates none. --first draws the campaigns
+N … N + sets − 1 in place of 0 … sets − 1: seeds that a row has not been seen with. --python fits
+the same logs with the calibkit that another interpreter has installed. The page is written where
+all cases were asked for, or --page names it. Exit code 1 where a row fails.
 """
 
 from __future__ import annotations
@@ -18,27 +29,33 @@ from __future__ import annotations
 import argparse
 import importlib
 import json
+import os
+import subprocess
 import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 
-from intervals.rows import Case, Outcome, Row, judge  # noqa: E402 the folder is found first
+from intervals.physics.rows import FaultRow  # noqa: E402 the folder is found first
+from intervals.rows import Case, Row, judge  # noqa: E402
 from speed.page import machine, replaced, table  # noqa: E402
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+AnyRow = Row | FaultRow
 PAGE = ROOT / "docs" / "coverage.md"
 BEGIN, END = (
     "<!-- measured: benchmarks/coverage.py writes what stands below -->",
     "<!-- end of what is measured -->",
 )
+FAULTS = "physics.rows"
+"""Module of devices with a fault, whose rows have a table of their own."""
 INSTRUMENTS = (
     "accelerometer",
     "rate_table",
@@ -47,49 +64,57 @@ INSTRUMENTS = (
     "bias_temperature",
     "inclinometer",
 )
-"""Modules of `intervals`; each has `list_cases()` and `simulate(case, number)`."""
+"""Modules of `intervals`; each has `list_cases()`, `simulate(case, number)` and `judge`."""
 FAST_S, MANY, FEWER, CHUNK = 0.2, 1000, 200, 20
 
 
-def simulate(case: Case, numbers: range) -> list[Outcome]:
+def simulate(case: Case, numbers: range) -> list[Any]:
     """Some campaigns of a case."""
     module = importlib.import_module(f"intervals.{case.instrument}")
     return [module.simulate(case, number) for number in numbers]
 
 
-def run(case: Case, sets: int | None, pool: ProcessPoolExecutor | None) -> list[Row]:
+def run(case: Case, sets: int | None, first: int, pool: ProcessPoolExecutor | None) -> list[AnyRow]:
     """All campaigns of a case, judged."""
-    found = simulate(case, range(1))
+    outcomes = simulate(case, range(first, first + 1))
     if sets is None:
         begin = time.perf_counter()
-        found += simulate(case, range(1, 5))
+        outcomes += simulate(case, range(first + 1, first + 5))
         sets = MANY if (time.perf_counter() - begin) / 4 < FAST_S else FEWER
-    chunks = [range(a, min(a + CHUNK, sets)) for a in range(len(found), sets, CHUNK)]
-    made = (
-        pool.map(simulate, [case] * len(chunks), chunks)
-        if pool
-        else (simulate(case, chunk) for chunk in chunks)
-    )
-    return judge(case, [*found, *(one for chunk in made for one in chunk)])
+    numbers = range(first, first + sets)[len(outcomes) :]
+    chunks = [numbers[k : k + CHUNK] for k in range(0, len(numbers), CHUNK)]
+    mapped = pool.map if pool else map
+    for chunk in mapped(simulate, [case] * len(chunks), chunks):
+        outcomes += chunk
+    module = importlib.import_module(f"intervals.{case.instrument}")
+    return getattr(module, "judge", judge)(case, outcomes)
 
 
-def label(row: Row) -> str:
-    """What a row is of, in words."""
-    given = ", given" if row.given else ""
-    return f"{row.procedure}: {row.quantity}; {row.error}{given} {row.ratio:g} ×, {row.groups}"
+def run_elsewhere(arguments: Sequence[str]) -> int:
+    """Run this script with the interpreter that --python names."""
+    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    parser.add_argument("--python")
+    asked, others = parser.parse_known_args(arguments)
+    # PYTHONPATH would put this tree before the calibkit that is installed there.
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    command = [asked.python, __file__, *others]
+    return subprocess.run(command, env=environment, check=False).returncode
 
 
-def page_of(rows: Sequence[Row]) -> str:
-    """Tables in Markdown: a line per quantity, error and size, a column per number of groups."""
+def page_of(rows: Sequence[AnyRow]) -> str:
+    """Tables in Markdown: a line per quantity, error and size, a column per number of groups; of
+    devices with a fault a line per fault and quantity.
+    """
     texts = []
     failed = [row for row in rows if row.faults]
-    campaigns = [row.campaigns + row.refused for row in rows]
+    campaigns = [row.campaigns + row.refused * isinstance(row, Row) for row in rows]
     texts.append(
         f"{len(rows)} rows of {min(campaigns)} to {max(campaigns)} campaigns,"
         f" {len(rows) - len(failed)} pass, {len(failed)} fail. Measured on {machine()}.\n"
     )
-    for title in dict.fromkeys(f"{row.instrument}: {row.procedure}" for row in rows):
-        own = [row for row in rows if f"{row.instrument}: {row.procedure}" == title]
+    errors = [row for row in rows if isinstance(row, Row)]
+    for title in dict.fromkeys(f"{row.instrument}: {row.procedure}" for row in errors):
+        own = [row for row in errors if f"{row.instrument}: {row.procedure}" == title]
         groups = sorted({row.groups for row in own})
         lines: dict[tuple[str, str, str], dict[int, str]] = {}
         for row in own:
@@ -99,45 +124,57 @@ def page_of(rows: Sequence[Row]) -> str:
         cells = [[*key, *(line.get(n, "") for n in groups)] for key, line in lines.items()]
         head = ["of", "shared error", "size", *(f"{n} groups" for n in groups)]
         texts.append(f"## {title}\n\n{table(head, cells)}")
+    faults = [[row.label, row.cell] for row in rows if isinstance(row, FaultRow)]
+    if faults:
+        texts.append(f"## With a fault and without it\n\n{table(['of', 'campaigns'], faults)}")
     return "\n".join(texts)
 
 
-def kept(file: Path | None) -> dict[str, list[Row]]:
+def kept(file: Path | None) -> dict[str, list[AnyRow]]:
     """Rows of an earlier call, by their case."""
-    found: dict[str, list[Row]] = {}
+    found: dict[str, list[AnyRow]] = {}
     if file is not None and file.is_file():
         for line in file.read_text(encoding="utf-8").splitlines():
             entry = json.loads(line)
-            found[entry["case"]] = [Row(**row) for row in entry["rows"]]
+            found[entry["case"]] = [
+                FaultRow(**row) if "fault" in row else Row(**row) for row in entry["rows"]
+            ]
     return found
 
 
 def main(given: Sequence[str] | None = None) -> int:
     """Simulate, print, write the page where all cases were asked for."""
     parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
     )
     parser.add_argument("--only", action="append", help="text that a case contains; all must")
     parser.add_argument("--sets", type=int, help="campaigns of a row")
+    parser.add_argument("--first", type=int, default=0, help="number of the first campaign")
+    parser.add_argument("--python", help="interpreter with another calibkit")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--results", type=Path, help="rows that are kept between calls")
     parser.add_argument("--page", type=Path, help="page that is written anew")
     asked = parser.parse_args(given)
-    modules = [importlib.import_module(f"intervals.{name}") for name in INSTRUMENTS]
+    if asked.python:
+        return run_elsewhere(sys.argv[1:] if given is None else given)
+    modules = [importlib.import_module(f"intervals.{name}") for name in (*INSTRUMENTS, FAULTS)]
     cases = [case for module in modules for case in module.list_cases()]
     if asked.only:
         cases = [case for case in cases if all(text in str(case) for text in asked.only)]
-    before, rows = kept(asked.results), list[Row]()
+    before, rows = kept(asked.results), list[AnyRow]()
     context = get_context("fork")
     pool = ProcessPoolExecutor(asked.jobs, context) if asked.jobs > 1 else None
     for case in cases if asked.sets != 0 else [case for case in cases if str(case) in before]:
         begin = time.perf_counter()
-        found = before.get(str(case)) or run(case, asked.sets, pool)
+        key = f"{case} from {asked.first}" if asked.first else str(case)
+        found = before.get(key) or run(case, asked.sets, asked.first, pool)
         rows += found
         for row in found:
-            print(f"{label(row)}: {row.cell}", flush=True)
-        if str(case) not in before and asked.results is not None:
-            entry = {"case": str(case), "rows": [row.to_object() for row in found]}
+            print(f"{row.label}: {row.cell}", flush=True)
+        if key not in before and asked.results is not None:
+            entry = {"case": key, "rows": [row.to_object() for row in found]}
             with asked.results.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(entry) + "\n")
             print(f"    {time.perf_counter() - begin:.1f} s", flush=True)

@@ -22,8 +22,8 @@ from calibkit.arrays import Array
 from calibkit.fit.solve import solve
 from calibkit.ingest import logs as ingest
 from calibkit.instruments.accelerometer import dwells as triad_dwells, simulate_plan
+from calibkit.instruments.accelerometer.equation import Terms
 from calibkit.instruments.accelerometer.fit import fit_triad
-from calibkit.instruments.accelerometer.numeric import affine_model
 from calibkit.instruments.fog_thermal.numeric import (
     bank as forward,
     bank_fit,
@@ -62,19 +62,16 @@ def run_triad(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  
     """
     rng = np.random.default_rng(seed)
     predicted = {one["name"]: one["standard_uncertainty"] for one in plan.document["coefficients"]}
-    entries = [affine_model.find_entry(name) for name in predicted]
-    typical = {"m": (3e-3, 1e-4, 1e-7, 1e-10), "b": (3e-3, 3e-5, 1e-8, 1e-10)}
-    truth = np.array([rng.normal(0.0, typical[one.kind][one.power]) for one in entries])
-    off = np.array([one.kind == "m" and one.factors != (one.row,) for one in entries])
-    first = np.array([one.power == 0 for one in entries])
-    truth[off & ~first] *= 1e-2
-    truth[
-        [one.kind == "m" and one.factors == (one.row,) and one.power == 0 for one in entries]
-    ] += 1
+    terms = Terms.named([*predicted])
+    typical = {"k": (3e-3, 1e-4, 1e-7, 1e-10), "z": (3e-3, 3e-5, 1e-8, 1e-10), "c": (3e-3, 1e-6)}
+    size = [typical[term.kind][term.power] for term in terms.listed]
+    truth = terms.nominal + rng.normal(0.0, size)
 
     def indicate(gravity: Array, degc: Array) -> Array:
-        matrix, bias = affine_model.matrix_and_bias(entries, truth, degc)
-        return np.linalg.solve(matrix, gravity[:, :, None])[:, :, 0] + bias
+        indication = gravity.copy()
+        for _ in range(30):  # the equation is nearly the identity
+            indication = indication - (terms.corrected(truth, indication, degc) - gravity)
+        return indication
 
     held = plan.schedule.recorded("dwell")
     held = [one for one in held if one.log == held[0].log]

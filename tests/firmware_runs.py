@@ -21,14 +21,13 @@ RUNS = {
     "gradient": ("fog_thermal", ("drift.model=gradient_rate", "drift.order=2", *HOWEVER_WELL)),
     "affine": ("accelerometer", ("affine.second_order=true", "affine.third_order=true")),
     "k": ("accelerometer", ("compensation=k",)),
-    "kq": ("accelerometer", ("compensation=kq", "k.cross=false", *HOWEVER_MOUNTED)),
     "pair": ("gyro_pair", ()),
     "rate": ("rate_table", ()),
     "triad": ("gyro_triad", ("site.latitude_deg=34.2",)),
     "scale": ("inclinometer", ()),
 }
 """Name → procedure and overrides."""
-MEMORYLESS = ("affine", "k", "kq", "pair", "rate", "triad", "scale")
+MEMORYLESS = ("affine", "k", "pair", "rate", "triad", "scale")
 
 
 ORDERS = {"gyro_x_dph": 3, "gyro_y_dph": 3, "gyro_z_dph": 2, "accel_x_g": 3, "accel_z_g": 1}

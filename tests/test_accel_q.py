@@ -6,11 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from scipy.stats import t
 
 from calibkit.errors import FitError
-from calibkit.instruments.accelerometer.numeric import affine, affine_model, q_factor
+from calibkit.instruments.accelerometer.fit import fit_triad
+from calibkit.instruments.accelerometer.numeric import q_factor
 from calibkit.numeric import attitude
+from triad_dwells import WHITE, collect, expanded, recipe, uncertainties, values
 
 AUTHORITY = json.loads((Path(__file__).parent / "authorities" / "accel_q.json").read_text())
 AXES = np.array(AUTHORITY["axes"])
@@ -42,10 +43,12 @@ def small_angle_matrix(coefficients):
     return np.array([[1.0, 0.0, 0.0], [q3, 1.0, 0.0], [q2, q1, 1.0]])
 
 
-def fit_triad(indicated, reference=REFERENCE, **options):
-    """Affine triad at one temperature."""
-    cold, terms = np.zeros(len(indicated)), affine_model.AffineTerms(0, 0, 0)
-    return affine.fit(indicated, cold, reference, terms=terms, **options)
+def fit_q(indicated, spots=SPOTS, *, noise=None):
+    """Q of a triad at one temperature, and the constant triad."""
+    orders = {"scale_order": 0, "bias_order": 0, "cross_order": 0}
+    spec = recipe(loss="least_squares", k={"enabled": False}, affine=orders)
+    fitted = fit_triad(collect(indicated, 0.0, spots, noise=noise), spec)
+    return fitted.q, {one.name: one.value for one in fitted.affine.coefficients}
 
 
 def test_published_matrices_come_out_of_the_axes():
@@ -116,22 +119,23 @@ def test_small_angle_form_loses_what_the_source_says(angle_deg, ye2, ze3):
 
 
 def test_fit_recovers_a_triad_in_a_fixture():
-    """Scale, bias, mounting and Q come out together from exact dwells, Q to 1e-12 rad."""
+    """Scale, zero, mounting and Q come out together from exact dwells, Q to 1e-12 rad."""
     rotation, scale, bias = (
         turned((0.01, -0.02, 0.03)),
         np.array([1.01, 0.98, 1.003]),
         np.array([1e-3, -2e-3, 3e-3]),
     )
-    fitted = fit_triad(scale * (REFERENCE @ (q_factor.axes_from_angles(Q) @ rotation).T) + bias)
-    matrix, found_bias = affine_model.matrix_and_bias(
-        fitted.entries, fitted.coefficients, np.zeros(1)
-    )
-    found = q_factor.axes_from_sensitivity(np.linalg.inv(matrix[0]))
-    np.testing.assert_allclose(fitted.evaluate_q(0.0)[0], Q, atol=1e-12)
-    np.testing.assert_allclose(found[0], q_factor.axes_from_angles(Q), atol=1e-12)
-    np.testing.assert_allclose(found[1], rotation, atol=1e-12)
-    np.testing.assert_allclose(found[2], scale, rtol=1e-12)
-    np.testing.assert_allclose(found_bias[0], bias, atol=1e-12)
+    axes = q_factor.axes_from_angles(Q)
+    q, triad = fit_q(scale * (REFERENCE @ (axes @ rotation).T) + bias)
+    names = "xyz"
+    cross = np.array([[triad.get(f"c_{i}{j}", 0.0) for j in names] for i in names])
+    k, z = (np.array([triad[f"{kind}_{i}0"] for i in names]) for kind in "kz")
+    split = q_factor.axes_from_sensitivity(np.linalg.inv((np.eye(3) - cross) * k))
+    np.testing.assert_allclose(values(q), Q, atol=1e-12)
+    np.testing.assert_allclose(split[0], axes, atol=1e-12)
+    np.testing.assert_allclose(split[1], rotation, atol=1e-12)
+    np.testing.assert_allclose(split[2], scale, rtol=1e-12)
+    np.testing.assert_allclose(z / k, bias, atol=1e-12)
 
 
 def test_unit_diagonal_least_squares_is_another_number():
@@ -141,40 +145,51 @@ def test_unit_diagonal_least_squares_is_another_number():
     indicated = REFERENCE @ AXES.T
     q1 = np.linalg.lstsq(indicated[:, :2], REFERENCE[:, 2] - indicated[:, 2], rcond=None)[0][1]
     assert abs(q1 / AUTHORITY["Q1"] - 1.0) > 5e-5
-    found, _ = fit_triad(indicated).evaluate_q(0.0)
-    assert found[0] == pytest.approx(AUTHORITY["Q1"], rel=1e-9)
+    assert values(fit_q(indicated)[0])[0] == pytest.approx(AUTHORITY["Q1"], rel=1e-9)
 
 
 def test_intervals_of_q_cover_the_truth():
     """Over simulated sets the 95 % intervals of Q1, Q2, Q3 cover 93 to 97 %."""
     rng = np.random.default_rng(1)
     indicated = 1.02 * (REFERENCE @ q_factor.axes_from_angles(Q).T) + 0.01
-    covered = []
-    for _ in range(150):
-        fitted = fit_triad(indicated + rng.normal(0.0, 2e-5, REFERENCE.shape))
-        found, covariance = fitted.evaluate_q(0.0)
-        width = t.ppf(0.975, fitted.dof) * np.sqrt(np.diag(covariance))
-        covered.append(np.abs(found - Q) <= width)
+    fits = [fit_q(indicated + rng.normal(0.0, 2e-5, REFERENCE.shape))[0] for _ in range(100)]
+    covered = [np.abs(values(q) - Q) <= expanded(q) for q in fits]
     assert 0.93 <= np.mean(covered) <= 0.97
 
 
+def test_q_is_that_of_every_temperature():
+    """Q at the recipe's temperature is that of the axes there, with an interval that holds it."""
+    temperature, spots = np.repeat([-20.0, 30.0, 80.0, 125.0], 20), np.tile(SPOTS, (4, 1))
+    warm = (temperature - 52.5) / 72.5
+    axes = [q_factor.axes_from_angles(Q + 3e-4 * t) for t in warm]
+    gravity = np.tile(REFERENCE, (4, 1))
+    indicated = np.einsum("nij,nj->ni", axes, gravity) * [1.01, 0.99, 1.02]
+    indicated += np.random.default_rng(6).normal(0.0, 2e-5, gravity.shape)
+    spec = recipe(
+        loss="least_squares", k={"enabled": False}, errors=WHITE, reference_temp_degc=80.0
+    )
+    q = fit_triad(collect(indicated, temperature, spots), spec).q
+    assert [one.value for one in q.parameters if one.name == "temperature"] == [80.0]
+    assert np.all(np.abs(values(q) - Q - 3e-4 * 27.5 / 72.5) < 4.0 * uncertainties(q))
+    assert np.all(uncertainties(q) < 2e-5)  # rad
+
+
 def test_weights_hold_noisy_dwells_back():
-    """Dwells with a hundredth of the weight hardly move Q."""
+    """Dwells with a hundred-millionth of the weight hardly move Q."""
     rng = np.random.default_rng(2)
     indicated = REFERENCE @ q_factor.axes_from_angles(Q).T
-    indicated[:4] += rng.normal(0.0, 1e-2, (4, 3))
-    weights = np.ones(len(SPOTS))
-    weights[:4] = 1e-8
-    plain, weighted = (fit_triad(indicated, weights=w).evaluate_q(0.0)[0] for w in (None, weights))
+    indicated[:4] += rng.normal(0.0, 1e-3, (4, 3))
+    noise = np.ones(len(SPOTS))
+    noise[:4] = 1e4
+    plain, weighted = (values(fit_q(indicated, noise=n)[0]) for n in (None, noise))
     assert np.max(np.abs(weighted - Q)) < 1e-8  # rad
     assert np.max(np.abs(plain - Q)) > 1e-4  # rad
 
 
 def test_a_reversed_axis_is_refused():
     """A triad with one sign wrong is left-handed, and said to be."""
-    reversed_axis = fit_triad(REFERENCE * [1.0, -1.0, 1.0])
     with pytest.raises(FitError, match="left-handed"):
-        reversed_axis.evaluate_q(0.0)
+        fit_q(REFERENCE * [1.0, -1.0, 1.0])
 
 
 def test_axes_in_one_plane_are_refused():
@@ -184,10 +199,10 @@ def test_axes_in_one_plane_are_refused():
 
 
 def test_attitudes_on_one_cone_are_refused():
-    """Toolfaces at one inclination do not separate the bias from the sensitivity."""
-    cone = REFERENCE[SPOTS[:, 0] == 45.0]
-    with pytest.raises(FitError, match="accel_z: b_z0"):
-        fit_triad(cone, cone)
+    """Toolfaces at one inclination do not separate the zero from the sensitivity."""
+    cone = SPOTS[:, 0] == 45.0
+    with pytest.raises(FitError, match=r"accel_z: .*z_z0|accel_z: c_zx"):
+        fit_q(REFERENCE[cone], SPOTS[cone])
 
 
 def test_impossible_angles_are_refused():

@@ -68,9 +68,7 @@ def test_a_term_of_a_triad_that_is_not_fitted_is_refused(tmp_path, calibkit, log
 
 
 def test_the_run_holds_three_files_of_the_contract(tmp_path, calibkit, log_writer):
-    """accel_k, accel_q and accel_affine with their forms; the affine entries are named by entry and
-    power.
-    """
+    """accel_k, accel_q and accel_affine with their forms; the terms are named by axis and power."""
     simulated(tmp_path / "logs", 1, log_writer)
     _, run = fit(calibkit, tmp_path / "logs", tmp_path / "runs")
     assert set(run.records) == {"accel_k.json", "accel_q.json", "accel_affine.json"}
@@ -80,8 +78,8 @@ def test_the_run_holds_three_files_of_the_contract(tmp_path, calibkit, log_write
         "Q3",
     ]
     names = [c.name for c in run.records["accel_affine.json"].model("triad").coefficients]
-    assert {"m_xx0", "m_xy1", "b_z3"} <= set(names)
-    assert run.records["accel_affine.json"].model("triad").form == "accel-affine/1"
+    assert {"k_x0", "d_xy", "z_z3"} <= set(names)
+    assert run.records["accel_affine.json"].model("triad").form == "accel-triad/1"
 
 
 def test_too_few_temperatures_name_the_coefficients_and_the_dwells_to_add(
@@ -103,6 +101,7 @@ def test_too_few_temperatures_name_the_coefficients_and_the_dwells_to_add(
     assert "temperature" in outcome.err
     assert "add" in outcome.err
     lowered = ("k.scale_order=2", "k.zero_order=2", "affine.scale_order=2", "affine.bias_order=2")
+    lowered += ("compensation=k",)  # these dwells are of its form, without noise
     outcome, run = fit(calibkit, tmp_path / "logs", tmp_path / "runs", *lowered)
     assert outcome.code == 0, outcome.err
     assert any("K3, K7 not fitted" in flag for flag in run.records["accel_k.json"].flags)
@@ -201,9 +200,7 @@ def test_a_wild_dwell_is_named_with_its_line(tmp_path, calibkit, log_writer):
     log_writer(tmp_path / "wild" / "positions.csv", **{name: columns[name] for name in COLUMNS})
     _, clean = fit(calibkit, tmp_path / "clean", tmp_path / "a")
     _, wild = fit(calibkit, tmp_path / "wild", tmp_path / "b")
-    assert any(
-        "accel_y: suspect dwell positions.csv:102" in flag for flag in wild.document["flags"]
-    )
+    assert any("triad: suspect dwell positions.csv:102" in flag for flag in wild.document["flags"])
     for name in ("accel_x", "accel_y", "accel_z"):
         one, two = (run.records["accel_k.json"].model(name) for run in (clean, wild))
         for a, b in zip(one.coefficients, two.coefficients, strict=True):
@@ -310,9 +307,9 @@ def test_held_positions_of_a_continuous_log_calibrate_from_magnitude_alone(
     run = store.load(tmp_path / "runs" / "M" / "r001")
     q = [c.value for c in run.records["accel_q.json"].model("triad").coefficients]
     assert q == pytest.approx([-0.014, 0.012 * 0.014 + 0.008, -0.012], abs=2e-4)
-    matrix = run.records["accel_affine.json"].model("triad")
-    assert matrix.value("m_xx0") == pytest.approx(1.0 / 1.01, rel=1e-4)
-    assert matrix.value("b_y0") == pytest.approx(-0.02, abs=1e-4)
+    triad_model = run.records["accel_affine.json"].model("triad")
+    assert triad_model.value("k_x0") == pytest.approx(1.0 / 1.01, rel=1e-4)
+    assert triad_model.value("z_y0") == pytest.approx(-0.02 / 0.99, abs=1e-4)
     outcome = calibkit(
         "fit", "accelerometer_magnitude", *arguments, "--set", "reference.solver=lmfit"
     )
@@ -362,36 +359,29 @@ def test_apply_clamps_the_temperature_and_says_so(tmp_path, calibkit, log_writer
     assert found["accel_x_g"][0] == found["accel_x_g"][1]
 
 
-def test_scale_and_zero_then_q_is_the_published_chain(tmp_path, calibkit, log_writer):
-    """With k.cross = false "kq" orthogonalises the triad; with K8, K9 fitted it is refused as a
-    double correction.
-    """
-    log = simulated(tmp_path / "logs", 8, log_writer)
-    refused, _ = fit(calibkit, tmp_path / "logs", tmp_path / "runs", "compensation=kq")
-    assert refused.code == 2
-    assert "twice" in refused.err
-    # how the triad is mounted stays, beyond the limits of the shipped recipe
-    limits = ("residual_rms_g=0.01", "inclination_error_deg=1.0", "toolface_error_sin_deg=1.0")
-    outcome, _ = fit(
-        *(calibkit, tmp_path / "logs", tmp_path / "runs", "compensation=kq", "k.cross=false"),
-        *(f"acceptance.max_{limit}" for limit in limits),
-    )
-    assert outcome.code == 0, outcome.err
-    calibkit("apply", "A", "--runs", tmp_path / "runs", "--data", log, "--out", tmp_path / "o.csv")
-    found = np.genfromtxt(tmp_path / "o.csv", delimiter=",", names=True)
-    vector = np.column_stack([found[f"accel_{axis}_g"] for axis in "xyz"])
-    raw = np.genfromtxt(log, delimiter=",", names=True)
-    before = np.column_stack([raw[f"accel_{axis}_g"] for axis in "xyz"])
-    spread = [np.std(np.linalg.norm(v, axis=1)) for v in (before, vector)]
-    assert (
-        spread[1] < 1e-4
-    )  # the length of gravity no longer depends on attitude or temperature [g]
-    assert spread[0] > 20 * spread[1]
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ("compensation=kq", "expected 'affine' or 'k'"),
+        ("k.groups=log", "remove it"),
+        ("affine.cross_order=2", "linear in temperature at most"),
+    ],
+)
+def test_what_0_2_offered_and_is_no_more_is_refused_by_name(
+    tmp_path, calibkit, log_writer, setting, words
+):
+    """A recipe of 0.2 with it is still read, and not fitted."""
+    log_writer(tmp_path / "logs" / "positions.csv", **vector_columns())
+    outcome, _ = fit(calibkit, tmp_path / "logs", tmp_path / "runs", setting)
+    assert outcome.code in (2, 3)
+    assert setting.split("=")[0] in outcome.err
+    assert words in outcome.err
+    assert not (tmp_path / "runs").exists()
 
 
 def test_coefficients_of_another_unit_fail_their_validation(tmp_path, calibkit, log_writer):
     """Errors far beyond their uncertainty reject the run, also where they are smaller than those of
-    the raw indication; few logs give no grouped covariance.
+    the raw indication.
     """
     simulated(tmp_path / "logs", 6, log_writer)
     simulated(tmp_path / "other", 7, log_writer)
@@ -408,6 +398,3 @@ def test_coefficients_of_another_unit_fail_their_validation(tmp_path, calibkit, 
     )
     assert outcome.code == 1
     assert "positions.csv: rms error over its u" in outcome.out
-    refused, _ = fit(calibkit, tmp_path / "logs", tmp_path / "more", "k.groups=log")
-    assert refused.code == 3
-    assert "expected at least 12" in refused.err

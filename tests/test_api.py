@@ -12,7 +12,8 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pandas as pd
 import pytest
-import scipy.linalg  # noqa: F401 (its library is one of those that have threads)
+import scipy.linalg
+import scipy.special
 from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_info, threadpool_limits
 
@@ -167,6 +168,9 @@ def test_a_model_of_a_run_is_evaluated_with_its_uncertainty(tmp_path):
     np.testing.assert_allclose(value, powers @ [c.value for c in model.coefficients], rtol=1e-14)
     expected = np.sqrt(np.diag(powers @ np.array(model.covariance) @ powers.T))
     np.testing.assert_allclose(u, expected, rtol=1e-9)
+    dof = min(c.effective_dof for c in model.coefficients)
+    U = run.model("x").evaluate(temp_case_degc=[30.0, 60.0]).expanded_uncertainty
+    np.testing.assert_allclose(U, scipy.special.stdtrit(dof, 0.97725) * u, rtol=1e-9)
     with pytest.raises(calibkit.CalibkitError, match="no model is called 'z'; there are: "):
         calibkit.evaluate(run, "z", temp_case_degc=30.0)
     for inputs, found in (

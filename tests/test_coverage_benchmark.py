@@ -4,6 +4,7 @@ import importlib.util
 import sys
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from conftest import ROOT
@@ -44,6 +45,88 @@ def test_a_few_campaigns_of_every_instrument_give_rows_and_a_page(benchmark, tmp
     text = page.read_text(encoding="utf-8")
     assert "old" not in text
     assert all(row.quantity in text and row.cell in text for row in rows)
+
+
+def test_campaigns_are_drawn_from_a_first_number_on(benchmark, tmp_path):
+    """Campaigns 3 and 4 of a case are those that the row is judged by, and are kept apart."""
+    command, rows = benchmark
+    results = tmp_path / "rows.jsonl"
+    pair = ["--only", "gyro_pair", "--only", "'none'", "--results", str(results)]
+    command.main([*pair, "--sets", "1"])
+    command.main([*pair, "--sets", "2", "--first", "3"])
+    (case,) = (key for key in command.kept(results) if "from" not in key)
+    module = importlib.import_module("intervals.gyro_pair")
+    (plan,) = (one for one in module.list_cases() if str(one) == case)
+    drawn = rows.judge(plan, [module.simulate(plan, number) for number in (3, 4)])
+    assert command.kept(results)[f"{case} from 3"] == drawn
+
+
+def test_another_interpreter_is_given_all_other_arguments(benchmark, tmp_path, capfd):
+    """A program in place of the interpreter prints what it is called with."""
+    command, _ = benchmark
+    python = tmp_path / "python"
+    python.write_text('#!/bin/sh\necho "${PYTHONPATH-none}" "$@"\n', encoding="utf-8")
+    python.chmod(0o755)
+    assert command.main(["--sets", "2", "--python", str(python), "--only", "pair"]) == 0
+    printed = capfd.readouterr().out.split(maxsplit=2)
+    assert printed[0] == "none"
+    assert printed[2] == "--sets 2 --only pair\n"
+
+
+def test_every_fault_is_in_the_logs_and_one_of_each_procedure_is_fitted(benchmark):
+    """Logs with a fault differ from those without, which are the same each time; the first fault
+    of each procedure is fitted, and every truth that it states is compared.
+    """
+    del benchmark  # it puts the folder on the path
+    faults = importlib.import_module("intervals.physics.rows")
+    campaigns = importlib.import_module("intervals.physics.campaigns")
+    fitted = set()
+    for label, fault in faults.FAULTS.items():
+        made = [
+            fault.campaign(np.random.default_rng(1), size)
+            for size in (fault.size, fault.sound, fault.sound)
+        ]
+        logs = [[*one.logs.values(), *([one.applied.log] if one.applied else [])] for one in made]
+        same = [all(map(pd.DataFrame.equals, logs[1], other)) for other in (logs[0], logs[2])]
+        assert same == [False, True], label
+        if fault.procedure not in fitted:
+            fitted.add(fault.procedure)
+            result = campaigns.fit(made[0])
+            assert not result.refused, result.flags
+            assert all(np.isfinite(error).all() for error in result.error.values()), label
+            assert all((width > 0.0).all() for width in result.half_width.values()), label
+            compared = sum(error.size for error in result.error.values())
+            assert compared >= len(made[0].truth) > 0, label
+
+
+def test_shares_of_a_fault_are_those_of_its_campaigns(benchmark):
+    """Of four campaigns one is covered, one is flagged, one only noted and one refused for another
+    reason; a flag that stands without the fault too names nothing.
+    """
+    del benchmark
+    campaigns = importlib.import_module("intervals.physics.campaigns")
+    faults = importlib.import_module("intervals.physics.rows")
+    case = next(one for one in faults.list_cases() if "settles" in one.error)
+
+    def fitted(error, flags=(), notes=(), **state):
+        result = {} if state else {"K": np.array([error])}
+        return campaigns.Fitted(
+            result, {name: np.ones(1) for name in result}, flags, notes, **state
+        )
+
+    named, sound = ("a zero that settles",), fitted(0.0)
+    made = [
+        faults.Outcome(fitted(0.5), sound),
+        faults.Outcome(fitted(3.0, named, named), sound),
+        faults.Outcome(fitted(3.0, notes=named), sound),
+        faults.Outcome(fitted(0.0, ("no attitude",), refused=True), fitted(0.0, named)),
+        faults.Outcome(fitted(3.0, named, named), fitted(0.0, named, named)),
+    ]
+    present, absent = faults.judge(case, made)
+    assert (present.covered, present.flagged, present.noted) == (0.25, 0.2, 0.4)
+    assert (present.covered_or_flagged, present.refused, present.expanded) == (0.4, 1, 1.0)
+    assert present.faults == ["covered or flagged", "covered"]
+    assert (absent.covered, absent.flagged, absent.faults) == (1.0, 0.4, ["false alarms"])
 
 
 def outcomes(rows, *, covered, width, of=1000, warned=False):

@@ -340,11 +340,11 @@ def test_every_result_of_the_pdf_stands_in_the_dcc_with_its_uncertainty(run):
 
 
 def test_accelerations_are_in_si_where_the_local_gravity_is_known_and_ratios_where_not(run):
-    """b_x0 is in m/s² with the profile's gravity; without one it stays a ratio, and the certificate
+    """z_x0 is in m/s² with the profile's gravity; without one it stays a ratio, and the certificate
     says so.
     """
     made = run("accelerometer")
-    bias = made.records["accel_affine.json"].models[0].value("b_x0")
+    bias = made.records["accel_affine.json"].models[0].value("z_x0")
     conditions = profile._Conditions(local_gravity_mps2=9.7967)
     known = valid(dcc.render(certificate(made, profile.Profile(conditions=conditions)), "en"))
     unknown = valid(dcc.render(certificate(made), "en"))
@@ -355,7 +355,7 @@ def test_accelerations_are_in_si_where_the_local_gravity_is_known_and_ratios_whe
         real = next(
             e
             for e in root.iter(f"{{{xml.SI}}}real")
-            if e.findtext("si:label", "", xml.NAMES).endswith("triad.b_x0")
+            if e.findtext("si:label", "", xml.NAMES).endswith("triad.z_x0")
         )
         assert real.findtext("si:unit", "", xml.NAMES) == unit
         assert numbers(real, "value")[0] == pytest.approx(bias * factor, rel=1e-14)

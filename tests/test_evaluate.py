@@ -274,12 +274,12 @@ def test_a_chain_of_models_has_the_uncertainty_of_all_their_coefficients(tmp_pat
     """
     from calibkit.instruments.accelerometer.coefficient_files import find_correction
 
-    found = results_of(tmp_path, "accelerometer", triad_stages(), mode="kq")
+    found = results_of(tmp_path, "accelerometer", triad_stages(), mode="k")
     at = {T: 27.0, "accel_x_g": 0.5, "accel_y_g": -0.6, "accel_z_g": 0.7}
     G, t = np.array([[0.5, -0.6, 0.7]]), np.array([27.0])
-    correction = find_correction("kq", found.run.records.values())
+    correction = find_correction("k", found.run.records.values())
     for axis, letter in enumerate("xyz"):
-        value = one(found, f"accel_q.corrected_{letter}", **at)
+        value = one(found, f"accel_k.corrected_{letter}", **at)
         assert value.result.value == pytest.approx(correction(G, t)[0, axis], rel=1e-12)
         variance = 0.0
         for s, (form, models) in enumerate(correction.stages):

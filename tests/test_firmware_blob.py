@@ -21,7 +21,7 @@ from firmware_driver import IDENTITY, exported
 from firmware_runs import cached
 from test_firmware_c import C_ONLY, WARNINGS
 
-CHAINS = ("lagged", "grown", "gradient", "affine", "kq", "rate", "scale")
+CHAINS = ("lagged", "grown", "gradient", "affine", "k", "rate", "scale")
 DRIVER = """#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

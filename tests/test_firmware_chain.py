@@ -50,7 +50,7 @@ def physical(quantised, columns):
 def model_of(name, this):
     """The float64 correction of a chain without memory, from columns of inputs."""
     records, spec = this.run.records, this.spec
-    if name in ("affine", "k", "kq"):
+    if name in ("affine", "k"):
         correction = coefficient_files.find_correction(spec.compensation, records.values())
 
         def corrected(columns):
@@ -254,7 +254,7 @@ def test_statuses_say_what_was_clamped_and_what_is_no_number(name, runs):
         assert np.isnan(value) if state is None else value == 0.0
 
 
-@pytest.mark.parametrize("name", ["affine", "k", "kq"])
+@pytest.mark.parametrize("name", ["affine", "k"])
 def test_a_sensor_of_specific_force_is_corrected_in_its_own_sign(name, runs):
     """Bias and second order turn their sign with the convention: f(V) of one is −f(−V) of the
     other.

@@ -128,7 +128,7 @@ def test_a_column_name_cannot_leave_its_comment():
             ),
         ),
         (
-            "kq",
+            "k",
             (
                 "input accel_x_g [g] = ",
                 "convention accelerometers in and out: positive along gravity",

@@ -97,6 +97,14 @@ def test_an_optional_error_is_kept_where_the_likelihood_asks_for_it():
         assert len(fit.shared) == kept
 
 
+def test_an_optional_error_that_the_parameters_take_is_not_kept():
+    """A scale of one run is the slope of its line: nothing of it is left."""
+    x = np.linspace(0.5, 1.5, 30)
+    y = 2.0 * x + 1e-3 * np.random.default_rng(3).standard_normal(30)
+    effect = shared(np.zeros(30, dtype=int), x, optional=True)
+    assert solve(lambda p: p[0] * x - y, np.zeros(1), [effect]).shared == ()
+
+
 def test_an_error_below_a_bound_is_in_u_and_moves_no_value():
     """u² grows by the square of what the largest such error changes."""
     x = np.linspace(-1.0, 1.0, 9)
@@ -117,6 +125,22 @@ def test_an_outlier_is_left_out_and_a_level_that_stands_apart_is_not():
     y[3] += 30.0
     fit = solve(lambda p: p[0] - y, np.zeros(1), [shared(run, np.ones(40))], leave_out=True)
     assert np.flatnonzero(~fit.used).tolist() == [3]
+
+
+def test_an_outlier_alone_in_its_level_stays_left_out():
+    """Nothing tells its error from one of the level, of a size that no other level has."""
+    rng = np.random.default_rng(4)
+    level = np.append(np.repeat(np.arange(12), 4), 12)
+    y = rng.standard_normal(49) + np.where(level == 12, 1e3, 0.0)
+    fit = solve(
+        lambda p: p[0] - y,
+        np.zeros(1),
+        [shared(level, np.ones(49))],
+        used=level < 12,
+        leave_out=True,
+    )
+    assert np.flatnonzero(~fit.used).tolist() == [48]
+    assert fit.shared[0].value < 1.0
 
 
 def test_a_product_of_parameters_is_fitted_as_the_ratio_of_two_lines():
@@ -239,3 +263,12 @@ def test_a_stated_size_that_the_rows_do_not_show_keeps_its_degrees_of_freedom(si
     assert mean.u**2 == pytest.approx(noise + size**2, rel=1e-6)
     dof = (noise + size**2) ** 2 / (noise**2 / 29 + size**4 / 5.0)
     assert mean.dof == pytest.approx(min(dof, 29.0), rel=1e-3)
+
+
+def test_the_search_for_a_size_comes_back_from_far_above():
+    """Scatter of five rows beside a known noise that is nothing against it is their deviation."""
+    y = np.array([4.0, 0.0, 3.0, 6.0, 2.0])
+    scatter = shared(np.arange(5), np.ones(5))
+    noise = np.full(5, 1e-13)
+    fit = solve(lambda p: p[0] - y, np.zeros(1), [scatter], noise=noise, estimate_noise=False)
+    assert fit.shared[0].value == pytest.approx(np.std(y, ddof=1), rel=1e-9)

@@ -269,53 +269,17 @@ def test_memory_is_that_of_a_block():
     assert peak < 4 << 20
 
 
-def accelerometer(rows=ROWS, seed=7):
-    """Indications, temperatures and references of a triad at many attitudes and temperatures."""
-    rng = np.random.default_rng(seed)
-    reference = attitude.gravity_vector(
-        rng.uniform(0.0, 180.0, rows), rng.uniform(-180.0, 180.0, rows)
-    )
-    temperature = rng.uniform(-20.0, 125.0, rows)
-    scale = 1.01 + 1e-4 * temperature[:, None] - 1e-7 * temperature[:, None] ** 2
-    return reference * scale + 0.01 + rng.normal(0.0, 1e-4, (rows, 3)), temperature, reference
-
-
-def test_k_of_many_rows_is_that_of_a_plain_solution():
-    """K0 … K9 of three axes agree with lstsq on the mapped columns to 1e-12, and so do their
-    uncertainties.
-    """
-    indication, temperature, reference = accelerometer()
-    for i, axis in enumerate(k_factor.fit(indication, temperature, reference)):
-        u = (temperature - axis.middle) / axis.half
-        powers = np.vander(u, 4, increasing=True)
-        first, second = k_factor.CROSS[i]
-        X = np.column_stack(
-            [
-                indication[:, i, None] * powers,
-                -powers,
-                -indication[:, first],
-                -indication[:, second],
-            ]
-        )
-        plain = np.linalg.lstsq(X, reference[:, i], rcond=None)[0]
-        np.testing.assert_allclose(axis.mapped_coefficients, plain, atol=1e-12)
-        left = reference[:, i] - X @ plain
-        spread = np.sqrt(np.diag(np.linalg.inv(X.T @ X)) * (left @ left) / (ROWS - 10))
-        np.testing.assert_allclose(np.sqrt(np.diag(axis.mapped_covariance)), spread, rtol=1e-9)
-
-
 def test_many_rows_on_one_cone_are_refused_as_few_are():
     """Which coefficients many dwells at one inclination leave open is said in the same words as of
     few.
     """
-    rng = np.random.default_rng(8)
 
     def said(rows):
         turn = np.resize(np.linspace(-180.0, 170.0, 36), rows)
         reference = attitude.gravity_vector(np.full(rows, 60.0), turn)
         temperature = np.resize([-20.0, 25.0, 70.0, 125.0], rows)
         with pytest.raises(FitError) as refused:
-            k_factor.fit(reference + rng.normal(0.0, 1e-3, (rows, 3)), temperature, reference)
+            k_factor.require_determined(reference, temperature, (k_factor.KTerms(),) * 3)
         return str(refused.value).replace(f"{rows} dwells", "dwells"), refused.value.hint
 
     assert said(36 * 700) == said(36 * 4)

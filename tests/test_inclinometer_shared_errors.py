@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from calibkit.errors import FitError
-from calibkit.frame import Log
+from calibkit.frame import Log, Remark
 from calibkit.instruments.inclinometer import (
     errors,
     forms,
@@ -19,6 +19,7 @@ from calibkit.instruments.inclinometer import (
     stations as inclinometer_stations,
 )
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
+from calibkit.numeric import earth
 
 LEAST = 0.88
 """Share of campaigns, or of stations, that the stated interval must cover."""
@@ -234,3 +235,67 @@ def test_validate_rejects_and_says_what_turns_the_azimuths(tmp_path, calibkit, l
     assert outcome.code == 1
     assert json.loads(out.read_text(encoding="utf-8"))["accepted"] is False
     assert "the azimuths are turned together by 0.2" in outcome.err + outcome.out
+
+
+def in_one_fixture(seed):
+    """Log of 24 stations of one attitude over 20 to 120 °C, s = 1 + 1e-5 T."""
+    rng, count = np.random.default_rng(seed), 24
+    attitudes = simulate.Attitudes(*(np.full(count, deg) for deg in (30.0, 20.0, 60.0)))
+    gravity = simulate.rotated(attitudes, np.array([0.0, 0.0, 1.0]))
+    rate = simulate.rotated(attitudes, earth.north_east_down(34.2))
+    degc, turned = np.linspace(20.0, 120.0, count), np.tile(simulate.POSITIONS_DEG, (count, 1))
+    columns = {
+        "station": np.repeat(np.arange(1, count + 1), 4),
+        "position_deg": turned.ravel(),
+        "temp_case_degc": np.repeat(degc, 4),
+    }
+    for axis, angle in (("x", 0.0), ("y", 90.0)):
+        accel = simulate.resolve_along(gravity, turned + angle, 0.0)
+        gyro = simulate.resolve_along(rate, turned + angle, 0.0) / (1.0 + 1e-5 * degc[:, None])
+        columns[f"accel_{axis}_g"] = (accel + 2e-5 * rng.standard_normal(accel.shape)).ravel()
+        columns[f"gyro_{axis}_dph"] = (gyro + 0.01 * rng.standard_normal(gyro.shape)).ravel()
+    return log_of(columns)
+
+
+def test_stations_in_one_fixture_measure_no_turn_and_do_not_contradict_themselves():
+    """Ten tools: s at 70 °C within 4 u, no station contradicts s(T), and a remark says why no turn
+    is measured.
+    """
+    for seed in range(10):
+        stations = stations_of([in_one_fixture(seed)], PLAIN)
+        fits, seen = solve.fit_scale(stations, PLAIN)
+        assert not seen.contradicted.any()
+        assert not seen.refused.any()
+        for scale in fits.values():
+            prior = scale.model.prior(np.array([70.0]))
+            assert abs(prior.s[0] - 1.0007) < 4.0 * prior.standard_uncertainty[0] < 4e-3
+            assert scale.model.turn_deg == 0.0
+            assert [type(flag) for flag in scale.flags if "one attitude" in flag] == [Remark]
+
+
+def test_neither_the_order_of_logs_nor_the_noise_of_the_other_gyro_moves_s():
+    """Laws of s(T): logs in another order give the same s(T), and the y gyro's does not move where
+    the x gyro is twice as noisy, whose u grows.
+    """
+    columns = {
+        k: np.asarray(v) for k, v in simulate.campaign(4, ideal=True).logs["stations.csv"].items()
+    }
+    half = columns["station"] <= np.median(columns["station"])
+    logs = [
+        log_of({name: values[part] for name, values in columns.items()}, name)
+        for name, part in (("first", half), ("second", ~half))
+    ]
+    pinned = recipe(scale={"order": 1}, history={"standard_uncertainty": 0.01, "rate_walk": 0.0})
+    there, back = fit(logs, pinned), fit(logs[::-1], pinned)
+    for axis in "xy":
+        u = np.sqrt(np.diag(there[axis].model.covariance))
+        change = there[axis].model.coefficients - back[axis].model.coefficients
+        assert np.all(np.abs(change) < 1e-6 * u)
+    rng = np.random.default_rng(9)
+    noise = 0.02 * rng.standard_normal(columns["gyro_x_dph"].size)
+    loud = fit([log_of(columns | {"gyro_x_dph": columns["gyro_x_dph"] + noise})], pinned)
+    quiet = fit([log_of(columns)], pinned)
+    assert loud["y"].model.coefficients == pytest.approx(quiet["y"].model.coefficients, rel=1e-12)
+    assert loud["y"].model.covariance == pytest.approx(quiet["y"].model.covariance, rel=1e-9)
+    ratio = loud["x"].model.covariance[0, 0] / quiet["x"].model.covariance[0, 0]
+    assert 3.0 < ratio < 8.0

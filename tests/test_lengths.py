@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from calibkit import native
-from calibkit.instruments.accelerometer.numeric import magnitude, norms
+from calibkit.instruments.accelerometer.numeric import norms
 
 TRIANGLE = np.array([1.01, 0.02, 0.98, -0.01, 0.03, 1.02, 0.005, -0.004, 0.003])
 only_compiled = pytest.mark.skipif(native.kernels() is None, reason="no compiled kernels")
@@ -111,13 +111,3 @@ def test_rows_that_do_not_follow_one_another_are_read_as_arrays_read_them():
         )
         for one, other in zip(made, expected, strict=True):
             np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-14)
-
-
-@only_compiled
-def test_a_fit_of_many_dwells_is_the_same_compiled_or_not(monkeypatch):
-    """Parameters, covariance, residuals and leverage of 30,000 dwells, bit for bit."""
-    indication = dwells(30_000)
-    one = magnitude.fit(indication)
-    other = of_arrays(lambda: magnitude.fit(indication), monkeypatch)
-    for field in ("parameters", "covariance", "residuals", "leverage"):
-        assert getattr(one, field).tobytes() == getattr(other, field).tobytes()

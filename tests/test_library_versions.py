@@ -22,11 +22,11 @@ pytestmark = pytest.mark.skipif(
 )
 
 EXPORTS = [
-    *((run, "c", number) for run in ("lagged", "kq") for number in ("f32", "f64", "q31")),
+    *((run, "c", number) for run in ("lagged", "k") for number in ("f32", "f64", "q31")),
     ("lagged", "c", "q15"),
     ("level", "c", "f32"),
     ("gradient", "c", "f64"),
-    ("kq", "blob", "f32"),
+    ("k", "blob", "f32"),
     ("lagged", "blob", "f64"),
     ("lagged", "hex", "f32"),
     ("lagged", "srec", "f32"),

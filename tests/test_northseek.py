@@ -10,8 +10,8 @@ from hypothesis import given, settings, strategies as st
 
 from calibkit.constants import EARTH_RATE_DPH
 from calibkit.errors import FitError
-from calibkit.instruments.inclinometer import stations as station_steps
-from calibkit.instruments.inclinometer.numeric import closure, published
+from calibkit.instruments.inclinometer import published, stations as station_steps
+from calibkit.instruments.inclinometer.numeric import closure
 from calibkit.numeric import earth
 from calibkit.numeric.attitude import gravity_positive
 from conftest import AUTHORITIES

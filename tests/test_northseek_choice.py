@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from calibkit.errors import FitError
-from calibkit.instruments.inclinometer import simulate
+from calibkit.fit.shared import Shared
+from calibkit.instruments.inclinometer import published, simulate
 from calibkit.instruments.inclinometer.numeric import (
     closure,
     covariance as northseek_covariance,
-    published,
     root_choice,
     scale_fit,
     scale_prior,
@@ -208,10 +208,10 @@ def test_derivatives_are_those_of_differences():
         )
         return root[0], psi[0]
 
-    found = published.attitude(parts.accel_x, parts.accel_y)
     s = np.array([both(values)[0]])
-    by_root = northseek_covariance.root_gradient(parts, found, latitude, s)[0]
-    by_psi, by_s = northseek_covariance._azimuth_gradient(parts, found, latitude, s)
+    plus, none, one = np.array([True]), np.zeros(1), np.ones(1)
+    by_root = northseek_covariance.slopes(parts, latitude, plus, one, none)[0, 4]
+    by_psi = northseek_covariance.slopes(parts, latitude, plus, none, s)[0, 3]
     step = 1e-6 * np.maximum(np.abs(values), 0.1)
     for k in range(5):
         up, down = values.copy(), values.copy()
@@ -220,9 +220,9 @@ def test_derivatives_are_those_of_differences():
         root = (both(up)[0] - both(down)[0]) / (2.0 * step[k])
         psi = (both(up, s[0])[1] - both(down, s[0])[1]) / (2.0 * step[k])
         assert by_root[k] == pytest.approx(root, abs=1e-6 * np.abs(by_root).max())
-        assert by_psi[0, k] == pytest.approx(psi, abs=1e-6 * np.abs(by_psi).max())
+        assert by_psi[k] == pytest.approx(psi, abs=1e-6 * np.abs(by_psi).max())
     slope = (both(values, s[0] + 1e-6)[1] - both(values, s[0] - 1e-6)[1]) / 2e-6
-    assert by_s[0] == pytest.approx(slope, rel=1e-6)
+    assert by_psi[5] == pytest.approx(slope, rel=1e-6)
 
 
 def test_an_uncertain_latitude_is_in_the_azimuth():
@@ -466,40 +466,57 @@ def test_s_over_temperature_has_honest_uncertainty():
     assert np.std(z) < 1.3
 
 
-@pytest.mark.parametrize(("square", "order"), [(0.9, 0), (0.51, 0), (0.49, 1), (0.1, 1)])
-def test_a_slope_of_s_must_lower_the_left_out_sum_of_squares_by_four_mean_squares(square, order):
-    """Eight stations: the left-out sum of squares of a line, over that of a mean, must be below
-    1 - 4/8.
-    """
-    temperature = np.arange(-7.0, 8.0, 2.0)
-    # orthogonal to all powers below the seventh: a line leaves these residuals as they are
-    residuals = np.array([-1.0, 7.0, -21.0, 35.0, -35.0, 21.0, -7.0, 1.0])
-    off_line = np.sum((residuals / (1.0 - 1.0 / 8.0 - temperature**2 / 168.0)) ** 2)
-    # off the mean of the other seven: (8/7)² (168 slope² + 3432)
-    slope = np.sqrt((off_line / square * (7.0 / 8.0) ** 2 - 3432.0) / 168.0)
+def roots_of(s, u, temperature, **options):
+    """s(T) of roots of equal uncertainty."""
     solution = SimpleNamespace(
-        root_used=np.ones(8, dtype=bool),
-        s_root=1.0 + 1e-4 * (slope * temperature + residuals),
-        s_root_uncertainty=np.full(8, 1e-5),
+        root_used=np.ones(s.size, dtype=bool), s_root=s, s_root_uncertainty=np.full(s.size, u)
     )
-    over = scale_fit.fit_over_temperature(solution, temperature)
-    assert over.coefficients.size == order + 1
+    return scale_fit.fit_over_temperature(solution, temperature, **options)
 
 
-def test_a_station_is_left_out_of_its_own_prior():
-    """The closed form of s(T) without station k equals a refit without it, to 1e-9."""
-    _, found, temperature, _ = fitted(8, ideal=True, count=12)
-    over = scale_fit.fit_over_temperature(found, temperature, order=1)
-    # with another scatter the refit would have other weights
-    assert over.scatter == 0.0
-    u = found.s_root_uncertainty
-    for k in np.flatnonzero(over.used)[:4]:
-        others = over.used & (np.arange(12) != k)
-        slope, intercept = np.polyfit(
-            temperature[others], found.s_root[others], 1, w=1.0 / u[others]
-        )
-        clamped = np.clip(temperature[k], *over.valid_degc)
-        assert over.left_out.s[k] == pytest.approx(slope * clamped + intercept, abs=1e-9)
+@pytest.mark.parametrize(("spread", "separable"), [(0.0, False), (0.3, True), (1.0, True)])
+def test_a_turn_is_measured_where_stations_separate_it_from_the_polynomial(spread, separable):
+    """24 stations: in one fixture noise alone is left of the
+    derivatives by a turn, and a turn of 0.3° stays in s(T); where they differ it is measured.
+    """
+    rng = np.random.default_rng(5)
+    temperature = np.linspace(20.0, 120.0, 24)
+    by_turn = 0.02 + 0.02 * spread * rng.uniform(-1.0, 1.0, 24)
+    by_turn += 1e-5 * rng.standard_normal(24)
+    s = 1.0 + 1e-4 * rng.standard_normal(24) + 0.3 * by_turn
+    over = roots_of(s, 1e-4, temperature, turn=by_turn)
+    assert over.separable == separable
+    assert over.fixed != separable
+    angle, u = over.turn_deg
+    if separable:
+        assert abs(angle - 0.3) < 3.0 * u
+    else:
+        assert (angle, u) == (0.0, 0.0)
+        assert prior_at(over, 70.0).s[0] == pytest.approx(1.006, abs=1e-4)
+
+
+@pytest.mark.parametrize("logs", [1, 4])
+def test_a_station_is_left_out_of_its_own_prior(logs):
+    """The closed form of s(T) without station k equals a refit without it, sizes of the scatter
+    held, to 1e-9; u too.
+    """
+    rng = np.random.default_rng(8)
+    temperature, log = np.linspace(20.0, 120.0, 16), np.arange(16) % logs
+    s = 1.0 + 1e-6 * temperature + 2e-4 * rng.standard_normal(16) + 3e-4 * log
+    error = Shared(group="log", effect="scale", level=log, loading=np.ones((16, 1)), unit="1")
+    over = roots_of(s, 1e-4, temperature, order=1, log=error if logs > 1 else None)
+    sizes = {size.error.group: size.value for size in over.fit.shared}
+    V = (1e-8 + sizes["station"] ** 2) * np.eye(16)
+    V += sizes.get("log", 0.0) ** 2 * np.equal.outer(log, log)
+    X = np.vander(temperature, 2, increasing=True)
+    for k in range(4):
+        others = np.arange(16) != k
+        W = np.linalg.inv(V[np.ix_(others, others)])
+        A = np.linalg.inv(X[others].T @ W @ X[others])
+        assert over.left_out.s[k] == pytest.approx(X[k] @ A @ X[others].T @ W @ s[others], abs=1e-9)
+        if logs == 1:
+            u = np.sqrt(X[k] @ A @ X[k] + sizes["station"] ** 2)
+            assert over.left_out.standard_uncertainty[k] == pytest.approx(u, rel=0.02)
 
 
 def test_scatter_beyond_noise_is_in_the_prior():
@@ -558,6 +575,24 @@ def test_two_sensor_pairs_are_combined_by_inverse_variance_around_the_circle():
     found = sensor_pairs.combine(x, loud)
     assert abs(wrapped(found.azimuth_deg[0] + 0.06)) < 0.005
     assert found.standard_uncertainty[0, 2] < x.standard_uncertainty[0, 3]
+
+
+def test_the_latitude_s_error_is_one_error_of_both_pairs():
+    """Readings without noise: both pairs together are as uncertain by the latitude as one, not by
+    √2 less, and their agreement is no matter of it; noise of the readings is √2 less.
+    """
+    u = {}
+    for name, noise, latitude in (("latitude", 1e-18 * NOISE, 0.05), ("noise", NOISE, 0.0)):
+        pair = root_choice.solve(
+            parts_of(45.0, 40.0, 70.0, 34.2, noise=noise),
+            34.2,
+            prior_of(1, u=1e-9),
+            latitude_uncertainty_deg=latitude,
+        )
+        both = sensor_pairs.combine(pair, pair)
+        u[name] = both.standard_uncertainty[0, 2] / pair.standard_uncertainty[0, 3]
+    assert u["latitude"] == pytest.approx(1.0, rel=1e-6)
+    assert u["noise"] == pytest.approx(np.sqrt(0.5), rel=1e-6)
 
 
 def test_a_pair_that_is_refused_leaves_the_other():

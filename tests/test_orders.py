@@ -6,7 +6,7 @@ from scipy import optimize
 
 from calibkit.fit import likelihood, orders
 from calibkit.fit.shared import Shared
-from calibkit.fit.solve import solve
+from calibkit.fit.solve import sensitivities, solve
 
 
 def polynomials(x, y, highest, shared=(), **options):
@@ -80,6 +80,31 @@ def test_where_a_slope_is_as_large_as_the_noise_intervals_of_the_average_hold_th
     assert inside >= 0.92
     assert U <= 1.3
     assert np.mean(likeliest, axis=0)[0] <= inside - 0.1
+
+
+def test_an_average_moves_with_its_rows_as_its_members_refitted_do():
+    """Abscissa and values of all rows off: coefficients of each order refitted, sizes held,
+    averaged by the weights of before, to 1e-4 of the change.
+    """
+    rng = np.random.default_rng(6)
+    x, run = np.linspace(-1.0, 1.0, 20), np.arange(20) % 5
+    y = x + rng.standard_normal(20) + rng.standard_normal(5)[run]
+    error = Shared(group="run", effect="zero", level=run, loading=np.ones((20, 1)), unit="V")
+    fit = orders.average(polynomials(x, y, 2, [error]))
+    moved_x, moved_y = x + 1e-6 * np.cos(3.0 * x), y + 1e-6 * x**2
+
+    def residual(x, y):
+        return lambda p: np.vander(x, 3, increasing=True) @ p - y
+
+    refits = []
+    for order, member in enumerate(fit.members):
+        X = np.vander(moved_x, order + 1, increasing=True)
+        V = np.diag(member.noise**2) + member.shared[0].value ** 2 * np.equal.outer(run, run)
+        W = np.linalg.inv(V)
+        b = np.linalg.solve(X.T @ W @ X, X.T @ W @ moved_y)
+        refits.append(np.append(b, np.zeros(2 - order)))
+    (change,) = sensitivities(residual(x, y), [residual(moved_x, moved_y)], fit)
+    assert change == pytest.approx(fit.weights @ refits - fit.parameters, rel=1e-4, abs=1e-12)
 
 
 def test_fits_with_errors_of_unequal_rows_have_no_average():

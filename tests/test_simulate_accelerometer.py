@@ -8,12 +8,15 @@ import numpy as np
 import pytest
 
 from calibkit.instruments.accelerometer import errors, simulate
-from calibkit.instruments.accelerometer.numeric import (
-    affine as accel_affine,
-    affine_model,
-    k_factor,
-)
+from calibkit.instruments.accelerometer.equation import Terms
+from calibkit.instruments.accelerometer.fit import fit_triad
+from calibkit.instruments.accelerometer.numeric import k_factor
+from calibkit.instruments.accelerometer.triad import solve_triad
 from calibkit.numeric import attitude, dwells
+from triad_dwells import collect, recipe, uncertainties, values
+
+PLAIN = recipe(loss="least_squares")
+SECOND_ORDER = recipe(loss="least_squares", affine={"second_order": True, "third_order": True})
 
 
 def read(campaign):
@@ -27,31 +30,20 @@ def read(campaign):
     return indicated, column("temp_case_degc"), column("inclination_deg"), column("toolface_deg")
 
 
-def k_corrected(campaign, loss="least_squares"):
-    """K fits and corrected components of a campaign."""
+def fit(campaign, spec=PLAIN):
+    """Fit of all dwells of a campaign."""
     indicated, temperature, inclination, toolface = read(campaign)
-    fitted = k_factor.fit(
-        indicated, temperature, attitude.gravity_vector(inclination, toolface), loss=loss
-    )
-    return fitted, k_applied(fitted, indicated, temperature)
+    angles = np.column_stack([inclination, toolface])
+    return fit_triad(collect(indicated, temperature, angles), spec)
 
 
 def k_applied(fitted, indicated, temperature):
     """Components [n, 3] as the K of three axes correct them."""
     parts = [
-        k_factor.columns(indicated, temperature, i) @ axis.coefficients
-        for i, axis in enumerate(fitted)
+        k_factor.columns(indicated, temperature, i) @ values(model)
+        for i, model in enumerate(fitted.k)
     ]
     return np.column_stack(parts)
-
-
-def corrected_covariance(fitted, indication, temperature):
-    """Covariance [n, 3, 3] of corrected components by the parameters' type A uncertainty."""
-    mapped = (temperature - fitted.middle) / fitted.half
-    _, slopes = affine_model.evaluate(
-        fitted.entries, fitted.mapped_coefficients, indication, mapped
-    )
-    return slopes @ fitted.mapped_covariance @ np.swapaxes(slopes, 1, 2)
 
 
 def test_the_log_is_canonical():
@@ -90,19 +82,15 @@ def test_indications_are_positive_along_gravity():
 
 
 def test_the_sensors_are_not_the_model_that_is_fitted():
-    """Without any noise the K model leaves tens of µg, the affine model with turning axes a tenth
+    """Without any noise the K model leaves tens of µg, the triad with turning axes a tenth
     of that.
     """
     quiet = simulate._Conditions(noise_g=0.0, table_noise_deg=0.0, thermometer_noise_degc=0.0)
     campaign = simulate.campaign(0, quiet)
-    fitted, _ = k_corrected(campaign)
-    assert max(axis.residual_rms for axis in fitted) > 1e-5  # g
-    indicated, temperature, inclination, toolface = read(campaign)
-    terms = affine_model.AffineTerms(3, 1, 3, second_order=True, third_order=True)
-    affine = accel_affine.fit(
-        indicated, temperature, attitude.gravity_vector(inclination, toolface), terms=terms
-    )
-    assert affine.residual_rms < 0.2 * max(axis.residual_rms for axis in fitted)
+    fitted = fit(campaign, SECOND_ORDER)
+    rms = max(model.residual_rms for model in fitted.k)
+    assert rms > 1e-5  # g
+    assert np.sqrt(np.mean(fitted.triad.residuals**2)) < 0.2 * rms
 
 
 def test_one_indication_is_the_sensor_written_out():
@@ -157,8 +145,8 @@ def test_attitude_after_correction_beats_the_published_results(seed):
     0.1°/sin(inclination), everywhere.
     """
     campaign = simulate.campaign(seed, simulate._Conditions(table_noise_deg=0.01))
-    indicated, _, inclination, toolface = read(campaign)
-    _, corrected = k_corrected(campaign)
+    indicated, temperature, inclination, toolface = read(campaign)
+    corrected = k_applied(fit(campaign), indicated, temperature)
     before = errors._attitude_errors(indicated, inclination, toolface)
     after = errors._attitude_errors(corrected, inclination, toolface)
     assert before.inclination_max_deg > 0.2
@@ -183,14 +171,19 @@ def test_stated_attitude_uncertainty_covers_the_errors_of_a_withheld_campaign():
     campaign = simulate.campaign(7, quiet)
     indicated, temperature, inclination, toolface = read(campaign)
     even = np.arange(len(temperature)) % 2 == 0
-    terms = affine_model.AffineTerms(3, 1, 3, second_order=True, third_order=True)
-    reference = attitude.gravity_vector(inclination, toolface)
-    fitted = accel_affine.fit(indicated[even], temperature[even], reference[even], terms=terms)
-    corrected, _ = affine_model.evaluate(
-        fitted.entries, fitted.coefficients, indicated[~even], temperature[~even]
+    angles = np.column_stack([inclination, toolface])
+    terms = Terms.of_orders((3,) * 3, (3,) * 3, (1,) * 3, second_order=True, third_order=True)
+    fitted = solve_triad(
+        collect(indicated[even], temperature[even], angles[even]),
+        terms,
+        SECOND_ORDER,
+        loss="least_squares",
     )
-    covariance = corrected_covariance(fitted, indicated[~even], temperature[~even])
-    covariance = covariance + fitted.residual_rms**2 * np.eye(3)
+    t, p = fitted.mapped_all(temperature[~even]), fitted.fit.parameters
+    corrected = terms.corrected(p, indicated[~even], t)
+    slopes = terms.slopes(p, indicated[~even], t)
+    covariance = slopes @ fitted.fit.total_covariance @ np.swapaxes(slopes, 1, 2)
+    covariance = covariance + np.diag(fitted.noise**2)
     u_inclination, u_toolface = errors._attitude_uncertainty(corrected, covariance)
     found = errors._attitude_errors(corrected, inclination[~even], toolface[~even])
     inside = np.isfinite(found.toolface_error_deg)
@@ -216,13 +209,10 @@ def test_wild_dwells_are_named():
     )
     wild = spoilt.truth["wild_dwells"]
     assert len(wild) == 3
-    fitted, _ = k_corrected(spoilt, "robust")
-    assert set(wild) <= set().union(*(axis.suspects for axis in fitted))
-    for before, after in zip(k_corrected(clean, "robust")[0], fitted, strict=True):
-        assert (
-            np.max(np.abs(after.coefficients - before.coefficients) / before.standard_uncertainty)
-            < 1.0
-        )
+    before, after = fit(clean, recipe()), fit(spoilt, recipe())
+    assert set(wild) <= after.left_out
+    for one, other in zip(before.k, after.k, strict=True):
+        assert np.max(np.abs(values(other) - values(one)) / uncertainties(one)) < 1.0
 
 
 def swept(campaign):
@@ -246,10 +236,8 @@ def test_sweeps_calibrate_as_grids_do():
     assert list(sweep.logs) == [f"sweep_{k:02d}.csv" for k in range(1, 7)]
     assert all(np.all(np.diff(log["time_s"]) > 0.0) for log in sweep.logs.values())
     means = swept(sweep)
-    fitted = k_factor.fit(
-        means[:, 4:], means[:, 1], attitude.gravity_vector(means[:, 2], means[:, 3])
-    )
-    assert all(axis.dof > 400 for axis in fitted)
+    fitted = fit_triad(collect(means[:, 4:], means[:, 1], means[:, 2:4]), PLAIN)
+    assert fitted.triad.fit.dof > 400
     indicated, temperature, inclination, toolface = read(
         simulate.campaign(8, simulate._Conditions(table_noise_deg=0.0))
     )

@@ -141,8 +141,8 @@ def accelerometer(number: int, _: Errors) -> tuple[Frames, Truth]:
 
 
 def accelerometer_magnitude(number: int, _: Errors) -> tuple[Frames, Truth]:
-    """A triad turned by hand: matrix and Q; biases wander from the start of the log, at which alone
-    the truth states them.
+    """A triad turned by hand: scale factors and Q; biases wander from the start of the log, at
+    which alone the truth states them.
     """
     made = tumble.campaign(number)
     stated: Any = made.truth
@@ -150,7 +150,7 @@ def accelerometer_magnitude(number: int, _: Errors) -> tuple[Frames, Truth]:
     matrix = np.linalg.inv(scale[:, None] * axes)
     found = {f"accel_q.triad.Q{k + 1}": stated["Q"][k] for k in range(3)}
     for k, axis in enumerate("xyz"):
-        found[f"accel_affine.triad.m_{axis}{axis}@25"] = float(matrix[k, k])
+        found[f"accel_affine.triad.k_{axis}@25"] = float(matrix[k, k])
     return _frames(made.logs), lambda result: found.get(result.key)
 
 

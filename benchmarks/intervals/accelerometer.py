@@ -31,6 +31,7 @@ from calibkit.instruments.accelerometer.numeric.norms import lower_matrix
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.numeric import gum
 from intervals import exact
+from intervals.physics.triad import ROOM_DEGC, SPOTS_DEG, Triad, draw, gravity
 from intervals.rows import GROUPS, NONE, RATIOS, Case, Outcome
 
 if TYPE_CHECKING:
@@ -44,11 +45,7 @@ if TYPE_CHECKING:
 
 NOISE_G = 20e-6
 """Standard deviation of the mean indication of a dwell [g]."""
-SPOTS_DEG = np.array(
-    [(0, 0), *((i, j) for i in (45, 90, 135) for j in range(0, 360, 45)), (180, 0)],
-    dtype=np.float64,
-)
-LOW_DEGC, HIGH_DEGC, ROOM_DEGC = -40.0, 125.0, 25.0
+LOW_DEGC, HIGH_DEGC = -40.0, 125.0
 SOAK_H, DWELL_H = 1.5, 2.0 / 60.0
 BETWEEN_DEGC = np.array([-30.0, 0.0, 40.0, 80.0, 115.0])
 """Temperatures at which corrected vectors are judged, in two opposite faces each."""
@@ -112,49 +109,13 @@ def _case(procedure: str, error: str, ratio: float, soaks: int, *, given: bool =
     return Case("accelerometer", procedure, error, ratio, soaks, given=given, between=between)
 
 
-@dataclass(frozen=True)
-class _Triad:
-    """Constants of three servo accelerometers, each [3] over the axes."""
-
-    scale: Array
-    flux_loss: Array
-    flux_bend: Array
-    bias: Array
-    slope: Array
-    bend: Array
-    width: Array
-    axes: Array
-    """Unit vectors [3, 3] in rows."""
-
-    def indication(
-        self, down: Array, degc: Array, zero: Array, flux: Array, second: Array
-    ) -> Array:
-        """Indications [n, 3] [g] in gravity [n, 3] [g] at temperatures [n], with errors of zero
-        [n, 3] [g] and flux [n, 3], and of second order [3] [g/g²].
-        """
-        warm = (degc - ROOM_DEGC)[:, None]
-        along = down @ self.axes.T
-        bias = self.bias + self.slope * warm + self.bend * np.tanh(warm / self.width) + zero
-        magnet = self.scale * np.exp(-self.flux_loss * warm - self.flux_bend * warm**2)
-        return np.asarray(magnet * (1.0 + flux) * (along + second * along**2 + bias))
-
-
-def _draw(rng: np.random.Generator, procedure: str) -> _Triad:
+def _draw(rng: np.random.Generator, procedure: str) -> Triad:
     """A triad; that of K is well aligned, for K8 and K9 know no temperature."""
     off = 1e-4 if procedure.startswith(K) else 3e-3
     axes = np.eye(3) + rng.normal(0.0, off, (3, 3))
     if procedure.startswith(LENGTH):
         axes = q_factor.axes_from_angles(rng.normal(0.0, off, 3))
-    return _Triad(
-        1.0 + rng.normal(0.0, 3e-3, 3),
-        rng.normal(1.2e-4, 2e-5, 3),
-        rng.normal(1e-7, 3e-8, 3),
-        rng.normal(0.0, 3e-3, 3),
-        rng.normal(0.0, 3e-5, 3),
-        rng.normal(0.0, 5e-4, 3),
-        rng.uniform(150.0, 250.0, 3),
-        axes / np.linalg.norm(axes, axis=1)[:, None],
-    )
+    return draw(rng, axes)
 
 
 @dataclass(frozen=True)
@@ -200,7 +161,7 @@ def _size(case: Case, plan: _Plan) -> float:
     return case.ratio * NOISE_G
 
 
-def _indicated(case: Case, triad: _Triad, plan: _Plan, errors: Array) -> Array:
+def _indicated(case: Case, triad: Triad, plan: _Plan, errors: Array) -> Array:
     """Noise-free indications [n, 3] with shared errors [q] in their own units."""
     zero, flux, second = np.zeros((len(plan.soak), 3)), np.zeros((len(plan.soak), 3)), np.zeros(3)
     angle, base, turn = plan.angle, np.array([0.0, 0.0, 1.0]), np.zeros((len(plan.soak), 3))
@@ -219,17 +180,9 @@ def _indicated(case: Case, triad: _Triad, plan: _Plan, errors: Array) -> Array:
         angle = angle + np.degrees(sines * errors[:2] + cosines * errors[2:])
     elif case.error == SECOND:
         second = errors
-    down = _gravity(angle, base)
+    down = gravity(angle, base)
     down = down + np.cross(turn, down)
     return triad.indication(down, plan.degc, zero, flux, second)
-
-
-def _gravity(angle_deg: Array, base: Array) -> Array:
-    """Gravity [n, 3] in a tool at inclination and toolface [n, 2] on a base in which it is [3]."""
-    (theta, phi), zero = np.radians(angle_deg).T, np.zeros(len(angle_deg))
-    ct, st, cp, sp = np.cos(theta), np.sin(theta), np.cos(phi), np.sin(phi)
-    rows = ((ct * cp, sp, -st * cp), (-ct * sp, cp, st * sp), (st, zero, ct))
-    return np.column_stack([np.column_stack(row) @ base for row in rows])
 
 
 def _recipe(case: Case, plan: _Plan) -> AccelerometerRecipe:
@@ -348,7 +301,7 @@ def _coefficients(model: Model) -> tuple[Array, Array, Array]:
 
 def _corrected(
     model: Model,
-    triad: _Triad,
+    triad: Triad,
     axes: Sequence[int],
     second: Array,
     held_degc: Array = BETWEEN_DEGC,
@@ -365,7 +318,7 @@ def _corrected(
     return values, vectors[:, list(axes)].ravel(), u, own
 
 
-def _at_faces(triad: _Triad, second: Array, held_degc: Array = BETWEEN_DEGC) -> Array:
+def _at_faces(triad: Triad, second: Array, held_degc: Array = BETWEEN_DEGC) -> Array:
     """Indications [m, 3] at the faces of a sensor with an error of second order [3]."""
     vectors, degc = _faces(held_degc)
     nothing = np.zeros(vectors.shape)
@@ -378,15 +331,15 @@ def _faces(held_degc: Array = BETWEEN_DEGC) -> tuple[Array, Array]:
     return faces, np.repeat(held_degc, 2)
 
 
-def _true_k(triad: _Triad, plan: _Plan) -> tuple[k_factor.KAxis, ...]:
+def _true_k(triad: Triad, plan: _Plan) -> tuple[k_factor.KAxis, ...]:
     """K of the same dwells without errors."""
-    down, nothing = _gravity(plan.angle, np.array([0.0, 0.0, 1.0])), np.zeros((len(plan.soak), 3))
+    down, nothing = gravity(plan.angle, np.array([0.0, 0.0, 1.0])), np.zeros((len(plan.soak), 3))
     clean = triad.indication(down, plan.degc, nothing, nothing, np.zeros(3))
     return k_factor.fit(clean, plan.degc, down)
 
 
 def _judge_k(
-    models: Sequence[Model], triad: _Triad, plan: _Plan, second: Array, wide: dict[str, Array]
+    models: Sequence[Model], triad: Triad, plan: _Plan, second: Array, wide: dict[str, Array]
 ) -> Judged:
     """K4 … K7 and corrected components of three axes."""
     truth = _true_k(triad, plan)
@@ -399,15 +352,15 @@ def _judge_k(
     return _compare([(name, *part) for name, part in parts.items()], wide)
 
 
-def _affine_truth(triad: _Triad, plan: _Plan) -> affine.AffineFit:
+def _affine_truth(triad: Triad, plan: _Plan) -> affine.AffineFit:
     """Affine triad of the same dwells without errors."""
-    down, nothing = _gravity(plan.angle, np.array([0.0, 0.0, 1.0])), np.zeros((len(plan.soak), 3))
+    down, nothing = gravity(plan.angle, np.array([0.0, 0.0, 1.0])), np.zeros((len(plan.soak), 3))
     clean = triad.indication(down, plan.degc, nothing, nothing, np.zeros(3))
     return affine.fit(clean, plan.degc, down)
 
 
 def _judge_affine(
-    model: Model, q: Model, triad: _Triad, plan: _Plan, second: Array, wide: dict[str, Array]
+    model: Model, q: Model, triad: Triad, plan: _Plan, second: Array, wide: dict[str, Array]
 ) -> Judged:
     """Affine parameters, corrected components, and Q at the reference temperature."""
     truth = _affine_truth(triad, plan)
@@ -431,7 +384,7 @@ def _lengths(parameters: Array, indication: Array) -> Array:
 
 
 def _judge_lengths(
-    model: Model, q: Model, triad: _Triad, plan: _Plan, second: Array, wide: dict[str, Array]
+    model: Model, q: Model, triad: Triad, plan: _Plan, second: Array, wide: dict[str, Array]
 ) -> Judged:
     """Constant matrix and bias, corrected components, and Q, from lengths alone."""
     truth = _true_lengths(triad, plan)
@@ -447,9 +400,9 @@ def _judge_lengths(
     )
 
 
-def _true_lengths(triad: _Triad, plan: _Plan) -> magnitude.MagnitudeFit:
+def _true_lengths(triad: Triad, plan: _Plan) -> magnitude.MagnitudeFit:
     """Nine parameters of the same dwells without errors."""
-    down, nothing = _gravity(plan.angle, np.array([0.0, 0.0, 1.0])), np.zeros((len(plan.soak), 3))
+    down, nothing = gravity(plan.angle, np.array([0.0, 0.0, 1.0])), np.zeros((len(plan.soak), 3))
     return magnitude.fit(triad.indication(down, plan.degc, nothing, nothing, np.zeros(3)))
 
 
@@ -491,7 +444,7 @@ def _scale_factors(names: Sequence[str], size: float, q: int) -> Array:
 
 
 def _exact_k(
-    triad: _Triad, plan: _Plan, clean: Array, shared: Array, second: float
+    triad: Triad, plan: _Plan, clean: Array, shared: Array, second: float
 ) -> dict[str, Array]:
     """Of the three axes together; `second` is the size of second-order errors."""
     mapped = [k_factor.columns(clean, plan.degc, axis) for axis in range(3)]
@@ -517,7 +470,7 @@ def _exact_k(
 
 
 def _exact_affine(
-    triad: _Triad, plan: _Plan, clean: Array, shared: Array, second: float
+    triad: Triad, plan: _Plan, clean: Array, shared: Array, second: float
 ) -> dict[str, Array]:
     """Of the affine triad; `second` is the size of second-order errors."""
     truth = _affine_truth(triad, plan)
@@ -544,14 +497,14 @@ def _exact_affine(
 
 
 def _exact_lengths(
-    triad: _Triad, plan: _Plan, clean: Array, shared: Array, second: float
+    triad: Triad, plan: _Plan, clean: Array, shared: Array, second: float
 ) -> dict[str, Array]:
     """Of the nine parameters from lengths; `second` is the size of second-order errors."""
     truth = _true_lengths(triad, plan)
     at, scale = truth.parameters, np.ones(9)
     design = q_factor.differentiate(lambda p: _lengths(p, clean), at, scale=scale)
     # a change of the indication moves the length along the unit vector of gravity
-    down = _gravity(plan.angle, np.array([0.0, 0.0, 1.0]))
+    down = gravity(plan.angle, np.array([0.0, 0.0, 1.0]))
     along = np.einsum("ni,niq->nq", down, shared.reshape(len(clean), 3, -1))
     to_affine = q_factor.differentiate(magnitude.to_triangle, at, scale=scale)
     names, entries, _ = truth.as_affine()

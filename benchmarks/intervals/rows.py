@@ -124,6 +124,13 @@ class Row:
         return found
 
     @property
+    def label(self) -> str:
+        """What the row is of, in words."""
+        given = ", given" if self.given else ""
+        error = f"{self.error}{given} {self.ratio:g} ×, {self.groups}"
+        return f"{self.procedure}: {self.quantity}; {error}"
+
+    @property
     def cell(self) -> str:
         """Coverage with its interval, and width."""
         refused = f", {self.refused} refused" if self.refused else ""

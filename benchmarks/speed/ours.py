@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from calibkit.instruments.accelerometer.triad import Triad
     from calibkit.numeric.noise.allan import DeviationCurve
     from calibkit.readers.table import Table
 
@@ -87,24 +88,60 @@ def accelerometer_k(indication: Array, temperature: Array, reference: Array) -> 
     temperatures determine it.
     """
     from calibkit.instruments.accelerometer.numeric import k_factor
+    from calibkit.numeric.least_squares import fit, polynomial
 
-    def run() -> Any:  # noqa: ANN401 three records
-        return k_factor.fit(indication, temperature, reference)
+    def run() -> list[fit.LinearFit]:
+        k_factor.require_determined(reference, temperature, (k_factor.KTerms(),) * 3)
+        middle, half = polynomial.middle_and_half(temperature)
+        t = (temperature - middle) / half
+        return [
+            fit.linear(k_factor.columns(indication, t, axis), reference[:, axis])
+            for axis in range(3)
+        ]
 
-    return run, lambda axes: {"coefficients": np.array([axis.mapped_coefficients for axis in axes])}
+    return run, lambda axes: {"coefficients": np.array([axis.coefficients for axis in axes])}
 
 
 def magnitude(indication: Array) -> Prepared:
     """Nine parameters of a triad from the length of gravity."""
     from scipy import stats
 
-    from calibkit.instruments.accelerometer.numeric import magnitude as core
-
     del stats  # loaded now rather than in the call that is weighed
-    lower = np.tril_indices(3)
-    return (lambda: core.fit(indication)), lambda found: {
-        "parameters": np.concatenate([found.matrix[lower], found.bias])
-    }
+
+    def answer(triad: Triad) -> Answer:
+        k, z, c = np.split(triad.fit.parameters, 3)
+        matrix = np.diag(k)
+        matrix[1, 0], matrix[2, 0], matrix[2, 1] = -c * k[[0, 0, 1]]
+        return {"parameters": np.concatenate([matrix[np.tril_indices(3)], z / k])}
+
+    return (lambda: _triad(indication, None)), answer
+
+
+def _triad(indication: Array, angles: Array | None) -> Triad:
+    """A triad at one temperature, at attitudes [n, 2] [°] or by the length of gravity."""
+    from calibkit.instruments.accelerometer.dwells import DwellSet
+    from calibkit.instruments.accelerometer.equation import Terms
+    from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
+    from calibkit.instruments.accelerometer.triad import solve_triad
+
+    count, unknown = len(indication), np.full(len(indication), np.nan)
+    inclination, toolface = (unknown, unknown) if angles is None else angles.T
+    dwells = DwellSet(
+        indication,
+        np.zeros(count),
+        inclination,
+        toolface,
+        np.full((count, 3), np.nan),
+        unknown,
+        np.zeros(count, dtype=np.int64),
+        ("",) * count,
+        (),
+    )
+    kind = "magnitude" if angles is None else "attitude"
+    tables = {"title": "", "logs": {"files": ["a.csv"]}, "reference": {"kind": kind}}
+    spec = AccelerometerRecipe.model_validate({"procedure": "accelerometer"} | tables)
+    terms = Terms.of_orders((0,) * 3, (0,) * 3, (0,) * 3, triangular=angles is None)
+    return solve_triad(dwells, terms, spec, loss="least_squares")
 
 
 def mad(values: Array) -> Prepared:
@@ -133,16 +170,14 @@ def turntable(still: Array, turned: Array, *, hertz: float, angle_deg: float) ->
     """Six positions and three turns; still [6, n, 6] and turned [3, n, 6], accelerometers [g] then
     gyros [°/s].
     """
-    from calibkit.instruments.accelerometer.numeric import affine, affine_model
-
-    faces = np.repeat(np.eye(3), 2, axis=0) * np.array([1.0, -1.0] * 3)[:, None]
+    faces = np.array([(90, 180), (90, 0), (90, 90), (90, -90), (0, 0), (180, 0)], dtype=float)
 
     def run() -> Answer:
         means = still.mean(axis=1)
-        terms = affine_model.AffineTerms(0, 0, 0)
-        triad = affine.fit(means[:, :3], np.zeros(6), faces, terms=terms)
-        found = affine_model.matrix_and_bias(triad.entries, triad.coefficients, np.zeros(1))
-        matrix, bias = (part[0] for part in found)
+        k, z, c = np.split(_triad(means[:, :3], faces).fit.parameters, [3, 6])
+        cross = np.zeros((3, 3))
+        cross[~np.eye(3, dtype=bool)] = c
+        matrix, bias = (np.eye(3) - cross) * k, z / k
         up, down = means[0::2, 3:].T, means[1::2, 3:].T
         # Ferraris, Grimaldi & Parvis 1995, equation 9
         zero, by_gravity = (up + down).mean(axis=1) / 2.0, (up - down) / 2.0

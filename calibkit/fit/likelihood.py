@@ -241,11 +241,22 @@ class Estimate:
         return self.solution.variances
 
 
-def estimate(rows: Rows, stated: Stated, near: Array | None = None) -> Estimate:
+def maximise(rows: Rows, stated: Stated, near: Array | None = None) -> Solution:
     """The most likely variances, from a start [v] that is near or from two that are far apart."""
     starts = [near] if near is not None else _starts(rows, stated)
-    reached = min((_ascend(Solution(rows, v, stated)) for v in starts), key=lambda s: s.deviance)
-    return at_variances(reached)
+    return min((_ascend(Solution(rows, v, stated)) for v in starts), key=lambda s: s.deviance)
+
+
+def first_step(solution: Solution, Z: Array) -> tuple[float, float]:
+    """Variance of a further error with loadings Z [n, k] by one scoring step from 0, and the fall
+    of -2 log L that the step promises.
+    """
+    PZ = solution.projected(Z)
+    score = 0.5 * float(np.sum((Z.T @ solution.Py) ** 2) - np.sum(Z * PZ))
+    information = 0.5 * float(np.sum((Z.T @ PZ) ** 2))
+    if score <= 0.0 or information <= 0.0:
+        return 0.0, 0.0
+    return score / information, score**2 / information
 
 
 def unrestricted(solution: Solution) -> float:
@@ -306,9 +317,12 @@ def _ascend(now: Solution) -> Solution:
         score, information = now.score()
         moved = stated.free & ((now.variances > 0.0) | (score > 0.0))
         step = _inverse(information, moved) @ np.where(moved, score, 0.0)
-        lowest = np.where(alone | (stated.prior_dof > 0.0), 0.1 * now.variances, 0.0)
+        falling = 0.1 * now.variances
+        lowest = np.maximum(np.where(alone | (stated.prior_dof > 0.0), falling, 0.0), floor)
         for halving in range(HALVINGS):
-            trial = np.maximum(now.variances + step * 0.5**halving, np.maximum(lowest, floor))
+            trial = np.maximum(now.variances + step * 0.5**halving, lowest)
+            # from far above, a step of whatever length passes the maximum: fall by decades
+            lowest = np.maximum(lowest, falling)
             trial = np.where(stated.free, trial, stated.square)
             reached = _solved(now, trial)
             if reached is not None and reached.deviance <= now.deviance:

@@ -28,6 +28,10 @@ half the time and else as χ² with one degree of freedom (Self & Liang 1987).
 """
 OUTLIER_CHANCE = 0.005
 """Chance that any faultless row of a fit is called an outlier."""
+HESITANT = 12.0
+"""How much less than asked for the first step of an optional error may promise: it is the whole
+fall for an error that is about as large as its u, and too little for larger ones.
+"""
 MOST_OF_A_LEVEL = 0.5
 """Share of the rows of a level that, standing out together, have an error and are no outliers."""
 SETTLED = 1e-3
@@ -53,6 +57,8 @@ class SharedSize:
     """Levels less what the parameters take from them; 0 where the rows cannot tell the error from
     the parameters.
     """
+    errors: Array
+    """[levels, k], of each level as the rows show them; empty where each has one row."""
 
     @property
     def known(self) -> bool:
@@ -108,6 +114,11 @@ class Fit:
         parts = len(self.noise_shares)
         return np.asarray(np.sqrt(self.variances[:parts] @ self.noise_shares))
 
+    @property
+    def total_covariance(self) -> Array:
+        """[p, p], with the errors that are as large as their bounds."""
+        return self.covariance + self.bounds @ self.bounds.T
+
     def of(
         self,
         function: Callable[[Numbers], Numbers],
@@ -151,6 +162,11 @@ class Fit:
             bounds=G @ self.bounds,
             members=tuple(member.restated(function) for member in self.members),
         )
+
+    def covariance_of(self, function: Callable[[Numbers], Numbers]) -> Array:
+        """Covariance [m, m] of a function [m] of the parameters."""
+        G = derivative(function, self.parameters)
+        return np.asarray(G @ self.total_covariance @ G.T, dtype=np.float64)
 
     def linear(self, P: Array, y: Array) -> "Fit":
         """Parameters P y [m] of a published form by plain least squares, with the covariance of the
@@ -199,6 +215,41 @@ class Fit:
             members=tuple(member.widened_by(errors) for member in self.members),
         )
 
+    def precision(self, F: Array) -> Array:
+        """V⁻¹ F [n, k], V of the noise and the shared errors of the rows used; 0 of the others."""
+        R = self.noise[:, None] ** 2
+        weighted = np.where(self.used[:, None], F / R, 0.0)
+        mixed = self.shared[len(self.shared) - (len(self.variances) - len(self.noise_shares)) :]
+        sizes = [size for size in mixed if size.value > 0.0]
+        if not sizes:
+            return weighted
+        q = sum(size.error.levels * size.error.width for size in sizes)
+        across, inner = np.zeros((q, F.shape[1])), np.eye(q)
+
+        def loadings(rows: Integers) -> Array:
+            return np.hstack([size.error.design(rows) * size.value for size in sizes])
+
+        rows = np.flatnonzero(self.used)
+        for chunk in _chunks(rows):
+            Z = loadings(chunk)
+            across += Z.T @ weighted[chunk]
+            inner += Z.T @ (Z / R[chunk])
+        # V⁻¹ = R⁻¹ - R⁻¹ Z (I + Zᵀ R⁻¹ Z)⁻¹ Zᵀ R⁻¹ (Woodbury 1950)
+        shares = np.linalg.solve(inner, across)
+        for chunk in _chunks(rows):
+            weighted[chunk] -= loadings(chunk) @ shares / R[chunk]
+        return weighted
+
+    def further_error(self, jacobian: Array, loading: Array) -> tuple[Array, Array]:
+        """Errors [k] that all rows would share by a loading [n, k], and their standard
+        uncertainties, beside the parameters with derivatives [n, p] and what the fit has.
+        """
+        VL, VJ = self.precision(loading), self.precision(jacobian)
+        JL = jacobian.T @ VL
+        left = loading.T @ VL - JL.T @ np.linalg.solve(jacobian.T @ VJ, JL)
+        inverse = np.linalg.inv(left)
+        return -inverse @ (VL.T @ self.residual), np.sqrt(np.diag(inverse))
+
 
 def solve(
     residual: Residual,
@@ -243,32 +294,60 @@ def solve(
     near, converged = None, False
     for step in range(STEPS):
         lines = problem.linearise(p, used, noise_known=noise is not None and not estimate_noise)
-        estimate = lines.estimate(kept, near)
+        solution = lines.maximise(kept, near)
         while offered and step == 1:  # where the equation is already straight
-            tried = [lines.estimate([*kept, g]) for g in offered]
-            best = int(np.argmin([one.deviance for one in tried]))
-            if estimate.deviance - tried[best].deviance < ASKED_FOR:
+            tried = {g: found for g in offered if (found := lines.with_error(solution, kept, g))}
+            best = min(tried, key=lambda g: tried[g].deviance, default=None)
+            if best is None or solution.deviance - tried[best].deviance < ASKED_FOR:
                 break
-            estimate = tried[best]
-            kept.append(offered.pop(best))
-        near = estimate.variances
-        change = lines.basis @ estimate.solution.coefficients
+            solution = tried[best]
+            kept.append(best)
+            offered.remove(best)
+        near = solution.variances
+        change = lines.basis @ solution.coefficients
         noise_residual = lines.y[: problem.n] - lines.J[: problem.n] @ change
-        noise_residual -= problem.explained(estimate.solution, kept)
+        noise_residual -= problem.explained(solution, kept)
         judged = used
         if leave_out:
-            judged = problem.judge(noise_residual, estimate, used, kept)
-        change = problem.shortened(p, change, lines, estimate.solution, kept, used)
-        p = p + change
-        u = np.sqrt(np.diag(lines.basis @ estimate.covariance @ lines.basis.T))
+            judged = problem.judge(noise_residual, solution, used, kept)
+        p = p + problem.shortened(p, change, lines, solution, kept, used)
+        half = lines.basis @ np.linalg.cholesky(solution.inverse[: len(p), : len(p)])
+        u = np.linalg.norm(half, axis=1)
         rounding = np.finfo(np.float64).eps * np.abs(p)
         settled = bool(np.all(np.abs(change) <= SETTLED * u + rounding))
         if settled and step > 0 and np.array_equal(judged, used):
             converged = True
             break
         used = judged
+    estimate = likelihood.at_variances(solution)
     fit = problem.result(p, lines, estimate, kept, used)
     return replace(fit, noise_residual=-noise_residual * problem.relative, converged=converged)
+
+
+def sensitivities(residual: Residual, shifted: Sequence[Residual], fit: Fit) -> list[Array]:
+    """Changes [p] of the parameters where an input of the rows is off, for each of several errors,
+    the weights held.
+
+    dβ = -(Jᵀ V⁻¹ J)⁻¹ (Jᵀ V⁻¹ dr + dJᵀ V⁻¹ r), dr and dJ the changes of the residuals and of their
+    derivatives.
+    """
+    if fit.members:
+        by_member = [sensitivities(residual, shifted, member) for member in fit.members]
+        return list(np.tensordot(fit.weights, by_member, 1))
+    p = fit.parameters
+    J, Vr = _jacobian(residual, p), fit.precision(fit.residual[:, None])[:, 0]
+    # (Jᵀ V⁻¹ J)⁻¹ = G V Gᵀ, 0 for a parameter that is not fitted
+    inverse = np.tensordot(fit.variances, fit.slopes, 1)
+    changes = []
+    for moved in shifted:
+        dJ, dr = _jacobian(moved, p) - J, (moved(p) - residual(p)).ravel()
+        changes.append(np.asarray(-(fit.gain @ dr + inverse @ (dJ.T @ Vr)), dtype=np.float64))
+    return changes
+
+
+def _jacobian(residual: Residual, p: Array) -> Array:
+    """Derivatives [n, p] of the residuals, one after the other."""
+    return derivative(lambda q: residual(q).ravel(), p)
 
 
 def _product(matrix: Array, error: Shared) -> Array:
@@ -300,7 +379,18 @@ class _Linearised:
     """Levels of each mixed error that the parameters leave apart."""
     condition: float
 
-    def estimate(self, kept: Sequence[int], near: Array | None = None) -> Estimate:
+    def with_error(self, solution: Solution, kept: Sequence[int], g: int) -> Solution | None:
+        """Most likely sizes with a further mixed error; None where the likelihood does not ask for
+        any of it.
+        """
+        if not self.stated.free[len(self.rows.shares) + g]:
+            return None
+        variance, fall = likelihood.first_step(solution, self.rows.Z[:, self.rows.group == g])
+        if fall < ASKED_FOR / HESITANT:
+            return None
+        return self.maximise([*kept, g], np.append(solution.variances, variance))
+
+    def maximise(self, kept: Sequence[int], near: Array | None = None) -> Solution:
         """Most likely sizes with some of the mixed errors."""
         parts = len(self.rows.shares)
         chosen = np.array([*range(parts), *(parts + g for g in kept)], dtype=np.intp)
@@ -309,7 +399,7 @@ class _Linearised:
         )
         if near is not None and len(near) != len(chosen):
             near = None
-        return likelihood.estimate(self.rows.of_groups(kept), stated, near)
+        return likelihood.maximise(self.rows.of_groups(kept), stated, near)
 
 
 @dataclass(frozen=True, slots=True)
@@ -494,19 +584,19 @@ class _Problem:
             total += self.mixed[g].along(b)
         return total / self.relative
 
-    def judge(self, left: Array, estimate: Estimate, used: Mask, kept: Sequence[int]) -> Mask:
+    def judge(self, left: Array, solution: Solution, used: Mask, kept: Sequence[int]) -> Mask:
         """Residuals [n] that are no outliers: |left| of a faultless one exceeds the limit with a
         chance of 0.5 % in the whole fit.
 
         What is left of a residual that was fitted is smaller than its noise, of one that was not
-        larger. Those of a level, or of one channel in it, of which most stand out have an error of
-        their own, and stay.
+        larger. Those of a level, or of one channel in it, of which most stand out together have an
+        error of their own, and stay.
         """
         from scipy.special import ndtri
 
         limit = -float(ndtri(OUTLIER_CHANCE / (2.0 * self.n)))
         parts = len(self.shares)
-        variance = (estimate.variances[:parts] @ self.shares)[: self.n]
+        variance = (solution.variances[:parts] @ self.shares)[: self.n]
         scaled = np.abs(left) / np.sqrt(variance)
         fitted = float(np.mean(scaled[used] ** 2))
         scatter = np.sqrt(np.where(used, fitted, max(2.0 - fitted, fitted)))
@@ -517,8 +607,10 @@ class _Problem:
                 continue
             seen = level >= 0
             label = level[seen] * self.channels + self.channel[seen]
-            share = np.bincount(label, good[seen]) / np.maximum(np.bincount(label), 1)
-            good[seen] |= (share < MOST_OF_A_LEVEL)[label]
+            count = np.bincount(label)
+            share = np.bincount(label, good[seen]) / np.maximum(count, 1)
+            # a level of one residual has nobody to stand out with
+            good[seen] |= ((share < MOST_OF_A_LEVEL) & (count > 1))[label]
         return good
 
     def shortened(
@@ -608,5 +700,8 @@ class _Problem:
         u = np.sqrt(np.maximum(np.diag(estimate.variance_covariance)[first:], 0.0))
         # u of a standard deviation from that of its square; near 0 the square alone tells
         size_u = np.where(theta > u, u / (2.0 * np.sqrt(np.where(theta > 0, theta, 1.0))), u**0.5)
-        values = zip(errors, np.sqrt(theta).tolist(), size_u.tolist(), ranks, strict=True)
-        return tuple(SharedSize(*value) for value in values)
+        predicted = [np.empty((0, error.width)) for error in self.noises]
+        for g, b in zip(kept, self._errors(estimate.solution, kept), strict=True):
+            predicted.append(b.reshape(self.mixed[g].levels, -1))
+        values = np.sqrt(theta).tolist(), size_u.tolist(), ranks, predicted
+        return tuple(SharedSize(*size) for size in zip(errors, *values, strict=True))

@@ -110,6 +110,23 @@ def list_components(found: Sequence[components.Component], unit_of: Units) -> tu
     )
 
 
+def warn_of_few_levels(
+    sizes: Sequence[SharedSize], taken: Mapping[tuple[str, str], int] | None = None
+) -> tuple[str, ...]:
+    """Flags for errors whose levels are too few to show them. `taken` says by (group, effect) how
+    many coefficients each sensor takes from the levels, where several share the variance.
+    """
+    found = [
+        components.Component(
+            *(size.error.group, size.error.effect, size.value, size.u),
+            *(size.error.levels, size.dof, size.known),
+        )
+        for size in sizes
+        if size.error.levels > 1 or not size.error.optional
+    ]
+    return warn_of_few_groups(found, taken)
+
+
 def warn_of_few_groups(
     found: Sequence[components.Component], taken: Mapping[tuple[str, str], int] | None = None
 ) -> tuple[str, ...]:

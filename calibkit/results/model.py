@@ -11,6 +11,7 @@ import numpy as np
 
 from calibkit.certificate.quantities import outside_ranges, ranged
 from calibkit.errors import UsageError
+from calibkit.fit.value import Value
 from calibkit.results.evaluation import flag_outside
 
 if TYPE_CHECKING:
@@ -31,6 +32,8 @@ class Evaluated:
     ----------
     value : result [n] or [n, m], in the unit that the model's form states.
     standard_uncertainty : of the same shape and unit.
+    expanded_uncertainty : t u for 95.45 %, t by the degrees of freedom of the coefficients used;
+        of the same shape and unit.
     covariance : [n, n], or [n, m, n, m]; its diagonal is the square of the standard uncertainty.
         Between two inputs it is that of the coefficients: how the error of the model itself at one
         input goes with that at another is not known, and not in it.
@@ -41,6 +44,7 @@ class Evaluated:
 
     value: Array
     standard_uncertainty: Array
+    expanded_uncertainty: Array
     covariance: Array
     outside: tuple[str, ...]
 
@@ -102,7 +106,23 @@ class RunModel:
         flat = gradient.reshape(-1, gradient.shape[-1])
         covariance = flat @ np.array(model.covariance) @ flat.T
         np.fill_diagonal(covariance, u.ravel() ** 2)
-        return Evaluated(value, u, covariance.reshape(u.shape * 2), _find_outside(model, asked))
+        dof = _degrees_of_freedom(model, flat).reshape(u.shape)
+        return Evaluated(
+            value,
+            u,
+            Value(value, u, dof).expanded,
+            covariance.reshape(u.shape * 2),
+            _find_outside(model, asked),
+        )
+
+
+def _degrees_of_freedom(model: Model, weights: Array) -> Array:
+    """Degrees of freedom [n] of combinations [n, p] of the coefficients: the least of those that
+    take part, at least 1.
+    """
+    dof = [float(model.dof_of(coefficient)) for coefficient in model.coefficients]
+    least = np.min(np.where(weights != 0.0, dof, np.inf), axis=1, initial=np.inf)
+    return np.asarray(np.maximum(least, 1.0))
 
 
 def _read_input(model: Model, name: str, given: ArrayLike) -> Array:

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.errors import UsageError
-from calibkit.instruments.accelerometer import dwells as triad_dwells, forms
-from calibkit.instruments.accelerometer.circumstances import SHARED_UNITS
-from calibkit.instruments.accelerometer.numeric import k_factor, planned, shared_errors
-from calibkit.instruments.accelerometer.numeric.affine_model import AffineTerms
+from calibkit.instruments.accelerometer import dwells as triad_dwells, forms, shared_errors
+from calibkit.instruments.accelerometer.equation import Terms
+from calibkit.instruments.accelerometer.numeric import k_factor, planned
 from calibkit.planning import recipe_text
 from calibkit.planning.linear import assume_errors, known_sizes
 from calibkit.recipe.tables import ErrorComponent
@@ -63,7 +62,7 @@ class Assumed:
     @property
     def sizes(self) -> planned.Sizes:
         """Standard deviations of the shared errors in the units of the fit."""
-        return known_sizes(self.components, SHARED_UNITS)
+        return known_sizes(self.components, shared_errors.UNITS)
 
     def noise_of(self, dwell_s: float) -> float:
         """Standard deviation [g] of the mean of a dwell of a length [s]."""
@@ -78,7 +77,7 @@ def assume(spec: AccelerometerRecipe, task: Task) -> Assumed:
     if task.earlier is not None:
         noise, earlier = _read_run(task.earlier)
         notes.append(f"noise {1e6 * noise:.3g} µg and {len(earlier)} shared errors of that run")
-    found = assume_errors(spec, device, earlier.values(), SHARED_UNITS)
+    found = assume_errors(spec, device, earlier.values(), shared_errors.UNITS)
     low, high = task.range_degc or RANGE_DEGC
     fixtures = task.equipment.attitudes
     fixture = task.attitudes if task.attitudes in fixtures else "file"
@@ -116,7 +115,7 @@ def list_spots(task: Task, fixture: str) -> tuple[Array, Integers]:
 def _require_planned(spec: AccelerometerRecipe) -> None:
     """Raise UsageError for a recipe that is not planned."""
     nuisance = spec.affine.tilt or spec.affine.fixture
-    if spec.reference.kind != "attitude" or spec.compensation == "kq" or nuisance:
+    if spec.reference.kind != "attitude" or nuisance:
         raise UsageError(
             "a plan of a triad is one of its K-factor or its affine model against known attitudes",
             hint='use reference.kind = "attitude", compensation = "k" or "affine", and neither'
@@ -139,13 +138,17 @@ def planned_model(spec: AccelerometerRecipe, assumed: Assumed) -> planned.Model:
         named = [(name, forms.K_UNITS) for name in forms.K_MODELS]
         fitted = [part.fitted for part in terms]
         return planned.k_model(fitted, named, assumed.range_degc, assumed.sizes)
-    entries = AffineTerms(**spec.affine.model_dump(exclude={"enabled"})).list_entries(
-        triangular=False
+    triad = spec.affine
+    fitted_terms = Terms.of_orders(
+        (triad.scale_order,) * 3,
+        (triad.bias_order,) * 3,
+        (min(triad.cross_order, 1),) * 3,
+        second_order=triad.second_order,
+        third_order=triad.third_order,
     )
-    own = {shared_errors.SECOND_ORDER} if spec.affine.second_order else set()
-    sizes = {key: size for key, size in assumed.sizes.items() if key not in own}
-    units = [forms.affine_unit(one.name) for one in entries]
-    return planned.affine_triad(entries, units, assumed.range_degc, sizes)
+    parameters = {shared_errors.SECOND_ORDER} if triad.second_order else set()
+    sizes = {key: size for key, size in assumed.sizes.items() if key not in parameters}
+    return planned.triad(fitted_terms, assumed.range_degc, sizes)
 
 
 def _read_run(
@@ -153,7 +156,7 @@ def _read_run(
 ) -> tuple[float, dict[tuple[str, str], ErrorComponent]]:
     """Noise [g] of a dwell and shared errors of a run; UsageError for one of no triad."""
     models = [model for record in records.values() for model in record.models]
-    own = [model for model in models if model.form in (forms.K.name, forms.AFFINE.name)]
+    own = [m for m in models if m.form in (forms.K.name, forms.AFFINE.name, forms.TRIAD.name)]
     if not own:
         raise UsageError(
             "that run has neither K-factor nor affine model", hint="name a run of such a triad"

@@ -2,7 +2,7 @@
 temperature.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from calibkit.certificate.quantities import state
 from calibkit.certificate.results import (
@@ -24,7 +24,7 @@ from calibkit.certificate.stated import (
 from calibkit.certificate.words import Words
 from calibkit.coefficients import Coefficient, Model, Record
 from calibkit.instruments.accelerometer import forms
-from calibkit.instruments.accelerometer.numeric.affine_model import AXES, Entry, find_entry
+from calibkit.instruments.accelerometer.equation import AXES
 from calibkit.instruments.accelerometer.quantities import over_temperature
 
 Column = tuple[Words, str, "Callable[[float], Result | None]"]
@@ -47,6 +47,16 @@ AFFINE_EQUATION = Equation(
         "G indications [g], G' corrected [g], t case temperature [°C], g local gravity; n multiply"
         " products of indications.",
         "G 为示值 [g]，G' 为修正值 [g]，t 为壳温 [°C]，g 为当地重力；n 与示值之积相乘。",
+    ),
+)
+TRIAD_EQUATION = Equation(
+    forms.TRIAD.name,
+    r"a_i = G_i \sum_k k_{ik} t^k - \sum_k z_{ik} t^k, \quad "
+    r"G_i' = a_i - \sum_{j \neq i} (c_{ij} + d_{ij} t) a_j",
+    Words(
+        "G indications [g], G' corrected [g], t case temperature [°C], g local gravity; n multiply"
+        " products of a.",
+        "G 为示值 [g]，G' 为修正值 [g]，t 为壳温 [°C]，g 为当地重力；n 与 a 之积相乘。",
     ),
 )
 Q_EQUATION = Equation(
@@ -129,50 +139,84 @@ def _q(stated: Stated, record: Record) -> Block:
 
 
 def _affine(stated: Stated, record: Record) -> Block:
-    """Block of the affine triad: every coefficient, and matrix and bias against temperature."""
+    """Block of the triad: every coefficient, and its polynomials against temperature."""
     model = record.models[0]
-    entries = [find_entry(c.name) for c in model.coefficients]
     results = tuple(
         _coefficient(stated, record, model, c, Words(""))
         for c in model.coefficients
         if _any_value((c,))
     )
-    first = [entry for entry in entries if entry.power == 0]
-    matrix, bias = Words("Matrix entry ", "矩阵元 "), Words("Bias ", "零偏 ")
-    own = [entry for entry in first if entry.kind == "m" and not _is_cross(entry)]
-    cross = [entry for entry in first if _is_cross(entry)]
-    biases = [entry for entry in first if entry.kind == "b"]
     grids: list[GridTable] = []
-    for title, symbols, name, unit in (
-        (Words("Diagonal of M", "M 对角元"), own, matrix, "1"),
-        (Words("Cross terms of M", "M 交叉元"), cross, matrix, "1"),
-        (Words("Bias", "零偏"), biases, bias, "g"),
-    ):
+    for title, name, begin in TRIAD_GRIDS[model.form]:
         columns = []
-        for entry in symbols:
-            shown = entry.symbol.replace("m_", "M_")
-            terms = [e.name for e in entries if e.symbol == entry.symbol]
-            what = shown, entry.symbol, name + Words(shown), terms, unit
-            columns.append(_column(stated, record, model, *what, cross=_is_cross(entry)))
+        for symbol, terms, unit in forms.list_polynomials(model):
+            if not begin(symbol):
+                continue
+            shown, cross = symbol.replace("m_", "M_"), _is_cross(symbol)
+            what = shown, symbol, name + Words(shown), terms, unit
+            columns.append(_column(stated, record, model, *what, cross=cross))
         if columns and (temperatures := stated.grid(model)):
             grids.append(stated.over(title + OVER, temperatures, columns))
     notes = (residual_words(model), range_words(model), *stated.left_out(model))
-    title = Words("Affine triad: matrix and bias", "三轴仿射模型：矩阵与零偏")
     tables: tuple[ListTable | GridTable, ...]
     tables = (ListTable(COEFFICIENTS, results, COEFFICIENT_NOTE), *grids)
     figures = tuple(_plot_change(grid) for grid in (*grids[:1], *grids[-1:]))
-    file = f"{record.stage}.json"
-    return Block(record.stage, file, title, (AFFINE_EQUATION,), tables, figures, notes)
+    title, equation = TRIAD_TITLES[model.form]
+    return Block(record.stage, f"{record.stage}.json", title, (equation,), tables, figures, notes)
+
+
+def _is_cross(symbol: str) -> bool:
+    """Whether a polynomial is that of a cross-axis term: c_xy, m_xy."""
+    _, axes = symbol.split("_")
+    return len(axes) == 2 and axes[0] != axes[1]
+
+
+MATRIX, BIAS, SCALE, ZERO, CROSS = (
+    Words("Matrix entry ", "矩阵元 "),
+    Words("Bias ", "零偏 "),
+    Words("Scale factor ", "标度因数 "),
+    Words("Zero offset ", "零位 "),
+    Words("Cross term ", "交叉耦合项 "),
+)
+TRIAD_GRIDS: Mapping[str, Sequence[tuple[Words, Words, Callable[[str], bool]]]] = {
+    forms.AFFINE.name: (
+        (
+            Words("Diagonal of M", "M 对角元"),
+            MATRIX,
+            lambda symbol: symbol[0] == "m" and not _is_cross(symbol),
+        ),
+        (
+            Words("Cross terms of M", "M 交叉元"),
+            MATRIX,
+            lambda symbol: symbol[0] == "m" and _is_cross(symbol),
+        ),
+        (Words("Bias", "零偏"), BIAS, lambda symbol: symbol[0] == "b"),
+    ),
+    forms.TRIAD.name: (
+        (Words("Scale factor", "标度因数"), SCALE, lambda symbol: symbol[0] == "k"),
+        (Words("Cross terms", "交叉耦合项"), CROSS, lambda symbol: symbol[0] == "c"),
+        (Words("Zero offset", "零位"), ZERO, lambda symbol: symbol[0] == "z"),
+    ),
+}
+"""Form → tables over temperature: title, name of a result, and which polynomials stand in it."""
+TRIAD_TITLES = {
+    forms.AFFINE.name: (
+        Words("Affine triad: matrix and bias", "三轴仿射模型：矩阵与零偏"),
+        AFFINE_EQUATION,
+    ),
+    forms.TRIAD.name: (
+        Words(
+            "Triad: scale factor, zero offset and cross terms",
+            "三轴模型：标度因数、零位与交叉耦合项",
+        ),
+        TRIAD_EQUATION,
+    ),
+}
 
 
 def _axis(model: Model) -> str:
     """Letter of the axis of a K model."""
     return AXES[forms.K_MODELS.index(model.name)]
-
-
-def _is_cross(entry: Entry) -> bool:
-    """Whether an affine parameter is an off-diagonal (cross-axis) term of the matrix."""
-    return entry.kind == "m" and entry.factors != (entry.row,)
 
 
 def _any_value(coefficients: Sequence[Coefficient]) -> bool:
@@ -191,8 +235,9 @@ def _coefficient(
 ) -> Result:
     """Result of one coefficient; of power 0 it is the value at 0 °C."""
     value_at_zero = {"K0": "scale", "K4": "zero"}.get(coefficient.name)
-    if model.form == forms.AFFINE.name and (entry := find_entry(coefficient.name)).power == 0:
-        value_at_zero = entry.symbol
+    if model.form in TRIAD_TITLES:
+        first = {terms[0]: symbol for symbol, terms, _ in forms.list_polynomials(model)}
+        value_at_zero = first.get(coefficient.name)
     return stated.linear(
         record,
         model,

@@ -1,70 +1,53 @@
 """What the dwells of a campaign share, and what a recipe states of it."""
 
-from collections.abc import Sequence
-from dataclasses import replace
-from functools import partial
-
 import numpy as np
 
-from calibkit.coefficients import Component
+from calibkit.arrays import Array
+from calibkit.fit.shared import Shared
+from calibkit.instruments.accelerometer import shared_errors
 from calibkit.instruments.accelerometer.dwells import DwellSet
-from calibkit.instruments.accelerometer.numeric import shared_errors
-from calibkit.instruments.accelerometer.numeric.shared_errors import Refine
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
-from calibkit.numeric.least_squares.components import Effect, Known
-from calibkit.recipe.shared_errors import state_effects
-
-SHARED_UNITS = {
-    ("soak", "zero"): "g",
-    ("soak", "scale"): "1",
-    ("session", "drift"): "g/h",
-    ("attitude", "index"): "rad",
-    shared_errors.SET_UP: "rad",
-    ("table", "tilt"): "rad",
-    ("table", "eccentricity"): "rad",
-    ("sensor", "second order"): "1/g",
-}
-"""Errors that dwells share and the units of their standard deviations."""
+from calibkit.instruments.accelerometer.shared_errors import Circumstances
+from calibkit.recipe.shared_errors import state_sizes
 
 
-def refine_with(
-    dwells: DwellSet,
-    spec: AccelerometerRecipe,
-    *,
-    affine: bool = False,
-    held: Sequence[Component] | None = None,
-) -> Refine:
-    """Fit with the errors that dwells share; of an affine triad the recipe makes some of them
-    coefficients. `held` are the errors of a fit before, whose sizes are kept.
-    """
-    own = {
-        "tilt": spec.affine.tilt,
-        "second order": spec.affine.second_order,
-        "set-up": spec.affine.fixture,
-    }
+def find_circumstances(
+    dwells: DwellSet, gravity: Array, spec: AccelerometerRecipe
+) -> Circumstances:
+    """What the dwells of all logs have in common, at gravity vectors [n, 3] [g]."""
     known = spec.reference.kind == "attitude"
     soak = shared_errors.number_soaks(dwells.temperature, dwells.log)
     timed = _tells_time(dwells) and soak.max() > 0
-    where = shared_errors.Circumstances(
+    return Circumstances(
         soak,
         dwells.time / 3600.0 if timed else None,
-        dwells.reference if known else dwells.indication,
+        gravity,
+        dwells.log,
         np.radians(dwells.inclination) if known else None,
         np.radians(dwells.toolface) if known else None,
     )
 
-    def state(
-        effects: Sequence[Effect], candidates: Sequence[Effect]
-    ) -> tuple[Sequence[Effect], Sequence[Effect]]:
-        if held is not None:
-            sizes = {(one.group, one.effect): Known(one.value) for one in held}
-            named = [(one, sizes.get((one.group, one.effect))) for one in (*effects, *candidates)]
-            return [replace(one, known=size) for one, size in named if size is not None], ()
-        tried = [one for one in candidates if not (affine and own.get(one.effect))]
-        sure, perhaps = state_effects(spec.errors, effects, tried, SHARED_UNITS)
-        return sure, [one for one in perhaps if (one.group, one.effect) != shared_errors.SET_UP]
 
-    return partial(shared_errors.refine, where=where, state=state)
+def state_errors(where: Circumstances, along: Array, spec: AccelerometerRecipe) -> list[Shared]:
+    """Errors that the dwells share, with the sizes that the recipe states.
+
+    `along` [n, m, 3] are the directions of the residuals.
+    """
+    listed = shared_errors.list_errors(where, along)
+    # what the recipe makes a parameter is no error
+    parameters = {
+        "tilt": spec.affine.tilt,
+        "second order": spec.affine.second_order,
+        "set-up": spec.affine.fixture,
+    }
+    stated = state_sizes(
+        spec.errors,
+        [one for one in listed if not (spec.affine.enabled and parameters.get(one.effect))],
+    )
+    # no dwell tells a set-up from axes that are turned together, nor a scale factor that all dwells
+    # share from that of the triad
+    alike = {shared_errors.SET_UP} | ({("soak", "scale")} if where.soak.max() == 0 else set())
+    return [one for one in stated if (one.group, one.effect) not in alike or one.size is not None]
 
 
 def warn_of_set_up(spec: AccelerometerRecipe) -> tuple[str, ...]:

@@ -17,11 +17,8 @@ from calibkit.numeric.dispersion import rms
 from calibkit.recipe import type_b
 from calibkit.recipe.type_b import RELATIVE, TypeB
 
-STAGES = {"accel_k": forms.K, "accel_q": forms.Q, "accel_affine": forms.AFFINE}
-"""Stage → form of its models; the stage names its coefficient file."""
 COMPENSATIONS = {
     "k": ("accel_k",),
-    "kq": ("accel_k", "accel_q"),
     "affine": ("accel_affine",),
 }
 """Compensation of a recipe → stages that correct the indications, in the order of application."""
@@ -42,6 +39,15 @@ class Correction:
     def noise_g(self) -> float:
         """Noise of a component of a dwell [g], by the fit: residual rms of its models."""
         return rms([model.residual_rms for model in self.stages[0][1]])
+
+    @property
+    def noise_of_axes(self) -> Array:
+        """Noise of each component of a dwell [3, g]; the same in all where one was stated."""
+        models = self.stages[0][1]
+        if len(models) == 3:
+            return np.array([model.residual_rms for model in models])
+        noise = {p.name: p.value for p in models[0].parameters}
+        return np.array([noise.get(f"noise_{a}", models[0].residual_rms) for a in "xyz"])
 
     def __call__(self, indication: Array, temperature: Array) -> Array:
         """Corrected components [n, 3, g] of indications [n, 3, g]; temperatures [n, °C] are clamped
@@ -67,7 +73,9 @@ class Correction:
                 slopes = form.gradient(model, at) @ gum.square_root(np.array(model.covariance))
                 slopes = slopes.reshape(dwells, along.shape[1], -1)
                 shared.append(np.einsum("ia,nak->nik", along, slopes))
-                own += along.sum(axis=1) * model.residual_rms**2
+                own += along.sum(axis=1) * self.noise_of_axes**2
+                if form.further is not None:
+                    own += along.sum(axis=1) * form.further(model, at)[:, None] ** 2
                 for part in model.components:
                     size = part.value * _growth(part, unseen)
                     if part.group == "attitude":  # which a log seldom repeats
@@ -154,17 +162,33 @@ def _growth(component: Component, dwells: DwellSet) -> Array:
     return np.tile((dwells.time - dwells.time.mean())[:, None] / 3600.0, 3)
 
 
+def list_stages(compensation: str) -> tuple[str, ...]:
+    """Stages of a compensation, in the order of application; raises CoefficientError for the mixed
+    one of 0.2.
+    """
+    if compensation not in COMPENSATIONS:
+        raise CoefficientError(
+            f"compensation = {compensation!r} is no longer supported, expected 'affine' or 'k'",
+            hint="'affine' corrects scale, zero and angles together; K and Q stay in their files",
+        )
+    return COMPENSATIONS[compensation]
+
+
 def find_correction(compensation: str, stages: Iterable[Record | StageResult]) -> Correction:
     """Correction that a recipe names, from the stages of a run or of a fit; raises CoefficientError
     for a missing stage.
     """
     models = {stage.stage: stage.models for stage in stages}
-    for name in COMPENSATIONS[compensation]:
+    needed = list_stages(compensation)
+    for name in needed:
         if name not in models:
             raise CoefficientError(
                 f"the run holds no {name}.json", hint="it is not a run of accelerometer"
             )
-    return Correction(tuple((STAGES[name], models[name]) for name in COMPENSATIONS[compensation]))
+    by_name = {form.name: form for form in forms.FORMS}
+    return Correction(
+        tuple((by_name[models[name][0].form], models[name]) for name in COMPENSATIONS[compensation])
+    )
 
 
 def list_results(
@@ -179,10 +203,10 @@ def list_results(
     )
     results = []
     if fitted.k:
-        flags = tuple(dict.fromkeys((*fitted.k_flags, *fitted.k_not_fitted)))
+        flags = tuple(dict.fromkeys((*dwells.flags, *fitted.flags, *fitted.k_not_fitted)))
         results.append(StageResult("accel_k", fitted.k, (), flags, conditions))
     if fitted.q is not None and fitted.affine is not None:
-        flags = tuple(dict.fromkeys((*dwells.flags, *fitted.affine_flags)))
+        flags = tuple(dict.fromkeys((*dwells.flags, *fitted.flags)))
         at = forms.inputs(np.eye(3), np.full(3, fitted.q.value("temperature")))
         # the exact matrix, lower triangular, turns the unit vectors of the axes into its columns
         matrix = forms.Q.evaluate(fitted.q, at).T

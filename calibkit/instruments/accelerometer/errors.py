@@ -12,8 +12,8 @@ from calibkit.errors import FitError
 from calibkit.instruments.accelerometer import forms
 from calibkit.instruments.accelerometer.coefficient_files import Correction
 from calibkit.instruments.accelerometer.dwells import DwellSet
-from calibkit.instruments.accelerometer.numeric.shared_errors import Unexplained
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
+from calibkit.instruments.accelerometer.shared_errors import Unexplained
 from calibkit.numeric import attitude, consistency
 from calibkit.numeric.dispersion import rms
 from calibkit.recipe.type_b import TypeB
@@ -146,7 +146,7 @@ def propagate_uncertainty(
     The toolface uncertainty is multiplied by sin(inclination) and limited to the inclination range.
     """
     at = forms.inputs(dwells.indication, dwells.temperature)
-    vector, slopes = forms.AFFINE.evaluate(affine, at), forms.AFFINE.gradient(affine, at)
+    vector, slopes = forms.TRIAD.evaluate(affine, at), forms.TRIAD.gradient(affine, at)
     covariance = slopes @ np.array(affine.covariance) @ np.swapaxes(slopes, 1, 2)
     covariance += affine.residual_rms**2 * np.eye(3)
     u_inclination, u_toolface = _attitude_uncertainty(vector, covariance)

@@ -18,7 +18,7 @@ from calibkit.firmware.sources import required_record
 from calibkit.ingest.write_back import Applied
 from calibkit.instruments import Firmware
 from calibkit.instruments.accelerometer import coefficient_files, forms
-from calibkit.instruments.accelerometer.numeric import q_factor
+from calibkit.instruments.accelerometer.equation import Terms
 from calibkit.instruments.accelerometer.numeric.affine_model import AXES, Entry, find_entry
 from calibkit.instruments.accelerometer.numeric.k_factor import CROSS
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
@@ -38,7 +38,7 @@ def _chain(spec: AccelerometerRecipe, records: Mapping[str, Record]) -> Chain:
     convention.
     """
     compensation, convention = spec.compensation, spec.reference.convention
-    stages = coefficient_files.COMPENSATIONS[compensation]
+    stages = coefficient_files.list_stages(compensation)
     record = required_record(records, _files(spec)[0], spec)
     draft = Draft(padded=spec.export.layout == "padded")
     sign = -1 if convention == "specific_force" else 1
@@ -51,31 +51,35 @@ def _chain(spec: AccelerometerRecipe, records: Mapping[str, Record]) -> Chain:
         meaning = f"indication of the {axis} accelerometer, {SENSE[convention]}"
         draft.indication(f"accel_{axis}_g", "g", meaning, FITTED_G, full, "ACCEL_BEYOND")
     entries: list[Entry] = []
-    if compensation == "affine":
+    triad = record.models[0].form == forms.TRIAD.name
+    if compensation == "affine" and triad:
+        _triad(draft, record.models[0], (middle, half), sign)
+    elif compensation == "affine":
         entries = _affine(draft, record.models[0], (middle, half), sign)
     else:
         _k(draft, record, (middle, half), sign)
-    if compensation == "kq":
-        _q(draft, records["accel_q.json"].model("triad"))
-    last = "q" if compensation == "kq" else "k"
     for axis in AXES:
         meaning = f"corrected component along {axis}, {SENSE[convention]}"
-        draft.output(f"accel_{axis}_g", "g", f"{last}_{axis}", meaning)
+        draft.output(f"accel_{axis}_g", "g", f"k_{axis}", meaning)
     higher = any(entry.kind == "n" and entry.name in draft.tables for entry in entries)
+    by_form = (
+        "a = S(T) indication - Z(T), corrected = a - C(T) a"
+        if triad
+        else "corrected = M(T) (indication - b(T))"
+    )
     formula = {
-        "affine": "corrected = M(T) (indication - b(T))"
-        + (" + second- and third-order terms of the indication" if higher else "")
+        "affine": by_form
+        + (" + second- and third-order terms" if higher or _has_products(draft) else "")
         + ", in local g",
         "k": "corrected = S(T) indication - Z(T) - cross-axis terms (K-factor), in local g",
-        "kq": "corrected = Q (S(T) indication - Z(T)) (K-factor, then Q-factor), in local g",
     }[compensation]
-    used = [coefficient_files.STAGES[stage].name for stage in stages]
+    used = [records[f"{stage}.json"].models[0].form for stage in stages]
     return draft.chain(used, formula)
 
 
 def _files(spec: AccelerometerRecipe) -> tuple[str, ...]:
     """Coefficient files that the chain takes its coefficients from."""
-    return tuple(f"{stage}.json" for stage in coefficient_files.COMPENSATIONS[spec.compensation])
+    return tuple(f"{stage}.json" for stage in coefficient_files.list_stages(spec.compensation))
 
 
 def _affine(
@@ -114,6 +118,47 @@ def _affine(
     return entries
 
 
+def _triad(draft: Draft, model: Model, mapping: tuple[Fraction, Fraction], sign: int) -> None:
+    """Add a = S(u) V - Z(u), then a - C(u) a and the higher orders, to the draft; for specific
+    force, Z and the second-order terms change sign.
+    """
+    terms = Terms.named([c.name for c in model.coefficients])
+    powers: dict[str, list[Fraction]] = {}
+    for term, c in zip(terms.listed, model.coefficients, strict=True):
+        powers.setdefault(term.symbol, []).append(Fraction(c.value))
+    first = [term for term in terms.listed if term.power == 0]
+
+    def polynomial(symbol: str, turned: int = 1) -> tuple[Fraction, ...]:
+        return exact.scale(exact.mapped(powers[symbol], *mapping), Fraction(turned))
+
+    for row, axis in enumerate(AXES):
+        zero, scale = f"z_{axis}", f"k_{axis}"
+        draft.sum(
+            f"a_{axis}",
+            draft.polynomial(f"zero_{axis}", polynomial(zero, sign), "u", sign=-1),
+            draft.polynomial(f"scale_{axis}", polynomial(scale), "u", forms.COMPONENTS[row]),
+        )
+    for row, axis in enumerate(AXES):
+        added: list[list[Term]] = []
+        # the largest terms last
+        for term in sorted(first, key=lambda t: len(t.factors), reverse=True):
+            if term.axis != row or term.kind not in ("c", "n"):
+                continue
+            factors = [f"a_{AXES[k]}" for k in term.factors]
+            if term.kind == "c":
+                cross = polynomial(term.symbol)
+                added.append(draft.polynomial(term.symbol, cross, "u", *factors, sign=-1))
+            else:
+                turned = powers[term.symbol][0] * (sign if len(factors) == 2 else 1)
+                added.append(draft.polynomial(term.symbol, (turned,), "", *factors))
+        draft.sum(f"k_{axis}", *added, factor(f"a_{axis}"))
+
+
+def _has_products(draft: Draft) -> bool:
+    """Whether the chain has second- or third-order terms."""
+    return any(name.startswith("n_") for name in draft.tables)
+
+
 def _k(draft: Draft, record: Record, mapping: tuple[Fraction, Fraction], sign: int) -> None:
     """Add S(u) V − Z(u) − K8 V′ − K9 V″ of each axis to the draft, V′ and V″ the other axes; the
     largest term is added last.
@@ -139,25 +184,6 @@ def _k(draft: Draft, record: Record, mapping: tuple[Fraction, Fraction], sign: i
             ),
             draft.polynomial(f"zero_{axis}", zero, "u", sign=-1),
             draft.polynomial(f"scale_{axis}", scale, "u", forms.COMPONENTS[own]),
-        )
-
-
-def _q(draft: Draft, model: Model) -> None:
-    """Add the exact lower triangular Q matrix to the draft, from the unit axes whose small angles
-    are Q1, Q2, Q3.
-    """
-    q1, q2, q3 = numbers(model, *q_factor.NAMES)
-    ye1, ze2, ze1 = -q3, -q1, q3 * q1 - q2
-    ye2, ze3 = exact.sqrt(1 - ye1**2), exact.sqrt(1 - ze1**2 - ze2**2)
-    draft.sum("q_x", factor("k_x"))
-    rows = {
-        "y": (-ye1 / ye2, 1 / ye2),
-        "z": ((ze2 * ye1 / ye2 - ze1) / ze3, -ze2 / (ye2 * ze3), 1 / ze3),
-    }
-    for axis, row in rows.items():
-        entries = zip(AXES, row, strict=False)
-        draft.sum(
-            f"q_{axis}", *(draft.polynomial(f"q_{axis}{j}", (c,), "", f"k_{j}") for j, c in entries)
         )
 
 

@@ -1,229 +1,236 @@
-"""Dwells of a triad → models of its K-factor, Q-factor and affine triad."""
+"""Dwells of a triad → models of its K-factor, Q-factor and of the triad over temperature."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
 from calibkit.arrays import Array
-from calibkit.coefficients import Component, Figure, Model, Parameter
-from calibkit.errors import FitError
-from calibkit.forms import Form
-from calibkit.instruments.accelerometer import forms, robust_choice
-from calibkit.instruments.accelerometer.circumstances import SHARED_UNITS, refine_with
+from calibkit.coefficients import Figure, Model, Parameter
+from calibkit.instruments.accelerometer import forms, published, robust_choice
 from calibkit.instruments.accelerometer.dwells import DwellSet
-from calibkit.instruments.accelerometer.numeric import (
-    affine,
-    k_factor,
-    k_together,
-    magnitude,
-    magnitude_together,
-    q_factor,
-)
-from calibkit.instruments.accelerometer.numeric.affine_model import AffineTerms
-from calibkit.instruments.accelerometer.numeric.affine_solve import AffineFit
-from calibkit.instruments.accelerometer.numeric.dwell_fit import DwellFit
-from calibkit.instruments.accelerometer.numeric.shared_errors import Unexplained
+from calibkit.instruments.accelerometer.equation import AXES, Orders, Terms
+from calibkit.instruments.accelerometer.numeric import k_factor, magnitude, q_factor
+from calibkit.instruments.accelerometer.numeric.k_factor import KTerms
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
-from calibkit.recipe.shared_errors import list_components, warn_of_few_groups
-
-LEAST_GROUPS = 12
-"""Fewest logs for a leave-one-log-out covariance: with six sweeps it was five times too small in
-simulation.
-"""
+from calibkit.instruments.accelerometer.shared_errors import ZERO, Unexplained
+from calibkit.instruments.accelerometer.triad import Triad, determines, solve_triad
+from calibkit.recipe.shared_errors import components_of, warn_of_few_levels
 
 
 @dataclass(frozen=True, slots=True)
 class TriadFit:
     """Models fitted to a set of dwells, with their flags."""
 
-    k: tuple[Model, ...] = ()
+    k: tuple[Model, ...]
     """K models of the three axes; empty where the recipe does not enable K."""
-    k_flags: tuple[str, ...] = ()
-    k_not_fitted: tuple[str, ...] = ()
+    k_not_fitted: tuple[str, ...]
     """Coefficients fixed at zero by the recipe's orders, one text per axis."""
-    q: Model | None = None
-    affine: Model | None = None
-    affine_flags: tuple[str, ...] = ()
-    """Flags of the Q-factor and the affine triad."""
-    intervals: tuple[Figure, ...] = ()
+    q: Model | None
+    affine: Model | None
+    """The triad over temperature."""
+    flags: tuple[str, ...]
+    intervals: tuple[Figure, ...]
     """Ends of the 95 % profile intervals of the nine magnitude-only parameters; empty unless the
     solver is lmfit.
     """
-    left_out: frozenset[int] = frozenset()
-    """Suspect dwells that a fit left out."""
-    lack_of_fit: tuple[Unexplained, ...] = ()
-    """Residuals of the exported models that differ from group to group."""
+    left_out: frozenset[int]
+    """Dwells that the fit left out."""
+    lack_of_fit: tuple[Unexplained, ...]
+    """Residuals that differ from group to group."""
+    triad: Triad
 
 
-def fit_triad(
-    dwells: DwellSet, spec: AccelerometerRecipe, held: TriadFit | None = None
-) -> TriadFit:
+def fit_triad(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
     """Fit the models that the recipe enables; raises FitError naming the coefficients that the
-    dwells do not determine. The errors that dwells share keep the sizes of the fit `held`.
+    dwells do not determine.
     """
-    if spec.reference.kind == "magnitude":
-        return _fit_lengths(dwells, spec, held)
-    of_axes = _fit_k(dwells, spec, held) if spec.k.enabled else TriadFit()
-    if not spec.affine.enabled:
-        return of_axes
-    rotation = _tool_rotation(dwells.inclination, dwells.toolface) if spec.affine.tilt else None
-    affine_fit = partial(
-        affine.fit,
-        dwells.indication,
-        dwells.temperature,
-        dwells.reference,
-        terms=_affine_terms(spec),
-        weights=dwells.weights,
-        tool_rotation=rotation,
-        refine=refine_with(dwells, spec, affine=True, held=_sizes(held.affine if held else None)),
-    )
-    off = dwells.indication - dwells.reference
-    found, flags = robust_choice.choose(affine_fit, spec.loss, ["affine"], off)
-    flags += (*found.flags, *warn_of_few_groups(found.components, _taken(spec.affine.bias_order)))
-    model, q = _affine_models(found, dwells, spec)
-    flags += (*_name_suspects("affine", found, dwells), *_name_common("affine", found, dwells))
-    left_out = of_axes.left_out.union(found.left_out)
-    lack = of_axes.lack_of_fit if spec.compensation == "k" else found.lack_of_fit
-    return replace(
-        of_axes, q=q, affine=model, affine_flags=flags, left_out=left_out, lack_of_fit=lack
-    )
-
-
-def _sizes(model: Model | None) -> tuple[Component, ...] | None:
-    """Errors that dwells share in a fit before, None where there was none."""
-    return None if model is None else model.components
-
-
-def _fit_k(dwells: DwellSet, spec: AccelerometerRecipe, held: TriadFit | None = None) -> TriadFit:
-    """K-factor of the three axes, its flags, and the coefficients that are not fitted."""
-    by_log, logs = spec.k.groups == "log", np.unique(dwells.log).size
-    if by_log and logs < LEAST_GROUPS:
-        raise FitError(
-            f"k.groups = 'log' with {logs} logs, expected at least {LEAST_GROUPS}",
-            hint=(
-                "the covariance of so few groups is not to be trusted: measure more attitudes, or"
-                " leave groups at 'none'"
-            ),
-        )
-    k_fit = partial(
-        k_together.fit,
-        dwells.indication,
-        dwells.temperature,
-        dwells.reference,
-        terms=[k_factor.KTerms(a.scale_order, a.zero_order, a.cross) for a in spec.k.axes],
-        weights=dwells.weights,
-        groups=dwells.log if by_log else None,
-        refine=refine_with(dwells, spec, held=_sizes(held.k[0] if held else None)),
-    )
-    off = dwells.indication - dwells.reference
-    axes, flags = robust_choice.choose(k_fit, spec.loss, forms.K_MODELS, off)
-    most = max(axis.zero_order for axis in spec.k.axes)
-    flags += (*axes[0].flags, *warn_of_few_groups(axes[0].components, _taken(most)))
-    for name, axis in zip(forms.K_MODELS, axes, strict=True):
-        flags += _name_suspects(name, axis, dwells)
-        flags += _name_common(name, axis, dwells)
-    not_fitted = [
-        f"{name}: {', '.join(missing)} not fitted, taken as 0"
-        for name, axis in zip(forms.K_MODELS, axes, strict=True)
-        if (missing := [k for n, k in enumerate(k_factor.NAMES) if n not in axis.fitted])
-    ]
-    left_out = frozenset(dwell for axis in axes for dwell in axis.left_out)
-    models = tuple(map(partial(_k_model, dwells), forms.K_MODELS, axes))
-    # the axes are fitted together
-    lack = axes[0].lack_of_fit
-    return TriadFit(models, flags, tuple(not_fitted), left_out=left_out, lack_of_fit=lack)
-
-
-def _k_model(dwells: DwellSet, name: str, axis: k_factor.KAxis) -> Model:
-    """K model of an axis, with its coefficients in scaled temperature."""
-    scaled = zip(k_factor.NAMES, axis.mapped_coefficients.tolist(), strict=True)
-    mapping = (
-        Parameter("middle", axis.middle, "degC"),
-        Parameter("half", axis.half, "degC"),
-        *(Parameter(f"scaled_{k}", value, "1") for k, value in scaled),
-    )
-    named = k_factor.NAMES, axis.coefficients, forms.K_UNITS
-    return _model(forms.K, name, named, axis.covariance, axis, dwells, mapping, axis.effective_dof)
-
-
-def _fit_lengths(
-    dwells: DwellSet, spec: AccelerometerRecipe, held: TriadFit | None = None
-) -> TriadFit:
-    """Fit scale factors, biases and Q to the magnitude of gravity alone; over temperature where
-    affine is enabled.
-    """
-    noise = None if dwells.weights is None else np.sqrt(np.mean(dwells.noise**2, axis=1))
-    off = np.linalg.norm(dwells.indication, axis=1) - 1.0
-    sizes = _sizes(held.affine if held else None)
-    found, intervals, flags = _fit_constant(dwells, spec, noise, off, sizes)
-    flags += tuple(f"magnitude: {flag}" for flag in found.flags)
-    over_temperature: AffineFit | None = None
-    if spec.affine.enabled:
-        affine_fit = partial(
-            affine.fit_magnitude,
-            dwells.indication,
-            dwells.temperature,
-            1.0,
-            terms=_affine_terms(spec),
-            weights=None if noise is None else 1.0 / noise**2,
-            refine=refine_with(dwells, spec, affine=True, held=sizes),
-        )
-        over_temperature, more = robust_choice.choose(affine_fit, spec.loss, ["affine"], off)
-        model, q = _affine_models(over_temperature, dwells, spec)
-        flags += (*more, *over_temperature.flags)
-        taken = _taken(spec.affine.bias_order)
-        flags += warn_of_few_groups(over_temperature.components, taken)
-        flags += _name_suspects("affine", over_temperature, dwells)
-        flags += _name_common("affine", over_temperature, dwells)
+    lengths = spec.reference.kind == "magnitude"
+    bounded = lengths and spec.reference.solver == "lmfit"
+    if spec.k.enabled and not lengths:
+        k_factor.require_determined(dwells.reference, dwells.temperature, _k_terms(spec))
+    terms, flags = choose_terms(dwells, spec)
+    if lengths:
+        uncorrected: Array = np.linalg.norm(dwells.indication, axis=1) - 1.0
     else:
-        model, q = _constant_models(found, dwells)
-        flags += _name_suspects("magnitude", found, dwells)
+        uncorrected = dwells.indication - dwells.reference
+    fit_with = partial(solve_triad, dwells, terms, spec)
+    loss = "least_squares" if bounded else spec.loss
+    triad, doubts = robust_choice.choose(fit_with, loss, "triad", uncorrected)
+    flags += (*doubts, *triad.flags)
+    taken = {ZERO: 1 + max(term.power for term in terms.listed if term.kind == "z")}
+    flags += warn_of_few_levels(triad.fit.shared, taken)
+    flags += (*_name_suspects(triad, dwells), *_name_common(triad, dwells))
+    if lengths:
+        flags += _warn_of_lengths(triad, dwells, _reference_temperature(dwells, spec))
+    intervals: tuple[Figure, ...] = ()
+    if bounded:
+        intervals, doubts = _profile_intervals(dwells)
+        flags += doubts
     return TriadFit(
-        q=q,
-        affine=model,
-        affine_flags=flags,
-        intervals=intervals,
-        left_out=frozenset((over_temperature or found).left_out),
-        lack_of_fit=(over_temperature or found).lack_of_fit,
+        *list_models(dwells, spec, triad),
+        flags,
+        intervals,
+        frozenset(triad.suspects),
+        triad.lack_of_fit,
+        triad,
     )
 
 
-def _fit_constant(
-    dwells: DwellSet,
-    spec: AccelerometerRecipe,
-    noise: Array | None,
-    off: Array,
-    held: tuple[Component, ...] | None = None,
-) -> tuple[magnitude.MagnitudeFit, tuple[Figure, ...], tuple[str, ...]]:
-    """Magnitude-only fit that knows no temperature, the ends of its 95 % intervals by lmfit, and
-    its flags; `off` are the lengths [n] less 1 g.
+def list_models(
+    dwells: DwellSet, spec: AccelerometerRecipe, triad: Triad
+) -> tuple[tuple[Model, ...], tuple[str, ...], Model | None, Model | None]:
+    """K models and what they lack, the model of Q and that of the triad, as the recipe enables
+    them.
     """
-    if spec.reference.solver == "lmfit":
-        return _fit_bounded(dwells, noise)
-    length_fit = partial(
-        magnitude_together.fit,
-        dwells.indication,
-        1.0,
-        noise=noise,
-        # over temperature the affine fit stands in the files
-        refine=None if spec.affine.enabled else refine_with(dwells, spec, held=held),
+    lengths = spec.reference.kind == "magnitude"
+    k: tuple[Model, ...] = ()
+    not_fitted: tuple[str, ...] = ()
+    if not lengths and spec.k.enabled:
+        chosen = _k_terms(spec)
+        named = zip(forms.K_MODELS, published.fit_k(dwells, chosen, triad), strict=True)
+        k = tuple(_k_model(dwells, triad, name, axis) for name, axis in named)
+        not_fitted = _list_not_fitted(chosen)
+    if not (lengths or spec.affine.enabled):
+        return k, not_fitted, None, None
+    q = _q_model(dwells, triad, _reference_temperature(dwells, spec))
+    return k, not_fitted, q, _triad_model(dwells, triad)
+
+
+def choose_terms(dwells: DwellSet, spec: AccelerometerRecipe) -> tuple[Terms, tuple[str, ...]]:
+    """Terms of the equation that the recipe asks for, and a flag where the dwells do not show how
+    cross-axis terms change with temperature.
+    """
+    triad, lengths = spec.affine, spec.reference.kind == "magnitude"
+    scale = zero = (0, 0, 0)
+    cross = (0, 0, 0)
+    if triad.enabled:
+        scale, zero = (triad.scale_order,) * 3, (triad.bias_order,) * 3
+        cross = (min(triad.cross_order, 1),) * 3
+    elif not lengths:
+        x, y, z = spec.k.axes
+        scale = x.scale_order, y.scale_order, z.scale_order
+        zero = x.zero_order, y.zero_order, z.zero_order
+        cross = 2 * x.cross - 1, 2 * y.cross - 1, 2 * z.cross - 1
+
+    def with_cross(cross: Orders) -> Terms:
+        return Terms.of_orders(
+            *(scale, zero, cross),
+            triangular=lengths or (triad.enabled and triad.fixture),
+            second_order=triad.enabled and triad.second_order,
+            third_order=triad.enabled and triad.third_order,
+            tilt=triad.enabled and triad.tilt,
+            fixture=triad.enabled and triad.fixture,
+        )
+
+    terms = with_cross(cross)
+    if lengths or max(cross) < 1 or determines(dwells, terms):
+        return terms, ()
+    constant = with_cross((min(cross[0], 0), min(cross[1], 0), min(cross[2], 0)))
+    flag = "cross-axis terms are constant over temperature: these dwells do not show their change"
+    return (constant, (flag,)) if determines(dwells, constant) else (terms, ())
+
+
+def _k_terms(spec: AccelerometerRecipe) -> tuple[KTerms, ...]:
+    """Coefficients K of the three axes that the recipe asks for."""
+    return tuple(KTerms(a.scale_order, a.zero_order, a.cross) for a in spec.k.axes)
+
+
+def _reference_temperature(dwells: DwellSet, spec: AccelerometerRecipe) -> float:
+    """Temperature [°C] at which Q is stated: that of the recipe or the dwell's nearest to it; the
+    mean of the dwells where the triad knows none.
+    """
+    if not spec.affine.enabled:
+        return float(dwells.temperature.mean())
+    return float(np.clip(spec.reference_temp_degc, *dwells.valid[forms.TEMPERATURE]))
+
+
+def _triad_model(dwells: DwellSet, triad: Triad) -> Model:
+    """Model of the triad in powers of °C."""
+    values, covariance, dof = triad.in_degrees()
+    named = [(term.name, term.unit) for term in triad.terms.listed]
+    axes = AXES if len(triad.noise) == 3 else ("length",)
+    noise = tuple(
+        Parameter(f"noise_{axis}", float(size), "g")
+        for axis, size in zip(axes, triad.noise, strict=True)
     )
-    found, flags = robust_choice.choose(length_fit, spec.loss, ["magnitude"], off)
-    return found, (), (*flags, *warn_of_few_groups(found.components, _taken(0)))
+    return forms.TRIAD.write(
+        "triad",
+        [(name, float(v), unit) for (name, unit), v in zip(named, values, strict=True)],
+        covariance,
+        dof=triad.fit.dof,
+        residual_rms=triad.residual_rms,
+        residual_unit="g",
+        valid=dwells.valid,
+        parameters=noise,
+        effective_dof=dof,
+        components=components_of(triad.fit.shared),
+    )
 
 
-def _taken(order: int) -> dict[tuple[str, str], int]:
-    """Coefficients that a zero of an order over temperature takes from the soaks of each axis."""
-    return {("soak", "zero"): order + 1}
+def _q_model(dwells: DwellSet, triad: Triad, temperature: float) -> Model:
+    """Q1, Q2, Q3 of the fitted axes at a temperature [°C]."""
+    t, p = triad.mapped(temperature), triad.fit.parameters
+    matrix = np.eye(3)
+    scale = np.zeros(3)
+    for value, term in zip(p, triad.terms.listed, strict=True):
+        if term.kind == "c":
+            matrix[term.axis, term.factors[0]] -= value * t**term.power
+        elif term.kind == "k":
+            scale[term.axis] += value * t**term.power
+    # refuses a left-handed triad and axes in one plane
+    q_factor.axes_from_sensitivity(np.asarray(np.linalg.inv(matrix * scale), dtype=np.float64))
+    angles = triad.fit.of(lambda q: triad.terms.small_angles(q, t))
+    covariance = triad.fit.covariance_of(lambda q: triad.terms.small_angles(q, t))
+    return forms.Q.write(
+        "triad",
+        [(n, float(v), "rad") for n, v in zip(q_factor.NAMES, angles.value, strict=True)],
+        covariance,
+        dof=triad.fit.dof,
+        residual_rms=triad.residual_rms,
+        residual_unit="g",
+        valid=dwells.valid,
+        parameters=(Parameter("temperature", temperature, "degC"),),
+        effective_dof=angles.dof,
+        components=components_of(triad.fit.shared),
+    )
 
 
-def _fit_bounded(
-    dwells: DwellSet, noise: Array | None
-) -> tuple[magnitude.MagnitudeFit, tuple[Figure, ...], tuple[str, ...]]:
-    """Magnitude-only fit by lmfit, the ends of its 95 % intervals, and its flags."""
-    found, intervals = magnitude.fit_bounded(dwells.indication, 1.0, noise=noise)
+def _k_model(dwells: DwellSet, triad: Triad, name: str, axis: published.KAxis) -> Model:
+    """K model of an axis, with its coefficients in scaled temperature."""
+    mapping = [("middle", triad.middle, "degC"), ("half", triad.half, "degC")]
+    scaled = zip(k_factor.NAMES, axis.mapped.tolist(), strict=True)
+    mapping += [(f"scaled_{k}", value, "1") for k, value in scaled]
+    mapping.append(("lack_of_fit", axis.lack_of_fit, "g"))
+    return forms.K.write(
+        name,
+        list(zip(k_factor.NAMES, axis.coefficients.tolist(), forms.K_UNITS, strict=True)),
+        axis.covariance,
+        dof=triad.fit.dof,
+        residual_rms=axis.residual_rms,
+        residual_unit="g",
+        valid=dwells.valid,
+        parameters=tuple(Parameter(*entry) for entry in mapping),
+        effective_dof=axis.dof,
+        components=components_of(triad.fit.shared),
+    )
+
+
+def _list_not_fitted(chosen: Sequence[KTerms]) -> tuple[str, ...]:
+    """Coefficients fixed at zero, one text per axis."""
+    texts = []
+    for name, terms in zip(forms.K_MODELS, chosen, strict=True):
+        missing = [k for n, k in enumerate(k_factor.NAMES) if n not in terms.fitted]
+        if missing:
+            texts.append(f"{name}: {', '.join(missing)} not fitted, taken as 0")
+    return tuple(texts)
+
+
+def _profile_intervals(dwells: DwellSet) -> tuple[tuple[Figure, ...], tuple[str, ...]]:
+    """Ends of the 95 % profile intervals of lengths by lmfit, and flags."""
+    noise = None if dwells.weights is None else np.sqrt(np.mean(dwells.noise**2, axis=1))
+    intervals = magnitude.profile_intervals(dwells.indication, 1.0, noise=noise)
     units = dict(zip(magnitude.NAMES, ("1",) * 3 + ("g",) * 3 + ("rad",) * 3, strict=True))
     figures = tuple(
         Figure(f"{name}_{side}_95", end, units[name], 0.0)
@@ -231,38 +238,95 @@ def _fit_bounded(
         for side, end in zip(("low", "high"), interval, strict=True)
         if np.isfinite(end)
     )
-    flags = [
+    open_ends = tuple(
         f"magnitude: the 95 % interval of {name} has no end within its bounds"
         for name, interval in intervals.items()
         if not np.isfinite(interval).all()
-    ]
-    plain = "magnitude: lmfit solves by plain least squares, outliers are not left out"
-    return found, figures, (*flags, plain)
-
-
-def _name_suspects(what: str, found: DwellFit, dwells: DwellSet) -> tuple[str, ...]:
-    """Flags that name the dwells which were found to be outliers, and whether they were left out,
-    and one that counts what was left out beside them.
-    """
-    residuals = found.residuals.reshape(len(dwells.place), -1)
-    flags = tuple(
-        f"{what}: suspect dwell {dwells.place[k]}, {np.abs(residuals[k]).max():.3g} g off,"
-        f" {'left out' if k in found.left_out else 'kept with little weight'}"
-        for k in found.suspects
     )
-    others = sorted(set(found.left_out) - set(found.suspects))
-    if others:
-        first = dwells.place[others[0]]
-        why = "the tail of all residuals is as long"
-        flags += (f"{what}: left out beside the suspects: {len(others)}, first {first}; {why}",)
-    return flags
+    plain = "magnitude: lmfit solves by plain least squares, outliers are not left out"
+    return figures, (*open_ends, plain)
 
 
-def _name_common(what: str, found: DwellFit, dwells: DwellSet) -> tuple[str, ...]:
+POOR_Q, POOR_SHARE = np.radians(0.25), 5e-3
+"""95 % half-widths that are flagged as too wide: of a Q [rad]; of a relative scale factor, or of a
+zero relative to gravity.
+"""
+ILL_CONDITIONED = 20.0
+"""Condition number above which the attitudes determine some combination of parameters poorly; the
+six-position tumble has 1.7.
+"""
+FEW_DOF = 5
+"""Degrees of freedom below which the residuals are too few to judge the uncertainty."""
+
+
+def _attitude_condition(triad: Triad, dwells: DwellSet) -> float:
+    """Condition number of scale factors, zeros and angles as lengths at the attitudes see them;
+    that of the fit's own columns has the prior of the angles, and depends on the size of the zeros.
+    """
+    t = triad.mapped_all(dwells.temperature)
+    down = triad.terms.corrected(triad.fit.parameters, dwells.indication, t)
+    design = np.column_stack([down**2, down, down * np.roll(down, 1, axis=1)])
+    return float(np.linalg.cond(design / np.linalg.norm(design, axis=0)))
+
+
+def _warn_of_lengths(triad: Triad, dwells: DwellSet, temperature: float) -> tuple[str, ...]:
+    """Flags for poorly determined parameters, poorly spread attitudes and unchecked dwells."""
+    t, fit, listed = triad.mapped(temperature), triad.fit, triad.terms.listed
+
+    def results(p: Array) -> Array:
+        scale_and_zero = np.zeros(6, dtype=p.dtype)
+        for value, term in zip(p, listed, strict=True):
+            if term.kind in "kz":
+                scale_and_zero["kz".index(term.kind) * 3 + term.axis] += value * t**term.power
+        return np.concatenate([scale_and_zero, triad.terms.small_angles(p, t)])
+
+    width = fit.of(results).expanded
+    flags: list[str] = []
+    if fit.dof < FEW_DOF:
+        flags.append(
+            f"{len(triad.residuals)} dwells for {len(listed)} parameters leave {fit.dof} degrees"
+            " of freedom: the residuals cannot vouch for these numbers"
+        )
+    condition = _attitude_condition(triad, dwells)
+    if condition > ILL_CONDITIONED:
+        flags.append(
+            f"ill-conditioned: condition number {condition:.3g}, six faces have 1.7; add other"
+            " attitudes"
+        )
+    flags += [
+        f"{name} is known to ±{np.degrees(w):.2g}° only (95 %)"
+        for name, w in zip(q_factor.NAMES, width[6:], strict=True)
+        if w > POOR_Q
+    ]
+    names = [f"{kind}_{axis}" for kind in "kz" for axis in AXES]
+    flags += [
+        f"{name} is known to ±{100.0 * w:.2g} % of {'itself' if name[0] == 'k' else 'gravity'}"
+        " only (95 %)"
+        for name, w in zip(names, width[:6], strict=True)
+        if w > POOR_SHARE
+    ]
+    alone = np.flatnonzero(triad.leverage > 0.99)
+    if alone.size:
+        flags.append(
+            f"no other dwell checks dwell {', '.join(str(i) for i in alone)} (leverage above 0.99)"
+        )
+    return tuple(f"magnitude: {flag}" for flag in flags)
+
+
+def _name_suspects(triad: Triad, dwells: DwellSet) -> tuple[str, ...]:
+    """Flags that name the dwells which were left out as outliers."""
+    return tuple(
+        f"triad: suspect dwell {dwells.place[k]}, {np.abs(triad.residuals[k]).max():.3g} g off,"
+        " left out"
+        for k in triad.suspects
+    )
+
+
+def _name_common(triad: Triad, dwells: DwellSet) -> tuple[str, ...]:
     """Flags on dwells that stand apart together, one for attitudes and one for temperatures."""
     flags = []
-    for common in dict.fromkeys(error.common for error in found.common_errors):
-        errors = [error for error in found.common_errors if error.common == common]
+    for common in dict.fromkeys(error.common for error in triad.common_errors):
+        errors = [error for error in triad.common_errors if error.common == common]
         worst = max(errors, key=lambda error: abs(error.size))
         first, count = worst.dwells[0], len({error.dwells for error in errors})
         where = (
@@ -271,99 +335,11 @@ def _name_common(what: str, found: DwellFit, dwells: DwellSet) -> tuple[str, ...
             else f"inclination {dwells.inclination[first]:.6g}°,"
             f" toolface {dwells.toolface[first]:.6g}°"
         )
-        along = "" if found.residuals.ndim == 1 else f" along {'xyz'[worst.component]}"
+        along = "" if triad.residuals.shape[1] == 1 else f" along {AXES[worst.component]}"
         flags.append(
-            f"{what}: dwells of one {common} are off together, by more than their scatter, at"
+            f"triad: dwells of one {common} are off together, by more than their scatter, at"
             f" {count} {common}s; most at {where}: {len(worst.dwells)} dwells by"
             f" {1e6 * worst.size:+.3g} µg{along}. An error of the {common}, not outliers: they are"
             " kept in the fit"
         )
     return tuple(flags)
-
-
-def _affine_terms(spec: AccelerometerRecipe) -> AffineTerms:
-    """Parameters of the affine triad that the recipe enables."""
-    return AffineTerms(**spec.affine.model_dump(exclude={"enabled"}))
-
-
-def _affine_models(
-    found: AffineFit, dwells: DwellSet, spec: AccelerometerRecipe
-) -> tuple[Model, Model]:
-    """Affine model, and Q model at the reference temperature, or at the dwell temperature nearest
-    to it.
-    """
-    low, high = dwells.valid[forms.TEMPERATURE]
-    at = float(np.clip(spec.reference_temp_degc, low, high))
-    named = found.names, found.coefficients, found.covariance, found.effective_dof
-    angles = (*found.evaluate_q(at), found.q_dof(at))
-    return _triad_models(*named, found, angles, at, dwells)
-
-
-def _constant_models(found: magnitude.MagnitudeFit, dwells: DwellSet) -> tuple[Model, Model]:
-    """Affine and Q model of a fit that knows no temperature, at the mean of the dwells."""
-    own = None if found.effective_dof is None else found.effective_dof[6:9]
-    angles = found.parameters[6:9], found.covariance[6:9, 6:9], own
-    affine_dof = None if found.mixed is None else found.mixed.effective_dof
-    at = float(dwells.temperature.mean())
-    return _triad_models(*found.as_affine(), affine_dof, found, angles, at, dwells)
-
-
-def _triad_models(
-    names: Sequence[str],
-    values: Array,
-    covariance: Array,
-    effective_dof: Array | None,
-    found: DwellFit,
-    angles: tuple[Array, Array, Array | None],
-    temperature: float,
-    dwells: DwellSet,
-) -> tuple[Model, Model]:
-    """Model of affine parameters in powers of °C, and model of Q1, Q2, Q3 [3, rad] with their
-    covariance [3, 3] and degrees of freedom at a temperature [°C]; both hold the residual of the
-    fit.
-    """
-    named = names, values, [forms.affine_unit(name) for name in names]
-    small = q_factor.NAMES, angles[0], ("rad",) * 3
-    at = (Parameter("temperature", temperature, "degC"),)
-    return (
-        _model(forms.AFFINE, "triad", named, covariance, found, dwells, (), effective_dof),
-        _model(forms.Q, "triad", small, angles[1], found, dwells, at, angles[2]),
-    )
-
-
-def _model(
-    form: Form,
-    name: str,
-    coefficients: tuple[Sequence[str], Array, Sequence[str]],
-    covariance: Array,
-    found: DwellFit,
-    dwells: DwellSet,
-    parameters: tuple[Parameter, ...] = (),
-    effective_dof: Array | None = None,
-) -> Model:
-    """Model of a form from the names, values and units of its coefficients, the residual of the fit
-    and the temperature range of the dwells.
-    """
-    names, values, units = coefficients
-    return form.write(
-        name,
-        list(zip(names, values.tolist(), units, strict=True)),
-        covariance,
-        dof=found.dof,
-        residual_rms=found.residual_rms,
-        residual_unit="g",
-        valid=dwells.valid,
-        parameters=parameters,
-        effective_dof=effective_dof,
-        components=list_components(found.components, SHARED_UNITS),
-    )
-
-
-def _tool_rotation(inclination_deg: Array, toolface_deg: Array) -> Array:
-    """Passive rotations R_z(φ) R_y(θ) [n, 3, 3] from the table's base to the tool; their last
-    column is the gravity vector [g].
-    """
-    theta, phi = np.radians(inclination_deg), np.radians(toolface_deg)
-    ct, st, cp, sp = np.cos(theta), np.sin(theta), np.cos(phi), np.sin(phi)
-    rows = ((ct * cp, sp, -st * cp), (-ct * sp, cp, st * sp), (st, np.zeros_like(st), ct))
-    return np.stack([np.stack(np.broadcast_arrays(*row), axis=-1) for row in rows], axis=-2)

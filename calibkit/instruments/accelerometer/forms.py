@@ -5,6 +5,7 @@ import numpy as np
 from calibkit.arrays import Array
 from calibkit.coefficients import Model
 from calibkit.forms import Form, Inputs
+from calibkit.instruments.accelerometer.equation import Terms
 from calibkit.instruments.accelerometer.numeric import affine_model, k_factor, q_factor
 
 COMPONENTS = ("accel_x_g", "accel_y_g", "accel_z_g")
@@ -68,11 +69,23 @@ def _affine(model: Model, at: Inputs) -> tuple[Array, Array]:
     return affine_model.evaluate(entries, AFFINE.read(model), _indication(at), at[TEMPERATURE])
 
 
+def _triad_terms(model: Model) -> Terms:
+    """Terms of the equation that a model has."""
+    return Terms.named([c.name for c in model.coefficients])
+
+
+def _lack_of_fit(model: Model, at: Inputs) -> Array:
+    """Size [n, g] of what the form corrects otherwise than the triad; 0 in files of 0.2."""
+    sizes = [p.value for p in model.parameters if p.name == "lack_of_fit"]
+    return np.full(len(at[TEMPERATURE]), sum(sizes))
+
+
 K = Form(
     "accel-k/1",
     lambda model, at: k_factor.columns(
         _indication(at), at[TEMPERATURE], K_MODELS.index(model.name)
     ),
+    further=_lack_of_fit,
 )
 """One corrected component [n, g]: G (K0 + K1 t + K2 t² + K3 t³) − (K4 + K5 t + K6 t² + K7 t³)
 − K8 G′ − K9 G″, G′ and G″ the indications of the two other axes.
@@ -85,4 +98,38 @@ AFFINE = Form(
     lambda model, at: _affine(model, at)[0],
 )
 """Corrected components [n, 3, g]: M(t) (G − b(t)) with higher orders of the indications."""
-FORMS = (K, Q, AFFINE)
+
+
+def _triad_corrected(model: Model, at: Inputs) -> Array:
+    """Corrected components [n, 3, g] of the triad."""
+    return _triad_terms(model).corrected(TRIAD.read(model), _indication(at), at[TEMPERATURE])
+
+
+def _triad_gradient(model: Model, at: Inputs) -> Array:
+    """Derivatives [n, 3, p] of the corrected components by the parameters."""
+    return _triad_terms(model).slopes(TRIAD.read(model), _indication(at), at[TEMPERATURE])
+
+
+TRIAD: Form = Form("accel-triad/1", _triad_gradient, _triad_corrected)
+"""Corrected components [n, 3, g] by `equation`, cross-axis terms on compensated values."""
+
+
+def list_polynomials(model: Model) -> list[tuple[str, list[str], str]]:
+    """Symbol, names of the coefficients in ascending powers of temperature, and unit of each
+    quantity of a triad that is a polynomial of temperature.
+    """
+    listed: list[tuple[str, str, str]]
+    names = [c.name for c in model.coefficients]
+    if model.form == TRIAD.name:
+        listed = [(t.symbol, t.name, t.kind) for t in _triad_terms(model).listed]
+    else:
+        listed = [(e.symbol, e.name, e.kind) for e in map(affine_model.find_entry, names)]
+    units = {c.name: c.unit for c in model.coefficients}
+    polynomials: dict[str, list[str]] = {}
+    for symbol, name, kind in listed:
+        if kind in ("k", "z", "c", "m", "b"):
+            polynomials.setdefault(symbol, []).append(name)
+    return [(symbol, terms, units[terms[0]]) for symbol, terms in polynomials.items()]
+
+
+FORMS = (K, Q, AFFINE, TRIAD)

@@ -8,7 +8,7 @@ import numpy as np
 
 from calibkit.check import copies
 from calibkit.coefficients import Criterion, Figure, Input
-from calibkit.errors import RecipeError
+from calibkit.errors import FitError, RecipeError
 from calibkit.frame import refuse, require
 from calibkit.ingest import logs as ingest, write_back
 from calibkit.instruments import Fitted, Instrument
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from calibkit.report.table import Table
     from calibkit.simulate.campaign import Campaign
 
-CORRECTIONS = {"k": "K-factor", "kq": "K- and Q-factor", "affine": "affine"}
+CORRECTIONS = {"k": "K-factor", "affine": "affine"}
 """Compensation of a recipe → name of the correction in the table of errors."""
 
 
@@ -65,14 +65,7 @@ def _fit(
     spec: AccelerometerRecipe, data: Path, files: Sequence[str], progress: Progress
 ) -> Fitted[TriadReport]:
     """Fit K-factor, Q-factor and the affine triad to the dwells of all logs together."""
-    for term in ("second_order", "third_order", "tilt", "fixture"):
-        if getattr(spec.affine, term) and not spec.affine.enabled:
-            # refused here and not in the recipe: a run of 0.2 with such a recipe is read
-            raise RecipeError(
-                f"affine.{term} = true has no effect beside affine.enabled = false",
-                hint="remove one of the two",
-                at=("affine", term),
-            )
+    _require_known_options(spec)
     read = ingest.read_ahead(progress(files, "reading"), lambda file: _read(spec, data, file))
     logs = list(copies.refuse_copies(read))
     dwells = plausibility.screen(triad_dwells.collect_dwells(logs, spec), spec)
@@ -86,7 +79,7 @@ def _fit(
     found["indication"] = errors.DwellErrors.compare(counted, spec)
     for compensation, name in CORRECTIONS.items():
         needed = set(coefficient_files.COMPENSATIONS[compensation])
-        if needed <= stages and compensation in ("k", "affine", spec.compensation):
+        if needed <= stages:
             correction = coefficient_files.find_correction(compensation, results)
             found[name] = errors.DwellErrors.compare(counted, spec, correction)
     after = found[CORRECTIONS[spec.compensation]]
@@ -98,7 +91,7 @@ def _fit(
         found, CORRECTIONS[spec.compensation], len(counted.indication), compared, out
     )
     doubts = (*circumstances.warn_of_order(dwells), *circumstances.warn_of_set_up(spec))
-    flags = dict.fromkeys((*dwells.flags, *doubts, *fitted.k_flags, *fitted.affine_flags))
+    flags = dict.fromkeys((*dwells.flags, *doubts, *fitted.flags))
     judged = (*after.judge_errors(spec), *errors.judge_lack_of_fit(fitted.lack_of_fit))
     return Fitted(
         results,
@@ -106,9 +99,38 @@ def _fit(
         Summary(spec.title, tuple(shown), tuple(flags), judged, overview=first),
         TriadReport(counted, found["indication"], after, spec.toolface_range_deg),
         lacks=fitted.k_not_fitted,
-        sensitivities=sensitivities.find(fitted, counted, spec),
+        sensitivities=sensitivities.find(fitted, dwells, spec),
         left_out=_list_left_out(fitted, len(dwells.indication)),
     )
+
+
+def _require_known_options(spec: AccelerometerRecipe) -> None:
+    """Refuse what 0.2 offered and this fit has no more, and terms without an effect; refused here
+    and not in the recipe, because a run of 0.2 with such a recipe is read.
+    """
+    for term in ("second_order", "third_order", "tilt", "fixture"):
+        if getattr(spec.affine, term) and not spec.affine.enabled:
+            raise RecipeError(
+                f"affine.{term} = true has no effect beside affine.enabled = false",
+                hint="remove one of the two",
+                at=("affine", term),
+            )
+    if spec.compensation == "kq":
+        raise FitError(
+            "compensation = 'kq' is no longer supported, expected 'affine' or 'k'",
+            hint="'affine' corrects scale, zero and angles together; K and Q stay in their files",
+        )
+    if spec.k.groups == "log":
+        raise FitError(
+            "k.groups = 'log': K has no covariance of its own from logs left out any more",
+            hint="remove it: errors that dwells of a soak or an attitude share are estimated",
+        )
+    if spec.affine.enabled and spec.affine.cross_order > 1:
+        raise FitError(
+            f"affine.cross_order = {spec.affine.cross_order}: cross-axis terms on compensated"
+            " values are linear in temperature at most",
+            hint="state 1",
+        )
 
 
 def _list_left_out(fitted: TriadFit, count: int) -> tuple[LeftOut, ...]:
@@ -257,7 +279,7 @@ INSTRUMENT = Instrument(
     key_figures=(
         r"accel_k\.accel_\w\.(K\d|residual_rms)",
         r"accel_q\.triad\.(Q\d|residual_rms)",
-        r"accel_affine\.triad\.(m_\w\w0|b_\w0|residual_rms)",
+        r"accel_affine\.triad\.(k_\w0|z_\w0|m_\w\w0|b_\w0|residual_rms)",
     ),
     campaigns={"accelerometer": _simulate, "accelerometer_magnitude": _simulate_magnitude},
     propose=propose,

@@ -10,19 +10,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calibkit.errors import FitError, UsageError
+from calibkit.fit.complex_step import derivative
 from calibkit.instruments.accelerometer import (
     assumptions,
     dwells as triad_dwells,
-    forms,
+    shared_errors,
     simulate_magnitude,
 )
-from calibkit.instruments.accelerometer.circumstances import SHARED_UNITS
-from calibkit.instruments.accelerometer.numeric import magnitude, planned, q_factor, shared_errors
-from calibkit.instruments.accelerometer.numeric.norms import LOWER, length_residuals
-from calibkit.instruments.accelerometer.numeric.shared_errors import Circumstances, Residuals
+from calibkit.instruments.accelerometer.equation import Terms
+from calibkit.instruments.accelerometer.numeric import planned, q_factor
+from calibkit.instruments.accelerometer.shared_errors import Circumstances
 from calibkit.numeric import attitude
 from calibkit.numeric.exchange import Pool
 from calibkit.numeric.information import Information, find_information
+from calibkit.numeric.least_squares.components import Effect
 from calibkit.planning import recipe_text
 from calibkit.planning.linear import (
     Results,
@@ -66,9 +67,11 @@ ADDED = (3, 6, 9, 12, 18)
 """Positions that are added to what is measured."""
 LEFT_OUT = 6
 """Positions that are withheld."""
-IDEAL = np.array([*(float(i == j) for i, j in LOWER), 0.0, 0.0, 0.0])
-"""The nine parameters of a triad without errors."""
-UNITS = {name: SHARED_UNITS[name] for name in (("soak", "zero"), shared_errors.SECOND_ORDER)}
+TERMS = Terms.of_orders((0, 0, 0), (0, 0, 0), (0, 0, 0), triangular=True)
+"""The nine parameters of a triad that knows no temperature."""
+UNITS = {
+    name: shared_errors.UNITS[name] for name in (shared_errors.ZERO, shared_errors.SECOND_ORDER)
+}
 """(group, effect) of the errors that lengths of gravity at one temperature share."""
 
 
@@ -179,11 +182,10 @@ def propose(spec: AccelerometerRecipe, task: Task) -> tuple[Proposal, tuple[Wish
 
 
 def _list_coefficients(information: Information) -> Iterator[Coefficient]:
-    """Predicted standard uncertainties of the affine parameters."""
-    names = (*(f"m_{'xyz'[i]}{'xyz'[j]}0" for i, j in LOWER), "b_x0", "b_y0", "b_z0")
+    """Predicted standard uncertainties of the parameters."""
     u = np.sqrt(np.diag(information.covariance)).tolist()
-    for name, size in zip(names, u, strict=True):
-        yield Coefficient("triad", name, forms.affine_unit(name), size)
+    for term, size in zip(TERMS.listed, u, strict=True):
+        yield Coefficient("triad", term.name, term.unit, size)
 
 
 def judge(spec: AccelerometerRecipe, task: Task) -> tuple[Predicted, ...]:
@@ -239,29 +241,33 @@ def _information(
     errors that they share.
     """
     unit = gravity / np.linalg.norm(gravity, axis=1)[:, None]
-    rows = length_residuals(IDEAL, unit, 1.0, np.ones(len(unit)))[1]
     soak = np.zeros(len(unit), dtype=np.int64) if dwells is None else dwells.log
-    where, at = Circumstances(soak, None, unit), Residuals.of_lengths(unit)
-    size = known_sizes(components, UNITS)
-    effects = (*shared_errors.list_effects(where, at), *shared_errors.list_candidates(where, at))
-    known = [replace(one, known=size.get((one.group, one.effect))) for one in effects]
-    return find_information(rows, noise_g, known)
+    sizes = known_sizes(components, UNITS)
+    effects = [
+        Effect(one.group, one.effect, one.level, one.loading, sizes[one.group, one.effect])
+        for one in shared_errors.list_errors(Circumstances(soak, None, unit, soak), unit[:, None])
+        if (one.group, one.effect) in sizes
+    ]
+    return find_information(_length_slopes(unit), noise_g, effects)
+
+
+def _length_slopes(unit: Array) -> Array:
+    """Derivatives [n, 9] of lengths of gravity by the parameters, in directions [n, 3]."""
+    slopes = TERMS.slopes(TERMS.nominal, unit, np.zeros(len(unit)))
+    return np.asarray(np.einsum("ni,nip->np", unit, slopes), dtype=np.float64)
 
 
 def _component_slopes() -> Array:
     """Derivatives [m, 9] of corrected components [g] by the nine parameters, in all directions."""
     tilt, roll = np.meshgrid(planned.TILTS_DEG, planned.TOOLFACES_DEG)
     unit = attitude.gravity_vector(tilt.ravel(), roll.ravel())
-    found = np.zeros((len(unit), 3, len(IDEAL)))
-    for k, (i, j) in enumerate(LOWER):
-        found[:, i, k] = unit[:, j]
-    found[:, :, len(LOWER) :] = -np.eye(3)
-    return found.reshape(-1, len(IDEAL))
+    slopes = TERMS.slopes(TERMS.nominal, unit, np.zeros(len(unit)))
+    return slopes.reshape(-1, len(TERMS.listed))
 
 
 def _angle_slopes() -> Array:
     """Derivatives [3, 9] of the angles Q [°] between the axes."""
-    return np.degrees(magnitude.parameter_slopes(IDEAL, 1.0)[6:])
+    return np.degrees(derivative(lambda p: TERMS.small_angles(p, 0.0), TERMS.nominal))
 
 
 def _list_designs(bench: _Bench) -> Iterator[_Design]:
@@ -272,8 +278,8 @@ def _list_designs(bench: _Bench) -> Iterator[_Design]:
         yield _Design((), 0.0)
     gravity = attitude.gravity_vector(*bench.spots.T)
     noise = bench.noise_of(min(bench.device.dwell_s))
-    rows = length_residuals(IDEAL, gravity, 1.0, np.full(len(gravity), 1.0 / noise))[1]
-    base = np.zeros((len(IDEAL),) * 2)
+    rows = _length_slopes(gravity) / noise
+    base = np.zeros((len(TERMS.listed),) * 2)
     if bench.have is not None:
         base += planned.reduce_to_coefficients(bench.have)
     slopes = bench.results.slopes["component"]
@@ -320,10 +326,13 @@ def simulate(
             "time_s": simulate_magnitude.INTERVAL_S * np.arange(len(seen), dtype=np.float64),
             **{f"accel_{axis}_g": seen[:, i] for i, axis in enumerate("xyz")},
         }
-    triangle = magnitude.to_triangle(np.concatenate([1.0 + k, b, q])).tolist()
-    names = [one["name"] for one in document["coefficients"]]
+    # with M the inverse of the axes: k_i0 = M_ii/(1 + k_i), z_i0 = b_i k_i0, c_ij = -M_ij/M_jj
+    matrix = np.linalg.inv(axes)
+    scale = np.diag(matrix) / (1.0 + k)
+    cross = -matrix / np.diag(matrix)
+    truth = [*scale, *(b * scale), cross[1, 0], cross[2, 0], cross[2, 1]]
     facts = {"seed": seed, "plan": document["sha256"]}
-    facts["coefficients"] = {"triad": dict(zip(names, triangle, strict=True))}
+    facts["coefficients"] = {"triad": dict(zip(TERMS.names, map(float, truth), strict=True))}
     return Campaign(logs, simulate_magnitude.DECIMALS, facts)
 
 

@@ -3,6 +3,7 @@ itself; scale factors, zero offsets and matrix entries over temperature.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -22,7 +23,7 @@ from calibkit.certificate.words import Words
 from calibkit.coefficients import Model, Record
 from calibkit.instruments.accelerometer import coefficient_files, forms
 from calibkit.instruments.accelerometer.coefficient_files import Correction
-from calibkit.instruments.accelerometer.numeric.affine_model import AXES, find_entry
+from calibkit.instruments.accelerometer.equation import AXES
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 
 POSITIONS = tuple(
@@ -91,7 +92,24 @@ def _corrected(correction: Correction, axis: int, inputs: Sequence[Input], at: A
         for one in inputs
     }
     used = tuple((model, weights) for model, weights in parts if np.any(weights))
-    return Point(float(vectors[-1][0, axis]), used, slopes)
+    more = tuple(one for model, _ in used for one in _lack_of_fit(model))
+    return Point(float(vectors[-1][0, axis]), used, slopes, more)
+
+
+def _lack_of_fit(model: Model) -> tuple[tuple[Words, float, float], ...]:
+    """What K0 … K9 correct otherwise than the triad, as a further uncertainty [g]."""
+    words = Words("lack of fit of the K-factor", "K 系数的失拟")
+    return tuple(
+        (words, parameter.value, float("inf"))
+        for parameter in model.parameters
+        if parameter.name == "lack_of_fit" and parameter.value > 0.0
+    )
+
+
+def _component(model: Model, inputs: Sequence[Input]) -> Callable[[At], Point]:
+    """Component [g] that the K model of an axis corrects, as a function of its inputs."""
+    point = of_form(forms.K, model, inputs)
+    return lambda at: replace(point(at), more=_lack_of_fit(model))
 
 
 def _by_compensation(
@@ -124,25 +142,22 @@ def _of_models(record: Record, *, components: bool) -> list[Quantity]:
     for model in record.models:
         inputs = _inputs(model)
         if model.form == forms.K.name:
-            words, form = Words("corrected component", "修正分量"), of_form(forms.K, model, inputs)
+            words, form = Words("corrected component", "修正分量"), _component(model, inputs)
             found += [
                 make(model, "scale", Words("scale factor"), forms.SCALE_FACTOR, "1"),
                 make(model, "zero", Words("zero offset"), forms.ZERO_OFFSET, "g"),
                 Quantity("component", record.stage, model.name, words, "g", inputs, form),
             ]
             continue
-        form_of = forms.Q if model.form == forms.Q.name else forms.AFFINE
+        form_of = {form.name: form for form in forms.FORMS}[model.form]
         for axis, letter in enumerate(AXES if components else ""):
             name, words = f"component_{letter}", Words(f"corrected {letter}", f"修正 {letter}")
             point = of_form(form_of, model, inputs, axis)
             found.append(Quantity(name, record.stage, model.name, words, "g", inputs, point))
-        if form_of is forms.AFFINE and forms.TEMPERATURE in model.valid:
-            entries = [find_entry(c.name) for c in model.coefficients]
-            for first in (one for one in entries if one.power == 0 and one.kind in "mb"):
-                terms = [one.name for one in entries if one.symbol == first.symbol]
-                unit = forms.affine_unit(first.name)
-                words = Words(first.symbol.replace("m_", "M_"))
-                found.append(make(model, first.symbol, words, terms, unit))
+        if form_of is not forms.Q and forms.TEMPERATURE in model.valid:
+            for symbol, terms, unit in forms.list_polynomials(model):
+                words = Words(symbol.replace("m_", "M_"))
+                found.append(make(model, symbol, words, terms, unit))
     return found
 
 

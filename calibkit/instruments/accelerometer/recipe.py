@@ -109,14 +109,6 @@ class AccelerometerRecipe(Recipe):
             raise ValueError(
                 "compensation = 'k' needs k.enabled = true and reference.kind = 'attitude'"
             )
-        if self.compensation == "kq" and (
-            not (attitude and self.k.enabled and self.affine.enabled)
-            or any(axis.cross for axis in self.k.axes)
-        ):
-            raise ValueError(
-                "compensation = 'kq' needs k.enabled, affine.enabled, reference.kind = 'attitude'"
-                " and k.cross = false: K8, K9 and Q would correct the same angles twice"
-            )
         if self.compensation == "affine" and attitude and not self.affine.enabled:
             raise ValueError("compensation = 'affine' needs affine.enabled = true")
         if (self.affine.tilt or self.affine.fixture) and not attitude:

@@ -2,18 +2,13 @@
 with the dwells.
 """
 
-from collections.abc import Callable, Sequence
-from typing import TypeVar
+from collections.abc import Callable
 
 import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.errors import FitError
-from calibkit.instruments.accelerometer.numeric import k_factor, magnitude
-from calibkit.instruments.accelerometer.numeric.affine_solve import AffineFit
-from calibkit.instruments.accelerometer.numeric.dwell_fit import DwellFit, MappedFit
-from calibkit.instruments.accelerometer.numeric.magnitude import MagnitudeFit
-from calibkit.numeric import gum
+from calibkit.instruments.accelerometer.triad import Triad
 
 WORSE = 1.1
 """Ratio of median absolute residuals above which one fit is worse than the other: on clean data the
@@ -25,14 +20,13 @@ fit is exported: a triad that needs no correction differs by less, by chance.
 """
 ROUNDING_G = 1e-9
 """Difference of median absolute residuals [g] that is rounding."""
-Found = TypeVar("Found", bound="DwellFit | Sequence[DwellFit]")
 
 
 def choose(
-    fit_with: Callable[..., Found], loss: str, names: Sequence[str], uncorrected: Array
-) -> tuple[Found, tuple[str, ...]]:
-    """Fit with the recipe's loss, and flags; `names` are those of the fit's models, `uncorrected`
-    the residuals [n] or [n, m, g] of the raw dwells.
+    fit_with: Callable[..., Triad], loss: str, name: str, uncorrected: Array
+) -> tuple[Triad, tuple[str, ...]]:
+    """Fit with the recipe's loss, and flags that call it by a name; `uncorrected` are the residuals
+    [n] or [n, m, g] of the raw dwells.
 
     Plain least squares stands in where a robust fit does not converge, or leaves a median absolute
     residual that is 10 % larger than that of least squares or of no correction. Where the two fits
@@ -40,41 +34,35 @@ def choose(
     none.
     """
     plain = fit_with(loss="least_squares")
-    other, raw = _median_length(_residuals(plain)), _median_length(uncorrected)
-    what, flags = ", ".join(names), list[str]()
+    other, raw = _median_length(plain.residuals), _median_length(uncorrected)
+    flags = list[str]()
     if loss == "robust":
         try:
             tough = fit_with(loss="robust")
         except FitError as error:
             worse = error.message
         else:
-            one = _median_length(_residuals(tough))
-            if one <= WORSE * min(other, raw) + ROUNDING_G:
-                return tough, _flag_differences(names, tough, plain)
+            left = _median_length(tough.residuals)
+            if left <= WORSE * min(other, raw) + ROUNDING_G:
+                return tough, _flag_differences(name, tough, plain)
             # without suspects the two differ by chance
             worse = (
-                f"the robust fit leaves a median residual of {one:.2e} g, least squares"
+                f"the robust fit leaves a median residual of {left:.2e} g, least squares"
                 f" {other:.2e} g, no correction {raw:.2e} g: look for an error that dwells share"
-                if any(model.suspects for model in _models(tough))
+                if tough.suspects
                 else ""
             )
         if worse:
             flags.append(
-                f"{what}: {worse}; plain least squares was used, outliers are not left out"
+                f"{name}: {worse}; plain least squares was used, outliers are not left out"
             )
     if other > WORSE_THAN_NONE * raw + ROUNDING_G:
         raise FitError(
-            f"{what}: the median residual is {other:.2e} g after correction by least squares,"
+            f"{name}: the median residual is {other:.2e} g after correction by least squares,"
             f" {raw:.2e} g before, expected a smaller one",
             hint="look for wrong rows or references: gross errors move such a fit",
         )
     return plain, tuple(flags)
-
-
-def _residuals(found: "DwellFit | Sequence[DwellFit]") -> Array:
-    """Residuals [n] or [n, m, g] of a fit, m axes side by side."""
-    residuals = [model.residuals for model in _models(found)]
-    return residuals[0] if len(residuals) == 1 else np.column_stack(residuals)
 
 
 def _median_length(residuals: Array) -> float:
@@ -84,40 +72,21 @@ def _median_length(residuals: Array) -> float:
     return float(np.median(np.linalg.norm(residuals.reshape(len(residuals), -1), axis=1)))
 
 
-def _models(found: "DwellFit | Sequence[DwellFit]") -> "Sequence[DwellFit]":
-    """Models of a fit."""
-    return (found,) if isinstance(found, DwellFit) else found
-
-
-def _flag_differences(
-    names: Sequence[str],
-    tough: "DwellFit | Sequence[DwellFit]",
-    plain: "DwellFit | Sequence[DwellFit]",
-) -> tuple[str, ...]:
-    """Flag for each model whose robust and least-squares fits differ by more than U, with both
-    values of the coefficient that differs most.
+def _flag_differences(name: str, tough: Triad, plain: Triad) -> tuple[str, ...]:
+    """Flag for robust and least-squares fits that differ by more than U, with both values of the
+    coefficient that differs most.
     """
-    flags = []
-    for name, one, other in zip(names, _models(tough), _models(plain), strict=True):
-        (symbols, value), (_, beside) = _coefficients(one), _coefficients(other)
-        expanded = gum.coverage_factor(max(one.dof, 1)) * one.standard_uncertainty
-        share = np.abs(value - beside) / np.where(expanded > 0.0, expanded, np.inf)
-        if np.max(share) > 1.0 and np.max(np.abs(one.residuals)) > ROUNDING_G:
-            k, count = int(np.argmax(share)), int(np.sum(share > 1.0)) - 1
-            others = f", and {count} more coefficients differ" if count else ""
-            flags.append(
-                f"{name}: the fits differ by more than U: {symbols[k]} is {value[k]:.7g} ±"
-                f" {expanded[k]:.1e} by the robust fit, which is exported, {beside[k]:.7g} by least"
-                f" squares{others}; look at the suspects before you rely on it"
-            )
-    return tuple(flags)
-
-
-def _coefficients(found: DwellFit) -> tuple[Sequence[str], Array]:
-    """Names and values [p] of the coefficients of a fit."""
-    if isinstance(found, MagnitudeFit):
-        return magnitude.NAMES, found.parameters
-    if isinstance(found, AffineFit):
-        return found.names, found.coefficients
-    assert isinstance(found, MappedFit)  # noqa: S101 (K0 … K9 of an axis)
-    return k_factor.NAMES, found.coefficients
+    to_raw = tough.to_degrees
+    value = tough.fit.of(lambda p: to_raw @ p)
+    beside, expanded = to_raw @ plain.fit.parameters, value.expanded
+    share = np.abs(value.value - beside) / np.where(expanded > 0.0, expanded, np.inf)
+    if np.max(share) <= 1.0 or np.max(np.abs(tough.residuals)) <= ROUNDING_G:
+        return ()
+    k, count = int(np.argmax(share)), int(np.sum(share > 1.0)) - 1
+    others = f", and {count} more coefficients differ" if count else ""
+    flag = (
+        f"{name}: the fits differ by more than U: {tough.terms.names[k]} is {value.value[k]:.7g} ±"
+        f" {expanded[k]:.1e} by the robust fit, which is exported, {beside[k]:.7g} by least"
+        f" squares{others}; look at the suspects before you rely on it"
+    )
+    return (flag,)

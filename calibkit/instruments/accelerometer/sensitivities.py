@@ -7,9 +7,10 @@ from dataclasses import replace
 from calibkit.coefficients import StageResult
 from calibkit.instruments.accelerometer import coefficient_files
 from calibkit.instruments.accelerometer.dwells import DwellSet
-from calibkit.instruments.accelerometer.fit import TriadFit, fit_triad
+from calibkit.instruments.accelerometer.fit import TriadFit, list_models
 from calibkit.instruments.accelerometer.forms import COMPONENTS, TEMPERATURE
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
+from calibkit.instruments.accelerometer.triad import Triad
 from calibkit.sensitivities import (
     InputError,
     Sensitivity,
@@ -28,7 +29,7 @@ ANGLE_STEP_DEG, GRAVITY_STEP = 1e-3, 1e-5
 
 
 def find(fitted: TriadFit, dwells: DwellSet, spec: AccelerometerRecipe) -> tuple[Sensitivity, ...]:
-    """Sensitivities of the coefficients of a fit to `dwells`, without those that it left out."""
+    """Sensitivities of the coefficients of a fit to `dwells`."""
     errors = [*of_thermometer(TEMPERATURE, *dwells.valid[TEMPERATURE])]
     if spec.reference.kind == "attitude":
         names = ("inclination_deg", "toolface_deg")
@@ -38,18 +39,21 @@ def find(fitted: TriadFit, dwells: DwellSet, spec: AccelerometerRecipe) -> tuple
         name in spec.columns and spec.columns[name].unit == "m/s^2" for name in COMPONENTS
     ):
         errors.append(InputError("gravity_mps2", "offset", GRAVITY_STEP * gravity))
-    plain = spec.model_copy(update={"loss": "least_squares"})
 
-    def refit(shifted: DwellSet) -> tuple[StageResult, ...]:
-        found = fit_triad(shifted, plain, fitted)
-        return coefficient_files.list_results(found, shifted, gravity, ())
-
-    def shift(error: InputError) -> tuple[StageResult, ...]:
+    def shift(error: InputError) -> DwellSet:
         field = FIELDS[error.input]
         values = getattr(dwells, field)
         if error.input == "gravity_mps2":  # what is logged in m/s² is divided by it
             assert gravity is not None  # noqa: S101 (no such error otherwise)
-            return refit(replace(dwells, indication=values / (1.0 + error.step / gravity)))
-        return refit(replace(dwells, **{field: error.shift(values)}))
+            return replace(dwells, indication=values / (1.0 + error.step / gravity))
+        return replace(dwells, **{field: error.shift(values)})
 
-    return differentiate(errors, refit(dwells), shift)
+    def models(shifted: DwellSet, triad: Triad) -> tuple[StageResult, ...]:
+        k, _, q, affine = list_models(shifted, spec, triad)
+        moved = replace(fitted, k=k, q=q, affine=affine, intervals=())
+        return coefficient_files.list_results(moved, shifted, gravity, ())
+
+    shifted = [shift(error) for error in errors]
+    triads = fitted.triad.shifted(dwells, shifted)
+    results = dict(zip(errors, map(models, shifted, triads), strict=True))
+    return differentiate(errors, models(dwells, fitted.triad), results.__getitem__)

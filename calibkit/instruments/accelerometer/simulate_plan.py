@@ -8,10 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calibkit.instruments.accelerometer import simulate
-from calibkit.instruments.accelerometer.circumstances import SHARED_UNITS
-from calibkit.instruments.accelerometer.numeric import shared_errors
-from calibkit.instruments.accelerometer.numeric.shared_errors import Circumstances, Residuals
+from calibkit.instruments.accelerometer import shared_errors, simulate
+from calibkit.instruments.accelerometer.shared_errors import Circumstances
 from calibkit.numeric import attitude
 from calibkit.recipe.tables import ErrorComponent
 from calibkit.simulate.campaign import Campaign
@@ -77,23 +75,22 @@ def draw_rows(
     """
     soak = _number_soaks(degc)
     tilt, roll = np.radians(spots).T
-    where = Circumstances(soak, time_s / 3600.0, attitude.gravity_vector(*spots.T), tilt, roll)
-    at = Residuals.of_components(len(soak))
-    effects = shared_errors.list_effects(where, at) + shared_errors.list_candidates(where, at)
+    one_log = np.zeros(len(soak), dtype=np.int64)
+    gravity = attitude.gravity_vector(*spots.T)
+    where = Circumstances(soak, time_s / 3600.0, gravity, one_log, tilt, roll)
+    axes = np.broadcast_to(np.eye(3), (len(soak), 3, 3))
     sizes = {
-        (one.group, one.effect): one.value_in(SHARED_UNITS[one.group, one.effect])
+        (one.group, one.effect): one.value_in(shared_errors.UNITS[one.group, one.effect])
         for one in components
     }
     of_gravity, of_sensors = np.zeros((len(soak), 3)), np.zeros((len(soak), 3))
     drawn: dict[str, Any] = {}
-    for effect in effects:
-        size = sizes.get((effect.group, effect.effect), 0.0)
-        levels = int(effect.labels.max()) + 1
-        error = rng.normal(0.0, 1.0, (levels, effect.width)) * size
-        drawn[f"{effect.effect} of the {effect.group}"] = error.tolist()
-        moved = np.sum(effect.loading.reshape(3 * len(soak), -1) * error[effect.labels], axis=1)
-        turned = effect.group in {"attitude", "fixture", "table"}
-        (of_gravity if turned else of_sensors)[:] += moved.reshape(-1, 3)
+    for shared in shared_errors.list_errors(where, axes):
+        name = (shared.group, shared.effect)
+        error = rng.normal(0.0, 1.0, (shared.levels, shared.width)) * sizes.get(name, 0.0)
+        drawn[f"{shared.effect} of the {shared.group}"] = error.tolist()
+        turned = shared.unit == "rad"
+        (of_gravity if turned else of_sensors)[:] += shared.along(error).reshape(-1, 3)
     seen = where.gravity + of_gravity
     seen /= np.linalg.norm(seen, axis=1)[:, None]
     case = degc + rng.normal(0.0, CHAMBER_DEGC, degc.size)[soak]

@@ -32,8 +32,8 @@ def tabulate_fit(fitted: TriadFit) -> list[Table]:
             for c in fitted.q.coefficients
         )
         tables.append(Table(title, ("", "small-angle"), rows))
-    models = [model for model in (*fitted.k[:1], fitted.affine) if model is not None]
-    shared = list_components("Errors that dwells share", models)
+    model = fitted.affine or fitted.k[0]
+    shared = list_components("Errors that dwells share", [model])
     return [*tables, shared] if shared.rows else tables
 
 

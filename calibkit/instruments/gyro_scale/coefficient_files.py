@@ -173,7 +173,7 @@ def _pair_line(
     return forms.LINE.write(
         name,
         [("K", float(line.parameters[0]), "1/deg"), ("F0", float(line.parameters[1]), "1/s")],
-        line.covariance,
+        line.total_covariance,
         dof=sum(one.dof for one in lines),
         residual_rms=rms([one.residual_rms for one in lines]),
         residual_unit="1/s",
@@ -324,7 +324,7 @@ def _triad_model(fitted: triad_fit.AxesFit, one: triad_fit.AxesSet) -> Model:
     return forms.TRIAD.write(
         fitted.named("triad", one),
         list(zip([*names, *biases], found.value.tolist(), units, strict=False)),
-        one.fit.covariance + one.fit.bounds @ one.fit.bounds.T,
+        one.fit.total_covariance,
         dof=min(line.dof for line in lines),
         residual_rms=rms([line.residual_rms for line in lines]),
         residual_unit="1/s",

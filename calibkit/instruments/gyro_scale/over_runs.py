@@ -187,7 +187,7 @@ def curve_of(curve: Fit, terms: equation.Terms, temp_degc: Array) -> Temperature
     order = curve.parameters.size - 1
     raw, covariance = polynomial.in_raw_powers(
         curve.parameters,
-        curve.covariance + curve.bounds @ curve.bounds.T,
+        curve.total_covariance,
         polynomial.to_raw_powers(*terms.middle_half, order),
     )
     low, high = float(temp_degc.min()), float(temp_degc.max())

@@ -12,7 +12,7 @@ from calibkit.instruments.inclinometer.forms import (
     ScaleFit,
     ScaleModel,
 )
-from calibkit.instruments.inclinometer.numeric.published import Sensor
+from calibkit.instruments.inclinometer.published import Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.solve import WRONG, SolvedStations
 from calibkit.instruments.inclinometer.stations import Stations
@@ -75,8 +75,8 @@ def _figures(
 
 
 def _of_fits(fits: Mapping[Sensor, ScaleFit]) -> list[str]:
-    """Flags of the fits, with the axis of the gyro."""
-    return [f"{axis}: {flag}" for axis, scale in fits.items() for flag in scale.flags]
+    """Flags and remarks of the fits, with the axis of the gyro."""
+    return [type(flag)(f"{axis}: {flag}") for axis, scale in fits.items() for flag in scale.flags]
 
 
 def _hardly_known(fits: Mapping[Sensor, ScaleFit]) -> list[str]:

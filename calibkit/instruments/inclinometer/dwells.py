@@ -12,7 +12,7 @@ import numpy as np
 
 from calibkit.errors import FrameError
 from calibkit.frame import Finding, Held, require, values
-from calibkit.instruments.inclinometer.numeric import published
+from calibkit.instruments.inclinometer import published
 from calibkit.numeric import attitude, chunks
 from calibkit.numeric.dwells import average_dwells
 

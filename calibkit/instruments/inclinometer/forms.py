@@ -14,15 +14,12 @@ from calibkit.forms import Form, Inputs
 from calibkit.instruments.inclinometer.noise import Noise
 from calibkit.instruments.inclinometer.numeric import scale_prior
 from calibkit.instruments.inclinometer.numeric.root_choice import Prior
+from calibkit.instruments.inclinometer.numeric.scale_fit import ScaleOverTemperature
 
 FILE = "inclinometer_scale.json"
 TEMPERATURE = "temp_case_degc"
 MOUNTING = "mounting"
 """Group of the errors of how gyros and accelerometers are mounted."""
-
-
-CHOICE = "order_choice"
-"""Parameter: standard deviation that the choice of the order adds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,8 +35,6 @@ class ScaleModel:
     noise: Noise
     turn_deg: float = 0.0
     """Standard deviation of the turn of the gyro against its accelerometer [°]."""
-    choice: float = 0.0
-    """Standard deviation that the choice of the order adds to s(T)."""
 
     def prior(self, temperature: Array) -> Prior:
         """Prior of s at temperatures [n] [°C]; for an unknown temperature its uncertainty covers
@@ -71,15 +66,14 @@ class ScaleModel:
                 round(model.value("noise_dof")),
             ),
             next((one.value for one in model.components if one.group == MOUNTING), 0.0),
-            read_choice(model),
         )
 
 
 def read_choice(model: Model) -> float:
-    """Standard deviation that the choice of the order adds to s(T); 0 where the recipe states the
-    order, and of files of before.
+    """Standard deviation that the choice of the order adds to s(T) in files of calibkit 0.2; later
+    ones average the orders.
     """
-    return next((one.value for one in model.parameters if one.name == CHOICE), 0.0)
+    return next((one.value for one in model.parameters if one.name == "order_choice"), 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +88,8 @@ class ScaleFit:
     effective_dof: Array | None = None
     components: tuple[Component, ...] = ()
     flags: tuple[str, ...] = ()
+    over: ScaleOverTemperature | None = None
+    """None of a single root."""
 
     def write(self, axis: str) -> Model:
         """Model of the gyro on an axis; its parameters are the scatter of s and the noise of the
@@ -115,7 +111,6 @@ class ScaleFit:
                 Parameter("gyro_noise", model.noise.gyro_dph, "deg/h"),
                 Parameter("accel_noise", model.noise.accel_g, "g"),
                 Parameter("noise_dof", float(model.noise.dof), "1"),
-                *([Parameter(CHOICE, model.choice, "1")] if model.choice else []),
             ),
         )
 

@@ -2,30 +2,29 @@
 errors of the positions, logs that share a scale factor; what a recipe states of them.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 
-from calibkit.arrays import Array
+from calibkit.arrays import Array, Mask
 from calibkit.coefficients import Component
+from calibkit.fit.shared import Shared
+from calibkit.frame import Remark
 from calibkit.instruments.inclinometer.forms import MOUNTING
-from calibkit.instruments.inclinometer.numeric.covariance import angle_slopes
-from calibkit.instruments.inclinometer.numeric.published import Components, Sensor
+from calibkit.instruments.inclinometer.numeric.covariance import AZIMUTH, root_slopes, slopes
 from calibkit.instruments.inclinometer.numeric.root_choice import Solution
+from calibkit.instruments.inclinometer.numeric.scale_fit import ScaleOverTemperature
+from calibkit.instruments.inclinometer.published import Components, Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.stations import Stations
-from calibkit.numeric.least_squares import components
-from calibkit.numeric.least_squares.components import Effect
-from calibkit.recipe.shared_errors import list_components, state_effects, warn_of_few_groups
+from calibkit.recipe.shared_errors import components_of, state_sizes, warn_of_few_levels
 from calibkit.recipe.type_b import terms_of
-
-UNITS = {("log", "scale"): "1", ("station", "scale"): "1", (MOUNTING, "gyro turn"): "deg"}
-"""Errors that stations share and the units of their standard deviations."""
 
 SHOWN = 3.0
 """Standard uncertainties above which a turn is flagged; it is in the azimuth's from 2 on."""
+ONE_ATTITUDE = "one attitude: a turn of the gyro is not separable, in U of the azimuth as stated"
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +35,7 @@ class Circumstances:
     """Derivatives [n] of the roots of s by a turn of the gyro [1/°]; None where the recipe leaves
     it out.
     """
-    log: Effect | None
+    log: Shared | None
     """Part of s that the stations of a log share; None for a single log."""
     stated_deg: float
     """Standard deviation of the turn that the recipe states [°], or 0."""
@@ -46,19 +45,23 @@ class Circumstances:
         cls, found: Solution, stations: Stations, spec: InclinometerRecipe, axis: Sensor
     ) -> Self:
         """Circumstances of stations of which s is known."""
-        parts = stations.components[axis]
-        by_root, _ = _slopes(found, parts, spec, _turned(parts))
-        every = np.zeros(by_root.size, dtype=np.int64)
-        tried = [Effect(MOUNTING, "gyro turn", every, by_root)]
+        by_root = turn_slopes(found.root >= 0, stations, spec, axis)
+        count = by_root.size
+        tool, every = np.zeros(count, dtype=np.int64), np.ones((count, 1))
+        loading = by_root[:, None]
+        offered = [
+            Shared(group=MOUNTING, effect="gyro turn", level=tool, loading=loading, unit="deg")
+        ]
         if stations.log.max() > 0:
-            tried.append(Effect("log", "scale", stations.log, np.ones(by_root.size)))
-        named = {one.group: one for one in state_effects(spec.errors, tried, (), UNITS)[0]}
-        turn = named.get(MOUNTING)
-        known = turn.known if turn is not None else None
+            offered.append(
+                Shared(group="log", effect="scale", level=stations.log, loading=every, unit="1")
+            )
+        stated = {error.group: error for error in state_sizes(spec.errors, offered)}
+        turn = stated.get(MOUNTING)
         return cls(
             None if turn is None else by_root,
-            named.get("log"),
-            0.0 if known is None else known.value,
+            stated.get("log"),
+            0.0 if turn is None else turn.size or 0.0,
         )
 
     def turn_deg(self, measured: tuple[float, float]) -> float:
@@ -67,27 +70,25 @@ class Circumstances:
         """
         return max(self.stated_deg, float(np.hypot(*measured)))
 
-    def state(
-        self, found: Sequence[components.Component], measured: tuple[float, float]
-    ) -> tuple[tuple[Component, ...], tuple[str, ...]]:
+    def state(self, over: ScaleOverTemperature) -> tuple[tuple[Component, ...], tuple[str, ...]]:
         """Components of a coefficient file, and flags."""
-        size, (angle, u) = self.turn_deg(measured), measured
-        every = list(found)
+        angle, u = over.turn_deg
+        size = self.turn_deg(over.turn_deg)
+        listed = components_of(over.fit.shared)
         if size:
-            unsure = u or size
-            every.append(
-                components.Component(MOUNTING, "gyro turn", size, unsure, 1, 1, known=True)
-            )
-        flags = warn_of_few_groups([one for one in found if one.group == "log"])
+            listed = (*listed, Component(MOUNTING, "gyro turn", size, "deg", u or size, 1))
+        of_log = [log for log in over.fit.shared if log.error.group == "log"]
+        flags = warn_of_few_levels(of_log)
+        if self.turn is not None and over.fixed:
+            flags = (*flags, Remark(ONE_ATTITUDE))
         if abs(angle) > SHOWN * u > 0.0:
-            found_deg = f"{angle:.3f}° ± {u:.2g}°"
             text = (
-                f"the roots of s show a gyro that is turned by {found_deg} against the"
+                f"the roots of s show a gyro that is turned by {angle:.3f}° ± {u:.2g}° against the"
                 " accelerometers about the tool axis, expected 0°: it is in the uncertainty of the"
                 " azimuth; align the sensors and measure again"
             )
             flags = (*flags, text)
-        return list_components(every, UNITS), flags
+        return listed, flags
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,18 +113,18 @@ class Mounted:
         """Azimuths whose gyros are turned by an unknown angle of standard deviation `turn_deg`;
         `[[errors.component]]` and type B terms on `azimuth_deg` and `position_deg` are stated.
         """
-        slopes = []
+        changes = []
         for axis, found in solutions.items():
             parts = stations.components[axis]
+            latitude = np.full(found.s.size, spec.site.latitude_deg)
+            rest = found.s - np.where(found.weight > 0.0, found.weight * found.s_root, 0.0)
+            jacobian = slopes(parts, latitude, found.root >= 0, found.weight, rest)
             # positions ±x and ±y that are turned to different sides by half an index error
-            sheared = [parts.accel_y, parts.accel_x, parts.gyro_y, parts.gyro_x]
-            slopes.append(
-                [
-                    _slopes(found, parts, spec, moved)[1]
-                    for moved in (_turned(parts), np.column_stack(sheared) / 2.0)
-                ]
-            )
-        by_turn, by_index = np.moveaxis(np.array(slopes), 0, 1)
+            sheared = np.column_stack([parts.accel_y, parts.accel_x, parts.gyro_y, parts.gyro_x])
+            moved = np.stack([_turned(parts), sheared / 2.0])
+            with np.errstate(invalid="ignore"):
+                changes.append(np.sum(jacobian[:, AZIMUTH, :4] * moved, axis=2))
+        by_turn, by_index = np.moveaxis(np.array(changes), 0, 1)
         largest = np.fmax.reduce(np.abs(by_turn))
         whole, own = (
             sum((one.sensitivity * one.standard_uncertainty) ** 2 for one in terms.components)
@@ -140,12 +141,13 @@ class Mounted:
         )
 
 
-def _slopes(
-    found: Solution, parts: Components, spec: InclinometerRecipe, moved: Array
-) -> tuple[Array, Array]:
-    """Derivatives [n] of root and azimuth by an angle."""
-    latitude = np.full(found.s.size, spec.site.latitude_deg)
-    return angle_slopes(parts, latitude, found.s, found.s_root, found.weight, moved)
+def turn_slopes(plus: Mask, stations: Stations, spec: InclinometerRecipe, axis: Sensor) -> Array:
+    """Derivatives [n] of roots by a turn of the gyro [1/°]."""
+    parts = stations.components[axis]
+    latitude = np.full(plus.size, spec.site.latitude_deg)
+    with np.errstate(invalid="ignore"):
+        gradient = root_slopes(parts, latitude, plus)[:, :4] * _turned(parts)
+    return np.asarray(np.radians(np.sum(gradient, axis=1)))
 
 
 def _turned(parts: Components) -> Array:

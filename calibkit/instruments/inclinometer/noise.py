@@ -9,7 +9,7 @@ import numpy as np
 from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError
 from calibkit.instruments.inclinometer.numeric import closure
-from calibkit.instruments.inclinometer.numeric.published import Sensor
+from calibkit.instruments.inclinometer.published import Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.numeric import gum
 

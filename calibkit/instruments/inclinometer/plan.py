@@ -286,7 +286,11 @@ def _measure(spec: InclinometerRecipe, task: Task, sizes: Sizes) -> Roots:
         first = solve.solve_in_sequence(seen, spec, axis)
         used, turn = first.root_used, mounting.Circumstances.of(first, seen, spec, axis).turn
         u, by_turn = planned.own_uncertainty(
-            seen.components[axis], spec.site.latitude_deg, first.s, first.s_root_uncertainty, sizes
+            seen.components[axis],
+            spec.site.latitude_deg,
+            first.root >= 0,
+            first.s_root_uncertainty,
+            sizes,
         )
         by_turn = by_turn if turn is not None else np.zeros_like(u)
         pairs.append(Roots(seen.temperature[used], u[used], by_turn[used], seen.log[used]))

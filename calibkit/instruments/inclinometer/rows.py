@@ -12,7 +12,7 @@ from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.frame import Log, values
 from calibkit.ingest.column_values import unmap_values
 from calibkit.instruments.inclinometer.forms import TEMPERATURE
-from calibkit.instruments.inclinometer.numeric.published import Sensor
+from calibkit.instruments.inclinometer.published import Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.numeric.attitude import gravity_positive
 

@@ -18,10 +18,10 @@ from calibkit.instruments.inclinometer.numeric import (
     scale_prior,
     sensor_pairs,
 )
-from calibkit.instruments.inclinometer.numeric.published import Sensor
 from calibkit.instruments.inclinometer.numeric.root_choice import Prior, Solution
 from calibkit.instruments.inclinometer.numeric.scale_prior import History
 from calibkit.instruments.inclinometer.numeric.sensor_pairs import Combined
+from calibkit.instruments.inclinometer.published import Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.stations import Stations
 from calibkit.numeric.attitude import wrapped
@@ -223,31 +223,27 @@ def _fit_over_temperature(
     order = 0 if not timed else None if spec.scale.order == "auto" else spec.scale.order
     if usable.sum() == 1:
         return _fit_one_root(first, usable, temperature, spec, noise, timed=timed)
-    found = mounting.Circumstances.of(first, stations, spec, axis)
+    shared = mounting.Circumstances.of(first, stations, spec, axis)
     over = scale_fit.fit_over_temperature(
-        first, temperature, order=order, turn=found.turn, log=found.log
+        first, temperature, order=order, turn=shared.turn, log=shared.log
     )
-    # without degrees of freedom the scatter of s is unknown; the recipe's prior uncertainty is used
-    scatter = over.scatter if over.dof else spec.history.standard_uncertainty
-    left_out = over.left_out
-    if not over.dof:
-        left_out = Prior(left_out.s, np.hypot(left_out.standard_uncertainty, scatter))
     model = ScaleModel(
         over.coefficients,
         over.covariance,
-        scatter,
+        over.scatter,
         over.valid_degc if timed else None,
         noise,
-        *(found.turn_deg(over.turn_deg), over.choice),
+        shared.turn_deg(over.turn_deg),
     )
     return ScaleFit(
         model,
-        over.dof,
+        over.fit.dof,
         over.residual_rms,
         over.used,
-        left_out,
+        over.left_out,
         over.effective_dof,
-        *found.state(over.components, over.turn_deg),
+        *shared.state(over),
+        over,
     )
 
 

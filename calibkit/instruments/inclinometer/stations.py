@@ -15,12 +15,13 @@ from calibkit.frame import Examined, Finding, Log, refuse, values
 from calibkit.instruments.inclinometer import (
     dwells as inclinometer_dwells,
     noise as inclinometer_noise,
+    published,
 )
 from calibkit.instruments.inclinometer.dwells import DwellLog
 from calibkit.instruments.inclinometer.forms import TEMPERATURE
 from calibkit.instruments.inclinometer.noise import Noise
-from calibkit.instruments.inclinometer.numeric import published, sinusoid_fit
-from calibkit.instruments.inclinometer.numeric.published import Components, Sensor
+from calibkit.instruments.inclinometer.numeric import sinusoid_fit
+from calibkit.instruments.inclinometer.published import Components, Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.rows import REFERENCE, Rows
 from calibkit.numeric import attitude, chunks

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from calibkit.coefficients import at_most
+from calibkit.instruments.inclinometer import published
 from calibkit.instruments.inclinometer.errors import (
     AngleErrors,
     largest,
@@ -13,9 +14,8 @@ from calibkit.instruments.inclinometer.errors import (
 )
 from calibkit.instruments.inclinometer.figures import ScaleCurve, SeekingReport
 from calibkit.instruments.inclinometer.forms import ScaleFit
-from calibkit.instruments.inclinometer.numeric import published
-from calibkit.instruments.inclinometer.numeric.published import Sensor
 from calibkit.instruments.inclinometer.numeric.root_choice import Solution
+from calibkit.instruments.inclinometer.published import Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.solve import SolvedStations
 from calibkit.instruments.inclinometer.stations import Stations

@@ -1,4 +1,4 @@
-"""Errors of a linear fit at rows that it leaves out, the jackknife, and the choice of a model by
+"""Errors of a linear fit at rows that it leaves out, and the choice of a model by
 these errors.
 """
 
@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers
-from calibkit.errors import FitError
+from calibkit.arrays import Array
 
 MARGIN = 0.9
 """Factor by which a model with more coefficients must lower the left-out error: by chance alone a
@@ -50,50 +49,6 @@ def left_out_errors(
         return errors
     free = 1.0 - np.sum(q**2, axis=1)
     return np.where(free > FREE, residuals / np.maximum(free, FREE), np.inf)
-
-
-def jackknife_covariance(
-    design: Array, residuals: Array, groups: Integers, *, weights: Array | None = None
-) -> Array:
-    """Covariance [p, p] of linear coefficients from leaving out one group of rows at a time.
-
-    It holds where rows of one group share an error (one table position at every temperature;
-    neighbouring rows of a sweep) and where the noise differs between groups, which the ordinary
-    covariance does not see. With every row its own group it is HC3 (MacKinnon & White 1985).
-
-    Parameters
-    ----------
-    design
-        [n, p].
-    residuals
-        [n], of the least-squares fit with the same weights.
-    groups
-        [n], label of the group of each row.
-    weights
-        [n], as given to the fit.
-
-    Raises
-    ------
-    FitError
-        When a group cannot be left out because it alone determines a coefficient.
-
-    """
-    root = np.ones(len(residuals)) if weights is None else np.sqrt(weights)
-    q, r = np.linalg.qr(design * root[:, None])
-    labels = np.unique(groups)
-    shifts = []
-    for label in labels:
-        own = groups == label
-        errors = _left_out(q[own], (root * residuals)[own])
-        if not np.isfinite(errors).all():
-            raise FitError(
-                f"group {label} alone determines a coefficient",
-                hint="add attitudes or lower the orders",
-            )
-        shifts.append(q[own].T @ errors)
-    moved = np.linalg.solve(r, np.array(shifts).T)
-    count = len(labels)
-    return np.asarray((count - 1) / count * (moved @ moved.T), dtype=np.float64)
 
 
 def choose_simplest(errors: Sequence[float], margin: float = MARGIN) -> int:

@@ -11,7 +11,6 @@ import numpy as np
 
 from calibkit.arrays import Array, Integers
 from calibkit.instruments.accelerometer.numeric import determination
-from calibkit.numeric.least_squares import robust
 from calibkit.numeric.least_squares.structure import Structure
 
 COMMON = ("attitude", "temperature")
@@ -65,17 +64,3 @@ def read(structured: Sequence[Structure], residuals: Array) -> tuple[CommonError
         )
         for one in structured
     )
-
-
-def find_suspects(
-    tough: robust.RobustFit | None, components: int = 1
-) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Suspect dwells of a robust fit to residuals [n, components] in rows, the worst first, and all
-    dwells that it left out, suspect or not; none of a fit by least squares.
-    """
-    rows = tough.suspects if tough else ()
-    out = np.flatnonzero(tough.row_weights == 0.0).tolist() if tough else []
-    suspects, left_out = (
-        tuple(dict.fromkeys(row // components for row in part)) for part in (rows, out)
-    )
-    return suspects, left_out

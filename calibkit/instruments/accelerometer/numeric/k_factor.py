@@ -13,21 +13,14 @@ coefficient by a hundredth of its standard uncertainty (Fuller 1987, section 2.2
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Literal
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers
+from calibkit.arrays import Array
 from calibkit.errors import FitError
-from calibkit.instruments.accelerometer.numeric import common_errors, determination
-from calibkit.instruments.accelerometer.numeric.dwell_fit import MappedFit
+from calibkit.instruments.accelerometer.numeric import determination
 from calibkit.numeric.least_squares import (
-    fit as least_squares,
-    fold,
-    gram,
-    leave_out,
     polynomial,
-    robust,
 )
 
 AXES = ("x", "y", "z")
@@ -65,16 +58,6 @@ class KTerms:
         return (*range(self.scale_order + 1), *range(4, 5 + self.zero_order), *cross)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class KAxis(MappedFit):
-    """Fit of K0 … K9 of one axis, zero where not fitted; residuals [n] are reference minus
-    corrected component.
-    """
-
-    fitted: tuple[int, ...]
-    """Indices of the fitted coefficients, ascending."""
-
-
 def columns(
     indication: Array, temperature: Array, axis: int, numbers: Sequence[int] = range(10)
 ) -> Array:
@@ -95,65 +78,7 @@ def columns(
     return whole.T
 
 
-def fit(
-    indication: Array,
-    temperature: Array,
-    reference: Array,
-    *,
-    terms: Sequence[KTerms] = (KTerms(), KTerms(), KTerms()),
-    weights: Array | None = None,
-    loss: Literal["least_squares", "robust"] = "least_squares",
-    groups: Integers | None = None,
-) -> tuple[KAxis, KAxis, KAxis]:
-    """Fit K0 … K9 of the three axes.
-
-    Parameters
-    ----------
-    indication
-        [n, 3], dwell means [g, nominally scaled, positive along gravity].
-    temperature
-        [n] [°C].
-    reference
-        [n, 3] [g], from `attitude.gravity_vector`.
-    terms
-        Three, one per axis.
-    weights
-        [n] or [n, 3], 1/variance of the dwell means.
-    loss
-        "robust" downweights outliers and names them.
-    groups
-        [n], labels of dwells that share an error (a table position, a stretch of a sweep):
-        covariance by leaving out one group at a time. The ordinary covariance holds for independent
-        dwells of equal noise.
-
-    Raises
-    ------
-    FitError
-        When the conditions do not determine a coefficient: names it, says why and which dwells to
-        add.
-
-    """
-    most = max(len(part.fitted) for part in terms)
-    if len(temperature) <= most:
-        raise FitError(
-            f"{len(temperature)} dwells for {most} coefficients an axis",
-            hint="add dwells until residuals can judge the fit, or lower the orders",
-        )
-    _require_determined(reference, temperature, terms)
-    middle, half = polynomial.middle_and_half(temperature)
-    half = half or 1.0
-    mapped = (temperature - middle) / half
-    x, y, z = (
-        _fit_axis(
-            *(indication, mapped, reference, i, terms[i].fitted, weights, loss, groups),
-            (middle, half),
-        )
-        for i in range(3)
-    )
-    return x, y, z
-
-
-def _require_determined(reference: Array, temperature: Array, terms: Sequence[KTerms]) -> None:
+def require_determined(reference: Array, temperature: Array, terms: Sequence[KTerms]) -> None:
     """Raise FitError where references [n, 3] and temperatures [n] [°C] leave a K undetermined, see
     `determination.require_determined`.
     """
@@ -187,84 +112,3 @@ def indications(coefficients: Array, reference: Array, temperature: Array) -> Ar
         matrix[:, i, first], matrix[:, i, second] = -coefficients[i, 8], -coefficients[i, 9]
         target[:, i, 0] = reference[:, i] + powers @ coefficients[i, 4:8]
     return np.asarray(np.linalg.solve(matrix, target)[:, :, 0], dtype=np.float64)
-
-
-def _fit_axis(
-    indication: Array,
-    mapped: Array,
-    reference: Array,
-    axis: int,
-    numbers: tuple[int, ...],
-    weights: Array | None,
-    loss: Literal["least_squares", "robust"],
-    groups: Integers | None,
-    held: tuple[float, float],
-) -> KAxis:
-    """Fit the K of one axis in mapped temperature; `held` is the middle and half-width of the
-    temperature range [°C].
-    """
-    names = [f"{NAMES[k]} of accel_{AXES[axis]}" for k in numbers]
-    weight = None if weights is None else (weights if weights.ndim == 1 else weights[:, axis])
-    target = reference[:, axis]
-    if loss == "least_squares" and groups is None and len(mapped) >= gram.TALL:
-        result = fold.linear(
-            lambda part: columns(indication[part], mapped[part], axis, numbers),
-            target,
-            weights=weight,
-            names=names,
-        )
-        return in_degrees(result, result.covariance, None, result.dof, numbers, held)
-    tough: robust.RobustFit | None = None
-    row_weights = np.ones(len(mapped)) if weight is None else weight
-    design = columns(indication, mapped, axis, numbers)
-    if loss == "robust":
-        common = common_errors.label(mapped * held[1], reference)
-        tough = robust.linear(design, target, weights=weight, names=names, groups=common)
-        result = tough.fit
-        row_weights = row_weights * tough.row_weights
-    else:
-        result = least_squares.linear(design, target, weights=weight, names=names)
-    covariance, dof = result.covariance, result.dof
-    if groups is not None:
-        covariance = leave_out.jackknife_covariance(
-            design, result.residuals, groups, weights=row_weights
-        )
-        # attitudes determine four coefficients: as many degrees of freedom fewer than groups
-        dof = min(dof, max(len(np.unique(groups)) - 4, 1))
-    return in_degrees(result, covariance, tough, dof, numbers, held)
-
-
-def in_degrees(
-    result: least_squares.LinearFit,
-    covariance: Array,
-    tough: robust.RobustFit | None,
-    dof: int,
-    numbers: tuple[int, ...],
-    held: tuple[float, float],
-) -> KAxis:
-    """Convert a fit in mapped temperature to powers of °C, in extended precision because K3 and K7
-    lose digits in double precision.
-    """
-    mapped, mapped_covariance = np.zeros(10), np.zeros((10, 10))
-    mapped[list(numbers)] = result.coefficients
-    mapped_covariance[np.ix_(numbers, numbers)] = covariance
-    to_raw = np.eye(10, dtype=np.longdouble)
-    to_raw[:4, :4] = to_raw[4:8, 4:8] = polynomial.to_raw_powers(*held, 3)
-    raw, raw_covariance = polynomial.in_raw_powers(mapped, mapped_covariance, to_raw)
-    suspects, left_out = common_errors.find_suspects(tough)
-    return KAxis(
-        fitted=numbers,
-        coefficients=raw,
-        covariance=raw_covariance,
-        mapped_coefficients=mapped,
-        mapped_covariance=mapped_covariance,
-        middle=held[0],
-        half=held[1],
-        residuals=result.residuals,
-        suspects=suspects,
-        left_out=left_out,
-        common_errors=common_errors.read(tough.structured if tough else (), result.residuals),
-        dof=dof,
-        residual_rms=result.residual_rms * float(np.sqrt(1.0 + len(numbers) / result.dof)),
-        condition=result.condition,
-    )

@@ -3,20 +3,21 @@ fit.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from calibkit.arrays import Array, Integers
-from calibkit.instruments.accelerometer.numeric import affine_model, k_factor, shared_errors
-from calibkit.instruments.accelerometer.numeric.shared_errors import Circumstances, Residuals
+from calibkit.instruments.accelerometer import shared_errors
+from calibkit.instruments.accelerometer.equation import Terms
+from calibkit.instruments.accelerometer.numeric import k_factor
+from calibkit.instruments.accelerometer.shared_errors import INDEX, Circumstances
 from calibkit.numeric import attitude
 from calibkit.numeric.exchange import Pool
 from calibkit.numeric.information import Information, find_information, invert, stack
 from calibkit.numeric.least_squares import polynomial
 from calibkit.numeric.least_squares.components import Effect, Known
 
-INDEX = ("attitude", "index")
 TILTS_DEG = (0.0, 30.0, 60.0, 90.0, 120.0, 150.0, 180.0)
 TOOLFACES_DEG = (0.0, 45.0, 90.0, 135.0, 180.0, 225.0, 270.0, 315.0)
 DECIMALS = 12
@@ -103,11 +104,16 @@ class Model:
 
     def effects(self, dwells: Dwells) -> list[Effect]:
         """Errors that the dwells share, with their sizes, as the fit will list them."""
-        at = Residuals.of_components(len(dwells.soak))
+        count = len(dwells.soak)
         tilt, roll = np.radians(dwells.spots).T
-        where = Circumstances(dwells.soak, dwells.hours, dwells.gravity, tilt, roll)
-        listed = shared_errors.list_effects(where, at) + shared_errors.list_candidates(where, at)
-        return [replace(one, known=self.sizes.get((one.group, one.effect))) for one in listed]
+        one_log = np.zeros(count, dtype=np.int64)
+        where = Circumstances(dwells.soak, dwells.hours, dwells.gravity, one_log, tilt, roll)
+        along = np.broadcast_to(np.eye(3), (count, 3, 3))
+        return [
+            Effect(one.group, one.effect, one.level, one.loading, self.sizes[one.group, one.effect])
+            for one in shared_errors.list_errors(where, along)
+            if (one.group, one.effect) in self.sizes
+        ]
 
     def information(self, dwells: Dwells) -> Information:
         """Information of dwells."""
@@ -224,24 +230,13 @@ def k_model(
     return Model(tuple(listed), jacobian, range_degc, sizes)
 
 
-def affine_triad(
-    entries: Sequence[affine_model.Entry],
-    units: Sequence[str],
-    range_degc: tuple[float, float],
-    sizes: Sizes,
-) -> Model:
-    """Affine triad with the given entries and their units."""
-    nominal = np.array(
-        [float(one.kind == "m" and one.factors == (one.row,) and not one.power) for one in entries]
-    )
+def triad(terms: Terms, range_degc: tuple[float, float], sizes: Sizes) -> Model:
+    """The triad over temperature with some terms."""
 
     def jacobian(gravity: Array, mapped: Array) -> Array:
-        return affine_model.evaluate(entries, nominal, gravity, mapped)[1]
+        return terms.slopes(terms.nominal, gravity, mapped)
 
-    listed = [
-        Parameter("triad", one.name, unit, one.symbol, one.power)
-        for one, unit in zip(entries, units, strict=True)
-    ]
+    listed = [Parameter("triad", t.name, t.unit, t.symbol, t.power) for t in terms.listed]
     return Model(tuple(listed), jacobian, range_degc, sizes)
 
 

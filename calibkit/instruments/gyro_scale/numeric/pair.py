@@ -102,7 +102,7 @@ def find(K: Fit, second: Value, *, seed: int = 0, draws: int = DRAWS) -> GyroPai
 
     """
     K_A, K_B, K_Ba = K.parameters.tolist()
-    covariance = K.covariance + K.bounds @ K.bounds.T
+    covariance = K.total_covariance
     _require_ratios(K.parameters, covariance)
     ratios = K.restated(lambda k: np.stack((k[1] / k[0], k[2] / k[0], k[2] / k[1])))
     value = ratios.of(lambda r: r)
@@ -115,7 +115,7 @@ def find(K: Fit, second: Value, *, seed: int = 0, draws: int = DRAWS) -> GyroPai
         half = gum.coverage_factor(float(value.dof[2]), probability=0.95) * u_gamma
         ends = np.degrees(np.arccos(np.clip([gamma + half, gamma - half], -1.0, 1.0)))
         with_alpha = ratios.restated(lambda r: np.append(r, np.arccos(r[2]) * 180.0 / np.pi))
-        full = with_alpha.covariance + with_alpha.bounds @ with_alpha.bounds.T
+        full = with_alpha.total_covariance
         interval = float(ends[0]), float(ends[1])
     return GyroPair(
         N=K_B / K_A,

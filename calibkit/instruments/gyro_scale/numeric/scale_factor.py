@@ -14,9 +14,7 @@ from calibkit.errors import FitError
 from calibkit.instruments.gyro_scale.numeric import line_terms
 from calibkit.instruments.gyro_scale.numeric.plateau_means import Plateaus
 from calibkit.numeric import gum
-from calibkit.numeric.least_squares import polynomial
 from calibkit.numeric.least_squares.fit import LinearFit, linear
-from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
 
 TERMS = ("K", "F0")
 """Scale factor [1/s/(°/s)] and zero intercept [1/s]."""
@@ -250,46 +248,4 @@ def of_run(plateaus: Plateaus, *, reference: Literal["rate", "angle"] = "rate") 
     np.fill_diagonal(correlation, 1.0)
     return RunScales(
         gyros, np.array([gyro.K for gyro in gyros]), correlation * np.outer(stated, stated)
-    )
-
-
-def over_temperature(
-    K: Array, standard_uncertainty: Array, temp_degc: Array, *, order: int | None = None
-) -> TemperaturePolynomial:
-    """Fit the scale factors of q runs as a polynomial of temperature.
-
-    Parameters
-    ----------
-    K, standard_uncertainty, temp_degc : [q].
-    order : of the polynomial; by default the one of least leave-one-temperature-out error, at most
-        3.
-
-    Raises
-    ------
-    FitError
-        Fewer temperatures than coefficients.
-
-    """
-    # all runs at a temperature are left out together
-    level = np.round(temp_degc)
-    highest = min(polynomial.HIGHEST_ORDER, np.unique(level).size - 2)
-    chosen = order
-    if chosen is None:
-        chosen = polynomial.choose_order(temp_degc, K, highest, groups=level, count_dof=True).order
-    fit, raw, covariance = polynomial.fit_polynomial(temp_degc, K, chosen)
-    solver = np.array(
-        [polynomial.fit_polynomial(temp_degc, row, chosen)[1] for row in np.eye(temp_degc.size)]
-    ).T
-    noise = (solver * standard_uncertainty**2) @ solver.T
-    # runs repeat less well than their noise: of the two covariances, use the one with the larger
-    # trace in K over the range
-    columns = polynomial.powers(temp_degc, chosen)
-    scatter, stated = (np.sum(gum.variance_along(columns, c)) for c in (covariance, noise))
-    larger = np.array(covariance if scatter > stated else noise)
-    # errors common to all runs do not average out: the curve is nowhere better known than a single
-    # run
-    least = float(np.min(gum.variance_along(columns, larger)))
-    larger[0, 0] += max(float(np.mean(standard_uncertainty**2)) - least, 0.0)
-    return TemperaturePolynomial(
-        raw, larger, fit.dof, fit.residual_rms, (float(np.min(temp_degc)), float(np.max(temp_degc)))
     )

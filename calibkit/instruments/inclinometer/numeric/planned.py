@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers
-from calibkit.instruments.inclinometer.numeric.covariance import angle_slopes
-from calibkit.instruments.inclinometer.numeric.published import Components
+from calibkit.arrays import Array, Integers, Mask
+from calibkit.instruments.inclinometer.numeric.covariance import root_slopes
 from calibkit.instruments.inclinometer.numeric.root_choice import Limits, estimate_roots
+from calibkit.instruments.inclinometer.published import Components
 from calibkit.numeric.information import Information, find_information
 from calibkit.numeric.least_squares import polynomial
 from calibkit.numeric.least_squares.components import Effect, Known
@@ -73,17 +73,17 @@ def size_of(sizes: Sizes, name: tuple[str, str]) -> float:
 
 
 def own_uncertainty(
-    parts: Components, latitude_deg: float, root: Array, u_root: Array, sizes: Sizes
+    parts: Components, latitude_deg: float, plus: Mask, u_root: Array, sizes: Sizes
 ) -> tuple[Array, Array]:
     """Standard uncertainty of each root [n] with index errors and scatter, and its derivative by a
     turn of the gyro [1/°].
     """
-    none, ones = np.zeros_like(parts.gyro_x), np.ones_like(root)
-    latitude = np.full(root.size, latitude_deg)
+    none = np.zeros_like(parts.gyro_x)
+    gradient = root_slopes(parts, np.full(plus.size, latitude_deg), plus)[:, :4]
     turned = np.column_stack([none, none, parts.gyro_y, -parts.gyro_x])
     sheared = np.column_stack([parts.accel_y, parts.accel_x, parts.gyro_y, parts.gyro_x]) / 2.0
     by_turn, by_index = (
-        angle_slopes(parts, latitude, root, root, ones, moved)[0] for moved in (turned, sheared)
+        np.radians(np.sum(gradient * moved, axis=1)) for moved in (turned, sheared)
     )
     index = by_index * size_of(sizes, INDEX)
     return np.sqrt(u_root**2 + index**2 + size_of(sizes, SCATTER) ** 2), by_turn
@@ -113,5 +113,5 @@ def plan_stations(
     used = found.usable[rows, column] & ~(found.s > 0.0).all(axis=1)
     used &= np.array([not reason for reason in found.status])
     u_root = np.where(used, found.uncertainty[rows, column], np.inf)
-    u, by_turn = own_uncertainty(parts, latitude_deg, np.ones(rows.size), u_root, sizes)
+    u, by_turn = own_uncertainty(parts, latitude_deg, column == 0, u_root, sizes)
     return u, np.where(used, by_turn, 0.0)

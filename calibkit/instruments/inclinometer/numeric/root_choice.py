@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike
 
 from calibkit.arrays import Array, Integers, Mask
 from calibkit.errors import FitError
-from calibkit.instruments.inclinometer.numeric import published
-from calibkit.instruments.inclinometer.numeric.covariance import covariance, root_gradient
-from calibkit.instruments.inclinometer.numeric.published import Attitude, Components, Roots
+from calibkit.instruments.inclinometer import published
+from calibkit.instruments.inclinometer.numeric.covariance import covariance, root_slopes
+from calibkit.instruments.inclinometer.published import Attitude, Components, Roots
 from calibkit.numeric.attitude import wrapped
 
 LIKELIER = 3.0
@@ -121,10 +121,21 @@ class Solution:
     weight: Array
     """Weight of the root in s [n]; 0 where s is its prior."""
     C: Array
-    covariance: Array
-    """[n, 4, 4] of inclination [°], toolface [°], s, azimuth [°]."""
+    pair_covariance: Array
+    """[n, 4, 4] of inclination [°], toolface [°], s, azimuth [°], by errors that other sensor pairs
+    do not share.
+    """
+    by_latitude: Array
+    """[n, 4], changes of the same by an error of the latitude, which all sensor pairs share, as
+    large as its standard uncertainty.
+    """
     status: tuple[str, ...]
     flags: tuple[tuple[str, ...], ...]
+
+    @property
+    def covariance(self) -> Array:
+        """[n, 4, 4] of inclination [°], toolface [°], s, azimuth [°]."""
+        return self.pair_covariance + outer(self.by_latitude)
 
     @property
     def standard_uncertainty(self) -> Array:
@@ -137,6 +148,11 @@ class Solution:
         return np.array([not reason for reason in self.status], dtype=np.bool_) & (
             self.weight > 0.0
         )
+
+
+def outer(changes: Array) -> Array:
+    """Covariance [n, k, k] of results that one error changes by [n, k]."""
+    return changes[:, :, None] * changes[:, None, :]
 
 
 def estimate_roots(
@@ -158,13 +174,13 @@ def estimate_roots(
     spread = np.empty_like(s)
     psi = np.empty_like(s)
     for k in range(2):
-        gradient = root_gradient(parts, found, latitude, s[:, k])[:, :4]
+        gradient = root_slopes(parts, latitude, np.full(len(s), k == 0))[:, :4]
         with np.errstate(invalid="ignore"):
             spread[:, k] = np.sqrt(np.einsum("ni,nij,nj->n", gradient, parts.covariance, gradient))
         psi[:, k] = published.azimuth(
             parts.accel_x, parts.accel_y, s[:, k] * parts.gyro_x, s[:, k] * parts.gyro_y, latitude
         )
-    spread = np.where(np.isfinite(spread), spread, np.inf)
+    spread = np.where(np.isfinite(spread) & ~roots.clamped[:, None], spread, np.inf)
     with np.errstate(invalid="ignore"):
         apart = np.abs(roots.half_difference)[:, None] > limits.separation * spread
         usable = (s > 0.0) & (spread <= limits.s_uncertainty) & apart & ~roots.clamped[:, None]
@@ -239,17 +255,18 @@ def solve(
     flags = _list_flags(
         found, s_root, u_root, prior, possible=possible, accepted=accepted, ambiguous=ambiguous
     )
-    spread = covariance(
+    spread, by_latitude = covariance(
         parts,
-        found.attitude,
         latitude,
         latitude_uncertainty_deg,
-        s,
-        s_root,
+        column == 0,
         weight,
+        prior.s,
         prior.standard_uncertainty,
     )
-    return _assemble(parts, found, latitude, s, s_root, u_root, root, weight, spread, flags)
+    return _assemble(
+        parts, found, latitude, s, s_root, u_root, root, weight, spread, by_latitude, flags
+    )
 
 
 def _require_prior(prior: Prior, count: int) -> None:
@@ -321,6 +338,7 @@ def _assemble(
     root: Integers,
     weight: Array,
     spread: Array,
+    by_latitude: Array,
     flags: tuple[tuple[str, ...], ...],
 ) -> Solution:
     """Correct the rates (step E), seek north (step F), and set the results of refused stations to
@@ -345,7 +363,8 @@ def _assemble(
         root=np.where(solved, root, 0),
         weight=kept(weight),
         C=kept(published.root_label(found.attitude.inclination, psi, latitude)),
-        covariance=np.where(solved[:, None, None], spread, np.nan),
+        pair_covariance=np.where(solved[:, None, None], spread, np.nan),
+        by_latitude=np.where(solved[:, None], by_latitude, np.nan),
         status=found.status,
         flags=flags,
     )

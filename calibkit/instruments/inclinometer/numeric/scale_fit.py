@@ -1,57 +1,176 @@
-"""s(T) from the roots of s of many stations: polynomial, scatter from station to station and log to
-log, and the turn of a gyro against its accelerometer.
+"""In-situ scale factor of a gyro over temperature, from the roots of s of many stations.
+
+    s_i = s0 + s1 x_i + … + sn x_iⁿ + δ d_i + b_log + b_station + e_i,   e_i ~ N(0, u_i²)     (1)
+
+x is the temperature mapped to [-1, 1], δ the turn of the gyro against its accelerometer and d_i
+the derivative of the root by it, b_log and b_station scatter from log to log and from station to
+station, u_i the standard uncertainty of a root by the noise of its readings. Orders n are averaged
+(`calibkit.fit.orders`).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
-from calibkit.arrays import Array, Mask
+from calibkit.arrays import Array, Integers, Mask
 from calibkit.errors import FitError
+from calibkit.fit.complex_step import Numbers
+from calibkit.fit.orders import average, orders
+from calibkit.fit.shared import Shared
+from calibkit.fit.solve import Fit, sensitivities, solve
 from calibkit.instruments.inclinometer.numeric.root_choice import Prior, Solution
 from calibkit.numeric import gum
-from calibkit.numeric.least_squares import components as shared, levels, polynomial
-from calibkit.numeric.least_squares.components import Effect
-from calibkit.numeric.least_squares.fit import RANK_TOLERANCE, linear
-from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
+from calibkit.numeric.least_squares import polynomial
+from calibkit.numeric.least_squares.polynomial import HIGHEST_ORDER
 
-GAIN = 4.0
-"""Least reduction of the sum of squares by a higher order, in mean squares: the added coefficient
-is then two standard uncertainties.
-"""
 SPARE = 3
 """Fewest degrees of freedom with which the turn of a gyro is measured."""
+SEPARABLE = 0.1
+"""Share of the derivatives by a turn that a polynomial must leave. In one fixed fixture 0.001 is
+left, noise alone, in which a turn of any size is seen; free stations leave 0.99, ± 5° 0.16.
+"""
 BY_CHANCE = 0.05
 """Probability of a turn by noise alone, below which it is taken as measured."""
 LEAST_DEG = 1e-4
 """Turn [°] below which no tool is aligned."""
+LEAST_SPARE = 1e-6
+"""Least share of a root that the others leave open; with less it alone determines a coefficient."""
 
 
 @dataclass(frozen=True, slots=True)
-class _ScaleOverTemperature(TemperaturePolynomial):
-    """s(T) = s0 + s1 T + …, T in °C; its residual rms is weighted and dimensionless."""
+class Roots:
+    """Roots of s at n stations."""
 
-    scatter: float
-    """Standard deviation of s about the polynomial in excess of the stations' own noise; added to
-    every prior.
-    """
+    s: Array
+    u: Array
+    """Standard uncertainty by the noise of the readings."""
+    x: Array
+    """Temperature mapped to [-1, 1], at the ends of the range beyond it."""
+    turn: Array
+    """Derivative of the root by a turn of the gyro [1/°]."""
+    log: Integers
+
+
+@dataclass(frozen=True, slots=True)
+class ScaleOverTemperature:
+    """s(T) = s0 + s1 T + …, T in °C, fitted to the roots of n stations."""
+
+    fit: Fit
+    """Of s0 … sn in powers of x and of the turn [°]."""
+    roots: Roots
+    """That were fitted."""
+    to_raw: Array
+    """[n + 1, n + 1], matrix from powers of x to powers of °C."""
+    valid_degc: tuple[float, float]
     used: Mask
     """Mask [n] of the stations used in the fit."""
     left_out: Prior
     """s(T) at each station [n] fitted to all the others: a prior independent of the station's own
     reading.
     """
-    turn_deg: tuple[float, float]
-    """Turn of the gyro against its accelerometer and its standard uncertainty [°]; zeros where the
-    roots do not show one.
-    """
-    components: tuple[shared.Component, ...]
-    """Scatter of s from log to log and from station to station."""
-    effective_dof: Array | None
-    """Of the coefficients, where s scatters from log to log."""
-    choice: float
-    """Standard deviation that the choice of the order adds."""
+    separable: bool
+    """Whether the stations tell a turn of the gyro from the polynomial."""
+    fixed: bool
+    """Whether enough stations for it stand in one attitude, which does not tell it."""
+
+    @property
+    def coefficients(self) -> Array:
+        """s0 … sn in powers of °C."""
+        return self.to_raw @ self.fit.parameters[:-1]
+
+    @property
+    def covariance(self) -> Array:
+        """[n + 1, n + 1], type A."""
+        return self.fit.covariance_of(lambda p: self.to_raw @ p[:-1])
+
+    @property
+    def effective_dof(self) -> Array:
+        """Of the coefficients [n + 1]."""
+        return self.fit.of(lambda p: self.to_raw @ p[:-1]).dof
+
+    @property
+    def scatter(self) -> float:
+        """Standard deviation of s at a station of another log about s(T), beyond the noise of its
+        readings.
+        """
+        return float(np.linalg.norm([size.value for size in self.fit.shared]))
+
+    @property
+    def residual_rms(self) -> float:
+        """Standard deviation of the roots about s(T), each weighted by the inverse square of its
+        noise.
+        """
+        weight = self.fit.noise**-2.0
+        square = float(weight @ self.fit.noise_residual**2 / np.mean(weight))
+        return float(np.sqrt(square / self.fit.dof))
+
+    @property
+    def turn_deg(self) -> tuple[float, float]:
+        """Turn of the gyro against its accelerometer and its standard uncertainty [°]. That of a
+        turn which noise may explain is 0: it stays in the azimuth's uncertainty with its own size.
+        """
+        from scipy.special import stdtr
+
+        turn = self.fit.of(lambda p: p[-1:])
+        angle, u = float(turn.value[0]), float(turn.u[0])
+        if not self.separable or abs(angle) < LEAST_DEG:
+            return 0.0, 0.0
+        by_chance = 2.0 * float(stdtr(turn.dof[0], -abs(angle) / u))
+        return angle, u if by_chance <= BY_CHANCE else 0.0
+
+    def further_error(self, by_error: Array, spare: int) -> tuple[float, float]:
+        """An error that all stations share by derivatives of the root [n], instead of a turn, and
+        its standard uncertainty; 0 where fewer than `spare` stations are left over, or they do not
+        separate it from s(T).
+        """
+        roots = replace(self.roots, turn=by_error[self.used])
+        order = len(self.to_raw) - 1
+        if len(roots.s) < order + 1 + spare or not _separates_turn(roots, order):
+            return 0.0, 0.0
+        errors = [size.error for size in self.fit.shared]
+        (fit,) = _fit_orders(roots, [order], errors, turned=True)
+        error = fit.of(lambda p: p[-1])
+        return float(error.value), float(error.u)
+
+    def shifted(self, s: Array, turn: Array, temp_degc: Array) -> Array:
+        """Change of the coefficients [n + 1] where roots, derivatives by a turn and temperatures of
+        all stations are others, the weights held.
+        """
+        low, high = self.valid_degc
+        x = (2.0 * temp_degc - low - high) / (high - low or 2.0)
+        moved = replace(self.roots, s=s[self.used], turn=turn[self.used], x=x[self.used])
+        held, other = partial(residual, roots=self.roots), partial(residual, roots=moved)
+        (change,) = sensitivities(held, [other], self.fit)
+        return np.asarray(self.to_raw @ change[:-1])
+
+
+def scale(p: Numbers, x: Array) -> Numbers:
+    """s(T) [n] of parameters s0 … sn, δ at mapped temperatures [n]."""
+    return np.asarray(np.vander(x, len(p) - 1, increasing=True) @ p[:-1])
+
+
+def residual(p: Numbers, roots: Roots) -> Numbers:
+    """What (1) leaves of the roots [n], of parameters s0 … sn, δ [°]."""
+    return np.asarray(scale(p, roots.x) + p[-1] * roots.turn - roots.s)
+
+
+def shared_errors(roots: Roots, log: Shared | None) -> list[Shared]:
+    """Scatter of s from log to log, and from station to station within a log."""
+    count = len(roots.s)
+    station = Shared(
+        group="station",
+        effect="scale",
+        level=np.arange(count),
+        loading=np.ones((count, 1)),
+        unit="1",
+    )
+    if log is None or not roots.log.any():
+        return [station]
+    of_log = replace(log, level=roots.log, loading=station.loading)
+    # logs of one station each: their scatter is that of the stations
+    return [of_log] if of_log.is_noise else [of_log, station]
 
 
 def fit_over_temperature(
@@ -60,24 +179,19 @@ def fit_over_temperature(
     *,
     order: int | None = None,
     turn: Array | None = None,
-    log: Effect | None = None,
-) -> _ScaleOverTemperature:
-    """Fit the chosen roots of n stations as s(T), weighted by their uncertainty and their common
-    scatter.
+    log: Shared | None = None,
+) -> ScaleOverTemperature:
+    """Fit the chosen roots of n stations as s(T).
 
     Parameters
     ----------
     solution : of one sensor pair; stations whose root was not used do not enter.
     temp_degc : [n] [°C].
-    order : of the polynomial; by default the one of least leave-one-out error, at most cubic.
-    turn : [n], derivative of the roots by a turn of the gyro [1/°], which is tried.
-    log : the part of s that the stations of a log share.
-
-    Returns
-    -------
-    ScaleOverTemperature. The scatter is the standard deviation that makes the weighted residuals
-    agree with their degrees of freedom (Mandel & Paule 1970, Analytical Chemistry 42:1194); zero
-    where noise explains all.
+    order : of the polynomial; by default the average of all that the stations carry, at most
+        cubic.
+    turn : [n], derivative of the roots by a turn of the gyro [1/°], which is measured where the
+        stations separate it from s(T).
+    log : [n], the part of s that the stations of a log share.
 
     Raises
     ------
@@ -86,222 +200,122 @@ def fit_over_temperature(
         zero; logs that coincide with temperature.
 
     """
-    used, s, u = _used_roots(solution, temp_degc)
-    effects = [] if log is None else [log.of_rows(used)]
-    found = polynomial.OrderChoice(order or 0, 0.0)
-    if order is None:
-        found = _choose_order(s, u, temp_degc[used], effects)
-    chosen = found.order
-    every, to_raw, limits = _powers(temp_degc, used, chosen)
-    rows, angle = every, (0.0, 0.0)
-    if turn is not None:
-        wide = np.column_stack([every, np.where(used, turn, 0.0)])
-        angle, asked = _measure_turn(s, u, wide[used], effects)
-        rows = wide if asked else every
-    fit = _fit_roots(s, u, rows[used], effects)
-    size = chosen + 1
-    own = np.zeros(used.size)
-    own[used] = 1.0 / fit.variance
-    roots = np.where(used, solution.s_root, 0.0)
-    return _ScaleOverTemperature(
-        coefficients=to_raw @ fit.coefficients[:size],
-        covariance=gum.propagate(to_raw, fit.covariance[:size, :size]),
-        scatter=fit.scatter,
-        dof=fit.dof,
-        residual_rms=fit.residual_rms,
-        valid_degc=limits,
-        used=used,
-        left_out=_predict_left_out(every, rows, fit, own, roots, log),
-        turn_deg=angle,
-        components=fit.components,
-        effective_dof=fit.effective_dof(to_raw) if effects else None,
-        choice=found.spread,
-    )
-
-
-def _used_roots(solution: Solution, temp_degc: Array) -> tuple[Mask, Array, Array]:
-    """Mask [n] of the stations of a fit, their roots and standard uncertainties [m]."""
     used = solution.root_used & np.isfinite(temp_degc)
     if used.sum() < 2:
         raise FitError(
             f"{int(used.sum())} usable roots of s for s(T)", hint="add stations away from C = 0"
         )
-    s, u = solution.s_root[used], solution.s_root_uncertainty[used]
-    return used, s, np.maximum(u, 1e-3 * float(np.median(u)) if np.median(u) > 0.0 else 1.0)
-
-
-def _powers(temp_degc: Array, used: Mask, order: int) -> tuple[Array, Array, tuple[float, float]]:
-    """Mapped powers [n, order + 1] of temperatures [n] [°C], clamped to those that are used, the
-    matrix into raw powers, and the range.
-    """
-    middle, half = polynomial.middle_and_half(temp_degc[used])
-    if order > 0 and half == 0.0:
+    degc = temp_degc[used]
+    middle, half = polynomial.middle_and_half(degc)
+    if order and half == 0.0:
         raise FitError(
             f"one temperature, {middle:g} °C, for s(T) of order {order}",
             hint="add other temperatures",
         )
-    limits = (float(temp_degc[used].min()), float(temp_degc[used].max()))
+    limits = (float(degc.min()), float(degc.max()))
     half = half or 1.0
-    every = polynomial.powers(np.clip(temp_degc, *limits), order, middle=middle, half=half)
-    return every, np.asarray(polynomial.to_raw_powers(middle, half, order), np.float64), limits
-
-
-@dataclass(frozen=True, slots=True)
-class _Roots:
-    """Roots fitted as a linear model with scatter from station to station and log to log."""
-
-    coefficients: Array
-    covariance: Array
-    variance: Array
-    """Of each root about the model, without what a log shares."""
-    scatter: float
-    """Of a station of another log."""
-    dof: int
-    residual_rms: float
-    components: tuple[shared.Component, ...]
-    mixed: shared.MixedFit | None
-
-    def effective_dof(self, to_raw: Array) -> Array:
-        """Degrees of freedom of the coefficients in raw powers."""
-        if self.mixed is None:
-            return np.full(len(to_raw), float(self.dof))
-        combined = np.zeros((len(to_raw), len(self.coefficients)))
-        combined[:, : len(to_raw)] = to_raw
-        return self.mixed.effective_dof_of(combined)
-
-
-def _fit_roots(s: Array, u: Array, design: Array, effects: Sequence[Effect]) -> _Roots:
-    """Fit roots s of standard uncertainty u [m] as design [m, p]."""
-    names = [f"s{k}" for k in range(design.shape[1])]
-    whole = _with_levels(design, effects)
-    scatter = _excess_scatter(s, u, whole)
-    variance = np.asarray(u**2 + scatter**2, dtype=np.float64)
-    spare = s.size - whole.shape[1]
-    of_station = shared.Component(
-        *("station", "scale", scatter, _uncertainty_of(scatter, u, spare), s.size, spare, False)
+    every = Roots(
+        s=np.where(used, solution.s_root, 0.0),
+        u=np.where(used, solution.s_root_uncertainty, np.inf),
+        x=(np.clip(temp_degc, *limits) - middle) / half,
+        turn=np.zeros(used.size) if turn is None else np.where(used, turn, 0.0),
+        log=np.zeros(used.size, dtype=np.int64) if log is None else log.level,
     )
-    found = linear(design, s, weights=1.0 / variance, names=names)
-    inverse = np.asarray(np.linalg.inv((design / variance[:, None]).T @ design), dtype=np.float64)
-    if not effects or not found.dof:
-        return _Roots(
-            *(found.coefficients, inverse, variance, scatter, found.dof, found.residual_rms),
-            (of_station,),
-            None,
+    levels = np.unique(np.round(degc)).size
+    tried = orders(degc.size, levels, HIGHEST_ORDER) if order is None else [order]
+    highest = tried[-1]
+    roots = _used_roots(every, used)
+    enough = turn is not None and degc.size - highest - 2 >= SPARE
+    separable = enough and _separates_turn(roots, highest)
+    fits = _fit_orders(roots, tried, shared_errors(roots, log), turned=separable)
+    fit = average(fits)
+    to_raw = np.asarray(polynomial.to_raw_powers(middle, half, highest), dtype=np.float64)
+    left_out = _leave_out(fit, every, roots, used)
+    fixed = enough and not separable
+    return ScaleOverTemperature(fit, roots, to_raw, limits, used, left_out, separable, fixed)
+
+
+def _used_roots(every: Roots, used: Mask) -> Roots:
+    """Roots [m] of the fit. One that states no uncertainty would be the only one that counts."""
+    u = every.u[used]
+    typical = float(np.median(u))
+    u = np.maximum(u, 1e-3 * typical if typical > 0.0 else 1.0)
+    log = np.unique(every.log[used], return_inverse=True)[1]
+    return Roots(every.s[used], u, every.x[used], every.turn[used], log)
+
+
+def _separates_turn(roots: Roots, order: int) -> bool:
+    """Whether derivatives by a turn are other than a polynomial of the temperature."""
+    powers = np.vander(roots.x, order + 1, increasing=True) / roots.u[:, None]
+    turn = roots.turn / roots.u
+    left = turn - powers @ np.linalg.lstsq(powers, turn, rcond=None)[0]
+    return bool(np.linalg.norm(left) >= SEPARABLE * np.linalg.norm(turn) > 0.0)
+
+
+def _fit_orders(
+    roots: Roots, tried: Sequence[int], shared: Sequence[Shared], *, turned: bool
+) -> list[Fit]:
+    """Fits of the orders at which logs are more than values of the polynomial."""
+    highest = tried[-1]
+    fits: list[Fit] = []
+    for order in tried:
+        free = np.append(np.arange(highest + 1) <= order, turned)
+        names = [*(f"s{k}" for k in range(highest + 1)), "turn"]
+        fit = solve(
+            partial(residual, roots=roots),
+            np.zeros(highest + 2),
+            shared,
+            noise=roots.u,
+            estimate_noise=False,
+            free=free,
+            names=names,
         )
-    if whole.shape[1] == design.shape[1] and effects[0].known is None:
-        raise levels.coincidence(effects[0], design.shape[1], names)
-    mixed = shared.fit(design, s, effects, weights=1.0 / variance, names=names)
-    (of_log,) = mixed.components
-    return _Roots(
-        mixed.coefficients,
-        mixed.covariance,
-        variance,
-        float(np.hypot(scatter, of_log.value)),
-        mixed.dof,
-        mixed.residual_rms,
-        (of_log, of_station),
-        mixed,
-    )
+        log = shared[0]
+        if not log.is_noise and log.size is None and not fit.solution.rows.degrees(0):
+            if fits:
+                break
+            raise FitError(
+                f"the scale of each log cannot be told from {', '.join(names[: order + 1])}:"
+                f" {log.levels} of them, each at one temperature, expected more than {order + 1},"
+                " or changes of the temperature within each",
+                hint="measure more of them, lower the order, or state how much the scale differs in"
+                " [[errors.component]]",
+            )
+        fits.append(fit)
+    return fits
 
 
-def _with_levels(design: Array, effects: Sequence[Effect]) -> Array:
-    """Columns [m, r] that span a design and the levels of effects."""
-    if not effects:
-        return design
-    labels = effects[0].labels
-    level = (labels[:, None] == np.unique(labels)).astype(np.float64)
-    left, singular, _ = np.linalg.svd(np.column_stack([design, level]), full_matrices=False)
-    return np.asarray(left[:, singular > RANK_TOLERANCE * singular[0]], dtype=np.float64)
+def _leave_out(fit: Fit, every: Roots, roots: Roots, used: Mask) -> Prior:
+    """s(T) [n] at each station without its own root, and its standard uncertainty with the scatter.
 
-
-def _uncertainty_of(scatter: float, u: Array, dof: int) -> float:
-    """Standard uncertainty of a scatter beyond noise of standard uncertainties u [m]."""
-    if dof < 1:
-        return 0.0
-    spread = float(np.mean(u**2) + scatter**2) * np.sqrt(2.0 / dof)
-    return float(spread / (2.0 * scatter) if scatter**2 > spread else np.sqrt(spread))
-
-
-def _measure_turn(
-    s: Array, u: Array, design: Array, effects: Sequence[Effect]
-) -> tuple[tuple[float, float], bool]:
-    """Turn of the gyro [°], the last coefficient of a design, and its standard uncertainty, zeros
-    where the roots cannot tell it; whether it is more than noise explains. A turn that noise may
-    explain stays in the azimuth's uncertainty with its own size.
+    Without row i the parameters change by G_i r_i / (1 - h_i), G the gain, r_i what is left of the
+    row without the shared errors, h_i its leverage beside the parameters and the shared errors; the
+    covariance grows by G_i G_iᵀ R_i / (1 - h_i) (Cook 1977).
     """
-    spare = s.size - design.shape[1]
-    if spare < SPARE or np.linalg.matrix_rank(_with_levels(design, effects)) < design.shape[1]:
-        return (0.0, 0.0), False
-    fit = _fit_roots(s, u, design, effects)
-    angle = float(fit.coefficients[-1])
-    spread = float(np.sqrt(fit.covariance[-1, -1]))
-    from scipy.special import stdtr
-
-    asked = 2.0 * stdtr(spare, -abs(angle) / spread) <= BY_CHANCE
-    if abs(angle) < LEAST_DEG:
-        return (0.0, 0.0), False
-    return (angle, spread if asked else 0.0), bool(asked)
-
-
-def _predict_left_out(
-    wanted: Array, design: Array, fit: _Roots, own_weight: Array, s: Array, log: Effect | None
-) -> Prior:
-    """s(T) at each station without its own root: z β_(i), β_(i) = β − P x w e/(1 − h), with its
-    variance z P z + w (z P x)²/(1 − h), of rows x of the design and z [n, q] of what is
-    wanted. What a log shares is part of x, with its size as known.
-    """
-    count, covariance, left = wanted.shape[1], fit.covariance, s - design @ fit.coefficients
-    if fit.mixed is not None and log is not None and fit.components[0].value > 0.0:
-        left = left - fit.mixed.shared([log])
-        level = log.labels[:, None] == np.unique(log.labels)
-        known = np.zeros(design.shape[1] + level.shape[1])
-        known[design.shape[1] :] = fit.components[0].value ** -2.0
-        design = np.column_stack([design, level])
-        information = (design * own_weight[:, None]).T @ design + np.diag(known)
-        covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
-    power = gum.variance_along(design, covariance)
-    across = np.einsum("ni,ij,nj->n", wanted, covariance[:count], design)
-    spare = 1.0 - np.minimum(power * own_weight, 1.0 - 1e-6)
-    value = wanted @ fit.coefficients[:count] - across * own_weight * left / spare
-    variance = gum.variance_along(wanted, covariance[:count, :count])
-    variance += own_weight * across**2 / spare
-    return Prior(value, np.sqrt(variance + fit.scatter**2))
+    powers = np.vander(every.x, len(fit.parameters) - 1, increasing=True)
+    wanted = np.column_stack([powers, np.zeros(used.size)])
+    values, variances = [], []
+    for member in fit.members:
+        across = np.zeros(used.size)
+        across[used] = np.einsum("np,pn->n", wanted[used], member.gain)
+        left, spare, noise = np.zeros(used.size), np.ones(used.size), np.zeros(used.size)
+        left[used], noise[used] = member.noise_residual, member.noise
+        spare[used] = np.maximum(1.0 - _leverages(member, roots), LEAST_SPARE)
+        values.append(wanted @ member.parameters + across * left / spare)
+        variance = gum.variance_along(wanted, member.covariance)
+        variances.append(variance + (across * noise) ** 2 / spare)
+    value = fit.weights @ values
+    variance = fit.weights @ (np.array(variances) + (np.array(values) - value) ** 2)
+    scatter = sum(size.value**2 for size in fit.shared)
+    return Prior(value, np.sqrt(variance + scatter))
 
 
-def _excess_scatter(s: Array, u: Array, design: Array) -> float:
-    """Standard deviation in excess of noise with which the weighted sum of squared residuals equals
-    its degrees of freedom.
-    """
-    from scipy.optimize import brentq
-
-    dof = s.size - int(design.shape[1])
-    if dof < 1:
-        return 0.0
-
-    def excess(scatter: float) -> float:
-        variance = u**2 + scatter**2
-        residuals = linear(design, s, weights=1.0 / variance).residuals
-        return float(np.sum(residuals**2 / variance)) - dof
-
-    if excess(0.0) <= 0.0:
-        return 0.0
-    upper = float(np.std(s)) + float(np.max(u))
-    while excess(upper) > 0.0:
-        upper *= 2.0
-    return float(brentq(excess, 0.0, upper, xtol=1e-12))
-
-
-def _choose_order(
-    s: Array, u: Array, temperature: Array, effects: Sequence[Effect]
-) -> polynomial.OrderChoice:
-    """Order with the least weighted leave-one-out error among those that the temperatures
-    determine; a higher order must improve it significantly (GAIN).
-    """
-    return polynomial.choose_order(
-        temperature,
-        s,
-        min(polynomial.HIGHEST_ORDER, np.unique(np.round(temperature)).size - 1, s.size - 2),
-        margin=float(np.sqrt(max(1.0 - GAIN / s.size, 0.0))),
-        weights=1.0 / (u**2 + _excess_scatter(s, u, np.ones((s.size, 1))) ** 2),
-        groups=effects[0].labels.astype(np.float64) if effects else None,
-    )
+def _leverages(fit: Fit, roots: Roots) -> Array:
+    """H [n], share of its own noise that a fit takes up in each root."""
+    rows = np.arange(len(roots.s))
+    powers = np.vander(roots.x, len(fit.parameters) - 1, increasing=True)
+    J = np.column_stack([powers, roots.turn])[:, np.any(fit.gain != 0.0, axis=1)]
+    Z = [size.value * size.error.design(rows) for size in fit.shared if not size.error.is_noise]
+    T = np.hstack([J, *Z]) / fit.noise[:, None]
+    C = T.T @ T + np.diag(np.arange(T.shape[1]) >= J.shape[1])
+    return np.asarray(np.einsum("nk,kn->n", T, np.linalg.solve(C, T.T)), dtype=np.float64)

@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from calibkit.arrays import Array
 from calibkit.errors import FitError
-from calibkit.instruments.inclinometer.numeric.published import Components
 from calibkit.instruments.inclinometer.numeric.root_choice import (
     DEFAULT_LIMITS,
     Estimates,
@@ -20,6 +19,7 @@ from calibkit.instruments.inclinometer.numeric.root_choice import (
     estimate_roots,
     solve,
 )
+from calibkit.instruments.inclinometer.published import Components
 from calibkit.numeric import gum
 from calibkit.numeric.least_squares import polynomial
 

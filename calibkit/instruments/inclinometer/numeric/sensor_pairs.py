@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibkit.arrays import Array, Mask
-from calibkit.instruments.inclinometer.numeric.published import full_circle
-from calibkit.instruments.inclinometer.numeric.root_choice import Solution
+from calibkit.instruments.inclinometer.numeric.root_choice import Solution, outer
+from calibkit.instruments.inclinometer.published import full_circle
 from calibkit.numeric.attitude import wrapped
 
 ANGLES = (0, 1, 3)
@@ -64,7 +64,16 @@ def combine(x: Solution, y: Solution) -> Combined:
     uncorrected = np.where(
         used[:, 0] & used[:, 1], x.uncorrected_deg + (1.0 - weight[:, 2]) * plain, uncorrected
     )
-    covariance = _covariance(x, weight, used[:, 0]) + _covariance(y, 1.0 - weight, used[:, 1])
+    # the latitude's error is one error of both pairs
+    covariance, by_latitude = (
+        part_x + part_y
+        for part_x, part_y in zip(
+            _weighted_errors(x, weight, used[:, 0]),
+            _weighted_errors(y, 1.0 - weight, used[:, 1]),
+            strict=True,
+        )
+    )
+    covariance += outer(by_latitude)
     any_used = used[:, 0] | used[:, 1]
     covariance = np.where(any_used[:, None, None], covariance, np.nan)
     inclination = np.where(any_used, combined[:, 0], np.fmax(x.inclination_deg, y.inclination_deg))
@@ -92,7 +101,7 @@ def _weights(x: Solution, y: Solution, used: Mask) -> Array:
     """Weight of the x pair in each angle [n, 3]: inverse variance, half where both variances are
     zero.
     """
-    of_x, of_y = (np.diagonal(pair.covariance, axis1=1, axis2=2)[:, ANGLES] for pair in (x, y))
+    of_x, of_y = (np.diagonal(pair.pair_covariance, axis1=1, axis2=2)[:, ANGLES] for pair in (x, y))
     total = of_x + of_y
     with np.errstate(divide="ignore", invalid="ignore"):
         weight = np.where(total > 0.0, of_y / total, 0.5)
@@ -100,16 +109,18 @@ def _weights(x: Solution, y: Solution, used: Mask) -> Array:
     return np.where(only, used[:, :1].astype(np.float64), np.where(np.isnan(weight), 0.5, weight))
 
 
-def _covariance(pair: Solution, weight: Array, used: Mask) -> Array:
-    """Contribution [n, 3, 3] of one pair to the combined covariance."""
-    own = pair.covariance[:, ANGLES][:, :, ANGLES]
-    return np.where(used[:, None, None], weight[:, :, None] * own * weight[:, None, :], 0.0)
+def _weighted_errors(pair: Solution, weight: Array, used: Mask) -> tuple[Array, Array]:
+    """What one pair adds to the covariance [n, 3, 3] and to the changes by the latitude [n, 3]."""
+    own = pair.pair_covariance[:, ANGLES][:, :, ANGLES]
+    own = np.where(used[:, None, None], weight[:, :, None] * own * weight[:, None, :], 0.0)
+    return own, np.where(used[:, None], weight * pair.by_latitude[:, ANGLES], 0.0)
 
 
 def _flags(x: Solution, y: Solution, used: Mask, difference: Array) -> tuple[tuple[str, ...], ...]:
     """Flags [n] of both pairs, of pairs that could not be used, and of pairs that disagree."""
     lines = []
-    variance = np.asarray(np.diagonal(x.covariance + y.covariance, axis1=1, axis2=2)[:, ANGLES])
+    apart = x.pair_covariance + y.pair_covariance + outer(x.by_latitude - y.by_latitude)
+    variance = np.asarray(np.diagonal(apart, axis1=1, axis2=2)[:, ANGLES])
     for k in range(len(x.status)):
         flags = [*(f"x: {flag}" for flag in x.flags[k]), *(f"y: {flag}" for flag in y.flags[k])]
         if used[k].sum() == 1:

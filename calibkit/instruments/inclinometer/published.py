@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from calibkit.arrays import Array, Integers, Mask
 from calibkit.constants import EARTH_RATE_DPH
+from calibkit.fit.complex_step import Numbers, arctan2
 
 Sensor = Literal["x", "y"]
 """Axis of a sensor pair: at 90° the x sensor lies where y was, the y sensor where −x was."""
@@ -138,11 +139,12 @@ def attitude(accel_x: Array, accel_y: Array) -> Attitude:
     """Inclination and toolface (step C): θ = arcsin √(g_x² + g_y²), φ = atan2(g_y, −g_x), of
     components [n] [g].
     """
-    level = np.hypot(accel_x, accel_y)
+    level = np.sqrt(accel_x**2 + accel_y**2)
+    clamped = np.asarray(np.real(level) > 1.0, dtype=np.bool_)
     return Attitude(
-        inclination=np.arcsin(np.minimum(level, 1.0)),
+        inclination=np.arcsin(np.where(clamped, 1.0, level)),
         toolface=_atan2(accel_y, -accel_x),
-        clamped=np.asarray(level > 1.0, dtype=np.bool_),
+        clamped=clamped,
     )
 
 
@@ -160,19 +162,20 @@ def scale_roots(gyro_x: Array, gyro_y: Array, found: Attitude, latitude_deg: Arr
     gyro_x, gyro_y : [n] [°/h]; latitude_deg : α [°], one or [n].
     """
     A, B = level_rates(gyro_x, gyro_y, found.toolface)
-    latitude = np.radians(latitude_deg)
+    latitude = np.asarray(latitude_deg) * np.pi / 180.0
     sine, cosine = np.sin(found.inclination), np.cos(found.inclination)
     discriminant = (A**2 + B**2) * np.cos(latitude) ** 2 - (sine * B) ** 2
     divisor = A**2 + (cosine * B) ** 2
     middle = A * np.sin(latitude) * sine
-    half = cosine * np.sqrt(np.maximum(discriminant, 0.0))
-    seen = divisor > 0.0
+    clamped = np.asarray(np.real(discriminant) < 0.0, dtype=np.bool_)
+    half = cosine * np.sqrt(np.where(clamped, 0.0, discriminant))
+    seen = np.real(divisor) > 0.0
     safe = np.where(seen, divisor, np.nan)
     return Roots(
         plus=(middle + half) / safe,
         minus=(middle - half) / safe,
         half_difference=half / safe,
-        clamped=np.asarray(discriminant < 0.0, dtype=np.bool_),
+        clamped=clamped,
     )
 
 
@@ -187,8 +190,9 @@ def azimuth(
     """
     x, y = gyro_x / EARTH_RATE_DPH, gyro_y / EARTH_RATE_DPH
     level = accel_x**2 + accel_y**2
-    east = -(x * accel_y - y * accel_x) * np.sqrt(np.maximum(1.0 - level, 0.0))
-    north = -(x * accel_x + y * accel_y) - np.sin(np.radians(latitude_deg)) * level
+    down = np.sqrt(np.where(np.real(level) > 1.0, 0.0, 1.0 - level))
+    east = -(x * accel_y - y * accel_x) * down
+    north = -(x * accel_x + y * accel_y) - np.sin(np.asarray(latitude_deg) * np.pi / 180.0) * level
     return full_circle(_atan2(east, north), 2.0 * np.pi)
 
 
@@ -214,12 +218,12 @@ def toolface_plus_azimuth(gyro_x: Array, gyro_y: Array) -> Array:
     return full_circle(_atan2(-gyro_y, gyro_x), 2.0 * np.pi)
 
 
-def _atan2(y: Array, x: Array) -> Array:
+def _atan2(y: Numbers, x: Numbers) -> Numbers:
     """Angle of a vector in (−π, π]; y = −0.0 counts as +0.0, which gives π instead of −π."""
-    return np.arctan2(y + 0.0, x)
+    return arctan2(y + 0.0, x)
 
 
-def full_circle(angle: Array, turn: float) -> Array:
+def full_circle(angle: Numbers, turn: float) -> Numbers:
     """Angle in [0, turn); a remainder that rounds up to `turn` becomes zero."""
-    turned = np.remainder(angle, turn)
-    return np.where(turned >= turn, 0.0, turned)
+    turned = angle - turn * np.floor(np.real(angle) / turn)
+    return np.where(np.real(turned) >= turn, 0.0, turned)

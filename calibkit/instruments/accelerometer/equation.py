@@ -1,0 +1,230 @@
+"""Triad over temperature, with cross-axis terms that act on compensated values.
+
+    a_i = G_i (k_i0 + k_i1 t + k_i2 t² + k_i3 t³) - (z_i0 + z_i1 t + z_i2 t² + z_i3 t³)        (1)
+    g_i = a_i - (c_ij + d_ij t) a_j - (c_ik + d_ik t) a_k
+              + n_i,ii a_i² + n_i,ij a_i a_j + n_i,ik a_i a_k + n_i,iii a_i³                   (2)
+
+G are indications, g is gravity in the frame of the triad, t the temperature. Where cross-axis terms
+act on indications and are constant, as K8 and K9 of the published form do, the true effect grows
+with the scale factor over temperature and theirs does not: beside an index error of each attitude,
+which takes the mean of the attitude, that false change decides about them. In (2) a turn of the
+triad changes nothing over temperature.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from calibkit.arrays import Array
+from calibkit.errors import FitError
+from calibkit.fit.complex_step import Numbers, derivative, length
+from calibkit.numeric.least_squares import polynomial
+
+AXES = "xyz"
+TILT = ("tilt_north_rad", "tilt_east_rad")
+FIXTURE = ("fixture_x_rad", "fixture_y_rad", "fixture_z_rad")
+SMALL_ANGLE = 1e-3
+"""Angle [rad] below which the series of sin(a)/a has all digits."""
+
+Orders = tuple[int, int, int]
+"""Highest power of temperature of x, y and z; -1 leaves the term out."""
+
+
+@dataclass(frozen=True, slots=True)
+class Term:
+    """One parameter of the equation."""
+
+    symbol: str
+    """k_x, z_y, c_xy, n_x_xx, tilt_north_rad: what its powers of temperature have in common."""
+    kind: Literal["k", "z", "c", "n", "tilt", "fixture"]
+    axis: int
+    """Axis that the term is added to, or number of the nuisance angle."""
+    factors: tuple[int, ...] = ()
+    """Axes of the compensated values that a cross-axis or higher-order term multiplies."""
+    power: int = 0
+    """Power of temperature."""
+
+    @property
+    def name(self) -> str:
+        """Name in coefficient files: k_x0, z_y3, c_xy, d_xy, n_x_xx, tilt_north_rad."""
+        if self.kind in ("k", "z"):
+            return f"{self.symbol}{self.power}"
+        return self.symbol.replace("c_", "d_", 1) if self.power else self.symbol
+
+    @property
+    def unit(self) -> str:
+        """Unit in powers of °C."""
+        if self.kind in ("tilt", "fixture"):
+            return "rad"
+        of_order = {"k": "1", "z": "g", "c": "1", "n": "1/g2" if len(self.factors) == 3 else "1/g"}
+        per = {0: "", 1: "/degC"}.get(self.power, f"/degC{self.power}")
+        return of_order[self.kind] + per
+
+
+@dataclass(frozen=True, slots=True)
+class Terms:
+    """Parameters p of the equation, in their order."""
+
+    listed: tuple[Term, ...]
+
+    @classmethod
+    def of_orders(
+        cls,
+        scale: Orders,
+        zero: Orders,
+        cross: Orders,
+        *,
+        triangular: bool = False,
+        second_order: bool = False,
+        third_order: bool = False,
+        tilt: bool = False,
+        fixture: bool = False,
+    ) -> "Terms":
+        """Parameters up to orders of temperature; `triangular` keeps the frame on the x axis, as
+        fixture angles and lengths need it.
+        """
+        listed = [
+            Term(f"k_{AXES[i]}", "k", i, (), n) for i in range(3) for n in range(scale[i] + 1)
+        ]
+        listed += [
+            Term(f"z_{AXES[i]}", "z", i, (), n) for i in range(3) for n in range(zero[i] + 1)
+        ]
+        for i in range(3):
+            others = [j for j in range(3) if (j < i if triangular else j != i)]
+            listed += [
+                Term(f"c_{AXES[i]}{AXES[j]}", "c", i, (j,), n)
+                for j in others
+                for n in range(cross[i] + 1)
+            ]
+        for i in range(3):
+            products = [(i, i), *((i, j) for j in range(3) if j != i)] if second_order else []
+            for factors in [*products, *([(i, i, i)] if third_order else [])]:
+                symbol = f"n_{AXES[i]}_{''.join(AXES[j] for j in factors)}"
+                listed.append(Term(symbol, "n", i, factors))
+        listed += [Term(name, "tilt", i) for i, name in enumerate(TILT if tilt else ())]
+        listed += [Term(name, "fixture", i) for i, name in enumerate(FIXTURE if fixture else ())]
+        return cls(tuple(listed))
+
+    @classmethod
+    def named(cls, names: Sequence[str]) -> "Terms":
+        """Parameters of a coefficient file; raises FitError for a name that is none of them."""
+        unknown = [name for name in names if name not in _BY_NAME]
+        if unknown:
+            raise FitError(
+                f"accel-triad has no parameter {unknown[0]!r}",
+                hint="names are k_x0, z_x0, c_xy, d_xy, n_x_xx with axes x, y, z",
+            )
+        return cls(tuple(_BY_NAME[name] for name in names))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names [p]."""
+        return tuple(term.name for term in self.listed)
+
+    @property
+    def order(self) -> int:
+        """Highest power of temperature."""
+        return max(term.power for term in self.listed)
+
+    @property
+    def nominal(self) -> Array:
+        """Parameters [p] of a triad without an error."""
+        return np.array([float(t.kind == "k" and t.power == 0) for t in self.listed])
+
+    def of_kind(self, kind: str) -> list[int]:
+        """Places of the parameters of a kind."""
+        return [k for k, term in enumerate(self.listed) if term.kind == kind]
+
+    def in_degrees(self, middle: float, half: float) -> np.ndarray:
+        """Matrix [p, p], in extended precision, from parameters for temperature mapped to [-1, 1]
+        to those in powers of °C.
+        """
+        powers = polynomial.to_raw_powers(middle, half, max(self.order, 1))
+        matrix = np.zeros((len(self.listed),) * 2, dtype=np.longdouble)
+        for row, term in enumerate(self.listed):
+            for column, other in enumerate(self.listed):
+                if term.symbol == other.symbol:
+                    matrix[row, column] = powers[term.power, other.power]
+        return matrix
+
+    def compensated(self, p: Numbers, indication: Array, t: Array) -> Numbers:
+        """Values a [n, 3] of indications [n, 3] by equation (1); temperatures t [n] are in the unit
+        that p is meant for.
+        """
+        k = np.zeros((self.order + 1, 3), dtype=p.dtype)
+        z = np.zeros_like(k)
+        for value, term in zip(p, self.listed, strict=True):
+            if term.kind in ("k", "z"):
+                (k if term.kind == "k" else z)[term.power, term.axis] = value
+        powers = np.vander(t, self.order + 1, increasing=True)
+        return np.asarray(indication * (powers @ k) - powers @ z)
+
+    def corrected(self, p: Numbers, indication: Array, t: Array) -> Numbers:
+        """Gravity [n, 3] that indications [n, 3] mean: equations (1) and (2)."""
+        a = self.compensated(p, indication, t)
+        c, d = np.zeros((3, 3), dtype=p.dtype), np.zeros((3, 3), dtype=p.dtype)
+        products = np.zeros_like(a)
+        for value, term in zip(p, self.listed, strict=True):
+            if term.kind == "c":
+                (d if term.power else c)[term.factors[0], term.axis] = value
+            elif term.kind == "n":
+                products[:, term.axis] += value * np.prod(a[:, term.factors], axis=1)
+        return np.asarray(a - a @ c - t[:, None] * (a @ d) + products)
+
+    def axes(self, p: Numbers, t: float) -> Numbers:
+        """Unit vectors [3, 3] of the sensitive axes at a temperature: rows of (I - C - D t)⁻¹."""
+        matrix = np.eye(3, dtype=p.dtype)
+        for value, term in zip(p, self.listed, strict=True):
+            if term.kind == "c":
+                matrix[term.axis, term.factors[0]] -= value * t**term.power
+        sensitivity = np.linalg.inv(matrix)
+        return sensitivity / length(sensitivity)[:, None]
+
+    def small_angles(self, p: Numbers, t: float) -> Numbers:
+        """Q1, Q2, Q3 [3] [rad] at a temperature, e1 = x and e2 in the plane of x and y:
+        Q3 = -y·e1, Q1 = -z·e2, Q2 = (y·e1)(z·e2) - z·e1.
+        """
+        x, y, z = self.axes(p, t)
+        y1, z1 = np.sum(y * x), np.sum(z * x)
+        z2 = (np.sum(z * y) - y1 * z1) / np.sqrt(1.0 - y1**2)
+        return np.stack([-z2, y1 * z2 - z1, -y1])
+
+    def slopes(self, p: Array, indication: Array, t: Array) -> Array:
+        """Derivatives [n, 3, p] of the corrected values by the parameters."""
+        return derivative(lambda q: self.corrected(q, indication, t), p)
+
+
+_BY_NAME = {
+    term.name: term
+    for term in Terms.of_orders(
+        *((9, 9, 9), (9, 9, 9), (1, 1, 1)),
+        second_order=True,
+        third_order=True,
+        tilt=True,
+        fixture=True,
+    ).listed
+}
+"""Name → parameter, for every one that a coefficient file can hold."""
+
+
+def rotation(angles: Numbers) -> Numbers:
+    """Rotation matrix [3, 3] of a rotation vector [3] [rad] (Rodrigues 1840)."""
+    x, y, z = angles
+    cross = np.array([[0.0 * x, -z, y], [z, 0.0 * x, -x], [-y, x, 0.0 * x]])
+    square = x**2 + y**2 + z**2
+    if np.real(square) < SMALL_ANGLE**2:
+        first, second = 1.0 - square / 6.0 + square**2 / 120.0, 0.5 - square / 24.0
+    else:
+        angle = np.sqrt(square)
+        first, second = np.sin(angle) / angle, (1.0 - np.cos(angle)) / square
+    return np.asarray(np.eye(3) + first * cross + second * cross @ cross)
+
+
+def tilted_gravity(tool_rotation: Array, tilt: Numbers) -> Numbers:
+    """Gravity [n, 3] in the tool with the table's base tilted by two angles [rad], from the
+    rotations [n, 3, 3] of the table's base to the tool.
+    """
+    down = np.stack([tilt[0], tilt[1], 1.0 + 0.0 * tilt[0]])
+    return np.asarray(tool_rotation @ (down / length(down)))
