@@ -14,13 +14,22 @@ import sys
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 
-from calibkit.instruments.gyro_scale import forms, simulate_pair as simulated, simulate_rate_table
-from calibkit.instruments.gyro_scale.numeric import pair, plateau_means, scale_factor
+from calibkit.frame import Log
+from calibkit.instruments.gyro_scale import (
+    forms,
+    pair_fit,
+    simulate_pair as simulated,
+    simulate_rate_table,
+    table_runs,
+)
+from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe
 
 if TYPE_CHECKING:
     from calibkit.simulate.campaign import Campaign
 
+SPEC = GyroPairRecipe(procedure="gyro_pair", logs={"files": ["*.csv"]})
 ALPHAS_DEG = (90.0, 89.6, 60.0, 120.0, 30.0, 3.0)
 QUANTILE = 1.959963984540054
 FEW = "+1 +2 +5 +10"
@@ -33,39 +42,29 @@ UNEQUAL = {
 }
 
 
-def scales(logs: Campaign) -> tuple[scale_factor.RunScales, scale_factor.RunScales]:
-    """Scale factors of both gyros in both runs."""
-    runs = []
-    for name in ("table_axis_a.csv", "table_axis_b.csv"):
-        log = logs.logs[name]
-        signals = np.column_stack((log["gyro_a_lsb"], log["gyro_b_lsb"]))
-        plateaus = plateau_means.means(
-            log["time_s"],
-            log["table_rate_dps"],
-            signals,
-            table_angle_deg=log["table_angle_deg"],
-            temp_degc=log["temp_case_degc"],
-        )
-        runs.append(scale_factor.of_run(plateaus))
-    return runs[0], runs[1]
+def runs_of(logs: Campaign) -> dict[str, tuple[table_runs.TableRun, ...]]:
+    """Runs about both axes."""
+    runs = {}
+    for axis in "ab":
+        frame = pd.DataFrame(logs.logs[f"table_axis_{axis}.csv"])
+        log = Log(axis, f"table_axis_{axis}.csv", axis, len(frame), frame)
+        runs[axis] = (table_runs.fit_run(SPEC, log),)
+    return runs
 
 
 def normalized(seed: int, alpha_deg: float) -> dict[str, float]:
     """Errors over standard uncertainties of one trial."""
     logs = simulated.campaign(seed, alpha_deg=alpha_deg, ideal=True)
-    about_a, about_b = scales(logs)
-    truth = logs.truth
-    errors = {}
-    for run, axis in ((about_a, "a"), (about_b, "b")):
-        for g, gyro in enumerate(("a", "b")):
-            found = run.gyros[g]
+    runs, truth, errors = runs_of(logs), logs.truth, {}
+    for axis, (run,) in runs.items():
+        for gyro in "ab":
+            found = run.scale(gyro)
             true = truth["models"][f"{gyro}_about_{axis}"]["K"]
             errors[f"K {gyro}_about_{axis}"] = (found.K - true) / found.standard_uncertainty[0]
-    result = pair.from_runs(about_a, about_b)
-    values = (result.N, result.epsilon, result.gamma, result.alpha_deg)
+    result = pair_fit.fit_pair(runs, SPEC).found
     true_values = (truth["N"], truth["epsilon"], truth["gamma"], truth["alpha_deg"])
     for name, value, true, u in zip(
-        forms.PAIR_UNITS, values, true_values, result.standard_uncertainty, strict=True
+        forms.PAIR_UNITS, result.values, true_values, result.standard_uncertainty, strict=True
     ):
         errors[name] = (value - true) / u
     return errors
@@ -98,9 +97,8 @@ def scale_errors(trials: int) -> bool:
         errors, through_origin, normalized_errors = [], [], []
         for seed in range(trials):
             logs = simulated.campaign(seed, rates_dps=rates)
-            about_a, _ = scales(logs)
             truth = logs.truth["models"]["a_about_a"]["K"]
-            own = about_a.gyros[0]
+            own = runs_of(logs)["a"][0].scale("a")
             errors.append((own.K / truth - 1.0) * 1e6)
             normalized_errors.append(abs(own.K - truth) / own.standard_uncertainty[0])
             through_origin.append(

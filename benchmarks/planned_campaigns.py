@@ -19,6 +19,7 @@ import numpy as np
 
 from calibkit import instruments, new_files, plans, recipe
 from calibkit.arrays import Array
+from calibkit.fit.solve import solve
 from calibkit.ingest import logs as ingest
 from calibkit.instruments.accelerometer import dwells as triad_dwells, simulate_plan
 from calibkit.instruments.accelerometer.equation import Terms
@@ -29,10 +30,11 @@ from calibkit.instruments.fog_thermal.numeric import (
     planned as fog_planned,
 )
 from calibkit.instruments.fog_thermal.numeric.bank_groups import Groups
-from calibkit.instruments.gyro_scale.numeric import all_runs
+from calibkit.instruments.gyro_scale import equation
+from calibkit.instruments.gyro_scale.numeric import line_terms
 from calibkit.instruments.gyro_scale.numeric.planned import Runs
 from calibkit.numeric import gum
-from calibkit.numeric.least_squares.components import Known
+from calibkit.numeric.least_squares import polynomial
 from calibkit.numeric.thermal import coil
 from calibkit.numeric.thermal.noise import flicker_kernel
 from calibkit.numeric.thermal.pooled_fit import Stack, ThermalLog
@@ -132,25 +134,31 @@ def run_table(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  
     # the best straight line over the rates takes its part of the response
     rate = np.array(runs.rates_dps)
     slope, zero = np.polyfit(rate, response, 1)
-    indication, K0 = 1e4 * indication, 1e4
-    rows = replace(rows, indication=indication, corrected=indication)
-    known = {
-        "scale": Known(1e-6 * size["scale"] * K0, 20.0),
-        "zero": Known(size["zero"] / 3600.0 * K0, 20.0),
-    }
-    shapes, _ = all_runs.own_lines(rows)
-    fitted = all_runs.fit(rows, (order, order), shapes, known)
-    at = spec.reference_temp_degc
-    one = [fitted.at(which, at) for which in (all_runs.SCALE, all_runs.ZERO)]
+    K0 = 1e4
+    rows = replace(rows, indication=K0 * indication)
+    shapes = (line_terms.ASYMMETRY,) if rows.shows_asymmetry else ()
+    middle_half = polynomial.middle_and_half(rows.temp_degc)
+    terms = equation.Terms(1, (order, order), middle_half, shapes)
+    known = {"scale": size["scale"], "zero": size["zero"]}
+    shared = [
+        replace(one, size=known[one.effect], size_dof=20.0)
+        if one.group == "run" and one.effect in known
+        else one
+        for one in equation.shared_errors(rows, terms, np.array([K0]), np.array([K0]))
+    ]
+    fitted = solve(lambda p: equation.residual(p, rows, terms), terms.start, shared)
+    at, line = spec.reference_temp_degc, equation.best_line(terms, rows.rate_dps)
+    x = polynomial.powers(terms.mapped(np.array([at])), order)[0]
+    found = fitted.of(lambda p: np.stack([x @ one[0] for one in line(p)]))
     powers = ((at - 25.0) / 100.0) ** np.arange(order + 1)
     truth = K0 * np.array([1.0 + powers @ K + slope, powers @ F0 + zero])
     unit = np.array([1e6, 3600.0]) / K0
     predicted = [part["standard_uncertainty"] for part in plan.document["coefficients"]]
     return (
-        (np.array([part.value for part in one]) - truth) * unit,
+        (found.value - truth) * unit,
         np.array(predicted),
-        np.array([part.standard_uncertainty for part in one]) * unit,
-        np.array([gum.coverage_factor(part.dof) for part in one]),
+        found.u * unit,
+        np.array([gum.coverage_factor(dof) for dof in found.dof]),
     )
 
 

@@ -235,9 +235,8 @@ def runs_unseen(value, **limits):
 
 def axes(value, **limits):
     """Criteria of two gyros whose axes are 90° less this apart, known to this."""
-    triad = SimpleNamespace(
-        angles_deg=np.full((2, 2), 90.0 - value), angle_uncertainty_deg=np.full((2, 2), value)
-    )
+    u = np.full((2, 2), value)
+    triad = SimpleNamespace(angles_deg=SimpleNamespace(value=90.0 - u, u=u))
     fitted = SimpleNamespace(pairs=[(0, 1)], sets=(SimpleNamespace(triad=triad),))
     return acceptance.judge_triad(fitted, (), TriadAcceptance(**limits))
 

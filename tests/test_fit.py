@@ -218,6 +218,22 @@ def test_functions_that_numpy_does_not_continue_have_the_derivative_of_differenc
     assert complex_step.derivative(function, p) == pytest.approx(differences, abs=1e-8)
 
 
+def test_a_restated_fit_states_what_the_fit_itself_does():
+    """A result of intercept and slope relative to the intercept has value, u and degrees of freedom
+    of the same function of the parameters, with a bound error in u.
+    """
+    rng = np.random.default_rng(8)
+    x, run = np.tile(np.linspace(1.0, 2.0, 6), 4), np.repeat(np.arange(4), 6)
+    y = 3.0 + 0.5 * x + 0.2 * rng.standard_normal(4)[run] + 0.05 * rng.standard_normal(24)
+    bound = shared(np.zeros(24, dtype=int), x, size=0.1, bound=True)
+    fit = solve(straight(x, y), np.ones(2), [shared(run, np.ones(24)), bound])
+    other = fit.restated(lambda p: np.stack([p[0], p[1] / p[0]]))
+    found, same = fit.of(lambda p: p[1] / p[0] + p[0]), other.of(lambda q: q[1] + q[0])
+    assert same.value == pytest.approx(found.value, rel=1e-12)
+    assert same.u == pytest.approx(found.u, rel=1e-12)
+    assert same.dof == pytest.approx(found.dof, rel=1e-9)
+
+
 def test_sizes_of_errors_beside_a_known_noise_do_not_depend_on_the_unit():
     """Scatter of each row and of three runs beside known noise: both sizes scale with the unit."""
     rng = np.random.default_rng(0)
@@ -233,6 +249,20 @@ def test_sizes_of_errors_beside_a_known_noise_do_not_depend_on_the_unit():
 
     assert sizes(1e-4) == pytest.approx(sizes(1.0), rel=1e-4)
     assert min(sizes(1.0)) > 0.1
+
+
+@pytest.mark.parametrize("size", [0.002, 0.1, 5.0])
+def test_a_stated_size_that_the_rows_do_not_show_keeps_its_degrees_of_freedom(size):
+    """One run cannot show how runs differ: the variance of its mean is that of the noise and of the
+    stated size, with degrees of freedom of both (Welch and Satterthwaite).
+    """
+    y = 2.0 + 0.3 * np.random.default_rng(4).standard_normal(30)
+    run = shared(np.zeros(30, dtype=int), np.ones(30), size=size, size_dof=5.0)
+    mean = solve(lambda p: p[0] - y, np.zeros(1), [run]).of(lambda p: p[0])
+    noise = np.var(y, ddof=1) / 30
+    assert mean.u**2 == pytest.approx(noise + size**2, rel=1e-6)
+    dof = (noise + size**2) ** 2 / (noise**2 / 29 + size**4 / 5.0)
+    assert mean.dof == pytest.approx(min(dof, 29.0), rel=1e-3)
 
 
 def test_the_search_for_a_size_comes_back_from_far_above():

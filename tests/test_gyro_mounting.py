@@ -74,7 +74,7 @@ def pair(seed, spec, *, apart_degc=0.0, per_degc=None, off_deg=0.0):
         run_about(g, tilted(axes[g], np.radians(off_deg), rng), gyros, axes, degc, spec, rng)
         for g, degc in (("a", 25.0), ("b", 25.0 + apart_degc))
     ]
-    fitted = pair_fit.fit_pair(*runs, spec)
+    fitted = pair_fit.fit_pair({"a": (runs[0],), "b": (runs[1],)}, spec)
     degc = np.mean([run.temp_degc for run in runs])
     table = simulate_rate_table.Table()
     K = {g: gyro.best_line(table, RATES, degc)[0] for g, gyro in gyros.items()}
@@ -213,10 +213,12 @@ def test_mountings_that_repeat_to_ten_arcseconds_are_in_the_angles_once_stated()
 
 @pytest.mark.parametrize(
     ("group", "effect", "unit"),
-    [("mounting", "angle", "ppm"), ("mounting", "scale", "ppm"), ("run", "scale", "ppm")],
+    [("mounting", "angle", "ppm"), ("mounting", "scale", "ppm"), ("run", "zero", "deg/h")],
 )
 def test_a_component_in_another_unit_or_of_another_effect_is_refused(group, effect, unit):
-    """Of a pair, the angle of mounting is known and nothing else; units of angles are named."""
+    """Of a pair, the angle of mounting and how scale factors repeat can be stated, nothing else;
+    units of angles are named.
+    """
     settings = (
         f'errors.component=[{{group="{group}",effect="{effect}",value=1.0,unit="{unit}",dof=9.0}}]',
     )

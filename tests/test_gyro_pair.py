@@ -1,22 +1,42 @@
 """N, ε, γ and α of two gyros: the worked examples, the shared covariance, |γ| near one."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from calibkit.errors import FitError
-from calibkit.instruments.gyro_scale import simulate_pair as simulated
-from calibkit.instruments.gyro_scale.numeric import pair, plateau_means, scale_factor
+from calibkit.fit.value import Value
+from calibkit.frame import Log
+from calibkit.instruments.gyro_scale import (
+    lines,
+    pair_fit,
+    simulate_pair as simulated,
+    table_runs,
+)
+from calibkit.instruments.gyro_scale.numeric import pair
+from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe
 from conftest import AUTHORITIES
+from known_fit import known_fit
 
 CASES = json.loads((AUTHORITIES / "gyro_orthogonality.json").read_text(encoding="utf-8"))["cases"]
 
 
-def case_pair(case, **options):
+UNKNOWN = Value(np.array(0.0), np.array(1.0), np.array(1.0))
+"""A second γ that tells nothing."""
+
+
+def find(K_A, K_B, K_Ba, covariance, second=UNKNOWN, **options):
+    """Pair of scale factors with a covariance."""
+    return pair.find(known_fit([K_A, K_B, K_Ba], covariance), second, **options)
+
+
+def case_pair(case, second=UNKNOWN):
     """Pair of a worked example with independent scale factors."""
     covariance = np.diag([case["u_K_A"] ** 2, case["u_K_B"] ** 2, case["u_K_Ba"] ** 2])
-    return pair._pair(case["K_A"], case["K_B"], case["K_Ba"], covariance, **options)
+    return find(case["K_A"], case["K_B"], case["K_Ba"], covariance, second)
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: f"alpha {case['alpha_deg']:g}")
@@ -50,7 +70,7 @@ def test_the_covariance_is_that_of_drawn_scale_factors():
     K_A, K_B, K_Ba = 10000.0, 9900.0, 7000.0
     u = np.array([2.0, 1.5, 1.0])
     covariance = np.outer(u, u) * np.array([[1.0, 0.0, 0.7], [0.0, 1.0, 0.0], [0.7, 0.0, 1.0]])
-    found = pair._pair(K_A, K_B, K_Ba, covariance)
+    found = find(K_A, K_B, K_Ba, covariance)
     a, b, ba = np.random.default_rng(1).multivariate_normal([K_A, K_B, K_Ba], covariance, 200_000).T
     drawn = np.cov(np.vstack((b / a, ba / a, ba / b, np.degrees(np.arccos(ba / b)))))
     size = found.standard_uncertainty
@@ -71,7 +91,7 @@ def test_noise_beyond_one_is_clamped_and_flagged():
     """γ of 1.00002 ± 2e-5 is clamped: α 0°, interval from 0° to about half a degree, flagged, no
     NaN.
     """
-    found = pair._pair(10000.0, 10000.0, 10000.2, np.diag([0.0, 0.14, 0.14]) ** 2)
+    found = find(10000.0, 10000.0, 10000.2, np.diag([0.0, 0.14, 0.14]) ** 2)
     assert found.clamped
     assert (found.gamma, found.alpha_deg) == (1.0, 0.0)
     assert found.gamma_indicated == pytest.approx(1.00002)
@@ -85,7 +105,7 @@ def test_noise_beyond_one_is_clamped_and_flagged():
 
 def test_noise_beyond_minus_one_is_clamped_to_the_opposite_side():
     """γ of −1.00002 gives α 180°, an interval that ends there, and the opposite side."""
-    found = pair._pair(10000.0, 10000.0, -10000.2, np.diag([0.0, 0.14, 0.14]) ** 2)
+    found = find(10000.0, 10000.0, -10000.2, np.diag([0.0, 0.14, 0.14]) ** 2)
     assert found.alpha_deg == 180.0
     assert found.alpha_interval_deg[1] == 180.0
     assert 179.4 < found.alpha_interval_deg[0] < 179.8
@@ -96,22 +116,22 @@ def test_an_excess_that_noise_cannot_explain_is_named():
     """γ of 1.0002 ± 1.4e-6 is no noise: flagged with its size; 1.06 is refused as logs of other
     axes.
     """
-    found = pair._pair(10000.0, 10000.0, 10002.0, np.diag([0.01, 0.01, 0.01]) ** 2)
+    found = find(10000.0, 10000.0, 10002.0, np.diag([0.01, 0.01, 0.01]) ** 2)
     assert any("200 ppm" in flag and "more than noise" in flag for flag in found.flags)
     with pytest.raises(FitError, match="far beyond 1"):
-        pair._pair(10000.0, 10000.0, 10600.0, np.diag([0.01, 0.01, 0.01]) ** 2)
+        find(10000.0, 10000.0, 10600.0, np.diag([0.01, 0.01, 0.01]) ** 2)
 
 
 def test_scale_factors_that_cannot_give_ratios_are_refused():
     """A zero or a NaN is refused."""
     for K_A, K_B, K_Ba in ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, np.nan)):
         with pytest.raises(FitError, match="cannot give ratios"):
-            pair._pair(K_A, K_B, K_Ba, np.eye(3))
+            find(K_A, K_B, K_Ba, np.eye(3))
 
 
 def test_no_uncertainty_at_all_leaves_the_limit():
     """γ of exactly one without uncertainty: α 0° and an interval of nothing."""
-    found = pair._pair(1.0, 1.0, 1.0, np.zeros((3, 3)))
+    found = find(1.0, 1.0, 1.0, np.zeros((3, 3)))
     assert found.alpha_deg == 0.0
     assert found.alpha_interval_deg == pytest.approx((0.0, 0.0), abs=1e-6)
 
@@ -126,7 +146,7 @@ def test_the_interval_of_alpha_covers_the_truth_also_near_one(alpha_deg):
     true = np.array([10000.0, 10000.0, 10000.0 * np.cos(np.radians(alpha_deg))])
     covered = []
     for _ in range(400):
-        found = pair._pair(*(true + u * rng.normal(size=3)), np.diag(u**2), draws=4000)
+        found = find(*(true + u * rng.normal(size=3)), np.diag(u**2), draws=4000)
         low, high = found.alpha_interval_deg
         covered.append(low <= alpha_deg + 1e-12 and alpha_deg - 1e-12 <= high)
     assert np.mean(covered) > 0.93
@@ -135,29 +155,34 @@ def test_the_interval_of_alpha_covers_the_truth_also_near_one(alpha_deg):
 def test_the_monte_carlo_is_repeatable():
     """The same seed gives the same interval, bit for bit."""
     args = (10000.0, 10000.0, 9999.9, np.diag([0.1, 0.1, 0.1]) ** 2)
-    assert pair._pair(*args).alpha_interval_deg == pair._pair(*args).alpha_interval_deg
+    assert find(*args).alpha_interval_deg == find(*args).alpha_interval_deg
 
 
 def test_the_second_gamma_agrees_or_is_flagged():
-    """K_Ab of the same cosine passes; one that is 1e-3 off is named."""
-    found = case_pair(CASES[2])
-    covariance = np.diag([0.2, 0.2]) ** 2
-    gamma, u, flags = pair._cross_check(found, 10000.0, 10000.0 * CASES[2]["gamma"], covariance)
-    assert gamma == pytest.approx(CASES[2]["gamma"])
-    assert u == pytest.approx(2e-5 * np.sqrt(1.5), rel=1e-3)
-    assert flags == ()
-    assert pair._cross_check(found, 10000.0, 7081.0, covariance)[2]
+    """γ from A about B's axis of the same cosine passes; one that is 1e-3 off is named, and tells a
+    mounting error with one degree of freedom, or more where it is known.
+    """
+    u = np.array(2.4e-5)
+    same = case_pair(CASES[2], Value(np.array(CASES[2]["gamma"]), u, np.array(30.0)))
+    assert pair.flag_second(same) == ()
+    off = case_pair(CASES[2], Value(np.array(CASES[2]["gamma"] + 1e-3), u, np.array(30.0)))
+    assert "differs by 0.001" in pair.flag_second(off)[0]
+    sine = np.sin(np.radians(off.alpha_deg))
+    assert pair.find_mounting(off, None) == (pytest.approx(1e-3 / sine), 1.0)
+    tilt, dof = pair.find_mounting(off, (0.01, 9.0))
+    assert dof == 10.0
+    noise = u**2 + off.u_gamma**2
+    square = (9.0 * np.radians(0.01) ** 2 + 0.5 * (1e-6 - noise) / sine**2) / 10.0
+    assert tilt == pytest.approx(np.sqrt(square))
 
 
-def run_of(log):
-    """Scale factors of both gyros in one simulated log."""
-    found = plateau_means.means(
-        log["time_s"],
-        log["table_rate_dps"],
-        np.column_stack((log["gyro_a_lsb"], log["gyro_b_lsb"])),
-        table_angle_deg=log["table_angle_deg"],
-    )
-    return scale_factor.of_run(found)
+SPEC = GyroPairRecipe(procedure="gyro_pair", logs={"files": ["*.csv"]})
+
+
+def run_of(log, name):
+    """Run of both gyros in one simulated log."""
+    frame = pd.DataFrame(log)
+    return table_runs.fit_run(SPEC, Log(name, f"{name}.csv", name, len(frame), frame))
 
 
 @pytest.mark.parametrize(
@@ -169,8 +194,8 @@ def test_the_angle_of_a_simulated_pair_is_within_four_standard_uncertainties(see
     """
     for ideal, extra in ((True, 0.0), (False, 5e-6)):
         logs = simulated.campaign(seed, alpha_deg=alpha_deg, ideal=ideal)
-        about_a, about_b = (run_of(logs.logs[f"table_axis_{axis}.csv"]) for axis in "ab")
-        found = pair.from_runs(about_a, about_b)
+        runs = {axis: (run_of(logs.logs[f"table_axis_{axis}.csv"], axis),) for axis in "ab"}
+        found = pair_fit.fit_pair(runs, SPEC).found
         u_gamma, u_alpha = found.standard_uncertainty[2:]
         assert abs(found.gamma - logs.truth["gamma"]) < 4.0 * u_gamma + extra
         assert abs(found.alpha_deg - alpha_deg) < 4.0 * u_alpha + np.degrees(
@@ -180,23 +205,19 @@ def test_the_angle_of_a_simulated_pair_is_within_four_standard_uncertainties(see
         assert abs(found.N / logs.truth["N"] - 1.0) < 5e-6
 
 
-def test_the_runs_of_a_pair_keep_what_they_share_and_check_each_other():
-    """K_A and K_Ba keep their covariance, K_B is independent; a second γ that differs is flagged;
-    one gyro is refused.
-    """
-    log = simulated.campaign(1, alpha_deg=45.0, ideal=True).logs
-    about_a, about_b = (run_of(log[f"table_axis_{axis}.csv"]) for axis in "ab")
-    shared = np.array([[4.0, 1.8], [1.8, 1.0]]) * 1e-4
-    about_a, about_b = (
-        scale_factor.RunScales(run.gyros, run.K, shared) for run in (about_a, about_b)
-    )
-    found = pair.from_runs(about_a, about_b, mounting_deg=(0.0, np.inf))
-    full = np.array([[4.0, 0.0, 1.8], [0.0, 1.0, 0.0], [1.8, 0.0, 1.0]]) * 1e-4
-    expected = pair._pair(about_a.K[0], about_b.K[1], about_a.K[1], full)
-    assert found.covariance == pytest.approx(expected.covariance, rel=1e-12)
-    tilted = scale_factor.RunScales(about_b.gyros, about_b.K * [1.01, 1.0], shared)
-    assert any("differs by" in flag for flag in pair.from_runs(about_a, tilted).flags)
-    with pytest.raises(FitError, match="two columns"):
-        pair.from_runs(
-            scale_factor.RunScales(about_a.gyros[:1], about_a.K[:1], shared[:1, :1]), about_b
-        )
+def test_noise_of_one_gyro_is_in_its_own_scale_factor_alone():
+    """Twice the residuals of gyro B's lines double the u of K_B by noise, and leave that of K_A."""
+    logs = simulated.campaign(1, alpha_deg=89.6, ideal=True).logs
+    runs = {axis: run_of(logs[f"table_axis_{axis}.csv"], axis) for axis in "ab"}
+
+    def u(factor):
+        held = lines.TableRows.of([[(k, runs[axis]) for k, axis in enumerate("ab")]])
+        scale = [line for axis in "ab" for line in runs[axis].scales.gyros]
+        residual = factor * np.concatenate([line.residuals for line in scale])
+        straight = np.concatenate([line.indication - line.residuals for line in scale])
+        noise = np.where(held.gyro == 1, residual, residual / factor)
+        held = replace(held, rows=replace(held.rows, indication=straight + noise))
+        P = replace(held, left_out=np.zeros_like(held.left_out))
+        return P.linear(held.errors(), np.eye(4), np.zeros((4, 4))).of(lambda p: p).u[[0, 3]]
+
+    assert u(2.0) == pytest.approx(u(1.0) * [1.0, 2.0], rel=1e-6)

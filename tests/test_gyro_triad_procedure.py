@@ -126,7 +126,8 @@ def test_intervals_of_angles_and_sensitivities_hold_over_many_simulated_bases(tm
     for seed in range(100, 112):
         simulated = simulate_triad.campaign(seed, temperatures_degc=(25.0,), withheld_degc=())
         truth = write(tmp_path / str(seed), simulated)["at"]["25"]
-        found = TRIAD.fit(spec, tmp_path / str(seed), sorted(simulated.logs), silent).results[1]
+        fits = TRIAD.fit(spec, tmp_path / str(seed), sorted(simulated.logs), silent)
+        scales, found = fits.results
         for figure in found.figures:
             if figure.name.startswith("angle_deg"):
                 g, h = ("xyz".index(letter) for letter in figure.name[-3::2])
@@ -136,6 +137,8 @@ def test_intervals_of_angles_and_sensitivities_hold_over_many_simulated_bases(tm
         for c in found.models[0].coefficients[:9]:
             g, axis = "xyz".index(c.name[2]), "xyz".index(c.name[3])
             entries.append((c.value - truth["sensitivity"][g][axis]) / c.standard_uncertainty)
+        dof = [f.effective_dof for f in scales.figures if f.name.startswith("bias.")]
+        assert 2.0 <= min(dof) <= max(dof) <= 8.0  # of three runs, whatever the noise is
     for errors in (angles, entries):
         assert 0.7 < np.sqrt(np.mean(np.square(errors))) < 1.25
         assert np.max(np.abs(errors)) < 4.0
@@ -238,11 +241,11 @@ def test_without_a_latitude_no_rate_is_given(calibkit, tmp_path, log_writer):
 
 @pytest.mark.usefixtures("undrawn")
 def test_repeated_runs_are_averaged_and_their_scatter_is_kept(calibkit, tmp_path, log_writer):
-    """Two runs about each axis that differ by 0.4 counts: the mean, with the scatter of the mean
-    for its uncertainty.
+    """Two runs about each axis that differ by 40 ppm: the mean, with the scatter of the mean for
+    its uncertainty, one degree of freedom of each gyro, and no word of what the runs leave open.
     """
     (tmp_path / "logs").mkdir()
-    for k, skew in enumerate((-0.2, 0.2)):
+    for k, skew in enumerate((-2e-5 * TETRAD[:3], 2e-5 * TETRAD[:3])):
         name = f"about_{{}}_{k}.csv"
         exact(
             tmp_path / "logs",
@@ -257,6 +260,8 @@ def test_repeated_runs_are_averaged_and_their_scatter_is_kept(calibkit, tmp_path
     entry = run.records["gyro_orthogonality.json"].model("triad").coefficients[0]
     assert entry.value == pytest.approx(TETRAD[0, 0], abs=1e-6)
     assert entry.standard_uncertainty == pytest.approx(0.2, rel=1e-3)
+    assert entry.effective_dof == pytest.approx(3.0, rel=1e-3)
+    assert not any("within these runs" in flag for flag in run.records["gyro_scale.json"].flags)
 
 
 @pytest.mark.usefixtures("undrawn")

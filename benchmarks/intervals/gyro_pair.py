@@ -103,7 +103,8 @@ def simulate(case: Case, number: int) -> Outcome:
         log = log_run(g, turned / np.linalg.norm(turned), gyros, axes, rng)
         runs.append(log)
     try:
-        fitted = pair_fit.fit_pair(*(table_runs.fit_run(spec, log) for log in runs), spec)
+        about_a, about_b = (table_runs.fit_run(spec, log) for log in runs)
+        fitted = pair_fit.fit_pair({"a": (about_a,), "b": (about_b,)}, spec)
         model = coefficient_files.list_pair_results(fitted, spec)[1].models[0]
     except CalibkitError as error:
         return Outcome({}, {}, refused=str(error))

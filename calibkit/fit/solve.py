@@ -152,6 +152,19 @@ class Fit:
             dof = np.where(spread > 0.0, 2.0 * (self.variances @ by_size) ** 2 / spread, np.inf)
         return np.clip(dof, 1.0, max(self.dof, 1))
 
+    def restated(self, function: Callable[[Numbers], Numbers]) -> "Fit":
+        """The fit of other parameters, a function [m] of these, with their covariance."""
+        G = derivative(function, self.parameters)
+        return replace(
+            self,
+            parameters=np.asarray(function(self.parameters), dtype=np.float64),
+            covariance=G @ self.covariance @ G.T,
+            slopes=G @ self.slopes @ G.T,
+            gain=G @ self.gain,
+            bounds=G @ self.bounds,
+            members=tuple(member.restated(function) for member in self.members),
+        )
+
     def covariance_of(self, function: Callable[[Numbers], Numbers]) -> Array:
         """Covariance [m, m] of a function [m] of the parameters."""
         G = derivative(function, self.parameters)
@@ -182,6 +195,27 @@ class Fit:
         """The fit whose U holds errors of a stated largest size, which are no part of the noise."""
         columns = [_product(self.gain, one) * one.size for one in errors if one.size]
         return replace(self, bounds=np.hstack([self.bounds, *columns]))
+
+    def widened_by(self, errors: Sequence[Shared]) -> "Fit":
+        """The fit whose U holds errors of stated sizes that the rows do not tell from the
+        parameters.
+        """
+        size = np.array([error.size or 0.0 for error in errors])
+        of_size = 2.0 * size**4 / np.array([error.size_dof for error in errors])
+        products = [_product(self.gain, error) for error in errors]
+        added = np.array([PZ @ PZ.T for PZ in products]).reshape(-1, *self.covariance.shape)
+        count = len(self.variances)
+        spread = np.zeros((count + len(size),) * 2)
+        spread[:count, :count] = self.variance_covariance
+        spread[np.arange(count, len(spread)), np.arange(count, len(spread))] = of_size
+        return replace(
+            self,
+            covariance=self.covariance + np.tensordot(size**2, added, 1),
+            variances=np.concatenate((self.variances, size**2)),
+            variance_covariance=spread,
+            slopes=np.concatenate((self.slopes, added)),
+            members=tuple(member.widened_by(errors) for member in self.members),
+        )
 
     def precision(self, F: Array) -> Array:
         """V⁻¹ F [n, k], V of the noise and the shared errors of the rows used; 0 of the others."""
@@ -531,8 +565,8 @@ class _Problem:
         return Z
 
     def _stated(self, degrees: Sequence[int], least: float, *, noise_known: bool) -> Stated:
-        """What is known of the variances. Where the rows tell nothing of an error, its stated size
-        is held, and one that is not stated is 0.
+        """What is known of the variances. Where the rows tell nothing of an error, its size is as
+        stated, with the degrees of freedom that are stated, and 0 if it is not.
         """
         known = [(1.0, np.inf) if noise_known else (0.0, 0.0)] * self.channels
         known += [(prior.size, prior.size_dof) for prior in self.priors]
@@ -542,7 +576,7 @@ class _Problem:
             if error.size is None:
                 known.append((0.0, 0.0 if rank else np.inf))
             else:
-                known.append((error.size, error.size_dof if rank and error.size else np.inf))
+                known.append((error.size, error.size_dof if error.size else np.inf))
         size, dof = np.array(known).T
         first = self.channels + len(self.priors) + len(self.noises)
         limits = [np.inf] * first + [error.largest for error in self.mixed]

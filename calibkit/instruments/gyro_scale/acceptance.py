@@ -118,8 +118,8 @@ def judge_triad(
     """Criteria on the lines about the main axes, and on the angles of every set of runs."""
     angles = [
         (
-            abs(90.0 - float(one.triad.angles_deg[pair])),
-            float(one.triad.angle_uncertainty_deg[pair]),
+            abs(90.0 - float(one.triad.angles_deg.value[pair])),
+            float(one.triad.angles_deg.u[pair]),
         )
         for one in fitted.sets
         for pair in fitted.pairs

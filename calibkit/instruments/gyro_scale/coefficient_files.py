@@ -1,11 +1,16 @@
 """Fits → gyro_scale.json and, for several gyros about several axes, gyro_orthogonality.json."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from calibkit.coefficients import Component, Condition, Figure, Model, Parameter, StageResult
 from calibkit.constants import DPH_PER_DPS
+from calibkit.fit.shared import Shared
+from calibkit.fit.solve import Fit
+from calibkit.fit.value import Value
 from calibkit.forms import POLYNOMIAL
 from calibkit.instruments.gyro_scale import (
     forms,
@@ -22,6 +27,7 @@ from calibkit.instruments.gyro_scale.numeric import (
 from calibkit.instruments.gyro_scale.recipe import GyroRecipe, OwnAxisRecipe
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
+from calibkit.recipe import shared_errors
 
 PAIR_LINES = (("a", "a"), ("b", "b"), ("b", "a"), ("a", "b"))
 """(gyro, table axis) of the lines of a pair, own axes first."""
@@ -81,18 +87,21 @@ def list_pair_results(fitted: pair_fit.PairFit, spec: OwnAxisRecipe) -> tuple[St
     """Coefficient files of a pair: lines of each gyro about each axis with figures about the own
     axes; N, ε, γ, α as model and figures, the interval of α and both estimates of γ.
     """
-    models = [_line_model(forms.line_name(g, axis), fitted.runs[axis], g) for g, axis in PAIR_LINES]
+    models: list[Model] = []
     figures: list[Figure] = []
-    for gyro, run in fitted.runs.items():
-        name = forms.line_name(gyro, gyro)
-        figures += _line_figures(name, run, gyro)
-        response = over_runs.choose_response(spec, gyro, [run])
-        if response is not None:
-            models.append(_response_model(forms.response_name(name), response, run))
     for g, axis in PAIR_LINES:
+        name, runs = forms.line_name(g, axis), fitted.runs[axis]
+        models.append(_pair_line(name, g, runs, fitted.line(g, axis), fitted.run_scale))
+        named = {name if len(runs) == 1 else f"{name}.{run.log.name}": run for run in runs}
+        models += [_line_model(line, run, g) for line, run in named.items() if line != name]
         # a projection's bias is referred to the gyro's own K
-        own = fitted.runs[g].scale(g).K if g != axis else None
-        figures += _bias_figures(forms.line_name(g, axis), fitted.runs[axis].scale(g), spec, own)
+        own = float(fitted.line(g, g).parameters[0]) if g != axis else None
+        for line, run in named.items():
+            figures += _line_figures(line, run, g) if g == axis else []
+            figures += _bias_figures(line, run.scale(g), spec, own)
+        response = over_runs.choose_response(spec, g, runs) if g == axis else None
+        if response is not None:
+            models.append(_response_model(forms.response_name(name), response, runs[0]))
     pair = _pair_model(fitted)
     return (
         _result(forms.SCALE_FILE, spec, models, figures, fitted.flags),
@@ -151,6 +160,46 @@ def _line_model(name: str, run: table_runs.TableRun, gyro: str) -> Model:
     )
 
 
+def _pair_line(
+    name: str,
+    gyro: str,
+    runs: Sequence[table_runs.TableRun],
+    line: Fit,
+    run_scale: Shared | None,
+) -> Model:
+    """Line model of the mean over the runs about an axis."""
+    lines = [run.scale(gyro) for run in runs]
+    degc = float(np.mean([run.temp_degc for run in runs]))
+    return forms.LINE.write(
+        name,
+        [("K", float(line.parameters[0]), "1/deg"), ("F0", float(line.parameters[1]), "1/s")],
+        line.total_covariance,
+        dof=sum(one.dof for one in lines),
+        residual_rms=rms([one.residual_rms for one in lines]),
+        residual_unit="1/s",
+        valid=_valid(runs),
+        parameters=(Parameter("temp_case", degc, "degC"),) if np.isfinite(degc) else (),
+        effective_dof=line.of(lambda p: p).dof,
+        components=_stated_components(run_scale),
+    )
+
+
+def _stated_components(*errors: Shared | None) -> tuple[Component, ...]:
+    """Components of errors that are in the uncertainty with their sizes."""
+    return tuple(
+        Component(
+            error.group,
+            error.effect,
+            error.size,
+            error.unit,
+            error.size / float(np.sqrt(2.0 * error.size_dof)),
+            error.levels,
+        )
+        for error in errors
+        if error and error.size
+    )
+
+
 def _mean_model(name: str, one: over_runs.GyroOverRuns) -> Model:
     """Line model (K and F0) of the mean over the runs at the reference temperature."""
     lines = [run.scale(one.gyro) for run in one.runs]
@@ -179,19 +228,10 @@ def _mean_model(name: str, one: over_runs.GyroOverRuns) -> Model:
 
 
 def _components(one: over_runs.GyroOverRuns) -> tuple[Component, ...]:
-    """Run-to-run standard deviations: of the scale factor in ppm, of the zero in °/h."""
-    size = {"scale": (gjb_figures.PPM, "ppm"), "zero": (DPH_PER_DPS, "deg/h")}
-    return tuple(
-        Component(
-            entry.group,
-            entry.effect,
-            entry.value * size[entry.effect][0] / abs(one.K.value),
-            size[entry.effect][1],
-            entry.standard_uncertainty * size[entry.effect][0] / abs(one.K.value),
-            entry.groups,
-        )
-        for entry in (one.model.mixed.components if one.model else ())
-        if entry.dof and entry.effect in size
+    """Standard deviations of what differs from run to run and from side to side."""
+    sizes = one.fitted[0].shared if one.fitted else ()
+    return shared_errors.components_of(
+        [size for size in sizes if size.error.effect in ("scale", "zero") and size.dof]
     )
 
 
@@ -239,10 +279,7 @@ def _response_model(name: str, response: rate_response.Response, run: table_runs
 def _pair_model(fitted: pair_fit.PairFit) -> Model:
     """Model of N, ε, γ and α of a pair."""
     found = fitted.found
-    angle, dof = found.mounting_deg
-    u = angle / float(np.sqrt(2.0 * dof))
-    mounting = Component("mounting", "angle", angle, "deg", u, 2)
-    noise_dof = min(run.scale(gyro).dof for run in fitted.runs.values() for gyro in fitted.runs)
+    runs = [run for group in fitted.runs.values() for run in group]
     return forms.PAIR.write(
         "pair",
         [
@@ -250,12 +287,12 @@ def _pair_model(fitted: pair_fit.PairFit) -> Model:
             for (name, unit), value in zip(forms.PAIR_UNITS.items(), found.values, strict=True)
         ],
         found.covariance,
-        dof=noise_dof,
-        residual_rms=fitted.runs["b"].scale("b").residual_rms,
+        dof=min(line.dof for run in runs for line in run.scales.gyros),
+        residual_rms=rms([run.scale("b").residual_rms for run in fitted.runs["b"]]),
         residual_unit="1/s",
-        valid=_valid(list(fitted.runs.values())),
-        effective_dof=np.minimum(np.array(found.dof), max(float(noise_dof), 1.0)),
-        components=(mounting,) if mounting.value > 0.0 else (),
+        valid=_valid(runs),
+        effective_dof=np.array(found.dof),
+        components=_stated_components(fitted.run_scale, fitted.mounting),
     )
 
 
@@ -264,7 +301,8 @@ def _pair_figures(fitted: pair_fit.PairFit, pair: Model) -> list[Figure]:
     found = fitted.found
     low, high = found.alpha_interval_deg
     _, _, u_gamma, u_alpha = (c.standard_uncertainty for c in pair.coefficients)
-    gamma, u_from_a = found.gamma_from_a
+    second = found.gamma_from_a
+    from_a = float(second.value), "1", float(second.u), float(second.dof)
     return [
         *pair.coefficients,
         Figure("orthogonality_error_deg", found.orthogonality_error_deg, "deg", u_alpha),
@@ -273,28 +311,26 @@ def _pair_figures(fitted: pair_fit.PairFit, pair: Model) -> list[Figure]:
         Figure("side", 1.0 if found.side == "same" else -1.0, "1", 0.0),
         Figure("clamped", 1.0 if found.clamped else 0.0, "1", 0.0),
         Figure("gamma_indicated", found.gamma_indicated, "1", u_gamma),
-        Figure("gamma_from_a_about_b", gamma, "1", u_from_a),
+        Figure("gamma_from_a_about_b", *from_a),
     ]
 
 
 def _triad_model(fitted: triad_fit.AxesFit, one: triad_fit.AxesSet) -> Model:
     """Model of the sensitivities of one set and, where the latitude is known, of the biases."""
     names, biases = forms.triad_names(fitted.gyros)
-    values, units = one.triad.sensitivity.ravel(), ["1/deg"] * len(names)
-    covariance = one.triad.covariance.reshape(len(names), len(names))
-    if np.isfinite(one.bias).all():
-        values, units = np.concatenate([values, one.bias]), units + ["1/s"] * len(biases)
-        corner = np.zeros((len(names), len(biases)))
-        covariance = np.block([[covariance, corner], [corner.T, np.diag(one.bias_uncertainty**2)]])
+    units = ["1/deg"] * len(names) + ["1/s"] * len(biases)
+    found = one.fit.of(lambda p: p)
     lines = [line for run in one.runs for line in run.scales.gyros]
     return forms.TRIAD.write(
         fitted.named("triad", one),
-        list(zip([*names, *biases], values.tolist(), units, strict=False)),
-        covariance,
+        list(zip([*names, *biases], found.value.tolist(), units, strict=False)),
+        one.fit.total_covariance,
         dof=min(line.dof for line in lines),
         residual_rms=rms([line.residual_rms for line in lines]),
         residual_unit="1/s",
         valid=_valid(one.runs),
+        effective_dof=found.dof,
+        components=_stated_components(fitted.run_scale, fitted.mounting),
     )
 
 
@@ -306,19 +342,19 @@ def _triad_curves(fitted: triad_fit.AxesFit) -> Iterator[Model]:
             yield _curve_model(
                 forms.curve_name(forms.line_name(gyro, axis), "K"), "1/deg", curve, every
             )
-    for gyro, curve in zip(fitted.gyros, fitted.bias_over, strict=False):
+    biases = fitted.over.biases if fitted.over else ()
+    for gyro, curve in zip(fitted.gyros, biases, strict=False):
         yield _curve_model(forms.curve_name(gyro, "bias"), "1/s", curve, every)
 
 
 def _triad_biases(fitted: triad_fit.AxesFit, one: triad_fit.AxesSet) -> Iterator[Figure]:
     """Figures of the biases of one set; none where the latitude is unknown."""
-    dph = DPH_PER_DPS / one.triad.magnitude
-    entries = zip(
-        fitted.gyros, (one.bias * dph).tolist(), (one.bias_uncertainty * dph).tolist(), strict=True
-    )
-    for gyro, value, u in entries:
-        if np.isfinite(value):
-            yield Figure(fitted.named(f"bias.{gyro}", one), value, "deg/h", u)
+    if one.bias is None:
+        return
+    dph = DPH_PER_DPS / one.triad.magnitude.value
+    entries = (one.bias.value * dph, one.bias.u * dph, one.bias.dof)
+    for gyro, value, u, dof in zip(fitted.gyros, *(e.tolist() for e in entries), strict=True):
+        yield Figure(fitted.named(f"bias.{gyro}", one), value, "deg/h", u, dof)
 
 
 def _triad_figures(fitted: triad_fit.AxesFit, one: triad_fit.AxesSet) -> Iterator[Figure]:
@@ -326,24 +362,21 @@ def _triad_figures(fitted: triad_fit.AxesFit, one: triad_fit.AxesSet) -> Iterato
     angles.
     """
 
-    def figure(name: str, value: float, unit: str, u: float, dof: float = np.inf) -> Figure:
-        own = float(dof) if np.isfinite(dof) else None
-        return Figure(fitted.named(name, one), float(value), unit, float(u), own)
+    def figure(name: str, unit: str, found: Value, at: Any) -> Figure:  # noqa: ANN401 (an index)
+        numbers = (float(part[at]) for part in (found.u, found.dof))
+        return Figure(fitted.named(name, one), float(found.value[at]), unit, *numbers)
 
-    found, gyros = one.triad, fitted.gyros
+    triad, gyros = one.triad, fitted.gyros
     for g, gyro in enumerate(gyros):
-        yield figure(
-            f"scale_factor.{gyro}", found.magnitude[g], "1/deg", found.magnitude_uncertainty[g]
-        )
+        yield figure(f"scale_factor.{gyro}", "1/deg", triad.magnitude, g)
         for a, axis in enumerate(forms.AXES):
-            u = found.misalignment_uncertainty[g, a]
-            yield figure(f"misalignment.{gyro}{axis}", found.misalignment[g, a], "1", u)
-    for g, h in fitted.pairs:
-        angle, u = found.angles_deg[g, h], found.angle_uncertainty_deg[g, h]
-        name = f"{gyros[g]}_{gyros[h]}"
-        dof = found.angle_dof[g, h]
-        yield figure(f"angle_deg.{name}", angle, "deg", u, dof)
-        yield figure(f"orthogonality_error_deg.{name}", 90.0 - angle, "deg", u, dof)
+            yield figure(f"misalignment.{gyro}{axis}", "1", triad.misalignment, (g, a))
+    for pair in fitted.pairs:
+        name = "_".join(gyros[g] for g in pair)
+        angle = figure(f"angle_deg.{name}", "deg", triad.angles_deg, pair)
+        yield angle
+        name = fitted.named(f"orthogonality_error_deg.{name}", one)
+        yield replace(angle, name=name, value=90.0 - angle.value)
 
 
 def _line_figures(name: str, run: table_runs.TableRun, gyro: str) -> list[Figure]:

@@ -100,8 +100,8 @@ class GyroReport:
     @classmethod
     def of_pair(cls, fitted: pair_fit.PairFit) -> Self:
         """Lines of a pair's gyros about their own axes, and the angle between the gyros."""
-        lines = tuple(_line_curve(run, gyro) for gyro, run in fitted.runs.items())
-        return cls(lines, pair=fitted.found)
+        lines = [_line_curve(run, gyro) for gyro, runs in fitted.runs.items() for run in runs]
+        return cls(tuple(lines), pair=fitted.found)
 
     @classmethod
     def of_triad(cls, fitted: triad_fit.AxesFit) -> Self:
@@ -118,12 +118,12 @@ class GyroReport:
                 curves.append(_temperature_curve(gyro, runs, fitted.over.curves[g][a], K))
 
         def orthogonality(g: int, h: int) -> Callable[[gyro_triad.Triad], tuple[float, float]]:
-            return lambda found: (90.0 - found.angles_deg[g, h], found.angle_uncertainty_deg[g, h])
+            return lambda found: (90.0 - found.angles_deg.value[g, h], found.angles_deg.u[g, h])
 
         def component(g: int, a: int) -> Callable[[gyro_triad.Triad], tuple[float, float]]:
             return lambda found: (
-                MRAD * found.misalignment[g, a],
-                MRAD * found.misalignment_uncertainty[g, a],
+                MRAD * found.misalignment.value[g, a],
+                MRAD * found.misalignment.u[g, a],
             )
 
         gyros, set_curve = fitted.gyros, partial(_set_curve, fitted, *_over_temperature(fitted))
@@ -131,7 +131,7 @@ class GyroReport:
             replace(
                 set_curve(f"{gyros[g]}, {gyros[h]}", orthogonality(g, h)),
                 coverage_factor=gum.coverage_factor(
-                    min(float(one.triad.angle_dof[g, h]) for one in fitted.sets)
+                    min(float(one.triad.angles_deg.dof[g, h]) for one in fitted.sets)
                 ),
             )
             for g, h in fitted.pairs
@@ -189,7 +189,7 @@ def _over_temperature(fitted: triad_fit.AxesFit) -> tuple[Array, list[gyro_triad
     """
     if fitted.over is None:
         return np.zeros(0), []
-    grid = np.linspace(*fitted.over.valid_degc, 61)
+    grid = np.linspace(*fitted.over.curves[0][0].valid_degc, 61)
     return grid, [fitted.over.at(degc) for degc in grid.tolist()]
 
 

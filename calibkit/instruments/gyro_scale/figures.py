@@ -169,7 +169,7 @@ def _draw_gamma(title: str, pair: GyroPair) -> Figure:
     first = pair.gamma_indicated
     points = {
         "B about A's axis": (first, float(pair.standard_uncertainty[2])),
-        "A about B's axis": pair.gamma_from_a,
+        "A about B's axis": (float(pair.gamma_from_a.value), float(pair.gamma_from_a.u)),
     }
     factor = gum.coverage_factor(pair.dof[2], probability=0.95)
     for k, (gamma, u) in enumerate(points.values()):

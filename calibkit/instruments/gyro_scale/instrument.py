@@ -4,8 +4,8 @@ three axes.
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import replace
+from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any
 
 from calibkit.check import copies
@@ -97,7 +97,7 @@ def _fit_rate_table(
 ) -> Fitted[curves.GyroReport]:
     """Fit each gyro in each run, then its scale factor over the runs and over temperature."""
     runs = _read_runs(spec, data, files, progress)
-    gyros = _over_runs(spec, runs)
+    gyros = _over_runs(spec, runs, [None] * len(spec.gyros))
     results = coefficient_files.list_rate_table_results(
         gyros, over_runs.flag_runs(gyros, spec), spec
     )
@@ -121,12 +121,12 @@ def _fit_rate_table(
 def _over_runs(
     spec: RateTableRecipe,
     runs: sensitivities.Runs,
-    near: Sequence[over_runs.GyroOverRuns] = (),
+    near: Sequence[over_runs.GyroOverRuns | None],
 ) -> list[over_runs.GyroOverRuns]:
     """Each gyro over its runs; `near` are fits to nearly the same ones."""
     return [
         over_runs.fit_over_runs(spec, gyro, runs[""], beside)
-        for gyro, beside in itertools.zip_longest(spec.gyros, near)
+        for gyro, beside in zip(spec.gyros, near, strict=True)
     ]
 
 
@@ -136,13 +136,13 @@ def _fit_pair(
     """Fit the scale factors about both axes and the orthogonality of the pair."""
     needed = {"a": spec.pair.axis_a, "b": spec.pair.axis_b}
     for axis, name in needed.items():
-        if name not in files:
+        if not any(file == name or fnmatchcase(file, name) for file in files):
             raise RecipeError(
                 f"pair.axis_{axis} = '{name}': no such log among {', '.join(files)}",
                 hint="a pair needs the log of each table axis; see [logs] files, exclude",
             )
     runs = _read_runs(spec, data, sorted(files, key=spec.find_axis), progress)
-    fitted = pair_fit.fit_pair(runs["a"][0], runs["b"][0], spec)
+    fitted = pair_fit.fit_pair(runs, spec)
     results = coefficient_files.list_pair_results(fitted, spec)
     scales = results[0]
     shown = tables.summarize_pair(fitted, scales, spec.gyros)
@@ -157,7 +157,7 @@ def _fit_pair(
         curves.GyroReport.of_pair(fitted),
         first,
         lambda spec, runs: coefficient_files.list_pair_results(
-            pair_fit.fit_pair(runs["a"][0], runs["b"][0], spec), spec
+            pair_fit.fit_pair(runs, spec, fitted), spec
         ),
     )
 
@@ -184,7 +184,7 @@ def _fit_triad(
         curves.GyroReport.of_triad(fitted),
         first,
         lambda spec, runs: coefficient_files.list_triad_results(
-            triad_fit.fit_axes(spec, runs), spec
+            triad_fit.fit_axes(spec, runs, fitted), spec
         ),
     )
 

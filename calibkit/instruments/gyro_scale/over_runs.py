@@ -2,8 +2,9 @@
 temperature, response over rate, repeatability.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,9 +12,10 @@ from calibkit.arrays import Array
 from calibkit.coefficients import Figure
 from calibkit.constants import DPH_PER_DPS
 from calibkit.errors import FitError, advise_exclude
-from calibkit.instruments.gyro_scale import forms, table_runs
+from calibkit.fit import orders
+from calibkit.fit.solve import Fit
+from calibkit.instruments.gyro_scale import equation, forms, run_lines, table_runs
 from calibkit.instruments.gyro_scale.numeric import (
-    all_runs,
     gjb_figures,
     line_terms,
     response as rate_response,
@@ -21,7 +23,7 @@ from calibkit.instruments.gyro_scale.numeric import (
 )
 from calibkit.instruments.gyro_scale.recipe import GyroRecipe, OwnAxisRecipe
 from calibkit.numeric import gum, left_out_run
-from calibkit.numeric.least_squares import components, polynomial
+from calibkit.numeric.least_squares import polynomial
 from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
 from calibkit.recipe import shared_errors
 
@@ -29,19 +31,25 @@ ROOM_DEGC = 5.0
 """Largest difference from the reference temperature [°C] of runs that count as repeated (GJB
 2426A).
 """
-LOWEST_ORDER = 1
-"""Of K and F0 over temperature: that a slope is not seen is no proof that there is none."""
-HIGHER_ORDER = 0.75
-"""Factor by which a higher order over temperature must lower the left-out error of K or F0: runs
-are few, and an order too high by chance widens intervals more than a bend that is missed.
-"""
 VARIES_DEGC = 5.0
 """Least span of the runs' temperatures [°C] for a fit of K over temperature."""
+LEAST_LEVELS = 3
+"""Fewest temperatures that show a slope of K and F0."""
+GRID = 9
+"""Temperatures at which a polynomial's degrees of freedom are compared; the fewest are stated."""
 LEAST_REPEATED = 2
 """Fewest repeated runs that show how they differ."""
 UNLOGGED = (
     "temperature is not logged in every run: nothing is fitted over it, all runs count as repeated"
 )
+
+
+class Estimate(NamedTuple):
+    """A result with its standard uncertainty and effective degrees of freedom."""
+
+    value: float
+    standard_uncertainty: float
+    dof: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,19 +61,19 @@ class GyroOverRuns:
     gyro: str
     runs: tuple[table_runs.TableRun, ...]
     at_room: tuple[table_runs.TableRun, ...]
-    K: all_runs.Estimate
+    K: Estimate
     """At the mean temperature of the repeated runs [1/deg]."""
-    F0: all_runs.Estimate
+    F0: Estimate
     """The same [1/s]."""
     correlation: float
     """Of K and F0."""
-    K_over_temperature: TemperaturePolynomial | None
-    F0_over_temperature: TemperaturePolynomial | None
     response: rate_response.Response | None
-    model: all_runs.AllRuns | None
-    """Model of all runs; None for a single run."""
-    line: all_runs.AllRuns | None
-    """The same with K in first order over temperature; None where the temperature does not vary."""
+    K_over_temperature: TemperaturePolynomial | None = None
+    F0_over_temperature: TemperaturePolynomial | None = None
+    slope: Estimate | None = None
+    """Of the straight line through K over temperature [1/deg/°C]."""
+    fitted: tuple[Fit, equation.Rows, equation.Terms] | None = None
+    """Equation (1) of all runs, its rows and terms; None for a single run."""
 
 
 def fit_over_runs(
@@ -75,39 +83,118 @@ def fit_over_runs(
     near: GyroOverRuns | None = None,
 ) -> GyroOverRuns:
     """Fit one gyro over all runs: the mean at the reference temperature, and K and F0 over
-    temperature where the temperature varies; orders and errors are those of `near`, a fit of nearly
-    the same runs, where there is one.
+    temperature where the temperature varies. `near` is a fit of nearly the same runs.
     """
     temperature = np.array([run.temp_degc for run in runs])
     room = np.isnan(temperature) | (np.abs(temperature - spec.reference_temp_degc) <= ROOM_DEGC)
     at_room = tuple(run for run, is_in in zip(runs, room, strict=True) if is_in) or tuple(runs)
-    varies = np.isfinite(temperature).all() and np.ptp(temperature) >= VARIES_DEGC
-    known = _known_components(spec, runs[0].scale(gyro).K)
     response = choose_response(spec, gyro, runs)
     if len(runs) == 1:
-        K, F0, correlation = _of_single(runs[0].scale(gyro), known)
-        return GyroOverRuns(
-            gyro, tuple(runs), at_room, K, F0, correlation, None, None, response, None, None
-        )
-    found, line = _fit_all(gyro, runs, known, varies=bool(varies), near=near)
-    degc = float(np.mean([run.temp_degc for run in at_room]))
-    K_curve, F0_curve = (
-        found.curve(which, temperature) if varies else None
-        for which in (all_runs.SCALE, all_runs.ZERO)
-    )
-    return GyroOverRuns(
+        single = _of_single(runs[0].scale(gyro), spec)
+        return GyroOverRuns(gyro, tuple(runs), at_room, *single, response)
+    varies = bool(np.isfinite(temperature).all() and np.ptp(temperature) >= VARIES_DEGC)
+    rows = _rows(gyro, runs)
+    if near and near.fitted:
+        fitted, before, terms = near.fitted
+        fitted = equation.refit(fitted, before, rows, terms)
+    else:
+        terms = _terms(gyro, runs, rows, varies=varies)
+        slope = np.array([np.mean([run.scale(gyro).K for run in runs])])
+        shared = list(equation.shared_errors(rows, terms, slope, slope))
+        stated = shared_errors.state_sizes(spec.errors, [e for e in shared if e.group == "run"])
+        fitted = equation.fit(rows, terms, [*stated, *(e for e in shared if e.group != "run")])
+    line = equation.best_line(terms, rows.rate_dps)
+    K = fitted.restated(lambda p: line(p)[equation.SCALE][0])
+    F0 = fitted.restated(lambda p: line(p)[equation.ZERO][0])
+    if not line_terms.turns_both_ways(rows.rate_dps):
+        # runs of one direction alone do not tell a bend of the response from F0
+        hidden = F0.parameters[0] - terms.split(fitted.parameters).F0[0, 0]
+        F0 = replace(F0, bounds=np.column_stack((F0.bounds, hidden * np.eye(len(F0.bounds), 1))))
+    degc = np.array([np.mean([run.temp_degc for run in at_room])])
+    at = terms.mapped(degc) if varies else np.zeros(1)
+    K_at_room, F0_at_room = (_weigh(one, _powers(one, at)[0]) for one in (K, F0))
+    both = fitted.restated(lambda p: np.stack([one[0, 0] for one in line(p)])).covariance
+    size = float(np.sqrt(both[0, 0] * both[1, 1]))
+    found = GyroOverRuns(
         gyro,
         tuple(runs),
         at_room,
-        found.at(all_runs.SCALE, degc),
-        found.at(all_runs.ZERO, degc),
-        found.correlation,
-        K_curve,
-        F0_curve,
+        K_at_room,
+        F0_at_room,
+        float(both[0, 1]) / size if size > 0.0 else 0.0,
         response,
-        found,
-        line,
+        fitted=(fitted, rows, terms),
     )
+    if not varies:
+        return found
+    # of the straight line through K(T) at the temperatures of the runs
+    slope_of = np.linalg.pinv(np.column_stack((temperature, np.ones(temperature.size))))[0]
+    return replace(
+        found,
+        K_over_temperature=curve_of(K, terms, temperature),
+        F0_over_temperature=curve_of(F0, terms, temperature),
+        slope=_weigh(K, slope_of @ _powers(K, terms.mapped(temperature))),
+    )
+
+
+def _rows(gyro: str, runs: Sequence[table_runs.TableRun]) -> equation.Rows:
+    """Held rates of a gyro in all runs."""
+    rates = [run.scale(gyro).rate_dps for run in runs]
+    one = np.zeros(sum(map(len, rates)), dtype=np.int64)
+    return equation.Rows(
+        np.concatenate(rates),
+        np.concatenate([run.indication(gyro) for run in runs]),
+        np.repeat(np.arange(len(runs)), list(map(len, rates))),
+        np.concatenate([run.plateaus.temp_degc for run in runs]),
+        np.concatenate([run.plateaus.hours for run in runs]),
+        one,
+        one,
+    )
+
+
+def _terms(
+    gyro: str, runs: Sequence[table_runs.TableRun], rows: equation.Rows, *, varies: bool
+) -> equation.Terms:
+    """Terms of the equation that the runs carry and ask for."""
+    corrected = np.concatenate([run.scale(gyro).indication for run in runs])
+    levels = np.unique(np.round(rows.temp_degc)).size if varies else 1
+    order = orders.orders(len(runs), levels, polynomial.HIGHEST_ORDER)[-1]
+    if levels >= LEAST_LEVELS:
+        order = max(order, equation.LOWEST_ORDER)
+    return equation.Terms(
+        1,
+        (order, order),
+        polynomial.middle_and_half(rows.temp_degc) if order else (0.0, 1.0),
+        run_lines.find_shapes(rows, corrected),
+        float(np.max(np.abs(rows.rate_dps))),
+        "constant" if rows.both_ways else "as K",
+    )
+
+
+def _powers(curve: Fit, x: Array) -> Array:
+    """Powers [n, order + 1] of mapped temperatures [n] for the polynomial of a fit."""
+    return polynomial.powers(x, curve.parameters.size - 1)
+
+
+def _weigh(curve: Fit, weights: Array) -> Estimate:
+    """Sum of the coefficients of a polynomial with weights [order + 1]."""
+    found = curve.of(lambda p: weights @ p)
+    return Estimate(float(found.value), float(found.u), float(found.dof))
+
+
+def curve_of(curve: Fit, terms: equation.Terms, temp_degc: Array) -> TemperaturePolynomial:
+    """Polynomial of a fit in raw powers, over the temperatures [r] [°C] of the runs."""
+    order = curve.parameters.size - 1
+    raw, covariance = polynomial.in_raw_powers(
+        curve.parameters,
+        curve.total_covariance,
+        polynomial.to_raw_powers(*terms.middle_half, order),
+    )
+    low, high = float(temp_degc.min()), float(temp_degc.max())
+    x = terms.mapped(np.linspace(low, high, GRID))
+    dof = curve.of(lambda p: polynomial.powers(x, order) @ p).dof
+    noise = float(curve.noise[0])
+    return TemperaturePolynomial(raw, covariance, max(int(np.min(dof)), 1), noise, (low, high))
 
 
 def list_undetermined(gyros: Sequence[GyroOverRuns]) -> tuple[str, ...]:
@@ -122,86 +209,26 @@ def list_undetermined(gyros: Sequence[GyroOverRuns]) -> tuple[str, ...]:
     return tuple(lacks)
 
 
-def _known_components(spec: OwnAxisRecipe, K: float) -> dict[str, components.Known]:
-    """Run-to-run standard deviations that the recipe states: of the scale factor [1/s/(°/s)] and of
-    the zero [1/s].
-    """
-    size = {"scale": 1.0 / gjb_figures.PPM, "zero": 1.0 / DPH_PER_DPS}
-    return {
-        effect: components.Known(value * size[effect] * abs(K), dof)
-        for effect, value, dof in spec.known_errors()
-    }
-
-
 def _of_single(
-    line: scale_factor.ScaleFactor, known: Mapping[str, components.Known]
-) -> tuple[all_runs.Estimate, all_runs.Estimate, float]:
-    """K and F0 of a single run with the repeatability that is known, and their correlation."""
+    line: scale_factor.ScaleFactor, spec: OwnAxisRecipe
+) -> tuple[Estimate, Estimate, float]:
+    """K and F0 of a single run with the repeatability that the recipe states, and their
+    correlation.
+    """
+    size = {"scale": abs(line.K) / gjb_figures.PPM, "zero": abs(line.K) / DPH_PER_DPS}
+    known = {effect: (value * size[effect], dof) for effect, value, dof in spec.known_errors()}
     found = []
     for value, effect, variance in zip(
         (line.K, line.F0), ("scale", "zero"), np.diag(line.covariance).tolist(), strict=True
     ):
-        between = known.get(effect, components.Known(0.0))
-        total = variance + between.value**2
-        spread = variance**2 / max(line.dof, 1) + between.value**4 / between.dof
+        between, between_dof = known.get(effect, (0.0, np.inf))
+        total = variance + between**2
+        spread = variance**2 / max(line.dof, 1) + between**4 / between_dof
         dof = total**2 / spread if spread > 0.0 else float(line.dof)
-        found.append(all_runs.Estimate(value, float(np.sqrt(total)), dof))
+        found.append(Estimate(value, float(np.sqrt(total)), dof))
     K, F0 = found
     product = K.standard_uncertainty * F0.standard_uncertainty
     return K, F0, float(line.covariance[0, 1]) / product if product > 0.0 else 0.0
-
-
-def _fit_all(
-    gyro: str,
-    runs: Sequence[table_runs.TableRun],
-    known: Mapping[str, components.Known],
-    *,
-    varies: bool,
-    near: GyroOverRuns | None,
-) -> tuple[all_runs.AllRuns, all_runs.AllRuns | None]:
-    """Fit one model over all runs of a gyro, its orders over temperature chosen by the errors at
-    left-out temperatures or those of a fit that is near, and one in which K is a line over
-    temperature, where that varies.
-    """
-    lines = [run.scale(gyro) for run in runs]
-    rows = all_runs.Rows(
-        np.concatenate([line.rate_dps for line in lines]),
-        np.concatenate([run.indication(gyro) for run in runs]),
-        np.concatenate([line.indication for line in lines]),
-        np.repeat(np.arange(len(runs)), [line.rate_dps.size for line in lines]),
-        np.concatenate([run.plateaus.temp_degc for run in runs]),
-        np.concatenate([run.plateaus.hours for run in runs]),
-    )
-    shapes, own = all_runs.own_lines(rows)
-    beside = (near.model, near.line) if near else (None, None)
-    orders = beside[0].orders if beside[0] else _choose_orders(rows, own, varies=varies)
-    found = all_runs.fit(rows, orders, shapes, known, beside[0])
-    if not varies or orders[0] == LOWEST_ORDER:
-        return found, found if varies else None
-    return found, all_runs.fit(rows, (LOWEST_ORDER, orders[1]), shapes, known, beside[1])
-
-
-def _choose_orders(rows: all_runs.Rows, own: Array, *, varies: bool) -> tuple[int, int]:
-    """Orders of K and F0 over temperature by the errors of those of the runs' own lines [2, r] at
-    temperatures that are left out.
-    """
-    # all runs at a temperature are left out together
-    level = np.round(rows.temp_degc)
-    highest = min(polynomial.HIGHEST_ORDER, np.unique(level).size - 2) if varies else 0
-    if highest <= 0:
-        return 0, 0
-    K, F0 = (
-        polynomial.choose_order(
-            rows.temp_degc,
-            all_runs.without_sides(rows, values, highest),
-            highest,
-            margin=HIGHER_ORDER,
-            groups=level,
-            count_dof=True,
-        ).order
-        for values in own
-    )
-    return max(K, LOWEST_ORDER), max(F0, LOWEST_ORDER)
 
 
 def _points(gyro: str, runs: Sequence[table_runs.TableRun], name: str) -> tuple[Array, Array]:
@@ -251,7 +278,9 @@ def run_figures(name: str, one: GyroOverRuns, spec: OwnAxisRecipe) -> list[Figur
         return figures
     temperature = np.array([run.temp_degc for run in one.runs])
     size = gjb_figures.PPM / abs(one.K[0])
-    kinds = [(gjb_figures.IEEE, *_slope(one, temperature))]
+    assert one.slope is not None  # noqa: S101 (there is a curve)
+    u_slope = one.slope.standard_uncertainty * gum.widening(one.slope.dof)
+    kinds = [(gjb_figures.IEEE, one.slope.value, u_slope)]
     room = np.abs(temperature - spec.reference_temp_degc) <= ROOM_DEGC
     if room.any() and not room.all():
         K, u_K = _points(one.gyro, one.runs, "K")
@@ -267,16 +296,6 @@ def run_figures(name: str, one: GyroOverRuns, spec: OwnAxisRecipe) -> list[Figur
         text = forms.FigureName("temperature_sensitivity", standard, name).text
         figures.append(Figure(text, value * size, "ppm/degC", u * size))
     return figures
-
-
-def _slope(one: GyroOverRuns, temp_degc: Array) -> tuple[float, float]:
-    """Slope of K over temperature [1/deg/°C] by the model over all runs, and its standard
-    uncertainty, raised by Student's t for few runs.
-    """
-    assert one.line is not None  # noqa: S101 (there is a curve)
-    line = one.line.curve(all_runs.SCALE, temp_degc)
-    u = float(np.sqrt(max(line.covariance[1, 1], 0.0)))
-    return float(line.coefficients[1]), u * gum.widening(line.dof)
 
 
 def _scatter(one: GyroOverRuns) -> float:
@@ -375,13 +394,13 @@ def _flag_between(one: GyroOverRuns, spec: GyroRecipe) -> Iterator[str]:
     name, cure = forms.line_name(one.gyro), 'state [[errors.component]] group = "run"'
     stated = {entry.effect for entry in spec.errors.component}
     unknown = [effect for effect in ("scale", "zero") if effect not in stated]
-    if one.model is None and unknown:
+    if one.fitted is None and unknown:
         yield (
             f"{name}: one run does not show how runs repeat; u of K and F0 holds within this run"
             f" only: repeat it, or {cure}, effect = {' and '.join(map(repr, unknown))}"
         )
     for letter, found in (("K", one.K), ("F0", one.F0)):
-        if one.model is not None and found.dof < shared_errors.FEW_DOF:
+        if one.fitted is not None and found.dof < shared_errors.FEW_DOF:
             factor = gum.coverage_factor(found.dof)
             yield (
                 f"{name}: {letter} has {found.dof:.2g} degrees of freedom between"
@@ -389,9 +408,9 @@ def _flag_between(one: GyroOverRuns, spec: GyroRecipe) -> Iterator[str]:
                 f" add runs, or {cure}"
             )
     sides = {float(s) for run in one.runs for s in np.sign(run.plateaus.rate_dps) if s}
-    bent = one.model.shapes if one.model else ()
     if len(sides) == 1 and (
-        bent or set(one.runs[0].scale(one.gyro).terms) & set(line_terms.CURVATURES)
+        (one.fitted and one.fitted[2].shapes)
+        or set(one.runs[0].scale(one.gyro).terms) & set(line_terms.CURVATURES)
     ):
         yield (
             f"{name}: every run turns one way and the response is bent: F0, the bias and the other"

@@ -88,9 +88,9 @@ def summarize_triad(fitted: triad_fit.AxesFit, scales: StageResult, table: Table
     sizes = [
         KeyValue(
             f"scale factor of {gyro}{where}",
-            float(one.triad.magnitude[at]),
+            float(one.triad.magnitude.value[at]),
             _COUNTS,
-            float(one.triad.magnitude_uncertainty[at]),
+            float(one.triad.magnitude.u[at]),
         )
         for at, gyro in enumerate(fitted.gyros)
     ]
@@ -98,7 +98,7 @@ def summarize_triad(fitted: triad_fit.AxesFit, scales: StageResult, table: Table
     facts = _in_words(_largest_figures(scales.figures))
     if not fitted.pairs:
         return Overview(listed, facts, tuple(sizes[:4]), table)
-    angles, u = one.triad.angles_deg, one.triad.angle_uncertainty_deg
+    angles, u = one.triad.angles_deg.value, one.triad.angles_deg.u
     g, h = max(fitted.pairs, key=lambda pair: abs(90.0 - angles[pair]))
     name = f"90° − angle between the input axes of {fitted.gyros[g]} and {fitted.gyros[h]}"
     worst = KeyValue(name, float(90.0 - angles[g, h]), "°", float(u[g, h]))

@@ -1,12 +1,14 @@
 """Runs of two gyros about two table axes → N, ε, γ and the angle between the gyros."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calibkit.errors import FitError
-from calibkit.instruments.gyro_scale import forms, table_runs
+from calibkit.fit.shared import Shared
+from calibkit.fit.solve import Fit
+from calibkit.instruments.gyro_scale import forms, lines, table_runs
 from calibkit.instruments.gyro_scale.numeric import gjb_figures, pair as gyro_pair
 from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe
 from calibkit.numeric import gum
@@ -21,64 +23,121 @@ FLAGGED_DEGC = 0.2
 
 @dataclass(frozen=True, slots=True)
 class PairFit:
-    """Both runs of a pair by their table axis, the ratios and angle of the pair, and flags."""
+    """Runs of a pair by their table axis, its lines, the ratios and angle of the pair, and
+    flags.
+    """
 
-    runs: Mapping[str, table_runs.TableRun]
+    runs: Mapping[str, tuple[table_runs.TableRun, ...]]
+    lines: Fit
+    """K [2, 2], then F0, of the mean lines of each gyro about each axis."""
+    errors: Fit
+    """Errors of the held rates, which refits of nearly the same runs keep."""
     found: gyro_pair.GyroPair
+    run_scale: Shared | None
+    """How scale factors repeat; None where nothing tells."""
+    mounting: Shared
+    """How the axes of the table are off those of the gyros."""
     flags: tuple[str, ...]
+
+    def line(self, gyro: str, axis: str) -> Fit:
+        """K and F0 of a gyro about an axis."""
+        at = 2 * "ab".index(gyro) + "ab".index(axis)
+        return self.lines.restated(lambda p: p[[at, at + 4]])
 
 
 def fit_pair(
-    about_a: table_runs.TableRun, about_b: table_runs.TableRun, spec: GyroPairRecipe
+    runs: Mapping[str, tuple[table_runs.TableRun, ...]],
+    spec: GyroPairRecipe,
+    near: PairFit | None = None,
 ) -> PairFit:
-    """Fit N, ε, γ and α to the runs about both table axes; the covariance includes the noise that
-    K_A and K_Ba of one run share, the difference between the runs' temperatures, and the mounting.
+    """Fit N, ε, γ and α to the runs about both table axes; the covariance holds the errors of held
+    rates, how runs repeat, the difference between the runs' temperatures, and the mounting. `near`
+    is a fit of nearly the same runs.
     """
-    runs = {"a": about_a, "b": about_b}
-    apart = about_b.temp_degc - about_a.temp_degc
-    stated = [(value, dof) for _, value, dof in spec.known_errors()]
-    found = gyro_pair.from_runs(
-        about_a.scales,
-        about_b.scales,
-        one_temperature=_one_temperature(apart, spec) if np.isfinite(apart) else None,
-        mounting_deg=stated[0] if stated else None,
+    held = lines.TableRows.of([[(k, run) for k, axis in enumerate("ab") for run in runs[axis]]])
+    rows, known = held.rows, {effect: (size, dof) for effect, size, dof in spec.known_errors()}
+    errors = near.errors if near else held.errors()
+    means = held.means(np.ones(held.gyro_of.size, dtype=np.bool_)).reshape(4, -1)
+    none = np.zeros_like(means)
+    run_scale = held.run_scale(known.get("scale"))
+    every = held.linear(errors, np.vstack((means, none)), np.vstack((none, means)))
+    every = every.widened_by([run_scale] if run_scale else [])
+    degc = {axis: float(np.mean([run.temp_degc for run in runs[axis]])) for axis in "ab"}
+    apart = degc["b"] - degc["a"]
+    K = every.restated(lambda p: p[[0, 3, 2, 1]])  # K_A, K_B, K_Ba, K_Ab
+    if np.isfinite(apart):
+        K = _at_one_temperature(K, apart, spec)
+    second = K.of(lambda k: k[3] / k[0])
+    noise = gyro_pair.find(K.restated(lambda k: k[:3]), second)
+    _refuse_opposite(noise)
+    tilt, tilt_dof = gyro_pair.find_mounting(noise, known.get("angle"))
+    # a sine is lost about the other gyro's axis, a cosine about the own
+    own_K = np.array([K.parameters[0], K.parameters[1]])
+    across = own_K[held.gyro] * np.sin(np.radians(noise.alpha_deg)) * (held.gyro != held.axis)
+    mounting = Shared(
+        group="mounting",
+        effect="angle",
+        level=held.axis,
+        loading=(np.radians(across) * rows.rate_dps)[:, None],
+        unit="deg",
+        size=float(np.degrees(tilt)),
+        size_dof=tilt_dof,
     )
-    gamma, uncertainty = found.gamma_from_a
-    spread = float(np.hypot(uncertainty, found.noise_of_gamma))
-    if abs(gamma - found.gamma_indicated) > OPPOSITE * spread > abs(gamma + found.gamma_indicated):
+    lost = own_K[:, None] * np.eye(2) * tilt**2
+    K = K.restated(lambda k: k[:3]).widened_by([mounting])
+    K = replace(K, bounds=np.column_stack((K.bounds, np.vstack((lost, np.zeros(2))))))
+    found = gyro_pair.find(K, second)
+    flags = [flag for run in (*runs["a"], *runs["b"]) for flag in run.flags]
+    flags += [*noise.flags, *gyro_pair.flag_second(noise), *_flag_temperatures(apart, spec)]
+    if run_scale is None:
+        flags.append(f"N: {lines.WITHIN}")
+    if tilt > 0.0 and "angle" not in known:
+        flags.append(
+            f"the two runs show a mounting error of {mounting.size:.2g}°, which is in u of"
+            f" gamma and alpha with {found.dof[2]:.2g} degrees of freedom (k ="
+            f" {gum.coverage_factor(found.dof[2]):.3g}): state how well a mounting repeats in"
+            ' [[errors.component]] group = "mounting", effect = "angle"'
+        )
+    for gyro in "ab":
+        for run in runs[gyro]:
+            name = forms.line_name(gyro, gyro)
+            flags += table_runs.flag_uncertain(name, run.scale(gyro))
+    return PairFit(runs, every, errors, found, run_scale, mounting, tuple(dict.fromkeys(flags)))
+
+
+def _refuse_opposite(noise: gyro_pair.GyroPair) -> None:
+    """Raise FitError for two γ that are equal and opposite."""
+    second = noise.gamma_from_a
+    gamma, spread = float(second.value), float(np.hypot(second.u, noise.u_gamma))
+    if abs(gamma - noise.gamma_indicated) > OPPOSITE * spread > abs(gamma + noise.gamma_indicated):
         raise FitError(
-            f"gamma is {found.gamma_indicated:.6g} from B about A's axis and {gamma:.6g} from A"
+            f"gamma is {noise.gamma_indicated:.6g} from B about A's axis and {gamma:.6g} from A"
             " about B's: equal and opposite",
             hint=(
                 "one gyro, or the table, has opposite signs in the two logs; state the sign in"
                 " [columns]"
             ),
         )
-    flags = [*about_a.flags, *about_b.flags, *found.flags, *_flag_temperatures(apart, spec)]
-    if found.mounting_deg[0] > 0.0 and not stated:
-        flags.append(
-            f"the two runs show a mounting error of {found.mounting_deg[0]:.2g}°, which is in u of"
-            f" gamma and alpha with {found.dof[2]:.2g} degrees of freedom (k ="
-            f" {gum.coverage_factor(found.dof[2]):.3g}): state how well a mounting repeats in"
-            ' [[errors.component]] group = "mounting", effect = "angle"'
-        )
-    for gyro, run in runs.items():
-        flags += table_runs.flag_uncertain(forms.line_name(gyro, gyro), run.scale(gyro))
-    return PairFit(runs, found, tuple(dict.fromkeys(flags)))
 
 
-def _one_temperature(apart_degc: float, spec: GyroPairRecipe) -> gyro_pair.OneTemperature:
-    """What brings both runs to the temperature in their middle: the stated temperature coefficients
-    of the gyros, or a coefficient of zero within the largest one that is possible, alike for both.
+def _at_one_temperature(K: Fit, apart_degc: float, spec: GyroPairRecipe) -> Fit:
+    """K_A, K_B, K_Ba and K_Ab at the temperature in the middle of both runs, by the stated
+    temperature coefficients of the gyros, or by a coefficient of zero within the largest one that
+    is possible, alike for both.
     """
-    half, stated = apart_degc / 2.0, spec.pair.temperature_coefficients_ppm_degc
+    gyro, half, stated = [0, 1, 1, 0], apart_degc / 2.0, spec.pair.temperature_coefficients_ppm_degc
+    warmer = np.array([half, -half, half, -half])
     if stated is None:
+        coefficients = np.zeros(2)
         limit = spec.pair.largest_temperature_coefficient_ppm_degc / gjb_figures.PPM
-        covariance = np.full((2, 2), limit**2 / 3.0)
-        return gyro_pair.OneTemperature((half, -half), np.zeros(2), covariance)
-    u = spec.pair.temperature_coefficient_uncertainty_ppm_degc / gjb_figures.PPM
-    values = np.array([stated.a, stated.b]) / gjb_figures.PPM
-    return gyro_pair.OneTemperature((half, -half), values, u**2 * np.eye(2))
+        unknown = np.full((2, 1), limit / np.sqrt(3.0))
+    else:
+        coefficients = np.array([stated.a, stated.b]) / gjb_figures.PPM
+        u = spec.pair.temperature_coefficient_uncertainty_ppm_degc / gjb_figures.PPM
+        unknown = u * np.eye(2)
+    by_coefficient = (K.parameters * warmer)[:, None] * unknown[gyro]
+    found = K.restated(lambda k: k * (1.0 + warmer * coefficients[gyro]))
+    return replace(found, bounds=np.column_stack((found.bounds, by_coefficient)))
 
 
 def _flag_temperatures(apart_degc: float, spec: GyroPairRecipe) -> Iterator[str]:

@@ -154,7 +154,7 @@ class Bench:
         """Variances [m] of a result of one axis by source; FitError where its rates do not
         determine it.
         """
-        slopes = self.model.result_slopes(name, holds.rows.rate_dps, degc)
+        slopes = self.model.result_slopes(name, holds.rows, degc)
         information = self.model.information(holds)
         if not information.determined:
             raise FitError(

@@ -18,7 +18,7 @@ from calibkit.certificate.stated import powers
 from calibkit.certificate.words import Words
 from calibkit.coefficients import Coefficient, Model, Record
 from calibkit.forms import POLYNOMIAL
-from calibkit.instruments.gyro_scale import forms
+from calibkit.instruments.gyro_scale import forms, lines
 from calibkit.instruments.gyro_scale.compensate import TEMPERATURE_SLACK
 from calibkit.instruments.gyro_scale.recipe import AnyRecipe, GyroTriadRecipe
 
@@ -92,6 +92,8 @@ def _sensitivities(records: Mapping[str, Record], spec: AnyRecipe) -> Iterator[Q
                 along = letters[0] == letters[1]
                 key = "max_rate_error_ppm" if along else "max_cross_axis_ppm"
                 limit = _change(spec, key, abs(own[gyro]).max())
+            if lines.hold_within_runs(records.values()):
+                limit = None
             about = f" about {letters[1]}" if triad else ""
             compared = _compared(
                 found,

@@ -47,8 +47,11 @@ class GyroRecipe(Recipe):
 
     along_chunks: ClassVar[bool] = True
     full_scales: ClassVar[Mapping[str, tuple[float, float]]] = {"rate_dps": (2000.0, 0.0)}
-    component_units: ClassVar[Mapping[str, str]] = {"angle": "deg"}
-    """Effect of a known component → the unit that it is stated in."""
+    component_units: ClassVar[Mapping[tuple[str, str], str]] = {
+        ("mounting", "angle"): "deg",
+        ("run", "scale"): "ppm",
+    }
+    """Group and effect of a known component → the unit that it is stated in."""
 
     table: _TableSpec = _TableSpec()
     plateaus: _PlateauSpec = _PlateauSpec()
@@ -57,11 +60,18 @@ class GyroRecipe(Recipe):
     @model_validator(mode="after")
     def _components_have_units(self) -> Self:
         for entry in self.errors.component:
-            if entry.effect not in self.component_units:
-                known = " or ".join(f"{k} in {unit}" for k, unit in self.component_units.items())
-                raise ValueError(f"errors.component: effect '{entry.effect}', expected {known}")
+            unit = self.component_units.get((entry.group, entry.effect))
+            if unit is None:
+                known = " or ".join(
+                    f"{effect} in {unit} of group '{group}'"
+                    for (group, effect), unit in self.component_units.items()
+                )
+                raise ValueError(
+                    f"errors.component: effect '{entry.effect}' of group '{entry.group}', expected"
+                    f" {known}"
+                )
             try:
-                entry.value_in(self.component_units[entry.effect])
+                entry.value_in(unit)
             except RecipeError as error:
                 raise ValueError(f"{error.message}; {error.hint}") from None
         return self
@@ -71,7 +81,11 @@ class GyroRecipe(Recipe):
         each component that the recipe states.
         """
         return tuple(
-            (entry.effect, entry.value_in(self.component_units[entry.effect]), entry.dof)
+            (
+                entry.effect,
+                entry.value_in(self.component_units[entry.group, entry.effect]),
+                entry.dof,
+            )
             for entry in self.errors.component
         )
 
@@ -114,8 +128,8 @@ class _OfBoth(Table):
 
 
 class _PairLogs(Table):
-    """Log of each table axis, and how the scale factors change with temperature, where runs are not
-    at one temperature.
+    """Log of each table axis, or the pattern of its logs, and how the scale factors change with
+    temperature, where runs are not at one temperature.
     """
 
     axis_a: str = "table_axis_a.csv"
@@ -147,7 +161,7 @@ class GyroPairRecipe(OwnAxisRecipe):
     """
 
     gyros: ClassVar[tuple[str, ...]] = ("a", "b")
-    error_groups: ClassVar[tuple[str, ...]] = ("mounting",)
+    error_groups: ClassVar[tuple[str, ...]] = ("mounting", "run")
 
     procedure: Literal["gyro_pair"]
     pair: _PairLogs = _PairLogs()
@@ -160,7 +174,7 @@ class GyroPairRecipe(OwnAxisRecipe):
     def find_axis(self, file: str) -> str:
         """Table axis of a log; RecipeError for a log of neither."""
         for axis, name in (("a", self.pair.axis_a), ("b", self.pair.axis_b)):
-            if file == name:
+            if file == name or fnmatchcase(file, name):
                 return axis
         raise RecipeError(
             f"{file}: a log of neither table axis", hint="name one log per axis under [pair]"
@@ -181,7 +195,10 @@ class RateTableRecipe(OwnAxisRecipe):
     """
 
     error_groups: ClassVar[tuple[str, ...]] = ("run",)
-    component_units: ClassVar[Mapping[str, str]] = {"scale": "ppm", "zero": "deg/h"}
+    component_units: ClassVar[Mapping[tuple[str, str], str]] = {
+        ("run", "scale"): "ppm",
+        ("run", "zero"): "deg/h",
+    }
 
     procedure: Literal["rate_table"]
     gyros: Gyros = ("x",)
@@ -223,7 +240,7 @@ class GyroTriadRecipe(GyroRecipe):
     orthogonal axes of the base.
     """
 
-    error_groups: ClassVar[tuple[str, ...]] = ("mounting",)
+    error_groups: ClassVar[tuple[str, ...]] = ("mounting", "run")
 
     procedure: Literal["gyro_triad"]
     gyros: Gyros = ("x", "y", "z")

@@ -138,7 +138,7 @@ def _tabulate_pair(fitted: pair_fit.PairFit) -> Table:
     """Table of N, ε, γ, α, the orthogonality error and the second γ."""
     found, u = fitted.found, [f"{u:.1e}" for u in fitted.found.standard_uncertainty]
     low, high = found.alpha_interval_deg
-    gamma, u_gamma = found.gamma_from_a
+    second = found.gamma_from_a
     rows = (
         ("N = K_B/K_A", f"{found.N:.9f}", u[0], "1"),
         ("epsilon = K_Ba/K_A", f"{found.epsilon:.9f}", u[1], "1"),
@@ -146,7 +146,7 @@ def _tabulate_pair(fitted: pair_fit.PairFit) -> Table:
         ("alpha = arccos gamma", f"{found.alpha_deg:.6f}", u[3], "deg"),
         ("alpha, 95 % interval", f"{low:.6f} to {high:.6f}", "", "deg"),
         ("orthogonality error 90° - alpha", f"{found.orthogonality_error_deg:.6f}", u[3], "deg"),
-        ("gamma from A about B's axis", f"{gamma:.9f}", f"{u_gamma:.1e}", "1"),
+        ("gamma from A about B's axis", f"{second.value:.9f}", f"{second.u:.1e}", "1"),
     )
     return Table(
         f"Gyro B against gyro A: {found.side} side",
@@ -161,15 +161,15 @@ def _tabulate_triad(fitted: triad_fit.AxesFit) -> tuple[Table, ...]:
 
     def sensitivities(g: int, one: triad_fit.AxesSet) -> tuple[str, ...]:
         found = one.triad
-        values = (*found.sensitivity[g], found.magnitude[g])
-        return (*(f"{value:.4f}" for value in values), f"{found.magnitude_uncertainty[g]:.2g}")
+        values = (*found.sensitivity[g], found.magnitude.value[g])
+        return (*(f"{value:.4f}" for value in values), f"{found.magnitude.u[g]:.2g}")
 
     def directions(g: int, one: triad_fit.AxesSet) -> tuple[str, ...]:
-        values = (f"{value:+.7f}" for value in one.triad.misalignment[g])
-        return (*values, f"{np.max(one.triad.misalignment_uncertainty[g]):.1e}")
+        values = (f"{value:+.7f}" for value in one.triad.misalignment.value[g])
+        return (*values, f"{np.max(one.triad.misalignment.u[g]):.1e}")
 
     def angles(pair: tuple[int, int], one: triad_fit.AxesSet) -> tuple[str, ...]:
-        angle, u = one.triad.angles_deg[pair], one.triad.angle_uncertainty_deg[pair]
+        angle, u = (part[pair] for part in (one.triad.angles_deg.value, one.triad.angles_deg.u))
         return f"{angle:.6f}", f"{90.0 - angle:+.6f}", f"{u:.1e}"
 
     about = [f"about {axis} [1/deg]" for axis in forms.AXES]

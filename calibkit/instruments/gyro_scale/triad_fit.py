@@ -2,7 +2,7 @@
 them, also over temperature.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -11,9 +11,14 @@ import numpy as np
 from calibkit.arrays import Array
 from calibkit.constants import DPH_PER_DPS
 from calibkit.errors import FitError, advise_exclude
-from calibkit.instruments.gyro_scale import forms, over_runs, table_runs
-from calibkit.instruments.gyro_scale.numeric import scale_factor, triad as gyro_triad
+from calibkit.fit.complex_step import Numbers
+from calibkit.fit.shared import Shared
+from calibkit.fit.solve import Fit
+from calibkit.fit.value import Value
+from calibkit.instruments.gyro_scale import equation, forms, lines, over_runs, table_runs
+from calibkit.instruments.gyro_scale.numeric import line_terms, triad as gyro_triad
 from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe
+from calibkit.numeric.least_squares import polynomial
 from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
 
 ONE_SET_DEGC = 5.0
@@ -27,15 +32,39 @@ class AxesSet:
     runs: tuple[table_runs.TableRun, ...]
     temp_degc: float
     """Mean of the runs [°C]; NaN where no temperature was logged."""
+    fit: Fit
+    """Sensitivities [3 g] and, where the latitude is known, biases [g]."""
     triad: gyro_triad.Triad
-    bias: Array
-    """[g, 1/s], without the earth's rate; NaN where the latitude is unknown."""
-    bias_uncertainty: Array
+    bias: Value | None
+    """[g, 1/s], without the earth's rate."""
 
     @property
     def prefix(self) -> str:
         """Prefix of the set's flags."""
         return f"{self.temp_degc:.0f} °C: " if np.isfinite(self.temp_degc) else ""
+
+
+@dataclass(frozen=True, slots=True)
+class TriadOverTemperature:
+    """Sensitivities and biases of g gyros as polynomials of temperature."""
+
+    fitted: Fit
+    """Equation (1) of all runs, each gyro about each axis with polynomials over temperature."""
+    rows: equation.Rows
+    terms: equation.Terms
+    fit: Fit
+    """Sensitivities [3 g · (order + 1)], of powers of the mapped temperature."""
+    curves: tuple[tuple[TemperaturePolynomial, ...], ...]
+    """[g][3]."""
+    biases: tuple[TemperaturePolynomial, ...]
+    """[g]; empty where the latitude is unknown."""
+
+    def at(self, temp_degc: float) -> gyro_triad.Triad:
+        """Triad at a temperature [°C] within the range."""
+        powers = polynomial.powers(
+            self.terms.mapped(np.array([temp_degc])), max(self.terms.orders)
+        )[0]
+        return gyro_triad.find(self.fit.restated(lambda p: p.reshape(-1, powers.size) @ powers))
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,8 +78,13 @@ class AxesFit:
     """Table axis → its runs."""
     sets: tuple[AxesSet, ...]
     reference: int
-    over: gyro_triad.TriadOverTemperature | None
-    bias_over: tuple[TemperaturePolynomial, ...]
+    errors: Fit
+    """Errors of the held rates, which refits of nearly the same runs keep."""
+    over: TriadOverTemperature | None
+    run_scale: Shared | None
+    """How scale factors repeat; None where nothing tells."""
+    mounting: Shared | None
+    """How mountings tilt; None where it is not stated."""
     flags: tuple[str, ...]
 
     @property
@@ -73,9 +107,13 @@ class AxesFit:
         return name if (one is self.sets[self.reference]) else f"{name}.at_{one.temp_degc:.0f}"
 
 
-def fit_axes(spec: GyroTriadRecipe, runs: Mapping[str, tuple[table_runs.TableRun, ...]]) -> AxesFit:
+def fit_axes(
+    spec: GyroTriadRecipe,
+    runs: Mapping[str, tuple[table_runs.TableRun, ...]],
+    near: AxesFit | None = None,
+) -> AxesFit:
     """Fit sensitivities and angles of each set of runs, and each sensitivity over temperature where
-    the temperature varies.
+    the temperature varies; `near` is a fit of nearly the same runs.
 
     Raises FitError for a table axis without a run at some temperature.
     """
@@ -85,35 +123,141 @@ def fit_axes(spec: GyroTriadRecipe, runs: Mapping[str, tuple[table_runs.TableRun
             hint="three axes need a log each; see [axes] and [logs] files",
         )
     every = [run for axis in forms.AXES for run in runs[axis]]
-    known = bool(np.isfinite([run.temp_degc for run in every]).all())
-    flags = [flag for run in every for flag in run.flags]
-    if not known and len(every) > len(forms.AXES):
-        flags.append(over_runs.UNLOGGED)
-    sets = tuple(_set_of(group, spec) for group in (_groups(runs) if known else [dict(runs)]))
+    logged = bool(np.isfinite([run.temp_degc for run in every]).all())
+    groups = _groups(runs) if logged else [dict(runs)]
+    held = lines.TableRows.of(
+        [[(a, run) for a, axis in enumerate(forms.AXES) for run in group[axis]] for group in groups]
+    )
+    known = {effect: (size, dof) for effect, size, dof in spec.known_errors()}
+    run_scale, mounting = held.run_scale(known.get("scale")), held.mounting(known.get("angle"))
+    errors = near.errors if near else held.errors()
+    stated = [error for error in (run_scale, mounting) if error]
+    vertical = table_runs.vertical_rate_dps(spec)
+    sets = tuple(
+        _fit_set(held, errors, stated, vertical, group, s) for s, group in enumerate(groups)
+    )
     for one in sets:
         _require_own_axes(one, spec.gyros)
     temperature = np.array([one.temp_degc for one in sets])
-    reference = int(np.argmin(np.abs(temperature - spec.reference_temp_degc))) if known else 0
-    over: gyro_triad.TriadOverTemperature | None = None
-    bias_over: tuple[TemperaturePolynomial, ...] = ()
-    if len(sets) > 1:
-        over = gyro_triad.over_temperature([one.triad for one in sets], temperature)
-        bias = np.array([one.bias for one in sets]).T
-        u_bias = np.array([one.bias_uncertainty for one in sets]).T
-        if np.isfinite(bias).all():
-            bias_over = tuple(
-                scale_factor.over_temperature(values, u, temperature)
-                for values, u in zip(bias, u_bias, strict=True)
-            )
-    flags += _flag_sets(spec, sets)
-    return AxesFit(spec.gyros, runs, sets, reference, over, bias_over, tuple(dict.fromkeys(flags)))
+    flags = [flag for run in every for flag in run.flags]
+    if not logged and len(every) > len(forms.AXES):
+        flags.append(over_runs.UNLOGGED)
+    flags += _flag_sets(spec, sets, mounting)
+    if run_scale is None:
+        flags.append(lines.WITHIN)
+    return AxesFit(
+        spec.gyros,
+        runs,
+        sets,
+        int(np.argmin(np.abs(temperature - spec.reference_temp_degc))) if logged else 0,
+        errors,
+        None
+        if len(sets) == 1
+        else _over_temperature(held, run_scale, mounting, vertical, near.over if near else None),
+        run_scale,
+        mounting,
+        tuple(dict.fromkeys(flags)),
+    )
+
+
+def _fit_set(
+    held: lines.TableRows,
+    errors: Fit,
+    stated: Sequence[Shared],
+    vertical_dps: float | None,
+    group: Mapping[str, tuple[table_runs.TableRun, ...]],
+    number: int,
+) -> AxesSet:
+    """Triad and biases F0 − K ω of one set of runs, ω the earth's rate about the table's axis."""
+    chosen, gyros = held.set_of == number, int(held.gyro_of.max()) + 1
+    means = held.means(chosen).reshape(3 * gyros, -1)
+    every = tuple(run for axis in forms.AXES for run in group[axis])
+    degc = float(np.mean([run.temp_degc for run in every]))
+    if vertical_dps is None:
+        fit = held.linear(errors, means, np.zeros_like(means)).widened_by(stated)
+        return AxesSet(every, degc, fit, gyro_triad.find(fit), None)
+    unit = np.eye(chosen.size)
+    of_line = held.linear(errors, -vertical_dps * unit, unit).of(lambda p: p)
+    zeros = [held.run_zero(g, chosen, of_line.value, of_line.u) for g in range(gyros)]
+    of_gyro = chosen & (held.gyro_of == np.arange(gyros)[:, None])
+    mean = of_gyro / np.sum(of_gyro, axis=1, keepdims=True)
+    fit = held.linear(
+        errors,
+        np.vstack((means, -vertical_dps * mean)),
+        np.vstack((np.zeros_like(means), mean)),
+    ).widened_by([*stated, *zeros])
+    triad = gyro_triad.find(fit.restated(lambda p: p[: 3 * gyros]))
+    return AxesSet(every, degc, fit, triad, fit.of(lambda p: p[3 * gyros :]))
+
+
+def _over_temperature(
+    held: lines.TableRows,
+    run_scale: Shared | None,
+    mounting: Shared | None,
+    vertical_dps: float | None,
+    near: TriadOverTemperature | None,
+) -> TriadOverTemperature:
+    """Sensitivities and biases over temperature."""
+    S, rows = held.sensitivity(), replace(held.rows, indication=held.raw, line=held.rows.channel)
+    if near:
+        terms, fitted = near.terms, equation.refit(near.fitted, near.rows, rows, near.terms)
+    else:
+        terms, fitted = _fit_polynomials(held, rows, S, run_scale)
+    line = equation.best_line(terms, rows.rate_dps)
+    K = fitted.restated(lambda p: line(p)[equation.SCALE].ravel())
+    K = K.widened_by([mounting] if mounting else [])
+    temperature = rows.temp_degc
+
+    def curve(coefficients: Fit) -> TemperaturePolynomial:
+        return over_runs.curve_of(coefficients, terms, temperature)
+
+    powers = max(terms.orders) + 1
+    each = (slice(powers * k, powers * (k + 1)) for k in range(S.size))
+    by_line = [curve(K.restated(_part(part))) for part in each]
+    biases = []
+    for g in range(len(S)) if vertical_dps is not None else ():
+        chosen = slice(3 * g, 3 * g + 3)
+
+        def bias(p: Numbers, chosen: slice = chosen) -> Numbers:
+            scale, zero = line(p)
+            return np.asarray(np.mean((zero - vertical_dps * scale)[chosen], axis=0))
+
+        biases.append(curve(fitted.restated(bias)))
+    curves = tuple(tuple(by_line[3 * g : 3 * g + 3]) for g in range(len(S)))
+    return TriadOverTemperature(fitted, rows, terms, K, curves, tuple(biases))
+
+
+def _fit_polynomials(
+    held: lines.TableRows, rows: equation.Rows, S: Array, run_scale: Shared | None
+) -> tuple[equation.Terms, Fit]:
+    """Equation (1) of all runs with polynomials over temperature, and its terms."""
+    order = max(min(polynomial.HIGHEST_ORDER, int(held.set_of.max()) - 1), 0)
+    terms = equation.Terms(
+        S.size,
+        (order, order),
+        polynomial.middle_and_half(rows.row_degc),
+        (line_terms.ASYMMETRY,) if rows.shows_asymmetry else (),
+    )
+    own = np.repeat(np.linalg.norm(S, axis=1), S.shape[1])
+    shared = [
+        replace(one, size=run_scale.size, size_dof=run_scale.size_dof)
+        if run_scale and one.name == run_scale.name
+        else one
+        for one in equation.shared_errors(rows, terms, S.ravel(), own)
+    ]
+    return terms, equation.fit(rows, terms, shared)
+
+
+def _part(chosen: slice) -> Callable[[Numbers], Numbers]:
+    """Function from parameters to some of them."""
+    return lambda p: p[chosen]
 
 
 def _require_own_axes(one: AxesSet, gyros: Sequence[str]) -> None:
     """Raise FitError where a gyro named x, y or z senses another of these axes most: logs or
     columns are exchanged.
     """
-    for gyro, row in zip(gyros, one.triad.misalignment, strict=True):
+    for gyro, row in zip(gyros, one.triad.misalignment.value, strict=True):
         most = forms.AXES[int(np.argmax(np.abs(row)))]
         if gyro in forms.AXES and most != gyro:
             raise FitError(
@@ -155,71 +299,26 @@ def _groups(
     return groups
 
 
-def _set_of(group: Mapping[str, tuple[table_runs.TableRun, ...]], spec: GyroTriadRecipe) -> AxesSet:
-    """Set of the triad and biases of a group of runs."""
-    means = [_mean([run.scales for run in group[axis]]) for axis in forms.AXES]
-    every = tuple(run for axis in forms.AXES for run in group[axis])
-    bias, uncertainty = _bias(every, spec)
-    stated = [(value, dof) for _, value, dof in spec.known_errors()]
-    return AxesSet(
-        every,
-        float(np.mean([run.temp_degc for run in every])),
-        gyro_triad.from_runs(*means, mounting_deg=stated[0] if stated else (0.0, np.inf)),
-        bias,
-        uncertainty,
-    )
-
-
-def _mean(runs: Sequence[scale_factor.RunScales]) -> scale_factor.RunScales:
-    """Mean K of repeated runs with the covariance of one of them, raised to the scatter of the mean
-    where that is larger.
-
-    The covariance is not divided by the number of runs: the table's unevenness and a gyro's
-    departure from the line are the same in every run.
-    """
-    K = np.array([run.K for run in runs])
-    covariance = np.mean([run.covariance for run in runs], axis=0)
-    if len(runs) > 1:
-        own = np.sqrt(np.diag(covariance))
-        scatter = K.std(axis=0, ddof=1) / np.sqrt(len(runs))
-        raised = np.maximum(scatter / np.where(own > 0.0, own, np.inf), 1.0)
-        covariance = covariance * np.outer(raised, raised)
-    return replace(runs[0], K=K.mean(axis=0), covariance=covariance)
-
-
-def _bias(runs: Sequence[table_runs.TableRun], spec: GyroTriadRecipe) -> tuple[Array, Array]:
-    """Bias [g, 1/s] of runs about all axes without the earth's rate, F0 − K ω, and its standard
-    uncertainty.
-    """
-    vertical = table_runs.vertical_rate_dps(spec)
-    if vertical is None:
-        return np.full(len(spec.gyros), np.nan), np.full(len(spec.gyros), np.nan)
-    lines = [run.scales.gyros for run in runs]
-    values = np.array([[line.F0 - line.K * vertical for line in row] for row in lines])
-    gradient = np.array([-vertical, 1.0])
-    noise = np.array([[gradient @ line.covariance @ gradient for line in row] for row in lines])
-    scatter = values.var(axis=0, ddof=1) / len(runs)
-    return values.mean(axis=0), np.sqrt(np.maximum(noise.mean(axis=0) / len(runs), scatter))
-
-
-def _flag_sets(spec: GyroTriadRecipe, sets: Sequence[AxesSet]) -> Iterator[str]:
+def _flag_sets(
+    spec: GyroTriadRecipe, sets: Sequence[AxesSet], mounting: Shared | None
+) -> Iterator[str]:
     """Flags for left-handed input axes, poorly determined scale factors, and biases that are
     inconsistent or unknown.
     """
     for one in sets:
         yield from (f"{one.prefix}{flag}" for flag in one.triad.flags)
-    directions = [one.triad.misalignment for one in sets]
+    directions = [one.triad.misalignment.value for one in sets]
     if len(spec.gyros) == len(forms.AXES) and (np.linalg.det(directions) < 0.0).any():
         yield "the input axes make a left-handed system: logs or signs may be exchanged"
     for one in sets:
-        shares = one.triad.magnitude_uncertainty / one.triad.magnitude
+        shares = one.triad.magnitude.u / one.triad.magnitude.value
         for gyro, share in zip(spec.gyros, shares, strict=True):
             if not share < table_runs.UNCERTAIN:
                 yield (
                     f"{one.prefix}{gyro}: the scale factor is known to {100.0 * share:.2g} % only:"
                     " hold faster rates, or longer"
                 )
-    if not spec.errors.component and len(spec.gyros) > 1:
+    if mounting is None and len(spec.gyros) > 1:
         yield (
             "the errors of mounting are not in u of the angles and unit vectors: state how a"
             ' mounting repeats in [[errors.component]] group = "mounting", effect = "angle"'
@@ -232,7 +331,8 @@ def _flag_sets(spec: GyroTriadRecipe, sets: Sequence[AxesSet]) -> Iterator[str]:
     for one in sets:
         # a bias that differs between the attitudes depends on acceleration, or the earth's rate is
         # wrong
-        largest = float(np.max(one.bias_uncertainty / one.triad.magnitude)) * DPH_PER_DPS
+        u = 0.0 if one.bias is None else one.bias.u / one.triad.magnitude.value
+        largest = float(np.max(u)) * DPH_PER_DPS
         if largest > 1.0:
             yield (
                 f"{one.prefix}the bias is known to {largest:.2g} °/h only: it differs between the"

@@ -16,6 +16,7 @@ from calibkit.instruments.gyro_scale import (
     certificate_angles,
     compensate,
     forms,
+    lines,
     pair_fit,
     table_runs,
 )
@@ -49,7 +50,7 @@ def validate(
     of a pair, also N and γ.
     """
     known = compensate.read_invertible(spec, records)
-    runs: dict[str, table_runs.TableRun] = {}
+    runs: dict[str, list[table_runs.TableRun]] = {}
     entries: list[dict[str, Any]] = []
     compared: list[tuple[str, dict[str, Any]]] = []
     flags: list[str] = []
@@ -57,7 +58,7 @@ def validate(
     for log in logs:
         axis = spec.find_axis(log.file)
         run = table_runs.fit_run(spec, log)
-        runs[axis if isinstance(spec, GyroPairRecipe) else log.file] = run
+        runs.setdefault(axis if isinstance(spec, GyroPairRecipe) else log.file, []).append(run)
         flags += run.flags
         turned, found = _compare_run(spec, run, axis, known)
         for matrix in turned if np.isfinite(run.temp_degc) else ():
@@ -67,7 +68,8 @@ def validate(
             entry | found[0] if isinstance(spec, GyroTriadRecipe) else entry | {"gyros": found}
         )
         compared += [(log.file, one) for one in found]
-        judged.append(_judge_uncertainty(run, axis, turned, spec.type_b))
+        if not lines.hold_within_runs(records.values()):
+            judged.append(_judge_uncertainty(run, axis, turned, spec.type_b))
     body: dict[str, Any] = {"logs": entries}
     errors = [one for _, one in compared]
     if isinstance(spec, GyroTriadRecipe):
@@ -77,12 +79,17 @@ def validate(
         shown = [_tabulate_line_errors(compared)]
         criteria = acceptance.judge_unseen_lines(errors, spec.acceptance)
     if isinstance(spec, GyroPairRecipe) and len(runs) > 1:
-        again = pair_fit.fit_pair(runs["a"], runs["b"], spec)
+        again = pair_fit.fit_pair({axis: tuple(group) for axis, group in runs.items()}, spec)
         body["pair"] = _compare_pair(records, again, spec.type_b)
         shown.append(_tabulate_pair_again(body["pair"]))
         flags += again.flags
-        judged += [_judge_ratio(one) for one in body["pair"] if one["name"] in ("N", "gamma")]
-    criteria = (*judged, *criteria, *acceptance.judge_noise(runs.values(), spec.acceptance))
+        decided = ("gamma",) if lines.hold_within_runs(records.values()) else ("N", "gamma")
+        judged += [_judge_ratio(one) for one in body["pair"] if one["name"] in decided]
+    criteria = (
+        *judged,
+        *criteria,
+        *acceptance.judge_noise([run for group in runs.values() for run in group], spec.acceptance),
+    )
     return body, Summary("", tuple(shown), tuple(dict.fromkeys(flags)), criteria)
 
 

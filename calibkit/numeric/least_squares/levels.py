@@ -14,8 +14,13 @@ import numpy as np
 from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError
 from calibkit.numeric import chunks, gum
-from calibkit.numeric.least_squares import components, fit as least_squares, hac, shared_fit
+from calibkit.numeric.least_squares import components, fit as least_squares, hac
 from calibkit.numeric.least_squares.components import Component, Effect
+
+ASKED_FOR = 6.0
+"""Fall of −2 × the restricted log-likelihood that keeps an effect: by chance once in 140 tries, a
+variance that is 0 half the time and else as χ² with one degree of freedom (Self & Liang 1987).
+"""
 
 MOST_BLOCKS = 4096
 """Blocks of rows of all logs, whose means are fitted; fewer rows are fitted as they are."""
@@ -185,7 +190,7 @@ def fit(
 
     mixed, every = solve(effects), (*effects, *candidates)
     tried = [solve([*effects, effect]) for effect in candidates]
-    if any(mixed.deviance - one.deviance > shared_fit.ASKED_FOR for one in tried):
+    if any(mixed.deviance - one.deviance > ASKED_FOR for one in tried):
         # a bias that wanders has more than one course
         mixed, effects = solve(every), every
     basis = blocks.basis(effects)

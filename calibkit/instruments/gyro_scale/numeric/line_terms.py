@@ -143,10 +143,13 @@ def turns_both_ways(rate_dps: Array) -> bool:
     return bool(np.ptp(np.sign(rate_dps)) == BOTH_WAYS)
 
 
-def shapes(rate_dps: Array) -> dict[str, Array]:
-    """Candidate terms of the response over rates [n], name → [n, 1]."""
+def shapes(rate_dps: Array, fastest_dps: float | None = None) -> dict[str, Array]:
+    """Candidate terms of the response over rates [n], name → [n, 1]; powers are of the rate over
+    the fastest one, by default that of these rates.
+    """
     size = np.abs(rate_dps)[:, None]
-    share = rate_dps[:, None] / np.max(size, initial=np.finfo(np.float64).tiny)
+    fastest = np.max(size, initial=np.finfo(np.float64).tiny)
+    share = rate_dps[:, None] / (fastest if fastest_dps is None else fastest_dps)
     return {ASYMMETRY: size} | {name: share**power for name, power in CURVATURES.items()}
 
 

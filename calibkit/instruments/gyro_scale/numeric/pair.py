@@ -2,14 +2,15 @@
 between them.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.errors import FitError
-from calibkit.instruments.gyro_scale.numeric.scale_factor import RunScales
+from calibkit.fit.solve import Fit
+from calibkit.fit.value import Value
 from calibkit.numeric import gum
 
 Side = Literal["same", "opposite"]
@@ -28,18 +29,6 @@ SMALL_SINE = 0.01
 DRAWS = 200_000
 CONSISTENT = 4.0
 """Difference of two results, in standard uncertainties, above which they are inconsistent."""
-
-
-@dataclass(frozen=True, slots=True)
-class OneTemperature:
-    """What brings the scale factors of both runs to one temperature."""
-
-    warmer_degc: tuple[float, float]
-    """From the temperature of the run about A's axis, and of that about B's, to the common one."""
-    coefficients: Array
-    """Relative change of the scale factors of A and B [2] [1/°C]."""
-    covariance: Array
-    """[2, 2] of the coefficients."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,17 +57,11 @@ class GyroPair:
     gamma_indicated: float
     """K_Ba/K_B before it was clamped."""
     flags: tuple[str, ...]
-    gamma_from_a: tuple[float, float] = (float("nan"), float("nan"))
-    """Second estimate of γ, from gyro A about B's axis, and its standard uncertainty by noise; NaN
-    where A was not turned about B's axis.
-    """
-    noise_of_gamma: float = float("nan")
-    """Standard uncertainty of γ by noise alone."""
-    mounting_deg: tuple[float, float] = (0.0, float("inf"))
-    """Standard deviation of the angle between a gyro's axis and the table axis that is nominally
-    its own, and its degrees of freedom.
-    """
-    dof: tuple[float, ...] = (float("inf"),) * 4
+    gamma_from_a: Value
+    """Second estimate of γ, from gyro A about B's axis, with its uncertainty by noise."""
+    u_gamma: float
+    """Standard uncertainty of γ to first order."""
+    dof: tuple[float, ...]
     """Effective degrees of freedom of N, ε, γ, α."""
 
     @property
@@ -97,26 +80,14 @@ class GyroPair:
         return 90.0 - self.alpha_deg
 
 
-def _pair(
-    K_A: float,
-    K_B: float,
-    K_Ba: float,
-    covariance: Array,
-    *,
-    seed: int = 0,
-    draws: int = DRAWS,
-    dof: float = float("inf"),
-) -> GyroPair:
-    """Ratios and angle of two gyros with their full covariance.
+def find(K: Fit, second: Value, *, seed: int = 0, draws: int = DRAWS) -> GyroPair:
+    """Ratios and angle of two gyros.
 
     Parameters
     ----------
-    K_A, K_B : scale factors of A and B about their own axes, in one unit.
-    K_Ba : scale factor of B about A's axis, in the same unit.
-    covariance : [3, 3] of K_A, K_B, K_Ba; K_A and K_Ba of one table run are correlated by what the
-        run shares.
+    K : fit of K_A, K_B about the gyros' own axes and K_Ba of B about A's axis, in one unit.
+    second : γ from gyro A about B's axis.
     seed, draws : of the Monte Carlo propagation near |γ| = 1.
-    dof : effective degrees of freedom of γ.
 
     Returns
     -------
@@ -130,31 +101,36 @@ def _pair(
         noise.
 
     """
-    values = np.array([K_A, K_B, K_Ba])
-    _require_ratios(values, covariance)
-    indicated = K_Ba / K_B
-    jacobian = _ratios_jacobian(K_A, K_B, K_Ba)
-    ratios = jacobian @ covariance @ jacobian.T
-    u_gamma = float(np.sqrt(ratios[2, 2]))
+    K_A, K_B, K_Ba = K.parameters.tolist()
+    covariance = K.total_covariance
+    _require_ratios(K.parameters, covariance)
+    ratios = K.restated(lambda k: np.stack((k[1] / k[0], k[2] / k[0], k[2] / k[1])))
+    value = ratios.of(lambda r: r)
+    indicated, u_gamma = float(value.value[2]), float(value.u[2])
     gamma = float(np.clip(indicated, -1.0, 1.0))
-    alpha = float(np.degrees(np.arccos(gamma)))
-    near = 1.0 - abs(indicated) <= NEAR_ONE * u_gamma
-    if near:
-        full, interval = _by_draws(values, covariance, np.random.default_rng(seed), draws)
+    if 1.0 - abs(indicated) <= NEAR_ONE * u_gamma:
+        full, interval = _by_draws(K.parameters, covariance, np.random.default_rng(seed), draws)
     else:
-        factor = gum.coverage_factor(dof, probability=0.95)
-        full, interval = _first_order(ratios, gamma, alpha, factor)
+        # α is monotonic in γ: its interval is that of γ
+        half = gum.coverage_factor(float(value.dof[2]), probability=0.95) * u_gamma
+        ends = np.degrees(np.arccos(np.clip([gamma + half, gamma - half], -1.0, 1.0)))
+        with_alpha = ratios.restated(lambda r: np.append(r, np.arccos(r[2]) * 180.0 / np.pi))
+        full = with_alpha.total_covariance
+        interval = float(ends[0]), float(ends[1])
     return GyroPair(
         N=K_B / K_A,
         epsilon=K_Ba / K_A,
         gamma=gamma,
-        alpha_deg=alpha,
+        alpha_deg=float(np.degrees(np.arccos(gamma))),
         covariance=full,
         alpha_interval_deg=interval,
         side="same" if gamma >= 0.0 else "opposite",
         clamped=abs(indicated) > 1.0,
         gamma_indicated=indicated,
         flags=_flags(indicated, u_gamma),
+        gamma_from_a=second,
+        u_gamma=u_gamma,
+        dof=(*value.dof.tolist(), float(value.dof[2])),
     )
 
 
@@ -175,114 +151,21 @@ def _require_ratios(values: Array, covariance: Array) -> None:
         )
 
 
-def from_runs(
-    about_a: RunScales,
-    about_b: RunScales,
-    *,
-    one_temperature: OneTemperature | None = None,
-    mounting_deg: tuple[float, float] | None = None,
-    seed: int = 0,
-) -> GyroPair:
-    """Pair from the table runs about A's reference axis and about B's own axis; gyro A is first and
-    B second in both.
-
-    K_A and K_Ba come from the first run and share its noise, K_B from the second; gyro A in the
-    second run checks γ. What the two γ differ by is the error of mounting, with one degree of
-    freedom; `mounting_deg` gives what is known of it, a standard deviation and its degrees of
-    freedom.
-    """
-    values, covariance = _scale_factors(about_a, about_b, one_temperature)
-    K_A, K_B, K_Ba, K_Ab = values.tolist()
-    noise = _pair(K_A, K_B, K_Ba, covariance[:3, :3], seed=seed)
-    gamma, uncertainty, flags = _cross_check(noise, K_A, K_Ab, covariance[np.ix_((0, 3), (0, 3))])
-    tilt, tilt_dof = _mounting(noise, gamma, uncertainty, mounting_deg)
-    # a cosine is lost about a gyro's own axis, a sine about the other's
-    across = np.sin(np.radians(noise.alpha_deg))
-    mounted = np.array([K_A * tilt**2, K_B * tilt**2, K_B * tilt * across]) ** 2
-    shares = _ratios_jacobian(K_A, K_B, K_Ba) ** 2 @ mounted
-    # the degrees of freedom of noise are not counted: they are many
-    dof = np.full(3, np.inf)
-    held = shares > 0.0
-    dof[held] = tilt_dof * ((np.diag(noise.covariance)[:3] + shares)[held] / shares[held]) ** 2
-    found = _pair(
-        K_A, K_B, K_Ba, covariance[:3, :3] + np.diag(mounted), seed=seed, dof=float(dof[2])
-    )
-    return replace(
-        found,
-        flags=(*noise.flags, *flags),
-        gamma_from_a=(gamma, uncertainty),
-        noise_of_gamma=float(noise.standard_uncertainty[2]),
-        mounting_deg=(float(np.degrees(tilt)), tilt_dof),
-        dof=(*dof.tolist(), float(dof[2])),
-    )
-
-
-def _scale_factors(
-    about_a: RunScales, about_b: RunScales, one_temperature: OneTemperature | None
-) -> tuple[Array, Array]:
-    """K_A, K_B, K_Ba and K_Ab of two runs at one temperature, and their covariance [4, 4]."""
-    if about_a.K.size != 2 or about_b.K.size != 2:
-        raise FitError(
-            f"{about_a.K.size} and {about_b.K.size} gyros in the runs of a pair",
-            hint="give two columns",
-        )
-    values = np.array([about_a.K[0], about_b.K[1], about_a.K[1], about_b.K[0]])
-    covariance = np.zeros((4, 4))
-    covariance[np.ix_((0, 2), (0, 2))] = about_a.covariance
-    covariance[np.ix_((3, 1), (3, 1))] = about_b.covariance
-    if one_temperature is not None:
-        # gyro and run of each
-        warmer = np.array(one_temperature.warmer_degc)[[0, 1, 0, 1]]
-        slopes = (values * warmer)[:, None] * np.eye(2)[[0, 1, 1, 0]]
-        values = values + slopes @ one_temperature.coefficients
-        covariance = covariance + slopes @ one_temperature.covariance @ slopes.T
-    return values, covariance
-
-
-def _mounting(
-    noise: GyroPair, gamma: float, uncertainty: float, known: tuple[float, float] | None
-) -> tuple[float, float]:
+def find_mounting(noise: GyroPair, known: tuple[float, float] | None) -> tuple[float, float]:
     """Standard deviation [rad] of the angle between a gyro's axis and its table axis, and its
-    degrees of freedom: what two γ differ by, or what is known [°] pooled with it.
+    degrees of freedom: what the two γ of a pair by noise alone differ by, or what is known [°]
+    pooled with it.
     """
-    sine = float(np.sin(np.radians(noise.alpha_deg)))
-    apart = (gamma - noise.gamma_indicated) ** 2 if sine > SMALL_SINE else 0.0
+    gamma = noise.gamma_from_a
+    sine = max(float(np.sin(np.radians(noise.alpha_deg))), SMALL_SINE)
+    apart = (float(gamma.value) - noise.gamma_indicated) ** 2 if sine > SMALL_SINE else 0.0
     if known is None:
         # noise is not taken off: two γ that agree by chance would hide the tilts
-        return float(np.sqrt(apart)) / max(sine, SMALL_SINE), 1.0
+        return float(np.sqrt(apart)) / sine, 1.0
     value, dof = np.radians(known[0]), known[1]
-    by_noise = uncertainty**2 + float(noise.standard_uncertainty[2]) ** 2
-    square = 0.5 * max(apart - by_noise, 0.0) / max(sine, SMALL_SINE) ** 2
+    square = 0.5 * max(apart - float(gamma.u) ** 2 - noise.u_gamma**2, 0.0) / sine**2
     pooled = (dof * value**2 + square) / (dof + 1.0) if np.isfinite(dof) else value**2
     return float(np.sqrt(pooled)), dof + 1.0
-
-
-def _ratios_jacobian(K_A: float, K_B: float, K_Ba: float) -> Array:
-    """Derivatives [3, 3] of N, ε, γ with respect to K_A, K_B, K_Ba."""
-    return np.array(
-        [
-            [-K_B / K_A**2, 1.0 / K_A, 0.0],
-            [-K_Ba / K_A**2, 0.0, 1.0 / K_A],
-            [0.0, -K_Ba / K_B**2, 1.0 / K_B],
-        ]
-    )
-
-
-def _first_order(
-    ratios: Array, gamma: float, alpha_deg: float, factor: float
-) -> tuple[Array, tuple[float, float]]:
-    """Covariance [4, 4] of N, ε, γ, α by dα = −dγ/sin α, and the 95 % interval of α [°] from the
-    interval of γ.
-    """
-    extend = np.vstack((np.eye(3), [0.0, 0.0, -np.degrees(1.0 / np.sqrt(1.0 - gamma**2))]))
-    u_gamma = float(np.sqrt(ratios[2, 2]))
-    low, high = np.degrees(
-        np.arccos(np.clip([gamma + factor * u_gamma, gamma - factor * u_gamma], -1.0, 1.0))
-    )
-    return np.asarray(extend @ ratios @ extend.T), (
-        min(float(low), alpha_deg),
-        max(float(high), alpha_deg),
-    )
 
 
 def _by_draws(
@@ -337,33 +220,16 @@ def _flags(indicated: float, u_gamma: float) -> tuple[str, ...]:
     return tuple(flags)
 
 
-def _cross_check(
-    result: GyroPair, K_A: float, K_Ab: float, covariance: Array
-) -> tuple[float, float, tuple[str, ...]]:
-    """Second estimate of γ, K_Ab/K_A from gyro A turned about B's axis, compared with the first.
-
-    Parameters
-    ----------
-    result : the pair.
-    K_A, K_Ab : scale factors of A about its own and about B's axis.
-    covariance : [2, 2] of K_A, K_Ab.
-
-    Returns
-    -------
-    γ, its standard uncertainty, and a flag where both differ by more than their uncertainties
-    explain.
-
-    """
-    gamma = K_Ab / K_A
-    gradient = np.array([-K_Ab / K_A**2, 1.0 / K_A])
-    uncertainty = float(np.sqrt(gradient @ covariance @ gradient))
-    expected = float(np.hypot(uncertainty, result.standard_uncertainty[2]))
-    difference = gamma - result.gamma_indicated
+def flag_second(result: GyroPair) -> tuple[str, ...]:
+    """Flag where γ from A about B's axis differs by more than noise explains."""
+    gamma = result.gamma_from_a
+    expected = float(np.hypot(gamma.u, result.u_gamma))
+    difference = float(gamma.value) - result.gamma_indicated
     if abs(difference) <= CONSISTENT * expected:
-        return gamma, uncertainty, ()
+        return ()
     ratio = abs(difference) / max(expected, np.finfo(np.float64).tiny)
     flag = (
         f"gamma from A about B's axis differs by {difference:.2g}, {ratio:.0f} standard"
         " uncertainties: a table axis is not the input axis of its gyro"
     )
-    return gamma, uncertainty, (flag,)
+    return (flag,)

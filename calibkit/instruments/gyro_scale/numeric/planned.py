@@ -7,11 +7,13 @@ import numpy as np
 
 from calibkit.arrays import Array, Integers
 from calibkit.constants import DPH_PER_DPS, REVOLUTION_DEG
-from calibkit.instruments.gyro_scale.numeric import all_runs
+from calibkit.fit.complex_step import derivative
+from calibkit.instruments.gyro_scale import equation
+from calibkit.instruments.gyro_scale.numeric import line_terms
 from calibkit.instruments.gyro_scale.numeric.gjb_figures import PPM
 from calibkit.numeric.information import Information, find_information
 from calibkit.numeric.least_squares import polynomial
-from calibkit.numeric.least_squares.components import Known
+from calibkit.numeric.least_squares.components import Effect, Known
 
 SETTLE_S = 6.0
 """Time of a hold [s] in which the table settles; more than a whole revolution stays."""
@@ -55,7 +57,7 @@ class Runs:
     degc: tuple[int, ...]
     """Temperatures of the runs in their order."""
 
-    def rows(self) -> all_runs.Rows:
+    def rows(self) -> equation.Rows:
         """Holds of all runs, of a gyro that is exact."""
         return self.holds().rows
 
@@ -76,7 +78,7 @@ class Runs:
 class Holds:
     """Planned or measured holds of several runs."""
 
-    rows: all_runs.Rows
+    rows: equation.Rows
     noise_dps: Array
     """[n], noise of the mean over each hold."""
 
@@ -85,7 +87,8 @@ class Holds:
         cls, rate_dps: Array, run: Integers, degc: Array, hours: Array, noise_dps: Array
     ) -> "Holds":
         """Holds [n] of a gyro that is exact."""
-        return cls(all_runs.Rows(rate_dps, rate_dps, rate_dps, run, degc, hours), noise_dps)
+        line = np.zeros_like(run)
+        return cls(equation.Rows(rate_dps, rate_dps, run, degc, hours, line, line), noise_dps)
 
     def join(self, other: "Holds") -> "Holds":
         """These holds and those of other runs."""
@@ -124,32 +127,29 @@ class Model:
     sizes: Mapping[tuple[str, str], Known]
     """(group, effect) → standard deviation in the units of `UNITS`."""
 
-    def powers(self, degc: Array) -> Array:
-        """Powers [n, order + 1] of temperatures mapped to [−1, 1]."""
+    def terms(self, rows: equation.Rows) -> equation.Terms:
+        """Terms of the equation that is fitted to holds."""
         low, high = self.range_degc
-        return polynomial.powers(
-            degc, self.order, middle=(low + high) / 2.0, half=(high - low) / 2.0
-        )
+        shapes = (line_terms.ASYMMETRY,) if np.ptp(np.abs(rows.rate_dps)) > 0.0 else ()
+        orders = self.order, self.order
+        return equation.Terms(1, orders, ((low + high) / 2.0, (high - low) / 2.0), shapes)
 
     def information(self, holds: Holds) -> Information:
-        """Information on the polynomials of relative K, then those of F0 [°/s], and on the
-        asymmetry of the response, with the effects of the fit.
-        """
-        rows = holds.rows
-        powers = self.powers(rows.row_degc)
-        size = np.abs(rows.rate_dps)[:, None]
-        asymmetry = size if np.ptp(size) > 0.0 else np.zeros((size.size, 0))
-        design = np.column_stack([powers * rows.rate_dps[:, None], powers, asymmetry])
-        unit = {"scale": 1.0 / PPM}
-        known = {
-            effect: Known(one.value * unit.get(effect, 1.0 / DPH_PER_DPS), one.dof)
-            for (group, effect), one in self.sizes.items()
-            if group != MOUNTING[0]
-        }
-        effects = all_runs.list_effects(rows, (self.order, self.order), known)
+        """Information on the parameters of the equation of a gyro whose scale factor is 1."""
+        rows, terms = holds.rows, self.terms(holds.rows)
+        design = derivative(lambda p: equation.residual(p, rows, terms), terms.start)
         noise = holds.noise_dps
-        weighted = [one.divided_by(noise) for one in effects]
-        return find_information(design / noise[:, None], 1.0, weighted)
+        effects = [
+            Effect(
+                error.group,
+                error.effect,
+                error.level,
+                error.loading / noise[:, None],
+                self.sizes.get((error.group, error.effect)),
+            )
+            for error in equation.shared_errors(rows, terms, np.ones(1), np.ones(1))
+        ]
+        return find_information(design / noise[:, None], 1.0, effects)
 
     def without(self, name: tuple[str, str]) -> "Model":
         """The model without an error."""
@@ -159,25 +159,19 @@ class Model:
         """The model of runs at one temperature, each with its own zero."""
         return replace(self.without(("run", "zero")), order=0)
 
-    def result_slopes(self, result: str, rate_dps: Array, degc: Array | None = None) -> Array:
-        """Derivatives [m, p] of a result by the coefficients, over the range of use or at
-        temperatures [m] [°C], for holds at rates [n] [°/s]; the zero is that of the best straight
-        line, which an asymmetry moves.
+    def result_slopes(self, result: str, rows: equation.Rows, degc: Array | None = None) -> Array:
+        """Derivatives [m, p] of a result by the parameters, over the range of use or at
+        temperatures [m] [°C]: of the best straight line over the holds.
         """
+        terms = self.terms(rows)
         degc = np.linspace(*self.range_degc, LEVELS) if degc is None else degc
-        powers = self.powers(degc)
-        none = np.zeros_like(powers)
-        if result == "scale factor":
-            found = PPM * np.column_stack([powers, none])
-        else:
-            found = DPH_PER_DPS * np.column_stack([none, powers])
-        size = np.abs(rate_dps)
-        if np.ptp(size) > 0.0:
-            line = np.column_stack([rate_dps, np.ones(size.size)])
-            bent = float(np.linalg.pinv(line)[1] @ size)
-            own = 0.0 if result == "scale factor" else DPH_PER_DPS * bent
-            found = np.column_stack([found, np.full(len(found), own)])
-        return np.asarray(found, dtype=np.float64)
+        powers = polynomial.powers(terms.mapped(degc), self.order)
+        line = equation.best_line(terms, rows.rate_dps)
+        which, size = (
+            (equation.SCALE, PPM) if result == "scale factor" else (equation.ZERO, DPH_PER_DPS)
+        )
+        slopes = derivative(lambda p: powers @ line(p)[which][0], terms.start)
+        return np.asarray(size * slopes, dtype=np.float64)
 
 
 def order_rates(rates_dps: Sequence[int], *, alternating: bool) -> tuple[float, ...]:

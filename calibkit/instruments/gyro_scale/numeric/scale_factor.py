@@ -14,9 +14,7 @@ from calibkit.errors import FitError
 from calibkit.instruments.gyro_scale.numeric import line_terms
 from calibkit.instruments.gyro_scale.numeric.plateau_means import Plateaus
 from calibkit.numeric import gum
-from calibkit.numeric.least_squares import polynomial
 from calibkit.numeric.least_squares.fit import LinearFit, linear
-from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
 
 TERMS = ("K", "F0")
 """Scale factor [1/s/(°/s)] and zero intercept [1/s]."""
@@ -50,6 +48,10 @@ class ScaleFactor:
     """
     rest_covariance: Array
     """Covariance [2, 2] of K and `rest`."""
+    left_out: Array
+    """Change [2] of K and F0 by the term, of those that are not included, that would change K
+    most.
+    """
     terms: Mapping[str, tuple[float, ...]]
     """Terms beside the line that the residuals ask for, with their coefficients; what time and
     temperature add is taken out of `indication`.
@@ -141,6 +143,11 @@ def _scale_factor(
     full = linear(chosen.solved.design, indication)
     results = chosen.solved.results
     covariance, ratio = _covariance(full, chosen, indication, standard_uncertainty)
+    # an effect too small to be found is still there; what the model explains changes nothing
+    shifts = [np.zeros(4)]
+    shifts += [(other.results - results) @ full.residuals for other in chosen.left_out]
+    largest = max(shifts, key=lambda shift: abs(float(shift[0])))
+    covariance += np.outer(largest, largest)
     # of the model, or of the held zero rates where these know it better
     rest = 3 if covariance[3, 3] < covariance[2, 2] else 2
     return ScaleFactor(
@@ -155,6 +162,7 @@ def _scale_factor(
         solver=results[:2],
         rest=float(results[rest] @ indication),
         rest_covariance=covariance[np.ix_((0, rest), (0, rest))],
+        left_out=largest[:2],
         terms=chosen.terms,
     )
 
@@ -188,11 +196,6 @@ def _covariance(
         # what is held at rest has no part in the residuals of the line
         raised = np.array([excess, excess, excess, 1.0])
     covariance = (results * noise**2) @ results.T * np.outer(raised, raised)
-    shifts = [(other.results - results) @ fit.residuals for other in chosen.left_out]
-    if shifts:
-        # an effect too small to be found is still there; what the model explains changes nothing
-        largest = max(shifts, key=lambda shift: abs(float(shift[0])))
-        covariance += np.outer(largest, largest)
     if not line_terms.turns_both_ways(chosen.solved.design[:, 0]):
         # one direction alone: nothing tells the line of the other one from a bend of the response
         bend = float((chosen.solved.solver[1] - results[1]) @ indication)
@@ -245,46 +248,4 @@ def of_run(plateaus: Plateaus, *, reference: Literal["rate", "angle"] = "rate") 
     np.fill_diagonal(correlation, 1.0)
     return RunScales(
         gyros, np.array([gyro.K for gyro in gyros]), correlation * np.outer(stated, stated)
-    )
-
-
-def over_temperature(
-    K: Array, standard_uncertainty: Array, temp_degc: Array, *, order: int | None = None
-) -> TemperaturePolynomial:
-    """Fit the scale factors of q runs as a polynomial of temperature.
-
-    Parameters
-    ----------
-    K, standard_uncertainty, temp_degc : [q].
-    order : of the polynomial; by default the one of least leave-one-temperature-out error, at most
-        3.
-
-    Raises
-    ------
-    FitError
-        Fewer temperatures than coefficients.
-
-    """
-    # all runs at a temperature are left out together
-    level = np.round(temp_degc)
-    highest = min(polynomial.HIGHEST_ORDER, np.unique(level).size - 2)
-    chosen = order
-    if chosen is None:
-        chosen = polynomial.choose_order(temp_degc, K, highest, groups=level, count_dof=True).order
-    fit, raw, covariance = polynomial.fit_polynomial(temp_degc, K, chosen)
-    solver = np.array(
-        [polynomial.fit_polynomial(temp_degc, row, chosen)[1] for row in np.eye(temp_degc.size)]
-    ).T
-    noise = (solver * standard_uncertainty**2) @ solver.T
-    # runs repeat less well than their noise: of the two covariances, use the one with the larger
-    # trace in K over the range
-    columns = polynomial.powers(temp_degc, chosen)
-    scatter, stated = (np.sum(gum.variance_along(columns, c)) for c in (covariance, noise))
-    larger = np.array(covariance if scatter > stated else noise)
-    # errors common to all runs do not average out: the curve is nowhere better known than a single
-    # run
-    least = float(np.min(gum.variance_along(columns, larger)))
-    larger[0, 0] += max(float(np.mean(standard_uncertainty**2)) - least, 0.0)
-    return TemperaturePolynomial(
-        raw, larger, fit.dof, fit.residual_rms, (float(np.min(temp_degc)), float(np.max(temp_degc)))
     )

@@ -1,0 +1,289 @@
+"""Gyros on a rate table, about one axis or several.
+
+    F = K(T) Ω + Σ_k c_k(T) s_k(Ω) + F0(T) + Σ_g Z_g b_g + e                               (1)
+
+F indication of a gyro at a held rate [1/s], Ω table rate [°/s], K and F0 polynomials of x, the
+temperature T mapped to [-1, 1], s_k shapes of a response that is no straight line, b errors that
+held rates share, e noise. c_k is constant, follows the scale factor, c_k K(T)/K(x = 0), or is
+linear, c_k + d_k x. The published K and F0 are those of the best straight line over the held
+rates, which takes its part of the shapes.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from calibkit.arrays import Array, Integers, Mask
+from calibkit.constants import DPH_PER_DPS
+from calibkit.fit import orders
+from calibkit.fit.complex_step import Numbers
+from calibkit.fit.shared import Shared
+from calibkit.fit.solve import Fit, solve
+from calibkit.instruments.gyro_scale.numeric import line_terms
+from calibkit.numeric.least_squares import polynomial
+
+PPM = 1e-6
+SCALE, ZERO = 0, 1
+"""Number of K among the results of a line, and of F0."""
+LOWEST_ORDER = 1
+"""Of K and F0 over temperature: that a slope is not seen is no proof that there is none."""
+SAME_RATE = 0.01
+"""Relative difference below which two held rates are one."""
+TINY = 1e-6
+"""Difference below which two held rates are one, relative to the largest rate."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """Held rates of gyros in all runs; what has a K and F0 of its own is a line."""
+
+    rate_dps: Array
+    """[n]."""
+    indication: Array
+    """[n], as logged."""
+    run: Integers
+    """[n], number of the run of each row, another one for each gyro in it."""
+    row_degc: Array
+    """[n], NaN where it is not known."""
+    hours: Array
+    """[n], from the middle of the run; 0 where times are not known."""
+    line: Integers
+    """[n], number of the line of each row."""
+    channel: Integers
+    """[n], number of gyro and table axis of each row, which have a noise and a response."""
+
+    @property
+    def temp_degc(self) -> Array:
+        """Mean temperature [r] of each run."""
+        return np.bincount(self.run, self.row_degc) / np.bincount(self.run)
+
+    @property
+    def both_ways(self) -> bool:
+        """Whether every run turned both ways."""
+        return all(
+            line_terms.turns_both_ways(self.rate_dps[self.run == k])
+            for k in range(self.run.max() + 1)
+        )
+
+    @property
+    def shows_asymmetry(self) -> bool:
+        """Whether an asymmetry is no zero of a direction: rates of several sizes, both ways."""
+        size = np.abs(self.rate_dps)
+        return self.both_ways and bool(np.ptp(size) > SAME_RATE * size.max())
+
+
+class Parameters(NamedTuple):
+    """Parameters of equation (1) by name, of each line."""
+
+    K: Numbers
+    """[lines, order + 1], of the powers of x."""
+    F0: Numbers
+    """[lines, order + 1]."""
+    bend: Numbers
+    """c [lines, k]."""
+    bend_slope: Numbers
+    """d [lines, k], or none where the bends are not linear in x."""
+
+
+@dataclass(frozen=True, slots=True)
+class Terms:
+    """Terms of equation (1), the same of each line."""
+
+    lines: int = 1
+    orders: tuple[int, int] = (0, 0)
+    """Of the polynomials of K and F0."""
+    middle_half: tuple[float, float] = (0.0, 1.0)
+    """Middle and half-width [°C] of the temperatures."""
+    shapes: tuple[str, ...] = ()
+    """Names of the shapes, as `line_terms.shapes` has them."""
+    fastest_dps: float = 1.0
+    """Rate that powers of the rate are relative to."""
+    bends: Literal["constant", "as K", "linear"] = "constant"
+    """How the shapes change with temperature."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters of a line."""
+        letters = zip(("K", "F0"), self.orders, strict=True)
+        change = [f"{name} T" for name in self.shapes if self.bends == "linear"]
+        powers = [f"{letter} T^{k}" for letter, order in letters for k in range(order + 1)]
+        return (*powers, *self.shapes, *change)
+
+    @property
+    def start(self) -> Array:
+        """Parameters [p] of gyros whose scale factor is 1."""
+        return np.tile(np.eye(len(self.names))[0], self.lines)
+
+    def split(self, p: Numbers) -> Parameters:
+        """Parameters [p] by name."""
+        sizes = [order + 1 for order in self.orders] + [len(self.shapes)]
+        return Parameters(*np.split(p.reshape(self.lines, -1), np.cumsum(sizes), axis=1))
+
+    def up_to(self, order: int) -> Mask:
+        """Which parameters [p] equation (1) has with polynomials of a lower order."""
+        of_line = [np.arange(highest + 1) <= order for highest in self.orders]
+        of_line.append(np.ones(len(self.names) - sum(self.orders) - 2, dtype=np.bool_))
+        return np.tile(np.concatenate(of_line), self.lines)
+
+    def mapped(self, degc: Array) -> Array:
+        """Temperatures [n] mapped to [-1, 1]."""
+        middle, half = self.middle_half
+        return (degc - middle) / half
+
+    def shape(self, rate_dps: Array) -> Array:
+        """Shapes [n, k] at rates [n]."""
+        known = line_terms.shapes(rate_dps, self.fastest_dps)
+        return np.column_stack([np.empty((rate_dps.size, 0)), *(known[s] for s in self.shapes)])
+
+    def bend_polynomials(self, p: Numbers) -> Numbers:
+        """c_k(T) [lines, k, order + 1] in powers of x."""
+        of = self.split(p)
+        if self.bends == "as K":
+            return np.asarray(of.bend[:, :, None] * (of.K / of.K[:, :1])[:, None, :])
+        if self.bends == "linear":
+            return np.stack((of.bend, of.bend_slope), axis=2)
+        return of.bend[:, :, None]
+
+
+def at(polynomials: Numbers, x: Array) -> Numbers:
+    """Polynomials [n, ..., order + 1] at x [n]: [n, ...]."""
+    powers = polynomial.powers(x, polynomials.shape[-1] - 1)
+    return np.asarray(np.einsum("n...k,nk->n...", polynomials, powers))
+
+
+def response(p: Numbers, rows: Rows, terms: Terms) -> Numbers:
+    """F [n] of equation (1) without its errors."""
+    of, x, line = terms.split(p), terms.mapped(rows.row_degc), rows.line
+    bends = at(terms.bend_polynomials(p)[line], x)
+    bent = np.sum(bends * terms.shape(rows.rate_dps), axis=1)
+    return np.asarray(at(of.K[line], x) * rows.rate_dps + bent + at(of.F0[line], x))
+
+
+def residual(p: Numbers, rows: Rows, terms: Terms) -> Numbers:
+    """What equation (1) leaves of held rates [n] [1/s]."""
+    return response(p, rows, terms) - rows.indication
+
+
+def best_line(terms: Terms, rate_dps: Array) -> Callable[[Numbers], tuple[Numbers, Numbers]]:
+    """Function from parameters to the polynomials [lines, order + 1] of K and of F0 of the best
+    straight line over rates [n].
+    """
+    line = np.column_stack((rate_dps, np.ones_like(rate_dps)))
+    share = np.linalg.pinv(line) @ terms.shape(rate_dps)
+
+    def of(p: Numbers) -> tuple[Numbers, Numbers]:
+        parts = terms.split(p)
+        bent = np.einsum("sk,lko->slo", share, terms.bend_polynomials(p))
+        return _add(parts.K, bent[SCALE]), _add(parts.F0, bent[ZERO])
+
+    return of
+
+
+def _add(a: Numbers, b: Numbers) -> Numbers:
+    """Sum of two polynomials [lines, order + 1] each."""
+    order = max(a.shape[1], b.shape[1])
+    total = (np.pad(one, ((0, 0), (0, order - one.shape[1]))) for one in (a, b))
+    return np.asarray(sum(total))
+
+
+def shared_errors(rows: Rows, terms: Terms, K: Array, own_K: Array) -> Iterator[Shared]:
+    """What differs from run to run, what changes during a run, what the response at a rate is off
+    the line in every run, and what differs between the sides of the table, where the likelihood
+    asks for it.
+
+    Sizes are relative to the scale factors [channels] of the gyros about the table axes, or about
+    their own axes where the error does not act along the turned one.
+    """
+    ppm = np.abs(K)[rows.channel] * PPM * rows.rate_dps
+    dph = np.abs(own_K)[rows.channel] / DPH_PER_DPS
+
+    def of_runs(effect: str, loading: Array, unit: str) -> Shared:
+        return Shared(
+            group="run", effect=effect, level=rows.run, loading=loading[:, None], unit=unit
+        )
+
+    yield of_runs("scale", ppm, "ppm")
+    yield of_runs("zero", dph, "deg/h")
+    if rows.hours.any():
+        yield of_runs("zero drift", dph * rows.hours, "deg/h/h")
+    warmer = rows.row_degc - rows.temp_degc[rows.run]
+    logged = bool(np.isfinite(warmer).all())
+    if logged and warmer.any() and not terms.orders[SCALE]:
+        yield of_runs("scale over temperature", ppm * warmer, "ppm/degC")
+    elif not logged and rows.hours.any():
+        yield of_runs("scale drift", ppm * rows.hours, "ppm/h")
+    if not rows.both_ways:
+        return
+    pattern = response_pattern(rows)
+    if pattern.size:
+        loading = (np.abs(K)[rows.channel] / DPH_PER_DPS)[:, None] * pattern
+        yield Shared(
+            group="rate", effect="response", level=rows.channel, loading=loading, unit="deg/h"
+        )
+    side = 2 * rows.run + (rows.rate_dps < 0.0)
+    for effect, level, loading, unit in (
+        ("zero", side, dph, "deg/h"),
+        ("scale", rows.run, np.abs(ppm), "ppm"),
+    ):
+        yield Shared(
+            group="side",
+            effect=effect,
+            level=level,
+            loading=loading[:, None],
+            unit=unit,
+            optional=True,
+        )
+
+
+def fit(rows: Rows, terms: Terms, shared: Sequence[Shared]) -> Fit:
+    """Average of equation (1) over the orders of its polynomials, all with the optional errors that
+    the highest asks for; each channel has a noise of its own.
+    """
+
+    def fit_order(order: int, errors: Sequence[Shared]) -> Fit:
+        return solve(
+            partial(residual, rows=rows, terms=terms),
+            terms.start,
+            errors,
+            channel=rows.channel,
+            free=terms.up_to(order),
+            names=terms.names * terms.lines,
+        )
+
+    highest = max(terms.orders)
+    fits = [fit_order(highest, shared)]
+    kept = [replace(size.error, optional=False) for size in fits[0].shared]
+    lower = range(min(LOWEST_ORDER, highest), highest)
+    return orders.average([*fits, *(fit_order(order, kept) for order in lower)])
+
+
+def refit(fitted: Fit, before: Rows, rows: Rows, terms: Terms) -> Fit:
+    """The fit to rows with small errors of rate, time or thermometer, the weights held.
+
+    dp = −(Jᵀ V⁻¹ J)⁻¹ (Jᵀ V⁻¹ dr + dJᵀ V⁻¹ r); such errors change J by combinations of its columns,
+    to which V⁻¹ r is perpendicular: the second term is 0.
+    """
+    p = fitted.parameters
+    change = residual(p, rows, terms) - residual(p, before, terms)
+    return replace(fitted, parameters=p - fitted.gain @ change)
+
+
+def response_pattern(rows: Rows) -> Array:
+    """Columns [n, k] of what the runs of a channel have in common at each rate that two of them
+    held, beside a straight line over the rates of all.
+    """
+    order = np.argsort(rows.rate_dps, kind="stable")
+    rate = rows.rate_dps[order]
+    far = np.diff(rate) > SAME_RATE * np.abs(rate[1:]) + TINY * np.max(np.abs(rate))
+    level = np.empty(rate.size, dtype=np.int64)
+    level[order] = np.concatenate(([0], np.cumsum(far)))
+    held = np.unique(np.column_stack((level, rows.channel, rows.run)), axis=0)
+    _, first, runs = np.unique(held[:, :2], axis=0, return_index=True, return_counts=True)
+    repeated = np.unique(held[first[runs > 1], 0])
+    at_level = (level[:, None] == repeated).astype(np.float64)
+    line, _ = np.linalg.qr(np.column_stack((rows.rate_dps, np.ones(rate.size))))
+    left, spread, _ = np.linalg.svd(at_level - line @ (line.T @ at_level), full_matrices=False)
+    return np.asarray((left * spread)[:, spread > SAME_RATE], dtype=np.float64)
