@@ -89,7 +89,7 @@ class ScaleOverTemperature:
 
     @property
     def effective_dof(self) -> Array:
-        """Of the coefficients [n + 1]. Every s(T) takes s0, which has the least of the range too: at
+        """Of the coefficients [n + 1]. Every s(T) takes s0, so it has the least of the range too: at
         0 °C the polynomial alone may be what is uncertain, within the range it is the logs.
         """
         dof = self.fit.of(lambda p: self.to_raw @ p[:-1]).dof
