@@ -89,8 +89,8 @@ class ScaleOverTemperature:
 
     @property
     def effective_dof(self) -> Array:
-        """Of the coefficients [n + 1]. Every s(T) takes s0, so it has the least of the range too: at
-        0 °C the polynomial alone may be what is uncertain, within the range it is the logs.
+        """Of the coefficients [n + 1]. Every s(T) takes s0, so it has the least of the range too:
+        at 0 °C the polynomial alone may be what is uncertain, within the range it is the logs.
         """
         dof = self.fit.of(lambda p: self.to_raw @ p[:-1]).dof
         dof[0] = min(dof[0], self.fit.of(lambda p: scale(p, WITHIN_RANGE)).dof.min())
