@@ -519,6 +519,19 @@ def test_a_station_is_left_out_of_its_own_prior(logs):
             assert over.left_out.standard_uncertainty[k] == pytest.approx(u, rel=0.02)
 
 
+def test_s_within_the_range_has_the_degrees_of_freedom_of_its_logs():
+    """Four logs whose s differ by far more than their stations: three degrees of freedom, although
+    a line at 0 °C, 80 °C below the range, is as uncertain as its slope.
+    """
+    rng = np.random.default_rng(3)
+    temperature, log = np.linspace(80.0, 120.0, 40), np.arange(40) % 4
+    s = 1.0 + 1e-5 * rng.standard_normal(40) + 1e-5 * np.array([-3.0, 1.0, 4.0, -2.0])[log]
+    error = Shared(group="log", effect="scale", level=log, loading=np.ones((40, 1)), unit="1")
+    over = roots_of(s, 1e-5, temperature, order=1, log=error)
+    assert over.effective_dof[0] == pytest.approx(3.0, rel=0.1)
+    assert over.effective_dof[1] > 20.0
+
+
 def test_scatter_beyond_noise_is_in_the_prior():
     """S that scatters 1e-3 from station to station has a scatter of 0.7 to 1.3e-3, and the prior is
     no surer than it.

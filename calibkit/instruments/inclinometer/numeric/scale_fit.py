@@ -35,6 +35,8 @@ BY_CHANCE = 0.05
 """Probability of a turn by noise alone, below which it is taken as measured."""
 LEAST_DEG = 1e-4
 """Turn [°] below which no tool is aligned."""
+WITHIN_RANGE = np.linspace(-1.0, 1.0, 21)
+"""Mapped temperatures at which degrees of freedom are compared."""
 LEAST_SPARE = 1e-6
 """Least share of a root that the others leave open; with less it alone determines a coefficient."""
 
@@ -87,8 +89,12 @@ class ScaleOverTemperature:
 
     @property
     def effective_dof(self) -> Array:
-        """Of the coefficients [n + 1]."""
-        return self.fit.of(lambda p: self.to_raw @ p[:-1]).dof
+        """Of the coefficients [n + 1]. Every s(T) takes s0, so it has the least of the range too:
+        at 0 °C the polynomial alone may be what is uncertain, within the range it is the logs.
+        """
+        dof = self.fit.of(lambda p: self.to_raw @ p[:-1]).dof
+        dof[0] = min(dof[0], self.fit.of(lambda p: scale(p, WITHIN_RANGE)).dof.min())
+        return dof
 
     @property
     def scatter(self) -> float:
