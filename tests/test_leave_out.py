@@ -66,18 +66,6 @@ def test_a_model_with_more_coefficients_must_be_a_tenth_better_than_the_best_so_
     assert leave_out.choose_simplest([]) == 0
 
 
-def test_the_order_is_that_of_the_curve_however_much_a_higher_one_fits(campaign):
-    """A cubic is found from the temperatures left out, a line of pure noise stays a constant."""
-    temperature, values, weights = campaign
-    level = np.round(temperature / 20.0)
-    assert polynomial.choose_order(temperature, values, 4, groups=level).order == 3
-    assert polynomial.choose_order(temperature, values, 4, weights=weights).order == 3
-    noise = np.random.default_rng(8).normal(size=(40, 21))
-    orders = [polynomial.choose_order(temperature, row, 3, groups=level).order for row in noise]
-    assert orders.count(0) > 34
-    assert polynomial.choose_order(temperature, values, -1).order == 0
-
-
 def test_a_polynomial_of_temperature_is_clamped_to_its_range():
     """Beyond the fitted range value and uncertainty are those at its end."""
     curve = polynomial.TemperaturePolynomial(
@@ -86,28 +74,3 @@ def test_a_polynomial_of_temperature_is_clamped_to_its_range():
     value, u = curve.at([-50.0, 30.0, 90.0])
     np.testing.assert_allclose(value, [-4.0, 16.0, 16.0])
     np.testing.assert_allclose(u, np.sqrt([0.05, 0.37, 0.37]))
-
-
-def test_the_choice_of_an_order_adds_the_spread_of_the_orders_that_may_be_right():
-    """Against fits that leave out one value after the other, weighted by hand; next to nothing
-    where the order is evident, and never more than the orders differ.
-    """
-    rng, x = np.random.default_rng(5), np.linspace(-40.0, 70.0, 30)
-    for slope, evident in ((0.0, False), (1e-4, False), (1e-2, True)):
-        y = 1.0 + slope * x + 0.01 * rng.standard_normal(30)
-        found = polynomial.choose_order(x, y, 2)
-        fits = [np.polynomial.Polynomial.fit(x, y, order) for order in range(3)]
-        errors = []
-        for order in range(3):
-            left = [
-                y[k] - np.polynomial.Polynomial.fit(np.delete(x, k), np.delete(y, k), order)(x[k])
-                for k in range(30)
-            ]
-            errors.append(np.sqrt(np.mean(np.square(left))))
-        weights = (min(errors) / np.array(errors)) ** 30
-        apart = [np.mean((one(x) - fits[found.order](x)) ** 2) for one in fits]
-        expected = np.sqrt(weights @ apart / weights.sum())
-        assert found.spread == pytest.approx(expected, rel=1e-9)
-        assert (weights[:1].max() < 1e-9) == evident
-        assert found.spread <= np.sqrt(max(apart))
-    assert polynomial.choose_order(x, y, 0).spread == 0.0

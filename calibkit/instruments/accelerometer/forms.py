@@ -26,15 +26,6 @@ of K8, K9 (cross-axis terms).
 K_UNITS = (*(_over_temperature(unit, k) for unit in ("1", "g") for k in range(4)), "1", "1")
 
 
-def affine_unit(name: str) -> str:
-    """Unit of an affine parameter; FitError for an unknown name."""
-    entry = affine_model.find_entry(name)
-    if entry.kind in ("tilt", "fixture"):
-        return "rad"
-    unit = {"m": "1", "b": "g", "n": "1/g" if len(entry.factors) == 2 else "1/g2"}[entry.kind]
-    return _over_temperature(unit, entry.power)
-
-
 def inputs(indication: Array, temperature: Array) -> Inputs:
     """Inputs of a form from indications [n, 3, g] and temperatures [n, °C]."""
     return {**dict(zip(COMPONENTS, indication.T, strict=True)), TEMPERATURE: temperature}

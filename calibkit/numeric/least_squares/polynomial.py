@@ -11,8 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.numeric import chunks, gum
-from calibkit.numeric.dispersion import rms
-from calibkit.numeric.least_squares import fit as least_squares, leave_out
 
 HIGHEST_ORDER = 3
 """Of the polynomials over temperature that are compared."""
@@ -52,25 +50,6 @@ def powers(abscissa: Array, order: int, *, middle: float = 0.0, half: float = 1.
     for k in range(2, order + 1):
         np.multiply(rows[k - 1], rows[1], out=rows[k])
     return rows.T
-
-
-def fit_polynomial(
-    abscissa: Array, indication: Array, order: int, *, weights: Array | None = None
-) -> tuple[least_squares.LinearFit, Array, Array]:
-    """Fit a polynomial of the given order on the abscissa mapped to [−1, 1] and report it in raw
-    powers too.
-
-    Returns
-    -------
-    The fit in mapped powers, the raw coefficients [order + 1] (ascending powers of the abscissa in
-    its own unit) and their covariance [order + 1, order + 1].
-    """
-    design, to_raw = mapped_powers(abscissa, order)
-    names = [f"p{k}" for k in range(order + 1)]
-    fit = least_squares.fit_tall(design, indication, weights) or least_squares.linear(
-        design(slice(None)), indication, weights=weights, names=names
-    )
-    return (fit, *in_raw_powers(fit.coefficients, fit.covariance, to_raw))
 
 
 def mapped_powers(
@@ -127,59 +106,6 @@ def to_raw_powers(middle: float, half: float, order: int) -> NDArray[np.longdoub
         matrix[: k + 1, k] = power
         power = np.convolve(power, step)
     return matrix
-
-
-@dataclass(frozen=True, slots=True)
-class OrderChoice:
-    """The chosen order of a polynomial, and the standard deviation that the choice adds to its
-    values: the rms by which the other orders differ from it at the abscissae, each order by the
-    weight that its errors at left-out values give it, (least error/its error)^n of n groups
-    (pseudo-Bayesian model averaging, Yao and others 2018, Bayesian Analysis 13:917).
-    """
-
-    order: int
-    spread: float
-
-
-def choose_order(
-    abscissa: Array,
-    indication: Array,
-    highest: int,
-    *,
-    margin: float = leave_out.MARGIN,
-    weights: Array | None = None,
-    groups: Array | None = None,
-    count_dof: bool = False,
-) -> OrderChoice:
-    """Order from 0 to `highest` of the polynomial whose errors at left-out values have the least
-    weighted rms; a higher order must lower it below `margin` times that of the best lower one.
-
-    Parameters
-    ----------
-    abscissa, indication
-        [n].
-    weights
-        [n], proportional to 1/variance of each value; equal when absent.
-    groups
-        [n], label of the group that each value is left out with; each by itself when absent.
-    count_dof
-        Whether errors count times Student's t of the values that an order leaves over.
-    """
-    middle, half = middle_and_half(abscissa)
-    errors, values, count = [], [], abscissa.size if groups is None else np.unique(groups).size
-    for order in range(highest + 1):
-        design = powers(abscissa, order, middle=middle, half=half or 1.0)
-        residuals = least_squares.linear(design, indication, weights=weights).residuals
-        left = leave_out.left_out_errors(design, residuals, weights=weights, groups=groups)
-        values.append(indication - residuals)
-        few = gum.widening(max(count - order - 1, 1)) if count_dof else 1.0
-        errors.append(few * rms(left if weights is None else left * np.sqrt(weights)))
-    chosen = leave_out.choose_simplest(errors, margin)
-    if not np.isfinite(least := min(errors, default=np.inf)):
-        return OrderChoice(chosen, 0.0)
-    shares = np.array([1.0 if one == least else (least / one) ** count for one in errors])
-    apart = [float(np.mean((other - values[chosen]) ** 2)) for other in values]
-    return OrderChoice(chosen, float(np.sqrt(shares @ apart / shares.sum())))
 
 
 def space_levels(low: float, high: float, count: int) -> list[int]:
