@@ -14,7 +14,7 @@ from calibkit.constants import DPH_PER_DPS
 from calibkit.errors import FitError, advise_exclude
 from calibkit.fit import orders
 from calibkit.fit.solve import Fit
-from calibkit.instruments.gyro_scale import equation, forms, run_lines, table_runs
+from calibkit.instruments.gyro_scale import equation, forms, ordering, run_lines, table_runs
 from calibkit.instruments.gyro_scale.numeric import (
     gjb_figures,
     line_terms,
@@ -74,6 +74,8 @@ class GyroOverRuns:
     """Of the straight line through K over temperature [1/deg/°C]."""
     fitted: tuple[Fit, equation.Rows, equation.Terms] | None = None
     """Equation (1) of all runs, its rows and terms; None for a single run."""
+    in_time: ordering.Ordering | None = None
+    """Whether K changes with time since the runs began."""
 
 
 def fit_over_runs(
@@ -110,6 +112,12 @@ def fit_over_runs(
         # runs of one direction alone do not tell a bend of the response from F0
         hidden = F0.parameters[0] - terms.split(fitted.parameters).F0[0, 0]
         F0 = replace(F0, bounds=np.column_stack((F0.bounds, hidden * np.eye(len(F0.bounds), 1))))
+    in_time = _order_in_time(fitted, rows, terms)
+    if in_time and in_time.half_width:
+        # a half-width that is known, as a rectangular distribution
+        first = np.eye(len(K.parameters), 1)
+        bounds = np.column_stack((K.bounds, in_time.half_width / np.sqrt(3.0) * first))
+        K = replace(K, parameters=K.parameters + in_time.shift * first[:, 0], bounds=bounds)
     degc = np.array([np.mean([run.temp_degc for run in at_room])])
     at = terms.mapped(degc) if varies else np.zeros(1)
     K_at_room, F0_at_room = (_weigh(one, _powers(one, at)[0]) for one in (K, F0))
@@ -124,6 +132,7 @@ def fit_over_runs(
         float(both[0, 1]) / size if size > 0.0 else 0.0,
         response,
         fitted=(fitted, rows, terms),
+        in_time=in_time,
     )
     if not varies:
         return found
@@ -135,6 +144,42 @@ def fit_over_runs(
         F0_over_temperature=curve_of(F0, terms, temperature),
         slope=_weigh(K, slope_of @ _powers(K, terms.mapped(temperature))),
     )
+
+
+def _order_in_time(
+    fitted: Fit, rows: equation.Rows, terms: equation.Terms
+) -> ordering.Ordering | None:
+    """Whether K changes with time in the runs, beside what temperature changes."""
+    if not max(terms.orders):
+        return ordering.decide(rows, rows.indication)
+    mean, p = replace(rows, row_degc=rows.temp_degc[rows.run]), fitted.parameters
+    warmed = equation.response(p, rows, terms) - equation.response(p, mean, terms)
+    return ordering.decide(rows, rows.indication - warmed, np.inf)
+
+
+def _flag_time(one: GyroOverRuns) -> Iterator[str]:
+    """Flags for a scale factor that changes with time, and for rates that cannot tell."""
+    found, name = one.in_time, forms.line_name(one.gyro)
+    cure = "run the rates in random order, or repeat the first rates at the end"
+    if found is None:
+        return
+    if found.half_width:
+        ppm = gjb_figures.PPM / abs(one.K.value)
+        what = (
+            "as of a scale factor that warms up: K is that at the end of the runs"
+            if found.decision == "time"
+            else "or with a bent response, which cannot be told apart: K is the mean of both"
+        )
+        yield (
+            f"{name}: the indication changes with time since the runs began, {what},"
+            f" {found.shift * ppm:+.2g} ppm off the straight line and known to"
+            f" {found.half_width * ppm:.2g} ppm; {cure}, after the warm-up"
+        )
+    elif found.separable < ordering.SEPARABLE:
+        yield (
+            f"{name}: rates rise with time: a scale factor that warms up looks like a bent"
+            f" response; {cure}"
+        )
 
 
 def _rows(gyro: str, runs: Sequence[table_runs.TableRun]) -> equation.Rows:
@@ -429,6 +474,7 @@ def flag_runs(gyros: Sequence[GyroOverRuns], spec: GyroRecipe) -> tuple[str, ...
             )
     for one in gyros:
         flags += [*_flag_other_gyro(one), *_flag_between(one, spec), *_flag_temperatures(one)]
+        flags += _flag_time(one)
     temperature = np.array([run.temp_degc for run in runs])
     near = np.abs(temperature - spec.reference_temp_degc) <= ROOM_DEGC
     if len(temperature) > 1 and np.isnan(temperature).any():

@@ -1,0 +1,116 @@
+"""Rates that rise with time: a scale factor that warms up looks like a bent response.
+
+    F = K_r Ω + F_r + N or T_τ,   N = {Ω³, Ω |Ω|},   T_τ = {Ω φ, φ},   φ = exp(−t/τ) or t     (1)
+    F = (RSS_line − min(RSS_N, RSS_T))/(3 s²) against F(3, ν),   D = (RSS_N − RSS_T)/s²       (2)
+
+t is the time since a run began, s² and ν are of the fit with both. Where F is not exceeded there is
+the line alone; D > 20 is time, D < −20 the response, and between them nothing decides.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from calibkit.arrays import Array
+from calibkit.instruments.gyro_scale import equation
+
+CHANCE, CERTAIN = 1e-4, 20.0
+"""Probability of so large an F by chance, and D from which one of both is certain."""
+TAUS, LEAST_DOF = 30, 3
+"""Number of time constants that are tried, and fewest degrees of freedom of s²."""
+ALONE = 0.8
+"""Share of φ that a line over the rates must leave, for a zero that changes with time to be told
+from K.
+"""
+STEADY_DEGC = 0.1
+"""Change of temperature in a run [°C] whose effect need not be known."""
+SEPARABLE = 0.1
+"""Share of Ω t that a line and N must leave, for rates to tell time from the response."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ordering:
+    """What held rates in their order tell of time and response."""
+
+    decision: Literal["line", "time", "response", "undecided"]
+    shift: float
+    """To K of the line, from that at the end of the run or from the mean of both readings."""
+    half_width: float
+    """Largest distance of K between the readings that remain."""
+    separable: float
+    """Share of Ω t that the line and N leave."""
+
+
+def decide(
+    rows: equation.Rows, indication: Array, known_degc: float = STEADY_DEGC
+) -> Ordering | None:
+    """Decision of (2) on held rates of one gyro with indications [n], the mean over runs that turn
+    through the same rates; None where times are not logged, the rates are too few, or the
+    temperature changed in a run by more than is known of its effect [°C].
+    """
+    count = np.bincount(rows.run)
+    warming = np.ptp(rows.row_degc - rows.temp_degc[rows.run])
+    begin = np.array([rows.hours[rows.run == r].min() for r in range(count.size)])
+    t = rows.hours - begin[rows.run]
+    if np.ptp(count) or not t.any() or warming > known_degc:
+        return None
+    held = np.column_stack((rows.rate_dps, t, indication)).reshape(count.size, -1, 3)
+    apart = np.max(np.ptp(held[:, :, 0], axis=0))
+    rate, t, F = held.mean(axis=0).T
+    dof = rate.size - 2 - 5  # the time constant counts
+    if apart > equation.SAME_RATE * np.max(np.abs(rate)) or dof < LEAST_DOF:
+        return None
+    return _judge(rate, t, F, dof)
+
+
+def _judge(rate: Array, t: Array, F: Array, dof: int) -> Ordering:
+    """Decision on rates, times and indications [n]."""
+    from scipy.special import fdtri
+
+    w, t = rate / np.max(np.abs(rate)), t / t.max()
+    line = np.column_stack((w, np.ones_like(w)))
+    bent = np.column_stack((w**3, w * np.abs(w)))
+    left = _left(np.column_stack((line, bent)), w * t)
+    separable = float(np.linalg.norm(left) / np.linalg.norm(w * t))
+    hold = float(np.min(np.diff(np.sort(t))))
+    taus = np.geomspace(hold, 1.0, TAUS)
+    courses = [*(np.exp(-t[:, None] / tau) for tau in taus), t[:, None]]
+    designs = [np.column_stack((line, w * phi[:, 0], _beside(line, phi))) for phi in courses]
+    squares = [float(np.sum(_left(design, F) ** 2)) for design in designs]
+    best = int(np.argmin(squares))
+    of_time, of_line = squares[best], float(np.sum(_left(line, F) ** 2))
+    of_bend = float(np.sum(_left(np.column_stack((line, bent)), F) ** 2))
+    both = float(np.sum(_left(np.column_stack((designs[best], bent)), F) ** 2))
+    noise = max(both / dof, (1e-12 * float(np.max(np.abs(F)))) ** 2)
+    ratio = (of_line - min(of_bend, of_time)) / (3.0 * noise)
+    if ratio <= fdtri(3, dof, 1.0 - CHANCE):
+        return Ordering("line", 0.0, 0.0, separable)
+    D = (of_bend - of_time) / noise
+    if D < -CERTAIN:
+        return Ordering("response", 0.0, 0.0, separable)
+    # K of time, at the end of the run: that without φ, and what φ is there
+    K, _, by_phi = np.linalg.lstsq(designs[best], F)[0][:3]
+    linear = best == TAUS
+    at_end = 1.0 if linear else float(np.exp(-1.0 / taus[best]))
+    at_begin = 0.0 if linear else 1.0
+    to = 0.0 if not linear and taus[best] < 0.5 else at_begin
+    unit = float(np.max(np.abs(rate)))
+    shift = (K + by_phi * at_end - np.linalg.lstsq(line, F)[0][0]) / unit
+    half_width = abs(by_phi * (to - at_end)) / unit
+    if D > CERTAIN:
+        return Ordering("time", float(shift), float(half_width), separable)
+    half = 0.5 * abs(float(shift))
+    return Ordering("undecided", 0.5 * float(shift), half + float(half_width), separable)
+
+
+def _beside(line: Array, phi: Array) -> Array:
+    """φ [n, 1], or nothing where rates follow time so closely that φ is a line over them."""
+    left = np.linalg.norm(_left(line, phi))
+    return phi if left > ALONE * np.linalg.norm(phi - phi.mean()) else phi[:, :0]
+
+
+def _left(design: Array, values: Array) -> Array:
+    """What a least-squares fit leaves of values [n]."""
+    q, _ = np.linalg.qr(design)
+    return np.asarray(values - q @ (q.T @ values), dtype=np.float64)
