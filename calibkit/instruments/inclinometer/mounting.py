@@ -46,11 +46,10 @@ class Circumstances:
     ) -> Self:
         """Circumstances of stations of which s is known."""
         by_root = turn_slopes(found.root >= 0, stations, spec, axis)
-        count = by_root.size
-        tool, every = np.zeros(count, dtype=np.int64), np.ones((count, 1))
-        loading = by_root[:, None]
+        tool, every = np.zeros(by_root.size, dtype=np.int64), np.ones((by_root.size, 1))
+        turn_loading = by_root[:, None]
         offered = [
-            Shared(group=MOUNTING, effect="gyro turn", level=tool, loading=loading, unit="deg")
+            Shared(group=MOUNTING, effect="gyro turn", level=tool, loading=turn_loading, unit="deg")
         ]
         if stations.log.max() > 0:
             offered.append(
@@ -77,18 +76,17 @@ class Circumstances:
         listed = components_of(over.fit.shared)
         if size:
             listed = (*listed, Component(MOUNTING, "gyro turn", size, "deg", u or size, 1))
-        of_log = [log for log in over.fit.shared if log.error.group == "log"]
-        flags = warn_of_few_levels(of_log)
-        if self.turn is not None and over.fixed:
-            flags = (*flags, Remark(ONE_ATTITUDE))
+        logs = [size for size in over.fit.shared if size.error.group == "log"]
+        flags = [*warn_of_few_levels(logs)]
+        if over.separable is False:
+            flags.append(Remark(ONE_ATTITUDE))
         if abs(angle) > SHOWN * u > 0.0:
-            text = (
+            flags.append(
                 f"the roots of s show a gyro that is turned by {angle:.3f}° ± {u:.2g}° against the"
                 " accelerometers about the tool axis, expected 0°: it is in the uncertainty of the"
                 " azimuth; align the sensors and measure again"
             )
-            flags = (*flags, text)
-        return listed, flags
+        return listed, tuple(flags)
 
 
 @dataclass(frozen=True, slots=True)

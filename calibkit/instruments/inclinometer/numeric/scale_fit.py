@@ -35,8 +35,6 @@ BY_CHANCE = 0.05
 """Probability of a turn by noise alone, below which it is taken as measured."""
 LEAST_DEG = 1e-4
 """Turn [°] below which no tool is aligned."""
-WITHIN_RANGE = np.linspace(-1.0, 1.0, 21)
-"""Mapped temperatures at which degrees of freedom are compared."""
 LEAST_SPARE = 1e-6
 """Least share of a root that the others leave open; with less it alone determines a coefficient."""
 
@@ -72,10 +70,10 @@ class ScaleOverTemperature:
     """s(T) at each station [n] fitted to all the others: a prior independent of the station's own
     reading.
     """
-    separable: bool
-    """Whether the stations tell a turn of the gyro from the polynomial."""
-    fixed: bool
-    """Whether enough stations for it stand in one attitude, which does not tell it."""
+    separable: bool | None
+    """Whether the stations tell a turn of the gyro from the polynomial; None where they are too few
+    to measure it.
+    """
 
     @property
     def coefficients(self) -> Array:
@@ -93,7 +91,7 @@ class ScaleOverTemperature:
         at 0 °C the polynomial alone may be what is uncertain, within the range it is the logs.
         """
         dof = self.fit.of(lambda p: self.to_raw @ p[:-1]).dof
-        dof[0] = min(dof[0], self.fit.of(lambda p: scale(p, WITHIN_RANGE)).dof.min())
+        dof[0] = min(dof[0], self.fit.of(lambda p: scale(p, np.linspace(-1.0, 1.0, 21))).dof.min())
         return dof
 
     @property
@@ -135,8 +133,8 @@ class ScaleOverTemperature:
         order = len(self.to_raw) - 1
         if len(roots.s) < order + 1 + spare or not _separates_turn(roots, order):
             return 0.0, 0.0
-        errors = [size.error for size in self.fit.shared]
-        (fit,) = _fit_orders(roots, [order], errors, turned=True)
+        shared = [size.error for size in self.fit.shared]
+        (fit,) = _fit_orders(roots, [order], shared, turned=True)
         error = fit.of(lambda p: p[-1])
         return float(error.value), float(error.u)
 
@@ -231,14 +229,14 @@ def fit_over_temperature(
     tried = orders(degc.size, levels, HIGHEST_ORDER) if order is None else [order]
     highest = tried[-1]
     roots = _used_roots(every, used)
-    enough = turn is not None and degc.size - highest - 2 >= SPARE
-    separable = enough and _separates_turn(roots, highest)
-    fits = _fit_orders(roots, tried, shared_errors(roots, log), turned=separable)
+    separable = None
+    if turn is not None and degc.size - highest - 2 >= SPARE:
+        separable = _separates_turn(roots, highest)
+    fits = _fit_orders(roots, tried, shared_errors(roots, log), turned=separable is True)
     fit = average(fits)
     to_raw = np.asarray(polynomial.to_raw_powers(middle, half, highest), dtype=np.float64)
     left_out = _leave_out(fit, every, roots, used)
-    fixed = enough and not separable
-    return ScaleOverTemperature(fit, roots, to_raw, limits, used, left_out, separable, fixed)
+    return ScaleOverTemperature(fit, roots, to_raw, limits, used, left_out, separable)
 
 
 def _used_roots(every: Roots, used: Mask) -> Roots:

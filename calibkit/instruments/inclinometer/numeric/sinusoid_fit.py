@@ -24,10 +24,10 @@ NAMES = ("x", "y", "bias", "ramp")
 
 @dataclass(frozen=True, slots=True)
 class StationFits:
-    """Components of n stations by least squares, with the biases of the sensors."""
+    """Components of n stations by least squares, with the biases of the sensors; stations in the
+    order of first appearance.
+    """
 
-    station: Array
-    """Name of each station [n], in the order of first appearance."""
     coefficients: Array
     """[n, 2, 4], x, y, bias and ramp by the second of accelerometer [g] and gyro [°/h]; a ramp that
     is not fitted is 0.
@@ -129,7 +129,7 @@ def fit_stations(
                 squares[k, j] = left @ left
     if all(status):
         raise FitError(f"none of {order.size} stations can be fitted: {status[0]}")
-    return StationFits(order, coefficients, covariance, tuple(status), squares, dofs)
+    return StationFits(coefficients, covariance, tuple(status), squares, dofs)
 
 
 def _reason(design: Array, elapsed_s: Array, readings: Array) -> str:
