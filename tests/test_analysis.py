@@ -99,9 +99,10 @@ def test_a_run_says_how_many_things_are_to_check(tmp_path):
     logs = simulated("gyro_pair", 7)
     made = calibkit.fit("gyro_pair", logs=logs, serial="P-1", runs=tmp_path, date=DATE)
     for one in (made, calibkit.find_run("P-1", tmp_path)):
-        assert repr(one).endswith("r001, 1 thing to check: run.flags>")
-        assert len(one.flags) == 1
-        assert one.flags[0].startswith("the two runs show a mounting error")
+        assert repr(one).endswith("r001, 2 things to check: run.flags>")
+        runs, mounting = one.flags
+        assert runs.startswith("N: the scale factors hold within these runs")
+        assert mounting.startswith("the two runs show a mounting error")
 
 
 def test_a_run_without_a_drift_term_says_why_it_has_none(logs):
