@@ -103,12 +103,10 @@ def inside(fitted, second):
     ids=lambda errors: " ".join(map(str, errors)) or "none",
 )
 def test_the_truth_lies_within_u_whatever_dwells_share(errors):
-    """40 campaigns, thirty vectors each: at least 88 % of the corrected components by K.
-
-    An error that all dwells share is drawn once in a campaign and plain least squares keeps all of
-    it: U, by t of so few degrees of freedom, then holds nearly every one.
-    """
+    """40 campaigns, thirty vectors each: at least 88 % of the corrected components by K."""
     second = errors.get("second", 0.0)
+    # Of an error that all dwells share a campaign has one drawing, all of which plain least squares
+    # keeps: U, by t of so few degrees of freedom, then holds nearly every component.
     drawn_once = {"tilt", "eccentric", "second"} & set(errors)
     share = [
         np.mean(inside(fit_triad(dwells(seed, **errors), PLAIN), second)) for seed in range(40)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibkit.errors import FitError
-from calibkit.numeric.least_squares import fit, leave_out, robust
+from calibkit.numeric.least_squares import fit, robust
 
 
 def problem(seed, rows=150, columns=6):
@@ -163,33 +163,6 @@ def test_nonlinear_problem_is_fitted_in_spite_of_a_wild_row():
     found, step = robust.nonlinear(linearised(spoilt), np.array([2.5, 0.9]))
     assert np.max(np.abs(found - clean) / first.fit.standard_uncertainty) < 1.0
     assert step.suspects == (5,)
-
-
-def test_jackknife_of_single_rows_is_the_loop_that_leaves_them_out():
-    """The closed form equals refitting without each group, to rounding."""
-    design, _, indication = problem(11, rows=40, columns=3)
-    weights = np.random.default_rng(12).uniform(0.5, 2.0, 40)
-    groups = np.arange(40) // 3
-    whole = fit.linear(design, indication, weights=weights)
-    shifts = [
-        fit.linear(
-            design[groups != k], indication[groups != k], weights=weights[groups != k]
-        ).coefficients
-        - whole.coefficients
-        for k in range(14)
-    ]
-    twin = 13.0 / 14.0 * np.sum([np.outer(s, s) for s in shifts], axis=0)
-    found = leave_out.jackknife_covariance(design, whole.residuals, groups, weights=weights)
-    np.testing.assert_allclose(found, twin, rtol=1e-9, atol=1e-15)
-
-
-def test_a_group_that_alone_determines_a_coefficient_is_refused():
-    """Leaving out the only group that varies a column leaves nothing to compare with."""
-    design, _, indication = problem(13, rows=30, columns=2)
-    alone = np.column_stack([design, (np.arange(30) < 5).astype(float)])
-    residuals = fit.linear(alone, indication).residuals
-    with pytest.raises(FitError, match="group 0 alone"):
-        leave_out.jackknife_covariance(alone, residuals, np.arange(30) // 5)
 
 
 def six_faces(seed, shared=1.75e-4):

@@ -94,11 +94,7 @@ def _write_recipe(spec: GyroRecipe, bench: Bench, design: Design) -> str:
     """Recipe of the planned campaign."""
     task = bench.task
     # what the recipes of these procedures can state
-    own = [
-        one
-        for one in bench.components
-        if one.group in spec.error_groups and (one.group, one.effect) in planned.STATED
-    ]
+    own = [one for one in bench.components if (one.group, one.effect) in spec.component_units]
     stems = {axis: task.name_log(f"about_{axis}" if axis else "run") for axis in bench.axes}
     mounted = [axis for axis in bench.axes if design.rates and bench.temperatures(design, axis)]
     files = [f"{stems[axis]}_*.csv" for axis in mounted]

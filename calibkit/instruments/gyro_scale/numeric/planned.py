@@ -35,8 +35,6 @@ UNITS = {
     ("rate", "response"): "deg/h",
 }
 """(group, effect) of the errors that can be assumed, and the units they are stated in."""
-STATED = (MOUNTING, ("run", "scale"), ("run", "zero"))
-"""Errors that recipes can state."""
 
 
 def hold_s(rate_dps: float, shortest_s: float) -> float:
