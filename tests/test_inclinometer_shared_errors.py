@@ -219,7 +219,7 @@ def test_logs_that_coincide_with_temperature_are_refused():
         part = columns["station"] % 2 == number
         own = {name: values[part] for name, values in columns.items()}
         logs.append(log_of(own | {"temp_case_degc": np.full(part.sum(), degc)}, f"log_{number}"))
-    with pytest.raises(FitError, match="scale of each log cannot be told from s0, s1"):
+    with pytest.raises(FitError, match="scale of each log cannot be separated from s0, s1"):
         fit(logs, recipe(scale={"order": 1}))
 
 

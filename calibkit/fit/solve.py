@@ -117,6 +117,11 @@ class Fit:
         return np.asarray(np.sqrt(self.variances[:parts] @ self.noise_shares))
 
     @property
+    def mixed(self) -> tuple[SharedSize, ...]:
+        """Errors that several residuals share, in the order of their variances, the last of all."""
+        return tuple(size for size in self.shared if not size.error.is_noise)
+
+    @property
     def total_covariance(self) -> Array:
         """[p, p], with the errors that are as large as their bounds."""
         return self.covariance + self.bounds @ self.bounds.T
@@ -165,19 +170,13 @@ class Fit:
             members=tuple(member.restated(function) for member in self.members),
         )
 
-    def covariance_of(self, function: Callable[[Numbers], Numbers]) -> Array:
-        """Covariance [m, m] of a function [m] of the parameters."""
-        G = derivative(function, self.parameters)
-        return np.asarray(G @ self.total_covariance @ G.T, dtype=np.float64)
-
     def linear(self, P: Array, y: Array) -> "Fit":
         """Parameters P y [m] of a published form by plain least squares, with the covariance of the
         errors of this fit, P R Pᵀ + Σ θ (P Z)(P Z)ᵀ; P [m, n] is 0 and y [n] is not read where a
         row is not used.
         """
-        parts = len(self.noise_shares)
         by_variance = [(P * share) @ P.T for share in self.noise_shares]
-        for size in self.shared[len(self.shared) - (len(self.variances) - parts) :]:
+        for size in self.mixed:
             PZ = _product(P, size.error)
             by_variance.append(PZ @ PZ.T)
         slopes = np.array(by_variance)
@@ -221,8 +220,7 @@ class Fit:
         """V⁻¹ F [n, k], V of the noise and the shared errors of the rows used; 0 of the others."""
         R = self.noise[:, None] ** 2
         weighted = np.where(self.used[:, None], F / R, 0.0)
-        mixed = self.shared[len(self.shared) - (len(self.variances) - len(self.noise_shares)) :]
-        sizes = [size for size in mixed if size.value > 0.0]
+        sizes = [size for size in self.mixed if size.value > 0.0]
         if not sizes:
             return weighted
         q = sum(size.error.levels * size.error.width for size in sizes)

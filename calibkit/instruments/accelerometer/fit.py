@@ -181,12 +181,12 @@ def _q_model(dwells: DwellSet, triad: Triad, temperature: float) -> Model:
             scale[term.axis] += value * t**term.power
     # refuses a left-handed triad and axes in one plane
     q_factor.axes_from_sensitivity(np.asarray(np.linalg.inv(matrix * scale), dtype=np.float64))
-    angles = triad.fit.of(lambda q: triad.terms.small_angles(q, t))
-    covariance = triad.fit.covariance_of(lambda q: triad.terms.small_angles(q, t))
+    small = triad.fit.restated(lambda q: triad.terms.small_angles(q, t))
+    angles = small.of(lambda q: q)
     return forms.Q.write(
         "triad",
         [(n, float(v), "rad") for n, v in zip(q_factor.NAMES, angles.value, strict=True)],
-        covariance,
+        small.total_covariance,
         dof=triad.fit.dof,
         residual_rms=triad.residual_rms,
         residual_unit="g",

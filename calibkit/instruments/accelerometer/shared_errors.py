@@ -232,7 +232,7 @@ def possible_drift(
     fit: Fit, listed: Sequence[Shared], jacobian: Array
 ) -> tuple[list[Shared], tuple[str, ...]]:
     """Drift of the zero as large as the data allow, in U however small it looks, and a flag where
-    it cannot be told from the coefficients.
+    it cannot be separated from the coefficients.
     """
     kept = [(size.error.group, size.error.effect) for size in fit.shared]
     drifts = [

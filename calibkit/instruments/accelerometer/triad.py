@@ -28,8 +28,6 @@ from calibkit.numeric.least_squares import polynomial, robust
 from calibkit.numeric.least_squares.structure import Structure
 
 Loss = Literal["least_squares", "robust"]
-Equation = tuple[Residual, Array, tuple[Prior, ...]]
-"""Residual, where it starts, and what is known of the parameters."""
 MOST_TO_START = 1_000
 """Dwells, evenly spread over more, to which the robust fit is made that others start from."""
 FAR = 6.0
@@ -85,7 +83,7 @@ class Triad:
         """
         lengths = self.residuals.shape[1] == 1
         residual, *moved = (
-            _equation(one, self.terms, self.mapped_all(one.temperature), lengths=lengths)[0]
+            _residual(one, self.terms, self.mapped_all(one.temperature), lengths=lengths)
             for one in (dwells, *shifted)
         )
         return [
@@ -128,9 +126,13 @@ def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, lo
     half = half or 1.0
     t = (dwells.temperature - middle) / half
     per_dwell = 1 if lengths else 3
-    if not lengths:
+    residual = _residual(dwells, terms, t, lengths=lengths)
+    priors: tuple[Prior, ...] = ()
+    if lengths:
+        start, priors = _start_of_lengths(dwells, terms)
+    else:
         _require_determined(terms, dwells.reference, dwells.temperature)
-    residual, start, priors = _equation(dwells, terms, t, lengths=lengths)
+        start = _start_of_vectors(dwells, terms)
     root = _root_weights(dwells, lengths=lengths)
     plain = solve(residual, start, priors=priors, noise=1.0 / root, names=terms.names)
     values = plain.parameters
@@ -209,9 +211,24 @@ def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, lo
     )
 
 
-def _equation(dwells: DwellSet, terms: Terms, t: Array, *, lengths: bool) -> Equation:
+def _residual(dwells: DwellSet, terms: Terms, t: Array, *, lengths: bool) -> Residual:
     """Residual against gravity vectors, or against the length of gravity."""
-    return _of_lengths(dwells, terms, t) if lengths else _of_vectors(dwells, terms, t)
+    indication = dwells.indication
+    if lengths:
+        return lambda p: length(terms.corrected(p, indication, t)) - 1.0
+    reference = dwells.reference
+    tilt, fixture = terms.of_kind("tilt"), terms.of_kind("fixture")
+    tool_rotation = _tool_rotation(dwells) if tilt else None
+
+    def of_vectors(p: Numbers) -> Numbers:
+        corrected = terms.corrected(p, indication, t)
+        if fixture:
+            corrected = corrected @ equation.rotation(p[fixture]).T
+        if tool_rotation is not None:
+            return corrected - equation.tilted_gravity(tool_rotation, p[tilt])
+        return corrected - reference
+
+    return of_vectors
 
 
 def _root_weights(dwells: DwellSet, *, lengths: bool) -> Array:
@@ -223,20 +240,9 @@ def _root_weights(dwells: DwellSet, *, lengths: bool) -> Array:
     return np.sqrt(dwells.weights).ravel()
 
 
-def _of_vectors(dwells: DwellSet, terms: Terms, t: Array) -> Equation:
-    """Residual against gravity vectors, where it starts, and no priors."""
-    reference, indication = dwells.reference, dwells.indication
-    tilt, fixture = terms.of_kind("tilt"), terms.of_kind("fixture")
-    tool_rotation = _tool_rotation(dwells) if tilt else None
-
-    def residual(p: Numbers) -> Numbers:
-        corrected = terms.corrected(p, indication, t)
-        if fixture:
-            corrected = corrected @ equation.rotation(p[fixture]).T
-        if tool_rotation is not None:
-            return corrected - equation.tilted_gravity(tool_rotation, p[tilt])
-        return corrected - reference
-
+def _start_of_vectors(dwells: DwellSet, terms: Terms) -> Array:
+    """Parameters [p] from which the fit to gravity vectors starts."""
+    indication, reference = dwells.indication, dwells.reference
     # each axis by its own indication; cross-axis terms follow from there in two steps
     start = np.zeros(len(terms.listed))
     for k, term in enumerate(terms.listed):
@@ -244,7 +250,7 @@ def _of_vectors(dwells: DwellSet, terms: Terms, t: Array) -> Equation:
             G = indication[:, term.axis]
             slope, zero = _line(G, reference[:, term.axis])
             start[k] = slope if term.kind == "k" else -zero
-    return residual, start, ()
+    return start
 
 
 def _line(x: Array, y: Array) -> tuple[float, float]:
@@ -255,8 +261,10 @@ def _line(x: Array, y: Array) -> tuple[float, float]:
     return float(slope), float(zero)
 
 
-def _of_lengths(dwells: DwellSet, terms: Terms, t: Array) -> Equation:
-    """Residual against the length of gravity, where it starts, and the bound of the angles."""
+def _start_of_lengths(dwells: DwellSet, terms: Terms) -> tuple[Array, tuple[Prior, ...]]:
+    """Parameters [p] from which the fit to the length of gravity starts, and the bound of angles
+    that it does not see.
+    """
     magnitude.require_enough(dwells.indication)
     levels, _ = determination.distinct_temperatures(dwells.temperature)
     if levels.size <= terms.order:
@@ -282,11 +290,7 @@ def _of_lengths(dwells: DwellSet, terms: Terms, t: Array) -> Equation:
     if cross and not _sees_angles(direction):
         block = slice(cross[0], cross[-1] + 1)
         priors = (Prior(name="angles", block=block, size=LARGEST_ANGLE),)
-
-    def residual(p: Numbers) -> Numbers:
-        return length(terms.corrected(p, dwells.indication, t)) - 1.0
-
-    return residual, start, priors
+    return start, priors
 
 
 def determines(dwells: DwellSet, terms: Terms) -> bool:

@@ -20,8 +20,8 @@ CHANCE, CERTAIN = 1e-4, 20.0
 TAUS, LEAST_DOF = 30, 3
 """Number of time constants that are tried, and fewest degrees of freedom of s²."""
 ALONE = 0.8
-"""Share of φ that a line over the rates must leave, for a zero that changes with time to be told
-from K.
+"""Share of φ that a line over the rates must leave, for a zero that changes with time to be
+separated from K.
 """
 STEADY_DEGC = 0.1
 """Change of temperature in a run [°C] whose effect need not be known."""

@@ -168,7 +168,7 @@ def _flag_time(one: GyroOverRuns) -> Iterator[str]:
         what = (
             "as of a scale factor that warms up: K is that at the end of the runs"
             if found.decision == "time"
-            else "or with a bent response, which cannot be told apart: K is the mean of both"
+            else "or with a bent response, and nothing separates the two: K is the mean of both"
         )
         yield (
             f"{name}: the indication changes with time since the runs began, {what},"

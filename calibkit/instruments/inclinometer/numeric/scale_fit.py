@@ -83,7 +83,7 @@ class ScaleOverTemperature:
     @property
     def covariance(self) -> Array:
         """[n + 1, n + 1], type A."""
-        return self.fit.covariance_of(lambda p: self.to_raw @ p[:-1])
+        return self.fit.restated(lambda p: self.to_raw @ p[:-1]).total_covariance
 
     @property
     def effective_dof(self) -> Array:
@@ -279,7 +279,7 @@ def _fit_orders(
             if fits:
                 break
             raise FitError(
-                f"the scale of each log cannot be told from {', '.join(names[: order + 1])}:"
+                f"the scale of each log cannot be separated from {', '.join(names[: order + 1])}:"
                 f" {log.levels} of them, each at one temperature, expected more than {order + 1},"
                 " or changes of the temperature within each",
                 hint="measure more of them, lower the order, or state how much the scale differs in"
