@@ -11,6 +11,7 @@ import numpy as np
 
 from calibkit.errors import FitError, UsageError
 from calibkit.fit.complex_step import derivative
+from calibkit.fit.shared import known_effects
 from calibkit.instruments.accelerometer import (
     assumptions,
     dwells as triad_dwells,
@@ -23,7 +24,6 @@ from calibkit.instruments.accelerometer.shared_errors import Circumstances
 from calibkit.numeric import attitude
 from calibkit.numeric.exchange import Pool
 from calibkit.numeric.information import Information, find_information
-from calibkit.numeric.least_squares.components import Effect
 from calibkit.planning import recipe_text
 from calibkit.planning.linear import (
     Results,
@@ -243,12 +243,8 @@ def _information(
     unit = gravity / np.linalg.norm(gravity, axis=1)[:, None]
     soak = np.zeros(len(unit), dtype=np.int64) if dwells is None else dwells.log
     sizes = known_sizes(components, UNITS)
-    effects = [
-        Effect(one.group, one.effect, one.level, one.loading, sizes[one.group, one.effect])
-        for one in shared_errors.list_errors(Circumstances(soak, None, unit, soak), unit[:, None])
-        if (one.group, one.effect) in sizes
-    ]
-    return find_information(_length_slopes(unit), noise_g, effects)
+    listed = shared_errors.list_errors(Circumstances(soak, None, unit, soak), unit[:, None])
+    return find_information(_length_slopes(unit), noise_g, known_effects(listed, sizes))
 
 
 def _length_slopes(unit: Array) -> Array:

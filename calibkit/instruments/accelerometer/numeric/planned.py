@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibkit.arrays import Array, Integers
+from calibkit.fit.shared import known_effects
 from calibkit.instruments.accelerometer import shared_errors
 from calibkit.instruments.accelerometer.equation import Terms
 from calibkit.instruments.accelerometer.numeric import k_factor
@@ -109,11 +110,7 @@ class Model:
         one_log = np.zeros(count, dtype=np.int64)
         where = Circumstances(dwells.soak, dwells.hours, dwells.gravity, one_log, tilt, roll)
         along = np.broadcast_to(np.eye(3), (count, 3, 3))
-        return [
-            Effect(one.group, one.effect, one.level, one.loading, self.sizes[one.group, one.effect])
-            for one in shared_errors.list_errors(where, along)
-            if (one.group, one.effect) in self.sizes
-        ]
+        return known_effects(shared_errors.list_errors(where, along), self.sizes)
 
     def information(self, dwells: Dwells) -> Information:
         """Information of dwells."""

@@ -8,12 +8,13 @@ import numpy as np
 from calibkit.arrays import Array, Integers
 from calibkit.constants import DPH_PER_DPS, REVOLUTION_DEG
 from calibkit.fit.complex_step import derivative
+from calibkit.fit.shared import known_effects
 from calibkit.instruments.gyro_scale import equation
 from calibkit.instruments.gyro_scale.numeric import line_terms
 from calibkit.instruments.gyro_scale.numeric.gjb_figures import PPM
 from calibkit.numeric.information import Information, find_information
 from calibkit.numeric.least_squares import polynomial
-from calibkit.numeric.least_squares.components import Effect, Known
+from calibkit.numeric.least_squares.components import Known
 
 SETTLE_S = 6.0
 """Time of a hold [s] in which the table settles; more than a whole revolution stays."""
@@ -137,16 +138,8 @@ class Model:
         rows, terms = holds.rows, self.terms(holds.rows)
         design = derivative(lambda p: equation.residual(p, rows, terms), terms.start)
         noise = holds.noise_dps
-        effects = [
-            Effect(
-                error.group,
-                error.effect,
-                error.level,
-                error.loading / noise[:, None],
-                self.sizes.get((error.group, error.effect)),
-            )
-            for error in equation.shared_errors(rows, terms, np.ones(1), np.ones(1))
-        ]
+        shared = equation.shared_errors(rows, terms, np.ones(1), np.ones(1))
+        effects = [one.divided_by(noise) for one in known_effects(shared, self.sizes)]
         return find_information(design / noise[:, None], 1.0, effects)
 
     def without(self, name: tuple[str, str]) -> "Model":
