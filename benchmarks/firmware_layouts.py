@@ -45,7 +45,7 @@ def layout(procedure: str, overrides: tuple[str, ...], data: Path, seed: int) ->
     )
     records = {one.file: one.as_record(identity, "") for one in fitted.results}
     try:
-        chain = instrument.firmware().chain(spec, records)
+        chain = instruments.optional(procedure, "chain")(spec, records)
     except OutputError as error:
         return f"not exported: {error}", "none"
     quantised = program.quantise(chain, formats.Format.find("f32"))

@@ -78,7 +78,7 @@ def check(
 
 
 def _compare(
-    instrument: Instrument[Any, Any],
+    instrument: Instrument,
     spec: recipe.Recipe,
     data: Path,
     reports: Sequence[LogReport],
@@ -95,7 +95,7 @@ def _compare(
 
 
 def _judge(
-    instrument: Instrument[Any, Any],
+    instrument: Instrument,
     spec: recipe.Recipe,
     data: Path,
     files: Sequence[str],
@@ -119,7 +119,10 @@ def _judge(
         results = budget.name_results(fitted.results)
         type_b.require_known(spec.type_b, (*results, *spec.own_columns()))
     except (FrameError, FitError, LogFormatError, RecipeError) as error:
-        plannable = isinstance(error, FitError) and instrument.planner is not None
+        plannable = (
+            isinstance(error, FitError)
+            and instruments.optional(spec.procedure, "planner") is not None
+        )
         cure = (f"calibkit plan RECIPE --have {data} plans what it takes",) if plannable else ()
         return Judgement((), (str(error), *cure), exports=False, exit_code=error.exit_code)
     determined = tuple(_describe(result) for result in fitted.results)
@@ -139,7 +142,7 @@ def _judge(
 
 
 def _predict(
-    instrument: Instrument[Any, Any],
+    instrument: Instrument,
     spec: recipe.Recipe,
     data: Path,
     files: Sequence[str],
@@ -150,7 +153,8 @@ def _predict(
     noise and shared errors as the fit found them, others as on the sample bench. Empty for what is
     not planned, or not determined.
     """
-    if instrument.planner is None:
+    planner = instruments.optional(spec.procedure, "planner")
+    if planner is None:
         return ()
     logs = tuple(instrument.read(spec, data, file) for file in files)
     asked = planned.range_degc if planned else None
@@ -159,7 +163,7 @@ def _predict(
     bench = equipment.read_equipment(None)
     try:
         task = Task(bench, range_degc=range_degc, earlier=earlier, have=logs)
-        found = instrument.planner().judge(spec, task)
+        found = planner().judge(spec, task)
     except (UsageError, FitError, FrameError):
         return ()
     wanted = planned.wanted if planned else {}
@@ -182,7 +186,11 @@ def _describe(result: StageResult) -> str:
 
 def init(folder: Path, sheet: str = "") -> Proposal:
     """Commented recipe for the logs of a folder, with what check finds in the first of them."""
-    proposers = [one.propose for one in instruments.list_usable().values()]
+    proposers = [
+        propose
+        for procedure in instruments.list_usable()
+        if (propose := instruments.optional(procedure, "propose")) is not None
+    ]
     parse, skeleton = instruments.parse_recipe, instruments.SKELETON
     proposed = proposal.propose(folder, parse, proposers, skeleton, sheet)
     spec = parse(recipe.Source("proposed recipe", proposed.text))

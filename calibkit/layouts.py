@@ -53,11 +53,11 @@ def _say(own: _Layout, other: _Layout, name: str) -> str:
 
 def _layout(spec: Recipe, records: Mapping[str, Record]) -> _Layout | None:
     """Layout of a run's chain; None where nothing can be exported."""
-    make = instruments.find(spec.procedure).firmware
-    if make is None:
+    make_chain = instruments.optional(spec.procedure, "chain")
+    if make_chain is None:
         return None
     try:
-        chain = make().chain(spec, records)
+        chain = make_chain(spec, records)
     except CalibkitError:
         return None
     lengths = {name: len(chain.tables[name]) for name in chain.structure.tables}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from calibkit import (
@@ -43,9 +42,10 @@ if TYPE_CHECKING:
 
     from calibkit.certificate.signature_trust import Demands
     from calibkit.certificate.verify import Verified
+    from calibkit.firmware.chain import Chain
     from calibkit.firmware.export import Export
     from calibkit.ingest.write_back import Applied, Rewritten
-    from calibkit.instruments import Firmware, Progress
+    from calibkit.instruments import Progress
     from calibkit.report.html import Shown
     from calibkit.report.summary import Summary
     from calibkit.simulate.campaign import Campaign
@@ -109,7 +109,7 @@ def fit(
         )
         folder = store.save(out, serial, revision, files, dry_run=dry_run)
     run = store.Run(folder, document, records)
-    residuals = partial(instruments.find(spec.procedure).residuals, fitted.drawing)
+    residuals = getattr(fitted.drawing, "residuals", dict)
     summary = replace(summary, title=f"{run.name}: {spec.title or spec.procedure}")
     guesses = run_content.list_guesses(run.document["inputs"])
     last = f"effective from {dated}, the date of the last row of the logs; --date states another"
@@ -122,7 +122,7 @@ def run_recipe(run: store.Run, overrides: tuple[str, ...]) -> recipe.Recipe:
     """Recipe of a run as it was fitted, with overrides for the place of use; nothing is excluded
     from now on. CoefficientError for a model of a form that its procedure does not have.
     """
-    forms = [form.name for form in instruments.find(run.document["procedure"]).forms()]
+    forms = [form.name for form in instruments.find(run.document["procedure"]).FORMS]
     for name, record in run.records.items():
         for model in record.models:
             if model.form not in forms:
@@ -138,12 +138,14 @@ def _apply_as_firmware(
     spec: recipe.Recipe, records: Mapping[str, coefficients.Record], data: Path, number: str
 ) -> Applied:
     """Log that is compensated as the firmware of a number format would."""
-    from calibkit.firmware import formats, program
+    from calibkit.firmware import as_firmware, formats, program
 
-    firmware, found = _firmware(spec), formats.Format.find(number)
+    found = formats.Format.find(number)
     spec = spec.in_words_of_16_bits() if found.bits == 16 else spec
-    chain = firmware.chain(spec, records)
-    return firmware.apply(spec.on_site(), chain, program.quantise(chain, found), data)
+    chain = _chain(spec, records)
+    own: Callable[..., Applied] | None = instruments.optional(spec.procedure, "correct_as_firmware")
+    correct = own or as_firmware.apply
+    return correct(spec.on_site(), chain, program.quantise(chain, found), data)
 
 
 def apply(
@@ -186,7 +188,7 @@ def compensate(
     spec = spec.model_copy(update={"logs": logs})
     try:
         content, flags = (
-            instruments.find(spec.procedure).apply(spec, run.records, data)
+            instruments.find(spec.procedure).correct(spec, run.records, data)
             if as_firmware is None
             else _apply_as_firmware(spec, run.records, data, as_firmware)
         )
@@ -254,14 +256,15 @@ def judge_unseen(run: store.Run, data: Path, progress: Progress) -> tuple[str, S
     return sealed.seal(document), summary
 
 
-def _firmware(spec: recipe.Recipe) -> Firmware[Any]:
-    """How runs of a recipe become firmware, or OutputError where they do not."""
-    firmware = instruments.find(spec.procedure).firmware
-    if firmware is None:
+def _chain(spec: recipe.Recipe, records: Mapping[str, coefficients.Record]) -> Chain:
+    """Correction chain of a run's files, or OutputError where there is none."""
+    make_chain = instruments.optional(spec.procedure, "chain")
+    if make_chain is None:
         raise OutputError(
             f"procedure '{spec.procedure}' has no firmware form", hint="nothing can be exported"
         )
-    return firmware()
+    chain: Chain = make_chain(spec, records)
+    return chain
 
 
 def _firmware_export(run: store.Run, number: str, prefix: str, *, allow_rejected: bool) -> Export:
@@ -279,19 +282,23 @@ def _firmware_export(run: store.Run, number: str, prefix: str, *, allow_rejected
         )
     spec, found = run_recipe(run, ()), formats.Format.find(number)
     spec = spec.in_words_of_16_bits() if found.bits == 16 else spec
-    firmware = _firmware(spec)
-    chain = firmware.chain(spec, run.records)
-    stages = run.stage_digests()
+    chain = _chain(spec, run.records)
+    stages, _files = run.stage_digests(), instruments.optional(spec.procedure, "files")
     identity = export.Identity(
         document["serial"],
         document["revision"],
         document["effective_from"],
         document["sha256"],
-        {name: stages[name.removesuffix(".json")] for name in firmware.files(spec)},
+        {
+            name: stages[name.removesuffix(".json")]
+            for name in instruments.optional(spec.procedure, "files")(spec)
+        },
         SOFTWARE,
         document["verdict"],
     )
-    lines = sources.describe_sources(spec, chain, firmware.conventions(spec))
+    conventions = instruments.optional(spec.procedure, "conventions")
+    stated = () if conventions is None else conventions(spec)
+    lines = sources.describe_sources(spec, chain, stated)
     return export.prepare(chain, identity, found, prefix, lines)
 
 

@@ -104,13 +104,14 @@ def plan(
 
 def _planner(procedure: str) -> Planner:
     """Planner of a procedure; UsageError where it is not planned."""
-    found = instruments.find(procedure).planner
-    if found is None:
-        able = [name for name, one in instruments.list_usable().items() if one.planner is not None]
+    planner = instruments.optional(procedure, "planner")
+    if planner is None:
+        able = [name for name in instruments.list_usable() if instruments.optional(name, "planner")]
         raise UsageError(
             f"campaigns of '{procedure}' are not planned", hint=f"there are {', '.join(able)}"
         )
-    return found()
+    made: Planner = planner()
+    return made
 
 
 def _task(spec: recipe.Recipe, request: Request, progress: Progress) -> Task:
@@ -130,7 +131,7 @@ def _task(spec: recipe.Recipe, request: Request, progress: Progress) -> Task:
         instrument, names = instruments.find(spec.procedure), ingest.find_logs(spec, request.have)
         have = tuple(instrument.read(spec, request.have, name) for name in names)
         for log in have:
-            refuse(instrument.examine(spec, log).findings)
+            refuse(instrument.faults(spec, log).findings)
     return Task(
         equipment.read_equipment(found),
         request.wishes,

@@ -7,7 +7,7 @@ A distribution states in its pyproject.toml the name and the module of what it a
     mylab = "mylab_reader"
 
 and the module states the version of the interface that it was written for:
-`CALIBKIT_INTERFACE = 1`.
+`CALIBKIT_INTERFACE = 2`.
 """
 
 import functools
@@ -23,8 +23,10 @@ from calibkit.errors import UsageError
 
 READERS, INSTRUMENTS = "calibkit.readers", "calibkit.instruments"
 """Groups of entry points."""
-INTERFACE = 1
-"""Version of the interface between calibkit and its plugins."""
+INTERFACES = {READERS: (1, 2), INSTRUMENTS: (2,)}
+"""Versions of the interface between calibkit and its plugins: in the first, instruments were
+records.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,11 +102,15 @@ def _imported(entry: EntryPoint) -> tuple[Any, str]:
     except (Exception, SystemExit) as error:  # noqa: BLE001 (the code of others raises anything)
         return None, f"cannot be imported: {type(error).__name__}: {' '.join(str(error).split())}"
     version = getattr(sys.modules[entry.module], "CALIBKIT_INTERFACE", None)
-    if version != INTERFACE:
+    expected = INTERFACES[entry.group]
+    if version not in expected:
         stated = "no version" if version is None else f"version {version}"
         return (
             None,
-            f"states {stated} of the plugin interface (CALIBKIT_INTERFACE), expected {INTERFACE}",
+            (
+                f"states {stated} of the plugin interface (CALIBKIT_INTERFACE), expected"
+                f" {' or '.join(map(str, expected))}"
+            ),
         )
     return loaded, ""
 

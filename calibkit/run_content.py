@@ -77,7 +77,7 @@ def build_run(
     }
     files = {name: record.dumps().encode() for name, record in records.items()}
     with figures.styled():
-        drawn = instruments.find(pooled.recipe.procedure).draw(f"{serial} r{revision:03d}", fitted)
+        drawn = _draw(pooled.recipe.procedure, f"{serial} r{revision:03d}", fitted)
         figures.settle(drawn.figures)
     files[documents.TEXT] = drawn.summary.text().encode()
     facts = _run_facts(source, pooled, identity, fitted)
@@ -90,21 +90,30 @@ def build_run(
     return document, records, {new_files.RUN_FILE: text.encode(), **files}, shown
 
 
+def _draw(procedure: str, title: str, fitted: Fitted[Any]) -> documents.Drawn:
+    """Figures of a fit under a title, and its summary; tables alone where none are drawn."""
+    draw = instruments.optional(procedure, "draw")
+    drawn: documents.Drawn = (
+        documents.Drawn((), fitted.summary) if draw is None else draw(title, fitted)
+    )
+    return drawn
+
+
 def _describe_firmware(
     spec: Recipe, records: Mapping[str, coefficients.Record]
 ) -> tuple[tuple[str, ...], str]:
     """Coefficient files that firmware takes, and why nothing can be exported, which is empty where
     it can; no file where the procedure corrects nothing.
     """
-    make = instruments.find(spec.procedure).firmware
-    if make is None:
+    make_chain = instruments.optional(spec.procedure, "chain")
+    if make_chain is None:
         return (), "this procedure corrects no indication"
-    firmware = make()
+    files = instruments.optional(spec.procedure, "files")(spec)
     try:
-        firmware.chain(spec, records)
+        make_chain(spec, records)
     except CalibkitError as error:
-        return firmware.files(spec), error.message
-    return firmware.files(spec), ""
+        return files, error.message
+    return files, ""
 
 
 def _run_facts(

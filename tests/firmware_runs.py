@@ -123,5 +123,5 @@ def fitted(name, folder):
         run = replace(run, records={**run.records, forms.FILE: grown(run.records[forms.FILE])})
     spec = pipeline.run_recipe(run, ())
     return Fitted(
-        run, spec, instruments.find(run.document["procedure"]).firmware().chain(spec, run.records)
+        run, spec, instruments.optional(run.document["procedure"], "chain")(spec, run.records)
     )

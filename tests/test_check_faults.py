@@ -41,7 +41,7 @@ def findings(name, columns, tmp_path, log_writer, overrides=()):
     log_writer(tmp_path / file, **columns)
     spec = instruments.parse_recipe(recipe.find(name, overrides))
     procedure = instruments.find(spec.procedure)
-    return list(procedure.examine(spec, procedure.read(spec, tmp_path, file)).findings)
+    return list(procedure.faults(spec, procedure.read(spec, tmp_path, file)).findings)
 
 
 def put(column, rows, value):

@@ -295,8 +295,8 @@ def with_orders(this, order):
             cut = tuple(tuple(row[:size]) for row in model.covariance[:size])
             models.append(replace(model, coefficients=tuple(kept), covariance=cut))
         records[name] = replace(record, models=tuple(models))
-    procedure = instruments.find(this.run.document["procedure"])
-    return lambda spec: procedure.firmware().chain(spec, records)
+    chain = instruments.optional(this.run.document["procedure"], "chain")
+    return lambda spec: chain(spec, records)
 
 
 @pytest.mark.parametrize("name", ["rate", "triad", "scale"])

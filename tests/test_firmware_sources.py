@@ -12,7 +12,7 @@ from calibkit import instruments, recipe
 from calibkit.firmware import c_text, sources
 from calibkit.firmware.chain import Correction
 from calibkit.instruments.fog_thermal import firmware_updates, forms
-from calibkit.instruments.fog_thermal.firmware import FIRMWARE
+from calibkit.instruments.fog_thermal.firmware import chain as drift_chain
 from calibkit.instruments.fog_thermal.forms import FILE
 from conftest import ROOT
 from firmware_runs import cached
@@ -22,9 +22,10 @@ NASTY = "a*/b\\ /* ??/ @p_ \n° 陀 {x}'"
 
 def lines(spec, structure, *corrections):
     """Lines of a chain under a recipe, with what its instrument states."""
-    firmware = instruments.find(spec.procedure).firmware()
     chain = SimpleNamespace(structure=structure, corrections=corrections, derived={})
-    return sources.describe_sources(spec, chain, firmware.conventions(spec))
+    conventions = instruments.optional(spec.procedure, "conventions")
+    stated = () if conventions is None else conventions(spec)
+    return sources.describe_sources(spec, chain, stated)
 
 
 def drift(overrides):
@@ -174,7 +175,7 @@ def test_air_that_is_weighed_by_0_is_said_to_be_and_needs_no_thermometer(tmp_pat
     coefficients = model.coefficients.copy()
     coefficients[[5, 6, 8]] = 0.0
     written = forms.write_thermal(replace(model, coefficients=coefficients), 10.0)
-    chain = FIRMWARE.chain(this.spec, {FILE: replace(record, models=(written,))})
+    chain = drift_chain(this.spec, {FILE: replace(record, models=(written,))})
     said = sources.describe_sources(this.spec, chain, ())
     (line,) = (line for line in said if "temp_env_degc" in line)
     assert "weighed by 0: hand over the case temperature" in line

@@ -22,7 +22,7 @@ import quick_device
 from calibkit import atomic, clock, instruments, recipe, store
 from calibkit.errors import CalibkitError, StoppedError
 from calibkit.fleet import device, files, keys, local, run, server, table
-from calibkit.instruments.bias_temperature import instrument
+from calibkit.instruments.bias_temperature import figures
 from conftest import ROOT, write_log
 from fleet_units import DAY, RECIPE, fit, fleet_logs, left_over, tree, unit_log
 
@@ -30,7 +30,7 @@ from fleet_units import DAY, RECIPE, fit, fleet_logs, left_over, tree, unit_log
 @pytest.fixture
 def quick(monkeypatch):
     """Units are fitted without their figures, here and in other processes."""
-    monkeypatch.setattr(instrument, "_draw", instrument._draw)  # restored after the test
+    monkeypatch.setattr(figures, "draw", figures.draw)  # restored after the test
     monkeypatch.setattr(run, "fit_device", quick_device.outcome)
 
 
@@ -688,7 +688,9 @@ def test_what_cannot_be_meant_is_refused_before_anything_is_fitted(
 
 def test_every_procedure_has_key_figures():
     """A procedure that is new must say what is compared from unit to unit."""
-    assert [name for name, one in instruments.REGISTRY.items() if one.key_figures == (".+",)] == []
+    assert [
+        name for name in instruments.SHIPPED if not instruments.optional(name, "KEY_FIGURES")
+    ] == []
 
 
 @pytest.mark.parametrize("procedure", ["accelerometer", "gyro_pair", "inclinometer", "rate_table"])
@@ -699,7 +701,7 @@ def test_the_key_figures_of_a_procedure_are_there(tmp_path, calibkit, procedure)
         0,
         1,
     }
-    patterns = instruments.REGISTRY[procedure].key_figures
+    patterns = instruments.optional(procedure, "KEY_FIGURES")
     names = [
         figure.name
         for figure in keys.select_key_figures(store.load(tmp_path / "S" / "r001"), patterns, 25.0)

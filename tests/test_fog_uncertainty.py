@@ -102,7 +102,7 @@ def test_a_validation_by_such_a_file_flags_it(run, campaign):
     records = {**run[0].records, "drift_rate.json": replace(record, models=(older,))}
     file = min(path.name for path in campaign.glob("*.csv"))
     for held, flagged in ((records, True), (run[0].records, False)):
-        _, summary = instrument._validate(spec, held, [instrument._read(spec, campaign, file)])
+        _, summary = instrument.validate(spec, held, [instrument.read(spec, campaign, file)])
         assert (thermal_forms.UNKNOWN_DOF in summary.flags) is flagged
 
 

@@ -49,7 +49,7 @@ def test_lost_pulses_are_named_with_row_and_expected_value():
     with pytest.raises(FrameError, match=rf"run.csv:{first + 2}.*3 such rows.*about 5e\+05"):
         table_runs.fit_run(SPEC, log_of(columns))
     for seed in range(20):
-        found = table_runs.examine(SPEC, log_of(held(seed))).findings
+        found = table_runs.faults(SPEC, log_of(held(seed))).findings
         assert not [finding for finding in found if finding.name == "dropout"]
 
 
@@ -63,7 +63,7 @@ def test_a_gyro_across_the_axis_loses_no_pulses():
         "table_rate_dps": rate,
         "gyro_x_lsb": 2.2 * rate + 22.0 + noise,
     }
-    found = table_runs.examine(SPEC, log_of(across)).findings
+    found = table_runs.faults(SPEC, log_of(across)).findings
     assert not [finding for finding in found if finding.name == "dropout"]
 
 
@@ -113,15 +113,15 @@ def test_a_gyro_stamped_late_or_filtered_lost_no_pulses(options, words):
     """The time offset is named in place of "pulses were lost"; a gyro of neither is accepted, and
     one that is filtered where what it takes to settle is left out.
     """
-    (finding,) = table_runs.examine(SPEC, table_log(SLOW, **options)).findings
+    (finding,) = table_runs.faults(SPEC, table_log(SLOW, **options)).findings
     assert (finding.name, finding.refused) == ("late", True)
     assert words in finding.found
-    assert not table_runs.examine(SPEC, table_log(SLOW)).findings
+    assert not table_runs.faults(SPEC, table_log(SLOW)).findings
     settled = SPEC.model_copy(
         update={"plateaus": SPEC.plateaus.model_copy(update={"settle_s": 40.0})}
     )
     filtered = table_log(SLOW, hold_s=200.0, filter_s=4.0)
-    assert not table_runs.examine(settled, filtered).findings
+    assert not table_runs.faults(settled, filtered).findings
 
 
 def test_lost_pulses_at_each_change_of_rate_are_no_delay():
@@ -131,7 +131,7 @@ def test_lost_pulses_at_each_change_of_rate_are_no_delay():
     starts = np.flatnonzero(held_rows & ~held_rows.shift(1, fill_value=False))
     for row in range(12, 16):
         log.frame.loc[starts + row, "gyro_x_lsb"] = 0.0
-    found = {finding.name for finding in table_runs.examine(SPEC, log).findings}
+    found = {finding.name for finding in table_runs.faults(SPEC, log).findings}
     assert "dropout" in found
     assert "late" not in found
 
@@ -143,7 +143,7 @@ def test_the_earths_rate_in_part_revolutions_across_the_axis_is_no_dropout(phase
     """
     rates = simulate_rate_table.both_ways((0.1, 0.3, 0.6, 1.2, 2.4))
     log = table_log(rates, hold_s=100.0, along=5e-3, phase=float(phase))
-    assert not table_runs.examine(SPEC, log).findings
+    assert not table_runs.faults(SPEC, log).findings
 
 
 def test_no_nonlinearity_is_computed_at_stops():

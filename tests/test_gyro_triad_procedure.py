@@ -9,8 +9,7 @@ import pytest
 
 from calibkit import instruments, recipe, store
 from calibkit.instruments import silent
-from calibkit.instruments.gyro_scale import simulate_triad
-from calibkit.instruments.gyro_scale.instrument import TRIAD
+from calibkit.instruments.gyro_scale import gyro_triad, simulate_triad
 from calibkit.report import figures as drawing
 
 LATITUDE = "site.latitude_deg=34.2"
@@ -126,7 +125,7 @@ def test_intervals_of_angles_and_sensitivities_hold_over_many_simulated_bases(tm
     for seed in range(100, 112):
         simulated = simulate_triad.campaign(seed, temperatures_degc=(25.0,), withheld_degc=())
         truth = write(tmp_path / str(seed), simulated)["at"]["25"]
-        fits = TRIAD.fit(spec, tmp_path / str(seed), sorted(simulated.logs), silent)
+        fits = gyro_triad.fit(spec, tmp_path / str(seed), sorted(simulated.logs), silent)
         scales, found = fits.results
         for figure in found.figures:
             if figure.name.startswith("angle_deg"):

@@ -293,7 +293,7 @@ def test_a_single_station_states_an_interval_that_holds(tmp_path):
     spec, inside = instruments.parse_recipe(recipe.find("inclinometer")), 0
     for seed in range(3000, 3040):
         truth = simulated(tmp_path / str(seed), seed, count=1, references=False)
-        fitted = instrument._fit(spec, tmp_path / str(seed), ["stations.csv"], silent)
+        fitted = instrument.fit(spec, tmp_path / str(seed), ["stations.csv"], silent)
         row = next(table for table in fitted.summary.tables if "before" in table.title).rows[0]
         inside += abs(wrapped(float(row[4]) - truth["azimuth_deg"][0])) < float(row[5])
     assert inside >= 34

@@ -93,8 +93,9 @@ def test_all_devices_of_one_form_share_a_loader(name, change, tmp_path_factory):
     of other devices: what one has not stands there with 0.
     """
     this = cached(name, tmp_path_factory)
-    firmware = instruments.find("fog_thermal").firmware()
-    other = firmware.chain(this.spec, {FILE: change(this.record(FILE))})
+    other = instruments.optional("fog_thermal", "chain")(
+        this.spec, {FILE: change(this.record(FILE))}
+    )
     number = formats.Format.find("f32")
     one, two = (blob.shape(program.quantise(c, number)) for c in (this.chain, other))
     assert one == two

@@ -393,7 +393,7 @@ def test_a_chamber_that_makes_one_rate_of_ramps_is_refused(tmp_path):
 def test_every_planner_has_its_device_on_the_sample_bench():
     """`calibkit plan` works without an equipment file."""
     bench = equipment.read_equipment(None)
-    able = {name for name, one in instruments.list_usable().items() if one.planner is not None}
+    able = {name for name in instruments.list_usable() if instruments.optional(name, "planner")}
     assert able | {"accelerometer_magnitude"} == set(bench.device)
     assert Path(plans.__file__).with_name("planning").joinpath(equipment.SAMPLE).is_file()
 
@@ -567,7 +567,7 @@ def test_angles_over_three_axes_are_predicted_with_their_mountings(tmp_path):
     near = [one for one in plan.schedule.actions if one.set_degc == 25.0]
     near = schedule.Schedule(tuple(one for one in near if not one.log.startswith("withheld")))
     spec = instruments.parse_recipe(plan.source)
-    made = instruments.find("gyro_triad").planner().simulate(spec, near, plan.document, 3)
+    made = instruments.optional("gyro_triad", "planner")().simulate(spec, near, plan.document, 3)
     for name, content in made.files().items():
         (tmp_path / name).write_bytes(content)
     found = instruments.find("gyro_triad").fit(
@@ -802,6 +802,9 @@ def test_a_plan_is_judged_by_its_logs_as_it_predicted(folder, bench, request, tm
     text = bench.read_text(encoding="utf-8")
     table = equipment.read_equipment(recipe.Source("bench.toml", text))
     task = Task(table, range_degc=tuple(plan.document["range_degc"]), have=tuple(have))
-    judged = {one.name: one.expanded for one in instrument.planner().judge(spec, task)}
+    judged = {
+        one.name: one.expanded
+        for one in instruments.optional(spec.procedure, "planner")().judge(spec, task)
+    }
     predicted = {one["name"]: one["expanded_uncertainty"] for one in plan.document["results"]}
     assert judged == pytest.approx(predicted, rel=0.1)

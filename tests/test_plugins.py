@@ -41,7 +41,7 @@ import pandas as pd
 from calibkit.errors import LogFormatError
 from calibkit.readers.table import Table
 
-CALIBKIT_INTERFACE = 1
+CALIBKIT_INTERFACE = 2
 SIGNATURES = (b"PAIRS1",)
 
 
@@ -151,7 +151,7 @@ def test_no_plugin_is_looked_for_where_a_recipe_names_a_format_of_calibkit(monke
     ("source", "found"),
     [
         ("import no_such_module", "cannot be imported: ModuleNotFoundError: No module named"),
-        ("CALIBKIT_INTERFACE = 2", "states version 2 of the plugin interface"),
+        ("CALIBKIT_INTERFACE = 3", "states version 3 of the plugin interface"),
         ("x = 1", "states no version of the plugin interface"),
     ],
 )
@@ -196,13 +196,15 @@ def test_an_instrument_that_cannot_be_used_is_left_out_where_none_asks(
 ):
     """`init` and `simulate` go on with the others; a recipe of the broken one is refused."""
     install("solo", "1 / 0", group="instruments")
-    install("duo", "CALIBKIT_INTERFACE = 1", group="instruments")
+    install("duo", "CALIBKIT_INTERFACE = 2", group="instruments")
+    install("old", "CALIBKIT_INTERFACE = 1", group="instruments")
     monkeypatch.setattr(instruments, "REGISTRY", instruments.Registry())
     with caplog.at_level(logging.WARNING, logger="calibkit"):
         assert set(instruments.list_usable()) == set(instruments.SHIPPED)
-    duo, solo = sorted((record.getMessage() for record in caplog.records), reverse=True)
+    duo, solo, old = sorted((record.getMessage() for record in caplog.records), reverse=True)
     assert "solo_reader 1.0 is skipped: the package cannot be imported: ZeroDivision" in solo
-    assert "duo_reader, whose entry point duo_reader is module, expected an Instrument" in duo
+    assert "old_reader 1.0 is skipped: the package states version 1 of the plugin" in old
+    assert "duo_reader, whose entry point duo_reader lacks Recipe, FORMS, read, faults, fit," in duo
     with pytest.raises(UsageError, match="duo_reader"):
         instruments.find("duo")
 

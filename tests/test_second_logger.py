@@ -176,7 +176,7 @@ def test_a_gap_of_the_chamber_log_stays_a_gap(tmp_path, columns, log_writer):
     assert np.diff(log.frame["time_s"]).max() == pytest.approx(104.0, abs=2.0)  # s
     assert any(
         finding.name == "gap" and finding.refused
-        for finding in procedure.examine(spec, log).findings
+        for finding in procedure.faults(spec, log).findings
     )
 
 

@@ -13,7 +13,7 @@ def examined(procedure, file, pins, folder):
     text = recipe.find(procedure).text + "".join(PIN % pin for pin in pins)
     spec = instruments.parse_recipe(recipe.Source("r.toml", text))
     module = instruments.find(spec.procedure)
-    return module.examine(spec, module.read(spec, folder, file))
+    return module.faults(spec, module.read(spec, folder, file))
 
 
 def test_a_pinned_ramp_has_the_rate_measured_in_it(tmp_path):

@@ -34,7 +34,7 @@ class _Examiner(Protocol):
     def read(self, spec: Any, data: Path, file: str, reader: Reader = ...) -> Log:  # noqa: ANN401 (each procedure has its own recipe)
         """Read one log in canonical columns."""
 
-    def examine(self, spec: Any, log: Log) -> Examined:  # noqa: ANN401 (the same)
+    def faults(self, spec: Any, log: Log) -> Examined:  # noqa: ANN401 (the same)
         """Find what is wrong with a log, and its held conditions."""
 
 
@@ -76,7 +76,7 @@ def examine_log(
         finding = Finding.of(error, name="unreadable")
         return _Examination(LogReport(file, "", (), (), None, (), (finding,)), None)
     try:
-        examined = procedure.examine(spec, log)
+        examined = procedure.faults(spec, log)
     except (FrameError, FitError) as error:
         examined = Examined((Finding.of(error),))
     findings, whole = examined.findings, facts.Facts.describe(log)
@@ -109,7 +109,7 @@ def segment_numbers(
 
     try:
         log = procedure.read(spec, data, file)
-        held = procedure.examine(spec, log).held
+        held = procedure.faults(spec, log).held
     except (LogFormatError, FrameError, FitError):
         return None
     if not held:

@@ -189,14 +189,13 @@ def _second_loggers(folder: Path, spec: recipe.Recipe) -> set[str]:
 def _row(run: store.Run, spec: recipe.Recipe, *, before: bool) -> Row:
     """What the fleet's table states of a run."""
     document = run.document
+    patterns = instruments.optional(spec.procedure, "KEY_FIGURES") or (".+",)
     return Row(
         serial=document["serial"],
         run=f"r{document['revision']:03d}",
         run_sha256=document["sha256"],
         verdict=document["verdict"],
-        figures=keys.select_key_figures(
-            run, instruments.find(spec.procedure).key_figures, spec.reference_temp_degc
-        ),
+        figures=keys.select_key_figures(run, patterns, spec.reference_temp_degc),
         inputs=tuple(
             {
                 key: entry[key]

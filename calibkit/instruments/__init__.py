@@ -2,43 +2,36 @@
 
 from __future__ import annotations
 
+import importlib
+import importlib.util
 import logging
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass
 from importlib.metadata import EntryPoint
-from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeAlias, TypeVar, cast
 
 from calibkit import plugins, recipe
 from calibkit.errors import UsageError
-from calibkit.recipe import Recipe
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
     from pathlib import Path
+    from types import ModuleType
 
     from calibkit.certificate.content import Layout
-    from calibkit.certificate.quantities import Quantity
-    from calibkit.certificate.results import Block
-    from calibkit.certificate.stated import Stated
     from calibkit.coefficients import Input, Record, StageResult
-    from calibkit.firmware.chain import Chain
-    from calibkit.firmware.program import Program
     from calibkit.forms import Form
     from calibkit.frame import Examined, Log
-    from calibkit.ingest.evidence import Evidence
     from calibkit.ingest.logs import Reader
-    from calibkit.ingest.recipe_text import Choice
     from calibkit.ingest.write_back import Applied
     from calibkit.left_out import LeftOut
-    from calibkit.planning.proposal import Planner
-    from calibkit.report.documents import Drawn
     from calibkit.report.summary import Summary
     from calibkit.sensitivities import Sensitivity
     from calibkit.simulate.campaign import Campaign
 
-Spec = TypeVar("Spec", bound=Recipe)
-SpecIn_contra = TypeVar("SpecIn_contra", bound=Recipe, contravariant=True)
 Drawing = TypeVar("Drawing")
+Spec: TypeAlias = Any
+"""Recipe of an instrument, an object of its own class `Recipe`."""
 
 
 class Progress(Protocol):
@@ -54,14 +47,6 @@ def silent(items: Sequence[str], what: str) -> Iterable[str]:  # noqa: ARG001 (a
     return items
 
 
-class Read(Protocol[SpecIn_contra]):
-    """Reads one log in canonical columns, by another reader where one is given."""
-
-    def __call__(self, spec: SpecIn_contra, data: Path, file: str, reader: Reader = ...) -> Log:
-        """Read one log of the data folder."""
-        ...
-
-
 @dataclass(frozen=True, slots=True)
 class Fitted(Generic[Drawing]):
     """What a fit gives: one result per stage, the logs it used, the summary, what to draw."""
@@ -70,6 +55,9 @@ class Fitted(Generic[Drawing]):
     inputs: tuple[Input, ...]
     summary: Summary
     drawing: Drawing
+    """What `draw` needs. `residuals()`, where it has this, gives columns of a tidy table of what
+    the fit leaves; `units` in it states column → unit where a name does not.
+    """
     uncertainty: tuple[Mapping[str, Any], ...] = ()
     """Combined and expanded uncertainties of results, as JSON objects."""
     lacks: tuple[str, ...] = ()
@@ -82,109 +70,119 @@ class Fitted(Generic[Drawing]):
     """Positions and stations that the fit did not use."""
 
 
-def _draw_tables(_: str, fitted: Fitted[Any]) -> Drawn:
-    """Report without figures."""
-    from calibkit.report.documents import Drawn
+class Instrument(Protocol):
+    """A procedure: a module with these functions, which a command calls by their names.
 
-    return Drawn((), fitted.summary)
-
-
-@dataclass(frozen=True, slots=True)
-class Firmware(Generic[Spec]):
-    """How a run of an instrument becomes firmware."""
-
-    files: Callable[[Spec], tuple[str, ...]]
-    """Coefficient files that the chain takes its numbers from."""
-    chain: Callable[[Spec, Mapping[str, Record]], Chain]
-    """Correction chain of a run's files; raises OutputError where there is none."""
-    apply: Callable[[Spec, Chain, Program, Path], Applied]
-    """Correct a log as the exported firmware would."""
-    conventions: Callable[[Spec], tuple[str, ...]] = lambda _: ()
-    """Conventions of inputs and outputs, one line each."""
-
-
-@dataclass(frozen=True, slots=True)
-class Instrument(Generic[Spec, Drawing]):
-    """One procedure: everything that a command may ask of it."""
-
-    recipe: type[Spec]
-    read: Read[Spec]
-    examine: Callable[[Spec, Log], Examined]
-    """Find what is wrong with a log before anything is fitted to it, and its held conditions."""
-    fit: Callable[[Spec, Path, Sequence[str], Progress], Fitted[Drawing]]
-    """Fit the logs of a data folder."""
-    validate: Callable[[Spec, Mapping[str, Record], Iterable[Log]], tuple[dict[str, Any], Summary]]
-    """Test frozen coefficients on unseen logs, which are read one after the other."""
-    apply: Callable[[Spec, Mapping[str, Record], Path], Applied]
-    """Compensate a log; raises before the first part where it cannot be compensated."""
-    draw: Callable[[str, Fitted[Drawing]], Drawn] = _draw_tables
-    """Figures of a fit under a title, and its summary in full."""
-    residuals: Callable[[Drawing], Mapping[str, Any]] = lambda _: {}
-    """Columns of a tidy table of what a fit leaves, none where it has no residuals; `units` states
-    column → unit where a name does not.
+    What it need not have stands in it too, or in a room of its package (`ROOMS`).
     """
-    certificate: Callable[[Stated], tuple[Block, ...]] | None = None
-    """Blocks of results on a certificate; None where there is none."""
-    quantities: Callable[[Mapping[str, Record], Spec], tuple[Quantity, ...]] = lambda _, __: ()
-    """Results of a run as functions of their inputs, for `evaluate`, `compare` and `history`."""
-    forms: Callable[[], tuple[Form, ...]] = tuple
+
+    Recipe: type[recipe.Recipe]
+    """Strict record of its recipes; `procedure` is a `Literal` of its name."""
+    FORMS: tuple[Form, ...]
     """Model forms that its coefficient files hold."""
-    firmware: Callable[[], Firmware[Spec]] | None = None
-    """None where there is nothing that firmware could correct."""
-    key_figures: tuple[str, ...] = (".+",)
-    """Patterns of whole names of the figures that a fleet compares from device to device."""
-    campaigns: Mapping[str, Callable[[int], Campaign]] = field(default_factory=dict)
-    """Name → simulated campaign by its seed."""
-    propose: Callable[[Evidence], Choice | None] = lambda _: None
-    """Recipe for logs that are of this instrument; None for other logs."""
-    planner: Callable[[], Planner] | None = None
-    """How its campaigns are planned; None where they are not."""
+
+    def read(self, spec: Spec, data: Path, file: str, reader: Reader = ..., /) -> Log:
+        """Read one log of the data folder in canonical columns, by another reader where one is
+        given.
+        """
+        ...
+
+    def faults(self, spec: Spec, log: Log, /) -> Examined:
+        """Find what is wrong with a log before anything is fitted to it, and its held
+        conditions.
+        """
+        ...
+
+    def fit(
+        self, spec: Spec, data: Path, files: Sequence[str], progress: Progress, /
+    ) -> Fitted[Any]:
+        """Fit the logs of a data folder."""
+        ...
+
+    def validate(
+        self, spec: Spec, records: Mapping[str, Record], logs: Iterable[Log], /
+    ) -> tuple[dict[str, Any], Summary]:
+        """Test frozen coefficients on unseen logs, which are read one after the other."""
+        ...
+
+    def correct(self, spec: Spec, records: Mapping[str, Record], data: Path, /) -> Applied:
+        """Compensate a log; raises before the first part where it cannot be compensated."""
+        ...
 
 
+REQUIRED = ("Recipe", "FORMS", "read", "faults", "fit", "validate", "correct")
+"""Names that the module of every instrument has."""
+ROOMS = {
+    "draw": "figures",
+    "results": "quantities",
+    "blocks": "certificate",
+    "chain": "firmware",
+    "files": "firmware",
+    "conventions": "firmware",
+    "correct_as_firmware": "firmware",
+    "planner": "plan",
+    "CAMPAIGNS": "simulate",
+    "propose": "propose",
+    "KEY_FIGURES": "forms",
+}
+"""Name that an instrument may have → module of its package where it stands, unless it stands beside
+`fit`. Rooms are imported when they are asked for: a fit needs no certificate.
+
+draw(title, fitted) → Drawn: figures of a fit, and its summary in full.
+results(records, spec) → quantities: results of a run as functions of their inputs.
+blocks(stated) → blocks of results on a certificate.
+chain(spec, records) → correction chain of firmware, files(spec) → coefficient files that it takes
+    its numbers from, conventions(spec) → conventions of inputs and outputs, one line each,
+    correct_as_firmware(spec, chain, program, data) → a log as the exported firmware corrects it.
+planner() → how its campaigns are planned.
+CAMPAIGNS: name → simulated campaign by its seed.
+propose(evidence) → recipe for logs that are of this instrument; None for other logs.
+KEY_FIGURES: patterns of whole names of the figures that a fleet compares from device to device.
+"""
 SKELETON = "bias_temperature"
 """Recipe that is proposed as a skeleton for logs that no procedure recognises."""
 SHIPPED = {
-    "gyro_pair": "gyro_scale.instrument:PAIR",
-    "gyro_triad": "gyro_scale.instrument:TRIAD",
-    "rate_table": "gyro_scale.instrument:RATE_TABLE",
-    "inclinometer": "inclinometer.instrument:INSTRUMENT",
-    "gyro_noise": "gyro_noise.instrument:INSTRUMENT",
-    "accelerometer": "accelerometer.instrument:INSTRUMENT",
-    "fog_thermal": "fog_thermal.instrument:INSTRUMENT",
-    "thermal": "thermal.instrument:INSTRUMENT",
-    "bias_temperature": "bias_temperature.instrument:INSTRUMENT",
+    "gyro_pair": "gyro_scale.gyro_pair",
+    "gyro_triad": "gyro_scale.gyro_triad",
+    "rate_table": "gyro_scale.rate_table",
+    "inclinometer": "inclinometer.instrument",
+    "gyro_noise": "gyro_noise.instrument",
+    "accelerometer": "accelerometer.instrument",
+    "fog_thermal": "fog_thermal.instrument",
+    "thermal": "thermal.instrument",
+    "bias_temperature": "bias_temperature.instrument",
 }
-"""Procedure → module below this package and its record there; a recipe for unknown logs is sought
-in this order.
-"""
+"""Procedure → its module below this package; a recipe for unknown logs is sought in this order."""
 
 
-class Registry(Mapping[str, "Instrument[Any, Any]"]):
+class Registry(Mapping[str, Instrument]):
     """Procedure → instrument, shipped or of an installed plugin; imported when it is asked for."""
 
     def __init__(self) -> None:
         self._points: dict[str, EntryPoint] = {}
-        self._loaded: dict[str, Instrument[Any, Any]] = {}
+        self._loaded: dict[str, Instrument] = {}
 
     def _entry_points(self) -> dict[str, EntryPoint]:
         """Entry points of plugins, then of what is shipped: a plugin replaces none of these."""
         if not self._points:
             group = plugins.INSTRUMENTS
             self._points = dict(plugins.installed(group)) | {
-                name: EntryPoint(name, f"{__name__}.{record}", group)
-                for name, record in SHIPPED.items()
+                name: EntryPoint(name, f"{__name__}.{module}", group)
+                for name, module in SHIPPED.items()
             }
         return self._points
 
-    def __getitem__(self, name: str) -> Instrument[Any, Any]:
+    def __getitem__(self, name: str) -> Instrument:
         """Instrument of a procedure; KeyError where there is none."""
         if name not in self._loaded:
             entry = self._entry_points()[name]
             loaded = plugins.load(entry)
-            if not isinstance(loaded, Instrument):
+            missing = [required for required in REQUIRED if not hasattr(loaded, required)]
+            if missing:
                 raise UsageError(
                     f"'{name}' is added by {plugins.identify(entry).distribution}, whose entry"
-                    f" point {entry.value} is {type(loaded).__name__}, expected an Instrument",
+                    f" point {entry.value} lacks {', '.join(missing)}, expected a module with"
+                    f" {', '.join(REQUIRED)}",
                     hint="update or repair that package, or uninstall it",
                 )
             self._loaded[name] = loaded
@@ -204,7 +202,7 @@ class Registry(Mapping[str, "Instrument[Any, Any]"]):
 REGISTRY = Registry()
 
 
-def list_usable() -> dict[str, Instrument[Any, Any]]:
+def list_usable() -> dict[str, Instrument]:
     """Procedure → instrument; a warning names each plugin that cannot be used."""
     found = {name: REGISTRY[name] for name in SHIPPED}
     for name in plugins.usable(plugins.INSTRUMENTS):
@@ -215,7 +213,7 @@ def list_usable() -> dict[str, Instrument[Any, Any]]:
     return found
 
 
-def find(procedure: str) -> Instrument[Any, Any]:
+def find(procedure: str) -> Instrument:
     """Instrument of a procedure's name, or UsageError."""
     if procedure not in REGISTRY:
         raise UsageError(
@@ -224,12 +222,23 @@ def find(procedure: str) -> Instrument[Any, Any]:
     return REGISTRY[procedure]
 
 
-def parse_recipe(source: recipe.Source) -> Recipe:
+def optional(procedure: str, name: str) -> Any:  # noqa: ANN401 (a name of `ROOMS` is any of these)
+    """What an instrument need not have, by its name in `ROOMS`; None where it has none."""
+    module = cast("ModuleType", find(procedure))
+    if hasattr(module, name) or not module.__package__:
+        return getattr(module, name, None)
+    room = f"{module.__package__}.{ROOMS[name]}"
+    if importlib.util.find_spec(room) is None:
+        return None
+    return getattr(importlib.import_module(room), name, None)
+
+
+def parse_recipe(source: recipe.Source) -> recipe.Recipe:
     """Record of a recipe's text, of whichever procedure; raises RecipeError with every fault."""
     return recipe.parse(source, REGISTRY)
 
 
-def fitted_recipe(document: Mapping[str, Any], *overrides: str) -> Recipe:
+def fitted_recipe(document: Mapping[str, Any], *overrides: str) -> recipe.Recipe:
     """Recipe of a run by its run.json, with more overrides behind those of the fit."""
     text = document["recipe"]
     source = recipe.Source(text["name"], text["text"], (*text["overrides"], *overrides))
@@ -238,16 +247,16 @@ def fitted_recipe(document: Mapping[str, Any], *overrides: str) -> Recipe:
 
 def model_forms(procedure: str) -> dict[str, Form]:
     """Name → model form of a procedure; empty for an unknown one."""
-    found = REGISTRY[procedure].forms() if procedure in REGISTRY else ()
-    return {form.name: form for form in found}
+    listed = REGISTRY[procedure].FORMS if procedure in REGISTRY else ()
+    return {form.name: form for form in listed}
 
 
 def campaigns() -> dict[str, Callable[[int], Campaign]]:
     """Name → simulated campaign by its seed, of every instrument."""
     return {
         name: campaign
-        for instrument in list_usable().values()
-        for name, campaign in instrument.campaigns.items()
+        for procedure in list_usable()
+        for name, campaign in (optional(procedure, "CAMPAIGNS") or {}).items()
     }
 
 
@@ -258,11 +267,11 @@ def certificate_layout(document: Mapping[str, Any]) -> Layout:
     from calibkit.certificate.content import Layout
 
     procedure = str(document["procedure"])
-    layout = REGISTRY[procedure].certificate if procedure in REGISTRY else None
-    if layout is None:
+    blocks = optional(procedure, "blocks") if procedure in REGISTRY else None
+    if blocks is None:
         raise UsageError(
             f"{document['serial']}@r{document['revision']:03d}: no certificate layout for procedure"
             f" '{procedure}'",
             hint="use a newer calibkit",
         )
-    return Layout(layout, fitted_recipe(document))
+    return Layout(blocks, fitted_recipe(document))

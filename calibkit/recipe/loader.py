@@ -124,10 +124,8 @@ def find(name: str, overrides: tuple[str, ...] = ()) -> Source:
 class _Kind(Protocol):
     """What the recipes of a procedure are read into."""
 
-    @property
-    def recipe(self) -> type[Recipe]:
-        """Record that the recipe must fill."""
-        ...
+    Recipe: type[Recipe]
+    """Record that the recipe must fill."""
 
 
 def parse(source: Source, kinds: Mapping[str, _Kind]) -> Recipe:
@@ -143,7 +141,7 @@ def parse(source: Source, kinds: Mapping[str, _Kind]) -> Recipe:
             f" one of {', '.join(sorted(kinds))}",
             hint=did_you_mean(str(procedure), kinds, "name one of them"),
         )
-    recipe = _validate(source, kinds[procedure].recipe, data, lines)
+    recipe = _validate(source, kinds[procedure].Recipe, data, lines)
     _require_known_columns(source, recipe, lines)
     return recipe
 

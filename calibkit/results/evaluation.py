@@ -36,7 +36,8 @@ class RunResults:
     def read(cls, run: Run, terms: Sequence[TypeB] = ()) -> Self:
         """Results of a run, with type B terms on top of the recipe's."""
         spec = instruments.fitted_recipe(run.document)
-        quantities = instruments.find(spec.procedure).quantities(run.records, spec)
+        results = instruments.optional(spec.procedure, "results")
+        quantities = () if results is None else results(run.records, spec)
         source = Source.merge(type_b.loads(run.document.get("type_b", ())), terms)
         known = sensitivities.loads(run.document.get("sensitivities", []), run.name)
         stated = Stated(run.records, source, (), spec.reference_temp_degc, known)

@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from calibkit.report.documents import Drawn
 from calibkit.report.figures import ALERT, DENOISED, GOOD, MUTED, RAW, page
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from calibkit.instruments import Fitted
     from calibkit.instruments.accelerometer.dwells import DwellSet
     from calibkit.instruments.accelerometer.errors import AttitudeErrors, DwellErrors
 
@@ -109,3 +111,8 @@ def _draw_angles(
             ax.set(title=f"{name} error", xlabel=label, ylabel="[°]")
             ax.set_yscale("symlog", linthresh=0.01)
     return figure
+
+
+def draw(title: str, fitted: Fitted[TriadReport]) -> Drawn:
+    """Figures and summary of a fit."""
+    return Drawn(draw_pages(title, fitted.drawing), fitted.summary)

@@ -16,7 +16,6 @@ from calibkit.firmware.draft import Draft, factor, numbers
 from calibkit.firmware.program import Program
 from calibkit.firmware.sources import required_record
 from calibkit.ingest.write_back import Applied
-from calibkit.instruments import Firmware
 from calibkit.instruments.accelerometer import coefficient_files, forms
 from calibkit.instruments.accelerometer.equation import Terms
 from calibkit.instruments.accelerometer.numeric.affine_model import AXES, Entry, find_entry
@@ -33,13 +32,13 @@ SENSE = {
 }
 
 
-def _chain(spec: AccelerometerRecipe, records: Mapping[str, Record]) -> Chain:
+def chain(spec: AccelerometerRecipe, records: Mapping[str, Record]) -> Chain:
     """Chain of the correction that the recipe names; inputs and outputs follow the recipe's sign
     convention.
     """
     compensation, convention = spec.compensation, spec.reference.convention
     stages = coefficient_files.list_stages(compensation)
-    record = required_record(records, _files(spec)[0], spec)
+    record = required_record(records, files(spec)[0], spec)
     draft = Draft(padded=spec.export.layout == "padded")
     sign = -1 if convention == "specific_force" else 1
     valid = record.models[0].valid[forms.TEMPERATURE]
@@ -77,7 +76,7 @@ def _chain(spec: AccelerometerRecipe, records: Mapping[str, Record]) -> Chain:
     return draft.chain(used, formula)
 
 
-def _files(spec: AccelerometerRecipe) -> tuple[str, ...]:
+def files(spec: AccelerometerRecipe) -> tuple[str, ...]:
     """Coefficient files that the chain takes its coefficients from."""
     return tuple(f"{stage}.json" for stage in coefficient_files.list_stages(spec.compensation))
 
@@ -187,7 +186,9 @@ def _k(draft: Draft, record: Record, mapping: tuple[Fraction, Fraction], sign: i
         )
 
 
-def _apply(spec: AccelerometerRecipe, chain: Chain, quantised: Program, data: Path) -> Applied:
+def correct_as_firmware(
+    spec: AccelerometerRecipe, chain: Chain, quantised: Program, data: Path
+) -> Applied:
     """Correct every row of a log as the exported firmware would, and add inclination and
     toolface.
     """
@@ -203,9 +204,6 @@ def _apply(spec: AccelerometerRecipe, chain: Chain, quantised: Program, data: Pa
     return as_firmware.apply(spec, chain, quantised, data, angles)
 
 
-FIRMWARE = Firmware(
-    files=_files,
-    chain=_chain,
-    apply=_apply,
-    conventions=lambda spec: (f"accelerometers in and out: {SENSE[spec.reference.convention]}",),
-)
+def conventions(spec: AccelerometerRecipe) -> tuple[str, ...]:
+    """Sense of the accelerometers."""
+    return (f"accelerometers in and out: {SENSE[spec.reference.convention]}",)

@@ -11,7 +11,7 @@ from calibkit.coefficients import Criterion, Figure, Input
 from calibkit.errors import FitError, RecipeError
 from calibkit.frame import refuse, require
 from calibkit.ingest import logs as ingest, write_back
-from calibkit.instruments import Fitted, Instrument
+from calibkit.instruments import Fitted
 from calibkit.instruments.accelerometer import (
     circumstances,
     coefficient_files,
@@ -23,14 +23,12 @@ from calibkit.instruments.accelerometer import (
     sensitivities,
     tables,
 )
-from calibkit.instruments.accelerometer.figures import TriadReport, draw_pages
+from calibkit.instruments.accelerometer.figures import TriadReport
 from calibkit.instruments.accelerometer.fit import TriadFit, fit_triad
-from calibkit.instruments.accelerometer.propose import propose
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.left_out import LeftOut
 from calibkit.numeric import attitude, chunks
 from calibkit.planning.proposal import Planner
-from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary
 
 if TYPE_CHECKING:
@@ -38,36 +36,39 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from calibkit.arrays import Array
-    from calibkit.certificate.quantities import Quantity
-    from calibkit.certificate.results import Block
-    from calibkit.certificate.stated import Stated
     from calibkit.coefficients import Record
     from calibkit.frame import Log
     from calibkit.ingest.logs import Reader
     from calibkit.ingest.write_back import Applied
-    from calibkit.instruments import Firmware, Progress
+    from calibkit.instruments import Progress
     from calibkit.report.table import Table
-    from calibkit.simulate.campaign import Campaign
 
 CORRECTIONS = {"k": "K-factor", "affine": "affine"}
 """Compensation of a recipe → name of the correction in the table of errors."""
 
+Recipe = AccelerometerRecipe
+FORMS = forms.FORMS
+KEY_FIGURES = (
+    r"accel_k\.accel_\w\.(K\d|residual_rms)",
+    r"accel_q\.triad\.(Q\d|residual_rms)",
+    r"accel_affine\.triad\.(k_\w0|z_\w0|m_\w\w0|b_\w0|residual_rms)",
+)
+faults = plausibility.examine
 
-def _read(
-    spec: AccelerometerRecipe, data: Path, file: str, reader: Reader = ingest.read_log
-) -> Log:
+
+def read(spec: AccelerometerRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
     """One log in canonical columns; m/s² become g by the site's gravity."""
     columns, optional = triad_dwells.needed_columns(spec)
     return reader(spec.on_site(), data / file, file, columns, optional)
 
 
-def _fit(
+def fit(
     spec: AccelerometerRecipe, data: Path, files: Sequence[str], progress: Progress
 ) -> Fitted[TriadReport]:
     """Fit K-factor, Q-factor and the affine triad to the dwells of all logs together."""
     _require_known_options(spec)
-    read = ingest.read_ahead(progress(files, "reading"), lambda file: _read(spec, data, file))
-    logs = list(copies.refuse_copies(read))
+    in_turn = ingest.read_ahead(progress(files, "reading"), lambda file: read(spec, data, file))
+    logs = list(copies.refuse_copies(in_turn))
     dwells = plausibility.screen(triad_dwells.collect_dwells(logs, spec), spec)
     fitted = fit_triad(dwells, spec)
     counted = dwells.without(fitted.left_out) if fitted.left_out else dwells
@@ -140,7 +141,7 @@ def _list_left_out(fitted: TriadFit, count: int) -> tuple[LeftOut, ...]:
     return (LeftOut("positions", len(fitted.left_out), count, "outlier"),)
 
 
-def _apply(spec: AccelerometerRecipe, records: Mapping[str, Record], data: Path) -> Applied:
+def correct(spec: AccelerometerRecipe, records: Mapping[str, Record], data: Path) -> Applied:
     """Correct every row of a log, in the log's own unit and sign, and add inclination and
     toolface.
     """
@@ -148,7 +149,7 @@ def _apply(spec: AccelerometerRecipe, records: Mapping[str, Record], data: Path)
         update={"reference": spec.reference.model_copy(update={"kind": "magnitude"})}
     )
     by_rows = {"dwells": spec.dwells.model_copy(update={"mode": "rows"})}
-    log = _read(lengths.model_copy(update=by_rows), data.parent, data.name)
+    log = read(lengths.model_copy(update=by_rows), data.parent, data.name)
     refuse(triad_dwells.find_faults(log, lengths))
     correction = coefficient_files.find_correction(spec.compensation, records.values())
     low, high = correction.temperature_range
@@ -177,7 +178,7 @@ def _apply(spec: AccelerometerRecipe, records: Mapping[str, Record], data: Path)
     return applied, (clamped,) if outside > 0.0 else ()
 
 
-def _validate(
+def validate(
     spec: AccelerometerRecipe, records: Mapping[str, Record], logs: Iterable[Log]
 ) -> tuple[dict[str, Any], Summary]:
     """Attitude errors before and after correction on dwells that were not used in the fit."""
@@ -213,28 +214,7 @@ def _validate(
     return {"logs": entries}, Summary("", tuple(shown), tuple(flags), tuple(criteria))
 
 
-def _quantities(records: Mapping[str, Record], spec: AccelerometerRecipe) -> tuple[Quantity, ...]:
-    """Results of a run as functions of their inputs."""
-    from calibkit.instruments.accelerometer.quantities import list_quantities
-
-    return list_quantities(records, spec)
-
-
-def _certificate(stated: Stated) -> tuple[Block, ...]:
-    """Blocks of results on a certificate."""
-    from calibkit.instruments.accelerometer.certificate import blocks
-
-    return blocks(stated)
-
-
-def _firmware() -> Firmware[AccelerometerRecipe]:
-    """How a run becomes firmware."""
-    from calibkit.instruments.accelerometer.firmware import FIRMWARE
-
-    return FIRMWARE
-
-
-def _planner() -> Planner:
+def planner() -> Planner:
     """How campaigns are planned."""
     from calibkit.instruments.accelerometer import plan, plan_magnitude, simulate_plan
 
@@ -247,41 +227,3 @@ def _planner() -> Planner:
         lambda spec, task: ways[spec.reference.kind].judge(spec, task),
         lambda spec, *asked: ways[spec.reference.kind].simulate(spec, *asked),
     )
-
-
-def _simulate(seed: int) -> Campaign:
-    """Simulated campaign."""
-    from calibkit.instruments.accelerometer.simulate import campaign
-
-    return campaign(seed)
-
-
-def _simulate_magnitude(seed: int) -> Campaign:
-    """Simulated campaign."""
-    from calibkit.instruments.accelerometer.simulate_magnitude import campaign
-
-    return campaign(seed)
-
-
-INSTRUMENT = Instrument(
-    recipe=AccelerometerRecipe,
-    read=_read,
-    examine=plausibility.examine,
-    fit=_fit,
-    residuals=TriadReport.residuals,
-    draw=lambda title, fitted: Drawn(draw_pages(title, fitted.drawing), fitted.summary),
-    validate=_validate,
-    apply=_apply,
-    certificate=_certificate,
-    quantities=_quantities,
-    forms=lambda: forms.FORMS,
-    firmware=_firmware,
-    key_figures=(
-        r"accel_k\.accel_\w\.(K\d|residual_rms)",
-        r"accel_q\.triad\.(Q\d|residual_rms)",
-        r"accel_affine\.triad\.(k_\w0|z_\w0|m_\w\w0|b_\w0|residual_rms)",
-    ),
-    campaigns={"accelerometer": _simulate, "accelerometer_magnitude": _simulate_magnitude},
-    propose=propose,
-    planner=_planner,
-)

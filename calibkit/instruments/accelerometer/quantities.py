@@ -161,9 +161,7 @@ def _of_models(record: Record, *, components: bool) -> list[Quantity]:
     return found
 
 
-def list_quantities(
-    records: Mapping[str, Record], spec: AccelerometerRecipe
-) -> tuple[Quantity, ...]:
+def results(records: Mapping[str, Record], spec: AccelerometerRecipe) -> tuple[Quantity, ...]:
     """Corrected components by the compensation of the recipe, then the results of each model."""
     used = coefficient_files.COMPENSATIONS[spec.compensation]
     return (

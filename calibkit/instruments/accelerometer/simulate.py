@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass, field
 import numpy as np
 
 from calibkit.arrays import Array
+from calibkit.instruments.accelerometer import simulate_magnitude
 from calibkit.numeric import attitude
 from calibkit.simulate.campaign import Campaign
 
@@ -243,3 +244,6 @@ def _columns(case: Array, angle: Array, indicated: Array) -> dict[str, Array]:
         "toolface_deg": angle[:, 1],
         **{f"accel_{name}_g": indicated[:, i] for i, name in enumerate(AXES)},
     }
+
+
+CAMPAIGNS = {"accelerometer": campaign, "accelerometer_magnitude": simulate_magnitude.campaign}

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calibkit.frame import share_unit
+from calibkit.report.documents import Drawn
 from calibkit.report.figures import GOOD, INK, RAW, page
 from calibkit.units import column_unit
 
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from calibkit.arrays import Array
+    from calibkit.instruments import Fitted
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,3 +69,8 @@ def pages(title: str, report: BiasReport) -> list[Figure]:
     for ax in axes[len(report.curves) :]:
         ax.set_visible(False)
     return [figure]
+
+
+def draw(title: str, fitted: Fitted[BiasReport]) -> Drawn:
+    """Figures and summary of a fit."""
+    return Drawn(tuple(pages(title, fitted.drawing)), fitted.summary)

@@ -7,18 +7,22 @@ from fractions import Fraction
 from calibkit import units
 from calibkit.coefficients import Record
 from calibkit.errors import OutputError
-from calibkit.firmware import as_firmware, exact
+from calibkit.firmware import exact
 from calibkit.firmware.chain import Chain
 from calibkit.firmware.draft import BEYOND, Draft, powers
 from calibkit.firmware.sources import required_record
-from calibkit.instruments import Firmware
 from calibkit.instruments.bias_temperature.recipe import BiasTemperatureRecipe
 from calibkit.numeric.least_squares.polynomial import HIGHEST_ORDER
 
 FILE = "bias.json"
 
 
-def _chain(spec: BiasTemperatureRecipe, records: Mapping[str, Record]) -> Chain:
+def files(_: BiasTemperatureRecipe) -> tuple[str, ...]:
+    """Coefficient file that the chain takes its numbers from."""
+    return (FILE,)
+
+
+def chain(spec: BiasTemperatureRecipe, records: Mapping[str, Record]) -> Chain:
     """Bias of each channel, zero at the reference temperature; of an abscissa that is no
     temperature at the middle of its range.
     """
@@ -69,6 +73,3 @@ def _zero(spec: BiasTemperatureRecipe) -> str:
         f"the bias is 0 at {spec.reference_temp_degc:g} degC, or at the end of the fitted range"
         " nearest to it"
     )
-
-
-FIRMWARE = Firmware(files=lambda _: (FILE,), chain=_chain, apply=as_firmware.apply)

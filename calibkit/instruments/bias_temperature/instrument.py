@@ -14,7 +14,7 @@ from calibkit.coefficients import Input, Record
 from calibkit.forms import POLYNOMIAL
 from calibkit.frame import Examined, Finding, Log, refuse, values
 from calibkit.ingest import logs as ingest, write_back
-from calibkit.instruments import Firmware, Fitted, Instrument, Progress
+from calibkit.instruments import Fitted, Progress
 from calibkit.instruments.bias_temperature import (
     figures as pages,
     polynomials,
@@ -23,23 +23,23 @@ from calibkit.instruments.bias_temperature import (
 from calibkit.instruments.bias_temperature.recipe import BiasTemperatureRecipe
 from calibkit.numeric import chunks
 from calibkit.planning.proposal import Planner
-from calibkit.report.documents import Drawn
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
-    from calibkit.certificate.quantities import Quantity
-    from calibkit.certificate.results import Block
-    from calibkit.certificate.stated import Stated
     from calibkit.ingest.evidence import Evidence
     from calibkit.ingest.logs import Reader
     from calibkit.ingest.recipe_text import Choice
     from calibkit.ingest.write_back import Applied
     from calibkit.report.summary import Summary
 
+Recipe = BiasTemperatureRecipe
+KEY_FIGURES = (r"bias\..+(\.p\d|\.residual_rms| at \S+ degC)",)
+FORMS = (POLYNOMIAL,)
 
-def _read(
+
+def read(
     spec: BiasTemperatureRecipe, data: Path, file: str, reader: Reader = ingest.read_log
 ) -> Log:
     """One log in the recipe's columns; time is read where the log has it."""
@@ -88,18 +88,18 @@ def _find_faults(spec: BiasTemperatureRecipe, log: Log) -> list[Finding]:
     ]
 
 
-def _examine(spec: BiasTemperatureRecipe, log: Log) -> Examined:
+def faults(spec: BiasTemperatureRecipe, log: Log) -> Examined:
     """Find what is wrong with one log."""
     return Examined(tuple(_findings(spec, log)))
 
 
-def _fit(
+def fit(
     spec: BiasTemperatureRecipe, data: Path, files: Sequence[str], progress: Progress
 ) -> Fitted[pages.BiasReport]:
     """Fit every polynomial to the rows of all logs together."""
     logs, flags = [], []
     for log in copies.refuse_copies(
-        ingest.read_ahead(progress(files, "reading"), lambda file: _read(spec, data, file))
+        ingest.read_ahead(progress(files, "reading"), lambda file: read(spec, data, file))
     ):
         found = _findings(spec, log)
         refuse(found)
@@ -118,9 +118,9 @@ def _fit(
     )
 
 
-def _apply(spec: BiasTemperatureRecipe, records: Mapping[str, Record], data: Path) -> Applied:
+def correct(spec: BiasTemperatureRecipe, records: Mapping[str, Record], data: Path) -> Applied:
     """Take each channel's polynomial, zero at the reference, out of every row."""
-    log = _read(spec, data.parent, data.name)
+    log = read(spec, data.parent, data.name)
     refuse(_findings(spec, log))
     columns, flags = polynomials.compensate(log, records["bias.json"], spec)
     added = {}
@@ -133,7 +133,7 @@ def _apply(spec: BiasTemperatureRecipe, records: Mapping[str, Record], data: Pat
     return write_back.rewrite_log(spec, data, log, columns, added), flags
 
 
-def _validate(
+def validate(
     spec: BiasTemperatureRecipe, records: Mapping[str, Record], logs: Iterable[Log]
 ) -> tuple[dict[str, Any], Summary]:
     """Standard deviation of each channel before and after, of logs that were not fitted."""
@@ -144,64 +144,19 @@ def _validate(
     return {"logs": entries}, polynomials.validation_summary(entries, spec)
 
 
-def _draw(title: str, fitted: Fitted[pages.BiasReport]) -> Drawn:
-    """Figures and summary of a fit."""
-    return Drawn(tuple(pages.pages(title, fitted.drawing)), fitted.summary)
-
-
-def _quantities(records: Mapping[str, Record], spec: BiasTemperatureRecipe) -> tuple[Quantity, ...]:
-    """Results of a run as functions of their inputs."""
-    from calibkit.instruments.bias_temperature.quantities import list_quantities
-
-    return list_quantities(records, spec)
-
-
-def _certificate(stated: Stated) -> tuple[Block, ...]:
-    """Blocks of results on a certificate."""
-    from calibkit.instruments.bias_temperature.certificate import blocks
-
-    return blocks(stated)
-
-
-def _firmware() -> Firmware[BiasTemperatureRecipe]:
-    """How a run becomes firmware."""
-    from calibkit.instruments.bias_temperature.firmware import FIRMWARE
-
-    return FIRMWARE
-
-
 def _keys_of(channels: Sequence[str]) -> dict[str, str]:
     """Polynomials of channels, where they are not those of the shipped recipe."""
     bias = ", ".join(f'{{ indication = "{name}", order = 3 }}' for name in channels)
     return {} if list(channels) == ["gyro_dph"] else {"bias": f"[{bias}]"}
 
 
-def _propose(evidence: Evidence) -> Choice | None:
+def propose(evidence: Evidence) -> Choice | None:
     """Recipe for a static instrument with times and one temperature: all that it measures."""
     return evidence.choose_at_rest("bias_temperature", _keys_of)
 
 
-def _planner() -> Planner:
+def planner() -> Planner:
     """How campaigns are planned."""
     from calibkit.instruments.bias_temperature import plan, simulate_plan
 
     return Planner(plan.propose, plan.judge, simulate_plan.campaign)
-
-
-INSTRUMENT = Instrument(
-    recipe=BiasTemperatureRecipe,
-    read=_read,
-    examine=_examine,
-    fit=_fit,
-    draw=_draw,
-    residuals=pages.BiasReport.residuals,
-    validate=_validate,
-    apply=_apply,
-    certificate=_certificate,
-    quantities=_quantities,
-    forms=lambda: (POLYNOMIAL,),
-    firmware=_firmware,
-    key_figures=(r"bias\..+(\.p\d|\.residual_rms| at \S+ degC)",),
-    propose=_propose,
-    planner=_planner,
-)

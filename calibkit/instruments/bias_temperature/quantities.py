@@ -52,9 +52,7 @@ def _drift(stage: str, model: Model, reference: float) -> Quantity:
     return Quantity("drift", stage, model.name, words, unit, inputs, point, compared=(({},),))
 
 
-def list_quantities(
-    records: Mapping[str, Record], spec: BiasTemperatureRecipe
-) -> tuple[Quantity, ...]:
+def results(records: Mapping[str, Record], spec: BiasTemperatureRecipe) -> tuple[Quantity, ...]:
     """Bias and drift of each channel."""
     record = records["bias.json"]
     return tuple(

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.numeric import chunks
+from calibkit.report.documents import Drawn
 from calibkit.report.figures import ALERT, DENOISED, GOOD, INK, MUTED, RAW, SIDES, page
 
 if TYPE_CHECKING:
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from calibkit.arrays import Array
+    from calibkit.instruments import Fitted
     from calibkit.instruments.fog_thermal.numeric import gradient
     from calibkit.instruments.fog_thermal.numeric.compensation import NoiseSplit
     from calibkit.instruments.fog_thermal.numeric.hysteresis import Hysteresis
@@ -276,3 +278,8 @@ def _hysteresis(ax: Axes, sides: Sequence[tuple[str, Hysteresis]]) -> None:
 def _means(values: Array, group: int) -> Array:
     """Means of values [n] over whole groups, or the values themselves if no group is whole."""
     return chunks.block_means(values, group) if values.size >= group else values
+
+
+def draw(title: str, fitted: Fitted[DriftReport]) -> Drawn:
+    """Figures and summary of a fit."""
+    return Drawn(tuple(pages(replace(fitted.drawing, title=title))), fitted.summary)

@@ -13,7 +13,6 @@ from calibkit.firmware import exact, pace, thermal_steps
 from calibkit.firmware.chain import Case, Chain, Memory, Select, Term
 from calibkit.firmware.draft import Draft, factor, numbers
 from calibkit.firmware.sources import required_record
-from calibkit.instruments import Firmware
 from calibkit.instruments.fog_thermal import firmware_bank, firmware_updates
 from calibkit.instruments.fog_thermal.forms import BANK, FILE, LAGGED, OVER_RATES, rate_names
 from calibkit.instruments.fog_thermal.recipe import HIGHEST_RATE_ORDER, FogThermalRecipe
@@ -32,7 +31,12 @@ RECURSIVE = (
 )
 
 
-def _chain(spec: FogThermalRecipe, records: Mapping[str, Record]) -> Chain:
+def files(_: FogThermalRecipe) -> tuple[str, ...]:
+    """Coefficient file that the chain takes its numbers from."""
+    return (FILE,)
+
+
+def chain(spec: FogThermalRecipe, records: Mapping[str, Record]) -> Chain:
     """Chain of the exported drift term with the trials of its self-test; OutputError if there is
     none, or if it removes the true rate.
     """
@@ -183,6 +187,3 @@ def _side(draft: Draft, model: Model) -> tuple[Case, Fraction]:
         draft.table(f"moving_{name}", (Fraction(model.value("slowest_rate")) / 2,)),
         name,
     ), largest
-
-
-FIRMWARE = Firmware(files=lambda _: (FILE,), chain=_chain, apply=firmware_updates.apply)

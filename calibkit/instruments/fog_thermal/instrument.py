@@ -12,7 +12,7 @@ from calibkit.coefficients import Criterion, Record, at_least, at_most
 from calibkit.errors import FitError
 from calibkit.frame import Finding, Log, refuse, values
 from calibkit.ingest import logs as ingest, two_loggers, write_back
-from calibkit.instruments import Firmware, Fitted, Instrument, Progress
+from calibkit.instruments import Fitted, Progress
 from calibkit.instruments.fog_thermal import (
     bias,
     compensate,
@@ -30,24 +30,28 @@ from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 from calibkit.numeric import chunks
 from calibkit.numeric.dispersion import rms
 from calibkit.planning.proposal import Planner
-from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
-    from calibkit.certificate.quantities import Quantity
-    from calibkit.certificate.results import Block
-    from calibkit.certificate.stated import Stated
     from calibkit.ingest.evidence import Evidence
     from calibkit.ingest.logs import Reader
     from calibkit.ingest.recipe_text import Choice
     from calibkit.ingest.write_back import Applied
-    from calibkit.simulate.campaign import Campaign
+
+Recipe = FogThermalRecipe
+KEY_FIGURES = (
+    r"drift\..+\.(a\d|residual_rms)",
+    r"drift_rate\..+\.([abcsghw]\d+|s_\w+|tau_\w+|residual_rms)",
+    r"drift_rate\.(raw_drift_rms|drift_rms_before|drift_rms_after|rate_gain_recursive)\..+",
+)
+FORMS = (forms.PER_RAMP, forms.OVER_RATES, *forms.ON_LEVELS.values())
+faults = ramps.examine
 
 
-def _fit(
+def fit(
     spec: FogThermalRecipe, data: Path, files: Sequence[str], progress: Progress
 ) -> Fitted[figures.DriftReport]:
     """Fit the drift coefficients of every ramp and their polynomials over temperature rate."""
@@ -95,7 +99,7 @@ def _prepare(spec: FogThermalRecipe, data: Path, files: Iterable[str]) -> list[r
     findings: dict[str, list[Finding]] = {}
 
     def checked(file: str) -> Log:
-        log = _read(spec, data, file)
+        log = read(spec, data, file)
         findings[file] = ramps.find_faults(log, spec)
         return log
 
@@ -135,7 +139,7 @@ def _flags(
     ]
 
 
-def _read(spec: FogThermalRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
+def read(spec: FogThermalRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
     """One log in canonical columns."""
     return reader(spec, data / file, file, ramps.COLUMNS)
 
@@ -208,7 +212,7 @@ def _common_criteria(
     return tuple(criteria)
 
 
-def _apply(spec: FogThermalRecipe, records: Mapping[str, Record], data: Path) -> Applied:
+def correct(spec: FogThermalRecipe, records: Mapping[str, Record], data: Path) -> Applied:
     """Compensate every row of a log; the indication keeps its unit and sign in the log."""
     model = compensate.DriftModel.read(records, spec)
     log = ingest.read_log(spec, data, data.name, model.columns)
@@ -224,7 +228,7 @@ def _apply(spec: FogThermalRecipe, records: Mapping[str, Record], data: Path) ->
     return write_back.rewrite_log(spec, data, log, {"gyro_dph": output}, added), flags
 
 
-def _validate(
+def validate(
     spec: FogThermalRecipe, records: Mapping[str, Record], logs: Iterable[Log]
 ) -> tuple[dict[str, Any], Summary]:
     """Validation: drift rms before and after, rate gain and coverage of the uncertainty on logs
@@ -318,47 +322,7 @@ def _reduced(
     return (at_least("drift reduction", float(before / after), least, "1"),)
 
 
-def _draw(title: str, fitted: Fitted[figures.DriftReport]) -> Drawn:
-    """Figures and summary of a fit."""
-    return Drawn(tuple(figures.pages(replace(fitted.drawing, title=title))), fitted.summary)
-
-
-def _quantities(records: Mapping[str, Record], spec: FogThermalRecipe) -> tuple[Quantity, ...]:
-    """Results of a run as functions of their inputs."""
-    from calibkit.instruments.fog_thermal.quantities import list_quantities
-
-    return list_quantities(records, spec)
-
-
-def _certificate(stated: Stated) -> tuple[Block, ...]:
-    """Result blocks of a certificate."""
-    from calibkit.instruments.fog_thermal.certificate import blocks
-
-    return blocks(stated)
-
-
-def _firmware() -> Firmware[FogThermalRecipe]:
-    """Firmware export of a run."""
-    from calibkit.instruments.fog_thermal.firmware import FIRMWARE
-
-    return FIRMWARE
-
-
-def _planner() -> Planner:
-    """How campaigns are planned."""
-    from calibkit.instruments.fog_thermal import plan
-
-    return Planner(plan.propose, plan.judge, plan.simulate)
-
-
-def _simulate(seed: int) -> Campaign:
-    """Simulated campaign."""
-    from calibkit.instruments.fog_thermal.simulate import campaign
-
-    return campaign(seed)
-
-
-def _propose(evidence: Evidence) -> Choice | None:
+def propose(evidence: Evidence) -> Choice | None:
     """Proposed recipe for a log with time, case and chamber temperature and a gyro (the first of
     several), of which a second logger may have the chamber's; None otherwise.
     """
@@ -380,25 +344,8 @@ def _propose(evidence: Evidence) -> Choice | None:
     return replace(choice.with_others(others), tables=tables, joined=joined)
 
 
-INSTRUMENT = Instrument(
-    recipe=FogThermalRecipe,
-    read=_read,
-    examine=ramps.examine,
-    fit=_fit,
-    draw=_draw,
-    residuals=figures.DriftReport.residuals,
-    validate=_validate,
-    apply=_apply,
-    certificate=_certificate,
-    quantities=_quantities,
-    forms=lambda: (forms.PER_RAMP, forms.OVER_RATES, *forms.ON_LEVELS.values()),
-    firmware=_firmware,
-    key_figures=(
-        r"drift\..+\.(a\d|residual_rms)",
-        r"drift_rate\..+\.([abcsghw]\d+|s_\w+|tau_\w+|residual_rms)",
-        r"drift_rate\.(raw_drift_rms|drift_rms_before|drift_rms_after|rate_gain_recursive)\..+",
-    ),
-    campaigns={"fog_thermal": _simulate},
-    propose=_propose,
-    planner=_planner,
-)
+def planner() -> Planner:
+    """How campaigns are planned."""
+    from calibkit.instruments.fog_thermal import plan
+
+    return Planner(plan.propose, plan.judge, plan.simulate)

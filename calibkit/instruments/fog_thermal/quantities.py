@@ -155,7 +155,7 @@ def _increments(record: Record, model: Model) -> Quantity:
     )
 
 
-def list_quantities(records: Mapping[str, Record], spec: FogThermalRecipe) -> tuple[Quantity, ...]:
+def results(records: Mapping[str, Record], spec: FogThermalRecipe) -> tuple[Quantity, ...]:
     """Results of the exported model, then the increments of each ramp."""
     found: list[Quantity] = []
     for name in (forms.FILE, "drift.json"):

@@ -194,3 +194,6 @@ def _truth_of(programme: Programme, simulated: SimulatedLog) -> dict[str, object
         name: np.round(values[::TRUTH_EVERY], digits).tolist()
         for name, (values, digits) in series.items()
     }
+
+
+CAMPAIGNS = {"fog_thermal": campaign}

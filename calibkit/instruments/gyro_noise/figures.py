@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calibkit.frame import share_unit
+from calibkit.report.documents import Drawn
 from calibkit.report.figures import ALERT, DENOISED, GOOD, INK, MUTED, RAW, page
 from calibkit.units import known
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from calibkit.arrays import Array
+    from calibkit.instruments import Fitted
     from calibkit.numeric.noise.allan import DeviationCurve
 
 
@@ -40,21 +40,27 @@ class NoiseView:
     block_s: float
 
 
-def list_residuals(views: Sequence[NoiseView]) -> dict[str, Any]:
-    """Columns of a tidy table, one row per averaging time of a record: Allan deviation, the noise
-    terms together, in the record's unit, and how far it is from them relative to itself.
-    """
-    curves = [(view, view.curves[0]) for view in views]
-    parts = {
-        "record": [np.full(c.tau_s.size, view.name, dtype=object) for view, c in curves],
-        "unit": [np.full(c.tau_s.size, known(view.unit), dtype=object) for view, c in curves],
-        "tau_s": [curve.tau_s for _, curve in curves],
-        "deviation": [curve.deviation for _, curve in curves],
-        "model": [view.model for view, _ in curves],
-        "residual": [curve.deviation / view.model - 1.0 for view, curve in curves],
-    }
-    units = share_unit(("deviation", "model"), (known(view.unit) for view in views))
-    return {name: np.concatenate(columns) for name, columns in parts.items()} | {"units": units}
+@dataclass(frozen=True, slots=True)
+class NoiseReport:
+    """All that the figures show."""
+
+    views: tuple[NoiseView, ...]
+
+    def residuals(self) -> dict[str, Any]:
+        """Columns of a tidy table, one row per averaging time of a record: Allan deviation, the
+        noise terms together, in the record's unit, and how far it is from them relative to itself.
+        """
+        curves = [(view, view.curves[0]) for view in self.views]
+        parts = {
+            "record": [np.full(c.tau_s.size, view.name, dtype=object) for view, c in curves],
+            "unit": [np.full(c.tau_s.size, known(view.unit), dtype=object) for view, c in curves],
+            "tau_s": [curve.tau_s for _, curve in curves],
+            "deviation": [curve.deviation for _, curve in curves],
+            "model": [view.model for view, _ in curves],
+            "residual": [curve.deviation / view.model - 1.0 for view, curve in curves],
+        }
+        units = share_unit(("deviation", "model"), (known(view.unit) for view in self.views))
+        return {name: np.concatenate(columns) for name, columns in parts.items()} | {"units": units}
 
 
 def record_page(title: str, view: NoiseView) -> Figure:
@@ -103,3 +109,9 @@ def _deviations(ax: Axes, view: NoiseView) -> None:
     )
     ax.legend(loc="best")
     ax.grid(visible=True, which="both", color=RAW, alpha=0.3, lw=0.4)
+
+
+def draw(title: str, fitted: Fitted[NoiseReport]) -> Drawn:
+    """Figures and summary of a fit."""
+    pages = tuple(record_page(title, view) for view in fitted.drawing.views)
+    return Drawn(pages, fitted.summary)

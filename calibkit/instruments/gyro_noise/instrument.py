@@ -17,14 +17,14 @@ from calibkit.constants import STANDARD_GRAVITY_MPS2
 from calibkit.errors import CalibkitError, FitError, UsageError
 from calibkit.frame import Examined, Finding, Log, refuse, values
 from calibkit.ingest import logs as ingest
-from calibkit.instruments import Fitted, Instrument, Progress
-from calibkit.instruments.gyro_noise import deviations, figures as pages, tables
+from calibkit.instruments import Fitted, Progress
+from calibkit.instruments.gyro_noise import deviations, tables
+from calibkit.instruments.gyro_noise.figures import NoiseReport
 from calibkit.instruments.gyro_noise.forms import read_deviation, read_term
 from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe
 from calibkit.instruments.gyro_noise.sensors import ACCELEROMETER, find_sensor
 from calibkit.left_out import LeftOut
 from calibkit.planning.proposal import Planner
-from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary
 from calibkit.sensitivities import Kind, Sensitivity
 
@@ -32,15 +32,11 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
-    from calibkit.certificate.quantities import Quantity
-    from calibkit.certificate.results import Block
-    from calibkit.certificate.stated import Stated
     from calibkit.ingest.evidence import Evidence
     from calibkit.ingest.logs import Reader
     from calibkit.ingest.recipe_text import Choice
     from calibkit.ingest.write_back import Applied
     from calibkit.instruments.gyro_noise.deviations import NoiseFigures
-    from calibkit.simulate.campaign import Campaign
 
 TEMPERATURES = ("temp_case_degc", "temp_env_degc")
 REFERENCES = {"inclination_deg", "toolface_deg", "position", "station", "position_deg"}
@@ -55,13 +51,17 @@ LONG_S = 600.0
 slowly.
 """
 
+Recipe = GyroNoiseRecipe
+FORMS = ()
+KEY_FIGURES = (r"gyro_noise\.(?!allan_deviation|wavelet_deviation).+",)
 
-def _read(spec: GyroNoiseRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
+
+def read(spec: GyroNoiseRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
     """One log in canonical columns; the case temperature is read where the log has it."""
     return reader(spec, data / file, file, ("time_s", *spec.noise.columns), (deviations.CASE,))
 
 
-def _examine(spec: GyroNoiseRecipe, log: Log) -> Examined:
+def faults(spec: GyroNoiseRecipe, log: Log) -> Examined:
     """Find what is wrong with one log."""
     found = deviations.find_faults(log, spec)
     if not any(finding.refused for finding in found):
@@ -87,14 +87,14 @@ def _figures(spec: GyroNoiseRecipe, log: Log) -> tuple[list[NoiseFigures], list[
     ]
 
 
-def _fit(
+def fit(
     spec: GyroNoiseRecipe, data: Path, files: Sequence[str], progress: Progress
-) -> Fitted[tuple[pages.NoiseView, ...]]:
+) -> Fitted[NoiseReport]:
     """Estimate the noise of every record."""
     inputs, figures, flags, gaps = [], [], [], []
     for log in copies.refuse_copies(
         ingest.read_ahead(
-            progress(files, "reading and averaging"), lambda file: _read(spec, data, file)
+            progress(files, "reading and averaging"), lambda file: read(spec, data, file)
         )
     ):
         found, noted = _figures(spec, log)
@@ -111,7 +111,7 @@ def _fit(
         (result,),
         tuple(inputs),
         _summarize(spec, spec.title, figures, flags),
-        tuple(map(tables.view, figures)),
+        NoiseReport(tuple(map(tables.view, figures))),
         sensitivities=_proportional(result, figures),
         left_out=tuple(gaps),
     )
@@ -152,7 +152,7 @@ def _summarize(
     )
 
 
-def _apply(
+def correct(
     spec: GyroNoiseRecipe,
     records: Mapping[str, Record],  # noqa: ARG001 (the protocol's shape)
     data: Path,  # noqa: ARG001 (the same)
@@ -164,7 +164,7 @@ def _apply(
     )
 
 
-def _validate(
+def validate(
     spec: GyroNoiseRecipe,
     records: Mapping[str, Record],  # noqa: ARG001 (the protocol's shape)
     logs: Iterable[Log],
@@ -186,33 +186,7 @@ def _validate(
     return {"logs": entries}, _summarize(spec, "", figures, flags)
 
 
-def _draw(title: str, fitted: Fitted[tuple[pages.NoiseView, ...]]) -> Drawn:
-    """Figures and summary of a fit."""
-    return Drawn(tuple(pages.record_page(title, view) for view in fitted.drawing), fitted.summary)
-
-
-def _quantities(records: Mapping[str, Record], spec: GyroNoiseRecipe) -> tuple[Quantity, ...]:
-    """Results of a run as functions of their inputs."""
-    from calibkit.instruments.gyro_noise.quantities import list_quantities
-
-    return list_quantities(records, spec)
-
-
-def _certificate(stated: Stated) -> tuple[Block, ...]:
-    """Blocks of results on a certificate."""
-    from calibkit.instruments.gyro_noise.certificate import blocks
-
-    return blocks(stated)
-
-
-def _simulate(seed: int) -> Campaign:
-    """Simulated campaign."""
-    from calibkit.instruments.gyro_noise.simulate import campaign
-
-    return campaign(seed)
-
-
-def _propose(evidence: Evidence) -> Choice | None:
+def propose(evidence: Evidence) -> Choice | None:
     """Recipe for logs with times and rates of gyros, or one log of accelerometers that stood still,
     no reference, and no temperature that changes.
     """
@@ -268,26 +242,8 @@ def _is_steady(spec: GyroNoiseRecipe, folder: Path, file: str) -> bool:
     )
 
 
-def _planner() -> Planner:
+def planner() -> Planner:
     """How records are planned."""
     from calibkit.instruments.gyro_noise import plan
 
     return Planner(plan.propose, plan.judge, plan.simulate)
-
-
-INSTRUMENT = Instrument(
-    recipe=GyroNoiseRecipe,
-    read=_read,
-    examine=_examine,
-    fit=_fit,
-    draw=_draw,
-    residuals=pages.list_residuals,
-    validate=_validate,
-    apply=_apply,
-    certificate=_certificate,
-    quantities=_quantities,
-    key_figures=(r"gyro_noise\.(?!allan_deviation|wavelet_deviation).+",),
-    campaigns={"gyro_noise": _simulate},
-    propose=_propose,
-    planner=_planner,
-)

@@ -18,7 +18,7 @@ def _limit(term: str, unit: str, spec: GyroNoiseRecipe) -> Limit | None:
     return None if largest is None else Limit(f"acceptance.{key}", upper=largest)
 
 
-def list_quantities(records: Mapping[str, Record], spec: GyroNoiseRecipe) -> tuple[Quantity, ...]:
+def results(records: Mapping[str, Record], spec: GyroNoiseRecipe) -> tuple[Quantity, ...]:
     """Noise terms of each record; those of a run of one record are named without it."""
     record = records["gyro_noise.json"]
     terms = [one for one in record.figures if read_deviation(one.name) is None]

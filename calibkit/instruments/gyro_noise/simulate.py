@@ -69,3 +69,6 @@ def campaign(seed: int, *, hours: float = 6.0) -> Campaign:
         "gap": {"from_s": start, "rows": length},
     }
     return Campaign({"static.csv": columns}, DECIMALS, truth)
+
+
+CAMPAIGNS = {"gyro_noise": campaign}

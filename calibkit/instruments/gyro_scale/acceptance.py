@@ -30,6 +30,8 @@ RUN_LIMITS = LINE_LIMITS | {
         "ppm/degC",
     ),
 }
+LINE_KEYS = r"gyro_scale\.(nonlinearity_full_scale|asymmetry)\.GJB 2426A\..+"
+"""Pattern of the key figures of lines."""
 UNSEEN_LINE_LIMITS = {
     "scale_factor_error_ppm": ("scale-factor error", "max_scale_factor_error_ppm", "ppm"),
     "nonlinearity_full_scale_ppm": LINE_LIMITS["nonlinearity_full_scale"],

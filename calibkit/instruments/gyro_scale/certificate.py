@@ -79,7 +79,7 @@ ONE_TEMPERATURE_DEGC = 1.0
 """
 
 
-def list_blocks(stated: Stated) -> tuple[Block, ...]:
+def blocks(stated: Stated) -> tuple[Block, ...]:
     """Blocks of scale factors and, for several gyros, of angles and misalignment."""
     found = (
         (forms.SCALE_FILE, _state_scale),

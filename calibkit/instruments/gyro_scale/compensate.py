@@ -53,7 +53,7 @@ def read_invertible(spec: AnyRecipe, records: Mapping[str, Record]) -> tuple[Gyr
     return known
 
 
-def apply(spec: AnyRecipe, records: Mapping[str, Record], data: Path) -> Applied:
+def correct(spec: AnyRecipe, records: Mapping[str, Record], data: Path) -> Applied:
     """Add compensated rates to every row of a log: of each gyro about its own axis, or about the
     axes of the base.
     """

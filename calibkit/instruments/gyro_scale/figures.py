@@ -11,12 +11,14 @@ import numpy as np
 from calibkit.constants import ARCSECONDS_PER_DEGREE
 from calibkit.instruments.gyro_scale.numeric.gjb_figures import PPM
 from calibkit.numeric import gum
+from calibkit.report.documents import Drawn
 from calibkit.report.figures import ALERT, DENOISED, GOOD, INK, MUTED, RAW, page
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from calibkit.instruments import Fitted
     from calibkit.instruments.gyro_scale.curves import (
         Curve,
         GyroReport,
@@ -239,3 +241,8 @@ def _draw_sets(ax: Axes, curves: tuple[Curve, ...]) -> None:
         ax.set_xlabel("case temperature [°C]")
         ax.margins(y=0.25)
         ax.legend(loc="upper center", ncols=3)
+
+
+def draw(title: str, fitted: Fitted[GyroReport]) -> Drawn:
+    """Figures and summary of a fit."""
+    return Drawn(draw_pages(title, fitted.drawing), fitted.summary)

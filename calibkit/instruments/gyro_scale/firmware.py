@@ -8,11 +8,10 @@ from math import ceil
 
 from calibkit.coefficients import Model, Record
 from calibkit.errors import OutputError
-from calibkit.firmware import as_firmware, exact
+from calibkit.firmware import exact
 from calibkit.firmware.chain import Chain, Quotient
 from calibkit.firmware.draft import Draft, factor, numbers, powers
 from calibkit.firmware.sources import required_record
-from calibkit.instruments import Firmware
 from calibkit.instruments.gyro_scale.forms import (
     AXES,
     ORTHOGONALITY_FILE,
@@ -40,16 +39,16 @@ so.
 Polynomials = list[list[exact.Poly]]
 
 
-def _files(spec: AnyRecipe) -> tuple[str, ...]:
+def files(spec: AnyRecipe) -> tuple[str, ...]:
     """Coefficient files that the chain takes its coefficients from."""
     return (SCALE_FILE,) if isinstance(spec, RateTableRecipe) else (SCALE_FILE, ORTHOGONALITY_FILE)
 
 
-def _chain(spec: AnyRecipe, records: Mapping[str, Record]) -> Chain:
+def chain(spec: AnyRecipe, records: Mapping[str, Record]) -> Chain:
     """Chain of the rates S(T)⁻¹ (F − B(T)); raises OutputError where the models have no firmware
     form.
     """
-    for name in _files(spec):
+    for name in files(spec):
         required_record(records, name, spec)
     known = read_matrices(spec, records)
     if isinstance(spec, GyroTriadRecipe):
@@ -232,6 +231,3 @@ def _cofactor(S: Polynomials, row: int, column: int) -> exact.Poly:
         exact.product(S[i][k], S[j][m]), exact.scale(exact.product(S[i][m], S[j][k]), Fraction(-1))
     )
     return exact.scale(minor, Fraction((-1) ** (row + column)))
-
-
-FIRMWARE = Firmware(files=_files, chain=_chain, apply=as_firmware.apply)

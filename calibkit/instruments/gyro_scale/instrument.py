@@ -12,45 +12,34 @@ from calibkit.check import copies
 from calibkit.coefficients import Input
 from calibkit.errors import RecipeError
 from calibkit.ingest import logs as ingest
-from calibkit.instruments import Fitted, Instrument
+from calibkit.instruments import Fitted
 from calibkit.instruments.gyro_scale import (
     acceptance,
     coefficient_files,
-    compensate,
     curves,
-    forms,
     over_runs,
     overview,
     pair_fit,
-    propose,
     sensitivities,
-    simulate_pair,
-    simulate_rate_table,
-    simulate_triad,
     table_runs,
     tables,
     triad_fit,
 )
-from calibkit.instruments.gyro_scale.recipe import (
-    AnyRecipe,
-    GyroPairRecipe,
-    GyroTriadRecipe,
-    RateTableRecipe,
-)
-from calibkit.planning.proposal import Planner
-from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
-    from calibkit.certificate.quantities import Quantity
-    from calibkit.certificate.results import Block
-    from calibkit.certificate.stated import Stated
     from calibkit.coefficients import Criterion, Record, StageResult
     from calibkit.frame import Log
-    from calibkit.instruments import Firmware, Progress
+    from calibkit.instruments import Progress
+    from calibkit.instruments.gyro_scale.recipe import (
+        AnyRecipe,
+        GyroPairRecipe,
+        GyroTriadRecipe,
+        RateTableRecipe,
+    )
     from calibkit.instruments.gyro_scale.table_runs import TableRun
     from calibkit.report.overview import Overview
     from calibkit.report.table import Table
@@ -92,7 +81,7 @@ def _fitted(
     return Fitted(results, inputs, summary, drawing, sensitivities=influences)
 
 
-def _fit_rate_table(
+def fit_rate_table(
     spec: RateTableRecipe, data: Path, files: Sequence[str], progress: Progress
 ) -> Fitted[curves.GyroReport]:
     """Fit each gyro in each run, then its scale factor over the runs and over temperature."""
@@ -130,7 +119,7 @@ def _over_runs(
     ]
 
 
-def _fit_pair(
+def fit_pair(
     spec: GyroPairRecipe, data: Path, files: Sequence[str], progress: Progress
 ) -> Fitted[curves.GyroReport]:
     """Fit the scale factors about both axes and the orthogonality of the pair."""
@@ -162,7 +151,7 @@ def _fit_pair(
     )
 
 
-def _fit_triad(
+def fit_triad(
     spec: GyroTriadRecipe, data: Path, files: Sequence[str], progress: Progress
 ) -> Fitted[curves.GyroReport]:
     """Fit the sensitivities of every gyro about three axes, the angles between them, and both over
@@ -189,123 +178,10 @@ def _fit_triad(
     )
 
 
-def _draw(title: str, fitted: Fitted[curves.GyroReport]) -> Drawn:
-    """Figures and summary of a fit."""
-    from calibkit.instruments.gyro_scale.figures import draw_pages
-
-    return Drawn(draw_pages(title, fitted.drawing), fitted.summary)
-
-
-def _validate(
+def validate(
     spec: AnyRecipe, records: Mapping[str, Record], logs: Iterable[Log]
 ) -> tuple[dict[str, Any], Summary]:
     """Test frozen coefficients on unseen logs."""
     from calibkit.instruments.gyro_scale import unseen
 
     return unseen.validate(spec, records, logs)
-
-
-def _quantities(records: Mapping[str, Record], spec: AnyRecipe) -> tuple[Quantity, ...]:
-    """Results of a run as functions of their inputs."""
-    from calibkit.instruments.gyro_scale.quantities import list_quantities
-
-    return list_quantities(records, spec)
-
-
-def _certificate(stated: Stated) -> tuple[Block, ...]:
-    """Blocks of results on a certificate."""
-    from calibkit.instruments.gyro_scale.certificate import list_blocks
-
-    return list_blocks(stated)
-
-
-def _firmware() -> Firmware[Any]:
-    """How a run becomes firmware."""
-    from calibkit.instruments.gyro_scale.firmware import FIRMWARE
-
-    return FIRMWARE
-
-
-def _planner() -> Planner:
-    """How campaigns are planned."""
-    from calibkit.instruments.gyro_scale import plan, simulate_plan
-
-    return Planner(plan.propose, plan.judge, simulate_plan.campaign)
-
-
-def _pair_planner() -> Planner:
-    """How campaigns of pairs are planned."""
-    from calibkit.instruments.gyro_scale import plan_pair, simulate_plan_pair
-
-    return Planner(plan_pair.propose, plan_pair.judge, simulate_plan_pair.campaign)
-
-
-LINE_KEYS = r"gyro_scale\.(nonlinearity_full_scale|asymmetry)\.GJB 2426A\..+"
-"""Pattern of the key figures of lines."""
-
-RATE_TABLE = Instrument(
-    recipe=RateTableRecipe,
-    read=table_runs.read,
-    examine=table_runs.examine,
-    fit=_fit_rate_table,
-    draw=_draw,
-    residuals=curves.GyroReport.residuals,
-    validate=_validate,
-    apply=compensate.apply,
-    certificate=_certificate,
-    quantities=_quantities,
-    forms=lambda: forms.FORMS,
-    firmware=_firmware,
-    key_figures=(
-        r"gyro_scale\.gyro_[a-z0-9]+\.(K|F0|residual_rms)",
-        r"gyro_scale\.(repeatability|temperature_sensitivity)\.GJB 2426A\..+",
-        LINE_KEYS,
-    ),
-    campaigns={"rate_table": simulate_rate_table.campaign},
-    propose=propose.propose_rate_table,
-    planner=_planner,
-)
-PAIR = Instrument(
-    recipe=GyroPairRecipe,
-    read=table_runs.read,
-    examine=table_runs.examine,
-    fit=_fit_pair,
-    draw=_draw,
-    residuals=curves.GyroReport.residuals,
-    validate=_validate,
-    apply=compensate.apply,
-    certificate=_certificate,
-    quantities=_quantities,
-    forms=lambda: forms.FORMS,
-    firmware=_firmware,
-    key_figures=(
-        r"gyro_scale\.(a_about_a|b_about_b|b_about_a|a_about_b)\.(K|F0|residual_rms)",
-        LINE_KEYS,
-        r"gyro_orthogonality\.(N|epsilon|gamma|alpha_deg)",
-    ),
-    campaigns={"gyro_pair": simulate_pair.campaign},
-    propose=propose.propose_pair,
-    planner=_pair_planner,
-)
-TRIAD = Instrument(
-    recipe=GyroTriadRecipe,
-    read=table_runs.read,
-    examine=table_runs.examine,
-    fit=_fit_triad,
-    draw=_draw,
-    residuals=curves.GyroReport.residuals,
-    validate=_validate,
-    apply=compensate.apply,
-    certificate=_certificate,
-    quantities=_quantities,
-    forms=lambda: forms.FORMS,
-    firmware=_firmware,
-    key_figures=(
-        r"gyro_orthogonality\.scale_factor\.[a-z0-9]+",
-        r"gyro_orthogonality\.misalignment\.(?!(\w)\1$)[a-z0-9]+",
-        r"gyro_orthogonality\.orthogonality_error_deg\.[a-z0-9]+_[a-z0-9]+",
-    ),
-    planner=_planner,
-    campaigns={"gyro_triad": simulate_triad.campaign},
-    propose=propose.propose_triad,
-)

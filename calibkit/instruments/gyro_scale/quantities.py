@@ -156,7 +156,7 @@ def _of_angles(record: Record, spec: AnyRecipe) -> Iterator[Quantity]:
             yield of_figure(record, figure, words, name=figure.name, dof=dof, limit=limit)
 
 
-def list_quantities(records: Mapping[str, Record], spec: AnyRecipe) -> tuple[Quantity, ...]:
+def results(records: Mapping[str, Record], spec: AnyRecipe) -> tuple[Quantity, ...]:
     """Sensitivities, then what each model gives by itself."""
     angles = records.get(forms.ORTHOGONALITY_FILE)
     return (

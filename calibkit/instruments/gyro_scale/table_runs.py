@@ -120,7 +120,7 @@ def vertical_rate_dps(spec: GyroRecipe) -> float | None:
     return None if latitude is None else sign * float(earth.vertical_rate(latitude)) / DPH_PER_DPS
 
 
-def examine(spec: AnyRecipe, log: Log) -> Examined:
+def faults(spec: AnyRecipe, log: Log) -> Examined:
     """Findings of one log, and its held rates."""
     found, held = _find_faults(spec, log)
     if held is None:

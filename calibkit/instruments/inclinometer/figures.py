@@ -4,17 +4,19 @@ correction.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from calibkit.report.documents import Drawn
 from calibkit.report.figures import ALERT, DENOISED, GOOD, MUTED, RAW, page
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from calibkit.arrays import Array, Mask
+    from calibkit.instruments import Fitted
     from calibkit.report.table import Table
 
 
@@ -148,3 +150,10 @@ def _draw_azimuth(title: str, report: SeekingReport) -> Figure:
     axes[1].set(title="stated uncertainty of the azimuth, k = 2", xlabel="C", ylabel="U [°]")
     axes[1].set_ylim(bottom=0.0)
     return figure
+
+
+def draw(title: str, fitted: Fitted[SeekingReport]) -> Drawn:
+    """Figures of a fit, and its summary with the table of all stations."""
+    first, _, *others = fitted.summary.tables
+    whole = replace(fitted.summary, tables=(first, fitted.drawing.table, *others))
+    return Drawn(tuple(draw_pages(title, fitted.drawing)), whole)

@@ -3,17 +3,21 @@
 from collections.abc import Mapping
 
 from calibkit.coefficients import Record
-from calibkit.firmware import as_firmware, exact
+from calibkit.firmware import exact
 from calibkit.firmware.chain import Chain
 from calibkit.firmware.draft import Draft, powers
 from calibkit.firmware.sources import required_record
-from calibkit.instruments import Firmware
 from calibkit.instruments.inclinometer.forms import FILE, TEMPERATURE
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.numeric.least_squares.polynomial import HIGHEST_ORDER
 
 
-def _chain(spec: InclinometerRecipe, records: Mapping[str, Record]) -> Chain:
+def files(_: InclinometerRecipe) -> tuple[str, ...]:
+    """Coefficient file that the chain takes its numbers from."""
+    return (FILE,)
+
+
+def chain(spec: InclinometerRecipe, records: Mapping[str, Record]) -> Chain:
     """Chain that evaluates s(T) of each gyro and multiplies its indication by it; the s of single
     stations is not exported.
     """
@@ -40,6 +44,3 @@ def _chain(spec: InclinometerRecipe, records: Mapping[str, Record]) -> Chain:
     return draft.chain(
         [model.form for model in record.models], "corrected = scale * indication, for each gyro"
     )
-
-
-FIRMWARE = Firmware(files=lambda _: (FILE,), chain=_chain, apply=as_firmware.apply)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from calibkit.coefficients import Input, Record
 from calibkit.errors import FrameError
 from calibkit.frame import Log, refuse, values
 from calibkit.ingest import logs as ingest, write_back
-from calibkit.instruments import Firmware, Fitted, Instrument, Progress
+from calibkit.instruments import Fitted, Progress
 from calibkit.instruments.inclinometer import (
     coefficient_files,
     dwells,
@@ -26,12 +26,10 @@ from calibkit.instruments.inclinometer import (
     tables,
 )
 from calibkit.instruments.inclinometer.forms import SCALE
-from calibkit.instruments.inclinometer.propose import propose
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.left_out import LeftOut
 from calibkit.numeric import chunks
 from calibkit.planning.proposal import Planner
-from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary
 
 if TYPE_CHECKING:
@@ -39,27 +37,28 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from calibkit.arrays import Array
-    from calibkit.certificate.quantities import Quantity
-    from calibkit.certificate.results import Block
-    from calibkit.certificate.stated import Stated
     from calibkit.ingest.logs import Reader
     from calibkit.ingest.write_back import Applied
-    from calibkit.simulate.campaign import Campaign
+
+Recipe = InclinometerRecipe
+KEY_FIGURES = (r"inclinometer_scale\.s_\w", r"inclinometer_scale\.\w\.(s\d|residual_rms)")
+FORMS = (SCALE,)
+faults = inclinometer_stations.examine
 
 
-def _read(spec: InclinometerRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
+def read(spec: InclinometerRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
     """One log in canonical columns; m/s² become g by the site's gravity."""
     columns, optional = inclinometer_stations.needed_columns(spec)
     return reader(spec.on_site(), data / file, file, columns, optional)
 
 
-def _fit(
+def fit(
     spec: InclinometerRecipe, data: Path, files: Sequence[str], progress: Progress
 ) -> Fitted[figures.SeekingReport]:
     """Fit s(T) of each gyro to the stations of all logs together."""
     logs = list(
         copies.refuse_copies(
-            ingest.read_ahead(progress(files, "reading"), lambda file: _read(spec, data, file))
+            ingest.read_ahead(progress(files, "reading"), lambda file: read(spec, data, file))
         )
     )
     admitted, found = inclinometer_stations.admit_logs(logs, spec)
@@ -106,13 +105,13 @@ def _seek(
     return stations, seen, (*flags, *coefficient_files.flag_stations(stations, seen))
 
 
-def _apply(spec: InclinometerRecipe, records: Mapping[str, Record], data: Path) -> Applied:
+def correct(spec: InclinometerRecipe, records: Mapping[str, Record], data: Path) -> Applied:
     """Correct the rates of every row, in the log's own unit, and add the station's angles to its
     rows.
     """
     # a pair that lost a reading leaves its station to the other one
     whole = {"logs": spec.logs.model_copy(update={"missing": "refuse"})}
-    log = _read(spec.model_copy(update=whole), data.parent, data.name)
+    log = read(spec.model_copy(update=whole), data.parent, data.name)
     refuse(inclinometer_stations.find_unusable(log, spec))
     dwelt = dwells.find_dwells(log, spec)
     refuse(dwelt.findings)
@@ -166,7 +165,7 @@ def _list_stations(
     return write_back.tabulate(spec, log, columns, seen.combined.status)
 
 
-def _validate(
+def validate(
     spec: InclinometerRecipe, records: Mapping[str, Record], logs: Iterable[Log]
 ) -> tuple[dict[str, Any], Summary]:
     """Angle errors before and after correction on stations that were not used in the fit."""
@@ -209,63 +208,8 @@ def _validate(
     return {"logs": entries}, Summary("", tuple(shown), tuple(flags), criteria)
 
 
-def _draw(title: str, fitted: Fitted[figures.SeekingReport]) -> Drawn:
-    """Figures of a fit, and its summary with the table of all stations."""
-    first, _, *others = fitted.summary.tables
-    whole = replace(fitted.summary, tables=(first, fitted.drawing.table, *others))
-    return Drawn(tuple(figures.draw_pages(title, fitted.drawing)), whole)
-
-
-def _quantities(records: Mapping[str, Record], spec: InclinometerRecipe) -> tuple[Quantity, ...]:
-    """Results of a run as functions of their inputs."""
-    from calibkit.instruments.inclinometer.quantities import list_quantities
-
-    return list_quantities(records, spec)
-
-
-def _certificate(stated: Stated) -> tuple[Block, ...]:
-    """Blocks of results on a certificate."""
-    from calibkit.instruments.inclinometer.certificate import blocks
-
-    return blocks(stated)
-
-
-def _firmware() -> Firmware[InclinometerRecipe]:
-    """How a run becomes firmware."""
-    from calibkit.instruments.inclinometer.firmware import FIRMWARE
-
-    return FIRMWARE
-
-
-def _simulate(seed: int) -> Campaign:
-    """Simulated campaign."""
-    from calibkit.instruments.inclinometer.simulate import campaign
-
-    return campaign(seed)
-
-
-def _planner() -> Planner:
+def planner() -> Planner:
     """How campaigns are planned."""
     from calibkit.instruments.inclinometer import plan, simulate_plan
 
     return Planner(plan.propose, plan.judge, simulate_plan.campaign)
-
-
-INSTRUMENT = Instrument(
-    recipe=InclinometerRecipe,
-    read=_read,
-    examine=inclinometer_stations.examine,
-    fit=_fit,
-    draw=_draw,
-    residuals=figures.SeekingReport.residuals,
-    validate=_validate,
-    apply=_apply,
-    certificate=_certificate,
-    quantities=_quantities,
-    forms=lambda: (SCALE,),
-    firmware=_firmware,
-    key_figures=(r"inclinometer_scale\.s_\w", r"inclinometer_scale\.\w\.(s\d|residual_rms)"),
-    campaigns={"inclinometer": _simulate},
-    propose=propose,
-    planner=_planner,
-)

@@ -41,9 +41,7 @@ def scale(record: Record, model: Model) -> Quantity:
     )
 
 
-def list_quantities(
-    records: Mapping[str, Record], spec: InclinometerRecipe
-) -> tuple[Quantity, ...]:
+def results(records: Mapping[str, Record], spec: InclinometerRecipe) -> tuple[Quantity, ...]:
     """Scale factor of each gyro; the recipe sets no limit on it."""
     del spec
     record = records[FILE]

@@ -279,3 +279,6 @@ def _withheld(
     for name in REFERENCE:
         columns[name] = np.repeat(getattr(attitudes, name), 4)
     return columns, {"s_x": scales[:, 0].tolist(), "s_y": scales[:, 1].tolist()}
+
+
+CAMPAIGNS = {"inclinometer": campaign}

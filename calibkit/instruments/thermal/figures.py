@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.certificate.words import unit_mark
+from calibkit.report.documents import Drawn
 from calibkit.report.figures import ALERT, GOOD, INK, RAW, page
 
 if TYPE_CHECKING:
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from calibkit.arrays import Array, Mask
+    from calibkit.instruments import Fitted
 
 ON_A_PAGE = 3
 """Channels of one page."""
@@ -120,3 +122,8 @@ def _draw_channel(
     unit = f"[{unit_mark(channel.unit)}]"
     over_time.set(title=channel.name, xlabel="time [min]", ylabel=f"less turn-on bias {unit}")
     over_temperature.set(title=channel.name, xlabel="temperature [°C]")
+
+
+def draw(title: str, fitted: Fitted[ThermalReport]) -> Drawn:
+    """Figures and summary of a fit."""
+    return Drawn(tuple(pages(title, fitted.drawing)), fitted.summary)

@@ -20,7 +20,6 @@ from calibkit.firmware.sources import required_record
 from calibkit.frame import refuse, values
 from calibkit.ingest import logs, write_back
 from calibkit.ingest.write_back import Applied
-from calibkit.instruments import Firmware
 from calibkit.instruments.thermal.forms import CASE_RANGE, FILE
 from calibkit.instruments.thermal.recipe import ThermalRecipe
 from calibkit.numeric import intervals
@@ -48,7 +47,12 @@ of its input, and number of updates.
 """
 
 
-def _chain(spec: ThermalRecipe, records: Mapping[str, Record]) -> Chain:
+def files(_: ThermalRecipe) -> tuple[str, ...]:
+    """Coefficient file that the chain takes its numbers from."""
+    return (FILE,)
+
+
+def chain(spec: ThermalRecipe, records: Mapping[str, Record]) -> Chain:
     """Chain of all channels that vary, each zero at rest at the reference temperature; OutputError
     where none does.
     """
@@ -109,7 +113,9 @@ def _thermal_history(chain: Chain) -> Trials:
     return pace.by_the_clock(chain, Trials({CASE: vectors.coarsen(case, half)}, updates))
 
 
-def _apply(spec: ThermalRecipe, chain: Chain, quantised: Program, data: Path) -> Applied:
+def correct_as_firmware(
+    spec: ThermalRecipe, chain: Chain, quantised: Program, data: Path
+) -> Applied:
     """Correct every row of a log by the bias of the previous interval; the chain is updated once
     per interval with means over it.
     """
@@ -127,6 +133,3 @@ def _apply(spec: ThermalRecipe, chain: Chain, quantised: Program, data: Path) ->
     }
     flags = as_firmware.updates_flags(log, quantised, status)
     return write_back.rewrite_log(spec, data, log, replaced), flags
-
-
-FIRMWARE = Firmware(files=lambda _: (FILE,), chain=_chain, apply=_apply)

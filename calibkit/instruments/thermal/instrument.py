@@ -9,7 +9,7 @@ from calibkit.check import copies
 from calibkit.coefficients import Input, Record
 from calibkit.frame import Examined, Finding, Log, refuse
 from calibkit.ingest import logs as ingest, write_back
-from calibkit.instruments import Firmware, Fitted, Instrument, Progress
+from calibkit.instruments import Fitted, Progress
 from calibkit.instruments.thermal import (
     channels,
     compensate,
@@ -19,24 +19,22 @@ from calibkit.instruments.thermal import (
     sensitivities,
     tables,
 )
-from calibkit.instruments.thermal.propose import propose
 from calibkit.instruments.thermal.recipe import ThermalRecipe
-from calibkit.report.documents import Drawn
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
-    from calibkit.certificate.quantities import Quantity
-    from calibkit.certificate.results import Block
-    from calibkit.certificate.stated import Stated
     from calibkit.ingest.logs import Reader
     from calibkit.ingest.write_back import Applied
     from calibkit.report.summary import Summary
-    from calibkit.simulate.campaign import Campaign
+
+Recipe = ThermalRecipe
+KEY_FIGURES = (r"thermal\..+\.([bs]\w*|tau_\w+|residual_rms)",)
+FORMS = tuple(forms.FORMS.values())
 
 
-def _read(spec: ThermalRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
+def read(spec: ThermalRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
     """One log in the recipe's columns."""
     return reader(spec, data / file, file, (*power_ons.COLUMNS, *spec.thermal.channels))
 
@@ -84,7 +82,7 @@ def _find_faults(spec: ThermalRecipe, log: Log) -> list[Finding]:
     ]
 
 
-def _examine(spec: ThermalRecipe, log: Log) -> Examined:
+def faults(spec: ThermalRecipe, log: Log) -> Examined:
     """Find what is wrong with one log."""
     mended = _mend(spec, log)
     found = _find_faults(spec, mended)
@@ -93,13 +91,13 @@ def _examine(spec: ThermalRecipe, log: Log) -> Examined:
     return Examined(tuple(found))
 
 
-def _fit(
+def fit(
     spec: ThermalRecipe, data: Path, files: Sequence[str], progress: Progress
 ) -> Fitted[figures.ThermalReport]:
     """Choose and fit the terms of every channel over the power-ons of all logs."""
     raw, logs, flags = [], [], []
     for log in copies.refuse_copies(
-        ingest.read_ahead(progress(files, "reading"), lambda file: _read(spec, data, file))
+        ingest.read_ahead(progress(files, "reading"), lambda file: read(spec, data, file))
     ):
         mended = _mend(spec, log)
         found = _find_faults(spec, mended)
@@ -131,17 +129,17 @@ def _fit(
     )
 
 
-def _apply(spec: ThermalRecipe, records: Mapping[str, Record], data: Path) -> Applied:
+def correct(spec: ThermalRecipe, records: Mapping[str, Record], data: Path) -> Applied:
     """Take the bias of each channel, zero at the reference, out of every row."""
     models = compensate.read_models(records, spec)
-    log = _read(spec, data.parent, data.name)
+    log = read(spec, data.parent, data.name)
     mended = _mend(spec, log)
     refuse(_find_unusable(spec, mended, 1))
     columns, added, flags = compensate.compensate_log(mended, log, models, spec)
     return write_back.rewrite_log(spec, data, log, columns, added), flags
 
 
-def _validate(
+def validate(
     spec: ThermalRecipe, records: Mapping[str, Record], logs: Iterable[Log]
 ) -> tuple[dict[str, Any], Summary]:
     """Rms of every channel before and after, and coverage of the uncertainty, on logs that were
@@ -153,55 +151,3 @@ def _validate(
         refuse(_find_unusable(spec, mended, 3))
         entries.append(compensate.validation_entry(mended, log, models, spec))
     return {"logs": entries}, tables.validation_summary(entries, spec)
-
-
-def _draw(title: str, fitted: Fitted[figures.ThermalReport]) -> Drawn:
-    """Figures and summary of a fit."""
-    return Drawn(tuple(figures.pages(title, fitted.drawing)), fitted.summary)
-
-
-def _quantities(records: Mapping[str, Record], spec: ThermalRecipe) -> tuple[Quantity, ...]:
-    """Results of a run as functions of their inputs."""
-    from calibkit.instruments.thermal.quantities import list_quantities
-
-    return list_quantities(records, spec)
-
-
-def _certificate(stated: Stated) -> tuple[Block, ...]:
-    """Blocks of results on a certificate."""
-    from calibkit.instruments.thermal.certificate import blocks
-
-    return blocks(stated)
-
-
-def _firmware() -> Firmware[ThermalRecipe]:
-    """How a run becomes firmware."""
-    from calibkit.instruments.thermal.firmware import FIRMWARE
-
-    return FIRMWARE
-
-
-def _simulate(seed: int) -> Campaign:
-    """Simulated campaign."""
-    from calibkit.instruments.thermal.simulate import campaign
-
-    return campaign(seed)
-
-
-INSTRUMENT = Instrument(
-    recipe=ThermalRecipe,
-    read=_read,
-    examine=_examine,
-    fit=_fit,
-    draw=_draw,
-    residuals=figures.ThermalReport.residuals,
-    validate=_validate,
-    apply=_apply,
-    certificate=_certificate,
-    quantities=_quantities,
-    forms=lambda: tuple(forms.FORMS.values()),
-    firmware=_firmware,
-    key_figures=(r"thermal\..+\.([bs]\w*|tau_\w+|residual_rms)",),
-    campaigns={"thermal": _simulate},
-    propose=propose,
-)

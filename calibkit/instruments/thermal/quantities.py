@@ -54,7 +54,7 @@ def _drift(stage: str, model: Model, reference_degc: float) -> Quantity:
     return replace(level, name="drift", words=words, point=point, compared=(({},),))
 
 
-def list_quantities(records: Mapping[str, Record], spec: ThermalRecipe) -> tuple[Quantity, ...]:
+def results(records: Mapping[str, Record], spec: ThermalRecipe) -> tuple[Quantity, ...]:
     """Bias and drift of each channel."""
     record = records[forms.FILE]
     return tuple(

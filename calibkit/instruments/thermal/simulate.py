@@ -145,3 +145,6 @@ def campaign(seed: int) -> Campaign:
         "channels": truth,
     }
     return Campaign({"sweep.csv": columns}, DECIMALS, facts)
+
+
+CAMPAIGNS = {"thermal": campaign}

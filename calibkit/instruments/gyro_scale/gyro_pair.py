@@ -1,0 +1,43 @@
+"""Two gyros on a rate table, about the axis of each: logs → gyro_scale.json,
+gyro_orthogonality.json.
+"""
+
+from __future__ import annotations
+
+from calibkit.instruments.gyro_scale.acceptance import LINE_KEYS
+from calibkit.instruments.gyro_scale.compensate import correct
+from calibkit.instruments.gyro_scale.forms import FORMS
+from calibkit.instruments.gyro_scale.instrument import fit_pair as fit, validate
+from calibkit.instruments.gyro_scale.propose import propose_pair as propose
+from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe as Recipe
+from calibkit.instruments.gyro_scale.simulate_pair import campaign
+from calibkit.instruments.gyro_scale.table_runs import faults, read
+from calibkit.planning.proposal import Planner
+
+__all__ = [
+    "CAMPAIGNS",
+    "FORMS",
+    "KEY_FIGURES",
+    "Recipe",
+    "correct",
+    "faults",
+    "fit",
+    "planner",
+    "propose",
+    "read",
+    "validate",
+]
+
+KEY_FIGURES = (
+    r"gyro_scale\.(a_about_a|b_about_b|b_about_a|a_about_b)\.(K|F0|residual_rms)",
+    LINE_KEYS,
+    r"gyro_orthogonality\.(N|epsilon|gamma|alpha_deg)",
+)
+CAMPAIGNS = {"gyro_pair": campaign}
+
+
+def planner() -> Planner:
+    """How campaigns are planned."""
+    from calibkit.instruments.gyro_scale import plan_pair, simulate_plan_pair
+
+    return Planner(plan_pair.propose, plan_pair.judge, simulate_plan_pair.campaign)

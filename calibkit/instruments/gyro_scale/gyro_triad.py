@@ -1,0 +1,42 @@
+"""Any number of gyros on a rate table, about three axes: logs → gyro_scale.json,
+gyro_orthogonality.json.
+"""
+
+from __future__ import annotations
+
+from calibkit.instruments.gyro_scale.compensate import correct
+from calibkit.instruments.gyro_scale.forms import FORMS
+from calibkit.instruments.gyro_scale.instrument import fit_triad as fit, validate
+from calibkit.instruments.gyro_scale.propose import propose_triad as propose
+from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe as Recipe
+from calibkit.instruments.gyro_scale.simulate_triad import campaign
+from calibkit.instruments.gyro_scale.table_runs import faults, read
+from calibkit.planning.proposal import Planner
+
+__all__ = [
+    "CAMPAIGNS",
+    "FORMS",
+    "KEY_FIGURES",
+    "Recipe",
+    "correct",
+    "faults",
+    "fit",
+    "planner",
+    "propose",
+    "read",
+    "validate",
+]
+
+KEY_FIGURES = (
+    r"gyro_orthogonality\.scale_factor\.[a-z0-9]+",
+    r"gyro_orthogonality\.misalignment\.(?!(\w)\1$)[a-z0-9]+",
+    r"gyro_orthogonality\.orthogonality_error_deg\.[a-z0-9]+_[a-z0-9]+",
+)
+CAMPAIGNS = {"gyro_triad": campaign}
+
+
+def planner() -> Planner:
+    """How campaigns are planned."""
+    from calibkit.instruments.gyro_scale import plan, simulate_plan
+
+    return Planner(plan.propose, plan.judge, simulate_plan.campaign)

@@ -1,0 +1,41 @@
+"""Runs of single gyros on a rate table: logs → gyro_scale.json."""
+
+from __future__ import annotations
+
+from calibkit.instruments.gyro_scale.acceptance import LINE_KEYS
+from calibkit.instruments.gyro_scale.compensate import correct
+from calibkit.instruments.gyro_scale.forms import FORMS
+from calibkit.instruments.gyro_scale.instrument import fit_rate_table as fit, validate
+from calibkit.instruments.gyro_scale.propose import propose_rate_table as propose
+from calibkit.instruments.gyro_scale.recipe import RateTableRecipe as Recipe
+from calibkit.instruments.gyro_scale.simulate_rate_table import campaign
+from calibkit.instruments.gyro_scale.table_runs import faults, read
+from calibkit.planning.proposal import Planner
+
+__all__ = [
+    "CAMPAIGNS",
+    "FORMS",
+    "KEY_FIGURES",
+    "Recipe",
+    "correct",
+    "faults",
+    "fit",
+    "planner",
+    "propose",
+    "read",
+    "validate",
+]
+
+KEY_FIGURES = (
+    r"gyro_scale\.gyro_[a-z0-9]+\.(K|F0|residual_rms)",
+    r"gyro_scale\.(repeatability|temperature_sensitivity)\.GJB 2426A\..+",
+    LINE_KEYS,
+)
+CAMPAIGNS = {"rate_table": campaign}
+
+
+def planner() -> Planner:
+    """How campaigns are planned."""
+    from calibkit.instruments.gyro_scale import plan, simulate_plan
+
+    return Planner(plan.propose, plan.judge, simulate_plan.campaign)
