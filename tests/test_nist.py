@@ -13,7 +13,7 @@ import pytest
 import calibkit
 from calibkit.errors import FitError
 from calibkit.fit.solve import solve
-from calibkit.instruments.accelerometer.numeric import profile
+from calibkit.instruments.accelerometer.numeric import magnitude
 from calibkit.numeric.least_squares import fit
 from conftest import NIST
 
@@ -174,7 +174,7 @@ def test_lmfit_as_the_magnitude_fit_calls_it_gives_seven_digits(name):
         return np.array([p[f"b{j}"].value for j in range(len(parameters))])
 
     result = lmfit.Minimizer(lambda p: model(values(p), x) - y, named).minimize(
-        method="leastsq", Dfun=lambda p: slopes(model, values(p), x), **profile.TOLERANCES
+        method="leastsq", Dfun=lambda p: slopes(model, values(p), x), **magnitude.TOLERANCES
     )
     found = np.array([result.params[f"b{j}"].value for j in range(len(parameters))])
     np.testing.assert_allclose(found, parameters, rtol=1e-7)

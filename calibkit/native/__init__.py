@@ -90,14 +90,12 @@ def _declare(library: CDLL) -> None:
             None,
             (at, at, at, at, *(whole,) * 4, real, real, at, whole, whole),
         ),
-        "lengths": (None, (at, at, at, whole, real, at, at, at)),
         "analysed_levels": (None, (at, at, at, whole, at)),
         "synthesised_levels": (None, (at, at, at, whole, whole, at, at)),
         "denoised": (whole, (at,) * 9),
         "medians": (whole, (at, at, whole, at, at)),
         "run_medians": (None, (at, at, at, at, whole)),
         "bracketed": (whole, (at, whole, real, real, real, at, whole, at)),
-        "components": (None, (at, whole, at, at)),
     }
     for name, (result, arguments) in kernels.items():
         kernel = getattr(library, f"calibkit_{name}")

@@ -4,6 +4,7 @@ import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.coefficients import Model
+from calibkit.fit.complex_step import Numbers, derivative
 from calibkit.forms import Form, Inputs
 from calibkit.instruments.accelerometer.equation import Terms
 from calibkit.instruments.accelerometer.numeric import affine_model, k_factor, q_factor
@@ -36,7 +37,7 @@ def _indication(at: Inputs) -> Array:
     return np.column_stack([at[component] for component in COMPONENTS])
 
 
-def _q_matrix(coefficients: Array) -> Array:
+def _q_matrix(coefficients: Numbers) -> Numbers:
     """Exact matrix [3, 3] of Q1, Q2, Q3 [3, rad]."""
     return q_factor.exact_matrix(q_factor.axes_from_angles(coefficients))
 
@@ -48,10 +49,8 @@ def _q_correct(model: Model, at: Inputs) -> Array:
 
 def _q_gradient(model: Model, at: Inputs) -> Array:
     """Derivatives [n, 3, 3] of the orthogonal components by Q1, Q2, Q3."""
-    slopes = q_factor.differentiate(lambda q: _q_matrix(q).ravel(), Q.read(model), scale=np.ones(3))
-    return np.asarray(
-        np.einsum("nj,ijk->nik", _indication(at), slopes.reshape(3, 3, 3)), dtype=np.float64
-    )
+    slopes = derivative(_q_matrix, Q.read(model))
+    return np.asarray(np.einsum("nj,ijk->nik", _indication(at), slopes), dtype=np.float64)
 
 
 def _affine(model: Model, at: Inputs) -> tuple[Array, Array]:

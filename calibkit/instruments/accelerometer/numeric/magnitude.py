@@ -2,21 +2,19 @@
 attitudes are unknown.
 
 Nine parameters: scale factors k, biases b, and Q1, Q2, Q3 (Zhou, Hu & Fu 2010, exact form). The
-corrected vector is Q diag(1/k) (V − b) with Q the inverse of the unit axes, and |G'| is to be the
-local gravity. Lengths do not depend on how the triad is mounted, so its orientation stays unknown.
+length of the corrected vector is to be the local gravity. Lengths do not depend on how the triad is
+mounted, so its orientation stays unknown.
 """
 
+import warnings
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.errors import FitError
-from calibkit.instruments.accelerometer.numeric import profile, q_factor
-from calibkit.instruments.accelerometer.numeric.norms import (
-    LOWER,
-    length_residuals,
-)
+from calibkit.fit.complex_step import Numbers, derivative, length
 from calibkit.numeric.least_squares import fit as least_squares
 
 NAMES = ("k_x", "k_y", "k_z", "b_x", "b_y", "b_z", "Q1", "Q2", "Q3")
@@ -24,11 +22,26 @@ LARGEST_Q = 0.35
 """Bound of each Q [rad]: 20°, far above the non-orthogonality of any triad."""
 ENOUGH_TO_START = 20_000
 """Rows, evenly spread over a larger set, from which the starting parameters are found."""
+TOLERANCES = {"xtol": 1e-14, "ftol": 1e-14, "gtol": 0.0, "max_nfev": 2000}
+"""Options of lmfit's leastsq: convergence close to machine precision."""
+ORIGIN = 10.0
+"""Value of a parameter's scaled coordinate at the solution, in standard uncertainties."""
 
 
-def _correction_matrix(parameters: Array) -> Array:
-    """Lower triangular correction matrix [3, 3] of the nine parameters: exact Q · diag(1/k)."""
-    return q_factor.exact_matrix(q_factor.axes_from_angles(parameters[6:9])) / parameters[None, 0:3]
+def corrected_length(p: Numbers, indication: Array) -> Numbers:
+    """Length [n] of indications [n, 3] corrected by nine parameters.
+
+    m = (V − b)/k are components along the unit axes x = e1, y = (y·e1, y·e2, 0), z:
+
+        g1 = m_x,  g2 = (m_y − (y·e1) g1)/(y·e2),  g3 = (m_z − (z·e1) g1 − (z·e2) g2)/(z·e3)
+    """
+    scale, bias, (q1, q2, q3) = p[:3], p[3:6], p[6:]
+    ye1, ze1, ze2 = -q3, q3 * q1 - q2, -q1
+    ye2, ze3 = np.sqrt(1.0 - ye1**2), np.sqrt(1.0 - ze1**2 - ze2**2)
+    m_x, m_y, m_z = ((indication - bias) / scale).T
+    g2 = (m_y - ye1 * m_x) / ye2
+    g3 = (m_z - ze1 * m_x - ze2 * g2) / ze3
+    return length(np.stack([m_x, g2, g3], axis=-1))
 
 
 def profile_intervals(
@@ -52,45 +65,76 @@ def profile_intervals(
     Raises
     ------
     FitError
-        For fewer than nine dwells.
+        For fewer than nine dwells, and where lmfit finds no minimum.
 
     """
+    import lmfit
+
     require_enough(indication)
     root = np.ones(len(indication)) if noise is None else 1.0 / noise
     begin = fit_sphere(indication, gravity)
-    parameters, square = _bounded(begin, indication, gravity, root).minimize(begin)
-    steps = np.concatenate([parameters[:3], parameters[:3], np.ones(3)])
-    slopes = q_factor.differentiate(to_triangle, parameters, scale=steps)
-    jacobian = length_residuals(to_triangle(parameters), indication, gravity, root)[1] @ slopes
-    inverse = np.linalg.inv(np.linalg.qr(jacobian, mode="r"))
+    # wide enough for any working triad
+    reach = np.full(3, np.max(np.ptp(indication, axis=0)))
+    angles = np.full(3, LARGEST_Q)
+    low = np.concatenate([begin[:3] * 0.2, begin[3:6] - reach, -angles])
+    high = np.concatenate([begin[:3] * 5.0, begin[3:6] + reach, angles])
+
+    def residual(p: Numbers) -> Numbers:
+        return (corrected_length(p, indication) - gravity) * root
+
+    def minimize(about: Array, unit: Array) -> tuple[Any, Any]:
+        """Minimizer and result of lmfit, started at parameters [9] in whose units [9] it steps."""
+
+        def parameters(named: Any) -> Array:  # noqa: ANN401 (lmfit has no types)
+            scaled = np.array([named[name].value for name in NAMES])
+            return np.asarray(about + unit * (scaled - ORIGIN), dtype=np.float64)
+
+        def slopes(named: Any) -> Array:  # noqa: ANN401 (lmfit has no types)
+            varying = [named[name].vary for name in NAMES]  # a profile holds one of them
+            return (derivative(residual, parameters(named)) * unit)[:, varying]
+
+        named = lmfit.Parameters()
+        bounds = ORIGIN + (np.array([low, high]) - about) / unit
+        for name, least, most in zip(NAMES, *bounds.tolist(), strict=True):
+            named.add(name, value=ORIGIN, min=least, max=most)
+        minimizer = lmfit.Minimizer(lambda scaled: residual(parameters(scaled)), named)
+        result = minimizer.minimize(method="leastsq", Dfun=slopes, **TOLERANCES)
+        result.solution = parameters(result.params)
+        return minimizer, result
+
+    _, found = minimize(begin, np.concatenate([begin[:3], begin[:3], np.ones(3)]))
+    if not found.success or found.covar is None:
+        raise FitError(
+            f"lmfit found no minimum: {found.message}",
+            hint="check units, or add different attitudes",
+        )
+    solution, square = found.solution, float(np.sum(found.residual**2))
     dof = len(indication) - len(NAMES)
     variance = _variance(square, dof, absolute=noise is not None)
-    unit = np.sqrt(np.sum(inverse**2, axis=1) * variance)
+    inverse = np.linalg.inv(np.linalg.qr(derivative(residual, solution), mode="r"))
+    u = np.sqrt(np.sum(inverse**2, axis=1) * variance)
+    # lmfit finds the ends to 5e-5 of a parameter's value, which for a scale factor near 1 with an
+    # uncertainty of 1e-5 would be five uncertainties: parameters are scaled by theirs
+    with warnings.catch_warnings():
+        # lmfit warns where a bound is met before the F-test rejects; that end is infinite
+        warnings.simplefilter("ignore")
+        minimizer, result = minimize(solution, u)
+        for name in NAMES:
+            # 1 by construction; lmfit may report none where it starts at the solution
+            result.params[name].stderr = result.params[name].stderr or 1.0
+        table = lmfit.conf_interval(minimizer, result, sigmas=[0.95])
     # the F-test uses the residuals alone: where the stated noise is larger, the intervals are
     # widened by the same factor as the standard uncertainties
     widening = float(np.sqrt(variance * dof / square)) if square > 0.0 and dof > 0 else 1.0
-    ends = _bounded(parameters, indication, gravity, root).profile_intervals(parameters, unit)
-    limits = (parameters[:, None] + (unit * widening)[:, None] * ends).tolist()
-    return {name: (low, high) for name, (low, high) in zip(NAMES, limits, strict=True)}
-
-
-def _bounded(about: Array, indication: Array, gravity: float, root: Array) -> profile.Bounded:
-    """Residuals of the nine parameters within bounds around starting values [9], wide enough for
-    any working triad.
-    """
-    reach = float(np.max(np.ptp(indication, axis=0)))
-
-    def residuals(values: Array) -> Array:
-        return length_residuals(to_triangle(values), indication, gravity, root)[0]
-
-    def slopes(values: Array, unit: Array) -> Array:
-        steps = np.concatenate([values[:3], values[:3], np.ones(3)])
-        inner = q_factor.differentiate(to_triangle, values, scale=steps) * unit
-        return length_residuals(to_triangle(values), indication, gravity, root)[1] @ inner
-
-    low = np.concatenate([about[:3] * 0.2, about[3:6] - reach, np.full(3, -LARGEST_Q)])
-    high = np.concatenate([about[:3] * 5.0, about[3:6] + reach, np.full(3, LARGEST_Q)])
-    return profile.Bounded(NAMES, low, high, residuals, slopes)
+    intervals = {}
+    for name, value, size in zip(NAMES, solution.tolist(), (u * widening).tolist(), strict=True):
+        ends = [table[name][side][1] - ORIGIN for side in (0, -1)]
+        least, most = (
+            value + size * end if np.isfinite(end) else never
+            for end, never in zip(ends, (-np.inf, np.inf), strict=True)
+        )
+        intervals[name] = least, most
+    return intervals
 
 
 def fit_sphere(indication: Array, gravity: float) -> Array:
@@ -108,15 +152,6 @@ def fit_sphere(indication: Array, gravity: float) -> Array:
     radius = np.sqrt(sphere[3] + sphere[:3] @ sphere[:3])
     return np.concatenate(
         [np.full(3, radius * size / gravity), centre + sphere[:3] * size, np.zeros(3)]
-    )
-
-
-def to_triangle(parameters: Array) -> Array:
-    """Convert scale factors, bias and Q [9] to the six entries of the correction matrix and the
-    bias [9].
-    """
-    return np.concatenate(
-        [_correction_matrix(parameters)[tuple(np.transpose(LOWER))], parameters[3:6]]
     )
 
 

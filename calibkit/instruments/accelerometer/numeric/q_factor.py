@@ -5,19 +5,16 @@ The x axis is kept and y and z are corrected: e1 is the x axis, e2 lies in the p
 the unit axes x, y, z are the rows of a lower triangular matrix; x is (1, 0, 0).
 """
 
-from collections.abc import Callable
-
 import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.errors import FitError
+from calibkit.fit.complex_step import Numbers
 
 NAMES = ("Q1", "Q2", "Q3")
-DERIVATIVE_STEP = 1e-5
-"""Relative step h of central differences; their error is of order h²."""
 
 
-def exact_matrix(axes: Array) -> Array:
+def exact_matrix(axes: Numbers) -> Numbers:
     """Exact Q [3, 3]: orthogonal components from components along the unit axes [3, 3] (rows, frame
     e1 = x).
 
@@ -42,12 +39,12 @@ def small_angles(axes: Array) -> Array:
     return np.array([-ze2, ye1 * ze2 - ze1, -ye1])
 
 
-def axes_from_angles(coefficients: Array) -> Array:
+def axes_from_angles(coefficients: Numbers) -> Numbers:
     """Unit axes [3, 3] with small angles Q1, Q2, Q3 [3] [rad]: the inverse of `small_angles`."""
     q1, q2, q3 = coefficients
     ye1, ze2, ze1 = -q3, -q1, q3 * q1 - q2
     ye2, ze3 = 1.0 - ye1**2, 1.0 - ze1**2 - ze2**2
-    if min(ye2, ze3) <= 0.0:
+    if min(np.real(ye2), np.real(ze3)) <= 0.0:
         raise FitError(
             f"Q1, Q2, Q3 = {q1:g}, {q2:g}, {q3:g} rad are no unit axes",
             hint="they are angles in rad",
@@ -94,15 +91,3 @@ def axes_from_sensitivity(sensitivity: Array) -> tuple[Array, Array, Array]:
             hint="state reference.convention, or sign and from of the columns, in the recipe",
         )
     return axes, rotation, scale
-
-
-def differentiate(function: Callable[[Array], Array], at: Array, *, scale: Array) -> Array:
-    """Derivative [m, p] of a function at p parameters by central differences of 1e-5 of `scale`
-    [p].
-    """
-    steps = DERIVATIVE_STEP * np.diag(scale)
-    columns = [
-        (function(at + step) - function(at - step)) / (2.0 * step[i])
-        for i, step in enumerate(steps)
-    ]
-    return np.column_stack(columns)
