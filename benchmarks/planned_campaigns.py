@@ -21,7 +21,11 @@ from calibkit import instruments, new_files, plans, recipe
 from calibkit.arrays import Array
 from calibkit.fit.solve import solve
 from calibkit.ingest import logs as ingest
-from calibkit.instruments.accelerometer import dwells as triad_dwells, simulate_plan
+from calibkit.instruments.accelerometer import (
+    dwells as triad_dwells,
+    plan as triad_plan,
+    shared_errors as triad_errors,
+)
 from calibkit.instruments.accelerometer.equation import Terms
 from calibkit.instruments.accelerometer.fit import fit_triad
 from calibkit.instruments.fog_thermal.numeric import (
@@ -30,16 +34,15 @@ from calibkit.instruments.fog_thermal.numeric import (
     planned as fog_planned,
 )
 from calibkit.instruments.fog_thermal.numeric.bank_groups import Groups
-from calibkit.instruments.gyro_scale import equation
+from calibkit.instruments.gyro_scale import equation, plan as gyro_plan
 from calibkit.instruments.gyro_scale.numeric import line_terms
-from calibkit.instruments.gyro_scale.numeric.planned import Runs
 from calibkit.numeric import gum
 from calibkit.numeric.least_squares import polynomial
 from calibkit.numeric.thermal import coil
 from calibkit.numeric.thermal.noise import flicker_kernel
 from calibkit.numeric.thermal.pooled_fit import Stack, ThermalLog
 from calibkit.planning import document
-from calibkit.recipe.tables import ErrorComponent
+from calibkit.planning.assumptions import read_sizes
 
 FAINT = 6.4
 """Noise terms below so many predicted u are not judged: fits do not report most of them."""
@@ -76,11 +79,11 @@ def run_triad(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  
     held = plan.schedule.recorded("dwell")
     held = [one for one in held if one.log == held[0].log]
     spots = np.array([(one.inclination_deg, one.toolface_deg) for one in held])
-    rows, _ = simulate_plan.draw_rows(
-        *(rng, indicate, spots, np.array([one.set_degc for one in held])),
-        np.array([one.start_s for one in held]),
-        plan.document["settings"]["noise_g"],
-        [ErrorComponent.model_validate(one) for one in plan.document["components"]],
+    rows, _ = triad_plan.simulate_dwells(
+        rng,
+        indicate,
+        triad_plan.planned_dwells(held, plan.document["settings"]["noise_g"]),
+        read_sizes(plan.document, triad_errors.UNITS),
     )
     count = len(spots)
     dwells = triad_dwells.DwellSet(
@@ -88,7 +91,7 @@ def run_triad(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  
         rows["temp_case_degc"],
         *spots.T,
         np.full((count, 3), np.nan),
-        rows["time_s"],
+        np.array([one.start_s for one in held]),
         np.zeros(count, dtype=np.int64),
         tuple(map(str, range(count))),
         (),
@@ -109,30 +112,29 @@ def run_table(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  
     """
     rng = np.random.default_rng(seed)
     told = plan.document["settings"]
-    runs = Runs(
-        tuple(told["rates_dps"]),
+    holds = gyro_plan.Holds.of_runs(
+        told["rates_dps"],
         np.array(told["middle_h"]),
         np.array(told["noise_dps"]),
-        tuple(told["temperatures_degc"]),
+        told["temperatures_degc"],
     )
-    rows, order = runs.rows(), told["order"]
+    rows, order = holds.rows, told["order"]
     x = (rows.row_degc - 25.0) / 100.0
     K, F0 = rng.normal(0.0, 3e-3, order + 1), rng.normal(0.0, 1e-3, order + 1)
     scale = 1.0 + np.vander(x, order + 1, increasing=True) @ K
     size = {one["effect"]: one["value"] for one in plan.document["components"]}
-    count = len(runs.degc)
+    count, rate = len(told["temperatures_degc"]), np.array(told["rates_dps"])
     drawn = rng.normal(0.0, 1.0, (3, count))
-    response = rng.normal(0.0, size["response"] / 3600.0, len(runs.rates_dps))
+    response = rng.normal(0.0, size["response"] / 3600.0, len(rate))
     indication = (
         (scale + 1e-6 * size["scale"] * drawn[0][rows.run]) * rows.rate_dps
         + np.vander(x, order + 1, increasing=True) @ F0
         + size["zero"] / 3600.0 * drawn[1][rows.run]
         + size["zero drift"] / 3600.0 * drawn[2][rows.run] * rows.hours
-        + np.tile(runs.noise_dps, count) * rng.normal(size=rows.run.size)
+        + holds.noise * rng.normal(size=rows.run.size)
         + np.tile(response, count)
     )
     # the best straight line over the rates takes its part of the response
-    rate = np.array(runs.rates_dps)
     slope, zero = np.polyfit(rate, response, 1)
     K0 = 1e4
     rows = replace(rows, indication=K0 * indication)
@@ -186,13 +188,13 @@ def run_gyro(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  #
     for number, ramp in enumerate(ramps):
         log = model.log(ramp)
         time, case = log.time, log.case
-        own, precision = model.own(time)
+        own, _ = model.own(time)
         factor = np.linalg.cholesky(
             model.white_dph**2 * np.eye(time.size)
             + sizes["log", "flicker"] ** 2 * flicker_kernel(time.size)
         )
         value = drift_of(time, case, drawn[:p], lag) + factor @ rng.normal(size=time.size)
-        value += own @ (rng.normal(size=precision.size) / np.sqrt(precision))
+        value += own @ rng.normal(size=own.shape[1])
         part = np.zeros(time.size, dtype=np.int64)
         logs.append(ThermalLog(f"{number}", time, case, case, value, part))
     stacked = Stack.of_logs(logs)
@@ -212,9 +214,8 @@ def run_gyro(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  #
             slopes = (slopes - slopes.mean(axis=0))[:: fog_planned.EVERY]
             error.append((off - off.mean())[:: fog_planned.EVERY])
             variance.append(np.einsum("mp,pq,mq->m", slopes, covariance, slopes))
-    parts = model.information([model.log(ramp) for ramp in ramps]).variances(
-        model.result_slopes("drift")
-    )
+    information = np.sum([model.part(model.log(ramp)) for ramp in ramps], axis=0)
+    parts = model.variances(information, {"drift": model.result_slopes("drift")})["drift"]
     predicted = np.sqrt(np.sum([*parts.values()], axis=0))
     u = np.sqrt(np.concatenate(variance))
     return np.concatenate(error), predicted, u, np.full(u.size, gum.coverage_factor(found.dof))
@@ -225,8 +226,8 @@ def run_logs(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  #
     logs are written, and fitted as `calibkit fit` does.
     """
     instrument = instruments.find(spec.procedure)
-    assert instrument.planner is not None  # noqa: S101 (it has planned)
-    made = instrument.planner().simulate(spec, plan.schedule, plan.document, seed)
+    simulate = instruments.optional(spec.procedure, "simulate_plan")
+    made = simulate(spec, plan.schedule, plan.document, seed)
     with tempfile.TemporaryDirectory() as folder:
         new_files.write_all({Path(folder) / key: own for key, own in made.files().items()})
         fitted = instrument.fit(

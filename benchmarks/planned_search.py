@@ -18,8 +18,7 @@ import pyDOE3.doe_optimal as doe
 
 from calibkit import instruments, plans, recipe
 from calibkit.ingest import logs as ingest
-from calibkit.instruments.accelerometer import assumptions
-from calibkit.instruments.accelerometer.numeric.planned import Soaks
+from calibkit.instruments.accelerometer import plan
 from calibkit.numeric.exchange import Pool
 from calibkit.planning import equipment
 from calibkit.planning.proposal import Task
@@ -58,11 +57,12 @@ def triad_pool() -> Pool:
     """Faces and edges of a cube, with the errors of the sample bench."""
     spec = instruments.parse_recipe(recipe.find("accelerometer", LOW_ORDERS))
     task = Task(equipment.read_equipment(None), range_degc=(-20.0, 60.0))
-    assumed = assumptions.assume(spec, task)  # type: ignore[arg-type]
-    model = assumptions.planned_model(spec, assumed)  # type: ignore[arg-type]
-    spots = np.array(assumptions.USUAL["18 faces and edges, 9 temperatures"], dtype=np.float64)
-    soaks = Soaks((-20, 60, 20, -20), (0.0, 3.0, 6.0, 9.0), np.zeros(len(spots), dtype=np.int64))
-    return model.pool(spots, soaks, assumed.noise_g, None)
+    bench = plan.prepare(spec, task)  # type: ignore[arg-type]
+    assert isinstance(bench, plan.TriadBench)  # noqa: S101 (as its recipe asks)
+    spots = np.array(plan.USUAL["18 faces and edges, 9 temperatures"], dtype=np.float64)
+    mounting = np.zeros(len(spots), dtype=np.int64)
+    soaks = plan.Soaks((-20, 60, 20, -20), (0.0, 3.0, 6.0, 9.0), mounting)
+    return bench.pool(spots, soaks, bench.assumed.noise)
 
 
 def best_of_all(pool: Pool, size: int) -> float:

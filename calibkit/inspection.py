@@ -10,7 +10,7 @@ from calibkit.check import examination
 from calibkit.check.report import Campaign, Judgement, Reached
 from calibkit.errors import FitError, FrameError, LogFormatError, RecipeError, UsageError, visible
 from calibkit.ingest import logs as ingest, proposal
-from calibkit.planning import comparison, equipment
+from calibkit.planning import comparison, equipment, search
 from calibkit.planning.proposal import COVERAGE, Task, measured_range
 from calibkit.recipe import type_b
 from calibkit.report import budget, figures
@@ -121,7 +121,7 @@ def _judge(
     except (FrameError, FitError, LogFormatError, RecipeError) as error:
         plannable = (
             isinstance(error, FitError)
-            and instruments.optional(spec.procedure, "planner") is not None
+            and instruments.optional(spec.procedure, "prepare_plan") is not None
         )
         cure = (f"calibkit plan RECIPE --have {data} plans what it takes",) if plannable else ()
         return Judgement((), (str(error), *cure), exports=False, exit_code=error.exit_code)
@@ -153,8 +153,8 @@ def _predict(
     noise and shared errors as the fit found them, others as on the sample bench. Empty for what is
     not planned, or not determined.
     """
-    planner = instruments.optional(spec.procedure, "planner")
-    if planner is None:
+    prepare = instruments.optional(spec.procedure, "prepare_plan")
+    if prepare is None:
         return ()
     logs = tuple(instrument.read(spec, data, file) for file in files)
     asked = planned.range_degc if planned else None
@@ -163,7 +163,7 @@ def _predict(
     bench = equipment.read_equipment(None)
     try:
         task = Task(bench, range_degc=range_degc, earlier=earlier, have=logs)
-        found = planner().judge(spec, task)
+        found = search.judge(prepare(spec, task))
     except (UsageError, FitError, FrameError):
         return ()
     wanted = planned.wanted if planned else {}

@@ -16,8 +16,8 @@ from calibkit import instruments, new_files, recipe, store, units
 from calibkit.errors import UsageError
 from calibkit.frame import refuse
 from calibkit.ingest import column_values, logs as ingest
-from calibkit.planning import document, equipment, page, screen
-from calibkit.planning.proposal import WITHHELD, Planner, Proposal, Task
+from calibkit.planning import document, equipment, page, screen, search
+from calibkit.planning.proposal import WITHHELD, Proposal, Task
 from calibkit.threads import one_thread
 
 if TYPE_CHECKING:
@@ -77,12 +77,12 @@ def plan(
     Raises UsageError for what cannot be planned.
     """
     spec = instruments.parse_recipe(source)
-    planner = _planner(spec.procedure)
+    prepare = _stated(spec.procedure, "prepare_plan")
     paths = [document.PLAN, document.SCHEDULE, document.RECIPE, document.PAGE]
     for name in paths:
         new_files.refuse_existing(out / name)
     task = _task(spec, request, progress)
-    proposal, wishes = planner.propose(spec, task)
+    proposal, wishes = search.propose(prepare(spec, task))
     logs = {one.log for one in proposal.schedule.actions}
     if not task.withheld and not any(log.startswith(WITHHELD) for log in logs):
         proposal = replace(proposal, notes=(*proposal.notes, UNJUDGED))
@@ -102,20 +102,19 @@ def plan(
     return _Planned(proposal, summary, tuple(out / name for name in paths), printed)
 
 
-def _planner(procedure: str) -> Planner:
-    """Planner of a procedure; UsageError where it is not planned."""
-    planner = instruments.optional(procedure, "planner")
-    if planner is None:
-        able = [name for name in instruments.list_usable() if instruments.optional(name, "planner")]
+def _stated(procedure: str, name: str) -> Any:  # noqa: ANN401 (a name of `instruments.ROOMS`)
+    """A function of the plan of a procedure; UsageError where it is not planned."""
+    function = instruments.optional(procedure, name)
+    if function is None:
+        able = [one for one in instruments.list_usable() if instruments.optional(one, name)]
         raise UsageError(
             f"campaigns of '{procedure}' are not planned", hint=f"there are {', '.join(able)}"
         )
-    made: Planner = planner()
-    return made
+    return function
 
 
 def _task(spec: recipe.Recipe, request: Request, progress: Progress) -> Task:
-    """Task of a planner, with everything that has to be read for it."""
+    """Task of a plan, with everything that has to be read for it."""
     found = None if request.equipment is None else recipe.find(str(request.equipment))
     spots = () if request.attitudes in NAMED else _read_spots(request.attitudes)
     earlier = None
@@ -187,8 +186,8 @@ def simulated(folder: Path, seed: int) -> Campaign:
     if not found.schedule.actions:
         raise UsageError(f"{folder}: a plan of no actions", hint="it has nothing to simulate")
     spec = instruments.parse_recipe(found.source)
-    made = _planner(spec.procedure).simulate(spec, found.schedule, found.document, seed)
-    return _as_logged(spec, made)
+    run = _stated(spec.procedure, "simulate_plan")
+    return _as_logged(spec, run(spec, found.schedule, found.document, seed))
 
 
 def _as_logged(spec: recipe.Recipe, made: Campaign) -> Campaign:

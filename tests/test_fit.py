@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from calibkit.errors import FitError
+from calibkit.errors import FitError, UsageError
 from calibkit.fit import complex_step
 from calibkit.fit.shared import Prior, Shared
-from calibkit.fit.solve import solve
+from calibkit.fit.solve import predict, solve
 
 
 def shared(level, loading, **stated):
@@ -272,3 +272,32 @@ def test_the_search_for_a_size_comes_back_from_far_above():
     noise = np.full(5, 1e-13)
     fit = solve(lambda p: p[0] - y, np.zeros(1), [scatter], noise=noise, estimate_noise=False)
     assert fit.shared[0].value == pytest.approx(np.std(y, ddof=1), rel=1e-9)
+
+
+@pytest.mark.parametrize(("runs", "rows"), [(2, 5), (6, 8)])
+def test_a_prediction_has_the_degrees_of_freedom_of_the_runs(runs, rows):
+    """The mean of runs whose size is as good as unknown has runs - 1, one whose size is known those
+    of the statement.
+    """
+    run = np.repeat(np.arange(runs), rows)
+
+    def mean(size_dof):
+        error = shared(run, np.ones(run.size), size=3.0, size_dof=size_dof)
+        noise = np.ones(run.size)
+        fit = predict(lambda p: p[0] * noise, np.zeros(1), [error], noise=noise)
+        return fit.of(lambda p: p[0])
+
+    assert mean(1e-6).u ** 2 == pytest.approx(9.0 / runs + 1.0 / run.size)
+    assert mean(1e-6).dof == pytest.approx(runs - 1, rel=1e-3)
+    assert mean(1e6).dof == pytest.approx(run.size - 1)
+
+
+def test_what_imagined_rows_do_not_determine_is_refused_by_name():
+    """A column that repeats another one, and an error of no stated size."""
+    x, noise = np.linspace(-1.0, 1.0, 9), np.ones(9)
+    with pytest.raises(FitError, match="slope"):
+        predict(
+            lambda p: (p[0] + 2.0 * p[1]) * x, np.zeros(2), noise=noise, names=["scale", "slope"]
+        )
+    with pytest.raises(UsageError, match="'zero' of group 'run' is not known"):
+        predict(straight(x, 0.0), np.zeros(2), [shared(np.arange(9) // 3, noise)], noise=noise)

@@ -7,7 +7,7 @@ import pytest
 
 from calibkit import inspection, instruments, plans, recipe
 from calibkit.errors import UsageError
-from calibkit.planning import document, equipment
+from calibkit.planning import document, equipment, search
 from calibkit.planning.proposal import Task
 from conftest import ROOT
 from test_planning import load_benchmark
@@ -57,7 +57,8 @@ def test_a_plan_meets_its_wish_and_its_logs_are_judged_as_it_predicted(planned, 
     names = {one.log for one in plan.schedule.actions if one.log and "withheld" not in one.log}
     have = tuple(instrument.read(spec, logs, name) for name in sorted(names))
     task = Task(equipment.read_equipment(None), range_degc=stated["range_degc"], have=have)
-    judged = {one.name: one.expanded for one in instrument.planner().judge(spec, task)}
+    bench = instruments.optional(spec.procedure, "prepare_plan")(spec, task)
+    judged = {one.name: one.expanded for one in search.judge(bench)}
     predicted = {one["name"]: one["expanded_uncertainty"] for one in stated["results"]}
     assert judged == pytest.approx(predicted, rel=NEAR.get(spec.procedure, 0.1))
 

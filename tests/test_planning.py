@@ -15,12 +15,12 @@ from jsonschema import Draft202012Validator
 from calibkit import inspection, instruments, pipeline, plans, recipe, sealed
 from calibkit.cli import cli
 from calibkit.errors import CoefficientError, FitError, RecipeError, UsageError
+from calibkit.fit.shared import Shared
+from calibkit.fit.solve import predict
 from calibkit.numeric.exchange import Pool, exchange_values
-from calibkit.numeric.information import NOISE, find_information
-from calibkit.numeric.least_squares.components import Effect, Known
-from calibkit.planning import comparison, document, equipment, schedule
-from calibkit.planning.proposal import Candidate, Task, Wish, choose, find_front
-from calibkit.planning.schedule import Clock
+from calibkit.planning import comparison, document, equipment, pools, schedule, search
+from calibkit.planning.proposal import Candidate, Design, Task, Wish, choose, find_front
+from calibkit.planning.schedule import Action, Clock, Schedule
 from conftest import ROOT
 
 SCHEMA = json.loads((ROOT / "docs" / "schemas" / "calibkit-plan-1.schema.json").read_text())
@@ -98,38 +98,37 @@ def planned(tmp_path_factory, attitudes, bench):
     return out
 
 
-def test_information_is_that_of_generalised_least_squares(rng):
-    """With V written out, (Xᵀ V⁻¹ X)⁻¹ is the same, and the shares of all sources add up to it."""
-    design = rng.normal(size=(30, 4))
-    labels = np.arange(30) // 6
-    effects = [
-        Effect("soak", "zero", labels, np.ones(30), Known(0.7)),
-        Effect("soak", "scale", labels, rng.normal(size=(30, 2)), Known(0.2)),
-        Effect("soak", "unknown", labels, np.ones(30)),
-    ]
-    found = find_information(design, 0.3, effects)
-    variance = 0.09 * np.eye(30)
-    for effect in effects[:2]:
-        assert effect.known is not None
-        same = effect.labels[:, None] == effect.labels
-        loading = effect.loading.reshape(30, -1)
-        variance += effect.known.value**2 * same * (loading @ loading.T)
-    expected = np.linalg.inv(design.T @ np.linalg.solve(variance, design))
-    np.testing.assert_allclose(found.covariance, expected, rtol=1e-9)
-    slopes = rng.normal(size=(7, 4))
-    parts = found.variances(slopes)
-    assert set(parts) == {NOISE, "zero of the soak", "scale of the soak"}
-    np.testing.assert_allclose(
-        sum(parts.values()), np.einsum("mp,pq,mq->m", slopes, expected, slopes), rtol=1e-9
+def soak_errors(labels, loading, size, effect="zero"):
+    """An error that rows of a soak share."""
+    loading = np.asarray(loading).reshape(len(labels), -1)
+    return Shared(
+        group="soak", effect=effect, level=labels, loading=loading, unit="g", size=size, size_dof=20
     )
 
 
-def test_what_rows_do_not_determine_is_known_before_anything_is_inverted():
-    """A column that repeats another one, and one of zeros."""
-    x = np.linspace(-1.0, 1.0, 9)
-    assert find_information(np.vander(x, 3), 1.0, []).determined
-    assert not find_information(np.column_stack([x, 2.0 * x]), 1.0, []).determined
-    assert not find_information(np.column_stack([x, 0.0 * x]), 1.0, []).determined
+def test_a_prediction_is_that_of_generalised_least_squares(rng):
+    """With V written out, (Xᵀ V⁻¹ X)⁻¹ is the same, and the shares of all sources add up to it."""
+    design = rng.normal(size=(30, 4))
+    labels = np.arange(30) // 6
+    shared = [
+        soak_errors(labels, np.ones(30), 0.7),
+        soak_errors(labels, rng.normal(size=(30, 2)), 0.2, "scale"),
+    ]
+    unknown = replace(shared[0], effect="unknown", size=None, optional=True)
+    noise = np.full(30, 0.3)
+    fit = predict(lambda p: design @ p, np.zeros(4), [*shared, unknown], noise=noise)
+    variance = np.diag(noise**2)
+    for error in shared:
+        same = error.level[:, None] == error.level
+        variance += error.size**2 * same * (error.loading @ error.loading.T)
+    expected = np.linalg.inv(design.T @ np.linalg.solve(variance, design))
+    np.testing.assert_allclose(fit.covariance, expected, rtol=1e-9)
+    slopes = rng.normal(size=(7, 4))
+    parts = search.split_variance(fit, slopes)
+    assert set(parts) == {"noise", "zero of the soak", "scale of the soak"}
+    np.testing.assert_allclose(
+        search.whole(parts), np.einsum("mp,pq,mq->m", slopes, expected, slopes), rtol=1e-9
+    )
 
 
 @pytest.mark.parametrize("criterion", ["D", "I"])
@@ -270,7 +269,13 @@ def test_a_wish_is_taken_in_the_unit_of_its_result():
 
 def test_the_choice_is_the_cheapest_that_meets_the_wishes_or_the_best_within_hours():
     """And where none meets them, the one that comes nearest."""
-    tried = [Candidate(str(h), h, {"a": u}, None) for h, u in ((1, 9), (2, 5), (3, 6), (4, 3))]
+    tried = [
+        Candidate(
+            Design(str(h), Schedule((Action(0.0, "wait", 25.0, duration_s=3600.0 * h),)), (), None),
+            {"a": u},
+        )
+        for h, u in ((1, 9), (2, 5), (3, 6), (4, 3))
+    ]
     wish = [Wish("a", 10.0, "g")]
     assert choose(tried, wish, None, "a").hours == 2
     assert choose(tried, [], 3.5, "a").hours == 2
@@ -393,7 +398,9 @@ def test_a_chamber_that_makes_one_rate_of_ramps_is_refused(tmp_path):
 def test_every_planner_has_its_device_on_the_sample_bench():
     """`calibkit plan` works without an equipment file."""
     bench = equipment.read_equipment(None)
-    able = {name for name in instruments.list_usable() if instruments.optional(name, "planner")}
+    able = {
+        name for name in instruments.list_usable() if instruments.optional(name, "prepare_plan")
+    }
     assert able | {"accelerometer_magnitude"} == set(bench.device)
     assert Path(plans.__file__).with_name("planning").joinpath(equipment.SAMPLE).is_file()
 
@@ -567,7 +574,7 @@ def test_angles_over_three_axes_are_predicted_with_their_mountings(tmp_path):
     near = [one for one in plan.schedule.actions if one.set_degc == 25.0]
     near = schedule.Schedule(tuple(one for one in near if not one.log.startswith("withheld")))
     spec = instruments.parse_recipe(plan.source)
-    made = instruments.optional("gyro_triad", "planner")().simulate(spec, near, plan.document, 3)
+    made = instruments.optional("gyro_triad", "simulate_plan")(spec, near, plan.document, 3)
     for name, content in made.files().items():
         (tmp_path / name).write_bytes(content)
     found = instruments.find("gyro_triad").fit(
@@ -747,24 +754,16 @@ def test_check_predicts_what_each_planned_procedure_determines(procedure):
 
 def test_information_of_two_campaigns_adds_up(rng):
     """They share the coefficients, and none of the errors."""
-    parts = []
-    for rows in (20, 30):
-        design = rng.normal(size=(rows, 3))
-        soak = Effect("soak", "zero", np.arange(rows) // 5, np.ones(rows), Known(0.5))
-        parts.append((design, soak))
-    one, other = (find_information(design, 0.3, [soak]) for design, soak in parts)
-    whole = Effect(
-        "soak",
-        "zero",
-        np.concatenate([parts[0][1].labels, parts[1][1].labels + 4]),
-        np.ones(50),
-        Known(0.5),
-    )
-    expected = find_information(np.vstack([design for design, _ in parts]), 0.3, [whole])
-    found = one.join(other)
-    np.testing.assert_allclose(found.covariance, expected.covariance, rtol=1e-9)
-    slopes = np.eye(3)
-    assert found.variances(slopes)[NOISE] == pytest.approx(expected.variances(slopes)[NOISE])
+    designs = [rng.normal(size=(rows, 3)) for rows in (20, 30)]
+    total = np.zeros((3, 3))
+    for design in designs:
+        rows = len(design)
+        soak = soak_errors(np.arange(rows) // 5, np.ones(rows), 0.5)
+        total += pools.information(design, [soak], np.full(rows, 0.3))
+    whole = soak_errors(np.arange(50) // 5, np.ones(50), 0.5)
+    design, noise = np.vstack(designs), np.full(50, 0.3)
+    fit = predict(lambda p: design @ p, np.zeros(3), [whole], noise=noise)
+    np.testing.assert_allclose(np.linalg.inv(total), fit.covariance, rtol=1e-9)
 
 
 def test_simulated_logs_have_the_columns_that_the_recipe_maps(bench, tmp_path):
@@ -802,9 +801,7 @@ def test_a_plan_is_judged_by_its_logs_as_it_predicted(folder, bench, request, tm
     text = bench.read_text(encoding="utf-8")
     table = equipment.read_equipment(recipe.Source("bench.toml", text))
     task = Task(table, range_degc=tuple(plan.document["range_degc"]), have=tuple(have))
-    judged = {
-        one.name: one.expanded
-        for one in instruments.optional(spec.procedure, "planner")().judge(spec, task)
-    }
+    bench = instruments.optional(spec.procedure, "prepare_plan")(spec, task)
+    judged = {one.name: one.expanded for one in search.judge(bench)}
     predicted = {one["name"]: one["expanded_uncertainty"] for one in plan.document["results"]}
     assert judged == pytest.approx(predicted, rel=0.1)

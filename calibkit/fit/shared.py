@@ -1,13 +1,12 @@
 """Errors that rows share, and what is known of parameters before a fit."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from calibkit.arrays import Array, Integers
 from calibkit.fit.complex_step import Numbers
-from calibkit.numeric.least_squares.components import Effect, Known
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,15 +86,6 @@ class Shared:
         row, place = np.nonzero(level >= 0)
         np.add.at(total, level[row, place], loading[row, place] * rows[row, None])
         return total.ravel()
-
-
-def known_effects(shared: Iterable[Shared], sizes: Mapping[tuple[str, str], Known]) -> list[Effect]:
-    """Errors whose sizes are known by group and effect, as plans weigh them."""
-    return [
-        Effect(one.group, one.effect, one.level, one.loading, sizes[one.group, one.effect])
-        for one in shared
-        if (one.group, one.effect) in sizes
-    ]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from calibkit.arrays import Array, Integers, Mask
-from calibkit.errors import FitError
+from calibkit.errors import FitError, UsageError
 from calibkit.fit import likelihood
 from calibkit.fit.complex_step import Numbers, derivative
 from calibkit.fit.likelihood import Estimate, Rows, Solution, Stated
@@ -323,6 +323,50 @@ def solve(
     estimate = likelihood.at_variances(solution)
     fit = problem.result(p, lines, estimate, kept, used)
     return replace(fit, noise_residual=-noise_residual * problem.relative, converged=converged)
+
+
+def predict(
+    residual: Residual,
+    p: Array,
+    shared: Sequence[Shared] = (),
+    *,
+    priors: Sequence[Prior] = (),
+    noise: Array,
+    names: Sequence[str] = (),
+) -> Fit:
+    """Fit of rows that are imagined at parameters [p]: all sizes as they are stated, degrees of
+    freedom by the expected information.
+
+    Parameters
+    ----------
+    residual, p, shared, priors, names : as of `solve`; an optional error of no stated size is left
+        out.
+    noise : [n], standard deviation of the noise of each residual.
+
+    Raises
+    ------
+    UsageError : an error of no stated size, by name.
+    FitError : parameters that the rows do not determine, by name.
+
+    """
+    required = [error for error in shared if not error.optional or error.size is not None]
+    for error in required:
+        if error.size is None:
+            raise UsageError(
+                f"the size of the error '{error.effect}' of group '{error.group}' is not known",
+                hint="state it in [device] of the equipment file or in [[errors.component]]",
+            )
+    present = [error for error in required if error.size]
+    problem = _Problem.of(residual, p, present, priors, None, noise, None, names)
+    used = np.ones(problem.n, dtype=np.bool_)
+    lines = problem.linearise(p, used, noise_known=False)
+    sizes = [1.0, *(prior.size for prior in priors)]
+    sizes += [error.size or 0.0 for error in (*problem.noises, *problem.mixed)]
+    solution = Solution(lines.rows, np.array(sizes) ** 2, lines.stated)
+    estimate = likelihood.at_variances(solution)
+    estimate = replace(estimate, covariance=solution.inverse[: len(p), : len(p)])
+    kept = range(len(problem.mixed))
+    return replace(problem.result(p, lines, estimate, kept, used), converged=True)
 
 
 def sensitivities(residual: Residual, shifted: Sequence[Residual], fit: Fit) -> list[Array]:

@@ -120,7 +120,8 @@ ROOMS = {
     "files": "firmware",
     "conventions": "firmware",
     "correct_as_firmware": "firmware",
-    "planner": "plan",
+    "prepare_plan": "plan",
+    "simulate_plan": "plan",
     "CAMPAIGNS": "simulate",
     "propose": "propose",
     "KEY_FIGURES": "forms",
@@ -134,7 +135,8 @@ blocks(stated) → blocks of results on a certificate.
 chain(spec, records) → correction chain of firmware, files(spec) → coefficient files that it takes
     its numbers from, conventions(spec) → conventions of inputs and outputs, one line each,
     correct_as_firmware(spec, chain, program, data) → a log as the exported firmware corrects it.
-planner() → how its campaigns are planned.
+prepare_plan(spec, task) → campaigns among which a plan chooses, and what they will tell,
+    simulate_plan(spec, schedule, document, seed) → logs of a campaign that was run by a plan.
 CAMPAIGNS: name → simulated campaign by its seed.
 propose(evidence) → recipe for logs that are of this instrument; None for other logs.
 KEY_FIGURES: patterns of whole names of the figures that a fleet compares from device to device.

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibkit.arrays import Array, Integers
-from calibkit.numeric.information import invert
 
 TRIED = 3
 """Best candidates of an entry, by the derivative of the criterion, that are tried."""
@@ -101,6 +100,13 @@ class Pool:
         tried = [self.exchange(self.start(count, rng)) for _ in range(starts)]
         found, value = min(tried, key=lambda one: one[1])
         return sorted(found), value
+
+
+def invert(matrix: Array) -> Array:
+    """Inverse [..., q, q] of information matrices whose columns differ in size."""
+    size = np.sqrt(np.diagonal(matrix, axis1=-2, axis2=-1))
+    outer = size[..., :, None] * size[..., None, :]
+    return np.asarray(np.linalg.inv(matrix / outer) / outer, dtype=np.float64)
 
 
 def exchange_values(

@@ -35,8 +35,7 @@ def find_differences(schedule: Schedule, read: Callable[[str], Log | None]) -> I
     """Actions of a schedule that logs lack, and those that differ, one text each; `read` gives a
     log by its name, None where there is none.
     """
-    for name in dict.fromkeys(one.log for one in schedule.actions if one.log):
-        planned = [one for one in schedule.actions if one.log == name]
+    for name, planned in schedule.by_log().items():
         log = read(name)
         if log is None:
             kinds = {one.action for one in planned}

@@ -12,17 +12,16 @@ import numpy as np
 from calibkit import units
 from calibkit.errors import RecipeError, UsageError
 from calibkit.frame import values
+from calibkit.planning.schedule import Schedule
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from calibkit.arrays import Array
     from calibkit.coefficients import Record, StageResult
     from calibkit.frame import Log
     from calibkit.planning.equipment import Equipment
-    from calibkit.planning.schedule import Schedule
     from calibkit.recipe.tables import ErrorComponent
-    from calibkit.simulate.campaign import Campaign
 
 COVERAGE = 2.0
 """Coverage factor of U in plans: the sizes of shared errors are assumed, not estimated."""
@@ -173,16 +172,42 @@ class Predicted:
 
 
 @dataclass(frozen=True, slots=True)
-class Candidate:
+class Design:
     """A campaign that could be run."""
 
     label: str
     """What it is, in a few words."""
-    hours: float
+    schedule: Schedule
+    logs: tuple[str, ...]
+    """Names of its logs, as a recipe lists them."""
+    rows: Any
+    """What the instrument predicts its uncertainty from."""
+    how: Any = None
+    """What the instrument made it from."""
+
+    @classmethod
+    def nothing(cls) -> Design:
+        """A campaign that adds nothing to what is measured."""
+        return cls(NOTHING, Schedule(()), (), None)
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A campaign with what it will give."""
+
+    design: Design
     largest_u: Mapping[str, float]
     """Result → largest standard uncertainty in the range of use."""
-    design: Any
-    """What the instrument makes the whole proposal from."""
+
+    @property
+    def label(self) -> str:
+        """What it is, in a few words."""
+        return self.design.label
+
+    @property
+    def hours(self) -> float:
+        """How long it takes."""
+        return self.design.schedule.hours
 
     def meets(self, wishes: Sequence[Wish]) -> bool:
         """Whether every wish is met."""
@@ -226,20 +251,6 @@ class Proposal:
     notes: tuple[str, ...] = ()
     settings: Mapping[str, Any] = field(default_factory=dict)
     """What a simulation of the campaign needs beside the schedule."""
-
-
-@dataclass(frozen=True, slots=True)
-class Planner:
-    """How campaigns of an instrument are planned."""
-
-    propose: Callable[[Any, Task], tuple[Proposal, tuple[Wish, ...]]]
-    """Recipe and task → what is proposed, and the wishes in the units of its results; the wishes
-    may be not met.
-    """
-    judge: Callable[[Any, Task], tuple[Predicted, ...]]
-    """Recipe and task → what the logs that it has tell; empty where they do not determine all."""
-    simulate: Callable[[Any, Schedule, Mapping[str, Any], int], Campaign]
-    """Recipe, schedule, document of the plan and seed → logs of a campaign with its truth."""
 
 
 def find_front(candidates: Iterable[Candidate], name: str) -> list[Candidate]:

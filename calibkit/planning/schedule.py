@@ -56,6 +56,14 @@ class Schedule:
         """Length of the campaign."""
         return self.actions[-1].end_s / _HOUR if self.actions else 0.0
 
+    def by_log(self) -> dict[str, list[Action]]:
+        """Log → the actions that it records, in their order."""
+        logs: dict[str, list[Action]] = {one.log: [] for one in self.actions if one.log}
+        for one in self.actions:
+            if one.log:
+                logs[one.log].append(one)
+        return logs
+
     def recorded(self, kind: Kind) -> tuple[Action, ...]:
         """Actions of a kind that a log records."""
         return tuple(one for one in self.actions if one.action == kind and one.log)

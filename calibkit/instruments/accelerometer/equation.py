@@ -129,6 +129,15 @@ class Terms:
         return max(term.power for term in self.listed)
 
     @property
+    def cross_changes(self) -> bool:
+        """Whether a cross-axis term changes with temperature."""
+        return any(term.kind == "c" and term.power for term in self.listed)
+
+    def with_constant_cross(self) -> "Terms":
+        """The terms without the change of cross-axis terms with temperature."""
+        return Terms(tuple(t for t in self.listed if t.kind != "c" or not t.power))
+
+    @property
     def nominal(self) -> Array:
         """Parameters [p] of a triad without an error."""
         return np.array([float(t.kind == "k" and t.power == 0) for t in self.listed])

@@ -10,7 +10,7 @@ from calibkit.arrays import Array
 from calibkit.coefficients import Figure, Model, Parameter
 from calibkit.instruments.accelerometer import forms, published, robust_choice
 from calibkit.instruments.accelerometer.dwells import DwellSet
-from calibkit.instruments.accelerometer.equation import AXES, Orders, Terms
+from calibkit.instruments.accelerometer.equation import AXES, Terms
 from calibkit.instruments.accelerometer.numeric import k_factor, magnitude, q_factor
 from calibkit.instruments.accelerometer.numeric.k_factor import KTerms
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
@@ -49,7 +49,7 @@ def fit_triad(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
     lengths = spec.reference.kind == "magnitude"
     bounded = lengths and spec.reference.solver == "lmfit"
     if spec.k.enabled and not lengths:
-        k_factor.require_determined(dwells.reference, dwells.temperature, _k_terms(spec))
+        k_factor.require_determined(dwells.reference, dwells.temperature, k_terms(spec))
     terms, flags = choose_terms(dwells, spec)
     if lengths:
         uncorrected: Array = np.linalg.norm(dwells.indication, axis=1) - 1.0
@@ -88,7 +88,7 @@ def list_models(
     k: tuple[Model, ...] = ()
     not_fitted: tuple[str, ...] = ()
     if not lengths and spec.k.enabled:
-        chosen = _k_terms(spec)
+        chosen = k_terms(spec)
         named = zip(forms.K_MODELS, published.fit_k(dwells, chosen, triad), strict=True)
         k = tuple(_k_model(dwells, triad, name, axis) for name, axis in named)
         not_fitted = _list_not_fitted(chosen)
@@ -102,9 +102,18 @@ def choose_terms(dwells: DwellSet, spec: AccelerometerRecipe) -> tuple[Terms, tu
     """Terms of the equation that the recipe asks for, and a flag where the dwells do not show how
     cross-axis terms change with temperature.
     """
+    terms = asked_terms(spec)
+    if spec.reference.kind == "magnitude" or not terms.cross_changes or determines(dwells, terms):
+        return terms, ()
+    constant = terms.with_constant_cross()
+    flag = "cross-axis terms are constant over temperature: these dwells do not show their change"
+    return (constant, (flag,)) if determines(dwells, constant) else (terms, ())
+
+
+def asked_terms(spec: AccelerometerRecipe) -> Terms:
+    """Terms of the equation that a recipe asks for."""
     triad, lengths = spec.affine, spec.reference.kind == "magnitude"
-    scale = zero = (0, 0, 0)
-    cross = (0, 0, 0)
+    scale = zero = cross = (0, 0, 0)
     if triad.enabled:
         scale, zero = (triad.scale_order,) * 3, (triad.bias_order,) * 3
         cross = (min(triad.cross_order, 1),) * 3
@@ -113,26 +122,17 @@ def choose_terms(dwells: DwellSet, spec: AccelerometerRecipe) -> tuple[Terms, tu
         scale = x.scale_order, y.scale_order, z.scale_order
         zero = x.zero_order, y.zero_order, z.zero_order
         cross = 2 * x.cross - 1, 2 * y.cross - 1, 2 * z.cross - 1
-
-    def with_cross(cross: Orders) -> Terms:
-        return Terms.of_orders(
-            *(scale, zero, cross),
-            triangular=lengths or (triad.enabled and triad.fixture),
-            second_order=triad.enabled and triad.second_order,
-            third_order=triad.enabled and triad.third_order,
-            tilt=triad.enabled and triad.tilt,
-            fixture=triad.enabled and triad.fixture,
-        )
-
-    terms = with_cross(cross)
-    if lengths or max(cross) < 1 or determines(dwells, terms):
-        return terms, ()
-    constant = with_cross((min(cross[0], 0), min(cross[1], 0), min(cross[2], 0)))
-    flag = "cross-axis terms are constant over temperature: these dwells do not show their change"
-    return (constant, (flag,)) if determines(dwells, constant) else (terms, ())
+    return Terms.of_orders(
+        *(scale, zero, cross),
+        triangular=lengths or (triad.enabled and triad.fixture),
+        second_order=triad.enabled and triad.second_order,
+        third_order=triad.enabled and triad.third_order,
+        tilt=triad.enabled and triad.tilt,
+        fixture=triad.enabled and triad.fixture,
+    )
 
 
-def _k_terms(spec: AccelerometerRecipe) -> tuple[KTerms, ...]:
+def k_terms(spec: AccelerometerRecipe) -> tuple[KTerms, ...]:
     """Coefficients K of the three axes that the recipe asks for."""
     return tuple(KTerms(a.scale_order, a.zero_order, a.cross) for a in spec.k.axes)
 

@@ -28,7 +28,6 @@ from calibkit.instruments.accelerometer.fit import TriadFit, fit_triad
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.left_out import LeftOut
 from calibkit.numeric import attitude, chunks
-from calibkit.planning.proposal import Planner
 from calibkit.report.summary import Summary
 
 if TYPE_CHECKING:
@@ -212,18 +211,3 @@ def validate(
                 f"{log.file}: temperature clamped over {100.0 * outside:.1f} % of the dwells"
             )
     return {"logs": entries}, Summary("", tuple(shown), tuple(flags), tuple(criteria))
-
-
-def planner() -> Planner:
-    """How campaigns are planned."""
-    from calibkit.instruments.accelerometer import plan, plan_magnitude, simulate_plan
-
-    ways = {
-        "attitude": Planner(plan.propose, plan.judge, simulate_plan.campaign),
-        "magnitude": plan_magnitude.PLANNER,
-    }
-    return Planner(
-        lambda spec, task: ways[spec.reference.kind].propose(spec, task),
-        lambda spec, task: ways[spec.reference.kind].judge(spec, task),
-        lambda spec, *asked: ways[spec.reference.kind].simulate(spec, *asked),
-    )

@@ -8,6 +8,7 @@ K = P g, P the pseudo-inverse of the design: exact on data that the form made. W
 by, P V Pᵀ, comes from the errors of the triad's own fit.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -46,24 +47,16 @@ def fit_k(dwells: DwellSet, terms: tuple[KTerms, ...], triad: Triad) -> tuple[KA
     t = triad.mapped_all(dwells.temperature)
     used = triad.fit.used.reshape(-1, 3)
     weights = np.ones(used.shape) if dwells.weights is None else dwells.weights
-    fitted = [part.fitted for part in terms]
-    ends = np.cumsum([0, *map(len, fitted)])
-    blocks = [slice(a, b) for a, b in pairwise(ends.tolist())]
-    P = np.zeros((ends[-1], len(t), 3))
-    designs = []
-    for axis, (numbers, block) in enumerate(zip(fitted, blocks, strict=True)):
-        design = k_factor.columns(dwells.indication, t, axis, numbers)
-        root = np.sqrt(weights[:, axis]) * used[:, axis]
-        P[block, :, axis] = np.linalg.pinv(design * root[:, None]) * root
-        designs.append(design)
-    whole = triad.fit.linear(P.reshape(ends[-1], -1), dwells.reference.ravel())
-    whole = whole.bounded_by(triad.bounds)
+    fitted, blocks = [part.fitted for part in terms], blocks_of(terms)
+    form = corrections(terms, dwells.indication, t)
+    P = pseudo_inverse(form, np.sqrt(weights) * used)
+    whole = triad.fit.linear(P, dwells.reference.ravel()).bounded_by(triad.bounds)
     corrected = triad.terms.corrected(triad.fit.parameters, dwells.indication, t)
+    by_form = form @ whole.parameters
     axes = []
     for axis, (numbers, block) in enumerate(zip(fitted, blocks, strict=True)):
-        form = designs[axis] @ whole.parameters[block]
-        kept = used[:, axis]
-        left = (dwells.reference[:, axis] - form)[kept]
+        kept, component = used[:, axis], by_form[:, axis]
+        left = (dwells.reference[:, axis] - component)[kept]
         spare = max(int(kept.sum()) - len(numbers), 1)
         axes.append(
             _in_degrees(
@@ -72,10 +65,42 @@ def fit_k(dwells: DwellSet, terms: tuple[KTerms, ...], triad: Triad) -> tuple[KA
                 numbers,
                 triad,
                 float(np.sqrt(left @ left / spare)),
-                rms((form - corrected[:, axis])[kept]),
+                rms((component - corrected[:, axis])[kept]),
             )
         )
     return tuple(axes)
+
+
+def blocks_of(terms: Sequence[KTerms]) -> list[slice]:
+    """Places of the fitted K of each axis among those of all."""
+    ends = np.cumsum([0, *(len(part.fitted) for part in terms)])
+    return [slice(a, b) for a, b in pairwise(ends.tolist())]
+
+
+def corrections(terms: Sequence[KTerms], indication: Array, t: Array) -> Array:
+    """Design [n, 3, k] of corrected components by the fitted K of all axes, for temperatures t [n]
+    in the unit that K is meant for.
+    """
+    blocks = blocks_of(terms)
+    design = np.zeros((len(t), 3, blocks[-1].stop))
+    for axis, (part, block) in enumerate(zip(terms, blocks, strict=True)):
+        design[:, axis, block] = k_factor.columns(indication, t, axis, part.fitted)
+    return design
+
+
+def pseudo_inverse(design: Array, root: Array) -> Array:
+    """P [k, n · 3] of rows of a design [n, 3, k] with weights root² [n, 3]."""
+    rows = design.reshape(-1, design.shape[2])
+    return np.asarray(np.linalg.pinv(rows * root.reshape(-1, 1)) * root.ravel())
+
+
+def to_degrees(middle: float, half: float) -> np.ndarray:
+    """Matrix [10, 10], in extended precision, from K for temperature mapped to [-1, 1] to K in
+    powers of °C.
+    """
+    matrix = np.eye(10, dtype=np.longdouble)
+    matrix[:4, :4] = matrix[4:8, 4:8] = polynomial.to_raw_powers(middle, half, 3)
+    return matrix
 
 
 def _in_degrees(
@@ -91,8 +116,7 @@ def _in_degrees(
     places = list(numbers)
     mapped[places] = whole.parameters[block]
     covariance[np.ix_(places, places)] = whole.total_covariance[block, block]
-    to_raw = np.eye(10, dtype=np.longdouble)
-    to_raw[:4, :4] = to_raw[4:8, 4:8] = polynomial.to_raw_powers(triad.middle, triad.half, 3)
+    to_raw = to_degrees(triad.middle, triad.half)
     raw, raw_covariance = polynomial.in_raw_powers(mapped, covariance, to_raw)
     inner = np.asarray(to_raw, dtype=np.float64)[np.ix_(places, places)]
     dof[places] = whole.of(lambda p: inner @ p[block]).dof

@@ -83,7 +83,7 @@ class Triad:
         """
         lengths = self.residuals.shape[1] == 1
         residual, *moved = (
-            _residual(one, self.terms, self.mapped_all(one.temperature), lengths=lengths)
+            residual_of(one, self.terms, self.mapped_all(one.temperature), lengths=lengths)
             for one in (dwells, *shifted)
         )
         return [
@@ -126,7 +126,7 @@ def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, lo
     half = half or 1.0
     t = (dwells.temperature - middle) / half
     per_dwell = 1 if lengths else 3
-    residual = _residual(dwells, terms, t, lengths=lengths)
+    residual = residual_of(dwells, terms, t, lengths=lengths)
     priors: tuple[Prior, ...] = ()
     if lengths:
         start, priors = _start_of_lengths(dwells, terms)
@@ -211,7 +211,7 @@ def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, lo
     )
 
 
-def _residual(dwells: DwellSet, terms: Terms, t: Array, *, lengths: bool) -> Residual:
+def residual_of(dwells: DwellSet, terms: Terms, t: Array, *, lengths: bool) -> Residual:
     """Residual against gravity vectors, or against the length of gravity."""
     indication = dwells.indication
     if lengths:

@@ -22,7 +22,6 @@ from calibkit.instruments.bias_temperature import (
 )
 from calibkit.instruments.bias_temperature.recipe import BiasTemperatureRecipe
 from calibkit.numeric import chunks
-from calibkit.planning.proposal import Planner
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -153,10 +152,3 @@ def _keys_of(channels: Sequence[str]) -> dict[str, str]:
 def propose(evidence: Evidence) -> Choice | None:
     """Recipe for a static instrument with times and one temperature: all that it measures."""
     return evidence.choose_at_rest("bias_temperature", _keys_of)
-
-
-def planner() -> Planner:
-    """How campaigns are planned."""
-    from calibkit.instruments.bias_temperature import plan, simulate_plan
-
-    return Planner(plan.propose, plan.judge, simulate_plan.campaign)

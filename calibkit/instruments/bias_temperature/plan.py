@@ -1,63 +1,56 @@
-"""Campaigns of a static instrument: soaks at which temperatures, how long and how often it is
-switched on, and what they will give.
+"""Campaigns of a static instrument: soaks at which temperatures, how long, and how often it is
+switched on.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from calibkit import units
 from calibkit.errors import FitError, UsageError
+from calibkit.fit.shared import Shared
+from calibkit.fit.solve import Fit, predict
 from calibkit.forms import power_unit
 from calibkit.frame import values
 from calibkit.instruments.bias_temperature.polynomials import EFFECTS, GROUP
-from calibkit.numeric.information import find_information
 from calibkit.numeric.least_squares import polynomial
-from calibkit.numeric.least_squares.components import Effect, Known
-from calibkit.planning import recipe_text
-from calibkit.planning.linear import (
+from calibkit.planning.assumptions import assume, read_sizes, seen_errors
+from calibkit.planning.levels import (
     LEVELS,
-    Results,
-    assume_errors,
     choose_some,
-    known_sizes,
     list_levels,
     list_usual_levels,
     order_there_and_back,
     raw_uncertainties,
-    read_components,
 )
 from calibkit.planning.proposal import (
-    NOTHING,
     ONE_LEVEL_DEGC,
     WITHHELD,
-    Candidate,
     Coefficient,
-    Predicted,
-    Proposal,
-    Task,
-    Wish,
-    choose,
+    Design,
     count,
     cover_range,
-    find_front,
 )
 from calibkit.planning.schedule import Clock
+from calibkit.planning.search import Bench, Sources, join, split_variance
+from calibkit.planning.simulation import as_planned
+from calibkit.simulate.chamber import follow_with_lag
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from calibkit.arrays import Array, Integers
     from calibkit.frame import Log
     from calibkit.instruments.bias_temperature.recipe import BiasTemperatureRecipe
-    from calibkit.numeric.information import Information
     from calibkit.planning.equipment import Device
-    from calibkit.planning.schedule import Schedule
-    from calibkit.recipe.tables import ErrorComponent
+    from calibkit.planning.proposal import Task
+    from calibkit.planning.schedule import Action, Schedule
+    from calibkit.simulate.campaign import Campaign
 
 RANGE_DEGC = (-40.0, 60.0)
 FILE = "bias.json"
@@ -68,232 +61,213 @@ TIMES = (1, 2, 3)
 """How often the temperatures are gone through, or how often it is switched on at each."""
 BLOCKS = 64
 """Parts of a measured log whose mean temperatures are taken."""
+USUAL_S = 3600.0
+"""Length of each log of the usual campaign."""
 RESTART = "the instrument is switched off and on before each log that a fit sees"
+DRIFT = 50.0
+"""Simulated drift over the range, in standard deviations of the noise of a minute."""
+REACHED_DEGC, THERMOMETER_DEGC = 0.1, 0.01
+"""Standard deviations of the temperature that is reached and of a reading."""
 
 
 @dataclass(frozen=True, slots=True)
-class _Rows:
+class Means:
     """Means over spans of logs."""
 
     degc: Array
     log: Integers
     noise: Array
 
-    @classmethod
-    def none(cls) -> _Rows:
-        """No rows."""
-        return cls(np.zeros(0), np.zeros(0, dtype=np.int64), np.zeros(0))
 
-    def join(self, degc: Array, noise: Array, log: Integers) -> _Rows:
-        """These rows and those of other logs, numbered from 0."""
-        return _Rows(
-            np.concatenate([self.degc, degc]),
-            np.concatenate([self.log, log + int(self.log.max(initial=-1)) + 1]),
-            np.concatenate([self.noise, noise]),
-        )
+@dataclass(frozen=True)
+class BiasBench(Bench):
+    """Campaigns of an instrument at rest."""
 
-
-@dataclass(frozen=True, slots=True)
-class _Design:
-    """A campaign: temperatures of its logs in their order, length of each."""
-
-    degc: tuple[int, ...]
-    dwell_s: float
-
-    @property
-    def label(self) -> str:
-        """The campaign in a few words."""
-        if not self.degc:
-            return NOTHING
-        held = count(len(self.degc), "log")
-        places = count(len({*self.degc}), "temperature")
-        return f"{held} at {places}, {self.dwell_s / 60.0:g} min each"
-
-
-@dataclass(frozen=True, slots=True)
-class _Bench:
-    """What the search needs to know."""
-
-    task: Task
-    device: Device
     order: int
-    range_degc: tuple[float, float]
-    components: tuple[ErrorComponent, ...]
-    turn_on: Known
-    results: Results
-    have: _Rows
 
-    @property
-    def scale(self) -> tuple[float, float]:
-        """Middle and half-width of the range of use."""
-        return polynomial.middle_and_half(np.array(self.range_degc))
+    def powers(self, degc: Array) -> Array:
+        """Powers [n, order + 1] of temperatures mapped from the range of use to [-1, 1]."""
+        middle, half = polynomial.middle_and_half(np.array(self.assumed.range_degc))
+        return polynomial.powers(degc, self.order, middle=middle, half=half)
 
-    def rows(self, design: _Design) -> _Rows:
-        """What is measured already, and a mean of each log of a design."""
-        degc = np.array(design.degc, dtype=np.float64)
-        noise = self.device.noise * np.sqrt(self.device.noise_s / max(design.dwell_s, 1.0))
-        return self.have.join(degc, np.full(degc.size, noise), np.arange(degc.size))
+    def fit(self, design: Design) -> Fit:
+        """What means of logs, each with its own turn-on bias, will tell of the polynomial."""
+        means: Means = self.rows(design)
+        group, effect = TURN_ON
+        turn_on = Shared(
+            group=group,
+            effect=effect,
+            level=means.log,
+            loading=np.ones((means.log.size, 1)),
+            unit=self.assumed.device.noise_unit,
+        )
+        powers = self.powers(means.degc)
+        start, names = np.zeros(self.order + 1), [f"p{k}" for k in range(self.order + 1)]
+        shared = self.assumed.state([turn_on])
+        return predict(lambda p: powers @ p, start, shared, noise=means.noise, names=names)
 
-    def information(self, rows: _Rows) -> Information:
-        """Information on the powers of temperature."""
-        middle, half = self.scale
-        powers = polynomial.powers(rows.degc, self.order, middle=middle, half=half)
-        effect = Effect(*TURN_ON, rows.log, np.ones(rows.log.size), self.turn_on)
-        return find_information(powers / rows.noise[:, None], 1.0, [effect.divided_by(rows.noise)])
-
-    def schedule(self, design: _Design) -> Schedule:
-        """Schedule of a design; where nothing is withheld yet, with the longest way between two
-        temperatures in a log that is.
+    def covers(self, design: Design) -> bool:
+        """Whether both ends of the range are reached, with a temperature more than the order
+        needs.
         """
-        equipment, clock = self.task.equipment, Clock(self.task.equipment)
-        rate = equipment.fastest(self.device)
-        steps = [abs(b - a) for a, b in pairwise(design.degc)]
+        return cover_range(self.rows(design).degc, self.order + 2, self.assumed.range_degc)
+
+    @cached_property
+    def slopes(self) -> dict[str, Array]:
+        """Result → its derivatives [m, order + 1] over the range of use."""
+        low, high = self.assumed.range_degc
+        bias = self.powers(np.linspace(low, high, LEVELS))
+        reference = np.clip(self.spec.reference_temp_degc, low, high)
+        return {"drift": bias - self.powers(np.array([reference])), "bias": bias}
+
+    def variances(self, design: Design) -> Mapping[str, Sources]:
+        """Variances of each result."""
+        fit = self.fit(design)
+        return {name: split_variance(fit, slopes) for name, slopes in self.slopes.items()}
+
+    def coefficients(self, design: Design) -> Iterator[Coefficient]:
+        """In powers of °C; of a channel of a lower order as of the highest."""
+        every = raw_uncertainties(self.fit(design).covariance, self.assumed.range_degc)
+        for channel in self.spec.polynomials.bias:
+            for k, u in enumerate(every[: channel.order + 1]):
+                unit = power_unit(self.assumed.device.noise_unit, "degC", k)
+                yield Coefficient(channel.indication, f"p{k}", unit, u)
+
+    def design(self, degc: tuple[int, ...], dwell_s: float) -> Design:
+        """Logs at temperatures in their order; where nothing is withheld yet, with the longest way
+        between two temperatures in a log that is.
+        """
+        equipment, device = self.task.equipment, self.assumed.device
+        clock, rate = Clock(equipment), equipment.fastest(device)
+        steps = [abs(b - a) for a, b in pairwise(degc)]
         longest = int(np.argmax(steps)) + 1 if steps and not self.task.withheld else -1
         stem = self.task.name_log("soak")
-        for number, degc in enumerate(design.degc):
-            settle_s = equipment.soak_s(self.device, degc - clock.degc, rate)
-            own = f"{WITHHELD}{stem}_way_to_{degc}.csv" if number == longest else ""
-            clock.ramp(float(degc), rate, own)
-            clock.soak(settle_s, own)
+        for number, level in enumerate(degc):
+            settle_s = equipment.soak_s(device, level - clock.degc, rate)
+            way = f"{WITHHELD}{stem}_way_to_{level}.csv" if number == longest else ""
+            clock.ramp(float(level), rate, way)
+            clock.soak(settle_s, way)
             # while it settles the instrument warms up, but where it is on from before
-            warm_s = self.device.warm_up_s - (0.0 if own else settle_s)
+            warm_s = device.warm_up_s - (0.0 if way else settle_s)
             clock.soak(max(warm_s, 0.0))
-            clock.soak(design.dwell_s, f"{stem}_{number + 1:02d}_{degc}.csv")
-        return clock.schedule()
+            clock.soak(dwell_s, f"{stem}_{number + 1:02d}_{level}.csv")
+        noise = np.full(len(degc), self.assumed.noise_of(dwell_s))
+        means = Means(np.array(degc, dtype=np.float64), np.arange(len(degc)), noise)
+        logs, levels = count(len(degc), "log"), count(len({*degc}), "temperature")
+        label = f"{logs} at {levels}, {dwell_s / 60.0:g} min each"
+        return Design(label, clock.schedule(), (f"{stem}_*.csv",), means)
 
-    def candidate(self, design: _Design) -> Candidate | None:
-        """A campaign with its hours and uncertainties; None where it does not determine all, or has
-        no temperature more than the order needs or none at an end of the range.
+    def designs(self) -> Iterator[Design]:
+        """Campaigns of all sizes; beside what is measured, those of the temperatures that it lacks,
+        and `NOTHING`.
         """
-        rows = self.rows(design)
-        if not cover_range(rows.degc, self.order + 2, self.range_degc):
-            return None
-        hours = self.schedule(design).hours
-        return self.results.candidate(design.label, hours, self.information(rows), design)
+        if self.task.have:
+            yield Design.nothing()
+        seen: set[tuple[int, ...]] = set()
+        for levels in list_levels(self.task, self.order, MORE_LEVELS, self.assumed.range_degc):
+            tour = order_there_and_back(levels)
+            listed = [tour[:-1] * number + tour[:1] for number in TIMES]
+            listed += [tuple(np.repeat(tour, number).tolist()) for number in TIMES]
+            listed += choose_some(tour[:-1]) if self.task.have else ()
+            for degc in dict.fromkeys(listed):
+                if degc not in seen:
+                    seen.add(degc)
+                    yield from (self.design(degc, t) for t in self.assumed.device.dwell_s)
+
+    def usual(self) -> Iterator[Design]:
+        """An hour at each of nine temperatures, from low to high."""
+        yield self.design(list_usual_levels(self.assumed.range_degc), USUAL_S)
+
+    def settings(self, design: Design) -> Mapping[str, Any]:  # noqa: ARG002 (as every bench's)
+        """Lag of the case, and noise of a second."""
+        device = self.assumed.device
+        return {"lag_s": max(device.lags_s), "noise_1s": device.noise * device.noise_s**0.5}
+
+    def notes(self, design: Design) -> Iterable[str]:
+        """How the instrument is switched on."""
+        return ((RESTART,) if design.rows else ()) + self.assumed.notes
 
 
-def propose(spec: BiasTemperatureRecipe, task: Task) -> tuple[Proposal, tuple[Wish, ...]]:
-    """Cheapest campaign of a recipe that meets the wishes, or the best within hours."""
-    bench = _prepare(spec, task)
-    wishes = tuple(Wish.parse(text, bench.results.units) for text in task.wishes)
-    name = wishes[0].name if wishes else "drift"
-    found = [one for one in map(bench.candidate, _list_designs(bench)) if one is not None]
-    if not found:
-        raise FitError(
-            "no campaign determines the polynomial over the range",
-            hint="plan without --have, or for a narrower --range",
-        )
-    best = choose(found, wishes, task.within_h, name)
-    design: _Design = best.design
-    information = bench.information(bench.rows(design))
-    lag_s, white = max(bench.device.lags_s), bench.device.noise * bench.device.noise_s**0.5
-    return Proposal(
-        best.label,
-        bench.schedule(design),
-        bench.results.predict(information),
-        tuple(_list_coefficients(spec, bench, information)),
-        bench.range_degc,
-        recipe_text.write_recipe(
-            spec,
-            [task.name_log("soak_*.csv")] if design.degc else [],
-            bench.components,
-            {},
-            added=bool(task.have),
-        ),
-        bench.device.noise,
-        bench.device.noise_unit,
-        bench.components,
-        tuple(find_front(found, name)),
-        () if task.have else _list_usual(bench),
-        (*((RESTART,) if design.degc else ()), *task.describe_range(RANGE_DEGC)),
-        {"lag_s": lag_s, "noise_1s": white},
-    ), wishes
-
-
-def judge(spec: BiasTemperatureRecipe, task: Task) -> tuple[Predicted, ...]:
-    """What the logs that are measured tell; empty where they do not determine all."""
-    bench = _prepare(spec, task)
-    found = bench.information(bench.have)
-    return bench.results.predict(found) if found.determined else ()
-
-
-def _prepare(spec: BiasTemperatureRecipe, task: Task) -> _Bench:
+def prepare_plan(spec: BiasTemperatureRecipe, task: Task) -> BiasBench:
     """What the search needs; UsageError for what cannot be planned."""
-    device, own = task.equipment.known_device(spec.procedure), spec.polynomials
+    device, polynomials = task.equipment.known_device(spec.procedure), spec.polynomials
     other = [one for one in spec.still_columns() if units.column_unit(one) != device.noise_unit]
-    order = max(one.order for one in own.bias)
-    if other or units.column_unit(own.abscissa) != "degC" or order < 1:
+    order = max(one.order for one in polynomials.bias)
+    if other or units.column_unit(polynomials.abscissa) != "degC" or order < 1:
         raise UsageError(
             f"a plan is for channels in {device.noise_unit} as polynomials of a temperature in"
-            f" °C; the recipe has {', '.join(other) or own.abscissa} of order {order}",
+            f" °C; the recipe has {', '.join(other) or polynomials.abscissa} of order {order}",
             hint=f"plan channels of one unit, that of noise_unit in [device.{spec.procedure}]",
         )
-    low, high = range_degc = task.range_degc or RANGE_DEGC
-    task.equipment.require_reached(low, high)
-    unit = device.noise_unit
-    seen = () if task.earlier is None else read_components(task.earlier, FILE, spec.procedure)
-    earlier = [one for one in seen if (one.group, one.effect) == TURN_ON]
-    stated = assume_errors(spec, device, earlier, {TURN_ON: unit})
-    size = known_sizes(stated.values(), {TURN_ON: unit}).get(TURN_ON, Known(0.0))
-    middle, half = polynomial.middle_and_half(np.array(range_degc))
-    used = np.append(np.linspace(low, high, LEVELS), np.clip(spec.reference_temp_degc, low, high))
-    powers = polynomial.powers(used, order, middle=middle, half=half)
-    results = Results(
-        {"drift": unit, "bias": unit}, {"drift": powers[:-1] - powers[-1], "bias": powers[:-1]}
-    )
-    have = _measure(task.have, own.abscissa, device)
-    return _Bench(task, device, order, range_degc, tuple(stated.values()), size, results, have)
+    earlier = []
+    if task.earlier is not None:
+        if FILE not in task.earlier:
+            raise UsageError(f"that run has no {FILE}", hint=f"name a run of {spec.procedure}")
+        seen = seen_errors(task.earlier[FILE].models)
+        earlier = [one for one in seen if (one.group, one.effect) == TURN_ON]
+    named = {TURN_ON: device.noise_unit}
+    assumed = assume(spec, task, device, named, default_degc=RANGE_DEGC, earlier=earlier)
+    results = dict.fromkeys(("drift", "bias"), device.noise_unit)
+    each = [_measure(log, polynomials.abscissa, device) for log in task.have]
+    return BiasBench(spec, task, assumed, results, join(*each) if each else None, order)
 
 
-def _measure(logs: Sequence[Log], abscissa: str, device: Device) -> _Rows:
-    """Mean temperatures of parts of measured logs; FitError for a log without times."""
-    rows = _Rows.none()
-    for log in logs:
-        if "time_s" not in log.frame.columns:
-            raise FitError(
-                f"{log.file}: no times, expected time_s to know how long it is",
-                hint="map it under [columns.time_s], or plan without --have",
-            )
-        degc, time = values(log.frame, abscissa), values(log.frame, "time_s")
-        parts = 1 if np.ptp(degc) < ONE_LEVEL_DEGC else min(BLOCKS, degc.size)
-        means = np.array([part.mean() for part in np.array_split(degc, parts)])
-        noise = device.noise * np.sqrt(device.noise_s * parts / (time[-1] - time[0]))
-        rows = rows.join(means, np.full(parts, noise), np.zeros(parts, dtype=np.int64))
-    return rows
+def _measure(log: Log, abscissa: str, device: Device) -> Means:
+    """Mean temperatures of parts of a measured log; FitError for a log without times."""
+    if "time_s" not in log.frame.columns:
+        raise FitError(
+            f"{log.file}: no times, expected time_s to know how long it is",
+            hint="map it under [columns.time_s], or plan without --have",
+        )
+    degc, time = values(log.frame, abscissa), values(log.frame, "time_s")
+    parts = 1 if np.ptp(degc) < ONE_LEVEL_DEGC else min(BLOCKS, degc.size)
+    means = np.array([part.mean() for part in np.array_split(degc, parts)])
+    noise = device.noise * np.sqrt(device.noise_s * parts / (time[-1] - time[0]))
+    return Means(means, np.zeros(parts, dtype=np.int64), np.full(parts, noise))
 
 
-def _list_designs(bench: _Bench) -> Iterator[_Design]:
-    """Campaigns of all sizes; beside what is measured, those of the temperatures that it lacks, and
-    an empty one.
+def simulate_plan(
+    spec: BiasTemperatureRecipe, schedule: Schedule, document: Mapping[str, Any], seed: int
+) -> Campaign:
+    """Logs of an instrument whose bias is a polynomial of its case temperature, and its truth."""
+    rng, settings = np.random.default_rng(seed), document["settings"]
+    turn_on = read_sizes(document, {TURN_ON: document["noise"]["unit"]})[TURN_ON]
+    size = DRIFT * settings["noise_1s"] / np.sqrt(60.0)
+    truth = {
+        one.indication: np.polynomial.Polynomial(
+            rng.normal(0.0, size, one.order + 1) / (1.0 + np.arange(one.order + 1.0)),
+            domain=document["range_degc"],
+        )
+        for one in spec.polynomials.bias
+    }
+    logs: dict[str, dict[str, Array]] = {}
+    for name, recorded in schedule.by_log().items():
+        case = _follow(recorded, settings["lag_s"]) + rng.normal(0.0, REACHED_DEGC)
+        logs[name] = {
+            "time_s": np.arange(float(case.size)),
+            spec.polynomials.abscissa: case + rng.normal(0.0, THERMOMETER_DEGC, case.size),
+        } | {
+            channel: bias(case)
+            + rng.normal(0.0, turn_on)
+            + rng.normal(0.0, settings["noise_1s"], case.size)
+            for channel, bias in truth.items()
+        }
+    decimals = {"time_s": 0, spec.polynomials.abscissa: 3} | dict.fromkeys(truth, 6)
+    drawn = {
+        name: {f"p{k}": value for k, value in enumerate(bias.convert().coef.tolist())}
+        for name, bias in truth.items()
+    }
+    return as_planned(document, seed, logs, decimals, {"coefficients": drawn})
+
+
+def _follow(recorded: Sequence[Action], lag_s: float) -> Array:
+    """Case temperature [n] [°C] at 1 Hz of a log: of a soak that is settled, or of a ramp and the
+    soak after it.
     """
-    seen: set[tuple[int, ...]] = {()}
-    if bench.have.degc.size:
-        yield _Design((), 0.0)
-    for levels in list_levels(bench.task, bench.order, MORE_LEVELS, bench.range_degc):
-        tour = order_there_and_back(levels)
-        tours = (tour[:-1] * number + tour[:1] for number in TIMES)
-        listed = [*tours, *(tuple(np.repeat(tour, number).tolist()) for number in TIMES)]
-        listed += choose_some(tour[:-1]) if bench.have.degc.size else ()
-        for degc in listed:
-            if degc not in seen:
-                seen.add(degc)
-                yield from (_Design(degc, dwell_s) for dwell_s in bench.device.dwell_s)
-
-
-def _list_coefficients(
-    spec: BiasTemperatureRecipe, bench: _Bench, information: Information
-) -> Iterator[Coefficient]:
-    """Predicted standard uncertainties in powers of °C; of a channel of a lower order as of the
-    highest.
-    """
-    every = raw_uncertainties(information, bench.order, bench.range_degc)
-    for channel in spec.polynomials.bias:
-        for k, u in enumerate(every[: channel.order + 1]):
-            unit = power_unit(bench.device.noise_unit, "degC", k)
-            yield Coefficient(channel.indication, f"p{k}", unit, u)
-
-
-def _list_usual(bench: _Bench) -> tuple[Candidate, ...]:
-    """The usual campaign: an hour at each of nine temperatures, from low to high."""
-    found = bench.candidate(_Design(list_usual_levels(bench.range_degc), 3600.0))
-    return () if found is None else (found,)
+    first, last = recorded[0], recorded[-1]
+    held = np.full(int(last.duration_s), last.set_degc)
+    if first.action != "ramp":
+        return held
+    left = np.arange(first.duration_s, 0.0, -1.0)
+    chamber = first.set_degc - first.ramp_degc_per_min / 60.0 * left
+    return follow_with_lag(np.append(chamber, held), lag_s)

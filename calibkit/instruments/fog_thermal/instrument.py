@@ -29,7 +29,6 @@ from calibkit.instruments.fog_thermal import (
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 from calibkit.numeric import chunks
 from calibkit.numeric.dispersion import rms
-from calibkit.planning.proposal import Planner
 from calibkit.report.summary import Summary
 
 if TYPE_CHECKING:
@@ -342,10 +341,3 @@ def propose(evidence: Evidence) -> Choice | None:
         reason = f"a gyro and its temperature beside a second logger's ({joined[0]})"
     choice = evidence.choose("fog_thermal", ramps.COLUMNS, taken, reason=reason)
     return replace(choice.with_others(others), tables=tables, joined=joined)
-
-
-def planner() -> Planner:
-    """How campaigns are planned."""
-    from calibkit.instruments.fog_thermal import plan
-
-    return Planner(plan.propose, plan.judge, plan.simulate)

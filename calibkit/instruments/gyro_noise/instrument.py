@@ -24,7 +24,6 @@ from calibkit.instruments.gyro_noise.forms import read_deviation, read_term
 from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe
 from calibkit.instruments.gyro_noise.sensors import ACCELEROMETER, find_sensor
 from calibkit.left_out import LeftOut
-from calibkit.planning.proposal import Planner
 from calibkit.report.summary import Summary
 from calibkit.sensitivities import Kind, Sensitivity
 
@@ -240,10 +239,3 @@ def _is_steady(spec: GyroNoiseRecipe, folder: Path, file: str) -> bool:
     return not logged or (
         long and all(float(np.ptp(one)) <= deviations.STEADY_DEGC for one in logged)
     )
-
-
-def planner() -> Planner:
-    """How records are planned."""
-    from calibkit.instruments.gyro_noise import plan
-
-    return Planner(plan.propose, plan.judge, plan.simulate)

@@ -12,7 +12,6 @@ from calibkit.instruments.gyro_scale.propose import propose_pair as propose
 from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe as Recipe
 from calibkit.instruments.gyro_scale.simulate_pair import campaign
 from calibkit.instruments.gyro_scale.table_runs import faults, read
-from calibkit.planning.proposal import Planner
 
 __all__ = [
     "CAMPAIGNS",
@@ -22,7 +21,6 @@ __all__ = [
     "correct",
     "faults",
     "fit",
-    "planner",
     "propose",
     "read",
     "validate",
@@ -34,10 +32,3 @@ KEY_FIGURES = (
     r"gyro_orthogonality\.(N|epsilon|gamma|alpha_deg)",
 )
 CAMPAIGNS = {"gyro_pair": campaign}
-
-
-def planner() -> Planner:
-    """How campaigns are planned."""
-    from calibkit.instruments.gyro_scale import plan_pair, simulate_plan_pair
-
-    return Planner(plan_pair.propose, plan_pair.judge, simulate_plan_pair.campaign)

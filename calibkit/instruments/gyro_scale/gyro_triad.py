@@ -11,7 +11,6 @@ from calibkit.instruments.gyro_scale.propose import propose_triad as propose
 from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe as Recipe
 from calibkit.instruments.gyro_scale.simulate_triad import campaign
 from calibkit.instruments.gyro_scale.table_runs import faults, read
-from calibkit.planning.proposal import Planner
 
 __all__ = [
     "CAMPAIGNS",
@@ -21,7 +20,6 @@ __all__ = [
     "correct",
     "faults",
     "fit",
-    "planner",
     "propose",
     "read",
     "validate",
@@ -33,10 +31,3 @@ KEY_FIGURES = (
     r"gyro_orthogonality\.orthogonality_error_deg\.[a-z0-9]+_[a-z0-9]+",
 )
 CAMPAIGNS = {"gyro_triad": campaign}
-
-
-def planner() -> Planner:
-    """How campaigns are planned."""
-    from calibkit.instruments.gyro_scale import plan, simulate_plan
-
-    return Planner(plan.propose, plan.judge, simulate_plan.campaign)

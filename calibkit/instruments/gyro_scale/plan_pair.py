@@ -1,228 +1,166 @@
-"""Campaigns of two gyros, a run about the axis of each: which rates, how long, and what N and the
-angle between them will be known to.
-"""
+"""Campaigns of two gyros, a run about the axis of each: which rates, and how long."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from calibkit.constants import DPH_PER_DPS
 from calibkit.errors import FitError
-from calibkit.instruments.gyro_scale import assumptions, planned_runs
-from calibkit.instruments.gyro_scale.numeric import planned
+from calibkit.instruments.gyro_scale import simulate_pair, simulate_rate_table
 from calibkit.instruments.gyro_scale.numeric.gjb_figures import PPM
-from calibkit.instruments.gyro_scale.numeric.planned import Holds, Model
-from calibkit.instruments.gyro_scale.planned_runs import NO_RUNS, Bench, Design
-from calibkit.planning import recipe_text
-from calibkit.planning.linear import assume_errors, known_sizes, refuse_range
-from calibkit.planning.proposal import (
-    NOTHING,
-    WITHHELD,
-    Candidate,
-    Coefficient,
-    Predicted,
-    Proposal,
-    Task,
-    Wish,
-    choose,
-    find_front,
+from calibkit.instruments.gyro_scale.plan import (
+    ANGLE,
+    DEG_PER_PPM,
+    MOUNTING,
+    RESPONSE,
+    RUN_SCALE,
+    RUN_ZERO,
+    SCALE,
+    UNITS as TABLE_UNITS,
+    USUAL_RATES,
+    GyroBench,
+    Run,
+    Runs,
+    assume_on_table,
+    measure_runs,
 )
+from calibkit.planning.assumptions import read_sizes
+from calibkit.planning.proposal import WITHHELD, Coefficient, Design
 from calibkit.planning.schedule import Clock
+from calibkit.planning.search import Sources, whole
+from calibkit.planning.simulation import as_planned
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from calibkit.arrays import Array
     from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe
+    from calibkit.planning.proposal import Task
     from calibkit.planning.schedule import Schedule
+    from calibkit.simulate.campaign import Campaign
 
 AXES = ("a", "b")
-RESULTS = {"N": "ppm", planned.ANGLE: "deg"}
-TEMPERATURE = ("run", "temperature")
-UNITS = planned.UNITS | {TEMPERATURE: "degC"}
+RESULTS = {"N": "ppm", ANGLE: "deg"}
+TEMPERATURE = "run", "temperature"
+UNITS = TABLE_UNITS | {TEMPERATURE: "degC"}
+AROUND_DEGC = 1.0
+"""Half of the range of temperatures that a campaign at one temperature is planned for."""
 ONE_LOG = "a fit reads one log of each axis: what is measured is not measured again"
+ALPHA_DEG = 0.3
+"""Standard deviation of the simulated angle between the axes about 90°."""
 
 
-@dataclass(frozen=True, slots=True)
-class _PairBench:
-    """What the search needs to know."""
+@dataclass(frozen=True)
+class PairBench(GyroBench):
+    """Campaigns of two gyros at one temperature."""
 
-    runs: Bench
-    coefficient: float
-    """Standard deviation of what temperature changes N by, of a difference of 1 °C between the
-    runs [1/°C].
-    """
-    missing: tuple[str, ...]
-    """Axes about which nothing is measured."""
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Axes about which nothing is measured."""
+        return tuple(axis for axis in AXES if axis not in self.have)
 
-    def variances(self, name: str, campaign: Mapping[str, Holds]) -> dict[str, Array]:
-        """Variance [1] of a result that noise and each source leave."""
-        bench = self.runs
-        size = {key: one.value for key, one in bench.model.sizes.items()}
-        at = np.array([bench.reference_degc])
-        if name == "N":
-            each = [bench.variances_of("scale factor", campaign[axis], at) for axis in AXES]
-            found = {source: each[0][source] + each[1][source] for source in each[0]}
-            apart = np.sqrt(2.0) * size.get(TEMPERATURE, 0.0) * self.coefficient * PPM
-            return found | {"temperature of the run": np.array([apart**2])}
-        # of B about A's axis, where it turns little: no scale factor and no response matters
-        still = bench.model.without(("run", "scale")).without(("rate", "response"))
-        across = replace(bench, model=still).variances_of("scale factor", campaign["a"], at)
-        in_deg = float(np.degrees(1.0 / PPM)) ** 2
-        mounted = np.array([size.get(planned.MOUNTING, 0.0) ** 2])
-        return {key: part * in_deg for key, part in across.items()} | {
-            "angle of the mounting": mounted
+    def covers(self, design: Design) -> bool:
+        """Whether there is a run about each axis."""
+        return len(self.campaign(design)) == len(AXES)
+
+    def variances(self, design: Design) -> Mapping[str, Sources]:
+        """Variances of each result; the angle is what B shows about A's axis, where it turns little
+        and neither scale factor nor response matters.
+        """
+        campaign, at = self.campaign(design), np.array([self.reference_degc])
+        a, b = (self.line_variance(SCALE, campaign[axis], at) for axis in AXES)
+        apart = np.sqrt(2.0) * self.assumed.size(*TEMPERATURE) * _coefficient(self.spec) * PPM
+        ratio = {source: a[source] + b[source] for source in a}
+        across = self.line_variance(SCALE, campaign["a"], at, {RUN_SCALE, RESPONSE})
+        angle = {source: part * DEG_PER_PPM**2 for source, part in across.items()}
+        mounted = np.array([self.assumed.size(*MOUNTING) ** 2])
+        return {
+            "N": ratio | {"temperature of the run": np.array([apart**2])},
+            ANGLE: angle | {"angle of the mounting": mounted},
         }
 
-    def predict(self, campaign: Mapping[str, Holds]) -> tuple[Predicted, ...]:
-        """Predicted uncertainty of each result."""
-        return tuple(
-            Predicted.of(name, unit, self.variances(name, campaign))
-            for name, unit in RESULTS.items()
-        )
-
-    def campaign(self, design: Design) -> dict[str, Holds]:
-        """Table axis → what is measured, and holds of a design about the other axes."""
-        if not design.rates:
-            return dict(self.runs.have)
-        own = self.runs.runs(design, "").holds()
-        return dict.fromkeys(AXES, own) | dict(self.runs.have)
-
-    def candidate(self, design: Design) -> Candidate:
-        """A campaign with its hours and uncertainties."""
-        largest = {one.name: one.largest_u for one in self.predict(self.campaign(design))}
-        return Candidate(self.label(design), self.schedule(design).hours, largest, design)
-
-    def label(self, design: Design) -> str:
-        """A design in a few words."""
-        if not design.rates:
-            return NOTHING
-        return (
-            f"{len(design.rates)} rates both ways about {len(self.missing)} of 2 axes, holds of"
-            f" {design.shortest_s:g} s"
-        )
-
-    def schedule(self, design: Design) -> Schedule:
-        """Schedule of a design; where nothing is withheld yet, with one run about the first axis
+    def design(self, run: Run, degc: Sequence[int], label: str = "") -> Design:
+        """A run about each missing axis; where nothing is withheld yet, with one about the first
         that is.
         """
-        task, clock = self.runs.task, Clock(self.runs.task.equipment)
-        for axis in self.missing if design.rates else ():
-            if axis != self.missing[0]:
-                clock.remount(task.equipment.fastest(self.runs.device))
-            name = _log_about(task, axis)
-            self.runs.run_at(clock, design, round(self.runs.reference_degc), name)
-            if axis == self.missing[0] and not task.withheld:
-                name = f"{WITHHELD}{name}"
-                self.runs.run_at(clock, design, round(self.runs.reference_degc), name)
-        return clock.schedule()
+        task, clock = self.task, Clock(self.task.equipment)
+        for number, axis in enumerate(self.missing):
+            if number:
+                clock.remount(task.equipment.fastest(self.assumed.device))
+            self.turn(clock, run, degc[0], self.log(axis))
+            if not number and not task.withheld:
+                self.turn(clock, run, degc[0], f"{WITHHELD}{self.log(axis)}")
+        label = label or (
+            f"{len(run.rates_dps)} rates both ways about {len(self.missing)} of 2 axes, holds of"
+            f" {run.shortest_s:g} s"
+        )
+        logs = tuple(map(self.log, self.missing))
+        return Design(
+            label, clock.schedule(), logs, Runs(run, dict.fromkeys(self.missing, tuple(degc)))
+        )
+
+    def log(self, axis: str) -> str:
+        """Log of the run about an axis."""
+        return self.task.name_log(f"table_axis_{axis}.csv")
+
+    def designs(self) -> Iterator[Design]:
+        """Runs of all numbers of rates and lengths of holds; `NOTHING` where no axis is missing."""
+        if not self.missing:
+            yield Design.nothing()
+            return
+        rates = self.table.rates
+        labels = [f"{number} rates" for number in rates]
+        for number, _ in zip(rates, self.task.progress(labels, "searching"), strict=True):
+            for run in self.runs(number):
+                yield self.design(run, [round(self.reference_degc)])
+
+    def usual(self) -> Iterator[Design]:
+        """Eleven rates, one side after the other."""
+        at = [round(self.reference_degc)]
+        yield self.design(self.usual_run(), at, label=f"usual: {USUAL_RATES} rates")
+
+    def coefficients(self, design: Design) -> Iterator[Coefficient]:
+        """N and the angle between the axes."""
+        u = {name: float(np.sqrt(whole(one)[0])) for name, one in self.variances(design).items()}
+        yield Coefficient("pair", "N", "1", u["N"] / PPM)
+        yield Coefficient("pair", "alpha_deg", "deg", u[ANGLE])
+
+    def changes(self, design: Design) -> Mapping[str, Any]:  # noqa: ARG002 (as every bench's)
+        """The log about each missing axis."""
+        return {"pair": {f"axis_{axis}": self.log(axis) for axis in self.missing}}
+
+    def states(self, group: str, effect: str) -> bool:
+        """The mounting alone."""
+        return (group, effect) == MOUNTING
+
+    def settings(self, design: Design) -> Mapping[str, Any]:
+        """Shortest hold, and what temperature changes N by."""
+        hold_s = design.rows.run.shortest_s if design.rows else 0.0
+        return {"hold_s": hold_s, "coefficient_per_degc": _coefficient(self.spec)}
+
+    def notes(self, design: Design) -> Iterable[str]:  # noqa: ARG002 (as every bench's)
+        """Measured axes are not measured again."""
+        return (ONE_LOG,) if self.task.have else ()
 
 
-def _log_about(task: Task, axis: str) -> str:
-    """Log of the run about an axis."""
-    return task.name_log(f"table_axis_{axis}.csv")
-
-
-def propose(spec: GyroPairRecipe, task: Task) -> tuple[Proposal, tuple[Wish, ...]]:
-    """Cheapest campaign of a recipe that meets the wishes, or the best within hours."""
-    wishes = tuple(Wish.parse(text, RESULTS) for text in task.wishes)
-    bench = _prepare(spec, task)
-    name = wishes[0].name if wishes else "N"
-    found = [bench.candidate(design) for design in _list_designs(bench)]
-    best = choose(found, wishes, task.within_h, name)
-    design: Design = best.design
-    predicted = bench.predict(bench.campaign(design))
-    stated = [one for one in bench.runs.components if (one.group, one.effect) == planned.MOUNTING]
-    logs = {f"axis_{axis}": _log_about(task, axis) for axis in bench.missing}
-    sizes = {one.name: one.largest_u for one in predicted}
-    return Proposal(
-        best.label,
-        bench.schedule(design),
-        predicted,
-        (
-            Coefficient("pair", "N", "1", sizes["N"] / PPM),
-            Coefficient("pair", "alpha_deg", "deg", sizes[planned.ANGLE]),
-        ),
-        bench.runs.model.range_degc,
-        recipe_text.write_recipe(
-            spec, list(logs.values()), stated, {"pair": logs}, added=bool(task.have)
-        ),
-        bench.runs.device.noise,
-        "deg/s",
-        bench.runs.components,
-        tuple(find_front(found, name)),
-        () if task.have else (_usual(bench),),
-        (ONE_LOG,) if task.have else (),
-        {"hold_s": design.shortest_s, "coefficient_per_degc": bench.coefficient},
-    ), wishes
-
-
-def judge(spec: GyroPairRecipe, task: Task) -> tuple[Predicted, ...]:
-    """What the runs that are measured tell; empty where one is missing."""
-    bench = _prepare(spec, task)
-    return () if bench.missing else bench.predict(bench.campaign(NO_RUNS))
-
-
-def _fastest(bench: _PairBench) -> int:
-    """Fastest rate [°/s]."""
-    return int(bench.runs.table.fastest_dps)
-
-
-def _usual(bench: _PairBench) -> Candidate:
-    """The usual campaign: eleven rates, one side after the other."""
-    rates = tuple(planned.spread_rates(_fastest(bench), 11, even=False))
-    at = (round(bench.runs.reference_degc),)
-    found = bench.candidate(Design(rates, alternating=False, shortest_s=30.0, degc=at))
-    return replace(found, label="usual: 11 rates")
-
-
-def _list_designs(bench: _PairBench) -> Iterator[Design]:
-    """Runs of all numbers of rates and lengths of holds; an empty one where nothing is missing."""
-    if not bench.missing:
-        yield NO_RUNS
-        return
-    at = (round(bench.runs.reference_degc),)
-    labels = [f"{count} rates" for count in bench.runs.table.rates]
-    listed = zip(bench.runs.table.rates, bench.runs.task.progress(labels, "searching"), strict=True)
-    for number, _ in listed:
-        ladders = {
-            tuple(planned.spread_rates(_fastest(bench), number, even=even))
-            for even in (True, False)
-        }
-        for rates, shortest, alternating in product(
-            sorted(ladders), bench.runs.device.dwell_s, (True, False)
-        ):
-            yield Design(rates, alternating, shortest, at)
-
-
-def _prepare(spec: GyroPairRecipe, task: Task) -> _PairBench:
+def prepare(spec: GyroPairRecipe, task: Task) -> PairBench:
     """What the search needs; UsageError for what cannot be planned."""
-    device, table = planned_runs.require_table(task, spec.procedure)
-    refuse_range(task, spec.procedure)
-    earlier = {} if task.earlier is None else assumptions.read_run(task.earlier)
-    stated = assume_errors(spec, device, earlier.values(), UNITS)
-    have = assumptions.measure_runs(spec, task.have, device)
-    twice = len(task.have) > len(have)
-    if twice:
+    assumed, table = assume_on_table(spec, task, UNITS, None)
+    have = measure_runs(spec, task, assumed)
+    if len(task.have) > len(have):
         raise FitError(
             f"{len(task.have)} logs of {len(have)} table axes, expected one of each",
             hint="name the log of each axis under [pair]",
         )
     degc = [float(one.rows.row_degc.mean()) for one in have.values()]
     reference = float(np.mean(degc or [spec.reference_temp_degc]))
-    around = reference - 1.0, reference + 1.0
+    around = reference - AROUND_DEGC, reference + AROUND_DEGC
     task.equipment.require_reached(*around)
-    model = Model(0, around, known_sizes(stated.values(), UNITS))
-    components: Any = tuple(stated.values())
-    bench = Bench(
-        *(task, device, table, model, reference, spec.gyros, components),
-        *(RESULTS, AXES, have, ()),
-    )
-    missing = tuple(axis for axis in AXES if axis not in have)
-    return _PairBench(bench, _coefficient(spec), missing)
+    assumed = replace(assumed, range_degc=around)
+    return PairBench(spec, task, assumed, RESULTS, have, table, reference, 0, AXES)
 
 
 def _coefficient(spec: GyroPairRecipe) -> float:
@@ -231,3 +169,68 @@ def _coefficient(spec: GyroPairRecipe) -> float:
         return spec.pair.largest_temperature_coefficient_ppm_degc / PPM / float(np.sqrt(3.0))
     # each gyro is brought to the middle of both temperatures by its own coefficient
     return spec.pair.temperature_coefficient_uncertainty_ppm_degc / PPM / float(np.sqrt(2.0))
+
+
+def simulate(
+    spec: GyroPairRecipe,
+    schedule: Schedule,
+    document: Mapping[str, Any],
+    seed: int,
+) -> Campaign:
+    """Logs of two linear gyros about the axis of each, and N and the angle between them."""
+    rng = np.random.default_rng(np.random.SeedSequence(seed))
+    size = read_sizes(document, UNITS)
+    settings, simulated = document["settings"], simulate_rate_table
+    table = simulated.Table(interval_s=1.0, shortest_hold_s=settings["hold_s"], warming_degc=0.0)
+    gyros = {name: simulate_pair.linear(simulated.RateGyro.draw(rng)) for name in AXES}
+    alpha = 90.0 + rng.normal(0.0, ALPHA_DEG)
+    every = schedule.recorded("rate")
+    rates = np.unique([one.table_rate_dps for one in every])
+    response = rng.normal(0.0, size[RESPONSE] / DPH_PER_DPS, (2, rates.size))
+    # both gyros change with temperature alike
+    per_degc = float(rng.normal(0.0, settings["coefficient_per_degc"]))
+    logs: dict[str, dict[str, Array]] = {}
+    for log, held in schedule.by_log().items():
+        axis = spec.find_axis(log.removeprefix(WITHHELD))
+        moved = _mount(gyros, axis, alpha, size, rng)
+        moved = {name: replace(gyro, K_per_degc=per_degc) for name, gyro in moved.items()}
+        degc = every[0].set_degc + rng.normal(0.0, size[TEMPERATURE])
+        named = {f"gyro_{name}_lsb": gyro for name, gyro in moved.items()}
+        table_rates = [one.table_rate_dps for one in held]
+        columns = simulated.run(named, table, table_rates, degc, rng)
+        hours = (columns["time_s"] - columns["time_s"].mean()) / 3600.0
+        for k, (name, gyro) in enumerate(moved.items()):
+            drift = rng.normal(0.0, size["run", "zero drift"]) / DPH_PER_DPS
+            added = np.interp(columns["table_rate_dps"] * gyro.axis[2], rates, response[k])
+            column = f"gyro_{name}_lsb"
+            columns[column] = np.round(columns[column] + gyro.K * (added + drift * hours))
+        logs[log] = columns
+    # the best straight line over the rates takes its part of the response
+    line = {name: 1.0 + np.polyfit(rates, response[k], 1)[0] for k, name in enumerate(AXES)}
+    ratio = gyros["b"].K * line["b"] / (gyros["a"].K * line["a"])
+    truth = {"coefficients": {"pair": {"N": float(ratio), "alpha_deg": float(alpha)}}}
+    return as_planned(document, seed, logs, simulated.DECIMALS, truth)
+
+
+def _mount(
+    gyros: Mapping[str, simulate_rate_table.RateGyro],
+    axis: str,
+    alpha_deg: float,
+    size: Mapping[tuple[str, str], float],
+    rng: np.random.Generator,
+) -> dict[str, simulate_rate_table.RateGyro]:
+    """Gyros of a run about the axis of one of them, with the errors of mounting and run."""
+    tilt = rng.normal(0.0, size[MOUNTING], 2)
+    turn = simulate_rate_table.tilted
+    return {
+        name: replace(
+            gyro,
+            axis=turn(
+                float(np.hypot(*tilt)) if name == axis else alpha_deg + tilt[0],
+                rng.uniform(0.0, 360.0),
+            ),
+            K=gyro.K * (1.0 + rng.normal(0.0, size[RUN_SCALE]) / PPM),
+            bias_dps=gyro.bias_dps + rng.normal(0.0, size[RUN_ZERO]) / DPH_PER_DPS,
+        )
+        for name, gyro in gyros.items()
+    }

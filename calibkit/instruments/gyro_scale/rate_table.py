@@ -10,7 +10,6 @@ from calibkit.instruments.gyro_scale.propose import propose_rate_table as propos
 from calibkit.instruments.gyro_scale.recipe import RateTableRecipe as Recipe
 from calibkit.instruments.gyro_scale.simulate_rate_table import campaign
 from calibkit.instruments.gyro_scale.table_runs import faults, read
-from calibkit.planning.proposal import Planner
 
 __all__ = [
     "CAMPAIGNS",
@@ -20,7 +19,6 @@ __all__ = [
     "correct",
     "faults",
     "fit",
-    "planner",
     "propose",
     "read",
     "validate",
@@ -32,10 +30,3 @@ KEY_FIGURES = (
     LINE_KEYS,
 )
 CAMPAIGNS = {"rate_table": campaign}
-
-
-def planner() -> Planner:
-    """How campaigns are planned."""
-    from calibkit.instruments.gyro_scale import plan, simulate_plan
-
-    return Planner(plan.propose, plan.judge, simulate_plan.campaign)

@@ -29,7 +29,6 @@ from calibkit.instruments.inclinometer.forms import SCALE
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.left_out import LeftOut
 from calibkit.numeric import chunks
-from calibkit.planning.proposal import Planner
 from calibkit.report.summary import Summary
 
 if TYPE_CHECKING:
@@ -206,10 +205,3 @@ def validate(
     )
     criteria = (*judged, *errors.AngleErrors(*pooled).criteria(spec))
     return {"logs": entries}, Summary("", tuple(shown), tuple(flags), criteria)
-
-
-def planner() -> Planner:
-    """How campaigns are planned."""
-    from calibkit.instruments.inclinometer import plan, simulate_plan
-
-    return Planner(plan.propose, plan.judge, simulate_plan.campaign)

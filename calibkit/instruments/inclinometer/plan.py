@@ -1,61 +1,51 @@
 """Campaigns of a four-position inclinometer: which stations at which temperatures, how long in each
-position, and what s(T) will be known to.
+position.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from calibkit.errors import FitError
+from calibkit.errors import FitError, UsageError
+from calibkit.fit.complex_step import derivative
+from calibkit.fit.shared import Prior, Shared
+from calibkit.fit.solve import Fit, predict
 from calibkit.forms import power_unit
-from calibkit.instruments.inclinometer import mounting, simulate, solve, stations
+from calibkit.instruments.inclinometer import mounting, simulate as simulated, solve, stations
 from calibkit.instruments.inclinometer.forms import FILE
-from calibkit.instruments.inclinometer.numeric import planned
-from calibkit.instruments.inclinometer.numeric.planned import Roots, Sizes
-from calibkit.instruments.inclinometer.numeric.root_choice import Limits
+from calibkit.instruments.inclinometer.numeric import scale_fit
+from calibkit.instruments.inclinometer.numeric.covariance import root_slopes
+from calibkit.instruments.inclinometer.numeric.root_choice import Limits, estimate_roots
+from calibkit.instruments.inclinometer.numeric.scale_fit import Roots
+from calibkit.instruments.inclinometer.published import Components
 from calibkit.instruments.inclinometer.rows import Rows
 from calibkit.numeric import earth
-from calibkit.numeric.least_squares import polynomial
-from calibkit.planning import recipe_text
-from calibkit.planning.linear import (
+from calibkit.planning.assumptions import Assumed, assume, read_sizes, seen_errors
+from calibkit.planning.levels import (
     LEVELS,
-    assume_errors,
     choose_some,
-    known_sizes,
     list_levels,
     list_usual_levels,
     order_there_and_back,
     raw_uncertainties,
-    read_components,
 )
-from calibkit.planning.proposal import (
-    NOTHING,
-    WITHHELD,
-    Candidate,
-    Coefficient,
-    Predicted,
-    Proposal,
-    Task,
-    Wish,
-    choose,
-    count,
-    cover_range,
-    find_front,
-)
+from calibkit.planning.proposal import WITHHELD, Coefficient, Design, count, cover_range
 from calibkit.planning.schedule import Clock
+from calibkit.planning.search import Bench, Sources, split_variance
+from calibkit.planning.simulation import as_planned
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
 
-    from calibkit.arrays import Array
+    from calibkit.arrays import Array, Integers, Mask
     from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
-    from calibkit.numeric.information import Information
-    from calibkit.planning.equipment import Device
+    from calibkit.planning.proposal import Task
     from calibkit.planning.schedule import Schedule
-    from calibkit.recipe.tables import ErrorComponent
+    from calibkit.simulate.campaign import Campaign
 
 RANGE_DEGC = (20.0, 120.0)
 FIXTURE = "north"
@@ -70,295 +60,376 @@ STATIONS = (1, 2, 3, 4, 6, 8, 12)
 """Stations at each temperature."""
 LEFT_OUT = 4
 """Stations that are withheld."""
+USUAL_DEG, USUAL_S = 30.0, 60.0
+"""Inclination and time in a position of the usual campaign."""
+NO_TURN_DEG = 1e-9
+"""Size of a turn of the gyro where none is assumed."""
+WALK, ACCEL = ("reading", "bias walk"), ("reading", "accelerometer noise")
+INDEX, SCATTER = ("position", "index"), ("station", "scale")
+TURN, OF_LOG = ("mounting", "gyro turn"), ("log", "scale")
+UNITS = {WALK: "deg/h", ACCEL: "g", INDEX: "deg", SCATTER: "1", TURN: "deg", OF_LOG: "1"}
+"""(group, effect) of the errors that can be assumed, and the units they are stated in."""
+OF_TURN = "gyro turn of the mounting"
+SIZES = (3e-3, 3e-5, 1e-7, 1e-9)
+"""Standard deviations of the simulated coefficients of s(T) about 1, in powers of °C."""
+BIAS = (1e-3, 0.3)
+"""Standard deviations of the biases of a simulated accelerometer [g] and gyro [°/h]."""
+REACHED_DEGC = 0.1
+"""Standard deviation of the temperature that is reached."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Design:
-    """A campaign: temperatures in their order, places of stations at each, time in a position."""
+@dataclass(frozen=True)
+class StationBench(Bench):
+    """Campaigns of an inclinometer."""
 
-    degc: tuple[int, ...]
-    chosen: tuple[int, ...]
-    dwell_s: float
-
-    @property
-    def label(self) -> str:
-        """The campaign in a few words."""
-        if not self.degc:
-            return NOTHING
-        held = count(len(self.chosen), "station")
-        places = count(len(self.degc), "soak")
-        levels = count(len({*self.degc}), "temperature")
-        return f"{held} at each of {places} at {levels}, {self.dwell_s:g} s in a position"
-
-
-@dataclass(frozen=True, slots=True)
-class _Bench:
-    """What the search needs to know."""
-
-    task: Task
-    device: Device
-    spec: InclinometerRecipe
     order: int
-    range_degc: tuple[float, float]
-    components: tuple[ErrorComponent, ...]
-    sizes: Sizes
     places: Array
     """[n, 2], inclination and azimuth [°] that the fixture has."""
-    have: Roots
 
-    def predict(self, roots: Roots) -> tuple[Predicted, ...]:
-        """Predicted uncertainty of s(T), and of the azimuth that it and a turn of the gyros, which
-        the stations have to tell, leave.
+    @property
+    def undetermined(self) -> tuple[str, str]:
+        """At some latitudes no station shows s."""
+        return (
+            "no campaign determines s(T) over the range",
+            "plan without --have, for a narrower --range, or for another [site] latitude_deg",
+        )
+
+    def mapped(self, degc: Array) -> Array:
+        """Temperatures [n] [°C] mapped from the range of use to [-1, 1]."""
+        low, high = self.assumed.range_degc
+        return np.asarray((2.0 * degc - low - high) / (high - low))
+
+    @cached_property
+    def known(self) -> dict[float, tuple[Array, Array]]:
+        """Time in a position [s] → standard uncertainty of the root at each place without scatter,
+        infinite where a fit would not use it, and its derivative by a turn [1/°].
         """
-        middle, half = polynomial.middle_and_half(np.array(self.range_degc))
-        used = np.linspace(*self.range_degc, LEVELS)
-        powers = polynomial.powers(used, self.order, middle=middle, half=half)
+        times = {USUAL_S, *self.assumed.device.dwell_s}
+        return {dwell_s: _plan_stations(self, dwell_s) for dwell_s in times}
+
+    def fit(self, roots: Roots, *, turn_known: bool) -> Fit:
+        """What the roots will tell of s(T), of a gyro whose turn is measured, or has a known
+        size.
+        """
+        every = np.ones((len(roots.s), 1))
+        group, effect = OF_LOG
+        of_log = Shared(group=group, effect=effect, level=roots.log, loading=every, unit="1")
+        shared = self.assumed.state([*scale_fit.shared_errors(roots, None), of_log])
+        size = max(self.assumed.size(*TURN), NO_TURN_DEG)
+        turn = Prior(name=OF_TURN, block=slice(-1, None), size=size)
+        return predict(
+            partial(scale_fit.residual, roots=roots),
+            np.eye(self.order + 2)[0],
+            shared,
+            priors=[turn] if turn_known else [],
+            noise=roots.u,
+            names=[*(f"s{k}" for k in range(self.order + 1)), "turn"],
+        )
+
+    def covers(self, design: Design) -> bool:
+        """Whether both ends of the range are reached, with a temperature more than the order
+        needs.
+        """
+        low, high = self.assumed.range_degc
+        degc = low + (self.rows(design).x + 1.0) / 2.0 * (high - low)
+        return cover_range(degc, self.order + 2, (low, high))
+
+    def variances(self, design: Design) -> Mapping[str, Sources]:
+        """Variance of s(T), and of the azimuth that it and a turn of the gyros, which the stations
+        have to tell, leave.
+        """
+        roots = self.rows(design)
+        used = self.mapped(np.linspace(*self.assumed.range_degc, LEVELS))
         latitude, tilt, azimuth = np.radians([self.spec.site.latitude_deg, *USED_DEG])
         by_scale = float(np.degrees(np.tan(latitude) * np.tan(tilt) * np.sin(azimuth)))
-        turned = np.column_stack([by_scale * powers, np.ones(LEVELS)])
-        both = self.information(roots, turn=True)
-        mounted = planned.size_of(self.sizes, planned.TURN) ** 2
-        parts = both.variances(turned) | {"gyro turn of the mounting": np.full(LEVELS, mounted)}
-        alone = self.information(roots).variances(PPM * powers)
-        return (
-            Predicted.of("azimuth", RESULTS["azimuth"], parts),
-            Predicted.of("scale factor", RESULTS["scale factor"], alone),
-        )
+        start = np.eye(self.order + 2)[0]
+        by_s = derivative(lambda p: scale_fit.scale(p, used), start)
+        by_turn = np.eye(self.order + 2)[-1]
+        of_azimuth = split_variance(self.fit(roots, turn_known=False), by_scale * by_s + by_turn)
+        mounted = {OF_TURN: np.full(LEVELS, self.assumed.size(*TURN) ** 2)}
+        of_scale = split_variance(self.fit(roots, turn_known=True), PPM * by_s, [OF_TURN])
+        return {"azimuth": of_azimuth | mounted, "scale factor": of_scale}
 
-    def uncertainty(self, dwell_s: float) -> tuple[Array, Array]:
-        """Standard uncertainty of the root at each place, and its derivative by a turn [1/°]."""
-        tilt, azimuth = self.places.T
-        attitudes = simulate.Attitudes(tilt, np.zeros_like(tilt), azimuth)
-        site = self.spec.site.latitude_deg
-        return planned.plan_stations(
-            simulate.rotated(attitudes, np.array([0.0, 0.0, 1.0])),
-            simulate.rotated(attitudes, earth.north_east_down(site)),
-            self.device.noise * float(np.sqrt(self.device.noise_s / dwell_s)),
-            site,
-            Limits(**self.spec.limits.model_dump()),
-            self.sizes,
-        )
+    def coefficients(self, design: Design) -> Iterator[Coefficient]:
+        """Of s(T) in powers of °C."""
+        covariance = self.fit(self.rows(design), turn_known=True).covariance[:-1, :-1]
+        every = raw_uncertainties(covariance, self.assumed.range_degc)
+        for axis in self.spec.axes:
+            for k, u in enumerate(every):
+                yield Coefficient(axis, f"s{k}", power_unit("1", "degC", k), u)
 
-    def roots(self, design: _Design) -> Roots:
-        """What is measured already, and the stations of a design."""
-        if not design.degc:
-            return self.have
-        u, by_turn = self.uncertainty(design.dwell_s)
-        chosen, soaks = list(design.chosen), len(design.degc)
-        return self.have.join(
-            Roots(
-                np.repeat(np.array(design.degc, dtype=np.float64), len(chosen)),
-                np.tile(u[chosen], soaks),
-                np.tile(by_turn[chosen], soaks),
-                np.zeros(soaks * len(chosen), dtype=np.int64),
-            )
-        )
-
-    def information(self, roots: Roots, *, turn: bool = False) -> Information:
-        """Information of stations."""
-        return roots.information(self.order, self.range_degc, self.sizes, turn=turn)
-
-    def schedule(self, design: _Design) -> Schedule:
-        """Schedule of a design; where nothing is withheld yet, with stations of other attitudes at
-        its second temperature that are.
+    def design(self, degc: tuple[int, ...], places: tuple[int, ...], dwell_s: float) -> Design:
+        """Stations at places, at each of the temperatures in their order; where nothing is withheld
+        yet, with stations of other attitudes at the second temperature that are.
         """
         equipment, clock = self.task.equipment, Clock(self.task.equipment)
-        rate, name = equipment.fastest(self.device), self.task.name_log(LOG)
-        for number, degc in enumerate(design.degc):
-            change = degc - clock.degc
-            clock.ramp(float(degc), rate)
-            clock.soak(equipment.soak_s(self.device, change, rate))
-            for place in design.chosen:
-                self._hold(clock, place, design.dwell_s, name)
+        device = self.assumed.device
+        rate, name = equipment.fastest(device), self.task.name_log(LOG)
+        for number, level in enumerate(degc):
+            change = level - clock.degc
+            clock.ramp(float(level), rate)
+            clock.soak(equipment.soak_s(device, change, rate))
+            held = [(place, name) for place in places]
             if number == 1 and not self.task.withheld:
-                for place in self.withheld(design):
-                    self._hold(clock, place, design.dwell_s, f"{WITHHELD}{name}")
-        return clock.schedule()
-
-    def withheld(self, design: _Design) -> tuple[int, ...]:
-        """Places that are withheld: the best of those that the design has not."""
-        u, _ = self.uncertainty(design.dwell_s)
-        rest = [k for k in np.argsort(u).tolist() if k not in design.chosen and np.isfinite(u[k])]
-        return tuple(rest[:: max(len(rest) // LEFT_OUT, 1)][:LEFT_OUT])
-
-    def _hold(self, clock: Clock, place: int, dwell_s: float, log: str) -> None:
-        """One station: its four positions."""
-        tilt, azimuth = self.places[place].tolist()
-        for position in simulate.POSITIONS_DEG.tolist():
-            clock.move(self.task.equipment.fixture(FIXTURE).move_s)
-            clock.dwell((tilt, position, azimuth), dwell_s, log)
-
-    def candidate(self, design: _Design) -> Candidate | None:
-        """A campaign with its hours and uncertainties; None where it does not determine all, or has
-        no temperature more than the order needs or none at an end of the range.
-        """
-        roots = self.roots(design)
-        if not cover_range(roots.degc, self.order + 2, self.range_degc):
-            return None
-        if not self.information(roots, turn=True).determined:
-            return None
-        largest = {one.name: one.largest_u for one in self.predict(roots)}
-        return Candidate(design.label, self.schedule(design).hours, largest, design)
-
-
-def propose(spec: InclinometerRecipe, task: Task) -> tuple[Proposal, tuple[Wish, ...]]:
-    """Cheapest campaign of a recipe that meets the wishes, or the best within hours."""
-    wishes = tuple(Wish.parse(text, RESULTS) for text in task.wishes)
-    bench = _prepare(spec, task)
-    found = [one for one in map(bench.candidate, _list_designs(bench)) if one is not None]
-    if not found:
-        raise FitError(
-            "no campaign determines s(T) over the range",
-            hint="plan without --have, for a narrower --range, or for another [site] latitude_deg",
+                held += [(k, f"{WITHHELD}{name}") for k in self.withheld(places, dwell_s)]
+            for place, log in held:
+                tilt, azimuth = self.places[place].tolist()
+                for position in simulated.POSITIONS_DEG.tolist():
+                    clock.move(equipment.fixture(FIXTURE).move_s)
+                    clock.dwell((tilt, position, azimuth), dwell_s, log)
+        label = (
+            f"{count(len(places), 'station')} at each of {count(len(degc), 'soak')} at"
+            f" {count(len({*degc}), 'temperature')}, {dwell_s:g} s in a position"
         )
-    name = wishes[0].name if wishes else "azimuth"
-    best = choose(found, wishes, task.within_h, name)
-    design: _Design = best.design
-    information = bench.information(bench.roots(design))
-    # a single log shows no difference between logs
-    own = set(spec.error_groups) - (set() if task.have else {planned.OF_LOG[0]})
-    of_recipe = [one for one in bench.components if one.group in own]
-    return Proposal(
-        best.label,
-        bench.schedule(design),
-        bench.predict(bench.roots(design)),
-        tuple(_list_coefficients(bench, information)),
-        bench.range_degc,
-        recipe_text.write_recipe(
-            spec,
-            [task.name_log(LOG)] if design.degc else [],
-            of_recipe,
-            {},
-            added=bool(task.have),
-        ),
-        bench.device.noise,
-        bench.device.noise_unit,
-        bench.components,
-        tuple(find_front(found, name)),
-        () if task.have else tuple(_list_usual(bench)),
-        task.describe_range(RANGE_DEGC),
-        {"noise_dph": bench.device.noise * (bench.device.noise_s / max(design.dwell_s, 1.0)) ** 0.5}
-        | {"order": bench.order, "latitude_deg": spec.site.latitude_deg},
-    ), wishes
+        u, by_turn = (one[list(places)] for one in self.known[dwell_s])
+        x = self.mapped(np.repeat(np.array(degc, dtype=np.float64), len(places)))
+        one_log = np.zeros(len(x), dtype=np.int64)
+        soaks = len(degc)
+        roots = Roots(np.ones(len(x)), np.tile(u, soaks), x, np.tile(by_turn, soaks), one_log)
+        return Design(label, clock.schedule(), (name,), roots, dwell_s)
+
+    def withheld(self, places: tuple[int, ...], dwell_s: float) -> list[int]:
+        """Places that are withheld: the best of those that the design has not."""
+        u, _ = self.known[dwell_s]
+        rest = [k for k in np.argsort(u).tolist() if k not in places and np.isfinite(u[k])]
+        return rest[:: max(len(rest) // LEFT_OUT, 1)][:LEFT_OUT]
+
+    def designs(self) -> Iterator[Design]:
+        """Campaigns of all sizes; beside what is measured, those of the temperatures that it lacks,
+        and `NOTHING`.
+        """
+        places = [
+            (dwell_s, best)
+            for dwell_s in self.assumed.device.dwell_s
+            for best in self.choose_places(dwell_s)
+        ]
+        seen: set[tuple[int, ...]] = set()
+        if self.have is not None:
+            yield Design.nothing()
+        for levels in list_levels(self.task, self.order, MORE_LEVELS, self.assumed.range_degc):
+            tour = order_there_and_back(levels)
+            added = () if self.have is None else choose_some(tour[:-1])
+            for degc in (tour, *added):
+                if degc in seen:
+                    continue
+                seen.add(degc)
+                for dwell_s, best in places:
+                    for number in STATIONS:
+                        if number <= len(best):
+                            yield self.design(degc, best[:number], dwell_s)
+
+    def choose_places(self, dwell_s: float) -> Iterator[tuple[int, ...]]:
+        """Places in the order in which each adds most to what those before it tell at one
+        temperature: of s beside a turn of the gyro of known size, and of the azimuth with a turn
+        that is measured.
+        """
+        u, by_turn = self.known[dwell_s]
+        u = np.hypot(u, self.assumed.size(*SCATTER))
+        able = np.flatnonzero(np.isfinite(u)).tolist()
+        turn = self.assumed.size(*TURN) or 1.0
+        latitude, tilt, _ = np.radians([self.spec.site.latitude_deg, *USED_DEG])
+        of_azimuth = np.array([np.degrees(np.tan(latitude) * np.tan(tilt)), 1.0])
+        for prior, wanted in ((turn**-2.0, np.array([1.0, 0.0])), (1e-6, of_azimuth)):
+            chosen: list[int] = []
+            total = np.diag([1e-6, prior])
+            for _ in range(min(max(STATIONS), len(able))):
+                rest = [k for k in able if k not in chosen]
+                rows = np.column_stack([np.ones(len(rest)), by_turn[rest]]) / u[rest, None]
+                tried = total + rows[:, :, None] * rows[:, None, :]
+                best = int(np.argmin(np.linalg.inv(tried) @ wanted @ wanted))
+                chosen.append(rest[best])
+                total = tried[best]
+            yield tuple(chosen)
+
+    def usual(self) -> Iterator[Design]:
+        """At each of nine temperatures, from low to high, stations to the north, east, south and
+        west at one inclination, a minute in a position.
+        """
+        u, _ = self.known[USUAL_S]
+        tilt, azimuth = self.places.T
+        near = tilt[np.argmin(np.abs(tilt - USUAL_DEG))]
+        spread = np.flatnonzero((tilt == near) & (azimuth % 90.0 == 0.0) & np.isfinite(u)).tolist()
+        if spread:
+            degc = list_usual_levels(self.assumed.range_degc)
+            yield self.design(degc, tuple(spread), USUAL_S)
+
+    def states(self, group: str, effect: str) -> bool:  # noqa: ARG002 (as every bench's)
+        """A single log shows no difference between logs."""
+        known = set(self.spec.error_groups)
+        return group in (known if self.task.have else known - {OF_LOG[0]})
+
+    def settings(self, design: Design) -> Mapping[str, Any]:
+        """Noise of a gyro in a position, order of s(T), latitude."""
+        return {
+            "noise_dph": self.assumed.noise_of(design.how or 1.0),
+            "order": self.order,
+            "latitude_deg": self.spec.site.latitude_deg,
+        }
 
 
-def judge(spec: InclinometerRecipe, task: Task) -> tuple[Predicted, ...]:
-    """What the stations that are measured tell; empty where they do not determine all."""
-    bench = _prepare(spec, task)
-    found = bench.information(bench.have, turn=True)
-    return bench.predict(bench.have) if found.determined else ()
-
-
-def _prepare(spec: InclinometerRecipe, task: Task) -> _Bench:
+def prepare_plan(spec: InclinometerRecipe, task: Task) -> StationBench:
     """What the search needs; UsageError for what cannot be planned."""
     device = task.equipment.known_device(spec.procedure, "deg/h")
-    low, high = task.range_degc or RANGE_DEGC
-    task.equipment.require_reached(low, high)
-    earlier = () if task.earlier is None else read_components(task.earlier, FILE, spec.procedure)
-    stated = assume_errors(spec, device, earlier, planned.UNITS)
-    sizes = known_sizes(stated.values(), planned.UNITS)
+    earlier = []
+    if task.earlier is not None:
+        if FILE not in task.earlier:
+            raise UsageError(f"that run has no {FILE}", hint=f"name a run of {spec.procedure}")
+        earlier = seen_errors(task.earlier[FILE].models)
+    assumed = assume(spec, task, device, UNITS, default_degc=RANGE_DEGC, earlier=earlier)
     order = device.order if spec.scale.order == "auto" else spec.scale.order
     step = task.equipment.fixture(FIXTURE).step_deg
     tilts, azimuths = np.arange(step, 90, step), np.arange(0, 360, step)
     places = np.array([(tilt, azimuth) for tilt in tilts for azimuth in azimuths], dtype=np.float64)
-    have = _measure(spec, task, sizes)
-    components = tuple(stated.values())
-    return _Bench(task, device, spec, order, (low, high), components, sizes, places, have)
+    bench = StationBench(spec, task, assumed, RESULTS, None, order, places)
+    return replace(bench, have=_measure(bench)) if task.have else bench
 
 
-def _measure(spec: InclinometerRecipe, task: Task, sizes: Sizes) -> Roots:
+def _measure(bench: StationBench) -> Roots:
     """Roots of the stations of measured logs, of the sensor pair that tells less; FitError where no
     temperature is logged.
     """
-    none = np.zeros(0)
-    found = Roots(none, none, none, none.astype(np.int64))
-    if not task.have:
-        return found
-    admitted, _ = stations.admit_logs(list(task.have), spec)
+    spec, logs = bench.spec, bench.task.have
+    admitted, _ = stations.admit_logs(list(logs), spec)
     seen = stations.solve_components(Rows.gather(admitted, spec.on_site()), spec)
     if not np.isfinite(seen.temperature).all():
         raise FitError(
-            f"{task.have[0].file}: no case temperature, expected one to plan what is missing",
+            f"{logs[0].file}: no case temperature, expected one to plan what is missing",
             hint="map it under [columns.temp_case_degc], or plan without --have",
         )
     pairs = []
     for axis in spec.axes:
         first = solve.solve_in_sequence(seen, spec, axis)
         used, turn = first.root_used, mounting.Circumstances.of(first, seen, spec, axis).turn
-        u, by_turn = planned.own_uncertainty(
-            seen.components[axis],
-            spec.site.latitude_deg,
-            first.root >= 0,
-            first.s_root_uncertainty,
-            sizes,
+        u, by_turn = _with_index(
+            *(seen.components[axis], spec.site.latitude_deg, first.root >= 0),
+            *(first.s_root_uncertainty, bench.assumed),
         )
         by_turn = by_turn if turn is not None else np.zeros_like(u)
-        pairs.append(Roots(seen.temperature[used], u[used], by_turn[used], seen.log[used]))
-    return min(pairs, key=lambda one: float(np.sum(one.u**-2.0)))
+        x = bench.mapped(seen.temperature[used])
+        pairs.append(Roots(np.ones(len(x)), u[used], x, by_turn[used], seen.log[used]))
+    scatter = bench.assumed.size(*SCATTER)
+    return min(pairs, key=lambda one: float(np.sum(1.0 / (one.u**2 + scatter**2))))
 
 
-def _choose_places(bench: _Bench, dwell_s: float) -> Iterator[tuple[int, ...]]:
-    """Places in the order in which each adds most to what those before it tell at one temperature:
-    of s beside a turn of the gyro of known size, and of the azimuth with a turn that is measured.
+def _with_index(
+    parts: Components, latitude_deg: float, plus: Mask, u_root: Array, assumed: Assumed
+) -> tuple[Array, Array]:
+    """Standard uncertainty of each root [n] with index errors, and its derivative by a turn of the
+    gyro [1/°].
     """
-    u, by_turn = bench.uncertainty(dwell_s)
-    able = np.flatnonzero(np.isfinite(u)).tolist()
-    turn = planned.size_of(bench.sizes, planned.TURN)
-    latitude, tilt, _ = np.radians([bench.spec.site.latitude_deg, *USED_DEG])
-    of_azimuth = np.array([np.degrees(np.tan(latitude) * np.tan(tilt)), 1.0])
-    for prior, wanted in ((turn**-2.0 if turn else 1.0, np.array([1.0, 0.0])), (1e-6, of_azimuth)):
-        chosen: list[int] = []
-        total = np.diag([1e-6, prior])
-        for _ in range(min(max(STATIONS), len(able))):
-            rest = [k for k in able if k not in chosen]
-            rows = np.column_stack([np.ones(len(rest)), by_turn[rest]]) / u[rest, None]
-            tried = total + rows[:, :, None] * rows[:, None, :]
-            best = int(np.argmin(np.linalg.inv(tried) @ wanted @ wanted))
-            chosen.append(rest[best])
-            total = tried[best]
-        yield tuple(chosen)
+    none = np.zeros_like(parts.gyro_x)
+    gradient = root_slopes(parts, np.full(plus.size, latitude_deg), plus)[:, :4]
+    turned = np.column_stack([none, none, parts.gyro_y, -parts.gyro_x])
+    sheared = np.column_stack([parts.accel_y, parts.accel_x, parts.gyro_y, parts.gyro_x]) / 2.0
+    by_turn, by_index = (
+        np.radians(np.sum(gradient * moved, axis=1)) for moved in (turned, sheared)
+    )
+    return np.hypot(u_root, by_index * assumed.size(*INDEX)), by_turn
 
 
-def _list_designs(bench: _Bench) -> Iterator[_Design]:
-    """Campaigns of all sizes; beside what is measured, those of the temperatures that it lacks, and
-    an empty one.
+def _plan_stations(bench: StationBench, dwell_s: float) -> tuple[Array, Array]:
+    """Standard uncertainty of the root of s = 1 at each place, infinite where a fit would not use
+    it, and its derivative by a turn [1/°].
     """
-    places = [
-        (dwell_s, best)
-        for dwell_s in bench.device.dwell_s
-        for best in _choose_places(bench, dwell_s)
-    ]
-    seen: set[tuple[int, ...]] = set()
-    if bench.have.u.size:
-        yield _Design((), (), 0.0)
-    for levels in list_levels(bench.task, bench.order, MORE_LEVELS, bench.range_degc):
-        tour = order_there_and_back(levels)
-        listed = [tour, *(choose_some(tour[:-1]) if bench.have.u.size else ())]
-        for degc in listed:
-            if degc not in seen:
-                seen.add(degc)
-                for dwell_s, best in places:
-                    for number in STATIONS:
-                        if number <= len(best):
-                            yield _Design(degc, best[:number], dwell_s)
-
-
-def _list_coefficients(bench: _Bench, information: Information) -> Iterator[Coefficient]:
-    """Predicted standard uncertainties in powers of °C."""
-    for axis in bench.spec.axes:
-        for k, u in enumerate(raw_uncertainties(information, bench.order, bench.range_degc)):
-            yield Coefficient(axis, f"s{k}", power_unit("1", "degC", k), u)
-
-
-def _list_usual(bench: _Bench) -> Iterator[Candidate]:
-    """The usual campaign: at each of nine temperatures, from low to high, stations to the north,
-    east, south and west at one inclination near 30°, a minute in a position.
-    """
-    degc = list_usual_levels(bench.range_degc)
-    u, _ = bench.uncertainty(60.0)
+    spec, assumed = bench.spec, bench.assumed
+    latitude_deg = spec.site.latitude_deg
     tilt, azimuth = bench.places.T
-    near = tilt[np.argmin(np.abs(tilt - 30.0))]
-    spread = np.flatnonzero((tilt == near) & (azimuth % 90.0 == 0.0) & np.isfinite(u)).tolist()
-    found = bench.candidate(_Design(degc, tuple(spread), 60.0)) if spread else None
-    if found is not None:
-        yield found
+    attitudes = simulated.Attitudes(tilt, np.zeros_like(tilt), azimuth)
+    gravity = simulated.rotated(attitudes, np.array([0.0, 0.0, 1.0]))
+    rate_dph = simulated.rotated(attitudes, earth.north_east_down(latitude_deg))
+    # half differences of two positions; the bias walks over both steps between them
+    gyro = (assumed.noise_of(dwell_s) ** 2 + assumed.size(*WALK) ** 2) / 2.0
+    accel = assumed.size(*ACCEL) ** 2 / 2.0
+    covariance = np.tile(np.diag([accel, accel, gyro, gyro]), (len(gravity), 1, 1))
+    across = (gravity[:, 0], gravity[:, 1], rate_dph[:, 0], rate_dph[:, 1])
+    parts = Components(*across, covariance)
+    roots = estimate_roots(parts, latitude_deg, limits=Limits(**spec.limits.model_dump()))
+    column = np.argmin(np.abs(roots.s - 1.0), axis=1)
+    rows = np.arange(column.size)
+    used = roots.usable[rows, column] & ~(roots.s > 0.0).all(axis=1)
+    used &= np.array([not reason for reason in roots.status])
+    u_root = np.where(used, roots.uncertainty[rows, column], np.inf)
+    u, by_turn = _with_index(parts, latitude_deg, column == 0, u_root, assumed)
+    return u, np.where(used, by_turn, 0.0)
+
+
+def simulate_plan(
+    spec: InclinometerRecipe, schedule: Schedule, document: Mapping[str, Any], seed: int
+) -> Campaign:
+    """Logs of the stations of a schedule, and the coefficients of s(T) of each gyro."""
+    rng, settings = np.random.default_rng(seed), document["settings"]
+    size = read_sizes(document, UNITS)
+    pairs = {axis: _Pair.draw(rng, settings["order"], size) for axis in spec.axes}
+    sign = 1.0 if spec.reference.convention == "gravity" else -1.0
+    logs: dict[str, dict[str, Array | Integers]] = {}
+    for name, held in schedule.by_log().items():
+        at, held_at = held[::4], len(held) // 4
+        tilt, azimuth, set_degc = np.array(
+            [(one.inclination_deg, one.azimuth_deg, one.set_degc) for one in at]
+        ).T
+        attitudes = simulated.Attitudes(tilt, np.zeros(held_at), azimuth)
+        soak = np.unique(set_degc, return_inverse=True)[1]
+        degc = np.round(set_degc + rng.normal(0.0, REACHED_DEGC, held_at)[soak], 2)
+        index = rng.normal(0.0, size[INDEX], (held_at, 4))
+        logs[name] = columns = {
+            "station": np.repeat(np.arange(1, held_at + 1), 4),
+            "position_deg": np.tile(simulated.POSITIONS_DEG, held_at),
+            "time_s": np.array([one.start_s for one in held]),
+            "temp_case_degc": np.repeat(degc, 4),
+        }
+        for axis, pair in pairs.items():
+            seen = (0.0 if axis == "x" else 90.0) + simulated.POSITIONS_DEG + index
+            accel, gyro = pair.read(rng, attitudes, seen, degc, settings, size)
+            columns[f"accel_{axis}_g"] = sign * accel.ravel()
+            columns[f"gyro_{axis}_dph"] = gyro.ravel()
+        for column in simulated.REFERENCE if name.startswith(WITHHELD) else ():
+            columns[column] = np.repeat(getattr(attitudes, column), 4)
+    truth = {"coefficients": {axis: pair.describe() for axis, pair in pairs.items()}}
+    decimals = simulated.DECIMALS | dict.fromkeys(simulated.REFERENCE, 4)
+    return as_planned(document, seed, logs, decimals, truth)
+
+
+@dataclass(frozen=True, slots=True)
+class _Pair:
+    """A gyro and an accelerometer."""
+
+    scale: Array
+    """Coefficients of s(T)."""
+    turn_deg: float
+    """Of the gyro against the accelerometer."""
+    bias: Array
+    """Of the accelerometer [g] and of the gyro [°/h]."""
+
+    @classmethod
+    def draw(
+        cls, rng: np.random.Generator, order: int, size: Mapping[tuple[str, str], float]
+    ) -> Self:
+        """Draw a pair."""
+        scale = np.append(1.0, np.zeros(order)) + rng.normal(0.0, SIZES[: order + 1])
+        return cls(scale, rng.normal(0.0, size[TURN]), rng.normal(0.0, BIAS))
+
+    def describe(self) -> dict[str, float]:
+        """Coefficients of s(T) by name."""
+        return {f"s{k}": value for k, value in enumerate(self.scale.tolist())}
+
+    def read(
+        self,
+        rng: np.random.Generator,
+        attitudes: simulated.Attitudes,
+        seen_deg: Array,
+        degc: Array,
+        settings: Mapping[str, Any],
+        size: Mapping[tuple[str, str], float],
+    ) -> tuple[Array, Array]:
+        """Accelerometer [g] and gyro [°/h] in directions [n, 4] [°] about the axis of the tool."""
+        gravity = simulated.rotated(attitudes, np.array([0.0, 0.0, 1.0]))
+        rate = simulated.rotated(attitudes, earth.north_east_down(settings["latitude_deg"]))
+        accel = simulated.resolve_along(gravity, seen_deg, 0.0) + self.bias[0]
+        accel += rng.normal(0.0, size[ACCEL], seen_deg.shape)
+        s = np.polynomial.polynomial.polyval(degc, self.scale)
+        s = s + rng.normal(0.0, size[SCATTER], degc.size)
+        s = s + rng.normal(0.0, size[OF_LOG])
+        walk = np.cumsum(rng.normal(0.0, size[WALK], seen_deg.shape), axis=1)
+        gyro = simulated.resolve_along(rate, seen_deg + self.turn_deg, 0.0) / s[:, None] + walk
+        gyro += self.bias[1] + rng.normal(0.0, settings["noise_dph"], seen_deg.shape)
+        return accel, gyro

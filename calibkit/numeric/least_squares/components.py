@@ -61,11 +61,6 @@ class Effect:
         """The effect on some of the rows [n]."""
         return Effect(self.group, self.effect, self.labels[rows], self.loading[rows], self.known)
 
-    def divided_by(self, noise: Array) -> "Effect":
-        """The effect on rows in units of their noise [n]."""
-        loading = (self.loading.T / noise).T
-        return Effect(self.group, self.effect, self.labels, loading, self.known)
-
 
 @dataclass(frozen=True, slots=True)
 class Component:

@@ -1,16 +1,16 @@
 """What planned ramps will tell of the drift of a gyro, by the `bank` model with its priors."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
-from calibkit.arrays import Array
+from calibkit.arrays import Array, Integers
 from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.instruments.fog_thermal.numeric import bank as forward, bank_fit
 from calibkit.instruments.fog_thermal.numeric.bank import Bank
-from calibkit.numeric.information import Information, invert
+from calibkit.numeric.exchange import invert
 from calibkit.numeric.thermal import coil, noise as thermal_noise
 
 STEP_S = 60.0
@@ -34,9 +34,12 @@ UNITS = {
     ("log", "flicker"): "deg/h",
 }
 """(group, effect) of the errors that can be assumed, and the units they are stated in."""
-TERMS, LAG, TURN_ON, START = "size of the drift", "static lag", "turn-on bias", "start of the log"
-SOURCES = (TERMS, LAG, TURN_ON, START)
+SOURCES = ("noise", "turn-on bias", "start of the log", "size of the drift", "static lag")
+"""What limits a result: of each log, and of the coefficients before any is measured."""
+HARDLY = 1e-12
+"""Information on a constant that nothing is known of before."""
 BANK = Bank(bank_fit.LAGS_S)
+Sources = dict[str, Array]
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,48 +108,50 @@ class Model:
         found[-3:] = bank_fit.STATIC_SPREAD**-2.0
         return found
 
-    def own(self, time: Array) -> tuple[Array, Array]:
+    def own(self, time: Array) -> tuple[Array, Integers]:
         """Columns [m, k] of the errors of one log at times [m, s], turn-on bias and initial state,
-        and their precisions [k].
+        in units of their sizes, and the number of the source of each.
         """
         states = np.exp(-(time - time[0])[:, None] / np.array(bank_fit.WARM_UP_S))
-        sizes = [self._size("log", "turn-on"), *[self._size("log", "initial state")] * 3]
-        present = np.array(sizes) > 0.0
-        columns = np.column_stack([np.ones(time.size), states])[:, present]
-        return columns, np.array(sizes)[present] ** -2.0
+        columns = [np.full((time.size, 1), self._size("log", "turn-on"))]
+        columns.append(self._size("log", "initial state") * states)
+        return np.hstack(columns), np.array([0, *[1] * states.shape[1]])
 
-    def whitened(self, log: "CaseLog") -> tuple[Array, Array]:
-        """Columns [m, p + 3] and those of the log's own errors [m, k] in units of independent
-        noise.
+    def part(self, log: "CaseLog") -> Array:
+        """Information [3, p + 3, p + 3] of one log: Cᵀ V⁻¹ V_s V⁻¹ C for what noise, turn-on bias
+        and initial state add to V, which is their sum; the sum of all three is Cᵀ V⁻¹ C.
         """
         columns = self.columns(log)
         rows = len(columns)
         variance = self.white_dph**2 * STEP_S / log.step_s * np.eye(rows)
         variance += self._size("log", "flicker") ** 2 * _kernel(rows)
-        factor = np.linalg.cholesky(variance)
-        return np.linalg.solve(factor, columns), np.linalg.solve(factor, self.own(log.time)[0])
+        errors, source = self.own(log.time)
+        whole = np.column_stack([columns, errors])
+        white = np.linalg.solve(np.linalg.cholesky(variance), whole)
+        C, Z = white[:, : columns.shape[1]], white[:, columns.shape[1] :]
+        VC = C - Z @ np.linalg.solve(np.eye(Z.shape[1]) + Z.T @ Z, Z.T @ C)
+        ZVC = Z.T @ VC
+        each = [ZVC[source == number].T @ ZVC[source == number] for number in (0, 1)]
+        return np.stack([VC.T @ VC, *each])
 
-    def part(self, log: "CaseLog") -> Array:
-        """Information [p + 3, p + 3] of one log, its own errors averaged over."""
-        columns, own = self.whitened(log)
-        inner = own.T @ own + np.diag(self.own(log.time)[1])
-        across = columns.T @ own
-        return np.asarray(columns.T @ columns - across @ np.linalg.solve(inner, across.T))
+    def variances(self, information: Array, slopes: Mapping[str, Array]) -> dict[str, Sources]:
+        """Result → source → variance [m] that it leaves in combinations [m, p + 3], where the logs
+        have an information [3, p + 3, p + 3].
+        """
+        inverse = invert(information.sum(axis=0) + np.diag(self.prior + HARDLY))
+        found = {}
+        for name, combinations in slopes.items():
+            pull = inverse @ combinations.T
+            by_log = np.sum(pull * (information @ pull), axis=1)
+            by_prior = self.prior[:, None] * pull**2
+            parts = (*by_log, by_prior[:-3].sum(axis=0), by_prior[-3:].sum(axis=0))
+            found[name] = dict(zip(SOURCES, parts, strict=True))
+        return found
 
-    def information(self, logs: Sequence["CaseLog"]) -> Information:
-        """Information of a campaign with the errors of each log written out."""
-        precision = self.own(np.zeros(1))[1]
-        p, k = len(BANK.terms) + 3, precision.size
-        data = np.zeros((p + k * len(logs),) * 2)
-        kinds = [2] * (self._size("log", "turn-on") > 0.0)
-        for number, log in enumerate(logs):
-            at = [*range(p), *range(p + k * number, p + k * (number + 1))]
-            whole = np.column_stack(self.whitened(log))
-            data[np.ix_(at, at)] += whole.T @ whole
-        own = [*kinds, *[3] * (k - len(kinds))]
-        source = np.array([*[0] * (p - 3), *[1] * 3, *own * len(logs)], dtype=np.int64)
-        prior = np.concatenate([self.prior, np.tile(precision, len(logs))])
-        return Information(data, prior, source, SOURCES)
+    def uncertainty(self, information: Array) -> Array:
+        """Standard uncertainties [p + 3] of the coefficients."""
+        inverse = invert(information.sum(axis=0) + np.diag(self.prior + HARDLY))
+        return np.asarray(np.sqrt(np.diag(inverse)))
 
     def result_slopes(self, result: str) -> Array:
         """Derivatives [m, p + 3] of a result where it is used by the coefficients: of the drift
@@ -187,8 +192,3 @@ class CaseLog:
 def _kernel(rows: int) -> Array:
     """Covariance of flicker noise of level 1."""
     return thermal_noise.flicker_kernel(rows)
-
-
-def covariance_of(parts: Sequence[Array], prior: Array) -> Array:
-    """Covariance [p, p] of the coefficients from the information of each log."""
-    return invert(np.sum(parts, axis=0) + np.diag(prior + 1e-12))

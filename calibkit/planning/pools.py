@@ -1,0 +1,84 @@
+"""Candidates of which a design takes some, from the derivatives of their rows.
+
+    [J Z] / σ = [rows],   b ~ N(0, 1)   →   M = [rows]ᵀ [rows] + diag(0, I)
+
+Shared errors are parameters with priors, in units of their sizes, so that the inverse of M holds
+the covariance of generalised least squares, and the information of rows adds up.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.numeric.exchange import Pool
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from calibkit.arrays import Array
+    from calibkit.fit.shared import Shared
+
+
+def information(jacobian: Array, shared: Sequence[Shared], noise: Array) -> Array:
+    """Information [p, p] of rows [n, p] on the parameters, all shared errors averaged over."""
+    J, Z = jacobian / noise[:, None], _loadings(shared, noise)
+    inner = Z.T @ Z + np.eye(Z.shape[1])
+    across = Z.T @ J
+    return np.asarray(J.T @ J - across.T @ np.linalg.solve(inner, across))
+
+
+def pool(
+    jacobian: Array,
+    shared: Sequence[Shared],
+    single: Sequence[Shared],
+    noise: Array,
+    count: int,
+    base: Array,
+    slopes: Array,
+) -> Pool:
+    """Candidates whose rows stand together, as many rows of each; the criterion is the mean
+    variance of combinations [m, p] of the parameters.
+
+    Parameters
+    ----------
+    jacobian : [n, p].
+    shared, single : errors that candidates share, and that each has of its own, with their sizes.
+    noise : [n].
+    count : number of candidates.
+    base : [p, p], information of what is measured already.
+    slopes : [m, p].
+
+    """
+    p = jacobian.shape[1]
+    rows = np.hstack([jacobian / noise[:, None], _loadings(shared, noise)])
+    parts = rows.reshape(count, -1, rows.shape[1])
+    own = [error.loading * (error.size or 0.0) / noise[:, None] for error in single]
+    z = np.hstack([np.zeros((len(rows), 0)), *own]).reshape(*parts.shape[:2], -1)
+    # (I + z zᵀ)⁻¹ = I - z (I + zᵀ z)⁻¹ zᵀ
+    across = np.einsum("crk,crq->ckq", z, parts)
+    inner = np.einsum("crk,crl->ckl", z, z) + np.eye(z.shape[2])
+    each = np.einsum("crq,crs->cqs", parts, parts)
+    each -= np.einsum("ckq,ckl,cls->cqs", across, np.linalg.inv(inner), across)
+    start = np.diag(np.arange(rows.shape[1]) >= p).astype(np.float64)
+    start[:p, :p] += base
+    target = np.zeros_like(start)
+    target[:p, :p] = slopes.T @ slopes / len(slopes)
+    return Pool(start, each, target)
+
+
+def _loadings(shared: Sequence[Shared], noise: Array) -> Array:
+    """Z [n, q] of shared errors in units of their sizes and of the noise [n]."""
+    every = np.arange(len(noise))
+    columns = [error.design(every) * (error.size or 0.0) for error in shared]
+    return np.hstack([np.zeros((len(noise), 0)), *columns]) / noise[:, None]
+
+
+def spread_apart(directions: Array, taken: Sequence[int], count: int) -> list[int]:
+    """Directions [count] of unit vectors [c, 3] that lie farthest from those that are taken."""
+    chosen, near = [], (directions @ directions[list(taken)].T).max(axis=1)
+    for _ in range(min(count, len(directions) - len(taken))):
+        chosen.append(int(np.argmin(np.round(near, 9))))
+        near = np.maximum(near, directions @ directions[chosen[-1]])
+    return chosen
