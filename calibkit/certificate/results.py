@@ -105,6 +105,8 @@ class GridTable:
     cells: tuple[tuple[Result | None, ...], ...]
     note: Words | None = None
     by_row: bool = False
+    points: tuple[float, ...] = ()
+    """Value of the condition of each row, where it is a number: the abscissa of a plot."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,13 +161,14 @@ class Block:
     @property
     def results(self) -> tuple[Result, ...]:
         """Every result in the order of printing."""
-        found: list[Result] = []
-        for table in self.tables:
-            if isinstance(table, ListTable):
-                found += table.results
-            else:
-                found += [cell for row in table.cells for cell in row if cell is not None]
-        return tuple(found)
+        return tuple(result for table in self.tables for result in list_results(table))
+
+
+def list_results(table: ListTable | GridTable) -> list[Result]:
+    """Every result of a table in the order of printing."""
+    if isinstance(table, ListTable):
+        return [*table.results]
+    return [cell for row in table.cells for cell in row if cell is not None]
 
 
 @dataclass(frozen=True, slots=True)
