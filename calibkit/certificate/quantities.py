@@ -81,6 +81,13 @@ class Limit:
     lower: float | None = None
     upper: float | None = None
 
+    def bounds(self, now: float) -> tuple[float, float]:
+        """Lowest and highest value, of a limit on changes those from the value now."""
+        if self.change is not None:
+            return now - self.change, now + self.change
+        low = -math.inf if self.lower is None else self.lower
+        return low, math.inf if self.upper is None else self.upper
+
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
