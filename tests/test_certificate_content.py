@@ -17,6 +17,7 @@ from calibkit.certificate import (
     conformity,
     content,
     profile,
+    quantities,
     stated,
     tables,
     uncertainty,
@@ -191,9 +192,14 @@ SHIFTED = (
 
 def at(temperature, *terms):
     """Value of the curve at a temperature, as it is stated."""
-    context = stated.Stated({}, uncertainty.Source(terms), (), 25.0, SHIFTED)
-    weights, _ = stated.powers("p", MODEL, temperature)
-    return context.linear(RECORD, MODEL, "value", Words("value"), weights, "g", at=temperature)
+    context = stated.Stated({"bias.json": RECORD}, uncertainty.Source(terms), (), 25.0, SHIFTED)
+    column = stated.TEMPERATURE
+    curve = quantities.Quantity(
+        *("value", RECORD.stage, MODEL.name, Words("value"), "g"),
+        (quantities.ranged(MODEL, column),),
+        quantities.polynomial(MODEL, quantities.numbered("p", MODEL), column),
+    )
+    return quantities.state(context, curve, {column: temperature})
 
 
 @pytest.mark.parametrize("temperature", [-20.0, 0.0, 25.0, 60.0])
@@ -264,7 +270,9 @@ def test_interval_of_a_magnitude_covers_what_its_folded_distribution_says(value,
     """The Monte Carlo interval holds 95.45 % of |N(value, u)|, by the exact distribution function,
     within 0.02 %.
     """
-    low, high = stated._magnitude_interval(value, Uncertainty((), u, math.inf, 2.0, 2 * u, 0.9545))
+    low, high = stated.interval_of_magnitude(
+        value, Uncertainty((), u, math.inf, 2.0, 2 * u, 0.9545)
+    )
     folded = stats.foldnorm(abs(value) / u, scale=u)
     assert low >= 0.0
     assert folded.cdf(high) - folded.cdf(low) == pytest.approx(0.9545, abs=2e-4)
@@ -290,8 +298,8 @@ def test_ends_of_an_interval_are_printed_as_its_value_is():
 
 def test_interval_of_a_magnitude_widens_with_few_degrees_of_freedom():
     """Two degrees of freedom: far wider than the normal one."""
-    few = stated._magnitude_interval(1.0, Uncertainty((), 0.1, 2.0, 4.5, 0.45, 0.9545))
-    many = stated._magnitude_interval(1.0, Uncertainty((), 0.1, math.inf, 2.0, 0.2, 0.9545))
+    few = stated.interval_of_magnitude(1.0, Uncertainty((), 0.1, 2.0, 4.5, 0.45, 0.9545))
+    many = stated.interval_of_magnitude(1.0, Uncertainty((), 0.1, math.inf, 2.0, 0.2, 0.9545))
     assert few[1] - few[0] > 2.0 * (many[1] - many[0])
 
 
@@ -308,7 +316,7 @@ def test_default_temperatures_are_round_and_inside_the_range(low, width):
 def test_a_temperature_outside_the_range_is_left_out_and_named():
     """Nothing is stated at 70 °C of a curve that holds to 60 °C."""
     context = stated.Stated({}, NO_TERMS, (0.0, 70.0), 25.0)
-    assert context.grid(MODEL) == (0.0,)
+    assert context.grid(stated.TEMPERATURE, *MODEL.valid[stated.TEMPERATURE]) == (0.0,)
     assert "70 °C" in context.left_out(MODEL)[0].en
 
 
@@ -559,6 +567,11 @@ def test_a_result_has_the_degrees_of_freedom_of_the_coefficients_that_it_is_made
     the residual's degrees of freedom; a result that it is no part of is not.
     """
     model = kept.model({"K": (1000.0, "1/deg", 0.002), "F0": (0.004, "1/s", 3e-4, 3.0)}, dof=1000)
-    scale, level = (stated._weighted(model, np.array(row)) for row in ([2.0, 0.0], [0.0, 2.0]))
-    assert (scale[2], level[2]) == (pytest.approx(1000.0), pytest.approx(3.0))
-    assert stated._weighted(model, np.array([1e-4, 1.0]))[2] == pytest.approx(3.0, rel=1e-5)
+
+    def dof(row):
+        ((_, _, found),) = quantities.Point(0.0, ((model, np.array(row)),)).type_a()
+        return found
+
+    assert dof([2.0, 0.0]) == pytest.approx(1000.0)
+    assert dof([0.0, 2.0]) == pytest.approx(3.0)
+    assert dof([1e-4, 1.0]) == pytest.approx(3.0, rel=1e-5)

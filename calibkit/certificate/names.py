@@ -42,7 +42,10 @@ _CONDITIONS = {
     "temp_case_degc": Words("case temperature", "壳温"),
     "temp_env_degc": Words("chamber air", "箱内气温"),
     "probability_of_deviation_limits": Words("probability of deviation limits", "偏差界限的概率"),
-    "temp_rate": Words("temperature rate", "温变速率"),
+    "temp_rate_degc_min": Words("temperature rate", "温变速率"),
+    "gradient_degc": Words("temperature difference", "温差"),
+    "gradient_rate_degc_min": Words("rate of the temperature difference", "温差变化率"),
+    "table_rate_dps": Words("table rate", "转台角速率"),
 }
 _MODELS = {
     "pair": Words("pair of gyros", "陀螺对"),

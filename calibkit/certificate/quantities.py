@@ -4,15 +4,15 @@ any point and `compare` holds against an earlier run.
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import TypeAlias
 
 import numpy as np
 
-from calibkit import units
 from calibkit.arrays import Array
 from calibkit.certificate.results import Result
-from calibkit.certificate.stated import Stated
+from calibkit.certificate.stated import Stated, input_unit, interval_of_magnitude
 from calibkit.certificate.uncertainty import TYPE_A
 from calibkit.certificate.words import Words
 from calibkit.coefficients import Figure, Model, Record
@@ -21,6 +21,10 @@ from calibkit.numeric import gum
 
 At: TypeAlias = "Mapping[str, float]"
 """Canonical column → value in its unit."""
+Slopes: TypeAlias = "Mapping[str, tuple[float, float]]"
+"""Input → its value and the derivative of a result by it."""
+NAMELESS = Words("")
+NO_SLOPES: Slopes = MappingProxyType({})
 STEP = 1e-4
 """Half the step of a numerical derivative, as a share of the range of the input."""
 
@@ -38,11 +42,8 @@ class Input:
 
     @property
     def unit(self) -> str:
-        """Unit of the column; a gradient is a difference of temperatures."""
-        degree = "K" if self.column.startswith("gradient") else "degC"
-        if self.column.endswith("_degc_min"):
-            return f"{degree}/min"
-        return degree if self.column.endswith("_degc") else units.column_unit(self.column)
+        """Unit of the column."""
+        return input_unit(self.column)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +55,7 @@ class Point:
 
     value: float
     parts: tuple[tuple[Model, Array], ...] = ()
-    influences: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    influences: Slopes = field(default_factory=dict)
     more: tuple[tuple[Words, float, float], ...] = ()
 
     def type_a(self) -> tuple[tuple[Words, float, float], ...]:
@@ -79,6 +80,13 @@ class Limit:
     change: float | None = None
     lower: float | None = None
     upper: float | None = None
+
+    def bounds(self, now: float) -> tuple[float, float]:
+        """Lowest and highest value, of a limit on changes those from the value now."""
+        if self.change is not None:
+            return now - self.change, now + self.change
+        low = -math.inf if self.lower is None else self.lower
+        return low, math.inf if self.upper is None else self.upper
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,6 +115,14 @@ class Quantity:
     """
     called: tuple[str, ...] = ()
     """Names by which type B terms may call it."""
+    symbol: str | None = None
+    """Symbol on a certificate; None where its name is one."""
+    standard: str = ""
+    """Standard whose definition is meant where several define the same word."""
+    magnitude: bool = False
+    """Whether it cannot be negative, and is stated with a coverage interval."""
+    principal: bool = False
+    """Whether its budget is printed in full, where it depends on something at one point."""
 
     @property
     def key(self) -> str:
@@ -136,63 +152,116 @@ def outside_ranges(inputs: Iterable[Input], at: At) -> str:
     )
 
 
-def state(
-    stated: Stated, quantity: Quantity, at: At, *, principal: bool = False, symbol: str = ""
-) -> Result:
+def state(stated: Stated, quantity: Quantity, at: At, *, principal: bool | None = None) -> Result:
     """Result of a quantity at a point with every input, its uncertainty combined as on a
     certificate.
     """
-    found = quantity.point(at)
-    influences, parts_of = stated.of_models(found.parts)
-    if not found.parts and quantity.called:
+    point = quantity.point(at)
+    influences, parts_of = stated.of_models(point.parts)
+    if not point.parts and quantity.called:
         influences = stated.influences({f"{quantity.stage}.{quantity.called[0]}": 1.0})
-    for name, (value, slope) in found.influences.items():
-        if not stated.knows(name):
+    for name, (value, slope) in point.influences.items():
+        # the run's sensitivities tell more than the slope over an input of the result
+        if not (quantity.inputs and stated.knows(name)):
             influences |= {(name, "offset"): slope, (name, "scale"): value * slope}
     conditions = tuple((one.column, at[one.column], one.unit) for one in quantity.inputs)
-    return stated.result(
-        f"{quantity.stage}.json",
+    by_definition = not (point.parts or point.influences or point.more)
+    result = Result(
         quantity.key,
-        symbol or quantity.name,
+        f"{quantity.stage}.json",
+        quantity.name if quantity.symbol is None else quantity.symbol,
         quantity.words,
-        found.value,
+        point.value,
         quantity.unit,
-        type_a=0.0,
-        dof=math.inf,
-        called=(
-            quantity.key,
-            f"{quantity.model}.{quantity.name}",
-            quantity.name,
-            *quantity.called,
-        ),
-        influences=influences,
         at=conditions,
-        principal=principal,
+        standard=quantity.standard,
+        principal=quantity.principal if principal is None else principal,
         condition=f"{conditions[0][1]:g}" if conditions else "",
-        more=found.type_a(),
-        parts_of=parts_of,
+        by_definition=by_definition,
     )
+    if by_definition:
+        return result
+    names = (
+        result.key,
+        quantity.key,
+        f"{quantity.model}.{quantity.name}",
+        quantity.name,
+        *quantity.called,
+    )
+    uncertainty = stated.source.uncertainty(
+        names, point.value, quantity.unit, point.type_a(), influences, parts_of
+    )
+    result = stated.scope.raise_to_floor(replace(result, uncertainty=uncertainty))
+    if result.uncertainty is None or not quantity.magnitude:
+        return result
+    return replace(result, interval=interval_of_magnitude(point.value, result.uncertainty))
 
 
-def weigh(
+def coefficient(
+    record: Record,
     model: Model,
-    weights: Mapping[str, float],
-    *,
-    slope: Mapping[str, float] | None = None,
-    of: tuple[str, float] = ("", 0.0),
-    influences: Mapping[str, tuple[float, float]] | None = None,
-) -> Point:
-    """Σ w_i c_i of a model's coefficients; `slope` holds dw/dx for the column and value `of`."""
-    values = np.array([c.value for c in model.coefficients])
+    name: str,
+    words: Words = NAMELESS,
+    slopes: Slopes = NO_SLOPES,
+) -> Quantity:
+    """A coefficient of a model, which depends on nothing; `slopes` as influences of a point."""
+    fitted = next(c for c in model.coefficients if c.name == name)
+    weights = np.array([float(c is fitted) for c in model.coefficients])
+    point = Point(fitted.value, ((model, weights),), slopes)
+    return Quantity(name, record.stage, model.name, words, fitted.unit, (), lambda _: point)
 
-    def along(by_name: Mapping[str, float]) -> Array:
-        return np.array([by_name.get(c.name, 0.0) for c in model.coefficients])
 
-    known = dict(influences or {})
-    if slope is not None:
-        known[of[0]] = (of[1], float(along(slope) @ values))
-    w = along(weights)
-    return Point(float(w @ values), ((model, w),), known)
+def polynomial(model: Model, terms: Sequence[str], column: str) -> Callable[[At], Point]:
+    """Σ c_k x^k as a function of its abscissa x; `terms` names the coefficients c_k."""
+    names = [c.name for c in model.coefficients]
+    columns = [names.index(term) for term in terms]
+    coefficients = np.array([c.value for c in model.coefficients])
+    powers = np.arange(len(terms))
+
+    def point(at: At) -> Point:
+        x = at.get(column, 0.0)
+        weights, by_abscissa = np.zeros((2, coefficients.size))
+        weights[columns] = x**powers
+        by_abscissa[columns[1:]] = powers[1:] * x ** (powers[1:] - 1)
+        slope = float(by_abscissa @ coefficients)
+        return Point(float(weights @ coefficients), ((model, weights),), {column: (x, slope)})
+
+    return point
+
+
+def numbered(prefix: str, model: Model) -> list[str]:
+    """Coefficients <prefix>0, <prefix>1, … of a model, as many as it has."""
+    names = [c.name for c in model.coefficients]
+    return [name for k in range(len(names)) if (name := f"{prefix}{k}") in names]
+
+
+def against_rest(point: Callable[[At], Point], rest: At) -> Callable[[At], Point]:
+    """A result less that at rest: there it is 0 by definition. Further uncertainties and the
+    derivatives by the inputs are those of the result itself, as `rest` is no measured value.
+    """
+
+    def difference(at: At) -> Point:
+        if all(value == rest.get(name, 0.0) for name, value in at.items()):
+            return Point(0.0)
+        here = point(at)
+        return replace(less(here, point(rest)), influences=here.influences)
+
+    return difference
+
+
+def less(one: Point, other: Point) -> Point:
+    """A result less another of the same model; further uncertainties are those of the first."""
+    ((model, weights),), ((_, taken),) = one.parts, other.parts
+    slopes = {
+        name: (at, slope - other.influences[name][1])
+        for name, (at, slope) in one.influences.items()
+    }
+    return replace(
+        one,
+        value=one.value - other.value,
+        parts=((model, weights - taken),),
+        influences=slopes,
+    )
 
 
 def of_form(
@@ -229,24 +298,17 @@ def of_figure(
     figure: Figure,
     words: Words,
     *,
-    name: str,
     dof: float = math.inf,
-    limit: Limit | None = None,
+    slopes: Slopes = NO_SLOPES,
 ) -> Quantity:
-    """A figure of a coefficient file, which depends on nothing."""
-    own = figure.effective_dof or dof
-    point = Point(figure.value, more=((TYPE_A, figure.standard_uncertainty, own),))
+    """A figure of a coefficient file, which depends on nothing; `dof` where the file does not state
+    its own.
+    """
+    type_a = (TYPE_A, figure.standard_uncertainty, figure.effective_dof or dof)
+    point = Point(figure.value, influences=slopes, more=(type_a,))
+    name, stage = figure.name, record.stage
     return Quantity(
-        name,
-        record.stage,
-        "",
-        words,
-        figure.unit,
-        (),
-        lambda _: point,
-        compared=(({},),),
-        limit=limit,
-        called=(figure.name,),
+        *(name, stage, "", words, figure.unit, ()), lambda _: point, called=(name,), symbol=""
     )
 
 

@@ -75,6 +75,11 @@ class Result:
     """What stands behind `@` in its key."""
 
     @property
+    def U(self) -> float:  # noqa: N802 (the symbol of GUM)
+        """Expanded uncertainty; 0 where none is known."""
+        return 0.0 if self.uncertainty is None else self.uncertainty.expanded_uncertainty
+
+    @property
     def key(self) -> str:
         """Name of the result, unique on its certificate."""
         return f"{self.quantity}@{self.condition}" if self.condition else self.quantity
@@ -105,6 +110,8 @@ class GridTable:
     cells: tuple[tuple[Result | None, ...], ...]
     note: Words | None = None
     by_row: bool = False
+    points: tuple[float, ...] = ()
+    """Value of the condition of each row, where it is a number: the abscissa of a plot."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,13 +166,14 @@ class Block:
     @property
     def results(self) -> tuple[Result, ...]:
         """Every result in the order of printing."""
-        found: list[Result] = []
-        for table in self.tables:
-            if isinstance(table, ListTable):
-                found += table.results
-            else:
-                found += [cell for row in table.cells for cell in row if cell is not None]
-        return tuple(found)
+        return tuple(result for table in self.tables for result in list_results(table))
+
+
+def list_results(table: ListTable | GridTable) -> list[Result]:
+    """Every result of a table in the order of printing."""
+    if isinstance(table, ListTable):
+        return [*table.results]
+    return [cell for row in table.cells for cell in row if cell is not None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,6 +212,13 @@ def round_result(value: float, uncertainty: float, *, digits: int = 2) -> _Print
         Decimal(text).scaleb(-exponent).quantize(place, context=DIGITS) for text in (shown, u)
     ]
     return _Printed(f"{scaled[0]:f}", f"{scaled[1]:f}", exponent)
+
+
+def print_expanded(value: float, U: float) -> tuple[str, str]:
+    """Value and U as they are printed on one line, with powers of ten in letters."""
+    printed = round_result(value, U)
+    power = f"e{printed.exponent:+d}" if printed.exponent else ""
+    return printed.value + power, printed.uncertainty + power
 
 
 def round_descriptor(value: float) -> _Printed:

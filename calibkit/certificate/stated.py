@@ -1,22 +1,22 @@
-"""Models of coefficient files → results: a weighted sum of coefficients with the uncertainty that
-the covariance gives it.
+"""What the uncertainties of a run's results come from: its files, the type B terms, what errors of
+inputs move; and at which conditions results are stated.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import lru_cache
-from types import MappingProxyType
 
 import numpy as np
 
+from calibkit import units
 from calibkit.arrays import Array
 from calibkit.certificate.accreditation import Scope
 from calibkit.certificate.names import name_condition, name_model
-from calibkit.certificate.results import GridTable, ListTable, Result, Uncertainty
-from calibkit.certificate.uncertainty import TYPE_A, Influences, Part, Source
+from calibkit.certificate.results import Uncertainty
+from calibkit.certificate.uncertainty import Part, Source
 from calibkit.certificate.words import Words, unit_mark
-from calibkit.coefficients import Figure, Model, Record
+from calibkit.coefficients import Model, Record
 from calibkit.numeric import gum
 from calibkit.sensitivities import Kind, Sensitivity
 
@@ -27,12 +27,6 @@ TEMPERATURE = "temp_case_degc"
 STEPS = (1.0, 2.0, 2.5, 5.0, 10.0, 20.0, 25.0)
 MOST_TEMPERATURES = 8
 """Temperatures that values are stated at where the profile names none."""
-COEFFICIENTS = Words("Coefficients", "系数")
-COEFFICIENT_NOTE = Words(
-    "Rounded values cannot be recombined: their uncertainties are correlated. Compute with the"
-    " attached file.",
-    "系数之间相关，修约后的数值不可重新组合计算；计算请使用所附文件。",
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,41 +55,42 @@ class Stated:
         }
 
     def of_models(
-        self, parts: Sequence[tuple[Model, Array]], record: Record | None = None
+        self, parts: Sequence[tuple[Model, Array]]
     ) -> tuple[dict[tuple[str, Kind], float], list[Part]]:
         """Derivatives by errors of the inputs of a result made of models with weights [p] of their
-        coefficients, and these coefficients; of one record, or of any of the run's.
+        coefficients, and these coefficients.
         """
         weights: dict[str, float] = {}
-        found = []
+        coefficients = []
         for model, row in parts:
-            own = record or next(
-                r for r in self.records.values() if any(m is model for m in r.models)
+            stage = next(
+                record.stage
+                for record in self.records.values()
+                if any(entry is model for entry in record.models)
             )
-            for c, w in zip(model.coefficients, row.tolist(), strict=True):
-                if w:
-                    names = _names(own, model, c.name)
-                    weights[names[0]] = w
-                    found.append(Part(names, c.value, c.unit, w))
-        return self.influences(weights), found
+            for c, weight in zip(model.coefficients, row.tolist(), strict=True):
+                if weight:
+                    names = f"{stage}.{model.name}.{c.name}", f"{model.name}.{c.name}", c.name
+                    weights[names[0]] = weight
+                    coefficients.append(Part(names, c.value, c.unit, weight))
+        return self.influences(weights), coefficients
 
     def knows(self, name: str) -> bool:
         """Whether the run states what an error of an input moves."""
-        return any(one.input == name for one in self.sensitivities)
+        return any(entry.input == name for entry in self.sensitivities)
 
-    def grid(self, model: Model, column: str = TEMPERATURE) -> tuple[float, ...]:
-        """Temperatures [°C] inside a model's range: the profile's, else round ones and the
-        reference.
+    def grid(self, column: str, low: float, high: float) -> tuple[float, ...]:
+        """Values of an input inside its range, of temperatures the profile's, else round ones and
+        the reference; none of an unlimited input.
         """
-        if column not in model.valid:
+        if not math.isfinite(high - low):
             return ()
-        low, high = model.valid[column]
         if self.temperatures and column == TEMPERATURE:
             return tuple(t for t in self.temperatures if low <= t <= high)
-        found = set(_round_numbers(low, high))
+        points = set(_round_numbers(low, high))
         if column == TEMPERATURE and low <= self.reference_degc <= high:
-            found.add(self.reference_degc)
-        return tuple(sorted(found))
+            points.add(self.reference_degc)
+        return tuple(sorted(points))
 
     def left_out(self, model: Model) -> tuple[Words, ...]:
         """Note on temperatures that the profile asks for and the model does not hold at."""
@@ -112,198 +107,6 @@ class Stated:
             ),
         )
 
-    def result(
-        self,
-        file: str,
-        quantity: str,
-        symbol: str,
-        name: Words,
-        value: float,
-        unit: str,
-        *,
-        type_a: float,
-        dof: float,
-        called: Sequence[str] = (),
-        influences: Influences | None = None,
-        at: tuple[tuple[str, float, str], ...] = (),
-        standard: str = "",
-        magnitude: bool = False,
-        principal: bool = False,
-        condition: str = "",
-        more: tuple[tuple[Words, float, float], ...] = (),
-        parts_of: Sequence[Part] = (),
-    ) -> Result:
-        """Result with its expanded uncertainty; `called` are other names that type B terms may use,
-        `more` is type A too.
-        """
-        plain = Result(
-            *(quantity, file, symbol, name, value, unit),
-            at=at,
-            standard=standard,
-            principal=principal,
-            condition=condition,
-        )
-        fit = ((TYPE_A, type_a, dof), *more)
-        found = self.source.uncertainty(
-            (plain.key, *called), value, unit, fit, influences or {}, parts_of
-        )
-        raised = self.scope.raise_to_floor(replace(plain, uncertainty=found))
-        if raised.uncertainty is None or not magnitude:
-            return raised
-        return replace(raised, interval=_magnitude_interval(value, raised.uncertainty))
-
-    def linear(
-        self,
-        record: Record,
-        model: Model,
-        name: str,
-        words: Words,
-        weights: Mapping[str, float],
-        unit: str,
-        *,
-        at: float | None = None,
-        influences: Influences | None = None,
-        symbol: str = "",
-        principal: bool = False,
-        condition: tuple[str, str] = (TEMPERATURE, "degC"),
-        more: tuple[tuple[Words, float, float], ...] = (),
-        also: Sequence[str] = (),
-    ) -> Result:
-        """Σ w_i c_i of a model's coefficients with u² = wᵀ C w, and what the run knows of its
-        sensitivities; `influences` are further ones, `also` are further names of it.
-        """
-        w = np.array([weights.get(c.name, 0.0) for c in model.coefficients])
-        value, type_a, dof = _weighted(model, w)
-        known, parts_of = self.of_models(((model, w),), record)
-        quantity = f"{record.stage}.{model.name}.{name}"
-        return self.result(
-            f"{record.stage}.json",
-            quantity,
-            symbol or name,
-            words,
-            value,
-            unit,
-            type_a=type_a,
-            dof=dof,
-            called=[one for own in (name, *also) for one in _names(record, model, own)],
-            influences={**known, **(influences or {})},
-            at=() if at is None else ((condition[0], at, condition[1]),),
-            principal=principal,
-            condition="" if at is None else f"{at:g}",
-            more=more,
-            parts_of=parts_of,
-        )
-
-    def figure(
-        self,
-        record: Record,
-        figure: Figure,
-        words: Words,
-        dof: float,
-        *,
-        standard: str = "",
-        magnitude: bool = False,
-        principal: bool = False,
-        influences: Influences | None = None,
-    ) -> Result:
-        """A figure of a coefficient file; one whose uncertainty was not determined is a
-        descriptor.
-        """
-        quantity = f"{record.stage}.{figure.name}"
-        return self.result(
-            f"{record.stage}.json",
-            quantity,
-            "",
-            words,
-            figure.value,
-            figure.unit,
-            type_a=figure.standard_uncertainty,
-            dof=figure.effective_dof or dof,
-            called=(figure.name,),
-            influences={**self.influences({quantity: 1.0}), **(influences or {})},
-            standard=standard,
-            magnitude=magnitude,
-            principal=principal,
-        )
-
-    def coefficients(
-        self,
-        record: Record,
-        model: Model,
-        title: Words = COEFFICIENTS,
-        more: Mapping[str, tuple[tuple[Words, float, float], ...]] = MappingProxyType({}),
-        also: Mapping[str, Sequence[str]] = MappingProxyType({}),
-    ) -> ListTable:
-        """Every fitted coefficient of a model; `more` is further type A of some of them, `also`
-        further names: a coefficient of power 0 is the value at 0.
-        """
-        results = tuple(
-            self.linear(
-                record,
-                model,
-                c.name,
-                Words(""),
-                {c.name: 1.0},
-                c.unit,
-                more=more.get(c.name, ()),
-                also=also.get(c.name, ()),
-            )
-            for c in model.coefficients
-            if c.value or c.standard_uncertainty
-        )
-        return ListTable(title, results, COEFFICIENT_NOTE)
-
-    def over(
-        self,
-        title: Words,
-        temperatures: Sequence[float],
-        columns: Sequence[tuple[Words, str, Callable[[float], Result | None]]],
-        *,
-        row_head: Words | None = None,
-        note: Words | None = None,
-    ) -> GridTable:
-        """Table of quantities (head, unit, function of temperature) at temperatures."""
-        return GridTable(
-            title,
-            row_head or Words("T [°C]"),
-            tuple(head for head, _, _ in columns),
-            tuple(unit for _, unit, _ in columns),
-            tuple(f"{t:g}" for t in temperatures),
-            tuple(tuple(value(t) for _, _, value in columns) for t in temperatures),
-            note,
-        )
-
-
-def _names(record: Record, model: Model, name: str) -> tuple[str, ...]:
-    """Names that type B terms may call a result of a model by."""
-    return f"{record.stage}.{model.name}.{name}", f"{model.name}.{name}", name
-
-
-def _weighted(model: Model, w: Array) -> tuple[float, float, float]:
-    """Σ w_i c_i of a model's coefficients by weights [p], its type A standard uncertainty from the
-    covariance, and the degrees of freedom of that.
-    """
-    values = np.array([c.value for c in model.coefficients])
-    dof = np.array([float(model.dof_of(c)) for c in model.coefficients])
-    covariance = np.array(model.covariance)
-    type_a = math.sqrt(max(float(w @ covariance @ w), 0.0))
-    return float(w @ values), type_a, gum.degrees_of_freedom(w, covariance, dof)
-
-
-def powers(
-    prefix: str, model: Model, x: float, first: int = 0
-) -> tuple[dict[str, float], dict[str, float]]:
-    """Weights of prefix<first>, prefix<first + 1>, … as ascending powers of x, and their
-    derivatives by x.
-    """
-    names = {c.name for c in model.coefficients}
-    weights, slope, k = {}, {}, 0
-    while f"{prefix}{first + k}" in names:
-        weights[f"{prefix}{first + k}"] = x**k
-        slope[f"{prefix}{first + k}"] = k * x ** (k - 1) if k else 0.0
-        k += 1
-    return weights, slope
-
 
 def _round_numbers(low: float, high: float) -> list[float]:
     """At most eight round numbers from low to high."""
@@ -315,23 +118,21 @@ def _round_numbers(low: float, high: float) -> list[float]:
     return []
 
 
-QUANTITIES = {
-    "temp_case_degc": (Words("case temperature", "壳温"), "°C"),
-    "temp_rate_degc_min": (Words("temperature rate", "温变速率"), "°C/min"),
-    "gradient_degc": (Words("temperature difference", "温差"), "K"),
-    "gradient_rate_degc_min": (Words("rate of the temperature difference", "温差变化率"), "K/min"),
-    "table_rate_dps": (Words("table rate", "转台角速率"), "°/s"),
-}
-"""Columns of ranges in words, with their units."""
+def input_unit(column: str) -> str:
+    """Unit of an input; a gradient is a difference of temperatures."""
+    degree = "K" if column.startswith("gradient") else "degC"
+    if column.endswith("_degc_min"):
+        return f"{degree}/min"
+    return degree if column.endswith("_degc") else units.column_unit(column)
 
 
 def range_words(model: Model) -> Words:
     """Ranges that a model holds in."""
     parts, name = [], name_model(model.name)
     for column, ends in model.valid.items():
-        words, unit = QUANTITIES.get(column, (name_condition(column), ""))
         low, high = (f"{end:.4g}".replace("-", "−") for end in ends)
-        parts.append(words + Words(f" {low} … {high} {unit}".rstrip()))
+        unit = unit_mark(input_unit(column))
+        parts.append(name_condition(column) + Words(f" {low} … {high} {unit}".rstrip()))
     return Words(
         f"Model {name.en} holds for {'; '.join(part.en for part in parts)}.",
         f"模型 {name.zh or name.en} 适用范围：{'；'.join(part.zh or part.en for part in parts)}。",
@@ -350,7 +151,7 @@ def residual_words(model: Model) -> Words:
     )
 
 
-def _magnitude_interval(value: float, uncertainty: Uncertainty) -> tuple[float, float]:
+def interval_of_magnitude(value: float, uncertainty: Uncertainty) -> tuple[float, float]:
     """95.45 % coverage interval of a quantity that cannot be negative: |value + u·t| by Monte Carlo
     (JCGM 101).
     """

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from types import ModuleType
 
     from calibkit.certificate.content import Layout
+    from calibkit.certificate.results import Block
+    from calibkit.certificate.stated import Stated
     from calibkit.coefficients import Input, Record, StageResult
     from calibkit.forms import Form
     from calibkit.frame import Examined, Log
@@ -131,7 +133,7 @@ ROOMS = {
 
 draw(title, fitted) → Drawn: figures of a fit, and its summary in full.
 results(records, spec) → quantities: results of a run as functions of their inputs.
-blocks(stated) → blocks of results on a certificate.
+blocks(stated) → blocks of results on a certificate; without it those that the results alone give.
 chain(spec, records) → correction chain of firmware, files(spec) → coefficient files that it takes
     its numbers from, conventions(spec) → conventions of inputs and outputs, one line each,
     correct_as_firmware(spec, chain, program, data) → a log as the exported firmware corrects it.
@@ -266,14 +268,21 @@ def certificate_layout(document: Mapping[str, Any]) -> Layout:
     """Layout and recipe of a certificate of a run, by its run.json; UsageError for an unknown
     procedure.
     """
+    from calibkit.certificate.blocks import lay_out_records
     from calibkit.certificate.content import Layout
 
     procedure = str(document["procedure"])
-    blocks = optional(procedure, "blocks") if procedure in REGISTRY else None
-    if blocks is None:
+    if procedure not in REGISTRY:
         raise UsageError(
             f"{document['serial']}@r{document['revision']:03d}: no certificate layout for procedure"
             f" '{procedure}'",
             hint="use a newer calibkit",
         )
-    return Layout(blocks, fitted_recipe(document))
+    spec = fitted_recipe(document)
+    results = optional(procedure, "results")
+
+    def lay_out(stated: Stated) -> tuple[Block, ...]:
+        quantities = () if results is None else results(stated.records, spec)
+        return lay_out_records(stated, quantities)
+
+    return Layout(optional(procedure, "blocks") or lay_out, spec)

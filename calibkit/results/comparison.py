@@ -50,9 +50,10 @@ class Compared:
         """Change that decides: nearest to the limit, or largest in its uncertainty."""
         if not self.changes:
             return None
-        if self.limit is not None and self.limit.change is None:
-            return max(self.changes, key=lambda one: _reach(one.now, self.limit))
-        if self.limit is not None:
+        limit = self.limit
+        if limit is not None and limit.change is None:
+            return max(self.changes, key=lambda one: _reach(one.now, limit))
+        if limit is not None:
             return max(self.changes, key=lambda one: abs(one.difference) + (one.expanded or 0.0))
         return max(self.changes, key=lambda one: abs(one.difference) / (one.u or math.inf))
 
@@ -104,23 +105,16 @@ def nearness(one: Compared) -> float:
     return abs(worst.difference) / (one.factor * worst.u) if worst.u > 0.0 else 0.0
 
 
-def _reach(found: Result, limit: Limit | None) -> float:
+def _reach(found: Result, limit: Limit) -> float:
     """How far a value ± U reaches beyond the middle between its limits, as a share of the half
     width; of one limit, the value + U over it.
     """
-    U = found.uncertainty.expanded_uncertainty if found.uncertainty else 0.0
-    low, high = _bounds(limit)
+    U, (low, high) = found.U, limit.bounds(0.0)
     if not math.isfinite(low) or not math.isfinite(high):
         if math.isinf(low):
             return (found.value + U) / abs(high) if high else math.inf
         return abs(low) / abs(found.value - U) if found.value - U else math.inf
     return (abs(found.value - (low + high) / 2.0) + U) / ((high - low) / 2.0)
-
-
-def _bounds(limit: Limit | None) -> tuple[float, float]:
-    """Lowest and highest value."""
-    lower, upper = (None, None) if limit is None else (limit.lower, limit.upper)
-    return (-math.inf if lower is None else lower), (math.inf if upper is None else upper)
 
 
 def compare(
@@ -346,16 +340,13 @@ def _judge(made: Compared) -> tuple[Answer, str]:
         if worst is not None and abs(worst.difference) > made.factor * u:
             return "no", "no limit is set, and it changed by more than its U"
         return "yes", "no limit is set, and it did not change beyond its U"
+    low, high = limit.bounds(0.0)
     if limit.change is not None:
-        what, low, high = "change", -limit.change, limit.change
+        what = "change"
         found = [(one.difference, one.expanded or 0.0) for one in made.changes]
     else:
-        what, (low, high) = "value", _bounds(limit)
-        found = [
-            (one.now.value, one.now.uncertainty.expanded_uncertainty)
-            for one in made.changes
-            if one.now.uncertainty is not None
-        ]
+        what = "value"
+        found = [(one.now.value, one.now.U) for one in made.changes if one.now.uncertainty]
     if all(low <= value - U and value + U <= high for value, U in found):
         return "yes", f"{what} ± U within the limit"
     if any(value + U < low or value - U > high for value, U in found):

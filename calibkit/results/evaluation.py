@@ -8,7 +8,7 @@ from typing import Any, Self
 from calibkit import instruments, sensitivities
 from calibkit.arrays import Array
 from calibkit.certificate.quantities import At, Input, Quantity, state
-from calibkit.certificate.results import Result, round_descriptor, round_result
+from calibkit.certificate.results import Result, print_expanded, round_descriptor
 from calibkit.certificate.stated import Stated
 from calibkit.certificate.uncertainty import Source
 from calibkit.certificate.words import unit_mark
@@ -178,9 +178,7 @@ def _printed(value: Value) -> tuple[str, str]:
             return f"{value.result.value:.6g}", "-"
         printed = round_descriptor(value.result.value)
         return f"{value.result.value:.6g}" if printed.exponent else printed.value, "-"
-    printed = round_result(value.result.value, value.expanded)
-    power = f"e{printed.exponent:+d}" if printed.exponent else ""
-    return printed.value + power, printed.uncertainty + power
+    return print_expanded(value.result.value, value.expanded)
 
 
 def list_values(values: Sequence[Value]) -> Table:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calibkit.certificate.results import round_result
+from calibkit.certificate.results import print_expanded
 from calibkit.certificate.words import unit_mark
 from calibkit.errors import CalibkitError
 from calibkit.history.timeline import YEAR_DAYS, independent_runs
@@ -161,7 +161,7 @@ def _follow(every: Sequence[RunResults], quantity: Quantity) -> _KeyValue:
         for run, result in values
         if result.uncertainty is not None and run.document["revision"] in independent
     ]
-    limits = _limits(quantity, newest)
+    limits = None if quantity.limit is None else quantity.limit.bounds(newest.value)
     line = change.trend(
         np.array([_year(run) for run, _ in used]),
         np.array([result.value for _, result in used]),
@@ -176,19 +176,6 @@ def _follow(every: Sequence[RunResults], quantity: Quantity) -> _KeyValue:
     return _KeyValue(quantity, newest.at, values, limits, line, reach)
 
 
-def _limits(quantity: Quantity, newest: Result) -> tuple[float, float] | None:
-    """Lowest and highest value: stated, or a change from the newest determination."""
-    limit = quantity.limit
-    if limit is None:
-        return None
-    if limit.change is not None:
-        return newest.value - limit.change, newest.value + limit.change
-    return (
-        -np.inf if limit.lower is None else limit.lower,
-        np.inf if limit.upper is None else limit.upper,
-    )
-
-
 def tabulate(found: Sequence[_KeyValue]) -> Table | None:
     """A row for each key value: the newest, its slope a year, and when the limit will be
     reached; None where there is none.
@@ -200,8 +187,8 @@ def tabulate(found: Sequence[_KeyValue]) -> Table | None:
         slope = ""
         if line is not None:
             slope = _state(line.slope, line.coverage_factor * line.standard_uncertainty)
-        U = newest.uncertainty.expanded_uncertainty if newest.uncertainty else 0.0
-        cells = (one.place, len(one.values), _state(newest.value, U), unit, slope, one.forecast)
+        last = _state(newest.value, newest.U)
+        cells = (one.place, len(one.values), last, unit, slope, one.forecast)
         rows.append((one.quantity.words.en, *cells))
     heads = ("key value", "at", "runs", "last ± U", "unit", "a year ± U", "limit reached")
     return Table("key values", heads, tuple(rows)) if rows else None
@@ -211,9 +198,7 @@ def _state(value: float, U: float) -> str:
     """A value ± U as it is printed."""
     if not U > 0.0:
         return f"{value:.6g}"
-    shown = round_result(value, U)
-    power = f"e{shown.exponent:+d}" if shown.exponent else ""
-    return f"{shown.value}{power} ± {shown.uncertainty}{power}"
+    return " ± ".join(print_expanded(value, U))
 
 
 def documents(found: Sequence[_KeyValue]) -> Iterator[dict[str, Any]]:
@@ -266,9 +251,8 @@ def _panel(ax: Axes, one: _KeyValue) -> None:
     """One key value."""
     for run, result in one.values:
         day = dt.date.fromisoformat(run.document["effective_from"]).toordinal()
-        U = result.uncertainty.expanded_uncertainty if result.uncertainty else 0.0
         hollow = run.document["verdict"] == "rejected"
-        ax.errorbar([day], [result.value], U, fmt="o", ms=4.5, capsize=3, color=DENOISED,
+        ax.errorbar([day], [result.value], result.U, fmt="o", ms=4.5, capsize=3, color=DENOISED,
                     mfc="none" if hollow else DENOISED)  # fmt: skip
     if one.line is not None:
         until = one.reach.until if one.reach is not None else _year(one.values[-1][0])

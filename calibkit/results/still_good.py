@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calibkit.certificate.results import round_result
+from calibkit.certificate.results import print_expanded
 from calibkit.certificate.words import unit_mark
 from calibkit.history.difference_tables import identify_run
 from calibkit.report.figures import ALERT, GOOD, MUTED, SIDES, page, styled
@@ -54,9 +54,8 @@ def _state_change(one: Change, quantity: Quantity) -> str:
     factor, unit = _scale(quantity, one.then.value)
     if not one.expanded:
         return f"{one.difference * factor:.3g} {unit}".strip()
-    shown = round_result(one.difference * factor, one.expanded * factor)
-    power = f"e{shown.exponent:+d}" if shown.exponent else ""
-    return f"{shown.value}{power} ± {shown.uncertainty}{power} {unit}".strip()
+    shown = " ± ".join(print_expanded(one.difference * factor, one.expanded * factor))
+    return f"{shown} {unit}".strip()
 
 
 def _state_limit(one: Compared) -> str:
@@ -104,12 +103,9 @@ def sentence(found: StillGood) -> str:
     if one.limit is None:
         return f"{SENTENCES[found.answer]}: {changed}; {one.reason}"
     if one.limit.change is None:
-        value = (
-            round_result(worst.now.value, worst.now.uncertainty.expanded_uncertainty)
-            if (worst.now.uncertainty)
-            else None
-        )
-        now = "" if value is None else f" to {value.value} ± {value.uncertainty}"
+        now = ""
+        if worst.now.uncertainty is not None:
+            now = f" to {' ± '.join(print_expanded(worst.now.value, worst.now.U))}"
         changed += f"{now} {unit_mark(one.quantity.unit)}".rstrip()
     return f"{SENTENCES[found.answer]}: {changed}, limit {_state_limit(one)} ({one.limit.key})"
 

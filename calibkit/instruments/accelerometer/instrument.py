@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from calibkit.certificate.fit_tables import tabulate_fit
 from calibkit.check import copies
 from calibkit.coefficients import Criterion, Figure, Input
 from calibkit.errors import FitError, RecipeError
@@ -13,6 +14,7 @@ from calibkit.frame import refuse, require
 from calibkit.ingest import logs as ingest, write_back
 from calibkit.instruments import Fitted
 from calibkit.instruments.accelerometer import (
+    certificate,
     circumstances,
     coefficient_files,
     dwells as triad_dwells,
@@ -28,6 +30,7 @@ from calibkit.instruments.accelerometer.fit import TriadFit, fit_triad
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.left_out import LeftOut
 from calibkit.numeric import attitude, chunks
+from calibkit.report.run import list_components
 from calibkit.report.summary import Summary
 
 if TYPE_CHECKING:
@@ -85,7 +88,11 @@ def fit(
     after = found[CORRECTIONS[spec.compensation]]
     out = f", {len(fitted.left_out)} left out" if fitted.left_out else ""
     compared = tables.tabulate_errors(found, spec, f"The fitted dwells before and after{out}")
-    shown = [*tables.tabulate_fit(fitted), compared]
+    influences = sensitivities.find(fitted, dwells, spec)
+    shown = tabulate_fit(results, spec, influences, certificate.blocks)
+    shared = list_components("Errors that dwells share", [fitted.affine or fitted.k[0]])
+    shown += [shared] if shared.rows else []
+    shown.append(compared)
     shown += [tables.tabulate_uncertainty(uncertainty)] if uncertainty else []
     first = overview.summarize_errors(
         found, CORRECTIONS[spec.compensation], len(counted.indication), compared, out
@@ -99,7 +106,7 @@ def fit(
         Summary(spec.title, tuple(shown), tuple(flags), judged, overview=first),
         TriadReport(counted, found["indication"], after, spec.toolface_range_deg),
         lacks=fitted.k_not_fitted,
-        sensitivities=sensitivities.find(fitted, dwells, spec),
+        sensitivities=influences,
         left_out=_list_left_out(fitted, len(dwells.indication)),
     )
 

@@ -15,9 +15,9 @@ from calibkit.certificate.quantities import (
     Point,
     Quantity,
     of_form,
+    polynomial,
     ranged,
     slope_by,
-    weigh,
 )
 from calibkit.certificate.words import Words
 from calibkit.coefficients import Model, Record
@@ -34,25 +34,45 @@ POSITIONS = tuple(
 """Indications [g] of the six positions with one axis along gravity."""
 
 
-def over_temperature(
-    stage: str,
-    model: Model,
-    name: str,
-    words: Words,
-    terms: Sequence[str],
-    unit: str,
-) -> Quantity:
-    """Σ c_k t^k of the coefficients that `terms` names."""
+KINDS = {
+    "k": Words("Scale factor ", "标度因数 "),
+    "z": Words("Zero offset ", "零位 "),
+    "c": Words("Cross term ", "交叉耦合项 "),
+    "m": Words("Matrix entry ", "矩阵元 "),
+    "b": Words("Bias ", "零偏 "),
+}
+"""First letter of a polynomial's symbol → what it is."""
 
-    def point(at: At) -> Point:
-        t = at[forms.TEMPERATURE]
-        weights = {term: t**k for k, term in enumerate(terms)}
-        slope = {term: k * t ** (k - 1) for k, term in enumerate(terms) if k}
-        of = (forms.TEMPERATURE, t)
-        return weigh(model, weights, slope=slope, of=of)
 
-    inputs = (ranged(model, forms.TEMPERATURE),)
-    return Quantity(name, stage, model.name, words, unit, inputs, point)
+def is_cross(symbol: str) -> bool:
+    """Whether a polynomial is that of a cross-axis term: c_xy, m_xy."""
+    _, axes = symbol.split("_")
+    return len(axes) == 2 and axes[0] != axes[1]
+
+
+def over_temperature(stage: str, model: Model) -> list[Quantity]:
+    """Scale factor and zero offset of a K model, or every polynomial Σ c_k T^k of a triad."""
+    if model.form == forms.K.name:
+        axis = AXES[forms.K_MODELS.index(model.name)]
+        listed = [
+            ("scale", axis, KINDS["k"] + Words(axis), [*forms.SCALE_FACTOR], "1"),
+            ("zero", axis, KINDS["z"] + Words(axis), [*forms.ZERO_OFFSET], "g"),
+        ]
+    else:
+        listed = []
+        over = model.form != forms.Q.name and forms.TEMPERATURE in model.valid
+        for name, terms, unit in forms.list_polynomials(model) if over else ():
+            symbol = name.replace("m_", "M_")
+            listed.append((name, symbol, KINDS[name[0]] + Words(symbol), terms, unit))
+    return [
+        Quantity(
+            *(name, stage, model.name, words, unit, (ranged(model, forms.TEMPERATURE),)),
+            polynomial(model, terms, forms.TEMPERATURE),
+            symbol=symbol,
+            principal=name in ("scale", "zero") or not is_cross(name),
+        )
+        for name, symbol, words, terms, unit in listed
+    ]
 
 
 def _inputs(model: Model) -> tuple[Input, ...]:
@@ -135,40 +155,32 @@ def _by_compensation(
     )
 
 
-def _of_models(record: Record, *, components: bool) -> list[Quantity]:
-    """Results of each model by itself; `components` of a triad where nothing else gives them."""
-    make: Callable[..., Quantity] = partial(over_temperature, record.stage)
-    found = []
-    for model in record.models:
-        inputs = _inputs(model)
-        if model.form == forms.K.name:
-            words, form = Words("corrected component", "修正分量"), _component(model, inputs)
-            found += [
-                make(model, "scale", Words("scale factor"), forms.SCALE_FACTOR, "1"),
-                make(model, "zero", Words("zero offset"), forms.ZERO_OFFSET, "g"),
-                Quantity("component", record.stage, model.name, words, "g", inputs, form),
-            ]
-            continue
-        form_of = {form.name: form for form in forms.FORMS}[model.form]
-        for axis, letter in enumerate(AXES if components else ""):
-            name, words = f"component_{letter}", Words(f"corrected {letter}", f"修正 {letter}")
-            point = of_form(form_of, model, inputs, axis)
-            found.append(Quantity(name, record.stage, model.name, words, "g", inputs, point))
-        if form_of is not forms.Q and forms.TEMPERATURE in model.valid:
-            for symbol, terms, unit in forms.list_polynomials(model):
-                words = Words(symbol.replace("m_", "M_"))
-                found.append(make(model, symbol, words, terms, unit))
-    return found
+def _components(stage: str, model: Model) -> list[Quantity]:
+    """Corrected components that a model gives by itself."""
+    inputs = _inputs(model)
+    if model.form == forms.K.name:
+        words = Words("corrected component", "修正分量")
+        return [
+            Quantity("component", stage, model.name, words, "g", inputs, _component(model, inputs))
+        ]
+    form = {form.name: form for form in forms.FORMS}[model.form]
+    return [
+        Quantity(
+            *(f"component_{letter}", stage, model.name),
+            *(Words(f"corrected {letter}", f"修正 {letter}"), "g", inputs),
+            of_form(form, model, inputs, axis),
+        )
+        for axis, letter in enumerate(AXES)
+    ]
 
 
 def results(records: Mapping[str, Record], spec: AccelerometerRecipe) -> tuple[Quantity, ...]:
     """Corrected components by the compensation of the recipe, then the results of each model."""
-    used = coefficient_files.COMPENSATIONS[spec.compensation]
-    return (
-        *_by_compensation(records, spec),
-        *(
-            one
-            for record in records.values()
-            for one in _of_models(record, components=used != (record.stage,))
-        ),
-    )
+    quantities = [*_by_compensation(records, spec)]
+    for record in records.values():
+        corrects = coefficient_files.COMPENSATIONS[spec.compensation] == (record.stage,)
+        for model in record.models:
+            quantities += over_temperature(record.stage, model)
+            if model.form == forms.K.name or not corrects:
+                quantities += _components(record.stage, model)
+    return tuple(quantities)

@@ -4,37 +4,9 @@ from collections.abc import Mapping, Sequence
 
 from calibkit.coefficients import Figure
 from calibkit.instruments.accelerometer.errors import DwellErrors
-from calibkit.instruments.accelerometer.fit import TriadFit
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
-from calibkit.report.run import list_components
 from calibkit.report.summary import number
-from calibkit.report.table import Column, Number, Table, number_or_none
-
-
-def tabulate_fit(fitted: TriadFit) -> list[Table]:
-    """K of the three axes and Q with standard uncertainties."""
-    tables = []
-    if fitted.k:
-        title = "K-factor for °C (± standard uncertainty, type A)"
-        by_number = zip(*(model.coefficients for model in fitted.k), strict=True)
-        rows = tuple(
-            (
-                same[0].name,
-                *(Number(c.value, ".6e", c.standard_uncertainty, ".0e") for c in same),
-            )
-            for same in by_number
-        )
-        tables.append(Table(title, ("", *(model.name for model in fitted.k)), rows))
-    if fitted.q is not None:
-        title = f"Q-factor at {fitted.q.value('temperature'):.1f} °C [mrad]"
-        rows = tuple(
-            (c.name, Number(1e3 * c.value, ".4f", 1e3 * c.standard_uncertainty, ".4f"))
-            for c in fitted.q.coefficients
-        )
-        tables.append(Table(title, ("", "small-angle"), rows))
-    model = fitted.affine or fitted.k[0]
-    shared = list_components("Errors that dwells share", [model])
-    return [*tables, shared] if shared.rows else tables
+from calibkit.report.table import Column, Table, number_or_none
 
 
 def tabulate_errors(

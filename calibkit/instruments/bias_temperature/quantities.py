@@ -3,15 +3,20 @@ reference, which `apply` takes off.
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from calibkit import units
-from calibkit.certificate.quantities import At, Point, Quantity, ranged, weigh
-from calibkit.certificate.stated import powers
+from calibkit.certificate.quantities import (
+    Quantity,
+    against_rest,
+    numbered,
+    polynomial,
+    ranged,
+)
 from calibkit.certificate.words import Words
 from calibkit.coefficients import Model, Record
-from calibkit.forms import POLYNOMIAL
 from calibkit.instruments.bias_temperature.recipe import BiasTemperatureRecipe
 
 
@@ -27,39 +32,25 @@ def reference_of(model: Model, reference_degc: float) -> float:
 def bias(stage: str, model: Model) -> Quantity:
     """Bias of one channel, its turn-on bias included."""
     (column,) = model.valid
-
-    def point(at: At) -> Point:
-        weights, slope = powers("p", model, at[column])
-        return weigh(model, weights, slope=slope, of=(column, at[column]))
-
+    point = polynomial(model, numbered("p", model), column)
     unit, inputs = units.column_unit(model.name), (ranged(model, column),)
-    return Quantity("bias", stage, model.name, Words("bias", "零偏"), unit, inputs, point)
+    return Quantity(
+        "bias", stage, model.name, Words("bias", "零偏"), unit, inputs, point, principal=True
+    )
 
 
-def _drift(stage: str, model: Model, reference: float) -> Quantity:
+def _drift(level: Quantity, reference: float) -> Quantity:
     """Drift of one channel, zero at the reference."""
-    (column,) = model.valid
-    level = POLYNOMIAL.gradient(model, {column: np.array([reference])})[0]
-
-    def point(at: At) -> Point:
-        weights, slope = powers("p", model, at[column])
-        names = [c.name for c in model.coefficients]
-        against = {name: weights[name] - one for name, one in zip(names, level, strict=True)}
-        return weigh(model, against, slope=slope, of=(column, at[column]))
-
     words = Words(f"drift against {reference:g}", f"相对 {reference:g} 的漂移")
-    unit, inputs = units.column_unit(model.name), (ranged(model, column),)
-    return Quantity("drift", stage, model.name, words, unit, inputs, point, compared=(({},),))
+    point = against_rest(level.point, {level.inputs[0].column: reference})
+    return replace(level, name="drift", words=words, point=point, compared=(({},),))
 
 
 def results(records: Mapping[str, Record], spec: BiasTemperatureRecipe) -> tuple[Quantity, ...]:
     """Bias and drift of each channel."""
     record = records["bias.json"]
-    return tuple(
-        one
-        for model in record.models
-        for one in (
-            bias(record.stage, model),
-            _drift(record.stage, model, reference_of(model, spec.reference_temp_degc)),
-        )
-    )
+    quantities = []
+    for model in record.models:
+        level = bias(record.stage, model)
+        quantities += [level, _drift(level, reference_of(model, spec.reference_temp_degc))]
+    return tuple(quantities)

@@ -14,6 +14,7 @@ from calibkit.certificate.quantities import (
     Limit,
     Point,
     Quantity,
+    against_rest,
     of_form,
     outside_ranges,
     ranged,
@@ -65,15 +66,8 @@ class OnLevels:
         )
 
     def drift(self, at: At) -> Point:
-        """Indicated rate less that at rest at the reference; the derivative by temperature is that
-        of the rate. At the reference itself it is 0 without an uncertainty.
-        """
-        rest = {CASE: self.reference}
-        still = not any(value for column, value in at.items() if column != CASE)
-        if at[CASE] == self.reference and still:
-            return Point(0.0)
-        rate = self.rate(at)
-        return replace(difference(rate, self.rate(rest)), influences=rate.influences)
+        """Indicated rate less that at rest at the reference."""
+        return against_rest(self.rate, {CASE: self.reference})(at)
 
     def _further(self, *, still: bool) -> tuple[tuple[Words, float, float], ...]:
         """Standard uncertainties [°/h] by the model error and, at rest, by a hysteresis, with their
@@ -97,43 +91,29 @@ class OnLevels:
         return "; ".join(filter(None, reasons))
 
 
-def difference(one: Point, other: Point) -> Point:
-    """A point of the same model less another; further uncertainties are those of the first."""
-    ((model, weights),), ((_, taken),) = one.parts, other.parts
-    return replace(
-        one,
-        value=one.value - other.value,
-        parts=((model, weights - taken),),
-        influences={
-            name: (at, slope - other.influences[name][1])
-            for name, (at, slope) in one.influences.items()
-        },
-    )
-
-
 def _ramps() -> tuple[tuple[At, ...], ...]:
     """Rest, and the fastest ramp in each direction."""
     up, down = (tuple({RATE: way * rate} for rate in RATES) for way in (1.0, -1.0))
     return ({},), up, down
 
 
-def _on_levels(record: Record, model: Model, spec: FogThermalRecipe) -> tuple[Quantity, ...]:
+def on_levels(stage: str, levels: OnLevels) -> tuple[Quantity, Quantity]:
     """Drift, and the indicated rate itself, which holds turn-on bias and earth's rate."""
-    found, largest = OnLevels(model, spec.reference_temp_degc), spec.acceptance.max_drift_rms_dph
     drift = Quantity(
         "drift",
-        record.stage,
-        model.name,
-        Words(f"drift against rest at {found.reference:g} °C", "热致漂移"),
+        stage,
+        levels.model.name,
+        Words(f"drift against rest at {levels.reference:g} °C", "热致漂移"),
         "deg/h",
-        found.inputs,
-        found.drift,
+        levels.inputs,
+        levels.drift,
         compared=_ramps(),
-        limit=None if largest is None else Limit("acceptance.max_drift_rms_dph", largest),
-        beyond=found.beyond,
+        beyond=levels.beyond,
+        symbol="D",
     )
     words = Words("bias, the earth's rate included", "零偏（含地球自转分量）")
-    return drift, replace(drift, name="bias", words=words, point=found.rate, compared=())
+    rate = replace(drift, name="bias", words=words, point=levels.rate, compared=(), symbol="B")
+    return drift, replace(rate, principal=True)
 
 
 def _increments(record: Record, model: Model) -> Quantity:
@@ -157,10 +137,15 @@ def _increments(record: Record, model: Model) -> Quantity:
 
 def results(records: Mapping[str, Record], spec: FogThermalRecipe) -> tuple[Quantity, ...]:
     """Results of the exported model, then the increments of each ramp."""
-    found: list[Quantity] = []
+    largest = spec.acceptance.max_drift_rms_dph
+    limit = None if largest is None else Limit("acceptance.max_drift_rms_dph", largest)
+    quantities: list[Quantity] = []
     for name in (forms.FILE, "drift.json"):
         for model in records[name].models if name in records else ():
-            on_levels = model.form in forms.ON_LEVELS
-            new = _on_levels(records[name], model, spec) if on_levels else ()
-            found += new or (_increments(records[name], model),)
-    return tuple(found)
+            if model.form in forms.ON_LEVELS:
+                levels = OnLevels(model, spec.reference_temp_degc)
+                drift, rate = on_levels(records[name].stage, levels)
+                quantities += [replace(drift, limit=limit), rate]
+            else:
+                quantities.append(_increments(records[name], model))
+    return tuple(quantities)

@@ -1,20 +1,13 @@
 """Results of a sensor at rest: mean, noise terms, bias stability, Allan and wavelet deviation."""
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from calibkit.certificate.results import (
-    Block,
-    Equation,
-    Figure,
-    GridTable,
-    ListTable,
-    Result,
-    Series,
-)
+from calibkit.certificate.blocks import make_block, plot
+from calibkit.certificate.quantities import Quantity, of_figure, state
+from calibkit.certificate.results import Block, Equation, GridTable, ListTable, Result
 from calibkit.certificate.stated import Stated
 from calibkit.certificate.words import Words, unit_mark
 from calibkit.coefficients import Figure as Found, Record
@@ -26,6 +19,7 @@ from calibkit.instruments.gyro_noise.forms import (
     read_deviation,
     read_term,
 )
+from calibkit.instruments.gyro_noise.quantities import NAMES, list_terms
 from calibkit.numeric import gum
 from calibkit.numeric.noise.confidence import chi_square_limits
 from calibkit.numeric.noise.laws import ACCELEROMETER_LAWS, LAWS
@@ -42,27 +36,7 @@ ALLAN = Equation(
         " 零偏不稳定性，K 速率（加速度）随机游走，R 速率（加速度）斜坡，Q 量化噪声。",
     ),
 )
-NAMES = {
-    "angle_random_walk": Words("angle random walk N", "角度随机游走 N"),
-    "bias_instability": Words("bias instability B", "零偏不稳定性 B"),
-    "rate_random_walk": Words("rate random walk K", "速率随机游走 K"),
-    "rate_ramp": Words("rate ramp R", "速率斜坡 R"),
-    "quantization": Words("quantization Q", "量化噪声 Q"),
-    "velocity_random_walk": Words("velocity random walk N", "速度随机游走 N"),
-    "acceleration_random_walk": Words("acceleration random walk K", "加速度随机游走 K"),
-    "acceleration_ramp": Words("acceleration ramp R", "加速度斜坡 R"),
-    "mean_rate": Words("mean rate", "平均角速率"),
-    "mean_acceleration": Words("mean acceleration", "平均加速度"),
-    "bias_stability_10_s": Words(
-        "bias stability, 10 s means (GJB 2426A)", "零偏稳定性（10 s 平均，GJB 2426A）"
-    ),
-    "bias_stability_100_s": Words(
-        "bias stability, 100 s means (GJB 2426A)", "零偏稳定性（100 s 平均，GJB 2426A）"
-    ),
-}
-PRINCIPAL = {"angle_random_walk", "velocity_random_walk", "bias_instability"}
-FEW = 3.0
-"""Standard uncertainties from zero within which a magnitude is stated by an interval."""
+TAU = Words("τ [s]")
 
 
 def blocks(stated: Stated) -> tuple[Block, ...]:
@@ -71,11 +45,11 @@ def blocks(stated: Stated) -> tuple[Block, ...]:
     if record is None:
         return ()
     points = {found: f for f in record.figures if (found := read_deviation(f.name)) is not None}
-    terms = [figure for figure in record.figures if read_deviation(figure.name) is None]
+    terms = list_terms(record)
     tables: list[ListTable | GridTable] = [
         ListTable(
             Words("Noise and bias stability", "噪声与零偏稳定性"),
-            tuple(_state(stated, record, figure) for figure in terms),
+            tuple(state(stated, term, {}) for term in terms),
         )
     ]
     figures = []
@@ -83,21 +57,13 @@ def blocks(stated: Stated) -> tuple[Block, ...]:
         curve = {point: figure for point, figure in points.items() if point.record == name}
         table = _deviations(stated, record, name, curve)
         tables.append(table)
-        figures.append(_plot(table, sorted({point.tau_s for point in curve})))
-    return (
-        Block(
-            record.stage,
-            f"{record.stage}.json",
-            Words("Noise at rest", "静态噪声"),
-            (ALLAN,),
-            tuple(tables),
-            tuple(figures),
-            _not_observable(terms),
-        ),
-    )
+        label = Words(f"σ [{unit_mark(table.units[0])}]")
+        figures.append(plot(table, label, x_label=TAU, log=True))
+    title, notes = Words("Noise at rest", "静态噪声"), _not_observable(terms)
+    return (make_block(record, title, (ALLAN,), tables, figures, notes),)
 
 
-def _not_observable(terms: Sequence[Found]) -> tuple[Words, ...]:
+def _not_observable(terms: Sequence[Quantity]) -> tuple[Words, ...]:
     """Note on the terms of the Allan deviation that no record shows."""
     found = {read_term(figure.name)[0] for figure in terms}
     sensors = (("mean_rate", LAWS), ("mean_acceleration", ACCELEROMETER_LAWS))
@@ -113,22 +79,11 @@ def _not_observable(terms: Sequence[Found]) -> tuple[Words, ...]:
     )
 
 
-def _state(stated: Stated, record: Record, figure: Found) -> Result:
-    """A noise term; by an interval where it is within a few uncertainties of zero."""
-    term, log = read_term(figure.name)
-    words = NAMES.get(term, Words(term.replace("_", " "))) + Words(f", {log}" if log else "")
-    near_zero = figure.value < FEW * figure.standard_uncertainty
-    dof = figure.effective_dof or math.inf
-    return stated.figure(
-        record, figure, words, dof, magnitude=near_zero, principal=term in PRINCIPAL
-    )
-
-
 def _state_deviation(stated: Stated, record: Record, figure: Found, words: Words) -> Result:
     """A deviation within the chi-square limits that the report prints; type B terms take away
     degrees of freedom, as many as give σ/√(2 dof) the combined uncertainty.
     """
-    result = stated.figure(record, figure, words, math.inf)
+    result = state(stated, of_figure(record, figure, words), {})
     if result.uncertainty is None:
         return result
     found = [c.value for c in record.conditions if c.name == PROBABILITY]
@@ -166,30 +121,10 @@ def _deviations(
     )
     return GridTable(
         Words(f"Deviation over averaging time, {name}", f"随平均时间的偏差（{name}）"),
-        Words("τ [s]"),
+        TAU,
         tuple(words[kind] for kind in kinds),
         (next(iter(curve.values())).unit,) * len(kinds),
         tuple(f"{tau:g}" for tau in taus),
         cells,
+        points=tuple(taus),
     )
-
-
-def _plot(table: GridTable, taus: Sequence[float]) -> Figure:
-    """Deviation over τ, both logarithmic, with the limits of the table."""
-    series = []
-    for k, head in enumerate(table.heads):
-        points = [
-            (tau, r)
-            for tau, row in zip(taus, table.cells, strict=True)
-            if (r := row[k]) is not None
-        ]
-        series.append(
-            Series(
-                head,
-                tuple(tau for tau, _ in points),
-                tuple(r.value for _, r in points),
-                ends=tuple(r.interval or (r.value, r.value) for _, r in points),
-            )
-        )
-    unit = unit_mark(table.units[0])
-    return Figure(table.title, Words("τ [s]"), Words(f"σ [{unit}]"), tuple(series), log=True)

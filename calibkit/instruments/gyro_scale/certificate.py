@@ -6,23 +6,20 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
-from calibkit.certificate.names import name_model, name_subject, show_symbol
-from calibkit.certificate.quantities import state
-from calibkit.certificate.results import (
-    Block,
-    Equation,
-    Figure,
-    GridTable,
-    ListTable,
-    Result,
-    Series,
+from calibkit.certificate.blocks import (
+    column_results,
+    list_coefficients,
+    make_block,
+    plot,
+    tabulate,
 )
+from calibkit.certificate.names import name_model, name_subject, show_symbol
+from calibkit.certificate.quantities import NO_SLOPES, coefficient, of_figure, state
+from calibkit.certificate.results import Block, Equation, Figure, GridTable, ListTable, Result
 from calibkit.certificate.stated import Stated, range_words, residual_words
-from calibkit.certificate.uncertainty import Influences
 from calibkit.certificate.words import Words, unit_mark
 from calibkit.coefficients import Model, Record
 from calibkit.forms import POLYNOMIAL
@@ -66,6 +63,7 @@ NAMES = {
     "bias": Words("bias", "零偏"),
 }
 """Figure → its term in the standards."""
+F0_LABEL = Words("F₀ [1/s]")
 MAGNITUDES = {
     "nonlinearity_full_scale",
     "nonlinearity_per_point",
@@ -100,74 +98,61 @@ def _state_scale(stated: Stated, record: Record) -> Block:
     notes: list[Words] = []
     for model in others:
         title = name_model(model.name) + Words(": coefficients", "：系数")
-        tables.append(stated.coefficients(record, model, title, also={"p0": ("value",)}))
+        values = []
+        if model.form == POLYNOMIAL.name:
+            values.append(quantities.over_temperature(record, model, "p"))
+        tables.append(list_coefficients(stated, record, model, title, values))
         notes += [range_words(model), *stated.left_out(model)]
     for letter in ("K", "F0"):
-        found = [model for model in curves if f".{letter}_" in model.name]
-        if found and (temperatures := stated.grid(found[0])):
-            table = _tabulate_curves(stated, record, found, letter, temperatures)
+        of_letter = [model for model in curves if f".{letter}_" in model.name]
+        table = _tabulate_curves(stated, record, of_letter, letter) if of_letter else None
+        if table is not None:
             tables.append(table)
-            figures.append(_plot(table, relative=letter == "K"))
+            figures.append(_plot_change(table) if letter == "K" else plot(table, F0_LABEL))
     tables += _tabulate_figures(stated, record, _label_lines(lines))
-    return Block(
-        record.stage,
-        forms.SCALE_FILE,
+    return make_block(
+        record,
         Words("Scale factors on the rate table", "转台标度因数"),
         (LINE_EQUATION, CURVE_EQUATION) if curves else (LINE_EQUATION,),
-        tuple(tables),
-        tuple(figures),
+        tables,
+        figures,
         (*_many_residuals(lines), *dict.fromkeys(notes)),
     )
 
 
 def _tabulate_lines(stated: Stated, record: Record, models: Sequence[Model]) -> GridTable:
     """Table of K and F0 of every line."""
-    cells = []
-    for model in models:
-        results = (
-            stated.linear(
-                record,
-                model,
-                "K",
-                NAMES["scale_factor"],
-                {"K": 1.0},
-                "1/deg",
-                influences=_by_thermometer(record, model, "K"),
-                # the mean of the runs of a gyro about its own axis
-                principal="." not in model.name and not _is_cross(model.name),
-            ),
-            stated.linear(
-                record,
-                model,
-                "F0",
-                Words("zero-rate indication", "零速率示值"),
-                {"F0": 1.0},
-                "1/s",
-                influences=_by_thermometer(record, model, "F0"),
-            ),
-        )
-        at = _find_temperature(model)
-        cells.append(tuple(result if at is None else replace(result, at=at) for result in results))
+    letters = {"K": NAMES["scale_factor"], "F0": Words("zero-rate indication", "零速率示值")}
     return GridTable(
         Words("Scale factor and zero-rate indication", "标度因数与零速率示值"),
         Words("gyro, run", "陀螺、测次"),
         (Words("K"), Words("F₀")),
         ("1/deg", "1/s"),
         tuple(_label_lines(models).values()),
-        tuple(cells),
+        tuple(
+            tuple(_state_of_line(stated, record, model, *entry) for entry in letters.items())
+            for model in models
+        ),
     )
 
 
-def _by_thermometer(record: Record, line: Model, letter: str) -> Influences:
-    """Derivative of K or F0 at the temperature that it is stated for by an error of the
-    thermometer: that of its curve; none where no curve was fitted.
+def _state_of_line(
+    stated: Stated, record: Record, line: Model, letter: str, words: Words
+) -> Result:
+    """K or F0 of a line at the mean temperature of its runs: an error of the thermometer moves it
+    by the slope of its curve, where one was fitted. Principal is the mean over the runs of a gyro
+    about its own axis.
     """
-    name, at = f"{line.name.partition('.')[0]}.{letter}_over_temperature", _find_temperature(line)
+    slopes, at = NO_SLOPES, _find_temperature(line)
+    name = f"{line.name.partition('.')[0]}.{letter}_over_temperature"
     curve = next((model for model in record.models if model.name == name), None)
-    if curve is None or at is None:
-        return {}
-    slope = np.polynomial.Polynomial([c.value for c in curve.coefficients]).deriv()(at[0][1])
-    return {(forms.TEMPERATURE, "offset"): -float(slope)}
+    if curve is not None and at is not None:
+        slope = np.polynomial.Polynomial([c.value for c in curve.coefficients]).deriv()(at[0][1])
+        slopes = {forms.TEMPERATURE: (at[0][1], -float(slope))}
+    principal = letter == "K" and "." not in line.name and not quantities.is_cross(line.name)
+    quantity = coefficient(record, line, letter, words, slopes)
+    result = state(stated, quantity, {}, principal=principal)
+    return result if at is None else replace(result, at=at)
 
 
 def _find_temperature(model: Model) -> tuple[tuple[str, float, str], ...] | None:
@@ -219,67 +204,28 @@ def _name_log(model: Model, runs: int) -> Words:
 
 
 def _tabulate_curves(
-    stated: Stated,
-    record: Record,
-    models: Sequence[Model],
-    letter: str,
-    temperatures: Sequence[float],
-) -> GridTable:
+    stated: Stated, record: Record, models: Sequence[Model], letter: str
+) -> GridTable | None:
     """Table of the polynomials of K or F0 over temperature, one column per gyro."""
     columns = [
-        (
-            name_subject(f".{model.name}"),
-            model.coefficients[0].unit,
-            partial(_state_curve, stated, record, model, letter),
-        )
+        (name_subject(f".{model.name}"), quantities.over_temperature(record, model, letter))
         for model in models
     ]
-    return stated.over(
-        Words(f"{show_symbol(letter)} over temperature", f"{show_symbol(letter)} 随温度"),
-        temperatures,
-        columns,
-    )
+    title = Words(f"{show_symbol(letter)} over temperature", f"{show_symbol(letter)} 随温度")
+    return tabulate(stated, title, columns)
 
 
-def _state_curve(
-    stated: Stated, record: Record, model: Model, letter: str, t: float
-) -> Result | None:
-    """Value of one polynomial at a temperature [°C]; None outside its range."""
-    quantity, at = quantities.over_temperature(record, model, letter), {forms.TEMPERATURE: t}
-    if quantity.outside(at):
-        return None
-    principal = t == stated.reference_degc and not _is_cross(model.name)
-    return state(stated, quantity, at, principal=principal, symbol=letter)
-
-
-def _plot(table: GridTable, *, relative: bool) -> Figure:
-    """Plot of values over temperature with expanded uncertainties; K is shown in ppm of the largest
-    K, as departure from the middle point of its column.
+def _plot_change(table: GridTable) -> Figure:
+    """Departure of K over temperature from the middle point of each column, in ppm of the largest
+    K.
     """
     columns = [
-        [
-            (r.at[0][1], r.value, r.uncertainty.expanded_uncertainty)
-            for row in table.cells
-            if (r := row[k]) is not None and r.uncertainty is not None
-        ]
-        for k in range(len(table.heads))
+        [result.value for _, result in column_results(table, k)] for k in range(len(table.heads))
     ]
-    largest = max((abs(value) for points in columns for _, value, _ in points), default=1.0)
-    series = []
-    for head, points in zip(table.heads, columns, strict=True):
-        origin, scale = 0.0, 1.0
-        if relative and points:
-            origin, scale = points[len(points) // 2][1], PPM / largest
-        series.append(
-            Series(
-                head,
-                tuple(t for t, _, _ in points),
-                tuple((value - origin) * scale for _, value, _ in points),
-                tuple(U * scale for _, _, U in points),
-            )
-        )
-    label = Words("change of K [ppm]", "K 的变化 [ppm]") if relative else Words("F₀ [1/s]")
-    return Figure(table.title, Words("case temperature [°C]", "壳温 [°C]"), label, tuple(series))
+    largest = max((abs(K) for column in columns for K in column), default=1.0)
+    middles = [column[len(column) // 2] if column else 0.0 for column in columns]
+    label = Words("change of K [ppm]", "K 的变化 [ppm]")
+    return plot(table, label, origins=middles, scale=PPM / largest)
 
 
 def _tabulate_figures(
@@ -291,15 +237,14 @@ def _tabulate_figures(
     kinds: dict[tuple[str, str, str], dict[str, Result]] = {}
     for figure in record.figures:
         what, standard, model = forms.read_figure_name(figure.name)
-        found = stated.figure(
-            record,
-            figure,
-            NAMES.get(what, Words(what.replace("_", " "))),
-            _find_dof(record, what, model),
+        words = NAMES.get(what, Words(what.replace("_", " ")))
+        quantity = replace(
+            of_figure(record, figure, words, dof=_find_dof(record, what, model)),
             standard=standard,
             magnitude=what in MAGNITUDES,
         )
-        kinds.setdefault((what, standard, figure.unit), {})[model] = found
+        result = state(stated, quantity, {})
+        kinds.setdefault((what, standard, figure.unit), {})[model] = result
     alike: dict[tuple[object, ...], list[str]] = {}
     for name in names:  # models with the same figures stand side by side
         alike.setdefault(tuple(kind for kind, row in kinds.items() if name in row), []).append(name)
@@ -354,9 +299,3 @@ def _many_residuals(models: Sequence[Model]) -> tuple[Words, ...]:
             f"自由度不少于 {dof}（仅为描述量，并非不确定度）。",
         ),
     )
-
-
-def _is_cross(name: str) -> bool:
-    """Whether a line, or the curve of a line, is of a gyro about another gyro's axis."""
-    gyro, about, axis = name.partition(".")[0].partition("_about_")
-    return bool(about) and gyro != axis

@@ -6,18 +6,19 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 
+from calibkit.certificate.blocks import COEFFICIENT_NOTE, make_block
+from calibkit.certificate.quantities import coefficient, of_figure, state
 from calibkit.certificate.results import Block, Equation, GridTable, ListTable, Result
-from calibkit.certificate.stated import COEFFICIENT_NOTE, Stated, range_words, residual_words
+from calibkit.certificate.stated import Stated, range_words, residual_words
 from calibkit.certificate.words import Words
 from calibkit.coefficients import Figure, Model, Record
 from calibkit.instruments.gyro_scale.forms import (
     AXES,
-    ORTHOGONALITY_FILE,
     PAIR,
     TEMPERATURE,
     TRIAD,
 )
-from calibkit.sensitivities import Kind
+from calibkit.instruments.gyro_scale.quantities import by_angle, list_pair
 
 PAIR_EQUATION = Equation(
     PAIR.name,
@@ -40,13 +41,6 @@ TRIAD_EQUATION = Equation(
         "F 为示值 [1/s]，Ω 为绕基准轴的角速率 [°/s]，S 的各行为各陀螺的灵敏度。",
     ),
 )
-PAIR_WORDS = {
-    "N": ("N", Words("ratio of the scale factors", "标度因数比")),
-    "epsilon": ("ε", Words("projection ratio", "投影比")),
-    "gamma": ("γ", Words("orthogonality coefficient", "正交系数")),
-    "alpha_deg": ("α", Words("angle between the axes", "两轴夹角")),
-}
-"""Coefficient of a pair → its symbol and its name."""
 GYRO = Words("gyro", "陀螺")
 ANGLE = "angle_deg"
 """Figures of angles between input axes, and quantity of type B terms on the angles between the axes
@@ -71,9 +65,7 @@ def state_angles(stated: Stated, record: Record) -> Block:
     )
     notes = [words for model in models for words in (residual_words(model), range_words(model))]
     title = Words("Sensitivities and angles of the gyros", "陀螺灵敏度与夹角")
-    return Block(
-        record.stage, ORTHOGONALITY_FILE, title, (TRIAD_EQUATION,), tables, (), tuple(notes)
-    )
+    return make_block(record, title, (TRIAD_EQUATION,), tables, notes=notes)
 
 
 def _tabulate_sensitivities(stated: Stated, record: Record, models: list[Model]) -> GridTable:
@@ -85,15 +77,9 @@ def _tabulate_sensitivities(stated: Stated, record: Record, models: list[Model])
         for c in model.coefficients:
             gyro, axis = c.name[2:-1], c.name[-1]
             if c.name.startswith("S_"):
-                result = stated.linear(
-                    record,
-                    model,
-                    c.name,
-                    Words("sensitivity", "灵敏度"),
-                    {c.name: 1.0},
-                    "1/deg",
-                    principal=model.name == "triad" and gyro == axis,
-                )
+                sensitivity = coefficient(record, model, c.name, Words("sensitivity", "灵敏度"))
+                principal = model.name == "triad" and gyro == axis
+                result = state(stated, sensitivity, {}, principal=principal)
                 rows.setdefault(gyro, []).append(result)
         labels += [f"{gyro} ({_where(model)})" for gyro in rows]
         cells += map(tuple, rows.values())
@@ -132,16 +118,11 @@ def _tabulate_figures(
             if (kind, where) == (what, suffix):
                 gyro, column = ("", key.replace("_", " – ")) if "_" in key else (key[:-1], key[-1])
                 columns[column] = None
-                rows.setdefault(gyro, []).append(
-                    stated.figure(
-                        record,
-                        figure,
-                        Words(title.en.lower(), title.zh),
-                        model.dof,
-                        principal=what == ANGLE and model.name == "triad",
-                        influences={(ANGLE, "offset"): _by_table_axes(what, figure.value)},
-                    )
-                )
+                by_axes = {ANGLE: (90.0, _by_table_axes(what, figure.value))}
+                words = Words(title.en.lower(), title.zh)
+                direction = of_figure(record, figure, words, dof=model.dof, slopes=by_axes)
+                principal = what == ANGLE and model.name == "triad"
+                rows.setdefault(gyro, []).append(state(stated, direction, {}, principal=principal))
         labels += [f"{gyro} ({_where(model)})".strip() for gyro in rows]
         cells += map(tuple, rows.values())
     heads = tuple(map(Words, columns))
@@ -156,58 +137,19 @@ def _by_table_axes(what: str, value: float) -> float:
     return 1.0 if what == ANGLE else across
 
 
-def by_angle(model: Model, name: str) -> dict[tuple[str, Kind], float]:
-    """Sensitivity of γ = cos α and ε = N γ to α, through which type B terms on alpha_deg enter
-    them.
-    """
-    alpha = model.value("alpha_deg")
-    slope = -math.sin(math.radians(alpha)) * math.pi / 180.0
-    derivatives = {
-        "gamma": slope,
-        "epsilon": model.value("N") * slope,
-        "orthogonality_error_deg": -1.0,
-    }
-    return {("alpha_deg", "offset"): derivatives[name]} if name in derivatives else {}
-
-
 def _state_pair(stated: Stated, record: Record) -> Block:
     """Block of N, ε, γ, α; errors of table rate and time base cancel in these ratios."""
     model = record.model("pair")
     figures = {figure.name: figure for figure in record.figures}
-    *ratios, alpha = (
-        stated.linear(
-            record,
-            model,
-            c.name,
-            PAIR_WORDS[c.name][1],
-            {c.name: 1.0},
-            c.unit,
-            symbol=PAIR_WORDS[c.name][0],
-            influences=by_angle(model, c.name),
-            principal=True,
-        )
-        for c in model.coefficients
-    )
+    *ratios, alpha = (state(stated, one, {}) for one in list_pair(record, model))
     error = figures["orthogonality_error_deg"]
-    off = stated.figure(
-        record,
-        error,
-        Words("orthogonality error 90° − α", "正交误差 90° − α"),
-        model.dof,
-        influences=by_angle(model, error.name),
-    )
+    words = Words("orthogonality error 90° − α", "正交误差 90° − α")
+    slopes = by_angle(model, error.name)
+    off = state(stated, of_figure(record, error, words, dof=model.dof, slopes=slopes), {})
     results = (*ratios, _bounded(alpha, figures), off)
     title = Words("Orthogonality of the gyro pair", "陀螺组合正交性")
     table = ListTable(Words("Orthogonality", "正交性"), results)
-    return Block(
-        record.stage,
-        ORTHOGONALITY_FILE,
-        title,
-        (PAIR_EQUATION,),
-        (table,),
-        (),
-        _note_pair(model, figures),
-    )
+    return make_block(record, title, (PAIR_EQUATION,), (table,), notes=_note_pair(model, figures))
 
 
 def _note_pair(model: Model, figures: Mapping[str, Figure]) -> tuple[Words, ...]:

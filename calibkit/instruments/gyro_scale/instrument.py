@@ -8,6 +8,7 @@ from dataclasses import replace
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any
 
+from calibkit.certificate.fit_tables import tabulate_fit
 from calibkit.check import copies
 from calibkit.coefficients import Input
 from calibkit.errors import RecipeError
@@ -15,6 +16,7 @@ from calibkit.ingest import logs as ingest
 from calibkit.instruments import Fitted
 from calibkit.instruments.gyro_scale import (
     acceptance,
+    certificate,
     coefficient_files,
     curves,
     over_runs,
@@ -22,9 +24,9 @@ from calibkit.instruments.gyro_scale import (
     pair_fit,
     sensitivities,
     table_runs,
-    tables,
     triad_fit,
 )
+from calibkit.report.run import list_components
 from calibkit.report.summary import Summary
 
 if TYPE_CHECKING:
@@ -66,18 +68,26 @@ def _fitted(
     spec: AnyRecipe,
     runs: sensitivities.Runs,
     results: tuple[StageResult, ...],
-    shown: Iterable[Table],
     criteria: tuple[Criterion, ...],
     drawing: curves.GyroReport,
     first: Overview,
     refit: sensitivities.Refit,
 ) -> Fitted[curves.GyroReport]:
-    """Result of a fit; every coefficient file carries all flags."""
+    """Result of a fit; every coefficient file carries all flags. The first screen shows the first
+    table of the last file: lines of one gyro, what is between several.
+    """
     every = [run for group in runs.values() for run in group]
     inputs = tuple(Input.of(run.log) for run in every)
     criteria = (*criteria, *acceptance.judge_noise(every, spec.acceptance))
-    summary = Summary(spec.title, tuple(shown), results[0].flags, criteria, overview=first)
     influences = sensitivities.find(spec, runs, results, refit)
+    tables: list[Table] = []
+    for result in results:
+        of_file = tabulate_fit([result], spec, influences, certificate.blocks)
+        first = replace(first, table=of_file[0])
+        tables += of_file
+    shared = list_components("Errors that held rates share", results[0].models)
+    tables += [shared] if shared.rows else []
+    summary = Summary(spec.title, tuple(tables), results[0].flags, criteria, overview=first)
     return Fitted(results, inputs, summary, drawing, sensitivities=influences)
 
 
@@ -91,15 +101,13 @@ def fit_rate_table(
         gyros, over_runs.flag_runs(gyros, spec), spec
     )
     (scales,) = results
-    shown = tables.summarize_rate_table(gyros, scales)
     found = _fitted(
         spec,
         runs,
         results,
-        shown,
         acceptance.judge_runs(scales.figures, spec.acceptance),
         curves.GyroReport.of_runs(gyros),
-        overview.summarize_rate_table(gyros, scales, shown[0]),
+        overview.summarize_rate_table(gyros, scales),
         lambda spec, runs: coefficient_files.list_rate_table_results(
             _over_runs(spec, runs, gyros), (), spec
         ),
@@ -134,14 +142,12 @@ def fit_pair(
     fitted = pair_fit.fit_pair(runs, spec)
     results = coefficient_files.list_pair_results(fitted, spec)
     scales = results[0]
-    shown = tables.summarize_pair(fitted, scales, spec.gyros)
     criteria = acceptance.judge_pair(fitted, scales.figures, spec.acceptance)
-    first = overview.summarize_pair(fitted, scales, shown[0])
+    first = overview.summarize_pair(fitted, scales)
     return _fitted(
         spec,
         runs,
         results,
-        shown,
         criteria,
         curves.GyroReport.of_pair(fitted),
         first,
@@ -161,14 +167,12 @@ def fit_triad(
     fitted = triad_fit.fit_axes(spec, runs)
     results = coefficient_files.list_triad_results(fitted, spec)
     scales = results[0]
-    shown = tables.summarize_triad(fitted, scales)
     criteria = acceptance.judge_triad(fitted, scales.figures, spec.acceptance)
-    first = overview.summarize_triad(fitted, scales, shown[0])
+    first = overview.summarize_triad(fitted, scales)
     return _fitted(
         spec,
         runs,
         results,
-        shown,
         criteria,
         curves.GyroReport.of_triad(fitted),
         first,

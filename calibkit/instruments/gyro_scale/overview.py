@@ -8,7 +8,6 @@ from calibkit.coefficients import Figure, StageResult
 from calibkit.instruments.gyro_scale import forms, over_runs, pair_fit, triad_fit
 from calibkit.instruments.gyro_scale.numeric.gjb_figures import GJB, PPM
 from calibkit.report.overview import KeyValue, Overview, concise
-from calibkit.report.table import Table
 
 _COUNTS = "counts/°"
 _SHOWN = {
@@ -47,9 +46,7 @@ def _in_words(values: Sequence[KeyValue]) -> tuple[str, ...]:
     return (f"{text[0].upper()}{text[1:]}.",)
 
 
-def summarize_rate_table(
-    gyros: Sequence[over_runs.GyroOverRuns], scales: StageResult, table: Table
-) -> Overview:
+def summarize_rate_table(gyros: Sequence[over_runs.GyroOverRuns], scales: StageResult) -> Overview:
     """Scale factor of each gyro at the reference temperature, and the largest figures."""
     values = []
     for one in gyros:
@@ -62,10 +59,10 @@ def summarize_rate_table(
     (listed,) = _in_words(values)
     sentence = f"{listed.removesuffix('.')} (u {ppm:.2g} ppm)."
     largest = _largest_figures(scales.figures)
-    return Overview(sentence, _in_words(largest), (*values, *largest)[:4], table)
+    return Overview(sentence, _in_words(largest), (*values, *largest)[:4])
 
 
-def summarize_pair(fitted: pair_fit.PairFit, scales: StageResult, table: Table) -> Overview:
+def summarize_pair(fitted: pair_fit.PairFit, scales: StageResult) -> Overview:
     """Angle of a pair, the ratio of its scale factors, and the largest figures."""
     found = fitted.found
     u_N, _, u_gamma, u_alpha = found.standard_uncertainty
@@ -78,10 +75,10 @@ def summarize_pair(fitted: pair_fit.PairFit, scales: StageResult, table: Table) 
     )
     largest = _largest_figures(scales.figures)
     facts = (f"N = K_B/K_A = {ratio}; γ = {gamma}.", *_in_words(largest))
-    return Overview(sentence, facts, (error, ratio, *largest)[:4], table)
+    return Overview(sentence, facts, (error, ratio, *largest)[:4])
 
 
-def summarize_triad(fitted: triad_fit.AxesFit, scales: StageResult, table: Table) -> Overview:
+def summarize_triad(fitted: triad_fit.AxesFit, scales: StageResult) -> Overview:
     """Largest departure of two input axes from 90°, and the scale factor of each gyro."""
     one = fitted.sets[fitted.reference]
     where = f" at {one.temp_degc:.1f} °C" if np.isfinite(one.temp_degc) else ""
@@ -97,10 +94,10 @@ def summarize_triad(fitted: triad_fit.AxesFit, scales: StageResult, table: Table
     (listed,) = _in_words(sizes)
     facts = _in_words(_largest_figures(scales.figures))
     if not fitted.pairs:
-        return Overview(listed, facts, tuple(sizes[:4]), table)
+        return Overview(listed, facts, tuple(sizes[:4]))
     angles, u = one.triad.angles_deg.value, one.triad.angles_deg.u
     g, h = max(fitted.pairs, key=lambda pair: abs(90.0 - angles[pair]))
     name = f"90° − angle between the input axes of {fitted.gyros[g]} and {fitted.gyros[h]}"
     worst = KeyValue(name, float(90.0 - angles[g, h]), "°", float(u[g, h]))
     sentence = f"Largest departure from right angles{where}: {worst.name} is {worst}."
-    return Overview(sentence, (listed, *facts), (worst, *sizes)[:4], table)
+    return Overview(sentence, (listed, *facts), (worst, *sizes)[:4])

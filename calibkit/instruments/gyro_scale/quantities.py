@@ -1,22 +1,22 @@
 """Results of a run: scale factors over temperature, indications over rate, angles between gyros."""
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 from calibkit.certificate.quantities import (
-    At,
     Input,
     Limit,
-    Point,
     Quantity,
+    coefficient,
+    numbered,
     of_figure,
     of_form,
+    polynomial,
     ranged,
-    weigh,
 )
-from calibkit.certificate.stated import powers
 from calibkit.certificate.words import Words
-from calibkit.coefficients import Coefficient, Model, Record
+from calibkit.coefficients import Model, Record
 from calibkit.forms import POLYNOMIAL
 from calibkit.instruments.gyro_scale import forms, lines
 from calibkit.instruments.gyro_scale.compensate import TEMPERATURE_SLACK
@@ -25,28 +25,65 @@ from calibkit.instruments.gyro_scale.recipe import AnyRecipe, GyroTriadRecipe
 PPM = 1e-6
 
 
+PAIR_WORDS = {
+    "N": ("N", Words("ratio of the scale factors", "标度因数比")),
+    "epsilon": ("ε", Words("projection ratio", "投影比")),
+    "gamma": ("γ", Words("orthogonality coefficient", "正交系数")),
+    "alpha_deg": ("α", Words("angle between the axes", "两轴夹角")),
+}
+"""Coefficient of a pair → its symbol and its name."""
+
+
+def is_cross(name: str) -> bool:
+    """Whether a line, or the curve of a line, is of a gyro about another gyro's axis."""
+    gyro, about, axis = name.partition(".")[0].partition("_about_")
+    return bool(about) and gyro != axis
+
+
 def over_temperature(record: Record, model: Model, letter: str) -> Quantity:
     """K or F0 of a line, or a bias, over temperature."""
-
-    def point(at: At) -> Point:
-        t = at[forms.TEMPERATURE]
-        weights, slope = powers("p", model, t)
-        return weigh(model, weights, slope=slope, of=(forms.TEMPERATURE, t))
-
+    point = polynomial(model, numbered("p", model), forms.TEMPERATURE)
     inputs, unit = (ranged(model, forms.TEMPERATURE),), model.coefficients[0].unit
-    return Quantity("value", record.stage, model.name, Words(letter), unit, inputs, point)
+    return Quantity(
+        *("value", record.stage, model.name, Words(letter), unit, inputs, point),
+        symbol=letter,
+        principal=not is_cross(model.name),
+    )
 
 
-def _held(record: Record, model: Model, coefficient: Coefficient) -> Quantity:
+def _held(record: Record, model: Model, name: str) -> Quantity:
     """A coefficient that was found at one temperature and holds near it."""
-    name = coefficient.name
-    point = weigh(model, {name: 1.0})
     near = ranged(model, forms.TEMPERATURE)
     inputs = (Input(near.column, near.low - TEMPERATURE_SLACK, near.high + TEMPERATURE_SLACK),) * (
         forms.TEMPERATURE in model.valid
     )
-    words, unit = Words(name), coefficient.unit
-    return Quantity(name, record.stage, model.name, words, unit, inputs, lambda _: point)
+    return replace(coefficient(record, model, name, Words(name)), inputs=inputs)
+
+
+def list_pair(record: Record, model: Model) -> list[Quantity]:
+    """N, ε, γ and α of a pair; errors of table rate and time base cancel in these ratios, an error
+    of α enters ε and γ.
+    """
+    quantities = []
+    for c in model.coefficients:
+        symbol, words = PAIR_WORDS[c.name]
+        ratio = coefficient(record, model, c.name, words, by_angle(model, c.name))
+        quantities.append(replace(ratio, symbol=symbol, principal=True))
+    return quantities
+
+
+def by_angle(model: Model, name: str) -> dict[str, tuple[float, float]]:
+    """Value of α, and derivative of γ = cos α, ε = N γ or 90° − α by it, through which type B terms
+    on alpha_deg enter them.
+    """
+    alpha = model.value("alpha_deg")
+    slope = -math.sin(math.radians(alpha)) * math.pi / 180.0
+    slopes = {
+        "gamma": slope,
+        "epsilon": model.value("N") * slope,
+        "orthogonality_error_deg": -1.0,
+    }
+    return {"alpha_deg": (alpha, slopes[name])} if name in slopes else {}
 
 
 def _compared(one: Quantity, name: str, words: str, limit: Limit | None) -> Quantity:
@@ -84,8 +121,7 @@ def _sensitivities(records: Mapping[str, Record], spec: AnyRecipe) -> Iterator[Q
             if matrix.curves:
                 found = over_temperature(record, matrix.curves[k], "K")
             else:
-                entry = next(c for c in matrix.model.coefficients if c.name == name)
-                found = _held(file, matrix.model, entry)
+                found = _held(file, matrix.model, name)
             if not triad:
                 limit = _change(spec, "max_scale_factor_error_ppm", own[0, 0])
             else:
@@ -135,17 +171,15 @@ def _of_angles(record: Record, spec: AnyRecipe) -> Iterator[Quantity]:
     )
     for model in record.models:
         if model.form == forms.PAIR.name:
-            for c in model.coefficients:
-                one = replace(_held(record, model, c), inputs=())
-                is_angle = c.name == "alpha_deg"
-                groups: tuple[tuple[At, ...], ...] = (({},),) if is_angle else ()
-                words = Words("angle between the gyros" if is_angle else c.name)
-                yield replace(one, words=words, compared=groups, limit=limit if is_angle else None)
+            *ratios, angle = list_pair(record, model)
+            yield from ratios
+            yield replace(angle, compared=(({},),), limit=limit)
         elif model.name == "triad":
             rate = ranged(model, forms.RATE)
             inputs = tuple(replace(rate, column=f"rate_{axis}_dps") for axis in forms.AXES)
-            gyros = [c.name[2:-1] for c in model.coefficients if c.name[-1] == forms.AXES[0]]
-            for row, gyro in enumerate(dict.fromkeys(gyros)):
+            about_x = [c.name for c in model.coefficients if c.name.endswith(forms.AXES[0])]
+            gyros = [name[2:-1] for name in about_x if name.startswith("S_")]
+            for row, gyro in enumerate(gyros):
                 point, words = of_form(forms.TRIAD, model, inputs, row), Words(f"indication {gyro}")
                 yield Quantity(f"F_{gyro}", record.stage, model.name, words, "1/s", inputs, point)
     dof = min((float(model.dof) for model in record.models), default=1.0)
@@ -153,7 +187,8 @@ def _of_angles(record: Record, spec: AnyRecipe) -> Iterator[Quantity]:
         kind, _, pair = figure.name.partition(".")
         if kind == "angle_deg" and "." not in pair:
             words = Words(f"angle between the axes of gyros {pair.replace('_', ' and ')}")
-            yield of_figure(record, figure, words, name=figure.name, dof=dof, limit=limit)
+            angle = of_figure(record, figure, words, dof=dof)
+            yield replace(angle, compared=(({},),), limit=limit)
 
 
 def results(records: Mapping[str, Record], spec: AnyRecipe) -> tuple[Quantity, ...]:

@@ -13,11 +13,11 @@ from calibkit.forms import POLYNOMIAL
 from calibkit.frame import Log, require
 from calibkit.instruments.gyro_scale import (
     acceptance,
-    certificate_angles,
     compensate,
     forms,
     lines,
     pair_fit,
+    quantities,
     table_runs,
 )
 from calibkit.instruments.gyro_scale.numeric import gjb_figures
@@ -316,8 +316,7 @@ def _compare_pair(
 
 def _type_b_of_ratio(frozen: Model, c: Coefficient, terms: Sequence[type_b.TypeB]) -> float:
     """Type B standard uncertainty of N, ε, γ or α: terms on it, or on α."""
-    by_angle = certificate_angles.by_angle(frozen, c.name)
-    slopes = {name: (0.0, slope) for (name, _), slope in by_angle.items()}
+    slopes = quantities.by_angle(frozen, c.name)
     return type_b.combine_terms(terms, (f"pair.{c.name}", c.name), c.value, c.unit, slopes)
 
 

@@ -1,22 +1,12 @@
 """Inclinometer results: the in-situ scale factor s of each gyro over temperature."""
 
-from collections.abc import Callable
-
-from calibkit.certificate.quantities import state
-from calibkit.certificate.results import (
-    Block,
-    Equation,
-    Figure,
-    GridTable,
-    ListTable,
-    Result,
-    Series,
-)
+from calibkit.certificate.blocks import list_coefficients, make_block, plot, tabulate
+from calibkit.certificate.quantities import of_figure, state
+from calibkit.certificate.results import Block, Equation, ListTable
 from calibkit.certificate.stated import Stated, range_words, residual_words
 from calibkit.certificate.words import Words
-from calibkit.coefficients import Model, Record
 from calibkit.instruments.inclinometer import quantities
-from calibkit.instruments.inclinometer.forms import FILE, SCALE as SCALE_FORM, TEMPERATURE
+from calibkit.instruments.inclinometer.forms import FILE, SCALE as SCALE_FORM
 
 SCALE = Equation(
     SCALE_FORM.name,
@@ -37,93 +27,38 @@ def blocks(stated: Stated) -> tuple[Block, ...]:
     record = stated.records.get(FILE)
     if record is None:
         return ()
-    tables: list[ListTable | GridTable] = [
-        stated.coefficients(
-            record,
-            model,
+    models = record.models
+    scales = [quantities.scale(record, model) for model in models]
+    coefficients = [
+        list_coefficients(
+            *(stated, record, model),
             Words(f"Coefficients of gyro {model.name}", f"{model.name} 陀螺系数"),
-            more={"s0": quantities.choice_of_order(model)},
-            also={"s0": ("s",)},
+            [scale],
         )
-        for model in record.models
+        for model, scale in zip(models, scales, strict=True)
     ]
-    figures: list[Figure] = []
-    temperatures = stated.grid(record.models[0]) if record.models else ()
-    if temperatures:
-        table = stated.over(
-            Words("In-situ scale factor s over temperature", "原位标度因数 s 随温度"),
-            temperatures,
-            [_column(stated, record, model) for model in record.models],
-        )
-        tables.append(table)
-        figures.append(_plot_scale(table))
-    tables.append(_stations(stated, record))
-    notes = [*(residual_words(m) for m in record.models), *map(range_words, record.models[:1])]
-    notes += [note for m in record.models[:1] for note in stated.left_out(m)]
-    title = Words("In-situ scale factor of the north-seeking gyros", "寻北陀螺原位标度因数")
-    return (
-        Block(
-            record.stage,
-            f"{record.stage}.json",
-            title,
-            (SCALE,),
-            tuple(tables),
-            tuple(figures),
-            tuple(notes),
+    over_temperature = None
+    if any(scale.inputs for scale in scales[:1]):
+        columns = [
+            (Words(f"s, gyro {scale.model}", f"s，{scale.model} 陀螺"), scale) for scale in scales
+        ]
+        title = Words("In-situ scale factor s over temperature", "原位标度因数 s 随温度")
+        over_temperature = tabulate(stated, title, columns)
+    figures = []
+    if over_temperature is not None:
+        ones = [1.0] * len(scales)
+        figures.append(plot(over_temperature, Words("s − 1 [ppm]"), origins=ones, scale=1e6))
+    stations = ListTable(
+        Words("Stations", "测站"),
+        tuple(
+            state(stated, of_figure(record, figure, FIGURES[figure.name]), {})
+            for figure in record.figures
+            if figure.name in FIGURES
         ),
     )
-
-
-def _stations(stated: Stated, record: Record) -> ListTable:
-    """List of s at the reference temperature and the numbers of stations."""
-    results = tuple(
-        stated.figure(
-            record,
-            figure,
-            FIGURES.get(figure.name, Words(figure.name)),
-            record.models[0].dof,
-        )
-        for figure in record.figures
-        if figure.name in FIGURES
-    )
-    return ListTable(Words("Stations", "测站"), results)
-
-
-def _column(
-    stated: Stated, record: Record, model: Model
-) -> tuple[Words, str, Callable[[float], Result | None]]:
-    """s(T) of one gyro."""
-    quantity = quantities.scale(record, model)
-
-    def at(t: float) -> Result | None:
-        at = {TEMPERATURE: t}
-        if quantity.outside(at):
-            return None
-        return state(stated, quantity, at, principal=t == stated.reference_degc)
-
-    return Words(f"s, gyro {model.name}", f"s，{model.name} 陀螺"), "1", at
-
-
-def _plot_scale(table: GridTable) -> Figure:
-    """Scale factor s over temperature with its expanded uncertainty, as ppm from 1."""
-    series = []
-    for k, head in enumerate(table.heads):
-        column = [row[k] for row in table.cells]
-        points = [r for r in column if r is not None and r.uncertainty is not None]
-        U = tuple(
-            1e6 * r.uncertainty.expanded_uncertainty for r in points if r.uncertainty is not None
-        )
-        series.append(
-            Series(
-                head,
-                tuple(r.at[0][1] for r in points),
-                tuple(1e6 * (r.value - 1.0) for r in points),
-                U,
-            )
-        )
-    return Figure(
-        table.title,
-        Words("case temperature [°C]", "壳温 [°C]"),
-        Words("s − 1 [ppm]"),
-        tuple(series),
-    )
+    notes = [residual_words(model) for model in models]
+    for model in models[:1]:
+        notes += [range_words(model), *stated.left_out(model)]
+    title = Words("In-situ scale factor of the north-seeking gyros", "寻北陀螺原位标度因数")
+    tables = (*coefficients, over_temperature, stations)
+    return (make_block(record, title, (SCALE,), tables, figures, notes),)

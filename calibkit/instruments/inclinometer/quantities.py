@@ -3,30 +3,26 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
-from calibkit.certificate.quantities import At, Point, Quantity, ranged, weigh
-from calibkit.certificate.stated import powers
+from calibkit.certificate.quantities import At, Point, Quantity, numbered, polynomial, ranged
 from calibkit.certificate.words import Words
 from calibkit.coefficients import Model, Record
 from calibkit.instruments.inclinometer.forms import FILE, TEMPERATURE, read_choice
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 
-
-def choice_of_order(model: Model) -> tuple[tuple[Words, float, float], ...]:
-    """What the choice of the order adds to the uncertainty of s(T)."""
-    u = read_choice(model)
-    words = Words("choice of the order, by left-out stations", "阶数选择（留一法）")
-    return ((words, u, float(max(model.dof, 1))),) if u else ()
+CHOICE = Words("choice of the order, by left-out stations", "阶数选择（留一法）")
 
 
 def scale(record: Record, model: Model) -> Quantity:
     """Scale factor of one gyro; constant where temperature was not logged."""
-    over = TEMPERATURE in model.valid
+    value = polynomial(model, numbered("s", model), TEMPERATURE)
+    over_temperature = TEMPERATURE in model.valid
+    u_choice = read_choice(model)
+    more = ((CHOICE, u_choice, float(max(model.dof, 1))),) if u_choice else ()
 
     def point(at: At) -> Point:
-        t = at.get(TEMPERATURE, 0.0)
-        weights, slope = powers("s", model, t)
-        found = weigh(model, weights, slope=slope if over else None, of=(TEMPERATURE, t))
-        return replace(found, more=choice_of_order(model))
+        if over_temperature:
+            return replace(value(at), more=more)
+        return replace(value({TEMPERATURE: 0.0}), influences={}, more=more)
 
     return Quantity(
         "s",
@@ -34,10 +30,11 @@ def scale(record: Record, model: Model) -> Quantity:
         model.name,
         Words(f"s of gyro {model.name}", f"{model.name} 陀螺 s"),
         "1",
-        (ranged(model, TEMPERATURE),) if over else (),
+        (ranged(model, TEMPERATURE),) if over_temperature else (),
         point,
         compared=(({},),),
         relative=True,
+        principal=True,
     )
 
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from calibkit import thermal_forms
-from calibkit.certificate.quantities import At, Point, Quantity, ranged
+from calibkit.certificate.quantities import At, Point, Quantity, against_rest, ranged
 from calibkit.certificate.words import Words
 from calibkit.coefficients import Model, Record
 from calibkit.instruments.thermal import forms
@@ -33,35 +33,26 @@ def bias(stage: str, model: Model) -> Quantity:
         )
 
     inputs = (ranged(model, CASE), ranged(model, RATE, 0.0))
-    words = Words("bias at rest", "稳态零偏")
-    return Quantity("bias", stage, model.name, words, model.residual_unit, inputs, point)
+    words, unit = Words("bias at rest", "稳态零偏"), model.residual_unit
+    return Quantity(
+        "bias", stage, model.name, words, unit, inputs, point, symbol="y", principal=True
+    )
 
 
-def _drift(stage: str, model: Model, reference_degc: float) -> Quantity:
+def _drift(level: Quantity, reference_degc: float) -> Quantity:
     """Drift of one channel, zero at rest at the reference."""
-    level, (low, high) = bias(stage, model), model.valid[CASE]
-    reference = min(max(reference_degc, low), high)
-
-    def point(at: At) -> Point:
-        rest = {CASE: reference, RATE: 0.0}
-        if dict(at) == rest:
-            return Point(0.0)
-        here, there = level.point(at), level.point(rest)
-        row = here.parts[0][1] - there.parts[0][1]
-        return replace(here, value=here.value - there.value, parts=((model, row),))
-
+    case = level.inputs[0]
+    reference = min(max(reference_degc, case.low), case.high)
     words = Words(f"drift against rest at {reference:g} °C", f"相对 {reference:g} °C 稳态的漂移")
+    point = against_rest(level.point, {CASE: reference})
     return replace(level, name="drift", words=words, point=point, compared=(({},),))
 
 
 def results(records: Mapping[str, Record], spec: ThermalRecipe) -> tuple[Quantity, ...]:
     """Bias and drift of each channel."""
     record = records[forms.FILE]
-    return tuple(
-        one
-        for model in record.models
-        for one in (
-            bias(record.stage, model),
-            _drift(record.stage, model, spec.reference_temp_degc),
-        )
-    )
+    quantities = []
+    for model in record.models:
+        level = bias(record.stage, model)
+        quantities += [level, _drift(level, spec.reference_temp_degc)]
+    return tuple(quantities)

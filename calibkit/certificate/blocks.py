@@ -1,0 +1,259 @@
+"""Blocks of a certificate from quantities: lists of coefficients and figures, tables over an input,
+plots of value ± U, notes. What an instrument does not lay out itself is laid out from its
+quantities alone.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from types import MappingProxyType
+
+from calibkit.certificate.names import name_condition, name_model
+from calibkit.certificate.quantities import At, Point, Quantity, coefficient, state
+from calibkit.certificate.results import (
+    Block,
+    Equation,
+    Figure,
+    GridTable,
+    ListTable,
+    Result,
+    Series,
+    list_results,
+)
+from calibkit.certificate.stated import TEMPERATURE, Stated, range_words, residual_words
+from calibkit.certificate.words import Words, unit_mark
+from calibkit.coefficients import Model, Record
+
+COEFFICIENTS = Words("Coefficients", "系数")
+COEFFICIENT_NOTE = Words(
+    "Rounded values cannot be recombined: their uncertainties are correlated. Compute with the"
+    " attached file.",
+    "系数之间相关，修约后的数值不可重新组合计算；计算请使用所附文件。",
+)
+TEMPERATURE_HEAD = Words("T [°C]")
+Table = ListTable | GridTable
+
+
+def list_coefficients(
+    stated: Stated,
+    record: Record,
+    model: Model,
+    title: Words = COEFFICIENTS,
+    values: Sequence[Quantity] = (),
+    origin: At = MappingProxyType({}),
+) -> ListTable:
+    """Every fitted coefficient of a model; one that is the value of a quantity at the origin (0 of
+    inputs that are not given) is stated as that.
+    """
+    results = tuple(
+        state(stated, quantity, {})
+        for quantity in fitted_coefficients(record, model, values, origin)
+    )
+    return ListTable(title, results, COEFFICIENT_NOTE)
+
+
+def fitted_coefficients(
+    record: Record,
+    model: Model,
+    values: Sequence[Quantity] = (),
+    origin: At = MappingProxyType({}),
+) -> list[Quantity]:
+    """The coefficients of a model that were fitted, as quantities, by those of the values that are
+    coefficients; type B terms on a value, and its further uncertainties, are those of the
+    coefficient that it is at the origin.
+    """
+    constants = {value.key: value for value in values if not value.inputs}
+    quantities = {}
+    for c in model.coefficients:
+        if c.value or c.standard_uncertainty:
+            plain = coefficient(record, model, c.name)
+            quantities[c.name] = constants.get(plain.key, plain)
+    for value in values:
+        point = value.point({entry.column: origin.get(entry.column, 0.0) for entry in value.inputs})
+        if len(point.parts) != 1:
+            continue
+        weights = point.parts[0][1]
+        (places,) = weights.nonzero()
+        if places.size == 1 and weights[places[0]] == 1.0:
+            name = model.coefficients[int(places[0])].name
+            if name in quantities.keys() - {value.name}:
+                quantities[name] = _stated_as(quantities[name], value, point)
+    return [*quantities.values()]
+
+
+def _stated_as(fitted: Quantity, value: Quantity, point: Point) -> Quantity:
+    """A coefficient that is the value of a quantity at the origin, which has this point."""
+    constant = replace(fitted.point({}), more=point.more)
+    called = value.key, f"{value.model}.{value.name}", value.name
+    return replace(fitted, called=called, point=lambda _: constant)
+
+
+def tabulate(
+    stated: Stated,
+    title: Words,
+    columns: Sequence[tuple[Words, Quantity]],
+    points: Sequence[float] | None = None,
+    *,
+    row_head: Words = TEMPERATURE_HEAD,
+    note: Words | None = None,
+    principal_at: float | None = None,
+) -> GridTable | None:
+    """Quantities, each under its head, over their first input: at the points of its range that a
+    certificate states, further inputs at rest; None where there is no such point. A principal
+    quantity is so at `principal_at`, else at the reference temperature, else in the middle.
+    """
+    abscissa = columns[0][1].inputs[0]
+    column = abscissa.column
+    if points is None:
+        points = stated.grid(column, abscissa.low, abscissa.high)
+    if not points:
+        return None
+    if principal_at is None:
+        principal_at = stated.reference_degc if column == TEMPERATURE else points[len(points) // 2]
+
+    def cell(quantity: Quantity, x: float) -> Result | None:
+        at = quantity.complete({column: x})
+        if quantity.outside(at):
+            return None
+        return state(stated, quantity, at, principal=quantity.principal and x == principal_at)
+
+    return GridTable(
+        title,
+        row_head,
+        tuple(head for head, _ in columns),
+        tuple(quantity.unit for _, quantity in columns),
+        tuple(f"{x:g}" for x in points),
+        tuple(tuple(cell(quantity, x) for _, quantity in columns) for x in points),
+        note,
+        points=tuple(points),
+    )
+
+
+def column_results(table: GridTable, k: int) -> list[tuple[float, Result]]:
+    """Abscissae and results of a column that have an uncertainty, or need none."""
+    return [
+        (x, result)
+        for x, row in zip(table.points, table.cells, strict=True)
+        if (result := row[k]) is not None and (result.uncertainty or result.by_definition)
+    ]
+
+
+def plot(
+    table: GridTable,
+    y_label: Words,
+    *,
+    x_label: Words | None = None,
+    title: Words | None = None,
+    labels: Sequence[Words] = (),
+    origins: Sequence[float] = (),
+    scale: float = 1.0,
+    log: bool = False,
+) -> Figure:
+    """Values ± U of a table over its input, or scale (value − origin) of each column; of as many
+    columns as `labels` has, all without them. Results with intervals are drawn with these.
+    """
+    series = []
+    for k, label in enumerate(labels or table.heads):
+        points = column_results(table, k)
+        origin = origins[k] if origins else 0.0
+        ends = tuple(result.interval for _, result in points if result.interval is not None)
+        U = tuple(
+            scale * result.uncertainty.expanded_uncertainty if result.uncertainty else 0.0
+            for _, result in points
+        )
+        series.append(
+            Series(
+                label,
+                tuple(x for x, _ in points),
+                tuple(scale * (result.value - origin) for _, result in points),
+                () if ends else U,
+                ends,
+            )
+        )
+    x_label = x_label or name_input(TEMPERATURE, "degC")
+    return Figure(title or table.title, x_label, y_label, tuple(series), log)
+
+
+def name_input(column: str, unit: str) -> Words:
+    """Name and unit of an input, as the head of a table or the label of an axis."""
+    return name_condition(column) + Words(f" [{unit_mark(unit) or 1}]")
+
+
+def note_models(stated: Stated, models: Iterable[Model]) -> list[Words]:
+    """Notes of models: what their fits left, in which ranges they hold, and what is not stated."""
+    return [
+        note
+        for model in models
+        for note in (residual_words(model), range_words(model), *stated.left_out(model))
+    ]
+
+
+def lay_out_models(
+    stated: Stated,
+    record: Record,
+    title: Words,
+    equations: Sequence[Equation],
+    values: Sequence[Quantity],
+) -> Block:
+    """Block of a coefficient file whose models stand one below the other: of each its coefficients,
+    and its values over their first input as a table and a plot; then the values that depend on
+    nothing.
+    """
+    tables: list[Table] = []
+    figures = []
+    for model in record.models:
+        name = name_model(model.name)
+        of_model = [value for value in values if value.model == model.name]
+        coefficients = name + Words(": coefficients", "：系数")
+        tables.append(list_coefficients(stated, record, model, coefficients, of_model))
+        for value in of_model:
+            if not value.inputs or any(entry.rest is None for entry in value.inputs[1:]):
+                continue
+            head = name_input(value.inputs[0].column, value.inputs[0].unit)
+            over = name + Words(": ", "：") + value.words
+            table = tabulate(stated, over, [(value.words, value)], row_head=head)
+            if table is not None:
+                unit = Words(f" [{unit_mark(value.unit) or 1}]")
+                labels = [value.words + Words(" ± U")]
+                tables.append(table)
+                figures.append(plot(table, value.words + unit, x_label=head, labels=labels))
+    listed = {result.quantity for table in tables for result in list_results(table)}
+    constants = tuple(
+        state(stated, value, {}) for value in values if not value.inputs and value.key not in listed
+    )
+    if constants:
+        tables.append(ListTable(Words("Results", "结果"), constants))
+    return make_block(record, title, equations, tables, figures, note_models(stated, record.models))
+
+
+def lay_out_records(stated: Stated, quantities: Iterable[Quantity]) -> tuple[Block, ...]:
+    """Blocks of a procedure that lays out none itself: each of its coefficient files with the
+    quantities that are of it.
+    """
+    listed = [*quantities]
+    return tuple(
+        lay_out_models(
+            *(stated, record, Words(record.stage.replace("_", " ")), ()),
+            [quantity for quantity in listed if quantity.stage == record.stage],
+        )
+        for record in stated.records.values()
+    )
+
+
+def make_block(
+    record: Record,
+    title: Words,
+    equations: Sequence[Equation],
+    tables: Iterable[Table | None],
+    figures: Iterable[Figure] = (),
+    notes: Iterable[Words] = (),
+) -> Block:
+    """Block of a coefficient file; tables that are None or empty are left out."""
+    return Block(
+        record.stage,
+        f"{record.stage}.json",
+        title,
+        tuple(equations),
+        tuple(table for table in tables if table is not None),
+        tuple(figures),
+        tuple(notes),
+    )
