@@ -31,6 +31,7 @@ import diffusion_coil
 import drift_generalisation as lumped
 import numpy as np
 
+from calibkit import thermal_forms
 from calibkit.instruments.fog_thermal import decision, simulate as fog
 from calibkit.instruments.fog_thermal.numeric import choice, evaluate
 from calibkit.numeric import gum, intervals
@@ -146,10 +147,9 @@ def reductions_of_release(
 
 def is_rejected(model: OnLevels, log: ThermalLog, there: Evaluation) -> bool:
     """Whether `validate` finds the errors of a log larger than stated."""
-    _, _, parts, dofs = zip(*uncertainty.contributions(model, there), strict=True)
-    u, _, expanded = gum.expand_along(np.stack(parts), np.array(dofs))
+    along = uncertainty.combine_along(model, there, ())
     left = log.indication - there.drift
-    found, _, _ = uncertainty.compare_means(left, u, (expanded, expanded), model.noise, BLOCKS)
+    found, _, _ = thermal_forms.compare_means(left, along, along, model.noise, BLOCKS)
     return bool(found["rms_error_over_uncertainty"] > found["largest_rms_error_over_uncertainty"])
 
 

@@ -13,10 +13,13 @@ import numpy as np
 from calibkit.arrays import Array
 from calibkit.coefficients import Component, Model, Parameter
 from calibkit.constants import SECONDS_PER_MINUTE
+from calibkit.fit.unseen import unseen
 from calibkit.forms import Form, Inputs
+from calibkit.numeric import chunks
 from calibkit.numeric.thermal import coil
-from calibkit.numeric.thermal.noise import Noise
+from calibkit.numeric.thermal.noise import Flicker, Noise
 from calibkit.numeric.thermal.terms import LAGS, TERMS, Drivers, ThermalModel, Valid
+from calibkit.numeric.thermal.uncertainty import Along
 from calibkit.sensitivities import Sensitivity
 
 CASE = "temp_case_degc"
@@ -187,3 +190,32 @@ def read_terms(model: Model) -> ThermalModel:
         entangled=(),
         flags=() if stated else (UNKNOWN_DOF,),
     )
+
+
+def compare_means(
+    left: Array, along: Along, about_mean: Along, noise: Noise, group: int
+) -> tuple[dict[str, float], Array, Array]:
+    """Errors [n] of a log as means over a group of blocks about the log's mean, against the
+    uncertainty of the bias and of the bias less its mean: number of means, the share within U and
+    noise, and the size over the standard uncertainty with its limit, as a JSON object; the means
+    [m] and the absolute limits [m] of U and noise. Empty for less than two means.
+    """
+    count = left.size // group
+    if count < 2:
+        return {}, np.zeros(0), np.zeros(0)
+    (flicker,) = Flicker(count, [0]).about_level(0, count)
+    own = noise.white_variance / group + noise.flicker**2 * flicker
+    limit, near = (
+        np.sqrt(chunks.block_means(stated.expanded, group) ** 2 + 4.0 * own)
+        for stated in (along, about_mean)
+    )
+    means = chunks.block_means(left, group)
+    error = means - means.mean()
+    # the error of the drift is taken as one pattern along the log
+    judged = unseen(error, chunks.block_means(along.standard, group)[:, None], own)
+    compared = {
+        "means_of_100_s": count,
+        "share_within_expanded_uncertainty": float(np.mean(np.abs(error) <= near)),
+        **judged.to_object(),
+    }
+    return compared, means, limit

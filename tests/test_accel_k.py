@@ -18,7 +18,7 @@ from calibkit.instruments.accelerometer.fit import fit_triad
 from calibkit.instruments.accelerometer.numeric import determination, k_factor
 from calibkit.instruments.accelerometer.triad import solve_triad
 from calibkit.numeric import attitude
-from calibkit.numeric.least_squares import fit as least_squares, gram
+from calibkit.numeric.least_squares import fit as least_squares
 from triad_dwells import WHITE, collect, expanded, recipe, uncertainties, values
 
 AUTHORITY = json.loads((Path(__file__).parent / "authorities" / "accel_k.json").read_text())
@@ -417,26 +417,6 @@ def test_dwells_that_leave_no_residual_are_refused():
     temperature, angle = grid((-20, 30, 80, 125), [(0, 0), (90, 0), (90, 90)])
     with pytest.raises(FitError, match="12 dwells for 36 parameters"):
         fit_triad(measured(0, temperature, angle), recipe(k={"enabled": False}))
-
-
-def test_what_some_of_many_rows_determine_is_not_searched_in_all(monkeypatch):
-    """A long sweep whose evenly spread rows determine every coefficient is condensed no further;
-    one whose spread rows are all of one attitude is, and is accepted too.
-    """
-    temperature, reference = np.tile(TEMPERATURE, 2500), np.tile(REFERENCE, (2500, 1))
-    condensed, condense = [], gram.condensed
-
-    def counted(design, rows):
-        condensed.append(rows)
-        return condense(design, rows)
-
-    monkeypatch.setattr(gram, "condensed", counted)
-    k_factor.require_determined(reference, temperature, CUBIC)
-    assert not condensed
-    step = 1 + len(temperature) // gram.SAMPLE_ROWS
-    reference[np.arange(len(temperature)) % step == 0] = REFERENCE[0]
-    k_factor.require_determined(reference, temperature, CUBIC)
-    assert condensed == [len(temperature)] * 3
 
 
 def test_temperatures_a_step_apart_are_distinct_and_a_sweep_counts_its_steps():

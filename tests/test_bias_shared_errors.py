@@ -108,6 +108,12 @@ def test_the_turn_on_bias_is_a_result_and_can_be_stated():
     assert not given.flags
 
 
+def test_what_is_left_of_rows_is_counted_from_the_level_of_their_log():
+    """Residuals of logs that are 300 °/h apart are as large as the noise of 1 °/h."""
+    found = fit(warm_ups(1, ((12.0, 40.0), (20.0, 52.0)), turn_on=300.0))
+    assert found.residual_rms == pytest.approx(1.0, rel=0.05)
+
+
 def test_one_log_says_what_it_cannot_show_and_takes_what_is_stated():
     """p0 of a single warm-up is as uncertain as the turn-on bias that the recipe states."""
     logs = warm_ups(2, ((12.0, 50.0),), turn_on=0.0)

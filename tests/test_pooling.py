@@ -6,9 +6,10 @@ from scipy.special import stdtrit
 
 from calibkit import store
 from calibkit.coefficients import Component
+from calibkit.fit.shared import Shared
+from calibkit.fit.solve import solve
 from calibkit.history import pooling
 from calibkit.numeric import attitude
-from calibkit.numeric.least_squares import components
 
 SPOTS = [(0, 0), *((i, j) for i in (45, 90, 135) for j in range(0, 360, 90)), (180, 0)]
 
@@ -97,22 +98,21 @@ def test_intervals_by_pooled_components_cover_and_are_narrow(size):
     whole = np.eye(soak.size) + size**2 * (soak[:, None] == soak)
     exact = 1.96 * np.sqrt(np.diag(np.linalg.inv(design.T @ np.linalg.solve(whole, design))))
 
-    def campaign(known=None):
+    def campaign(**stated):
         shown = size * rng.normal(size=7)[soak] + rng.normal(size=soak.size)
-        effect = components.Effect("soak", "zero", soak, np.ones(soak.size), known)
-        return components.fit(design, shown, [effect])
+        loading = np.ones((soak.size, 1))
+        zero = Shared(group="soak", effect="zero", level=soak, loading=loading, unit="g", **stated)
+        return solve(lambda p: shown - design @ p, np.zeros(4), [zero])
 
     for _ in range(100):
-        earlier = [campaign().components[0] for _ in range(3)]
+        earlier = [campaign().shared[0] for _ in range(3)]
         pooled = pooling._pool(
-            [
-                Component("soak", "zero", one.value, "g", one.standard_uncertainty, one.groups)
-                for one in earlier
-            ]
+            [Component("soak", "zero", one.value, "g", one.u, one.error.levels) for one in earlier]
         )
-        found = campaign(components.Known(pooled.value, pooled.dof))
-        half = stdtrit(found.effective_dof, 0.975) * found.standard_uncertainty
-        inside.append(np.abs(found.coefficients) <= half)
+        found = campaign(size=pooled.value, size_dof=pooled.dof)
+        u = np.sqrt(np.diag(found.covariance))
+        half = stdtrit(found.dof_along(np.eye(4)), 0.975) * u
+        inside.append(np.abs(found.parameters) <= half)
         width.append(half / exact)
     assert 0.90 < np.mean(inside) < 0.99
     assert np.mean(width) < 1.18

@@ -8,7 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calibkit import thermal_forms
 from calibkit.errors import FitError
+from calibkit.fit import choose as fit_choose
 from calibkit.instruments.fog_thermal import simulate as fog, simulate_gyro
 from calibkit.instruments.fog_thermal.numeric import (
     choice as thermal_choice,
@@ -18,12 +20,12 @@ from calibkit.instruments.fog_thermal.numeric import (
 from calibkit.instruments.fog_thermal.numeric.choice import (
     CANDIDATES,
     _best_of,
-    _Candidate,
     _LeftOut,
     choose,
 )
 from calibkit.numeric import intervals
 from calibkit.numeric.thermal import left_out, noise as thermal_noise, pooled_fit, uncertainty
+from calibkit.numeric.thermal.candidates import Candidate
 from calibkit.numeric.thermal.evaluate import Evaluation
 from calibkit.numeric.thermal.noise import Noise
 from calibkit.numeric.thermal.pooled_fit import ThermalLog
@@ -144,7 +146,7 @@ def test_every_candidate_is_in_the_table_with_every_ramp(choice):
         assert result.raw == pytest.approx(choice.tested[0].raw)
     assert choice.chosen.candidate.name in choice.reason
     best = min(choice.tested, key=lambda result: result.pooled)
-    assert choice.chosen.as_good_as(best)
+    assert fit_choose.choose({0: choice.chosen.compensated**2, 1: best.compensated**2}) == 0
 
 
 def test_spikes_change_the_withheld_error_by_less_than_a_tenth(logs, choice):
@@ -208,7 +210,7 @@ def test_left_out_errors_of_a_level_model_are_those_of_a_plain_fit_to_the_other_
     """For each ramp a least-squares fit with a dummy for each other log, held to the mean of all by
     the scatter of turn-on biases, gives the same compensated figure.
     """
-    candidate = _Candidate("cubic", "level", ("b0", "b1", "b2", "b3"))
+    candidate = Candidate("cubic", "level", ("b0", "b1", "b2", "b3"))
     stacked = pooled_fit.Stack.of_logs(fitted(logs))
     solved, _ = thermal_choice._solutions_of(stacked, (candidate,))
     solution = solved[0].solution
@@ -327,9 +329,11 @@ def test_what_is_common_to_a_log_is_no_error_about_its_mean():
     )
     assert np.allclose(found.about_mean().sensitivities, np.column_stack([np.zeros(400), along]))
     u = np.full(400, 0.01)
-    compared, _, limit = uncertainty.compare_means(
-        along, u, (np.full(400, 3.0), np.full(400, 0.5)), Noise(0.0, 0.0), 10
-    )
+    stated = [
+        uncertainty.Along(along, (), (), np.zeros((0, 400)), u, u, np.full(400, expanded))
+        for expanded in (3.0, 0.5)
+    ]
+    compared, _, limit = thermal_forms.compare_means(along, *stated, Noise(0.0, 0.0), 10)
     assert compared["share_within_expanded_uncertainty"] == pytest.approx(0.5, abs=0.03)
     assert np.allclose(limit, 3.0)
 

@@ -77,7 +77,7 @@ def linear(gradient: Array, increment: Array) -> Prepared:
 
     def run() -> tuple[Array, Array]:
         design, to_raw = polynomial.mapped_powers(gradient, 2)
-        fit = fold.reduced(design, increment)
+        fit = fold.linear(design, increment)
         return polynomial.in_raw_powers(fit.coefficients, fit.covariance, to_raw)
 
     return run, lambda found: {"coefficients": found[0]}

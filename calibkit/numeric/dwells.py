@@ -156,22 +156,24 @@ def average_dwells(columns: Array, intervals: Integers) -> _Dwells:
 
 
 def _averaged(rows: Array) -> tuple[Array, Array, Array]:
-    """Mean, standard error of the mean, and drift [c] of rows [k, c], one chunk at a time."""
-    count, width = rows.shape
-    mean = np.sum([rows[a:b].sum(axis=0) for a, b in chunks.ranges_along(rows)], axis=0) / count
-    batch, half = count // BATCHES, count // 2
-    square, halves, batches = np.zeros(width), np.zeros((2, width)), np.zeros((BATCHES + 1, width))
-    for a, b in chunks.ranges_along(rows):
-        centred = rows[a:b] - mean
-        square += np.sum(centred**2, axis=0)
-        split = min(max(half - a, 0), b - a)
-        halves += [centred[:split].sum(axis=0), centred[split:].sum(axis=0)]
-        if batch:
-            number = np.minimum(np.arange(a, b) // batch, BATCHES)
-            begins = np.flatnonzero(np.diff(number, prepend=-1))
-            batches[number[begins]] += np.add.reduceat(centred, begins)
-    error = np.sqrt(square / (count - 1)) / np.sqrt(count)
+    """Mean, standard error of the mean, and drift [c] of rows [k, c]."""
+    count, half = len(rows), len(rows) // 2
+    mean = rows.mean(axis=0)
+    centred = rows - mean
+    chunks.release(rows)
+    error = centred.std(axis=0, ddof=1) / np.sqrt(count)
     if count >= 4 * BATCHES:
         # the larger of independent rows' and of batch means'
-        error = np.maximum(error, (batches[:-1] / batch).std(axis=0, ddof=1) / np.sqrt(BATCHES))
-    return mean, error, halves[1] / (count - half) - halves[0] / half
+        error = np.maximum(error, batch_means(centred, BATCHES).std(axis=0, ddof=1) / BATCHES**0.5)
+    return mean, error, centred[half:].mean(axis=0) - centred[:half].mean(axis=0)
+
+
+def batch_means(rows: Array, batches: int) -> Array:
+    """Means [batches, c] of consecutive batches of rows [k, c] that are as long as can be; the rest
+    is left out. Empty for fewer rows than batches.
+    """
+    length = len(rows) // batches
+    if not length:
+        return np.zeros((0, rows.shape[1]))
+    batched = rows[: batches * length].reshape(batches, length, -1)
+    return np.asarray(batched.mean(axis=1), dtype=np.float64)

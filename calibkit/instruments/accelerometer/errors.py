@@ -7,14 +7,15 @@ from typing import Self
 import numpy as np
 
 from calibkit.arrays import Array
-from calibkit.coefficients import Criterion, Figure, Model, at_most
+from calibkit.coefficients import Criterion, Figure, Model, at_most, over_u
 from calibkit.errors import FitError
+from calibkit.fit.unseen import unseen
 from calibkit.instruments.accelerometer import forms
 from calibkit.instruments.accelerometer.coefficient_files import Correction
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.instruments.accelerometer.shared_errors import Unexplained
-from calibkit.numeric import attitude, consistency
+from calibkit.numeric import attitude
 from calibkit.numeric.dispersion import rms
 from calibkit.recipe.type_b import TypeB
 
@@ -97,13 +98,13 @@ class DwellErrors:
             unit = vector / np.linalg.norm(vector, axis=1)[:, None]
             shared = np.einsum("ni,nik->nk", unit, shared)[:, None]
             own = np.sum(unit**2 * own, axis=1)[:, None]
-        found = consistency.compare_errors(
+        judged = unseen(
             self.residual.ravel(),
             shared.reshape(self.residual.size, -1),
             own.ravel(),
             dof=correction.dof,
         )
-        return at_most(f"{name}: rms error over its u", found.ratio, found.limit, "1", "calibkit")
+        return over_u(f"{name}: rms error", judged.to_object())
 
     @classmethod
     def compare(

@@ -9,10 +9,23 @@ import numpy as np
 
 from calibkit import units
 from calibkit.arrays import Array
-from calibkit.coefficients import Component, Criterion, Model, Record, StageResult, at_most
+from calibkit.coefficients import (
+    Component,
+    Criterion,
+    Model,
+    Record,
+    StageResult,
+    at_most,
+    over_stated_u,
+)
+from calibkit.fit.shared import Shared
+from calibkit.fit.solve import SharedSize
+from calibkit.fit.unseen import unseen
 from calibkit.forms import POLYNOMIAL, power_unit
 from calibkit.frame import Log, values
+from calibkit.instruments.bias_temperature import levels
 from calibkit.instruments.bias_temperature.figures import BiasCurve
+from calibkit.instruments.bias_temperature.levels import LevelFit
 from calibkit.instruments.bias_temperature.overview import summarize_drifts
 from calibkit.instruments.bias_temperature.quantities import reference_of
 from calibkit.instruments.bias_temperature.recipe import (
@@ -21,12 +34,10 @@ from calibkit.instruments.bias_temperature.recipe import (
     BiasTemperatureRecipe,
     Polynomials,
 )
-from calibkit.numeric import chunks, consistency, dispersion
+from calibkit.numeric import chunks, dispersion, gum
 from calibkit.numeric.chunks import mean, ranges_along
-from calibkit.numeric.least_squares import components, fold, hac, levels, polynomial
-from calibkit.numeric.least_squares.components import Effect, Known
-from calibkit.numeric.least_squares.levels import LevelFit
-from calibkit.recipe.shared_errors import list_components, state_effects, warn_of_few_groups
+from calibkit.numeric.least_squares import fold, hac, polynomial
+from calibkit.recipe.shared_errors import components_of, state_sizes, warn_of_few_levels
 from calibkit.recipe.tables import Errors
 from calibkit.recipe.type_b import RELATIVE, TypeB, combine_terms
 from calibkit.report.summary import Summary, number
@@ -112,27 +123,27 @@ def _concatenate(logs: Sequence[Log], column: str, allocate: Allocate) -> Array:
 
 def _fit_channel(entry: Bias, name: str, rows: _Rows, errors: Errors) -> _BiasFit:
     """One channel's polynomial over the abscissa of that name."""
-    unit_of = {(GROUP, effect): units.column_unit(entry.indication) for effect in EFFECTS}
+    unit = units.column_unit(entry.indication)
     design, to_raw = polynomial.mapped_powers(rows.abscissa, entry.order)
     count = entry.order + 1
     names = [f"p{k}" for k in range(count)]
     held = np.vander(np.linspace(*chunks.extremes(rows.abscissa), POINTS), count, increasing=True)
     along = np.vstack([np.eye(count), held]) @ np.asarray(to_raw, dtype=np.float64)
-    offered: tuple[Effect, ...] = (Effect(GROUP, EFFECTS[0], np.zeros(1, int), np.ones(1)),)
-    if several := len(bounds := rows.bounds) > 1:
+    bounds = rows.bounds
+    offered = _turn_on(unit)
+    if len(bounds) > 1:
         blocks = levels.Blocks.of(design, rows.indication, rows.abscissa, bounds).without_memory()
-        offered = blocks.effects(GROUP, EFFECTS)
-    stated, tried = state_effects(errors, offered[:1], offered[1:], unit_of)
-    if stated and several:
-        shared = levels.fit(blocks, stated, tried, along, names=names)
+        offered = blocks.errors(GROUP, EFFECTS, unit)
+    stated = state_sizes(errors, offered)
+    if stated and len(bounds) > 1:
+        shared = levels.fit(blocks, stated, along, names=names)
     else:
-        known = stated[0].known if stated else None
-        shared = _of_one_level(design, rows, names, along[:count], known)
+        shared = _of_one_level(design, rows, names, along[:count], stated)
     dof = shared.effective_dof
     dof[0] = dof[np.r_[0, count : dof.size]].min()  # p0 is in every value, itself beyond the logs
     raw, covariance = polynomial.in_raw_powers(shared.coefficients, shared.covariance, to_raw)
     shown, rms, over_noise = _bin_means(rows, shared.levels, raw)
-    found = shared.components if stated else ()
+    sizes = shared.sizes if stated else ()
     return _BiasFit(
         entry.indication,
         name,
@@ -144,8 +155,8 @@ def _fit_channel(entry: Bias, name: str, rows: _Rows, errors: Errors) -> _BiasFi
         over_noise,
         chunks.extremes(rows.abscissa),
         BiasCurve(entry.indication, *shown, np.vander(shown[0], count, increasing=True) @ raw),
-        list_components(found, unit_of),
-        tuple(f"{entry.indication}: {flag}" for flag in warn_of_few_groups(found)),
+        components_of(sizes),
+        tuple(f"{entry.indication}: {flag}" for flag in warn_of_few_levels(sizes)),
     )
 
 
@@ -154,7 +165,7 @@ def _of_one_level(
     rows: _Rows,
     names: Sequence[str],
     to_raw: Array,
-    known: Known | None,
+    stated: Sequence[Shared],
 ) -> LevelFit:
     """Ordinary least squares, for one log, or where the recipe names no group; a turn-on bias of
     known size is an uncertainty of p0.
@@ -162,13 +173,21 @@ def _of_one_level(
     found = fold.linear(design, rows.indication, names=names, allocate=rows.allocate)
     consistent = hac.covariance(design, found.residuals, combinations=to_raw)
     covariance, dof = consistent.covariance, consistent.effective_dof
-    size = known or Known(0.0)
+    (error,) = stated or _turn_on("")
+    size = error.size or 0.0
     before = float(to_raw[0] @ covariance @ to_raw[0])
-    covariance[0, 0] += size.value**2
-    if size.value > 0.0:
-        dof[0] = (before + size.value**2) ** 2 / (before**2 / dof[0] + size.value**4 / size.dof)
-    one = components.Component(GROUP, EFFECTS[0], size.value, 0.0, 1, 0, known is not None)
-    return LevelFit(found.coefficients, covariance, dof, (one,), np.zeros(len(rows.bounds)))
+    covariance[0, 0] += size**2
+    if size > 0.0:
+        dof[0] = (before + size**2) ** 2 / (before**2 / dof[0] + size**4 / error.size_dof)
+    turn_on = SharedSize(error, size, 0.0, 0, np.zeros((1, 1)))
+    levels_of_logs = np.zeros(len(rows.bounds))
+    return LevelFit(found.coefficients, covariance, dof, (turn_on,), levels_of_logs)
+
+
+def _turn_on(unit: str) -> tuple[Shared, ...]:
+    """The turn-on bias of one log, of which its rows show nothing."""
+    level, loading = np.zeros(1, dtype=np.int64), np.ones((1, 1))
+    return (Shared(group=GROUP, effect=EFFECTS[0], level=level, loading=loading, unit=unit),)
 
 
 def result(fits: Sequence[_BiasFit], flags: Sequence[str]) -> StageResult:
@@ -294,17 +313,8 @@ def validation_summary(entries: Sequence[dict[str, Any]], spec: BiasTemperatureR
         for entry in entries
         for c in entry["channels"]
     )
-    judged = (
-        at_most(
-            f"{entry['name']} {c['name']}: drift over its u",
-            c["rms_error_over_uncertainty"],
-            c["largest_rms_error_over_uncertainty"],
-            "1",
-            "calibkit",
-        )
-        for entry in entries
-        for c in entry["channels"]
-        if "rms_error_over_uncertainty" in c
+    judged = over_stated_u(
+        (f"{entry['name']} {c['name']}: drift", c) for entry in entries for c in entry["channels"]
     )
     limited = (
         _judge_noise(f"{entry['name']} {c['name']}", c["residual_over_noise"], spec.acceptance)
@@ -333,16 +343,16 @@ def _judge_drift(model: Model, log: Log, spec: BiasTemperatureRecipe) -> dict[st
     own, covariance = polynomial.in_raw_powers(
         found.coefficients, hac.covariance(design, found.residuals).covariance, to_raw
     )
+    # the rows that it corrects, about their mean: of all powers but the level, which cancels
+    powers = np.vander(np.linspace(low, high, BINS), order + 1, increasing=True)[:, 1:]
+    rows = powers - powers.mean(axis=0)
     both = covariance + np.array(model.covariance) + _type_b(model, abscissa, spec.type_b)
-    judged = consistency.compare_coefficients(
-        (own - POLYNOMIAL.read(model))[1:],
-        both[1:, 1:],
-        dof=max(1.0, min(map(model.dof_of, model.coefficients[1:]))),
+    judged = unseen(
+        rows @ (own - POLYNOMIAL.read(model))[1:],
+        rows @ gum.square_root(both[1:, 1:]),
+        dof=(max(1.0, min(map(model.dof_of, model.coefficients[1:]))), np.inf),
     )
-    return {
-        "rms_error_over_uncertainty": judged.ratio,
-        "largest_rms_error_over_uncertainty": judged.limit,
-    }
+    return judged.to_object()
 
 
 def _type_b(model: Model, abscissa: str, terms: Sequence[TypeB]) -> Array:

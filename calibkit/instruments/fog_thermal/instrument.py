@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calibkit.check import copies, flag_bridged_gaps, magnitude, thermometers
-from calibkit.coefficients import Criterion, Record, at_least, at_most
+from calibkit.coefficients import Criterion, Record, at_least, at_most, over_stated_u
 from calibkit.errors import FitError
 from calibkit.frame import Finding, Log, refuse, values
 from calibkit.ingest import logs as ingest, two_loggers, write_back
@@ -290,16 +290,7 @@ def _covered(spec: FogThermalRecipe, logs: Sequence[Mapping[str, Any]]) -> tuple
     """
     least = spec.acceptance.min_share_within_uncertainty
     stated = [log for log in logs if "means_of_100_s" in log["uncertainty"]]
-    made = [
-        at_most(
-            f"{log['name']}: rms error over its u",
-            log["uncertainty"]["rms_error_over_uncertainty"],
-            log["uncertainty"]["largest_rms_error_over_uncertainty"],
-            "1",
-            "calibkit",
-        )
-        for log in stated
-    ]
+    made = over_stated_u((f"{log['name']}: rms error", log["uncertainty"]) for log in logs)
     if least is not None and stated:
         share = np.average(
             [log["uncertainty"]["share_within_expanded_uncertainty"] for log in stated],

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from calibkit import thermal_forms
 from calibkit.arrays import Array
 from calibkit.coefficients import Figure
 from calibkit.errors import UsageError
@@ -35,21 +36,6 @@ SHIFTS_DEGC = {"temp_case_degc": (0.05, 0.0), "temp_env_degc": (0.0, 0.05)}
 """Changes of case and chamber temperature for the numerical derivative of the drift."""
 POINTS = 5
 """Number of temperatures at which the uncertainty at rest is stated."""
-
-
-@dataclass(frozen=True, slots=True)
-class _RateUncertainty:
-    """Drift [n, °/h] along a log, contributions [m, n, °/h] to its uncertainty with names and
-    kinds, and the combined uncertainty.
-    """
-
-    drift: Array
-    names: tuple[str, ...]
-    kinds: tuple[str, ...]
-    contributions: Array
-    standard: Array
-    effective_dof: Array
-    expanded: Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +97,7 @@ def _propagate(
     *,
     settled: bool = False,
     about_mean: bool = False,
-) -> _RateUncertainty:
+) -> uncertainty.Along:
     """Uncertainty of the drift along a log, or of the drift less its mean: type A, model error,
     clamping, hysteresis, and type B terms.
 
@@ -125,32 +111,25 @@ def _propagate(
             thermal, time, case + of_case, env + of_env, reference_degc, settled=settled
         )
 
-    found = shifted(0.0, 0.0)
-    known = uncertainty.contributions(thermal, found.about_mean() if about_mean else found)
+    effects = []
     for term in terms:
         influenced = _influenced(term)
-        if not influenced:
-            continue
+        dof = float("inf") if term.dof is None else term.dof
         if influenced in SHIFTS_DEGC:
             of_case, of_env = SHIFTS_DEGC[influenced]
-            warmer, colder = (shifted(way * of_case, way * of_env).drift for way in (1.0, -1.0))
-            part = (warmer - colder) / (2.0 * (of_case + of_env)) * term.u_of(0.0)
-        else:
+            change = shifted(of_case, of_env).drift - shifted(-of_case, -of_env).drift
+            effect = change / (2.0 * (of_case + of_env)) * term.u_of(0.0)
+            effects.append((term.name, np.asarray(effect, dtype=np.float64), dof))
+        elif influenced:
             u = term.u_of(0.0) if term.sensitivity is None else term.u * term.sensitivity
-            part = np.full(time.size, u)
-        part = part - part.mean() if about_mean else part
-        dof = float("inf") if term.dof is None else term.dof
-        known.append((term.name, "B", np.asarray(np.abs(part), dtype=np.float64), dof))
-    names, kinds, parts, dofs = zip(*known, strict=True)
-    contributions = np.stack(parts)
-    return _RateUncertainty(
-        found.drift, names, kinds, contributions, *gum.expand_along(contributions, np.array(dofs))
-    )
+            effects.append((term.name, np.full(time.size, u), dof))
+    found = shifted(0.0, 0.0)
+    return uncertainty.combine_along(thermal, found, effects, about_mean=about_mean)
 
 
 def _along_blocks(
     model: DriftModel, blocks: Blocks, terms: Sequence[TypeB], *, about_mean: bool = False
-) -> _RateUncertainty:
+) -> uncertainty.Along:
     """Uncertainty along block means, of the drift or of the drift less its mean; raises UsageError
     without a level or lagged model.
     """
@@ -189,7 +168,7 @@ def along_rows(log: Log, model: DriftModel, recipe: FogThermalRecipe) -> Array:
     return standard
 
 
-def _state(where: str, temperature: float, found: _RateUncertainty, row: int) -> Statement:
+def _state(where: str, temperature: float, found: uncertainty.Along, row: int) -> Statement:
     """Statement at one row of a log."""
     parts = zip(found.names, found.kinds, found.contributions[:, row].tolist(), strict=True)
     standard, expanded = float(found.standard[row]), float(found.expanded[row])
@@ -327,9 +306,7 @@ def check_coverage(
     }
     left, noise = blocks.indication - found.drift, model.thermal.noise
     centred = _along_blocks(model, blocks, terms, about_mean=True)
-    compared, means, limit = uncertainty.compare_means(
-        left, found.standard, (found.expanded, centred.expanded), noise, group
-    )
+    compared, means, limit = thermal_forms.compare_means(left, found, centred, noise, group)
     if compared and level is not None:
         entry |= level.compare(means, limit)
     return entry | compared

@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 
 from calibkit.arrays import Array, Mask
-from calibkit.coefficients import Coefficient, Criterion, Model, Record, at_most
+from calibkit.coefficients import Coefficient, Criterion, Model, Record, over_u
 from calibkit.constants import DPH_PER_DPS
 from calibkit.errors import CoefficientError, FrameError
+from calibkit.fit.unseen import unseen
 from calibkit.forms import POLYNOMIAL
 from calibkit.frame import Log, require
 from calibkit.instruments.gyro_scale import (
@@ -27,7 +28,7 @@ from calibkit.instruments.gyro_scale.recipe import (
     GyroTriadRecipe,
     OwnAxisRecipe,
 )
-from calibkit.numeric import consistency, gum
+from calibkit.numeric import gum
 from calibkit.numeric.dispersion import rms
 from calibkit.recipe import type_b
 from calibkit.report.summary import Summary
@@ -114,11 +115,10 @@ def _judge_uncertainty(
                 (line.K - frozen[row], float(np.hypot(line.standard_uncertainty[0], u)), dof)
             )
     error, u, dofs = np.array(rows).T
-    found = consistency.compare_errors(
+    judged = unseen(
         error, np.zeros((error.size, 1)), u**2, dof=(np.inf, max(float(dofs.sum()), 1.0))
     )
-    what = f"{run.log.file}: rms error of K over its u"
-    return at_most(what, found.ratio, found.limit, "1", "calibkit")
+    return over_u(f"{run.log.file}: rms error of K", judged.to_object())
 
 
 def _uncertainty_of_sensitivity(
@@ -322,14 +322,9 @@ def _type_b_of_ratio(frozen: Model, c: Coefficient, terms: Sequence[type_b.TypeB
 
 def _judge_ratio(compared: Mapping[str, Any]) -> Criterion:
     """Criterion that N or γ of unseen runs differs from the frozen one as its u states."""
-    found = consistency.compare_errors(
-        np.array([compared["difference"]]),
-        np.zeros((1, 1)),
-        np.array([compared["standard_uncertainty"] ** 2]),
-        dof=(np.inf, compared["dof"]),
-    )
-    what = f"pair: error of {compared['name']} over its u"
-    return at_most(what, found.ratio, found.limit, "1", "calibkit")
+    u = np.array([[compared["standard_uncertainty"]]])
+    judged = unseen(np.array([compared["difference"]]), u, dof=(compared["dof"], np.inf))
+    return over_u(f"pair: error of {compared['name']}", judged.to_object())
 
 
 def _tabulate_line_errors(compared: Sequence[tuple[str, Mapping[str, Any]]]) -> Table:

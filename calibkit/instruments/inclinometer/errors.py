@@ -6,11 +6,12 @@ from typing import Self
 import numpy as np
 
 from calibkit.arrays import Array, Mask
-from calibkit.coefficients import Criterion, at_most
+from calibkit.coefficients import Criterion, at_most, over_u
+from calibkit.fit.unseen import unseen
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.solve import SolvedStations
 from calibkit.instruments.inclinometer.stations import Stations
-from calibkit.numeric import consistency, dispersion
+from calibkit.numeric import dispersion
 from calibkit.numeric.attitude import wrapped
 
 TURNED = 5.0
@@ -67,9 +68,8 @@ class AngleErrors:
         them altogether, since s(T) is common to all.
         """
         u = self.standard_uncertainty[self.known]
-        found = consistency.compare_errors(self.after[self.known], u[:, None], np.zeros(u.size))
-        what = f"{name}: rms azimuth error over its u"
-        return at_most(what, found.ratio, found.limit, "1", "calibkit")
+        judged = unseen(self.after[self.known], u[:, None])
+        return over_u(f"{name}: rms azimuth error", judged.to_object())
 
     def judge_turn(self, name: str) -> Criterion:
         """Criterion that azimuth errors of unseen stations share no turn."""

@@ -14,7 +14,7 @@ from calibkit.frame import Log, values
 from calibkit.instruments.thermal import channels, forms, power_ons
 from calibkit.instruments.thermal.power_ons import PowerOn
 from calibkit.instruments.thermal.recipe import ThermalRecipe
-from calibkit.numeric import chunks, gum
+from calibkit.numeric import chunks
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.thermal import uncertainty
 from calibkit.numeric.thermal.evaluate import Evaluation
@@ -43,42 +43,39 @@ def average_log(log: Log, raw: Log, interval_s: float, spec: ThermalRecipe) -> l
 
 @dataclass(frozen=True, slots=True)
 class Drift:
-    """Bias [n] of one channel along the blocks of a power-on, zero at the reference temperature,
-    its standard and expanded uncertainties [n], and the expanded one [n] of the bias less its mean.
+    """Bias of one channel along the blocks of a power-on, zero at the reference temperature, and
+    the uncertainties of the bias and of the bias less its mean.
     """
 
-    found: Evaluation
-    standard: Array
-    expanded: Array
-    about_mean: Array
+    evaluation: Evaluation
+    along: uncertainty.Along
+    about_mean: uncertainty.Along
 
 
 def follow_bias(model: ThermalModel, one: PowerOn, name: str, spec: ThermalRecipe) -> Drift:
     """Bias of one channel along a power-on with its uncertainty: coefficients, model error, ranges
     and the type B terms of the thermometer and the channel.
     """
-    log, reference = one.of_channel(name), spec.reference_temp_degc
-    found = channels.evaluate_wide(model, log, reference)
-    known = uncertainty.contributions(model, found)
-    centred = uncertainty.contributions(model, found.about_mean())
-    parts = [(of[2], less[2], of[3]) for of, less in zip(known, centred, strict=True)]
+    log = one.of_channel(name)
+
+    def shifted(step: float) -> Evaluation:
+        moved = replace(log, case=log.case + step, env=log.env + step)
+        return channels.evaluate_wide(model, moved, spec.reference_temp_degc)
+
+    effects = []
     for term in spec.type_b:
-        u = term.u_of(0.0)
-        dof = np.inf if term.dof is None else term.dof
+        u, dof = term.u_of(0.0), np.inf if term.dof is None else term.dof
         if term.quantity == power_ons.CASE and term.unit not in RELATIVE:
-            warmer, colder = (
-                channels.evaluate_wide(
-                    model, replace(log, case=log.case + step, env=log.env + step), reference
-                ).drift
-                for step in (CASE_STEP_DEGC, -CASE_STEP_DEGC)
-            )
-            part = (warmer - colder) / (2.0 * CASE_STEP_DEGC) * u
-            parts.append((np.abs(part), np.abs(part - part.mean()), dof))
+            change = shifted(CASE_STEP_DEGC).drift - shifted(-CASE_STEP_DEGC).drift
+            effects.append((term.name, change / (2.0 * CASE_STEP_DEGC) * u, dof))
         elif term.quantity == name and term.unit not in RELATIVE:
-            parts.append((np.full(log.time.size, u), np.zeros(log.time.size), dof))
-    values, less, dofs = (list(one) for one in zip(*parts, strict=True))
-    standard, _, expanded = gum.expand_along(np.stack(values), np.array(dofs))
-    return Drift(found, standard, expanded, gum.expand_along(np.stack(less), np.array(dofs))[2])
+            effects.append((term.name, np.full(log.time.size, u), dof))
+    evaluation = shifted(0.0)
+    return Drift(
+        evaluation,
+        uncertainty.combine_along(model, evaluation, effects),
+        uncertainty.combine_along(model, evaluation, effects, about_mean=True),
+    )
 
 
 def compensate_log(
@@ -95,7 +92,7 @@ def compensate_log(
         fitted = thermal_forms.read_terms(model)
         found = average_log(log, raw, model.value("interval"), spec)
         drifts = [follow_bias(fitted, one, name, spec) for one in found]
-        bias = _to_rows(log, found, [drift.found.drift for drift in drifts])
+        bias = _to_rows(log, found, [drift.evaluation.drift for drift in drifts])
         logged, columns[name] = values(log.frame, name), log.allocate(bias.size)
         for a, b in chunks.ranges_along(logged, bias, columns[name]):
             np.subtract(logged[a:b], bias[a:b], out=columns[name][a:b])
@@ -103,10 +100,10 @@ def compensate_log(
         if spec.output.drift:
             added[f"{stem}_drift_{unit}"] = bias
         if spec.output.rate_uncertainty:
-            standard = [drift.standard for drift in drifts]
+            standard = [drift.along.standard for drift in drifts]
             added[f"{stem}_standard_uncertainty_{unit}"] = _to_rows(log, found, standard)
         if any(fitted.coefficients[1:]):
-            flags += _flag_ranges(log.file, name, [drift.found for drift in drifts])
+            flags += _flag_ranges(log.file, name, [drift.evaluation for drift in drifts])
         flags += [note for one in found for note in one.notes]
     return columns, added, tuple(dict.fromkeys(flags))
 
@@ -152,7 +149,7 @@ def validation_entry(
         found = average_log(log, raw, interval_s, spec)
         drifts = [follow_bias(fitted, one, name, spec) for one in found]
         raws = [one.indications[name] for one in found]
-        left = [own - drift.found.drift for own, drift in zip(raws, drifts, strict=True)]
+        left = [own - drift.evaluation.drift for own, drift in zip(raws, drifts, strict=True)]
         longest = int(np.argmax([own.size for own in left]))
         before, after = (
             rms(np.concatenate([own - own.mean() for own in parts])) for parts in (raws, left)
@@ -165,16 +162,16 @@ def validation_entry(
                 "after": after,
                 "reduction": before / after if after else None,
             }
-            | uncertainty.compare_means(
+            | thermal_forms.compare_means(
                 left[longest],
-                drifts[longest].standard,
-                (drifts[longest].expanded, drifts[longest].about_mean),
+                drifts[longest].along,
+                drifts[longest].about_mean,
                 fitted.noise,
                 channels.figure_blocks(interval_s),
             )[0]
         )
         if any(fitted.coefficients[1:]):
-            flags += _flag_ranges(log.file, name, [drift.found for drift in drifts])
+            flags += _flag_ranges(log.file, name, [drift.evaluation for drift in drifts])
         flags += [note for one in found for note in one.notes]
     return {
         "name": log.file,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calibkit.certificate.words import unit_mark
-from calibkit.coefficients import Criterion, at_least, at_most
+from calibkit.coefficients import Criterion, at_least, at_most, over_stated_u
 from calibkit.instruments.thermal import channels as fitting
 from calibkit.instruments.thermal.channels import FittedChannel
 from calibkit.instruments.thermal.figures import ChannelCurves, Course, ThermalReport
@@ -187,17 +187,7 @@ def _judge_unseen(
     each: Sequence[tuple[str, str, Mapping[str, Any]]], spec: ThermalRecipe
 ) -> list[Criterion]:
     """Criteria of unseen channels, each by its name, its log and its entry."""
-    made = [
-        at_most(
-            f"{name}: rms error over its u",
-            one["rms_error_over_uncertainty"],
-            one["largest_rms_error_over_uncertainty"],
-            "1",
-            "calibkit",
-        )
-        for name, _, one in each
-        if "rms_error_over_uncertainty" in one
-    ]
+    made = over_stated_u((f"{name}: rms error", one) for name, _, one in each)
     least = spec.acceptance.min_reduction
     if least is not None:
         made += [

@@ -2,7 +2,7 @@
 determine.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -10,7 +10,6 @@ import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.errors import FitError
-from calibkit.numeric.least_squares import gram
 
 RANK_TOLERANCE = 1e-11
 """Smallest singular value, relative to the largest after column scaling, that still counts as
@@ -23,10 +22,25 @@ REFINEMENT_STEPS = 4
 
 
 @dataclass(frozen=True, slots=True)
-class LinearFit(gram.Reduced):
-    """A finished linear fit with its residuals [n] in the unit of the indication."""
+class LinearFit:
+    """A finished linear fit."""
 
+    coefficients: Array
+    """[p]."""
+    covariance: Array
+    """[p, p], type A."""
+    dof: int
+    residual_rms: float
+    """Root of the weighted mean square [unit of the indication]."""
+    condition: float
+    """Of the columns scaled to unit length, within a power of two each."""
     residuals: Array
+    """[n], in the unit of the indication."""
+
+    @property
+    def standard_uncertainty(self) -> Array:
+        """Square roots of the covariance's diagonal [p]."""
+        return np.sqrt(np.diag(self.covariance))
 
 
 def linear(
@@ -55,14 +69,10 @@ def linear(
     -----
     Columns are scaled to unit length, so that rank does not depend on units; rank is read from the
     singular values of R (relative 1e-11, never a cut that grows with n); ill-conditioned systems
-    are refined after Björck (1967) with residuals in extended precision. Twenty thousand
-    well-conditioned rows and more take `gram.solve`, ten times as fast.
+    are refined after Björck (1967) with residuals in extended precision.
     """
     rows, columns = design.shape
     names = tuple(names) or tuple(f"column {j}" for j in range(columns))
-    tall = fit_tall(lambda part: design[part], indication, weights)
-    if tall is not None:
-        return tall
     if rows < columns:
         raise FitError(
             f"{rows} rows for {columns} coefficients ({', '.join(names)})",
@@ -99,30 +109,6 @@ def triangular(r: Array, right: Array, *, trans: Literal["N", "T"] = "N") -> Arr
     from scipy.linalg import solve_triangular  # slow to import: logs can be read meanwhile
 
     return np.asarray(solve_triangular(r, right, trans=trans), dtype=np.float64)
-
-
-def fit_tall(
-    design: Callable[[slice], Array], indication: Array, weights: Array | None
-) -> LinearFit | None:
-    """The fit of many well-conditioned rows by normal equations; None for few, or where they would
-    lose digits.
-    """
-    found = gram.solve(design, indication, weights)
-    if found is None:
-        return None
-    return with_residuals(found, gram.residuals(design, indication, found.coefficients))
-
-
-def with_residuals(found: gram.Reduced, residuals: Array) -> LinearFit:
-    """The fit with its residuals [n] [unit of the indication]."""
-    return LinearFit(
-        found.coefficients,
-        found.covariance,
-        found.dof,
-        found.residual_rms,
-        found.condition,
-        residuals,
-    )
 
 
 def undetermined(design: Array, names: Sequence[str]) -> list[str]:

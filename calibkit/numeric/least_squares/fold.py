@@ -1,52 +1,53 @@
-"""Least squares over blocks of rows: one small triangle stands for any number of rows.
+"""Linear least squares over many rows in the memory of a block.
 
-Well-conditioned rows go into normal equations (`gram`); others into a tall-skinny QR (Demmel,
-Grigori, Hoemmen & Langou 2012): every block is factorised together with the triangle so far, so the
-digits are those of an orthogonal factorisation. Either way the memory is that of a block, and the
-block stays in the cache.
+The triangle R of a QR of [X y] keeps all that a fit needs of the rows; that of the blocks so far
+and the next block give that of both (sequential orthogonal factorisation, Lawson & Hanson 1974, ch.
+27). Steps of refinement with the residuals of the rows themselves give back the digits that the
+folding costs (seminormal equations; Björck 1987).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.numeric import chunks
-from calibkit.numeric.least_squares import fit as least_squares, gram
+from calibkit.numeric.least_squares import fit as least_squares
 
 BLOCK_ROWS = 2048
-"""Rows of a block that is factorised: 150 kilobytes at nine columns, which stay in the cache."""
+"""Rows of a block: 150 kilobytes at nine columns, which stay in the cache."""
+REFINEMENTS = 2
+"""The second reaches the last digit of readings whose mean is large."""
 
 
 def triangle(block: Callable[[slice], Array], rows: int, size: int = BLOCK_ROWS) -> Array:
     """R [min(rows, p), p] of the rows that `block` gives slice by slice, each [m, p]."""
     folded: Array | None = None
-    for part in gram.blocks(rows, size):
+    for part in _blocks(rows, size):
         stacked = block(part) if folded is None else np.concatenate([folded, block(part)])
         folded = np.asarray(np.linalg.qr(stacked, mode="r"), dtype=np.float64)
     return np.zeros((0, 0)) if folded is None else folded
 
 
-def reduced(
+def linear(
     design: Callable[[slice], Array],
     indication: Array,
     *,
-    weights: Array | None = None,
     names: Sequence[str] = (),
-) -> gram.Reduced:
+    allocate: Callable[[int], Array] = np.empty,
+) -> least_squares.LinearFit:
     """Fit indication = design · coefficients as `fit.linear` does, in the memory of a block.
 
     Parameters
     ----------
     design
-        Columns [m, p] of a slice of rows; the slice may have a step. Fastest where each column is
-        contiguous.
+        Columns [m, p] of a slice of rows.
     indication
         [n].
-    weights
-        [n], proportional to 1/variance of each row; equal when absent.
     names
         What the error calls the coefficients that the data cannot determine.
+    allocate
+        Makes the array of the residuals [n].
 
     Raises
     ------
@@ -55,65 +56,42 @@ def reduced(
 
     """
     rows = len(indication)
-    found = gram.solve(design, indication, weights)
-    if found is not None:
-        return found
 
-    def weighted(part: slice) -> Array:
+    def stacked(part: slice) -> Array:
         chunks.release(indication)
-        stacked = np.column_stack([design(part), indication[part]])
-        return stacked if weights is None else stacked * np.sqrt(weights[part, None])
+        return np.column_stack([design(part), indication[part]])
 
-    whole = triangle(weighted, rows)
+    whole = triangle(stacked, rows)
     columns = whole.shape[1] - 1
     solved = least_squares.linear(whole[:, :columns], whole[:, columns], names=names)
-    coefficients = _corrected(
-        design, indication, weights, whole[:columns, :columns], solved.coefficients
-    )
-    dof = rows - columns
-    # the triangle has p + 1 rows, one degree of freedom, and the same sum of squares
-    square = float(np.sum(solved.residuals**2))
-    covariance = solved.covariance * (solved.dof / max(dof, 1))
-    rms = float(np.sqrt(square / float(rows if weights is None else np.sum(weights))))
-    return gram.Reduced(coefficients, covariance, dof, rms, solved.condition)
+    R, residuals = whole[:columns, :columns], allocate(rows)
+    coefficients = solved.coefficients
+    for _ in range(REFINEMENTS):
+        gradient = _subtract(design, indication, coefficients, residuals)
+        half = least_squares.triangular(R, gradient, trans="T")
+        coefficients = coefficients + least_squares.triangular(R, half)
+    _subtract(design, indication, coefficients, residuals)
+    # not the sum of squares of the triangle, in which a large mean has cancelled the residuals
+    square, dof = float(residuals @ residuals), rows - columns
+    inverse = least_squares.triangular(R, np.eye(columns))
+    covariance = inverse @ inverse.T * (square / dof if dof else 0.0)
+    rms = float(np.sqrt(square / rows))
+    return least_squares.LinearFit(coefficients, covariance, dof, rms, solved.condition, residuals)
 
 
-def linear(
-    design: Callable[[slice], Array],
-    indication: Array,
-    *,
-    weights: Array | None = None,
-    names: Sequence[str] = (),
-    allocate: Callable[[int], Array] = np.empty,
-) -> least_squares.LinearFit:
-    """Fit as `reduced` does, and give the residuals [n] too, in an array that `allocate` makes.
-
-    Raises
-    ------
-    FitError
-        As `fit.linear`.
-
-    """
-    found = reduced(design, indication, weights=weights, names=names)
-    residuals = gram.residuals(design, indication, found.coefficients, allocate=allocate)
-    return least_squares.with_residuals(found, residuals)
-
-
-def _corrected(
-    design: Callable[[slice], Array],
-    indication: Array,
-    weights: Array | None,
-    r: Array,
-    coefficients: Array,
+def _subtract(
+    design: Callable[[slice], Array], indication: Array, coefficients: Array, residuals: Array
 ) -> Array:
-    """Coefficients [p] after one step with the residuals of the rows themselves, by the seminormal
-    equations of R [p, p].
-    """
+    """Write the residuals r [n] of coefficients [p]; the gradient Xᵀ r [p]."""
     gradient = np.zeros(coefficients.size)
-    for part in gram.blocks(len(indication), gram.block_rows(coefficients.size)):
-        columns = design(part)
-        pulled = indication[part] - columns @ coefficients
-        gradient += columns.T @ (pulled if weights is None else pulled * weights[part])
-        chunks.release(indication)
-    half = least_squares.triangular(r, gradient, trans="T")
-    return np.asarray(coefficients + least_squares.triangular(r, half), dtype=np.float64)
+    for part in _blocks(len(indication), BLOCK_ROWS):
+        X = design(part)
+        residuals[part] = indication[part] - X @ coefficients
+        gradient += X.T @ residuals[part]
+        chunks.release(indication, residuals)
+    return gradient
+
+
+def _blocks(rows: int, size: int) -> Iterator[slice]:
+    """Slices that cover the rows in order."""
+    return (slice(begin, min(begin + size, rows)) for begin in range(0, rows, size))

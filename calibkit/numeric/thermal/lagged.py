@@ -127,8 +127,6 @@ class Problem:
     survey: Survey
     chosen: Integers
     weights: Array
-    left_out: int | None = None
-    """Index of the ramp that is left out of the fit."""
 
     def with_turn_on(self, design: Array) -> Self:
         """Problem with turn-on biases that are as random as the logs show at a design [n, k]."""
@@ -156,9 +154,7 @@ class Problem:
         linearly dependent.
         """
         pooled = pooled_fit.pool_moments(
-            pooled_fit.moments(design, self.weights, self.survey.stacked),
-            self.survey.stacked,
-            self.left_out,
+            pooled_fit.moments(design, self.weights, self.survey.stacked), self.survey.stacked
         )
         return pooled_moments.solve(pooled)
 
@@ -178,42 +174,6 @@ class Problem:
             if found is None
             else np.clip(found[0][self.chosen.size :], -LARGEST_STEP, LARGEST_STEP)
         )
-
-    def tangent_moments(self, log_lags: Array) -> Array:
-        """Moments [ramps, (1 + lags) k + 2, ...] of (1, columns, derivatives of the columns by the
-        logarithm of each lag, indication) at given lags, for leaving out each ramp.
-        """
-        design = self.design(log_lags)
-        moved = [
-            (self.design(log_lags + step) - design) / step.sum()
-            for step in np.diag(_shifts(log_lags))
-        ]
-        return pooled_fit.moments(
-            np.concatenate([design, *moved], axis=1), self.weights, self.survey.stacked
-        )
-
-    def leave_out(self, log_lags: Array, moments: Array, ramp: int) -> Array:
-        """Drift [n, °/h, up to a constant] of the fit without one ramp, by one Gauss-Newton step
-        from the lags of the fit to all ramps.
-
-        `moments` are the tangent moments. If the step does not lower the sum of squares, the lags
-        stay.
-        """
-        problem = replace(self, left_out=ramp)
-        k, lags = problem.chosen.size, log_lags.size
-        matrix = pooled_fit.pool_moments(moments, problem.survey.stacked, ramp)
-        own = np.r_[:k, matrix.shape[0] - 1]
-        here = pooled_moments.solve(matrix[np.ix_(own, own)])
-        if here is not None:
-            along = np.zeros((matrix.shape[0], k + lags + 1))
-            along[:k, :k] = np.eye(k)
-            along[k:-1, k:-1] = np.kron(np.eye(lags), here[0][:, None])
-            along[-1, -1] = 1.0
-            step = pooled_moments.solve(along.T @ matrix @ along)
-            lower = None if step is None else _lower(problem, _Lags(log_lags, *here), step[0][k:])
-            if lower is not None:
-                return lower[1] @ lower[0].coefficients
-        return problem.design(log_lags) @ (np.zeros(k) if here is None else here[0])
 
 
 def _undetermined() -> FitError:
@@ -339,9 +299,14 @@ def _solution(problem: Problem, found: _Lags, names: tuple[str, ...]) -> Solutio
     )
 
 
+def is_endless(solution: Solution) -> bool:
+    """Whether a fitted lag lies at its upper bound, so that it does not describe a real lag."""
+    return bool(np.any(solution.log_lags > np.log(BOUNDS_S[1]) - STEP))
+
+
 def finish(solution: Solution, stacked: Stack) -> ThermalModel:
-    """Drift model of a lagged solution; flags name the lags that the logs do not determine, and the
-    terms entangled with them are listed.
+    """Drift model of a level or lagged solution; flags name the lags that the logs do not
+    determine, and the terms entangled with them are listed.
     """
     model = solution.finish(stacked)
     relative = model.standard_uncertainty[9:] / np.array(model.lags)

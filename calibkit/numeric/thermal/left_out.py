@@ -6,10 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from calibkit.arrays import Array
-from calibkit.numeric.thermal import lagged, pooled_fit, pooled_moments
-from calibkit.numeric.thermal.lagged import Survey
+from calibkit.numeric.thermal import pooled_fit, pooled_moments
 from calibkit.numeric.thermal.pooled_fit import Solution, Stack
-from calibkit.numeric.thermal.terms import chosen_columns
 
 FIGURE_BLOCKS = 10
 """Blocks that one mean of the drift figure averages: 100 s (the longer interval of GJB 2426A) at a
@@ -46,19 +44,23 @@ def figure_means(values: Array, robust: Array, group: int) -> Array:
     return np.asarray(np.average(grouped, axis=1, weights=weight[usable]), dtype=np.float64)
 
 
-def predict_left_out(solution: Solution, survey: Survey | None, stacked: Stack) -> Iterator[Array]:
-    """Drift [n, up to a constant] of all rows by the fit without each ramp in turn; a level
-    solution has no survey, the lags of others start from the fit to all ramps.
+def predict_left_out(solution: Solution, stacked: Stack) -> Iterator[Array]:
+    """Drift [n, up to a constant] of all rows by the fit without each ramp in turn.
+
+    ω = X c + S δ with the columns X and the derivatives S by the logarithms of the lags: linearised
+    about the fit to all ramps. Where the other ramps determine no lag, the lags stay.
     """
+    columns = np.column_stack([solution.columns, solution.sensitivities])
+    linear, count = solution.columns.shape[1], columns.shape[1]
     stacked = replace(stacked, alike=solution.alike)
-    if survey is None:
-        moment = pooled_fit.moments(solution.columns, solution.weights, stacked)
-        for number in range(len(stacked.ramps)):
-            found = pooled_moments.solve(pooled_fit.pool_moments(moment, stacked, number))
-            yield solution.columns @ (found[0] if found else np.zeros(solution.columns.shape[1]))
-        return
-    survey = replace(survey, stacked=stacked)
-    problem = lagged.Problem(survey, chosen_columns(solution.terms)[1:], solution.weights)
-    moments = problem.tangent_moments(solution.log_lags)
-    for number in range(len(stacked.ramps)):
-        yield problem.leave_out(solution.log_lags, moments, number)
+    moment = pooled_fit.moments(columns, solution.weights, stacked)
+    for ramp in range(len(stacked.ramps)):
+        predicted = np.zeros(len(columns))
+        for free in sorted({linear, count}, reverse=True):
+            inside = np.r_[: free + 1, count + 1]  # 1, the columns, and the indication
+            matrix = pooled_fit.pool_moments(moment[:, inside[:, None], inside], stacked, ramp)
+            solved = pooled_moments.solve(matrix)
+            if solved is not None:
+                predicted = columns[:, :free] @ solved[0]
+                break
+        yield predicted

@@ -101,7 +101,7 @@ def drivers(time: Array, case: Array, env: Array, window_s: float = WINDOW_S) ->
 
 
 @dataclass(frozen=True, slots=True)
-class _Basis:
+class Basis:
     """Logs of a level fit with their drivers, scaled design [n, 9] and robust weights [n]."""
 
     stacked: Stack
@@ -135,7 +135,7 @@ class _Basis:
         )
 
 
-def basis(stacked: Stack) -> _Basis:
+def basis(stacked: Stack) -> Basis:
     """Basis of a level fit; the robust weights are those of a fit of all terms.
 
     The trailing window is WINDOW_S, or for long blocks twice the shortest that gives rates.
@@ -146,6 +146,6 @@ def basis(stacked: Stack) -> _Basis:
     found = Drivers(*map(np.concatenate, zip(*parts, strict=True)))
     scales = found.valid().scales()
     design = found.scaled_design(scales)
-    return _Basis(
+    return Basis(
         stacked, window_s, found, scales, design, pooled_fit.robust_weights(design[:, 1:], stacked)
     )

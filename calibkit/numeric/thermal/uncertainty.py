@@ -2,13 +2,14 @@
 out of the fit, and clamping.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
-from calibkit.arrays import Array
-from calibkit.numeric import chunks, consistency, gum
+from calibkit.arrays import Array, Integers
+from calibkit.numeric import gum
 from calibkit.numeric.thermal.evaluate import Evaluation
 from calibkit.numeric.thermal.noise import Flicker, Noise
 from calibkit.numeric.thermal.pooled_fit import ThermalLog
@@ -76,23 +77,47 @@ def explained(
 
     The mean of each ramp is removed, as for left-out errors.
     """
-    longest = max(log.time.size for log in logs) // group
-    flicker, total, count = Flicker(max(longest, 1), NEIGHBOURING), 0.0, 0
-    for log, sensitivity in zip(logs, sensitivities, strict=True):
-        for part in np.unique(log.part):
-            rows = np.flatnonzero(log.part == part)
-            whole, first = rows.size // group, int(rows[0]) // group
-            if not whole:
-                continue
-            s = sensitivity[rows[: whole * group]].reshape(whole, group, -1).mean(axis=1)
-            s -= s.mean(axis=0)
-            last = min(first + whole, longest)
-            noise = flicker.about_level(last - whole, last)
-            for k, by_flicker in zip(NEIGHBOURING, noise, strict=True):
-                total += float(of_coefficients(model, s, k).sum())
-                total += model.noise.flicker**2 * float(by_flicker.sum())
-                count += by_flicker.size
-    return total / count if count else 0.0
+    known = [
+        at_lag
+        for log, along in zip(logs, sensitivities, strict=True)
+        for _, by_lag in explain_parts(model, log, along, group, of_rest=False)
+        for at_lag in by_lag
+    ]
+    products = np.concatenate(known) if known else np.zeros(0)
+    return float(products.sum()) / max(products.size, 1)
+
+
+def explain_parts(
+    model: _Stated, log: ThermalLog, sensitivities: Array, group: int, *, of_rest: bool
+) -> Iterator[tuple[Integers, list[Array]]]:
+    """Rows [m, group] of the means over blocks of each part of a log, and the covariances [m − k]
+    of neighbouring means that type A uncertainty, with the derivatives [n, p] of the drift along
+    the log, and flicker noise cause.
+
+    They are taken about the mean of the part or, `of_rest`, about that of the rest of the log.
+    """
+    numbers = np.unique(log.part)
+    rows = [np.flatnonzero(log.part == number) for number in numbers]
+    sizes = [min(group, inside.size) for inside in rows]
+    grouped = [
+        inside[: inside.size // size * size].reshape(-1, size)
+        for inside, size in zip(rows, sizes, strict=True)
+    ]
+    means = [sensitivities[inside].mean(axis=1) for inside in grouped]
+    every, part = np.concatenate(means), np.repeat(numbers, [len(one) for one in means])
+    flicker = Flicker(len(every), NEIGHBOURING)
+    for number, inside, s in zip(numbers, grouped, means, strict=True):
+        rest = part != number if of_rest and len(numbers) > 1 else part == number
+        first = int(np.argmax(part == number))
+        apart = s - every[rest].mean(axis=0)
+        noise = flicker.about_level(first, first + len(s), of_rest=of_rest)
+        yield (
+            inside,
+            [
+                of_coefficients(model, apart, k) + model.noise.flicker**2 * by_flicker
+                for k, by_flicker in zip(NEIGHBOURING, noise, strict=True)
+            ],
+        )
 
 
 def of_coefficients(model: _Stated, sensitivity: Array, lag: int) -> Array:
@@ -126,29 +151,34 @@ def contributions(model: _Stated, evaluation: Evaluation) -> list[tuple[str, str
     ]
 
 
-def compare_means(
-    left: Array, standard: Array, expanded: tuple[Array, Array], noise: Noise, group: int
-) -> tuple[dict[str, float], Array, Array]:
-    """Errors [n] of a log as means over a group of blocks about the log's mean, against their
-    standard uncertainty [n] and the expanded ones [n] of the drift and of the drift less its mean:
-    number of means, the share within U and noise, and the size over the standard uncertainty with
-    its limit, as a JSON object; the means [m] and the absolute limits [m] of U and noise. Empty for
-    less than two means.
+@dataclass(frozen=True, slots=True)
+class Along:
+    """Bias [n] along a log, contributions [m, n] to its uncertainty with names and kinds, and the
+    combined uncertainty [n].
     """
-    count = left.size // group
-    if count < 2:
-        return {}, np.zeros(0), np.zeros(0)
-    (flicker,) = Flicker(count, [0]).about_level(0, count)
-    own = noise.white_variance / group + noise.flicker**2 * flicker
-    limit, near = (np.sqrt(chunks.block_means(one, group) ** 2 + 4.0 * own) for one in expanded)
-    means = chunks.block_means(left, group)
-    error = means - means.mean()
-    # the error of the drift is taken as one pattern along the log
-    judged = consistency.compare_errors(error, chunks.block_means(standard, group)[:, None], own)
-    compared = {
-        "means_of_100_s": count,
-        "share_within_expanded_uncertainty": float(np.mean(np.abs(error) <= near)),
-        "rms_error_over_uncertainty": judged.ratio,
-        "largest_rms_error_over_uncertainty": judged.limit,
-    }
-    return compared, means, limit
+
+    drift: Array
+    names: tuple[str, ...]
+    kinds: tuple[str, ...]
+    contributions: Array
+    standard: Array
+    effective_dof: Array
+    expanded: Array
+
+
+def combine_along(
+    model: _Stated,
+    evaluation: Evaluation,
+    type_b: Iterable[tuple[str, Array, float]],
+    *,
+    about_mean: bool = False,
+) -> Along:
+    """Uncertainty of the bias along a log, or of the bias less its mean: what the model states, and
+    type B terms by name, effect [n] of one standard uncertainty, and degrees of freedom.
+    """
+    known = contributions(model, evaluation.about_mean() if about_mean else evaluation)
+    for name, effect, dof in type_b:
+        known.append((name, "B", np.abs(effect - effect.mean() if about_mean else effect), dof))
+    names, kinds, parts, dofs = zip(*known, strict=True)
+    values = np.stack(parts)
+    return Along(evaluation.drift, names, kinds, values, *gum.expand_along(values, np.array(dofs)))

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers
+from calibkit.arrays import Array
 from calibkit.errors import FitError
-from calibkit.numeric import attitude, chunks
-from calibkit.numeric.least_squares import fold, gram, polynomial
+from calibkit.numeric import attitude
+from calibkit.numeric.least_squares import fold, polynomial
 
 TEMPERATURE_STEP_DEGC = 1.0
 """Temperatures closer than this [°C] count as one level."""
@@ -73,17 +73,8 @@ def require_determined(
         importance.
 
     """
-    if len(temperature) >= gram.TALL and _determined_by_some(parts, reference, temperature):
-        return
     levels, (middle, half), mapped = _mapped_levels(temperature)
-    # a Gram matrix of many rows is good to 1e-8, far below the limit of 1e-3
-    if len(temperature) >= gram.TALL and not any(
-        _undetermined(part, reference, mapped, gram.condensed) for part in parts
-    ):
-        return
-    undetermined = {
-        part.label: _undetermined(part, reference, mapped, fold.triangle) for part in parts
-    }
+    undetermined = {part.label: _undetermined(part, reference, mapped) for part in parts}
     if not any(undetermined.values()):
         return
     offered = (_offered_levels(levels, order + 1) - middle) / half
@@ -103,14 +94,6 @@ def require_determined(
         f" {affine_rank(reference)} are affinely independent (cross-axis terms need 4)",
         hint=f"add dwells at {_describe_dwells(add)}; or {lower}",
     )
-
-
-def _determined_by_some(parts: Sequence[Part], reference: Array, temperature: Array) -> bool:
-    """Whether evenly spread rows determine every coefficient: then so do all."""
-    some = slice(0, len(temperature), 1 + len(temperature) // gram.SAMPLE_ROWS)
-    spread = chunks.take_slice(reference, some)
-    _, _, mapped = _mapped_levels(chunks.take_slice(temperature, some))
-    return not any(_undetermined(part, spread, mapped, fold.triangle) for part in parts)
 
 
 def _mapped_levels(temperature: Array) -> tuple[Array, tuple[float, float], Array]:
@@ -139,29 +122,9 @@ def distinct_temperatures(
         following := int(np.searchsorted(ascending, ascending[openings[-1]] + step))
     ) < ascending.size:
         openings.append(following)
-    label = _level_numbers(ascending[openings], temperature, step)
+    label = np.searchsorted(ascending[openings], temperature, side="right") - 1
     levels = np.bincount(label, weights=temperature) / np.bincount(label)
     return levels, levels[label]
-
-
-def _level_numbers(openings: Array, temperature: Array, step: float) -> Integers:
-    """Index [n] of the last level start [k] at or below each temperature [n]; starts are at least
-    `step` apart.
-
-    Temperatures are looked up in cells one step wide, which hold at most one opening each: four
-    times as fast as a binary search.
-    """
-    span = float(np.max(temperature)) - openings[0]
-    if not 0.0 < span < gram.TALL * step or temperature.size < gram.TALL:
-        return np.searchsorted(openings, temperature, side="right") - 1
-    cell = ((temperature - openings[0]) / step).astype(np.int64)
-    edges = openings[0] + step * np.arange(int(span / step) + 2)
-    label: Integers = (np.searchsorted(openings, edges, side="right") - 1)[cell]
-    fenced = np.append(openings, np.inf)
-    label += temperature >= fenced[label + 1]
-    # correct a quotient that rounding lifted into the next cell
-    label -= temperature < fenced[label]
-    return label
 
 
 def affine_rank(reference: Array) -> int:
@@ -171,16 +134,9 @@ def affine_rank(reference: Array) -> int:
     return _rank(np.column_stack([np.ones(len(reference)), reference]))
 
 
-def _undetermined(
-    part: Part,
-    reference: Array,
-    mapped: Array,
-    condense: Callable[[Callable[[slice], Array], int], Array],
-) -> list[str]:
-    """Names of the coefficients whose columns depend linearly on earlier columns; `condense`
-    reduces the design matrix to p rows.
-    """
-    design = condense(lambda rows: part.design(reference[rows], mapped[rows]), len(mapped))
+def _undetermined(part: Part, reference: Array, mapped: Array) -> list[str]:
+    """Names of the coefficients whose columns depend linearly on earlier columns."""
+    design = fold.triangle(lambda rows: part.design(reference[rows], mapped[rows]), len(mapped))
     undetermined: list[str] = []
     kept = np.zeros((design.shape[0], 0))
     for name, column in zip(part.names, design.T, strict=True):

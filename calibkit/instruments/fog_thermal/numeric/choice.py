@@ -4,24 +4,20 @@ ramps that were left out of the fit.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
 from calibkit.arrays import Array
-from calibkit.errors import FitError
+from calibkit.fit.choose import choose as choose_simplest
 from calibkit.instruments.fog_thermal.numeric import bank_fit, bank_growth, evaluate
 from calibkit.instruments.fog_thermal.numeric.bank import OnLevels
 from calibkit.instruments.fog_thermal.numeric.compensation import WORSE, LeftOutRamps
 from calibkit.numeric.thermal import lagged, level, pooled_fit, uncertainty
-from calibkit.numeric.thermal.lagged import Survey
+from calibkit.numeric.thermal.candidates import CLEARLY, STATIC, Candidate, solve
 from calibkit.numeric.thermal.left_out import FIGURE_BLOCKS, left_out_errors, predict_left_out
 from calibkit.numeric.thermal.pooled_fit import Solution, Stack, ThermalLog
 from calibkit.numeric.thermal.terms import TERMS
 
-CLEARLY = 0.95
-"""Largest ratio of the error on left-out ramps to the raw drift with which a model may be exported.
-"""
 LIKELY = 0.5
 """Probability from which a term that is not modelled is flagged."""
 OUTLYING = 0.2
@@ -32,39 +28,26 @@ LEAST_RAMPS = 3
 """Fewest ramps for leaving one out: one more than the two sides of a thermal cycle."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Candidate:
-    """Candidate model: its name, form and terms."""
-
-    name: str
-    form: Literal["level", "lagged", "bank"]
-    terms: tuple[str, ...]
-
-
-STATIC = ("b0", "b1", "b2", "b3")
 CANDIDATES = (
-    _Candidate("level T", "level", STATIC[:2]),
-    _Candidate("level T²", "level", STATIC[:3]),
-    _Candidate("level T³", "level", STATIC),
-    _Candidate("level T³, rate", "level", (*STATIC, "s_rate")),
-    _Candidate("level T³, rate, gradient", "level", (*STATIC, "s_rate", "s_grad", "s_temp_rate")),
-    _Candidate("level, all terms", "level", TERMS),
-    _Candidate("lagged T³, one lag", "lagged", (*STATIC, "s_rate", "s_temp_rate")),
-    _Candidate("lagged T³, rate, gradient", "lagged", (*STATIC, "s_rate", "s_grad", "s_temp_rate")),
-    _Candidate("lagged, all terms", "lagged", lagged.LAGGED_TERMS),
-    _Candidate("bank of lags", "bank", ()),
+    Candidate("level T", "level", STATIC[:2]),
+    Candidate("level T²", "level", STATIC[:3]),
+    Candidate("level T³", "level", STATIC),
+    Candidate("level T³, rate", "level", (*STATIC, "s_rate")),
+    Candidate("level T³, rate, gradient", "level", (*STATIC, "s_rate", "s_grad", "s_temp_rate")),
+    Candidate("level, all terms", "level", TERMS),
+    Candidate("lagged T³, one lag", "lagged", (*STATIC, "s_rate", "s_temp_rate")),
+    Candidate("lagged T³, rate, gradient", "lagged", (*STATIC, "s_rate", "s_grad", "s_temp_rate")),
+    Candidate("lagged, all terms", "lagged", lagged.LAGGED_TERMS),
+    Candidate("bank of lags", "bank", ()),
 )
 
 
 @dataclass(frozen=True, slots=True)
 class _Fitted:
-    """Candidate with its solution on all ramps, and the survey of the logs (of a lagged candidate)
-    for further fits.
-    """
+    """Candidate with its solution on all ramps."""
 
-    candidate: _Candidate
+    candidate: Candidate
     solution: Solution | bank_fit.Solution
-    survey: Survey | None
     logs: int
     unmodelled: tuple[bank_growth.Unmodelled, ...] = ()
     """Terms that left-out ramps do not ask for, or the evidence does not."""
@@ -80,19 +63,14 @@ class _Fitted:
 
     @property
     def endless(self) -> bool:
-        """Whether a fitted lag lies at its upper bound, so that it does not describe a real lag."""
-        if isinstance(self.solution, bank_fit.Solution):
-            return False
-        bound = np.log(lagged.BOUNDS_S[1]) - lagged.STEP
-        return bool(np.any(self.solution.log_lags > bound))
+        """Whether a fitted lag does not describe a real lag."""
+        return isinstance(self.solution, Solution) and lagged.is_endless(self.solution)
 
     def finish(self, stacked: Stack) -> OnLevels:
         """Drift model in raw units."""
         if isinstance(self.solution, bank_fit.Solution):
             return self.solution.finish()
-        if self.solution.form == "lagged":
-            return lagged.finish(self.solution, stacked)
-        return self.solution.finish(stacked)
+        return lagged.finish(self.solution, stacked)
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +79,7 @@ class _LeftOut(LeftOutRamps):
     means, the ramp's mean removed.
     """
 
-    candidate: _Candidate
+    candidate: Candidate
     ramps: tuple[str, ...]
     parameters: int
     endless: bool
@@ -117,13 +95,6 @@ class _LeftOut(LeftOutRamps):
         return self.pooled <= CLEARLY * self.pooled_raw and bool(
             np.all(self.compensated**2 <= limit)
         )
-
-    def as_good_as(self, best: "_LeftOut") -> bool:
-        """Whether the mean square error is within one standard error of that of the best: of the
-        difference ramp by ramp, in which the noise of a ramp cancels.
-        """
-        more = self.compensated**2 - best.compensated**2
-        return bool(more.mean() <= np.std(more, ddof=1) / np.sqrt(more.size))
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +112,7 @@ class ThermalChoice:
 
 def choose(
     logs: Sequence[ThermalLog],
-    candidates: Sequence[_Candidate] = CANDIDATES,
+    candidates: Sequence[Candidate] = CANDIDATES,
     *,
     figure_blocks: int = FIGURE_BLOCKS,
 ) -> ThermalChoice:
@@ -225,9 +196,8 @@ def _best_of(tested: Sequence[_LeftOut], *, one_sided: bool = False) -> int | No
         helping = [k for k in helping if tested[k].candidate.form == "bank"] or helping
     if not helping:
         return None
-    best = min((tested[k] for k in helping), key=lambda result: result.pooled)
-    alike = [k for k in helping if tested[k].as_good_as(best)]
-    return min(alike, key=lambda k: (tested[k].endless, tested[k].parameters, tested[k].pooled))
+    helping.sort(key=lambda k: (tested[k].endless, tested[k].parameters, tested[k].pooled))
+    return choose_simplest({k: tested[k].compensated ** 2 for k in helping})
 
 
 def _one_sided(stacked: Stack) -> bool:
@@ -268,44 +238,30 @@ def _nothing_helps(tested: Sequence[_LeftOut], refused: Sequence[str]) -> str:
 
 
 def _solutions_of(
-    stacked: Stack, candidates: Sequence[_Candidate]
+    stacked: Stack, candidates: Sequence[Candidate]
 ) -> tuple[list[_Fitted], tuple[str, ...]]:
     """Solutions of the candidates that the logs can determine, and the reasons why the others
     failed.
 
     All candidates leave out the same rows, so that their errors are comparable.
     """
-    prepared = level.basis(stacked)
-    prepared = replace(prepared, robust=(prepared.robust > OUTLYING).astype(np.float64))
-    surveyed = (
-        lagged.Survey.of_logs(stacked, prepared.robust)
-        if any(c.form == "lagged" for c in candidates)
-        else None
-    )
-    solved: list[_Fitted] = []
-    refused, logs = [], len(stacked.logs)
-    for candidate in candidates:
-        try:
-            if candidate.form == "bank":
-                solved += [
-                    _Fitted(
-                        replace(candidate, name=candidate.name + grown.name),
-                        grown.solution,
-                        None,
-                        logs,
-                        grown.unmodelled,
-                    )
-                    for grown in bank_growth.grow(
-                        stacked, prepared.robust, one_sided=_one_sided(stacked)
-                    )
-                ]
-            elif surveyed is not None and candidate.form == "lagged":
-                solved.append(_Fitted(candidate, surveyed.solve(candidate.terms), surveyed, logs))
-            else:
-                solved.append(_Fitted(candidate, prepared.solve(candidate.terms), None, logs))
-        except FitError as error:
-            refused.append(f"{candidate.name}: {error.message}")
-    return solved, tuple(refused)
+    basis = level.basis(stacked)
+    basis = replace(basis, robust=(basis.robust > OUTLYING).astype(np.float64))
+    solved, refused = solve(candidates, basis)
+    fitted = [_Fitted(*pair, len(stacked.logs)) for pair in solved]
+    for bank in candidates:
+        if bank.form == "bank":
+            grown = bank_growth.grow(stacked, basis.robust, one_sided=_one_sided(stacked))
+            fitted += [
+                _Fitted(
+                    replace(bank, name=bank.name + one.name),
+                    one.solution,
+                    len(stacked.logs),
+                    one.unmodelled,
+                )
+                for one in grown
+            ]
+    return fitted, tuple(refused)
 
 
 def _left_out(
@@ -350,5 +306,5 @@ def _predicted(fitted: _Fitted, stacked: Stack) -> Iterator[Array]:
     if isinstance(solution, bank_fit.Solution):
         yield from solution.leave_out()
         return
-    whole = predict_left_out(solution, fitted.survey, stacked)
+    whole = predict_left_out(solution, stacked)
     yield from (drift[rows] for drift, rows in zip(whole, stacked.ramps, strict=True))

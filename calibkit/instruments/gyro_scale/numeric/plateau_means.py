@@ -2,7 +2,6 @@
 the earth's rate, noise of the means.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -12,7 +11,7 @@ from calibkit.constants import REVOLUTION_DEG
 from calibkit.errors import FitError
 from calibkit.instruments.gyro_scale.numeric import plateau_noise, plateaus
 from calibkit.instruments.gyro_scale.numeric.plateau_noise import Modulation
-from calibkit.instruments.gyro_scale.numeric.plateaus import Allocate, Series, Turn
+from calibkit.instruments.gyro_scale.numeric.plateaus import Allocate, Turn
 from calibkit.numeric import chunks
 
 DISAGREEMENT = 10e-6
@@ -151,13 +150,14 @@ def _means(
     parts = [_whole_revolutions(record, first, stop) for first, stop in held.tolist()]
     wave = record.modulation(parts)
     parts, left_out = _without_rest(turn, parts, determined=wave.earth, along_axis=along_axis)
-    values = _averages(record, parts, chunks.row_reader(record.signals))
+    values = _averages(record, parts, record.signals)
     covariance, flags = record.noise(parts, wave, values)
     if wave.earth:
         values, covariance = _unmodulated(record, parts, wave, values, covariance)
-    rate = _averages(record, parts, chunks.row_reader(record.rate))
+    rate = _averages(record, parts, record.rate)
     nan = np.full(len(parts), np.nan)
-    angle_rate = _averages(record, parts, turn.rate) if turn.logged else nan
+    by_angle = [part.average(record, turn.rate(part.first, part.stop)) for part in parts]
+    angle_rate = np.array(by_angle) if turn.logged else nan
     revolutions = np.array([part.revolutions for part in parts], dtype=np.int64)
     return Plateaus(
         rate_dps=rate,
@@ -165,9 +165,7 @@ def _means(
         covariance=covariance,
         revolutions=revolutions,
         samples=np.array([part.stop - part.first for part in parts], dtype=np.int64),
-        temp_degc=nan
-        if temp_degc is None
-        else _averages(record, parts, chunks.row_reader(temp_degc)),
+        temp_degc=nan if temp_degc is None else _averages(record, parts, temp_degc),
         angle_rate_dps=angle_rate,
         span=np.array([(part.first, part.stop) for part in parts], dtype=np.int64),
         flags=(
@@ -183,40 +181,27 @@ def _whole_revolutions(record: plateau_noise.Record, first: int, stop: int) -> p
     """Part of a plateau over whole revolutions; its last interval is weighted by the fraction that
     completes the last revolution.
     """
-    turned = record.turn.turn_deg
-    travelled, reached, last = 0.0, 0.0, 0
-    for _, travel in _travel(turned, first, stop):
-        travelled = float(travel[-1])
+    turned = record.turn.turn_deg[first:stop]
+    travel = np.abs(np.cumsum(turned))
     # a table that stops exactly after a revolution may log slightly less than 360°
-    whole = int(np.floor(travelled / REVOLUTION_DEG + 1e-6))
+    whole = int(np.floor(travel[-1] / REVOLUTION_DEG + 1e-6))
     if whole < 1:
-        return plateau_noise.Part.of(record, first, stop, 1.0, 0)
-    for row, travel in _travel(turned, first, stop):
-        last = row + min(int(np.searchsorted(travel, whole * REVOLUTION_DEG)), travel.size - 1)
-        reached = float(travel[last - row])
-        if reached >= whole * REVOLUTION_DEG:
-            break
-    excess = reached - whole * REVOLUTION_DEG
-    share = 1.0 - min(max(excess / abs(float(turned[first + last])), 0.0), 1.0)
-    return plateau_noise.Part.of(record, first, first + last + 1, share, whole)
-
-
-def _travel(turned: Array, first: int, stop: int) -> Iterator[tuple[int, Array]]:
-    """Angle travelled [°] since row `first`, span by span, each with its offset in rows."""
-    before = 0.0
-    for a, b in chunks.ranges_along(turned[first:stop]):
-        travel = turned[first + a : first + b].copy()
-        travel[0] += before
-        np.cumsum(travel, out=travel)
-        before = float(travel[-1])
-        yield a, np.abs(travel)
+        return plateau_noise.Part(first, stop, 1.0, 0)
+    last = min(int(np.searchsorted(travel, whole * REVOLUTION_DEG)), travel.size - 1)
+    excess = float(travel[last]) - whole * REVOLUTION_DEG
+    share = 1.0 - min(max(excess / abs(float(turned[last])), 0.0), 1.0)
+    return plateau_noise.Part(first, first + last + 1, share, whole)
 
 
 def _averages(
-    record: plateau_noise.Record, parts: list[plateau_noise.Part], values: Series
+    record: plateau_noise.Record, parts: list[plateau_noise.Part], values: Array
 ) -> Array:
     """Time averages [p, ...] of values [n, ...] over the plateaus."""
-    return np.array([part.average(record, values) for part in parts])
+    averages = []
+    for part in parts:
+        averages.append(part.average(record, values[part.rows]))
+        chunks.release(values)
+    return np.array(averages)
 
 
 def _without_rest(
@@ -227,9 +212,7 @@ def _without_rest(
     removed.
     """
     turning = [
-        part
-        for part in parts
-        if part.revolutions or abs(chunks.total(turn.turn_deg[part.first : part.stop])) > 1.0
+        part for part in parts if part.revolutions or abs(np.sum(turn.turn_deg[part.rows])) > 1.0
     ]
     if not (turning or determined):
         raise FitError(
@@ -259,7 +242,7 @@ def _unmodulated(
     for j, part in enumerate(parts):
         if part.revolutions:
             continue
-        mean = part.average(record, record.basis)
+        mean = part.average(record, record.basis(part.rows))
         values[j] -= mean @ wave.factors[:2]
         covariance[j] += np.diag(wave.variance * float(mean @ wave.unit_covariance @ mean))
     return values, covariance

@@ -1,22 +1,21 @@
 """Variation of indications within held rates of a rate table: the earth's horizontal rate, the
-unevenness of the table, and noise.
-
-Rows are processed in spans of limited length, so that memory does not grow with the length of a
-plateau.
+unevenness of the table, and noise. The rows of one plateau at a time are in memory.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 
 from calibkit.arrays import Array
-from calibkit.instruments.gyro_scale.numeric.plateaus import Series, Turn
-from calibkit.numeric import chunks
+from calibkit.instruments.gyro_scale.numeric.plateaus import Turn
+from calibkit.numeric import chunks, dwells
 
 BLOCKS = 16
 """Number of blocks that a plateau is divided into for the test of white noise."""
+LEAST_BLOCK = 4
+"""Rows of a block from which its mean tells of autocorrelation."""
+ONE_PHASE = 1e-7
+"""Singular value, relative to the largest, below which cos and sin of the angle are one column."""
 WHITE_RATIO = 1.3
 """Ratio of the variance of block means to that of white noise, above which the noise counts as
 autocorrelated.
@@ -46,29 +45,29 @@ class Record:
         turn = self.turn
         chunks.release(turn.interval_s, turn.turn_deg, turn.middle_rad, self.rate, self.signals)
 
-    def basis(self, first: int, stop: int) -> Array:
-        """Means [k, 2] of cos and sin of the table angle over the intervals that end at rows first
-        … stop − 1.
-        """
-        half = np.radians(self.turn.turn_deg[first:stop]) / 2.0
+    def basis(self, rows: slice) -> Array:
+        """Means [k, 2] of cos and sin of the table angle over the intervals that end at rows."""
+        half = np.radians(self.turn.turn_deg[rows]) / 2.0
         fading = np.sinc(half / np.pi)
-        middle = self.turn.middle_rad[first:stop]
+        middle = self.turn.middle_rad[rows]
         return np.column_stack((np.cos(middle) * fading, np.sin(middle) * fading))
 
-    def columns(self, first: int, stop: int, own: float) -> Array:
-        """Design matrix [k, 5] of the variation within a plateau of mean rate `own`; the angle's
-        columns are zero where the angle is not logged.
+    def columns(self, rows: slice) -> Array:
+        """Design matrix [k, 5] of the variation within a plateau; the angle's columns are zero
+        where the angle is not logged.
         """
-        basis = self.basis(first, stop) if self.turn.logged else np.zeros((stop - first, 2))
+        rate = self.rate[rows]
+        basis = self.basis(rows) if self.turn.logged else np.zeros((rate.size, 2))
         # the unevenness grows with the table rate and the earth's rate does not, which separates
         # them
-        return np.column_stack((basis, basis * own, self.rate[first:stop]))
+        return np.column_stack((basis, basis * rate.mean(), rate))
 
     def modulation(self, parts: "list[Part]") -> "Modulation":
         """Least-squares fit of the variation within plateaus, common to all plateaus."""
         count = sum(part.stop - part.first for part in parts)
         gram, product = np.zeros((5, 5)), np.zeros((5, self.signals.shape[1]))
-        for columns, target in _read_spans(self, parts):
+        for part in parts:
+            columns, target = part.centred(self)
             gram += columns.T @ columns
             product += columns.T @ target
         size = np.sqrt(np.diag(gram))
@@ -84,7 +83,7 @@ class Record:
         dof = max(count - len(parts) - int(firm.sum()), 1)
         left = sum(
             np.sum((target - columns @ factors) ** 2, axis=0)
-            for columns, target in _read_spans(self, parts)
+            for columns, target in (part.centred(self) for part in parts)
         )
         return Modulation(
             factors=factors,
@@ -101,10 +100,12 @@ class Record:
         """
         scatters = [_scatter(self, part, wave) for part in parts]
         ratio = np.sqrt(np.maximum(_block_ratio(scatters), 1.0))
+        weights = [part.weights(self) for part in parts]
+        shares = [np.sum(w**2) / np.sum(w) ** 2 for w in weights]
         covariance = np.array(
             [
-                one.square / max(one.rows - 1, 1) * part.square_s2 / part.duration_s**2
-                for one, part in zip(scatters, parts, strict=True)
+                one.square / max(one.rows - 1, 1) * share
+                for one, share in zip(scatters, shares, strict=True)
             ]
         )
         flags = []
@@ -124,67 +125,37 @@ class Record:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Rows first … stop − 1 of one plateau, over whole revolutions or over all its rows, with their
-    sums.
-    """
+    """Rows first … stop − 1 of one plateau, over whole revolutions or over all its rows."""
 
     first: int
     stop: int
     last: float
     """Weight of the last interval, as a share of its length."""
     revolutions: int
-    duration_s: float
-    square_s2: float
-    """Sum of the squared durations of its rows."""
-    columns: Array
-    """Time-weighted means [5] of the columns of the design matrix."""
-    signals: Array
-    """Unweighted means [m] of the indications."""
 
-    @classmethod
-    def of(cls, record: Record, first: int, stop: int, last: float, revolutions: int) -> Self:
-        """Part with the sums over the rows of a plateau."""
-        count, duration, square = stop - first, 0.0, 0.0
-        own = chunks.mean(record.rate[first:stop])
-        columns, signals = np.zeros(5), np.zeros(record.signals.shape[1])
-        for a, b in chunks.ranges(count):
-            rows = first + a, first + b
-            weights = _weights(record, *rows, last if b == count else 1.0)
-            duration, square = duration + float(weights.sum()), square + float(np.sum(weights**2))
-            columns += record.columns(*rows, own).sum(axis=0)
-            signals += record.signals[slice(*rows)].sum(axis=0)
-            record.release()
-        return cls(
-            first, stop, last, revolutions, duration, square, columns / count, signals / count
-        )
+    @property
+    def rows(self) -> slice:
+        """Its rows."""
+        return slice(self.first, self.stop)
 
-    def spans(self) -> Iterator[tuple[int, int]]:
-        """First and end row of each of the spans that it is processed in."""
-        return ((self.first + a, self.first + b) for a, b in chunks.ranges(self.stop - self.first))
+    def weights(self, record: Record) -> Array:
+        """Durations [k] [s] of the intervals that end at the rows, as they count."""
+        weights = record.turn.interval_s[self.rows].copy()
+        weights[-1] *= self.last
+        return weights
 
-    def average(self, record: Record, values: Series) -> Array:
-        """Time average [...] of values [n, ...]."""
-        total: Array = np.zeros(())
-        for a, b in self.spans():
-            weights = _weights(record, a, b, self.last if b == self.stop else 1.0)
-            total = total + np.sum((values(a, b).T * weights).T, axis=0)
-            record.release()
-        return np.asarray(total / self.duration_s, dtype=np.float64)
+    def average(self, record: Record, values: Array) -> Array:
+        """Time average [...] of values [k, ...] of the rows."""
+        mean = np.average(values, axis=0, weights=self.weights(record))
+        record.release()
+        return np.asarray(mean, dtype=np.float64)
 
-    def centred(self, record: Record, first: int, stop: int) -> tuple[Array, Array]:
-        """Design matrix [k, 5] and indications [k, m] of rows first … stop − 1, less their means
-        over the plateau.
-        """
-        # the mean of the last column is the plateau's mean rate
-        columns = record.columns(first, stop, float(self.columns[-1])) - self.columns
-        return columns, record.signals[first:stop] - self.signals
-
-
-def _weights(record: Record, first: int, stop: int, last: float) -> Array:
-    """Durations [k] [s] of the rows; that of the last row is multiplied by `last`."""
-    weights = record.turn.interval_s[first:stop].copy()
-    weights[-1] *= last
-    return weights
+    def centred(self, record: Record) -> tuple[Array, Array]:
+        """Design matrix [k, 5] and indications [k, m] of the rows, less their means."""
+        columns, signals = record.columns(self.rows), record.signals[self.rows]
+        signals = signals - signals.mean(axis=0)
+        record.release()
+        return columns - columns.mean(axis=0), signals
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,23 +178,14 @@ class Modulation:
     """
 
 
-def _read_spans(record: Record, parts: list[Part]) -> Iterator[tuple[Array, Array]]:
-    """Centred design matrix and indications of all rows of the plateaus, span by span."""
-    for part in parts:
-        for a, b in part.spans():
-            yield part.centred(record, a, b)
-            record.release()
-
-
 @dataclass(frozen=True, slots=True)
 class _Scatter:
-    """Noise of one plateau of `rows` rows: sums of products [m, m], and means [BLOCKS, m] of blocks
-    of `length` rows.
+    """Noise of one plateau of `rows` rows: sums of products [m, m], and means [BLOCKS, m] of
+    blocks, none where there are fewer rows.
     """
 
     rows: int
     square: Array
-    length: int
     blocks: Array
 
 
@@ -231,38 +193,14 @@ def _scatter(record: Record, part: Part, wave: Modulation) -> _Scatter:
     """Noise of one plateau: its samples less their mean and less the fitted variation with table
     angle and rate.
     """
-    rows, gyros = part.stop - part.first, part.signals.size
-    phase = _phase(record, part, wave) if part.revolutions and not record.turn.logged else None
-    length = rows // BLOCKS
-    square, sums = np.zeros((gyros, gyros)), np.zeros((BLOCKS + 1, gyros))
-    for a, b in part.spans():
-        columns, target = part.centred(record, a, b)
-        noise = target - columns @ wave.factors
-        if phase is not None:
-            noise -= (record.basis(a, b) - phase[0]) @ phase[1]
-        square += noise.T @ noise
-        block = np.minimum(np.arange(a - part.first, b - part.first) // max(length, 1), BLOCKS)
-        begins = np.flatnonzero(np.diff(block, prepend=-1))
-        sums[block[begins]] += np.add.reduceat(noise, begins)
-        record.release()
-    return _Scatter(rows, square, length, sums[:BLOCKS] / max(length, 1))
-
-
-def _phase(record: Record, part: Part, wave: Modulation) -> tuple[Array, Array]:
-    """Mean [2] of the angle's columns, and their factors [2, m] fitted to what the common fit
-    leaves in this plateau: the phase of the earth's rate differs between plateaus.
-    """
-    mean = sum(record.basis(a, b).sum(axis=0) for a, b in part.spans()) / (part.stop - part.first)
-    gram, product = np.zeros((2, 2)), np.zeros((2, part.signals.size))
-    for a, b in part.spans():
-        columns, target = part.centred(record, a, b)
-        basis = record.basis(a, b) - mean
-        gram += basis.T @ basis
-        product += basis.T @ (target - columns @ wave.factors)
-        record.release()
-    return mean, np.asarray(
-        np.linalg.pinv(gram, rcond=1e-14, hermitian=True) @ product, dtype=np.float64
-    )
+    columns, target = part.centred(record)
+    noise = target - columns @ wave.factors
+    if part.revolutions and not record.turn.logged:
+        # the phase of the earth's rate differs between plateaus
+        basis = record.basis(part.rows)
+        basis -= basis.mean(axis=0)
+        noise -= basis @ np.linalg.lstsq(basis, noise, rcond=ONE_PHASE)[0]
+    return _Scatter(len(noise), noise.T @ noise, dwells.batch_means(noise, BLOCKS))
 
 
 def _block_ratio(scatters: list[_Scatter]) -> Array:
@@ -271,10 +209,11 @@ def _block_ratio(scatters: list[_Scatter]) -> Array:
     """
     ratios = []
     for one in scatters:
-        if one.length < 4:
+        length = one.rows // BLOCKS
+        if length < LEAST_BLOCK:
             continue
         variance = np.maximum(np.diag(one.square) / (one.rows - 1), np.finfo(np.float64).tiny)
-        ratios.append(one.blocks.var(axis=0, ddof=1) * one.length / variance)
+        ratios.append(one.blocks.var(axis=0, ddof=1) * length / variance)
     if not ratios:
         return np.ones(len(scatters[0].square))
     mean = np.mean(ratios, axis=0)
@@ -287,7 +226,7 @@ def _creeps(one: _Scatter, full_scale: float) -> bool:
     """Whether the first block of a plateau differs from its second half by more than noise and 1
     ppm of full scale.
     """
-    if one.length < 1:
+    if not len(one.blocks):
         return False
     later = one.blocks[BLOCKS // 2 :]
     difference = np.abs(one.blocks[0] - later.mean(axis=0))

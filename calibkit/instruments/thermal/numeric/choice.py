@@ -2,43 +2,26 @@
 fit.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
 from calibkit.arrays import Array, Mask
+from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.errors import FitError
+from calibkit.fit.choose import choose as choose_simplest
 from calibkit.numeric import chunks
 from calibkit.numeric.thermal import lagged, level, uncertainty
+from calibkit.numeric.thermal.candidates import CLEARLY, STATIC, Candidate, solve
 from calibkit.numeric.thermal.evaluate import evaluate_terms
-from calibkit.numeric.thermal.lagged import Survey
 from calibkit.numeric.thermal.left_out import figure_means, predict_left_out
-from calibkit.numeric.thermal.noise import Flicker
-from calibkit.numeric.thermal.pooled_fit import Solution, Stack, ThermalLog
+from calibkit.numeric.thermal.pooled_fit import Solution, Stack
 from calibkit.numeric.thermal.terms import ThermalModel
 
-CLEARLY = 0.95
-"""Largest ratio of the error on left-out stretches to that without any term with which a model may
-be exported.
-"""
 MOVING_DEGC_MIN = 0.3
 """Temperature rate [°C/min] from which on it changes."""
-STATIC = ("b0", "b1", "b2", "b3")
 RATES = ("s_rate", "s_temp_rate")
-Form = Literal["level", "lagged"]
-
-
-@dataclass(frozen=True, slots=True)
-class Candidate:
-    """Candidate model: its name, form and terms."""
-
-    name: str
-    form: Form
-    terms: tuple[str, ...]
-
-
 CONSTANT = Candidate("constant", "level", STATIC[:1])
 CANDIDATES = (
     Candidate("T", "level", STATIC[:2]),
@@ -84,18 +67,6 @@ class Tested:
         """Root of the mean over the stretches of the mean squares."""
         return float(np.sqrt(np.mean(self.squares)))
 
-    def as_good_as(self, best: "Tested") -> bool:
-        """Whether the error is within one standard error of that of the best, of the mean squares
-        and of their logarithms: differences stretch by stretch, in which the noise of a stretch
-        cancels, and of which one bad stretch does not decide alone.
-        """
-        least = np.finfo(np.float64).tiny
-        pairs = (
-            self.squares - best.squares,
-            np.log(np.maximum(self.squares, least) / np.maximum(best.squares, least)),
-        )
-        return all(more.mean() <= np.std(more, ddof=1) / np.sqrt(more.size) for more in pairs)
-
 
 @dataclass(frozen=True, slots=True)
 class Choice:
@@ -120,30 +91,16 @@ def choose(
 
     Raises FitError where no candidate can be fitted.
     """
-    basis = level.basis(stacked)
-    survey = Survey.of_logs(stacked, basis.robust)
     pairs = Stack.of_logs([replace(log, part=log.part // 2) for log in stacked.logs])
-    constant = basis.solve(CONSTANT.terms)
-    solved: list[tuple[Solution, Survey | None]] = [(constant, None)]
-    tested = [_test(CONSTANT, constant, None, (stacked, pairs), figure_blocks)]
-    refused: list[str] = []
-    for candidate in candidates:
-        own = survey if candidate.form == "lagged" else None
-        try:
-            solution = (own or basis).solve(candidate.terms)
-        except FitError as error:
-            refused.append(f"{candidate.name}: {error.message}")
-            continue
-        solved.append((solution, own))
-        tested.append(_test(candidate, solution, own, (stacked, pairs), figure_blocks))
+    solved, refused = solve((CONSTANT, *candidates), level.basis(stacked))
+    tested = [_test(one, fit, (stacked, pairs), figure_blocks) for one, fit in solved]
     if len(tested) == 1:
         raise FitError(
             f"no model can be fitted: {'; '.join(refused)}",
             hint="log the instrument while its temperature changes",
         )
     chosen = _best_of(tested)
-    solution, own = solved[chosen]
-    model = lagged.finish(solution, stacked) if own else solution.finish(stacked)
+    model = lagged.finish(solved[chosen][1], stacked)
     model = _with_model_error(model, tested[chosen], pairs, figure_blocks)
     return Choice(tuple(tested), tuple(refused), tested[chosen], model)
 
@@ -151,42 +108,23 @@ def choose(
 def _best_of(tested: Sequence[Tested]) -> int:
     """Index of the chosen candidate; 0, the constant, unless another is clearly better."""
     helping = [k for k, one in enumerate(tested) if k and one.pooled <= CLEARLY * tested[0].pooled]
-    if not helping:
-        return 0
-    best = min((tested[k] for k in helping), key=lambda one: one.pooled)
-    if tested[0].as_good_as(best):
-        return 0
-    alike = [k for k in helping if tested[k].as_good_as(best)]
-    return min(alike, key=lambda k: (tested[k].endless, tested[k].parameters, tested[k].pooled))
+    helping.sort(key=lambda k: (tested[k].endless, tested[k].parameters, tested[k].pooled))
+    return choose_simplest({k: tested[k].squares for k in (0, *helping)})
 
 
 def _test(
-    candidate: Candidate,
-    solution: Solution,
-    survey: Survey | None,
-    stacks: tuple[Stack, Stack],
-    figure_blocks: int,
+    candidate: Candidate, solution: Solution, stacks: tuple[Stack, Stack], figure_blocks: int
 ) -> Tested:
     """Errors of a candidate on each stretch and each pair of them, fitted to all others."""
-    bound = np.log(lagged.BOUNDS_S[1]) - lagged.STEP
     errors, of_pairs = (
         tuple(
             _errors(number, stacked.indication - drift, stacked, solution.weights, figure_blocks)
-            for number, drift in enumerate(
-                predict_left_out(
-                    solution, None if survey is None else replace(survey, stacked=stacked), stacked
-                )
-            )
+            for number, drift in enumerate(predict_left_out(solution, stacked))
         )
         for stacked in stacks
     )
-    return Tested(
-        candidate,
-        errors,
-        of_pairs,
-        len(candidate.terms) + solution.log_lags.size,
-        bool(np.any(solution.log_lags > bound)),
-    )
+    parameters = len(candidate.terms) + solution.log_lags.size
+    return Tested(candidate, errors, of_pairs, parameters, lagged.is_endless(solution))
 
 
 def _errors(number: int, left: Array, stacked: Stack, weights: Array, figure_blocks: int) -> Array:
@@ -209,23 +147,29 @@ def _with_model_error(
     rest or while the temperature changes, whichever is larger.
     """
     still = model.nearest_fitted(0.0)
-    found: list[tuple[Array, list[Array], Mask]] = []
+    stretches: list[tuple[Array, list[Array], Mask]] = []
     errors = iter(tested.of_pairs)
     for log in stacked.logs:
         along = evaluate_terms(model, log.time, log.case, log.env, still, log.starts).sensitivities
-        found += _stretch_errors(model, log, along, errors, figure_blocks)
+        parts = uncertainty.explain_parts(model, log, along, figure_blocks, of_rest=True)
+        for rows, covariances in parts:
+            error = next(errors)
+            if error.size == len(rows):
+                minutes = np.maximum(np.ptp(log.time[rows], axis=1), 1.0) / SECONDS_PER_MINUTE
+                rate = np.ptp(log.case[rows], axis=1) / minutes
+                stretches.append((error, covariances, rate > MOVING_DEGC_MIN))
     sizes = [0.0]
     for moving in (True, False):
-        parts = [(e[run], c, run) for e, c, m in found for run in _runs(m == moving)]
-        if parts:
+        runs = [(e[run], c, run) for e, c, m in stretches for run in _runs(m == moving)]
+        if runs:
             known = np.concatenate(
                 [
                     at_lag[run.start : max(run.stop - k, run.start)]
-                    for _, c, run in parts
+                    for _, c, run in runs
                     for k, at_lag in zip(uncertainty.NEIGHBOURING, c, strict=True)
                 ]
             )
-            errors_of = [e for e, *_ in parts]
+            errors_of = [e for e, *_ in runs]
             sizes.append(uncertainty.model_error(errors_of, known.sum() / max(known.size, 1)))
     return replace(
         model, model_error=max(sizes), model_error_dof=float(max(len(stacked.ramps) - 1, 1))
@@ -236,40 +180,3 @@ def _runs(mask: Mask) -> list[slice]:
     """Runs of a mask [n]."""
     runs = chunks.find_runs(mask.size, lambda a, b: mask[a:b])
     return [slice(first, stop) for first, stop in runs.tolist()]
-
-
-def _stretch_errors(
-    model: ThermalModel,
-    log: ThermalLog,
-    sensitivities: Array,
-    errors: Iterator[Array],
-    figure_blocks: int,
-) -> Iterator[tuple[Array, list[Array], Mask]]:
-    """Errors [m] on each stretch of a log, the covariances [m − k] of neighbouring ones that type A
-    uncertainty and flicker noise cause about the level of the rest, and whether the temperature
-    changes [m].
-    """
-    parts = np.unique(log.part)
-    rows = [np.flatnonzero(log.part == part) for part in parts]
-    counts = [max(own.size // figure_blocks, 1) for own in rows]
-    groups = [
-        np.array_split(own[: count * figure_blocks], count)
-        for own, count in zip(rows, counts, strict=True)
-    ]
-    whole = [group for own in groups for group in own]
-    s = np.stack([sensitivities[group].mean(axis=0) for group in whole])
-    flicker, variance = Flicker(len(whole), uncertainty.NEIGHBOURING), model.noise.flicker**2
-    rate = np.array([60.0 * np.ptp(log.case[g]) / max(np.ptp(log.time[g]), 1.0) for g in whole])
-    part = np.repeat(parts, counts)
-    for number in parts:
-        inside, error = part == number, next(errors)
-        if error.size != np.count_nonzero(inside):
-            continue
-        first = int(np.argmax(inside))
-        by_flicker = flicker.about_level(first, first + error.size, of_rest=True)
-        apart = s[inside] - s[inside if inside.all() else ~inside].mean(axis=0)
-        known = [
-            uncertainty.of_coefficients(model, apart, k) + variance * noise
-            for k, noise in zip(uncertainty.NEIGHBOURING, by_flicker, strict=True)
-        ]
-        yield error, known, rate[inside] > MOVING_DEGC_MIN

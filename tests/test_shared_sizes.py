@@ -5,8 +5,9 @@ import pytest
 from scipy import linalg, optimize, stats
 
 from calibkit.errors import FitError
-from calibkit.numeric.least_squares import components, fit as least_squares
-from calibkit.numeric.least_squares.components import Effect, Known
+from calibkit.fit.shared import Shared
+from calibkit.fit.solve import solve
+from calibkit.numeric.least_squares import fit as least_squares
 
 DYESTUFF = np.array(
     [
@@ -22,9 +23,30 @@ DYESTUFF = np.array(
 """Yield of dyestuff [g], six batches of five (Davies & Goldsmith 1972, table 6.4)."""
 
 
-def soak_effect(labels, **known):
+def share(group, effect, level, loading, **stated):
+    """An error that rows of a level share."""
+    return Shared(group=group, effect=effect, level=level, loading=loading, unit="ug", **stated)
+
+
+def soak_zero(labels, **stated):
     """A zero [µg] that rows of a soak share."""
-    return Effect("soak", "zero", labels, np.ones(len(labels)), **known)
+    return share("soak", "zero", labels, np.ones((len(labels), 1)), **stated)
+
+
+def fit_of(design, y, shared, weights=None):
+    """Fit y = design · β with errors that rows share."""
+    noise = None if weights is None else 1.0 / np.sqrt(weights)
+    return solve(lambda p: y - design @ p, np.zeros(design.shape[1]), shared, noise=noise)
+
+
+def u_of(fit):
+    """Standard uncertainties [p] of the parameters."""
+    return np.sqrt(np.diag(fit.covariance))
+
+
+def dof_of(fit):
+    """Effective degrees of freedom [p] of the parameters."""
+    return fit.dof_along(np.eye(len(fit.parameters)))
 
 
 def campaign(seed, *, zero, soaks=7, noise=20.0, axes=3):
@@ -47,14 +69,14 @@ def test_dyestuff_batches_have_the_published_components():
     five degrees of freedom.
     """
     labels = np.repeat(np.arange(6), 5)
-    found = components.fit(np.ones((30, 1)), DYESTUFF.ravel(), [soak_effect(labels)])
-    batch = found.components[0]
-    assert (batch.groups, batch.dof) == (6, 5)
+    found = fit_of(np.ones((30, 1)), DYESTUFF.ravel(), [soak_zero(labels)])
+    batch = found.shared[0]
+    assert (batch.error.levels, batch.dof) == (6, 5)
     assert round(batch.value, 2) == 42.00
-    assert round(found.residual_rms, 2) == 49.51
-    assert found.coefficients == pytest.approx([1527.5])
-    assert found.standard_uncertainty == pytest.approx([19.38], abs=5e-3)
-    assert found.effective_dof == pytest.approx([5.0], rel=1e-6)
+    assert round(found.noise[0], 2) == 49.51
+    assert found.parameters == pytest.approx([1527.5])
+    assert u_of(found) == pytest.approx([19.38], abs=5e-3)
+    assert dof_of(found) == pytest.approx([5.0], rel=1e-6)
 
 
 def test_two_crossed_effects_equal_a_twin_on_whole_matrices():
@@ -68,8 +90,8 @@ def test_two_crossed_effects_equal_a_twin_on_whole_matrices():
     index = rng.normal(size=(12, 2))
     y = 2.0 * rng.normal(size=7)[soak] + 1.5 * np.sum(slopes * index[face], 1) + rng.normal(size=84)
     weights = rng.uniform(0.5, 2.0, 84)
-    effects = [soak_effect(soak), Effect("attitude", "index", face, slopes)]
-    found = components.fit(design, y, effects, weights=weights)
+    effects = [soak_zero(soak), share("attitude", "index", face, slopes)]
+    found = fit_of(design, y, effects, weights)
 
     spread = [np.eye(7)[soak], (np.eye(12)[face][:, :, None] * slopes[:, None]).reshape(84, -1)]
 
@@ -89,66 +111,66 @@ def test_two_crossed_effects_equal_a_twin_on_whole_matrices():
     best = optimize.minimize(deviance, np.zeros(3), method="Nelder-Mead", options={"xatol": 1e-7})
     v = whole(best.x)
     plain = np.linalg.inv(design.T @ np.linalg.solve(v, design))
-    assert [c.value for c in found.components] == pytest.approx(np.exp(best.x[1:] / 2), rel=1e-4)
+    assert [size.value for size in found.shared] == pytest.approx(np.exp(best.x[1:] / 2), rel=1e-4)
     beta = plain @ design.T @ np.linalg.solve(v, y)
-    assert found.coefficients == pytest.approx(beta, abs=1e-5)
+    assert found.parameters == pytest.approx(beta, abs=1e-5)
     # the correction for estimated variances only widens, and here by little
-    ratio = found.standard_uncertainty / np.sqrt(np.diag(plain))
+    ratio = u_of(found) / np.sqrt(np.diag(plain))
     assert np.all((ratio > 0.9999) & (ratio < 1.05))
 
 
 def test_a_component_that_is_given_weighs_as_if_it_were_exact():
     """Generalised least squares with the whole V, with the degrees of freedom of the noise."""
     design, y, labels = campaign(3, zero=15.0, axes=1)
-    found = components.fit(design, y, [soak_effect(labels, known=Known(15.0))])
-    v = found.residual_rms**2 * np.eye(len(y)) + 15.0**2 * (labels[:, None] == labels)
+    found = fit_of(design, y, [soak_zero(labels, size=15.0)])
+    v = found.noise[0] ** 2 * np.eye(len(y)) + 15.0**2 * (labels[:, None] == labels)
     covariance = np.linalg.inv(design.T @ np.linalg.solve(v, design))
     expected = covariance @ design.T @ np.linalg.solve(v, y)
-    assert found.coefficients == pytest.approx(expected, rel=1e-8)
-    assert found.standard_uncertainty == pytest.approx(np.sqrt(np.diag(covariance)), rel=1e-3)
-    assert np.all(found.effective_dof > 100.0)
+    assert found.parameters == pytest.approx(expected, rel=1e-8)
+    assert u_of(found) == pytest.approx(np.sqrt(np.diag(covariance)), rel=1e-3)
+    assert np.all(dof_of(found) > 100.0)
 
 
 def test_a_component_pooled_from_earlier_runs_counts_with_its_degrees_of_freedom():
     """Three degrees of freedom of seven soaks and twenty from before."""
     design, y, labels = campaign(3, zero=15.0, axes=1)
-    alone = components.fit(design, y, [soak_effect(labels)])
-    pooled = components.fit(design, y, [soak_effect(labels, known=Known(15.0, 20.0))])
-    assert alone.effective_dof[4:8] == pytest.approx(3.0, abs=0.5)
-    assert np.all((pooled.effective_dof[4:8] > 18.0) & (pooled.effective_dof[4:8] < 26.0))
+    alone = fit_of(design, y, [soak_zero(labels)])
+    pooled = fit_of(design, y, [soak_zero(labels, size=15.0, size_dof=20.0)])
+    assert dof_of(alone)[4:8] == pytest.approx(3.0, abs=0.5)
+    assert np.all((dof_of(pooled)[4:8] > 18.0) & (dof_of(pooled)[4:8] < 26.0))
 
 
 def test_without_a_shared_error_of_known_size_0_nothing_changes():
-    """Ordinary least squares to twelve digits."""
+    """Ordinary least squares, and its u to ten digits: the noise is searched for."""
     design, y, labels = campaign(8, zero=0.0)
     plain = least_squares.linear(design, y)
-    found = components.fit(design, y, [soak_effect(labels, known=Known(0.0))])
-    assert found.coefficients == pytest.approx(plain.coefficients, rel=1e-12)
-    assert found.standard_uncertainty == pytest.approx(plain.standard_uncertainty, rel=1e-12)
-    assert found.effective_dof == pytest.approx(plain.dof)
+    found = fit_of(design, y, [soak_zero(labels, size=0.0)])
+    assert found.parameters == pytest.approx(plain.coefficients, rel=1e-12)
+    assert u_of(found) == pytest.approx(plain.standard_uncertainty, rel=1e-10)
+    assert dof_of(found) == pytest.approx(plain.dof)
 
 
 def test_exact_data_have_no_shared_errors():
     """Rounding is no error of a soak."""
     design, _, labels = campaign(8, zero=0.0)
     truth = np.linspace(1.0, 2.0, design.shape[1])
-    found = components.fit(design, design @ truth, [soak_effect(labels)])
-    assert found.coefficients == pytest.approx(truth, rel=1e-12)
-    assert found.components[0].value == 0.0
+    found = fit_of(design, design @ truth, [soak_zero(labels)])
+    assert found.parameters == pytest.approx(truth, rel=1e-12)
+    assert found.shared[0].value == 0.0
 
 
 def test_an_effect_that_is_a_coefficient_too_has_no_degrees_of_freedom():
     """One zero per soak is fitted already: the data cannot tell how soaks differ."""
     _, y, labels = campaign(8, zero=15.0, axes=1)
-    found = components.fit(np.eye(7)[labels], y, [soak_effect(labels)])
-    assert found.components[0].dof == 0
-    assert found.components[0].value == 0.0
+    found = fit_of(np.eye(7)[labels], y, [soak_zero(labels)])
+    assert found.shared[0].dof == 0
+    assert found.shared[0].value == 0.0
 
 
 def test_no_spare_row_is_refused():
     """Three rows for three coefficients."""
     with pytest.raises(FitError, match="leave no residual"):
-        components.fit(np.eye(3), np.ones(3), [])
+        fit_of(np.eye(3), np.ones(3), [])
 
 
 @pytest.mark.parametrize(("zero", "widest"), [(0.0, 1.3), (10.0, 1.25), (60.0, 1.25)])
@@ -159,9 +181,9 @@ def test_intervals_of_the_zero_cover_with_errors_of_soaks(zero, widest):
     inside, width = [], []
     for seed in range(300):
         design, y, labels = campaign(seed, zero=zero)
-        found = components.fit(design, y, [soak_effect(labels)])
-        half = stats.t.ppf(0.975, found.effective_dof) * found.standard_uncertainty
-        inside.append(np.abs(found.coefficients[4:8]) <= half[4:8])
+        found = fit_of(design, y, [soak_zero(labels)])
+        half = stats.t.ppf(0.975, dof_of(found)) * u_of(found)
+        inside.append(np.abs(found.parameters[4:8]) <= half[4:8])
         width.append(half[4:8])
     v = 400.0 * np.eye(len(y)) + zero**2 * (labels[:, None] == labels)
     known = 1.96 * np.sqrt(np.diag(np.linalg.inv(design.T @ np.linalg.solve(v, design))))[4:8]

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 from calibkit.errors import FitError
-from calibkit.numeric import consistency
+from calibkit.fit import unseen
 
 
 @pytest.mark.parametrize("shared_u", [0.0, 0.3, 1.0, 3.0])
 @pytest.mark.parametrize("size", [3, 40])
 def test_errors_as_large_as_stated_seldom_fail(monkeypatch, shared_u, size):
     """At a chance of 1 in 20 errors of two shared patterns and noise fail in 2 to 8 of 100."""
-    monkeypatch.setattr(consistency, "FALSE_ALARM", 0.05)
-    monkeypatch.setattr(consistency, "TOLERATED", 0.0)
+    monkeypatch.setattr(unseen, "FALSE_ALARM", 0.05)
+    monkeypatch.setattr(unseen, "TOLERATED", 0.0)
     generator = np.random.default_rng(7)
     shared = shared_u * np.column_stack([np.ones(size), np.linspace(-1.0, 1.0, size)])
     own = generator.uniform(0.5, 2.0, size)
@@ -20,21 +20,21 @@ def test_errors_as_large_as_stated_seldom_fail(monkeypatch, shared_u, size):
     for _ in range(2000):
         error = shared @ generator.standard_normal(2)
         error += np.sqrt(own) * generator.standard_normal(size)
-        found = consistency.compare_errors(error, shared, own)
+        found = unseen.unseen(error, shared, own)
         failed += found.ratio > found.limit
     assert 0.02 * 2000 < failed < 0.08 * 2000
 
 
 def test_one_error_is_judged_as_one_normal_number():
     """The limit for a single error is the normal quantile of the stated chance, 3.29."""
-    found = consistency.compare_errors(np.array([5.0]), np.array([[3.0]]), np.array([16.0]))
+    found = unseen.unseen(np.array([5.0]), np.array([[3.0]]), np.array([16.0]))
     assert found.ratio == pytest.approx(1.0)
     assert found.limit == pytest.approx(3.2905, abs=1e-4)
 
 
 def test_errors_that_are_all_shared_count_once():
     """A hundred copies of one error have the limit of one."""
-    found = consistency.compare_errors(np.ones(100), np.ones((100, 1)), np.zeros(100))
+    found = unseen.unseen(np.ones(100), np.ones((100, 1)), np.zeros(100))
     assert found.limit == pytest.approx(3.2905, abs=1e-4)
 
 
@@ -43,37 +43,19 @@ def test_few_degrees_of_freedom_of_u_widen_the_limit():
     dominates, whichever that is.
     """
     one, none = np.ones((1, 1)), np.zeros((1, 1))
-    shared = consistency.compare_errors(np.ones(1), one, np.zeros(1), dof=(5.0, np.inf))
-    own = consistency.compare_errors(np.ones(1), none, np.ones(1), dof=(1.0, 5.0))
+    shared = unseen.unseen(np.ones(1), one, np.zeros(1), dof=(5.0, np.inf))
+    own = unseen.unseen(np.ones(1), none, np.ones(1), dof=(1.0, 5.0))
     assert shared.limit == pytest.approx(6.8688, abs=1e-3)
     assert own.limit == pytest.approx(6.8688, abs=1e-3)
 
 
-def test_several_tests_share_the_chance():
-    """Ten tests have the limit of a tenth of the chance each."""
-    arguments = np.ones(1), np.zeros((1, 1)), np.ones(1)
-    assert consistency.compare_errors(*arguments, tests=10).limit == pytest.approx(3.8906, abs=1e-4)
-
-
-def test_coefficients_are_compared_together():
-    """Two differences of 1 u each, correlated by 0.9 in the sense of their signs, are within 1 u;
-    against it they are not.
-    """
-    covariance = np.array([[1.0, 0.9], [0.9, 1.0]])
-    along = consistency.compare_coefficients(np.array([1.0, 1.0]), covariance)
-    against = consistency.compare_coefficients(np.array([1.0, -1.0]), covariance)
-    assert along.ratio == pytest.approx(np.sqrt(2.0 / 1.9 / 2.0))
-    assert against.ratio == pytest.approx(np.sqrt(2.0 / 0.1 / 2.0))
-    assert along.limit == against.limit == pytest.approx(np.sqrt(13.8155 / 2.0), abs=1e-3)
-
-
 def test_errors_a_little_larger_than_stated_never_fail():
     """However many errors there are, up to a quarter more than stated is no failure."""
-    found = consistency.compare_errors(np.ones(10_000), np.zeros((10_000, 1)), np.ones(10_000))
+    found = unseen.unseen(np.ones(10_000), np.zeros((10_000, 1)), np.ones(10_000))
     assert found.limit == 1.25
 
 
 def test_an_error_without_an_uncertainty_is_refused():
     """Nothing can be judged against an uncertainty of 0."""
     with pytest.raises(FitError, match="without an uncertainty"):
-        consistency.compare_errors(np.ones(2), np.zeros((2, 1)), np.array([1.0, 0.0]))
+        unseen.unseen(np.ones(2), np.zeros((2, 1)), np.array([1.0, 0.0]))

@@ -16,28 +16,47 @@ TOLERATED = 1.25
 
 
 @dataclass(frozen=True, slots=True)
-class Consistency:
+class Unseen:
     """Root mean square of errors over their standard uncertainties, and its limit."""
 
     ratio: float
     limit: float
     """What errors as large as stated exceed with probability FALSE_ALARM; at least TOLERATED."""
 
+    def to_object(self) -> dict[str, float]:
+        """Keys of a validation.json."""
+        return {
+            "rms_error_over_uncertainty": self.ratio,
+            "largest_rms_error_over_uncertainty": self.limit,
+        }
 
-def compare_errors(
+
+def unseen(
     error: Array,
     shared: Array,
-    own: Array,
+    own: Array | float = 0.0,
     *,
     dof: tuple[float, float] = (np.inf, np.inf),
-    tests: int = 1,
-) -> Consistency:
-    """Errors [n] against their covariance S Sᵀ + diag(own), S [n, k] and own [n], in one unit.
+) -> Unseen:
+    """Errors of corrected rows that were not fitted against their covariance S Sᵀ + diag(own).
 
+    Parameters
+    ----------
+    error : [n], in one unit.
+    shared : [n, k], what each error that the rows share makes of them, as large as its standard
+        uncertainty: coefficients of the file, type B terms, levels that rows have in common.
+    own : [n], variances of what each row has alone.
+    dof : degrees of freedom of the shared and of the own part.
+
+    Raises
+    ------
+    FitError : an uncertainty of 0.
+
+    Notes
+    -----
     The mean of (e/u)² is taken as F with ν = n²/‖R‖² degrees of freedom, R the correlation matrix
-    (Satterthwaite 1946), over those of u, which combine `dof`, of the shared and of the own part,
-    after Welch and Satterthwaite. `tests` tests share the chance of a false alarm. Raises FitError
-    for an uncertainty of 0.
+    (Satterthwaite 1946), over those of u, which combine those of both parts after Welch and
+    Satterthwaite.
     """
     variance = np.sum(shared**2, axis=1) + own
     if not (variance > 0.0).all():
@@ -47,28 +66,17 @@ def compare_errors(
     correlation = np.sum(inner**2) + np.sum(alone * (alone + 2.0 * np.sum(common**2, axis=1)))
     parts = np.trace(inner) / error.size, float(alone.mean())
     inverse = sum(part**2 / count for part, count in zip(parts, dof, strict=True))
-    return Consistency(
+    return Unseen(
         float(np.sqrt(np.mean(error**2 / variance))),
-        _limit(error.size**2 / float(correlation), 1.0 / inverse if inverse else np.inf, tests),
+        _limit(error.size**2 / float(correlation), 1.0 / inverse if inverse else np.inf),
     )
 
 
-def compare_coefficients(
-    difference: Array, covariance: Array, *, dof: float = np.inf, tests: int = 1
-) -> Consistency:
-    """Differences [p] of coefficients against their covariance [p, p]: the root of the squared
-    distance over p, F with p over `dof` degrees of freedom.
-    """
-    u, size = np.sqrt(np.diag(covariance)), difference.size
-    scaled = difference / u
-    distance2 = float(scaled @ np.linalg.solve(covariance / np.outer(u, u), scaled))
-    return Consistency(float(np.sqrt(distance2 / size)), _limit(float(size), dof, tests))
-
-
-def _limit(dof: float, of_u: float, tests: int) -> float:
-    """Root of the quantile of F for one of so many tests."""
+def _limit(dof: float, of_u: float) -> float:
+    """Root of the quantile of F."""
     from scipy.special import chdtri, fdtri
 
-    chance = FALSE_ALARM / tests
-    square = chdtri(dof, chance) / dof if np.isinf(of_u) else fdtri(dof, of_u, 1.0 - chance)
+    square = (
+        chdtri(dof, FALSE_ALARM) / dof if np.isinf(of_u) else fdtri(dof, of_u, 1.0 - FALSE_ALARM)
+    )
     return max(float(np.sqrt(square)), TOLERATED)

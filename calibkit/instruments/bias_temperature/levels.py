@@ -7,20 +7,17 @@ combinations.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError
+from calibkit.fit.complex_step import Numbers
+from calibkit.fit.shared import Shared
+from calibkit.fit.solve import ASKED_FOR, Fit, SharedSize, solve
 from calibkit.numeric import chunks, gum
-from calibkit.numeric.least_squares import components, fit as least_squares, hac
-from calibkit.numeric.least_squares.components import Component, Effect
-
-ASKED_FOR = 6.0
-"""Fall of −2 × the restricted log-likelihood that keeps an effect: by chance once in 140 tries, a
-variance that is 0 half the time and else as χ² with one degree of freedom (Self & Liang 1987).
-"""
+from calibkit.numeric.least_squares import fit as least_squares, hac
 
 MOST_BLOCKS = 4096
 """Blocks of rows of all logs, whose means are fitted; fewer rows are fitted as they are."""
@@ -44,7 +41,7 @@ class LevelFit:
     covariance: Array
     effective_dof: Array
     """[m], of combinations of the coefficients."""
-    components: tuple[Component, ...]
+    sizes: tuple[SharedSize, ...]
     """Standard deviations of the levels, and of the drifts that were kept."""
     levels: Array
     """[q], about the mean of all logs that the coefficients stand for."""
@@ -102,7 +99,7 @@ class Blocks:
         """
         blocks = self
         while np.bincount(blocks.log).min() >= 2 * LEAST_BLOCKS:
-            basis = blocks.basis(blocks.effects("", [""] * (COURSES + 1)))
+            basis = blocks.basis(blocks.errors("", [""] * (COURSES + 1), ""))
             target = blocks.root * blocks.indication
             left = target - basis @ (basis.T @ target)
             same = np.diff(blocks.log) == 0
@@ -117,22 +114,29 @@ class Blocks:
             blocks = self._of_means(means, joined, blocks.log[start])
         return blocks
 
-    def effects(self, group: str, names: Sequence[str]) -> tuple[Effect, ...]:
-        """Level of a log and its courses in time, of one name each, as effects."""
+    def errors(self, group: str, names: Sequence[str], unit: str) -> tuple[Shared, ...]:
+        """Level of a log and, optional, its courses in time, of one name each, as shared errors."""
         loadings = [np.ones(len(self.log)), *self.courses.T]
         return tuple(
-            Effect(group, name, self.log, loading)
-            for name, loading in zip(names, loadings, strict=True)
+            Shared(
+                group=group,
+                effect=name,
+                level=self.log,
+                loading=loading[:, None],
+                unit=unit,
+                optional=number > 0,
+            )
+            for number, (name, loading) in enumerate(zip(names, loadings, strict=True))
         )
 
-    def columns(self, effect: Effect) -> Array:
-        """Columns [k, q] of the weighted blocks by which an effect of each log enters them."""
+    def columns(self, error: Shared) -> Array:
+        """Columns [k, q] of the weighted blocks by which an error of each log enters them."""
         own = self.log[:, None] == np.arange(self.log[-1] + 1)
-        return np.asarray((effect.loading.ravel() * self.root)[:, None] * own, dtype=np.float64)
+        return np.asarray((error.loading.ravel() * self.root)[:, None] * own, dtype=np.float64)
 
-    def basis(self, effects: Sequence[Effect]) -> Array:
-        """Orthonormal columns [k, r] that span design and effects of the weighted blocks."""
-        whole = np.column_stack([self.design * self.root[:, None], *map(self.columns, effects)])
+    def basis(self, errors: Sequence[Shared]) -> Array:
+        """Orthonormal columns [k, r] that span design and errors of the weighted blocks."""
+        whole = np.column_stack([self.design * self.root[:, None], *map(self.columns, errors)])
         u, singular, _ = np.linalg.svd(whole / np.linalg.norm(whole, axis=0), full_matrices=False)
         return np.asarray(u[:, singular > least_squares.RANK_TOLERANCE * singular[0]])
 
@@ -164,50 +168,51 @@ def _means(
 
 
 def fit(
-    blocks: Blocks,
-    effects: Sequence[Effect],
-    candidates: Sequence[Effect],
-    combinations: Array,
-    *,
-    names: Sequence[str] = (),
+    blocks: Blocks, errors: Sequence[Shared], combinations: Array, *, names: Sequence[str] = ()
 ) -> LevelFit:
-    """Fit logs with a level of each, the first of the effects, with candidates that the likelihood
-    asks for, and degrees of freedom of combinations [m, p].
+    """Fit logs with a level of each, the first of the errors, with the optional ones where the
+    likelihood asks for one of them, and degrees of freedom of combinations [m, p].
 
     Raises
     ------
     FitError
-        As `components.fit`; the levels, whose size is not known, coincide with the coefficients.
+        As `solve`; the levels, whose size is not known, coincide with the coefficients.
 
     """
     count = blocks.design.shape[1]
-    if effects[0].known is None and blocks.basis(effects[:1]).shape[1] == count:
-        raise coincidence(effects[0], count, names)
+    if errors[0].size is None and blocks.basis(errors[:1]).shape[1] == count:
+        raise coincidence(errors[0], count, names)
 
-    def solve(parts: Sequence[Effect]) -> components.MixedFit:
-        weights = blocks.root**2
-        return components.fit(blocks.design, blocks.indication, parts, weights=weights, names=names)
+    def residual(p: Numbers) -> Numbers:
+        return blocks.design @ p - blocks.indication
 
-    mixed, every = solve(effects), (*effects, *candidates)
-    tried = [solve([*effects, effect]) for effect in candidates]
-    if any(mixed.deviance - one.deviance > ASKED_FOR for one in tried):
+    def fit_with(parts: Sequence[Shared]) -> Fit:
+        taken = [replace(part, optional=False) for part in parts]
+        return solve(residual, np.zeros(count), taken, noise=1.0 / blocks.root, names=names)
+
+    sure = [error for error in errors if not error.optional]
+    fitted = fit_with(sure)
+    tried = [fit_with([*sure, error]) for error in errors if error.optional]
+    if any(fitted.deviance - other.deviance > ASKED_FOR for other in tried):
         # a bias that wanders has more than one course
-        mixed, effects = solve(every), every
-    basis = blocks.basis(effects)
-    columns = [blocks.columns(effect) for effect in effects]
-    sizes = [component.value for component in mixed.components]
-    scaled = np.column_stack([z * size for z, size in zip(columns, sizes, strict=True)])
-    onto = _combine_rows(blocks, scaled / mixed.residual_rms)
-    if len(effects) > 1 and len(scaled.T) >= LEAST_LOGS * len(effects):
-        covariance, dof = _between_logs(blocks, onto, scaled, mixed.residual_rms, combinations)
+        fitted = fit_with(errors)
+    kept = [size.error for size in fitted.shared]
+    basis, noise = blocks.basis(kept), float(np.sqrt(fitted.variances[0]))
+    columns = [blocks.columns(error) for error in kept]
+    scaled = [column * size.value for column, size in zip(columns, fitted.shared, strict=True)]
+    effects = np.column_stack(scaled)
+    onto = _combine_rows(blocks, effects / noise)
+    if len(kept) > 1 and len(effects.T) >= LEAST_LOGS * len(kept):
+        covariance, dof = _between_logs(blocks, onto, effects, noise, combinations)
     else:
-        covariance, dof = _by_components(blocks, onto, basis, columns, mixed, combinations)
+        covariance, dof = _by_components(blocks, onto, basis, columns, fitted, combinations)
+    levels = fitted.shared[0].errors
     return LevelFit(
-        mixed.coefficients,
+        fitted.parameters,
         covariance,
         np.maximum(dof, 1.0),
-        mixed.components,
-        mixed.predicted[0][:, 0],
+        fitted.shared,
+        levels[:, 0] if len(levels) else np.zeros(errors[0].levels),
     )
 
 
@@ -216,7 +221,7 @@ def _by_components(
     onto: Array,
     basis: Array,
     columns: Sequence[Array],
-    mixed: components.MixedFit,
+    fitted: Fit,
     combinations: Array,
 ) -> tuple[Array, Array]:
     """Covariance [p, p] by noise and by the effects, and degrees of freedom [m]."""
@@ -229,16 +234,16 @@ def _by_components(
     covariance = gum.propagate(onto @ basis, own.covariance)
     variance = gum.variance_along(combinations, covariance)
     spread = variance**2 / own.effective_dof
-    for component, column in zip(mixed.components, columns, strict=True):
+    for size, column in zip(fitted.shared, columns, strict=True):
         # an effect moves the coefficients; the derivative of their covariance by its variance
         moved = onto @ column
         by_effect = moved @ moved.T
         along = gum.variance_along(combinations, by_effect)
-        covariance = covariance + component.value**2 * by_effect
-        variance = variance + component.value**2 * along
-        spread = spread + (_spread_of_square(component) * along) ** 2 / 2.0
+        covariance = covariance + size.value**2 * by_effect
+        variance = variance + size.value**2 * along
+        spread = spread + (_spread_of_square(size) * along) ** 2 / 2.0
     with np.errstate(divide="ignore", invalid="ignore"):
-        return covariance, np.where(spread > 0.0, variance**2 / spread, mixed.dof)
+        return covariance, np.where(spread > 0.0, variance**2 / spread, fitted.dof)
 
 
 def _between_logs(
@@ -265,20 +270,20 @@ def _between_logs(
     return moved @ moved.T, np.asarray(dof, dtype=np.float64)
 
 
-def _spread_of_square(component: Component) -> float:
-    """Standard uncertainty of the square of a component, of which that of the root was made."""
-    value, u = component.value, component.standard_uncertainty
+def _spread_of_square(size: SharedSize) -> float:
+    """Standard uncertainty of the square of a size, of which that of the root was made."""
+    value, u = size.value, size.u
     return 2.0 * value * u if value > 2.0 * u else u**2
 
 
-def coincidence(effect: Effect, count: int, names: Sequence[str]) -> FitError:
+def coincidence(error: Shared, count: int, names: Sequence[str]) -> FitError:
     """Refusal of levels that the coefficients, `count` of them, hold already."""
     return FitError(
-        f"the {effect.effect} of each {effect.group} cannot be told from {', '.join(names)}:"
-        f" {int(effect.labels.max()) + 1} of them, each at one value of the abscissa, expected more"
+        f"the {error.effect} of each {error.group} cannot be told from {', '.join(names)}:"
+        f" {error.levels} of them, each at one value of the abscissa, expected more"
         f" than {count}, or changes of the abscissa within each",
         hint="measure more of them, lower the order, or state how much the"
-        f" {effect.effect} differs in [[errors.component]]",
+        f" {error.effect} differs in [[errors.component]]",
     )
 
 
