@@ -11,6 +11,8 @@ import numpy as np
 from calibkit.arrays import Array, Mask
 from calibkit.coefficients import Coefficient, Component, Model, Parameter
 from calibkit.errors import CoefficientError, FitError
+from calibkit.fit.complex_step import Numbers, derivative
+from calibkit.fit.solve import Fit, SharedSize
 
 Inputs: TypeAlias = "Mapping[str, Array]"
 """Canonical column → values [n] in its unit."""
@@ -42,6 +44,55 @@ class Form:
     """Standard uncertainty [n] of what no coefficient states, such as the error of the model."""
     per_log: bool = False
     """Whether each log has a model of its own, named by it."""
+
+    @classmethod
+    def of_equation(
+        cls,
+        name: str,
+        equation: Callable[[Model, Numbers, Inputs], Numbers],
+        meaning: tuple[str, ...] = (),
+    ) -> "Form":
+        """Form of an equation: model, coefficients [p] and inputs [n] → result [n] or [n, m]; its
+        derivatives are those of the equation by the complex step.
+        """
+
+        def function(model: Model, at: Inputs) -> Array:
+            return np.asarray(equation(model, form.read(model), at))
+
+        def gradient(model: Model, at: Inputs) -> Array:
+            return derivative(lambda p: equation(model, p, at), form.read(model))
+
+        form = cls(name, gradient, function, meaning)
+        return form
+
+    def write_fit(
+        self,
+        name: str,
+        fit: Fit,
+        coefficients: Sequence[tuple[str, str]],
+        *,
+        residual_rms: float,
+        residual_unit: str,
+        valid: Mapping[str, tuple[float, float]],
+        parameters: tuple[Parameter, ...] = (),
+    ) -> Model:
+        """Model of this form from a fit whose parameters are its coefficients, each with name and
+        unit.
+        """
+        value = fit.of(lambda p: p)
+        named = zip(coefficients, value.value.tolist(), strict=True)
+        return self.write(
+            name,
+            [(coefficient, number, unit) for (coefficient, unit), number in named],
+            fit.total_covariance,
+            dof=fit.dof,
+            residual_rms=residual_rms,
+            residual_unit=residual_unit,
+            valid=valid,
+            parameters=parameters,
+            effective_dof=value.dof,
+            components=components_of(fit.shared),
+        )
 
     def write(
         self,
@@ -150,3 +201,19 @@ def _horner(model: Model, at: Inputs) -> Array:
 
 POLYNOMIAL = Form("polynomial/1", _powers, _horner)
 """Σ p_k x^k in raw units, x the one column of the valid ranges."""
+
+
+def components_of(sizes: Sequence[SharedSize]) -> tuple[Component, ...]:
+    """Shared errors that the rows show, or that are known, as a coefficient file holds them."""
+    return tuple(
+        Component(
+            size.error.group,
+            size.error.effect,
+            size.value,
+            size.error.unit,
+            size.u,
+            size.error.levels,
+        )
+        for size in sizes
+        if size.known or size.dof
+    )

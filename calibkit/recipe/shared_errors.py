@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from calibkit.coefficients import Component
 from calibkit.errors import RecipeError
 from calibkit.fit.shared import Shared
 from calibkit.fit.solve import SharedSize
@@ -39,22 +38,6 @@ def state_sizes(errors: Errors, shared: Sequence[Shared]) -> list[Shared]:
             size = entry.value_in(one.unit)
             named.append(replace(one, size=size, size_dof=entry.dof, optional=False))
     return named
-
-
-def components_of(sizes: Sequence[SharedSize]) -> tuple[Component, ...]:
-    """Shared errors that the rows show, or that are known, as a coefficient file holds them."""
-    return tuple(
-        Component(
-            size.error.group,
-            size.error.effect,
-            size.value,
-            size.error.unit,
-            size.u,
-            size.error.levels,
-        )
-        for size in sizes
-        if size.known or size.dof
-    )
 
 
 def warn_of_few_levels(

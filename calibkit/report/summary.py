@@ -27,9 +27,9 @@ class Summary:
     """Everything that a command prints for a person at its end."""
 
     title: str
-    tables: tuple[Table, ...]
-    flags: tuple[str, ...]
-    criteria: tuple[Criterion, ...]
+    tables: tuple[Table, ...] = ()
+    flags: tuple[str, ...] = ()
+    criteria: tuple[Criterion, ...] = ()
     conclusion: str = ""
     """Last line instead of the verdict on acceptance limits, where there is nothing to accept."""
     overview: Overview = field(default_factory=Overview)

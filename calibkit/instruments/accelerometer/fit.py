@@ -8,6 +8,7 @@ import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.coefficients import Figure, Model, Parameter
+from calibkit.forms import components_of
 from calibkit.instruments.accelerometer import forms, published, robust_choice
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.equation import AXES, Terms
@@ -16,7 +17,7 @@ from calibkit.instruments.accelerometer.numeric.k_factor import KTerms
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.instruments.accelerometer.shared_errors import ZERO, Unexplained
 from calibkit.instruments.accelerometer.triad import Triad, determines, solve_triad
-from calibkit.recipe.shared_errors import components_of, warn_of_few_levels
+from calibkit.recipe.shared_errors import warn_of_few_levels
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,19 +182,14 @@ def _q_model(dwells: DwellSet, triad: Triad, temperature: float) -> Model:
             scale[term.axis] += value * t**term.power
     # refuses a left-handed triad and axes in one plane
     q_factor.axes_from_sensitivity(np.asarray(np.linalg.inv(matrix * scale), dtype=np.float64))
-    small = triad.fit.restated(lambda q: triad.terms.small_angles(q, t))
-    angles = small.of(lambda q: q)
-    return forms.Q.write(
+    return forms.Q.write_fit(
         "triad",
-        [(n, float(v), "rad") for n, v in zip(q_factor.NAMES, angles.value, strict=True)],
-        small.total_covariance,
-        dof=triad.fit.dof,
+        triad.fit.restated(lambda q: triad.terms.small_angles(q, t)),
+        [(name, "rad") for name in q_factor.NAMES],
         residual_rms=triad.residual_rms,
         residual_unit="g",
         valid=dwells.valid,
         parameters=(Parameter("temperature", temperature, "degC"),),
-        effective_dof=angles.dof,
-        components=components_of(triad.fit.shared),
     )
 
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.coefficients import Model
-from calibkit.fit.complex_step import Numbers, derivative
+from calibkit.fit.complex_step import Numbers
 from calibkit.forms import Form, Inputs
 from calibkit.instruments.accelerometer.equation import Terms
 from calibkit.instruments.accelerometer.numeric import affine_model, k_factor, q_factor
@@ -37,20 +37,9 @@ def _indication(at: Inputs) -> Array:
     return np.column_stack([at[component] for component in COMPONENTS])
 
 
-def _q_matrix(coefficients: Numbers) -> Numbers:
-    """Exact matrix [3, 3] of Q1, Q2, Q3 [3, rad]."""
-    return q_factor.exact_matrix(q_factor.axes_from_angles(coefficients))
-
-
-def _q_correct(model: Model, at: Inputs) -> Array:
-    """Orthogonal components [n, 3, g] by the exact Q matrix."""
-    return _indication(at) @ _q_matrix(Q.read(model)).T
-
-
-def _q_gradient(model: Model, at: Inputs) -> Array:
-    """Derivatives [n, 3, 3] of the orthogonal components by Q1, Q2, Q3."""
-    slopes = derivative(_q_matrix, Q.read(model))
-    return np.asarray(np.einsum("nj,ijk->nik", _indication(at), slopes), dtype=np.float64)
+def _orthogonal(_: Model, Q: Numbers, at: Inputs) -> Numbers:
+    """Orthogonal components [n, 3, g] by the exact matrix of Q1, Q2, Q3 [rad]."""
+    return _indication(at) @ q_factor.exact_matrix(q_factor.axes_from_angles(Q)).T
 
 
 def _affine(model: Model, at: Inputs) -> tuple[Array, Array]:
@@ -80,7 +69,7 @@ K = Form(
 """One corrected component [n, g]: G (K0 + K1 t + K2 t² + K3 t³) − (K4 + K5 t + K6 t² + K7 t³)
 − K8 G′ − K9 G″, G′ and G″ the indications of the two other axes.
 """
-Q = Form("accel-q/1", _q_gradient, _q_correct, meaning=("temperature",))
+Q = Form.of_equation("accel-q/1", _orthogonal, meaning=("temperature",))
 """Orthogonal components [n, 3, g] by the exact matrix of the small angles Q1, Q2, Q3 [rad]."""
 AFFINE = Form(
     "accel-affine/1",
@@ -90,17 +79,12 @@ AFFINE = Form(
 """Corrected components [n, 3, g]: M(t) (G − b(t)) with higher orders of the indications."""
 
 
-def _triad_corrected(model: Model, at: Inputs) -> Array:
+def _corrected(model: Model, p: Numbers, at: Inputs) -> Numbers:
     """Corrected components [n, 3, g] of the triad."""
-    return _triad_terms(model).corrected(TRIAD.read(model), _indication(at), at[TEMPERATURE])
+    return _triad_terms(model).corrected(p, _indication(at), at[TEMPERATURE])
 
 
-def _triad_gradient(model: Model, at: Inputs) -> Array:
-    """Derivatives [n, 3, p] of the corrected components by the parameters."""
-    return _triad_terms(model).slopes(TRIAD.read(model), _indication(at), at[TEMPERATURE])
-
-
-TRIAD: Form = Form("accel-triad/1", _triad_gradient, _triad_corrected)
+TRIAD = Form.of_equation("accel-triad/1", _corrected)
 """Corrected components [n, 3, g] by `equation`, cross-axis terms on compensated values."""
 
 

@@ -21,7 +21,7 @@ from calibkit.coefficients import (
 from calibkit.fit.shared import Shared
 from calibkit.fit.solve import SharedSize
 from calibkit.fit.unseen import unseen
-from calibkit.forms import POLYNOMIAL, power_unit
+from calibkit.forms import POLYNOMIAL, components_of, power_unit
 from calibkit.frame import Log, values
 from calibkit.instruments.bias_temperature import levels
 from calibkit.instruments.bias_temperature.figures import BiasCurve
@@ -37,7 +37,7 @@ from calibkit.instruments.bias_temperature.recipe import (
 from calibkit.numeric import chunks, dispersion, gum
 from calibkit.numeric.chunks import mean, ranges_along
 from calibkit.numeric.least_squares import fold, hac, polynomial
-from calibkit.recipe.shared_errors import components_of, state_sizes, warn_of_few_levels
+from calibkit.recipe.shared_errors import state_sizes, warn_of_few_levels
 from calibkit.recipe.tables import Errors
 from calibkit.recipe.type_b import RELATIVE, TypeB, combine_terms
 from calibkit.report.summary import Summary, number

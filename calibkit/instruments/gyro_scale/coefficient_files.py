@@ -11,7 +11,7 @@ from calibkit.constants import DPH_PER_DPS
 from calibkit.fit.shared import Shared
 from calibkit.fit.solve import Fit
 from calibkit.fit.value import Value
-from calibkit.forms import POLYNOMIAL
+from calibkit.forms import POLYNOMIAL, components_of
 from calibkit.instruments.gyro_scale import (
     forms,
     over_runs,
@@ -27,7 +27,6 @@ from calibkit.instruments.gyro_scale.numeric import (
 from calibkit.instruments.gyro_scale.recipe import GyroRecipe, OwnAxisRecipe
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
-from calibkit.recipe import shared_errors
 
 PAIR_LINES = (("a", "a"), ("b", "b"), ("b", "a"), ("a", "b"))
 """(gyro, table axis) of the lines of a pair, own axes first."""
@@ -230,7 +229,7 @@ def _mean_model(name: str, one: over_runs.GyroOverRuns) -> Model:
 def _components(one: over_runs.GyroOverRuns) -> tuple[Component, ...]:
     """Standard deviations of what differs from run to run and from side to side."""
     sizes = one.fitted[0].shared if one.fitted else ()
-    return shared_errors.components_of(
+    return components_of(
         [size for size in sizes if size.error.effect in ("scale", "zero") and size.dof]
     )
 

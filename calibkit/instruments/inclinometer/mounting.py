@@ -11,6 +11,7 @@ import numpy as np
 from calibkit.arrays import Array, Mask
 from calibkit.coefficients import Component
 from calibkit.fit.shared import Shared
+from calibkit.forms import components_of
 from calibkit.frame import Remark
 from calibkit.instruments.inclinometer.forms import MOUNTING
 from calibkit.instruments.inclinometer.numeric.covariance import AZIMUTH, root_slopes, slopes
@@ -19,7 +20,7 @@ from calibkit.instruments.inclinometer.numeric.scale_fit import ScaleOverTempera
 from calibkit.instruments.inclinometer.published import Components, Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.stations import Stations
-from calibkit.recipe.shared_errors import components_of, state_sizes, warn_of_few_levels
+from calibkit.recipe.shared_errors import state_sizes, warn_of_few_levels
 from calibkit.recipe.type_b import terms_of
 
 SHOWN = 3.0
