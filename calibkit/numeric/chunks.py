@@ -127,14 +127,9 @@ def extremes_of_present(values: Array) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def total(values: Array) -> float:
-    """Sum of values [n]."""
-    return sum(float(np.sum(values[a:b])) for a, b in ranges_along(values))
-
-
 def mean(values: Array) -> float:
     """Mean of values [n]."""
-    return total(values) / values.size
+    return sum(float(np.sum(values[a:b])) for a, b in ranges_along(values)) / values.size
 
 
 def block_means(values: Array, rows: int) -> Array:

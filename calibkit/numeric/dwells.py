@@ -150,12 +150,12 @@ def average_dwells(columns: Array, intervals: Integers) -> _Dwells:
         raise FitError(
             "a dwell of fewer than two rows has no noise", hint="hold every position longer"
         )
-    found = [_averaged(columns[start:stop]) for start, stop in intervals.tolist()]
+    found = [average_rows(columns[start:stop]) for start, stop in intervals.tolist()]
     mean, error, drift = (np.array(figures) for figures in zip(*found, strict=True))
     return _Dwells(intervals, mean, error, drift)
 
 
-def _averaged(rows: Array) -> tuple[Array, Array, Array]:
+def average_rows(rows: Array) -> tuple[Array, Array, Array]:
     """Mean, standard error of the mean, and drift [c] of rows [k, c]."""
     count, half = len(rows), len(rows) // 2
     mean = rows.mean(axis=0)

@@ -77,15 +77,11 @@ def _slopes(time: Array, temperature: Array, window_s: float, skipped: int) -> A
 def _slopes_of_arrays(time: Array, temperature: Array, window_s: float, skipped: int) -> Array:
     """`_slopes` in numpy, for a machine without compiled kernels or a time that runs backwards."""
     ends = time[skipped:]
-    first = _first_in_window(time, ends - window_s * (1.0 + 1e-9), skipped)
+    first = _first_in_window(time, ends - window_s * (1.0 + 1e-9))
     t = (time - time[time.size // 2]) / SECONDS_PER_MINUTE
     v = temperature - temperature[temperature.size // 2]
     last = np.arange(skipped + 1, time.size + 1)
-    count = (
-        float(last[0] - first.start)
-        if isinstance(first, slice)
-        else (last - first).astype(np.float64)
-    )
+    count = (last - first).astype(np.float64)
     st, sv, stt, stv = (_window_sums(x, first, skipped) for x in (t, v, t * t, t * v))
     spread = count * stt - st * st
     started = (count >= 3) & (ends - time[first] >= window_s / 2.0) & (spread > 0.0)
@@ -93,25 +89,9 @@ def _slopes_of_arrays(time: Array, temperature: Array, window_s: float, skipped:
     return np.asarray(np.where(started, slope, 0.0), dtype=np.float64)
 
 
-def _first_in_window(time: Array, begins: Array, skipped: int) -> Integers | slice:
-    """First sample of a section [n] at or after the start [m] of each window; window k ends at
-    sample skipped + k.
-
-    The result is a slice where the sampling is so even that the first samples are consecutive.
-    """
-    # samples of a steady clock lie equally many rows behind: testing a guess takes less
-    # time than a search
-    behind = skipped + begins.size - 1 - int(np.searchsorted(time, begins[-1], side="left"))
-    steady = slice(skipped - behind, skipped - behind + begins.size)
-    if steady.start > 0 and bool(
-        np.all(time[steady] >= begins) and np.all(time[steady.start - 1 : steady.stop - 1] < begins)
-    ):
-        return steady
-    guess = np.maximum(np.arange(skipped, skipped + begins.size) - behind, 0)
-    right = (time[guess] >= begins) & ((guess == 0) | (time[guess - 1] < begins))
-    wrong = np.flatnonzero(~right)
-    guess[wrong] = np.searchsorted(time, begins[wrong], side="left")
-    return guess
+def _first_in_window(time: Array, begins: Array) -> Integers:
+    """First sample of a section [n] at or after the start [m] of each window."""
+    return np.searchsorted(time, begins, side="left")
 
 
 def quantum(temperature: Array, *, enough: float = 0.0) -> float:
@@ -179,7 +159,7 @@ def _coarse_slopes(
     slope = np.zeros(time.size - skipped)
     unsettled = np.ones(slope.size, dtype=bool)
     for window in windows:
-        first = _first_in_window(time, time[skipped:] - window * (1.0 + 1e-9), skipped)
+        first = _first_in_window(time, time[skipped:] - window * (1.0 + 1e-9))
         moved = np.abs(temperature[skipped:] - temperature[first]) >= MOVED * step * (1.0 - 1e-9)
         chosen = unsettled & moved if window != windows[-1] else unsettled
         if chosen.any():
@@ -188,7 +168,7 @@ def _coarse_slopes(
     return slope
 
 
-def _window_sums(x: Array, first: Integers | slice, skipped: int) -> Array:
+def _window_sums(x: Array, first: Integers, skipped: int) -> Array:
     """Sums [m] of x [n] over windows; window k has the rows from first[k] to sample skipped + k."""
     total = np.empty(x.size + 1)
     total[0] = 0.0

@@ -17,6 +17,7 @@ from calibkit.instruments.fog_thermal.numeric.bank import OnLevels
 from calibkit.instruments.fog_thermal.numeric.gradient import Blocks, RatePolynomial
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 from calibkit.numeric import chunks
+from calibkit.numeric.thermal.left_out import blocks_per_figure
 from calibkit.numeric.thermal.terms import ThermalModel
 
 FLAGGED_SHARE = 0.005
@@ -181,7 +182,7 @@ class LogFigures:
     @classmethod
     def summarize(cls, name: str, blocks: Blocks, model: DriftModel) -> Self:
         """Figures of one log from its block means."""
-        group = compensation.blocks_per_figure(model.interval_s)
+        group = blocks_per_figure(model.interval_s)
         drift, indication = model.drift_along(blocks), blocks.indication
         output = drift.subtract(indication, "recursive")
         return cls(

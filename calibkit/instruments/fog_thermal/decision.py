@@ -13,11 +13,12 @@ from calibkit.frame import Remark
 from calibkit.instruments.fog_thermal import forms
 from calibkit.instruments.fog_thermal.compensate import DriftModel, LogFigures
 from calibkit.instruments.fog_thermal.gradient_file import SideChoice
-from calibkit.instruments.fog_thermal.numeric import choice, compensation
+from calibkit.instruments.fog_thermal.numeric import choice
 from calibkit.instruments.fog_thermal.numeric.bank import BankModel, OnLevels
 from calibkit.instruments.fog_thermal.numeric.choice import ThermalChoice
 from calibkit.instruments.fog_thermal.ramps import PreparedLog
 from calibkit.instruments.fog_thermal.recipe import Drift, FogThermalRecipe
+from calibkit.numeric.thermal.left_out import blocks_per_figure
 
 CHANCE = 4.0
 """Difference of turn-on biases, in standard uncertainties of some six degrees of freedom, up to
@@ -95,7 +96,7 @@ def choose_on_levels(logs: Sequence[PreparedLog], spec: Drift) -> ThermalChoice:
     return choice.choose(
         [log.thermal for log in logs],
         [one for one in choice.CANDIDATES if spec.model in ("auto", one.form)],
-        figure_blocks=compensation.blocks_per_figure(spec.interval_s),
+        figure_blocks=blocks_per_figure(spec.interval_s),
     )
 
 

@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 from calibkit.coefficients import StageResult
 from calibkit.errors import FitError
 from calibkit.instruments.fog_thermal import forms
-from calibkit.instruments.fog_thermal.numeric import compensation, gradient, gradient_order
+from calibkit.instruments.fog_thermal.numeric import gradient, gradient_order
 from calibkit.instruments.fog_thermal.ramps import PreparedLog, Ramp
 from calibkit.instruments.fog_thermal.recipe import Drift
+from calibkit.numeric.thermal.left_out import blocks_per_figure
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +109,7 @@ def _choose_side(members: Sequence[FittedRamp], spec: Drift, side: str) -> SideC
         fits,
         [_ramp_and_soaks(item) for item in members],
         side,
-        compensation.blocks_per_figure(spec.interval_s),
+        blocks_per_figure(spec.interval_s),
     )
     if spec.order != "auto":
         return _pinned(fits, tested, spec.order, side)

@@ -15,7 +15,7 @@ from calibkit.errors import UsageError
 from calibkit.frame import Log, values
 from calibkit.instruments.fog_thermal import ramps
 from calibkit.instruments.fog_thermal.compensate import DriftModel
-from calibkit.instruments.fog_thermal.numeric import compensation, evaluate
+from calibkit.instruments.fog_thermal.numeric import evaluate
 from calibkit.instruments.fog_thermal.numeric.bank import OnLevels
 from calibkit.instruments.fog_thermal.numeric.gradient import Blocks
 from calibkit.instruments.fog_thermal.ramps import PreparedLog
@@ -23,6 +23,7 @@ from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 from calibkit.numeric import chunks, gum
 from calibkit.numeric.thermal import uncertainty
 from calibkit.numeric.thermal.evaluate import Evaluation
+from calibkit.numeric.thermal.left_out import blocks_per_figure
 from calibkit.recipe import TypeB
 from calibkit.recipe.type_b import RELATIVE
 from calibkit.report.summary import number
@@ -296,7 +297,7 @@ def check_coverage(
     if model.thermal is None:
         return {"not_available": "the run exports no model on levels"}
     found = _along_blocks(model, blocks, terms)
-    group = compensation.blocks_per_figure(model.interval_s)
+    group = blocks_per_figure(model.interval_s)
     entry: dict[str, Any] = {
         "unit": "deg/h",
         "standard_uncertainty_mean": float(found.standard.mean()),

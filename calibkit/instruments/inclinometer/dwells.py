@@ -14,7 +14,7 @@ from calibkit.errors import FrameError
 from calibkit.frame import Finding, Held, require, values
 from calibkit.instruments.inclinometer import published
 from calibkit.numeric import attitude, chunks
-from calibkit.numeric.dwells import average_dwells
+from calibkit.numeric.dwells import average_rows
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -166,24 +166,20 @@ def _average_dwells(
     """
     import pandas as pd
 
-    intervals = np.column_stack((start, stop))
     names = [name for name in log.frame.columns if pd.api.types.is_numeric_dtype(log.frame[name])]
-    rows = len(log.frame)
-    columns = log.allocate(rows * len(names)).reshape(rows, len(names))
     logged = [values(log.frame, name) for name in names]
-    begins = [chunks.take_rows(data, start) for data in logged]
-    for a, b in chunks.ranges_along(columns, *logged):
-        columns[a:b] = np.column_stack([data[a:b] for data in logged])
-        dwell = np.maximum(np.searchsorted(start, np.arange(a, b), side="right") - 1, 0)
-        for k, name in enumerate(names):
-            if name in DIRECTIONS:
-                # departures of a dwell's rows from its first row, wrapped, so that 359.98° and
-                # 0.01° are neighbours
-                first = begins[k][dwell]
-                columns[a:b, k] = first + attitude.wrapped(columns[a:b, k] - first)
-    found = average_dwells(columns, intervals)
-    frame = pd.DataFrame(found.mean, columns=names, index=log.frame.index[start])
-    return frame, dict(zip(names, found.standard_error.T, strict=True))
+    turning = np.array([name in DIRECTIONS for name in names])
+    means, errors = [], []
+    for first, end in zip(start.tolist(), stop.tolist(), strict=True):
+        rows = np.column_stack([column[first:end] for column in logged])
+        # departures from the dwell's first row, wrapped: 359.98° and 0.01° are neighbours
+        rows[:, turning] = rows[0, turning] + attitude.wrapped(rows[:, turning] - rows[0, turning])
+        mean, error, _ = average_rows(rows)
+        means.append(mean)
+        errors.append(error)
+        chunks.release(*logged)
+    frame = pd.DataFrame(np.array(means), columns=names, index=log.frame.index[start])
+    return frame, dict(zip(names, np.array(errors).T, strict=True))
 
 
 def _number_stations(position: Array) -> Array:

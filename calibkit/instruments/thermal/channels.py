@@ -18,11 +18,10 @@ from calibkit.numeric import chunks, dispersion
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares.fit import linear
 from calibkit.numeric.thermal.evaluate import Evaluation, evaluate_terms
+from calibkit.numeric.thermal.left_out import blocks_per_figure
 from calibkit.numeric.thermal.pooled_fit import Stack, ThermalLog
 from calibkit.numeric.thermal.terms import ThermalModel, Valid
 
-FIGURE_S = 100.0
-"""Averaging time of the errors on left-out stretches [s]."""
 REACH = 1.0 / 3.0
 """Share of a fitted range by which a model is carried beyond each of its ends; further out it is
 held. On left-out quarters of simulated sweeps that go 30 % further than the rest, its error is then
@@ -62,11 +61,6 @@ class FittedChannel:
         return self.choice.chosen.candidate is not choice.CONSTANT
 
 
-def figure_blocks(interval_s: float) -> int:
-    """Blocks of one mean of the errors on left-out stretches."""
-    return max(1, round(FIGURE_S / interval_s))
-
-
 def evaluate_wide(model: ThermalModel, log: ThermalLog, reference_degc: float) -> Evaluation:
     """Bias along blocks, carried beyond the fitted ranges by REACH; it is zero at rest at the
     reference temperature, which is clamped to the fitted range.
@@ -96,7 +90,7 @@ def fit_channel(
     forms_of = spec.thermal.model
     candidates = [one for one in choice.CANDIDATES if forms_of in ("auto", one.form)]
     try:
-        found = choice.choose(stacked, candidates, figure_blocks=figure_blocks(interval_s))
+        found = choice.choose(stacked, candidates, figure_blocks=blocks_per_figure(interval_s))
     except FitError as error:
         raise FitError(f"{name}: {error.message}", hint=error.hint) from None
     found, components = _share_turn_on(found, name, power_ons, spec)

@@ -18,6 +18,7 @@ from calibkit.numeric import chunks
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.thermal import uncertainty
 from calibkit.numeric.thermal.evaluate import Evaluation
+from calibkit.numeric.thermal.left_out import blocks_per_figure
 from calibkit.numeric.thermal.terms import ThermalModel
 from calibkit.recipe.type_b import RELATIVE
 
@@ -167,7 +168,7 @@ def validation_entry(
                 drifts[longest].along,
                 drifts[longest].about_mean,
                 fitted.noise,
-                channels.figure_blocks(interval_s),
+                blocks_per_figure(interval_s),
             )[0]
         )
         if any(fitted.coefficients[1:]):

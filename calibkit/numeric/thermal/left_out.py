@@ -9,14 +9,19 @@ from calibkit.arrays import Array
 from calibkit.numeric.thermal import pooled_fit, pooled_moments
 from calibkit.numeric.thermal.pooled_fit import Solution, Stack
 
+FIGURE_S = 100.0
+"""Averaging time of the drift figure [s]: the longer of the two that GJB 2426A names."""
 FIGURE_BLOCKS = 10
-"""Blocks that one mean of the drift figure averages: 100 s (the longer interval of GJB 2426A) at a
-model interval of 10 s.
-"""
+"""Blocks that one mean of the drift figure averages at a model interval of 10 s."""
 LEAST_WEIGHT = 0.5
 """Smallest mean robust weight of a group of rows, relative to the median of all rows, with which
 the group counts.
 """
+
+
+def blocks_per_figure(interval_s: float) -> int:
+    """Number of model intervals of `interval_s` in one mean of the drift figure."""
+    return max(1, round(FIGURE_S / interval_s))
 
 
 def left_out_errors(

@@ -10,8 +10,6 @@ from calibkit.instruments.fog_thermal.numeric import gradient as drift
 from calibkit.numeric import chunks
 from calibkit.numeric.dispersion import rms
 
-FIGURE_INTERVAL_S = 100.0
-"""Averaging time of the drift figure [s]: the longer of the two that GJB 2426A names."""
 INJECTED_RATE_DPH = 7.5
 """Constant rate that the rate-gain check adds to the indication [°/h]."""
 WORSE = 1.01
@@ -129,11 +127,6 @@ def rate_gain(compensate: Callable[[Array], Array], indication: Array) -> float:
     """
     moved = compensate(indication + INJECTED_RATE_DPH) - compensate(indication)
     return float(np.mean(moved[1:]) / INJECTED_RATE_DPH)
-
-
-def blocks_per_figure(interval_s: float) -> int:
-    """Number of model intervals of `interval_s` in one mean of the drift figure."""
-    return max(1, round(FIGURE_INTERVAL_S / interval_s))
 
 
 @dataclass(frozen=True, slots=True)
