@@ -558,3 +558,14 @@ def test_a_procedure_that_lays_out_nothing_has_a_certificate_by_its_quantities(
         assert found[key].value == pytest.approx(own[key].value, rel=1e-12)
         assert found[key].uncertainty.expanded_uncertainty > 0.0
     assert pdf.render(plain, "en").startswith(b"%PDF")
+
+
+@pytest.mark.parametrize("name", ["accelerometer", "gyro_pair", "inclinometer", "rate_table"])
+def test_the_report_of_a_fit_states_the_principal_results_as_the_certificate_does(run, name):
+    """Value and U of the same digits, from the same quantities: type A with the recipe's type B."""
+    text = (run(name).folder / "report.txt").read_text(encoding="utf-8")
+    principal = [result for result in certificate(run(name)).results if result.principal]
+    assert principal
+    for result in principal:
+        value, U = tables.format_result(result)
+        assert f"{value} ± {U}" in text or f"{value} {U}" in text

@@ -14,6 +14,7 @@ from calibkit.results.evaluation import list_values
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from calibkit.arrays import Array
@@ -79,8 +80,7 @@ def _draw_values(title: str, values: Sequence[Value], ranges: Mapping[str, Array
             U = np.array([np.nan if v.expanded is None else v.expanded for v in curve])
             held = np.where([bool(value.outside) for value in curve], np.nan, y)
             ax.plot(x, y, color=colour, lw=1.0, ls=":")
-            ax.plot(x, held, color=colour, lw=1.4, label=label)
-            ax.fill_between(x, held - U, held + U, color=colour, alpha=0.2, lw=0.0)
+            draw_band(ax, x, held, U, colour, "-", label)
         quantity = shown[0].quantity
         more = f" (first {len(COLOURS) * 2} of {len(curves)})" * (len(curves) > 2 * len(COLOURS))
         ax.set_title(f"{quantity.key}: {quantity.words.en}, ± U{more}")
@@ -90,11 +90,20 @@ def _draw_values(title: str, values: Sequence[Value], ranges: Mapping[str, Array
     return figure
 
 
-def _label_axes(ax: object, quantity: Quantity, abscissa: str) -> None:
+def draw_band(ax: Axes, x: Array, y: Array, U: Array, colour: str, style: str, label: str) -> None:
+    """A curve [n] with a band ± U [n], a single point with a bar."""
+    if len(x) == 1:
+        ax.errorbar(x, y, U, fmt="o" if style == "-" else "s", capsize=4, color=colour, label=label)
+        return
+    ax.plot(x, y, style, color=colour, lw=1.4, label=label)
+    ax.fill_between(x, y - U, y + U, color=colour, alpha=0.18, lw=0.0)
+
+
+def _label_axes(ax: Axes, quantity: Quantity, abscissa: str) -> None:
     """Name both axes with their units."""
     unit = next((one.unit for one in quantity.inputs if one.column == abscissa), "1")
-    ax.set_xlabel(f"{abscissa} [{unit_mark(unit) or 1}]")  # type: ignore[attr-defined]
-    ax.set_ylabel(f"{quantity.name} [{unit_mark(quantity.unit) or 1}]")  # type: ignore[attr-defined]
+    ax.set_xlabel(f"{abscissa} [{unit_mark(unit) or 1}]")
+    ax.set_ylabel(f"{quantity.name} [{unit_mark(quantity.unit) or 1}]")
 
 
 def _condition(at: Mapping[str, float], abscissa: str) -> str:

@@ -11,10 +11,11 @@ import numpy as np
 from calibkit.certificate.results import print_expanded
 from calibkit.certificate.words import unit_mark
 from calibkit.history.difference_tables import identify_run
-from calibkit.report.figures import ALERT, GOOD, MUTED, SIDES, page, styled
+from calibkit.report.figures import ALERT, GOOD, MUTED, page, styled
 from calibkit.report.summary import Summary, number
 from calibkit.report.table import Table, number_or_none
 from calibkit.results.comparison import nearness
+from calibkit.results.figures import COLOURS, draw_band
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from calibkit.arrays import Array
     from calibkit.certificate.quantities import Quantity
     from calibkit.certificate.results import Result
     from calibkit.results.changes import Change
@@ -216,8 +216,7 @@ def _draw_result(one: Compared, left: Axes, right: Axes) -> None:
     middle = one.changes[len(one.changes) // 2].then.value
     factor, unit = _scale(one.quantity, middle)
     origin = middle if unit == "ppm" else 0.0
-    colours = (SIDES["cooling"], SIDES["heating"], SIDES["both"], "#aa7700", "#7744aa", MUTED)
-    for colour, (case, changes) in zip(colours, cases.items(), strict=False):
+    for colour, (case, changes) in zip(COLOURS, cases.items(), strict=False):
         x = np.array([next(iter(c.at.values()), 0.0) for c in changes])
         for ends, style, when in (("then", "--", "then"), ("now", "-", "now")):
             results = [getattr(c, ends) for c in changes]
@@ -226,10 +225,12 @@ def _draw_result(one: Compared, left: Axes, right: Axes) -> None:
                 [r.uncertainty.expanded_uncertainty if r.uncertainty else np.nan for r in results]
             )
             label = f"{when}{f', {case}' if case else ''}"
-            _band(left, x, y, U, colour if when == "now" or len(cases) > 1 else MUTED, style, label)
+            draw_band(
+                left, x, y, U, colour if when == "now" or len(cases) > 1 else MUTED, style, label
+            )
         moved = factor * np.array([c.difference for c in changes])
         U = factor * np.array([np.nan if c.expanded is None else c.expanded for c in changes])
-        _band(right, x, moved, U, colour, "-", case)
+        draw_band(right, x, moved, U, colour, "-", case)
     _draw_limits(one, left, right, factor, origin)
     column = one.quantity.inputs[0] if one.quantity.inputs else None
     for ax, what in ((left, one.quantity.words.en), (right, "change, now − then, ± U")):
@@ -240,15 +241,6 @@ def _draw_result(one: Compared, left: Axes, right: Axes) -> None:
         else:
             ax.set_xlabel(f"{column.column} [{unit_mark(column.unit) or 1}]")
     left.legend(fontsize=7)
-
-
-def _band(ax: Axes, x: Array, y: Array, U: Array, colour: str, style: str, label: str) -> None:
-    """A curve with a band, a single point with a bar."""
-    if len(x) == 1:
-        ax.errorbar(x, y, U, fmt="o" if style == "-" else "s", capsize=4, color=colour, label=label)
-        return
-    ax.plot(x, y, style, color=colour, lw=1.4, label=label)
-    ax.fill_between(x, y - U, y + U, color=colour, alpha=0.18, lw=0.0)
 
 
 def _draw_limits(one: Compared, left: Axes, right: Axes, factor: float, origin: float) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calibkit import check as checks, units
+from calibkit.certificate.fit_tables import tabulate_fit
 from calibkit.check import chunked, copies
 from calibkit.coefficients import Input, Record
 from calibkit.forms import POLYNOMIAL
@@ -16,6 +17,7 @@ from calibkit.frame import Examined, Finding, Log, refuse, values
 from calibkit.ingest import logs as ingest, write_back
 from calibkit.instruments import Fitted, Progress
 from calibkit.instruments.bias_temperature import (
+    certificate,
     figures as pages,
     polynomials,
     sensitivities,
@@ -108,12 +110,14 @@ def fit(
     fits = polynomials.fit(logs, spec.polynomials, spec.errors)
     flags += [flag for found in fits for flag in found.flags]
     result = polynomials.result(fits, flags)
+    influences = sensitivities.find(result)
+    tables = tabulate_fit([result], spec, influences, certificate.blocks)
     return Fitted(
         (result,),
         tuple(Input.of(log) for log in logs),
-        polynomials.summary(spec, fits, flags),
+        polynomials.summary(spec, fits, flags, tables),
         pages.BiasReport(fits[0].abscissa, tuple(found.curve for found in fits)),
-        sensitivities=sensitivities.find(result),
+        sensitivities=influences,
     )
 
 

@@ -8,10 +8,9 @@ from calibkit import units
 from calibkit.certificate.words import unit_mark
 from calibkit.instruments.bias_temperature.figures import BiasCurve
 from calibkit.report.overview import KeyValue, Overview
-from calibkit.report.table import Table
 
 
-def summarize_drifts(channels: Sequence[tuple[BiasCurve, float, float]], table: Table) -> Overview:
+def summarize_drifts(channels: Sequence[tuple[BiasCurve, float, float]]) -> Overview:
     """First screen of channels: each with its curve, the rms of its residuals, and this over its
     noise.
     """
@@ -26,4 +25,4 @@ def summarize_drifts(channels: Sequence[tuple[BiasCurve, float, float]], table: 
             KeyValue(f"drift of {curve.name}", drift, unit),
             KeyValue(f"residual rms of {curve.name}", left, unit),
         ]
-    return Overview(drifts[0], tuple(drifts[1:]), tuple(values[:4]), table)
+    return Overview(drifts[0], tuple(drifts[1:]), tuple(values[:4]))

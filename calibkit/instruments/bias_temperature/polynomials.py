@@ -226,25 +226,17 @@ def _judge_noise(name: str, over_noise: float, limits: BiasAcceptance) -> tuple[
     )
 
 
-def summary(spec: BiasTemperatureRecipe, fits: Sequence[_BiasFit], flags: Sequence[str]) -> Summary:
-    """Summary of a fit: coefficients of every channel, highest power last."""
-    rows = []
-    for found in fits:
-        u = np.sqrt(np.diag(found.covariance))
-        for k, (value, error) in enumerate(zip(found.coefficients, u, strict=True)):
-            rows.append(
-                (found.indication if k == 0 else "", f"p{k}", f"{value:.7g}", f"{error:.1e}")
-            )
-        rows.append(("", "residual rms", number(found.residual_rms), ""))
-    table = Table(
-        f"Bias as a polynomial of {fits[0].abscissa}",
-        ("channel", "power", "coefficient", "standard uncertainty"),
-        tuple(rows),
-    )
+def summary(
+    spec: BiasTemperatureRecipe,
+    fits: Sequence[_BiasFit],
+    flags: Sequence[str],
+    tables: Sequence[Table],
+) -> Summary:
+    """Summary of a fit with the tables of its results."""
     judged = (_judge_noise(one.indication, one.over_noise, spec.acceptance) for one in fits)
-    first = summarize_drifts([(one.curve, one.residual_rms, one.over_noise) for one in fits], table)
+    first = summarize_drifts([(one.curve, one.residual_rms, one.over_noise) for one in fits])
     limits = tuple(chain.from_iterable(judged))
-    return Summary(spec.title, (table,), tuple(flags), limits, overview=first)
+    return Summary(spec.title, tuple(tables), tuple(flags), limits, overview=first)
 
 
 def compensate(

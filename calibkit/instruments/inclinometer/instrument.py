@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from calibkit.certificate.fit_tables import tabulate_fit
 from calibkit.check import copies
 from calibkit.coefficients import Input, Record
 from calibkit.errors import FrameError
@@ -14,6 +15,7 @@ from calibkit.frame import Log, refuse, values
 from calibkit.ingest import logs as ingest, write_back
 from calibkit.instruments import Fitted, Progress
 from calibkit.instruments.inclinometer import (
+    certificate,
     coefficient_files,
     dwells,
     errors,
@@ -70,12 +72,14 @@ def fit(
     result = coefficient_files.make_result(
         fits, stations, seen, notes, spec, spec.site.local_gravity()
     )
+    influences = sensitivities.find(fits, rows, spec.on_site())
+    results = tabulate_fit([result], spec, influences, certificate.blocks)
     return Fitted(
         (result,),
         tuple(Input.of(log) for log in logs),
-        tables.summarize(fits, stations, seen, result.flags, spec),
+        tables.summarize(fits, stations, seen, result.flags, spec, results),
         tables.collect_drawing(fits, stations, seen, spec),
-        sensitivities=sensitivities.find(fits, rows, spec.on_site()),
+        sensitivities=influences,
         left_out=_list_left_out(stations),
     )
 

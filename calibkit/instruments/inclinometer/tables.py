@@ -96,33 +96,21 @@ def tabulate_errors(found: AngleErrors, title: str) -> Table:
 
 
 def _tabulate_scale(fits: Mapping[Sensor, ScaleFit]) -> Table:
-    """Table of s(T) of each gyro."""
+    """Table of what s(T) of each gyro was fitted to."""
     rows = []
     for axis, scale in fits.items():
         model = scale.model
-        uncertainty = np.sqrt(np.clip(np.diag(model.covariance), 0.0, None))
-        text = ", ".join(
-            f"s{k} {value:.8g} ± {u:.1g}"
-            for k, (value, u) in enumerate(zip(model.coefficients, uncertainty, strict=True))
-        )
         valid = "-" if model.valid is None else f"{model.valid[0]:.1f} to {model.valid[1]:.1f}"
         rows.append(
             (
                 axis,
-                text,
                 f"{model.scatter:.1e}",
                 valid,
                 f"{int(scale.used.sum())} of {scale.used.size}",
             )
         )
-    heads = (
-        "gyro",
-        "coefficients for °C (± standard uncertainty, type A)",
-        "scatter",
-        "valid [°C]",
-        "roots used",
-    )
-    return Table("In-situ scale factor s(T)", heads, tuple(rows))
+    heads = ("gyro", "scatter", "valid [°C]", "roots used")
+    return Table("Roots of the in-situ scale factor s(T)", heads, tuple(rows))
 
 
 COMPUTED = 1e-9
@@ -141,8 +129,9 @@ def summarize(
     seen: SolvedStations,
     flags: tuple[str, ...],
     spec: InclinometerRecipe,
+    results: Sequence[Table],
 ) -> Summary:
-    """Summary of a fit, as the console shows it."""
+    """Summary of a fit, as the console shows it, with the tables of its results at the end."""
     found = AngleErrors.compare(stations, seen)
     table, count = _tabulate_stations(stations, seen, TITLE), len(stations.names)
     if count > SHOWN:
@@ -155,6 +144,7 @@ def summarize(
                 found, "Errors against the reference, each station by the s(T) of the others"
             )
         )
+    tables += results
     criteria, limits = found.criteria(spec), spec.acceptance
     stated = any(limit is not None for name, limit in limits if name.endswith("_deg"))
     untested = stated and not criteria
