@@ -21,7 +21,7 @@ from calibkit.constants import DPH_PER_DPS
 from calibkit.fit import orders
 from calibkit.fit.complex_step import Numbers
 from calibkit.fit.shared import Shared
-from calibkit.fit.solve import Fit, solve
+from calibkit.fit.solve import Fit, Moved, solve
 from calibkit.instruments.gyro_scale.numeric import line_terms
 from calibkit.numeric.least_squares import polynomial
 
@@ -135,8 +135,10 @@ class Terms:
 
     def shape(self, rate_dps: Array) -> Array:
         """Shapes [n, k] at rates [n]."""
+        if not self.shapes:
+            return np.empty((rate_dps.size, 0))
         known = line_terms.shapes(rate_dps, self.fastest_dps)
-        return np.column_stack([np.empty((rate_dps.size, 0)), *(known[s] for s in self.shapes)])
+        return np.column_stack([known[name] for name in self.shapes])
 
     def bend_polynomials(self, p: Numbers) -> Numbers:
         """c_k(T) [lines, k, order + 1] in powers of x."""
@@ -260,15 +262,15 @@ def fit(rows: Rows, terms: Terms, shared: Sequence[Shared]) -> Fit:
     return orders.average([*fits, *(fit_order(order, kept) for order in lower)])
 
 
-def refit(fitted: Fit, before: Rows, rows: Rows, terms: Terms) -> Fit:
-    """The fit to rows with small errors of rate, time or thermometer, the weights held.
+def refit(fitted: Fit, before: Rows, rows: Rows, terms: Terms) -> Moved:
+    """Parameters for rows with small errors of rate, time or thermometer, the weights held.
 
     dp = −(Jᵀ V⁻¹ J)⁻¹ (Jᵀ V⁻¹ dr + dJᵀ V⁻¹ r); such errors change J by combinations of its columns,
     to which V⁻¹ r is perpendicular: the second term is 0.
     """
     p = fitted.parameters
     change = residual(p, rows, terms) - residual(p, before, terms)
-    return replace(fitted, parameters=p - fitted.gain @ change)
+    return Moved.of_fit(fitted, p - fitted.gain @ change)
 
 
 def response_pattern(rows: Rows) -> Array:

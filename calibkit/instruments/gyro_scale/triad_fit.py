@@ -13,7 +13,7 @@ from calibkit.constants import DPH_PER_DPS
 from calibkit.errors import FitError, advise_exclude
 from calibkit.fit.complex_step import Numbers
 from calibkit.fit.shared import Shared
-from calibkit.fit.solve import Fit
+from calibkit.fit.solve import Fit, Moved
 from calibkit.fit.value import Value
 from calibkit.instruments.gyro_scale import equation, forms, lines, over_runs, table_runs
 from calibkit.instruments.gyro_scale.numeric import line_terms, triad as gyro_triad
@@ -130,7 +130,7 @@ def fit_axes(
     )
     known = {effect: (size, dof) for effect, size, dof in spec.known_errors()}
     run_scale, mounting = held.run_scale(known.get("scale")), held.mounting(known.get("angle"))
-    errors = near.errors if near else held.errors()
+    errors = Moved.of_fit(near.errors, near.errors.parameters) if near else held.errors()
     stated = [error for error in (run_scale, mounting) if error]
     vertical = table_runs.vertical_rate_dps(spec)
     sets = tuple(
@@ -200,7 +200,8 @@ def _over_temperature(
     """Sensitivities and biases over temperature."""
     S, rows = held.sensitivity(), replace(held.rows, indication=held.raw, line=held.rows.channel)
     if near:
-        terms, fitted = near.terms, equation.refit(near.fitted, near.rows, rows, near.terms)
+        terms = near.terms
+        fitted: Fit = equation.refit(near.fitted, near.rows, rows, terms)
     else:
         terms, fitted = _fit_polynomials(held, rows, S, run_scale)
     line = equation.best_line(terms, rows.rate_dps)
