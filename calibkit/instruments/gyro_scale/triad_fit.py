@@ -15,7 +15,15 @@ from calibkit.fit.complex_step import Numbers
 from calibkit.fit.shared import Shared
 from calibkit.fit.solve import Fit, Moved
 from calibkit.fit.value import Value
-from calibkit.instruments.gyro_scale import equation, forms, lines, over_runs, table_runs
+from calibkit.instruments.gyro_scale import (
+    contradictions,
+    equation,
+    forms,
+    lines,
+    ordering,
+    over_runs,
+    table_runs,
+)
 from calibkit.instruments.gyro_scale.numeric import line_terms, triad as gyro_triad
 from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe
 from calibkit.numeric.least_squares import polynomial
@@ -142,6 +150,11 @@ def fit_axes(
     flags = [flag for run in every for flag in run.flags]
     if not logged and len(every) > len(forms.AXES):
         flags.append(over_runs.UNLOGGED)
+    if not near:
+        flags += _flag_contradictions(held, groups, spec.gyros)
+        for change in held.in_time:
+            name = forms.line_name(spec.gyros[change.gyro])
+            flags += ordering.flag(name, change.decided, held.K[change.lines].mean())
     flags += _flag_sets(spec, sets, mounting)
     if run_scale is None:
         flags.append(lines.WITHIN)
@@ -298,6 +311,21 @@ def _groups(
                 ),
             )
     return groups
+
+
+def _flag_contradictions(
+    held: lines.TableRows,
+    groups: Sequence[Mapping[str, tuple[table_runs.TableRun, ...]]],
+    gyros: Sequence[str],
+) -> Iterator[str]:
+    """Flags on runs whose scale factors, or shares of the rate, the others contradict."""
+    in_order = [(axis, run) for group in groups for axis in forms.AXES for run in group[axis]]
+    most = np.argmax(np.abs(held.sensitivity()), axis=1)
+    for gyro, number in zip(gyros, most, strict=True):
+        axis = forms.AXES[number]
+        runs = [run for about, run in in_order if about == axis]
+        yield from contradictions.flag_runs(forms.line_name(gyro, axis), gyro, runs)
+    yield from contradictions.flag_shares(held, [run for _, run in in_order], gyros)
 
 
 def _flag_sets(
