@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from calibkit.errors import FitError, UsageError
-from calibkit.fit import complex_step
+from calibkit.fit import complex_step, likelihood
 from calibkit.fit.shared import Prior, Shared
 from calibkit.fit.solve import predict, solve
 
@@ -44,6 +44,41 @@ def test_the_mean_of_runs_has_the_variance_and_degrees_of_freedom_of_the_analysi
     assert mean.u**2 == pytest.approx(between / y.size, rel=1e-6)
     assert mean.dof == pytest.approx(runs - 1, rel=1e-6)
     assert mean.expanded == pytest.approx(stats.t.ppf(0.97725, mean.dof) * mean.u)
+
+
+def test_gyros_without_a_common_coefficient_are_solved_one_by_one_with_the_same_result(
+    monkeypatch,
+):
+    """Two gyros of four runs each, with sizes in common: result, u and degrees of freedom are those
+    of one matrix of both.
+    """
+    rng = np.random.default_rng(5)
+    gyro, run = np.repeat([0, 1], 20), np.repeat(np.arange(8), 5)
+    x = np.tile(np.linspace(-1.0, 1.0, 5), 8)
+    y = 1.0 + gyro + x + rng.standard_normal(8)[run] + 0.2 * rng.standard_normal(40)
+
+    def fitted():
+        fit = solve(
+            lambda p: p[gyro] + p[2 + gyro] * x - y,
+            np.zeros(4),
+            [shared(run, np.ones(40))],
+            channel=gyro,
+        )
+        return fit.of(lambda p: p), len(fit.solution.rows.blocks)
+
+    value, count = fitted()
+    monkeypatch.setattr(likelihood, "blocks", lambda design: [one_block(design)])
+    together, of_all = fitted()
+    assert (count, of_all) == (2, 1)
+    np.testing.assert_allclose(value.value, together.value, rtol=1e-10)
+    np.testing.assert_allclose(value.u, together.u, rtol=1e-6)
+    np.testing.assert_allclose(value.dof, together.dof, rtol=1e-5)
+
+
+def one_block(design):
+    """A matrix as one block."""
+    rows, columns = (np.arange(count) for count in design.shape)
+    return likelihood.Block(rows, columns, np.ix_(rows, columns), np.ix_(columns, columns))
 
 
 def test_the_noise_of_one_sensor_is_in_its_own_uncertainty_alone():

@@ -18,6 +18,7 @@ AT = {
     "rate_x_dps": RATES,
     "rate_y_dps": RATES[::-1] / 3.0,
     "rate_z_dps": np.full(7, 2.0),
+    forms.TEMPERATURE: np.linspace(-40.0, 60.0, 7),
 }
 SENSITIVITY = np.array([[1e4, 12.0, -7.0], [3.0, 9.9e3, 20.0], [-15.0, 4.0, 1.01e4]])
 BIAS = np.array([20.0, -11.0, 3.0])
@@ -39,9 +40,17 @@ def model(form, values, *, parameters=(), valid=None):
 
 
 def response(values, *, sine):
-    """Response over rate within ±100 °/s."""
+    """Response over rate within ±100 °/s, as calibkit 0.2 wrote it."""
     parameters = (Parameter("sine", float(sine), "1"),)
     limits = {forms.RATE: (-100.0, 100.0)}
+    return model(forms.RESPONSE_1, values, parameters=parameters, valid=limits)
+
+
+def bent(values):
+    """Response within ±100 °/s and from −40 to 60 °C."""
+    limits = {forms.RATE: (-100.0, 100.0), forms.TEMPERATURE: (-40.0, 60.0)}
+    units = {"fastest_dps": 100.0, "temp_middle_degc": 10.0, "temp_half_degc": 50.0}
+    parameters = tuple(Parameter(name, value, "1") for name, value in units.items())
     return model(forms.RESPONSE, values, parameters=parameters, valid=limits)
 
 
@@ -54,10 +63,14 @@ def triad():
 
 ODD = response({"F0": 0.01, "K1": 1.0001, "K3": 2e-9}, sine=False)
 SINE = response({"F0": 0.01, "K": 0.9999, "rate_scale_dps": 200.0}, sine=True)
+BENT = bent(
+    {"K0": 1e4, "K1": -40.0, "F0": 20.0, "F1": 1.0, "c3": -3e4, "c5": 400.0, "d3": 90.0, "d5": 7.0}
+)
 MODELS = {
     "line": (forms.LINE, model(forms.LINE, {"K": 1e4, "F0": 20.0})),
-    "odd": (forms.RESPONSE, ODD),
-    "sine": (forms.RESPONSE, SINE),
+    "odd": (forms.RESPONSE_1, ODD),
+    "sine": (forms.RESPONSE_1, SINE),
+    "bent": (forms.RESPONSE, BENT),
     "triad": (forms.TRIAD, triad()),
 }
 
@@ -111,14 +124,35 @@ def test_rates_of_a_base_come_back_from_the_indications_of_its_gyros():
     np.testing.assert_allclose(found, rates, atol=1e-10)
 
 
-@pytest.mark.parametrize("bent", [None, ODD, SINE], ids=["line", "odd", "sine"])
+@pytest.mark.parametrize("bent", [None, ODD, SINE, BENT], ids=["line", "odd", "sine", "bent"])
 def test_the_rate_of_a_gyro_comes_back_from_its_indication(bent):
-    """A straight line, and responses that are turned around."""
+    """A straight line, and responses that are turned around, at temperatures of their own."""
     line = model(forms.LINE, {"K": 1e4, "F0": 20.0})
     matrix = forms.GyroMatrix(("x",), ("gyro_x_dps",), line, ("K", "F0"), response=bent)
-    seen = RATES if bent is None else forms.RESPONSE.evaluate(bent, AT)
-    found = matrix.rates((1e4 * seen + 20.0)[:, None], np.zeros(7))
+    if bent is BENT:
+        indication = forms.RESPONSE.evaluate(bent, AT)
+    else:
+        indication = 20.0 + 1e4 * (RATES if bent is None else forms.RESPONSE_1.evaluate(bent, AT))
+    found = matrix.rates(indication[:, None], AT[forms.TEMPERATURE])
     np.testing.assert_allclose(found[:, 0], RATES, atol=1e-9)
+
+
+def test_the_indication_of_a_bent_response_is_the_formula():
+    """F = K(T) Ω + Σ (c_k + d_k x) (Ω/Ω_max)^k + F0(T) written out."""
+    x = (AT[forms.TEMPERATURE] - 10.0) / 50.0
+    share = RATES / 100.0
+    expected = (1e4 - 40.0 * x) * RATES + 20.0 + x
+    expected += (-3e4 + 90.0 * x) * share**3 + (400.0 + 7.0 * x) * share**5
+    np.testing.assert_allclose(forms.RESPONSE.evaluate(BENT, AT), expected, rtol=1e-12)
+
+
+def test_a_response_that_falls_with_the_rate_has_no_rates():
+    """A cubic that turns back within the fitted rates is refused by name."""
+    falling = bent({"K0": 1e4, "F0": 20.0, "c3": -2e6})
+    line = model(forms.LINE, {"K": 1e4, "F0": 20.0})
+    matrix = forms.GyroMatrix(("x",), ("gyro_x_dps",), line, ("K", "F0"), response=falling)
+    with pytest.raises(CoefficientError, match="not monotonic"):
+        matrix.rates(np.zeros((3, 1)), np.zeros(3))
 
 
 def test_the_name_of_a_figure_is_read_as_it_was_written():

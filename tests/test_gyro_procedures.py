@@ -546,9 +546,9 @@ def test_the_coefficients_of_another_gyro_are_rejected(runs, tmp_path, calibkit,
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_an_open_loop_gyro_is_straightened_by_its_sine(tmp_path, calibkit, log_writer):
+def test_an_open_loop_gyro_is_straightened_by_powers_of_the_rate(tmp_path, calibkit, log_writer):
     """F = K Ω_s sin(Ω/Ω_s), Ω_s 200 °/s: apply gives the table's rate within five counts, the line
-    is 1 °/s off.
+    is 1 °/s off; firmware refuses the response by name.
     """
     rates = (5.0, 10.0, 20.0, 30.0, 45.0, 60.0, 80.0, 100.0)
     time, rate = held_rates((*rates, *(-r for r in rates)))
@@ -580,7 +580,13 @@ def test_an_open_loop_gyro_is_straightened_by_its_sine(tmp_path, calibkit, log_w
             np.genfromtxt(out, delimiter=",", names=True)["gyro_x_dps"] - rate
         ).max()
     model = run.records["gyro_scale.json"].model("gyro_x.response")
-    assert model.value("rate_scale_dps") == pytest.approx(200.0, rel=1e-4)
+    assert model.form == "gyro-response/2"
+    # Ω_s sin(Ω/Ω_s) = Ω − Ω³/(6 Ω_s²) + …, at Ω/100 °/s
+    assert model.value("c3") == pytest.approx(-1e4 * 100.0**3 / (6.0 * 200.0**2), rel=5e-3)
+    where = ("--runs", tmp_path / "auto", "--out", tmp_path / "c")
+    exported = calibkit("export", "G", "--target", "c", *where)
+    assert exported.code != 0
+    assert "no firmware form" in exported.err
     assert errors["auto"] < 5e-4
     assert errors["line"] > 1.0
 

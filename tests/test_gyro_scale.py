@@ -11,7 +11,6 @@ from calibkit.instruments.gyro_scale import simulate_pair as simulated_pair, sim
 from calibkit.instruments.gyro_scale.numeric import (
     gjb_figures,
     plateau_means,
-    response,
     scale_factor,
 )
 from calibkit.numeric import earth
@@ -340,79 +339,3 @@ def test_any_rates_give_back_any_line(slope, offset, rates):
     assert abs(found.F0 - slope * offset) < 1e-9 * slope * np.abs(rates).max() * max(
         1.0, 300.0 / np.ptp(rates)
     )
-
-
-def response_of(shape, noise, seed=0):
-    """Chosen response of a gyro of some shape."""
-    rng = np.random.default_rng(seed)
-    return response.choose(RATES, shape(RATES) + noise * rng.normal(size=RATES.size))
-
-
-def test_a_straight_line_stays_a_straight_line():
-    """In at least 36 of 40 noisy straight lines no other shape is chosen."""
-    chosen = [response_of(lambda w: K * w + 20.0, 1.0, seed)[0] for seed in range(40)]
-    assert sum(r.form == "odd-polynomial" and r.order == 1 for r in chosen) >= 36
-
-
-def test_a_cubic_response_is_chosen_and_found():
-    """A cubic of 100 ppm at full scale is chosen over the line; K1 and K3 within 4 standard
-    uncertainties.
-    """
-    chosen, compared = response_of(lambda w: K * w + 1e-4 * w**3 + 20.0, 1.0)
-    assert (chosen.form, chosen.order) == ("odd-polynomial", 3)
-    assert len(compared) == 5
-    error = chosen.coefficients - (20.0, K, 1e-4)
-    assert (np.abs(error) < 4.0 * np.sqrt(np.diag(chosen.covariance))).all()
-    assert chosen.at(np.array([70.0]))[0] == pytest.approx(
-        K * 70.0 + 1e-4 * 70.0**3 + 20.0, abs=5.0
-    )
-
-
-def test_a_cubic_must_lower_the_left_out_error_by_a_tenth():
-    """Of ever larger cubics those are chosen whose left-out rms is below 0.9 of the
-    line's.
-    """
-    ratios = []
-    for cubic in np.linspace(2e-6, 3e-6, 51):
-        indication = K * RATES + cubic * RATES**3 + np.sin(RATES)
-        chosen, (line, bent) = response.choose(RATES, indication, orders=(1, 3), with_sine=False)
-        ratios.append(bent.left_out_rms / line.left_out_rms)
-        assert chosen.order == (3 if ratios[-1] < 0.9 else 1)
-    assert np.histogram(ratios, bins=(0.8, 0.89, 0.9, 0.91, 1.0))[0].all()
-
-
-def test_the_sine_of_an_open_loop_gyro_is_chosen_and_found():
-    """F = 20 + K Ω_s sin(Ω/Ω_s), Ω_s 80 °/s: the sine wins over polynomials, its constants within 4
-    uncertainties.
-    """
-    chosen, _ = response_of(lambda w: 20.0 + K * 80.0 * np.sin(w / 80.0), 5.0)
-    assert chosen.form == "sine"
-    error = chosen.coefficients - (20.0, K, 80.0)
-    assert (np.abs(error) < 4.0 * np.sqrt(np.diag(chosen.covariance))).all()
-    assert chosen.at(np.array([33.0]))[0] == pytest.approx(
-        20.0 + K * 80.0 * np.sin(33.0 / 80.0), abs=20.0
-    )
-
-
-def test_left_out_errors_are_those_of_refits():
-    """The leave-one-out rms of a cubic equals that of 22 refits by another route, to 1e-9."""
-    indication = K * RATES + 1e-4 * RATES**3 + np.sin(RATES)
-    powers = np.array([0, 1, 3])
-    errors = []
-    for row in range(RATES.size):
-        others = np.arange(RATES.size) != row
-        design = (RATES[others, None] / 100.0) ** powers
-        factors = np.linalg.lstsq(design, indication[others], rcond=None)[0]
-        errors.append(indication[row] - (RATES[row] / 100.0) ** powers @ factors)
-    found = response._odd_polynomial(RATES, indication, 3)
-    assert found.left_out_rms == pytest.approx(float(np.sqrt(np.mean(np.square(errors)))), rel=1e-9)
-
-
-def test_a_shape_needs_rates():
-    """Two rates cannot show a shape, an even order is none, three plateaus have no sine."""
-    with pytest.raises(FitError, match="shape"):
-        response.choose(np.array([1.0, -1.0]), np.array([K, -K]))
-    with pytest.raises(FitError, match="odd"):
-        response._odd_polynomial(RATES, K * RATES, 2)
-    with pytest.raises(FitError, match="sine"):
-        response._sine(RATES[:3], K * RATES[:3])

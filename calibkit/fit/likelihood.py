@@ -8,11 +8,14 @@ Without restriction -2 log L is less by ln|Jᵀ V⁻¹ J|: that compares fits of
 what the coefficients take from the sizes.
 
 No matrix is n × n. Residuals of equal noise may be turned into each other: the triangle of a QR of
-[J Z y] keeps what they tell, and (2) and (3) are solved on as many rows as it has.
+[J Z y] keeps what they tell, and (2) and (3) are solved on as many rows as it has. Gyros that have
+no coefficient and no error in common are blocks of T and of C, each of which is solved alone.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -76,7 +79,7 @@ class Stated:
         return np.diag(0.5 * self.prior_dof / safe**2)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Rows:
     """Rows of (1) with independent noise, and the directions of β in which J has unit columns."""
 
@@ -93,6 +96,11 @@ class Rows:
     group: Integers
     """[q], number of the shared error of each column of Z."""
     groups: int
+
+    @cached_property
+    def blocks(self) -> list["Block"]:
+        """Blocks of [J Z]."""
+        return blocks(np.hstack([self.J, self.Z]))
 
     def of_groups(self, kept: Sequence[int]) -> "Rows":
         """The same rows with some of the shared errors, numbered anew."""
@@ -125,6 +133,33 @@ class Rows:
         return np.asarray(parts), np.array([typical])
 
 
+class Block(NamedTuple):
+    """Rows and columns of a matrix outside of whose crossings both are 0."""
+
+    rows: Integers
+    columns: Integers
+    crossings: tuple[Any, ...]
+    """Index of rows and columns."""
+    square: tuple[Any, ...]
+    """Index of columns and columns."""
+
+
+def blocks(design: Array) -> list[Block]:
+    """Blocks of a matrix [n, k]."""
+    filled = design != 0.0
+    found, left = [], filled.any(axis=0)
+    while left.any():
+        columns, before = np.arange(left.size) == np.argmax(left), 0
+        while before < np.count_nonzero(columns):
+            before = int(np.count_nonzero(columns))
+            rows = filled[:, columns].any(axis=1)
+            columns = filled[rows].any(axis=0)
+        crossings, square = np.ix_(rows, columns), np.ix_(columns, columns)
+        found.append(Block(np.flatnonzero(rows), np.flatnonzero(columns), crossings, square))
+        left &= ~columns
+    return found
+
+
 class Solution:
     """Equations (2) and (3) solved at variances θ [parts + groups]."""
 
@@ -139,16 +174,19 @@ class Solution:
         self.root = np.sqrt(variances[parts:])[rows.group]
         self.T: Array = np.hstack([rows.J, rows.Z * self.root])
         self.weighted: Array = self.T / self.R[:, None]
-        C = self.T.T @ self.weighted
-        p = rows.J.shape[1]
-        C[np.diag_indices_from(C)] += np.arange(len(C)) >= p
-        factor = np.linalg.cholesky(C)
-        self.inverse = np.asarray(cho_solve((factor, True), np.eye(len(C))))
+        p, columns = rows.J.shape[1], self.T.shape[1]
+        self.inverse = np.zeros((columns, columns))
+        log_determinants = rows.count @ np.log(self.R)
+        for block in rows.blocks:
+            C = self.T[block.crossings].T @ self.weighted[block.crossings]
+            C[np.diag_indices_from(C)] += block.columns >= p
+            factor = np.linalg.cholesky(C)
+            self.inverse[block.square] = cho_solve((factor, True), np.eye(len(C)))
+            log_determinants += 2.0 * np.sum(np.log(np.diag(factor)))
         self.solution = self.inverse @ (self.weighted.T @ rows.y)
         left = rows.y - self.T @ self.solution
         self.Py = left / self.R
         errors = self.solution[p:]
-        log_determinants = rows.count @ np.log(self.R) + 2.0 * np.sum(np.log(np.diag(factor)))
         # yᵀ P y as a sum of squares: the product of y and P y loses its digits where θ is large
         square = left @ self.Py + errors @ errors
         self.deviance = float(log_determinants + square) + stated.deviance(variances)
@@ -177,9 +215,23 @@ class Solution:
 
     def _less_explained(self, F: Array, inverse: Array) -> Array:
         """R⁻¹ F - R⁻¹ T C⁻¹ Tᵀ R⁻¹ F [n, k], C⁻¹ [p + q, p + q] whole or of some columns of T."""
-        explained = self.T @ (inverse @ (self.weighted.T @ F))
-        left: Array = (F - explained) / self.R[:, None]
-        return left
+        left = F.copy()
+        for block in self.rows.blocks:
+            across = self.weighted[block.crossings].T @ F[block.rows]
+            left[block.rows] -= self.T[block.crossings] @ (inverse[block.square] @ across)
+        return np.asarray(left / self.R[:, None])
+
+    def _traces(self, inverse: Array) -> tuple[Array, Array]:
+        """Diagonals of T C⁻¹ Tᵀ [n], and of Zᵀ P Z [q]."""
+        Z, p = self.rows.Z, self.rows.J.shape[1]
+        leverage, of_errors = np.zeros(len(Z)), Z.T**2 @ (1.0 / self.R)
+        for block in self.rows.blocks:
+            T, inside = self.T[block.crossings], inverse[block.square]
+            leverage[block.rows] = np.sum(T @ inside * T, axis=1)
+            errors = block.columns[block.columns >= p] - p
+            across = self.weighted[block.crossings].T @ Z[np.ix_(block.rows, errors)]
+            of_errors[errors] -= np.sum(across * (inside @ across), axis=0)
+        return leverage, of_errors
 
     def _member(self) -> Array:
         """[q, groups], 1 where a column of Z belongs to a shared error."""
@@ -195,10 +247,10 @@ class Solution:
         if not self.restricted:  # P of (3) without J in T is V⁻¹, whose traces stand for those of P
             across = inverse[:, :p]
             inverse = inverse - across @ np.linalg.solve(inverse[:p, :p], across.T)
-        member, MZ = self._member(), self._less_explained(Z, inverse)
-        leverage = np.einsum("nk,nk->n", self.T @ inverse, self.T)
+        member = self._member()
+        leverage, of_errors = self._traces(inverse)
         noise_trace = shares @ (self.rows.count / R - leverage / R**2)
-        trace = np.concatenate([noise_trace, np.sum(Z * MZ, axis=0) @ member])
+        trace = np.concatenate([noise_trace, of_errors @ member])
         VPy = np.hstack([(shares * self.Py).T, (Z * (Z.T @ self.Py)) @ member])
         score = 0.5 * (VPy.T @ self.Py - trace) + self.stated.score(self.variances)
         information = 0.5 * VPy.T @ self.projected(VPy) + self.stated.information(self.variances)
@@ -208,10 +260,12 @@ class Solution:
         """Expected information [v, v] of the variances, ½ tr(P V_i P V_j)."""
         Z, shares, R = self.rows.Z, self.rows.shares, self.R
         member, PZ = self._member(), self.projected(Z)
-        leverage = np.einsum("nk,nk->n", self.T @ self.inverse, self.T)
-        inner = [self.inverse @ ((self.weighted.T * d) @ self.weighted) for d in shares]
+        leverage, _ = self._traces(self.inverse)
         noise = (shares * (self.rows.count / R**2 - 2.0 * leverage / R**3)) @ shares.T
-        noise += np.array([[np.sum(a * b.T) for b in inner] for a in inner])
+        for block in self.rows.blocks:
+            inverse, weighted = self.inverse[block.square], self.weighted[block.crossings]
+            inner = [inverse @ ((weighted.T * d) @ weighted) for d in shares[:, block.rows]]
+            noise += np.array([[np.sum(a * b.T) for b in inner] for a in inner])
         cross = shares @ PZ**2 @ member
         mixed = member.T @ (Z.T @ PZ) ** 2 @ member
         whole = np.block([[noise, cross], [cross.T, mixed]])
@@ -277,13 +331,13 @@ def at_variances(solution: Solution) -> Estimate:
     for g in range(rows.groups):
         Z = rows.Z[:, rows.group == g]
         VG.append(Z @ (Z.T @ G.T))
-    PVG = [solution.projected(part) for part in VG]
+    PVG = np.array([solution.projected(part) for part in VG])
     # A variance at zero is on average above the true one: what it adds is in the estimate.
     w = np.where(np.outer(variances, variances) > 0.0, spread, 0.0)
     p = rows.J.shape[1]
     covariance = solution.inverse[:p, :p].copy()
-    for i, j in zip(*np.nonzero(w), strict=True):
-        covariance += 2.0 * w[i, j] * VG[i].T @ PVG[j]
+    for part, weights in zip(VG, w, strict=True):
+        covariance += 2.0 * part.T @ np.tensordot(weights, PVG, 1)
     cut = np.where(variances > 0.0, 1.0, CUT_AT_ZERO)
     slopes = np.stack([G @ part for part in VG])
     return Estimate(solution, covariance, slopes, spread * np.outer(cut, cut))

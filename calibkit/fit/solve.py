@@ -9,7 +9,7 @@ share, e noise, of each sensor its own. The sizes of all errors are the most lik
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
@@ -249,6 +249,47 @@ class Fit:
         left = loading.T @ VL - JL.T @ np.linalg.solve(jacobian.T @ VJ, JL)
         inverse = np.linalg.inv(left)
         return -inverse @ (VL.T @ self.residual), np.sqrt(np.diag(inverse))
+
+
+@dataclass(frozen=True, slots=True)
+class Moved(Fit):
+    """Parameters of a fit to slightly other rows, without their uncertainty: what results make of
+    them tells how an error of an input moves these.
+    """
+
+    @classmethod
+    def of_fit(cls, fit: Fit, parameters: Array) -> "Moved":
+        """Other parameters than those of a fit."""
+        whole = {field.name: getattr(fit, field.name) for field in fields(Fit)}
+        return cls(**(whole | {"parameters": parameters, "members": ()})).restated(lambda p: p)
+
+    def of(
+        self,
+        function: Callable[[Numbers], Numbers],
+        *,
+        lack_of_fit: Array | float = 0.0,
+        half_width: Array | float = 0.0,
+    ) -> Value:
+        """A function [...] of the parameters."""
+        value = np.asarray(function(self.parameters), dtype=np.float64)
+        nothing = np.zeros(value.shape)
+        dof = nothing + max(self.dof, 1)
+        return Value(value, nothing, dof, lack_of_fit, half_width)
+
+    def restated(self, function: Callable[[Numbers], Numbers]) -> "Moved":
+        """Other parameters, a function [m] of these."""
+        parameters = np.asarray(function(self.parameters), dtype=np.float64)
+        m = len(parameters)
+        covariance, bounds = np.zeros((m, m)), np.zeros((m, 0))
+        return replace(self, parameters=parameters, covariance=covariance, bounds=bounds)
+
+    def linear(self, P: Array, y: Array) -> "Moved":
+        """Parameters P y [m] of a published form."""
+        return self.restated(lambda _: P @ np.where(self.used, y, 0.0))
+
+    def widened_by(self, errors: Sequence[Shared]) -> "Moved":  # noqa: ARG002 (as of any fit)
+        """The same: errors change no parameter."""
+        return self
 
 
 def solve(
@@ -554,8 +595,12 @@ class _Problem:
         shares = np.hstack([part[3] for part in parts])
         counts = np.concatenate([part[4] for part in parts])
         plain = least_squares.linear(J_rows, y_rows, names=self.names)
-        Q, R = np.linalg.qr(J_rows)
-        basis = least_squares.triangular(R, np.eye(len(p)))
+        Q, basis = np.zeros_like(J_rows), np.zeros((len(p), len(p)))
+        for block in likelihood.blocks(np.hstack([J_rows, Z])):
+            columns = block.columns[block.columns < len(p)]
+            crossings = np.ix_(block.rows, columns)
+            Q[crossings], R = np.linalg.qr(J_rows[crossings])
+            basis[np.ix_(columns, columns)] = least_squares.triangular(R, np.eye(len(columns)))
         group = np.repeat(
             np.arange(len(self.mixed)), [error.levels * error.width for error in self.mixed]
         )

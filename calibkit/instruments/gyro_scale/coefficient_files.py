@@ -13,17 +13,14 @@ from calibkit.fit.solve import Fit
 from calibkit.fit.value import Value
 from calibkit.forms import POLYNOMIAL, components_of
 from calibkit.instruments.gyro_scale import (
+    equation,
     forms,
     over_runs,
     pair_fit,
     table_runs,
     triad_fit,
 )
-from calibkit.instruments.gyro_scale.numeric import (
-    gjb_figures,
-    response as rate_response,
-    scale_factor,
-)
+from calibkit.instruments.gyro_scale.numeric import gjb_figures, scale_factor
 from calibkit.instruments.gyro_scale.recipe import GyroRecipe, OwnAxisRecipe
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
@@ -73,7 +70,7 @@ def list_rate_table_results(
                 models.append(_curve_model(forms.curve_name(name, letter), unit, curve, one.runs))
         models += [_line_model(line, run, one.gyro) for line, run in lines]
         if one.response is not None:
-            models.append(_response_model(forms.response_name(name), one.response, one.runs[0]))
+            models.append(_response_model(forms.response_name(name), *one.response, one.runs))
         figures += over_runs.run_figures(name, one, spec)
         for line, run in lines:
             figures += _line_figures(line, run, one.gyro)
@@ -98,9 +95,9 @@ def list_pair_results(fitted: pair_fit.PairFit, spec: OwnAxisRecipe) -> tuple[St
         for line, run in named.items():
             figures += _line_figures(line, run, g) if g == axis else []
             figures += _bias_figures(line, run.scale(g), spec, own)
-        response = over_runs.choose_response(spec, g, runs) if g == axis else None
+        response = over_runs.fit_response(spec, g, runs) if g == axis else None
         if response is not None:
-            models.append(_response_model(forms.response_name(name), response, runs[0]))
+            models.append(_response_model(forms.response_name(name), *response, runs))
     pair = _pair_model(fitted)
     return (
         _result(forms.SCALE_FILE, spec, models, figures, fitted.flags),
@@ -253,25 +250,36 @@ def _curve_model(
     )
 
 
-def _response_model(name: str, response: rate_response.Response, run: table_runs.TableRun) -> Model:
-    """Model of indicated rate against table rate."""
-    is_sine, rate = response.form == "sine", run.plateaus.rate_dps
-    units = ["deg/s", "1", *(f"1/(deg/s)^{k - 1}" for k in range(3, response.order + 1, 2))]
-    if is_sine:
-        units.append("deg/s")
+def _response_model(
+    name: str, fitted: Fit, terms: equation.Terms, runs: Sequence[table_runs.TableRun]
+) -> Model:
+    """Model of the indication over table rate and temperature."""
+    K_order, F0_order = terms.orders
+    named = [(f"K{k}", "1/deg") for k in range(K_order + 1)]
+    named += [(f"F{k}", "1/s") for k in range(F0_order + 1)]
+    named += [(f"c{k}", "1/s") for k in terms.powers]
+    parameters, valid = [Parameter("fastest_dps", terms.fastest_dps, "deg/s")], _valid(runs)
+    if max(terms.orders):
+        named += [(f"d{k}", "1/s") for k in terms.powers]
+        middle, half = terms.middle_half
+        parameters += [
+            Parameter("temp_middle_degc", middle, "degC"),
+            Parameter("temp_half_degc", half, "degC"),
+        ]
+    else:
+        valid.pop(forms.TEMPERATURE, None)
+    result = fitted.of(lambda p: p)
+    entries = zip(named, result.value.tolist(), strict=True)
     return forms.RESPONSE.write(
         name,
-        list(zip(response.names, response.coefficients.tolist(), units, strict=True)),
-        response.covariance,
-        dof=response.dof,
-        residual_rms=rms(response.residuals),
-        residual_unit="deg/s",
-        valid={forms.RATE: (float(rate.min()), float(rate.max()))},
-        parameters=(
-            Parameter("sine", float(is_sine), "1"),
-            Parameter("order", float(response.order), "1"),
-            Parameter("left_out_rms", response.left_out_rms, "deg/s"),
-        ),
+        [(letter, value, unit) for (letter, unit), value in entries],
+        fitted.total_covariance,
+        dof=fitted.dof,
+        residual_rms=rms(fitted.noise_residual),
+        residual_unit="1/s",
+        valid=valid,
+        parameters=tuple(parameters),
+        effective_dof=result.dof,
     )
 
 

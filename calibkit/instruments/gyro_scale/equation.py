@@ -3,10 +3,10 @@
     F = K(T) Ω + Σ_k c_k(T) s_k(Ω) + F0(T) + Σ_g Z_g b_g + e                               (1)
 
 F indication of a gyro at a held rate [1/s], Ω table rate [°/s], K and F0 polynomials of x, the
-temperature T mapped to [-1, 1], s_k shapes of a response that is no straight line, b errors that
-held rates share, e noise. c_k is constant, follows the scale factor, c_k K(T)/K(x = 0), or is
-linear, c_k + d_k x. The published K and F0 are those of the best straight line over the held
-rates, which takes its part of the shapes.
+temperature T mapped to [-1, 1], s_k shapes of a response that is no straight line (powers of the
+rate to the seventh, or |Ω|), b errors that held rates share, e noise. c_k is constant, follows the
+scale factor, c_k K(T)/K(x = 0), or is linear, c_k + d_k x. The published K and F0 are those of the
+best straight line over the held rates, which takes its part of the shapes.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -21,7 +21,7 @@ from calibkit.constants import DPH_PER_DPS
 from calibkit.fit import orders
 from calibkit.fit.complex_step import Numbers
 from calibkit.fit.shared import Shared
-from calibkit.fit.solve import Fit, solve
+from calibkit.fit.solve import Fit, Moved, solve
 from calibkit.instruments.gyro_scale.numeric import line_terms
 from calibkit.numeric.least_squares import polynomial
 
@@ -135,8 +135,24 @@ class Terms:
 
     def shape(self, rate_dps: Array) -> Array:
         """Shapes [n, k] at rates [n]."""
-        known = line_terms.shapes(rate_dps, self.fastest_dps)
-        return np.column_stack([np.empty((rate_dps.size, 0)), *(known[s] for s in self.shapes)])
+        columns = np.empty((rate_dps.size, len(self.shapes)))
+        for k, name in enumerate(self.shapes):
+            columns[:, k] = line_terms.shape(name, rate_dps, self.fastest_dps)
+        return columns
+
+    def bent_by(self, powers: Sequence[int]) -> "Terms":
+        """The same with powers of the rate whose coefficients are linear in temperature, where K
+        and F0 change with it.
+        """
+        shapes = tuple(f"{line_terms.CURVATURE} {power}" for power in powers)
+        return replace(self, shapes=shapes, bends="linear" if max(self.orders) else "constant")
+
+    @property
+    def powers(self) -> tuple[int, ...]:
+        """Powers of the rate that the response has beside the line, and nothing else."""
+        if self.bends == "as K" or line_terms.ASYMMETRY in self.shapes:
+            return ()
+        return tuple(int(name.removeprefix(line_terms.CURVATURE)) for name in self.shapes)
 
     def bend_polynomials(self, p: Numbers) -> Numbers:
         """c_k(T) [lines, k, order + 1] in powers of x."""
@@ -260,15 +276,15 @@ def fit(rows: Rows, terms: Terms, shared: Sequence[Shared]) -> Fit:
     return orders.average([*fits, *(fit_order(order, kept) for order in lower)])
 
 
-def refit(fitted: Fit, before: Rows, rows: Rows, terms: Terms) -> Fit:
-    """The fit to rows with small errors of rate, time or thermometer, the weights held.
+def refit(fitted: Fit, before: Rows, rows: Rows, terms: Terms) -> Moved:
+    """Parameters for rows with small errors of rate, time or thermometer, the weights held.
 
     dp = −(Jᵀ V⁻¹ J)⁻¹ (Jᵀ V⁻¹ dr + dJᵀ V⁻¹ r); such errors change J by combinations of its columns,
     to which V⁻¹ r is perpendicular: the second term is 0.
     """
     p = fitted.parameters
     change = residual(p, rows, terms) - residual(p, before, terms)
-    return replace(fitted, parameters=p - fitted.gain @ change)
+    return Moved.of_fit(fitted, p - fitted.gain @ change)
 
 
 def response_pattern(rows: Rows) -> Array:

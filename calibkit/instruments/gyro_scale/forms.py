@@ -21,6 +21,8 @@ SCALE_FILE, ORTHOGONALITY_FILE = "gyro_scale.json", "gyro_orthogonality.json"
 RATE, TEMPERATURE = "table_rate_dps", "temp_case_degc"
 AXES = ("x", "y", "z")
 """Axes of the base that a triad is turned about."""
+MONOTONIC_GRID = 201
+"""Rates at which a response is required to rise."""
 _FIGURE = re.compile(rf"(\w+)\.(?:({gjb_figures.GJB}|{gjb_figures.IEEE})\.)?(.+)")
 
 
@@ -75,14 +77,55 @@ def _line_gradient(model: Model, at: Inputs) -> Array:  # noqa: ARG001 (as every
     return np.column_stack([at[RATE], np.ones_like(at[RATE])])
 
 
+def _mapped(model: Model, at: Inputs) -> Array:
+    """Temperatures [n] of a response mapped to [-1, 1]; 0 where it has none."""
+    if TEMPERATURE not in model.valid:
+        return np.zeros(len(at[RATE]))
+    middle, half = model.value("temp_middle_degc"), model.value("temp_half_degc")
+    return (at[TEMPERATURE] - middle) / half
+
+
 def _response_gradient(model: Model, at: Inputs) -> Array:
+    """Derivatives [n, p] of the indication by K and F0 of each power of the mapped temperature x,
+    and by c and d of each power of the rate.
+    """
+    x, share = _mapped(model, at), at[RATE] / model.value("fastest_dps")
+    columns = []
+    for coefficient in model.coefficients:
+        letter, power = coefficient.name[0], int(coefficient.name[1:])
+        if letter == "K":
+            columns.append(x**power * at[RATE])
+        elif letter == "F":
+            columns.append(x**power)
+        else:
+            columns.append(share**power * (x if letter == "d" else 1.0))
+    return np.column_stack(columns)
+
+
+def _bent_indication(model: Model, at: Inputs) -> Array:
+    """Indication [n, 1/s], by Horner's rule over the rate."""
+    x, share = _mapped(model, at), at[RATE] / model.value("fastest_dps")
+    of_rate: dict[int, Array] = {}
+    for coefficient in model.coefficients:
+        letter, number = coefficient.name[0], int(coefficient.name[1:])
+        power = {"F": 0, "K": 1}.get(letter, number)
+        unit = model.value("fastest_dps") if letter == "K" else 1.0
+        over = number if letter in "FK" else int(letter == "d")
+        of_rate[power] = of_rate.get(power, 0.0) + coefficient.value * unit * x**over
+    total = np.zeros(len(share))
+    for power in range(max(of_rate), -1, -1):
+        total = total * share + of_rate.get(power, 0.0)
+    return np.asarray(total)
+
+
+def _sine_or_odd_gradient(model: Model, at: Inputs) -> Array:
     """Derivatives [n, p] of the indicated rate by the coefficients of the response."""
-    return response.gradient(RESPONSE.read(model), at[RATE], is_sine=bool(model.value("sine")))
+    return response.gradient(RESPONSE_1.read(model), at[RATE], is_sine=bool(model.value("sine")))
 
 
 def _indicated_rate(model: Model, at: Inputs) -> Array:
     """Indicated rate [n, °/s]."""
-    return response.evaluate(RESPONSE.read(model), at[RATE], is_sine=bool(model.value("sine")))
+    return response.evaluate(RESPONSE_1.read(model), at[RATE], is_sine=bool(model.value("sine")))
 
 
 def _pair_gradient(model: Model, at: Inputs) -> Array:
@@ -104,9 +147,13 @@ def _triad_gradient(model: Model, at: Inputs) -> Array:
 
 LINE = Form("gyro-scale/1", _line_gradient, measured={"temp_case": 0.1})
 """Indication [n, 1/s] over the table rate: F = K Ω + F0."""
-RESPONSE = Form("gyro-response/1", _response_gradient, _indicated_rate)
-"""Indicated rate (F − F0)/K [n, °/s] over the table rate: an odd polynomial, or the sine of an
-open-loop gyro.
+RESPONSE = Form("gyro-response/2", _response_gradient, _bent_indication)
+"""Indication [n, 1/s] over the table rate and temperature,
+F = K(T) Ω + Σ (c_k + d_k x) (Ω/Ω_max)^k + F0(T), x the temperature mapped to [−1, 1].
+"""
+RESPONSE_1 = Form("gyro-response/1", _sine_or_odd_gradient, _indicated_rate)
+"""Indicated rate (F − F0)/K [n, °/s] over the table rate, as calibkit 0.2 wrote it: an odd
+polynomial, or the sine of an open-loop gyro.
 """
 PAIR = Form("gyro-orthogonality/1", _pair_gradient)
 """N, ε, γ and α [n, 4] of two gyros: its coefficients are its results."""
@@ -114,7 +161,7 @@ PAIR_UNITS = {"N": "1", "epsilon": "1", "gamma": "1", "alpha_deg": "deg"}
 """Coefficient of a pair → unit, in the order of the covariance."""
 TRIAD = Form("gyro-triad/1", _triad_gradient)
 """Indications [n, g, 1/s] over the rates about three axes: F = S Ω + B."""
-FORMS = (LINE, POLYNOMIAL, RESPONSE, PAIR, TRIAD)
+FORMS = (LINE, POLYNOMIAL, RESPONSE, RESPONSE_1, PAIR, TRIAD)
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,16 +218,42 @@ class GyroMatrix:
         where g > a.
         """
         S, B = self.at(temperature)
-        above, bent = indication - B, self.response
+        above = indication - B
         if S.shape[1:] != (1, 1):
             across = np.swapaxes(S, 1, 2)
             found = np.linalg.solve(across @ S, across @ above[..., None])
             return np.asarray(found[..., 0], dtype=np.float64)
-        if bent is None:
-            return np.asarray(above / S[:, 0], dtype=np.float64)
-        return response.invert(
-            lambda rate: RESPONSE.evaluate(bent, {RATE: rate}), self.rate_limits, above / S[:, 0]
+        indicated = np.asarray(above[:, 0] / S[:, 0, 0], dtype=np.float64)
+        if self.response is None:
+            return indicated[:, None]
+        for degc in self.response.valid.get(TEMPERATURE, (0.0,)):
+            self._require_monotonic(degc)
+        rates = response.invert(
+            lambda rate: self._indicated(rate, temperature), self.rate_limits, indicated
         )
+        return rates[:, None]
+
+    def _require_monotonic(self, degc: float) -> None:
+        """Raise CoefficientError for a response that does not rise with the rate everywhere at a
+        temperature.
+        """
+        rate = np.linspace(*self.rate_limits, MONOTONIC_GRID)
+        if not (np.diff(self._indicated(rate, np.full(rate.shape, degc))) > 0.0).all():
+            raise CoefficientError(
+                "the response is not monotonic over its rates", hint="fit with response = 'line'"
+            )
+
+    def _indicated(self, rate_dps: Array, temperature: Array) -> Array:
+        """Indicated rates (F − F0)/K [n, °/s] of a bent response at rates [n, °/s]."""
+        assert self.response is not None  # noqa: S101 (who calls it has one)
+        if self.response.form == RESPONSE_1.name:
+            return RESPONSE_1.evaluate(self.response, {RATE: rate_dps})
+        at = {RATE: rate_dps}
+        if TEMPERATURE in self.response.valid:
+            at[TEMPERATURE] = np.clip(temperature, *self.response.valid[TEMPERATURE])
+        S, B = self.at(temperature)
+        indication = RESPONSE.evaluate(self.response, at)
+        return np.asarray((indication - B[:, 0]) / S[:, 0, 0], dtype=np.float64)
 
     def require_biases(self, error: type[CalibkitError] = CoefficientError) -> None:
         """Raise `error` where the biases are unknown: F0 still contains the earth's rate."""

@@ -8,7 +8,7 @@ P are the published lines by least squares, V is the covariance of the indicatio
 factors and zeros repeat from run to run, how mountings tilt.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,7 +17,7 @@ from calibkit.arrays import Array, Integers, Mask
 from calibkit.coefficients import Record
 from calibkit.fit.shared import Shared
 from calibkit.fit.solve import Fit
-from calibkit.instruments.gyro_scale import equation
+from calibkit.instruments.gyro_scale import equation, ordering
 from calibkit.instruments.gyro_scale.numeric import line_terms
 from calibkit.instruments.gyro_scale.table_runs import TableRun
 
@@ -31,6 +31,16 @@ WITHIN = (
 def hold_within_runs(records: Iterable[Record]) -> bool:
     """Whether nothing tells how the scale factors of a run of calibkit repeat."""
     return any(flag.endswith(WITHIN) for record in records for flag in record.flags)
+
+
+@dataclass(frozen=True, slots=True)
+class InTime:
+    """What the rates of a gyro in their order tell of time."""
+
+    gyro: int
+    lines: Mask
+    """[lines], those of the gyro about its own axis at one temperature."""
+    decided: ordering.Ordering
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +67,8 @@ class TableRows:
     """[2, lines], change of K and F0 by what is too small to be seen in a run."""
     noise: Array
     """[lines], standard uncertainty of K by noise alone."""
+    in_time: tuple[InTime, ...] = ()
+    """Lines whose scale factor changes with time since the runs began."""
 
     @classmethod
     def of(cls, sets: Sequence[Sequence[tuple[int, TableRun]]]) -> "TableRows":
@@ -82,7 +94,7 @@ class TableRows:
         for number, line in enumerate(fitted):
             solver[:, number, line_of == number] = line.solver
         gyro_of, axis_of, set_of = np.array(lines).T
-        return cls(
+        table = cls(
             equation.Rows(rate, F, line_of, degc, hours, line_of, channel),
             gyro_of_row,
             axis_of_row,
@@ -94,6 +106,29 @@ class TableRows:
             np.array([line.left_out for line in fitted]).T,
             np.array([line.standard_uncertainty[0] for line in fitted]),
         )
+        return replace(table, in_time=tuple(table._find_in_time()))
+
+    def _find_in_time(self) -> Iterator[InTime]:
+        """Decisions of `ordering` on the runs of each gyro about its own axis at each
+        temperature.
+        """
+        own = self.own()
+        for gyro, number in np.unique(np.column_stack((self.gyro_of, self.set_of)), axis=0):
+            of_set = own & (self.gyro_of == gyro) & (self.set_of == number)
+            chosen = of_set[self.rows.line]
+            run = np.unique(self.rows.run[chosen], return_inverse=True)[1].reshape(-1)
+            rows = equation.Rows(
+                self.rows.rate_dps[chosen],
+                self.raw[chosen],
+                run,
+                self.rows.row_degc[chosen],
+                self.rows.hours[chosen],
+                run,
+                run,
+            )
+            decided = ordering.decide(rows, rows.indication)
+            if decided:
+                yield InTime(int(gyro), of_set, decided)
 
     @property
     def K(self) -> Array:  # noqa: N802 - the letter of the standards
@@ -124,8 +159,15 @@ class TableRows:
         """Sums of K and F0 of the lines with weights [m, lines] each, with their errors."""
         P = np.einsum("ml,ln->mn", weights, self.solver[0])
         P += np.einsum("ml,ln->mn", of_F0, self.solver[1])
-        shifts = weights * self.left_out[0] + of_F0 * self.left_out[1]
-        return replace(errors.linear(P, self.raw), bounds=shifts)
+        bounds = [weights * self.left_out[0] + of_F0 * self.left_out[1]]
+        shift = np.zeros(len(weights))
+        for change in self.in_time:
+            # a half-width that is known, as a rectangular distribution
+            of_lines = weights @ change.lines
+            shift += of_lines * change.decided.shift
+            bounds.append(of_lines[:, None] * change.decided.half_width / np.sqrt(3.0))
+        fit = errors.linear(P, self.raw)
+        return replace(fit, parameters=fit.parameters + shift, bounds=np.hstack(bounds))
 
     def own(self) -> Mask:
         """Which lines [lines] are of gyros about the axis that they sense most."""

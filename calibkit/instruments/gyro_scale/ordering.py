@@ -3,10 +3,12 @@
     F = K_r Ω + F_r + N or T_τ,   N = {Ω³, Ω |Ω|},   T_τ = {Ω φ, φ},   φ = exp(−t/τ) or t     (1)
     F = (RSS_line − min(RSS_N, RSS_T))/(3 s²) against F(3, ν),   D = (RSS_N − RSS_T)/s²       (2)
 
-t is the time since a run began, s² and ν are of the fit with both. Where F is not exceeded there is
-the line alone; D > 20 is time, D < −20 the response, and between them nothing decides.
+t is the time since a run began, N the powers of the rate where the response has some, s² and ν are
+of the fit with both. Where F is not exceeded there is the line alone; D > 20 is time, D < −20 the
+response, and between them nothing decides.
 """
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -14,6 +16,7 @@ import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.instruments.gyro_scale import equation
+from calibkit.instruments.gyro_scale.numeric.gjb_figures import PPM
 
 CHANCE, CERTAIN = 1e-4, 20.0
 """Probability of so large an F by chance, and D from which one of both is certain."""
@@ -43,11 +46,16 @@ class Ordering:
 
 
 def decide(
-    rows: equation.Rows, indication: Array, known_degc: float = STEADY_DEGC
+    rows: equation.Rows,
+    indication: Array,
+    known_degc: float = STEADY_DEGC,
+    powers: Sequence[int] = (),
 ) -> Ordering | None:
     """Decision of (2) on held rates of one gyro with indications [n], the mean over runs that turn
-    through the same rates; None where times are not logged, the rates are too few, or the
-    temperature changed in a run by more than is known of its effect [°C].
+    through the same rates, whose response has some powers of the rate.
+
+    None where times are not logged, the rates are too few, or the temperature changed in a run by
+    more than is known of its effect [°C].
     """
     count = np.bincount(rows.run)
     warming = np.ptp(rows.row_degc - rows.temp_degc[rows.run])
@@ -58,19 +66,44 @@ def decide(
     held = np.column_stack((rows.rate_dps, t, indication)).reshape(count.size, -1, 3)
     apart = np.max(np.ptp(held[:, :, 0], axis=0))
     rate, t, F = held.mean(axis=0).T
-    dof = rate.size - 2 - 5  # the time constant counts
+    w = rate / np.max(np.abs(rate))
+    bent = np.column_stack([w**k for k in powers] if powers else [w**3, w * np.abs(w)])
+    dof = rate.size - 2 - 3 - bent.shape[1]  # the time constant counts
     if apart > equation.SAME_RATE * np.max(np.abs(rate)) or dof < LEAST_DOF:
         return None
-    return _judge(rate, t, F, dof)
+    return _judge(rate, t, F, bent, dof)
 
 
-def _judge(rate: Array, t: Array, F: Array, dof: int) -> Ordering:
-    """Decision on rates, times and indications [n]."""
+def flag(name: str, ordering: Ordering | None, K: float) -> Iterator[str]:
+    """Flags for a scale factor that changes with time, and for rates that cannot tell."""
+    cure = "run the rates in random order, or repeat the first rates at the end"
+    if ordering is None:
+        return
+    if ordering.half_width:
+        ppm = PPM / abs(K)
+        what = (
+            "as of a scale factor that warms up: K is that at the end of the runs"
+            if ordering.decision == "time"
+            else "or with a bent response, and nothing separates the two: K is the mean of both"
+        )
+        yield (
+            f"{name}: the indication changes with time since the runs began, {what},"
+            f" {ordering.shift * ppm:+.2g} ppm off the straight line and known to"
+            f" {ordering.half_width * ppm:.2g} ppm; {cure}, after the warm-up"
+        )
+    elif ordering.separable < SEPARABLE:
+        yield (
+            f"{name}: rates rise with time: a scale factor that warms up looks like a bent"
+            f" response; {cure}"
+        )
+
+
+def _judge(rate: Array, t: Array, F: Array, bent: Array, dof: int) -> Ordering:
+    """Decision on rates, times, indications [n], and shapes [n, k] of the response."""
     from scipy.special import fdtri
 
     w, t = rate / np.max(np.abs(rate)), t / t.max()
     line = np.column_stack((w, np.ones_like(w)))
-    bent = np.column_stack((w**3, w * np.abs(w)))
     left = _left(np.column_stack((line, bent)), w * t)
     separable = float(np.linalg.norm(left) / np.linalg.norm(w * t))
     hold = float(np.min(np.diff(np.sort(t))))

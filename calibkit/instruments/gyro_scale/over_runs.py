@@ -11,18 +11,20 @@ import numpy as np
 from calibkit.arrays import Array
 from calibkit.coefficients import Figure
 from calibkit.constants import DPH_PER_DPS
-from calibkit.errors import FitError, advise_exclude
 from calibkit.fit import orders
 from calibkit.fit.solve import Fit
-from calibkit.instruments.gyro_scale import equation, forms, ordering, run_lines, table_runs
-from calibkit.instruments.gyro_scale.numeric import (
-    gjb_figures,
-    line_terms,
-    response as rate_response,
-    scale_factor,
+from calibkit.instruments.gyro_scale import (
+    bent_response,
+    contradictions,
+    equation,
+    forms,
+    ordering,
+    run_lines,
+    table_runs,
 )
+from calibkit.instruments.gyro_scale.numeric import gjb_figures, line_terms, scale_factor
 from calibkit.instruments.gyro_scale.recipe import GyroRecipe, OwnAxisRecipe
-from calibkit.numeric import gum, left_out_run
+from calibkit.numeric import gum
 from calibkit.numeric.least_squares import polynomial
 from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
 from calibkit.recipe import shared_errors
@@ -67,7 +69,8 @@ class GyroOverRuns:
     """The same [1/s]."""
     correlation: float
     """Of K and F0."""
-    response: rate_response.Response | None
+    response: tuple[Fit, equation.Terms] | None
+    """Equation (1) where it has powers of the rate."""
     K_over_temperature: TemperaturePolynomial | None = None
     F0_over_temperature: TemperaturePolynomial | None = None
     slope: Estimate | None = None
@@ -90,17 +93,16 @@ def fit_over_runs(
     temperature = np.array([run.temp_degc for run in runs])
     room = np.isnan(temperature) | (np.abs(temperature - spec.reference_temp_degc) <= ROOM_DEGC)
     at_room = tuple(run for run, is_in in zip(runs, room, strict=True) if is_in) or tuple(runs)
-    response = choose_response(spec, gyro, runs)
     if len(runs) == 1:
         single = _of_single(runs[0].scale(gyro), spec)
-        return GyroOverRuns(gyro, tuple(runs), at_room, *single, response)
+        return GyroOverRuns(gyro, tuple(runs), at_room, *single, fit_response(spec, gyro, runs))
     varies = bool(np.isfinite(temperature).all() and np.ptp(temperature) >= VARIES_DEGC)
     rows = _rows(gyro, runs)
     if near and near.fitted:
         fitted, before, terms = near.fitted
         fitted = equation.refit(fitted, before, rows, terms)
     else:
-        terms = _terms(gyro, runs, rows, varies=varies)
+        terms = _terms(spec, gyro, runs, rows, varies=varies)
         slope = np.array([np.mean([run.scale(gyro).K for run in runs])])
         shared = list(equation.shared_errors(rows, terms, slope, slope))
         stated = shared_errors.state_sizes(spec.errors, [e for e in shared if e.group == "run"])
@@ -130,7 +132,7 @@ def fit_over_runs(
         K_at_room,
         F0_at_room,
         float(both[0, 1]) / size if size > 0.0 else 0.0,
-        response,
+        (fitted, terms) if spec.response == "auto" and terms.powers else None,
         fitted=(fitted, rows, terms),
         in_time=in_time,
     )
@@ -151,35 +153,10 @@ def _order_in_time(
 ) -> ordering.Ordering | None:
     """Whether K changes with time in the runs, beside what temperature changes."""
     if not max(terms.orders):
-        return ordering.decide(rows, rows.indication)
+        return ordering.decide(rows, rows.indication, powers=terms.powers)
     mean, p = replace(rows, row_degc=rows.temp_degc[rows.run]), fitted.parameters
     warmed = equation.response(p, rows, terms) - equation.response(p, mean, terms)
-    return ordering.decide(rows, rows.indication - warmed, np.inf)
-
-
-def _flag_time(one: GyroOverRuns) -> Iterator[str]:
-    """Flags for a scale factor that changes with time, and for rates that cannot tell."""
-    found, name = one.in_time, forms.line_name(one.gyro)
-    cure = "run the rates in random order, or repeat the first rates at the end"
-    if found is None:
-        return
-    if found.half_width:
-        ppm = gjb_figures.PPM / abs(one.K.value)
-        what = (
-            "as of a scale factor that warms up: K is that at the end of the runs"
-            if found.decision == "time"
-            else "or with a bent response, and nothing separates the two: K is the mean of both"
-        )
-        yield (
-            f"{name}: the indication changes with time since the runs began, {what},"
-            f" {found.shift * ppm:+.2g} ppm off the straight line and known to"
-            f" {found.half_width * ppm:.2g} ppm; {cure}, after the warm-up"
-        )
-    elif found.separable < ordering.SEPARABLE:
-        yield (
-            f"{name}: rates rise with time: a scale factor that warms up looks like a bent"
-            f" response; {cure}"
-        )
+    return ordering.decide(rows, rows.indication - warmed, np.inf, terms.powers)
 
 
 def _rows(gyro: str, runs: Sequence[table_runs.TableRun]) -> equation.Rows:
@@ -198,22 +175,30 @@ def _rows(gyro: str, runs: Sequence[table_runs.TableRun]) -> equation.Rows:
 
 
 def _terms(
-    gyro: str, runs: Sequence[table_runs.TableRun], rows: equation.Rows, *, varies: bool
+    spec: OwnAxisRecipe,
+    gyro: str,
+    runs: Sequence[table_runs.TableRun],
+    rows: equation.Rows,
+    *,
+    varies: bool,
 ) -> equation.Terms:
     """Terms of the equation that the runs carry and ask for."""
-    corrected = np.concatenate([run.scale(gyro).indication for run in runs])
     levels = np.unique(np.round(rows.temp_degc)).size if varies else 1
     order = orders.orders(len(runs), levels, polynomial.HIGHEST_ORDER)[-1]
     if levels >= LEAST_LEVELS:
         order = max(order, equation.LOWEST_ORDER)
-    return equation.Terms(
-        1,
-        (order, order),
-        polynomial.middle_and_half(rows.temp_degc) if order else (0.0, 1.0),
-        run_lines.find_shapes(rows, corrected),
-        float(np.max(np.abs(rows.rate_dps))),
-        "constant" if rows.both_ways else "as K",
+    terms = equation.Terms(
+        orders=(order, order),
+        middle_half=polynomial.middle_and_half(rows.row_degc) if order else (0.0, 1.0),
+        fastest_dps=float(np.max(np.abs(rows.rate_dps))),
     )
+    if spec.response == "auto":
+        bent = bent_response.choose(rows, terms)
+        if bent.powers:
+            return bent
+    corrected = np.concatenate([run.scale(gyro).indication for run in runs])
+    shapes = run_lines.find_shapes(rows, corrected)
+    return replace(terms, shapes=shapes, bends="constant" if rows.both_ways else "as K")
 
 
 def _powers(curve: Fit, x: Array) -> Array:
@@ -285,28 +270,17 @@ def _points(gyro: str, runs: Sequence[table_runs.TableRun], name: str) -> tuple[
     )
 
 
-def choose_response(
+def fit_response(
     spec: OwnAxisRecipe, gyro: str, runs: Sequence[table_runs.TableRun]
-) -> rate_response.Response | None:
-    """Response over rate of all runs together, (F − F0)/K [°/s] against the table rate, chosen by
-    leave-one-rate-out error.
-
-    None where the recipe asks for the line alone, or the line is the best.
+) -> tuple[Fit, equation.Terms] | None:
+    """Equation (1) of the runs of a gyro without errors that they share; None where the recipe asks
+    for the line alone, or no power of the rate is asked for.
     """
-    if spec.response == "line":
+    rows = _rows(gyro, runs)
+    terms = _terms(spec, gyro, runs, rows, varies=False)
+    if spec.response == "line" or not terms.powers:
         return None
-    rate = np.concatenate([run.plateaus.rate_dps for run in runs])
-    lines = [run.scale(gyro) for run in runs]
-    indicated = np.concatenate([(line.indication - line.F0) / line.K for line in lines])
-    # runs repeat their rates: leaving out a rate means leaving it out of all runs
-    group = np.round(rate, 3)
-    levels = [group == level for level in np.unique(group)]
-    means = [np.array([x[level].mean() for level in levels]) for x in (rate, indicated)]
-    try:
-        chosen, _ = rate_response.choose(*means)
-    except FitError:
-        return None
-    return None if chosen.form == "odd-polynomial" and chosen.order == 1 else chosen
+    return equation.fit(rows, terms, ()), terms
 
 
 def run_figures(name: str, one: GyroOverRuns, spec: OwnAxisRecipe) -> list[Figure]:
@@ -387,53 +361,6 @@ def _propagated(
     return at, float(np.sqrt(np.sum(np.square(steps))))
 
 
-def _flag_other_gyro(one: GyroOverRuns) -> list[str]:
-    """Flag for a run at the reference temperature whose K differs from the others', as of another
-    gyro or setting.
-    """
-    K, _ = _points(one.gyro, one.at_room, "K")
-    off = np.abs(K / np.median(K) - 1.0)
-    if not _repeats(one) or not off.max() > table_runs.UNCERTAIN:
-        return []
-    name = one.at_room[int(np.argmax(off))].log.file
-    apart = f"{gjb_figures.PPM * off.max():.0f} ppm off the other runs: another gyro or setting?"
-    return [f"{forms.line_name(one.gyro)}: K of {name} is {apart}"]
-
-
-def _flag_temperatures(one: GyroOverRuns) -> Iterator[str]:
-    """Flags on runs whose K the others over temperature contradict; FitError where that is because
-    their thermometer was in °F.
-    """
-    temperature = np.array([run.temp_degc for run in one.runs])
-    if one.K_over_temperature is None:
-        return
-    files = [run.log.file for run in one.runs]
-    K, u = _points(one.gyro, one.runs, "K")
-    in_degf = left_out_run.find_degf(temperature, K, u)
-    if in_degf.any():
-        listed = ", ".join(
-            f"{files[k]} ({temperature[k]:.1f})" for k in np.flatnonzero(in_degf).tolist()
-        )
-        raise FitError(
-            f"{forms.line_name(one.gyro)}: K over temperature is one curve only if these runs"
-            f" are in °F, not °C: {listed}",
-            hint=(
-                f"write the unit into the headers of these logs, {forms.TEMPERATURE} (degF), or"
-                " leave them out"
-            ),
-        )
-    for found in left_out_run.find(temperature, K, u):
-        off = f"{gjb_figures.PPM * found.off / np.median(np.abs(K)):+.3g} ppm"
-        at = f"{files[found.run]} at {temperature[found.run]:.1f} °C"
-        yield f"{forms.line_name(one.gyro)}: " + (
-            f"K of {at} is {off} off what the other runs let expect: see its thermometer and what"
-            f" else was different, or leave it out: {advise_exclude(files[found.run])}"
-            if found.certain
-            else f"either K of {at} is {off} off, or K over temperature bends that much, which no"
-            " other run shows: repeat a run at that temperature"
-        )
-
-
 def _flag_between(one: GyroOverRuns, spec: GyroRecipe) -> Iterator[str]:
     """Flags on what the runs cannot tell of their repeatability and of the response."""
     name, cure = forms.line_name(one.gyro), 'state [[errors.component]] group = "run"'
@@ -473,8 +400,11 @@ def flag_runs(gyros: Sequence[GyroOverRuns], spec: GyroRecipe) -> tuple[str, ...
                 f"{forms.line_name(one.gyro)} in {run.log.file}", run.scale(one.gyro)
             )
     for one in gyros:
-        flags += [*_flag_other_gyro(one), *_flag_between(one, spec), *_flag_temperatures(one)]
-        flags += _flag_time(one)
+        flags += contradictions.flag_runs(forms.line_name(one.gyro), one.gyro, one.at_room)
+        flags += _flag_between(one, spec)
+        if one.K_over_temperature is not None:
+            flags += contradictions.flag_runs(forms.line_name(one.gyro), one.gyro, one.runs)
+        flags += ordering.flag(forms.line_name(one.gyro), one.in_time, one.K.value)
     temperature = np.array([run.temp_degc for run in runs])
     near = np.abs(temperature - spec.reference_temp_degc) <= ROOM_DEGC
     if len(temperature) > 1 and np.isnan(temperature).any():

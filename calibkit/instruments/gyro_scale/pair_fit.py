@@ -8,7 +8,7 @@ import numpy as np
 from calibkit.errors import FitError
 from calibkit.fit.shared import Shared
 from calibkit.fit.solve import Fit
-from calibkit.instruments.gyro_scale import forms, lines, table_runs
+from calibkit.instruments.gyro_scale import contradictions, forms, lines, ordering, table_runs
 from calibkit.instruments.gyro_scale.numeric import gjb_figures, pair as gyro_pair
 from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe
 from calibkit.numeric import gum
@@ -98,10 +98,14 @@ def fit_pair(
             f" {gum.coverage_factor(found.dof[2]):.3g}): state how well a mounting repeats in"
             ' [[errors.component]] group = "mounting", effect = "angle"'
         )
+    for change in held.in_time:
+        name = forms.line_name("ab"[change.gyro])
+        flags += ordering.flag(name, change.decided, held.K[change.lines].mean())
     for gyro in "ab":
+        name = forms.line_name(gyro, gyro)
         for run in runs[gyro]:
-            name = forms.line_name(gyro, gyro)
             flags += table_runs.flag_uncertain(name, run.scale(gyro))
+        flags += contradictions.flag_runs(name, gyro, runs[gyro])
     return PairFit(runs, every, errors, found, run_scale, mounting, tuple(dict.fromkeys(flags)))
 
 

@@ -152,8 +152,13 @@ def _of_scales(record: Record) -> Iterator[Quantity]:
             words = Words("indication", "示值")
             yield Quantity("F", record.stage, model.name, words, "1/s", inputs, point)
         elif model.form == forms.RESPONSE.name:
+            over = tuple(ranged(model, column) for column in model.valid)
+            point = of_form(forms.RESPONSE, model, over)
+            words = Words("indication", "示值")
+            yield Quantity("F", record.stage, model.name, words, "1/s", over, point)
+        elif model.form == forms.RESPONSE_1.name:
             inputs = (ranged(model, forms.RATE),)
-            point = of_form(forms.RESPONSE, model, inputs)
+            point = of_form(forms.RESPONSE_1, model, inputs)
             words = Words("indicated rate", "示值角速率")
             rate = Quantity("rate", record.stage, model.name, words, "deg/s", inputs, point)
             yield replace(rate, compared=(({},),))

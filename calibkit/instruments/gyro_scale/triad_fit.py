@@ -13,9 +13,17 @@ from calibkit.constants import DPH_PER_DPS
 from calibkit.errors import FitError, advise_exclude
 from calibkit.fit.complex_step import Numbers
 from calibkit.fit.shared import Shared
-from calibkit.fit.solve import Fit
+from calibkit.fit.solve import Fit, Moved
 from calibkit.fit.value import Value
-from calibkit.instruments.gyro_scale import equation, forms, lines, over_runs, table_runs
+from calibkit.instruments.gyro_scale import (
+    contradictions,
+    equation,
+    forms,
+    lines,
+    ordering,
+    over_runs,
+    table_runs,
+)
 from calibkit.instruments.gyro_scale.numeric import line_terms, triad as gyro_triad
 from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe
 from calibkit.numeric.least_squares import polynomial
@@ -130,7 +138,7 @@ def fit_axes(
     )
     known = {effect: (size, dof) for effect, size, dof in spec.known_errors()}
     run_scale, mounting = held.run_scale(known.get("scale")), held.mounting(known.get("angle"))
-    errors = near.errors if near else held.errors()
+    errors = Moved.of_fit(near.errors, near.errors.parameters) if near else held.errors()
     stated = [error for error in (run_scale, mounting) if error]
     vertical = table_runs.vertical_rate_dps(spec)
     sets = tuple(
@@ -142,6 +150,11 @@ def fit_axes(
     flags = [flag for run in every for flag in run.flags]
     if not logged and len(every) > len(forms.AXES):
         flags.append(over_runs.UNLOGGED)
+    if not near:
+        flags += _flag_contradictions(held, groups, spec.gyros)
+        for change in held.in_time:
+            name = forms.line_name(spec.gyros[change.gyro])
+            flags += ordering.flag(name, change.decided, held.K[change.lines].mean())
     flags += _flag_sets(spec, sets, mounting)
     if run_scale is None:
         flags.append(lines.WITHIN)
@@ -200,7 +213,8 @@ def _over_temperature(
     """Sensitivities and biases over temperature."""
     S, rows = held.sensitivity(), replace(held.rows, indication=held.raw, line=held.rows.channel)
     if near:
-        terms, fitted = near.terms, equation.refit(near.fitted, near.rows, rows, near.terms)
+        terms = near.terms
+        fitted: Fit = equation.refit(near.fitted, near.rows, rows, terms)
     else:
         terms, fitted = _fit_polynomials(held, rows, S, run_scale)
     line = equation.best_line(terms, rows.rate_dps)
@@ -297,6 +311,21 @@ def _groups(
                 ),
             )
     return groups
+
+
+def _flag_contradictions(
+    held: lines.TableRows,
+    groups: Sequence[Mapping[str, tuple[table_runs.TableRun, ...]]],
+    gyros: Sequence[str],
+) -> Iterator[str]:
+    """Flags on runs whose scale factors, or shares of the rate, the others contradict."""
+    in_order = [(axis, run) for group in groups for axis in forms.AXES for run in group[axis]]
+    most = np.argmax(np.abs(held.sensitivity()), axis=1)
+    for gyro, number in zip(gyros, most, strict=True):
+        axis = forms.AXES[number]
+        runs = [run for about, run in in_order if about == axis]
+        yield from contradictions.flag_runs(forms.line_name(gyro, axis), gyro, runs)
+    yield from contradictions.flag_shares(held, [run for _, run in in_order], gyros)
 
 
 def _flag_sets(

@@ -14,7 +14,8 @@ from calibkit.instruments.gyro_scale.numeric.plateau_means import Plateaus
 from calibkit.numeric.dispersion import rms
 
 ASYMMETRY = "asymmetry"
-CURVATURES = {f"curvature {power}": power for power in (2, 3, 5, 7)}
+CURVATURE = "curvature"
+CURVATURES = tuple(f"{CURVATURE} {power}" for power in (2, 3, 5, 7))
 """Powers of the rate that are tried; like asymmetry they belong to the response over the rate,
 and are no part of what is taken out.
 """
@@ -147,10 +148,17 @@ def shapes(rate_dps: Array, fastest_dps: float | None = None) -> dict[str, Array
     """Candidate terms of the response over rates [n], name → [n, 1]; powers are of the rate over
     the fastest one, by default that of these rates.
     """
-    size = np.abs(rate_dps)[:, None]
-    fastest = np.max(size, initial=np.finfo(np.float64).tiny)
-    share = rate_dps[:, None] / (fastest if fastest_dps is None else fastest_dps)
-    return {ASYMMETRY: size} | {name: share**power for name, power in CURVATURES.items()}
+    if fastest_dps is None:
+        fastest_dps = float(np.max(np.abs(rate_dps), initial=np.finfo(np.float64).tiny))
+    names = (ASYMMETRY, *CURVATURES)
+    return {name: shape(name, rate_dps, fastest_dps)[:, None] for name in names}
+
+
+def shape(name: str, rate_dps: Array, fastest_dps: float) -> Array:
+    """Term [n] of the response by its name; powers are of the rate over the fastest one."""
+    if name == ASYMMETRY:
+        return np.abs(rate_dps)
+    return np.asarray((rate_dps / fastest_dps) ** int(name.removeprefix(CURVATURE)))
 
 
 def ask(

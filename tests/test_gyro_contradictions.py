@@ -1,0 +1,98 @@
+"""Runs of pairs and triads that contradict the others are named."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import calibkit
+
+RATES = np.linspace(-100.0, 100.0, 9)
+AXES = np.eye(3) + 1e-3 * np.array([[0.0, 3.0, -2.0], [4.0, 0.0, 2.5], [-3.5, 1.5, 0.0]])
+SCALES = np.array([1.00e4, 1.01e4, 0.98e4])
+
+
+def log(rng, turned, degc, scale=1.0):
+    """A run about an axis, of three gyros whose scale factors follow temperature."""
+    K = SCALES * (1.0 + 1e-5 * (degc - 25.0)) * scale * (AXES @ turned)
+    frame = {"time_s": 40.0 * np.arange(RATES.size), "table_rate_dps": RATES}
+    frame["temp_case_degc"] = np.full(RATES.size, degc)
+    for gyro, slope in zip("xyz", K, strict=True):
+        frame[f"gyro_{gyro}_lsb"] = slope * RATES + 20.0 + 0.5 * rng.standard_normal(RATES.size)
+    return pd.DataFrame(frame)
+
+
+def flags_of_triad(change):
+    """Flags of twelve logs, one of which is changed."""
+    rng = np.random.default_rng(4)
+    logs = {
+        f"about_{name}_{k}.csv": log(rng, axis, degc)
+        for k, degc in enumerate((-40.0, 0.0, 25.0, 60.0))
+        for name, axis in zip("xyz", np.eye(3), strict=True)
+    }
+    change(logs)
+    recipe = {
+        "procedure": "gyro_triad",
+        "logs": {"files": ["*.csv"]},
+        "axes": {name: [f"about_{name}*.csv"] for name in "xyz"},
+        "plateaus": {"one_row": True},
+        "site": {"latitude_deg": 34.2},
+    }
+    flags = calibkit.fit(recipe, logs=logs, runs=None, date="2026-11-26").flags
+    return [flag for flag in flags if "other logs" in flag]
+
+
+def turn(logs):
+    """Turn the sign of y in a log about x."""
+    logs["about_x_3.csv"]["gyro_y_lsb"] *= -1.0
+
+
+def swap(logs):
+    """Swap x and y in a log about z."""
+    both = ["gyro_x_lsb", "gyro_y_lsb"]
+    logs["about_z_0.csv"][both] = logs["about_z_0.csv"][both[::-1]].to_numpy()
+
+
+def add(logs):
+    """Tilt the base in a log about y."""
+    logs["about_y_2.csv"]["gyro_z_lsb"] += 10.0 * RATES
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (turn, ["about_x_3.csv: about x the sign of gyro y is turned"]),
+        (swap, ["about_z_0.csv: about z gyros x and y are swapped"]),
+        (add, ["about_y_2.csv: about y either gyro z contradicts the other logs"]),
+        (lambda logs: None, []),
+    ],
+    ids=["sign", "swapped", "tilted", "sound"],
+)
+def test_a_log_whose_cross_axes_contradict_the_others_is_named(change, expected):
+    """Twelve logs at four temperatures: the one that was changed, its gyro and the cause; none
+    where nothing was.
+    """
+    flags = flags_of_triad(change)
+    assert len(flags) == len(expected)
+    for flag, text in zip(flags, expected, strict=True):
+        assert flag.startswith(text)
+
+
+def test_a_run_of_a_pair_with_another_setting_is_named():
+    """Three runs about each axis, one with K 2000 ppm off."""
+    rng = np.random.default_rng(8)
+    logs = {}
+    for name, axis in zip("ab", np.eye(3)[:2], strict=True):
+        for k in range(3):
+            scale = 1.002 if (name, k) == ("b", 1) else 1.0
+            columns = {"gyro_x_lsb": "gyro_a_lsb", "gyro_y_lsb": "gyro_b_lsb"}
+            frame = log(rng, axis, 25.0, scale).rename(columns=columns)
+            logs[f"about_{name}_{k}.csv"] = frame.drop(columns="gyro_z_lsb")
+    recipe = {
+        "procedure": "gyro_pair",
+        "logs": {"files": ["*.csv"]},
+        "pair": {"axis_a": "about_a*.csv", "axis_b": "about_b*.csv"},
+        "plateaus": {"one_row": True},
+    }
+    flags = calibkit.fit(recipe, logs=logs, runs=None, date="2026-11-26").flags
+    (named,) = [flag for flag in flags if "off the other runs" in flag]
+    assert named.startswith("b_about_b: K of about_b_1.csv is 1999 ppm off")
