@@ -57,7 +57,7 @@ def triad_pool() -> Pool:
     """Faces and edges of a cube, with the errors of the sample bench."""
     spec = instruments.parse_recipe(recipe.find("accelerometer", LOW_ORDERS))
     task = Task(equipment.read_equipment(None), range_degc=(-20.0, 60.0))
-    bench = plan.prepare(spec, task)  # type: ignore[arg-type]
+    bench = plan.prepare_plan(spec, task)  # type: ignore[arg-type]
     assert isinstance(bench, plan.TriadBench)  # noqa: S101 (as its recipe asks)
     spots = np.array(plan.USUAL["18 faces and edges, 9 temperatures"], dtype=np.float64)
     mounting = np.zeros(len(spots), dtype=np.int64)

@@ -11,7 +11,7 @@ from calibkit.errors import UsageError
 from calibkit.recipe.tables import ErrorComponent
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Collection, Iterable, Mapping
 
     from calibkit.coefficients import Model
     from calibkit.fit.shared import Shared
@@ -36,7 +36,9 @@ class Assumed:
     range_degc: tuple[float, float]
     components: tuple[ErrorComponent, ...]
     units: Units
-    notes: tuple[str, ...] = ()
+    told: Collection[tuple[str, str]]
+    """Errors that the recipe of a campaign states."""
+    notes: tuple[str, ...]
 
     def noise_of(self, length_s: float) -> float:
         """Standard deviation of the mean over a time [s]."""
@@ -68,12 +70,14 @@ def assume(
     units: Units,
     *,
     default_degc: tuple[float, float] | None = None,
+    told: Collection[tuple[str, str]] | None = None,
     earlier: Iterable[ErrorComponent] = (),
     noise: float | None = None,
     notes: tuple[str, ...] = (),
 ) -> Assumed:
     """Assumptions of a plan: errors of the equipment, over them those of an earlier run, over these
-    what the recipe states. Without a default the campaign is at the reference temperature.
+    what the recipe states; all are told the fit where `told` names none. Without a default the
+    campaign is at the reference temperature.
 
     Raises UsageError for an error that the procedure does not have, and for a range that the
     chamber does not reach, or that is asked of a campaign at one temperature; measured logs may
@@ -89,7 +93,8 @@ def assume(
     else:
         low, high = task.range_degc or default_degc
         task.equipment.require_reached(low, high)
-        notes = (*notes, *task.describe_range(default_degc))
+        if not task.range_degc:
+            notes = (*notes, f"no --range: planned for {low:g} to {high:g} °C")
     every = (*device.component, *earlier, *spec.errors.component)
     stated = {(one.group, one.effect): one for one in every}
     for group, effect in stated:
@@ -99,7 +104,8 @@ def assume(
                 hint=f"there are {', '.join(f'{e} of {g}' for g, e in units)}",
             )
     noise = device.noise if noise is None else noise
-    return Assumed(device, noise, (low, high), tuple(stated.values()), units, notes)
+    told = units if told is None else told
+    return Assumed(device, noise, (low, high), tuple(stated.values()), units, told, notes)
 
 
 def read_sizes(document: Mapping[str, Any], units: Units) -> dict[tuple[str, str], float]:
@@ -108,6 +114,17 @@ def read_sizes(document: Mapping[str, Any], units: Units) -> dict[tuple[str, str
     for stated in map(ErrorComponent.model_validate, document["components"]):
         sizes[stated.group, stated.effect] = stated.value_in(units[stated.group, stated.effect])
     return sizes
+
+
+def read_errors(task: Task, file: str, procedure: str) -> list[ErrorComponent]:
+    """Shared errors that the models in a file of an earlier run saw, none without a run; UsageError
+    for a run of another procedure.
+    """
+    if task.earlier is None:
+        return []
+    if file not in task.earlier:
+        raise UsageError(f"that run has no {file}", hint=f"name a run of {procedure}")
+    return seen_errors(task.earlier[file].models)
 
 
 def seen_errors(models: Iterable[Model]) -> list[ErrorComponent]:

@@ -54,8 +54,8 @@ def pool(
     p = jacobian.shape[1]
     rows = np.hstack([jacobian / noise[:, None], _loadings(shared, noise)])
     parts = rows.reshape(count, -1, rows.shape[1])
-    own = [error.loading * (error.size or 0.0) / noise[:, None] for error in single]
-    z = np.hstack([np.zeros((len(rows), 0)), *own]).reshape(*parts.shape[:2], -1)
+    single_loadings = [error.loading * (error.size or 0.0) / noise[:, None] for error in single]
+    z = np.hstack([np.zeros((len(rows), 0)), *single_loadings]).reshape(*parts.shape[:2], -1)
     # (I + z zᵀ)⁻¹ = I - z (I + zᵀ z)⁻¹ zᵀ
     across = np.einsum("crk,crq->ckq", z, parts)
     inner = np.einsum("crk,crl->ckl", z, z) + np.eye(z.shape[2])

@@ -113,11 +113,6 @@ class Task:
             prefix += ADDED
         return prefix + name
 
-    def describe_range(self, default: tuple[float, float]) -> tuple[str, ...]:
-        """Note on the range that is planned for where none was asked for."""
-        low, high = default
-        return () if self.range_degc else (f"no --range: planned for {low:g} to {high:g} °C",)
-
 
 def measured_range(logs: Iterable[Log]) -> tuple[float, float] | None:
     """Lowest and highest case temperature [°C] of logs; None where none is logged."""
@@ -184,6 +179,10 @@ class Design:
     """What the instrument predicts its uncertainty from."""
     how: Any = None
     """What the instrument made it from."""
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    """What a simulation of it needs beside the schedule."""
+    changes: Mapping[str, Any] = field(default_factory=dict)
+    """Keys and tables of its recipe with other values."""
 
     @classmethod
     def nothing(cls) -> Design:

@@ -53,21 +53,13 @@ class Bench(ABC):
     have: Any
     """Rows that are measured already; None without any."""
 
-    @property
-    def undetermined(self) -> tuple[str, str]:
-        """What is said where no campaign serves, and what helps."""
-        return (
-            "no campaign determines the coefficients over the range",
-            "plan without --have, or for a narrower --range",
-        )
-
     @abstractmethod
     def designs(self) -> Iterator[Design]:
         """Campaigns of all sizes; beside what is measured, also `NOTHING`."""
 
+    @abstractmethod
     def usual(self) -> Iterator[Design]:
         """Usual campaigns, for comparison."""
-        return iter(())
 
     def covers(self, design: Design) -> bool:  # noqa: ARG002 (an instrument may state it)
         """Whether the rows reach all of the range, with one more than the coefficients need."""
@@ -88,40 +80,31 @@ class Bench(ABC):
     def coefficients(self, design: Design) -> Iterator[Coefficient]:
         """Predicted standard uncertainties of the coefficients."""
 
-    def changes(self, design: Design) -> Mapping[str, Any]:  # noqa: ARG002 (an instrument may state it)
-        """Keys and tables with other values in the recipe of a campaign."""
-        return {}
-
-    def states(self, group: str, effect: str) -> bool:  # noqa: ARG002 (an instrument may state it)
-        """Whether the recipe of a campaign states an error."""
-        return True
-
-    def settings(self, design: Design) -> Mapping[str, Any]:  # noqa: ARG002 (as `states`)
-        """What a simulation of the campaign needs beside the schedule."""
-        return {}
-
-    def notes(self, design: Design) -> Iterable[str]:  # noqa: ARG002 (as `states`)
+    def notes(self, design: Design) -> Iterable[str]:  # noqa: ARG002 (as `covers`)
         """What is to be said of a campaign."""
         return self.assumed.notes
 
-    def smaller(self, design: Design) -> Design | None:  # noqa: ARG002 (as `states`)
+    def smaller(self, design: Design) -> Design | None:  # noqa: ARG002 (as `covers`)
         """A design with a little less, where wishes may be met with it."""
         return None
 
     def candidate(self, design: Design) -> Candidate | None:
         """A design with its uncertainties; None where it does not determine all over the range."""
-        if not self.covers(design):
-            return None
         try:
-            found = self.variances(design)
+            if not self.covers(design):
+                return None
+            by_result = self.variances(design)
         except FitError:
             return None
-        return Candidate(design, {name: _root(whole(parts).max()) for name, parts in found.items()})
+        largest = {name: float(np.sqrt(whole(parts).max())) for name, parts in by_result.items()}
+        return Candidate(design, largest)
 
     def predict(self, design: Design) -> tuple[Predicted, ...]:
         """Predicted uncertainty of each result."""
-        found = self.variances(design)
-        return tuple(Predicted.of(name, unit, found[name]) for name, unit in self.results.items())
+        by_result = self.variances(design)
+        return tuple(
+            Predicted.of(name, unit, by_result[name]) for name, unit in self.results.items()
+        )
 
 
 def propose(bench: Bench) -> tuple[Proposal, tuple[Wish, ...]]:
@@ -133,8 +116,11 @@ def propose(bench: Bench) -> tuple[Proposal, tuple[Wish, ...]]:
     name = wishes[0].name if wishes else next(iter(bench.results))
     candidates = [one for design in bench.designs() if (one := bench.candidate(design))]
     if not candidates:
-        message, hint = bench.undetermined
-        raise FitError(message, hint=hint)
+        raise FitError(
+            f"no campaign with {task.remountings} remountings determines all over the range",
+            hint="plan without --have, for a narrower --range, for more --remountings, or lower the"
+            " orders of the recipe",
+        )
     best = choose(candidates, wishes, task.within_h, name)
     if wishes and best.meets(wishes):
         while smaller := bench.smaller(best.design):
@@ -153,8 +139,8 @@ def propose(bench: Bench) -> tuple[Proposal, tuple[Wish, ...]]:
         recipe_text.write_recipe(
             bench.spec,
             design.logs,
-            [one for one in assumed.components if bench.states(one.group, one.effect)],
-            bench.changes(design),
+            [one for one in assumed.components if (one.group, one.effect) in assumed.told],
+            design.changes,
             added=bool(task.have),
         ),
         assumed.noise,
@@ -163,15 +149,17 @@ def propose(bench: Bench) -> tuple[Proposal, tuple[Wish, ...]]:
         tuple(find_front(candidates, name)),
         () if task.have else tuple(usual),
         tuple(bench.notes(design)),
-        bench.settings(design),
+        design.settings,
     )
     return proposal, wishes
 
 
 def judge(bench: Bench) -> tuple[Predicted, ...]:
     """What the logs that are measured tell; empty where they do not determine all."""
-    nothing = Design.nothing()
-    return bench.predict(nothing) if bench.task.have and bench.candidate(nothing) else ()
+    try:
+        return bench.predict(Design.nothing()) if bench.task.have else ()
+    except FitError:
+        return ()
 
 
 def join(*parts: Any) -> Any:  # noqa: ANN401 (rows of an instrument)
@@ -200,7 +188,3 @@ def split_variance(fit: Fit, slopes: Array, priors: Sequence[str] = ()) -> Sourc
 def whole(sources: Sources) -> Array:
     """Variance [m] of all sources together."""
     return np.asarray(np.sum([*sources.values()], axis=0))
-
-
-def _root(variance: float) -> float:
-    return float(np.sqrt(variance))

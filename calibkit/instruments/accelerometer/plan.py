@@ -149,20 +149,20 @@ class Soaks:
 
     def hold(self, spots: Array, noise: float) -> Dwells:
         """Dwells at attitudes [c, 2], all soaks of an attitude together."""
-        held, levels = len(spots), len(self.degc)
+        attitudes, levels = len(spots), len(self.degc)
         _, mounting = np.unique(self.mounting, return_inverse=True)
         cycle = self.middle_h[-1] + 1.0
         return Dwells(
             np.repeat(spots, levels, axis=0),
-            np.tile(np.array(self.degc, dtype=np.float64), held),
+            np.tile(np.array(self.degc, dtype=np.float64), attitudes),
             (np.arange(levels) + levels * mounting[:, None]).ravel(),
             (np.array(self.middle_h) + cycle * mounting[:, None]).ravel(),
-            np.full(held * levels, noise),
+            np.full(attitudes * levels, noise),
         )
 
 
 @dataclass(frozen=True, slots=True)
-class _Held:
+class _Choice:
     """Soaks of a design in their order, its attitudes by number, and how long each is held."""
 
     degc: tuple[int, ...]
@@ -182,15 +182,6 @@ class TriadBench(Bench):
     """Inclination and toolface [c, 2] [°] of the fixture's attitudes."""
     mounting: Integers
     """[c]."""
-
-    @property
-    def undetermined(self) -> tuple[str, str]:
-        """Attitudes in one plane determine no triad."""
-        message = (
-            f"no campaign with {self.task.attitudes} and {self.task.remountings} remountings"
-            " determines the coefficients"
-        )
-        return message, "allow more --remountings, or lower the orders of the recipe"
 
     @property
     def rate(self) -> float:
@@ -287,19 +278,6 @@ class TriadBench(Bench):
             for place, size in zip(places, u, strict=True):
                 yield Coefficient(name, k_factor.NAMES[place], forms.K_UNITS[place], size)
 
-    def changes(self, design: Design) -> Mapping[str, Any]:  # noqa: ARG002 (as every bench's)
-        """Logs beside those that are measured are as these are."""
-        return {} if self.task.have else {"dwells": {"mode": "rows"}}
-
-    def states(self, group: str, effect: str) -> bool:
-        """Several logs have no drift in common."""
-        return not self.task.have or (group, effect) != shared_errors.DRIFT
-
-    def settings(self, design: Design) -> Mapping[str, Any]:
-        """Noise of a dwell."""
-        held: _Held | None = design.how
-        return {"noise_g": self.assumed.noise_of(held.dwell_s)} if held else {}
-
     def design(
         self, degc: Sequence[int], chosen: Sequence[int], dwell_s: float, label: str = ""
     ) -> Design:
@@ -318,14 +296,14 @@ class TriadBench(Bench):
         for number, mounting in enumerate(mountings.tolist()):
             if number:
                 clock.remount(self.rate)
-            held = [(k, log) for k in chosen if self.mounting[k] == mounting]
-            held += [(k, f"{WITHHELD}{log}") for k in withheld if self.mounting[k] == mounting]
+            recorded = [(k, log) for k in chosen if self.mounting[k] == mounting]
+            recorded += [(k, f"{WITHHELD}{log}") for k in withheld if self.mounting[k] == mounting]
             for level in degc:
                 soak += 1
                 change = level - clock.degc
                 clock.ramp(float(level), self.rate)
                 clock.soak(equipment.soak_s(device, change, self.rate))
-                for k, name in held:
+                for k, name in recorded:
                     if fixture.attended:
                         clock.attend(fixture.move_s + dwell_s)
                     clock.move(fixture.move_s)
@@ -337,13 +315,16 @@ class TriadBench(Bench):
         dwells = Dwells(self.spots[spots], level_of.astype(np.float64), soaks, hours, noise)
         levels = count(len(set(degc)), "temperature")
         label = label or f"{len(chosen)} attitudes, {levels}, dwells of {dwell_s:g} s"
-        how = _Held(tuple(degc), tuple(chosen), dwell_s)
-        return Design(label, clock.schedule(), (log,), dwells, how)
+        how = _Choice(tuple(degc), tuple(chosen), dwell_s)
+        settings = {"noise_g": float(noise[0])}
+        # logs beside those that are measured are as these are
+        changes = {} if self.task.have else {"dwells": {"mode": "rows"}}
+        return Design(label, clock.schedule(), (log,), dwells, how, settings, changes)
 
-    def soaks(self, degc: Sequence[int], mounting: Integers, held: int, dwell_s: float) -> Soaks:
+    def soaks(self, degc: Sequence[int], mounting: Integers, number: int, dwell_s: float) -> Soaks:
         """Soaks in their order, with a number of dwells each."""
         equipment = self.task.equipment
-        length_s = held * (equipment.fixture(self.fixture).move_s + dwell_s)
+        length_s = number * (equipment.fixture(self.fixture).move_s + dwell_s)
         now, middle = 0.0, [length_s / 2.0]
         for a, b in pairwise(degc):
             now += length_s + abs(b - a) / self.rate * 60.0
@@ -442,15 +423,15 @@ class TriadBench(Bench):
 
     def smaller(self, design: Design) -> Design | None:
         """A design with one attitude less."""
-        held: _Held | None = design.how
-        if held is None or len(held.chosen) <= COUNTS[0]:
+        choice: _Choice | None = design.how
+        if choice is None or len(choice.chosen) <= COUNTS[0]:
             return None
-        noise = self.assumed.noise_of(held.dwell_s)
-        soaks = self.soaks(held.degc, self.mounting, len(held.chosen), held.dwell_s)
+        noise = self.assumed.noise_of(choice.dwell_s)
+        soaks = self.soaks(choice.degc, self.mounting, len(choice.chosen), choice.dwell_s)
         pool = self.pool(self.spots, soaks, noise)
-        fewer = [[*held.chosen[:k], *held.chosen[k + 1 :]] for k in range(len(held.chosen))]
+        fewer = [[*choice.chosen[:k], *choice.chosen[k + 1 :]] for k in range(len(choice.chosen))]
         chosen, _ = pool.exchange(min(fewer, key=pool.criterion))
-        return self.design(held.degc, sorted(chosen), held.dwell_s)
+        return self.design(choice.degc, sorted(chosen), choice.dwell_s)
 
     def usual(self) -> Iterator[Design]:
         """6, 12, 18 and 26 attitudes at nine temperatures, from low to high."""
@@ -509,6 +490,8 @@ def prepare_plan(spec: AccelerometerRecipe, task: Task) -> Bench:
     assumed = assume(
         *(spec, task, device, shared_errors.UNITS),
         default_degc=RANGE_DEGC,
+        # several logs have no drift in common
+        told=shared_errors.UNITS.keys() - ({shared_errors.DRIFT} if task.have else ()),
         earlier=earlier,
         noise=noise,
         notes=notes,
@@ -565,15 +548,16 @@ def simulate_plan(
     sensors = simulated.draw_triad(rng)
     sizes = read_sizes(document, shared_errors.UNITS)
     sizes[shared_errors.SECOND_ORDER] = 0.0  # these sensors have errors of their own
-    held = schedule.recorded("dwell")
-    dwells = planned_dwells(held, document["settings"]["noise_g"])
+    actions = schedule.recorded("dwell")
+    dwells = planned_dwells(actions, document["settings"]["noise_g"])
     indicate = partial(simulated.indications, sensors)
-    columns, drawn = simulate_dwells(rng, indicate, dwells, sizes)
-    columns["time_s"] = np.array([one.start_s + one.duration_s / 2.0 for one in held])
+    measured, drawn = simulate_dwells(rng, indicate, dwells, sizes)
+    time = np.array([one.start_s + one.duration_s / 2.0 for one in actions])
+    columns = {"time_s": time, **measured}
     sign = 1.0 if spec.reference.convention == "gravity" else -1.0
     for axis in simulated.AXES:
         columns[f"accel_{axis}_g"] *= sign
-    names = np.array([one.log for one in held])
+    names = np.array([one.log for one in actions])
     logs = {
         log: {column: values[names == log] for column, values in columns.items()}
         for log in schedule.by_log()
@@ -582,15 +566,15 @@ def simulate_plan(
     return as_planned(document, seed, logs, simulated.DECIMALS, truth)
 
 
-def planned_dwells(held: Sequence[Action], noise: float) -> Dwells:
+def planned_dwells(actions: Sequence[Action], noise: float) -> Dwells:
     """Dwells of a schedule, each with a noise [g] of its mean."""
-    degc = np.array([one.set_degc for one in held])
+    degc = np.array([one.set_degc for one in actions])
     return Dwells(
-        np.array([(one.inclination_deg, one.toolface_deg) for one in held]),
+        np.array([(one.inclination_deg, one.toolface_deg) for one in actions]),
         degc,
         np.cumsum(np.diff(degc, prepend=degc[:1]) != 0.0),
-        np.array([one.start_s + one.duration_s / 2.0 for one in held]) / SECONDS_PER_HOUR,
-        np.full(len(held), noise),
+        np.array([one.start_s + one.duration_s / 2.0 for one in actions]) / SECONDS_PER_HOUR,
+        np.full(len(actions), noise),
     )
 
 

@@ -133,31 +133,27 @@ class LengthBench(Bench):
         for term, size in zip(self.terms.listed, u, strict=True):
             yield Coefficient("triad", term.name, term.unit, size)
 
-    def settings(self, design: Design) -> Mapping[str, Any]:
-        """Time in a position, and noise of a second."""
-        device = self.assumed.device
-        return {"dwell_s": design.how or 0.0, "noise_1s": device.noise * device.noise_s**0.5}
-
     def design(self, chosen: tuple[int, ...], dwell_s: float, label: str = "") -> Design:
         """Positions by number, with a time in each; where nothing is withheld yet, with those that
         lie farthest from them in a log that is.
         """
         clock, fixture = Clock(self.task.equipment), self.task.equipment.fixture(FIXTURE)
         log = self.task.name_log(LOG)
-        held = [(k, log) for k in chosen]
+        recorded = [(k, log) for k in chosen]
         if not self.task.withheld:
             apart = pools.spread_apart(self.directions, chosen, LEFT_OUT)
-            held += [(k, f"{WITHHELD}{log}") for k in apart]
+            recorded += [(k, f"{WITHHELD}{log}") for k in apart]
         if fixture.attended:
-            clock.attend(len(held) * (fixture.move_s + dwell_s))
-        for k, name in held:
+            clock.attend(len(recorded) * (fixture.move_s + dwell_s))
+        for k, name in recorded:
             clock.move(fixture.move_s)
             clock.dwell(self.spots[k].tolist(), dwell_s, name)
         noise = np.full(len(chosen), self.noise_of(dwell_s))
         one_log = np.zeros(len(chosen), dtype=np.int64)
         rows = Lengths(self.directions[list(chosen)], one_log, noise)
         label += f"{len(chosen)} positions of {dwell_s:g} s"
-        return Design(label, clock.schedule(), (log,), rows, dwell_s)
+        settings = {"dwell_s": dwell_s, "noise_1s": self.assumed.noise_of(1.0)}
+        return Design(label, clock.schedule(), (log,), rows, None, settings)
 
     def designs(self) -> Iterator[Design]:
         """Campaigns of all numbers of positions, each the best of its number."""
@@ -236,9 +232,9 @@ def simulate(
     noise = settings["noise_1s"] / np.sqrt(simulate_magnitude.INTERVAL_S)
     sign = 1.0 if spec.reference.convention == "gravity" else -1.0
     logs: dict[str, dict[str, Array]] = {}
-    for name, held in schedule.by_log().items():
-        spots = np.array([(one.inclination_deg, one.toolface_deg) for one in held])
-        gravity = attitude.gravity_vector(*spots.T) + rng.normal(0.0, BY_HAND, (len(held), 3))
+    for name, actions in schedule.by_log().items():
+        spots = np.array([(one.inclination_deg, one.toolface_deg) for one in actions])
+        gravity = attitude.gravity_vector(*spots.T) + rng.normal(0.0, BY_HAND, (len(actions), 3))
         gravity /= np.linalg.norm(gravity, axis=1)[:, None]
         along = simulate_magnitude.path(rng, gravity, settings["dwell_s"]) @ axes.T
         seen = (1.0 + k) * (along + second * along**2) + b + zero

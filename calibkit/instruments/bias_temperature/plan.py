@@ -19,7 +19,7 @@ from calibkit.forms import power_unit
 from calibkit.frame import values
 from calibkit.instruments.bias_temperature.polynomials import EFFECTS, GROUP
 from calibkit.numeric.least_squares import polynomial
-from calibkit.planning.assumptions import assume, read_sizes, seen_errors
+from calibkit.planning.assumptions import assume, read_errors, read_sizes
 from calibkit.planning.levels import (
     LEVELS,
     choose_some,
@@ -155,7 +155,8 @@ class BiasBench(Bench):
         means = Means(np.array(degc, dtype=np.float64), np.arange(len(degc)), noise)
         logs, levels = count(len(degc), "log"), count(len({*degc}), "temperature")
         label = f"{logs} at {levels}, {dwell_s / 60.0:g} min each"
-        return Design(label, clock.schedule(), (f"{stem}_*.csv",), means)
+        settings = {"lag_s": max(device.lags_s), "noise_1s": self.assumed.noise_of(1.0)}
+        return Design(label, clock.schedule(), (f"{stem}_*.csv",), means, None, settings)
 
     def designs(self) -> Iterator[Design]:
         """Campaigns of all sizes; beside what is measured, those of the temperatures that it lacks,
@@ -178,11 +179,6 @@ class BiasBench(Bench):
         """An hour at each of nine temperatures, from low to high."""
         yield self.design(list_usual_levels(self.assumed.range_degc), USUAL_S)
 
-    def settings(self, design: Design) -> Mapping[str, Any]:  # noqa: ARG002 (as every bench's)
-        """Lag of the case, and noise of a second."""
-        device = self.assumed.device
-        return {"lag_s": max(device.lags_s), "noise_1s": device.noise * device.noise_s**0.5}
-
     def notes(self, design: Design) -> Iterable[str]:
         """How the instrument is switched on."""
         return ((RESTART,) if design.rows else ()) + self.assumed.notes
@@ -199,12 +195,8 @@ def prepare_plan(spec: BiasTemperatureRecipe, task: Task) -> BiasBench:
             f" °C; the recipe has {', '.join(other) or polynomials.abscissa} of order {order}",
             hint=f"plan channels of one unit, that of noise_unit in [device.{spec.procedure}]",
         )
-    earlier = []
-    if task.earlier is not None:
-        if FILE not in task.earlier:
-            raise UsageError(f"that run has no {FILE}", hint=f"name a run of {spec.procedure}")
-        seen = seen_errors(task.earlier[FILE].models)
-        earlier = [one for one in seen if (one.group, one.effect) == TURN_ON]
+    seen = read_errors(task, FILE, spec.procedure)
+    earlier = [one for one in seen if (one.group, one.effect) == TURN_ON]
     named = {TURN_ON: device.noise_unit}
     assumed = assume(spec, task, device, named, default_degc=RANGE_DEGC, earlier=earlier)
     results = dict.fromkeys(("drift", "bias"), device.noise_unit)
@@ -265,9 +257,9 @@ def _follow(recorded: Sequence[Action], lag_s: float) -> Array:
     soak after it.
     """
     first, last = recorded[0], recorded[-1]
-    held = np.full(int(last.duration_s), last.set_degc)
+    soak = np.full(int(last.duration_s), last.set_degc)
     if first.action != "ramp":
-        return held
+        return soak
     left = np.arange(first.duration_s, 0.0, -1.0)
     chamber = first.set_degc - first.ramp_degc_per_min / 60.0 * left
-    return follow_with_lag(np.append(chamber, held), lag_s)
+    return follow_with_lag(np.append(chamber, soak), lag_s)

@@ -120,10 +120,10 @@ class RampBench(Bench):
             for sign, rate in zip((1, -1), pair, strict=True)
             if rate is not None
         ]
-        held = [(ramp, "") for ramp in by_turns]
+        recorded = [(ramp, "") for ramp in by_turns]
         if not self.task.withheld:
-            held.append((Ramp(float(self.withheld_rate(heating)), after_s), WITHHELD))
-        for ramp, folder in held:
+            recorded.append((Ramp(float(self.withheld_rate(heating)), after_s), WITHHELD))
+        for ramp, folder in recorded:
             sense = "heating" if ramp.rate > 0.0 else "cooling"
             log = folder + self.task.name_log(f"ramp_{sense}_{abs(ramp.rate):02g}.csv")
             clock.soak(planned.BEFORE_S, log)
@@ -134,7 +134,12 @@ class RampBench(Bench):
             rates = [*(f"+{rate}" for rate in heating), *(f"−{rate}" for rate in cooling)]
         label = f"ramps of {', '.join(rates)} °C/min, soaks of {after_s / 60.0:g} min"
         logs = (self.task.name_log("ramp_*.csv"),)
-        return Design(label, clock.schedule(), logs, tuple(by_turns))
+        settings = {
+            "range_degc": [low, high],
+            "case_lag_s": self.model.case_lag_s,
+            "white_dph": self.model.white_dph,
+        }
+        return Design(label, clock.schedule(), logs, tuple(by_turns), None, settings)
 
     def withheld_rate(self, heating: Sequence[int]) -> int:
         """Rate of the ramp that is withheld: between those of the design, and none of them."""
@@ -166,18 +171,6 @@ class RampBench(Bench):
         if self.suffices([*rates, *(-rate for rate in rates)]):
             yield self.design(rates, rates, max(self.assumed.device.dwell_s))
 
-    def states(self, group: str, effect: str) -> bool:  # noqa: ARG002 (as every bench's)
-        """No recipe of this procedure states errors of logs."""
-        return False
-
-    def settings(self, design: Design) -> Mapping[str, Any]:  # noqa: ARG002 (as every bench's)
-        """What the errors of a row follow from."""
-        return {
-            "range_degc": list(self.model.range_degc),
-            "case_lag_s": self.model.case_lag_s,
-            "white_dph": self.model.white_dph,
-        }
-
 
 def _count_rates(rates: Iterable[float]) -> int:
     """Number of unsigned rates [°C/min] that differ."""
@@ -197,6 +190,7 @@ def prepare_plan(spec: FogThermalRecipe, task: Task) -> RampBench:
     assumed = assume(
         *(spec, task, device, planned.UNITS),
         default_degc=RANGE_DEGC,
+        told=(),
         earlier=earlier,
         noise=noise,
         notes=notes,

@@ -88,7 +88,8 @@ class RecordBench(Bench):
         clock.soak(length_s, log)
         label += f"one log of {length_s / SECONDS_PER_HOUR:g} h"
         samples = round(length_s / INTERVAL_S)
-        return Design(label, clock.schedule(), (log,), (samples, INTERVAL_S))
+        settings = {"terms": dict(self.terms), "interval_s": INTERVAL_S}
+        return Design(label, clock.schedule(), (log,), (samples, INTERVAL_S), None, settings)
 
     def designs(self) -> Iterator[Design]:
         """Logs of all lengths; where one is measured, also `NOTHING`."""
@@ -102,14 +103,6 @@ class RecordBench(Bench):
     def usual(self) -> Iterator[Design]:
         """As long as the sample log."""
         yield self.design(USUAL_S, label="usual: ")
-
-    def states(self, group: str, effect: str) -> bool:  # noqa: ARG002 (as every bench's)
-        """No recipe of this procedure states terms."""
-        return False
-
-    def settings(self, design: Design) -> Mapping[str, Any]:  # noqa: ARG002 (as every bench's)
-        """Terms and sampling."""
-        return {"terms": dict(self.terms), "interval_s": INTERVAL_S}
 
     def notes(self, design: Design) -> Iterator[str]:
         """Terms that a log hardly shows, and the sampling that was assumed."""
@@ -147,7 +140,7 @@ def prepare_plan(spec: GyroNoiseRecipe, task: Task) -> RecordBench:
             hint="plan records of gyros alone",
         )
     units = {("record", _words(name)): unit for name, unit in UNITS.items()}
-    assumed = assume(spec, task, device, units)
+    assumed = assume(spec, task, device, units, told=())
     # the mean over noise_s; IEEE Std 952: N/√τ
     terms = {WALK: assumed.noise_of(SECONDS_PER_HOUR)}
     sizes = {_key(effect): assumed.size(group, effect) for group, effect in units}
@@ -182,8 +175,8 @@ def simulate_plan(
     """Log of gyros with the noise terms that the plan assumes."""
     rng, settings = np.random.default_rng(seed), document["settings"]
     terms = dict.fromkeys(TERMS, 0.0) | settings["terms"]
-    (held,) = schedule.recorded("soak")
-    samples = round(held.duration_s / settings["interval_s"])
+    (record,) = schedule.recorded("soak")
+    samples = round(record.duration_s / settings["interval_s"])
     interval = settings["interval_s"]
     rates = {
         column: noise.angle_random_walk(terms[WALK], samples, rng, interval_s=interval)
@@ -192,6 +185,6 @@ def simulate_plan(
         for column in spec.noise.columns
     }
     drawn = {term_name(name, LOG): value for name, value in settings["terms"].items()}
-    logs = {held.log: {"time_s": interval * np.arange(samples)} | rates}
+    logs = {record.log: {"time_s": interval * np.arange(samples)} | rates}
     decimals = {"time_s": 1} | dict.fromkeys(rates, 4)
     return as_planned(document, seed, logs, decimals, {"coefficients": {"gyro_noise": drawn}})

@@ -162,6 +162,9 @@ class Runs:
     """Table axis → temperatures of its runs in their order."""
 
 
+NO_RUNS = Runs(Run((), alternating=True, shortest_s=0.0), {})
+
+
 @dataclass(frozen=True)
 class GyroBench(Bench):
     """Campaigns of gyros that are turned about one table axis, or about three."""
@@ -176,7 +179,7 @@ class GyroBench(Bench):
     """
 
     def fit(
-        self, holds: Holds, without: Collection[tuple[str, str]] = ()
+        self, holds: Holds, without: Sequence[tuple[str, str]] = ()
     ) -> tuple[Fit, equation.Terms]:
         """What a fit of holds will tell beside their errors, and its terms."""
         low, high = self.assumed.range_degc
@@ -185,7 +188,9 @@ class GyroBench(Bench):
         middle_half = (low + high) / 2.0, max(high - low, 1.0) / 2.0
         terms = equation.Terms(1, (self.order,) * 2, middle_half, shapes)
         listed = equation.shared_errors(holds.rows, terms, np.ones(1), np.ones(1))
-        shared = [one for one in listed if (one.group, one.effect) not in without]
+        # of temperatures that change within runs a plan knows nothing
+        known = [name for name in UNITS if name not in without]
+        shared = [one for one in listed if (one.group, one.effect) in known]
         residual = partial(equation.residual, rows=holds.rows, terms=terms)
         stated = self.assumed.state(shared)
         fit = predict(residual, terms.start, stated, noise=holds.noise, names=terms.names)
@@ -196,7 +201,7 @@ class GyroBench(Bench):
         result: str,
         holds: Holds,
         degc: Array | None = None,
-        without: Collection[tuple[str, str]] = (),
+        without: Sequence[tuple[str, str]] = (),
     ) -> Sources:
         """Variance of scale factor [ppm²] or zero [(°/h)²] about one axis, at temperatures [m] [°C]
         or over the range of use: of the best straight line over the holds.
@@ -213,7 +218,7 @@ class GyroBench(Bench):
         """Variance [deg²] of the angle between two gyros, each seen a little about the axis of the
         other, where no scale factor matters.
         """
-        each = [self.line_variance(SCALE, one, degc, {RUN_SCALE}) for one in _single(campaign)]
+        each = [self.line_variance(SCALE, one, degc, [RUN_SCALE]) for one in _single(campaign)]
         a, b = (sorted(each, key=_mean) * 2)[-2:]
         none = np.zeros_like(whole(a))
         angle = {source: a.get(source, none) + b.get(source, none) for source in a | b}
@@ -240,24 +245,25 @@ class GyroBench(Bench):
         than the order needs.
         """
         campaign, range_degc = self.campaign(design), self.assumed.range_degc
-        return len(campaign) == len(self.axes) and all(
+        return all(
             cover_range(one.rows.temp_degc, self.order + 2, range_degc) for one in _single(campaign)
         )
 
     def campaign(self, design: Design) -> dict[str, Holds]:
-        """Table axis → what is measured about it already, and holds of a design; axes without any
-        are absent.
+        """Table axis → what is measured about it already, and holds of a design; FitError for an
+        axis without any.
         """
         campaign = dict(self.have)
-        runs: Runs | None = design.rows
-        if runs is None:
-            return campaign
         planned: dict[tuple[int, ...], Holds] = {}
+        runs: Runs = design.rows or NO_RUNS
         for axis, degc in runs.degc.items():
             if degc not in planned:
                 planned[degc] = self.planned_holds(runs.run, degc)
-            held = planned[degc]
-            campaign[axis] = campaign[axis].join(held) if axis in campaign else held
+            holds = planned[degc]
+            campaign[axis] = campaign[axis].join(holds) if axis in campaign else holds
+        missing = [axis for axis in self.axes if axis not in campaign]
+        if missing:
+            raise FitError(f"no run about {', '.join(missing)}", hint="plan without --have")
         return campaign
 
     def planned_holds(self, run: Run, degc: Sequence[int]) -> Holds:
@@ -307,12 +313,24 @@ class GyroBench(Bench):
                 order.insert(1, (between, f"{WITHHELD}{stem}_{between}.csv"))
             for one, log in order:
                 self.turn(clock, run, one, log)
-        return Design(
-            label or self.label(run, of_axis),
-            clock.schedule(),
-            tuple(f"{self.stem(axis)}_*.csv" for axis in mounted),
-            Runs(run, mounted),
-        )
+        single = self.planned_holds(run, (0,))
+        settings = {
+            "hold_s": run.shortest_s,
+            "order": self.order,
+            "rates_dps": single.rows.rate_dps.tolist(),
+            "middle_h": single.rows.hours.tolist(),
+            "noise_dps": single.noise.tolist(),
+            "temperatures_degc": list(of_axis[self.axes[0]]),
+        }
+        changes = {}
+        if isinstance(self.spec, GyroTriadRecipe):
+            before = dict(self.spec.axes) if self.task.have else {}
+            axes = {a: [*before.get(a, ()), f"{self.stem(a)}_*.csv"] for a in self.axes}
+            changes = {"axes": axes}
+        logs = tuple(f"{self.stem(axis)}_*.csv" for axis in mounted)
+        label = label or self.label(run, of_axis)
+        rows = Runs(run, mounted)
+        return Design(label, clock.schedule(), logs, rows, None, settings, changes)
 
     def label(self, run: Run, of_axis: Mapping[str, tuple[int, ...]]) -> str:
         """Runs in a few words."""
@@ -411,34 +429,6 @@ class GyroBench(Bench):
                 u = float(np.sqrt(whole(self.worst(name, campaign, at)))[0])
                 yield Coefficient(f"gyro_{gyro}", letter, RESULTS[name], u)
 
-    def changes(self, design: Design) -> Mapping[str, Any]:  # noqa: ARG002 (as every bench's)
-        """Over three axes the logs about each."""
-        if not isinstance(self.spec, GyroTriadRecipe):
-            return {}
-        before = dict(self.spec.axes) if self.task.have else {}
-        axes = {a: [*before.get(a, ()), f"{self.stem(a)}_*.csv"] for a in self.axes}
-        return {"axes": axes}
-
-    def states(self, group: str, effect: str) -> bool:
-        """What the recipes of these procedures can state."""
-        return (group, effect) in self.spec.component_units
-
-    def settings(self, design: Design) -> Mapping[str, Any]:
-        """What is held, and with which noise."""
-        runs: Runs | None = design.rows
-        if runs is None:
-            return {"hold_s": 0.0, "order": self.order}
-        degc = runs.degc.get(self.axes[0], ())
-        single = self.planned_holds(runs.run, (0,))
-        return {
-            "hold_s": runs.run.shortest_s,
-            "order": self.order,
-            "rates_dps": single.rows.rate_dps.tolist(),
-            "middle_h": single.rows.hours.tolist(),
-            "noise_dps": single.noise.tolist(),
-            "temperatures_degc": list(degc),
-        }
-
     def usual(self) -> Iterator[Design]:
         """Three runs at the reference temperature, one at each of others, from low to high."""
         low, high = self.assumed.range_degc
@@ -482,7 +472,7 @@ def prepare_plan(spec: RateTableRecipe | GyroTriadRecipe | GyroPairRecipe, task:
         from calibkit.instruments.gyro_scale import plan_pair
 
         return plan_pair.prepare(spec, task)
-    assumed, table = assume_on_table(spec, task, UNITS, RANGE_DEGC)
+    assumed, table = assume_on_table(spec, task, UNITS, RANGE_DEGC, told=spec.component_units)
     reference = float(np.clip(spec.reference_temp_degc, *assumed.range_degc))
     axes = forms.AXES if isinstance(spec, GyroTriadRecipe) else ("",)
     have = measure_runs(spec, task, assumed)
@@ -496,6 +486,9 @@ def assume_on_table(
     task: Task,
     units: Mapping[tuple[str, str], str],
     default_degc: tuple[float, float] | None,
+    *,
+    told: Collection[tuple[str, str]],
+    notes: tuple[str, ...] = (),
 ) -> tuple[Assumed, RateTable]:
     """Assumptions of a plan with a rate table: of an earlier run the shared errors that were seen,
     and the response at a rate, with the noise of the holds in it.
@@ -508,7 +501,7 @@ def assume_on_table(
             "a plan of gyros needs [rate_table] in the equipment file and a noise in deg/s",
             hint="see calibkit plan --print-equipment",
         )
-    earlier, notes = list[ErrorComponent](), tuple[str, ...]()
+    earlier = list[ErrorComponent]()
     if task.earlier is not None:
         record = task.earlier.get(forms.SCALE_FILE)
         figures = record.figures if record else ()
@@ -534,7 +527,11 @@ def assume_on_table(
         )
         notes = (f"of that run: {sizes}; noise as the equipment file states it",)
     assumed = assume(
-        spec, task, device, units, default_degc=default_degc, earlier=earlier, notes=notes
+        *(spec, task, device, units),
+        default_degc=default_degc,
+        told=told,
+        earlier=earlier,
+        notes=notes,
     )
     return assumed, table
 
@@ -558,12 +555,12 @@ def measure_runs(
     unknown = assumed.noise_of(min(assumed.device.dwell_s))
     have: dict[str, Holds] = {}
     for axis, run in runs:
-        held = run.plateaus
-        noise = np.sqrt(np.mean((held.standard_uncertainty / K) ** 2, axis=1))
+        plateaus = run.plateaus
+        noise = np.sqrt(np.mean((plateaus.standard_uncertainty / K) ** 2, axis=1))
         # of a log of one row per hold no noise is known
         noise = np.where(np.isfinite(noise) & (noise > 0.0), noise, unknown)
         one_run = np.zeros(noise.size, dtype=np.int64)
-        holds = Holds.of(held.rate_dps, one_run, held.temp_degc, held.hours, noise)
+        holds = Holds.of(plateaus.rate_dps, one_run, plateaus.temp_degc, plateaus.hours, noise)
         have[axis] = have[axis].join(holds) if axis in have else holds
     for holds in have.values():
         rates = holds.rows.rate_dps
@@ -599,7 +596,7 @@ def simulate_plan(
     scale, zero = size[RUN_SCALE] / PPM, size[RUN_ZERO] / DPH_PER_DPS
     tilts = np.radians(rng.normal(0.0, size[MOUNTING], (3, 3)))
     logs: dict[str, dict[str, Array]] = {}
-    for log, held in schedule.by_log().items():
+    for log, actions in schedule.by_log().items():
         axis = spec.find_axis(log.removeprefix(WITHHELD))
         seen = _mount(directions, axis, tilts) if axis else np.eye(3)[[2] * len(gyros)]
         moved = {
@@ -611,8 +608,8 @@ def simulate_plan(
             )
             for (name, gyro), direction in zip(gyros.items(), seen, strict=True)
         }
-        degc = held[0].set_degc - table.warming_degc / 2.0
-        rates = [one.table_rate_dps for one in held]
+        degc = actions[0].set_degc - table.warming_degc / 2.0
+        rates = [one.table_rate_dps for one in actions]
         logs[log] = simulate_rate_table.run(moved, table, rates, degc, rng)
     truth = {
         "gyros": {name: asdict(gyro) for name, gyro in gyros.items()},

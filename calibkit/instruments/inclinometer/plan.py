@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from calibkit.errors import FitError, UsageError
+from calibkit.errors import FitError
 from calibkit.fit.complex_step import derivative
 from calibkit.fit.shared import Prior, Shared
 from calibkit.fit.solve import Fit, predict
@@ -24,7 +24,7 @@ from calibkit.instruments.inclinometer.numeric.scale_fit import Roots
 from calibkit.instruments.inclinometer.published import Components
 from calibkit.instruments.inclinometer.rows import Rows
 from calibkit.numeric import earth
-from calibkit.planning.assumptions import Assumed, assume, read_sizes, seen_errors
+from calibkit.planning.assumptions import Assumed, assume, read_errors, read_sizes
 from calibkit.planning.levels import (
     LEVELS,
     choose_some,
@@ -85,14 +85,6 @@ class StationBench(Bench):
     order: int
     places: Array
     """[n, 2], inclination and azimuth [°] that the fixture has."""
-
-    @property
-    def undetermined(self) -> tuple[str, str]:
-        """At some latitudes no station shows s."""
-        return (
-            "no campaign determines s(T) over the range",
-            "plan without --have, for a narrower --range, or for another [site] latitude_deg",
-        )
 
     def mapped(self, degc: Array) -> Array:
         """Temperatures [n] [°C] mapped from the range of use to [-1, 1]."""
@@ -169,10 +161,10 @@ class StationBench(Bench):
             change = level - clock.degc
             clock.ramp(float(level), rate)
             clock.soak(equipment.soak_s(device, change, rate))
-            held = [(place, name) for place in places]
+            recorded = [(place, name) for place in places]
             if number == 1 and not self.task.withheld:
-                held += [(k, f"{WITHHELD}{name}") for k in self.withheld(places, dwell_s)]
-            for place, log in held:
+                recorded += [(k, f"{WITHHELD}{name}") for k in self.withheld(places, dwell_s)]
+            for place, log in recorded:
                 tilt, azimuth = self.places[place].tolist()
                 for position in simulated.POSITIONS_DEG.tolist():
                     clock.move(equipment.fixture(FIXTURE).move_s)
@@ -186,7 +178,12 @@ class StationBench(Bench):
         one_log = np.zeros(len(x), dtype=np.int64)
         soaks = len(degc)
         roots = Roots(np.ones(len(x)), np.tile(u, soaks), x, np.tile(by_turn, soaks), one_log)
-        return Design(label, clock.schedule(), (name,), roots, dwell_s)
+        settings = {
+            "noise_dph": self.assumed.noise_of(dwell_s),
+            "order": self.order,
+            "latitude_deg": self.spec.site.latitude_deg,
+        }
+        return Design(label, clock.schedule(), (name,), roots, None, settings)
 
     def withheld(self, places: tuple[int, ...], dwell_s: float) -> list[int]:
         """Places that are withheld: the best of those that the design has not."""
@@ -253,29 +250,15 @@ class StationBench(Bench):
             degc = list_usual_levels(self.assumed.range_degc)
             yield self.design(degc, tuple(spread), USUAL_S)
 
-    def states(self, group: str, effect: str) -> bool:  # noqa: ARG002 (as every bench's)
-        """A single log shows no difference between logs."""
-        known = set(self.spec.error_groups)
-        return group in (known if self.task.have else known - {OF_LOG[0]})
-
-    def settings(self, design: Design) -> Mapping[str, Any]:
-        """Noise of a gyro in a position, order of s(T), latitude."""
-        return {
-            "noise_dph": self.assumed.noise_of(design.how or 1.0),
-            "order": self.order,
-            "latitude_deg": self.spec.site.latitude_deg,
-        }
-
 
 def prepare_plan(spec: InclinometerRecipe, task: Task) -> StationBench:
     """What the search needs; UsageError for what cannot be planned."""
     device = task.equipment.known_device(spec.procedure, "deg/h")
-    earlier = []
-    if task.earlier is not None:
-        if FILE not in task.earlier:
-            raise UsageError(f"that run has no {FILE}", hint=f"name a run of {spec.procedure}")
-        earlier = seen_errors(task.earlier[FILE].models)
-    assumed = assume(spec, task, device, UNITS, default_degc=RANGE_DEGC, earlier=earlier)
+    earlier = read_errors(task, FILE, spec.procedure)
+    # a single log shows no difference between logs
+    groups = set(spec.error_groups) - (set() if task.have else {OF_LOG[0]})
+    told = [name for name in UNITS if name[0] in groups]
+    assumed = assume(spec, task, device, UNITS, default_degc=RANGE_DEGC, told=told, earlier=earlier)
     order = device.order if spec.scale.order == "auto" else spec.scale.order
     step = task.equipment.fixture(FIXTURE).step_deg
     tilts, azimuths = np.arange(step, 90, step), np.arange(0, 360, step)
@@ -362,19 +345,19 @@ def simulate_plan(
     pairs = {axis: _Pair.draw(rng, settings["order"], size) for axis in spec.axes}
     sign = 1.0 if spec.reference.convention == "gravity" else -1.0
     logs: dict[str, dict[str, Array | Integers]] = {}
-    for name, held in schedule.by_log().items():
-        at, held_at = held[::4], len(held) // 4
+    for name, actions in schedule.by_log().items():
+        at, number = actions[::4], len(actions) // 4
         tilt, azimuth, set_degc = np.array(
             [(one.inclination_deg, one.azimuth_deg, one.set_degc) for one in at]
         ).T
-        attitudes = simulated.Attitudes(tilt, np.zeros(held_at), azimuth)
+        attitudes = simulated.Attitudes(tilt, np.zeros(number), azimuth)
         soak = np.unique(set_degc, return_inverse=True)[1]
-        degc = np.round(set_degc + rng.normal(0.0, REACHED_DEGC, held_at)[soak], 2)
-        index = rng.normal(0.0, size[INDEX], (held_at, 4))
+        degc = np.round(set_degc + rng.normal(0.0, REACHED_DEGC, number)[soak], 2)
+        index = rng.normal(0.0, size[INDEX], (number, 4))
         logs[name] = columns = {
-            "station": np.repeat(np.arange(1, held_at + 1), 4),
-            "position_deg": np.tile(simulated.POSITIONS_DEG, held_at),
-            "time_s": np.array([one.start_s for one in held]),
+            "station": np.repeat(np.arange(1, number + 1), 4),
+            "position_deg": np.tile(simulated.POSITIONS_DEG, number),
+            "time_s": np.array([one.start_s for one in actions]),
             "temp_case_degc": np.repeat(degc, 4),
         }
         for axis, pair in pairs.items():
