@@ -268,18 +268,14 @@ def _response_model(
         ]
     else:
         valid.pop(forms.TEMPERATURE, None)
-    result = fitted.of(lambda p: p)
-    entries = zip(named, result.value.tolist(), strict=True)
-    return forms.RESPONSE.write(
+    return forms.RESPONSE.write_fit(
         name,
-        [(letter, value, unit) for (letter, unit), value in entries],
-        fitted.total_covariance,
-        dof=fitted.dof,
+        fitted,
+        named,
         residual_rms=rms(fitted.noise_residual),
         residual_unit="1/s",
         valid=valid,
         parameters=tuple(parameters),
-        effective_dof=result.dof,
     )
 
 
