@@ -212,7 +212,7 @@ def test_noise_of_one_gyro_is_in_its_own_scale_factor_alone():
 
     def u(factor):
         held = lines.TableRows.of([[(k, runs[axis]) for k, axis in enumerate("ab")]])
-        scale = [line for axis in "ab" for line in runs[axis].scales.gyros]
+        scale = [line for axis in "ab" for line in runs[axis].scales]
         residual = factor * np.concatenate([line.residuals for line in scale])
         straight = np.concatenate([line.indication - line.residuals for line in scale])
         noise = np.where(held.gyro == 1, residual, residual / factor)

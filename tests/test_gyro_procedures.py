@@ -242,7 +242,7 @@ def plain_scale_factor():
     """
     time, rate = held_rates()
     found = plateau_means.means(time, rate, 10000.0 * rate + 23.0 + np.sin(time))
-    return scale_factor.of_run(found).K[0]
+    return scale_factor.of_run(found)[0].K
 
 
 @pytest.mark.usefixtures("undrawn")

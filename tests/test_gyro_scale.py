@@ -39,7 +39,7 @@ def scale_of(log, column="gyro_a_lsb", **options):
         table_angle_deg=log["table_angle_deg"],
         temp_degc=log["temp_case_degc"],
     )
-    return scale_factor.of_run(found, **options).gyros[0]
+    return scale_factor.of_run(found, **options)[0]
 
 
 @pytest.mark.parametrize("rates", UNEQUAL.values(), ids=UNEQUAL)
@@ -148,28 +148,6 @@ def test_the_bias_is_what_the_earth_leaves_of_the_intercept():
     value, uncertainty = across.bias_dps(vertical, own_K=K)
     assert value * 3600.0 == pytest.approx(1.5, abs=1e-9)
     assert uncertainty == pytest.approx(1.0 / np.sqrt(RATES.size) / K, rel=1e-6)
-
-
-def test_gyros_of_one_run_carry_the_covariance_of_their_scale_factors():
-    """With shared noise of correlation 0.6 the scale factors are correlated 0.6, and the stated
-    variances are kept.
-    """
-    p = RATES.size
-    covariance = np.tile([[1.0, 0.6], [0.6, 1.0]], (p, 1, 1))
-    runs = plateau_means.Plateaus(
-        RATES,
-        np.column_stack((line(RATES), 2.0 * line(RATES))),
-        covariance,
-        *(np.ones(p, dtype=np.int64),) * 2,
-        np.full(p, np.nan),
-        np.full(p, np.nan),
-        np.zeros((p, 2), dtype=np.int64),
-        (),
-    )
-    found = scale_factor.of_run(runs)
-    assert pytest.approx([K, 2.0 * K]) == found.K
-    u = np.array([gyro.standard_uncertainty[0] for gyro in found.gyros])
-    assert found.covariance == pytest.approx(np.array([[1.0, 0.6], [0.6, 1.0]]) * np.outer(u, u))
 
 
 def test_the_table_angle_is_the_better_reference_where_the_rate_is_noisy():

@@ -88,7 +88,7 @@ def judge_noise(runs: Iterable[TableRun], limits: LineAcceptance) -> tuple[Crite
     """Criterion on the residuals of the lines of runs over the noise of their held rates, the
     largest of all gyros, where the recipe limits it and noise was measured.
     """
-    ratios = np.array([line.birge_ratio for run in runs for line in run.scales.gyros])
+    ratios = np.array([line.birge_ratio for run in runs for line in run.scales])
     known = ratios[np.isfinite(ratios)]
     limit = ("residual over noise", "max_residual_over_noise", "1")
     return _judge(limits, (limit, float(known.max()))) if known.size else ()

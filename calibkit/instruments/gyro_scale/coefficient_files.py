@@ -268,18 +268,14 @@ def _response_model(
         ]
     else:
         valid.pop(forms.TEMPERATURE, None)
-    result = fitted.of(lambda p: p)
-    entries = zip(named, result.value.tolist(), strict=True)
-    return forms.RESPONSE.write(
+    return forms.RESPONSE.write_fit(
         name,
-        [(letter, value, unit) for (letter, unit), value in entries],
-        fitted.total_covariance,
-        dof=fitted.dof,
+        fitted,
+        named,
         residual_rms=rms(fitted.noise_residual),
         residual_unit="1/s",
         valid=valid,
         parameters=tuple(parameters),
-        effective_dof=result.dof,
     )
 
 
@@ -294,7 +290,7 @@ def _pair_model(fitted: pair_fit.PairFit) -> Model:
             for (name, unit), value in zip(forms.PAIR_UNITS.items(), found.values, strict=True)
         ],
         found.covariance,
-        dof=min(line.dof for run in runs for line in run.scales.gyros),
+        dof=min(line.dof for run in runs for line in run.scales),
         residual_rms=rms([run.scale("b").residual_rms for run in fitted.runs["b"]]),
         residual_unit="1/s",
         valid=_valid(runs),
@@ -327,7 +323,7 @@ def _triad_model(fitted: triad_fit.AxesFit, one: triad_fit.AxesSet) -> Model:
     names, biases = forms.triad_names(fitted.gyros)
     units = ["1/deg"] * len(names) + ["1/s"] * len(biases)
     found = one.fit.of(lambda p: p)
-    lines = [line for run in one.runs for line in run.scales.gyros]
+    lines = [line for run in one.runs for line in run.scales]
     return forms.TRIAD.write(
         fitted.named("triad", one),
         list(zip([*names, *biases], found.value.tolist(), units, strict=False)),

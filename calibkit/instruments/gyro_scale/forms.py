@@ -4,7 +4,7 @@ g by 3 for gyros about three axes of their base).
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -13,16 +13,21 @@ import numpy as np
 from calibkit.arrays import Array
 from calibkit.coefficients import Model, Record
 from calibkit.errors import CalibkitError, CoefficientError
+from calibkit.fit.complex_step import Numbers
 from calibkit.forms import POLYNOMIAL, Form, Inputs
-from calibkit.instruments.gyro_scale.numeric import gjb_figures, response
+from calibkit.instruments.gyro_scale.numeric import gjb_figures
 from calibkit.instruments.gyro_scale.recipe import AnyRecipe, GyroTriadRecipe, OwnAxisRecipe
 
 SCALE_FILE, ORTHOGONALITY_FILE = "gyro_scale.json", "gyro_orthogonality.json"
 RATE, TEMPERATURE = "table_rate_dps", "temp_case_degc"
 AXES = ("x", "y", "z")
 """Axes of the base that a triad is turned about."""
+HIGHEST_POWER = 7
+"""Of the rate in a response."""
 MONOTONIC_GRID = 201
 """Rates at which a response is required to rise."""
+NEWTON_STEPS = 20
+"""More than enough: each doubles the digits of a rate."""
 _FIGURE = re.compile(rf"(\w+)\.(?:({gjb_figures.GJB}|{gjb_figures.IEEE})\.)?(.+)")
 
 
@@ -77,55 +82,36 @@ def _line_gradient(model: Model, at: Inputs) -> Array:  # noqa: ARG001 (as every
     return np.column_stack([at[RATE], np.ones_like(at[RATE])])
 
 
-def _mapped(model: Model, at: Inputs) -> Array:
-    """Temperatures [n] of a response mapped to [-1, 1]; 0 where it has none."""
-    if TEMPERATURE not in model.valid:
-        return np.zeros(len(at[RATE]))
-    middle, half = model.value("temp_middle_degc"), model.value("temp_half_degc")
-    return (at[TEMPERATURE] - middle) / half
-
-
-def _response_gradient(model: Model, at: Inputs) -> Array:
-    """Derivatives [n, p] of the indication by K and F0 of each power of the mapped temperature x,
-    and by c and d of each power of the rate.
+def _bent(model: Model, p: Numbers, at: Inputs) -> Numbers:
+    """F = Σ K_j x^j Ω + Σ (c_k + d_k x) (Ω/Ω_max)^k + Σ F_j x^j [n, 1/s], x the temperature mapped
+    to [−1, 1]; by Horner's rule over the rate.
     """
-    x, share = _mapped(model, at), at[RATE] / model.value("fastest_dps")
-    columns = []
-    for coefficient in model.coefficients:
-        letter, power = coefficient.name[0], int(coefficient.name[1:])
-        if letter == "K":
-            columns.append(x**power * at[RATE])
-        elif letter == "F":
-            columns.append(x**power)
-        else:
-            columns.append(share**power * (x if letter == "d" else 1.0))
-    return np.column_stack(columns)
-
-
-def _bent_indication(model: Model, at: Inputs) -> Array:
-    """Indication [n, 1/s], by Horner's rule over the rate."""
-    x, share = _mapped(model, at), at[RATE] / model.value("fastest_dps")
-    of_rate: dict[int, Array] = {}
-    for coefficient in model.coefficients:
+    fastest = model.value("fastest_dps")
+    share, x = at[RATE] / fastest, np.zeros(len(at[RATE]))
+    if TEMPERATURE in model.valid:
+        middle, half = model.value("temp_middle_degc"), model.value("temp_half_degc")
+        x = (at[TEMPERATURE] - middle) / half
+    of_rate: list[Numbers] = [np.zeros(1)] * (1 + HIGHEST_POWER)
+    for coefficient, value in zip(model.coefficients, p, strict=True):
         letter, number = coefficient.name[0], int(coefficient.name[1:])
-        power = {"F": 0, "K": 1}.get(letter, number)
-        unit = model.value("fastest_dps") if letter == "K" else 1.0
-        over = number if letter in "FK" else int(letter == "d")
-        of_rate[power] = of_rate.get(power, 0.0) + coefficient.value * unit * x**over
-    total = np.zeros(len(share))
-    for power in range(max(of_rate), -1, -1):
-        total = total * share + of_rate.get(power, 0.0)
-    return np.asarray(total)
+        if letter in "cd":
+            of_rate[number] = of_rate[number] + (value * x if letter == "d" else value)
+        else:
+            power = int(letter == "K")
+            of_rate[power] = of_rate[power] + value * x**number * fastest**power
+    total: Numbers = np.zeros(len(share))
+    for factor in reversed(of_rate):
+        total = total * share + factor
+    return total
 
 
-def _sine_or_odd_gradient(model: Model, at: Inputs) -> Array:
-    """Derivatives [n, p] of the indicated rate by the coefficients of the response."""
-    return response.gradient(RESPONSE_1.read(model), at[RATE], is_sine=bool(model.value("sine")))
-
-
-def _indicated_rate(model: Model, at: Inputs) -> Array:
-    """Indicated rate [n, °/s]."""
-    return response.evaluate(RESPONSE_1.read(model), at[RATE], is_sine=bool(model.value("sine")))
+def _sine_or_odd(model: Model, p: Numbers, at: Inputs) -> Numbers:
+    """Indicated rate F0 + K1 Ω + K3 Ω³ + … or F0 + K Ω_s sin(Ω/Ω_s) [n, °/s]."""
+    if model.value("sine"):
+        zero, slope, scale = p
+        return np.asarray(zero + slope * scale * np.sin(at[RATE] / scale))
+    powers = [0, *range(1, 2 * len(p) - 2, 2)]
+    return np.asarray(at[RATE][:, None] ** powers @ p)
 
 
 def _pair_gradient(model: Model, at: Inputs) -> Array:
@@ -147,11 +133,11 @@ def _triad_gradient(model: Model, at: Inputs) -> Array:
 
 LINE = Form("gyro-scale/1", _line_gradient, measured={"temp_case": 0.1})
 """Indication [n, 1/s] over the table rate: F = K Ω + F0."""
-RESPONSE = Form("gyro-response/2", _response_gradient, _bent_indication)
+RESPONSE = Form.of_equation("gyro-response/2", _bent)
 """Indication [n, 1/s] over the table rate and temperature,
 F = K(T) Ω + Σ (c_k + d_k x) (Ω/Ω_max)^k + F0(T), x the temperature mapped to [−1, 1].
 """
-RESPONSE_1 = Form("gyro-response/1", _sine_or_odd_gradient, _indicated_rate)
+RESPONSE_1 = Form.of_equation("gyro-response/1", _sine_or_odd)
 """Indicated rate (F − F0)/K [n, °/s] over the table rate, as calibkit 0.2 wrote it: an odd
 polynomial, or the sine of an open-loop gyro.
 """
@@ -162,6 +148,26 @@ PAIR_UNITS = {"N": "1", "epsilon": "1", "gamma": "1", "alpha_deg": "deg"}
 TRIAD = Form("gyro-triad/1", _triad_gradient)
 """Indications [n, g, 1/s] over the rates about three axes: F = S Ω + B."""
 FORMS = (LINE, POLYNOMIAL, RESPONSE, RESPONSE_1, PAIR, TRIAD)
+
+
+def _invert(
+    curve: Callable[[Array], Array], limits: tuple[float, float], indicated: Array
+) -> Array:
+    """Rates [n] at which a response, a function of rates [n], gives indicated rates [n] [°/s], by
+    Newton's steps; outside the fitted rates the correction at the nearer limit is kept.
+    """
+    low, high = limits
+    at_low, at_high = (curve(np.full(indicated.shape, limit)) for limit in limits)
+    inside = np.clip(indicated, at_low, at_high)
+    rate = low + (inside - at_low) / (at_high - at_low) * (high - low)
+    step = 1e-4 * (high - low)
+    for _ in range(NEWTON_STEPS):
+        slope = (curve(rate + step) - curve(rate - step)) / (2.0 * step)
+        before = rate
+        rate = np.clip(rate - (curve(rate) - inside) / slope, low, high)
+        if np.max(np.abs(rate - before), initial=0.0) <= 1e-14 * (high - low):
+            break
+    return np.asarray(rate + (indicated - inside), dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,7 +234,7 @@ class GyroMatrix:
             return indicated[:, None]
         for degc in self.response.valid.get(TEMPERATURE, (0.0,)):
             self._require_monotonic(degc)
-        rates = response.invert(
+        rates = _invert(
             lambda rate: self._indicated(rate, temperature), self.rate_limits, indicated
         )
         return rates[:, None]

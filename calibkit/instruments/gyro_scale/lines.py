@@ -76,10 +76,10 @@ class TableRows:
         parts: list[Array] = []
         lines: list[tuple[int, int, int]] = []
         every = [(s, a, run) for s, runs in enumerate(sets) for a, run in runs]
-        fitted = [line for _, _, run in every for line in run.scales.gyros]
+        fitted = [line for _, _, run in every for line in run.scales]
         axes = 1 + max(a for _, a, _ in every)
         for s, axis, run in every:
-            for gyro, line in enumerate(run.scales.gyros):
+            for gyro, line in enumerate(run.scales):
                 size, number = line.rate_dps.size, len(lines)
                 whole = np.ones(size)
                 held = run.plateaus

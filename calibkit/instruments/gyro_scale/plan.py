@@ -549,7 +549,8 @@ def measure_runs(
                 f"{run.log.file}: no case temperature, expected one to plan what is missing",
                 hint="map it under [columns.temp_case_degc], or plan without --have",
             )
-    K = np.max([np.abs(run.scales.K) for _, run in runs], axis=0) if runs else np.ones(1)
+    every = [[abs(line.K) for line in run.scales] for _, run in runs]
+    K = np.max(every, axis=0) if runs else np.ones(1)
     # a gyro that was never turned about its own axis is taken to be like the others
     K = np.where(ACROSS * K.max() < K, K, K.max())
     unknown = assumed.noise_of(min(assumed.device.dwell_s))

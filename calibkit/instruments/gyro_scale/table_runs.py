@@ -56,7 +56,7 @@ class TableRun:
     log: Log
     gyros: tuple[str, ...]
     plateaus: plateau_means.Plateaus
-    scales: scale_factor.RunScales
+    scales: tuple[scale_factor.ScaleFactor, ...]
     flags: tuple[str, ...]
     temp_range: tuple[float, float]
     """Lowest and highest row temperature [°C]: of the whole run where it was isothermal, else of
@@ -68,7 +68,7 @@ class TableRun:
 
     def scale(self, gyro: str) -> scale_factor.ScaleFactor:
         """Scale factor of one gyro."""
-        return self.scales.gyros[self.gyros.index(gyro)]
+        return self.scales[self.gyros.index(gyro)]
 
     def indication(self, gyro: str) -> Array:
         """Means [p, 1/s] of a gyro over the held rates, as they were logged."""
@@ -163,8 +163,8 @@ def _temp_range(log: Log, held: plateau_means.Plateaus) -> tuple[float, float]:
 
 def _flag_terms(run: TableRun) -> Iterator[str]:
     """Flags on what drifted during a run by more than its noise, and was taken out."""
-    largest = float(np.max(np.abs(run.scales.K)))
-    for gyro, line, raw in zip(run.gyros, run.scales.gyros, run.plateaus.indication.T, strict=True):
+    largest = max(abs(line.K) for line in run.scales)
+    for gyro, line, raw in zip(run.gyros, run.scales, run.plateaus.indication.T, strict=True):
         if not rms(raw - line.indication) > DRIFTED * rms(run.noise(gyro)):
             continue
         found = []

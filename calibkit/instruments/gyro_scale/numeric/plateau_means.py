@@ -26,8 +26,8 @@ class Plateaus:
     """Table rate [p] [°/s], the mean over the same samples as the indication."""
     indication: Array
     """Means [p, m] in the unit of the indication."""
-    covariance: Array
-    """Covariance of the means [p, m, m] by the noise within each plateau, type A."""
+    variance: Array
+    """Variance of the means [p, m] by the noise within each plateau, type A."""
     revolutions: Integers
     """Whole revolutions averaged [p]; 0 where the table turned less than one."""
     samples: Integers
@@ -56,7 +56,7 @@ class Plateaus:
     @property
     def standard_uncertainty(self) -> Array:
         """Standard uncertainties [p, m] of the means."""
-        return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
+        return np.sqrt(self.variance)
 
 
 def means(
@@ -130,7 +130,7 @@ def of_rows(
     return Plateaus(
         rate_dps=np.array(table_rate_dps),
         indication=np.array(indication),
-        covariance=np.tile(left.T @ left / max(count - 2, 1), (count, 1, 1)),
+        variance=np.tile(np.sum(left**2, axis=0) / max(count - 2, 1), (count, 1)),
         revolutions=np.zeros(count, dtype=np.int64),
         samples=np.ones(count, dtype=np.int64),
         temp_degc=nan if temp_degc is None else np.array(temp_degc),
@@ -151,9 +151,9 @@ def _means(
     wave = record.modulation(parts)
     parts, left_out = _without_rest(turn, parts, determined=wave.earth, along_axis=along_axis)
     values = _averages(record, parts, record.signals)
-    covariance, flags = record.noise(parts, wave, values)
+    variance, flags = record.noise(parts, wave, values)
     if wave.earth:
-        values, covariance = _unmodulated(record, parts, wave, values, covariance)
+        values, variance = _unmodulated(record, parts, wave, values, variance)
     rate = _averages(record, parts, record.rate)
     nan = np.full(len(parts), np.nan)
     by_angle = [part.average(record, turn.rate(part.first, part.stop)) for part in parts]
@@ -162,7 +162,7 @@ def _means(
     return Plateaus(
         rate_dps=rate,
         indication=values,
-        covariance=covariance,
+        variance=variance,
         revolutions=revolutions,
         samples=np.array([part.stop - part.first for part in parts], dtype=np.int64),
         temp_degc=nan if temp_degc is None else _averages(record, parts, temp_degc),
@@ -233,19 +233,19 @@ def _unmodulated(
     parts: list[plateau_noise.Part],
     wave: Modulation,
     values: Array,
-    covariance: Array,
+    variance: Array,
 ) -> tuple[Array, Array]:
-    """Means and their covariance, corrected for the earth's horizontal rate at plateaus of less
+    """Means and their variance, corrected for the earth's horizontal rate at plateaus of less
     than a revolution.
     """
-    values, covariance = values.copy(), covariance.copy()
+    values, variance = values.copy(), variance.copy()
     for j, part in enumerate(parts):
         if part.revolutions:
             continue
         mean = part.average(record, record.basis(part.rows))
         values[j] -= mean @ wave.factors[:2]
-        covariance[j] += np.diag(wave.variance * float(mean @ wave.unit_covariance @ mean))
-    return values, covariance
+        variance[j] += wave.variance * float(mean @ wave.unit_covariance @ mean)
+    return values, variance
 
 
 def _partial(revolutions: Integers, *, corrected: bool) -> tuple[str, ...]:

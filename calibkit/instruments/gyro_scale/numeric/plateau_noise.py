@@ -95,14 +95,14 @@ class Record:
     def noise(
         self, parts: "list[Part]", wave: "Modulation", values: Array
     ) -> tuple[Array, tuple[str, ...]]:
-        """Covariance [p, m, m] of the means from the noise within plateaus, raised where the noise
+        """Variance [p, m] of the means from the noise within plateaus, raised where the noise
         is not white, and flags.
         """
         scatters = [_scatter(self, part, wave) for part in parts]
         ratio = np.sqrt(np.maximum(_block_ratio(scatters), 1.0))
         weights = [part.weights(self) for part in parts]
         shares = [np.sum(w**2) / np.sum(w) ** 2 for w in weights]
-        covariance = np.array(
+        variance = np.array(
             [
                 one.square / max(one.rows - 1, 1) * share
                 for one, share in zip(scatters, shares, strict=True)
@@ -120,7 +120,7 @@ class Record:
                 f"{creeping} of {len(scatters)} plateaus begin off their mean: the gyro had not"
                 " settled, allow a longer plateaus.settle_s"
             )
-        return covariance * np.outer(ratio, ratio), tuple(flags)
+        return variance * ratio**2, tuple(flags)
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,7 +180,7 @@ class Modulation:
 
 @dataclass(frozen=True, slots=True)
 class _Scatter:
-    """Noise of one plateau of `rows` rows: sums of products [m, m], and means [BLOCKS, m] of
+    """Noise of one plateau of `rows` rows: sums of squares [m], and means [BLOCKS, m] of
     blocks, none where there are fewer rows.
     """
 
@@ -200,7 +200,7 @@ def _scatter(record: Record, part: Part, wave: Modulation) -> _Scatter:
         basis = record.basis(part.rows)
         basis -= basis.mean(axis=0)
         noise -= basis @ np.linalg.lstsq(basis, noise, rcond=ONE_PHASE)[0]
-    return _Scatter(len(noise), noise.T @ noise, dwells.batch_means(noise, BLOCKS))
+    return _Scatter(len(noise), np.sum(noise**2, axis=0), dwells.batch_means(noise, BLOCKS))
 
 
 def _block_ratio(scatters: list[_Scatter]) -> Array:
@@ -212,7 +212,7 @@ def _block_ratio(scatters: list[_Scatter]) -> Array:
         length = one.rows // BLOCKS
         if length < LEAST_BLOCK:
             continue
-        variance = np.maximum(np.diag(one.square) / (one.rows - 1), np.finfo(np.float64).tiny)
+        variance = np.maximum(one.square / (one.rows - 1), np.finfo(np.float64).tiny)
         ratios.append(one.blocks.var(axis=0, ddof=1) * length / variance)
     if not ratios:
         return np.ones(len(scatters[0].square))

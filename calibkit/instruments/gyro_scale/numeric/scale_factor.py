@@ -96,17 +96,6 @@ class ScaleFactor:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class RunScales:
-    """Scale factors of m gyros in one run of the table, which have the table's rates in common."""
-
-    gyros: tuple[ScaleFactor, ...]
-    K: Array
-    """Scale factors [m]."""
-    covariance: Array
-    """Covariance [m, m] of the scale factors."""
-
-
 def _scale_factor(
     rate_dps: Array,
     indication: Array,
@@ -219,9 +208,10 @@ def _birge(fit: LinearFit, solved: line_terms.Solved, noise: Array) -> tuple[flo
     return ratio, ratio if square > expected + spread else 1.0
 
 
-def of_run(plateaus: Plateaus, *, reference: Literal["rate", "angle"] = "rate") -> RunScales:
-    """Scale factors of all gyros of one run and the covariance [m, m] of their K, correlated by the
-    common table rates.
+def of_run(
+    plateaus: Plateaus, *, reference: Literal["rate", "angle"] = "rate"
+) -> tuple[ScaleFactor, ...]:
+    """Scale factors of all gyros of one run.
 
     The reference is the logged table rate, or the rate that the logged table angle turned by: the
     better one where the rate is noisy or only commanded. Raises FitError as `_scale_factor`, and
@@ -233,19 +223,5 @@ def of_run(plateaus: Plateaus, *, reference: Literal["rate", "angle"] = "rate") 
             "the table angle was not logged, it cannot be the reference", hint="use the table rate"
         )
     courses = line_terms.courses(plateaus)
-    gyros = tuple(
-        _scale_factor(rate, means, uncertainty, courses)
-        for means, uncertainty in zip(
-            plateaus.indication.T, plateaus.standard_uncertainty.T, strict=True
-        )
-    )
-    slopes = np.array([gyro.solver[0] for gyro in gyros])
-    covariance = np.einsum("gp,hp,pgh->gh", slopes, slopes, plateaus.covariance)
-    # variances include each gyro's Birge ratio; correlations are those of the noise
-    own = np.sqrt(np.diag(covariance))
-    stated = np.array([gyro.standard_uncertainty[0] for gyro in gyros])
-    correlation = covariance / np.where(np.outer(own, own) > 0.0, np.outer(own, own), 1.0)
-    np.fill_diagonal(correlation, 1.0)
-    return RunScales(
-        gyros, np.array([gyro.K for gyro in gyros]), correlation * np.outer(stated, stated)
-    )
+    shown = zip(plateaus.indication.T, plateaus.standard_uncertainty.T, strict=True)
+    return tuple(_scale_factor(rate, means, noise, courses) for means, noise in shown)
