@@ -18,37 +18,34 @@ alone determines a coefficient.
 """
 
 
-def left_out_errors(
-    design: Array, residuals: Array, *, weights: Array | None = None, groups: Array | None = None
-) -> Array:
-    """Errors [n] at rows that are left out of a linear least-squares fit, without fitting again
-    (Allen 1974).
+def left_out_errors(design: Array, residuals: Array, *, groups: Array) -> Array:
+    """Errors [n] at groups of rows that are left out of a linear least-squares fit, without fitting
+    again: (I − H_gg)⁻¹ r_g (Allen 1974; Cook & Weisberg 1982).
 
     Parameters
     ----------
     design
         [n, p].
     residuals
-        [n], of the fit with the same weights.
-    weights
-        [n], as given to the fit; equal when absent.
+        [n], of the fit.
     groups
-        [n], label of the group that each row is left out with; each row by itself when absent.
+        [n], label of the group that each row is left out with.
 
     Returns
     -------
     [n], in the unit of the residuals; inf where the rows left out alone determine a coefficient.
     """
-    root = np.ones(len(residuals)) if weights is None else np.sqrt(weights)
-    q, _ = np.linalg.qr(design * root[:, None])
-    if groups is not None:
-        errors = np.empty(len(residuals))
-        for label in np.unique(groups):
-            own = groups == label
-            errors[own] = _left_out(q[own], (root * residuals)[own]) / root[own]
-        return errors
-    free = 1.0 - np.sum(q**2, axis=1)
-    return np.where(free > FREE, residuals / np.maximum(free, FREE), np.inf)
+    q, _ = np.linalg.qr(design)
+    errors = np.empty(len(residuals))
+    for label in np.unique(groups):
+        inside = groups == label
+        rows = q[inside]
+        rest = np.eye(len(rows)) - rows @ rows.T
+        if np.linalg.eigvalsh(rest)[0] <= FREE:
+            errors[inside] = np.inf
+        else:
+            errors[inside] = np.linalg.solve(rest, residuals[inside])
+    return errors
 
 
 def choose_simplest(errors: Sequence[float], margin: float = MARGIN) -> int:
@@ -60,13 +57,3 @@ def choose_simplest(errors: Sequence[float], margin: float = MARGIN) -> int:
         if error < margin * errors[best]:
             best = k
     return best
-
-
-def _left_out(q: Array, residuals: Array) -> Array:
-    """Errors [m] of a group left out, from its rows [m, p] of Q and its residuals [m]; inf where
-    the group alone determines a coefficient.
-    """
-    rest = np.eye(len(residuals)) - q @ q.T
-    if np.linalg.eigvalsh(rest)[0] <= FREE:
-        return np.full(len(residuals), np.inf)
-    return np.asarray(np.linalg.solve(rest, residuals), dtype=np.float64)
