@@ -262,7 +262,7 @@ def test_a_sensor_of_specific_force_is_corrected_in_its_own_sign(name, runs):
     this = runs(name)
     reference = this.spec.reference.model_copy(update={"convention": "specific_force"})
     spec = this.spec.model_copy(update={"reference": reference})
-    turned = firmware._chain(spec, this.run.records)
+    turned = firmware.chain(spec, this.run.records)
     columns = within_ranges(this.chain, 500, 4)
     opposite = {column: -v if column.startswith("accel") else v for column, v in columns.items()}
     expected = twin.call(program.quantise(this.chain, formats.Format.find("f64")), columns).outputs

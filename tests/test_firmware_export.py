@@ -225,12 +225,12 @@ def test_a_run_without_a_drift_term_or_with_one_that_removes_the_rate_is_refused
     record = cached("gradient", tmp_path_factory).record("drift_rate.json")
     spec = instruments.parse_recipe(recipe.find("fog_thermal"))
     with pytest.raises(OutputError, match="no drift term") as refused:
-        firmware._chain(spec, {"drift_rate.json": replace(record, models=())})
+        firmware.chain(spec, {"drift_rate.json": replace(record, models=())})
     assert refused.value.exit_code == 4
     one_step = ("drift.compensation='one_step'",)
     spec = instruments.parse_recipe(recipe.find("fog_thermal", one_step))
     with pytest.raises(OutputError, match="removes the true rate"):
-        firmware._chain(spec, {"drift_rate.json": record})
+        firmware.chain(spec, {"drift_rate.json": record})
 
 
 def test_literals_read_back_to_the_same_number_in_c():

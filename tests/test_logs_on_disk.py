@@ -113,7 +113,7 @@ def test_a_fit_from_disk_has_the_coefficients_of_one_in_memory(
 
 def test_every_shipped_procedure_works_along_logs_on_disk():
     """None of them takes a long log into memory."""
-    assert all(instruments.find(name).recipe.along_chunks for name in instruments.SHIPPED)
+    assert all(instruments.find(name).Recipe.along_chunks for name in instruments.SHIPPED)
 
 
 @pytest.mark.parametrize("procedure", ["gyro_pair", "gyro_triad"])

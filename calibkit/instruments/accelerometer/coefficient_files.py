@@ -17,46 +17,44 @@ from calibkit.numeric.dispersion import rms
 from calibkit.recipe import type_b
 from calibkit.recipe.type_b import RELATIVE, TypeB
 
-COMPENSATIONS = {
-    "k": ("accel_k",),
-    "affine": ("accel_affine",),
-}
-"""Compensation of a recipe → stages that correct the indications, in the order of application."""
+COMPENSATIONS = {"k": "accel_k", "affine": "accel_affine"}
+"""Compensation of a recipe → stage whose models correct the indications."""
 
 
 @dataclass(frozen=True, slots=True)
 class Correction:
-    """Correction of a triad's indications by the models of one or more stages, applied in order."""
+    """Correction of a triad's indications by the models of a stage: one of the triad, or one of
+    each axis.
+    """
 
-    stages: tuple[tuple[Form, tuple[Model, ...]], ...]
+    form: Form
+    models: tuple[Model, ...]
 
     @property
     def temperature_range(self) -> tuple[float, float]:
         """Temperature range [°C] of the calibration."""
-        return self.stages[0][1][0].valid[forms.TEMPERATURE]
+        return self.models[0].valid[forms.TEMPERATURE]
 
     @property
     def noise_g(self) -> float:
         """Noise of a component of a dwell [g], by the fit: residual rms of its models."""
-        return rms([model.residual_rms for model in self.stages[0][1]])
+        return rms([model.residual_rms for model in self.models])
 
     @property
     def noise_of_axes(self) -> Array:
         """Noise of each component of a dwell [3, g]; the same in all where one was stated."""
-        models = self.stages[0][1]
-        if len(models) == 3:
-            return np.array([model.residual_rms for model in models])
-        noise = {p.name: p.value for p in models[0].parameters}
-        return np.array([noise.get(f"noise_{a}", models[0].residual_rms) for a in "xyz"])
+        if len(self.models) == 3:
+            return np.array([model.residual_rms for model in self.models])
+        (triad,) = self.models
+        noise = {p.name: p.value for p in triad.parameters}
+        return np.array([noise.get(f"noise_{a}", triad.residual_rms) for a in "xyz"])
 
     def __call__(self, indication: Array, temperature: Array) -> Array:
         """Corrected components [n, 3, g] of indications [n, 3, g]; temperatures [n, °C] are clamped
         to the range of the calibration.
         """
-        for form, models in self.stages:
-            at, _ = within_ranges(models[0], forms.inputs(indication, temperature))
-            indication = np.column_stack([form.evaluate(model, at) for model in models])
-        return indication
+        at, _ = within_ranges(self.models[0], forms.inputs(indication, temperature))
+        return np.column_stack([self.form.evaluate(model, at) for model in self.models])
 
     def uncertainty(self, unseen: DwellSet) -> tuple[Array, Array]:
         """Type A uncertainty of corrected components [n, 3, g] of a log of its own: errors that its
@@ -64,26 +62,27 @@ class Correction:
 
         Raises FrameError where an error grows with time and the log tells none.
         """
-        indication, temperature = unseen.indication, unseen.temperature
-        shared, own, dwells = [], np.zeros_like(indication), len(indication)
-        for form, models in self.stages:
-            at, _ = within_ranges(models[0], forms.inputs(indication, temperature))
-            for axis, model in enumerate(models):
-                along = np.eye(3) if len(models) == 1 else np.eye(3)[:, axis : axis + 1]
-                slopes = form.gradient(model, at) @ gum.square_root(np.array(model.covariance))
-                slopes = slopes.reshape(dwells, along.shape[1], -1)
-                shared.append(np.einsum("ia,nak->nik", along, slopes))
-                own += along.sum(axis=1) * self.noise_of_axes**2
-                if form.further is not None:
-                    own += along.sum(axis=1) * form.further(model, at)[:, None] ** 2
-                for part in model.components:
-                    size = part.value * _growth(part, unseen)
-                    if part.group == "attitude":  # which a log seldom repeats
-                        own += along.sum(axis=1) * size**2
-                    else:
-                        shared.append(size[:, :, None] * along)
-            indication = np.column_stack([form.evaluate(model, at) for model in models])
+        indication = unseen.indication
+        at, _ = within_ranges(self.models[0], forms.inputs(indication, unseen.temperature))
+        shared, own = [], np.zeros_like(indication)
+        for model, along in zip(self.models, self._axes(), strict=True):
+            slopes = self.form.gradient(model, at) @ gum.square_root(np.array(model.covariance))
+            slopes = slopes.reshape(len(indication), along.shape[1], -1)
+            shared.append(np.einsum("ia,nak->nik", along, slopes))
+            own += along.sum(axis=1) * self.noise_of_axes**2
+            if self.form.further is not None:
+                own += along.sum(axis=1) * self.form.further(model, at)[:, None] ** 2
+            for part in model.components:
+                size = part.value * _growth(part, unseen)
+                if part.group == "attitude":  # which a log seldom repeats
+                    own += along.sum(axis=1) * size**2
+                else:
+                    shared.append(size[:, :, None] * along)
         return np.concatenate(shared, axis=2), own
+
+    def _axes(self) -> list[Array]:
+        """Columns [3, a] of the axes that each model corrects."""
+        return [np.eye(3)] if len(self.models) == 1 else [*np.eye(3)[:, :, None]]
 
     def by_term(self, dwells: DwellSet, term: TypeB) -> Array:
         """Errors [n, 3, g] of corrected dwells against the reference for one standard uncertainty
@@ -109,33 +108,25 @@ class Correction:
 
     def _by_coefficient(self, dwells: DwellSet, term: TypeB) -> Array:
         """Errors [n, 3, g] by a type B term on a coefficient, or that leads to one."""
-        wanted, corrected = (
-            term.result or term.quantity,
-            self(dwells.indication, dwells.temperature),
-        )
-        for k, (form, models) in enumerate(self.stages):
-            for m, model in enumerate(models):
-                for j, c in enumerate(model.coefficients):
-                    if wanted in {c.name, f"{model.name}.{c.name}"}:
-                        size = type_b.combine_terms((term,), (wanted,), c.value, c.unit)
-                        moved = replace(c, value=c.value + size)
-                        entries = (*model.coefficients[:j], moved, *model.coefficients[j + 1 :])
-                        with_it = (
-                            *models[:m],
-                            replace(model, coefficients=entries),
-                            *models[m + 1 :],
-                        )
-                        stages = (*self.stages[:k], (form, with_it), *self.stages[k + 1 :])
-                        other = Correction(stages)(dwells.indication, dwells.temperature)
-                        return other - corrected
+        wanted = term.result or term.quantity
+        corrected = self(dwells.indication, dwells.temperature)
+        for m, model in enumerate(self.models):
+            for j, c in enumerate(model.coefficients):
+                if wanted in {c.name, f"{model.name}.{c.name}"}:
+                    size = type_b.combine_terms((term,), (wanted,), c.value, c.unit)
+                    moved = replace(c, value=c.value + size)
+                    entries = (*model.coefficients[:j], moved, *model.coefficients[j + 1 :])
+                    other = replace(model, coefficients=entries)
+                    models = (*self.models[:m], other, *self.models[m + 1 :])
+                    shifted = Correction(self.form, models)
+                    return shifted(dwells.indication, dwells.temperature) - corrected
         return np.zeros_like(corrected)
 
     @property
     def dof(self) -> tuple[float, float]:
         """Fewest effective degrees of freedom of a coefficient, and those of the residuals."""
-        models = [model for _, models in self.stages for model in models]
-        coefficients = (model.dof_of(c) for model in models for c in model.coefficients)
-        return max(min(coefficients), 1.0), max(min(model.dof for model in models), 1.0)
+        coefficients = (model.dof_of(c) for model in self.models for c in model.coefficients)
+        return max(min(coefficients), 1.0), max(min(model.dof for model in self.models), 1.0)
 
     def outside(self, temperature: Array) -> float:
         """Share of the temperatures [n, °C] that are outside the calibrated range and clamped."""
@@ -162,10 +153,8 @@ def _growth(component: Component, dwells: DwellSet) -> Array:
     return np.tile((dwells.time - dwells.time.mean())[:, None] / 3600.0, 3)
 
 
-def list_stages(compensation: str) -> tuple[str, ...]:
-    """Stages of a compensation, in the order of application; raises CoefficientError for the mixed
-    one of 0.2.
-    """
+def find_stage(compensation: str) -> str:
+    """Stage of a compensation; raises CoefficientError for the mixed one of 0.2."""
     if compensation not in COMPENSATIONS:
         raise CoefficientError(
             f"compensation = {compensation!r} is no longer supported, expected 'affine' or 'k'",
@@ -178,16 +167,13 @@ def find_correction(compensation: str, stages: Iterable[Record | StageResult]) -
     """Correction that a recipe names, from the stages of a run or of a fit; raises CoefficientError
     for a missing stage.
     """
-    models = {stage.stage: stage.models for stage in stages}
-    needed = list_stages(compensation)
-    for name in needed:
-        if name not in models:
-            raise CoefficientError(
-                f"the run holds no {name}.json", hint="it is not a run of accelerometer"
-            )
-    by_name = {form.name: form for form in forms.FORMS}
-    return Correction(
-        tuple((by_name[models[name][0].form], models[name]) for name in COMPENSATIONS[compensation])
+    needed = find_stage(compensation)
+    for stage in stages:
+        if stage.stage == needed:
+            form = {form.name: form for form in forms.FORMS}[stage.models[0].form]
+            return Correction(form, stage.models)
+    raise CoefficientError(
+        f"the run holds no {needed}.json", hint="it is not a run of accelerometer"
     )
 
 

@@ -37,8 +37,8 @@ def chain(spec: AccelerometerRecipe, records: Mapping[str, Record]) -> Chain:
     convention.
     """
     compensation, convention = spec.compensation, spec.reference.convention
-    stages = coefficient_files.list_stages(compensation)
-    record = required_record(records, files(spec)[0], spec)
+    (file,) = files(spec)
+    record = required_record(records, file, spec)
     draft = Draft(padded=spec.export.layout == "padded")
     sign = -1 if convention == "specific_force" else 1
     valid = record.models[0].valid[forms.TEMPERATURE]
@@ -72,13 +72,12 @@ def chain(spec: AccelerometerRecipe, records: Mapping[str, Record]) -> Chain:
         + ", in local g",
         "k": "corrected = S(T) indication - Z(T) - cross-axis terms (K-factor), in local g",
     }[compensation]
-    used = [records[f"{stage}.json"].models[0].form for stage in stages]
-    return draft.chain(used, formula)
+    return draft.chain([record.models[0].form], formula)
 
 
 def files(spec: AccelerometerRecipe) -> tuple[str, ...]:
     """Coefficient files that the chain takes its coefficients from."""
-    return tuple(f"{stage}.json" for stage in coefficient_files.list_stages(spec.compensation))
+    return (f"{coefficient_files.find_stage(spec.compensation)}.json",)
 
 
 def _affine(

@@ -81,8 +81,7 @@ def fit(
     stages, found = {result.stage for result in results}, {}
     found["indication"] = errors.DwellErrors.compare(counted, spec)
     for compensation, name in CORRECTIONS.items():
-        needed = set(coefficient_files.COMPENSATIONS[compensation])
-        if needed <= stages:
+        if coefficient_files.COMPENSATIONS[compensation] in stages:
             correction = coefficient_files.find_correction(compensation, results)
             found[name] = errors.DwellErrors.compare(counted, spec, correction)
     after = found[CORRECTIONS[spec.compensation]]

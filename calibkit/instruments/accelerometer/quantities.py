@@ -2,11 +2,8 @@
 itself; scale factors, zero offsets and matrix entries over temperature.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import partial
-
-import numpy as np
 
 from calibkit.certificate.quantities import (
     At,
@@ -17,12 +14,11 @@ from calibkit.certificate.quantities import (
     of_form,
     polynomial,
     ranged,
-    slope_by,
 )
 from calibkit.certificate.words import Words
 from calibkit.coefficients import Model, Record
+from calibkit.forms import Form
 from calibkit.instruments.accelerometer import coefficient_files, forms
-from calibkit.instruments.accelerometer.coefficient_files import Correction
 from calibkit.instruments.accelerometer.equation import AXES
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 
@@ -81,41 +77,6 @@ def _inputs(model: Model) -> tuple[Input, ...]:
     return (*temperature, *(Input(name, -2.0, 2.0) for name in forms.COMPONENTS))
 
 
-def _corrected(correction: Correction, axis: int, inputs: Sequence[Input], at: At) -> Point:
-    """Corrected component [g] of an axis by all stages, and its derivatives by the coefficients of
-    each.
-    """
-
-    def through(at: At) -> list[np.ndarray]:
-        """Indication [1, 3] before each stage, and behind the last."""
-        vectors = [np.array([[at[name] for name in forms.COMPONENTS]])]
-        for form, models in correction.stages:
-            columns = forms.inputs(vectors[-1], np.array([at[forms.TEMPERATURE]]))
-            vectors.append(np.column_stack([form.evaluate(one, columns) for one in models]))
-        return vectors
-
-    vectors, parts, along = through(at), [], np.eye(3)[axis]
-    for (form, models), before in zip(correction.stages[::-1], vectors[-2::-1], strict=True):
-        temperature = at[forms.TEMPERATURE]
-        columns = forms.inputs(before, np.array([temperature]))
-        for row, model in enumerate(models):
-            gradient = form.gradient(model, columns)[0]
-            parts.append((model, along @ gradient if gradient.ndim == 2 else along[row] * gradient))
-        if len(models) == 1:  # linear in the indications
-            own = forms.inputs(np.eye(3), np.full(3, temperature))
-            along = form.evaluate(models[0], own) @ along
-    slopes = {
-        one.column: (
-            at[one.column],
-            slope_by(lambda moved: float(through(moved)[-1][0, axis]), one, at),
-        )
-        for one in inputs
-    }
-    used = tuple((model, weights) for model, weights in parts if np.any(weights))
-    more = tuple(one for model, _ in used for one in _lack_of_fit(model))
-    return Point(float(vectors[-1][0, axis]), used, slopes, more)
-
-
 def _lack_of_fit(model: Model) -> tuple[tuple[Words, float, float], ...]:
     """What K0 … K9 correct otherwise than the triad, as a further uncertainty [g]."""
     words = Words("lack of fit of the K-factor", "K 系数的失拟")
@@ -126,9 +87,11 @@ def _lack_of_fit(model: Model) -> tuple[tuple[Words, float, float], ...]:
     )
 
 
-def _component(model: Model, inputs: Sequence[Input]) -> Callable[[At], Point]:
-    """Component [g] that the K model of an axis corrects, as a function of its inputs."""
-    point = of_form(forms.K, model, inputs)
+def _component(form: Form, model: Model, axis: int | None) -> Callable[[At], Point]:
+    """Component [g] that a model corrects, of one axis by itself or of a triad, as a function of
+    its inputs.
+    """
+    point = of_form(form, model, _inputs(model), axis)
     return lambda at: replace(point(at), more=_lack_of_fit(model))
 
 
@@ -138,20 +101,22 @@ def _by_compensation(
     """Corrected components [g] as `apply` gives them; compared at the six positions."""
     correction = coefficient_files.find_correction(spec.compensation, records.values())
     largest = spec.acceptance.max_residual_rms_g
-    inputs = _inputs(correction.stages[0][1][0])
+    of_axes = len(correction.models) == len(AXES)
+    models = correction.models if of_axes else correction.models * len(AXES)
+    rows = [None] * len(AXES) if of_axes else [*range(len(AXES))]
     return tuple(
         Quantity(
             f"corrected_{letter}",
-            coefficient_files.COMPENSATIONS[spec.compensation][-1],
+            coefficient_files.COMPENSATIONS[spec.compensation],
             "",
             Words(f"corrected {letter}", f"修正后 {letter}"),
             "g",
-            inputs,
-            partial(_corrected, correction, axis, inputs),
+            _inputs(model),
+            _component(correction.form, model, row),
             compared=tuple((position,) for position in POSITIONS),
             limit=None if largest is None else Limit("acceptance.max_residual_rms_g", largest),
         )
-        for axis, letter in enumerate(AXES)
+        for letter, model, row in zip(AXES, models, rows, strict=True)
     )
 
 
@@ -161,7 +126,9 @@ def _components(stage: str, model: Model) -> list[Quantity]:
     if model.form == forms.K.name:
         words = Words("corrected component", "修正分量")
         return [
-            Quantity("component", stage, model.name, words, "g", inputs, _component(model, inputs))
+            Quantity(
+                "component", stage, model.name, words, "g", inputs, _component(forms.K, model, None)
+            )
         ]
     form = {form.name: form for form in forms.FORMS}[model.form]
     return [
@@ -178,7 +145,7 @@ def results(records: Mapping[str, Record], spec: AccelerometerRecipe) -> tuple[Q
     """Corrected components by the compensation of the recipe, then the results of each model."""
     quantities = [*_by_compensation(records, spec)]
     for record in records.values():
-        corrects = coefficient_files.COMPENSATIONS[spec.compensation] == (record.stage,)
+        corrects = coefficient_files.COMPENSATIONS[spec.compensation] == record.stage
         for model in record.models:
             quantities += over_temperature(record.stage, model)
             if model.form == forms.K.name or not corrects:
