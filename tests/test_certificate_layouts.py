@@ -569,3 +569,16 @@ def test_the_report_of_a_fit_states_the_principal_results_as_the_certificate_doe
     for result in principal:
         value, U = tables.format_result(result)
         assert f"{value} ± {U}" in text or f"{value} {U}" in text
+
+
+def test_a_bias_at_0_has_one_uncertainty_as_coefficient_and_as_value(run):
+    """Model error included: the coefficient b0 of a channel is its bias at rest at 0 °C."""
+    found = by_key(certificate(run("thermal"), None, "results.temperatures_degc=[0.0, 25.0]"))
+    values = {key: result for key, result in found.items() if key.endswith(".bias@0")}
+    assert values
+    for key, value in values.items():
+        coefficient = found[key.replace("bias@0", "b0")]
+        assert coefficient.value == pytest.approx(value.value, rel=1e-12)
+        assert coefficient.uncertainty.expanded_uncertainty == pytest.approx(
+            value.uncertainty.expanded_uncertainty, rel=1e-12
+        )
