@@ -4,6 +4,8 @@ gyro_orthogonality.json.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Any
+
 from calibkit.instruments.gyro_scale.acceptance import LINE_KEYS
 from calibkit.instruments.gyro_scale.compensate import correct
 from calibkit.instruments.gyro_scale.forms import FORMS
@@ -13,6 +15,14 @@ from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe as Recipe
 from calibkit.instruments.gyro_scale.simulate_pair import campaign
 from calibkit.instruments.gyro_scale.table_runs import faults, read
 
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from calibkit.planning.proposal import Task
+    from calibkit.planning.schedule import Schedule
+    from calibkit.planning.search import Bench
+    from calibkit.simulate.campaign import Campaign
+
 __all__ = [
     "CAMPAIGNS",
     "FORMS",
@@ -21,8 +31,10 @@ __all__ = [
     "correct",
     "faults",
     "fit",
+    "prepare_plan",
     "propose",
     "read",
+    "simulate_plan",
     "validate",
 ]
 
@@ -32,3 +44,19 @@ KEY_FIGURES = (
     r"gyro_orthogonality\.(N|epsilon|gamma|alpha_deg)",
 )
 CAMPAIGNS = {"gyro_pair": campaign}
+
+
+def prepare_plan(spec: Recipe, task: Task) -> Bench:
+    """Campaigns of two gyros, and what they will tell."""
+    from calibkit.instruments.gyro_scale import plan_pair
+
+    return plan_pair.prepare(spec, task)
+
+
+def simulate_plan(
+    spec: Recipe, schedule: Schedule, document: Mapping[str, Any], seed: int
+) -> Campaign:
+    """Logs of a campaign that was run by a plan, and their truth."""
+    from calibkit.instruments.gyro_scale import plan_pair
+
+    return plan_pair.simulate(spec, schedule, document, seed)

@@ -16,7 +16,7 @@ from calibkit.fit.solve import Fit, predict
 from calibkit.instruments.gyro_scale import equation, forms, simulate_rate_table, table_runs
 from calibkit.instruments.gyro_scale.numeric import line_terms
 from calibkit.instruments.gyro_scale.numeric.gjb_figures import PPM
-from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe, GyroTriadRecipe
+from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares import polynomial
 from calibkit.planning.assumptions import EARLIER_DOF, Assumed, assume, read_sizes, seen_errors
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping, Sequence
 
     from calibkit.arrays import Array, Integers
-    from calibkit.instruments.gyro_scale.recipe import RateTableRecipe
+    from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe, RateTableRecipe
     from calibkit.planning.equipment import RateTable
     from calibkit.planning.proposal import Task
     from calibkit.planning.schedule import Schedule
@@ -468,10 +468,6 @@ def spread_rates(fastest: int, number: int, *, even: bool) -> tuple[int, ...]:
 
 def prepare_plan(spec: RateTableRecipe | GyroTriadRecipe | GyroPairRecipe, task: Task) -> GyroBench:
     """What the search needs; UsageError for what cannot be planned."""
-    if isinstance(spec, GyroPairRecipe):
-        from calibkit.instruments.gyro_scale import plan_pair
-
-        return plan_pair.prepare(spec, task)
     assumed, table = assume_on_table(spec, task, UNITS, RANGE_DEGC, told=spec.component_units)
     reference = float(np.clip(spec.reference_temp_degc, *assumed.range_degc))
     axes = forms.AXES if isinstance(spec, GyroTriadRecipe) else ("",)
@@ -575,7 +571,7 @@ def measure_runs(
 
 
 def simulate_plan(
-    spec: RateTableRecipe | GyroTriadRecipe | GyroPairRecipe,
+    spec: RateTableRecipe | GyroTriadRecipe,
     schedule: Schedule,
     document: Mapping[str, Any],
     seed: int,
@@ -583,10 +579,6 @@ def simulate_plan(
     """Logs of gyros on a table that was run by a schedule, with the errors of runs that the plan
     assumes, and their truth.
     """
-    if isinstance(spec, GyroPairRecipe):
-        from calibkit.instruments.gyro_scale import plan_pair
-
-        return plan_pair.simulate(spec, schedule, document, seed)
     rng = np.random.default_rng(np.random.SeedSequence(seed))
     gyros = {f"gyro_{name}_lsb": simulate_rate_table.RateGyro.draw(rng) for name in spec.gyros}
     directions = np.eye(3)[: len(gyros)] + rng.normal(0.0, MOUNTED_RAD, (len(gyros), 3))
