@@ -71,8 +71,14 @@ class TableRows:
     """Lines whose scale factor changes with time since the runs began."""
 
     @classmethod
-    def of(cls, sets: Sequence[Sequence[tuple[int, TableRun]]]) -> "TableRows":
-        """Rows of sets of runs, each with the number of its axis."""
+    def of(
+        cls,
+        sets: Sequence[Sequence[tuple[int, TableRun]]],
+        in_time: tuple[InTime, ...] | None = None,
+    ) -> "TableRows":
+        """Rows of sets of runs, each with the number of its axis; what changes with time is decided
+        anew where it is not known of nearly the same runs.
+        """
         parts: list[Array] = []
         lines: list[tuple[int, int, int]] = []
         every = [(s, a, run) for s, runs in enumerate(sets) for a, run in runs]
@@ -106,7 +112,9 @@ class TableRows:
             np.array([line.left_out for line in fitted]).T,
             np.array([line.standard_uncertainty[0] for line in fitted]),
         )
-        return replace(table, in_time=tuple(table._find_in_time()))
+        if in_time is None:
+            in_time = tuple(table._find_in_time())
+        return replace(table, in_time=in_time)
 
     def _find_in_time(self) -> Iterator[InTime]:
         """Decisions of `ordering` on the runs of each gyro about its own axis at each

@@ -9,6 +9,7 @@ from calibkit.errors import FitError
 from calibkit.fit.shared import Shared
 from calibkit.fit.solve import Fit
 from calibkit.instruments.gyro_scale import contradictions, forms, lines, ordering, table_runs
+from calibkit.instruments.gyro_scale.lines import InTime
 from calibkit.instruments.gyro_scale.numeric import gjb_figures, pair as gyro_pair
 from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe
 from calibkit.numeric import gum
@@ -30,6 +31,8 @@ class PairFit:
     runs: Mapping[str, tuple[table_runs.TableRun, ...]]
     lines: Fit
     """K [2, 2], then F0, of the mean lines of each gyro about each axis."""
+    in_time: tuple[InTime, ...]
+    """What changes with time, which refits of nearly the same runs keep."""
     errors: Fit
     """Errors of the held rates, which refits of nearly the same runs keep."""
     found: gyro_pair.GyroPair
@@ -54,7 +57,8 @@ def fit_pair(
     rates, how runs repeat, the difference between the runs' temperatures, and the mounting. `near`
     is a fit of nearly the same runs.
     """
-    held = lines.TableRows.of([[(k, run) for k, axis in enumerate("ab") for run in runs[axis]]])
+    about = [(k, run) for k, axis in enumerate("ab") for run in runs[axis]]
+    held = lines.TableRows.of([about], near.in_time if near else None)
     rows, known = held.rows, {effect: (size, dof) for effect, size, dof in spec.known_errors()}
     errors = near.errors if near else held.errors()
     means = held.means(np.ones(held.gyro_of.size, dtype=np.bool_)).reshape(4, -1)
@@ -106,7 +110,9 @@ def fit_pair(
         for run in runs[gyro]:
             flags += table_runs.flag_uncertain(name, run.scale(gyro))
         flags += contradictions.flag_runs(name, gyro, runs[gyro])
-    return PairFit(runs, every, errors, found, run_scale, mounting, tuple(dict.fromkeys(flags)))
+    return PairFit(
+        runs, every, held.in_time, errors, found, run_scale, mounting, tuple(dict.fromkeys(flags))
+    )
 
 
 def _refuse_opposite(noise: gyro_pair.GyroPair) -> None:

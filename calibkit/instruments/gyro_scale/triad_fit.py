@@ -86,6 +86,8 @@ class AxesFit:
     """Table axis → its runs."""
     sets: tuple[AxesSet, ...]
     reference: int
+    in_time: tuple[lines.InTime, ...]
+    """What changes with time, which refits of nearly the same runs keep."""
     errors: Fit
     """Errors of the held rates, which refits of nearly the same runs keep."""
     over: TriadOverTemperature | None
@@ -134,7 +136,11 @@ def fit_axes(
     logged = bool(np.isfinite([run.temp_degc for run in every]).all())
     groups = _groups(runs) if logged else [dict(runs)]
     held = lines.TableRows.of(
-        [[(a, run) for a, axis in enumerate(forms.AXES) for run in group[axis]] for group in groups]
+        [
+            [(a, run) for a, axis in enumerate(forms.AXES) for run in group[axis]]
+            for group in groups
+        ],
+        near.in_time if near else None,
     )
     known = {effect: (size, dof) for effect, size, dof in spec.known_errors()}
     run_scale, mounting = held.run_scale(known.get("scale")), held.mounting(known.get("angle"))
@@ -163,6 +169,7 @@ def fit_axes(
         runs,
         sets,
         int(np.argmin(np.abs(temperature - spec.reference_temp_degc))) if logged else 0,
+        held.in_time,
         errors,
         None
         if len(sets) == 1
