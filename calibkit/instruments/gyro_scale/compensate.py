@@ -61,7 +61,7 @@ def correct(spec: AnyRecipe, records: Mapping[str, Record], data: Path) -> Appli
     log = _read(spec, data, known)
     added, flags, last = 0.0, [*log.notes], []
     if not isinstance(spec, GyroTriadRecipe):
-        added, flags = read_earth_rate(spec, records, CoefficientError), []
+        added = read_earth_rate(spec, records, CoefficientError)
         last = [RESTED] if added == 0.0 else []
     derived: dict[str, Array] = {}
     for matrix in known:
