@@ -22,9 +22,14 @@ def _over_temperature(unit: str, power: int) -> str:
 
 SCALE_FACTOR, ZERO_OFFSET, CROSS = k_factor.NAMES[:4], k_factor.NAMES[4:8], k_factor.NAMES[8:]
 """Names of K0 … K3 (scale factor) and K4 … K7 (zero offset) in ascending powers of temperature, and
-of K8, K9 (cross-axis terms).
+of K8, K9 (cross-axis terms): the numbering of the source, to which no power can be added.
 """
-K_UNITS = (*(_over_temperature(unit, k) for unit in ("1", "g") for k in range(4)), "1", "1")
+K_UNITS = (
+    *(_over_temperature("1", power) for power in range(len(SCALE_FACTOR))),
+    *(_over_temperature("g", power) for power in range(len(ZERO_OFFSET))),
+    *("1" for _ in CROSS),
+)
+"""Units of K0 … K9."""
 
 
 def inputs(indication: Array, temperature: Array) -> Inputs:
@@ -37,9 +42,9 @@ def _indication(at: Inputs) -> Array:
     return np.column_stack([at[component] for component in COMPONENTS])
 
 
-def _orthogonal(_: Model, Q: Numbers, at: Inputs) -> Numbers:
+def _orthogonal(_: Model, angles: Numbers, at: Inputs) -> Numbers:
     """Orthogonal components [n, 3, g] by the exact matrix of Q1, Q2, Q3 [rad]."""
-    return _indication(at) @ q_factor.exact_matrix(q_factor.axes_from_angles(Q)).T
+    return _indication(at) @ q_factor.exact_matrix(q_factor.axes_from_angles(angles)).T
 
 
 def _affine(model: Model, at: Inputs) -> tuple[Array, Array]:
