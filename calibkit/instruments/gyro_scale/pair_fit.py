@@ -1,10 +1,21 @@
-"""Runs of two gyros about two table axes → N, ε, γ and the angle between the gyros."""
+"""Runs of two gyros about two table axes → N, ε, γ and the angle between the gyros.
+
+K_A and K_B are scale factors about the gyros' own axes, K_Ba that of B about A's axis, K_Ab that of
+A about B's:
+
+    N = K_B/K_A,   ε = K_Ba/K_A,   γ = K_Ba/K_B = cos α,   second γ = K_Ab/K_A
+
+Each is a function of the four (`Fit.of`), whose covariance holds in turn: errors of the held rates
+and how runs repeat; the difference between the runs' temperatures; how a gyro's axis is off its
+table axis (`numeric/pair.py`).
+"""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.fit.shared import Shared
 from calibkit.fit.solve import Fit
@@ -18,6 +29,8 @@ OPPOSITE = 20.0
 """Standard uncertainties: two γ that differ by more than this, while their sum is within it, count
 as equal and opposite.
 """
+OWN_AND_CROSS = [0, 3, 2, 1]
+"""Places of K_A, K_B, K_Ba, K_Ab among the lines of A about a, A about b, B about a, B about b."""
 FLAGGED_DEGC = 0.2
 """Difference between the two runs' temperatures [°C] from which it is flagged."""
 
@@ -59,60 +72,100 @@ def fit_pair(
     """
     about = [(k, run) for k, axis in enumerate("ab") for run in runs[axis]]
     held = lines.TableRows.of([about], near.in_time if near else None)
-    rows, known = held.rows, {effect: (size, dof) for effect, size, dof in spec.known_errors()}
     errors = near.errors if near else held.errors()
-    means = held.means(np.ones(held.gyro_of.size, dtype=np.bool_)).reshape(4, -1)
-    none = np.zeros_like(means)
+    known = {effect: (size, dof) for effect, size, dof in spec.known_errors()}
     run_scale = held.run_scale(known.get("scale"))
-    every = held.linear(errors, np.vstack((means, none)), np.vstack((none, means)))
-    every = every.widened_by([run_scale] if run_scale else [])
+    mean_lines = _average_lines(held, errors, run_scale)
     degc = {axis: float(np.mean([run.temp_degc for run in runs[axis]])) for axis in "ab"}
     apart = degc["b"] - degc["a"]
-    K = every.restated(lambda p: p[[0, 3, 2, 1]])  # K_A, K_B, K_Ba, K_Ab
+    K = mean_lines.restated(lambda p: p[OWN_AND_CROSS])
     if np.isfinite(apart):
         K = _at_one_temperature(K, apart, spec)
-    second = K.of(lambda k: k[3] / k[0])
-    noise = gyro_pair.find(K.restated(lambda k: k[:3]), second)
-    _refuse_opposite(noise)
-    tilt, tilt_dof = gyro_pair.find_mounting(noise, known.get("angle"))
-    # a sine is lost about the other gyro's axis, a cosine about the own
-    own_K = np.array([K.parameters[0], K.parameters[1]])
-    across = own_K[held.gyro] * np.sin(np.radians(noise.alpha_deg)) * (held.gyro != held.axis)
-    mounting = Shared(
+    second_gamma = K.of(lambda k: k[3] / k[0])
+    before_mounting = gyro_pair.find(K.restated(lambda k: k[:3]), second_gamma)
+    _refuse_opposite(before_mounting)
+    tilt, tilt_dof = gyro_pair.find_mounting(before_mounting, known.get("angle"))
+    mounting = _mounting_error(held, K.parameters, before_mounting.alpha_deg, tilt, tilt_dof)
+    K = _lose_cosine(K.restated(lambda k: k[:3]).widened_by([mounting]), tilt)
+    pair = gyro_pair.find(K, second_gamma)
+    flags = [flag for run in (*runs["a"], *runs["b"]) for flag in run.flags]
+    flags += [*before_mounting.flags, *gyro_pair.flag_second(before_mounting)]
+    flags += _flag_temperatures(apart, spec)
+    if run_scale is None:
+        flags.append(f"N: {lines.WITHIN}")
+    if tilt > 0.0 and "angle" not in known:
+        flags.append(_flag_mounting(mounting, float(pair.dof[2])))
+    flags += _flag_lines(runs, held)
+    return PairFit(
+        runs,
+        mean_lines,
+        held.in_time,
+        errors,
+        pair,
+        run_scale,
+        mounting,
+        tuple(dict.fromkeys(flags)),
+    )
+
+
+def _average_lines(held: lines.TableRows, errors: Fit, run_scale: Shared | None) -> Fit:
+    """K [4], then F0 [4], of A about a, A about b, B about a, B about b: means over the runs."""
+    means = held.means(np.ones(held.gyro_of.size, dtype=np.bool_)).reshape(4, -1)
+    none = np.zeros_like(means)
+    averaged = held.linear(errors, np.vstack((means, none)), np.vstack((none, means)))
+    return averaged.widened_by([run_scale] if run_scale else [])
+
+
+def _mounting_error(
+    held: lines.TableRows, K: Array, alpha_deg: float, tilt: float, tilt_dof: float
+) -> Shared:
+    """Error that all rates about a table axis share where that is off its gyro's axis by an angle
+    [rad]: about the other gyro's axis a gyro loses its sine, K sin α per radian.
+    """
+    own_K = np.array([K[0], K[1]])
+    across = own_K[held.gyro] * np.sin(np.radians(alpha_deg)) * (held.gyro != held.axis)
+    return Shared(
         group="mounting",
         effect="angle",
         level=held.axis,
-        loading=(np.radians(across) * rows.rate_dps)[:, None],
+        loading=(np.radians(across) * held.rows.rate_dps)[:, None],
         unit="deg",
         size=float(np.degrees(tilt)),
         size_dof=tilt_dof,
     )
-    lost = own_K[:, None] * np.eye(2) * tilt**2
-    K = K.restated(lambda k: k[:3]).widened_by([mounting])
-    K = replace(K, bounds=np.column_stack((K.bounds, np.vstack((lost, np.zeros(2))))))
-    found = gyro_pair.find(K, second)
-    flags = [flag for run in (*runs["a"], *runs["b"]) for flag in run.flags]
-    flags += [*noise.flags, *gyro_pair.flag_second(noise), *_flag_temperatures(apart, spec)]
-    if run_scale is None:
-        flags.append(f"N: {lines.WITHIN}")
-    if tilt > 0.0 and "angle" not in known:
-        flags.append(
-            f"the two runs show a mounting error of {mounting.size:.2g}°, which is in u of"
-            f" gamma and alpha with {found.dof[2]:.2g} degrees of freedom (k ="
-            f" {gum.coverage_factor(found.dof[2]):.3g}): state how well a mounting repeats in"
-            ' [[errors.component]] group = "mounting", effect = "angle"'
-        )
+
+
+def _lose_cosine(K: Fit, tilt: float) -> Fit:
+    """K_A, K_B and K_Ba with what scale factors about the own axes lose at most by a tilt [rad]:
+    K (1 - cos tilt), of either gyro alone, taken as large as K tilt².
+    """
+    lost = K.parameters[:2, None] * np.eye(2) * tilt**2
+    return replace(K, bounds=np.column_stack((K.bounds, np.vstack((lost, np.zeros(2))))))
+
+
+def _flag_mounting(mounting: Shared, dof: float) -> str:
+    """Flag for a mounting that only the two γ show."""
+    return (
+        f"the two runs show a mounting error of {mounting.size:.2g}°, which is in u of gamma and"
+        f" alpha with {dof:.2g} degrees of freedom (k = {gum.coverage_factor(dof):.3g}): state how"
+        ' well a mounting repeats in [[errors.component]] group = "mounting", effect = "angle"'
+    )
+
+
+def _flag_lines(
+    runs: Mapping[str, tuple[table_runs.TableRun, ...]], held: lines.TableRows
+) -> Iterator[str]:
+    """Flags of scale factors about the own axes: time, doubtful runs, runs that contradict the
+    others.
+    """
     for change in held.in_time:
         name = forms.line_name("ab"[change.gyro])
-        flags += ordering.flag(name, change.decided, held.K[change.lines].mean())
+        yield from ordering.flag(name, change.decided, held.K[change.lines].mean())
     for gyro in "ab":
         name = forms.line_name(gyro, gyro)
         for run in runs[gyro]:
-            flags += table_runs.flag_uncertain(name, run.scale(gyro))
-        flags += contradictions.flag_runs(name, gyro, runs[gyro])
-    return PairFit(
-        runs, every, held.in_time, errors, found, run_scale, mounting, tuple(dict.fromkeys(flags))
-    )
+            yield from table_runs.flag_uncertain(name, run.scale(gyro))
+        yield from contradictions.flag_runs(name, gyro, runs[gyro])
 
 
 def _refuse_opposite(noise: gyro_pair.GyroPair) -> None:
