@@ -143,7 +143,7 @@ def triad_unseen(value, temperature=25.0, terms=()):
         residual_unit="g",
         valid={"temp_case_degc": (20.0, 30.0)},
     )
-    correction = coefficient_files.Correction(((forms.AFFINE, (model,)),))
+    correction = coefficient_files.Correction(forms.AFFINE, (model,))
     vectors = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1], [-1, 0, 0]])
     dwells = SimpleNamespace(indication=vectors, temperature=np.full(4, temperature))
     none = np.zeros(0)
@@ -165,8 +165,7 @@ def triad_noise(value, **limits):
 def lines(value, **limits):
     """Criteria of two runs of a rate table, one of unknown noise, the other with this ratio."""
     runs = [
-        SimpleNamespace(scales=SimpleNamespace(gyros=[SimpleNamespace(birge_ratio=ratio)]))
-        for ratio in (np.nan, value)
+        SimpleNamespace(scales=[SimpleNamespace(birge_ratio=ratio)]) for ratio in (np.nan, value)
     ]
     return acceptance.judge_noise(runs, RateTableAcceptance(**limits))
 
