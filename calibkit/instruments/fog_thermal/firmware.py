@@ -13,10 +13,16 @@ from calibkit.firmware import exact, pace, thermal_steps
 from calibkit.firmware.chain import Case, Chain, Memory, Select, Term
 from calibkit.firmware.draft import Draft, factor, numbers
 from calibkit.firmware.sources import required_record
-from calibkit.instruments.fog_thermal import firmware_bank, firmware_updates
+from calibkit.instruments.fog_thermal import firmware_bank
+from calibkit.instruments.fog_thermal.firmware_updates import (
+    correct_as_firmware,
+    thermal_history,
+)
 from calibkit.instruments.fog_thermal.forms import BANK, FILE, LAGGED, OVER_RATES, rate_names
 from calibkit.instruments.fog_thermal.recipe import HIGHEST_RATE_ORDER, FogThermalRecipe
 from calibkit.thermal_forms import CASE, GRADIENT, RATE
+
+__all__ = ["chain", "correct_as_firmware", "files"]
 
 AIR_RATE = "temp_env_rate_degc_min"
 LONGEST_DRIFT = 1024
@@ -58,7 +64,7 @@ def chain(spec: FogThermalRecipe, records: Mapping[str, Record]) -> Chain:
         found = _on_levels(draft, models[0], spec.reference_temp_degc)
     rate = max(thermal_steps.largest(model, RATE) for model in models)
     found = pace.keep_time(found, CASE, rate, spec.largest_gap_s())
-    return replace(found, trials=firmware_updates.thermal_history(found))
+    return replace(found, trials=thermal_history(found))
 
 
 def _output(draft: Draft, source: str) -> None:

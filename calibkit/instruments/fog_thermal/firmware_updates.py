@@ -58,7 +58,7 @@ reaches both ends of every range.
 """
 
 
-def apply(
+def correct_as_firmware(
     spec: FogThermalRecipe,
     chain: Chain,
     quantised: Program,
