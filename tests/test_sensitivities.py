@@ -184,7 +184,7 @@ def dwells_of_the_sample():
     """Recipe, dwells and fit of the accelerometer's sample logs."""
     spec = instruments.parse_recipe(recipe.find(str(ROOT / "recipes" / "accelerometer.toml")))
     folder = ROOT / "datasets" / "accelerometer"
-    logs = [accelerometer._read(spec, folder, file) for file in ingest.find_logs(spec, folder)]
+    logs = [accelerometer.read(spec, folder, file) for file in ingest.find_logs(spec, folder)]
     held = plausibility.screen(triad_dwells.collect_dwells(logs, spec), spec)
     return spec.model_copy(update={"loss": "least_squares"}), held, fit_triad(held, spec)
 

@@ -250,7 +250,7 @@ def test_a_tumbled_triad_comes_back_from_the_length_of_gravity():
     mg; attitudes are not logged.
     """
     from calibkit.instruments.accelerometer import simulate_magnitude
-    from calibkit.instruments.accelerometer.numeric import magnitude
+    from calibkit.instruments.accelerometer.numeric import q_factor
 
     simulated = simulate_magnitude.campaign(5, positions=12)
     truth = simulated.truth
@@ -258,8 +258,8 @@ def test_a_tumbled_triad_comes_back_from_the_length_of_gravity():
     assert set(log) == {"time_s", "accel_x_g", "accel_y_g", "accel_z_g"}
     samples = np.column_stack([log[f"accel_{axis}_g"] for axis in "xyz"]).reshape(12, 130, 3)
     holds = samples[:, :100].mean(axis=1)
-    parameters = np.concatenate([truth["k"], truth["b"], truth["Q"]])
-    corrected = (holds - truth["b"]) @ magnitude._correction_matrix(parameters).T
+    orthogonal = q_factor.exact_matrix(q_factor.axes_from_angles(np.array(truth["Q"])))
+    corrected = (holds - truth["b"]) / truth["k"] @ orthogonal.T
     np.testing.assert_allclose(np.linalg.norm(corrected, axis=1), 1.0, atol=5e-4)  # g
     assert np.abs(np.linalg.norm(holds, axis=1) - 1.0).max() > 5e-3
     np.testing.assert_allclose(corrected, truth["gravity"]["tumble.csv"], atol=5e-4)

@@ -2,17 +2,23 @@
 uncertainty (CMC) that it may state of them (ILAC P14).
 """
 
+from __future__ import annotations
+
 import fnmatch
 import math
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from calibkit import units
-from calibkit.certificate.profile import Capability, Profile
 from calibkit.certificate.results import Contribution, Result
 from calibkit.certificate.words import Words
 from calibkit.errors import RecipeError
 from calibkit.recipe.type_b import RELATIVE
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from calibkit.certificate.profile import Capability, Profile
 
 FLOOR = Words("smallest uncertainty of the accreditation (CMC)", "认可的校准和测量能力（CMC）")
 """Name of the contribution that raises U to the CMC."""
@@ -28,7 +34,7 @@ class Scope:
     accredited: bool = False
 
     @classmethod
-    def of(cls, profile: Profile) -> "Scope":
+    def of(cls, profile: Profile) -> Scope:
         """Scope that a profile states."""
         return cls(profile.cmc, bool(profile.accreditation.number.strip()))
 
