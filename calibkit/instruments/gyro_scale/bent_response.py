@@ -2,7 +2,7 @@
 
 A fibre-optic gyro without feedback is a sine whose constants follow temperature: to ± 150 °/s a
 cubic leaves 0.11 °/s of it, the fifth power with coefficients that are linear in temperature
-0.03 °/s.
+0.03 °/s; with their squares K(T) is right too (`equation`).
 """
 
 from functools import partial

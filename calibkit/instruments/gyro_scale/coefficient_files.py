@@ -257,10 +257,10 @@ def _response_model(
     K_order, F0_order = terms.orders
     named = [(f"K{k}", "1/deg") for k in range(K_order + 1)]
     named += [(f"F{k}", "1/s") for k in range(F0_order + 1)]
-    named += [(f"c{k}", "1/s") for k in terms.powers]
+    letters = forms.BEND_LETTERS[: terms.bend_order + 1]
+    named += [(f"{letter}{k}", "1/s") for letter in letters for k in terms.powers]
     parameters, valid = [Parameter("fastest_dps", terms.fastest_dps, "deg/s")], _valid(runs)
     if max(terms.orders):
-        named += [(f"d{k}", "1/s") for k in terms.powers]
         middle, half = terms.middle_half
         parameters += [
             Parameter("temp_middle_degc", middle, "degC"),

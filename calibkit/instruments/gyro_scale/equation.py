@@ -5,8 +5,10 @@
 F indication of a gyro at a held rate [1/s], Ω table rate [°/s], K and F0 polynomials of x, the
 temperature T mapped to [-1, 1], s_k shapes of a response that is no straight line (powers of the
 rate to the seventh, or |Ω|), b errors that held rates share, e noise. c_k is constant, follows the
-scale factor, c_k K(T)/K(x = 0), or is linear, c_k + d_k x. The published K and F0 are those of the
-best straight line over the held rates, which takes its part of the shapes.
+scale factor, c_k K(T)/K(x = 0), or is c_k + d_k x + e_k x². Without the square a sine of 3 % whose
+constants follow temperature leaves 1 count of it, of which a drift of the runs makes K(T) 12 ppm
+wrong at the ends of the range, at U of 8 ppm. The published K and F0 are those of the best straight
+line over the held rates, which takes its part of the shapes.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -30,6 +32,8 @@ SCALE, ZERO = 0, 1
 """Number of K among the results of a line, and of F0."""
 LOWEST_ORDER = 1
 """Of K and F0 over temperature: that a slope is not seen is no proof that there is none."""
+HIGHEST_BEND_ORDER = 2
+"""Of the coefficients of powers of the rate over temperature."""
 SAME_RATE = 0.01
 """Relative difference below which two held rates are one."""
 TINY = 1e-6
@@ -84,8 +88,10 @@ class Parameters(NamedTuple):
     """[lines, order + 1]."""
     bend: Numbers
     """c [lines, k]."""
-    bend_slope: Numbers
-    """d [lines, k], or none where the bends are not linear in x."""
+    bend_change: Numbers
+    """d [k], then e [k], of each line [lines, ...]; none where the bends are no polynomials of
+    x.
+    """
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,14 +107,18 @@ class Terms:
     """Names of the shapes, as `line_terms.shapes` has them."""
     fastest_dps: float = 1.0
     """Rate that powers of the rate are relative to."""
-    bends: Literal["constant", "as K", "linear"] = "constant"
+    bends: Literal["constant", "as K", "polynomial"] = "constant"
     """How the shapes change with temperature."""
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the parameters of a line."""
         letters = zip(("K", "F0"), self.orders, strict=True)
-        change = [f"{name} T" for name in self.shapes if self.bends == "linear"]
+        change = [
+            f"{name} T^{order}" if order > 1 else f"{name} T"
+            for order in range(1, self.bend_order + 1)
+            for name in self.shapes
+        ]
         powers = [f"{letter} T^{k}" for letter, order in letters for k in range(order + 1)]
         return (*powers, *self.shapes, *change)
 
@@ -116,6 +126,13 @@ class Terms:
     def start(self) -> Array:
         """Parameters [p] of gyros whose scale factor is 1."""
         return np.tile(np.eye(len(self.names))[0], self.lines)
+
+    @property
+    def bend_order(self) -> int:
+        """Highest power of x of the coefficients of the shapes."""
+        if self.bends != "polynomial":
+            return 0
+        return min(HIGHEST_BEND_ORDER, max(self.orders))
 
     def split(self, p: Numbers) -> Parameters:
         """Parameters [p] by name."""
@@ -141,11 +158,11 @@ class Terms:
         return columns
 
     def bent_by(self, powers: Sequence[int]) -> "Terms":
-        """The same with powers of the rate whose coefficients are linear in temperature, where K
-        and F0 change with it.
+        """The same with powers of the rate whose coefficients are polynomials of temperature, where
+        K and F0 are.
         """
         shapes = tuple(f"{line_terms.CURVATURE} {power}" for power in powers)
-        return replace(self, shapes=shapes, bends="linear" if max(self.orders) else "constant")
+        return replace(self, shapes=shapes, bends="polynomial" if max(self.orders) else "constant")
 
     @property
     def powers(self) -> tuple[int, ...]:
@@ -159,9 +176,8 @@ class Terms:
         of = self.split(p)
         if self.bends == "as K":
             return np.asarray(of.bend[:, :, None] * (of.K / of.K[:, :1])[:, None, :])
-        if self.bends == "linear":
-            return np.stack((of.bend, of.bend_slope), axis=2)
-        return of.bend[:, :, None]
+        change = of.bend_change.reshape(self.lines, self.bend_order, len(self.shapes))
+        return np.concatenate((of.bend[:, :, None], np.swapaxes(change, 1, 2)), axis=2)
 
 
 def at(polynomials: Numbers, x: Array) -> Numbers:

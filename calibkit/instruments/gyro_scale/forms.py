@@ -20,6 +20,8 @@ from calibkit.instruments.gyro_scale.recipe import AnyRecipe, GyroTriadRecipe, O
 
 SCALE_FILE, ORTHOGONALITY_FILE = "gyro_scale.json", "gyro_orthogonality.json"
 RATE, TEMPERATURE = "table_rate_dps", "temp_case_degc"
+BEND_LETTERS = "cde"
+"""Coefficients of powers of the rate, by their power of temperature."""
 AXES = ("x", "y", "z")
 """Axes of the base that a triad is turned about."""
 HIGHEST_POWER = 7
@@ -83,8 +85,8 @@ def _line_gradient(model: Model, at: Inputs) -> Array:  # noqa: ARG001 (as every
 
 
 def _bent(model: Model, p: Numbers, at: Inputs) -> Numbers:
-    """F = Σ K_j x^j Ω + Σ (c_k + d_k x) (Ω/Ω_max)^k + Σ F_j x^j [n, 1/s], x the temperature mapped
-    to [−1, 1]; by Horner's rule over the rate.
+    """F = Σ K_j x^j Ω + Σ (c_k + d_k x + e_k x²) (Ω/Ω_max)^k + Σ F_j x^j [n, 1/s], x the
+    temperature mapped to [−1, 1]; by Horner's rule over the rate.
     """
     fastest = model.value("fastest_dps")
     share, x = at[RATE] / fastest, np.zeros(len(at[RATE]))
@@ -94,8 +96,8 @@ def _bent(model: Model, p: Numbers, at: Inputs) -> Numbers:
     of_rate: list[Numbers] = [np.zeros(1)] * (1 + HIGHEST_POWER)
     for coefficient, value in zip(model.coefficients, p, strict=True):
         letter, number = coefficient.name[0], int(coefficient.name[1:])
-        if letter in "cd":
-            of_rate[number] = of_rate[number] + (value * x if letter == "d" else value)
+        if letter in BEND_LETTERS:
+            of_rate[number] = of_rate[number] + value * x ** BEND_LETTERS.index(letter)
         else:
             power = int(letter == "K")
             of_rate[power] = of_rate[power] + value * x**number * fastest**power
@@ -135,7 +137,7 @@ LINE = Form("gyro-scale/1", _line_gradient, measured={"temp_case": 0.1})
 """Indication [n, 1/s] over the table rate: F = K Ω + F0."""
 RESPONSE = Form.of_equation("gyro-response/2", _bent)
 """Indication [n, 1/s] over the table rate and temperature,
-F = K(T) Ω + Σ (c_k + d_k x) (Ω/Ω_max)^k + F0(T), x the temperature mapped to [−1, 1].
+F = K(T) Ω + Σ (c_k + d_k x + e_k x²) (Ω/Ω_max)^k + F0(T), x the temperature mapped to [−1, 1].
 """
 RESPONSE_1 = Form.of_equation("gyro-response/1", _sine_or_odd)
 """Indicated rate (F − F0)/K [n, °/s] over the table rate, as calibkit 0.2 wrote it: an odd
