@@ -80,32 +80,38 @@ def _of_ramps(fitted: Sequence[FittedRamp], spec: Drift) -> tuple[Sensitivity, .
 
 
 def _of_levels(stage: str, model: Model, rest: Mapping[str, float]) -> list[Sensitivity]:
-    """Sensitivities of one model on levels, and of the rates at `rest`."""
+    """Sensitivities of one model on levels, and of the rates at `rest`.
+
+    At rest a thermometer that is off by δT gives the drift of T at T + δT: coefficients c change by
+    δc with design(T) δc = −∂f/∂T · δT. For δT that is constant, or proportional to T, f is a
+    polynomial of the same order, and δc is exact.
+    """
     low, high = model.valid[CASE]
     case = np.linspace(low, high, POINTS)
     at = {CASE: case, RATE: np.zeros(POINTS)}
     slope = forms.slope_over_case(model, at)
-    along = (2.0 * case - high - low) / ((high - low) or 1.0)
+    mapped_case = (2.0 * case - high - low) / ((high - low) or 1.0)
     design = forms.ON_LEVELS[model.form].gradient(model, at)
-    own = [
+    at_rest = [
         k
         for k, c in enumerate(model.coefficients)
         if design[:, k].any() and (c.value or c.standard_uncertainty)
     ]
-    solved = np.linalg.lstsq(
-        design[:, own], np.column_stack([-slope, -slope * along, np.ones(POINTS)]), rcond=None
-    )[0]
-    names = [f"{stage}.{model.name}.{model.coefficients[k].name}" for k in own]
+    right_sides = np.column_stack([-slope, -slope * mapped_case, np.ones(POINTS)])
+    solved = np.linalg.lstsq(design[:, at_rest], right_sides, rcond=None)[0]
+    names = [f"{stage}.{model.name}.{model.coefficients[k].name}" for k in at_rest]
     offset, span, level = (dict(zip(names, column.tolist(), strict=True)) for column in solved.T)
     by_rate = {f"{stage}.{name}": 1.0 for name in rest}
-    shares = {
+    # all but the lags are proportional to the indication
+    proportional = {
         f"{stage}.{model.name}.{c.name}": c.value
         for c in model.coefficients
         if c.value and not c.unit.startswith("s")
     }
+    proportional |= {f"{stage}.{name}": value for name, value in rest.items()}
     return [
         Sensitivity(CASE, "offset", offset),
         Sensitivity(CASE, "span", span),
         Sensitivity("gyro_dph", "offset", level | by_rate),
-        Sensitivity("gyro_dph", "scale", shares | {f"{stage}.{n}": v for n, v in rest.items()}),
+        Sensitivity("gyro_dph", "scale", proportional),
     ]

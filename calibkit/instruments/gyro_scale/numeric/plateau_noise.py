@@ -1,5 +1,10 @@
 """Variation of indications within held rates of a rate table: the earth's horizontal rate, the
 unevenness of the table, and noise. The rows of one plateau at a time are in memory.
+
+    F - mean = h_c cos θ + h_s sin θ + Ω (u_c cos θ + u_s sin θ) + K (rate - Ω) + e
+
+θ is the angle of the table, h what the earth's horizontal rate adds as it turns, u the unevenness of
+the table per mean rate Ω of the plateau, K the scale factor along the logged rate.
 """
 
 from dataclasses import dataclass
@@ -16,6 +21,14 @@ LEAST_BLOCK = 4
 """Rows of a block from which its mean tells of autocorrelation."""
 ONE_PHASE = 1e-7
 """Singular value, relative to the largest, below which cos and sin of the angle are one column."""
+ROUNDED = 1e-7
+"""Size of a column, relative to the largest it can have, below which it is rounding of a commanded
+angle or rate.
+"""
+SINGULAR = 1e-8
+"""Eigenvalue, relative to the largest, below which the columns do not determine a combination."""
+INVOLVED = 1e-3
+"""Share of the earth's columns in such a combination from which they are not determined either."""
 WHITE_RATIO = 1.3
 """Ratio of the variance of block means to that of white noise, above which the noise counts as
 autocorrelated.
@@ -70,26 +83,26 @@ class Record:
             columns, target = part.centred(self)
             gram += columns.T @ columns
             product += columns.T @ target
-        size = np.sqrt(np.diag(gram))
-        # rounding errors of a commanded rate are not unevenness
-        present = size > 1e-7 * np.sqrt(count) * np.array(
-            [1.0, 1.0, *[max(map(abs, chunks.extremes(self.rate)))] * 3]
-        )
-        to_raw = np.where(present, 1.0 / np.where(present, size, 1.0), 0.0)
-        values, vectors = np.linalg.eigh(gram * np.outer(to_raw, to_raw))
-        firm = values > 1e-8 * max(float(values[-1]), np.finfo(np.float64).tiny)
-        inverse = (vectors[:, firm] / values[firm]) @ vectors[:, firm].T
-        factors = (inverse @ (to_raw[:, None] * product)) * to_raw[:, None]
-        dof = max(count - len(parts) - int(firm.sum()), 1)
+        length = np.sqrt(np.diag(gram))
+        fastest = max(map(abs, chunks.extremes(self.rate)))
+        largest = np.sqrt(count) * np.array([1.0, 1.0, fastest, fastest, fastest])
+        present = length > ROUNDED * largest
+        inverse_length = np.where(present, 1.0 / np.where(present, length, 1.0), 0.0)
+        values, vectors = np.linalg.eigh(gram * np.outer(inverse_length, inverse_length))
+        determined = values > SINGULAR * max(float(values[-1]), np.finfo(np.float64).tiny)
+        inverse = (vectors[:, determined] / values[determined]) @ vectors[:, determined].T
+        factors = (inverse @ (inverse_length[:, None] * product)) * inverse_length[:, None]
+        dof = max(count - len(parts) - int(determined.sum()), 1)
         left = sum(
             np.sum((target - columns @ factors) ** 2, axis=0)
             for columns, target in (part.centred(self) for part in parts)
         )
+        earth_alone = np.all(np.abs(vectors[:2, ~determined]) < INVOLVED)
         return Modulation(
             factors=factors,
-            unit_covariance=(inverse * np.outer(to_raw, to_raw))[:2, :2],
+            unit_covariance=(inverse * np.outer(inverse_length, inverse_length))[:2, :2],
             variance=np.asarray(left / dof, dtype=np.float64),
-            earth=bool(present[:2].all() and np.all(np.abs(vectors[:2, ~firm]) < 1e-3)),
+            earth=bool(present[:2].all() and earth_alone),
         )
 
     def noise(
