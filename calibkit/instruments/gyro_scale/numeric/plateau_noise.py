@@ -3,8 +3,8 @@ unevenness of the table, and noise. The rows of one plateau at a time are in mem
 
     F - mean = h_c cos θ + h_s sin θ + Ω (u_c cos θ + u_s sin θ) + K (rate - Ω) + e
 
-θ is the angle of the table, h what the earth's horizontal rate adds as it turns, u the unevenness of
-the table per mean rate Ω of the plateau, K the scale factor along the logged rate.
+θ is the angle of the table, h what the earth's horizontal rate adds as it turns, u the unevenness
+of the table per mean rate Ω of the plateau, K the scale factor along the logged rate.
 """
 
 from dataclasses import dataclass
