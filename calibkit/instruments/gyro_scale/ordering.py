@@ -66,10 +66,12 @@ def decide(
     held = np.column_stack((rows.rate_dps, t, indication)).reshape(count.size, -1, 3)
     apart = np.max(np.ptp(held[:, :, 0], axis=0))
     rate, t, F = held.mean(axis=0).T
+    if apart > equation.SAME_RATE * np.max(np.abs(rate)):
+        return None
     w = rate / np.max(np.abs(rate))
     bent = np.column_stack([w**k for k in powers] if powers else [w**3, w * np.abs(w)])
     dof = rate.size - 2 - 3 - bent.shape[1]  # the time constant counts
-    if apart > equation.SAME_RATE * np.max(np.abs(rate)) or dof < LEAST_DOF:
+    if dof < LEAST_DOF:
         return None
     return _judge(rate, t, F, bent, dof)
 
