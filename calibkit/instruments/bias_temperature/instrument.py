@@ -4,12 +4,14 @@ bias.json.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from calibkit import check as checks, units
 from calibkit.certificate.fit_tables import tabulate_fit
+from calibkit.certificate.results import ListTable
 from calibkit.check import chunked, copies
 from calibkit.coefficients import Input, Record
 from calibkit.forms import POLYNOMIAL
@@ -29,6 +31,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
+    from calibkit.certificate.results import Block
+    from calibkit.certificate.stated import Stated
     from calibkit.ingest.evidence import Evidence
     from calibkit.ingest.logs import Reader
     from calibkit.ingest.recipe_text import Choice
@@ -111,13 +115,23 @@ def fit(
     flags += [flag for found in fits for flag in found.flags]
     result = polynomials.result(fits, flags)
     influences = sensitivities.find(result)
-    tables = tabulate_fit([result], spec, influences, certificate.blocks)
+    tables = tabulate_fit([result], spec, influences, _list_coefficients)
     return Fitted(
         (result,),
         tuple(Input.of(log) for log in logs),
         polynomials.summary(spec, fits, flags, tables),
         pages.BiasReport(fits[0].abscissa, tuple(found.curve for found in fits)),
         sensitivities=influences,
+    )
+
+
+def _list_coefficients(stated: Stated) -> tuple[Block, ...]:
+    """Blocks of the certificate without biases over temperature, which the figure shows: the page
+    of one of many small devices stays small.
+    """
+    return tuple(
+        replace(block, tables=tuple(one for one in block.tables if isinstance(one, ListTable)))
+        for block in certificate.blocks(stated)
     )
 
 
