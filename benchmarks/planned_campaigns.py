@@ -111,19 +111,19 @@ def run_table(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  
     held rates with all errors of the plan, fitted by the model of all runs.
     """
     rng = np.random.default_rng(seed)
-    told = plan.document["settings"]
+    settings = plan.document["settings"]
     holds = gyro_plan.Holds.of_runs(
-        told["rates_dps"],
-        np.array(told["middle_h"]),
-        np.array(told["noise_dps"]),
-        told["temperatures_degc"],
+        settings["rates_dps"],
+        np.array(settings["middle_h"]),
+        np.array(settings["noise_dps"]),
+        settings["temperatures_degc"],
     )
-    rows, order = holds.rows, told["order"]
+    rows, order = holds.rows, settings["order"]
     x = (rows.row_degc - 25.0) / 100.0
     K, F0 = rng.normal(0.0, 3e-3, order + 1), rng.normal(0.0, 1e-3, order + 1)
     scale = 1.0 + np.vander(x, order + 1, increasing=True) @ K
     size = {one["effect"]: one["value"] for one in plan.document["components"]}
-    count, rate = len(told["temperatures_degc"]), np.array(told["rates_dps"])
+    count, rate = len(settings["temperatures_degc"]), np.array(settings["rates_dps"])
     drawn = rng.normal(0.0, 1.0, (3, count))
     response = rng.normal(0.0, size["response"] / 3600.0, len(rate))
     indication = (
@@ -169,10 +169,10 @@ def run_gyro(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  #
     drawn from the priors of the plan, fitted by a bank whose variances are sought.
     """
     rng = np.random.default_rng(seed)
-    told = plan.document["settings"]
+    settings = plan.document["settings"]
     sizes = {(one["group"], one["effect"]): one["value"] for one in plan.document["components"]}
     model = fog_planned.Model(
-        tuple(told["range_degc"]), told["case_lag_s"], told["white_dph"], sizes
+        tuple(settings["range_degc"]), settings["case_lag_s"], settings["white_dph"], sizes
     )
     held = [one for one in plan.schedule.actions if one.log and "withheld" not in one.log]
     ramps = [

@@ -231,7 +231,7 @@ def stub(residual, value, suspects=()):
 def chosen(robust_fit, plain_fit, before, loss="robust"):
     """Fit that is exported, and its flags."""
     fits = {"robust": robust_fit, "least_squares": plain_fit}
-    return robust_choice.choose(lambda loss: fits[loss], loss, "triad", np.full(20, before))
+    return robust_choice.choose(lambda loss: fits[loss], loss, np.full(20, before))
 
 
 def test_a_robust_fit_that_fits_most_dwells_worse_is_not_exported():

@@ -36,7 +36,7 @@ class Assumed:
     range_degc: tuple[float, float]
     components: tuple[ErrorComponent, ...]
     units: Units
-    told: Collection[tuple[str, str]]
+    passed_on: Collection[tuple[str, str]]
     """Errors that the recipe of a campaign states."""
     notes: tuple[str, ...]
 
@@ -70,14 +70,14 @@ def assume(
     units: Units,
     *,
     default_degc: tuple[float, float] | None = None,
-    told: Collection[tuple[str, str]] | None = None,
+    passed_on: Collection[tuple[str, str]] | None = None,
     earlier: Iterable[ErrorComponent] = (),
     noise: float | None = None,
     notes: tuple[str, ...] = (),
 ) -> Assumed:
     """Assumptions of a plan: errors of the equipment, over them those of an earlier run, over these
-    what the recipe states; all are told the fit where `told` names none. Without a default the
-    campaign is at the reference temperature.
+    what the recipe states; the recipe of the campaign states those that `passed_on` names, all
+    without it. Without a default the campaign is at the reference temperature.
 
     Raises UsageError for an error that the procedure does not have, and for a range that the
     chamber does not reach, or that is asked of a campaign at one temperature; measured logs may
@@ -104,8 +104,8 @@ def assume(
                 hint=f"there are {', '.join(f'{e} of {g}' for g, e in units)}",
             )
     noise = device.noise if noise is None else noise
-    told = units if told is None else told
-    return Assumed(device, noise, (low, high), tuple(stated.values()), units, told, notes)
+    passed_on = units if passed_on is None else passed_on
+    return Assumed(device, noise, (low, high), tuple(stated.values()), units, passed_on, notes)
 
 
 def read_sizes(document: Mapping[str, Any], units: Units) -> dict[tuple[str, str], float]:

@@ -49,7 +49,7 @@ def choose_some(levels: Sequence[int]) -> Iterator[tuple[int, ...]]:
 
 def order_there_and_back(levels: Sequence[int]) -> tuple[int, ...]:
     """Temperatures, lowest first, in the order of a campaign: every second one on the way back to
-    the first, so that drift is told from temperature on a way that is no longer.
+    the first, so that drift is separated from temperature on a way that is no longer.
     """
     return (*levels[::2], *levels[1::2][::-1], levels[0])
 

@@ -139,7 +139,7 @@ def propose(bench: Bench) -> tuple[Proposal, tuple[Wish, ...]]:
         recipe_text.write_recipe(
             bench.spec,
             design.logs,
-            [one for one in assumed.components if (one.group, one.effect) in assumed.told],
+            [one for one in assumed.components if (one.group, one.effect) in assumed.passed_on],
             design.changes,
             added=bool(task.have),
         ),

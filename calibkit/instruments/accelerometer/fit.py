@@ -58,7 +58,7 @@ def fit_triad(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
         uncorrected = dwells.indication - dwells.reference
     fit_with = partial(solve_triad, dwells, terms, spec)
     loss = "least_squares" if bounded else spec.loss
-    triad, doubts = robust_choice.choose(fit_with, loss, "triad", uncorrected)
+    triad, doubts = robust_choice.choose(fit_with, loss, uncorrected)
     flags += (*doubts, *triad.flags)
     taken = {ZERO: 1 + max(term.power for term in terms.listed if term.kind == "z")}
     flags += warn_of_few_levels(triad.fit.shared, taken)
@@ -172,7 +172,7 @@ def _triad_model(dwells: DwellSet, triad: Triad) -> Model:
 
 def _q_model(dwells: DwellSet, triad: Triad, temperature: float) -> Model:
     """Q1, Q2, Q3 of the fitted axes at a temperature [°C]."""
-    t, p = triad.mapped(temperature), triad.fit.parameters
+    t, p = float(triad.mapped(temperature)), triad.fit.parameters
     matrix = np.eye(3)
     scale = np.zeros(3)
     for value, term in zip(p, triad.terms.listed, strict=True):
@@ -259,7 +259,7 @@ def _attitude_condition(triad: Triad, dwells: DwellSet) -> float:
     """Condition number of scale factors, zeros and angles as lengths at the attitudes see them;
     that of the fit's own columns has the prior of the angles, and depends on the size of the zeros.
     """
-    t = triad.mapped_all(dwells.temperature)
+    t = triad.mapped(dwells.temperature)
     down = triad.terms.corrected(triad.fit.parameters, dwells.indication, t)
     design = np.column_stack([down**2, down, down * np.roll(down, 1, axis=1)])
     return float(np.linalg.cond(design / np.linalg.norm(design, axis=0)))
@@ -267,7 +267,7 @@ def _attitude_condition(triad: Triad, dwells: DwellSet) -> float:
 
 def _warn_of_lengths(triad: Triad, dwells: DwellSet, temperature: float) -> tuple[str, ...]:
     """Flags for poorly determined parameters, poorly spread attitudes and unchecked dwells."""
-    t, fit, listed = triad.mapped(temperature), triad.fit, triad.terms.listed
+    t, fit, listed = float(triad.mapped(temperature)), triad.fit, triad.terms.listed
 
     def results(p: Array) -> Array:
         scale_and_zero = np.zeros(6, dtype=p.dtype)

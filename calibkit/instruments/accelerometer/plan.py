@@ -416,7 +416,7 @@ class TriadBench(Bench):
             return pool.criterion(range(len(taken)))
 
         start = polynomial.space_levels(*ends, levels)
-        # every second temperature on the way back, so that drift is told from temperature
+        # every second temperature on the way back, so that drift is separated from temperature
         order = [*start[::2], *start[1::2][::-1]]
         order, _ = exchange.exchange_values(order, partial(_moves, ends=ends), criterion)
         return (*order, order[0])
@@ -491,7 +491,7 @@ def prepare_plan(spec: AccelerometerRecipe, task: Task) -> Bench:
         *(spec, task, device, shared_errors.UNITS),
         default_degc=RANGE_DEGC,
         # several logs have no drift in common
-        told=shared_errors.UNITS.keys() - ({shared_errors.DRIFT} if task.have else ()),
+        passed_on=shared_errors.UNITS.keys() - ({shared_errors.DRIFT} if task.have else ()),
         earlier=earlier,
         noise=noise,
         notes=notes,

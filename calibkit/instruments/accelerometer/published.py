@@ -44,7 +44,7 @@ class KAxis:
 
 def fit_k(dwells: DwellSet, terms: tuple[KTerms, ...], triad: Triad) -> tuple[KAxis, ...]:
     """K of the three axes from the dwells that the triad's fit kept."""
-    t = triad.mapped_all(dwells.temperature)
+    t = triad.mapped(dwells.temperature)
     used = triad.fit.used.reshape(-1, 3)
     weights = np.ones(used.shape) if dwells.weights is None else dwells.weights
     fitted, blocks = [part.fitted for part in terms], blocks_of(terms)

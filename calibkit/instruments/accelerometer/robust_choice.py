@@ -23,10 +23,10 @@ ROUNDING_G = 1e-9
 
 
 def choose(
-    fit_with: Callable[..., Triad], loss: str, name: str, uncorrected: Array
+    fit_with: Callable[..., Triad], loss: str, uncorrected: Array
 ) -> tuple[Triad, tuple[str, ...]]:
-    """Fit with the recipe's loss, and flags that call it by a name; `uncorrected` are the residuals
-    [n] or [n, m, g] of the raw dwells.
+    """Fit with the recipe's loss, and flags; `uncorrected` are the residuals [n] or [n, m, g] of
+    the raw dwells.
 
     Plain least squares stands in where a robust fit does not converge, or leaves a median absolute
     residual that is 10 % larger than that of least squares or of no correction. Where the two fits
@@ -44,7 +44,7 @@ def choose(
         else:
             left = _median_length(tough.residuals)
             if left <= WORSE * min(other, raw) + ROUNDING_G:
-                return tough, _flag_differences(name, tough, plain)
+                return tough, _flag_differences(tough, plain)
             # without suspects the two differ by chance
             worse = (
                 f"the robust fit leaves a median residual of {left:.2e} g, least squares"
@@ -53,12 +53,10 @@ def choose(
                 else ""
             )
         if worse:
-            flags.append(
-                f"{name}: {worse}; plain least squares was used, outliers are not left out"
-            )
+            flags.append(f"triad: {worse}; plain least squares was used, outliers are not left out")
     if other > WORSE_THAN_NONE * raw + ROUNDING_G:
         raise FitError(
-            f"{name}: the median residual is {other:.2e} g after correction by least squares,"
+            f"triad: the median residual is {other:.2e} g after correction by least squares,"
             f" {raw:.2e} g before, expected a smaller one",
             hint="look for wrong rows or references: gross errors move such a fit",
         )
@@ -72,7 +70,7 @@ def _median_length(residuals: Array) -> float:
     return float(np.median(np.linalg.norm(residuals.reshape(len(residuals), -1), axis=1)))
 
 
-def _flag_differences(name: str, tough: Triad, plain: Triad) -> tuple[str, ...]:
+def _flag_differences(tough: Triad, plain: Triad) -> tuple[str, ...]:
     """Flag for robust and least-squares fits that differ by more than U, with both values of the
     coefficient that differs most.
     """
@@ -85,7 +83,7 @@ def _flag_differences(name: str, tough: Triad, plain: Triad) -> tuple[str, ...]:
     k, count = int(np.argmax(share)), int(np.sum(share > 1.0)) - 1
     others = f", and {count} more coefficients differ" if count else ""
     flag = (
-        f"{name}: the fits differ by more than U: {tough.terms.names[k]} is {value.value[k]:.7g} ±"
+        f"triad: the fits differ by more than U: {tough.terms.names[k]} is {value.value[k]:.7g} ±"
         f" {expanded[k]:.1e} by the robust fit, which is exported, {beside[k]:.7g} by least"
         f" squares{others}; look at the suspects before you rely on it"
     )

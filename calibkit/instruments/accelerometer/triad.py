@@ -83,7 +83,7 @@ class Triad:
         """
         lengths = self.residuals.shape[1] == 1
         residual, *moved = (
-            residual_of(one, self.terms, self.mapped_all(one.temperature), lengths=lengths)
+            residual_of(one, self.terms, self.mapped(one.temperature), lengths=lengths)
             for one in (dwells, *shifted)
         )
         return [
@@ -91,13 +91,9 @@ class Triad:
             for change in sensitivities(residual, moved, self.fit)
         ]
 
-    def mapped_all(self, temperature: Array) -> Array:
-        """Temperatures [n] [°C] in the unit of the parameters."""
-        return (temperature - self.middle) / self.half
-
-    def mapped(self, temperature: float) -> float:
-        """A temperature [°C] in the unit of the parameters."""
-        return (temperature - self.middle) / self.half
+    def mapped(self, temperature: Array | float) -> Array:
+        """Temperatures [°C], any number of them, in the unit of the parameters."""
+        return np.asarray((temperature - self.middle) / self.half)
 
     @property
     def residual_rms(self) -> float:

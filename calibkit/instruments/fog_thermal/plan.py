@@ -190,7 +190,7 @@ def prepare_plan(spec: FogThermalRecipe, task: Task) -> RampBench:
     assumed = assume(
         *(spec, task, device, planned.UNITS),
         default_degc=RANGE_DEGC,
-        told=(),
+        passed_on=(),
         earlier=earlier,
         noise=noise,
         notes=notes,

@@ -140,7 +140,7 @@ def prepare_plan(spec: GyroNoiseRecipe, task: Task) -> RecordBench:
             hint="plan records of gyros alone",
         )
     units = {("record", _words(name)): unit for name, unit in UNITS.items()}
-    assumed = assume(spec, task, device, units, told=())
+    assumed = assume(spec, task, device, units, passed_on=())
     # the mean over noise_s; IEEE Std 952: N/√τ
     terms = {WALK: assumed.noise_of(SECONDS_PER_HOUR)}
     sizes = {_key(effect): assumed.size(group, effect) for group, effect in units}

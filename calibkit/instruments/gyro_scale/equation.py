@@ -5,9 +5,9 @@
 F indication of a gyro at a held rate [1/s], Ω table rate [°/s], K and F0 polynomials of x, the
 temperature T mapped to [-1, 1], s_k shapes of a response that is no straight line (powers of the
 rate to the seventh, or |Ω|), b errors that held rates share, e noise. c_k is constant, follows the
-scale factor, c_k K(T)/K(x = 0), or is c_k + d_k x + e_k x². Without the square a sine of 3 % whose
-constants follow temperature leaves 1 count of it, of which a drift of the runs makes K(T) 12 ppm
-wrong at the ends of the range, at U of 8 ppm. The published K and F0 are those of the best straight
+scale factor, c_k K(T)/K(x = 0), or is c_k + d_k x + e_k x². Without the square, what the sine of an
+open-loop gyro leaves looks like zeros that drift within the runs, and puts K(T) farther off at the
+ends of the range than its U. The published K and F0 are those of the best straight
 line over the held rates, which takes its part of the shapes.
 """
 

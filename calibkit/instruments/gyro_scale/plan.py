@@ -468,7 +468,7 @@ def spread_rates(fastest: int, number: int, *, even: bool) -> tuple[int, ...]:
 
 def prepare_plan(spec: RateTableRecipe | GyroTriadRecipe | GyroPairRecipe, task: Task) -> GyroBench:
     """What the search needs; UsageError for what cannot be planned."""
-    assumed, table = assume_on_table(spec, task, UNITS, RANGE_DEGC, told=spec.component_units)
+    assumed, table = assume_on_table(spec, task, UNITS, RANGE_DEGC, passed_on=spec.component_units)
     reference = float(np.clip(spec.reference_temp_degc, *assumed.range_degc))
     axes = forms.AXES if isinstance(spec, GyroTriadRecipe) else ("",)
     have = measure_runs(spec, task, assumed)
@@ -483,7 +483,7 @@ def assume_on_table(
     units: Mapping[tuple[str, str], str],
     default_degc: tuple[float, float] | None,
     *,
-    told: Collection[tuple[str, str]],
+    passed_on: Collection[tuple[str, str]],
     notes: tuple[str, ...] = (),
 ) -> tuple[Assumed, RateTable]:
     """Assumptions of a plan with a rate table: of an earlier run the shared errors that were seen,
@@ -525,7 +525,7 @@ def assume_on_table(
     assumed = assume(
         *(spec, task, device, units),
         default_degc=default_degc,
-        told=told,
+        passed_on=passed_on,
         earlier=earlier,
         notes=notes,
     )

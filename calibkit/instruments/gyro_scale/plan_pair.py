@@ -133,7 +133,7 @@ class PairBench(GyroBench):
 def prepare(spec: GyroPairRecipe, task: Task) -> PairBench:
     """What the search needs; UsageError for what cannot be planned."""
     notes = (ONE_LOG,) if task.have else ()
-    assumed, table = assume_on_table(spec, task, UNITS, None, told=[MOUNTING], notes=notes)
+    assumed, table = assume_on_table(spec, task, UNITS, None, passed_on=[MOUNTING], notes=notes)
     have = measure_runs(spec, task, assumed)
     if len(task.have) > len(have):
         raise FitError(

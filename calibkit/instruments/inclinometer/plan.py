@@ -257,8 +257,10 @@ def prepare_plan(spec: InclinometerRecipe, task: Task) -> StationBench:
     earlier = read_errors(task, FILE, spec.procedure)
     # a single log shows no difference between logs
     groups = set(spec.error_groups) - (set() if task.have else {OF_LOG[0]})
-    told = [name for name in UNITS if name[0] in groups]
-    assumed = assume(spec, task, device, UNITS, default_degc=RANGE_DEGC, told=told, earlier=earlier)
+    passed_on = [name for name in UNITS if name[0] in groups]
+    assumed = assume(
+        spec, task, device, UNITS, default_degc=RANGE_DEGC, passed_on=passed_on, earlier=earlier
+    )
     order = device.order if spec.scale.order == "auto" else spec.scale.order
     step = task.equipment.fixture(FIXTURE).step_deg
     tilts, azimuths = np.arange(step, 90, step), np.arange(0, 360, step)

@@ -15,6 +15,7 @@ import numpy as np
 from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.fit.complex_step import Numbers, derivative, length
+from calibkit.instruments.accelerometer.numeric import q_factor
 from calibkit.numeric.least_squares import fit as least_squares
 
 NAMES = ("k_x", "k_y", "k_z", "b_x", "b_y", "b_z", "Q1", "Q2", "Q3")
@@ -29,19 +30,12 @@ ORIGIN = 10.0
 
 
 def corrected_length(p: Numbers, indication: Array) -> Numbers:
-    """Length [n] of indications [n, 3] corrected by nine parameters.
-
-    m = (V − b)/k are components along the unit axes x = e1, y = (y·e1, y·e2, 0), z:
-
-        g1 = m_x,  g2 = (m_y − (y·e1) g1)/(y·e2),  g3 = (m_z − (z·e1) g1 − (z·e2) g2)/(z·e3)
+    """Length [n] of Q diag(1/k) (V − b) for indications V [n, 3] and nine parameters, Q the exact
+    matrix of the small angles.
     """
-    scale, bias, (q1, q2, q3) = p[:3], p[3:6], p[6:]
-    ye1, ze1, ze2 = -q3, q3 * q1 - q2, -q1
-    ye2, ze3 = np.sqrt(1.0 - ye1**2), np.sqrt(1.0 - ze1**2 - ze2**2)
-    m_x, m_y, m_z = ((indication - bias) / scale).T
-    g2 = (m_y - ye1 * m_x) / ye2
-    g3 = (m_z - ze1 * m_x - ze2 * g2) / ze3
-    return length(np.stack([m_x, g2, g3], axis=-1))
+    scale, bias = p[:3], p[3:6]
+    orthogonal = q_factor.exact_matrix(q_factor.axes_from_angles(p[6:]))
+    return length((indication - bias) / scale @ orthogonal.T)
 
 
 def profile_intervals(
