@@ -179,7 +179,7 @@ def test_stated_attitude_uncertainty_covers_the_errors_of_a_withheld_campaign():
         SECOND_ORDER,
         loss="least_squares",
     )
-    t, p = fitted.mapped_all(temperature[~even]), fitted.fit.parameters
+    t, p = fitted.mapped(temperature[~even]), fitted.fit.parameters
     corrected = terms.corrected(p, indicated[~even], t)
     slopes = terms.slopes(p, indicated[~even], t)
     covariance = slopes @ fitted.fit.total_covariance @ np.swapaxes(slopes, 1, 2)
