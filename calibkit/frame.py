@@ -215,6 +215,16 @@ class Log:
         # −0 is 0
         return frozenset(row.tobytes() for row in head + 0.0) if head.shape[1] else frozenset()
 
+    def first_values(self) -> dict[str, Array]:
+        """First values of each numeric column but the time, as they were mapped."""
+        head = self.frame.head(COMPARED_ROWS).select_dtypes("number")
+        # copied: a view would keep the whole log
+        return {
+            str(name): head[name].to_numpy(dtype=np.float64, copy=True)
+            for name in head
+            if name != "time_s"
+        }
+
     def sample_without_time(self) -> frozenset[int]:
         """Sample of the rows of all numeric columns but the time: a copy with another origin of
         time, or without its first or last rows, has the same.

@@ -286,6 +286,31 @@ def test_a_copy_of_another_time_or_of_later_rows_is_refused(name):
         api.fit(recipe, logs=logs | {COPIES[name]: copy}, runs=None, date="2026-11-21")
 
 
+@pytest.mark.parametrize("name", COPIES)
+def test_a_copy_with_rounded_digits_is_refused(name):
+    """A log under a second name, later, with the last digit of what the instrument indicates
+    rounded away.
+    """
+    logs = sample_logs(name)
+    file, log = next(iter(logs.items()))
+    copy = log.copy()
+    for column in log.columns:
+        if column.startswith(("gyro_", "accel_")):
+            copy[column] = copy[column].round(decimals(log[column]) - 1)
+    if "time_s" in copy:
+        copy["time_s"] += 5000.0
+    assert not copy.equals(log)
+    recipe = tomllib.loads((ROOT / "recipes" / f"{name}.toml").read_text(encoding="utf-8"))
+    recipe["logs"]["files"] = sorted({*recipe["logs"]["files"], file, COPIES[name]})
+    with pytest.raises(api.CalibkitError, match=f"the same values as {file} with fewer digits"):
+        api.fit(recipe, logs=logs | {COPIES[name]: copy}, runs=None, date="2026-11-21")
+
+
+def decimals(column):
+    """Decimals that a column is written with, nine of one that was never rounded."""
+    return min(9, max(len(f"{value:.12g}".partition(".")[2]) for value in column[:500]))
+
+
 TIME_S = 0.1007 * np.arange(4200)
 """Times of a run."""
 
@@ -301,9 +326,7 @@ def table_run(seed, noise_lsb):
 def find_copies(*frames):
     """Logs of frames that are copies of one before them."""
     logs = [Log(f"{k}", f"{k}.csv", f"{k}", len(f), f) for k, f in enumerate(frames)]
-    return copies.find_copies(
-        (log.file, log.sha256, log.first_rows(), log.sample_without_time()) for log in logs
-    )
+    return copies.find_copies(map(copies.Content.of, logs))
 
 
 @pytest.mark.parametrize("noise_lsb", [0.0, 0.03, 0.1, 0.15, 0.2, 0.3, 1.0, 10.0])
@@ -323,3 +346,29 @@ def test_copies_of_coarse_counts_are_found_by_rows_behind_each_other(noise_lsb):
     for copy in (later, later.iloc[700:], later.iloc[:-700]):
         assert [file for file, _ in find_copies(run, copy)] == ["1.csv"]
         assert [file for file, _ in find_copies(copy, run)] == ["1.csv"]
+
+
+@pytest.mark.parametrize("lost", [1, 2])
+def test_a_copy_with_fewer_digits_is_found_and_a_repeat_is_none(lost):
+    """The last digits rounded and the times shifted; a repeat logged with fewer digits stays."""
+    decimals = {"table_rate_dps": 4, "gyro_dph": 4}
+    first, second = (
+        table_run(seed, 1.0).rename(columns={"gyro_x_lsb": "gyro_dph"}) for seed in (1, 2)
+    )
+    rng = np.random.default_rng(3)
+    for run in (first, second):
+        run["gyro_dph"] = run["gyro_dph"] / 8.0 + 0.1 * rng.normal(size=len(run))
+    fewer = {"gyro_dph": decimals["gyro_dph"] - lost}
+    run = first.round(decimals)
+    copy = run.round(fewer).assign(time_s=run["time_s"] + 77.0)
+    for logs in ((run, copy), (copy, run)):
+        assert [file for file, _ in find_copies(*logs)] == ["1.csv"]
+    assert find_copies(run, second.round(decimals).round(fewer)) == []
+
+
+@pytest.mark.parametrize("noise_lsb", [0.0, 0.3, 3.0])
+def test_a_repeat_in_whole_counts_is_no_copy_of_one_in_tenths(noise_lsb):
+    """A logger that is set to a coarser resolution between two runs makes no copies."""
+    tenths = table_run(1, 10.0 * noise_lsb) / [1.0, 1.0, 10.0]
+    whole = (table_run(2, 10.0 * noise_lsb) / [1.0, 1.0, 10.0]).round({"gyro_x_lsb": 0})
+    assert find_copies(tenths, whole) == []

@@ -2,16 +2,19 @@
 
 A copy would confirm the other when that is left out, or be compared with its own fit. The same
 bytes are a copy, and so are the same values written otherwise: other line ends, other separators, a
-row less. Of logs that are at hand the first rows are compared, and samples of all rows without
-their time; of a run's logs the fingerprints that its run.json keeps of them.
+row less, fewer digits. Of logs that are at hand the first rows are compared, and samples of all
+rows without their time; of a run's logs the fingerprints that its run.json keeps of them.
 """
 
 import functools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
+import numpy as np
+
+from calibkit.arrays import Array
 from calibkit.coefficients import Input
 from calibkit.errors import FrameError
 from calibkit.frame import KEPT_DIGITS, Log, fingerprint
@@ -37,19 +40,38 @@ run of a small device in a fleet has 35 kB.
 KEEP_ONE = "keep one of the two logs"
 """Advice where a log is a copy of another."""
 
-_Content: TypeAlias = "tuple[str, str, frozenset[bytes], frozenset[int]]"
-"""Name of a log's file, its SHA-256, its first rows as `Log.first_rows` gives them, and its sample
-as `Log.sample_without_time` gives it.
-"""
+MOST_DECIMALS = 12
+"""Decimals from which on a column counts as not rounded: its numbers went through arithmetic."""
 
 
-def find_copies(logs: Iterable[_Content]) -> list[tuple[str, str]]:
+@dataclass(frozen=True, slots=True)
+class Content:
+    """What a log holds, by which a copy of it is known."""
+
+    file: str
+    sha256: str
+    rows: frozenset[bytes] = frozenset()
+    """Its first rows, as `Log.first_rows` gives them."""
+    sample: frozenset[int] = frozenset()
+    """Sample of all its rows, as `Log.sample_without_time` gives it."""
+    first: Mapping[str, Array] = field(default_factory=dict)
+    """First values of its columns, as `Log.first_values` gives them."""
+
+    @classmethod
+    def of(cls, log: Log) -> "Content":
+        """What a log holds."""
+        return cls(
+            log.file, log.sha256, log.first_rows(), log.sample_without_time(), log.first_values()
+        )
+
+
+def find_copies(logs: Iterable[Content]) -> list[tuple[str, str]]:
     """File and, in words, the original of each log that is a copy of one before it."""
-    seen: list[_Content] = []
+    seen: list[Content] = []
     found = []
     for log in logs:
         if original := _describe_original(log, seen):
-            found.append((log[0], original))
+            found.append((log.file, original))
         seen.append(log)
     return found
 
@@ -58,30 +80,72 @@ def refuse_copies(logs: Iterable[Log]) -> Iterator[Log]:
     """Pass logs through as they are read; FrameError for the first that is a copy of one before
     it.
     """
-    seen: list[_Content] = []
+    seen: list[Content] = []
     for log in logs:
-        content = (log.file, log.sha256, log.first_rows(), log.sample_without_time())
+        content = Content.of(log)
         if original := _describe_original(content, seen):
             raise FrameError(f"{log.file}: {original}", hint=KEEP_ONE)
         seen.append(content)
         yield log
 
 
-def _describe_original(log: _Content, seen: Iterable[_Content]) -> str:
+def _describe_original(log: Content, seen: Iterable[Content]) -> str:
     """What a log shares with the first of those seen that it is a copy of, or ""."""
-    for file, sha256, rows, sample in seen:
-        if log[1] == sha256:
-            return f"the same bytes as {file}"
-        fewer, shared = min(len(log[2]), len(rows)), len(log[2] & rows)
+    for other in seen:
+        if log.sha256 == other.sha256:
+            return f"the same bytes as {other.file}"
+        fewer, shared = min(len(log.rows), len(other.rows)), len(log.rows & other.rows)
         if _are_copies(shared, fewer):
-            return f"the same values as {file}: {shared} of the first {fewer} different rows"
-        fewer, shared = _count_shared(log[3], sample)
+            return f"the same values as {other.file}: {shared} of the first {fewer} different rows"
+        fewer, shared = _count_shared(log.sample, other.sample)
         if _are_copies(shared, fewer):
             return (
-                f"the same values as {file} at other times or in other rows: {shared} of {fewer}"
-                " that were compared"
+                f"the same values as {other.file} at other times or in other rows: {shared} of"
+                f" {fewer} that were compared"
             )
+        for rounded, exact in ((log, other), (other, log)):
+            fewer, shared = _count_rounded(rounded, exact)
+            if _are_copies(shared, fewer):
+                which = "fewer" if rounded is log else "more"
+                return (
+                    f"the same values as {other.file} with {which} digits: {shared} of the first"
+                    f" {fewer} rows"
+                )
     return ""
+
+
+def _count_rounded(rounded: Content, exact: Content) -> tuple[int, int]:
+    """Rows that stand at the same place in both logs, and how many of them one log has as the other
+    rounded; (0, 0) where it has no fewer digits, or where its own noise does not distinguish its
+    rows: at that resolution an honest repeat has the same ones.
+    """
+    if rounded.first.keys() != exact.first.keys() or not rounded.sample:
+        return 0, 0
+    columns = [(column, exact.first[name]) for name, column in rounded.first.items()]
+    rows = min((len(column) for pair in columns for column in pair), default=0)
+    agrees, has_fewer_digits = np.ones(rows, dtype=np.bool_), False
+    for column, original in columns:
+        last_place, original_place = _last_place(column), _last_place(original)
+        if last_place < original_place:
+            return 0, 0
+        has_fewer_digits |= last_place > original_place
+        # a value between two last places may be rounded either way
+        half = 0.5000001 * last_place if last_place > original_place else 0.0
+        agrees &= np.abs(column[:rows] - original[:rows]) <= half
+    return (rows, int(agrees.sum())) if has_fewer_digits else (0, 0)
+
+
+def _last_place(column: Array) -> float:
+    """Power of ten, at most 1000, that all values of a column are multiples of; 0 for none."""
+    present = column[np.isfinite(column)]
+    for decimals in range(-3, MOST_DECIMALS):
+        scaled = present * 10.0**decimals
+        arithmetic = 1e-14 * np.max(np.abs(scaled), initial=1.0)
+        if arithmetic > 0.01:
+            break
+        if np.all(np.abs(scaled - np.rint(scaled)) <= arithmetic):
+            return float(10.0**-decimals)
+    return 0.0
 
 
 def _are_copies(shared: int, fewer: int) -> bool:

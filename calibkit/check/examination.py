@@ -49,8 +49,8 @@ class _Examination:
     """
     lag_s: float = 0.0
     """Lag of that case behind the chamber air [s]."""
-    content: tuple[frozenset[bytes], frozenset[int]] = (frozenset(), frozenset())
-    """Its first rows, and its sample without time, by which copies are seen."""
+    content: copies.Content | None = None
+    """What it holds, where it could be read."""
 
 
 def examine_log(
@@ -93,8 +93,7 @@ def examine_log(
         slope = magnitude.fit_drift_slope(case, indication)
         time, air = (values(log.frame, name) for name in ("time_s", "temp_env_degc"))
         lag = thermometers.measure_lag(time, case, air)
-    content = log.first_rows(), log.sample_without_time()
-    return _Examination(report, _draw_log(log, held, findings), slope, lag, content)
+    return _Examination(report, _draw_log(log, held, findings), slope, lag, copies.Content.of(log))
 
 
 def segment_numbers(
@@ -159,11 +158,7 @@ def _copies(outcomes: Sequence[_Examination]) -> list[tuple[str, Finding]]:
     """Logs that came in twice under two names, with the finding of each: one would confirm the
     other.
     """
-    logs = [
-        (outcome.report.file, outcome.report.sha256, *outcome.content)
-        for outcome in outcomes
-        if outcome.report.sha256  # it could be read
-    ]
+    logs = [outcome.content for outcome in outcomes if outcome.content is not None]
     return [
         (file, Finding(file, original, "another log", copies.KEEP_ONE, name="copy"))
         for file, original in copies.find_copies(logs)
