@@ -157,6 +157,9 @@ def write_terms(
         residual_unit=unit,
         valid=dict(zip(DRIVERS, model.valid, strict=True)),
         parameters=(*parameters, *more),
+        effective_dof=np.array([model.constant_dof, *[model.dof] * (len(terms) + len(lags) - 1)])
+        if model.constant_dof < model.dof
+        else None,
         components=components,
     )
 
@@ -182,6 +185,8 @@ def read_terms(model: Model) -> ThermalModel:
         window_s=0.0 if lags else model.value("window"),
         valid=Valid(*(model.valid[column] for column in DRIVERS)),
         turn_on=np.zeros(0),
+        turn_on_variance=0.0,
+        constant_dof=float(model.dof_of(model.coefficients[0])),
         dof=model.dof,
         residual_rms=model.residual_rms,
         noise=Noise(model.value("white_variance"), model.value("flicker")),

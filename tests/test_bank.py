@@ -60,6 +60,8 @@ def thermal_model():
         window_s=0.0,
         valid=Valid((-40.0, 60.0), (-10.0, 10.0), (0.0, 0.0), (0.0, 0.0)),
         turn_on=np.zeros(0),
+        turn_on_variance=0.0,
+        constant_dof=7.0,
         dof=100,
         residual_rms=0.02,
         noise=Noise(1e-4, 0.01),

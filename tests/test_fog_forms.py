@@ -48,6 +48,8 @@ def on_levels(form="lagged", lags=(210.0, 120.0)):
         window_s=90.0 if form == "level" else 0.0,
         valid=Valid((-41.0, 61.0), (-10.0, 10.0), (-30.0, 30.0), (-5.0, 5.0)),
         turn_on=np.zeros(0),
+        turn_on_variance=0.0,
+        constant_dof=7.0,
         dof=100,
         residual_rms=0.02,
         noise=Noise(1e-4, 0.01),
@@ -68,7 +70,16 @@ def test_a_model_on_levels_is_read_back_as_it_was_written(model):
     written = forms.write_thermal(model, 10.0)
     found = forms.read_thermal(written)
     assert written.value("interval") == 10.0
-    for name in ("form", "lags", "window_s", "valid", "dof", "noise", "model_error"):
+    for name in (
+        "form",
+        "lags",
+        "window_s",
+        "valid",
+        "dof",
+        "constant_dof",
+        "noise",
+        "model_error",
+    ):
         assert getattr(found, name) == getattr(model, name)
     assert found.terms == model.terms
     assert np.array_equal(found.coefficients, model.coefficients)

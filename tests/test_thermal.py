@@ -7,10 +7,12 @@ import tracemalloc
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.optimize import minimize
 from scipy.signal import lfilter
 
+import calibkit
 from calibkit import instruments, recipe, store
 from calibkit.check import series
 from calibkit.ingest import logs_on_disk
@@ -18,6 +20,7 @@ from calibkit.instruments.thermal import channels, instrument as thermal, power_
 from calibkit.instruments.thermal.numeric import choice
 from calibkit.numeric import chunks, gum, intervals, order_statistics
 from calibkit.numeric.thermal import coil, pooled_fit, uncertainty
+from calibkit.results.evaluation import RunResults, answer
 from calibkit.simulate import noise
 from calibkit.simulate.chamber import Chamber, Programme
 
@@ -522,3 +525,47 @@ def test_a_time_in_minutes_is_named(calibkit, tmp_path):
             (tmp_path / name).write_text("\n".join([header, *rows]), encoding="utf-8")
     outcome = calibkit("check", "thermal", "--data", tmp_path)
     assert "time looks like minutes or hours: state it, [columns.time_s]" in outcome.out
+
+
+def evaluated_at_25(power_ons, seed, tmp_path, **errors):
+    """Bias at 25 °C, where the truth is 5 °/h, by a run of power-ons with turn-on biases of 1 °/h,
+    and its uncertainty.
+    """
+    rng = np.random.default_rng([seed, power_ons])
+    logs = {}
+    for number in range(power_ons):
+        time = np.arange(0.0, 3600.0, 2.0)
+        degc = 20.0 + 30.0 * np.sin(2.0 * np.pi * time / time[-1])
+        gyro = 5.0 + 0.05 * (degc - 25.0) + rng.normal() + rng.normal(0.0, 0.3, time.size)
+        columns = {"time_s": time, "temp_case_degc": degc, "gyro_x_dph": gyro}
+        logs[f"on_{number}.csv"] = pd.DataFrame(columns)
+    recipe = {
+        "procedure": "thermal",
+        "logs": {"files": ["*.csv"]},
+        "thermal": {"channels": ["gyro_x_dph"], "model": "level"},
+        **errors,
+    }
+    runs = tmp_path / f"{power_ons}_{seed}"
+    calibkit.fit(recipe, logs=logs, runs=runs, serial="T1", date="2026-11-27")
+    run = RunResults.read(store.load(runs / "T1" / "r001"))
+    (value, *_), _ = answer(run, ["temp_case_degc=25"], [], "bias")
+    return value.result.value, value.result.uncertainty
+
+
+@pytest.mark.parametrize(("power_ons", "k"), [(2, 13.97), (3, 4.53)])
+def test_few_power_ons_tell_little_of_the_turn_on_bias(power_ons, k, tmp_path):
+    """Two have one degree of freedom, three have two, however many rows: U holds the truth."""
+    stated = [evaluated_at_25(power_ons, seed, tmp_path) for seed in range(12)]
+    factors = [uncertainty.coverage_factor for _, uncertainty in stated]
+    assert np.median(factors) == pytest.approx(k, abs=0.01)
+    inside = [abs(value - 5.0) <= u.expanded_uncertainty for value, u in stated]
+    assert sum(inside) >= 11
+
+
+def test_a_stated_turn_on_bias_replaces_the_estimated_one(tmp_path):
+    """Four power-ons leave half of the stated size as u, whatever their scatter."""
+    size = {"group": "power-on", "effect": "turn-on bias", "value": 1.0, "unit": "deg/h"}
+    errors = {"component": [{**size, "dof": 50.0}]}
+    for seed in range(3):
+        _, uncertainty = evaluated_at_25(4, seed, tmp_path, errors=errors)
+        assert uncertainty.standard_uncertainty == pytest.approx(0.5, rel=0.01)

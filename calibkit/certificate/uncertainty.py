@@ -56,13 +56,16 @@ class Source:
 
         names are those a term may call the result by; parts_of are the coefficients that it is made
         of, through which terms on them enter; type_a holds names, standard uncertainties
-        and degrees of freedom. Below one degree of freedom there is no coverage factor: such a
-        contribution is left out, and a result that has no other is stated without an uncertainty.
+        and degrees of freedom. Below one degree of freedom there is no coverage factor: a result
+        with such a contribution is stated without an uncertainty, which it would make too small.
         """
+        counted = [(name, u, dof) for name, u, dof in type_a if u > 0.0]
+        # one degree less a rounding error is one
+        if any(dof < 1.0 - 1e-9 for _, _, dof in counted):
+            return None
         parts = [
-            (gum.Component(name.en, estimate, u, "A", 1.0, dof), name, "", "")
-            for name, u, dof in type_a
-            if u > 0.0 and dof >= 1.0
+            (gum.Component(name.en, estimate, u, "A", 1.0, max(dof, 1.0)), name, "", "")
+            for name, u, dof in counted
         ]
         for term in self.terms:
             known = _derivative(term, influences)

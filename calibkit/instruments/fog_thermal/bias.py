@@ -25,7 +25,7 @@ from calibkit.recipe import type_b
 from calibkit.report import budget
 from calibkit.report.overview import KeyValue
 from calibkit.report.summary import number
-from calibkit.report.table import Table
+from calibkit.report.table import Table, number_or_none
 
 RESULT = "bias_at_reference"
 NO_BIAS = (
@@ -58,6 +58,8 @@ class _Rest:
     temp_degc: float
     rate_dph: float
     standard_uncertainty: float
+    dof: float
+    """Effective degrees of freedom of the standard uncertainty."""
     earth_dph: float | None
     by_latitude: float
     """Derivative of the earth's rate by latitude [°/h/°]."""
@@ -143,12 +145,23 @@ def _at_rest(
         return None
     temperature = model.thermal.nearest_fitted(recipe.reference_temp_degc)
     rate, row = evaluate.at_rest(model.thermal, temperature)
-    known = row @ model.thermal.covariance @ row + model.thermal.model_error**2
-    u = float(np.sqrt(known + _spread(model.thermal) ** 2 / 3.0))
+    thermal = model.thermal
+    type_a = float(np.sqrt(row @ thermal.covariance @ row))
+    half_width = _spread(thermal) / np.sqrt(3.0)
+    known = gum.combine(
+        [
+            gum.Component("coefficients", rate, type_a, "A", dof=thermal.constant_dof),
+            gum.Component(
+                "model error", rate, thermal.model_error, "A", dof=thermal.model_error_dof
+            ),
+            gum.Component("hysteresis", rate, half_width, "B"),
+        ]
+    )
     return _Rest(
         temperature,
         rate,
-        u,
+        known.standard_uncertainty,
+        known.effective_dof,
         *_earth_rate(recipe),
         tuple(zip((log.name for log in logs), model.thermal.turn_on.tolist(), strict=True)),
     )
@@ -197,10 +210,11 @@ def conditions(recipe: FogThermalRecipe) -> tuple[Condition, ...]:
 
 def _rest_figures(rest: _Rest) -> list[Figure]:
     """Figures of the rates at rest with type A standard uncertainties."""
-    found = [Figure("mean_rate_at_reference", rest.rate_dph, "deg/h", rest.standard_uncertainty)]
+    known = rest.standard_uncertainty, number_or_none(rest.dof)
+    found = [Figure("mean_rate_at_reference", rest.rate_dph, "deg/h", *known)]
     if rest.earth_dph is not None and rest.bias_dph is not None:
         found.append(Figure("earth_rate_along_input_axis", rest.earth_dph, "deg/h", 0.0))
-        found.append(Figure(RESULT, rest.bias_dph, "deg/h", rest.standard_uncertainty))
+        found.append(Figure(RESULT, rest.bias_dph, "deg/h", *known))
     turn_on = (Figure(f"{TURN_ON}{name}", value, "deg/h", 0.0) for name, value in rest.turn_on)
     return [*found, *turn_on]
 
@@ -227,7 +241,12 @@ def _uncertainty(rest: _Rest, recipe: FogThermalRecipe) -> list[dict[str, Any]]:
         budget.combine(
             f"drift_rate: {RESULT}",
             "deg/h",
-            [gum.Component("type A", rest.bias_dph, rest.standard_uncertainty, "A"), *parts],
+            [
+                gum.Component(
+                    "type A", rest.bias_dph, rest.standard_uncertainty, "A", dof=rest.dof
+                ),
+                *parts,
+            ],
         )
     ]
 

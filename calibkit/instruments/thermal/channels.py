@@ -141,11 +141,14 @@ def _share_turn_on(
     unit, model, count = units.column_unit(name), found.model, len(power_ons)
     stated = next((entry for entry in spec.errors.component if entry.effect == EFFECT), None)
     if stated is not None:
+        # the stated size replaces what the few power-ons show, it is not added to it
         value = stated.value_in(unit)
         covariance = model.covariance.copy()
-        covariance[0, 0] += value**2 / count
+        covariance[0, 0] += value**2 / count - model.turn_on_variance
+        dof = min(stated.dof, float(model.dof))
+        model = replace(model, covariance=covariance, constant_dof=dof)
         component = Component(GROUP, EFFECT, value, unit, 0.0, count)
-        return replace(found, model=replace(model, covariance=covariance)), (component,)
+        return replace(found, model=model), (component,)
     if count < 2:
         return found, ()
     value = float(np.std(model.turn_on, ddof=1))

@@ -332,10 +332,12 @@ class Solution:
         matrix = _to_raw_and_lags(self, len(stacked.logs), chosen)
         found = thermal_noise.covariance(groups, noise, self.alike)
         covariance = matrix @ found @ matrix.T
-        covariance[0, 0] += _turn_on_variance(level, found)
+        turn_on_variance = _turn_on_variance(level, found)
+        covariance[0, 0] += turn_on_variance
         scaled = np.concatenate([[level.mean()], np.zeros(8)])
         scaled[chosen] = exact
-        used = int(np.count_nonzero(self.robust))
+        used, logs = int(np.count_nonzero(self.robust)), len(stacked.logs)
+        dof = used - chosen.size - int(self.free.sum()) - logs
         return ThermalModel(
             form=self.form,
             terms=self.terms,
@@ -345,7 +347,9 @@ class Solution:
             window_s=self.window_s,
             valid=Drivers(*(values[stacked.fitted] for values in self.drivers)).valid(),
             turn_on=level - level.mean(),
-            dof=used - chosen.size - int(self.free.sum()) - len(stacked.logs),
+            turn_on_variance=turn_on_variance,
+            constant_dof=float(logs - 1) if logs > 1 else float(dof),
+            dof=dof,
             residual_rms=float(np.sqrt(np.average(residual**2, weights=self.robust))),
             noise=noise,
             model_error=0.0,

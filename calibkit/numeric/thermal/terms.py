@@ -151,6 +151,12 @@ class ThermalModel:
     valid: Valid
     turn_on: Array
     """[logs], bias of each log relative to b0 [°/h]."""
+    turn_on_variance: float
+    """Part of the variance of b0 that the turn-on biases of the logs make [(°/h)²]."""
+    constant_dof: float
+    """Degrees of freedom of b0, an average over few power-ons: those of the logs, never those of
+    their rows.
+    """
     dof: int
     residual_rms: float
     """Residual rms of the block means without spikes [°/h]."""

@@ -238,6 +238,13 @@ class BankModel:
         """Family of the model."""
         return "bank"
 
+    @property
+    def constant_dof(self) -> float:
+        """Degrees of freedom of b0: the sizes of turn-on biases that the logs allow are averaged,
+        so that k = 2 covers 95 %.
+        """
+        return float("inf")
+
     def nearest_fitted(self, temperature: float) -> float:
         """Temperature [°C] clamped to the fitted range."""
         low, high = self.valid.temperature
