@@ -47,6 +47,8 @@ class _Examination:
     drift_slope: float | None = None
     """Slope of a gyro's indication over its case temperature [°/h/K], where both were read whole.
     """
+    level: tuple[float, float] | None = None
+    """Level and span of that indication [°/h]."""
     lag_s: float = 0.0
     """Lag of that case behind the chamber air [s]."""
     content: copies.Content | None = None
@@ -85,15 +87,18 @@ def examine_log(
         findings, whole = (*in_chunks[0].findings, *rest), in_chunks[0].facts
     held = tuple(_describe_held(log, part) for part in examined.held)
     report = LogReport(file, log.sha256, log.reading, log.notes, whole, held, findings)
-    slope, lag = None, 0.0
+    slope, level, lag = None, None, 0.0
     if not report.refused and {"gyro_dph", "temp_case_degc", "temp_env_degc"} <= set(
         log.frame.columns
     ):
         case, indication = values(log.frame, "temp_case_degc"), values(log.frame, "gyro_dph")
         slope = magnitude.fit_drift_slope(case, indication)
+        level = magnitude.measure_level(indication)
         time, air = (values(log.frame, name) for name in ("time_s", "temp_env_degc"))
         lag = thermometers.measure_lag(time, case, air)
-    return _Examination(report, _draw_log(log, held, findings), slope, lag, copies.Content.of(log))
+    return _Examination(
+        report, _draw_log(log, held, findings), slope, level, lag, copies.Content.of(log)
+    )
 
 
 def segment_numbers(
@@ -148,6 +153,9 @@ def compare_logs(outcomes: Sequence[_Examination]) -> list[tuple[str, Finding]]:
     return [
         *_copies(outcomes),
         *magnitude.find_compensated_logs(slopes),
+        *magnitude.find_turned_logs(
+            {o.report.file: o.level for o in outcomes if o.level is not None}
+        ),
         *thermometers.check_rates_in_names(rates),
         *thermometers.find_late(driven),
         *thermometers.find_other_units(measured),

@@ -43,6 +43,12 @@ to 1.25.
 """
 PARTS = 100
 """Block means of a log that are compared with the drift taken off it."""
+APART, WIDER = 4.0, 2.0
+"""Distance of the levels of turned logs, in widths of either group and in spans within a log."""
+OPPOSITE = 0.25
+"""Share of that distance that the mean levels of both groups may add up to: else they are no
+opposites.
+"""
 MILLISECONDS = 'time looks like milliseconds: state it, [columns.time_s] unit = "ms"'
 """Advice where a clock runs a thousand times too fast."""
 COMPENSATED = re.compile(
@@ -283,6 +289,56 @@ def find_compensated_logs(slopes: Mapping[str, float]) -> list[tuple[str, Findin
             )
             found.append((file, finding))
     return found
+
+
+def measure_level(indication: Array) -> tuple[float, float]:
+    """Median of PARTS block means of an indication [n, °/h], and what they span."""
+    edges = np.linspace(0, indication.size, min(PARTS, indication.size) + 1).astype(np.int64)
+    means = [chunks.mean(indication[a:b]) for a, b in pairwise(edges.tolist())]
+    return float(np.median(means)), float(np.ptp(means))
+
+
+def find_turned_logs(levels: Mapping[str, tuple[float, float]]) -> list[tuple[str, Finding]]:
+    """Logs of one gyro at rest that indicate the opposite of the others: its sign was turned in
+    them. `levels` is log file → level and span [°/h] as `measure_level` gives them.
+
+    No turn-on bias takes a gyro from its rate to the opposite one. The fewer logs are named.
+    """
+    groups = [
+        [file for file, (level, _) in levels.items() if way * level > 0.0] for way in (1.0, -1.0)
+    ]
+    if min(map(len, groups)) < 2 or sum(map(len, groups)) < len(levels):
+        return []
+    positive, negative = (np.array([levels[file][0] for file in group]) for group in groups)
+    distance = float(positive.mean() - negative.mean())
+    width = max(float(np.ptp(positive)), float(np.ptp(negative)))
+    span = max(span for _, span in levels.values())
+    if distance <= max(APART * width, WIDER * span):
+        return []
+    if abs(positive.mean() + negative.mean()) >= OPPOSITE * distance:
+        return []
+    turned, others = sorted(groups, key=len)
+    return [
+        (
+            file,
+            Finding(
+                f"{file}: column 'gyro_dph'",
+                f"it indicates {levels[file][0]:+.3g} deg/h at rest, {others[0]}"
+                f" {levels[others[0]][0]:+.3g} ({len(turned)} logs against {len(others)})",
+                expected="logs of one gyro that indicate the same rate at rest",
+                advice=(
+                    "its sign was turned between these logs: see which are right, and state"
+                    " sign = -1 in [columns.gyro_dph] for logs that are fitted apart, or turn"
+                    f" the others' values, or leave them out: {advise_exclude(file)}"
+                ),
+                severity="refuse",
+                name="sign",
+                figure=levels[file][0],
+                column="gyro_dph",
+            ),
+        )
+        for file in turned
+    ]
 
 
 def flag_missing_drift(file: str, predicted: Array, indication: Array) -> list[str]:

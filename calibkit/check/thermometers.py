@@ -15,6 +15,7 @@ import numpy as np
 from calibkit.arrays import Array
 from calibkit.check.content import finding_at_row, finding_of_column
 from calibkit.check.magnitude import SPAN_DEGC
+from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.errors import advise_exclude
 from calibkit.frame import Finding, Log, Severity, values
 from calibkit.numeric import chunks
@@ -87,6 +88,17 @@ _STEP_DEGC, _STEP_DEGC_MIN = 5.0, 60.0
 """Least change of the level [°C] and its rate [°C/min] that are a step."""
 BLOCKS = 600
 """Block means that the two are compared by."""
+NEAR_ZERO_DEGC = 1.0
+"""Lowest reading [°C] from which on a log does not come to 0."""
+TURN_S, COURSE_S = 60.0, 300.0
+"""Times [s] on each side of a lowest reading over which its turn and its course are measured."""
+TURNS_AT_ONCE, AS_FAST = 0.7, 0.65
+"""Share of the rate of its course that a temperature without sign has within TURN_S, and of the
+larger rate that the smaller one is. A case with a lag of 30 s that is driven to and fro has 0.63
+and less.
+"""
+LEAST_RATE_DEGC_MIN = 0.3
+"""Rate [°C/min] below which a turn is not judged."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,6 +222,57 @@ def check_steps(log: Log, column: str) -> list[Finding]:
             figure=step,
         )
     ]
+
+
+def find_lost_sign(log: Log, column: str) -> list[Finding]:
+    """A temperature that falls to 0 °C and rises at once as fast as it fell: it lost its sign, as
+    the heat in a case lets none turn within a minute.
+    """
+    low, _ = log.extremes(column)
+    if not 0.0 <= low <= NEAR_ZERO_DEGC:
+        return []
+    data, time = values(log.frame, column), values(log.frame, "time_s")
+    row = int(chunks.rows_where(data, lambda part: part == low)[0])
+    rates = np.array(
+        [
+            [_rate(time, data, row, seconds, way=way) for seconds in (TURN_S, COURSE_S)]
+            for way in (-1, 1)
+        ]
+    )
+    turn, course = rates[:, 0] * [-1.0, 1.0], rates[:, 1] * [-1.0, 1.0]
+    if not (
+        course.min() > LEAST_RATE_DEGC_MIN
+        and turn.min() > AS_FAST * turn.max()
+        and np.all(turn > TURNS_AT_ONCE * course)
+    ):
+        return []
+    return [
+        finding_at_row(
+            log,
+            row,
+            column,
+            f"it falls to {low:.2g} °C at {-rates[0, 0]:.2g} °C/min and rises at once at"
+            f" {rates[1, 0]:.2g} °C/min",
+            "a temperature that goes on below 0 °C, or turns within minutes",
+            "the thermometer is logged without its sign: log it with its sign",
+            "lost_sign",
+            severity="refuse",
+            figure=float(low),
+        )
+    ]
+
+
+def _rate(time: Array, data: Array, row: int, seconds: float, *, way: int) -> float:
+    """Rate [°C/min] of a temperature over some seconds before or after a row, by least squares; 0
+    where the log has fewer than five rows there.
+    """
+    ends = sorted((time[row], time[row] + way * seconds))
+    first, stop = np.searchsorted(time, ends, side="left")
+    if stop - first < 5 or abs(time[stop - 1] - time[first]) < 0.5 * seconds:
+        return 0.0
+    t, y = np.asarray(time[first:stop]), np.asarray(data[first:stop])
+    t = t - t.mean()
+    return float(SECONDS_PER_MINUTE * (t @ y) / (t @ t))
 
 
 def check_pair(log: Log, case: str, air: str) -> list[Finding]:

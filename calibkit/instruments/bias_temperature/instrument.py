@@ -87,6 +87,7 @@ def _find_faults(spec: BiasTemperatureRecipe, log: Log) -> list[Finding]:
         found += checks.series.check_indication(log, column, units.column_unit(column))
     if timed and units.column_unit(spec.polynomials.abscissa) == "degC":
         found += checks.thermometers.check_steps(log, spec.polynomials.abscissa)
+        found += checks.thermometers.find_lost_sign(log, spec.polynomials.abscissa)
     return [
         *found,
         *checks.magnitude.find_compensated_names(log, spec, spec.still_columns()),

@@ -102,10 +102,13 @@ def _prepare(spec: FogThermalRecipe, data: Path, files: Iterable[str]) -> list[r
         findings[file] = ramps.find_faults(log, spec)
         return log
 
-    return [
+    logs = [
         ramps.prepare(log, spec, findings[log.file])
         for log in copies.refuse_copies(ingest.read_ahead(files, checked))
     ]
+    levels = {log.source.name: magnitude.measure_level(log.raw.indication) for log in logs}
+    refuse([finding for _, finding in magnitude.find_turned_logs(levels)])
+    return logs
 
 
 def _flags(

@@ -93,6 +93,7 @@ def _faults(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
     return [
         *found,
         *check.magnitude.check_time_unit(log, air, "the chamber air"),
+        *check.thermometers.find_lost_sign(log, case),
         *check.thermometers.check_pair(log, case, air),
         *(one for column in (case, air) for one in check.thermometers.check_steps(log, column)),
         *_check_stated_rate(log, recipe),

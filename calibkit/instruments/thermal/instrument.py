@@ -72,6 +72,7 @@ def _find_faults(spec: ThermalRecipe, log: Log) -> list[Finding]:
     if any(finding.refused for finding in found):
         return found
     found += checks.series.check_temperature(log, power_ons.CASE)
+    found += checks.thermometers.find_lost_sign(log, power_ons.CASE)
     for column in spec.still_columns():
         found += checks.series.check_indication(log, column, units.column_unit(column))
     return [

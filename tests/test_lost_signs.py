@@ -1,0 +1,84 @@
+"""A sign that is lost: of a thermometer that logs |T|, or of a gyro in some of the logs; both are
+refused before a number is fitted.
+"""
+
+import tomllib
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.signal import lfilter
+
+import calibkit
+from calibkit.check import magnitude, thermometers
+from calibkit.frame import Log
+from conftest import ROOT
+from test_left_out import sample_logs
+
+CASE = "temp_case_degc"
+
+
+def fit(name, logs):
+    """Fit logs by a shipped recipe."""
+    recipe = tomllib.loads((ROOT / "recipes" / f"{name}.toml").read_text(encoding="utf-8"))
+    return calibkit.fit(recipe, logs=logs, runs=None, date="2026-11-27")
+
+
+@pytest.mark.parametrize("name", ["fog_thermal", "thermal"])
+def test_a_thermometer_without_sign_is_refused(name):
+    """Logs that pass 0 °C, their case temperature as |T|."""
+    logs = {file: log.assign(**{CASE: log[CASE].abs()}) for file, log in sample_logs(name).items()}
+    with pytest.raises(calibkit.CalibkitError, match="without its sign"):
+        fit(name, logs)
+
+
+def lost_sign(time, degc):
+    """What is found in a log of these temperatures."""
+    frame = pd.DataFrame({"time_s": time, CASE: degc})
+    return thermometers.find_lost_sign(Log("a", "a.csv", "a", len(frame), frame), CASE)
+
+
+@pytest.mark.parametrize("name", ["fog_thermal", "thermal"])
+@pytest.mark.parametrize("lowest_degc", [0.0, 0.1, 0.9])
+def test_logs_that_come_near_zero_are_not_refused(name, lowest_degc):
+    """Sample logs, moved so that the lowest reading is just above 0 °C."""
+    for log in sample_logs(name).values():
+        degc = log[CASE] - log[CASE].min() + lowest_degc
+        assert lost_sign(log["time_s"], degc) == []
+
+
+@pytest.mark.parametrize("rate_degc_min", [0.5, 1.0, 5.0, 10.0])
+@pytest.mark.parametrize("lag_s", [30.0, 120.0])
+def test_a_case_that_is_driven_to_and_fro_turns_slowly(rate_degc_min, lag_s):
+    """Air that turns at once at 0 °C, and the case behind it: the air would be refused, no case."""
+    time = np.arange(0.0, 7200.0)
+    half = 60.0 * 60.0 / rate_degc_min
+    air = 60.0 * np.abs((time / half) % 2.0 - 1.0)
+    share = 1.0 - np.exp(-1.0 / lag_s)
+    case = lfilter([share], [1.0, share - 1.0], air - air[0]) + air[0]
+    case += np.random.default_rng(5).normal(0.0, 0.02, time.size)
+    assert lost_sign(time, case - case.min() + 0.2) == []
+    if half < time[-1] - 300.0:
+        (finding,) = lost_sign(time, air)
+        assert finding.refused
+
+
+def test_a_gyro_whose_sign_was_turned_in_some_logs_is_refused():
+    """All cooling logs with the opposite sign: twice the rate at rest lies between the groups."""
+    logs = {
+        file: log.assign(gyro_dph=-log["gyro_dph"]) if "cooling" in file else log
+        for file, log in sample_logs("fog_thermal").items()
+    }
+    with pytest.raises(calibkit.CalibkitError, match="sign was turned"):
+        fit("fog_thermal", logs)
+
+
+def test_turn_on_biases_of_either_sign_are_no_turned_logs():
+    """A gyro whose bias is near 0, a single odd log, and two levels that are no opposites."""
+    rng = np.random.default_rng(4)
+    for _ in range(200):
+        levels = {f"{k}.csv": (float(rng.normal()), 0.3) for k in range(6)}
+        assert magnitude.find_turned_logs(levels) == []
+    assert magnitude.find_turned_logs({"a": (8.0, 0.3), "b": (8.1, 0.3), "c": (-8.0, 0.3)}) == []
+    apart = {"a": (8.0, 0.3), "b": (8.1, 0.3), "c": (-3.0, 0.3), "d": (-3.1, 0.3)}
+    assert magnitude.find_turned_logs(apart) == []
