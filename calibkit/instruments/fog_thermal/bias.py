@@ -12,6 +12,7 @@ import numpy as np
 
 from calibkit.coefficients import Condition, Figure
 from calibkit.errors import FitError
+from calibkit.frame import Remark
 from calibkit.instruments.fog_thermal import decision
 from calibkit.instruments.fog_thermal.compensate import DriftModel
 from calibkit.instruments.fog_thermal.numeric import evaluate, hysteresis
@@ -28,6 +29,12 @@ from calibkit.report.summary import number
 from calibkit.report.table import Table, number_or_none
 
 RESULT = "bias_at_reference"
+LEAST_SOAK_S = 300.0
+"""Shortest soak [s] that shows the drift at rest."""
+SAME_SOAK_DEGC = 5.0
+"""Distance [°C] of soaks that are at one temperature."""
+DENSE_SOAKS_DEGC = 10.0
+"""Distance of soaks [°C] up to which an anomaly as wide as those of coils shows at rest."""
 NO_BIAS = (
     "no rate at rest and no bias are stated: this model follows changes of the drift only, so the"
     ' means of the logs still hold drift; for a bias, fit with [drift] model = "auto"'
@@ -105,7 +112,7 @@ def state_bias(
     if rest is not None:
         figures += _rest_figures(rest)
         tables.append(_rest_table(rest))
-        flags = [*_flags(rest, recipe), *_flag_hysteresis(model)]
+        flags = [*_flags(rest, recipe), *_flag_hysteresis(model), *_say_where_observed(logs)]
         uncertainty = _uncertainty(rest, recipe)
     sides: list[tuple[str, Hysteresis]] = []
     if ways is not None:
@@ -192,6 +199,35 @@ def _flag_hysteresis(model: DriftModel) -> list[str]:
             f"hysteresis of ±{spread:.2g} deg/h: rates at rest are stated in its middle, and which"
             " way the gyro came is in their uncertainty, and in that of a log until the temperature"
             " has turned over the width of the hysteresis"
+        )
+    ]
+
+
+def _say_where_observed(logs: Sequence[PreparedLog]) -> list[str]:
+    """At which temperatures the drift at rest was observed, where soaks lie far apart: between
+    them it follows from logs in motion, in which no local anomaly shows.
+    """
+    at_rest = []
+    for log in logs:
+        starts = [0, *(ramp.stop for ramp in log.ramps)]
+        stops = [*(ramp.start for ramp in log.ramps), log.raw.case.size]
+        at_rest += [
+            float(log.raw.case[stop - 1])
+            for start, stop in zip(starts, stops, strict=True)
+            if stop > start and log.raw.time[stop - 1] - log.raw.time[start] >= LEAST_SOAK_S
+        ]
+    levels = np.sort(at_rest)
+    groups = np.split(levels, np.flatnonzero(np.diff(levels) > SAME_SOAK_DEGC) + 1)
+    observed = [float(group.mean()) for group in groups if group.size]
+    widest = max(np.diff(observed), default=0.0)
+    if widest <= DENSE_SOAKS_DEGC:
+        return []
+    listed = ", ".join(f"{degc:.0f}" for degc in observed)
+    return [
+        Remark(
+            f"the drift at rest was observed at {listed} °C; between them it is inferred from logs"
+            f" in motion, and an anomaly narrower than {widest:.0f} °C is not in its uncertainty:"
+            f" where that matters, soak every {DENSE_SOAKS_DEGC:g} °C, up and down"
         )
     ]
 

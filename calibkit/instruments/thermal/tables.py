@@ -68,15 +68,13 @@ def _models(found: Sequence[FittedChannel]) -> Table:
                 ", ".join(f"{lag:.0f}" for lag in model.lags),
                 number(factor * one.before),
                 number(factor * one.after),
-                number(factor * one.choice.chosen.pooled),
                 number(factor * model.model_error, 2),
                 unit,
             )
         )
     return Table(
-        "Bias of each channel: chosen terms, rms about the turn-on biases, and on stretches left"
-        " out of the fit",
-        ("channel", "terms", "lags [s]", "before", "after", "left out", "model error", "unit"),
+        "Bias of each channel: chosen terms, rms of the intervals about the turn-on biases",
+        ("channel", "terms", "lags [s]", "before", "after", "model error", "unit"),
         tuple(rows),
     )
 
