@@ -9,16 +9,26 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calibkit import instruments, recipe
+from calibkit import instruments, recipe, store
 from calibkit.errors import RecipeError
-from calibkit.instruments.fog_thermal import bias
+from calibkit.instruments.fog_thermal import bias, certificate
 from calibkit.numeric import earth
+from calibkit.results.evaluation import RunResults
 
 PLACE = ("--set", "site.latitude_deg=34.2", "--set", "input_axis.elevation_deg=90.0")
-LATITUDE = (
-    '\n[[type_b]]\nname = "map"\nquantity = "latitude_deg"\nunit = "deg"\nstandard_uncertainty ='
-    " 0.5\n"
-)
+LATITUDE = """
+[[type_b]]
+name = "map"
+quantity = "latitude_deg"
+unit = "deg"
+standard_uncertainty = 0.5
+
+[[type_b]]
+name = "thermometer"
+quantity = "temp_case_degc"
+unit = "degC"
+standard_uncertainty = 0.5
+"""
 
 
 @pytest.fixture(scope="module")
@@ -144,7 +154,26 @@ def test_an_uncertain_latitude_makes_the_bias_uncertain(run):
         0.5 * np.pi / 180.0 * 15.041067 * np.cos(np.radians(34.2)), rel=1e-12
     )
     assert entry["standard_uncertainty"] == pytest.approx(
-        np.hypot(parts["map"], parts["type A"]), rel=1e-12
+        np.linalg.norm(list(parts.values())), rel=1e-12
+    )
+    assert {"coefficients", "model error", "map", "thermometer"} == set(parts)
+
+
+def test_run_and_certificate_state_one_uncertainty_of_the_bias(run):
+    """Type B terms of the latitude and of the thermometer included."""
+    found = store.load(run)
+    (entry,) = [
+        e for e in found.document["uncertainty"] if e["result"] == "drift_rate: bias_at_reference"
+    ]
+    (printed,) = [
+        result
+        for block in certificate.blocks(RunResults.read(found).stated)
+        for table in block.tables
+        for result in getattr(table, "results", ())
+        if result.quantity == "drift_rate.bias_at_reference"
+    ]
+    assert printed.uncertainty.expanded_uncertainty == pytest.approx(
+        entry["expanded_uncertainty"], rel=1e-6
     )
 
 

@@ -5,7 +5,7 @@ Also the turn-on bias of each log, and the hysteresis of the residual drift (coo
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -29,6 +29,8 @@ from calibkit.report.summary import number
 from calibkit.report.table import Table, number_or_none
 
 RESULT = "bias_at_reference"
+SLOPE_STEP_DEGC = 0.05
+"""Change of case temperature for the numerical derivative of the rate at rest."""
 LEAST_SOAK_S = 300.0
 """Shortest soak [s] that shows the drift at rest."""
 SAME_SOAK_DEGC = 5.0
@@ -58,15 +60,16 @@ class _StatedBias:
 
 @dataclass(frozen=True, slots=True)
 class _Rest:
-    """Rate at rest at a temperature, its type A standard uncertainty, and the earth's rate along
+    """Rate at rest at a temperature, what the logs leave unknown of it, and the earth's rate along
     the input axis, if known.
     """
 
     temp_degc: float
     rate_dph: float
-    standard_uncertainty: float
-    dof: float
-    """Effective degrees of freedom of the standard uncertainty."""
+    parts: tuple[gum.Component, ...]
+    """Of its uncertainty."""
+    by_case: float
+    """Derivative of the rate at rest by case temperature [°/h/°C]."""
     earth_dph: float | None
     by_latitude: float
     """Derivative of the earth's rate by latitude [°/h/°]."""
@@ -78,9 +81,15 @@ class _Rest:
         """Rate at rest less the earth's rate [°/h]; None if the latter is not known."""
         return None if self.earth_dph is None else self.rate_dph - self.earth_dph
 
+    @property
+    def uncertainty(self) -> tuple[float, float]:
+        """Standard uncertainty [°/h] without type B terms, and its effective degrees of freedom."""
+        combined = gum.combine(self.parts)
+        return combined.standard_uncertainty, combined.effective_dof
+
     def key_value(self) -> KeyValue:
         """Bias, or the rate at rest that includes the earth's."""
-        known, u = self.bias_dph is not None, self.standard_uncertainty
+        known, (u, _) = self.bias_dph is not None, self.uncertainty
         name = "bias" if known else "rate at rest, earth's rate in it,"
         value = self.rate_dph if self.bias_dph is None else self.bias_dph
         return KeyValue(f"{name} at {self.temp_degc:g} °C", value, "°/h", u)
@@ -150,27 +159,28 @@ def _at_rest(
     """
     if model.thermal is None:
         return None
-    temperature = model.thermal.nearest_fitted(recipe.reference_temp_degc)
-    rate, row = evaluate.at_rest(model.thermal, temperature)
     thermal = model.thermal
+    temperature = thermal.nearest_fitted(recipe.reference_temp_degc)
+    rate, row = evaluate.at_rest(thermal, temperature)
     type_a = float(np.sqrt(row @ thermal.covariance @ row))
     half_width = _spread(thermal) / np.sqrt(3.0)
-    known = gum.combine(
-        [
-            gum.Component("coefficients", rate, type_a, "A", dof=thermal.constant_dof),
-            gum.Component(
-                "model error", rate, thermal.model_error, "A", dof=thermal.model_error_dof
-            ),
-            gum.Component("hysteresis", rate, half_width, "B"),
-        ]
-    )
+    parts = [
+        gum.Component("coefficients", rate, type_a, "A", dof=thermal.constant_dof),
+        gum.Component("model error", rate, thermal.model_error, "A", dof=thermal.model_error_dof),
+    ]
+    if half_width:
+        parts.append(gum.Component("hysteresis", rate, half_width, "B"))
+    around = (temperature - SLOPE_STEP_DEGC, temperature + SLOPE_STEP_DEGC)
+    low, high = (evaluate.at_rest(thermal, degc)[0] for degc in around)
+    # at an end of the fitted range the rate is clamped beyond it
+    inside = np.ptp([thermal.nearest_fitted(degc) for degc in around])
     return _Rest(
         temperature,
         rate,
-        known.standard_uncertainty,
-        known.effective_dof,
+        tuple(parts),
+        (high - low) / inside if inside else 0.0,
         *_earth_rate(recipe),
-        tuple(zip((log.name for log in logs), model.thermal.turn_on.tolist(), strict=True)),
+        tuple(zip((log.name for log in logs), thermal.turn_on.tolist(), strict=True)),
     )
 
 
@@ -246,7 +256,8 @@ def conditions(recipe: FogThermalRecipe) -> tuple[Condition, ...]:
 
 def _rest_figures(rest: _Rest) -> list[Figure]:
     """Figures of the rates at rest with type A standard uncertainties."""
-    known = rest.standard_uncertainty, number_or_none(rest.dof)
+    u, dof = rest.uncertainty
+    known = u, number_or_none(dof)
     found = [Figure("mean_rate_at_reference", rest.rate_dph, "deg/h", *known)]
     if rest.earth_dph is not None and rest.bias_dph is not None:
         found.append(Figure("earth_rate_along_input_axis", rest.earth_dph, "deg/h", 0.0))
@@ -264,6 +275,7 @@ def _uncertainty(rest: _Rest, recipe: FogThermalRecipe) -> list[dict[str, Any]]:
     known = {
         "latitude_deg": (recipe.site.latitude_deg, -rest.by_latitude),
         "gyro_dph": (rest.rate_dph, 1.0),
+        "temp_case_degc": (rest.temp_degc, rest.by_case),
     }
     if (axis := recipe.input_axis) is not None:
         held = axis.elevation_deg, axis.azimuth_deg or 0.0
@@ -273,23 +285,13 @@ def _uncertainty(rest: _Rest, recipe: FogThermalRecipe) -> list[dict[str, Any]]:
     parts = type_b.terms_of(recipe.type_b, RESULT, rest.bias_dph, known).components
     if not parts:
         return []
-    return [
-        budget.combine(
-            f"drift_rate: {RESULT}",
-            "deg/h",
-            [
-                gum.Component(
-                    "type A", rest.bias_dph, rest.standard_uncertainty, "A", dof=rest.dof
-                ),
-                *parts,
-            ],
-        )
-    ]
+    of_bias = [replace(part, estimate=rest.bias_dph) for part in rest.parts]
+    return [budget.combine(f"drift_rate: {RESULT}", "deg/h", [*of_bias, *parts])]
 
 
 def _rest_table(rest: _Rest) -> Table:
     """Table of mean rate, earth's rate, bias, and the turn-on bias of each log."""
-    u = number(rest.standard_uncertainty, 2)
+    u = number(rest.uncertainty[0], 2)
     rows = [("mean rate", f"{rest.rate_dph:+.4f}", u)]
     if rest.earth_dph is None:
         rows.append(
