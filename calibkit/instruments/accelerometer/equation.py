@@ -13,6 +13,7 @@ triad changes nothing over temperature.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Literal
 
 import numpy as np
@@ -38,7 +39,8 @@ class Term:
 
     symbol: str
     """k_x, z_y, c_xy, n_x_xx, tilt_north_rad: what its powers of temperature have in common."""
-    kind: Literal["k", "z", "c", "n", "tilt", "fixture"]
+    kind: Literal["k", "z", "c", "n", "tilt", "fixture", "m", "b"]
+    """The last two are entries of the matrix and the bias of accel-affine/1."""
     axis: int
     """Axis that the term is added to, or number of the nuisance angle."""
     factors: tuple[int, ...] = ()
@@ -49,7 +51,7 @@ class Term:
     @property
     def name(self) -> str:
         """Name in coefficient files: k_x0, z_y3, c_xy, d_xy, n_x_xx, tilt_north_rad."""
-        if self.kind in ("k", "z"):
+        if self.kind in ("k", "z", "m", "b"):
             return f"{self.symbol}{self.power}"
         return self.symbol.replace("c_", "d_", 1) if self.power else self.symbol
 
@@ -113,8 +115,8 @@ class Terms:
         unknown = [name for name in names if name not in _BY_NAME]
         if unknown:
             raise FitError(
-                f"accel-triad has no parameter {unknown[0]!r}",
-                hint="names are k_x0, z_x0, c_xy, d_xy, n_x_xx with axes x, y, z",
+                f"a triad has no parameter {unknown[0]!r}",
+                hint="names are k_x0, z_x0, c_xy, d_xy, n_x_xx, m_xy0, b_x0 with axes x, y, z",
             )
         return cls(tuple(_BY_NAME[name] for name in names))
 
@@ -158,29 +160,41 @@ class Terms:
                     matrix[row, column] = powers[term.power, other.power]
         return matrix
 
-    def compensated(self, p: Numbers, indication: Array, t: Array) -> Numbers:
-        """Values a [n, 3] of indications [n, 3] by equation (1); temperatures t [n] are in the unit
-        that p is meant for.
+    def corrected(self, p: Numbers, indication: Array, t: Array) -> Numbers:
+        """Gravity [n, 3] that indications [n, 3] mean, by (1) and (2); temperatures t [n] are in
+        the unit that p is meant for.
         """
         k = np.zeros((self.order + 1, 3), dtype=p.dtype)
-        z = np.zeros_like(k)
+        z, c, d = np.zeros_like(k), np.zeros((3, 3), p.dtype), np.zeros((3, 3), p.dtype)
         for value, term in zip(p, self.listed, strict=True):
             if term.kind in ("k", "z"):
                 (k if term.kind == "k" else z)[term.power, term.axis] = value
-        powers = np.vander(t, self.order + 1, increasing=True)
-        return np.asarray(indication * (powers @ k) - powers @ z)
-
-    def corrected(self, p: Numbers, indication: Array, t: Array) -> Numbers:
-        """Gravity [n, 3] that indications [n, 3] mean: equations (1) and (2)."""
-        a = self.compensated(p, indication, t)
-        c, d = np.zeros((3, 3), dtype=p.dtype), np.zeros((3, 3), dtype=p.dtype)
-        products = np.zeros_like(a)
-        for value, term in zip(p, self.listed, strict=True):
-            if term.kind == "c":
+            elif term.kind == "c":
                 (d if term.power else c)[term.factors[0], term.axis] = value
-            elif term.kind == "n":
-                products[:, term.axis] += value * np.prod(a[:, term.factors], axis=1)
-        return np.asarray(a - a @ c - t[:, None] * (a @ d) + products)
+        powers = np.vander(t, self.order + 1, increasing=True)
+        a = indication * (powers @ k) - powers @ z
+        return a - a @ c - t[:, None] * (a @ d) + self._products(p, a)
+
+    def corrected_by_matrix(self, p: Numbers, indication: Array, t: Array) -> Numbers:
+        """Gravity [n, 3] by accel-affine/1, M(t) (G - b(t)) with products of indications: the form
+        of 0.2, which is read and applied; no fit writes it.
+        """
+        without_bias, gravity = indication.astype(p.dtype), self._products(p, indication)
+        for value, term in zip(p, self.listed, strict=True):
+            if term.kind == "b":
+                without_bias[:, term.axis] -= value * t**term.power
+        for value, term in zip(p, self.listed, strict=True):
+            if term.kind == "m":
+                gravity[:, term.axis] += value * t**term.power * without_bias[:, term.factors[0]]
+        return gravity
+
+    def _products(self, p: Numbers, components: Numbers) -> Numbers:
+        """Second- and third-order terms [n, 3] of components [n, 3]."""
+        products = np.zeros(components.shape, dtype=p.dtype)
+        for value, term in zip(p, self.listed, strict=True):
+            if term.kind == "n":
+                products[:, term.axis] += value * np.prod(components[:, term.factors], axis=1)
+        return products
 
     def axes(self, p: Numbers, t: float) -> Numbers:
         """Unit vectors [3, 3] of the sensitive axes at a temperature: rows of (I - C - D t)⁻¹."""
@@ -207,13 +221,20 @@ class Terms:
 
 _BY_NAME = {
     term.name: term
-    for term in Terms.of_orders(
-        *((9, 9, 9), (9, 9, 9), (1, 1, 1)),
-        second_order=True,
-        third_order=True,
-        tilt=True,
-        fixture=True,
-    ).listed
+    for term in (
+        *Terms.of_orders(
+            *((9, 9, 9), (9, 9, 9), (1, 1, 1)),
+            second_order=True,
+            third_order=True,
+            tilt=True,
+            fixture=True,
+        ).listed,
+        *(
+            Term(f"m_{AXES[i]}{AXES[j]}", "m", i, (j,), n)
+            for i, j, n in product(range(3), range(3), range(10))
+        ),
+        *(Term(f"b_{AXES[i]}", "b", i, (), n) for i, n in product(range(3), range(10))),
+    )
 }
 """Name → parameter, for every one that a coefficient file can hold."""
 
