@@ -8,7 +8,7 @@ import pytest
 from calibkit.errors import CoefficientError, FitError
 from calibkit.instruments.accelerometer import forms
 from calibkit.instruments.accelerometer.equation import Terms
-from calibkit.instruments.accelerometer.numeric import affine_model, k_factor, q_factor
+from calibkit.instruments.accelerometer.numeric import k_factor, q_factor
 
 RNG = np.random.default_rng(17)
 INDICATION = RNG.uniform(-1.0, 1.0, (7, 3))
@@ -89,14 +89,25 @@ def test_k_of_an_axis_is_the_published_equation():
 
 
 def test_q_and_affine_are_what_their_equations_give():
-    """The exact matrix of the axes, and the affine triad of the numeric model."""
+    """The exact matrix of the axes, and M(t) (G − b(t)) with products, entry by entry."""
     form, model = MODELS["q"]
     exact = np.linalg.inv(q_factor.axes_from_angles(SMALL_ANGLES))
     np.testing.assert_allclose(form.evaluate(model, AT), INDICATION @ exact.T, atol=1e-14)
     form, model = MODELS["affine"]
-    entries = [affine_model.find_entry(name) for name in AFFINE_NAMES]
-    expected, _ = affine_model.evaluate(entries, AFFINE_VALUES, INDICATION, TEMPERATURE)
-    np.testing.assert_array_equal(form.evaluate(model, AT), expected)
+    t, named = TEMPERATURE, dict(zip(AFFINE_NAMES, AFFINE_VALUES, strict=True))
+    x, y, z = INDICATION.T - [[named["b_x0"]], [0.0], [0.0]]
+    y, z = y - named["b_y1"] * t, z - named["b_z3"] * t**3
+    G = INDICATION.T
+    expected = np.column_stack(
+        [
+            (named["m_xx0"] + named["m_xx1"] * t) * x + named["m_xy0"] * y,
+            named["m_yy0"] * y,
+            named["m_zz0"] * z + named["m_zx2"] * t**2 * x,
+        ]
+    )
+    products = [named["n_x_xx"] * G[0] ** 2, named["n_y_yz"] * G[1] * G[2]]
+    expected += np.column_stack([*products, named["n_z_zzz"] * G[2] ** 3])
+    np.testing.assert_allclose(form.evaluate(model, AT), expected, atol=1e-15)
 
 
 @pytest.mark.parametrize("name", MODELS)

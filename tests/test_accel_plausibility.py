@@ -10,7 +10,8 @@ import pytest
 from calibkit import store
 from calibkit.errors import FitError
 from calibkit.fit.value import Value
-from calibkit.instruments.accelerometer import robust_choice, simulate as simulator
+from calibkit.instruments.accelerometer import simulate as simulator
+from calibkit.instruments.accelerometer.fit import choose_loss
 from calibkit.numeric import attitude
 
 AXES = ("accel_x_g", "accel_y_g", "accel_z_g")
@@ -231,7 +232,7 @@ def stub(residual, value, suspects=()):
 def chosen(robust_fit, plain_fit, before, loss="robust"):
     """Fit that is exported, and its flags."""
     fits = {"robust": robust_fit, "least_squares": plain_fit}
-    return robust_choice.choose(lambda loss: fits[loss], loss, np.full(20, before))
+    return choose_loss(lambda loss: fits[loss], loss, np.full(20, before))
 
 
 def test_a_robust_fit_that_fits_most_dwells_worse_is_not_exported():

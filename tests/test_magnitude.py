@@ -94,16 +94,13 @@ def test_both_solvers_agree(noisy):
 
 
 def test_large_sets_are_fitted():
-    """Five thousand raw rows give the parameters within their uncertainty, and nine rows' worth
-    of leverage.
-    """
+    """Five thousand raw rows give the parameters within their uncertainty."""
     vectors = np.random.default_rng(3).normal(size=(5000, 3))
     vectors /= np.linalg.norm(vectors, axis=1, keepdims=True)
     dwells = collect(indications(vectors, noise=1e-3))
     triad = solve_triad(dwells, TERMS, PLAIN, loss="least_squares")
     parameters, half_width = nine(triad)
     assert np.max(np.abs(parameters - TRUTH) / half_width) < 2.0
-    assert np.sum(triad.leverage) == pytest.approx(9.0, rel=1e-4)
 
 
 def test_axes_of_very_different_scale_still_converge():

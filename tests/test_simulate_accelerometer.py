@@ -210,7 +210,7 @@ def test_wild_dwells_are_named():
     wild = spoilt.truth["wild_dwells"]
     assert len(wild) == 3
     before, after = fit(clean, recipe()), fit(spoilt, recipe())
-    assert set(wild) <= after.left_out
+    assert set(wild) <= set(after.triad.suspects)
     for one, other in zip(before.k, after.k, strict=True):
         assert np.max(np.abs(values(other) - values(one)) / uncertainties(one)) < 1.0
 

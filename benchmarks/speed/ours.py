@@ -87,11 +87,12 @@ def accelerometer_k(indication: Array, temperature: Array, reference: Array) -> 
     """K-factor of three axes, with covariance, residuals and the check that attitudes and
     temperatures determine it.
     """
+    from calibkit.instruments.accelerometer import published
     from calibkit.instruments.accelerometer.numeric import k_factor
     from calibkit.numeric.least_squares import fit, polynomial
 
     def run() -> list[fit.LinearFit]:
-        k_factor.require_determined(reference, temperature, (k_factor.KTerms(),) * 3)
+        published.require_k((k_factor.KTerms(),) * 3, reference, temperature)
         middle, half = polynomial.middle_and_half(temperature)
         t = (temperature - middle) / half
         return [

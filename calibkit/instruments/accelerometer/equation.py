@@ -13,6 +13,7 @@ triad changes nothing over temperature.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Literal
 
 import numpy as np
@@ -20,6 +21,7 @@ import numpy as np
 from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.fit.complex_step import Numbers, derivative, length
+from calibkit.instruments.accelerometer.numeric import q_factor
 from calibkit.numeric.least_squares import polynomial
 
 AXES = "xyz"
@@ -38,18 +40,19 @@ class Term:
 
     symbol: str
     """k_x, z_y, c_xy, n_x_xx, tilt_north_rad: what its powers of temperature have in common."""
-    kind: Literal["k", "z", "c", "n", "tilt", "fixture"]
+    kind: Literal["k", "z", "c", "n", "tilt", "fixture", "m", "b"]
+    """The last two are entries of the matrix and the bias of accel-affine/1."""
     axis: int
     """Axis that the term is added to, or number of the nuisance angle."""
     factors: tuple[int, ...] = ()
-    """Axes of the compensated values that a cross-axis or higher-order term multiplies."""
+    """Axes of the values that the term multiplies: indications in (1), compensated ones in (2)."""
     power: int = 0
     """Power of temperature."""
 
     @property
     def name(self) -> str:
         """Name in coefficient files: k_x0, z_y3, c_xy, d_xy, n_x_xx, tilt_north_rad."""
-        if self.kind in ("k", "z"):
+        if self.kind in ("k", "z", "m", "b"):
             return f"{self.symbol}{self.power}"
         return self.symbol.replace("c_", "d_", 1) if self.power else self.symbol
 
@@ -86,7 +89,7 @@ class Terms:
         fixture angles and lengths need it.
         """
         listed = [
-            Term(f"k_{AXES[i]}", "k", i, (), n) for i in range(3) for n in range(scale[i] + 1)
+            Term(f"k_{AXES[i]}", "k", i, (i,), n) for i in range(3) for n in range(scale[i] + 1)
         ]
         listed += [
             Term(f"z_{AXES[i]}", "z", i, (), n) for i in range(3) for n in range(zero[i] + 1)
@@ -113,8 +116,8 @@ class Terms:
         unknown = [name for name in names if name not in _BY_NAME]
         if unknown:
             raise FitError(
-                f"accel-triad has no parameter {unknown[0]!r}",
-                hint="names are k_x0, z_x0, c_xy, d_xy, n_x_xx with axes x, y, z",
+                f"a triad has no parameter {unknown[0]!r}",
+                hint="names are k_x0, z_x0, c_xy, d_xy, n_x_xx, m_xy0, b_x0 with axes x, y, z",
             )
         return cls(tuple(_BY_NAME[name] for name in names))
 
@@ -129,18 +132,21 @@ class Terms:
         return max(term.power for term in self.listed)
 
     @property
-    def cross_changes(self) -> bool:
-        """Whether a cross-axis term changes with temperature."""
-        return any(term.kind == "c" and term.power for term in self.listed)
-
-    def with_constant_cross(self) -> "Terms":
-        """The terms without the change of cross-axis terms with temperature."""
-        return Terms(tuple(t for t in self.listed if t.kind != "c" or not t.power))
-
-    @property
     def nominal(self) -> Array:
         """Parameters [p] of a triad without an error."""
-        return np.array([float(t.kind == "k" and t.power == 0) for t in self.listed])
+        return self.of_constants(np.ones(3), np.zeros(3))
+
+    def of_constants(self, scale: Array, zero: Array) -> Array:
+        """Parameters [p] of scale factors [3] and zeros [3, g] alone, which do not change."""
+        p = np.zeros(len(self.listed))
+        for k, term in enumerate(self.listed):
+            if term.power == 0 and term.kind in ("k", "z"):
+                p[k] = (scale if term.kind == "k" else zero)[term.axis]
+        return p
+
+    def of_axis(self, axis: int) -> list[int]:
+        """Places of the parameters that are added to an axis."""
+        return [k for k, t in enumerate(self.listed) if t.axis == axis and t.kind in "kzcn"]
 
     def of_kind(self, kind: str) -> list[int]:
         """Places of the parameters of a kind."""
@@ -158,29 +164,48 @@ class Terms:
                     matrix[row, column] = powers[term.power, other.power]
         return matrix
 
-    def compensated(self, p: Numbers, indication: Array, t: Array) -> Numbers:
-        """Values a [n, 3] of indications [n, 3] by equation (1); temperatures t [n] are in the unit
-        that p is meant for.
-        """
+    def scale_and_zero(self, p: Numbers, t: Array) -> tuple[Numbers, Numbers]:
+        """Scale factors [n, 3] and zeros [n, 3] of the axes in (1) at temperatures t [n]."""
         k = np.zeros((self.order + 1, 3), dtype=p.dtype)
         z = np.zeros_like(k)
         for value, term in zip(p, self.listed, strict=True):
             if term.kind in ("k", "z"):
                 (k if term.kind == "k" else z)[term.power, term.axis] = value
         powers = np.vander(t, self.order + 1, increasing=True)
-        return np.asarray(indication * (powers @ k) - powers @ z)
+        return powers @ k, powers @ z
 
     def corrected(self, p: Numbers, indication: Array, t: Array) -> Numbers:
-        """Gravity [n, 3] that indications [n, 3] mean: equations (1) and (2)."""
-        a = self.compensated(p, indication, t)
+        """Gravity [n, 3] that indications [n, 3] mean, by (1) and (2); temperatures t [n] are in
+        the unit that p is meant for.
+        """
+        scale, zero = self.scale_and_zero(p, t)
+        a = indication * scale - zero
         c, d = np.zeros((3, 3), dtype=p.dtype), np.zeros((3, 3), dtype=p.dtype)
-        products = np.zeros_like(a)
         for value, term in zip(p, self.listed, strict=True):
             if term.kind == "c":
                 (d if term.power else c)[term.factors[0], term.axis] = value
-            elif term.kind == "n":
-                products[:, term.axis] += value * np.prod(a[:, term.factors], axis=1)
-        return np.asarray(a - a @ c - t[:, None] * (a @ d) + products)
+        return np.asarray(a - a @ c - t[:, None] * (a @ d) + self._products(p, a))
+
+    def corrected_by_matrix(self, p: Numbers, indication: Array, t: Array) -> Numbers:
+        """Gravity [n, 3] by accel-affine/1, M(t) (G - b(t)) with products of indications: the form
+        of 0.2, which is read and applied; no fit writes it.
+        """
+        without_bias, gravity = indication.astype(p.dtype), self._products(p, indication)
+        for value, term in zip(p, self.listed, strict=True):
+            if term.kind == "b":
+                without_bias[:, term.axis] -= value * t**term.power
+        for value, term in zip(p, self.listed, strict=True):
+            if term.kind == "m":
+                gravity[:, term.axis] += value * t**term.power * without_bias[:, term.factors[0]]
+        return gravity
+
+    def _products(self, p: Numbers, components: Numbers) -> Numbers:
+        """Second- and third-order terms [n, 3] of components [n, 3]."""
+        products = np.zeros(components.shape, dtype=p.dtype)
+        for value, term in zip(p, self.listed, strict=True):
+            if term.kind == "n":
+                products[:, term.axis] += value * np.prod(components[:, term.factors], axis=1)
+        return products
 
     def axes(self, p: Numbers, t: float) -> Numbers:
         """Unit vectors [3, 3] of the sensitive axes at a temperature: rows of (I - C - D t)⁻¹."""
@@ -192,13 +217,8 @@ class Terms:
         return sensitivity / length(sensitivity)[:, None]
 
     def small_angles(self, p: Numbers, t: float) -> Numbers:
-        """Q1, Q2, Q3 [3] [rad] at a temperature, e1 = x and e2 in the plane of x and y:
-        Q3 = -y·e1, Q1 = -z·e2, Q2 = (y·e1)(z·e2) - z·e1.
-        """
-        x, y, z = self.axes(p, t)
-        y1, z1 = np.sum(y * x), np.sum(z * x)
-        z2 = (np.sum(z * y) - y1 * z1) / np.sqrt(1.0 - y1**2)
-        return np.stack([-z2, y1 * z2 - z1, -y1])
+        """Q1, Q2, Q3 [3] [rad] at a temperature."""
+        return q_factor.small_angles(self.axes(p, t))
 
     def slopes(self, p: Array, indication: Array, t: Array) -> Array:
         """Derivatives [n, 3, p] of the corrected values by the parameters."""
@@ -207,13 +227,20 @@ class Terms:
 
 _BY_NAME = {
     term.name: term
-    for term in Terms.of_orders(
-        *((9, 9, 9), (9, 9, 9), (1, 1, 1)),
-        second_order=True,
-        third_order=True,
-        tilt=True,
-        fixture=True,
-    ).listed
+    for term in (
+        *Terms.of_orders(
+            *((9, 9, 9), (9, 9, 9), (1, 1, 1)),
+            second_order=True,
+            third_order=True,
+            tilt=True,
+            fixture=True,
+        ).listed,
+        *(
+            Term(f"m_{AXES[i]}{AXES[j]}", "m", i, (j,), n)
+            for i, j, n in product(range(3), range(3), range(10))
+        ),
+        *(Term(f"b_{AXES[i]}", "b", i, (), n) for i, n in product(range(3), range(10))),
+    )
 }
 """Name → parameter, for every one that a coefficient file can hold."""
 

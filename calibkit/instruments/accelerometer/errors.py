@@ -14,7 +14,6 @@ from calibkit.instruments.accelerometer import forms
 from calibkit.instruments.accelerometer.coefficient_files import Correction
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
-from calibkit.instruments.accelerometer.shared_errors import Unexplained
 from calibkit.numeric import attitude
 from calibkit.numeric.dispersion import rms
 from calibkit.recipe.type_b import TypeB
@@ -125,17 +124,6 @@ class DwellErrors:
             inclination_range_deg=spec.toolface_range_deg,
         )
         return cls(vector - dwells.reference, angles, noise)
-
-
-def judge_lack_of_fit(found: Sequence[Unexplained]) -> tuple[Criterion, ...]:
-    """Failed criteria for residuals that differ from group to group by more than U, whatever limits
-    the recipe sets.
-    """
-    return tuple(
-        at_most(f"unexplained residual, {one.what}", abs(one.size_g), one.expanded_g, "g")
-        for one in found
-        if abs(one.size_g) > one.expanded_g
-    )
 
 
 def propagate_uncertainty(

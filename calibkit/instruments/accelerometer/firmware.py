@@ -1,6 +1,4 @@
-"""accel_k.json, accel_q.json, accel_affine.json → chain that corrects a triad: K-factor, K- and
-Q-factor, or affine.
-"""
+"""accel_k.json or accel_affine.json → chain that corrects a triad."""
 
 from collections.abc import Mapping
 from fractions import Fraction
@@ -17,8 +15,7 @@ from calibkit.firmware.program import Program
 from calibkit.firmware.sources import required_record
 from calibkit.ingest.write_back import Applied
 from calibkit.instruments.accelerometer import coefficient_files, forms
-from calibkit.instruments.accelerometer.equation import Terms
-from calibkit.instruments.accelerometer.numeric.affine_model import AXES, Entry, find_entry
+from calibkit.instruments.accelerometer.equation import AXES
 from calibkit.instruments.accelerometer.numeric.k_factor import CROSS
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.numeric import attitude
@@ -36,7 +33,7 @@ def chain(spec: AccelerometerRecipe, records: Mapping[str, Record]) -> Chain:
     """Chain of the correction that the recipe names; inputs and outputs follow the recipe's sign
     convention.
     """
-    compensation, convention = spec.compensation, spec.reference.convention
+    convention = spec.reference.convention
     (file,) = files(spec)
     record = required_record(records, file, spec)
     draft = Draft(padded=spec.export.layout == "padded")
@@ -49,30 +46,22 @@ def chain(spec: AccelerometerRecipe, records: Mapping[str, Record]) -> Chain:
     for axis in AXES:
         meaning = f"indication of the {axis} accelerometer, {SENSE[convention]}"
         draft.indication(f"accel_{axis}_g", "g", meaning, FITTED_G, full, "ACCEL_BEYOND")
-    entries: list[Entry] = []
-    triad = record.models[0].form == forms.TRIAD.name
-    if compensation == "affine" and triad:
-        _triad(draft, record.models[0], (middle, half), sign)
-    elif compensation == "affine":
-        entries = _affine(draft, record.models[0], (middle, half), sign)
-    else:
+    form = record.models[0].form
+    if form == forms.K.name:
         _k(draft, record, (middle, half), sign)
+    else:
+        _triad(draft, record.models[0], (middle, half), sign)
     for axis in AXES:
         meaning = f"corrected component along {axis}, {SENSE[convention]}"
         draft.output(f"accel_{axis}_g", "g", f"k_{axis}", meaning)
-    higher = any(entry.kind == "n" and entry.name in draft.tables for entry in entries)
-    by_form = (
-        "a = S(T) indication - Z(T), corrected = a - C(T) a"
-        if triad
-        else "corrected = M(T) (indication - b(T))"
-    )
     formula = {
-        "affine": by_form
-        + (" + second- and third-order terms" if higher or _has_products(draft) else "")
-        + ", in local g",
-        "k": "corrected = S(T) indication - Z(T) - cross-axis terms (K-factor), in local g",
-    }[compensation]
-    return draft.chain([record.models[0].form], formula)
+        forms.K.name: "corrected = S(T) indication - Z(T) - cross-axis terms (K-factor)",
+        forms.TRIAD.name: "a = S(T) indication - Z(T), corrected = a - C(T) a",
+        forms.AFFINE.name: "corrected = M(T) (indication - b(T))",
+    }[form]
+    if any(name.startswith("n_") for name in draft.tables):
+        formula += " + second- and third-order terms"
+    return draft.chain([form], f"{formula}, in local g")
 
 
 def files(spec: AccelerometerRecipe) -> tuple[str, ...]:
@@ -80,81 +69,48 @@ def files(spec: AccelerometerRecipe) -> tuple[str, ...]:
     return (f"{coefficient_files.find_stage(spec.compensation)}.json",)
 
 
-def _affine(
-    draft: Draft, model: Model, mapping: tuple[Fraction, Fraction], sign: int
-) -> list[Entry]:
-    """Add M(u) (V − b(u)) and the higher orders to the draft and return the parameters; for
-    specific force, b and the second-order terms change sign.
-    """
-    entries = [find_entry(c.name) for c in model.coefficients]
-    powers: dict[str, list[Fraction]] = {entry.symbol: [] for entry in entries}
-    for entry, c in zip(entries, model.coefficients, strict=True):
-        powers[entry.symbol].append(Fraction(c.value))
-    for entry in entries:
-        if entry.kind == "b" and entry.power == 0:
-            axis = AXES[entry.row]
-            bias = exact.scale(exact.mapped(powers[entry.symbol], *mapping), Fraction(sign))
-            draft.sum(
-                axis,
-                draft.polynomial(entry.symbol, bias, "u", sign=-1, order=HIGHEST_ORDER),
-                factor(forms.COMPONENTS[entry.row]),
-            )
-    for row, axis in enumerate(AXES):
-        higher = [e for e in entries if e.kind == "n" and e.row == row]
-        linear = [e for e in entries if e.kind == "m" and e.row == row and e.power == 0]
-        terms: list[list[Term]] = []
-        # the largest terms last
-        for entry in sorted(higher, key=lambda e: len(e.factors), reverse=True):
-            turned = powers[entry.symbol][0] * (sign if len(entry.factors) == 2 else 1)
-            factors = (forms.COMPONENTS[i] for i in entry.factors)
-            terms.append(draft.polynomial(entry.symbol, (turned,), "", *factors))
-        for entry in sorted(linear, key=lambda e: e.factors == (row,)):
-            polynomial = exact.mapped(powers[entry.symbol], *mapping)
-            own = AXES[entry.factors[0]]
-            terms.append(draft.polynomial(entry.symbol, polynomial, "u", own, order=HIGHEST_ORDER))
-        draft.sum(f"k_{axis}", *terms)
-    return entries
-
-
 def _triad(draft: Draft, model: Model, mapping: tuple[Fraction, Fraction], sign: int) -> None:
-    """Add a = S(u) V - Z(u), then a - C(u) a and the higher orders, to the draft; for specific
-    force, Z and the second-order terms change sign.
+    """Add a = S(u) V - Z(u), then a - C(u) a with its products, to the draft; of accel-affine/1
+    V - b(u), then the product with M(u). For specific force, Z, b and the second-order terms change
+    sign.
     """
-    terms = Terms.named([c.name for c in model.coefficients])
+    terms = forms.read_terms(model).listed
     powers: dict[str, list[Fraction]] = {}
-    for term, c in zip(terms.listed, model.coefficients, strict=True):
+    for term, c in zip(terms, model.coefficients, strict=True):
         powers.setdefault(term.symbol, []).append(Fraction(c.value))
-    first = [term for term in terms.listed if term.power == 0]
 
     def polynomial(symbol: str, turned: int = 1) -> tuple[Fraction, ...]:
         return exact.scale(exact.mapped(powers[symbol], *mapping), Fraction(turned))
 
-    for row, axis in enumerate(AXES):
-        zero, scale = f"z_{axis}", f"k_{axis}"
-        draft.sum(
-            f"a_{axis}",
-            draft.polynomial(f"zero_{axis}", polynomial(zero, sign), "u", sign=-1),
-            draft.polynomial(f"scale_{axis}", polynomial(scale), "u", forms.COMPONENTS[row]),
-        )
+    by_matrix = model.form == forms.AFFINE.name
+    for axis, component in zip(AXES, forms.COMPONENTS, strict=True):
+        if by_matrix:
+            bias = polynomial(f"b_{axis}", sign)
+            minus_bias = draft.polynomial(f"b_{axis}", bias, "u", sign=-1, order=HIGHEST_ORDER)
+            draft.sum(axis, minus_bias, factor(component))
+            continue
+        zero, scale = polynomial(f"z_{axis}", sign), polynomial(f"k_{axis}")
+        minus_zero = draft.polynomial(f"zero_{axis}", zero, "u", sign=-1)
+        draft.sum(f"a_{axis}", minus_zero, draft.polynomial(f"scale_{axis}", scale, "u", component))
     for row, axis in enumerate(AXES):
         added: list[list[Term]] = []
+        of_row = [t for t in terms if t.axis == row and t.power == 0 and t.kind in "cmn"]
         # the largest terms last
-        for term in sorted(first, key=lambda t: len(t.factors), reverse=True):
-            if term.axis != row or term.kind not in ("c", "n"):
+        for term in sorted(of_row, key=lambda t: (-len(t.factors), t.factors == (row,))):
+            axes = [AXES[k] for k in term.factors]
+            if term.kind == "m":
+                table = polynomial(term.symbol)
+                added.append(draft.polynomial(term.symbol, table, "u", *axes, order=HIGHEST_ORDER))
                 continue
-            factors = [f"a_{AXES[k]}" for k in term.factors]
+            factors = [f"accel_{a}_g" if by_matrix else f"a_{a}" for a in axes]
             if term.kind == "c":
-                cross = polynomial(term.symbol)
-                added.append(draft.polynomial(term.symbol, cross, "u", *factors, sign=-1))
+                table = polynomial(term.symbol)
+                added.append(draft.polynomial(term.symbol, table, "u", *factors, sign=-1))
             else:
-                turned = powers[term.symbol][0] * (sign if len(factors) == 2 else 1)
+                turned = powers[term.symbol][0] * (sign if len(axes) == 2 else 1)
                 added.append(draft.polynomial(term.symbol, (turned,), "", *factors))
-        draft.sum(f"k_{axis}", *added, factor(f"a_{axis}"))
-
-
-def _has_products(draft: Draft) -> bool:
-    """Whether the chain has second- or third-order terms."""
-    return any(name.startswith("n_") for name in draft.tables)
+        last = [] if by_matrix else [factor(f"a_{axis}")]
+        draft.sum(f"k_{axis}", *added, *last)
 
 
 def _k(draft: Draft, record: Record, mapping: tuple[Fraction, Fraction], sign: int) -> None:

@@ -1,6 +1,6 @@
 """Dwells of a triad → models of its K-factor, Q-factor and of the triad over temperature."""
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
@@ -8,22 +8,52 @@ import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.coefficients import Figure, Model, Parameter
+from calibkit.errors import FitError
+from calibkit.fit.complex_step import Numbers, derivative
 from calibkit.forms import components_of
-from calibkit.instruments.accelerometer import forms, published, robust_choice
+from calibkit.instruments.accelerometer import forms, published
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.equation import AXES, Terms
 from calibkit.instruments.accelerometer.numeric import k_factor, magnitude, q_factor
 from calibkit.instruments.accelerometer.numeric.k_factor import KTerms
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
-from calibkit.instruments.accelerometer.shared_errors import ZERO, Unexplained
-from calibkit.instruments.accelerometer.triad import Triad, determines, solve_triad
+from calibkit.instruments.accelerometer.shared_errors import ZERO
+from calibkit.instruments.accelerometer.triad import (
+    Triad,
+    require_terms,
+    residual_of,
+    solve_triad,
+)
+from calibkit.numeric.least_squares import polynomial
 from calibkit.recipe.shared_errors import warn_of_few_levels
+
+WORSE = 1.1
+"""Ratio of median absolute residuals above which one fit is worse than the other: on clean data the
+two differ by chance.
+"""
+WORSE_THAN_NONE = 1.3
+"""Ratio of the median absolute residual of least squares to that of no correction above which no
+fit is exported: a triad that needs no correction differs by less, by chance.
+"""
+ROUNDING_G = 1e-9
+"""Difference of median absolute residuals [g] that is rounding."""
+POOR_Q, POOR_SHARE = np.radians(0.25), 5e-3
+"""95 % half-widths that are flagged as too wide: of a Q [rad]; of a relative scale factor, or of a
+zero relative to gravity.
+"""
+ILL_CONDITIONED = 20.0
+"""Condition number above which the attitudes determine some combination of parameters poorly; the
+six-position tumble has 1.7.
+"""
+FEW_DOF = 5
+"""Degrees of freedom below which the residuals are too few to judge the uncertainty."""
 
 
 @dataclass(frozen=True, slots=True)
 class TriadFit:
     """Models fitted to a set of dwells, with their flags."""
 
+    triad: Triad
     k: tuple[Model, ...]
     """K models of the three axes; empty where the recipe does not enable K."""
     k_not_fitted: tuple[str, ...]
@@ -31,16 +61,11 @@ class TriadFit:
     q: Model | None
     affine: Model | None
     """The triad over temperature."""
-    flags: tuple[str, ...]
     intervals: tuple[Figure, ...]
     """Ends of the 95 % profile intervals of the nine magnitude-only parameters; empty unless the
     solver is lmfit.
     """
-    left_out: frozenset[int]
-    """Dwells that the fit left out."""
-    lack_of_fit: tuple[Unexplained, ...]
-    """Residuals that differ from group to group."""
-    triad: Triad
+    flags: tuple[str, ...]
 
 
 def fit_triad(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
@@ -48,35 +73,36 @@ def fit_triad(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
     dwells do not determine.
     """
     lengths = spec.reference.kind == "magnitude"
-    bounded = lengths and spec.reference.solver == "lmfit"
+    by_lmfit = lengths and spec.reference.solver == "lmfit"
     if spec.k.enabled and not lengths:
-        k_factor.require_determined(dwells.reference, dwells.temperature, k_terms(spec))
+        published.require_k(k_terms(spec), dwells.reference, dwells.temperature)
     terms, flags = choose_terms(dwells, spec)
     if lengths:
         uncorrected: Array = np.linalg.norm(dwells.indication, axis=1) - 1.0
     else:
         uncorrected = dwells.indication - dwells.reference
-    fit_with = partial(solve_triad, dwells, terms, spec)
-    loss = "least_squares" if bounded else spec.loss
-    triad, doubts = robust_choice.choose(fit_with, loss, uncorrected)
+    triad, doubts = choose_loss(
+        partial(solve_triad, dwells, terms, spec),
+        "least_squares" if by_lmfit else spec.loss,
+        uncorrected,
+    )
     flags += (*doubts, *triad.flags)
-    taken = {ZERO: 1 + max(term.power for term in terms.listed if term.kind == "z")}
-    flags += warn_of_few_levels(triad.fit.shared, taken)
-    flags += (*_name_suspects(triad, dwells), *_name_common(triad, dwells))
+    zeros_of_soaks = {ZERO: 1 + max(term.power for term in terms.listed if term.kind == "z")}
+    flags += warn_of_few_levels(triad.fit.shared, zeros_of_soaks)
+    flags += tuple(
+        f"triad: suspect dwell {dwells.place[k]}, {np.abs(triad.residuals[k]).max():.3g} g off,"
+        " left out"
+        for k in triad.suspects
+    )
+    flags += _warn_of_common_errors(triad, dwells)
+    k, k_not_fitted, q, affine = list_models(dwells, spec, triad)
+    intervals: tuple[Figure, ...] = ()
     if lengths:
         flags += _warn_of_lengths(triad, dwells, _reference_temperature(dwells, spec))
-    intervals: tuple[Figure, ...] = ()
-    if bounded:
+    if by_lmfit:
         intervals, doubts = _profile_intervals(dwells)
         flags += doubts
-    return TriadFit(
-        *list_models(dwells, spec, triad),
-        flags,
-        intervals,
-        frozenset(triad.suspects),
-        triad.lack_of_fit,
-        triad,
-    )
+    return TriadFit(triad, k, k_not_fitted, q, affine, intervals, flags)
 
 
 def list_models(
@@ -87,28 +113,107 @@ def list_models(
     """
     lengths = spec.reference.kind == "magnitude"
     k: tuple[Model, ...] = ()
-    not_fitted: tuple[str, ...] = ()
+    not_fitted: list[str] = []
     if not lengths and spec.k.enabled:
         chosen = k_terms(spec)
-        named = zip(forms.K_MODELS, published.fit_k(dwells, chosen, triad), strict=True)
-        k = tuple(_k_model(dwells, triad, name, axis) for name, axis in named)
-        not_fitted = _list_not_fitted(chosen)
+        k = published.fit_k(dwells, chosen, triad)
+        for name, part in zip(forms.K_MODELS, chosen, strict=True):
+            missing = [K for n, K in enumerate(k_factor.NAMES) if n not in part.fitted]
+            if missing:
+                not_fitted.append(f"{name}: {', '.join(missing)} not fitted, taken as 0")
     if not (lengths or spec.affine.enabled):
-        return k, not_fitted, None, None
-    q = _q_model(dwells, triad, _reference_temperature(dwells, spec))
-    return k, not_fitted, q, _triad_model(dwells, triad)
+        return k, tuple(not_fitted), None, None
+    q = published.fit_q(dwells, triad, _reference_temperature(dwells, spec))
+    return k, tuple(not_fitted), q, _triad_model(dwells, triad)
 
 
 def choose_terms(dwells: DwellSet, spec: AccelerometerRecipe) -> tuple[Terms, tuple[str, ...]]:
     """Terms of the equation that the recipe asks for, and a flag where the dwells do not show how
-    cross-axis terms change with temperature.
+    cross-axis terms change with temperature. Raises FitError for other terms that the dwells do
+    not determine.
     """
     terms = asked_terms(spec)
-    if spec.reference.kind == "magnitude" or not terms.cross_changes or determines(dwells, terms):
+    if spec.reference.kind == "magnitude":
         return terms, ()
-    constant = terms.with_constant_cross()
-    flag = "cross-axis terms are constant over temperature: these dwells do not show their change"
-    return (constant, (flag,)) if determines(dwells, constant) else (terms, ())
+    try:
+        require_terms(terms, dwells)
+    except FitError as error:
+        constant = Terms(tuple(t for t in terms.listed if t.kind != "c" or not t.power))
+        try:
+            require_terms(constant, dwells)
+        except FitError:
+            raise error from None
+        flag = "cross-axis terms are constant over temperature: these dwells do not show their"
+        return constant, (f"{flag} change",)
+    return terms, ()
+
+
+def choose_loss(
+    fit_with: Callable[..., Triad], loss: str, uncorrected: Array
+) -> tuple[Triad, tuple[str, ...]]:
+    """Fit with the recipe's loss, and flags; `uncorrected` are the residuals [n] or [n, m, g] of
+    the raw dwells.
+
+    Plain least squares stands in where a robust fit does not converge, or leaves a median absolute
+    residual that is 10 % larger than that of least squares or of no correction. Where the two fits
+    differ by more than U, both values are flagged. Raises FitError where no fit is better than
+    none.
+    """
+    plain = fit_with(loss="least_squares")
+    other, raw = _median_length(plain.residuals), _median_length(uncorrected)
+    flags = list[str]()
+    if loss == "robust":
+        try:
+            tough = fit_with(loss="robust")
+        except FitError as error:
+            worse = error.message
+        else:
+            left = _median_length(tough.residuals)
+            if left <= WORSE * min(other, raw) + ROUNDING_G:
+                return tough, _flag_differences(tough, plain)
+            # without suspects the two differ by chance
+            worse = (
+                f"the robust fit leaves a median residual of {left:.2e} g, least squares"
+                f" {other:.2e} g, no correction {raw:.2e} g: look for an error that dwells share"
+                if tough.suspects
+                else ""
+            )
+        if worse:
+            flags.append(f"triad: {worse}; plain least squares was used, outliers are not left out")
+    if other > WORSE_THAN_NONE * raw + ROUNDING_G:
+        raise FitError(
+            f"triad: the median residual is {other:.2e} g after correction by least squares,"
+            f" {raw:.2e} g before, expected a smaller one",
+            hint="look for wrong rows or references: gross errors move such a fit",
+        )
+    return plain, tuple(flags)
+
+
+def _median_length(residuals: Array) -> float:
+    """Median absolute residual [g] of dwells, over their components together: alone, most may be
+    zero at the attitudes that were held.
+    """
+    return float(np.median(np.linalg.norm(residuals.reshape(len(residuals), -1), axis=1)))
+
+
+def _flag_differences(tough: Triad, plain: Triad) -> tuple[str, ...]:
+    """Flag for robust and least-squares fits that differ by more than U, with both values of the
+    coefficient that differs most.
+    """
+    to_raw = tough.to_degrees
+    value = tough.fit.of(lambda p: to_raw @ p)
+    beside, expanded = to_raw @ plain.fit.parameters, value.expanded
+    share = np.abs(value.value - beside) / np.where(expanded > 0.0, expanded, np.inf)
+    if np.max(share) <= 1.0 or np.max(np.abs(tough.residuals)) <= ROUNDING_G:
+        return ()
+    k, count = int(np.argmax(share)), int(np.sum(share > 1.0)) - 1
+    others = f", and {count} more coefficients differ" if count else ""
+    flag = (
+        f"triad: the fits differ by more than U: {tough.terms.names[k]} is {value.value[k]:.7g} ±"
+        f" {expanded[k]:.1e} by the robust fit, which is exported, {beside[k]:.7g} by least"
+        f" squares{others}; look at the suspects before you rely on it"
+    )
+    return (flag,)
 
 
 def asked_terms(spec: AccelerometerRecipe) -> Terms:
@@ -149,7 +254,10 @@ def _reference_temperature(dwells: DwellSet, spec: AccelerometerRecipe) -> float
 
 def _triad_model(dwells: DwellSet, triad: Triad) -> Model:
     """Model of the triad in powers of °C."""
-    values, covariance, dof = triad.in_degrees()
+    to_raw = triad.terms.in_degrees(triad.middle, triad.half)
+    values, covariance = polynomial.in_raw_powers(
+        triad.fit.parameters, triad.fit.total_covariance, to_raw
+    )
     named = [(term.name, term.unit) for term in triad.terms.listed]
     axes = AXES if len(triad.noise) == 3 else ("length",)
     noise = tuple(
@@ -165,62 +273,86 @@ def _triad_model(dwells: DwellSet, triad: Triad) -> Model:
         residual_unit="g",
         valid=dwells.valid,
         parameters=noise,
-        effective_dof=dof,
+        effective_dof=triad.fit.dof_along(triad.to_degrees),
         components=components_of(triad.fit.shared),
     )
 
 
-def _q_model(dwells: DwellSet, triad: Triad, temperature: float) -> Model:
-    """Q1, Q2, Q3 of the fitted axes at a temperature [°C]."""
-    t, p = float(triad.mapped(temperature)), triad.fit.parameters
-    matrix = np.eye(3)
-    scale = np.zeros(3)
-    for value, term in zip(p, triad.terms.listed, strict=True):
-        if term.kind == "c":
-            matrix[term.axis, term.factors[0]] -= value * t**term.power
-        elif term.kind == "k":
-            scale[term.axis] += value * t**term.power
-    # refuses a left-handed triad and axes in one plane
-    q_factor.axes_from_sensitivity(np.asarray(np.linalg.inv(matrix * scale), dtype=np.float64))
-    return forms.Q.write_fit(
-        "triad",
-        triad.fit.restated(lambda q: triad.terms.small_angles(q, t)),
-        [(name, "rad") for name in q_factor.NAMES],
-        residual_rms=triad.residual_rms,
-        residual_unit="g",
-        valid=dwells.valid,
-        parameters=(Parameter("temperature", temperature, "degC"),),
-    )
+def _warn_of_common_errors(triad: Triad, dwells: DwellSet) -> tuple[str, ...]:
+    """Flags on dwells that stand apart together, one for attitudes and one for temperatures."""
+    per_dwell, flags = triad.residuals.shape[1], []
+    for group, common in enumerate(("attitude", "temperature")):
+        parts = [part for part in triad.together if part.group == group]
+        if not parts:
+            continue
+        sizes = [float(np.median(triad.residuals.ravel()[part.rows])) for part in parts]
+        worst = int(np.argmax(np.abs(sizes)))
+        first = parts[worst].rows[0] // per_dwell
+        # an attitude, or a temperature, counts once whatever the number of its components
+        count = len({part.level // per_dwell for part in parts})
+        rows = parts[worst].rows // per_dwell
+        where = (
+            f"{dwells.temperature[rows].mean():.3g} °C"
+            if common == "temperature"
+            else f"inclination {dwells.inclination[first]:.6g}°,"
+            f" toolface {dwells.toolface[first]:.6g}°"
+        )
+        along = "" if per_dwell == 1 else f" along {AXES[parts[worst].level % per_dwell]}"
+        flags.append(
+            f"triad: dwells of one {common} are off together, by more than their scatter, at"
+            f" {count} {common}s; most at {where}: {len(rows)} dwells by"
+            f" {1e6 * sizes[worst]:+.3g} µg{along}. An error of the {common}, not outliers: they"
+            " are kept in the fit"
+        )
+    return tuple(flags)
 
 
-def _k_model(dwells: DwellSet, triad: Triad, name: str, axis: published.KAxis) -> Model:
-    """K model of an axis, with its coefficients in scaled temperature."""
-    mapping = [("middle", triad.middle, "degC"), ("half", triad.half, "degC")]
-    scaled = zip(k_factor.NAMES, axis.mapped.tolist(), strict=True)
-    mapping += [(f"scaled_{k}", value, "1") for k, value in scaled]
-    mapping.append(("lack_of_fit", axis.lack_of_fit, "g"))
-    return forms.K.write(
-        name,
-        list(zip(k_factor.NAMES, axis.coefficients.tolist(), forms.K_UNITS, strict=True)),
-        axis.covariance,
-        dof=triad.fit.dof,
-        residual_rms=axis.residual_rms,
-        residual_unit="g",
-        valid=dwells.valid,
-        parameters=tuple(Parameter(*entry) for entry in mapping),
-        effective_dof=axis.dof,
-        components=components_of(triad.fit.shared),
-    )
+def _warn_of_lengths(triad: Triad, dwells: DwellSet, temperature: float) -> tuple[str, ...]:
+    """Flags for poorly determined parameters, poorly spread attitudes and unchecked dwells."""
+    t, terms, fit = triad.mapped(temperature), triad.terms, triad.fit
 
+    def results(p: Numbers) -> Numbers:
+        scale, zero = terms.scale_and_zero(p, np.array([t]))
+        return np.concatenate([scale[0], zero[0], terms.small_angles(p, float(t))])
 
-def _list_not_fitted(chosen: Sequence[KTerms]) -> tuple[str, ...]:
-    """Coefficients fixed at zero, one text per axis."""
-    texts = []
-    for name, terms in zip(forms.K_MODELS, chosen, strict=True):
-        missing = [k for n, k in enumerate(k_factor.NAMES) if n not in terms.fitted]
-        if missing:
-            texts.append(f"{name}: {', '.join(missing)} not fitted, taken as 0")
-    return tuple(texts)
+    width = fit.of(results).expanded
+    flags: list[str] = []
+    if fit.dof < FEW_DOF:
+        flags.append(
+            f"{len(triad.residuals)} dwells for {len(terms.listed)} parameters leave {fit.dof}"
+            " degrees of freedom: the residuals cannot vouch for these numbers"
+        )
+    # scale factors, zeros and angles as lengths at the attitudes see them: the fit's own columns
+    # have the prior of the angles, and depend on the size of the zeros
+    of_dwells = triad.mapped(dwells.temperature)
+    down = terms.corrected(fit.parameters, dwells.indication, of_dwells)
+    design = np.column_stack([down**2, down, down * np.roll(down, 1, axis=1)])
+    condition = float(np.linalg.cond(design / np.linalg.norm(design, axis=0)))
+    if condition > ILL_CONDITIONED:
+        flags.append(
+            f"ill-conditioned: condition number {condition:.3g}, six faces have 1.7; add other"
+            " attitudes"
+        )
+    flags += [
+        f"{name} is known to ±{np.degrees(w):.2g}° only (95 %)"
+        for name, w in zip(q_factor.NAMES, width[6:], strict=True)
+        if w > POOR_Q
+    ]
+    names = [f"{kind}_{axis}" for kind in "kz" for axis in AXES]
+    flags += [
+        f"{name} is known to ±{100.0 * w:.2g} % of {'itself' if name[0] == 'k' else 'gravity'}"
+        " only (95 %)"
+        for name, w in zip(names, width[:6], strict=True)
+        if w > POOR_SHARE
+    ]
+    # change of a fitted residual by its own reference: near 1, no other dwell checks it
+    jacobian = derivative(residual_of(dwells, terms, of_dwells, lengths=True), fit.parameters)
+    alone = np.flatnonzero(np.einsum("np,pn->n", jacobian, fit.gain) > 0.99)
+    if alone.size:
+        flags.append(
+            f"no other dwell checks dwell {', '.join(str(i) for i in alone)} (leverage above 0.99)"
+        )
+    return tuple(f"magnitude: {flag}" for flag in flags)
 
 
 def _profile_intervals(dwells: DwellSet) -> tuple[tuple[Figure, ...], tuple[str, ...]]:
@@ -241,101 +373,3 @@ def _profile_intervals(dwells: DwellSet) -> tuple[tuple[Figure, ...], tuple[str,
     )
     plain = "magnitude: lmfit solves by plain least squares, outliers are not left out"
     return figures, (*open_ends, plain)
-
-
-POOR_Q, POOR_SHARE = np.radians(0.25), 5e-3
-"""95 % half-widths that are flagged as too wide: of a Q [rad]; of a relative scale factor, or of a
-zero relative to gravity.
-"""
-ILL_CONDITIONED = 20.0
-"""Condition number above which the attitudes determine some combination of parameters poorly; the
-six-position tumble has 1.7.
-"""
-FEW_DOF = 5
-"""Degrees of freedom below which the residuals are too few to judge the uncertainty."""
-
-
-def _attitude_condition(triad: Triad, dwells: DwellSet) -> float:
-    """Condition number of scale factors, zeros and angles as lengths at the attitudes see them;
-    that of the fit's own columns has the prior of the angles, and depends on the size of the zeros.
-    """
-    t = triad.mapped(dwells.temperature)
-    down = triad.terms.corrected(triad.fit.parameters, dwells.indication, t)
-    design = np.column_stack([down**2, down, down * np.roll(down, 1, axis=1)])
-    return float(np.linalg.cond(design / np.linalg.norm(design, axis=0)))
-
-
-def _warn_of_lengths(triad: Triad, dwells: DwellSet, temperature: float) -> tuple[str, ...]:
-    """Flags for poorly determined parameters, poorly spread attitudes and unchecked dwells."""
-    t, fit, listed = float(triad.mapped(temperature)), triad.fit, triad.terms.listed
-
-    def results(p: Array) -> Array:
-        scale_and_zero = np.zeros(6, dtype=p.dtype)
-        for value, term in zip(p, listed, strict=True):
-            if term.kind in "kz":
-                scale_and_zero["kz".index(term.kind) * 3 + term.axis] += value * t**term.power
-        return np.concatenate([scale_and_zero, triad.terms.small_angles(p, t)])
-
-    width = fit.of(results).expanded
-    flags: list[str] = []
-    if fit.dof < FEW_DOF:
-        flags.append(
-            f"{len(triad.residuals)} dwells for {len(listed)} parameters leave {fit.dof} degrees"
-            " of freedom: the residuals cannot vouch for these numbers"
-        )
-    condition = _attitude_condition(triad, dwells)
-    if condition > ILL_CONDITIONED:
-        flags.append(
-            f"ill-conditioned: condition number {condition:.3g}, six faces have 1.7; add other"
-            " attitudes"
-        )
-    flags += [
-        f"{name} is known to ±{np.degrees(w):.2g}° only (95 %)"
-        for name, w in zip(q_factor.NAMES, width[6:], strict=True)
-        if w > POOR_Q
-    ]
-    names = [f"{kind}_{axis}" for kind in "kz" for axis in AXES]
-    flags += [
-        f"{name} is known to ±{100.0 * w:.2g} % of {'itself' if name[0] == 'k' else 'gravity'}"
-        " only (95 %)"
-        for name, w in zip(names, width[:6], strict=True)
-        if w > POOR_SHARE
-    ]
-    alone = np.flatnonzero(triad.leverage > 0.99)
-    if alone.size:
-        flags.append(
-            f"no other dwell checks dwell {', '.join(str(i) for i in alone)} (leverage above 0.99)"
-        )
-    return tuple(f"magnitude: {flag}" for flag in flags)
-
-
-def _name_suspects(triad: Triad, dwells: DwellSet) -> tuple[str, ...]:
-    """Flags that name the dwells which were left out as outliers."""
-    return tuple(
-        f"triad: suspect dwell {dwells.place[k]}, {np.abs(triad.residuals[k]).max():.3g} g off,"
-        " left out"
-        for k in triad.suspects
-    )
-
-
-def _name_common(triad: Triad, dwells: DwellSet) -> tuple[str, ...]:
-    """Flags on dwells that stand apart together, one for attitudes and one for temperatures."""
-    flags = []
-    for common in dict.fromkeys(error.common for error in triad.common_errors):
-        errors = [error for error in triad.common_errors if error.common == common]
-        worst = max(errors, key=lambda error: abs(error.size))
-        first, count = worst.dwells[0], len({error.dwells for error in errors})
-        where = (
-            f"{dwells.temperature[list(worst.dwells)].mean():.3g} °C"
-            if common == "temperature"
-            else f"inclination {dwells.inclination[first]:.6g}°,"
-            f" toolface {dwells.toolface[first]:.6g}°"
-        )
-        along = "" if triad.residuals.shape[1] == 1 else f" along {AXES[worst.component]}"
-        flags.append(
-            f"triad: dwells of one {common} are off together, by more than their scatter, at"
-            f" {count} {common}s; most at {where}: {len(worst.dwells)} dwells by"
-            f" {1e6 * worst.size:+.3g} µg{along}. An error of the {common}, not outliers: they are"
-            " kept in the fit"
-        )
-    return tuple(flags)

@@ -7,7 +7,7 @@ from calibkit.coefficients import Model
 from calibkit.fit.complex_step import Numbers
 from calibkit.forms import Form, Inputs
 from calibkit.instruments.accelerometer.equation import Terms
-from calibkit.instruments.accelerometer.numeric import affine_model, k_factor, q_factor
+from calibkit.instruments.accelerometer.numeric import k_factor, q_factor
 
 COMPONENTS = ("accel_x_g", "accel_y_g", "accel_z_g")
 TEMPERATURE = "temp_case_degc"
@@ -47,13 +47,7 @@ def _orthogonal(_: Model, angles: Numbers, at: Inputs) -> Numbers:
     return _indication(at) @ q_factor.exact_matrix(q_factor.axes_from_angles(angles)).T
 
 
-def _affine(model: Model, at: Inputs) -> tuple[Array, Array]:
-    """Corrected components [n, 3, g] and their derivatives [n, 3, p] by the parameters."""
-    entries = [affine_model.find_entry(c.name) for c in model.coefficients]
-    return affine_model.evaluate(entries, AFFINE.read(model), _indication(at), at[TEMPERATURE])
-
-
-def _triad_terms(model: Model) -> Terms:
+def read_terms(model: Model) -> Terms:
     """Terms of the equation that a model has."""
     return Terms.named([c.name for c in model.coefficients])
 
@@ -76,39 +70,28 @@ K = Form(
 """
 Q = Form.of_equation("accel-q/1", _orthogonal, meaning=("temperature",))
 """Orthogonal components [n, 3, g] by the exact matrix of the small angles Q1, Q2, Q3 [rad]."""
-AFFINE = Form(
+TRIAD = Form.of_equation(
+    "accel-triad/1",
+    lambda model, p, at: read_terms(model).corrected(p, _indication(at), at[TEMPERATURE]),
+)
+"""Corrected components [n, 3, g] by `equation`, cross-axis terms on compensated values."""
+AFFINE = Form.of_equation(
     "accel-affine/1",
-    lambda model, at: _affine(model, at)[1],
-    lambda model, at: _affine(model, at)[0],
+    lambda model, p, at: read_terms(model).corrected_by_matrix(p, _indication(at), at[TEMPERATURE]),
 )
 """Corrected components [n, 3, g]: M(t) (G − b(t)) with higher orders of the indications."""
-
-
-def _corrected(model: Model, p: Numbers, at: Inputs) -> Numbers:
-    """Corrected components [n, 3, g] of the triad."""
-    return _triad_terms(model).corrected(p, _indication(at), at[TEMPERATURE])
-
-
-TRIAD = Form.of_equation("accel-triad/1", _corrected)
-"""Corrected components [n, 3, g] by `equation`, cross-axis terms on compensated values."""
 
 
 def list_polynomials(model: Model) -> list[tuple[str, list[str], str]]:
     """Symbol, names of the coefficients in ascending powers of temperature, and unit of each
     quantity of a triad that is a polynomial of temperature.
     """
-    listed: list[tuple[str, str, str]]
-    names = [c.name for c in model.coefficients]
-    if model.form == TRIAD.name:
-        listed = [(t.symbol, t.name, t.kind) for t in _triad_terms(model).listed]
-    else:
-        listed = [(e.symbol, e.name, e.kind) for e in map(affine_model.find_entry, names)]
     units = {c.name: c.unit for c in model.coefficients}
     polynomials: dict[str, list[str]] = {}
-    for symbol, name, kind in listed:
-        if kind in ("k", "z", "c", "m", "b"):
-            polynomials.setdefault(symbol, []).append(name)
-    return [(symbol, terms, units[terms[0]]) for symbol, terms in polynomials.items()]
+    for term in read_terms(model).listed:
+        if term.kind in ("k", "z", "c", "m", "b"):
+            polynomials.setdefault(term.symbol, []).append(term.name)
+    return [(symbol, names, units[names[0]]) for symbol, names in polynomials.items()]
 
 
 FORMS = (K, Q, AFFINE, TRIAD)

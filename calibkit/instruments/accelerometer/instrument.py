@@ -15,7 +15,6 @@ from calibkit.ingest import logs as ingest, write_back
 from calibkit.instruments import Fitted
 from calibkit.instruments.accelerometer import (
     certificate,
-    circumstances,
     coefficient_files,
     dwells as triad_dwells,
     errors,
@@ -23,10 +22,11 @@ from calibkit.instruments.accelerometer import (
     overview,
     plausibility,
     sensitivities,
+    shared_errors,
     tables,
 )
 from calibkit.instruments.accelerometer.figures import TriadReport
-from calibkit.instruments.accelerometer.fit import TriadFit, fit_triad
+from calibkit.instruments.accelerometer.fit import fit_triad
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.left_out import LeftOut
 from calibkit.numeric import attitude, chunks
@@ -73,7 +73,8 @@ def fit(
     logs = list(copies.refuse_copies(in_turn))
     dwells = plausibility.screen(triad_dwells.collect_dwells(logs, spec), spec)
     fitted = fit_triad(dwells, spec)
-    counted = dwells.without(fitted.left_out) if fitted.left_out else dwells
+    suspects = fitted.triad.suspects
+    counted = dwells.without(suspects) if suspects else dwells
     uncertainty: tuple[Figure, ...] = ()
     if fitted.affine is not None:
         uncertainty = errors.propagate_uncertainty(fitted.affine, counted, spec.toolface_range_deg)
@@ -85,7 +86,7 @@ def fit(
             correction = coefficient_files.find_correction(compensation, results)
             found[name] = errors.DwellErrors.compare(counted, spec, correction)
     after = found[CORRECTIONS[spec.compensation]]
-    out = f", {len(fitted.left_out)} left out" if fitted.left_out else ""
+    out = f", {len(suspects)} left out" if suspects else ""
     compared = tables.tabulate_errors(found, spec, f"The fitted dwells before and after{out}")
     influences = sensitivities.find(fitted, dwells, spec)
     shown = tabulate_fit(results, spec, influences, certificate.blocks)
@@ -96,9 +97,9 @@ def fit(
     first = overview.summarize_errors(
         found, CORRECTIONS[spec.compensation], len(counted.indication), compared, out
     )
-    doubts = (*circumstances.warn_of_order(dwells), *circumstances.warn_of_set_up(spec))
+    doubts = (*shared_errors.warn_of_order(dwells), *shared_errors.warn_of_set_up(spec))
     flags = dict.fromkeys((*dwells.flags, *doubts, *fitted.flags))
-    judged = (*after.judge_errors(spec), *errors.judge_lack_of_fit(fitted.lack_of_fit))
+    judged = (*after.judge_errors(spec), *fitted.triad.unexplained)
     return Fitted(
         results,
         tuple(Input.of(log) for log in logs),
@@ -106,7 +107,9 @@ def fit(
         TriadReport(counted, found["indication"], after, spec.toolface_range_deg),
         lacks=fitted.k_not_fitted,
         sensitivities=influences,
-        left_out=_list_left_out(fitted, len(dwells.indication)),
+        left_out=(LeftOut("positions", len(suspects), len(dwells.place), "outlier"),)
+        if suspects
+        else (),
     )
 
 
@@ -137,13 +140,6 @@ def _require_known_options(spec: AccelerometerRecipe) -> None:
             " values are linear in temperature at most",
             hint="state 1",
         )
-
-
-def _list_left_out(fitted: TriadFit, count: int) -> tuple[LeftOut, ...]:
-    """Outliers among the positions of a fit."""
-    if not fitted.left_out:
-        return ()
-    return (LeftOut("positions", len(fitted.left_out), count, "outlier"),)
 
 
 def correct(spec: AccelerometerRecipe, records: Mapping[str, Record], data: Path) -> Applied:

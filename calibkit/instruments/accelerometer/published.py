@@ -1,89 +1,116 @@
-"""K0 … K9 as published (Zhou, Hu & Fu 2010), by plain least squares.
+"""K0 … K9 and Q1, Q2, Q3 as published (Zhou, Hu & Fu 2010).
 
 Per axis, x shown, t in °C:
 
     G_x' = G_x (K0 + K1 t + K2 t² + K3 t³) - (K4 + K5 t + K6 t² + K7 t³) - K8 G_y - K9 G_z
 
 K = P g, P the pseudo-inverse of the design: exact on data that the form made. What K is uncertain
-by, P V Pᵀ, comes from the errors of the triad's own fit.
+by, P V Pᵀ, comes from the errors of the triad's own fit. Q are the angles between the axes of the
+triad at one temperature.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from calibkit.arrays import Array
-from calibkit.fit.solve import Fit
+from calibkit.coefficients import Model, Parameter
+from calibkit.forms import components_of
+from calibkit.instruments.accelerometer import determination, forms
 from calibkit.instruments.accelerometer.dwells import DwellSet
-from calibkit.instruments.accelerometer.numeric import k_factor
+from calibkit.instruments.accelerometer.equation import Term, Terms
+from calibkit.instruments.accelerometer.numeric import k_factor, q_factor
 from calibkit.instruments.accelerometer.numeric.k_factor import KTerms
 from calibkit.instruments.accelerometer.triad import Triad
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares import polynomial
 
 
-@dataclass(frozen=True, slots=True)
-class KAxis:
-    """K0 … K9 of one axis, 0 where not fitted."""
+def require_k(chosen: Sequence[KTerms], reference: Array, temperature: Array) -> None:
+    """Raise FitError where references [n, 3] and temperatures [n] [°C] leave a K undetermined.
 
-    coefficients: Array
-    """[10], in powers of °C."""
-    covariance: Array
-    """[10, 10]."""
-    dof: Array
-    """[10], effective degrees of freedom."""
-    mapped: Array
-    """[10], for temperature mapped to [-1, 1]."""
-    residual_rms: float
-    """Of reference less corrected component [g]."""
-    lack_of_fit: float
-    """Root mean square [g] of what the form corrects otherwise than the triad."""
+    Of a triad without an error K are what the terms of its equation are.
+    """
+    x, y, z = chosen
+    terms = Terms.of_orders(
+        (x.scale_order, y.scale_order, z.scale_order),
+        (x.zero_order, y.zero_order, z.zero_order),
+        (x.cross - 1, y.cross - 1, z.cross - 1),
+    )
+    names = [k_factor.NAMES[_number(term)] for term in terms.listed]
+    lower = "lower scale_order and zero_order, or set cross to false"
+    determination.require_determined(terms, names, reference, temperature, lower=lower)
 
 
-def fit_k(dwells: DwellSet, terms: tuple[KTerms, ...], triad: Triad) -> tuple[KAxis, ...]:
-    """K of the three axes from the dwells that the triad's fit kept."""
+def _number(term: Term) -> int:
+    """Number of the K that is a term of the equation."""
+    if term.kind == "c":
+        return 8 + k_factor.CROSS[term.axis].index(term.factors[0])
+    return term.power + (4 if term.kind == "z" else 0)
+
+
+def fit_k(dwells: DwellSet, chosen: Sequence[KTerms], triad: Triad) -> tuple[Model, ...]:
+    """K models of the three axes from the dwells that the triad's fit kept."""
     t = triad.mapped(dwells.temperature)
     used = triad.fit.used.reshape(-1, 3)
     weights = np.ones(used.shape) if dwells.weights is None else dwells.weights
-    fitted, blocks = [part.fitted for part in terms], blocks_of(terms)
-    form = corrections(terms, dwells.indication, t)
+    form = corrections(chosen, dwells.indication, t)
     P = pseudo_inverse(form, np.sqrt(weights) * used)
-    whole = triad.fit.linear(P, dwells.reference.ravel()).bounded_by(triad.bounds)
-    corrected = triad.terms.corrected(triad.fit.parameters, dwells.indication, t)
-    by_form = form @ whole.parameters
-    axes = []
-    for axis, (numbers, block) in enumerate(zip(fitted, blocks, strict=True)):
-        kept, component = used[:, axis], by_form[:, axis]
-        left = (dwells.reference[:, axis] - component)[kept]
-        spare = max(int(kept.sum()) - len(numbers), 1)
-        axes.append(
-            _in_degrees(
-                whole,
-                block,
-                numbers,
-                triad,
-                float(np.sqrt(left @ left / spare)),
-                rms((component - corrected[:, axis])[kept]),
+    fit = triad.fit.linear(P, dwells.reference.ravel()).bounded_by(triad.bounds)
+    by_triad = triad.terms.corrected(triad.fit.parameters, dwells.indication, t)
+    by_form = form @ fit.parameters
+    to_raw = to_degrees(triad.middle, triad.half)
+    models = []
+    for axis, (part, block) in enumerate(zip(chosen, blocks_of(chosen), strict=True)):
+        places, kept = list(part.fitted), used[:, axis]
+        square = np.ix_(places, places)
+        mapped, covariance, dof = np.zeros(10), np.zeros((10, 10)), np.full(10, float(fit.dof))
+        mapped[places] = fit.parameters[block]
+        covariance[square] = fit.total_covariance[block, block]
+        # in extended precision, because K3 and K7 lose digits in double
+        raw, raw_covariance = polynomial.in_raw_powers(mapped, covariance, to_raw)
+        in_degrees = np.zeros((len(places), len(fit.parameters)))
+        in_degrees[:, block] = to_raw[square]
+        dof[places] = fit.dof_along(in_degrees)
+        left = (dwells.reference - by_form)[kept, axis]
+        lack_of_fit = rms((by_form - by_triad)[kept, axis])
+        scaled = zip(k_factor.NAMES, mapped.tolist(), strict=True)
+        models.append(
+            forms.K.write(
+                forms.K_MODELS[axis],
+                list(zip(k_factor.NAMES, raw.tolist(), forms.K_UNITS, strict=True)),
+                raw_covariance,
+                dof=fit.dof,
+                residual_rms=float(np.sqrt(left @ left / max(len(left) - len(places), 1))),
+                residual_unit="g",
+                valid=dwells.valid,
+                parameters=(
+                    Parameter("middle", triad.middle, "degC"),
+                    Parameter("half", triad.half, "degC"),
+                    *(Parameter(f"scaled_{name}", value, "1") for name, value in scaled),
+                    Parameter("lack_of_fit", lack_of_fit, "g"),
+                ),
+                effective_dof=dof,
+                components=components_of(triad.fit.shared),
             )
         )
-    return tuple(axes)
+    return tuple(models)
 
 
-def blocks_of(terms: Sequence[KTerms]) -> list[slice]:
+def blocks_of(chosen: Sequence[KTerms]) -> list[slice]:
     """Places of the fitted K of each axis among those of all."""
-    ends = np.cumsum([0, *(len(part.fitted) for part in terms)])
+    ends = np.cumsum([0, *(len(part.fitted) for part in chosen)])
     return [slice(a, b) for a, b in pairwise(ends.tolist())]
 
 
-def corrections(terms: Sequence[KTerms], indication: Array, t: Array) -> Array:
+def corrections(chosen: Sequence[KTerms], indication: Array, t: Array) -> Array:
     """Design [n, 3, k] of corrected components by the fitted K of all axes, for temperatures t [n]
     in the unit that K is meant for.
     """
-    blocks = blocks_of(terms)
+    blocks = blocks_of(chosen)
     design = np.zeros((len(t), 3, blocks[-1].stop))
-    for axis, (part, block) in enumerate(zip(terms, blocks, strict=True)):
+    for axis, (part, block) in enumerate(zip(chosen, blocks, strict=True)):
         design[:, axis, block] = k_factor.columns(indication, t, axis, part.fitted)
     return design
 
@@ -103,21 +130,19 @@ def to_degrees(middle: float, half: float) -> np.ndarray:
     return matrix
 
 
-def _in_degrees(
-    whole: Fit,
-    block: slice,
-    numbers: tuple[int, ...],
-    triad: Triad,
-    residual_rms: float,
-    lack_of_fit: float,
-) -> KAxis:
-    """One axis in powers of °C, in extended precision because K3 and K7 lose digits in double."""
-    mapped, covariance, dof = np.zeros(10), np.zeros((10, 10)), np.full(10, float(whole.dof))
-    places = list(numbers)
-    mapped[places] = whole.parameters[block]
-    covariance[np.ix_(places, places)] = whole.total_covariance[block, block]
-    to_raw = to_degrees(triad.middle, triad.half)
-    raw, raw_covariance = polynomial.in_raw_powers(mapped, covariance, to_raw)
-    inner = np.asarray(to_raw, dtype=np.float64)[np.ix_(places, places)]
-    dof[places] = whole.of(lambda p: inner @ p[block]).dof
-    return KAxis(raw, raw_covariance, dof, mapped, residual_rms, lack_of_fit)
+def fit_q(dwells: DwellSet, triad: Triad, temperature: float) -> Model:
+    """Q1, Q2, Q3 of the fitted axes at a temperature [°C]; raises FitError for axes in one plane
+    and for a left-handed triad.
+    """
+    t, terms, p = float(triad.mapped(temperature)), triad.terms, triad.fit.parameters
+    scale, _ = terms.scale_and_zero(p, np.array([t]))
+    q_factor.axes_from_sensitivity(np.asarray(terms.axes(p, t) / scale.T, dtype=np.float64))
+    return forms.Q.write_fit(
+        "triad",
+        triad.fit.restated(lambda q: terms.small_angles(q, t)),
+        [(name, "rad") for name in q_factor.NAMES],
+        residual_rms=triad.residual_rms,
+        residual_unit="g",
+        valid=dwells.valid,
+        parameters=(Parameter("temperature", temperature, "degC"),),
+    )

@@ -7,15 +7,19 @@ the model lacks, the tilt of the table's base, the eccentricity of its encoders,
 drifts with time.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from calibkit.arrays import Array, Integers
+from calibkit.coefficients import Criterion, at_most
 from calibkit.fit.shared import Shared
 from calibkit.fit.solve import ASKED_FOR, Fit
+from calibkit.instruments.accelerometer.dwells import DwellSet
+from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.numeric import lack_of_fit
+from calibkit.recipe.shared_errors import state_sizes
 
 SAME_SOAK_DEGC = 2.0
 """Change of temperature from a dwell to the next [°C] above which a new soak begins."""
@@ -49,8 +53,6 @@ LARGEST = {"g": 0.05, "rad": 0.1, "1": 0.02, "1/g": 0.02, "g/h": 0.05}
 """Unit → size of a shared error beyond that of any table and of any sensor that is worth a
 calibration.
 """
-LACKING = "lacking terms", "scale"
-"""What stands for errors of second order where the model has no coefficients for them."""
 HALF_INTERVAL = 0.8
 """Standard deviation for an error of 1: U of 95 % holds it beside a noise whose U is as large."""
 LARGEST_SECOND_ORDER = 1e-3
@@ -76,30 +78,14 @@ class Circumstances:
     toolface: Array | None = None
     """[n] [rad]."""
 
-    @property
-    def attitude(self) -> Integers:
-        """Number [n] of the attitude that a dwell repeats."""
-        number = np.full(len(self.gravity), -1)
-        while (rest := np.flatnonzero(number < 0)).size:
-            apart = np.linalg.norm(self.gravity[rest] - self.gravity[rest[0]], axis=1)
-            number[rest[apart < SAME_ATTITUDE]] = number.max() + 1
-        return number
 
-    @property
-    def seconds_in_soak(self) -> Array:
-        """[n], time since the first dwell of the soak [s]; by their number where none is logged."""
-        count = np.arange(len(self.soak), dtype=np.float64)
-        time = UNTIMED_DWELL_S * count if self.hours is None else 3600.0 * self.hours
-        begin = np.full(int(self.soak.max()) + 1, np.inf)
-        np.minimum.at(begin, self.soak, time)
-        return np.asarray(time - begin[self.soak], dtype=np.float64)
-
-    @property
-    def gravity_before(self) -> Array:
-        """Gravity [n, 3] in the attitude before, 0 at the start of a log."""
-        before = np.roll(self.gravity, 1, axis=0)
-        before[np.diff(self.log, prepend=-1) != 0] = 0.0
-        return before
+def number_attitudes(gravity: Array) -> Integers:
+    """Number [n] of the attitude that each dwell repeats, from gravity vectors [n, 3] [g]."""
+    number = np.full(len(gravity), -1)
+    while (rest := np.flatnonzero(number < 0)).size:
+        apart = np.linalg.norm(gravity[rest] - gravity[rest[0]], axis=1)
+        number[rest[apart < SAME_ATTITUDE]] = number.max() + 1
+    return number
 
 
 def number_soaks(temperature: Array, log: Integers) -> Integers:
@@ -120,6 +106,23 @@ def number_soaks(temperature: Array, log: Integers) -> Integers:
     return np.asarray(np.unique(level, return_inverse=True)[1]).reshape(-1)
 
 
+def find_circumstances(
+    dwells: DwellSet, gravity: Array, spec: AccelerometerRecipe
+) -> Circumstances:
+    """What the dwells of all logs have in common, at gravity vectors [n, 3] [g]."""
+    known = spec.reference.kind == "attitude"
+    soak = number_soaks(dwells.temperature, dwells.log)
+    timed = _tells_time(dwells) and soak.max() > 0
+    return Circumstances(
+        soak,
+        dwells.time / 3600.0 if timed else None,
+        gravity,
+        dwells.log,
+        np.radians(dwells.inclination) if known else None,
+        np.radians(dwells.toolface) if known else None,
+    )
+
+
 def list_errors(where: Circumstances, along: Array) -> list[Shared]:
     """Errors that the residuals can show.
 
@@ -127,68 +130,85 @@ def list_errors(where: Circumstances, along: Array) -> list[Shared]:
     one along gravity of a length.
     """
     dwells, per_dwell, _ = along.shape
-    every = np.zeros(dwells, dtype=np.int64)
+    all_dwells = np.zeros(dwells, dtype=np.int64)
+    listed: list[Shared] = []
 
-    def error(
-        group_effect: tuple[str, str],
-        level: Integers,
-        slopes: Array,
-        *,
-        optional: bool = True,
-    ) -> Shared:
-        """An error with derivatives [n, 3, k] of the corrected vector."""
-        loading = np.einsum("nmi,nik->nmk", along, slopes).reshape(dwells * per_dwell, -1)
+    def add(
+        group_effect: tuple[str, str], level: Integers, slopes: Array, *, optional: bool = True
+    ) -> None:
+        """List an error with derivatives [n, 3, k] of the corrected vector."""
         group, effect = group_effect
-        return Shared(
-            group=group,
-            effect=effect,
-            level=np.repeat(level, per_dwell),
-            loading=loading,
-            unit=UNITS[group_effect],
-            largest=LARGEST[UNITS[group_effect]],
-            optional=optional,
+        unit = UNITS[group_effect]
+        loading = np.einsum("nmi,nik->nmk", along, slopes).reshape(dwells * per_dwell, -1)
+        listed.append(
+            Shared(
+                group=group,
+                effect=effect,
+                level=np.repeat(level, per_dwell),
+                loading=loading,
+                unit=unit,
+                largest=LARGEST[unit],
+                optional=optional,
+            )
         )
 
     axes = np.broadcast_to(np.eye(3), (dwells, 3, 3))
     scale = axes * where.gravity[:, None, :]
-    listed = [error(ZERO, where.soak, axes, optional=False)]
-    listed += _of_the_table(where, error)
-    settling = np.exp(-where.seconds_in_soak[:, None] / SETTLING_S)
-    decays = np.einsum("nij,nk->nijk", axes, settling).reshape(dwells, 3, -1)
-    before = axes * where.gravity_before[:, None, :]
-    listed += [
-        error(("soak", "scale"), where.soak, scale),
-        error(("soak", "settling"), every, decays),
-        error(("attitude", "memory"), every, before),
-        error(SECOND_ORDER, every, scale * where.gravity[:, None, :]),
-    ]
-    if where.hours is not None:
-        hours = where.hours - where.hours.mean()
-        listed.append(error(DRIFT, every, axes * hours[:, None, None]))
-    return listed
-
-
-def _of_the_table(where: Circumstances, error: Callable[..., Shared]) -> list[Shared]:
-    """Errors of the table and of the set-up on it."""
+    add(ZERO, where.soak, axes, optional=False)
     tilt, turn = where.inclination, where.toolface
-    if tilt is None or turn is None:
-        return []
-    every = np.zeros(len(tilt), dtype=np.int64)
-    up, across = angle_slopes(tilt, turn)
-    around = across * np.sin(tilt)[:, None]
-    eccentric = [up * f(tilt)[:, None] for f in (np.sin, np.cos)]
-    eccentric += [around * f(turn)[:, None] for f in (np.sin, np.cos)]
-    turns = np.swapaxes(np.cross(np.eye(3), where.gravity[:, None, :]), 1, 2)
-    both = np.stack([up, across], axis=2)
-    attitude = where.attitude
-    listed = [
-        error(SET_UP, every, turns),
-        error(("table", "tilt"), every, both),
-        error(("table", "eccentricity"), every, np.stack(eccentric, axis=2)),
-    ]
-    if 2 * (attitude.max() + 1) <= len(where.soak):  # else it is noise
-        listed.insert(0, error(INDEX, attitude, both, optional=False))
+    if tilt is not None and turn is not None:
+        (up, across), attitude = angle_slopes(tilt, turn), number_attitudes(where.gravity)
+        both, around = np.stack([up, across], axis=2), across * np.sin(tilt)[:, None]
+        if 2 * (attitude.max() + 1) <= dwells:  # else it is noise
+            add(INDEX, attitude, both, optional=False)
+        add(SET_UP, all_dwells, np.swapaxes(np.cross(np.eye(3), where.gravity[:, None, :]), 1, 2))
+        add(("table", "tilt"), all_dwells, both)
+        # an encoder that is off its axis reads wrong by a sine over the turn
+        eccentric = [up * f(tilt)[:, None] for f in (np.sin, np.cos)]
+        eccentric += [around * f(turn)[:, None] for f in (np.sin, np.cos)]
+        add(("table", "eccentricity"), all_dwells, np.stack(eccentric, axis=2))
+    add(("soak", "scale"), where.soak, scale)
+    seconds = UNTIMED_DWELL_S * np.arange(dwells) if where.hours is None else 3600.0 * where.hours
+    begin = np.full(int(where.soak.max()) + 1, np.inf)
+    np.minimum.at(begin, where.soak, seconds)
+    settling = np.exp(-(seconds - begin[where.soak])[:, None] / SETTLING_S)
+    add(
+        ("soak", "settling"),
+        all_dwells,
+        np.einsum("nij,nk->nijk", axes, settling).reshape(dwells, 3, -1),
+    )
+    gravity_before = np.roll(where.gravity, 1, axis=0)
+    gravity_before[np.diff(where.log, prepend=-1) != 0] = 0.0  # at the start of a log
+    add(("attitude", "memory"), all_dwells, axes * gravity_before[:, None, :])
+    add(SECOND_ORDER, all_dwells, scale * where.gravity[:, None, :])
+    if where.hours is not None:
+        add(DRIFT, all_dwells, axes * (where.hours - where.hours.mean())[:, None, None])
     return listed
+
+
+def state_errors(where: Circumstances, along: Array, spec: AccelerometerRecipe) -> list[Shared]:
+    """Errors that the dwells share, with the sizes that the recipe states.
+
+    `along` [n, m, 3] are the directions of the residuals.
+    """
+    listed = list_errors(where, along)
+    # what the recipe makes a parameter is no error
+    parameters = {
+        "tilt": spec.affine.tilt,
+        "second order": spec.affine.second_order,
+        "set-up": spec.affine.fixture,
+    }
+    stated = state_sizes(
+        spec.errors,
+        [one for one in listed if not (spec.affine.enabled and parameters.get(one.effect))],
+    )
+    # no dwell tells a set-up from axes that are turned together, nor a scale factor that all dwells
+    # share from that of the triad; a few wrong dwells at the begin of a single soak look as if its
+    # zero settled
+    alike = {SET_UP}
+    if where.soak.max() == 0:
+        alike |= {("soak", "scale"), ("soak", "settling")}
+    return [one for one in stated if (one.group, one.effect) not in alike or one.size is not None]
 
 
 def angle_slopes(inclination: Array, toolface: Array) -> tuple[Array, Array]:
@@ -210,7 +230,7 @@ def lacking_terms(
     `listed` are the errors offered to the fit, `jacobian` [n, p] is that of its residuals, `scale`
     [n, 3] their derivatives by a scale factor of each axis.
     """
-    offered = [one for one in listed if (one.group, one.effect) == SECOND_ORDER]
+    offered = [error for error in listed if (error.group, error.effect) == SECOND_ORDER]
     if not offered:
         return []
     left = beside(jacobian, offered[0].loading) / fit.noise[:, None]
@@ -220,12 +240,11 @@ def lacking_terms(
     if kept:
         unsure = 1.0 / (information + max(kept[0].value, 1e-30) ** -2.0)
         size = np.sqrt(kept[0].errors[0] ** 2 + unsure)
-        return [_bound(LACKING, scale * size, HALF_INTERVAL, "1")]
+        return [_bound(("lacking terms", "scale"), scale * size, HALF_INTERVAL)]
     if per_dwell > 1:
         return []
     hidden = float(np.sqrt(ASKED_FOR / 3.0 / np.mean(information)))
-    largest = min(hidden, LARGEST_SECOND_ORDER)
-    return [_bound(SECOND_ORDER, offered[0].loading, largest, "1/g")]
+    return [_bound(SECOND_ORDER, offered[0].loading, min(hidden, LARGEST_SECOND_ORDER))]
 
 
 def possible_drift(
@@ -235,12 +254,8 @@ def possible_drift(
     it cannot be separated from the coefficients.
     """
     kept = [(size.error.group, size.error.effect) for size in fit.shared]
-    drifts = [
-        one
-        for one in listed
-        if (one.group, one.effect) == DRIFT and one.size is None and DRIFT not in kept
-    ]
-    if not drifts:
+    drifts = [error for error in listed if (error.group, error.effect) == DRIFT]
+    if not drifts or drifts[0].size is not None or DRIFT in kept:
         return [], ()
     loading = drifts[0].loading
     length = np.linalg.norm(loading, axis=0)
@@ -252,13 +267,13 @@ def possible_drift(
         )
         return [], (flag,)
     drift, u = fit.further_error(jacobian, loading)
-    return [_bound(DRIFT, loading * np.hypot(drift, u), 1.0, "g/h")], ()
+    return [_bound(DRIFT, loading * np.hypot(drift, u), 1.0)], ()
 
 
-def _bound(group_effect: tuple[str, str], loading: Array, size: float, unit: str) -> Shared:
+def _bound(group_effect: tuple[str, str], loading: Array, size: float) -> Shared:
     """An error below a size, of all residuals."""
     group, effect = group_effect
-    level = np.zeros(len(loading), dtype=np.int64)
+    level, unit = np.zeros(len(loading), dtype=np.int64), UNITS.get(group_effect, "1")
     return Shared(
         group=group,
         effect=effect,
@@ -276,25 +291,20 @@ def beside(jacobian: Array, loading: Array) -> Array:
     return np.asarray(loading - q @ (q.T @ loading), dtype=np.float64)
 
 
-@dataclass(frozen=True, slots=True)
-class Unexplained:
-    """Residuals that differ from group to group, beside all errors that dwells share."""
-
-    what: str
-    """Which residuals: "attitude 3, along x"."""
-    size_g: float
-    expanded_g: float
-    """U of a corrected component."""
-
-
-def find_unexplained(
+def judge_unexplained(
     where: Circumstances, fit: Fit, jacobian: Array, per_dwell: int
-) -> tuple[Unexplained, ...]:
-    """Residuals that differ from group to group where shared errors are taken out."""
+) -> tuple[Criterion, ...]:
+    """Failed criteria for residuals that differ from group to group by more than U of a corrected
+    component, with shared errors taken out, whatever limits the recipe sets.
+    """
     from scipy.special import stdtrit
 
     quarter = np.minimum(4 * where.soak // (where.soak.max() + 1), 3)
-    groups = {"soak": where.soak, "attitude": where.attitude, "quarter of the soaks": quarter}
+    groups = {
+        "soak": where.soak,
+        "attitude": number_attitudes(where.gravity),
+        "quarter of the soaks": quarter,
+    }
     labels = {}
     for name, level in groups.items():
         each = per_dwell * level[:, None] + np.arange(per_dwell)
@@ -303,11 +313,57 @@ def find_unexplained(
     k = float(stdtrit(float(np.median(fit.of(lambda p: p).dof)), 0.975))
     expanded = k * float(np.sqrt(np.mean(u**2)))
     axes = ("along x", "along y", "along z") if per_dwell == 3 else ("of the length",)
-    return tuple(
-        Unexplained(
-            f"{one.group} {1 + one.level // per_dwell}, {axes[one.level % per_dwell]}",
-            one.size,
-            expanded,
-        )
-        for one in lack_of_fit.find(-fit.noise_residual, labels)
+    failed = []
+    for apart in lack_of_fit.find(-fit.noise_residual, labels):
+        if abs(apart.size) > expanded:
+            group, axis = divmod(apart.level, per_dwell)
+            name = f"unexplained residual, {apart.group} {1 + group}, {axes[axis]}"
+            failed.append(at_most(name, abs(apart.size), expanded, "g"))
+    return tuple(failed)
+
+
+def warn_of_set_up(spec: AccelerometerRecipe) -> tuple[str, ...]:
+    """Flag for a set-up in the fixture of which nothing is known: no dwell tells it from axes that
+    are turned together.
+    """
+    stated = [(one.group, one.effect) for one in spec.errors.component]
+    angles = [one for one in spec.type_b if one.quantity in {"inclination_deg", "toolface_deg"}]
+    known = spec.affine.fixture or angles or SET_UP in stated
+    if known or spec.reference.kind != "attitude":
+        return ()
+    group, effect = SET_UP
+    flag = (
+        "an error in setting up the triad in its fixture turns every corrected vector, and the"
+        f' uncertainties leave it out: state its size in [[errors.component]] group = "{group}",'
+        f' effect = "{effect}", or in [[type_b]] of inclination_deg and toolface_deg'
     )
+    return (flag,)
+
+
+def warn_of_order(dwells: DwellSet) -> tuple[str, ...]:
+    """Flag for temperatures that only rise or only fall from soak to soak: a zero that drifts with
+    time looks like one that follows temperature.
+    """
+    soak = number_soaks(dwells.temperature, dwells.log)
+    level = np.bincount(soak, dwells.temperature) / np.bincount(soak)
+    steps = np.sign(np.diff(level))
+    if steps.size < 2 or abs(steps.sum()) < steps.size:
+        return ()
+    cure = "return to the first temperature at the end"
+    if _tells_time(dwells):
+        flag = (
+            "temperature follows time: U of what follows temperature holds any drift of the zero"
+            f" that the dwells of a soak allow; {cure}, or state the drift of the session in"
+            " [[errors.component]]"
+        )
+    else:
+        flag = (
+            "temperature follows the order of the rows and no time_s is logged: a zero that drifts"
+            f" would be taken for one that follows temperature; log time_s, and {cure}"
+        )
+    return (flag,)
+
+
+def _tells_time(dwells: DwellSet) -> bool:
+    """Whether the dwells have one clock; those of several logs have no common start."""
+    return bool(dwells.log.max() == 0 and np.isfinite(dwells.time).all())

@@ -1,29 +1,22 @@
 """Dwells → the triad over temperature, by gravity vectors or by the length of gravity alone."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
-from calibkit.arrays import Array
+from calibkit.arrays import Array, Integers, Mask
+from calibkit.coefficients import Criterion
 from calibkit.errors import FitError
 from calibkit.fit.complex_step import Numbers, derivative, length
 from calibkit.fit.shared import Prior, Residual, Shared
 from calibkit.fit.solve import Fit, sensitivities, solve
-from calibkit.instruments.accelerometer import circumstances, equation
+from calibkit.instruments.accelerometer import determination, equation, shared_errors
 from calibkit.instruments.accelerometer.dwells import DwellSet
-from calibkit.instruments.accelerometer.equation import AXES, Terms
-from calibkit.instruments.accelerometer.numeric import common_errors, determination, magnitude
-from calibkit.instruments.accelerometer.numeric.common_errors import CommonError
+from calibkit.instruments.accelerometer.equation import Terms
+from calibkit.instruments.accelerometer.numeric import magnitude
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
-from calibkit.instruments.accelerometer.shared_errors import (
-    Unexplained,
-    beside,
-    find_unexplained,
-    lacking_terms,
-    possible_drift,
-)
 from calibkit.numeric.least_squares import polynomial, robust
 from calibkit.numeric.least_squares.structure import Structure
 
@@ -55,27 +48,20 @@ class Triad:
     """[n, 3], corrected less reference, or [n, 1] of the lengths [g]."""
     suspects: tuple[int, ...]
     """Dwells that were left out, worst first."""
-    common_errors: tuple[CommonError, ...]
-    """Dwells that stand apart together and were kept."""
-    lack_of_fit: tuple[Unexplained, ...]
+    together: tuple[Structure, ...]
+    """Residuals of one attitude (group 0) or of one temperature (group 1) that stand apart together
+    and were kept: a face that is set up wrong the same way every time, a zero that moved.
+    """
+    unexplained: tuple[Criterion, ...]
+    """Residuals that differ from group to group by more than U."""
     bounds: tuple[Shared, ...]
     """Errors that are in U below a bound."""
-    leverage: Array
-    """[n · m], change of a fitted residual by its own reference: near 1, no other checks it."""
     flags: tuple[str, ...]
 
     @property
     def to_degrees(self) -> Array:
         """Matrix [p, p] from the parameters to those in powers of °C."""
         return np.asarray(self.terms.in_degrees(self.middle, self.half), dtype=np.float64)
-
-    def in_degrees(self) -> tuple[Array, Array, Array]:
-        """Parameters [p] in powers of °C, their covariance [p, p] and degrees of freedom [p]."""
-        to_raw = self.terms.in_degrees(self.middle, self.half)
-        values, covariance = polynomial.in_raw_powers(
-            self.fit.parameters, self.fit.total_covariance, to_raw
-        )
-        return values, covariance, self.fit.of(lambda p: self.to_degrees @ p).dof
 
     def shifted(self, dwells: DwellSet, shifted: Sequence[DwellSet]) -> "list[Triad]":
         """The triads as they would be with the dwells shifted by errors of inputs, the weights
@@ -112,83 +98,61 @@ class Triad:
 
 
 def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, loss: Loss) -> Triad:
-    """Fit the equation to gravity vectors, or to the length of gravity.
+    """Fit the equation to gravity vectors, of dwells that determine its terms (`require_terms`), or
+    to the length of gravity.
 
-    Raises FitError where the dwells do not determine a parameter: names it, says why and which
-    dwells to add.
+    Raises FitError for lengths that do not determine them: says why and which dwells to add.
     """
     lengths = spec.reference.kind == "magnitude"
+    per_dwell = 1 if lengths else 3
     middle, half = polynomial.middle_and_half(dwells.temperature)
     half = half or 1.0
     t = (dwells.temperature - middle) / half
-    per_dwell = 1 if lengths else 3
     residual = residual_of(dwells, terms, t, lengths=lengths)
+    noise = _relative_noise(dwells, lengths=lengths)
     priors: tuple[Prior, ...] = ()
     if lengths:
         start, priors = _start_of_lengths(dwells, terms)
     else:
-        _require_determined(terms, dwells.reference, dwells.temperature)
         start = _start_of_vectors(dwells, terms)
-    root = _root_weights(dwells, lengths=lengths)
-    plain = solve(residual, start, priors=priors, noise=1.0 / root, names=terms.names)
-    values = plain.parameters
-    used, structured = np.ones(root.size, dtype=np.bool_), tuple[Structure, ...]()
+    values = solve(residual, start, priors=priors, noise=noise, names=terms.names).parameters
+    used, together = np.ones(noise.size, dtype=np.bool_), tuple[Structure, ...]()
     if loss == "robust":
-        labels = common_errors.label(
-            dwells.temperature, None if lengths else dwells.reference, per_dwell
-        )
-
-        # evenly spread dwells are enough to start from: the solver judges all of them
-        spread = np.arange(len(t)) % (1 + (len(t) - 1) // MOST_TO_START) == 0
-        rows = np.flatnonzero(np.repeat(spread, per_dwell))
 
         def weighted(p: Numbers) -> Numbers:
-            return (residual(p).ravel() * root)[rows]
+            return residual(p).ravel() / noise
 
-        tough_values, tough = robust.nonlinear(
-            lambda p: (weighted(p), derivative(weighted, p)),
-            values,
-            names=terms.names,
-            groups=[label[rows] for label in labels],
+        labels = _label_residuals(dwells, lengths=lengths)
+        robust_values, robust_used, structured = _find_outliers(
+            weighted, values, labels, per_dwell, terms.names
         )
         # six faces leave the angles to what is known of them, which such a fit does not know
-        if all(np.all(np.abs(prior.rows(tough_values)) < 5.0 * prior.size) for prior in priors):
-            values = tough_values
-            structured = tuple(
-                replace(one, rows=np.flatnonzero(labels[one.group] == one.level))
-                for one in tough.structured
-            )
-            used = np.abs(residual(values).ravel() * root) <= FAR * tough.scale
-            for one in structured:
-                used[one.rows] = True
-            used[rows] = True
-            used[rows[list(tough.suspects)]] = False
-    along, gravity = np.broadcast_to(np.eye(3), (len(t), 3, 3)), dwells.reference
+        if all(np.all(np.abs(prior.rows(robust_values)) < 5.0 * prior.size) for prior in priors):
+            values, used, together = robust_values, robust_used, structured
+    # errors of a dwell act on its gravity vector, of which a length is the part along gravity
+    directions, gravity = np.broadcast_to(np.eye(3), (len(t), 3, 3)), dwells.reference
     if lengths:
         gravity = terms.corrected(values, dwells.indication, t)
-        along = (gravity / length(gravity)[:, None])[:, None, :]
-    where = circumstances.find_circumstances(dwells, gravity, spec)
-    shared = circumstances.state_errors(where, along, spec)
+        directions = (gravity / length(gravity)[:, None])[:, None, :]
+    where = shared_errors.find_circumstances(dwells, gravity, spec)
+    shared = shared_errors.state_errors(where, directions, spec)
     fit = solve(
         residual,
         values,
         shared,
         priors=priors,
         channel=np.tile(np.arange(per_dwell), len(t)),
-        noise=1.0 / root,
+        noise=noise,
         used=used,
         leave_out=loss == "robust",
         names=terms.names,
     )
     jacobian = derivative(lambda p: residual(p).ravel(), fit.parameters)
-    scale = (along * gravity[:, None, :]).reshape(-1, 3)
-    bounds, flags = possible_drift(fit, shared, jacobian)
-    bounds += lacking_terms(fit, shared, jacobian, scale, per_dwell)
+    scale = (directions * gravity[:, None, :]).reshape(-1, 3)
+    bounds, flags = shared_errors.possible_drift(fit, shared, jacobian)
+    bounds += shared_errors.lacking_terms(fit, shared, jacobian, scale, per_dwell)
     if not fit.converged:
-        flags = (
-            *flags,
-            "the fit did not come to rest: look at the residuals before you rely on it",
-        )
+        flags += ("the fit did not come to rest: look at the residuals before you rely on it",)
     residuals = fit.residual.reshape(-1, per_dwell)
     out = np.flatnonzero(~fit.used.reshape(-1, per_dwell).all(axis=1))
     worst_first = np.argsort(-np.max(np.abs(residuals[out]), axis=1), kind="stable")
@@ -199,12 +163,61 @@ def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, lo
         half,
         residuals,
         tuple(out[worst_first].tolist()),
-        common_errors.read(structured, residuals),
-        find_unexplained(where, fit, jacobian, per_dwell),
+        together,
+        shared_errors.judge_unexplained(where, fit, jacobian, per_dwell),
         tuple(bounds),
-        np.einsum("np,pn->n", jacobian, fit.gain),
         flags,
     )
+
+
+def _label_residuals(dwells: DwellSet, *, lengths: bool) -> tuple[Integers, Integers]:
+    """Labels [n · m] of the attitude, -1 where none is known, and of the temperature of residuals,
+    each component on its own. A robust fit must not take dwells that share an error for outliers,
+    and drop the face or the soak.
+    """
+    _, level = determination.distinct_temperatures(dwells.temperature)
+    _, temperature = np.unique(level, return_inverse=True)
+    if lengths:
+        return np.full(len(level), -1), temperature
+    attitude = shared_errors.number_attitudes(dwells.reference)
+    each_axis = [(3 * one[:, None] + np.arange(3)).ravel() for one in (attitude, temperature)]
+    return each_axis[0], each_axis[1]
+
+
+def _find_outliers(
+    weighted: Callable[[Numbers], Numbers],
+    start: Array,
+    labels: Sequence[Integers],
+    per_dwell: int,
+    names: Sequence[str],
+) -> tuple[Array, Mask, tuple[Structure, ...]]:
+    """Parameters [p] of a robust fit to weighted residuals [n · m], the residuals that are no
+    outliers to begin with, and those that stand apart together, which are none.
+    """
+    # evenly spread dwells are enough to start from: the solver judges all of them
+    count = labels[0].size // per_dwell
+    spread = np.arange(count) % (1 + (count - 1) // MOST_TO_START) == 0
+    rows = np.flatnonzero(np.repeat(spread, per_dwell))
+
+    def of_spread(p: Numbers) -> Numbers:
+        return weighted(p)[rows]
+
+    values, robust_fit = robust.nonlinear(
+        lambda p: (of_spread(p), derivative(of_spread, p)),
+        start,
+        names=names,
+        groups=[label[rows] for label in labels],
+    )
+    together = tuple(
+        replace(part, rows=np.flatnonzero(labels[part.group] == part.level))
+        for part in robust_fit.structured
+    )
+    used = np.abs(weighted(values)) <= FAR * robust_fit.scale
+    for part in together:
+        used[part.rows] = True
+    used[rows] = True
+    used[rows[list(robust_fit.suspects)]] = False
+    return values, used, together
 
 
 def residual_of(dwells: DwellSet, terms: Terms, t: Array, *, lengths: bool) -> Residual:
@@ -227,34 +240,26 @@ def residual_of(dwells: DwellSet, terms: Terms, t: Array, *, lengths: bool) -> R
     return of_vectors
 
 
-def _root_weights(dwells: DwellSet, *, lengths: bool) -> Array:
-    """[n · m], one over the standard error of each residual, or 1 where it was not measured."""
+def _relative_noise(dwells: DwellSet, *, lengths: bool) -> Array:
+    """[n · m], standard error of each residual [g], or 1 where it was not measured."""
     if dwells.weights is None:
         return np.ones(len(dwells.temperature) * (1 if lengths else 3))
     if lengths:
-        return np.asarray(1.0 / np.sqrt(np.mean(dwells.noise**2, axis=1)))
-    return np.sqrt(dwells.weights).ravel()
+        return np.asarray(np.sqrt(np.mean(dwells.noise**2, axis=1)))
+    return dwells.noise.ravel()
 
 
 def _start_of_vectors(dwells: DwellSet, terms: Terms) -> Array:
-    """Parameters [p] from which the fit to gravity vectors starts."""
-    indication, reference = dwells.indication, dwells.reference
-    # each axis by its own indication; cross-axis terms follow from there in two steps
-    start = np.zeros(len(terms.listed))
-    for k, term in enumerate(terms.listed):
-        if term.power == 0 and term.kind in ("k", "z"):
-            G = indication[:, term.axis]
-            slope, zero = _line(G, reference[:, term.axis])
-            start[k] = slope if term.kind == "k" else -zero
-    return start
-
-
-def _line(x: Array, y: Array) -> tuple[float, float]:
-    """Slope and zero of a straight line; one value alone has a slope and no zero."""
-    if np.ptp(x) < 0.1 * np.max(np.abs(x)):
-        return float(x @ y / (x @ x)), 0.0
-    slope, zero = np.polyfit(x, y, 1)
-    return float(slope), float(zero)
+    """Parameters [p] from which the fit to gravity vectors starts: a straight line of each axis by
+    its own indication; cross-axis terms follow from there in two steps.
+    """
+    scale, zero = np.zeros((2, 3))
+    for axis, (G, g) in enumerate(zip(dwells.indication.T, dwells.reference.T, strict=True)):
+        if np.ptp(G) < 0.1 * np.max(np.abs(G)):  # one value alone has a slope and no zero
+            scale[axis] = G @ g / (G @ G)
+        else:
+            scale[axis], zero[axis] = np.polyfit(G, g, 1)
+    return terms.of_constants(scale, -zero)
 
 
 def _start_of_lengths(dwells: DwellSet, terms: Terms) -> tuple[Array, tuple[Prior, ...]]:
@@ -275,12 +280,7 @@ def _start_of_lengths(dwells: DwellSet, terms: Terms) -> tuple[Array, tuple[Prio
             "dwells on one cone or plane cannot determine the triad by the length of gravity",
             hint="hold it in attitudes that are spread over the whole sphere",
         )
-    start = np.zeros(len(terms.listed))
-    for k, term in enumerate(terms.listed):
-        if term.power == 0 and term.kind == "k":
-            start[k] = 1.0 / sphere[term.axis]
-        elif term.power == 0 and term.kind == "z":
-            start[k] = sphere[3 + term.axis] / sphere[term.axis]
+    start = terms.of_constants(1.0 / sphere[:3], sphere[3:6] / sphere[:3])
     cross = terms.of_kind("c")
     priors: tuple[Prior, ...] = ()
     if cross and not _sees_angles(direction):
@@ -289,46 +289,11 @@ def _start_of_lengths(dwells: DwellSet, terms: Terms) -> tuple[Array, tuple[Prio
     return start, priors
 
 
-def determines(dwells: DwellSet, terms: Terms) -> bool:
-    """Whether attitudes and temperatures of the dwells determine every term."""
-    try:
-        _require_determined(terms, dwells.reference, dwells.temperature)
-    except FitError:
-        return False
-    return True
-
-
-def _require_determined(terms: Terms, reference: Array, temperature: Array) -> None:
+def require_terms(terms: Terms, dwells: DwellSet) -> None:
     """Raise FitError where the dwells do not determine a term of an axis."""
-    if reference.size <= len(terms.listed):
-        raise FitError(
-            f"{len(reference)} dwells for {len(terms.listed)} parameters",
-            hint="add dwells or lower the orders",
-        )
-    parts = []
-    for axis in range(3):
-        places = [
-            k
-            for k, term in enumerate(terms.listed)
-            if term.axis == axis and term.kind in ("k", "z", "c", "n")
-        ]
-        # low powers first, then the axis itself and its zero, then the other axes and higher orders
-        places.sort(key=lambda k: (terms.listed[k].power, terms.listed[k].kind not in "kz", k))
-
-        def design(
-            vectors: Array, mapped: Array, axis: int = axis, places: list[int] = places
-        ) -> Array:
-            return terms.slopes(terms.nominal, vectors, mapped)[:, axis, places]
-
-        names = tuple(terms.names[k] for k in places)
-        parts.append(determination.Part(f"accel_{AXES[axis]}", names, design))
-    determination.require_determined(
-        parts,
-        reference,
-        temperature,
-        order=terms.order,
-        lower="lower scale_order, cross_order and bias_order, or leave out higher-order terms",
-    )
+    lower = "lower scale_order, cross_order and bias_order, or leave out higher-order terms"
+    reference, temperature = dwells.reference, dwells.temperature
+    determination.require_determined(terms, terms.names, reference, temperature, lower=lower)
 
 
 def _sees_angles(direction: Array) -> bool:
@@ -336,7 +301,7 @@ def _sees_angles(direction: Array) -> bool:
     the product of two components, of which squares and components leave nothing at six faces.
     """
     product = direction * np.roll(direction, 1, axis=1)
-    left = beside(np.hstack([direction**2, direction]), product)
+    left = shared_errors.beside(np.hstack([direction**2, direction]), product)
     return bool(np.sqrt(np.mean(left**2, axis=0)).min() > SEEN)
 
 

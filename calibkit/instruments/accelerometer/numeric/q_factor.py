@@ -31,12 +31,14 @@ def exact_matrix(axes: Numbers) -> Numbers:
     )
 
 
-def small_angles(axes: Array) -> Array:
-    """Q1, Q2, Q3 [3] [rad] from unit axes [3, 3]: Q3 = −y·e1, Q1 = −z·e2, Q2 = (y·e1)(z·e2) −
-    z·e1.
+def small_angles(axes: Numbers) -> Numbers:
+    """Q1, Q2, Q3 [3] [rad] from unit axes [3, 3] in any frame, with e1 = x and e2 in the plane of x
+    and y: Q3 = −y·e1, Q1 = −z·e2, Q2 = (y·e1)(z·e2) − z·e1.
     """
-    ye1, ze1, ze2 = axes[1, 0], axes[2, 0], axes[2, 1]
-    return np.array([-ze2, ye1 * ze2 - ze1, -ye1])
+    x, y, z = axes
+    ye1, ze1 = np.sum(y * x), np.sum(z * x)
+    ze2 = (np.sum(z * y) - ye1 * ze1) / np.sqrt(1.0 - ye1**2)
+    return np.stack([-ze2, ye1 * ze2 - ze1, -ye1])
 
 
 def axes_from_angles(coefficients: Numbers) -> Numbers:

@@ -6,13 +6,13 @@ indications gives any design matrix full rank; and from singular values, so that
 is assumed and temperature sweeps at a few attitudes are judged correctly.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.errors import FitError
+from calibkit.instruments.accelerometer.equation import AXES, Term, Terms
 from calibkit.numeric import attitude
 from calibkit.numeric.least_squares import fold, polynomial
 
@@ -28,41 +28,22 @@ TUMBLE_DEG = np.array(
 """Inclination and toolface [°] of the six-position tumble test, proposed first."""
 
 
-@dataclass(frozen=True, slots=True)
-class Part:
-    """Coefficients of one axis and their design matrix."""
-
-    label: str
-    """Name of the axis in error messages."""
-    names: tuple[str, ...]
-    """Names of the p coefficients, the most important first: of two that the data cannot separate,
-    the later one is undetermined.
-    """
-    design: Callable[[Array, Array], Array]
-    """Design matrix [n, p] from reference vectors [n, 3] and mapped temperatures [n]."""
-
-
 def require_determined(
-    parts: Sequence[Part],
-    reference: Array,
-    temperature: Array,
-    *,
-    order: int,
-    lower: str,
+    terms: Terms, names: Sequence[str], reference: Array, temperature: Array, *, lower: str
 ) -> None:
     """Raise FitError where a coefficient is undetermined, stating which, why, and which dwells to
     add.
 
     Parameters
     ----------
-    parts
-        One per axis.
+    terms
+        Coefficients that are asked for.
+    names
+        [p], what a message calls them.
     reference
         [n, 3] [g].
     temperature
         [n] [°C].
-    order
-        Highest power of temperature that is asked for.
     lower
         What to ask less of, in the recipe's words.
 
@@ -73,44 +54,59 @@ def require_determined(
         importance.
 
     """
-    levels, (middle, half), mapped = _mapped_levels(temperature)
-    undetermined = {part.label: _undetermined(part, reference, mapped) for part in parts}
-    if not any(undetermined.values()):
+    if reference.size <= len(terms.listed):
+        raise FitError(
+            f"{len(reference)} dwells for {len(terms.listed)} parameters",
+            hint="add dwells or lower the orders",
+        )
+    levels, level = distinct_temperatures(temperature)
+    middle, half = polynomial.middle_and_half(levels)
+    half = half or 1.0
+    t = (level - middle) / half
+    axes, faults = [], []
+    for axis, letter in enumerate(AXES):
+        ranked = sorted(terms.of_axis(axis), key=lambda k: _importance(terms.listed[k]))
+        axes.append([terms.listed[k] for k in ranked])
+        dependent = _find_dependent(axes[axis], reference, t)
+        undetermined = sorted(names[ranked[place]] for place in dependent)
+        if undetermined:
+            faults.append(f"accel_{letter}: {', '.join(undetermined)}")
+    if not faults:
         return
-    offered = (_offered_levels(levels, order + 1) - middle) / half
-    add = _propose_dwells(parts, reference, mapped, offered)
+    needed = terms.order + 1
+    add = _propose_dwells(axes, reference, t, (_offered_levels(levels, needed) - middle) / half)
     add[:, 0] = middle + half * add[:, 0]
     shown = (
         ", ".join(f"{value:.4g}" for value in levels)
         if levels.size <= 6
         else f"{levels[0]:.4g} … {levels[-1]:.4g}"
     )
-    faults = "; ".join(
-        f"{label}: {', '.join(sorted(names))}" for label, names in undetermined.items() if names
-    )
     raise FitError(
-        f"the data cannot determine {faults}: {len(temperature)} dwells at {levels.size} distinct"
-        f" temperatures ({shown} °C; order {order} needs {order + 1}) in attitudes of which"
-        f" {affine_rank(reference)} are affinely independent (cross-axis terms need 4)",
+        f"the data cannot determine {'; '.join(faults)}: {len(temperature)} dwells at"
+        f" {levels.size} distinct temperatures ({shown} °C; order {terms.order} needs {needed}) in"
+        f" attitudes of which {affine_rank(reference)} are affinely independent (cross-axis terms"
+        " need 4)",
         hint=f"add dwells at {_describe_dwells(add)}; or {lower}",
     )
 
 
-def _mapped_levels(temperature: Array) -> tuple[Array, tuple[float, float], Array]:
-    """Distinct temperatures [k] [°C], their middle and half-width, and for each temperature [n] its
-    level mapped to [−1, 1].
+def _importance(term: Term) -> tuple[int, int, int]:
+    """Order of the coefficients of an axis, of which the later ones are called undetermined: low
+    powers first, then the axis itself, its zero, the other axes in turn, and products.
     """
-    levels, level = distinct_temperatures(temperature)
-    middle, half = polynomial.middle_and_half(levels)
-    half = half or 1.0
-    return levels, (middle, half), (level - middle) / half
+    turn = (term.factors[0] - term.axis) % 3 if term.kind == "c" else 0
+    return term.power, "kzcn".index(term.kind), turn
 
 
-def distinct_temperatures(
-    temperature: Array, step: float = TEMPERATURE_STEP_DEGC
-) -> tuple[Array, Array]:
-    """Temperature levels [k] [°C] at least `step` apart, and the index [n] of the level that each
-    temperature [n] belongs to.
+def _design(listed: Sequence[Term], reference: Array, t: Array) -> Array:
+    """Derivatives [n, p] of an axis of a triad without an error, but for their signs."""
+    columns = [np.prod(reference[:, term.factors], axis=1) * t**term.power for term in listed]
+    return np.column_stack(columns)
+
+
+def distinct_temperatures(temperature: Array) -> tuple[Array, Array]:
+    """Temperature levels [k] [°C] that are distinct, and the level [n] [°C] that each temperature
+    [n] belongs to.
 
     A level opens at the lowest temperature that is a step above the last one's opening, so a sweep
     counts as many levels as it has steps, and the scatter of a chamber about its set point counts
@@ -119,7 +115,9 @@ def distinct_temperatures(
     ascending = np.sort(temperature)
     openings = [0]
     while (
-        following := int(np.searchsorted(ascending, ascending[openings[-1]] + step))
+        following := int(
+            np.searchsorted(ascending, ascending[openings[-1]] + TEMPERATURE_STEP_DEGC)
+        )
     ) < ascending.size:
         openings.append(following)
     label = np.searchsorted(ascending[openings], temperature, side="right") - 1
@@ -134,36 +132,37 @@ def affine_rank(reference: Array) -> int:
     return _rank(np.column_stack([np.ones(len(reference)), reference]))
 
 
-def _undetermined(part: Part, reference: Array, mapped: Array) -> list[str]:
-    """Names of the coefficients whose columns depend linearly on earlier columns."""
-    design = fold.triangle(lambda rows: part.design(reference[rows], mapped[rows]), len(mapped))
-    undetermined: list[str] = []
+def _find_dependent(listed: Sequence[Term], reference: Array, t: Array) -> list[int]:
+    """Places of the terms of an axis whose columns depend linearly on those before them."""
+    design = fold.triangle(lambda rows: _design(listed, reference[rows], t[rows]), len(t))
+    dependent: list[int] = []
     kept = np.zeros((design.shape[0], 0))
-    for name, column in zip(part.names, design.T, strict=True):
+    for place, column in enumerate(design.T):
         wider = np.column_stack([kept, column])
         if _rank(wider) < wider.shape[1]:
-            undetermined.append(name)
+            dependent.append(place)
         else:
             kept = wider
-    return undetermined
+    return dependent
 
 
 def _propose_dwells(
-    parts: Sequence[Part], reference: Array, mapped: Array, offered: Array
+    axes: Sequence[Sequence[Term]], reference: Array, t: Array, offered: Array
 ) -> Array:
     """Further dwells [m, 3] (mapped temperature, inclination [°], toolface [°]) at offered mapped
-    temperatures [k] that determine every column of every part; dwells proposed for one part count
-    for the next.
+    temperatures [k] that determine every coefficient of every axis; dwells proposed for one axis
+    count for the next.
     """
     angle = np.tile(TUMBLE_DEG, (offered.size, 1))
     dwells = np.column_stack([np.repeat(offered, len(TUMBLE_DEG)), angle])
     vectors = attitude.gravity_vector(*angle.T)
     chosen: list[int] = []
-    for part in parts:
-        choice = part.design(vectors, dwells[:, 0])
-        rows = part.design(
+    for listed in axes:
+        choice = _design(listed, vectors, dwells[:, 0])
+        rows = _design(
+            listed,
             np.concatenate([reference, vectors[chosen]]),
-            np.concatenate([mapped, dwells[chosen, 0]]),
+            np.concatenate([t, dwells[chosen, 0]]),
         )
         length = np.linalg.norm(np.concatenate([rows, choice]), axis=0)
         choice = choice / length
