@@ -44,8 +44,10 @@ ROWS_A_COEFFICIENT = 8
 ITERATIONS = 60
 TOLERANCE = 1e-10
 """A change of the fitted values, relative to the noise, that ends an iteration."""
-AT_REST = 1e-4
-"""A change of fitted values, relative to the noise, that ends the iteration of parameters."""
+AT_REST = 1e-2
+"""A change of fitted values, relative to the noise, that ends the iteration of parameters: they are
+a start.
+"""
 SPARE_ROWS = 5
 """Degrees of freedom below which residuals cannot tell an outlier from a good row."""
 ROUNDING = 1e-13
