@@ -18,11 +18,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibkit.instruments.inclinometer import published, simulate
+from calibkit.instruments.inclinometer.forms import ScaleModel
+from calibkit.instruments.inclinometer.noise import NO_NOISE, estimate_noise
 from calibkit.instruments.inclinometer.numeric import (
-    closure,
     root_choice,
     scale_fit,
-    scale_prior,
     sensor_pairs,
 )
 from calibkit.simulate.campaign import Campaign
@@ -44,7 +44,7 @@ class Errors:
 def closed(readings: np.ndarray) -> float:
     """Noise of a reading, from how the four positions [n, 4] close."""
     squares = published.closures(readings) ** 2
-    return closure.estimate_noise(squares, np.ones(squares.size, dtype=np.int64))
+    return estimate_noise(squares, np.ones(squares.size, dtype=np.int64))
 
 
 def components(logs: Campaign, axis: str) -> published.Components:
@@ -76,25 +76,23 @@ def solved(
     """Both sensor pairs, with what the way knows of s."""
     solutions = []
     for axis in "xy":
-        parts = components(logs, axis)
         hours = logs.logs["stations.csv"]["time_s"][::4] / 3600.0
-        by_history = scale_prior.predict_in_sequence(parts, latitude, hours)
-        if way == "history":
-            solutions.append(by_history)
-        elif way == "s(T), same stations":
-            over = scale_fit.fit_over_temperature(by_history, temperatures(logs))
-            solutions.append(root_choice.solve(parts, latitude, over.left_out))
-        else:
-            other = components(calibration, axis)
-            first = scale_prior.predict_in_sequence(
-                other, LATITUDE_DEG, hours[: other.accel_x.size]
-            )
+        roots = root_choice.estimate_roots(components(logs, axis), latitude)
+        prior = root_choice.history_prior(roots, hours)
+        if way == "s(T), same stations":
+            by_history = root_choice.solve(roots, prior)
+            prior = scale_fit.fit_over_temperature(by_history, temperatures(logs)).left_out
+        elif way != "history":
+            others = components(calibration, axis)
+            other = root_choice.estimate_roots(others, LATITUDE_DEG)
+            before = root_choice.history_prior(other, hours[: others.accel_x.size])
+            first = root_choice.solve(other, before)
             over = scale_fit.fit_over_temperature(first, temperatures(calibration))
-            prior = scale_prior.predict_scale(
-                *(over.coefficients, over.covariance, over.scatter, over.valid_degc),
-                temperatures(logs),
+            model = ScaleModel(
+                *(over.coefficients, over.covariance, over.scatter, over.valid_degc, NO_NOISE)
             )
-            solutions.append(root_choice.solve(parts, latitude, prior))
+            prior = model.prior(temperatures(logs))
+        solutions.append(root_choice.solve(roots, prior))
     return solutions
 
 
@@ -123,7 +121,7 @@ def errors(
         if calibration is not None:
             logs = other_run(seed, latitude, theta)
         x, y = solved(logs, latitude, calibration, way)
-        found = sensor_pairs.combine(x, y) if pair == "both" else x
+        found = sensor_pairs.combine({"x": x, "y": y} if pair == "both" else {"x": x})
         true = np.array(logs.truth["stations"]["azimuth_deg"])
         sigma = found.standard_uncertainty[:, -1]
         rows.append(
@@ -132,7 +130,9 @@ def errors(
                     wrapped(found.azimuth_deg - true),
                     wrapped(found.uncorrected_deg - true),
                     sigma,
-                    x.C,
+                    published.root_label(
+                        np.radians(x.inclination_deg), np.radians(x.azimuth_deg), latitude
+                    ),
                 )
             )
         )
@@ -190,14 +190,14 @@ def over_noise(
     columns, _ = simulate.Tool((pair, pair)).stations(repeated, latitude, temperature, rng)
     parts = components(Campaign({"stations.csv": columns}, {}, {}), "x")
     prior = root_choice.Prior(np.ones(temperature.size), np.full(temperature.size, 0.01))
-    found = root_choice.solve(parts, latitude, prior)
+    found = root_choice.solve(root_choice.estimate_roots(parts, latitude), prior)
     error, plain = (
         np.sqrt(
             np.nanmean(wrapped(angle - repeated.azimuth_deg).reshape(stations, draws) ** 2, axis=1)
         )
         for angle in (found.azimuth_deg, found.uncorrected_deg)
     )
-    stated = np.sqrt(np.nanmean(found.covariance[:, 3, 3].reshape(stations, draws), axis=1))
+    stated = np.sqrt(np.nanmean(found.pair_covariance[:, 3, 3].reshape(stations, draws), axis=1))
     excess = (error - plain) / stated
     print(
         f"  over noise, lat {latitude:g}, theta {theta[0]:g}-{theta[1]:g}, prior 1 ± 0.01: rms"

@@ -26,17 +26,6 @@ def test_the_median_of_each_row_is_that_of_numpy(rows: np.ndarray) -> None:
     assert np.array_equal(found, np.median(rows, axis=1))
 
 
-@given(
-    arrays(np.float64, st.integers(1, 40), elements=FINITE),
-    st.sampled_from([0.0, 0.01, 0.5, 0.85, 0.99, 1.0]),
-)
-def test_a_quantile_is_that_of_numpy(values: np.ndarray, share: float) -> None:
-    """To the last bit, between two values and at the ends; with a missing value it is missing."""
-    assert order_statistics.quantile(values, share) == np.quantile(values, share)
-    values[0] = np.nan
-    assert np.isnan(order_statistics.quantile(values, share))
-
-
 def test_rows_where_a_column_changes_are_found() -> None:
     """The first row too, where the one before it differs."""
     values = np.array([1.0, 1.0, 2.0, 2.0, 1.0])

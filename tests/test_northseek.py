@@ -10,8 +10,7 @@ from hypothesis import given, settings, strategies as st
 
 from calibkit.constants import EARTH_RATE_DPH
 from calibkit.errors import FitError
-from calibkit.instruments.inclinometer import published, stations as station_steps
-from calibkit.instruments.inclinometer.numeric import closure
+from calibkit.instruments.inclinometer import noise, published, stations as station_steps
 from calibkit.numeric import earth
 from calibkit.numeric.attitude import gravity_positive
 from conftest import AUTHORITIES
@@ -231,10 +230,10 @@ def test_the_closure_of_four_positions_tells_the_noise():
     x, y, bias = rng.normal(size=(3, 5000))
     readings = np.column_stack((x, y, -x, -y)) + bias[:, None] + 0.01 * rng.normal(size=(5000, 4))
     squares = published.closures(readings) ** 2
-    assert closure.estimate_noise(squares, np.ones(5000, dtype=np.int64)) == pytest.approx(
+    assert noise.estimate_noise(squares, np.ones(5000, dtype=np.int64)) == pytest.approx(
         0.01, rel=0.03
     )
-    assert closure.estimate_noise(np.zeros(2), np.zeros(2, dtype=np.int64)) == 0.0
+    assert noise.estimate_noise(np.zeros(2), np.zeros(2, dtype=np.int64)) == 0.0
 
 
 def test_accelerations_beyond_gravity_are_clamped_and_marked():

@@ -1,6 +1,4 @@
-"""Robust linear fits: wild rows move nothing and are named; covariances that hold where rows are
-not alike.
-"""
+"""Robust linear fits: wild rows move nothing and are named."""
 
 import numpy as np
 import pytest
@@ -17,10 +15,14 @@ def problem(seed, rows=150, columns=6):
     return design, coefficients, design @ coefficients + rng.normal(size=rows)
 
 
-def moved(before, after):
+def uncertainty_of(design):
+    """Standard uncertainties of least squares of unit noise."""
+    return np.sqrt(np.diag(np.linalg.inv(design.T @ design)))
+
+
+def moved(design, before, after):
     """Largest change of a coefficient in standard uncertainties."""
-    change = np.abs(after.fit.coefficients - before.fit.coefficients)
-    return np.max(change / before.fit.standard_uncertainty)
+    return np.max(np.abs(after.coefficients - before.coefficients) / uncertainty_of(design))
 
 
 @pytest.mark.parametrize("size", [3.0, 5.0, 8.0, 30.0, 1e3, 1e9])
@@ -31,7 +33,7 @@ def test_one_wild_indication_in_a_hundred_moves_nothing(size):
         spoilt = indication.copy()
         wild = np.random.default_rng(seed).integers(0, 150, 1)
         spoilt[wild] += size
-        assert moved(robust.linear(design, indication), robust.linear(design, spoilt)) < 1.0
+        assert moved(design, robust.linear(design, indication), robust.linear(design, spoilt)) < 1.0
 
 
 @pytest.mark.parametrize("reach", [3.0, 30.0, 1e3, 1e6])
@@ -46,9 +48,9 @@ def test_one_wild_row_of_high_leverage_in_a_hundred_moves_nothing(reach):
         spoilt, row = design.copy(), int(rng.integers(0, 150))
         spoilt[row, 1:] += reach * rng.normal(size=5)
         clean = robust.linear(design, indication)
-        assert moved(clean, robust.linear(spoilt, indication)) < 1.0
+        assert moved(design, clean, robust.linear(spoilt, indication)) < 1.0
         plain = fit.linear(spoilt, indication)
-        dragged.append(np.max(np.abs(plain.coefficients - truth) / clean.fit.standard_uncertainty))
+        dragged.append(np.max(np.abs(plain.coefficients - truth) / uncertainty_of(design)))
     assert max(dragged) > 4.0
 
 
@@ -65,7 +67,7 @@ def test_wild_rows_that_cover_for_one_another_are_all_named():
     wrong[wild] = -40.0
     after = robust.linear(spoilt, wrong)
     assert set(wild.tolist()) <= set(after.suspects)
-    assert moved(robust.linear(design, indication), after) < 1.5
+    assert moved(design, robust.linear(design, indication), after) < 1.5
 
 
 def test_suspects_come_worst_first():
@@ -76,34 +78,23 @@ def test_suspects_come_worst_first():
 
 
 def test_clean_rows_are_fitted_as_well_as_by_least_squares():
-    """On normal noise the price is 2 to 5 % of the uncertainty, and hardly a row is accused."""
-    pairs = [
-        (robust.linear(*problem(seed)[::2]), fit.linear(*problem(seed)[::2])) for seed in range(20)
-    ]
-    ratio = np.mean(
-        [tough.fit.standard_uncertainty / plain.standard_uncertainty for tough, plain in pairs]
-    )
-    assert 1.0 < ratio < 1.05
-    assert sum(len(tough.suspects) for tough, _ in pairs) <= 2
+    """On normal noise the errors are at most 10 % larger, and hardly a row is accused."""
+    tough, plain, accused = [], [], 0
+    for seed in range(60):
+        design, truth, indication = problem(seed)
+        found = robust.linear(design, indication)
+        tough.append(found.coefficients - truth)
+        plain.append(fit.linear(design, indication).coefficients - truth)
+        accused += len(found.suspects)
+    assert 0.95 < np.std(tough) / np.std(plain) < 1.1
+    assert accused <= 6
 
 
-def test_intervals_cover_the_truth_with_wild_rows_among_the_data():
-    """With one row in fifty spoilt, 95 % intervals cover 93 to 97 % of the coefficients."""
-    scores = []
-    for seed in range(150):
-        design, truth, indication = problem(seed, rows=100, columns=4)
-        indication[[7, 61]] += [25.0, -400.0]
-        result = robust.linear(design, indication).fit
-        scores.append((result.coefficients - truth) / result.standard_uncertainty)
-    assert 0.93 <= np.mean(np.abs(scores) < 1.985) <= 0.97
-
-
-def test_residual_rms_is_that_of_the_believed_rows():
-    """A wild row of a million does not show in the noise, and all residuals are there."""
+def test_residuals_are_those_of_all_rows():
+    """A wild row of a million is where it was."""
     design, _, indication = problem(4)
     indication[11] += 1e6
-    result = robust.linear(design, indication).fit
-    assert result.residual_rms == pytest.approx(1.0, abs=0.15)
+    result = robust.linear(design, indication)
     assert result.residuals.size == 150
     assert result.residuals[11] == pytest.approx(1e6, rel=1e-3)
 
@@ -114,7 +105,7 @@ def test_exact_data_stay_exact_with_a_wild_row_among_them():
     indication = design @ truth
     indication[70] += 1.0
     result = robust.linear(design, indication)
-    np.testing.assert_allclose(result.fit.coefficients, truth, atol=1e-12)
+    np.testing.assert_allclose(result.coefficients, truth, atol=1e-12)
     assert result.suspects == (70,)
 
 
@@ -142,7 +133,7 @@ def test_a_row_that_alone_fixes_a_coefficient_still_does():
     alone = np.zeros((150, 1))
     alone[33] = 1.0
     result = robust.linear(np.column_stack([design, alone]), indication)
-    assert result.fit.residuals[33] == pytest.approx(0.0, abs=1e-6)
+    assert result.residuals[33] == pytest.approx(0.0, abs=1e-6)
 
 
 def test_nonlinear_problem_is_fitted_in_spite_of_a_wild_row():
@@ -159,9 +150,10 @@ def test_nonlinear_problem_is_fitted_in_spite_of_a_wild_row():
 
         return at
 
-    clean, first = robust.nonlinear(linearised(y), np.array([2.0, 0.7]))
+    clean, _ = robust.nonlinear(linearised(y), np.array([2.0, 0.7]))
     found, step = robust.nonlinear(linearised(spoilt), np.array([2.5, 0.9]))
-    assert np.max(np.abs(found - clean) / first.fit.standard_uncertainty) < 1.0
+    u = 0.01 * uncertainty_of(linearised(y)(clean)[1])
+    assert np.max(np.abs(found - clean) / u) < 1.0
     assert step.suspects == (5,)
 
 
@@ -192,11 +184,11 @@ def test_a_face_that_is_set_up_wrong_is_an_effect_and_is_not_dropped():
         held = robust.linear(design, indication, groups=(soak, face))
         dropped += any(np.max(free.row_weights[face == k]) < 0.1 for k in range(6))
         assert all(np.mean(held.row_weights[face == k]) > 0.5 for k in range(6))
-        assert np.max(np.abs(held.fit.coefficients - truth)) < 5e-4
+        assert np.max(np.abs(held.coefficients - truth)) < 5e-4
         assert len(held.suspects) <= 1
         assert {one.group for one in held.structured} <= {1}
         plain = fit.linear(design, indication)
-        assert np.max(np.abs(held.fit.coefficients - plain.coefficients)) < 1e-4
+        assert np.max(np.abs(held.coefficients - plain.coefficients)) < 1e-4
     assert dropped >= 3
 
 
@@ -210,7 +202,7 @@ def test_a_wild_row_of_a_face_with_an_effect_is_still_left_out():
     found = robust.linear(design, spoilt, groups=(face, soak))
     assert found.suspects[0] == row
     assert found.row_weights[row] == 0.0
-    assert np.max(np.abs(found.fit.coefficients - clean.fit.coefficients)) < 5e-5
+    assert np.max(np.abs(found.coefficients - clean.coefficients)) < 5e-5
 
 
 def test_groups_change_nothing_where_no_level_is_removed():
@@ -223,7 +215,7 @@ def test_groups_change_nothing_where_no_level_is_removed():
         robust.linear(design, indication, groups=[labels]),
     )
     np.testing.assert_array_equal(free.row_weights, held.row_weights)
-    np.testing.assert_array_equal(free.fit.coefficients, held.fit.coefficients)
+    np.testing.assert_array_equal(free.coefficients, held.coefficients)
     assert held.structured == ()
 
 
@@ -235,4 +227,4 @@ def test_three_wild_rows_in_ten_move_nothing():
     spoilt = indication.copy()
     spoilt[:30] = 12.0 + 3.0 * design[:30, 1] + 0.3 * np.random.default_rng(1).normal(size=30)
     clean = robust.linear(design[30:], indication[30:])
-    assert moved(clean, robust.linear(design, spoilt)) < 1.5
+    assert moved(design[30:], clean, robust.linear(design, spoilt)) < 1.5

@@ -94,8 +94,6 @@ def _declare(library: CDLL) -> None:
         "synthesised_levels": (None, (at, at, at, whole, whole, at, at)),
         "denoised": (whole, (at,) * 9),
         "medians": (whole, (at, at, whole, at, at)),
-        "run_medians": (None, (at, at, at, at, whole)),
-        "bracketed": (whole, (at, whole, real, real, real, at, whole, at)),
     }
     for name, (result, arguments) in kernels.items():
         kernel = getattr(library, f"calibkit_{name}")

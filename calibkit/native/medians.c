@@ -77,8 +77,8 @@ __attribute__((target("avx2"))) static int bracketed_widely(Bracket *to, const d
 /* Puts the magnitudes |value - about| between `first` and `last`, neither included, one behind the other into room for
  * `capacity` of them, and says how many of all are above `first`. How many were put there, NOT_FINITE where a value is not, or
  * TOO_MANY where they may not find room. */
-int64_t calibkit_bracketed(const double *values, int64_t size, double about, double first, double last, double *room,
-                           int64_t capacity, int64_t *above_first)
+static int64_t collect_between(const double *values, int64_t size, double about, double first, double last, double *room,
+                               int64_t capacity, int64_t *above_first)
 {
     Bracket to = {about, first, last, room, 0, 0};
     int (*block)(Bracket *, const double *, int64_t) = bracketed;
@@ -152,8 +152,8 @@ static int by_bracket(const double *values, int64_t size, double *room, double *
     placed(room, 0, SAMPLE - 1, SAMPLE / 2 - RANKS);
     placed(room, SAMPLE / 2 - RANKS, SAMPLE - 1, SAMPLE / 2 + RANKS);
     int64_t over;
-    const int64_t held = calibkit_bracketed(values, size, 0.0, room[SAMPLE / 2 - RANKS], room[SAMPLE / 2 + RANKS], room,
-                                            INT64_MAX, &over);
+    const int64_t held = collect_between(values, size, 0.0, room[SAMPLE / 2 - RANKS], room[SAMPLE / 2 + RANKS], room,
+                                         INT64_MAX, &over);
     const int64_t under = size - over;
     if (held < 0 || under > below_middle || middle >= under + held)
         return 0;
@@ -181,17 +181,4 @@ int64_t calibkit_medians(const double *const *values, const int64_t *sizes, int6
         medians[j] = size % 2 ? upper : (lower + upper) / 2.0;
     }
     return 0;
-}
-
-/* Medians of `count` runs of finite values, run j from first[j] to before first[j + 1]; room is that of the largest. A median
- * that is zero is positive. */
-void calibkit_run_medians(const double *values, const int64_t *first, double *room, double *medians, int64_t count)
-{
-    for (int64_t j = 0; j < count; j++) {
-        const int64_t size = first[j + 1] - first[j];
-        double lower, upper;
-        memcpy(room, values + first[j], (size_t)size * sizeof *room);
-        two_ranks(room, size, size / 2, &lower, &upper);
-        medians[j] = (size % 2 ? upper : (lower + upper) / 2.0) + 0.0;
-    }
 }

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from calibkit.arrays import Array, Integers, Mask
-from calibkit.numeric import chunks, order_statistics
+from calibkit.numeric import chunks
 from calibkit.numeric.dispersion import mad_sigma
 
 SAMPLE = 1 << 16
@@ -104,7 +104,8 @@ def resolution(values: Array, rows: int = 20_000) -> float:
 def span(values: Array) -> float:
     """Span between the 1 % and 99 % quantiles of a series [n], from at most 20,000 of its rows."""
     thinned = chunks.take_slice(values, slice(0, values.size, max(1, values.size // 20_000)))
-    return order_statistics.quantile(thinned, 0.99) - order_statistics.quantile(thinned, 0.01)
+    low, high = np.quantile(thinned, (0.01, 0.99)).tolist()
+    return float(high - low)
 
 
 def repeats(values: Array) -> float:
@@ -126,7 +127,7 @@ def spikes(values: Array, *, least: float = 0.0) -> Integers:
         return np.zeros(0, dtype=np.int64)
     floor = max(least, 5.0 * resolution(values), SMALL * span(values))
     # an outlier steps away from a neighbour: only rows after a large step are tested closely
-    steps = order_statistics.quantile(_sampled_steps(values), QUIET_SHARE)
+    steps = float(np.quantile(_sampled_steps(values), QUIET_SHARE))
     usual = QUIET_TO_SIGMA * steps / np.sqrt(2.0)
     wide = _wide_steps(values, max(SPIKE / 2.0 * usual, floor / 2.0))
     suspect = max(SPIKE / 2.0 * usual, floor)
@@ -222,7 +223,7 @@ def _noise(values: Array) -> float:
     if values.size < 3:
         return 0.0
     off = np.abs(values[1:-1] - (values[:-2] + values[2:]) / 2.0)
-    return HIGH_TO_SIGMA * order_statistics.quantile(off, HIGH) / float(np.sqrt(1.5))
+    return HIGH_TO_SIGMA * float(np.quantile(off, HIGH)) / float(np.sqrt(1.5))
 
 
 def equal_runs(values: Array, shortest: int) -> Integers:

@@ -163,26 +163,12 @@ class Steps:
     @classmethod
     def find(cls, time: Array) -> Self:
         """Steps of a log's time [n, s], which must be finite."""
-        every = max(1, (time.size - 1) // order_statistics.SAMPLE)
-        ends, sample = [], []
-        for step in _steps(time):
-            if step.size:
-                ends.append((step.min(), step.max()))
-                # a copy: a slice would keep the whole part
-                sample.append(step[step.size % every // 2 :: every].copy())
+        ends = [(step.min(), step.max()) for step in _steps(time) if step.size]
         if not ends:
             return cls(*(float("nan"),) * 3)
         low, high = np.array(ends).T
-        bracket = (
-            order_statistics.quantile_bracket(np.concatenate(sample))
-            if time.size > order_statistics.COLLECTED
-            else None
-        )
-        return cls(
-            float(low.min()),
-            float(high.max()),
-            order_statistics.median_of_chunks(lambda: _steps(time), time.size - 1, bracket),
-        )
+        usual = order_statistics.median_of_chunks(lambda: _steps(time), time.size - 1)
+        return cls(float(low.min()), float(high.max()), usual)
 
 
 def _steps(time: Array) -> Iterator[Array]:

@@ -12,7 +12,6 @@ import numpy as np
 
 from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError
-from calibkit.native import kernels_for
 from calibkit.numeric import chunks
 
 COLLECTED = 1 << 19
@@ -23,12 +22,6 @@ MARGIN = 4.0
 """Half width of the bracket in standard deviations of the sample's quantile; 1 of 15,000 brackets
 misses and is replaced.
 """
-MANY = 1 << 16
-"""Number of values from which sampling first saves time."""
-LONG_RUN = 256
-"""Length of a run from which the compiled selection is quicker than numpy's."""
-NOT_FINITE = -1
-"""Return value of the compiled pass for a value that is not finite."""
 
 
 def median(values: Array) -> float:
@@ -40,23 +33,9 @@ def median(values: Array) -> float:
 
 def run_medians(values: Array, first: Integers) -> Array:
     """Medians [m] of the runs of finite values [n] that begin at rows `first` [m], equal to those
-    of `np.median`; every run has a value.
+    of `np.median`; every run has a value. Runs of equal size are partitioned together.
     """
-    bounds = np.append(first, values.size)
-    longest = int(np.diff(bounds).max(initial=0))
-    # numpy selects from short rows by vector instructions
-    library = kernels_for(values) if longest >= LONG_RUN else None
-    if library is None:
-        return _medians_by_size(values, bounds)
-    room, medians = np.empty(longest), np.empty(first.size)
-    at = (array.ctypes.data for array in (values, bounds, room, medians))
-    library.calibkit_run_medians(*at, first.size)
-    return medians
-
-
-def _medians_by_size(values: Array, bounds: Integers) -> Array:
-    """The same without the kernel: runs of equal size are partitioned together."""
-    first, count = bounds[:-1], np.diff(bounds)
+    count = np.diff(np.append(first, values.size))
     medians = np.empty(first.size)
     for size in np.unique(count).tolist():
         same = np.flatnonzero(count == size)
@@ -121,26 +100,12 @@ def median_magnitude(values: Array, about: float = 0.0) -> float:
             here = np.abs(block if about == 0.0 else block - about)
             # NaN compares false with both bounds, but propagates to the maximum
             if not math.isfinite(float(here.max())):
-                raise _not_finite()
+                raise FitError(
+                    "a value that is not finite has no place in a median", hint="exclude it"
+                )
             yield here
 
-    if n < MANY:
-        return median_of_chunks(magnitudes, n)
-    bracket = quantile_bracket(_sampled_magnitudes(values, about))
-    compiled = _compiled_median(values, about, bracket)
-    return median_of_chunks(magnitudes, n, bracket) if compiled is None else compiled
-
-
-def quantile(values: Array, share: float) -> float:
-    """Quantile of values [n] by linear interpolation, equal to `np.quantile` and three times as
-    fast; NaN if a value is NaN.
-    """
-    at = (values.size - 1) * share
-    before, behind = int(at), min(int(at) + 1, values.size - 1)
-    parted = np.partition(values, behind)
-    if np.isnan(parted[behind:].max()):
-        return float("nan")
-    return _interpolated(float(parted[: before + 1].max()), float(parted[behind]), at - before)
+    return median_of_chunks(magnitudes, n)
 
 
 def quantile_of_chunks(parts: Callable[[], Iterable[Array]], count: int, share: float) -> float:
@@ -148,7 +113,7 @@ def quantile_of_chunks(parts: Callable[[], Iterable[Array]], count: int, share: 
     chunks anew at each call.
     """
     if count <= COLLECTED:
-        return quantile(np.concatenate(list(parts())), share)
+        return float(np.quantile(np.concatenate(list(parts())), share))
     at = share * (count - 1)
     low, high = _values_at_ranks(parts, (int(at), min(int(at) + 1, count - 1)), count)
     return _interpolated(low, high, at - int(at))
@@ -208,44 +173,6 @@ def _select(values: Array, ranks: tuple[int, int]) -> tuple[float, float]:
     values.partition(ranks[1])
     upper = float(values[ranks[1]])
     return (upper if ranks[0] == ranks[1] else float(values[: ranks[1]].max())), upper
-
-
-def _compiled_median(values: Array, about: float, bracket: tuple[float, float]) -> float | None:
-    """Median of |values − about| by the compiled kernel; None without the kernel or if the median
-    lies outside the bracket.
-    """
-    library = kernels_for(values)
-    if library is None:
-        return None
-    collected, above = np.empty(COLLECTED), np.zeros(1, dtype=np.int64)
-    held, up_to = 0, values.size
-    for start, stop in chunks.ranges_along(values):
-        part, free = values[start:stop], collected[held:]
-        given = (part.ctypes.data, part.size, about, *bracket, free.ctypes.data, free.size)
-        added = library.calibkit_bracketed(*given, above.ctypes.data)
-        if added == NOT_FINITE:
-            raise _not_finite()
-        if added < 0:
-            return None
-        held, up_to = held + added, up_to - int(above[0])
-    first, last = (values.size - 1) // 2 - up_to, values.size // 2 - up_to
-    if first < 0 or last >= held:
-        return None
-    return sum(_select(collected[:held], (first, last))) / 2.0
-
-
-def _not_finite() -> FitError:
-    """Error for a value that is not finite."""
-    return FitError("a value that is not finite has no place in a median", hint="exclude it")
-
-
-def _sampled_magnitudes(values: Array, about: float) -> Array:
-    """Magnitudes |values − about| of an evenly spaced sample of values [n]."""
-    step = values.size // (2 * SAMPLE)
-    # no common divisor with periods in a log, where every 200th value may be of another kind
-    while math.gcd(step, 210) > 1:
-        step += 1
-    return np.abs(chunks.take_slice(values, slice(0, values.size, step)) - about)
 
 
 def _values_at_ranks(

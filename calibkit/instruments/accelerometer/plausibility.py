@@ -175,7 +175,7 @@ def _predict(dwells: DwellSet) -> tuple[Array, float]:
     plain = np.column_stack([np.ones(len(warm)), reference])
     for design in (np.column_stack([plain, plain * warm[:, None]]), plain):
         try:
-            solved = [robust.linear(design[every], axis).fit for axis in indication[every].T]
+            solved = [robust.linear(design[every], axis) for axis in indication[every].T]
         except FitError:
             continue
         expected = design @ np.column_stack([one.coefficients for one in solved])
@@ -196,7 +196,7 @@ def _predict_lengths(dwells: DwellSet) -> tuple[Array, float]:
     centre, radius = np.zeros(3), usual
     try:
         design = np.column_stack([2.0 * some, np.ones(len(some))])
-        sphere = robust.linear(design, np.sum(some**2, axis=1)).fit.coefficients
+        sphere = robust.linear(design, np.sum(some**2, axis=1)).coefficients
         centre, radius = sphere[:3], float(np.sqrt(sphere[3] + sphere[:3] @ sphere[:3]))
         scatter = mad_sigma(np.linalg.norm(some - centre, axis=1) - radius)
     except FitError:

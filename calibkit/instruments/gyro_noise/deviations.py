@@ -77,45 +77,14 @@ def estimate_noise(
     """Curves, terms and bias stability of one record with its rate [n], NaN where samples are
     missing; what it is too short for is flagged and left out.
     """
-    curve, terms, wavelet = _curves(record, rate, recipe, allocate)
-    stability, flags = [], [f"{record.name}: {flag}" for flag in terms.flags]
-    for block_s in recipe.noise.bias_stability_s:
-        try:
-            stability.append(allan.bias_stability(rate, record.interval_s, block_s=block_s))
-        except FitError as error:
-            flags.append(f"{record.name}: no bias stability over {block_s:g} s: {error.message}")
-    present = _present(rate, allocate)
-    missing = rate.size - present.size
-    if missing:
-        flags.append(
-            f"{record.name}: {missing} of {rate.size} samples"
-            f" ({missing / rate.size:.1%}) are missing; averages across them are left out"
-        )
-    flags += [
-        Remark(f"{record.name}: {term.name} ({term.symbol}) not observable: {term.reason}")
-        for term in terms.not_observable
-    ]
-    mean, block = chunks.mean(present), max(1, rate.size // BLOCKS)
-    scatter = float(np.sqrt(dispersion.variance(present)))
-    noise = dispersion.over_noise(scatter, [dispersion.variances_within(present, present)])
-    return NoiseFigures(
-        *(record, curve, wavelet, terms, tuple(stability), mean, noise, missing, block),
-        *(chunks.block_means(rate, block), tuple(flags)),
-    )
-
-
-def _curves(
-    record: _Record, rate: Array, recipe: GyroNoiseRecipe, allocate: Callable[[int], Array]
-) -> tuple[allan.DeviationCurve, allan_fit.NoiseFit, allan.DeviationCurve]:
-    """Allan deviation of a rate [n], its noise terms, and wavelet deviation."""
-    spec, probability = recipe.noise, recipe.noise.probability
+    spec = recipe.noise
     try:
         curve = allan.overlapping(
             rate,
             record.interval_s,
             spacing=spec.spacing,
             points=spec.points,
-            probability=probability,
+            probability=spec.probability,
             allocate=allocate,
         )
         terms = allan_fit.fit_noise(curve, record.sensor.laws)
@@ -123,12 +92,42 @@ def _curves(
             rate,
             record.interval_s,
             wavelet=spec.wavelet,
-            probability=probability,
+            probability=spec.probability,
             allocate=allocate,
         )
     except FitError as error:
         raise FitError(f"{record.name}: {error.message}", hint=error.hint) from None
-    return curve, terms, wavelet
+    flags, stability = [*terms.flags], []
+    for block_s in spec.bias_stability_s:
+        try:
+            stability.append(allan.bias_stability(rate, record.interval_s, block_s=block_s))
+        except FitError as error:
+            flags.append(f"no bias stability over {block_s:g} s: {error.message}")
+    present = _present(rate, allocate)
+    missing = rate.size - present.size
+    if missing:
+        flags.append(
+            f"{missing} of {rate.size} samples ({missing / rate.size:.1%}) are missing; averages"
+            " across them are left out"
+        )
+    unseen = [
+        Remark(f"{record.name}: {term.name} ({term.symbol}) not observable: {term.reason}")
+        for term in terms.not_observable
+    ]
+    block, scatter = max(1, rate.size // BLOCKS), float(np.sqrt(dispersion.variance(present)))
+    return NoiseFigures(
+        record=record,
+        curve=curve,
+        wavelet=wavelet,
+        terms=terms,
+        stability=tuple(stability),
+        mean=chunks.mean(present),
+        over_noise=dispersion.over_noise(scatter, [dispersion.variances_within(present, present)]),
+        missing=missing,
+        block=block,
+        block_means=chunks.block_means(rate, block),
+        flags=(*(f"{record.name}: {flag}" for flag in flags), *unseen),
+    )
 
 
 def _present(rate: Array, allocate: Callable[[int], Array]) -> Array:

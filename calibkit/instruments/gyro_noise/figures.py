@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from calibkit.certificate.words import unit_mark
+from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.frame import share_unit
 from calibkit.report.documents import Drawn
 from calibkit.report.figures import ALERT, DENOISED, GOOD, INK, MUTED, RAW, page
@@ -18,68 +20,61 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from calibkit.arrays import Array
     from calibkit.instruments import Fitted
-    from calibkit.numeric.noise.allan import DeviationCurve
-
-
-@dataclass(frozen=True, slots=True)
-class NoiseView:
-    """One record: Allan and wavelet deviation with limits over τ [s], fitted curve, terms, means
-    over time, in the printed unit given.
-    """
-
-    name: str
-    unit: str
-    curves: tuple[DeviationCurve, ...]
-    model: Array
-    terms: tuple[tuple[str, Array], ...]
-    """Label and share [m] in the Allan deviation of every term that is observable."""
-    hours: Array
-    means: Array
-    block_s: float
+    from calibkit.instruments.gyro_noise.deviations import NoiseFigures
 
 
 @dataclass(frozen=True, slots=True)
 class NoiseReport:
     """All that the figures show."""
 
-    views: tuple[NoiseView, ...]
+    records: tuple[NoiseFigures, ...]
 
     def residuals(self) -> dict[str, Any]:
         """Columns of a tidy table, one row per averaging time of a record: Allan deviation, the
         noise terms together, in the record's unit, and how far it is from them relative to itself.
         """
-        curves = [(view, view.curves[0]) for view in self.views]
-        parts = {
-            "record": [np.full(c.tau_s.size, view.name, dtype=object) for view, c in curves],
-            "unit": [np.full(c.tau_s.size, known(view.unit), dtype=object) for view, c in curves],
-            "tau_s": [curve.tau_s for _, curve in curves],
-            "deviation": [curve.deviation for _, curve in curves],
-            "model": [view.model for view, _ in curves],
-            "residual": [curve.deviation / view.model - 1.0 for view, curve in curves],
+        parts: dict[str, list[Any]] = {}
+        units = [known(unit_mark(one.record.sensor.unit)) for one in self.records]
+        for one, unit in zip(self.records, units, strict=True):
+            curve, model = one.curve, one.terms.model
+            columns = {
+                "record": np.full(curve.tau_s.size, one.record.name, dtype=object),
+                "unit": np.full(curve.tau_s.size, unit, dtype=object),
+                "tau_s": curve.tau_s,
+                "deviation": curve.deviation,
+                "model": model,
+                "residual": curve.deviation / model - 1.0,
+            }
+            for name, column in columns.items():
+                parts.setdefault(name, []).append(column)
+        shared = share_unit(("deviation", "model"), units)
+        return {name: np.concatenate(columns) for name, columns in parts.items()} | {
+            "units": shared
         }
-        units = share_unit(("deviation", "model"), (known(view.unit) for view in self.views))
-        return {name: np.concatenate(columns) for name, columns in parts.items()} | {"units": units}
 
 
-def record_page(title: str, view: NoiseView) -> Figure:
+def record_page(title: str, one: NoiseFigures) -> Figure:
     """Deviations and terms above, the rate over time below."""
-    figure, axes = page(2, 1, title=f"{title}: noise of {view.name}", height=8.5)
-    _deviations(axes[0], view)
-    axes[1].plot(view.hours, view.means, color=DENOISED, lw=0.8)
+    figure, axes = page(2, 1, title=f"{title}: noise of {one.record.name}", height=8.5)
+    unit, block_s = unit_mark(one.record.sensor.unit), one.block * one.record.interval_s
+    _deviations(axes[0], one, unit)
+    hours = (np.arange(one.block_means.size) + 0.5) * (block_s / SECONDS_PER_HOUR)
+    axes[1].plot(hours, one.block_means, color=DENOISED, lw=0.8)
     axes[1].set(
         xlabel="time [h]",
-        ylabel=f"indication [{view.unit}]",
-        title=f"means of {view.block_s:g} s; gaps are left open",
+        ylabel=f"indication [{unit}]",
+        title=f"means of {block_s:g} s; gaps are left open",
     )
     return figure
 
 
-def _deviations(ax: Axes, view: NoiseView) -> None:
-    """Allan and wavelet deviation with their limits over averaging time."""
-    styles = (("o", INK, INK), ("s", ALERT, "none"))
-    for curve, (mark, colour, face) in zip(view.curves, styles, strict=True):
+def _deviations(ax: Axes, one: NoiseFigures, unit: str) -> None:
+    """Allan and wavelet deviation with their limits over averaging time, and what each noise term
+    makes alone.
+    """
+    curves = ((one.curve, "o", INK, INK), (one.wavelet, "s", ALERT, "none"))
+    for curve, mark, colour, face in curves:
         ax.errorbar(
             curve.tau_s,
             curve.deviation,
@@ -91,21 +86,25 @@ def _deviations(ax: Axes, view: NoiseView) -> None:
             color=colour,
             label=f"{curve.estimator} deviation",
         )
-    allan = view.curves[0]
-    ax.plot(allan.tau_s, view.model, color=GOOD, label="noise terms together")
-    for _, share in view.terms:
-        ax.plot(allan.tau_s, share, color=MUTED, ls="--", lw=0.8)
-    shown = ", ".join(label for label, _ in view.terms) or "none"
+    tau, labels = one.curve.tau_s, []
+    ax.plot(tau, one.terms.model, color=GOOD, label="noise terms together")
+    laws = {law.name: law for law in one.record.sensor.laws}
+    for term in one.terms.terms:
+        law = laws[term.name]
+        alone = term.value / law.scale * tau ** (law.exponent / 2.0)
+        ax.plot(tau, alone, color=MUTED, ls="--", lw=0.8)
+        labels.append(f"{term.symbol} {term.value:.3g} {unit_mark(term.unit)}")
     ax.set_xscale("log")
     ax.set_yscale("log")
-    ax.set_ylim(
-        0.3 * min(float(np.min(curve.lower)) for curve in view.curves),
-        3.0 * max(float(np.max(curve.upper)) for curve in view.curves),
+    least, most = (
+        min(float(np.min(curve.lower)) for curve, *_ in curves),
+        max(float(np.max(curve.upper)) for curve, *_ in curves),
     )
+    ax.set_ylim(0.3 * least, 3.0 * most)
     ax.set(
         xlabel="averaging time τ [s]",
-        ylabel=f"deviation [{view.unit}]",
-        title=f"dashed: noise terms that are observable: {shown}",
+        ylabel=f"deviation [{unit}]",
+        title=f"dashed: noise terms that are observable: {', '.join(labels) or 'none'}",
     )
     ax.legend(loc="best")
     ax.grid(visible=True, which="both", color=RAW, alpha=0.3, lw=0.4)
@@ -113,5 +112,5 @@ def _deviations(ax: Axes, view: NoiseView) -> None:
 
 def draw(title: str, fitted: Fitted[NoiseReport]) -> Drawn:
     """Figures and summary of a fit."""
-    pages = tuple(record_page(title, view) for view in fitted.drawing.views)
+    pages = tuple(record_page(title, one) for one in fitted.drawing.records)
     return Drawn(pages, fitted.summary)

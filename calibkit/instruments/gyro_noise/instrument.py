@@ -110,7 +110,7 @@ def fit(
         (result,),
         tuple(inputs),
         _summarize(spec, spec.title, figures, flags),
-        NoiseReport(tuple(map(tables.view, figures))),
+        NoiseReport(tuple(figures)),
         sensitivities=_proportional(result, figures),
         left_out=tuple(gaps),
     )

@@ -5,14 +5,12 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
-from calibkit.arrays import Array
 from calibkit.certificate.words import unit_mark
 from calibkit.coefficients import Criterion, at_most
 from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.instruments.gyro_noise.deviations import NoiseFigures, stability_uncertainty
-from calibkit.instruments.gyro_noise.figures import NoiseView
 from calibkit.instruments.gyro_noise.recipe import NoiseAcceptance
-from calibkit.numeric.noise import allan, allan_fit
+from calibkit.numeric.noise import allan
 from calibkit.numeric.noise.confidence import TYPES
 from calibkit.numeric.noise.laws import PowerLaw
 from calibkit.report.overview import KeyValue, Overview
@@ -170,37 +168,6 @@ def validation_entry(one: NoiseFigures) -> dict[str, object]:
         ],
         **curves,
     }
-
-
-def view(one: NoiseFigures) -> NoiseView:
-    """Page of one record."""
-    record, block_s = one.record, one.block * one.record.interval_s
-    laws = {law.name: law for law in record.sensor.laws}
-    shares = [
-        (
-            f"{term.symbol} {term.value:.3g} {unit_mark(term.unit)}",
-            _share(term, laws[term.name], one.curve.tau_s),
-        )
-        for term in one.terms.terms
-    ]
-    return NoiseView(
-        record.name,
-        unit_mark(record.sensor.unit),
-        (one.curve, one.wavelet),
-        one.terms.model,
-        tuple(shares),
-        np.asarray(
-            (np.arange(one.block_means.size) + 0.5) * (block_s / SECONDS_PER_HOUR),
-            dtype=np.float64,
-        ),
-        one.block_means,
-        block_s,
-    )
-
-
-def _share(term: allan_fit.NoiseTerm, law: PowerLaw, tau: Array) -> Array:
-    """Deviation [m] that one term makes alone."""
-    return np.asarray(term.value / law.scale * tau ** (law.exponent / 2.0), dtype=np.float64)
 
 
 def _largest_possible(curve: allan.DeviationCurve, law: PowerLaw) -> float:

@@ -9,144 +9,125 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from calibkit.instruments.inclinometer import published
+from calibkit.instruments.inclinometer.errors import AngleErrors
+from calibkit.numeric.attitude import wrapped
 from calibkit.report.documents import Drawn
 from calibkit.report.figures import ALERT, DENOISED, GOOD, MUTED, RAW, page
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from calibkit.arrays import Array, Mask
+    from calibkit.arrays import Array
     from calibkit.instruments import Fitted
+    from calibkit.instruments.inclinometer.forms import ScaleFit
+    from calibkit.instruments.inclinometer.published import Sensor
+    from calibkit.instruments.inclinometer.solve import SolvedStations
+    from calibkit.instruments.inclinometer.stations import Stations
     from calibkit.report.table import Table
 
 
 @dataclass(frozen=True, slots=True)
-class ScaleCurve:
-    """Roots of s of one gyro [n] with standard uncertainties, mask of the roots used in the fit,
-    and s(T) on a grid.
-    """
-
-    axis: str
-    label: str
-    abscissa: Array
-    root: Array
-    root_uncertainty: Array
-    used: Mask
-    grid: Array
-    s: Array
-    standard_uncertainty: Array
-
-
-@dataclass(frozen=True, slots=True)
 class SeekingReport:
-    """Data of the figures: C, azimuth error before and after correction, azimuth shift by s and its
-    uncertainty, each [n].
-    """
+    """What the figures show: s(T) of each gyro, and the stations that were solved."""
 
-    curves: tuple[ScaleCurve, ...]
-    label: Array
-    before: Array
-    after: Array
-    shift: Array
-    standard_uncertainty: Array
+    fits: Mapping[Sensor, ScaleFit]
+    stations: Stations
+    seen: SolvedStations
+    latitude_deg: float
     table: Table
+    """Of all stations."""
+
+    @property
+    def label(self) -> Array:
+        """C [n] of the stations."""
+        inclination, azimuth = self.seen.combined.inclination_deg, self.seen.combined.azimuth_deg
+        return published.root_label(np.radians(inclination), np.radians(azimuth), self.latitude_deg)
 
     def residuals(self) -> dict[str, Any]:
         """Columns of a tidy table, one row per station: azimuth less the reference azimuth, NaN
         where there is none, over C.
         """
+        errors = AngleErrors.compare(self.stations, self.seen)
         return {
-            "station": [row[0] for row in self.table.rows],
+            "station": list(self.stations.names),
             "c": self.label,
-            "residual_before_deg": self.before,
-            "residual_deg": self.after,
-            "standard_uncertainty_deg": self.standard_uncertainty,
+            "residual_before_deg": errors.before,
+            "residual_deg": errors.after,
+            "standard_uncertainty_deg": errors.standard_uncertainty,
         }
-
-
-def draw_pages(title: str, report: SeekingReport) -> list[Figure]:
-    """Page of azimuth error against C, which shows the verdict, and page of s(T)."""
-    return [_draw_azimuth(title, report), _draw_scale(title, report)]
 
 
 def _draw_scale(title: str, report: SeekingReport) -> Figure:
     """s(T) of each gyro with its uncertainty band, over the roots that were used in the fit."""
-    count = len(report.curves)
+    count = len(report.fits)
     figure, axes = page(
         count, 1, title=f"{title}: in-situ scale factor s", height=1.0 + 3.4 * count
     )
-    for ax, curve in zip(axes, report.curves, strict=True):
-        known, u = np.isfinite(curve.root), curve.root_uncertainty
-        bars = 2.0 * np.where(np.isfinite(u), u, 0.0)
-        for chosen, colour, name in (
-            (curve.used, DENOISED, "roots used"),
-            (~curve.used, RAW, "roots not used"),
-        ):
-            there = known & chosen
-            if there.any():
-                ax.errorbar(
-                    curve.abscissa[there],
-                    curve.root[there],
-                    bars[there],
-                    fmt="o",
-                    ms=3,
-                    lw=0.8,
-                    color=colour,
-                    label=name,
-                )
-        low, high = (curve.s + sign * 2.0 * curve.standard_uncertainty for sign in (-1.0, 1.0))
-        ax.fill_between(curve.grid, low, high, color=GOOD, alpha=0.2, lw=0)
-        ax.plot(curve.grid, curve.s, color=GOOD, label="s(T), band k = 2")
-        ax.set(title=f"gyro {curve.axis}: bars k = 2", xlabel=curve.label, ylabel="s [1]")
-        ax.ticklabel_format(useOffset=False)
-        # axis limits cover s(T) and the roots used; a root near C = 0 may lie far outside
-        used = curve.used & known
-        least = min([*(curve.root - bars)[used], *low])
-        most = max([*(curve.root + bars)[used], *high])
-        margin = 0.06 * (most - least) + 1e-6
-        ax.set_ylim(least - margin, most + margin)
-        ax.legend(loc="best", ncols=3)
+    for ax, axis in zip(axes, report.fits, strict=True):
+        _draw_curve(ax, axis, report)
     return figure
 
 
-def _draw_azimuth(title: str, report: SeekingReport) -> Figure:
-    """Azimuth error before and after correction against C; without a reference azimuth, the azimuth
-    shift that s causes.
+def _draw_curve(ax: Axes, axis: Sensor, report: SeekingReport) -> None:
+    """s(T) of one gyro with its roots; against the station's number where there are no
+    temperatures.
     """
-    against = bool(np.isfinite(report.after).any())
+    fit, pair, stations = report.fits[axis], report.seen.solutions[axis], report.stations
+    valid, count = fit.model.valid, len(stations.names)
+    x = np.arange(1.0, count + 1.0) if valid is None else stations.temperature
+    grid = np.linspace(1.0, float(count), 2) if valid is None else np.linspace(*valid, 101)
+    known, u = np.isfinite(pair.s_root), pair.s_root_uncertainty
+    bars = 2.0 * np.where(np.isfinite(u), u, 0.0)
+    for there, colour, name in (
+        (known & fit.used, DENOISED, "roots used"),
+        (known & ~fit.used, RAW, "roots not used"),
+    ):
+        if there.any():
+            points = x[there], pair.s_root[there], bars[there]
+            ax.errorbar(*points, fmt="o", ms=3, lw=0.8, color=colour, label=name)
+    prior = fit.model.prior(grid)
+    low, high = (prior.s + sign * 2.0 * prior.standard_uncertainty for sign in (-1.0, 1.0))
+    ax.fill_between(grid, low, high, color=GOOD, alpha=0.2, lw=0)
+    ax.plot(grid, prior.s, color=GOOD, label="s(T), band k = 2")
+    label = "station" if valid is None else "case temperature [°C]"
+    ax.set(title=f"gyro {axis}: bars k = 2", xlabel=label, ylabel="s [1]")
+    ax.ticklabel_format(useOffset=False)
+    # axis limits cover s(T) and the roots used; a root near C = 0 may lie far outside
+    used = fit.used & known
+    least = min([*(pair.s_root - bars)[used], *low])
+    most = max([*(pair.s_root + bars)[used], *high])
+    margin = 0.06 * (most - least) + 1e-6
+    ax.set_ylim(least - margin, most + margin)
+    ax.legend(loc="best", ncols=3)
+
+
+def _draw_azimuth(title: str, report: SeekingReport) -> Figure:
+    """Azimuth error before and after correction against C, which shows the verdict; without a
+    reference azimuth, the azimuth shift that s causes.
+    """
     figure, axes = page(2, 1, title=f"{title}: azimuth against C = cos α cos θ + sin α sin θ cos ψ")
-    bars = 2.0 * report.standard_uncertainty
-    if against:
-        axes[0].plot(report.label, report.before, "o", ms=4, color=RAW, label="s = 1")
-        axes[0].errorbar(
-            report.label,
-            report.after,
-            bars,
-            fmt="o",
-            ms=4,
-            lw=0.8,
-            color=GOOD,
-            label="corrected, bars k = 2",
-        )
+    errors, combined = AngleErrors.compare(report.stations, report.seen), report.seen.combined
+    C, bars = report.label, 2.0 * errors.standard_uncertainty
+    if np.isfinite(errors.after).any():
+        axes[0].plot(C, errors.before, "o", ms=4, color=RAW, label="s = 1")
+        label = "corrected, bars k = 2"
+        axes[0].errorbar(C, errors.after, bars, fmt="o", ms=4, lw=0.8, color=GOOD, label=label)
         axes[0].legend(loc="best", ncols=2)
         axes[0].set(title="error against the reference", xlabel="C", ylabel="azimuth error [°]")
     else:
-        axes[0].errorbar(
-            report.label,
-            report.shift,
-            bars,
-            fmt="o",
-            ms=4,
-            lw=0.8,
-            color=DENOISED,
-        )
+        shift = wrapped(combined.azimuth_deg - combined.uncorrected_deg)
+        axes[0].errorbar(C, shift, bars, fmt="o", ms=4, lw=0.8, color=DENOISED)
         axes[0].set(
             title="change of the azimuth by the scale factor s (no reference azimuth), bars k = 2",
             xlabel="C",
             ylabel="azimuth − azimuth with s = 1 [°]",
         )
     axes[0].axhline(0.0, color=MUTED, lw=0.6)
-    axes[1].plot(report.label, bars, "o", ms=4, color=ALERT)
+    axes[1].plot(C, bars, "o", ms=4, color=ALERT)
     axes[1].set(title="stated uncertainty of the azimuth, k = 2", xlabel="C", ylabel="U [°]")
     axes[1].set_ylim(bottom=0.0)
     return figure
@@ -156,4 +137,5 @@ def draw(title: str, fitted: Fitted[SeekingReport]) -> Drawn:
     """Figures of a fit, and its summary with the table of all stations."""
     first, _, *others = fitted.summary.tables
     whole = replace(fitted.summary, tables=(first, fitted.drawing.table, *others))
-    return Drawn(tuple(draw_pages(title, fitted.drawing)), whole)
+    pages = _draw_azimuth(title, fitted.drawing), _draw_scale(title, fitted.drawing)
+    return Drawn(pages, whole)

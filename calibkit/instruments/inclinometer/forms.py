@@ -3,7 +3,6 @@ form of inclinometer_scale.json.
 """
 
 from dataclasses import dataclass
-from functools import partial
 from typing import Self
 
 import numpy as np
@@ -12,9 +11,9 @@ from calibkit.arrays import Array, Mask
 from calibkit.coefficients import Component, Model, Parameter
 from calibkit.forms import Form, Inputs
 from calibkit.instruments.inclinometer.noise import Noise
-from calibkit.instruments.inclinometer.numeric import scale_prior
 from calibkit.instruments.inclinometer.numeric.root_choice import Prior
 from calibkit.instruments.inclinometer.numeric.scale_fit import ScaleOverTemperature
+from calibkit.numeric import gum
 
 FILE = "inclinometer_scale.json"
 TEMPERATURE = "temp_case_degc"
@@ -37,21 +36,25 @@ class ScaleModel:
     """Standard deviation of the turn of the gyro against its accelerometer [°]."""
 
     def prior(self, temperature: Array) -> Prior:
-        """Prior of s at temperatures [n] [°C]; for an unknown temperature its uncertainty covers
-        the whole range.
+        """Prior of s at temperatures [n] [°C].
+
+        Beyond the range s is that of its end, less certain by what the slope there would add; an
+        unknown temperature is distributed uniformly over the range (GUM 4.3.7).
         """
-        low, high = valid = self.valid or (0.0, 0.0)
-        predict = partial(
-            scale_prior.predict_scale, self.coefficients, self.covariance, self.scatter, valid
-        )
-        there = np.isfinite(temperature)
-        at, span = predict(np.where(there, temperature, low)), predict(np.linspace(low, high, 41))
-        # an unknown temperature is distributed uniformly over the range (GUM 4.3.7)
-        spread = np.hypot(span.standard_uncertainty.max(), np.ptp(span.s) / np.sqrt(12.0))
-        middle = (span.s.min() + span.s.max()) / 2.0
-        return Prior(
-            np.where(there, at.s, middle), np.where(there, at.standard_uncertainty, spread)
-        )
+        low, high = self.valid or (0.0, 0.0)
+        known = np.isfinite(temperature)
+        # at the stations, then over the range
+        degc = np.append(np.where(known, temperature, low), np.linspace(low, high, 41))
+        clamped = np.clip(degc, low, high)
+        powers = np.vander(clamped, self.coefficients.size, increasing=True)
+        slope = powers[:, :-1] @ (self.coefficients[1:] * np.arange(1, self.coefficients.size))
+        variance = np.maximum(gum.variance_along(powers, self.covariance), 0.0)
+        s = powers @ self.coefficients
+        u = np.sqrt(variance + self.scatter**2 + (slope * (degc - clamped)) ** 2)
+        count = temperature.size
+        of_range, middle = u[count:].max(), (s[count:].min() + s[count:].max()) / 2.0
+        spread = np.hypot(of_range, np.ptp(s[count:]) / np.sqrt(12.0))
+        return Prior(np.where(known, s[:count], middle), np.where(known, u[:count], spread))
 
     @classmethod
     def read(cls, model: Model) -> Self:

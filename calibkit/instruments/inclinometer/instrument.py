@@ -20,7 +20,6 @@ from calibkit.instruments.inclinometer import (
     dwells,
     errors,
     figures,
-    latitude,
     rows as inclinometer_rows,
     sensitivities,
     solve,
@@ -68,7 +67,7 @@ def fit(
     fits, seen = solve.fit_scale(stations, spec)
     notes = [f"{log.file}: {note}" for log in logs for note in log.notes]
     notes += [str(finding) for finding in found if finding.flagged]
-    notes += latitude.flag_latitude(fits, stations, seen, spec)
+    notes += coefficient_files.flag_latitude(fits, stations, seen, spec)
     result = coefficient_files.make_result(
         fits, stations, seen, notes, spec, spec.site.local_gravity()
     )
@@ -78,7 +77,9 @@ def fit(
         (result,),
         tuple(Input.of(log) for log in logs),
         tables.summarize(fits, stations, seen, result.flags, spec, results),
-        tables.collect_drawing(fits, stations, seen, spec),
+        figures.SeekingReport(
+            fits, stations, seen, spec.site.latitude_deg, tables.tabulate_stations(stations, seen)
+        ),
         sensitivities=influences,
         left_out=_list_left_out(stations),
     )

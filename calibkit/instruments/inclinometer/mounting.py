@@ -14,7 +14,7 @@ from calibkit.fit.shared import Shared
 from calibkit.forms import components_of
 from calibkit.frame import Remark
 from calibkit.instruments.inclinometer.forms import MOUNTING
-from calibkit.instruments.inclinometer.numeric.covariance import AZIMUTH, root_slopes, slopes
+from calibkit.instruments.inclinometer.numeric.covariance import root_slopes
 from calibkit.instruments.inclinometer.numeric.root_choice import Solution
 from calibkit.instruments.inclinometer.numeric.scale_fit import ScaleOverTemperature
 from calibkit.instruments.inclinometer.published import Components, Sensor
@@ -113,16 +113,13 @@ class Mounted:
         `[[errors.component]]` and type B terms on `azimuth_deg` and `position_deg` are stated.
         """
         changes = []
-        for axis, found in solutions.items():
+        for axis, solution in solutions.items():
             parts = stations.components[axis]
-            latitude = np.full(found.s.size, spec.site.latitude_deg)
-            rest = found.s - np.where(found.weight > 0.0, found.weight * found.s_root, 0.0)
-            jacobian = slopes(parts, latitude, found.root >= 0, found.weight, rest)
             # positions ±x and ±y that are turned to different sides by half an index error
             sheared = np.column_stack([parts.accel_y, parts.accel_x, parts.gyro_y, parts.gyro_x])
             moved = np.stack([_turned(parts), sheared / 2.0])
             with np.errstate(invalid="ignore"):
-                changes.append(np.sum(jacobian[:, AZIMUTH, :4] * moved, axis=2))
+                changes.append(np.sum(solution.azimuth_slopes * moved, axis=2))
         by_turn, by_index = np.moveaxis(np.array(changes), 0, 1)
         largest = np.fmax.reduce(np.abs(by_turn))
         whole, own = (

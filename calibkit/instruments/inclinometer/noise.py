@@ -1,14 +1,13 @@
-"""Noise of one reading of a sensor pair: stated by the recipe, estimated from the readings, or
-taken from a calibration.
+"""Noise of one reading of a sensor pair: stated by the recipe, estimated from how stations close,
+or taken from a calibration; and detection of stations with an outlier.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers
+from calibkit.arrays import Array, Integers, Mask
 from calibkit.errors import FitError
-from calibkit.instruments.inclinometer.numeric import closure
 from calibkit.instruments.inclinometer.published import Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.numeric import gum
@@ -16,6 +15,15 @@ from calibkit.numeric import gum
 CONTRADICTED = 1e-6
 """Probability below which closures contradict a known noise; the noise is then estimated from the
 readings alone.
+"""
+FEWEST = 8
+"""Fewest stations for outlier detection: the median of fewer is too uncertain."""
+IMPROBABLE = 1e-20
+"""Probability of a closure by noise below which it is an outlier: 9.3 standard deviations with one
+degree of freedom.
+
+With eight stations of one degree of freedom 0.08 % of campaigns have such a closure by chance,
+with twelve 0.02 %, because the median of a few stations is uncertain itself.
 """
 KINDS = (("accel", "g", "g"), ("gyro", "dph", "deg/h"))
 """Sensors of a pair: name, last word of their column, unit."""
@@ -33,7 +41,7 @@ class Noise:
 
     def decide(
         self,
-        known: "Noise | None",
+        before: "Noise",
         last_digit: tuple[float, float],
         spec: InclinometerRecipe,
         axis: Sensor,
@@ -44,15 +52,14 @@ class Noise:
         Raises FitError where it is unknown.
         """
         stated = spec.stations.accel_noise_g, spec.stations.gyro_noise_dph
-        before = known or NO_NOISE
-        pairs = ((self.accel_g, before.accel_g), (self.gyro_dph, before.gyro_dph))
-        found = []
-        for given, (mine, calibrated), digit, (kind, unit, _) in zip(
-            stated, pairs, last_digit, KINDS, strict=True
-        ):
+        shown, calibrated = (self.accel_g, self.gyro_dph), (before.accel_g, before.gyro_dph)
+        decided = []
+        for k, (kind, unit, _) in enumerate(KINDS):
+            given = stated[k]
             if given != "auto":
-                found.append(given)
-            elif self.dof + before.dof == 0:
+                decided.append(given)
+                continue
+            if self.dof + before.dof == 0:
                 raise FitError(
                     f"{kind}_{axis}_{unit}: no station tells the noise of a reading",
                     hint=(
@@ -60,11 +67,9 @@ class Noise:
                         " positions"
                     ),
                 )
-            else:
-                found.append(
-                    max(_pool_noise(mine, self.dof, calibrated, before.dof), digit / np.sqrt(12.0))
-                )
-        return Noise(float(found[0]), float(found[1]), self.dof + before.dof)
+            pooled = _pool_noise(shown[k], self.dof, calibrated[k], before.dof)
+            decided.append(max(pooled, last_digit[k] / float(np.sqrt(12.0))))
+        return Noise(decided[0], decided[1], self.dof + before.dof)
 
     def widen(self, spec: InclinometerRecipe) -> "Noise":
         """Noise for propagation: a noise estimated from few degrees of freedom is raised by
@@ -73,8 +78,8 @@ class Noise:
         if not self.dof:
             return self
         factor = gum.widening(self.dof)
-        given = spec.stations.accel_noise_g != "auto", spec.stations.gyro_noise_dph != "auto"
-        accel, gyro = (1.0 if stated else factor for stated in given)
+        accel = factor if spec.stations.accel_noise_g == "auto" else 1.0
+        gyro = factor if spec.stations.gyro_noise_dph == "auto" else 1.0
         return Noise(accel * self.accel_g, gyro * self.gyro_dph, self.dof)
 
 
@@ -83,13 +88,12 @@ NO_NOISE = Noise(0.0, 0.0, 0)
 
 
 def least_noise(
-    known: Noise | None, last_digit: tuple[float, float], spec: InclinometerRecipe
+    before: Noise, last_digit: tuple[float, float], spec: InclinometerRecipe
 ) -> tuple[float, float]:
     """Lower limits of the noise of accelerometer [g] and gyro [°/h]: the largest of the recipe's,
     the calibration's and the last digit's.
     """
     stated = spec.stations.accel_noise_g, spec.stations.gyro_noise_dph
-    before = known or NO_NOISE
     accel, gyro = (
         max(digit / float(np.sqrt(12.0)), calibrated, 0.0 if given == "auto" else given)
         for given, calibrated, digit in zip(
@@ -111,18 +115,55 @@ def judge_closures(
     """
     reasons = [""] * len(squares)
     for column, (kind, _, unit) in enumerate(KINDS):
-        own = squares[:, column], dofs[:, column]
-        variance = max(closure.usual_square(*own), least[column] ** 2)
-        for k in np.flatnonzero(closure.find_outliers(*own, least[column] ** 2)).tolist():
-            size = float(np.sqrt(squares[k, column] / dofs[k, column]))
+        square, dof = squares[:, column], dofs[:, column]
+        variance = max(usual_square(square, dof), least[column] ** 2)
+        for k in np.flatnonzero(find_outliers(square, dof, variance)).tolist():
+            size = float(np.sqrt(square[k] / dof[k]))
             times = f"{size / np.sqrt(variance):.0f} times the noise of the others"
             reasons[k] = (
                 reasons[k] or f"an outlier: the {kind} does not close by {size:.2g} {unit}, {times}"
             )
-    kept = np.array([not reason for reason in reasons])[:, None]
-    square, dof = np.where(kept, squares, 0.0), np.where(kept, dofs, 0)
-    accel, gyro = (closure.estimate_noise(square[:, column], dof[:, column]) for column in (0, 1))
-    return Noise(accel, gyro, int(dof[:, 1].sum())), tuple(reasons)
+    kept = np.array([not reason for reason in reasons])
+    accel, gyro = (estimate_noise(squares[kept, k], dofs[kept, k]) for k in range(2))
+    return Noise(accel, gyro, int(dofs[kept, 1].sum())), tuple(reasons)
+
+
+def usual_square(squares: Array, dof: Integers) -> float:
+    """Variance of one reading from the median of sums of squares [n] with degrees of freedom [n];
+    robust against one outlier.
+
+    The median is divided by that of χ²/ν at the median degrees of freedom, which is not 1; NaN
+    where no station has any.
+    """
+    known = dof > 0
+    if not known.any():
+        return float("nan")
+    from scipy.special import gammaincinv
+
+    median_dof = float(np.median(dof[known]))
+    median = 2.0 * float(gammaincinv(median_dof / 2.0, 0.5)) / median_dof
+    return float(np.median(squares[known] / dof[known])) / median
+
+
+def find_outliers(squares: Array, dof: Integers, variance: float) -> Mask:
+    """Mask [n] of stations with an outlier: their sums of squares are far above those of the
+    variance of a reading.
+    """
+    known = dof > 0
+    if int(known.sum()) < FEWEST:
+        return np.zeros(squares.size, dtype=np.bool_)
+    from scipy.special import chdtri
+
+    limit = variance * chdtri(np.maximum(dof, 1), IMPROBABLE)
+    return np.asarray(known & (squares > limit), dtype=np.bool_)
+
+
+def estimate_noise(squares: Array, dof: Integers) -> float:
+    """Standard deviation of one reading from sums of squares [n] with degrees of freedom [n]; 0
+    where there are none.
+    """
+    total = int(dof.sum())
+    return float(np.sqrt(squares.sum() / total)) if total else 0.0
 
 
 def _pool_noise(own: float, own_dof: int, known: float, known_dof: int) -> float:

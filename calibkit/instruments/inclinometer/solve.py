@@ -12,14 +12,13 @@ from calibkit.errors import FitError
 from calibkit.instruments.inclinometer import mounting
 from calibkit.instruments.inclinometer.forms import ScaleFit, ScaleModel
 from calibkit.instruments.inclinometer.noise import Noise
-from calibkit.instruments.inclinometer.numeric import (
-    root_choice,
-    scale_fit,
-    scale_prior,
-    sensor_pairs,
+from calibkit.instruments.inclinometer.numeric import root_choice, scale_fit, sensor_pairs
+from calibkit.instruments.inclinometer.numeric.root_choice import (
+    Estimates,
+    History,
+    Prior,
+    Solution,
 )
-from calibkit.instruments.inclinometer.numeric.root_choice import Prior, Solution
-from calibkit.instruments.inclinometer.numeric.scale_prior import History
 from calibkit.instruments.inclinometer.numeric.sensor_pairs import Combined
 from calibkit.instruments.inclinometer.published import Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
@@ -28,10 +27,6 @@ from calibkit.numeric.attitude import wrapped
 
 WRONG = "check the gyro's unit in [columns], reference.convention and site.latitude_deg"
 """Advice for a scale factor that no gyro has."""
-CLAMPED = "negative discriminant clamped to zero"
-"""Flag of a station whose two roots coincide."""
-
-
 SHARP = 0.1
 """Relative standard uncertainty of a root below which it counts as measured."""
 IMPLAUSIBLE = 0.05
@@ -158,13 +153,18 @@ def seek_north(
 
 def solve_in_sequence(stations: Stations, spec: InclinometerRecipe, axis: Sensor) -> Solution:
     """Solve the stations of one sensor pair in order, with the history of s as prior."""
-    return scale_prior.predict_in_sequence(
+    estimates = _estimate_roots(stations, spec, axis)
+    start = History(**spec.history.model_dump())
+    prior = root_choice.history_prior(estimates, stations.elapsed, start)
+    return root_choice.solve(estimates, prior, spec.site.latitude_uncertainty_deg)
+
+
+def _estimate_roots(stations: Stations, spec: InclinometerRecipe, axis: Sensor) -> Estimates:
+    """Both roots of s of the stations of one sensor pair."""
+    return root_choice.estimate_roots(
         stations.components[axis],
         spec.site.latitude_deg,
-        stations.elapsed,
-        start=History(**spec.history.model_dump()),
-        heading_deg=_heading(stations, spec),
-        latitude_uncertainty_deg=spec.site.latitude_uncertainty_deg,
+        heading_deg=stations.reference[:, 2] if spec.root.choice == "heading" else None,
         refused=stations.status[axis],
         limits=root_choice.Limits(**spec.limits.model_dump()),
     )
@@ -173,39 +173,26 @@ def solve_in_sequence(stations: Stations, spec: InclinometerRecipe, axis: Sensor
 def _refuse_contradictions(
     solution: Solution, before: tuple[str, ...], spec: InclinometerRecipe
 ) -> tuple[str, ...]:
-    """Reasons [n] why stations are refused, including stations whose readings no gyro can have
-    produced.
-    """
-    return tuple(
-        reason or _explain_contradiction(solution, k, spec) for k, reason in enumerate(before)
-    )
-
-
-def _explain_contradiction(solution: Solution, k: int, spec: InclinometerRecipe) -> str:
-    """Reason why no working gyro can produce the readings of station k, or an empty string.
+    """Reasons [n] why stations are refused, including stations whose readings no working gyro can
+    have produced.
 
     The true s is always a root. Noise may merge it with the other (a clamped discriminant), not
     make it disappear.
     """
-    if solution.status[k]:
-        return ""
-    if solution.root[k] == 0:
-        return f"no positive root of s: {WRONG}"
-    low, high, s = spec.scale.smallest, spec.scale.largest, float(solution.s_root[k])
-    # a root with a relative uncertainty below 10 % is a measurement, even if its weight against the
-    # prior is small
-    sharp = float(solution.s_root_uncertainty[k]) < SHARP * abs(s)
-    measured = solution.weight[k] > 0.0 or CLAMPED in solution.flags[k] or sharp
-    return (
-        f"s is {s:.4g}, expected {low:g} to {high:g}: {WRONG}"
-        if measured and not low <= s <= high
-        else ""
-    )
-
-
-def _heading(stations: Stations, spec: InclinometerRecipe) -> Array | None:
-    """External headings [n] [°]; None unless the recipe lets them choose the root."""
-    return stations.reference[:, 2] if spec.root.choice == "heading" else None
+    low, high, reasons = spec.scale.smallest, spec.scale.largest, list(before)
+    for k, reason in enumerate(before):
+        if reason or solution.status[k]:
+            continue
+        s = float(solution.s_root[k])
+        # a root with a relative uncertainty below 10 % is a measurement, even if its weight against
+        # the prior is small
+        sharp = float(solution.s_root_uncertainty[k]) < SHARP * abs(s)
+        measured = sharp or solution.weight[k] > 0.0 or root_choice.CLAMPED in solution.flags[k]
+        if solution.root[k] == 0:
+            reasons[k] = f"no positive root of s: {WRONG}"
+        elif measured and not low <= s <= high:
+            reasons[k] = f"s is {s:.4g}, expected {low:g} to {high:g}: {WRONG}"
+    return tuple(reasons)
 
 
 def _fit_over_temperature(
@@ -312,20 +299,14 @@ def _predict_departure(
     before show (step D).
     """
     base = model.prior(stations.temperature)
-    found = root_choice.estimate_roots(
-        stations.components[axis],
-        spec.site.latitude_deg,
-        refused=stations.status[axis],
-        limits=root_choice.Limits(**spec.limits.model_dump()),
-    )
+    found = _estimate_roots(stations, spec, axis)
     # the uncertainty of the measured departure combines those of s(T) and of the root
     ratio = found.s / base.s[:, None]
     uncertainty = np.hypot(found.uncertainty, base.standard_uncertainty[:, None]) / base.s[:, None]
-    departure = scale_prior.history_prior(
+    departure = root_choice.history_prior(
         replace(found, s=ratio, uncertainty=uncertainty),
         stations.elapsed,
-        start=History(**spec.departure.model_dump()),
-        heading_deg=_heading(stations, spec),
+        History(**spec.departure.model_dump()),
     )
     return Prior(
         base.s * departure.s,
@@ -354,33 +335,14 @@ def _solve_stations(
             )
     solutions = {
         axis: root_choice.solve(
-            stations.components[axis],
-            spec.site.latitude_deg,
+            _estimate_roots(stations, spec, axis),
             priors[axis],
-            heading_deg=_heading(stations, spec),
-            latitude_uncertainty_deg=spec.site.latitude_uncertainty_deg,
-            refused=stations.status[axis],
-            limits=root_choice.Limits(**spec.limits.model_dump()),
+            spec.site.latitude_uncertainty_deg,
         )
         for axis in spec.axes
     }
-    pairs = tuple(solutions.values())
-    combined = sensor_pairs.combine(*pairs) if len(pairs) == 2 else _as_combined(pairs[0])
+    combined = sensor_pairs.combine(solutions)
     mounted = mounting.Mounted.of(stations, solutions, spec, turn_deg)
     covariance = combined.covariance.copy()
     covariance[:, 2, 2] += mounted.variance
     return SolvedStations(solutions, priors, replace(combined, covariance=covariance), mounted)
-
-
-def _as_combined(pair: Solution) -> Combined:
-    """Solution of a single sensor pair as a Combined."""
-    rows = list(sensor_pairs.ANGLES)
-    return sensor_pairs.Combined(
-        inclination_deg=pair.inclination_deg,
-        toolface_deg=pair.toolface_deg,
-        azimuth_deg=pair.azimuth_deg,
-        uncorrected_deg=pair.uncorrected_deg,
-        covariance=pair.covariance[:, rows][:, :, rows],
-        status=pair.status,
-        flags=pair.flags,
-    )

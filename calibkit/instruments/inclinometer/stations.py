@@ -196,7 +196,8 @@ def solve_components(
     components, noises, status = {}, {}, {}
     for axis in spec.axes:
         parts, squares, dofs, own = solve(rows, axis, spec)
-        before, last_digit = None if known is None else known[axis], rows.resolution[axis]
+        before = inclinometer_noise.NO_NOISE if known is None else known[axis]
+        last_digit = rows.resolution[axis]
         least = inclinometer_noise.least_noise(before, last_digit, spec)
         shown, outliers = inclinometer_noise.judge_closures(squares, dofs, least)
         noises[axis] = shown.decide(before, last_digit, spec, axis)

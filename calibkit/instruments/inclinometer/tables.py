@@ -6,13 +6,11 @@ from dataclasses import replace
 import numpy as np
 
 from calibkit.coefficients import at_most
-from calibkit.instruments.inclinometer import published
 from calibkit.instruments.inclinometer.errors import (
     AngleErrors,
     largest,
     rms,
 )
-from calibkit.instruments.inclinometer.figures import ScaleCurve, SeekingReport
 from calibkit.instruments.inclinometer.forms import ScaleFit
 from calibkit.instruments.inclinometer.numeric.root_choice import Solution
 from calibkit.instruments.inclinometer.published import Sensor
@@ -31,7 +29,7 @@ COVERAGE = 2.0
 TITLE = "Stations before (s = 1) and after"
 
 
-def _tabulate_stations(stations: Stations, seen: SolvedStations, title: str) -> Table:
+def tabulate_stations(stations: Stations, seen: SolvedStations) -> Table:
     """Table of the azimuth before and after correction, a row for each station."""
     combined, found = seen.combined, AngleErrors.compare(stations, seen)
     against = bool(found.known.any())
@@ -64,7 +62,7 @@ def _tabulate_stations(stations: Stations, seen: SolvedStations, title: str) -> 
             [_format_fixed(found.before[k], 3), _format_fixed(found.after[k], 3)] if against else []
         )
         rows.append(tuple(cells))
-    return Table(title, tuple(heads), tuple(rows))
+    return Table(TITLE, tuple(heads), tuple(rows))
 
 
 def _format_fixed(value: float, decimals: int) -> str:
@@ -133,7 +131,7 @@ def summarize(
 ) -> Summary:
     """Summary of a fit, as the console shows it, with the tables of its results at the end."""
     found = AngleErrors.compare(stations, seen)
-    table, count = _tabulate_stations(stations, seen, TITLE), len(stations.names)
+    table, count = tabulate_stations(stations, seen), len(stations.names)
     if count > SHOWN:
         title = f"{TITLE} (the first {SHOWN} of {count}, all in report.txt)"
         table = replace(table, title=title, rows=table.rows[:SHOWN])
@@ -203,51 +201,6 @@ def _over_noise(solution: Solution, scale: ScaleFit, stations: Stations) -> floa
     at = np.nan_to_num(stations.temperature[scale.used])
     residual = solution.s_root[scale.used] - scale.model.prior(at).s
     return rms(residual / solution.s_root_uncertainty[scale.used])
-
-
-def collect_drawing(
-    fits: Mapping[Sensor, ScaleFit],
-    stations: Stations,
-    seen: SolvedStations,
-    spec: InclinometerRecipe,
-) -> SeekingReport:
-    """Data of the figures."""
-    found = AngleErrors.compare(stations, seen)
-    curves = tuple(_collect_curve(axis, scale, stations, seen) for axis, scale in fits.items())
-    label = published.root_label(
-        np.radians(seen.combined.inclination_deg),
-        np.radians(seen.combined.azimuth_deg),
-        spec.site.latitude_deg,
-    )
-    shift = wrapped(seen.combined.azimuth_deg - seen.combined.uncorrected_deg)
-    table = _tabulate_stations(stations, seen, TITLE)
-    return SeekingReport(
-        curves, label, found.before, found.after, shift, found.standard_uncertainty, table
-    )
-
-
-def _collect_curve(
-    axis: Sensor, scale: ScaleFit, stations: Stations, seen: SolvedStations
-) -> ScaleCurve:
-    """s(T) of one gyro with its roots; against the station's number where there are no
-    temperatures.
-    """
-    pair, valid = seen.solutions[axis], scale.model.valid
-    count = len(stations.names)
-    abscissa = np.arange(1.0, count + 1.0) if valid is None else stations.temperature
-    grid = np.linspace(1.0, float(count), 2) if valid is None else np.linspace(*valid, 101)
-    prior = scale.model.prior(grid)
-    return ScaleCurve(
-        axis,
-        "station" if valid is None else "case temperature [°C]",
-        abscissa,
-        pair.s_root,
-        pair.s_root_uncertainty,
-        scale.used,
-        grid,
-        prior.s,
-        prior.standard_uncertainty,
-    )
 
 
 def list_validation(

@@ -44,8 +44,10 @@ ROWS_A_COEFFICIENT = 8
 ITERATIONS = 60
 TOLERANCE = 1e-10
 """A change of the fitted values, relative to the noise, that ends an iteration."""
-AT_REST = 1e-3
-"""A change of nonlinear parameters, in standard uncertainties, that ends their iteration."""
+AT_REST = 1e-2
+"""A change of fitted values, relative to the noise, that ends the iteration of parameters: they are
+a start.
+"""
 SPARE_ROWS = 5
 """Degrees of freedom below which residuals cannot tell an outlier from a good row."""
 ROUNDING = 1e-13
@@ -56,10 +58,10 @@ ROUNDING = 1e-13
 class RobustFit:
     """A finished robust fit."""
 
-    fit: least_squares.LinearFit
-    """Residuals of all rows; covariance, residual rms, dof and condition of the rows that were
-    kept.
-    """
+    coefficients: Array
+    """[p]."""
+    residuals: Array
+    """[n], of all rows, in the unit of the indication."""
     row_weights: Array
     """[n], Tukey's weight: near 1 for a row that is kept, 0 for one that is left out."""
     ratio: Array
@@ -115,8 +117,8 @@ def linear(
 
     Returns
     -------
-    RobustFit, whose covariance is Huber's for M-estimates (1981, eq. 7.6.6) over the rows that were
-    kept.
+    RobustFit. Its coefficients are where another fit starts that states uncertainties, of the rows
+    that are no suspects.
 
     Raises
     ------
@@ -128,7 +130,14 @@ def linear(
     rows, columns = design.shape
     # refuses what no rows determine
     least_squares.linear(design, indication, weights=weights, names=names)
-    _require_spare_rows(rows, columns)
+    if rows - columns < SPARE_ROWS:
+        raise FitError(
+            f"{rows} rows for {columns} coefficients cannot show which row is an outlier",
+            hint=(
+                f"a robust fit needs at least {columns + SPARE_ROWS} rows: add dwells or use the"
+                " plain fit"
+            ),
+        )
     root = np.sqrt(np.ones(rows) if weights is None else weights)
     weighted = design * root[:, None]
     basis, _ = np.linalg.qr(weighted / np.linalg.norm(weighted, axis=0))
@@ -139,25 +148,7 @@ def linear(
     else:
         scale, solution, row_weights = near.scale, np.zeros(columns), near.row_weights
     found = {(one.group, one.level): one.rows for one in near.structured} if near else {}
-    row_weights, ratio, apart = _finish(basis, target, solution, row_weights, scale, groups, found)
-    structured = tuple(structure.Structure(*key, members) for key, members in found.items())
-    finished = _fit_kept(design, indication, root, names, basis, (row_weights, ratio, apart), scale)
-    return RobustFit(finished, row_weights, ratio, scale, structured)
-
-
-def _fit_kept(
-    design: Array,
-    indication: Array,
-    root: Array,
-    names: Sequence[str],
-    basis: Array,
-    weighed: tuple[Array, Array, Array],
-    scale: float,
-) -> least_squares.LinearFit:
-    """Fit to the rows that are kept, from the row weights, ratios and studentised residuals [n]
-    that the weights are of.
-    """
-    row_weights, ratio, apart = weighed
+    row_weights, ratio = _finish(basis, target, solution, row_weights, scale, groups, found)
     kept = ratio < TUKEY
     final = least_squares.linear(
         design[kept],
@@ -165,30 +156,14 @@ def _fit_kept(
         weights=(root * np.sqrt(row_weights))[kept] ** 2,
         names=names,
     )
-    residuals = indication - design @ final.coefficients
-    balance, square = weighted_rows.balance(basis, row_weights), (ratio / TUKEY) ** 2
-    influence, slope = apart * (1.0 - square) ** 2, (1.0 - square) * (1.0 - 5.0 * square)
-    covariance = weighted_rows.m_covariance(
-        (design * root[:, None])[kept], balance[kept], influence[kept], slope[kept], scale
+    return RobustFit(
+        coefficients=final.coefficients,
+        residuals=indication - design @ final.coefficients,
+        row_weights=row_weights,
+        ratio=ratio,
+        scale=scale,
+        structured=tuple(structure.Structure(*key, members) for key, members in found.items()),
     )
-    good = ratio <= DOUBTFUL
-    rms = float(np.sqrt(np.sum((root * residuals)[good] ** 2) / np.sum(root[good] ** 2)))
-    dof = int(good.sum()) - design.shape[1]
-    return least_squares.LinearFit(
-        final.coefficients, covariance, dof, rms, final.condition, residuals
-    )
-
-
-def _require_spare_rows(rows: int, columns: int) -> None:
-    """Raise FitError where too few rows are left over to show which is an outlier."""
-    if rows - columns < SPARE_ROWS:
-        raise FitError(
-            f"{rows} rows for {columns} coefficients cannot show which row is an outlier",
-            hint=(
-                f"a robust fit needs at least {columns + SPARE_ROWS} rows: add dwells or use the"
-                " plain fit"
-            ),
-        )
 
 
 def nonlinear(
@@ -214,7 +189,7 @@ def nonlinear(
 
     Returns
     -------
-    Parameters [p] and the last linear fit, for its covariance and suspects.
+    Parameters [p] and the last linear fit, for its suspects.
 
     Raises
     ------
@@ -231,10 +206,9 @@ def nonlinear(
         near = step if step and (number > 2 or moved <= step.scale) else None
         largest = float(np.max(np.abs(slopes @ parameters)))
         step = linear(slopes, -residual, names=names, groups=groups, near=near, largest=largest)
-        parameters = parameters + step.fit.coefficients
-        change, still = step.fit.coefficients, AT_REST * step.fit.standard_uncertainty
-        moved = float(np.max(np.abs(slopes @ change)))
-        if np.all(np.abs(change) < still) or moved <= ROUNDING * largest:
+        parameters = parameters + step.coefficients
+        moved = float(np.max(np.abs(slopes @ step.coefficients)))
+        if moved <= max(AT_REST * step.scale, ROUNDING * largest):
             return parameters, step
     raise FitError(
         "the robust fit does not come to rest", hint="use the plain fit and look at its residuals"
@@ -315,8 +289,8 @@ def _finish(
     scale: float,
     groups: Sequence[Integers],
     found: dict[tuple[int, int], Integers],
-) -> tuple[Array, Array, Array]:
-    """Row weights [n], the ratios [n] that they are of, studentised residuals [n] over the scale.
+) -> tuple[Array, Array]:
+    """Row weights [n], and the ratios [n] that they are of.
 
     To the rows `found` of levels with an effect those of each level are added that stand apart;
     what a distant start made of them is forgotten where the fit has come near.
@@ -338,8 +312,7 @@ def _finish(
             "too few rows agree with one another for a robust fit",
             hint="check the references by eye",
         )
-    apart = np.abs(weighted_rows.studentise(basis, target, solution, row_weights)) / scale
-    return row_weights, ratio, apart
+    return row_weights, ratio
 
 
 def _explain(

@@ -111,23 +111,3 @@ def ratio(
         own = np.abs(residual[rows] - np.median(residual[rows]))
         sizes[rows] = np.minimum(sizes[rows], own / max(scale, mad_sigma(own)))
     return np.asarray(sizes, dtype=np.float64)
-
-
-def m_covariance(
-    design: Array, balance: Array, influence: Array, slope: Array, scale: float
-) -> Array:
-    """Huber's covariance [p, p] of an M-estimate (1981, eq. 7.6.6) from the rows [m, p] that were
-    kept, their balance, and the influence function and its slope [m] at their residuals, which are
-    studentised: their mean square needs no n/(n − p).
-    """
-    rows, columns = design.shape
-    mean = float(np.mean(slope))
-    correction = 1.0 + columns / rows * float(np.var(slope)) / mean**2
-    variance = (scale * correction / mean) ** 2 * float(np.mean(influence**2))
-    length = np.linalg.norm(design, axis=0)
-    bread = (
-        np.linalg.inv(np.linalg.qr(design / length * np.sqrt(balance)[:, None], mode="r"))
-        / length[:, None]
-    )
-    weighted = design * balance[:, None] @ bread
-    return np.asarray(variance * (bread @ (weighted.T @ weighted) @ bread.T), dtype=np.float64)

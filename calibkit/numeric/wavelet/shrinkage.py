@@ -57,7 +57,7 @@ def estimate_noises(parts: Sequence[Array]) -> list[float]:
     where they are few.
     """
     library, sizes = kernels_for(*parts), [part.size for part in parts]
-    if library is not None and all(0 < size < order_statistics.MANY for size in sizes):
+    if library is not None and all(0 < size <= order_statistics.COLLECTED for size in sizes):
         medians, room = np.empty(len(parts)), np.empty(max(sizes, default=0) + 4)
         given = np.array([[part.ctypes.data for part in parts], sizes], dtype=np.int64)
         pointers = [one.ctypes.data for one in (given[0], given[1], room, medians)]

@@ -1,6 +1,4 @@
-"""Uncertainty of θ, φ, s and ψ: steps C to F as one function of what they are made of, and its
-derivatives.
-"""
+"""Derivatives of θ, φ, s and ψ: steps C to F as one function of what they are made of."""
 
 import numpy as np
 
@@ -9,10 +7,8 @@ from calibkit.fit.complex_step import Numbers, derivative
 from calibkit.instruments.inclinometer import published
 from calibkit.instruments.inclinometer.published import Components
 
-ROOT, AZIMUTH = 4, 3
-"""Rows of the results."""
-UNITS = np.array([np.degrees(1.0), np.degrees(1.0), 1.0, np.degrees(1.0)])
-"""Degrees of θ, φ and ψ."""
+ROOT = 4
+"""Row of the root among the results."""
 
 
 def seek_north(inputs: Numbers, plus: Mask, weight: Array) -> Numbers:
@@ -38,39 +34,13 @@ def slopes(parts: Components, latitude_deg: Array, plus: Mask, weight: Array, re
         ]
     )
     with np.errstate(divide="ignore", invalid="ignore"):
-        found = derivative(
+        by_input = derivative(
             lambda step: seek_north(inputs + step[:, None], plus, weight), np.zeros(6)
         )
-    return np.moveaxis(found, 1, 0)
+    return np.moveaxis(by_input, 1, 0)
 
 
 def root_slopes(parts: Components, latitude_deg: Array, plus: Mask) -> Array:
     """Derivatives [n, 5] of roots s± by g_x, g_y [1/g], ω_x, ω_y [h/°], α [1/rad]."""
     ones = np.ones(plus.size)
     return slopes(parts, latitude_deg, plus, ones, 0.0 * ones)[:, ROOT, :5]
-
-
-def covariance(
-    parts: Components,
-    latitude_deg: Array,
-    latitude_uncertainty_deg: float,
-    plus: Mask,
-    weight: Array,
-    prior: Array,
-    prior_uncertainty: Array,
-) -> tuple[Array, Array]:
-    """Covariance [n, 4, 4] of θ [°], φ [°], s, ψ [°], to first order, by errors of this sensor pair
-    alone; and changes [n, 4] by an error of the latitude, which all sensor pairs share, as large
-    as its standard uncertainty.
-
-    parts : components and their covariance; plus, weight : which root, and its weight in s [n];
-    prior, prior_uncertainty : of s [n].
-    """
-    jacobian = slopes(parts, latitude_deg, plus, weight, (1.0 - weight) * prior)
-    jacobian = jacobian[:, :4] * UNITS[:, None]
-    inputs = np.zeros((weight.size, 6, 6))
-    inputs[:, :4, :4] = parts.covariance
-    inputs[:, 5, 5] = ((1.0 - weight) * prior_uncertainty) ** 2
-    by_latitude = jacobian[:, :, 4] * np.radians(latitude_uncertainty_deg)
-    with np.errstate(invalid="ignore"):
-        return np.asarray(jacobian @ inputs @ np.swapaxes(jacobian, 1, 2)), by_latitude

@@ -1,5 +1,5 @@
-"""North seeking with uncertainty: the choice between the roots of s, their weight, and the
-resulting θ, φ, s and ψ.
+"""North seeking with uncertainty: the choice between the roots of s by the history of the stations
+before, their weight, and the resulting θ, φ, s and ψ.
 """
 
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from calibkit.arrays import Array, Integers, Mask
 from calibkit.errors import FitError
 from calibkit.instruments.inclinometer import published
-from calibkit.instruments.inclinometer.numeric.covariance import covariance, root_slopes
+from calibkit.instruments.inclinometer.numeric.covariance import root_slopes, slopes
 from calibkit.instruments.inclinometer.published import Attitude, Components, Roots
 from calibkit.numeric.attitude import wrapped
 
@@ -21,6 +21,12 @@ LIKELIER = 3.0
 """
 DISAGREES = 5.0
 """Difference between a root and its prior, in standard uncertainties, above which it is flagged."""
+CLAMPED = "negative discriminant clamped to zero"
+"""Flag of a station whose two roots coincide."""
+AZIMUTH = 3
+"""Index of the azimuth among inclination, toolface, s and azimuth."""
+UNITS = np.array([np.degrees(1.0), np.degrees(1.0), 1.0, np.degrees(1.0)])
+"""Of inclination, toolface, s and azimuth, in those of their derivatives: angles [°] in rad."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +47,22 @@ class Limits:
     """
 
 
-DEFAULT_LIMITS = Limits()
+@dataclass(frozen=True, slots=True)
+class History:
+    """Initial state and process noise of s along the stations, per unit of the abscissa: hours, or
+    stations.
+    """
+
+    s: float = 1.0
+    standard_uncertainty: float = 0.01
+    rate: float = 0.0
+    """Change of s per unit."""
+    rate_uncertainty: float = 1e-3
+    rate_walk: float = 1e-3
+    """Random walk of the rate, per unit and square root of unit."""
+
+
+DEFAULT_LIMITS, DEFAULT_HISTORY = Limits(), History()
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,44 +79,36 @@ class Estimates:
     1 the − root.
     """
 
+    parts: Components
+    latitude_deg: Array
     attitude: Attitude
     roots: Roots
     s: Array
     """[n, 2]."""
     uncertainty: Array
     """[n, 2]."""
-    azimuth: Array
-    """[n, 2] [rad], azimuth by each root."""
+    by_heading: Integers
+    """[n], column of the root that an outside heading chooses, −1 where there is none."""
     usable: Mask
     """[n, 2]: positive, certain enough, and far enough from the other for its uncertainty to hold.
     """
     status: tuple[str, ...]
     """[n]: empty, or why the station is refused."""
 
-    def choose_root(
-        self, prior: Prior, forced: Integers, rows: slice = slice(None)
-    ) -> tuple[Integers, Mask]:
-        """Column [m] of the likelier, or forced, root of each selected station, and whether both
-        roots are about equally likely.
+    def choose_root(self, prior: Prior, rows: slice = slice(None)) -> tuple[Integers, Mask]:
+        """Column [m] of the root of each selected station that the heading chooses, or else is
+        likelier, and whether both are about equally likely.
         """
-        usable = self.usable[rows]
-        score = _log_likelihood(self.s[rows], self.uncertainty[rows], prior)
-        with np.errstate(invalid="ignore"):
+        s, by_heading = self.s[rows], self.by_heading[rows]
+        variance = self.uncertainty[rows] ** 2 + prior.standard_uncertainty[:, None] ** 2
+        with np.errstate(divide="ignore", invalid="ignore"):
+            score = -0.5 * (s - prior.s[:, None]) ** 2 / variance - 0.5 * np.log(variance)
+            # roots with infinite uncertainty are equally unlikely, negative roots impossible
+            score = np.where(np.isfinite(score), score, -1e300)
+            score = np.where(s > 0.0, score, -np.inf)
             alike = np.abs(score[:, 0] - score[:, 1]) < LIKELIER
-        column = np.where(forced >= 0, forced, np.argmax(score, axis=1))
-        return column, (forced < 0) & usable.all(axis=1) & alike
-
-    def choose_by_heading(self, heading_deg: Array | None) -> Integers:
-        """Column [n] of the root whose azimuth is nearer the heading [n] [°]; −1 without a heading
-        or a positive root.
-        """
-        if heading_deg is None:
-            return np.full(len(self.s), -1)
-        difference = np.abs(wrapped(np.degrees(self.azimuth) - heading_deg[:, None]))
-        difference = np.where(self.s > 0.0, difference, np.inf)
-        nearer = np.argmin(np.where(np.isnan(difference), np.inf, difference), axis=1)
-        known = np.isfinite(heading_deg) & (self.s > 0.0).any(axis=1)
-        return np.where(known, nearer, -1)
+        column = np.where(by_heading >= 0, by_heading, np.argmax(score, axis=1))
+        return column, (by_heading < 0) & self.usable[rows].all(axis=1) & alike
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +133,8 @@ class Solution:
     """1 for the + root, −1 for the − root, 0 where neither is possible."""
     weight: Array
     """Weight of the root in s [n]; 0 where s is its prior."""
-    C: Array
+    azimuth_slopes: Array
+    """[n, 4], derivatives of the azimuth by g_x, g_y [rad/g], ω_x, ω_y [rad h/°]."""
     pair_covariance: Array
     """[n, 4, 4] of inclination [°], toolface [°], s, azimuth [°], by errors that other sensor pairs
     do not share.
@@ -133,16 +147,6 @@ class Solution:
     flags: tuple[tuple[str, ...], ...]
 
     @property
-    def covariance(self) -> Array:
-        """[n, 4, 4] of inclination [°], toolface [°], s, azimuth [°]."""
-        return self.pair_covariance + outer(self.by_latitude)
-
-    @property
-    def standard_uncertainty(self) -> Array:
-        """Standard uncertainties [n, 4] of inclination [°], toolface [°], s, azimuth [°]."""
-        return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
-
-    @property
     def root_used(self) -> Mask:
         """Mask [n] of the stations whose own root contributes to s."""
         return np.array([not reason for reason in self.status], dtype=np.bool_) & (
@@ -150,80 +154,103 @@ class Solution:
         )
 
 
-def outer(changes: Array) -> Array:
-    """Covariance [n, k, k] of results that one error changes by [n, k]."""
-    return changes[:, :, None] * changes[:, None, :]
-
-
 def estimate_roots(
     parts: Components,
     latitude_deg: ArrayLike,
     *,
+    heading_deg: Array | None = None,
     refused: Sequence[str] = (),
     limits: Limits = DEFAULT_LIMITS,
 ) -> Estimates:
-    """Both roots of s with uncertainty and azimuth, and which stations are refused.
-
-    parts : components of n stations; latitude_deg : one or [n]; refused : [n], reasons known
-    before, or empty.
-    """
-    latitude = np.broadcast_to(np.asarray(latitude_deg, dtype=np.float64), parts.accel_x.shape)
-    found = published.attitude(parts.accel_x, parts.accel_y)
-    roots = published.scale_roots(parts.gyro_x, parts.gyro_y, found, latitude)
-    s = np.column_stack((roots.plus, roots.minus))
-    spread = np.empty_like(s)
-    psi = np.empty_like(s)
-    for k in range(2):
-        gradient = root_slopes(parts, latitude, np.full(len(s), k == 0))[:, :4]
-        with np.errstate(invalid="ignore"):
-            spread[:, k] = np.sqrt(np.einsum("ni,nij,nj->n", gradient, parts.covariance, gradient))
-        psi[:, k] = published.azimuth(
-            parts.accel_x, parts.accel_y, s[:, k] * parts.gyro_x, s[:, k] * parts.gyro_y, latitude
-        )
-    spread = np.where(np.isfinite(spread) & ~roots.clamped[:, None], spread, np.inf)
-    with np.errstate(invalid="ignore"):
-        apart = np.abs(roots.half_difference)[:, None] > limits.separation * spread
-        usable = (s > 0.0) & (spread <= limits.s_uncertainty) & apart & ~roots.clamped[:, None]
-    own = _list_refusals(parts, found, latitude, limits)
-    if refused and len(refused) != len(own):
-        raise FitError(f"{len(refused)} reasons for {len(own)} stations")
-    status = tuple(first or second for first, second in zip(refused or own, own, strict=True))
-    return Estimates(found, roots, s, spread, psi, usable, status)
-
-
-def _log_likelihood(s: Array, uncertainty: Array, prior: Prior) -> Array:
-    """Log-likelihood [n, 2] of roots [n, 2] given their priors; −inf for an impossible root."""
-    variance = uncertainty**2 + prior.standard_uncertainty[:, None] ** 2
-    with np.errstate(divide="ignore", invalid="ignore"):
-        score = -0.5 * (s - prior.s[:, None]) ** 2 / variance - 0.5 * np.log(variance)
-    # roots with infinite uncertainty are equally unlikely, negative roots impossible
-    score = np.where(np.isfinite(score), score, -1e300)
-    return np.where(s > 0.0, score, -np.inf)
-
-
-def solve(
-    parts: Components,
-    latitude_deg: ArrayLike,
-    prior: Prior,
-    *,
-    heading_deg: Array | None = None,
-    latitude_uncertainty_deg: float = 0.0,
-    refused: Sequence[str] = (),
-    limits: Limits = DEFAULT_LIMITS,
-) -> Solution:
-    """Solve n stations of one sensor pair: choose the root, shrink it to the prior, correct the
-    rates, seek north.
+    """Both roots of s with uncertainty, and which stations are refused.
 
     Parameters
     ----------
-    parts : components of the stations and their noise.
+    parts : components of n stations and their noise.
     latitude_deg : one or [n].
-    prior : of s at each station: its history, or s(T) of a calibration. It chooses between two
-        positive roots.
-    heading_deg : [n], an outside heading that chooses instead; NaN where there is none.
-    latitude_uncertainty_deg : standard uncertainty of the latitude.
+    heading_deg : [n], an outside heading that chooses the root; NaN where there is none.
     refused : [n], reasons why a station could not be read or fitted, or empty.
     limits : where a station is refused and a root is not used.
+
+    """
+    latitude = np.broadcast_to(np.asarray(latitude_deg, dtype=np.float64), parts.accel_x.shape)
+    attitude = published.attitude(parts.accel_x, parts.accel_y)
+    roots = published.scale_roots(parts.gyro_x, parts.gyro_y, attitude, latitude)
+    s = np.column_stack((roots.plus, roots.minus))
+    uncertainty, off_heading = np.empty_like(s), np.full(s.shape, np.nan)
+    for k in range(2):
+        gradient = root_slopes(parts, latitude, np.full(len(s), k == 0))[:, :4]
+        with np.errstate(invalid="ignore"):
+            variance = np.einsum("ni,nij,nj->n", gradient, parts.covariance, gradient)
+            uncertainty[:, k] = np.sqrt(variance)
+        if heading_deg is not None:
+            rates = s[:, k] * parts.gyro_x, s[:, k] * parts.gyro_y
+            psi = published.azimuth(parts.accel_x, parts.accel_y, *rates, latitude)
+            off_heading[:, k] = np.abs(wrapped(np.degrees(psi) - heading_deg))
+    uncertainty[~np.isfinite(uncertainty) | roots.clamped[:, None]] = np.inf
+    with np.errstate(invalid="ignore"):
+        apart = np.abs(roots.half_difference)[:, None] > limits.separation * uncertainty
+        usable = (s > 0.0) & (uncertainty <= limits.s_uncertainty) & apart
+    # of an impossible root the azimuth is near no heading
+    off_heading = np.where((s > 0.0) & np.isfinite(off_heading), off_heading, np.inf)
+    chosen = np.isfinite(off_heading).any(axis=1)
+    by_heading = np.where(chosen, np.argmin(off_heading, axis=1), -1)
+    reasons = _list_refusals(parts, attitude, latitude, limits)
+    status = tuple(a or b for a, b in zip(refused or reasons, reasons, strict=True))
+    return Estimates(parts, latitude, attitude, roots, s, uncertainty, by_heading, usable, status)
+
+
+def history_prior(found: Estimates, elapsed: Array, start: History = DEFAULT_HISTORY) -> Prior:
+    """Prior of s at each station from the stations before it: value and rate of change (step D), by
+    a Kalman filter.
+
+    Parameters
+    ----------
+    found : both roots at n stations in their order.
+    elapsed : [n], not decreasing: hours, or the number of the station.
+    start : before the first station.
+
+    Notes
+    -----
+    State (s, ds/dt), its rate a random walk; a root that is not usable, or is as likely as the
+    other, does not change the state.
+
+    """
+    if not np.isfinite(elapsed).all() or (np.diff(elapsed) < 0.0).any():
+        raise FitError(
+            "the stations' times decrease or are not finite", hint="sort the stations by time"
+        )
+    state = np.array([start.s, start.rate])
+    covariance = np.diag([start.standard_uncertainty**2, start.rate_uncertainty**2])
+    value, spread = np.empty_like(elapsed), np.empty_like(elapsed)
+    for k, step in enumerate(np.diff(elapsed, prepend=elapsed[:1]).tolist()):
+        move = np.array([[1.0, step], [0.0, 1.0]])
+        walk = np.array([[step**3 / 3.0, step**2 / 2.0], [step**2 / 2.0, step]])
+        state = move @ state
+        covariance = move @ covariance @ move.T + start.rate_walk**2 * walk
+        # the filter's prediction may be zero or negative; the prior must be a positive scale factor
+        value[k], spread[k] = max(float(state[0]), 1e-3), float(np.sqrt(covariance[0, 0]))
+        here = slice(k, k + 1)
+        column, ambiguous = found.choose_root(Prior(value[here], spread[here]), here)
+        root = k, int(column[0])
+        known = not found.status[k] and found.usable[root] and not ambiguous[0]
+        if known and covariance[0, 0] > 0.0:
+            gain = covariance[:, 0] / (covariance[0, 0] + found.uncertainty[root] ** 2)
+            state = state + gain * (found.s[root] - state[0])
+            covariance = covariance - np.outer(gain, covariance[0])
+    return Prior(value, spread)
+
+
+def solve(found: Estimates, prior: Prior, latitude_uncertainty_deg: float = 0.0) -> Solution:
+    """Solve n stations of one sensor pair: choose the root, shrink it to the prior, correct the
+    rates (step E), seek north (step F).
+
+    Parameters
+    ----------
+    found : both roots.
+    prior : of s at each station: its history, or s(T) of a calibration. It chooses between two
+        positive roots where no heading does.
+    latitude_uncertainty_deg : standard uncertainty of the latitude.
 
     Returns
     -------
@@ -231,84 +258,70 @@ def solve(
     usable or both are equally likely. A station that cannot be solved has NaN and a reason; the
     others are not affected.
 
-    Raises
-    ------
-    FitError
-        A prior that is not positive, finite and of the stations' number.
-
     """
-    _require_prior(prior, parts.accel_x.size)
-    latitude = np.broadcast_to(np.asarray(latitude_deg, dtype=np.float64), parts.accel_x.shape)
-    found = estimate_roots(parts, latitude, refused=refused, limits=limits)
-    column, ambiguous = found.choose_root(prior, found.choose_by_heading(heading_deg))
+    parts, latitude = found.parts, found.latitude_deg
+    column, ambiguous = found.choose_root(prior)
     rows = np.arange(column.size)
     s_root, u_root = found.s[rows, column], found.uncertainty[rows, column]
-    possible = s_root > 0.0
     accepted = found.usable[rows, column] & ~ambiguous
     total = u_root**2 + prior.standard_uncertainty**2
     with np.errstate(divide="ignore", invalid="ignore"):
-        # inverse-variance weight; where both are exact, they are taken to agree
+        # where both are exact, they are taken to agree
         share = np.where(total > 0.0, prior.standard_uncertainty**2 / total, 1.0)
     weight = np.where(accepted, share, 0.0)
     s = np.where(accepted, weight * s_root + (1.0 - weight) * prior.s, prior.s)
-    root = np.where(possible, 1 - 2 * column, 0)
-    flags = _list_flags(
-        found, s_root, u_root, prior, possible=possible, accepted=accepted, ambiguous=ambiguous
-    )
-    spread, by_latitude = covariance(
-        parts,
-        latitude,
-        latitude_uncertainty_deg,
-        column == 0,
-        weight,
-        prior.s,
-        prior.standard_uncertainty,
-    )
-    return _assemble(
-        parts, found, latitude, s, s_root, u_root, root, weight, spread, by_latitude, flags
-    )
-
-
-def _require_prior(prior: Prior, count: int) -> None:
-    """Raise FitError for a prior of the wrong length, or not positive and finite."""
-    values = np.concatenate((prior.s, prior.standard_uncertainty))
-    if prior.s.size != count or prior.standard_uncertainty.size != count:
-        raise FitError(f"{prior.s.size} priors of s for {count} stations")
-    if not (
-        np.isfinite(values).all()
-        and (prior.s > 0.0).all()
-        and (prior.standard_uncertainty >= 0.0).all()
-    ):
-        raise FitError(
-            "a prior of s is not a positive number with an uncertainty",
-            hint="begin with 1 and 0.01",
+    azimuth, uncorrected = (
+        published.azimuth(
+            parts.accel_x, parts.accel_y, factor * parts.gyro_x, factor * parts.gyro_y, latitude
         )
+        for factor in (s, np.ones_like(s))
+    )
+    # to first order, of the components, the latitude, and what the prior adds to s
+    by_input = slopes(parts, latitude, column == 0, weight, (1.0 - weight) * prior.s)[:, :4]
+    jacobian = by_input * UNITS[:, None]
+    inputs = np.zeros((column.size, 6, 6))
+    inputs[:, :4, :4] = parts.covariance
+    inputs[:, 5, 5] = ((1.0 - weight) * prior.standard_uncertainty) ** 2
+    with np.errstate(invalid="ignore"):
+        covariance = jacobian @ inputs @ np.swapaxes(jacobian, 1, 2)
+    solved = np.array([not reason for reason in found.status])
+
+    def kept(values: Array) -> Array:
+        return np.where(solved.reshape(-1, *[1] * (values.ndim - 1)), values, np.nan)
+
+    return Solution(
+        inclination_deg=np.degrees(found.attitude.inclination),
+        toolface_deg=kept(np.degrees(found.attitude.toolface)),
+        azimuth_deg=kept(np.degrees(azimuth)),
+        uncorrected_deg=kept(np.degrees(uncorrected)),
+        s=kept(s),
+        s_root=kept(s_root),
+        s_root_uncertainty=kept(u_root),
+        root=np.where(solved & (s_root > 0.0), 1 - 2 * column, 0),
+        weight=kept(weight),
+        azimuth_slopes=kept(by_input[:, AZIMUTH, :4]),
+        pair_covariance=kept(covariance),
+        by_latitude=kept(jacobian[:, :, 4] * np.radians(latitude_uncertainty_deg)),
+        status=found.status,
+        flags=_list_flags(found, prior, s_root, u_root, accepted, ambiguous),
+    )
 
 
 def _list_flags(
-    found: Estimates,
-    s_root: Array,
-    u_root: Array,
-    prior: Prior,
-    *,
-    possible: Mask,
-    accepted: Mask,
-    ambiguous: Mask,
+    found: Estimates, prior: Prior, s_root: Array, u_root: Array, accepted: Mask, ambiguous: Mask
 ) -> tuple[tuple[str, ...], ...]:
     """Flags of each station [n]."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        off = np.asarray(
-            np.abs(s_root - prior.s) / np.hypot(u_root, prior.standard_uncertainty),
-            dtype=np.float64,
-        )
-    clamped = "accelerations across the tool exceed gravity: clamped"
+        off = np.abs(s_root - prior.s) / np.hypot(u_root, prior.standard_uncertainty)
     lines = []
     for k, refused in enumerate(found.status):
-        flags = [clamped] if found.attitude.clamped[k] else []
+        flags = []
+        if found.attitude.clamped[k]:
+            flags.append("accelerations across the tool exceed gravity: clamped")
         if not refused:
             if found.roots.clamped[k]:
-                flags.append("negative discriminant clamped to zero")
-            if not possible[k]:
+                flags.append(CLAMPED)
+            if not s_root[k] > 0.0:
                 flags.append("no positive root of s: s is its prior")
             elif ambiguous[k]:
                 flags.append("both roots of s are about as likely: s is its prior")
@@ -328,87 +341,34 @@ def _list_flags(
     return tuple(lines)
 
 
-def _assemble(
-    parts: Components,
-    found: Estimates,
-    latitude: Array,
-    s: Array,
-    s_root: Array,
-    u_root: Array,
-    root: Integers,
-    weight: Array,
-    spread: Array,
-    by_latitude: Array,
-    flags: tuple[tuple[str, ...], ...],
-) -> Solution:
-    """Correct the rates (step E), seek north (step F), and set the results of refused stations to
-    NaN.
-    """
-    solved = np.array([not reason for reason in found.status])
-    x, y = s * parts.gyro_x, s * parts.gyro_y
-    psi = published.azimuth(parts.accel_x, parts.accel_y, x, y, latitude)
-    plain = published.azimuth(parts.accel_x, parts.accel_y, parts.gyro_x, parts.gyro_y, latitude)
-
-    def kept(values: Array) -> Array:
-        return np.where(solved, values, np.nan)
-
-    return Solution(
-        inclination_deg=np.degrees(found.attitude.inclination),
-        toolface_deg=kept(np.degrees(found.attitude.toolface)),
-        azimuth_deg=kept(np.degrees(psi)),
-        uncorrected_deg=kept(np.degrees(plain)),
-        s=kept(s),
-        s_root=kept(s_root),
-        s_root_uncertainty=kept(u_root),
-        root=np.where(solved, root, 0),
-        weight=kept(weight),
-        C=kept(published.root_label(found.attitude.inclination, psi, latitude)),
-        pair_covariance=np.where(solved[:, None, None], spread, np.nan),
-        by_latitude=np.where(solved[:, None], by_latitude, np.nan),
-        status=found.status,
-        flags=flags,
-    )
-
-
 def _list_refusals(
-    parts: Components, found: Attitude, latitude: Array, limits: Limits
+    parts: Components, attitude: Attitude, latitude: Array, limits: Limits
 ) -> tuple[str, ...]:
     """Reason [n] why each station is refused, or an empty string."""
-    inclination = np.degrees(found.inclination)
-    total = np.degrees(published.toolface_plus_azimuth(parts.gyro_x, parts.gyro_y))
     inputs = np.column_stack((parts.accel_x, parts.accel_y, parts.gyro_x, parts.gyro_y, latitude))
-    finite = [bool(np.isfinite(row).all()) for row in inputs]
-    silent = (parts.gyro_x == 0.0) & (parts.gyro_y == 0.0)
-    rows = zip(finite, silent, latitude, inclination, total, strict=True)
-    return tuple(
-        _refuse_station(a, bool(b), float(c), float(d), float(e), limits) for a, b, c, d, e in rows
-    )
-
-
-def _refuse_station(
-    finite: bool,  # noqa: FBT001 - one row of the table of facts above
-    silent: bool,  # noqa: FBT001 - the same
-    latitude: float,
-    inclination: float,
-    total: float,
-    limits: Limits,
-) -> str:
-    """Reason to refuse one station, or an empty string."""
-    if not finite:
-        return "an indication or the latitude is not finite"
-    if abs(latitude) > limits.latitude_deg:
-        return (
-            f"latitude {latitude:g}° is beyond {limits.latitude_deg:g}°: the earth's horizontal"
-            " rate is too small for an azimuth"
-        )
-    if inclination > limits.horizontal_deg:
-        return (
-            f"inclination {inclination:.2f}° is above {limits.horizontal_deg:g}°: sensors across"
-            " the tool give no azimuth there"
-        )
-    if inclination < limits.vertical_deg:
-        return (
-            f"inclination {inclination:.3f}° is below {limits.vertical_deg:g}°: toolface and"
-            f" azimuth are not separable, their sum is {total:.2f}°"
-        )
-    return "the gyros show no rate at all" if silent else ""
+    tilts = np.degrees(attitude.inclination)
+    total = np.degrees(published.toolface_plus_azimuth(parts.gyro_x, parts.gyro_y))
+    reasons = []
+    for row, tilt, both in zip(inputs, tilts, total, strict=True):
+        reason = ""
+        if not np.isfinite(row).all():
+            reason = "an indication or the latitude is not finite"
+        elif abs(row[4]) > limits.latitude_deg:
+            reason = (
+                f"latitude {row[4]:g}° is beyond {limits.latitude_deg:g}°: the earth's horizontal"
+                " rate is too small for an azimuth"
+            )
+        elif tilt > limits.horizontal_deg:
+            reason = (
+                f"inclination {tilt:.2f}° is above {limits.horizontal_deg:g}°: sensors across"
+                " the tool give no azimuth there"
+            )
+        elif tilt < limits.vertical_deg:
+            reason = (
+                f"inclination {tilt:.3f}° is below {limits.vertical_deg:g}°: toolface and"
+                f" azimuth are not separable, their sum is {both:.2f}°"
+            )
+        elif not row[2:4].any():
+            reason = "the gyros show no rate at all"
+        reasons.append(reason)
+    return tuple(reasons)

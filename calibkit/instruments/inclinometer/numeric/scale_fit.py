@@ -292,34 +292,23 @@ def _fit_orders(
 def _leave_out(fit: Fit, every: Roots, roots: Roots, used: Mask) -> Prior:
     """s(T) [n] at each station without its own root, and its standard uncertainty with the scatter.
 
-    Without row i the parameters change by G_i r_i / (1 - h_i), G the gain, r_i what is left of the
-    row without the shared errors, h_i its leverage beside the parameters and the shared errors; the
-    covariance grows by G_i G_iᵀ R_i / (1 - h_i) (Cook 1977).
+    Without row i the parameters change by G_i (P r)_i / P_ii, and their covariance grows by
+    G_i G_iᵀ / P_ii; G is the gain, r the residual, P = V⁻¹ (I - J G) (Cook 1977).
     """
-    powers = np.vander(every.x, len(fit.parameters) - 1, increasing=True)
-    wanted = np.column_stack([powers, np.zeros(used.size)])
+    order = len(fit.parameters) - 2
+    wanted = np.column_stack([np.vander(every.x, order + 1, increasing=True), np.zeros(used.size)])
+    J = np.column_stack([np.vander(roots.x, order + 1, increasing=True), roots.turn])
     values, variances = [], []
     for member in fit.members:
-        across = np.zeros(used.size)
-        across[used] = np.einsum("np,pn->n", wanted[used], member.gain)
-        left, spare, noise = np.zeros(used.size), np.ones(used.size), np.zeros(used.size)
-        left[used], noise[used] = member.noise_residual, member.noise
-        spare[used] = np.maximum(1.0 - _leverages(member, roots), LEAST_SPARE)
-        values.append(wanted @ member.parameters + across * left / spare)
-        variance = gum.variance_along(wanted, member.covariance)
-        variances.append(variance + (across * noise) ** 2 / spare)
-    value = fit.weights @ values
-    variance = fit.weights @ (np.array(variances) + (np.array(values) - value) ** 2)
+        P = np.diag(member.precision(np.eye(len(J)) - J @ member.gain))
+        P = np.maximum(P, LEAST_SPARE / member.noise**2)
+        across = np.einsum("np,pn->n", wanted[used], member.gain)
+        value, variance = wanted @ member.parameters, gum.variance_along(wanted, member.covariance)
+        value[used] += across * member.precision(member.residual[:, None])[:, 0] / P
+        variance[used] += across**2 / P
+        values.append(value)
+        variances.append(variance)
+    mean = fit.weights @ values
+    spread = fit.weights @ (np.array(variances) + (np.array(values) - mean) ** 2)
     scatter = sum(size.value**2 for size in fit.shared)
-    return Prior(value, np.sqrt(variance + scatter))
-
-
-def _leverages(fit: Fit, roots: Roots) -> Array:
-    """H [n], share of its own noise that a fit takes up in each root."""
-    rows = np.arange(len(roots.s))
-    powers = np.vander(roots.x, len(fit.parameters) - 1, increasing=True)
-    J = np.column_stack([powers, roots.turn])[:, np.any(fit.gain != 0.0, axis=1)]
-    Z = [size.value * size.error.design(rows) for size in fit.shared if not size.error.is_noise]
-    T = np.hstack([J, *Z]) / fit.noise[:, None]
-    C = T.T @ T + np.diag(np.arange(T.shape[1]) >= J.shape[1])
-    return np.asarray(np.einsum("nk,kn->n", T, np.linalg.solve(C, T.T)), dtype=np.float64)
+    return Prior(mean, np.sqrt(spread + scatter))
