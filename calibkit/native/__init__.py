@@ -85,15 +85,6 @@ def _declare(library: CDLL) -> None:
     kernels = {
         "numbers": (whole, (at, whole, whole, whole, POINTER(POINTER(real)))),
         "slopes": (whole, (at, at, whole, whole, real, real, at)),
-        "analysed": (None, (at, at, at, *(whole,) * 3, at, whole, whole, at, whole, whole)),
-        "synthesised": (
-            None,
-            (at, at, at, at, *(whole,) * 4, real, real, at, whole, whole),
-        ),
-        "analysed_levels": (None, (at, at, at, whole, at)),
-        "synthesised_levels": (None, (at, at, at, whole, whole, at, at)),
-        "denoised": (whole, (at,) * 9),
-        "medians": (whole, (at, at, whole, at, at)),
         "run_medians": (None, (at, at, at, at, whole)),
         "bracketed": (whole, (at, whole, real, real, real, at, whole, at)),
     }

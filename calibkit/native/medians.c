@@ -138,51 +138,6 @@ static void two_ranks(double *room, int64_t size, int64_t k, double *lower, doub
     *upper = room[k];
 }
 
-enum { SAMPLE = 256, RANKS = 28 };  /* of a sample, and 3.5 standard deviations of the rank of its median */
-
-/* The same by a bracket from a sample, which holds a fifth of the magnitudes: 1; 0 where it does not hold both. */
-static int by_bracket(const double *values, int64_t size, double *room, double *lower, double *upper)
-{
-    const int64_t stride = size / SAMPLE, below_middle = (size - 1) / 2, middle = size / 2;
-    for (int64_t i = 0; i < SAMPLE; i++) {
-        room[i] = fabs(values[i * stride]);
-        if (!(room[i] <= DBL_MAX))
-            return 0;
-    }
-    placed(room, 0, SAMPLE - 1, SAMPLE / 2 - RANKS);
-    placed(room, SAMPLE / 2 - RANKS, SAMPLE - 1, SAMPLE / 2 + RANKS);
-    int64_t over;
-    const int64_t held = calibkit_bracketed(values, size, 0.0, room[SAMPLE / 2 - RANKS], room[SAMPLE / 2 + RANKS], room,
-                                            INT64_MAX, &over);
-    const int64_t under = size - over;
-    if (held < 0 || under > below_middle || middle >= under + held)
-        return 0;
-    two_ranks(room, held, middle - under, lower, upper);
-    return 1;
-}
-
-/* Medians of the magnitudes of `count` sets of values; room is that of the largest and four more. NOT_FINITE where a value is
- * not, else 0. */
-int64_t calibkit_medians(const double *const *values, const int64_t *sizes, int64_t count, double *room, double *medians)
-{
-    for (int64_t j = 0; j < count; j++) {
-        const int64_t size = sizes[j];
-        double lower, upper;
-        if (size < 2 * SAMPLE || !by_bracket(values[j], size, room, &lower, &upper)) {
-            int unusable = 0;
-            for (int64_t i = 0; i < size; i++) {
-                room[i] = fabs(values[j][i]);
-                unusable |= !(room[i] <= DBL_MAX);
-            }
-            if (unusable)
-                return NOT_FINITE;
-            two_ranks(room, size, size / 2, &lower, &upper);
-        }
-        medians[j] = size % 2 ? upper : (lower + upper) / 2.0;
-    }
-    return 0;
-}
-
 /* Medians of `count` runs of finite values, run j from first[j] to before first[j + 1]; room is that of the largest. A median
  * that is zero is positive. */
 void calibkit_run_medians(const double *values, const int64_t *first, double *room, double *medians, int64_t count)
