@@ -10,8 +10,8 @@ import pywt
 from hypothesis import given, settings, strategies as st
 
 from calibkit.errors import FitError
-from calibkit.numeric.wavelet import extension as ends, lifting
-from calibkit.numeric.wavelet.extension import EXTENSIONS, Coefficients, Ends, fit_slopes
+from calibkit.numeric.wavelet import extension as extension_module, lifting
+from calibkit.numeric.wavelet.extension import EXTENSIONS, Coefficients
 from calibkit.numeric.wavelet.lifting import LIFTING, find_wavelet
 from transforms import clean_details, ends_of, forward, inverse
 
@@ -224,11 +224,9 @@ def test_extensions_follow_their_definitions():
         "antisymmetric": [-5, -3, 0, 1, 2, 5, 7, 9, 12, 13],
         "constant": [1, 1, 1, 1, 2, 5, 7, 7, 7, 7],
         "periodic": [2, 5, 7, 1, 2, 5, 7, 1, 2, 5],
-        "trend": [1, 1, 0, 1, 2, 5, 7, 6, 4, 4],
     }
     for extension, values in expected.items():
-        how = Ends(extension, 4, 0.0, (1.0, 0.5) if extension == "trend" else (0.0, 0.0))
-        extended = how.extend(Coefficients(signal, 0, 0), (-3, 7))
+        extended = ends_of(signal, "haar", extension).extend(Coefficients(signal, 0, 0), (-3, 7))
         np.testing.assert_array_equal(extended, values, err_msg=extension)
 
 
@@ -238,46 +236,70 @@ def test_a_level_is_reflected_where_the_signal_is():
     """
     for length in range(300, 308):
         signal = np.sin(np.arange(length) / 40.0)
-        far = np.pad(signal, 128, mode="reflect")
-        how = Ends("symmetric", length)
-        near, wide = Coefficients(signal, 0, 0), Coefficients(far, -128, 0)
+        ends = ends_of(signal, "cdf97", "symmetric")
+        near, wide = (
+            Coefficients(signal, 0, 0),
+            Coefficients(np.pad(signal, 128, "reflect"), -128, 0),
+        )
         for _ in range(3):
-            near, _ = lifting.analyse(near, find_wavelet("cdf97"), how)
-            wide, _ = lifting.analyse(wide, find_wavelet("cdf97"), how)
+            near, _ = lifting.analyse(near, find_wavelet("cdf97"), ends)
+            wide, _ = lifting.analyse(wide, find_wavelet("cdf97"), ends)
         span = near.first - 3, near.span[1] + 3
-        np.testing.assert_allclose(how.extend(near, span), wide.part(span), rtol=0, atol=0.06)
+        np.testing.assert_allclose(ends.extend(near, span), wide.part(span), rtol=0, atol=0.06)
 
 
-def test_the_trend_extension_mirrors_about_the_fitted_line():
-    """Its slope is that of the line through two windows, by np.polyfit; none at an end at rest."""
-    signal, window = 0.05 * np.arange(200.0) + noise(200), 60
-    slopes = fit_slopes(signal, "trend", 2 * window)
-    at = np.arange(2 * window)
-    for end, slope in ((signal[: at.size], slopes[0]), (signal[-at.size :], slopes[1])):
-        assert slope == pytest.approx(np.polyfit(at, end, 1)[0], rel=1e-9)
-    assert fit_slopes(noise(200), "trend", 2 * window) == (0.0, 0.0)
-    at_rest, moving = fit_slopes(np.maximum(signal, 5.0), "trend", 2 * window)
-    assert at_rest == 0.0 < moving
-    assert fit_slopes(signal, "symmetric", window) == (0.0, 0.0)
+def test_the_trend_extension_reflects_in_the_fitted_end_values():
+    """Beyond each end stand the samples reflected in the value of the line through the window, by
+    np.polyfit.
+    """
+    signal, window = 0.02 * np.arange(200.0) + noise(200), 60
+    ends = ends_of(signal, "cdf97", "trend", window)
+    extended = ends.extend(Coefficients(signal, 0, 0), (-10, 210))
+    for end, beyond in ((signal, extended[9::-1]), (signal[::-1], extended[210:])):
+        value = np.polyval(np.polyfit(np.arange(window), end[:window], 1), 0.0)
+        np.testing.assert_allclose(beyond, 2.0 * value - end[1:11], rtol=0, atol=1e-12)
 
 
 def test_the_trend_extension_fits_no_line_over_a_bend():
-    """A drift that turns after 60 samples is fitted before the turn."""
+    """A drift that turns after 60 samples is fitted before the turn: the end value is right to 3
+    standard errors.
+    """
     turn, window = 60, 600
     time = np.arange(900.0)
     trend = np.where(time < turn, 0.2 * time, 0.2 * turn - 0.01 * (time - turn))
-    slopes = [fit_slopes(trend + noise(900, seed=s), "trend", 2 * window)[0] for s in range(40)]
-    assert np.mean(slopes) == pytest.approx(0.2, abs=0.03)
-    assert np.polyfit(time[: 2 * window], trend[: 2 * window], 1)[0] < 0.01
+    errors, straight = [], []
+    for seed in range(40):
+        signal = trend + noise(900, seed=seed)
+        errors.append(ends_of(signal, "cdf97", "trend", window).left.value - trend[0])
+        straight.append(np.polyval(np.polyfit(time[:window], signal[:window], 1), 0.0) - trend[0])
+    # 2 σ/√size at sizes of 16 to 60 is 0.5 to 0.26
+    assert np.sqrt(np.mean(np.square(errors))) < 0.8
+    assert np.sqrt(np.mean(np.square(straight))) > 5.0
+
+
+def test_an_end_at_rest_is_mirrored_and_one_that_moves_is_reflected():
+    """A soak of noise alone, and a ramp of 5 °/h in 600 s."""
+    still = 0.1 * noise(2000)
+    moving = still + 5.0 / 600.0 * np.arange(2000)
+    for signal, expected in (
+        (still, (False, False)),
+        (moving, (True, True)),
+        (np.maximum(moving, 8.0), (False, True)),
+    ):
+        ends = ends_of(signal, "cdf97", "trend", 384)
+        assert (ends.left.reflected, ends.right.reflected) == expected
 
 
 def test_the_line_at_an_end_of_a_long_log_is_fitted_to_means(monkeypatch):
-    """Of so many samples that their slope is the same within its standard error."""
-    signal = 0.002 * np.arange(5000.0) + noise(5000)
-    whole = fit_slopes(signal, "trend", 4000)
-    monkeypatch.setattr(ends, "MOST_VALUES", 150)
-    error = np.sqrt(12.0 / 4000.0**3)
-    np.testing.assert_allclose(fit_slopes(signal, "trend", 4000), whole, rtol=0, atol=error)
+    """Of so many samples that its value is the same within half a standard error."""
+    signal = 0.01 * np.arange(5000.0) + noise(5000)
+    whole = ends_of(signal, "cdf97", "trend", 1000)
+    monkeypatch.setattr(extension_module, "MOST_VALUES", 150)
+    means = ends_of(signal, "cdf97", "trend", 1000)
+    for one, other in ((whole.left, means.left), (whole.right, means.right)):
+        assert one.reflected
+        assert other.reflected
+        assert other.value == pytest.approx(one.value, abs=1.0 / np.sqrt(1000.0))
 
 
 @pytest.mark.parametrize("name", SOME)
@@ -324,7 +346,11 @@ def test_the_average_over_shifts_is_that_of_signals_that_begin_later(name):
         return np.where(np.abs(detail) > 1.0 + level, detail, 0.0)
 
     shifted = lifting.average_over_shifts(
-        Coefficients(signal, 0, 0), 3, find_wavelet(name), Ends("symmetric", 3000), shrink
+        Coefficients(signal, 0, 0),
+        3,
+        find_wavelet(name),
+        ends_of(signal, name, "symmetric"),
+        shrink,
     )
     each = [
         inverse(*forward(signal[k:], name, 3), name, 3000 - k, shrink)[800 - k : 1800 - k]

@@ -250,7 +250,7 @@ def long_log(monkeypatch):
     "work",
     [
         lambda log: thermometers.check_steps(log, "temp_case_degc"),
-        lambda log: extension.fit_slopes(values(log.frame, "gyro_dph"), "trend", 1 << 20),
+        lambda log: extension.Ends.fit(values(log.frame, "gyro_dph"), "trend", 0.0, 1 << 19),
     ],
     ids=["steps", "ends"],
 )

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from calibkit.numeric.wavelet import lifting
-from calibkit.numeric.wavelet.extension import Coefficients, Ends, fit_slopes
+from calibkit.numeric.wavelet.extension import Coefficients, Ends
 from calibkit.numeric.wavelet.lifting import clean_spans, find_delay, find_wavelet
 
 
-def ends_of(signal, name, extension, longest=24):
+def ends_of(signal, name, extension, window=12):
     """How a signal goes on."""
-    slopes = fit_slopes(signal, extension, longest)
-    return Ends(extension, signal.size, find_delay(name), slopes)
+    return Ends.fit(signal, extension, find_delay(name), window)
 
 
-def forward(signal, name, levels, extension="symmetric", longest=24):
+def forward(signal, name, levels, extension="symmetric", window=12):
     """Approximations of the last level, and details of all, the finest first."""
     approximations, details = Coefficients(signal, 0, 0), []
-    ends = ends_of(signal, name, extension, longest)
+    ends = ends_of(signal, name, extension, window)
     for _ in range(levels):
         approximations, detail = lifting.analyse(approximations, find_wavelet(name), ends)
         details.append(detail)

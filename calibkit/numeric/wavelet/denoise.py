@@ -18,7 +18,6 @@ from calibkit.numeric.wavelet.extension import (
     Ends,
     Extension,
     Span,
-    fit_slopes,
 )
 from calibkit.numeric.wavelet.lifting import (
     Allocate,
@@ -119,9 +118,8 @@ def denoise(
             hint="use fewer levels, a shorter wavelet or a longer segment",
         )
     _require_known(threshold, rule, extension)
-    # lines at the ends over at most three times the distance of the coarsest details
-    slopes = fit_slopes(samples, extension, 3 << depth)
-    ends = Ends(extension, samples.size, find_delay(wavelet), slopes)
+    # the lines at the ends are as long as one and a half times the coarsest details are apart
+    ends = Ends.fit(samples, extension, find_delay(wavelet), 3 << (depth - 1))
     fine = max(depth - shifted, 0)
     approximations = unshifted = Coefficients(samples, 0, 0)
     details: list[Coefficients] = []

@@ -4,7 +4,7 @@ signal where a filter reaches over them.
 
 import math
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal, Self, get_args
 
 import numpy as np
 
@@ -59,22 +59,42 @@ class Coefficients:
 
 
 @dataclass(frozen=True, slots=True)
+class End:
+    """Value of a signal at an end [unit of the signal], and whether it is reflected in that point
+    rather than mirrored.
+    """
+
+    value: float
+    reflected: bool
+
+
+@dataclass(frozen=True, slots=True)
 class Ends:
     """How a signal of some length goes on beyond its ends, and the approximations of each level.
 
     "symmetric" mirrors at the end samples, x(−k) = x(k); "antisymmetric" reflects in the end
     points, x(−k) = 2 x(0) − x(k), which keeps a linear trend but carries the noise of one sample
-    outwards; "trend" mirrors about a straight line through the end, x(−k) = x(k) − 2 k slope, which
-    keeps a linear trend with no more noise than a mirrored signal has; "constant" holds the end
-    values; "periodic" joins the two ends.
+    into the whole extension; "trend" reflects in the value at the end of a straight line fitted to
+    the last samples, which keeps a linear trend and averages the noise, or mirrors where that line
+    has no slope beyond its noise, so that an end at rest has no error of its own; "constant" holds
+    the end values; "periodic" joins the two ends.
     """
 
     extension: Extension
     length: int
-    delay: float = 0.0
+    delay: float
     """Sample about which the filter of approximation 0 of level 1 lies."""
-    slopes: tuple[float, float] = (0.0, 0.0)
-    """Of "trend" [unit of the signal per sample]; 0 for other extensions."""
+    left: End
+    right: End
+
+    @classmethod
+    def fit(cls, signal: Array, extension: Extension, delay: float, window: int) -> Self:
+        """Ends of a signal [n]; "trend" fits its lines to at most `window` samples."""
+        left, right = (End(float(signal[k]), extension != "symmetric") for k in (0, -1))
+        if extension == "trend":
+            left, right = _fit_end(signal, window), _fit_end(signal[::-1], window)
+            release(signal)
+        return cls(extension, signal.size, delay, left, right)
 
     def extend(self, known: Coefficients, span: Span) -> Array:
         """Approximations of given indices, whether known or not."""
@@ -83,67 +103,57 @@ class Ends:
             return known.part(span)
         index = np.arange(*span, dtype=np.float64)
         extended = known.interpolate(index)
-        apart = 2.0**known.level
-        # a step of one index is `apart` samples, an approximation √apart times what it is of
-        scale = apart * math.sqrt(apart)
-        for sample, outside, slope, inwards in (
-            (0, index < low, self.slopes[0], self.length),
-            (self.length - 1, index >= high, self.slopes[1], -self.length),
+        apart = 2.0**known.level  # of two indices, in samples
+        for end, sample, outside, inwards in (
+            (self.left, 0, index < low, self.length),
+            (self.right, self.length - 1, index >= high, -self.length),
         ):
-            beyond = index[outside]
-            end = (sample - self.delay * (apart - 1.0)) / apart
-            mirrored = known.interpolate(2.0 * end - beyond)
-            match self.extension:
-                case "periodic":
-                    extended[outside] = known.interpolate(beyond + inwards / apart)
-                case "constant":
-                    extended[outside] = known.interpolate(np.array([end]))
-                case "antisymmetric":
-                    extended[outside] = 2.0 * known.interpolate(np.array([end])) - mirrored
-                case _:
-                    extended[outside] = mirrored + 2.0 * (beyond - end) * slope * scale
+            # an approximation is √apart times what it is of
+            value = end.value * math.sqrt(apart)
+            place = (sample - self.delay * (apart - 1.0)) / apart
+            mirrored = known.interpolate(2.0 * place - index[outside])
+            if self.extension == "periodic":
+                extended[outside] = known.interpolate(index[outside] + inwards / apart)
+            elif self.extension == "constant":
+                extended[outside] = value
+            else:
+                extended[outside] = 2.0 * value - mirrored if end.reflected else mirrored
         return extended
 
 
-def fit_slopes(signal: Array, extension: Extension, longest: int) -> tuple[float, float]:
-    """Slopes [unit of the signal per sample] at both ends of a signal [n] that "trend" extends it
-    by, from lines through at most so many samples; 0 for other extensions.
+def _fit_end(end: Array, window: int) -> End:
+    """Value at sample 0 of the straight line through the longest section from there that is still
+    straight; reflected if the line, if need be of twice the window, has a slope beyond its noise.
+
+    Sections grow by halves up to the window for as long as the values at sample 0 of the lines
+    fitted to all of them agree within two standard errors, each 2 σ/√m for m samples (intersection
+    of confidence intervals, Goldenshluger & Nemirovski 1997), with σ estimated from the differences
+    of neighbouring samples.
     """
-    if extension != "trend":
-        return 0.0, 0.0
-    slopes = _end_slope(signal, longest), -_end_slope(signal[::-1], longest)
-    release(signal)
-    return slopes
-
-
-def _end_slope(end: Array, longest: int) -> float:
-    """Slope at sample 0 of the straight line through the longest section from there that is still
-    straight; 0 where it is not beyond its noise, as at an end at rest.
-
-    Sections grow by halves for as long as the values at sample 0 of the
-    lines fitted to all of them agree within two standard errors, each 2 σ/√m for m samples
-    (intersection of confidence intervals, Goldenshluger & Nemirovski 1997), with σ estimated from
-    the differences of neighbouring samples.
-    """
-    limit = min(longest, end.size)
-    if limit < STRETCH:
-        return 0.0
+    limit = min(2 * window, end.size)
+    if limit < 3:
+        return End(float(end[0]), reflected=True)
     apart = -(-limit // MOST_VALUES)
     means = end[: limit // apart * apart].reshape(-1, apart).mean(axis=1) - end[0]
-    spread = estimate_noise(np.diff(means)) / math.sqrt(2.0)
-    sizes = [STRETCH]
-    while sizes[-1] < means.size:
-        sizes.append(min(sizes[-1] + sizes[-1] // 2, means.size))
+    window = min(window // apart, means.size)
+    sizes = [min(STRETCH, window)]
+    for most in (window, means.size):
+        while sizes[-1] < most:
+            sizes.append(min(sizes[-1] + sizes[-1] // 2, most))
+    spread = estimate_noise(np.diff(means[: max(window, STRETCH)])) / math.sqrt(2.0)
     starts, m = [0, *sizes[:-1]], np.array(sizes, dtype=np.float64)
     total = np.cumsum(np.add.reduceat(means, starts))
     moment = np.cumsum(np.add.reduceat(means * np.arange(means.size), starts))
     # squared distances of the places 0 … m − 1 from their middle, added up
     squares = m * (m**2 - 1.0) / 12.0
     slope = (moment - total * (m - 1.0) / 2.0) / squares
-    value = total / m - slope * (m - 1.0) / 2.0
+    # sample 0 lies half a mean before the middle of the first
+    value = total / m - slope * ((m - 1.0) / 2.0 + (apart - 1.0) / (2.0 * apart))
     margin = 4.0 * spread / np.sqrt(m)
     low, high = np.maximum.accumulate(value - margin), np.minimum.accumulate(value + margin)
-    straight = np.count_nonzero(low <= high) - 1
-    if straight < 0 or abs(slope[straight]) <= SIGNIFICANT * spread / math.sqrt(squares[straight]):
-        return 0.0
-    return float(slope[straight]) / apart
+    straight = int(np.count_nonzero(low <= high)) - 1
+    if straight < 0:
+        return End(float(end[0]), reflected=True)
+    moves = abs(slope[straight]) > SIGNIFICANT * spread / math.sqrt(squares[straight])
+    within_window = min(straight, sizes.index(window))
+    return End(float(end[0] + value[within_window]), bool(moves))
