@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from calibkit.numeric.wavelet import lifting
 from calibkit.numeric.wavelet.extension import Coefficients, Ends
-from calibkit.numeric.wavelet.lifting import clean_spans, find_delay, find_wavelet
+from calibkit.numeric.wavelet.lifting import clean_spans, find_wavelet
 
 
 def ends_of(signal, name, extension, window=12):
     """How a signal goes on."""
-    return Ends.fit(signal, extension, find_delay(name), window)
+    return Ends.fit(signal, extension, find_wavelet(name).delay, window)
 
 
 def forward(signal, name, levels, extension="symmetric", window=12):

@@ -25,7 +25,6 @@ from calibkit.numeric.wavelet.lifting import (
     analyse,
     average_over_shifts,
     clean_spans,
-    find_delay,
     find_wavelet,
     synthesise,
 )
@@ -119,7 +118,7 @@ def denoise(
         )
     _require_known(threshold, rule, extension)
     # the lines at the ends are as long as one and a half times the coarsest details are apart
-    ends = Ends.fit(samples, extension, find_delay(wavelet), 3 << (depth - 1))
+    ends = Ends.fit(samples, extension, bank.delay, 3 << (depth - 1))
     fine = max(depth - shifted, 0)
     approximations = unshifted = Coefficients(samples, 0, 0)
     details: list[Coefficients] = []

@@ -44,7 +44,8 @@ class Lifting:
     d / gain; a part of a level at a time, as long as it reaches far enough.
 
     Coefficients i are made of the values 2i + reads[0] … 2i + reads[1]; the values 2i and 2i + 1
-    are rebuilt from the coefficients i + needs[0] … i + needs[1].
+    are rebuilt from the coefficients i + needs[0] … i + needs[1]. Approximation i lies at the value
+    2i + delay.
     """
 
     def __init__(self, bank: str, gain: float, *steps: Step) -> None:
@@ -54,6 +55,8 @@ class Lifting:
         self.reads = (min(2 * low[EVEN], 2 * low[ODD] + 1), max(2 * high[EVEN], 2 * high[ODD] + 1))
         low, high = _reach(self.undoing)
         self.needs = (min(low), max(high))
+        ramp = np.arange(self.reads[0] // 2 * 2, self.reads[1] + 1, dtype=np.float64)
+        self.delay = float(self.analyse(ramp)[0][0]) / math.sqrt(2.0)
 
     def analyse(self, values: Array) -> tuple[Array, Array]:
         """Approximations and details [m], from just the values that they are made of, the first at
@@ -103,6 +106,8 @@ class Filters:
     def __init__(self, bank: str) -> None:
         self.bank, self.half = bank, pywt.Wavelet(bank).dec_len // 2
         self.reads, self.needs = (2 - 2 * self.half, 1), (0, self.half - 1)
+        low = np.array(pywt.Wavelet(bank).dec_lo)
+        self.delay = 1.0 - float(low @ np.arange(low.size)) / math.sqrt(2.0)
 
     def analyse(self, values: Array) -> tuple[Array, Array]:
         """As `Lifting.analyse`."""
@@ -117,11 +122,14 @@ class Filters:
 
 
 Wavelet = Lifting | Filters
-ROOT3 = math.sqrt(3.0)
+ROOT2, ROOT3 = math.sqrt(2.0), math.sqrt(3.0)
 LIFTING = {
-    "haar": Lifting("haar", math.sqrt(2.0), Step(ODD, -1.0, (0,)), Step(EVEN, 0.5, (0,))),
-    "cdf53": Lifting("bior2.2", math.sqrt(2.0), Step(ODD, -0.5, (0, 1)), Step(EVEN, 0.25, (-1, 0))),
-    # Daubechies & Sweldens 1998, section 7.7; ISO/IEC 15444-1 annex F
+    # d_i −= s_i;  s_i += d_i / 2
+    "haar": Lifting("haar", ROOT2, Step(ODD, -1.0, (0,)), Step(EVEN, 0.5, (0,))),
+    # d_i −= (s_i + s_(i+1)) / 2;  s_i += (d_(i−1) + d_i) / 4
+    "cdf53": Lifting("bior2.2", ROOT2, Step(ODD, -0.5, (0, 1)), Step(EVEN, 0.25, (-1, 0))),
+    # d_i += α (s_i + s_(i+1));  s_i += β (d_(i−1) + d_i);  the same with γ and δ; gain ζ
+    # (Daubechies & Sweldens 1998, section 7.7; ISO/IEC 15444-1 annex F)
     "cdf97": Lifting(
         "bior4.4",
         1.149604398860241,
@@ -130,16 +138,17 @@ LIFTING = {
         Step(ODD, 0.882911075530934, (0, 1)),
         Step(EVEN, 0.443506852043971, (-1, 0)),
     ),
+    # d_i −= √3 s_i;  s_i += √3/4 d_i + (√3 − 2)/4 d_(i+1);  d_i += s_(i−1)
     "db2": Lifting(
         "db2",
-        (ROOT3 + 1.0) / math.sqrt(2.0),
+        (ROOT3 + 1.0) / ROOT2,
         Step(ODD, -ROOT3, (0,)),
         Step(EVEN, ROOT3 / 4.0, (0,)),
         Step(EVEN, (ROOT3 - 2.0) / 4.0, (1,)),
         Step(ODD, 1.0, (-1,)),
     ),
 }
-"""Wavelets whose steps are written out."""
+"""Wavelets whose steps are written out; all others are banks of PyWavelets."""
 
 
 @cache
@@ -163,15 +172,6 @@ def find_wavelet(name: str) -> Wavelet:
         if near
         else "use haar, cdf53, cdf97, db4, sym8 or the like",
     )
-
-
-@cache
-def find_delay(name: str) -> float:
-    """Sample about which the filter of approximation 0 lies."""
-    wavelet = find_wavelet(name)
-    samples = np.arange(wavelet.reads[0] // 2 * 2, wavelet.reads[1] + 1, dtype=np.float64)
-    approximation, _ = wavelet.analyse(samples)
-    return round(float(approximation[0]) / math.sqrt(2.0), 9)
 
 
 def clean_spans(wavelet: Wavelet, length: int, levels: int) -> list[Span]:
