@@ -21,7 +21,7 @@ import numpy as np
 
 from calibkit.instruments.fog_thermal import simulate as fog, simulate_gyro
 from calibkit.instruments.fog_thermal.recipe import Denoise
-from calibkit.numeric.wavelet import denoise, shifted
+from calibkit.numeric.wavelet import denoise
 from calibkit.simulate import noise
 from calibkit.simulate.chamber import Chamber
 
@@ -54,7 +54,7 @@ def options() -> dict[str, str | None]:
 
 def whole(signal: Array, cuts: list[int]) -> Array:  # noqa: ARG001 (as every method)
     """What a fit does."""
-    return shifted.denoise_shifted(signal, **options()).signal  # type: ignore[arg-type]
+    return denoise.denoise(signal, **options()).signal  # type: ignore[arg-type]
 
 
 def segments(signal: Array, cuts: list[int]) -> Array:

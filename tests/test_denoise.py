@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import importlib.util
 from functools import partial
 
@@ -11,12 +10,11 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from calibkit.errors import FitError
-from calibkit.numeric.wavelet import shifted
-from calibkit.numeric.wavelet.denoise import _allocate_shared, _deepest, _shortest, denoise
-from calibkit.numeric.wavelet.extension import Continuation
-from calibkit.numeric.wavelet.lifting import EXTENSIONS, find_scheme, forward, inverse
+from calibkit.numeric.wavelet.denoise import _deepest, _shortest, denoise
+from calibkit.numeric.wavelet.extension import EXTENSIONS, Coefficients
 from calibkit.numeric.wavelet.shrinkage import RULES, THRESHOLDS, Shrinkage, noise_gains
 from conftest import ROOT
+from transforms import ends_of, forward, inverse
 
 SIGMA = 0.6  # °/h at 1 Hz: 0.01 °/√h
 
@@ -56,15 +54,15 @@ def test_the_defaults_are_those_found_best_on_simulated_ramps():
 
 
 def test_the_default_extension_has_the_least_error_at_the_ends_of_a_steep_ramp():
-    """5 °/h over 600 s: the symmetric extension bends the trend, the antisymmetric one carries one
-    sample's noise.
+    """5 °/h over 600 s, decimated: the symmetric extension bends the trend, the antisymmetric one
+    carries one sample's noise.
     """
     trend = 5.0 * np.arange(600) / 600.0
     errors = dict.fromkeys(EXTENSIONS, 0.0)
     for seed in range(30):
         log = trend + SIGMA * np.random.default_rng(seed).normal(size=600)
         for extension in EXTENSIONS:
-            error = denoise(log, extension=extension).signal - trend
+            error = denoise(log, extension=extension, shifted=0).signal - trend
             errors[extension] += float(np.sum(error[:60] ** 2 + error[-60:] ** 2))
     assert errors["trend"] < 0.25 * errors["antisymmetric"]
     assert errors["trend"] < 0.8 * min(errors["symmetric"], errors["constant"], errors["periodic"])
@@ -85,19 +83,15 @@ def test_symmetric_extension_bends_a_straight_line_at_both_ends():
     not so by `trend`.
     """
     line = 5.0 * np.arange(1200) / 1200.0
-    parts = forward(line, find_scheme("cdf97"), 6, extension="symmetric")
-    bent = (
-        inverse(dataclasses.replace(parts, details=tuple(np.zeros_like(d) for d in parts.details)))
-        - line
-    )
+
+    def without_details(extension):
+        coefficients = forward(line, "cdf97", 6, extension, window=96)
+        return inverse(*coefficients, "cdf97", line.size, lambda _level, d: np.zeros_like(d))
+
+    bent = without_details("symmetric") - line
     assert bent[0] > 0.025
     assert bent[-1] < -0.025
-    parts = forward(line, find_scheme("cdf97"), 6, extension="trend")
-    kept = (
-        inverse(dataclasses.replace(parts, details=tuple(np.zeros_like(d) for d in parts.details)))
-        - line
-    )
-    assert np.max(np.abs(kept)) < 1e-11
+    assert np.max(np.abs(without_details("trend") - line)) < 1e-11
 
 
 def test_the_slope_of_a_noisy_linear_drift_is_kept():
@@ -141,20 +135,18 @@ def test_the_edge_mask_is_no_wider_than_the_reach_of_the_filters(wavelet, most):
     _, log = ramp_log(1500)
     changed = np.zeros(1500, dtype=bool)
     for seed in range(20):
-        one = forward(log, find_scheme(wavelet), 3, extension="symmetric")
         generator = np.random.default_rng(seed)
-        kept = [generator.random(d.size) < 0.5 for d in one.details]
-        other = forward(log, find_scheme(wavelet), 3, extension="constant")
+        kept = [generator.random(log.size // 2**j + 64) < 0.5 for j in (1, 2, 3)]
+
+        def shrink(level, detail, kept=kept):
+            return detail * kept[level][: detail.size]
+
         signals = [
-            inverse(
-                dataclasses.replace(
-                    p, details=tuple(d * k for d, k in zip(p.details, kept, strict=True))
-                )
-            )
-            for p in (one, other)
+            inverse(*forward(log, wavelet, 3, extension), wavelet, log.size, shrink)
+            for extension in ("symmetric", "constant")
         ]
         changed |= signals[0] != signals[1]
-    clear = np.flatnonzero(~denoise(log, wavelet=wavelet, levels=3).edge)
+    clear = np.flatnonzero(~denoise(log, wavelet=wavelet, levels=3, shifted=0).edge)
     assert not changed[clear].any()
     touched = np.flatnonzero(changed)
     assert clear[0] - touched[touched < 700].max() < most
@@ -175,9 +167,7 @@ def test_noise_and_thresholds_are_reported_level_by_level_in_the_unit_of_the_sig
     log = SIGMA * np.random.default_rng(8).normal(size=20_000)
     found = denoise(log, wavelet="cdf53", levels=4, threshold=threshold)
     allowed = 4.0 * 1.17 / np.sqrt(20_000 / 2.0 ** np.arange(1, 5))
-    assert np.all(
-        np.abs(found.noise / (SIGMA * noise_gains(find_scheme("cdf53"), 4)) - 1.0) < allowed
-    )
+    assert np.all(np.abs(found.noise / (SIGMA * noise_gains("bior2.2", 4)) - 1.0) < allowed)
     scaled = denoise(8.0 * log, wavelet="cdf53", levels=4, threshold=threshold)
     assert np.array_equal(scaled.noise, 8.0 * found.noise)
     np.testing.assert_allclose(scaled.thresholds, 8.0 * found.thresholds, rtol=1e-13)
@@ -190,7 +180,7 @@ def test_levels_with_too_few_details_take_the_noise_of_the_level_above_by_the_ga
     """
     _, log = ramp_log(600)
     found = denoise(log, wavelet="cdf97", levels=6)
-    gains = noise_gains(find_scheme("cdf97"), 6)
+    gains = noise_gains("bior4.4", 6)
     assert found.noise[5] / found.noise[4] == pytest.approx(gains[5] / gains[4], rel=1e-14)
     assert found.noise[1] / found.noise[0] != pytest.approx(gains[1] / gains[0], rel=1e-3)
 
@@ -272,38 +262,20 @@ def test_the_indication_is_not_changed():
 
 
 @given(
-    which=st.sampled_from(
-        ["haar", "cdf53", "cdf97", "db2", "db4", "db20", "sym13", "coif5", "bior3.5", "rbio2.2"]
-    ),
+    wavelet=st.sampled_from(["haar", "cdf53", "cdf97", "db2", "db4", "bior3.5"]),
     size=st.integers(200, 3000),
-    chunk=st.sampled_from([1 << 9, 1 << 18]),
     block=st.sampled_from([7, 1 << 15]),
-    compiled=st.booleans(),
 )
-@settings(max_examples=60, deadline=None)
-def test_the_signal_written_over_the_finest_details_is_that_beside_them(
-    which, size, chunk, block, compiled
-):
-    """`denoise` needs memory for half of the details less than transform and inverse, and gives
-    their bits.
-    """
+@settings(max_examples=30, deadline=None)
+def test_the_published_scheme_is_a_decimated_transform_there_and_back(wavelet, size, block):
+    """Without shifts, whatever the blocks."""
     signal = np.random.default_rng(size).normal(size=size).cumsum()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("calibkit.numeric.wavelet.lifting.CHUNK", chunk)
-        patch.setattr("calibkit.numeric.wavelet.level.BLOCK", block)
-        if not compiled:
-            patch.setattr("calibkit.native.kernels", lambda: None)
-        got = denoise(signal, wavelet=which, levels=2)
-        parts = forward(signal, find_scheme(which), 2, extension="trend")
-        assert np.array_equal(got.signal, inverse(parts, Shrinkage("firm", got.thresholds)))
-
-
-@pytest.mark.parametrize("name", ["haar", "cdf97", "db20"])
-def test_the_array_of_signal_and_finest_details_is_hardly_longer_than_the_signal(name):
-    """One array of the signal's length and the filter's reach."""
-    made = []
-    _allocate_shared(find_scheme(name), 4001, lambda count: made.append(count) or np.empty(count))
-    assert 4001 <= made[0] < 4001 + 100
+        patch.setattr("calibkit.numeric.wavelet.lifting.BLOCK", block)
+        got = denoise(signal, wavelet=wavelet, levels=2, shifted=0)
+    shrink = Shrinkage("firm", got.thresholds)
+    coefficients = forward(signal, wavelet, 2, "trend", window=6)
+    assert np.array_equal(got.signal, inverse(*coefficients, wavelet, size, shrink))
 
 
 def test_a_log_in_one_piece_has_a_fifth_less_error_than_its_segments():
@@ -327,87 +299,42 @@ def test_a_log_in_one_piece_has_a_fifth_less_error_than_its_segments():
     assert whole[0] < moving[0]
 
 
-OPTIONS = {
-    "wavelet": "cdf97",
-    "levels": None,
-    "threshold": "universal",
-    "rule": "firm",
-    "extension": "trend",
-}
-"""Of the recipe's default."""
-
-
-def test_long_signals_are_left_as_one_transform_has_them():
-    """Above 2^18 rows the result is that of `denoise`; noise and thresholds always are."""
-    rng = np.random.default_rng(4)
-    for size, same in ((100, False), (5000, False), ((1 << 18) + 1, True)):
-        signal = rng.normal(size=size)
-        one, many = denoise(signal, **OPTIONS), shifted.denoise_shifted(signal, **OPTIONS)
-        assert np.array_equal(one.signal, many.signal) == same
-        assert np.array_equal(one.noise, many.noise)
-        assert np.array_equal(one.thresholds, many.thresholds)
-
-
 @pytest.mark.parametrize("wavelet", ["haar", "cdf97", "db4"])
-def test_the_mean_over_shifts_is_that_of_signals_that_begin_later(wavelet):
+def test_the_coarsest_levels_are_averaged_over_signals_that_begin_later(wavelet):
     """Away from the ends: eight transforms of five levels, each begun 2^2 samples later, with the
-    thresholds of the first.
+    thresholds of the first; noise and thresholds are those without shifts.
     """
     signal = np.random.default_rng(8).normal(size=3000).cumsum()
-    found = shifted.denoise_shifted(signal, **{**OPTIONS, "wavelet": wavelet, "levels": 5})
-    scheme, rule = find_scheme(wavelet), Shrinkage("firm", found.thresholds)
+    found, first = (denoise(signal, wavelet=wavelet, levels=5, shifted=k) for k in (3, 0))
+    shrink = Shrinkage("firm", found.thresholds)
     each = [
-        inverse(forward(signal[start:], scheme, 5, extension="trend"), rule)[800 - start :][:1000]
-        for start in range(0, 32, 4)
+        inverse(*forward(signal[k:], wavelet, 5), wavelet, 3000 - k, shrink)[800 - k :][:1000]
+        for k in range(0, 32, 4)
     ]
     assert np.allclose(found.signal[800:1800], np.mean(each, axis=0), rtol=0.0, atol=1e-10)
     assert np.all(~found.edge[800:1800])
+    assert np.array_equal(found.noise, first.noise)
+    assert np.array_equal(found.thresholds, first.thresholds)
 
 
-@pytest.mark.parametrize("wavelet", ["haar", "cdf53", "cdf97", "db4", "sym8"])
-def test_compiled_shifts_give_the_bits_of_arrays(wavelet, monkeypatch):
-    """Of the shortest signals and of long ones, of every rule, with noise and without."""
-    rng = np.random.default_rng(5)
-    for size in (50, 51, 100, 333, 1000, 9999):
-        for signal in (
-            rng.normal(size=size).cumsum(),
-            np.zeros(size),
-            np.round(rng.normal(size=size)),
-        ):
-            for rule in ("firm", "soft"):
-                options = {**OPTIONS, "wavelet": wavelet, "rule": rule, "levels": 1 + (size > 99)}
-                for extension in EXTENSIONS:
-                    options["extension"] = extension
-                    compiled = shifted.denoise_shifted(signal, **options)
-                    with monkeypatch.context() as patch:
-                        patch.setattr("calibkit.native.kernels", lambda: None)
-                        arrays = shifted.denoise_shifted(signal, **options)
-                    assert np.array_equal(compiled.signal, arrays.signal)
-                    assert np.array_equal(compiled.noise, arrays.noise)
-                    assert np.array_equal(compiled.thresholds, arrays.thresholds)
+def test_all_levels_of_a_short_signal_are_averaged_over_all_shifts():
+    """Two levels, where three would be."""
+    signal = np.random.default_rng(8).normal(size=400).cumsum()
+    found, all_of_them = (denoise(signal, levels=2, shifted=k).signal for k in (3, 2))
+    assert np.array_equal(found, all_of_them)
 
 
 @pytest.mark.parametrize("wavelet", ["cdf97", "db4", "sym8"])
 def test_levels_that_go_on_by_themselves_bend_a_trend_no_more_than_the_signal_would(wavelet):
     """A curve with noise, of a length that no level divides: rms error of the first and last 100
-    samples beside that of one transform of the signal extended as far as its filters reach.
+    samples beside that of the signal extended as far as the filters reach.
     """
     curve, rng = np.linspace(3.0, 40.0, 3001) ** 1.1, np.random.default_rng(6)
-    noisy = curve + rng.normal(size=(12, curve.size))
-    options = {**OPTIONS, "wavelet": wavelet}
-    own, far = (
-        np.array([act(one, **options).signal - curve for one in noisy])
-        for act in (shifted.denoise_shifted, denoise)
-    )
-    assert rms(own[:, :100]) < 1.1 * rms(far[:, :100])
-    assert rms(own[:, -100:]) < 1.1 * rms(far[:, -100:])
-
-
-def test_an_end_at_rest_is_mirrored_and_one_that_moves_is_reflected():
-    """A soak of noise alone, and a ramp of 5 °/h in 600 s."""
-    rng = np.random.default_rng(3)
-    still = 0.1 * rng.normal(size=2000)
-    moving = still + 5.0 / 600.0 * np.arange(2000)
-    assert Continuation.fit(still, "trend", 384).turned == (False, False)
-    assert Continuation.fit(moving, "trend", 384).turned == (True, True)
-    assert Continuation.fit(np.maximum(moving, 8.0), "trend", 384).turned == (False, True)
+    own, far = [], []
+    for noisy in curve + rng.normal(size=(12, curve.size)):
+        own.append(denoise(noisy, wavelet=wavelet, levels=7).signal - curve)
+        ends = ends_of(noisy, wavelet, "trend", 3 << 6)
+        long = ends.extend(Coefficients(noisy, 0, 0), (-2500, curve.size + 2500))
+        far.append(denoise(long, wavelet=wavelet, levels=7).signal[2500:-2500] - curve)
+    assert rms([error[:100] for error in own]) < 1.1 * rms([error[:100] for error in far])
+    assert rms([error[-100:] for error in own]) < 1.1 * rms([error[-100:] for error in far])

@@ -1,10 +1,8 @@
-"""The lifting transform against PyWavelets, a loop-only twin, and the laws it must keep at every
+"""The wavelet transform against PyWavelets, a loop-only twin, and the laws it must keep at every
 length and end.
 """
 
 from __future__ import annotations
-
-import dataclasses
 
 import numpy as np
 import pytest
@@ -12,39 +10,13 @@ import pywt
 from hypothesis import given, settings, strategies as st
 
 from calibkit.errors import FitError
-from calibkit.numeric.wavelet import lifting
-from calibkit.numeric.wavelet.extension import Continuation, continue_signal
-from calibkit.numeric.wavelet.factor import factor_bank
-from calibkit.numeric.wavelet.lifting import EXTENSIONS, find_scheme, forward, inverse
+from calibkit.numeric.wavelet import extension as extension_module, lifting
+from calibkit.numeric.wavelet.extension import EXTENSIONS, Coefficients
+from calibkit.numeric.wavelet.lifting import LIFTING, find_wavelet
+from transforms import clean_details, ends_of, forward, inverse
 
-INEXACT_TABLES = {
-    *(f"sym{k}" for k in (*range(2, 9), *range(14, 21))),
-    *(f"{kind}{order}" for kind in ("bior", "rbio") for order in ("4.4", "5.5", "6.8")),
-}
-"""Banks whose PyWavelets table itself misses perfect reconstruction by 2e-13 to 1.4e-11: lifting
-steps always reconstruct, so they cannot equal such a table to more digits than it has (see
-test_factor).
-"""
-BANKS = [
-    *(f"db{k}" for k in range(1, 21)),
-    *(f"sym{k}" for k in range(2, 21)),
-    *(f"coif{k}" for k in range(1, 9)),
-    *(name for name in pywt.wavelist(kind="discrete") if name.startswith(("bior", "rbio"))),
-]
-SOME = [
-    "haar",
-    "cdf53",
-    "cdf97",
-    "db2",
-    "db4",
-    "db9",
-    "sym8",
-    "sym13",
-    "coif3",
-    "bior3.5",
-    "bior5.5",
-    "rbio2.2",
-]
+BANKS = [name for name in pywt.wavelist(kind="discrete") if name != "dmey"]
+SOME = ["haar", "cdf53", "cdf97", "db2", "db4", "db9", "sym8", "coif3", "bior3.5", "rbio2.2"]
 
 
 def noise(size, seed=7):
@@ -68,49 +40,32 @@ def interior_details(signal, bank, levels):
     return out
 
 
-@pytest.mark.parametrize("bank", BANKS)
-def test_every_factored_bank_gives_the_coefficients_of_pywavelets_at_the_same_index(bank):
-    """Details of three levels have PyWavelets' values, signs and indices, away from the ends."""
-    signal = noise(1003)
-    parts = forward(
-        signal, factor_bank(bank), 3, extension="symmetric"
-    )  # scheme("db2") is the hand-written one
-    tolerance = 2e-11 if bank in INEXACT_TABLES else 1e-12  # of unit noise
-    for ours, first, theirs in zip(
-        parts.details, parts.first, interior_details(signal, bank, 3), strict=True
-    ):
+@pytest.mark.parametrize("bank", [name for name in BANKS if name not in LIFTING])
+def test_every_other_wavelet_has_the_details_of_pywavelets_at_the_same_index(bank):
+    """Three levels, away from the ends."""
+    signal, most = noise(2003), pywt.dwt_max_level(2003, bank)
+    levels = min(3, most)
+    ours = clean_details(signal, bank, levels)
+    for (detail, first), theirs in zip(ours, interior_details(signal, bank, levels), strict=True):
         index = np.flatnonzero(~np.isnan(theirs))
-        index = index[index - first < ours.size]
+        index = index[(index >= first) & (index - first < detail.size)]
         assert index.size > 30
-        assert np.max(np.abs(ours[index - first] - theirs[index])) < tolerance * scale(bank)
-
-
-def scale(bank):
-    """Largest row sum of the bank's three-level analysis filters: short splines amplify noise, and
-    rounding with it.
-    """
-    return max(1.0, np.sum(np.abs(pywt.Wavelet(bank).dec_lo)) ** 3)
+        assert np.array_equal(detail[index - first], theirs[index])
 
 
 @pytest.mark.parametrize(
-    ("name", "bank", "tolerance"),
-    [
-        ("haar", "haar", 1e-13),
-        ("cdf53", "bior2.2", 1e-13),
-        ("db2", "db2", 1e-13),
-        ("cdf97", "bior4.4", 1e-11),
-    ],
+    ("name", "tolerance"), [("haar", 1e-13), ("cdf53", 1e-13), ("db2", 1e-13), ("cdf97", 1e-11)]
 )
-def test_hand_written_schemes_equal_pywavelets_up_to_shift_and_sign(name, bank, tolerance):
+def test_lifting_steps_equal_pywavelets_up_to_shift_and_sign(name, tolerance):
     """One shift of the samples and one of each level line all details up with ± PyWavelets' (9/7:
-    its table).
+    its table ends there).
     """
     signal, levels = noise(700), 3
-    parts = forward(signal, find_scheme(name), levels, extension="symmetric")
-    ours = [detail[part][8:-8] for detail, part in zip(parts.details, parts.interior, strict=True)]
+    ours = [detail[8:-8] for detail, _ in clean_details(signal, name, levels)]
     misfits = []
     for offset in range(2**levels):
-        theirs = interior_details(np.concatenate([np.zeros(offset), signal]), bank, levels)
+        moved = np.concatenate([np.zeros(offset), signal])
+        theirs = interior_details(moved, find_wavelet(name).bank, levels)
         misfits.append(max(best_match(a, b) for a, b in zip(ours, theirs, strict=True)))
     assert min(misfits) < tolerance
     assert sorted(misfits)[1] > 1e-3
@@ -123,9 +78,7 @@ def best_match(ours, theirs):
     return min(np.min(np.max(np.abs(windows - sign * ours), axis=1)) for sign in (1.0, -1.0))
 
 
-@pytest.mark.parametrize(
-    "bank", ["db1", "db2", "db4", "db7", "coif2", "bior2.2", "bior3.3", "rbio3.5"]
-)
+@pytest.mark.parametrize("bank", ["db4", "db7", "coif2", "bior3.3", "rbio3.5"])
 @pytest.mark.parametrize(
     ("extension", "mode"), [("symmetric", "reflect"), ("antisymmetric", "antireflect")]
 )
@@ -135,193 +88,164 @@ def test_one_level_equals_pywavelets_to_the_very_ends(bank, extension, mode, len
     lengths.
     """
     signal = noise(length).cumsum()
-    parts = forward(signal, factor_bank(bank), 1, extension=extension)
-    approximation, detail = pywt.dwt(signal, bank, mode=mode)
-    for ours, theirs in ((parts.approximation, approximation), (parts.details[0], detail)):
-        low, high = max(parts.first[0], 0), min(parts.first[0] + ours.size, theirs.size)
+    for ours, theirs in zip(
+        (forward(signal, bank, 1, extension)[0], forward(signal, bank, 1, extension)[1][0]),
+        pywt.dwt(signal, bank, mode=mode),
+        strict=True,
+    ):
+        low, high = max(ours.first, 0), min(ours.span[1], theirs.size)
         assert high - low >= (length + 1) // 2
-        np.testing.assert_allclose(
-            ours[low - parts.first[0] : high - parts.first[0]], theirs[low:high], rtol=0, atol=1e-12
-        )
+        np.testing.assert_allclose(ours.part((low, high)), theirs[low:high], rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("bank", ["haar", "db4", "bior2.2", "coif2"])
 def test_the_periodic_extension_gives_the_periodization_of_pywavelets(bank):
     """On 64 samples the details repeat with the period and equal PyWavelets' up to a cyclic
-    shift.
+    shift and the sign.
     """
     signal = noise(64)
-    parts = forward(signal, factor_bank(bank), 1, extension="periodic")
-    ours = np.array([parts.details[0][(k - parts.first[0]) % 32] for k in range(32)])
+    _, (detail,) = forward(signal, bank, 1, "periodic")
+    ours = np.array([detail.values[(k - detail.first) % 32] for k in range(32)])
     misfit = min(
-        np.max(
-            np.abs(
-                np.roll(ours, k) - pywt.dwt(np.roll(signal, start), bank, mode="periodization")[1]
-            )
-        )
+        np.max(np.abs(np.roll(sign * ours, k) - pywt.dwt(moved, bank, mode="periodization")[1]))
         for k in range(32)
-        for start in (
-            0,
-            1,
-        )  # PyWavelets begins at the odd samples where half the filter length is even
+        # PyWavelets begins at the odd samples where half the filter length is even
+        for moved in (signal, np.roll(signal, 1))
+        for sign in (1.0, -1.0)
     )
     assert misfit < 1e-13
 
 
-@pytest.mark.parametrize("name", SOME)
+@pytest.mark.parametrize("name", sorted(LIFTING))
 @pytest.mark.parametrize("extension", EXTENSIONS)
 def test_a_loop_only_twin_gives_the_same_coefficients(name, extension):
-    """Steps run one sample at a time on a dictionary of the extended signal give the same two
-    levels.
+    """Steps run one sample at a time on a dictionary of a level and of what goes on beyond it give
+    the same two levels.
     """
-    signal, lifting_scheme = noise(23).cumsum(), find_scheme(name)
-    parts = forward(signal, lifting_scheme, 2, extension=extension)
-    reach = 400
-    values = dict(
-        enumerate(
-            extended(signal, -reach, signal.size + reach, extension, window=6).tolist(),
-            start=-reach,
-        )
-    )
-    for level in (1, 2):
-        approximation, detail = naive_level(values, lifting_scheme)
-        values = approximation
-        expected = [
-            detail[parts.first[level - 1] + k] for k in range(parts.details[level - 1].size)
-        ]
-        np.testing.assert_allclose(parts.details[level - 1], expected, rtol=1e-11, atol=1e-11)
-    np.testing.assert_allclose(
-        parts.approximation,
-        [values[parts.first[1] + k] for k in range(parts.approximation.size)],
-        rtol=1e-11,
-    )
+    signal, wavelet = noise(43).cumsum(), find_wavelet(name)
+    how, known = ends_of(signal, name, extension), Coefficients(signal, 0, 0)
+    for _ in range(2):
+        span = known.first - 20, known.span[1] + 20
+        values = dict(zip(range(*span), how.extend(known, span).tolist(), strict=True))
+        channels = naive_level(values, wavelet)
+        both = lifting.analyse(known, wavelet, how)
+        for coefficients, expected in zip(both, channels, strict=True):
+            np.testing.assert_allclose(
+                coefficients.values,
+                [expected[i] for i in range(*coefficients.span)],
+                rtol=1e-11,
+                atol=1e-11,
+            )
+        known = both[0]
 
 
-def extended(signal, start, stop, extension, window):
-    """Samples start … stop − 1 of a signal and of what goes on beyond its ends."""
-    return continue_signal(signal, start, stop, Continuation.fit(signal, extension, window))
-
-
-def naive_level(values, lifting_scheme):
+def naive_level(values, wavelet):
     """One analysis level on a dictionary index → value; indices whose neighbours are missing fall
     away.
     """
-    p = lifting_scheme.parity
-    channels = [
-        {(k - p) // 2: v for k, v in values.items() if (k - p) % 2 == 0},
-        {(k - p) // 2: v for k, v in values.items() if (k - p) % 2},
-    ]
-    for step in lifting_scheme.steps:
-        target, source = channels[step.updates], channels[1 - step.updates]
-        updated = {}
-        for i, value in target.items():
-            wanted = [i + step.first + k for k in range(len(step.taps))]
-            if all(j in source for j in wanted):
-                updated[i] = value + sum(
-                    tap * source[j] for tap, j in zip(step.taps, wanted, strict=True)
-                )
-        channels[step.updates] = updated
-    return tuple(
-        {i - shift: gain * v for i, v in channel.items()}
-        for channel, gain, shift in zip(
-            channels, lifting_scheme.gains, lifting_scheme.shifts, strict=True
-        )
-    )
+    channels = [{k // 2: v for k, v in values.items() if k % 2 == c} for c in (0, 1)]
+    for step in wavelet.steps:
+        source = channels[1 - step.updates]
+        channels[step.updates] = {
+            i: value + step.tap * sum(source[i + k] for k in step.offsets)
+            for i, value in channels[step.updates].items()
+            if all(i + k in source for k in step.offsets)
+        }
+    gains = wavelet.gain, 1.0 / wavelet.gain
+    return [{i: g * v for i, v in c.items()} for c, g in zip(channels, gains, strict=True)]
 
 
 @settings(max_examples=250, deadline=None)
 @given(
     length=st.integers(1, 400),
     levels=st.integers(1, 6),
-    name=st.sampled_from(["haar", "cdf53", "cdf97", *BANKS]),
+    name=st.sampled_from(["cdf53", "cdf97", *BANKS]),
     extension=st.sampled_from(EXTENSIONS),
     seed=st.integers(0, 2**32 - 1),
 )
-def test_reconstruction_is_perfect_for_any_length_scheme_and_extension(
+def test_reconstruction_is_perfect_for_any_length_wavelet_and_extension(
     length, levels, name, extension, seed
 ):
-    """Synthesis returns the samples to 1e-12 of the largest, odd lengths and lengths below the
-    filter included.
+    """Synthesis returns the samples to 1e-9 of the largest (1e-12 with lifting steps, which undo
+    themselves), odd lengths and lengths below the filter included.
     """
     signal = np.random.default_rng(seed).normal(size=length).cumsum()
-    rebuilt = inverse(forward(signal, find_scheme(name), levels, extension=extension))
+    rebuilt = inverse(*forward(signal, name, levels, extension), name, length)
     assert rebuilt.shape == signal.shape
-    assert np.max(np.abs(rebuilt - signal)) < 1e-12 * np.max(np.abs(signal))
+    tolerance = 1e-12 if name in LIFTING else 1e-9
+    assert np.max(np.abs(rebuilt - signal)) < tolerance * np.max(np.abs(signal))
 
 
 @pytest.mark.parametrize(
     ("name", "moments"),
-    [
-        *(
-            ("haar", 1),
-            ("cdf53", 2),
-            ("cdf97", 4),
-            ("db2", 2),
-            ("db4", 4),
-            ("db10", 10),
-            ("sym5", 5),
-            ("sym9", 9),
-        ),
-        *(("coif2", 4), ("bior1.3", 1), ("bior3.5", 3), ("rbio2.4", 4)),
-    ],
+    [("haar", 1), ("cdf53", 2), ("cdf97", 4), ("db2", 2), ("db4", 4), ("sym5", 5), ("bior3.5", 3)],
 )
 def test_polynomials_below_the_vanishing_moments_leave_no_details(name, moments):
     """Interior details of every power below the number of vanishing moments are rounding; the next
     power's are not.
     """
     time = np.linspace(-1.0, 1.0, 801)
-    size = {}
-    for power in range(moments + 1):
-        parts = forward(time**power, find_scheme(name), 2, extension="symmetric")
-        size[power] = max(
-            np.max(np.abs(d[i])) for d, i in zip(parts.details, parts.interior, strict=True)
-        )
-    largest = max(size[power] for power in range(moments))
-    assert largest < 2e-11  # tables are good to a few 1e-12
-    time = np.arange(48.0) - 23.5
-    following = forward(time**moments, find_scheme(name), 1, extension="symmetric")
-    assert np.min(np.abs(following.details[0][following.interior[0]])) > 0.01
+    size = [
+        max(np.max(np.abs(detail)) for detail, _ in clean_details(time**power, name, 2))
+        for power in range(moments)
+    ]
+    assert max(size) < 2e-11  # tables are good to a few 1e-12
+    ((following, _),) = clean_details((np.arange(48.0) - 23.5) ** moments, name, 1)
+    assert np.min(np.abs(following)) > 0.01
 
 
 @pytest.mark.parametrize("name", ["cdf53", "cdf97", "db2", "db4", "sym8", "coif1"])
 @pytest.mark.parametrize("extension", ["antisymmetric", "trend"])
-@pytest.mark.parametrize("length", [9, 64, 501])
+@pytest.mark.parametrize("length", [200, 501])
 def test_a_straight_line_has_no_details_even_at_its_ends(name, extension, length):
-    """Both extensions that keep a linear trend continue it, so that two vanishing moments leave
-    nothing.
+    """Both extensions that keep a linear trend continue it on every level, so that two vanishing
+    moments leave nothing.
     """
     line = 3.0 - 0.25 * np.arange(length)
-    parts = forward(line, find_scheme(name), 3, extension=extension)
-    assert (
-        max(np.max(np.abs(detail)) for detail in parts.details) < 1e-9
-    )  # of a line that spans up to 125
+    _, details = forward(line, name, 3, extension)
+    # of a line that spans up to 125
+    assert max(np.max(np.abs(detail.values)) for detail in details) < 1e-9
 
 
 @pytest.mark.parametrize("extension", ["symmetric", "constant", "periodic"])
 def test_the_other_extensions_break_a_straight_line_at_its_ends(extension):
     """The details at the ends are far above rounding, those of the interior are not."""
     line = 3.0 - 0.25 * np.arange(200)
-    parts = forward(line, find_scheme("cdf97"), 3, extension=extension)
-    assert max(np.max(np.abs(detail)) for detail in parts.details) > 0.1
-    assert (
-        max(np.max(np.abs(d[i])) for d, i in zip(parts.details, parts.interior, strict=True))
-        < 1e-11
-    )
+    _, details = forward(line, "cdf97", 3, extension)
+    assert max(np.max(np.abs(detail.values)) for detail in details) > 0.1
+    assert max(np.max(np.abs(d)) for d, _ in clean_details(line, "cdf97", 3, extension)) < 1e-11
 
 
-def test_extensions_follow_their_definitions_over_several_reflections():
+def test_extensions_follow_their_definitions():
     """Values beyond the ends by hand: mirrored, reflected in the end point, held, repeated."""
-    signal = np.array([1.0, 2.0, 5.0])
+    signal = np.array([1.0, 2.0, 5.0, 7.0])
     expected = {
-        "symmetric": [1, 2, 5, 2, 1, 2, 5, 2, 1, 2, 5],
-        "antisymmetric": [-7, -6, -3, 0, 1, 2, 5, 8, 9, 10, 13],
-        "constant": [1, 1, 1, 1, 1, 2, 5, 5, 5, 5, 5],
-        "periodic": [5, 1, 2, 5, 1, 2, 5, 1, 2, 5, 1],
+        "symmetric": [7, 5, 2, 1, 2, 5, 7, 5, 2, 1],
+        "antisymmetric": [-5, -3, 0, 1, 2, 5, 7, 9, 12, 13],
+        "constant": [1, 1, 1, 1, 2, 5, 7, 7, 7, 7],
+        "periodic": [2, 5, 7, 1, 2, 5, 7, 1, 2, 5],
     }
     for extension, values in expected.items():
-        # sample 0 is the fifth value, except that the periodic list is written from sample −4 too
-        found = extended(signal, -4, 7, extension, window=2)
-        np.testing.assert_array_equal(found, values, err_msg=extension)
+        extended = ends_of(signal, "haar", extension).extend(Coefficients(signal, 0, 0), (-3, 7))
+        np.testing.assert_array_equal(extended, values, err_msg=extension)
+
+
+def test_a_level_is_reflected_where_the_signal_is():
+    """Of a mirrored signal of any length, approximations beyond both ends are those of the signal
+    extended before, but for interpolation between them.
+    """
+    for length in range(300, 308):
+        signal = np.sin(np.arange(length) / 40.0)
+        ends = ends_of(signal, "cdf97", "symmetric")
+        near, wide = (
+            Coefficients(signal, 0, 0),
+            Coefficients(np.pad(signal, 128, "reflect"), -128, 0),
+        )
+        for _ in range(3):
+            near, _ = lifting.analyse(near, find_wavelet("cdf97"), ends)
+            wide, _ = lifting.analyse(wide, find_wavelet("cdf97"), ends)
+        span = near.first - 3, near.span[1] + 3
+        np.testing.assert_allclose(ends.extend(near, span), wide.part(span), rtol=0, atol=0.06)
 
 
 def test_the_trend_extension_reflects_in_the_fitted_end_values():
@@ -329,8 +253,9 @@ def test_the_trend_extension_reflects_in_the_fitted_end_values():
     np.polyfit.
     """
     signal, window = 0.02 * np.arange(200.0) + noise(200), 60
-    found = extended(signal, -10, 210, "trend", window)
-    for end, beyond in ((signal, found[9::-1]), (signal[::-1], found[210:])):
+    ends = ends_of(signal, "cdf97", "trend", window)
+    extended = ends.extend(Coefficients(signal, 0, 0), (-10, 210))
+    for end, beyond in ((signal, extended[9::-1]), (signal[::-1], extended[210:])):
         value = np.polyval(np.polyfit(np.arange(window), end[:window], 1), 0.0)
         np.testing.assert_allclose(beyond, 2.0 * value - end[1:11], rtol=0, atol=1e-12)
 
@@ -345,84 +270,107 @@ def test_the_trend_extension_fits_no_line_over_a_bend():
     errors, straight = [], []
     for seed in range(40):
         signal = trend + noise(900, seed=seed)
-        at_minus_one = extended(signal, -1, 0, "trend", window)[0]
-        errors.append((at_minus_one + signal[1]) / 2.0 - trend[0])
+        errors.append(ends_of(signal, "cdf97", "trend", window).left.value - trend[0])
         straight.append(np.polyval(np.polyfit(time[:window], signal[:window], 1), 0.0) - trend[0])
-    assert (
-        np.sqrt(np.mean(np.square(errors))) < 0.8
-    )  # 2 σ/√size at sizes of 16 to 60 is 0.5 to 0.26
+    # 2 σ/√size at sizes of 16 to 60 is 0.5 to 0.26
+    assert np.sqrt(np.mean(np.square(errors))) < 0.8
     assert np.sqrt(np.mean(np.square(straight))) > 5.0
+
+
+def test_an_end_at_rest_is_mirrored_and_one_that_moves_is_reflected():
+    """A soak of noise alone, and a ramp of 5 °/h in 600 s."""
+    still = 0.1 * noise(2000)
+    moving = still + 5.0 / 600.0 * np.arange(2000)
+    for signal, expected in (
+        (still, (False, False)),
+        (moving, (True, True)),
+        (np.maximum(moving, 8.0), (False, True)),
+    ):
+        ends = ends_of(signal, "cdf97", "trend", 384)
+        assert (ends.left.reflected, ends.right.reflected) == expected
+
+
+def test_the_line_at_an_end_of_a_long_log_is_fitted_to_means(monkeypatch):
+    """Of so many samples that its value is the same within half a standard error."""
+    signal = 0.01 * np.arange(5000.0) + noise(5000)
+    whole = ends_of(signal, "cdf97", "trend", 1000)
+    monkeypatch.setattr(extension_module, "MOST_VALUES", 150)
+    means = ends_of(signal, "cdf97", "trend", 1000)
+    for one, other in ((whole.left, means.left), (whole.right, means.right)):
+        assert one.reflected
+        assert other.reflected
+        assert other.value == pytest.approx(one.value, abs=1.0 / np.sqrt(1000.0))
 
 
 @pytest.mark.parametrize("name", SOME)
 def test_only_coefficients_outside_the_interior_depend_on_the_extension(name):
     """Two extensions give bit-equal interior details and different ones outside."""
     signal = noise(900).cumsum()
-    one, other = (
-        forward(signal, find_scheme(name), 4, extension=e) for e in ("symmetric", "periodic")
-    )
-    for a, b, interior in zip(one.details, other.details, one.interior, strict=True):
-        assert np.array_equal(a[interior], b[interior])
-        assert interior.stop - interior.start > 0
-    outside = [
-        np.delete(d, np.arange(i.start, i.stop))
-        for d, i in zip(one.details, one.interior, strict=True)
-    ]
-    others = [
-        np.delete(d, np.arange(i.start, i.stop))
-        for d, i in zip(other.details, one.interior, strict=True)
-    ]
+    both = [clean_details(signal, name, 4, e) for e in ("symmetric", "periodic")]
+    for (one, _), (other, _) in zip(*both, strict=True):
+        assert one.size > 0
+        assert np.array_equal(one, other)
     if name != "haar":
-        assert all(not np.array_equal(a, b) for a, b in zip(outside, others, strict=True))
+        for one, other in zip(
+            *(forward(signal, name, 4, e)[1] for e in ("symmetric", "periodic")), strict=True
+        ):
+            assert not np.array_equal(one.values, other.values)
 
 
-@pytest.mark.parametrize("name", ["cdf97", "db4", "bior3.5"])
+@pytest.mark.parametrize("name", ["cdf97", "db2", "db4", "bior3.5"])
 def test_blocks_leave_no_trace_in_the_result(name, monkeypatch):
-    """Blocks of 64 pairs give bit for bit what one block gives, forwards and back."""
+    """Blocks of 37 pairs give what one block gives, forwards, back and over all shifts."""
     signal = noise(3001)
-    whole = forward(signal, find_scheme(name), 4, extension="trend")
-    back = inverse(whole)
-    monkeypatch.setattr("calibkit.numeric.wavelet.level.BLOCK", 64)
-    monkeypatch.setattr(lifting, "CHUNK", 256)
-    monkeypatch.setattr(lifting, "COARSEST", 3)
-    cut = forward(signal, find_scheme(name), 4, extension="trend")
-    assert all(np.array_equal(a, b) for a, b in zip(whole.details, cut.details, strict=True))
-    assert np.array_equal(whole.approximation, cut.approximation)
-    assert np.array_equal(back, inverse(cut))
+    how, wavelet = ends_of(signal, name, "trend"), find_wavelet(name)
+
+    def all_of_it():
+        approximations, details = forward(signal, name, 4, "trend")
+        shifted = lifting.average_over_shifts(
+            Coefficients(signal, 0, 0), 3, wavelet, how, lambda _level, d: np.clip(d, -1.0, 1.0)
+        )
+        rebuilt = inverse(approximations, details, name, signal.size)
+        return [*(d.values for d in details), approximations.values, rebuilt, shifted.values]
+
+    whole = all_of_it()
+    monkeypatch.setattr(lifting, "BLOCK", 37)
+    for one, cut in zip(whole, all_of_it(), strict=True):
+        np.testing.assert_allclose(one, cut, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", ["cdf97", "bior3.5"])
-def test_details_shrunk_on_the_way_back_equal_those_shrunk_before(name, monkeypatch):
-    """Level by level with its own threshold, block by block, to the last bit; the decomposition
-    stays as it is.
-    """
-    signal = noise(20_000)
-    before = forward(signal, find_scheme(name), 4, extension="trend")
-    thresholds = (0.5, 1.0, 1.5, 2.0)
-    kept = [detail.copy() for detail in before.details]
-    shrunk = tuple(
-        np.where(np.abs(d) > t, d, 0.0) for d, t in zip(before.details, thresholds, strict=True)
+@pytest.mark.parametrize("name", ["haar", "cdf97", "db4"])
+def test_the_average_over_shifts_is_that_of_signals_that_begin_later(name):
+    """Away from the ends: the mean of eight decimated transforms, each begun a sample later."""
+    signal = noise(3000).cumsum()
+
+    def shrink(level, detail):
+        return np.where(np.abs(detail) > 1.0 + level, detail, 0.0)
+
+    shifted = lifting.average_over_shifts(
+        Coefficients(signal, 0, 0),
+        3,
+        find_wavelet(name),
+        ends_of(signal, name, "symmetric"),
+        shrink,
     )
-    monkeypatch.setattr(lifting, "CHUNK", 1 << 10)
-    monkeypatch.setattr("calibkit.numeric.wavelet.level.BLOCK", 100)
-    found = inverse(
-        before, lambda level, detail: np.where(np.abs(detail) > thresholds[level], detail, 0.0)
-    )
-    assert (found == inverse(dataclasses.replace(before, details=shrunk))).all()
-    assert all((detail == copy).all() for detail, copy in zip(before.details, kept, strict=True))
+    each = [
+        inverse(*forward(signal[k:], name, 3), name, 3000 - k, shrink)[800 - k : 1800 - k]
+        for k in range(8)
+    ]
+    np.testing.assert_allclose(shifted.values[800:1800], np.mean(each, axis=0), atol=1e-10)
 
 
 def test_a_read_only_signal_is_accepted_and_left_alone():
     """A column of a pandas frame is read-only; the transform neither needs to write to it nor hands
     it out.
     """
-    signal = noise(100)
-    signal.flags.writeable = False
-    before = signal.copy()
-    parts = forward(signal, find_scheme("cdf97"), 2, extension="trend")
-    parts.details[0][:] = 0.0
-    assert np.array_equal(signal, before)
-    assert inverse(parts).flags.writeable
+    for name in ("cdf97", "db4"):
+        signal = noise(100)
+        signal.flags.writeable = False
+        before = signal.copy()
+        approximations, details = forward(signal, name, 2)
+        details[0].values[:] = 0.0
+        assert np.array_equal(signal, before)
+        assert inverse(approximations, details, name, 100).flags.writeable
 
 
 @pytest.mark.parametrize(
@@ -432,38 +380,12 @@ def test_a_read_only_signal_is_accepted_and_left_alone():
 def test_an_unknown_wavelet_is_refused_with_a_suggestion(name, suggestion):
     """The message names what was asked for and the nearest names there are."""
     with pytest.raises(FitError, match=f"unknown wavelet {name!r}.*did you mean.*{suggestion}"):
-        find_scheme(name)
+        find_wavelet(name)
 
 
 def test_a_wavelet_that_resembles_nothing_is_refused_with_examples():
     """Without a near name the hint lists usual ones; continuous wavelets are not accepted."""
     with pytest.raises(FitError, match=r"unknown wavelet '§§'.*use haar"):
-        find_scheme("§§")
+        find_wavelet("§§")
     with pytest.raises(FitError, match="unknown wavelet 'mexh'"):
-        find_scheme("mexh")
-
-
-@pytest.mark.parametrize(
-    ("signal", "levels", "extension", "message"),
-    [
-        (np.zeros(0), 1, "symmetric", "cannot be transformed"),
-        (np.zeros((2, 2)), 1, "symmetric", "cannot be transformed"),
-        (np.zeros(5), 0, "symmetric", "over 0 levels"),
-        (np.zeros(5), 1, "mirror", "unknown extension 'mirror'"),
-    ],
-)
-def test_what_cannot_be_transformed_is_refused(signal, levels, extension, message):
-    """Empty and two-dimensional signals, no levels and unknown extensions are errors with a
-    reason.
-    """
-    with pytest.raises(FitError, match=message):
-        forward(signal, find_scheme("haar"), levels, extension=extension)
-
-
-def test_coefficients_of_another_length_are_refused():
-    """Details or an approximation that lost an element cannot be turned back silently."""
-    parts = forward(noise(50), find_scheme("cdf97"), 2, extension="symmetric")
-    with pytest.raises(FitError, match="belong to 50 samples"):
-        inverse(dataclasses.replace(parts, details=(parts.details[0][:-1], parts.details[1])))
-    with pytest.raises(FitError, match="belong to 50 samples"):
-        inverse(dataclasses.replace(parts, approximation=parts.approximation[1:]))
+        find_wavelet("mexh")

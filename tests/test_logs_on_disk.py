@@ -81,16 +81,14 @@ def test_a_log_on_disk_comes_out_bit_for_bit_as_in_memory(folder, on_disk, monke
 
 
 def test_the_length_of_spans_does_not_matter(folder, on_disk, monkeypatch):
-    """Spans of 257 rows and chunks of 512 samples, that cut windows, intervals and wavelets
+    """Spans of 257 rows and blocks of 37 pairs, that cut windows, intervals and wavelets
     anywhere: the same to 1e-10.
     """
     _, usual = prepared(folder)
     monkeypatch.setattr(chunks, "ROWS", 257)
     monkeypatch.setattr(order_statistics, "COLLECTED", 100)
     monkeypatch.setattr(order_statistics, "SAMPLE", 32)
-    monkeypatch.setattr(lifting, "CHUNK", 512)
-    monkeypatch.setattr(lifting, "COARSEST", 4)
-    monkeypatch.setattr(lifting, "TOGETHER", 3)
+    monkeypatch.setattr(lifting, "BLOCK", 37)
     _, cut = prepared(folder)
     same(usual, cut, rtol=1e-10)
 
@@ -252,7 +250,7 @@ def long_log(monkeypatch):
     "work",
     [
         lambda log: thermometers.check_steps(log, "temp_case_degc"),
-        lambda log: extension.Continuation.fit(values(log.frame, "gyro_dph"), "trend", 1 << 19),
+        lambda log: extension.Ends.fit(values(log.frame, "gyro_dph"), "trend", 0.0, 1 << 19),
     ],
     ids=["steps", "ends"],
 )

@@ -65,7 +65,12 @@ def denoise(signal: Array, *, levels: int, inside: list[list[int]]) -> Prepared:
 
     def run() -> Array:
         return stage.denoise(
-            signal, wavelet="cdf97", levels=levels, rule="soft", extension="periodic"
+            signal,
+            wavelet="cdf97",
+            levels=levels,
+            rule="soft",
+            extension="periodic",
+            shifted=0,
         ).signal
 
     return run, lambda result: {"signal": result}

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calibkit.numeric import attitude
-from calibkit.numeric.wavelet.lifting import find_scheme
-from calibkit.numeric.wavelet.reach import untouched
+from calibkit.numeric.wavelet.lifting import clean_spans, find_wavelet
 from speed.goals import Goal
 
 if TYPE_CHECKING:
@@ -70,7 +69,7 @@ def _ramp(rows: int) -> Data:
     signal = (
         np.sin(2.0 * np.pi * phase) + 0.3 * np.cos(6.0 * np.pi * phase) + rng.normal(0.0, 0.5, size)
     )
-    clean, _ = untouched(find_scheme("cdf97"), size, 8)
+    clean = clean_spans(find_wavelet("cdf97"), size, 8)
     return Data(
         {"signal": signal}, {"levels": 8, "inside": [list(span) for span in clean[1:]]}, size
     )

@@ -11,28 +11,12 @@ from ctypes import CDLL
 from functools import cache
 from pathlib import Path
 
-import numpy as np
-
-from calibkit.arrays import Array
-
 FOLDER = Path(__file__).parent
-DOUBLE = np.dtype(np.float64)
 
 
 def kernels() -> CDLL | None:
     """The compiled kernels; None where there are none. Calls into them run beside other threads."""
     return _loaded()[0]
-
-
-def kernels_for(*arrays: Array) -> CDLL | None:
-    """The compiled kernels; None where they were not built, or where an array is not of adjacent
-    doubles of this machine.
-    """
-    for array in arrays:
-        flags = array.flags
-        if array.dtype != DOUBLE or not (flags.c_contiguous and flags.aligned):
-            return None
-    return kernels()
 
 
 def state() -> str:
@@ -85,15 +69,6 @@ def _declare(library: CDLL) -> None:
     kernels = {
         "numbers": (whole, (at, whole, whole, whole, POINTER(POINTER(real)))),
         "slopes": (whole, (at, at, whole, whole, real, real, at)),
-        "analysed": (None, (at, at, at, *(whole,) * 3, at, whole, whole, at, whole, whole)),
-        "synthesised": (
-            None,
-            (at, at, at, at, *(whole,) * 4, real, real, at, whole, whole),
-        ),
-        "analysed_levels": (None, (at, at, at, whole, at)),
-        "synthesised_levels": (None, (at, at, at, whole, whole, at, at)),
-        "denoised": (whole, (at,) * 9),
-        "medians": (whole, (at, at, whole, at, at)),
     }
     for name, (result, arguments) in kernels.items():
         kernel = getattr(library, f"calibkit_{name}")

@@ -19,7 +19,7 @@ from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 from calibkit.numeric import chunks, intervals, segments
 from calibkit.numeric.thermal import pooled_fit
 from calibkit.numeric.thermal.pooled_fit import ThermalLog
-from calibkit.numeric.wavelet import shifted
+from calibkit.numeric.wavelet.denoise import denoise
 
 LONGER_WINDOWS = 3
 """Largest number of doublings of the slope window for a log that changes temperature but shows no
@@ -311,7 +311,7 @@ def _denoised(
     if not spec.enabled:
         return held.means(gyro), ()
     try:
-        found = shifted.denoise_shifted(
+        found = denoise(
             gyro,
             wavelet=spec.wavelet,
             levels=None if spec.levels == "auto" else spec.levels,

@@ -1,4 +1,4 @@
-"""Wavelet denoising of one segment of a signal."""
+"""Wavelet denoising of a signal in one piece."""
 
 import difflib
 from bisect import bisect_left
@@ -12,30 +12,40 @@ from numpy.typing import ArrayLike
 from calibkit.arrays import Array, Mask
 from calibkit.errors import FitError
 from calibkit.numeric.chunks import all_finite, release
-from calibkit.numeric.wavelet import reach
-from calibkit.numeric.wavelet.extension import Extension
-from calibkit.numeric.wavelet.factor import Scheme
+from calibkit.numeric.wavelet.extension import (
+    EXTENSIONS,
+    Coefficients,
+    Ends,
+    Extension,
+    Span,
+)
 from calibkit.numeric.wavelet.lifting import (
     Allocate,
-    find_scheme,
-    forward,
-    inverse,
-    shared_length,
+    Wavelet,
+    analyse,
+    average_over_shifts,
+    clean_spans,
+    find_wavelet,
+    synthesise,
 )
-from calibkit.numeric.wavelet.reach import untouched
 from calibkit.numeric.wavelet.shrinkage import (
     RULES,
     THRESHOLDS,
     Rule,
     Shrinkage,
     Threshold,
-    estimate_noises,
+    estimate_noise,
     noise_gains,
 )
 
 OWN_NOISE_FROM = 16
 """Details that a level must have on the signal to have its noise estimated from them (29 % standard
 error of the MAD).
+"""
+SHIFTED = 3
+"""Coarsest levels that are averaged over all shifts. A decimated transform treats a step
+differently by where it falls between its samples (Coifman & Donoho 1995, Translation-invariant
+de-noising); at the finer levels hardly a detail is kept, so that their shifts change little.
 """
 
 
@@ -68,6 +78,7 @@ def denoise(
     threshold: Threshold = "universal",
     rule: Rule = "firm",
     extension: Extension = "trend",
+    shifted: int = SHIFTED,
     allocate: Allocate = np.empty,
 ) -> Denoised:
     """Remove from a segment [n] of equidistant samples what its wavelet details hold of noise.
@@ -75,12 +86,14 @@ def denoise(
     Parameters
     ----------
     signal : [n], any unit.
-    wavelet : a name that `lifting.find_scheme` knows.
+    wavelet : "haar", "cdf53", "cdf97", "db2", or any discrete one of PyWavelets.
     levels : depth; that of `_deepest` when absent, 6 for 600 samples, 9 for 6000.
     threshold, rule : names in `shrinkage.THRESHOLDS` and `shrinkage.RULES`.
-    extension : how the signal goes on beyond its ends (see `extension.Continuation`).
-    allocate : makes the arrays of details and of the result; memory beyond them is that of a chunk,
-        unless the threshold is "sure".
+    extension : how the signal goes on beyond its ends (see `extension.extended`).
+    shifted : number of coarsest levels that are averaged over all shifts; 0 for the published
+        scheme, which is decimated.
+    allocate : makes the arrays of coefficients and of the result; memory beyond them is that of a
+        block, unless the threshold is "sure".
 
     Raises
     ------
@@ -89,27 +102,13 @@ def denoise(
 
     Notes
     -----
-    Noise is estimated level by level from the details that lie wholly on the signal, so that
-    neither it nor the thresholds depend on the extension; a level with fewer than 16 of them takes
-    the noise of the level above times the ratio of their noise gains (white noise) and,
+    Noise is estimated level by level from the decimated details that lie wholly on the signal, so
+    that neither it nor the thresholds depend on the extension; a level with fewer than 16 of them
+    takes the noise of the level above times the ratio of their noise gains (white noise) and,
     where the threshold looks at details, the universal threshold.
     """
-    samples, scheme, depth = prepare(signal, wavelet, levels, threshold, rule)
-    out, allocate_details = _allocate_shared(scheme, samples.size, allocate)
-    parts = forward(samples, scheme, depth, extension=extension, allocate=allocate_details)
-    own = [detail[part] for detail, part in zip(parts.details, parts.interior, strict=True)]
-    noise, thresholds = find_thresholds(own, scheme, threshold, samples.size)
-    _, inner = untouched(scheme, samples.size, depth)
-    shrunk = inverse(parts, Shrinkage(rule, thresholds), allocate=allocate, into=out)
-    return Denoised(shrunk, noise, thresholds, inner, depth)
-
-
-def prepare(
-    signal: ArrayLike, wavelet: str, levels: int | None, threshold: str, rule: str
-) -> tuple[Array, Scheme, int]:
-    """Samples, scheme and depth of what is asked for; FitError as `denoise` says."""
     samples = _checked(signal)
-    scheme = find_scheme(wavelet)
+    bank = find_wavelet(wavelet)
     depth = _deepest(wavelet, samples.size) if levels is None else levels
     if not _fits(wavelet, samples.size, depth):
         raise FitError(
@@ -117,28 +116,65 @@ def prepare(
             f" needs {_shortest(wavelet, depth)}",
             hint="use fewer levels, a shorter wavelet or a longer segment",
         )
-    _require_known(threshold, rule)
-    return samples, scheme, depth
+    _require_known(threshold, rule, extension)
+    # the lines at the ends are as long as one and a half times the coarsest details are apart
+    ends = Ends.fit(samples, extension, bank.delay, 3 << (depth - 1))
+    fine = max(depth - shifted, 0)
+    approximations = unshifted = Coefficients(samples, 0, 0)
+    details: list[Coefficients] = []
+    spans: list[Span] = []
+    for level in range(depth):
+        if level == fine:
+            unshifted = approximations
+        spans.append(approximations.span)
+        approximations, detail = analyse(approximations, bank, ends, allocate)
+        details.append(detail)
+    clean = clean_spans(bank, samples.size, depth)
+    noise, thresholds = _find_thresholds(details, clean[1:], bank, threshold, samples.size)
+    shrink = Shrinkage(rule, thresholds)
+    margin = 0
+    if fine < depth:
+        approximations = average_over_shifts(unshifted, depth - fine, bank, ends, shrink, allocate)
+        margin = 2 << depth  # a shift moves what the extension touches by less
+    del unshifted, detail, details[fine:], spans[fine:]
+    while details:
+        above = spans.pop()
+        approximations = synthesise(approximations, details.pop(), above, bank, shrink, allocate)
+    inner = _untouched(bank, clean, margin)
+    return Denoised(approximations.values, noise, thresholds, inner, depth)
 
 
-def find_thresholds(
-    own: Sequence[Array], scheme: Scheme, threshold: Threshold, length: int
+def _find_thresholds(
+    details: Sequence[Coefficients],
+    clean: Sequence[Span],
+    wavelet: Wavelet,
+    threshold: Threshold,
+    length: int,
 ) -> tuple[Array, Array]:
-    """Noise and thresholds [levels] of a signal of a length, from the details of each level that
+    """Noise and thresholds [levels] of a signal of a length, from those details of each level that
     lie wholly on it.
     """
-    gains, depth = noise_gains(scheme, len(own)), len(own)
-    known = [part.size >= OWN_NOISE_FROM for part in own]
-    estimated = iter(
-        estimate_noises([part for part, enough in zip(own, known, strict=True) if enough])
-    )
-    noise, thresholds = np.zeros(depth), np.zeros(depth)
-    for j, (part, enough) in enumerate(zip(own, known, strict=True)):
-        noise[j] = next(estimated) if enough else noise[j - 1] * gains[j] / gains[j - 1]
+    levels = len(details)
+    gains, noise, thresholds = noise_gains(wavelet.bank, levels), np.zeros(levels), np.zeros(levels)
+    for j in range(levels):
+        on_signal = details[j].part(clean[j])
+        enough = on_signal.size >= OWN_NOISE_FROM
+        noise[j] = estimate_noise(on_signal) if enough else noise[j - 1] * gains[j] / gains[j - 1]
         estimate = THRESHOLDS[threshold if enough else "universal"]
-        thresholds[j] = estimate(part, float(noise[j]), length)
-        release(part)
+        thresholds[j] = estimate(on_signal, float(noise[j]), length)
+        release(on_signal)
     return noise, thresholds
+
+
+def _untouched(wavelet: Wavelet, clean: Sequence[Span], margin: int) -> Span:
+    """Samples that are rebuilt from coefficients alone that no extension touches, less a margin at
+    both ends.
+    """
+    low, high = clean[-1]
+    for above in reversed(clean[:-1]):
+        low, high = 2 * (low - wavelet.needs[0]), 2 * (high - wavelet.needs[1])
+        low, high = max(low, above[0]), min(high, above[1])
+    return low + margin, max(high - margin, low + margin)
 
 
 @lru_cache(maxsize=64)
@@ -148,7 +184,7 @@ def _fits(wavelet: str, length: int, levels: int) -> bool:
     """
     if levels < 1:
         raise FitError(f"{levels} levels of a wavelet transform", hint="use one level or more")
-    clean, _ = untouched(find_scheme(wavelet), length, levels)
+    clean = clean_spans(find_wavelet(wavelet), length, levels)
     return clean[-1][1] > clean[-1][0] and clean[1][1] - clean[1][0] >= OWN_NOISE_FROM
 
 
@@ -189,13 +225,12 @@ def _checked(signal: ArrayLike) -> Array:
     return samples
 
 
-def _require_known(threshold: str, rule: str) -> None:
-    """Refuse the name of a threshold or of a rule that does not exist."""
-    if threshold in THRESHOLDS and rule in RULES:
-        return
+def _require_known(threshold: str, rule: str, extension: str) -> None:
+    """Refuse the name of a threshold, a rule or an extension that does not exist."""
     for name, known, kind in (
         (threshold, list(THRESHOLDS), "threshold"),
         (rule, list(RULES), "shrinkage rule"),
+        (extension, list(EXTENSIONS), "extension"),
     ):
         if name not in known:
             near = difflib.get_close_matches(name, known, n=1)
@@ -203,16 +238,3 @@ def _require_known(threshold: str, rule: str) -> None:
                 f"unknown {kind} {name!r}",
                 hint=f"did you mean {near[0]}?" if near else f"use one of {', '.join(known)}",
             )
-
-
-def _allocate_shared(scheme: Scheme, length: int, allocate: Allocate) -> tuple[Array, Allocate]:
-    """Array [length] for the signal that `inverse` makes, and what allocates the details: the
-    finest in its second half.
-
-    They lie so far after the signal that each of them is read before the signal is written over
-    it.
-    """
-    _, (low, high) = reach.coefficients_of(scheme, (0, length), 1)
-    whole = allocate(max(shared_length(scheme, length), length, high - low))
-    free = [whole[whole.size - (high - low) :]]
-    return whole[:length], lambda size: free.pop() if free else allocate(size)

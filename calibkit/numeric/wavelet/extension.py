@@ -1,34 +1,76 @@
-"""How a signal is extended beyond its ends where a filter reaches over them."""
+"""Coefficients of a wavelet transform level by level, and how they go on beyond the ends of a
+signal where a filter reaches over them.
+"""
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Literal, Self, get_args
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers
-from calibkit.numeric import chunks
-from calibkit.numeric.wavelet.shrinkage import estimate_noises
+from calibkit.arrays import Array
+from calibkit.numeric.chunks import release
+from calibkit.numeric.wavelet.shrinkage import estimate_noise
 
 Extension = Literal["symmetric", "antisymmetric", "trend", "constant", "periodic"]
 EXTENSIONS: tuple[Extension, ...] = get_args(Extension)
+Span = tuple[int, int]
+"""First index and one past the last; empty where its end is at or before its start."""
 
 SIGNIFICANT = 6.0
 """Slope at an end, in standard errors by white noise, beyond which the signal moves there: flicker
 noise makes some slope too.
 """
-LONGER = 2
-"""Sections that show whether the signal moves at an end, in windows of the line that gives the
-value there.
-"""
 STRETCH = 16
 """Samples of the shortest section that a straight line is fitted to at an end."""
+MOST_VALUES = 1 << 16
+"""Values that a line is sought in at an end; of more samples, means of some are taken, so that
+memory is bounded.
+"""
 
 
 @dataclass(frozen=True, slots=True)
-class Continuation:
-    """How a signal goes on beyond its ends, and the values that it is reflected in [signal's unit].
+class Coefficients:
+    """Approximations or details [n] of a level, 0 the signal itself.
+
+    Element 0 has the index `first`. Index i lies at sample 2^level i, but for the delay of the
+    filters.
+    """
+
+    values: Array
+    first: int
+    level: int
+
+    @property
+    def span(self) -> Span:
+        """Indices that are known."""
+        return self.first, self.first + self.values.size
+
+    def interpolate(self, position: Array) -> Array:
+        """Values between indices, along straight lines; beyond those known, the last of them."""
+        below = np.clip(np.floor(position).astype(np.int64) - self.first, 0, self.values.size - 1)
+        above = np.minimum(below + 1, self.values.size - 1)
+        share = np.clip(position - self.first - below, 0.0, 1.0)
+        return self.values[below] + share * (self.values[above] - self.values[below])
+
+    def part(self, span: Span) -> Array:
+        """Those with given indices, which are known."""
+        return self.values[max(span[0] - self.first, 0) : max(span[1] - self.first, 0)]
+
+
+@dataclass(frozen=True, slots=True)
+class End:
+    """Value of a signal at an end [unit of the signal], and whether it is reflected in that point
+    rather than mirrored.
+    """
+
+    value: float
+    reflected: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Ends:
+    """How a signal of some length goes on beyond its ends, and the approximations of each level.
 
     "symmetric" mirrors at the end samples, x(−k) = x(k); "antisymmetric" reflects in the end
     points, x(−k) = 2 x(0) − x(k), which keeps a linear trend but carries the noise of one sample
@@ -39,137 +81,79 @@ class Continuation:
     """
 
     extension: Extension
-    left: float
-    right: float
-    turned: tuple[bool, bool] = (True, True)
-    """Whether the signal is reflected in the value at each end, not mirrored."""
+    length: int
+    delay: float
+    """Sample about which the filter of approximation 0 of level 1 lies."""
+    left: End
+    right: End
 
     @classmethod
-    def fit(cls, signal: Array, extension: Extension, window: int) -> Self:
-        """Continuation of a signal [n]; "trend" fits its lines to at most `window` samples."""
+    def fit(cls, signal: Array, extension: Extension, delay: float, window: int) -> Self:
+        """Ends of a signal [n]; "trend" fits its lines to at most `window` samples."""
+        left, right = (End(float(signal[k]), extension != "symmetric") for k in (0, -1))
         if extension == "trend":
-            (left, moves), (right, goes) = (_fit_end(x, window) for x in (signal, signal[::-1]))
-            return cls(extension, left, right, (moves, goes))
-        reflected = extension != "symmetric"
-        return cls(extension, float(signal[0]), float(signal[-1]), (reflected, reflected))
+            left, right = _fit_end(signal, window), _fit_end(signal[::-1], window)
+            release(signal)
+        return cls(extension, signal.size, delay, left, right)
+
+    def extend(self, known: Coefficients, span: Span) -> Array:
+        """Approximations of given indices, whether known or not."""
+        low, high = known.span
+        if low <= span[0] and span[1] <= high:
+            return known.part(span)
+        index = np.arange(*span, dtype=np.float64)
+        extended = known.interpolate(index)
+        apart = 2.0**known.level  # of two indices, in samples
+        for end, sample, outside, inwards in (
+            (self.left, 0, index < low, self.length),
+            (self.right, self.length - 1, index >= high, -self.length),
+        ):
+            # an approximation is √apart times what it is of
+            value = end.value * math.sqrt(apart)
+            place = (sample - self.delay * (apart - 1.0)) / apart
+            mirrored = known.interpolate(2.0 * place - index[outside])
+            if self.extension == "periodic":
+                extended[outside] = known.interpolate(index[outside] + inwards / apart)
+            elif self.extension == "constant":
+                extended[outside] = value
+            else:
+                extended[outside] = 2.0 * value - mirrored if end.reflected else mirrored
+        return extended
 
 
-def continue_signal(signal: Array, start: int, stop: int, beyond: Continuation) -> Array:
-    """Samples start … stop − 1 of a signal [n] that goes on beyond its ends."""
-    n = signal.size
-    if start >= 0 and stop <= n:
-        return signal[start:stop]
-    if beyond.extension in {"periodic", "constant"} or n < 3:
-        return _folded(signal, np.arange(start, stop), beyond)
-    # reflected once by slices, farther out sample by sample: what a sample is does not depend on
-    # what is asked for with it
-    low, high = (min(max(bound, 2 - n), 2 * n - 2) for bound in (start, stop))
-    before = signal[max(1, 1 - high) : max(1 - low, 1)][::-1]
-    behind = signal[max(2 * n - 1 - high, 0) : min(n - 1, 2 * n - 1 - low)][::-1]
-    before = 2.0 * beyond.left - before if beyond.turned[0] else before
-    behind = 2.0 * beyond.right - behind if beyond.turned[1] else behind
-    once = (before, signal[max(low, 0) : max(high, 0)], behind)
-    if low == start and high == stop:
-        return np.concatenate(once)
-    left = _folded(signal, np.arange(start, min(stop, 2 - n)), beyond)
-    right = _folded(signal, np.arange(max(start, 2 * n - 2), stop), beyond)
-    return np.concatenate((left, *once, right))
+def _fit_end(end: Array, window: int) -> End:
+    """Value at sample 0 of the straight line through the longest section from there that is still
+    straight; reflected if the line, if need be of twice the window, has a slope beyond its noise.
 
-
-def _folded(signal: Array, at: Integers, beyond: Continuation) -> Array:
-    """Samples at any indices, however often the signal's length lies between them and the
-    signal.
+    Sections grow by halves up to the window for as long as the values at sample 0 of the lines
+    fitted to all of them agree within two standard errors, each 2 σ/√m for m samples (intersection
+    of confidence intervals, Goldenshluger & Nemirovski 1997), with σ estimated from the differences
+    of neighbouring samples.
     """
-    n = signal.size
-    if beyond.extension == "periodic":
-        return signal[at % n]
-    if beyond.extension == "constant":
-        return signal[np.clip(at, 0, n - 1)]
-    last, ends = max(n - 1, 1), np.array([2.0 * beyond.left, 2.0 * beyond.right])
-    at, sign, added = at.copy(), np.ones(at.size), np.full(at.size, -0.0)  # keeps signs of zeros
-    while True:
-        sides = (np.flatnonzero(at < 0), np.flatnonzero(at > last))
-        if not sides[0].size and not sides[1].size:
-            return np.asarray(added + sign * signal[np.minimum(at, n - 1)], dtype=np.float64)
-        for side, rows in enumerate(sides):
-            at[rows] = 2 * last * side - at[rows]
-            if beyond.turned[side]:
-                added[rows] += sign[rows] * ends[side]
-                sign[rows] = -sign[rows]
-
-
-def window_of(levels: int) -> int:
-    """Samples that the lines at the ends are fitted to before a transform over so many levels."""
-    return 3 << (levels - 1)
-
-
-def lengths_at_end(size: int, window: int) -> tuple[int, int, int]:
-    """Numbers of samples that show the noise at an end, that show whether the signal moves there,
-    and of the window, on a signal of a size.
-    """
-    window = min(max(window, 2), size)
-    return min(max(window, STRETCH), size), min(LONGER * window, size), window
-
-
-@lru_cache(maxsize=64)
-def sections(window: int, limit: int) -> tuple[Array, Array]:
-    """Sizes of the sections at an end, which grow by halves to the window and on to a limit, and
-    the sum of the squared distances of their samples from their middle.
-    """
+    limit = min(2 * window, end.size)
+    if limit < 3:
+        return End(float(end[0]), reflected=True)
+    apart = -(-limit // MOST_VALUES)
+    means = end[: limit // apart * apart].reshape(-1, apart).mean(axis=1) - end[0]
+    window = min(window // apart, means.size)
     sizes = [min(STRETCH, window)]
-    for most in (window, limit):
+    for most in (window, means.size):
         while sizes[-1] < most:
             sizes.append(min(sizes[-1] + sizes[-1] // 2, most))
-    m = np.array(sizes, dtype=np.float64)
-    return m, m * (m**2 - 1.0) / 12.0
-
-
-def _sums(end: Array, sizes: Array) -> Array:
-    """Sums [k, 2] above sample 0 of the samples that each section of given sizes [k] adds to the
-    one before, by themselves and times their place; one section is in memory at a time.
-    """
-    found, first = np.empty((sizes.size, 2)), 0
-    for k, stop in enumerate(sizes.astype(np.int64).tolist()):
-        above = np.empty(stop - first)
-        for a, b in chunks.ranges(above.size):
-            np.subtract(end[first + a : first + b], end[0], out=above[a:b])
-            chunks.release(end)
-        # in the order of the compiled sums
-        found[k, 0] = np.add.reduceat(above, [0])[0]
-        for a, b in chunks.ranges(above.size):
-            above[a:b] *= np.arange(first + a, first + b)
-        found[k, 1] = np.add.reduceat(above, [0])[0]
-        first = stop
-    return found
-
-
-def _fit_end(end: Array, window: int) -> tuple[float, bool]:
-    """Value at sample 0 of the straight line through the longest section from there that is still
-    straight, and whether the line, if need be of twice the window, has a slope beyond its noise.
-
-    Sections grow by halves up to the window for as long as the values fitted to all of them agree
-    within two standard errors, each 2 σ/√size (intersection of confidence intervals, Goldenshluger
-    & Nemirovski 1997), with σ estimated from the differences of neighbouring samples.
-    """
-    known, limit, window = lengths_at_end(end.size, window)
-    if window < 3:
-        return float(end[0]), True
-    steps = np.empty(known - 1)
-    for a, b in chunks.ranges(steps.size):
-        np.subtract(end[a + 1 : b + 1], end[a:b], out=steps[a:b])
-        chunks.release(end)
-    spread = estimate_noises([steps])[0] / math.sqrt(2.0)
-    del steps
-    sizes, squares = sections(window, limit)
-    totals, moments = np.cumsum(_sums(end, sizes), axis=0).T
-    slopes = (moments - totals * (sizes - 1.0) / 2.0) / squares
-    fitted = totals / sizes - slopes * (sizes - 1.0) / 2.0
-    margins = 4.0 * spread / np.sqrt(sizes)
-    lows = np.maximum.accumulate(fitted - margins)
-    apart = lows > np.minimum.accumulate(fitted + margins)
-    straight = int(np.argmax(apart)) - 1 if apart.any() else sizes.size - 1
+    spread = estimate_noise(np.diff(means[: max(window, STRETCH)])) / math.sqrt(2.0)
+    starts, m = [0, *sizes[:-1]], np.array(sizes, dtype=np.float64)
+    total = np.cumsum(np.add.reduceat(means, starts))
+    moment = np.cumsum(np.add.reduceat(means * np.arange(means.size), starts))
+    # squared distances of the places 0 … m − 1 from their middle, added up
+    squares = m * (m**2 - 1.0) / 12.0
+    slope = (moment - total * (m - 1.0) / 2.0) / squares
+    # sample 0 lies half a mean before the middle of the first
+    value = total / m - slope * ((m - 1.0) / 2.0 + (apart - 1.0) / (2.0 * apart))
+    margin = 4.0 * spread / np.sqrt(m)
+    low, high = np.maximum.accumulate(value - margin), np.minimum.accumulate(value + margin)
+    straight = int(np.count_nonzero(low <= high)) - 1
     if straight < 0:
-        return float(end[0]), True
-    moves = abs(slopes[straight]) > SIGNIFICANT * spread / math.sqrt(squares[straight])
-    taken = min(straight, int(np.searchsorted(sizes, window)))
-    return float(end[0] + fitted[taken]), bool(moves)
+        return End(float(end[0]), reflected=True)
+    moves = abs(slope[straight]) > SIGNIFICANT * spread / math.sqrt(squares[straight])
+    within_window = min(straight, sizes.index(window))
+    return End(float(end[0] + value[within_window]), bool(moves))

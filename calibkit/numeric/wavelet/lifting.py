@@ -1,244 +1,256 @@
-"""The lifting wavelet transform: schemes by name, analysis and synthesis of signals of any
-length.
+"""The decimated wavelet transform of a signal of any length: one level after the other, by lifting
+steps where the wavelet has some written out, else by the filters of PyWavelets.
+
+A level parts its values into even ones s_i = x_(2i) and odd ones d_i = x_(2i+1). Lifting steps
+change one by the other in turn, so that d becomes details and s an approximation, which is the
+signal of the next level; subtracted in reverse order they give the values back (methods, lifting).
 """
 
 import difflib
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, reduce
 
 import numpy as np
+import pywt
 
 from calibkit.arrays import Array
 from calibkit.errors import FitError
-from calibkit.numeric.chunks import release
-from calibkit.numeric.wavelet import reach
-from calibkit.numeric.wavelet.extension import EXTENSIONS, Continuation, Extension, window_of
-from calibkit.numeric.wavelet.factor import LITERAL, Scheme, factor_bank
-from calibkit.numeric.wavelet.level import analyse_level, synthesise_level
-from calibkit.numeric.wavelet.reach import Span, coefficients_of, covering_pairs, passes, sources
+from calibkit.numeric import chunks
+from calibkit.numeric.wavelet.extension import Coefficients, Ends, Span
 
 Allocate = Callable[[int], Array]
 """Allocates an array for so many values."""
-CHUNK = 1 << 18
-"""Samples that go through all levels at a time, so that approximations stay in the cache too."""
-TOGETHER = 10
-"""Levels that a chunk goes through; deeper ones start from the whole approximation of the tenth, a
-thousandth of the signal.
-"""
-COARSEST = 64
-"""Coefficients of the coarsest level that a chunk has at least, many more than the filters read
-beyond its ends.
+
+EVEN, ODD = 0, 1
+BLOCK = 1 << 15
+"""Pairs of values that go through all steps of a level at a time: they stay in a processor's
+second-level cache.
 """
 
 
 @dataclass(frozen=True, slots=True)
-class _Decomposition:
-    """A signal's wavelet coefficients, in the signal's unit, with what is needed to go back.
+class Step:
+    """One lifting step: channel_i += tap · Σ_k other channel_(i + offsets[k])."""
 
-    Coefficient k of details[j] has index first[j] + k at level j + 1, index 0 lying at sample 0;
-    there are a few more than length / 2^(j + 1), those that reach the signal from the extension.
-    interior[j] selects the details whose filter lies wholly on the signal.
+    updates: int
+    tap: float
+    offsets: tuple[int, ...]
+
+
+class Lifting:
+    """One level of a wavelet transform by lifting steps in the order of analysis, then s · gain and
+    d / gain; a part of a level at a time, as long as it reaches far enough.
+
+    Coefficients i are made of the values 2i + reads[0] … 2i + reads[1]; the values 2i and 2i + 1
+    are rebuilt from the coefficients i + needs[0] … i + needs[1]. Approximation i lies at the value
+    2i + delay.
     """
 
-    scheme: Scheme
-    length: int
-    approximation: Array
-    details: tuple[Array, ...]
-    first: tuple[int, ...]
-    interior: tuple[slice, ...]
+    def __init__(self, bank: str, gain: float, *steps: Step) -> None:
+        self.bank, self.gain, self.steps = bank, gain, steps
+        self.undoing = [replace(step, tap=-step.tap) for step in reversed(steps)]
+        low, high = _reach(self.steps)
+        self.reads = (min(2 * low[EVEN], 2 * low[ODD] + 1), max(2 * high[EVEN], 2 * high[ODD] + 1))
+        low, high = _reach(self.undoing)
+        self.needs = (min(low), max(high))
+        ramp = np.arange(self.reads[0] // 2 * 2, self.reads[1] + 1, dtype=np.float64)
+        self.delay = float(self.analyse(ramp)[0][0]) / math.sqrt(2.0)
+
+    def analyse(self, values: Array) -> tuple[Array, Array]:
+        """Approximations and details [m], from just the values that they are made of, the first at
+        an even index.
+        """
+        channels = values[EVEN::2].copy(), values[ODD::2].copy()
+        _lift(channels, self.steps)
+        first = -(self.reads[0] // 2)
+        stop = (values.size - self.reads[1] + 1) // 2
+        return channels[EVEN][first:stop] * self.gain, channels[ODD][first:stop] / self.gain
+
+    def synthesise(self, approximations: Array, details: Array) -> Array:
+        """Values [2 m] from just the coefficients [k] that they need."""
+        channels = approximations / self.gain, details * self.gain
+        _lift(channels, self.undoing)
+        first, stop = -self.needs[0], details.size - self.needs[1]
+        values = np.empty(2 * (stop - first))
+        values[EVEN::2], values[ODD::2] = channels[EVEN][first:stop], channels[ODD][first:stop]
+        return values
 
 
-def find_scheme(name: str) -> Scheme:
-    """Lifting scheme "haar", "cdf53", "cdf97", "db2", or any discrete PyWavelets wavelet, factored.
+def _reach(steps: Sequence[Step]) -> tuple[list[int], list[int]]:
+    """Lowest and highest index of both channels that index 0 of either depends on."""
+    low, high = [0, 0], [0, 0]
+    for step in reversed(steps):
+        target, source = step.updates, 1 - step.updates
+        low[source] = min(low[source], low[target] + min(step.offsets))
+        high[source] = max(high[source], high[target] + max(step.offsets))
+    return low, high
+
+
+def _lift(channels: tuple[Array, Array], steps: Sequence[Step]) -> None:
+    """Run steps in place wherever all that they read has been through the steps before."""
+    start, stop = [0, 0], [channel.size for channel in channels]
+    for step in steps:
+        target, source = step.updates, 1 - step.updates
+        low = max(start[target], start[source] - min(step.offsets))
+        high = min(stop[target], stop[source] - max(step.offsets))
+        neighbours = [channels[source][low + k : high + k] for k in step.offsets]
+        channels[target][low:high] += step.tap * reduce(np.add, neighbours)
+        start[target], stop[target] = low, high
+
+
+class Filters:
+    """As `Lifting`, by a filter bank of PyWavelets that has no lifting steps written out."""
+
+    def __init__(self, bank: str) -> None:
+        self.bank, self.half = bank, pywt.Wavelet(bank).dec_len // 2
+        self.reads, self.needs = (2 - 2 * self.half, 1), (0, self.half - 1)
+        low = np.array(pywt.Wavelet(bank).dec_lo)
+        self.delay = 1.0 - float(low @ np.arange(low.size)) / math.sqrt(2.0)
+
+    def analyse(self, values: Array) -> tuple[Array, Array]:
+        """As `Lifting.analyse`."""
+        approximations, details = pywt.dwt(values.copy(), self.bank, mode="zero")
+        # for the others PyWavelets has extended the values by zeros
+        whole = slice(self.half - 1, values.size // 2)
+        return approximations[whole], details[whole]
+
+    def synthesise(self, approximations: Array, details: Array) -> Array:
+        """As `Lifting.synthesise`."""
+        return np.asarray(pywt.idwt(approximations, details, self.bank, mode="zero"))
+
+
+Wavelet = Lifting | Filters
+ROOT2, ROOT3 = math.sqrt(2.0), math.sqrt(3.0)
+LIFTING = {
+    # d_i −= s_i;  s_i += d_i / 2
+    "haar": Lifting("haar", ROOT2, Step(ODD, -1.0, (0,)), Step(EVEN, 0.5, (0,))),
+    # d_i −= (s_i + s_(i+1)) / 2;  s_i += (d_(i−1) + d_i) / 4
+    "cdf53": Lifting("bior2.2", ROOT2, Step(ODD, -0.5, (0, 1)), Step(EVEN, 0.25, (-1, 0))),
+    # d_i += α (s_i + s_(i+1));  s_i += β (d_(i−1) + d_i);  the same with γ and δ; gain ζ
+    # (Daubechies & Sweldens 1998, section 7.7; ISO/IEC 15444-1 annex F)
+    "cdf97": Lifting(
+        "bior4.4",
+        1.149604398860241,
+        Step(ODD, -1.586134342059924, (0, 1)),
+        Step(EVEN, -0.052980118572961, (-1, 0)),
+        Step(ODD, 0.882911075530934, (0, 1)),
+        Step(EVEN, 0.443506852043971, (-1, 0)),
+    ),
+    # d_i −= √3 s_i;  s_i += √3/4 d_i + (√3 − 2)/4 d_(i+1);  d_i += s_(i−1)
+    "db2": Lifting(
+        "db2",
+        (ROOT3 + 1.0) / ROOT2,
+        Step(ODD, -ROOT3, (0,)),
+        Step(EVEN, ROOT3 / 4.0, (0,)),
+        Step(EVEN, (ROOT3 - 2.0) / 4.0, (1,)),
+        Step(ODD, 1.0, (-1,)),
+    ),
+}
+"""Wavelets whose steps are written out; all others are banks of PyWavelets."""
+
+
+@cache
+def find_wavelet(name: str) -> Wavelet:
+    """Wavelet "haar", "cdf53", "cdf97", "db2", or any discrete one of PyWavelets.
 
     Raises
     ------
-    FitError : no such wavelet (with the nearest names), or a bank that cannot be factored well.
+    FitError : no such wavelet (with the nearest names).
     """
-    if name in LITERAL:
-        return LITERAL[name]
-    import pywt  # costs start-up that literal schemes don't need
-
-    known = [*LITERAL, *pywt.wavelist(kind="discrete")]
-    if name not in known:
-        near = difflib.get_close_matches(
-            name.lower().replace("/", "").replace(" ", ""), known, n=3, cutoff=0.5
-        )
-        raise FitError(
-            f"unknown wavelet {name!r}",
-            hint=(
-                f"did you mean {' or '.join(near)}?"
-                if near
-                else "use haar, cdf53, cdf97, db4, sym8 or the like"
-            ),
-        )
-    return factor_bank(name)
+    if name in LIFTING:
+        return LIFTING[name]
+    known = [*LIFTING, *pywt.wavelist(kind="discrete")]
+    if name in known:
+        return Filters(name)
+    plain = name.lower().replace("/", "").replace(" ", "")
+    near = difflib.get_close_matches(plain, known, n=3, cutoff=0.5)
+    raise FitError(
+        f"unknown wavelet {name!r}",
+        hint=f"did you mean {' or '.join(near)}?"
+        if near
+        else "use haar, cdf53, cdf97, db4, sym8 or the like",
+    )
 
 
-def forward(
-    signal: Array,
-    scheme: Scheme,
+def clean_spans(wavelet: Wavelet, length: int, levels: int) -> list[Span]:
+    """Indices of the coefficients of each level, 0 the signal [length] itself, that no extension
+    touches.
+    """
+    clean = [(0, length)]
+    for _ in range(levels):
+        low, high = clean[-1]
+        clean.append((-((wavelet.reads[0] - low) // 2), (high - 1 - wavelet.reads[1]) // 2 + 1))
+    return clean
+
+
+def analyse(
+    above: Coefficients, wavelet: Wavelet, ends: Ends, allocate: Allocate = np.empty
+) -> tuple[Coefficients, Coefficients]:
+    """Approximations and details that the approximations of the level above are rebuilt from, to
+    their ends and whatever stands beyond: a few more than half as many of either.
+
+    `allocate` makes their arrays; memory beyond them is that of a block.
+    """
+    first = above.span[0] // 2 + wavelet.needs[0]
+    count = (above.span[1] + 1) // 2 + wavelet.needs[1] - first
+    approximations, details = allocate(count), allocate(count)
+    for a, b in chunks.ranges(count, BLOCK):
+        read = 2 * (first + a) + wavelet.reads[0] // 2 * 2, 2 * (first + b) - 1 + wavelet.reads[1]
+        approximations[a:b], details[a:b] = wavelet.analyse(ends.extend(above, read))
+        chunks.release(above.values, approximations, details)
+    level = above.level + 1
+    return Coefficients(approximations, first, level), Coefficients(details, first, level)
+
+
+def synthesise(
+    approximations: Coefficients,
+    details: Coefficients,
+    span: Span,
+    wavelet: Wavelet,
+    shrink: Callable[[int, Array], Array],
+    allocate: Allocate = np.empty,
+) -> Coefficients:
+    """Approximations of the level above of given indices, from those of a level and what `shrink`
+    makes of its details: of any part of the details of a level, 0 the finest, those to be used.
+    """
+    level, size = details.level - 1, span[1] - span[0]
+    values, first_pair = allocate(size), span[0] // 2
+    for a, b in chunks.ranges((span[1] + 1) // 2 - first_pair, BLOCK):
+        needed = first_pair + a + wavelet.needs[0], first_pair + b + wavelet.needs[1]
+        shrunk = shrink(level, details.part(needed))
+        rebuilt = wavelet.synthesise(approximations.part(needed), shrunk)
+        # the first and the last pair may reach beyond the span by a value
+        start = 2 * (first_pair + a) - span[0]
+        low, high = max(start, 0), min(start + rebuilt.size, size)
+        values[low:high] = rebuilt[low - start : high - start]
+        chunks.release(values, details.values, approximations.values)
+    return Coefficients(values, span[0], level)
+
+
+def average_over_shifts(
+    known: Coefficients,
     levels: int,
-    *,
-    extension: Extension,
+    wavelet: Wavelet,
+    ends: Ends,
+    shrink: Callable[[int, Array], Array],
     allocate: Allocate = np.empty,
-) -> _Decomposition:
-    """Wavelet coefficients of a signal [n], any n ≥ 1, over a number of levels.
-
-    Parameters
-    ----------
-    signal : [n], equidistant samples in any unit.
-    extension : what stands beyond the ends (see `extension.Continuation`).
-    allocate : makes the arrays that details are put in; memory beyond them is that of a chunk.
-
-    Raises
-    ------
-    FitError : an empty signal, no levels, an unknown extension.
-
-    Notes
-    -----
-    The signal is extended once, by as many samples as the coefficients that reach it need, and the
-    lifting steps run on the extended signal without any rule for boundaries, odd lengths or powers
-    of two. `inverse` undoes every step with the very numbers it was done with, so that
-    reconstruction is perfect for every scheme, extension and length.
+) -> Coefficients:
+    """Approximations of a level with the details of further levels shrunk as by `synthesise`,
+    averaged over all shifts of a transform, in blocks that overlap by the reach of its filters.
     """
-    samples = np.ascontiguousarray(signal, dtype=np.float64)
-    if samples.ndim != 1 or samples.size == 0 or levels < 1:
-        raise FitError(
-            f"a signal of shape {np.shape(signal)} cannot be transformed over {levels} levels",
-            hint="give at least one sample and one level",
-        )
-    if extension not in EXTENSIONS:
-        raise FitError(
-            f"unknown extension {extension!r}", hint=f"use one of {', '.join(EXTENSIONS)}"
-        )
-    wanted = reach.coefficients_of(scheme, (0, samples.size), levels)
-    needed = approximations_needed(scheme, wanted)
-    details = tuple(allocate(high - low) for low, high in wanted[1:])
-    beyond = Continuation.fit(samples, extension, window_of(levels))
-    values, first, buffers = samples, 0, [np.empty(0), np.empty(0)]
-    for above in range(0, levels, TOGETHER):
-        below = min(above + TOGETHER, levels)
-        approximation = np.empty(needed[below][1] - needed[below][0])
-        for shares, spans in _chunks(scheme, needed[above : below + 1]):
-            part, at = values, first
-            for j, (share, here) in enumerate(zip(shares[1:], spans[1:], strict=True), start=above):
-                own = reach.intersection(share, wanted[j + 1])
-                low = _buffer(buffers, j, here)
-                high = details[j][_slice_within(own, wanted[j + 1])]
-                analyse_level(part, at, scheme, here, beyond, ((low, here[0]), (high, own[0])))
-                part, at = low, here[0]
-                release(samples, details[j])
-            approximation[_slice_within(shares[-1], needed[below])] = part
-        values, first = approximation, needed[below][0]
-    (_, *clean), _ = reach.untouched(scheme, samples.size, levels)
-    starts, interior = [low for low, _ in wanted[1:]], map(_slice_within, clean, wanted[1:])
-    return _Decomposition(scheme, samples.size, values, details, tuple(starts), tuple(interior))
-
-
-def inverse(
-    decomposition: _Decomposition,
-    shrink: Callable[[int, Array], Array] | None = None,
-    *,
-    allocate: Allocate = np.empty,
-    into: Array | None = None,
-) -> Array:
-    """Signal [n] from its wavelet coefficients, thresholded or not, put into an array [n] or one
-    that `allocate` makes.
-
-    `shrink` makes of any part of the details of a level, 0 the finest, those to be used; it is
-    called block by block while they are in the cache, for some of them twice, and must treat each
-    detail by itself.
-
-    Raises
-    ------
-    FitError : coefficients whose number is not that of the signal's length.
-    """
-    scheme, details = decomposition.scheme, decomposition.details
-    known, levels = decomposition.approximation, len(details)
-    wanted = reach.coefficients_of(scheme, (0, decomposition.length), levels)
-    for (low, high), given in zip((*wanted[1:], wanted[-1]), (*details, known), strict=True):
-        if given.shape != (high - low,):
-            raise FitError(
-                f"{given.shape} details where {high - low} belong to {decomposition.length}"
-                " samples",
-                hint="change coefficients in place or by new values of the same number",
-            )
-    buffers = [np.empty(0), np.empty(0)]
-    for above in range((levels - 1) // TOGETHER * TOGETHER, -1, -TOGETHER):
-        below = min(above + TOGETHER, levels)
-        low, high = wanted[above]
-        out = into if above == 0 and into is not None else allocate(high - low)
-        for chunk in reach.cut_span(wanted[above], max(CHUNK, COARSEST << (below - above))):
-            spans = reach.coefficients_of(scheme, chunk, below - above)
-            signal = known[_slice_within(spans[-1], wanted[below])]
-            for level in range(below, above, -1):
-                here, there = spans[level - above - 1 : level - above + 1]
-                detail = details[level - 1][_slice_within(there, wanted[level])]
-                made = (
-                    out[_slice_within(chunk, wanted[above])]
-                    if level == above + 1
-                    else _buffer(buffers, level, here)
-                )
-                treat = (shrink, level - 1)
-                synthesise_level((signal, detail), scheme, there[0], here, treat, made)
-                signal = made
-            release(out, *details)
-        known = out
-    return known
-
-
-def _chunks(scheme: Scheme, wanted: Sequence[Span]) -> Iterator[tuple[list[Span], list[Span]]]:
-    """Cut all levels at the same times: each chunk's share of the wanted indices, and the indices
-    computed for it.
-    """
-    levels = len(wanted) - 1
-    for coarsest in reach.cut_span(wanted[-1], max(CHUNK >> levels, COARSEST)):
-        shares = []
-        for level, (low, high) in enumerate(wanted):
-            start = low if coarsest[0] == wanted[-1][0] else coarsest[0] << (levels - level)
-            stop = high if coarsest[1] == wanted[-1][1] else coarsest[1] << (levels - level)
-            shares.append((min(max(start, low), high), min(max(stop, low), high)))
-        yield shares, approximations_needed(scheme, [*shares[:-1], coarsest])
-
-
-def _buffer(buffers: list[Array], level: int, indices: Span) -> Array:
-    """Memory for so many values of a level, in one of two arrays in turn: new arrays would cost
-    more than the lifting.
-    """
-    size = indices[1] - indices[0]
-    if buffers[level % 2].size < size:
-        buffers[level % 2] = np.empty(size)
-    return buffers[level % 2][:size]
-
-
-def approximations_needed(scheme: Scheme, wanted: Sequence[Span]) -> list[Span]:
-    """Indices of the approximations of all levels that the wanted coefficients are made of; level 0
-    goes beyond the signal.
-    """
-    needed = [wanted[-1]]
-    for level in wanted[-2::-1]:
-        low, high = sources(scheme, needed[-1])
-        needed.append((min(low, level[0]), max(high, level[1])))
-    return needed[::-1]
-
-
-def shared_length(scheme: Scheme, length: int) -> int:
-    """Values that an array must have for the finest details at its end to be read before a signal
-    from its start reaches them.
-
-    Synthesis works off pairs in order. When the details of pair i are read, from i + reach − shift
-    on, the samples before 2 i + parity + 1 may have been written (half a pair by the chunk before);
-    of all pairs the last comes closest.
-    """
-    _, (_, high) = coefficients_of(scheme, (0, length), 1)
-    _, back = passes(scheme)
-    _, last = covering_pairs(scheme, (0, length))
-    # detail k lies `high − k` values before the end
-    return high - back.reach[1][0] + scheme.shifts[1] + last + scheme.parity + 1
-
-
-def _slice_within(indices: Span, within: Span) -> slice:
-    """Elements of an array of the indices `within` that have the given indices."""
-    low, high = max(indices[0], within[0]), min(indices[1], within[1])
-    return slice(low - within[0], max(low, high) - within[0])
+    period = 1 << levels
+    # of the filters of all levels together, there and back
+    reach = (period - 1) * (pywt.Wavelet(wavelet.bank).dec_len - 1)
+    values = allocate(known.values.size)
+    for a, b in chunks.ranges(values.size, BLOCK):
+        part = ends.extend(known, (known.first + a - reach, known.first + b + reach))
+        # `swt` joins the ends of what it is given, and its length must be a multiple of the period
+        part = np.pad(part, (0, -part.size % period), mode="edge")
+        coefficients = pywt.swt(part, wavelet.bank, level=levels, trim_approx=True)
+        for k in range(1, levels + 1):  # the coarsest details come first
+            coefficients[k] = shrink(known.level + levels - k, coefficients[k])
+        values[a:b] = pywt.iswt(coefficients, wavelet.bank)[reach : reach + b - a]
+        chunks.release(known.values, values)
+    return Coefficients(values, known.first, known.level)

@@ -3,20 +3,18 @@ them.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
 
 import numpy as np
+import pywt
 
 from calibkit.arrays import Array
 from calibkit.errors import FitError
-from calibkit.native import kernels_for
 from calibkit.numeric import order_statistics
-from calibkit.numeric.chunks import release
 from calibkit.numeric.dispersion import MAD_OF_UNIT_NORMAL
-from calibkit.numeric.wavelet.factor import Laurent, Scheme
 
 Threshold = Literal["universal", "sure", "bayes", "minimax"]
 Rule = Literal["soft", "hard", "garrote", "firm"]
@@ -52,59 +50,26 @@ def estimate_noise(details: Array) -> float:
         ) from None
 
 
-def estimate_noises(parts: Sequence[Array]) -> list[float]:
-    """Standard deviations of the noise in sets of details, as `estimate_noise` of each: at once
-    where they are few.
-    """
-    library, sizes = kernels_for(*parts), [part.size for part in parts]
-    if library is not None and all(0 < size <= order_statistics.COLLECTED for size in sizes):
-        medians, room = np.empty(len(parts)), np.empty(max(sizes, default=0) + 4)
-        given = np.array([[part.ctypes.data for part in parts], sizes], dtype=np.int64)
-        pointers = [one.ctypes.data for one in (given[0], given[1], room, medians)]
-        if library.calibkit_medians(*pointers[:2], len(parts), *pointers[2:]) == 0:
-            return [median / MAD_OF_UNIT_NORMAL for median in medians.tolist()]
-    found = []
-    for part in parts:
-        found.append(estimate_noise(part))
-        release(part)
-    return found
-
-
 @lru_cache(maxsize=64)
-def noise_gains(scheme: Scheme, levels: int) -> Array:
-    """Standard deviation of the details of unit white noise at each level [levels].
+def noise_gains(bank: str, levels: int) -> Array:
+    """Standard deviation of the details of unit white noise at each level [levels], by a filter
+    bank of PyWavelets.
 
-    They are the norms of the cascades of the filters, from the products of each with itself shifted
-    by whole steps: a handful of numbers per level, where the filters of level 20 themselves would
-    be a million taps long.
+    With r_j the autocorrelation of the filters of j levels to the approximation, r_0 = δ, and a, b
+    those of the low-pass and of the high-pass filter,
+
+        gain²_(j+1) = Σ_k b_k r_j(k),   r_(j+1)(k) = Σ_m a_m r_j(2 k + m)
     """
-    low, high = (_interleaved(even, odd) for even, odd in scheme.polyphase())
-    reach = max(low.size, high.size) - 1
-    of_low, of_high = (_products(taps, reach) for taps in (low, high))
-    shift = np.arange(-reach, reach + 1)
-    gains, cascade = [], (shift == 0).astype(np.float64)
-    for _ in range(levels):
-        gains.append(math.sqrt(float(of_high @ cascade)))
-        wide = np.pad(cascade, 2 * reach)
-        cascade = np.array(
-            [float(of_low @ wide[3 * reach + 2 * k + shift]) for k in shift.tolist()]
-        )
-    return np.array(gains)
-
-
-def _products(taps: Array, reach: int) -> Array:
-    """Products of a filter with itself shifted by −reach … reach."""
-    whole = np.correlate(taps, taps, "full")
-    return np.pad(whole, reach + 1 - taps.size)
-
-
-def _interleaved(even: Laurent, odd: Laurent) -> Array:
-    """Filter taps from their polyphase components."""
-    start = min(2 * even[0], 2 * odd[0] + 1)
-    taps = np.zeros(max(2 * (even[0] + len(even[1])), 2 * (odd[0] + len(odd[1])) + 1) - start)
-    for offset, (low, values) in ((0, even), (1, odd)):
-        taps[2 * low + offset - start :: 2][: len(values)] = values
-    return taps
+    wavelet = pywt.Wavelet(bank)
+    low, high = (np.correlate(taps, taps, "full") for taps in (wavelet.dec_lo, wavelet.dec_hi))
+    lags = np.arange(low.size) - low.size // 2
+    gains, noise = np.empty(levels), (lags == 0).astype(np.float64)
+    for j in range(levels):
+        gains[j] = math.sqrt(high @ noise)
+        # beyond the lags of the filters nothing is correlated
+        wide = np.pad(noise, low.size)
+        noise = np.array([low @ wide[low.size + low.size // 2 + 2 * k + lags] for k in lags])
+    return gains
 
 
 def _universal(_details: Array, noise: float, count: int) -> float:
