@@ -3,8 +3,9 @@
     python benchmarks/fit_stops.py [PROCEDURE ...] [--list]
 
 Fits the sample logs of each procedure (the accelerometer's without a name) and counts its stops:
-distinct named functions that a reader of the fit walks through. Comprehensions and lambdas are part
-of the function that holds them. What lies below the solver is one stop, as is all reading of logs.
+distinct named functions that a reader walks through from the recipe to the last coefficient file;
+tables of the summary are behind it. Comprehensions and lambdas are part of the function that holds
+them. What lies below the solver is one stop, as is all reading of logs.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import calibkit
-from calibkit import instruments, recipe
+from calibkit import coefficients, instruments, recipe
 from calibkit.ingest import logs
 
 if TYPE_CHECKING:
@@ -45,12 +46,19 @@ def name_stop(frame: FrameType) -> str:
 
 
 def walk(procedure: str) -> list[str]:
-    """Stops of the fit of a procedure's sample logs, in the order in which they are entered."""
+    """Stops of the fit of a procedure's sample logs up to its last stage, in the order of entry."""
     source = recipe.find(procedure)
     spec = instruments.parse_recipe(source)
     files = logs.find_logs(spec, DATASETS / procedure)
     stops: dict[str, None] = {}
     inside: FrameType | None = None  # the call below which everything is one stop
+    to_last_stage = 0
+    construct = coefficients.StageResult.__init__
+
+    def construct_stage(*arguments: object, **named: object) -> None:
+        nonlocal to_last_stage
+        to_last_stage = len(stops)
+        construct(*arguments, **named)
 
     def note(frame: FrameType, event: str, _: object) -> None:
         nonlocal inside
@@ -62,12 +70,14 @@ def walk(procedure: str) -> list[str]:
                 inside = frame
 
     fit = instruments.find(procedure).fit
+    setattr(coefficients.StageResult, "__init__", construct_stage)  # noqa: B010 (mypy refuses the plain way)
     sys.setprofile(note)
     try:
         fit(spec, DATASETS / procedure, files, instruments.silent)
     finally:
         sys.setprofile(None)
-    return list(stops)
+        setattr(coefficients.StageResult, "__init__", construct)  # noqa: B010 (the same)
+    return list(stops)[:to_last_stage]
 
 
 def main() -> None:
