@@ -1,9 +1,9 @@
-"""Kernels in C for what numpy does in many passes; without a compiler at installation there are
-none, and numpy does it.
+"""The kernel in C that reads the numbers of CSV files; without a compiler at installation there is
+none, and Python reads them.
 
-What they compute is to the last bit what their callers compute without them: whether they are there
-decides how long calibkit takes, and nothing else. `CALIBKIT_NATIVE=off` leaves them out, `python -m
-calibkit.native` compiles them again.
+What it reads is to the last bit what is read without it: whether it is there decides how long
+calibkit takes, and nothing else. `CALIBKIT_NATIVE=off` leaves it out, `python -m calibkit.native`
+compiles it again.
 """
 
 import os
@@ -62,14 +62,11 @@ def _refuse_cut_off(library: bytes) -> None:
 
 
 def _declare(library: CDLL) -> None:
-    """Argument and result types of every kernel."""
+    """Argument and result types of the kernel."""
     from ctypes import POINTER, c_double, c_int64, c_void_p
 
-    at, whole, real = c_void_p, c_int64, c_double
-    kernels = {
-        "numbers": (whole, (at, whole, whole, whole, POINTER(POINTER(real)))),
-        "slopes": (whole, (at, at, whole, whole, real, real, at)),
-    }
-    for name, (result, arguments) in kernels.items():
-        kernel = getattr(library, f"calibkit_{name}")
-        kernel.restype, kernel.argtypes = result, arguments
+    library.calibkit_numbers.restype = c_int64
+    library.calibkit_numbers.argtypes = (
+        *(c_void_p, c_int64, c_int64, c_int64),
+        POINTER(POINTER(c_double)),
+    )

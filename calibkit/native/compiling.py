@@ -20,7 +20,7 @@ def made_of(folder: Path) -> int:
     library made of them.
     """
     digest = hashlib.sha256()
-    for source in sorted(folder.glob("*.[ch]")):
+    for source in sorted(folder.glob("*.c")):
         digest.update(source.read_bytes() + b"\0")
     return int.from_bytes(digest.digest()[:8], "big")
 

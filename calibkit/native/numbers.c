@@ -1,6 +1,7 @@
 /* Decimal numbers of comma-separated lines into columns, correctly rounded; what is anything else is refused, never guessed. */
 
 #define _GNU_SOURCE /* strtod_l */
+#include <float.h>
 #include <locale.h>
 #include <math.h>
 #include <stdint.h>
@@ -9,7 +10,9 @@
 #include <xlocale.h>
 #endif
 
-#include "doubles.h"
+#if FLT_EVAL_METHOD != 0
+#error "doubles are not rounded at every operation here: this kernel would not have the bits of numpy"
+#endif
 
 #define NOT_CLEAN (-1)
 #define MOST_DIGITS 19    /* decimal digits that always fit 64 bits */

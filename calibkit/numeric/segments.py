@@ -9,7 +9,6 @@ import numpy as np
 
 from calibkit.arrays import Array, Integers
 from calibkit.constants import SECONDS_PER_MINUTE
-from calibkit.native import kernels
 from calibkit.numeric import chunks, order_statistics
 
 Allocate = Callable[[int], Array]
@@ -64,18 +63,6 @@ def _slopes(time: Array, temperature: Array, window_s: float, skipped: int) -> A
     """Slopes [n − skipped, °C/min] at the samples of a section [n] after the first `skipped`, whose
     windows lie within the section.
     """
-    library = kernels()
-    if library is not None:
-        time, temperature = (np.ascontiguousarray(x, dtype=np.float64) for x in (time, temperature))
-        slope, reach = np.empty(time.size - skipped), window_s * (1.0 + 1e-9)
-        series = time.ctypes.data, temperature.ctypes.data, time.size, skipped
-        if library.calibkit_slopes(*series, reach, window_s / 2.0, slope.ctypes.data) == 0:
-            return slope
-    return _slopes_of_arrays(time, temperature, window_s, skipped)
-
-
-def _slopes_of_arrays(time: Array, temperature: Array, window_s: float, skipped: int) -> Array:
-    """`_slopes` in numpy, for a machine without compiled kernels or a time that runs backwards."""
     ends = time[skipped:]
     first = _first_in_window(time, ends - window_s * (1.0 + 1e-9))
     t = (time - time[time.size // 2]) / SECONDS_PER_MINUTE
