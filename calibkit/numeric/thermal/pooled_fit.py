@@ -1,9 +1,17 @@
-"""Joint fit of a level or lagged model to many logs, with a turn-on bias per log, robust weights
-against spikes, and weights by the occupancy of temperatures.
+"""Joint fit of a bias over temperature to many logs of one instrument.
 
-The fit uses moment matrices of the scaled columns, one per ramp. Their sum over any choice of ramps
-gives the fit to these ramps by a small linear system, which makes leaving out each ramp and fitting
-lags cheap.
+    y_i = b0 + t_j + Σ_k c_k x_ki + e_i        row i of log j
+
+x_k are the terms of temperature, its rate and lagged temperatures (`terms`, scaled), c_k what is
+sought, e white noise of variance σ². t_j is the turn-on bias of log j: random, of variance σ²/a.
+With a = 0 it is free, and only changes within a log tell c_k; the larger a (`alike`), the more the
+levels at which logs stand tell them too. a comes from the logs (`pooled_moments.find_alike`).
+
+The weight of a row is the product of two: Tukey's biweight of its residual, against spikes, and the
+weight by how long its temperature was held (`occupancy`), so that soaks do not outvote ramps.
+
+All sums are moment matrices, one a ramp: adding up those of any ramps gives the fit to these by a
+small linear system, which makes leaving out each ramp, and searching for lags, cheap.
 """
 
 from collections.abc import Iterable, Sequence
