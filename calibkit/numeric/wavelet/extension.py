@@ -54,7 +54,7 @@ class Coefficients:
         return self.values[below] + share * (self.values[above] - self.values[below])
 
     def part(self, span: Span) -> Array:
-        """Those with given indices, which are known."""
+        """Those with given indices, as far as they are known."""
         return self.values[max(span[0] - self.first, 0) : max(span[1] - self.first, 0)]
 
 
@@ -101,24 +101,23 @@ class Ends:
         low, high = known.span
         if low <= span[0] and span[1] <= high:
             return known.part(span)
-        index = np.arange(*span, dtype=np.float64)
-        extended = known.interpolate(index)
-        apart = 2.0**known.level  # of two indices, in samples
-        for end, sample, outside, inwards in (
-            (self.left, 0, index < low, self.length),
-            (self.right, self.length - 1, index >= high, -self.length),
-        ):
-            # an approximation is √apart times what it is of
-            value = end.value * math.sqrt(apart)
-            place = (sample - self.delay * (apart - 1.0)) / apart
-            mirrored = known.interpolate(2.0 * place - index[outside])
-            if self.extension == "periodic":
-                extended[outside] = known.interpolate(index[outside] + inwards / apart)
-            elif self.extension == "constant":
-                extended[outside] = value
-            else:
-                extended[outside] = 2.0 * value - mirrored if end.reflected else mirrored
-        return extended
+        before = self._reflect(known, self.left, 0, (span[0], min(low, span[1])))
+        behind = self._reflect(known, self.right, self.length - 1, (max(high, span[0]), span[1]))
+        return np.concatenate((before, known.part(span), behind))
+
+    def _reflect(self, known: Coefficients, end: End, sample: int, span: Span) -> Array:
+        """Approximations of given indices beyond an end, which lies at a sample."""
+        index, apart = np.arange(*span, dtype=np.float64), 2.0**known.level
+        # an approximation is √apart times what it is of
+        value = end.value * math.sqrt(apart)
+        if self.extension == "constant":
+            return np.full(index.size, value)
+        if self.extension == "periodic":
+            period = self.length / apart
+            return known.interpolate(index + period if sample == 0 else index - period)
+        place = (sample - self.delay * (apart - 1.0)) / apart
+        mirrored = known.interpolate(2.0 * place - index)
+        return 2.0 * value - mirrored if end.reflected else mirrored
 
 
 def _fit_end(end: Array, window: int) -> End:
