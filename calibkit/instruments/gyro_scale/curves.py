@@ -15,6 +15,7 @@ from calibkit.instruments.gyro_scale import (
     table_runs,
     triad_fit,
 )
+from calibkit.instruments.gyro_scale.lines import Lines
 from calibkit.instruments.gyro_scale.numeric import (
     gjb_figures,
     pair as gyro_pair,
@@ -86,12 +87,14 @@ class GyroReport:
         return {name: np.concatenate(columns) for name, columns in parts.items()}
 
     @classmethod
-    def of_runs(cls, gyros: Sequence[over_runs.GyroOverRuns]) -> Self:
+    def of_runs(cls, gyros: Sequence[over_runs.GyroOverRuns], held: Lines) -> Self:
         """Lines of rate-table runs, and K over temperature relative to its mean."""
         return cls(
-            tuple(_line_curve(run, one.gyro) for one in gyros for run in one.runs),
+            tuple(_line_curve(held, run, one.gyro) for one in gyros for run in one.runs),
             tuple(
-                _temperature_curve(one.gyro, one.runs, one.K_over_temperature, one.K[0])
+                _temperature_curve(
+                    held, one.gyro, one.runs, one.K_over_temperature, float(one.K.value)
+                )
                 for one in gyros
                 if one.K_over_temperature is not None
             ),
@@ -100,7 +103,8 @@ class GyroReport:
     @classmethod
     def of_pair(cls, fitted: pair_fit.PairFit) -> Self:
         """Lines of a pair's gyros about their own axes, and the angle between the gyros."""
-        lines = [_line_curve(run, gyro) for gyro, runs in fitted.runs.items() for run in runs]
+        held = fitted.held
+        lines = [_line_curve(held, run, gyro) for gyro, runs in fitted.runs.items() for run in runs]
         return cls(tuple(lines), pair=fitted.found)
 
     @classmethod
@@ -112,10 +116,11 @@ class GyroReport:
         lines, curves = [], []
         for g, a in main:
             gyro, runs = fitted.gyros[g], fitted.runs[forms.AXES[a]]
-            lines += [_line_curve(run, gyro) for run in runs]
+            lines += [_line_curve(fitted.held, run, gyro) for run in runs]
             if fitted.over is not None:
                 K = float(fitted.sets[fitted.reference].triad.sensitivity[g, a])
-                curves.append(_temperature_curve(gyro, runs, fitted.over.curves[g][a], K))
+                curve = fitted.over.curves[g][a]
+                curves.append(_temperature_curve(fitted.held, gyro, runs, curve, K))
 
         def orthogonality(g: int, h: int) -> Callable[[gyro_triad.Triad], tuple[float, float]]:
             return lambda found: (90.0 - found.angles_deg.value[g, h], found.angles_deg.u[g, h])
@@ -145,37 +150,40 @@ class GyroReport:
         return cls(tuple(lines), tuple(curves), angles=angles, misalignment=across)
 
 
-def _line_curve(run: table_runs.TableRun, gyro: str) -> LineCurve:
+def _line_curve(held: Lines, run: table_runs.TableRun, gyro: str) -> LineCurve:
     """Errors of one gyro's line over the rates of a run."""
-    line, noise = run.scale(gyro), run.noise(gyro)
-    full = gjb_figures.PPM / float(np.max(np.abs(line.indication)))
+    line = held.published(run, gyro)
+    full = gjb_figures.PPM / line.full_scale
     with np.errstate(divide="ignore", invalid="ignore"):
-        of_point = gjb_figures.PPM / np.abs(line.K * line.rate_dps)
+        of_point = gjb_figures.PPM / line.expected
     return LineCurve(
         gyro,
         run.log.name,
         line.rate_dps,
         line.residuals * full,
-        noise * full,
-        gjb_figures.nonlinearity_per_point(line, noise),
-        noise * of_point,
+        line.noise * full,
+        line.per_point_ppm,
+        line.noise * of_point,
     )
 
 
 def _temperature_curve(
-    gyro: str, runs: Sequence[table_runs.TableRun], fit: TemperaturePolynomial, reference: float
+    held: Lines,
+    gyro: str,
+    runs: Sequence[table_runs.TableRun],
+    fit: TemperaturePolynomial,
+    reference: float,
 ) -> Curve:
     """K of one gyro in every run and as a polynomial, in ppm from a reference K."""
     grid = np.linspace(*fit.valid_degc, 101)
     curve, u_curve = fit.at(grid)
-    lines = [run.scale(gyro) for run in runs]
-    K = np.array([line.K for line in lines])
+    K = held.of_runs(runs, gyro)
     ppm, sign = gjb_figures.PPM / abs(reference), float(np.sign(reference))
     return Curve(
         gyro,
         np.array([run.temp_degc for run in runs]),
-        (K - reference) * sign * ppm,
-        np.array([line.standard_uncertainty[0] for line in lines]) * ppm,
+        (K.value - reference) * sign * ppm,
+        K.u * ppm,
         grid,
         (curve - reference) * sign * ppm,
         u_curve * ppm,

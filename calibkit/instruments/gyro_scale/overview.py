@@ -50,12 +50,12 @@ def summarize_rate_table(gyros: Sequence[over_runs.GyroOverRuns], scales: StageR
     """Scale factor of each gyro at the reference temperature, and the largest figures."""
     values = []
     for one in gyros:
-        degc = float(np.mean([run.temp_degc for run in one.at_room]))
+        degc = float(np.mean(one.temp_degc[one.room]))
         where = f" at {degc:.1f} °C" if np.isfinite(degc) else ""
         name = f"scale factor of {forms.line_name(one.gyro)}{where}"
-        values.append(KeyValue(name, one.K.value, _COUNTS, one.K.standard_uncertainty))
+        values.append(KeyValue(name, float(one.K.value), _COUNTS, float(one.K.u)))
     first = gyros[0].K
-    ppm = PPM * first.standard_uncertainty / abs(first.value)
+    ppm = PPM * float(first.u) / abs(float(first.value))
     (listed,) = _in_words(values)
     sentence = f"{listed.removesuffix('.')} (u {ppm:.2g} ppm)."
     largest = _largest_figures(scales.figures)

@@ -13,7 +13,7 @@ from calibkit.constants import DPH_PER_DPS
 from calibkit.errors import FitError, advise_exclude
 from calibkit.fit.complex_step import Numbers
 from calibkit.fit.shared import Shared
-from calibkit.fit.solve import Fit, Moved
+from calibkit.fit.solve import Fit
 from calibkit.fit.value import Value
 from calibkit.instruments.gyro_scale import (
     contradictions,
@@ -56,10 +56,8 @@ class AxesSet:
 class TriadOverTemperature:
     """Sensitivities and biases of g gyros as polynomials of temperature."""
 
-    fitted: Fit
+    fitted: equation.Fitted
     """Equation (1) of all runs, each gyro about each axis with polynomials over temperature."""
-    rows: equation.Rows
-    terms: equation.Terms
     fit: Fit
     """Sensitivities [3 g · (order + 1)], of powers of the mapped temperature."""
     curves: tuple[tuple[TemperaturePolynomial, ...], ...]
@@ -69,9 +67,8 @@ class TriadOverTemperature:
 
     def at(self, temp_degc: float) -> gyro_triad.Triad:
         """Triad at a temperature [°C] within the range."""
-        powers = polynomial.powers(
-            self.terms.mapped(np.array([temp_degc])), max(self.terms.orders)
-        )[0]
+        terms = self.fitted.terms
+        powers = polynomial.powers(terms.mapped(np.array([temp_degc])), max(terms.orders))[0]
         return gyro_triad.find(self.fit.restated(lambda p: p.reshape(-1, powers.size) @ powers))
 
 
@@ -86,10 +83,8 @@ class AxesFit:
     """Table axis → its runs."""
     sets: tuple[AxesSet, ...]
     reference: int
-    in_time: tuple[lines.InTime, ...]
-    """What changes with time, which refits of nearly the same runs keep."""
-    errors: Fit
-    """Errors of the held rates, which refits of nearly the same runs keep."""
+    held: lines.Lines
+    """Lines of the single runs."""
     over: TriadOverTemperature | None
     run_scale: Shared | None
     """How scale factors repeat; None where nothing tells."""
@@ -135,21 +130,23 @@ def fit_axes(
     every = [run for axis in forms.AXES for run in runs[axis]]
     logged = bool(np.isfinite([run.temp_degc for run in every]).all())
     groups = _groups(runs) if logged else [dict(runs)]
-    held = lines.TableRows.of(
+    held = lines.Lines.of(
         [
             [(a, run) for a, axis in enumerate(forms.AXES) for run in group[axis]]
             for group in groups
         ],
-        near.in_time if near else None,
+        near.held if near else None,
     )
     known = {effect: (size, dof) for effect, size, dof in spec.known_errors()}
-    run_scale, mounting = held.run_scale(known.get("scale")), held.mounting(known.get("angle"))
-    errors = Moved.of_fit(near.errors, near.errors.parameters) if near else held.errors()
+    run_scale, mounting = held.run_scale(known.get("scale")), None
+    if "angle" in known:
+        S = held.sensitivity()
+        # a tilt toward one of the other axes
+        across = np.array([np.delete(S, axis, axis=1) for axis in range(S.shape[1])])
+        mounting = held.mounting(np.swapaxes(across, 0, 1), known["angle"])
     stated = [error for error in (run_scale, mounting) if error]
     vertical = table_runs.vertical_rate_dps(spec)
-    sets = tuple(
-        _fit_set(held, errors, stated, vertical, group, s) for s, group in enumerate(groups)
-    )
+    sets = tuple(_fit_set(held, stated, vertical, group, s) for s, group in enumerate(groups))
     for one in sets:
         _require_own_axes(one, spec.gyros)
     temperature = np.array([one.temp_degc for one in sets])
@@ -157,6 +154,7 @@ def fit_axes(
     if not logged and len(every) > len(forms.AXES):
         flags.append(over_runs.UNLOGGED)
     if not near:
+        flags += held.flag_drifts()
         flags += _flag_contradictions(held, groups, spec.gyros)
         for change in held.in_time:
             name = forms.line_name(spec.gyros[change.gyro])
@@ -169,8 +167,7 @@ def fit_axes(
         runs,
         sets,
         int(np.argmin(np.abs(temperature - spec.reference_temp_degc))) if logged else 0,
-        held.in_time,
-        errors,
+        held,
         None
         if len(sets) == 1
         else _over_temperature(held, run_scale, mounting, vertical, near.over if near else None),
@@ -181,8 +178,7 @@ def fit_axes(
 
 
 def _fit_set(
-    held: lines.TableRows,
-    errors: Fit,
+    held: lines.Lines,
     stated: Sequence[Shared],
     vertical_dps: float | None,
     group: Mapping[str, tuple[table_runs.TableRun, ...]],
@@ -194,15 +190,14 @@ def _fit_set(
     every = tuple(run for axis in forms.AXES for run in group[axis])
     degc = float(np.mean([run.temp_degc for run in every]))
     if vertical_dps is None:
-        fit = held.linear(errors, means, np.zeros_like(means)).widened_by(stated)
+        fit = held.combined(means, np.zeros_like(means)).widened_by(stated)
         return AxesSet(every, degc, fit, gyro_triad.find(fit), None)
     unit = np.eye(chosen.size)
-    of_line = held.linear(errors, -vertical_dps * unit, unit).of(lambda p: p)
-    zeros = [held.run_zero(g, chosen, of_line.value, of_line.u) for g in range(gyros)]
+    bias = held.combined(-vertical_dps * unit, unit).of(lambda p: p)
+    zeros = [held.run_zero(g, chosen, bias) for g in range(gyros)]
     of_gyro = chosen & (held.gyro_of == np.arange(gyros)[:, None])
     mean = of_gyro / np.sum(of_gyro, axis=1, keepdims=True)
-    fit = held.linear(
-        errors,
+    fit = held.combined(
         np.vstack((means, -vertical_dps * mean)),
         np.vstack((np.zeros_like(means), mean)),
     ).widened_by([*stated, *zeros])
@@ -211,19 +206,16 @@ def _fit_set(
 
 
 def _over_temperature(
-    held: lines.TableRows,
+    held: lines.Lines,
     run_scale: Shared | None,
     mounting: Shared | None,
     vertical_dps: float | None,
     near: TriadOverTemperature | None,
 ) -> TriadOverTemperature:
     """Sensitivities and biases over temperature."""
-    S, rows = held.sensitivity(), replace(held.rows, indication=held.raw, line=held.rows.channel)
-    if near:
-        terms = near.terms
-        fitted: Fit = equation.refit(near.fitted, near.rows, rows, terms)
-    else:
-        terms, fitted = _fit_polynomials(held, rows, S, run_scale)
+    S, rows = held.sensitivity(), replace(held.rows, line=held.rows.channel)
+    whole = near.fitted.refit(rows) if near else _fit_polynomials(held, rows, S, run_scale)
+    fitted, _, terms = whole
     line = equation.best_line(terms, rows.rate_dps)
     K = fitted.restated(lambda p: line(p)[equation.SCALE].ravel())
     K = K.widened_by([mounting] if mounting else [])
@@ -245,13 +237,13 @@ def _over_temperature(
 
         biases.append(curve(fitted.restated(bias)))
     curves = tuple(tuple(by_line[3 * g : 3 * g + 3]) for g in range(len(S)))
-    return TriadOverTemperature(fitted, rows, terms, K, curves, tuple(biases))
+    return TriadOverTemperature(whole, K, curves, tuple(biases))
 
 
 def _fit_polynomials(
-    held: lines.TableRows, rows: equation.Rows, S: Array, run_scale: Shared | None
-) -> tuple[equation.Terms, Fit]:
-    """Equation (1) of all runs with polynomials over temperature, and its terms."""
+    held: lines.Lines, rows: equation.Rows, S: Array, run_scale: Shared | None
+) -> equation.Fitted:
+    """Equation (1) of all runs with polynomials over temperature."""
     order = max(min(polynomial.HIGHEST_ORDER, int(held.set_of.max()) - 1), 0)
     terms = equation.Terms(
         S.size,
@@ -266,7 +258,7 @@ def _fit_polynomials(
         else one
         for one in equation.shared_errors(rows, terms, S.ravel(), own)
     ]
-    return terms, equation.fit(rows, terms, shared)
+    return equation.Fitted(equation.fit(rows, terms, shared), rows, terms)
 
 
 def _part(chosen: slice) -> Callable[[Numbers], Numbers]:
@@ -321,7 +313,7 @@ def _groups(
 
 
 def _flag_contradictions(
-    held: lines.TableRows,
+    held: lines.Lines,
     groups: Sequence[Mapping[str, tuple[table_runs.TableRun, ...]]],
     gyros: Sequence[str],
 ) -> Iterator[str]:
@@ -331,7 +323,9 @@ def _flag_contradictions(
     for gyro, number in zip(gyros, most, strict=True):
         axis = forms.AXES[number]
         runs = [run for about, run in in_order if about == axis]
-        yield from contradictions.flag_runs(forms.line_name(gyro, axis), gyro, runs)
+        yield from contradictions.flag_runs(
+            forms.line_name(gyro, axis), runs, held.of_runs(runs, gyro)
+        )
     yield from contradictions.flag_shares(held, [run for _, run in in_order], gyros)
 
 
