@@ -1,8 +1,7 @@
 """Data of the figures of gyros on a rate table."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Self
 
 import numpy as np
@@ -19,7 +18,6 @@ from calibkit.instruments.gyro_scale.lines import Lines
 from calibkit.instruments.gyro_scale.numeric import (
     gjb_figures,
     pair as gyro_pair,
-    triad as gyro_triad,
 )
 from calibkit.numeric import gum
 from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
@@ -45,8 +43,7 @@ class LineCurve:
 @dataclass(frozen=True, slots=True)
 class Curve:
     """A quantity with standard uncertainty in q runs or sets of runs at temperatures [q, °C] (NaN
-    where not logged), and its polynomial on a grid of temperatures [n], empty for a single
-    temperature.
+    where not logged), and its polynomial on a grid of temperatures [n], empty for sets of runs.
     """
 
     name: str
@@ -110,44 +107,29 @@ class GyroReport:
     @classmethod
     def of_triad(cls, fitted: triad_fit.AxesFit) -> Self:
         """Lines and K about each gyro's main axis, angles, and components of the input axes."""
-        main = [
-            (g, forms.AXES.index(fitted.main_axis(gyro))) for g, gyro in enumerate(fitted.gyros)
-        ]
-        lines, curves = [], []
-        for g, a in main:
-            gyro, runs = fitted.gyros[g], fitted.runs[forms.AXES[a]]
+        lines, curves, across = [], [], []
+        misalignment = [one.triad.misalignment for one in fitted.sets]
+        for g, gyro in enumerate(fitted.gyros):
+            main = fitted.main_axis(gyro)
+            runs = fitted.runs[main]
             lines += [_line_curve(fitted.held, run, gyro) for run in runs]
             if fitted.over is not None:
-                K = float(fitted.sets[fitted.reference].triad.sensitivity[g, a])
-                curve = fitted.over.curves[g][a]
+                own = forms.AXES.index(main)
+                K = float(fitted.sets[fitted.reference].triad.sensitivity[g, own])
+                curve = fitted.over.curves[g][own]
                 curves.append(_temperature_curve(fitted.held, gyro, runs, curve, K))
-
-        def orthogonality(g: int, h: int) -> Callable[[gyro_triad.Triad], tuple[float, float]]:
-            return lambda found: (90.0 - found.angles_deg.value[g, h], found.angles_deg.u[g, h])
-
-        def component(g: int, a: int) -> Callable[[gyro_triad.Triad], tuple[float, float]]:
-            return lambda found: (
-                MRAD * found.misalignment.value[g, a],
-                MRAD * found.misalignment.u[g, a],
-            )
-
-        gyros, set_curve = fitted.gyros, partial(_set_curve, fitted, *_over_temperature(fitted))
-        angles = tuple(
-            replace(
-                set_curve(f"{gyros[g]}, {gyros[h]}", orthogonality(g, h)),
-                coverage_factor=gum.coverage_factor(
-                    min(float(one.triad.angles_deg.dof[g, h]) for one in fitted.sets)
-                ),
-            )
-            for g, h in fitted.pairs
-        )
-        across = tuple(
-            set_curve(f"{gyros[g]} to {axis}", component(g, a))
-            for g, own in main
-            for a, axis in enumerate(forms.AXES)
-            if a != own
-        )
-        return cls(tuple(lines), tuple(curves), angles=angles, misalignment=across)
+            for a, axis in enumerate(forms.AXES):
+                if axis != main:
+                    shares = [(MRAD * one.value[g, a], MRAD * one.u[g, a]) for one in misalignment]
+                    across.append(_set_curve(fitted, f"{gyro} to {axis}", shares))
+        angles = []
+        for g, h in fitted.pairs:
+            between = [one.triad.angles_deg for one in fitted.sets]
+            dof = min(float(angle.dof[g, h]) for angle in between)
+            off = [(90.0 - angle.value[g, h], angle.u[g, h]) for angle in between]
+            found = _set_curve(fitted, f"{fitted.gyros[g]}, {fitted.gyros[h]}", off)
+            angles.append(replace(found, coverage_factor=gum.coverage_factor(dof)))
+        return cls(tuple(lines), tuple(curves), angles=tuple(angles), misalignment=tuple(across))
 
 
 def _line_curve(held: Lines, run: table_runs.TableRun, gyro: str) -> LineCurve:
@@ -191,27 +173,9 @@ def _temperature_curve(
     )
 
 
-def _over_temperature(fitted: triad_fit.AxesFit) -> tuple[Array, list[gyro_triad.Triad]]:
-    """Temperatures [°C] at which curves are drawn, and the triad at each; none without a fit over
-    temperature.
-    """
-    if fitted.over is None:
-        return np.zeros(0), []
-    grid = np.linspace(*fitted.over.curves[0][0].valid_degc, 61)
-    return grid, [fitted.over.at(degc) for degc in grid.tolist()]
-
-
-def _set_curve(
-    fitted: triad_fit.AxesFit,
-    grid: Array,
-    between: Sequence[gyro_triad.Triad],
-    name: str,
-    quantity: Callable[[gyro_triad.Triad], tuple[float, float]],
-) -> Curve:
-    """A quantity, given as value and standard uncertainty of a triad, for every set, and of the
-    triads at the temperatures of a grid.
-    """
-    value, u = np.array([quantity(one.triad) for one in fitted.sets]).T
+def _set_curve(fitted: triad_fit.AxesFit, name: str, found: Sequence[tuple[float, float]]) -> Curve:
+    """A quantity in every set of runs, by value and standard uncertainty."""
+    value, u = np.array(found).T
     temperature = np.array([one.temp_degc for one in fitted.sets])
-    curve, u_curve = np.array([quantity(one) for one in between]).reshape(-1, 2).T
-    return Curve(name, temperature, value, u, grid, curve, u_curve)
+    none = np.zeros(0)
+    return Curve(name, temperature, value, u, none, none, none)

@@ -114,7 +114,7 @@ def fit_rate_table(
     found = _fitted(
         spec,
         runs,
-        [line for one in gyros for line in held.straightened(about, one.gyro, one.response)],
+        held.straightened({one.gyro: one.response for one in gyros}),
         results,
         acceptance.judge_runs(scales.figures, spec.acceptance),
         curves.GyroReport.of_runs(gyros, held),
@@ -144,14 +144,7 @@ def fit_pair(
     return _fitted(
         spec,
         runs,
-        [
-            line
-            for axis, group in runs.items()
-            for gyro in spec.gyros
-            for line in fitted.held.straightened(
-                group, gyro, fitted.responses[gyro] if gyro == axis else None
-            )
-        ],
+        fitted.held.straightened(fitted.responses),
         results,
         criteria,
         curves.GyroReport.of_pair(fitted),
@@ -177,12 +170,7 @@ def fit_triad(
     return _fitted(
         spec,
         runs,
-        [
-            line
-            for group in runs.values()
-            for gyro in spec.gyros
-            for line in fitted.held.straightened(group, gyro, None)
-        ],
+        fitted.held.straightened({}),
         results,
         criteria,
         curves.GyroReport.of_triad(fitted),

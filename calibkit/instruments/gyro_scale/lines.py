@@ -78,6 +78,8 @@ class Lines:
     """[lines], number of the set of runs at one temperature."""
     number: Mapping[tuple[str, str], int]
     """File and gyro → line."""
+    steady: Array
+    """[n], indications without what changed during the runs."""
     noise: Array
     """[n], standard uncertainty of the means by noise within the held rates."""
     in_time: tuple[InTime, ...] = ()
@@ -117,7 +119,8 @@ class Lines:
             errors = tuple(_errors(rows, terms, axes))
             fitted = equation.Fitted(equation.fit(rows, terms, errors), rows, terms)
         fit = _best_lines(fitted, errors)
-        found = cls(fitted, fit, gyro_of, axis_of, set_of, number, noise)
+        steady = F - sum(_drifts(fitted.fit).values(), np.zeros(F.size))
+        found = cls(fitted, fit, gyro_of, axis_of, set_of, number, steady, noise)
         return replace(found, in_time=near.in_time if near else tuple(found._find_in_time()))
 
     @classmethod
@@ -168,34 +171,29 @@ class Lines:
 
     def published(self, run: TableRun, gyro: str) -> Line:
         """Held rates of a gyro in a run without what changed during it, and the published line."""
-        chosen = self.rows.line == self.number[run.log.file, gyro]
-        indication = self.rows.indication - sum(self._drifts().values(), np.zeros(chosen.size))
-        return Line(self.rows.rate_dps[chosen], indication[chosen], self.noise[chosen])
+        return self._published(self.number[run.log.file, gyro])
 
-    def straightened(
-        self, runs: Iterable[TableRun], gyro: str, response: equation.Fitted | None
-    ) -> Iterator[Line]:
-        """The published line of a gyro in some runs, without the bend of a response."""
-        for run in runs:
-            line = self.published(run, gyro)
-            if response is not None:
-                one_run = np.arange(self.gyro_of.size) == self.number[run.log.file, gyro]
-                rows = self.rows.of_lines(one_run)
+    def _published(self, line: int) -> Line:
+        """The same by the number of the line."""
+        chosen = self.rows.line == line
+        return Line(self.rows.rate_dps[chosen], self.steady[chosen], self.noise[chosen])
+
+    def straightened(self, responses: Mapping[str, equation.Fitted | None]) -> Iterator[Line]:
+        """The published line of every gyro in every run, about its own axis without the bend of its
+        response.
+        """
+        own = self.own()
+        for (_, gyro), number in self.number.items():
+            line, response = self._published(number), responses.get(gyro)
+            if response is not None and own[number]:
+                rows = self.rows.of_lines(np.arange(own.size) == number)
                 bend = equation.bend(response.fit.parameters, rows, response.terms)
                 line = replace(line, indication=line.indication - bend)
             yield line
 
-    def _drifts(self) -> dict[str, Array]:
-        """What each error that changes during a run added to the indications [n]."""
-        return {
-            size.error.effect: size.error.along(size.errors.ravel())
-            for size in self.fitted.fit.shared
-            if size.error.effect in DRIFTS
-        }
-
     def flag_drifts(self) -> Iterator[str]:
         """Flags on what drifted during a run by more than its noise, and was taken out."""
-        drifts = self._drifts()
+        drifts = _drifts(self.fitted.fit)
         sizes = {size.error.effect: size.errors for size in self.fitted.fit.shared}
         for (file, gyro), line in self.number.items():
             chosen = self.rows.line == line
@@ -298,6 +296,15 @@ class Lines:
             size=float(np.sqrt(square)),
             size_dof=float(np.sum(same) - 1),
         )
+
+
+def _drifts(fit: Fit) -> dict[str, Array]:
+    """What each error that changes during a run added to the indications [n]."""
+    return {
+        size.error.effect: size.error.along(size.errors.ravel())
+        for size in fit.shared
+        if size.error.effect in DRIFTS
+    }
 
 
 def _errors(rows: equation.Rows, terms: equation.Terms, axes: int) -> Iterator[Shared]:

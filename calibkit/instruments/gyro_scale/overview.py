@@ -6,17 +6,11 @@ import numpy as np
 
 from calibkit.coefficients import Figure, StageResult
 from calibkit.instruments.gyro_scale import forms, over_runs, pair_fit, triad_fit
+from calibkit.instruments.gyro_scale.acceptance import RUN_LIMITS
 from calibkit.instruments.gyro_scale.numeric.gjb_figures import GJB, PPM
 from calibkit.report.overview import KeyValue, Overview, concise
 
 _COUNTS = "counts/°"
-_SHOWN = {
-    "nonlinearity_full_scale": "nonlinearity over full scale",
-    "asymmetry": "asymmetry",
-    "repeatability": "repeatability",
-    "temperature_sensitivity": "temperature sensitivity",
-}
-"""Figure of a line or of a gyro over its runs → what people call it."""
 
 
 def _largest_figures(figures: Iterable[Figure]) -> tuple[KeyValue, ...]:
@@ -24,7 +18,7 @@ def _largest_figures(figures: Iterable[Figure]) -> tuple[KeyValue, ...]:
     found: dict[str, Figure] = {}
     for figure in figures:
         what, standard, _ = forms.read_figure_name(figure.name)
-        if standard == GJB and what in _SHOWN:
+        if standard == GJB and what in RUN_LIMITS:
             found[what] = max(found.get(what, figure), figure, key=lambda one: abs(one.value))
     return tuple(
         KeyValue(
@@ -33,7 +27,7 @@ def _largest_figures(figures: Iterable[Figure]) -> tuple[KeyValue, ...]:
             found[what].unit.replace("degC", "°C"),
             found[what].standard_uncertainty,
         )
-        for what, name in _SHOWN.items()
+        for what, (name, _, _) in RUN_LIMITS.items()
         if what in found
     )
 

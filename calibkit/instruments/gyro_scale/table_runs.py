@@ -188,13 +188,8 @@ def _find_implausible(log: Log, gyros: Sequence[str]) -> list[Finding]:
     return [
         *(check.find_unordered_times(log) if "time_s" in log.frame.columns else ()),
         *check.find_constant_columns(log, [forms.RATE, *gyros]),
-        *_find_beyond(
-            log,
-            forms.RATE,
-            FASTEST_DPS,
-            "°/s",
-            f"at most {FASTEST_DPS:g} °/s",
-            f"state the log's unit in [columns.{forms.RATE}]",
+        *check.find_out_of_range(
+            log, forms.RATE, -FASTEST_DPS, FASTEST_DPS, "°/s", f"at most {FASTEST_DPS:g} °/s"
         ),
         *(finding for gyro in gyros for finding in _find_overload(log, gyro)),
         *check.find_implausible_temperatures(log, thermometers),
@@ -221,22 +216,21 @@ def _find_suspicious(spec: AnyRecipe, log: Log) -> list[Finding]:
 
 def _average_held_rates(spec: AnyRecipe, log: Log) -> plateau_means.Plateaus:
     """Means over the held rates of a log."""
-    rules = plateaus.Rules(**spec.plateaus.model_dump(exclude={"min_rates", "one_row"}))
-    present = log.frame.columns
+
+    def column(name: str) -> Array | None:
+        return values(log.frame, name) if name in log.frame.columns else None
+
+    rate = values(log.frame, forms.RATE)
+    signals = _beside([values(log.frame, forms.gyro_column(gyro)) for gyro in spec.gyros], log)
     if spec.plateaus.one_row:
-        return plateau_means.of_rows(
-            values(log.frame, "time_s") if "time_s" in present else None,
-            values(log.frame, forms.RATE),
-            np.column_stack([values(log.frame, forms.gyro_column(gyro)) for gyro in spec.gyros]),
-            values(log.frame, forms.TEMPERATURE) if forms.TEMPERATURE in present else None,
-        )
+        return plateau_means.of_rows(column("time_s"), rate, signals, column(forms.TEMPERATURE))
     return plateau_means.means(
         values(log.frame, "time_s"),
-        values(log.frame, forms.RATE),
-        _beside([values(log.frame, forms.gyro_column(gyro)) for gyro in spec.gyros], log),
-        table_angle_deg=values(log.frame, ANGLE) if ANGLE in present else None,
-        temp_degc=values(log.frame, forms.TEMPERATURE) if forms.TEMPERATURE in present else None,
-        rules=rules,
+        rate,
+        signals,
+        table_angle_deg=column(ANGLE),
+        temp_degc=column(forms.TEMPERATURE),
+        rules=plateaus.Rules(**spec.plateaus.model_dump(exclude={"min_rates", "one_row"})),
         held=stated_segments.stated_rows(log, spec, ["rate"]),
         along_axis=spec.procedure == "rate_table",
         allocate=log.allocate,
@@ -252,34 +246,6 @@ def _beside(columns: Sequence[Array], log: Log) -> Array:
         for k, one in enumerate(columns):
             made[a:b, k] = one[a:b]
     return made
-
-
-def _find_beyond(
-    log: Log,
-    column: str,
-    limit: float,
-    unit: str,
-    expected: str,
-    advice: str,
-    *,
-    exclude: bool = False,
-) -> list[Finding]:
-    """Finding on a column's values beyond a limit in its unit: the first one, and their number."""
-    if max(map(abs, log.extremes(column))) <= limit:
-        return []
-    data = values(log.frame, column)
-    bad = chunks.rows_where(data, lambda part: np.abs(part) > limit)
-    if not bad.size:
-        return []
-    worst = float(data[bad[0]])
-    what = f"{worst:g} {unit} ({bad.size} such row{'s' if bad.size > 1 else ''})"
-    figure = None if column == forms.RATE else worst
-    advice += f" {log.advise_exclude(bad)}" if exclude else ""
-    return [
-        check.finding_at_row(
-            log, int(bad[0]), column, what, expected, advice, "range", figure=figure
-        )
-    ]
 
 
 def _span(counts: Array) -> float:
@@ -301,9 +267,10 @@ def _find_overload(log: Log, column: str) -> list[Finding]:
     )
     if not usual > 0.0:
         return []
-    advice = "a logger writes such numbers for overload or nothing: leave the rows out:"
+    limit = BEYOND * usual
     expected = f"counts like those of the other rows, up to {usual:.4g} 1/s"
-    return _find_beyond(log, column, BEYOND * usual, "1/s", expected, advice, exclude=True)
+    advice = "a logger writes such numbers for overload or nothing: leave the rows out:"
+    return check.find_out_of_range(log, column, -limit, limit, "1/s", expected, advice=advice)
 
 
 def _find_few_rates(spec: GyroRecipe, log: Log, held: plateau_means.Plateaus) -> list[Finding]:

@@ -58,18 +58,10 @@ class TriadOverTemperature:
 
     fitted: equation.Fitted
     """Equation (1) of all runs, each gyro about each axis with polynomials over temperature."""
-    fit: Fit
-    """Sensitivities [3 g · (order + 1)], of powers of the mapped temperature."""
     curves: tuple[tuple[TemperaturePolynomial, ...], ...]
     """[g][3]."""
     biases: tuple[TemperaturePolynomial, ...]
     """[g]; empty where the latitude is unknown."""
-
-    def at(self, temp_degc: float) -> gyro_triad.Triad:
-        """Triad at a temperature [°C] within the range."""
-        terms = self.fitted.terms
-        powers = polynomial.powers(terms.mapped(np.array([temp_degc])), max(terms.orders))[0]
-        return gyro_triad.find(self.fit.restated(lambda p: p.reshape(-1, powers.size) @ powers))
 
 
 @dataclass(frozen=True, slots=True)
@@ -237,7 +229,7 @@ def _over_temperature(
 
         biases.append(curve(fitted.restated(bias)))
     curves = tuple(tuple(by_line[3 * g : 3 * g + 3]) for g in range(len(S)))
-    return TriadOverTemperature(whole, K, curves, tuple(biases))
+    return TriadOverTemperature(whole, curves, tuple(biases))
 
 
 def _fit_polynomials(

@@ -97,17 +97,14 @@ def validate(
 def _list_published(
     held: lines.Lines, run: table_runs.TableRun, matrices: Sequence[forms.GyroMatrix]
 ) -> Iterator[Line]:
-    """Lines of a run: of the compensated rates of gyros about their own axes, of the indications of
-    a triad.
-    """
+    """Lines of a run: of the indications of a triad, else of the compensated rates."""
     for matrix in matrices:
-        for gyro in matrix.gyros:
-            if len(matrix.outputs) > 1:
-                yield from held.straightened([run], gyro, None)
-            else:
-                seen = run.scale(gyro)
-                rates = matrix.rates(seen.indication[:, None], _temperatures(run))[:, 0]
-                yield Line(seen.rate_dps, rates, seen.noise / abs(seen.K))
+        if len(matrix.outputs) > 1:
+            yield from held.straightened({})
+            continue
+        seen = run.scale(matrix.gyros[0])
+        rates = matrix.rates(seen.indication[:, None], _temperatures(run))[:, 0]
+        yield Line(seen.rate_dps, rates, seen.noise / abs(seen.K))
 
 
 def _judge_uncertainty(
