@@ -12,7 +12,7 @@ from calibkit.fit.complex_step import Numbers
 from calibkit.fit.shared import Shared
 from calibkit.fit.solve import Fit
 from calibkit.fit.value import Value
-from calibkit.forms import POLYNOMIAL, components_of
+from calibkit.forms import components_of
 from calibkit.instruments.gyro_scale import (
     equation,
     forms,
@@ -25,7 +25,6 @@ from calibkit.instruments.gyro_scale.lines import Lines
 from calibkit.instruments.gyro_scale.numeric import gjb_figures
 from calibkit.instruments.gyro_scale.recipe import GyroRecipe, OwnAxisRecipe
 from calibkit.numeric.dispersion import rms
-from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
 
 PAIR_LINES = (("a", "a"), ("b", "b"), ("b", "a"), ("a", "b"))
 """(gyro, table axis) of the lines of a pair, own axes first."""
@@ -70,10 +69,7 @@ def list_rate_table_results(
         lines = [(f"{name}.{run.log.name}", run) for run in one.runs]
         parts = _components(one)
         models.append(_mean_model(name, one.gyro, one.at_room, held, one.line, parts))
-        curves = (("K", "1/deg", one.K_over_temperature), ("F0", "1/s", one.F0_over_temperature))
-        for letter, unit, curve in curves:
-            if curve is not None:
-                models.append(_curve_model(forms.curve_name(name, letter), unit, curve, one.runs))
+        models += one.curves
         models += [_line_model(line, held, run, one.gyro) for line, run in lines]
         if one.response is not None:
             models.append(_response_model(forms.response_name(name), one.response, one.runs))
@@ -133,21 +129,11 @@ def list_triad_results(fitted: triad_fit.AxesFit, spec: GyroRecipe) -> tuple[Sta
         figures += _triad_biases(fitted, one)
     angles = [figure for one in fitted.sets for figure in _triad_figures(fitted, one)]
     triads = [_triad_model(fitted, one) for one in fitted.sets]
-    models += _triad_curves(fitted)
+    models += fitted.curves
     return (
         _result(forms.SCALE_FILE, spec, models, figures, fitted.flags),
         _result(forms.ORTHOGONALITY_FILE, spec, triads, angles, fitted.flags),
     )
-
-
-def _valid(runs: Sequence[table_runs.TableRun]) -> dict[str, tuple[float, float]]:
-    """Ranges of rate and temperature that the runs cover."""
-    rate = np.concatenate([run.plateaus.rate_dps for run in runs])
-    temperature = np.array([run.temp_range for run in runs])
-    spans = {forms.RATE: rate} | (
-        {forms.TEMPERATURE: temperature} if np.isfinite(temperature).all() else {}
-    )
-    return {name: (float(span.min()), float(span.max())) for name, span in spans.items()}
 
 
 LINE = (("K", "1/deg"), ("F0", "1/s"))
@@ -163,7 +149,7 @@ def _line_model(name: str, held: Lines, run: table_runs.TableRun, gyro: str) -> 
         LINE,
         residual_rms=line.fit.residual_rms,
         residual_unit="1/s",
-        valid=_valid([run]),
+        valid=table_runs.valid_ranges([run]),
         parameters=_temperature([run]),
     )
     return replace(model, dof=line.fit.dof, components=())
@@ -185,7 +171,7 @@ def _mean_model(
         LINE,
         residual_rms=rms([fit.residual_rms for fit in of_runs]),
         residual_unit="1/s",
-        valid=_valid(runs),
+        valid=table_runs.valid_ranges(runs),
         parameters=(Parameter("runs", float(len(runs)), "1"), *_temperature(runs)),
     )
     return replace(model, dof=sum(fit.dof for fit in of_runs), components=components)
@@ -224,25 +210,6 @@ def _components(one: over_runs.GyroOverRuns) -> tuple[Component, ...]:
     )
 
 
-def _curve_model(
-    name: str, unit: str, curve: TemperaturePolynomial, runs: Sequence[table_runs.TableRun]
-) -> Model:
-    """Model of one quantity over case temperature, valid over the range of all runs."""
-    per = ["", "/degC", *(f"/degC^{k}" for k in range(2, curve.coefficients.size))]
-    return POLYNOMIAL.write(
-        name,
-        [
-            (f"p{k}", value, f"{unit}{per[k]}")
-            for k, value in enumerate(curve.coefficients.tolist())
-        ],
-        curve.covariance,
-        dof=curve.dof,
-        residual_rms=curve.residual_rms,
-        residual_unit=unit,
-        valid={forms.TEMPERATURE: _valid(runs).get(forms.TEMPERATURE, curve.valid_degc)},
-    )
-
-
 def _response_model(
     name: str, response: equation.Fitted, runs: Sequence[table_runs.TableRun]
 ) -> Model:
@@ -253,7 +220,10 @@ def _response_model(
     named += [(f"F{k}", "1/s") for k in range(F0_order + 1)]
     letters = forms.BEND_LETTERS[: terms.bend_order + 1]
     named += [(f"{letter}{k}", "1/s") for letter in letters for k in terms.powers]
-    parameters, valid = [Parameter("fastest_dps", terms.fastest_dps, "deg/s")], _valid(runs)
+    parameters, valid = (
+        [Parameter("fastest_dps", terms.fastest_dps, "deg/s")],
+        table_runs.valid_ranges(runs),
+    )
     if max(terms.orders):
         middle, half = terms.middle_half
         parameters += [
@@ -287,7 +257,7 @@ def _pair_model(fitted: pair_fit.PairFit) -> Model:
         dof=min(run.rate_dps.size for run in runs) - 2,
         residual_rms=rms([held.published(run, "b").fit.residual_rms for run in fitted.runs["b"]]),
         residual_unit="1/s",
-        valid=_valid(runs),
+        valid=table_runs.valid_ranges(runs),
         effective_dof=np.array(found.dof),
         components=_stated_components(fitted.run_scale, fitted.mounting),
     )
@@ -323,23 +293,10 @@ def _triad_model(fitted: triad_fit.AxesFit, one: triad_fit.AxesSet) -> Model:
         list(zip([*names, *biases], units, strict=True))[: one.fit.parameters.size],
         residual_rms=rms([fit.residual_rms for fit in of_runs]),
         residual_unit="1/s",
-        valid=_valid(one.runs),
+        valid=table_runs.valid_ranges(one.runs),
     )
     stated = _stated_components(fitted.run_scale, fitted.mounting)
     return replace(model, dof=min(fit.dof for fit in of_runs), components=stated)
-
-
-def _triad_curves(fitted: triad_fit.AxesFit) -> Iterator[Model]:
-    """Models of every sensitivity and bias over case temperature."""
-    every = [run for axis in forms.AXES for run in fitted.runs[axis]]
-    for gyro, row in zip(fitted.gyros, fitted.over.curves if fitted.over else (), strict=False):
-        for axis, curve in zip(forms.AXES, row, strict=True):
-            yield _curve_model(
-                forms.curve_name(forms.line_name(gyro, axis), "K"), "1/deg", curve, every
-            )
-    biases = fitted.over.biases if fitted.over else ()
-    for gyro, curve in zip(fitted.gyros, biases, strict=False):
-        yield _curve_model(forms.curve_name(gyro, "bias"), "1/s", curve, every)
 
 
 def _triad_biases(fitted: triad_fit.AxesFit, one: triad_fit.AxesSet) -> Iterator[Figure]:

@@ -7,6 +7,8 @@ from typing import Self
 import numpy as np
 
 from calibkit.arrays import Array
+from calibkit.coefficients import Model
+from calibkit.forms import POLYNOMIAL
 from calibkit.instruments.gyro_scale import (
     forms,
     over_runs,
@@ -20,7 +22,6 @@ from calibkit.instruments.gyro_scale.numeric import (
     pair as gyro_pair,
 )
 from calibkit.numeric import gum
-from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
 
 MRAD = 1e3
 
@@ -89,11 +90,9 @@ class GyroReport:
         return cls(
             tuple(_line_curve(held, run, one.gyro) for one in gyros for run in one.runs),
             tuple(
-                _temperature_curve(
-                    held, one.gyro, one.runs, one.K_over_temperature, float(one.K.value)
-                )
+                _temperature_curve(held, one.gyro, one.runs, one.curves[0], float(one.K.value))
                 for one in gyros
-                if one.K_over_temperature is not None
+                if one.curves
             ),
         )
 
@@ -113,10 +112,10 @@ class GyroReport:
             main = fitted.main_axis(gyro)
             runs = fitted.runs[main]
             lines += [_line_curve(fitted.held, run, gyro) for run in runs]
-            if fitted.over is not None:
+            if fitted.curves:
                 own = forms.AXES.index(main)
                 K = float(fitted.sets[fitted.reference].triad.sensitivity[g, own])
-                curve = fitted.over.curves[g][own]
+                curve = fitted.curves[len(forms.AXES) * g + own]
                 curves.append(_temperature_curve(fitted.held, gyro, runs, curve, K))
             for a, axis in enumerate(forms.AXES):
                 if axis != main:
@@ -153,12 +152,13 @@ def _temperature_curve(
     held: Lines,
     gyro: str,
     runs: Sequence[table_runs.TableRun],
-    fit: TemperaturePolynomial,
+    fit: Model,
     reference: float,
 ) -> Curve:
     """K of one gyro in every run and as a polynomial, in ppm from a reference K."""
-    grid = np.linspace(*fit.valid_degc, 101)
-    curve, u_curve = fit.at(grid)
+    grid = np.linspace(*fit.valid[forms.TEMPERATURE], 101)
+    at = {forms.TEMPERATURE: grid}
+    curve, u_curve = POLYNOMIAL.evaluate(fit, at), POLYNOMIAL.standard_uncertainty(fit, at)
     K = held.of_runs(runs, gyro)
     ppm, sign = gjb_figures.PPM / abs(reference), float(np.sign(reference))
     return Curve(

@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibkit.arrays import Array, Mask
-from calibkit.coefficients import Figure
+from calibkit.coefficients import Figure, Model
 from calibkit.fit import orders
 from calibkit.fit.solve import Fit
 from calibkit.fit.value import Value
+from calibkit.forms import POLYNOMIAL
 from calibkit.instruments.gyro_scale import (
     bent_response,
     contradictions,
@@ -26,7 +27,6 @@ from calibkit.instruments.gyro_scale.numeric.gjb_figures import ROOM_DEGC
 from calibkit.instruments.gyro_scale.recipe import GyroRecipe, OwnAxisRecipe
 from calibkit.numeric import gum
 from calibkit.numeric.least_squares import polynomial
-from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
 from calibkit.recipe import shared_errors
 
 VARIES_DEGC = 5.0
@@ -62,8 +62,8 @@ class GyroOverRuns:
     """Whether K changes with time since the runs began."""
     response: equation.Fitted | None
     """The same where it has powers of the rate."""
-    K_over_temperature: TemperaturePolynomial | None = None
-    F0_over_temperature: TemperaturePolynomial | None = None
+    curves: tuple[Model, ...] = ()
+    """K and F0 over temperature, where it varies."""
     slope: Value | None = None
     """Of the straight line through K over temperature [1/deg/°C]."""
 
@@ -130,13 +130,16 @@ def fit_over_runs(
     if not varies:
         return found
     K, F0 = curves.restated(lambda p: p[:size]), curves.restated(lambda p: p[size:])
+    name = forms.line_name(gyro)
     # of the straight line through K(T) at the temperatures of the runs
     slope_of = np.linalg.pinv(np.column_stack((temperature, np.ones(temperature.size))))[0]
     weights = slope_of @ polynomial.powers(terms.mapped(temperature), size - 1)
     return replace(
         found,
-        K_over_temperature=curve_of(K, terms, temperature),
-        F0_over_temperature=curve_of(F0, terms, temperature),
+        curves=(
+            curve_model(forms.curve_name(name, "K"), "1/deg", K, terms, runs),
+            curve_model(forms.curve_name(name, "F0"), "1/s", F0, terms, runs),
+        ),
         slope=K.of(lambda p: weights @ p),
     )
 
@@ -206,25 +209,41 @@ def _terms(spec: OwnAxisRecipe, rows: equation.Rows, *, varies: bool) -> equatio
     return bent_response.beside_line(rows, terms)
 
 
-def curve_of(curve: Fit, terms: equation.Terms, temp_degc: Array) -> TemperaturePolynomial:
-    """Polynomial of a fit in raw powers, over the temperatures [r] [°C] of the runs."""
+def curve_model(
+    name: str,
+    unit: str,
+    curve: Fit,
+    terms: equation.Terms,
+    runs: Sequence[table_runs.TableRun],
+) -> Model:
+    """Polynomial of a fit in raw powers, valid over the range of all runs; its degrees of freedom
+    are the fewest at the temperatures of the runs.
+    """
     order = curve.parameters.size - 1
     raw, covariance = polynomial.in_raw_powers(
         curve.parameters,
         curve.total_covariance,
         polynomial.to_raw_powers(*terms.middle_half, order),
     )
-    low, high = float(temp_degc.min()), float(temp_degc.max())
-    x = terms.mapped(np.linspace(low, high, GRID))
+    temp_degc = [run.temp_degc for run in runs]
+    x = terms.mapped(np.linspace(min(temp_degc), max(temp_degc), GRID))
     dof = curve.of(lambda p: polynomial.powers(x, order) @ p).dof
-    noise = float(curve.noise[0])
-    return TemperaturePolynomial(raw, covariance, max(int(np.min(dof)), 1), noise, (low, high))
+    per = ["", "/degC", *(f"/degC^{k}" for k in range(2, order + 1))]
+    return POLYNOMIAL.write(
+        name,
+        [(f"p{k}", value, f"{unit}{per[k]}") for k, value in enumerate(raw.tolist())],
+        covariance,
+        dof=max(int(np.min(dof)), 1),
+        residual_rms=float(curve.noise[0]),
+        residual_unit=unit,
+        valid={forms.TEMPERATURE: table_runs.valid_ranges(runs)[forms.TEMPERATURE]},
+    )
 
 
 def list_undetermined(gyros: Sequence[GyroOverRuns]) -> tuple[str, ...]:
     """What the runs of the gyros do not determine, and what it takes."""
     lacks = []
-    if any(gyro.K_over_temperature is None for gyro in gyros):
+    if not all(gyro.curves for gyro in gyros):
         lacks.append(
             f"K and F0 over temperature: log runs at temperatures {VARIES_DEGC:g} °C apart or more"
         )
@@ -286,11 +305,9 @@ def _scatter(one: GyroOverRuns) -> float:
     if _repeats(one):
         K = one.K_of_runs.value[one.room]
         found.append((K.size - 1, float(np.var(K, ddof=1))))
-    curve = one.K_over_temperature
-    if curve is not None and curve.dof > 0:
-        found.append(
-            (curve.dof, curve.residual_rms**2 * (1.0 + curve.coefficients.size / curve.dof))
-        )
+    for curve in one.curves[:1]:
+        square = curve.residual_rms**2 * (1.0 + len(curve.coefficients) / curve.dof)
+        found.append((curve.dof, square))
     if not found:
         return 0.0
     # runs at the reference temperature are in both: the larger count is that of independent ones
@@ -362,7 +379,7 @@ def flag_runs(
                 flags += table_runs.flag_uncertain(f"{name} in {run.log.file}", K, u)
         flags += contradictions.flag_runs(name, one.at_room, held.of_runs(one.at_room, one.gyro))
         flags += _flag_between(one, spec)
-        if one.K_over_temperature is not None:
+        if one.curves:
             flags += contradictions.flag_runs(name, one.runs, of_runs)
         flags += ordering.flag(name, one.in_time, float(one.K.value))
     temperature = gyros[0].temp_degc

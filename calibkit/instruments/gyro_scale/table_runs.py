@@ -118,6 +118,16 @@ def vertical_rate_dps(spec: GyroRecipe) -> float | None:
     return None if latitude is None else sign * float(earth.vertical_rate(latitude)) / DPH_PER_DPS
 
 
+def valid_ranges(runs: Sequence[TableRun]) -> dict[str, tuple[float, float]]:
+    """Ranges of rate and temperature that runs cover."""
+    rate = np.concatenate([run.plateaus.rate_dps for run in runs])
+    temperature = np.array([run.temp_range for run in runs])
+    spans = {forms.RATE: rate}
+    if np.isfinite(temperature).all():
+        spans[forms.TEMPERATURE] = temperature
+    return {name: (float(span.min()), float(span.max())) for name, span in spans.items()}
+
+
 def faults(spec: AnyRecipe, log: Log) -> Examined:
     """Findings of one log, and its held rates."""
     found, held = _find_faults(spec, log)

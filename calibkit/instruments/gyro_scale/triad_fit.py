@@ -2,13 +2,14 @@
 them, also over temperature.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from functools import partial
+from itertools import combinations, product
 
 import numpy as np
 
-from calibkit.arrays import Array
+from calibkit.coefficients import Model
 from calibkit.constants import DPH_PER_DPS
 from calibkit.errors import FitError, advise_exclude
 from calibkit.fit.complex_step import Numbers
@@ -27,7 +28,6 @@ from calibkit.instruments.gyro_scale import (
 from calibkit.instruments.gyro_scale.numeric import line_terms, triad as gyro_triad
 from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe
 from calibkit.numeric.least_squares import polynomial
-from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
 
 ONE_SET_DEGC = 5.0
 """Largest difference in temperature [°C] between the runs of one set."""
@@ -53,18 +53,6 @@ class AxesSet:
 
 
 @dataclass(frozen=True, slots=True)
-class TriadOverTemperature:
-    """Sensitivities and biases of g gyros as polynomials of temperature."""
-
-    fitted: equation.Fitted
-    """Equation (1) of all runs, each gyro about each axis with polynomials over temperature."""
-    curves: tuple[tuple[TemperaturePolynomial, ...], ...]
-    """[g][3]."""
-    biases: tuple[TemperaturePolynomial, ...]
-    """[g]; empty where the latitude is unknown."""
-
-
-@dataclass(frozen=True, slots=True)
 class AxesFit:
     """Gyros over three axes: all runs, the sets of runs, index of the reference set, and
     polynomials over temperature.
@@ -77,7 +65,10 @@ class AxesFit:
     reference: int
     held: lines.Lines
     """Lines of the single runs."""
-    over: TriadOverTemperature | None
+    over: equation.Fitted | None
+    """Equation (1) of all runs, each gyro about each axis with polynomials over temperature."""
+    curves: tuple[Model, ...]
+    """Sensitivities [3 g] and, where the latitude is known, biases [g] over temperature."""
     run_scale: Shared | None
     """How scale factors repeat; None where nothing tells."""
     mounting: Shared | None
@@ -154,17 +145,14 @@ def fit_axes(
     flags += _flag_sets(spec, sets, mounting)
     if run_scale is None:
         flags.append(lines.WITHIN)
+    over: equation.Fitted | None = None
+    curves: tuple[Model, ...] = ()
+    if len(sets) > 1:
+        over = _fit_polynomials(held, run_scale, near.over if near else None)
+        curves = tuple(_list_curves(over, spec.gyros, every, mounting, vertical))
+    reference = int(np.argmin(np.abs(temperature - spec.reference_temp_degc))) if logged else 0
     return AxesFit(
-        spec.gyros,
-        runs,
-        sets,
-        int(np.argmin(np.abs(temperature - spec.reference_temp_degc))) if logged else 0,
-        held,
-        None
-        if len(sets) == 1
-        else _over_temperature(held, run_scale, mounting, vertical, near.over if near else None),
-        run_scale,
-        mounting,
+        *(spec.gyros, runs, sets, reference, held, over, curves, run_scale, mounting),
         tuple(dict.fromkeys(flags)),
     )
 
@@ -197,45 +185,40 @@ def _fit_set(
     return AxesSet(every, degc, fit, triad, fit.of(lambda p: p[3 * gyros :]))
 
 
-def _over_temperature(
-    held: lines.Lines,
-    run_scale: Shared | None,
+def _list_curves(
+    over: equation.Fitted,
+    gyros: Sequence[str],
+    runs: Sequence[table_runs.TableRun],
     mounting: Shared | None,
     vertical_dps: float | None,
-    near: TriadOverTemperature | None,
-) -> TriadOverTemperature:
+) -> Iterator[Model]:
     """Sensitivities and biases over temperature."""
-    S, rows = held.sensitivity(), replace(held.rows, line=held.rows.channel)
-    whole = near.fitted.refit(rows) if near else _fit_polynomials(held, rows, S, run_scale)
-    fitted, _, terms = whole
+    fit, rows, terms = over
     line = equation.best_line(terms, rows.rate_dps)
-    K = fitted.restated(lambda p: line(p)[equation.SCALE].ravel())
+    K = fit.restated(lambda p: line(p)[equation.SCALE].ravel())
     K = K.widened_by([mounting] if mounting else [])
-    temperature = rows.temp_degc
-
-    def curve(coefficients: Fit) -> TemperaturePolynomial:
-        return over_runs.curve_of(coefficients, terms, temperature)
-
     powers = max(terms.orders) + 1
-    each = (slice(powers * k, powers * (k + 1)) for k in range(S.size))
-    by_line = [curve(K.restated(_part(part))) for part in each]
-    biases = []
-    for g in range(len(S)) if vertical_dps is not None else ():
-        chosen = slice(3 * g, 3 * g + 3)
+    for number, (gyro, axis) in enumerate(product(gyros, forms.AXES)):
+        name = forms.curve_name(forms.line_name(gyro, axis), "K")
+        of_line = K.restated(partial(np.take, indices=np.arange(powers) + powers * number))
+        yield over_runs.curve_model(name, "1/deg", of_line, terms, runs)
+    for g, gyro in enumerate(gyros if vertical_dps is not None else ()):
 
-        def bias(p: Numbers, chosen: slice = chosen) -> Numbers:
+        def bias(p: Numbers, g: int = g) -> Numbers:
             scale, zero = line(p)
-            return np.asarray(np.mean((zero - vertical_dps * scale)[chosen], axis=0))
+            return np.asarray(np.mean((zero - vertical_dps * scale)[3 * g : 3 * g + 3], axis=0))
 
-        biases.append(curve(fitted.restated(bias)))
-    curves = tuple(tuple(by_line[3 * g : 3 * g + 3]) for g in range(len(S)))
-    return TriadOverTemperature(whole, curves, tuple(biases))
+        name = forms.curve_name(gyro, "bias")
+        yield over_runs.curve_model(name, "1/s", fit.restated(bias), terms, runs)
 
 
 def _fit_polynomials(
-    held: lines.Lines, rows: equation.Rows, S: Array, run_scale: Shared | None
+    held: lines.Lines, run_scale: Shared | None, near: equation.Fitted | None
 ) -> equation.Fitted:
     """Equation (1) of all runs with polynomials over temperature."""
+    S, rows = held.sensitivity(), replace(held.rows, line=held.rows.channel)
+    if near:
+        return near.refit(rows)
     order = max(min(polynomial.HIGHEST_ORDER, int(held.set_of.max()) - 1), 0)
     terms = equation.Terms(
         S.size,
@@ -251,11 +234,6 @@ def _fit_polynomials(
         for one in equation.shared_errors(rows, terms, S.ravel(), own)
     ]
     return equation.Fitted(equation.fit(rows, terms, shared), rows, terms)
-
-
-def _part(chosen: slice) -> Callable[[Numbers], Numbers]:
-    """Function from parameters to some of them."""
-    return lambda p: p[chosen]
 
 
 def _require_own_axes(one: AxesSet, gyros: Sequence[str]) -> None:
