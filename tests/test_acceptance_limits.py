@@ -164,10 +164,8 @@ def triad_noise(value, **limits):
 
 def lines(value, **limits):
     """Criteria of two runs of a rate table, one of unknown noise, the other with this ratio."""
-    runs = [
-        SimpleNamespace(scales=[SimpleNamespace(birge_ratio=ratio)]) for ratio in (np.nan, value)
-    ]
-    return acceptance.judge_noise(runs, RateTableAcceptance(**limits))
+    lines = [SimpleNamespace(residual_over_noise=ratio) for ratio in (np.nan, value)]
+    return acceptance.judge_noise(lines, RateTableAcceptance(**limits))
 
 
 def station(*, angle="after", value=0.1, **limits):

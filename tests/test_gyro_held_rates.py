@@ -11,8 +11,8 @@ import pytest
 import bench_physics as bench
 from calibkit.errors import FitError, FrameError
 from calibkit.frame import Log
-from calibkit.instruments.gyro_scale import over_runs, simulate_rate_table, table_runs
-from calibkit.instruments.gyro_scale.numeric import gjb_figures, scale_factor
+from calibkit.instruments.gyro_scale import lines, over_runs, simulate_rate_table, table_runs
+from calibkit.instruments.gyro_scale.numeric import gjb_figures
 from calibkit.instruments.gyro_scale.recipe import RateTableRecipe
 from conftest import write_log
 
@@ -155,8 +155,8 @@ def test_no_nonlinearity_is_computed_at_stops():
     u = np.full(rate.size, 0.5)
     indication = K * rate + 20.0 + rng.normal(0.0, 0.5, rate.size)
     indication[-2:] += 10.0
-    line = scale_factor._scale_factor(rate, indication, u)
-    (worst,) = (f for f in gjb_figures.figures(line, u) if f.name == "nonlinearity_per_point")
+    figures = gjb_figures.figures(gjb_figures.Line(rate, indication, u), 0.1)
+    (worst,) = (f for f in figures if f.name == "nonlinearity_per_point")
     assert worst.value < 500.0
 
 
@@ -168,10 +168,10 @@ def test_fine_rates_through_zero_give_the_dead_zone():
     rate = np.concatenate([-fine[::-1], fine])
     u = np.full(rate.size, 0.1)
     dead = K * np.where(np.abs(rate) < 0.008, 0.0, rate)
-    found = {f.name: f for f in gjb_figures.figures(scale_factor._scale_factor(rate, dead, u), u)}
+    found = {f.name: f for f in gjb_figures.figures(gjb_figures.Line(rate, dead, u), 0.1)}
     assert found["dead_zone"].value == pytest.approx(0.015)
     assert found["dead_zone"].standard_uncertainty == pytest.approx(0.005 / np.sqrt(6.0))
-    whole = gjb_figures.figures(scale_factor._scale_factor(rate, K * rate, u), u)
+    whole = gjb_figures.figures(gjb_figures.Line(rate, K * rate, u), 0.1)
     assert "dead_zone" not in {f.name for f in whole}
 
 
@@ -189,8 +189,9 @@ def test_one_row_a_held_rate_needs_no_time(tmp_path):
     indication = K * np.array(RATES) + 20.0 + rng.normal(0.0, 1.0, len(RATES))
     write_log(tmp_path / "run.csv", table_rate_dps=RATES, gyro_x_lsb=indication)
     spec = RateTableRecipe(procedure="rate_table", logs=LOGS, plateaus={"one_row": True})
-    line = table_runs.fit_run(spec, table_runs.read(spec, tmp_path, "run.csv")).scale("x")
-    assert abs(line.K - K) < 4.0 * line.standard_uncertainty[0] < 0.2
+    run = table_runs.fit_run(spec, table_runs.read(spec, tmp_path, "run.csv"))
+    found = lines.Lines.of_runs_about_one_axis([run]).of_runs([run], "x")
+    assert abs(found.value[0] - K) < 4.0 * found.u[0] < 0.2
 
 
 def test_one_row_a_held_rate_is_valid_data():
@@ -208,21 +209,10 @@ def test_one_row_a_held_rate_is_valid_data():
         table_runs.fit_run(SPEC, log_of(columns))
     spec = RateTableRecipe(procedure="rate_table", logs=LOGS, plateaus={"one_row": True})
     run = table_runs.fit_run(spec, log_of(columns))
-    line = run.scale("x")
-    assert abs(line.K - K) < 4.0 * line.standard_uncertainty[0] < 0.2
+    found = lines.Lines.of_runs_about_one_axis([run]).of_runs([run], "x")
+    assert abs(found.value[0] - K) < 4.0 * found.u[0] < 0.2
     assert any("one row per held rate" in flag for flag in run.flags)
-    assert np.median(run.noise("x")) == pytest.approx(1.0, rel=0.5)
-
-
-def test_the_bias_comes_from_held_zero_rates_where_they_know_it_better():
-    """Asymmetry of 50 ppm and long stops: the indication at rest is that of the stops."""
-    rng = np.random.default_rng(5)
-    rate = np.array([*RATES, 0.0, 0.0])
-    u = np.where(rate == 0.0, 0.01, 1.0)
-    indication = K * (rate + 25e-6 * np.abs(rate)) + 20.0 + u * rng.normal(size=rate.size)
-    line = scale_factor._scale_factor(rate, indication, u)
-    assert line.rest == pytest.approx(20.0, abs=0.03)
-    assert line.F0 > 25.0
+    assert np.median(run.scale("x").noise) == pytest.approx(1.0, rel=0.5)
 
 
 def runs_over_temperature(seed, degc, logged, *, bend=0.0):
@@ -249,10 +239,11 @@ DEGC = np.array([-40.0, -20.0, 0.0, 20.0, 40.0, 60.0, 60.0, 40.0, 20.0, 0.0, -20
 
 def temperature_flags(runs):
     """Flags on what runs say of temperature against each other."""
-    gyro = over_runs.fit_over_runs(SPEC, "x", runs)
+    held = lines.Lines.of_runs_about_one_axis(runs)
+    gyro = over_runs.fit_over_runs(SPEC, "x", runs, held)
     return [
         flag
-        for flag in over_runs.flag_runs([gyro], SPEC)
+        for flag in over_runs.flag_runs([gyro], held, SPEC)
         if "let expect" in flag or "bends that much" in flag
     ]
 

@@ -208,16 +208,17 @@ def test_the_angle_of_a_simulated_pair_is_within_four_standard_uncertainties(see
 def test_noise_of_one_gyro_is_in_its_own_scale_factor_alone():
     """Twice the residuals of gyro B's lines double the u of K_B by noise, and leave that of K_A."""
     logs = simulated.campaign(1, alpha_deg=89.6, ideal=True).logs
-    runs = {axis: run_of(logs[f"table_axis_{axis}.csv"], axis) for axis in "ab"}
+    runs = [run_of(logs[f"table_axis_{axis}.csv"], axis) for axis in "ab"]
+
+    def noisier(run, factor):
+        """The run, with the residuals of B multiplied."""
+        held = run.plateaus
+        shown = held.indication.copy()
+        shown[:, 1] += (factor - 1.0) * run.scale("b").residuals
+        return replace(run, plateaus=replace(held, indication=shown))
 
     def u(factor):
-        held = lines.TableRows.of([[(k, runs[axis]) for k, axis in enumerate("ab")]])
-        scale = [line for axis in "ab" for line in runs[axis].scales]
-        residual = factor * np.concatenate([line.residuals for line in scale])
-        straight = np.concatenate([line.indication - line.residuals for line in scale])
-        noise = np.where(held.gyro == 1, residual, residual / factor)
-        held = replace(held, rows=replace(held.rows, indication=straight + noise))
-        P = replace(held, left_out=np.zeros_like(held.left_out))
-        return P.linear(held.errors(), np.eye(4), np.zeros((4, 4))).of(lambda p: p).u[[0, 3]]
+        turned = [(k, noisier(run, factor)) for k, run in enumerate(runs)]
+        return np.sqrt(np.diag(lines.Lines.of([turned]).fit.covariance))[[0, 3]]
 
     assert u(2.0) == pytest.approx(u(1.0) * [1.0, 2.0], rel=1e-6)

@@ -1,7 +1,6 @@
 """The rate-table procedures end to end: logs in, scale factors, N, γ and α out, used again."""
 
 import json
-from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -9,9 +8,15 @@ import pytest
 
 from calibkit import inspection, instruments, pipeline, plans, recipe, store
 from calibkit.errors import FitError
+from calibkit.frame import Log
 from calibkit.instruments import silent
-from calibkit.instruments.gyro_scale import over_runs, simulate_pair, simulate_rate_table
-from calibkit.instruments.gyro_scale.numeric import plateau_means, scale_factor
+from calibkit.instruments.gyro_scale import (
+    lines,
+    over_runs,
+    simulate_pair,
+    simulate_rate_table,
+    table_runs,
+)
 from calibkit.report import figures as drawing
 from conftest import AUTHORITIES, ROOT
 
@@ -185,7 +190,7 @@ def test_the_latitude_tells_the_bias_from_the_earths_rate(pair, tmp_path, calibk
         model = truth["models"][f"{gyro}_about_{gyro}"]
         expected = (model["F0"] / model["K"] - VERTICAL_DPS) * 3600.0
         assert bias.unit == "deg/h"
-        assert abs(bias.value - expected) < 5.0 * bias.standard_uncertainty < 0.5
+        assert abs(bias.value - expected) < 5.0 * bias.standard_uncertainty < 0.6
     down = fit(
         calibkit,
         "gyro_pair",
@@ -235,39 +240,27 @@ UNITS = {
 }
 
 
-@pytest.fixture(scope="module")
-def plain_scale_factor():
-    """Return the slope of the straight line through the held rates of the log in canonical
-    units.
-    """
-    time, rate = held_rates()
-    found = plateau_means.means(time, rate, 10000.0 * rate + 23.0 + np.sin(time))
-    return scale_factor.of_run(found)[0].K
-
-
 @pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("name", UNITS)
-def test_units_and_signs_are_mapped_by_the_recipe(
-    name, plain_scale_factor, tmp_path, calibkit, log_writer
-):
+def test_units_and_signs_are_mapped_by_the_recipe(name, tmp_path, calibkit, log_writer):
     """The same table in °/h, rad/s, clockwise, or counts per half-second sample gives the same K to
-    1e-12.
+    1e-12 as in canonical units.
     """
     column, factor, counts, settings = UNITS[name]
     time, rate = held_rates()
     gyro = "counts" if counts != 1.0 else "gyro_x_lsb"
-    columns = {
-        "time_s": time,
-        column: factor * rate,
-        gyro: counts * (10000.0 * rate + 23.0 + np.sin(time)),
-    }
+    shown = 10000.0 * rate + 23.0 + np.sin(time)
+    log_writer(tmp_path / "plain" / "run.csv", time_s=time, table_rate_dps=rate, gyro_x_lsb=shown)
+    plain = fit(calibkit, "rate_table", tmp_path / "plain", tmp_path / "r")
+    columns = {"time_s": time, column: factor * rate, gyro: counts * shown}
     log_writer(tmp_path / "logs" / "run.csv", **columns)
     mapped = () if column == "table_rate_dps" else ("columns.table_rate_dps.from=table_rate",)
     run = fit(calibkit, "rate_table", tmp_path / "logs", tmp_path / "runs", *mapped, *settings)
     for one in ("gyro_x", "gyro_x.run"):
-        assert run.records["gyro_scale.json"].model(one).value("K") == pytest.approx(
-            plain_scale_factor, rel=1e-12
+        K, expected = (
+            found.records["gyro_scale.json"].model(one).value("K") for found in (run, plain)
         )
+        assert pytest.approx(expected, rel=1e-12) == K
 
 
 def test_runs_repeat_and_follow_temperature(runs):
@@ -548,7 +541,7 @@ def test_the_coefficients_of_another_gyro_are_rejected(runs, tmp_path, calibkit,
 @pytest.mark.usefixtures("undrawn")
 def test_an_open_loop_gyro_is_straightened_by_powers_of_the_rate(tmp_path, calibkit, log_writer):
     """F = K Ω_s sin(Ω/Ω_s), Ω_s 200 °/s: apply gives the table's rate within five counts, the line
-    is 1 °/s off; firmware refuses the response by name.
+    is 1 °/s off, far beyond the noise, and rejected; firmware refuses the response by name.
     """
     rates = (5.0, 10.0, 20.0, 30.0, 45.0, 60.0, 80.0, 100.0)
     time, rate = held_rates((*rates, *(-r for r in rates)))
@@ -568,6 +561,7 @@ def test_an_open_loop_gyro_is_straightened_by_powers_of_the_rate(tmp_path, calib
             tmp_path / response,
             f"response={response}",
             "acceptance.max_nonlinearity_ppm=1e5",
+            code=int(response == "line"),
         )
         names = [model.name for model in run.records["gyro_scale.json"].models]
         assert ("gyro_x.response" in names) == (response == "auto")
@@ -891,34 +885,33 @@ def test_the_set_points_of_a_calibration_are_inside_its_range(tmp_path, calibkit
     )
 
 
+def one_row_log(name, slope, degc, rng):
+    """Log of rows that are means over a held rate each."""
+    rate = np.array(RATES)
+    shown = slope * rate + rng.normal(0.0, 0.3, rate.size)
+    columns = {"table_rate_dps": rate, "gyro_x_lsb": shown, "temp_case_degc": degc}
+    frame = pd.DataFrame(columns)
+    return Log(name, f"{name}.csv", name, len(frame), frame)
+
+
 def test_a_temperature_sensitivity_is_as_uncertain_as_runs_repeat():
     """Runs that differ by 3 ppm tell 13 ppm/°C, GJB and IEEE, within 1.96 u in 90 to 99 % of 100
     campaigns.
     """
     temperature = np.array([25.0, 25.1, 24.9, -40.0, -40.0, -10.0, 45.0, 60.0])
-    spec = instruments.parse_recipe(recipe.find("rate_table"))
+    spec = instruments.parse_recipe(recipe.find("rate_table", ("plateaus.one_row=true",)))
     ratios = []
     for seed in range(100):
         rng = np.random.default_rng([seed, 4])
         K = 12345.6 * (
             1.0 + 13e-6 * (temperature - 25.0) + 3e-6 * rng.standard_normal(temperature.size)
         )
-        held = np.array(RATES)
-        lines = [
-            scale_factor._scale_factor(held, k * held + rng.normal(0.0, 0.3, held.size)) for k in K
-        ]
         runs = [
-            SimpleNamespace(
-                temp_degc=t,
-                scale=lambda _, line=line: line,
-                indication=lambda _, line=line: line.indication,
-                plateaus=SimpleNamespace(
-                    temp_degc=np.full(held.size, t), hours=np.zeros(held.size)
-                ),
-            )
-            for t, line in zip(temperature, lines, strict=True)
+            table_runs.fit_run(spec, one_row_log(f"run_{k}", slope, degc, rng))
+            for k, (slope, degc) in enumerate(zip(K, temperature, strict=True))
         ]
-        one = over_runs.fit_over_runs(spec, "x", runs)
+        held = lines.Lines.of_runs_about_one_axis(runs)
+        one = over_runs.fit_over_runs(spec, "x", runs, held)
         found = {
             figure.name.partition(".")[2]: figure
             for figure in over_runs.run_figures("gyro_x", one, spec)

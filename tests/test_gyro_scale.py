@@ -1,20 +1,26 @@
-"""Scale factor of a gyro: the best straight line, the earth's rate in its intercept, the standards'
-figures, other shapes.
+"""Scale factor of a gyro: the published straight line, the earth's rate in its intercept, the
+standards' figures.
 """
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings, strategies as st
 
 from calibkit.errors import FitError
-from calibkit.instruments.gyro_scale import simulate_pair as simulated_pair, simulate_rate_table
-from calibkit.instruments.gyro_scale.numeric import (
-    gjb_figures,
-    plateau_means,
-    scale_factor,
+from calibkit.frame import Log
+from calibkit.instruments.gyro_scale import (
+    coefficient_files,
+    lines,
+    simulate_pair as simulated_pair,
+    simulate_rate_table,
+    table_runs,
 )
-from calibkit.numeric import earth
+from calibkit.instruments.gyro_scale.numeric import gjb_figures
+from calibkit.instruments.gyro_scale.recipe import RateTableRecipe
+from calibkit.numeric import earth, gum
 
+GJB, IEEE = gjb_figures.GJB, gjb_figures.IEEE
 K = 10000.0
 RATES = np.array(simulate_rate_table.both_ways())
 UNEQUAL = {
@@ -30,16 +36,40 @@ def line(rates, latitude=34.2, bias_dps=0.0):
     return K * (np.asarray(rates) + float(earth.vertical_rate(latitude)) / 3600.0 + bias_dps)
 
 
-def scale_of(log, column="gyro_a_lsb", **options):
-    """Scale factor from a simulated log."""
-    found = plateau_means.means(
-        log["time_s"],
-        log["table_rate_dps"],
-        log[column],
-        table_angle_deg=log["table_angle_deg"],
-        temp_degc=log["temp_case_degc"],
+def published(rates, indication, noise=0.0):
+    """Published line of indications at rates, with the noise of each."""
+    return gjb_figures.Line(np.asarray(rates), indication, np.full(len(rates), noise))
+
+
+def figures_of(rates, indication, noise=1.0):
+    """Figures by name and standard."""
+    found = gjb_figures.figures(published(rates, indication, noise), 0.1)
+    return {(figure.name, figure.standard): figure for figure in found}
+
+
+def run_of(log, gyro="a", **table):
+    """Run of one gyro in a simulated log."""
+    spec = RateTableRecipe(
+        procedure="rate_table", logs={"files": ["*.csv"]}, gyros=(gyro,), table=table
     )
-    return scale_factor.of_run(found, **options)[0]
+    frame = pd.DataFrame(log)
+    return table_runs.fit_run(spec, Log("run", "run.csv", "run", len(frame), frame))
+
+
+def scale_of(log, gyro="a", **table):
+    """K of a simulated log, and its standard uncertainty and degrees of freedom."""
+    run = run_of(log, gyro, **table)
+    found = lines.Lines.of_runs_about_one_axis([run]).of_runs([run], gyro)
+    return float(found.value[0]), float(found.u[0]), float(found.dof[0])
+
+
+def one_row_run(rates, indication):
+    """Run of rows that are means over a held rate each."""
+    spec = RateTableRecipe(
+        procedure="rate_table", logs={"files": ["*.csv"]}, plateaus={"one_row": True}
+    )
+    frame = pd.DataFrame({"table_rate_dps": rates, "gyro_x_lsb": indication})
+    return table_runs.fit_run(spec, Log("run", "run.csv", "run", len(frame), frame))
 
 
 @pytest.mark.parametrize("rates", UNEQUAL.values(), ids=UNEQUAL)
@@ -47,7 +77,7 @@ def test_rates_of_one_sign_or_unequal_rates_give_the_same_scale_factor(rates):
     """Without noise K comes back to 1e-12 of itself, with the earth's rate present, whatever the
     rates.
     """
-    found = scale_factor._scale_factor(np.array(rates), line(rates))
+    found = published(rates, line(rates))
     assert pytest.approx(K, rel=1e-12) == found.K
     assert pytest.approx(K * 15.041067 / 3600.0 * np.sin(np.radians(34.2)), rel=1e-9) == found.F0
 
@@ -64,7 +94,7 @@ def test_a_line_through_the_origin_is_wrong_where_the_rates_are_one_sided():
         through_origin = rates @ line(rates, latitude=34.0) / (rates @ rates)
         assert (through_origin / K - 1.0) * 1e6 == pytest.approx(ppm, abs=0.5)
     with pytest.raises(FitError, match="F0"):
-        scale_factor._scale_factor(np.array([1.0, 1.0]), line([1.0, 1.0]), np.ones(2))
+        published([1.0, 1.0], line([1.0, 1.0])).K  # noqa: B018 (it is computed when asked for)
 
 
 @pytest.mark.parametrize("rates", UNEQUAL.values(), ids=UNEQUAL)
@@ -74,98 +104,86 @@ def test_the_scale_factor_of_a_simulated_gyro_is_within_3_ppm(rates, seed):
     3 ppm of truth.
     """
     logs = simulated_pair.campaign(seed, rates_dps=rates)
-    found = scale_of(logs.logs["table_axis_a.csv"])
-    assert abs(found.K / logs.truth["models"]["a_about_a"]["K"] - 1.0) < 3e-6
+    found, _, _ = scale_of(logs.logs["table_axis_a.csv"])
+    assert abs(found / logs.truth["models"]["a_about_a"]["K"] - 1.0) < 3e-6
 
 
 @pytest.mark.parametrize(
-    "rates", [simulate_rate_table.both_ways(), (1.0, 2.0, 5.0, 10.0)], ids=["both", "few"]
+    ("rates", "largest_ppm"),
+    [(simulate_rate_table.both_ways(), 3.0), ((1.0, 2.0, 5.0, 10.0), 10.0)],
+    ids=["both", "few"],
 )
-def test_the_scale_factor_is_within_four_standard_uncertainties(rates):
-    """Straight-line gyros, also at +1, 2, 5, 10 °/s alone, where noise is 4 ppm: error below 4 u
-    and u below 10 ppm.
+def test_the_scale_factor_is_within_its_expanded_uncertainty(rates, largest_ppm):
+    """Straight-line gyros, also at +1, 2, 5, 10 °/s alone, where noise is 4 ppm and two rates are
+    left over to tell it.
     """
     for seed in range(5):
         logs = simulated_pair.campaign(seed, rates_dps=rates, ideal=True)
-        found = scale_of(logs.logs["table_axis_a.csv"])
-        u = found.standard_uncertainty[0]
-        assert abs(found.K - logs.truth["models"]["a_about_a"]["K"]) < 4.0 * u
-        assert u / found.K < 10e-6
+        found, u, dof = scale_of(logs.logs["table_axis_a.csv"])
+        error = abs(found - logs.truth["models"]["a_about_a"]["K"])
+        assert error < gum.coverage_factor(dof) * u
+        assert u / found < largest_ppm * 1e-6
 
 
 def test_the_stated_uncertainty_covers_the_truth():
-    """From plateau means of unequal noise, 600 data sets: 95 % intervals of K and F0 cover 93.5 to
-    97.5 %.
-    """
+    """600 runs of 22 rates: the expanded uncertainties of K and F0 cover 93.5 to 98 %."""
     rng = np.random.default_rng(5)
-    u = np.where(np.abs(RATES) > 30.0, 1.0, 0.3)
     inside = []
     for _ in range(600):
-        found = scale_factor._scale_factor(RATES, line(RATES) + u * rng.normal(size=RATES.size), u)
-        error = found.coefficients - (K, line([0.0])[0])
-        inside.append(np.abs(error) < 1.96 * found.standard_uncertainty)
-    assert ((np.mean(inside, axis=0) > 0.935) & (np.mean(inside, axis=0) < 0.975)).all()
+        run = one_row_run(RATES, line(RATES) + rng.normal(size=RATES.size))
+        found = lines.Lines.of_runs_about_one_axis([run]).line(run, "x").of(lambda p: p[:2])
+        error = np.abs(found.value - (K, line([0.0])[0]))
+        inside.append(error < found.expanded)
+    assert ((np.mean(inside, axis=0) > 0.935) & (np.mean(inside, axis=0) < 0.98)).all()
 
 
-def test_residuals_beyond_the_noise_raise_the_uncertainty():
-    """A ripple of 20 counts under a stated noise of 1 gives a Birge ratio above 10 and an
-    uncertainty larger by it.
+def test_residuals_beyond_the_noise_are_told_by_their_ratio():
+    """A ripple of 20 counts under a noise of 1: more than ten times what noise lets expect; noise
+    alone: as much.
     """
-    rippled = line(RATES) + 20.0 * np.sin(RATES)
-    found = scale_factor._scale_factor(RATES, rippled, np.ones(RATES.size))
-    quiet = scale_factor._scale_factor(RATES, line(RATES), np.ones(RATES.size))
-    assert found.birge_ratio > 10.0
-    assert found.standard_uncertainty / quiet.standard_uncertainty == pytest.approx(
-        found.birge_ratio
-    )
-
-
-def test_no_more_rates_than_coefficients_need_a_stated_noise():
-    """Two rates fit exactly: without noise the uncertainty is unknowable and refused, with it it is
-    propagated.
-    """
-    rates = np.array([-10.0, 10.0])
-    with pytest.raises(FitError, match="no noise"):
-        scale_factor._scale_factor(rates, line(rates))
-    found = scale_factor._scale_factor(rates, line(rates), np.full(2, 2.0))
-    assert found.standard_uncertainty == pytest.approx([2.0 / np.sqrt(200.0), 2.0 / np.sqrt(2.0)])
+    rng = np.random.default_rng(3)
+    rippled = published(RATES, line(RATES) + 20.0 * np.sin(RATES), 1.0)
+    assert rippled.residual_over_noise > 10.0
+    noise = np.where(np.abs(RATES) > 30.0, 1.0, 0.3)
+    ratios = [
+        gjb_figures.Line(RATES, noise * rng.normal(size=RATES.size), noise).residual_over_noise
+        for _ in range(300)
+    ]
+    assert np.mean(np.square(ratios)) == pytest.approx(1.0, abs=0.05)
+    assert np.isnan(published(RATES, rippled.indication).residual_over_noise)
 
 
 def test_a_misaligned_gyro_loses_the_cosine():
     """One degree between input axis and table axis costs 152 ppm."""
-    found = scale_factor._scale_factor(RATES, np.cos(np.radians(1.0)) * line(RATES))
+    found = published(RATES, np.cos(np.radians(1.0)) * line(RATES))
     assert pytest.approx(1.0 - 152.3e-6, abs=0.1e-6) == found.K / K
 
 
 def test_the_bias_is_what_the_earth_leaves_of_the_intercept():
     """A bias of 1.5 °/h comes back to 1e-9 °/h, along the axis and for a gyro at 60° to it."""
-    vertical = float(earth.vertical_rate(34.2)) / 3600.0
-    own = scale_factor._scale_factor(RATES, line(RATES, bias_dps=1.5 / 3600.0), np.ones(RATES.size))
-    assert own.bias_dps(vertical)[0] * 3600.0 == pytest.approx(1.5, abs=1e-9)
-    across = scale_factor._scale_factor(
-        RATES, 0.5 * line(RATES) + K * 1.5 / 3600.0, np.ones(RATES.size)
+    spec = RateTableRecipe(
+        procedure="rate_table", logs={"files": ["*.csv"]}, site={"latitude_deg": 34.2}
     )
-    value, uncertainty = across.bias_dps(vertical, own_K=K)
-    assert value * 3600.0 == pytest.approx(1.5, abs=1e-9)
-    assert uncertainty == pytest.approx(1.0 / np.sqrt(RATES.size) / K, rel=1e-6)
+    for share, own_K in ((1.0, None), (0.5, K)):
+        run = one_row_run(RATES, share * line(RATES) + K * 1.5 / 3600.0)
+        found = lines.Lines.of_runs_about_one_axis([run]).line(run, "x")
+        (bias,) = coefficient_files._bias_figures("x", found, spec, own_K)
+        assert bias.value == pytest.approx(1.5, abs=1e-8)
 
 
 def test_the_table_angle_is_the_better_reference_where_the_rate_is_noisy():
-    """A tachometer noise of 0.02 °/s: ten times the uncertainty of the angle's reference; without
-    angle it is refused.
-    """
+    """A tachometer noise of 0.02 °/s: ten times the uncertainty of the angle's reference."""
     log = dict(simulated_pair.campaign(1, ideal=True).logs["table_axis_a.csv"])
     log["table_rate_dps"] = log["table_rate_dps"] + 0.02 * np.random.default_rng(0).normal(
         size=log["time_s"].size
     )
-    by_rate, by_angle = (scale_of(log, reference=reference) for reference in ("rate", "angle"))
     true = simulated_pair.campaign(1, ideal=True).truth["models"]["a_about_a"]["K"]
-    assert by_rate.standard_uncertainty[0] > 10.0 * by_angle.standard_uncertainty[0]
-    assert abs(by_angle.K - true) < 4.0 * by_angle.standard_uncertainty[0]
-    assert abs(by_rate.K - true) < 4.0 * by_rate.standard_uncertainty[0]
-    without = plateau_means.means(log["time_s"], log["table_rate_dps"], log["gyro_a_lsb"])
-    with pytest.raises(FitError, match="not logged"):
-        scale_factor.of_run(without, reference="angle")
+    (by_rate, u_rate, _), (by_angle, u_angle, _) = (
+        scale_of(log, reference=reference) for reference in ("rate", "angle")
+    )
+    assert u_rate > 10.0 * u_angle
+    assert abs(by_angle - true) < 4.0 * u_angle
+    assert abs(by_rate - true) < 4.0 * u_rate
 
 
 def test_nonlinearity_is_the_largest_residual_over_full_scale_and_per_point():
@@ -174,25 +192,22 @@ def test_nonlinearity_is_the_largest_residual_over_full_scale_and_per_point():
     """
     indication = line(RATES)
     indication[3] += 20.0
-    found = scale_factor._scale_factor(RATES, indication)
+    found = published(RATES, indication)
     slope, intercept = np.polyfit(RATES, indication, 1)
     residuals = [f - slope * w - intercept for w, f in zip(RATES, indication, strict=True)]
     full = max(abs(r) for r in residuals) / max(abs(f) for f in indication) * 1e6
     each = [r / abs(slope * w) * 1e6 for r, w in zip(residuals, RATES, strict=True)]
-    assert gjb_figures._nonlinearity_full_scale(found) == pytest.approx(full, rel=1e-6)
-    assert gjb_figures.nonlinearity_per_point(found) == pytest.approx(each, rel=1e-6)
+    figures = figures_of(RATES, indication)
+    assert figures["nonlinearity_full_scale", GJB].value == pytest.approx(full, rel=1e-6)
+    assert found.per_point_ppm == pytest.approx(each, rel=1e-6)
 
 
 def test_a_plateau_at_rest_has_no_relative_deviation():
     """At rate zero the per-point deviation is not a number, and the figures leave it out."""
     rates = np.append(RATES, 0.0)
-    found = scale_factor._scale_factor(
-        rates, line(rates) + np.random.default_rng(0).normal(size=rates.size)
-    )
-    assert np.isnan(gjb_figures.nonlinearity_per_point(found)[-1])
-    assert all(
-        np.isfinite(figure.value) for figure in gjb_figures.figures(found, np.ones(rates.size))
-    )
+    noisy = line(rates) + np.random.default_rng(0).normal(size=rates.size)
+    assert np.isnan(published(rates, noisy).per_point_ppm[-1])
+    assert all(np.isfinite(figure.value) for figure in figures_of(rates, noisy).values())
 
 
 def test_asymmetry_is_found_in_both_senses():
@@ -200,37 +215,27 @@ def test_asymmetry_is_found_in_both_senses():
     one intercept.
     """
     indication = line(RATES) + 40e-6 * K * np.maximum(RATES, 0.0)
-    found = scale_factor._scale_factor(RATES, indication)
-    assert gjb_figures._asymmetry_gjb(found) == pytest.approx(40.0, abs=0.1)
-    assert gjb_figures._asymmetry_ieee(found) == pytest.approx(40.0, abs=0.1)
-    cubic = scale_factor._scale_factor(RATES, line(RATES) + 1e-4 * RATES**3)
-    assert gjb_figures._asymmetry_ieee(cubic) < 1e-6
+    found = figures_of(RATES, indication)
+    assert found["asymmetry", GJB].value == pytest.approx(40.0, abs=0.1)
+    assert found["asymmetry", IEEE].value == pytest.approx(40.0, abs=0.1)
+    cubic = figures_of(RATES, line(RATES) + 1e-4 * RATES**3)
+    assert cubic["asymmetry", IEEE].value < 1e-6
 
 
-def test_asymmetry_of_one_sided_rates_is_refused():
-    """Positive rates alone cannot show asymmetry: refused, and left out of the list of figures."""
+def test_one_sided_rates_have_no_asymmetry():
+    """Positive rates alone cannot show it."""
     rates = np.array(simulate_rate_table.RATES_DPS)
-    found = scale_factor._scale_factor(rates, line(rates) + np.sin(rates))
-    with pytest.raises(FitError, match="negative"):
-        gjb_figures._asymmetry_gjb(found)
-    with pytest.raises(FitError, match="both signs"):
-        gjb_figures._asymmetry_ieee(found)
-    assert not any(
-        "asymmetry" in figure.name for figure in gjb_figures.figures(found, np.ones(rates.size))
-    )
+    assert not any(name == "asymmetry" for name, _ in figures_of(rates, line(rates)))
 
 
 def test_figures_are_labelled_with_their_standard_and_unit():
     """Every figure names GJB 2426A or IEEE Std 952; K and arc-seconds a pulse are reciprocal."""
-    found = scale_factor._scale_factor(RATES, line(RATES) + np.sin(RATES), np.ones(RATES.size))
-    figures = {figure.name: figure for figure in gjb_figures.figures(found, np.ones(RATES.size))}
-    assert {figure.standard for figure in figures.values()} == {"GJB 2426A", "IEEE Std 952"}
-    pulse = figures["scale_factor_ieee"]
-    assert pulse.value * figures["scale_factor_gjb"].value == pytest.approx(3600.0)
-    assert pulse.standard_uncertainty / pulse.value == pytest.approx(
-        found.standard_uncertainty[0] / found.K
-    )
-    assert figures["nonlinearity_full_scale"].unit == "ppm"
+    figures = figures_of(RATES, line(RATES) + np.sin(RATES))
+    assert {standard for _, standard in figures} == {GJB, IEEE}
+    counts, pulse = (figures["scale_factor", standard] for standard in (GJB, IEEE))
+    assert pulse.value * counts.value == pytest.approx(3600.0)
+    assert pulse.standard_uncertainty / pulse.value == pytest.approx(0.1 / counts.value)
+    assert figures["nonlinearity_full_scale", GJB].unit == "ppm"
 
 
 def test_the_uncertainty_of_an_asymmetry_is_its_scatter():
@@ -238,14 +243,15 @@ def test_the_uncertainty_of_an_asymmetry_is_its_scatter():
     uncertainty to 5 %.
     """
     rng = np.random.default_rng(2)
-    rows = gjb_figures._slopes_of_sides(RATES)
+    positive, negative = RATES > 0.0, RATES < 0.0
     noise = rng.normal(size=(2000, RATES.size))
-    scatter = np.std(noise @ (rows[0] - rows[1])) / K * 1e6
-    found = scale_factor._scale_factor(RATES, line(RATES) + noise[0], np.ones(RATES.size))
-    stated = {
-        f.name: f.standard_uncertainty for f in gjb_figures.figures(found, np.ones(RATES.size))
-    }
-    assert stated["asymmetry_gjb"] == pytest.approx(scatter, rel=0.05)
+    apart = [
+        np.polyfit(RATES[positive], one[positive], 1)[0]
+        - np.polyfit(RATES[negative], one[negative], 1)[0]
+        for one in noise
+    ]
+    stated = figures_of(RATES, line(RATES) + noise[0])["asymmetry", GJB].standard_uncertainty
+    assert stated == pytest.approx(np.std(apart) / K * 1e6, rel=0.05)
 
 
 def test_repeatability_is_the_relative_standard_deviation_over_runs():
@@ -280,20 +286,18 @@ def test_threshold_and_resolution_are_the_smallest_tested_rate_and_step_that_res
         )
     )
     dead = K * np.where(np.abs(rates) < 0.008, 0.0, rates)
-    found = scale_factor._scale_factor(rates, dead, np.full(rates.size, 0.1))
-    assert gjb_figures._threshold_dps(found, np.full(rates.size, 0.1)) == pytest.approx(0.01)
-    assert np.isnan(gjb_figures._threshold_dps(found, np.full(rates.size, 1e6)))
-    straight = scale_factor._scale_factor(rates, K * rates, np.full(rates.size, 0.1))
-    assert gjb_figures._resolution_dps(straight, np.full(rates.size, 0.1)) == pytest.approx(0.001)
+    assert figures_of(rates, dead, 0.1)["threshold", GJB].value == pytest.approx(0.01)
+    assert ("threshold", GJB) not in figures_of(rates, dead, 1e6)
+    straight = figures_of(rates, K * rates, 0.1)
+    assert straight["resolution", GJB].value == pytest.approx(0.001)
 
 
 def test_the_simulated_runs_give_repeatability_and_sensitivity_to_temperature():
     """Campaign of six runs: repeatability below 2 ppm, sensitivity within 0.1 ppm/°C."""
     logs = simulate_rate_table.campaign(3)
-    found = {name: scale_of(log, "gyro_x_lsb") for name, log in logs.logs.items()}
-    values = np.array([scale.K for scale in found.values()])
+    values = np.array([run_of(log, "x").scale("x").K for log in logs.logs.values()])
     temperature = np.array([log["temp_case_degc"].mean() for log in logs.logs.values()])
-    room = values[[name.startswith("room") for name in found]]
+    room = values[[name.startswith("room") for name in logs.logs]]
     assert gjb_figures.repeatability(room) < 2.0
     slope = abs(logs.truth["gyro"]["K_per_degc"]) * 1e6
     assert gjb_figures.temperature_sensitivity(values, temperature, 25.0) == pytest.approx(
@@ -312,7 +316,7 @@ def test_any_rates_give_back_any_line(slope, offset, rates):
     rates = np.array(rates)
     if np.ptp(rates) < 1.0:
         return
-    found = scale_factor._scale_factor(rates, slope * (rates + offset), np.ones(rates.size))
+    found = published(rates, slope * (rates + offset))
     assert abs(found.K - slope) < 1e-9 * slope * max(1.0, np.abs(rates).max() / np.ptp(rates))
     assert abs(found.F0 - slope * offset) < 1e-9 * slope * np.abs(rates).max() * max(
         1.0, 300.0 / np.ptp(rates)

@@ -12,6 +12,7 @@ from calibkit.constants import DPH_PER_DPS
 from calibkit.frame import Log
 from calibkit.instruments.gyro_scale import (
     coefficient_files,
+    lines,
     over_runs,
     simulate_rate_table,
     table_runs,
@@ -36,10 +37,10 @@ def fit(logs, spec=SPEC):
         )
         for name, columns in logs.items()
     ]
-    gyro = over_runs.fit_over_runs(spec, "x", runs)
-    (found,) = coefficient_files.list_rate_table_results(
-        [gyro], over_runs.flag_runs([gyro], spec), spec
-    )
+    held = lines.Lines.of_runs_about_one_axis(runs)
+    gyro = over_runs.fit_over_runs(spec, "x", runs, held)
+    flags = over_runs.flag_runs([gyro], held, spec)
+    (found,) = coefficient_files.list_rate_table_results([gyro], held, flags, spec)
     return found
 
 
@@ -71,7 +72,7 @@ def bias_covers(found, gyro, name):
     bias, line = figure(found, f"bias.gyro_x.{name}"), model(found, f"gyro_x.{name}")
     warmer = line.value("temp_case") - simulate_rate_table.REFERENCE_DEGC
     truth = (gyro.bias_dps + gyro.bias_dps_per_degc * warmer) * DPH_PER_DPS
-    return inside(bias.value, bias.standard_uncertainty, line.dof, truth)
+    return inside(bias.value, bias.standard_uncertainty, bias.effective_dof, truth)
 
 
 def campaign(seed, *, degc=(25.0,), repeat=0.0, drift_dph_per_h=0.0, warming=0.2, **constants):
@@ -186,7 +187,7 @@ def test_a_run_that_changed_is_named_with_what_changed():
     """
     for errors, words in (
         ({"warming": 5.0, "K_per_degc": 30e-6}, ("run_0.csv", "ppm/°C", "taken out")),
-        ({"drift_dph_per_h": 20.0}, ("run_0.csv", "its zero by +2", "(°/h)/h")),
+        ({"drift_dph_per_h": 20.0}, ("run_0.csv", "its zero by +19 (°/h)/h")),
     ):
         flags = [flag for flag in fit(campaign(3, **errors)[1]).flags if "changed during" in flag]
         assert len(flags) == 1

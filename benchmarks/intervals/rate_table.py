@@ -22,6 +22,7 @@ from calibkit.errors import CalibkitError
 from calibkit.frame import Log
 from calibkit.instruments.gyro_scale import (
     coefficient_files,
+    lines,
     over_runs,
     simulate_rate_table as simulated,
     table_runs,
@@ -152,10 +153,10 @@ def simulate(case: Case, number: int) -> Outcome:
     logs = [_log(gyro, case, degc, rng) for degc in _degc(case).tolist()]
     try:
         runs = [_fit_run(log, f"run_{k}", spec) for k, log in enumerate(logs)]
-        fitted = over_runs.fit_over_runs(spec, "x", runs)
-        (made,) = coefficient_files.list_rate_table_results(
-            [fitted], over_runs.flag_runs([fitted], spec), spec
-        )
+        held = lines.Lines.of_runs_about_one_axis(runs)
+        fitted = over_runs.fit_over_runs(spec, "x", runs, held)
+        flags = over_runs.flag_runs([fitted], held, spec)
+        (made,) = coefficient_files.list_rate_table_results([fitted], held, flags, spec)
     except CalibkitError as error:
         return Outcome({}, {}, refused=str(error))
     models = {model.name: model for model in made.models}

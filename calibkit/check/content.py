@@ -245,20 +245,29 @@ def find_implausible_temperatures(log: Log, columns: Sequence[str]) -> list[Find
     return [
         finding
         for column in columns
-        for finding in _out_of_range(log, column, COLDEST_DEGC, HOTTEST_DEGC, "°C", expected)
+        for finding in find_out_of_range(log, column, COLDEST_DEGC, HOTTEST_DEGC, "°C", expected)
     ]
 
 
 def find_implausible_rates(log: Log, column: str) -> list[Finding]:
     """Rates that no gyro on a bench indicates: a sentinel, or another unit."""
     expected = f"at most {LARGEST_RATE_DPH:g} deg/h"
-    return _out_of_range(log, column, -LARGEST_RATE_DPH, LARGEST_RATE_DPH, "deg/h", expected)
+    return find_out_of_range(log, column, -LARGEST_RATE_DPH, LARGEST_RATE_DPH, "deg/h", expected)
 
 
-def _out_of_range(
-    log: Log, column: str, low: float, high: float, unit: str, expected: str
+def find_out_of_range(
+    log: Log,
+    column: str,
+    low: float,
+    high: float,
+    unit: str,
+    expected: str,
+    *,
+    advice: str = "",
 ) -> list[Finding]:
-    """Values of a column that are below `low` or above `high` [unit], at the first."""
+    """Values of a column that are below `low` or above `high` [unit], at the first; by default they
+    are in another unit or no values.
+    """
     least, largest = log.extremes(column)
     if least >= low and largest <= high:
         return []
@@ -267,6 +276,7 @@ def _out_of_range(
     if not rows.size:
         return []
     first = float(data[rows[0]])
+    advice = advice or f"state the log's unit in [columns.{column}], or leave the rows out:"
     return [
         finding_at_row(
             log,
@@ -274,10 +284,7 @@ def _out_of_range(
             column,
             f"{first:g} {unit} ({rows.size} such row{'s' if rows.size > 1 else ''})",
             expected,
-            advice=(
-                f"state the log's unit in [columns.{column}], or leave the rows out:"
-                f" {log.advise_exclude(rows)}"
-            ),
+            f"{advice} {log.advise_exclude(rows)}",
             name="range",
             figure=first,
         )

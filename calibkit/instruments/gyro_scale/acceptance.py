@@ -8,14 +8,13 @@ import numpy as np
 from calibkit.coefficients import Criterion, Figure, at_most
 from calibkit.errors import FitError
 from calibkit.instruments.gyro_scale import forms, pair_fit, triad_fit
-from calibkit.instruments.gyro_scale.numeric.gjb_figures import GJB
+from calibkit.instruments.gyro_scale.numeric.gjb_figures import GJB, Line
 from calibkit.instruments.gyro_scale.recipe import (
     LineAcceptance,
     PairAcceptance,
     RateTableAcceptance,
     TriadAcceptance,
 )
-from calibkit.instruments.gyro_scale.table_runs import TableRun
 
 LINE_LIMITS = {
     "nonlinearity_full_scale": ("nonlinearity over full scale", "max_nonlinearity_ppm", "ppm"),
@@ -84,11 +83,11 @@ def _judge_figures(
     return _judge(limits, *found)
 
 
-def judge_noise(runs: Iterable[TableRun], limits: LineAcceptance) -> tuple[Criterion, ...]:
+def judge_noise(lines: Iterable[Line], limits: LineAcceptance) -> tuple[Criterion, ...]:
     """Criterion on the residuals of the lines of runs over the noise of their held rates, the
     largest of all gyros, where the recipe limits it and noise was measured.
     """
-    ratios = np.array([line.birge_ratio for run in runs for line in run.scales])
+    ratios = np.array([line.residual_over_noise for line in lines])
     known = ratios[np.isfinite(ratios)]
     limit = ("residual over noise", "max_residual_over_noise", "1")
     return _judge(limits, (limit, float(known.max()))) if known.size else ()

@@ -5,12 +5,15 @@ cubic leaves 0.11 °/s of it, the fifth power with coefficients that are linear 
 0.03 °/s; with their squares K(T) is right too (`equation`).
 """
 
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from calibkit.fit.complex_step import derivative
 from calibkit.instruments.gyro_scale import equation
+from calibkit.instruments.gyro_scale.numeric import line_terms
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares.fit import rank
 
@@ -20,18 +23,48 @@ MARGIN = 0.9
 """Factor by which more powers must lower the error: of 40 straight lines one standard error of the
 difference by groups (`fit.choose`) lets more than four be bent, this factor fewer.
 """
+MARGIN_OF_ONE_WAY = 0.5
+"""The same for powers that runs of one direction need to share a line: where the direction goes
+with the temperature, each costs much of K(T).
+"""
 
 
 def choose(rows: equation.Rows, terms: equation.Terms) -> equation.Terms:
-    """Terms with the powers that the runs of one gyro ask for, by errors at runs that are left out,
-    of a single run at rates.
+    """Terms with the powers that the runs of one gyro ask for."""
+    return _best(rows, [terms, *(terms.bent_by(powers) for powers in POWERS)], MARGIN)
+
+
+def beside_line(rows: equation.Rows, terms: equation.Terms) -> equation.Terms:
+    """Terms with what is beside a straight line.
+
+    Where every run turns both ways, what they have of the response is part of the best straight
+    line, and what differs is an error. Runs of one direction each need the powers to share a line.
     """
-    chosen, least = terms, _left_out_rms(rows, terms)
-    for powers in POWERS:
-        bent = terms.bent_by(powers)
-        error = _left_out_rms(rows, bent)
-        if error < MARGIN * least:
-            chosen, least = bent, error
+    asymmetry: tuple[str, ...] = (line_terms.ASYMMETRY,)
+    if rows.both_ways:
+        return replace(terms, shapes=asymmetry * rows.shows_asymmetry)
+    # |Ω| tells runs of one direction from those of the other only
+    asymmetry *= line_terms.turns_both_ways(rows.rate_dps)
+    # and each run hardly tells an odd power from the even one beside it
+    bent = [
+        replace(terms, shapes=equation.shapes_of(powers), bends="as K")
+        for powers in ((), *POWERS[1:])
+    ]
+    chosen = _best(rows, bent, MARGIN_OF_ONE_WAY)
+    return replace(chosen, shapes=asymmetry + chosen.shapes)
+
+
+def _best(
+    rows: equation.Rows, candidates: Sequence[equation.Terms], margin: float
+) -> equation.Terms:
+    """The first terms whose error, at runs that are left out, of a single run at rates, no later
+    ones lower to a share of it.
+    """
+    chosen, least = candidates[0], _left_out_rms(rows, candidates[0])
+    for terms in candidates[1:]:
+        error = _left_out_rms(rows, terms)
+        if error < margin * least:
+            chosen, least = terms, error
     return chosen
 
 

@@ -8,10 +8,11 @@ import numpy as np
 
 from calibkit.coefficients import Component, Condition, Figure, Model, Parameter, StageResult
 from calibkit.constants import DPH_PER_DPS
+from calibkit.fit.complex_step import Numbers
 from calibkit.fit.shared import Shared
 from calibkit.fit.solve import Fit
 from calibkit.fit.value import Value
-from calibkit.forms import POLYNOMIAL, components_of
+from calibkit.forms import components_of
 from calibkit.instruments.gyro_scale import (
     equation,
     forms,
@@ -20,10 +21,10 @@ from calibkit.instruments.gyro_scale import (
     table_runs,
     triad_fit,
 )
-from calibkit.instruments.gyro_scale.numeric import gjb_figures, scale_factor
+from calibkit.instruments.gyro_scale.lines import Lines
+from calibkit.instruments.gyro_scale.numeric import gjb_figures
 from calibkit.instruments.gyro_scale.recipe import GyroRecipe, OwnAxisRecipe
 from calibkit.numeric.dispersion import rms
-from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
 
 PAIR_LINES = (("a", "a"), ("b", "b"), ("b", "a"), ("a", "b"))
 """(gyro, table axis) of the lines of a pair, own axes first."""
@@ -52,7 +53,10 @@ def _result(
 
 
 def list_rate_table_results(
-    gyros: Sequence[over_runs.GyroOverRuns], flags: Sequence[str], spec: OwnAxisRecipe
+    gyros: Sequence[over_runs.GyroOverRuns],
+    held: Lines,
+    flags: Sequence[str],
+    spec: OwnAxisRecipe,
 ) -> tuple[StageResult, ...]:
     """Coefficient file of rate-table runs: for every gyro the mean at the reference temperature, K
     and F0 over temperature, the line of each run and the response; figures over all runs and of
@@ -63,19 +67,17 @@ def list_rate_table_results(
     for one in gyros:
         name = forms.line_name(one.gyro)
         lines = [(f"{name}.{run.log.name}", run) for run in one.runs]
-        models.append(_mean_model(name, one))
-        curves = (("K", "1/deg", one.K_over_temperature), ("F0", "1/s", one.F0_over_temperature))
-        for letter, unit, curve in curves:
-            if curve is not None:
-                models.append(_curve_model(forms.curve_name(name, letter), unit, curve, one.runs))
-        models += [_line_model(line, run, one.gyro) for line, run in lines]
+        parts = _components(one)
+        models.append(_mean_model(name, one.gyro, one.at_room, held, one.line, parts))
+        models += one.curves
+        models += [_line_model(line, held, run, one.gyro) for line, run in lines]
         if one.response is not None:
-            models.append(_response_model(forms.response_name(name), *one.response, one.runs))
+            models.append(_response_model(forms.response_name(name), one.response, one.runs))
         figures += over_runs.run_figures(name, one, spec)
         for line, run in lines:
-            figures += _line_figures(line, run, one.gyro)
+            figures += _line_figures(line, held, run, one.gyro)
         for line, run in lines:
-            figures += _bias_figures(line, run.scale(one.gyro), spec)
+            figures += _bias_figures(line, held.line(run, one.gyro), spec)
     return (_result(forms.SCALE_FILE, spec, models, figures, flags),)
 
 
@@ -87,17 +89,21 @@ def list_pair_results(fitted: pair_fit.PairFit, spec: OwnAxisRecipe) -> tuple[St
     figures: list[Figure] = []
     for g, axis in PAIR_LINES:
         name, runs = forms.line_name(g, axis), fitted.runs[axis]
-        models.append(_pair_line(name, g, runs, fitted.line(g, axis), fitted.run_scale))
+        stated = _stated_components(fitted.run_scale)
+        models.append(_mean_model(name, g, runs, fitted.held, fitted.line(g, axis), stated))
         named = {name if len(runs) == 1 else f"{name}.{run.log.name}": run for run in runs}
-        models += [_line_model(line, run, g) for line, run in named.items() if line != name]
+        models += [
+            _line_model(line, fitted.held, run, g) for line, run in named.items() if line != name
+        ]
         # a projection's bias is referred to the gyro's own K
         own = float(fitted.line(g, g).parameters[0]) if g != axis else None
         for line, run in named.items():
-            figures += _line_figures(line, run, g) if g == axis else []
-            figures += _bias_figures(line, run.scale(g), spec, own)
-        response = over_runs.fit_response(spec, g, runs) if g == axis else None
-        if response is not None:
-            models.append(_response_model(forms.response_name(name), *response, runs))
+            if g == axis:
+                figures += _line_figures(line, fitted.held, run, g)
+            figures += _bias_figures(line, fitted.held.line(run, g), spec, own)
+        response = fitted.responses[g]
+        if g == axis and response is not None:
+            models.append(_response_model(forms.response_name(name), response, runs))
     pair = _pair_model(fitted)
     return (
         _result(forms.SCALE_FILE, spec, models, figures, fitted.flags),
@@ -116,68 +122,65 @@ def list_triad_results(fitted: triad_fit.AxesFit, spec: GyroRecipe) -> tuple[Sta
         for axis in forms.AXES:
             for run in fitted.runs[axis]:
                 name = fitted.name(gyro, axis, run)
-                models.append(_line_model(name, run, gyro))
+                models.append(_line_model(name, fitted.held, run, gyro))
                 if axis == fitted.main_axis(gyro):
-                    figures += _line_figures(name, run, gyro)
+                    figures += _line_figures(name, fitted.held, run, gyro)
     for one in fitted.sets:
         figures += _triad_biases(fitted, one)
     angles = [figure for one in fitted.sets for figure in _triad_figures(fitted, one)]
     triads = [_triad_model(fitted, one) for one in fitted.sets]
-    models += _triad_curves(fitted)
+    models += fitted.curves
     return (
         _result(forms.SCALE_FILE, spec, models, figures, fitted.flags),
         _result(forms.ORTHOGONALITY_FILE, spec, triads, angles, fitted.flags),
     )
 
 
-def _valid(runs: Sequence[table_runs.TableRun]) -> dict[str, tuple[float, float]]:
-    """Ranges of rate and temperature that the runs cover."""
-    rate = np.concatenate([run.plateaus.rate_dps for run in runs])
-    temperature = np.array([run.temp_range for run in runs])
-    spans = {forms.RATE: rate} | (
-        {forms.TEMPERATURE: temperature} if np.isfinite(temperature).all() else {}
-    )
-    return {name: (float(span.min()), float(span.max())) for name, span in spans.items()}
+LINE = (("K", "1/deg"), ("F0", "1/s"))
+"""Coefficients of a line with their units."""
 
 
-def _line_model(name: str, run: table_runs.TableRun, gyro: str) -> Model:
+def _line_model(name: str, held: Lines, run: table_runs.TableRun, gyro: str) -> Model:
     """Line model (K and F0) of one gyro in one run."""
-    line = run.scale(gyro)
-    known = np.isfinite(run.temp_degc)
-    return forms.LINE.write(
+    line = held.published(run, gyro)
+    model = forms.LINE.write_fit(
         name,
-        [("K", line.K, "1/deg"), ("F0", line.F0, "1/s")],
-        line.covariance,
-        dof=line.dof,
-        residual_rms=line.residual_rms,
+        held.line(run, gyro).restated(lambda p: p[:2]),
+        LINE,
+        residual_rms=line.fit.residual_rms,
         residual_unit="1/s",
-        valid=_valid([run]),
-        parameters=(Parameter("temp_case", run.temp_degc, "degC"),) if known else (),
+        valid=table_runs.valid_ranges([run]),
+        parameters=_temperature([run]),
     )
+    return replace(model, dof=line.fit.dof, components=())
 
 
-def _pair_line(
+def _mean_model(
     name: str,
     gyro: str,
     runs: Sequence[table_runs.TableRun],
+    held: Lines,
     line: Fit,
-    run_scale: Shared | None,
+    components: tuple[Component, ...],
 ) -> Model:
-    """Line model of the mean over the runs about an axis."""
-    lines = [run.scale(gyro) for run in runs]
-    degc = float(np.mean([run.temp_degc for run in runs]))
-    return forms.LINE.write(
+    """Line model (K and F0) of the mean over runs."""
+    of_runs = [held.published(run, gyro).fit for run in runs]
+    model = forms.LINE.write_fit(
         name,
-        [("K", float(line.parameters[0]), "1/deg"), ("F0", float(line.parameters[1]), "1/s")],
-        line.total_covariance,
-        dof=sum(one.dof for one in lines),
-        residual_rms=rms([one.residual_rms for one in lines]),
+        line,
+        LINE,
+        residual_rms=rms([fit.residual_rms for fit in of_runs]),
         residual_unit="1/s",
-        valid=_valid(runs),
-        parameters=(Parameter("temp_case", degc, "degC"),) if np.isfinite(degc) else (),
-        effective_dof=line.of(lambda p: p).dof,
-        components=_stated_components(run_scale),
+        valid=table_runs.valid_ranges(runs),
+        parameters=(Parameter("runs", float(len(runs)), "1"), *_temperature(runs)),
     )
+    return replace(model, dof=sum(fit.dof for fit in of_runs), components=components)
+
+
+def _temperature(runs: Sequence[table_runs.TableRun]) -> tuple[Parameter, ...]:
+    """Mean case temperature of runs where it was logged."""
+    degc = float(np.mean([run.temp_degc for run in runs]))
+    return (Parameter("temp_case", degc, "degC"),) if np.isfinite(degc) else ()
 
 
 def _stated_components(*errors: Shared | None) -> tuple[Component, ...]:
@@ -196,70 +199,31 @@ def _stated_components(*errors: Shared | None) -> tuple[Component, ...]:
     )
 
 
-def _mean_model(name: str, one: over_runs.GyroOverRuns) -> Model:
-    """Line model (K and F0) of the mean over the runs at the reference temperature."""
-    lines = [run.scale(one.gyro) for run in one.runs]
-    cross = one.correlation * one.K.standard_uncertainty * one.F0.standard_uncertainty
-    degc = float(np.mean([run.temp_degc for run in one.at_room]))
-    parameters = [Parameter("runs", float(len(one.at_room)), "1")]
-    if np.isfinite(degc):
-        parameters.append(Parameter("temp_case", degc, "degC"))
-    return forms.LINE.write(
-        name,
-        [("K", one.K.value, "1/deg"), ("F0", one.F0.value, "1/s")],
-        np.array(
-            [
-                [one.K.standard_uncertainty**2, cross],
-                [cross, one.F0.standard_uncertainty**2],
-            ]
-        ),
-        dof=sum(line.dof for line in lines),
-        residual_rms=rms([line.residual_rms for line in lines]),
-        residual_unit="1/s",
-        valid=_valid(one.at_room),
-        parameters=tuple(parameters),
-        effective_dof=np.array([one.K.dof, one.F0.dof]),
-        components=_components(one),
-    )
-
-
 def _components(one: over_runs.GyroOverRuns) -> tuple[Component, ...]:
     """Standard deviations of what differs from run to run and from side to side."""
-    sizes = one.fitted[0].shared if one.fitted else ()
     return components_of(
-        [size for size in sizes if size.error.effect in ("scale", "zero") and size.dof]
-    )
-
-
-def _curve_model(
-    name: str, unit: str, curve: TemperaturePolynomial, runs: Sequence[table_runs.TableRun]
-) -> Model:
-    """Model of one quantity over case temperature, valid over the range of all runs."""
-    per = ["", "/degC", *(f"/degC^{k}" for k in range(2, curve.coefficients.size))]
-    return POLYNOMIAL.write(
-        name,
         [
-            (f"p{k}", value, f"{unit}{per[k]}")
-            for k, value in enumerate(curve.coefficients.tolist())
-        ],
-        curve.covariance,
-        dof=curve.dof,
-        residual_rms=curve.residual_rms,
-        residual_unit=unit,
-        valid={forms.TEMPERATURE: _valid(runs).get(forms.TEMPERATURE, curve.valid_degc)},
+            size
+            for size in one.fitted[0].shared
+            if size.error.effect in ("scale", "zero") and size.dof
+        ]
     )
 
 
 def _response_model(
-    name: str, fitted: Fit, terms: equation.Terms, runs: Sequence[table_runs.TableRun]
+    name: str, response: equation.Fitted, runs: Sequence[table_runs.TableRun]
 ) -> Model:
     """Model of the indication over table rate and temperature."""
+    fitted, _, terms = response
     K_order, F0_order = terms.orders
     named = [(f"K{k}", "1/deg") for k in range(K_order + 1)]
     named += [(f"F{k}", "1/s") for k in range(F0_order + 1)]
     letters = forms.BEND_LETTERS[: terms.bend_order + 1]
     named += [(f"{letter}{k}", "1/s") for letter in letters for k in terms.powers]
-    parameters, valid = [Parameter("fastest_dps", terms.fastest_dps, "deg/s")], _valid(runs)
+    parameters, valid = (
+        [Parameter("fastest_dps", terms.fastest_dps, "deg/s")],
+        table_runs.valid_ranges(runs),
+    )
     if max(terms.orders):
         middle, half = terms.middle_half
         parameters += [
@@ -281,7 +245,7 @@ def _response_model(
 
 def _pair_model(fitted: pair_fit.PairFit) -> Model:
     """Model of N, ε, γ and α of a pair."""
-    found = fitted.found
+    found, held = fitted.found, fitted.held
     runs = [run for group in fitted.runs.values() for run in group]
     return forms.PAIR.write(
         "pair",
@@ -290,10 +254,10 @@ def _pair_model(fitted: pair_fit.PairFit) -> Model:
             for (name, unit), value in zip(forms.PAIR_UNITS.items(), found.values, strict=True)
         ],
         found.covariance,
-        dof=min(line.dof for run in runs for line in run.scales),
-        residual_rms=rms([run.scale("b").residual_rms for run in fitted.runs["b"]]),
+        dof=min(run.rate_dps.size for run in runs) - 2,
+        residual_rms=rms([held.published(run, "b").fit.residual_rms for run in fitted.runs["b"]]),
         residual_unit="1/s",
-        valid=_valid(runs),
+        valid=table_runs.valid_ranges(runs),
         effective_dof=np.array(found.dof),
         components=_stated_components(fitted.run_scale, fitted.mounting),
     )
@@ -322,32 +286,17 @@ def _triad_model(fitted: triad_fit.AxesFit, one: triad_fit.AxesSet) -> Model:
     """Model of the sensitivities of one set and, where the latitude is known, of the biases."""
     names, biases = forms.triad_names(fitted.gyros)
     units = ["1/deg"] * len(names) + ["1/s"] * len(biases)
-    found = one.fit.of(lambda p: p)
-    lines = [line for run in one.runs for line in run.scales]
-    return forms.TRIAD.write(
+    of_runs = [fitted.held.published(run, g).fit for run in one.runs for g in fitted.gyros]
+    model = forms.TRIAD.write_fit(
         fitted.named("triad", one),
-        list(zip([*names, *biases], found.value.tolist(), units, strict=False)),
-        one.fit.total_covariance,
-        dof=min(line.dof for line in lines),
-        residual_rms=rms([line.residual_rms for line in lines]),
+        one.fit,
+        list(zip([*names, *biases], units, strict=True))[: one.fit.parameters.size],
+        residual_rms=rms([fit.residual_rms for fit in of_runs]),
         residual_unit="1/s",
-        valid=_valid(one.runs),
-        effective_dof=found.dof,
-        components=_stated_components(fitted.run_scale, fitted.mounting),
+        valid=table_runs.valid_ranges(one.runs),
     )
-
-
-def _triad_curves(fitted: triad_fit.AxesFit) -> Iterator[Model]:
-    """Models of every sensitivity and bias over case temperature."""
-    every = [run for axis in forms.AXES for run in fitted.runs[axis]]
-    for gyro, row in zip(fitted.gyros, fitted.over.curves if fitted.over else (), strict=False):
-        for axis, curve in zip(forms.AXES, row, strict=True):
-            yield _curve_model(
-                forms.curve_name(forms.line_name(gyro, axis), "K"), "1/deg", curve, every
-            )
-    biases = fitted.over.biases if fitted.over else ()
-    for gyro, curve in zip(fitted.gyros, biases, strict=False):
-        yield _curve_model(forms.curve_name(gyro, "bias"), "1/s", curve, every)
+    stated = _stated_components(fitted.run_scale, fitted.mounting)
+    return replace(model, dof=min(fit.dof for fit in of_runs), components=stated)
 
 
 def _triad_biases(fitted: triad_fit.AxesFit, one: triad_fit.AxesSet) -> Iterator[Figure]:
@@ -382,29 +331,28 @@ def _triad_figures(fitted: triad_fit.AxesFit, one: triad_fit.AxesSet) -> Iterato
         yield replace(angle, name=name, value=90.0 - angle.value)
 
 
-def _line_figures(name: str, run: table_runs.TableRun, gyro: str) -> list[Figure]:
+def _line_figures(name: str, held: Lines, run: table_runs.TableRun, gyro: str) -> Iterator[Figure]:
     """Figures of one line in the terms of both standards."""
-    return [
-        Figure(
-            forms.FigureName(
-                f.name.removesuffix("_gjb").removesuffix("_ieee"), f.standard, name
-            ).text,
-            f.value,
-            f.unit,
-            f.standard_uncertainty,
-        )
-        for f in gjb_figures.figures(run.scale(gyro), run.noise(gyro))
-    ]
+    u_K = float(held.of_runs([run], gyro).u[0])
+    for f in gjb_figures.figures(held.published(run, gyro), u_K):
+        text = forms.FigureName(f.name, f.standard, name).text
+        yield Figure(text, f.value, f.unit, f.standard_uncertainty)
 
 
 def _bias_figures(
-    name: str, line: scale_factor.ScaleFactor, spec: GyroRecipe, own_K: float | None = None
-) -> list[Figure]:
-    """Figures of a line's bias, earth rate removed where it is known; `own_K` is the K that a
-    projection is referred to.
+    name: str, line: Fit, spec: GyroRecipe, own_K: float | None = None
+) -> Iterator[Figure]:
+    """Figures of a line's bias (F at rest − K ω)/K, ω the earth's rate about the table axis where
+    it is known; `own_K` is the K that a projection is referred to.
     """
     vertical = table_runs.vertical_rate_dps(spec)
     if vertical is None:
-        return []
-    value, u = line.bias_dps(vertical, own_K=own_K)
-    return [Figure(f"bias.{name}", value * DPH_PER_DPS, "deg/h", u * DPH_PER_DPS)]
+        return
+
+    def bias_dph(p: Numbers) -> Numbers:
+        K, _, rest = p
+        own = K if own_K is None else own_K
+        return np.asarray((rest - K * vertical) / own * DPH_PER_DPS)
+
+    found = line.of(bias_dph)
+    yield Figure(f"bias.{name}", float(found.value), "deg/h", float(found.u), float(found.dof))

@@ -15,6 +15,7 @@ import numpy as np
 
 from calibkit.arrays import Array, Mask
 from calibkit.errors import FitError, advise_exclude
+from calibkit.fit.value import Value
 from calibkit.instruments.gyro_scale import forms, lines
 from calibkit.instruments.gyro_scale.table_runs import UNCERTAIN, TableRun
 from calibkit.numeric import left_out_run
@@ -28,14 +29,12 @@ LEAST_OTHERS = 2
 """Fewest other logs about an axis with which one is held against them."""
 
 
-def flag_runs(name: str, gyro: str, runs: Sequence[TableRun]) -> Iterator[str]:
-    """Flags on runs of a gyro about one axis whose K the others contradict; FitError where that is
-    because their thermometer was in °F.
+def flag_runs(name: str, runs: Sequence[TableRun], found: Value) -> Iterator[str]:
+    """Flags on runs of a gyro about one axis whose K [r] the others contradict; FitError where that
+    is because their thermometer was in °F.
     """
     temp_degc = np.array([run.temp_degc for run in runs])
-    files = [run.log.file for run in runs]
-    K = np.array([run.scale(gyro).K for run in runs])
-    u = np.array([run.scale(gyro).standard_uncertainty[0] for run in runs])
+    files, K, u = [run.log.file for run in runs], found.value, found.u
     if len(runs) == 1 or not np.ptp(temp_degc) > ONE_TEMPERATURE_DEGC:
         off = np.abs(K / np.median(K) - 1.0)
         if off.max() > UNCERTAIN:
@@ -67,13 +66,13 @@ def flag_runs(name: str, gyro: str, runs: Sequence[TableRun]) -> Iterator[str]:
 
 
 def flag_shares(
-    table: lines.TableRows, runs: Sequence[TableRun], gyros: Sequence[str]
+    table: lines.Lines, runs: Sequence[TableRun], gyros: Sequence[str]
 ) -> Iterator[str]:
     """Flags on logs of a triad in which gyros that lie across the axis indicate another share of
     the rate than in the other logs about it; `runs` are in the order of the table's lines.
     """
     size = _sizes(table)
-    share, noise = table.K / size, table.noise / size
+    share, noise = table.K / size, table.u_K / size
     log_of = np.arange(share.size) // len(gyros)
     channel = table.gyro_of * len(forms.AXES) + table.axis_of
     across = ~table.own()
@@ -95,7 +94,7 @@ def flag_shares(
         yield from _name_cause(about, names, table.K[here], expected, limit * size[here])
 
 
-def _sizes(table: lines.TableRows) -> Array:
+def _sizes(table: lines.Lines) -> Array:
     """Scale factor [lines] of each gyro about its own axis at the temperature of each line."""
     size = np.empty(table.K.size)
     for number in np.unique(table.set_of):

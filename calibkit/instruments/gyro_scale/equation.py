@@ -36,6 +36,8 @@ HIGHEST_BEND_ORDER = 2
 """Of the coefficients of powers of the rate over temperature."""
 SAME_RATE = 0.01
 """Relative difference below which two held rates are one."""
+LEAST_RATES = 6
+"""Fewest rates of a line with an asymmetry: three beyond its coefficients."""
 TINY = 1e-6
 """Difference below which two held rates are one, relative to the largest rate."""
 
@@ -74,9 +76,41 @@ class Rows:
 
     @property
     def shows_asymmetry(self) -> bool:
-        """Whether an asymmetry is no zero of a direction: rates of several sizes, both ways."""
+        """Whether an asymmetry is no zero of a direction, rates of several sizes both ways, and
+        leaves enough rates of each line over.
+        """
         size = np.abs(self.rate_dps)
-        return self.both_ways and bool(np.ptp(size) > SAME_RATE * size.max())
+        several = bool(np.ptp(size) > SAME_RATE * size.max())
+        return self.both_ways and several and bool(np.bincount(self.line).min() >= LEAST_RATES)
+
+    @property
+    def slopes(self) -> Array:
+        """Least-squares slope [lines] of each line."""
+        count = np.bincount(self.line)
+        off_mean = self.rate_dps - (np.bincount(self.line, self.rate_dps) / count)[self.line]
+        products = np.bincount(self.line, off_mean * self.indication)
+        return np.asarray(products / np.bincount(self.line, off_mean**2))
+
+    def of_lines(self, chosen: Mask) -> "Rows":
+        """Rows of some lines [lines], runs numbered anew."""
+        rows = chosen[self.line]
+        run = np.unique(self.run[rows], return_inverse=True)[1].reshape(-1)
+        rate, F, degc, hours = (
+            column[rows] for column in (self.rate_dps, self.indication, self.row_degc, self.hours)
+        )
+        return Rows(rate, F, run, degc, hours, run, run)
+
+
+class Fitted(NamedTuple):
+    """Equation (1) of some rows."""
+
+    fit: Fit
+    rows: Rows
+    terms: "Terms"
+
+    def refit(self, rows: Rows) -> "Fitted":
+        """The same for rows with small errors of rate, time or thermometer."""
+        return self._replace(fit=refit(self.fit, self.rows, rows, self.terms), rows=rows)
 
 
 class Parameters(NamedTuple):
@@ -161,8 +195,8 @@ class Terms:
         """The same with powers of the rate whose coefficients are polynomials of temperature, where
         K and F0 are.
         """
-        shapes = tuple(f"{line_terms.CURVATURE} {power}" for power in powers)
-        return replace(self, shapes=shapes, bends="polynomial" if max(self.orders) else "constant")
+        bends: Literal["constant", "polynomial"] = "polynomial" if max(self.orders) else "constant"
+        return replace(self, shapes=shapes_of(powers), bends=bends)
 
     @property
     def powers(self) -> tuple[int, ...]:
@@ -180,6 +214,11 @@ class Terms:
         return np.concatenate((of.bend[:, :, None], np.swapaxes(change, 1, 2)), axis=2)
 
 
+def shapes_of(powers: Sequence[int]) -> tuple[str, ...]:
+    """Names of powers of the rate as shapes."""
+    return tuple(f"{line_terms.CURVATURE} {power}" for power in powers)
+
+
 def at(polynomials: Numbers, x: Array) -> Numbers:
     """Polynomials [n, ..., order + 1] at x [n]: [n, ...]."""
     powers = polynomial.powers(x, polynomials.shape[-1] - 1)
@@ -189,9 +228,14 @@ def at(polynomials: Numbers, x: Array) -> Numbers:
 def response(p: Numbers, rows: Rows, terms: Terms) -> Numbers:
     """F [n] of equation (1) without its errors."""
     of, x, line = terms.split(p), terms.mapped(rows.row_degc), rows.line
-    bends = at(terms.bend_polynomials(p)[line], x)
-    bent = np.sum(bends * terms.shape(rows.rate_dps), axis=1)
-    return np.asarray(at(of.K[line], x) * rows.rate_dps + bent + at(of.F0[line], x))
+    straight = at(of.K[line], x) * rows.rate_dps + at(of.F0[line], x)
+    return np.asarray(straight + bend(p, rows, terms))
+
+
+def bend(p: Numbers, rows: Rows, terms: Terms) -> Numbers:
+    """Σ c_k(T) s_k(Ω) [n], what the response is beside the line."""
+    bends = at(terms.bend_polynomials(p)[rows.line], terms.mapped(rows.row_degc))
+    return np.asarray(np.sum(bends * terms.shape(rows.rate_dps), axis=1))
 
 
 def residual(p: Numbers, rows: Rows, terms: Terms) -> Numbers:

@@ -229,11 +229,9 @@ def _draw_sets(ax: Axes, curves: tuple[Curve, ...]) -> None:
         colour, marker = _mark(k)
         where = np.array([float(k)]) if single else one.temperature
         bar = one.coverage_factor * one.standard_uncertainty
-        ax.errorbar(
-            where, one.value, bar, fmt=marker, ms=5, capsize=4, color=colour, label=one.name
-        )
-        if one.grid.size:
-            ax.plot(one.grid, one.curve, color=colour, lw=0.9)
+        order = np.argsort(where)
+        points = where[order], one.value[order], bar[order]
+        ax.errorbar(*points, marker=marker, ms=5, lw=0.9, capsize=4, color=colour, label=one.name)
     if single:
         ax.set_xticks(range(len(curves)), [one.name for one in curves])
         ax.set_xlim(-0.6, len(curves) - 0.4)

@@ -79,11 +79,6 @@ def triad_names(gyros: tuple[str, ...]) -> tuple[list[str], list[str]]:
     return [f"S_{gyro}{axis}" for gyro in gyros for axis in AXES], [f"B_{gyro}" for gyro in gyros]
 
 
-def _line_gradient(model: Model, at: Inputs) -> Array:  # noqa: ARG001 (as every form)
-    """Derivatives [n, 2] of the indication by K and F0."""
-    return np.column_stack([at[RATE], np.ones_like(at[RATE])])
-
-
 def _bent(model: Model, p: Numbers, at: Inputs) -> Numbers:
     """F = Σ K_j x^j Ω + Σ (c_k + d_k x + e_k x²) (Ω/Ω_max)^k + Σ F_j x^j [n, 1/s], x the
     temperature mapped to [−1, 1]; by Horner's rule over the rate.
@@ -116,24 +111,25 @@ def _sine_or_odd(model: Model, p: Numbers, at: Inputs) -> Numbers:
     return np.asarray(at[RATE][:, None] ** powers @ p)
 
 
-def _pair_gradient(model: Model, at: Inputs) -> Array:
-    """Derivatives [n, 4, 4] of N, ε, γ, α by these coefficients: unit matrices."""
-    rows, count = len(next(iter(at.values()))), len(model.coefficients)
-    return np.broadcast_to(np.eye(count), (rows, count, count))
+def _line(model: Model, p: Numbers, at: Inputs) -> Numbers:  # noqa: ARG001 (as every equation)
+    """F = K Ω + F0 [n, 1/s]."""
+    return np.asarray(p[0] * at[RATE] + p[1])
 
 
-def _triad_gradient(model: Model, at: Inputs) -> Array:
-    """Derivatives [n, g, p] of the indications by the sensitivities and, where they are known, by
-    the biases.
-    """
+def _pair(model: Model, p: Numbers, at: Inputs) -> Numbers:  # noqa: ARG001 (as every equation)
+    """N, ε, γ, α [n, 4]: these coefficients."""
+    return np.tile(p, (len(next(iter(at.values()))), 1))
+
+
+def _triad(model: Model, p: Numbers, at: Inputs) -> Numbers:
+    """F = S Ω + B [n, g, 1/s]; B is 0 where the biases are not known."""
     rates = np.column_stack([at[f"rate_{axis}_dps"] for axis in AXES])
-    own = np.eye(sum(c.name.endswith(AXES[0]) for c in model.coefficients if c.name[0] == "S"))
-    by_rates = (own[:, :, None] * rates[:, None, None, :]).reshape(len(rates), len(own), -1)
-    biases = np.broadcast_to(own, (len(rates), *own.shape))
-    return np.concatenate([by_rates, biases], axis=2)[:, :, : len(model.coefficients)]
+    count = sum(c.name.startswith("S_") for c in model.coefficients)
+    S = p[:count].reshape(-1, len(AXES))
+    return np.asarray(rates @ S.T + (p[count:] if p.size > count else 0.0))
 
 
-LINE = Form("gyro-scale/1", _line_gradient, measured={"temp_case": 0.1})
+LINE = replace(Form.of_equation("gyro-scale/1", _line), measured={"temp_case": 0.1})
 """Indication [n, 1/s] over the table rate: F = K Ω + F0."""
 RESPONSE = Form.of_equation("gyro-response/2", _bent)
 """Indication [n, 1/s] over the table rate and temperature,
@@ -143,11 +139,11 @@ RESPONSE_1 = Form.of_equation("gyro-response/1", _sine_or_odd)
 """Indicated rate (F − F0)/K [n, °/s] over the table rate, as calibkit 0.2 wrote it: an odd
 polynomial, or the sine of an open-loop gyro.
 """
-PAIR = Form("gyro-orthogonality/1", _pair_gradient)
+PAIR = Form.of_equation("gyro-orthogonality/1", _pair)
 """N, ε, γ and α [n, 4] of two gyros: its coefficients are its results."""
 PAIR_UNITS = {"N": "1", "epsilon": "1", "gamma": "1", "alpha_deg": "deg"}
 """Coefficient of a pair → unit, in the order of the covariance."""
-TRIAD = Form("gyro-triad/1", _triad_gradient)
+TRIAD = Form.of_equation("gyro-triad/1", _triad)
 """Indications [n, g, 1/s] over the rates about three axes: F = S Ω + B."""
 FORMS = (LINE, POLYNOMIAL, RESPONSE, RESPONSE_1, PAIR, TRIAD)
 

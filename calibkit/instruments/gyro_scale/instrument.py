@@ -26,6 +26,7 @@ from calibkit.instruments.gyro_scale import (
     table_runs,
     triad_fit,
 )
+from calibkit.instruments.gyro_scale.lines import Lines
 from calibkit.report.run import list_components
 from calibkit.report.summary import Summary
 
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
     from calibkit.coefficients import Criterion, Record, StageResult
     from calibkit.frame import Log
     from calibkit.instruments import Progress
+    from calibkit.instruments.gyro_scale.numeric.gjb_figures import Line
     from calibkit.instruments.gyro_scale.recipe import (
         AnyRecipe,
         GyroPairRecipe,
@@ -67,6 +69,7 @@ def _read_runs(
 def _fitted(
     spec: AnyRecipe,
     runs: sensitivities.Runs,
+    published: Iterable[Line],
     results: tuple[StageResult, ...],
     criteria: tuple[Criterion, ...],
     drawing: curves.GyroReport,
@@ -78,7 +81,7 @@ def _fitted(
     """
     every = [run for group in runs.values() for run in group]
     inputs = tuple(Input.of(run.log) for run in every)
-    criteria = (*criteria, *acceptance.judge_noise(every, spec.acceptance))
+    criteria = (*criteria, *acceptance.judge_noise(published, spec.acceptance))
     influences = sensitivities.find(spec, runs, results, refit)
     tables: list[Table] = []
     for result in results:
@@ -96,35 +99,29 @@ def fit_rate_table(
 ) -> Fitted[curves.GyroReport]:
     """Fit each gyro in each run, then its scale factor over the runs and over temperature."""
     runs = _read_runs(spec, data, files, progress)
-    gyros = _over_runs(spec, runs, [None] * len(spec.gyros))
-    results = coefficient_files.list_rate_table_results(
-        gyros, over_runs.flag_runs(gyros, spec), spec
-    )
+    about = runs[""]
+    held = Lines.of_runs_about_one_axis(about)
+    gyros = [over_runs.fit_over_runs(spec, gyro, about, held) for gyro in spec.gyros]
+    flags = over_runs.flag_runs(gyros, held, spec)
+    results = coefficient_files.list_rate_table_results(gyros, held, flags, spec)
+
+    def refit(spec: RateTableRecipe, runs: sensitivities.Runs) -> tuple[StageResult, ...]:
+        moved = Lines.of_runs_about_one_axis(runs[""], held)
+        over = [over_runs.fit_over_runs(spec, one.gyro, runs[""], moved, near=one) for one in gyros]
+        return coefficient_files.list_rate_table_results(over, moved, (), spec)
+
     (scales,) = results
     found = _fitted(
         spec,
         runs,
+        held.straightened({one.gyro: one.response for one in gyros}),
         results,
         acceptance.judge_runs(scales.figures, spec.acceptance),
-        curves.GyroReport.of_runs(gyros),
+        curves.GyroReport.of_runs(gyros, held),
         overview.summarize_rate_table(gyros, scales),
-        lambda spec, runs: coefficient_files.list_rate_table_results(
-            _over_runs(spec, runs, gyros), (), spec
-        ),
+        refit,
     )
     return replace(found, lacks=over_runs.list_undetermined(gyros))
-
-
-def _over_runs(
-    spec: RateTableRecipe,
-    runs: sensitivities.Runs,
-    near: Sequence[over_runs.GyroOverRuns | None],
-) -> list[over_runs.GyroOverRuns]:
-    """Each gyro over its runs; `near` are fits to nearly the same ones."""
-    return [
-        over_runs.fit_over_runs(spec, gyro, runs[""], beside)
-        for gyro, beside in zip(spec.gyros, near, strict=True)
-    ]
 
 
 def fit_pair(
@@ -147,6 +144,7 @@ def fit_pair(
     return _fitted(
         spec,
         runs,
+        fitted.held.straightened(fitted.responses),
         results,
         criteria,
         curves.GyroReport.of_pair(fitted),
@@ -172,6 +170,7 @@ def fit_triad(
     return _fitted(
         spec,
         runs,
+        fitted.held.straightened({}),
         results,
         criteria,
         curves.GyroReport.of_triad(fitted),

@@ -6,17 +6,11 @@ import numpy as np
 
 from calibkit.coefficients import Figure, StageResult
 from calibkit.instruments.gyro_scale import forms, over_runs, pair_fit, triad_fit
+from calibkit.instruments.gyro_scale.acceptance import RUN_LIMITS
 from calibkit.instruments.gyro_scale.numeric.gjb_figures import GJB, PPM
 from calibkit.report.overview import KeyValue, Overview, concise
 
 _COUNTS = "counts/°"
-_SHOWN = {
-    "nonlinearity_full_scale": "nonlinearity over full scale",
-    "asymmetry": "asymmetry",
-    "repeatability": "repeatability",
-    "temperature_sensitivity": "temperature sensitivity",
-}
-"""Figure of a line or of a gyro over its runs → what people call it."""
 
 
 def _largest_figures(figures: Iterable[Figure]) -> tuple[KeyValue, ...]:
@@ -24,7 +18,7 @@ def _largest_figures(figures: Iterable[Figure]) -> tuple[KeyValue, ...]:
     found: dict[str, Figure] = {}
     for figure in figures:
         what, standard, _ = forms.read_figure_name(figure.name)
-        if standard == GJB and what in _SHOWN:
+        if standard == GJB and what in RUN_LIMITS:
             found[what] = max(found.get(what, figure), figure, key=lambda one: abs(one.value))
     return tuple(
         KeyValue(
@@ -33,7 +27,7 @@ def _largest_figures(figures: Iterable[Figure]) -> tuple[KeyValue, ...]:
             found[what].unit.replace("degC", "°C"),
             found[what].standard_uncertainty,
         )
-        for what, name in _SHOWN.items()
+        for what, (name, _, _) in RUN_LIMITS.items()
         if what in found
     )
 
@@ -50,12 +44,12 @@ def summarize_rate_table(gyros: Sequence[over_runs.GyroOverRuns], scales: StageR
     """Scale factor of each gyro at the reference temperature, and the largest figures."""
     values = []
     for one in gyros:
-        degc = float(np.mean([run.temp_degc for run in one.at_room]))
+        degc = float(np.mean(one.temp_degc[one.room]))
         where = f" at {degc:.1f} °C" if np.isfinite(degc) else ""
         name = f"scale factor of {forms.line_name(one.gyro)}{where}"
-        values.append(KeyValue(name, one.K.value, _COUNTS, one.K.standard_uncertainty))
+        values.append(KeyValue(name, float(one.K.value), _COUNTS, float(one.K.u)))
     first = gyros[0].K
-    ppm = PPM * first.standard_uncertainty / abs(first.value)
+    ppm = PPM * float(first.u) / abs(float(first.value))
     (listed,) = _in_words(values)
     sentence = f"{listed.removesuffix('.')} (u {ppm:.2g} ppm)."
     largest = _largest_figures(scales.figures)

@@ -15,12 +15,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.fit.shared import Shared
 from calibkit.fit.solve import Fit
-from calibkit.instruments.gyro_scale import contradictions, forms, lines, ordering, table_runs
-from calibkit.instruments.gyro_scale.lines import InTime
+from calibkit.instruments.gyro_scale import (
+    contradictions,
+    equation,
+    forms,
+    lines,
+    ordering,
+    over_runs,
+    table_runs,
+)
 from calibkit.instruments.gyro_scale.numeric import gjb_figures, pair as gyro_pair
 from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe
 from calibkit.numeric import gum
@@ -42,12 +48,12 @@ class PairFit:
     """
 
     runs: Mapping[str, tuple[table_runs.TableRun, ...]]
+    held: lines.Lines
+    """Lines of the single runs."""
+    responses: Mapping[str, equation.Fitted | None]
+    """Of each gyro about its own axis, where it has powers of the rate."""
     lines: Fit
     """K [2, 2], then F0, of the mean lines of each gyro about each axis."""
-    in_time: tuple[InTime, ...]
-    """What changes with time, which refits of nearly the same runs keep."""
-    errors: Fit
-    """Errors of the held rates, which refits of nearly the same runs keep."""
     found: gyro_pair.GyroPair
     run_scale: Shared | None
     """How scale factors repeat; None where nothing tells."""
@@ -71,11 +77,12 @@ def fit_pair(
     is a fit of nearly the same runs.
     """
     about = [(k, run) for k, axis in enumerate("ab") for run in runs[axis]]
-    held = lines.TableRows.of([about], near.in_time if near else None)
-    errors = near.errors if near else held.errors()
+    held = lines.Lines.of([about], near.held if near else None)
+    if near:
+        held = replace(held, fit=replace(near.held.fit, parameters=held.fit.parameters))
     known = {effect: (size, dof) for effect, size, dof in spec.known_errors()}
     run_scale = held.run_scale(known.get("scale"))
-    mean_lines = _average_lines(held, errors, run_scale)
+    mean_lines = _average_lines(held, run_scale)
     degc = {axis: float(np.mean([run.temp_degc for run in runs[axis]])) for axis in "ab"}
     apart = degc["b"] - degc["a"]
     K = mean_lines.restated(lambda p: p[OWN_AND_CROSS])
@@ -85,10 +92,15 @@ def fit_pair(
     before_mounting = gyro_pair.find(K.restated(lambda k: k[:3]), second_gamma)
     _refuse_opposite(before_mounting)
     tilt, tilt_dof = gyro_pair.find_mounting(before_mounting, known.get("angle"))
-    mounting = _mounting_error(held, K.parameters, before_mounting.alpha_deg, tilt, tilt_dof)
+    # about the other gyro's axis a gyro loses its sine, K sin α per radian
+    K_A, K_B = K.parameters[:2] * np.sin(np.radians(before_mounting.alpha_deg))
+    across = np.array([[[0.0], [K_A]], [[K_B], [0.0]]])
+    mounting = held.mounting(across, (float(np.degrees(tilt)), tilt_dof))
     K = _lose_cosine(K.restated(lambda k: k[:3]).widened_by([mounting]), tilt)
     pair = gyro_pair.find(K, second_gamma)
+    known_responses = near.responses if near else {}
     flags = [flag for run in (*runs["a"], *runs["b"]) for flag in run.flags]
+    flags += held.flag_drifts()
     flags += [*before_mounting.flags, *gyro_pair.flag_second(before_mounting)]
     flags += _flag_temperatures(apart, spec)
     if run_scale is None:
@@ -98,9 +110,12 @@ def fit_pair(
     flags += _flag_lines(runs, held)
     return PairFit(
         runs,
+        held,
+        {
+            gyro: over_runs.fit_response(spec, gyro, runs[gyro], known_responses.get(gyro))
+            for gyro in spec.gyros
+        },
         mean_lines,
-        held.in_time,
-        errors,
         pair,
         run_scale,
         mounting,
@@ -108,31 +123,12 @@ def fit_pair(
     )
 
 
-def _average_lines(held: lines.TableRows, errors: Fit, run_scale: Shared | None) -> Fit:
+def _average_lines(held: lines.Lines, run_scale: Shared | None) -> Fit:
     """K [4], then F0 [4], of A about a, A about b, B about a, B about b: means over the runs."""
     means = held.means(np.ones(held.gyro_of.size, dtype=np.bool_)).reshape(4, -1)
     none = np.zeros_like(means)
-    averaged = held.linear(errors, np.vstack((means, none)), np.vstack((none, means)))
+    averaged = held.combined(np.vstack((means, none)), np.vstack((none, means)))
     return averaged.widened_by([run_scale] if run_scale else [])
-
-
-def _mounting_error(
-    held: lines.TableRows, K: Array, alpha_deg: float, tilt: float, tilt_dof: float
-) -> Shared:
-    """Error that all rates about a table axis share where that is off its gyro's axis by an angle
-    [rad]: about the other gyro's axis a gyro loses its sine, K sin α per radian.
-    """
-    own_K = np.array([K[0], K[1]])
-    across = own_K[held.gyro] * np.sin(np.radians(alpha_deg)) * (held.gyro != held.axis)
-    return Shared(
-        group="mounting",
-        effect="angle",
-        level=held.axis,
-        loading=(np.radians(across) * held.rows.rate_dps)[:, None],
-        unit="deg",
-        size=float(np.degrees(tilt)),
-        size_dof=tilt_dof,
-    )
 
 
 def _lose_cosine(K: Fit, tilt: float) -> Fit:
@@ -153,7 +149,7 @@ def _flag_mounting(mounting: Shared, dof: float) -> str:
 
 
 def _flag_lines(
-    runs: Mapping[str, tuple[table_runs.TableRun, ...]], held: lines.TableRows
+    runs: Mapping[str, tuple[table_runs.TableRun, ...]], held: lines.Lines
 ) -> Iterator[str]:
     """Flags of scale factors about the own axes: time, doubtful runs, runs that contradict the
     others.
@@ -163,9 +159,10 @@ def _flag_lines(
         yield from ordering.flag(name, change.decided, held.K[change.lines].mean())
     for gyro in "ab":
         name = forms.line_name(gyro, gyro)
-        for run in runs[gyro]:
-            yield from table_runs.flag_uncertain(name, run.scale(gyro))
-        yield from contradictions.flag_runs(name, gyro, runs[gyro])
+        K = held.of_runs(runs[gyro], gyro)
+        for one, u in zip(K.value.tolist(), K.u.tolist(), strict=True):
+            yield from table_runs.flag_uncertain(name, one, u)
+        yield from contradictions.flag_runs(name, runs[gyro], K)
 
 
 def _refuse_opposite(noise: gyro_pair.GyroPair) -> None:

@@ -6,20 +6,25 @@ from collections.abc import Mapping
 from fnmatch import fnmatchcase
 from typing import Annotated, ClassVar, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from calibkit.errors import RecipeError
 from calibkit.recipe.tables import NonNegative, Positive, Recipe, Table
 
 Gyro = Annotated[str, Field(pattern=r"^[a-z0-9]+$")]
-Gyros = Annotated[tuple[Gyro, ...], Field(min_length=1, strict=False)]
 Patterns = Annotated[tuple[str, ...], Field(min_length=1, strict=False)]
 
 
-def _refuse_doubles(gyros: tuple[str, ...]) -> None:
+def _refuse_doubles(gyros: tuple[str, ...]) -> tuple[str, ...]:
     """Raise an error for a gyro that is listed twice."""
     if len(set(gyros)) != len(gyros):
         raise ValueError(f"gyros = {list(gyros)}: a gyro stands twice")
+    return gyros
+
+
+Gyros = Annotated[
+    tuple[Gyro, ...], Field(min_length=1, strict=False), AfterValidator(_refuse_doubles)
+]
 
 
 class _TableSpec(Table):
@@ -212,11 +217,6 @@ class RateTableRecipe(OwnAxisRecipe):
         """Every log is about the one table axis, which has no name."""
         return ""
 
-    @model_validator(mode="after")
-    def _each_gyro_once(self) -> Self:
-        _refuse_doubles(self.gyros)
-        return self
-
 
 class _TriadLogs(Table):
     """Logs of each table axis, by file name patterns."""
@@ -264,11 +264,6 @@ class GyroTriadRecipe(GyroRecipe):
         raise RecipeError(
             f"{file}: a log {what}", hint="name the logs of each table axis under [axes]"
         )
-
-    @model_validator(mode="after")
-    def _each_gyro_once(self) -> Self:
-        _refuse_doubles(self.gyros)
-        return self
 
 
 AnyRecipe = RateTableRecipe | GyroPairRecipe | GyroTriadRecipe

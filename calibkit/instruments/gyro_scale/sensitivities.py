@@ -8,7 +8,6 @@ from typing import Any
 
 from calibkit.coefficients import StageResult
 from calibkit.instruments.gyro_scale import forms
-from calibkit.instruments.gyro_scale.numeric import scale_factor
 from calibkit.instruments.gyro_scale.recipe import AnyRecipe
 from calibkit.instruments.gyro_scale.table_runs import TableRun
 from calibkit.sensitivities import InputError, Sensitivity, differentiate, of_thermometer
@@ -42,16 +41,13 @@ def find(
             return refit(spec.model_copy(update={"site": site}), runs)
         return refit(
             spec,
-            {
-                axis: tuple(_shift(spec, run, error) for run in group)
-                for axis, group in runs.items()
-            },
+            {axis: tuple(_shift(run, error) for run in group) for axis, group in runs.items()},
         )
 
     return differentiate(errors, results, shift)
 
 
-def _shift(spec: AnyRecipe, run: TableRun, error: InputError) -> TableRun:
+def _shift(run: TableRun, error: InputError) -> TableRun:
     """A run with an error of the table's rate, of the time base or of the thermometer."""
     held = run.plateaus
     if error.input == forms.TEMPERATURE:
@@ -68,5 +64,4 @@ def _shift(spec: AnyRecipe, run: TableRun, error: InputError) -> TableRun:
             rate_dps=error.shift(held.rate_dps),
             angle_rate_dps=error.shift(held.angle_rate_dps),
         )
-    scales = scale_factor.of_run(held, reference=spec.table.reference)
-    return replace(run, plateaus=held, scales=scales)
+    return replace(run, plateaus=held)

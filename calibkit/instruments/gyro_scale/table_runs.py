@@ -1,8 +1,10 @@
-"""Logs of a rate table → held rates → scale factors of every gyro in every run."""
+"""Logs of a rate table → held rates of every gyro in every run."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -13,15 +15,10 @@ from calibkit.errors import FitError
 from calibkit.frame import Examined, Finding, Held, Log, refuse, values
 from calibkit.ingest import logs, stated_segments
 from calibkit.instruments.gyro_scale import dropouts, forms
-from calibkit.instruments.gyro_scale.numeric import (
-    line_terms,
-    plateau_means,
-    plateaus,
-    scale_factor,
-)
+from calibkit.instruments.gyro_scale.numeric import plateau_means, plateaus
+from calibkit.instruments.gyro_scale.numeric.gjb_figures import Line
 from calibkit.instruments.gyro_scale.recipe import AnyRecipe, GyroRecipe
 from calibkit.numeric import anomalies, chunks, earth, order_statistics
-from calibkit.numeric.dispersion import rms
 
 ANGLE = "table_angle_deg"
 FASTEST_DPS = 2e4
@@ -39,24 +36,23 @@ ONE_SOAK_DEGC = 2.0
 LEAST_ROWS = 16
 UNCERTAIN = 1e-3
 """Relative standard uncertainty above which a scale factor is flagged."""
-DRIFTED = 2.0
-"""Change during a run, in standard uncertainties of a held rate (both rms), from which it is
-flagged.
-"""
 LEAST_TRIAD = 3
 """Fewest gyros over three axes with which at least one is assumed to be along the table axis of
 every log.
 """
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class TableRun:
-    """One log: its held rates and the best straight line of every gyro over them."""
+    """One log: its held rates."""
 
     log: Log
     gyros: tuple[str, ...]
     plateaus: plateau_means.Plateaus
-    scales: tuple[scale_factor.ScaleFactor, ...]
+    reference: Literal["rate", "angle"]
+    """Logged table rate, or the rate that the logged table angle turned by: the better one where
+    the rate is noisy or only commanded.
+    """
     flags: tuple[str, ...]
     temp_range: tuple[float, float]
     """Lowest and highest row temperature [°C]: of the whole run where it was isothermal, else of
@@ -66,19 +62,22 @@ class TableRun:
     run.
     """
 
-    def scale(self, gyro: str) -> scale_factor.ScaleFactor:
-        """Scale factor of one gyro."""
+    @property
+    def rate_dps(self) -> Array:
+        """Reference [p] [°/s]."""
+        held = self.plateaus
+        return held.rate_dps if self.reference == "rate" else held.angle_rate_dps
+
+    @cached_property
+    def scales(self) -> tuple[Line, ...]:
+        """Held rates of each gyro, as they were logged, and their straight line."""
+        held = self.plateaus
+        shown = zip(held.indication.T, held.standard_uncertainty.T, strict=True)
+        return tuple(Line(self.rate_dps, means, noise) for means, noise in shown)
+
+    def scale(self, gyro: str) -> Line:
+        """Held rates of one gyro."""
         return self.scales[self.gyros.index(gyro)]
-
-    def indication(self, gyro: str) -> Array:
-        """Means [p, 1/s] of a gyro over the held rates, as they were logged."""
-        return np.asarray(self.plateaus.indication[:, self.gyros.index(gyro)], dtype=np.float64)
-
-    def noise(self, gyro: str) -> Array:
-        """Standard uncertainty [p, 1/s] of a gyro's means over the held rates."""
-        return np.asarray(
-            self.plateaus.standard_uncertainty[:, self.gyros.index(gyro)], dtype=np.float64
-        )
 
     @property
     def temp_degc(self) -> float:
@@ -101,14 +100,13 @@ def read(spec: AnyRecipe, data: Path, file: str, reader: logs.Reader = logs.read
     return reader(spec, data / file, file, needed, optional)
 
 
-def flag_uncertain(name: str, line: scale_factor.ScaleFactor) -> list[str]:
+def flag_uncertain(name: str, K: float, u: float) -> list[str]:
     """Flag for a poorly determined scale factor about a gyro's own axis: the run was too slow, too
     short or too noisy.
     """
-    u = float(line.standard_uncertainty[0])
-    if u < UNCERTAIN * abs(line.K):
+    if u < UNCERTAIN * abs(K):
         return []
-    share = f"{100.0 * u / abs(line.K):.2g} %"
+    share = f"{100.0 * u / abs(K):.2g} %"
     return [f"{name}: K is known to {share} only: hold faster rates, or hold them longer"]
 
 
@@ -118,6 +116,16 @@ def vertical_rate_dps(spec: GyroRecipe) -> float | None:
     """
     latitude, sign = spec.site.latitude_deg, 1.0 if spec.table.axis == "up" else -1.0
     return None if latitude is None else sign * float(earth.vertical_rate(latitude)) / DPH_PER_DPS
+
+
+def valid_ranges(runs: Sequence[TableRun]) -> dict[str, tuple[float, float]]:
+    """Ranges of rate and temperature that runs cover."""
+    rate = np.concatenate([run.plateaus.rate_dps for run in runs])
+    temperature = np.array([run.temp_range for run in runs])
+    spans = {forms.RATE: rate}
+    if np.isfinite(temperature).all():
+        spans[forms.TEMPERATURE] = temperature
+    return {name: (float(span.min()), float(span.max())) for name, span in spans.items()}
 
 
 def faults(spec: AnyRecipe, log: Log) -> Examined:
@@ -133,19 +141,15 @@ def faults(spec: AnyRecipe, log: Log) -> Examined:
 
 
 def fit_run(spec: AnyRecipe, log: Log) -> TableRun:
-    """Held rates and scale factors of one log; raises FrameError or FitError that names it."""
+    """Held rates of one log; raises FrameError or FitError that names it."""
     found, held = _find_faults(spec, log)
     refuse(found)
     if held is None:
         raise FitError(f"{log.file}: no held rates")
-    try:
-        scales = scale_factor.of_run(held, reference=spec.table.reference)
-    except FitError as error:
-        raise FitError(f"{log.file}: {error.message}", hint=error.hint) from None
     notes = (f"{log.file}: {note}" for note in (*log.notes, *held.flags))
     flags = (*notes, *(str(finding) for finding in found if finding.flagged))
-    run = TableRun(log, spec.gyros, held, scales, flags, _temp_range(log, held))
-    return replace(run, flags=(*flags, *_flag_terms(run)))
+    reference = spec.table.reference
+    return TableRun(log, spec.gyros, held, reference, flags, _temp_range(log, held))
 
 
 def _temp_range(log: Log, held: plateau_means.Plateaus) -> tuple[float, float]:
@@ -159,27 +163,6 @@ def _temp_range(log: Log, held: plateau_means.Plateaus) -> tuple[float, float]:
     if ends[0][1] - ends[0][0] > ONE_SOAK_DEGC:
         ends = [chunks.extremes(temperature[a:b]) for a, b in held.span.tolist()]
     return min(low for low, _ in ends), max(high for _, high in ends)
-
-
-def _flag_terms(run: TableRun) -> Iterator[str]:
-    """Flags on what drifted during a run by more than its noise, and was taken out."""
-    largest = max(abs(line.K) for line in run.scales)
-    for gyro, line, raw in zip(run.gyros, run.scales, run.plateaus.indication.T, strict=True):
-        if not rms(raw - line.indication) > DRIFTED * rms(run.noise(gyro)):
-            continue
-        found = []
-        for name, factors in line.terms.items():
-            if name not in line_terms.DRIFTS:
-                continue
-            per = line_terms.DRIFTS[name]
-            if len(factors) > 1:
-                found.append(f"its scale factor by {factors[0] / largest * 1e6:+.2g} ppm/{per}")
-            zero = factors[-1] / largest * DPH_PER_DPS
-            found.append(f"its zero by {zero:+.2g} (°/h)/{per}")
-        yield (
-            f"{run.log.file}: gyro {gyro} changed during the run, {' and '.join(found)}: taken out,"
-            " K and F0 hold at the middle of the run and at its mean temperature"
-        )
 
 
 def _find_faults(spec: AnyRecipe, log: Log) -> tuple[list[Finding], plateau_means.Plateaus | None]:
@@ -215,13 +198,8 @@ def _find_implausible(log: Log, gyros: Sequence[str]) -> list[Finding]:
     return [
         *(check.find_unordered_times(log) if "time_s" in log.frame.columns else ()),
         *check.find_constant_columns(log, [forms.RATE, *gyros]),
-        *_find_beyond(
-            log,
-            forms.RATE,
-            FASTEST_DPS,
-            "°/s",
-            f"at most {FASTEST_DPS:g} °/s",
-            f"state the log's unit in [columns.{forms.RATE}]",
+        *check.find_out_of_range(
+            log, forms.RATE, -FASTEST_DPS, FASTEST_DPS, "°/s", f"at most {FASTEST_DPS:g} °/s"
         ),
         *(finding for gyro in gyros for finding in _find_overload(log, gyro)),
         *check.find_implausible_temperatures(log, thermometers),
@@ -248,22 +226,21 @@ def _find_suspicious(spec: AnyRecipe, log: Log) -> list[Finding]:
 
 def _average_held_rates(spec: AnyRecipe, log: Log) -> plateau_means.Plateaus:
     """Means over the held rates of a log."""
-    rules = plateaus.Rules(**spec.plateaus.model_dump(exclude={"min_rates", "one_row"}))
-    present = log.frame.columns
+
+    def column(name: str) -> Array | None:
+        return values(log.frame, name) if name in log.frame.columns else None
+
+    rate = values(log.frame, forms.RATE)
+    signals = _beside([values(log.frame, forms.gyro_column(gyro)) for gyro in spec.gyros], log)
     if spec.plateaus.one_row:
-        return plateau_means.of_rows(
-            values(log.frame, "time_s") if "time_s" in present else None,
-            values(log.frame, forms.RATE),
-            np.column_stack([values(log.frame, forms.gyro_column(gyro)) for gyro in spec.gyros]),
-            values(log.frame, forms.TEMPERATURE) if forms.TEMPERATURE in present else None,
-        )
+        return plateau_means.of_rows(column("time_s"), rate, signals, column(forms.TEMPERATURE))
     return plateau_means.means(
         values(log.frame, "time_s"),
-        values(log.frame, forms.RATE),
-        _beside([values(log.frame, forms.gyro_column(gyro)) for gyro in spec.gyros], log),
-        table_angle_deg=values(log.frame, ANGLE) if ANGLE in present else None,
-        temp_degc=values(log.frame, forms.TEMPERATURE) if forms.TEMPERATURE in present else None,
-        rules=rules,
+        rate,
+        signals,
+        table_angle_deg=column(ANGLE),
+        temp_degc=column(forms.TEMPERATURE),
+        rules=plateaus.Rules(**spec.plateaus.model_dump(exclude={"min_rates", "one_row"})),
         held=stated_segments.stated_rows(log, spec, ["rate"]),
         along_axis=spec.procedure == "rate_table",
         allocate=log.allocate,
@@ -279,34 +256,6 @@ def _beside(columns: Sequence[Array], log: Log) -> Array:
         for k, one in enumerate(columns):
             made[a:b, k] = one[a:b]
     return made
-
-
-def _find_beyond(
-    log: Log,
-    column: str,
-    limit: float,
-    unit: str,
-    expected: str,
-    advice: str,
-    *,
-    exclude: bool = False,
-) -> list[Finding]:
-    """Finding on a column's values beyond a limit in its unit: the first one, and their number."""
-    if max(map(abs, log.extremes(column))) <= limit:
-        return []
-    data = values(log.frame, column)
-    bad = chunks.rows_where(data, lambda part: np.abs(part) > limit)
-    if not bad.size:
-        return []
-    worst = float(data[bad[0]])
-    what = f"{worst:g} {unit} ({bad.size} such row{'s' if bad.size > 1 else ''})"
-    figure = None if column == forms.RATE else worst
-    advice += f" {log.advise_exclude(bad)}" if exclude else ""
-    return [
-        check.finding_at_row(
-            log, int(bad[0]), column, what, expected, advice, "range", figure=figure
-        )
-    ]
 
 
 def _span(counts: Array) -> float:
@@ -328,9 +277,10 @@ def _find_overload(log: Log, column: str) -> list[Finding]:
     )
     if not usual > 0.0:
         return []
-    advice = "a logger writes such numbers for overload or nothing: leave the rows out:"
+    limit = BEYOND * usual
     expected = f"counts like those of the other rows, up to {usual:.4g} 1/s"
-    return _find_beyond(log, column, BEYOND * usual, "1/s", expected, advice, exclude=True)
+    advice = "a logger writes such numbers for overload or nothing: leave the rows out:"
+    return check.find_out_of_range(log, column, -limit, limit, "1/s", expected, advice=advice)
 
 
 def _find_few_rates(spec: GyroRecipe, log: Log, held: plateau_means.Plateaus) -> list[Finding]:

@@ -2,18 +2,19 @@
 them, also over temperature.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from functools import partial
+from itertools import combinations, product
 
 import numpy as np
 
-from calibkit.arrays import Array
+from calibkit.coefficients import Model
 from calibkit.constants import DPH_PER_DPS
 from calibkit.errors import FitError, advise_exclude
 from calibkit.fit.complex_step import Numbers
 from calibkit.fit.shared import Shared
-from calibkit.fit.solve import Fit, Moved
+from calibkit.fit.solve import Fit
 from calibkit.fit.value import Value
 from calibkit.instruments.gyro_scale import (
     contradictions,
@@ -27,7 +28,6 @@ from calibkit.instruments.gyro_scale import (
 from calibkit.instruments.gyro_scale.numeric import line_terms, triad as gyro_triad
 from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe
 from calibkit.numeric.least_squares import polynomial
-from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
 
 ONE_SET_DEGC = 5.0
 """Largest difference in temperature [°C] between the runs of one set."""
@@ -53,29 +53,6 @@ class AxesSet:
 
 
 @dataclass(frozen=True, slots=True)
-class TriadOverTemperature:
-    """Sensitivities and biases of g gyros as polynomials of temperature."""
-
-    fitted: Fit
-    """Equation (1) of all runs, each gyro about each axis with polynomials over temperature."""
-    rows: equation.Rows
-    terms: equation.Terms
-    fit: Fit
-    """Sensitivities [3 g · (order + 1)], of powers of the mapped temperature."""
-    curves: tuple[tuple[TemperaturePolynomial, ...], ...]
-    """[g][3]."""
-    biases: tuple[TemperaturePolynomial, ...]
-    """[g]; empty where the latitude is unknown."""
-
-    def at(self, temp_degc: float) -> gyro_triad.Triad:
-        """Triad at a temperature [°C] within the range."""
-        powers = polynomial.powers(
-            self.terms.mapped(np.array([temp_degc])), max(self.terms.orders)
-        )[0]
-        return gyro_triad.find(self.fit.restated(lambda p: p.reshape(-1, powers.size) @ powers))
-
-
-@dataclass(frozen=True, slots=True)
 class AxesFit:
     """Gyros over three axes: all runs, the sets of runs, index of the reference set, and
     polynomials over temperature.
@@ -86,11 +63,12 @@ class AxesFit:
     """Table axis → its runs."""
     sets: tuple[AxesSet, ...]
     reference: int
-    in_time: tuple[lines.InTime, ...]
-    """What changes with time, which refits of nearly the same runs keep."""
-    errors: Fit
-    """Errors of the held rates, which refits of nearly the same runs keep."""
-    over: TriadOverTemperature | None
+    held: lines.Lines
+    """Lines of the single runs."""
+    over: equation.Fitted | None
+    """Equation (1) of all runs, each gyro about each axis with polynomials over temperature."""
+    curves: tuple[Model, ...]
+    """Sensitivities [3 g] and, where the latitude is known, biases [g] over temperature."""
     run_scale: Shared | None
     """How scale factors repeat; None where nothing tells."""
     mounting: Shared | None
@@ -135,21 +113,23 @@ def fit_axes(
     every = [run for axis in forms.AXES for run in runs[axis]]
     logged = bool(np.isfinite([run.temp_degc for run in every]).all())
     groups = _groups(runs) if logged else [dict(runs)]
-    held = lines.TableRows.of(
+    held = lines.Lines.of(
         [
             [(a, run) for a, axis in enumerate(forms.AXES) for run in group[axis]]
             for group in groups
         ],
-        near.in_time if near else None,
+        near.held if near else None,
     )
     known = {effect: (size, dof) for effect, size, dof in spec.known_errors()}
-    run_scale, mounting = held.run_scale(known.get("scale")), held.mounting(known.get("angle"))
-    errors = Moved.of_fit(near.errors, near.errors.parameters) if near else held.errors()
+    run_scale, mounting = held.run_scale(known.get("scale")), None
+    if "angle" in known:
+        S = held.sensitivity()
+        # a tilt toward one of the other axes
+        across = np.array([np.delete(S, axis, axis=1) for axis in range(S.shape[1])])
+        mounting = held.mounting(np.swapaxes(across, 0, 1), known["angle"])
     stated = [error for error in (run_scale, mounting) if error]
     vertical = table_runs.vertical_rate_dps(spec)
-    sets = tuple(
-        _fit_set(held, errors, stated, vertical, group, s) for s, group in enumerate(groups)
-    )
+    sets = tuple(_fit_set(held, stated, vertical, group, s) for s, group in enumerate(groups))
     for one in sets:
         _require_own_axes(one, spec.gyros)
     temperature = np.array([one.temp_degc for one in sets])
@@ -157,6 +137,7 @@ def fit_axes(
     if not logged and len(every) > len(forms.AXES):
         flags.append(over_runs.UNLOGGED)
     if not near:
+        flags += held.flag_drifts()
         flags += _flag_contradictions(held, groups, spec.gyros)
         for change in held.in_time:
             name = forms.line_name(spec.gyros[change.gyro])
@@ -164,25 +145,20 @@ def fit_axes(
     flags += _flag_sets(spec, sets, mounting)
     if run_scale is None:
         flags.append(lines.WITHIN)
+    over: equation.Fitted | None = None
+    curves: tuple[Model, ...] = ()
+    if len(sets) > 1:
+        over = _fit_polynomials(held, run_scale, near.over if near else None)
+        curves = tuple(_list_curves(over, spec.gyros, every, mounting, vertical))
+    reference = int(np.argmin(np.abs(temperature - spec.reference_temp_degc))) if logged else 0
     return AxesFit(
-        spec.gyros,
-        runs,
-        sets,
-        int(np.argmin(np.abs(temperature - spec.reference_temp_degc))) if logged else 0,
-        held.in_time,
-        errors,
-        None
-        if len(sets) == 1
-        else _over_temperature(held, run_scale, mounting, vertical, near.over if near else None),
-        run_scale,
-        mounting,
+        *(spec.gyros, runs, sets, reference, held, over, curves, run_scale, mounting),
         tuple(dict.fromkeys(flags)),
     )
 
 
 def _fit_set(
-    held: lines.TableRows,
-    errors: Fit,
+    held: lines.Lines,
     stated: Sequence[Shared],
     vertical_dps: float | None,
     group: Mapping[str, tuple[table_runs.TableRun, ...]],
@@ -194,15 +170,14 @@ def _fit_set(
     every = tuple(run for axis in forms.AXES for run in group[axis])
     degc = float(np.mean([run.temp_degc for run in every]))
     if vertical_dps is None:
-        fit = held.linear(errors, means, np.zeros_like(means)).widened_by(stated)
+        fit = held.combined(means, np.zeros_like(means)).widened_by(stated)
         return AxesSet(every, degc, fit, gyro_triad.find(fit), None)
     unit = np.eye(chosen.size)
-    of_line = held.linear(errors, -vertical_dps * unit, unit).of(lambda p: p)
-    zeros = [held.run_zero(g, chosen, of_line.value, of_line.u) for g in range(gyros)]
+    bias = held.combined(-vertical_dps * unit, unit).of(lambda p: p)
+    zeros = [held.run_zero(g, chosen, bias) for g in range(gyros)]
     of_gyro = chosen & (held.gyro_of == np.arange(gyros)[:, None])
     mean = of_gyro / np.sum(of_gyro, axis=1, keepdims=True)
-    fit = held.linear(
-        errors,
+    fit = held.combined(
         np.vstack((means, -vertical_dps * mean)),
         np.vstack((np.zeros_like(means), mean)),
     ).widened_by([*stated, *zeros])
@@ -210,48 +185,40 @@ def _fit_set(
     return AxesSet(every, degc, fit, triad, fit.of(lambda p: p[3 * gyros :]))
 
 
-def _over_temperature(
-    held: lines.TableRows,
-    run_scale: Shared | None,
+def _list_curves(
+    over: equation.Fitted,
+    gyros: Sequence[str],
+    runs: Sequence[table_runs.TableRun],
     mounting: Shared | None,
     vertical_dps: float | None,
-    near: TriadOverTemperature | None,
-) -> TriadOverTemperature:
+) -> Iterator[Model]:
     """Sensitivities and biases over temperature."""
-    S, rows = held.sensitivity(), replace(held.rows, indication=held.raw, line=held.rows.channel)
-    if near:
-        terms = near.terms
-        fitted: Fit = equation.refit(near.fitted, near.rows, rows, terms)
-    else:
-        terms, fitted = _fit_polynomials(held, rows, S, run_scale)
+    fit, rows, terms = over
     line = equation.best_line(terms, rows.rate_dps)
-    K = fitted.restated(lambda p: line(p)[equation.SCALE].ravel())
+    K = fit.restated(lambda p: line(p)[equation.SCALE].ravel())
     K = K.widened_by([mounting] if mounting else [])
-    temperature = rows.temp_degc
-
-    def curve(coefficients: Fit) -> TemperaturePolynomial:
-        return over_runs.curve_of(coefficients, terms, temperature)
-
     powers = max(terms.orders) + 1
-    each = (slice(powers * k, powers * (k + 1)) for k in range(S.size))
-    by_line = [curve(K.restated(_part(part))) for part in each]
-    biases = []
-    for g in range(len(S)) if vertical_dps is not None else ():
-        chosen = slice(3 * g, 3 * g + 3)
+    for number, (gyro, axis) in enumerate(product(gyros, forms.AXES)):
+        name = forms.curve_name(forms.line_name(gyro, axis), "K")
+        of_line = K.restated(partial(np.take, indices=np.arange(powers) + powers * number))
+        yield over_runs.curve_model(name, "1/deg", of_line, terms, runs)
+    for g, gyro in enumerate(gyros if vertical_dps is not None else ()):
 
-        def bias(p: Numbers, chosen: slice = chosen) -> Numbers:
+        def bias(p: Numbers, g: int = g) -> Numbers:
             scale, zero = line(p)
-            return np.asarray(np.mean((zero - vertical_dps * scale)[chosen], axis=0))
+            return np.asarray(np.mean((zero - vertical_dps * scale)[3 * g : 3 * g + 3], axis=0))
 
-        biases.append(curve(fitted.restated(bias)))
-    curves = tuple(tuple(by_line[3 * g : 3 * g + 3]) for g in range(len(S)))
-    return TriadOverTemperature(fitted, rows, terms, K, curves, tuple(biases))
+        name = forms.curve_name(gyro, "bias")
+        yield over_runs.curve_model(name, "1/s", fit.restated(bias), terms, runs)
 
 
 def _fit_polynomials(
-    held: lines.TableRows, rows: equation.Rows, S: Array, run_scale: Shared | None
-) -> tuple[equation.Terms, Fit]:
-    """Equation (1) of all runs with polynomials over temperature, and its terms."""
+    held: lines.Lines, run_scale: Shared | None, near: equation.Fitted | None
+) -> equation.Fitted:
+    """Equation (1) of all runs with polynomials over temperature."""
+    S, rows = held.sensitivity(), replace(held.rows, line=held.rows.channel)
+    if near:
+        return near.refit(rows)
     order = max(min(polynomial.HIGHEST_ORDER, int(held.set_of.max()) - 1), 0)
     terms = equation.Terms(
         S.size,
@@ -266,12 +233,7 @@ def _fit_polynomials(
         else one
         for one in equation.shared_errors(rows, terms, S.ravel(), own)
     ]
-    return terms, equation.fit(rows, terms, shared)
-
-
-def _part(chosen: slice) -> Callable[[Numbers], Numbers]:
-    """Function from parameters to some of them."""
-    return lambda p: p[chosen]
+    return equation.Fitted(equation.fit(rows, terms, shared), rows, terms)
 
 
 def _require_own_axes(one: AxesSet, gyros: Sequence[str]) -> None:
@@ -321,7 +283,7 @@ def _groups(
 
 
 def _flag_contradictions(
-    held: lines.TableRows,
+    held: lines.Lines,
     groups: Sequence[Mapping[str, tuple[table_runs.TableRun, ...]]],
     gyros: Sequence[str],
 ) -> Iterator[str]:
@@ -331,7 +293,9 @@ def _flag_contradictions(
     for gyro, number in zip(gyros, most, strict=True):
         axis = forms.AXES[number]
         runs = [run for about, run in in_order if about == axis]
-        yield from contradictions.flag_runs(forms.line_name(gyro, axis), gyro, runs)
+        yield from contradictions.flag_runs(
+            forms.line_name(gyro, axis), runs, held.of_runs(runs, gyro)
+        )
     yield from contradictions.flag_shares(held, [run for _, run in in_order], gyros)
 
 

@@ -1,6 +1,6 @@
 """Frozen coefficients compared with unseen runs: errors before and after compensation."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from calibkit.instruments.gyro_scale import (
     table_runs,
 )
 from calibkit.instruments.gyro_scale.numeric import gjb_figures
+from calibkit.instruments.gyro_scale.numeric.gjb_figures import Line
 from calibkit.instruments.gyro_scale.recipe import (
     AnyRecipe,
     GyroPairRecipe,
@@ -56,12 +57,14 @@ def validate(
     compared: list[tuple[str, dict[str, Any]]] = []
     flags: list[str] = []
     judged: list[Criterion] = []
+    published: list[Line] = []
     for log in logs:
         axis = spec.find_axis(log.file)
         run = table_runs.fit_run(spec, log)
+        held = lines.Lines.of_runs_about_one_axis([run])
         runs.setdefault(axis if isinstance(spec, GyroPairRecipe) else log.file, []).append(run)
-        flags += run.flags
-        turned, found = _compare_run(spec, run, axis, known)
+        flags += [*run.flags, *held.flag_drifts()]
+        turned, found = _compare_run(spec, held, run, axis, known)
         for matrix in turned if np.isfinite(run.temp_degc) else ():
             flags += compensate.flag_temperatures(log.file, matrix, run.plateaus.temp_degc)
         entry = {"name": log.file, "sha256": log.sha256, "rows": log.rows}
@@ -69,8 +72,9 @@ def validate(
             entry | found[0] if isinstance(spec, GyroTriadRecipe) else entry | {"gyros": found}
         )
         compared += [(log.file, one) for one in found]
+        published += _list_published(held, run, turned)
         if not lines.hold_within_runs(records.values()):
-            judged.append(_judge_uncertainty(run, axis, turned, spec.type_b))
+            judged.append(_judge_uncertainty(held, run, axis, turned, spec.type_b))
     body: dict[str, Any] = {"logs": entries}
     errors = [one for _, one in compared]
     if isinstance(spec, GyroTriadRecipe):
@@ -86,15 +90,25 @@ def validate(
         flags += again.flags
         decided = ("gamma",) if lines.hold_within_runs(records.values()) else ("N", "gamma")
         judged += [_judge_ratio(one) for one in body["pair"] if one["name"] in decided]
-    criteria = (
-        *judged,
-        *criteria,
-        *acceptance.judge_noise([run for group in runs.values() for run in group], spec.acceptance),
-    )
+    criteria = (*judged, *criteria, *acceptance.judge_noise(published, spec.acceptance))
     return body, Summary("", tuple(shown), tuple(dict.fromkeys(flags)), criteria)
 
 
+def _list_published(
+    held: lines.Lines, run: table_runs.TableRun, matrices: Sequence[forms.GyroMatrix]
+) -> Iterator[Line]:
+    """Lines of a run: of the indications of a triad, else of the compensated rates."""
+    for matrix in matrices:
+        if len(matrix.outputs) > 1:
+            yield from held.straightened({})
+            continue
+        seen = run.scale(matrix.gyros[0])
+        rates = matrix.rates(seen.indication[:, None], _temperatures(run))[:, 0]
+        yield Line(seen.rate_dps, rates, seen.noise / abs(seen.K))
+
+
 def _judge_uncertainty(
+    held: lines.Lines,
     run: table_runs.TableRun,
     axis: str,
     matrices: Sequence[forms.GyroMatrix],
@@ -109,11 +123,11 @@ def _judge_uncertainty(
         column = forms.AXES.index(axis) if len(matrix.outputs) > 1 else 0
         frozen = matrix.at(mean)[0][0, :, column]
         for row, gyro in enumerate(matrix.gyros):
-            line, entry = run.scale(gyro), row * len(matrix.outputs) + column
-            u, dof = _uncertainty_of_sensitivity(matrix, entry, mean, terms)
-            rows.append(
-                (line.K - frozen[row], float(np.hypot(line.standard_uncertainty[0], u)), dof)
+            K = held.of_runs([run], gyro)
+            u, dof = _uncertainty_of_sensitivity(
+                matrix, row * len(matrix.outputs) + column, mean, terms
             )
+            rows.append((K.value[0] - frozen[row], float(np.hypot(K.u[0], u)), dof))
     error, u, dofs = np.array(rows).T
     judged = unseen(
         error, np.zeros((error.size, 1)), u**2, dof=(np.inf, max(float(dofs.sum()), 1.0))
@@ -156,7 +170,11 @@ def _uncertainty_of_sensitivity(
 
 
 def _compare_run(
-    spec: AnyRecipe, run: table_runs.TableRun, axis: str, known: Sequence[forms.GyroMatrix]
+    spec: AnyRecipe,
+    held: lines.Lines,
+    run: table_runs.TableRun,
+    axis: str,
+    known: Sequence[forms.GyroMatrix],
 ) -> tuple[Sequence[forms.GyroMatrix], list[dict[str, Any]]]:
     """Matrices that a run about a table axis is compared with, and a JSON object for each: the
     matrix of a triad, or those of the gyros about their own axes.
@@ -167,7 +185,7 @@ def _compare_run(
             for matrix in known
         ]
     own = [matrix for matrix in known if spec.own_axis(matrix.gyros[0]) == axis]
-    return own, [_compare_line(spec, run, matrix) for matrix in own]
+    return own, [_compare_line(spec, held, run, matrix) for matrix in own]
 
 
 def _temperatures(run: table_runs.TableRun) -> Array:
@@ -176,24 +194,25 @@ def _temperatures(run: table_runs.TableRun) -> Array:
 
 
 def _compare_line(
-    spec: OwnAxisRecipe, run: table_runs.TableRun, matrix: forms.GyroMatrix
+    spec: OwnAxisRecipe, held: lines.Lines, run: table_runs.TableRun, matrix: forms.GyroMatrix
 ) -> dict[str, Any]:
     """JSON object of one gyro of a run about its own axis."""
     (gyro,) = matrix.gyros
-    line, temperature = run.scale(gyro), _temperatures(run)
+    line, temperature = held.published(run, gyro), _temperatures(run)
     if matrix.over_temperature and not np.isfinite(run.temp_degc):
         require(run.log.file, run.log.frame.columns, [forms.TEMPERATURE])
     mean = np.array([temperature.mean()])
     K = float(matrix.at(mean)[0].item())
     u_frozen, dof = _uncertainty_of_sensitivity(matrix, 0, mean, spec.type_b)
-    u_found, indication = float(line.standard_uncertainty[0]), run.indication(gyro)
+    found = held.of_runs([run], gyro)
+    u_found, indication = float(found.u[0]), run.scale(gyro).indication
     after = matrix.rates(indication[:, None], temperature)[:, 0]
     nominal = spec.nominal_scale_factor
     K_before, F0_before = (
         (part.item() for part in matrix.reference) if nominal is None else (nominal, 0.0)
     )
     before = (indication - F0_before) / K_before
-    figures = gjb_figures.figures(line, run.noise(gyro))
+    figures = gjb_figures.figures(line, u_found)
     return {
         "gyro": gyro,
         "K": line.K,
@@ -208,24 +227,30 @@ def _compare_line(
         "zero_error_dph": (
             (line.F0 / line.K - float(matrix.at(temperature)[1].mean()) / K) * DPH_PER_DPS
         ),
-        "rate_gain": float(line.solver[0] @ after),
+        "rate_gain": Line(line.rate_dps, after, line.noise).K,
         "before_is": (
             "nominal scale factor" if nominal is not None else "K and F0 of the mean model"
         ),
-        "before": _line_errors(before, line.rate_dps, line.solver[0]),
-        "after": _line_errors(after, line.rate_dps, line.solver[0]),
-        **{f"{f.name}_ppm": f.value for f in figures if f.unit == "ppm"},
+        "before": _line_errors(before, line),
+        "after": _line_errors(after, line),
+        **{f"{_key(f)}_ppm": f.value for f in figures if f.unit == "ppm"},
     }
 
 
-def _line_errors(rate: Array, reference: Array, slope: Array) -> dict[str, float]:
+def _key(figure: gjb_figures.Figure) -> str:
+    """Name of a figure in a validation; an asymmetry with the standard that defines it."""
+    standard = {gjb_figures.GJB: "_gjb", gjb_figures.IEEE: "_ieee"}[figure.standard]
+    return figure.name + standard * (figure.name == "asymmetry")
+
+
+def _line_errors(rate: Array, line: Line) -> dict[str, float]:
     """Errors of rates [p] against the table's: slope error, rms and largest error relative to full
     scale.
     """
-    error = rate - reference
-    full = float(np.max(np.abs(reference)))
+    error = rate - line.rate_dps
+    full = float(np.max(np.abs(line.rate_dps)))
     return {
-        "scale_factor_error_ppm": (float(slope @ rate) - 1.0) * gjb_figures.PPM,
+        "scale_factor_error_ppm": (Line(line.rate_dps, rate, line.noise).K - 1.0) * gjb_figures.PPM,
         "rate_error_rms_dps": rms(error),
         "rate_error_max_ppm_of_full_scale": float(np.max(np.abs(error))) / full * gjb_figures.PPM,
     }

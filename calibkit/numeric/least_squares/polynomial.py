@@ -3,10 +3,9 @@ too, and the order by the errors at left-out values.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from calibkit.arrays import Array
 from calibkit.errors import FitError
@@ -14,27 +13,6 @@ from calibkit.numeric import chunks, gum
 
 HIGHEST_ORDER = 3
 """Of the polynomials over temperature that are compared."""
-
-
-@dataclass(frozen=True, slots=True)
-class TemperaturePolynomial:
-    """p0 + p1 T + …, T in °C."""
-
-    coefficients: Array
-    """p0 … pn in raw powers of °C."""
-    covariance: Array
-    """[n + 1, n + 1], type A."""
-    dof: int
-    residual_rms: float
-    valid_degc: tuple[float, float]
-
-    def at(self, temp_degc: ArrayLike) -> tuple[Array, Array]:
-        """Value and type A standard uncertainty at temperatures [n] [°C], which are clamped to the
-        fitted range.
-        """
-        temperature = np.atleast_1d(np.asarray(temp_degc, dtype=np.float64))
-        columns = powers(np.clip(temperature, *self.valid_degc), self.coefficients.size - 1)
-        return columns @ self.coefficients, gum.uncertainty_along(columns, self.covariance)
 
 
 def powers(abscissa: Array, order: int, *, middle: float = 0.0, half: float = 1.0) -> Array:
