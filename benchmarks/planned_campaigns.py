@@ -82,6 +82,7 @@ def run_triad(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  
         rng,
         indicate,
         triad_plan.planned_dwells(held, plan.document["settings"]["noise_g"]),
+        spec,
         read_sizes(plan.document, triad_errors.UNITS),
     )
     count = len(spots)

@@ -208,9 +208,9 @@ def join(*parts: Any) -> Any:  # noqa: ANN401 (rows of an instrument)
         arrays = {}
         for name in (field.name for field in fields(first)):
             a, b = getattr(first, name), getattr(other, name)
-            if np.issubdtype(b.dtype, np.integer):
+            if isinstance(b, np.ndarray) and np.issubdtype(b.dtype, np.integer):
                 b = b + a.max(initial=-1) + 1
-            arrays[name] = np.concatenate([a, b])
+            arrays[name] = np.concatenate([a, b]) if isinstance(b, np.ndarray) else a + b
         first = replace(first, **arrays)
     return first
 

@@ -23,11 +23,11 @@ from calibkit.instruments.accelerometer import (
     simulate as simulated,
     simulate_magnitude,
 )
+from calibkit.instruments.accelerometer.circumstances import find_circumstances, state_errors
 from calibkit.instruments.accelerometer.coefficient_files import COMPENSATIONS
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.fit import asked_terms, k_terms
 from calibkit.instruments.accelerometer.numeric import k_factor, q_factor
-from calibkit.instruments.accelerometer.shared_errors import Circumstances
 from calibkit.instruments.accelerometer.triad import residual_of
 from calibkit.numeric import attitude, exchange
 from calibkit.numeric.dispersion import rms
@@ -44,8 +44,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from calibkit.arrays import Array, Integers
-    from calibkit.fit.complex_step import Numbers
-    from calibkit.fit.shared import Shared
+    from calibkit.fit.shared import Residual, Shared
     from calibkit.instruments.accelerometer.equation import Terms
     from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
     from calibkit.planning.levels import Tour
@@ -120,45 +119,15 @@ LENGTH_UNITS = {
 """(group, effect) of the errors that lengths of gravity at one temperature share."""
 
 
-@dataclass(frozen=True, slots=True)
-class Dwells:
-    """Planned or measured dwells [n]."""
-
-    spots: Array
-    """Inclination and toolface [n, 2] [°]."""
-    degc: Array
-    soak: Integers
-    """Number of the soak."""
-    hours: Array
-    """Time since the first dwell [h]; NaN where it is not known."""
-    noise: Array
-    """Standard deviation of the mean of a dwell [g]."""
-
-    @property
-    def gravity(self) -> Array:
-        """Reference vectors [n, 3] [g]."""
-        return np.round(attitude.gravity_vector(*self.spots.T), DECIMALS)
-
-    def errors(self, *, lengths: bool = False) -> list[Shared]:
-        """Errors that the dwells share, as the fit lists them to gravity vectors, or to lengths in
-        attitudes that it does not know.
-        """
-        number, gravity = len(self.soak), self.gravity
-        one_log = np.zeros(number, dtype=np.int64)
-        if lengths:
-            where = Circumstances(self.soak, None, gravity, self.soak)
-            return shared_errors.list_errors(where, gravity[:, None])
-        tilt, turn = np.radians(self.spots).T
-        hours = self.hours if np.isfinite(self.hours).all() else None
-        where = Circumstances(self.soak, hours, gravity, one_log, tilt, turn)
-        return shared_errors.list_errors(where, np.broadcast_to(np.eye(3), (number, 3, 3)))
-
-    def exact(self) -> DwellSet:
-        """The dwells of a triad without an error."""
-        none = np.full(len(self.soak), np.nan)
-        unknown = np.full((len(none), 3), np.nan)
-        tilt, turn = self.spots.T
-        return DwellSet(self.gravity, self.degc, tilt, turn, unknown, none, self.soak, (), ())
+def exact_dwells(spots: Array, degc: Array, time_s: Array, noise: float) -> DwellSet:
+    """Dwells [n] of a triad without an error in one log, at inclinations and toolfaces [n, 2] [°],
+    each with a noise [g] of its mean.
+    """
+    number, (tilt, roll) = len(spots), spots.T
+    gravity = np.round(attitude.gravity_vector(tilt, roll), DECIMALS)
+    one_log = np.zeros(number, dtype=np.int64)
+    noise_of = np.full((number, 3), noise)
+    return DwellSet(gravity, degc, tilt, roll, noise_of, time_s, one_log, (), ())
 
 
 @dataclass(frozen=True)
@@ -179,37 +148,41 @@ class TriadBench(Bench):
         """Whether the fit knows the length of gravity alone."""
         return bool(self.spec.reference.kind == "magnitude")
 
-    def state(self, dwells: Dwells) -> list[Shared]:
-        """Errors of dwells with their sizes, without what the recipe makes a parameter; of lengths
-        those whose sizes are stated.
+    def state(self, dwells: DwellSet) -> list[Shared]:
+        """Errors that a fit of the dwells has, with the sizes that are assumed; of lengths those
+        whose sizes are stated.
         """
-        affine = self.spec.affine
-        parameter = shared_errors.SECOND_ORDER if affine.enabled and affine.second_order else ()
-        listed = self.assumed.state(dwells.errors(lengths=self.lengths))
-        return [
-            one
-            for one in listed
-            if (one.group, one.effect) != parameter and (one.size is not None or not self.lengths)
-        ]
+        gravity = dwells.indication
+        along = (
+            gravity[:, None] if self.lengths else np.broadcast_to(np.eye(3), (len(gravity), 3, 3))
+        )
+        # what is assumed these dwells need not have, as what earlier runs had
+        known = {"component": self.assumed.components, "source": "history"}
+        errors = self.spec.errors.model_copy(update=known)
+        where = find_circumstances(dwells, gravity, self.spec)
+        listed = state_errors(where, along, self.spec.model_copy(update={"errors": errors}))
+        return [one for one in listed if one.size is not None or not self.lengths]
 
-    def residual(self, dwells: Dwells) -> Callable[[Numbers], Numbers]:
-        """Residual of the fit, of dwells of a triad without an error."""
-        t = self.assumed.mapped(dwells.degc)
-        return residual_of(dwells.exact(), self.terms, t, lengths=self.lengths)
+    def residual(self, dwells: DwellSet) -> Residual:
+        """Residual of the fit."""
+        t = self.assumed.mapped(dwells.temperature)
+        return residual_of(dwells, self.terms, t, lengths=self.lengths)
 
-    def noise(self, dwells: Dwells) -> Array:
+    def noise(self, dwells: DwellSet) -> Array:
         """Standard deviation of each residual [g]."""
-        return dwells.noise if self.lengths else np.repeat(dwells.noise, 3)
+        if self.lengths:
+            return np.asarray(np.sqrt(np.mean(dwells.noise**2, axis=1)))
+        return dwells.noise.ravel()
 
-    def fit(self, rows: Dwells) -> Fit:
+    def fit(self, rows: DwellSet) -> Fit:
         """What a fit will tell of the parameters, or of K."""
         noise, nominal = self.noise(rows), self.terms.nominal
         shared = self.state(rows)
         fit = predict(self.residual(rows), nominal, shared, noise=noise, names=self.terms.names)
         if not self.k:
             return fit
-        form = published.corrections(self.k, rows.gravity, self.assumed.mapped(rows.degc))
-        return fit.linear(published.pseudo_inverse(form, 1.0 / noise), rows.gravity.ravel())
+        form = published.corrections(self.k, rows.indication, self.assumed.mapped(rows.temperature))
+        return fit.linear(published.pseudo_inverse(form, 1.0 / noise), rows.indication.ravel())
 
     @cached_property
     def slopes(self) -> dict[str, Array]:
@@ -226,17 +199,11 @@ class TriadBench(Bench):
         angles = [np.degrees(np.einsum("ni,nip->np", along, vector)) for along in (up, across)]
         return dict(zip(RESULTS, [*angles, vector.reshape(-1, vector.shape[2])], strict=True))
 
-    def rows(self, design: Design) -> Dwells:
-        """Dwells of what is measured already and of a design; logs have no time in common."""
-        dwells: Dwells = super().rows(design)
-        unknown = np.full(len(dwells.soak), np.nan)
-        return replace(dwells, hours=unknown) if self.have and design.rows else dwells
-
     def covers(self, design: Design) -> bool:
         """Whether both ends of the range are reached, with a temperature more than the order
         needs.
         """
-        return cover_range(self.rows(design).degc, self.order + 2, self.assumed.range_degc)
+        return cover_range(self.rows(design).temperature, self.order + 2, self.assumed.range_degc)
 
     @property
     def order(self) -> int:
@@ -290,11 +257,10 @@ class TriadBench(Bench):
         left_out = 0 if self.task.withheld or label else LEFT_OUT
         recorded = [(k, log) for k in chosen]
         recorded += [(k, f"{WITHHELD}{log}") for k in self.apart(chosen, allowed, left_out)]
-        soaks: list[int] = []
         for number, mounting in enumerate(mountings.tolist()):
             if number:
                 clock.remount(equipment.fastest(self.assumed.device))
-            for place, level in enumerate(degc):
+            for level in degc:
                 clock.settle(self.assumed.device, level)
                 for k, name in recorded:
                     if self.mounting[k] == mounting:
@@ -302,16 +268,14 @@ class TriadBench(Bench):
                             clock.attend(fixture.move_s + dwell_s)
                         clock.move(fixture.move_s)
                         clock.dwell(self.spots[k].tolist(), dwell_s, name)
-                        soaks += [number * len(degc) + place] if name == log else []
         schedule, noise = clock.schedule(), self.assumed.noise_of(dwell_s)
         fitted = [one for one in schedule.recorded("dwell") if one.log == log]
-        dwells = replace(planned_dwells(fitted, noise), soak=np.array(soaks))
         levels = count(len(set(degc)), "temperature")
         return Design(
             label or f"{len(chosen)} attitudes, {levels}, dwells of {dwell_s:g} s",
             schedule,
             (log,),
-            dwells,
+            planned_dwells(fitted, noise),
             {"noise_g": noise},
             # logs beside those that are measured are as these are
             {} if self.task.have else {"dwells": {"mode": "rows"}},
@@ -320,28 +284,26 @@ class TriadBench(Bench):
 
     def held_everywhere(
         self, attitudes: Integers, degc: Sequence[int], number: int, dwell_s: float
-    ) -> Dwells:
-        """Each of some attitudes at all soaks, all soaks of an attitude together, in the middle of
-        soaks that are as long as a number of dwells; each mounting has all soaks.
+    ) -> tuple[DwellSet, Integers]:
+        """Each of some attitudes at all soaks, in the middle of soaks that are as long as a number
+        of dwells; each mounting has all soaks. With the place of the attitude of each dwell.
         """
-        equipment, levels = self.task.equipment, len(degc)
-        clock, middle_h = Clock(equipment), []
+        equipment, clock, middle_s = self.task.equipment, Clock(self.task.equipment), []
         clock.degc = degc[0]
         length_s = number * (equipment.fixture(self.fixture).move_s + dwell_s)
         for level in degc:
             clock.settle(self.assumed.device, level)
-            middle_h.append((clock.now_s + length_s / 2.0) / SECONDS_PER_HOUR)
+            middle_s.append(clock.now_s + length_s / 2.0)
             clock.move(length_s)
-        mounting = np.unique(self.mounting[attitudes], return_inverse=True)[1][:, None]
-        return Dwells(
-            np.repeat(self.spots[attitudes], levels, axis=0),
-            np.tile(np.array(degc, dtype=np.float64), len(attitudes)),
-            (np.arange(levels) + levels * mounting).ravel(),
-            (np.array(middle_h) + (middle_h[-1] + 1.0) * mounting).ravel(),
-            np.full(len(attitudes) * levels, self.assumed.noise_of(dwell_s)),
-        )
+        cycle_s = middle_s[-1] + SECONDS_PER_HOUR
+        time_s = (np.array(middle_s) + cycle_s * self.mounting[attitudes][:, None]).ravel()
+        order = np.argsort(time_s, kind="stable")
+        place = np.repeat(np.arange(len(attitudes)), len(degc))[order]
+        held_degc = np.tile(np.array(degc, dtype=np.float64), len(attitudes))[order]
+        spots, noise = self.spots[attitudes][place], self.assumed.noise_of(dwell_s)
+        return exact_dwells(spots, held_degc, time_s[order], noise), place
 
-    def jacobian(self, dwells: Dwells) -> Array:
+    def jacobian(self, dwells: DwellSet) -> Array:
         """Derivatives [n, p] of the residuals of dwells."""
         residual = self.residual(dwells)
         return derivative(lambda p: residual(p).ravel(), self.terms.nominal)
@@ -365,13 +327,13 @@ class TriadBench(Bench):
         """Candidates of a design: each attitude held at all soaks; the criterion is the mean
         variance of what is sought.
         """
-        dwells = self.held_everywhere(attitudes, degc, number, dwell_s)
+        dwells, place = self.held_everywhere(attitudes, degc, number, dwell_s)
         stated = [one for one in self.state(dwells) if one.size]
         single = [one for one in stated if (one.group, one.effect) == shared_errors.INDEX]
         common = [one for one in stated if one not in single]
         return pools.pool(
-            *(self.jacobian(dwells), common, single, self.noise(dwells), len(attitudes)),
-            *(self.base, self.sought),
+            *(self.jacobian(dwells), common, single, self.noise(dwells)),
+            *(np.repeat(place, 3), self.base, self.sought),
         )
 
     def sizes(self) -> dict[str, Iterator[Design]]:
@@ -467,13 +429,11 @@ class LengthBench(TriadBench):
         """At one temperature there is no range."""
         return True
 
-    def dwells(self, chosen: Sequence[int], dwell_s: float) -> Dwells:
+    def dwells(self, chosen: Sequence[int], dwell_s: float) -> DwellSet:
         """Positions by number; a fit leaves out both ends of each."""
-        number = len(chosen)
-        one_log = np.zeros(number, dtype=np.int64)
         noise = self.assumed.noise_of(dwell_s - self.spec.dwells.window_s)
-        degc, hours = np.full(number, self.assumed.range_degc[0]), np.full(number, np.nan)
-        return Dwells(self.spots[list(chosen)], degc, one_log, hours, np.full(number, noise))
+        degc, none = np.full(len(chosen), self.assumed.range_degc[0]), np.full(len(chosen), np.nan)
+        return exact_dwells(self.spots[list(chosen)], degc, none, noise)
 
     def design(
         self,
@@ -506,7 +466,8 @@ class LengthBench(TriadBench):
         lengths, every = self.assumed.device.dwell_s, range(len(self.spots))
         dwells = self.dwells(every, min(lengths))
         pool = pools.pool(
-            *(self.jacobian(dwells), (), (), dwells.noise, len(every), self.base, self.sought)
+            *(self.jacobian(dwells), (), (), self.noise(dwells)),
+            *(np.array(every), self.base, self.sought),
         )
         rng = np.random.default_rng(self.task.seed)
 
@@ -561,15 +522,9 @@ def prepare_plan(spec: AccelerometerRecipe, task: Task) -> TriadBench:
     k = k_terms(spec) if spec.compensation == "k" else ()
     have = None
     if task.have:
-        dwells = triad_dwells.collect_dwells(task.have, spec)
-        timed = dwells.log.max() == 0 and bool(np.isfinite(dwells.time).all())
-        have = Dwells(
-            np.column_stack([dwells.inclination, dwells.toolface]),
-            dwells.temperature,
-            shared_errors.number_soaks(dwells.temperature, dwells.log),
-            dwells.time / SECONDS_PER_HOUR if timed else np.full(len(dwells.time), np.nan),
-            np.full(len(dwells.time), assumed.noise),
-        )
+        have = triad_dwells.collect_dwells(task.have, spec)
+        noise = np.full_like(have.noise, assumed.noise)
+        have = replace(have, indication=np.round(have.reference, DECIMALS), noise=noise)
     terms, places = asked_terms(spec), list_spots(task, fixture)
     return TriadBench(spec, task, assumed, RESULTS, have, terms, k, fixture, *places)
 
@@ -605,9 +560,7 @@ def _prepare_lengths(spec: AccelerometerRecipe, task: Task) -> LengthBench:
     known = dwells.weights is not None
     noise = float(np.sqrt(np.mean(dwells.noise**2))) if known else device.noise
     unit = dwells.indication / np.linalg.norm(dwells.indication, axis=1)[:, None]
-    spots = np.column_stack([attitude.inclination(unit), attitude.toolface(unit)])
-    none, degc = np.full(len(unit), np.nan), np.full(len(unit), assumed.range_degc[0])
-    have = Dwells(spots, degc, dwells.log, none, np.full(len(unit), noise))
+    have = replace(dwells, indication=unit, noise=np.full_like(unit, noise))
     return replace(bench, have=have)
 
 
@@ -647,7 +600,7 @@ def simulate_plan(
     actions = schedule.recorded("dwell")
     dwells = planned_dwells(actions, document["settings"]["noise_g"])
     indicate = partial(simulated.indications, sensors)
-    measured, drawn = simulate_dwells(rng, indicate, dwells, sizes)
+    measured, drawn = simulate_dwells(rng, indicate, dwells, spec, sizes)
     time = np.array([one.start_s + one.duration_s / 2.0 for one in actions])
     columns = {"time_s": time, **measured}
     for axis in simulated.AXES:
@@ -661,22 +614,18 @@ def simulate_plan(
     return Campaign(logs, simulated.DECIMALS, truth)
 
 
-def planned_dwells(actions: Sequence[Action], noise: float) -> Dwells:
+def planned_dwells(actions: Sequence[Action], noise: float) -> DwellSet:
     """Dwells of a schedule, each with a noise [g] of its mean."""
-    degc = np.array([one.set_degc for one in actions])
-    return Dwells(
-        np.array([(one.inclination_deg, one.toolface_deg) for one in actions]),
-        degc,
-        np.cumsum(np.diff(degc, prepend=degc[:1]) != 0.0),
-        np.array([one.start_s + one.duration_s / 2.0 for one in actions]) / SECONDS_PER_HOUR,
-        np.full(len(actions), noise),
-    )
+    spots = np.array([(one.inclination_deg, one.toolface_deg) for one in actions])
+    middle_s = np.array([one.start_s + one.duration_s / 2.0 for one in actions])
+    return exact_dwells(spots, np.array([one.set_degc for one in actions]), middle_s, noise)
 
 
 def simulate_dwells(
     rng: np.random.Generator,
     indicate: Callable[[Array, Array], Array],
-    dwells: Dwells,
+    dwells: DwellSet,
+    spec: AccelerometerRecipe,
     sizes: Mapping[tuple[str, str], float],
 ) -> tuple[dict[str, Array], dict[str, Any]]:
     """Columns of dwells of a triad that indicates gravity [n, 3] [g] at temperatures [n] [°C], and
@@ -685,24 +634,25 @@ def simulate_dwells(
     Errors of the table and the fixture turn gravity before the sensors see it; those of the
     sensors are added to what they indicate.
     """
-    shape = (len(dwells.soak), 3)
+    shape = dwells.indication.shape
     of_gravity, of_sensors = np.zeros(shape), np.zeros(shape)
-    drawn = {}
-    for error in dwells.errors():
+    drawn, hours = {}, dwells.time / SECONDS_PER_HOUR
+    # a zero drifts, whether a fit of one soak can tell or not
+    where = replace(find_circumstances(dwells, dwells.indication, spec), hours=hours)
+    for error in shared_errors.list_errors(where, np.broadcast_to(np.eye(3), (*shape, 3))):
         size = rng.normal(0.0, 1.0, (error.levels, error.width))
         size *= sizes.get((error.group, error.effect), 0.0)
         turned = of_gravity if error.unit == "rad" else of_sensors
         turned += error.along(size).reshape(shape)
         drawn[f"{error.effect} of the {error.group}"] = size.tolist()
-    seen = dwells.gravity + of_gravity
+    seen = dwells.indication + of_gravity
     seen /= np.linalg.norm(seen, axis=1)[:, None]
-    case = dwells.degc + rng.normal(0.0, CHAMBER_DEGC, dwells.degc.size)[dwells.soak]
-    indicated = indicate(seen, case) + of_sensors
-    indicated += rng.normal(0.0, dwells.noise[:, None], shape)
+    case = dwells.temperature + rng.normal(0.0, CHAMBER_DEGC, len(where.soak))[where.soak]
+    indicated = indicate(seen, case) + of_sensors + rng.normal(0.0, dwells.noise)
     return {
         "temp_case_degc": case + rng.normal(0.0, THERMOMETER_DEGC, case.size),
-        "inclination_deg": dwells.spots[:, 0],
-        "toolface_deg": dwells.spots[:, 1],
+        "inclination_deg": dwells.inclination,
+        "toolface_deg": dwells.toolface,
         **{f"accel_{name}_g": indicated[:, i] for i, name in enumerate(simulated.AXES)},
     }, drawn
 
