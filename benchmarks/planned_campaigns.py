@@ -28,11 +28,8 @@ from calibkit.instruments.accelerometer import (
 )
 from calibkit.instruments.accelerometer.equation import Terms
 from calibkit.instruments.accelerometer.fit import fit_triad
-from calibkit.instruments.fog_thermal.numeric import (
-    bank as forward,
-    bank_fit,
-    planned as fog_planned,
-)
+from calibkit.instruments.fog_thermal import plan as fog_plan
+from calibkit.instruments.fog_thermal.numeric import bank as forward, bank_fit
 from calibkit.instruments.fog_thermal.numeric.bank_groups import Groups
 from calibkit.instruments.gyro_scale import equation, plan as gyro_plan
 from calibkit.instruments.gyro_scale.numeric import line_terms
@@ -41,8 +38,10 @@ from calibkit.numeric.least_squares import polynomial
 from calibkit.numeric.thermal import coil
 from calibkit.numeric.thermal.noise import flicker_kernel
 from calibkit.numeric.thermal.pooled_fit import Stack, ThermalLog
-from calibkit.planning import document
+from calibkit.planning import document, equipment
 from calibkit.planning.assumptions import read_sizes
+from calibkit.planning.proposal import NOTHING, Task
+from calibkit.planning.search import whole
 
 FAINT = 6.4
 """Noise terms below so many predicted u are not judged: fits do not report most of them."""
@@ -83,6 +82,7 @@ def run_triad(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  
         rng,
         indicate,
         triad_plan.planned_dwells(held, plan.document["settings"]["noise_g"]),
+        spec,
         read_sizes(plan.document, triad_errors.UNITS),
     )
     count = len(spots)
@@ -164,34 +164,31 @@ def run_table(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  
     )
 
 
-def run_gyro(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  # noqa: ANN401, ARG001
+def run_gyro(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  # noqa: ANN401
     """As `run_triad`, of the drift [°/h] about its mean along the ramps on which it is used: a gyro
     drawn from the priors of the plan, fitted by a bank whose variances are sought.
     """
     rng = np.random.default_rng(seed)
-    settings = plan.document["settings"]
-    sizes = {(one["group"], one["effect"]): one["value"] for one in plan.document["components"]}
-    model = fog_planned.Model(
-        tuple(settings["range_degc"]), settings["case_lag_s"], settings["white_dph"], sizes
-    )
+    bench = fog_bench(plan, spec)
+    sizes, white_dph = bench.assumed.size, bench.assumed.noise_of(fog_plan.GROUP_S)
     held = [one for one in plan.schedule.actions if one.log and "withheld" not in one.log]
     ramps = [
-        fog_planned.Ramp(b.ramp_degc_per_min, c.duration_s)
+        fog_plan.Ramp(b.ramp_degc_per_min, c.duration_s)
         for b, c in zip(held[1::3], held[2::3], strict=True)
     ]
-    p = len(fog_planned.BANK.terms)
-    drawn = rng.normal(size=p + 3) / np.sqrt(model.prior + 1e-12)
+    p, shared = len(fog_plan.BANK.terms), fog_plan.SHARED
+    drawn = rng.normal(size=shared) / np.sqrt(bench.precision[:shared] + 1e-12)
     drawn[0] = 0.0
     lag = bank_fit.STATIC_MEAN + drawn[p:]
     lag[2] = np.clip(lag[2], 0.0, 1.0)
     logs = []
     for number, ramp in enumerate(ramps):
-        log = model.log(ramp)
-        time, case = log.time, log.case
-        own, _ = model.own(time)
+        time, case = bench.log(ramp)
+        own = bench.problem([(time, case)]).columns(*bench.point)[:, shared:]
+        own = own / np.sqrt(bench.precision[shared:])
         factor = np.linalg.cholesky(
-            model.white_dph**2 * np.eye(time.size)
-            + sizes["log", "flicker"] ** 2 * flicker_kernel(time.size)
+            white_dph**2 * np.eye(time.size)
+            + sizes("log", "flicker") ** 2 * flicker_kernel(time.size)
         )
         value = drift_of(time, case, drawn[:p], lag) + factor @ rng.normal(size=time.size)
         value += own @ rng.normal(size=own.shape[1])
@@ -204,19 +201,16 @@ def run_gyro(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  #
     back = np.diag([*np.ones(p), *(1.0 / np.array(found.static_lag[:2])), 1.0])
     covariance = back @ found.covariance @ back.T
     error, variance = [], []
-    for rate in fog_planned.USED:
-        for sign in (1.0, -1.0):
-            used = model.log(fog_planned.Ramp(sign * rate, fog_planned.USED_SOAK_S))
-            time, case = used.time, used.case
-            off = drift_of(time, case, found.coefficients, fitted_lag)
-            off = off - drift_of(time, case, drawn[:p], lag)
-            slopes = slopes_of(time, case, found.coefficients, fitted_lag)
-            slopes = (slopes - slopes.mean(axis=0))[:: fog_planned.EVERY]
-            error.append((off - off.mean())[:: fog_planned.EVERY])
-            variance.append(np.einsum("mp,pq,mq->m", slopes, covariance, slopes))
-    information = np.sum([model.part(model.log(ramp)) for ramp in ramps], axis=0)
-    parts = model.variances(information, {"drift": model.result_slopes("drift")})["drift"]
-    predicted = np.sqrt(np.sum([*parts.values()], axis=0))
+    for ramp in fog_plan.USED:
+        time, case = bench.log(ramp)
+        off = drift_of(time, case, found.coefficients, fitted_lag)
+        off = off - drift_of(time, case, drawn[:p], lag)
+        slopes = slopes_of(time, case, found.coefficients, fitted_lag)
+        slopes = (slopes - slopes.mean(axis=0))[:: fog_plan.EVERY]
+        error.append((off - off.mean())[:: fog_plan.EVERY])
+        variance.append(np.einsum("mp,pq,mq->m", slopes, covariance, slopes))
+    design = replace(NOTHING, rows=tuple(ramps))
+    predicted = np.sqrt(whole(bench.variances(design)["drift"]))
     u = np.sqrt(np.concatenate(variance))
     return np.concatenate(error), predicted, u, np.full(u.size, gum.coverage_factor(found.dof))
 
@@ -256,25 +250,32 @@ def run_logs(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  #
     return tuple(np.array(part) for part in zip(*rows, strict=True))
 
 
+def fog_bench(plan: document.Plan, spec: Any) -> fog_plan.RampBench:  # noqa: ANN401
+    """Campaigns of a gyro on ramps, as a plan on the sample bench assumes it."""
+    low, high = plan.document["range_degc"]
+    task = Task(equipment.read_equipment(None), range_degc=(low, high))
+    return fog_plan.prepare_plan(spec, task)
+
+
 def drivers_of(time: Array, case: Array, lag: Array) -> Any:  # noqa: ANN401
     """Drivers of one log for a static lag, and the derivatives of T by it."""
     along = coil.path([(time, case)])
     temperature = forward.static_temperature(along, lag)
-    followed = forward.follow_lags(fog_planned.BANK, along)
-    drivers = forward.log_drivers(fog_planned.BANK, [(time, case)], temperature, followed)
+    followed = forward.follow_lags(fog_plan.BANK, along)
+    drivers = forward.log_drivers(fog_plan.BANK, [(time, case)], temperature, followed)
     return drivers, forward.static_derivatives(along, lag, temperature)
 
 
 def drift_of(time: Array, case: Array, coefficients: Array, lag: Array) -> Array:
     """Drift [m, °/h] of one log."""
-    return np.asarray(fog_planned.BANK.columns(drivers_of(time, case, lag)[0]) @ coefficients)
+    return np.asarray(fog_plan.BANK.columns(drivers_of(time, case, lag)[0]) @ coefficients)
 
 
 def slopes_of(time: Array, case: Array, coefficients: Array, lag: Array) -> Array:
     """Derivatives [m, p + 3] of the drift by coefficients and lag."""
     drivers, moved = drivers_of(time, case, lag)
-    by_lag = moved * fog_planned.BANK.slope(coefficients, drivers)[:, None]
-    return np.column_stack([fog_planned.BANK.columns(drivers), by_lag])
+    by_lag = moved * fog_plan.BANK.slope(coefficients, drivers)[:, None]
+    return np.column_stack([fog_plan.BANK.columns(drivers), by_lag])
 
 
 RUNS = {

@@ -11,6 +11,7 @@ import itertools
 import tempfile
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -61,8 +62,8 @@ def triad_pool() -> Pool:
     assert isinstance(bench, plan.TriadBench)  # noqa: S101 (as its recipe asks)
     spots = np.array(plan.USUAL["18 faces and edges, 9 temperatures"], dtype=np.float64)
     mounting = np.zeros(len(spots), dtype=np.int64)
-    soaks = plan.Soaks((-20, 60, 20, -20), (0.0, 3.0, 6.0, 9.0), mounting)
-    return bench.pool(spots, soaks, bench.assumed.noise)
+    bench = replace(bench, spots=spots, mounting=mounting)
+    return bench.pool(np.arange(len(spots)), (-20, 60, 20, -20), plan.COUNTED, 60.0)
 
 
 def best_of_all(pool: Pool, size: int) -> float:

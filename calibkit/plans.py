@@ -82,18 +82,18 @@ def plan(
     for name in paths:
         new_files.refuse_existing(out / name)
     task = _task(spec, request, progress)
-    proposal, wishes = search.propose(prepare(spec, task))
+    proposal = search.propose(prepare(spec, task))
     logs = {one.log for one in proposal.schedule.actions}
     if not task.withheld and not any(log.startswith(WITHHELD) for log in logs):
         proposal = replace(proposal, notes=(*proposal.notes, UNJUDGED))
     title = spec.title or spec.procedure
-    summary = screen.summarize(proposal, wishes, title, request.within_h)
+    summary = screen.summarize(proposal, title, request.within_h)
     beside = {
         document.SCHEDULE: proposal.schedule.to_csv(),
         document.RECIPE: proposal.recipe.encode(),
     }
-    text = document.plan_document(proposal, wishes, task, source, spec.procedure, beside)
-    shown = page.make_page(summary, proposal, wishes)
+    text = document.plan_document(proposal, task, source, spec.procedure, beside)
+    shown = page.make_page(summary, proposal)
     files = {document.PLAN: text.encode(), **beside, document.PAGE: shown}
     # the recipe that is handed out must be one
     instruments.parse_recipe(recipe.Source(document.RECIPE, proposal.recipe))
@@ -187,7 +187,9 @@ def simulated(folder: Path, seed: int) -> Campaign:
         raise UsageError(f"{folder}: a plan of no actions", hint="it has nothing to simulate")
     spec = instruments.parse_recipe(found.source)
     run = _stated(spec.procedure, "simulate_plan")
-    return _as_logged(spec, run(spec, found.schedule, found.document, seed))
+    campaign = run(spec, found.schedule, found.document, seed)
+    truth = {**campaign.truth, "seed": seed, "plan": found.document["sha256"]}
+    return _as_logged(spec, replace(campaign, truth=truth))
 
 
 def _as_logged(spec: recipe.Recipe, made: Campaign) -> Campaign:

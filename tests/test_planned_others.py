@@ -64,7 +64,7 @@ def test_a_plan_meets_its_wish_and_its_logs_are_judged_as_it_predicted(planned, 
 
 
 def test_a_plan_beside_its_own_logs_is_empty(planned, logs, tmp_path):
-    """Nothing is missing, in 0 h; half of the campaign is completed."""
+    """Nothing is missing, in 0 h, and the logs are fitted by its recipe."""
     stated = json.loads((planned / "plan.json").read_text())
     found = plans.plan(
         recipe.find(str(planned / "recipe.toml")),
@@ -76,6 +76,8 @@ def test_a_plan_beside_its_own_logs_is_empty(planned, logs, tmp_path):
         tmp_path / "plan",
     )
     assert found.document["hours"] == 0.0
+    again = recipe.find(str(tmp_path / "plan" / "recipe.toml"))
+    assert inspection.check(again, logs).judgement.exit_code == 0
 
 
 def test_stations_of_another_day_are_added_and_fitted_with_the_first_ones(tmp_path):

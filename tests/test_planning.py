@@ -19,8 +19,9 @@ from calibkit.fit.shared import Shared
 from calibkit.fit.solve import predict
 from calibkit.numeric.exchange import Pool, exchange_values
 from calibkit.planning import comparison, document, equipment, pools, schedule, search
-from calibkit.planning.proposal import Candidate, Design, Task, Wish, choose, find_front
+from calibkit.planning.proposal import Candidate, Design, Predicted, Task, Wish
 from calibkit.planning.schedule import Action, Clock, Schedule
+from calibkit.planning.search import choose, find_front
 from conftest import ROOT
 
 SCHEMA = json.loads((ROOT / "docs" / "schemas" / "calibkit-plan-1.schema.json").read_text())
@@ -272,7 +273,7 @@ def test_the_choice_is_the_cheapest_that_meets_the_wishes_or_the_best_within_hou
     tried = [
         Candidate(
             Design(str(h), Schedule((Action(0.0, "wait", 25.0, duration_s=3600.0 * h),)), (), None),
-            {"a": u},
+            {"a": Predicted("a", "g", u, u, {})},
         )
         for h, u in ((1, 9), (2, 5), (3, 6), (4, 3))
     ]
@@ -487,6 +488,32 @@ def test_what_is_measured_counts_and_the_cheapest_addition_is_planned(
     assert found.results[0].expanded <= 0.012
 
 
+def test_a_recipe_of_a_plan_states_the_errors_that_the_fit_has(attitudes, bench, tmp_path):
+    """The drift of one log with nothing to add, and of two logs none; no error of second order
+    where that is a parameter.
+    """
+    source = recipe.find("accelerometer", (*LOW_ORDERS, "affine.second_order=true"))
+    request = plans.Request(
+        range_degc=(-20.0, 60.0), attitudes=str(attitudes), equipment=bench, restarts=1
+    )
+    plans.plan(source, replace(request, within_h=9.0), tmp_path / "plan")
+    plans.simulate(tmp_path / "plan", tmp_path / "logs", 3)
+    whole = recipe.find(str(tmp_path / "plan" / "recipe.toml"))
+    assert inspection.check(whole, tmp_path / "logs").judgement.exit_code == 0
+    loose = replace(request, wishes=("component<=1 g",), have=tmp_path / "logs")
+    plans.plan(source, loose, tmp_path / "same")
+    tight = replace(request, wishes=("component<=1e-9 g",), have=tmp_path / "logs")
+    plans.plan(source, tight, tmp_path / "more")
+
+    def stated(folder):
+        spec = instruments.parse_recipe(recipe.find(str(tmp_path / folder / "recipe.toml")))
+        return {(one.group, one.effect) for one in spec.errors.component}
+
+    assert stated("plan") == stated("same")
+    assert stated("same") - stated("more") == {("session", "drift")}
+    assert ("sensor", "second order") not in stated("plan")
+
+
 def test_check_holds_logs_against_the_schedule_beside_the_recipe(planned, tmp_path):
     """Two dwells and the withheld log are missing."""
     logs, path = tmp_path / "logs", planned / "recipe.toml"
@@ -623,8 +650,8 @@ def test_a_plan_of_ramps_takes_noise_and_turn_on_biases_from_an_earlier_run(earl
     """The simulated gyro has 0.6 °/h over 1 s, turn-on biases of 0.02 °/h, a drift of 0.4 °/h."""
     asked = plans.Request(within_h=8.0, earlier="FOG-0001", runs=earlier)
     found = plans.plan(recipe.find("fog_thermal"), asked, tmp_path / "plan").proposal
-    size = {one.effect: one.value for one in found.components}
-    assert found.noise == pytest.approx(0.6, rel=0.05)
+    size = {one.effect: one.value for one in found.assumed.components}
+    assert found.assumed.noise == pytest.approx(0.6, rel=0.05)
     assert size["drift"] == pytest.approx(0.4, rel=0.1)
     assert size["turn-on"] == pytest.approx(0.02, rel=0.6)
     assert found.schedule.hours <= 8.0
@@ -634,10 +661,10 @@ def test_a_plan_of_runs_takes_the_response_from_an_earlier_run(earlier, tmp_path
     """Held rates are 0.4 °/h off the line; errors that were not seen are as on the bench."""
     asked = plans.Request(earlier="GYRO-0001", runs=earlier)
     found = plans.plan(recipe.find("rate_table"), asked, tmp_path / "plan").proposal
-    size = {one.effect: one.value for one in found.components}
+    size = {one.effect: one.value for one in found.assumed.components}
     assert size["response"] == pytest.approx(0.4, rel=0.3)
     assert size["scale"] == 0.3
-    with pytest.raises(UsageError, match="no level, lagged or bank model"):
+    with pytest.raises(UsageError, match="that run has no"):
         plans.plan(recipe.find("fog_thermal"), asked, tmp_path / "other")
 
 

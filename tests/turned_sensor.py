@@ -139,30 +139,33 @@ def chain(spec, records):
 class Bench(search.Bench):
     """Campaigns of one to six rounds between six stops."""
 
-    def designs(self):
+    def sizes(self):
         """A campaign for each number of rounds."""
-        for rounds in range(1, 7):
-            clock = schedule.Clock(self.task.equipment)
-            clock.soak(600.0 * rounds, "turns.csv")
-            stop = np.array([(k, m) for k in range(6) for m in range(6) if k != m] * rounds)
-            angle = 60.0 * (stop[:, 1] - stop[:, 0])
-            rows = Turns(angle, angle, stop)
-            yield proposal.Design(f"{rounds} rounds", clock.schedule(), ("turns.csv",), rows)
+        return {f"{rounds} rounds": [self.design(rounds)] for rounds in range(1, 7)}
 
-    def fit(self, design):
+    def design(self, rounds):
+        """A number of rounds, from every stop to every other."""
+        clock = schedule.Clock(self.task.equipment)
+        clock.soak(600.0 * rounds, "turns.csv")
+        stop = np.array([(k, m) for k in range(6) for m in range(6) if k != m] * rounds)
+        angle = 60.0 * (stop[:, 1] - stop[:, 0])
+        rows = Turns(angle, angle, stop)
+        return proposal.Design(f"{rounds} rounds", clock.schedule(), ("turns.csv",), rows)
+
+    def fit(self, rows):
         """What the turns will tell."""
-        turns, noise = self.rows(design), self.assumed.noise
-        shared = self.assumed.state(turns.shared_errors())
-        return predict(turns.residual, START, shared, noise=np.full(len(turns.angle), noise))
+        shared = self.assumed.state(rows.shared_errors())
+        noise = np.full(len(rows.angle), self.assumed.noise)
+        return predict(rows.residual, START, shared, noise=noise)
 
-    def variances(self, design):
-        """Variances of the angle over all turns."""
-        slopes = derivative(lambda p: corrected(p, np.linspace(-300.0, 300.0, 25)), START)
-        return {"angle": search.split_variance(self.fit(design), slopes)}
+    @property
+    def slopes(self):
+        """Derivatives of the angle over all turns."""
+        return {"angle": derivative(lambda p: corrected(p, np.linspace(-300.0, 300.0, 25)), START)}
 
     def coefficients(self, design):
         """Uncertainties of the coefficients."""
-        u = self.fit(design).of(lambda p: p).u.tolist()
+        u = self.fit(self.rows(design)).of(lambda p: p).u.tolist()
         return (proposal.Coefficient("sensor", *n, x) for n, x in zip(NAMES, u, strict=True))
 
 

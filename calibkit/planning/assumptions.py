@@ -11,9 +11,10 @@ from calibkit.errors import UsageError
 from calibkit.recipe.tables import ErrorComponent
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Mapping
+    from collections.abc import Iterable, Mapping, Sequence
 
-    from calibkit.coefficients import Model
+    from calibkit.arrays import Array
+    from calibkit.coefficients import Record, StageResult
     from calibkit.fit.shared import Shared
     from calibkit.planning.equipment import Device
     from calibkit.planning.proposal import Task
@@ -36,8 +37,6 @@ class Assumed:
     range_degc: tuple[float, float]
     components: tuple[ErrorComponent, ...]
     units: Units
-    passed_on: Collection[tuple[str, str]]
-    """Errors that the recipe of a campaign states."""
     notes: tuple[str, ...]
 
     def noise_of(self, length_s: float) -> float:
@@ -51,6 +50,11 @@ class Assumed:
             for one in self.components
             if (one.group, one.effect) == (group, effect)
         )
+
+    def mapped(self, degc: Array) -> Array:
+        """Temperatures [n] [°C] mapped from the range of use to [-1, 1]."""
+        low, high = self.range_degc
+        return np.asarray((2.0 * degc - low - high) / max(high - low, 1.0))
 
     def state(self, shared: Iterable[Shared]) -> list[Shared]:
         """Shared errors with the sizes that are assumed."""
@@ -70,14 +74,13 @@ def assume(
     units: Units,
     *,
     default_degc: tuple[float, float] | None = None,
-    passed_on: Collection[tuple[str, str]] | None = None,
-    earlier: Iterable[ErrorComponent] = (),
+    earlier: Sequence[ErrorComponent] = (),
     noise: float | None = None,
     notes: tuple[str, ...] = (),
 ) -> Assumed:
     """Assumptions of a plan: errors of the equipment, over them those of an earlier run, over these
-    what the recipe states; the recipe of the campaign states those that `passed_on` names, all
-    without it. Without a default the campaign is at the reference temperature.
+    what the recipe states; so the noise. Without a default the campaign is at the reference
+    temperature.
 
     Raises UsageError for an error that the procedure does not have, and for a range that the
     chamber does not reach, or that is asked of a campaign at one temperature; measured logs may
@@ -95,6 +98,10 @@ def assume(
         task.equipment.require_reached(low, high)
         if not task.range_degc:
             notes = (*notes, f"no --range: planned for {low:g} to {high:g} °C")
+    if task.earlier is not None:
+        sizes = [f"{one.effect} of the {one.group} {one.value:.2g} {one.unit}" for one in earlier]
+        sizes += [f"noise {noise:.2g} {device.noise_unit}"] if noise else []
+        notes = (f"of that run: {', '.join(sizes) or 'nothing that was seen'}", *notes)
     every = (*device.component, *earlier, *spec.errors.component)
     stated = {(one.group, one.effect): one for one in every}
     for group, effect in stated:
@@ -103,9 +110,7 @@ def assume(
                 f"component '{effect}' of group '{group}' is no error of {spec.procedure}",
                 hint=f"there are {', '.join(f'{e} of {g}' for g, e in units)}",
             )
-    noise = device.noise if noise is None else noise
-    passed_on = units if passed_on is None else passed_on
-    return Assumed(device, noise, (low, high), tuple(stated.values()), units, passed_on, notes)
+    return Assumed(device, noise or device.noise, (low, high), tuple(stated.values()), units, notes)
 
 
 def read_sizes(document: Mapping[str, Any], units: Units) -> dict[tuple[str, str], float]:
@@ -116,28 +121,24 @@ def read_sizes(document: Mapping[str, Any], units: Units) -> dict[tuple[str, str
     return sizes
 
 
-def read_errors(task: Task, file: str, procedure: str) -> list[ErrorComponent]:
-    """Shared errors that the models in a file of an earlier run saw, none without a run; UsageError
-    for a run of another procedure.
+def read_earlier(task: Task, procedure: str, *files: str) -> list[Record | StageResult]:
+    """Coefficient files of an earlier run, none without a run; UsageError for a run that has none
+    of them.
     """
     if task.earlier is None:
         return []
-    if file not in task.earlier:
-        raise UsageError(f"that run has no {file}", hint=f"name a run of {procedure}")
-    return seen_errors(task.earlier[file].models)
+    records = [task.earlier[file] for file in files if file in task.earlier]
+    if not records:
+        raise UsageError(f"that run has no {' or '.join(files)}", hint=f"name a run of {procedure}")
+    return records
 
 
-def seen_errors(models: Iterable[Model]) -> list[ErrorComponent]:
+def seen_errors(records: Iterable[Record | StageResult]) -> list[ErrorComponent]:
     """Shared errors of the models of an earlier run where they were seen, the largest of each."""
-    listed = [one for model in models for one in model.components]
-    seen = {
-        (one.group, one.effect): one
-        for one in sorted(listed, key=lambda one: one.value)
-        if one.value > one.standard_uncertainty
-    }
+    listed = [one for record in records for model in record.models for one in model.components]
+    listed.sort(key=lambda one: one.value)
+    seen = {(one.group, one.effect): one for one in listed if one.value > one.standard_uncertainty}
     return [
-        ErrorComponent(
-            group=one.group, effect=one.effect, value=one.value, unit=one.unit, dof=EARLIER_DOF
-        )
-        for one in seen.values()
+        ErrorComponent(group=group, effect=effect, value=one.value, unit=one.unit, dof=EARLIER_DOF)
+        for (group, effect), one in seen.items()
     ]

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 from calibkit import sealed, store
 from calibkit.errors import CoefficientError, UsageError
-from calibkit.planning.proposal import COVERAGE, Candidate, Predicted, Proposal, Task, Wish
+from calibkit.planning.proposal import COVERAGE, Candidate, Predicted, Proposal, Task
 from calibkit.planning.schedule import Schedule, read_schedule
 from calibkit.recipe import Source
 from calibkit.version import SOFTWARE
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
     from pathlib import Path
 
 FORMAT = "calibkit-plan/1"
@@ -34,33 +34,33 @@ class Plan:
     """Its recipe."""
 
 
-def third_more(proposal: Proposal, name: str) -> Candidate | None:
+def third_more(proposal: Proposal) -> Candidate | None:
     """The campaign that a third more hours would allow, and to a plan of none the shortest; None
     where they allow no better one.
     """
+    name = proposal.sought.name
     shortest = min((one.hours for one in proposal.curve if one.hours > 0.0), default=0.0)
     hours = proposal.schedule.hours * THIRD or shortest
     inside = [one for one in proposal.curve if one.hours <= hours]
-    own = next(one.largest_u for one in proposal.results if one.name == name)
-    better = [one for one in inside if one.largest_u[name] < WORTH * own]
-    return min(better, key=lambda one: one.largest_u[name], default=None)
+    better = [one for one in inside if one.expanded(name) < WORTH * proposal.sought.expanded]
+    return min(better, key=lambda one: one.expanded(name), default=None)
 
 
 def plan_document(
     proposal: Proposal,
-    wishes: Sequence[Wish],
     task: Task,
     source: Source,
     procedure: str,
     files: Mapping[str, bytes],
 ) -> str:
     """Sealed text of plan.json."""
+    assumed, schedule, more = proposal.assumed, proposal.schedule, third_more(proposal)
     return sealed.seal(
         {
             "format": FORMAT,
             "software": SOFTWARE,
             "procedure": procedure,
-            "plan": proposal.label,
+            "plan": proposal.campaign.design.label,
             "recipe": {"name": source.name, "sha256": source.sha256},
             "equipment": task.equipment.name,
             "attitudes": task.attitudes,
@@ -68,34 +68,25 @@ def plan_document(
             "seed": task.seed,
             "restarts": task.restarts,
             "within_h": task.within_h,
-            "range_degc": list(proposal.range_degc),
-            **_predictions(proposal, wishes),
-            "settings": dict(proposal.settings),
+            "range_degc": list(assumed.range_degc),
+            "hours": schedule.hours,
+            "operator_h": schedule.operator_h,
+            "coverage_factor": COVERAGE,
+            "results": [_result(one, proposal.wanted(one.name)) for one in proposal.results],
+            "coefficients": [asdict(one) for one in proposal.coefficients],
+            "noise": {"value": assumed.noise, "unit": assumed.device.noise_unit},
+            "components": [one.model_dump(mode="json") for one in assumed.components],
+            "third_more": None if more is None else _campaign(more),
+            "curve": [_campaign(one) for one in proposal.curve],
+            "usual": [_campaign(one) for one in proposal.usual],
+            "notes": list(proposal.notes),
+            "settings": dict(proposal.campaign.design.settings),
             "files": [
                 {"name": key, "sha256": hashlib.sha256(content).hexdigest()}
                 for key, content in files.items()
             ],
         }
     )
-
-
-def _predictions(proposal: Proposal, wishes: Sequence[Wish]) -> dict[str, Any]:
-    """What the campaign will take and give, and what others would."""
-    wanted = {wish.name: wish.value for wish in wishes}
-    more = third_more(proposal, wishes[0].name if wishes else proposal.results[0].name)
-    return {
-        "hours": proposal.schedule.hours,
-        "operator_h": proposal.schedule.operator_h,
-        "coverage_factor": COVERAGE,
-        "results": [_result(one, wanted.get(one.name)) for one in proposal.results],
-        "coefficients": [asdict(one) for one in proposal.coefficients],
-        "noise": {"value": proposal.noise, "unit": proposal.noise_unit},
-        "components": [one.model_dump(mode="json") for one in proposal.components],
-        "third_more": None if more is None else _campaign(more),
-        "curve": [_campaign(one) for one in proposal.curve],
-        "usual": [_campaign(one) for one in proposal.usual],
-        "notes": list(proposal.notes),
-    }
 
 
 def _result(one: Predicted, wanted: float | None) -> dict[str, Any]:
@@ -112,12 +103,12 @@ def _result(one: Predicted, wanted: float | None) -> dict[str, Any]:
     }
 
 
-def _campaign(one: Candidate) -> dict[str, Any]:
+def _campaign(campaign: Candidate) -> dict[str, Any]:
     """A campaign as JSON."""
     return {
-        "name": one.label,
-        "hours": one.hours,
-        "expanded_uncertainty": {key: COVERAGE * u for key, u in one.largest_u.items()},
+        "name": campaign.design.label,
+        "hours": campaign.hours,
+        "expanded_uncertainty": {one.name: one.expanded for one in campaign.results.values()},
     }
 
 
@@ -164,16 +155,15 @@ def beside(recipe: Path) -> Beside | None:
     if not recipe.is_file() or not path.is_file():
         return None
     schedule = read_schedule(_read(path), str(path))
-    if not recipe.with_name(PLAN).is_file():
+    plan = recipe.with_name(PLAN)
+    if not plan.is_file():
         return Beside(schedule)
-    whole = recipe.with_name(PLAN)
-    document = sealed.unseal(_read(whole), str(whole), (FORMAT,))
+    document = sealed.unseal(_read(plan), str(plan), (FORMAT,))
     low, high = document.get("range_degc", (None, None))
-    results = document["results"]
     return Beside(
         schedule,
-        (low, high) if low is not None and high is not None else None,
-        {one["name"]: one["wanted"] for one in results if one["wanted"] is not None},
+        None if low is None or high is None else (low, high),
+        {one["name"]: one["wanted"] for one in document["results"] if one["wanted"] is not None},
     )
 
 

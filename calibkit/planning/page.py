@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.numeric import attitude
-from calibkit.planning.proposal import COVERAGE, Candidate, Proposal, Wish
-from calibkit.report import figures, html, html_tables, svg
+from calibkit.report import figures, html, svg
+from calibkit.report.html_tables import summary_table
 from calibkit.report.markup import Markup, element, join_markup
-from calibkit.report.overview import concise
+from calibkit.report.table import Column, Table, tabulate
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from calibkit.planning.proposal import Candidate, Proposal
     from calibkit.planning.schedule import Schedule
     from calibkit.report.summary import Summary
 
@@ -28,30 +29,29 @@ SHOWN = 2.0
 _COLOURS = {"dwell": "#cc3311", "rate": "#cc3311", "ramp": "#4477aa", "soak": "#999933"}
 
 
-def make_page(summary: Summary, proposal: Proposal, wishes: Sequence[Wish]) -> bytes:
+def make_page(summary: Summary, proposal: Proposal) -> bytes:
     """The page as UTF-8; it loads nothing."""
     drawn = [_draw_time(proposal.schedule)] if proposal.schedule.actions else []
     drawn += _draw_attitudes(proposal.schedule)
-    name = wishes[0].name if wishes else proposal.results[0].name
-    drawn.append(_draw_hours(proposal, wishes, name))
+    drawn.append(_draw_hours(proposal))
     figures.settle(drawn)
-    captions = [one.get_suptitle() for one in drawn]
     drawings, _ = svg.inline(drawn)
     shown = [
-        element("figure", Markup(drawing), element("figcaption", caption))
-        for drawing, caption in zip(drawings, captions, strict=True)
+        element("figure", Markup(drawing), element("figcaption", figure.get_suptitle()))
+        for drawing, figure in zip(drawings, drawn, strict=True)
     ]
     kind = summary.verdict if summary.criteria else "open"
     top = [
         element("header", element("h1", summary.title)),
         element("p", element("strong", summary.last_line), class_=f"band {kind}"),
     ]
+    notes = [element("li", note) for note in proposal.notes]
     parts = {
-        "Predicted uncertainty": [_results(proposal, wishes), _limits(proposal)],
+        "Predicted uncertainty": [summary_table(summary.tables[0]), _limits(proposal)],
         "The campaign": shown[:-1],
-        "Uncertainty against hours": [shown[-1], _campaigns(proposal, name)],
+        "Uncertainty against hours": [shown[-1], _campaigns(proposal)],
         "Coefficients": [_coefficients(proposal)],
-        "Assumptions": [_assumptions(proposal)],
+        "Assumptions": [_assumptions(proposal), element("ul", join_markup(notes))],
     }
     sections = [
         element("section", element("h2", head), join_markup(made)) for head, made in parts.items()
@@ -113,99 +113,75 @@ def _draw_half(
     ax.set_ylabel("y [g]")
 
 
-def _draw_hours(proposal: Proposal, wishes: Sequence[Wish], name: str) -> Figure:
+def _draw_hours(proposal: Proposal) -> Figure:
     """U against hours: campaigns of the search, the usual ones, this plan, what is wanted."""
+    name, unit = proposal.sought.name, proposal.sought.unit
     figure, (ax,) = figures.page(
         1, 1, title=f"U (k = 2, largest in the range) of {name} against hours", height=4.2
     )
-    unit = next(one.unit for one in proposal.results if one.name == name)
 
-    def spread(found: Sequence[Candidate]) -> tuple[list[float], list[float]]:
-        return (
-            [one.hours for one in found],
-            [COVERAGE * one.largest_u[name] for one in found],
-        )
+    def draw(campaigns: Sequence[Candidate], style: str, colour: str, label: str) -> None:
+        hours = [one.hours for one in campaigns]
+        ax.plot(hours, [one.expanded(name) for one in campaigns], style, color=colour, label=label)
 
-    ax.plot(*spread(proposal.curve), "-", color="#4477aa", label="best campaigns of the search")
+    draw(proposal.curve, "-", "#4477aa", "best campaigns of the search")
     if proposal.usual:
-        ax.plot(*spread(proposal.usual), "s", color="#999933", label="usual campaigns")
+        draw(proposal.usual, "s", "#999933", "usual campaigns")
     for one in proposal.usual:
-        text = one.label.split(",")[0]
-        ax.annotate(text, (one.hours, COVERAGE * one.largest_u[name]), fontsize=7)
-    own = next(one.expanded for one in proposal.results if one.name == name)
-    ax.plot([proposal.schedule.hours], [own], "o", color="#cc3311", label="this plan")
-    for wish in wishes:
-        if wish.name == name:
-            ax.axhline(wish.value, color="#777777", linestyle="--", label="wanted")
-    shown = [SHOWN * proposal.schedule.hours, *(one.hours for one in proposal.usual)]
-    if max(shown) > 0.0:
-        ax.set_xlim(right=1.1 * max(shown))
+        ax.annotate(one.design.label.split(",")[0], (one.hours, one.expanded(name)), fontsize=7)
+    draw([proposal.campaign], "o", "#cc3311", "this plan")
+    if (wanted := proposal.wanted(name)) is not None:
+        ax.axhline(wanted, color="#777777", linestyle="--", label="wanted")
+    shown = max(SHOWN * proposal.schedule.hours, *(one.hours for one in proposal.usual), 0.0)
+    if shown > 0.0:
+        ax.set_xlim(right=1.1 * shown)
     ax.set_xlabel("chamber time [h]")
     ax.set_ylabel(f"U [{unit}]")
     ax.legend(loc="upper right")
     return figure
 
 
-def _results(proposal: Proposal, wishes: Sequence[Wish]) -> Markup:
-    """Predicted U beside the wanted one."""
-    wanted = {wish.name: wish.value for wish in wishes}
-    rows = [
-        (
-            one.name,
-            concise(one.u),
-            concise(one.expanded),
-            concise(wanted[one.name]) if one.name in wanted else "-",
-            one.unit,
-        )
-        for one in proposal.results
-    ]
-    heads = ("result", "u (rms over the range)", "U (k = 2, largest)", "wanted U", "unit")
-    return html_tables.list_rows("Predicted and wanted", heads, rows, (1, 2, 3))
-
-
 def _limits(proposal: Proposal) -> Markup:
     """What the uncertainty of each result consists of."""
     sources = dict.fromkeys(source for one in proposal.results for source in one.limits)
-    rows = [
-        (source, *(f"{100.0 * one.limits.get(source, 0.0):.1f}" for one in proposal.results))
-        for source in sources
-    ]
-    heads = ("source", *(one.name for one in proposal.results))
-    return html_tables.list_rows(
-        "Shares of the mean variance [%]", heads, rows, range(1, len(heads))
+    columns = [Column(one.name, ".1f") for one in proposal.results]
+    rows: list[tuple[str | float, ...]] = []
+    for source in sources:
+        shares = [100.0 * one.limits.get(source, 0.0) for one in proposal.results]
+        rows.append((source, *shares))
+    return summary_table(
+        Table("Shares of the mean variance [%]", ("source", *columns), tuple(rows))
     )
 
 
-def _campaigns(proposal: Proposal, name: str) -> Markup:
+def _campaigns(proposal: Proposal) -> Markup:
     """Campaigns of the search and usual ones."""
-    rows = [
-        (one.label, f"{one.hours:.1f}", concise(COVERAGE * one.largest_u[name]))
+    sought = proposal.sought
+    columns = "campaign", Column("h", ".1f"), Column(f"U [{sought.unit}]", ".3g")
+    rows = tuple(
+        (one.design.label, one.hours, one.expanded(sought.name))
         for one in (*proposal.usual, *proposal.curve)
-    ]
-    unit = next(one.unit for one in proposal.results if one.name == name)
-    return html_tables.list_rows(
-        "Usual campaigns, then those of the search", ("campaign", "h", f"U [{unit}]"), rows, (1, 2)
     )
+    return summary_table(Table("Usual campaigns, then those of the search", columns, rows))
 
 
 def _coefficients(proposal: Proposal) -> Markup:
     """Predicted standard uncertainty of each coefficient."""
-    rows = [
-        (one.model, one.name, f"{one.standard_uncertainty:.3g}", one.unit)
-        for one in proposal.coefficients
-    ]
-    heads = ("model", "coefficient", "u", "unit")
-    return html_tables.list_rows("Predicted standard uncertainties", heads, rows, (2,))
+    u = Column("u", ".3g", key="standard_uncertainty")
+    columns = "model", Column("coefficient", key="name"), u, "unit"
+    return summary_table(
+        tabulate("Predicted standard uncertainties", columns, proposal.coefficients)
+    )
 
 
 def _assumptions(proposal: Proposal) -> Markup:
     """Noise and shared errors that were assumed."""
-    rows = [("noise", f"{proposal.noise:.3g}", proposal.noise_unit, "")]
+    assumed = proposal.assumed
+    size, dof = Column("standard deviation", ".3g"), Column("degrees of freedom", "g", missing="")
+    rows: list[tuple[str | float | None, ...]]
+    rows = [("noise", assumed.noise, assumed.device.noise_unit, None)]
     rows += [
-        (f"{one.effect} of the {one.group}", f"{one.value:.3g}", one.unit, f"{one.dof:g}")
-        for one in proposal.components
+        (f"{one.effect} of the {one.group}", one.value, one.unit, one.dof)
+        for one in assumed.components
     ]
-    heads = ("error", "standard deviation", "unit", "degrees of freedom")
-    table = html_tables.list_rows("Assumed errors", heads, rows, (1, 3))
-    notes = [element("li", note) for note in proposal.notes]
-    return join_markup([table, element("ul", join_markup(notes))] if notes else [table])
+    return summary_table(Table("Assumed errors", ("error", size, "unit", dof), tuple(rows)))

@@ -17,7 +17,7 @@ from calibkit.numeric.exchange import Pool
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from calibkit.arrays import Array
+    from calibkit.arrays import Array, Integers
     from calibkit.fit.shared import Shared
 
 
@@ -34,28 +34,29 @@ def pool(
     shared: Sequence[Shared],
     single: Sequence[Shared],
     noise: Array,
-    count: int,
+    candidate: Integers,
     base: Array,
     slopes: Array,
 ) -> Pool:
-    """Candidates whose rows stand together, as many rows of each; the criterion is the mean
-    variance of combinations [m, p] of the parameters.
+    """Candidates with as many rows of each; the criterion is the mean variance of combinations
+    [m, p] of the parameters.
 
     Parameters
     ----------
     jacobian : [n, p].
     shared, single : errors that candidates share, and that each has of its own, with their sizes.
     noise : [n].
-    count : number of candidates.
+    candidate : [n], number of the candidate of each row.
     base : [p, p], information of what is measured already.
     slopes : [m, p].
 
     """
     p = jacobian.shape[1]
     rows = np.hstack([jacobian / noise[:, None], _loadings(shared, noise)])
-    parts = rows.reshape(count, -1, rows.shape[1])
+    order, count = np.argsort(candidate, kind="stable"), int(candidate.max()) + 1
+    parts = rows[order].reshape(count, -1, rows.shape[1])
     single_loadings = [error.loading * (error.size or 0.0) / noise[:, None] for error in single]
-    z = np.hstack([np.zeros((len(rows), 0)), *single_loadings]).reshape(*parts.shape[:2], -1)
+    z = np.hstack([np.zeros((len(rows), 0)), *single_loadings])[order].reshape(*parts.shape[:2], -1)
     # (I + z zᵀ)⁻¹ = I - z (I + zᵀ z)⁻¹ zᵀ
     across = np.einsum("crk,crq->ckq", z, parts)
     inner = np.einsum("crk,crl->ckl", z, z) + np.eye(z.shape[2])

@@ -13,7 +13,7 @@ from calibkit.errors import CoefficientError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from calibkit.planning.equipment import Equipment
+    from calibkit.planning.equipment import Device, Equipment
 
 Kind = Literal["mount", "ramp", "soak", "dwell", "rate", "remount", "wait"]
 _HOUR, _DAY = 3600.0, 86400.0
@@ -148,6 +148,16 @@ class Clock:
         self.degc = degc
         signed = math.copysign(rate, change)
         self._add("ramp", abs(change) / rate * 60.0, log, ramp_degc_per_min=signed)
+
+    def settle(
+        self, device: Device, degc: float, log: str = "", *, shortest_s: float = 0.0
+    ) -> None:
+        """Ramp to a temperature [°C] as fast as a device may, and hold it until the device is
+        there.
+        """
+        rate, change = self.equipment.fastest(device), degc - self.degc
+        self.ramp(float(degc), rate, log)
+        self.soak(max(self.equipment.soak_s(device, change, rate), shortest_s), log)
 
     def soak(self, duration_s: float, log: str = "") -> None:
         """Hold the temperature."""

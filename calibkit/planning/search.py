@@ -8,22 +8,22 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from calibkit.errors import FitError
-from calibkit.planning import recipe_text
 from calibkit.planning.proposal import (
+    NOTHING,
     Candidate,
     Coefficient,
     Design,
     Predicted,
     Proposal,
     Wish,
-    choose,
-    find_front,
 )
+from calibkit.planning.recipe_text import write_recipe
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from calibkit.fit.solve import Fit
     from calibkit.planning.assumptions import Assumed
     from calibkit.planning.proposal import Task
+    from calibkit.recipe.tables import ErrorComponent
 
 NOISE = "noise"
 """Source of what is not shared."""
@@ -54,12 +55,30 @@ class Bench(ABC):
     """Rows that are measured already; None without any."""
 
     @abstractmethod
-    def designs(self) -> Iterator[Design]:
-        """Campaigns of all sizes; beside what is measured, also `NOTHING`."""
+    def sizes(self) -> Mapping[str, Iterable[Design]]:
+        """Size of campaigns in words → campaigns of this size."""
 
-    def usual(self) -> Iterator[Design]:
+    @abstractmethod
+    def coefficients(self, design: Design) -> Iterable[Coefficient]:
+        """Predicted standard uncertainties of the coefficients."""
+
+    def fit(self, rows: Any) -> Fit:  # noqa: ANN401 (the instrument's own rows)
+        """What rows will tell of the parameters; FitError where they do not determine them."""
+        raise NotImplementedError
+
+    @cached_property
+    def slopes(self) -> Mapping[str, Array]:
+        """Result → its derivatives [m, p] over the range of use by the parameters of `fit`."""
+        raise NotImplementedError
+
+    def variances(self, design: Design) -> Mapping[str, Sources]:
+        """Result → what limits it, of a design and what is measured already."""
+        fit = self.fit(self.rows(design))
+        return {name: split_variance(fit, slopes) for name, slopes in self.slopes.items()}
+
+    def usual(self) -> Iterable[Design]:
         """Usual campaigns, for comparison."""
-        return iter(())
+        return ()
 
     def covers(self, design: Design) -> bool:  # noqa: ARG002 (an instrument may state it)
         """Whether the rows reach all of the range, with one more than the coefficients need."""
@@ -67,22 +86,16 @@ class Bench(ABC):
 
     def rows(self, design: Design) -> Any:  # noqa: ANN401 (the instrument's own rows)
         """Rows of what is measured already and of a design."""
-        both = [rows for rows in (self.have, design.rows) if rows is not None]
-        return join(*both)
+        return join(*(rows for rows in (self.have, design.rows) if rows is not None))
 
-    @abstractmethod
-    def variances(self, design: Design) -> Mapping[str, Sources]:
-        """Result → what limits it, of a design and what is measured already; FitError where they do
-        not determine it.
-        """
+    def passed_on(self, design: Design) -> list[ErrorComponent]:  # noqa: ARG002 (as `covers`)
+        """Assumed errors that the recipe of a campaign states."""
+        groups = self.spec.error_groups
+        return [one for one in self.assumed.components if one.group in groups]
 
-    @abstractmethod
-    def coefficients(self, design: Design) -> Iterator[Coefficient]:
-        """Predicted standard uncertainties of the coefficients."""
-
-    def notes(self, design: Design) -> Iterable[str]:  # noqa: ARG002 (as `covers`)
-        """What is to be said of a campaign."""
-        return self.assumed.notes
+    def notes(self, campaign: Candidate) -> Iterable[str]:  # noqa: ARG002 (as `covers`)
+        """What is to be said of a campaign beside the assumptions."""
+        return ()
 
     def smaller(self, design: Design) -> Design | None:  # noqa: ARG002 (as `covers`)
         """A design with a little less, where wishes may be met with it."""
@@ -91,30 +104,30 @@ class Bench(ABC):
     def candidate(self, design: Design) -> Candidate | None:
         """A design with its uncertainties; None where it does not determine all over the range."""
         try:
-            if not self.covers(design):
-                return None
-            by_result = self.variances(design)
+            return self.predict(design) if self.covers(design) else None
         except FitError:
             return None
-        largest = {name: float(np.sqrt(whole(parts).max())) for name, parts in by_result.items()}
-        return Candidate(design, largest)
 
-    def predict(self, design: Design) -> tuple[Predicted, ...]:
-        """Predicted uncertainty of each result."""
-        by_result = self.variances(design)
-        return tuple(
-            Predicted.of(name, unit, by_result[name]) for name, unit in self.results.items()
-        )
+    def predict(self, design: Design) -> Candidate:
+        """A design with its uncertainties."""
+        results = {}
+        for name, parts in self.variances(design).items():
+            total = whole(parts)
+            mean = float(total.mean())
+            limits = {source: float(part.mean()) / mean for source, part in parts.items()}
+            u, largest_u = float(np.sqrt(mean)), float(np.sqrt(total.max()))
+            results[name] = Predicted(name, self.results[name], u, largest_u, limits)
+        return Candidate(design, results)
 
 
-def propose(bench: Bench) -> tuple[Proposal, tuple[Wish, ...]]:
-    """Cheapest campaign that meets the wishes, or the best within hours; the wishes in the units of
-    the results, which may be not met.
+def propose(bench: Bench) -> Proposal:
+    """Cheapest campaign that meets the wishes, or the best within hours; the wishes may be not
+    met.
     """
     task, assumed = bench.task, bench.assumed
     wishes = tuple(Wish.parse(text, bench.results) for text in task.wishes)
     name = wishes[0].name if wishes else next(iter(bench.results))
-    candidates = [one for design in bench.designs() if (one := bench.candidate(design))]
+    candidates = list(_list_candidates(bench))
     if not candidates:
         raise FitError(
             f"no campaign with {task.remountings} remountings determines all over the range",
@@ -122,44 +135,70 @@ def propose(bench: Bench) -> tuple[Proposal, tuple[Wish, ...]]:
             " orders of the recipe",
         )
     best = choose(candidates, wishes, task.within_h, name)
-    if wishes and best.meets(wishes):
-        while smaller := bench.smaller(best.design):
-            tried = bench.candidate(smaller)
-            if tried is None or not tried.meets(wishes):
-                break
-            best = tried
-    design = best.design
-    usual = (one for other in bench.usual() if (one := bench.candidate(other)))
-    proposal = Proposal(
-        design.label,
-        design.schedule,
-        bench.predict(design),
-        tuple(bench.coefficients(design)),
-        assumed.range_degc,
-        recipe_text.write_recipe(
-            bench.spec,
-            design.logs,
-            [one for one in assumed.components if (one.group, one.effect) in assumed.passed_on],
-            design.changes,
-            added=bool(task.have),
-        ),
-        assumed.noise,
-        assumed.device.noise_unit,
-        assumed.components,
+    while wishes and best.meets(wishes) and (design := bench.smaller(best.design)):
+        tried = bench.candidate(design)
+        if tried is None or not tried.meets(wishes):
+            break
+        best = tried
+    usual = () if task.have else map(bench.candidate, bench.usual())
+    return Proposal(
+        best,
+        wishes,
+        assumed,
+        tuple(bench.coefficients(best.design)),
+        write_recipe(bench.spec, best.design, bench.passed_on(best.design), added=bool(task.have)),
         tuple(find_front(candidates, name)),
-        () if task.have else tuple(usual),
-        tuple(bench.notes(design)),
-        design.settings,
+        tuple(campaign for campaign in usual if campaign),
+        (*bench.notes(best), *assumed.notes),
     )
-    return proposal, wishes
+
+
+def _list_candidates(bench: Bench) -> Iterator[Candidate]:
+    """Campaigns that determine all over the range: none but what is measured, then all sizes, with
+    progress.
+    """
+    if bench.task.have and (measured := bench.candidate(NOTHING)):
+        yield measured
+    sizes = bench.sizes()
+    for size in bench.task.progress([*sizes], "searching"):
+        for design in sizes[size]:
+            if campaign := bench.candidate(design):
+                yield campaign
 
 
 def judge(bench: Bench) -> tuple[Predicted, ...]:
     """What the logs that are measured tell; empty where they do not determine all."""
     try:
-        return bench.predict(Design.nothing()) if bench.task.have else ()
+        return tuple(bench.predict(NOTHING).results.values()) if bench.task.have else ()
     except FitError:
         return ()
+
+
+def find_front(candidates: Iterable[Candidate], name: str) -> list[Candidate]:
+    """Campaigns none of which another beats in hours and in the uncertainty of a result, by
+    hours.
+    """
+    front: list[Candidate] = []
+    for campaign in sorted(candidates, key=lambda one: (one.hours, one.expanded(name))):
+        if not front or campaign.expanded(name) < front[-1].expanded(name):
+            front.append(campaign)
+    return front
+
+
+def choose(
+    candidates: Sequence[Candidate], wishes: Sequence[Wish], within_h: float | None, name: str
+) -> Candidate:
+    """The campaign of the fewest hours that meets the wishes, or of the least uncertainty of a
+    result within hours; where none meets them, the one that comes nearest within the hours.
+    """
+    inside = [one for one in candidates if within_h is None or one.hours <= within_h]
+    inside = inside or [min(candidates, key=lambda one: one.hours)]
+    if not wishes and within_h is not None:
+        return min(inside, key=lambda one: (one.expanded(name), one.hours))
+    meeting = [one for one in inside if one.meets(wishes)]
+    if meeting:
+        return min(meeting, key=lambda one: (one.hours, one.expanded(name)))
+    return min(inside, key=lambda one: one.excess(wishes))
 
 
 def join(*parts: Any) -> Any:  # noqa: ANN401 (rows of an instrument)
@@ -169,9 +208,9 @@ def join(*parts: Any) -> Any:  # noqa: ANN401 (rows of an instrument)
         arrays = {}
         for name in (field.name for field in fields(first)):
             a, b = getattr(first, name), getattr(other, name)
-            if np.issubdtype(b.dtype, np.integer):
+            if isinstance(b, np.ndarray) and np.issubdtype(b.dtype, np.integer):
                 b = b + a.max(initial=-1) + 1
-            arrays[name] = np.concatenate([a, b])
+            arrays[name] = np.concatenate([a, b]) if isinstance(b, np.ndarray) else a + b
         first = replace(first, **arrays)
     return first
 

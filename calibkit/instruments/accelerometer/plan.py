@@ -1,10 +1,12 @@
-"""Campaigns of a triad: which attitudes at which temperatures, in which order."""
+"""Campaigns of a triad: which attitudes at which temperatures, in which order; where attitudes are
+unknown, how many positions by hand, how long each.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from itertools import combinations, pairwise
+from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,42 +18,46 @@ from calibkit.fit.solve import Fit, predict
 from calibkit.instruments.accelerometer import (
     dwells as triad_dwells,
     forms,
-    plan_magnitude,
     published,
     shared_errors,
     simulate as simulated,
+    simulate_magnitude,
 )
+from calibkit.instruments.accelerometer.circumstances import find_circumstances, state_errors
+from calibkit.instruments.accelerometer.coefficient_files import COMPENSATIONS
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.fit import asked_terms, k_terms
-from calibkit.instruments.accelerometer.numeric import k_factor
-from calibkit.instruments.accelerometer.shared_errors import Circumstances
+from calibkit.instruments.accelerometer.numeric import k_factor, q_factor
 from calibkit.instruments.accelerometer.triad import residual_of
 from calibkit.numeric import attitude, exchange
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares import polynomial
 from calibkit.planning import pools
-from calibkit.planning.assumptions import assume, read_sizes, seen_errors
-from calibkit.planning.levels import list_usual_levels
-from calibkit.planning.proposal import WITHHELD, Coefficient, Design, count, cover_range
+from calibkit.planning.assumptions import assume, read_earlier, read_sizes, seen_errors
+from calibkit.planning.levels import cover_range, list_usual_levels, order_there_and_back
+from calibkit.planning.proposal import WITHHELD, Coefficient, Design, count
 from calibkit.planning.schedule import Clock
-from calibkit.planning.search import Bench, Sources, split_variance
-from calibkit.planning.simulation import as_planned, draw
-from calibkit.recipe.tables import ErrorComponent
+from calibkit.planning.search import Bench
+from calibkit.simulate.campaign import Campaign
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from calibkit.arrays import Array, Integers
-    from calibkit.fit.complex_step import Numbers
-    from calibkit.fit.shared import Shared
+    from calibkit.fit.shared import Residual, Shared
     from calibkit.instruments.accelerometer.equation import Terms
     from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
+    from calibkit.planning.levels import Tour
     from calibkit.planning.proposal import Task
     from calibkit.planning.schedule import Action, Schedule
-    from calibkit.simulate.campaign import Campaign
+    from calibkit.recipe.tables import ErrorComponent
 
-LOG = "positions.csv"
+LOG, TUMBLE = "positions.csv", "tumble.csv"
 RESULTS = {"inclination": "deg", "toolface times sin(inclination)": "deg", "component": "g"}
+OF_LENGTHS = {"component": "g", "axis angle": "deg"}
+"""Results where attitudes are unknown."""
+MAGNITUDE, HAND = "accelerometer_magnitude", "hand"
+"""Device and fixture where attitudes are unknown."""
 RANGE_DEGC = (-20.0, 125.0)
 MOST_SOAKS = 5
 """Temperatures that the search takes at most beyond what the order needs."""
@@ -63,8 +69,10 @@ ORDERED_BY = 12
 """Attitudes by which the order of the soaks is chosen."""
 COUNTED = 16
 """Attitudes by which the time of a soak is reckoned before they are chosen."""
-LEFT_OUT = 2
-"""Attitudes that are withheld."""
+POSITIONS, FURTHER = (12, 15, 18, 24, 30, 40), (3, 6, 9, 12, 18)
+"""Numbers of positions by hand that the search takes, and that are added to what is measured."""
+LEFT_OUT, LEFT_BY_HAND = 2, 6
+"""Attitudes that are withheld, and positions by hand."""
 STEPS_DEGC = (-20, -5, -1, 1, 5, 20)
 """Exchanges of a temperature."""
 APART = 0.5
@@ -79,6 +87,8 @@ CHAMBER_DEGC = 0.1
 """Standard deviation of the temperature that is reached about the set point."""
 THERMOMETER_DEGC = 0.002
 """Standard deviation of a thermometer reading that is averaged over a dwell."""
+BY_HAND = 0.04
+"""Standard deviation [1] of a direction that a hand reaches."""
 EVERYWHERE = (
     (0, 0),
     *((tilt, roll) for tilt in range(30, 151, 30) for roll in range(0, 360, 45)),
@@ -101,73 +111,23 @@ USUAL = {
 """Usual sets of attitudes: directions to the faces, edges and corners of a cube."""
 
 
-@dataclass(frozen=True, slots=True)
-class Dwells:
-    """Planned or measured dwells [n]."""
-
-    spots: Array
-    """Inclination and toolface [n, 2] [°]."""
-    degc: Array
-    soak: Integers
-    """Number of the soak."""
-    hours: Array
-    """Time since the first dwell [h]; NaN where it is not known."""
-    noise: Array
-    """Standard deviation of the mean of a dwell [g]."""
-
-    @property
-    def gravity(self) -> Array:
-        """Reference vectors [n, 3] [g]."""
-        return np.round(attitude.gravity_vector(*self.spots.T), DECIMALS)
-
-    def errors(self) -> list[Shared]:
-        """Errors that the dwells share, as the fit lists them."""
-        count = len(self.soak)
-        one_log = np.zeros(count, dtype=np.int64)
-        tilt, turn = np.radians(self.spots).T
-        hours = self.hours if np.isfinite(self.hours).all() else None
-        where = Circumstances(self.soak, hours, self.gravity, one_log, tilt, turn)
-        return shared_errors.list_errors(where, np.broadcast_to(np.eye(3), (count, 3, 3)))
-
-    def exact(self) -> DwellSet:
-        """The dwells of a triad without an error."""
-        none = np.full(len(self.soak), np.nan)
-        unknown = np.full((len(none), 3), np.nan)
-        tilt, turn = self.spots.T
-        return DwellSet(self.gravity, self.degc, tilt, turn, unknown, none, self.soak, (), ())
+USUAL_POSITIONS = 24
+"""Positions by hand of the usual campaign."""
+LENGTH_UNITS = {
+    name: shared_errors.UNITS[name] for name in (shared_errors.ZERO, shared_errors.SECOND_ORDER)
+}
+"""(group, effect) of the errors that lengths of gravity at one temperature share."""
 
 
-@dataclass(frozen=True, slots=True)
-class Soaks:
-    """Soaks of a campaign in their order; each mounting has all of them."""
-
-    degc: tuple[int, ...]
-    middle_h: tuple[float, ...]
-    """Middle of the dwells of each soak [h]."""
-    mounting: Integers
-    """[c], number of the mounting of each attitude."""
-
-    def hold(self, spots: Array, noise: float) -> Dwells:
-        """Dwells at attitudes [c, 2], all soaks of an attitude together."""
-        attitudes, levels = len(spots), len(self.degc)
-        _, mounting = np.unique(self.mounting, return_inverse=True)
-        cycle = self.middle_h[-1] + 1.0
-        return Dwells(
-            np.repeat(spots, levels, axis=0),
-            np.tile(np.array(self.degc, dtype=np.float64), attitudes),
-            (np.arange(levels) + levels * mounting[:, None]).ravel(),
-            (np.array(self.middle_h) + cycle * mounting[:, None]).ravel(),
-            np.full(attitudes * levels, noise),
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class _Choice:
-    """Soaks of a design in their order, its attitudes by number, and how long each is held."""
-
-    degc: tuple[int, ...]
-    chosen: tuple[int, ...]
-    dwell_s: float
+def exact_dwells(spots: Array, degc: Array, time_s: Array, noise: float) -> DwellSet:
+    """Dwells [n] of a triad without an error in one log, at inclinations and toolfaces [n, 2] [°],
+    each with a noise [g] of its mean.
+    """
+    number, (tilt, roll) = len(spots), spots.T
+    gravity = np.round(attitude.gravity_vector(tilt, roll), DECIMALS)
+    one_log = np.zeros(number, dtype=np.int64)
+    noise_of = np.full((number, 3), noise)
+    return DwellSet(gravity, degc, tilt, roll, noise_of, time_s, one_log, (), ())
 
 
 @dataclass(frozen=True)
@@ -184,40 +144,45 @@ class TriadBench(Bench):
     """[c]."""
 
     @property
-    def rate(self) -> float:
-        """Ramp between soaks [°C/min]."""
-        return self.task.equipment.fastest(self.assumed.device)
+    def lengths(self) -> bool:
+        """Whether the fit knows the length of gravity alone."""
+        return bool(self.spec.reference.kind == "magnitude")
 
-    def mapped(self, degc: Array) -> Array:
-        """Temperatures [n] [°C] mapped from the range of use to [-1, 1]."""
-        low, high = self.assumed.range_degc
-        return np.asarray((2.0 * degc - low - high) / max(high - low, 1.0))
-
-    def state(self, dwells: Dwells) -> list[Shared]:
-        """Errors of dwells with their sizes, without what the recipe makes a parameter."""
-        affine = self.spec.affine
-        parameter = shared_errors.SECOND_ORDER if affine.enabled and affine.second_order else ()
-        listed = [one for one in dwells.errors() if (one.group, one.effect) != parameter]
-        return self.assumed.state(listed)
-
-    def residual(self, dwells: Dwells) -> Callable[[Numbers], Numbers]:
-        """Residual of the fit, of dwells of a triad without an error."""
-        return residual_of(dwells.exact(), self.terms, self.mapped(dwells.degc), lengths=False)
-
-    def fit(self, dwells: Dwells) -> Fit:
-        """What a fit will tell of the parameters, or of K."""
-        noise = np.repeat(dwells.noise, 3)
-        fit = predict(
-            self.residual(dwells),
-            self.terms.nominal,
-            self.state(dwells),
-            noise=noise,
-            names=self.terms.names,
+    def state(self, dwells: DwellSet) -> list[Shared]:
+        """Errors that a fit of the dwells has, with the sizes that are assumed; of lengths those
+        whose sizes are stated.
+        """
+        gravity = dwells.indication
+        along = (
+            gravity[:, None] if self.lengths else np.broadcast_to(np.eye(3), (len(gravity), 3, 3))
         )
+        # what is assumed these dwells need not have, as what earlier runs had
+        known = {"component": self.assumed.components, "source": "history"}
+        errors = self.spec.errors.model_copy(update=known)
+        where = find_circumstances(dwells, gravity, self.spec)
+        listed = state_errors(where, along, self.spec.model_copy(update={"errors": errors}))
+        return [one for one in listed if one.size is not None or not self.lengths]
+
+    def residual(self, dwells: DwellSet) -> Residual:
+        """Residual of the fit."""
+        t = self.assumed.mapped(dwells.temperature)
+        return residual_of(dwells, self.terms, t, lengths=self.lengths)
+
+    def noise(self, dwells: DwellSet) -> Array:
+        """Standard deviation of each residual [g]."""
+        if self.lengths:
+            return np.asarray(np.sqrt(np.mean(dwells.noise**2, axis=1)))
+        return dwells.noise.ravel()
+
+    def fit(self, rows: DwellSet) -> Fit:
+        """What a fit will tell of the parameters, or of K."""
+        noise, nominal = self.noise(rows), self.terms.nominal
+        shared = self.state(rows)
+        fit = predict(self.residual(rows), nominal, shared, noise=noise, names=self.terms.names)
         if not self.k:
             return fit
-        form = published.corrections(self.k, dwells.gravity, self.mapped(dwells.degc))
-        return fit.linear(published.pseudo_inverse(form, 1.0 / noise), dwells.gravity.ravel())
+        form = published.corrections(self.k, rows.indication, self.assumed.mapped(rows.temperature))
+        return fit.linear(published.pseudo_inverse(form, 1.0 / noise), rows.indication.ravel())
 
     @cached_property
     def slopes(self) -> dict[str, Array]:
@@ -225,7 +190,7 @@ class TriadBench(Bench):
         levels = np.linspace(*self.assumed.range_degc, USED_LEVELS)
         spots = np.tile(np.array(EVERYWHERE, dtype=np.float64), (USED_LEVELS, 1))
         gravity = attitude.gravity_vector(*spots.T)
-        t = self.mapped(np.repeat(levels, len(EVERYWHERE)))
+        t = self.assumed.mapped(np.repeat(levels, len(EVERYWHERE)))
         if self.k:
             vector = published.corrections(self.k, gravity, t)
         else:
@@ -234,17 +199,11 @@ class TriadBench(Bench):
         angles = [np.degrees(np.einsum("ni,nip->np", along, vector)) for along in (up, across)]
         return dict(zip(RESULTS, [*angles, vector.reshape(-1, vector.shape[2])], strict=True))
 
-    def rows(self, design: Design) -> Dwells:
-        """Dwells of what is measured already and of a design; logs have no time in common."""
-        dwells: Dwells = super().rows(design)
-        unknown = np.full(len(dwells.soak), np.nan)
-        return replace(dwells, hours=unknown) if self.have and design.rows else dwells
-
     def covers(self, design: Design) -> bool:
         """Whether both ends of the range are reached, with a temperature more than the order
         needs.
         """
-        return cover_range(self.rows(design).degc, self.order + 2, self.assumed.range_degc)
+        return cover_range(self.rows(design).temperature, self.order + 2, self.assumed.range_degc)
 
     @property
     def order(self) -> int:
@@ -252,31 +211,38 @@ class TriadBench(Bench):
         k = [max(k.scale_order, k.zero_order) for k in k_terms(self.spec)]
         return int(max([self.terms.order, *(k if self.spec.k.enabled else ())]))
 
-    def variances(self, design: Design) -> Mapping[str, Sources]:
-        """Variances of each result."""
-        fit = self.fit(self.rows(design))
-        return {name: split_variance(fit, slopes) for name, slopes in self.slopes.items()}
-
     def coefficients(self, design: Design) -> Iterator[Coefficient]:
         """In powers of °C."""
         fit, (low, high) = self.fit(self.rows(design)), self.assumed.range_degc
-        half = max(high - low, 1.0) / 2.0
+        middle_half = (low + high) / 2.0, max(high - low, 1.0) / 2.0
         if not self.k:
-            to_raw = np.asarray(self.terms.in_degrees((low + high) / 2.0, half), dtype=np.float64)
+            to_raw = np.asarray(self.terms.in_degrees(*middle_half), dtype=np.float64)
             u = fit.of(lambda p: to_raw @ p).u.tolist()
             for term, size in zip(self.terms.listed, u, strict=True):
                 yield Coefficient("triad", term.name, term.unit, size)
             return
-        for name, part, block in zip(
-            forms.K_MODELS, self.k, published.blocks_of(self.k), strict=True
-        ):
+        to_raw = np.asarray(published.to_degrees(*middle_half), dtype=np.float64)
+        blocks = published.blocks_of(self.k)
+        for name, part, block in zip(forms.K_MODELS, self.k, blocks, strict=True):
             places = list(part.fitted)
-            to_raw = published.to_degrees((low + high) / 2.0, half)[np.ix_(places, places)]
             matrix = np.zeros((len(places), len(fit.parameters)))
-            matrix[:, block] = to_raw
+            matrix[:, block] = to_raw[np.ix_(places, places)]
             u = fit.of(partial(np.matmul, matrix)).u.tolist()
             for place, size in zip(places, u, strict=True):
                 yield Coefficient(name, k_factor.NAMES[place], forms.K_UNITS[place], size)
+
+    def passed_on(self, design: Design) -> list[ErrorComponent]:
+        """Errors that a fit of these dwells has; several logs have no drift in common."""
+        listed = {(one.group, one.effect) for one in self.state(self.rows(design))}
+        return [one for one in self.assumed.components if (one.group, one.effect) in listed]
+
+    def apart(self, chosen: Sequence[int], allowed: Integers, number: int) -> list[int]:
+        """Attitudes by number that lie farthest from those that are chosen, of those that are
+        allowed.
+        """
+        gravity = attitude.gravity_vector(*self.spots[allowed].T)
+        taken = [int(np.searchsorted(allowed, k)) for k in chosen]
+        return [int(k) for k in allowed[pools.spread_apart(gravity, taken, number)]]
 
     def design(
         self, degc: Sequence[int], chosen: Sequence[int], dwell_s: float, label: str = ""
@@ -284,56 +250,61 @@ class TriadBench(Bench):
         """Soaks at temperatures in their order, attitudes by number; where nothing is withheld yet,
         with those that lie farthest from them in a log that is.
         """
-        equipment, device = self.task.equipment, self.assumed.device
-        fixture, log = equipment.fixture(self.fixture), self.task.name_log(LOG)
+        equipment, log = self.task.equipment, self.task.name_log(LOG)
+        fixture, clock = equipment.fixture(self.fixture), Clock(equipment)
         mountings = np.unique(self.mounting[list(chosen)])
         allowed = np.flatnonzero(np.isin(self.mounting, mountings))
-        gravity = attitude.gravity_vector(*self.spots[allowed].T)
-        taken = [int(np.searchsorted(allowed, k)) for k in chosen]
         left_out = 0 if self.task.withheld or label else LEFT_OUT
-        withheld = allowed[pools.spread_apart(gravity, taken, left_out)].tolist()
-        clock, fitted, soak = Clock(equipment), [], -1
+        recorded = [(k, log) for k in chosen]
+        recorded += [(k, f"{WITHHELD}{log}") for k in self.apart(chosen, allowed, left_out)]
         for number, mounting in enumerate(mountings.tolist()):
             if number:
-                clock.remount(self.rate)
-            recorded = [(k, log) for k in chosen if self.mounting[k] == mounting]
-            recorded += [(k, f"{WITHHELD}{log}") for k in withheld if self.mounting[k] == mounting]
+                clock.remount(equipment.fastest(self.assumed.device))
             for level in degc:
-                soak += 1
-                change = level - clock.degc
-                clock.ramp(float(level), self.rate)
-                clock.soak(equipment.soak_s(device, change, self.rate))
+                clock.settle(self.assumed.device, level)
                 for k, name in recorded:
-                    if fixture.attended:
-                        clock.attend(fixture.move_s + dwell_s)
-                    clock.move(fixture.move_s)
-                    clock.dwell(self.spots[k].tolist(), dwell_s, name)
-                    if name == log:
-                        fitted.append((k, level, soak, clock.now_s / 3600.0))
-        spots, level_of, soaks, hours = (np.array(part) for part in zip(*fitted, strict=True))
-        noise = np.full(len(spots), self.assumed.noise_of(dwell_s))
-        dwells = Dwells(self.spots[spots], level_of.astype(np.float64), soaks, hours, noise)
+                    if self.mounting[k] == mounting:
+                        if fixture.attended:
+                            clock.attend(fixture.move_s + dwell_s)
+                        clock.move(fixture.move_s)
+                        clock.dwell(self.spots[k].tolist(), dwell_s, name)
+        schedule, noise = clock.schedule(), self.assumed.noise_of(dwell_s)
+        fitted = [one for one in schedule.recorded("dwell") if one.log == log]
         levels = count(len(set(degc)), "temperature")
-        label = label or f"{len(chosen)} attitudes, {levels}, dwells of {dwell_s:g} s"
-        how = _Choice(tuple(degc), tuple(chosen), dwell_s)
-        settings = {"noise_g": float(noise[0])}
-        # logs beside those that are measured are as these are
-        changes = {} if self.task.have else {"dwells": {"mode": "rows"}}
-        return Design(label, clock.schedule(), (log,), dwells, how, settings, changes)
+        return Design(
+            label or f"{len(chosen)} attitudes, {levels}, dwells of {dwell_s:g} s",
+            schedule,
+            (log,),
+            planned_dwells(fitted, noise),
+            {"noise_g": noise},
+            # logs beside those that are measured are as these are
+            {} if self.task.have else {"dwells": {"mode": "rows"}},
+            (tuple(degc), tuple(chosen), dwell_s),
+        )
 
-    def soaks(self, degc: Sequence[int], mounting: Integers, number: int, dwell_s: float) -> Soaks:
-        """Soaks in their order, with a number of dwells each."""
-        equipment = self.task.equipment
+    def held_everywhere(
+        self, attitudes: Integers, degc: Sequence[int], number: int, dwell_s: float
+    ) -> tuple[DwellSet, Integers]:
+        """Each of some attitudes at all soaks, in the middle of soaks that are as long as a number
+        of dwells; each mounting has all soaks. With the place of the attitude of each dwell.
+        """
+        equipment, clock, middle_s = self.task.equipment, Clock(self.task.equipment), []
+        clock.degc = degc[0]
         length_s = number * (equipment.fixture(self.fixture).move_s + dwell_s)
-        now, middle = 0.0, [length_s / 2.0]
-        for a, b in pairwise(degc):
-            now += length_s + abs(b - a) / self.rate * 60.0
-            now += equipment.soak_s(self.assumed.device, b - a, self.rate)
-            middle.append(now + length_s / 2.0)
-        return Soaks(tuple(degc), tuple(one / 3600.0 for one in middle), mounting)
+        for level in degc:
+            clock.settle(self.assumed.device, level)
+            middle_s.append(clock.now_s + length_s / 2.0)
+            clock.move(length_s)
+        cycle_s = middle_s[-1] + SECONDS_PER_HOUR
+        time_s = (np.array(middle_s) + cycle_s * self.mounting[attitudes][:, None]).ravel()
+        order = np.argsort(time_s, kind="stable")
+        place = np.repeat(np.arange(len(attitudes)), len(degc))[order]
+        held_degc = np.tile(np.array(degc, dtype=np.float64), len(attitudes))[order]
+        spots, noise = self.spots[attitudes][place], self.assumed.noise_of(dwell_s)
+        return exact_dwells(spots, held_degc, time_s[order], noise), place
 
-    def jacobian(self, dwells: Dwells) -> Array:
-        """Derivatives [3 n, p] of the residuals of dwells."""
+    def jacobian(self, dwells: DwellSet) -> Array:
+        """Derivatives [n, p] of the residuals of dwells."""
         residual = self.residual(dwells)
         return derivative(lambda p: residual(p).ravel(), self.terms.nominal)
 
@@ -342,62 +313,56 @@ class TriadBench(Bench):
         """Information [p, p] of what is measured already."""
         if self.have is None:
             return np.zeros((len(self.terms.listed),) * 2)
-        noise = np.repeat(self.have.noise, 3)
+        noise = self.noise(self.have)
         return pools.information(self.jacobian(self.have), self.state(self.have), noise)
 
     @cached_property
-    def inclination(self) -> Array:
-        """Derivatives [m, p] of the inclination by the parameters of the triad."""
+    def sought(self) -> Array:
+        """Derivatives [m, p] by the parameters of the triad of what the search lowers."""
         return replace(self, k=()).slopes["inclination"]
 
-    def pool(self, spots: Array, soaks: Soaks, noise: float) -> exchange.Pool:
-        """Candidates of a design: each attitude of spots [c, 2] held at all soaks; the criterion is
-        the mean variance of the inclination.
+    def pool(
+        self, attitudes: Integers, degc: Sequence[int], number: int, dwell_s: float
+    ) -> exchange.Pool:
+        """Candidates of a design: each attitude held at all soaks; the criterion is the mean
+        variance of what is sought.
         """
-        dwells = soaks.hold(spots, noise)
+        dwells, place = self.held_everywhere(attitudes, degc, number, dwell_s)
         stated = [one for one in self.state(dwells) if one.size]
         single = [one for one in stated if (one.group, one.effect) == shared_errors.INDEX]
         common = [one for one in stated if one not in single]
         return pools.pool(
-            *(self.jacobian(dwells), common, single, np.repeat(dwells.noise, 3), len(spots)),
-            *(self.base, self.inclination),
+            *(self.jacobian(dwells), common, single, self.noise(dwells)),
+            *(np.repeat(place, 3), self.base, self.sought),
         )
 
-    def designs(self) -> Iterator[Design]:
-        """Campaigns of all sizes, each the best of its size."""
-        if self.have is not None:
-            yield Design.nothing()
-        order = self.order
-        sizes = range(1 if self.have is not None else order + 2, order + 2 + MOST_SOAKS)
-        groups = np.unique(self.mounting)
-        choices = list(combinations(groups.tolist(), min(self.task.remountings + 1, len(groups))))
+    def sizes(self) -> dict[str, Iterator[Design]]:
+        """Campaigns of all numbers of temperatures, each the best of its size."""
+        fewest = 1 if self.task.have else self.order + 2
         rng = np.random.default_rng(self.task.seed)
-        labels = [f"{levels} temperatures" for levels in sizes]
-        for levels, _ in zip(sizes, self.task.progress(labels, "searching"), strict=True):
-            for mountings in choices:
-                allowed = np.flatnonzero(np.isin(self.mounting, mountings))
-                yield from self.designs_at(levels, allowed, rng)
+        return {
+            f"{levels} temperatures": self.designs(levels, rng)
+            for levels in range(fewest, self.order + 2 + MOST_SOAKS)
+        }
 
-    def designs_at(
-        self, levels: int, allowed: Integers, rng: np.random.Generator
-    ) -> Iterator[Design]:
-        """Campaigns with a number of temperatures, at the attitudes that are allowed."""
-        shortest = min(self.assumed.device.dwell_s)
-        degc = self.order_soaks(levels, allowed)
-        spots, noise = self.spots[allowed], self.assumed.noise_of(shortest)
-        soaks = self.soaks(degc, self.mounting[allowed], COUNTED, shortest)
-        pool = self.pool(spots, soaks, noise)
-        if not np.isfinite(pool.criterion(range(len(spots)))):
-            return
-        if len(spots) < FEW:
-            pool = replace(pool, most=-(-FEW // len(spots)))
-        counts = [n for n in COUNTS if n <= len(spots) * pool.most]
-        for size in counts or [len(spots)]:
-            chosen, _ = pool.search(size, rng, self.task.restarts)
-            for dwell_s in self.assumed.device.dwell_s:
-                yield self.design(degc, allowed[chosen].tolist(), dwell_s)
+    def designs(self, levels: int, rng: np.random.Generator) -> Iterator[Design]:
+        """Campaigns with a number of temperatures, on as many mountings as may be."""
+        lengths, mountings = self.assumed.device.dwell_s, np.unique(self.mounting).tolist()
+        for chosen in combinations(mountings, min(self.task.remountings + 1, len(mountings))):
+            allowed = np.flatnonzero(np.isin(self.mounting, chosen))
+            degc = self.order_soaks(levels, allowed)
+            pool = self.pool(allowed, degc, COUNTED, min(lengths))
+            if not np.isfinite(pool.criterion(range(len(allowed)))):
+                continue
+            if len(allowed) < FEW:
+                pool = replace(pool, most=-(-FEW // len(allowed)))
+            counts = [n for n in COUNTS if n <= len(allowed) * pool.most]
+            for size in counts or [len(allowed)]:
+                attitudes, _ = pool.search(size, rng, self.task.restarts)
+                for dwell_s in lengths:
+                    yield self.design(degc, allowed[attitudes].tolist(), dwell_s)
 
-    def order_soaks(self, levels: int, allowed: Integers) -> tuple[int, ...]:
+    def order_soaks(self, levels: int, allowed: Integers) -> Tour:
         """Temperatures of a campaign in their order, and back to the first: where the coefficients
         are best determined beside the drift of the session.
         """
@@ -405,44 +370,118 @@ class TriadBench(Bench):
         ends = int(np.ceil(low)), int(np.floor(high))
         if levels == 1:
             return (round((low + high) / 2.0),)
-        gravity = attitude.gravity_vector(*self.spots[allowed].T)
-        taken = allowed[pools.spread_apart(gravity, [0], ORDERED_BY - 1)]
+        few = np.array([allowed[0], *self.apart(allowed[:1].tolist(), allowed, ORDERED_BY - 1)])
         shortest = min(self.assumed.device.dwell_s)
 
         def criterion(order: Sequence[int]) -> float:
-            degc = (*order, order[0])
-            soaks = self.soaks(degc, self.mounting[taken], len(taken), shortest)
-            pool = self.pool(self.spots[taken], soaks, self.assumed.noise_of(shortest))
-            return pool.criterion(range(len(taken)))
+            pool = self.pool(few, (*order, order[0]), len(few), shortest)
+            return pool.criterion(range(len(few)))
 
-        start = polynomial.space_levels(*ends, levels)
-        # every second temperature on the way back, so that drift is separated from temperature
-        order = [*start[::2], *start[1::2][::-1]]
-        order, _ = exchange.exchange_values(order, partial(_moves, ends=ends), criterion)
+        start = order_there_and_back(polynomial.space_levels(*ends, levels))[:-1]
+        order, _ = exchange.exchange_values(start, partial(_moves, ends=ends), criterion)
         return (*order, order[0])
 
     def smaller(self, design: Design) -> Design | None:
         """A design with one attitude less."""
-        choice: _Choice | None = design.how
-        if choice is None or len(choice.chosen) <= COUNTS[0]:
+        degc, chosen, dwell_s = design.choice or ((), (), 0.0)
+        if len(chosen) <= COUNTS[0]:
             return None
-        noise = self.assumed.noise_of(choice.dwell_s)
-        soaks = self.soaks(choice.degc, self.mounting, len(choice.chosen), choice.dwell_s)
-        pool = self.pool(self.spots, soaks, noise)
-        fewer = [[*choice.chosen[:k], *choice.chosen[k + 1 :]] for k in range(len(choice.chosen))]
-        chosen, _ = pool.exchange(min(fewer, key=pool.criterion))
-        return self.design(choice.degc, sorted(chosen), choice.dwell_s)
+        pool = self.pool(np.arange(len(self.spots)), degc, len(chosen), dwell_s)
+        fewer = [[*chosen[:k], *chosen[k + 1 :]] for k in range(len(chosen))]
+        best, _ = pool.exchange(min(fewer, key=pool.criterion))
+        return self.design(degc, sorted(best), dwell_s)
 
     def usual(self) -> Iterator[Design]:
-        """6, 12, 18 and 26 attitudes at nine temperatures, from low to high."""
+        """6, 12, 18, 26 and 42 attitudes at nine temperatures, from low to high."""
         if self.fixture != "two-axis":
             return
         degc = list_usual_levels(self.assumed.range_degc)
         for name, spots in USUAL.items():
             mounting = np.zeros(len(spots), dtype=np.int64)
             table = replace(self, spots=np.array(spots, dtype=np.float64), mounting=mounting)
-            every = range(len(spots))
-            yield table.design(degc, every, min(self.assumed.device.dwell_s), label=name)
+            yield table.design(degc, range(len(spots)), min(self.assumed.device.dwell_s), name)
+
+
+@dataclass(frozen=True)
+class LengthBench(TriadBench):
+    """Campaigns of a triad that is turned by hand at one temperature, in attitudes that its fit
+    does not know.
+    """
+
+    @cached_property
+    def slopes(self) -> dict[str, Array]:
+        """Result → its derivatives [m, 9]: of corrected components in all directions, and of the
+        angles Q between the axes.
+        """
+        tilt, roll = np.meshgrid(np.arange(0.0, 181.0, 30.0), np.arange(0.0, 360.0, 45.0))
+        unit = attitude.gravity_vector(tilt.ravel(), roll.ravel())
+        nominal = self.terms.nominal
+        component = self.terms.slopes(nominal, unit, np.zeros(len(unit)))
+        angles = np.degrees(derivative(lambda p: self.terms.small_angles(p, 0.0), nominal))
+        return dict(zip(OF_LENGTHS, (component.reshape(-1, len(nominal)), angles), strict=True))
+
+    @cached_property
+    def sought(self) -> Array:
+        """Derivatives [m, 9] of corrected components."""
+        return self.slopes["component"]
+
+    def covers(self, design: Design) -> bool:  # noqa: ARG002 (as every bench's)
+        """At one temperature there is no range."""
+        return True
+
+    def dwells(self, chosen: Sequence[int], dwell_s: float) -> DwellSet:
+        """Positions by number; a fit leaves out both ends of each."""
+        noise = self.assumed.noise_of(dwell_s - self.spec.dwells.window_s)
+        degc, none = np.full(len(chosen), self.assumed.range_degc[0]), np.full(len(chosen), np.nan)
+        return exact_dwells(self.spots[list(chosen)], degc, none, noise)
+
+    def design(
+        self,
+        degc: Sequence[int],  # noqa: ARG002 (as of any triad)
+        chosen: Sequence[int],
+        dwell_s: float,
+        label: str = "",
+    ) -> Design:
+        """Positions by number at the temperature of the room; where nothing is withheld yet, with
+        those that lie farthest from them in a log that is.
+        """
+        equipment, log = self.task.equipment, self.task.name_log(TUMBLE)
+        clock, fixture = Clock(equipment), equipment.fixture(self.fixture)
+        left_out = 0 if self.task.withheld else LEFT_BY_HAND
+        recorded = [(k, log) for k in chosen]
+        every = np.arange(len(self.spots))
+        recorded += [(k, f"{WITHHELD}{log}") for k in self.apart(chosen, every, left_out)]
+        if fixture.attended:
+            clock.attend(len(recorded) * (fixture.move_s + dwell_s))
+        for k, name in recorded:
+            clock.move(fixture.move_s)
+            clock.dwell(self.spots[k].tolist(), dwell_s, name)
+        label += f"{len(chosen)} positions of {dwell_s:g} s"
+        settings = {"dwell_s": dwell_s, "noise_1s": self.assumed.noise_of(1.0)}
+        rows = self.dwells(chosen, dwell_s)
+        return Design(label, clock.schedule(), (log,), rows, settings)
+
+    def sizes(self) -> dict[str, Iterator[Design]]:
+        """Campaigns of all numbers of positions, each the best of its number."""
+        lengths, every = self.assumed.device.dwell_s, range(len(self.spots))
+        dwells = self.dwells(every, min(lengths))
+        pool = pools.pool(
+            *(self.jacobian(dwells), (), (), self.noise(dwells)),
+            *(np.array(every), self.base, self.sought),
+        )
+        rng = np.random.default_rng(self.task.seed)
+
+        def best(size: int) -> Iterator[Design]:
+            chosen = pool.search(size, rng, self.task.restarts)[0]
+            yield from (self.design((), chosen, dwell_s) for dwell_s in lengths)
+
+        counts = FURTHER if self.task.have else POSITIONS
+        return {f"{size} positions": best(size) for size in counts if size <= len(every)}
+
+    def usual(self) -> Iterator[Design]:
+        """Positions spread over the sphere, as short as they may be."""
+        spread = [0, *self.apart([0], np.arange(len(self.spots)), USUAL_POSITIONS - 1)]
+        yield self.design((), spread, min(self.assumed.device.dwell_s), "usual: ")
 
 
 def _moves(order: Sequence[int], place: int, ends: tuple[int, int]) -> list[int]:
@@ -459,11 +498,10 @@ def _moves(order: Sequence[int], place: int, ends: tuple[int, int]) -> list[int]
     ]
 
 
-def prepare_plan(spec: AccelerometerRecipe, task: Task) -> Bench:
+def prepare_plan(spec: AccelerometerRecipe, task: Task) -> TriadBench:
     """What the search needs; UsageError for what cannot be planned."""
     if spec.reference.kind == "magnitude":
-        spots, _ = list_spots(task, "file" if task.spots else plan_magnitude.FIXTURE)
-        return plan_magnitude.prepare(spec, task, spots)
+        return _prepare_lengths(spec, task)
     if spec.affine.tilt or spec.affine.fixture:
         raise UsageError(
             "a plan of a triad is one of its K-factor or its affine model against known attitudes",
@@ -471,49 +509,59 @@ def prepare_plan(spec: AccelerometerRecipe, task: Task) -> Bench:
             " affine.tilt nor affine.fixture",
         )
     device = task.equipment.known_device(spec.procedure, "g")
-    noise, earlier = device.noise, list[ErrorComponent]()
-    notes: tuple[str, ...] = ()
-    if task.earlier is not None:
-        models = [
-            model
-            for record in task.earlier.values()
-            for model in record.models
-            if model.form in (forms.K.name, forms.AFFINE.name, forms.TRIAD.name)
-        ]
-        if not models:
-            raise UsageError(
-                "that run has neither K-factor nor affine model", hint="name a run of such a triad"
-            )
-        earlier = seen_errors(models)
-        noise = rms([model.residual_rms for model in models])
-        notes = (f"noise {1e6 * noise:.3g} µg and {len(earlier)} shared errors of that run",)
+    files = (f"{stage}.json" for stage in COMPENSATIONS.values())
+    records = read_earlier(task, spec.procedure, *files)
+    scatter = [model.residual_rms for record in records for model in record.models]
     assumed = assume(
         *(spec, task, device, shared_errors.UNITS),
         default_degc=RANGE_DEGC,
-        # several logs have no drift in common
-        passed_on=shared_errors.UNITS.keys() - ({shared_errors.DRIFT} if task.have else ()),
-        earlier=earlier,
-        noise=noise,
-        notes=notes,
+        earlier=seen_errors(records),
+        noise=rms(scatter) if scatter else None,
     )
     fixture = task.attitudes if task.attitudes in task.equipment.attitudes else "file"
-    spots, mounting = list_spots(task, fixture)
     k = k_terms(spec) if spec.compensation == "k" else ()
-    have = _measure(spec, task, noise)
+    have = None
+    if task.have:
+        have = triad_dwells.collect_dwells(task.have, spec)
+        noise = np.full_like(have.noise, assumed.noise)
+        have = replace(have, indication=np.round(have.reference, DECIMALS), noise=noise)
+    terms, places = asked_terms(spec), list_spots(task, fixture)
+    return TriadBench(spec, task, assumed, RESULTS, have, terms, k, fixture, *places)
+
+
+def _prepare_lengths(spec: AccelerometerRecipe, task: Task) -> LengthBench:
+    """What the search needs where attitudes are unknown."""
+    device = task.equipment.known_device(MAGNITUDE)
+    if spec.affine.enabled or spec.dwells.mode != "series" or device.noise_unit != "g":
+        raise UsageError(
+            "a plan of unknown attitudes is for one temperature, and for a continuous log with a"
+            " noise in g",
+            hint='use affine.enabled = false and dwells.mode = "series"',
+        )
+    if task.attitudes in ("faces", "dividing-head"):
+        raise UsageError(
+            f"--attitudes {task.attitudes}: attitudes that are unknown are those of a hand",
+            hint="leave it out, or name a file of attitudes",
+        )
+    assumed = assume(spec, task, device, LENGTH_UNITS)
+    shortest = spec.dwells.window_s + spec.dwells.shortest_s
+    if min(device.dwell_s) < shortest:
+        raise UsageError(
+            f"dwell_s of [device.{MAGNITUDE}] has {min(device.dwell_s):g} s, expected at least"
+            f" {shortest:g} s: dwells.window_s and dwells.shortest_s",
+            hint="state longer positions, or shorter ones in [dwells]",
+        )
+    places = list_spots(task, "file" if task.spots else HAND)
     terms = asked_terms(spec)
-    return TriadBench(spec, task, assumed, RESULTS, have, terms, k, fixture, spots, mounting)
-
-
-def _measure(spec: AccelerometerRecipe, task: Task, noise: float) -> Dwells | None:
-    """Dwells that are measured already."""
+    bench = LengthBench(spec, task, assumed, OF_LENGTHS, None, terms, (), HAND, *places)
     if not task.have:
-        return None
+        return bench
     dwells = triad_dwells.collect_dwells(task.have, spec)
-    soak = shared_errors.number_soaks(dwells.temperature, dwells.log)
-    timed = dwells.log.max() == 0 and bool(np.isfinite(dwells.time).all())
-    hours = dwells.time / 3600.0 if timed else np.full(len(soak), np.nan)
-    spots = np.column_stack([dwells.inclination, dwells.toolface])
-    return Dwells(spots, dwells.temperature, soak, hours, np.full(len(soak), noise))
+    known = dwells.weights is not None
+    noise = float(np.sqrt(np.mean(dwells.noise**2))) if known else device.noise
+    unit = dwells.indication / np.linalg.norm(dwells.indication, axis=1)[:, None]
+    have = replace(dwells, indication=unit, noise=np.full_like(unit, noise))
+    return replace(bench, have=have)
 
 
 def list_spots(task: Task, fixture: str) -> tuple[Array, Integers]:
@@ -542,19 +590,19 @@ def simulate_plan(
     spec: AccelerometerRecipe, schedule: Schedule, document: Mapping[str, Any], seed: int
 ) -> Campaign:
     """Logs of a triad of physical sensors, with the errors that the plan assumes, and its truth."""
-    if spec.reference.kind == "magnitude":
-        return plan_magnitude.simulate(spec, schedule, document, seed)
     rng = np.random.default_rng(seed)
+    sign = 1.0 if spec.reference.convention == "gravity" else -1.0
+    if spec.reference.kind == "magnitude":
+        return _simulate_lengths(spec, schedule, document, sign, rng)
     sensors = simulated.draw_triad(rng)
     sizes = read_sizes(document, shared_errors.UNITS)
     sizes[shared_errors.SECOND_ORDER] = 0.0  # these sensors have errors of their own
     actions = schedule.recorded("dwell")
     dwells = planned_dwells(actions, document["settings"]["noise_g"])
     indicate = partial(simulated.indications, sensors)
-    measured, drawn = simulate_dwells(rng, indicate, dwells, sizes)
+    measured, drawn = simulate_dwells(rng, indicate, dwells, spec, sizes)
     time = np.array([one.start_s + one.duration_s / 2.0 for one in actions])
     columns = {"time_s": time, **measured}
-    sign = 1.0 if spec.reference.convention == "gravity" else -1.0
     for axis in simulated.AXES:
         columns[f"accel_{axis}_g"] *= sign
     names = np.array([one.log for one in actions])
@@ -563,25 +611,21 @@ def simulate_plan(
         for log in schedule.by_log()
     }
     truth = {"shared_errors": drawn, "sensors": simulated.describe(sensors)}
-    return as_planned(document, seed, logs, simulated.DECIMALS, truth)
+    return Campaign(logs, simulated.DECIMALS, truth)
 
 
-def planned_dwells(actions: Sequence[Action], noise: float) -> Dwells:
+def planned_dwells(actions: Sequence[Action], noise: float) -> DwellSet:
     """Dwells of a schedule, each with a noise [g] of its mean."""
-    degc = np.array([one.set_degc for one in actions])
-    return Dwells(
-        np.array([(one.inclination_deg, one.toolface_deg) for one in actions]),
-        degc,
-        np.cumsum(np.diff(degc, prepend=degc[:1]) != 0.0),
-        np.array([one.start_s + one.duration_s / 2.0 for one in actions]) / SECONDS_PER_HOUR,
-        np.full(len(actions), noise),
-    )
+    spots = np.array([(one.inclination_deg, one.toolface_deg) for one in actions])
+    middle_s = np.array([one.start_s + one.duration_s / 2.0 for one in actions])
+    return exact_dwells(spots, np.array([one.set_degc for one in actions]), middle_s, noise)
 
 
 def simulate_dwells(
     rng: np.random.Generator,
     indicate: Callable[[Array, Array], Array],
-    dwells: Dwells,
+    dwells: DwellSet,
+    spec: AccelerometerRecipe,
     sizes: Mapping[tuple[str, str], float],
 ) -> tuple[dict[str, Array], dict[str, Any]]:
     """Columns of dwells of a triad that indicates gravity [n, 3] [g] at temperatures [n] [°C], and
@@ -590,21 +634,61 @@ def simulate_dwells(
     Errors of the table and the fixture turn gravity before the sensors see it; those of the
     sensors are added to what they indicate.
     """
-    shape = (len(dwells.soak), 3)
+    shape = dwells.indication.shape
     of_gravity, of_sensors = np.zeros(shape), np.zeros(shape)
-    drawn = {}
-    for error, size in draw(rng, dwells.errors(), sizes):
+    drawn, hours = {}, dwells.time / SECONDS_PER_HOUR
+    # a zero drifts, whether a fit of one soak can tell or not
+    where = replace(find_circumstances(dwells, dwells.indication, spec), hours=hours)
+    for error in shared_errors.list_errors(where, np.broadcast_to(np.eye(3), (*shape, 3))):
+        size = rng.normal(0.0, 1.0, (error.levels, error.width))
+        size *= sizes.get((error.group, error.effect), 0.0)
         turned = of_gravity if error.unit == "rad" else of_sensors
         turned += error.along(size).reshape(shape)
         drawn[f"{error.effect} of the {error.group}"] = size.tolist()
-    seen = dwells.gravity + of_gravity
+    seen = dwells.indication + of_gravity
     seen /= np.linalg.norm(seen, axis=1)[:, None]
-    case = dwells.degc + rng.normal(0.0, CHAMBER_DEGC, dwells.degc.size)[dwells.soak]
-    indicated = indicate(seen, case) + of_sensors
-    indicated += rng.normal(0.0, dwells.noise[:, None], shape)
+    case = dwells.temperature + rng.normal(0.0, CHAMBER_DEGC, len(where.soak))[where.soak]
+    indicated = indicate(seen, case) + of_sensors + rng.normal(0.0, dwells.noise)
     return {
         "temp_case_degc": case + rng.normal(0.0, THERMOMETER_DEGC, case.size),
-        "inclination_deg": dwells.spots[:, 0],
-        "toolface_deg": dwells.spots[:, 1],
+        "inclination_deg": dwells.inclination,
+        "toolface_deg": dwells.toolface,
         **{f"accel_{name}_g": indicated[:, i] for i, name in enumerate(simulated.AXES)},
     }, drawn
+
+
+def _simulate_lengths(
+    spec: AccelerometerRecipe,
+    schedule: Schedule,
+    document: Mapping[str, Any],
+    sign: float,
+    rng: np.random.Generator,
+) -> Campaign:
+    """Logs of a triad that is turned by hand into the positions of a schedule, and its truth."""
+    settings = document["settings"]
+    size = read_sizes(document, LENGTH_UNITS)
+    k, b, q = (rng.normal(0.0, typical, 3) for typical in simulate_magnitude.SIZES)
+    axes = q_factor.axes_from_angles(q)
+    second = rng.normal(0.0, size[shared_errors.SECOND_ORDER], 3)
+    zero = rng.normal(0.0, size[shared_errors.ZERO], 3)
+    noise = settings["noise_1s"] / np.sqrt(simulate_magnitude.INTERVAL_S)
+    logs: dict[str, dict[str, Array]] = {}
+    for name, actions in schedule.by_log().items():
+        spots = np.array([(one.inclination_deg, one.toolface_deg) for one in actions])
+        gravity = attitude.gravity_vector(*spots.T) + rng.normal(0.0, BY_HAND, (len(actions), 3))
+        gravity /= np.linalg.norm(gravity, axis=1)[:, None]
+        along = simulate_magnitude.path(rng, gravity, settings["dwell_s"]) @ axes.T
+        seen = (1.0 + k) * (along + second * along**2) + b + zero
+        seen = sign * (seen + rng.normal(0.0, noise, seen.shape))
+        logs[name] = {
+            "time_s": simulate_magnitude.INTERVAL_S * np.arange(len(seen), dtype=np.float64),
+            **{f"accel_{axis}_g": seen[:, i] for i, axis in enumerate("xyz")},
+        }
+    # with M the inverse of the axes: k_i0 = M_ii/(1 + k_i), z_i0 = b_i k_i0, c_ij = -M_ij/M_jj
+    matrix = np.linalg.inv(axes)
+    scale = np.diag(matrix) / (1.0 + k)
+    cross = -matrix / np.diag(matrix)
+    truth = [*scale, *(b * scale), cross[1, 0], cross[2, 0], cross[2, 1]]
+    named = dict(zip(asked_terms(spec).names, map(float, truth), strict=True))
+    coefficients = {"coefficients": {"triad": named}}
+    return Campaign(logs, simulate_magnitude.DECIMALS, coefficients)

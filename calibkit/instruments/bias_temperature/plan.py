@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,30 +19,26 @@ from calibkit.forms import power_unit
 from calibkit.frame import values
 from calibkit.instruments.bias_temperature.polynomials import EFFECTS, GROUP
 from calibkit.numeric.least_squares import polynomial
-from calibkit.planning.assumptions import assume, read_errors, read_sizes
+from calibkit.planning.assumptions import assume, read_earlier, read_sizes, seen_errors
 from calibkit.planning.levels import (
     LEVELS,
+    ONE_LEVEL_DEGC,
+    Tour,
     choose_some,
-    list_levels,
+    cover_range,
+    list_tours,
     list_usual_levels,
     order_there_and_back,
     raw_uncertainties,
 )
-from calibkit.planning.proposal import (
-    ONE_LEVEL_DEGC,
-    WITHHELD,
-    Coefficient,
-    Design,
-    count,
-    cover_range,
-)
+from calibkit.planning.proposal import WITHHELD, Candidate, Coefficient, Design, count
 from calibkit.planning.schedule import Clock
-from calibkit.planning.search import Bench, Sources, join, split_variance
-from calibkit.planning.simulation import as_planned
+from calibkit.planning.search import Bench, join
+from calibkit.simulate.campaign import Campaign
 from calibkit.simulate.chamber import follow_with_lag
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from calibkit.arrays import Array, Integers
     from calibkit.frame import Log
@@ -50,7 +46,6 @@ if TYPE_CHECKING:
     from calibkit.planning.equipment import Device
     from calibkit.planning.proposal import Task
     from calibkit.planning.schedule import Action, Schedule
-    from calibkit.simulate.campaign import Campaign
 
 RANGE_DEGC = (-40.0, 60.0)
 FILE = "bias.json"
@@ -87,24 +82,21 @@ class BiasBench(Bench):
 
     def powers(self, degc: Array) -> Array:
         """Powers [n, order + 1] of temperatures mapped from the range of use to [-1, 1]."""
-        middle, half = polynomial.middle_and_half(np.array(self.assumed.range_degc))
-        return polynomial.powers(degc, self.order, middle=middle, half=half)
+        return polynomial.powers(self.assumed.mapped(degc), self.order)
 
-    def fit(self, design: Design) -> Fit:
+    def fit(self, rows: Means) -> Fit:
         """What means of logs, each with its own turn-on bias, will tell of the polynomial."""
-        means: Means = self.rows(design)
         group, effect = TURN_ON
         turn_on = Shared(
             group=group,
             effect=effect,
-            level=means.log,
-            loading=np.ones((means.log.size, 1)),
+            level=rows.log,
+            loading=np.ones((rows.log.size, 1)),
             unit=self.assumed.device.noise_unit,
         )
-        powers = self.powers(means.degc)
+        powers, shared = self.powers(rows.degc), self.assumed.state([turn_on])
         start, names = np.zeros(self.order + 1), [f"p{k}" for k in range(self.order + 1)]
-        shared = self.assumed.state([turn_on])
-        return predict(lambda p: powers @ p, start, shared, noise=means.noise, names=names)
+        return predict(lambda p: powers @ p, start, shared, noise=rows.noise, names=names)
 
     def covers(self, design: Design) -> bool:
         """Whether both ends of the range are reached, with a temperature more than the order
@@ -114,74 +106,69 @@ class BiasBench(Bench):
 
     @cached_property
     def slopes(self) -> dict[str, Array]:
-        """Result → its derivatives [m, order + 1] over the range of use."""
+        """Result → its derivatives [m, order + 1] over the range of use: of the drift from the
+        reference temperature, and of the bias.
+        """
         low, high = self.assumed.range_degc
-        bias = self.powers(np.linspace(low, high, LEVELS))
+        powers = self.powers(np.linspace(low, high, LEVELS))
         reference = np.clip(self.spec.reference_temp_degc, low, high)
-        return {"drift": bias - self.powers(np.array([reference])), "bias": bias}
-
-    def variances(self, design: Design) -> Mapping[str, Sources]:
-        """Variances of each result."""
-        fit = self.fit(design)
-        return {name: split_variance(fit, slopes) for name, slopes in self.slopes.items()}
+        return {"drift": powers - self.powers(np.array([reference])), "bias": powers}
 
     def coefficients(self, design: Design) -> Iterator[Coefficient]:
-        """In powers of °C; of a channel of a lower order as of the highest."""
-        every = raw_uncertainties(self.fit(design).covariance, self.assumed.range_degc)
+        """In powers of °C, the same for all channels."""
+        unit = self.assumed.device.noise_unit
+        u = raw_uncertainties(self.fit(self.rows(design)).covariance, self.assumed.range_degc)
         for channel in self.spec.polynomials.bias:
-            for k, u in enumerate(every[: channel.order + 1]):
-                unit = power_unit(self.assumed.device.noise_unit, "degC", k)
-                yield Coefficient(channel.indication, f"p{k}", unit, u)
+            for k, size in enumerate(u[: channel.order + 1]):
+                yield Coefficient(channel.indication, f"p{k}", power_unit(unit, "degC", k), size)
 
-    def design(self, degc: tuple[int, ...], dwell_s: float) -> Design:
-        """Logs at temperatures in their order; where nothing is withheld yet, with the longest way
-        between two temperatures in a log that is.
+    def design(self, degc: Sequence[int], dwell_s: float) -> Design:
+        """A log at each temperature in their order; where nothing is withheld yet, with the longest
+        way between two of them that is.
         """
-        equipment, device = self.task.equipment, self.assumed.device
-        clock, rate = Clock(equipment), equipment.fastest(device)
+        device, clock = self.assumed.device, Clock(self.task.equipment)
         steps = [abs(b - a) for a, b in pairwise(degc)]
         longest = int(np.argmax(steps)) + 1 if steps and not self.task.withheld else -1
         stem = self.task.name_log("soak")
         for number, level in enumerate(degc):
-            settle_s = equipment.soak_s(device, level - clock.degc, rate)
-            way = f"{WITHHELD}{stem}_way_to_{level}.csv" if number == longest else ""
-            clock.ramp(float(level), rate, way)
-            clock.soak(settle_s, way)
-            # while it settles the instrument warms up, but where it is on from before
-            warm_s = device.warm_up_s - (0.0 if way else settle_s)
-            clock.soak(max(warm_s, 0.0))
+            if number == longest:
+                # the instrument stays on, and warms up when it is switched on anew
+                clock.settle(device, level, f"{WITHHELD}{stem}_way_to_{level}.csv")
+                clock.soak(device.warm_up_s)
+            else:
+                clock.settle(device, level, shortest_s=device.warm_up_s)
             clock.soak(dwell_s, f"{stem}_{number + 1:02d}_{level}.csv")
         noise = np.full(len(degc), self.assumed.noise_of(dwell_s))
         means = Means(np.array(degc, dtype=np.float64), np.arange(len(degc)), noise)
         logs, levels = count(len(degc), "log"), count(len({*degc}), "temperature")
         label = f"{logs} at {levels}, {dwell_s / 60.0:g} min each"
         settings = {"lag_s": max(device.lags_s), "noise_1s": self.assumed.noise_of(1.0)}
-        return Design(label, clock.schedule(), (f"{stem}_*.csv",), means, None, settings)
+        return Design(label, clock.schedule(), (f"{stem}_*.csv",), means, settings)
 
-    def designs(self) -> Iterator[Design]:
-        """Campaigns of all sizes; beside what is measured, those of the temperatures that it lacks,
-        and `NOTHING`.
+    def sizes(self) -> dict[str, Iterator[Design]]:
+        """Campaigns of all numbers of temperatures; beside what is measured, also those of the
+        temperatures that it lacks.
         """
-        if self.task.have:
-            yield Design.nothing()
-        seen: set[tuple[int, ...]] = set()
-        for levels in list_levels(self.task, self.order, MORE_LEVELS, self.assumed.range_degc):
+
+        def tours_of(levels: list[int]) -> Iterator[Tour]:
             tour = order_there_and_back(levels)
-            listed = [tour[:-1] * number + tour[:1] for number in TIMES]
-            listed += [tuple(np.repeat(tour, number).tolist()) for number in TIMES]
-            listed += choose_some(tour[:-1]) if self.task.have else ()
-            for degc in dict.fromkeys(listed):
-                if degc not in seen:
-                    seen.add(degc)
-                    yield from (self.design(degc, t) for t in self.assumed.device.dwell_s)
+            yield from (tour[:-1] * number + tour[:1] for number in TIMES)
+            yield from (tuple(np.repeat(tour, number).tolist()) for number in TIMES)
+            yield from choose_some(tour[:-1]) if self.task.have else ()
 
-    def usual(self) -> Iterator[Design]:
+        sized = list_tours(self.order, MORE_LEVELS, self.assumed.range_degc, tours_of)
+        return {
+            size: (self.design(*one) for one in product(tours, self.assumed.device.dwell_s))
+            for size, tours in sized.items()
+        }
+
+    def usual(self) -> tuple[Design, ...]:
         """An hour at each of nine temperatures, from low to high."""
-        yield self.design(list_usual_levels(self.assumed.range_degc), USUAL_S)
+        return (self.design(list_usual_levels(self.assumed.range_degc), USUAL_S),)
 
-    def notes(self, design: Design) -> Iterable[str]:
+    def notes(self, campaign: Candidate) -> tuple[str, ...]:
         """How the instrument is switched on."""
-        return ((RESTART,) if design.rows else ()) + self.assumed.notes
+        return (RESTART,) if campaign.design.rows else ()
 
 
 def prepare_plan(spec: BiasTemperatureRecipe, task: Task) -> BiasBench:
@@ -195,10 +182,10 @@ def prepare_plan(spec: BiasTemperatureRecipe, task: Task) -> BiasBench:
             f" °C; the recipe has {', '.join(other) or polynomials.abscissa} of order {order}",
             hint=f"plan channels of one unit, that of noise_unit in [device.{spec.procedure}]",
         )
-    seen = read_errors(task, FILE, spec.procedure)
+    seen = seen_errors(read_earlier(task, spec.procedure, FILE))
     earlier = [one for one in seen if (one.group, one.effect) == TURN_ON]
-    named = {TURN_ON: device.noise_unit}
-    assumed = assume(spec, task, device, named, default_degc=RANGE_DEGC, earlier=earlier)
+    units_of = {TURN_ON: device.noise_unit}
+    assumed = assume(spec, task, device, units_of, default_degc=RANGE_DEGC, earlier=earlier)
     results = dict.fromkeys(("drift", "bias"), device.noise_unit)
     each = [_measure(log, polynomials.abscissa, device) for log in task.have]
     return BiasBench(spec, task, assumed, results, join(*each) if each else None, order)
@@ -249,7 +236,7 @@ def simulate_plan(
         name: {f"p{k}": value for k, value in enumerate(bias.convert().coef.tolist())}
         for name, bias in truth.items()
     }
-    return as_planned(document, seed, logs, decimals, {"coefficients": drawn})
+    return Campaign(logs, decimals, {"coefficients": drawn})
 
 
 def _follow(recorded: Sequence[Action], lag_s: float) -> Array:

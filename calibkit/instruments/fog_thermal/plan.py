@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations, product, zip_longest
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.errors import UsageError
 from calibkit.frame import refuse
 from calibkit.instruments.fog_thermal import forms, ramps, simulate as simulated
-from calibkit.instruments.fog_thermal.numeric import planned
-from calibkit.instruments.fog_thermal.numeric.planned import CaseLog, Model, Ramp
+from calibkit.instruments.fog_thermal.numeric import bank as forward, bank_fit, evidence
+from calibkit.instruments.fog_thermal.numeric.bank_groups import GROUP_S, Groups
 from calibkit.instruments.fog_thermal.simulate_gyro import FogGyro
 from calibkit.instruments.fog_thermal.uncertainty import TURN_ON
-from calibkit.planning.assumptions import assume
-from calibkit.planning.proposal import WITHHELD, Coefficient, Design, cover_range
+from calibkit.numeric.exchange import invert
+from calibkit.numeric.thermal import coil
+from calibkit.numeric.thermal.pooled_fit import Stack, ThermalLog
+from calibkit.planning.assumptions import assume, read_earlier
+from calibkit.planning.levels import cover_range
+from calibkit.planning.proposal import WITHHELD, Coefficient, Design, measured_range
 from calibkit.planning.schedule import Clock
 from calibkit.planning.search import Bench
-from calibkit.planning.simulation import as_planned
 from calibkit.recipe.tables import ErrorComponent
+from calibkit.simulate.campaign import Campaign
 from calibkit.simulate.chamber import Chamber, Programme
 
 if TYPE_CHECKING:
@@ -33,7 +38,6 @@ if TYPE_CHECKING:
     from calibkit.planning.proposal import Task
     from calibkit.planning.schedule import Schedule
     from calibkit.planning.search import Sources
-    from calibkit.simulate.campaign import Campaign
 
 RANGE_DEGC = (-40.0, 60.0)
 RATES = (1, 2, 3, 5, 8, 10)
@@ -46,74 +50,190 @@ SAMPLE = (1, 5, 8, 10)
 """Rates of the usual campaign, which the sample logs have."""
 DIFFERENT = 1.1
 """Ratio of two rates from which on they differ."""
+BEFORE_S = 600.0
+"""Soak before a ramp that belongs to its log."""
+EVERY = 5
+"""Rows between two at which an uncertainty is predicted."""
+LEVELS = 9
+LEAST_DPH = 1e-9
+"""Size of an error where none is assumed."""
+BANK = forward.Bank(bank_fit.LAGS_S)
+SHARED = len(BANK.terms) + len(bank_fit.STATIC_MEAN)
+"""Coefficients and static lags, which all logs share."""
+RESULTS = {"drift": "deg/h", "drift at rest": "deg/h"}
+DRIFT, TURNED_ON = ("coil", "drift"), ("log", "turn-on")
+INITIAL, FLICKER = ("log", "initial state"), ("log", "flicker")
+UNITS = dict.fromkeys((DRIFT, TURNED_ON, INITIAL, FLICKER), "deg/h")
+"""(group, effect) of the errors that can be assumed, and the units they are stated in."""
 BEFORE, NOISE = "drift_rms_before.", "noise_rms."
 """Figures of the drift rms of a log and of the noise in it begin with these."""
 
 
+@dataclass(frozen=True, slots=True)
+class Ramp:
+    """One ramp between two soaks: one log."""
+
+    rate: float
+    """Signed [°C/min]."""
+    after_s: float
+    """Soak after it."""
+
+
+USED = tuple(Ramp(sign * rate, 1800.0) for rate in (2.0, 4.0, 7.0) for sign in (1.0, -1.0))
+"""Ramps on which the drift is used."""
+
+
 @dataclass(frozen=True)
 class RampBench(Bench):
-    """Campaigns of a gyro on ramps."""
+    """Campaigns of a gyro on ramps, as the fit of the `bank` model with its priors will see them:
+    the median of each but those of turn-on biases and initial states, whose sizes are assumed.
+    """
 
-    model: Model
     measured_rates: tuple[float, ...]
-    """Signed rates [°C/min] of their ramps."""
+    """Signed rates [°C/min] of the ramps that are measured."""
+
+    def log(self, ramp: Ramp) -> tuple[Array, Array]:
+        """Time [m, s] and case temperature [m, °C] of a ramp: the set point, lagged."""
+        low, high = self.assumed.range_degc
+        start, end = (low, high) if ramp.rate > 0.0 else (high, low)
+        length = abs(end - start) / abs(ramp.rate) * SECONDS_PER_MINUTE
+        corners = np.cumsum([0.0, BEFORE_S, length, ramp.after_s])
+        time = np.arange(0.0, corners[-1], GROUP_S)
+        chamber = np.interp(time, corners, [start, start, end, end])
+        along = coil.path([(time, np.asarray(chamber, dtype=np.float64))])
+        return time, along.drivers(min(self.assumed.device.lags_s), None).temperature
+
+    def problem(self, logs: Sequence[tuple[Array, Array]]) -> bank_fit.Problem:
+        """Problem of the fit to logs, time and case temperature of each."""
+        stacked = Stack.of_logs(
+            [
+                ThermalLog("", time, case, case, np.zeros(time.size), np.zeros(time.size, np.int64))
+                for time, case in logs
+            ]
+        )
+        groups = Groups.of_stack(stacked, np.ones(stacked.indication.size))
+        time, _ = logs[0]
+        group_s = (time[-1] - time[0] + time[1] - time[0]) / groups.ramps[0].starts.size
+        drift, white = self.assumed.size(*DRIFT), self.assumed.noise_of(group_s)
+        return bank_fit.state_problem(stacked, replace(groups, drift=drift, white=white))
 
     @property
-    def fastest(self) -> float:
-        """Fastest ramp [°C/min]."""
-        return self.task.equipment.fastest(self.assumed.device)
+    def point(self) -> tuple[Array, Array]:
+        """Static lag [3] and coefficients [p] about which the model is linear: a static drift of
+        the assumed size.
+        """
+        coefficients = np.zeros(len(BANK.terms))
+        coefficients[BANK.part("s").start] = self.assumed.size(*DRIFT)
+        return bank_fit.STATIC_MEAN, coefficients
+
+    def information(self, log: tuple[Array, Array]) -> Array:
+        """Information [q, q] of one log on the coefficients [p], the static lag [3], its turn-on
+        bias and its initial state [3], beside white and flicker noise.
+        """
+        problem = self.problem([log])
+        flicker = self.assumed.size(*FLICKER) / problem.groups.white
+        turned = problem.moments(*self.point)
+        return np.asarray(sum(gram.matrix for gram in problem.groups.grams(turned, flicker)))
 
     @cached_property
-    def base(self) -> Array:
-        """Information of what is measured already."""
-        none = np.zeros((3, len(self.model.prior), len(self.model.prior)))
-        return np.asarray(np.sum([none, *map(self.model.part, self.have)], axis=0))
+    def precision(self) -> Array:
+        """Precision [q] of what is known of the columns of one log before any is measured, 0 of
+        the constant.
+        """
+        prior = self.problem([self.log(USED[0])]).prior
+        theta = prior.mean.copy()
+        for place, error in ((bank_fit.TURN_ON, TURNED_ON), (bank_fit.INITIAL, INITIAL)):
+            theta[place] = 2.0 * np.log(max(self.assumed.size(*error), LEAST_DPH))
+        return np.exp(-evidence.log_variances(prior, theta))
 
     @cached_property
-    def parts(self) -> dict[Ramp, Array]:
+    def of_ramps(self) -> dict[Ramp, Array]:
         """Information of each ramp that was asked for."""
         return {}
 
-    def information(self, design: Design) -> Array:
-        """Information of what is measured already and of a design."""
-        total = self.base
+    def posterior(self, design: Design) -> tuple[Array, Array, Array]:
+        """Covariance [n, n] of coefficients, static lag and the errors of every log, with the
+        information [n, n] of the logs and the precision [n] before them.
+        """
         for ramp in design.rows or ():
-            if ramp not in self.parts:
-                self.parts[ramp] = self.model.part(self.model.log(ramp))
-            total = total + self.parts[ramp]
-        return total
+            if ramp not in self.of_ramps:
+                self.of_ramps[ramp] = self.information(self.log(ramp))
+        logs = [*self.have, *(self.of_ramps[ramp] for ramp in design.rows or ())]
+        single = len(self.precision) - SHARED
+        information = np.zeros((SHARED + single * len(logs),) * 2)
+        for number, matrix in enumerate(logs):
+            first = SHARED + single * number
+            place = np.r_[:SHARED, first : first + single]
+            information[np.ix_(place, place)] += matrix
+        precision = np.r_[self.precision[:SHARED], np.tile(self.precision[SHARED:], len(logs))]
+        return invert(information + np.diag(precision)), information, precision
 
     @cached_property
     def slopes(self) -> dict[str, Array]:
-        """Result → its derivatives where it is used."""
-        return {name: self.model.result_slopes(name) for name in planned.RESULTS}
+        """Result → its derivatives [m, p + 3] where it is used: of the drift about its mean along
+        ramps, or at rest relative to 25 °C.
+        """
+        used = self.problem([self.log(ramp) for ramp in USED])
+        columns = used.columns(*self.point)[:, :SHARED]
+        along = [columns[rows] for rows in used.stacked.log_rows]
+        degc = np.linspace(*self.assumed.range_degc, LEVELS)
+        z = (degc - forward.ORIGIN_DEGC) / forward.SCALE_DEGC
+        at_rest = np.zeros((LEVELS, SHARED))
+        at_rest[:, BANK.part("s")] = z[:, None] ** np.arange(1, forward.POWERS + 1)
+        of_drift = np.concatenate([(one - one.mean(axis=0))[::EVERY] for one in along])
+        return dict(zip(RESULTS, (of_drift, at_rest), strict=True))
 
-    def variances(self, design: Design) -> Mapping[str, Sources]:
-        """Variances of each result."""
-        return self.model.variances(self.information(design), self.slopes)
+    def variances(self, design: Design) -> dict[str, Sources]:
+        """Variances of each result: of the noise, of the errors of each log, and of what is known
+        of the coefficients before any is measured.
+        """
+        covariance, information, precision = self.posterior(design)
+        single, lag = len(self.precision) - SHARED, len(BANK.terms)
+        by_result = {}
+        for name, slopes in self.slopes.items():
+            pull = covariance[:, :SHARED] @ slopes.T
+            known = precision[:, None] * pull**2
+            of_logs = known[SHARED:].reshape(-1, single, len(slopes)).sum(axis=0)
+            by_result[name] = {
+                "noise": np.sum(pull * (information @ pull), axis=0),
+                "turn-on bias": of_logs[0],
+                "start of the log": of_logs[1:].sum(axis=0),
+                "size of the drift": known[:lag].sum(axis=0),
+                "static lag": known[lag:SHARED].sum(axis=0),
+            }
+        return by_result
 
     def coefficients(self, design: Design) -> Iterator[Coefficient]:
         """Of the bank, without its constant."""
-        u = self.model.uncertainty(self.information(design)).tolist()
-        for (name, unit), size in list(zip(planned.BANK.terms, u, strict=False))[1:]:
+        covariance, _, _ = self.posterior(design)
+        u = np.sqrt(np.diag(covariance)).tolist()
+        for (name, unit), size in list(zip(BANK.terms, u, strict=False))[1:]:
             yield Coefficient("bank", name, unit, size)
 
+    def covers(self, design: Design) -> bool:
+        """Whether a fit can leave out ramps of each direction, and one reaches all of the range."""
+        ends = measured_range(self.task.have) or ()
+        reached = design.rows or cover_range(ends, 2, self.assumed.range_degc)
+        return bool(reached) and self.suffices(ramp.rate for ramp in design.rows or ())
+
     def suffices(self, rates: Iterable[float]) -> bool:
-        """Whether a fit can leave out ramps of each direction, signed rates and those that are
-        measured: two of other rates.
+        """Whether signed rates and those that are measured are two of each direction, so that a fit
+        can leave one out.
         """
-        every = [*self.measured_rates, *rates]
-        heating = _count_rates(one for one in every if one > 0.0)
-        return min(heating, _count_rates(-one for one in every if one < 0.0)) >= FEWEST_RATES
+        every = sorted([*self.measured_rates, *rates])
+        for sense in (1.0, -1.0):
+            sizes = sorted(sense * rate for rate in every if sense * rate > 0.0)
+            differ = [k == 0 or rate > DIFFERENT * sizes[k - 1] for k, rate in enumerate(sizes)]
+            if sum(differ) < FEWEST_RATES:
+                return False
+        return True
 
     def design(self, heating: Sequence[int], cooling: Sequence[int], after_s: float) -> Design:
         """Heating and cooling ramps by turns, of unsigned rates [°C/min], with a soak after each;
         where nothing is withheld yet, with one heating ramp at the end that is.
         """
-        device, (low, high) = self.assumed.device, self.model.range_degc
-        clock, change = Clock(self.task.equipment), low - self.task.equipment.chamber.room_degc
-        clock.ramp(low, self.fastest)
-        clock.soak(self.task.equipment.soak_s(device, change, self.fastest))
+        (low, high), clock = self.assumed.range_degc, Clock(self.task.equipment)
+        clock.settle(self.assumed.device, low)
         by_turns = [
             Ramp(float(sign * rate), after_s)
             for pair in zip_longest(heating, cooling)
@@ -122,116 +242,101 @@ class RampBench(Bench):
         ]
         recorded = [(ramp, "") for ramp in by_turns]
         if not self.task.withheld:
-            recorded.append((Ramp(float(self.withheld_rate(heating)), after_s), WITHHELD))
+            # between the rates of the design, and none of them
+            spare = [rate for rate in self.rates if rate not in heating] or [heating[0]]
+            middle = float(np.sqrt(heating[0] * heating[-1]))
+            unseen = min(spare, key=lambda rate: abs(np.log(rate / middle)))
+            recorded.append((Ramp(float(unseen), after_s), WITHHELD))
         for ramp, folder in recorded:
             sense = "heating" if ramp.rate > 0.0 else "cooling"
             log = folder + self.task.name_log(f"ramp_{sense}_{abs(ramp.rate):02g}.csv")
-            clock.soak(planned.BEFORE_S, log)
+            clock.soak(BEFORE_S, log)
             clock.ramp(high if ramp.rate > 0.0 else low, abs(ramp.rate), log)
             clock.soak(ramp.after_s, log)
         rates = [f"±{rate}" for rate in heating]
         if tuple(heating) != tuple(cooling):
             rates = [*(f"+{rate}" for rate in heating), *(f"−{rate}" for rate in cooling)]
         label = f"ramps of {', '.join(rates)} °C/min, soaks of {after_s / 60.0:g} min"
-        logs = (self.task.name_log("ramp_*.csv"),)
         settings = {
             "range_degc": [low, high],
-            "case_lag_s": self.model.case_lag_s,
-            "white_dph": self.model.white_dph,
+            "case_lag_s": min(self.assumed.device.lags_s),
+            "white_dph": self.assumed.noise_of(GROUP_S),
         }
-        return Design(label, clock.schedule(), logs, tuple(by_turns), None, settings)
+        logs = (self.task.name_log("ramp_*.csv"),)
+        return Design(label, clock.schedule(), logs, tuple(by_turns), settings)
 
-    def withheld_rate(self, heating: Sequence[int]) -> int:
-        """Rate of the ramp that is withheld: between those of the design, and none of them."""
-        spare = [one for one in RATES if one not in heating and one <= self.fastest]
-        middle = float(np.sqrt(heating[0] * heating[-1]))
-        return min(spare or [heating[0]], key=lambda one: abs(np.log(one / middle)))
+    @property
+    def rates(self) -> list[int]:
+        """Unsigned rates [°C/min] that chamber and device allow."""
+        fastest = self.task.equipment.fastest(self.assumed.device)
+        return [rate for rate in RATES if rate <= fastest]
 
-    def designs(self) -> Iterator[Design]:
+    def sizes(self) -> dict[str, Iterator[Design]]:
         """Every campaign of two to four rates of each direction; where something is measured
-        already and withheld, also those of one heating ramp more, and none.
+        already and withheld, also those of one heating ramp more.
         """
-        rates = [rate for rate in RATES if rate <= self.fastest]
-        sets = [chosen for size in range(1, MOST + 1) for chosen in combinations(rates, size)]
+        sets = [chosen for size in range(1, MOST + 1) for chosen in combinations(self.rates, size)]
         more = (0, 1) if self.have and self.task.withheld else (0,)
-        ends = [one for log in self.have for one in (log.case.min(), log.case.max())]
-        if self.suffices(()) and cover_range(ends, 2, self.model.range_degc):
-            yield Design.nothing()
-        lengths = self.assumed.device.dwell_s
-        labels = [f"soaks of {after / 60.0:g} min" for after in lengths]
-        for after_s, _ in zip(lengths, self.task.progress(labels, "searching"), strict=True):
-            for heating, cooling in product(sets, [(), *sets]):
-                signed = [*heating, *(-rate for rate in cooling)]
-                if len(heating) - len(cooling) in more and self.suffices(signed):
-                    yield self.design(heating, cooling, after_s)
+        pairs = [
+            (heating, cooling)
+            for heating, cooling in product(sets, [(), *sets])
+            if len(heating) - len(cooling) in more
+            and self.suffices([*heating, *(-rate for rate in cooling)])
+        ]
+        return {
+            f"soaks of {after_s / 60.0:g} min": (
+                self.design(*pair, after_s) for pair, after_s in product(pairs, [after_s])
+            )
+            for after_s in self.assumed.device.dwell_s
+        }
 
     def usual(self) -> Iterator[Design]:
         """Eight ramps with long soaks."""
-        rates = tuple(rate for rate in SAMPLE if rate <= self.fastest)
+        rates = [rate for rate in SAMPLE if rate in self.rates]
         if self.suffices([*rates, *(-rate for rate in rates)]):
             yield self.design(rates, rates, max(self.assumed.device.dwell_s))
-
-
-def _count_rates(rates: Iterable[float]) -> int:
-    """Number of unsigned rates [°C/min] that differ."""
-    ordered = sorted(rates)
-    return sum(k == 0 or one > DIFFERENT * ordered[k - 1] for k, one in enumerate(ordered))
 
 
 def prepare_plan(spec: FogThermalRecipe, task: Task) -> RampBench:
     """What the search needs; UsageError for what cannot be planned."""
     device = task.equipment.known_device(spec.procedure, "deg/h")
-    earlier, notes = list[ErrorComponent](), tuple[str, ...]()
-    noise = device.noise
-    if task.earlier is not None:
-        noise, earlier = read_run(task.earlier, device.noise_s)
-        sizes = (f"{one.effect} {one.value:.2g}" for one in earlier)
-        notes = (f"of that run: noise {noise:.2g}, {', '.join(sizes)} deg/h",)
+    noise, earlier = None, list[ErrorComponent]()
+    for record in read_earlier(task, spec.procedure, forms.FILE):
+        noise, earlier = read_run(record, device.noise_s)
     assumed = assume(
-        *(spec, task, device, planned.UNITS),
-        default_degc=RANGE_DEGC,
-        passed_on=(),
-        earlier=earlier,
-        noise=noise,
-        notes=notes,
+        spec, task, device, UNITS, default_degc=RANGE_DEGC, earlier=earlier, noise=noise
     )
-    sizes_dph = {name: assumed.size(*name) for name in planned.UNITS}
-    if not (sizes_dph["coil", "drift"] and sizes_dph["log", "turn-on"]):
+    if not (assumed.size(*DRIFT) and assumed.size(*TURNED_ON)):
         raise UsageError(
             f"components of [device.{spec.procedure}]:"
             f" {', '.join(f'{one.effect} of {one.group}' for one in assumed.components)}",
             hint="expected drift of coil and turn-on of log, with initial state and flicker of log",
         )
-    white = assumed.noise_of(planned.STEP_S)
-    model = Model(assumed.range_degc, min(device.lags_s), white, sizes_dph)
+    bench = RampBench(spec, task, assumed, RESULTS, [], ())
+    if not bench.suffices([*bench.rates, *(-rate for rate in bench.rates)]):
+        raise UsageError(
+            f"fastest_degc_per_min leaves one of the rates {', '.join(map(str, RATES))} °C/min,"
+            f" expected {FEWEST_RATES}: a fit leaves out a ramp of each direction",
+            hint="state the fastest ramp of chamber and device in the equipment file",
+        )
     have, rates = [], list[float]()
     for log in task.have:
         examined = ramps.examine(spec, log)
         refuse(examined.findings)
         rates += [one.level for one in examined.held if one.kind == "ramp"]
         blocks = ramps.block_means(log, spec, rated=False)[1]
-        have.append(CaseLog.of_blocks(blocks.time, blocks.case))
-    bench = RampBench(spec, task, assumed, planned.RESULTS, have, model, tuple(rates))
-    able = [rate for rate in RATES if rate <= bench.fastest]
-    if not bench.suffices([*able, *(-rate for rate in able)]):
-        raise UsageError(
-            f"fastest_degc_per_min leaves one of the rates {', '.join(map(str, RATES))} °C/min,"
-            f" expected {FEWEST_RATES}: a fit leaves out a ramp of each direction",
-            hint="state the fastest ramp of chamber and device in the equipment file",
-        )
-    return bench
+        have.append((blocks.time, blocks.case))
+    known = [bench.information(log) for log in have]
+    return replace(bench, have=known, measured_rates=tuple(rates))
 
 
-def read_run(
-    records: Mapping[str, Record | StageResult], noise_s: float
-) -> tuple[float, list[ErrorComponent]]:
+def read_run(record: Record | StageResult, noise_s: float) -> tuple[float, list[ErrorComponent]]:
     """White noise [°/h] of the mean over a time [s], and sizes of drift, turn-on bias and flicker
     noise of a run; UsageError for one that does not state them.
     """
     levels = {form.name for form in forms.ON_LEVELS.values()}
-    record = records.get(forms.FILE)
-    model = next((one for one in record.models if one.form in levels), None) if record else None
-    if record is None or model is None:
+    model = next((one for one in record.models if one.form in levels), None)
+    if model is None:
         raise UsageError(
             "that run has no level, lagged or bank model of a gyro's drift, which states noise and"
             " turn-on biases",
@@ -261,7 +366,7 @@ def read_run(
 def simulate_plan(
     spec: FogThermalRecipe,  # noqa: ARG001 (as every planner's)
     schedule: Schedule,
-    document: Mapping[str, Any],
+    document: Mapping[str, Any],  # noqa: ARG001 (as every planner's)
     seed: int,
 ) -> Campaign:
     """Logs of a simulated gyro on the ramps of a schedule, and its truth."""
@@ -278,4 +383,4 @@ def simulate_plan(
     logs = simulated.logs(device, runs, seed, chamber)
     truth = simulated.describe(device, chamber, runs, logs)
     columns = {name: one.columns for name, one in logs.items()}
-    return as_planned(document, seed, columns, simulated.DECIMALS, truth)
+    return Campaign(columns, simulated.DECIMALS, truth)

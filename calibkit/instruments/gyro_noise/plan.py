@@ -13,24 +13,24 @@ from calibkit.frame import values
 from calibkit.instruments.gyro_noise.forms import read_term, term_name
 from calibkit.instruments.gyro_noise.sensors import GYRO, find_sensor
 from calibkit.numeric.noise.predicted import predict_terms
-from calibkit.planning.assumptions import assume
-from calibkit.planning.proposal import Coefficient, Design
+from calibkit.planning.assumptions import EARLIER_DOF, assume, read_earlier
+from calibkit.planning.proposal import Candidate, Coefficient, Design
 from calibkit.planning.schedule import Clock
-from calibkit.planning.search import NOISE, Bench
-from calibkit.planning.simulation import as_planned
+from calibkit.planning.search import NOISE, Bench, Sources
+from calibkit.recipe.tables import ErrorComponent
 from calibkit.simulate import noise
+from calibkit.simulate.campaign import Campaign
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from calibkit.coefficients import Record, StageResult
     from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe
     from calibkit.planning.proposal import Task
     from calibkit.planning.schedule import Schedule
-    from calibkit.planning.search import Sources
-    from calibkit.simulate.campaign import Campaign
 
+FILE = "gyro_noise.json"
 LOG = "static"
+GROUP = "record"
 INTERVAL_S = 1.0
 """Sampling interval of a planned log."""
 WALK, INSTABILITY, RATE_WALK = TERMS = (
@@ -38,8 +38,10 @@ WALK, INSTABILITY, RATE_WALK = TERMS = (
     "bias_instability",
     "rate_random_walk",
 )
-"""Noise terms that a gyro is assumed to have."""
-UNITS = {law.name: law.unit for law in GYRO.laws if law.name in TERMS}
+"""Noise terms that a gyro is assumed to have, as coefficient files name them."""
+WORDS = {name: name.replace("_", " ") for name in TERMS}
+LAWS = {law.name: law for law in GYRO.laws}
+UNITS = {(GROUP, WORDS[name]): LAWS[name].unit for name in TERMS}
 USUAL_S = 21600.0
 """Length of the usual log, which the sample log has."""
 SHOWN = 3.2
@@ -48,12 +50,12 @@ SHOWN = 3.2
 
 @dataclass(frozen=True)
 class RecordBench(Bench):
-    """Records of gyros."""
+    """Records of gyros; rows are the number of samples of a log and their interval [s]."""
 
     terms: Mapping[str, float]
     """Noise terms that are assumed, by name."""
 
-    def variances(self, design: Design) -> Mapping[str, Sources]:
+    def variances(self, design: Design) -> dict[str, Sources]:
         """Variance of each term of one log."""
         samples, interval_s = design.rows or self.have
         recipe = self.spec.noise
@@ -66,67 +68,51 @@ class RecordBench(Bench):
             seed=self.task.seed,
         )
         return {
-            _words(law.name): {NOISE: np.array([(law.scale * size) ** 2])}
+            WORDS[law.name]: {NOISE: np.array([(law.scale * size) ** 2])}
             for law, size in zip(GYRO.laws, u, strict=True)
             if law.name in self.terms
         }
 
     def coefficients(self, design: Design) -> Iterator[Coefficient]:
         """The terms of one log."""
-        for one in self.predict(design):
-            name = term_name(_key(one.name), LOG)
-            yield Coefficient("gyro_noise", name, one.unit, one.largest_u)
+        results = self.predict(design).results
+        for name in self.terms:
+            one = results[WORDS[name]]
+            yield Coefficient("gyro_noise", term_name(name, LOG), one.unit, one.largest_u)
 
     def design(self, length_s: float, label: str = "") -> Design:
         """One log at the reference temperature, after the instrument has warmed up."""
-        equipment, device = self.task.equipment, self.assumed.device
-        clock, log = Clock(equipment), self.task.name_log(f"{LOG}.csv")
-        rate, degc = equipment.fastest(device), self.spec.reference_temp_degc
-        settle_s = equipment.soak_s(device, degc - clock.degc, rate)
-        clock.ramp(degc, rate)
-        clock.soak(max(settle_s, device.warm_up_s))
+        device, clock = self.assumed.device, Clock(self.task.equipment)
+        clock.settle(device, self.spec.reference_temp_degc, shortest_s=device.warm_up_s)
+        log = self.task.name_log(f"{LOG}.csv")
         clock.soak(length_s, log)
         label += f"one log of {length_s / SECONDS_PER_HOUR:g} h"
-        samples = round(length_s / INTERVAL_S)
+        rows = round(length_s / INTERVAL_S), INTERVAL_S
         settings = {"terms": dict(self.terms), "interval_s": INTERVAL_S}
-        return Design(label, clock.schedule(), (log,), (samples, INTERVAL_S), None, settings)
+        return Design(label, clock.schedule(), (log,), rows, settings)
 
-    def designs(self) -> Iterator[Design]:
-        """Logs of all lengths; where one is measured, also `NOTHING`."""
-        if self.task.have:
-            yield Design.nothing()
+    def sizes(self) -> dict[str, list[Design]]:
+        """Logs of all lengths."""
         lengths = sorted(self.assumed.device.dwell_s)
-        labels = [f"{length / SECONDS_PER_HOUR:g} h" for length in lengths]
-        for length, _ in zip(lengths, self.task.progress(labels, "searching"), strict=True):
-            yield self.design(length)
+        return {f"{length / SECONDS_PER_HOUR:g} h": [self.design(length)] for length in lengths}
 
-    def usual(self) -> Iterator[Design]:
+    def usual(self) -> tuple[Design, ...]:
         """As long as the sample log."""
-        yield self.design(USUAL_S, label="usual: ")
+        return (self.design(USUAL_S, label="usual: "),)
 
-    def notes(self, design: Design) -> Iterator[str]:
+    def notes(self, campaign: Candidate) -> Iterator[str]:
         """Terms that a log hardly shows, and the sampling that was assumed."""
-        for one in self.predict(design):
-            value = self.terms[_key(one.name)]
-            if value < 2.0 * SHOWN * one.largest_u:
+        for name, value in self.terms.items():
+            one = campaign.results[WORDS[name]]
+            if value < SHOWN * one.expanded:
                 yield (
                     f"{one.name} of {value:g} {one.unit}, as it is assumed, is hardly observable"
                     " in this log: log for longer"
                 )
         sizes = ", ".join(
-            f"{_words(name)} {value:.3g} {UNITS[name]}" for name, value in self.terms.items()
+            f"{WORDS[name]} {value:.3g} {LAWS[name].unit}" for name, value in self.terms.items()
         )
         yield f"planned for a sample every {INTERVAL_S:g} s and terms as assumed: {sizes}"
-
-
-def _words(name: str) -> str:
-    """A term of coefficient files in words."""
-    return name.replace("_", " ")
-
-
-def _key(words: str) -> str:
-    """Name of a term in coefficient files."""
-    return words.replace(" ", "_")
 
 
 def prepare_plan(spec: GyroNoiseRecipe, task: Task) -> RecordBench:
@@ -139,34 +125,32 @@ def prepare_plan(spec: GyroNoiseRecipe, task: Task) -> RecordBench:
             f" {device.noise_unit}",
             hint="plan records of gyros alone",
         )
-    units = {("record", _words(name)): unit for name, unit in UNITS.items()}
-    assumed = assume(spec, task, device, units, passed_on=())
-    # the mean over noise_s; IEEE Std 952: N/√τ
-    terms = {WALK: assumed.noise_of(SECONDS_PER_HOUR)}
-    sizes = {_key(effect): assumed.size(group, effect) for group, effect in units}
-    terms |= {name: size for name, size in sizes.items() if size > 0.0}
-    if task.earlier is not None:
-        terms |= _read_terms(task.earlier)
-    results = {_words(name): unit for name, unit in UNITS.items() if name in terms}
+    # the largest of all gyros and logs of an earlier run
+    largest: dict[str, float] = {}
+    for record in read_earlier(task, spec.procedure, FILE):
+        for figure in record.figures:
+            name, _ = read_term(figure.name)
+            if name in TERMS and figure.unit == LAWS[name].unit:
+                largest[name] = max(figure.value, largest.get(name, 0.0))
+    earlier = [
+        ErrorComponent(
+            group=GROUP, effect=WORDS[name], value=value, unit=LAWS[name].unit, dof=EARLIER_DOF
+        )
+        for name, value in largest.items()
+    ]
+    assumed = assume(spec, task, device, UNITS, earlier=earlier)
+    sizes = {name: assumed.size(GROUP, WORDS[name]) for name in TERMS}
+    # the mean over an hour; IEEE Std 952: N/√τ
+    sizes[WALK] = sizes[WALK] or assumed.noise_of(SECONDS_PER_HOUR)
+    terms = {name: size for name, size in sizes.items() if size > 0.0}
+    results = {WORDS[name]: LAWS[name].unit for name in terms}
     have = None
     if task.have:
-        logs = [values(log.frame, "time_s") for log in task.have]
-        longest = max(logs, key=lambda time: float(time[-1] - time[0]))
+        times = [values(log.frame, "time_s") for log in task.have]
+        longest = max(times, key=lambda time: float(time[-1] - time[0]))
         interval = float(np.median(np.diff(longest)))
         have = round(float(longest[-1] - longest[0]) / interval) + 1, interval
     return RecordBench(spec, task, assumed, results, have, terms)
-
-
-def _read_terms(records: Mapping[str, Record | StageResult]) -> dict[str, float]:
-    """Largest noise terms of a run; UsageError for a run of another procedure."""
-    if "gyro_noise.json" not in records:
-        raise UsageError("that run has no gyro_noise.json", hint="name a run of gyro_noise")
-    terms: dict[str, float] = {}
-    for figure in records["gyro_noise.json"].figures:
-        name, _ = read_term(figure.name)
-        if name in TERMS and figure.unit == UNITS[name]:
-            terms[name] = max(figure.value, terms.get(name, 0.0))
-    return terms
 
 
 def simulate_plan(
@@ -187,4 +171,4 @@ def simulate_plan(
     drawn = {term_name(name, LOG): value for name, value in settings["terms"].items()}
     logs = {record.log: {"time_s": interval * np.arange(samples)} | rates}
     decimals = {"time_s": 1} | dict.fromkeys(rates, 4)
-    return as_planned(document, seed, logs, decimals, {"coefficients": {"gyro_noise": drawn}})
+    return Campaign(logs, decimals, {"coefficients": {"gyro_noise": drawn}})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
 from functools import partial
-from itertools import combinations, product
+from itertools import combinations, product, starmap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,37 +12,45 @@ import numpy as np
 from calibkit.constants import DPH_PER_DPS, REVOLUTION_DEG
 from calibkit.errors import FitError, UsageError
 from calibkit.fit.complex_step import derivative
-from calibkit.fit.solve import Fit, predict
+from calibkit.fit.solve import predict
 from calibkit.instruments.gyro_scale import equation, forms, simulate_rate_table, table_runs
 from calibkit.instruments.gyro_scale.numeric import line_terms
 from calibkit.instruments.gyro_scale.numeric.gjb_figures import PPM
 from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares import polynomial
-from calibkit.planning.assumptions import EARLIER_DOF, Assumed, assume, read_sizes, seen_errors
-from calibkit.planning.levels import LEVELS, choose_some, list_levels, order_there_and_back
-from calibkit.planning.proposal import (
-    ONE_LEVEL_DEGC,
-    WITHHELD,
-    Coefficient,
-    Design,
-    count,
-    cover_range,
+from calibkit.planning.assumptions import (
+    EARLIER_DOF,
+    Assumed,
+    assume,
+    read_earlier,
+    read_sizes,
+    seen_errors,
 )
+from calibkit.planning.levels import (
+    LEVELS,
+    ONE_LEVEL_DEGC,
+    Tour,
+    choose_some,
+    cover_range,
+    list_tours,
+    order_there_and_back,
+)
+from calibkit.planning.proposal import WITHHELD, Coefficient, Design, count
 from calibkit.planning.schedule import Clock
-from calibkit.planning.search import Bench, Sources, split_variance, whole
-from calibkit.planning.simulation import as_planned
+from calibkit.planning.search import Bench, Sources, join, split_variance, whole
 from calibkit.recipe.tables import ErrorComponent
+from calibkit.simulate.campaign import Campaign
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from calibkit.arrays import Array, Integers
     from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe, RateTableRecipe
+    from calibkit.planning.assumptions import Units
     from calibkit.planning.equipment import RateTable
     from calibkit.planning.proposal import Task
     from calibkit.planning.schedule import Schedule
-    from calibkit.simulate.campaign import Campaign
 
 RANGE_DEGC = (-40.0, 60.0)
 MORE_LEVELS = 3
@@ -82,50 +90,41 @@ DEG_PER_PPM = float(np.degrees(1.0 / PPM))
 
 @dataclass(frozen=True, slots=True)
 class Holds:
-    """Planned or measured holds [n] of several runs, of a gyro whose scale factor is 1."""
+    """Planned or measured holds [n] of several runs."""
 
-    rows: equation.Rows
+    rate_dps: Array
+    run: Integers
+    degc: Array
+    hours: Array
+    """From the middle of the run."""
     noise: Array
     """Of the mean over each hold [°/s]."""
-
-    @classmethod
-    def of(cls, rate_dps: Array, run: Integers, degc: Array, hours: Array, noise: Array) -> Holds:
-        """Holds of a gyro that is exact."""
-        line = np.zeros_like(run)
-        return cls(equation.Rows(rate_dps, rate_dps, run, degc, hours, line, line), noise)
 
     @classmethod
     def of_runs(
         cls, rates_dps: Sequence[float], hours: Array, noise: Array, degc: Sequence[float]
     ) -> Holds:
-        """Runs at temperatures [°C] in their order, all with the same signed rates, in the middle
-        of each hold at an hour from the middle of the run.
-        """
+        """Runs at temperatures [°C] in their order, all with the same signed rates."""
         runs = len(degc)
         run = np.repeat(np.arange(runs), len(rates_dps))
-        rates = np.tile(np.array(rates_dps), runs)
         level = np.array(degc, dtype=np.float64)[run]
-        return cls.of(rates, run, level, np.tile(hours, runs), np.tile(noise, runs))
+        return cls(np.tile(rates_dps, runs), run, level, np.tile(hours, runs), np.tile(noise, runs))
 
-    def join(self, other: Holds) -> Holds:
-        """These holds and those of other runs."""
-        a, b = self.rows, other.rows
-        return Holds.of(
-            np.concatenate([a.rate_dps, b.rate_dps]),
-            np.concatenate([a.run, b.run + int(a.run.max(initial=-1)) + 1]),
-            np.concatenate([a.row_degc, b.row_degc]),
-            np.concatenate([a.hours, b.hours]),
-            np.concatenate([self.noise, other.noise]),
+    @property
+    def rows(self) -> equation.Rows:
+        """Rows of the fit, of a gyro whose scale factor is 1."""
+        line = np.zeros_like(self.run)
+        return equation.Rows(
+            self.rate_dps, self.rate_dps, self.run, self.degc, self.hours, line, line
         )
 
     def nearest(self, degc: float) -> Holds:
         """Holds at the temperature that is nearest to another [°C]."""
-        rows = self.rows
-        at = rows.row_degc[np.argmin(np.abs(rows.row_degc - degc))]
-        kept = np.abs(rows.row_degc - at) <= ONE_LEVEL_DEGC
-        run = np.asarray(np.unique(rows.run[kept], return_inverse=True)[1])
+        at = self.degc[np.argmin(np.abs(self.degc - degc))]
+        kept = np.abs(self.degc - at) <= ONE_LEVEL_DEGC
+        run = np.asarray(np.unique(self.run[kept], return_inverse=True)[1])
         level = np.full(run.size, at)
-        return Holds.of(rows.rate_dps[kept], run, level, rows.hours[kept], self.noise[kept])
+        return Holds(self.rate_dps[kept], run, level, self.hours[kept], self.noise[kept])
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,9 +133,10 @@ class Run:
 
     rates_dps: tuple[int, ...]
     """Unsigned."""
+    shortest_s: float
+    """Shortest hold."""
     alternating: bool
     """Whether each rate is held both ways at once, or one side after the other."""
-    shortest_s: float
 
     def holds(self, acceleration_dps2: float) -> list[tuple[float, float, float]]:
         """Signed rate [°/s], start and length [s] of each hold: a whole revolution at least."""
@@ -153,16 +153,7 @@ class Run:
         return holds
 
 
-@dataclass(frozen=True, slots=True)
-class Runs:
-    """Runs of a design."""
-
-    run: Run
-    degc: Mapping[str, tuple[int, ...]]
-    """Table axis → temperatures of its runs in their order."""
-
-
-NO_RUNS = Runs(Run((), alternating=True, shortest_s=0.0), {})
+NO_RUN = Run((), 0.0, alternating=True)
 
 
 @dataclass(frozen=True)
@@ -178,89 +169,86 @@ class GyroBench(Bench):
     axis.
     """
 
-    def fit(
-        self, holds: Holds, without: Sequence[tuple[str, str]] = ()
-    ) -> tuple[Fit, equation.Terms]:
-        """What a fit of holds will tell beside their errors, and its terms."""
-        low, high = self.assumed.range_degc
-        sizes = np.abs(holds.rows.rate_dps)
-        shapes = (line_terms.ASYMMETRY,) if np.ptp(sizes) > 0.0 else ()
-        middle_half = (low + high) / 2.0, max(high - low, 1.0) / 2.0
-        terms = equation.Terms(1, (self.order,) * 2, middle_half, shapes)
-        listed = equation.shared_errors(holds.rows, terms, np.ones(1), np.ones(1))
-        # of temperatures that change within runs a plan knows nothing
-        known = [name for name in UNITS if name not in without]
-        shared = [one for one in listed if (one.group, one.effect) in known]
-        residual = partial(equation.residual, rows=holds.rows, terms=terms)
-        stated = self.assumed.state(shared)
-        fit = predict(residual, terms.start, stated, noise=holds.noise, names=terms.names)
-        return fit, terms
-
-    def line_variance(
+    def lines(
         self,
-        result: str,
         holds: Holds,
         degc: Array | None = None,
         without: Sequence[tuple[str, str]] = (),
-    ) -> Sources:
-        """Variance of scale factor [ppm²] or zero [(°/h)²] about one axis, at temperatures [m] [°C]
-        or over the range of use: of the best straight line over the holds.
+    ) -> dict[str, Sources]:
+        """Variance of scale factor [ppm²] and zero [(°/h)²] about one axis, at temperatures [m]
+        [°C] or over the range of use, beside some of the errors: of the best straight line over
+        the holds.
         """
-        fit, terms = self.fit(holds, without)
-        degc = np.linspace(*self.assumed.range_degc, LEVELS) if degc is None else degc
+        rows, (low, high) = holds.rows, self.assumed.range_degc
+        degc = np.linspace(low, high, LEVELS) if degc is None else degc
+        shapes = (line_terms.ASYMMETRY,) if np.ptp(np.abs(rows.rate_dps)) > 0.0 else ()
+        middle_half = (low + high) / 2.0, max(high - low, 1.0) / 2.0
+        terms = equation.Terms(1, (self.order,) * 2, middle_half, shapes)
+        # of temperatures that change within runs a plan knows nothing
+        known = UNITS.keys() - set(without)
+        listed = equation.shared_errors(rows, terms, np.ones(1), np.ones(1))
+        fit = predict(
+            partial(equation.residual, rows=rows, terms=terms),
+            terms.start,
+            self.assumed.state(one for one in listed if (one.group, one.effect) in known),
+            noise=holds.noise,
+            names=terms.names,
+        )
         powers = polynomial.powers(terms.mapped(degc), self.order)
-        line = equation.best_line(terms, holds.rows.rate_dps)
-        which, unit = (equation.SCALE, PPM) if result == SCALE else (equation.ZERO, DPH_PER_DPS)
-        slopes = unit * derivative(lambda p: powers @ line(p)[which][0], terms.start)
-        return split_variance(fit, slopes)
+        line = equation.best_line(terms, rows.rate_dps)
+        scale, zero = derivative(
+            lambda p: np.stack([powers @ part[0] for part in line(p)]), terms.start
+        )
+        return {
+            SCALE: split_variance(fit, PPM * scale),
+            ZERO: split_variance(fit, DPH_PER_DPS * zero),
+        }
 
-    def angle_variance(self, campaign: Mapping[str, Holds], degc: Array | None = None) -> Sources:
-        """Variance [deg²] of the angle between two gyros, each seen a little about the axis of the
-        other, where no scale factor matters.
+    def results_of(
+        self, campaign: Iterable[Holds], degc: Array | None = None
+    ) -> dict[str, Sources]:
+        """Variances of each result, of the axis that is known worst. An angle between two gyros is
+        what each shows about the axis of the other, where no scale factor matters.
         """
-        each = [self.line_variance(SCALE, one, degc, [RUN_SCALE]) for one in _single(campaign)]
-        a, b = (sorted(each, key=_mean) * 2)[-2:]
+        # axes that are held alike once
+        single = {id(holds): holds for holds in campaign}.values()
+        lines = [self.lines(holds, degc) for holds in single]
+        worst = {name: max((line[name] for line in lines), key=_mean) for name in RESULTS}
+        if ANGLE not in self.results:
+            return worst
+        across = [self.lines(holds, degc, [RUN_SCALE])[SCALE] for holds in single]
+        a, b = (sorted(across, key=_mean) * 2)[-2:]
         none = np.zeros_like(whole(a))
-        angle = {source: a.get(source, none) + b.get(source, none) for source in a | b}
+        in_deg = {
+            source: DEG_PER_PPM**2 * (a.get(source, none) + b.get(source, none)) for source in a | b
+        }
         mounted = np.full_like(none, 2.0 * self.assumed.size(*MOUNTING) ** 2)
-        in_deg = {source: part * DEG_PER_PPM**2 for source, part in angle.items()}
-        return in_deg | {"angle of the mounting": mounted}
+        return {SCALE: worst[SCALE], ANGLE: in_deg | {"angle of the mounting": mounted}}
 
-    def worst(
-        self, result: str, campaign: Mapping[str, Holds], degc: Array | None = None
-    ) -> Sources:
-        """Variance of a result about the axis that is known worst."""
-        if result == ANGLE:
-            return self.angle_variance(campaign, degc)
-        each = (self.line_variance(result, one, degc) for one in _single(campaign))
-        return max(each, key=_mean)
-
-    def variances(self, design: Design) -> Mapping[str, Sources]:
+    def variances(self, design: Design) -> dict[str, Sources]:
         """Variances of each result."""
-        campaign = self.campaign(design)
-        return {name: self.worst(name, campaign) for name in self.results}
+        return self.results_of(self.campaign(design).values())
 
     def covers(self, design: Design) -> bool:
         """Whether the runs about every axis reach both ends of the range, with a temperature more
         than the order needs.
         """
-        campaign, range_degc = self.campaign(design), self.assumed.range_degc
         return all(
-            cover_range(one.rows.temp_degc, self.order + 2, range_degc) for one in _single(campaign)
+            cover_range(holds.rows.temp_degc, self.order + 2, self.assumed.range_degc)
+            for holds in self.campaign(design).values()
         )
 
     def campaign(self, design: Design) -> dict[str, Holds]:
         """Table axis → what is measured about it already, and holds of a design; FitError for an
         axis without any.
         """
-        campaign = dict(self.have)
-        planned: dict[tuple[int, ...], Holds] = {}
-        runs: Runs = design.rows or NO_RUNS
-        for axis, degc in runs.degc.items():
+        campaign, planned = dict(self.have), dict[Tour, Holds]()
+        run, tours = design.rows or (NO_RUN, {})
+        for axis, degc in tours.items():
             if degc not in planned:
-                planned[degc] = self.planned_holds(runs.run, degc)
-            holds = planned[degc]
-            campaign[axis] = campaign[axis].join(holds) if axis in campaign else holds
+                planned[degc] = self.planned_holds(run, degc)
+            parts = [campaign[axis]] if axis in campaign else []
+            campaign[axis] = join(*parts, planned[degc])
         missing = [axis for axis in self.axes if axis not in campaign]
         if missing:
             raise FitError(f"no run about {', '.join(missing)}", hint="plan without --have")
@@ -268,138 +256,166 @@ class GyroBench(Bench):
 
     def planned_holds(self, run: Run, degc: Sequence[int]) -> Holds:
         """Holds of runs as the fit will see them: means over whole revolutions."""
-        holds = run.holds(self.table.acceleration_dps2)
-        rates, start, length = (np.array(part) for part in zip(*holds, strict=True))
+        rates, start, length = np.array(run.holds(self.table.acceleration_dps2)).T
         turn_s = REVOLUTION_DEG / np.abs(rates)
         used_s = np.floor((length - 1.0) / turn_s) * turn_s
         hours = (start + length / 2.0 - (start[-1] + length[-1]) / 2.0) / 3600.0
         noise = self.assumed.noise * np.sqrt(self.assumed.device.noise_s / used_s)
         return Holds.of_runs(rates.tolist(), hours, noise, degc)
 
-    def measured(self, axes: Sequence[str]) -> list[float]:
-        """Temperatures [°C] of the runs about some axes."""
-        return [t for axis in axes if axis in self.have for t in self.have[axis].rows.temp_degc]
+    def coefficients(self, design: Design) -> Iterator[Coefficient]:
+        """At the reference temperature: K and F0 of each gyro; over three axes the angles between
+        them, which are those of the runs at that temperature alone.
+        """
+        campaign, at = self.campaign(design).values(), np.array([self.reference_degc])
+        if ANGLE in self.results:
+            near = [holds.nearest(self.reference_degc) for holds in campaign]
+            parts = replace(self, order=0).results_of(near, at)[ANGLE]
+            for a, b in combinations(self.spec.gyros, 2):
+                name = f"orthogonality_error_deg.{a}_{b}"
+                yield Coefficient("triad", name, "deg", float(np.sqrt(whole(parts))[0]))
+            return
+        u = {name: float(np.sqrt(whole(p)[0])) for name, p in self.results_of(campaign, at).items()}
+        for gyro, (letter, name) in product(self.spec.gyros, (("K", SCALE), ("F0", ZERO))):
+            yield Coefficient(f"gyro_{gyro}", letter, RESULTS[name], u[name])
 
-    def lacking(self, axis: str) -> tuple[int, ...]:
-        """Temperatures [°C] that were measured about other axes, but not about this one."""
-        there, lacking = self.measured([axis]), list[int]()
-        for degc in sorted(self.measured(self.axes)):
-            if all(abs(degc - other) > ONE_LEVEL_DEGC for other in (*there, *lacking)):
-                lacking.append(round(degc))
-        return tuple(lacking)
+    def passed_on(self, design: Design) -> list[ErrorComponent]:  # noqa: ARG002 (as every bench's)
+        """Errors that a recipe of these gyros can state."""
+        known = self.spec.component_units
+        return [one for one in self.assumed.components if (one.group, one.effect) in known]
+
+    def design(self, run: Run, degc: Tour, label: str = "") -> Design:
+        """Runs at temperatures in their order, about each axis."""
+        tours = self.tours(degc)
+        clock = Clock(self.task.equipment)
+        for number, (axis, tour) in enumerate(tours.items()):
+            if number:
+                clock.remount(self.task.equipment.fastest(self.assumed.device))
+            for level, log in self.runs_about(axis, tour):
+                clock.settle(self.assumed.device, level)
+                begin = clock.now_s
+                for signed, start, length in run.holds(self.table.acceleration_dps2):
+                    clock.move(begin + start - clock.now_s)
+                    clock.rate(signed, length, log)
+        files = {axis: self.name_logs(axis) for axis in tours}
+        single = self.planned_holds(run, (0,))
+        settings = {
+            "hold_s": run.shortest_s,
+            "order": self.order,
+            "rates_dps": single.rate_dps.tolist(),
+            "middle_h": single.hours.tolist(),
+            "noise_dps": single.noise.tolist(),
+            "temperatures_degc": list(tours.get(self.axes[0], ())),
+        }
+        # about all axes alike, or what each lacks
+        alike = len({*tours.values()}) == 1 and len(tours) == len(self.axes)
+        number = len(degc) if alike else sum(map(len, tours.values()))
+        levels = len({level for tour in tours.values() for level in tour})
+        axes = f", about {len(tours)} {'axis' if len(tours) == 1 else 'axes'}"
+        label = label or (
+            f"{len(run.rates_dps)} rates both ways, {count(number, 'run')} at"
+            f" {count(levels, 'temperature')}, holds of {run.shortest_s:g} s"
+            f"{axes if len(self.axes) > 1 else ''}"
+        )
+        return Design(
+            *(label, clock.schedule(), tuple(files.values()), (run, tours)),
+            *(settings, self.changes(files)),
+        )
+
+    def tours(self, degc: Tour) -> dict[str, Tour]:
+        """Table axis → temperatures of its runs: those that were measured about other axes but not
+        about this one, and those of a design.
+        """
+        tours = {}
+        for axis in self.axes:
+            lacking = [level for level in self.lacking(axis) if level not in degc]
+            if lacking or degc:
+                tours[axis] = (*lacking, *degc)
+        return tours
+
+    def runs_about(self, axis: str, tour: Tour) -> list[tuple[int, str]]:
+        """Temperature and log of each run about an axis; where nothing is withheld yet, with one
+        between the two first temperatures that is.
+        """
+        stem = self.stem(axis)
+        runs = [(level, f"{stem}_{k + 1:02d}_{level}.csv") for k, level in enumerate(tour)]
+        if not self.task.withheld:
+            known = sorted({*tour, *map(round, self.measured(axis))})
+            between = round((known[0] + known[1]) / 2.0) if len(known) > 1 else known[0]
+            runs.insert(1, (between, f"{WITHHELD}{stem}_{between}.csv"))
+        return runs
 
     def stem(self, axis: str) -> str:
         """What the names of the logs about an axis begin with."""
         return self.task.name_log(f"about_{axis}" if axis else "run")
 
-    def design(self, run: Run, degc: Sequence[int], label: str = "") -> Design:
-        """Runs at temperatures in their order, about each axis beside what it lacks; where nothing
-        is withheld yet, with one run between the two first temperatures that is.
-        """
-        of_axis = {
-            axis: (*(one for one in self.lacking(axis) if one not in degc), *degc)
-            for axis in self.axes
-        }
-        mounted = {axis: levels for axis, levels in of_axis.items() if levels}
-        clock = Clock(self.task.equipment)
-        for number, (axis, levels) in enumerate(mounted.items()):
-            if number:
-                clock.remount(self.task.equipment.fastest(self.assumed.device))
-            stem = self.stem(axis)
-            order = [(one, f"{stem}_{k + 1:02d}_{one}.csv") for k, one in enumerate(levels)]
-            if not self.task.withheld:
-                known = sorted({*levels, *map(round, self.measured([axis]))})
-                between = round((known[0] + known[1]) / 2.0) if len(known) > 1 else known[0]
-                order.insert(1, (between, f"{WITHHELD}{stem}_{between}.csv"))
-            for one, log in order:
-                self.turn(clock, run, one, log)
-        single = self.planned_holds(run, (0,))
-        settings = {
-            "hold_s": run.shortest_s,
-            "order": self.order,
-            "rates_dps": single.rows.rate_dps.tolist(),
-            "middle_h": single.rows.hours.tolist(),
-            "noise_dps": single.noise.tolist(),
-            "temperatures_degc": list(of_axis[self.axes[0]]),
-        }
-        changes = {}
-        if isinstance(self.spec, GyroTriadRecipe):
-            before = dict(self.spec.axes) if self.task.have else {}
-            axes = {a: [*before.get(a, ()), f"{self.stem(a)}_*.csv"] for a in self.axes}
-            changes = {"axes": axes}
-        logs = tuple(f"{self.stem(axis)}_*.csv" for axis in mounted)
-        label = label or self.label(run, of_axis)
-        rows = Runs(run, mounted)
-        return Design(label, clock.schedule(), logs, rows, None, settings, changes)
+    def name_logs(self, axis: str) -> str:
+        """Logs about an axis, as a recipe lists them."""
+        return f"{self.stem(axis)}_*.csv"
 
-    def label(self, run: Run, of_axis: Mapping[str, tuple[int, ...]]) -> str:
-        """Runs in a few words."""
-        mounted = [levels for levels in of_axis.values() if levels]
-        # about all axes alike, or what each lacks
-        alike = len({*of_axis.values()}) == 1
-        runs = len(mounted[0]) if alike else sum(map(len, mounted))
-        levels = len({degc for one in mounted for degc in one})
-        axes = f", about {len(mounted)} {'axis' if len(mounted) == 1 else 'axes'}"
-        return (
-            f"{len(run.rates_dps)} rates both ways, {count(runs, 'run')} at"
-            f" {count(levels, 'temperature')}, holds of {run.shortest_s:g} s"
-            f"{axes if len(self.axes) > 1 else ''}"
-        )
+    def changes(self, files: Mapping[str, str]) -> dict[str, Any]:
+        """Keys of the recipe that name the logs about each axis."""
+        if not isinstance(self.spec, GyroTriadRecipe):
+            return {}
+        axes = {axis: [file] for axis, file in files.items()}
+        for axis, before in self.spec.axes if self.task.have else ():
+            axes[axis] = [*before, *axes.get(axis, ())]
+        return {"axes": axes}
 
-    def turn(self, clock: Clock, run: Run, degc: int, log: str) -> None:
-        """One run: ramp, soak, held rates."""
-        equipment, device = self.task.equipment, self.assumed.device
-        rate, change = equipment.fastest(device), degc - clock.degc
-        clock.ramp(float(degc), rate)
-        clock.soak(equipment.soak_s(device, change, rate))
-        begin = clock.now_s
-        for signed, start, length in run.holds(self.table.acceleration_dps2):
-            clock.move(begin + start - clock.now_s)
-            clock.rate(signed, length, log)
+    def measured(self, *axes: str) -> list[float]:
+        """Temperatures [°C] of the runs about some axes."""
+        return [t for axis in axes if axis in self.have for t in self.have[axis].rows.temp_degc]
+
+    def lacking(self, axis: str) -> Tour:
+        """Temperatures [°C] that were measured about other axes, but not about this one."""
+        there, lacking = self.measured(axis), list[int]()
+        for degc in sorted(self.measured(*self.axes)):
+            if all(abs(degc - other) > ONE_LEVEL_DEGC for other in (*there, *lacking)):
+                lacking.append(round(degc))
+        return tuple(lacking)
 
     def runs(self, rates: int) -> Iterator[Run]:
         """Runs of a number of rates."""
         fastest = int(self.table.fastest_dps)
         ladders = {spread_rates(fastest, rates, even=even) for even in (True, False)}
-        for ladder, shortest, alternating in product(
-            sorted(ladders), self.assumed.device.dwell_s, (True, False)
-        ):
-            yield Run(ladder, alternating, shortest)
+        return starmap(Run, product(sorted(ladders), self.assumed.device.dwell_s, (True, False)))
 
-    def designs(self) -> Iterator[Design]:
-        """Campaigns of all sizes; beside what is measured, those of the temperatures that it lacks,
-        and `NOTHING`.
+    def sizes(self) -> dict[str, Iterator[Design]]:
+        """Campaigns of all numbers of temperatures; beside what is measured, those of the
+        temperatures that it lacks.
         """
-        if self.have:
-            yield Design.nothing()
-        seen: set[tuple[int, ...]] = set()
-        for levels in list_levels(self.task, self.order, MORE_LEVELS, self.assumed.range_degc):
-            for repeats in REPEATS:
-                every = self.order_temperatures(levels, repeats)
-                listed = set(self.additions(every)) if self.have else {every}
-                for degc, rates in product(sorted(listed - seen), self.table.rates):
-                    yield from (self.design(run, degc) for run in self.runs(rates))
-                seen |= listed
 
-    def additions(self, every: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
+        def tours_of(levels: list[int]) -> Iterator[Tour]:
+            for repeats in REPEATS:
+                tour = self.order_temperatures(levels, repeats)
+                yield from sorted(self.additions(tour)) if self.have else (tour,)
+
+        sized = list_tours(self.order, MORE_LEVELS, self.assumed.range_degc, tours_of)
+        runs = [run for rates in self.table.rates for run in self.runs(rates)]
+        return {
+            size: (self.design(run, degc) for degc, run in product(tours, runs))
+            for size, tours in sized.items()
+        }
+
+    def additions(self, tour: Tour) -> Iterator[Tour]:
         """Temperatures that runs may be added at: none beside what an axis lacks, up to three that
         are not measured, all of a whole campaign, or the reference again.
         """
-        there = self.measured(self.axes)
+        there = self.measured(*self.axes)
         absent = tuple(
-            one
-            for one in dict.fromkeys(every)
-            if all(abs(one - other) > ONE_LEVEL_DEGC for other in there)
+            level
+            for level in dict.fromkeys(tour)
+            if all(abs(level - other) > ONE_LEVEL_DEGC for other in there)
         )
         if any(map(self.lacking, self.axes)):
             yield ()
-        yield every
+        yield tour
         yield (round(self.reference_degc),)
         yield from choose_some(absent)
         if absent:
             yield absent
 
-    def order_temperatures(self, spaced: Sequence[int], repeats: int) -> tuple[int, ...]:
+    def order_temperatures(self, spaced: Sequence[int], repeats: int) -> Tour:
         """Temperatures in their order: every second one on the way back to the first, and further
         runs where the reference temperature is passed.
         """
@@ -412,41 +428,19 @@ class GyroBench(Bench):
         at = order.index(levels[nearest])
         return (*order[:at], *([levels[nearest]] * repeats), *order[at + 1 :])
 
-    def coefficients(self, design: Design) -> Iterator[Coefficient]:
-        """At the reference temperature: K and F0 of each gyro; over three axes the angles between
-        them, which are those of the runs at that temperature alone.
-        """
-        campaign, at = self.campaign(design), np.array([self.reference_degc])
-        if ANGLE in self.results:
-            near = {axis: one.nearest(self.reference_degc) for axis, one in campaign.items()}
-            parts = replace(self, order=0).angle_variance(near, at)
-            for a, b in combinations(self.spec.gyros, 2):
-                name = f"orthogonality_error_deg.{a}_{b}"
-                yield Coefficient("triad", name, "deg", float(np.sqrt(whole(parts))[0]))
-            return
-        for gyro in self.spec.gyros:
-            for letter, name in (("K", SCALE), ("F0", ZERO)):
-                u = float(np.sqrt(whole(self.worst(name, campaign, at)))[0])
-                yield Coefficient(f"gyro_{gyro}", letter, RESULTS[name], u)
-
     def usual(self) -> Iterator[Design]:
         """Three runs at the reference temperature, one at each of others, from low to high."""
         low, high = self.assumed.range_degc
         reference = round(self.reference_degc)
         levels = sorted({round(low), round((low + reference) / 2.0), round(high)})
-        degc = [reference, reference, reference, *levels]
+        degc = (reference, reference, reference, *levels)
         if self.order + 1 <= len(set(degc)):
             yield self.design(self.usual_run(), degc, label="usual: 11 rates, 3 + 3 runs")
 
     def usual_run(self) -> Run:
         """Eleven rates, one side after the other."""
         rates = spread_rates(int(self.table.fastest_dps), USUAL_RATES, even=False)
-        return Run(rates, alternating=False, shortest_s=USUAL_HOLD_S)
-
-
-def _single(campaign: Mapping[str, Holds]) -> list[Holds]:
-    """Holds of each axis, those of axes that are held alike once."""
-    return list({id(holds): holds for holds in campaign.values()}.values())
+        return Run(rates, USUAL_HOLD_S, alternating=False)
 
 
 def _mean(sources: Sources) -> float:
@@ -466,9 +460,9 @@ def spread_rates(fastest: int, number: int, *, even: bool) -> tuple[int, ...]:
     return tuple(rates)
 
 
-def prepare_plan(spec: RateTableRecipe | GyroTriadRecipe | GyroPairRecipe, task: Task) -> GyroBench:
+def prepare_plan(spec: RateTableRecipe | GyroTriadRecipe, task: Task) -> GyroBench:
     """What the search needs; UsageError for what cannot be planned."""
-    assumed, table = assume_on_table(spec, task, UNITS, RANGE_DEGC, passed_on=spec.component_units)
+    assumed, table = assume_on_table(spec, task, UNITS, RANGE_DEGC)
     reference = float(np.clip(spec.reference_temp_degc, *assumed.range_degc))
     axes = forms.AXES if isinstance(spec, GyroTriadRecipe) else ("",)
     have = measure_runs(spec, task, assumed)
@@ -480,11 +474,8 @@ def prepare_plan(spec: RateTableRecipe | GyroTriadRecipe | GyroPairRecipe, task:
 def assume_on_table(
     spec: RateTableRecipe | GyroTriadRecipe | GyroPairRecipe,
     task: Task,
-    units: Mapping[tuple[str, str], str],
+    units: Units,
     default_degc: tuple[float, float] | None,
-    *,
-    passed_on: Collection[tuple[str, str]],
-    notes: tuple[str, ...] = (),
 ) -> tuple[Assumed, RateTable]:
     """Assumptions of a plan with a rate table: of an earlier run the shared errors that were seen,
     and the response at a rate, with the noise of the holds in it.
@@ -497,39 +488,16 @@ def assume_on_table(
             "a plan of gyros needs [rate_table] in the equipment file and a noise in deg/s",
             hint="see calibkit plan --print-equipment",
         )
-    earlier = list[ErrorComponent]()
-    if task.earlier is not None:
-        record = task.earlier.get(forms.SCALE_FILE)
-        figures = record.figures if record else ()
-        off = [one.value for one in figures if one.name.startswith(OFF_LINE)]
-        if record is None or not off:
-            raise UsageError(
-                "that run has no scale factor of a gyro on a rate table",
-                hint="name a run of rate_table, gyro_triad or gyro_pair",
-            )
-        group, effect = RESPONSE
-        response = ErrorComponent(
-            group=group,
-            effect=effect,
-            value=rms(off) * DPH_PER_DPS,
-            unit="deg/h",
-            dof=EARLIER_DOF,
+    group, effect = RESPONSE
+    records = read_earlier(task, "rate_table, gyro_triad or gyro_pair", forms.SCALE_FILE)
+    earlier = [one for one in seen_errors(records) if (one.group, one.effect) != RESPONSE]
+    for record in records:
+        off = [one.value for one in record.figures if one.name.startswith(OFF_LINE)]
+        value = rms(off) * DPH_PER_DPS
+        earlier.append(
+            ErrorComponent(group=group, effect=effect, value=value, unit="deg/h", dof=EARLIER_DOF)
         )
-        seen = seen_errors(record.models)
-        earlier = [one for one in seen if (one.group, one.effect) != RESPONSE]
-        earlier.append(response)
-        sizes = ", ".join(
-            f"{one.effect} of the {one.group} {one.value:.2g} {one.unit}" for one in earlier
-        )
-        notes = (f"of that run: {sizes}; noise as the equipment file states it",)
-    assumed = assume(
-        *(spec, task, device, units),
-        default_degc=default_degc,
-        passed_on=passed_on,
-        earlier=earlier,
-        notes=notes,
-    )
-    return assumed, table
+    return assume(spec, task, device, units, default_degc=default_degc, earlier=earlier), table
 
 
 def measure_runs(
@@ -539,28 +507,26 @@ def measure_runs(
     refuses, or runs about an axis in one direction.
     """
     runs = [(spec.find_axis(log.file), table_runs.fit_run(spec, log)) for log in task.have]
-    for _, run in runs:
-        if not np.isfinite(run.plateaus.temp_degc).all():
-            raise FitError(
-                f"{run.log.file}: no case temperature, expected one to plan what is missing",
-                hint="map it under [columns.temp_case_degc], or plan without --have",
-            )
-    every = [[abs(line.K) for line in run.scales] for _, run in runs]
-    K = np.max(every, axis=0) if runs else np.ones(1)
+    K = np.max([[abs(line.K) for line in run.scales] for _, run in runs] or [[1.0]], axis=0)
     # a gyro that was never turned about its own axis is taken to be like the others
     K = np.where(ACROSS * K.max() < K, K, K.max())
     unknown = assumed.noise_of(min(assumed.device.dwell_s))
     have: dict[str, Holds] = {}
     for axis, run in runs:
         plateaus = run.plateaus
+        if not np.isfinite(plateaus.temp_degc).all():
+            raise FitError(
+                f"{run.log.file}: no case temperature, expected one to plan what is missing",
+                hint="map it under [columns.temp_case_degc], or plan without --have",
+            )
         noise = np.sqrt(np.mean((plateaus.standard_uncertainty / K) ** 2, axis=1))
         # of a log of one row per hold no noise is known
         noise = np.where(np.isfinite(noise) & (noise > 0.0), noise, unknown)
         one_run = np.zeros(noise.size, dtype=np.int64)
-        holds = Holds.of(plateaus.rate_dps, one_run, plateaus.temp_degc, plateaus.hours, noise)
-        have[axis] = have[axis].join(holds) if axis in have else holds
+        holds = Holds(plateaus.rate_dps, one_run, plateaus.temp_degc, plateaus.hours, noise)
+        have[axis] = join(*([have[axis]] if axis in have else []), holds)
     for holds in have.values():
-        rates = holds.rows.rate_dps
+        rates = holds.rate_dps
         if not line_terms.turns_both_ways(rates):
             raise FitError(
                 f"held rates from {rates.min():.4g} to {rates.max():.4g} °/s do not determine the"
@@ -610,7 +576,7 @@ def simulate_plan(
         "tilts_rad": tilts.tolist(),
     }
     decimals = simulate_rate_table.DECIMALS | dict.fromkeys(gyros, 1)
-    return as_planned(document, seed, logs, decimals, truth)
+    return Campaign(logs, decimals, truth)
 
 
 def _mount(directions: Array, axis: str, tilts: Array) -> Array:

@@ -23,24 +23,23 @@ from calibkit.instruments.gyro_scale.plan import (
     USUAL_RATES,
     GyroBench,
     Run,
-    Runs,
     assume_on_table,
     measure_runs,
 )
 from calibkit.planning.assumptions import read_sizes
-from calibkit.planning.proposal import WITHHELD, Coefficient, Design
-from calibkit.planning.schedule import Clock
-from calibkit.planning.search import Sources, whole
-from calibkit.planning.simulation import as_planned
+from calibkit.planning.proposal import WITHHELD, Candidate, Coefficient, Design
+from calibkit.simulate.campaign import Campaign
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Mapping
 
     from calibkit.arrays import Array
     from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe
+    from calibkit.planning.levels import Tour
     from calibkit.planning.proposal import Task
     from calibkit.planning.schedule import Schedule
-    from calibkit.simulate.campaign import Campaign
+    from calibkit.planning.search import Sources
+    from calibkit.recipe.tables import ErrorComponent
 
 AXES = ("a", "b")
 RESULTS = {"N": "ppm", ANGLE: "deg"}
@@ -66,15 +65,15 @@ class PairBench(GyroBench):
         """At one temperature there is no range."""
         return True
 
-    def variances(self, design: Design) -> Mapping[str, Sources]:
+    def variances(self, design: Design) -> dict[str, Sources]:
         """Variances of each result; the angle is what B shows about A's axis, where it turns little
         and neither scale factor nor response matters.
         """
         campaign, at = self.campaign(design), np.array([self.reference_degc])
-        a, b = (self.line_variance(SCALE, campaign[axis], at) for axis in AXES)
+        a, b = (self.lines(campaign[axis], at)[SCALE] for axis in AXES)
         apart = np.sqrt(2.0) * self.assumed.size(*TEMPERATURE) * _coefficient(self.spec) * PPM
         ratio = {source: a[source] + b[source] for source in a}
-        across = self.line_variance(SCALE, campaign["a"], at, [RUN_SCALE, RESPONSE])
+        across = self.lines(campaign["a"], at, [RUN_SCALE, RESPONSE])[SCALE]
         angle = {source: part * DEG_PER_PPM**2 for source, part in across.items()}
         mounted = np.array([self.assumed.size(*MOUNTING) ** 2])
         return {
@@ -82,65 +81,70 @@ class PairBench(GyroBench):
             ANGLE: angle | {"angle of the mounting": mounted},
         }
 
-    def design(self, run: Run, degc: Sequence[int], label: str = "") -> Design:
-        """A run about each missing axis; where nothing is withheld yet, with one about the first
-        that is.
-        """
-        task, clock = self.task, Clock(self.task.equipment)
-        for number, axis in enumerate(self.missing):
-            if number:
-                clock.remount(task.equipment.fastest(self.assumed.device))
-            self.turn(clock, run, degc[0], self.log(axis))
-            if not number and not task.withheld:
-                self.turn(clock, run, degc[0], f"{WITHHELD}{self.log(axis)}")
-        label = label or (
-            f"{len(run.rates_dps)} rates both ways about {len(self.missing)} of 2 axes, holds of"
-            f" {run.shortest_s:g} s"
-        )
-        logs = {f"axis_{axis}": self.log(axis) for axis in self.missing}
-        rows = Runs(run, dict.fromkeys(self.missing, tuple(degc)))
-        settings = {"hold_s": run.shortest_s, "coefficient_per_degc": _coefficient(self.spec)}
-        schedule, changes = clock.schedule(), {"pair": logs}
-        return Design(label, schedule, tuple(logs.values()), rows, None, settings, changes)
+    def coefficients(self, design: Design) -> Iterator[Coefficient]:
+        """N and the angle between the axes."""
+        results = self.predict(design).results
+        yield Coefficient("pair", "N", "1", results["N"].u / PPM)
+        yield Coefficient("pair", "alpha_deg", "deg", results[ANGLE].u)
 
-    def log(self, axis: str) -> str:
+    def passed_on(self, design: Design) -> list[ErrorComponent]:
+        """A fit of a pair sees the scale of its runs in their scatter, and the mounting not."""
+        return [one for one in super().passed_on(design) if (one.group, one.effect) == MOUNTING]
+
+    def tours(self, degc: Tour) -> dict[str, Tour]:
+        """A run about each axis that is missing."""
+        return dict.fromkeys(self.missing, degc)
+
+    def runs_about(self, axis: str, tour: Tour) -> list[tuple[int, str]]:
+        """One run; where nothing is withheld yet, with another one about the first axis that is."""
+        runs = [(tour[0], self.name_logs(axis))]
+        if axis == self.missing[0] and not self.task.withheld:
+            runs.append((tour[0], f"{WITHHELD}{self.name_logs(axis)}"))
+        return runs
+
+    def name_logs(self, axis: str) -> str:
         """Log of the run about an axis."""
         return self.task.name_log(f"table_axis_{axis}.csv")
 
-    def designs(self) -> Iterator[Design]:
-        """Runs of all numbers of rates and lengths of holds; `NOTHING` where no axis is missing."""
-        if not self.missing:
-            yield Design.nothing()
-            return
-        rates = self.table.rates
-        labels = [f"{number} rates" for number in rates]
-        for number, _ in zip(rates, self.task.progress(labels, "searching"), strict=True):
-            for run in self.runs(number):
-                yield self.design(run, [round(self.reference_degc)])
+    def changes(self, files: Mapping[str, str]) -> dict[str, Any]:
+        """Keys of the recipe that name the logs."""
+        return {"pair": {f"axis_{axis}": file for axis, file in files.items()}}
+
+    def design(self, run: Run, degc: Tour, label: str = "") -> Design:
+        """A run about each missing axis."""
+        design = super().design(run, degc, label)
+        coefficient = {"coefficient_per_degc": _coefficient(self.spec)}
+        return replace(design, settings={**design.settings, **coefficient})
+
+    def sizes(self) -> dict[str, Iterator[Design]]:
+        """Runs of all numbers of rates and lengths of holds, where an axis is missing."""
+        numbers = self.table.rates if self.missing else ()
+        at = (round(self.reference_degc),)
+        return {
+            f"{number} rates": (self.design(run, at) for run in self.runs(number))
+            for number in numbers
+        }
 
     def usual(self) -> Iterator[Design]:
         """Eleven rates, one side after the other."""
-        at = [round(self.reference_degc)]
+        at = (round(self.reference_degc),)
         yield self.design(self.usual_run(), at, label=f"usual: {USUAL_RATES} rates")
 
-    def coefficients(self, design: Design) -> Iterator[Coefficient]:
-        """N and the angle between the axes."""
-        u = {name: float(np.sqrt(whole(one)[0])) for name, one in self.variances(design).items()}
-        yield Coefficient("pair", "N", "1", u["N"] / PPM)
-        yield Coefficient("pair", "alpha_deg", "deg", u[ANGLE])
+    def notes(self, campaign: Candidate) -> tuple[str, ...]:  # noqa: ARG002 (as every bench's)
+        """What is done with logs that are there."""
+        return (ONE_LOG,) if self.task.have else ()
 
 
 def prepare(spec: GyroPairRecipe, task: Task) -> PairBench:
     """What the search needs; UsageError for what cannot be planned."""
-    notes = (ONE_LOG,) if task.have else ()
-    assumed, table = assume_on_table(spec, task, UNITS, None, passed_on=[MOUNTING], notes=notes)
+    assumed, table = assume_on_table(spec, task, UNITS, None)
     have = measure_runs(spec, task, assumed)
     if len(task.have) > len(have):
         raise FitError(
             f"{len(task.have)} logs of {len(have)} table axes, expected one of each",
             hint="name the log of each axis under [pair]",
         )
-    degc = [float(one.rows.row_degc.mean()) for one in have.values()]
+    degc = [float(holds.degc.mean()) for holds in have.values()]
     reference = float(np.mean(degc or [spec.reference_temp_degc]))
     around = reference - AROUND_DEGC, reference + AROUND_DEGC
     task.equipment.require_reached(*around)
@@ -194,7 +198,7 @@ def simulate(
     line = {name: 1.0 + np.polyfit(rates, response[k], 1)[0] for k, name in enumerate(AXES)}
     ratio = gyros["b"].K * line["b"] / (gyros["a"].K * line["a"])
     truth = {"coefficients": {"pair": {"N": float(ratio), "alpha_deg": float(alpha)}}}
-    return as_planned(document, seed, logs, simulated.DECIMALS, truth)
+    return Campaign(logs, simulated.DECIMALS, truth)
 
 
 def _mount(

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from itertools import product
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -24,28 +25,30 @@ from calibkit.instruments.inclinometer.numeric.scale_fit import Roots
 from calibkit.instruments.inclinometer.published import Components
 from calibkit.instruments.inclinometer.rows import Rows
 from calibkit.numeric import earth
-from calibkit.planning.assumptions import Assumed, assume, read_errors, read_sizes
+from calibkit.planning.assumptions import Assumed, assume, read_earlier, read_sizes, seen_errors
 from calibkit.planning.levels import (
     LEVELS,
+    Tour,
     choose_some,
-    list_levels,
+    cover_range,
+    list_tours,
     list_usual_levels,
     order_there_and_back,
     raw_uncertainties,
 )
-from calibkit.planning.proposal import WITHHELD, Coefficient, Design, count, cover_range
+from calibkit.planning.proposal import WITHHELD, Coefficient, Design, count
 from calibkit.planning.schedule import Clock
 from calibkit.planning.search import Bench, Sources, split_variance
-from calibkit.planning.simulation import as_planned
+from calibkit.simulate.campaign import Campaign
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator, Mapping, Sequence
 
     from calibkit.arrays import Array, Integers, Mask
     from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
     from calibkit.planning.proposal import Task
     from calibkit.planning.schedule import Schedule
-    from calibkit.simulate.campaign import Campaign
+    from calibkit.recipe.tables import ErrorComponent
 
 RANGE_DEGC = (20.0, 120.0)
 FIXTURE = "north"
@@ -86,11 +89,6 @@ class StationBench(Bench):
     places: Array
     """[n, 2], inclination and azimuth [°] that the fixture has."""
 
-    def mapped(self, degc: Array) -> Array:
-        """Temperatures [n] [°C] mapped from the range of use to [-1, 1]."""
-        low, high = self.assumed.range_degc
-        return np.asarray((2.0 * degc - low - high) / (high - low))
-
     @cached_property
     def known(self) -> dict[float, tuple[Array, Array]]:
         """Time in a position [s] → standard uncertainty of the root at each place without scatter,
@@ -99,22 +97,22 @@ class StationBench(Bench):
         times = {USUAL_S, *self.assumed.device.dwell_s}
         return {dwell_s: _plan_stations(self, dwell_s) for dwell_s in times}
 
-    def fit(self, roots: Roots, *, turn_known: bool) -> Fit:
-        """What the roots will tell of s(T), of a gyro whose turn is measured, or has a known
-        size.
+    def fit(self, rows: Roots, *, turn_known: bool = True) -> Fit:
+        """What the roots will tell of s(T), of a gyro whose turn has a known size, or is
+        measured.
         """
-        every = np.ones((len(roots.s), 1))
+        every = np.ones((len(rows.s), 1))
         group, effect = OF_LOG
-        of_log = Shared(group=group, effect=effect, level=roots.log, loading=every, unit="1")
-        shared = self.assumed.state([*scale_fit.shared_errors(roots, None), of_log])
+        of_log = Shared(group=group, effect=effect, level=rows.log, loading=every, unit="1")
+        shared = self.assumed.state([*scale_fit.shared_errors(rows, None), of_log])
         size = max(self.assumed.size(*TURN), NO_TURN_DEG)
         turn = Prior(name=OF_TURN, block=slice(-1, None), size=size)
         return predict(
-            partial(scale_fit.residual, roots=roots),
+            partial(scale_fit.residual, roots=rows),
             np.eye(self.order + 2)[0],
             shared,
             priors=[turn] if turn_known else [],
-            noise=roots.u,
+            noise=rows.u,
             names=[*(f"s{k}" for k in range(self.order + 1)), "turn"],
         )
 
@@ -126,96 +124,92 @@ class StationBench(Bench):
         degc = low + (self.rows(design).x + 1.0) / 2.0 * (high - low)
         return cover_range(degc, self.order + 2, (low, high))
 
-    def variances(self, design: Design) -> Mapping[str, Sources]:
+    def variances(self, design: Design) -> dict[str, Sources]:
         """Variance of s(T), and of the azimuth that it and a turn of the gyros, which the stations
         have to tell, leave.
         """
         roots = self.rows(design)
-        used = self.mapped(np.linspace(*self.assumed.range_degc, LEVELS))
+        used = self.assumed.mapped(np.linspace(*self.assumed.range_degc, LEVELS))
         latitude, tilt, azimuth = np.radians([self.spec.site.latitude_deg, *USED_DEG])
         by_scale = float(np.degrees(np.tan(latitude) * np.tan(tilt) * np.sin(azimuth)))
-        start = np.eye(self.order + 2)[0]
-        by_s = derivative(lambda p: scale_fit.scale(p, used), start)
+        by_s = derivative(lambda p: scale_fit.scale(p, used), np.eye(self.order + 2)[0])
         by_turn = np.eye(self.order + 2)[-1]
         of_azimuth = split_variance(self.fit(roots, turn_known=False), by_scale * by_s + by_turn)
         mounted = {OF_TURN: np.full(LEVELS, self.assumed.size(*TURN) ** 2)}
-        of_scale = split_variance(self.fit(roots, turn_known=True), PPM * by_s, [OF_TURN])
+        of_scale = split_variance(self.fit(roots), PPM * by_s, [OF_TURN])
         return {"azimuth": of_azimuth | mounted, "scale factor": of_scale}
 
     def coefficients(self, design: Design) -> Iterator[Coefficient]:
         """Of s(T) in powers of °C."""
-        covariance = self.fit(self.rows(design), turn_known=True).covariance[:-1, :-1]
-        every = raw_uncertainties(covariance, self.assumed.range_degc)
-        for axis in self.spec.axes:
-            for k, u in enumerate(every):
-                yield Coefficient(axis, f"s{k}", power_unit("1", "degC", k), u)
+        covariance = self.fit(self.rows(design)).covariance[:-1, :-1]
+        u = raw_uncertainties(covariance, self.assumed.range_degc)
+        for axis, (k, size) in product(self.spec.axes, enumerate(u)):
+            yield Coefficient(axis, f"s{k}", power_unit("1", "degC", k), size)
 
-    def design(self, degc: tuple[int, ...], places: tuple[int, ...], dwell_s: float) -> Design:
+    def passed_on(self, design: Design) -> list[ErrorComponent]:
+        """A single log shows no difference between logs."""
+        several = len(self.task.have) + len(design.logs) > 1
+        stated = super().passed_on(design)
+        return [one for one in stated if several or (one.group, one.effect) != OF_LOG]
+
+    def design(self, degc: Tour, places: Sequence[int], dwell_s: float) -> Design:
         """Stations at places, at each of the temperatures in their order; where nothing is withheld
         yet, with stations of other attitudes at the second temperature that are.
         """
         equipment, clock = self.task.equipment, Clock(self.task.equipment)
-        device = self.assumed.device
-        rate, name = equipment.fastest(device), self.task.name_log(LOG)
+        log = self.task.name_log(LOG)
+        u, by_turn = self.known[dwell_s]
+        # the best of those that the design has not
+        rest = [k for k in np.argsort(u).tolist() if k not in places and np.isfinite(u[k])]
+        withheld = rest[:: max(len(rest) // LEFT_OUT, 1)][:LEFT_OUT]
         for number, level in enumerate(degc):
-            change = level - clock.degc
-            clock.ramp(float(level), rate)
-            clock.soak(equipment.soak_s(device, change, rate))
-            recorded = [(place, name) for place in places]
+            clock.settle(self.assumed.device, level)
+            recorded = [(place, log) for place in places]
             if number == 1 and not self.task.withheld:
-                recorded += [(k, f"{WITHHELD}{name}") for k in self.withheld(places, dwell_s)]
-            for place, log in recorded:
+                recorded += [(place, f"{WITHHELD}{log}") for place in withheld]
+            for place, name in recorded:
                 tilt, azimuth = self.places[place].tolist()
                 for position in simulated.POSITIONS_DEG.tolist():
                     clock.move(equipment.fixture(FIXTURE).move_s)
-                    clock.dwell((tilt, position, azimuth), dwell_s, log)
+                    clock.dwell((tilt, position, azimuth), dwell_s, name)
         label = (
             f"{count(len(places), 'station')} at each of {count(len(degc), 'soak')} at"
             f" {count(len({*degc}), 'temperature')}, {dwell_s:g} s in a position"
         )
-        u, by_turn = (one[list(places)] for one in self.known[dwell_s])
-        x = self.mapped(np.repeat(np.array(degc, dtype=np.float64), len(places)))
-        one_log = np.zeros(len(x), dtype=np.int64)
-        soaks = len(degc)
-        roots = Roots(np.ones(len(x)), np.tile(u, soaks), x, np.tile(by_turn, soaks), one_log)
+        x = self.assumed.mapped(np.repeat(np.array(degc, dtype=np.float64), len(places)))
+        one_log, chosen = np.zeros(len(x), dtype=np.int64), list(places)
+        u, by_turn = (np.tile(of_place[chosen], len(degc)) for of_place in (u, by_turn))
         settings = {
             "noise_dph": self.assumed.noise_of(dwell_s),
             "order": self.order,
             "latitude_deg": self.spec.site.latitude_deg,
         }
-        return Design(label, clock.schedule(), (name,), roots, None, settings)
+        roots = Roots(np.ones(len(x)), u, x, by_turn, one_log)
+        return Design(label, clock.schedule(), (log,), roots, settings)
 
-    def withheld(self, places: tuple[int, ...], dwell_s: float) -> list[int]:
-        """Places that are withheld: the best of those that the design has not."""
-        u, _ = self.known[dwell_s]
-        rest = [k for k in np.argsort(u).tolist() if k not in places and np.isfinite(u[k])]
-        return rest[:: max(len(rest) // LEFT_OUT, 1)][:LEFT_OUT]
-
-    def designs(self) -> Iterator[Design]:
-        """Campaigns of all sizes; beside what is measured, those of the temperatures that it lacks,
-        and `NOTHING`.
+    def sizes(self) -> dict[str, Iterator[Design]]:
+        """Campaigns of all numbers of temperatures; beside what is measured, also those of the
+        temperatures that it lacks.
         """
-        places = [
-            (dwell_s, best)
+        held = [
+            (best[:number], dwell_s)
             for dwell_s in self.assumed.device.dwell_s
             for best in self.choose_places(dwell_s)
+            for number in STATIONS
+            if number <= len(best)
         ]
-        seen: set[tuple[int, ...]] = set()
-        if self.have is not None:
-            yield Design.nothing()
-        for levels in list_levels(self.task, self.order, MORE_LEVELS, self.assumed.range_degc):
-            tour = order_there_and_back(levels)
-            added = () if self.have is None else choose_some(tour[:-1])
-            for degc in (tour, *added):
-                if degc in seen:
-                    continue
-                seen.add(degc)
-                for dwell_s, best in places:
-                    for number in STATIONS:
-                        if number <= len(best):
-                            yield self.design(degc, best[:number], dwell_s)
 
-    def choose_places(self, dwell_s: float) -> Iterator[tuple[int, ...]]:
+        def tours_of(levels: list[int]) -> Iterator[Tour]:
+            yield (tour := order_there_and_back(levels))
+            yield from choose_some(tour[:-1]) if self.task.have else ()
+
+        sized = list_tours(self.order, MORE_LEVELS, self.assumed.range_degc, tours_of)
+        return {
+            size: (self.design(degc, *stations) for degc, stations in product(tours, held))
+            for size, tours in sized.items()
+        }
+
+    def choose_places(self, dwell_s: float) -> Iterator[list[int]]:
         """Places in the order in which each adds most to what those before it tell at one
         temperature: of s beside a turn of the gyro of known size, and of the azimuth with a turn
         that is measured.
@@ -236,7 +230,7 @@ class StationBench(Bench):
                 best = int(np.argmin(np.linalg.inv(tried) @ wanted @ wanted))
                 chosen.append(rest[best])
                 total = tried[best]
-            yield tuple(chosen)
+            yield chosen
 
     def usual(self) -> Iterator[Design]:
         """At each of nine temperatures, from low to high, stations to the north, east, south and
@@ -247,25 +241,18 @@ class StationBench(Bench):
         near = tilt[np.argmin(np.abs(tilt - USUAL_DEG))]
         spread = np.flatnonzero((tilt == near) & (azimuth % 90.0 == 0.0) & np.isfinite(u)).tolist()
         if spread:
-            degc = list_usual_levels(self.assumed.range_degc)
-            yield self.design(degc, tuple(spread), USUAL_S)
+            yield self.design(list_usual_levels(self.assumed.range_degc), spread, USUAL_S)
 
 
 def prepare_plan(spec: InclinometerRecipe, task: Task) -> StationBench:
     """What the search needs; UsageError for what cannot be planned."""
     device = task.equipment.known_device(spec.procedure, "deg/h")
-    earlier = read_errors(task, FILE, spec.procedure)
-    # a single log shows no difference between logs
-    groups = set(spec.error_groups) - (set() if task.have else {OF_LOG[0]})
-    passed_on = [name for name in UNITS if name[0] in groups]
-    assumed = assume(
-        spec, task, device, UNITS, default_degc=RANGE_DEGC, passed_on=passed_on, earlier=earlier
-    )
+    earlier = seen_errors(read_earlier(task, spec.procedure, FILE))
+    assumed = assume(spec, task, device, UNITS, default_degc=RANGE_DEGC, earlier=earlier)
     order = device.order if spec.scale.order == "auto" else spec.scale.order
     step = task.equipment.fixture(FIXTURE).step_deg
-    tilts, azimuths = np.arange(step, 90, step), np.arange(0, 360, step)
-    places = np.array([(tilt, azimuth) for tilt in tilts for azimuth in azimuths], dtype=np.float64)
-    bench = StationBench(spec, task, assumed, RESULTS, None, order, places)
+    places = [*product(np.arange(step, 90.0, step), np.arange(0.0, 360.0, step))]
+    bench = StationBench(spec, task, assumed, RESULTS, None, order, np.array(places))
     return replace(bench, have=_measure(bench)) if task.have else bench
 
 
@@ -290,7 +277,7 @@ def _measure(bench: StationBench) -> Roots:
             *(first.s_root_uncertainty, bench.assumed),
         )
         by_turn = by_turn if turn is not None else np.zeros_like(u)
-        x = bench.mapped(seen.temperature[used])
+        x = bench.assumed.mapped(seen.temperature[used])
         pairs.append(Roots(np.ones(len(x)), u[used], x, by_turn[used], seen.log[used]))
     scatter = bench.assumed.size(*SCATTER)
     return min(pairs, key=lambda one: float(np.sum(1.0 / (one.u**2 + scatter**2))))
@@ -371,7 +358,7 @@ def simulate_plan(
             columns[column] = np.repeat(getattr(attitudes, column), 4)
     truth = {"coefficients": {axis: pair.describe() for axis, pair in pairs.items()}}
     decimals = simulated.DECIMALS | dict.fromkeys(simulated.REFERENCE, 4)
-    return as_planned(document, seed, logs, decimals, truth)
+    return Campaign(logs, decimals, truth)
 
 
 @dataclass(frozen=True, slots=True)
