@@ -245,17 +245,17 @@ def find_implausible_temperatures(log: Log, columns: Sequence[str]) -> list[Find
     return [
         finding
         for column in columns
-        for finding in _out_of_range(log, column, COLDEST_DEGC, HOTTEST_DEGC, "°C", expected)
+        for finding in find_out_of_range(log, column, COLDEST_DEGC, HOTTEST_DEGC, "°C", expected)
     ]
 
 
 def find_implausible_rates(log: Log, column: str) -> list[Finding]:
     """Rates that no gyro on a bench indicates: a sentinel, or another unit."""
     expected = f"at most {LARGEST_RATE_DPH:g} deg/h"
-    return _out_of_range(log, column, -LARGEST_RATE_DPH, LARGEST_RATE_DPH, "deg/h", expected)
+    return find_out_of_range(log, column, -LARGEST_RATE_DPH, LARGEST_RATE_DPH, "deg/h", expected)
 
 
-def _out_of_range(
+def find_out_of_range(
     log: Log, column: str, low: float, high: float, unit: str, expected: str
 ) -> list[Finding]:
     """Values of a column that are below `low` or above `high` [unit], at the first."""
