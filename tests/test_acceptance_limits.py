@@ -112,12 +112,11 @@ def triad_stand(**limits):
     errors = AttitudeErrors(
         none,
         none,
-        (10.0, 170.0),
-        0.1,
-        figures["inclination"],
-        0.1,
-        9.0,
-        figures["toolface"],
+        {
+            "inclination_max_deg": figures["inclination"],
+            "toolface_max_deg": 9.0,
+            "toolface_sin_max_deg": figures["toolface"],
+        },
     )
     found = triad_errors.DwellErrors(np.full((1, 3), figures["residual"]), errors)
     return found.judge_errors(SimpleNamespace(acceptance=_AccelAcceptance(**limits)))
@@ -147,7 +146,7 @@ def triad_unseen(value, temperature=25.0, terms=()):
     vectors = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1], [-1, 0, 0]])
     dwells = SimpleNamespace(indication=vectors, temperature=np.full(4, temperature))
     none = np.zeros(0)
-    angles = AttitudeErrors(none, none, (10.0, 170.0), 0.1, 0.1, 0.1, 9.0, 0.1)
+    angles = AttitudeErrors(none, none, {})
     residual = np.column_stack([np.full(4, value), np.zeros((4, 2))])
     return [
         triad_errors.DwellErrors(residual, angles).judge_uncertainty("x", dwells, correction, terms)

@@ -9,8 +9,10 @@ import pytest
 from hypothesis import given, strategies as st
 
 from calibkit.errors import FitError
-from calibkit.instruments.accelerometer import errors, triad
+from calibkit.instruments.accelerometer import triad
+from calibkit.instruments.accelerometer.errors import AttitudeErrors, uncertainty_of_attitude
 from calibkit.numeric import attitude, earth
+from triad_dwells import recipe
 
 AUTHORITIES = Path(__file__).parent / "authorities"
 SITE = json.loads((AUTHORITIES / "site.json").read_text())["gravity"]
@@ -84,40 +86,37 @@ def test_angles_are_brought_into_the_half_open_turn(angle, expected):
 
 
 def test_toolface_errors_stay_inside_their_inclination_range():
-    """Errors outside the range are not given, and the range travels with the figures."""
+    """Errors outside the range are not given."""
     inclination = np.array([0.0, 5.0, 30.0, 90.0, 180.0])
     toolface = np.array([0.0, 10.0, 179.95, -90.0, 0.0])
     vector = attitude.gravity_vector(
         inclination + 0.02, toolface + np.array([0.0, 7.0, 0.1, -0.05, 0.0])
     )
-    found = errors._attitude_errors(
-        vector, inclination, toolface, inclination_range_deg=(10.0, 170.0)
+    found = AttitudeErrors.compare(vector, inclination, toolface, (10.0, 170.0))
+    np.testing.assert_allclose(found.inclination_deg[:4], 0.02, atol=1e-9)
+    assert np.isnan(found.toolface_deg[[0, 1, 4]]).all()
+    np.testing.assert_allclose(found.toolface_deg[2:4], [0.1, -0.05], atol=1e-9)
+    assert found.figures["toolface_max_deg"] == pytest.approx(0.1, abs=1e-9)
+    assert found.figures["toolface_rms_deg"] == pytest.approx(
+        np.sqrt((0.1**2 + 0.05**2) / 2), abs=1e-9
     )
-    np.testing.assert_allclose(found.inclination_error_deg[:4], 0.02, atol=1e-9)
-    assert np.isnan(found.toolface_error_deg[[0, 1, 4]]).all()
-    np.testing.assert_allclose(found.toolface_error_deg[2:4], [0.1, -0.05], atol=1e-9)
-    assert found.inclination_range_deg == (10.0, 170.0)
-    assert found.toolface_max_deg == pytest.approx(0.1, abs=1e-9)
-    assert found.toolface_rms_deg == pytest.approx(np.sqrt((0.1**2 + 0.05**2) / 2), abs=1e-9)
-    assert found.toolface_scaled_max_deg == pytest.approx(0.05, abs=1e-9)
-    assert found.inclination_max_deg == pytest.approx(0.02, abs=1e-9)
+    assert found.figures["toolface_sin_max_deg"] == pytest.approx(0.05, abs=1e-9)
+    assert found.figures["inclination_max_deg"] == pytest.approx(0.02, abs=1e-9)
 
 
 @pytest.mark.parametrize("range_deg", [(0.0, 90.0), (10.0, 180.0), (50.0, 40.0)])
 def test_a_range_that_reaches_the_vertical_is_refused(range_deg):
     """There is no toolface at 0° and 180°."""
-    with pytest.raises(FitError, match="toolface cannot be quoted"):
-        errors._attitude_errors(
-            np.ones((1, 3)), np.ones(1), np.ones(1), inclination_range_deg=range_deg
-        )
+    with pytest.raises(ValueError, match="toolface_range_deg"):
+        recipe(toolface_range_deg=range_deg)
 
 
 def test_no_dwell_in_range_gives_no_toolface_figure():
     """With only upright dwells the toolface figures are NaN, not zero."""
-    found = errors._attitude_errors(np.array([[0.0, 0.0, 1.0]]), np.zeros(1), np.zeros(1))
-    assert np.isnan(
-        [found.toolface_rms_deg, found.toolface_max_deg, found.toolface_scaled_max_deg]
-    ).all()
+    found = AttitudeErrors.compare(np.array([[0.0, 0.0, 1.0]]), np.zeros(1), np.zeros(1))
+    toolface = [size for name, size in found.figures.items() if name.startswith("toolface")]
+    assert len(toolface) == 3
+    assert np.isnan(toolface).all()
 
 
 @pytest.mark.parametrize("inclination", [5.0, 45.0, 90.0, 150.0])
@@ -127,20 +126,16 @@ def test_propagated_uncertainty_is_that_of_many_readings(inclination):
     """
     covariance = 1e-8 * np.array([[4.0, 1.5, 0.5], [1.5, 2.0, -0.3], [0.5, -0.3, 1.0]])
     vector = attitude.gravity_vector(np.array([inclination]), np.array([25.0]))
-    u_inclination, u_toolface = errors._attitude_uncertainty(vector, covariance[None])
+    u_inclination, u_toolface_sin = uncertainty_of_attitude(vector, covariance[None])
     noisy = vector + np.random.default_rng(1).multivariate_normal(np.zeros(3), covariance, 20000)
     assert u_inclination[0] == pytest.approx(np.std(attitude.inclination(noisy)), rel=0.03)
-    assert u_toolface[0] == pytest.approx(np.std(attitude.toolface(noisy)), rel=0.03)
+    u_toolface = u_toolface_sin[0] / np.sin(np.radians(inclination))
+    assert u_toolface == pytest.approx(np.std(attitude.toolface(noisy)), rel=0.03)
 
 
-def test_upright_tools_have_no_toolface_uncertainty():
-    """Along the vertical the toolface is undefined, the inclination is what horizontal noise makes
-    of it.
-    """
-    u_inclination, u_toolface = errors._attitude_uncertainty(
-        np.array([[0.0, 0.0, 1.0]]), 1e-10 * np.eye(3)[None]
-    )
-    assert np.isnan(u_toolface[0])
+def test_upright_tools_have_an_uncertainty_of_inclination():
+    """Along the vertical the inclination is what horizontal noise makes of it."""
+    u_inclination, _ = uncertainty_of_attitude(np.array([[0.0, 0.0, 1.0]]), 1e-10 * np.eye(3)[None])
     assert u_inclination[0] == pytest.approx(np.degrees(1e-5))
 
 

@@ -142,8 +142,8 @@ FAULTS = {
         "accelerometer", lambda c: c | {k: v * 1e3 for k, v in c.items() if k.startswith("accel")}, "range", "refuse", 2, "",
     ),
     "triad of the other convention": (
-        "accelerometer", lambda c: c | {k: -v for k, v in c.items() if k.startswith("accel")}, "sign", "warn", None,
-        "specific_force",
+        "accelerometer", lambda c: c | {k: -v for k, v in c.items() if k.startswith("accel")}, "sign", "refuse", None,
+        "reference.convention",
     ),
     "gyros of a tool in deg/s": ("inclinometer", scaled("gyro_x_dph", 1 / 3600.0), "unit", "warn", None, "deg/s"),
 }  # fmt: skip

@@ -3,7 +3,7 @@ before.
 """
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -167,35 +167,6 @@ def check_gravity_unit(log: Log, axes: Sequence[str]) -> list[Finding]:
     )
     found = f"{', '.join(axes)} have a length of {usual:.4g} g in most rows"
     return [finding_of_column(log, axes[0], found, "1 g", advice, "unit", usual)]
-
-
-def check_triad_sign(
-    log: Log, axes: Sequence[str], expected: Callable[[int, int], Array]
-) -> list[Finding]:
-    """A triad that has the opposite sign of what its attitude lets expect in rows first … stop − 1:
-    [k, 3].
-    """
-    columns, sums = [values(log.frame, axis) for axis in axes], np.zeros(3)
-    for a, b in chunks.ranges_along(*columns):
-        shown, there = np.column_stack([column[a:b] for column in columns]), expected(a, b)
-        sums += [np.sum(shown * there), np.sum(shown**2), np.sum(there**2)]
-    agreement = float(sums[0] / np.sqrt(sums[1] * sums[2]))
-    if agreement > -0.5:
-        return []
-    return [
-        finding_of_column(
-            log,
-            axes[0],
-            f"the triad is opposite to its attitude (correlation {agreement:.2f})",
-            expected="indications along the convention of the recipe",
-            advice=(
-                'set reference.convention to the other of "gravity" and "specific_force", or'
-                " sign = -1 in [columns]"
-            ),
-            name="sign",
-            figure=agreement,
-        )
-    ]
 
 
 def check_gyro_sign(log: Log, column: str, rate: str) -> list[Finding]:

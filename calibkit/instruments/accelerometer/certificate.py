@@ -1,5 +1,7 @@
 """Accelerometer results: K-factor, Q-factor and triad, coefficients and values over temperature."""
 
+from collections.abc import Sequence
+
 from calibkit.certificate.blocks import (
     COEFFICIENT_NOTE,
     COEFFICIENTS,
@@ -19,7 +21,7 @@ from calibkit.certificate.words import Words
 from calibkit.coefficients import Record
 from calibkit.instruments.accelerometer import forms
 from calibkit.instruments.accelerometer.equation import AXES
-from calibkit.instruments.accelerometer.quantities import is_cross, over_temperature
+from calibkit.instruments.accelerometer.quantities import kind_of, over_temperature
 
 K_EQUATION = Equation(
     forms.K.name,
@@ -57,8 +59,14 @@ Q_EQUATION = Equation(
     r"G_x' = G_x, \quad G_y' = Q_3 G_x + G_y, \quad G_z' = Q_2 G_x + Q_1 G_y + G_z",
     Words("G after scale factor and zero offset [g].", "G 为经标度因数与零位修正后的值 [g]。"),
 )
-OVER = Words(" over temperature", "随温度")
-TRIADS = {
+BLOCKS = {
+    forms.K.name: (
+        Words(
+            "K-factor: scale factor, zero offset and cross terms",
+            "K 系数：标度因数、零位与交叉耦合项",
+        ),
+        K_EQUATION,
+    ),
     forms.AFFINE.name: (
         Words("Affine triad: matrix and bias", "三轴仿射模型：矩阵与零偏"),
         AFFINE_EQUATION,
@@ -72,68 +80,71 @@ TRIADS = {
     ),
 }
 """Form → title and equation of its block."""
-GRIDS = (
-    (Words("Diagonal of M", "M 对角元"), "m", False),
-    (Words("Cross terms of M", "M 交叉元"), "m", True),
-    (Words("Scale factor", "标度因数"), "k", False),
-    (Words("Cross terms", "交叉耦合项"), "c", True),
-    (Words("Zero offset", "零位"), "z", False),
-    (Words("Bias", "零偏"), "b", False),
-)
-"""Tables over temperature: title, first letter of the symbols in it, and whether these are of
-cross-axis terms.
-"""
+OVER = Words(" over temperature", "随温度")
+GRIDS = {
+    ("m", False): Words("Diagonal of M", "M 对角元"),
+    ("m", True): Words("Cross terms of M", "M 交叉元"),
+    ("k", False): Words("Scale factor", "标度因数"),
+    ("c", True): Words("Cross terms", "交叉耦合项"),
+    ("z", False): Words("Zero offset", "零位"),
+    ("b", False): Words("Bias", "零偏"),
+}
+"""Kind of a quantity over temperature, and whether it is of a cross-axis term → table."""
 
 
 def blocks(stated: Stated) -> tuple[Block, ...]:
     """Result blocks of the stages (K-factor, Q-factor, triad) that the run holds."""
-    layouts = {"accel_k.json": _k, "accel_q.json": _q, "accel_affine.json": _triad}
     return tuple(
-        layout(stated, stated.records[file])
-        for file, layout in layouts.items()
+        (_q if file == "accel_q.json" else _over_temperature)(stated, stated.records[file])
+        for file in ("accel_k.json", "accel_q.json", "accel_affine.json")
         if file in stated.records and stated.records[file].models
     )
 
 
-def _k(stated: Stated, record: Record) -> Block:
-    """Block of the K-factor: coefficients of the three axes side by side, scale factor and zero
-    offset against temperature.
+def _over_temperature(stated: Stated, record: Record) -> Block:
+    """Block of the K-factor or of the triad: every coefficient, and its polynomials against
+    temperature.
     """
     models = record.models
-    axes = tuple(Words(AXES[forms.K_MODELS.index(model.name)]) for model in models)
-    curves = [over_temperature(record.stage, model) for model in models]
-    columns = [
-        {c.name: c for c in fitted_coefficients(record, model, of_model)}
-        for model, of_model in zip(models, curves, strict=True)
-    ]
-    rows = {name: c.unit for column in columns for name, c in column.items()}
-    coefficients = GridTable(
+    curves = [curve for model in models for curve in over_temperature(record.stage, model)]
+    grids, figures = [], []
+    for kind, title in GRIDS.items():
+        columns = [(Words(c.symbol or ""), c) for c in curves if kind_of(c) == kind]
+        grid = tabulate(stated, title + OVER, columns) if columns else None
+        if grid is not None:
+            grids.append(grid)
+            figures += [] if kind[1] else [_plot_change(grid)]
+    coefficients: Table
+    if models[0].form == forms.K.name:
+        coefficients = _tabulate_k(stated, record, curves)
+        notes = [*map(residual_words, models), range_words(models[0]), *stated.left_out(models[0])]
+    else:
+        coefficients = list_coefficients(stated, record, models[0], values=curves)
+        notes = note_models(stated, models)
+    title, equation = BLOCKS[models[0].form]
+    return make_block(record, title, (equation,), (coefficients, *grids), figures, notes)
+
+
+def _tabulate_k(stated: Stated, record: Record, curves: Sequence[Quantity]) -> GridTable:
+    """K0 … K9 of the three axes side by side."""
+    columns = []
+    for model in record.models:
+        of_model = [curve for curve in curves if curve.model == model.name]
+        columns.append({c.name: c for c in fitted_coefficients(record, model, of_model)})
+    units = {name: c.unit for column in columns for name, c in column.items()}
+    return GridTable(
         COEFFICIENTS,
         Words(""),
-        axes,
-        tuple(rows.values()),
-        tuple(rows),
+        tuple(Words(AXES[forms.K_MODELS.index(model.name)]) for model in record.models),
+        tuple(units.values()),
+        tuple(units),
         tuple(
             tuple(state(stated, column[name], {}) if name in column else None for column in columns)
-            for name in rows
+            for name in units
         ),
         COEFFICIENT_NOTE,
         by_row=True,
     )
-    grids = [
-        tabulate(stated, title + OVER, [*zip(axes, quantities, strict=True)])
-        for title, quantities in zip(
-            (Words("Scale factor", "标度因数"), Words("Zero offset", "零位")),
-            zip(*curves, strict=True),
-            strict=False,
-        )
-    ]
-    title = Words(
-        "K-factor: scale factor, zero offset and cross terms", "K 系数：标度因数、零位与交叉耦合项"
-    )
-    notes = (*map(residual_words, models), range_words(models[0]), *stated.left_out(models[0]))
-    figures = [_plot_change(grid) for grid in grids if grid is not None]
-    return make_block(record, title, (K_EQUATION,), (coefficients, *grids), figures, notes)
 
 
 def _q(stated: Stated, record: Record) -> Block:
@@ -153,25 +164,6 @@ def _q(stated: Stated, record: Record) -> Block:
     title = Words("Q-factor: non-orthogonality of the axes", "Q 系数：三轴非正交")
     table = ListTable(COEFFICIENTS, results)
     return make_block(record, title, (Q_EQUATION,), (table,), (), notes)
-
-
-def _triad(stated: Stated, record: Record) -> Block:
-    """Block of the triad: every coefficient, and its polynomials against temperature."""
-    model = record.models[0]
-    curves = over_temperature(record.stage, model)
-    grids: list[GridTable] = []
-    for title, letter, cross in GRIDS:
-        columns: list[tuple[Words, Quantity]] = [
-            (Words(curve.symbol or ""), curve)
-            for curve in curves
-            if curve.name[0] == letter and is_cross(curve.name) == cross
-        ]
-        grid = tabulate(stated, title + OVER, columns) if columns else None
-        grids += [] if grid is None else [grid]
-    figures = [_plot_change(grid) for grid in (*grids[:1], *grids[-1:])]
-    title, equation = TRIADS[model.form]
-    tables: tuple[Table, ...] = (list_coefficients(stated, record, model, values=curves), *grids)
-    return make_block(record, title, (equation,), tables, figures, note_models(stated, [model]))
 
 
 def _plot_change(table: GridTable) -> Figure:

@@ -1,7 +1,7 @@
 """Fits of a triad → accel_k.json, accel_q.json, accel_affine.json → corrected indications."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -29,6 +29,12 @@ class Correction:
 
     form: Form
     models: tuple[Model, ...]
+
+    @classmethod
+    def of(cls, stage: Record | StageResult) -> "Correction":
+        """Correction by the models of a stage of a run or of a fit."""
+        form = {form.name: form for form in forms.FORMS}[stage.models[0].form]
+        return cls(form, stage.models)
 
     @property
     def temperature_range(self) -> tuple[float, float]:
@@ -65,24 +71,21 @@ class Correction:
         indication = unseen.indication
         at, _ = within_ranges(self.models[0], forms.inputs(indication, unseen.temperature))
         shared, own = [], np.zeros_like(indication)
-        for model, along in zip(self.models, self._axes(), strict=True):
+        own += self.noise_of_axes**2
+        of_axes = [np.eye(3)] if len(self.models) == 1 else [*np.eye(3)[:, :, None]]
+        for model, axes in zip(self.models, of_axes, strict=True):  # [3, a] of those it corrects
             slopes = self.form.gradient(model, at) @ gum.square_root(np.array(model.covariance))
-            slopes = slopes.reshape(len(indication), along.shape[1], -1)
-            shared.append(np.einsum("ia,nak->nik", along, slopes))
-            own += along.sum(axis=1) * self.noise_of_axes**2
+            slopes = slopes.reshape(len(indication), axes.shape[1], -1)
+            shared.append(np.einsum("ia,nak->nik", axes, slopes))
             if self.form.further is not None:
-                own += along.sum(axis=1) * self.form.further(model, at)[:, None] ** 2
+                own += axes.sum(axis=1) * self.form.further(model, at)[:, None] ** 2
             for part in model.components:
                 size = part.value * _growth(part, unseen)
                 if part.group == "attitude":  # which a log seldom repeats
-                    own += along.sum(axis=1) * size**2
+                    own += axes.sum(axis=1) * size**2
                 else:
-                    shared.append(size[:, :, None] * along)
+                    shared.append(size[:, :, None] * axes)
         return np.concatenate(shared, axis=2), own
-
-    def _axes(self) -> list[Array]:
-        """Columns [3, a] of the axes that each model corrects."""
-        return [np.eye(3)] if len(self.models) == 1 else [*np.eye(3)[:, :, None]]
 
     def by_term(self, dwells: DwellSet, term: TypeB) -> Array:
         """Errors [n, 3, g] of corrected dwells against the reference for one standard uncertainty
@@ -104,23 +107,16 @@ class Correction:
             off = np.zeros_like(indication)
             off[:, axis] = size * (indication[:, axis] if term.unit in RELATIVE else 1.0)
             return self(indication + off, temperature) - self(indication, temperature)
-        return self._by_coefficient(dwells, term)
-
-    def _by_coefficient(self, dwells: DwellSet, term: TypeB) -> Array:
-        """Errors [n, 3, g] by a type B term on a coefficient, or that leads to one."""
-        wanted = term.result or term.quantity
-        corrected = self(dwells.indication, dwells.temperature)
-        for m, model in enumerate(self.models):
+        wanted, errors = term.result or term.quantity, np.zeros_like(indication)
+        at, _ = within_ranges(self.models[0], forms.inputs(indication, temperature))
+        for axis, model in enumerate(self.models):
             for j, c in enumerate(model.coefficients):
                 if wanted in {c.name, f"{model.name}.{c.name}"}:
                     size = type_b.combine_terms((term,), (wanted,), c.value, c.unit)
-                    moved = replace(c, value=c.value + size)
-                    entries = (*model.coefficients[:j], moved, *model.coefficients[j + 1 :])
-                    other = replace(model, coefficients=entries)
-                    models = (*self.models[:m], other, *self.models[m + 1 :])
-                    shifted = Correction(self.form, models)
-                    return shifted(dwells.indication, dwells.temperature) - corrected
-        return np.zeros_like(corrected)
+                    axes = slice(None) if len(self.models) == 1 else axis
+                    errors[:, axes] = size * self.form.gradient(model, at)[..., j]
+                    return errors
+        return errors
 
     @property
     def dof(self) -> tuple[float, float]:
@@ -170,8 +166,7 @@ def find_correction(compensation: str, stages: Iterable[Record | StageResult]) -
     needed = find_stage(compensation)
     for stage in stages:
         if stage.stage == needed:
-            form = {form.name: form for form in forms.FORMS}[stage.models[0].form]
-            return Correction(form, stage.models)
+            return Correction.of(stage)
     raise CoefficientError(
         f"the run holds no {needed}.json", hint="it is not a run of accelerometer"
     )

@@ -9,11 +9,11 @@ import numpy as np
 from calibkit import check
 from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError, FrameError
-from calibkit.frame import Examined, Finding, Held, Log, Remark, refuse, values
+from calibkit.frame import Finding, Log, Remark, refuse, values
 from calibkit.ingest import stated_segments
 from calibkit.instruments.accelerometer.forms import COMPONENTS, TEMPERATURE
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
-from calibkit.numeric import attitude, chunks, dwells
+from calibkit.numeric import attitude, chunks, dwells as stretches
 
 ATTITUDE = ("inclination_deg", "toolface_deg")
 SATURATED_G = 50.0
@@ -83,69 +83,28 @@ def needed_columns(spec: AccelerometerRecipe) -> tuple[tuple[str, ...], tuple[st
 
 def find_faults(log: Log, spec: AccelerometerRecipe) -> list[Finding]:
     """Faults of a log; a log with a refused fault is not fitted."""
-    columns = [column for column in log.frame.columns if column != "time_s"]
-    early = [
-        *check.find_too_few_rows(log, 1),
-        *check.find_missing_values(log, list(log.frame.columns)),
-    ]
-    if any(finding.refused for finding in early):
-        return early
-    timed = "time_s" in log.frame.columns
-    found = [
-        *early,
-        *(check.find_unordered_times(log) if timed else ()),
-        *_find_beyond(log, COMPONENTS, SATURATED_G, "g"),
-    ]
-    if TEMPERATURE in columns:
-        found += check.find_implausible_temperatures(log, [TEMPERATURE])
-    if spec.reference.kind == "attitude":
-        found += [
-            *_find_beyond(log, ["inclination_deg"], 180.0, "deg"),
-            *_find_beyond(log, ["toolface_deg"], 360.0, "deg"),
-        ]
+    columns = log.frame.columns
+    found = [*check.find_too_few_rows(log, 1), *check.find_missing_values(log, list(columns))]
     if any(finding.refused for finding in found):
         return found
-    return [*found, *_find_wrong_units(log, spec)]
-
-
-def _find_wrong_units(log: Log, spec: AccelerometerRecipe) -> list[Finding]:
-    """Findings on units and signs that the values contradict, and on gaps of a continuous log,
-    which end a dwell.
-    """
-    found = [
-        *check.magnitude.check_gravity_unit(log, COMPONENTS),
-        *check.magnitude.find_compensated_names(log, spec, COMPONENTS),
-    ]
-    if spec.dwells.mode == "series":
+    if "time_s" in columns:
+        found += check.find_unordered_times(log)
+    if TEMPERATURE in columns:
+        found += check.find_implausible_temperatures(log, [TEMPERATURE])
+    limits = [(component, SATURATED_G, "g") for component in COMPONENTS]
+    if spec.reference.kind == "attitude":
+        limits += [("inclination_deg", 180.0, "deg"), ("toolface_deg", 360.0, "deg")]
+    for column, limit, unit in limits:
+        expected = f"at most {limit:g} {unit}"
+        found += check.find_out_of_range(log, column, -limit, limit, unit, expected)
+    if any(finding.refused for finding in found):
+        return found
+    found += check.magnitude.check_gravity_unit(log, COMPONENTS)
+    found += check.magnitude.find_compensated_names(log, spec, COMPONENTS)
+    if spec.dwells.mode == "series":  # a gap ends a dwell
         found += check.find_gaps(log, float("inf"))
-        if TEMPERATURE in log.frame.columns:
+        if TEMPERATURE in columns:
             found += check.series.check_temperature(log, TEMPERATURE)
-    if all(column in log.frame.columns for column in ATTITUDE) and not found:
-        held = [chunks.row_reader(values(log.frame, column)) for column in ATTITUDE]
-
-        def expected(first: int, stop: int) -> Array:
-            reference = attitude.gravity_vector(*(angle(first, stop) for angle in held))
-            return attitude.gravity_positive(reference, spec.reference.convention)
-
-        found += check.magnitude.check_triad_sign(log, COMPONENTS, expected)
-    return found
-
-
-def _find_beyond(log: Log, columns: Sequence[str], limit: float, unit: str) -> list[Finding]:
-    """Findings on columns with values above the limit that is plausible in their unit."""
-    found = []
-    for column in columns:
-        if max(map(abs, log.extremes(column))) <= limit:
-            continue
-        data = values(log.frame, column)
-        bad = chunks.rows_where(data, lambda part: np.abs(part) > limit)
-        if bad.size:
-            what = f"{data[bad[0]]:g} {unit} ({bad.size} such row{'s' if bad.size > 1 else ''})"
-            advice = f"state the log's unit in [columns.{column}]"
-            expected = f"at most {limit:g} {unit}"
-            found.append(
-                check.finding_at_row(log, int(bad[0]), column, what, expected, advice, "range")
-            )
     return found
 
 
@@ -157,11 +116,7 @@ def collect_dwells(logs: Sequence[Log], spec: AccelerometerRecipe) -> DwellSet:
         found = find_faults(log, spec)
         refuse(found)
         flags += [str(finding) for finding in found if finding.flagged]
-        parts.append(
-            read_row_dwells(log, spec)
-            if spec.dwells.mode == "rows"
-            else _read_series_dwells(log, spec)
-        )
+        parts.append(read_dwells(log, spec)[0])
     return DwellSet(
         np.concatenate([part.indication for part in parts]),
         np.concatenate([part.temperature for part in parts]),
@@ -203,52 +158,50 @@ def optional_column(log: Log, column: str, otherwise: float = np.nan) -> Array:
     )
 
 
-def read_row_dwells(log: Log, spec: AccelerometerRecipe) -> DwellSet:
-    """Dwells of a log with one row per dwell."""
-    count = len(log.frame)
-    return DwellSet(
-        read_indication(log, spec),
-        optional_column(log, TEMPERATURE, UNSTATED_DEGC),
-        optional_column(log, "inclination_deg"),
-        optional_column(log, "toolface_deg"),
-        np.full((count, 3), np.nan),
-        np.asarray(optional_column(log, "time_s")),
-        np.zeros(count, dtype=np.int64),
-        tuple(f"{log.file}:{log.line(row)}" for row in range(count)),
-        tuple(f"{log.file}: {note}" for note in log.notes),
-    )
-
-
-def _read_series_dwells(log: Log, spec: AccelerometerRecipe) -> DwellSet:
-    """Dwells of a continuous log: stretches at rest, cut at gaps, and divided into pieces where the
-    recipe states piece_s.
+def read_dwells(log: Log, spec: AccelerometerRecipe) -> tuple[DwellSet, Integers]:
+    """Dwells of a log, and first and end row [n, 2] of each: a row each, or stretches at rest of a
+    continuous log, cut at gaps, and divided into pieces where the recipe states piece_s.
     """
-    time = values(log.frame, "time_s")
-    step = log.steps.usual
+    notes = tuple(f"{log.file}: {note}" for note in log.notes)
     temperature = optional_column(log, TEMPERATURE, UNSTATED_DEGC)
-    columns = _stack_columns(
-        log, [*(values(log.frame, column) for column in COMPONENTS), temperature], spec
-    )
-    intervals = _find_dwell_rows(log, columns[:, :3], time, step, spec)
+    inclination, toolface = (optional_column(log, angle) for angle in ATTITUDE)
+    if spec.dwells.mode == "rows":
+        count = len(log.frame)
+        rows = np.arange(count)
+        dwells = DwellSet(
+            read_indication(log, spec),
+            temperature,
+            inclination,
+            toolface,
+            np.full((count, 3), np.nan),
+            np.asarray(optional_column(log, "time_s")),
+            np.zeros(count, dtype=np.int64),
+            tuple(f"{log.file}:{log.line(row)}" for row in range(count)),
+            notes,
+        )
+        return dwells, np.column_stack([rows, rows + 1])
+    time = values(log.frame, "time_s")
+    components = [values(log.frame, column) for column in COMPONENTS]
+    columns = _stack_columns(log, [*components, temperature], spec)
+    intervals = _find_dwell_rows(log, columns[:, :3], time, log.steps.usual, spec)
     if spec.dwells.piece_s is not None:
-        intervals = dwells.cut_dwells(intervals, max(2, round(spec.dwells.piece_s / step)))
-    means = dwells.average_dwells(columns, intervals)
+        piece = max(2, round(spec.dwells.piece_s / log.steps.usual))
+        intervals = stretches.cut_dwells(intervals, piece)
+    means = stretches.average_dwells(columns, intervals)
     # reference angles are read at the middle of the dwell
     middle = intervals.mean(axis=1).astype(np.int64)
-    return DwellSet(
+    dwells = DwellSet(
         means.mean[:, :3],
         means.mean[:, 3],
-        chunks.take_rows(optional_column(log, "inclination_deg"), middle),
-        chunks.take_rows(optional_column(log, "toolface_deg"), middle),
+        chunks.take_rows(inclination, middle),
+        chunks.take_rows(toolface, middle),
         means.standard_error[:, :3],
         chunks.take_rows(time, middle),
         np.zeros(len(intervals), dtype=np.int64),
         tuple(f"{log.file}:{log.line(a)}-{log.line(b - 1)}" for a, b in intervals.tolist()),
-        (
-            *(f"{log.file}: {note}" for note in log.notes),
-            Remark(f"{log.file}: {len(intervals)} dwells found"),
-        ),
+        (*notes, Remark(f"{log.file}: {len(intervals)} dwells found")),
     )
+    return dwells, intervals
 
 
 def _find_dwell_rows(
@@ -271,7 +224,7 @@ def _find_dwell_rows(
     try:
         found = [
             start
-            + dwells.find_dwells(triad[start:stop], window, threshold=limit, shortest=shortest)
+            + stretches.find_dwells(triad[start:stop], window, threshold=limit, shortest=shortest)
             for start, stop in pairwise(bounds)
             if stop - start >= 4 * window
         ]
@@ -282,21 +235,3 @@ def _find_dwell_rows(
             f"{log.file}: too short for dwells of {spec.dwells.window_s:g} s", hint="log longer"
         )
     return np.concatenate(found)
-
-
-def examine(spec: AccelerometerRecipe, log: Log) -> Examined:
-    """Findings of a log, and the dwells where the log is continuous."""
-    found = find_faults(log, spec)
-    if any(finding.refused for finding in found) or spec.dwells.mode == "rows":
-        return Examined(tuple(found))
-    time, triad = values(log.frame, "time_s"), read_indication(log, spec)
-    try:
-        rows = _find_dwell_rows(log, triad, time, log.steps.usual, spec).tolist()
-        pinned = stated_segments.stated_rows(log, spec, ["dwell"]) is not None
-    except (FitError, FrameError) as error:
-        return Examined((*found, Finding.of(error)))
-    held = (
-        Held("dwell", a, b, float(np.linalg.norm(triad[a:b].mean(axis=0))), "g", pinned)
-        for a, b in rows
-    )
-    return Examined(tuple(found), tuple(held))

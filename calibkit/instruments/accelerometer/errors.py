@@ -1,6 +1,6 @@
 """Dwells under a correction → errors of inclination and toolface, and what a recipe accepts."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -8,41 +8,54 @@ import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.coefficients import Criterion, Figure, Model, at_most, over_u
-from calibkit.errors import FitError
 from calibkit.fit.unseen import unseen
 from calibkit.instruments.accelerometer import forms
 from calibkit.instruments.accelerometer.coefficient_files import Correction
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
+from calibkit.instruments.accelerometer.shared_errors import angle_slopes
 from calibkit.numeric import attitude
 from calibkit.numeric.dispersion import rms
 from calibkit.recipe.type_b import TypeB
-
-TOOLFACE_RANGE_DEG = (10.0, 170.0)
-"""Default inclination range [°] in which toolface errors are quoted."""
 
 
 @dataclass(frozen=True, slots=True)
 class AttitudeErrors:
     """Inclination and toolface errors of n dwells against a reference attitude; toolface errors
-    only within an inclination range.
+    grow as 1/sin(inclination), and stand only within a range of inclination.
     """
 
-    inclination_error_deg: Array
+    inclination_deg: Array
     """[n], indicated minus reference [°]."""
-    toolface_error_deg: Array
-    """[n], indicated minus reference in (−180, 180] [°], NaN outside the inclination range."""
-    inclination_range_deg: tuple[float, float]
-    """Range of reference inclination [°] that the toolface figures refer to."""
-    inclination_rms_deg: float
-    inclination_max_deg: float
-    toolface_rms_deg: float
-    """NaN where no dwell lies in the inclination range."""
-    toolface_max_deg: float
-    toolface_scaled_max_deg: float
-    """Largest |toolface error| · sin(inclination) in the range [°]: hardly depends on the range,
-    because toolface errors grow as 1/sin(inclination).
+    toolface_deg: Array
+    """[n], indicated minus reference in (−180, 180] [°], NaN outside the range."""
+    figures: Mapping[str, float]
+    """Key in a validation.json → root mean square or largest size [°]; of toolface times
+    sin(inclination), which hardly depends on the range, too. NaN where no dwell lies in it.
     """
+
+    @classmethod
+    def compare(
+        cls,
+        vector: Array,
+        inclination_deg: Array,
+        toolface_deg: Array,
+        inclination_range_deg: tuple[float, float] = (10.0, 170.0),
+    ) -> Self:
+        """Errors of gravity vectors [n, 3] against reference angles [n] [°]."""
+        low, high = inclination_range_deg
+        tilt = attitude.inclination(vector) - inclination_deg
+        inside = (inclination_deg >= low) & (inclination_deg <= high)
+        roll = np.where(inside, attitude.wrapped(attitude.toolface(vector) - toolface_deg), np.nan)
+        scaled = roll * np.sin(np.radians(inclination_deg))
+        figures = {
+            "inclination_rms_deg": rms(tilt),
+            "inclination_max_deg": _largest(tilt),
+            "toolface_rms_deg": rms(roll[inside]),
+            "toolface_max_deg": _largest(roll[inside]),
+            "toolface_sin_max_deg": _largest(scaled[inside]),
+        }
+        return cls(tilt, roll, figures)
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,18 +76,19 @@ class DwellErrors:
 
     def judge_errors(self, spec: AccelerometerRecipe) -> tuple[Criterion, ...]:
         """Criteria of the recipe's acceptance limits on the corrected dwells."""
-        limits, angles = spec.acceptance, self.angles
-        over_noise = self.residual_rms_g / self.noise_g if self.noise_g > 0.0 else 0.0
+        limits, residual = spec.acceptance, self.residual_rms_g
+        over_noise = residual / self.noise_g if self.noise_g > 0.0 else 0.0
         stated = [
-            ("residual rms", self.residual_rms_g, limits.max_residual_rms_g, "g"),
+            ("residual rms", residual, limits.max_residual_rms_g, "g"),
             ("residual over noise", over_noise, limits.max_residual_over_noise, "1"),
         ]
-        if angles is not None:
-            inclination, toolface = angles.inclination_max_deg, angles.toolface_scaled_max_deg
-            scaled = "largest toolface error times sin(inclination)"
+        if self.angles is not None:
+            tilt = self.angles.figures["inclination_max_deg"]
+            scaled = self.angles.figures["toolface_sin_max_deg"]
+            times_sine = "largest toolface error times sin(inclination)"
             stated = [
-                ("largest inclination error", inclination, limits.max_inclination_error_deg, "deg"),
-                (scaled, toolface, limits.max_toolface_error_sin_deg, "deg"),
+                ("largest inclination error", tilt, limits.max_inclination_error_deg, "deg"),
+                (times_sine, scaled, limits.max_toolface_error_sin_deg, "deg"),
                 *stated,
             ]
         return tuple(
@@ -117,11 +131,8 @@ class DwellErrors:
             vector, noise = correction(vector, dwells.temperature), correction.noise_g
         if spec.reference.kind == "magnitude":
             return cls(np.linalg.norm(vector, axis=1)[:, None] - 1.0, None, noise)
-        angles = _attitude_errors(
-            vector,
-            dwells.inclination,
-            dwells.toolface,
-            inclination_range_deg=spec.toolface_range_deg,
+        angles = AttitudeErrors.compare(
+            vector, dwells.inclination, dwells.toolface, spec.toolface_range_deg
         )
         return cls(vector - dwells.reference, angles, noise)
 
@@ -138,74 +149,29 @@ def propagate_uncertainty(
     vector, slopes = forms.TRIAD.evaluate(affine, at), forms.TRIAD.gradient(affine, at)
     covariance = slopes @ np.array(affine.covariance) @ np.swapaxes(slopes, 1, 2)
     covariance += affine.residual_rms**2 * np.eye(3)
-    u_inclination, u_toolface = _attitude_uncertainty(vector, covariance)
-    tilt = attitude.inclination(vector)
-    inside = (tilt >= toolface_range_deg[0]) & (tilt <= toolface_range_deg[1])
+    u_inclination, u_toolface_sin = uncertainty_of_attitude(vector, covariance)
     figures = [
         Figure("inclination_standard_uncertainty_max", float(u_inclination.max()), "deg", 0.0)
     ]
+    tilt = attitude.inclination(vector)
+    inside = (tilt >= toolface_range_deg[0]) & (tilt <= toolface_range_deg[1])
     if inside.any():
-        scaled = float((u_toolface * np.sin(np.radians(tilt)))[inside].max())
-        figures.append(Figure("toolface_sin_standard_uncertainty_max", scaled, "deg", 0.0))
+        largest = float(u_toolface_sin[inside].max())
+        figures.append(Figure("toolface_sin_standard_uncertainty_max", largest, "deg", 0.0))
     return tuple(figures)
 
 
-def _attitude_errors(
-    vector: Array,
-    inclination_deg: Array,
-    toolface_deg: Array,
-    *,
-    inclination_range_deg: tuple[float, float] = TOOLFACE_RANGE_DEG,
-) -> AttitudeErrors:
-    """Inclination and toolface errors of gravity vectors [n, 3] against reference angles [n] [°].
-
-    Toolface errors grow as 1/sin(inclination): they are given between the two inclinations of the
-    range [°] and NaN elsewhere, and their largest value is also given multiplied by
-    sin(inclination).
+def uncertainty_of_attitude(vector: Array, covariance: Array) -> tuple[Array, Array]:
+    """Standard uncertainties [n], [n] [°] of inclination and of toolface times sin(inclination),
+    from the covariance [n, 3, 3] of vectors [n, 3] to first order (GUM 5.2.2).
     """
-    low, high = inclination_range_deg
-    if not 0.0 < low < high < 180.0:
-        raise FitError(
-            f"a toolface cannot be quoted for inclinations {low:g}..{high:g}°",
-            hint=(
-                "the range lies inside 0..180°, both ends excluded: there the toolface does not"
-                " exist"
-            ),
-        )
-    tilt = attitude.inclination(vector) - inclination_deg
-    inside = (inclination_deg >= low) & (inclination_deg <= high)
-    roll = np.where(inside, attitude.wrapped(attitude.toolface(vector) - toolface_deg), np.nan)
-    scaled = (roll * np.sin(np.radians(inclination_deg)))[inside]
-    return AttitudeErrors(
-        inclination_error_deg=tilt,
-        toolface_error_deg=roll,
-        inclination_range_deg=(low, high),
-        inclination_rms_deg=rms(tilt),
-        inclination_max_deg=_largest(tilt),
-        toolface_rms_deg=rms(roll[inside]),
-        toolface_max_deg=_largest(roll[inside]),
-        toolface_scaled_max_deg=_largest(scaled),
+    length = np.linalg.norm(vector, axis=1)
+    angles = np.radians([attitude.inclination(vector), attitude.toolface(vector)])
+    u_inclination, u_toolface_sin = (
+        np.degrees(np.sqrt(np.einsum("ni,nij,nj->n", along, covariance, along)) / length)
+        for along in angle_slopes(*angles)
     )
-
-
-def _attitude_uncertainty(vector: Array, covariance: Array) -> tuple[Array, Array]:
-    """Standard uncertainties [n], [n] [°] of inclination and toolface from the covariance [n, 3, 3]
-    of vectors [n, 3].
-
-    First order (GUM 5.2.2). For a vertical vector the toolface uncertainty is NaN, and the
-    inclination uncertainty is the root mean square of the two horizontal components.
-    """
-    gx, gy, gz = np.moveaxis(vector, -1, 0)
-    flat, square = np.hypot(gx, gy), np.sum(vector**2, axis=-1)
-    upright = flat == 0.0
-    radius = np.where(upright, 1.0, flat)
-    toward = np.stack([gx * gz / radius, gy * gz / radius, -flat], axis=-1) / square[..., None]
-    around = np.stack([gy, -gx, np.zeros_like(gx)], axis=-1) / (radius**2)[..., None]
-    tilt = np.einsum("...i,...ij,...j->...", toward, covariance, toward)
-    roll = np.einsum("...i,...ij,...j->...", around, covariance, around)
-    level = (covariance[..., 0, 0] + covariance[..., 1, 1]) / (2.0 * square)
-    inclination_deg = np.degrees(np.sqrt(np.where(upright, level, tilt)))
-    return inclination_deg, np.where(upright, np.nan, np.degrees(np.sqrt(roll)))
+    return u_inclination, u_toolface_sin
 
 
 def _largest(values: Array) -> float:

@@ -45,8 +45,8 @@ class TriadReport:
         if angles is None:
             return columns
         return columns | {
-            "residual_inclination_deg": angles.inclination_error_deg,
-            "residual_toolface_deg": angles.toolface_error_deg,
+            "residual_inclination_deg": angles.inclination_deg,
+            "residual_toolface_deg": angles.toolface_deg,
         }
 
 
@@ -91,13 +91,10 @@ def _draw_angles(
     """
     low, high = report.toolface_range_deg
     figure, axes = page(2, 2, title=f"{title}: attitude errors before (grey) and after (green)")
+    toolface = f"toolface ({low:g}-{high:g}° inclination)"
     pairs = (
-        ("inclination", before.inclination_error_deg, after.inclination_error_deg),
-        (
-            f"toolface ({low:g}-{high:g}° inclination)",
-            before.toolface_error_deg,
-            after.toolface_error_deg,
-        ),
+        ("inclination", before.inclination_deg, after.inclination_deg),
+        (toolface, before.toolface_deg, after.toolface_deg),
     )
     abscissae = (
         (report.dwells.inclination, "inclination [°]"),

@@ -80,18 +80,4 @@ AFFINE = Form.of_equation(
     lambda model, p, at: read_terms(model).corrected_by_matrix(p, _indication(at), at[TEMPERATURE]),
 )
 """Corrected components [n, 3, g]: M(t) (G − b(t)) with higher orders of the indications."""
-
-
-def list_polynomials(model: Model) -> list[tuple[str, list[str], str]]:
-    """Symbol, names of the coefficients in ascending powers of temperature, and unit of each
-    quantity of a triad that is a polynomial of temperature.
-    """
-    units = {c.name: c.unit for c in model.coefficients}
-    polynomials: dict[str, list[str]] = {}
-    for term in read_terms(model).listed:
-        if term.kind in ("k", "z", "c", "m", "b"):
-            polynomials.setdefault(term.symbol, []).append(term.name)
-    return [(symbol, names, units[names[0]]) for symbol, names in polynomials.items()]
-
-
 FORMS = (K, Q, AFFINE, TRIAD)

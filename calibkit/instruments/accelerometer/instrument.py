@@ -9,7 +9,7 @@ import numpy as np
 from calibkit.certificate.fit_tables import tabulate_fit
 from calibkit.check import copies
 from calibkit.coefficients import Criterion, Figure, Input
-from calibkit.errors import FitError, RecipeError
+from calibkit.errors import CoefficientError, FitError, RecipeError
 from calibkit.frame import refuse, require
 from calibkit.ingest import logs as ingest, write_back
 from calibkit.instruments import Fitted
@@ -19,12 +19,12 @@ from calibkit.instruments.accelerometer import (
     dwells as triad_dwells,
     errors,
     forms,
-    overview,
     plausibility,
     sensitivities,
     shared_errors,
     tables,
 )
+from calibkit.instruments.accelerometer.coefficient_files import Correction
 from calibkit.instruments.accelerometer.figures import TriadReport
 from calibkit.instruments.accelerometer.fit import fit_triad
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
@@ -45,8 +45,8 @@ if TYPE_CHECKING:
     from calibkit.instruments import Progress
     from calibkit.report.table import Table
 
-CORRECTIONS = {"k": "K-factor", "affine": "affine"}
-"""Compensation of a recipe → name of the correction in the table of errors."""
+CORRECTIONS = {"accel_k": "K-factor", "accel_affine": "affine"}
+"""Stage → name of its correction in the table of errors."""
 
 Recipe = AccelerometerRecipe
 FORMS = forms.FORMS
@@ -67,7 +67,7 @@ def read(spec: AccelerometerRecipe, data: Path, file: str, reader: Reader = inge
 def fit(
     spec: AccelerometerRecipe, data: Path, files: Sequence[str], progress: Progress
 ) -> Fitted[TriadReport]:
-    """Fit K-factor, Q-factor and the affine triad to the dwells of all logs together."""
+    """Fit K-factor, Q-factor and the triad to the dwells of all logs together."""
     _require_known_options(spec)
     in_turn = ingest.read_ahead(progress(files, "reading"), lambda file: read(spec, data, file))
     logs = list(copies.refuse_copies(in_turn))
@@ -79,37 +79,41 @@ def fit(
     if fitted.affine is not None:
         uncertainty = errors.propagate_uncertainty(fitted.affine, counted, spec.toolface_range_deg)
     results = coefficient_files.list_results(fitted, dwells, spec.site.local_gravity(), uncertainty)
-    stages, found = {result.stage for result in results}, {}
-    found["indication"] = errors.DwellErrors.compare(counted, spec)
-    for compensation, name in CORRECTIONS.items():
-        if coefficient_files.COMPENSATIONS[compensation] in stages:
-            correction = coefficient_files.find_correction(compensation, results)
-            found[name] = errors.DwellErrors.compare(counted, spec, correction)
-    after = found[CORRECTIONS[spec.compensation]]
-    out = f", {len(suspects)} left out" if suspects else ""
-    compared = tables.tabulate_errors(found, spec, f"The fitted dwells before and after{out}")
     influences = sensitivities.find(fitted, dwells, spec)
-    shown = tabulate_fit(results, spec, influences, certificate.blocks)
-    shared = list_components("Errors that dwells share", [fitted.affine or fitted.k[0]])
-    shown += [shared] if shared.rows else []
-    shown.append(compared)
-    shown += [tables.tabulate_uncertainty(uncertainty)] if uncertainty else []
-    first = overview.summarize_errors(
-        found, CORRECTIONS[spec.compensation], len(counted.indication), compared, out
+    raw = errors.DwellErrors.compare(counted, spec)
+    by_stage = {
+        result.stage: errors.DwellErrors.compare(counted, spec, Correction.of(result))
+        for result in results
+        if result.stage in CORRECTIONS
+    }
+    stage = coefficient_files.find_stage(spec.compensation)
+    corrected = by_stage[stage]
+    out = f", {len(suspects)} left out" if suspects else ""
+    compared = tables.tabulate_errors(
+        {"indication": raw} | {CORRECTIONS[name]: after for name, after in by_stage.items()},
+        spec,
+        f"The fitted dwells before and after{out}",
     )
+    components = list_components("Errors that dwells share", [fitted.affine or fitted.k[0]])
+    shown = [
+        *tabulate_fit(results, spec, influences, certificate.blocks),
+        *([components] if components.rows else []),
+        compared,
+        *([tables.tabulate_uncertainty(uncertainty)] if uncertainty else []),
+    ]
     doubts = (*shared_errors.warn_of_order(dwells), *shared_errors.warn_of_set_up(spec))
     flags = dict.fromkeys((*dwells.flags, *doubts, *fitted.flags))
-    judged = (*after.judge_errors(spec), *fitted.triad.unexplained)
+    judged = (*corrected.judge_errors(spec), *fitted.triad.unexplained)
+    overview = tables.summarize_errors(raw, corrected, CORRECTIONS[stage], compared, out)
+    left_out = LeftOut("positions", len(suspects), len(dwells.place), "outlier")
     return Fitted(
         results,
         tuple(Input.of(log) for log in logs),
-        Summary(spec.title, tuple(shown), tuple(flags), judged, overview=first),
-        TriadReport(counted, found["indication"], after, spec.toolface_range_deg),
+        Summary(spec.title, tuple(shown), tuple(flags), judged, overview=overview),
+        TriadReport(counted, raw, corrected, spec.toolface_range_deg),
         lacks=fitted.k_not_fitted,
         sensitivities=influences,
-        left_out=(LeftOut("positions", len(suspects), len(dwells.place), "outlier"),)
-        if suspects
-        else (),
+        left_out=(left_out,) if suspects else (),
     )
 
 
@@ -124,11 +128,10 @@ def _require_known_options(spec: AccelerometerRecipe) -> None:
                 hint="remove one of the two",
                 at=("affine", term),
             )
-    if spec.compensation == "kq":
-        raise FitError(
-            "compensation = 'kq' is no longer supported, expected 'affine' or 'k'",
-            hint="'affine' corrects scale, zero and angles together; K and Q stay in their files",
-        )
+    try:
+        coefficient_files.find_stage(spec.compensation)
+    except CoefficientError as error:
+        raise FitError(error.message, hint=error.hint) from None
     if spec.k.groups == "log":
         raise FitError(
             "k.groups = 'log': K has no covariance of its own from logs left out any more",
@@ -197,8 +200,8 @@ def validate(
                 "name": log.file,
                 "sha256": log.sha256,
                 "rows": log.rows,
-                "before": tables.list_errors(before),
-                "after": tables.list_errors(after),
+                "before": tables.list_errors(before, spec),
+                "after": tables.list_errors(after, spec),
             }
         )
         both = {"indication": before, "corrected": after}

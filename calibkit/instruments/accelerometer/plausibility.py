@@ -11,8 +11,9 @@ from itertools import permutations, product
 import numpy as np
 
 from calibkit.arrays import Array, Integers
-from calibkit.errors import FitError
-from calibkit.frame import Examined, Finding, Log, refuse
+from calibkit.errors import FitError, FrameError
+from calibkit.frame import Examined, Finding, Held, Log, refuse
+from calibkit.ingest import stated_segments
 from calibkit.instruments.accelerometer import dwells as triad_dwells
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.forms import COMPONENTS, TEMPERATURE
@@ -49,14 +50,23 @@ def screen(dwells: DwellSet, spec: AccelerometerRecipe) -> DwellSet:
 
 
 def examine(spec: AccelerometerRecipe, log: Log) -> Examined:
-    """Findings of a log, implausible dwells among them where it has one row per dwell, and the
-    dwells of a continuous log.
-    """
-    seen = triad_dwells.examine(spec, log)
-    if spec.dwells.mode != "rows" or any(finding.refused for finding in seen.findings):
-        return seen
-    _, found = find_implausible(triad_dwells.read_row_dwells(log, spec), spec)
-    return Examined((*seen.findings, *found), seen.held)
+    """Findings of a log, implausible dwells among them, and the dwells of a continuous log."""
+    found = tuple(triad_dwells.find_faults(log, spec))
+    if any(finding.refused for finding in found):
+        return Examined(found)
+    try:
+        dwells, rows = triad_dwells.read_dwells(log, spec)
+    except (FitError, FrameError) as error:
+        return Examined((*found, Finding.of(error)))
+    found += find_implausible(dwells, spec)[1]
+    if spec.dwells.mode == "rows":
+        return Examined(found)
+    pinned = stated_segments.stated_rows(log, spec, ["dwell"]) is not None
+    lengths = np.linalg.norm(dwells.indication, axis=1).tolist()
+    held = zip(rows.tolist(), lengths, strict=True)
+    return Examined(
+        found, tuple(Held("dwell", a, b, length, "g", pinned) for (a, b), length in held)
+    )
 
 
 def find_implausible(

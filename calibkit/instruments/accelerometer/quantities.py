@@ -40,35 +40,37 @@ KINDS = {
 """First letter of a polynomial's symbol → what it is."""
 
 
-def is_cross(symbol: str) -> bool:
-    """Whether a polynomial is that of a cross-axis term: c_xy, m_xy."""
-    _, axes = symbol.split("_")
-    return len(axes) == 2 and axes[0] != axes[1]
+def kind_of(curve: Quantity) -> tuple[str, bool]:
+    """Key of `KINDS`, and whether it is of a cross-axis term: c_xy, m_xy."""
+    if curve.name in ("scale", "zero"):
+        return {"scale": "k", "zero": "z"}[curve.name], False
+    kind, axes = curve.name.split("_")
+    return kind, len(axes) == 2 and axes[0] != axes[1]
 
 
 def over_temperature(stage: str, model: Model) -> list[Quantity]:
     """Scale factor and zero offset of a K model, or every polynomial Σ c_k T^k of a triad."""
+    polynomials: dict[tuple[str, str, str], list[str]] = {}
     if model.form == forms.K.name:
         axis = AXES[forms.K_MODELS.index(model.name)]
-        listed = [
-            ("scale", axis, KINDS["k"] + Words(axis), [*forms.SCALE_FACTOR], "1"),
-            ("zero", axis, KINDS["z"] + Words(axis), [*forms.ZERO_OFFSET], "g"),
-        ]
-    else:
-        listed = []
-        over = model.form != forms.Q.name and forms.TEMPERATURE in model.valid
-        for name, terms, unit in forms.list_polynomials(model) if over else ():
-            symbol = name.replace("m_", "M_")
-            listed.append((name, symbol, KINDS[name[0]] + Words(symbol), terms, unit))
-    return [
-        Quantity(
-            *(name, stage, model.name, words, unit, (ranged(model, forms.TEMPERATURE),)),
+        polynomials["scale", axis, "k"] = [*forms.SCALE_FACTOR]
+        polynomials["zero", axis, "z"] = [*forms.ZERO_OFFSET]
+    elif model.form != forms.Q.name and forms.TEMPERATURE in model.valid:
+        for term in forms.read_terms(model).listed:
+            if term.kind in KINDS:
+                key = term.symbol, term.symbol.replace("m_", "M_"), term.kind
+                polynomials.setdefault(key, []).append(term.name)
+    units = {c.name: c.unit for c in model.coefficients}
+    quantities = []
+    for (name, symbol, kind), terms in polynomials.items():
+        quantity = Quantity(
+            *(name, stage, model.name, KINDS[kind] + Words(symbol), units[terms[0]]),
+            (ranged(model, forms.TEMPERATURE),),
             polynomial(model, terms, forms.TEMPERATURE),
             symbol=symbol,
-            principal=name in ("scale", "zero") or not is_cross(name),
         )
-        for name, symbol, words, terms, unit in listed
-    ]
+        quantities.append(replace(quantity, principal=not kind_of(quantity)[1]))
+    return quantities
 
 
 def _inputs(model: Model) -> tuple[Input, ...]:
@@ -77,22 +79,15 @@ def _inputs(model: Model) -> tuple[Input, ...]:
     return (*temperature, *(Input(name, -2.0, 2.0) for name in forms.COMPONENTS))
 
 
-def _lack_of_fit(model: Model) -> tuple[tuple[Words, float, float], ...]:
-    """What K0 … K9 correct otherwise than the triad, as a further uncertainty [g]."""
-    words = Words("lack of fit of the K-factor", "K 系数的失拟")
-    return tuple(
-        (words, parameter.value, float("inf"))
-        for parameter in model.parameters
-        if parameter.name == "lack_of_fit" and parameter.value > 0.0
-    )
-
-
 def _component(form: Form, model: Model, axis: int | None) -> Callable[[At], Point]:
     """Component [g] that a model corrects, of one axis by itself or of a triad, as a function of
-    its inputs.
+    its inputs; what K0 … K9 correct otherwise than the triad is a further uncertainty.
     """
     point = of_form(form, model, _inputs(model), axis)
-    return lambda at: replace(point(at), more=_lack_of_fit(model))
+    words = Words("lack of fit of the K-factor", "K 系数的失拟")
+    sizes = [p.value for p in model.parameters if p.name == "lack_of_fit" and p.value > 0.0]
+    more = tuple((words, size, float("inf")) for size in sizes)
+    return lambda at: replace(point(at), more=more)
 
 
 def _by_compensation(
@@ -122,22 +117,18 @@ def _by_compensation(
 
 def _components(stage: str, model: Model) -> list[Quantity]:
     """Corrected components that a model gives by itself."""
-    inputs = _inputs(model)
-    if model.form == forms.K.name:
-        words = Words("corrected component", "修正分量")
-        return [
-            Quantity(
-                "component", stage, model.name, words, "g", inputs, _component(forms.K, model, None)
-            )
-        ]
     form = {form.name: form for form in forms.FORMS}[model.form]
+    named: list[tuple[str, Words, int | None]] = [
+        (f"component_{letter}", Words(f"corrected {letter}", f"修正 {letter}"), axis)
+        for axis, letter in enumerate(AXES)
+    ]
+    if form is forms.K:
+        named = [("component", Words("corrected component", "修正分量"), None)]
     return [
         Quantity(
-            *(f"component_{letter}", stage, model.name),
-            *(Words(f"corrected {letter}", f"修正 {letter}"), "g", inputs),
-            of_form(form, model, inputs, axis),
+            *(name, stage, model.name, words, "g", _inputs(model)), _component(form, model, axis)
         )
-        for axis, letter in enumerate(AXES)
+        for name, words, axis in named
     ]
 
 

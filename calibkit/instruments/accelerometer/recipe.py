@@ -111,6 +111,9 @@ class AccelerometerRecipe(Recipe):
             )
         if self.compensation == "affine" and attitude and not self.affine.enabled:
             raise ValueError("compensation = 'affine' needs affine.enabled = true")
+        low, high = self.toolface_range_deg
+        if not low < high:
+            raise ValueError(f"toolface_range_deg = [{low:g}, {high:g}]: expected low below high")
         if (self.affine.tilt or self.affine.fixture) and not attitude:
             raise ValueError("affine.tilt and affine.fixture need reference.kind = 'attitude'")
         return self

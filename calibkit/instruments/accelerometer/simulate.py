@@ -1,13 +1,13 @@
 """A triad of servo accelerometers on a two-axis table in a chamber: dwells at attitudes and
-temperatures, or sweeps.
+temperatures.
 
 The sensors are physical, not the models that are fitted: magnets that lose flux by an exponential
 law, springs whose bias saturates, axes that turn with temperature, second- and third-order errors,
-cross products, a sensor that lags its case, a thermometer with an error of its own. Indications are
+cross products, a thermometer with an error of its own. Indications are
 positive along gravity.
 """
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
@@ -75,20 +75,10 @@ class _Conditions:
     """Number of toolfaces, evenly spaced over a turn."""
     wild: int = 0
     """Number of dwells spoilt by a bumped table or a wrong entry."""
-    sweep: bool = False
-    """Whether the temperature is swept at a few attitudes, instead of dwells on a grid."""
-    sweep_rate_degc_per_min: float = 1.0
-    sweep_interval_s: float = 10.0
-    sweep_attitudes_deg: tuple[tuple[float, float], ...] = field(
-        default=((0.0, 0.0), (90.0, 0.0), (90.0, 90.0), (90.0, 180.0), (90.0, -90.0), (180.0, 0.0))
-    )
-    lag_s: float = 60.0
-    """Time constant of the sensors behind the logged case temperature [s]."""
 
 
 def campaign(seed: int, conditions: _Conditions = _Conditions()) -> Campaign:
-    """Log a triad at every attitude and temperature of the table, or with `sweep` at a few
-    attitudes over temperature.
+    """Log a triad at every attitude and temperature of the table, one row per dwell.
 
     Parameters
     ----------
@@ -99,15 +89,48 @@ def campaign(seed: int, conditions: _Conditions = _Conditions()) -> Campaign:
 
     Returns
     -------
-    `positions.csv`, one row per dwell, or `sweep_01.csv` …, and the truth: sensors, conditions, the
-    table's true angles and the numbers of the spoilt dwells.
+    `positions.csv`, and the truth: sensors, conditions, the table's true angles and the numbers of
+    the spoilt dwells.
 
     """
     rng = np.random.default_rng(seed)
     sensors = draw_triad(rng)
-    logs, truth = (_sweeps if conditions.sweep else _grid)(rng, sensors, conditions)
-    stated = {"seed": seed, "conditions": asdict(conditions), "sensors": describe(sensors)}
-    return Campaign(logs, DECIMALS, stated | truth)
+    rolls = np.arange(conditions.toolfaces) * 360.0 / conditions.toolfaces
+    spots = [
+        (0.0, 0.0),
+        *((tilt, roll) for tilt in conditions.inclinations_deg for roll in rolls),
+        (180.0, 0.0),
+    ]
+    angle = np.tile(np.array(spots), (len(conditions.temperatures_degc), 1))
+    # the chamber settles a little off its set point, the sensors follow the case
+    held = np.repeat(np.array(conditions.temperatures_degc), len(spots)) + rng.normal(
+        0.0, 0.2, len(angle)
+    )
+    stood = angle + rng.normal(0.0, conditions.table_noise_deg, angle.shape)
+    vector = attitude.gravity_vector(stood[:, 0], stood[:, 1])
+    indicated = indications(sensors, vector, held) + rng.normal(
+        0.0, conditions.noise_g, (len(angle), 3)
+    )
+    wild = np.sort(rng.choice(len(angle), conditions.wild, replace=False))
+    indicated[wild] += rng.uniform(2e-3, 0.3, (wild.size, 3)) * rng.choice(
+        [-1.0, 1.0], (wild.size, 3)
+    )
+    case = held + rng.normal(0.0, conditions.thermometer_noise_degc, len(angle))
+    columns = {
+        "temp_case_degc": case,
+        "inclination_deg": angle[:, 0],
+        "toolface_deg": angle[:, 1],
+        **{f"accel_{name}_g": indicated[:, i] for i, name in enumerate(AXES)},
+    }
+    truth = {
+        "seed": seed,
+        "conditions": asdict(conditions),
+        "sensors": describe(sensors),
+        "inclination_deg": attitude.inclination(vector).tolist(),
+        "toolface_deg": attitude.toolface(vector).tolist(),
+        "wild_dwells": wild.tolist(),
+    }
+    return Campaign({"positions.csv": columns}, DECIMALS, truth)
 
 
 def indications(sensors: tuple[_Sensor, ...], gravity: Array, temperature: Array) -> Array:
@@ -176,74 +199,6 @@ def _sensor(rng: np.random.Generator, index: int) -> _Sensor:
         axis=(first, second, third),
         axis_turn=(turn_x, turn_y, turn_z),
     )
-
-
-def _grid(
-    rng: np.random.Generator, sensors: tuple[_Sensor, ...], conditions: _Conditions
-) -> tuple[dict[str, dict[str, Array]], dict[str, object]]:
-    """Every attitude at every temperature, one row per dwell."""
-    rolls = np.arange(conditions.toolfaces) * 360.0 / conditions.toolfaces
-    spots = [
-        (0.0, 0.0),
-        *((tilt, roll) for tilt in conditions.inclinations_deg for roll in rolls),
-        (180.0, 0.0),
-    ]
-    angle = np.tile(np.array(spots), (len(conditions.temperatures_degc), 1))
-    # the chamber settles a little off its set point, the sensors follow the case
-    held = np.repeat(np.array(conditions.temperatures_degc), len(spots)) + rng.normal(
-        0.0, 0.2, len(angle)
-    )
-    stood = angle + rng.normal(0.0, conditions.table_noise_deg, angle.shape)
-    vector = attitude.gravity_vector(stood[:, 0], stood[:, 1])
-    indicated = indications(sensors, vector, held) + rng.normal(
-        0.0, conditions.noise_g, (len(angle), 3)
-    )
-    wild = np.sort(rng.choice(len(angle), conditions.wild, replace=False))
-    indicated[wild] += rng.uniform(2e-3, 0.3, (wild.size, 3)) * rng.choice(
-        [-1.0, 1.0], (wild.size, 3)
-    )
-    case = held + rng.normal(0.0, conditions.thermometer_noise_degc, len(angle))
-    truth = {
-        "inclination_deg": attitude.inclination(vector).tolist(),
-        "toolface_deg": attitude.toolface(vector).tolist(),
-        "wild_dwells": wild.tolist(),
-    }
-    return {"positions.csv": _columns(case, angle, indicated)}, truth
-
-
-def _sweeps(
-    rng: np.random.Generator, sensors: tuple[_Sensor, ...], conditions: _Conditions
-) -> tuple[dict[str, dict[str, Array]], dict[str, object]]:
-    """One log per attitude while the chamber goes from its lowest to its highest temperature."""
-    low, high = min(conditions.temperatures_degc), max(conditions.temperatures_degc)
-    duration = (high - low) / conditions.sweep_rate_degc_per_min * 60.0
-    time = np.arange(0.0, duration, conditions.sweep_interval_s)
-    case = low + conditions.sweep_rate_degc_per_min / 60.0 * time
-    # a first-order lag behind a ramp that starts at rest
-    lagging = conditions.sweep_rate_degc_per_min / 60.0 * conditions.lag_s
-    sensor = case - lagging * (1.0 - np.exp(-time / conditions.lag_s))
-    logs, stands = {}, []
-    for number, spot in enumerate(conditions.sweep_attitudes_deg, start=1):
-        angle = np.tile(np.array(spot), (time.size, 1))
-        stood = angle[0] + rng.normal(0.0, conditions.table_noise_deg, 2)
-        vector = attitude.gravity_vector(np.full(time.size, stood[0]), np.full(time.size, stood[1]))
-        indicated = indications(sensors, vector, sensor) + rng.normal(
-            0.0, conditions.noise_g, (time.size, 3)
-        )
-        shown = case + rng.normal(0.0, conditions.thermometer_noise_degc, time.size)
-        logs[f"sweep_{number:02d}.csv"] = {"time_s": time, **_columns(shown, angle, indicated)}
-        stands.append(stood.tolist())
-    return logs, {"attitudes_deg": stands}
-
-
-def _columns(case: Array, angle: Array, indicated: Array) -> dict[str, Array]:
-    """Canonical columns of a log."""
-    return {
-        "temp_case_degc": case,
-        "inclination_deg": angle[:, 0],
-        "toolface_deg": angle[:, 1],
-        **{f"accel_{name}_g": indicated[:, i] for i, name in enumerate(AXES)},
-    }
 
 
 CAMPAIGNS = {"accelerometer": campaign, "accelerometer_magnitude": simulate_magnitude.campaign}
