@@ -4,7 +4,6 @@ a station is refused.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -123,7 +122,11 @@ def find_unusable(log: Log, spec: InclinometerRecipe) -> list[Finding]:
         for kind, suffix in SENSORS:
             column, (limit, unit) = f"{kind}_{axis}_{suffix}", PLAUSIBLE[kind]
             data = values(log.frame, column)
-            bad = chunks.rows_where(data, partial(_is_beyond, limit))
+
+            def beyond(part: Array, limit: float = limit) -> Mask:
+                return np.asarray(np.abs(part) > limit, dtype=np.bool_)
+
+            bad = chunks.rows_where(data, beyond)
             if bad.size:
                 what = f"{data[bad[0]]:g} {unit} ({bad.size} such row{'s' if bad.size > 1 else ''})"
                 expected = f"at most {limit:g} {unit} of a tool at rest"
@@ -133,11 +136,6 @@ def find_unusable(log: Log, spec: InclinometerRecipe) -> list[Finding]:
                     check.finding_at_row(log, row, column, what, expected, advice, "range")
                 )
     return found
-
-
-def _is_beyond(limit: float, data: Array) -> Mask:
-    """Which indications [n] are larger than a limit."""
-    return np.asarray(np.abs(data) > limit, dtype=np.bool_)
 
 
 def _find_position_faults(log: Log) -> list[Finding]:
