@@ -205,7 +205,7 @@ def test_a_station_that_lacks_a_position_has_its_reason_and_the_other_is_kept():
         temperature=np.full(15, np.nan),
         reference=np.full((15, 3), np.nan),
     )
-    parts, _, _, status = station_steps._by_differences(read, "x", None)
+    parts, _, _, status = station_steps._by_differences(read, "x")
     assert status[0] == ""
     assert status[1] == "position 185° is no multiple of 90°"
     assert status[2] == "an indication is not finite"

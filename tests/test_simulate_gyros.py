@@ -137,18 +137,18 @@ def test_an_ideal_inclinometer_reads_what_rotation_matrices_say():
     attitudes = simulate.Attitudes(np.full(count, 30.0), np.full(count, 40.0), np.full(count, 70.0))
     tool = simulate.Tool((pair, pair), index_deg=0.0)
     columns, scales = tool.stations(attitudes, 34.2, np.full(count, 60.0), rng)
-    assert (scales == pair.s).all()
+    assert (scales == pair["s"]).all()
     for axis, k in (("x", 0), ("y", 1)):
         accel, gyro = (
             columns[f"{name}_{axis}_{unit}"].reshape(-1, 4)
             for name, unit in (("accel", "g"), ("gyro", "dph"))
         )
         for j, position in enumerate((0, 90, 180, 270)):
-            gravity, rate = forward(30.0, 40.0, 70.0, 34.2, pair.s, position=position)
-            assert abs(accel[:, j].mean() - gravity[k] - pair.accel_bias_g) < 4.0 * 2e-5 / np.sqrt(
-                count
-            )
-            assert abs(gyro[:, j].mean() - rate[k] - pair.bias_dph) < 4.0 * 0.01 / np.sqrt(count)
+            gravity, rate = forward(30.0, 40.0, 70.0, 34.2, pair["s"], position=position)
+            assert abs(
+                accel[:, j].mean() - gravity[k] - pair["accel_bias_g"]
+            ) < 4.0 * 2e-5 / np.sqrt(count)
+            assert abs(gyro[:, j].mean() - rate[k] - pair["bias_dph"]) < 4.0 * 0.01 / np.sqrt(count)
 
 
 def test_the_scale_factor_of_a_simulated_tool_drifts_with_temperature_in_no_polynomial():
@@ -157,6 +157,6 @@ def test_the_scale_factor_of_a_simulated_tool_drifts_with_temperature_in_no_poly
     temperature = np.linspace(20.0, 150.0, 400)
     s = simulate._scale(pair, temperature, np.random.default_rng(0))
     left = s - np.polynomial.Polynomial.fit(temperature, s, 3)(temperature)
-    assert left.std() > 1.2 * pair.s_repeat
+    assert left.std() > 1.2 * pair["s_repeat"]
     truth = simulate.campaign(1).truth["stations"]
     assert truth["s_x"] != truth["s_y"]

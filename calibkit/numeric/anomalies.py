@@ -87,17 +87,14 @@ def scatter(values: Array) -> float:
     return mad_sigma(second) / float(np.sqrt(6.0))
 
 
-def resolution(values: Array, rows: int = 20_000) -> float:
-    """Smallest step between distinct values in the first rows of a series [n]; 0 if there is one
-    value.
+def resolution(values: Array) -> float:
+    """Smallest step between distinct values in the first 20,000 rows of a series [n]; 0 if there is
+    one value.
     """
-    distinct = np.unique(values[:rows])
+    distinct = np.unique(values[:20_000])
     steps = np.diff(distinct)
-    steps = (
-        steps[steps > 1e-9 * max(abs(float(distinct[0])), abs(float(distinct[-1])))]
-        if steps.size
-        else steps
-    )
+    if steps.size:
+        steps = steps[steps > 1e-9 * max(abs(float(distinct[0])), abs(float(distinct[-1])))]
     return float(steps.min()) if steps.size else 0.0
 
 

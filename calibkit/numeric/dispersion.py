@@ -38,9 +38,9 @@ def variance(values: Array) -> float:
     return square / values.size
 
 
-def largest_by_chance(sizes: Array, *, chance: float = 0.001) -> float:
-    """Size that the largest of deviations [n] exceeds with a given probability where none of them
-    is an outlier.
+def largest_by_chance(sizes: Array) -> float:
+    """Size that the largest of deviations [n] exceeds in one of 1000 samples without an
+    outlier.
 
     The deviations are taken as s |z|^k, z normal, with s and k from their median and their 80 %
     quantile: where some scatter more than others, as attitudes on a table do, the tail is longer
@@ -49,7 +49,7 @@ def largest_by_chance(sizes: Array, *, chance: float = 0.001) -> float:
     from scipy.special import ndtri
 
     half, most = np.quantile(np.abs(sizes), (0.5, 0.8)).tolist()
-    z_half, z_most, z_largest = -ndtri([0.25, 0.1, chance / sizes.size / 2.0])
+    z_half, z_most, z_largest = -ndtri([0.25, 0.1, 0.001 / sizes.size / 2.0])
     if half == 0.0:
         return 0.0
     power = float(np.clip(np.log(most / half) / np.log(z_most / z_half), 1.0, 1.4))

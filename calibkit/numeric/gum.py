@@ -3,7 +3,7 @@ rounding.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from decimal import ROUND_HALF_UP, Context, Decimal
 from typing import Literal
 
@@ -121,9 +121,7 @@ MOST_SELECTED = 12
 """Contributions of which every selection is tried for the largest expanded uncertainty."""
 
 
-def combine_cautiously(
-    components: Sequence[Component], *, probability: float = TWO_SIGMA
-) -> _Expanded:
+def combine_cautiously(components: Sequence[Component]) -> _Expanded:
     """Combine independent components as `combine` does, but with the largest expanded uncertainty
     of every selection of them: no further component lowers U.
 
@@ -131,7 +129,7 @@ def combine_cautiously(
     effective degrees of freedom of Welch and Satterthwaite, and U falls to a third, although the
     first one is as badly known as before. The factor is then U/u_c. Raises FitError as `combine`.
     """
-    whole = combine(components, probability=probability)
+    whole = combine(components)
     parts = sorted(
         ((part.sensitivity * part.standard_uncertainty) ** 2, part.dof) for part in components
     )
@@ -146,11 +144,11 @@ def combine_cautiously(
     variance, total = chosen @ square, chosen @ (square**2 / dof)
     effective = np.divide(variance**2, total, out=np.full_like(total, np.inf), where=total > 0.0)
     kinds, number = np.unique(np.floor(effective[effective >= 1.0] + 1e-9), return_inverse=True)
-    factors = np.array([coverage_factor(float(kind), probability=probability) for kind in kinds])
+    factors = np.array([coverage_factor(float(kind)) for kind in kinds])
     largest = float(np.max(factors[number] * np.sqrt(variance[effective >= 1.0] / square.sum())))
     factor = max(whole.coverage_factor, largest)
     expanded = factor * whole.standard_uncertainty
-    return _Expanded(whole.standard_uncertainty, whole.effective_dof, factor, expanded, probability)
+    return replace(whole, coverage_factor=factor, expanded_uncertainty=expanded)
 
 
 def _welch_satterthwaite(variance: float, pairwise: Array, correlation: Array, dof: Array) -> float:
@@ -226,20 +224,18 @@ def coverage_factor(effective_dof: float, *, probability: float = TWO_SIGMA) -> 
     return float(ndtri(quantile) if np.isinf(effective_dof) else stdtrit(whole, quantile))
 
 
-def widening(effective_dof: float, *, probability: float = 0.95) -> float:
-    """Factor by which few degrees of freedom widen an uncertainty: their coverage factor over that
-    of a normal distribution.
+def widening(effective_dof: float) -> float:
+    """Factor by which few degrees of freedom widen an uncertainty: their coverage factor for 95 %
+    over that of a normal distribution.
 
     Raises FitError as `coverage_factor` does.
     """
-    return coverage_factor(effective_dof, probability=probability) / coverage_factor(
-        np.inf, probability=probability
+    return coverage_factor(effective_dof, probability=0.95) / coverage_factor(
+        np.inf, probability=0.95
     )
 
 
-def expand_along(
-    contributions: Array, dof: Array, *, probability: float = TWO_SIGMA
-) -> tuple[Array, Array, Array]:
+def expand_along(contributions: Array, dof: Array) -> tuple[Array, Array, Array]:
     """Combined standard uncertainty, effective degrees of freedom and expanded uncertainty [n each]
     of results along a log.
 
@@ -252,17 +248,10 @@ def expand_along(
     largest = np.where(combined > 0.0, combined, 1.0)
     total = np.sum((square / largest) ** 2 / dof[:, None], axis=0)
     effective = np.divide(1.0, total, out=np.full(combined.size, np.inf), where=total > 0.0)
-    whole = np.where(
-        effective >= FEW_DOF,
-        np.inf if probability == TWO_SIGMA else effective,
-        np.floor(effective + 1e-9),
-    )
+    # factors differ by whole degrees of freedom, from FEW_DOF on not at all
+    whole = np.where(effective >= FEW_DOF, np.inf, np.floor(effective + 1e-9))
     kinds, number = np.unique(whole, return_inverse=True)
-    factors = np.array(
-        [coverage_factor(max(float(kind), 0.0), probability=probability) for kind in kinds]
-    )
-    if probability == TWO_SIGMA:
-        factors = np.where(np.isinf(kinds), 2.0, factors)
+    factors = np.array([coverage_factor(float(kind)) for kind in kinds])
     standard = np.sqrt(combined)
     return standard, effective, np.asarray(factors[number] * standard, dtype=np.float64)
 

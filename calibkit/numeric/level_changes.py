@@ -104,13 +104,14 @@ def _peaks(row: Integers, change: Array, apart: int) -> tuple[Integers, Array]:
     return row[kept], change[kept]
 
 
-def start_up(values: Array, window: int = 100) -> int:
+def start_up(values: Array) -> int:
     """Number of rows at the start of a series [n] that lie off the line through the later rows; 0
     if none do.
 
     The line passes through the medians of the second and the third window of the series. Start-up
     rows lie further off it than those of later windows do off theirs, which may oscillate.
     """
+    window = 100
     if values.size < 10 * window:
         return 0
     off, change = _off_line(values, window)

@@ -64,7 +64,7 @@ def _slopes(time: Array, temperature: Array, window_s: float, skipped: int) -> A
     windows lie within the section.
     """
     ends = time[skipped:]
-    first = _first_in_window(time, ends - window_s * (1.0 + 1e-9))
+    first = np.searchsorted(time, ends - window_s * (1.0 + 1e-9), side="left")
     t = (time - time[time.size // 2]) / SECONDS_PER_MINUTE
     v = temperature - temperature[temperature.size // 2]
     last = np.arange(skipped + 1, time.size + 1)
@@ -74,11 +74,6 @@ def _slopes(time: Array, temperature: Array, window_s: float, skipped: int) -> A
     started = (count >= 3) & (ends - time[first] >= window_s / 2.0) & (spread > 0.0)
     slope = (count * stv - st * sv) / np.where(started, spread, 1.0)
     return np.asarray(np.where(started, slope, 0.0), dtype=np.float64)
-
-
-def _first_in_window(time: Array, begins: Array) -> Integers:
-    """First sample of a section [n] at or after the start [m] of each window."""
-    return np.searchsorted(time, begins, side="left")
 
 
 def quantum(temperature: Array, *, enough: float = 0.0) -> float:
@@ -146,7 +141,8 @@ def _coarse_slopes(
     slope = np.zeros(time.size - skipped)
     unsettled = np.ones(slope.size, dtype=bool)
     for window in windows:
-        first = _first_in_window(time, time[skipped:] - window * (1.0 + 1e-9))
+        begins = time[skipped:] - window * (1.0 + 1e-9)
+        first = np.searchsorted(time, begins, side="left")
         moved = np.abs(temperature[skipped:] - temperature[first]) >= MOVED * step * (1.0 - 1e-9)
         chosen = unsettled & moved if window != windows[-1] else unsettled
         if chosen.any():

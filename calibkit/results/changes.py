@@ -11,6 +11,8 @@ from calibkit.certificate.quantities import At, Point, Quantity
 from calibkit.certificate.results import Contribution, Result
 from calibkit.numeric import gum
 
+STATED = ("quantity", "standard_uncertainty", "unit", "distribution", "dof")
+"""What two runs state of a type B term of the same equipment."""
 DRAWS = 4000
 """Draws of the coverage factor of the largest change."""
 
@@ -44,18 +46,16 @@ def combine_both(then: Result, now: Result, *, same: bool) -> Iterator[gum.Compo
     shared = {one.name.en: one for one in contributions(then) if one.kind == "B"}
     for part in contributions(now):
         other = shared.get(part.name.en)
-        alike = same and other is not None and _stated_alike(part, other)
+        alike = (
+            same
+            and other is not None
+            and all(getattr(part, fact) == getattr(other, fact) for fact in STATED)
+        )
         taken = shared.pop(part.name.en).sensitivity if alike else 0.0
         yield _component(part, part.sensitivity - taken)
     for part in contributions(then):
         if part.kind == "A" or part.name.en in shared:
             yield _component(part, part.sensitivity)
-
-
-def _stated_alike(one: Contribution, other: Contribution) -> bool:
-    """Whether two runs state the same of a term."""
-    facts = ("quantity", "standard_uncertainty", "unit", "distribution", "dof")
-    return all(getattr(one, fact) == getattr(other, fact) for fact in facts)
 
 
 def _component(part: Contribution, sensitivity: float) -> gum.Component:

@@ -105,18 +105,18 @@ def choose(found: RunResults, given: Iterable[str], only: str) -> tuple[Quantity
         <= {i.column for i in one.inputs}
     ]
     if not chosen:
-        listed = "; ".join(dict.fromkeys(f"{one.key}({_arguments(one)})" for one in named[:12]))
+        # optional inputs in brackets
+        calls = [
+            (one.key, [i.column if i.rest is None else f"[{i.column}]" for i in one.inputs])
+            for one in named[:12]
+        ]
+        listed = "; ".join(dict.fromkeys(f"{key}({', '.join(inputs)})" for key, inputs in calls))
         raise UsageError(
             f"{', '.join(sorted(columns)) or 'no input'}: no result of {found.run.name} depends on"
             " this alone",
             hint=f"its results and their inputs: {listed}",
         )
     return tuple(chosen)
-
-
-def _arguments(one: Quantity) -> str:
-    """Inputs of a result, optional ones in brackets."""
-    return ", ".join(i.column if i.rest is None else f"[{i.column}]" for i in one.inputs)
 
 
 def evaluate(

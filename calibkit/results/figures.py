@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from calibkit.arrays import Array
-    from calibkit.certificate.quantities import Quantity
     from calibkit.results.evaluation import Value
     from calibkit.store import Run
 
@@ -73,7 +72,9 @@ def _draw_values(title: str, values: Sequence[Value], ranges: Mapping[str, Array
     for ax, shown in zip(axes, panels.values(), strict=False):
         curves: dict[str, list[Value]] = {}
         for value in shown:
-            curves.setdefault(_condition(value.at, abscissa), []).append(value)
+            others = {name: x for name, x in value.at.items() if name != abscissa}
+            label = ", ".join(f"{name} {x:g}" for name, x in others.items())
+            curves.setdefault(label, []).append(value)
         for colour, (label, curve) in zip(COLOURS * 2, curves.items(), strict=False):
             x = np.array([value.at[abscissa] for value in curve])
             y = np.array([value.result.value for value in curve])
@@ -84,7 +85,9 @@ def _draw_values(title: str, values: Sequence[Value], ranges: Mapping[str, Array
         quantity = shown[0].quantity
         more = f" (first {len(COLOURS) * 2} of {len(curves)})" * (len(curves) > 2 * len(COLOURS))
         ax.set_title(f"{quantity.key}: {quantity.words.en}, ± U{more}")
-        _label_axes(ax, quantity, abscissa)
+        unit = next((one.unit for one in quantity.inputs if one.column == abscissa), "1")
+        ax.set_xlabel(f"{abscissa} [{unit_mark(unit) or 1}]")
+        ax.set_ylabel(f"{quantity.name} [{unit_mark(quantity.unit) or 1}]")
         if any(curves) and len(curves) > 1:
             ax.legend()
     return figure
@@ -97,15 +100,3 @@ def draw_band(ax: Axes, x: Array, y: Array, U: Array, colour: str, style: str, l
         return
     ax.plot(x, y, style, color=colour, lw=1.4, label=label)
     ax.fill_between(x, y - U, y + U, color=colour, alpha=0.18, lw=0.0)
-
-
-def _label_axes(ax: Axes, quantity: Quantity, abscissa: str) -> None:
-    """Name both axes with their units."""
-    unit = next((one.unit for one in quantity.inputs if one.column == abscissa), "1")
-    ax.set_xlabel(f"{abscissa} [{unit_mark(unit) or 1}]")
-    ax.set_ylabel(f"{quantity.name} [{unit_mark(quantity.unit) or 1}]")
-
-
-def _condition(at: Mapping[str, float], abscissa: str) -> str:
-    """Inputs other than the abscissa."""
-    return ", ".join(f"{name} {value:g}" for name, value in at.items() if name != abscissa)

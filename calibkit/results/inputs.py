@@ -60,7 +60,9 @@ class Names:
                 f"--range {text}: {count} points, at most {MOST_POINTS}", hint="take a larger step"
             )
         # the same decimals as typed: 0.1 steps have no tails of binary rounding
-        places = max(_decimals(part) for part in parts[:3])
+        places = max(
+            15 if "e" in part.lower() else len(part.partition(".")[2]) for part in parts[:3]
+        )
         return found.column, self._convert(
             found, np.round(low + step * np.arange(count), places), parts[3]
         )
@@ -73,7 +75,12 @@ class Names:
         parts = pattern.fullmatch(rest)
         if not equals or parts is None:
             raise UsageError(f"'{text}' is no input", hint=f"write {expected}")
-        found = [one for one in self.inputs.values() if _names(one, name.strip())]
+        # a column may be named without its unit
+        found = [
+            one
+            for one in self.inputs.values()
+            if name.strip() in (one.column, one.column.removesuffix("_min").rpartition("_")[0])
+        ]
         if len(found) != 1:
             listed = ", ".join(self.inputs) or "none: its results depend on nothing"
             raise UsageError(
@@ -90,17 +97,6 @@ class Names:
         if one.column.startswith("gradient") or one.unit not in units.TABLE:
             return values * units.difference_factor(spelled, one.unit)
         return units.convert(values, spelled, one.unit, gravity_mps2=self.gravity_mps2)
-
-
-def _names(one: Input, name: str) -> bool:
-    """Whether a name is an input's: its column, or the column without its unit."""
-    stem = one.column.removesuffix("_min").rpartition("_")[0]
-    return name in (one.column, stem)
-
-
-def _decimals(text: str) -> int:
-    """Decimals of a number as it is typed; 15 for one with an exponent."""
-    return 15 if "e" in text.lower() else len(text.partition(".")[2])
 
 
 def grid(fixed: Mapping[str, float], ranges: Mapping[str, Array]) -> list[dict[str, float]]:

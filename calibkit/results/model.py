@@ -131,7 +131,14 @@ def _read_input(model: Model, name: str, given: ArrayLike) -> Array:
     if values.dtype.kind in "iuf":
         good = np.isfinite(values)
     else:
-        good = np.array([_is_real(one) for one in values.flat], dtype=bool).reshape(values.shape)
+        # True and False are no numbers here
+        good = np.array(
+            [
+                isinstance(one, numbers.Real) and not isinstance(one, bool) and math.isfinite(one)
+                for one in values.flat
+            ],
+            dtype=bool,
+        ).reshape(values.shape)
     if values.ndim == 1 and good.all():
         return values.astype(np.float64)
     found = f"numbers of shape {values.shape}"
@@ -142,11 +149,6 @@ def _read_input(model: Model, name: str, given: ArrayLike) -> Array:
         f"model '{model.name}': {name} holds {found}, expected finite real numbers",
         hint=f"give a number, or a list, array or Series of them, in {ranged(model, name).unit}",
     )
-
-
-def _is_real(one: object) -> bool:
-    """Whether an object is a finite real number; True and False are none."""
-    return isinstance(one, numbers.Real) and not isinstance(one, bool) and math.isfinite(one)
 
 
 def _find_outside(model: Model, at: Mapping[str, Array]) -> tuple[str, ...]:

@@ -12,7 +12,6 @@ from calibkit.instruments.gyro_noise.deviations import NoiseFigures, stability_u
 from calibkit.instruments.gyro_noise.recipe import NoiseAcceptance
 from calibkit.numeric.noise import allan
 from calibkit.numeric.noise.confidence import TYPES
-from calibkit.numeric.noise.laws import PowerLaw
 from calibkit.report.overview import KeyValue, Overview
 from calibkit.report.summary import number
 from calibkit.report.table import Table
@@ -34,7 +33,9 @@ def criteria(found: Sequence[NoiseFigures], limits: NoiseAcceptance) -> tuple[Cr
                 value = observed.get(law.name)
                 if value is None:
                     name += " (not observable: at most)"
-                    value = _largest_possible(one.curve, law)
+                    # no term is larger than the whole of σ² at any averaging time, its upper limit
+                    upper, tau = one.curve.upper, one.curve.tau_s
+                    value = float(np.min(law.scale * upper / tau ** (law.exponent / 2.0)))
                 tested.append(at_most(name, value, limit, law.unit))
         if limits.max_residual_over_noise is not None:
             name = f"{one.record.name}: residual over noise"
@@ -168,10 +169,3 @@ def validation_entry(one: NoiseFigures) -> dict[str, object]:
         ],
         **curves,
     }
-
-
-def _largest_possible(curve: allan.DeviationCurve, law: PowerLaw) -> float:
-    """Largest value that a noise term can have: no term is larger than the whole of σ² at any
-    averaging time, its upper limit taken.
-    """
-    return float(np.min(law.scale * curve.upper / curve.tau_s ** (law.exponent / 2.0)))

@@ -48,7 +48,7 @@ def make_result(
         "inclinometer_scale",
         tuple(scale.write(axis) for axis, scale in fits.items()),
         _figures(fits, stations, seen, spec),
-        (*notes, *_hardly_known(fits), *_of_fits(fits), *flag_stations(stations, seen)),
+        (*notes, *_flag_fits(fits), *flag_stations(stations, seen)),
         tuple(site),
     )
 
@@ -83,13 +83,10 @@ def _figures(
     return tuple(figures)
 
 
-def _of_fits(fits: Mapping[Sensor, ScaleFit]) -> list[str]:
-    """Flags and remarks of the fits, with the axis of the gyro."""
-    return [type(flag)(f"{axis}: {flag}") for axis, scale in fits.items() for flag in scale.flags]
-
-
-def _hardly_known(fits: Mapping[Sensor, ScaleFit]) -> list[str]:
-    """Flags of noises and scatters that are estimated from too few degrees of freedom."""
+def _flag_fits(fits: Mapping[Sensor, ScaleFit]) -> list[str]:
+    """Flags of noises and scatters that are estimated from too few degrees of freedom, and flags
+    and remarks of the fits, with the axis of the gyro.
+    """
     flags = []
     for axis, scale in fits.items():
         if scale.model.noise.dof < FEW:
@@ -101,6 +98,8 @@ def _hardly_known(fits: Mapping[Sensor, ScaleFit]) -> list[str]:
             flags.append(
                 f"{axis}: s(T) has {scale.dof} degrees of freedom: its scatter is hardly known"
             )
+    for axis, scale in fits.items():
+        flags += [type(flag)(f"{axis}: {flag}") for flag in scale.flags]
     return flags
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from calibkit.errors import FrameError
 from calibkit.frame import Finding, Held, require, values
 from calibkit.instruments.inclinometer import published
+from calibkit.instruments.inclinometer.rows import SENSORS
 from calibkit.numeric import attitude, chunks
 from calibkit.numeric.dwells import average_rows
 
@@ -118,26 +119,23 @@ def find_dwells(log: Log, spec: InclinometerRecipe) -> DwellLog:
 
 
 def _find_runs(log: Log) -> tuple[Integers, Integers]:
-    """First row and end row of each run of rows with the same position and station."""
+    """First row and end row of each run of rows with the same position and station: positions of
+    one cell, twice the tolerance wide, or none.
+    """
     position = values(log.frame, "position_deg")
     station = values(log.frame, "station") if "station" in log.frame.columns else position
+    width = 2.0 * published.POSITION_TOLERANCE_DEG
     edges = [np.zeros(1, dtype=np.int64)]
     for a, b in chunks.ranges_along(position, station):
-        moved = np.diff(_cells(position[a : b + 1])) != 0.0
+        cell = np.remainder(
+            np.round(np.remainder(position[a : b + 1], 360.0) / width), 360.0 / width
+        )
+        moved = np.diff(np.nan_to_num(cell, nan=-1.0)) != 0.0
         if station is not position:
             moved |= np.diff(station[a : b + 1]) != 0.0
         edges.append(np.flatnonzero(moved) + a + 1)
     bounds = np.concatenate([*edges, [position.size]])
     return bounds[:-1], bounds[1:]
-
-
-def _cells(position: Array) -> Array:
-    """Number of the cell, twice the tolerance wide, of each position [n, °]; −1 where there is
-    none.
-    """
-    turned = np.remainder(position, 360.0) / (2.0 * published.POSITION_TOLERANCE_DEG)
-    count = 360.0 / 2.0 / published.POSITION_TOLERANCE_DEG
-    return np.where(np.isfinite(turned), np.remainder(np.round(turned), count), -1.0)
 
 
 def _settled_runs(
@@ -205,11 +203,7 @@ def _find_open_stations(
     r₀ − r₉₀ + r₁₈₀ − r₂₇₀ of one attitude holds neither signal nor bias.
     """
     station, position = values(log.frame, "station"), values(log.frame, "position_deg")
-    names = [
-        (kind, f"{kind}_{axis}_{suffix}")
-        for axis in spec.axes
-        for kind, suffix in (("accel", "g"), ("gyro", "dph"))
-    ]
+    names = [(kind, f"{kind}_{axis}_{suffix}") for axis in spec.axes for kind, suffix in SENSORS]
     stations, four = published.arrange(
         station, position, np.column_stack([values(log.frame, name) for _, name in names])
     )

@@ -72,13 +72,6 @@ class ScaleModel:
         )
 
 
-def read_choice(model: Model) -> float:
-    """Standard deviation that the choice of the order adds to s(T) in files of calibkit 0.2; later
-    ones average the orders.
-    """
-    return next((one.value for one in model.parameters if one.name == "order_choice"), 0.0)
-
-
 @dataclass(frozen=True, slots=True)
 class ScaleFit:
     """s(T) of one gyro, quality of the fit, and mask [n] of the stations used in it."""
@@ -101,7 +94,10 @@ class ScaleFit:
         model = self.model
         return SCALE.write(
             axis,
-            [(f"s{k}", value, _unit(k)) for k, value in enumerate(model.coefficients.tolist())],
+            [
+                (f"s{k}", value, "1" if k == 0 else f"1/degC{k if k > 1 else ''}")
+                for k, value in enumerate(model.coefficients.tolist())
+            ],
             model.covariance,
             dof=self.dof,
             effective_dof=self.effective_dof,
@@ -128,8 +124,3 @@ def _powers(model: Model, at: Inputs) -> Array:
 
 SCALE = Form("inclinometer-scale/1", _powers)
 """s(T) = Σ s_k T^k [1], which multiplies the indicated rate; T in °C."""
-
-
-def _unit(power: int) -> str:
-    """Unit of s0, s1, …."""
-    return "1" if power == 0 else "1/degC" + ("" if power == 1 else str(power))

@@ -81,16 +81,11 @@ def fit(
             fits, stations, seen, spec.site.latitude_deg, tables.tabulate_stations(stations, seen)
         ),
         sensitivities=influences,
-        left_out=_list_left_out(stations),
-    )
-
-
-def _list_left_out(stations: inclinometer_stations.Stations) -> tuple[LeftOut, ...]:
-    """Stations that give no result of a gyro."""
-    return tuple(
-        LeftOut("stations", count, len(status), "unsolved", axis)
-        for axis, status in stations.status.items()
-        if (count := sum(map(bool, status)))
+        left_out=tuple(
+            LeftOut("stations", count, len(status), "unsolved", axis)
+            for axis, status in stations.status.items()
+            if (count := sum(map(bool, status)))
+        ),
     )
 
 

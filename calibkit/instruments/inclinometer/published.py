@@ -148,20 +148,16 @@ def attitude(accel_x: Array, accel_y: Array) -> Attitude:
     )
 
 
-def level_rates(gyro_x: Array, gyro_y: Array, toolface: Array) -> tuple[Array, Array]:
-    """Rates A, B [n] in units of the earth's rate, rotated back by the toolface [rad] (step D)."""
-    cosine, sine = np.cos(toolface), np.sin(toolface)
-    x, y = gyro_x / EARTH_RATE_DPH, gyro_y / EARTH_RATE_DPH
-    return x * cosine - y * sine, x * sine + y * cosine
-
-
 def scale_roots(gyro_x: Array, gyro_y: Array, found: Attitude, latitude_deg: ArrayLike) -> Roots:
     """Both roots of (s A − sin α sin θ)² + s² B² cos²θ = cos²α cos²θ (step D); NaN where no rate is
     seen.
 
     gyro_x, gyro_y : [n] [°/h]; latitude_deg : α [°], one or [n].
     """
-    A, B = level_rates(gyro_x, gyro_y, found.toolface)
+    # rates in units of the earth's rate, rotated back by the toolface
+    x, y = gyro_x / EARTH_RATE_DPH, gyro_y / EARTH_RATE_DPH
+    A = x * np.cos(found.toolface) - y * np.sin(found.toolface)
+    B = x * np.sin(found.toolface) + y * np.cos(found.toolface)
     latitude = np.asarray(latitude_deg) * np.pi / 180.0
     sine, cosine = np.sin(found.inclination), np.cos(found.inclination)
     discriminant = (A**2 + B**2) * np.cos(latitude) ** 2 - (sine * B) ** 2

@@ -6,7 +6,7 @@ from dataclasses import replace
 from calibkit.certificate.quantities import At, Point, Quantity, numbered, polynomial, ranged
 from calibkit.certificate.words import Words
 from calibkit.coefficients import Model, Record
-from calibkit.instruments.inclinometer.forms import FILE, TEMPERATURE, read_choice
+from calibkit.instruments.inclinometer.forms import FILE, TEMPERATURE
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 
 CHOICE = Words("choice of the order, by left-out stations", "阶数选择（留一法）")
@@ -16,7 +16,8 @@ def scale(record: Record, model: Model) -> Quantity:
     """Scale factor of one gyro; constant where temperature was not logged."""
     value = polynomial(model, numbered("s", model), TEMPERATURE)
     over_temperature = TEMPERATURE in model.valid
-    u_choice = read_choice(model)
+    # files of calibkit 0.2 state what the choice of the order adds; later ones average the orders
+    u_choice = next((one.value for one in model.parameters if one.name == "order_choice"), 0.0)
     more = ((CHOICE, u_choice, float(max(model.dof, 1))),) if u_choice else ()
 
     def point(at: At) -> Point:

@@ -17,6 +17,8 @@ from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.numeric.attitude import gravity_positive
 
 REFERENCE = ("inclination_deg", "toolface_deg", "azimuth_deg")
+SENSORS = (("accel", "g"), ("gyro", "dph"))
+"""Sensors of a pair, and the last words of their columns."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,55 +46,42 @@ class Rows:
     @classmethod
     def gather(cls, logs: Sequence[Log], spec: InclinometerRecipe) -> Self:
         """Rows of all logs, their stations counted from 0 in the order in which they appear."""
-        station, names, numbers, offset = [], [], [], 0
+        import pandas as pd
+
+        station: list[Integers] = []
+        names: list[str] = []
+        numbers: list[int] = []
         for number, log in enumerate(logs):
-            unique, first, inverse = np.unique(
-                values(log.frame, "station"), return_index=True, return_inverse=True
-            )
-            rank = np.empty_like(first)
-            rank[np.argsort(first)] = np.arange(first.size)
-            station.append(rank[inverse] + offset)
-            offset += first.size
-            numbers += [number] * first.size
+            places, own = pd.factorize(values(log.frame, "station"))
+            station.append(places + len(names))
+            numbers += [number] * own.size
             prefix = f"{log.name}:" if len(logs) > 1 else ""
-            names += [f"{prefix}{name:g}" for name in unique[np.argsort(first)]]
-        accel = {axis: _join_column(logs, f"accel_{axis}_g") for axis in spec.axes}
-        gyro = {axis: _join_column(logs, f"gyro_{axis}_dph") for axis in spec.axes}
+            names += [f"{prefix}{name:g}" for name in own.tolist()]
+        columns = [f"{kind}_{axis}_{unit}" for kind, unit in SENSORS for axis in spec.axes]
+        columns += ["position_deg", TEMPERATURE, *REFERENCE]
+        # NaN for the rows of a log without a column
+        frame = pd.concat([log.frame for log in logs], ignore_index=True).reindex(columns=columns)
+        accel = {axis: values(frame, f"accel_{axis}_g") for axis in spec.axes}
+        gyro = {axis: values(frame, f"gyro_{axis}_dph") for axis in spec.axes}
+        convention = spec.reference.convention
         return cls(
-            np.concatenate(station),
-            tuple(names),
-            np.array(numbers),
-            _join_column(logs, "position_deg"),
-            {
-                axis: gravity_positive(column, spec.reference.convention)
-                for axis, column in accel.items()
-            },
-            gyro,
-            {
+            station=np.concatenate(station),
+            names=tuple(names),
+            log=np.array(numbers),
+            position=values(frame, "position_deg"),
+            accel={axis: gravity_positive(column, convention) for axis, column in accel.items()},
+            gyro=gyro,
+            resolution={
                 axis: (
                     _resolution(accel[axis], f"accel_{axis}_g", spec),
                     _resolution(gyro[axis], f"gyro_{axis}_dph", spec),
                 )
                 for axis in spec.axes
             },
-            _join_times(logs),
-            _join_column(logs, TEMPERATURE),
-            np.column_stack([_join_column(logs, column) for column in REFERENCE]),
+            time=_join_times(logs),
+            temperature=values(frame, TEMPERATURE),
+            reference=frame[[*REFERENCE]].to_numpy(dtype=np.float64),
         )
-
-
-def _join_column(logs: Sequence[Log], column: str) -> Array:
-    """A column of all logs [r]; NaN for the rows of a log without it."""
-    return np.concatenate(
-        [
-            (
-                values(log.frame, column)
-                if column in log.frame.columns
-                else np.full(len(log.frame), np.nan)
-            )
-            for log in logs
-        ]
-    )
 
 
 def _join_times(logs: Sequence[Log]) -> Array:

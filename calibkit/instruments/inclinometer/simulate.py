@@ -25,39 +25,15 @@ REFERENCE = ("inclination_deg", "toolface_deg", "azimuth_deg")
 """Columns of the reference attitude of withheld stations."""
 
 
-@dataclass(frozen=True, slots=True)
-class _SensorPair:
-    """Constants of one gyro and one accelerometer on one axis."""
-
-    s: float
-    """In-situ scale factor at 25 °C, by which the reading is multiplied."""
-    s_per_degc: float
-    s_wave: float
-    """Amplitude of the periodic departure of s from a straight line in temperature."""
-    s_wave_degc: float
-    s_repeat: float
-    """Standard deviation of s from one station to the next."""
-    bias_dph: float
-    bias_dph_per_degc: float
-    bias_walk_dph: float
-    """Standard deviation of the bias's change from one position to the next."""
-    gyro_noise_dph: float
-    """Standard deviation of one reading."""
-    accel_scale: float
-    """Relative scale error of the accelerometer."""
-    accel_bias_g: float
-    accel_noise_g: float
-    axis_deg: float
-    """Departure of the pair's axis from its nominal direction about the tool [°]."""
-    axis_tilt_deg: float
-    """Inclination of the axis to the plane across the tool [°]."""
+Pair = dict[str, float]
+"""Constants of one gyro and one accelerometer on one axis."""
 
 
 @dataclass(frozen=True, slots=True)
 class Tool:
     """An inclinometer and the timing of its readings."""
 
-    pairs: tuple[_SensorPair, _SensorPair]
+    pairs: tuple[Pair, Pair]
     index_deg: float = 0.01
     """Standard deviation of the four positions about their nominal angles [°]."""
     dwell_s: float = 60.0
@@ -118,25 +94,33 @@ class Attitudes:
         )
 
 
-def draw(rng: np.random.Generator, *, gyro_noise_dph: float, ideal: bool) -> _SensorPair:
+def draw(rng: np.random.Generator, *, gyro_noise_dph: float, ideal: bool) -> Pair:
     """Draw a sensor pair; an ideal one has only a scale factor, a constant bias and noise."""
     drift = 0.0 if ideal else 1.0
-    return _SensorPair(
-        s=1.0 + rng.normal(0.0, 1.0) * 3e-3,
-        s_per_degc=drift * rng.normal(0.0, 1.0) * 3e-5,
-        s_wave=drift * 1e-4,
-        s_wave_degc=rng.uniform(40.0, 70.0),
-        s_repeat=drift * 2e-5,
-        bias_dph=rng.normal(0.0, 1.0) * 0.3,
-        bias_dph_per_degc=drift * rng.normal(0.0, 1.0) * 2e-3,
-        bias_walk_dph=drift * 1e-3,
-        gyro_noise_dph=gyro_noise_dph,
-        accel_scale=drift * rng.normal(0.0, 1.0) * 3e-5,
-        accel_bias_g=rng.normal(0.0, 1.0) * 1e-3,
-        accel_noise_g=2e-5,
-        axis_deg=drift * rng.normal(0.0, 1.0) * 5e-3,
-        axis_tilt_deg=drift * rng.normal(0.0, 1.0) * 5e-3,
-    )
+    return {
+        # in-situ scale factor at 25 °C, by which the reading is multiplied
+        "s": 1.0 + rng.normal(0.0, 1.0) * 3e-3,
+        "s_per_degc": drift * rng.normal(0.0, 1.0) * 3e-5,
+        # periodic departure of s from a straight line in temperature, amplitude and period
+        "s_wave": drift * 1e-4,
+        "s_wave_degc": rng.uniform(40.0, 70.0),
+        # standard deviation of s from one station to the next
+        "s_repeat": drift * 2e-5,
+        "bias_dph": rng.normal(0.0, 1.0) * 0.3,
+        "bias_dph_per_degc": drift * rng.normal(0.0, 1.0) * 2e-3,
+        # standard deviation of the bias's change from one position to the next
+        "bias_walk_dph": drift * 1e-3,
+        # standard deviation of one reading
+        "gyro_noise_dph": gyro_noise_dph,
+        # relative scale error of the accelerometer
+        "accel_scale": drift * rng.normal(0.0, 1.0) * 3e-5,
+        "accel_bias_g": rng.normal(0.0, 1.0) * 1e-3,
+        "accel_noise_g": 2e-5,
+        # departure of the pair's axis from its nominal direction about the tool, and out of the
+        # plane across it
+        "axis_deg": drift * rng.normal(0.0, 1.0) * 5e-3,
+        "axis_tilt_deg": drift * rng.normal(0.0, 1.0) * 5e-3,
+    }
 
 
 def rotated(attitudes: Attitudes, north_east_down: Array) -> Array:
@@ -154,16 +138,12 @@ def rotated(attitudes: Attitudes, north_east_down: Array) -> Array:
     )
 
 
-def _scale(pair: _SensorPair, temp_degc: Array, rng: np.random.Generator) -> Array:
+def _scale(pair: Pair, temp_degc: Array, rng: np.random.Generator) -> Array:
     """In-situ scale factor of a pair at n stations [n]."""
     warmer = temp_degc - REFERENCE_DEGC
-    wave = pair.s_wave * np.sin(2.0 * np.pi * warmer / pair.s_wave_degc)
-    return (
-        pair.s
-        + pair.s_per_degc * warmer
-        + wave
-        + pair.s_repeat * rng.normal(0.0, 1.0, temp_degc.size)
-    )
+    wave = pair["s_wave"] * np.sin(2.0 * np.pi * warmer / pair["s_wave_degc"])
+    repeat = pair["s_repeat"] * rng.normal(0.0, 1.0, temp_degc.size)
+    return np.asarray(pair["s"] + pair["s_per_degc"] * warmer + wave + repeat)
 
 
 def resolve_along(vectors: Array, direction_deg: Array, tilt_deg: float) -> Array:
@@ -176,7 +156,7 @@ def resolve_along(vectors: Array, direction_deg: Array, tilt_deg: float) -> Arra
 
 
 def _readings(
-    pair: _SensorPair,
+    pair: Pair,
     nominal_deg: float,
     turned_deg: Array,
     gravity: Array,
@@ -190,18 +170,20 @@ def _readings(
     nominal_deg : direction of the pair at position 0; turned_deg : [n, 4] where the tool really is;
     gravity, rate_dph : [n, 3] in the axes of the tool at position 0; s : [n]; temp_degc : [n] [°C].
     """
-    direction = nominal_deg + turned_deg + pair.axis_deg
+    direction = nominal_deg + turned_deg + pair["axis_deg"]
     accel = (
-        resolve_along(gravity, direction, pair.axis_tilt_deg) * (1.0 + pair.accel_scale)
-        + pair.accel_bias_g
+        resolve_along(gravity, direction, pair["axis_tilt_deg"]) * (1.0 + pair["accel_scale"])
+        + pair["accel_bias_g"]
     )
-    bias = pair.bias_dph + pair.bias_dph_per_degc * (temp_degc - REFERENCE_DEGC)
-    walk = np.cumsum(pair.bias_walk_dph * rng.normal(0.0, 1.0, turned_deg.shape), axis=1)
+    bias = pair["bias_dph"] + pair["bias_dph_per_degc"] * (temp_degc - REFERENCE_DEGC)
+    walk = np.cumsum(pair["bias_walk_dph"] * rng.normal(0.0, 1.0, turned_deg.shape), axis=1)
     gyro = (
-        resolve_along(rate_dph, direction, pair.axis_tilt_deg) / s[:, None] + bias[:, None] + walk
+        resolve_along(rate_dph, direction, pair["axis_tilt_deg"]) / s[:, None]
+        + bias[:, None]
+        + walk
     )
     noise = rng.normal(0.0, 1.0, (2, *turned_deg.shape))
-    return accel + pair.accel_noise_g * noise[0], gyro + pair.gyro_noise_dph * noise[1]
+    return accel + pair["accel_noise_g"] * noise[0], gyro + pair["gyro_noise_dph"] * noise[1]
 
 
 def campaign(

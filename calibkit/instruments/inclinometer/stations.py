@@ -4,7 +4,6 @@ a station is refused.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -23,7 +22,7 @@ from calibkit.instruments.inclinometer.noise import Noise
 from calibkit.instruments.inclinometer.numeric import sinusoid_fit
 from calibkit.instruments.inclinometer.published import Components, Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
-from calibkit.instruments.inclinometer.rows import REFERENCE, Rows
+from calibkit.instruments.inclinometer.rows import REFERENCE, SENSORS, Rows
 from calibkit.numeric import attitude, chunks
 
 PLAUSIBLE = {"accel": (1.5, "g"), "gyro": (1000.0, "deg/h")}
@@ -120,10 +119,14 @@ def find_unusable(log: Log, spec: InclinometerRecipe) -> list[Finding]:
     if TEMPERATURE in log.frame.columns:
         found += check.find_implausible_temperatures(log, [TEMPERATURE])
     for axis in spec.axes:
-        for kind, suffix in (("accel", "g"), ("gyro", "dph")):
+        for kind, suffix in SENSORS:
             column, (limit, unit) = f"{kind}_{axis}_{suffix}", PLAUSIBLE[kind]
             data = values(log.frame, column)
-            bad = chunks.rows_where(data, partial(_is_beyond, limit=limit))
+
+            def beyond(part: Array, limit: float = limit) -> Mask:
+                return np.asarray(np.abs(part) > limit, dtype=np.bool_)
+
+            bad = chunks.rows_where(data, beyond)
             if bad.size:
                 what = f"{data[bad[0]]:g} {unit} ({bad.size} such row{'s' if bad.size > 1 else ''})"
                 expected = f"at most {limit:g} {unit} of a tool at rest"
@@ -133,11 +136,6 @@ def find_unusable(log: Log, spec: InclinometerRecipe) -> list[Finding]:
                     check.finding_at_row(log, row, column, what, expected, advice, "range")
                 )
     return found
-
-
-def _is_beyond(data: Array, limit: float) -> Mask:
-    """Which indications [n] are larger than a limit."""
-    return np.asarray(np.abs(data) > limit, dtype=np.bool_)
 
 
 def _find_position_faults(log: Log) -> list[Finding]:
@@ -192,52 +190,55 @@ def solve_components(
     contradict it. Raises FitError where the noise is unknown.
     """
     count = len(rows.names)
-    solve = _by_differences if spec.stations.method == "four_differences" else _by_least_squares
     components, noises, status = {}, {}, {}
     for axis in spec.axes:
-        parts, squares, dofs, own = solve(rows, axis, spec)
+        if spec.stations.method == "four_differences":
+            parts, squares, dofs, own = _by_differences(rows, axis)
+        else:
+            fits = sinusoid_fit.fit_stations(
+                rows.station,
+                rows.position,
+                rows.accel[axis],
+                rows.gyro[axis],
+                axis,
+                time_s=rows.time if spec.stations.gyro_ramp else None,
+                gyro_ramp=spec.stations.gyro_ramp,
+            )
+            parts, squares, dofs, own = fits.components, fits.squares, fits.dofs, fits.status
         before = inclinometer_noise.NO_NOISE if known is None else known[axis]
         last_digit = rows.resolution[axis]
         least = inclinometer_noise.least_noise(before, last_digit, spec)
         shown, outliers = inclinometer_noise.judge_closures(squares, dofs, least)
         noises[axis] = shown.decide(before, last_digit, spec, axis)
-        widened = noises[axis].widen(spec)
-        components[axis] = _with_noise(parts, widened, np.array([bool(text) for text in outliers]))
+        components[axis] = _with_noise(parts, noises[axis].widen(spec), outliers)
         status[axis] = tuple(text or reason for text, reason in zip(outliers, own, strict=True))
-    reference = [
-        _mean_direction_by_station(column, rows.station, count)
-        if k
-        else _mean_by_station(column, rows.station, count)
-        for k, column in enumerate(rows.reference.T)
-    ]
+    inclination, toolface, azimuth = rows.reference.T
+    reference = (
+        _mean_by_station(inclination, rows.station, count),
+        _mean_direction_by_station(toolface, rows.station, count),
+        _mean_direction_by_station(azimuth, rows.station, count),
+    )
+    time = rows.time[np.unique(rows.station, return_index=True)[1]]
+    timed = bool(np.isfinite(time).all())
     return Stations(
-        rows.names,
-        rows.log,
-        rows.station,
-        components,
-        noises,
-        status,
-        _mean_by_station(rows.temperature, rows.station, count),
-        _elapsed_hours(rows),
-        np.column_stack(reference),
+        names=rows.names,
+        log=rows.log,
+        row_station=rows.station,
+        components=components,
+        noise=noises,
+        status=status,
+        temperature=_mean_by_station(rows.temperature, rows.station, count),
+        elapsed=(time - time[0]) / SECONDS_PER_HOUR if timed else np.arange(float(count)),
+        reference=np.column_stack(reference),
     )
 
 
-def _elapsed_hours(rows: Rows) -> Array:
-    """Hours [n] of each station since the first; the station's number where a log has no times."""
-    time = rows.time[np.unique(rows.station, return_index=True)[1]]
-    if np.isfinite(time).all():
-        return np.asarray((time - time[0]) / SECONDS_PER_HOUR, dtype=np.float64)
-    return np.arange(time.size, dtype=np.float64)
-
-
 def _by_differences(
-    rows: Rows, axis: Sensor, spec: InclinometerRecipe
+    rows: Rows, axis: Sensor
 ) -> tuple[Components, Array, Integers, tuple[str, ...]]:
     """Components by the four differences for readings of unit noise; squares and degrees of freedom
     [n, 2] of the closures r₀ − r₉₀ + r₁₈₀ − r₂₇₀; and why each station is refused.
     """
-    del spec  # the four differences have no options, as least squares has
     placed = np.where(np.isfinite(rows.position), rows.position, 0.0)
     readings = np.column_stack((rows.accel[axis], rows.gyro[axis]))
     _, four = published.arrange(rows.station, placed, readings)
@@ -255,31 +256,14 @@ def _by_differences(
     return parts, np.where(known, closures, 0.0) ** 2, known.astype(np.int64), status
 
 
-def _by_least_squares(
-    rows: Rows, axis: Sensor, spec: InclinometerRecipe
-) -> tuple[Components, Array, Integers, tuple[str, ...]]:
-    """Components by least squares over any positions; results as `_by_differences`, with the
-    squares of the residuals.
-    """
-    found = sinusoid_fit.fit_stations(
-        rows.station,
-        rows.position,
-        rows.accel[axis],
-        rows.gyro[axis],
-        axis,
-        time_s=rows.time if spec.stations.gyro_ramp else None,
-        gyro_ramp=spec.stations.gyro_ramp,
-    )
-    return found.components, found.squares, found.dofs, found.status
-
-
-def _with_noise(parts: Components, noise: Noise, outliers: Mask) -> Components:
+def _with_noise(parts: Components, noise: Noise, outliers: Sequence[str]) -> Components:
     """Scale the covariance of components of unit noise to a noise; NaN for stations [n] with an
     outlier.
     """
     u = np.array([noise.accel_g, noise.accel_g, noise.gyro_dph, noise.gyro_dph])
+    gone = np.array([bool(text) for text in outliers])
     accel_x, accel_y, gyro_x, gyro_y = (
-        np.where(outliers, np.nan, column)
+        np.where(gone, np.nan, column)
         for column in (parts.accel_x, parts.accel_y, parts.gyro_x, parts.gyro_y)
     )
     return Components(accel_x, accel_y, gyro_x, gyro_y, parts.covariance * np.outer(u, u))

@@ -12,7 +12,6 @@ from calibkit.instruments.inclinometer.errors import (
     rms,
 )
 from calibkit.instruments.inclinometer.forms import ScaleFit
-from calibkit.instruments.inclinometer.numeric.root_choice import Solution
 from calibkit.instruments.inclinometer.published import Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.solve import SolvedStations
@@ -150,12 +149,18 @@ def summarize(
         criteria += tuple(
             at_most(
                 f"gyro {axis}: residual over noise",
-                _over_noise(seen.solutions[axis], scale, stations),
+                rms(
+                    (pair.s_root - scale.model.prior(np.nan_to_num(stations.temperature)).s)[
+                        scale.used
+                    ]
+                    / pair.s_root_uncertainty[scale.used]
+                ),
                 limits.max_residual_over_noise,
                 "1",
             )
             for axis, scale in fits.items()
-            if seen.solutions[axis].s_root_uncertainty[scale.used].min() > COMPUTED
+            for pair in [seen.solutions[axis]]
+            if pair.s_root_uncertainty[scale.used].min() > COMPUTED
         )
     if untested and criteria:
         flags = (*flags, UNTESTED)
@@ -196,13 +201,6 @@ def _summarize_azimuths(
     return Overview(sentence, tuple(facts), tuple(values), tables[1])
 
 
-def _over_noise(solution: Solution, scale: ScaleFit, stations: Stations) -> float:
-    """Root mean square of the roots that s(T) was fitted to about it, over their uncertainties."""
-    at = np.nan_to_num(stations.temperature[scale.used])
-    residual = solution.s_root[scale.used] - scale.model.prior(at).s
-    return rms(residual / solution.s_root_uncertainty[scale.used])
-
-
 def list_validation(
     file: str, sha256: str, rows: int, stations: Stations, seen: SolvedStations, found: AngleErrors
 ) -> dict[str, object]:
@@ -230,18 +228,16 @@ def list_validation(
         "worse_than_uncorrected_over_u": number_or_none(
             float(found.excess.max()) if found.excess.size else float("nan")
         ),
-        "stations": [_list_station(k, stations, seen, found) for k in range(len(stations.names))],
-    }
-
-
-def _list_station(
-    k: int, stations: Stations, seen: SolvedStations, found: AngleErrors
-) -> dict[str, object]:
-    """JSON object of one station."""
-    return {
-        "station": stations.names[k],
-        "azimuth_error_before_deg": number_or_none(float(found.before[k])),
-        "azimuth_error_after_deg": number_or_none(float(found.after[k])),
-        "azimuth_standard_uncertainty_deg": number_or_none(float(found.standard_uncertainty[k])),
-        "refused": seen.combined.status[k],
+        "stations": [
+            {
+                "station": name,
+                "azimuth_error_before_deg": number_or_none(float(found.before[k])),
+                "azimuth_error_after_deg": number_or_none(float(found.after[k])),
+                "azimuth_standard_uncertainty_deg": number_or_none(
+                    float(found.standard_uncertainty[k])
+                ),
+                "refused": seen.combined.status[k],
+            }
+            for k, name in enumerate(stations.names)
+        ],
     }

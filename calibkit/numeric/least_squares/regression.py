@@ -2,10 +2,9 @@
 squares that is proved a minimum, or no answer.
 """
 
-import warnings
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,18 +29,12 @@ ROUNDING = 1e-10
 """Residuals this small, relative to the response, are rounding."""
 EQUAL = 1e-6
 """Relative difference below which two sums of squares are one."""
-UNDETERMINED = 1e-11
+UNDETERMINED = 1e-9
 """Smallest singular value of the derivatives, scaled to unit length, below which the data do not
-determine the parameters.
+determine the parameters: ten times the rounding of differences.
 """
-IMAGINARY = 1e-30
-"""Step of complex differentiation, relative to the parameter: exact to rounding (Squire & Trapp
-1998).
-"""
-ALIKE = 1e-4
-"""Largest relative difference of complex from ordinary derivatives of a model that takes complex
-parameters.
-"""
+STEP = float(np.cbrt(np.finfo(np.float64).eps))
+"""Half the step of a derivative, relative to the parameter."""
 BEYOND = 1e20
 """Residual, relative to the response, that stands for a value that is not finite."""
 
@@ -96,25 +89,65 @@ def regress(
         determine, or no minimum that is proved: nothing is returned that is not one.
 
     """
+    from scipy.optimize import least_squares
+
     if isinstance(start, Mapping):
         names, begin = tuple(start), np.array(list(start.values()), dtype=np.float64)
     else:
         begin = np.atleast_1d(np.array(start, dtype=np.float64))
         names = tuple(f"p{k}" for k in range(begin.size))
-    response = np.asarray(y, dtype=np.float64)
-    _require(response, begin)
-    problem = _Problem.of(model, np.asarray(x), response, begin)
-    found = [problem.attempt(one, method) for one, method in _starts(begin)]
-    squares = np.array([problem.square(one) for one in found])
-    # of equals the first: terms that change places fit as well, and the given start names them
-    equal = squares <= squares.min() * (1.0 + EQUAL) + (ROUNDING * rms(response)) ** 2
-    best = found[int(np.argmax(equal))]
-    for method in (*METHODS, METHODS[0]):
-        best = min(best, problem.attempt(best, method), key=problem.square)
-    return problem.prove(best, names)
+    response, abscissa = np.asarray(y, dtype=np.float64), np.asarray(x)
+    _require_enough(response, begin)
+    huge = BEYOND * max(float(np.max(np.abs(response))), np.finfo(np.float64).tiny)
+    size = np.where(begin == 0.0, 1.0, np.abs(begin))
+
+    def values(p: Array) -> Array:
+        """Model [n]."""
+        found = np.asarray(model(abscissa, *p), dtype=np.float64)
+        if found.shape != response.shape:
+            raise FitError(
+                f"the model gives {found.shape} for a response of {response.shape}",
+                hint="model(x, *parameters) gives one value for each of the response",
+            )
+        return found
+
+    def left(p: Array) -> Array:
+        """Model less response [n], huge where the model is not finite."""
+        off = values(p) - response
+        return np.where(np.isfinite(off), np.clip(off, -huge, huge), huge)
+
+    def slopes(p: Array) -> Array:
+        """Derivatives [n, p] of the model, by differences on both sides."""
+        columns = []
+        for step in np.diag(STEP * np.where(p == 0.0, size, np.abs(p))):
+            ahead, back = p + step, p - step
+            columns.append((values(ahead) - values(back)) / np.sum(ahead - back))
+        return np.asarray(np.nan_to_num(np.column_stack(columns), posinf=0.0, neginf=0.0))
+
+    def attempt(begin: Array, method: Literal["lm", "trf"]) -> tuple[float, Array]:
+        """Sum of squares, and parameters, where a solver ends."""
+        options: dict[str, Any] = {"ftol": 1e-15, "xtol": 1e-15, "gtol": 1e-15}
+        try:
+            end = least_squares(
+                left, begin, slopes, method=method, x_scale="jac", max_nfev=EVALUATIONS, **options
+            ).x
+        except (ValueError, np.linalg.LinAlgError, FloatingPointError):
+            end = begin
+        end = end if np.isfinite(end).all() else begin
+        return float(np.sum(left(end) ** 2)), end
+
+    with np.errstate(all="ignore"):
+        ends = [attempt(*each) for each in _starts(begin)]
+        squares = np.array([square for square, _ in ends])
+        # of equals the first: terms that change places fit as well, and the given start names them
+        equal = squares <= squares.min() * (1.0 + EQUAL) + (ROUNDING * rms(response)) ** 2
+        best = ends[int(np.argmax(equal))]
+        for method in (*METHODS, METHODS[0]):
+            best = min(best, attempt(best[1], method), key=lambda end: end[0])
+        return _prove(best[1], left(best[1]), slopes(best[1]), rms(response), names)
 
 
-def _require(response: Array, begin: Array) -> None:
+def _require_enough(response: Array, begin: Array) -> None:
     """Raise FitError for data that no regression can take."""
     if response.ndim != 1 or not np.isfinite(response).all() or not np.isfinite(begin).all():
         raise FitError(
@@ -139,114 +172,27 @@ def _starts(begin: Array) -> Iterator[tuple[Array, Literal["lm", "trf"]]]:
         yield moved, METHODS[number % len(METHODS)]
 
 
-@dataclass(frozen=True, slots=True)
-class _Problem:
-    """A model with its data."""
-
-    model: Model
-    x: Array
-    y: Array
-    size: Array
-    """[p], what parameters are counted in."""
-    complex_steps: bool = False
-
-    @classmethod
-    def of(cls, model: Model, x: Array, y: Array, begin: Array) -> "_Problem":
-        """Problem whose derivatives are complex steps where the model takes them."""
-        plain = cls(model, x, y, np.where(begin == 0.0, 1.0, np.abs(begin)))
-        plain.values(begin)
-        exact = replace(plain, complex_steps=True)
-        try:
-            with warnings.catch_warnings(), np.errstate(all="ignore"):
-                warnings.simplefilter("ignore")  # of a model that takes the real part
-                fine, coarse = exact.slopes(begin), plain.slopes(begin)
-        except (TypeError, ValueError):
-            return plain
-        size = np.max(np.abs(coarse), axis=0)
-        return exact if (np.max(np.abs(fine - coarse), axis=0) <= ALIKE * size).all() else plain
-
-    def values(self, parameters: Array) -> Array:
-        """Model [n] at parameters [p]; raises FitError for one of another shape."""
-        with np.errstate(all="ignore"):
-            found = np.asarray(self.model(self.x, *parameters))
-        if found.shape != self.y.shape:
-            raise FitError(
-                f"the model gives {found.shape} for a response of {self.y.shape}",
-                hint="model(x, *parameters) gives one value for each of the response",
-            )
-        return np.asarray(found.real, dtype=np.float64)
-
-    def left(self, parameters: Array) -> Array:
-        """Model less response [n], huge where the model is not finite."""
-        values = self.values(parameters) - self.y
-        huge = BEYOND * max(float(np.max(np.abs(self.y))), np.finfo(np.float64).tiny)
-        return np.where(np.isfinite(values), np.clip(values, -huge, huge), huge)
-
-    def square(self, parameters: Array) -> float:
-        """Sum of squares."""
-        left = self.left(parameters)
-        return float(left @ left)
-
-    def slopes(self, parameters: Array) -> Array:
-        """Derivatives [n, p] of the model."""
-        columns = []
-        for k, value in enumerate(parameters.tolist()):
-            size = abs(value) or self.size[k]
-            if self.complex_steps:
-                moved = parameters.astype(np.complex128)
-                moved[k] += 1j * IMAGINARY * size
-                columns.append(np.imag(self.model(self.x, *moved)) / (IMAGINARY * size))
-                continue
-            step = np.cbrt(np.finfo(np.float64).eps) * size
-            ahead, back = (parameters + s * step * np.eye(self.size.size)[k] for s in (1, -1))
-            columns.append((self.values(ahead) - self.values(back)) / (ahead[k] - back[k]))
-        with np.errstate(all="ignore"):
-            found = np.nan_to_num(np.column_stack(columns), posinf=0.0, neginf=0.0)
-        return np.asarray(found, dtype=np.float64)
-
-    def attempt(self, begin: Array, method: Literal["lm", "trf"]) -> Array:
-        """Parameters where a solver ends."""
-        from scipy.optimize import least_squares
-
-        with np.errstate(all="ignore"):
-            try:
-                found = least_squares(
-                    self.left,
-                    begin,
-                    self.slopes,
-                    method=method,
-                    x_scale="jac",
-                    ftol=1e-15,
-                    xtol=1e-15,
-                    gtol=1e-15,
-                    max_nfev=EVALUATIONS,
-                ).x
-            except (ValueError, np.linalg.LinAlgError, FloatingPointError):
-                return begin
-        return np.asarray(found, dtype=np.float64) if np.isfinite(found).all() else begin
-
-    def prove(self, found: Array, names: tuple[str, ...]) -> Regression:
-        """Regression at parameters that are a minimum; raises FitError where they are not."""
-        with np.errstate(all="ignore"):
-            left, slopes = self.left(found), self.slopes(found)
-        length = np.linalg.norm(slopes, axis=0)
-        scaled = slopes / np.where(length > 0.0, length, 1.0)
-        u, spread, vt = np.linalg.svd(scaled, full_matrices=False)
-        if not spread[-1] > UNDETERMINED * spread[0]:
-            name = names[int(np.argmax(np.abs(vt[-1])))]
-            raise FitError(
-                f"the data do not determine the parameters, most of all '{name}'",
-                hint="fix it, or begin nearer to the answer",
-            )
-        explained, dof = u.T @ left, left.size - found.size
-        rest = left - u @ explained
-        share = np.linalg.norm(explained) / np.sqrt(found.size)
-        noise = np.linalg.norm(rest) / np.sqrt(dof)
-        if share > CONVERGED * noise and rms(left) > ROUNDING * rms(self.y):
-            raise FitError(
-                f"no minimum was reached: the derivatives explain {share / noise:.1g} of what noise"
-                " would",
-                hint="begin nearer to the answer, or scale the parameters",
-            )
-        inverse = (vt.T / spread) / length[:, None]
-        return Regression(names, found, inverse @ inverse.T * float(left @ left) / dof, dof, -left)
+def _prove(p: Array, left: Array, slopes: Array, size: float, names: tuple[str, ...]) -> Regression:
+    """Regression at parameters [p] that are a minimum, of what the model leaves [n] of a response
+    of that rms and its derivatives [n, p]; raises FitError where they are none.
+    """
+    length = np.linalg.norm(slopes, axis=0)
+    scaled = slopes / np.where(length > 0.0, length, 1.0)
+    u, spread, vt = np.linalg.svd(scaled, full_matrices=False)
+    if not spread[-1] > UNDETERMINED * spread[0]:
+        name = names[int(np.argmax(np.abs(vt[-1])))]
+        raise FitError(
+            f"the data do not determine the parameters, most of all '{name}'",
+            hint="fix it, or begin nearer to the answer",
+        )
+    explained, dof = u.T @ left, left.size - p.size
+    share = np.linalg.norm(explained) / np.sqrt(p.size)
+    noise = np.linalg.norm(left - u @ explained) / np.sqrt(dof)
+    if share > CONVERGED * noise and rms(left) > ROUNDING * size:
+        raise FitError(
+            f"no minimum was reached: the derivatives explain {share / noise:.1g} of what noise"
+            " would",
+            hint="begin nearer to the answer, or scale the parameters",
+        )
+    inverse = (vt.T / spread) / length[:, None]
+    return Regression(names, p, inverse @ inverse.T * float(left @ left) / dof, dof, -left)

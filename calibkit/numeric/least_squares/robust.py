@@ -355,7 +355,8 @@ def _reweighted(
             proposed = HUBER / np.maximum(apart, HUBER)
         else:
             ratio = weighted_rows.ratio(basis, target, solution, row_weights, scale, effects)
-            proposed = _tukey(ratio) * weighted_rows.balance(basis, row_weights)
+            tukey = (1.0 - np.minimum(ratio / TUKEY, 1.0) ** 2) ** 2
+            proposed = tukey * weighted_rows.balance(basis, row_weights)
         moved = weighted_rows.solve(basis, target, proposed)
         if moved is None:
             return solution, row_weights, False
@@ -364,8 +365,3 @@ def _reweighted(
         if done:
             break
     return solution, row_weights, True
-
-
-def _tukey(ratio: Array) -> Array:
-    """Tukey's weights [n] of residuals in standard deviations."""
-    return np.asarray((1.0 - np.minimum(ratio / TUKEY, 1.0) ** 2) ** 2, dtype=np.float64)
