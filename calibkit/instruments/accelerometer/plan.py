@@ -23,7 +23,6 @@ from calibkit.instruments.accelerometer import (
     simulate as simulated,
     simulate_magnitude,
 )
-from calibkit.instruments.accelerometer.circumstances import find_circumstances, state_errors
 from calibkit.instruments.accelerometer.coefficient_files import COMPENSATIONS
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.fit import asked_terms, k_terms
@@ -159,8 +158,10 @@ class TriadBench(Bench):
         # what is assumed these dwells need not have, as what earlier runs had
         known = {"component": self.assumed.components, "source": "history"}
         errors = self.spec.errors.model_copy(update=known)
-        where = find_circumstances(dwells, gravity, self.spec)
-        listed = state_errors(where, along, self.spec.model_copy(update={"errors": errors}))
+        where = shared_errors.find_circumstances(dwells, gravity, self.spec)
+        listed = shared_errors.state_errors(
+            where, along, self.spec.model_copy(update={"errors": errors})
+        )
         return [one for one in listed if one.size is not None or not self.lengths]
 
     def residual(self, dwells: DwellSet) -> Residual:
@@ -638,7 +639,7 @@ def simulate_dwells(
     of_gravity, of_sensors = np.zeros(shape), np.zeros(shape)
     drawn, hours = {}, dwells.time / SECONDS_PER_HOUR
     # a zero drifts, whether a fit of one soak can tell or not
-    where = replace(find_circumstances(dwells, dwells.indication, spec), hours=hours)
+    where = replace(shared_errors.find_circumstances(dwells, dwells.indication, spec), hours=hours)
     for error in shared_errors.list_errors(where, np.broadcast_to(np.eye(3), (*shape, 3))):
         size = rng.normal(0.0, 1.0, (error.levels, error.width))
         size *= sizes.get((error.group, error.effect), 0.0)
