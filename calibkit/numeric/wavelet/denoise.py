@@ -89,7 +89,7 @@ def denoise(
     wavelet : "haar", "cdf53", "cdf97", "db2", or any discrete one of PyWavelets.
     levels : depth; that of `_deepest` when absent, 6 for 600 samples, 9 for 6000.
     threshold, rule : names in `shrinkage.THRESHOLDS` and `shrinkage.RULES`.
-    extension : how the signal goes on beyond its ends (see `extension.extended`).
+    extension : how the signal goes on beyond its ends (see `extension.Ends`).
     shifted : number of coarsest levels that are averaged over all shifts; 0 for the published
         scheme, which is decimated.
     allocate : makes the arrays of coefficients and of the result; memory beyond them is that of a
