@@ -120,7 +120,10 @@ def find(
         still.append(_Stillness.of(turn.rate, time_s.size, window, wide))
 
     def held(first: int, stop: int) -> Mask:
-        chosen = _unbroken(turn.interval_s[first : stop + window - 1], window, interval)
+        # windows that contain no gap
+        step = turn.interval_s[first : stop + window - 1]
+        gaps = np.concatenate(([0], np.cumsum(step[1:] > GAP * interval)))
+        chosen = np.asarray(gaps[window - 1 :] == gaps[: gaps.size - window + 1], dtype=np.bool_)
         for series in still:
             chosen &= series.held(first, stop)
         chunks.release(table_rate_dps, turn.turn_deg, turn.interval_s)
@@ -129,10 +132,14 @@ def find(
     runs = chunks.find_runs(max(time_s.size - window + 1, 0), held).tolist()
     least, kept = max(rules.shortest_samples // 2, 2), []
     for run in _join_runs(runs, window):
-        steady = _steady(table_rate_dps, *run, rules, still[0].quantum)
-        first, stop = _settled(time_s, *steady, rules)
+        first, stop = _steady(table_rate_dps, *run, rules, still[0].quantum)
+        # without its settling time and without its first and last sampling interval
+        wait = min(rules.settle_s, 0.25 * float(time_s[stop - 1] - time_s[first]))
+        settled = int(np.searchsorted(time_s, time_s[first] + wait, side="right"))
+        first, stop = max(settled, first + 1), stop - 1
         if stop - first >= least:
             kept.append((first, stop))
+    chunks.release(time_s)
     if not kept:
         low, high = chunks.extremes(table_rate_dps)
         span = f"{time_s.size} rows with table rates of {low:g} to {high:g} °/s"
@@ -282,12 +289,6 @@ def _quantum(rate: Series, rows: int) -> float:
     return quantum if back > FLICKER * rows else 0.0
 
 
-def _unbroken(interval_s: Array, window: int, median_s: float) -> Mask:
-    """Mask of the windows, one beginning at each row, that contain no gap."""
-    gaps = np.concatenate(([0], np.cumsum(interval_s[1:] > GAP * median_s)))
-    return np.asarray(gaps[window - 1 :] == gaps[: gaps.size - window + 1], dtype=np.bool_)
-
-
 def _join_runs(runs: Sequence[Sequence[int]], window: int) -> list[tuple[int, int]]:
     """First and end rows covered by runs of held windows; rows shared by two runs belong to the
     first.
@@ -312,13 +313,3 @@ def _steady(rate: Array, first: int, stop: int, rules: Rules, quantum: float) ->
     begin, end = near[np.argmax(near[:, 1] - near[:, 0])].tolist()
     chunks.release(rate)
     return first + begin, first + end
-
-
-def _settled(time_s: Array, first: int, stop: int, rules: Rules) -> tuple[int, int]:
-    """First and end row of a span without its settling time and without its first and last sampling
-    interval.
-    """
-    wait = min(rules.settle_s, 0.25 * float(time_s[stop - 1] - time_s[first]))
-    begin = max(int(np.searchsorted(time_s, time_s[first] + wait, side="right")), first + 1)
-    chunks.release(time_s)
-    return begin, stop - 1
