@@ -150,7 +150,7 @@ def _line_model(name: str, held: Lines, run: table_runs.TableRun, gyro: str) -> 
     line = held.published(run, gyro)
     model = forms.LINE.write_fit(
         name,
-        held.line(run, gyro).restated(lambda p: p[:2]),
+        held.line(run, gyro).weighted(np.eye(2, 3)),
         LINE,
         residual_rms=line.fit.residual_rms,
         residual_unit="1/s",

@@ -116,20 +116,20 @@ def fit_over_runs(
     curves = _over_temperature(whole, in_time)
     size = curves.parameters.size // 2
     x = terms.mapped(temperature[room].mean(keepdims=True)) if varies else np.zeros(1)
-    powers = np.kron(np.eye(2), polynomial.powers(x, size - 1))
+    powers: Array = np.asarray(np.kron(np.eye(2), polynomial.powers(x, size - 1)))
     found = GyroOverRuns(
         gyro,
         tuple(runs),
         room,
         held.of_runs(runs, gyro),
-        curves.restated(lambda p: powers @ p),
+        curves.weighted(powers),
         whole,
         in_time,
         whole if spec.response == "auto" and terms.powers else None,
     )
     if not varies:
         return found
-    K, F0 = curves.restated(lambda p: p[:size]), curves.restated(lambda p: p[size:])
+    K, F0 = (curves.weighted(part) for part in np.vsplit(np.eye(2 * size), 2))
     name = forms.line_name(gyro)
     # of the straight line through K(T) at the temperatures of the runs
     slope_of = np.linalg.pinv(np.column_stack((temperature, np.ones(temperature.size))))[0]

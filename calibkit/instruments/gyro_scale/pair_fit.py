@@ -64,7 +64,7 @@ class PairFit:
     def line(self, gyro: str, axis: str) -> Fit:
         """K and F0 of a gyro about an axis."""
         at = 2 * "ab".index(gyro) + "ab".index(axis)
-        return self.lines.restated(lambda p: p[[at, at + 4]])
+        return self.lines.weighted(np.eye(8)[[at, at + 4]])
 
 
 def fit_pair(
@@ -89,18 +89,18 @@ def fit_pair(
     mean_lines = held.combined(*np.hsplit(means, 2)).widened_by([run_scale] if run_scale else [])
     degc = {axis: float(np.mean([run.temp_degc for run in runs[axis]])) for axis in "ab"}
     apart = degc["b"] - degc["a"]
-    K = mean_lines.restated(lambda p: p[OWN_AND_CROSS])
+    K = mean_lines.weighted(np.eye(8)[OWN_AND_CROSS])
     if np.isfinite(apart):
         K = _at_one_temperature(K, apart, spec)
     second_gamma = K.of(lambda k: k[3] / k[0])
-    before_mounting = gyro_pair.find(K.restated(lambda k: k[:3]), second_gamma)
+    before_mounting = gyro_pair.find(K.weighted(np.eye(3, 4)), second_gamma)
     _refuse_opposite(before_mounting)
     tilt, tilt_dof = gyro_pair.find_mounting(before_mounting, known.get("angle"))
     # about the other gyro's axis a gyro loses its sine, K sin α per radian
     K_A, K_B = K.parameters[:2] * np.sin(np.radians(before_mounting.alpha_deg))
     across = np.array([[[0.0], [K_A]], [[K_B], [0.0]]])
     mounting = held.mounting(across, (float(np.degrees(tilt)), tilt_dof))
-    K = K.restated(lambda k: k[:3]).widened_by([mounting])
+    K = K.weighted(np.eye(3, 4)).widened_by([mounting])
     # about its own axis either gyro alone loses K (1 - cos tilt) at most, taken as large as K tilt²
     cosine = np.vstack((np.diag(K.parameters[:2] * tilt**2), np.zeros(2)))
     K = replace(K, bounds=np.column_stack((K.bounds, cosine)))

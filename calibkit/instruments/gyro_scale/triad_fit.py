@@ -4,7 +4,6 @@ them, also over temperature.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import combinations, product
 
 import numpy as np
@@ -181,7 +180,7 @@ def _fit_set(
         np.vstack((means, -vertical_dps * mean)),
         np.vstack((np.zeros_like(means), mean)),
     ).widened_by([*stated, *zeros])
-    triad = gyro_triad.find(fit.restated(lambda p: p[: 3 * gyros]))
+    triad = gyro_triad.find(fit.weighted(np.eye(4 * gyros)[: 3 * gyros]))
     return AxesSet(every, degc, fit, triad, fit.of(lambda p: p[3 * gyros :]))
 
 
@@ -200,7 +199,8 @@ def _list_curves(
     powers = max(terms.orders) + 1
     for number, (gyro, axis) in enumerate(product(gyros, forms.AXES)):
         name = forms.curve_name(forms.line_name(gyro, axis), "K")
-        of_line = K.restated(partial(np.take, indices=np.arange(powers) + powers * number))
+        places = np.arange(powers) + powers * number
+        of_line = K.weighted(np.eye(K.parameters.size)[places])
         yield over_runs.curve_model(name, "1/deg", of_line, terms, runs)
     for g, gyro in enumerate(gyros if vertical_dps is not None else ()):
 
