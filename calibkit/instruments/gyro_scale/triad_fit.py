@@ -137,7 +137,13 @@ def fit_axes(
         flags.append(over_runs.UNLOGGED)
     if not near:
         flags += held.flag_drifts()
-        flags += _flag_contradictions(held, groups, spec.gyros)
+        in_order = [(axis, run) for group in groups for axis in forms.AXES for run in group[axis]]
+        for gyro, most in zip(spec.gyros, np.abs(held.sensitivity()).argmax(axis=1), strict=True):
+            axis = forms.AXES[most]
+            about = [run for turned, run in in_order if turned == axis]
+            name = forms.line_name(gyro, axis)
+            flags += contradictions.flag_runs(name, about, held.of_runs(about, gyro))
+        flags += contradictions.flag_shares(held, [run for _, run in in_order], spec.gyros)
         for change in held.in_time:
             name = forms.line_name(spec.gyros[change.gyro])
             flags += ordering.flag(name, change.decided, held.K[change.lines].mean())
@@ -280,23 +286,6 @@ def _groups(
                 ),
             )
     return groups
-
-
-def _flag_contradictions(
-    held: lines.Lines,
-    groups: Sequence[Mapping[str, tuple[table_runs.TableRun, ...]]],
-    gyros: Sequence[str],
-) -> Iterator[str]:
-    """Flags on runs whose scale factors, or shares of the rate, the others contradict."""
-    in_order = [(axis, run) for group in groups for axis in forms.AXES for run in group[axis]]
-    most = np.argmax(np.abs(held.sensitivity()), axis=1)
-    for gyro, number in zip(gyros, most, strict=True):
-        axis = forms.AXES[number]
-        runs = [run for about, run in in_order if about == axis]
-        yield from contradictions.flag_runs(
-            forms.line_name(gyro, axis), runs, held.of_runs(runs, gyro)
-        )
-    yield from contradictions.flag_shares(held, [run for _, run in in_order], gyros)
 
 
 def _flag_sets(
