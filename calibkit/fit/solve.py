@@ -159,15 +159,27 @@ class Fit:
 
     def restated(self, function: Callable[[Numbers], Numbers]) -> "Fit":
         """The fit of other parameters, a function [m] of these, with their covariance."""
+        members = tuple(member.restated(function) for member in self.members)
         G = derivative(function, self.parameters)
+        return self._along(np.asarray(function(self.parameters), dtype=np.float64), G, members)
+
+    def weighted(self, weights: Array) -> "Fit":
+        """The fit of sums [m] of the parameters with weights [m, p]; as `restated`, without a
+        derivative to take.
+        """
+        members = tuple(member.weighted(weights) for member in self.members)
+        return self._along(weights @ self.parameters, weights, members)
+
+    def _along(self, parameters: Array, G: Array, members: tuple["Fit", ...]) -> "Fit":
+        """The fit of other parameters [m] with derivatives G [m, p] by these."""
         return replace(
             self,
-            parameters=np.asarray(function(self.parameters), dtype=np.float64),
+            parameters=parameters,
             covariance=G @ self.covariance @ G.T,
             slopes=G @ self.slopes @ G.T,
             gain=G @ self.gain,
             bounds=G @ self.bounds,
-            members=tuple(member.restated(function) for member in self.members),
+            members=members,
         )
 
     def linear(self, P: Array, y: Array) -> "Fit":
@@ -282,6 +294,10 @@ class Moved(Fit):
         m = len(parameters)
         covariance, bounds = np.zeros((m, m)), np.zeros((m, 0))
         return replace(self, parameters=parameters, covariance=covariance, bounds=bounds)
+
+    def weighted(self, weights: Array) -> "Moved":
+        """Sums [m] of the parameters with weights [m, p]."""
+        return self.restated(lambda p: weights @ p)
 
     def linear(self, P: Array, y: Array) -> "Moved":
         """Parameters P y [m] of a published form."""

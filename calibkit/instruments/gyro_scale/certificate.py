@@ -93,7 +93,20 @@ def _state_scale(stated: Stated, record: Record) -> Block:
     lines = [model for model in record.models if model.form == forms.LINE.name]
     others = [model for model in record.models if model.form != forms.LINE.name]
     curves = [model for model in others if model.form == POLYNOMIAL.name]
-    tables: list[ListTable | GridTable] = [_tabulate_lines(stated, record, lines)]
+    letters = {"K": NAMES["scale_factor"], "F0": Words("zero-rate indication", "零速率示值")}
+    labels = _label_lines(lines)
+    of_lines = GridTable(
+        Words("Scale factor and zero-rate indication", "标度因数与零速率示值"),
+        Words("gyro, run", "陀螺、测次"),
+        (Words("K"), Words("F₀")),
+        ("1/deg", "1/s"),
+        tuple(labels.values()),
+        tuple(
+            tuple(_state_of_line(stated, record, model, *entry) for entry in letters.items())
+            for model in lines
+        ),
+    )
+    tables: list[ListTable | GridTable] = [of_lines]
     figures: list[Figure] = []
     notes: list[Words] = []
     for model in others:
@@ -104,12 +117,17 @@ def _state_scale(stated: Stated, record: Record) -> Block:
         tables.append(list_coefficients(stated, record, model, title, values))
         notes += [range_words(model), *stated.left_out(model)]
     for letter in ("K", "F0"):
-        of_letter = [model for model in curves if f".{letter}_" in model.name]
-        table = _tabulate_curves(stated, record, of_letter, letter) if of_letter else None
+        columns = [
+            (name_subject(f".{model.name}"), quantities.over_temperature(record, model, letter))
+            for model in curves
+            if f".{letter}_" in model.name
+        ]
+        title = Words(f"{show_symbol(letter)} over temperature", f"{show_symbol(letter)} 随温度")
+        table = tabulate(stated, title, columns) if columns else None
         if table is not None:
             tables.append(table)
             figures.append(_plot_change(table) if letter == "K" else plot(table, F0_LABEL))
-    tables += _tabulate_figures(stated, record, _label_lines(lines))
+    tables += _tabulate_figures(stated, record, labels)
     return make_block(
         record,
         Words("Scale factors on the rate table", "转台标度因数"),
@@ -117,22 +135,6 @@ def _state_scale(stated: Stated, record: Record) -> Block:
         tables,
         figures,
         (*_many_residuals(lines), *dict.fromkeys(notes)),
-    )
-
-
-def _tabulate_lines(stated: Stated, record: Record, models: Sequence[Model]) -> GridTable:
-    """Table of K and F0 of every line."""
-    letters = {"K": NAMES["scale_factor"], "F0": Words("zero-rate indication", "零速率示值")}
-    return GridTable(
-        Words("Scale factor and zero-rate indication", "标度因数与零速率示值"),
-        Words("gyro, run", "陀螺、测次"),
-        (Words("K"), Words("F₀")),
-        ("1/deg", "1/s"),
-        tuple(_label_lines(models).values()),
-        tuple(
-            tuple(_state_of_line(stated, record, model, *entry) for entry in letters.items())
-            for model in models
-        ),
     )
 
 
@@ -185,34 +187,18 @@ def _label_lines(models: Sequence[Model]) -> dict[str, Words]:
             span = f"{low:.1f} … {high:.1f}"
             text = span if high - low > ONE_TEMPERATURE_DEGC else f"{at[0][1]:.1f}"
             own = Words(f" ({text} °C)".replace("(-", "(−").replace("… -", "… −"))
-        found[model.name] = subject, _name_log(model, runs[model.name]), own
+        log, count = model.name.partition(".")[2], runs[model.name]
+        from_log = Words("")
+        if log:
+            from_log = Words(f", {log}", f"，{log}")
+        elif count > 1:  # those at other temperatures by the curve through them
+            from_log = Words(f", all {count} runs, weighted", f"，全部 {count} 次加权")
+        found[model.name] = subject, from_log, own
     plain = [subject + at for subject, _, at in found.values()]
     return {
         name: subject + at if plain.count(subject + at) == 1 else subject + log + at
         for name, (subject, log, at) in found.items()
     }
-
-
-def _name_log(model: Model, runs: int) -> Words:
-    """Log of a line, or from how many runs it comes: all of a gyro, weighted, those at other
-    temperatures by the curve through them.
-    """
-    log = model.name.partition(".")[2]
-    if log:
-        return Words(f", {log}", f"，{log}")
-    return Words(f", all {runs} runs, weighted", f"，全部 {runs} 次加权") if runs > 1 else Words("")
-
-
-def _tabulate_curves(
-    stated: Stated, record: Record, models: Sequence[Model], letter: str
-) -> GridTable | None:
-    """Table of the polynomials of K or F0 over temperature, one column per gyro."""
-    columns = [
-        (name_subject(f".{model.name}"), quantities.over_temperature(record, model, letter))
-        for model in models
-    ]
-    title = Words(f"{show_symbol(letter)} over temperature", f"{show_symbol(letter)} 随温度")
-    return tabulate(stated, title, columns)
 
 
 def _plot_change(table: GridTable) -> Figure:
@@ -248,29 +234,20 @@ def _tabulate_figures(
     alike: dict[tuple[object, ...], list[str]] = {}
     for name in names:  # models with the same figures stand side by side
         alike.setdefault(tuple(kind for kind, row in kinds.items() if name in row), []).append(name)
-    return [
-        _tabulate_group(kinds, shown, {name: names[name] for name in group})
-        for shown, group in alike.items()
-        if shown
-    ]
-
-
-def _tabulate_group(
-    kinds: Mapping[tuple[str, str, str], Mapping[str, Result]],
-    shown: tuple[object, ...],
-    group: Mapping[str, Words],
-) -> GridTable:
-    """Table of the figures that a group of models has in common, a row for each figure."""
-    rows = [(kind, row) for kind, row in kinds.items() if kind in shown]
-    return GridTable(
-        Words("Figures of the scale factor", "标度因数特征量"),
-        Words(""),
-        tuple(group.values()),
-        tuple(unit for (_, _, unit), _ in rows),
-        tuple(NAMES.get(w, Words(w)) + Words(f" {s}" if s else "") for (w, s, _), _ in rows),
-        tuple(tuple(row.get(name) for name in group) for _, row in rows),
-        by_row=True,
-    )
+    tables: list[ListTable | GridTable] = []
+    for shown, group in alike.items():
+        rows = [(kind, row) for kind, row in kinds.items() if kind in shown]
+        table = GridTable(
+            Words("Figures of the scale factor", "标度因数特征量"),
+            Words(""),
+            tuple(names[name] for name in group),
+            tuple(unit for (_, _, unit), _ in rows),
+            tuple(NAMES.get(w, Words(w)) + Words(f" {s}" if s else "") for (w, s, _), _ in rows),
+            tuple(tuple(row.get(name) for name in group) for _, row in rows),
+            by_row=True,
+        )
+        tables += [table] if shown else []
+    return tables
 
 
 def _find_dof(record: Record, what: str, name: str) -> float:

@@ -118,7 +118,10 @@ def _tabulate_figures(
             if (kind, where) == (what, suffix):
                 gyro, column = ("", key.replace("_", " – ")) if "_" in key else (key[:-1], key[-1])
                 columns[column] = None
-                by_axes = {ANGLE: (90.0, _by_table_axes(what, figure.value))}
+                # an error of the angle between two table axes turns a unit vector by as much
+                across = math.sqrt(max(1.0 - figure.value**2, 0.0))
+                slope = 1.0 if what == ANGLE else math.radians(across)
+                by_axes = {ANGLE: (90.0, slope)}
                 words = Words(title.en.lower(), title.zh)
                 direction = of_figure(record, figure, words, dof=model.dof, slopes=by_axes)
                 principal = what == ANGLE and model.name == "triad"
@@ -127,14 +130,6 @@ def _tabulate_figures(
         cells += map(tuple, rows.values())
     heads = tuple(map(Words, columns))
     return GridTable(title, GYRO, heads, (unit,) * len(heads), tuple(labels), tuple(cells))
-
-
-def _by_table_axes(what: str, value: float) -> float:
-    """Derivative of an angle between input axes [1], or of a component of a unit vector [1/°], by
-    an error of the angle between two table axes.
-    """
-    across = math.sqrt(max(1.0 - value**2, 0.0)) * math.pi / 180.0
-    return 1.0 if what == ANGLE else across
 
 
 def _state_pair(stated: Stated, record: Record) -> Block:
@@ -149,18 +144,17 @@ def _state_pair(stated: Stated, record: Record) -> Block:
     results = (*ratios, _bounded(alpha, figures), off)
     title = Words("Orthogonality of the gyro pair", "陀螺组合正交性")
     table = ListTable(Words("Orthogonality", "正交性"), results)
-    return make_block(record, title, (PAIR_EQUATION,), (table,), notes=_note_pair(model, figures))
-
-
-def _note_pair(model: Model, figures: Mapping[str, Figure]) -> tuple[Words, ...]:
-    """Notes of a pair: sign of γ, ranges, and whether γ was clamped."""
-    side = Words("Gyro B lies on the same side as gyro A.", "两陀螺同侧。")
-    if figures["side"].value < 0.0:
-        side = Words(
-            "Gyro B lies on the side opposite to gyro A (α > 90°).", "两陀螺异侧（α > 90°）。"
+    notes = [
+        Words("Gyro B lies on the side opposite to gyro A (α > 90°).", "两陀螺异侧（α > 90°）。")
+        if figures["side"].value < 0.0
+        else Words("Gyro B lies on the same side as gyro A.", "两陀螺同侧。"),
+        range_words(model),
+    ]
+    if figures["clamped"].value:
+        notes.append(
+            Words("|γ| was beyond 1 by noise and is clamped.", "|γ| 因噪声超过 1，已限幅。")
         )
-    clamped = Words("|γ| was beyond 1 by noise and is clamped.", "|γ| 因噪声超过 1，已限幅。")
-    return (side, range_words(model), *([clamped] if figures["clamped"].value else []))
+    return make_block(record, title, (PAIR_EQUATION,), (table,), notes=notes)
 
 
 def _bounded(alpha: Result, figures: Mapping[str, Figure]) -> Result:

@@ -67,7 +67,9 @@ def list_rate_table_results(
     for one in gyros:
         name = forms.line_name(one.gyro)
         lines = [(f"{name}.{run.log.name}", run) for run in one.runs]
-        parts = _components(one)
+        # what differs from run to run and from side to side
+        sizes = [s for s in one.fitted.fit.shared if s.error.effect in ("scale", "zero") and s.dof]
+        parts = components_of(sizes)
         models.append(_mean_model(name, one.gyro, one.at_room, held, one.line, parts))
         models += one.curves
         models += [_line_model(line, held, run, one.gyro) for line, run in lines]
@@ -76,7 +78,6 @@ def list_rate_table_results(
         figures += over_runs.run_figures(name, one, spec)
         for line, run in lines:
             figures += _line_figures(line, held, run, one.gyro)
-        for line, run in lines:
             figures += _bias_figures(line, held.line(run, one.gyro), spec)
     return (_result(forms.SCALE_FILE, spec, models, figures, flags),)
 
@@ -126,7 +127,11 @@ def list_triad_results(fitted: triad_fit.AxesFit, spec: GyroRecipe) -> tuple[Sta
                 if axis == fitted.main_axis(gyro):
                     figures += _line_figures(name, fitted.held, run, gyro)
     for one in fitted.sets:
-        figures += _triad_biases(fitted, one)
+        if one.bias is not None:  # the latitude is known
+            dph = DPH_PER_DPS / one.triad.magnitude.value
+            found = np.column_stack((one.bias.value * dph, one.bias.u * dph, one.bias.dof)).tolist()
+            for gyro, (value, u, dof) in zip(fitted.gyros, found, strict=True):
+                figures.append(Figure(fitted.named(f"bias.{gyro}", one), value, "deg/h", u, dof))
     angles = [figure for one in fitted.sets for figure in _triad_figures(fitted, one)]
     triads = [_triad_model(fitted, one) for one in fitted.sets]
     models += fitted.curves
@@ -145,7 +150,7 @@ def _line_model(name: str, held: Lines, run: table_runs.TableRun, gyro: str) -> 
     line = held.published(run, gyro)
     model = forms.LINE.write_fit(
         name,
-        held.line(run, gyro).restated(lambda p: p[:2]),
+        held.line(run, gyro).weighted(np.eye(2, 3)),
         LINE,
         residual_rms=line.fit.residual_rms,
         residual_unit="1/s",
@@ -196,17 +201,6 @@ def _stated_components(*errors: Shared | None) -> tuple[Component, ...]:
         )
         for error in errors
         if error and error.size
-    )
-
-
-def _components(one: over_runs.GyroOverRuns) -> tuple[Component, ...]:
-    """Standard deviations of what differs from run to run and from side to side."""
-    return components_of(
-        [
-            size
-            for size in one.fitted[0].shared
-            if size.error.effect in ("scale", "zero") and size.dof
-        ]
     )
 
 
@@ -297,16 +291,6 @@ def _triad_model(fitted: triad_fit.AxesFit, one: triad_fit.AxesSet) -> Model:
     )
     stated = _stated_components(fitted.run_scale, fitted.mounting)
     return replace(model, dof=min(fit.dof for fit in of_runs), components=stated)
-
-
-def _triad_biases(fitted: triad_fit.AxesFit, one: triad_fit.AxesSet) -> Iterator[Figure]:
-    """Figures of the biases of one set; none where the latitude is unknown."""
-    if one.bias is None:
-        return
-    dph = DPH_PER_DPS / one.triad.magnitude.value
-    entries = (one.bias.value * dph, one.bias.u * dph, one.bias.dof)
-    for gyro, value, u, dof in zip(fitted.gyros, *(e.tolist() for e in entries), strict=True):
-        yield Figure(fitted.named(f"bias.{gyro}", one), value, "deg/h", u, dof)
 
 
 def _triad_figures(fitted: triad_fit.AxesFit, one: triad_fit.AxesSet) -> Iterator[Figure]:

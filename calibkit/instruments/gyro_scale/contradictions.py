@@ -71,7 +71,14 @@ def flag_shares(
     """Flags on logs of a triad in which gyros that lie across the axis indicate another share of
     the rate than in the other logs about it; `runs` are in the order of the table's lines.
     """
-    size = _sizes(table)
+    from scipy.special import stdtrit
+
+    # scale factor [lines] of each gyro about its own axis at the temperature of each line
+    size = np.empty(table.K.size)
+    for number in np.unique(table.set_of):
+        chosen: Mask = table.set_of == number
+        sensitivity = table.means(chosen) @ table.K
+        size[chosen] = np.linalg.norm(sensitivity, axis=1)[table.gyro_of[chosen]]
     share, noise = table.K / size, table.u_K / size
     log_of = np.arange(share.size) // len(gyros)
     channel = table.gyro_of * len(forms.AXES) + table.axis_of
@@ -87,28 +94,13 @@ def flag_shares(
         dof = int(np.count_nonzero(rest) - np.count_nonzero(count))
         scatter = float(np.sum((share - mean[channel])[rest] ** 2)) / dof
         variance = max(scatter, float(np.mean(noise[rest] ** 2)))
-        limit = _largest_by_chance(dof, tests) * np.sqrt(variance * (1.0 + 1.0 / count[of_here]))
+        # the largest |e| of (1) by chance in so many tests
+        t = float(stdtrit(dof, 1.0 - CHANCE / (2.0 * tests)))
+        limit = t * np.sqrt(variance * (1.0 + 1.0 / count[of_here]))
         about = f"{run.log.file}: about {forms.AXES[table.axis_of[here][0]]}"
         names = [gyros[g] for g in table.gyro_of[here].tolist()]
         expected = mean[of_here] * size[here]
         yield from _name_cause(about, names, table.K[here], expected, limit * size[here])
-
-
-def _sizes(table: lines.Lines) -> Array:
-    """Scale factor [lines] of each gyro about its own axis at the temperature of each line."""
-    size = np.empty(table.K.size)
-    for number in np.unique(table.set_of):
-        chosen: Mask = table.set_of == number
-        sensitivity = table.means(chosen) @ table.K
-        size[chosen] = np.linalg.norm(sensitivity, axis=1)[table.gyro_of[chosen]]
-    return size
-
-
-def _largest_by_chance(dof: int, tests: int) -> float:
-    """Largest |e| of (1), in its standard deviation, by chance in so many tests."""
-    from scipy.special import stdtrit
-
-    return float(stdtrit(dof, 1.0 - CHANCE / (2.0 * tests)))
 
 
 def _name_cause(

@@ -21,6 +21,7 @@ from calibkit.instruments.gyro_scale.numeric import (
     gjb_figures,
     pair as gyro_pair,
 )
+from calibkit.instruments.gyro_scale.numeric.gjb_figures import Line
 from calibkit.numeric import gum
 
 MRAD = 1e3
@@ -28,17 +29,17 @@ MRAD = 1e3
 
 @dataclass(frozen=True, slots=True)
 class LineCurve:
-    """One gyro in one run at p held rates [p, °/s]: residual and its standard uncertainty [p, ppm
-    of full scale], relative deviation and its standard uncertainty [p, ppm].
-    """
+    """One gyro in one run: its published line."""
 
     gyro: str
     run: str
-    rate: Array
-    residual_ppm: Array
-    u_residual_ppm: Array
-    deviation_ppm: Array
-    u_deviation_ppm: Array
+    line: Line
+
+    @property
+    def of_full_scale_ppm(self) -> tuple[Array, Array]:
+        """Residuals and their standard uncertainties [p, ppm of full scale]."""
+        ppm = gjb_figures.PPM / self.line.full_scale
+        return self.line.residuals * ppm, self.line.noise * ppm
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,20 +76,25 @@ class GyroReport:
         """Columns of a tidy table, one row per held rate of a gyro in a run: indication less its
         straight line, in ppm of full scale.
         """
-        parts = {
-            "run": [np.full(line.rate.size, line.run, dtype=object) for line in self.lines],
-            "gyro": [np.full(line.rate.size, line.gyro, dtype=object) for line in self.lines],
-            "table_rate_dps": [line.rate for line in self.lines],
-            "residual_ppm": [line.residual_ppm for line in self.lines],
-            "standard_uncertainty_ppm": [line.u_residual_ppm for line in self.lines],
+        sizes = [one.line.rate_dps.size for one in self.lines]
+        residual, u = np.hstack([one.of_full_scale_ppm for one in self.lines])
+        return {
+            "run": np.repeat(np.array([one.run for one in self.lines], dtype=object), sizes),
+            "gyro": np.repeat(np.array([one.gyro for one in self.lines], dtype=object), sizes),
+            "table_rate_dps": np.concatenate([one.line.rate_dps for one in self.lines]),
+            "residual_ppm": residual,
+            "standard_uncertainty_ppm": u,
         }
-        return {name: np.concatenate(columns) for name, columns in parts.items()}
 
     @classmethod
     def of_runs(cls, gyros: Sequence[over_runs.GyroOverRuns], held: Lines) -> Self:
         """Lines of rate-table runs, and K over temperature relative to its mean."""
         return cls(
-            tuple(_line_curve(held, run, one.gyro) for one in gyros for run in one.runs),
+            tuple(
+                LineCurve(one.gyro, run.log.name, held.published(run, one.gyro))
+                for one in gyros
+                for run in one.runs
+            ),
             tuple(
                 _temperature_curve(held, one.gyro, one.runs, one.curves[0], float(one.K.value))
                 for one in gyros
@@ -99,8 +105,11 @@ class GyroReport:
     @classmethod
     def of_pair(cls, fitted: pair_fit.PairFit) -> Self:
         """Lines of a pair's gyros about their own axes, and the angle between the gyros."""
-        held = fitted.held
-        lines = [_line_curve(held, run, gyro) for gyro, runs in fitted.runs.items() for run in runs]
+        lines = [
+            LineCurve(gyro, run.log.name, fitted.held.published(run, gyro))
+            for gyro, runs in fitted.runs.items()
+            for run in runs
+        ]
         return cls(tuple(lines), pair=fitted.found)
 
     @classmethod
@@ -111,7 +120,9 @@ class GyroReport:
         for g, gyro in enumerate(fitted.gyros):
             main = fitted.main_axis(gyro)
             runs = fitted.runs[main]
-            lines += [_line_curve(fitted.held, run, gyro) for run in runs]
+            lines += [
+                LineCurve(gyro, run.log.name, fitted.held.published(run, gyro)) for run in runs
+            ]
             if fitted.curves:
                 own = forms.AXES.index(main)
                 K = float(fitted.sets[fitted.reference].triad.sensitivity[g, own])
@@ -129,23 +140,6 @@ class GyroReport:
             found = _set_curve(fitted, f"{fitted.gyros[g]}, {fitted.gyros[h]}", off)
             angles.append(replace(found, coverage_factor=gum.coverage_factor(dof)))
         return cls(tuple(lines), tuple(curves), angles=tuple(angles), misalignment=tuple(across))
-
-
-def _line_curve(held: Lines, run: table_runs.TableRun, gyro: str) -> LineCurve:
-    """Errors of one gyro's line over the rates of a run."""
-    line = held.published(run, gyro)
-    full = gjb_figures.PPM / line.full_scale
-    with np.errstate(divide="ignore", invalid="ignore"):
-        of_point = gjb_figures.PPM / line.expected
-    return LineCurve(
-        gyro,
-        run.log.name,
-        line.rate_dps,
-        line.residuals * full,
-        line.noise * full,
-        line.per_point_ppm,
-        line.noise * of_point,
-    )
 
 
 def _temperature_curve(

@@ -99,15 +99,19 @@ def _draw_line(left: Axes, right: Axes, line: LineCurve, number: int) -> None:
         "color": colour,
         "marker": marker,
     }
-    order = np.argsort(line.rate)
-    bar = 2.0 * line.u_residual_ppm[order]
-    left.errorbar(line.rate[order], line.residual_ppm[order], bar, label=line.run, lw=0.8, **bars)
-    for side, fill in ((line.rate > 0.0, colour), (line.rate < 0.0, "white")):
-        turning = np.flatnonzero(side & np.isfinite(line.deviation_ppm))
+    rate = line.line.rate_dps
+    order = np.argsort(rate)
+    residual, u_residual = line.of_full_scale_ppm
+    left.errorbar(
+        rate[order], residual[order], 2.0 * u_residual[order], label=line.run, lw=0.8, **bars
+    )
+    deviation, u_deviation = line.line.per_point_ppm, line.line.u_per_point_ppm
+    for side, fill in ((rate > 0.0, colour), (rate < 0.0, "white")):
+        turning = np.flatnonzero(side & np.isfinite(deviation))
         right.errorbar(
-            np.abs(line.rate[turning]),
-            line.deviation_ppm[turning],
-            2.0 * line.u_deviation_ppm[turning],
+            np.abs(rate[turning]),
+            deviation[turning],
+            2.0 * u_deviation[turning],
             ls="",
             markerfacecolor=fill,
             **bars,
@@ -119,7 +123,8 @@ def _set_decades(ax: Axes, lines: list[LineCurve]) -> None:
     tick labels.
     """
     reach = max(
-        float(np.nanmax(np.abs(line.deviation_ppm) + 2.0 * line.u_deviation_ppm)) for line in lines
+        float(np.nanmax(np.abs(one.line.per_point_ppm) + 2.0 * one.line.u_per_point_ppm))
+        for one in lines
     )
     if reach < 20.0:
         return

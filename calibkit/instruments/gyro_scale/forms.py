@@ -271,48 +271,33 @@ class GyroMatrix:
 
 def read_matrices(spec: AnyRecipe, records: Mapping[str, Record]) -> tuple[GyroMatrix, ...]:
     """Matrices of a run: one for each gyro about its own axis, or one for all gyros about three
-    axes; raises CoefficientError for a missing file or model.
+    axes, without the names of the biases where these are unknown; raises CoefficientError for a
+    missing file or model.
     """
+    triad = isinstance(spec, GyroTriadRecipe)
+    for file in (SCALE_FILE, ORTHOGONALITY_FILE) if triad else (SCALE_FILE,):
+        if file not in records:
+            hint = f"it is not a run of {'gyro_triad' if triad else 'a rate table'}"
+            raise CoefficientError(f"the run holds no {file}", hint=hint)
+    scale, matrices = records[SCALE_FILE], []
     if isinstance(spec, GyroTriadRecipe):
-        return (_read_triad(spec, records),)
-    record = _require(records, SCALE_FILE, "a rate table")
-    return tuple(
-        _read_own_axis(record, gyro, line_name(gyro, spec.own_axis(gyro))) for gyro in spec.gyros
-    )
-
-
-def _require(records: Mapping[str, Record], name: str, procedure: str) -> Record:
-    """Coefficient file of the run; raises CoefficientError where it is missing."""
-    if name not in records:
-        raise CoefficientError(f"the run holds no {name}", hint=f"it is not a run of {procedure}")
-    return records[name]
-
-
-def _read_own_axis(record: Record, gyro: str, name: str) -> GyroMatrix:
-    """Matrix of one gyro about its own axis, from the line of that name with its curves and
-    response.
-    """
-    line = record.model(name)
-    curves = _find_curves(record, [curve_name(name, "K"), curve_name(name, "F0")])
-    bent = [model for model in record.models if model.name == response_name(name)]
-    return GyroMatrix(
-        (gyro,), (f"gyro_{gyro}_dps",), line, ("K", "F0"), curves, bent[0] if bent else None
-    )
-
-
-def _read_triad(spec: GyroTriadRecipe, records: Mapping[str, Record]) -> GyroMatrix:
-    """Matrix of gyros about three axes; without the names of the biases where these are unknown."""
-    scale, angles = (
-        _require(records, name, "gyro_triad") for name in (SCALE_FILE, ORTHOGONALITY_FILE)
-    )
-    model = angles.model("triad")
-    sensitivities, biases = triad_names(spec.gyros)
-    known = {c.name for c in model.coefficients}
-    names = [*sensitivities, *(name for name in biases if name in known)]
-    curves = [curve_name(line_name(gyro, axis), "K") for gyro in spec.gyros for axis in AXES]
-    curves += [curve_name(gyro, "bias") for gyro in spec.gyros]
-    outputs = tuple(f"rate_{axis}_dps" for axis in AXES)
-    return GyroMatrix(spec.gyros, outputs, model, tuple(names), _find_curves(scale, curves))
+        model = records[ORTHOGONALITY_FILE].model("triad")
+        sensitivities, biases = triad_names(spec.gyros)
+        known = {c.name for c in model.coefficients}
+        names = [*sensitivities, *(name for name in biases if name in known)]
+        curves = [curve_name(line_name(gyro, axis), "K") for gyro in spec.gyros for axis in AXES]
+        curves += [curve_name(gyro, "bias") for gyro in spec.gyros]
+        outputs = tuple(f"rate_{axis}_dps" for axis in AXES)
+        found = _find_curves(scale, curves)
+        return (GyroMatrix(spec.gyros, outputs, model, tuple(names), found),)
+    for gyro in spec.gyros:
+        name = line_name(gyro, spec.own_axis(gyro))
+        bent = [model for model in scale.models if model.name == response_name(name)]
+        found = _find_curves(scale, [curve_name(name, "K"), curve_name(name, "F0")])
+        line, outputs = scale.model(name), (f"gyro_{gyro}_dps",)
+        response = bent[0] if bent else None
+        matrices.append(GyroMatrix((gyro,), outputs, line, ("K", "F0"), found, response))
+    return tuple(matrices)
 
 
 def _find_curves(record: Record, names: Sequence[str]) -> tuple[Model, ...]:

@@ -78,10 +78,8 @@ class Lines:
     """[lines], number of the set of runs at one temperature."""
     number: Mapping[tuple[str, str], int]
     """File and gyro → line."""
-    steady: Array
-    """[n], indications without what changed during the runs."""
-    noise: Array
-    """[n], standard uncertainty of the means by noise within the held rates."""
+    all_published: tuple[Line, ...]
+    """[lines], held rates without what changed during the runs, and the published lines."""
     in_time: tuple[InTime, ...] = ()
     """Lines whose scale factor changes with time since the runs began."""
 
@@ -120,7 +118,9 @@ class Lines:
             fitted = equation.Fitted(equation.fit(rows, terms, errors), rows, terms)
         fit = _best_lines(fitted, errors)
         steady = F - sum(_drifts(fitted.fit).values(), np.zeros(F.size))
-        found = cls(fitted, fit, gyro_of, axis_of, set_of, number, steady, noise)
+        each = [line_of == k for k in range(len(lines))]
+        published = tuple(Line(rate[rows], steady[rows], noise[rows]) for rows in each)
+        found = cls(fitted, fit, gyro_of, axis_of, set_of, number, published)
         return replace(found, in_time=near.in_time if near else tuple(found._find_in_time()))
 
     @classmethod
@@ -162,21 +162,17 @@ class Lines:
     def line(self, run: TableRun, gyro: str) -> Fit:
         """K, F0 and the indication at rest of a gyro in a run."""
         places = self.number[run.log.file, gyro] + self.gyro_of.size * np.arange(3)
-        return self.fit.restated(lambda p: p[places])
+        return self.fit.weighted(np.eye(self.fit.parameters.size)[places])
 
     def of_runs(self, runs: Sequence[TableRun], gyro: str) -> Value:
         """Scale factors of a gyro in r runs [r]."""
         numbers = [self.number[run.log.file, gyro] for run in runs]
-        return self.fit.of(lambda p: p[numbers])
+        K = self.fit.weighted(np.eye(self.fit.parameters.size)[numbers])
+        return K.of(lambda p: p)
 
     def published(self, run: TableRun, gyro: str) -> Line:
         """Held rates of a gyro in a run without what changed during it, and the published line."""
-        return self._published(self.number[run.log.file, gyro])
-
-    def _published(self, line: int) -> Line:
-        """The same by the number of the line."""
-        chosen = self.rows.line == line
-        return Line(self.rows.rate_dps[chosen], self.steady[chosen], self.noise[chosen])
+        return self.all_published[self.number[run.log.file, gyro]]
 
     def straightened(self, responses: Mapping[str, equation.Fitted | None]) -> Iterator[Line]:
         """The published line of every gyro in every run, about its own axis without the bend of its
@@ -184,7 +180,7 @@ class Lines:
         """
         own = self.own()
         for (_, gyro), number in self.number.items():
-            line, response = self._published(number), responses.get(gyro)
+            line, response = self.all_published[number], responses.get(gyro)
             if response is not None and own[number]:
                 rows = self.rows.of_lines(np.arange(own.size) == number)
                 bend = equation.bend(response.fit.parameters, rows, response.terms)
@@ -197,7 +193,7 @@ class Lines:
         sizes = {size.error.effect: size.errors for size in self.fitted.fit.shared}
         for (file, gyro), line in self.number.items():
             chosen = self.rows.line == line
-            least = DRIFTED * rms(self.noise[chosen])
+            least = DRIFTED * rms(self.all_published[line].noise)
             changed = [
                 DRIFTS[effect].format(sizes[effect][line, 0])
                 for effect, added in drifts.items()
@@ -228,7 +224,7 @@ class Lines:
     def combined(self, of_K: Array, of_F0: Array) -> Fit:
         """Sums of K and F0 of the lines with weights [m, lines] each."""
         weights = np.hstack((of_K, of_F0, np.zeros_like(of_K)))
-        fit = self.fit.restated(lambda p: weights @ p)
+        fit = self.fit.weighted(weights)
         shift, bounds = np.zeros(len(weights)), [fit.bounds]
         for change in self.in_time:
             # a half-width that is known, as a rectangular distribution

@@ -111,7 +111,11 @@ def _judge(rate: Array, t: Array, F: Array, bent: Array, dof: int) -> Ordering:
     hold = float(np.min(np.diff(np.sort(t))))
     taus = np.geomspace(hold, 1.0, TAUS)
     courses = [*(np.exp(-t[:, None] / tau) for tau in taus), t[:, None]]
-    designs = [np.column_stack((line, w * phi[:, 0], _beside(line, phi))) for phi in courses]
+    designs = []
+    for phi in courses:
+        # φ itself only where it is not a line over rates that follow time closely
+        told = np.linalg.norm(_left(line, phi)) > ALONE * np.linalg.norm(phi - phi.mean())
+        designs.append(np.column_stack((line, w[:, None] * phi, phi[:, : int(told)])))
     squares = [float(np.sum(_left(design, F) ** 2)) for design in designs]
     best = int(np.argmin(squares))
     of_time, of_line = squares[best], float(np.sum(_left(line, F) ** 2))
@@ -137,12 +141,6 @@ def _judge(rate: Array, t: Array, F: Array, bent: Array, dof: int) -> Ordering:
         return Ordering("time", float(shift), float(half_width), separable)
     half = 0.5 * abs(float(shift))
     return Ordering("undecided", 0.5 * float(shift), half + float(half_width), separable)
-
-
-def _beside(line: Array, phi: Array) -> Array:
-    """φ [n, 1], or nothing where rates follow time so closely that φ is a line over them."""
-    left = np.linalg.norm(_left(line, phi))
-    return phi if left > ALONE * np.linalg.norm(phi - phi.mean()) else phi[:, :0]
 
 
 def _left(design: Array, values: Array) -> Array:

@@ -2,7 +2,7 @@
 temperature, response over rate, repeatability.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -116,20 +116,20 @@ def fit_over_runs(
     curves = _over_temperature(whole, in_time)
     size = curves.parameters.size // 2
     x = terms.mapped(temperature[room].mean(keepdims=True)) if varies else np.zeros(1)
-    powers = np.kron(np.eye(2), polynomial.powers(x, size - 1))
+    powers: Array = np.asarray(np.kron(np.eye(2), polynomial.powers(x, size - 1)))
     found = GyroOverRuns(
         gyro,
         tuple(runs),
         room,
         held.of_runs(runs, gyro),
-        curves.restated(lambda p: powers @ p),
+        curves.weighted(powers),
         whole,
         in_time,
         whole if spec.response == "auto" and terms.powers else None,
     )
     if not varies:
         return found
-    K, F0 = curves.restated(lambda p: p[:size]), curves.restated(lambda p: p[size:])
+    K, F0 = (curves.weighted(part) for part in np.vsplit(np.eye(2 * size), 2))
     name = forms.line_name(gyro)
     # of the straight line through K(T) at the temperatures of the runs
     slope_of = np.linalg.pinv(np.column_stack((temperature, np.ones(temperature.size))))[0]
@@ -284,13 +284,14 @@ def run_figures(name: str, one: GyroOverRuns, spec: OwnAxisRecipe) -> Iterator[F
         return
     room = np.abs(one.temp_degc - spec.reference_temp_degc) <= ROOM_DEGC
     if room.any() and not room.all():
-        value, u = _propagated(
-            lambda K: gjb_figures.temperature_sensitivity(
-                K, one.temp_degc, spec.reference_temp_degc
-            ),
-            one.K_of_runs.value,
-            np.hypot(one.K_of_runs.u, _scatter(one)),
-        )
+        K, at = one.K_of_runs.value, (one.temp_degc, spec.reference_temp_degc)
+        value = gjb_figures.temperature_sensitivity(K, *at)
+        # each run's error by itself: the largest slope has no derivative
+        changes = [
+            gjb_figures.temperature_sensitivity(K + error, *at) - value
+            for error in np.diag(np.hypot(one.K_of_runs.u, _scatter(one)))
+        ]
+        u = float(np.linalg.norm(changes))
         yield figure("temperature_sensitivity", GJB, value, "ppm/degC", u)
     size = gjb_figures.PPM / abs(float(one.K.value))
     u = float(one.slope.u) * gum.widening(float(one.slope.dof)) * size
@@ -323,20 +324,6 @@ def _repeats(one: GyroOverRuns) -> bool:
     temperature = one.temp_degc[one.room]
     alike = np.isnan(temperature).any() or np.ptp(temperature) <= 2.0 * ROOM_DEGC
     return bool(temperature.size > 1 and alike)
-
-
-def _propagated(
-    function: Callable[[Array], float], values: Array, uncertainty: Array
-) -> tuple[float, float]:
-    """Value of a function and its standard uncertainty from those of independent values, by finite
-    differences.
-    """
-    at = function(values)
-    steps = [
-        function(values + u * row) - at
-        for u, row in zip(uncertainty, np.eye(values.size), strict=True)
-    ]
-    return at, float(np.sqrt(np.sum(np.square(steps))))
 
 
 def _flag_between(one: GyroOverRuns, spec: GyroRecipe) -> Iterator[str]:

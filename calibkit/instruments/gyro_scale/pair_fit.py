@@ -64,7 +64,7 @@ class PairFit:
     def line(self, gyro: str, axis: str) -> Fit:
         """K and F0 of a gyro about an axis."""
         at = 2 * "ab".index(gyro) + "ab".index(axis)
-        return self.lines.restated(lambda p: p[[at, at + 4]])
+        return self.lines.weighted(np.eye(8)[[at, at + 4]])
 
 
 def fit_pair(
@@ -82,21 +82,28 @@ def fit_pair(
         held = replace(held, fit=replace(near.held.fit, parameters=held.fit.parameters))
     known = {effect: (size, dof) for effect, size, dof in spec.known_errors()}
     run_scale = held.run_scale(known.get("scale"))
-    mean_lines = _average_lines(held, run_scale)
+    # K [4], then F0 [4], of A about a, A about b, B about a, B about b: means over the runs
+    means = np.kron(
+        np.eye(2), held.means(np.ones(held.gyro_of.size, dtype=np.bool_)).reshape(4, -1)
+    )
+    mean_lines = held.combined(*np.hsplit(means, 2)).widened_by([run_scale] if run_scale else [])
     degc = {axis: float(np.mean([run.temp_degc for run in runs[axis]])) for axis in "ab"}
     apart = degc["b"] - degc["a"]
-    K = mean_lines.restated(lambda p: p[OWN_AND_CROSS])
+    K = mean_lines.weighted(np.eye(8)[OWN_AND_CROSS])
     if np.isfinite(apart):
         K = _at_one_temperature(K, apart, spec)
     second_gamma = K.of(lambda k: k[3] / k[0])
-    before_mounting = gyro_pair.find(K.restated(lambda k: k[:3]), second_gamma)
+    before_mounting = gyro_pair.find(K.weighted(np.eye(3, 4)), second_gamma)
     _refuse_opposite(before_mounting)
     tilt, tilt_dof = gyro_pair.find_mounting(before_mounting, known.get("angle"))
     # about the other gyro's axis a gyro loses its sine, K sin α per radian
     K_A, K_B = K.parameters[:2] * np.sin(np.radians(before_mounting.alpha_deg))
     across = np.array([[[0.0], [K_A]], [[K_B], [0.0]]])
     mounting = held.mounting(across, (float(np.degrees(tilt)), tilt_dof))
-    K = _lose_cosine(K.restated(lambda k: k[:3]).widened_by([mounting]), tilt)
+    K = K.weighted(np.eye(3, 4)).widened_by([mounting])
+    # about its own axis either gyro alone loses K (1 - cos tilt) at most, taken as large as K tilt²
+    cosine = np.vstack((np.diag(K.parameters[:2] * tilt**2), np.zeros(2)))
+    K = replace(K, bounds=np.column_stack((K.bounds, cosine)))
     pair = gyro_pair.find(K, second_gamma)
     known_responses = near.responses if near else {}
     flags = [flag for run in (*runs["a"], *runs["b"]) for flag in run.flags]
@@ -106,7 +113,12 @@ def fit_pair(
     if run_scale is None:
         flags.append(f"N: {lines.WITHIN}")
     if tilt > 0.0 and "angle" not in known:
-        flags.append(_flag_mounting(mounting, float(pair.dof[2])))
+        flags.append(
+            f"the two runs show a mounting error of {mounting.size:.2g}°, which is in u of gamma"
+            f" and alpha with {pair.dof[2]:.2g} degrees of freedom (k ="
+            f" {gum.coverage_factor(pair.dof[2]):.3g}): state how well a mounting repeats in"
+            ' [[errors.component]] group = "mounting", effect = "angle"'
+        )
     flags += _flag_lines(runs, held)
     return PairFit(
         runs,
@@ -120,31 +132,6 @@ def fit_pair(
         run_scale,
         mounting,
         tuple(dict.fromkeys(flags)),
-    )
-
-
-def _average_lines(held: lines.Lines, run_scale: Shared | None) -> Fit:
-    """K [4], then F0 [4], of A about a, A about b, B about a, B about b: means over the runs."""
-    means = held.means(np.ones(held.gyro_of.size, dtype=np.bool_)).reshape(4, -1)
-    none = np.zeros_like(means)
-    averaged = held.combined(np.vstack((means, none)), np.vstack((none, means)))
-    return averaged.widened_by([run_scale] if run_scale else [])
-
-
-def _lose_cosine(K: Fit, tilt: float) -> Fit:
-    """K_A, K_B and K_Ba with what scale factors about the own axes lose at most by a tilt [rad]:
-    K (1 - cos tilt), of either gyro alone, taken as large as K tilt².
-    """
-    lost = K.parameters[:2, None] * np.eye(2) * tilt**2
-    return replace(K, bounds=np.column_stack((K.bounds, np.vstack((lost, np.zeros(2))))))
-
-
-def _flag_mounting(mounting: Shared, dof: float) -> str:
-    """Flag for a mounting that only the two γ show."""
-    return (
-        f"the two runs show a mounting error of {mounting.size:.2g}°, which is in u of gamma and"
-        f" alpha with {dof:.2g} degrees of freedom (k = {gum.coverage_factor(dof):.3g}): state how"
-        ' well a mounting repeats in [[errors.component]] group = "mounting", effect = "angle"'
     )
 
 

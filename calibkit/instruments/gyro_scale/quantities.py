@@ -51,15 +51,6 @@ def over_temperature(record: Record, model: Model, letter: str) -> Quantity:
     )
 
 
-def _held(record: Record, model: Model, name: str) -> Quantity:
-    """A coefficient that was found at one temperature and holds near it."""
-    near = ranged(model, forms.TEMPERATURE)
-    inputs = (Input(near.column, near.low - TEMPERATURE_SLACK, near.high + TEMPERATURE_SLACK),) * (
-        forms.TEMPERATURE in model.valid
-    )
-    return replace(coefficient(record, model, name, Words(name)), inputs=inputs)
-
-
 def list_pair(record: Record, model: Model) -> list[Quantity]:
     """N, ε, γ and α of a pair; errors of table rate and time base cancel in these ratios, an error
     of α enters ε and γ.
@@ -86,84 +77,68 @@ def by_angle(model: Model, name: str) -> dict[str, tuple[float, float]]:
     return {"alpha_deg": (alpha, slopes[name])} if name in slopes else {}
 
 
-def _compared(one: Quantity, name: str, words: str, limit: Limit | None) -> Quantity:
-    """A sensitivity that is compared, under a name that runs with and without temperature share."""
-    return replace(
-        one,
-        name=name,
-        model="",
-        words=Words(words),
-        compared=(({},),),
-        limit=limit,
-        relative=True,
-        called=(one.key, f"{one.model}.{one.name}", one.name),
-    )
-
-
-def _change(spec: AnyRecipe, key: str, scale: float) -> Limit | None:
-    """Largest change of a sensitivity by a limit in ppm of the own scale factor."""
-    ppm = getattr(spec.acceptance, key, None)
-    return None if ppm is None else Limit(f"acceptance.{key}", ppm * PPM * abs(scale))
-
-
 def _sensitivities(records: Mapping[str, Record], spec: AnyRecipe) -> Iterator[Quantity]:
     """Scale factor of each gyro about its own axis, for a triad about all three axes: over
-    temperature where that was fitted, else near the temperature of the runs.
+    temperature where that was fitted, else near the temperature of the runs. They are compared,
+    under names that runs with and without temperature share.
     """
     record = records[forms.SCALE_FILE]
+    triad = isinstance(spec, GyroTriadRecipe)
     for matrix in forms.read_matrices(spec, records):
-        triad = isinstance(spec, GyroTriadRecipe)
         own = matrix.reference[0]
         file = records[forms.ORTHOGONALITY_FILE] if triad else record
         for k, name in enumerate(matrix.names[: own.size]):
-            gyro, axis = divmod(k, len(matrix.outputs))
-            letters = matrix.gyros[gyro], forms.AXES[axis] if triad else ""
+            g, a = divmod(k, len(matrix.outputs))
+            gyro, axis = matrix.gyros[g], forms.AXES[a] if triad else ""
             if matrix.curves:
                 found = over_temperature(record, matrix.curves[k], "K")
             else:
-                found = _held(file, matrix.model, name)
-            if not triad:
-                limit = _change(spec, "max_scale_factor_error_ppm", own[0, 0])
-            else:
-                along = letters[0] == letters[1]
-                key = "max_rate_error_ppm" if along else "max_cross_axis_ppm"
-                limit = _change(spec, key, abs(own[gyro]).max())
-            if lines.hold_within_runs(records.values()):
-                limit = None
-            about = f" about {letters[1]}" if triad else ""
-            compared = _compared(
+                near = ranged(matrix.model, forms.TEMPERATURE)
+                low, high = near.low - TEMPERATURE_SLACK, near.high + TEMPERATURE_SLACK
+                known = forms.TEMPERATURE in matrix.model.valid
+                found = replace(
+                    coefficient(file, matrix.model, name, Words(name)),
+                    inputs=(Input(near.column, low, high),) * known,
+                )
+            key = "max_scale_factor_error_ppm"
+            if triad:
+                key = "max_rate_error_ppm" if gyro == axis else "max_cross_axis_ppm"
+            ppm, limit = getattr(spec.acceptance, key, None), None
+            if ppm is not None and not lines.hold_within_runs(records.values()):
+                # the largest change, of the own scale factor
+                limit = Limit(f"acceptance.{key}", ppm * PPM * float(abs(own[g]).max()))
+            yield replace(
                 found,
-                "K_" + "_about_".join(filter(None, letters)),
-                f"scale factor of gyro {letters[0]}{about}",
-                limit,
+                name="K_" + "_about_".join(filter(None, (gyro, axis))),
+                model="",
+                words=Words(f"scale factor of gyro {gyro}{axis and f' about {axis}'}"),
+                compared=(({},),),
+                limit=limit,
+                relative=not triad or gyro == axis,
+                called=(found.key, f"{found.model}.{found.name}", found.name),
             )
-            cross = triad and letters[0] != letters[1]
-            yield replace(compared, relative=not cross)
 
 
 def _of_scales(record: Record) -> Iterator[Quantity]:
     """Each line over rate (of a gyro over several runs, their mean), each zero-rate indication over
     temperature, each response.
     """
+    over_rate = {form.name: form for form in (forms.LINE, forms.RESPONSE, forms.RESPONSE_1)}
     for model in record.models:
-        if model.form == forms.LINE.name and "." not in model.name:
-            inputs = (ranged(model, forms.RATE),)
-            point = of_form(forms.LINE, model, inputs)
-            words = Words("indication", "示值")
-            yield Quantity("F", record.stage, model.name, words, "1/s", inputs, point)
-        elif model.form == forms.RESPONSE.name:
-            over = tuple(ranged(model, column) for column in model.valid)
-            point = of_form(forms.RESPONSE, model, over)
-            words = Words("indication", "示值")
-            yield Quantity("F", record.stage, model.name, words, "1/s", over, point)
-        elif model.form == forms.RESPONSE_1.name:
-            inputs = (ranged(model, forms.RATE),)
-            point = of_form(forms.RESPONSE_1, model, inputs)
-            words = Words("indicated rate", "示值角速率")
-            rate = Quantity("rate", record.stage, model.name, words, "deg/s", inputs, point)
-            yield replace(rate, compared=(({},),))
-        elif model.form == POLYNOMIAL.name and ".K_" not in model.name:
+        if model.form == POLYNOMIAL.name and ".K_" not in model.name:
             yield over_temperature(record, model, "F0")
+        of_run = model.form == forms.LINE.name and "." in model.name
+        if model.form not in over_rate or of_run:
+            continue
+        columns = (forms.RATE,) if model.form == forms.LINE.name else tuple(model.valid)
+        inputs = tuple(ranged(model, column) for column in columns)
+        point = of_form(over_rate[model.form], model, inputs)
+        words = Words("indication", "示值")
+        quantity = Quantity("F", record.stage, model.name, words, "1/s", inputs, point)
+        if model.form == forms.RESPONSE_1.name:
+            words = Words("indicated rate", "示值角速率")
+            quantity = replace(quantity, name="rate", words=words, unit="deg/s", compared=(({},),))
+        yield quantity
 
 
 def _of_angles(record: Record, spec: AnyRecipe) -> Iterator[Quantity]:

@@ -173,8 +173,17 @@ def _find_faults(spec: AnyRecipe, log: Log) -> tuple[list[Finding], plateau_mean
         ),
         *check.find_missing_values(log, list(log.frame.columns)),
     ]
+    gyros = [forms.gyro_column(gyro) for gyro in spec.gyros]
     if not found:
-        found = _find_implausible(log, [forms.gyro_column(gyro) for gyro in spec.gyros])
+        thermometers = [forms.TEMPERATURE] if forms.TEMPERATURE in log.frame.columns else []
+        expected = f"at most {FASTEST_DPS:g} °/s"
+        found = [
+            *(check.find_unordered_times(log) if "time_s" in log.frame.columns else ()),
+            *check.find_constant_columns(log, [forms.RATE, *gyros]),
+            *check.find_out_of_range(log, forms.RATE, -FASTEST_DPS, FASTEST_DPS, "°/s", expected),
+            *(finding for gyro in gyros for finding in _find_overload(log, gyro)),
+            *check.find_implausible_temperatures(log, thermometers),
+        ]
     if any(finding.refused for finding in found):
         return found, None
     try:
@@ -188,22 +197,8 @@ def _find_faults(spec: AnyRecipe, log: Log) -> tuple[list[Finding], plateau_mean
     found += [*_find_few_rates(spec, log, held), *_find_two_tables(log, held)]
     if not spec.plateaus.one_row and not any(finding.refused for finding in found):
         found += _find_suspicious(spec, log)
-    found += dropouts.find(log, held, [forms.gyro_column(gyro) for gyro in spec.gyros])
+    found += dropouts.find(log, held, gyros)
     return found, held
-
-
-def _find_implausible(log: Log, gyros: Sequence[str]) -> list[Finding]:
-    """Findings on implausible values of single columns."""
-    thermometers = [forms.TEMPERATURE] if forms.TEMPERATURE in log.frame.columns else []
-    return [
-        *(check.find_unordered_times(log) if "time_s" in log.frame.columns else ()),
-        *check.find_constant_columns(log, [forms.RATE, *gyros]),
-        *check.find_out_of_range(
-            log, forms.RATE, -FASTEST_DPS, FASTEST_DPS, "°/s", f"at most {FASTEST_DPS:g} °/s"
-        ),
-        *(finding for gyro in gyros for finding in _find_overload(log, gyro)),
-        *check.find_implausible_temperatures(log, thermometers),
-    ]
 
 
 def _find_suspicious(spec: AnyRecipe, log: Log) -> list[Finding]:
@@ -316,7 +311,19 @@ def _find_two_tables(log: Log, held: plateau_means.Plateaus) -> list[Finding]:
         return []
     turn = np.abs(held.rate_dps) * log.steps.usual
     slow = turn < HALF_TURN_DEG
-    aliased = _find_aliased(log, turn[~slow], int(slow.sum())) if not slow.all() else []
+    place = f"{log.file}: column '{ANGLE}'"
+    aliased = []
+    if not slow.all():
+        fast = turn[~slow]
+        reach = f"{fast.max():.0f}° from row to row at {fast.size} held rates"
+        against = f"the {int(slow.sum())} slower ones" if slow.any() else "none"
+        advice = (
+            f"log faster; the rate is held against the angle at {against} only, and a wrong unit of"
+            " a fast rate is not seen"
+        )
+        expected, figure = f"less than {HALF_TURN_DEG:g}°", float(fast.max())
+        found = f"the table turns by up to {reach}"
+        aliased = [Finding(place, found, expected, advice, "warn", "aliased", figure=figure)]
     angle, rate = held.angle_rate_dps[slow], held.rate_dps[slow]
     ratio = float(angle @ rate / (rate @ rate)) if np.any(rate) else 1.0
     if abs(ratio - 1.0) <= ONE_TABLE:
@@ -324,20 +331,7 @@ def _find_two_tables(log: Log, held: plateau_means.Plateaus) -> list[Finding]:
     found = f"it turns {ratio:.4g} times as fast as '{forms.RATE}' says"
     sign = "one of the two has the other sign: state sign = -1" if ratio < 0.0 else "state the unit"
     advice = f"{sign} in [columns.{ANGLE}] or [columns.{forms.RATE}]"
-    place = f"{log.file}: column '{ANGLE}'"
     return [
         *aliased,
         Finding(place, found, "the same rate from both", advice, name="unit", figure=ratio),
     ]
-
-
-def _find_aliased(log: Log, turn: Array, slower: int) -> list[Finding]:
-    """Finding on rates at which the angle is sampled too slowly to determine the table rate."""
-    found = f"the table turns by up to {turn.max():.0f}° from row to row at {turn.size} held rates"
-    held = f"the {slower} slower ones" if slower else "none"
-    advice = (
-        f"log faster; the rate is held against the angle at {held} only, and a wrong unit of a fast"
-        " rate is not seen"
-    )
-    place, expected = f"{log.file}: column '{ANGLE}'", f"less than {HALF_TURN_DEG:g}°"
-    return [Finding(place, found, expected, advice, "warn", "aliased", figure=float(turn.max()))]

@@ -4,7 +4,6 @@ them, also over temperature.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import combinations, product
 
 import numpy as np
@@ -138,7 +137,13 @@ def fit_axes(
         flags.append(over_runs.UNLOGGED)
     if not near:
         flags += held.flag_drifts()
-        flags += _flag_contradictions(held, groups, spec.gyros)
+        in_order = [(axis, run) for group in groups for axis in forms.AXES for run in group[axis]]
+        for gyro, most in zip(spec.gyros, np.abs(held.sensitivity()).argmax(axis=1), strict=True):
+            axis = forms.AXES[most]
+            about = [run for turned, run in in_order if turned == axis]
+            name = forms.line_name(gyro, axis)
+            flags += contradictions.flag_runs(name, about, held.of_runs(about, gyro))
+        flags += contradictions.flag_shares(held, [run for _, run in in_order], spec.gyros)
         for change in held.in_time:
             name = forms.line_name(spec.gyros[change.gyro])
             flags += ordering.flag(name, change.decided, held.K[change.lines].mean())
@@ -181,7 +186,7 @@ def _fit_set(
         np.vstack((means, -vertical_dps * mean)),
         np.vstack((np.zeros_like(means), mean)),
     ).widened_by([*stated, *zeros])
-    triad = gyro_triad.find(fit.restated(lambda p: p[: 3 * gyros]))
+    triad = gyro_triad.find(fit.weighted(np.eye(4 * gyros)[: 3 * gyros]))
     return AxesSet(every, degc, fit, triad, fit.of(lambda p: p[3 * gyros :]))
 
 
@@ -200,7 +205,8 @@ def _list_curves(
     powers = max(terms.orders) + 1
     for number, (gyro, axis) in enumerate(product(gyros, forms.AXES)):
         name = forms.curve_name(forms.line_name(gyro, axis), "K")
-        of_line = K.restated(partial(np.take, indices=np.arange(powers) + powers * number))
+        places = np.arange(powers) + powers * number
+        of_line = K.weighted(np.eye(K.parameters.size)[places])
         yield over_runs.curve_model(name, "1/deg", of_line, terms, runs)
     for g, gyro in enumerate(gyros if vertical_dps is not None else ()):
 
@@ -280,23 +286,6 @@ def _groups(
                 ),
             )
     return groups
-
-
-def _flag_contradictions(
-    held: lines.Lines,
-    groups: Sequence[Mapping[str, tuple[table_runs.TableRun, ...]]],
-    gyros: Sequence[str],
-) -> Iterator[str]:
-    """Flags on runs whose scale factors, or shares of the rate, the others contradict."""
-    in_order = [(axis, run) for group in groups for axis in forms.AXES for run in group[axis]]
-    most = np.argmax(np.abs(held.sensitivity()), axis=1)
-    for gyro, number in zip(gyros, most, strict=True):
-        axis = forms.AXES[number]
-        runs = [run for about, run in in_order if about == axis]
-        yield from contradictions.flag_runs(
-            forms.line_name(gyro, axis), runs, held.of_runs(runs, gyro)
-        )
-    yield from contradictions.flag_shares(held, [run for _, run in in_order], gyros)
 
 
 def _flag_sets(

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from calibkit.arrays import Array, Mask
-from calibkit.coefficients import Coefficient, Criterion, Model, Record, over_u
+from calibkit.coefficients import Criterion, Record, over_u
 from calibkit.constants import DPH_PER_DPS
 from calibkit.errors import CoefficientError, FrameError
 from calibkit.fit.unseen import unseen
@@ -64,7 +64,12 @@ def validate(
         held = lines.Lines.of_runs_about_one_axis([run])
         runs.setdefault(axis if isinstance(spec, GyroPairRecipe) else log.file, []).append(run)
         flags += [*run.flags, *held.flag_drifts()]
-        turned, found = _compare_run(spec, held, run, axis, known)
+        if isinstance(spec, GyroTriadRecipe):
+            turned, vertical = [*known], table_runs.vertical_rate_dps(spec) or 0.0
+            found = [_compare_base(run, axis, matrix, vertical) for matrix in known]
+        else:
+            turned = [matrix for matrix in known if spec.own_axis(matrix.gyros[0]) == axis]
+            found = [_compare_line(spec, held, run, matrix) for matrix in turned]
         for matrix in turned if np.isfinite(run.temp_degc) else ():
             flags += compensate.flag_temperatures(log.file, matrix, run.plateaus.temp_degc)
         entry = {"name": log.file, "sha256": log.sha256, "rows": log.rows}
@@ -89,7 +94,11 @@ def validate(
         shown.append(_tabulate_pair_again(body["pair"]))
         flags += again.flags
         decided = ("gamma",) if lines.hold_within_runs(records.values()) else ("N", "gamma")
-        judged += [_judge_ratio(one) for one in body["pair"] if one["name"] in decided]
+        for one in body["pair"]:
+            if one["name"] in decided:
+                error, u = np.array([one["difference"]]), np.array([[one["standard_uncertainty"]]])
+                over = unseen(error, u, dof=(one["dof"], np.inf)).to_object()
+                judged.append(over_u(f"pair: error of {one['name']}", over))
     criteria = (*judged, *criteria, *acceptance.judge_noise(published, spec.acceptance))
     return body, Summary("", tuple(shown), tuple(dict.fromkeys(flags)), criteria)
 
@@ -169,25 +178,6 @@ def _uncertainty_of_sensitivity(
     return float(np.linalg.norm([u, max(repeats, default=0.0), other])), float(dof)
 
 
-def _compare_run(
-    spec: AnyRecipe,
-    held: lines.Lines,
-    run: table_runs.TableRun,
-    axis: str,
-    known: Sequence[forms.GyroMatrix],
-) -> tuple[Sequence[forms.GyroMatrix], list[dict[str, Any]]]:
-    """Matrices that a run about a table axis is compared with, and a JSON object for each: the
-    matrix of a triad, or those of the gyros about their own axes.
-    """
-    if isinstance(spec, GyroTriadRecipe):
-        return known, [
-            _compare_base(run, axis, matrix, (table_runs.vertical_rate_dps(spec) or 0.0))
-            for matrix in known
-        ]
-    own = [matrix for matrix in known if spec.own_axis(matrix.gyros[0]) == axis]
-    return own, [_compare_line(spec, held, run, matrix) for matrix in own]
-
-
 def _temperatures(run: table_runs.TableRun) -> Array:
     """Temperatures [p, °C] of the held rates, 0 where they were not logged."""
     return np.nan_to_num(run.plateaus.temp_degc)
@@ -212,7 +202,12 @@ def _compare_line(
         (part.item() for part in matrix.reference) if nominal is None else (nominal, 0.0)
     )
     before = (indication - F0_before) / K_before
-    figures = gjb_figures.figures(line, u_found)
+    shown = {}
+    for figure in gjb_figures.figures(line, u_found):
+        if figure.unit == "ppm":
+            standard = {gjb_figures.GJB: "_gjb", gjb_figures.IEEE: "_ieee"}[figure.standard]
+            name = figure.name + standard * (figure.name == "asymmetry")
+            shown[f"{name}_ppm"] = figure.value
     return {
         "gyro": gyro,
         "K": line.K,
@@ -233,14 +228,7 @@ def _compare_line(
         ),
         "before": _line_errors(before, line),
         "after": _line_errors(after, line),
-        **{f"{_key(f)}_ppm": f.value for f in figures if f.unit == "ppm"},
-    }
-
-
-def _key(figure: gjb_figures.Figure) -> str:
-    """Name of a figure in a validation; an asymmetry with the standard that defines it."""
-    standard = {gjb_figures.GJB: "_gjb", gjb_figures.IEEE: "_ieee"}[figure.standard]
-    return figure.name + standard * (figure.name == "asymmetry")
+    } | shown
 
 
 def _line_errors(rate: Array, line: Line) -> dict[str, float]:
@@ -319,10 +307,14 @@ def _compare_pair(
         *(frozen.coefficients, found.values, found.standard_uncertainty.tolist(), found.dof),
         strict=True,
     ):
+        # terms on the ratio itself, or on α
+        slopes = quantities.by_angle(frozen, c.name)
+        names = (f"pair.{c.name}", c.name)
+        type_b_u = type_b.combine_terms(terms, names, c.value, c.unit, slopes)
         of_both = [
             gum.Component("found", value, u, "A", dof=dof),
             gum.Component("frozen", c.value, c.standard_uncertainty, "A", dof=frozen.dof_of(c)),
-            gum.Component("type B", c.value, _type_b_of_ratio(frozen, c, terms), "B"),
+            gum.Component("type B", c.value, type_b_u, "B"),
         ]
         both = gum.combine(of_both)
         compared.append(
@@ -337,19 +329,6 @@ def _compare_pair(
             }
         )
     return compared
-
-
-def _type_b_of_ratio(frozen: Model, c: Coefficient, terms: Sequence[type_b.TypeB]) -> float:
-    """Type B standard uncertainty of N, ε, γ or α: terms on it, or on α."""
-    slopes = quantities.by_angle(frozen, c.name)
-    return type_b.combine_terms(terms, (f"pair.{c.name}", c.name), c.value, c.unit, slopes)
-
-
-def _judge_ratio(compared: Mapping[str, Any]) -> Criterion:
-    """Criterion that N or γ of unseen runs differs from the frozen one as its u states."""
-    u = np.array([[compared["standard_uncertainty"]]])
-    judged = unseen(np.array([compared["difference"]]), u, dof=(compared["dof"], np.inf))
-    return over_u(f"pair: error of {compared['name']}", judged.to_object())
 
 
 def _tabulate_line_errors(compared: Sequence[tuple[str, Mapping[str, Any]]]) -> Table:

@@ -106,6 +106,12 @@ class Line:
             return np.where(self.seen, self.residuals / self.expected * PPM, np.nan)
 
     @property
+    def u_per_point_ppm(self) -> Array:
+        """Standard uncertainty [p, ppm] of these by noise."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return self.noise / self.expected * PPM
+
+    @property
     def residual_over_noise(self) -> float:
         """√(Σ (F_j − F̂_j)²/u_j² / E), E what noise alone lets expect; NaN where no noise is known.
 
@@ -163,8 +169,8 @@ def _nonlinearities(line: Line) -> Iterator[Figure]:
     per_point = np.abs(line.per_point_ppm)
     if np.isfinite(per_point).any():
         point = int(np.nanargmax(per_point))
-        u = PPM * line.noise[point] / line.expected[point]
-        yield Figure("nonlinearity_per_point", float(per_point[point]), float(u), "ppm", GJB)
+        u = float(line.u_per_point_ppm[point])
+        yield Figure("nonlinearity_per_point", float(per_point[point]), u, "ppm", GJB)
     error_dps, noise_dps = line.fit.residual_rms / abs(line.K), rms(line.noise) / abs(line.K)
     u = noise_dps / np.sqrt(2.0 * line.noise.size)
     yield Figure("linearity_error_rms", error_dps, float(u), "deg/s", IEEE)

@@ -10,7 +10,6 @@ from calibkit.arrays import Array, Integers
 from calibkit.constants import REVOLUTION_DEG
 from calibkit.errors import FitError
 from calibkit.instruments.gyro_scale.numeric import plateau_noise, plateaus
-from calibkit.instruments.gyro_scale.numeric.plateau_noise import Modulation
 from calibkit.instruments.gyro_scale.numeric.plateaus import Allocate, Turn
 from calibkit.numeric import chunks
 
@@ -151,14 +150,31 @@ def _means(
     wave = record.modulation(parts)
     parts, left_out = _without_rest(turn, parts, determined=wave.earth, along_axis=along_axis)
     values = _averages(record, parts, record.signals)
-    variance, flags = record.noise(parts, wave, values)
-    if wave.earth:
-        values, variance = _unmodulated(record, parts, wave, values, variance)
+    variance, noise_flags = record.noise(parts, wave, values)
+    for j, part in enumerate(parts):
+        if wave.earth and not part.revolutions:
+            mean = part.average(record, record.basis(part.rows))
+            values[j] -= mean @ wave.factors[:2]
+            variance[j] += wave.variance * float(mean @ wave.unit_covariance @ mean)
     rate = _averages(record, parts, record.rate)
     nan = np.full(len(parts), np.nan)
     by_angle = [part.average(record, turn.rate(part.first, part.stop)) for part in parts]
     angle_rate = np.array(by_angle) if turn.logged else nan
     revolutions = np.array([part.revolutions for part in parts], dtype=np.int64)
+    flags = [*left_out]
+    if not revolutions.all():
+        fate = "was fitted and taken out" if wave.earth else "is not averaged out"
+        flags.append(
+            f"{int(np.sum(revolutions == 0))} plateaus of less than a revolution: the earth's"
+            f" horizontal rate {fate}"
+        )
+    flags += noise_flags
+    if turn.logged and rate.any():
+        relative = float(angle_rate @ rate / (rate @ rate)) - 1.0
+        if abs(relative) > DISAGREEMENT:
+            flags.append(
+                f"the table angle turns {relative * 1e6:+.0f} ppm faster than the table rate says"
+            )
     return Plateaus(
         rate_dps=rate,
         indication=values,
@@ -168,12 +184,7 @@ def _means(
         temp_degc=nan if temp_degc is None else _averages(record, parts, temp_degc),
         angle_rate_dps=angle_rate,
         span=np.array([(part.first, part.stop) for part in parts], dtype=np.int64),
-        flags=(
-            *left_out,
-            *_partial(revolutions, corrected=wave.earth),
-            *flags,
-            *_disagreement(rate, angle_rate),
-        ),
+        flags=tuple(flags),
     )
 
 
@@ -226,41 +237,3 @@ def _without_rest(
         f"{rest} plateaus at rest left out: their share of the earth's horizontal rate is unknown"
     )
     return turning, (note,)
-
-
-def _unmodulated(
-    record: plateau_noise.Record,
-    parts: list[plateau_noise.Part],
-    wave: Modulation,
-    values: Array,
-    variance: Array,
-) -> tuple[Array, Array]:
-    """Means and their variance, corrected for the earth's horizontal rate at plateaus of less
-    than a revolution.
-    """
-    values, variance = values.copy(), variance.copy()
-    for j, part in enumerate(parts):
-        if part.revolutions:
-            continue
-        mean = part.average(record, record.basis(part.rows))
-        values[j] -= mean @ wave.factors[:2]
-        variance[j] += wave.variance * float(mean @ wave.unit_covariance @ mean)
-    return values, variance
-
-
-def _partial(revolutions: Integers, *, corrected: bool) -> tuple[str, ...]:
-    """Flag for plateaus over less than a revolution."""
-    count = int(np.sum(revolutions == 0))
-    fate = "was fitted and taken out" if corrected else "is not averaged out"
-    flag = f"{count} plateaus of less than a revolution: the earth's horizontal rate {fate}"
-    return (flag,) if count else ()
-
-
-def _disagreement(rate: Array, angle_rate: Array) -> tuple[str, ...]:
-    """Flag where logged angle and logged rate contradict each other."""
-    if np.isnan(angle_rate).any() or not np.any(rate):
-        return ()
-    relative = float(angle_rate @ rate / (rate @ rate)) - 1.0
-    if abs(relative) <= DISAGREEMENT:
-        return ()
-    return (f"the table angle turns {relative * 1e6:+.0f} ppm faster than the table rate says",)

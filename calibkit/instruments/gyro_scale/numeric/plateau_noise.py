@@ -39,6 +39,8 @@ SETTLING = 8.0
 """Departure of a plateau's first block mean, in standard deviations of block means, from which the
 gyro counts as not settled.
 """
+ONE_PPM = 1e-6
+"""Least such departure, relative to full scale."""
 UNSETTLED = 0.1
 """Least share of unsettled plateaus for a flag: a lagging gyro is unsettled after most changes of
 rate, a single plateau may be by chance.
@@ -111,29 +113,38 @@ class Record:
         """Variance [p, m] of the means from the noise within plateaus, raised where the noise
         is not white, and flags.
         """
-        scatters = [_scatter(self, part, wave) for part in parts]
-        ratio = np.sqrt(np.maximum(_block_ratio(scatters), 1.0))
-        weights = [part.weights(self) for part in parts]
-        shares = [np.sum(w**2) / np.sum(w) ** 2 for w in weights]
-        variance = np.array(
-            [
-                one.square / max(one.rows - 1, 1) * share
-                for one, share in zip(scatters, shares, strict=True)
-            ]
-        )
+        variances, ratios, shares, creeping = [], [], [], 0
+        least = ONE_PPM * float(np.max(np.abs(values)))
+        for part in parts:
+            noise = part.noise(self, wave)
+            variance = np.sum(noise**2, axis=0) / max(len(noise) - 1, 1)
+            weights = part.weights(self)
+            variances.append(variance)
+            shares.append(np.sum(weights**2) / np.sum(weights) ** 2)
+            blocks = dwells.batch_means(noise, BLOCKS)
+            if not len(blocks):
+                continue
+            length = len(noise) // BLOCKS
+            if length >= LEAST_BLOCK:
+                tiny = np.finfo(np.float64).tiny
+                ratios.append(blocks.var(axis=0, ddof=1) * length / np.maximum(variance, tiny))
+            # a first block that differs from the second half by more than noise
+            later = blocks[BLOCKS // 2 :]
+            off = np.abs(blocks[0] - later.mean(axis=0))
+            creeping += bool(np.any(off > np.maximum(SETTLING * later.std(axis=0, ddof=1), least)))
+        raised = _raise(ratios) if ratios else np.ones(self.signals.shape[1])
         flags = []
-        if (ratio > 1.0).any():
+        if (raised > 1.0).any():
             flags.append(
                 "noise within plateaus is autocorrelated: variances raised up to"
-                f" {ratio.max() ** 2:.1f} times"
+                f" {raised.max():.1f} times"
             )
-        creeping = sum(_creeps(one, float(np.max(np.abs(values)))) for one in scatters)
-        if creeping > UNSETTLED * len(scatters):
+        if creeping > UNSETTLED * len(parts):
             flags.append(
-                f"{creeping} of {len(scatters)} plateaus begin off their mean: the gyro had not"
+                f"{creeping} of {len(parts)} plateaus begin off their mean: the gyro had not"
                 " settled, allow a longer plateaus.settle_s"
             )
-        return variance * ratio**2, tuple(flags)
+        return np.array(variances) * np.array(shares)[:, None] * raised, tuple(flags)
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,6 +183,19 @@ class Part:
         record.release()
         return columns - columns.mean(axis=0), signals
 
+    def noise(self, record: Record, wave: "Modulation") -> Array:
+        """Samples [k, m] less their mean and less the fitted variation with table angle and
+        rate.
+        """
+        columns, target = self.centred(record)
+        noise = target - columns @ wave.factors
+        if self.revolutions and not record.turn.logged:
+            # the phase of the earth's rate differs between plateaus
+            basis = record.basis(self.rows)
+            basis -= basis.mean(axis=0)
+            noise -= basis @ np.linalg.lstsq(basis, noise, rcond=ONE_PHASE)[0]
+        return noise
+
 
 @dataclass(frozen=True, slots=True)
 class Modulation:
@@ -193,60 +217,11 @@ class Modulation:
     """
 
 
-@dataclass(frozen=True, slots=True)
-class _Scatter:
-    """Noise of one plateau of `rows` rows: sums of squares [m], and means [BLOCKS, m] of
-    blocks, none where there are fewer rows.
+def _raise(ratios: list[Array]) -> Array:
+    """Factor [m] on variances by the mean ratio of the variance of block means to that of white
+    noise; 1 where the noise passes for white.
     """
-
-    rows: int
-    square: Array
-    blocks: Array
-
-
-def _scatter(record: Record, part: Part, wave: Modulation) -> _Scatter:
-    """Noise of one plateau: its samples less their mean and less the fitted variation with table
-    angle and rate.
-    """
-    columns, target = part.centred(record)
-    noise = target - columns @ wave.factors
-    if part.revolutions and not record.turn.logged:
-        # the phase of the earth's rate differs between plateaus
-        basis = record.basis(part.rows)
-        basis -= basis.mean(axis=0)
-        noise -= basis @ np.linalg.lstsq(basis, noise, rcond=ONE_PHASE)[0]
-    return _Scatter(len(noise), np.sum(noise**2, axis=0), dwells.batch_means(noise, BLOCKS))
-
-
-def _block_ratio(scatters: list[_Scatter]) -> Array:
-    """Ratio [m] of the variance of block means to that of white noise, averaged over the plateaus;
-    1 where the noise passes for white.
-    """
-    ratios = []
-    for one in scatters:
-        length = one.rows // BLOCKS
-        if length < LEAST_BLOCK:
-            continue
-        variance = np.maximum(one.square / (one.rows - 1), np.finfo(np.float64).tiny)
-        ratios.append(one.blocks.var(axis=0, ddof=1) * length / variance)
-    if not ratios:
-        return np.ones(len(scatters[0].square))
     mean = np.mean(ratios, axis=0)
     # the relative standard deviation of a variance with b − 1 degrees of freedom is √(2/(b − 1))
     chance = 1.0 + CHANCE * np.sqrt(2.0 / ((BLOCKS - 1) * len(ratios)))
-    return np.asarray(np.where(mean > max(WHITE_RATIO, chance), mean, 1.0), dtype=np.float64)
-
-
-def _creeps(one: _Scatter, full_scale: float) -> bool:
-    """Whether the first block of a plateau differs from its second half by more than noise and 1
-    ppm of full scale.
-    """
-    if not len(one.blocks):
-        return False
-    later = one.blocks[BLOCKS // 2 :]
-    difference = np.abs(one.blocks[0] - later.mean(axis=0))
-    return bool(
-        np.any(
-            (difference > SETTLING * later.std(axis=0, ddof=1)) & (difference > 1e-6 * full_scale)
-        )
-    )
+    return np.where(mean > max(WHITE_RATIO, chance), mean, 1.0)

@@ -2,9 +2,8 @@
 settling.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Self
 
 import numpy as np
 
@@ -113,26 +112,38 @@ def find(
     turn = turn or turn_of(time_s, table_rate_dps, table_angle_deg)
     interval = order_statistics.median(turn.interval_s)
     window = max(rules.shortest_samples, int(np.ceil(rules.shortest_s / interval)))
-    still = [_Stillness.of(chunks.row_reader(table_rate_dps), time_s.size, window, rules)]
+    still, quantum = _stillness(chunks.row_reader(table_rate_dps), time_s.size, window, rules)
+    criteria = [still]
     if turn.logged:
         # a commanded rate steps at once, while the table takes its time: only the angle shows that
         wide = replace(rules, relative=ANGLE_SLACK * rules.relative)
-        still.append(_Stillness.of(turn.rate, time_s.size, window, wide))
+        criteria.append(_stillness(turn.rate, time_s.size, window, wide)[0])
 
     def held(first: int, stop: int) -> Mask:
-        chosen = _unbroken(turn.interval_s[first : stop + window - 1], window, interval)
-        for series in still:
-            chosen &= series.held(first, stop)
+        # windows that contain no gap
+        step = turn.interval_s[first : stop + window - 1]
+        gaps = np.concatenate(([0], np.cumsum(step[1:] > GAP * interval)))
+        chosen = np.asarray(gaps[window - 1 :] == gaps[: gaps.size - window + 1], dtype=np.bool_)
+        for criterion in criteria:
+            chosen &= criterion(first, stop)
         chunks.release(table_rate_dps, turn.turn_deg, turn.interval_s)
         return chosen
 
     runs = chunks.find_runs(max(time_s.size - window + 1, 0), held).tolist()
-    least, kept = max(rules.shortest_samples // 2, 2), []
-    for run in _join_runs(runs, window):
-        steady = _steady(table_rate_dps, *run, rules, still[0].quantum)
-        first, stop = _settled(time_s, *steady, rules)
+    least, kept, covered = max(rules.shortest_samples // 2, 2), [], 0
+    for first_window, end in runs:
+        # rows that two runs of windows share belong to the first
+        begin, covered = max(first_window, covered), end - 1 + window
+        if covered <= begin:
+            continue
+        first, stop = _steady(table_rate_dps, begin, covered, rules, quantum)
+        # without its settling time and without its first and last sampling interval
+        wait = min(rules.settle_s, 0.25 * float(time_s[stop - 1] - time_s[first]))
+        settled = int(np.searchsorted(time_s, time_s[first] + wait, side="right"))
+        first, stop = max(settled, first + 1), stop - 1
         if stop - first >= least:
             kept.append((first, stop))
+    chunks.release(time_s)
     if not kept:
         low, high = chunks.extremes(table_rate_dps)
         span = f"{time_s.size} rows with table rates of {low:g} to {high:g} °/s"
@@ -195,48 +206,35 @@ def turn_of(
     return Turn(interval, turned, middle, logged=table_angle_deg is not None)
 
 
-@dataclass(frozen=True, slots=True)
-class _Stillness:
-    """Criterion that a rate is held over a window of rows."""
-
-    rate: Series
-    window: int
-    rules: Rules
-    noise: float
-    """Range [°/s] that noise may add."""
-    quantum: float
-    """Range [°/s] that flicker between quantised values may add."""
-
-    @classmethod
-    def of(cls, rate: Series, rows: int, window: int, rules: Rules) -> Self:
-        """Criterion for a rate of `rows` rows, with noise and quantum estimated from it."""
-        if rows < window:
-            return cls(rate, window, rules, 0.0, 0.0)
+def _stillness(
+    rate: Series, rows: int, window: int, rules: Rules
+) -> tuple[Callable[[int, int], Mask], float]:
+    """Function to the mask of windows, beginning in rows first … stop − 1, over which a rate of so
+    many rows is held; and the range [°/s] that flicker between its quantised values may add.
+    """
+    noise = quantum = 0.0
+    if rows >= window:
 
         def bends() -> Iterator[Array]:
             return (np.abs(np.diff(rate(a, b + 2), 2)) for a, b in chunks.ranges(rows - 2))
 
         # small second differences: excludes steady acceleration and the steps between short
         # plateaus
-        noise = (
-            FIFTH_TO_SIGMA
-            * order_statistics.quantile_of_chunks(bends, rows - 2, 0.2)
-            / np.sqrt(6.0)
-        )
-        return cls(rate, window, rules, NOISE_RANGE * noise, QUANTA * _quantum(rate, rows))
+        least = order_statistics.quantile_of_chunks(bends, rows - 2, 0.2)
+        noise, quantum = FIFTH_TO_SIGMA * least / np.sqrt(6.0), QUANTA * _quantum(rate, rows)
 
-    def held(self, first: int, stop: int) -> Mask:
-        """Mask of the windows, beginning in rows first … stop − 1, over which the rate is held."""
-        rate = self.rate(first, stop + self.window - 1)
+    def held(first: int, stop: int) -> Mask:
+        values = rate(first, stop + window - 1)
         highest, lowest = (
-            _of_windows(extreme, rate, self.window) for extreme in (np.maximum, np.minimum)
+            _of_windows(extreme, values, window) for extreme in (np.maximum, np.minimum)
         )
         allowed = np.maximum(
-            self.rules.relative * np.maximum(np.abs(highest), np.abs(lowest)), self.rules.floor_dps
+            rules.relative * np.maximum(np.abs(highest), np.abs(lowest)), rules.floor_dps
         )
-        return np.asarray(
-            highest - lowest <= np.maximum(allowed, max(self.noise, self.quantum)), dtype=np.bool_
-        )
+        allowed = np.maximum(allowed, max(NOISE_RANGE * noise, quantum))
+        return np.asarray(highest - lowest <= allowed, dtype=np.bool_)
+
+    return held, quantum
 
 
 def _of_windows(extreme: np.ufunc, values: Array, window: int) -> Array:
@@ -282,24 +280,6 @@ def _quantum(rate: Series, rows: int) -> float:
     return quantum if back > FLICKER * rows else 0.0
 
 
-def _unbroken(interval_s: Array, window: int, median_s: float) -> Mask:
-    """Mask of the windows, one beginning at each row, that contain no gap."""
-    gaps = np.concatenate(([0], np.cumsum(interval_s[1:] > GAP * median_s)))
-    return np.asarray(gaps[window - 1 :] == gaps[: gaps.size - window + 1], dtype=np.bool_)
-
-
-def _join_runs(runs: Sequence[Sequence[int]], window: int) -> list[tuple[int, int]]:
-    """First and end rows covered by runs of held windows; rows shared by two runs belong to the
-    first.
-    """
-    spans: list[tuple[int, int]] = []
-    for begin, end in runs:
-        first = max(begin, spans[-1][1]) if spans else begin
-        if end - 1 + window > first:
-            spans.append((first, end - 1 + window))
-    return spans
-
-
 def _steady(rate: Array, first: int, stop: int, rules: Rules, quantum: float) -> tuple[int, int]:
     """First and end row of the longest stretch of a span whose rate stays near the span's median; a
     slow creep at its ends is cut off.
@@ -312,13 +292,3 @@ def _steady(rate: Array, first: int, stop: int, rules: Rules, quantum: float) ->
     begin, end = near[np.argmax(near[:, 1] - near[:, 0])].tolist()
     chunks.release(rate)
     return first + begin, first + end
-
-
-def _settled(time_s: Array, first: int, stop: int, rules: Rules) -> tuple[int, int]:
-    """First and end row of a span without its settling time and without its first and last sampling
-    interval.
-    """
-    wait = min(rules.settle_s, 0.25 * float(time_s[stop - 1] - time_s[first]))
-    begin = max(int(np.searchsorted(time_s, time_s[first] + wait, side="right")), first + 1)
-    chunks.release(time_s)
-    return begin, stop - 1

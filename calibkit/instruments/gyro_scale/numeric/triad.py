@@ -50,12 +50,6 @@ def _unit(p: Numbers) -> Numbers:
     return s / length(s)[:, None]
 
 
-def _angle(p: Numbers, g: int, h: int) -> Numbers:
-    """α = atan2(|u_g × u_h|, u_g · u_h) [°], which loses no digits near 0° and 180°."""
-    a, b = _unit(p)[[g, h]]
-    return arctan2(length(np.cross(a, b)), np.sum(a * b)) * 180.0 / np.pi
-
-
 def find(fit: Fit) -> Triad:
     """Angles and misalignment of g gyros from their scale factors about three orthogonal table
     axes, s_g gyro by gyro [3 g].
@@ -100,7 +94,13 @@ def _value_of_angle(fit: Fit, g: int, h: int) -> Value:
     """Angle [°] between two input axes."""
     a, b = _unit(fit.parameters)[[g, h]]
     if np.linalg.norm(np.cross(a, b)) > PARALLEL:
-        return fit.of(lambda p: _angle(p, g, h))
+
+        def angle_deg(p: Numbers) -> Numbers:
+            """atan2(|u_g × u_h|, u_g · u_h), which loses no digits near 0° and 180°."""
+            u_g, u_h = _unit(p)[[g, h]]
+            return arctan2(length(np.cross(u_g, u_h)), np.sum(u_g * u_h)) * 180.0 / np.pi
+
+        return fit.of(angle_deg)
     # every direction across the axis is possible: the largest u counts
     across = np.linalg.svd(a[None])[2][1:] * 180.0 / np.pi
     apart = fit.of(lambda p: across @ (_unit(p)[g] - _unit(p)[h] * np.sign(a @ b)))
