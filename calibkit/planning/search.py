@@ -43,7 +43,9 @@ Sources = dict[str, "Array"]
 
 @dataclass(frozen=True)
 class Bench(ABC):
-    """Campaigns of one recipe, and what they will tell."""
+    """Campaigns of one recipe, and what they will tell: by `fit` and `slopes`, or by `variances`
+    where a result is not one of linear combinations of the parameters of one fit.
+    """
 
     spec: Any
     """The recipe."""
@@ -91,7 +93,7 @@ class Bench(ABC):
     def passed_on(self, design: Design) -> list[ErrorComponent]:  # noqa: ARG002 (as `covers`)
         """Assumed errors that the recipe of a campaign states."""
         groups = self.spec.error_groups
-        return [one for one in self.assumed.components if one.group in groups]
+        return [error for error in self.assumed.components if error.group in groups]
 
     def notes(self, campaign: Candidate) -> Iterable[str]:  # noqa: ARG002 (as `covers`)
         """What is to be said of a campaign beside the assumptions."""
@@ -179,7 +181,9 @@ def find_front(candidates: Iterable[Candidate], name: str) -> list[Candidate]:
     hours.
     """
     front: list[Candidate] = []
-    for campaign in sorted(candidates, key=lambda one: (one.hours, one.expanded(name))):
+    for campaign in sorted(
+        candidates, key=lambda campaign: (campaign.hours, campaign.expanded(name))
+    ):
         if not front or campaign.expanded(name) < front[-1].expanded(name):
             front.append(campaign)
     return front
@@ -191,14 +195,14 @@ def choose(
     """The campaign of the fewest hours that meets the wishes, or of the least uncertainty of a
     result within hours; where none meets them, the one that comes nearest within the hours.
     """
-    inside = [one for one in candidates if within_h is None or one.hours <= within_h]
-    inside = inside or [min(candidates, key=lambda one: one.hours)]
+    inside = [campaign for campaign in candidates if within_h is None or campaign.hours <= within_h]
+    inside = inside or [min(candidates, key=lambda campaign: campaign.hours)]
     if not wishes and within_h is not None:
-        return min(inside, key=lambda one: (one.expanded(name), one.hours))
-    meeting = [one for one in inside if one.meets(wishes)]
+        return min(inside, key=lambda campaign: (campaign.expanded(name), campaign.hours))
+    meeting = [campaign for campaign in inside if campaign.meets(wishes)]
     if meeting:
-        return min(meeting, key=lambda one: (one.hours, one.expanded(name)))
-    return min(inside, key=lambda one: one.excess(wishes))
+        return min(meeting, key=lambda campaign: (campaign.hours, campaign.expanded(name)))
+    return min(inside, key=lambda campaign: campaign.excess(wishes))
 
 
 def join(*parts: Any) -> Any:  # noqa: ANN401 (rows of an instrument)

@@ -144,6 +144,11 @@ class TriadBench(Bench):
     """[c]."""
 
     @property
+    def fewest(self) -> int:
+        """Attitudes that a campaign has at least."""
+        return COUNTS[0]
+
+    @property
     def lengths(self) -> bool:
         """Whether the fit knows the length of gravity alone."""
         return bool(self.spec.reference.kind == "magnitude")
@@ -384,7 +389,7 @@ class TriadBench(Bench):
     def smaller(self, design: Design) -> Design | None:
         """A design with one attitude less."""
         degc, chosen, dwell_s = design.choice or ((), (), 0.0)
-        if len(chosen) <= COUNTS[0]:
+        if len(chosen) <= self.fewest:
             return None
         pool = self.pool(np.arange(len(self.spots)), degc, len(chosen), dwell_s)
         fewer = [[*chosen[:k], *chosen[k + 1 :]] for k in range(len(chosen))]
@@ -429,7 +434,7 @@ class LengthBench(TriadBench):
         """At one temperature there is no range."""
         return True
 
-    def dwells(self, chosen: Sequence[int], dwell_s: float) -> DwellSet:
+    def dwells(self, chosen: Sequence[int] | Integers, dwell_s: float) -> DwellSet:
         """Positions by number; a fit leaves out both ends of each."""
         noise = self.assumed.noise_of(dwell_s - self.spec.dwells.window_s)
         degc, none = np.full(len(chosen), self.assumed.range_degc[0]), np.full(len(chosen), np.nan)
@@ -458,21 +463,35 @@ class LengthBench(TriadBench):
             clock.dwell(self.spots[k].tolist(), dwell_s, name)
         label += f"{len(chosen)} positions of {dwell_s:g} s"
         settings = {"dwell_s": dwell_s, "noise_1s": self.assumed.noise_of(1.0)}
-        rows = self.dwells(chosen, dwell_s)
-        return Design(label, clock.schedule(), (log,), rows, settings)
+        rows, choice = self.dwells(chosen, dwell_s), ((), tuple(chosen), dwell_s)
+        return Design(label, clock.schedule(), (log,), rows, settings, choice=choice)
+
+    @property
+    def fewest(self) -> int:
+        """Positions that a campaign has at least."""
+        return min(FURTHER if self.task.have else POSITIONS)
+
+    def pool(
+        self,
+        attitudes: Integers,
+        degc: Sequence[int],  # noqa: ARG002 (as of any triad)
+        number: int,  # noqa: ARG002 (as of any triad)
+        dwell_s: float,
+    ) -> exchange.Pool:
+        """Candidates of a design: positions of a length; the criterion is the mean variance of a
+        component.
+        """
+        dwells, place = self.dwells(attitudes, dwell_s), np.arange(len(attitudes))
+        noise = self.noise(dwells)
+        return pools.pool(self.jacobian(dwells), (), (), noise, place, self.base, self.sought)
 
     def sizes(self) -> dict[str, Iterator[Design]]:
         """Campaigns of all numbers of positions, each the best of its number."""
-        lengths, every = self.assumed.device.dwell_s, range(len(self.spots))
-        dwells = self.dwells(every, min(lengths))
-        pool = pools.pool(
-            *(self.jacobian(dwells), (), (), self.noise(dwells)),
-            *(np.array(every), self.base, self.sought),
-        )
-        rng = np.random.default_rng(self.task.seed)
+        lengths, every = self.assumed.device.dwell_s, np.arange(len(self.spots))
+        pool, rng = self.pool(every, (), 0, min(lengths)), np.random.default_rng(self.task.seed)
 
         def best(size: int) -> Iterator[Design]:
-            chosen = pool.search(size, rng, self.task.restarts)[0]
+            chosen, _ = pool.search(size, rng, self.task.restarts)
             yield from (self.design((), chosen, dwell_s) for dwell_s in lengths)
 
         counts = FURTHER if self.task.have else POSITIONS
