@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from calibkit import sealed, store
 from calibkit.errors import CoefficientError, UsageError
-from calibkit.planning.proposal import COVERAGE, Candidate, Predicted, Proposal, Task
+from calibkit.planning.proposal import COVERAGE, Candidate, Predicted, Task
 from calibkit.planning.schedule import Schedule, read_schedule
 from calibkit.recipe import Source
 from calibkit.version import SOFTWARE
@@ -16,6 +16,8 @@ from calibkit.version import SOFTWARE
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
+
+    from calibkit.planning.search import Proposal
 
 FORMAT = "calibkit-plan/1"
 PLAN, SCHEDULE, RECIPE, PAGE = "plan.json", "schedule.csv", "recipe.toml", "plan.html"

@@ -20,8 +20,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from calibkit.planning.proposal import Candidate, Proposal
+    from calibkit.planning.proposal import Candidate
     from calibkit.planning.schedule import Schedule
+    from calibkit.planning.search import Proposal
     from calibkit.report.summary import Summary
 
 SHOWN = 2.0

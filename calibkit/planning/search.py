@@ -20,7 +20,6 @@ from calibkit.planning.proposal import (
     Coefficient,
     Design,
     Predicted,
-    Proposal,
     Wish,
 )
 from calibkit.planning.recipe_text import write_recipe
@@ -32,6 +31,7 @@ if TYPE_CHECKING:
     from calibkit.fit.solve import Fit
     from calibkit.planning.assumptions import Assumed
     from calibkit.planning.proposal import Task
+    from calibkit.planning.schedule import Schedule
     from calibkit.recipe.tables import ErrorComponent
 
 NOISE = "noise"
@@ -39,6 +39,44 @@ NOISE = "noise"
 
 Sources = dict[str, "Array"]
 """Source of errors → variance [m] that it leaves in a result over the range of use."""
+
+
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """The campaign that is chosen, beside others."""
+
+    campaign: Candidate
+    wishes: tuple[Wish, ...]
+    """In the units of the results."""
+    assumed: Assumed
+    coefficients: tuple[Coefficient, ...]
+    recipe: str
+    """Text of the recipe by which its logs are fitted."""
+    curve: tuple[Candidate, ...]
+    """Campaigns none of which another one beats in both hours and uncertainty."""
+    usual: tuple[Candidate, ...]
+    """Usual campaigns, for comparison."""
+    notes: tuple[str, ...]
+
+    @property
+    def schedule(self) -> Schedule:
+        """Actions of the campaign."""
+        return self.campaign.design.schedule
+
+    @property
+    def results(self) -> tuple[Predicted, ...]:
+        """What the campaign will give."""
+        return tuple(self.campaign.results.values())
+
+    @property
+    def sought(self) -> Predicted:
+        """The result that is wished first, or the first of all."""
+        name = self.wishes[0].name if self.wishes else self.results[0].name
+        return self.campaign.results[name]
+
+    def wanted(self, name: str) -> float | None:
+        """Wished expanded uncertainty of a result, None where none is."""
+        return {wish.name: wish.value for wish in self.wishes}.get(name)
 
 
 @dataclass(frozen=True)

@@ -550,11 +550,10 @@ def prepare_plan(spec: AccelerometerRecipe, task: Task) -> TriadBench:
 
 def _prepare_lengths(spec: AccelerometerRecipe, task: Task) -> LengthBench:
     """What the search needs where attitudes are unknown."""
-    device = task.equipment.known_device(MAGNITUDE)
-    if spec.affine.enabled or spec.dwells.mode != "series" or device.noise_unit != "g":
+    device = task.equipment.known_device(MAGNITUDE, "g")
+    if spec.affine.enabled or spec.dwells.mode != "series":
         raise UsageError(
-            "a plan of unknown attitudes is for one temperature, and for a continuous log with a"
-            " noise in g",
+            "a plan of unknown attitudes is for one temperature, and for a continuous log",
             hint='use affine.enabled = false and dwells.mode = "series"',
         )
     if task.attitudes in ("faces", "dividing-head"):
