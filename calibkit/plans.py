@@ -17,11 +17,12 @@ from calibkit.errors import UsageError
 from calibkit.frame import refuse
 from calibkit.ingest import column_values, logs as ingest
 from calibkit.planning import document, equipment, page, screen, search
-from calibkit.planning.proposal import WITHHELD, Proposal, Task
+from calibkit.planning.proposal import WITHHELD, Task
 from calibkit.threads import one_thread
 
 if TYPE_CHECKING:
     from calibkit.instruments import Progress
+    from calibkit.planning.search import Proposal
     from calibkit.report.summary import Summary
     from calibkit.simulate.campaign import Campaign
 

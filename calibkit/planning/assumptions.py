@@ -46,9 +46,9 @@ class Assumed:
     def size(self, group: str, effect: str) -> float:
         """Standard deviation of an error in the unit of a fit; 0 where none is assumed."""
         return sum(
-            one.value_in(self.units[group, effect])
-            for one in self.components
-            if (one.group, one.effect) == (group, effect)
+            error.value_in(self.units[group, effect])
+            for error in self.components
+            if (error.group, error.effect) == (group, effect)
         )
 
     def mapped(self, degc: Array) -> Array:
@@ -58,7 +58,7 @@ class Assumed:
 
     def state(self, shared: Iterable[Shared]) -> list[Shared]:
         """Shared errors with the sizes that are assumed."""
-        stated = {(one.group, one.effect): one for one in self.components}
+        stated = {(error.group, error.effect): error for error in self.components}
         return [
             replace(error, size=known.value_in(error.unit), size_dof=known.dof, optional=False)
             if (known := stated.get((error.group, error.effect)))
@@ -99,11 +99,14 @@ def assume(
         if not task.range_degc:
             notes = (*notes, f"no --range: planned for {low:g} to {high:g} °C")
     if task.earlier is not None:
-        sizes = [f"{one.effect} of the {one.group} {one.value:.2g} {one.unit}" for one in earlier]
+        sizes = [
+            f"{error.effect} of the {error.group} {error.value:.2g} {error.unit}"
+            for error in earlier
+        ]
         sizes += [f"noise {noise:.2g} {device.noise_unit}"] if noise else []
         notes = (f"of that run: {', '.join(sizes) or 'nothing that was seen'}", *notes)
     every = (*device.component, *earlier, *spec.errors.component)
-    stated = {(one.group, one.effect): one for one in every}
+    stated = {(error.group, error.effect): error for error in every}
     for group, effect in stated:
         if (group, effect) not in units:
             raise UsageError(
@@ -135,10 +138,15 @@ def read_earlier(task: Task, procedure: str, *files: str) -> list[Record | Stage
 
 def seen_errors(records: Iterable[Record | StageResult]) -> list[ErrorComponent]:
     """Shared errors of the models of an earlier run where they were seen, the largest of each."""
-    listed = [one for record in records for model in record.models for one in model.components]
-    listed.sort(key=lambda one: one.value)
-    seen = {(one.group, one.effect): one for one in listed if one.value > one.standard_uncertainty}
-    return [
-        ErrorComponent(group=group, effect=effect, value=one.value, unit=one.unit, dof=EARLIER_DOF)
-        for (group, effect), one in seen.items()
-    ]
+    components = [one for record in records for model in record.models for one in model.components]
+    largest = {}
+    for component in sorted(components, key=lambda component: component.value):
+        if component.value > component.standard_uncertainty:
+            largest[component.group, component.effect] = ErrorComponent(
+                group=component.group,
+                effect=component.effect,
+                value=component.value,
+                unit=component.unit,
+                dof=EARLIER_DOF,
+            )
+    return [*largest.values()]

@@ -38,21 +38,23 @@ def find_differences(schedule: Schedule, read: Callable[[str], Log | None]) -> I
     for name, planned in schedule.by_log().items():
         log = read(name)
         if log is None:
-            kinds = {one.action for one in planned}
+            kinds = {action.action for action in planned}
             yield f"{name}: planned, with {len(planned)} actions ({', '.join(sorted(kinds))})"
             continue
-        yield from _find_missing(log, [one for one in planned if one.action in ("dwell", "rate")])
-        for one in planned:
-            if one.action == "ramp":
-                yield from _compare_ramp(log, one)
+        yield from _find_missing(
+            log, [action for action in planned if action.action in ("dwell", "rate")]
+        )
+        for action in planned:
+            if action.action == "ramp":
+                yield from _compare_ramp(log, action)
 
 
 def _find_missing(log: Log, planned: Sequence[Action]) -> Iterator[str]:
     """Planned dwells and held rates that a log has not as often as planned."""
     each = len(log.frame) <= ONE_ROW * len(planned)
     counted: dict[str, tuple[Mask, int]] = {}
-    for one in planned:
-        what, rows = _describe(one, log), _rows_at(log, one)
+    for action in planned:
+        what, rows = _describe(action, log), _rows_at(log, action)
         counted[what] = rows, counted.get(what, (rows, 0))[1] + 1
     for what, (rows, times) in counted.items():
         found = int(rows.sum())
@@ -62,58 +64,60 @@ def _find_missing(log: Log, planned: Sequence[Action]) -> Iterator[str]:
             yield f"{log.file}: {what}, {found} of {times} times"
 
 
-def _describe(one: Action, log: Log) -> str:
+def _describe(action: Action, log: Log) -> str:
     """A dwell or a held rate in words, as far as a log tells them apart."""
-    if one.action == "rate":
-        return f"rate {one.table_rate_dps:+g} °/s at {one.set_degc:g} °C"
+    if action.action == "rate":
+        return f"rate {action.table_rate_dps:+g} °/s at {action.set_degc:g} °C"
     if "inclination_deg" not in log.frame.columns:
-        return f"dwell at {one.set_degc:g} °C"
+        return f"dwell at {action.set_degc:g} °C"
     return (
-        f"dwell at inclination {one.inclination_deg:g}°, toolface {one.toolface_deg:g}°,"
-        f" {one.set_degc:g} °C"
+        f"dwell at inclination {action.inclination_deg:g}°, toolface {action.toolface_deg:g}°,"
+        f" {action.set_degc:g} °C"
     )
 
 
-def _rows_at(log: Log, one: Action) -> Mask:
+def _rows_at(log: Log, action: Action) -> Mask:
     """Rows of a log that are at a planned dwell or rate."""
-    found = ~(np.abs(_column(log, "temp_case_degc") - one.set_degc) > NEAR_DEGC)
-    if one.action == "rate":
-        off = np.abs(_column(log, "table_rate_dps") - one.table_rate_dps)
-        return np.asarray(found & (off <= NEAR_RATE * abs(one.table_rate_dps)), dtype=np.bool_)
+    found = ~(np.abs(_column(log, "temp_case_degc") - action.set_degc) > NEAR_DEGC)
+    if action.action == "rate":
+        off = np.abs(_column(log, "table_rate_dps") - action.table_rate_dps)
+        return np.asarray(found & (off <= NEAR_RATE * abs(action.table_rate_dps)), dtype=np.bool_)
     if "inclination_deg" not in log.frame.columns:
         return found
     turned = values(log.frame, "position_deg") if "position_deg" in log.frame.columns else 0.0
     angles = _column(log, "inclination_deg"), _column(log, "toolface_deg") + turned
     planned = attitude.gravity_vector(
-        np.array([one.inclination_deg]), np.array([one.toolface_deg])
+        np.array([action.inclination_deg]), np.array([action.toolface_deg])
     )[0]
     along = attitude.gravity_vector(*angles) @ planned
     return np.asarray(found & (along >= np.cos(np.radians(NEAR_DEG))), dtype=np.bool_)
 
 
-def _compare_ramp(log: Log, one: Action) -> Iterator[str]:
+def _compare_ramp(log: Log, action: Action) -> Iterator[str]:
     """A ramp that ends elsewhere, or has another rate; of a case that lags, the end alone."""
     time, degc = _column(log, "time_s"), _column(log, "temp_env_degc")
     lags = not np.isfinite(degc).any()
     degc = _column(log, "temp_case_degc") if lags else degc
     if not np.isfinite(degc).any():
         return
-    rising = one.ramp_degc_per_min > 0.0
+    rising = action.ramp_degc_per_min > 0.0
     end = float(np.nanmax(degc) if rising else np.nanmin(degc))
-    planned = f"ramp of {one.ramp_degc_per_min:+g} °C/min to {one.set_degc:g} °C"
-    if not abs(end - one.set_degc) <= NEAR_DEGC:
+    planned = f"ramp of {action.ramp_degc_per_min:+g} °C/min to {action.set_degc:g} °C"
+    if not abs(end - action.set_degc) <= NEAR_DEGC:
         yield f"{log.file}: {planned}; it ends at {end:.1f} °C"
-    if lags or not abs(end - one.set_degc) <= NEAR_DEGC:
+    if lags or not abs(end - action.set_degc) <= NEAR_DEGC:
         return
     first = float(degc[0])
-    share = (degc - first) / (one.set_degc - first) if one.set_degc != first else degc * np.nan
+    share = (
+        (degc - first) / (action.set_degc - first) if action.set_degc != first else degc * np.nan
+    )
     below, above = (np.flatnonzero(share >= part) for part in MIDDLE)
     if not (below.size and above.size and above[0] > below[0]):
         yield f"{log.file}: {planned}; there is no ramp"
         return
     a, b = below[0], above[0]
     rate = float((degc[b] - degc[a]) / (time[b] - time[a]) * SECONDS_PER_MINUTE)
-    if not abs(rate / one.ramp_degc_per_min - 1.0) <= NEAR_RAMP:
+    if not abs(rate / action.ramp_degc_per_min - 1.0) <= NEAR_RAMP:
         yield f"{log.file}: {planned}; its rate is {rate:+.3g} °C/min"
 
 

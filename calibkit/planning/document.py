@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from calibkit import sealed, store
 from calibkit.errors import CoefficientError, UsageError
-from calibkit.planning.proposal import COVERAGE, Candidate, Predicted, Proposal, Task
+from calibkit.planning.proposal import COVERAGE, Candidate, Predicted, Task
 from calibkit.planning.schedule import Schedule, read_schedule
 from calibkit.recipe import Source
 from calibkit.version import SOFTWARE
@@ -16,6 +16,8 @@ from calibkit.version import SOFTWARE
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
+
+    from calibkit.planning.search import Proposal
 
 FORMAT = "calibkit-plan/1"
 PLAN, SCHEDULE, RECIPE, PAGE = "plan.json", "schedule.csv", "recipe.toml", "plan.html"
@@ -36,14 +38,20 @@ class Plan:
 
 def third_more(proposal: Proposal) -> Candidate | None:
     """The campaign that a third more hours would allow, and to a plan of none the shortest; None
-    where they allow no better one.
+    where they allow no better campaign.
     """
     name = proposal.sought.name
-    shortest = min((one.hours for one in proposal.curve if one.hours > 0.0), default=0.0)
+    shortest = min(
+        (campaign.hours for campaign in proposal.curve if campaign.hours > 0.0), default=0.0
+    )
     hours = proposal.schedule.hours * THIRD or shortest
-    inside = [one for one in proposal.curve if one.hours <= hours]
-    better = [one for one in inside if one.expanded(name) < WORTH * proposal.sought.expanded]
-    return min(better, key=lambda one: one.expanded(name), default=None)
+    inside = [campaign for campaign in proposal.curve if campaign.hours <= hours]
+    better = [
+        campaign
+        for campaign in inside
+        if campaign.expanded(name) < WORTH * proposal.sought.expanded
+    ]
+    return min(better, key=lambda campaign: campaign.expanded(name), default=None)
 
 
 def plan_document(
@@ -72,13 +80,15 @@ def plan_document(
             "hours": schedule.hours,
             "operator_h": schedule.operator_h,
             "coverage_factor": COVERAGE,
-            "results": [_result(one, proposal.wanted(one.name)) for one in proposal.results],
-            "coefficients": [asdict(one) for one in proposal.coefficients],
+            "results": [
+                _result(result, proposal.wanted(result.name)) for result in proposal.results
+            ],
+            "coefficients": [asdict(coefficient) for coefficient in proposal.coefficients],
             "noise": {"value": assumed.noise, "unit": assumed.device.noise_unit},
-            "components": [one.model_dump(mode="json") for one in assumed.components],
+            "components": [error.model_dump(mode="json") for error in assumed.components],
             "third_more": None if more is None else _campaign(more),
-            "curve": [_campaign(one) for one in proposal.curve],
-            "usual": [_campaign(one) for one in proposal.usual],
+            "curve": [_campaign(campaign) for campaign in proposal.curve],
+            "usual": [_campaign(campaign) for campaign in proposal.usual],
             "notes": list(proposal.notes),
             "settings": dict(proposal.campaign.design.settings),
             "files": [
@@ -89,17 +99,17 @@ def plan_document(
     )
 
 
-def _result(one: Predicted, wanted: float | None) -> dict[str, Any]:
+def _result(result: Predicted, wanted: float | None) -> dict[str, Any]:
     """A result as JSON."""
     return {
-        "name": one.name,
-        "unit": one.unit,
-        "standard_uncertainty_rms": one.u,
-        "standard_uncertainty_max": one.largest_u,
-        "expanded_uncertainty": one.expanded,
+        "name": result.name,
+        "unit": result.unit,
+        "standard_uncertainty_rms": result.u,
+        "standard_uncertainty_max": result.largest_u,
+        "expanded_uncertainty": result.expanded,
         "wanted": wanted,
-        "met": None if wanted is None else one.expanded <= wanted,
-        "limits": [{"source": key, "share": share} for key, share in one.limits.items()],
+        "met": None if wanted is None else result.expanded <= wanted,
+        "limits": [{"source": key, "share": share} for key, share in result.limits.items()],
     }
 
 
@@ -108,7 +118,9 @@ def _campaign(campaign: Candidate) -> dict[str, Any]:
     return {
         "name": campaign.design.label,
         "hours": campaign.hours,
-        "expanded_uncertainty": {one.name: one.expanded for one in campaign.results.values()},
+        "expanded_uncertainty": {
+            name: result.expanded for name, result in campaign.results.items()
+        },
     }
 
 
@@ -163,7 +175,11 @@ def beside(recipe: Path) -> Beside | None:
     return Beside(
         schedule,
         None if low is None or high is None else (low, high),
-        {one["name"]: one["wanted"] for one in document["results"] if one["wanted"] is not None},
+        {
+            result["name"]: result["wanted"]
+            for result in document["results"]
+            if result["wanted"] is not None
+        },
     )
 
 

@@ -111,20 +111,20 @@ class Equipment(Table):
                 f"the equipment file has no [device.{procedure}]",
                 hint="copy it from calibkit plan --print-equipment and state your own values",
             )
-        found = self.device[procedure]
-        if noise_unit is not None and found.noise_unit != noise_unit:
+        device = self.device[procedure]
+        if noise_unit is not None and device.noise_unit != noise_unit:
             raise UsageError(
-                f"noise_unit = '{found.noise_unit}' of [device.{procedure}], expected"
+                f"noise_unit = '{device.noise_unit}' of [device.{procedure}], expected"
                 f" '{noise_unit}'",
                 hint=f"state the noise of the mean over noise_s in {noise_unit}",
             )
-        return found
+        return device
 
     def fixture(self, name: str) -> Fixture:
         """A fixture of the laboratory by its name; UsageError where it has none."""
-        for key, found in self.attitudes.items():
+        for key, fixture in self.attitudes.items():
             if key == name:
-                return found
+                return fixture
         raise UsageError(
             f"the equipment file has no [attitudes.{name}]",
             hint=f"it has {', '.join(self.attitudes)}",

@@ -20,8 +20,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from calibkit.planning.proposal import Candidate, Proposal
+    from calibkit.planning.proposal import Candidate
     from calibkit.planning.schedule import Schedule
+    from calibkit.planning.search import Proposal
     from calibkit.report.summary import Summary
 
 SHOWN = 2.0
@@ -65,14 +66,16 @@ def _draw_time(schedule: Schedule) -> Figure:
     """Set point over time, with the actions."""
     figure, (ax,) = figures.page(1, 1, title="Set point of the chamber over time", height=3.6)
     named: set[str] = set()
-    for one in schedule.actions:
-        begin, end = one.start_s / 3600.0, one.end_s / 3600.0
-        climbed = one.ramp_degc_per_min * one.duration_s / 60.0 if one.action == "ramp" else 0.0
-        colour = _COLOURS.get(one.action, "#777777")
-        label = "_" if one.action in named else str(one.action)
-        named.add(one.action)
-        width = 3.0 if one.action in ("dwell", "rate") else 1.2
-        degc = [one.set_degc - climbed, one.set_degc]
+    for action in schedule.actions:
+        begin, end = action.start_s / 3600.0, action.end_s / 3600.0
+        climbed = (
+            action.ramp_degc_per_min * action.duration_s / 60.0 if action.action == "ramp" else 0.0
+        )
+        colour = _COLOURS.get(action.action, "#777777")
+        label = "_" if action.action in named else str(action.action)
+        named.add(action.action)
+        width = 3.0 if action.action in ("dwell", "rate") else 1.2
+        degc = [action.set_degc - climbed, action.set_degc]
         ax.plot([begin, end], degc, color=colour, linewidth=width, label=label)
     ax.set_xlabel("time [h]")
     ax.set_ylabel("set point [°C]")
@@ -88,7 +91,7 @@ def _draw_attitudes(schedule: Schedule) -> list[Figure]:
     figure, axes = figures.page(
         1, 2, title="Direction of gravity in the tool (filled: fitted, open: withheld)", height=4.6
     )
-    spots = sorted({(one.inclination_deg, one.toolface_deg, one.log) for one in dwells})
+    spots = sorted({(action.inclination_deg, action.toolface_deg, action.log) for action in dwells})
     for ax, side, name in zip(axes, (1.0, -1.0), ("along +z", "along −z"), strict=True):
         _draw_half(ax, side, spots, dwells[0].log)
         ax.set_title(f"half of the sphere {name}", loc="left")
@@ -121,18 +124,30 @@ def _draw_hours(proposal: Proposal) -> Figure:
     )
 
     def draw(campaigns: Sequence[Candidate], style: str, colour: str, label: str) -> None:
-        hours = [one.hours for one in campaigns]
-        ax.plot(hours, [one.expanded(name) for one in campaigns], style, color=colour, label=label)
+        hours = [campaign.hours for campaign in campaigns]
+        ax.plot(
+            hours,
+            [campaign.expanded(name) for campaign in campaigns],
+            style,
+            color=colour,
+            label=label,
+        )
 
     draw(proposal.curve, "-", "#4477aa", "best campaigns of the search")
     if proposal.usual:
         draw(proposal.usual, "s", "#999933", "usual campaigns")
-    for one in proposal.usual:
-        ax.annotate(one.design.label.split(",")[0], (one.hours, one.expanded(name)), fontsize=7)
+    for campaign in proposal.usual:
+        ax.annotate(
+            campaign.design.label.split(",")[0],
+            (campaign.hours, campaign.expanded(name)),
+            fontsize=7,
+        )
     draw([proposal.campaign], "o", "#cc3311", "this plan")
     if (wanted := proposal.wanted(name)) is not None:
         ax.axhline(wanted, color="#777777", linestyle="--", label="wanted")
-    shown = max(SHOWN * proposal.schedule.hours, *(one.hours for one in proposal.usual), 0.0)
+    shown = max(
+        SHOWN * proposal.schedule.hours, *(campaign.hours for campaign in proposal.usual), 0.0
+    )
     if shown > 0.0:
         ax.set_xlim(right=1.1 * shown)
     ax.set_xlabel("chamber time [h]")
@@ -143,11 +158,11 @@ def _draw_hours(proposal: Proposal) -> Figure:
 
 def _limits(proposal: Proposal) -> Markup:
     """What the uncertainty of each result consists of."""
-    sources = dict.fromkeys(source for one in proposal.results for source in one.limits)
-    columns = [Column(one.name, ".1f") for one in proposal.results]
+    sources = dict.fromkeys(source for result in proposal.results for source in result.limits)
+    columns = [Column(result.name, ".1f") for result in proposal.results]
     rows: list[tuple[str | float, ...]] = []
     for source in sources:
-        shares = [100.0 * one.limits.get(source, 0.0) for one in proposal.results]
+        shares = [100.0 * result.limits.get(source, 0.0) for result in proposal.results]
         rows.append((source, *shares))
     return summary_table(
         Table("Shares of the mean variance [%]", ("source", *columns), tuple(rows))
@@ -159,8 +174,8 @@ def _campaigns(proposal: Proposal) -> Markup:
     sought = proposal.sought
     columns = "campaign", Column("h", ".1f"), Column(f"U [{sought.unit}]", ".3g")
     rows = tuple(
-        (one.design.label, one.hours, one.expanded(sought.name))
-        for one in (*proposal.usual, *proposal.curve)
+        (campaign.design.label, campaign.hours, campaign.expanded(sought.name))
+        for campaign in (*proposal.usual, *proposal.curve)
     )
     return summary_table(Table("Usual campaigns, then those of the search", columns, rows))
 
@@ -181,7 +196,7 @@ def _assumptions(proposal: Proposal) -> Markup:
     rows: list[tuple[str | float | None, ...]]
     rows = [("noise", assumed.noise, assumed.device.noise_unit, None)]
     rows += [
-        (f"{one.effect} of the {one.group}", one.value, one.unit, one.dof)
-        for one in assumed.components
+        (f"{error.effect} of the {error.group}", error.value, error.unit, error.dof)
+        for error in assumed.components
     ]
     return summary_table(Table("Assumed errors", ("error", size, "unit", dof), tuple(rows)))

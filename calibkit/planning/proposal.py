@@ -1,4 +1,4 @@
-"""What a plan is asked for, the campaigns among which it chooses, and what it proposes."""
+"""What a plan is asked for, the campaigns among which it chooses, and what they will give."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
     from calibkit.coefficients import Record, StageResult
     from calibkit.frame import Log
-    from calibkit.planning.assumptions import Assumed
     from calibkit.planning.equipment import Equipment
 
 COVERAGE = 2.0
@@ -193,41 +192,3 @@ class Coefficient:
     name: str
     unit: str
     standard_uncertainty: float
-
-
-@dataclass(frozen=True, slots=True)
-class Proposal:
-    """The campaign that is chosen, beside others."""
-
-    campaign: Candidate
-    wishes: tuple[Wish, ...]
-    """In the units of the results."""
-    assumed: Assumed
-    coefficients: tuple[Coefficient, ...]
-    recipe: str
-    """Text of the recipe by which its logs are fitted."""
-    curve: tuple[Candidate, ...]
-    """Campaigns none of which another one beats in both hours and uncertainty."""
-    usual: tuple[Candidate, ...]
-    """Usual campaigns, for comparison."""
-    notes: tuple[str, ...]
-
-    @property
-    def schedule(self) -> Schedule:
-        """Actions of the campaign."""
-        return self.campaign.design.schedule
-
-    @property
-    def results(self) -> tuple[Predicted, ...]:
-        """What the campaign will give."""
-        return tuple(self.campaign.results.values())
-
-    @property
-    def sought(self) -> Predicted:
-        """The result that is wished first, or the first of all."""
-        name = self.wishes[0].name if self.wishes else self.results[0].name
-        return self.campaign.results[name]
-
-    def wanted(self, name: str) -> float | None:
-        """Wished expanded uncertainty of a result, None where none is."""
-        return {wish.name: wish.value for wish in self.wishes}.get(name)

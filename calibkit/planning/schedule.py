@@ -58,23 +58,23 @@ class Schedule:
 
     def by_log(self) -> dict[str, list[Action]]:
         """Log → the actions that it records, in their order."""
-        logs: dict[str, list[Action]] = {one.log: [] for one in self.actions if one.log}
-        for one in self.actions:
-            if one.log:
-                logs[one.log].append(one)
+        logs: dict[str, list[Action]] = {action.log: [] for action in self.actions if action.log}
+        for action in self.actions:
+            if action.log:
+                logs[action.log].append(action)
         return logs
 
     def recorded(self, kind: Kind) -> tuple[Action, ...]:
         """Actions of a kind that a log records."""
-        return tuple(one for one in self.actions if one.action == kind and one.log)
+        return tuple(action for action in self.actions if action.action == kind and action.log)
 
     def to_csv(self) -> bytes:
         """One action per row; an empty field where a quantity has no part in it."""
         buffer = io.StringIO()
         writer = csv.writer(buffer, lineterminator="\n")
         writer.writerow([field.name for field in fields(Action)])
-        for one in self.actions:
-            writer.writerow([_text(value) for value in astuple(one)])
+        for action in self.actions:
+            writer.writerow([_text(value) for value in astuple(action)])
         return buffer.getvalue().encode()
 
 

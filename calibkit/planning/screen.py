@@ -11,7 +11,7 @@ from calibkit.report.summary import Summary
 from calibkit.report.table import Column, Table
 
 if TYPE_CHECKING:
-    from calibkit.planning.proposal import Proposal
+    from calibkit.planning.search import Proposal
 
 _NAMED = 3
 """Sources of uncertainty that the screen names."""

@@ -20,7 +20,6 @@ from calibkit.planning.proposal import (
     Coefficient,
     Design,
     Predicted,
-    Proposal,
     Wish,
 )
 from calibkit.planning.recipe_text import write_recipe
@@ -32,6 +31,7 @@ if TYPE_CHECKING:
     from calibkit.fit.solve import Fit
     from calibkit.planning.assumptions import Assumed
     from calibkit.planning.proposal import Task
+    from calibkit.planning.schedule import Schedule
     from calibkit.recipe.tables import ErrorComponent
 
 NOISE = "noise"
@@ -41,9 +41,49 @@ Sources = dict[str, "Array"]
 """Source of errors → variance [m] that it leaves in a result over the range of use."""
 
 
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """The campaign that is chosen, beside others."""
+
+    campaign: Candidate
+    wishes: tuple[Wish, ...]
+    """In the units of the results."""
+    assumed: Assumed
+    coefficients: tuple[Coefficient, ...]
+    recipe: str
+    """Text of the recipe by which its logs are fitted."""
+    curve: tuple[Candidate, ...]
+    """Campaigns none of which another one beats in both hours and uncertainty."""
+    usual: tuple[Candidate, ...]
+    """Usual campaigns, for comparison."""
+    notes: tuple[str, ...]
+
+    @property
+    def schedule(self) -> Schedule:
+        """Actions of the campaign."""
+        return self.campaign.design.schedule
+
+    @property
+    def results(self) -> tuple[Predicted, ...]:
+        """What the campaign will give."""
+        return tuple(self.campaign.results.values())
+
+    @property
+    def sought(self) -> Predicted:
+        """The result that is wished first, or the first of all."""
+        name = self.wishes[0].name if self.wishes else self.results[0].name
+        return self.campaign.results[name]
+
+    def wanted(self, name: str) -> float | None:
+        """Wished expanded uncertainty of a result, None where none is."""
+        return {wish.name: wish.value for wish in self.wishes}.get(name)
+
+
 @dataclass(frozen=True)
 class Bench(ABC):
-    """Campaigns of one recipe, and what they will tell."""
+    """Campaigns of one recipe, and what they will tell: by `fit` and `slopes`, or by `variances`
+    where a result is not one of linear combinations of the parameters of one fit.
+    """
 
     spec: Any
     """The recipe."""
@@ -91,7 +131,7 @@ class Bench(ABC):
     def passed_on(self, design: Design) -> list[ErrorComponent]:  # noqa: ARG002 (as `covers`)
         """Assumed errors that the recipe of a campaign states."""
         groups = self.spec.error_groups
-        return [one for one in self.assumed.components if one.group in groups]
+        return [error for error in self.assumed.components if error.group in groups]
 
     def notes(self, campaign: Candidate) -> Iterable[str]:  # noqa: ARG002 (as `covers`)
         """What is to be said of a campaign beside the assumptions."""
@@ -179,7 +219,9 @@ def find_front(candidates: Iterable[Candidate], name: str) -> list[Candidate]:
     hours.
     """
     front: list[Candidate] = []
-    for campaign in sorted(candidates, key=lambda one: (one.hours, one.expanded(name))):
+    for campaign in sorted(
+        candidates, key=lambda campaign: (campaign.hours, campaign.expanded(name))
+    ):
         if not front or campaign.expanded(name) < front[-1].expanded(name):
             front.append(campaign)
     return front
@@ -191,14 +233,14 @@ def choose(
     """The campaign of the fewest hours that meets the wishes, or of the least uncertainty of a
     result within hours; where none meets them, the one that comes nearest within the hours.
     """
-    inside = [one for one in candidates if within_h is None or one.hours <= within_h]
-    inside = inside or [min(candidates, key=lambda one: one.hours)]
+    inside = [campaign for campaign in candidates if within_h is None or campaign.hours <= within_h]
+    inside = inside or [min(candidates, key=lambda campaign: campaign.hours)]
     if not wishes and within_h is not None:
-        return min(inside, key=lambda one: (one.expanded(name), one.hours))
-    meeting = [one for one in inside if one.meets(wishes)]
+        return min(inside, key=lambda campaign: (campaign.expanded(name), campaign.hours))
+    meeting = [campaign for campaign in inside if campaign.meets(wishes)]
     if meeting:
-        return min(meeting, key=lambda one: (one.hours, one.expanded(name)))
-    return min(inside, key=lambda one: one.excess(wishes))
+        return min(meeting, key=lambda campaign: (campaign.hours, campaign.expanded(name)))
+    return min(inside, key=lambda campaign: campaign.excess(wishes))
 
 
 def join(*parts: Any) -> Any:  # noqa: ANN401 (rows of an instrument)

@@ -108,8 +108,6 @@ USUAL = {
     "42 attitudes of the sample logs, 9 temperatures": EVERYWHERE,
 }
 """Usual sets of attitudes: directions to the faces, edges and corners of a cube."""
-
-
 USUAL_POSITIONS = 24
 """Positions by hand of the usual campaign."""
 LENGTH_UNITS = {
@@ -143,6 +141,11 @@ class TriadBench(Bench):
     """[c]."""
 
     @property
+    def counts(self) -> tuple[int, ...]:
+        """Numbers of attitudes that the search takes."""
+        return COUNTS
+
+    @property
     def lengths(self) -> bool:
         """Whether the fit knows the length of gravity alone."""
         return bool(self.spec.reference.kind == "magnitude")
@@ -168,6 +171,10 @@ class TriadBench(Bench):
         """Residual of the fit."""
         t = self.assumed.mapped(dwells.temperature)
         return residual_of(dwells, self.terms, t, lengths=self.lengths)
+
+    def noise_of(self, dwell_s: float) -> float:
+        """Noise [g] of the mean of a dwell."""
+        return self.assumed.noise_of(dwell_s)
 
     def noise(self, dwells: DwellSet) -> Array:
         """Standard deviation of each residual [g]."""
@@ -246,40 +253,44 @@ class TriadBench(Bench):
         return [int(k) for k in allowed[pools.spread_apart(gravity, taken, number)]]
 
     def design(
-        self, degc: Sequence[int], chosen: Sequence[int], dwell_s: float, label: str = ""
+        self, degc: Sequence[float], chosen: Sequence[int], dwell_s: float, label: str = ""
     ) -> Design:
         """Soaks at temperatures in their order, attitudes by number; where nothing is withheld yet,
         with those that lie farthest from them in a log that is.
         """
-        equipment, log = self.task.equipment, self.task.name_log(LOG)
+        equipment, log = self.task.equipment, self.task.name_log(TUMBLE if self.lengths else LOG)
         fixture, clock = equipment.fixture(self.fixture), Clock(equipment)
         mountings = np.unique(self.mounting[list(chosen)])
         allowed = np.flatnonzero(np.isin(self.mounting, mountings))
-        left_out = 0 if self.task.withheld or label else LEFT_OUT
-        recorded = [(k, log) for k in chosen]
-        recorded += [(k, f"{WITHHELD}{log}") for k in self.apart(chosen, allowed, left_out)]
-        for number, mounting in enumerate(mountings.tolist()):
-            if number:
+        number = LEFT_BY_HAND if self.lengths else LEFT_OUT
+        withheld = [] if self.task.withheld else self.apart(chosen, allowed, number)
+        recorded = [(k, log) for k in chosen] + [(k, f"{WITHHELD}{log}") for k in withheld]
+        for mounting in mountings.tolist():
+            if clock.now_s:
                 clock.remount(equipment.fastest(self.assumed.device))
             for level in degc:
-                clock.settle(self.assumed.device, level)
+                if not self.lengths:
+                    clock.settle(self.assumed.device, level)
                 for k, name in recorded:
                     if self.mounting[k] == mounting:
                         if fixture.attended:
                             clock.attend(fixture.move_s + dwell_s)
                         clock.move(fixture.move_s)
                         clock.dwell(self.spots[k].tolist(), dwell_s, name)
-        schedule, noise = clock.schedule(), self.assumed.noise_of(dwell_s)
+        schedule, noise = clock.schedule(), self.noise_of(dwell_s)
         fitted = [one for one in schedule.recorded("dwell") if one.log == log]
         levels = count(len(set(degc)), "temperature")
+        usual = f"{len(chosen)} attitudes, {levels}, dwells of {dwell_s:g} s"
+        if self.lengths:
+            usual = f"{len(chosen)} positions of {dwell_s:g} s"
         return Design(
-            label or f"{len(chosen)} attitudes, {levels}, dwells of {dwell_s:g} s",
+            label or usual,
             schedule,
             (log,),
             planned_dwells(fitted, noise),
-            {"noise_g": noise},
+            {"noise_g": noise, "dwell_s": dwell_s, "noise_1s": self.assumed.noise_of(1.0)},
             # logs beside those that are measured are as these are
-            {} if self.task.have else {"dwells": {"mode": "rows"}},
+            {} if self.task.have or self.lengths else {"dwells": {"mode": "rows"}},
             (tuple(degc), tuple(chosen), dwell_s),
         )
 
@@ -301,7 +312,7 @@ class TriadBench(Bench):
         order = np.argsort(time_s, kind="stable")
         place = np.repeat(np.arange(len(attitudes)), len(degc))[order]
         held_degc = np.tile(np.array(degc, dtype=np.float64), len(attitudes))[order]
-        spots, noise = self.spots[attitudes][place], self.assumed.noise_of(dwell_s)
+        spots, noise = self.spots[attitudes][place], self.noise_of(dwell_s)
         return exact_dwells(spots, held_degc, time_s[order], noise), place
 
     def jacobian(self, dwells: DwellSet) -> Array:
@@ -334,7 +345,7 @@ class TriadBench(Bench):
         common = [one for one in stated if one not in single]
         return pools.pool(
             *(self.jacobian(dwells), common, single, self.noise(dwells)),
-            *(np.repeat(place, 3), self.base, self.sought),
+            *(np.repeat(place, 1 if self.lengths else 3), self.base, self.sought),
         )
 
     def sizes(self) -> dict[str, Iterator[Design]]:
@@ -357,7 +368,7 @@ class TriadBench(Bench):
                 continue
             if len(allowed) < FEW:
                 pool = replace(pool, most=-(-FEW // len(allowed)))
-            counts = [n for n in COUNTS if n <= len(allowed) * pool.most]
+            counts = [n for n in self.counts if n <= len(allowed) * pool.most]
             for size in counts or [len(allowed)]:
                 attitudes, _ = pool.search(size, rng, self.task.restarts)
                 for dwell_s in lengths:
@@ -385,7 +396,7 @@ class TriadBench(Bench):
     def smaller(self, design: Design) -> Design | None:
         """A design with one attitude less."""
         degc, chosen, dwell_s = design.choice or ((), (), 0.0)
-        if len(chosen) <= COUNTS[0]:
+        if len(chosen) <= self.counts[0]:
             return None
         pool = self.pool(np.arange(len(self.spots)), degc, len(chosen), dwell_s)
         fewer = [[*chosen[:k], *chosen[k + 1 :]] for k in range(len(chosen))]
@@ -399,7 +410,10 @@ class TriadBench(Bench):
         degc = list_usual_levels(self.assumed.range_degc)
         for name, spots in USUAL.items():
             mounting = np.zeros(len(spots), dtype=np.int64)
-            table = replace(self, spots=np.array(spots, dtype=np.float64), mounting=mounting)
+            task = replace(self.task, withheld=True)
+            table = replace(
+                self, task=task, spots=np.array(spots, dtype=np.float64), mounting=mounting
+            )
             yield table.design(degc, range(len(spots)), min(self.assumed.device.dwell_s), name)
 
 
@@ -430,59 +444,25 @@ class LengthBench(TriadBench):
         """At one temperature there is no range."""
         return True
 
-    def dwells(self, chosen: Sequence[int], dwell_s: float) -> DwellSet:
-        """Positions by number; a fit leaves out both ends of each."""
-        noise = self.assumed.noise_of(dwell_s - self.spec.dwells.window_s)
-        degc, none = np.full(len(chosen), self.assumed.range_degc[0]), np.full(len(chosen), np.nan)
-        return exact_dwells(self.spots[list(chosen)], degc, none, noise)
+    def noise_of(self, dwell_s: float) -> float:
+        """Noise [g] of the mean of a position, of which a fit leaves out both ends."""
+        return self.assumed.noise_of(dwell_s - self.spec.dwells.window_s)
 
-    def design(
-        self,
-        degc: Sequence[int],  # noqa: ARG002 (as of any triad)
-        chosen: Sequence[int],
-        dwell_s: float,
-        label: str = "",
-    ) -> Design:
-        """Positions by number at the temperature of the room; where nothing is withheld yet, with
-        those that lie farthest from them in a log that is.
-        """
-        equipment, log = self.task.equipment, self.task.name_log(TUMBLE)
-        clock, fixture = Clock(equipment), equipment.fixture(self.fixture)
-        left_out = 0 if self.task.withheld else LEFT_BY_HAND
-        recorded = [(k, log) for k in chosen]
-        every = np.arange(len(self.spots))
-        recorded += [(k, f"{WITHHELD}{log}") for k in self.apart(chosen, every, left_out)]
-        if fixture.attended:
-            clock.attend(len(recorded) * (fixture.move_s + dwell_s))
-        for k, name in recorded:
-            clock.move(fixture.move_s)
-            clock.dwell(self.spots[k].tolist(), dwell_s, name)
-        label += f"{len(chosen)} positions of {dwell_s:g} s"
-        settings = {"dwell_s": dwell_s, "noise_1s": self.assumed.noise_of(1.0)}
-        rows = self.dwells(chosen, dwell_s)
-        return Design(label, clock.schedule(), (log,), rows, settings)
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """Numbers of positions that the search takes."""
+        return FURTHER if self.task.have else POSITIONS
 
     def sizes(self) -> dict[str, Iterator[Design]]:
         """Campaigns of all numbers of positions, each the best of its number."""
-        lengths, every = self.assumed.device.dwell_s, range(len(self.spots))
-        dwells = self.dwells(every, min(lengths))
-        pool = pools.pool(
-            *(self.jacobian(dwells), (), (), self.noise(dwells)),
-            *(np.array(every), self.base, self.sought),
-        )
-        rng = np.random.default_rng(self.task.seed)
-
-        def best(size: int) -> Iterator[Design]:
-            chosen = pool.search(size, rng, self.task.restarts)[0]
-            yield from (self.design((), chosen, dwell_s) for dwell_s in lengths)
-
-        counts = FURTHER if self.task.have else POSITIONS
-        return {f"{size} positions": best(size) for size in counts if size <= len(every)}
+        return {"positions": self.designs(1, np.random.default_rng(self.task.seed))}
 
     def usual(self) -> Iterator[Design]:
         """Positions spread over the sphere, as short as they may be."""
         spread = [0, *self.apart([0], np.arange(len(self.spots)), USUAL_POSITIONS - 1)]
-        yield self.design((), spread, min(self.assumed.device.dwell_s), "usual: ")
+        shortest = min(self.assumed.device.dwell_s)
+        label = f"usual: {USUAL_POSITIONS} positions of {shortest:g} s"
+        yield self.design(self.assumed.range_degc[:1], spread, shortest, label)
 
 
 def _moves(order: Sequence[int], place: int, ends: tuple[int, int]) -> list[int]:
@@ -532,11 +512,10 @@ def prepare_plan(spec: AccelerometerRecipe, task: Task) -> TriadBench:
 
 def _prepare_lengths(spec: AccelerometerRecipe, task: Task) -> LengthBench:
     """What the search needs where attitudes are unknown."""
-    device = task.equipment.known_device(MAGNITUDE)
-    if spec.affine.enabled or spec.dwells.mode != "series" or device.noise_unit != "g":
+    device = task.equipment.known_device(MAGNITUDE, "g")
+    if spec.affine.enabled or spec.dwells.mode != "series":
         raise UsageError(
-            "a plan of unknown attitudes is for one temperature, and for a continuous log with a"
-            " noise in g",
+            "a plan of unknown attitudes is for one temperature, and for a continuous log",
             hint='use affine.enabled = false and dwells.mode = "series"',
         )
     if task.attitudes in ("faces", "dividing-head"):

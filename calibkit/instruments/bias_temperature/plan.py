@@ -13,11 +13,10 @@ import numpy as np
 
 from calibkit import units
 from calibkit.errors import FitError, UsageError
-from calibkit.fit.shared import Shared
 from calibkit.fit.solve import Fit, predict
 from calibkit.forms import power_unit
 from calibkit.frame import values
-from calibkit.instruments.bias_temperature.polynomials import EFFECTS, GROUP
+from calibkit.instruments.bias_temperature.polynomials import EFFECTS, GROUP, turn_on_bias
 from calibkit.numeric.least_squares import polynomial
 from calibkit.planning.assumptions import assume, read_earlier, read_sizes, seen_errors
 from calibkit.planning.levels import (
@@ -86,14 +85,7 @@ class BiasBench(Bench):
 
     def fit(self, rows: Means) -> Fit:
         """What means of logs, each with its own turn-on bias, will tell of the polynomial."""
-        group, effect = TURN_ON
-        turn_on = Shared(
-            group=group,
-            effect=effect,
-            level=rows.log,
-            loading=np.ones((rows.log.size, 1)),
-            unit=self.assumed.device.noise_unit,
-        )
+        turn_on = turn_on_bias(self.assumed.device.noise_unit, rows.log)
         powers, shared = self.powers(rows.degc), self.assumed.state([turn_on])
         start, names = np.zeros(self.order + 1), [f"p{k}" for k in range(self.order + 1)]
         return predict(lambda p: powers @ p, start, shared, noise=rows.noise, names=names)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from calibkit import units
-from calibkit.arrays import Array
+from calibkit.arrays import Array, Integers
 from calibkit.coefficients import (
     Component,
     Criterion,
@@ -130,7 +130,8 @@ def _fit_channel(entry: Bias, name: str, rows: _Rows, errors: Errors) -> _BiasFi
     held = np.vander(np.linspace(*chunks.extremes(rows.abscissa), POINTS), count, increasing=True)
     along = np.vstack([np.eye(count), held]) @ np.asarray(to_raw, dtype=np.float64)
     bounds = rows.bounds
-    offered = _turn_on(unit)
+    # of the turn-on bias of one log its rows show nothing
+    offered: tuple[Shared, ...] = (turn_on_bias(unit, np.zeros(1, dtype=np.int64)),)
     if len(bounds) > 1:
         blocks = levels.Blocks.of(design, rows.indication, rows.abscissa, bounds).without_memory()
         offered = blocks.errors(GROUP, EFFECTS, unit)
@@ -173,7 +174,7 @@ def _of_one_level(
     found = fold.linear(design, rows.indication, names=names, allocate=rows.allocate)
     consistent = hac.covariance(design, found.residuals, combinations=to_raw)
     covariance, dof = consistent.covariance, consistent.effective_dof
-    (error,) = stated or _turn_on("")
+    (error,) = stated or (turn_on_bias("", np.zeros(1, dtype=np.int64)),)
     size = error.size or 0.0
     before = float(to_raw[0] @ covariance @ to_raw[0])
     covariance[0, 0] += size**2
@@ -184,10 +185,10 @@ def _of_one_level(
     return LevelFit(found.coefficients, covariance, dof, (turn_on,), levels_of_logs)
 
 
-def _turn_on(unit: str) -> tuple[Shared, ...]:
-    """The turn-on bias of one log, of which its rows show nothing."""
-    level, loading = np.zeros(1, dtype=np.int64), np.ones((1, 1))
-    return (Shared(group=GROUP, effect=EFFECTS[0], level=level, loading=loading, unit=unit),)
+def turn_on_bias(unit: str, log: Integers) -> Shared:
+    """The turn-on bias of each log, from the number [n] of the log of each row."""
+    loading = np.ones((log.size, 1))
+    return Shared(group=GROUP, effect=EFFECTS[0], level=log, loading=loading, unit=unit)
 
 
 def result(fits: Sequence[_BiasFit], flags: Sequence[str]) -> StageResult:

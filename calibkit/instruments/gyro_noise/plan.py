@@ -117,12 +117,11 @@ class RecordBench(Bench):
 
 def prepare_plan(spec: GyroNoiseRecipe, task: Task) -> RecordBench:
     """What the search needs; UsageError for what cannot be planned."""
-    device = task.equipment.known_device(spec.procedure)
-    others = [one for one in spec.noise.columns if find_sensor(one) is not GYRO]
-    if others or device.noise_unit != "deg/h":
+    device = task.equipment.known_device(spec.procedure, "deg/h")
+    others = [column for column in spec.noise.columns if find_sensor(column) is not GYRO]
+    if others:
         raise UsageError(
-            f"a plan is for gyros with a noise in deg/h; there is {', '.join(others)}"
-            f" {device.noise_unit}",
+            f"a plan is for gyros; there is {', '.join(others)}",
             hint="plan records of gyros alone",
         )
     # the largest of all gyros and logs of an earlier run

@@ -482,10 +482,10 @@ def assume_on_table(
 
     Raises UsageError for equipment without a rate table, and for a run of no gyro on one.
     """
-    device, table = task.equipment.known_device(spec.procedure), task.equipment.rate_table
-    if table is None or device.noise_unit != "deg/s":
+    device, table = task.equipment.known_device(spec.procedure, "deg/s"), task.equipment.rate_table
+    if table is None:
         raise UsageError(
-            "a plan of gyros needs [rate_table] in the equipment file and a noise in deg/s",
+            "a plan of gyros needs [rate_table] in the equipment file",
             hint="see calibkit plan --print-equipment",
         )
     group, effect = RESPONSE

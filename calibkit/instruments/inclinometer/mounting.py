@@ -8,7 +8,7 @@ from typing import Self
 
 import numpy as np
 
-from calibkit.arrays import Array, Mask
+from calibkit.arrays import Array, Integers, Mask
 from calibkit.coefficients import Component
 from calibkit.fit.shared import Shared
 from calibkit.forms import components_of
@@ -47,15 +47,12 @@ class Circumstances:
     ) -> Self:
         """Circumstances of stations of which s is known."""
         by_root = turn_slopes(found.root >= 0, stations, spec, axis)
-        tool, every = np.zeros(by_root.size, dtype=np.int64), np.ones((by_root.size, 1))
-        turn_loading = by_root[:, None]
+        tool, turn_loading = np.zeros(by_root.size, dtype=np.int64), by_root[:, None]
         offered = [
             Shared(group=MOUNTING, effect="gyro turn", level=tool, loading=turn_loading, unit="deg")
         ]
         if stations.log.max() > 0:
-            offered.append(
-                Shared(group="log", effect="scale", level=stations.log, loading=every, unit="1")
-            )
+            offered.append(scale_of_logs(stations.log))
         stated = {error.group: error for error in state_sizes(spec.errors, offered)}
         turn = stated.get(MOUNTING)
         return cls(
@@ -115,11 +112,8 @@ class Mounted:
         changes = []
         for axis, solution in solutions.items():
             parts = stations.components[axis]
-            # positions ±x and ±y that are turned to different sides by half an index error
-            sheared = np.column_stack([parts.accel_y, parts.accel_x, parts.gyro_y, parts.gyro_x])
-            moved = np.stack([_turned(parts), sheared / 2.0])
             with np.errstate(invalid="ignore"):
-                changes.append(np.sum(solution.azimuth_slopes * moved, axis=2))
+                changes.append(np.sum(solution.azimuth_slopes * moved(parts), axis=2))
         by_turn, by_index = np.moveaxis(np.array(changes), 0, 1)
         largest = np.fmax.reduce(np.abs(by_turn))
         whole, own = (
@@ -140,15 +134,28 @@ class Mounted:
 def turn_slopes(plus: Mask, stations: Stations, spec: InclinometerRecipe, axis: Sensor) -> Array:
     """Derivatives [n] of roots by a turn of the gyro [1/°]."""
     parts = stations.components[axis]
-    latitude = np.full(plus.size, spec.site.latitude_deg)
+    return np.asarray(slopes_of_roots(parts, spec.site.latitude_deg, plus)[0])
+
+
+def slopes_of_roots(parts: Components, latitude_deg: float, plus: Mask) -> Array:
+    """Derivatives [2, n] of roots by a turn of the gyro and by an index error [1/°]."""
+    latitude = np.full(plus.size, latitude_deg)
     with np.errstate(invalid="ignore"):
-        gradient = root_slopes(parts, latitude, plus)[:, :4] * _turned(parts)
-    return np.asarray(np.radians(np.sum(gradient, axis=1)))
+        gradient = root_slopes(parts, latitude, plus)[:, :4] * moved(parts)
+    return np.asarray(np.radians(np.sum(gradient, axis=2)))
 
 
-def _turned(parts: Components) -> Array:
-    """What a gyro reads more [n, 4] for each radian of its turn: ω_x' = ω_x + δ ω_y, ω_y' = ω_y − δ
-    ω_x.
+def moved(parts: Components) -> Array:
+    """What the four components [2, n, 4] read more for each radian of a turn of the gyro, ω_x' =
+    ω_x + δ ω_y, ω_y' = ω_y − δ ω_x, and of an index error, by half of which positions ±x and ±y are
+    turned to different sides.
     """
     none = np.zeros_like(parts.gyro_x)
-    return np.column_stack([none, none, parts.gyro_y, -parts.gyro_x])
+    turned = np.column_stack([none, none, parts.gyro_y, -parts.gyro_x])
+    sheared = np.column_stack([parts.accel_y, parts.accel_x, parts.gyro_y, parts.gyro_x])
+    return np.asarray(np.stack([turned, sheared / 2.0]))
+
+
+def scale_of_logs(log: Integers) -> Shared:
+    """Part of s that the stations of a log share, from the number [n] of the log of each."""
+    return Shared(group="log", effect="scale", level=log, loading=np.ones((log.size, 1)), unit="1")

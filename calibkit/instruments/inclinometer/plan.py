@@ -7,19 +7,18 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import product
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from calibkit.errors import FitError
 from calibkit.fit.complex_step import derivative
-from calibkit.fit.shared import Prior, Shared
+from calibkit.fit.shared import Prior
 from calibkit.fit.solve import Fit, predict
 from calibkit.forms import power_unit
 from calibkit.instruments.inclinometer import mounting, simulate as simulated, solve, stations
 from calibkit.instruments.inclinometer.forms import FILE
 from calibkit.instruments.inclinometer.numeric import scale_fit
-from calibkit.instruments.inclinometer.numeric.covariance import root_slopes
 from calibkit.instruments.inclinometer.numeric.root_choice import Limits, estimate_roots
 from calibkit.instruments.inclinometer.numeric.scale_fit import Roots
 from calibkit.instruments.inclinometer.published import Components
@@ -101,9 +100,7 @@ class StationBench(Bench):
         """What the roots will tell of s(T), of a gyro whose turn has a known size, or is
         measured.
         """
-        every = np.ones((len(rows.s), 1))
-        group, effect = OF_LOG
-        of_log = Shared(group=group, effect=effect, level=rows.log, loading=every, unit="1")
+        of_log = mounting.scale_of_logs(rows.log)
         shared = self.assumed.state([*scale_fit.shared_errors(rows, None), of_log])
         size = max(self.assumed.size(*TURN), NO_TURN_DEG)
         turn = Prior(name=OF_TURN, block=slice(-1, None), size=size)
@@ -289,13 +286,7 @@ def _with_index(
     """Standard uncertainty of each root [n] with index errors, and its derivative by a turn of the
     gyro [1/°].
     """
-    none = np.zeros_like(parts.gyro_x)
-    gradient = root_slopes(parts, np.full(plus.size, latitude_deg), plus)[:, :4]
-    turned = np.column_stack([none, none, parts.gyro_y, -parts.gyro_x])
-    sheared = np.column_stack([parts.accel_y, parts.accel_x, parts.gyro_y, parts.gyro_x]) / 2.0
-    by_turn, by_index = (
-        np.radians(np.sum(gradient * moved, axis=1)) for moved in (turned, sheared)
-    )
+    by_turn, by_index = mounting.slopes_of_roots(parts, latitude_deg, plus)
     return np.hypot(u_root, by_index * assumed.size(*INDEX)), by_turn
 
 
@@ -331,7 +322,11 @@ def simulate_plan(
     """Logs of the stations of a schedule, and the coefficients of s(T) of each gyro."""
     rng, settings = np.random.default_rng(seed), document["settings"]
     size = read_sizes(document, UNITS)
-    pairs = {axis: _Pair.draw(rng, settings["order"], size) for axis in spec.axes}
+    coefficients, turn_deg, biases = {}, {}, {}
+    for axis in spec.axes:
+        order = settings["order"]
+        coefficients[axis] = np.eye(order + 1)[0] + rng.normal(0.0, SIZES[: order + 1])
+        turn_deg[axis], biases[axis] = rng.normal(0.0, size[TURN]), rng.normal(0.0, BIAS)
     sign = 1.0 if spec.reference.convention == "gravity" else -1.0
     logs: dict[str, dict[str, Array | Integers]] = {}
     for name, actions in schedule.by_log().items():
@@ -349,59 +344,26 @@ def simulate_plan(
             "time_s": np.array([one.start_s for one in actions]),
             "temp_case_degc": np.repeat(degc, 4),
         }
-        for axis, pair in pairs.items():
-            seen = (0.0 if axis == "x" else 90.0) + simulated.POSITIONS_DEG + index
-            accel, gyro = pair.read(rng, attitudes, seen, degc, settings, size)
+        gravity = simulated.rotated(attitudes, np.array([0.0, 0.0, 1.0]))
+        rate = simulated.rotated(attitudes, earth.north_east_down(settings["latitude_deg"]))
+        for axis in spec.axes:
+            seen_deg = (0.0 if axis == "x" else 90.0) + simulated.POSITIONS_DEG + index
+            accel = simulated.resolve_along(gravity, seen_deg, 0.0) + biases[axis][0]
+            accel += rng.normal(0.0, size[ACCEL], index.shape)
+            s = np.polynomial.polynomial.polyval(degc, coefficients[axis])
+            s = s + rng.normal(0.0, size[SCATTER], number)
+            s = s + rng.normal(0.0, size[OF_LOG])
+            walk = np.cumsum(rng.normal(0.0, size[WALK], index.shape), axis=1)
+            across = simulated.resolve_along(rate, seen_deg + turn_deg[axis], 0.0)
+            gyro = across / s[:, None] + walk
+            gyro += biases[axis][1] + rng.normal(0.0, settings["noise_dph"], index.shape)
             columns[f"accel_{axis}_g"] = sign * accel.ravel()
             columns[f"gyro_{axis}_dph"] = gyro.ravel()
         for column in simulated.REFERENCE if name.startswith(WITHHELD) else ():
             columns[column] = np.repeat(getattr(attitudes, column), 4)
-    truth = {"coefficients": {axis: pair.describe() for axis, pair in pairs.items()}}
+    drawn = {
+        axis: {f"s{k}": value for k, value in enumerate(powers.tolist())}
+        for axis, powers in coefficients.items()
+    }
     decimals = simulated.DECIMALS | dict.fromkeys(simulated.REFERENCE, 4)
-    return Campaign(logs, decimals, truth)
-
-
-@dataclass(frozen=True, slots=True)
-class _Pair:
-    """A gyro and an accelerometer."""
-
-    scale: Array
-    """Coefficients of s(T)."""
-    turn_deg: float
-    """Of the gyro against the accelerometer."""
-    bias: Array
-    """Of the accelerometer [g] and of the gyro [°/h]."""
-
-    @classmethod
-    def draw(
-        cls, rng: np.random.Generator, order: int, size: Mapping[tuple[str, str], float]
-    ) -> Self:
-        """Draw a pair."""
-        scale = np.append(1.0, np.zeros(order)) + rng.normal(0.0, SIZES[: order + 1])
-        return cls(scale, rng.normal(0.0, size[TURN]), rng.normal(0.0, BIAS))
-
-    def describe(self) -> dict[str, float]:
-        """Coefficients of s(T) by name."""
-        return {f"s{k}": value for k, value in enumerate(self.scale.tolist())}
-
-    def read(
-        self,
-        rng: np.random.Generator,
-        attitudes: simulated.Attitudes,
-        seen_deg: Array,
-        degc: Array,
-        settings: Mapping[str, Any],
-        size: Mapping[tuple[str, str], float],
-    ) -> tuple[Array, Array]:
-        """Accelerometer [g] and gyro [°/h] in directions [n, 4] [°] about the axis of the tool."""
-        gravity = simulated.rotated(attitudes, np.array([0.0, 0.0, 1.0]))
-        rate = simulated.rotated(attitudes, earth.north_east_down(settings["latitude_deg"]))
-        accel = simulated.resolve_along(gravity, seen_deg, 0.0) + self.bias[0]
-        accel += rng.normal(0.0, size[ACCEL], seen_deg.shape)
-        s = np.polynomial.polynomial.polyval(degc, self.scale)
-        s = s + rng.normal(0.0, size[SCATTER], degc.size)
-        s = s + rng.normal(0.0, size[OF_LOG])
-        walk = np.cumsum(rng.normal(0.0, size[WALK], seen_deg.shape), axis=1)
-        gyro = simulated.resolve_along(rate, seen_deg + self.turn_deg, 0.0) / s[:, None] + walk
-        gyro += self.bias[1] + rng.normal(0.0, settings["noise_dph"], seen_deg.shape)
-        return accel, gyro
+    return Campaign(logs, decimals, {"coefficients": drawn})
