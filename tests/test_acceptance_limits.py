@@ -208,7 +208,9 @@ def runs(name):
         figures = [
             Figure(f"{name}.GJB 2426A.{gyro}", v, "", 0.0) for gyro, v in (("x", 0.1), ("y", value))
         ]
-        return acceptance.judge_runs(figures, RateTableAcceptance(**limits))
+        return acceptance.judge_figures(
+            figures, acceptance.RUN_LIMITS, RateTableAcceptance(**limits)
+        )
 
     return made
 
@@ -226,7 +228,9 @@ def runs_unseen(value, **limits):
     stands = [
         {"scale_factor_error_ppm": -v, "nonlinearity_full_scale_ppm": v} for v in (0.1, value)
     ]
-    return acceptance.judge_unseen_lines(stands, RateTableAcceptance(**limits))
+    return acceptance.judge_unseen(
+        stands, acceptance.UNSEEN_LINE_LIMITS, RateTableAcceptance(**limits)
+    )
 
 
 def axes(value, **limits):
@@ -243,7 +247,9 @@ def axes_unseen(value, **limits):
         "rate_error_max_ppm_of_full_scale": value,
         "cross_axis_max_ppm_of_full_scale": value,
     }
-    return acceptance.judge_unseen_base([{"after": after}], TriadAcceptance(**limits))
+    return acceptance.judge_unseen(
+        [after], acceptance.UNSEEN_BASE_LIMITS, TriadAcceptance(**limits)
+    )
 
 
 def limited(key, make):

@@ -12,7 +12,6 @@ from calibkit.instruments.gyro_scale.numeric.gjb_figures import GJB, Line
 from calibkit.instruments.gyro_scale.recipe import (
     LineAcceptance,
     PairAcceptance,
-    RateTableAcceptance,
     TriadAcceptance,
 )
 
@@ -58,7 +57,7 @@ def _judge(
     )
 
 
-def _judge_figures(
+def judge_figures(
     figures: Sequence[Figure],
     kinds: Mapping[str, tuple[str, str, str]],
     limits: LineAcceptance,
@@ -93,11 +92,6 @@ def judge_noise(lines: Iterable[Line], limits: LineAcceptance) -> tuple[Criterio
     return _judge(limits, (limit, float(known.max()))) if known.size else ()
 
 
-def judge_runs(figures: Sequence[Figure], limits: RateTableAcceptance) -> tuple[Criterion, ...]:
-    """Criteria on the runs of a rate table."""
-    return _judge_figures(figures, RUN_LIMITS, limits)
-
-
 def judge_pair(
     fitted: pair_fit.PairFit, figures: Sequence[Figure], limits: PairAcceptance
 ) -> tuple[Criterion, ...]:
@@ -106,7 +100,7 @@ def judge_pair(
     """
     u_gamma = float(fitted.found.standard_uncertainty[2])
     error = abs(fitted.found.orthogonality_error_deg)
-    return _judge_figures(figures, LINE_LIMITS, limits) + _judge(
+    return judge_figures(figures, LINE_LIMITS, limits) + _judge(
         limits,
         (("standard uncertainty of gamma", "max_gamma_uncertainty", "1"), u_gamma),
         (("orthogonality error", "max_orthogonality_error_deg", "deg"), error),
@@ -126,36 +120,20 @@ def judge_triad(
         for pair in fitted.pairs
     ]
     error, u = (max(found) for found in zip(*(angles or [(0.0, 0.0)]), strict=True))
-    return _judge_figures(figures, LINE_LIMITS, limits) + _judge(
+    return judge_figures(figures, LINE_LIMITS, limits) + _judge(
         limits,
         (("orthogonality error", "max_orthogonality_error_deg", "deg"), error),
         (("standard uncertainty of an angle", "max_angle_uncertainty_deg", "deg"), u),
     )
 
 
-def judge_unseen_lines(
-    compared: Sequence[Mapping[str, Any]], limits: PairAcceptance | RateTableAcceptance
+def judge_unseen(
+    errors: Sequence[Mapping[str, Any]],
+    kinds: Mapping[str, tuple[str, str, str]],
+    limits: LineAcceptance,
 ) -> tuple[Criterion, ...]:
-    """Criteria on unseen runs: scale factor against the frozen one, and nonlinearity of the run
-    itself.
-    """
+    """Criteria on the largest error of each kind in unseen runs."""
     return _judge(
         limits,
-        *(
-            (limit, max(abs(one[key]) for one in compared))
-            for key, limit in UNSEEN_LINE_LIMITS.items()
-        ),
-    )
-
-
-def judge_unseen_base(
-    compared: Sequence[Mapping[str, Any]], limits: TriadAcceptance
-) -> tuple[Criterion, ...]:
-    """Criteria on the rates of unseen runs along and across the turned axis."""
-    return _judge(
-        limits,
-        *(
-            (limit, max(one["after"][key] for one in compared))
-            for key, limit in UNSEEN_BASE_LIMITS.items()
-        ),
+        *((limit, max(abs(one[key]) for one in errors)) for key, limit in kinds.items()),
     )

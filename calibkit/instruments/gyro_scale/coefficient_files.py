@@ -66,19 +66,19 @@ def list_rate_table_results(
     figures: list[Figure] = []
     for one in gyros:
         name = forms.line_name(one.gyro)
-        lines = [(f"{name}.{run.log.name}", run) for run in one.runs]
         # what differs from run to run and from side to side
         sizes = [s for s in one.fitted.fit.shared if s.error.effect in ("scale", "zero") and s.dof]
         parts = components_of(sizes)
         models.append(_mean_model(name, one.gyro, one.at_room, held, one.line, parts))
         models += one.curves
-        models += [_line_model(line, held, run, one.gyro) for line, run in lines]
-        if one.response is not None:
-            models.append(_response_model(forms.response_name(name), one.response, one.runs))
         figures += over_runs.run_figures(name, one, spec)
-        for line, run in lines:
+        for run in one.runs:
+            line = f"{name}.{run.log.name}"
+            models.append(_line_model(line, held, run, one.gyro))
             figures += _line_figures(line, held, run, one.gyro)
             figures += _bias_figures(line, held.line(run, one.gyro), spec)
+        if one.response is not None:
+            models.append(_response_model(forms.response_name(name), one.response, one.runs))
     return (_result(forms.SCALE_FILE, spec, models, figures, flags),)
 
 
@@ -88,20 +88,19 @@ def list_pair_results(fitted: pair_fit.PairFit, spec: OwnAxisRecipe) -> tuple[St
     """
     models: list[Model] = []
     figures: list[Figure] = []
+    held, stated = fitted.held, _stated_components(fitted.run_scale)
     for g, axis in PAIR_LINES:
         name, runs = forms.line_name(g, axis), fitted.runs[axis]
-        stated = _stated_components(fitted.run_scale)
-        models.append(_mean_model(name, g, runs, fitted.held, fitted.line(g, axis), stated))
-        named = {name if len(runs) == 1 else f"{name}.{run.log.name}": run for run in runs}
-        models += [
-            _line_model(line, fitted.held, run, g) for line, run in named.items() if line != name
-        ]
+        models.append(_mean_model(name, g, runs, held, fitted.line(g, axis), stated))
         # a projection's bias is referred to the gyro's own K
-        own = float(fitted.line(g, g).parameters[0]) if g != axis else None
-        for line, run in named.items():
+        own_K = float(fitted.line(g, g).parameters[0]) if g != axis else None
+        for run in runs:
+            line = name if len(runs) == 1 else f"{name}.{run.log.name}"
+            if line != name:
+                models.append(_line_model(line, held, run, g))
             if g == axis:
-                figures += _line_figures(line, fitted.held, run, g)
-            figures += _bias_figures(line, fitted.held.line(run, g), spec, own)
+                figures += _line_figures(line, held, run, g)
+            figures += _bias_figures(line, held.line(run, g), spec, own_K)
         response = fitted.responses[g]
         if g == axis and response is not None:
             models.append(_response_model(forms.response_name(name), response, runs))

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 from calibkit.instruments.gyro_scale.acceptance import LINE_KEYS
 from calibkit.instruments.gyro_scale.compensate import correct
 from calibkit.instruments.gyro_scale.forms import FORMS
-from calibkit.instruments.gyro_scale.instrument import fit_pair as fit, validate
+from calibkit.instruments.gyro_scale.instrument import fit_pair as fit
 from calibkit.instruments.gyro_scale.propose import propose_pair as propose
 from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe as Recipe
-from calibkit.instruments.gyro_scale.simulate_pair import campaign
 from calibkit.instruments.gyro_scale.table_runs import faults, read
+from calibkit.instruments.gyro_scale.unseen import validate
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from calibkit.simulate.campaign import Campaign
 
 __all__ = [
-    "CAMPAIGNS",
     "FORMS",
     "KEY_FIGURES",
     "Recipe",
@@ -43,7 +42,6 @@ KEY_FIGURES = (
     LINE_KEYS,
     r"gyro_orthogonality\.(N|epsilon|gamma|alpha_deg)",
 )
-CAMPAIGNS = {"gyro_pair": campaign}
 
 
 def prepare_plan(spec: Recipe, task: Task) -> Bench:

@@ -6,14 +6,13 @@ from __future__ import annotations
 
 from calibkit.instruments.gyro_scale.compensate import correct
 from calibkit.instruments.gyro_scale.forms import FORMS
-from calibkit.instruments.gyro_scale.instrument import fit_triad as fit, validate
+from calibkit.instruments.gyro_scale.instrument import fit_triad as fit
 from calibkit.instruments.gyro_scale.propose import propose_triad as propose
 from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe as Recipe
-from calibkit.instruments.gyro_scale.simulate_triad import campaign
 from calibkit.instruments.gyro_scale.table_runs import faults, read
+from calibkit.instruments.gyro_scale.unseen import validate
 
 __all__ = [
-    "CAMPAIGNS",
     "FORMS",
     "KEY_FIGURES",
     "Recipe",
@@ -30,4 +29,3 @@ KEY_FIGURES = (
     r"gyro_orthogonality\.misalignment\.(?!(\w)\1$)[a-z0-9]+",
     r"gyro_orthogonality\.orthogonality_error_deg\.[a-z0-9]+_[a-z0-9]+",
 )
-CAMPAIGNS = {"gyro_triad": campaign}

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from fnmatch import fnmatchcase
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from calibkit.certificate.fit_tables import tabulate_fit
 from calibkit.check import copies
@@ -31,11 +31,10 @@ from calibkit.report.run import list_components
 from calibkit.report.summary import Summary
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Sequence
     from pathlib import Path
 
-    from calibkit.coefficients import Criterion, Record, StageResult
-    from calibkit.frame import Log
+    from calibkit.coefficients import Criterion, StageResult
     from calibkit.instruments import Progress
     from calibkit.instruments.gyro_scale.numeric.gjb_figures import Line
     from calibkit.instruments.gyro_scale.recipe import (
@@ -116,7 +115,7 @@ def fit_rate_table(
         runs,
         held.straightened({one.gyro: one.response for one in gyros}),
         results,
-        acceptance.judge_runs(scales.figures, spec.acceptance),
+        acceptance.judge_figures(scales.figures, acceptance.RUN_LIMITS, spec.acceptance),
         curves.GyroReport.of_runs(gyros, held),
         overview.summarize_rate_table(gyros, scales),
         refit,
@@ -179,12 +178,3 @@ def fit_triad(
             triad_fit.fit_axes(spec, runs, fitted), spec
         ),
     )
-
-
-def validate(
-    spec: AnyRecipe, records: Mapping[str, Record], logs: Iterable[Log]
-) -> tuple[dict[str, Any], Summary]:
-    """Test frozen coefficients on unseen logs."""
-    from calibkit.instruments.gyro_scale import unseen
-
-    return unseen.validate(spec, records, logs)

@@ -5,14 +5,13 @@ from __future__ import annotations
 from calibkit.instruments.gyro_scale.acceptance import LINE_KEYS
 from calibkit.instruments.gyro_scale.compensate import correct
 from calibkit.instruments.gyro_scale.forms import FORMS
-from calibkit.instruments.gyro_scale.instrument import fit_rate_table as fit, validate
+from calibkit.instruments.gyro_scale.instrument import fit_rate_table as fit
 from calibkit.instruments.gyro_scale.propose import propose_rate_table as propose
 from calibkit.instruments.gyro_scale.recipe import RateTableRecipe as Recipe
-from calibkit.instruments.gyro_scale.simulate_rate_table import campaign
 from calibkit.instruments.gyro_scale.table_runs import faults, read
+from calibkit.instruments.gyro_scale.unseen import validate
 
 __all__ = [
-    "CAMPAIGNS",
     "FORMS",
     "KEY_FIGURES",
     "Recipe",
@@ -29,4 +28,3 @@ KEY_FIGURES = (
     r"gyro_scale\.(repeatability|temperature_sensitivity)\.GJB 2426A\..+",
     LINE_KEYS,
 )
-CAMPAIGNS = {"rate_table": campaign}

@@ -81,13 +81,13 @@ def validate(
         if not lines.hold_within_runs(records.values()):
             judged.append(_judge_uncertainty(held, run, axis, turned, spec.type_b))
     body: dict[str, Any] = {"logs": entries}
-    errors = [one for _, one in compared]
+    errors, limits = [one for _, one in compared], acceptance.UNSEEN_LINE_LIMITS
     if isinstance(spec, GyroTriadRecipe):
+        errors, limits = [one["after"] for one in errors], acceptance.UNSEEN_BASE_LIMITS
         shown = [_tabulate_base_errors(compared)]
-        criteria = acceptance.judge_unseen_base(errors, spec.acceptance)
     else:
         shown = [_tabulate_line_errors(compared)]
-        criteria = acceptance.judge_unseen_lines(errors, spec.acceptance)
+    criteria = acceptance.judge_unseen(errors, limits, spec.acceptance)
     if isinstance(spec, GyroPairRecipe) and len(runs) > 1:
         again = pair_fit.fit_pair({axis: tuple(group) for axis, group in runs.items()}, spec)
         body["pair"] = _compare_pair(records, again, spec.type_b)
