@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calibkit.certificate.fit_tables import tabulate_fit
 from calibkit.check import copies
 from calibkit.coefficients import Criterion, Figure, Input
 from calibkit.errors import CoefficientError, FitError, RecipeError
@@ -14,7 +13,6 @@ from calibkit.frame import refuse, require
 from calibkit.ingest import logs as ingest, write_back
 from calibkit.instruments import Fitted
 from calibkit.instruments.accelerometer import (
-    certificate,
     coefficient_files,
     dwells as triad_dwells,
     errors,
@@ -79,7 +77,6 @@ def fit(
     if fitted.affine is not None:
         uncertainty = errors.propagate_uncertainty(fitted.affine, counted, spec.toolface_range_deg)
     results = coefficient_files.list_results(fitted, dwells, spec.site.local_gravity(), uncertainty)
-    influences = sensitivities.find(fitted, dwells, spec)
     raw = errors.DwellErrors.compare(counted, spec)
     by_stage = {
         result.stage: errors.DwellErrors.compare(counted, spec, Correction.of(result))
@@ -95,12 +92,8 @@ def fit(
         f"The fitted dwells before and after{out}",
     )
     components = list_components("Errors that dwells share", [fitted.affine or fitted.k[0]])
-    shown = [
-        *tabulate_fit(results, spec, influences, certificate.blocks),
-        *([components] if components.rows else []),
-        compared,
-        *([tables.tabulate_uncertainty(uncertainty)] if uncertainty else []),
-    ]
+    shown = [components] if components.rows else []
+    shown += [compared, *([tables.tabulate_uncertainty(uncertainty)] if uncertainty else [])]
     doubts = (*shared_errors.warn_of_order(dwells), *shared_errors.warn_of_set_up(spec))
     flags = dict.fromkeys((*dwells.flags, *doubts, *fitted.flags))
     judged = (*corrected.judge_errors(spec), *fitted.triad.unexplained)
@@ -110,9 +103,9 @@ def fit(
         results,
         tuple(Input.of(log) for log in logs),
         Summary(spec.title, tuple(shown), tuple(flags), judged, overview=overview),
-        TriadReport(counted, raw, corrected, spec.toolface_range_deg),
+        TriadReport(counted, raw, corrected, spec),
         lacks=fitted.k_not_fitted,
-        sensitivities=influences,
+        sensitivities=sensitivities.find(fitted, dwells, spec),
         left_out=(left_out,) if suspects else (),
     )
 
