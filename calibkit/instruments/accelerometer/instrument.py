@@ -18,9 +18,7 @@ from calibkit.instruments.accelerometer import (
     errors,
     forms,
     plausibility,
-    sensitivities,
     shared_errors,
-    tables,
 )
 from calibkit.instruments.accelerometer.coefficient_files import Correction
 from calibkit.instruments.accelerometer.figures import TriadReport
@@ -86,18 +84,18 @@ def fit(
     stage = coefficient_files.find_stage(spec.compensation)
     corrected = by_stage[stage]
     out = f", {len(suspects)} left out" if suspects else ""
-    compared = tables.tabulate_errors(
+    compared = errors.tabulate_errors(
         {"indication": raw} | {CORRECTIONS[name]: after for name, after in by_stage.items()},
         spec,
         f"The fitted dwells before and after{out}",
     )
     components = list_components("Errors that dwells share", [fitted.affine or fitted.k[0]])
     shown = [components] if components.rows else []
-    shown += [compared, *([tables.tabulate_uncertainty(uncertainty)] if uncertainty else [])]
+    shown += [compared, *([errors.tabulate_uncertainty(uncertainty)] if uncertainty else [])]
     doubts = (*shared_errors.warn_of_order(dwells), *shared_errors.warn_of_set_up(spec))
     flags = dict.fromkeys((*dwells.flags, *doubts, *fitted.flags))
     judged = (*corrected.judge_errors(spec), *fitted.triad.unexplained)
-    overview = tables.summarize_errors(raw, corrected, CORRECTIONS[stage], compared, out)
+    overview = errors.summarize_errors(raw, corrected, CORRECTIONS[stage], compared, out)
     left_out = LeftOut("positions", len(suspects), len(dwells.place), "outlier")
     return Fitted(
         results,
@@ -105,7 +103,7 @@ def fit(
         Summary(spec.title, tuple(shown), tuple(flags), judged, overview=overview),
         TriadReport(counted, raw, corrected, spec),
         lacks=fitted.k_not_fitted,
-        sensitivities=sensitivities.find(fitted, dwells, spec),
+        sensitivities=coefficient_files.find_sensitivities(fitted, dwells, spec),
         left_out=(left_out,) if suspects else (),
     )
 
@@ -193,12 +191,12 @@ def validate(
                 "name": log.file,
                 "sha256": log.sha256,
                 "rows": log.rows,
-                "before": tables.list_errors(before, spec),
-                "after": tables.list_errors(after, spec),
+                "before": errors.list_errors(before, spec),
+                "after": errors.list_errors(after, spec),
             }
         )
         both = {"indication": before, "corrected": after}
-        shown.append(tables.tabulate_errors(both, spec, log.file))
+        shown.append(errors.tabulate_errors(both, spec, log.file))
         criteria += [
             after.judge_uncertainty(log.file, dwells, correction, spec.type_b),
             *after.judge_errors(spec),
