@@ -110,7 +110,7 @@ def fit(
         folder = store.save(out, serial, revision, files, dry_run=dry_run)
     run = store.Run(folder, document, records)
     residuals = getattr(fitted.drawing, "residuals", dict)
-    summary = replace(summary, title=f"{run.name}: {spec.title or spec.procedure}")
+    summary = replace(shown.drawn.summary, title=f"{run.name}: {spec.title or spec.procedure}")
     guesses = run_content.list_guesses(run.document["inputs"])
     last = f"effective from {dated}, the date of the last row of the logs; --date states another"
     overlaps = tuple(f"{log.name}: {log.overlap}" for log in fitted.inputs if log.overlap)

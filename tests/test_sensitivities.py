@@ -17,7 +17,6 @@ from calibkit.instruments.accelerometer import (
     plausibility,
 )
 from calibkit.instruments.accelerometer.fit import fit_triad
-from calibkit.instruments.accelerometer.sensitivities import find as find_sensitivities
 from calibkit.numeric import earth
 from calibkit.recipe.tables import Errors
 from calibkit.sensitivities import InputError
@@ -195,7 +194,9 @@ def test_a_larger_error_of_the_inclination_moves_results_as_predicted_while_effe
     in it and takes most of it out, and the prediction is the one that does not trust in that.
     """
     spec, held, fitted = dwells_of_the_sample()
-    predicted = merged(find_sensitivities(fitted, held, spec), "inclination_deg", "offset")
+    predicted = merged(
+        coefficient_files.find_sensitivities(fitted, held, spec), "inclination_deg", "offset"
+    )
     components = [
         {"group": c.group, "effect": c.effect, "value": c.value, "unit": c.unit, "dof": 1e9}
         for c in fitted.affine.components

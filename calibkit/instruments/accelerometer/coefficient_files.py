@@ -1,7 +1,9 @@
-"""Fits of a triad → accel_k.json, accel_q.json, accel_affine.json → corrected indications."""
+"""Fits of a triad → accel_k.json, accel_q.json, accel_affine.json, how they move with errors of the
+table's angles, the thermometer and local gravity, and the corrected indications that they give.
+"""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,14 +13,26 @@ from calibkit.errors import CoefficientError, FrameError
 from calibkit.forms import Form, within_ranges
 from calibkit.instruments.accelerometer import forms
 from calibkit.instruments.accelerometer.dwells import DwellSet
-from calibkit.instruments.accelerometer.fit import TriadFit
+from calibkit.instruments.accelerometer.fit import TriadFit, list_models
+from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
+from calibkit.instruments.accelerometer.triad import Triad
 from calibkit.numeric import attitude, chunks, gum
 from calibkit.numeric.dispersion import rms
 from calibkit.recipe import type_b
 from calibkit.recipe.type_b import RELATIVE, TypeB
+from calibkit.sensitivities import InputError, Sensitivity, differentiate, of_thermometer
 
 COMPENSATIONS = {"k": "accel_k", "affine": "accel_affine"}
 """Compensation of a recipe → stage whose models correct the indications."""
+
+FIELDS = {
+    "inclination_deg": "inclination",
+    "toolface_deg": "toolface",
+    forms.TEMPERATURE: "temperature",
+    "gravity_mps2": "indication",
+}
+"""Input → array of the dwells that its error shifts."""
+ANGLE_STEP_DEG, GRAVITY_STEP = 1e-3, 1e-5
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,12 +196,12 @@ def list_results(
     conditions = (
         (Condition("local_gravity", gravity_mps2, "m/s^2"),) if gravity_mps2 is not None else ()
     )
+    flags = tuple(dict.fromkeys((*dwells.flags, *fitted.flags)))
     results = []
     if fitted.k:
-        flags = tuple(dict.fromkeys((*dwells.flags, *fitted.flags, *fitted.k_not_fitted)))
-        results.append(StageResult("accel_k", fitted.k, (), flags, conditions))
+        of_k = (*flags, *fitted.k_not_fitted)
+        results.append(StageResult("accel_k", fitted.k, (), of_k, conditions))
     if fitted.q is not None and fitted.affine is not None:
-        flags = tuple(dict.fromkeys((*dwells.flags, *fitted.flags)))
         at = forms.inputs(np.eye(3), np.full(3, fitted.q.value("temperature")))
         # the exact matrix, lower triangular, turns the unit vectors of the axes into its columns
         matrix = forms.Q.evaluate(fitted.q, at).T
@@ -203,3 +217,36 @@ def list_results(
             StageResult("accel_affine", (fitted.affine,), attitude_figures, flags, conditions),
         ]
     return tuple(results)
+
+
+def find_sensitivities(
+    fitted: TriadFit, dwells: DwellSet, spec: AccelerometerRecipe
+) -> tuple[Sensitivity, ...]:
+    """Sensitivities of the coefficients of a fit to `dwells`."""
+    errors = [*of_thermometer(forms.TEMPERATURE, *dwells.valid[forms.TEMPERATURE])]
+    if spec.reference.kind == "attitude":
+        names = ("inclination_deg", "toolface_deg")
+        errors += [InputError(name, "offset", ANGLE_STEP_DEG) for name in names]
+    gravity = spec.site.local_gravity()
+    if gravity is not None and any(
+        name in spec.columns and spec.columns[name].unit == "m/s^2" for name in forms.COMPONENTS
+    ):
+        errors.append(InputError("gravity_mps2", "offset", GRAVITY_STEP * gravity))
+
+    def shift(error: InputError) -> DwellSet:
+        field = FIELDS[error.input]
+        values = getattr(dwells, field)
+        if error.input == "gravity_mps2":  # what is logged in m/s² is divided by it
+            assert gravity is not None  # noqa: S101 (no such error otherwise)
+            return replace(dwells, indication=values / (1.0 + error.step / gravity))
+        return replace(dwells, **{field: error.shift(values)})
+
+    def models(shifted: DwellSet, triad: Triad) -> tuple[StageResult, ...]:
+        k, _, q, affine = list_models(shifted, spec, triad)
+        moved = replace(fitted, k=k, q=q, affine=affine, intervals=())
+        return list_results(moved, shifted, gravity, ())
+
+    shifted = [shift(error) for error in errors]
+    triads = fitted.triad.shifted(dwells, shifted)
+    results = dict(zip(errors, map(models, shifted, triads), strict=True))
+    return differentiate(errors, models(dwells, fitted.triad), results.__getitem__)

@@ -18,6 +18,8 @@ from calibkit.numeric import attitude, chunks, dwells as stretches
 ATTITUDE = ("inclination_deg", "toolface_deg")
 SATURATED_G = 50.0
 """Indication [g] above which a log cannot be in g: a triad is calibrated in the earth's gravity."""
+COLUMNS = ("indication", "temperature", "inclination", "toolface", "noise", "time", "log")
+"""Fields of `DwellSet` that are arrays, one entry per dwell."""
 UNSTATED_DEGC = 25.0
 """Case temperature [°C] assumed for a magnitude-only log without a temperature column."""
 
@@ -64,10 +66,9 @@ class DwellSet:
     def without(self, rows: Iterable[int], flags: Iterable[str] = ()) -> "DwellSet":
         """Dwells without those at the rows, with further flags."""
         keep = np.setdiff1d(np.arange(len(self.place)), list(rows))
-        arrays = ("indication", "temperature", "inclination", "toolface", "noise", "time", "log")
         return replace(
             self,
-            **{name: getattr(self, name)[keep] for name in arrays},
+            **{name: getattr(self, name)[keep] for name in COLUMNS},
             place=tuple(self.place[k] for k in keep),
             flags=(*self.flags, *flags),
         )
@@ -117,18 +118,11 @@ def collect_dwells(logs: Sequence[Log], spec: AccelerometerRecipe) -> DwellSet:
         refuse(found)
         flags += [str(finding) for finding in found if finding.flagged]
         parts.append(read_dwells(log, spec)[0])
+    columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in COLUMNS}
+    columns["log"] = np.repeat(np.arange(len(parts)), [len(part.place) for part in parts])
+    places = tuple(place for part in parts for place in part.place)
     return DwellSet(
-        np.concatenate([part.indication for part in parts]),
-        np.concatenate([part.temperature for part in parts]),
-        np.concatenate([part.inclination for part in parts]),
-        np.concatenate([part.toolface for part in parts]),
-        np.concatenate([part.noise for part in parts]),
-        np.concatenate([part.time for part in parts]),
-        np.concatenate(
-            [np.full(len(part.place), number, dtype=np.int64) for number, part in enumerate(parts)]
-        ),
-        tuple(place for part in parts for place in part.place),
-        (*(flag for part in parts for flag in part.flags), *flags),
+        **columns, place=places, flags=(*(flag for part in parts for flag in part.flags), *flags)
     )
 
 

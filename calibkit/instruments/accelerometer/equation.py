@@ -34,6 +34,11 @@ Orders = tuple[int, int, int]
 """Highest power of temperature of x, y and z; -1 leaves the term out."""
 
 
+def per_degree(unit: str, power: int) -> str:
+    """Unit of the coefficient of a power of temperature [°C] of what is in a unit."""
+    return unit + {0: "", 1: "/degC"}.get(power, f"/degC{power}")
+
+
 @dataclass(frozen=True, slots=True)
 class Term:
     """One parameter of the equation."""
@@ -62,8 +67,7 @@ class Term:
         if self.kind in ("tilt", "fixture"):
             return "rad"
         of_order = {"k": "1", "z": "g", "c": "1", "n": "1/g2" if len(self.factors) == 3 else "1/g"}
-        per = {0: "", 1: "/degC"}.get(self.power, f"/degC{self.power}")
-        return of_order[self.kind] + per
+        return per_degree(of_order[self.kind], self.power)
 
 
 @dataclass(frozen=True, slots=True)

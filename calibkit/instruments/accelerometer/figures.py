@@ -4,11 +4,13 @@ errors before and after correction.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from calibkit.certificate.fit_tables import tabulate_fit
+from calibkit.instruments.accelerometer import certificate
 from calibkit.report.documents import Drawn
 from calibkit.report.figures import ALERT, DENOISED, GOOD, MUTED, RAW, page
 
@@ -18,6 +20,7 @@ if TYPE_CHECKING:
     from calibkit.instruments import Fitted
     from calibkit.instruments.accelerometer.dwells import DwellSet
     from calibkit.instruments.accelerometer.errors import AttitudeErrors, DwellErrors
+    from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +30,7 @@ class TriadReport:
     dwells: DwellSet
     before: DwellErrors
     after: DwellErrors
-    toolface_range_deg: tuple[float, float]
+    spec: AccelerometerRecipe
 
     def residuals(self) -> dict[str, Any]:
         """Columns of a tidy table, one row per dwell: what the correction leaves of the components,
@@ -48,17 +51,6 @@ class TriadReport:
             "residual_inclination_deg": angles.inclination_deg,
             "residual_toolface_deg": angles.toolface_deg,
         }
-
-
-def draw_pages(title: str, report: TriadReport) -> tuple[Figure, ...]:
-    """Page of attitude errors, which shows the verdict, where there is a reference attitude, and
-    page of residuals and coverage.
-    """
-    residuals = _draw_residuals(title, report)
-    before, after = report.before.angles, report.after.angles
-    if before is None or after is None:
-        return (residuals,)
-    return _draw_angles(title, report, before, after), residuals
 
 
 def _draw_residuals(title: str, report: TriadReport) -> Figure:
@@ -89,7 +81,7 @@ def _draw_angles(
     """Inclination and toolface errors before and after correction, against inclination and
     temperature.
     """
-    low, high = report.toolface_range_deg
+    low, high = report.spec.toolface_range_deg
     figure, axes = page(2, 2, title=f"{title}: attitude errors before (grey) and after (green)")
     toolface = f"toolface ({low:g}-{high:g}° inclination)"
     pairs = (
@@ -111,5 +103,14 @@ def _draw_angles(
 
 
 def draw(title: str, fitted: Fitted[TriadReport]) -> Drawn:
-    """Figures and summary of a fit."""
-    return Drawn(draw_pages(title, fitted.drawing), fitted.summary)
+    """Page of attitude errors, which shows the verdict, where there is a reference attitude, page
+    of residuals and coverage, and the summary with every result.
+    """
+    report = fitted.drawing
+    results = tabulate_fit(fitted.results, report.spec, fitted.sensitivities, certificate.blocks)
+    whole = replace(fitted.summary, tables=(*results, *fitted.summary.tables))
+    residuals = _draw_residuals(title, report)
+    before, after = report.before.angles, report.after.angles
+    if before is None or after is None:
+        return Drawn((residuals,), whole)
+    return Drawn((_draw_angles(title, report, before, after), residuals), whole)

@@ -6,27 +6,20 @@ from calibkit.arrays import Array
 from calibkit.coefficients import Model
 from calibkit.fit.complex_step import Numbers
 from calibkit.forms import Form, Inputs
-from calibkit.instruments.accelerometer.equation import Terms
+from calibkit.instruments.accelerometer.equation import Terms, per_degree
 from calibkit.instruments.accelerometer.numeric import k_factor, q_factor
 
 COMPONENTS = ("accel_x_g", "accel_y_g", "accel_z_g")
 TEMPERATURE = "temp_case_degc"
 K_MODELS = ("accel_x", "accel_y", "accel_z")
 """Names of the K models, one per axis."""
-
-
-def _over_temperature(unit: str, power: int) -> str:
-    """Unit of the coefficient of t^power, t in °C, of a quantity in `unit`."""
-    return unit if power == 0 else f"{unit}/degC{power if power > 1 else ''}"
-
-
 SCALE_FACTOR, ZERO_OFFSET, CROSS = k_factor.NAMES[:4], k_factor.NAMES[4:8], k_factor.NAMES[8:]
 """Names of K0 … K3 (scale factor) and K4 … K7 (zero offset) in ascending powers of temperature, and
 of K8, K9 (cross-axis terms): the numbering of the source, to which no power can be added.
 """
 K_UNITS = (
-    *(_over_temperature("1", power) for power in range(len(SCALE_FACTOR))),
-    *(_over_temperature("g", power) for power in range(len(ZERO_OFFSET))),
+    *(per_degree("1", power) for power in range(len(SCALE_FACTOR))),
+    *(per_degree("g", power) for power in range(len(ZERO_OFFSET))),
     *("1" for _ in CROSS),
 )
 """Units of K0 … K9."""

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calibkit.certificate.fit_tables import tabulate_fit
 from calibkit.check import copies
 from calibkit.coefficients import Criterion, Figure, Input
 from calibkit.errors import CoefficientError, FitError, RecipeError
@@ -14,15 +13,12 @@ from calibkit.frame import refuse, require
 from calibkit.ingest import logs as ingest, write_back
 from calibkit.instruments import Fitted
 from calibkit.instruments.accelerometer import (
-    certificate,
     coefficient_files,
     dwells as triad_dwells,
     errors,
     forms,
     plausibility,
-    sensitivities,
     shared_errors,
-    tables,
 )
 from calibkit.instruments.accelerometer.coefficient_files import Correction
 from calibkit.instruments.accelerometer.figures import TriadReport
@@ -79,7 +75,6 @@ def fit(
     if fitted.affine is not None:
         uncertainty = errors.propagate_uncertainty(fitted.affine, counted, spec.toolface_range_deg)
     results = coefficient_files.list_results(fitted, dwells, spec.site.local_gravity(), uncertainty)
-    influences = sensitivities.find(fitted, dwells, spec)
     raw = errors.DwellErrors.compare(counted, spec)
     by_stage = {
         result.stage: errors.DwellErrors.compare(counted, spec, Correction.of(result))
@@ -89,30 +84,26 @@ def fit(
     stage = coefficient_files.find_stage(spec.compensation)
     corrected = by_stage[stage]
     out = f", {len(suspects)} left out" if suspects else ""
-    compared = tables.tabulate_errors(
+    compared = errors.tabulate_errors(
         {"indication": raw} | {CORRECTIONS[name]: after for name, after in by_stage.items()},
         spec,
         f"The fitted dwells before and after{out}",
     )
     components = list_components("Errors that dwells share", [fitted.affine or fitted.k[0]])
-    shown = [
-        *tabulate_fit(results, spec, influences, certificate.blocks),
-        *([components] if components.rows else []),
-        compared,
-        *([tables.tabulate_uncertainty(uncertainty)] if uncertainty else []),
-    ]
+    shown = [components] if components.rows else []
+    shown += [compared, *([errors.tabulate_uncertainty(uncertainty)] if uncertainty else [])]
     doubts = (*shared_errors.warn_of_order(dwells), *shared_errors.warn_of_set_up(spec))
     flags = dict.fromkeys((*dwells.flags, *doubts, *fitted.flags))
     judged = (*corrected.judge_errors(spec), *fitted.triad.unexplained)
-    overview = tables.summarize_errors(raw, corrected, CORRECTIONS[stage], compared, out)
+    overview = errors.summarize_errors(raw, corrected, CORRECTIONS[stage], compared, out)
     left_out = LeftOut("positions", len(suspects), len(dwells.place), "outlier")
     return Fitted(
         results,
         tuple(Input.of(log) for log in logs),
         Summary(spec.title, tuple(shown), tuple(flags), judged, overview=overview),
-        TriadReport(counted, raw, corrected, spec.toolface_range_deg),
+        TriadReport(counted, raw, corrected, spec),
         lacks=fitted.k_not_fitted,
-        sensitivities=influences,
+        sensitivities=coefficient_files.find_sensitivities(fitted, dwells, spec),
         left_out=(left_out,) if suspects else (),
     )
 
@@ -200,12 +191,12 @@ def validate(
                 "name": log.file,
                 "sha256": log.sha256,
                 "rows": log.rows,
-                "before": tables.list_errors(before, spec),
-                "after": tables.list_errors(after, spec),
+                "before": errors.list_errors(before, spec),
+                "after": errors.list_errors(after, spec),
             }
         )
         both = {"indication": before, "corrected": after}
-        shown.append(tables.tabulate_errors(both, spec, log.file))
+        shown.append(errors.tabulate_errors(both, spec, log.file))
         criteria += [
             after.judge_uncertainty(log.file, dwells, correction, spec.type_b),
             *after.judge_errors(spec),

@@ -87,10 +87,9 @@ def find_implausible(
     off[list(alone)] = np.inf
     rows = np.flatnonzero(off > max(LEAST_G, FAR * scatter))
     worst = rows[np.argsort(-off[rows], kind="stable")]
-    of_dwell = _describe_dwell if by_attitude else _describe_length
 
     def describe(row: int) -> Finding:
-        return alone.get(row) or of_dwell(dwells, expected, row)
+        return alone.get(row) or _describe_dwell(dwells, expected, row, by_attitude=by_attitude)
 
     if spec.loss == "least_squares":
         reason = 'loss = "least_squares" leaves no dwell out'
@@ -225,47 +224,32 @@ def _whole_attitude(dwells: DwellSet, rows: Integers) -> str:
     return ""
 
 
-def _describe_dwell(dwells: DwellSet, expected: Array, row: int) -> Finding:
-    """Finding on a dwell that its reference attitude does not explain: the component that is
-    furthest off, or the attitude that all three show.
+def _describe_dwell(dwells: DwellSet, expected: Array, row: int, *, by_attitude: bool) -> Finding:
+    """Finding on a dwell that is not as expected: its length, or beside a reference attitude the
+    component that is furthest off, or the attitude that all three show.
     """
-    found, due = dwells.indication[row], expected[row]
-    axis = int(np.argmax(np.abs(found - due)))
+    shown, due = dwells.indication[row], expected[row]
+    axis, off = int(np.argmax(np.abs(shown - due))), float(np.linalg.norm(shown - due))
+    length, usual = float(np.linalg.norm(shown)), float(np.linalg.norm(due))
+    reads = f"{COMPONENTS[axis]} reads {shown[axis]:.4g} g"
     stated = f"inclination {dwells.inclination[row]:g}°, toolface {dwells.toolface[row]:g}°"
-    length, usual = float(np.linalg.norm(found)), float(np.linalg.norm(due))
-    if abs(length - usual) > 0.5 * float(np.linalg.norm(found - due)):
-        words = (
-            f"{COMPONENTS[axis]} reads {found[axis]:.4g} g, the length is {length:.4g} g",
-            f"{due[axis]:.4g} g and {usual:.4g} g at {stated}",
-        )
+    if not by_attitude:
+        what = f"the length is {length:.4g} g ({reads})"
+        due_words = f"{usual:.4g} g, as the other dwells in this direction"
+    elif abs(length - usual) > 0.5 * off:
+        what = f"{reads}, the length is {length:.4g} g"
+        due_words = f"{due[axis]:.4g} g and {usual:.4g} g at {stated}"
     else:
-        shown = found - due + dwells.reference[row]
-        turned = attitude.wrapped(attitude.toolface(shown) - dwells.toolface[row])
-        words = (
-            (
-                f"the triad shows about inclination {float(attitude.inclination(shown)):.0f}°,"
-                f" toolface {float(dwells.toolface[row] + turned):.0f}° ({COMPONENTS[axis]} reads"
-                f" {found[axis]:.4g} g)"
-            ),
-            f"{stated} as the reference states ({due[axis]:.4g} g)",
+        stood = shown - due + dwells.reference[row]
+        turned = attitude.wrapped(attitude.toolface(stood) - dwells.toolface[row])
+        what = (
+            f"the triad shows about inclination {float(attitude.inclination(stood)):.0f}°,"
+            f" toolface {float(dwells.toolface[row] + turned):.0f}° ({reads})"
         )
-    off = float(np.linalg.norm(found - due))
+        due_words = f"{stated} as the reference states ({due[axis]:.4g} g)"
     return Finding(
-        dwells.place[row], *words, "", name="implausible", figure=off, column=COMPONENTS[axis]
-    )
-
-
-def _describe_length(dwells: DwellSet, expected: Array, row: int) -> Finding:
-    """Finding on a dwell whose length is not that of gravity."""
-    found, due = (float(np.linalg.norm(vector[row])) for vector in (dwells.indication, expected))
-    axis = int(np.argmax(np.abs(dwells.indication[row] - expected[row])))
-    return Finding(
-        dwells.place[row],
-        f"the length is {found:.4g} g ({COMPONENTS[axis]} reads"
-        f" {dwells.indication[row, axis]:.4g} g)",
-        f"{due:.4g} g, as the other dwells in this direction",
-        "",
+        *(dwells.place[row], what, due_words, ""),
         name="implausible",
-        figure=abs(found - due),
+        figure=off,
         column=COMPONENTS[axis],
     )
