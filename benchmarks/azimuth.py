@@ -23,7 +23,6 @@ from calibkit.instruments.inclinometer.noise import NO_NOISE, estimate_noise
 from calibkit.instruments.inclinometer.numeric import (
     root_choice,
     scale_fit,
-    sensor_pairs,
 )
 from calibkit.simulate.campaign import Campaign
 
@@ -121,7 +120,7 @@ def errors(
         if calibration is not None:
             logs = other_run(seed, latitude, theta)
         x, y = solved(logs, latitude, calibration, way)
-        found = sensor_pairs.combine({"x": x, "y": y} if pair == "both" else {"x": x})
+        found = root_choice.combine({"x": x, "y": y} if pair == "both" else {"x": x})
         true = np.array(logs.truth["stations"]["azimuth_deg"])
         sigma = found.standard_uncertainty[:, -1]
         rows.append(

@@ -13,7 +13,7 @@ from calibkit.errors import RecipeError, UsageError
 from calibkit.instruments.fog_thermal import forms
 from calibkit.numeric.thermal.terms import TERMS
 from calibkit.recipe import TypeB
-from calibkit.results import changes, comparison, inputs, key_values, still_good
+from calibkit.results import comparison, inputs, key_values, still_good
 from calibkit.results.evaluation import RunResults
 from kept import keep, model
 from test_evaluate import RECIPES
@@ -176,8 +176,8 @@ def test_type_b_of_the_same_equipment_cancels_where_the_command_says_so(tmp_path
     for run in (then, now):
         (quantity,) = [one for one in run.quantities if one.compared]
         results.append(run.state(quantity, quantity.complete({"temp_case_degc": 25.0})))
-    apart = list(changes.combine_both(*results, same=False))
-    alike = list(changes.combine_both(*results, same=True))
+    apart = list(comparison.combine_both(*results, same=False))
+    alike = list(comparison.combine_both(*results, same=True))
 
     def size(parts):
         return np.sqrt(sum((p.sensitivity * p.standard_uncertainty) ** 2 for p in parts))

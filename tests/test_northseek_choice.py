@@ -18,7 +18,6 @@ from calibkit.instruments.inclinometer.numeric import (
     covariance as northseek_covariance,
     root_choice,
     scale_fit,
-    sensor_pairs,
 )
 from conftest import AUTHORITIES
 from test_northseek import forward, vector_components, wrapped
@@ -581,10 +580,10 @@ def test_two_sensor_pairs_are_combined_by_inverse_variance_around_the_circle():
     """
     x = solved(parts_of(20.0, 40.0, 359.9, 34.2), 34.2, prior_of(1))
     y = solved(parts_of(20.0, 40.0, 0.3, 34.2), 34.2, prior_of(1))
-    found = sensor_pairs.combine({"x": x, "y": y})
+    found = root_choice.combine({"x": x, "y": y})
     assert abs(wrapped(found.azimuth_deg[0] - 0.1)) < 0.01
     loud = solved(parts_of(20.0, 40.0, 0.3, 34.2, noise=9.0 * NOISE), 34.2, prior_of(1, u=0.03))
-    found = sensor_pairs.combine({"x": x, "y": loud})
+    found = root_choice.combine({"x": x, "y": loud})
     assert abs(wrapped(found.azimuth_deg[0] + 0.06)) < 0.005
     assert found.standard_uncertainty[0, 2] < u_of(x, 3)[0]
 
@@ -601,7 +600,7 @@ def test_the_latitude_s_error_is_one_error_of_both_pairs():
             prior_of(1, u=1e-9),
             latitude_uncertainty_deg=latitude,
         )
-        both = sensor_pairs.combine({"x": pair, "y": pair})
+        both = root_choice.combine({"x": pair, "y": pair})
         u[name] = both.standard_uncertainty[0, 2] / u_of(pair, 3)[0]
     assert u["latitude"] == pytest.approx(1.0, rel=1e-6)
     assert u["noise"] == pytest.approx(np.sqrt(0.5), rel=1e-6)
@@ -615,13 +614,13 @@ def test_a_pair_that_is_refused_leaves_the_other():
     y = solved(
         parts_of([20.0, 20.0], 40.0, 70.1, 34.2), 34.2, prior_of(2), refused=("lost", "lost")
     )
-    found = sensor_pairs.combine({"x": x, "y": y})
+    found = root_choice.combine({"x": x, "y": y})
     assert found.azimuth_deg[0] == pytest.approx(x.azimuth_deg[0], abs=1e-9)
     assert found.covariance[0, 2, 2] == pytest.approx(x.pair_covariance[0, 3, 3])
     assert "y not used: lost" in found.flags[0]
     assert found.status == ("", "x: broken; y: lost")
     assert np.isnan(found.azimuth_deg[1])
-    other = sensor_pairs.combine({"x": y, "y": x})
+    other = root_choice.combine({"x": y, "y": x})
     assert other.azimuth_deg[0] == pytest.approx(x.azimuth_deg[0], abs=1e-9)
     assert other.uncorrected_deg[0] == pytest.approx(x.uncorrected_deg[0], abs=1e-9)
 
@@ -630,7 +629,7 @@ def test_pairs_that_disagree_are_flagged():
     """Two degrees between the pairs is no noise."""
     x = solved(parts_of(20.0, 40.0, 70.0, 34.2), 34.2, prior_of(1, u=1e-3))
     y = solved(parts_of(20.0, 40.0, 72.0, 34.2), 34.2, prior_of(1, u=1e-3))
-    assert any("differ by 2.0" in flag for flag in sensor_pairs.combine({"x": x, "y": y}).flags[0])
+    assert any("differ by 2.0" in flag for flag in root_choice.combine({"x": x, "y": y}).flags[0])
 
 
 @pytest.mark.parametrize("way", ["history", "other run"])
@@ -661,7 +660,7 @@ def test_the_azimuth_of_random_stations_is_within_five_hundredths_of_a_degree(wa
                 over = scale_fit.fit_over_temperature(found, log["temp_case_degc"][::4])
                 found = solved(parts, 34.2, over.left_out)
             solutions.append(found)
-        both = sensor_pairs.combine(dict(zip("xy", solutions, strict=True)))
+        both = root_choice.combine(dict(zip("xy", solutions, strict=True)))
         true = np.array(logs.truth["stations"]["azimuth_deg"])
         errors.append(wrapped(both.azimuth_deg - true))
         plain.append(wrapped(both.uncorrected_deg - true))

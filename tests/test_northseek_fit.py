@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from calibkit.errors import FitError
-from calibkit.instruments.inclinometer import noise, published
+from calibkit.instruments.inclinometer import noise, published, stations
 from calibkit.instruments.inclinometer.numeric import (
     root_choice,
-    sinusoid_fit,
 )
 from test_northseek import forward, wrapped
 
@@ -48,7 +47,7 @@ def log_of(
 
 def fit(columns, sensor="x", **options):
     """Fitted stations of one sensor pair."""
-    return sinusoid_fit.fit_stations(
+    return stations.fit_stations(
         columns["station"],
         columns["position"],
         columns[f"accel_{sensor}"],

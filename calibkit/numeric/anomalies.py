@@ -133,7 +133,16 @@ def spikes(values: Array, *, least: float = 0.0) -> Integers:
     for noise_at in (_block_noise, _noise_around):
         limit = np.maximum(SPIKE * noise_at(values, rows), floor)
         rows = rows[from_median(values, rows) > limit]
-    return np.asarray(rows[_level_change(values, rows) < from_median(values, rows)], dtype=np.int64)
+    # the medians of the three rows before and of the three behind the seven rows around each
+    beyond = np.arange(WIDTH + 1, 2 * WIDTH + 1)
+    before, behind = (
+        np.median(
+            chunks.take_rows(values, np.clip(rows[:, None] + side, 0, values.size - 1)), axis=1
+        )
+        for side in (-beyond, beyond)
+    )
+    comes_back = np.abs(behind - before) < from_median(values, rows)
+    return np.asarray(rows[comes_back], dtype=np.int64)
 
 
 def _neighbours(wide: Integers, values: Array) -> Iterator[Integers]:
@@ -155,20 +164,6 @@ def from_median(values: Array, rows: Integers) -> Array:
         values, np.clip(rows[:, None] + np.arange(-WIDTH, WIDTH + 1), 0, values.size - 1)
     )
     return np.asarray(np.abs(around[:, WIDTH] - np.median(around, axis=1)), dtype=np.float64)
-
-
-def _level_change(values: Array, rows: Integers) -> Array:
-    """Absolute difference [m] between the medians of the three rows before and of the three behind
-    the seven rows around rows [m] of a series [n].
-    """
-    beyond = np.arange(WIDTH + 1, 2 * WIDTH + 1)
-    before, behind = (
-        np.median(
-            chunks.take_rows(values, np.clip(rows[:, None] + side, 0, values.size - 1)), axis=1
-        )
-        for side in (-beyond, beyond)
-    )
-    return np.asarray(np.abs(behind - before), dtype=np.float64)
 
 
 def _sampled_steps(values: Array) -> Array:

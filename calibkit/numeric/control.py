@@ -101,7 +101,10 @@ class Control:
         straight = _straightened(values, power)
         middle = float(np.median(straight))
         spread = mad_sigma(straight - middle)
-        low, high = (_bent(middle + sign * limit * spread, power) for sign in (-1.0, 1.0))
+        # the values of which these are the powers; 0 where none is so small
+        bent = middle + np.array([-limit, limit]) * spread
+        inside = np.maximum(1.0 + power * bent, 0.0)
+        low, high = (np.exp(bent) if power <= ROUNDING else inside ** (1.0 / power)).tolist()
         return cls(centre, sigma, limit, (straight - middle) / spread, (low, high))
 
 
@@ -160,14 +163,6 @@ def _straightened(values: Array, power: float) -> Array:
     return np.asarray(
         np.expm1(power * logarithm) / power if power > ROUNDING else logarithm, dtype=np.float64
     )
-
-
-def _bent(straight: float, power: float) -> float:
-    """Value of which that is the power; 0 where none is so small."""
-    inside = 1.0 + power * straight
-    if power <= ROUNDING:
-        return math.exp(straight)
-    return float(inside ** (1.0 / power)) if inside > 0.0 else 0.0
 
 
 def _limit(count: int) -> float:

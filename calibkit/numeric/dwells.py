@@ -1,6 +1,5 @@
 """Dwells in continuous logs: where a triad was held still, and the mean and noise of each hold."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -86,31 +85,24 @@ def find_dwells(
         chunks.release(indication)
         return _windowed_noise(indication[first : stop + window - 1], window, centre)
 
-    limit = _noise_limit(indication, noise, windows) if threshold is None else threshold
-    runs = chunks.find_runs(windows, lambda a, b: noise(a, b) <= limit)
+    if threshold is None:
+        at_rest = order_statistics.quantile_of_chunks(
+            lambda: (noise(a, b) for a, b in chunks.ranges(windows)), windows, AT_REST_SHARE
+        )
+        # quantised indications can stand still to the last bit, whose noise is the least at rest
+        enough = at_rest * np.sqrt(12.0)
+        steps = [order_statistics.smallest_step(axis, enough=enough) for axis in indication.T]
+        last_bit = min((step for step in steps if step > 0.0), default=0.0)
+        threshold = STILL_FACTOR * max(at_rest, last_bit / float(np.sqrt(12.0)))
+    runs = chunks.find_runs(windows, lambda a, b: noise(a, b) <= threshold)
     intervals = runs + window // 2
     intervals = intervals[intervals[:, 1] - intervals[:, 0] >= shortest]
     if not len(intervals):
         raise FitError(
-            f"nothing was held still for {shortest} rows (noise limit {limit:.3g})",
+            f"nothing was held still for {shortest} rows (noise limit {threshold:.3g})",
             hint="hold every position longer, or state the noise limit",
         )
     return intervals
-
-
-def _noise_limit(indication: Array, noise: Callable[[int, int], Array], windows: int) -> float:
-    """Noise up to which a sample of indications [n, 3] is still, from the noise of so many windows.
-
-    Quantised indications can stand still to the last bit: the noise at rest is not below that of
-    the last bit.
-    """
-    at_rest = order_statistics.quantile_of_chunks(
-        lambda: (noise(a, b) for a, b in chunks.ranges(windows)), windows, AT_REST_SHARE
-    )
-    enough = at_rest * np.sqrt(12.0)
-    steps = [order_statistics.smallest_step(axis, enough=enough) for axis in indication.T]
-    last_bit = min((step for step in steps if step > 0.0), default=0.0)
-    return STILL_FACTOR * max(at_rest, last_bit / float(np.sqrt(12.0)))
 
 
 def _windowed_noise(indication: Array, window: int, centre: Array) -> Array:

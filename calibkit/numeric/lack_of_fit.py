@@ -29,6 +29,8 @@ def find(residuals: Array, groupings: Mapping[str, Integers]) -> tuple[LackOfFit
     `groupings` are labels [n] by name, −1 for a row that belongs to no group. Residuals of a fit
     differ less than errors do, so that the test is on the safe side.
     """
+    from scipy.special import fdtrc
+
     tested = []
     for name, labels in groupings.items():
         rows = labels >= 0
@@ -43,7 +45,11 @@ def find(residuals: Array, groupings: Mapping[str, Integers]) -> tuple[LackOfFit
         # the group of the largest mean beyond what its noise explains
         worst = int(np.argmax(np.abs(mean) * np.sqrt(count)))
         found = LackOfFit(name, int(labels[rows][level == worst][0]), float(mean[worst]))
-        tested.append((_chance(between, within, count.size - 1, spare), found))
+        if within > 0.0:
+            chance = float(fdtrc(count.size - 1, spare, between / within))
+        else:
+            chance = 1.0 if between == 0.0 else 0.0
+        tested.append((chance, found))
     tested.sort(key=lambda one: one[0])
     kept = []
     for number, (chance, found) in enumerate(tested):
@@ -51,12 +57,3 @@ def find(residuals: Array, groupings: Mapping[str, Integers]) -> tuple[LackOfFit
             break
         kept.append(found)
     return tuple(kept)
-
-
-def _chance(between: float, within: float, numerator: int, denominator: int) -> float:
-    """Probability of so large a ratio of mean squares by chance."""
-    from scipy.special import fdtrc
-
-    if within == 0.0:
-        return 1.0 if between == 0.0 else 0.0
-    return float(fdtrc(numerator, denominator, between / within))

@@ -66,30 +66,25 @@ def jumps(values: Array, window: int) -> tuple[Integers, Array]:
 def _keep_settled(
     values: Array, rows: Integers, change: Array, reach: int, noise: float
 ) -> tuple[Integers, Array]:
-    """Those rows [m], and changes [m], at which the settled levels of a series [n] differ too.
+    """Those rows [m], and changes [m], at which the settled levels of a series [n] differ too: of
+    straight lines through the outer halves of `reach` rows on each side.
 
     Within 300 rows of an end nobody can say whether a change stays.
     """
     stays = np.zeros(rows.size, dtype=np.bool_)
     for k, (row, sudden) in enumerate(zip(rows.tolist(), change.tolist(), strict=True)):
-        if SETTLED_ROWS <= row <= values.size - SETTLED_ROWS:
-            settled, sigma = _settled_change(values, row, reach, noise)
-            least = max(STAYS * abs(sudden), STAYS_SIGMA * sigma)
-            stays[k] = settled * np.sign(sudden) > least
+        if not SETTLED_ROWS <= row <= values.size - SETTLED_ROWS:
+            continue
+        level, variance = [], 0.0
+        for side in (values[max(row - reach, 0) : row][::-1], values[row : row + reach]):
+            inner, outer = np.array_split(side[side.size // 2 :], 2)
+            # the quarters' middles lie 5/8 and 7/8 of the side away; a median has π/2 of the
+            # variance
+            level.append(3.5 * float(np.median(inner)) - 2.5 * float(np.median(outer)))
+            variance += (3.5**2 + 2.5**2) * np.pi / 2.0 * noise**2 / inner.size
+        least = max(STAYS * abs(sudden), STAYS_SIGMA * float(np.sqrt(variance)))
+        stays[k] = (level[1] - level[0]) * np.sign(sudden) > least
     return rows[stays], change[stays]
-
-
-def _settled_change(values: Array, row: int, reach: int, noise: float) -> tuple[float, float]:
-    """Change of level of a series [n] at a row, between straight lines through the outer halves of
-    `reach` rows on each side, and its standard deviation for a standard deviation of the noise.
-    """
-    level, variance = [], 0.0
-    for side in (values[max(row - reach, 0) : row][::-1], values[row : row + reach]):
-        inner, outer = np.array_split(side[side.size // 2 :], 2)
-        # the quarters' middles lie 5/8 and 7/8 of the side away; a median has π/2 of the variance
-        level.append(3.5 * float(np.median(inner)) - 2.5 * float(np.median(outer)))
-        variance += (3.5**2 + 2.5**2) * np.pi / 2.0 * noise**2 / inner.size
-    return level[1] - level[0], float(np.sqrt(variance))
 
 
 def _peaks(row: Integers, change: Array, apart: int) -> tuple[Integers, Array]:

@@ -116,7 +116,9 @@ def quantile_of_chunks(parts: Callable[[], Iterable[Array]], count: int, share: 
         return float(np.quantile(np.concatenate(list(parts())), share))
     at = share * (count - 1)
     low, high = _values_at_ranks(parts, (int(at), min(int(at) + 1, count - 1)), count)
-    return _interpolated(low, high, at - int(at))
+    # from the nearer value, as numpy does
+    part, step = at - int(at), high - low
+    return low + step * part if part < 0.5 else high - step * (1.0 - part)
 
 
 def quantile_bracket(sample: Array, share: float = 0.5) -> tuple[float, float]:
@@ -151,13 +153,6 @@ def smallest_step(values: Array, *, enough: float = 0.0, decimals: int | None = 
     return step
 
 
-def _interpolated(low: float, high: float, share: float) -> float:
-    """Linear interpolation at a share [1] between two values, computed from the nearer one as in
-    numpy.
-    """
-    return low + (high - low) * share if share < 0.5 else high - (high - low) * (1.0 - share)
-
-
 def _median_of_parted(parted: Array, size: int) -> Array:
     """Median along the last axis of values partitioned at index size // 2.
 
@@ -166,13 +161,6 @@ def _median_of_parted(parted: Array, size: int) -> Array:
     """
     upper = parted[..., size // 2]
     return upper if size % 2 else np.asarray((parted[..., : size // 2].max(axis=-1) + upper) / 2.0)
-
-
-def _select(values: Array, ranks: tuple[int, int]) -> tuple[float, float]:
-    """Values at two ranks (equal or consecutive) of values [n], which are reordered."""
-    values.partition(ranks[1])
-    upper = float(values[ranks[1]])
-    return (upper if ranks[0] == ranks[1] else float(values[: ranks[1]].max())), upper
 
 
 def _values_at_ranks(
@@ -200,7 +188,10 @@ def _values_at_ranks(
         if cell[0] in {1, 3}:
             return (first,) * 2 if cell[0] == 1 else (last,) * 2
         if cell[0] == 2 and kept is not None:
-            return _select(kept, (ranks[0] - counts[1], ranks[1] - counts[1]))
+            upper = ranks[1] - counts[1]
+            kept.partition(upper)
+            pair = kept[: upper + 1]
+            return float(pair[:-1].max() if ranks[0] != ranks[1] else pair[-1]), float(pair[-1])
         edges = (below, *counts, below + inside)
         low, high = {0: (low, first), 2: (first, last), 4: (last, high)}[int(cell[0])]
         below, inside = edges[cell[0]], edges[cell[0] + 1] - edges[cell[0]]

@@ -13,8 +13,8 @@ import numpy as np
 
 from calibkit import instruments, units
 from calibkit.certificate.profile import Profile, Specification
-from calibkit.certificate.quantities import At, Limit, Quantity
-from calibkit.certificate.results import Result
+from calibkit.certificate.quantities import At, Limit, Point, Quantity
+from calibkit.certificate.results import Contribution, Result
 from calibkit.check import copies
 from calibkit.coefficients import Criterion
 from calibkit.errors import UsageError, did_you_mean
@@ -22,13 +22,32 @@ from calibkit.history import difference
 from calibkit.numeric import gum
 from calibkit.numeric.change import Joint
 from calibkit.report.run import stated_criteria
-from calibkit.results.changes import Change, combine_both, contributions, factor_of_largest
 from calibkit.results.evaluation import RunResults
 from calibkit.store import Run
 
 Answer = Literal["yes", "no", "cannot tell"]
 POINTS = 25
 """Points over the common range of the first input."""
+STATED = ("quantity", "standard_uncertainty", "unit", "distribution", "dof")
+"""What two runs state of a type B term of the same equipment."""
+DRAWS = 4000
+"""Draws of the coverage factor of the largest change."""
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """A result at one point, then and now: the difference and its uncertainty (None: not known)."""
+
+    at: At
+    then: Result
+    now: Result
+    u: float | None
+    expanded: float | None
+
+    @property
+    def difference(self) -> float:
+        """Now less then."""
+        return self.now.value - self.then.value
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,35 +156,23 @@ def compare(
     found = difference.compare_runs(before, after, instruments.model_forms)
     compared = tuple(_compare_all(old, new, limits, specified, same=same))
     inputs = after.document["inputs"]
-    return StillGood(
-        before,
-        after,
-        compared,
-        tuple(_list_joints(found, compared)),
-        tuple(criterion for criterion in stated_criteria(after.document) if not criterion.passed),
-        (
-            *found.flags,
-            *_flag_models(found),
-            *_flag_terms(compared, same=same),
-            *_flag_specified(specified, compared),
-        ),
-        len(copies.shared_logs(inputs, before.document["inputs"])) == len(inputs),
-    )
-
-
-def _list_joints(
-    found: difference.Difference, compared: Sequence[Compared]
-) -> Iterator[tuple[str, int, Joint]]:
-    """Joint test of each model that a compared result is made of."""
+    # models that a compared result is made of
     used = {
         model.name
         for one in compared
         for change in one.changes[:1]
         for model, _ in one.quantity.point(change.at).parts
     }
-    for one in found.models:
-        if one.joint is not None and one.name in used:
-            yield one.name, len(one.changes), one.joint
+    joints = [(one.name, len(one.changes), one.joint) for one in found.models if one.name in used]
+    return StillGood(
+        before,
+        after,
+        compared,
+        tuple((name, count, joint) for name, count, joint in joints if joint is not None),
+        tuple(criterion for criterion in stated_criteria(after.document) if not criterion.passed),
+        (*found.flags, *_flag(found, compared, specified, same=same)),
+        len(copies.shared_logs(inputs, before.document["inputs"])) == len(inputs),
+    )
 
 
 def _require_known(limits: Mapping[str, tuple[float, str]], new: RunResults) -> None:
@@ -228,27 +235,19 @@ def _specifies(one: Specification, quantity: Quantity) -> bool:
     return named and condition in ("", "*") and unit == quantity.unit
 
 
-def _flag_models(found: difference.Difference) -> Iterator[str]:
-    """Models of two forms: their results alone were compared."""
+def _flag(
+    found: difference.Difference,
+    compared: Sequence[Compared],
+    specified: Sequence[Specification],
+    *,
+    same: bool,
+) -> Iterator[str]:
+    """Models of two forms, of which the results alone were compared; type B terms that both runs
+    state; specifications that judge nothing here.
+    """
     for model in found.models:
         if any(" became " in note and note.startswith("form") for note in model.notes):
             yield f"{model.name}: another model form, compared by its result"
-
-
-def _flag_specified(
-    specified: Sequence[Specification], compared: Sequence[Compared]
-) -> Iterator[str]:
-    """Specifications that judge nothing here."""
-    for one in specified:
-        if not any(_specifies(one, each.quantity) for each in compared):
-            yield (
-                f"specification '{one.name or one.result}' is not judged: it names no result over"
-                " its whole range"
-            )
-
-
-def _flag_terms(compared: Sequence[Compared], *, same: bool) -> Iterator[str]:
-    """Type B terms that both runs state."""
     names = {
         now.name.en
         for one in compared
@@ -261,6 +260,12 @@ def _flag_terms(compared: Sequence[Compared], *, same: bool) -> Iterator[str]:
             f"{', '.join(sorted(names))}: stated by both runs and counted twice; of the same"
             " equipment, --same-equipment counts what differs"
         )
+    for one in specified:
+        if not any(_specifies(one, each.quantity) for each in compared):
+            yield (
+                f"specification '{one.name or one.result}' is not judged: it names no result over"
+                " its whole range"
+            )
 
 
 def _compare(
@@ -352,3 +357,83 @@ def _judge(made: Compared) -> tuple[Answer, str]:
     if any(value + U < low or value - U > high for value, U in found):
         return "no", f"{what} beyond the limit by more than U"
     return "cannot tell", "U reaches across the limit"
+
+
+def contributions(found: Result) -> tuple[Contribution, ...]:
+    """Contributions to the uncertainty of a result."""
+    return () if found.uncertainty is None else found.uncertainty.contributions
+
+
+def combine_both(then: Result, now: Result, *, same: bool) -> Iterator[gum.Component]:
+    """Contributions to the uncertainty of the difference: of both runs as independent; type B terms
+    that they state alike once, by the difference of their sensitivities, where the equipment is
+    the same.
+    """
+    shared = {one.name.en: one for one in contributions(then) if one.kind == "B"}
+    for part in contributions(now):
+        other = shared.get(part.name.en)
+        alike = (
+            same
+            and other is not None
+            and all(getattr(part, fact) == getattr(other, fact) for fact in STATED)
+        )
+        taken = shared.pop(part.name.en).sensitivity if alike else 0.0
+        yield _component(part, part.sensitivity - taken)
+    for part in contributions(then):
+        if part.kind == "A" or part.name.en in shared:
+            yield _component(part, part.sensitivity)
+
+
+def _component(part: Contribution, sensitivity: float) -> gum.Component:
+    """A contribution as an independent input."""
+    return gum.Component(
+        part.name.en,
+        0.0,
+        part.standard_uncertainty,
+        "A" if part.kind == "A" else "B",
+        sensitivity,
+        part.dof,
+    )
+
+
+def factor_of_largest(quantity: Quantity, earlier: Quantity, changes: Sequence[Change]) -> float:
+    """Coverage factor of the largest of several changes, by simulation: what errors of the
+    coefficients and type B terms have in common from point to point counts once, model errors are
+    taken as independent.
+    """
+    loadings = [
+        _load(earlier.point(earlier.complete(one.at)), one.then, "then")
+        | _load(quantity.point(one.at), one.now, "now")
+        for one in changes
+    ]
+    keys = list(dict.fromkeys(key for row in loadings for key in row))
+    matrix = np.array([[row.get(key, 0.0) for key in keys] for row in loadings])
+    own = np.array([sum(u**2 for u in _further(quantity, earlier, one)) for one in changes])
+    size = np.sqrt((matrix**2).sum(axis=1) + own)
+    held = size > 0.0
+    draw = np.random.default_rng(0).standard_normal
+    z = draw((DRAWS, len(keys))) @ (matrix[held] / size[held, None]).T
+    z += draw(z.shape) * np.sqrt(own[held]) / size[held]
+    widest = max((one.expanded or 0.0) / one.u for one in changes if one.u)
+    largest = np.abs(z).max(axis=1)
+    return float(np.quantile(largest, gum.TWO_SIGMA)) * max(widest / 2.0, 1.0)
+
+
+def _load(point: Point, found: Result, when: str) -> dict[tuple[str, str, int], float]:
+    """Change of a result by one standard uncertainty of each independent direction of its
+    coefficients, and of each type B term.
+    """
+    made: dict[tuple[str, str, int], float] = {}
+    for model, weights in point.parts:
+        along = gum.square_root(np.array(model.covariance)).T @ weights
+        made |= {(when, model.name, k): float(x) for k, x in enumerate(along)}
+    for part in contributions(found):
+        if part.kind == "B":
+            made[when, part.name.en, -1] = part.sensitivity * part.standard_uncertainty
+    return made
+
+
+def _further(quantity: Quantity, earlier: Quantity, one: Change) -> Iterator[float]:
+    """Uncertainties of both results that belong to no coefficient."""
+    points = quantity.point(one.at), earlier.point(earlier.complete(one.at))
+    yield from (u for point in points for _, u, _ in point.more)

@@ -25,8 +25,7 @@ if TYPE_CHECKING:
 
     from calibkit.certificate.quantities import Quantity
     from calibkit.certificate.results import Result
-    from calibkit.results.changes import Change
-    from calibkit.results.comparison import Answer, Compared, StillGood
+    from calibkit.results.comparison import Answer, Change, Compared, StillGood
 
 PPM = 1e6
 SENTENCES: Mapping[Answer, str] = {

@@ -37,12 +37,27 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from calibkit.arrays import Array
+    from calibkit.ingest.evidence import Evidence
     from calibkit.ingest.logs import Reader
+    from calibkit.ingest.recipe_text import Choice
     from calibkit.ingest.write_back import Applied
 
 Recipe = InclinometerRecipe
 KEY_FIGURES = (r"inclinometer_scale\.s_\w", r"inclinometer_scale\.\w\.(s\d|residual_rms)")
 FORMS = (SCALE,)
+PROPOSED = (
+    *(
+        "station",
+        "position_deg",
+        "time_s",
+        "temp_case_degc",
+        "inclination_deg",
+        "toolface_deg",
+        "azimuth_deg",
+    ),
+    *(f"{kind}_{axis}_{unit}" for axis in "xy" for kind, unit in (("accel", "g"), ("gyro", "dph"))),
+)
+"""Columns that a proposed recipe maps where the logs have them."""
 faults = inclinometer_stations.examine
 
 
@@ -205,3 +220,14 @@ def validate(
     )
     criteria = (*judged, *errors.AngleErrors(*pooled).criteria(spec))
     return {"logs": entries}, Summary("", tuple(shown), tuple(flags), criteria)
+
+
+def propose(evidence: Evidence) -> Choice | None:
+    """Choice of the inclinometer recipe for logs with gyros, a rotation about the tool axis, and
+    times or stations.
+    """
+    columns = evidence.columns
+    if "position_deg" in columns and {"station", "time_s"} & columns.keys() and evidence.gyros():
+        reason = "gyros beside rotations about the tool axis, with stations or times"
+        return evidence.choose("inclinometer", PROPOSED, reason=reason)
+    return None

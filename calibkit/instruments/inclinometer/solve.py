@@ -12,14 +12,14 @@ from calibkit.errors import FitError
 from calibkit.instruments.inclinometer import mounting
 from calibkit.instruments.inclinometer.forms import ScaleFit, ScaleModel
 from calibkit.instruments.inclinometer.noise import Noise
-from calibkit.instruments.inclinometer.numeric import root_choice, scale_fit, sensor_pairs
+from calibkit.instruments.inclinometer.numeric import root_choice, scale_fit
 from calibkit.instruments.inclinometer.numeric.root_choice import (
+    Combined,
     Estimates,
     History,
     Prior,
     Solution,
 )
-from calibkit.instruments.inclinometer.numeric.sensor_pairs import Combined
 from calibkit.instruments.inclinometer.published import Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.stations import Stations
@@ -341,7 +341,7 @@ def _solve_stations(
         )
         for axis in spec.axes
     }
-    combined = sensor_pairs.combine(solutions)
+    combined = root_choice.combine(solutions)
     mounted = mounting.Mounted.of(stations, solutions, spec, turn_deg)
     covariance = combined.covariance.copy()
     covariance[:, 2, 2] += mounted.variance

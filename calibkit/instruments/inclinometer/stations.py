@@ -4,12 +4,16 @@ a station is refused.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from calibkit import check
 from calibkit.arrays import Array, Integers, Mask
 from calibkit.constants import SECONDS_PER_HOUR
+from calibkit.errors import FitError
+from calibkit.fit.complex_step import Numbers, derivative
 from calibkit.frame import Examined, Finding, Log, refuse, values
 from calibkit.instruments.inclinometer import (
     dwells as inclinometer_dwells,
@@ -19,14 +23,16 @@ from calibkit.instruments.inclinometer import (
 from calibkit.instruments.inclinometer.dwells import DwellLog
 from calibkit.instruments.inclinometer.forms import TEMPERATURE
 from calibkit.instruments.inclinometer.noise import Noise
-from calibkit.instruments.inclinometer.numeric import sinusoid_fit
 from calibkit.instruments.inclinometer.published import Components, Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.rows import REFERENCE, SENSORS, Rows
 from calibkit.numeric import attitude, chunks
+from calibkit.numeric.least_squares.fit import undetermined
 
 PLAUSIBLE = {"accel": (1.5, "g"), "gyro": (1000.0, "deg/h")}
 """Largest indication of a tool at rest, bias included; a larger one shows a wrong unit."""
+COEFFICIENTS = ("x", "y", "bias", "ramp")
+"""Of a sensor in a station that is fitted by least squares."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,7 +201,7 @@ def solve_components(
         if spec.stations.method == "four_differences":
             parts, squares, dofs, own = _by_differences(rows, axis)
         else:
-            fits = sinusoid_fit.fit_stations(
+            fits = fit_stations(
                 rows.station,
                 rows.position,
                 rows.accel[axis],
@@ -254,6 +260,136 @@ def _by_differences(
     closures = np.column_stack([published.closures(accel), published.closures(gyro)])
     known = np.isfinite(closures)
     return parts, np.where(known, closures, 0.0) ** 2, known.astype(np.int64), status
+
+
+@dataclass(frozen=True, slots=True)
+class StationFits:
+    """Components of n stations by least squares, with the biases of the sensors; stations in the
+    order of first appearance.
+    """
+
+    coefficients: Array
+    """[n, 2, 4], x, y, bias and ramp by the second of accelerometer [g] and gyro [°/h]; a ramp that
+    is not fitted is 0.
+    """
+    covariance: Array
+    """[n, 4, 4] of the components for readings of unit noise."""
+    status: tuple[str, ...]
+    """[n]: empty, or why the station cannot be solved; its components are then NaN."""
+    squares: Array
+    """Sums of squared residuals [n, 2] of accelerometer and gyro; 0 for an unsolved station."""
+    dofs: Integers
+    """Degrees of freedom [n, 2] of `squares`."""
+
+    @property
+    def components(self) -> Components:
+        """Components of readings of unit noise."""
+        accel_x, accel_y, gyro_x, gyro_y = self.coefficients[:, :, :2].reshape(-1, 4).T
+        return Components(accel_x, accel_y, gyro_x, gyro_y, self.covariance)
+
+
+def residual(
+    p: Numbers, sensor: Sensor, position_deg: Array, elapsed_s: Array, reading: Array | float
+) -> Numbers:
+    """What the equation leaves of the readings [r] of a station, of x, y, b and ḃ.
+
+        r_i = x cos p_i + y sin p_i + b + ḃ (t_i - t̄)      sensor on x
+        r_i = y cos p_i - x sin p_i + b + ḃ (t_i - t̄)      sensor on y
+
+    r reading in position p at time t; x, y the components of gravity or of the earth's rate, b
+    bias of the sensor, ḃ its ramp.
+    """
+    x, y, bias, ramp = p
+    angle = np.radians(position_deg)
+    along, across = (x, y) if sensor == "x" else (y, -x)
+    model = along * np.cos(angle) + across * np.sin(angle) + bias + ramp * elapsed_s
+    return np.asarray(model - reading)
+
+
+def fit_stations(
+    station: ArrayLike,
+    position_deg: Array,
+    accel: Array,
+    gyro: Array,
+    sensor: Sensor,
+    *,
+    time_s: Array | None = None,
+    gyro_ramp: bool = False,
+) -> StationFits:
+    """Components of every station of one sensor pair.
+
+    Parameters
+    ----------
+    station : [r], number of each row's station.
+    position_deg : [r] rotations p about the tool axis [°], any, in any sequence.
+    accel, gyro : [r] [g] and [°/h].
+    sensor : which axis the pair is on.
+    time_s : [r] [s], needed for the ramp.
+    gyro_ramp : fit a ramp of the gyro's bias at each station.
+
+    Returns
+    -------
+    StationFits; its components go where those of the four differences go. A station that cannot be
+    fitted has its reason.
+
+    Raises
+    ------
+    FitError
+        No station can be fitted, or a ramp without times.
+
+    """
+    if gyro_ramp and time_s is None:
+        raise FitError("a bias ramp without times", hint="log time_s, or fit the bias alone")
+    numbers = np.asarray(station, dtype=np.float64)
+    unique, first = np.unique(numbers, return_index=True)
+    order = unique[np.argsort(first, kind="stable")]
+    readings = np.column_stack((accel, gyro))
+    time = np.zeros(numbers.size) if time_s is None else time_s
+    coefficients = np.full((order.size, 2, len(COEFFICIENTS)), np.nan)
+    covariance = np.full((order.size, 4, 4), np.nan)
+    squares, dofs = np.zeros((order.size, 2)), np.zeros((order.size, 2), dtype=np.int64)
+    status = []
+    for k, name in enumerate(order):
+        rows = numbers == name
+        position, elapsed, reading = (
+            position_deg[rows],
+            time[rows] - time[rows].mean(),
+            readings[rows],
+        )
+        design = derivative(
+            partial(residual, sensor=sensor, position_deg=position, elapsed_s=elapsed, reading=0.0),
+            np.zeros(len(COEFFICIENTS)),
+        )
+        count = len(COEFFICIENTS) if gyro_ramp else len(COEFFICIENTS) - 1
+        status.append(_undetermined(design[:, :count], elapsed, reading))
+        if status[k]:
+            continue
+        coefficients[k], covariance[k] = 0.0, 0.0
+        for j, width in enumerate((len(COEFFICIENTS) - 1, count)):
+            gain = np.linalg.pinv(design[:, :width])
+            coefficients[k, j, :width] = gain @ reading[:, j]
+            pair = slice(2 * j, 2 * j + 2)
+            covariance[k, pair, pair] = (gain @ gain.T)[:2, :2]
+            dofs[k, j] = len(reading) - width
+            if dofs[k, j]:  # without any, residuals are rounding errors
+                left = reading[:, j] - design @ coefficients[k, j]
+                squares[k, j] = left @ left
+    if all(status):
+        raise FitError(f"none of {order.size} stations can be fitted: {status[0]}")
+    return StationFits(coefficients, covariance, tuple(status), squares, dofs)
+
+
+def _undetermined(design: Array, elapsed_s: Array, readings: Array) -> str:
+    """Reason why a station with readings [r, m] cannot be fitted, or an empty string."""
+    if not (np.isfinite(readings).all() and np.isfinite(design[:, :2]).all()):
+        return "an indication or a position is not finite"
+    if not np.isfinite(elapsed_s).all():
+        return "a time is not finite"
+    names = COEFFICIENTS[: design.shape[1]]
+    if len(design) < len(names):
+        return f"{len(design)} readings for {len(names)} coefficients"
+    unknown = undetermined(design, names)
+    return f"the positions cannot determine {', '.join(unknown)}" if unknown else ""
 
 
 def _with_noise(parts: Components, noise: Noise, outliers: Sequence[str]) -> Components:

@@ -144,26 +144,21 @@ def equivalent_dof(factor: int, runs: Integers, noise: Noise) -> float:
     than angle random walk has: overlapping gives phase noise new information at every sample, which
     no few blocks can vouch for.
     """
+    # numbers of whole pairs of averages in the runs that have any, and how often each occurs
+    whole = (runs - 2 * factor + 1)[runs >= 2 * factor]
+    lengths, many = np.unique(whole.astype(np.float64), return_counts=True)
     if noise in ("quantization", "flicker_phase_noise"):
-        return min(
-            _phase_noise_dof(factor, runs), equivalent_dof(factor, runs, "angle_random_walk")
-        )
-    lengths, many = _pair_counts(factor, runs)
+        lags = factor * np.arange(3.0)
+        weight = np.array([1.0, 2.0, 2.0]) * np.array([1.0, -4.0 / 6.0, 1.0 / 6.0]) ** 2
+        shared = weight @ np.maximum(lengths - lags[:, None], 0.0) @ many
+        own = float((lengths @ many) ** 2 / shared)
+        return min(own, equivalent_dof(factor, runs, "angle_random_walk"))
     pairs = float(lengths @ many)
     reach = min(int(lengths[-1]), 3 * factor)
     lags = np.unique(np.round(np.linspace(0.0, reach, min(reach, LAGS) + 1)))
     shared = np.maximum(lengths - lags[:, None], 0.0) @ many
     correlation = _pair_covariance(lags / factor, noise) / _pair_covariance(np.zeros(1), noise)
     return float(pairs**2 / (2.0 * np.trapezoid(shared * correlation**2, lags)))
-
-
-def _phase_noise_dof(factor: int, runs: Integers) -> float:
-    """Equivalent degrees of freedom of the overlapping Allan variance of quantization."""
-    lengths, many = _pair_counts(factor, runs)
-    lags = factor * np.arange(3.0)
-    weight = np.array([1.0, 2.0, 2.0]) * np.array([1.0, -4.0 / 6.0, 1.0 / 6.0]) ** 2
-    shared = weight @ np.maximum(lengths - lags[:, None], 0.0) @ many
-    return float((lengths @ many) ** 2 / shared)
 
 
 def wavelet_correlation(low: Array, high: Array, factor: int) -> float:
@@ -204,15 +199,6 @@ def chi_square_limits(deviation: Array, dof: Array, probability: float) -> tuple
     return (
         deviation * np.sqrt(dof / chdtri(dof, tail)),
         deviation * np.sqrt(dof / chdtri(dof, 1.0 - tail)),
-    )
-
-
-def _pair_counts(factor: int, runs: Integers) -> tuple[Array, Integers]:
-    """Numbers of whole pairs of averages in the runs [g] that have any, and how often each number
-    occurs.
-    """
-    return np.unique(
-        (runs - 2 * factor + 1)[runs >= 2 * factor].astype(np.float64), return_counts=True
     )
 
 

@@ -228,7 +228,16 @@ def fit_over_temperature(
     levels = np.unique(np.round(degc)).size
     tried = orders(degc.size, levels, HIGHEST_ORDER) if order is None else [order]
     highest = tried[-1]
-    roots = _used_roots(every, used)
+    # one that states no uncertainty would be the only one that counts
+    typical = float(np.median(every.u[used]))
+    least_u = 1e-3 * typical if typical > 0.0 else 1.0
+    roots = Roots(
+        s=every.s[used],
+        u=np.maximum(every.u[used], least_u),
+        x=every.x[used],
+        turn=every.turn[used],
+        log=np.unique(every.log[used], return_inverse=True)[1],
+    )
     separable = None
     if turn is not None and degc.size - highest - 2 >= SPARE:
         separable = _separates_turn(roots, highest)
@@ -237,15 +246,6 @@ def fit_over_temperature(
     to_raw = np.asarray(polynomial.to_raw_powers(middle, half, highest), dtype=np.float64)
     left_out = _leave_out(fit, every, roots, used)
     return ScaleOverTemperature(fit, roots, to_raw, limits, used, left_out, separable)
-
-
-def _used_roots(every: Roots, used: Mask) -> Roots:
-    """Roots [m] of the fit. One that states no uncertainty would be the only one that counts."""
-    u = every.u[used]
-    typical = float(np.median(u))
-    u = np.maximum(u, 1e-3 * typical if typical > 0.0 else 1.0)
-    log = np.unique(every.log[used], return_inverse=True)[1]
-    return Roots(every.s[used], u, every.x[used], every.turn[used], log)
 
 
 def _separates_turn(roots: Roots, order: int) -> bool:
