@@ -118,7 +118,7 @@ class Run(store.Run):
         if not self.in_memory:
             return store.Run.stage_digests(self)
         return {
-            record.stage: str(sealed.unseal(record.dumps(), name, (record.format,))["sha256"])
+            record.stage: str(sealed.unseal(record.dumps(), name, record.format)["sha256"])
             for name, record in self.records.items()
         }
 
@@ -253,7 +253,7 @@ class Run(store.Run):
         spec = pipeline.run_recipe(self, ())
         with in_memory.hold(frames, patterns(spec)) as folder:
             text, _ = pipeline.judge_unseen(self, folder, silent)
-        return sealed.unseal(text, "validation", run_document.VALIDATION_FORMATS)
+        return sealed.unseal(text, "validation", run_document.VALIDATION_FORMAT)
 
 
 def patterns(spec: Any) -> tuple[str, ...]:  # noqa: ANN401 (each procedure has its own recipe)

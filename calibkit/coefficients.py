@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from calibkit.plugins import Plugin
 
 FORMAT = "calibkit-coefficients/2"
-FORMATS = ("calibkit-coefficients/1", FORMAT)
-"""Every coefficient format ever released; each keeps loading."""
 _FORM = re.compile(r"[a-z][a-z0-9-]*/[1-9][0-9]*")
 """Name of a model form, which exports state: "fog-drift-bank/1"."""
 
@@ -287,7 +285,7 @@ def loads(text: str, name: str) -> Record:
     """Record of a coefficient file's text; raises CoefficientError for a wrong digest, format or
     shape.
     """
-    document = unseal(text, name, FORMATS)
+    document = unseal(text, name, FORMAT)
     document.pop("sha256")
     try:
         record = _typed(
@@ -310,17 +308,9 @@ def loads(text: str, name: str) -> Record:
 
 
 def _require_sound(record: Record) -> None:
-    """Raise ValueError for a serial that names no device, or for a record of format 1 with a key
-    that only format 2 has.
-    """
+    """Raise ValueError for a serial that names no device."""
     if not names.is_serial(record.serial):
         raise ValueError(f"serial {record.serial!r:.40} is none that fit takes")
-    numbers = (*record.figures, *(entry for model in record.models for entry in model.coefficients))
-    if record.format == FORMATS[0] and (
-        any(entry.effective_dof is not None for entry in numbers)
-        or any(model.components for model in record.models)
-    ):
-        raise ValueError(f"effective_dof and components are not keys of {record.format}")
 
 
 def _model(entry: Mapping[str, Any]) -> Model:

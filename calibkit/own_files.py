@@ -36,15 +36,15 @@ def _check_document(path: Path) -> str:
         raise CoefficientError(
             f"{path}: not a text that calibkit wrote", hint="verify takes calibkit's own files"
         ) from None
-    of_runs = run_document.FORMATS + run_document.VALIDATION_FORMATS
-    formats = coefficients.FORMATS + of_runs + targets.MANIFESTS + (plan_file.FORMAT,)
-    document = sealed.unseal(text, str(path), formats)
-    if document["format"] in targets.MANIFESTS:
+    of_runs = run_document.FORMAT, run_document.VALIDATION_FORMAT
+    formats = coefficients.FORMAT, *of_runs, targets.MANIFEST, plan_file.FORMAT
+    document = sealed.unseal(text, str(path), *formats)
+    if document["format"] == targets.MANIFEST:
         return targets.verify_manifest(path)
     if document["format"] == plan_file.FORMAT:
         plan_file.load_plan(path.parent, path.name)
         return f"plan of {document['procedure']}: {document['plan']}"
-    if document["format"] in coefficients.FORMATS:
+    if document["format"] == coefficients.FORMAT:
         record = coefficients.loads(text, str(path))
         return (
             f"{record.stage} of {record.serial} r{record.revision:03d}, effective from"

@@ -216,7 +216,7 @@ def validate(
     new_files.refuse_existing(out)
     text, summary = judge_unseen(run, data, progress)
     new_files.write_new(out, text.encode(), dry_run=dry_run)
-    return sealed.unseal(text, str(out), run_document.VALIDATION_FORMATS), summary
+    return sealed.unseal(text, str(out), run_document.VALIDATION_FORMAT), summary
 
 
 @one_thread()
@@ -242,7 +242,7 @@ def judge_unseen(run: store.Run, data: Path, progress: Progress) -> tuple[str, S
         logs=tuple(files),
     )
     document = {
-        "format": run_document.VALIDATION_FORMATS[-1],
+        "format": run_document.VALIDATION_FORMAT,
         "serial": run.document["serial"],
         "revision": run.document["revision"],
         "run_sha256": run.document["sha256"],

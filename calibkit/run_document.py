@@ -13,10 +13,7 @@ from calibkit.errors import CoefficientError
 from calibkit.frame import KEPT_DIGITS
 
 FORMAT = "calibkit-run/2"
-FORMATS = ("calibkit-run/1", FORMAT)
-"""Every format of run.json ever released; each keeps loading."""
-VALIDATION_FORMATS = ("calibkit-validation/1", "calibkit-validation/2")
-"""Every format of a validation ever released."""
+VALIDATION_FORMAT = "calibkit-validation/2"
 Verdict = Literal["accepted", "rejected", "no verdict"]
 ACCEPTED: Mapping[str, bool | None] = {"accepted": True, "rejected": False, "no verdict": None}
 """Verdict → `accepted` of a JSON document."""
@@ -82,16 +79,8 @@ def judge(criteria: Iterable[Criterion]) -> Verdict:
 
 
 def loads(text: str, name: str) -> dict[str, Any]:
-    """run.json of its text, one of format 1 with the verdict that it stands for; CoefficientError
-    for a wrong digest or format.
-    """
-    document = sealed.unseal(text, name, FORMATS)
-    if document["format"] == FORMATS[0]:
-        if document.get("accepted") is True and not document.get("acceptance"):
-            document["accepted"] = None
-        stated = document.get("accepted", "")
-        document["verdict"] = next((one for one, value in ACCEPTED.items() if value is stated), "")
-    return document
+    """run.json of its text; CoefficientError for a wrong digest or format."""
+    return sealed.unseal(text, name, FORMAT)
 
 
 def require_shape(document: Mapping[str, Any], path: str) -> None:

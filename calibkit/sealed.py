@@ -35,7 +35,7 @@ def seal(document: Mapping[str, Any]) -> str:
     return json.dumps(body, ensure_ascii=False, indent=1, allow_nan=False) + "\n"
 
 
-def unseal(text: str, name: str, formats: tuple[str, ...]) -> dict[str, Any]:
+def unseal(text: str, name: str, *formats: str) -> dict[str, Any]:
     """Document of a sealed JSON text, or CoefficientError that states why it cannot be trusted."""
     try:
         document = json.loads(text, object_pairs_hook=_distinct)
@@ -50,7 +50,7 @@ def unseal(text: str, name: str, formats: tuple[str, ...]) -> dict[str, Any]:
     if document["format"] not in formats:
         raise CoefficientError(
             f"{name}: format '{document['format']}', expected one of {', '.join(formats)}",
-            hint="use a newer calibkit",
+            hint="use the calibkit that wrote it, or a newer one",
         )
     expected = _digest(document)
     if document.get("sha256") != expected:

@@ -19,7 +19,7 @@ from calibkit import atomic, coefficients, names, run_document, sealed
 from calibkit.errors import CoefficientError, OutputError, UsageError
 from calibkit.new_files import RUN_FILE, output_errors, refuse_run_folder
 
-FLEET_FORMATS = ("calibkit-fleet/1", "calibkit-fleet/2")
+FLEET_FORMAT = "calibkit-fleet/2"
 FLEET_FILE = "fleet.json"
 FLEETS = "_fleet"
 """Folder of the tables of fleets, beside the serials' folders; no serial begins like it."""
@@ -54,7 +54,7 @@ class Run:
         """Stage → digest that its coefficient file states of itself."""
         return {
             record.stage: str(
-                sealed.unseal(_text(self.folder / name), name, coefficients.FORMATS)["sha256"]
+                sealed.unseal(_text(self.folder / name), name, coefficients.FORMAT)["sha256"]
             )
             for name, record in self.records.items()
         }
@@ -272,7 +272,7 @@ def load_fleet(folder: Path) -> Mapping[str, Any]:
     CoefficientError.
     """
     name = f"{folder / FLEET_FILE}"
-    document = sealed.unseal(_text(folder / FLEET_FILE), name, FLEET_FORMATS)
+    document = sealed.unseal(_text(folder / FLEET_FILE), name, FLEET_FORMAT)
     run_document.require_fleet_shape(document, name)
     _listed(folder, document, FLEET_FILE)
     return document

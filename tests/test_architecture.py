@@ -35,12 +35,3 @@ def test_every_instrument_has_a_folder_and_every_folder_an_instrument():
     assert {module.split(".")[0] for module in instruments.SHIPPED.values()} == {
         folder.name for folder in FOLDERS
     }
-
-
-def test_modules_that_the_page_on_moved_ones_names_are_there():
-    """Each row's new modules are in the package, and no old one has two rows."""
-    text = (ROOT / "docs" / "moved.md").read_text(encoding="utf-8")
-    rows = [row.split("|")[1:3] for row in text.splitlines() if row.startswith("| `")]
-    assert len(rows) == len({old for old, _ in rows}) > 200
-    new = {f"calibkit.{name}" for _, cell in rows for name in re.findall(r"`([\w.]+)`", cell)}
-    assert {name for name in new if importlib.util.find_spec(name) is None} == set()

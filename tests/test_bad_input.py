@@ -530,7 +530,7 @@ def test_an_output_whose_name_deceives_is_refused(tmp_path, calibkit, name, faul
 
 def test_a_prefix_that_no_file_on_windows_can_have_is_refused(calibkit, tmp_path):
     """`con` would make con.h."""
-    run = ROOT / "tests" / "golden" / "run-1" / "INC-1" / "r001"
+    run = ROOT / "tests" / "golden" / "0.2" / "inclinometer" / "G-1" / "r001"
     outcome = calibkit("export", run, "--target", "c", "--prefix", "con", "--out", tmp_path / "o")
     assert outcome.code == 2
     assert "--prefix 'con' is a device's name on Windows" in outcome.err

@@ -146,11 +146,10 @@ def test_a_wheel_is_installed_by_a_path_that_keeps_its_extras():
     assert [word for word in named if not word.startswith("./")] == []
 
 
-@pytest.mark.parametrize("number", [1, 2])
-def test_a_schema_refuses_a_coefficient_without_its_unit(number):
-    """The golden file of each format passes; the same without one unit does not."""
+def test_a_schema_refuses_a_coefficient_without_its_unit():
+    """The golden file passes; the same without one unit does not."""
     golden = json.loads(
-        (ROOT / "tests" / "golden" / f"coefficients-{number}.json").read_text(encoding="utf-8")
+        (ROOT / "tests" / "golden" / "coefficients-2.json").read_text(encoding="utf-8")
     )
     golden |= {"recipe_sha256": "0" * 64, "inputs": []}  # its own are shortened
     validator = validators()[golden["format"]]

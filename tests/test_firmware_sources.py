@@ -14,7 +14,6 @@ from calibkit.firmware.chain import Correction
 from calibkit.instruments.fog_thermal import firmware_updates, forms
 from calibkit.instruments.fog_thermal.firmware import chain as drift_chain
 from calibkit.instruments.fog_thermal.forms import FILE
-from conftest import ROOT
 from firmware_runs import cached
 
 NASTY = "a*/b\\ /* ??/ @p_ \n° 陀 {x}'"
@@ -180,9 +179,3 @@ def test_air_that_is_weighed_by_0_is_said_to_be_and_needs_no_thermometer(tmp_pat
     (line,) = (line for line in said if "temp_env_degc" in line)
     assert "weighed by 0: hand over the case temperature" in line
     assert firmware_updates._columns(chain)[2] == "temp_case_degc"
-
-
-def test_exports_of_before_verify(calibkit):
-    """Exports without these lines, made by an earlier calibkit, are as good as they were."""
-    for path in sorted((ROOT / "tests" / "golden" / "exports-1").rglob("cal*.*")):
-        assert calibkit("verify", path).code == 0, path

@@ -20,36 +20,14 @@ from calibkit.recipe.logs import Logs
 from conftest import ROOT
 from kept import keep, model
 
-GOLDEN = ROOT / "tests" / "golden" / "run-1"
-WITHHELD = ROOT / "datasets" / "inclinometer" / "withheld" / "stations.csv"
+GOLDEN = ROOT / "tests" / "golden"
+RUN = GOLDEN / "0.2" / "inclinometer" / "G-1" / "r001"
 
 
 @pytest.fixture
 def golden(tmp_path):
-    """Return a copy of the run folder that calibkit 0.1.0 wrote."""
-    return Path(shutil.copytree(GOLDEN / "INC-1" / "r001", tmp_path / "INC-1" / "r001"))
-
-
-def test_a_run_of_the_first_format_is_read_to_the_last_digit(calibkit):
-    """The run folder that calibkit 0.1.0 wrote loads, and its coefficients are those that were
-    noted beside it then.
-    """
-    outcome = calibkit("show", GOLDEN / "INC-1" / "r001", "--csv")
-    assert outcome.code == 0
-    assert outcome.out == (GOLDEN / "INC-1.csv").read_text(encoding="utf-8")
-    assert calibkit("verify", GOLDEN / "INC-1" / "r001", GOLDEN / "validation.json").code == 0
-
-
-def test_a_run_of_the_first_format_still_compensates(tmp_path, calibkit):
-    """Its recipe is understood and its coefficients applied: azimuths of the withheld stations come
-    out, every row.
-    """
-    out = tmp_path / "out.csv"
-    outcome = calibkit("apply", GOLDEN / "INC-1" / "r001", "--data", WITHHELD, "--out", out)
-    assert outcome.code == 0, outcome.err
-    lines = out.read_text(encoding="utf-8").splitlines()
-    assert len(lines) == len(WITHHELD.read_text(encoding="utf-8").splitlines())
-    assert ",azimuth_deg" in lines[0]
+    """Return a copy of a run folder that calibkit 0.2 wrote."""
+    return Path(shutil.copytree(RUN, tmp_path / "G-1" / "r001"))
 
 
 def test_there_is_a_golden_file_of_every_format():
@@ -63,20 +41,20 @@ def test_there_is_a_golden_file_of_every_format():
     }
     kept = {
         json.loads(path.read_text(encoding="utf-8"))["format"]
-        for path in GOLDEN.parent.rglob("*.json")
+        for path in GOLDEN.rglob("*.json")
         if path.name != "numbers.json"  # what a test compares, of no format
     }
     assert named >= {
-        *coefficients.FORMATS,
-        *run_document.FORMATS,
-        *store.FLEET_FORMATS,
-        *run_document.VALIDATION_FORMATS,
+        coefficients.FORMAT,
+        run_document.FORMAT,
+        store.FLEET_FORMAT,
+        run_document.VALIDATION_FORMAT,
     }
     assert named - kept == {"calibkit-firmware/1"}
 
 
-EXPORTS = sorted(path for path in GOLDEN.parent.glob("exports-*/**/*") if path.is_file())
-FLEETS = sorted(GOLDEN.parent.glob("fleet-*"))
+EXPORTS = sorted(path for path in GOLDEN.glob("exports-*/**/*") if path.is_file())
+FLEETS = sorted(GOLDEN.glob("fleet-*"))
 
 
 @pytest.mark.parametrize("path", [*EXPORTS, *FLEETS], ids=lambda path: path.name)
@@ -86,44 +64,32 @@ def test_an_export_and_a_fleet_of_every_format_still_verify(calibkit, path):
     """
     outcome = calibkit("verify", path)
     assert (outcome.code, outcome.err) == (0, "")
-    assert (len(EXPORTS), len(FLEETS)) == (15, 2)
+    assert (len(EXPORTS), len(FLEETS)) == (5, 1)
 
 
 def test_a_run_of_the_second_format_is_read(calibkit):
     """Effective degrees of freedom, components and a run without a verdict."""
-    run = store.load(GOLDEN.parent / "run-2" / "RT-2" / "r001")
+    run = store.load(GOLDEN / "run-2" / "RT-2" / "r001")
     assert (run.document["verdict"], run.document["accepted"]) == ("no verdict", None)
     (found,) = run.records["gyro_scale.json"].models
     assert [one.effective_dof for one in found.coefficients] == [3.25, None]
     assert [one.name for one in found.components] == ["run-to-run scale"]
-    assert calibkit("verify", run.folder, GOLDEN.parent / "run-2" / "validation.json").code == 0
+    assert calibkit("verify", run.folder, GOLDEN / "run-2" / "validation.json").code == 0
 
 
 def test_a_plan_of_the_first_format_still_gives_logs(tmp_path, calibkit):
     """A campaign is simulated by a plan that was kept, action for action of its schedule."""
     outcome = calibkit(
-        "simulate", "--plan", GOLDEN.parent / "plan-1", "--seed", "1", "--out", tmp_path / "logs"
+        "simulate", "--plan", GOLDEN / "plan-1", "--seed", "1", "--out", tmp_path / "logs"
     )
     assert outcome.code == 0, outcome.err
     assert len(list((tmp_path / "logs").glob("*.csv"))) == 5
 
 
-def test_a_run_of_the_first_format_without_limits_has_no_verdict(golden):
-    """Its `accepted` was true because nothing could fail; with a limit it is what it was."""
-    assert json.loads((golden / "run.json").read_text(encoding="utf-8"))["accepted"] is True
-    document = store.load(golden).document
-    assert (document["verdict"], document["accepted"]) == ("no verdict", None)
-    limit = {"name": "x", "value": 1.0, "limit": 2.0, "unit": "1"}
-    for passed, verdict in ((True, "accepted"), (False, "rejected")):
-        reseal(golden, accepted=passed, acceptance=[limit | {"passed": passed}])
-        document = store.load(golden).document
-        assert (document["verdict"], document["accepted"]) == (verdict, passed)
-
-
 @pytest.mark.parametrize(("verdict", "accepted"), [("accepted", None), ("fine", True), ("", None)])
 def test_a_verdict_that_contradicts_itself_is_refused(golden, verdict, accepted):
     """`verdict` has three values, and `accepted` beside it is the one that belongs to it."""
-    reseal(golden, format="calibkit-run/2", verdict=verdict, accepted=accepted)
+    reseal(golden, verdict=verdict, accepted=accepted)
     with pytest.raises(CoefficientError, match="not a run document: verdict"):
         store.load(golden)
 
@@ -142,7 +108,7 @@ def test_a_damaged_export_is_refused(tmp_path, calibkit):
 
 
 @pytest.mark.parametrize(
-    "name", ["run.json", "inclinometer_scale.json", "report.pdf", "report.txt"]
+    "name", ["run.json", "inclinometer_scale.json", "report.html", "report.txt"]
 )
 def test_every_damage_to_a_file_of_a_run_is_refused_by_name(golden, name):
     """60 damages a file, bytes changed, cut off, put in, doubled or emptied: the run is refused and
@@ -177,7 +143,7 @@ def same_document(a, b):
 
 
 @pytest.mark.parametrize(
-    "format_", ["calibkit-run/9", "calibkit-coefficients/1", "somebody-else/1"]
+    "format_", ["calibkit-run/1", "calibkit-run/9", "calibkit-coefficients/2", "somebody-else/1"]
 )
 def test_a_run_of_a_future_or_foreign_format_is_refused_by_name(golden, format_):
     """A well sealed run.json of a format that this calibkit does not know is refused with the
@@ -185,7 +151,7 @@ def test_a_run_of_a_future_or_foreign_format_is_refused_by_name(golden, format_)
     """
     reseal(golden, format=format_)
     with pytest.raises(
-        CoefficientError, match=rf"run\.json: format '{format_}', expected one of calibkit-run/1"
+        CoefficientError, match=rf"run\.json: format '{format_}', expected one of calibkit-run/2"
     ):
         store.load(golden)
 
@@ -386,7 +352,7 @@ def test_a_document_of_another_shape_is_one_message_and_never_an_internal_error(
         for command in (
             ("show", golden),
             ("show", golden, "--csv"),
-            ("history", "INC-1", "--runs", golden.parent.parent),
+            ("history", "G-1", "--runs", golden.parent.parent),
         ):
             outcome = calibkit(*command)
             assert outcome.code in {0, 2, 4}, (document, outcome.err)
@@ -543,7 +509,7 @@ def test_every_refusal_is_calibkits_own(tmp_path, golden):
     """A run folder that lacks its run.json, is a file, or is empty is refused with exit code 2 or
     4.
     """
-    for broken in (tmp_path / "none", GOLDEN / "INC-1.csv", tmp_path):
+    for broken in (tmp_path / "none", GOLDEN / "dcc.xml", tmp_path):
         with pytest.raises(CalibkitError) as refused:
             store.load(store.find(str(broken), tmp_path / "runs"))
         assert refused.value.exit_code in {2, 4}

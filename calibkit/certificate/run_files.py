@@ -16,7 +16,7 @@ from calibkit.left_out import LeftOut
 from calibkit.new_files import RUN_FILE
 from calibkit.numeric import gum
 from calibkit.report.run import stated_criteria
-from calibkit.run_document import VALIDATION_FORMATS, Verdict
+from calibkit.run_document import VALIDATION_FORMAT, Verdict
 from calibkit.store import Run, read_bytes
 
 
@@ -182,7 +182,7 @@ class AsFoundAsLeft:
             raise CoefficientError(
                 f"{name}: not UTF-8 text", hint="name what calibkit validate wrote"
             ) from None
-        document = sealed.unseal(text, name, VALIDATION_FORMATS)
+        document = sealed.unseal(text, name, VALIDATION_FORMAT)
         if document["run_sha256"] != run.document["sha256"]:
             raise CoefficientError(
                 f"{name}: a validation of {document['serial']} r{document['revision']:03d}, not of"

@@ -47,8 +47,8 @@ def write_program(program: Program) -> list[str]:
 
 
 def _input(entry: chain.Input) -> dict[str, str]:
-    """Fields of an input; one that calibkit 0.1.0 did not know stands where it is used, so that
-    what is laid out as before is read as before.
+    """Fields of an input; `beyond` stands where it is used, so that the layout of a chain that does
+    not need it stays as it was.
     """
     found = asdict(entry)
     return found if entry.beyond else {name: found[name] for name in found if name != "beyond"}

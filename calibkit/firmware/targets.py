@@ -26,7 +26,7 @@ from calibkit.firmware.chain import Structure
 from calibkit.firmware.export import Export
 from calibkit.run_document import ACCEPTED
 
-MANIFESTS = ("calibkit-manifest/1", "calibkit-manifest/2")
+MANIFEST = "calibkit-manifest/2"
 FLOATS = ("f32", "f64")
 
 
@@ -193,7 +193,7 @@ def _manifest(
 ) -> bytes:
     """What was delivered: every device with its run and its files, every file with its digest."""
     document: dict[str, Any] = {
-        "format": MANIFESTS[-1],
+        "format": MANIFEST,
         "software": exports[0].identity.software,
         "files": store.list_files(shared),
         "units": [
@@ -214,7 +214,7 @@ def _manifest(
 
 def verify_manifest(path: Path) -> str:
     """Check a manifest and the digest of every file that it lists beside it; returns what it is."""
-    document = sealed.unseal(store.read_bytes(path).decode("utf-8"), str(path), MANIFESTS)
+    document = sealed.unseal(store.read_bytes(path).decode("utf-8"), str(path), MANIFEST)
     entries = run_document.list_manifest(document, str(path))
     for entry in entries:
         file = path.parent / entry["name"]

@@ -39,7 +39,7 @@ def _document(table: FleetTable, plan: Plan, contents: Mapping[str, bytes]) -> d
     digests of the files.
     """
     return {
-        "format": store.FLEET_FORMATS[-1],
+        "format": store.FLEET_FORMAT,
         "software": SOFTWARE,
         "effective_from": plan.date_of(entry.effective_from for entry in table.entries),
         "recipe": run_content.describe_recipe(plan.source),

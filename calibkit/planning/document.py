@@ -132,7 +132,7 @@ def load_plan(folder: Path, plan: str = PLAN) -> Plan:
         raise UsageError(
             f"{folder}: holds no {PLAN}", hint="name the folder that calibkit plan wrote"
         )
-    document = sealed.unseal(_read(folder / plan), str(folder / plan), (FORMAT,))
+    document = sealed.unseal(_read(folder / plan), str(folder / plan), FORMAT)
     names = sorted(entry["name"] for entry in document["files"])
     if names != [RECIPE, SCHEDULE]:
         raise CoefficientError(
@@ -170,7 +170,7 @@ def beside(recipe: Path) -> Beside | None:
     plan = recipe.with_name(PLAN)
     if not plan.is_file():
         return Beside(schedule)
-    document = sealed.unseal(_read(plan), str(plan), (FORMAT,))
+    document = sealed.unseal(_read(plan), str(plan), FORMAT)
     low, high = document.get("range_degc", (None, None))
     return Beside(
         schedule,
