@@ -1,9 +1,12 @@
 """Linear fit to long logs, each with a level of its own, whose noise is autocorrelated.
 
-A turn-on bias is common to a log: it is a random effect, with restricted likelihood of the means of
-blocks of rows. So is a drift in time, where the likelihood asks for it. What the noise adds to the
-covariance is that of the fit with free effects of each log (`hac`), of which the coefficients are
-combinations.
+    y = X p + b_log + Σ_k d_log,k t^k + e          (rows are means of blocks of a log)
+
+b_log is the turn-on bias of a log: random, its variance by restricted likelihood (REML). d are
+courses in time, t the time in the log: also random, kept where the likelihood asks for one of them.
+e is autocorrelated; what it adds to the covariance of p is found with free b and d of each log by
+an estimate that is consistent for such noise (`hac`: heteroscedasticity and autocorrelation), since
+the coefficients are combinations of those of that fit.
 """
 
 from collections.abc import Callable, Sequence
@@ -26,7 +29,7 @@ COURSES = 3
 LEAST_LOGS = 4
 """Fewest logs from which the covariance of biases that wander is taken between logs."""
 LEAST_BLOCKS = 12
-"""Fewest blocks of a log that are joined no more."""
+"""Blocks that joining leaves to a log, at least."""
 STILL = 0.05
 """Range of an abscissa in a log, relative to that of all logs, below which it is the noise of a
 thermometer more than a change: such a log has a level alone.
@@ -250,8 +253,11 @@ def _between_logs(
     blocks: Blocks, onto: Array, effects: Array, noise: float, combinations: Array
 ) -> tuple[Array, Array]:
     """Covariance [p, p] by what the residuals of each log move the coefficients by, whatever their
-    course, and degrees of freedom [m]; without bias where errors are effects [k, r] and white noise
-    (Bell & McCaffrey 2002).
+    course, and degrees of freedom [m].
+
+    With the estimator P (`onto`) and the residuals r_j of log j, V = Σ_j (F P r_j)(F P r_j)ᵀ. The
+    factor F makes its mean that of errors which are the effects [k, r] and white noise (Bell &
+    McCaffrey 2002), and the degrees of freedom are those of such errors (Satterthwaite).
     """
     design = blocks.design * blocks.root[:, None]
     target = blocks.root * blocks.indication

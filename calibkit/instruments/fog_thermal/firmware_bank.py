@@ -1,5 +1,14 @@
-"""Steps of a bank of lags: each lag as a difference to the case temperature, exact for a
-temperature that is linear over an interval.
+"""Steps of a bank of lags in firmware.
+
+    drift = Σ_k [(a_k + c_k z) ρ_k + b_k z_k ρ_k] + Σ_n s_n z^n + table(u) + Σ h (p − T)/c
+            + Σ w (1 − f) − the same static terms at rest at the reference
+
+k counts the lags of the bank (time constants τ_k); T_k is the case temperature behind lag k and ρ_k
+its rate. x is the case temperature mapped to [−1, 1] over the fitted range, u the temperature T of
+the coil (two further lags), mapped and clamped so; z and z_k are T and T_k about ORIGIN_DEGC in
+SCALE_DEGC. p are play operators of half width c (hysteresis), f grows from 0 to 1 after the reset
+(warm-up). A lag is kept as the difference x − T_k ("lag_k"), whose step is exact for a temperature
+that is linear over an interval.
 """
 
 from dataclasses import replace

@@ -41,8 +41,9 @@ class FittedChannel:
     before: float
     """Rms of the fitted blocks about the turn-on biases, without the model."""
     after: float
+    """The same with the model."""
     over_noise: float
-    """The same with the model, over the noise within parts of the power-ons."""
+    """`after` over the noise within parts of the power-ons."""
     withheld: tuple[float, float] | None
     """Rms of the withheld blocks without and with the model; None where nothing is withheld."""
     case: tuple[float, float]
@@ -73,12 +74,10 @@ def evaluate_wide(model: ThermalModel, log: ThermalLog, reference_degc: float) -
     found = evaluate_terms(
         replace(model, valid=wide), log.time, log.case, log.env, still, log.starts
     )
+    # what the terms would add beyond the fitted ranges, which enters the uncertainty
     beyond = found.drift + found.beyond - within.drift
     return replace(
-        within,
-        drift=found.drift,
-        sensitivities=found.sensitivities,
-        beyond=np.where(beyond != 0.0, beyond, 0.0),
+        within, drift=found.drift, sensitivities=found.sensitivities, beyond=beyond + 0.0
     )
 
 
@@ -111,7 +110,11 @@ def fit_channel(
         both = [rms(_about_level(values, masks, out)) for values in (raw, left)]
         withheld = both[0], both[1]
     no_term = (NO_TERM,) if found.chosen.candidate is choice.CONSTANT else ()
-    flags = (*found.model.flags, *no_term, *_flag_soaks_apart(name, found, power_ons))
+    flags = (
+        *found.model.flags,
+        *no_term,
+        *_flag_turn_on_drift(name, found, power_ons),
+    )
     return FittedChannel(
         name,
         found,
@@ -135,8 +138,9 @@ def _about_level(values: Iterable[Array], level: Iterable[Mask], shown: Iterable
 def _share_turn_on(
     found: Choice, name: str, power_ons: Sequence[PowerOn], spec: ThermalRecipe
 ) -> tuple[Choice, tuple[Component, ...]]:
-    """Choice whose constant has the uncertainty of a turn-on bias that the recipe states, the
-    component of turn-on biases.
+    """The choice, and the standard deviation of turn-on biases as a component of its model: that
+    which the recipe states, whose uncertainty the constant then has, else that of the power-ons;
+    none of one power-on.
     """
     unit, model, count = units.column_unit(name), found.model, len(power_ons)
     stated = next((entry for entry in spec.errors.component if entry.effect == EFFECT), None)
@@ -156,7 +160,7 @@ def _share_turn_on(
     return found, (Component(GROUP, EFFECT, value, unit, float(u), count),)
 
 
-def _flag_soaks_apart(name: str, found: Choice, power_ons: Sequence[PowerOn]) -> tuple[str, ...]:
+def _flag_turn_on_drift(name: str, found: Choice, power_ons: Sequence[PowerOn]) -> tuple[str, ...]:
     """Flag that turn-on biases follow the temperatures of the power-ons."""
     from scipy.special import stdtrit
 
