@@ -12,7 +12,7 @@ from hypothesis import given, settings, strategies as st
 from calibkit.errors import FitError
 from calibkit.numeric.wavelet.denoise import _deepest, _shortest, denoise
 from calibkit.numeric.wavelet.extension import EXTENSIONS, Coefficients
-from calibkit.numeric.wavelet.shrinkage import RULES, THRESHOLDS, Shrinkage, noise_gains
+from calibkit.numeric.wavelet.shrinkage import RULES, THRESHOLDS, noise_gains
 from conftest import ROOT
 from transforms import ends_of, forward, inverse
 
@@ -26,6 +26,11 @@ def ramp_log(samples=2400, seed=5):
     time = np.arange(samples)
     trend = 2.0 * (1.0 - np.exp(-time / 250.0)) - 1.5 * time / samples + 0.8 * np.exp(-time / 400.0)
     return trend, trend + SIGMA * np.random.default_rng(seed).normal(size=samples)
+
+
+def firm(thresholds):
+    """What makes of details those to be used, by the default rule."""
+    return lambda level, part: RULES["firm"](part, float(thresholds[level]))
 
 
 def rms(values):
@@ -273,7 +278,7 @@ def test_the_published_scheme_is_a_decimated_transform_there_and_back(wavelet, s
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("calibkit.numeric.wavelet.lifting.BLOCK", block)
         got = denoise(signal, wavelet=wavelet, levels=2, shifted=0)
-    shrink = Shrinkage("firm", got.thresholds)
+    shrink = firm(got.thresholds)
     coefficients = forward(signal, wavelet, 2, "trend", window=6)
     assert np.array_equal(got.signal, inverse(*coefficients, wavelet, size, shrink))
 
@@ -306,7 +311,7 @@ def test_the_coarsest_levels_are_averaged_over_signals_that_begin_later(wavelet)
     """
     signal = np.random.default_rng(8).normal(size=3000).cumsum()
     found, first = (denoise(signal, wavelet=wavelet, levels=5, shifted=k) for k in (3, 0))
-    shrink = Shrinkage("firm", found.thresholds)
+    shrink = firm(found.thresholds)
     each = [
         inverse(*forward(signal[k:], wavelet, 5), wavelet, 3000 - k, shrink)[800 - k :][:1000]
         for k in range(0, 32, 4)

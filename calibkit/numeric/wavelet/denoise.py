@@ -32,7 +32,6 @@ from calibkit.numeric.wavelet.shrinkage import (
     RULES,
     THRESHOLDS,
     Rule,
-    Shrinkage,
     Threshold,
     estimate_noise,
     noise_gains,
@@ -131,7 +130,10 @@ def denoise(
         details.append(detail)
     clean = clean_spans(bank, samples.size, depth)
     noise, thresholds = _find_thresholds(details, clean[1:], bank, threshold, samples.size)
-    shrink = Shrinkage(rule, thresholds)
+
+    def shrink(level: int, part: Array) -> Array:
+        return RULES[rule](part, float(thresholds[level]))
+
     margin = 0
     if fine < depth:
         approximations = average_over_shifts(unshifted, depth - fine, bank, ends, shrink, allocate)

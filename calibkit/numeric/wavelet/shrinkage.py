@@ -4,7 +4,6 @@ them.
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
 
@@ -12,7 +11,6 @@ import numpy as np
 import pywt
 
 from calibkit.arrays import Array
-from calibkit.errors import FitError
 from calibkit.numeric import order_statistics
 from calibkit.numeric.dispersion import MAD_OF_UNIT_NORMAL
 
@@ -38,16 +36,7 @@ def estimate_noise(details: Array) -> float:
     -----
     Donoho & Johnstone 1994. Details of noise have zero mean, so the deviation is taken from zero.
     """
-    if details.size == 0:
-        raise FitError(
-            "the noise of no details cannot be told", hint="use fewer levels or a longer signal"
-        )
-    try:
-        return order_statistics.median_magnitude(details) / MAD_OF_UNIT_NORMAL
-    except FitError:
-        raise FitError(
-            "a detail is not finite", hint="exclude the samples that are not finite"
-        ) from None
+    return order_statistics.median_magnitude(details) / MAD_OF_UNIT_NORMAL
 
 
 @lru_cache(maxsize=64)
@@ -171,15 +160,3 @@ RULES: Mapping[Rule, Callable[[Array, float], Array]] = {
     "garrote": _garrote,
     "firm": _firm,
 }
-
-
-@dataclass(frozen=True, slots=True)
-class Shrinkage:
-    """A rule at the threshold of every level [levels], the finest first [unit of the details]."""
-
-    rule: Rule
-    thresholds: Array
-
-    def __call__(self, level: int, details: Array) -> Array:
-        """Details [n] of a level, shrunk."""
-        return RULES[self.rule](details, float(self.thresholds[level]))
