@@ -160,7 +160,7 @@ class TriadBench(Bench):
             gravity[:, None] if self.lengths else np.broadcast_to(np.eye(3), (len(gravity), 3, 3))
         )
         # what is assumed these dwells need not have, as what earlier runs had
-        known = {"component": self.assumed.components, "source": "history"}
+        known = {"component": self.assumed.components, "source": "history", "groups": "auto"}
         errors = self.spec.errors.model_copy(update=known)
         where = find_circumstances(dwells, gravity, self.spec)
         listed = state_errors(where, along, self.spec.model_copy(update={"errors": errors}))
