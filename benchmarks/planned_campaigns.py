@@ -37,7 +37,7 @@ from calibkit.numeric import gum
 from calibkit.numeric.least_squares import polynomial
 from calibkit.numeric.thermal import coil
 from calibkit.numeric.thermal.noise import flicker_kernel
-from calibkit.numeric.thermal.pooled_fit import Stack, ThermalLog
+from calibkit.numeric.thermal.pooled_fit import Stack
 from calibkit.planning import document, equipment
 from calibkit.planning.assumptions import read_sizes
 from calibkit.planning.proposal import NOTHING, Task
@@ -183,8 +183,9 @@ def run_gyro(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  #
     lag[2] = np.clip(lag[2], 0.0, 1.0)
     logs = []
     for number, ramp in enumerate(ramps):
-        time, case = bench.log(ramp)
-        own = bench.problem([(time, case)]).columns(*bench.point)[:, shared:]
+        log = bench.log(ramp)
+        time, case = log.time, log.case
+        own = bench.problem([log]).columns(*bench.point)[:, shared:]
         own = own / np.sqrt(bench.precision[shared:])
         factor = np.linalg.cholesky(
             white_dph**2 * np.eye(time.size)
@@ -192,8 +193,7 @@ def run_gyro(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  #
         )
         value = drift_of(time, case, drawn[:p], lag) + factor @ rng.normal(size=time.size)
         value += own @ rng.normal(size=own.shape[1])
-        part = np.zeros(time.size, dtype=np.int64)
-        logs.append(ThermalLog(f"{number}", time, case, case, value, part))
+        logs.append(replace(log, name=f"{number}", indication=value))
     stacked = Stack.of_logs(logs)
     groups = Groups.of_stack(stacked, np.ones(stacked.indication.size))
     found = bank_fit.solve(bank_fit.state_problem(stacked, groups)).finish()
@@ -202,7 +202,8 @@ def run_gyro(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  #
     covariance = back @ found.covariance @ back.T
     error, variance = [], []
     for ramp in fog_plan.USED:
-        time, case = bench.log(ramp)
+        log = bench.log(ramp)
+        time, case = log.time, log.case
         off = drift_of(time, case, found.coefficients, fitted_lag)
         off = off - drift_of(time, case, drawn[:p], lag)
         slopes = slopes_of(time, case, found.coefficients, fitted_lag)

@@ -159,7 +159,7 @@ class TriadBench(Bench):
             gravity[:, None] if self.lengths else np.broadcast_to(np.eye(3), (len(gravity), 3, 3))
         )
         # what is assumed these dwells need not have, as what earlier runs had
-        known = {"component": self.assumed.components, "source": "history"}
+        known = {"component": self.assumed.components, "source": "history", "groups": "auto"}
         errors = self.spec.errors.model_copy(update=known)
         where = shared_errors.find_circumstances(dwells, gravity, self.spec)
         listed = shared_errors.state_errors(

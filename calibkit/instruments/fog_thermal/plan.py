@@ -63,6 +63,8 @@ SHARED = len(BANK.terms) + len(bank_fit.STATIC_MEAN)
 RESULTS = {"drift": "deg/h", "drift at rest": "deg/h"}
 DRIFT, TURNED_ON = ("coil", "drift"), ("log", "turn-on")
 INITIAL, FLICKER = ("log", "initial state"), ("log", "flicker")
+SOURCES = ("noise", "turn-on bias", "start of the log", "size of the drift", "static lag")
+"""What limits a result: of each log, and of the coefficients before any is measured."""
 UNITS = dict.fromkeys((DRIFT, TURNED_ON, INITIAL, FLICKER), "deg/h")
 """(group, effect) of the errors that can be assumed, and the units they are stated in."""
 BEFORE, NOISE = "drift_rms_before.", "noise_rms."
@@ -83,6 +85,14 @@ USED = tuple(Ramp(sign * rate, 1800.0) for rate in (2.0, 4.0, 7.0) for sign in (
 """Ramps on which the drift is used."""
 
 
+def silent_log(name: str, time: Array, case: Array) -> ThermalLog:
+    """Log of one ramp at times [m, s] and case temperatures [m, °C], whose indication is not
+    known.
+    """
+    none = np.zeros(time.size)
+    return ThermalLog(name, time, case, case, none, none.astype(np.int64))
+
+
 @dataclass(frozen=True)
 class RampBench(Bench):
     """Campaigns of a gyro on ramps, as the fit of the `bank` model with its priors will see them:
@@ -92,8 +102,8 @@ class RampBench(Bench):
     measured_rates: tuple[float, ...]
     """Signed rates [°C/min] of the ramps that are measured."""
 
-    def log(self, ramp: Ramp) -> tuple[Array, Array]:
-        """Time [m, s] and case temperature [m, °C] of a ramp: the set point, lagged."""
+    def log(self, ramp: Ramp) -> ThermalLog:
+        """Log of a ramp: the case follows the set point with its lag."""
         low, high = self.assumed.range_degc
         start, end = (low, high) if ramp.rate > 0.0 else (high, low)
         length = abs(end - start) / abs(ramp.rate) * SECONDS_PER_MINUTE
@@ -101,18 +111,13 @@ class RampBench(Bench):
         time = np.arange(0.0, corners[-1], GROUP_S)
         chamber = np.interp(time, corners, [start, start, end, end])
         along = coil.path([(time, np.asarray(chamber, dtype=np.float64))])
-        return time, along.drivers(min(self.assumed.device.lags_s), None).temperature
+        case = along.drivers(min(self.assumed.device.lags_s), None).temperature
+        return silent_log("", time, case)
 
-    def problem(self, logs: Sequence[tuple[Array, Array]]) -> bank_fit.Problem:
-        """Problem of the fit to logs, time and case temperature of each."""
-        stacked = Stack.of_logs(
-            [
-                ThermalLog("", time, case, case, np.zeros(time.size), np.zeros(time.size, np.int64))
-                for time, case in logs
-            ]
-        )
+    def problem(self, logs: Sequence[ThermalLog]) -> bank_fit.Problem:
+        """Problem of the fit to logs."""
+        stacked, time = Stack.of_logs(logs), logs[0].time
         groups = Groups.of_stack(stacked, np.ones(stacked.indication.size))
-        time, _ = logs[0]
         group_s = (time[-1] - time[0] + time[1] - time[0]) / groups.ramps[0].starts.size
         drift, white = self.assumed.size(*DRIFT), self.assumed.noise_of(group_s)
         return bank_fit.state_problem(stacked, replace(groups, drift=drift, white=white))
@@ -126,14 +131,23 @@ class RampBench(Bench):
         coefficients[BANK.part("s").start] = self.assumed.size(*DRIFT)
         return bank_fit.STATIC_MEAN, coefficients
 
-    def information(self, log: tuple[Array, Array]) -> Array:
-        """Information [q, q] of one log on the coefficients [p], the static lag [3], its turn-on
-        bias and its initial state [3], beside white and flicker noise.
+    def information(self, log: ThermalLog) -> Array:
+        """Information [3, p, p] of one log on coefficients and static lag: what its noise, its
+        turn-on bias and its initial state make of a variance, which add up to all of it.
+
+            [[A, B], [Bᵀ, C]] of the rows, C of the errors of the log with precision D
+            S = A - B (C + D)⁻¹ Bᵀ = noise + Σ_k D_k o_k o_kᵀ,   o = (C + D)⁻¹ Bᵀ
         """
         problem = self.problem([log])
         flicker = self.assumed.size(*FLICKER) / problem.groups.white
         turned = problem.moments(*self.point)
-        return np.asarray(sum(gram.matrix for gram in problem.groups.grams(turned, flicker)))
+        grams = problem.groups.grams(turned, flicker)
+        rows = np.sum([gram.matrix for gram in grams], axis=0)
+        across, inner, D = rows[SHARED:, :SHARED], rows[SHARED:, SHARED:], self.precision[SHARED:]
+        o = np.linalg.solve(inner + np.diag(D), across)
+        turn_on, start = ((o[own].T * D[own]) @ o[own] for own in (slice(0, 1), slice(1, None)))
+        whole = rows[:SHARED, :SHARED] - across.T @ o
+        return np.stack([whole - turn_on - start, turn_on, start])
 
     @cached_property
     def precision(self) -> Array:
@@ -151,22 +165,16 @@ class RampBench(Bench):
         """Information of each ramp that was asked for."""
         return {}
 
-    def posterior(self, design: Design) -> tuple[Array, Array, Array]:
-        """Covariance [n, n] of coefficients, static lag and the errors of every log, with the
-        information [n, n] of the logs and the precision [n] before them.
+    def posterior(self, design: Design) -> tuple[Array, Array]:
+        """Covariance [p, p] of coefficients and static lag, and the information [3, p, p] on them
+        of what is measured already and of a design.
         """
-        for ramp in design.rows or ():
+        ramps = design.rows or ()
+        for ramp in ramps:
             if ramp not in self.of_ramps:
                 self.of_ramps[ramp] = self.information(self.log(ramp))
-        logs = [*self.have, *(self.of_ramps[ramp] for ramp in design.rows or ())]
-        single = len(self.precision) - SHARED
-        information = np.zeros((SHARED + single * len(logs),) * 2)
-        for number, matrix in enumerate(logs):
-            first = SHARED + single * number
-            place = np.r_[:SHARED, first : first + single]
-            information[np.ix_(place, place)] += matrix
-        precision = np.r_[self.precision[:SHARED], np.tile(self.precision[SHARED:], len(logs))]
-        return invert(information + np.diag(precision)), information, precision
+        information = np.sum([*self.have, *(self.of_ramps[ramp] for ramp in ramps)], axis=0)
+        return invert(information.sum(axis=0) + np.diag(self.precision[:SHARED])), information
 
     @cached_property
     def slopes(self) -> dict[str, Array]:
@@ -187,25 +195,20 @@ class RampBench(Bench):
         """Variances of each result: of the noise, of the errors of each log, and of what is known
         of the coefficients before any is measured.
         """
-        covariance, information, precision = self.posterior(design)
-        single, lag = len(self.precision) - SHARED, len(BANK.terms)
+        covariance, information = self.posterior(design)
         by_result = {}
         for name, slopes in self.slopes.items():
-            pull = covariance[:, :SHARED] @ slopes.T
-            known = precision[:, None] * pull**2
-            of_logs = known[SHARED:].reshape(-1, single, len(slopes)).sum(axis=0)
-            by_result[name] = {
-                "noise": np.sum(pull * (information @ pull), axis=0),
-                "turn-on bias": of_logs[0],
-                "start of the log": of_logs[1:].sum(axis=0),
-                "size of the drift": known[:lag].sum(axis=0),
-                "static lag": known[lag:SHARED].sum(axis=0),
-            }
+            pull = covariance @ slopes.T
+            by_log = np.sum(pull * (information @ pull), axis=1)
+            known = self.precision[:SHARED, None] * pull**2
+            coefficients, lag = known[: len(BANK.terms)], known[len(BANK.terms) :]
+            parts = (*by_log, coefficients.sum(axis=0), lag.sum(axis=0))
+            by_result[name] = dict(zip(SOURCES, parts, strict=True))
         return by_result
 
     def coefficients(self, design: Design) -> Iterator[Coefficient]:
         """Of the bank, without its constant."""
-        covariance, _, _ = self.posterior(design)
+        covariance, _ = self.posterior(design)
         u = np.sqrt(np.diag(covariance)).tolist()
         for (name, unit), size in list(zip(BANK.terms, u, strict=False))[1:]:
             yield Coefficient("bank", name, unit, size)
@@ -325,7 +328,7 @@ def prepare_plan(spec: FogThermalRecipe, task: Task) -> RampBench:
         refuse(examined.findings)
         rates += [one.level for one in examined.held if one.kind == "ramp"]
         blocks = ramps.block_means(log, spec, rated=False)[1]
-        have.append((blocks.time, blocks.case))
+        have.append(silent_log(log.file, blocks.time, blocks.case))
     known = [bench.information(log) for log in have]
     return replace(bench, have=known, measured_rates=tuple(rates))
 
