@@ -15,6 +15,7 @@ import numpy as np
 from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.fit.complex_step import Numbers, derivative, length
+from calibkit.fit.solve import solve
 from calibkit.instruments.accelerometer.numeric import q_factor
 from calibkit.numeric.least_squares import fit as least_squares
 
@@ -59,72 +60,60 @@ def profile_intervals(
     Raises
     ------
     FitError
-        For fewer than nine dwells, and where lmfit finds no minimum.
+        For fewer than nine dwells, and where they leave no residual.
 
     """
     import lmfit
 
     require_enough(indication)
-    root = np.ones(len(indication)) if noise is None else 1.0 / noise
-    begin = fit_sphere(indication, gravity)
-    # wide enough for any working triad
-    reach = np.full(3, np.max(np.ptp(indication, axis=0)))
-    angles = np.full(3, LARGEST_Q)
-    low = np.concatenate([begin[:3] * 0.2, begin[3:6] - reach, -angles])
-    high = np.concatenate([begin[:3] * 5.0, begin[3:6] + reach, angles])
+    size = np.ones(len(indication)) if noise is None else noise
 
     def residual(p: Numbers) -> Numbers:
-        return (corrected_length(p, indication) - gravity) * root
+        return (corrected_length(p, indication) - gravity) / size
 
-    def minimize(about: Array, unit: Array) -> tuple[Any, Any]:
-        """Minimizer and result of lmfit, started at parameters [9] in whose units [9] it steps."""
-
-        def parameters(named: Any) -> Array:  # noqa: ANN401 (lmfit has no types)
-            scaled = np.array([named[name].value for name in NAMES])
-            return np.asarray(about + unit * (scaled - ORIGIN), dtype=np.float64)
-
-        def slopes(named: Any) -> Array:  # noqa: ANN401 (lmfit has no types)
-            varying = [named[name].vary for name in NAMES]  # a profile holds one of them
-            return (derivative(residual, parameters(named)) * unit)[:, varying]
-
-        named = lmfit.Parameters()
-        bounds = ORIGIN + (np.array([low, high]) - about) / unit
-        for name, least, most in zip(NAMES, *bounds.tolist(), strict=True):
-            named.add(name, value=ORIGIN, min=least, max=most)
-        minimizer = lmfit.Minimizer(lambda scaled: residual(parameters(scaled)), named)
-        result = minimizer.minimize(method="leastsq", Dfun=slopes, **TOLERANCES)
-        result.solution = parameters(result.params)
-        return minimizer, result
-
-    _, found = minimize(begin, np.concatenate([begin[:3], begin[:3], np.ones(3)]))
-    if not found.success or found.covar is None:
-        raise FitError(
-            f"lmfit found no minimum: {found.message}",
-            hint="check units, or add different attitudes",
-        )
-    solution, square = found.solution, float(np.sum(found.residual**2))
-    dof = len(indication) - len(NAMES)
-    variance = _variance(square, dof, absolute=noise is not None)
-    inverse = np.linalg.inv(np.linalg.qr(derivative(residual, solution), mode="r"))
-    u = np.sqrt(np.sum(inverse**2, axis=1) * variance)
+    begin = fit_sphere(indication, gravity)
+    fit = solve(
+        residual, begin, noise=np.ones(len(size)), estimate_noise=noise is None, names=NAMES
+    )
+    solution, u = fit.parameters, np.sqrt(np.diag(fit.covariance))
     # lmfit finds the ends to 5e-5 of a parameter's value, which for a scale factor near 1 with an
     # uncertainty of 1e-5 would be five uncertainties: parameters are scaled by theirs
+    named = lmfit.Parameters()
+    # wide enough for any working triad
+    reach, angles = np.full(3, np.max(np.ptp(indication, axis=0))), np.full(3, LARGEST_Q)
+    low = np.concatenate([begin[:3] * 0.2, begin[3:6] - reach, -angles])
+    high = np.concatenate([begin[:3] * 5.0, begin[3:6] + reach, angles])
+    bounds = ORIGIN + (np.array([low, high]) - solution) / u
+    for name, least, most in zip(NAMES, *bounds.tolist(), strict=True):
+        named.add(name, value=ORIGIN, min=least, max=most)
+
+    def parameters(named: Any) -> Array:  # noqa: ANN401 (lmfit has no types)
+        scaled = np.array([named[name].value for name in NAMES])
+        return np.asarray(solution + u * (scaled - ORIGIN), dtype=np.float64)
+
+    def slopes(named: Any) -> Array:  # noqa: ANN401 (lmfit has no types)
+        varying = [named[name].vary for name in NAMES]  # a profile holds one of them
+        return (derivative(residual, parameters(named)) * u)[:, varying]
+
     with warnings.catch_warnings():
         # lmfit warns where a bound is met before the F-test rejects; that end is infinite
         warnings.simplefilter("ignore")
-        minimizer, result = minimize(solution, u)
+        minimizer = lmfit.Minimizer(lambda scaled: residual(parameters(scaled)), named)
+        result = minimizer.minimize(method="leastsq", Dfun=slopes, **TOLERANCES)
         for name in NAMES:
             # 1 by construction; lmfit may report none where it starts at the solution
             result.params[name].stderr = result.params[name].stderr or 1.0
         table = lmfit.conf_interval(minimizer, result, sigmas=[0.95])
     # the F-test uses the residuals alone: where the stated noise is larger, the intervals are
-    # widened by the same factor as the standard uncertainties
-    widening = float(np.sqrt(variance * dof / square)) if square > 0.0 and dof > 0 else 1.0
+    # widened by the same factor as the standard uncertainties (Birge 1932)
+    square = float(np.sum(residual(solution) ** 2))
+    stated_is_larger = noise is not None and 0.0 < square < fit.dof
+    widening = float(np.sqrt(fit.dof / square)) if stated_is_larger else 1.0
     intervals = {}
-    for name, value, size in zip(NAMES, solution.tolist(), (u * widening).tolist(), strict=True):
+    for name, value, step in zip(NAMES, solution.tolist(), (u * widening).tolist(), strict=True):
         ends = [table[name][side][1] - ORIGIN for side in (0, -1)]
         least, most = (
-            value + size * end if np.isfinite(end) else never
+            value + step * end if np.isfinite(end) else never
             for end, never in zip(ends, (-np.inf, np.inf), strict=True)
         )
         intervals[name] = least, most
@@ -156,16 +145,3 @@ def require_enough(indication: Array) -> None:
             f"{len(indication)} dwells for {len(NAMES)} parameters ({', '.join(NAMES)})",
             hint="hold at least 12 different attitudes, better 18, spread over the whole sphere",
         )
-
-
-def _variance(square: float, dof: int, *, absolute: bool) -> float:
-    """Variance factor on the inverse normal matrix: residual variance, never below the stated noise
-    (Birge 1932).
-    """
-    if dof <= 0 and not absolute:
-        raise FitError(
-            "nine dwells leave no residual to judge them by",
-            hint="add attitudes, or state the dwell noise",
-        )
-    ratio = square / dof if dof > 0 else 0.0
-    return max(1.0, ratio) if absolute else ratio
