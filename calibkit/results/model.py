@@ -15,7 +15,6 @@ from calibkit.fit.value import Value
 from calibkit.results.evaluation import flag_outside
 
 if TYPE_CHECKING:
-
     from numpy.typing import ArrayLike
 
     from calibkit.arrays import Array
