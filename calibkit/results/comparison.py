@@ -152,7 +152,12 @@ def compare(
     """
     terms, specified = ((), ()) if profile is None else (profile.type_b, profile.specification)
     old, new = RunResults.read(before, terms), RunResults.read(after, terms)
-    _require_known(limits, new)
+    known = {name for one in new.quantities if one.compared for name in (one.key, one.name)}
+    if unknown := [name for name in limits if name not in known]:
+        raise UsageError(
+            f"--limit {unknown[0]}: no result of {new.run.name} that is compared",
+            hint=did_you_mean(unknown[0], known, f"there are: {', '.join(sorted(known))}"),
+        )
     found = difference.compare_runs(before, after, instruments.model_forms)
     compared = tuple(_compare_all(old, new, limits, specified, same=same))
     inputs = after.document["inputs"]
@@ -173,16 +178,6 @@ def compare(
         (*found.flags, *_flag(found, compared, specified, same=same)),
         len(copies.shared_logs(inputs, before.document["inputs"])) == len(inputs),
     )
-
-
-def _require_known(limits: Mapping[str, tuple[float, str]], new: RunResults) -> None:
-    """Raise UsageError for a limit on what is not compared."""
-    known = {name for one in new.quantities if one.compared for name in (one.key, one.name)}
-    if unknown := [name for name in limits if name not in known]:
-        raise UsageError(
-            f"--limit {unknown[0]}: no result of {new.run.name} that is compared",
-            hint=did_you_mean(unknown[0], known, f"there are: {', '.join(sorted(known))}"),
-        )
 
 
 def _compare_all(

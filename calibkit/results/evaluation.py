@@ -7,7 +7,7 @@ from typing import Any, Self
 
 from calibkit import instruments, sensitivities
 from calibkit.arrays import Array
-from calibkit.certificate.quantities import At, Input, Quantity, state
+from calibkit.certificate.quantities import At, Quantity, state
 from calibkit.certificate.results import Result, print_expanded, round_descriptor
 from calibkit.certificate.stated import Stated
 from calibkit.certificate.uncertainty import Source
@@ -140,20 +140,17 @@ def answer(
 
 def list_results(found: RunResults) -> Table:
     """Results of a run, their units, and their inputs with the ranges in which the model holds."""
-    rows = tuple(
-        (one.key, unit_mark(one.unit), ", ".join(map(_describe, one.inputs)))
-        for one in found.quantities
-    )
+    rows = []
+    for quantity in found.quantities:
+        described = []
+        for one in quantity.inputs:
+            # one that need not be given has brackets
+            name = one.column if one.rest is None else f"[{one.column}]"
+            span = f"{one.low:.4g}" if one.low == one.high else f"{one.low:.4g} … {one.high:.4g}"
+            described.append(f"{name} {span} {unit_mark(one.unit)}")
+        rows.append((quantity.key, unit_mark(quantity.unit), ", ".join(described)))
     inputs = Column("inputs and where they hold", key="inputs")
-    return Table("", (Column("result", key="quantity"), "unit", inputs), rows)
-
-
-def _describe(one: Input) -> str:
-    """Name and range of an input; one that need not be given has brackets."""
-    name = one.column if one.rest is None else f"[{one.column}]"
-    if one.low == one.high:
-        return f"{name} {one.low:.4g} {unit_mark(one.unit)}"
-    return f"{name} {one.low:.4g} … {one.high:.4g} {unit_mark(one.unit)}"
+    return Table("", (Column("result", key="quantity"), "unit", inputs), tuple(rows))
 
 
 def tabulate(values: Sequence[Value]) -> Table:

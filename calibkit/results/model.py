@@ -15,8 +15,6 @@ from calibkit.fit.value import Value
 from calibkit.results.evaluation import flag_outside
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from numpy.typing import ArrayLike
 
     from calibkit.arrays import Array
@@ -106,23 +104,15 @@ class RunModel:
         flat = gradient.reshape(-1, gradient.shape[-1])
         covariance = flat @ np.array(model.covariance) @ flat.T
         np.fill_diagonal(covariance, u.ravel() ** 2)
-        dof = _degrees_of_freedom(model, flat).reshape(u.shape)
-        return Evaluated(
-            value,
-            u,
-            Value(value, u, dof).expanded,
-            covariance.reshape(u.shape * 2),
-            _find_outside(model, asked),
-        )
-
-
-def _degrees_of_freedom(model: Model, weights: Array) -> Array:
-    """Degrees of freedom [n] of combinations [n, p] of the coefficients: the least of those that
-    take part, at least 1.
-    """
-    dof = [float(model.dof_of(coefficient)) for coefficient in model.coefficients]
-    least = np.min(np.where(weights != 0.0, dof, np.inf), axis=1, initial=np.inf)
-    return np.asarray(np.maximum(least, 1.0))
+        # the least degrees of freedom of the coefficients that take part, at least 1
+        own = [float(model.dof_of(coefficient)) for coefficient in model.coefficients]
+        least = np.min(np.where(flat != 0.0, own, np.inf), axis=1, initial=np.inf)
+        dof = np.maximum(least, 1.0).reshape(u.shape)
+        inputs = [ranged(model, name) for name in asked]
+        points = zip(*(values.tolist() for values in asked.values()), strict=True)
+        outside = [outside_ranges(inputs, dict(zip(asked, x, strict=True))) for x in points]
+        expanded = Value(value, u, dof).expanded
+        return Evaluated(value, u, expanded, covariance.reshape(u.shape * 2), tuple(outside))
 
 
 def _read_input(model: Model, name: str, given: ArrayLike) -> Array:
@@ -149,13 +139,6 @@ def _read_input(model: Model, name: str, given: ArrayLike) -> Array:
         f"model '{model.name}': {name} holds {found}, expected finite real numbers",
         hint=f"give a number, or a list, array or Series of them, in {ranged(model, name).unit}",
     )
-
-
-def _find_outside(model: Model, at: Mapping[str, Array]) -> tuple[str, ...]:
-    """Which inputs [n] are outside the model's valid ranges, for each point."""
-    inputs = [ranged(model, name) for name in at]
-    points = zip(*(values.tolist() for values in at.values()), strict=True)
-    return tuple(outside_ranges(inputs, dict(zip(at, point, strict=True))) for point in points)
 
 
 class _Inputs(dict[str, "Array"]):

@@ -150,27 +150,24 @@ def document(found: StillGood) -> dict[str, Any]:
         "sentence": sentence(found),
         "before": identify_run(found.before),
         "after": identify_run(found.after),
-        "results": [_compared_document(one) for one in found.compared],
+        "results": [
+            {
+                "quantity": one.quantity.key,
+                "unit": one.quantity.unit,
+                "answer": one.answer,
+                "reason": one.reason,
+                "limit": None if one.limit is None else asdict(one.limit),
+                "largest": None if one.worst is None else _change_document(one.worst),
+                "factor_of_the_largest": number_or_none(one.factor),
+                "changes": [_change_document(change) for change in one.changes],
+            }
+            for one in found.compared
+        ],
         "joint": [
             {"model": name, "coefficients": count, **asdict(joint)}
             for name, count, joint in found.joints
         ],
         "flags": list(found.flags),
-    }
-
-
-def _compared_document(one: Compared) -> dict[str, Any]:
-    """One result as a JSON object."""
-    worst = one.worst
-    return {
-        "quantity": one.quantity.key,
-        "unit": one.quantity.unit,
-        "answer": one.answer,
-        "reason": one.reason,
-        "limit": None if one.limit is None else asdict(one.limit),
-        "largest": None if worst is None else _change_document(worst),
-        "factor_of_the_largest": number_or_none(one.factor),
-        "changes": [_change_document(change) for change in one.changes],
     }
 
 

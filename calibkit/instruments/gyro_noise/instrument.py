@@ -120,22 +120,17 @@ def _proportional(result: StageResult, figures: Sequence[NoiseFigures]) -> tuple
     """Sensitivity of every figure of a record to the scale of its indication: exact, as each is in
     proportion to it; the mean also to an offset.
     """
-    found: dict[str, tuple[dict[str, float], dict[str, float]]] = {}
-    for one in figures:
-        scale, offset = found.setdefault(one.record.column, ({}, {}))
-        for figure in result.figures:
-            point = read_deviation(figure.name)
-            record = read_term(figure.name)[1] if point is None else point.record
-            if record == one.record.name:
-                scale[f"{result.stage}.{figure.name}"] = figure.value
-                if figure.name.startswith("mean_"):
-                    offset[f"{result.stage}.{figure.name}"] = 1.0
-    kinds: tuple[Kind, Kind] = ("scale", "offset")
-    return tuple(
-        Sensitivity(column, kind, derivatives)
-        for column, pair in found.items()
-        for kind, derivatives in zip(kinds, pair, strict=True)
-    )
+    column_of = {one.record.name: one.record.column for one in figures}
+    found: dict[tuple[str, Kind], dict[str, float]] = {}
+    for figure in result.figures:
+        point = read_deviation(figure.name)
+        column = column_of[read_term(figure.name)[1] if point is None else point.record]
+        key = f"{result.stage}.{figure.name}"
+        found.setdefault((column, "scale"), {})[key] = figure.value
+        offsets = found.setdefault((column, "offset"), {})
+        if figure.name.startswith("mean_"):
+            offsets[key] = 1.0
+    return tuple(Sensitivity(*of, derivatives) for of, derivatives in found.items())
 
 
 def _summarize(

@@ -61,20 +61,9 @@ class SeekingReport:
         }
 
 
-def _draw_scale(title: str, report: SeekingReport) -> Figure:
-    """s(T) of each gyro with its uncertainty band, over the roots that were used in the fit."""
-    count = len(report.fits)
-    figure, axes = page(
-        count, 1, title=f"{title}: in-situ scale factor s", height=1.0 + 3.4 * count
-    )
-    for ax, axis in zip(axes, report.fits, strict=True):
-        _draw_curve(ax, axis, report)
-    return figure
-
-
 def _draw_curve(ax: Axes, axis: Sensor, report: SeekingReport) -> None:
-    """s(T) of one gyro with its roots; against the station's number where there are no
-    temperatures.
+    """s(T) of one gyro with its uncertainty band, over the roots; against the station's number
+    where there are no temperatures.
     """
     fit, pair, stations = report.fits[axis], report.seen.solutions[axis], report.stations
     valid, count = fit.model.valid, len(stations.names)
@@ -137,5 +126,11 @@ def draw(title: str, fitted: Fitted[SeekingReport]) -> Drawn:
     """Figures of a fit, and its summary with the table of all stations."""
     first, _, *others = fitted.summary.tables
     whole = replace(fitted.summary, tables=(first, fitted.drawing.table, *others))
-    pages = _draw_azimuth(title, fitted.drawing), _draw_scale(title, fitted.drawing)
-    return Drawn(pages, whole)
+    report = fitted.drawing
+    count = len(report.fits)
+    scales, axes = page(
+        count, 1, title=f"{title}: in-situ scale factor s", height=1.0 + 3.4 * count
+    )
+    for ax, axis in zip(axes, report.fits, strict=True):
+        _draw_curve(ax, axis, report)
+    return Drawn((_draw_azimuth(title, report), scales), whole)

@@ -26,7 +26,7 @@ from calibkit.instruments.inclinometer import (
     stations as inclinometer_stations,
     tables,
 )
-from calibkit.instruments.inclinometer.forms import SCALE
+from calibkit.instruments.inclinometer.forms import SCALE, TEMPERATURE
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.left_out import LeftOut
 from calibkit.numeric import chunks
@@ -63,8 +63,21 @@ faults = inclinometer_stations.examine
 
 def read(spec: InclinometerRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
     """One log in canonical columns; m/s² become g by the site's gravity."""
-    columns, optional = inclinometer_stations.needed_columns(spec)
-    return reader(spec.on_site(), data / file, file, columns, optional)
+    columns = [
+        "position_deg",
+        *(
+            f"{kind}_{axis}_{unit}"
+            for kind, unit in inclinometer_rows.SENSORS
+            for axis in spec.axes
+        ),
+    ]
+    if spec.stations.gyro_ramp:
+        columns.append("time_s")
+    if spec.root.choice == "heading":
+        columns.append("azimuth_deg")
+    known = ("station", "time_s", TEMPERATURE, *inclinometer_rows.REFERENCE)
+    optional = tuple(name for name in known if name not in columns)
+    return reader(spec.on_site(), data / file, file, tuple(columns), optional)
 
 
 def fit(

@@ -54,22 +54,6 @@ class Stations:
     """[n, 3] of inclination, toolface, azimuth [°]; NaN where there is none."""
 
 
-def needed_columns(spec: InclinometerRecipe) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Columns that the recipe needs, and optional columns that it uses where a log has them."""
-    wanted = [
-        "position_deg",
-        *(f"accel_{axis}_g" for axis in spec.axes),
-        *(f"gyro_{axis}_dph" for axis in spec.axes),
-    ]
-    if spec.stations.gyro_ramp:
-        wanted.append("time_s")
-    if spec.root.choice == "heading":
-        wanted.append("azimuth_deg")
-    return tuple(wanted), tuple(
-        name for name in ("station", "time_s", TEMPERATURE, *REFERENCE) if name not in wanted
-    )
-
-
 def examine(spec: InclinometerRecipe, log: Log) -> Examined:
     """Findings of a log, and its stations: consecutive rows with the same station number, or
     dwells.

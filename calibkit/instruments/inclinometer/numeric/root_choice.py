@@ -446,26 +446,24 @@ def combine(pairs: Mapping[Sensor, Solution]) -> Combined:
     shared = np.where(used[:, :, None], weight * by_latitude, 0.0).sum(axis=0)
     covariance += shared[:, :, None] * shared[:, None, :]
     solved = np.asarray(used.any(axis=0), dtype=np.bool_)
-    reasons = zip(*(pair.status for pair in pairs.values()), strict=True)
+    # no reason where a pair solves the station, one that both have, or that of each
+    status = tuple(
+        ""
+        if not all(each)
+        else each[0]
+        if len(set(each)) == 1
+        else "; ".join(f"{axis}: {reason}" for axis, reason in zip(pairs, each, strict=True))
+        for each in zip(*(pair.status for pair in pairs.values()), strict=True)
+    )
     return Combined(
         inclination_deg=np.where(solved, mean[:, 0], np.fmax.reduce(angles[:, :, 0])),
         toolface_deg=wrapped(mean[:, 1]),
         azimuth_deg=full_circle(mean[:, 2], 360.0),
         uncorrected_deg=full_circle(mean[:, 3], 360.0),
         covariance=np.where(solved[:, None, None], covariance, np.nan),
-        status=tuple(_state_refusal(dict(zip(pairs, each, strict=True))) for each in reasons),
+        status=status,
         flags=_flag_pairs(pairs, used),
     )
-
-
-def _state_refusal(reasons: Mapping[Sensor, str]) -> str:
-    """Why no pair solves a station, of the reason of each; empty where one does."""
-    different = set(reasons.values())
-    if "" in different:
-        return ""
-    if len(different) == 1:
-        return different.pop()
-    return "; ".join(f"{axis}: {reason}" for axis, reason in reasons.items())
 
 
 def _flag_pairs(pairs: Mapping[Sensor, Solution], used: Mask) -> tuple[tuple[str, ...], ...]:
