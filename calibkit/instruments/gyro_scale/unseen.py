@@ -111,9 +111,10 @@ def _list_published(
         if len(matrix.outputs) > 1:
             yield from held.straightened({})
             continue
-        seen = run.scale(matrix.gyros[0])
-        rates = matrix.rates(seen.indication[:, None], _temperatures(run))[:, 0]
-        yield Line(seen.rate_dps, rates, seen.noise / abs(seen.K))
+        seen, temperature = run.scale(matrix.gyros[0]), _temperatures(run)
+        rates = matrix.rates(seen.indication[:, None], temperature)[:, 0]
+        K = matrix.at(temperature)[0][:, 0, 0]
+        yield Line(seen.rate_dps, rates, seen.noise / np.abs(K))
 
 
 def _judge_uncertainty(
