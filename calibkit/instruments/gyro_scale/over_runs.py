@@ -362,8 +362,8 @@ def flag_runs(
     for one in gyros:
         name, of_runs = forms.line_name(one.gyro), one.K_of_runs
         if one.response is None:  # a bend of the response is no noise of the line of a run
-            for run, K, u in zip(runs, of_runs.value.tolist(), of_runs.u.tolist(), strict=True):
-                flags += table_runs.flag_uncertain(f"{name} in {run.log.file}", K, u)
+            names = [f"{name} in {run.log.file}" for run in runs]
+            flags += table_runs.flag_uncertain(names, of_runs)
         flags += contradictions.flag_runs(name, one.at_room, held.of_runs(one.at_room, one.gyro))
         flags += _flag_between(one, spec)
         if one.curves:

@@ -147,8 +147,7 @@ def _flag_lines(
     for gyro in "ab":
         name = forms.line_name(gyro, gyro)
         K = held.of_runs(runs[gyro], gyro)
-        for one, u in zip(K.value.tolist(), K.u.tolist(), strict=True):
-            yield from table_runs.flag_uncertain(name, one, u)
+        yield from table_runs.flag_uncertain([name] * len(runs[gyro]), K)
         yield from contradictions.flag_runs(name, runs[gyro], K)
 
 
