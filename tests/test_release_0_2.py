@@ -19,14 +19,19 @@ PPM_ROUNDING = 1e-8
 
 
 JUDGED_ANEW = {
-    release.PAIR: r"validate /(pair/\d/(standard_uncertainty|dof)|acceptance/[23]/.*)",
+    release.PAIR: r"validate /(pair/\d/(standard_uncertainty|dof)|acceptance/[0-3]/.*|"
+    r"logs/\d/gyros/0/(K|scale_factor_error)_standard_uncertainty(_ppm)?)",
+    "gyro_triad": r"validate /acceptance/[0-2]/.*",
+    "rate_table": r"validate /(acceptance/[0-57]/.*|"
+    r"logs/\d/gyros/0/(K|scale_factor_error)_standard_uncertainty(_ppm)?)",
     release.AUTOPILOT: r"validate /(logs/0/channels/\d/.*over_uncertainty|acceptance/[01]/.*)",
     "fog_thermal": r"certify /results/drift_rate\.drift\.b0/expanded_uncertainty",
     "thermal": r"certify /results/thermal\.\w+\.b0/(expanded_uncertainty|coverage_factor)",
 }
-"""Uncertainties of unseen runs of a pair, which hold the errors that today's fit knows, and the
-criteria by them; drifts of unseen warm-ups, which are judged along the rows that are corrected; U
-of a bias at 0 °C among the coefficients, which was smaller than that of the same bias in the table.
+"""Uncertainties of unseen runs of gyros, which hold the errors that today's fit knows, and the
+criteria by them, with residuals about the line of a run; drifts of unseen warm-ups, which are
+judged along the rows that are corrected; U of a bias at 0 °C among the coefficients, which was
+smaller than that of the same bias in the table.
 """
 
 

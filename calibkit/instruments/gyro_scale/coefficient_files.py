@@ -54,7 +54,7 @@ def _result(
 
 def list_rate_table_results(
     gyros: Sequence[over_runs.GyroOverRuns],
-    held: Lines,
+    run_lines: Lines,
     flags: Sequence[str],
     spec: OwnAxisRecipe,
 ) -> tuple[StageResult, ...]:
@@ -69,14 +69,14 @@ def list_rate_table_results(
         # what differs from run to run and from side to side
         sizes = [s for s in one.fitted.fit.shared if s.error.effect in ("scale", "zero") and s.dof]
         parts = components_of(sizes)
-        models.append(_mean_model(name, one.gyro, one.at_room, held, one.line, parts))
+        models.append(_mean_model(name, one.gyro, one.at_room, run_lines, one.line, parts))
         models += one.curves
         figures += over_runs.run_figures(name, one, spec)
         for run in one.runs:
             line = f"{name}.{run.log.name}"
-            models.append(_line_model(line, held, run, one.gyro))
-            figures += _line_figures(line, held, run, one.gyro)
-            figures += _bias_figures(line, held.line(run, one.gyro), spec)
+            models.append(_line_model(line, run_lines, run, one.gyro))
+            figures += _line_figures(line, run_lines, run, one.gyro)
+            figures += _bias_figures(line, run_lines.line(run, one.gyro), spec)
         if one.response is not None:
             models.append(_response_model(forms.response_name(name), one.response, one.runs))
     return (_result(forms.SCALE_FILE, spec, models, figures, flags),)
@@ -88,19 +88,19 @@ def list_pair_results(fitted: pair_fit.PairFit, spec: OwnAxisRecipe) -> tuple[St
     """
     models: list[Model] = []
     figures: list[Figure] = []
-    held, stated = fitted.held, _stated_components(fitted.run_scale)
+    run_lines, stated = fitted.run_lines, _stated_components(fitted.run_scale)
     for g, axis in PAIR_LINES:
         name, runs = forms.line_name(g, axis), fitted.runs[axis]
-        models.append(_mean_model(name, g, runs, held, fitted.line(g, axis), stated))
+        models.append(_mean_model(name, g, runs, run_lines, fitted.line(g, axis), stated))
         # a projection's bias is referred to the gyro's own K
         own_K = float(fitted.line(g, g).parameters[0]) if g != axis else None
         for run in runs:
             line = name if len(runs) == 1 else f"{name}.{run.log.name}"
             if line != name:
-                models.append(_line_model(line, held, run, g))
+                models.append(_line_model(line, run_lines, run, g))
             if g == axis:
-                figures += _line_figures(line, held, run, g)
-            figures += _bias_figures(line, held.line(run, g), spec, own_K)
+                figures += _line_figures(line, run_lines, run, g)
+            figures += _bias_figures(line, run_lines.line(run, g), spec, own_K)
         response = fitted.responses[g]
         if g == axis and response is not None:
             models.append(_response_model(forms.response_name(name), response, runs))
@@ -122,9 +122,9 @@ def list_triad_results(fitted: triad_fit.AxesFit, spec: GyroRecipe) -> tuple[Sta
         for axis in forms.AXES:
             for run in fitted.runs[axis]:
                 name = fitted.name(gyro, axis, run)
-                models.append(_line_model(name, fitted.held, run, gyro))
+                models.append(_line_model(name, fitted.run_lines, run, gyro))
                 if axis == fitted.main_axis(gyro):
-                    figures += _line_figures(name, fitted.held, run, gyro)
+                    figures += _line_figures(name, fitted.run_lines, run, gyro)
     for one in fitted.sets:
         if one.bias is not None:  # the latitude is known
             dph = DPH_PER_DPS / one.triad.magnitude.value
@@ -144,12 +144,12 @@ LINE = (("K", "1/deg"), ("F0", "1/s"))
 """Coefficients of a line with their units."""
 
 
-def _line_model(name: str, held: Lines, run: table_runs.TableRun, gyro: str) -> Model:
+def _line_model(name: str, run_lines: Lines, run: table_runs.TableRun, gyro: str) -> Model:
     """Line model (K and F0) of one gyro in one run."""
-    line = held.published(run, gyro)
+    line = run_lines.published(run, gyro)
     model = forms.LINE.write_fit(
         name,
-        held.line(run, gyro).weighted(np.eye(2, 3)),
+        run_lines.line(run, gyro).weighted(np.eye(2, 3)),
         LINE,
         residual_rms=line.fit.residual_rms,
         residual_unit="1/s",
@@ -163,12 +163,12 @@ def _mean_model(
     name: str,
     gyro: str,
     runs: Sequence[table_runs.TableRun],
-    held: Lines,
+    run_lines: Lines,
     line: Fit,
     components: tuple[Component, ...],
 ) -> Model:
     """Line model (K and F0) of the mean over runs."""
-    of_runs = [held.published(run, gyro).fit for run in runs]
+    of_runs = [run_lines.published(run, gyro).fit for run in runs]
     model = forms.LINE.write_fit(
         name,
         line,
@@ -238,7 +238,7 @@ def _response_model(
 
 def _pair_model(fitted: pair_fit.PairFit) -> Model:
     """Model of N, ε, γ and α of a pair."""
-    found, held = fitted.found, fitted.held
+    found, run_lines = fitted.found, fitted.run_lines
     runs = [run for group in fitted.runs.values() for run in group]
     return forms.PAIR.write(
         "pair",
@@ -248,7 +248,9 @@ def _pair_model(fitted: pair_fit.PairFit) -> Model:
         ],
         found.covariance,
         dof=min(run.rate_dps.size for run in runs) - 2,
-        residual_rms=rms([held.published(run, "b").fit.residual_rms for run in fitted.runs["b"]]),
+        residual_rms=rms(
+            [run_lines.published(run, "b").fit.residual_rms for run in fitted.runs["b"]]
+        ),
         residual_unit="1/s",
         valid=table_runs.valid_ranges(runs),
         effective_dof=np.array(found.dof),
@@ -279,7 +281,7 @@ def _triad_model(fitted: triad_fit.AxesFit, one: triad_fit.AxesSet) -> Model:
     """Model of the sensitivities of one set and, where the latitude is known, of the biases."""
     names, biases = forms.triad_names(fitted.gyros)
     units = ["1/deg"] * len(names) + ["1/s"] * len(biases)
-    of_runs = [fitted.held.published(run, g).fit for run in one.runs for g in fitted.gyros]
+    of_runs = [fitted.run_lines.published(run, g).fit for run in one.runs for g in fitted.gyros]
     model = forms.TRIAD.write_fit(
         fitted.named("triad", one),
         one.fit,
@@ -314,10 +316,12 @@ def _triad_figures(fitted: triad_fit.AxesFit, one: triad_fit.AxesSet) -> Iterato
         yield replace(angle, name=name, value=90.0 - angle.value)
 
 
-def _line_figures(name: str, held: Lines, run: table_runs.TableRun, gyro: str) -> Iterator[Figure]:
+def _line_figures(
+    name: str, run_lines: Lines, run: table_runs.TableRun, gyro: str
+) -> Iterator[Figure]:
     """Figures of one line in the terms of both standards."""
-    u_K = float(held.of_runs([run], gyro).u[0])
-    for f in gjb_figures.figures(held.published(run, gyro), u_K):
+    u_K = float(run_lines.of_runs([run], gyro).u[0])
+    for f in gjb_figures.figures(run_lines.published(run, gyro), u_K):
         text = forms.FigureName(f.name, f.standard, name).text
         yield Figure(text, f.value, f.unit, f.standard_uncertainty)
 

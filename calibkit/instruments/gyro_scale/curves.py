@@ -87,16 +87,16 @@ class GyroReport:
         }
 
     @classmethod
-    def of_runs(cls, gyros: Sequence[over_runs.GyroOverRuns], held: Lines) -> Self:
+    def of_runs(cls, gyros: Sequence[over_runs.GyroOverRuns], run_lines: Lines) -> Self:
         """Lines of rate-table runs, and K over temperature relative to its mean."""
         return cls(
             tuple(
-                LineCurve(one.gyro, run.log.name, held.published(run, one.gyro))
+                LineCurve(one.gyro, run.log.name, run_lines.published(run, one.gyro))
                 for one in gyros
                 for run in one.runs
             ),
             tuple(
-                _temperature_curve(held, one.gyro, one.runs, one.curves[0], float(one.K.value))
+                _temperature_curve(run_lines, one.gyro, one.runs, one.curves[0], float(one.K.value))
                 for one in gyros
                 if one.curves
             ),
@@ -106,7 +106,7 @@ class GyroReport:
     def of_pair(cls, fitted: pair_fit.PairFit) -> Self:
         """Lines of a pair's gyros about their own axes, and the angle between the gyros."""
         lines = [
-            LineCurve(gyro, run.log.name, fitted.held.published(run, gyro))
+            LineCurve(gyro, run.log.name, fitted.run_lines.published(run, gyro))
             for gyro, runs in fitted.runs.items()
             for run in runs
         ]
@@ -121,13 +121,13 @@ class GyroReport:
             main = fitted.main_axis(gyro)
             runs = fitted.runs[main]
             lines += [
-                LineCurve(gyro, run.log.name, fitted.held.published(run, gyro)) for run in runs
+                LineCurve(gyro, run.log.name, fitted.run_lines.published(run, gyro)) for run in runs
             ]
             if fitted.curves:
                 own = forms.AXES.index(main)
                 K = float(fitted.sets[fitted.reference].triad.sensitivity[g, own])
                 curve = fitted.curves[len(forms.AXES) * g + own]
-                curves.append(_temperature_curve(fitted.held, gyro, runs, curve, K))
+                curves.append(_temperature_curve(fitted.run_lines, gyro, runs, curve, K))
             for a, axis in enumerate(forms.AXES):
                 if axis != main:
                     shares = [(MRAD * one.value[g, a], MRAD * one.u[g, a]) for one in misalignment]
@@ -143,7 +143,7 @@ class GyroReport:
 
 
 def _temperature_curve(
-    held: Lines,
+    run_lines: Lines,
     gyro: str,
     runs: Sequence[table_runs.TableRun],
     fit: Model,
@@ -153,7 +153,7 @@ def _temperature_curve(
     grid = np.linspace(*fit.valid[forms.TEMPERATURE], 101)
     at = {forms.TEMPERATURE: grid}
     curve, u_curve = POLYNOMIAL.evaluate(fit, at), POLYNOMIAL.standard_uncertainty(fit, at)
-    K = held.of_runs(runs, gyro)
+    K = run_lines.of_runs(runs, gyro)
     ppm, sign = gjb_figures.PPM / abs(reference), float(np.sign(reference))
     return Curve(
         gyro,

@@ -28,11 +28,6 @@ from which a delay is measured, at least.
 """
 
 
-def _is_low(data: Array, rest: float, expected: float) -> Mask:
-    """Which indications [n] are below a share of the expected one beyond that at rest."""
-    return np.asarray((data - rest) * np.sign(expected) < SHARE * abs(expected), dtype=np.bool_)
-
-
 def _find_late(log: Log, held: Plateaus, column: str) -> list[Finding]:
     """A gyro that still indicates the last held rate, or already the next one, while the table
     holds: its rows are stamped late or early, or it is filtered.
@@ -126,7 +121,9 @@ def find(log: Log, held: Plateaus, columns: Sequence[str]) -> Iterator[Finding]:
             deficit = SHARE * abs(K * rate)
             if deficit <= max(CLEAR * noise, least) or np.ptp(chunks.extremes(data[a:b])) < deficit:
                 continue
-            low = chunks.rows_where(data[a:b], partial(_is_low, rest=rest, expected=K * rate))
+            # not even a share of the expected response
+            level = rest + SHARE * K * rate
+            low = chunks.rows_where(data[a:b], partial(_is_beyond, level=level, change=-K * rate))
             if 0 < low.size < b - a:
                 first, expected = (first, expected) if lost else (a + int(low[0]), rest + K * rate)
                 lost += low.size

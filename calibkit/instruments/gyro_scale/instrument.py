@@ -99,13 +99,13 @@ def fit_rate_table(
     """Fit each gyro in each run, then its scale factor over the runs and over temperature."""
     runs = _read_runs(spec, data, files, progress)
     about = runs[""]
-    held = Lines.of_runs_about_one_axis(about)
-    gyros = [over_runs.fit_over_runs(spec, gyro, about, held) for gyro in spec.gyros]
-    flags = over_runs.flag_runs(gyros, held, spec)
-    results = coefficient_files.list_rate_table_results(gyros, held, flags, spec)
+    run_lines = Lines.of_runs_about_one_axis(about)
+    gyros = [over_runs.fit_over_runs(spec, gyro, about, run_lines) for gyro in spec.gyros]
+    flags = over_runs.flag_runs(gyros, run_lines, spec)
+    results = coefficient_files.list_rate_table_results(gyros, run_lines, flags, spec)
 
     def refit(spec: RateTableRecipe, runs: sensitivities.Runs) -> tuple[StageResult, ...]:
-        moved = Lines.of_runs_about_one_axis(runs[""], held)
+        moved = Lines.of_runs_about_one_axis(runs[""], run_lines)
         over = [over_runs.fit_over_runs(spec, one.gyro, runs[""], moved, near=one) for one in gyros]
         return coefficient_files.list_rate_table_results(over, moved, (), spec)
 
@@ -113,10 +113,10 @@ def fit_rate_table(
     found = _fitted(
         spec,
         runs,
-        held.straightened({one.gyro: one.response for one in gyros}),
+        run_lines.straightened({one.gyro: one.response for one in gyros}),
         results,
         acceptance.judge_figures(scales.figures, acceptance.RUN_LIMITS, spec.acceptance),
-        curves.GyroReport.of_runs(gyros, held),
+        curves.GyroReport.of_runs(gyros, run_lines),
         overview.summarize_rate_table(gyros, scales),
         refit,
     )
@@ -143,7 +143,7 @@ def fit_pair(
     return _fitted(
         spec,
         runs,
-        fitted.held.straightened(fitted.responses),
+        fitted.run_lines.straightened(fitted.responses),
         results,
         criteria,
         curves.GyroReport.of_pair(fitted),
@@ -169,7 +169,7 @@ def fit_triad(
     return _fitted(
         spec,
         runs,
-        fitted.held.straightened({}),
+        fitted.run_lines.straightened({}),
         results,
         criteria,
         curves.GyroReport.of_triad(fitted),

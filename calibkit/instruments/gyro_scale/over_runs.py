@@ -92,11 +92,11 @@ def fit_over_runs(
     spec: OwnAxisRecipe,
     gyro: str,
     runs: Sequence[table_runs.TableRun],
-    held: lines.Lines,
+    run_lines: lines.Lines,
     near: GyroOverRuns | None = None,
 ) -> GyroOverRuns:
     """Fit one gyro over all runs: the mean at the reference temperature, and K and F0 over
-    temperature where the temperature varies. `held` are the lines of the single runs, `near` is a
+    temperature where the temperature varies. `run_lines` are the lines of the single runs, `near` is a
     fit of nearly the same runs.
     """
     temperature = np.array([run.temp_degc for run in runs])
@@ -121,7 +121,7 @@ def fit_over_runs(
         gyro,
         tuple(runs),
         room,
-        held.of_runs(runs, gyro),
+        run_lines.of_runs(runs, gyro),
         curves.weighted(powers),
         whole,
         in_time,
@@ -353,18 +353,20 @@ def _flag_between(one: GyroOverRuns, spec: GyroRecipe) -> Iterator[str]:
 
 
 def flag_runs(
-    gyros: Sequence[GyroOverRuns], held: lines.Lines, spec: GyroRecipe
+    gyros: Sequence[GyroOverRuns], run_lines: lines.Lines, spec: GyroRecipe
 ) -> tuple[str, ...]:
     """Flags of figures over several runs."""
     runs = gyros[0].runs
     flags = [flag for run in runs for flag in run.flags]
-    flags += held.flag_drifts()
+    flags += run_lines.flag_drifts()
     for one in gyros:
         name, of_runs = forms.line_name(one.gyro), one.K_of_runs
         if one.response is None:  # a bend of the response is no noise of the line of a run
-            for run, K, u in zip(runs, of_runs.value.tolist(), of_runs.u.tolist(), strict=True):
-                flags += table_runs.flag_uncertain(f"{name} in {run.log.file}", K, u)
-        flags += contradictions.flag_runs(name, one.at_room, held.of_runs(one.at_room, one.gyro))
+            names = [f"{name} in {run.log.file}" for run in runs]
+            flags += table_runs.flag_uncertain(names, of_runs)
+        flags += contradictions.flag_runs(
+            name, one.at_room, run_lines.of_runs(one.at_room, one.gyro)
+        )
         flags += _flag_between(one, spec)
         if one.curves:
             flags += contradictions.flag_runs(name, one.runs, of_runs)

@@ -48,7 +48,7 @@ class PairFit:
     """
 
     runs: Mapping[str, tuple[table_runs.TableRun, ...]]
-    held: lines.Lines
+    run_lines: lines.Lines
     """Lines of the single runs."""
     responses: Mapping[str, equation.Fitted | None]
     """Of each gyro about its own axis, where it has powers of the rate."""
@@ -77,16 +77,20 @@ def fit_pair(
     is a fit of nearly the same runs.
     """
     about = [(k, run) for k, axis in enumerate("ab") for run in runs[axis]]
-    held = lines.Lines.of([about], near.held if near else None)
+    run_lines = lines.Lines.of([about], near.run_lines if near else None)
     if near:
-        held = replace(held, fit=replace(near.held.fit, parameters=held.fit.parameters))
+        run_lines = replace(
+            run_lines, fit=replace(near.run_lines.fit, parameters=run_lines.fit.parameters)
+        )
     known = {effect: (size, dof) for effect, size, dof in spec.known_errors()}
-    run_scale = held.run_scale(known.get("scale"))
+    run_scale = run_lines.run_scale(known.get("scale"))
     # K [4], then F0 [4], of A about a, A about b, B about a, B about b: means over the runs
     means = np.kron(
-        np.eye(2), held.means(np.ones(held.gyro_of.size, dtype=np.bool_)).reshape(4, -1)
+        np.eye(2), run_lines.means(np.ones(run_lines.gyro_of.size, dtype=np.bool_)).reshape(4, -1)
     )
-    mean_lines = held.combined(*np.hsplit(means, 2)).widened_by([run_scale] if run_scale else [])
+    mean_lines = run_lines.combined(*np.hsplit(means, 2)).widened_by(
+        [run_scale] if run_scale else []
+    )
     degc = {axis: float(np.mean([run.temp_degc for run in runs[axis]])) for axis in "ab"}
     apart = degc["b"] - degc["a"]
     K = mean_lines.weighted(np.eye(8)[OWN_AND_CROSS])
@@ -99,7 +103,7 @@ def fit_pair(
     # about the other gyro's axis a gyro loses its sine, K sin α per radian
     K_A, K_B = K.parameters[:2] * np.sin(np.radians(before_mounting.alpha_deg))
     across = np.array([[[0.0], [K_A]], [[K_B], [0.0]]])
-    mounting = held.mounting(across, (float(np.degrees(tilt)), tilt_dof))
+    mounting = run_lines.mounting(across, (float(np.degrees(tilt)), tilt_dof))
     K = K.weighted(np.eye(3, 4)).widened_by([mounting])
     # about its own axis either gyro alone loses K (1 - cos tilt) at most, taken as large as K tilt²
     cosine = np.vstack((np.diag(K.parameters[:2] * tilt**2), np.zeros(2)))
@@ -107,7 +111,7 @@ def fit_pair(
     pair = gyro_pair.find(K, second_gamma)
     known_responses = near.responses if near else {}
     flags = [flag for run in (*runs["a"], *runs["b"]) for flag in run.flags]
-    flags += held.flag_drifts()
+    flags += run_lines.flag_drifts()
     flags += [*before_mounting.flags, *gyro_pair.flag_second(before_mounting)]
     flags += _flag_temperatures(apart, spec)
     if run_scale is None:
@@ -119,10 +123,10 @@ def fit_pair(
             f" {gum.coverage_factor(pair.dof[2]):.3g}): state how well a mounting repeats in"
             ' [[errors.component]] group = "mounting", effect = "angle"'
         )
-    flags += _flag_lines(runs, held)
+    flags += _flag_lines(runs, run_lines)
     return PairFit(
         runs,
-        held,
+        run_lines,
         {
             gyro: over_runs.fit_response(spec, gyro, runs[gyro], known_responses.get(gyro))
             for gyro in spec.gyros
@@ -136,19 +140,18 @@ def fit_pair(
 
 
 def _flag_lines(
-    runs: Mapping[str, tuple[table_runs.TableRun, ...]], held: lines.Lines
+    runs: Mapping[str, tuple[table_runs.TableRun, ...]], run_lines: lines.Lines
 ) -> Iterator[str]:
     """Flags of scale factors about the own axes: time, doubtful runs, runs that contradict the
     others.
     """
-    for change in held.in_time:
+    for change in run_lines.in_time:
         name = forms.line_name("ab"[change.gyro])
-        yield from ordering.flag(name, change.decided, held.K[change.lines].mean())
+        yield from ordering.flag(name, change.decided, run_lines.K[change.lines].mean())
     for gyro in "ab":
         name = forms.line_name(gyro, gyro)
-        K = held.of_runs(runs[gyro], gyro)
-        for one, u in zip(K.value.tolist(), K.u.tolist(), strict=True):
-            yield from table_runs.flag_uncertain(name, one, u)
+        K = run_lines.of_runs(runs[gyro], gyro)
+        yield from table_runs.flag_uncertain([name] * len(runs[gyro]), K)
         yield from contradictions.flag_runs(name, runs[gyro], K)
 
 

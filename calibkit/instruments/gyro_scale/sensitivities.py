@@ -14,6 +14,12 @@ from calibkit.sensitivities import InputError, Sensitivity, differentiate, of_th
 
 Runs = Mapping[str, tuple[TableRun, ...]]
 Refit = Callable[[Any, Runs], Sequence[StageResult]]
+MOVED = {
+    forms.RATE: ("rate_dps", "angle_rate_dps"),
+    "time_s": ("indication", "angle_rate_dps"),
+    forms.TEMPERATURE: ("temp_degc",),
+}
+"""Input → means over held rates that it moves; of a clock counts and turns per second."""
 SHARE, RATE_STEP_DPS, LATITUDE_STEP_DEG = 1e-5, 1e-6, 1e-3
 
 
@@ -50,18 +56,5 @@ def find(
 def _shift(run: TableRun, error: InputError) -> TableRun:
     """A run with an error of the table's rate, of the time base or of the thermometer."""
     held = run.plateaus
-    if error.input == forms.TEMPERATURE:
-        held = replace(held, temp_degc=error.shift(held.temp_degc))
-    elif error.input == "time_s":  # counts and turns per second of a clock that is off
-        held = replace(
-            held,
-            indication=error.shift(held.indication),
-            angle_rate_dps=error.shift(held.angle_rate_dps),
-        )
-    else:
-        held = replace(
-            held,
-            rate_dps=error.shift(held.rate_dps),
-            angle_rate_dps=error.shift(held.angle_rate_dps),
-        )
-    return replace(run, plateaus=held)
+    moved = {name: error.shift(getattr(held, name)) for name in MOVED[error.input]}
+    return replace(run, plateaus=replace(held, **moved))

@@ -1,6 +1,6 @@
 """Logs of a rate table → held rates of every gyro in every run."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -12,6 +12,7 @@ from calibkit import check
 from calibkit.arrays import Array
 from calibkit.constants import DPH_PER_DPS
 from calibkit.errors import FitError
+from calibkit.fit.value import Value
 from calibkit.frame import Examined, Finding, Held, Log, refuse, values
 from calibkit.ingest import logs, stated_segments
 from calibkit.instruments.gyro_scale import dropouts, forms
@@ -100,14 +101,16 @@ def read(spec: AnyRecipe, data: Path, file: str, reader: logs.Reader = logs.read
     return reader(spec, data / file, file, needed, optional)
 
 
-def flag_uncertain(name: str, K: float, u: float) -> list[str]:
-    """Flag for a poorly determined scale factor about a gyro's own axis: the run was too slow, too
-    short or too noisy.
+def flag_uncertain(names: Sequence[str], found: Value) -> Iterator[str]:
+    """Flags for poorly determined scale factors [r] about a gyro's own axis: a run was too slow,
+    too short or too noisy.
     """
-    if u < UNCERTAIN * abs(K):
-        return []
-    share = f"{100.0 * u / abs(K):.2g} %"
-    return [f"{name}: K is known to {share} only: hold faster rates, or hold them longer"]
+    for name, share in zip(names, found.u / np.abs(found.value), strict=True):
+        if not share < UNCERTAIN:
+            yield (
+                f"{name}: K is known to {100.0 * share:.2g} % only: hold faster rates, or hold"
+                " them longer"
+            )
 
 
 def vertical_rate_dps(spec: GyroRecipe) -> float | None:

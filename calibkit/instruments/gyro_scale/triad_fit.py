@@ -62,7 +62,7 @@ class AxesFit:
     """Table axis → its runs."""
     sets: tuple[AxesSet, ...]
     reference: int
-    held: lines.Lines
+    run_lines: lines.Lines
     """Lines of the single runs."""
     over: equation.Fitted | None
     """Equation (1) of all runs, each gyro about each axis with polynomials over temperature."""
@@ -112,23 +112,23 @@ def fit_axes(
     every = [run for axis in forms.AXES for run in runs[axis]]
     logged = bool(np.isfinite([run.temp_degc for run in every]).all())
     groups = _groups(runs) if logged else [dict(runs)]
-    held = lines.Lines.of(
+    run_lines = lines.Lines.of(
         [
             [(a, run) for a, axis in enumerate(forms.AXES) for run in group[axis]]
             for group in groups
         ],
-        near.held if near else None,
+        near.run_lines if near else None,
     )
     known = {effect: (size, dof) for effect, size, dof in spec.known_errors()}
-    run_scale, mounting = held.run_scale(known.get("scale")), None
+    run_scale, mounting = run_lines.run_scale(known.get("scale")), None
     if "angle" in known:
-        S = held.sensitivity()
+        S = run_lines.sensitivity()
         # a tilt toward one of the other axes
         across = np.array([np.delete(S, axis, axis=1) for axis in range(S.shape[1])])
-        mounting = held.mounting(np.swapaxes(across, 0, 1), known["angle"])
+        mounting = run_lines.mounting(np.swapaxes(across, 0, 1), known["angle"])
     stated = [error for error in (run_scale, mounting) if error]
     vertical = table_runs.vertical_rate_dps(spec)
-    sets = tuple(_fit_set(held, stated, vertical, group, s) for s, group in enumerate(groups))
+    sets = tuple(_fit_set(run_lines, stated, vertical, group, s) for s, group in enumerate(groups))
     for one in sets:
         _require_own_axes(one, spec.gyros)
     temperature = np.array([one.temp_degc for one in sets])
@@ -136,53 +136,55 @@ def fit_axes(
     if not logged and len(every) > len(forms.AXES):
         flags.append(over_runs.UNLOGGED)
     if not near:
-        flags += held.flag_drifts()
+        flags += run_lines.flag_drifts()
         in_order = [(axis, run) for group in groups for axis in forms.AXES for run in group[axis]]
-        for gyro, most in zip(spec.gyros, np.abs(held.sensitivity()).argmax(axis=1), strict=True):
+        for gyro, most in zip(
+            spec.gyros, np.abs(run_lines.sensitivity()).argmax(axis=1), strict=True
+        ):
             axis = forms.AXES[most]
             about = [run for turned, run in in_order if turned == axis]
             name = forms.line_name(gyro, axis)
-            flags += contradictions.flag_runs(name, about, held.of_runs(about, gyro))
-        flags += contradictions.flag_shares(held, [run for _, run in in_order], spec.gyros)
-        for change in held.in_time:
+            flags += contradictions.flag_runs(name, about, run_lines.of_runs(about, gyro))
+        flags += contradictions.flag_shares(run_lines, [run for _, run in in_order], spec.gyros)
+        for change in run_lines.in_time:
             name = forms.line_name(spec.gyros[change.gyro])
-            flags += ordering.flag(name, change.decided, held.K[change.lines].mean())
+            flags += ordering.flag(name, change.decided, run_lines.K[change.lines].mean())
     flags += _flag_sets(spec, sets, mounting)
     if run_scale is None:
         flags.append(lines.WITHIN)
     over: equation.Fitted | None = None
     curves: tuple[Model, ...] = ()
     if len(sets) > 1:
-        over = _fit_polynomials(held, run_scale, near.over if near else None)
+        over = _fit_polynomials(run_lines, run_scale, near.over if near else None)
         curves = tuple(_list_curves(over, spec.gyros, every, mounting, vertical))
     reference = int(np.argmin(np.abs(temperature - spec.reference_temp_degc))) if logged else 0
     return AxesFit(
-        *(spec.gyros, runs, sets, reference, held, over, curves, run_scale, mounting),
+        *(spec.gyros, runs, sets, reference, run_lines, over, curves, run_scale, mounting),
         tuple(dict.fromkeys(flags)),
     )
 
 
 def _fit_set(
-    held: lines.Lines,
+    run_lines: lines.Lines,
     stated: Sequence[Shared],
     vertical_dps: float | None,
     group: Mapping[str, tuple[table_runs.TableRun, ...]],
     number: int,
 ) -> AxesSet:
     """Triad and biases F0 − K ω of one set of runs, ω the earth's rate about the table's axis."""
-    chosen, gyros = held.set_of == number, int(held.gyro_of.max()) + 1
-    means = held.means(chosen).reshape(3 * gyros, -1)
+    chosen, gyros = run_lines.set_of == number, int(run_lines.gyro_of.max()) + 1
+    means = run_lines.means(chosen).reshape(3 * gyros, -1)
     every = tuple(run for axis in forms.AXES for run in group[axis])
     degc = float(np.mean([run.temp_degc for run in every]))
     if vertical_dps is None:
-        fit = held.combined(means, np.zeros_like(means)).widened_by(stated)
+        fit = run_lines.combined(means, np.zeros_like(means)).widened_by(stated)
         return AxesSet(every, degc, fit, gyro_triad.find(fit), None)
     unit = np.eye(chosen.size)
-    bias = held.combined(-vertical_dps * unit, unit).of(lambda p: p)
-    zeros = [held.run_zero(g, chosen, bias) for g in range(gyros)]
-    of_gyro = chosen & (held.gyro_of == np.arange(gyros)[:, None])
+    bias = run_lines.combined(-vertical_dps * unit, unit).of(lambda p: p)
+    zeros = [run_lines.run_zero(g, chosen, bias) for g in range(gyros)]
+    of_gyro = chosen & (run_lines.gyro_of == np.arange(gyros)[:, None])
     mean = of_gyro / np.sum(of_gyro, axis=1, keepdims=True)
-    fit = held.combined(
+    fit = run_lines.combined(
         np.vstack((means, -vertical_dps * mean)),
         np.vstack((np.zeros_like(means), mean)),
     ).widened_by([*stated, *zeros])
@@ -219,13 +221,13 @@ def _list_curves(
 
 
 def _fit_polynomials(
-    held: lines.Lines, run_scale: Shared | None, near: equation.Fitted | None
+    run_lines: lines.Lines, run_scale: Shared | None, near: equation.Fitted | None
 ) -> equation.Fitted:
     """Equation (1) of all runs with polynomials over temperature."""
-    S, rows = held.sensitivity(), replace(held.rows, line=held.rows.channel)
+    S, rows = run_lines.sensitivity(), replace(run_lines.rows, line=run_lines.rows.channel)
     if near:
         return near.refit(rows)
-    order = max(min(polynomial.HIGHEST_ORDER, int(held.set_of.max()) - 1), 0)
+    order = max(min(polynomial.HIGHEST_ORDER, int(run_lines.set_of.max()) - 1), 0)
     terms = equation.Terms(
         S.size,
         (order, order),

@@ -61,15 +61,15 @@ def validate(
     for log in logs:
         axis = spec.find_axis(log.file)
         run = table_runs.fit_run(spec, log)
-        held = lines.Lines.of_runs_about_one_axis([run])
+        run_lines = lines.Lines.of_runs_about_one_axis([run])
         runs.setdefault(axis if isinstance(spec, GyroPairRecipe) else log.file, []).append(run)
-        flags += [*run.flags, *held.flag_drifts()]
+        flags += [*run.flags, *run_lines.flag_drifts()]
         if isinstance(spec, GyroTriadRecipe):
             turned, vertical = [*known], table_runs.vertical_rate_dps(spec) or 0.0
             found = [_compare_base(run, axis, matrix, vertical) for matrix in known]
         else:
             turned = [matrix for matrix in known if spec.own_axis(matrix.gyros[0]) == axis]
-            found = [_compare_line(spec, held, run, matrix) for matrix in turned]
+            found = [_compare_line(spec, run_lines, run, matrix) for matrix in turned]
         for matrix in turned if np.isfinite(run.temp_degc) else ():
             flags += compensate.flag_temperatures(log.file, matrix, run.plateaus.temp_degc)
         entry = {"name": log.file, "sha256": log.sha256, "rows": log.rows}
@@ -77,9 +77,9 @@ def validate(
             entry | found[0] if isinstance(spec, GyroTriadRecipe) else entry | {"gyros": found}
         )
         compared += [(log.file, one) for one in found]
-        published += _list_published(held, run, turned)
+        published += _list_published(run_lines, run, turned)
         if not lines.hold_within_runs(records.values()):
-            judged.append(_judge_uncertainty(held, run, axis, turned, spec.type_b))
+            judged.append(_judge_uncertainty(run_lines, run, axis, turned, spec.type_b))
     body: dict[str, Any] = {"logs": entries}
     errors, limits = [one for _, one in compared], acceptance.UNSEEN_LINE_LIMITS
     if isinstance(spec, GyroTriadRecipe):
@@ -104,20 +104,21 @@ def validate(
 
 
 def _list_published(
-    held: lines.Lines, run: table_runs.TableRun, matrices: Sequence[forms.GyroMatrix]
+    run_lines: lines.Lines, run: table_runs.TableRun, matrices: Sequence[forms.GyroMatrix]
 ) -> Iterator[Line]:
     """Lines of a run: of the indications of a triad, else of the compensated rates."""
     for matrix in matrices:
         if len(matrix.outputs) > 1:
-            yield from held.straightened({})
+            yield from run_lines.straightened({})
             continue
-        seen = run.scale(matrix.gyros[0])
-        rates = matrix.rates(seen.indication[:, None], _temperatures(run))[:, 0]
-        yield Line(seen.rate_dps, rates, seen.noise / abs(seen.K))
+        seen, temperature = run.scale(matrix.gyros[0]), _temperatures(run)
+        rates = matrix.rates(seen.indication[:, None], temperature)[:, 0]
+        K = matrix.at(temperature)[0][:, 0, 0]
+        yield Line(seen.rate_dps, rates, seen.noise / np.abs(K))
 
 
 def _judge_uncertainty(
-    held: lines.Lines,
+    run_lines: lines.Lines,
     run: table_runs.TableRun,
     axis: str,
     matrices: Sequence[forms.GyroMatrix],
@@ -132,7 +133,7 @@ def _judge_uncertainty(
         column = forms.AXES.index(axis) if len(matrix.outputs) > 1 else 0
         frozen = matrix.at(mean)[0][0, :, column]
         for row, gyro in enumerate(matrix.gyros):
-            K = held.of_runs([run], gyro)
+            K = run_lines.of_runs([run], gyro)
             u, dof = _uncertainty_of_sensitivity(
                 matrix, row * len(matrix.outputs) + column, mean, terms
             )
@@ -171,8 +172,8 @@ def _uncertainty_of_sensitivity(
     ]
     if matrix.curves:
         curve = matrix.curves[entry]
-        held = np.clip(temperature, *curve.valid[forms.TEMPERATURE])
-        u = float(POLYNOMIAL.standard_uncertainty(curve, {forms.TEMPERATURE: held})[0])
+        inside = np.clip(temperature, *curve.valid[forms.TEMPERATURE])
+        u = float(POLYNOMIAL.standard_uncertainty(curve, {forms.TEMPERATURE: inside})[0])
         dof = min(map(curve.dof_of, curve.coefficients))
         repeats = repeats or [curve.residual_rms]
     return float(np.linalg.norm([u, max(repeats, default=0.0), other])), float(dof)
@@ -184,17 +185,17 @@ def _temperatures(run: table_runs.TableRun) -> Array:
 
 
 def _compare_line(
-    spec: OwnAxisRecipe, held: lines.Lines, run: table_runs.TableRun, matrix: forms.GyroMatrix
+    spec: OwnAxisRecipe, run_lines: lines.Lines, run: table_runs.TableRun, matrix: forms.GyroMatrix
 ) -> dict[str, Any]:
     """JSON object of one gyro of a run about its own axis."""
     (gyro,) = matrix.gyros
-    line, temperature = held.published(run, gyro), _temperatures(run)
+    line, temperature = run_lines.published(run, gyro), _temperatures(run)
     if matrix.over_temperature and not np.isfinite(run.temp_degc):
         require(run.log.file, run.log.frame.columns, [forms.TEMPERATURE])
     mean = np.array([temperature.mean()])
     K = float(matrix.at(mean)[0].item())
     u_frozen, dof = _uncertainty_of_sensitivity(matrix, 0, mean, spec.type_b)
-    found = held.of_runs([run], gyro)
+    found = run_lines.of_runs([run], gyro)
     u_found, indication = float(found.u[0]), run.scale(gyro).indication
     after = matrix.rates(indication[:, None], temperature)[:, 0]
     nominal = spec.nominal_scale_factor
@@ -250,20 +251,20 @@ def _compare_base(
     """JSON object of the rates of a run along and across the turned axis; the uncompensated rates
     use each gyro alone, with its scale factor about its main axis.
     """
-    held, temperature = run.plateaus, _temperatures(run)
+    plateaus, temperature = run.plateaus, _temperatures(run)
     if matrix.over_temperature and not np.isfinite(run.temp_degc):
         raise CoefficientError(
             f"{run.log.file}: no column '{forms.TEMPERATURE}'",
             hint="the coefficients are over temperature",
         )
-    rates = matrix.rates(held.indication, temperature)
+    rates = matrix.rates(plateaus.indication, temperature)
     S, _ = matrix.reference
     main = np.argmax(np.abs(S), axis=1)
-    alone = (held.indication - matrix.at(temperature)[1]) / S[np.arange(main.size), main]
+    alone = (plateaus.indication - matrix.at(temperature)[1]) / S[np.arange(main.size), main]
     a = forms.AXES.index(axis)
     true = np.zeros_like(rates)
-    true[:, a] = held.rate_dps + vertical_dps
-    gain = float(np.polyfit(held.rate_dps, rates[:, a], 1)[0])
+    true[:, a] = plateaus.rate_dps + vertical_dps
+    gain = float(np.polyfit(plateaus.rate_dps, rates[:, a], 1)[0])
     if not abs(gain - 1.0) < OTHER_AXIS:
         raise FrameError(
             f"{run.log.file}: the rate about {axis} comes out {gain:.4f} times the table's,"
@@ -276,8 +277,8 @@ def _compare_base(
     return {
         "axis": axis,
         "before_is": "each gyro by its scale factor about the axis that it senses most",
-        "before": _base_errors(alone - true[:, main], main == a, held.rate_dps),
-        "after": _base_errors(rates - true, np.arange(len(forms.AXES)) == a, held.rate_dps),
+        "before": _base_errors(alone - true[:, main], main == a, plateaus.rate_dps),
+        "after": _base_errors(rates - true, np.arange(len(forms.AXES)) == a, plateaus.rate_dps),
         "rate_gain": gain,
     }
 
