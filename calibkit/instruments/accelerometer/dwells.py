@@ -85,28 +85,28 @@ def needed_columns(spec: AccelerometerRecipe) -> tuple[tuple[str, ...], tuple[st
 def find_faults(log: Log, spec: AccelerometerRecipe) -> list[Finding]:
     """Faults of a log; a log with a refused fault is not fitted."""
     columns = log.frame.columns
-    found = [*check.find_too_few_rows(log, 1), *check.find_missing_values(log, list(columns))]
-    if any(finding.refused for finding in found):
-        return found
+    findings = [*check.find_too_few_rows(log, 1), *check.find_missing_values(log, list(columns))]
+    if any(finding.refused for finding in findings):
+        return findings
     if "time_s" in columns:
-        found += check.find_unordered_times(log)
+        findings += check.find_unordered_times(log)
     if TEMPERATURE in columns:
-        found += check.find_implausible_temperatures(log, [TEMPERATURE])
+        findings += check.find_implausible_temperatures(log, [TEMPERATURE])
     limits = [(component, SATURATED_G, "g") for component in COMPONENTS]
     if spec.reference.kind == "attitude":
         limits += [("inclination_deg", 180.0, "deg"), ("toolface_deg", 360.0, "deg")]
     for column, limit, unit in limits:
         expected = f"at most {limit:g} {unit}"
-        found += check.find_out_of_range(log, column, -limit, limit, unit, expected)
-    if any(finding.refused for finding in found):
-        return found
-    found += check.magnitude.check_gravity_unit(log, COMPONENTS)
-    found += check.magnitude.find_compensated_names(log, spec, COMPONENTS)
+        findings += check.find_out_of_range(log, column, -limit, limit, unit, expected)
+    if any(finding.refused for finding in findings):
+        return findings
+    findings += check.magnitude.check_gravity_unit(log, COMPONENTS)
+    findings += check.magnitude.find_compensated_names(log, spec, COMPONENTS)
     if spec.dwells.mode == "series":  # a gap ends a dwell
-        found += check.find_gaps(log, float("inf"))
+        findings += check.find_gaps(log, float("inf"))
         if TEMPERATURE in columns:
-            found += check.series.check_temperature(log, TEMPERATURE)
-    return found
+            findings += check.series.check_temperature(log, TEMPERATURE)
+    return findings
 
 
 def collect_dwells(logs: Sequence[Log], spec: AccelerometerRecipe) -> DwellSet:

@@ -188,7 +188,9 @@ def tabulate_errors(
 ) -> Table:
     """Table of errors, a row for each correction; toolface with its inclination range."""
     if spec.reference.kind == "magnitude":
-        lengths = tuple((name, 1e6 * one.residual_rms_g) for name, one in errors.items())
+        lengths = tuple(
+            (name, 1e6 * of_dwells.residual_rms_g) for name, of_dwells in errors.items()
+        )
         return Table(title, ("", Column("| |G| - g | rms [µg]", ".1f")), lengths)
     low, high = spec.toolface_range_deg
     heads = (
@@ -199,11 +201,11 @@ def tabulate_errors(
         "max toolface·sin(incl.) [°]",
     )
     rows: list[tuple[str | float, ...]] = []
-    for name, one in errors.items():
-        if one.angles is not None:
-            shown = [number(figure, 3) for figure in one.angles.figures.values()]
+    for name, of_dwells in errors.items():
+        if of_dwells.angles is not None:
+            shown = [number(figure, 3) for figure in of_dwells.angles.figures.values()]
             pairs = ", ".join(shown[:2]), ", ".join(shown[2:4])
-            rows.append((name, 1e6 * one.residual_rms_g, *pairs, shown[4]))
+            rows.append((name, 1e6 * of_dwells.residual_rms_g, *pairs, shown[4]))
     return Table(title, heads, tuple(rows))
 
 

@@ -51,21 +51,21 @@ def screen(dwells: DwellSet, spec: AccelerometerRecipe) -> DwellSet:
 
 def examine(spec: AccelerometerRecipe, log: Log) -> Examined:
     """Findings of a log, implausible dwells among them, and the dwells of a continuous log."""
-    found = tuple(triad_dwells.find_faults(log, spec))
-    if any(finding.refused for finding in found):
-        return Examined(found)
+    findings = tuple(triad_dwells.find_faults(log, spec))
+    if any(finding.refused for finding in findings):
+        return Examined(findings)
     try:
         dwells, rows = triad_dwells.read_dwells(log, spec)
     except (FitError, FrameError) as error:
-        return Examined((*found, Finding.of(error)))
-    found += find_implausible(dwells, spec)[1]
+        return Examined((*findings, Finding.of(error)))
+    findings += find_implausible(dwells, spec)[1]
     if spec.dwells.mode == "rows":
-        return Examined(found)
+        return Examined(findings)
     pinned = stated_segments.stated_rows(log, spec, ["dwell"]) is not None
     lengths = np.linalg.norm(dwells.indication, axis=1).tolist()
     held = zip(rows.tolist(), lengths, strict=True)
     return Examined(
-        found, tuple(Held("dwell", a, b, length, "g", pinned) for (a, b), length in held)
+        findings, tuple(Held("dwell", a, b, length, "g", pinned) for (a, b), length in held)
     )
 
 
@@ -79,8 +79,8 @@ def find_implausible(
     """
     none = np.zeros(0, dtype=np.int64)
     by_attitude = spec.reference.kind == "attitude"
-    if by_attitude and (axes := _find_turned_axes(dwells, spec)) is not None:
-        return none, (axes,)
+    if by_attitude and (turned_axes := _find_turned_axes(dwells, spec)) is not None:
+        return none, (turned_axes,)
     expected, scatter = (_predict if by_attitude else _predict_lengths)(dwells)
     off = np.linalg.norm(dwells.indication - expected, axis=1)
     alone = _find_lone_temperature(dwells)

@@ -200,7 +200,7 @@ def state_errors(where: Circumstances, along: Array, spec: AccelerometerRecipe) 
     }
     stated = state_sizes(
         spec.errors,
-        [one for one in listed if not (spec.affine.enabled and parameters.get(one.effect))],
+        [error for error in listed if not (spec.affine.enabled and parameters.get(error.effect))],
     )
     # no dwell tells a set-up from axes that are turned together, nor a scale factor that all dwells
     # share from that of the triad; a few wrong dwells at the begin of a single soak look as if its
@@ -208,7 +208,11 @@ def state_errors(where: Circumstances, along: Array, spec: AccelerometerRecipe) 
     alike = {SET_UP}
     if where.soak.max() == 0:
         alike |= {("soak", "scale"), ("soak", "settling")}
-    return [one for one in stated if (one.group, one.effect) not in alike or one.size is not None]
+    return [
+        error
+        for error in stated
+        if (error.group, error.effect) not in alike or error.size is not None
+    ]
 
 
 def angle_slopes(inclination: Array, toolface: Array) -> tuple[Array, Array]:

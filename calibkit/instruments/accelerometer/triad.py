@@ -180,7 +180,7 @@ def _label_residuals(dwells: DwellSet, *, lengths: bool) -> tuple[Integers, Inte
     if lengths:
         return np.full(len(level), -1), temperature
     attitude = shared_errors.number_attitudes(dwells.reference)
-    each_axis = [(3 * one[:, None] + np.arange(3)).ravel() for one in (attitude, temperature)]
+    each_axis = [(3 * number[:, None] + np.arange(3)).ravel() for number in (attitude, temperature)]
     return each_axis[0], each_axis[1]
 
 
