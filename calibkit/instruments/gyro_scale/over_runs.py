@@ -96,8 +96,8 @@ def fit_over_runs(
     near: GyroOverRuns | None = None,
 ) -> GyroOverRuns:
     """Fit one gyro over all runs: the mean at the reference temperature, and K and F0 over
-    temperature where the temperature varies. `run_lines` are the lines of the single runs, `near` is a
-    fit of nearly the same runs.
+    temperature where the temperature varies. `run_lines` are the lines of the single runs, `near`
+    is a fit of nearly the same runs.
     """
     temperature = np.array([run.temp_degc for run in runs])
     room = np.isnan(temperature) | (np.abs(temperature - spec.reference_temp_degc) <= ROOM_DEGC)
