@@ -478,7 +478,7 @@ def test_a_validation_of_another_run_is_refused(tmp_path):
     from calibkit.errors import CoefficientError
 
     document = {
-        "format": "calibkit-validation/1",
+        "format": "calibkit-validation/2",
         "serial": "S",
         "revision": 1,
         "run_sha256": "other",

@@ -21,7 +21,7 @@ from calibkit.errors import CalibkitError, RecipeError
 
 ROOT = Path(__file__).resolve().parents[2]
 GOLDEN = ROOT / "tests" / "golden"
-RUN = GOLDEN / "run-1" / "INC-1" / "r001"
+RUN = GOLDEN / "0.2" / "inclinometer" / "G-1" / "r001"
 RECORD = "inclinometer_scale.json"
 TEXTS = (
     "*/ int stolen(void) { return 1; } /*",
