@@ -23,7 +23,7 @@ FEW_DOF = 30.0
 """Effective degrees of freedom below which the coverage factor is Student's instead of 2."""
 HALF_WIDTH = {"rectangular": 3.0**0.5, "triangular": 6.0**0.5, "arcsine": 2.0**0.5}
 """Half-widths in standard uncertainties of the distributions that have limits (JCGM 100 4.3.7 and
-4.3.9).
+4.3.9, JCGM 101 6.4.6).
 """
 
 

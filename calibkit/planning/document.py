@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 
 FORMAT = "calibkit-plan/1"
 PLAN, SCHEDULE, RECIPE, PAGE = "plan.json", "schedule.csv", "recipe.toml", "plan.html"
-THIRD = 4.0 / 3.0
+LONGER = 4.0 / 3.0
+"""Hours of the longer campaign that is offered beside a plan, relative to the plan's."""
 WORTH = 0.99
 """Uncertainty, relative to that of the plan, from which on more hours buy something."""
 
@@ -44,7 +45,7 @@ def third_more(proposal: Proposal) -> Candidate | None:
     shortest = min(
         (campaign.hours for campaign in proposal.curve if campaign.hours > 0.0), default=0.0
     )
-    hours = proposal.schedule.hours * THIRD or shortest
+    hours = proposal.schedule.hours * LONGER or shortest
     inside = [campaign for campaign in proposal.curve if campaign.hours <= hours]
     better = [
         campaign
@@ -130,7 +131,7 @@ def load_plan(folder: Path, plan: str = PLAN) -> Plan:
     """
     if not (folder / plan).is_file():
         raise UsageError(
-            f"{folder}: holds no {PLAN}", hint="name the folder that calibkit plan wrote"
+            f"{folder}: holds no {plan}", hint="name the folder that calibkit plan wrote"
         )
     document = sealed.unseal(_read(folder / plan), str(folder / plan), FORMAT)
     names = sorted(entry["name"] for entry in document["files"])

@@ -1,6 +1,8 @@
-"""Candidates of which a design takes some, from the derivatives of their rows.
+"""Optimal design of experiments: what each dwell, held rate or station that a plan may take tells
+of the parameters.
 
-    [J Z] / σ = [rows],   b ~ N(0, 1)   →   M = [rows]ᵀ [rows] + diag(0, I)
+    y = J p + Z b + e,   b ~ N(0, size²),   e ~ N(0, σ²)        one row of J and Z an observation
+    M = Rᵀ R + diag(0, I),   R = [J, Z size] / σ                 information of p and of b/size
 
 Shared errors are parameters with priors, in units of their sizes, so that the inverse of M holds
 the covariance of generalised least squares, and the information of rows adds up.
@@ -38,8 +40,8 @@ def pool(
     base: Array,
     slopes: Array,
 ) -> Pool:
-    """Candidates with as many rows of each; the criterion is the mean variance of combinations
-    [m, p] of the parameters.
+    """Candidates, each of the same number of rows; the search makes the mean variance of m
+    combinations of the parameters small (I-optimality).
 
     Parameters
     ----------

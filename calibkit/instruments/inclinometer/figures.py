@@ -42,8 +42,10 @@ class SeekingReport:
     """Of all stations."""
 
     @property
-    def label(self) -> Array:
-        """C [n] of the stations."""
+    def c(self) -> Array:
+        """C = cos α cos θ + sin α sin θ cos ψ [n] of the stations, by latitude α, inclination θ and
+        azimuth ψ: near zero, s is badly determined.
+        """
         inclination, azimuth = self.seen.combined.inclination_deg, self.seen.combined.azimuth_deg
         return published.root_label(np.radians(inclination), np.radians(azimuth), self.latitude_deg)
 
@@ -54,7 +56,7 @@ class SeekingReport:
         errors = AngleErrors.compare(self.stations, self.seen)
         return {
             "station": list(self.stations.names),
-            "c": self.label,
+            "c": self.c,
             "residual_before_deg": errors.before,
             "residual_deg": errors.after,
             "standard_uncertainty_deg": errors.standard_uncertainty,
@@ -100,7 +102,7 @@ def _draw_azimuth(title: str, report: SeekingReport) -> Figure:
     """
     figure, axes = page(2, 1, title=f"{title}: azimuth against C = cos α cos θ + sin α sin θ cos ψ")
     errors, combined = AngleErrors.compare(report.stations, report.seen), report.seen.combined
-    C, bars = report.label, 2.0 * errors.standard_uncertainty
+    C, bars = report.c, 2.0 * errors.standard_uncertainty
     if np.isfinite(errors.after).any():
         axes[0].plot(C, errors.before, "o", ms=4, color=RAW, label="s = 1")
         label = "corrected, bars k = 2"

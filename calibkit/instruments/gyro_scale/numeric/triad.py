@@ -101,9 +101,17 @@ def _value_of_angle(fit: Fit, g: int, h: int) -> Value:
             return arctan2(length(np.cross(u_g, u_h)), np.sum(u_g * u_h)) * 180.0 / np.pi
 
         return fit.of(angle_deg)
-    # every direction across the axis is possible: the largest u counts
+    # every direction across the axis is possible: that of the largest u counts, which is the main
+    # axis of the ellipse of the difference, whose covariance follows from three variances
     across = np.linalg.svd(a[None])[2][1:] * 180.0 / np.pi
-    apart = fit.of(lambda p: across @ (_unit(p)[g] - _unit(p)[h] * np.sign(a @ b)))
-    worst = int(np.argmax(apart.u))
+
+    def apart(directions: Array) -> Value:
+        """Difference [°] of both axes along directions [m, 2] across them."""
+        return fit.of(lambda p: directions @ across @ (_unit(p)[g] - _unit(p)[h] * np.sign(a @ b)))
+
+    along_1, along_2, along_both = apart(np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])).u ** 2
+    mixed = (along_both - along_1 - along_2) / 2.0
+    _, main_axes = np.linalg.eigh([[along_1, mixed], [mixed, along_2]])
+    worst = apart(main_axes[:, -1:].T)
     angle = np.asarray(0.0 if a @ b > 0.0 else 180.0)
-    return Value(angle, apart.u[worst], apart.dof[worst])
+    return Value(angle, worst.u[0], worst.dof[0])
