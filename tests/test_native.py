@@ -62,7 +62,7 @@ def test_kernels_can_be_turned_off():
 
 @pytest.mark.skipif(not COMPILER, reason="no C compiler")
 def test_a_library_of_other_sources_is_not_used(sources, monkeypatch):
-    """A source that was changed since: nothing is loaded, and what to do is said."""
+    """A source that was changed since: nothing is loaded, and the remedy is named."""
     assert compiling.compile_kernels(sources) is None
     monkeypatch.setattr(native, "FOLDER", sources)
     assert native._loaded.__wrapped__()[1] == "in use"

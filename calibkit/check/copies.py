@@ -8,7 +8,7 @@ rows without their time; of a run's logs the fingerprints that its run.json keep
 
 import functools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -50,19 +50,22 @@ class Content:
 
     file: str
     sha256: str
-    rows: frozenset[bytes] = frozenset()
+    rows: frozenset[bytes]
     """Its first rows, as `Log.first_rows` gives them."""
-    sample: frozenset[int] = frozenset()
+    sample: frozenset[int]
     """Sample of all its rows, as `Log.sample_without_time` gives it."""
-    first: Mapping[str, Array] = field(default_factory=dict)
+    first: Mapping[str, Array]
     """First values of its columns, as `Log.first_values` gives them."""
+    last_places: Mapping[str, float]
+    """What the values of each of these columns are multiples of, see `_last_place`."""
 
     @classmethod
     def of(cls, log: Log) -> "Content":
         """What a log holds."""
-        return cls(
-            log.file, log.sha256, log.first_rows(), log.sample_without_time(), log.first_values()
-        )
+        first = log.first_values()
+        last_places = {name: _last_place(column) for name, column in first.items()}
+        sample = log.sample_without_time()
+        return cls(log.file, log.sha256, log.first_rows(), sample, first, last_places)
 
 
 def find_copies(logs: Iterable[Content]) -> list[tuple[str, str]]:
@@ -121,18 +124,18 @@ def _count_rounded(rounded: Content, exact: Content) -> tuple[int, int]:
     """
     if rounded.first.keys() != exact.first.keys() or not rounded.sample:
         return 0, 0
-    columns = [(column, exact.first[name]) for name, column in rounded.first.items()]
-    rows = min((len(column) for pair in columns for column in pair), default=0)
-    agrees, has_fewer_digits = np.ones(rows, dtype=np.bool_), False
-    for column, original in columns:
-        last_place, original_place = _last_place(column), _last_place(original)
-        if last_place < original_place:
-            return 0, 0
-        has_fewer_digits |= last_place > original_place
+    places = {name: (rounded.last_places[name], exact.last_places[name]) for name in exact.first}
+    if any(fewer < more for fewer, more in places.values()) or all(
+        fewer == more for fewer, more in places.values()
+    ):
+        return 0, 0
+    rows = min(len(column) for log in (rounded, exact) for column in log.first.values())
+    agrees = np.ones(rows, dtype=np.bool_)
+    for name, (last_place, original_place) in places.items():
         # a value between two last places may be rounded either way
         half = 0.5000001 * last_place if last_place > original_place else 0.0
-        agrees &= np.abs(column[:rows] - original[:rows]) <= half
-    return (rows, int(agrees.sum())) if has_fewer_digits else (0, 0)
+        agrees &= np.abs(rounded.first[name][:rows] - exact.first[name][:rows]) <= half
+    return rows, int(agrees.sum())
 
 
 def _last_place(column: Array) -> float:

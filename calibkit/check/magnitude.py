@@ -264,9 +264,14 @@ def find_compensated_logs(slopes: Mapping[str, float]) -> list[tuple[str, Findin
 
 def measure_level(indication: Array) -> tuple[float, float]:
     """Median of PARTS block means of an indication [n, °/h], and what they span."""
-    edges = np.linspace(0, indication.size, min(PARTS, indication.size) + 1).astype(np.int64)
-    means = [chunks.mean(indication[a:b]) for a, b in pairwise(edges.tolist())]
+    means = _part_means(indication, min(PARTS, indication.size))
     return float(np.median(means)), float(np.ptp(means))
+
+
+def _part_means(column: Array, count: int) -> Array:
+    """Means of `count` parts of a column [n]."""
+    edges = np.linspace(0, column.size, count + 1).astype(np.int64).tolist()
+    return np.array([chunks.mean(column[a:b]) for a, b in pairwise(edges)])
 
 
 def find_turned_logs(levels: Mapping[str, tuple[float, float]]) -> list[tuple[str, Finding]]:
@@ -320,11 +325,7 @@ def flag_missing_drift(file: str, predicted: Array, indication: Array) -> list[s
     """
     if predicted.size < 10 * PARTS:
         return []
-    edges = np.linspace(0, predicted.size, PARTS + 1).astype(np.int64).tolist()
-    x, y = (
-        np.array([chunks.mean(column[a:b]) for a, b in pairwise(edges)])
-        for column in (predicted, indication)
-    )
+    x, y = (_part_means(column, PARTS) for column in (predicted, indication))
     power = float(np.sum((x - x.mean()) ** 2))
     if power == 0.0:
         return []

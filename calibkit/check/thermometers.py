@@ -15,10 +15,9 @@ import numpy as np
 from calibkit.arrays import Array
 from calibkit.check.content import finding_at_row, finding_of_column
 from calibkit.check.magnitude import SPAN_DEGC
-from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.errors import advise_exclude
 from calibkit.frame import Finding, Log, Severity, values
-from calibkit.numeric import chunks
+from calibkit.numeric import chunks, segments
 from calibkit.numeric.anomalies import LEVEL_ROWS, level_steps
 from calibkit.numeric.order_statistics import quantile_of_chunks
 
@@ -270,9 +269,7 @@ def _rate(time: Array, data: Array, row: int, seconds: float, *, way: int) -> fl
     first, stop = np.searchsorted(time, ends, side="left")
     if stop - first < 5 or abs(time[stop - 1] - time[first]) < 0.5 * seconds:
         return 0.0
-    t, y = np.asarray(time[first:stop]), np.asarray(data[first:stop])
-    t = t - t.mean()
-    return float(SECONDS_PER_MINUTE * (t @ y) / (t @ t))
+    return segments.straight_slope(time[first:stop], data[first:stop])
 
 
 def check_pair(log: Log, case: str, air: str) -> list[Finding]:

@@ -187,11 +187,11 @@ def pinned(
     The rate of a ramp is the slope [°C/min] of the straight line through its temperatures [°C] over
     time [s].
     """
-    moving = [Segment("ramp", a, b, _straight_slope(time[a:b], temperature[a:b])) for a, b in ramps]
+    moving = [Segment("ramp", a, b, straight_slope(time[a:b], temperature[a:b])) for a, b in ramps]
     return _with_soaks(moving, slope)
 
 
-def _straight_slope(time: Array, temperature: Array) -> float:
+def straight_slope(time: Array, temperature: Array) -> float:
     """Slope [°C/min] of the least-squares line through temperatures [n, °C] over time [n, s]."""
     centre, level = chunks.mean(time), chunks.mean(temperature)
     above = product = 0.0

@@ -343,8 +343,8 @@ def _best_lines(fitted: equation.Fitted, errors: Iterable[Shared]) -> Fit:
     for k in range(terms.lines):
         of_line = rows.line == k
         rate, F = rows.rate_dps[of_line], rows.indication[of_line]
-        told = rate.size >= equation.LEAST_RATES
-        drifts = [error.loading[of_line, 0] for error in unseen if told]
+        determined = rate.size >= equation.LEAST_RATES
+        drifts = [error.loading[of_line, 0] for error in unseen if determined]
         bounds[0, :, k, k] = _largest_shift(rate, F, drifts)[[0, 1, 1]]
         if not line_terms.turns_both_ways(rate):
             # rates of one direction do not tell a bend of the response from F0

@@ -114,8 +114,9 @@ def _judge(rate: Array, t: Array, F: Array, bent: Array, dof: int) -> Ordering:
     designs = []
     for phi in courses:
         # φ itself only where it is not a line over rates that follow time closely
-        told = np.linalg.norm(_left(line, phi)) > ALONE * np.linalg.norm(phi - phi.mean())
-        designs.append(np.column_stack((line, w[:, None] * phi, phi[:, : int(told)])))
+        separable_zero = np.linalg.norm(_left(line, phi)) > ALONE * np.linalg.norm(phi - phi.mean())
+        zero = phi[:, : int(separable_zero)]
+        designs.append(np.column_stack((line, w[:, None] * phi, zero)))
     squares = [float(np.sum(_left(design, F) ** 2)) for design in designs]
     best = int(np.argmin(squares))
     of_time, of_line = squares[best], float(np.sum(_left(line, F) ** 2))

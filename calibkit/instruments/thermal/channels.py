@@ -74,11 +74,9 @@ def evaluate_wide(model: ThermalModel, log: ThermalLog, reference_degc: float) -
     found = evaluate_terms(
         replace(model, valid=wide), log.time, log.case, log.env, still, log.starts
     )
-    # what the terms would add beyond the fitted ranges, which enters the uncertainty
-    beyond = found.drift + found.beyond - within.drift
-    return replace(
-        within, drift=found.drift, sensitivities=found.sensitivities, beyond=beyond + 0.0
-    )
+    # what the terms add beyond the fitted ranges, which enters the uncertainty; -0 is 0
+    beyond = found.drift + found.beyond - within.drift + 0.0
+    return replace(within, drift=found.drift, sensitivities=found.sensitivities, beyond=beyond)
 
 
 def fit_channel(
@@ -110,11 +108,7 @@ def fit_channel(
         both = [rms(_about_level(values, masks, out)) for values in (raw, left)]
         withheld = both[0], both[1]
     no_term = (NO_TERM,) if found.chosen.candidate is choice.CONSTANT else ()
-    flags = (
-        *found.model.flags,
-        *no_term,
-        *_flag_turn_on_drift(name, found, power_ons),
-    )
+    flags = (*found.model.flags, *no_term, *_flag_turn_on_drift(name, found, power_ons))
     return FittedChannel(
         name,
         found,
