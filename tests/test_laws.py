@@ -8,8 +8,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.special import stdtrit
 
 from calibkit import api
+from calibkit.certificate.quantities import dof_along
+from calibkit.fit.solve import Moved
+from calibkit.fit.value import COVERAGE
+from calibkit.forms import Form
 from conftest import ROOT
 
 
@@ -115,3 +120,25 @@ def test_noise_of_one_sensor_widens_its_own_results_alone(campaign, stated, sens
     assert len(its_own) == len(others) > 2
     assert its_own.median() == pytest.approx(2.0, rel=0.2)
     assert others.median() == pytest.approx(1.0, rel=0.1)
+
+
+@pytest.mark.parametrize("recipe", ["rate_table", "gyro_triad"])
+def test_a_file_states_nearly_the_coverage_factor_of_the_fit(recipe, monkeypatch):
+    """Of any sum of coefficients: a file has their degrees of freedom, not those of each sum."""
+    ratios = []
+    write_fit = Form.write_fit
+
+    def write_and_compare(form, name, fit, *names, **facts):
+        model = write_fit(form, name, fit, *names, **facts)
+        if not isinstance(fit, Moved):
+            u = np.sqrt(np.diag(fit.covariance))
+            sums = np.random.default_rng(len(ratios)).normal(size=(200, len(u))) / u
+            of_file = [dof_along(model, weights) for weights in sums]
+            ratios.append(stdtrit(of_file, COVERAGE) / stdtrit(fit.dof_along(sums), COVERAGE))
+        return model
+
+    monkeypatch.setattr(Form, "write_fit", write_and_compare)
+    api.fit(ROOT / f"recipes/{recipe}.toml", ROOT / f"datasets/{recipe}", serial="G1", runs=None)
+    assert len(ratios) > 3
+    assert np.min(ratios) > 0.98
+    assert np.max(ratios) < 1.08

@@ -62,12 +62,19 @@ class Point:
         """Type A uncertainties: of each model from its covariance, and the further ones."""
         found = []
         for model, weights in self.parts:
-            covariance = np.array(model.covariance)
-            dof = np.array([float(model.dof_of(c)) for c in model.coefficients])
             name = TYPE_A if len(self.parts) == 1 else TYPE_A + Words(f", {model.name}")
-            u = gum.standard_uncertainty(weights, covariance)
-            found.append((name, u, gum.degrees_of_freedom(weights, covariance, dof)))
+            u = gum.standard_uncertainty(weights, np.array(model.covariance))
+            found.append((name, u, dof_along(model, weights)))
         return (*found, *self.more)
+
+
+def dof_along(model: Model, weights: Array) -> float:
+    """Effective degrees of freedom of a sum of a model's coefficients with weights [p], 0 where one
+    that takes part has none: of those that are correlated the fewest, which is at most 6 % of U
+    more, and 1 % less, than what the fit itself states.
+    """
+    dof = np.array([float(model.dof_of(c)) for c in model.coefficients])
+    return gum.degrees_of_freedom(weights, np.array(model.covariance), dof)
 
 
 @dataclass(frozen=True, slots=True)

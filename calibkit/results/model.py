@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calibkit.certificate.quantities import outside_ranges, ranged
+from calibkit.certificate.quantities import dof_along, outside_ranges, ranged
 from calibkit.errors import UsageError
 from calibkit.fit.value import Value
 from calibkit.results.evaluation import flag_outside
@@ -104,14 +104,11 @@ class RunModel:
         flat = gradient.reshape(-1, gradient.shape[-1])
         covariance = flat @ np.array(model.covariance) @ flat.T
         np.fill_diagonal(covariance, u.ravel() ** 2)
-        # the least degrees of freedom of the coefficients that take part, at least 1
-        own = [float(model.dof_of(coefficient)) for coefficient in model.coefficients]
-        least = np.min(np.where(flat != 0.0, own, np.inf), axis=1, initial=np.inf)
-        dof = np.maximum(least, 1.0).reshape(u.shape)
+        dof = np.array([dof_along(model, weights) for weights in flat]).reshape(u.shape)
         inputs = [ranged(model, name) for name in asked]
         points = zip(*(values.tolist() for values in asked.values()), strict=True)
         outside = [outside_ranges(inputs, dict(zip(asked, x, strict=True))) for x in points]
-        expanded = Value(value, u, dof).expanded
+        expanded = Value(value, u, np.maximum(dof, 1.0)).expanded
         return Evaluated(value, u, expanded, covariance.reshape(u.shape * 2), tuple(outside))
 
 
