@@ -225,7 +225,7 @@ def main() -> None:
         for chain, name in RUNS.items():
             folder = Path(place) / name
             fitted = firmware_runs.fitted(name, folder)
-            for number in ("f32", "f64", "q31", "q15"):
+            for number in ("f32", "f64"):
                 one = export.prepare(fitted.chain, identity, formats.Format.find(number), "unit")
                 found = [cost(one, folder, core) for core in CORES]
                 cells = [f"{size} | {count}" for size, count, _ in found]

@@ -254,7 +254,7 @@ def export_firmware(
     prefix: str = "cal",
     address: int | None = None,
 ) -> tuple[Path, ...]:
-    """Write a run's correction chain for a firmware target, hex and srec to an address; a rejected
+    """Write a run's correction chain for a firmware target, hex to an address; a rejected
     run is refused; `calibkit export`.
     """
     files = pipeline.export([_run(run)], target, number, prefix, Path(out), address=address)

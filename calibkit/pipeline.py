@@ -134,27 +134,12 @@ def run_recipe(run: store.Run, overrides: tuple[str, ...]) -> recipe.Recipe:
     return instruments.fitted_recipe(run.document, *overrides).model_copy(update={"exclude": ()})
 
 
-def _apply_as_firmware(
-    spec: recipe.Recipe, records: Mapping[str, coefficients.Record], data: Path, number: str
-) -> Applied:
-    """Log that is compensated as the firmware of a number format would."""
-    from calibkit.firmware import as_firmware, formats, program
-
-    found = formats.Format.find(number)
-    spec = spec.in_words_of_16_bits() if found.bits == 16 else spec
-    chain = _chain(spec, records)
-    own: Callable[..., Applied] | None = instruments.optional(spec.procedure, "correct_as_firmware")
-    correct = own or as_firmware.apply
-    return correct(spec.on_site(), chain, program.quantise(chain, found), data)
-
-
 def apply(
     run: store.Run,
     data: Path,
     out: Path,
     overrides: tuple[str, ...],
     *,
-    as_firmware: str | None = None,
     keep: bool = False,
     dry_run: bool = False,
 ) -> tuple[Rewritten, tuple[str, ...]]:
@@ -164,7 +149,7 @@ def apply(
     new_files.refuse_existing(out)
     if not data.is_file():
         raise UsageError(f"--data {data}: no such file", hint="name one log")
-    content, flags = compensate(run, data, overrides, as_firmware=as_firmware, keep=keep)
+    content, flags = compensate(run, data, overrides, keep=keep)
     new_files.write_new(out, content, dry_run=dry_run)
     return content, flags
 
@@ -174,24 +159,18 @@ def compensate(
     data: Path,
     overrides: tuple[str, ...],
     *,
-    as_firmware: str | None = None,
     keep: bool = False,
 ) -> Applied:
     """A log compensated with a run's coefficients, and the flags.
 
-    Rows that cannot be corrected have a status, and `keep` their logged value. With `as_firmware`,
-    a number format, as the exported firmware would: by its bit-exact twin.
+    Rows that cannot be corrected have a status, and `keep` their logged value.
     """
     spec = run_recipe(run, overrides)
     # every row is written: one file as it is; rows that lack a value are not corrected
     logs = spec.logs.model_copy(update={"split": False, "missing": "drop"})
     spec = spec.model_copy(update={"logs": logs})
     try:
-        content, flags = (
-            instruments.find(spec.procedure).correct(spec, run.records, data)
-            if as_firmware is None
-            else _apply_as_firmware(spec, run.records, data, as_firmware)
-        )
+        content, flags = instruments.find(spec.procedure).correct(spec, run.records, data)
     except MissingColumnError as error:
         mapped = " ".join(f"--set columns.{name}.from=…" for name in error.columns)
         raise FrameError(
@@ -281,7 +260,6 @@ def _firmware_export(run: store.Run, number: str, prefix: str, *, allow_rejected
             hint="fit it again within its limits, or export it as rejected with --allow-rejected",
         )
     spec, found = run_recipe(run, ()), formats.Format.find(number)
-    spec = spec.in_words_of_16_bits() if found.bits == 16 else spec
     chain = _chain(spec, run.records)
     stages, _files = run.stage_digests(), instruments.optional(spec.procedure, "files")
     identity = export.Identity(

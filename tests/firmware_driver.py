@@ -72,10 +72,7 @@ def expected(one, lanes):
     for j, row in enumerate(rows):
         words = {}
         for name, counts, unit in zip(names, row, units(one), strict=True):
-            if program.format.fixed:
-                words[name] = counts * 65536 if program.format.bits == 32 else counts
-            else:
-                words[name] = (counts * unit).astype(twin.dtype(program))
+            words[name] = (counts * unit).astype(twin.dtype(program))
         if state is None:
             result = twin.call(program, words)
         else:
@@ -95,8 +92,6 @@ def bits(program, words):
     """Words of 32 bits of a number, one of a double's two after the other; one pattern for every
     NaN.
     """
-    if program.format.fixed:
-        return [words & 0xFFFFFFFF]
     if program.format.bits == 24:
         return [np.where(np.isnan(words), 0x7FC00000, words.astype(np.float32).view(np.uint32))]
     whole = np.where(np.isnan(words), np.uint64(0x7FF8000000000000), words.view(np.uint64))
@@ -174,8 +169,6 @@ static uint32_t sum_double(double x, uint32_t index)
     if ((s.u & 0x7FFFFFFFFFFFFFFFULL) > 0x7FF0000000000000ULL) { s.u = 0x7FF8000000000000ULL; }
     return mixed((uint32_t)s.u, index) + mixed((uint32_t)(s.u >> 32), index + 1U);
 }
-static uint32_t sum_int32_t(int32_t x, uint32_t index) { return mixed((uint32_t)x, index); }
-static uint32_t sum_int16_t(int32_t x, uint32_t index) { return mixed((uint32_t)x, index); }
 """
 
 BARE = """
@@ -234,14 +227,7 @@ def _function(one):
     outputs = one.chain.structure.outputs
     kind, lines = program.format.c_type, []
     for i, (entry, unit) in enumerate(zip(one.chain.structure.inputs, units(one), strict=True)):
-        value = f"({kind})count_of(lane, {i}U, j)"
-        value = (
-            f"{value} * 65536"
-            if kind == "int32_t"
-            else value
-            if kind == "int16_t"
-            else f"{value} * ({kind}){unit!r}"
-        )
+        value = f"({kind})count_of(lane, {i}U, j) * ({kind}){unit!r}"
         lines.append(f"            in.{entry.name} = {value};")
     elapsed = f"pause(lane, j) * {one.chain.structure.interval_ms}U / 1000U"
     call = f"{p}_update(&state, {elapsed}, &in, &out)" if memory else f"{p}_correct(&in, &out)"

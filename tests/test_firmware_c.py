@@ -57,7 +57,7 @@ def exports(tmp_path_factory):
     return [
         exported(cached(name, tmp_path_factory).chain, number, f"{name}_{number}")
         for name in RUNS
-        for number in ("f32", "f64", "q31", "q15")
+        for number in ("f32", "f64")
     ]
 
 
@@ -216,7 +216,7 @@ def test_contraction_to_fused_multiply_add_stays_within_the_self_tests_tolerance
     found = said(
         ran("qemu-system-arm", "-M", "mps2-an500", *console, "-kernel", str(image), cwd=tmp_path)
     )
-    assert len(found) == 4 * len(RUNS)
+    assert len(found) == 2 * len(RUNS)
     assert all(verdict.endswith("+") for verdict in found.values())
 
 

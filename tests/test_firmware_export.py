@@ -1,4 +1,4 @@
-"""`calibkit export`, `verify` of exports and `apply --as-firmware` from the command line."""
+"""`calibkit export` and `verify` of exports from the command line."""
 
 import json
 import os
@@ -16,8 +16,8 @@ from calibkit import instruments, pipeline, recipe
 from calibkit.errors import OutputError
 from calibkit.firmware import c_text, export as firmware_export, formats
 from calibkit.instruments.fog_thermal import firmware
-from calibkit.recipe.tables import Export
 from conftest import ROOT
+from firmware_log import correct
 from firmware_runs import cached
 
 
@@ -33,7 +33,7 @@ def triad_run(tmp_path_factory):
     return cached("k", tmp_path_factory).run.folder
 
 
-@pytest.mark.parametrize("number", ["f32", "f64", "q31", "q15"])
+@pytest.mark.parametrize("number", ["f32", "f64"])
 def test_an_export_verifies_and_is_the_same_in_another_process(
     number, drift_run, tmp_path, calibkit
 ):
@@ -116,7 +116,7 @@ def test_a_plain_file_as_folder_is_named_as_such(triad_run, tmp_path, calibkit):
     assert (tmp_path / "afile").read_text() == "mine"
 
 
-@pytest.mark.parametrize(("target", "number"), [("c", "f32"), ("blob", "f32"), ("csv", "q31")])
+@pytest.mark.parametrize(("target", "number"), [("c", "f32"), ("blob", "f32"), ("csv", "f64")])
 def test_the_digests_are_the_fields_of_the_files_and_said_to_be(
     target, number, drift_run, tmp_path, calibkit
 ):
@@ -249,111 +249,78 @@ def test_literals_read_back_to_the_same_number_in_c():
         assert f64.nearest(exact) == x
 
 
-def test_apply_as_firmware_is_what_the_target_will_do(drift_run, triad_run, tmp_path, calibkit):
-    """Corrected by the twin: within the float32 bound of the float64 result for a triad; one
-    interval late for a drift.
+def test_the_firmware_corrects_a_log_as_apply_does(tmp_path_factory, tmp_path, calibkit):
+    """By the twin: within the float32 bound of the float64 result for a triad, one interval late
+    for a drift.
     """
+    triad, drifting = (cached(name, tmp_path_factory) for name in ("k", "lagged"))
     data = ROOT / "datasets/accelerometer/positions.csv"
-    for name, extra in (
-        ("a", ()),
-        ("b", ("--as-firmware", "f32")),
-        ("c", ("--as-firmware", "q15")),
-    ):
-        assert (
-            calibkit(
-                "apply", triad_run, "--data", data, "--out", tmp_path / f"{name}.csv", *extra
-            ).code
-            == 0
-        )
-    a, b, c = (pd.read_csv(tmp_path / f"{name}.csv") for name in "abc")
-    columns = [f"accel_{axis}_g" for axis in "xyz"]
-    assert (a[columns] - b[columns]).abs().to_numpy().max() < 1e-6  # g
-    assert 1e-6 < (a[columns] - c[columns]).abs().to_numpy().max() < 1e-3  # g
     log = ROOT / "datasets/fog_thermal/withheld/ramp_heating_03.csv"
-    outcome = calibkit(
-        "apply", drift_run, "--data", log, "--out", tmp_path / "f.csv", "--as-firmware", "f32"
-    )
-    assert outcome.code == 0
-    assert "interval" in outcome.err
-    raw, out = pd.read_csv(log)["gyro_dph"], pd.read_csv(tmp_path / "f.csv")["gyro_dph"]
-    assert out.rolling(100).mean().std() < 0.3 * raw.rolling(100).mean().std()
-    drift = (raw - out).to_numpy()
-    assert calibkit("apply", drift_run, "--data", log, "--out", tmp_path / "h.csv").code == 0
-    along = (raw - pd.read_csv(tmp_path / "h.csv")["gyro_dph"]).to_numpy()
+    for run, frame in ((triad, data), (drifting, log)):
+        out = tmp_path / frame.name
+        assert calibkit("apply", run.run.folder, "--data", frame, "--out", out).code == 0
+    columns = [f"accel_{axis}_g" for axis in "xyz"]
+    found, _ = correct(triad.chain, pd.read_csv(data), "f32")
+    applied = pd.read_csv(tmp_path / data.name)
+    assert (applied[columns] - found[columns]).abs().to_numpy().max() < 1e-6  # g
+    raw = pd.read_csv(log)
+    found, _ = correct(drifting.chain, raw, "f32")
+    drift = (raw["gyro_dph"] - found["gyro_dph"]).to_numpy()
+    along = (raw["gyro_dph"] - pd.read_csv(tmp_path / log.name)["gyro_dph"]).to_numpy()
+    assert np.std(drift) > 0.1  # °/h
     late = 15  # rows of 1 s: the middle of an interval of 10 s is shown an interval after its end
     np.testing.assert_allclose(drift[30:], along[30 - late : -late], atol=1e-4)  # °/h
-    assert (
-        calibkit(
-            "apply", drift_run, "--data", log, "--out", tmp_path / "g.csv", "--as-firmware", "q7"
-        ).code
-        == 2
-    )
 
 
-@pytest.mark.parametrize("number", ["f32", "q31"])
 def test_apply_and_firmware_hand_on_indications_beyond_what_was_fitted(
-    number, triad_run, tmp_path, calibkit, tmp_path_factory
+    triad_run, tmp_path, calibkit, tmp_path_factory
 ):
     """Three g and 2,000 °/s, where 1 g and 100 °/s were fitted, come out of the firmware as they
     come out of `apply`, with a status.
     """
-    rate = cached("rate", tmp_path_factory)
+    triad, rate = (cached(name, tmp_path_factory) for name in ("k", "rate"))
     per_dps = rate.run.records["gyro_scale.json"].models[0].value("K")
     cases = (
-        (triad_run, "temp_case_degc,accel_x_g,accel_y_g,accel_z_g\n25,{},0,0\n", 3.0, "accel_x_g"),
+        (triad, "temp_case_degc,accel_x_g,accel_y_g,accel_z_g\n25,{},0,0\n", 3.0, "accel_x_g"),
         (
-            rate.run.folder,
+            rate,
             "time_s,gyro_x_lsb,temp_case_degc\n0,{0},25\n1,{0},25\n",
             1990.0 * per_dps,
             "gyro_x_dps",
         ),
     )
-    for case, (run, text, value, column) in enumerate(cases):
+    for case, (this, text, value, column) in enumerate(cases):
         (log := tmp_path / f"{case}.csv").write_text(text.format(value))
-        found = []
-        for extra in ((), ("--as-firmware", number)):
-            out = tmp_path / f"{case}{len(extra)}.csv"
-            outcome = calibkit("apply", run, "--data", log, "--out", out, *extra)
-            assert outcome.code == 0, outcome.err
-            found.append(pd.read_csv(out)[column].iloc[0])
-        assert "BEYOND in 1e+02 %" in outcome.err
-        assert "CLAMPED" not in outcome.err
-        assert found[0] == pytest.approx({"accel_x_g": 3.0, "gyro_x_dps": 1990.0}[column], rel=0.05)
-        assert found[1] == pytest.approx(found[0], rel=1e-6)
+        out = tmp_path / f"{case}_out.csv"
+        assert calibkit("apply", this.run.folder, "--data", log, "--out", out).code == 0
+        applied = pd.read_csv(out)[column].iloc[0]
+        found, status = correct(this.chain, pd.read_csv(log), "f32")
+        assert applied == pytest.approx({"accel_x_g": 3.0, "gyro_x_dps": 1990.0}[column], rel=0.05)
+        assert found[column].iloc[0] == pytest.approx(applied, rel=1e-6)
+        flags = this.chain.structure.flags
+        raised = {flag for k, flag in enumerate(flags) if (status & (1 << k)).any()}
+        assert raised == {"ACCEL_BEYOND" if column == "accel_x_g" else "RATE_BEYOND"}
 
 
-def test_the_full_scale_of_words_is_stated_in_the_recipe(tmp_path, triad_run, calibkit):
-    """An indication beyond a stated full scale gets its end and a status in fixed point; a name
-    that no chain takes is refused.
-    """
-    log, out = tmp_path / "log.csv", tmp_path / "out.csv"
+def test_a_full_scale_of_a_name_that_no_chain_takes_is_refused(tmp_path, triad_run, calibkit):
+    """The indications of the procedure are named."""
+    log = tmp_path / "log.csv"
     log.write_text("temp_case_degc,accel_x_g,accel_y_g,accel_z_g\n25,3,0,0\n")
-    call = ("apply", triad_run, "--data", log, "--as-firmware", "q31", "--out", out, "--set")
-    outcome = calibkit(*call, "export.full_scale.accel_g=2.5")
-    assert outcome.code == 0
-    assert "FULL_SCALE in 1e+02 %" in outcome.err
-    assert pd.read_csv(out)["accel_x_g"].iloc[0] == pytest.approx(2.5, rel=0.05)
-    out.unlink()
+    call = ("apply", triad_run, "--data", log, "--out", tmp_path / "out.csv", "--set")
     outcome = calibkit(*call, "export.full_scale.gyro_dps=2.5")
     assert outcome.code == 2
     assert "expected accel_g" in outcome.err
 
 
-@pytest.mark.parametrize("layout", ["padded", "fitted"])
-def test_words_of_16_bits_keep_the_layout_and_take_the_fitted_rates(
-    layout, tmp_path, tmp_path_factory, calibkit
-):
-    """A scale factor of a gyro without a stated full scale is exported over its fitted rates, laid
-    out as the recipe asks.
-    """
-    folder = cached("rate", tmp_path_factory).run.folder
-    spec = cached("rate", tmp_path_factory).spec
-    chosen = spec.model_copy(update={"export": Export(layout=layout)}).in_words_of_16_bits()
-    assert chosen.export.layout == layout
-    assert chosen.full_scale("rate_dps") == 0.0
-    options = ("--target", "c", "--number", "q15", "--out", tmp_path)
-    assert calibkit("export", folder, *options).code == 0
-    assert "error bound   gyro_x_dps" in (tmp_path / "cal.h").read_text(encoding="ascii")
+@pytest.mark.parametrize("number", ["q31", "q15", "f16"])
+def test_fixed_point_is_no_longer_exported(number, triad_run, tmp_path, calibkit):
+    """The formats that there are stand in the message."""
+    outcome = calibkit(
+        "export", triad_run, "--target", "c", "--number", number, "--out", tmp_path / "x"
+    )
+    assert outcome.code == 2
+    assert "f32, f64" in outcome.err
+    assert not (tmp_path / "x").exists()
 
 
 ADVISORY = {"2.5", "8.7", "8.9"}
@@ -363,7 +330,7 @@ scope, where a reviewer looks for them (8.9).
 """
 
 
-@pytest.mark.parametrize("number", ["f32", "q31", "q15"])
+@pytest.mark.parametrize("number", ["f32", "f64"])
 def test_cppcheck_finds_no_misra_deviation_but_the_three_on_the_list(
     number, drift_run, triad_run, tmp_path, calibkit
 ):

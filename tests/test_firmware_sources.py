@@ -11,7 +11,7 @@ import pytest
 from calibkit import instruments, recipe
 from calibkit.firmware import c_text, sources
 from calibkit.firmware.chain import Correction
-from calibkit.instruments.fog_thermal import firmware_updates, forms
+from calibkit.instruments.fog_thermal import forms
 from calibkit.instruments.fog_thermal.firmware import chain as drift_chain
 from calibkit.instruments.fog_thermal.forms import FILE
 from firmware_runs import cached
@@ -165,12 +165,11 @@ def test_an_input_that_no_log_holds_says_how_it_is_made(tmp_path_factory):
 
 def test_air_that_is_weighed_by_0_is_said_to_be_and_needs_no_thermometer(tmp_path_factory):
     """A level model without a gradient, whose padded chain takes the air: the header says to hand
-    over the case, and `apply --as-firmware` asks the log for no air.
+    over the case.
     """
     this = cached("level", tmp_path_factory)
     record = this.record(FILE)
     model = forms.read_thermal(record.models[0])
-    assert firmware_updates._columns(this.chain)[2] == "temp_env_degc"
     coefficients = model.coefficients.copy()
     coefficients[[5, 6, 8]] = 0.0
     written = forms.write_thermal(replace(model, coefficients=coefficients), 10.0)
@@ -178,4 +177,3 @@ def test_air_that_is_weighed_by_0_is_said_to_be_and_needs_no_thermometer(tmp_pat
     said = sources.describe_sources(this.spec, chain, ())
     (line,) = (line for line in said if "temp_env_degc" in line)
     assert "weighed by 0: hand over the case temperature" in line
-    assert firmware_updates._columns(chain)[2] == "temp_case_degc"

@@ -25,8 +25,8 @@ def runs(tmp_path_factory):
 
 
 def export(calibkit, runs, out, target, *names, code=0, **options):
-    """Export and return the folder; hex and srec to 0x08040000."""
-    if target in {"hex", "srec"}:
+    """Export and return the folder; hex to 0x08040000."""
+    if target == "hex":
         options = {"address": "0x08040000", **options}
     extra = [
         part for key, value in options.items() for part in (f"--{key.replace('_', '-')}", value)
@@ -58,7 +58,7 @@ def drift(runs, name, temperature):
     return polyval(clamped, powers) - polyval(25.0, powers)
 
 
-@pytest.mark.parametrize("target", ["blob", "hex", "srec", "csv", "px4", "ardupilot", "c"])
+@pytest.mark.parametrize("target", ["blob", "hex", "csv", "px4", "ardupilot", "c"])
 def test_every_file_of_every_target_verifies(calibkit, runs, tmp_path, target):
     """What export wrote, verify reads again and recomputes."""
     folder = export(calibkit, runs, tmp_path / "o", target)
@@ -66,7 +66,7 @@ def test_every_file_of_every_target_verifies(calibkit, runs, tmp_path, target):
     assert outcome.code == 0, outcome.err + outcome.out
 
 
-@pytest.mark.parametrize("target", ["blob", "hex", "srec", "csv", "px4", "ardupilot"])
+@pytest.mark.parametrize("target", ["blob", "hex", "csv", "px4", "ardupilot"])
 def test_one_changed_character_is_refused_in_every_target(calibkit, runs, tmp_path, target):
     """Forty places of a file, a digit or a byte changed: verify exits 4 each time, and never with a
     traceback.
@@ -82,8 +82,8 @@ def test_one_changed_character_is_refused_in_every_target(calibkit, runs, tmp_pa
         assert outcome.code == 4, (at, outcome.out)
 
 
-def test_hex_and_s_records_hold_the_blob_at_its_address(calibkit, runs, tmp_path):
-    """Both decode, by hand, to the bytes of the blob at 0x08040000."""
+def test_hex_records_hold_the_blob_at_its_address(calibkit, runs, tmp_path):
+    """They decode, by hand, to the bytes of the blob at 0x08040000."""
     content = (export(calibkit, runs, tmp_path / "b", "blob") / "cal.bin").read_bytes()
     lines = (export(calibkit, runs, tmp_path / "h", "hex") / "cal.hex").read_text().split()
     memory, base = {}, 0
@@ -95,16 +95,6 @@ def test_hex_and_s_records_hold_the_blob_at_its_address(calibkit, runs, tmp_path
             base = int.from_bytes(data, "big") << 16
         elif kind == 0:
             memory |= {base + address + k: byte for k, byte in enumerate(data)}
-    assert bytes(memory[k] for k in sorted(memory)) == content
-    assert min(memory) == 0x08040000
-    lines = (export(calibkit, runs, tmp_path / "s", "srec") / "cal.srec").read_text().split()
-    memory = {}
-    for line in lines:
-        raw = bytes.fromhex(line[2:])
-        assert sum(raw) % 256 == 255
-        if line.startswith("S3"):
-            address = int.from_bytes(raw[1:5], "big")
-            memory |= {address + k: byte for k, byte in enumerate(raw[5:-1])}
     assert bytes(memory[k] for k in sorted(memory)) == content
     assert min(memory) == 0x08040000
 
@@ -289,7 +279,7 @@ def test_several_units_are_delivered_with_a_manifest(calibkit, runs, tmp_path, t
     assert calibkit("verify", manifest).code == 4
 
 
-@pytest.mark.parametrize("target", ["blob", "hex", "srec", "csv", "px4", "ardupilot"])
+@pytest.mark.parametrize("target", ["blob", "hex", "csv", "px4", "ardupilot"])
 def test_verify_states_the_verdict_on_each_device_of_every_target(runs, tmp_path, target):
     """A rejected device, one without a verdict, an accepted one: its own file, the table of all
     three and the manifest state it in three values.
@@ -301,7 +291,7 @@ def test_verify_states_the_verdict_on_each_device_of_every_target(runs, tmp_path
             (store.load(runs / name / "r001") for name in UNITS[:3]), verdicts, strict=True
         )
     ]
-    address = 0x08040000 if target in {"hex", "srec"} else None
+    address = 0x08040000 if target == "hex" else None
     said = {
         path.name: pipeline.verify(path).what
         for path in pipeline.export(
@@ -329,8 +319,8 @@ def test_what_cannot_be_delivered_together_is_refused(calibkit, runs, tmp_path):
         (("blob", "IMU-1", "IMU-1@r001"), {}, "IMU-1 stands twice"),
         (("hex", "IMU-1"), {"address": "0xFFFFFFF0"}, "leave 32 bits"),
         (("hex", "IMU-1"), {}, "without --address"),
-        (("srec", "IMU-1"), {}, "without --address"),
-        (("blob", "IMU-1"), {"address": "0x08040000"}, "only hex and srec state an address"),
+        (("srec", "IMU-1"), {}, "no such target"),
+        (("blob", "IMU-1"), {"address": "0x08040000"}, "only hex states an address"),
         (("csv", "IMU-1"), {"number": "f16"}, "its number formats are"),
         (("elf", "IMU-1"), {}, "no such target"),
     )

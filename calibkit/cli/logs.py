@@ -173,12 +173,6 @@ def init(folder: Path, sheet: str, *, as_json: bool) -> int:
 @click.option("--data", required=True, type=PATH, help="one log")
 @click.option("--out", required=True, type=PATH, help="file to write")
 @click.option(
-    "--as-firmware",
-    default=None,
-    metavar="NUMBER",
-    help="as the export in f32, f64, q31 or q15 will do it",
-)
-@click.option(
     "--uncorrected",
     type=click.Choice(["empty", "keep"]),
     default="empty",
@@ -193,7 +187,6 @@ def apply(
     run: str,
     data: Path,
     out: Path,
-    as_firmware: str | None,
     uncorrected: str,
     overrides: tuple[str, ...],
     runs: Path,
@@ -217,7 +210,6 @@ def apply(
             data,
             out,
             overrides,
-            as_firmware=as_firmware,
             keep=uncorrected == "keep",
             dry_run=dry_run,
         )

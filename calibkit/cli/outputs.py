@@ -230,8 +230,8 @@ def _address(context: click.Context, parameter: click.Parameter, value: str | No
 
 @command()
 @click.argument("run", nargs=-1, required=True)
-@click.option("--target", required=True, help="c, blob, hex, srec, px4, ardupilot or csv")
-@click.option("--number", default="f32", show_default=True, help="f32, f64, q31 or q15")
+@click.option("--target", required=True, help="c, blob, hex, px4, ardupilot or csv")
+@click.option("--number", default="f32", show_default=True, help="f32 or f64")
 @click.option(
     "--prefix", default="cal", show_default=True, help="what every generated name starts with"
 )
@@ -239,7 +239,7 @@ def _address(context: click.Context, parameter: click.Parameter, value: str | No
 @click.option(
     "--address",
     callback=_address,
-    help="where hex and srec place the blob, which they need: 0x08040000",
+    help="where hex places the blob, which it needs: 0x08040000",
 )
 @click.option(
     "--layout-of", metavar="RUN", help="refuse runs that the loader of this run does not take"

@@ -50,14 +50,7 @@ class Shape:
 
 
 def shape(program: Program) -> Shape:
-    """Shape of a program; OutputError for fixed point, whose scales differ from device to
-    device.
-    """
-    if program.format.fixed:
-        raise OutputError(
-            f"a blob of {program.format.name}: its scales belong to one unit and its loader to all",
-            hint="use --number f32 or f64, or --target c",
-        )
+    """Shape of a program."""
     tables = tuple((name, len(program.tables[name])) for name in program.structure.tables)
     lines = (*layout.write_program(program), json.dumps({"tables": tables}, separators=(",", ":")))
     return Shape(tables, lines, hashlib.sha256("\n".join(lines).encode()).digest()[:8])

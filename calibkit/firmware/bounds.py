@@ -51,13 +51,10 @@ def find_bounds(chain: Chain, program: Program, *, full: bool = False) -> dict[s
     settled = _settled(growth, [start[m.source] for m in driven])
     states = {m.name: error for m, error in zip(driven, settled, strict=True)}
     errors = analysis.again(states).errors
-    found = {}
-    for output in chain.structure.outputs:
-        last = 0.0
-        if program.format.fixed and program.word > program.format.bits:
-            last = 0.5 * 2.0 ** -program.scales[f"out.{output.name}"]
-        found[output.name] = _rounded_up((errors[output.source] + last) * ALLOWANCE)
-    return found
+    return {
+        output.name: _rounded_up(errors[output.source] * ALLOWANCE)
+        for output in chain.structure.outputs
+    }
 
 
 def find_gains(chain: Chain, program: Program) -> dict[str, dict[str, float]]:
@@ -103,7 +100,7 @@ class _Analysis:
     """Errors of filtered values by rounding alone, without the error of the map that drives them.
     """
     reaches: dict[str, float] = field(default_factory=dict)
-    offs: dict[tuple[str, int], list[float]] = field(default_factory=dict)
+    offs: dict[str, list[float]] = field(default_factory=dict)
     parts: dict[Term, list[Range]] = field(default_factory=dict)
     """What `reach`, `off` and `part` found: exact arithmetic is slow."""
 
@@ -136,14 +133,12 @@ class _Analysis:
             self.reaches[name] = float(ranges.magnitude(self.known[name]))
         return self.reaches[name]
 
-    def off(self, table: str, scale: int) -> list[float]:
+    def off(self, table: str) -> list[float]:
         """How far each number of a table is from the exact one."""
-        if (table, scale) not in self.offs:
-            unit = Fraction(2) ** -scale if self.program.format.fixed else Fraction(1)
+        if table not in self.offs:
             pairs = zip(self.chain.tables[table], self.program.tables[table], strict=True)
-            found = [float(abs(exact - Fraction(stored) * unit)) for exact, stored in pairs]
-            self.offs[table, scale] = found
-        return self.offs[table, scale]
+            self.offs[table] = [float(abs(exact - Fraction(stored))) for exact, stored in pairs]
+        return self.offs[table]
 
     def part(self, entry: Term) -> list[Range]:
         """Ranges of a term: of its polynomial, then of each product with one more factor."""
@@ -151,10 +146,8 @@ class _Analysis:
             self.parts[entry] = ranges.term(self.chain, entry, self.known)
         return self.parts[entry]
 
-    def rounding(self, reach: float, scale: str, places: int = 1) -> float:
-        """Error of one rounding: of a float of that magnitude, or of a shift to that scale."""
-        if self.program.format.fixed:
-            return 0.5 * 2.0 ** -self.program.scales[scale] if places > 0 else 0.0
+    def rounding(self, reach: float) -> float:
+        """Error of one rounding of a number of that magnitude."""
         return float(2.0**-self.program.format.bits) * reach
 
     def step(self, step: Step, errors: Mapping[str, float]) -> float:  # noqa: PLR0911 (one return per kind of step)
@@ -171,52 +164,44 @@ class _Analysis:
                     return self.states[step.name]
                 return errors.get(step.source, 0.0) if step.start == "same" else 0.0
             case Play():  # what it keeps it took from the source at some update
-                scale, reach = self.program.scales.get(step.name, 0), self.reach(step.name)
-                off = max(self.off(step.table, scale))
-                return errors[step.source] + off + self.rounding(reach, step.name)
+                rounding = self.rounding(self.reach(step.name))
+                return errors[step.source] + max(self.off(step.table)) + rounding
             case Quotient():
                 return self.quotient(step, errors)
             case Slope():
                 return self.slope(step, errors)
-            case Select():  # a fixed-point word is shifted to the scale of the selection
-                chosen = max(errors[case.value] for case in step.cases)
-                return chosen + self.rounding(0.0, step.name)
+            case Select():
+                return max(errors[case.value] for case in step.cases)
 
     def limit(self, step: Limit) -> float:
         """How far a limit is off, where its source reaches it."""
-        off = self.off(step.table, self.program.scales.get(step.name, 0))
-        ends = zip(off, self.chain.tables[step.table], strict=True)
+        ends = zip(self.off(step.table), self.chain.tables[step.table], strict=True)
         return max((x for x, end in ends if abs(end) <= self.reach(step.source)), default=0.0)
 
     def map(self, step: Map, errors: Mapping[str, float]) -> float:
         """u: the difference, the reciprocal, the product, the limits."""
-        scales = self.program.scales
-        middle = self.off(step.table, scales.get(step.source, 0))[0]
-        inverse = self.off(step.table, scales.get(f"{step.table}.reciprocal", 0))[1]
+        middle, inverse, *limits = self.off(step.table)
         reciprocal, reach = float(self.chain.tables[step.table][1]), self.reach(step.name)
         distance = reach / reciprocal
-        first = 0.0 if self.program.format.fixed else self.rounding(distance, step.source)
-        limits = max(self.off(step.table, scales.get(step.name, 0))[2:])
-        difference = errors[step.source] + first + middle
-        return (
-            difference * reciprocal + distance * inverse + self.rounding(reach, step.name) + limits
-        )
+        difference = errors[step.source] + self.rounding(distance) + middle
+        product = difference * reciprocal + distance * inverse + self.rounding(reach)
+        return product + max(limits)
 
     def sum(self, step: Sum, errors: Mapping[str, float]) -> float:
         """Roundings of every term and partial sum; the errors of a value that stands in several
         terms together.
         """
-        total = sum(self.term(step, k, entry, errors) for k, entry in enumerate(step.terms))
+        total = sum(self.term(entry, errors) for entry in step.terms)
         shared: dict[tuple[str, ...], list[Range]] = {}
         partial = Fraction(0)
         for number, entry in enumerate(step.terms):
             parts = self.part(entry)
             shared.setdefault(entry.factors, []).append(parts[0])
             partial += ranges.magnitude(parts[-1])
-            if number and not self.program.format.fixed:
+            if number:
                 last = number == len(step.terms) - 1  # the sum itself may have a bound of its own
                 reach = min(float(partial), self.reach(step.name)) if last else float(partial)
-                total += self.rounding(reach, step.name)
+                total += self.rounding(reach)
         for factors, coefficients in shared.items():
             reaches = [self.reach(name) for name in factors]
             for k, name in enumerate(factors):
@@ -226,7 +211,7 @@ class _Analysis:
                 total += others * errors[name]
         return total
 
-    def term(self, step: Sum, number: int, entry: Term, errors: Mapping[str, float]) -> float:
+    def term(self, entry: Term, errors: Mapping[str, float]) -> float:
         """Rounding of a term's polynomial and products, the factors taken as exact."""
         parts = self.part(entry)
         factors, error = list(entry.factors), 0.0
@@ -235,46 +220,40 @@ class _Analysis:
         else:
             parts, factors = parts[1:], factors[1:]
         reach = float(ranges.magnitude(parts[0]))
-        for k, name in enumerate(factors, start=1 if entry.table else 2):
+        for name in factors:
             reach *= self.reach(name)
-            error = error * self.reach(name) + self.rounding(reach, f"{step.name}.{number}.{k}")
-        if self.program.format.fixed and not entry.table and not factors:
-            places = self.program.scales[entry.factors[0]] - self.program.scales[step.name]
-            error += self.rounding(reach, step.name, places)
+            error = error * self.reach(name) + self.rounding(reach)
         return error
 
     def polynomial(self, entry: Term, errors: Mapping[str, float]) -> float:
         """Horner's scheme."""
-        scale = self.program.scales.get(entry.table, 0)
-        off, c = self.off(entry.table, scale), self.chain.tables[entry.table]
+        off, c = self.off(entry.table), self.chain.tables[entry.table]
         error, total = off[-1], float(abs(c[-1]))
         if not entry.over:
             return error
         u, e_u = self.reach(entry.over), errors[entry.over]
         for k in range(len(c) - 2, -1, -1):
-            error = error * u + total * e_u + self.rounding(total * u, entry.table) + off[k]
+            error = error * u + total * e_u + self.rounding(total * u) + off[k]
             total = total * u + float(abs(c[k]))
-            error += 0.0 if self.program.format.fixed else self.rounding(total, entry.table)
+            error += self.rounding(total)
         return error
 
     def quotient(self, step: Quotient, errors: Mapping[str, float]) -> float:
-        """Quotient; cut off towards 0 in fixed point."""
+        """Quotient."""
         low, high = self.known[step.denominator]
         least, reach = float(min(abs(low), abs(high))), self.reach(step.name)
         error = (errors[step.numerator] + reach * errors[step.denominator]) / (
             least - errors[step.denominator]
         )
-        return error + self.rounding(reach, step.name) * (2.0 if self.program.format.fixed else 1.0)
+        return error + self.rounding(reach)
 
     def slope(self, step: Slope, errors: Mapping[str, float]) -> float:
         """Weighted differences."""
         bounds = {**self.chain.limits, **self.chain.usual}
         apart = float(ranges.difference(step, self.known, bounds))
         weights = float(ranges.heaviest(self.chain, step))
-        off = max(self.off(step.table, self.program.scales.get(step.table, 0))) * (step.length - 1)
+        off = max(self.off(step.table)) * (step.length - 1)
         error = weights * 2.0 * errors[step.source] + off * apart
-        if self.program.format.fixed:
-            return error + (step.length - 1) * self.rounding(0.0, step.name)
         # a difference, a product and a sum of each weight, the partial sums no larger than all
         # together
-        return error + self.rounding(weights * apart, step.name) * (step.length + 1)
+        return error + self.rounding(weights * apart) * (step.length + 1)

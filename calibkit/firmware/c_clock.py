@@ -55,7 +55,7 @@ UPDATE = """@head
 BETWEEN = """void @p_between(const @p_state *state, uint32_t elapsed_ms, @p_out *out)
 {
     const uint32_t passed = (elapsed_ms < @P_INTERVAL_MS) ? elapsed_ms : @P_INTERVAL_MS;
-@share
+    const @type share = (@type)passed / (@type)@P_INTERVAL_MS;
 @outputs
 }
 """
@@ -82,9 +82,11 @@ def render(export: Export, home: Home, head: str, invalid: str) -> str:
     update = update.replace("@kept", _indented(kept, 8)).replace("@began", _indented(kept, 12))
     update = update.replace("@used", _indented(_copied("state->in.", "in->", fields), 8))
     update = update.replace("@out", _indented(_copied("out->", "state->last.", outputs), 4))
-    shown = [f"out->{o.name} = {_line(number, 'state->', o.name)};" for o in structure.outputs]
-    share = "" if number.fixed else f"    const {number.c_type} share = {_share(number)};\n"
-    between = BETWEEN.replace("@share\n", share).replace("@outputs\n", _indented(shown, 4))
+    shown = []
+    for name in outputs:
+        before, last = f"state->before.{name}", f"state->last.{name}"
+        shown.append(f"out->{name} = {before} + (({last} - {before}) * share);")
+    between = BETWEEN.replace("@type", number.c_type).replace("@outputs\n", _indented(shown, 4))
     return "\n".join([_jumped(export, home, pace), _bridge(number, fields), update, between])
 
 
@@ -116,32 +118,14 @@ def _block(head: str, lines: Sequence[str]) -> str:
     return _indented([head, *(f"    {line}" for line in lines), "}"], 8)
 
 
-def _share(number: Format) -> str:
-    """Share of the interval that has passed."""
-    return f"({number.c_type})passed / ({number.c_type})@P_INTERVAL_MS"
-
-
-def _line(number: Format, place: str, name: str) -> str:
-    """An output between the last two."""
-    before, last = f"{place}before.{name}", f"{place}last.{name}"
-    if not number.fixed:
-        return f"{before} + (({last} - {before}) * share)"
-    moved = f"((int64_t){last} - (int64_t){before}) * (int64_t)passed"
-    return (
-        f"({number.c_type})((int64_t){before}\n        + (({moved})\n"
-        "            / (int64_t)@P_INTERVAL_MS))"
-    )
-
-
 def _jumped(export: Export, home: Home, pace: Pace) -> str:
     """Function that tells a jump of the followed input."""
-    kind = "int64_t" if export.program.format.fixed else export.program.format.c_type
-    cast = "(int64_t)" if export.program.format.fixed else ""
+    kind = export.program.format.c_type
     return f"""/* whether the input moved further than so many intervals allow */
 static uint32_t @p_jumped({home.declared}const @p_state *state, const @p_in *in, uint32_t count)
 {{
-    const {kind} away = {cast}in->{pace.followed} - {cast}state->in.{pace.followed};
-    const {kind} most = {cast}{home.tables}{pace.table}[1] * ({kind})count;
+    const {kind} away = in->{pace.followed} - state->in.{pace.followed};
+    const {kind} most = {home.tables}{pace.table}[1] * ({kind})count;
 
     return ((away < -most) || (away > most)) ? 1U : 0U;
 }}
@@ -150,21 +134,16 @@ static uint32_t @p_jumped({home.declared}const @p_state *state, const @p_in *in,
 
 def _bridge(number: Format, fields: Sequence[str]) -> str:
     """Function that gives the inputs of one of several intervals."""
-    lines = []
-    for name in fields:
-        if number.fixed:
-            moved = f"((int64_t)to->{name} - (int64_t)from->{name}) * (int64_t)k"
-            line = f"({number.c_type})((int64_t)from->{name} + (({moved}) / (int64_t)count))"
-        else:
-            line = f"from->{name} + ((to->{name} - from->{name}) * share)"
-        lines.append(f"in->{name} = {line};")
     kind = number.c_type
-    share = "" if number.fixed else f"        const {kind} share = ({kind})k / ({kind})count;\n\n"
+    lines = [f"const {kind} share = ({kind})k / ({kind})count;", ""]
+    lines += [
+        f"in->{name} = from->{name} + ((to->{name} - from->{name}) * share);" for name in fields
+    ]
     return f"""/* inputs of the k-th of count intervals, in a straight line */
 static void @p_bridge(const @p_in *from, const @p_in *to, uint32_t k, uint32_t count, @p_in *in)
 {{
     if (k < count) {{
-{share}{_indented(lines, 8)}    }} else {{
+{_indented(lines, 8)}    }} else {{
 {_indented(_copied("in->", "to->", fields), 8)}    }}
 }}
 """

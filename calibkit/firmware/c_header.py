@@ -15,7 +15,6 @@ STATUS = {
     ),
     "ACCEL_BEYOND": "indication outside the fitted range: corrected as it is",
     "RATE_BEYOND": "indication outside the fitted rates: corrected as it is",
-    "FULL_SCALE": "indication beyond the full scale: its end was used",
     "STARTING": (
         "the lags have not settled since the reset or since a gap too long to bridge: the header"
         " states by how much the result may be wrong"
@@ -49,7 +48,6 @@ def render(export: Export) -> str:
         '#ifdef __cplusplus\nextern "C" {\n#endif\n',
         _identity(export),
         statuses(export),
-        _bits_defines(export) if export.program.format.fixed else "",
         structs(export),
         prototypes(export),
         "#ifdef __cplusplus\n}\n#endif\n",
@@ -74,37 +72,17 @@ def _identity(export: Export) -> str:
 
 def statuses(export: Export) -> str:
     """One bit per status."""
-    structure, fixed = export.structure, export.program.format.fixed
+    structure = export.structure
     none = "drift and state are held" if structure.has_memory else "no number in, no number out"
-    kind = "the word that stands for no number" if fixed else "a NaN or an infinity"
     lines = [
         "/* status: 0, or the sum of */",
         "#define @P_OK 0x0000U",
         *(
             f"#define @P_{flag} 0x{1 << k:04x}U /* {STATUS[flag]} */"
             for k, flag in enumerate(structure.flags)
-            if fixed or flag != "FULL_SCALE"  # floating point holds every indication
+            if flag != "FULL_SCALE"  # floating point holds every indication
         ),
-        f"#define @P_INVALID 0x{INVALID:04x}U /* an input is {kind}: {none} */",
-    ]
-    return "\n".join(lines) + "\n"
-
-
-def _bits_defines(export: Export) -> str:
-    """Fixed point: how many fraction bits each quantity has."""
-    scales, structure = export.program.scales, export.structure
-    word = "INT32_MIN" if export.program.format.bits == 32 else "INT16_MIN"
-    lines = [
-        "/* a word stands for word * 2^-BITS of the unit; the least word for no number */",
-        *(
-            f"#define @P_IN_{entry.name.upper()}_BITS ({scales[entry.name]})"
-            for entry in structure.inputs
-        ),
-        *(
-            f"#define @P_OUT_{o.name.upper()}_BITS ({scales[f'out.{o.name}']})"
-            for o in structure.outputs
-        ),
-        f"#define @P_NO_NUMBER {word}",
+        f"#define @P_INVALID 0x{INVALID:04x}U /* an input is a NaN or an infinity: {none} */",
     ]
     return "\n".join(lines) + "\n"
 
@@ -127,10 +105,9 @@ def structs(export: Export, *, ranges: bool = True) -> str:
         lines.append(f"    {kind} {output.name}; /* {meaning} */")
     lines.append("} @p_out;")
     if structure.has_memory:
-        word = "int32_t" if export.program.format.fixed else kind
         lines += ["", "typedef struct { /* call @p_reset before the first update */"]
-        lines += [f"    {word} {memory.source};" for memory in structure.memories]
-        lines += [f"    {word} {slope.name}_history[{slope.length}];" for slope in structure.slopes]
+        lines += [f"    {kind} {memory.source};" for memory in structure.memories]
+        lines += [f"    {kind} {slope.name}_history[{slope.length}];" for slope in structure.slopes]
         lines += ["    @p_out last;", "    @p_out before; /* the update before */"]
         lines += ["    @p_in in; /* the last that was used */"]
         lines += ["    uint32_t updates;", "    uint32_t waited_ms;"]

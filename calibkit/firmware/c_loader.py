@@ -160,7 +160,7 @@ def source(export: Export) -> bytes:
         c_load_text.BARRIER,
         c_source.FLOAT_GUARD,
         c_source.windows(export),
-        *c_helpers.called_helpers(body, fixed=False),
+        *c_helpers.called_helpers(body),
         c_load.numbers(export),
         body,
         c_source.listing("The steps above:", found.lines),

@@ -48,14 +48,11 @@ def _read(text: str, name: str) -> tuple[Program, vectors.Vectors]:
     """Program and vectors of a source's text, every number as the compiler reads it."""
     prefix, lines = _search(INCLUDE, text, name), LINE.findall(text)
     bare = layout.read_program(lines, {}, name)
-    maps = {step.table for step in bare.structure.maps}
     tables = {}
     for found in CONSTANT.finditer(COMMENT.sub("", text)):
         table = found.group(1).removeprefix(f"{prefix}_")
         numbers = tuple(_number(digits, bare.format) for digits in NUMBER.findall(found.group(2)))
-        tables[table] = (
-            numbers[:4] if table in maps else numbers
-        )  # a fixed-point map has its shift behind
+        tables[table] = numbers
     try:
         inputs, outputs, status = (tables.pop(f"test_{side}") for side in ("in", "out", "status"))
         updates = tables.pop("test_updates", (1,) * len(status))
@@ -83,7 +80,7 @@ def _number(digits: str, number: Format) -> float:
     """Number of a literal in the format of the program."""
     if digits.startswith("0x"):
         return int(digits, 16)
-    return int(digits) if number.fixed else number.nearest(Fraction(digits))
+    return number.nearest(Fraction(digits))
 
 
 def _columns(names: list[str], flat: tuple[float, ...]) -> dict[str, tuple[float, ...]]:

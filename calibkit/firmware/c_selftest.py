@@ -31,7 +31,7 @@ def render(export: Export) -> str:
         "#ifndef CAL_NO_SELFTEST",
         f"#define @P_TESTS {len(rows.status)}U",
         "",
-        *([] if export.program.format.fixed else [c_helpers.NEAR]),
+        c_helpers.NEAR,
         *_structs(export, "in", [entry.name for entry in structure.inputs]),
         *_structs(export, "out", [output.name for output in structure.outputs]),
         *words,
@@ -108,11 +108,8 @@ def _differences(export: Export) -> list[str]:
     number = export.program.format
     checks = ["(status != @p_test_status[k])"]
     for name in (output.name for output in export.structure.outputs):
-        if number.fixed:
-            checks.append(f"(out.{name} != @p_test_out[k].{name})")
-        else:
-            tolerance = number.text(tolerance_of(export, name))
-            checks.append(f"(@p_near(out.{name}, @p_test_out[k].{name}, {tolerance}) == 0U)")
+        tolerance = number.text(tolerance_of(export, name))
+        checks.append(f"(@p_near(out.{name}, @p_test_out[k].{name}, {tolerance}) == 0U)")
     return checks
 
 

@@ -8,15 +8,11 @@ from calibkit.firmware import c_clock, c_helpers, c_selftest, c_steps, c_text, l
 from calibkit.firmware.c_steps import Home
 from calibkit.firmware.chain import Limit, Map, Play, Select, Slope, Step, Sum
 from calibkit.firmware.export import Export
-from calibkit.firmware.program import Program
 
-CONTRACT = {
-    False: (
-        "Results are bit for bit those of calibkit's twin with -ffp-contract=off; else within twice"
-        " the error bound."
-    ),
-    True: "Results are bit for bit those of calibkit's twin.",
-}
+CONTRACT = (
+    "Results are bit for bit those of calibkit's twin with -ffp-contract=off; else within twice"
+    " the error bound."
+)
 
 FLOAT_GUARD = """#include <float.h>
 
@@ -36,16 +32,15 @@ COUNTED = (
 
 def render(export: Export) -> str:
     """Text of the source."""
-    fixed = export.program.format.fixed
     body = "\n".join([functions(export, Home()), c_selftest.render(export)])
     title = f"{export.prefix}: correction chain as firmware; C99, no library"
     parts = [
-        c_text.comment([title, c_text.LICENCE, "", *c_text.facts(export), "", CONTRACT[fixed]]),
+        c_text.comment([title, c_text.LICENCE, "", *c_text.facts(export), "", CONTRACT]),
         f'#include "{export.prefix}.h"\n',
-        "" if fixed else FLOAT_GUARD,
+        FLOAT_GUARD,
         windows(export),
         _tables(export),
-        *c_helpers.called_helpers(body, fixed=fixed),
+        *c_helpers.called_helpers(body),
         body,
         listing(
             "The steps above as `calibkit verify` reads them again:",
@@ -64,16 +59,10 @@ def seal_source(parts: Sequence[str], export: Export) -> str:
     """Text of the parts with types and prefix filled in, and its digest."""
     text = "\n".join(part for part in parts if part)
     program = export.program
-    wide = 64 if program.word == 32 else 32
     for mark, word in {
         "@real": program.format.c_type,
         "@zero": program.format.text(0.0),
         "@max": "FLT_MAX" if program.format.bits == 24 else "DBL_MAX",
-        "@wide": f"int{wide}_t",
-        "@uwide": f"uint{wide}_t",
-        "@top": str(wide - 1),
-        "@word": f"int{program.word}_t",
-        "@reciprocal": "30" if program.word == 32 else "14",
     }.items():
         text = text.replace(mark, word)
     return c_text.seal(c_text.fill_prefix(text, export.prefix))
@@ -93,19 +82,12 @@ def windows(export: Export) -> str:
 def _tables(export: Export) -> str:
     """Every number of the chain."""
     program, lines = export.program, []
-    word = f"int{program.word}_t" if program.format.fixed else program.format.c_type
+    word = program.format.c_type
     if program.structure.maps:
         fields = "".join(f"    {word} {name};\n" for name in ("middle", "reciprocal", "range[2]"))
-        places = "    uint32_t places;\n" if program.format.fixed else ""
-        lines.append(f"typedef struct {{\n{fields}{places}}} @p_map;\n")
+        lines.append(f"typedef struct {{\n{fields}}} @p_map;\n")
     lines += [
-        _array(
-            export,
-            entry.table,
-            word,
-            f"least and greatest {entry.name} [{entry.unit}]"
-            + (", fitted and full scale" if entry.beyond and program.format.fixed else ""),
-        )
+        _array(export, entry.table, word, f"least and greatest {entry.name} [{entry.unit}]")
         for entry in program.structure.inputs
     ]
     if pace := program.structure.pace:
@@ -123,8 +105,6 @@ def _step_tables(export: Export, step: Step, word: str) -> Iterator[str]:
         case Map():
             texts = [program.format.text(x) for x in program.tables[step.table]]
             numbers = [*texts[:2], f"{{{texts[2]}, {texts[3]}}}"]
-            if program.format.fixed:
-                numbers.append(f"{program.map_places(step)}U")
             yield f"static const @p_map @p_{step.table} = {{{', '.join(numbers)}}};"
         case Limit() | Play():
             what = "least and greatest" if isinstance(step, Limit) else "reach of"
@@ -181,7 +161,7 @@ def functions(export: Export, home: Home, name: str = "") -> str:
 
 def _correct(export: Export, home: Home, name: str) -> str:
     """Function that refuses an input that is no number, and else computes the steps of the chain."""
-    program, kind = export.program, "static uint32_t" if name else "uint32_t"
+    kind = "static uint32_t" if name else "uint32_t"
     outputs = export.structure.outputs
     lines = [
         f"{kind} @p_{name or 'correct'}({home.declared}const @p_in *in, @p_out *out)",
@@ -194,7 +174,7 @@ def _correct(export: Export, home: Home, name: str) -> str:
         "    } else {",
         *(f"        {line}" for line in _chain(export, home)),
         "",
-        *(f"        out->{o.name} = {_output_word(program, o.source)};" for o in outputs),
+        *(f"        out->{o.name} = {o.source};" for o in outputs),
         "    }",
         "    return status;",
         "}",
@@ -204,9 +184,9 @@ def _correct(export: Export, home: Home, name: str) -> str:
 
 def _step(export: Export, home: Home) -> str:
     """Function that takes the steps of a chain with memory over one interval."""
-    structure, program = export.structure, export.program
+    structure = export.structure
     groups = dict.fromkeys(step.group for step in structure.maps if step.group)
-    last = [f"state->last.{o.name} = {_output_word(program, o.source)};" for o in structure.outputs]
+    last = [f"state->last.{o.name} = {o.source};" for o in structure.outputs]
     lines = [
         "/* one interval, for inputs that are numbers */",
         f"static uint32_t @p_step({home.declared}@p_state *state, const @p_in *in)",
@@ -226,20 +206,11 @@ def _step(export: Export, home: Home) -> str:
 
 def _spoiled_outputs(export: Export) -> list[str]:
     """Lines that set every output to what stands for no number."""
-    structure, none, before = export.structure, "@P_NO_NUMBER", []
-    if not export.program.format.fixed:
-        none = "none"
-        spoiled = [f"(in->{entry.name} - in->{entry.name})" for entry in structure.inputs]
-        text = spoiled[0][1:-1] if len(spoiled) == 1 else "\n            + ".join(spoiled)
-        before = [f"const {export.program.format.c_type} none = {text}; /* a NaN */", ""]
-    return [*before, *(f"out->{output.name} = {none};" for output in structure.outputs)]
-
-
-def _output_word(program: Program, value: str) -> str:
-    """A value as the word of an output."""
-    if program.format.bits != 16:
-        return value
-    return f"@p_narrow({value})" if program.word == 32 else f"(int16_t){value}"
+    structure = export.structure
+    spoiled = [f"(in->{entry.name} - in->{entry.name})" for entry in structure.inputs]
+    text = spoiled[0][1:-1] if len(spoiled) == 1 else "\n            + ".join(spoiled)
+    none = f"const {export.program.format.c_type} none = {text}; /* a NaN */"
+    return [none, "", *(f"out->{output.name} = none;" for output in structure.outputs)]
 
 
 def _chain(export: Export, home: Home) -> list[str]:
@@ -253,10 +224,7 @@ def _chain(export: Export, home: Home) -> list[str]:
 
 def _invalid(export: Export) -> str:
     """Condition that an input is no number."""
-    check = "(@p_finite(in->{}) == 0U)"
-    if export.program.format.fixed:
-        check = "(in->{} == @P_NO_NUMBER)"
-    checks = [check.format(entry.name) for entry in export.structure.inputs]
+    checks = [f"(@p_finite(in->{entry.name}) == 0U)" for entry in export.structure.inputs]
     return checks[0][1:-1] if len(checks) == 1 else "\n        || ".join(checks)
 
 
@@ -275,14 +243,11 @@ def _reset(export: Export) -> str:
     lines += ["    state->updates = 0U;", "    state->waited_ms = 0U;"]
     lines += ["}", ""]
     if structure.summing:
-        places, output = export.program.word - export.program.format.bits, structure.outputs[0]
-        value = output.name
-        if export.program.format.fixed and places:
-            value = f"(int32_t){value} * {1 << places}"
+        output = structure.outputs[0]
         lines += [
             f"void @p_anchor(@p_state *state, {export.program.format.c_type} {output.name})",
             "{",
-            f"    state->{output.source} = {value};",
+            f"    state->{output.source} = {output.name};",
             f"    state->last.{output.name} = {output.name};",
             f"    state->before.{output.name} = {output.name};",
             "}",

@@ -43,15 +43,15 @@ class Body:
     @property
     def type(self) -> str:
         """Type of a value."""
-        return "int32_t" if self.program.format.fixed else self.program.format.c_type
+        return self.program.format.c_type
 
     def input(self, entry: Input) -> str:
         """Input brought into its range; an indication as it is."""
-        flags, helper = [self._flag(entry.flag)], "limited"
+        flag, helper = entry.flag, "limited"
         if entry.beyond:
-            full = flags if self.program.format.fixed else []
-            flags, helper = [self._flag(entry.beyond), *full], "indicated"
-        call = f"@p_{helper}(in->{entry.name}, {self.home.tables}{entry.table}, {', '.join(flags)}, &status)"
+            flag, helper = entry.beyond, "indicated"
+        table = f"{self.home.tables}{entry.table}"
+        call = f"@p_{helper}(in->{entry.name}, {table}, {self._flag(flag)}, &status)"
         return f"const {self.type} {entry.name} = {call};"
 
     def statements(self, step: Step) -> Iterator[str]:
@@ -73,21 +73,17 @@ class Body:
             case Sum():
                 return self._sum(step)
             case Quotient():
-                return self._quotient(step)
+                return f"{step.numerator} / {step.denominator}"
             case Memory():
                 kept = f"state->{step.source}"
                 first = f"(state->updates == 0U) ? {step.source} : {kept}"
                 return first if step.start == "same" else kept
             case Play():
-                scales, source = self.program.scales, step.source
-                if self.program.format.fixed:
-                    source = self._shifted(source, scales[source] - scales[step.name])
-                return f"@p_played({step.kept}, {source}, {self.home.tables}{step.table})"
+                return f"@p_played({step.kept}, {step.source}, {self.home.tables}{step.table})"
             case Slope():
-                fixed = self.program.format.fixed
                 return (
                     f"@p_slope(state->{step.name}_history, {step.source}, state->updates,"
-                    f" {self.home.tables}{step.table},{f' {self.program.slope_places(step)}U,' if fixed else ''}\n"
+                    f" {self.home.tables}{step.table},\n"
                     f"    {self._flag(step.flag)}, &status)"
                 )
 
@@ -97,58 +93,28 @@ class Body:
 
     def _sum(self, step: Sum) -> str:
         """Terms from left to right."""
-        values = [self._term(step, number, entry) for number, entry in enumerate(step.terms)]
-        product = values[0].startswith("(") and not values[0].startswith("(int32_t)")
-        if len(values) == 1 and product and step.terms[0].sign > 0:
+        values = [self._term(entry) for entry in step.terms]
+        if len(values) == 1 and values[0].startswith("(") and step.terms[0].sign > 0:
             return values[0][1:-1]
         signs = ["- " if entry.sign < 0 else "+ " for entry in step.terms]
         first = f"-{values[0]}" if step.terms[0].sign < 0 else values[0]
         parts = [first, *(sign + value for sign, value in zip(signs[1:], values[1:], strict=True))]
         return " ".join(parts) if sum(map(len, parts)) < ONE_LINE else "\n    ".join(parts)
 
-    def _term(self, step: Sum, number: int, entry: Term) -> str:
+    def _term(self, entry: Term) -> str:
         """One term, in parentheses where it is a product."""
-        scales, factors = self.program.scales, list(enumerate(entry.factors, start=1))
-        if entry.table:
-            value, scale = self._polynomial(entry), scales.get(entry.table, 0)
-        else:
-            (_, value), *factors = factors
-            scale = scales.get(value, 0)
-        for k, name in factors:
-            if self.program.format.fixed:
-                target = scales[f"{step.name}.{number}.{k}"]
-                value, scale = (
-                    f"@p_scaled({value}, {name}, {scale + scales[name] - target}U)",
-                    target,
-                )
-            else:
-                value = f"({value} * {name})"
-        return (
-            self._shifted(value, scale - scales[step.name]) if self.program.format.fixed else value
-        )
+        factors = list(entry.factors)
+        value = self._polynomial(entry) if entry.table else factors.pop(0)
+        for name in factors:
+            value = f"({value} * {name})"
+        return value
 
     def _polynomial(self, entry: Term) -> str:
         """Polynomial, or the plain number."""
         count = len(self.program.tables[entry.table])
         if not entry.over:
             return f"{self.home.tables}{entry.table}"
-        places = f", {self.program.scales[entry.over]}U" if self.program.format.fixed else ""
-        return f"@p_polynomial({self.home.tables}{entry.table}, {count}U, {entry.over}{places})"
-
-    def _shifted(self, value: str, places: int) -> str:
-        """A fixed-point value at another scale."""
-        if places == 0:
-            return value
-        if places < 0:
-            return f"({value} * {1 << -places})"
-        return f"(int32_t)@p_rounded({value}, {places}U)"
-
-    def _quotient(self, step: Quotient) -> str:
-        """Quotient of two values."""
-        if not self.program.format.fixed:
-            return f"{step.numerator} / {step.denominator}"
-        places = self.program.quotient_places(step)
-        return f"@p_quotient({step.numerator}, {step.denominator}, {places}U)"
+        return f"@p_polynomial({self.home.tables}{entry.table}, {count}U, {entry.over})"
 
     def _select(self, step: Select) -> Iterator[str]:
         """The first side that holds, with its status."""
@@ -160,12 +126,8 @@ class Body:
                 f"({step.source} <= -{self.home.tables}{case.table})",
             )
             holds = {1: up, -1: down, 0: f"({up} || {down})"}[case.side]
-            value = case.value
-            if self.program.format.fixed:
-                scales = self.program.scales
-                value = self._shifted(value, scales[case.value] - scales[step.name])
-            yield (
-                f"{word} {holds} {{\n    {step.name} = {value};\n    status |= status_{case.group};"
-            )
+            yield f"{word} {holds} {{"
+            yield f"    {step.name} = {case.value};"
+            yield f"    status |= status_{case.group};"
             word = "} else if"
         yield f"}} else {{\n    status |= {self._flag(step.flag)};\n}}"

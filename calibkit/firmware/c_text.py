@@ -13,8 +13,6 @@ from calibkit.run_document import ACCEPTED
 NUMBERS = {
     "f32": "IEEE 754 single precision",
     "f64": "IEEE 754 double precision",
-    "q31": "fixed point in words of 32 bits",
-    "q15": "fixed point in words of 16 bits",
 }
 WIDTH = 100
 LICENCE = "SPDX-License-Identifier: MIT"

@@ -1,4 +1,4 @@
-"""Number formats of firmware: IEEE 754 single and double, two's complement of 32 and 16 bits."""
+"""Number formats of firmware: IEEE 754 single and double."""
 
 from dataclasses import dataclass
 from fractions import Fraction
@@ -13,21 +13,15 @@ class Format:
     name: str
     c_type: str
     bits: int
-    """Significant bits of a float; width of a fixed-point word that is handed over."""
-    fixed: bool
+    """Significant bits."""
 
     @property
     def size(self) -> int:
-        """Bytes of a number of a floating format."""
+        """Bytes of a number."""
         return 4 if self.bits == 24 else 8
 
-    @property
-    def no_number(self) -> int:
-        """Word of a fixed-point format that stands for no number; the others are symmetric."""
-        return -(1 << (self.bits - 1))
-
     def nearest(self, x: Fraction) -> float:
-        """Number of a floating format nearest to x, ties to even."""
+        """Number of the format nearest to x, ties to even."""
         if x == 0:
             return 0.0
         e = abs(x.numerator).bit_length() - x.denominator.bit_length()
@@ -39,8 +33,6 @@ class Format:
 
     def text(self, x: float) -> str:
         """C literal that reads back to the same number."""
-        if self.fixed:
-            return str(int(x))
         digits = f"{x:.9g}" if self.bits == 24 else f"{x:.17g}"
         whole = digits if any(mark in digits for mark in ".e") else f"{digits}.0"
         return f"{whole}F" if self.bits == 24 else whole
@@ -57,8 +49,6 @@ class Format:
 
 
 FORMATS = {
-    "f32": Format("f32", "float", 24, fixed=False),
-    "f64": Format("f64", "double", 53, fixed=False),
-    "q31": Format("q31", "int32_t", 32, fixed=True),
-    "q15": Format("q15", "int16_t", 16, fixed=True),
+    "f32": Format("f32", "float", 24),
+    "f64": Format("f64", "double", 53),
 }

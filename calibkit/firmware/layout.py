@@ -29,12 +29,13 @@ STEPS = {
 def write_program(program: Program) -> list[str]:
     """One line for the whole, one an input, a step, an output."""
     structure = program.structure
-    head = {
+    head: dict[str, Any] = {
         "number": program.format.name,
         "forms": structure.forms,
         "formula": structure.formula,
         "interval_s": structure.interval_s,
-        "scales": program.scales,
+        # of the fixed point that 0.2 exported: a loader knows its layout by the text of these lines
+        "scales": {},
     }
     if structure.pace:
         head["pace"] = asdict(structure.pace)
@@ -84,11 +85,17 @@ def read_program(
             head["interval_s"],
             _pace(head.get("pace")),
         )
-        return Program(structure, formats.Format.find(head["number"]), dict(tables), head["scales"])
+        number = head["number"]
     except (ValueError, KeyError, TypeError, IndexError) as error:
         raise CoefficientError(
             f"{name}: its steps cannot be read: {error}", hint="export it again"
         ) from None
+    if number not in formats.FORMATS:
+        raise CoefficientError(
+            f"{name}: numbers of format {number}, expected {' or '.join(formats.FORMATS)}",
+            hint="fixed point is no longer exported: calibkit 0.2 verifies it",
+        )
+    return Program(structure, formats.FORMATS[number], dict(tables))
 
 
 def _pace(fields: dict[str, Any] | None) -> chain.Pace | None:

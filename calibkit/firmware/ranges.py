@@ -1,6 +1,4 @@
-"""Range of every value of a chain, in exact interval arithmetic: fixed-point words must hold it,
-and errors scale with it.
-"""
+"""Range of every value of a chain, in exact interval arithmetic: errors scale with it."""
 
 from collections.abc import Mapping, Sequence
 from fractions import Fraction

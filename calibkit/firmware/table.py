@@ -73,7 +73,6 @@ def _row(export: Export) -> dict[str, str]:
     for name in structure.tables:
         numbers = program.tables[name]
         row |= {f"{name}[{k}]": program.format.text(x).rstrip("F") for k, x in enumerate(numbers)}
-    row |= {f"scale {name}": str(scale) for name, scale in program.scales.items()}
     row["program"] = "\n".join(layout.write_program(program))
     row["vectors"] = json.dumps(asdict(export.vectors), separators=(",", ":"))
     return row
@@ -119,7 +118,7 @@ def _recomputed(row: Mapping[str, str], place: str) -> None:
     tables = {}
     for table in bare.structure.tables:
         texts = [text for column, text in row.items() if column.startswith(f"{table}[")]
-        tables[table] = tuple(int(text) if bare.format.fixed else float(text) for text in texts)
+        tables[table] = tuple(map(float, texts))
     program = layout.read_program(lines, tables, place)
     try:
         stated = json.loads(row["vectors"])

@@ -5,7 +5,6 @@ is verified again.
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -67,7 +66,7 @@ def _loader(exports: Sequence[Export]) -> dict[str, bytes]:
 
 TARGETS: Mapping[str, _Target] = {
     "c": _Target(
-        (*FLOATS, "q31", "q15"),
+        FLOATS,
         lambda export, _: {
             ".h": c_header.render(export).encode("ascii"),
             ".c": c_source.render(export).encode("ascii"),
@@ -78,13 +77,7 @@ TARGETS: Mapping[str, _Target] = {
     "blob": _Target(FLOATS, lambda export, _: {".bin": blob.render(export)}, _loader),
     "hex": _Target(
         FLOATS,
-        lambda export, address: {".hex": flash.place(blob.render(export), address, "ihex")},
-        _loader,
-        placed=True,
-    ),
-    "srec": _Target(
-        FLOATS,
-        lambda export, address: {".srec": flash.place(blob.render(export), address, "srec")},
+        lambda export, address: {".hex": flash.place(blob.render(export), address)},
         _loader,
         placed=True,
     ),
@@ -97,7 +90,7 @@ TARGETS: Mapping[str, _Target] = {
         _none,
     ),
     "csv": _Target(
-        (*FLOATS, "q31", "q15"),
+        FLOATS,
         _none,
         lambda exports: {f"{exports[0].prefix}.csv": table.render(exports)},
     ),
@@ -107,8 +100,7 @@ READERS: Mapping[str, Callable[[str, bytes], str]] = {
     ".c": c_reader.verify_source,
     ".h": c_reader.verify_header,
     ".bin": blob.verify,
-    ".hex": partial(flash.verify, "ihex"),
-    ".srec": partial(flash.verify, "srec"),
+    ".hex": flash.verify,
     ".csv": table.verify,
     ".params": parameters.verify,
     ".param": parameters.verify,
@@ -138,9 +130,8 @@ def find_target(name: str, number: str, address: int | None) -> _Target:
             hint="say where in memory the blob goes, for example --address 0x08040000",
         )
     if address is not None and not target.placed:
-        placed = " and ".join(name for name, one in TARGETS.items() if one.placed)
         raise UsageError(
-            f"--target {name} with --address", hint=f"only {placed} state an address: leave it out"
+            f"--target {name} with --address", hint="only hex states an address: leave it out"
         )
     return target
 

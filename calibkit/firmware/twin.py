@@ -2,7 +2,7 @@
 same order.
 
 Bit for bit holds for C that is compiled without contraction to fused multiply-add
-(`-ffp-contract=off`); fixed point has none. Every value is an array over lanes, so that one call
+(`-ffp-contract=off`). Every value is an array over lanes, so that one call
 runs many instants of a chain without memory, or many devices.
 """
 
@@ -13,7 +13,6 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from calibkit.arrays import Array
 from calibkit.firmware.chain import (
     Input,
     Limit,
@@ -30,7 +29,7 @@ from calibkit.firmware.chain import (
 from calibkit.firmware.program import Program
 
 Words: TypeAlias = NDArray[Any]
-"""Floats of the program's format, or words of a fixed-point format as int64."""
+"""Floats of the program's format."""
 
 INVALID = 1 << 15
 """Status of an input that is no number."""
@@ -74,27 +73,6 @@ class Result:
         return self.after.before
 
 
-def encode(program: Program, name: str, physical: Array) -> Words:
-    """Words that an application hands over for physical values of an input; what does not fit
-    becomes the nearest word that does.
-    """
-    if not program.format.fixed:
-        return np.asarray(physical, dtype=dtype(program))
-    none = program.format.no_number
-    most = -none - 1
-    scaled = np.rint(np.asarray(physical, dtype=np.float64) * 2.0 ** program.scales[name])
-    finite = np.nan_to_num(scaled, nan=0.0, posinf=most, neginf=-most)
-    return np.where(np.isnan(scaled), none, np.clip(finite, -most, most).astype(np.int64))
-
-
-def decode(program: Program, name: str, words: Words) -> Array:
-    """Physical values of an output; NaN for the word that stands for no number."""
-    if not program.format.fixed:
-        return np.asarray(words, dtype=np.float64)
-    physical = words.astype(np.float64) * 2.0 ** -program.scales[f"out.{name}"]
-    return np.where(words == program.format.no_number, np.nan, physical)
-
-
 def reset(program: Program, lanes: int) -> State:
     """State of a device that has just been switched on."""
     zero = np.zeros(lanes, dtype=dtype(program))
@@ -116,7 +94,7 @@ def call(program: Program, inputs: Mapping[str, Words], state: State | None = No
     """One call of the firmware's function on lanes of inputs [n]; a chain with memory needs its
     state.
     """
-    bad = find_refused(program, inputs)
+    bad = find_refused(inputs)
     with np.errstate(all="ignore"):
         run = _Run(program, state, np.zeros(bad.size, dtype=np.int64))
         for entry in program.structure.inputs:
@@ -124,12 +102,11 @@ def call(program: Program, inputs: Mapping[str, Words], state: State | None = No
             run.values[entry.name] = run.input(entry, safe)
         for step in program.structure.steps:
             run.values[step.name] = run.step(step)
-    fresh = {o.name: run.out(o.name, o.source) for o in program.structure.outputs}
+    fresh = {o.name: run.values[o.source] for o in program.structure.outputs}
     status = np.where(bad, INVALID, run.status)
     if state is None:
-        none = program.format.no_number if program.format.fixed else np.nan
         outputs = {
-            name: np.where(bad, none, words).astype(words.dtype) for name, words in fresh.items()
+            name: np.where(bad, np.nan, words).astype(words.dtype) for name, words in fresh.items()
         }
         return Result(outputs, status, None)
     outputs = {name: np.where(bad, state.held[name], words) for name, words in fresh.items()}
@@ -148,19 +125,13 @@ def call(program: Program, inputs: Mapping[str, Words], state: State | None = No
     return Result(outputs, status, after)
 
 
-def find_refused(program: Program, inputs: Mapping[str, Words]) -> Words:
+def find_refused(inputs: Mapping[str, Words]) -> Words:
     """Whether an input is no number, in each lane."""
-    if program.format.fixed:
-        invalid = [words == program.format.no_number for words in inputs.values()]
-    else:
-        invalid = [~np.isfinite(words) for words in inputs.values()]
-    return np.asarray(np.any(invalid, axis=0))
+    return np.asarray(np.any([~np.isfinite(words) for words in inputs.values()], axis=0))
 
 
 def dtype(program: Program) -> Any:  # noqa: ANN401 (a numpy type)
     """Type that lanes are kept in."""
-    if program.format.fixed:
-        return np.int64
     return np.float32 if program.format.bits == 24 else np.float64
 
 
@@ -171,7 +142,6 @@ class _Run:
 
     def __init__(self, program: Program, state: State | None, status: Words) -> None:
         self.program, self.state, self.status = program, state, status
-        self.fixed = program.format.fixed
         self.values: dict[str, Words] = {}
         self.sides: dict[str, Words] = {}
         self.histories: dict[str, Words] = {}
@@ -197,14 +167,12 @@ class _Run:
         return np.where(x < low, low, np.where(x > high, high, x))
 
     def input(self, entry: Input, x: Words) -> Words:
-        """A value brought into its range; an indication as it is, in fixed point up to its full
-        scale.
-        """
-        low, high, *full = self.numbers(entry.table)
+        """A value brought into its range; an indication as it is."""
+        low, high = self.numbers(entry.table)
         if not entry.beyond:
             return self.limited(x, low, high, entry.flag, "")
         self.flag(entry.beyond, (x < low) | (x > high), "")
-        return self.limited(x, full[0], full[1], entry.flag, "") if full else x
+        return x
 
     def step(self, step: Step) -> Words:  # noqa: PLR0911 (one return per kind of step)
         """Value of one step."""
@@ -231,36 +199,21 @@ class _Run:
         """U = (x − middle)/half, brought into its range."""
         middle, reciprocal, low, high = self.numbers(step.table)
         u = (self.values[step.source] - middle) * reciprocal
-        if self.fixed:
-            u = _rounded(u, self.program.map_places(step))
         return self.limited(u, low, high, step.flag, step.group)
 
     def sum(self, step: Sum) -> Words:
         """Terms from left to right."""
-        total = self.term(step, 0, step.terms[0])
-        for number, entry in enumerate(step.terms[1:], start=1):
-            total = total + self.term(step, number, entry)
+        total = self.term(step.terms[0])
+        for entry in step.terms[1:]:
+            total = total + self.term(entry)
         return total
 
-    def term(self, step: Sum, number: int, entry: Term) -> Words:
-        """One term, at the scale of its sum."""
-        scales, factors = self.program.scales, list(enumerate(entry.factors, start=1))
-        if entry.table:
-            value, scale = self.polynomial(entry), scales.get(entry.table, 0)
-        else:
-            (_, first), *factors = factors
-            value, scale = self.values[first], scales.get(first, 0)
-        if not self.fixed:
-            for _, name in factors:
-                value = value * self.values[name]
-            return -value if entry.sign < 0 else value
-        for k, name in factors:
-            target = scales[f"{step.name}.{number}.{k}"]
-            value, scale = (
-                _rounded(value * self.values[name], scale + scales[name] - target),
-                target,
-            )
-        value = _rounded(value, scale - scales[step.name])
+    def term(self, entry: Term) -> Words:
+        """One term."""
+        factors = [self.values[name] for name in entry.factors]
+        value = self.polynomial(entry) if entry.table else factors.pop(0)
+        for factor in factors:
+            value = value * factor
         return -value if entry.sign < 0 else value
 
     def polynomial(self, entry: Term) -> Words:
@@ -271,19 +224,12 @@ class _Run:
         x = self.values[entry.over]
         total = np.full(x.shape, total)
         for c in reversed(lower):
-            total = total * x
-            if self.fixed:
-                total = _rounded(total, self.program.scales[entry.over])
-            total = total + c
+            total = total * x + c
         return np.asarray(total)
 
     def quotient(self, step: Quotient) -> Words:
-        """Quotient, in fixed point cut off towards 0."""
-        n, d = self.values[step.numerator], self.values[step.denominator]
-        if not self.fixed:
-            return np.asarray(n / d)
-        places = self.program.quotient_places(step)
-        return np.asarray(np.sign(n) * np.sign(d) * ((np.abs(n) << places) // np.abs(d)))
+        """Quotient."""
+        return np.asarray(self.values[step.numerator] / self.values[step.denominator])
 
     def memory(self, step: Memory) -> Words:
         """Value of the update before."""
@@ -299,8 +245,6 @@ class _Run:
         """What is kept, brought to within the distances of the source."""
         low, high = self.numbers(step.table)
         x, kept = self.values[step.source], self.values[step.kept]
-        if self.fixed:
-            x = _rounded(x, self.program.scales[step.source] - self.program.scales[step.name])
         return self.limited(kept, x + low, x + high, "", "")
 
     def slope(self, step: Slope) -> Words:
@@ -315,8 +259,6 @@ class _Run:
         total = np.zeros_like(kept[0])
         for i in range(1, step.length):
             product = row[:, i - 1] * (kept[i] - kept[0])
-            if self.fixed:
-                product = _rounded(product, self.program.slope_places(step))
             total = np.where(i < count, total + product, total)
         return np.asarray(np.where(count < step.least, np.zeros_like(total), total))
 
@@ -329,29 +271,9 @@ class _Run:
             (threshold,) = self.numbers(case.table)
             up, down = source >= threshold, source <= -threshold
             here = undecided & {1: up, -1: down, 0: up | down}[case.side]
-            value = self.values[case.value]
-            if self.fixed:
-                value = _rounded(
-                    value, self.program.scales[case.value] - self.program.scales[step.name]
-                )
-            total = np.where(here, value, total)
+            total = np.where(here, self.values[case.value], total)
             side = self.sides.get(case.group, np.zeros_like(self.status))
             self.status = self.status | np.where(here, side, 0)
             undecided = undecided & ~here
         self.flag(step.flag, undecided, "")
         return total
-
-    def out(self, name: str, source: str) -> Words:
-        """An output at its own scale."""
-        if not self.fixed:
-            return self.values[source]
-        most = -self.program.format.no_number - 1
-        places = self.program.scales[source] - self.program.scales[f"out.{name}"]
-        return np.clip(_rounded(self.values[source], places), -most, most)
-
-
-def _rounded(x: Words, places: int) -> Words:
-    """Word x · 2^−places, halves up; the exact product by a power of two where places < 0."""
-    if places <= 0:
-        return x << -places
-    return (x + (1 << (places - 1))) >> places

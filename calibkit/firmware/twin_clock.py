@@ -30,7 +30,7 @@ def update(
     length, first = structure.interval_ms, state.updates == 0
     waited = np.minimum(state.waited_ms + elapsed_ms, LONGEST_MS)
     waited = np.where(first, length + length // 2, waited)
-    count, bad = waited // length, twin.find_refused(program, inputs)
+    count, bad = waited // length, twin.find_refused(inputs)
     safe = {name: np.where(bad, state.inputs[name], words) for name, words in inputs.items()}
     late = count > pace.longest
     jump = ~bad & ~first & ~late & (count > 0) & _jumps(program, safe, count, state)
@@ -79,11 +79,7 @@ def _between(
     for name, words in inputs.items():
         kind = twin.dtype(program)
         start, end = before[name].astype(kind), words.astype(kind)
-        if program.format.fixed:
-            moved = (end - start) * k
-            part = np.sign(moved) * (np.abs(moved) // count)
-        else:
-            part = (end - start) * (kind(k) / count.astype(kind))
+        part = (end - start) * (kind(k) / count.astype(kind))
         found[name] = np.where(k == count, end, start + part)
     return found
 
@@ -136,18 +132,4 @@ def run_in_turn(
             else:
                 result = twin.call(program, row, state)
             state = result.after
-        yield result
-
-
-def run_by_the_clock(
-    program: Program, inputs: Mapping[str, Words], elapsed_ms: Integers
-) -> Iterator[Result]:
-    """Result of each update of a chain with memory from a reset on, for rows of inputs [n] so many
-    milliseconds [n] after one another.
-    """
-    state = twin.reset(program, 1)
-    for k in range(elapsed_ms.size):
-        row = {name: words[k : k + 1] for name, words in inputs.items()}
-        result = update(program, row, elapsed_ms[k : k + 1], state)
-        state = result.after
         yield result

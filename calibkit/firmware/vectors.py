@@ -48,13 +48,9 @@ class Vectors:
         """Vectors that reach both ends of every range and the clamping beyond, and in which every
         coefficient counts that does so anywhere by more than the self-test allows.
         """
-        trials = chain.trials or _spread_trials(chain, fixed=program.format.fixed)
-        words = {name: twin.encode(program, name, values) for name, values in trials.inputs.items()}
-        if program.format.fixed and chain.trials is None:  # the word that stands for no number
-            words[program.structure.inputs[0].name][INSIDE + len(PLACES[0]) - 1] = (
-                program.format.no_number
-            )
-        if chain.trials is None and not program.format.fixed:
+        trials = chain.trials or _spread_trials(chain)
+        words = {name: values.astype(twin.dtype(program)) for name, values in trials.inputs.items()}
+        if chain.trials is None:
             words = _with_every_coefficient(chain, program, words, tolerances(chain, bounds))
         columns = {name: tuple(column.tolist()) for name, column in words.items()}
         return _recomputed(program, columns, trials.updates, trials.elapsed_ms)
@@ -78,7 +74,7 @@ def candidates(chain: Chain, program: Program) -> dict[str, twin.Words]:
     for entry in chain.structure.inputs:
         low, high = (float(limit) for limit in chain.tables[entry.table][:2])
         values = coarsen(rng.uniform(low, high, TRIED), (high - low) / 2.0)
-        found[entry.name] = twin.encode(program, entry.name, values)
+        found[entry.name] = values.astype(twin.dtype(program))
     return found
 
 
@@ -165,18 +161,12 @@ def require_recomputed(program: Program, stated: Vectors, name: str, of: str = "
         )
 
 
-def _spread_trials(chain: Chain, *, fixed: bool) -> Trials:
+def _spread_trials(chain: Chain) -> Trials:
     """Inputs over their ranges, each in an order of its own so that no two are proportional, then
-    beyond them, and each indication by itself beyond its fitted range and, in fixed point, its
-    full scale.
+    beyond them, and each indication by itself beyond its fitted range.
     """
     inputs, found = chain.structure.inputs, {}
-    ends = [
-        (k, end)
-        for k, entry in enumerate(inputs)
-        if entry.beyond
-        for end in range(4 if fixed else 2)
-    ]
+    ends = [(k, end) for k, entry in enumerate(inputs) if entry.beyond for end in range(2)]
     steps = (np.arange(INSIDE) * 2 + 1) / INSIDE - 1.0
     for number, entry in enumerate(inputs):
         limits = [float(limit) for limit in chain.tables[entry.table]]
@@ -187,7 +177,7 @@ def _spread_trials(chain: Chain, *, fixed: bool) -> Trials:
         places = np.concatenate([reach * steps[order], PLACES[0 if limited else 1]])
         values = coarsen(middle + half * places, half)
         alone = [
-            coarsen(np.array([1.02 * limits[end]]), limits[end - end % 2 + 1])[0]
+            coarsen(np.array([1.02 * limits[end]]), limits[1])[0]
             if owner == number
             else values[INSIDE + end]
             for owner, end in ends

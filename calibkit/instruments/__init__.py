@@ -121,7 +121,6 @@ ROOMS = {
     "chain": "firmware",
     "files": "firmware",
     "conventions": "firmware",
-    "correct_as_firmware": "firmware",
     "prepare_plan": "plan",
     "simulate_plan": "plan",
     "CAMPAIGNS": "simulate",
@@ -135,8 +134,7 @@ draw(title, fitted) → Drawn: figures of a fit, and its summary in full.
 results(records, spec) → quantities: results of a run as functions of their inputs.
 blocks(stated) → blocks of results on a certificate; without it those that the results alone give.
 chain(spec, records) → correction chain of firmware, files(spec) → coefficient files that it takes
-    its numbers from, conventions(spec) → conventions of inputs and outputs, one line each,
-    correct_as_firmware(spec, chain, program, data) → a log as the exported firmware corrects it.
+    its numbers from, conventions(spec) → conventions of inputs and outputs, one line each.
 prepare_plan(spec, task) → campaigns among which a plan chooses, and what they will tell,
     simulate_plan(spec, schedule, document, seed) → logs of a campaign that was run by a plan.
 CAMPAIGNS: name → simulated campaign by its seed.

@@ -263,10 +263,8 @@ class Recipe(Table):
     [errors].
     """
 
-    full_scales: ClassVar[Mapping[str, tuple[float, float]]] = {}
-    """Indication with its unit → full scale of the firmware where the recipe states none, and the
-    smaller one in words of 16 bits.
-    """
+    full_scales: ClassVar[Mapping[str, float]] = {}
+    """Indication with its unit → full scale of the firmware where the recipe states none."""
 
     procedure: str
     type: str = ""
@@ -306,13 +304,7 @@ class Recipe(Table):
 
     def full_scale(self, name: str) -> float:
         """Full scale of an indication in firmware, stated or usual."""
-        return self.export.full_scale.get(name, self.full_scales[name][0])
-
-    def in_words_of_16_bits(self) -> Self:
-        """Recipe with the full scales of such words, where none is stated."""
-        small = {name: least for name, (_, least) in self.full_scales.items()}
-        stated = self.export.model_copy(update={"full_scale": {**small, **self.export.full_scale}})
-        return self.model_copy(update={"export": stated})
+        return self.export.full_scale.get(name, self.full_scales[name])
 
     @model_validator(mode="after")
     def _history_of_a_type(self) -> Self:

@@ -2,23 +2,16 @@
 
 from collections.abc import Mapping
 from fractions import Fraction
-from pathlib import Path
 
-import numpy as np
-
-from calibkit.arrays import Array
 from calibkit.coefficients import Model, Record
-from calibkit.firmware import as_firmware, exact
+from calibkit.firmware import exact
 from calibkit.firmware.chain import Chain, Term
 from calibkit.firmware.draft import Draft, factor, numbers
-from calibkit.firmware.program import Program
 from calibkit.firmware.sources import required_record
-from calibkit.ingest.write_back import Applied
 from calibkit.instruments.accelerometer import coefficient_files, forms
 from calibkit.instruments.accelerometer.equation import AXES
 from calibkit.instruments.accelerometer.numeric.k_factor import CROSS
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
-from calibkit.numeric import attitude
 from calibkit.numeric.least_squares.polynomial import HIGHEST_ORDER
 
 FITTED_G = Fraction(5, 4)
@@ -139,24 +132,6 @@ def _k(draft: Draft, record: Record, mapping: tuple[Fraction, Fraction], sign: i
             draft.polynomial(f"zero_{axis}", zero, "u", sign=-1),
             draft.polynomial(f"scale_{axis}", scale, "u", forms.COMPONENTS[own]),
         )
-
-
-def correct_as_firmware(
-    spec: AccelerometerRecipe, chain: Chain, quantised: Program, data: Path
-) -> Applied:
-    """Correct every row of a log as the exported firmware would, and add inclination and
-    toolface.
-    """
-
-    def angles(found: Mapping[str, Array]) -> Mapping[str, Array]:
-        vector = np.column_stack([found[f"accel_{axis}_g"] for axis in AXES])
-        vector = attitude.gravity_positive(vector, spec.reference.convention)
-        return {
-            "inclination_deg": attitude.inclination(vector),
-            "toolface_deg": attitude.toolface(vector),
-        }
-
-    return as_firmware.apply(spec, chain, quantised, data, angles)
 
 
 def conventions(spec: AccelerometerRecipe) -> tuple[str, ...]:

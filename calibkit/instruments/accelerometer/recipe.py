@@ -83,7 +83,7 @@ class AccelerometerRecipe(Recipe):
     """Dwells of a triaxial accelerometer at attitudes and temperatures."""
 
     along_chunks: ClassVar[bool] = True
-    full_scales: ClassVar[Mapping[str, tuple[float, float]]] = {"accel_g": (16.0, 2.0)}
+    full_scales: ClassVar[Mapping[str, float]] = {"accel_g": 16.0}
     error_groups: ClassVar[tuple[str, ...]] = (
         *("soak", "session", "attitude"),
         *("fixture", "table", "sensor"),

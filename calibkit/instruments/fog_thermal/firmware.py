@@ -14,15 +14,10 @@ from calibkit.firmware.chain import Case, Chain, Memory, Select, Term
 from calibkit.firmware.draft import Draft, factor, numbers
 from calibkit.firmware.sources import required_record
 from calibkit.instruments.fog_thermal import firmware_bank
-from calibkit.instruments.fog_thermal.firmware_updates import (
-    correct_as_firmware,
-    thermal_history,
-)
+from calibkit.instruments.fog_thermal.firmware_updates import thermal_history
 from calibkit.instruments.fog_thermal.forms import BANK, FILE, LAGGED, OVER_RATES, rate_names
 from calibkit.instruments.fog_thermal.recipe import HIGHEST_RATE_ORDER, FogThermalRecipe
 from calibkit.thermal_forms import CASE, GRADIENT, RATE
-
-__all__ = ["chain", "correct_as_firmware", "files"]
 
 AIR_RATE = "temp_env_rate_degc_min"
 LONGEST_DRIFT = 1024

@@ -1,20 +1,10 @@
-"""Updates of a drift chain along a log, and the thermal history of its self-test."""
-
-from pathlib import Path
+"""Thermal history of the self-test of a drift chain."""
 
 import numpy as np
 
-from calibkit.firmware import as_firmware, pace, vectors
+from calibkit.firmware import pace, vectors
 from calibkit.firmware.chain import Chain, Trials
 from calibkit.firmware.draft import BEYOND
-from calibkit.firmware.program import Program
-from calibkit.firmware.thermal_steps import AIR
-from calibkit.frame import refuse, values
-from calibkit.ingest import logs, write_back
-from calibkit.ingest.write_back import Applied
-from calibkit.instruments.fog_thermal import ramps
-from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
-from calibkit.numeric import intervals, segments
 
 SUMMED = 3
 """Updates per row of IN_TURN for a chain that sums increments, whose error bound grows with their
@@ -56,43 +46,6 @@ to the half range of its input, beyond ±1 from the end of what is followed, air
 to the largest gradient, air rate relative to the largest fitted rate, and number of updates. It
 reaches both ends of every range.
 """
-
-
-def correct_as_firmware(
-    spec: FogThermalRecipe,
-    chain: Chain,
-    quantised: Program,
-    data: Path,
-) -> Applied:
-    """Correct every row of a log by the drift of the previous interval; the chain is updated once
-    per interval with means over it.
-    """
-    columns = _columns(chain)
-    log = logs.read_log(spec, data, data.name, tuple(dict.fromkeys(columns)))
-    refuse(ramps.find_unusable(log))
-    time, case, env, gyro = (values(log.frame, column) for column in columns)
-    slope = segments.causal_slope(time, env, spec.segments.slope_window_s)
-    interval = spec.drift.interval_s
-    held = intervals.Intervals.find(time, interval)
-    taken = {
-        "temp_case_degc": lambda: held.means(case),
-        "temp_env_degc": lambda: held.means(env),
-        "temp_env_rate_degc_min": lambda: held.last(slope),
-    }
-    heard = {entry.name: taken[entry.name]() for entry in quantised.structure.inputs}
-    found, status = as_firmware.follow(quantised, held, time, heard)
-    (output,) = quantised.structure.outputs
-    flags = as_firmware.updates_flags(log, quantised, status)
-    corrected = {"gyro_dph": gyro - found[output.name]}
-    return write_back.rewrite_log(spec, data, log, corrected), flags
-
-
-def _columns(chain: Chain) -> tuple[str, str, str, str]:
-    """Time, case, chamber air and indication of a log; the case again where no air is needed."""
-    taken = (entry.name for entry in chain.structure.inputs)
-    needs_air = any(name.startswith("temp_env") for name in taken) and AIR not in chain.derived
-    air = "temp_env_degc" if needs_air else "temp_case_degc"
-    return ("time_s", "temp_case_degc", air, "gyro_dph")
 
 
 def thermal_history(chain: Chain) -> Trials:

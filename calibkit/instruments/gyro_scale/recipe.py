@@ -51,7 +51,7 @@ class GyroRecipe(Recipe):
     """Keys that all rate-table procedures share."""
 
     along_chunks: ClassVar[bool] = True
-    full_scales: ClassVar[Mapping[str, tuple[float, float]]] = {"rate_dps": (2000.0, 0.0)}
+    full_scales: ClassVar[Mapping[str, float]] = {"rate_dps": 2000.0}
     component_units: ClassVar[Mapping[tuple[str, str], str]] = {
         ("mounting", "angle"): "deg",
         ("run", "scale"): "ppm",

@@ -5,24 +5,17 @@ per interval.
 from collections.abc import Mapping
 from dataclasses import replace
 from fractions import Fraction
-from pathlib import Path
 
 import numpy as np
 
-from calibkit import check
 from calibkit.coefficients import Model, Record
 from calibkit.errors import OutputError
-from calibkit.firmware import as_firmware, exact, pace, thermal_steps, vectors
+from calibkit.firmware import exact, pace, thermal_steps, vectors
 from calibkit.firmware.chain import Chain, Trials
 from calibkit.firmware.draft import Draft
-from calibkit.firmware.program import Program
 from calibkit.firmware.sources import required_record
-from calibkit.frame import refuse, values
-from calibkit.ingest import logs, write_back
-from calibkit.ingest.write_back import Applied
 from calibkit.instruments.thermal.forms import CASE_RANGE, FILE
 from calibkit.instruments.thermal.recipe import ThermalRecipe
-from calibkit.numeric import intervals
 from calibkit.thermal_forms import CASE, RATE
 
 HISTORY = (
@@ -111,25 +104,3 @@ def _thermal_history(chain: Chain) -> Trials:
     away, updates = zip(*HISTORY, strict=True)
     case = (low + high) / 2.0 + half * np.array(away)
     return pace.by_the_clock(chain, Trials({CASE: vectors.coarsen(case, half)}, updates))
-
-
-def correct_as_firmware(
-    spec: ThermalRecipe, chain: Chain, quantised: Program, data: Path
-) -> Applied:
-    """Correct every row of a log by the bias of the previous interval; the chain is updated once
-    per interval with means over it.
-    """
-    columns = [entry.column for entry in chain.corrections]
-    log = logs.read_log(spec, data, data.name, ("time_s", CASE, *columns))
-    refuse([*check.find_missing_values(log, list(log.frame.columns))])
-    refuse(check.find_unordered_times(log))
-    interval_s = chain.structure.interval_s or 0.0
-    held = intervals.Intervals.find(values(log.frame, "time_s"), interval_s, log.steps.usual)
-    heard = {CASE: held.means(values(log.frame, CASE))}
-    found, status = as_firmware.follow(quantised, held, values(log.frame, "time_s"), heard)
-    replaced = {
-        entry.column: values(log.frame, entry.column) - found[entry.output]
-        for entry in chain.corrections
-    }
-    flags = as_firmware.updates_flags(log, quantised, status)
-    return write_back.rewrite_log(spec, data, log, replaced), flags
