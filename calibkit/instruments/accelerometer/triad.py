@@ -27,10 +27,6 @@ FAR = 6.0
 """Residual over the noise beyond which a dwell beside these is left out to begin with."""
 LARGEST_ANGLE = 0.01
 """Misalignment [rad] beyond that of any good triad, where lengths do not see the angles."""
-SEEN = 0.05
-"""What is left of the product of two components of a direction where lengths see their angle: 0.02
-in six faces that are set up within 2°, 0.24 in 26 attitudes.
-"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +135,7 @@ def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, lo
     fit = solve(
         residual,
         values,
-        shared,
+        shared_errors.separable(shared, derivative(lambda p: residual(p).ravel(), values)),
         priors=priors,
         channel=np.tile(np.arange(per_dwell), len(t)),
         noise=noise,
@@ -302,7 +298,7 @@ def _sees_angles(direction: Array) -> bool:
     """
     product = direction * np.roll(direction, 1, axis=1)
     left = shared_errors.beside(np.hstack([direction**2, direction]), product)
-    return bool(np.sqrt(np.mean(left**2, axis=0)).min() > SEEN)
+    return bool(np.sqrt(np.mean(left**2, axis=0)).min() > shared_errors.SEEN)
 
 
 def _tool_rotation(dwells: DwellSet) -> Array:
