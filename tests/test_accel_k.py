@@ -15,6 +15,7 @@ from calibkit.instruments.accelerometer import determination, published
 from calibkit.instruments.accelerometer.equation import Terms
 from calibkit.instruments.accelerometer.fit import fit_triad
 from calibkit.instruments.accelerometer.numeric import k_factor
+from calibkit.instruments.accelerometer.recipe import KAxisSpec
 from calibkit.instruments.accelerometer.triad import solve_triad
 from calibkit.numeric import attitude
 from calibkit.numeric.least_squares import fit as least_squares
@@ -29,7 +30,7 @@ NOISE_G = 2e-5
 GRID_DEGC = (-20, -5, 10, 25, 45, 65, 85, 105, 125)
 K_ONLY = {"affine": {"enabled": False}, "compensation": "k"}
 PLAIN = recipe(loss="least_squares", errors=WHITE)
-CUBIC = (k_factor.KTerms(),) * 3
+CUBIC = (KAxisSpec(),) * 3
 
 
 def indications_of_k(coefficients, reference, temperature):

@@ -15,7 +15,6 @@ from calibkit.instruments.accelerometer import forms, published
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.equation import AXES, Terms
 from calibkit.instruments.accelerometer.numeric import k_factor, magnitude, q_factor
-from calibkit.instruments.accelerometer.numeric.k_factor import KTerms
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.instruments.accelerometer.shared_errors import ZERO
 from calibkit.instruments.accelerometer.triad import (
@@ -79,7 +78,7 @@ def fit_triad(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
     lengths = spec.reference.kind == "magnitude"
     by_lmfit = lengths and spec.reference.solver == "lmfit"
     if spec.k.enabled and not lengths:
-        published.require_k(k_terms(spec), dwells.reference, dwells.temperature)
+        published.require_k(spec.k.axes, dwells.reference, dwells.temperature)
     terms, flags = choose_terms(dwells, spec)
     if lengths:
         uncorrected: Array = np.linalg.norm(dwells.indication, axis=1) - 1.0
@@ -119,7 +118,7 @@ def list_models(
     k: tuple[Model, ...] = ()
     not_fitted: list[str] = []
     if not lengths and spec.k.enabled:
-        chosen = k_terms(spec)
+        chosen = spec.k.axes
         k = published.fit_k(dwells, chosen, triad)
         for name, part in zip(forms.K_MODELS, chosen, strict=True):
             missing = [K for n, K in enumerate(k_factor.NAMES) if n not in part.fitted]
@@ -240,11 +239,6 @@ def asked_terms(spec: AccelerometerRecipe) -> Terms:
         tilt=triad.enabled and triad.tilt,
         fixture=triad.enabled and triad.fixture,
     )
-
-
-def k_terms(spec: AccelerometerRecipe) -> tuple[KTerms, ...]:
-    """Coefficients K of the three axes that the recipe asks for."""
-    return tuple(KTerms(a.scale_order, a.zero_order, a.cross) for a in spec.k.axes)
 
 
 def _reference_temperature(dwells: DwellSet, spec: AccelerometerRecipe) -> float:

@@ -96,7 +96,10 @@ def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, lo
     half = half or 1.0
     t = (dwells.temperature - middle) / half
     residual = residual_of(dwells, terms, t, lengths=lengths)
-    noise = _relative_noise(dwells, lengths=lengths)
+    # standard error of each residual [g], or 1 where it was not measured
+    noise = np.ones(len(t) * per_dwell)
+    if dwells.weights is not None:
+        noise = np.sqrt(np.mean(dwells.noise**2, axis=1)) if lengths else dwells.noise.ravel()
     priors: tuple[Prior, ...] = ()
     if lengths:
         start, priors = _start_of_lengths(dwells, terms)
@@ -202,15 +205,6 @@ def residual_of(dwells: DwellSet, terms: Terms, t: Array, *, lengths: bool) -> R
     return of_vectors
 
 
-def _relative_noise(dwells: DwellSet, *, lengths: bool) -> Array:
-    """[n · m], standard error of each residual [g], or 1 where it was not measured."""
-    if dwells.weights is None:
-        return np.ones(len(dwells.temperature) * (1 if lengths else 3))
-    if lengths:
-        return np.asarray(np.sqrt(np.mean(dwells.noise**2, axis=1)))
-    return dwells.noise.ravel()
-
-
 def _start_of_vectors(dwells: DwellSet, terms: Terms) -> Array:
     """Parameters [p] from which the fit to gravity vectors starts: a straight line of each axis by
     its own indication; cross-axis terms follow from there in two steps.
@@ -245,7 +239,11 @@ def _start_of_lengths(dwells: DwellSet, terms: Terms) -> tuple[Array, tuple[Prio
     start = terms.of_constants(1.0 / sphere[:3], sphere[3:6] / sphere[:3])
     cross = terms.of_kind("c")
     priors: tuple[Prior, ...] = ()
-    if cross and not _sees_angles(direction):
+    # an angle moves lengths by the product of two components of their directions, of which squares
+    # and components leave nothing at six faces
+    product = direction * np.roll(direction, 1, axis=1)
+    left = shared_errors.beside(np.hstack([direction**2, direction]), product)
+    if cross and np.sqrt(np.mean(left**2, axis=0)).min() <= shared_errors.SEEN:
         block = slice(cross[0], cross[-1] + 1)
         priors = (Prior(name="angles", block=block, size=LARGEST_ANGLE),)
     return start, priors
@@ -256,15 +254,6 @@ def require_terms(terms: Terms, dwells: DwellSet) -> None:
     lower = "lower scale_order, cross_order and bias_order, or leave out higher-order terms"
     reference, temperature = dwells.reference, dwells.temperature
     determination.require_determined(terms, terms.names, reference, temperature, lower=lower)
-
-
-def _sees_angles(direction: Array) -> bool:
-    """Whether lengths in directions [n, 3] show the angles between the axes: an angle moves them by
-    the product of two components, of which squares and components leave nothing at six faces.
-    """
-    product = direction * np.roll(direction, 1, axis=1)
-    left = shared_errors.beside(np.hstack([direction**2, direction]), product)
-    return bool(np.sqrt(np.mean(left**2, axis=0)).min() > shared_errors.SEEN)
 
 
 def _tool_rotation(dwells: DwellSet) -> Array:

@@ -204,7 +204,7 @@ def solve_components(
         least = inclinometer_noise.least_noise(before, last_digit, spec)
         shown, outliers = inclinometer_noise.judge_closures(fits.squares, fits.dofs, least)
         noises[axis] = shown.decide(before, last_digit, spec, axis)
-        components[axis] = _with_noise(fits.components, noises[axis].widen(spec), outliers)
+        components[axis] = fits.components(noises[axis].widen(spec), outliers)
         status[axis] = tuple(
             text or reason for text, reason in zip(outliers, fits.status, strict=True)
         )
@@ -248,11 +248,13 @@ class StationFits:
     dofs: Integers
     """Degrees of freedom [n, 2] of `squares`."""
 
-    @property
-    def components(self) -> Components:
-        """Components of readings of unit noise."""
-        accel_x, accel_y, gyro_x, gyro_y = self.coefficients[:, :, :2].reshape(-1, 4).T
-        return Components(accel_x, accel_y, gyro_x, gyro_y, self.covariance)
+    def components(self, noise: Noise, outliers: Sequence[str] = ()) -> Components:
+        """Components of readings of a noise; NaN for stations [n] with an outlier."""
+        u = np.array([noise.accel_g, noise.accel_g, noise.gyro_dph, noise.gyro_dph])
+        values = self.coefficients[:, :, :2].reshape(-1, 4).copy()
+        values[[k for k, text in enumerate(outliers) if text]] = np.nan
+        accel_x, accel_y, gyro_x, gyro_y = values.T
+        return Components(accel_x, accel_y, gyro_x, gyro_y, self.covariance * np.outer(u, u))
 
 
 def residual(
@@ -361,19 +363,6 @@ def _undetermined(design: Array, elapsed_s: Array, readings: Array) -> str:
         return f"{len(design)} readings for {len(names)} coefficients"
     unknown = undetermined(design, names)
     return f"the positions cannot determine {', '.join(unknown)}" if unknown else ""
-
-
-def _with_noise(parts: Components, noise: Noise, outliers: Sequence[str]) -> Components:
-    """Scale the covariance of components of unit noise to a noise; NaN for stations [n] with an
-    outlier.
-    """
-    u = np.array([noise.accel_g, noise.accel_g, noise.gyro_dph, noise.gyro_dph])
-    gone = np.array([bool(text) for text in outliers])
-    accel_x, accel_y, gyro_x, gyro_y = (
-        np.where(gone, np.nan, column)
-        for column in (parts.accel_x, parts.accel_y, parts.gyro_x, parts.gyro_y)
-    )
-    return Components(accel_x, accel_y, gyro_x, gyro_y, parts.covariance * np.outer(u, u))
 
 
 def _mean_by_station(column: Array, station: Integers, count: int) -> Array:

@@ -72,21 +72,6 @@ class DeviationCurve:
             *(kinds, dof, lower, upper, probability),
         )
 
-    @property
-    def deviation_dph(self) -> Array:
-        """Deviation of a gyro [deg/h]."""
-        return self.deviation
-
-    @property
-    def lower_dph(self) -> Array:
-        """Lower limit of a gyro's deviation [deg/h]."""
-        return self.lower
-
-    @property
-    def upper_dph(self) -> Array:
-        """Upper limit of a gyro's deviation [deg/h]."""
-        return self.upper
-
 
 @dataclass(frozen=True, slots=True)
 class BiasStability:
