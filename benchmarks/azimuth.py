@@ -17,13 +17,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibkit.instruments.inclinometer import published, simulate
-from calibkit.instruments.inclinometer.forms import ScaleModel
-from calibkit.instruments.inclinometer.noise import NO_NOISE, estimate_noise
-from calibkit.instruments.inclinometer.numeric import (
+from calibkit.instruments.inclinometer import (
+    published,
     root_choice,
     scale_fit,
+    simulate,
 )
+from calibkit.instruments.inclinometer.forms import ScaleModel
+from calibkit.instruments.inclinometer.noise import NO_NOISE, estimate_noise
 from calibkit.simulate.campaign import Campaign
 
 LATITUDE_DEG = 34.2

@@ -21,7 +21,7 @@ With --results rows are kept in a file of JSON lines, and
 those that are there are not simulated again; --sets 0 simulates none. --first draws the campaigns
 N … N + sets − 1 in place of 0 … sets − 1: seeds that a row has not been seen with. --python fits
 the same logs with the calibkit that another interpreter has installed. The page is written where
-all cases were asked for, or --page names it. Exit code 1 where a row fails.
+all cases were asked for, or --page names it. Exit code 1 where a row fails, 2 for no such page.
 """
 
 from __future__ import annotations
@@ -157,6 +157,9 @@ def main(given: Sequence[str] | None = None) -> int:
     parser.add_argument("--results", type=Path, help="rows that are kept between calls")
     parser.add_argument("--page", type=Path, help="page that is written anew")
     asked = parser.parse_args(given)
+    if asked.page is not None and not asked.page.is_file():
+        print(f"--page {asked.page}: no such file; copy docs/coverage.md to it", file=sys.stderr)
+        return 2
     if asked.python:
         return run_elsewhere(sys.argv[1:] if given is None else given)
     modules = [importlib.import_module(f"intervals.{name}") for name in (*INSTRUMENTS, FAULTS)]

@@ -148,7 +148,7 @@ def test_the_numeric_core_s_functions_are_the_core_s(tmp_path):
     assert campaign.truth["procedure"] == "gyro_pair"
     noisy = np.sin(np.arange(4000) / 500.0) + np.random.default_rng(0).normal(0.0, 0.3, 4000)
     assert np.std(calibkit.denoise(noisy).signal - np.sin(np.arange(4000) / 500.0)) < 0.06
-    assert calibkit.allan_deviation(noisy, 1.0).deviation_dph.size > 5
+    assert calibkit.allan_deviation(noisy, 1.0).deviation.size > 5
     with pytest.raises(calibkit.CalibkitError, match="cannot be read"):
         calibkit.load_coefficients(tmp_path / "none.json")
 

@@ -141,7 +141,6 @@ def test_a_quantile_in_spans_is_that_of_numpy(values, share):
     """Ties and neighbours on both sides of a span: the same number to the last bit."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(order_statistics, "COLLECTED", 7)
-        patch.setattr(order_statistics, "SAMPLE", 5)
         parts = [np.array(values[k : k + 9]) for k in range(0, len(values), 9)]
         assert order_statistics.quantile_of_chunks(
             lambda: parts, len(values), share

@@ -47,6 +47,16 @@ def test_a_few_campaigns_of_every_instrument_give_rows_and_a_page(benchmark, tmp
     assert all(row.quantity in text and row.cell in text for row in rows)
 
 
+def test_a_page_that_is_missing_is_named_before_anything_is_simulated(benchmark, tmp_path, capsys):
+    """One line and exit code 2."""
+    command, _ = benchmark
+    page = tmp_path / "coverage.md"
+    assert command.main(["--page", str(page)]) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err == f"--page {page}: no such file; copy docs/coverage.md to it\n"
+
+
 def test_campaigns_are_drawn_from_a_first_number_on(benchmark, tmp_path):
     """Campaigns 3 and 4 of a case are those that the row is judged by, and are kept apart."""
     command, rows = benchmark

@@ -9,7 +9,6 @@ import pytest
 from calibkit.numeric.dispersion import (
     MAD_OF_UNIT_NORMAL,
     MAD_TO_SIGMA,
-    largest_by_chance,
     mad_sigma,
     rms,
 )
@@ -45,19 +44,3 @@ def test_no_other_module_has_a_constant_of_the_mad():
         if re.search(r"\b(1\.482[56]\d*|0?\.674[45]\d*)\b", path.read_text(encoding="utf-8"))
     }
     assert holders == {"dispersion.py", "shrinkage.py"}
-
-
-def test_the_largest_of_healthy_deviations_is_not_called_an_outlier():
-    """Normal noise, and noise that is ten times smaller in some rows, exceed the limit in fewer
-    than one of a hundred sets; a deviation of fifteen standard deviations does, also among 18 %
-    others.
-    """
-    rng = np.random.default_rng(5)
-    for count, spread in ((60, 1.0), (600, 1.0), (600, np.tile([1.0, 0.87, 0.7, 0.5, 0.1], 120))):
-        sets = rng.normal(0.0, 1.0, (300, count)) * spread
-        false = [np.abs(one).max() > largest_by_chance(one) for one in sets]
-        assert sum(false) < 3
-        wild = sets[0].copy()
-        wild[: round(0.18 * count)] = 20.0 * np.std(sets)
-        wild[-1] = 15.0 * np.std(sets)
-        assert wild[-1] > largest_by_chance(wild)

@@ -87,7 +87,6 @@ def test_the_length_of_spans_does_not_matter(folder, on_disk, monkeypatch):
     _, usual = prepared(folder)
     monkeypatch.setattr(chunks, "ROWS", 257)
     monkeypatch.setattr(order_statistics, "COLLECTED", 100)
-    monkeypatch.setattr(order_statistics, "SAMPLE", 32)
     monkeypatch.setattr(lifting, "BLOCK", 37)
     _, cut = prepared(folder)
     same(usual, cut, rtol=1e-10)
@@ -202,7 +201,6 @@ def test_the_median_in_spans_is_that_of_numpy(values, rows):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(chunks, "ROWS", rows)
         patch.setattr(order_statistics, "COLLECTED", 7)
-        patch.setattr(order_statistics, "SAMPLE", 5)
         assert order_statistics.median(np.array(values)) == np.median(values)
 
 

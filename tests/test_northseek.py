@@ -11,6 +11,7 @@ from hypothesis import given, settings, strategies as st
 from calibkit.constants import EARTH_RATE_DPH
 from calibkit.errors import FitError
 from calibkit.instruments.inclinometer import noise, published, stations as station_steps
+from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.numeric import earth
 from calibkit.numeric.attitude import gravity_positive
 from conftest import AUTHORITIES
@@ -200,15 +201,26 @@ def test_a_station_that_lacks_a_position_has_its_reason_and_the_other_is_kept():
         position=position[keep],
         accel={"x": indication[keep, 0]},
         gyro={"x": indication[keep, 0]},
-        resolution={},
+        resolution={"x": (0.0, 0.0)},
         time=np.full(15, np.nan),
         temperature=np.full(15, np.nan),
         reference=np.full((15, 3), np.nan),
     )
-    parts, _, _, status = station_steps._by_differences(read, "x")
+    known = {"pairs": "x", "gyro_noise_dph": 0.01, "accel_noise_g": 1e-4}
+    spec = InclinometerRecipe.model_validate(
+        {
+            "procedure": "inclinometer",
+            "logs": {"files": ["*.csv"]},
+            "site": {"latitude_deg": 45.0},
+            "stations": known,
+        },
+        strict=False,
+    )
+    solved = station_steps.solve_components(read, spec)
+    parts, status = solved.components["x"], solved.status["x"]
     assert status[0] == ""
     assert status[1] == "position 185° is no multiple of 90°"
-    assert status[2] == "an indication is not finite"
+    assert status[2] == "an indication or a position is not finite"
     assert status[3] == "no row at position 90°"
     assert np.isfinite(parts.accel_x).tolist() == [True, False, False, False]
 

@@ -11,14 +11,15 @@ import pytest
 
 from calibkit.errors import FitError
 from calibkit.fit.shared import Shared
-from calibkit.instruments.inclinometer import published, simulate
-from calibkit.instruments.inclinometer.forms import ScaleModel
-from calibkit.instruments.inclinometer.noise import NO_NOISE, estimate_noise
-from calibkit.instruments.inclinometer.numeric import (
-    covariance as northseek_covariance,
+from calibkit.instruments.inclinometer import (
+    published,
     root_choice,
     scale_fit,
+    simulate,
 )
+from calibkit.instruments.inclinometer.forms import ScaleModel
+from calibkit.instruments.inclinometer.noise import NO_NOISE, estimate_noise
+from calibkit.instruments.inclinometer.recipe import HistorySpec, LimitSpec
 from conftest import AUTHORITIES
 from test_northseek import forward, vector_components, wrapped
 
@@ -184,7 +185,7 @@ def test_the_covariance_is_that_of_drawn_readings(used):
     """
     rng = np.random.default_rng(3)
     latitude = 34.2
-    limits = root_choice.Limits() if used else root_choice.Limits(s_uncertainty=0.0)
+    limits = LimitSpec() if used else LimitSpec(s_uncertainty=1e-12)
     for theta, phi, psi in (
         (10.0, 20.0, 50.0),
         (30.0, -120.0, 200.0),
@@ -233,8 +234,8 @@ def test_derivatives_are_those_of_differences():
 
     s = np.array([both(values)[0]])
     plus, none, one = np.array([True]), np.zeros(1), np.ones(1)
-    by_root = northseek_covariance.slopes(parts, latitude, plus, one, none)[0, 4]
-    by_psi = northseek_covariance.slopes(parts, latitude, plus, none, s)[0, 3]
+    by_root = root_choice.slopes(parts, latitude, plus, one, none)[0, 4]
+    by_psi = root_choice.slopes(parts, latitude, plus, none, s)[0, 3]
     step = 1e-6 * np.maximum(np.abs(values), 0.1)
     for k in range(5):
         up, down = values.copy(), values.copy()
@@ -303,7 +304,7 @@ def test_noise_beyond_gravity_and_negative_discriminants_are_flagged():
     flag for each clamp.
     """
     rng = np.random.default_rng(5)
-    limits = root_choice.Limits(horizontal_deg=89.9)
+    limits = LimitSpec(horizontal_deg=89.9)
     loud = np.diag([1e-3, 1e-3, 2.0, 2.0]) ** 2
     parts = shaken(parts_of(np.full(500, 88.0), 30.0, 85.0, 34.2, noise=loud), rng)
     found = solved(parts, 34.2, prior_of(500), limits=limits)
@@ -354,7 +355,7 @@ def test_history_decides_where_both_roots_are_positive():
     s = 1.0 + 0.06 * np.linspace(0.0, 1.0, count) ** 1.5
     psi, theta = rng.uniform(0.0, 360.0, count), rng.uniform(35.0, 70.0, count)
     parts = shaken(parts_of(theta, rng.uniform(-180.0, 180.0, count), psi, latitude, s), rng)
-    start = root_choice.History(rate_uncertainty=5e-3, rate_walk=5e-3)
+    start = HistorySpec(rate_uncertainty=5e-3, rate_walk=5e-3)
     found = solved_in_sequence(parts, latitude, np.arange(count) / 6.0, start=start)
     C = published.root_label(np.radians(theta), np.radians(psi), latitude)
     trusted = found.weight > 0.0
@@ -376,7 +377,7 @@ def test_history_predicts_with_value_and_rate():
     hours = np.append(np.arange(20.0), 24.0)
     s = 1.0 + 5e-4 * hours
     parts = parts_of(np.full(21, 20.0), 40.0, 70.0, 34.2, s, noise=NOISE * 1e-4)
-    start = root_choice.History(rate_walk=1e-5)
+    start = HistorySpec(rate_walk=1e-5)
     prior = root_choice.history_prior(root_choice.estimate_roots(parts, 34.2), hours, start=start)
     assert prior.s[-1] == pytest.approx(s[-1], abs=1e-4)
     assert prior.s[0] == 1.0
@@ -391,7 +392,7 @@ def test_a_history_without_stations_grows_less_sure_with_the_cube_of_time(hours)
     """
     elapsed = np.array([0.0, *hours])
     vertical = parts_of(np.full(elapsed.size, 0.1), 40.0, 70.0, 34.2)
-    start = root_choice.History(s=1.01, rate=1e-3, rate_uncertainty=2e-3, rate_walk=3e-3)
+    start = HistorySpec(s=1.01, rate=1e-3, rate_uncertainty=2e-3, rate_walk=3e-3)
     prior = root_choice.history_prior(
         root_choice.estimate_roots(vertical, 34.2), elapsed, start=start
     )

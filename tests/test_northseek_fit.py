@@ -6,12 +6,16 @@ import numpy as np
 import pytest
 
 from calibkit.errors import FitError
-from calibkit.instruments.inclinometer import noise, published, stations
-from calibkit.instruments.inclinometer.numeric import (
+from calibkit.instruments.inclinometer import (
+    noise,
+    published,
     root_choice,
+    stations,
 )
 from test_northseek import forward, wrapped
 
+UNIT = noise.Noise(1.0, 1.0, 0)
+"""Noise of readings whose covariance is that of the fit alone."""
 ATTITUDE = (30.0, 40.0, 70.0)
 LATITUDE = 34.2
 FOUR = (0.0, 90.0, 180.0, 270.0)
@@ -75,7 +79,7 @@ def test_any_sequence_of_positions_gives_the_components_of_the_start_frame(posit
     """Components to 1e-12 and bias to 1e-12, whatever the positions, from either sensor."""
     found = fit(log_of(positions), sensor)
     gravity, rate = forward(*ATTITUDE, LATITUDE)
-    parts = found.components
+    parts = found.components(UNIT)
     assert (parts.accel_x[0], parts.accel_y[0]) == pytest.approx(tuple(gravity[:2]), abs=1e-12)
     assert (parts.gyro_x[0], parts.gyro_y[0]) == pytest.approx(tuple(rate[:2]), abs=1e-11)
     assert found.coefficients[0, 1, 2] == pytest.approx(0.3, abs=1e-11)
@@ -92,7 +96,7 @@ def test_four_positions_are_the_four_differences(sensor):
     noise = np.random.default_rng(0).normal(size=(2, 4))
     columns[f"gyro_{sensor}"] += 0.01 * noise[0]
     columns[f"accel_{sensor}"] += 2e-5 * noise[1]
-    found = fit(columns, sensor).components
+    found = fit(columns, sensor).components(UNIT)
     other = published.components(
         columns[f"accel_{sensor}"][None],
         columns[f"gyro_{sensor}"][None],
@@ -114,7 +118,7 @@ def test_a_bias_ramp_costs_four_positions_what_is_published():
         for psi in np.arange(0.0, 360.0, 30.0):
             for phi in np.arange(45.0, 405.0, 90.0):
                 columns = log_of(FOUR, attitude=(theta, phi, psi), ramp_per_dwell=0.05)
-                errors.append(abs(wrapped(azimuth_of(fit(columns).components)[0] - psi)))
+                errors.append(abs(wrapped(azimuth_of(fit(columns).components(UNIT))[0] - psi)))
         worst[theta] = max(errors)
     assert worst[1.0] == pytest.approx(0.32, abs=0.01)
     assert worst[50.0] == pytest.approx(0.51, abs=0.01)
@@ -127,10 +131,10 @@ def test_a_fitted_ramp_leaves_no_error(positions):
     """
     columns = log_of(positions, ramp_per_dwell=0.05)
     found = fit(columns, gyro_ramp=True)
-    assert abs(wrapped(azimuth_of(found.components)[0] - ATTITUDE[2])) < 1e-9
+    assert abs(wrapped(azimuth_of(found.components(UNIT))[0] - ATTITUDE[2])) < 1e-9
     assert 3600.0 * found.coefficients[0, 1, 3] == pytest.approx(0.05 * 60.0, abs=1e-9)
     assert (
-        abs(wrapped(azimuth_of(fit(columns).components)[0] - ATTITUDE[2])) > 1e-6
+        abs(wrapped(azimuth_of(fit(columns).components(UNIT))[0] - ATTITUDE[2])) > 1e-6
         or len(positions) == 8
     )
 
@@ -141,11 +145,11 @@ def test_the_ramp_is_paid_for_in_noise():
     """
     four, eight = log_of(FOUR), log_of((*FOUR, *FOUR[::-1]))
     with_ramp, without = (
-        fit(four, gyro_ramp=ramp).components.covariance[0, 2:, 2:] for ramp in (True, False)
+        fit(four, gyro_ramp=ramp).components(UNIT).covariance[0, 2:, 2:] for ramp in (True, False)
     )
     assert np.trace(with_ramp) > 1.5 * np.trace(without)
     with_ramp, without = (
-        fit(eight, gyro_ramp=ramp).components.covariance[0, 2:, 2:] for ramp in (True, False)
+        fit(eight, gyro_ramp=ramp).components(UNIT).covariance[0, 2:, 2:] for ramp in (True, False)
     )
     assert np.trace(with_ramp) < 1.01 * np.trace(without)
 
@@ -174,7 +178,7 @@ def test_the_covariance_is_the_scatter_of_the_stations():
     of the variances.
     """
     columns = many(1000, (0.0, 60.0, 150.0, 200.0, 310.0), np.random.default_rng(2))
-    found = fit(columns, gyro_ramp=True).components
+    found = fit(columns, gyro_ramp=True).components(UNIT)
     drawn = np.cov(np.vstack((found.gyro_x, found.gyro_y)))
     stated = 0.01**2 * found.covariance[0, 2:, 2:]
     size = np.sqrt(np.diag(stated))
@@ -198,9 +202,9 @@ def test_a_station_that_cannot_be_fitted_has_its_reason_and_the_others_are_solve
     assert found.status[1] == "2 readings for 3 coefficients"
     assert "cannot determine" in found.status[2]
     assert "not finite" in found.status[3]
-    assert np.isnan(found.components.gyro_x[1:]).all()
+    assert np.isnan(found.components(UNIT).gyro_x[1:]).all()
     prior = root_choice.Prior(np.ones(4), np.full(4, 0.01))
-    roots = root_choice.estimate_roots(found.components, LATITUDE, refused=found.status)
+    roots = root_choice.estimate_roots(found.components(UNIT), LATITUDE, refused=found.status)
     solved = root_choice.solve(roots, prior)
     assert solved.status == found.status
     assert abs(wrapped(solved.azimuth_deg[0] - ATTITUDE[2])) < 1e-6

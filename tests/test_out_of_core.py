@@ -27,7 +27,6 @@ def shorten(monkeypatch):
     """Spans of 257 rows, and searches that hold next to nothing."""
     monkeypatch.setattr(chunks, "ROWS", 257)
     monkeypatch.setattr(order_statistics, "COLLECTED", 100)
-    monkeypatch.setattr(order_statistics, "SAMPLE", 32)
     monkeypatch.setattr(hac, "LAGS", (16, 64))
 
 

@@ -94,10 +94,11 @@ def accelerometer_k(indication: Array, temperature: Array, reference: Array) -> 
     """
     from calibkit.instruments.accelerometer import published
     from calibkit.instruments.accelerometer.numeric import k_factor
+    from calibkit.instruments.accelerometer.recipe import KAxisSpec
     from calibkit.numeric.least_squares import fit, polynomial
 
     def run() -> list[fit.LinearFit]:
-        published.require_k((k_factor.KTerms(),) * 3, reference, temperature)
+        published.require_k((KAxisSpec(),) * 3, reference, temperature)
         middle, half = polynomial.middle_and_half(temperature)
         t = (temperature - middle) / half
         return [

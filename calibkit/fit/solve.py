@@ -353,11 +353,15 @@ def solve(
         lines = problem.linearise(p, used, noise_known=noise is not None and not estimate_noise)
         solution = lines.maximise(kept, near)
         while offered and step == 1:  # where the equation is already straight
-            tried = {g: found for g in offered if (found := lines.with_error(solution, kept, g))}
-            best = min(tried, key=lambda g: tried[g].deviance, default=None)
-            if best is None or solution.deviance - tried[best].deviance < ASKED_FOR:
+            asked_for: dict[int, Solution] = {}
+            for g in offered:
+                wider = lines.with_error(solution, kept, g)
+                if wider is not None and _asks_for(wider, solution):
+                    asked_for[g] = wider
+            if not asked_for:
                 break
-            solution = tried[best]
+            best = min(asked_for, key=lambda g: asked_for[g].deviance)
+            solution = asked_for[best]
             kept.append(best)
             offered.remove(best)
         near = solution.variances
@@ -445,6 +449,17 @@ def sensitivities(residual: Residual, shifted: Sequence[Residual], fit: Fit) -> 
         dJ, dr = _jacobian(moved, p) - J, (moved(p) - residual(p)).ravel()
         changes.append(np.asarray(-(fit.gain @ dr + inverse @ (dJ.T @ Vr)), dtype=np.float64))
     return changes
+
+
+def _asks_for(wider: Solution, solution: Solution) -> bool:
+    """Whether the likelihood asks for the error that `wider` has and `solution` lacks.
+
+    An error that takes most of the residuals that show the noise leaves little of them by chance:
+    of six degrees of freedom three are left, and -2 log L falls by more than `ASKED_FOR` once in
+    60 tries. The limit grows by the ratio of the degrees of freedom, which is 1 for many rows.
+    """
+    fall = solution.deviance - wider.deviance
+    return fall * wider.noise_degrees() >= ASKED_FOR * solution.noise_degrees()
 
 
 def _jacobian(residual: Residual, p: Array) -> Array:

@@ -38,24 +38,6 @@ def variance(values: Array) -> float:
     return square / values.size
 
 
-def largest_by_chance(sizes: Array) -> float:
-    """Size that the largest of deviations [n] exceeds in one of 1000 samples without an
-    outlier.
-
-    The deviations are taken as s |z|^k, z normal, with s and k from their median and their 80 %
-    quantile: where some scatter more than others, as attitudes on a table do, the tail is longer
-    than a normal one. k is 1 … 1.4, which outliers cannot exceed.
-    """
-    from scipy.special import ndtri
-
-    half, most = np.quantile(np.abs(sizes), (0.5, 0.8)).tolist()
-    z_half, z_most, z_largest = -ndtri([0.25, 0.1, 0.001 / sizes.size / 2.0])
-    if half == 0.0:
-        return 0.0
-    power = float(np.clip(np.log(most / half) / np.log(z_most / z_half), 1.0, 1.4))
-    return float(half * (z_largest / z_half) ** power)
-
-
 _PARTS, _ROWS_OF_PART = 32, 16
 """Most parts of a stretch, and fewest rows of a part, that its noise is measured within."""
 

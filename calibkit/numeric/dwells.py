@@ -20,16 +20,10 @@ BATCHES = 16
 class _Dwells:
     """Means of columns over held intervals."""
 
-    intervals: Integers
-    """[m, 2], first row and the row after the last."""
     mean: Array
     """[m, c], unit of the column."""
     standard_error: Array
     """[m, c], of the mean: from batch means where they scatter more than independent rows would."""
-    drift: Array
-    """[m, c], mean of the second half minus mean of the first: a hold that creeps has many standard
-    errors of it.
-    """
 
 
 def find_dwells(
@@ -136,20 +130,20 @@ def cut_dwells(intervals: Integers, rows: int) -> Integers:
 
 
 def average_dwells(columns: Array, intervals: Integers) -> _Dwells:
-    """Means, noise and creep of columns [n, c] over intervals [m, 2] of at least two rows."""
+    """Means of columns [n, c] and their noise over intervals [m, 2] of at least two rows."""
     lengths = intervals[:, 1] - intervals[:, 0]
     if len(intervals) == 0 or lengths.min() < 2:
         raise FitError(
             "a dwell of fewer than two rows has no noise", hint="hold every position longer"
         )
     found = [average_rows(columns[start:stop]) for start, stop in intervals.tolist()]
-    mean, error, drift = (np.array(figures) for figures in zip(*found, strict=True))
-    return _Dwells(intervals, mean, error, drift)
+    mean, error = (np.array(figures) for figures in zip(*found, strict=True))
+    return _Dwells(mean, error)
 
 
-def average_rows(rows: Array) -> tuple[Array, Array, Array]:
-    """Mean, standard error of the mean, and drift [c] of rows [k, c]."""
-    count, half = len(rows), len(rows) // 2
+def average_rows(rows: Array) -> tuple[Array, Array]:
+    """Mean and standard error of the mean [c] of rows [k, c]."""
+    count = len(rows)
     mean = rows.mean(axis=0)
     centred = rows - mean
     chunks.release(rows)
@@ -157,7 +151,7 @@ def average_rows(rows: Array) -> tuple[Array, Array, Array]:
     if count >= 4 * BATCHES:
         # the larger of independent rows' and of batch means'
         error = np.maximum(error, batch_means(centred, BATCHES).std(axis=0, ddof=1) / BATCHES**0.5)
-    return mean, error, centred[half:].mean(axis=0) - centred[:half].mean(axis=0)
+    return mean, error
 
 
 def batch_means(rows: Array, batches: int) -> Array:

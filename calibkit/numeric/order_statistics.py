@@ -1,8 +1,8 @@
 """Medians and quantiles of columns of any length, in bounded memory, equal to those of numpy.
 
-A sample gives a bracket around the order statistic. One pass counts the values below the bracket
-and collects those inside, and only these are partitioned (Floyd & Rivest 1975). If the statistic
-lies outside the bracket, the search is repeated in the part that holds it.
+The bits of doubles are in the order of the numbers, those of negative ones in the reverse order
+(IEEE 754). Each pass counts by the next 16 bits the values that agree with the order statistic in
+the bits before, until they are few enough to be held and sorted.
 """
 
 import math
@@ -16,12 +16,8 @@ from calibkit.numeric import chunks
 
 COLLECTED = 1 << 19
 """Largest number of values that a search holds in memory."""
-SAMPLE = 1 << 13
-"""Size of the sample from which the bracket is taken."""
-MARGIN = 4.0
-"""Half width of the bracket in standard deviations of the sample's quantile; 1 of 15,000 brackets
-misses and is replaced.
-"""
+DIGIT = 16
+"""Bits that a pass counts by."""
 
 
 def median(values: Array) -> float:
@@ -50,18 +46,13 @@ def run_medians(values: Array, first: Integers) -> Array:
     return medians + 0.0  # a zero is positive
 
 
-def median_of_chunks(
-    parts: Callable[[], Iterable[Array]], count: int, bracket: tuple[float, float] | None = None
-) -> float:
+def median_of_chunks(parts: Callable[[], Iterable[Array]], count: int) -> float:
     """Median of `count` finite values in chunks, equal to that of the whole array; `parts` yields
-    the chunks anew at each call.
-
-    `bracket` are two values between which the median probably lies; without them one more pass is
-    made. NaN for no value.
+    the chunks anew at each call. NaN for no value.
     """
     if count == 0:
         return float("nan")
-    if count <= COLLECTED and bracket is None:
+    if count <= COLLECTED:
         whole = np.concatenate(list(parts()))
         whole.partition(count // 2)  # puts NaN last
         return (
@@ -69,7 +60,7 @@ def median_of_chunks(
             if not np.isnan(whole[count // 2 :].max())
             else float("nan")
         )
-    low, high = _values_at_ranks(parts, ((count - 1) // 2, count // 2), count, bracket)
+    low, high = _values_at_ranks(parts, (count - 1) // 2, count // 2, count)
     return (low + high) / 2.0
 
 
@@ -115,22 +106,10 @@ def quantile_of_chunks(parts: Callable[[], Iterable[Array]], count: int, share: 
     if count <= COLLECTED:
         return float(np.quantile(np.concatenate(list(parts())), share))
     at = share * (count - 1)
-    low, high = _values_at_ranks(parts, (int(at), min(int(at) + 1, count - 1)), count)
+    low, high = _values_at_ranks(parts, int(at), min(int(at) + 1, count - 1), count)
     # from the nearer value, as numpy does
     part, step = at - int(at), high - low
     return low + step * part if part < 0.5 else high - step * (1.0 - part)
-
-
-def quantile_bracket(sample: Array, share: float = 0.5) -> tuple[float, float]:
-    """Bracket of a quantile (by default the median) of a population: two values of a sample [n]
-    between which it probably lies.
-    """
-    ordered = np.sort(sample)
-    reach = MARGIN * np.sqrt(share * (1.0 - share) / ordered.size) + 2.0 / ordered.size
-    at = np.clip(
-        [(share - reach) * ordered.size, (share + reach) * ordered.size], 0, ordered.size - 1
-    ).astype(np.int64)
-    return float(ordered[at[0]]), float(ordered[at[1]])
 
 
 def smallest_step(values: Array, *, enough: float = 0.0, decimals: int | None = None) -> float:
@@ -164,77 +143,43 @@ def _median_of_parted(parted: Array, size: int) -> Array:
 
 
 def _values_at_ranks(
-    parts: Callable[[], Iterable[Array]],
-    ranks: tuple[int, int],
-    count: int,
-    bracket: tuple[float, float] | None = None,
+    parts: Callable[[], Iterable[Array]], low: int, high: int, count: int
 ) -> tuple[float, float]:
-    """Values at two ranks (from 0; equal or consecutive) among all, by a bracket that is narrowed
-    until they are found.
-    """
-    low, high, below, inside = -np.inf, np.inf, 0, count
-    while True:
-        first, last = bracket or _next_bracket(
-            parts, (low, high), (sum(ranks) / 2.0 - below) / inside, inside
-        )
-        bracket = None
-        counts, kept = _count_and_collect(parts, first, last)
-        cell = np.searchsorted(counts, ranks, side="right")
-        if cell[0] != cell[1]:  # the ranks lie on both sides of a bound
-            return (
-                _values_at_ranks(parts, (ranks[0],) * 2, count)[0],
-                _values_at_ranks(parts, (ranks[1],) * 2, count)[0],
-            )
-        if cell[0] in {1, 3}:
-            return (first,) * 2 if cell[0] == 1 else (last,) * 2
-        if cell[0] == 2 and kept is not None:
-            upper = ranks[1] - counts[1]
-            kept.partition(upper)
-            pair = kept[: upper + 1]
-            return float(pair[:-1].max() if ranks[0] != ranks[1] else pair[-1]), float(pair[-1])
-        edges = (below, *counts, below + inside)
-        low, high = {0: (low, first), 2: (first, last), 4: (last, high)}[int(cell[0])]
-        below, inside = edges[cell[0]], edges[cell[0] + 1] - edges[cell[0]]
+    """Values at two ranks (from 0; equal or consecutive) among all `count`."""
+    leading, shift, before, inside = 0, 64, 0, count
+    while inside > COLLECTED and shift:
+        shift -= DIGIT
+        numbers = np.zeros(1 << DIGIT, dtype=np.int64)
+        for bits in _agreeing(parts, leading, shift + DIGIT):
+            digits = bits >> np.uint64(shift) & np.uint64(numbers.size - 1)
+            numbers += np.bincount(digits.view(np.int64), minlength=numbers.size)
+        # the first bit stands for the sign; of negative values the largest bits are the least
+        positive, negative = np.split(np.arange(numbers.size), 2)
+        ascending = np.concatenate([negative[::-1], positive])
+        if shift + DIGIT < 64:
+            is_negative = leading >> 63 - shift - DIGIT
+            ascending = np.arange(numbers.size)[:: -1 if is_negative else 1]
+        up_to = before + np.cumsum(numbers[ascending])
+        place = int(np.searchsorted(up_to, low, side="right"))
+        inside = int(numbers[ascending[place]])
+        before = int(up_to[place]) - inside
+        leading = (leading << DIGIT) + int(ascending[place])
+    if shift:
+        agreeing = np.concatenate(list(_agreeing(parts, leading, shift))).view(np.float64)
+        agreeing.sort()
+    else:  # values that agree in all bits
+        agreeing = np.broadcast_to(np.uint64(leading).view(np.float64), inside)
+    lower = float(agreeing[low - before])
+    if high - before < inside:
+        return lower, float(agreeing[high - before])
+    # the higher one has other leading bits
+    return lower, _values_at_ranks(parts, high, high, count)[1]
 
 
-def _next_bracket(
-    parts: Callable[[], Iterable[Array]], bounds: tuple[float, float], share: float, inside: int
-) -> tuple[float, float]:
-    """Bracket of the quantile `share` of those `inside` values that lie strictly between two
-    bounds, from a sample of them.
-    """
-    sampled: list[Array] = []
-    every = max(1, inside // SAMPLE)
+def _agreeing(
+    parts: Callable[[], Iterable[Array]], leading: int, shift: int
+) -> Iterator[np.ndarray[tuple[int], np.dtype[np.uint64]]]:
+    """Bits of those values in chunks whose bits above `shift` are `leading`."""
     for part in parts():
-        among = part[(part > bounds[0]) & (part < bounds[1])] if np.isfinite(bounds).any() else part
-        # a copy: a slice would keep the whole chunk
-        sampled.append(
-            (among[among.size % every // 2 :: every] if among.size > every else among[:1]).copy()
-        )
-    return quantile_bracket(np.concatenate(sampled), share)
-
-
-def _count_and_collect(
-    parts: Callable[[], Iterable[Array]], first: float, last: float
-) -> tuple[tuple[int, int, int, int], Array | None]:
-    """Numbers of values < first, ≤ first, < last and ≤ last, and the values between both unless
-    they are too many to hold.
-    """
-    counts = np.zeros(4, dtype=np.int64)
-    kept: list[Array] = []
-    held = 0
-    for part in parts():
-        above, under = part > first, part < last
-        between = part[above & under]
-        up_to, less = part.size - np.count_nonzero(above), np.count_nonzero(under)
-        counts += (
-            np.count_nonzero(part < first),
-            up_to,
-            max(less, up_to),
-            np.count_nonzero(part <= last),
-        )
-        held += between.size
-        if held <= COLLECTED:
-            kept.append(between)
-    a, b, c, d = counts.tolist()
-    return (a, b, c, d), np.concatenate(kept) if held <= COLLECTED else None
+        bits = part.view(np.uint64)
+        yield bits if shift == 64 else bits[bits >> np.uint64(shift) == leading]

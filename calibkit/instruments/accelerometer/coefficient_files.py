@@ -12,11 +12,11 @@ from calibkit.coefficients import Component, Condition, Figure, Model, Record, S
 from calibkit.errors import CoefficientError, FrameError
 from calibkit.forms import Form, within_ranges
 from calibkit.instruments.accelerometer import forms
-from calibkit.instruments.accelerometer.dwells import DwellSet
+from calibkit.instruments.accelerometer.dwells import ATTITUDE, DwellSet
 from calibkit.instruments.accelerometer.fit import TriadFit, list_models
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.instruments.accelerometer.triad import Triad
-from calibkit.numeric import attitude, chunks, gum
+from calibkit.numeric import chunks, gum
 from calibkit.numeric.dispersion import rms
 from calibkit.recipe import type_b
 from calibkit.recipe.type_b import RELATIVE, TypeB
@@ -107,20 +107,19 @@ class Correction:
         coefficient; 0 of any other.
         """
         indication, temperature = dwells.indication, dwells.temperature
-        if term.quantity in {"inclination_deg", "toolface_deg"}:
-            which = {"inclination_deg": (1.0, 0.0), "toolface_deg": (0.0, 1.0)}[term.quantity]
-            tilt, roll = (size * term.u_of(0.0) for size in which)
-            turned = attitude.gravity_vector(dwells.inclination + tilt, dwells.toolface + roll)
-            return np.nan_to_num(
-                turned - dwells.reference
-            )  # no angles: lengths do not depend on them
-        if term.quantity == forms.TEMPERATURE:
-            return self(indication, temperature + term.u_of(0.0)) - self(indication, temperature)
-        if term.quantity in forms.COMPONENTS:
-            axis, size = forms.COMPONENTS.index(term.quantity), term.u_of(1.0)
-            off = np.zeros_like(indication)
-            off[:, axis] = size * (indication[:, axis] if term.unit in RELATIVE else 1.0)
-            return self(indication + off, temperature) - self(indication, temperature)
+        moved = {}
+        if term.quantity in {*ATTITUDE, forms.TEMPERATURE}:
+            field = FIELDS[term.quantity]
+            moved[field] = getattr(dwells, field) + term.u_of(0.0)
+        elif term.quantity in forms.COMPONENTS:
+            axis, off = forms.COMPONENTS.index(term.quantity), np.zeros_like(indication)
+            off[:, axis] = term.u_of(1.0) * (indication[:, axis] if term.unit in RELATIVE else 1.0)
+            moved["indication"] = indication + off
+        if moved:
+            other = replace(dwells, **moved)
+            by_input = self(other.indication, other.temperature) - self(indication, temperature)
+            # without angles, lengths do not depend on them
+            return by_input + np.nan_to_num(other.reference - dwells.reference)
         wanted, errors = term.result or term.quantity, np.zeros_like(indication)
         at, _ = within_ranges(self.models[0], forms.inputs(indication, temperature))
         for axis, model in enumerate(self.models):

@@ -152,9 +152,9 @@ class Terms:
         """Places of the parameters that are added to an axis."""
         return [k for k, t in enumerate(self.listed) if t.axis == axis and t.kind in "kzcn"]
 
-    def of_kind(self, kind: str) -> list[int]:
-        """Places of the parameters of a kind."""
-        return [k for k, term in enumerate(self.listed) if term.kind == kind]
+    def of_kind(self, *kinds: str) -> list[int]:
+        """Places of the parameters of some kinds."""
+        return [k for k, term in enumerate(self.listed) if term.kind in kinds]
 
     def in_degrees(self, middle: float, half: float) -> np.ndarray:
         """Matrix [p, p], in extended precision, from parameters for temperature mapped to [-1, 1]

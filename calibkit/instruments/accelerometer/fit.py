@@ -15,7 +15,6 @@ from calibkit.instruments.accelerometer import forms, published
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.equation import AXES, Terms
 from calibkit.instruments.accelerometer.numeric import k_factor, magnitude, q_factor
-from calibkit.instruments.accelerometer.numeric.k_factor import KTerms
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.instruments.accelerometer.shared_errors import ZERO
 from calibkit.instruments.accelerometer.triad import (
@@ -44,6 +43,10 @@ zero relative to gravity.
 ILL_CONDITIONED = 20.0
 """Condition number above which the attitudes determine some combination of parameters poorly; the
 six-position tumble has 1.7.
+"""
+OUTSTANDING = 6.0
+"""Error of an attitude or a soak, over the median of all, above which it is flagged; the largest of
+50 normal ones is 3 times the median.
 """
 FEW_DOF = 5
 """Degrees of freedom below which the residuals are too few to judge the uncertainty."""
@@ -75,7 +78,7 @@ def fit_triad(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
     lengths = spec.reference.kind == "magnitude"
     by_lmfit = lengths and spec.reference.solver == "lmfit"
     if spec.k.enabled and not lengths:
-        published.require_k(k_terms(spec), dwells.reference, dwells.temperature)
+        published.require_k(spec.k.axes, dwells.reference, dwells.temperature)
     terms, flags = choose_terms(dwells, spec)
     if lengths:
         uncorrected: Array = np.linalg.norm(dwells.indication, axis=1) - 1.0
@@ -94,7 +97,7 @@ def fit_triad(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
         " left out"
         for k in triad.suspects
     )
-    flags += _warn_of_common_errors(triad, dwells)
+    flags += _flag_outstanding_levels(triad, dwells)
     k, k_not_fitted, q, affine = list_models(dwells, spec, triad)
     intervals: tuple[Figure, ...] = ()
     if lengths:
@@ -115,7 +118,7 @@ def list_models(
     k: tuple[Model, ...] = ()
     not_fitted: list[str] = []
     if not lengths and spec.k.enabled:
-        chosen = k_terms(spec)
+        chosen = spec.k.axes
         k = published.fit_k(dwells, chosen, triad)
         for name, part in zip(forms.K_MODELS, chosen, strict=True):
             missing = [K for n, K in enumerate(k_factor.NAMES) if n not in part.fitted]
@@ -238,11 +241,6 @@ def asked_terms(spec: AccelerometerRecipe) -> Terms:
     )
 
 
-def k_terms(spec: AccelerometerRecipe) -> tuple[KTerms, ...]:
-    """Coefficients K of the three axes that the recipe asks for."""
-    return tuple(KTerms(a.scale_order, a.zero_order, a.cross) for a in spec.k.axes)
-
-
 def _reference_temperature(dwells: DwellSet, spec: AccelerometerRecipe) -> float:
     """Temperature [°C] at which Q is stated: that of the recipe or the dwell's nearest to it; the
     mean of the dwells where the triad knows none.
@@ -278,31 +276,25 @@ def _triad_model(dwells: DwellSet, triad: Triad) -> Model:
     )
 
 
-def _warn_of_common_errors(triad: Triad, dwells: DwellSet) -> tuple[str, ...]:
-    """Flags on dwells that stand apart together, one for attitudes and one for temperatures."""
-    per_dwell, flags = triad.residuals.shape[1], []
-    for group, common in enumerate(("attitude", "temperature")):
-        parts = [part for part in triad.together if part.group == group]
-        if not parts:
+def _flag_outstanding_levels(triad: Triad, dwells: DwellSet) -> tuple[str, ...]:
+    """Flags on an attitude that is set up wrong the same way every time, and on a soak whose zero
+    has moved: their error is far larger than that of the others.
+    """
+    flags = []
+    for shared in triad.fit.shared:
+        size = np.linalg.norm(shared.errors, axis=1)
+        if shared.error.optional or size.max(initial=0.0) <= OUTSTANDING * np.median(size):
             continue
-        sizes = [float(np.median(triad.residuals.ravel()[part.rows])) for part in parts]
-        worst = int(np.argmax(np.abs(sizes)))
-        first = parts[worst].rows[0] // per_dwell
-        # an attitude, or a temperature, counts once whatever the number of its components
-        count = len({part.level // per_dwell for part in parts})
-        rows = parts[worst].rows // per_dwell
-        where = (
-            f"{dwells.temperature[rows].mean():.3g} °C"
-            if common == "temperature"
-            else f"inclination {dwells.inclination[first]:.6g}°,"
-            f" toolface {dwells.toolface[first]:.6g}°"
-        )
-        along = "" if per_dwell == 1 else f" along {AXES[parts[worst].level % per_dwell]}"
+        worst = int(np.argmax(size))
+        rows = np.flatnonzero(shared.error.level == worst) // triad.residuals.shape[1]
+        where = f"{dwells.temperature[rows].mean():.3g} °C"
+        if shared.error.group == "attitude":
+            angles = dwells.inclination[rows[0]], dwells.toolface[rows[0]]
+            where = "inclination {:.6g}°, toolface {:.6g}°".format(*angles)
         flags.append(
-            f"triad: dwells of one {common} are off together, by more than their scatter, at"
-            f" {count} {common}s; most at {where}: {len(rows)} dwells by"
-            f" {1e6 * sizes[worst]:+.3g} µg{along}. An error of the {common}, not outliers: they"
-            " are kept in the fit"
+            f"triad: the {shared.error.name} of {where} is {size[worst]:.2g} {shared.error.unit},"
+            f" of most others {np.median(size):.2g} {shared.error.unit}: no outliers, its"
+            f" {np.unique(rows).size} dwells are kept in the fit"
         )
     return tuple(flags)
 

@@ -45,21 +45,19 @@ def read_terms(model: Model) -> Terms:
     return Terms.named([c.name for c in model.coefficients])
 
 
-def _lack_of_fit(model: Model, at: Inputs) -> Array:
-    """Size [n, g] of what the form corrects otherwise than the triad; 0 in files of 0.2."""
-    sizes = [p.value for p in model.parameters if p.name == "lack_of_fit"]
-    return np.full(len(at[TEMPERATURE]), sum(sizes))
-
-
 K = Form(
     "accel-k/1",
     lambda model, at: k_factor.columns(
         _indication(at), at[TEMPERATURE], K_MODELS.index(model.name)
     ),
-    further=_lack_of_fit,
+    # 0 in files of 0.2
+    further=lambda model, at: np.full(
+        len(at[TEMPERATURE]), sum(p.value for p in model.parameters if p.name == "lack_of_fit")
+    ),
 )
 """One corrected component [n, g]: G (K0 + K1 t + K2 t² + K3 t³) − (K4 + K5 t + K6 t² + K7 t³)
-− K8 G′ − K9 G″, G′ and G″ the indications of the two other axes.
+− K8 G′ − K9 G″, G′ and G″ the indications of the two other axes; its lack of fit is the size [g] of
+what it corrects otherwise than the triad.
 """
 Q = Form.of_equation("accel-q/1", _orthogonal, meaning=("temperature",))
 """Orthogonal components [n, 3, g] by the exact matrix of the small angles Q1, Q2, Q3 [rad]."""

@@ -75,6 +75,8 @@ def fit(
     if fitted.affine is not None:
         uncertainty = errors.propagate_uncertainty(fitted.affine, counted, spec.toolface_range_deg)
     results = coefficient_files.list_results(fitted, dwells, spec.site.local_gravity(), uncertainty)
+    influences = coefficient_files.find_sensitivities(fitted, dwells, spec)
+    # what follows is shown, and changes no number
     raw = errors.DwellErrors.compare(counted, spec)
     by_stage = {
         result.stage: errors.DwellErrors.compare(counted, spec, Correction.of(result))
@@ -103,7 +105,7 @@ def fit(
         Summary(spec.title, tuple(shown), tuple(flags), judged, overview=overview),
         TriadReport(counted, raw, corrected, spec),
         lacks=fitted.k_not_fitted,
-        sensitivities=coefficient_files.find_sensitivities(fitted, dwells, spec),
+        sensitivities=influences,
         left_out=(left_out,) if suspects else (),
     )
 

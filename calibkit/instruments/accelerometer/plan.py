@@ -25,7 +25,7 @@ from calibkit.instruments.accelerometer import (
 )
 from calibkit.instruments.accelerometer.coefficient_files import COMPENSATIONS
 from calibkit.instruments.accelerometer.dwells import DwellSet
-from calibkit.instruments.accelerometer.fit import asked_terms, k_terms
+from calibkit.instruments.accelerometer.fit import asked_terms
 from calibkit.instruments.accelerometer.numeric import k_factor, q_factor
 from calibkit.instruments.accelerometer.triad import residual_of
 from calibkit.numeric import attitude, exchange
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from calibkit.arrays import Array, Integers
     from calibkit.fit.shared import Residual, Shared
     from calibkit.instruments.accelerometer.equation import Terms
-    from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
+    from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe, KAxisSpec
     from calibkit.planning.levels import Tour
     from calibkit.planning.proposal import Task
     from calibkit.planning.schedule import Action, Schedule
@@ -132,7 +132,7 @@ class TriadBench(Bench):
     """Campaigns of a triad in known attitudes."""
 
     terms: Terms
-    k: tuple[k_factor.KTerms, ...]
+    k: tuple[KAxisSpec, ...]
     """Terms of the K-factor, where that is what compensates."""
     fixture: str
     spots: Array
@@ -216,7 +216,7 @@ class TriadBench(Bench):
     @property
     def order(self) -> int:
         """Highest power of temperature of all models that the recipe fits."""
-        k = [max(k.scale_order, k.zero_order) for k in k_terms(self.spec)]
+        k = [max(k.scale_order, k.zero_order) for k in self.spec.k.axes]
         return int(max([self.terms.order, *(k if self.spec.k.enabled else ())]))
 
     def coefficients(self, design: Design) -> Iterator[Coefficient]:
@@ -500,7 +500,7 @@ def prepare_plan(spec: AccelerometerRecipe, task: Task) -> TriadBench:
         noise=rms(scatter) if scatter else None,
     )
     fixture = task.attitudes if task.attitudes in task.equipment.attitudes else "file"
-    k = k_terms(spec) if spec.compensation == "k" else ()
+    k = spec.k.axes if spec.compensation == "k" else ()
     have = None
     if task.have:
         have = triad_dwells.collect_dwells(task.have, spec)

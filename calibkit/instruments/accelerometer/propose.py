@@ -33,7 +33,9 @@ def propose(evidence: Evidence) -> Choice | None:
         return None
     reason = "a triad of accelerometers that was turned, without reference attitudes"
     read = ("time_s", *COMPONENTS, "temp_case_degc")
-    keys = {"mode": '"rows"'} if _is_list(evidence) else {}
+    # each row is a dwell where rows are few and have no time
+    rows = len(next(iter(evidence.glimpse.first.values()), ()))
+    keys = {"mode": '"rows"'} if "time_s" not in columns and 0 < rows <= _MOST_LISTED else {}
     choice = evidence.choose("accelerometer_magnitude", read, columns, keys, reason=reason)
     choice = replace(
         choice,
@@ -52,12 +54,6 @@ def propose(evidence: Evidence) -> Choice | None:
 _NOMINAL = "# Counts are scaled to g by the sphere that they lie on; the fit finds what is left."
 _MOST_LISTED = 200
 """Rows up to which a log without times is a list of dwells."""
-
-
-def _is_list(evidence: Evidence) -> bool:
-    """Whether each row is a dwell: few rows, and no time."""
-    rows = next(iter(evidence.glimpse.first.values()), ())
-    return "time_s" not in evidence.columns and 0 < len(rows) <= _MOST_LISTED
 
 
 def _scale_counts(evidence: Evidence) -> tuple[dict[str, LogColumn], dict[str, tuple[str, ...]]]:

@@ -21,13 +21,13 @@ from calibkit.instruments.accelerometer import determination, forms
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.equation import Term, Terms
 from calibkit.instruments.accelerometer.numeric import k_factor, q_factor
-from calibkit.instruments.accelerometer.numeric.k_factor import KTerms
+from calibkit.instruments.accelerometer.recipe import KAxisSpec
 from calibkit.instruments.accelerometer.triad import Triad
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares import polynomial
 
 
-def require_k(chosen: Sequence[KTerms], reference: Array, temperature: Array) -> None:
+def require_k(chosen: Sequence[KAxisSpec], reference: Array, temperature: Array) -> None:
     """Raise FitError where references [n, 3] and temperatures [n] [°C] leave a K undetermined.
 
     Of a triad without an error K are what the terms of its equation are.
@@ -50,7 +50,7 @@ def _number(term: Term) -> int:
     return term.power + (4 if term.kind == "z" else 0)
 
 
-def fit_k(dwells: DwellSet, chosen: Sequence[KTerms], triad: Triad) -> tuple[Model, ...]:
+def fit_k(dwells: DwellSet, chosen: Sequence[KAxisSpec], triad: Triad) -> tuple[Model, ...]:
     """K models of the three axes from the dwells that the triad's fit kept."""
     t = triad.mapped(dwells.temperature)
     used = triad.fit.used.reshape(-1, 3)
@@ -98,13 +98,13 @@ def fit_k(dwells: DwellSet, chosen: Sequence[KTerms], triad: Triad) -> tuple[Mod
     return tuple(models)
 
 
-def blocks_of(chosen: Sequence[KTerms]) -> list[slice]:
+def blocks_of(chosen: Sequence[KAxisSpec]) -> list[slice]:
     """Places of the fitted K of each axis among those of all."""
     ends = np.cumsum([0, *(len(part.fitted) for part in chosen)])
     return [slice(a, b) for a, b in pairwise(ends.tolist())]
 
 
-def corrections(chosen: Sequence[KTerms], indication: Array, t: Array) -> Array:
+def corrections(chosen: Sequence[KAxisSpec], indication: Array, t: Array) -> Array:
     """Design [n, 3, k] of corrected components by the fitted K of all axes, for temperatures t [n]
     in the unit that K is meant for.
     """

@@ -32,25 +32,31 @@ class _DwellSpec(Table):
     max_gap_s: Positive = 1.0
 
 
-class _KAxisSpec(Table):
+class KAxisSpec(Table):
     """Polynomial orders of one axis."""
 
     scale_order: Order = 3
     zero_order: Order = 3
     cross: bool = True
 
+    @property
+    def fitted(self) -> tuple[int, ...]:
+        """Numbers of the coefficients K that are fitted, ascending; the others are zero."""
+        cross = (8, 9) if self.cross else ()
+        return (*range(self.scale_order + 1), *range(4, 5 + self.zero_order), *cross)
 
-class _KSpec(_KAxisSpec):
+
+class _KSpec(KAxisSpec):
     """Orders of the K-factor, common to the three axes or per axis."""
 
     enabled: bool = True
     groups: Literal["none", "log"] = "none"
-    x: _KAxisSpec | None = None
-    y: _KAxisSpec | None = None
-    z: _KAxisSpec | None = None
+    x: KAxisSpec | None = None
+    y: KAxisSpec | None = None
+    z: KAxisSpec | None = None
 
     @property
-    def axes(self) -> tuple[_KAxisSpec, _KAxisSpec, _KAxisSpec]:
+    def axes(self) -> tuple[KAxisSpec, KAxisSpec, KAxisSpec]:
         """Orders of x, y and z."""
         return self.x or self, self.y or self, self.z or self
 

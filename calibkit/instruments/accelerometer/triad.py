@@ -1,6 +1,6 @@
 """Dwells → the triad over temperature, by gravity vectors or by the length of gravity alone."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -11,26 +11,17 @@ from calibkit.coefficients import Criterion
 from calibkit.errors import FitError
 from calibkit.fit.complex_step import Numbers, derivative, length
 from calibkit.fit.shared import Prior, Residual, Shared
-from calibkit.fit.solve import Fit, sensitivities, solve
+from calibkit.fit.solve import MOST_OF_A_LEVEL, Fit, sensitivities, solve
 from calibkit.instruments.accelerometer import determination, equation, shared_errors
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.equation import Terms
 from calibkit.instruments.accelerometer.numeric import magnitude
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.numeric.least_squares import polynomial, robust
-from calibkit.numeric.least_squares.structure import Structure
 
 Loss = Literal["least_squares", "robust"]
-MOST_TO_START = 1_000
-"""Dwells, evenly spread over more, to which the robust fit is made that others start from."""
-FAR = 6.0
-"""Residual over the noise beyond which a dwell beside these is left out to begin with."""
 LARGEST_ANGLE = 0.01
 """Misalignment [rad] beyond that of any good triad, where lengths do not see the angles."""
-SEEN = 0.05
-"""What is left of the product of two components of a direction where lengths see their angle: 0.02
-in six faces that are set up within 2°, 0.24 in 26 attitudes.
-"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,10 +39,6 @@ class Triad:
     """[n, 3], corrected less reference, or [n, 1] of the lengths [g]."""
     suspects: tuple[int, ...]
     """Dwells that were left out, worst first."""
-    together: tuple[Structure, ...]
-    """Residuals of one attitude (group 0) or of one temperature (group 1) that stand apart together
-    and were kept: a face that is set up wrong the same way every time, a zero that moved.
-    """
     unexplained: tuple[Criterion, ...]
     """Residuals that differ from group to group by more than U."""
     bounds: tuple[Shared, ...]
@@ -109,26 +96,27 @@ def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, lo
     half = half or 1.0
     t = (dwells.temperature - middle) / half
     residual = residual_of(dwells, terms, t, lengths=lengths)
-    noise = _relative_noise(dwells, lengths=lengths)
+    # standard error of each residual [g], or 1 where it was not measured
+    noise = np.ones(len(t) * per_dwell)
+    if dwells.weights is not None:
+        noise = np.sqrt(np.mean(dwells.noise**2, axis=1)) if lengths else dwells.noise.ravel()
     priors: tuple[Prior, ...] = ()
     if lengths:
         start, priors = _start_of_lengths(dwells, terms)
     else:
         start = _start_of_vectors(dwells, terms)
-    values = solve(residual, start, priors=priors, noise=noise, names=terms.names).parameters
-    used, together = np.ones(noise.size, dtype=np.bool_), tuple[Structure, ...]()
+    used = np.ones(noise.size, dtype=np.bool_)
     if loss == "robust":
-
-        def weighted(p: Numbers) -> Numbers:
-            return residual(p).ravel() / noise
-
-        labels = _label_residuals(dwells, lengths=lengths)
-        robust_values, robust_used, structured = _find_outliers(
-            weighted, values, labels, per_dwell, terms.names
-        )
-        # six faces leave the angles to what is known of them, which such a fit does not know
-        if all(np.all(np.abs(prior.rows(robust_values)) < 5.0 * prior.size) for prior in priors):
-            values, used, together = robust_values, robust_used, structured
+        of_axes = [terms.of_axis(axis) for axis in range(3)]
+        if lengths:  # what they do not see of angles is known by the prior alone
+            of_axes = [terms.of_kind("k", "z", *(() if priors else ("c", "n")))]
+        levels = [shared_errors.number_soaks(dwells.temperature, dwells.log)]
+        if not lengths:
+            levels.append(shared_errors.number_attitudes(dwells.reference))
+        start, used = _find_outliers(residual, start, of_axes, noise, levels)
+    values = solve(
+        residual, start, priors=priors, noise=noise, used=used, names=terms.names
+    ).parameters
     # errors of a dwell act on its gravity vector, of which a length is the part along gravity
     directions, gravity = np.broadcast_to(np.eye(3), (len(t), 3, 3)), dwells.reference
     if lengths:
@@ -139,7 +127,7 @@ def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, lo
     fit = solve(
         residual,
         values,
-        shared,
+        shared_errors.separable(shared, derivative(lambda p: residual(p).ravel(), values)),
         priors=priors,
         channel=np.tile(np.arange(per_dwell), len(t)),
         noise=noise,
@@ -163,61 +151,38 @@ def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, lo
         half,
         residuals,
         tuple(out[worst_first].tolist()),
-        together,
         shared_errors.judge_unexplained(where, fit, jacobian, per_dwell),
         tuple(bounds),
         flags,
     )
 
 
-def _label_residuals(dwells: DwellSet, *, lengths: bool) -> tuple[Integers, Integers]:
-    """Labels [n · m] of the attitude, -1 where none is known, and of the temperature of residuals,
-    each component on its own. A robust fit must not take dwells that share an error for outliers,
-    and drop the face or the soak.
-    """
-    _, level = determination.distinct_temperatures(dwells.temperature)
-    _, temperature = np.unique(level, return_inverse=True)
-    if lengths:
-        return np.full(len(level), -1), temperature
-    attitude = shared_errors.number_attitudes(dwells.reference)
-    each_axis = [(3 * number[:, None] + np.arange(3)).ravel() for number in (attitude, temperature)]
-    return each_axis[0], each_axis[1]
-
-
 def _find_outliers(
-    weighted: Callable[[Numbers], Numbers],
+    residual: Residual,
     start: Array,
-    labels: Sequence[Integers],
-    per_dwell: int,
-    names: Sequence[str],
-) -> tuple[Array, Mask, tuple[Structure, ...]]:
-    """Parameters [p] of a robust fit to weighted residuals [n · m], the residuals that are no
-    outliers to begin with, and those that stand apart together, which are none.
+    of_axes: Sequence[list[int]],
+    noise: Array,
+    levels: Sequence[Integers],
+) -> tuple[Array, Mask]:
+    """Parameters [p], and which residuals [n · m] are no outliers to begin with: each of the m
+    components is fitted by the parameters of its own axis, as the others hardly move it.
+
+    Where most of a level [n] stand apart, a soak or an attitude has an error of its own.
     """
-    # evenly spread dwells are enough to start from: the solver judges all of them
-    count = labels[0].size // per_dwell
-    spread = np.arange(count) % (1 + (count - 1) // MOST_TO_START) == 0
-    rows = np.flatnonzero(np.repeat(spread, per_dwell))
-
-    def of_spread(p: Numbers) -> Numbers:
-        return weighted(p)[rows]
-
-    values, robust_fit = robust.nonlinear(
-        lambda p: (of_spread(p), derivative(of_spread, p)),
-        start,
-        names=names,
-        groups=[label[rows] for label in labels],
-    )
-    together = tuple(
-        replace(part, rows=np.flatnonzero(labels[part.group] == part.level))
-        for part in robust_fit.structured
-    )
-    used = np.abs(weighted(values)) <= FAR * robust_fit.scale
-    for part in together:
-        used[part.rows] = True
-    used[rows] = True
-    used[rows[list(robust_fit.suspects)]] = False
-    return values, used, together
+    left = residual(start).ravel() / noise
+    jacobian = derivative(lambda p: residual(p).ravel(), start) / noise[:, None]
+    values, used = start.copy(), np.ones(len(left), dtype=np.bool_)
+    for component, places in enumerate(of_axes):
+        rows = slice(component, None, len(of_axes))
+        fit = robust.linear(jacobian[rows, places], -left[rows])
+        values[places] += fit.coefficients
+        good = fit.row_weights > 0.0
+        for level in levels:
+            count = np.bincount(level)
+            share = np.bincount(level, fit.row_weights > 0.0) / count
+            good |= ((share < MOST_OF_A_LEVEL) & (count > 1))[level]
+        used[rows] = good
+    return values, used
 
 
 def residual_of(dwells: DwellSet, terms: Terms, t: Array, *, lengths: bool) -> Residual:
@@ -238,15 +203,6 @@ def residual_of(dwells: DwellSet, terms: Terms, t: Array, *, lengths: bool) -> R
         return corrected - reference
 
     return of_vectors
-
-
-def _relative_noise(dwells: DwellSet, *, lengths: bool) -> Array:
-    """[n · m], standard error of each residual [g], or 1 where it was not measured."""
-    if dwells.weights is None:
-        return np.ones(len(dwells.temperature) * (1 if lengths else 3))
-    if lengths:
-        return np.asarray(np.sqrt(np.mean(dwells.noise**2, axis=1)))
-    return dwells.noise.ravel()
 
 
 def _start_of_vectors(dwells: DwellSet, terms: Terms) -> Array:
@@ -283,7 +239,11 @@ def _start_of_lengths(dwells: DwellSet, terms: Terms) -> tuple[Array, tuple[Prio
     start = terms.of_constants(1.0 / sphere[:3], sphere[3:6] / sphere[:3])
     cross = terms.of_kind("c")
     priors: tuple[Prior, ...] = ()
-    if cross and not _sees_angles(direction):
+    # an angle moves lengths by the product of two components of their directions, of which squares
+    # and components leave nothing at six faces
+    product = direction * np.roll(direction, 1, axis=1)
+    left = shared_errors.beside(np.hstack([direction**2, direction]), product)
+    if cross and np.sqrt(np.mean(left**2, axis=0)).min() <= shared_errors.SEEN:
         block = slice(cross[0], cross[-1] + 1)
         priors = (Prior(name="angles", block=block, size=LARGEST_ANGLE),)
     return start, priors
@@ -294,15 +254,6 @@ def require_terms(terms: Terms, dwells: DwellSet) -> None:
     lower = "lower scale_order, cross_order and bias_order, or leave out higher-order terms"
     reference, temperature = dwells.reference, dwells.temperature
     determination.require_determined(terms, terms.names, reference, temperature, lower=lower)
-
-
-def _sees_angles(direction: Array) -> bool:
-    """Whether lengths in directions [n, 3] show the angles between the axes: an angle moves them by
-    the product of two components, of which squares and components leave nothing at six faces.
-    """
-    product = direction * np.roll(direction, 1, axis=1)
-    left = shared_errors.beside(np.hstack([direction**2, direction]), product)
-    return bool(np.sqrt(np.mean(left**2, axis=0)).min() > SEEN)
 
 
 def _tool_rotation(dwells: DwellSet) -> Array:

@@ -12,9 +12,9 @@ from calibkit.instruments.inclinometer.forms import (
     ScaleFit,
     ScaleModel,
 )
-from calibkit.instruments.inclinometer.numeric.covariance import root_slopes
 from calibkit.instruments.inclinometer.published import Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
+from calibkit.instruments.inclinometer.root_choice import root_slopes
 from calibkit.instruments.inclinometer.solve import WRONG, SolvedStations
 from calibkit.instruments.inclinometer.stations import Stations
 

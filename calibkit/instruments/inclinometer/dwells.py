@@ -172,7 +172,7 @@ def _average_dwells(
         rows = np.column_stack([column[first:end] for column in logged])
         # departures from the dwell's first row, wrapped: 359.98° and 0.01° are neighbours
         rows[:, turning] = rows[0, turning] + attitude.wrapped(rows[:, turning] - rows[0, turning])
-        mean, error, _ = average_rows(rows)
+        mean, error = average_rows(rows)
         means.append(mean)
         errors.append(error)
         chunks.release(*logged)

@@ -11,8 +11,8 @@ from calibkit.arrays import Array, Mask
 from calibkit.coefficients import Component, Model, Parameter
 from calibkit.forms import Form, Inputs
 from calibkit.instruments.inclinometer.noise import Noise
-from calibkit.instruments.inclinometer.numeric.root_choice import Prior
-from calibkit.instruments.inclinometer.numeric.scale_fit import ScaleOverTemperature
+from calibkit.instruments.inclinometer.root_choice import Prior
+from calibkit.instruments.inclinometer.scale_fit import ScaleOverTemperature
 from calibkit.numeric import gum
 
 FILE = "inclinometer_scale.json"

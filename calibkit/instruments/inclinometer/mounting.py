@@ -14,11 +14,10 @@ from calibkit.fit.shared import Shared
 from calibkit.forms import components_of
 from calibkit.frame import Remark
 from calibkit.instruments.inclinometer.forms import MOUNTING
-from calibkit.instruments.inclinometer.numeric.covariance import root_slopes
-from calibkit.instruments.inclinometer.numeric.root_choice import Solution
-from calibkit.instruments.inclinometer.numeric.scale_fit import ScaleOverTemperature
 from calibkit.instruments.inclinometer.published import Components, Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
+from calibkit.instruments.inclinometer.root_choice import Solution, root_slopes
+from calibkit.instruments.inclinometer.scale_fit import ScaleOverTemperature
 from calibkit.instruments.inclinometer.stations import Stations
 from calibkit.recipe.shared_errors import state_sizes, warn_of_few_levels
 from calibkit.recipe.type_b import terms_of
@@ -28,63 +27,40 @@ SHOWN = 3.0
 ONE_ATTITUDE = "one attitude: a turn of the gyro is not separable, in U of the azimuth as stated"
 
 
-@dataclass(frozen=True, slots=True)
-class Circumstances:
-    """What the stations of one sensor pair share."""
-
-    turn: Array | None
-    """Derivatives [n] of the roots of s by a turn of the gyro [1/°]; None where the recipe leaves
-    it out.
+def shared_errors(
+    found: Solution, stations: Stations, spec: InclinometerRecipe, axis: Sensor
+) -> dict[str, Shared]:
+    """Errors that stations of which s is known share, by group: the turn of the gyro, unless the
+    recipe leaves it out, with the derivatives of the roots by it [1/°], and the scale of a log.
     """
-    log: Shared | None
-    """Part of s that the stations of a log share; None for a single log."""
-    stated_deg: float
-    """Standard deviation of the turn that the recipe states [°], or 0."""
+    by_root = turn_slopes(found.root >= 0, stations, spec, axis)
+    tool, loading = np.zeros(by_root.size, dtype=np.int64), by_root[:, None]
+    offered = [Shared(group=MOUNTING, effect="gyro turn", level=tool, loading=loading, unit="deg")]
+    if stations.log.max() > 0:
+        offered.append(scale_of_logs(stations.log))
+    return {error.group: error for error in state_sizes(spec.errors, offered)}
 
-    @classmethod
-    def of(
-        cls, found: Solution, stations: Stations, spec: InclinometerRecipe, axis: Sensor
-    ) -> Self:
-        """Circumstances of stations of which s is known."""
-        by_root = turn_slopes(found.root >= 0, stations, spec, axis)
-        tool, turn_loading = np.zeros(by_root.size, dtype=np.int64), by_root[:, None]
-        offered = [
-            Shared(group=MOUNTING, effect="gyro turn", level=tool, loading=turn_loading, unit="deg")
-        ]
-        if stations.log.max() > 0:
-            offered.append(scale_of_logs(stations.log))
-        stated = {error.group: error for error in state_sizes(spec.errors, offered)}
-        turn = stated.get(MOUNTING)
-        return cls(
-            None if turn is None else by_root,
-            stated.get("log"),
-            0.0 if turn is None else turn.size or 0.0,
+
+def state(
+    over: ScaleOverTemperature, turn_deg: float
+) -> tuple[tuple[Component, ...], tuple[str, ...]]:
+    """Components of a coefficient file, and flags; `turn_deg` is the standard deviation of the turn
+    that azimuths are corrected without.
+    """
+    angle, u = over.turn_deg
+    listed = components_of(over.fit.shared)
+    if turn_deg:
+        listed = (*listed, Component(MOUNTING, "gyro turn", turn_deg, "deg", u or turn_deg, 1))
+    flags = [*warn_of_few_levels([one for one in over.fit.shared if one.error.group == "log"])]
+    if over.separable is False:
+        flags.append(Remark(ONE_ATTITUDE))
+    if abs(angle) > SHOWN * u > 0.0:
+        flags.append(
+            f"the roots of s show a gyro that is turned by {angle:.3f}° ± {u:.2g}° against the"
+            " accelerometers about the tool axis, expected 0°: it is in the uncertainty of the"
+            " azimuth; align the sensors and measure again"
         )
-
-    def turn_deg(self, measured: tuple[float, float]) -> float:
-        """Standard deviation of the turn [°] that azimuths are corrected without: at least the one
-        that the roots show, with its standard uncertainty, and the stated one.
-        """
-        return max(self.stated_deg, float(np.hypot(*measured)))
-
-    def state(self, over: ScaleOverTemperature) -> tuple[tuple[Component, ...], tuple[str, ...]]:
-        """Components of a coefficient file, and flags."""
-        angle, u = over.turn_deg
-        size = self.turn_deg(over.turn_deg)
-        listed = components_of(over.fit.shared)
-        if size:
-            listed = (*listed, Component(MOUNTING, "gyro turn", size, "deg", u or size, 1))
-        logs = [size for size in over.fit.shared if size.error.group == "log"]
-        flags = [*warn_of_few_levels(logs)]
-        if over.separable is False:
-            flags.append(Remark(ONE_ATTITUDE))
-        if abs(angle) > SHOWN * u > 0.0:
-            flags.append(
-                f"the roots of s show a gyro that is turned by {angle:.3f}° ± {u:.2g}° against the"
-                " accelerometers about the tool axis, expected 0°: it is in the uncertainty of the"
-                " azimuth; align the sensors and measure again"
-            )
-        return listed, tuple(flags)
+    return listed, tuple(flags)
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,13 +16,18 @@ from calibkit.fit.complex_step import derivative
 from calibkit.fit.shared import Prior
 from calibkit.fit.solve import Fit, predict
 from calibkit.forms import power_unit
-from calibkit.instruments.inclinometer import mounting, simulate as simulated, solve, stations
-from calibkit.instruments.inclinometer.forms import FILE
-from calibkit.instruments.inclinometer.numeric import scale_fit
-from calibkit.instruments.inclinometer.numeric.root_choice import Limits, estimate_roots
-from calibkit.instruments.inclinometer.numeric.scale_fit import Roots
+from calibkit.instruments.inclinometer import (
+    mounting,
+    scale_fit,
+    simulate as simulated,
+    solve,
+    stations,
+)
+from calibkit.instruments.inclinometer.forms import FILE, MOUNTING
 from calibkit.instruments.inclinometer.published import Components
+from calibkit.instruments.inclinometer.root_choice import estimate_roots
 from calibkit.instruments.inclinometer.rows import Rows
+from calibkit.instruments.inclinometer.scale_fit import Roots
 from calibkit.numeric import earth
 from calibkit.planning.assumptions import Assumed, assume, read_earlier, read_sizes, seen_errors
 from calibkit.planning.levels import (
@@ -268,12 +273,12 @@ def _measure(bench: StationBench) -> Roots:
     pairs = []
     for axis in spec.axes:
         first = solve.solve_in_sequence(seen, spec, axis)
-        used, turn = first.root_used, mounting.Circumstances.of(first, seen, spec, axis).turn
+        used, shared = first.root_used, mounting.shared_errors(first, seen, spec, axis)
         u, by_turn = _with_index(
             *(seen.components[axis], spec.site.latitude_deg, first.root >= 0),
             *(first.s_root_uncertainty, bench.assumed),
         )
-        by_turn = by_turn if turn is not None else np.zeros_like(u)
+        by_turn = by_turn if MOUNTING in shared else np.zeros_like(u)
         x = bench.assumed.mapped(seen.temperature[used])
         pairs.append(Roots(np.ones(len(x)), u[used], x, by_turn[used], seen.log[used]))
     scatter = bench.assumed.size(*SCATTER)
@@ -306,7 +311,7 @@ def _plan_stations(bench: StationBench, dwell_s: float) -> tuple[Array, Array]:
     covariance = np.tile(np.diag([accel, accel, gyro, gyro]), (len(gravity), 1, 1))
     across = (gravity[:, 0], gravity[:, 1], rate_dph[:, 0], rate_dph[:, 1])
     parts = Components(*across, covariance)
-    roots = estimate_roots(parts, latitude_deg, limits=Limits(**spec.limits.model_dump()))
+    roots = estimate_roots(parts, latitude_deg, limits=spec.limits)
     column = np.argmin(np.abs(roots.s - 1.0), axis=1)
     rows = np.arange(column.size)
     used = roots.usable[rows, column] & ~(roots.s > 0.0).all(axis=1)

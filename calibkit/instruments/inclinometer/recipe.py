@@ -51,7 +51,7 @@ class _RootSpec(Table):
     choice: Literal["history", "heading"] = "history"
 
 
-class _HistorySpec(Table):
+class HistorySpec(Table):
     """Prior of s before the first station of a calibration, and its rate of change per hour (per
     station without times).
     """
@@ -63,11 +63,13 @@ class _HistorySpec(Table):
     rate_walk: NonNegative = 1e-3
 
 
-class _DepartureSpec(Table):
+class DepartureSpec(Table):
     """Relative departure of s from s(T) since the calibration: its uncertainty, and how it may
     change per hour.
     """
 
+    s: ClassVar[float] = 1.0
+    rate: ClassVar[float] = 0.0
     standard_uncertainty: Positive = 1e-4
     rate_uncertainty: NonNegative = 1e-5
     rate_walk: NonNegative = 1e-5
@@ -89,7 +91,7 @@ class _ScaleSpec(Table):
         return self
 
 
-class _LimitSpec(Table):
+class LimitSpec(Table):
     """Limits beyond which a station is refused, or its own s is not used."""
 
     latitude_deg: Degrees = 80.0
@@ -136,10 +138,10 @@ class InclinometerRecipe(Recipe):
     reference: _Sign = _Sign()
     stations: _StationSpec = _StationSpec()
     root: _RootSpec = _RootSpec()
-    history: _HistorySpec = _HistorySpec()
-    departure: _DepartureSpec = _DepartureSpec()
+    history: HistorySpec = HistorySpec()
+    departure: DepartureSpec = DepartureSpec()
     scale: _ScaleSpec = _ScaleSpec()
-    limits: _LimitSpec = _LimitSpec()
+    limits: LimitSpec = LimitSpec()
     output: _OutputSpec = _OutputSpec()
     acceptance: _InclinometerAcceptance = _InclinometerAcceptance()
 

@@ -9,19 +9,17 @@ import numpy as np
 
 from calibkit.arrays import Array, Mask
 from calibkit.errors import FitError
-from calibkit.instruments.inclinometer import mounting
-from calibkit.instruments.inclinometer.forms import ScaleFit, ScaleModel
+from calibkit.instruments.inclinometer import mounting, root_choice, scale_fit
+from calibkit.instruments.inclinometer.forms import MOUNTING, ScaleFit, ScaleModel
 from calibkit.instruments.inclinometer.noise import Noise
-from calibkit.instruments.inclinometer.numeric import root_choice, scale_fit
-from calibkit.instruments.inclinometer.numeric.root_choice import (
+from calibkit.instruments.inclinometer.published import Sensor
+from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
+from calibkit.instruments.inclinometer.root_choice import (
     Combined,
     Estimates,
-    History,
     Prior,
     Solution,
 )
-from calibkit.instruments.inclinometer.published import Sensor
-from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.stations import Stations
 from calibkit.numeric.attitude import wrapped
 
@@ -154,7 +152,7 @@ def seek_north(
 def solve_in_sequence(stations: Stations, spec: InclinometerRecipe, axis: Sensor) -> Solution:
     """Solve the stations of one sensor pair in order, with the history of s as prior."""
     estimates = _estimate_roots(stations, spec, axis)
-    start = History(**spec.history.model_dump())
+    start = spec.history
     prior = root_choice.history_prior(estimates, stations.elapsed, start)
     return root_choice.solve(estimates, prior, spec.site.latitude_uncertainty_deg)
 
@@ -166,7 +164,7 @@ def _estimate_roots(stations: Stations, spec: InclinometerRecipe, axis: Sensor) 
         spec.site.latitude_deg,
         heading_deg=stations.reference[:, 2] if spec.root.choice == "heading" else None,
         refused=stations.status[axis],
-        limits=root_choice.Limits(**spec.limits.model_dump()),
+        limits=spec.limits,
     )
 
 
@@ -210,17 +208,25 @@ def _fit_over_temperature(
     order = 0 if not timed else None if spec.scale.order == "auto" else spec.scale.order
     if usable.sum() == 1:
         return _fit_one_root(first, usable, temperature, spec, noise, timed=timed)
-    shared = mounting.Circumstances.of(first, stations, spec, axis)
+    shared = mounting.shared_errors(first, stations, spec, axis)
+    turn = shared.get(MOUNTING)
     over = scale_fit.fit_over_temperature(
-        first, temperature, order=order, turn=shared.turn, log=shared.log
+        first,
+        temperature,
+        order=order,
+        turn=None if turn is None else turn.loading[:, 0],
+        log=shared.get("log"),
     )
+    # at least the turn that the roots show, with its standard uncertainty, and the stated one
+    stated_deg = 0.0 if turn is None else turn.size or 0.0
+    turn_deg = max(stated_deg, float(np.hypot(*over.turn_deg)))
     model = ScaleModel(
         over.coefficients,
         over.covariance,
         over.scatter,
         over.valid_degc if timed else None,
         noise,
-        shared.turn_deg(over.turn_deg),
+        turn_deg,
     )
     return ScaleFit(
         model,
@@ -229,7 +235,7 @@ def _fit_over_temperature(
         over.used,
         over.left_out,
         over.effective_dof,
-        *shared.state(over),
+        *mounting.state(over, turn_deg),
         over,
     )
 
@@ -306,7 +312,7 @@ def _predict_departure(
     departure = root_choice.history_prior(
         replace(found, s=ratio, uncertainty=uncertainty),
         stations.elapsed,
-        History(**spec.departure.model_dump()),
+        spec.departure,
     )
     return Prior(
         base.s * departure.s,

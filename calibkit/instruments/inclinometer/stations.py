@@ -182,26 +182,32 @@ def solve_components(
     count = len(rows.names)
     components, noises, status = {}, {}, {}
     for axis in spec.axes:
+        position, faults = rows.position, [""] * count
         if spec.stations.method == "four_differences":
-            parts, squares, dofs, own = _by_differences(rows, axis)
-        else:
-            fits = fit_stations(
-                rows.station,
-                rows.position,
-                rows.accel[axis],
-                rows.gyro[axis],
-                axis,
-                time_s=rows.time if spec.stations.gyro_ramp else None,
-                gyro_ramp=spec.stations.gyro_ramp,
-            )
-            parts, squares, dofs, own = fits.components, fits.squares, fits.dofs, fits.status
+            # half differences of the four positions are their fit by least squares
+            stated = [rows.position[rows.station == k] for k in range(count)]
+            faults = [fault[1] if (fault := _position_fault(one)) else "" for one in stated]
+            quarter = published.nearest_position(np.nan_to_num(position))
+            position = np.array(published.POSITIONS_DEG)[quarter]
+        fits = fit_stations(
+            rows.station,
+            position,
+            rows.accel[axis],
+            rows.gyro[axis],
+            axis,
+            time_s=rows.time if spec.stations.gyro_ramp else None,
+            gyro_ramp=spec.stations.gyro_ramp,
+            faults=faults,
+        )
         before = inclinometer_noise.NO_NOISE if known is None else known[axis]
         last_digit = rows.resolution[axis]
         least = inclinometer_noise.least_noise(before, last_digit, spec)
-        shown, outliers = inclinometer_noise.judge_closures(squares, dofs, least)
+        shown, outliers = inclinometer_noise.judge_closures(fits.squares, fits.dofs, least)
         noises[axis] = shown.decide(before, last_digit, spec, axis)
-        components[axis] = _with_noise(parts, noises[axis].widen(spec), outliers)
-        status[axis] = tuple(text or reason for text, reason in zip(outliers, own, strict=True))
+        components[axis] = fits.components(noises[axis].widen(spec), outliers)
+        status[axis] = tuple(
+            text or reason for text, reason in zip(outliers, fits.status, strict=True)
+        )
     inclination, toolface, azimuth = rows.reference.T
     reference = (
         _mean_by_station(inclination, rows.station, count),
@@ -223,29 +229,6 @@ def solve_components(
     )
 
 
-def _by_differences(
-    rows: Rows, axis: Sensor
-) -> tuple[Components, Array, Integers, tuple[str, ...]]:
-    """Components by the four differences for readings of unit noise; squares and degrees of freedom
-    [n, 2] of the closures r₀ − r₉₀ + r₁₈₀ − r₂₇₀; and why each station is refused.
-    """
-    placed = np.where(np.isfinite(rows.position), rows.position, 0.0)
-    readings = np.column_stack((rows.accel[axis], rows.gyro[axis]))
-    _, four = published.arrange(rows.station, placed, readings)
-    finite = [bool(np.isfinite(station).all()) for station in four]
-    faults = [_position_fault(rows.position[rows.station == k]) for k in range(len(rows.names))]
-    status = tuple(
-        fault[1] if fault else "" if known else "an indication is not finite"
-        for fault, known in zip(faults, finite, strict=True)
-    )
-    solved = np.array([not reason for reason in status])
-    accel, gyro = np.moveaxis(np.where(solved[:, None, None], four, np.nan), -1, 0)
-    parts = published.components(accel, gyro, axis, accel_noise_g=1.0, gyro_noise_dph=1.0)
-    closures = np.column_stack([published.closures(accel), published.closures(gyro)])
-    known = np.isfinite(closures)
-    return parts, np.where(known, closures, 0.0) ** 2, known.astype(np.int64), status
-
-
 @dataclass(frozen=True, slots=True)
 class StationFits:
     """Components of n stations by least squares, with the biases of the sensors; stations in the
@@ -265,11 +248,13 @@ class StationFits:
     dofs: Integers
     """Degrees of freedom [n, 2] of `squares`."""
 
-    @property
-    def components(self) -> Components:
-        """Components of readings of unit noise."""
-        accel_x, accel_y, gyro_x, gyro_y = self.coefficients[:, :, :2].reshape(-1, 4).T
-        return Components(accel_x, accel_y, gyro_x, gyro_y, self.covariance)
+    def components(self, noise: Noise, outliers: Sequence[str] = ()) -> Components:
+        """Components of readings of a noise; NaN for stations [n] with an outlier."""
+        u = np.array([noise.accel_g, noise.accel_g, noise.gyro_dph, noise.gyro_dph])
+        values = self.coefficients[:, :, :2].reshape(-1, 4).copy()
+        values[[k for k, text in enumerate(outliers) if text]] = np.nan
+        accel_x, accel_y, gyro_x, gyro_y = values.T
+        return Components(accel_x, accel_y, gyro_x, gyro_y, self.covariance * np.outer(u, u))
 
 
 def residual(
@@ -299,6 +284,7 @@ def fit_stations(
     *,
     time_s: Array | None = None,
     gyro_ramp: bool = False,
+    faults: Sequence[str] = (),
 ) -> StationFits:
     """Components of every station of one sensor pair.
 
@@ -310,6 +296,7 @@ def fit_stations(
     sensor : which axis the pair is on.
     time_s : [r] [s], needed for the ramp.
     gyro_ramp : fit a ramp of the gyro's bias at each station.
+    faults : [n], why a station is not to be fitted, or empty.
 
     Returns
     -------
@@ -328,37 +315,39 @@ def fit_stations(
     unique, first = np.unique(numbers, return_index=True)
     order = unique[np.argsort(first, kind="stable")]
     readings = np.column_stack((accel, gyro))
-    time = np.zeros(numbers.size) if time_s is None else time_s
+    place = np.searchsorted(unique, numbers)
+    elapsed = np.zeros(numbers.size)
+    if gyro_ramp and time_s is not None:
+        elapsed = time_s - (np.bincount(place, time_s) / np.bincount(place))[place]
+    whole = derivative(
+        partial(residual, sensor=sensor, position_deg=position_deg, elapsed_s=elapsed, reading=0.0),
+        np.zeros(len(COEFFICIENTS)),
+    )
+    count = len(COEFFICIENTS) if gyro_ramp else len(COEFFICIENTS) - 1
     coefficients = np.full((order.size, 2, len(COEFFICIENTS)), np.nan)
     covariance = np.full((order.size, 4, 4), np.nan)
     squares, dofs = np.zeros((order.size, 2)), np.zeros((order.size, 2), dtype=np.int64)
     status = []
     for k, name in enumerate(order):
         rows = numbers == name
-        position, elapsed, reading = (
-            position_deg[rows],
-            time[rows] - time[rows].mean(),
-            readings[rows],
-        )
-        design = derivative(
-            partial(residual, sensor=sensor, position_deg=position, elapsed_s=elapsed, reading=0.0),
-            np.zeros(len(COEFFICIENTS)),
-        )
-        count = len(COEFFICIENTS) if gyro_ramp else len(COEFFICIENTS) - 1
-        status.append(_undetermined(design[:, :count], elapsed, reading))
+        design, reading = whole[rows], readings[rows]
+        fault = faults[k] if faults else ""
+        status.append(fault or _undetermined(design[:, :count], elapsed[rows], reading))
         if status[k]:
             continue
         coefficients[k], covariance[k] = 0.0, 0.0
-        for j, width in enumerate((len(COEFFICIENTS) - 1, count)):
-            gain = np.linalg.pinv(design[:, :width])
+        # the accelerometer has no ramp
+        widths = len(COEFFICIENTS) - 1, count
+        gains = {width: np.linalg.pinv(design[:, :width]) for width in widths}
+        for j, width in enumerate(widths):
+            gain, pair = gains[width], slice(2 * j, 2 * j + 2)
             coefficients[k, j, :width] = gain @ reading[:, j]
-            pair = slice(2 * j, 2 * j + 2)
             covariance[k, pair, pair] = (gain @ gain.T)[:2, :2]
             dofs[k, j] = len(reading) - width
             if dofs[k, j]:  # without any, residuals are rounding errors
                 left = reading[:, j] - design @ coefficients[k, j]
                 squares[k, j] = left @ left
-    if all(status):
+    if all(status) and not any(faults):
         raise FitError(f"none of {order.size} stations can be fitted: {status[0]}")
     return StationFits(coefficients, covariance, tuple(status), squares, dofs)
 
@@ -374,19 +363,6 @@ def _undetermined(design: Array, elapsed_s: Array, readings: Array) -> str:
         return f"{len(design)} readings for {len(names)} coefficients"
     unknown = undetermined(design, names)
     return f"the positions cannot determine {', '.join(unknown)}" if unknown else ""
-
-
-def _with_noise(parts: Components, noise: Noise, outliers: Sequence[str]) -> Components:
-    """Scale the covariance of components of unit noise to a noise; NaN for stations [n] with an
-    outlier.
-    """
-    u = np.array([noise.accel_g, noise.accel_g, noise.gyro_dph, noise.gyro_dph])
-    gone = np.array([bool(text) for text in outliers])
-    accel_x, accel_y, gyro_x, gyro_y = (
-        np.where(gone, np.nan, column)
-        for column in (parts.accel_x, parts.accel_y, parts.gyro_x, parts.gyro_y)
-    )
-    return Components(accel_x, accel_y, gyro_x, gyro_y, parts.covariance * np.outer(u, u))
 
 
 def _mean_by_station(column: Array, station: Integers, count: int) -> Array:

@@ -4,7 +4,7 @@ is the indication of any sensor at rest, and results are in its unit.
 Records in memory and on disk are worked along in the same blocks, so that results are identical.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, Self
 
@@ -15,20 +15,15 @@ from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError
 from calibkit.numeric import chunks
 from calibkit.numeric.noise.confidence import (
-    TYPES,
     Noise,
     chi_square_limits,
     equivalent_dof,
     identify_noise,
 )
-from calibkit.numeric.noise.gaps import Gaps, open_places
+from calibkit.numeric.noise.gaps import Gaps, filtered, square_beside_gaps
 
 Spacing = Literal["octave", "decade"]
 
-BLOCK = 1 << 13
-"""Samples worked on at once: they stay in a core's cache, and a dot product of them is not shared
-out to threads.
-"""
 RIGHT_LENGTH = 0.01
 """Relative deviation of a block from the length that a standard names, above which the figure is
 refused.
@@ -77,21 +72,6 @@ class DeviationCurve:
             *(kinds, dof, lower, upper, probability),
         )
 
-    @property
-    def deviation_dph(self) -> Array:
-        """Deviation of a gyro [deg/h]."""
-        return self.deviation
-
-    @property
-    def lower_dph(self) -> Array:
-        """Lower limit of a gyro's deviation [deg/h]."""
-        return self.lower
-
-    @property
-    def upper_dph(self) -> Array:
-        """Upper limit of a gyro's deviation [deg/h]."""
-        return self.upper
-
 
 @dataclass(frozen=True, slots=True)
 class BiasStability:
@@ -111,7 +91,6 @@ def overlapping(
     tau_s: ArrayLike | None = None,
     spacing: Spacing = "octave",
     points: int = 1,
-    noise: Noise | Literal["identify"] = "identify",
     probability: float = 0.95,
     allocate: Callable[[int], Array] = np.empty,
 ) -> DeviationCurve:
@@ -125,25 +104,22 @@ def overlapping(
     tau_s : averaging times [s], each rounded to whole samples (the curve carries the rounded ones);
         without them
         `points` an octave or a decade, from one sample to a third of the record.
-    noise : the type that the degrees of freedom assume, or "identify" for Riley's lag-1 test at
-        each averaging time.
     probability : of the two-sided limits, which are chi-square's.
     allocate : makes the array [n + 1] of the running sum, in memory or on disk.
 
     Raises
     ------
     FitError : fewer than three samples, an infinite one, an averaging time that the record has no
-        whole pair for, a noise type that is none.
+        whole pair for.
 
     Notes
     -----
     IEEE Std 952 annex C, overlapped as in NIST SP 1065 eq. 11: σ²(mτ₀) is the mean of (ȳ_{k+m} −
     ȳ_k)²/2 over all k. The record's mean is taken out first, so that the running sum loses no
-    digits to it.
+    digits to it. Degrees of freedom are those of the noise type that Riley's lag-1 test identifies
+    at each averaging time.
     """
     rate = require_record(rate, interval_s)
-    if noise not in ("identify", *TYPES):
-        raise FitError(f"noise type '{noise}'", hint=f"expected identify or {', '.join(TYPES)}")
     gaps = Gaps.find(rate)
     runs = gaps.lengths_between()
     if tau_s is None:
@@ -157,12 +133,14 @@ def overlapping(
             hint="look at how the log marks gaps",
         )
     total = _running_sum(rate, gaps, allocate)
-    variance, pairs = np.array([_pair_variance(total, gaps, int(m)) for m in factors]).T
-    kinds = (
-        identify_noise(total, gaps, factors)
-        if noise == "identify"
-        else (noise,) * int(factors.size)
-    )
+    # ȳ_{k+m} - ȳ_k = (Y_{k+2m} - 2 Y_{k+m} + Y_k)/m of the running sum Y
+    sums = [
+        square_beside_gaps(filtered(total, (1.0, -2.0, 1.0), m), gaps.closed_to(2 * m))
+        for m in factors.tolist()
+    ]
+    square, pairs = np.array(sums).T
+    variance = square / (2.0 * factors**2 * pairs)
+    kinds = identify_noise(total, gaps, factors)
     dof = np.array(
         [equivalent_dof(int(m), runs, kind) for m, kind in zip(factors, kinds, strict=True)]
     )
@@ -184,16 +162,6 @@ def averaging_factors(samples: int, *, spacing: Spacing = "octave", points: int 
     return np.unique(np.round(base**exponents).astype(np.int64))
 
 
-def _blocks(size: int, *columns: Array) -> Iterator[tuple[int, int]]:
-    """First place and place after the last of consecutive blocks of BLOCK places of `size`; the
-    memory pages of columns are released after some.
-    """
-    for first, last in chunks.ranges(size):
-        for start, stop in chunks.ranges(last - first, BLOCK):
-            yield first + start, first + stop
-        chunks.release(*columns)
-
-
 def _running_sum(rate: Array, gaps: Gaps, allocate: Callable[[int], Array]) -> Array:
     """Running sum [n + 1] of rate [n] less its mean, gaps as zero; carried over blocks in extended
     precision.
@@ -202,7 +170,7 @@ def _running_sum(rate: Array, gaps: Gaps, allocate: Callable[[int], Array]) -> A
     total = allocate(rate.size + 1)
     total[0] = 0.0
     carry = np.longdouble(0.0)
-    for start, stop in _blocks(rate.size, rate, total):
+    for start, stop in chunks.ranges_along(rate, total, rows=chunks.CACHED_ROWS):
         block = rate[start:stop] - mean
         if gaps.runs.size:
             block[np.isnan(block)] = 0.0
@@ -220,27 +188,6 @@ def finite_mean(rate: Array, gaps: Gaps) -> float:
         return chunks.mean(rate)
     total = sum(float(np.nansum(rate[a:b])) for a, b in chunks.ranges_along(rate))
     return total / (rate.size - gaps.missing)
-
-
-def _pair_variance(total: Array, gaps: Gaps, factor: int) -> tuple[float, int]:
-    """Allan variance and number of whole pairs at one averaging factor, in blocks along the running
-    sum.
-    """
-    last = total.size - 2 * factor
-    square, pairs = 0.0, 0
-    buffer, closed = np.empty(min(BLOCK, last)), gaps.closed_to(2 * factor)
-    for start, stop in _blocks(last, total):
-        middle = total[start + factor : stop + factor]
-        step = np.subtract(
-            total[start + 2 * factor : stop + 2 * factor], middle, out=buffer[: stop - start]
-        )
-        step -= middle
-        step += total[start:stop]
-        whole = open_places(closed, start, stop)
-        step = step if whole is None else step[whole]
-        square += float(step @ step)
-        pairs += step.size
-    return square / (2.0 * factor**2 * pairs), pairs
 
 
 def bias_stability(rate: Array, interval_s: float, *, block_s: float = 10.0) -> BiasStability:

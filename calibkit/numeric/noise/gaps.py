@@ -1,5 +1,6 @@
-"""Gaps of a record, and the windows along it that touch one."""
+"""Gaps of a record, and filters along it whose windows touch none."""
 
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -7,6 +8,11 @@ import numpy as np
 
 from calibkit.arrays import Array, Integers, Mask
 from calibkit.numeric import chunks
+
+BLOCK = 1 << 13
+"""Samples worked on at once: they stay in a core's cache, and a dot product of them is not shared
+out to threads.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,17 +55,39 @@ class Gaps:
         return np.column_stack([first[alone[:-1]], stop[alone[1:]]])
 
 
-def open_places(closed: Integers, start: int, stop: int) -> Mask | None:
-    """Which of the places start … stop − 1 are in none of the ranges [h, 2]; None where all are
-    open.
+def filtered(values: Array, taps: Sequence[float], apart: int) -> Iterator[tuple[int, Array]]:
+    """First place i and Σ_k taps_k values[i + k · apart] of consecutive blocks of places; the
+    memory pages of `values` are released after some.
     """
-    near = closed[
-        np.searchsorted(closed[:, 1], start, side="right") : np.searchsorted(closed[:, 0], stop)
-    ]
-    if not len(near):
-        return None
-    steps = np.zeros(stop - start + 1, dtype=np.int8)
-    ends = np.clip(near, start, stop) - start
-    steps[ends[:, 0]] += 1
-    steps[ends[:, 1]] -= 1
-    return np.asarray(np.cumsum(steps[:-1], dtype=np.int8) == 0, dtype=np.bool_)
+    size = values.size - (len(taps) - 1) * apart
+    for first, last in chunks.ranges(size):
+        for a in range(first, last, BLOCK):
+            b = min(a + BLOCK, last)
+            total: Array = taps[0] * values[a:b]
+            for k, tap in enumerate(taps[1:], start=1):
+                total += tap * values[a + k * apart : b + k * apart]
+            yield a, total
+        chunks.release(values)
+
+
+def square_beside_gaps(blocks: Iterable[tuple[int, Array]], closed: Integers) -> tuple[float, int]:
+    """Sum of squares and number of the values of blocks, each with its first place, whose places
+    are in none of the ranges [h, 2].
+    """
+    square, count = 0.0, 0
+    for start, block in blocks:
+        near = closed[
+            np.searchsorted(closed[:, 1], start, side="right") : np.searchsorted(
+                closed[:, 0], start + block.size
+            )
+        ]
+        beside = block
+        if len(near):
+            steps = np.zeros(block.size + 1, dtype=np.int8)
+            ends = np.clip(near - start, 0, block.size)
+            steps[ends[:, 0]] += 1
+            steps[ends[:, 1]] -= 1
+            beside = block[np.cumsum(steps[:-1], dtype=np.int8) == 0]
+        square += float(beside @ beside)
+        count += beside.size
+    return square, count

@@ -29,15 +29,12 @@ def spikes(indication: Array, held: Intervals) -> Integers:
     an interval neither is a spike.
     """
     own, middles, largest = (np.empty(held.first.size) for _ in range(3))
-    every = max(1, held.rows // order_statistics.SAMPLE)
-    sample: list[Array] = []
     for among, rows in held.groups():
         first = held.first[among] - rows.start
         middles[among] = order_statistics.run_medians(indication[rows], first)
         away = _deviation(indication[rows], middles[among], held.count[among])
         own[among] = order_statistics.run_medians(away, first)
         largest[among] = np.maximum.reduceat(away, first)
-        sample.append(away[away.size % every // 2 :: every].copy())
         chunks.release(indication)
 
     def deviations() -> Iterator[Array]:
@@ -45,12 +42,7 @@ def spikes(indication: Array, held: Intervals) -> Integers:
             yield _deviation(indication[rows], middles[among], held.count[among])
             chunks.release(indication)
 
-    bracket = (
-        order_statistics.quantile_bracket(np.concatenate(sample))
-        if held.rows > order_statistics.COLLECTED
-        else None
-    )
-    whole = order_statistics.median_of_chunks(deviations, held.rows, bracket)
+    whole = order_statistics.median_of_chunks(deviations, held.rows)
     if whole == 0.0:
         whole = min(
             (float(part[part > 0.0].min()) for part in deviations() if part.any()), default=0.0

@@ -11,7 +11,6 @@ coefficient by a hundredth of its standard uncertainty (Fuller 1987, section 2.2
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,24 +19,6 @@ from calibkit.arrays import Array
 NAMES = ("K0", "K1", "K2", "K3", "K4", "K5", "K6", "K7", "K8", "K9")
 CROSS = ((1, 2), (2, 0), (0, 1))
 """Indices of the two axes that K8 and K9 multiply, axis by axis: y and z, z and x, x and y."""
-
-
-@dataclass(frozen=True, slots=True)
-class KTerms:
-    """Selection of the ten coefficients of an axis that are fitted; the others are zero."""
-
-    scale_order: int = 3
-    """Highest power of temperature in the scale factor, 0..3: K0..K3."""
-    zero_order: int = 3
-    """Highest power of temperature in the zero offset, 0..3: K4..K7."""
-    cross: bool = True
-    """Whether K8 and K9 are fitted."""
-
-    @property
-    def fitted(self) -> tuple[int, ...]:
-        """Indices of the fitted coefficients, ascending."""
-        cross = (8, 9) if self.cross else ()
-        return (*range(self.scale_order + 1), *range(4, 5 + self.zero_order), *cross)
 
 
 def columns(

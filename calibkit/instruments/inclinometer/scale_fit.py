@@ -20,7 +20,7 @@ from calibkit.fit.complex_step import Numbers
 from calibkit.fit.orders import average, orders
 from calibkit.fit.shared import Shared
 from calibkit.fit.solve import Fit, sensitivities, solve
-from calibkit.instruments.inclinometer.numeric.root_choice import Prior, Solution
+from calibkit.instruments.inclinometer.root_choice import Prior, Solution
 from calibkit.numeric import gum
 from calibkit.numeric.least_squares import polynomial
 from calibkit.numeric.least_squares.polynomial import HIGHEST_ORDER

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 
 from calibkit.arrays import Array, Integers, Mask
 from calibkit.errors import FitError
+from calibkit.fit.complex_step import Numbers, derivative
 from calibkit.instruments.inclinometer import published
-from calibkit.instruments.inclinometer.numeric.covariance import root_slopes, slopes
 from calibkit.instruments.inclinometer.published import (
     Attitude,
     Components,
@@ -20,6 +20,7 @@ from calibkit.instruments.inclinometer.published import (
     Sensor,
     full_circle,
 )
+from calibkit.instruments.inclinometer.recipe import DepartureSpec, HistorySpec, LimitSpec
 from calibkit.numeric.attitude import wrapped
 
 LIKELIER = 3.0
@@ -30,8 +31,8 @@ DISAGREES = 5.0
 """Difference between a root and its prior, in standard uncertainties, above which it is flagged."""
 CLAMPED = "negative discriminant clamped to zero"
 """Flag of a station whose two roots coincide."""
-AZIMUTH = 3
-"""Index of the azimuth among inclination, toolface, s and azimuth."""
+AZIMUTH, ROOT = 3, 4
+"""Index of the azimuth among inclination, toolface, s and azimuth, and of the root behind them."""
 UNITS = np.array([np.degrees(1.0), np.degrees(1.0), 1.0, np.degrees(1.0)])
 """Of inclination, toolface, s and azimuth, in those of their derivatives: angles [°] in rad."""
 ANGLES = (0, 1, 3)
@@ -45,40 +46,7 @@ alike.
 """
 
 
-@dataclass(frozen=True, slots=True)
-class Limits:
-    """Limits beyond which a station is refused, or its root of s is not used."""
-
-    latitude_deg: float = 80.0
-    """|latitude| above which the earth's horizontal rate is too small for an azimuth."""
-    vertical_deg: float = 0.5
-    """Inclination below which toolface and azimuth are not separable."""
-    horizontal_deg: float = 85.0
-    """Inclination above which sensors across the tool determine neither inclination nor azimuth."""
-    s_uncertainty: float = 0.02
-    """Standard uncertainty of a root above which the prior of s is used instead."""
-    separation: float = 6.0
-    """Standard uncertainties from the middle of both roots, twice those of the discriminant from
-    zero, below which noise alone could have parted the roots.
-    """
-
-
-@dataclass(frozen=True, slots=True)
-class History:
-    """Initial state and process noise of s along the stations, per unit of the abscissa: hours, or
-    stations.
-    """
-
-    s: float = 1.0
-    standard_uncertainty: float = 0.01
-    rate: float = 0.0
-    """Change of s per unit."""
-    rate_uncertainty: float = 1e-3
-    rate_walk: float = 1e-3
-    """Random walk of the rate, per unit and square root of unit."""
-
-
-DEFAULT_LIMITS, DEFAULT_HISTORY = Limits(), History()
+DEFAULT_LIMITS, DEFAULT_HISTORY = LimitSpec(), HistorySpec()
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,13 +138,48 @@ class Solution:
         )
 
 
+def seek_north(inputs: Numbers, plus: Mask, weight: Array) -> Numbers:
+    """θ, φ, s = w s± + rest, ψ and the root s± [5, n] from g_x, g_y [g], ω_x, ω_y [°/h], α and the
+    rest of s [6, n]; angles in rad, plus and weight [n] say which root and its w.
+    """
+    accel_x, accel_y, gyro_x, gyro_y, latitude, rest = inputs
+    attitude = published.attitude(accel_x, accel_y)
+    roots = published.scale_roots(gyro_x, gyro_y, attitude, latitude * 180.0 / np.pi)
+    root = np.where(plus, roots.plus, roots.minus)
+    # a root that is not used may be no number
+    s = np.where(weight > 0.0, weight * root, 0.0) + rest
+    psi = published.azimuth(accel_x, accel_y, s * gyro_x, s * gyro_y, latitude * 180.0 / np.pi)
+    return np.stack([attitude.inclination, attitude.toolface, s, psi, root])
+
+
+def slopes(parts: Components, latitude_deg: Array, plus: Mask, weight: Array, rest: Array) -> Array:
+    """Derivatives [n, 5, 6] of the results of `seek_north` by its inputs."""
+    inputs = np.stack(
+        [
+            *(parts.accel_x, parts.accel_y, parts.gyro_x, parts.gyro_y),
+            *(np.radians(latitude_deg), rest),
+        ]
+    )
+    with np.errstate(divide="ignore", invalid="ignore"):
+        by_input = derivative(
+            lambda step: seek_north(inputs + step[:, None], plus, weight), np.zeros(6)
+        )
+    return np.moveaxis(by_input, 1, 0)
+
+
+def root_slopes(parts: Components, latitude_deg: Array, plus: Mask) -> Array:
+    """Derivatives [n, 5] of roots s± by g_x, g_y [1/g], ω_x, ω_y [h/°], α [1/rad]."""
+    ones = np.ones(plus.size)
+    return slopes(parts, latitude_deg, plus, ones, 0.0 * ones)[:, ROOT, :5]
+
+
 def estimate_roots(
     parts: Components,
     latitude_deg: ArrayLike,
     *,
     heading_deg: Array | None = None,
     refused: Sequence[str] = (),
-    limits: Limits = DEFAULT_LIMITS,
+    limits: LimitSpec = DEFAULT_LIMITS,
 ) -> Estimates:
     """Both roots of s with uncertainty, and which stations are refused.
 
@@ -216,7 +219,9 @@ def estimate_roots(
     return Estimates(parts, latitude, attitude, roots, s, uncertainty, by_heading, usable, status)
 
 
-def history_prior(found: Estimates, elapsed: Array, start: History = DEFAULT_HISTORY) -> Prior:
+def history_prior(
+    found: Estimates, elapsed: Array, start: HistorySpec | DepartureSpec = DEFAULT_HISTORY
+) -> Prior:
     """Prior of s at each station from the stations before it: value and rate of change (step D), by
     a Kalman filter.
 
@@ -358,7 +363,7 @@ def _list_flags(
 
 
 def _list_refusals(
-    parts: Components, attitude: Attitude, latitude: Array, limits: Limits
+    parts: Components, attitude: Attitude, latitude: Array, limits: LimitSpec
 ) -> tuple[str, ...]:
     """Reason [n] why each station is refused, or an empty string."""
     inputs = np.column_stack((parts.accel_x, parts.accel_y, parts.gyro_x, parts.gyro_y, latitude))
