@@ -18,6 +18,7 @@ import numpy as np
 from calibkit.errors import FitError
 from calibkit.fit.shared import Shared
 from calibkit.fit.solve import Fit
+from calibkit.frame import Remark
 from calibkit.instruments.gyro_scale import (
     contradictions,
     equation,
@@ -115,7 +116,7 @@ def fit_pair(
     flags += [*before_mounting.flags, *gyro_pair.flag_second(before_mounting)]
     flags += _flag_temperatures(apart, spec)
     if run_scale is None:
-        flags.append(f"N: {lines.WITHIN}")
+        flags.append(Remark(f"N: {lines.WITHIN}"))
     if tilt > 0.0 and "angle" not in known:
         flags.append(
             f"the two runs show a mounting error of {mounting.size:.2g}°, which is in u of gamma"

@@ -15,6 +15,7 @@ from calibkit.fit.complex_step import Numbers
 from calibkit.fit.shared import Shared
 from calibkit.fit.solve import Fit
 from calibkit.fit.value import Value
+from calibkit.frame import Remark
 from calibkit.instruments.gyro_scale import (
     contradictions,
     equation,
@@ -151,7 +152,7 @@ def fit_axes(
             flags += ordering.flag(name, change.decided, run_lines.K[change.lines].mean())
     flags += _flag_sets(spec, sets, mounting)
     if run_scale is None:
-        flags.append(lines.WITHIN)
+        flags.append(Remark(lines.WITHIN))
     over: equation.Fitted | None = None
     curves: tuple[Model, ...] = ()
     if len(sets) > 1:
