@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from calibkit.instruments.gyro_scale.acceptance import LINE_KEYS
 from calibkit.instruments.gyro_scale.compensate import correct
 from calibkit.instruments.gyro_scale.forms import FORMS
-from calibkit.instruments.gyro_scale.instrument import fit_pair as fit
+from calibkit.instruments.gyro_scale.instrument import fit
 from calibkit.instruments.gyro_scale.propose import propose_pair as propose
 from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe as Recipe
 from calibkit.instruments.gyro_scale.table_runs import faults, read

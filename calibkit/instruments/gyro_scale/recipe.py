@@ -34,7 +34,7 @@ class _TableSpec(Table):
     reference: Literal["rate", "angle"] = "rate"
 
 
-class _PlateauSpec(Table):
+class PlateauSpec(Table):
     """Criteria of a held rate."""
 
     shortest_s: Positive = 2.0
@@ -58,8 +58,11 @@ class GyroRecipe(Recipe):
     }
     """Group and effect of a known component → the unit that it is stated in."""
 
+    table_axes: ClassVar[tuple[str, ...]]
+    """Axes of the table, each with logs of its own."""
+
     table: _TableSpec = _TableSpec()
-    plateaus: _PlateauSpec = _PlateauSpec()
+    plateaus: PlateauSpec = PlateauSpec()
     nominal_scale_factor: float | None = None
 
     @model_validator(mode="after")
@@ -166,6 +169,7 @@ class GyroPairRecipe(OwnAxisRecipe):
     """
 
     gyros: ClassVar[tuple[str, ...]] = ("a", "b")
+    table_axes: ClassVar[tuple[str, ...]] = ("a", "b")
     error_groups: ClassVar[tuple[str, ...]] = ("mounting", "run")
 
     procedure: Literal["gyro_pair"]
@@ -205,6 +209,8 @@ class RateTableRecipe(OwnAxisRecipe):
         ("run", "zero"): "deg/h",
     }
 
+    table_axes: ClassVar[tuple[str, ...]] = ("",)
+
     procedure: Literal["rate_table"]
     gyros: Gyros = ("x",)
     acceptance: RateTableAcceptance = RateTableAcceptance()
@@ -241,6 +247,8 @@ class GyroTriadRecipe(GyroRecipe):
     """
 
     error_groups: ClassVar[tuple[str, ...]] = ("mounting", "run")
+
+    table_axes: ClassVar[tuple[str, ...]] = ("x", "y", "z")
 
     procedure: Literal["gyro_triad"]
     gyros: Gyros = ("x", "y", "z")

@@ -21,6 +21,7 @@ from calibkit.instruments.gyro_scale import (
     quantities,
     table_runs,
 )
+from calibkit.instruments.gyro_scale.campaign import Campaign
 from calibkit.instruments.gyro_scale.numeric import gjb_figures
 from calibkit.instruments.gyro_scale.numeric.gjb_figures import Line
 from calibkit.instruments.gyro_scale.recipe import (
@@ -89,7 +90,7 @@ def validate(
         shown = [_tabulate_line_errors(compared)]
     criteria = acceptance.judge_unseen(errors, limits, spec.acceptance)
     if isinstance(spec, GyroPairRecipe) and len(runs) > 1:
-        again = pair_fit.fit_pair({axis: tuple(group) for axis, group in runs.items()}, spec)
+        again = pair_fit.fit_pair(spec, {axis: tuple(group) for axis, group in runs.items()})
         body["pair"] = _compare_pair(records, again, spec.type_b)
         shown.append(_tabulate_pair_again(body["pair"]))
         flags += again.flags
@@ -295,7 +296,7 @@ def _base_errors(error: Array, along: Mask, rate_dps: Array) -> dict[str, float]
 
 
 def _compare_pair(
-    records: Mapping[str, Record], again: pair_fit.PairFit, terms: Sequence[type_b.TypeB]
+    records: Mapping[str, Record], again: Campaign, terms: Sequence[type_b.TypeB]
 ) -> list[dict[str, Any]]:
     """JSON objects of N, ε, γ, α of unseen runs against the frozen values."""
     if forms.ORTHOGONALITY_FILE not in records:
@@ -303,7 +304,8 @@ def _compare_pair(
             f"the run holds no {forms.ORTHOGONALITY_FILE}", hint="it is not a run of gyro_pair"
         )
     frozen = records[forms.ORTHOGONALITY_FILE].model("pair")
-    found, compared = again.found, []
+    found, compared = again.pair, []
+    assert found is not None  # noqa: S101 (a fit of a pair has one)
     for c, value, u, dof in zip(
         *(frozen.coefficients, found.values, found.standard_uncertainty.tolist(), found.dof),
         strict=True,
