@@ -6,14 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from calibkit.coefficients import Condition, Figure, Model, Parameter, StageResult
+from calibkit.coefficients import Component, Condition, Figure, Model, Parameter, StageResult
 from calibkit.constants import DPH_PER_DPS
 from calibkit.fit.complex_step import Numbers
 from calibkit.fit.solve import Fit
 from calibkit.fit.value import Value
 from calibkit.instruments.gyro_scale import equation, forms, table_runs
-from calibkit.instruments.gyro_scale.campaign import AxesSet, Campaign, Channel
-from calibkit.instruments.gyro_scale.lines import Lines
+from calibkit.instruments.gyro_scale.campaign import AxesSet, Campaign
 from calibkit.instruments.gyro_scale.numeric import gjb_figures
 from calibkit.instruments.gyro_scale.recipe import GyroRecipe
 from calibkit.numeric.dispersion import rms
@@ -62,19 +61,34 @@ def _list_scales(campaign: Campaign, spec: GyroRecipe) -> tuple[list[Model], lis
     own_K = {one.gyro: float(one.K.value) for one in campaign.own if one.line is not None}
     for channel in campaign.channels:
         if channel.line is not None:
-            models.append(_mean_model(channel, channel.line, run_lines))
+            lines = [run_lines.published(run, channel.gyro) for run in channel.repeated]
+            models.append(
+                _line_model(
+                    channel.name,
+                    channel.line,
+                    channel.repeated,
+                    lines,
+                    (Parameter("runs", float(len(lines)), "1"),),
+                    channel.components,
+                )
+            )
         models += channel.curves
         figures += channel.figures
         for run in channel.runs:
             name = channel.name_in(run)
+            published = run_lines.published(run, channel.gyro)
+            found = run_lines.line(run, channel.gyro)
             if channel.line is None or name != channel.name:
-                models.append(_line_model(name, run_lines, run, channel.gyro))
+                models.append(_line_model(name, found.weighted(np.eye(2, 3)), [run], [published]))
             if channel.own:
-                figures += _line_figures(name, run_lines, run, channel.gyro)
+                u_K = float(found.of(lambda p: p[0]).u)
+                for one in gjb_figures.figures(published, u_K):
+                    text = forms.FigureName(one.name, one.standard, name).text
+                    figures.append(Figure(text, one.value, one.unit, one.standard_uncertainty))
             if channel.line is not None:
                 # a projection's bias is referred to the gyro's own K
                 K = None if channel.own else own_K[channel.gyro]
-                figures += _bias_figures(name, run_lines.line(run, channel.gyro), spec, K)
+                figures += _bias_figures(name, found, spec, K)
         if channel.response is not None:
             models.append(_response_model(channel.name, channel.response, channel.runs))
     figures += [figure for one in campaign.sets for figure in _set_biases(campaign, one)]
@@ -91,41 +105,30 @@ def _set_biases(campaign: Campaign, one: AxesSet) -> Iterator[Figure]:
         yield Figure(f"bias.{channel.gyro}{one.suffix}", value, "deg/h", u, dof)
 
 
-def _line_model(name: str, run_lines: Lines, run: table_runs.TableRun, gyro: str) -> Model:
-    """Line model (K and F0) of one gyro in one run."""
-    line = run_lines.published(run, gyro)
+def _line_model(
+    name: str,
+    line: Fit,
+    runs: Sequence[table_runs.TableRun],
+    lines: Sequence[gjb_figures.Line],
+    parameters: tuple[Parameter, ...] = (),
+    components: tuple[Component, ...] = (),
+) -> Model:
+    """Line model (K and F0) of one gyro in one run, or of the mean over runs with these published
+    lines.
+    """
+    degc = float(np.mean([run.temp_degc for run in runs]))
+    if np.isfinite(degc):
+        parameters = (*parameters, Parameter("temp_case", degc, "degC"))
     model = forms.LINE.write_fit(
         name,
-        run_lines.line(run, gyro).weighted(np.eye(2, 3)),
-        LINE,
-        residual_rms=line.fit.residual_rms,
-        residual_unit="1/s",
-        valid=table_runs.valid_ranges([run]),
-        parameters=_temperature([run]),
-    )
-    return replace(model, dof=line.fit.dof, components=())
-
-
-def _mean_model(channel: Channel, line: Fit, run_lines: Lines) -> Model:
-    """Line model (K and F0) of the mean over repeated runs."""
-    runs = channel.repeated
-    of_runs = [run_lines.published(run, channel.gyro).fit for run in runs]
-    model = forms.LINE.write_fit(
-        channel.name,
         line,
         LINE,
-        residual_rms=rms([fit.residual_rms for fit in of_runs]),
+        residual_rms=rms([one.fit.residual_rms for one in lines]),
         residual_unit="1/s",
         valid=table_runs.valid_ranges(runs),
-        parameters=(Parameter("runs", float(len(runs)), "1"), *_temperature(runs)),
+        parameters=parameters,
     )
-    return replace(model, dof=sum(fit.dof for fit in of_runs), components=channel.components)
-
-
-def _temperature(runs: Sequence[table_runs.TableRun]) -> tuple[Parameter, ...]:
-    """Mean case temperature of runs where it was logged."""
-    degc = float(np.mean([run.temp_degc for run in runs]))
-    return (Parameter("temp_case", degc, "degC"),) if np.isfinite(degc) else ()
+    return replace(model, dof=sum(one.fit.dof for one in lines), components=components)
 
 
 def _response_model(
@@ -237,16 +240,6 @@ def _triad_figures(one: AxesSet, gyros: Sequence[str]) -> Iterator[Figure]:
         yield angle
         off = f"orthogonality_error_deg.{name}{one.suffix}"
         yield replace(angle, name=off, value=90.0 - angle.value)
-
-
-def _line_figures(
-    name: str, run_lines: Lines, run: table_runs.TableRun, gyro: str
-) -> Iterator[Figure]:
-    """Figures of one line in the terms of both standards."""
-    u_K = float(run_lines.of_runs([run], gyro).u[0])
-    for f in gjb_figures.figures(run_lines.published(run, gyro), u_K):
-        text = forms.FigureName(f.name, f.standard, name).text
-        yield Figure(text, f.value, f.unit, f.standard_uncertainty)
 
 
 def _bias_figures(

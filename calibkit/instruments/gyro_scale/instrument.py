@@ -24,7 +24,11 @@ from calibkit.instruments.gyro_scale import (
     table_runs,
     triad_fit,
 )
+from calibkit.instruments.gyro_scale.compensate import correct
+from calibkit.instruments.gyro_scale.forms import FORMS
 from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe, GyroTriadRecipe
+from calibkit.instruments.gyro_scale.table_runs import faults, read
+from calibkit.instruments.gyro_scale.unseen import validate
 from calibkit.report.run import list_components
 from calibkit.report.summary import Summary
 
@@ -41,6 +45,8 @@ if TYPE_CHECKING:
 
     Runs = Mapping[str, tuple[TableRun, ...]]
     """Table axis → its runs."""
+
+__all__ = ["FORMS", "correct", "faults", "fit", "read", "validate"]
 
 
 def fit(spec: AnyRecipe, data: Path, files: Sequence[str], progress: Progress) -> Fitted[Campaign]:
@@ -89,7 +95,7 @@ def fit_campaign(spec: AnyRecipe, runs: Runs, near: Campaign | None = None) -> C
 def _read_runs(spec: AnyRecipe, data: Path, files: Sequence[str], progress: Progress) -> Runs:
     """Runs about each table axis, in the order of the files."""
     axes = {file: spec.find_axis(file) for file in files}
-    for axis in spec.table_axes:
+    for axis in spec.logs_of_axes:
         if axis not in axes.values():
             raise RecipeError(
                 f"no log about table axis {axis} among {', '.join(files)}",
@@ -100,7 +106,7 @@ def _read_runs(spec: AnyRecipe, data: Path, files: Sequence[str], progress: Prog
             progress(files, "reading and averaging"), lambda file: table_runs.read(spec, data, file)
         )
     )
-    found: dict[str, tuple[TableRun, ...]] = dict.fromkeys(spec.table_axes, ())
+    found: dict[str, tuple[TableRun, ...]] = dict.fromkeys(spec.logs_of_axes, ())
     for log in logs:
         found[axes[log.file]] += (table_runs.fit_run(spec, log),)
     return found
