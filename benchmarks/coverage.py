@@ -13,9 +13,9 @@ row fails whose binomial interval lies outside 92 to 99.9 %, or which is wider t
 
 Rows of `intervals.physics` are of devices with a fault that their logs do not name, and of the same
 campaigns without it. Printed are the share of truths within U, the share of campaigns in which a
-flag names the cause, of those in which only a remark does, of either coverage or flag, and mean U.
-A row fails below 95 % of either or 88 % of coverage where nothing is flagged; without the fault
-where more than 1 % are flagged or any is refused or rejected.
+flag names the cause, of those in which only a remark does, of either coverage or a name, and mean
+U. A row fails below 95 % of either or 88 % of coverage where nothing names the cause; without the
+fault where more than 1 % are flagged or any is refused or rejected.
 
 With --results rows are kept in a file of JSON lines, and
 those that are there are not simulated again; --sets 0 simulates none. --first draws the campaigns

@@ -61,7 +61,7 @@ def normalized(seed: int, alpha_deg: float) -> dict[str, float]:
             found = run.scale(gyro)
             true = truth["models"][f"{gyro}_about_{axis}"]["K"]
             errors[f"K {gyro}_about_{axis}"] = (found.K - true) / found.standard_uncertainty[0]
-    result = pair_fit.fit_pair(runs, SPEC).found
+    result = pair_fit.fit_pair(SPEC, runs).pair
     true_values = (truth["N"], truth["epsilon"], truth["gamma"], truth["alpha_deg"])
     for name, value, true, u in zip(
         forms.PAIR_UNITS, result.values, true_values, result.standard_uncertainty, strict=True

@@ -208,19 +208,18 @@ def runs(name):
         figures = [
             Figure(f"{name}.GJB 2426A.{gyro}", v, "", 0.0) for gyro, v in (("x", 0.1), ("y", value))
         ]
-        return acceptance.judge_figures(
-            figures, acceptance.RUN_LIMITS, RateTableAcceptance(**limits)
-        )
+        return acceptance.judge_figures(figures, RateTableAcceptance(**limits))
 
     return made
 
 
 def pair(value, **limits):
     """Criteria of a pair with this standard uncertainty of gamma and orthogonality error."""
-    found = SimpleNamespace(
-        standard_uncertainty=np.array([9.0, 9.0, value]), orthogonality_error_deg=-value
-    )
-    return acceptance.judge_pair(SimpleNamespace(found=found), (), PairAcceptance(**limits))
+    figures = [
+        Figure("gamma", 0.0, "1", value),
+        Figure("orthogonality_error_deg", -value, "deg", 9.0),
+    ]
+    return acceptance.judge_figures(figures, PairAcceptance(**limits))
 
 
 def runs_unseen(value, **limits):
@@ -235,10 +234,13 @@ def runs_unseen(value, **limits):
 
 def axes(value, **limits):
     """Criteria of two gyros whose axes are 90° less this apart, known to this."""
-    u = np.full((2, 2), value)
-    triad = SimpleNamespace(angles_deg=SimpleNamespace(value=90.0 - u, u=u))
-    fitted = SimpleNamespace(pairs=[(0, 1)], sets=(SimpleNamespace(triad=triad),))
-    return acceptance.judge_triad(fitted, (), TriadAcceptance(**limits))
+    figures = [
+        Figure("angle_deg.x_y", 90.0 - value, "deg", value),
+        Figure("orthogonality_error_deg.x_y", value, "deg", value),
+        Figure("angle_deg.x_y.at_60", 90.0, "deg", 0.1),
+        Figure("orthogonality_error_deg.x_y.at_60", 0.0, "deg", 0.1),
+    ]
+    return acceptance.judge_figures(figures, TriadAcceptance(**limits))
 
 
 def axes_unseen(value, **limits):

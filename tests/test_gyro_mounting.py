@@ -74,11 +74,11 @@ def pair(seed, spec, *, apart_degc=0.0, per_degc=None, off_deg=0.0):
         run_about(g, tilted(axes[g], np.radians(off_deg), rng), gyros, axes, degc, spec, rng)
         for g, degc in (("a", 25.0), ("b", 25.0 + apart_degc))
     ]
-    fitted = pair_fit.fit_pair({"a": (runs[0],), "b": (runs[1],)}, spec)
+    fitted = pair_fit.fit_pair(spec, {"a": (runs[0],), "b": (runs[1],)})
     degc = np.mean([run.temp_degc for run in runs])
     table = simulate_rate_table.Table()
     K = {g: gyro.best_line(table, RATES, degc)[0] for g, gyro in gyros.items()}
-    _, angles = coefficient_files.list_pair_results(fitted, spec)
+    _, angles = coefficient_files.list_results(fitted, spec)
     return angles.models[0], fitted.flags, K["b"] / K["a"], alpha
 
 
@@ -170,7 +170,7 @@ def triad(seed, spec, arcsec):
         turned = turned / np.linalg.norm(turned)
         runs[g] = (run_about(f"about_{g}", turned, gyros, axes, 25.0, spec, rng),)
     fitted = triad_fit.fit_axes(spec, runs)
-    _, angles = coefficient_files.list_triad_results(fitted, spec)
+    _, angles = coefficient_files.list_results(fitted, spec)
     true = {
         f"angle_deg.{g}_{h}": np.degrees(np.arccos(axes[g] @ axes[h]))
         for g, h in ("xy", "xz", "yz")

@@ -11,7 +11,6 @@ from calibkit.errors import FitError
 from calibkit.frame import Log
 from calibkit.instruments import silent
 from calibkit.instruments.gyro_scale import (
-    lines,
     over_runs,
     simulate_pair,
     simulate_rate_table,
@@ -849,7 +848,7 @@ def test_a_pair_without_one_of_its_logs_or_with_swapped_columns_is_refused(
         "--set",
     )
     outcome = calibkit(*arguments, exclude)
-    assert (outcome.code, "a pair needs the log of each table axis" in outcome.err) == (2, True)
+    assert (outcome.code, "no log about table axis b" in outcome.err) == (2, True)
     outcome = calibkit(*arguments, "pair={axis_a='table_axis_b.csv', axis_b='table_axis_a.csv'}")
     assert (outcome.code, "far beyond 1" in outcome.err) == (3, True)
     outcome = calibkit(*arguments, "pair.axis_b=table_axis_a.csv")
@@ -911,12 +910,8 @@ def test_a_temperature_sensitivity_is_as_uncertain_as_runs_repeat():
             table_runs.fit_run(spec, one_row_log(f"run_{k}", slope, degc, rng))
             for k, (slope, degc) in enumerate(zip(K, temperature, strict=True))
         ]
-        held = lines.Lines.of_runs_about_one_axis(runs)
-        one = over_runs.fit_over_runs(spec, "x", runs, held)
-        found = {
-            figure.name.partition(".")[2]: figure
-            for figure in over_runs.run_figures("gyro_x", one, spec)
-        }
+        (gyro,) = over_runs.fit_runs(spec, {"": runs}).channels
+        found = {figure.name.partition(".")[2]: figure for figure in gyro.figures}
         ratios.append(
             [
                 (found[f"{standard}.gyro_x"].value - 13.0)

@@ -12,7 +12,6 @@ from calibkit.constants import DPH_PER_DPS
 from calibkit.frame import Log
 from calibkit.instruments.gyro_scale import (
     coefficient_files,
-    lines,
     over_runs,
     simulate_rate_table,
     table_runs,
@@ -37,10 +36,7 @@ def fit(logs, spec=SPEC):
         )
         for name, columns in logs.items()
     ]
-    held = lines.Lines.of_runs_about_one_axis(runs)
-    gyro = over_runs.fit_over_runs(spec, "x", runs, held)
-    flags = over_runs.flag_runs([gyro], held, spec)
-    (found,) = coefficient_files.list_rate_table_results([gyro], held, flags, spec)
+    (found,) = coefficient_files.list_results(over_runs.fit_runs(spec, {"": runs}), spec)
     return found
 
 

@@ -67,7 +67,7 @@ def simulate(case: Case, number: int) -> Outcome:
     try:
         runs = {g: (table_runs.fit_run(spec, log),) for g, log in logs.items()}
         fitted = triad_fit.fit_axes(spec, runs)
-        made = coefficient_files.list_triad_results(fitted, spec)[1]
+        made = coefficient_files.list_results(fitted, spec)[1]
     except CalibkitError as error:
         return Outcome({}, {}, refused=str(error))
     figures = {figure.name: figure for figure in made.figures}

@@ -22,7 +22,6 @@ from calibkit.errors import CalibkitError
 from calibkit.frame import Log
 from calibkit.instruments.gyro_scale import (
     coefficient_files,
-    lines,
     over_runs,
     simulate_rate_table as simulated,
     table_runs,
@@ -153,10 +152,7 @@ def simulate(case: Case, number: int) -> Outcome:
     logs = [_log(gyro, case, degc, rng) for degc in _degc(case).tolist()]
     try:
         runs = [_fit_run(log, f"run_{k}", spec) for k, log in enumerate(logs)]
-        held = lines.Lines.of_runs_about_one_axis(runs)
-        fitted = over_runs.fit_over_runs(spec, "x", runs, held)
-        flags = over_runs.flag_runs([fitted], held, spec)
-        (made,) = coefficient_files.list_rate_table_results([fitted], held, flags, spec)
+        (made,) = coefficient_files.list_results(over_runs.fit_runs(spec, {"": runs}), spec)
     except CalibkitError as error:
         return Outcome({}, {}, refused=str(error))
     models = {model.name: model for model in made.models}
@@ -217,7 +213,7 @@ def held_rates() -> _Held:
     held = _fit_run(log, "run", spec).plateaus
     middle = np.mean(log["time_s"][held.span[:, 0]] + log["time_s"][held.span[:, 1] - 1]) / 2.0
     time = 0.5 * (log["time_s"][held.span[:, 0]] + log["time_s"][held.span[:, 1] - 1]) - middle
-    return _Held(held.rate_dps, time, gyro.noise_lsb / gyro.K / np.sqrt(held.samples))
+    return _Held(held.rate_dps, time, gyro.noise_lsb / gyro.K / np.sqrt(np.diff(held.span)[:, 0]))
 
 
 def noise_dps() -> float:

@@ -22,8 +22,8 @@ FAULTS = {
     f"{fault.procedure}, {fault.label}": fault
     for fault in (*accelerometer.FAULTS, *gyro.FAULTS, *inclinometer.FAULTS)
 }
-COVERED, COVERED_OR_FLAGGED = 0.88, 0.95
-"""Least shares: of truths within U where nothing is flagged, and of either."""
+COVERED, COVERED_OR_NAMED = 0.88, 0.95
+"""Least shares: of truths within U where nothing names the cause, and of either."""
 FALSE_ALARMS = 0.01
 """Largest share of campaigns without the fault in which a flag names it."""
 
@@ -52,10 +52,11 @@ class FaultRow:
     without the fault, of campaigns in which one does.
     """
     noted: float
-    """Share of campaigns that are not flagged and in which a remark names the cause, whether or
-    not it does without the fault.
+    """Share of campaigns in which a remark alone names the cause, whether or not it does without
+    the fault.
     """
-    covered_or_flagged: float
+    covered_or_named: float
+    """Share of truths within U, or in a campaign in which a flag or a remark names the cause."""
     expanded: float
     """Mean U."""
     error: float
@@ -70,9 +71,10 @@ class FaultRow:
             return ["false alarms"] * (self.flagged > FALSE_ALARMS) + ["rejected"] * bool(
                 self.rejected + self.refused
             )
-        unflagged = (self.covered_or_flagged - self.flagged) / max(1.0 - self.flagged, 1e-9)
-        failed = ["covered or flagged"] * (self.covered_or_flagged < COVERED_OR_FLAGGED)
-        return failed + ["covered"] * (self.flagged < 1.0 and unflagged < COVERED)
+        named = self.flagged + self.noted
+        unnamed = (self.covered_or_named - named) / max(1.0 - named, 1e-9)
+        failed = ["covered or named"] * (self.covered_or_named < COVERED_OR_NAMED)
+        return failed + ["covered"] * (named < 1.0 and unnamed < COVERED)
 
     @property
     def label(self) -> str:
@@ -85,7 +87,7 @@ class FaultRow:
         """Shares, mean U and rms error."""
         shares = (
             f"covered {100.0 * self.covered:.0f} %, flagged {100.0 * self.flagged:.0f} %"
-            f" (noted {100.0 * self.noted:.0f} %), either {100.0 * self.covered_or_flagged:.0f} %"
+            f" (noted {100.0 * self.noted:.0f} %), either {100.0 * self.covered_or_named:.0f} %"
         )
         text = f"{shares}, U {self.expanded:.3g}, rms error {self.error:.3g}"
         text += f", {self.refused} of {self.campaigns} refused" if self.refused else ""
@@ -125,7 +127,8 @@ def judge(case: Case, outcomes: Sequence[Outcome]) -> list[FaultRow]:
     fault = FAULTS[case.error]
     alarms = np.array([names_cause(fault, outcome.sound.flags) for outcome in outcomes])
     flagged = np.array([names_cause(fault, outcome.fault.flags) for outcome in outcomes]) & ~alarms
-    noted = np.array([names_cause(fault, outcome.fault.notes) for outcome in outcomes]) & ~flagged
+    noted = np.array([names_cause(fault, outcome.fault.notes) for outcome in outcomes])
+    noted &= ~flagged & ~alarms
     remarked = np.array([names_cause(fault, outcome.sound.notes) for outcome in outcomes]) & ~alarms
     return [
         *_judge(fault, [outcome.fault for outcome in outcomes], flagged, noted, present=True),
@@ -165,7 +168,7 @@ def _judge(
                 float(inside[results].mean()) if results.any() else 0.0,
                 float(flagged.mean()),
                 float(noted.mean()),
-                float(np.maximum(inside, flagged).mean()),
+                float(np.maximum(inside, flagged | noted).mean()),
                 _mean(widths),
                 float(np.sqrt(_mean([error**2 for error in errors]))),
                 sum(fitted.refused for fitted in fits),

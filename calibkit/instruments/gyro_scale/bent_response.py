@@ -40,16 +40,13 @@ def beside_line(rows: equation.Rows, terms: equation.Terms) -> equation.Terms:
     Where every run turns both ways, what they have of the response is part of the best straight
     line, and what differs is an error. Runs of one direction each need the powers to share a line.
     """
-    asymmetry: tuple[str, ...] = (line_terms.ASYMMETRY,)
+    asymmetry: tuple[int, ...] = (line_terms.ASYMMETRY,)
     if rows.both_ways:
         return replace(terms, shapes=asymmetry * rows.shows_asymmetry)
     # |Ω| tells runs of one direction from those of the other only
     asymmetry *= line_terms.turns_both_ways(rows.rate_dps)
     # and each run hardly tells an odd power from the even one beside it
-    bent = [
-        replace(terms, shapes=equation.shapes_of(powers), bends="as K")
-        for powers in ((), *POWERS[1:])
-    ]
+    bent = [replace(terms, shapes=powers, bends="as K") for powers in ((), *POWERS[1:])]
     chosen = _best(rows, bent, MARGIN_OF_ONE_WAY)
     return replace(chosen, shapes=asymmetry + chosen.shapes)
 

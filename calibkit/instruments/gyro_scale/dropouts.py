@@ -12,7 +12,7 @@ from calibkit.arrays import Array, Mask
 from calibkit.check.content import finding_of_column
 from calibkit.frame import Finding, Log, values
 from calibkit.instruments.gyro_scale import forms
-from calibkit.instruments.gyro_scale.numeric.plateau_means import Plateaus
+from calibkit.instruments.gyro_scale.held_means import HeldMeans
 from calibkit.numeric import chunks, order_statistics
 from calibkit.numeric.dispersion import MAD_TO_SIGMA
 
@@ -28,7 +28,7 @@ from which a delay is measured, at least.
 """
 
 
-def _find_late(log: Log, held: Plateaus, column: str) -> list[Finding]:
+def _find_late(log: Log, held: HeldMeans, column: str) -> list[Finding]:
     """A gyro that still indicates the last held rate, or already the next one, while the table
     holds: its rows are stamped late or early, or it is filtered.
 
@@ -93,7 +93,7 @@ def _is_beyond(data: Array, level: float, change: float) -> Mask:
     return np.asarray((data - level) * np.sign(change) > 0.0, dtype=np.bool_)
 
 
-def find(log: Log, held: Plateaus, columns: Sequence[str]) -> Iterator[Finding]:
+def find(log: Log, held: HeldMeans, columns: Sequence[str]) -> Iterator[Finding]:
     """Findings on the first dropout of each gyro's column, with the number of rows and what the
     other held rates let expect there.
 

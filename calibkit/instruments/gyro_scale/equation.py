@@ -109,8 +109,14 @@ class Fitted(NamedTuple):
     terms: "Terms"
 
     def refit(self, rows: Rows) -> "Fitted":
-        """The same for rows with small errors of rate, time or thermometer."""
-        return self._replace(fit=refit(self.fit, self.rows, rows, self.terms), rows=rows)
+        """The same for rows with small errors of rate, time or thermometer, the weights held.
+
+        dp = −(Jᵀ V⁻¹ J)⁻¹ (Jᵀ V⁻¹ dr + dJᵀ V⁻¹ r); such errors change J by combinations of its
+        columns, to which V⁻¹ r is perpendicular: the second term is 0.
+        """
+        p, terms = self.fit.parameters, self.terms
+        change = residual(p, rows, terms) - residual(p, self.rows, terms)
+        return Fitted(Moved.of_fit(self.fit, p - self.fit.gain @ change), rows, terms)
 
 
 class Parameters(NamedTuple):
@@ -137,8 +143,8 @@ class Terms:
     """Of the polynomials of K and F0."""
     middle_half: tuple[float, float] = (0.0, 1.0)
     """Middle and half-width [°C] of the temperatures."""
-    shapes: tuple[str, ...] = ()
-    """Names of the shapes, as `line_terms.shapes` has them."""
+    shapes: tuple[int, ...] = ()
+    """Numbers of the shapes of `line_terms`."""
     fastest_dps: float = 1.0
     """Rate that powers of the rate are relative to."""
     bends: Literal["constant", "as K", "polynomial"] = "constant"
@@ -148,13 +154,11 @@ class Terms:
     def names(self) -> tuple[str, ...]:
         """Names of the parameters of a line."""
         letters = zip(("K", "F0"), self.orders, strict=True)
-        change = [
-            f"{name} T^{order}" if order > 1 else f"{name} T"
-            for order in range(1, self.bend_order + 1)
-            for name in self.shapes
-        ]
         powers = [f"{letter} T^{k}" for letter, order in letters for k in range(order + 1)]
-        return (*powers, *self.shapes, *change)
+        bends = [
+            f"shape {number} T^{k}" for k in range(self.bend_order + 1) for number in self.shapes
+        ]
+        return (*powers, *bends)
 
     @property
     def start(self) -> Array:
@@ -187,8 +191,8 @@ class Terms:
     def shape(self, rate_dps: Array) -> Array:
         """Shapes [n, k] at rates [n]."""
         columns = np.empty((rate_dps.size, len(self.shapes)))
-        for k, name in enumerate(self.shapes):
-            columns[:, k] = line_terms.shape(name, rate_dps, self.fastest_dps)
+        for k, number in enumerate(self.shapes):
+            columns[:, k] = line_terms.shape(number, rate_dps, self.fastest_dps)
         return columns
 
     def bent_by(self, powers: Sequence[int]) -> "Terms":
@@ -196,14 +200,14 @@ class Terms:
         K and F0 are.
         """
         bends: Literal["constant", "polynomial"] = "polynomial" if max(self.orders) else "constant"
-        return replace(self, shapes=shapes_of(powers), bends=bends)
+        return replace(self, shapes=tuple(powers), bends=bends)
 
     @property
     def powers(self) -> tuple[int, ...]:
         """Powers of the rate that the response has beside the line, and nothing else."""
         if self.bends == "as K" or line_terms.ASYMMETRY in self.shapes:
             return ()
-        return tuple(int(name.removeprefix(line_terms.CURVATURE)) for name in self.shapes)
+        return self.shapes
 
     def bend_polynomials(self, p: Numbers) -> Numbers:
         """c_k(T) [lines, k, order + 1] in powers of x."""
@@ -212,11 +216,6 @@ class Terms:
             return np.asarray(of.bend[:, :, None] * (of.K / of.K[:, :1])[:, None, :])
         change = of.bend_change.reshape(self.lines, self.bend_order, len(self.shapes))
         return np.concatenate((of.bend[:, :, None], np.swapaxes(change, 1, 2)), axis=2)
-
-
-def shapes_of(powers: Sequence[int]) -> tuple[str, ...]:
-    """Names of powers of the rate as shapes."""
-    return tuple(f"{line_terms.CURVATURE} {power}" for power in powers)
 
 
 def at(polynomials: Numbers, x: Array) -> Numbers:
@@ -334,17 +333,6 @@ def fit(rows: Rows, terms: Terms, shared: Sequence[Shared]) -> Fit:
     kept = [replace(size.error, optional=False) for size in fits[0].shared]
     lower = range(min(LOWEST_ORDER, highest), highest)
     return orders.average([*fits, *(fit_order(order, kept) for order in lower)])
-
-
-def refit(fitted: Fit, before: Rows, rows: Rows, terms: Terms) -> Moved:
-    """Parameters for rows with small errors of rate, time or thermometer, the weights held.
-
-    dp = −(Jᵀ V⁻¹ J)⁻¹ (Jᵀ V⁻¹ dr + dJᵀ V⁻¹ r); such errors change J by combinations of its columns,
-    to which V⁻¹ r is perpendicular: the second term is 0.
-    """
-    p = fitted.parameters
-    change = residual(p, rows, terms) - residual(p, before, terms)
-    return Moved.of_fit(fitted, p - fitted.gain @ change)
 
 
 def response_pattern(rows: Rows) -> Array:

@@ -9,46 +9,54 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calibkit.constants import ARCSECONDS_PER_DEGREE
+from calibkit.forms import POLYNOMIAL
+from calibkit.instruments.gyro_scale import forms
 from calibkit.instruments.gyro_scale.numeric.gjb_figures import PPM
 from calibkit.numeric import gum
 from calibkit.report.documents import Drawn
 from calibkit.report.figures import ALERT, DENOISED, GOOD, INK, MUTED, RAW, page
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from calibkit.arrays import Array
     from calibkit.instruments import Fitted
-    from calibkit.instruments.gyro_scale.curves import (
-        Curve,
-        GyroReport,
-        LineCurve,
-    )
+    from calibkit.instruments.gyro_scale.campaign import AxesSet, Campaign, Channel
+    from calibkit.instruments.gyro_scale.numeric.gjb_figures import Line
     from calibkit.instruments.gyro_scale.numeric.pair import GyroPair
+
+    RunLine = tuple[Channel, str, Line]
+    """A gyro, the name of a run, and the published line of both."""
 
 COLOURS = (DENOISED, ALERT, GOOD, "#aa3377", "#ccbb44", "#66ccee")
 """Colours of the runs in order; markers distinguish them too."""
 MARKERS = "osD^v<>P"
 PANELS = 3
 """Rows of panels on one page."""
+MRAD = 1e3
 
 
-def draw_pages(title: str, report: GyroReport) -> tuple[Figure, ...]:
-    """K over temperature where it varies, which shows the verdict, scale-factor error of every
-    gyro, γ of a pair, input axes of a triad.
+def draw(title: str, fitted: Fitted[Campaign]) -> Drawn:
+    """Figures and summary of a fit: K over temperature where it varies, which shows the verdict,
+    scale-factor error of every gyro, γ of a pair, input axes of a triad.
     """
-    gyros = list(dict.fromkeys(line.gyro for line in report.lines))
+    campaign = fitted.drawing
+    lines = [(channel, run.log.name, line) for channel, run, line in campaign.own_lines()]
+    gyros = [channel.gyro for channel in campaign.own]
     figures = [
-        _draw_errors(title, report.lines, gyros[start : start + PANELS])
+        _draw_errors(title, lines, gyros[start : start + PANELS])
         for start in range(0, len(gyros), PANELS)
     ]
-    if report.temperatures:
-        figures.insert(0, _draw_temperatures(title, report.temperatures))
-    if report.pair is not None:
-        figures.append(_draw_gamma(title, report.pair))
-    if report.misalignment:
-        figures.append(_draw_axes(title, report))
-    return tuple(figures)
+    if any(channel.curves for channel in campaign.own):
+        figures.insert(0, _draw_temperatures(title, campaign))
+    if campaign.pair is not None:
+        figures.append(_draw_gamma(title, campaign.pair))
+    if campaign.sets:
+        figures.append(_draw_axes(title, campaign))
+    return Drawn(tuple(figures), fitted.summary)
 
 
 def _mark(number: int) -> tuple[str, str]:
@@ -56,7 +64,7 @@ def _mark(number: int) -> tuple[str, str]:
     return COLOURS[number % len(COLOURS)], MARKERS[number % len(MARKERS)]
 
 
-def _draw_errors(title: str, lines: tuple[LineCurve, ...], gyros: list[str]) -> Figure:
+def _draw_errors(title: str, lines: Sequence[RunLine], gyros: Sequence[str]) -> Figure:
     """Residuals of the line in ppm of full scale, and relative deviation at each rate, one row of
     panels per gyro.
     """
@@ -67,10 +75,10 @@ def _draw_errors(title: str, lines: tuple[LineCurve, ...], gyros: list[str]) -> 
         height=1.4 + 3.3 * len(gyros),
     )
     for row, gyro in enumerate(gyros):
-        own = [line for line in lines if line.gyro == gyro]
+        own = [(run, line) for channel, run, line in lines if channel.gyro == gyro]
         left, right = axes[2 * row], axes[2 * row + 1]
-        for k, line in enumerate(own):
-            _draw_line(left, right, line, k)
+        for k, (run, line) in enumerate(own):
+            _draw_line(left, right, run, line, _mark(k))
         for ax in (left, right):
             ax.axhline(0.0, color=MUTED, lw=0.6)
         left.set(title=f"gyro {gyro}: (F - F_fit)/max|F|, bars k = 2", ylabel="[ppm of full scale]")
@@ -81,16 +89,16 @@ def _draw_errors(title: str, lines: tuple[LineCurve, ...], gyros: list[str]) -> 
         right.set_xlabel("|table rate| [°/s], negative rates open")
         right.set_xscale("log")
         right.xaxis.set_major_formatter("{x:g}")
-        _set_decades(right, own)
+        _set_decades(right, [line for _, line in own])
         low, high = left.get_ylim()
         left.set_ylim(low, high + 0.12 * (high - low) * -(-len(own) // 3))
         left.legend(loc="upper center", ncols=3)
     return figure
 
 
-def _draw_line(left: Axes, right: Axes, line: LineCurve, number: int) -> None:
+def _draw_line(left: Axes, right: Axes, run: str, line: Line, mark: tuple[str, str]) -> None:
     """Draw the errors of one run: left in ppm of full scale, right in ppm of each rate."""
-    colour, marker = _mark(number)
+    colour, marker = mark
     bars: Any = {
         "ms": 3.5,
         "capsize": 2,
@@ -99,13 +107,11 @@ def _draw_line(left: Axes, right: Axes, line: LineCurve, number: int) -> None:
         "color": colour,
         "marker": marker,
     }
-    rate = line.line.rate_dps
+    rate = line.rate_dps
     order = np.argsort(rate)
     residual, u_residual = line.of_full_scale_ppm
-    left.errorbar(
-        rate[order], residual[order], 2.0 * u_residual[order], label=line.run, lw=0.8, **bars
-    )
-    deviation, u_deviation = line.line.per_point_ppm, line.line.u_per_point_ppm
+    left.errorbar(rate[order], residual[order], 2.0 * u_residual[order], label=run, lw=0.8, **bars)
+    deviation, u_deviation = line.per_point_ppm, line.u_per_point_ppm
     for side, fill in ((rate > 0.0, colour), (rate < 0.0, "white")):
         turning = np.flatnonzero(side & np.isfinite(deviation))
         right.errorbar(
@@ -118,13 +124,12 @@ def _draw_line(left: Axes, right: Axes, line: LineCurve, number: int) -> None:
         )
 
 
-def _set_decades(ax: Axes, lines: list[LineCurve]) -> None:
+def _set_decades(ax: Axes, lines: Sequence[Line]) -> None:
     """Set a scale that shows both the few ppm of fast rates and the noise of slow ones, with round
     tick labels.
     """
     reach = max(
-        float(np.nanmax(np.abs(one.line.per_point_ppm) + 2.0 * one.line.u_per_point_ppm))
-        for one in lines
+        float(np.nanmax(np.abs(line.per_point_ppm) + 2.0 * line.u_per_point_ppm)) for line in lines
     )
     if reach < 20.0:
         return
@@ -135,25 +140,38 @@ def _set_decades(ax: Axes, lines: list[LineCurve]) -> None:
     ax.minorticks_off()
 
 
-def _draw_temperatures(title: str, curves: tuple[Curve, ...]) -> Figure:
+def _draw_temperatures(title: str, campaign: Campaign) -> Figure:
     """K of every run against case temperature with the fitted polynomial, and its residuals, one
     row of panels per gyro.
     """
-    rows = len(curves)
+    channels = [channel for channel in campaign.own if channel.curves]
+    rows = len(channels)
     figure, axes = page(
         rows, 2, title=f"{title}: scale factor over temperature", height=1.4 + 3.4 * rows
     )
-    for row, curve in enumerate(curves):
+    for row, channel in enumerate(channels):
         left, right = axes[2 * row], axes[2 * row + 1]
-        left.plot(curve.grid, curve.curve, color=GOOD, label="polynomial")
-        left.plot(curve.temperature, curve.value, "o", ms=4, color=DENOISED, label="runs")
-        residual = curve.value - np.interp(curve.temperature, curve.grid, curve.curve)
-        band = curve.coverage_factor * curve.u_curve
-        right.fill_between(curve.grid, -band, band, color=RAW, alpha=0.5, lw=0)
+        fit = channel.curves[0]
+        grid = np.linspace(*fit.valid[forms.TEMPERATURE], 101)
+        at = {forms.TEMPERATURE: grid}
+        curve, u_curve = POLYNOMIAL.evaluate(fit, at), POLYNOMIAL.standard_uncertainty(fit, at)
+        temperature = np.array([run.temp_degc for run in channel.runs])
+        K = campaign.run_lines.of_runs(channel.runs, channel.gyro)
+        if channel.line is not None:
+            reference = float(channel.K.value)
+        else:
+            sensitivity = campaign.reference.triad.sensitivity[row]
+            reference = float(sensitivity[forms.AXES.index(channel.axis)])
+        ppm = PPM / reference
+        left.plot(grid, (curve - reference) * ppm, color=GOOD, label="polynomial")
+        left.plot(temperature, (K.value - reference) * ppm, "o", ms=4, color=DENOISED, label="runs")
+        residual = (K.value - np.interp(temperature, grid, curve)) * ppm
+        band = gum.coverage_factor(fit.dof) * u_curve * abs(ppm)
+        right.fill_between(grid, -band, band, color=RAW, alpha=0.5, lw=0)
         right.errorbar(
-            curve.temperature,
+            temperature,
             residual,
-            2.0 * curve.standard_uncertainty,
+            2.0 * K.u * abs(ppm),
             fmt="o",
             ms=4,
             capsize=3,
@@ -163,20 +181,23 @@ def _draw_temperatures(title: str, curves: tuple[Curve, ...]) -> Figure:
             ax.axhline(0.0, color=MUTED, lw=0.6)
             ax.set_xlabel("case temperature [°C]")
         left.legend(loc="best")
-        left.set(title=f"gyro {curve.name}", ylabel="K/K_reference - 1 [ppm]")
-        right.set(title=f"gyro {curve.name}: band U, bars k = 2", ylabel="K - polynomial [ppm]")
+        left.set(title=f"gyro {channel.gyro}", ylabel="K/K_reference - 1 [ppm]")
+        right.set(title=f"gyro {channel.gyro}: band U, bars k = 2", ylabel="K - polynomial [ppm]")
     return figure
 
 
 def _draw_gamma(title: str, pair: GyroPair) -> Figure:
     """Both estimates of γ with 95 % bars relative to the first, and α with its interval."""
     figure, (left, right) = page(
-        1, 2, title=f"{title}: gamma and alpha, {pair.side} side", height=4.6
+        1,
+        2,
+        title=f"{title}: gamma and alpha, {'same' if pair.same_side else 'opposite'} side",
+        height=4.6,
     )
-    first = pair.gamma_indicated
+    first = float(pair.indicated.value)
     points = {
         "B about A's axis": (first, float(pair.standard_uncertainty[2])),
-        "A about B's axis": (float(pair.gamma_from_a.value), float(pair.gamma_from_a.u)),
+        "A about B's axis": (float(pair.from_a.value), float(pair.from_a.u)),
     }
     factor = gum.coverage_factor(pair.dof[2], probability=0.95)
     for k, (gamma, u) in enumerate(points.values()):
@@ -206,20 +227,38 @@ def _draw_gamma(title: str, pair: GyroPair) -> Figure:
     return figure
 
 
-def _draw_axes(title: str, report: GyroReport) -> Figure:
+def _draw_axes(title: str, campaign: Campaign) -> Figure:
     """Angles between input axes, and components of the input axes across their main axes."""
     figure, (left, right) = page(1, 2, title=f"{title}: input axes", height=5.2)
-    _draw_sets(left, report.angles)
+    sets, own = campaign.sets, campaign.own
+    angles: dict[str, Array] = {}
+    for g, h in campaign.reference.triad.pairs:
+        angle = [(one.triad.angles_deg, (g, h)) for one in sets]
+        factor = gum.coverage_factor(min(float(found.dof[at]) for found, at in angle))
+        angles[f"{own[g].gyro}, {own[h].gyro}"] = np.array(
+            [(90.0 - found.value[at], factor * found.u[at]) for found, at in angle]
+        )
+    _draw_sets(left, sets, angles)
     left.set(title="90° - angle between input axes, bars U", ylabel="[°]")
-    _draw_sets(right, report.misalignment)
+    across: dict[str, Array] = {}
+    for g, channel in enumerate(own):
+        for a, axis in enumerate(forms.AXES):
+            if axis != channel.axis:
+                shares = [one.triad.misalignment for one in sets]
+                across[f"{channel.gyro} to {axis}"] = MRAD * np.array(
+                    [(found.value[g, a], 2.0 * found.u[g, a]) for found in shares]
+                )
+    _draw_sets(right, sets, across)
     right.set(title="input axes across their main axis, bars U", ylabel="[mrad]")
     return figure
 
 
-def _draw_sets(ax: Axes, curves: tuple[Curve, ...]) -> None:
-    """Values with uncertainty bars against temperature, or side by side at a single temperature."""
+def _draw_sets(ax: Axes, sets: Sequence[AxesSet], series: dict[str, Array]) -> None:
+    """Values and bars [sets, 2] by name against temperature, or side by side at a single
+    temperature.
+    """
     ax.axhline(0.0, color=MUTED, lw=0.6)
-    if not curves:
+    if not series:
         ax.text(
             0.5,
             0.5,
@@ -229,23 +268,17 @@ def _draw_sets(ax: Axes, curves: tuple[Curve, ...]) -> None:
             color=MUTED,
         )
         return
-    single = curves[0].temperature.size == 1
-    for k, one in enumerate(curves):
+    single = len(sets) == 1
+    for k, (name, values) in enumerate(series.items()):
         colour, marker = _mark(k)
-        where = np.array([float(k)]) if single else one.temperature
-        bar = one.coverage_factor * one.standard_uncertainty
+        where = np.array([float(k)]) if single else np.array([one.temp_degc for one in sets])
         order = np.argsort(where)
-        points = where[order], one.value[order], bar[order]
-        ax.errorbar(*points, marker=marker, ms=5, lw=0.9, capsize=4, color=colour, label=one.name)
+        points = where[order], values[order, 0], values[order, 1]
+        ax.errorbar(*points, marker=marker, ms=5, lw=0.9, capsize=4, color=colour, label=name)
     if single:
-        ax.set_xticks(range(len(curves)), [one.name for one in curves])
-        ax.set_xlim(-0.6, len(curves) - 0.4)
+        ax.set_xticks(range(len(series)), list(series))
+        ax.set_xlim(-0.6, len(series) - 0.4)
     else:
         ax.set_xlabel("case temperature [°C]")
         ax.margins(y=0.25)
         ax.legend(loc="upper center", ncols=3)
-
-
-def draw(title: str, fitted: Fitted[GyroReport]) -> Drawn:
-    """Figures and summary of a fit."""
-    return Drawn(draw_pages(title, fitted.drawing), fitted.summary)

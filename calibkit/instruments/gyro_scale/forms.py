@@ -74,7 +74,7 @@ def response_name(line: str) -> str:
     return f"{line}.response"
 
 
-def triad_names(gyros: tuple[str, ...]) -> tuple[list[str], list[str]]:
+def triad_names(gyros: Sequence[str]) -> tuple[list[str], list[str]]:
     """Names of the sensitivities of a triad, gyro by gyro, and names of its biases."""
     return [f"S_{gyro}{axis}" for gyro in gyros for axis in AXES], [f"B_{gyro}" for gyro in gyros]
 

@@ -7,13 +7,16 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from calibkit.instruments.gyro_scale.acceptance import LINE_KEYS
-from calibkit.instruments.gyro_scale.compensate import correct
-from calibkit.instruments.gyro_scale.forms import FORMS
-from calibkit.instruments.gyro_scale.instrument import fit_pair as fit
+from calibkit.instruments.gyro_scale.instrument import (
+    FORMS,
+    correct,
+    faults,
+    fit,
+    read,
+    validate,
+)
 from calibkit.instruments.gyro_scale.propose import propose_pair as propose
 from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe as Recipe
-from calibkit.instruments.gyro_scale.table_runs import faults, read
-from calibkit.instruments.gyro_scale.unseen import validate
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

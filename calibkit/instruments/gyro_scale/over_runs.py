@@ -2,8 +2,8 @@
 temperature, response over rate, repeatability.
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from calibkit.coefficients import Figure, Model
 from calibkit.fit import orders
 from calibkit.fit.solve import Fit
 from calibkit.fit.value import Value
-from calibkit.forms import POLYNOMIAL
+from calibkit.forms import POLYNOMIAL, components_of
 from calibkit.instruments.gyro_scale import (
     bent_response,
     contradictions,
@@ -22,9 +22,10 @@ from calibkit.instruments.gyro_scale import (
     ordering,
     table_runs,
 )
+from calibkit.instruments.gyro_scale.campaign import Campaign, Channel
 from calibkit.instruments.gyro_scale.numeric import gjb_figures, line_terms
 from calibkit.instruments.gyro_scale.numeric.gjb_figures import ROOM_DEGC
-from calibkit.instruments.gyro_scale.recipe import GyroRecipe, OwnAxisRecipe
+from calibkit.instruments.gyro_scale.recipe import OwnAxisRecipe, RateTableRecipe
 from calibkit.numeric import gum
 from calibkit.numeric.least_squares import polynomial
 from calibkit.recipe import shared_errors
@@ -42,106 +43,84 @@ UNLOGGED = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class GyroOverRuns:
-    """One gyro in all runs: the repeated runs at the reference temperature with their mean, and K
-    and F0 over temperature.
-    """
-
-    gyro: str
-    runs: tuple[table_runs.TableRun, ...]
-    room: Mask
-    """Which runs [r] are repeated ones."""
-    K_of_runs: Value
-    """[r, 1/deg], within each run."""
-    line: Fit
-    """K [1/deg] and F0 [1/s] at the mean temperature of the repeated runs."""
-    fitted: equation.Fitted
-    """Equation (1) of all runs."""
-    in_time: ordering.Ordering | None
-    """Whether K changes with time since the runs began."""
-    response: equation.Fitted | None
-    """The same where it has powers of the rate."""
-    curves: tuple[Model, ...] = ()
-    """K and F0 over temperature, where it varies."""
-    slope: Value | None = None
-    """Of the straight line through K over temperature [1/deg/°C]."""
-
-    @property
-    def at_room(self) -> tuple[table_runs.TableRun, ...]:
-        """The repeated runs."""
-        return tuple(run for run, chosen in zip(self.runs, self.room, strict=True) if chosen)
-
-    @property
-    def temp_degc(self) -> Array:
-        """Temperatures [r] of the runs, NaN where they are not known."""
-        return np.array([run.temp_degc for run in self.runs])
-
-    @property
-    def K(self) -> Value:  # noqa: N802 - the letter of the standards
-        """Scale factor [1/deg] at the mean temperature of the repeated runs."""
-        return self.line.of(lambda p: p[0])
-
-    @property
-    def F0(self) -> Value:  # noqa: N802 - the letter of the standards
-        """Zero-rate indication [1/s] there."""
-        return self.line.of(lambda p: p[1])
-
-
-def fit_over_runs(
-    spec: OwnAxisRecipe,
-    gyro: str,
-    runs: Sequence[table_runs.TableRun],
-    run_lines: lines.Lines,
-    near: GyroOverRuns | None = None,
-) -> GyroOverRuns:
-    """Fit one gyro over all runs: the mean at the reference temperature, and K and F0 over
-    temperature where the temperature varies. `run_lines` are the lines of the single runs, `near`
+def fit_runs(
+    spec: RateTableRecipe,
+    runs: Mapping[str, Sequence[table_runs.TableRun]],
+    near: Campaign | None = None,
+) -> Campaign:
+    """Fit each gyro in each run, then its scale factor over the runs and over temperature; `near`
     is a fit of nearly the same runs.
+    """
+    about = tuple(runs[""])
+    run_lines = lines.Lines.of_runs_about_one_axis(about, near.run_lines if near else None)
+    before = near.channels if near else (None,) * len(spec.gyros)
+    channels = tuple(
+        _fit_over_runs(spec, gyro, about, run_lines, one)
+        for gyro, one in zip(spec.gyros, before, strict=True)
+    )
+    return Campaign(channels, run_lines, () if near else _flag_runs(channels, run_lines, spec))
+
+
+def _fit_over_runs(
+    spec: RateTableRecipe,
+    gyro: str,
+    runs: tuple[table_runs.TableRun, ...],
+    run_lines: lines.Lines,
+    near: Channel | None,
+) -> Channel:
+    """Fit one gyro over all runs: the mean at the reference temperature, and K and F0 over
+    temperature where the temperature varies.
     """
     temperature = np.array([run.temp_degc for run in runs])
     room = np.isnan(temperature) | (np.abs(temperature - spec.reference_temp_degc) <= ROOM_DEGC)
     room = room if room.any() else ~room
     varies = bool(np.isfinite(temperature).all() and np.ptp(temperature) >= VARIES_DEGC)
     rows = _rows(gyro, runs)
-    if near:
-        fitted, _, terms = near.fitted.refit(rows)
+    if near and near.over:
+        over = near.over.refit(rows)
     else:
         terms = _terms(spec, rows, varies=varies)
         shared = list(equation.shared_errors(rows, terms, rows.slopes, rows.slopes))
         stated = shared_errors.state_sizes(spec.errors, [e for e in shared if e.group == "run"])
-        fitted = equation.fit(rows, terms, [*stated, *(e for e in shared if e.group != "run")])
-    whole = equation.Fitted(fitted, rows, terms)
-    in_time = _order_in_time(whole)
-    curves = _over_temperature(whole, in_time)
-    size = curves.parameters.size // 2
+        errors = [*stated, *(e for e in shared if e.group != "run")]
+        over = equation.Fitted(equation.fit(rows, terms, errors), rows, terms)
+    in_time = _order_in_time(over)
+    polynomials = _over_temperature(over, in_time)
+    size = polynomials.parameters.size // 2
+    terms = over.terms
     x = terms.mapped(temperature[room].mean(keepdims=True)) if varies else np.zeros(1)
     powers: Array = np.asarray(np.kron(np.eye(2), polynomial.powers(x, size - 1)))
-    found = GyroOverRuns(
+    # what differs from run to run and from side to side
+    sizes = [s for s in over.fit.shared if s.error.effect in ("scale", "zero") and s.dof]
+    repeated = tuple(run for run, chosen in zip(runs, room, strict=True) if chosen)
+    channel = Channel(
         gyro,
-        tuple(runs),
-        room,
-        run_lines.of_runs(runs, gyro),
-        curves.weighted(powers),
-        whole,
-        in_time,
-        whole if spec.response == "auto" and terms.powers else None,
+        "",
+        own=True,
+        runs=runs,
+        repeated=repeated,
+        line=polynomials.weighted(powers),
+        over=over,
+        in_time=in_time,
+        components=components_of(sizes),
     )
-    if not varies:
-        return found
-    K, F0 = (curves.weighted(part) for part in np.vsplit(np.eye(2 * size), 2))
-    name = forms.line_name(gyro)
-    # of the straight line through K(T) at the temperatures of the runs
-    slope_of = np.linalg.pinv(np.column_stack((temperature, np.ones(temperature.size))))[0]
-    weights = slope_of @ polynomial.powers(terms.mapped(temperature), size - 1)
-    return replace(
-        found,
-        curves=(
-            curve_model(forms.curve_name(name, "K"), "1/deg", K, terms, runs),
-            curve_model(forms.curve_name(name, "F0"), "1/s", F0, terms, runs),
-        ),
-        slope=K.of(lambda p: weights @ p),
-    )
+    slope = None
+    if varies:
+        K, F0 = (polynomials.weighted(part) for part in np.vsplit(np.eye(2 * size), 2))
+        K_name, F0_name = (forms.curve_name(channel.name, letter) for letter in ("K", "F0"))
+        channel = replace(
+            channel,
+            curves=(
+                curve_model(K_name, "1/deg", K, terms, runs),
+                curve_model(F0_name, "1/s", F0, terms, runs),
+            ),
+        )
+        # of the straight line through K(T) at the temperatures of the runs
+        slope_of = np.linalg.pinv(np.column_stack((temperature, np.ones(temperature.size))))[0]
+        weights = slope_of @ polynomial.powers(terms.mapped(temperature), size - 1)
+        slope = K.of(lambda p: weights @ p)
+    K_of_runs = run_lines.of_runs(runs, gyro)
+    return replace(channel, figures=tuple(_figures(channel, K_of_runs, room, slope, spec)))
 
 
 def _over_temperature(whole: equation.Fitted, in_time: ordering.Ordering | None) -> Fit:
@@ -240,14 +219,14 @@ def curve_model(
     )
 
 
-def list_undetermined(gyros: Sequence[GyroOverRuns]) -> tuple[str, ...]:
-    """What the runs of the gyros do not determine, and what it takes."""
+def list_undetermined(campaign: Campaign) -> tuple[str, ...]:
+    """What the runs of single gyros do not determine, and what it takes."""
     lacks = []
-    if not all(gyro.curves for gyro in gyros):
+    if not all(channel.curves for channel in campaign.channels):
         lacks.append(
             f"K and F0 over temperature: log runs at temperatures {VARIES_DEGC:g} °C apart or more"
         )
-    if any(len(gyro.at_room) < LEAST_REPEATED for gyro in gyros):
+    if any(len(channel.repeated) < LEAST_REPEATED for channel in campaign.channels):
         lacks.append("repeatability: log two runs or more at the reference temperature")
     return tuple(lacks)
 
@@ -269,81 +248,81 @@ def fit_response(
     return equation.Fitted(equation.fit(rows, terms, ()), rows, terms) if terms.powers else None
 
 
-def run_figures(name: str, one: GyroOverRuns, spec: OwnAxisRecipe) -> Iterator[Figure]:
-    """Figures of repeatability and temperature sensitivity, where the runs determine them."""
+def _figures(
+    channel: Channel,
+    K_of_runs: Value,
+    room: Mask,
+    slope: Value | None,
+    spec: RateTableRecipe,
+) -> Iterator[Figure]:
+    """Figures of repeatability and temperature sensitivity, where the runs [r] determine them:
+    `room` are the repeated ones, `slope` is that of K over temperature [1/deg/°C].
+    """
 
     def figure(what: str, standard: str, value: float, unit: str, u: float) -> Figure:
-        return Figure(forms.FigureName(what, standard, name).text, value, unit, u)
+        return Figure(forms.FigureName(what, standard, channel.name).text, value, unit, u)
 
     GJB, IEEE = gjb_figures.GJB, gjb_figures.IEEE
-    if _repeats(one):
-        value = gjb_figures.repeatability(one.K_of_runs.value[one.room])
-        u = value / float(np.sqrt(2.0 * (np.sum(one.room) - 1)))
-        yield figure("repeatability", GJB, value, "ppm", u)
-    if one.slope is None:
+    temperature, K = np.array([run.temp_degc for run in channel.runs]), K_of_runs.value
+    alike = np.isnan(temperature[room]).any() or np.ptp(temperature[room]) <= 2.0 * ROOM_DEGC
+    # variances of K between runs and their degrees of freedom
+    scatters = []
+    if len(channel.repeated) > 1 and alike:
+        value = gjb_figures.repeatability(K[room])
+        dof = int(np.sum(room)) - 1
+        yield figure("repeatability", GJB, value, "ppm", value / float(np.sqrt(2.0 * dof)))
+        scatters.append((dof, float(np.var(K[room], ddof=1))))
+    if slope is None:
         return
-    room = np.abs(one.temp_degc - spec.reference_temp_degc) <= ROOM_DEGC
-    if room.any() and not room.all():
-        K, at = one.K_of_runs.value, (one.temp_degc, spec.reference_temp_degc)
+    near = np.abs(temperature - spec.reference_temp_degc) <= ROOM_DEGC
+    if near.any() and not near.all():
+        at = temperature, spec.reference_temp_degc
         value = gjb_figures.temperature_sensitivity(K, *at)
+        curve = channel.curves[0]
+        of_curve = curve.residual_rms**2 * (1.0 + len(curve.coefficients) / curve.dof)
+        scatter = _pool([*scatters, (curve.dof, of_curve)])
         # each run's error by itself: the largest slope has no derivative
         changes = [
             gjb_figures.temperature_sensitivity(K + error, *at) - value
-            for error in np.diag(np.hypot(one.K_of_runs.u, _scatter(one)))
+            for error in np.diag(np.hypot(K_of_runs.u, scatter))
         ]
         u = float(np.linalg.norm(changes))
         yield figure("temperature_sensitivity", GJB, value, "ppm/degC", u)
-    size = gjb_figures.PPM / abs(float(one.K.value))
-    u = float(one.slope.u) * gum.widening(float(one.slope.dof)) * size
-    yield figure("temperature_sensitivity", IEEE, float(one.slope.value) * size, "ppm/degC", u)
+    size = gjb_figures.PPM / abs(float(channel.K.value))
+    u = float(slope.u) * gum.widening(float(slope.dof)) * size
+    yield figure("temperature_sensitivity", IEEE, float(slope.value) * size, "ppm/degC", u)
 
 
-def _scatter(one: GyroOverRuns) -> float:
-    """Standard deviation of K between runs, at the reference temperature and about K(T); raised by
-    Student's t for few runs.
-    """
-    found = []
-    if _repeats(one):
-        K = one.K_of_runs.value[one.room]
-        found.append((K.size - 1, float(np.var(K, ddof=1))))
-    for curve in one.curves[:1]:
-        square = curve.residual_rms**2 * (1.0 + len(curve.coefficients) / curve.dof)
-        found.append((curve.dof, square))
-    if not found:
-        return 0.0
+def _pool(scatters: Sequence[tuple[int, float]]) -> float:
+    """Standard deviation of variances with degrees of freedom, raised by Student's t for few."""
     # runs at the reference temperature are in both: the larger count is that of independent ones
-    dof = max(count for count, _ in found)
-    variance = sum(count * square for count, square in found) / sum(count for count, _ in found)
+    dof = max(count for count, _ in scatters)
+    variance = sum(count * square for count, square in scatters) / sum(
+        count for count, _ in scatters
+    )
     return float(np.sqrt(variance)) * gum.widening(dof)
 
 
-def _repeats(one: GyroOverRuns) -> bool:
-    """Whether the mean is of several runs, all at one temperature or all without a known
-    temperature.
-    """
-    temperature = one.temp_degc[one.room]
-    alike = np.isnan(temperature).any() or np.ptp(temperature) <= 2.0 * ROOM_DEGC
-    return bool(temperature.size > 1 and alike)
-
-
-def _flag_between(one: GyroOverRuns, spec: GyroRecipe) -> Iterator[str]:
+def _flag_between(channel: Channel, spec: RateTableRecipe) -> Iterator[str]:
     """Flags on what the runs cannot tell of their repeatability and of the response."""
-    name, cure = forms.line_name(one.gyro), 'state [[errors.component]] group = "run"'
-    _, rows, terms = one.fitted
+    name, cure = channel.name, 'state [[errors.component]] group = "run"'
+    assert channel.line is not None  # noqa: S101 (as of every gyro of a rate table)
+    assert channel.over is not None  # noqa: S101
+    _, rows, terms = channel.over
     stated = {entry.effect for entry in spec.errors.component}
     unknown = [effect for effect in ("scale", "zero") if effect not in stated]
-    if len(one.runs) == 1 and unknown:
+    if len(channel.runs) == 1 and unknown:
         yield (
             f"{name}: one run does not show how runs repeat; u of K and F0 holds within this run"
             f" only: repeat it, or {cure}, effect = {' and '.join(map(repr, unknown))}"
         )
-    for letter, found in (("K", one.K), ("F0", one.F0)):
-        if len(one.runs) > 1 and found.dof < shared_errors.FEW_DOF:
-            factor = gum.coverage_factor(float(found.dof))
+    line_dof = channel.line.of(lambda p: p).dof.tolist()
+    for letter, dof in zip(("K", "F0"), line_dof, strict=True):
+        if len(channel.runs) > 1 and dof < shared_errors.FEW_DOF:
             yield (
-                f"{name}: {letter} has {found.dof:.2g} degrees of freedom between"
-                f" {len(one.runs)} runs, its interval is ± {factor:.3g} standard uncertainties:"
-                f" add runs, or {cure}"
+                f"{name}: {letter} has {dof:.2g} degrees of freedom between"
+                f" {len(channel.runs)} runs, its interval is ±"
+                f" {gum.coverage_factor(dof):.3g} standard uncertainties: add runs, or {cure}"
             )
     if terms.shapes and not line_terms.turns_both_ways(rows.rate_dps):
         yield (
@@ -352,26 +331,26 @@ def _flag_between(one: GyroOverRuns, spec: GyroRecipe) -> Iterator[str]:
         )
 
 
-def flag_runs(
-    gyros: Sequence[GyroOverRuns], run_lines: lines.Lines, spec: GyroRecipe
+def _flag_runs(
+    channels: Sequence[Channel], run_lines: lines.Lines, spec: RateTableRecipe
 ) -> tuple[str, ...]:
     """Flags of figures over several runs."""
-    runs = gyros[0].runs
+    runs = channels[0].runs
     flags = [flag for run in runs for flag in run.flags]
     flags += run_lines.flag_drifts()
-    for one in gyros:
-        name, of_runs = forms.line_name(one.gyro), one.K_of_runs
-        if one.response is None:  # a bend of the response is no noise of the line of a run
+    for channel in channels:
+        name, gyro = channel.name, channel.gyro
+        K = run_lines.of_runs(runs, gyro)
+        if channel.response is None:  # a bend of the response is no noise of the line of a run
             names = [f"{name} in {run.log.file}" for run in runs]
-            flags += table_runs.flag_uncertain(names, of_runs)
-        flags += contradictions.flag_runs(
-            name, one.at_room, run_lines.of_runs(one.at_room, one.gyro)
-        )
-        flags += _flag_between(one, spec)
-        if one.curves:
-            flags += contradictions.flag_runs(name, one.runs, of_runs)
-        flags += ordering.flag(name, one.in_time, float(one.K.value))
-    temperature = gyros[0].temp_degc
+            flags += table_runs.flag_uncertain(names, K)
+        repeated = channel.repeated
+        flags += contradictions.flag_runs(name, repeated, run_lines.of_runs(repeated, gyro))
+        flags += _flag_between(channel, spec)
+        if channel.curves:
+            flags += contradictions.flag_runs(name, runs, K)
+        flags += ordering.flag(name, channel.in_time, float(channel.K.value))
+    temperature = np.array([run.temp_degc for run in runs])
     near = np.abs(temperature - spec.reference_temp_degc) <= ROOM_DEGC
     if len(temperature) > 1 and np.isnan(temperature).any():
         flags.append(UNLOGGED)

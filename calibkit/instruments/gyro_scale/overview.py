@@ -1,16 +1,77 @@
-"""First screens of gyros on a rate table: scale factors, angles and the largest figures in ppm."""
+"""First screen of gyros on a rate table: scale factors, angles and the largest figures in ppm."""
 
 from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from calibkit.coefficients import Figure, StageResult
-from calibkit.instruments.gyro_scale import forms, over_runs, pair_fit, triad_fit
+from calibkit.instruments.gyro_scale import forms
 from calibkit.instruments.gyro_scale.acceptance import RUN_LIMITS
+from calibkit.instruments.gyro_scale.campaign import Campaign
 from calibkit.instruments.gyro_scale.numeric.gjb_figures import GJB, PPM
 from calibkit.report.overview import KeyValue, Overview, concise
 
 _COUNTS = "counts/°"
+
+
+def summarize(campaign: Campaign, scales: StageResult) -> Overview:
+    """What is between the gyros, else the scale factor of each, and the largest figures."""
+    largest = _largest_figures(scales.figures)
+    facts = _in_words(largest)
+    if campaign.pair is not None:
+        found = campaign.pair
+        u_N, _, u_gamma, u_alpha = found.standard_uncertainty
+        error = KeyValue("orthogonality error 90° − α", found.orthogonality_error_deg, "°", u_alpha)
+        ratio = KeyValue("ratio of scale factors N = K_B/K_A", found.N, "1", u_N)
+        gamma = KeyValue("γ", found.gamma, "1", u_gamma)
+        sentence = (
+            f"Angle between the input axes α = {concise(found.alpha_deg, u_alpha)}°: {error.name} ="
+            f" {error}."
+        )
+        facts = (f"N = K_B/K_A = {ratio}; γ = {gamma}.", *facts)
+        return Overview(sentence, facts, (error, ratio, *largest)[:4])
+    sizes = _list_scales(campaign)
+    (listed,) = _in_words(sizes)
+    if not campaign.sets:
+        first = campaign.channels[0].K
+        ppm = PPM * float(first.u) / abs(float(first.value))
+        sentence = f"{listed.removesuffix('.')} (u {ppm:.2g} ppm)."
+        return Overview(sentence, facts, (*sizes, *largest)[:4])
+    triad = campaign.reference.triad
+    if not triad.pairs:
+        return Overview(listed, facts, tuple(sizes[:4]))
+    # the largest departure of two input axes from a right angle
+    angles, u = triad.angles_deg.value, triad.angles_deg.u
+    g, h = max(triad.pairs, key=lambda pair: abs(90.0 - angles[pair]))
+    of_both = " and ".join(campaign.own[number].gyro for number in (g, h))
+    name = f"90° − angle between the input axes of {of_both}"
+    worst = KeyValue(name, float(90.0 - angles[g, h]), "°", float(u[g, h]))
+    where = _at(campaign.reference.temp_degc)
+    sentence = f"Largest departure from right angles{where}: {worst.name} is {worst}."
+    return Overview(sentence, (listed, *facts), (worst, *sizes)[:4])
+
+
+def _list_scales(campaign: Campaign) -> list[KeyValue]:
+    """Scale factor of each gyro at the reference temperature, of a triad about its input axis."""
+    if campaign.sets:
+        one = campaign.reference
+        size, where = one.triad.magnitude, _at(one.temp_degc)
+        found = zip(campaign.own, size.value.tolist(), size.u.tolist(), strict=True)
+        return [
+            KeyValue(f"scale factor of {channel.gyro}{where}", K, _COUNTS, u)
+            for channel, K, u in found
+        ]
+    values = []
+    for channel in campaign.channels:
+        where = _at(float(np.mean([run.temp_degc for run in channel.repeated])))
+        K, u = float(channel.K.value), float(channel.K.u)
+        values.append(KeyValue(f"scale factor of {channel.name}{where}", K, _COUNTS, u))
+    return values
+
+
+def _at(degc: float) -> str:
+    """Where a value holds, if the temperature is known."""
+    return f" at {degc:.1f} °C" if np.isfinite(degc) else ""
 
 
 def _largest_figures(figures: Iterable[Figure]) -> tuple[KeyValue, ...]:
@@ -38,60 +99,3 @@ def _in_words(values: Sequence[KeyValue]) -> tuple[str, ...]:
         return ()
     text = "; ".join(f"{one.name} = {one}" for one in values)
     return (f"{text[0].upper()}{text[1:]}.",)
-
-
-def summarize_rate_table(gyros: Sequence[over_runs.GyroOverRuns], scales: StageResult) -> Overview:
-    """Scale factor of each gyro at the reference temperature, and the largest figures."""
-    values = []
-    for one in gyros:
-        degc = float(np.mean(one.temp_degc[one.room]))
-        where = f" at {degc:.1f} °C" if np.isfinite(degc) else ""
-        name = f"scale factor of {forms.line_name(one.gyro)}{where}"
-        values.append(KeyValue(name, float(one.K.value), _COUNTS, float(one.K.u)))
-    first = gyros[0].K
-    ppm = PPM * float(first.u) / abs(float(first.value))
-    (listed,) = _in_words(values)
-    sentence = f"{listed.removesuffix('.')} (u {ppm:.2g} ppm)."
-    largest = _largest_figures(scales.figures)
-    return Overview(sentence, _in_words(largest), (*values, *largest)[:4])
-
-
-def summarize_pair(fitted: pair_fit.PairFit, scales: StageResult) -> Overview:
-    """Angle of a pair, the ratio of its scale factors, and the largest figures."""
-    found = fitted.found
-    u_N, _, u_gamma, u_alpha = found.standard_uncertainty
-    error = KeyValue("orthogonality error 90° − α", found.orthogonality_error_deg, "°", u_alpha)
-    ratio = KeyValue("ratio of scale factors N = K_B/K_A", found.N, "1", u_N)
-    gamma = KeyValue("γ", found.gamma, "1", u_gamma)
-    sentence = (
-        f"Angle between the input axes α = {concise(found.alpha_deg, u_alpha)}°: {error.name} ="
-        f" {error}."
-    )
-    largest = _largest_figures(scales.figures)
-    facts = (f"N = K_B/K_A = {ratio}; γ = {gamma}.", *_in_words(largest))
-    return Overview(sentence, facts, (error, ratio, *largest)[:4])
-
-
-def summarize_triad(fitted: triad_fit.AxesFit, scales: StageResult) -> Overview:
-    """Largest departure of two input axes from 90°, and the scale factor of each gyro."""
-    one = fitted.sets[fitted.reference]
-    where = f" at {one.temp_degc:.1f} °C" if np.isfinite(one.temp_degc) else ""
-    sizes = [
-        KeyValue(
-            f"scale factor of {gyro}{where}",
-            float(one.triad.magnitude.value[at]),
-            _COUNTS,
-            float(one.triad.magnitude.u[at]),
-        )
-        for at, gyro in enumerate(fitted.gyros)
-    ]
-    (listed,) = _in_words(sizes)
-    facts = _in_words(_largest_figures(scales.figures))
-    if not fitted.pairs:
-        return Overview(listed, facts, tuple(sizes[:4]))
-    angles, u = one.triad.angles_deg.value, one.triad.angles_deg.u
-    g, h = max(fitted.pairs, key=lambda pair: abs(90.0 - angles[pair]))
-    name = f"90° − angle between the input axes of {fitted.gyros[g]} and {fitted.gyros[h]}"
-    worst = KeyValue(name, float(90.0 - angles[g, h]), "°", float(u[g, h]))
-    sentence = f"Largest departure from right angles{where}: {worst.name} is {worst}."
-    return Overview(sentence, (listed, *facts), (worst, *sizes)[:4])

@@ -11,22 +11,24 @@ table axis (`numeric/pair.py`).
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from calibkit.errors import FitError
 from calibkit.fit.shared import Shared
 from calibkit.fit.solve import Fit
+from calibkit.fit.value import Value
+from calibkit.frame import Remark
 from calibkit.instruments.gyro_scale import (
     contradictions,
-    equation,
     forms,
     lines,
     ordering,
     over_runs,
     table_runs,
 )
+from calibkit.instruments.gyro_scale.campaign import Campaign, Channel, stated_components
 from calibkit.instruments.gyro_scale.numeric import gjb_figures, pair as gyro_pair
 from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe
 from calibkit.numeric import gum
@@ -37,41 +39,17 @@ as equal and opposite.
 """
 OWN_AND_CROSS = [0, 3, 2, 1]
 """Places of K_A, K_B, K_Ba, K_Ab among the lines of A about a, A about b, B about a, B about b."""
+CHANNELS = (("a", "a"), ("b", "b"), ("b", "a"), ("a", "b"))
+"""Gyro and table axis of each line, own axes first."""
 FLAGGED_DEGC = 0.2
 """Difference between the two runs' temperatures [°C] from which it is flagged."""
 
 
-@dataclass(frozen=True, slots=True)
-class PairFit:
-    """Runs of a pair by their table axis, its lines, the ratios and angle of the pair, and
-    flags.
-    """
-
-    runs: Mapping[str, tuple[table_runs.TableRun, ...]]
-    run_lines: lines.Lines
-    """Lines of the single runs."""
-    responses: Mapping[str, equation.Fitted | None]
-    """Of each gyro about its own axis, where it has powers of the rate."""
-    lines: Fit
-    """K [2, 2], then F0, of the mean lines of each gyro about each axis."""
-    found: gyro_pair.GyroPair
-    run_scale: Shared | None
-    """How scale factors repeat; None where nothing tells."""
-    mounting: Shared
-    """How the axes of the table are off those of the gyros."""
-    flags: tuple[str, ...]
-
-    def line(self, gyro: str, axis: str) -> Fit:
-        """K and F0 of a gyro about an axis."""
-        at = 2 * "ab".index(gyro) + "ab".index(axis)
-        return self.lines.weighted(np.eye(8)[[at, at + 4]])
-
-
 def fit_pair(
-    runs: Mapping[str, tuple[table_runs.TableRun, ...]],
     spec: GyroPairRecipe,
-    near: PairFit | None = None,
-) -> PairFit:
+    runs: Mapping[str, tuple[table_runs.TableRun, ...]],
+    near: Campaign | None = None,
+) -> Campaign:
     """Fit N, ε, γ and α to the runs about both table axes; the covariance holds the errors of held
     rates, how runs repeat, the difference between the runs' temperatures, and the mounting. `near`
     is a fit of nearly the same runs.
@@ -96,46 +74,66 @@ def fit_pair(
     K = mean_lines.weighted(np.eye(8)[OWN_AND_CROSS])
     if np.isfinite(apart):
         K = _at_one_temperature(K, apart, spec)
-    second_gamma = K.of(lambda k: k[3] / k[0])
-    before_mounting = gyro_pair.find(K.weighted(np.eye(3, 4)), second_gamma)
-    _refuse_opposite(before_mounting)
-    tilt, tilt_dof = gyro_pair.find_mounting(before_mounting, known.get("angle"))
+    from_a = K.of(lambda k: k[3] / k[0])
+    K = K.weighted(np.eye(3, 4))
+    by_noise = gyro_pair.indicate(K)
+    _refuse_opposite(by_noise, from_a)
+    tilt, tilt_dof = gyro_pair.find_mounting(by_noise, from_a, known.get("angle"))
     # about the other gyro's axis a gyro loses its sine, K sin α per radian
-    K_A, K_B = K.parameters[:2] * np.sin(np.radians(before_mounting.alpha_deg))
+    sine = np.sqrt(max(1.0 - float(by_noise.value) ** 2, 0.0))
+    K_A, K_B = K.parameters[:2] * sine
     across = np.array([[[0.0], [K_A]], [[K_B], [0.0]]])
     mounting = run_lines.mounting(across, (float(np.degrees(tilt)), tilt_dof))
-    K = K.weighted(np.eye(3, 4)).widened_by([mounting])
+    K = K.widened_by([mounting])
     # about its own axis either gyro alone loses K (1 - cos tilt) at most, taken as large as K tilt²
     cosine = np.vstack((np.diag(K.parameters[:2] * tilt**2), np.zeros(2)))
     K = replace(K, bounds=np.column_stack((K.bounds, cosine)))
-    pair = gyro_pair.find(K, second_gamma)
-    known_responses = near.responses if near else {}
-    flags = [flag for run in (*runs["a"], *runs["b"]) for flag in run.flags]
-    flags += run_lines.flag_drifts()
-    flags += [*before_mounting.flags, *gyro_pair.flag_second(before_mounting)]
-    flags += _flag_temperatures(apart, spec)
-    if run_scale is None:
-        flags.append(f"N: {lines.WITHIN}")
-    if tilt > 0.0 and "angle" not in known:
-        flags.append(
-            f"the two runs show a mounting error of {mounting.size:.2g}°, which is in u of gamma"
-            f" and alpha with {pair.dof[2]:.2g} degrees of freedom (k ="
-            f" {gum.coverage_factor(pair.dof[2]):.3g}): state how well a mounting repeats in"
-            ' [[errors.component]] group = "mounting", effect = "angle"'
+    pair = gyro_pair.find(K, from_a)
+    channels = []
+    for number, (gyro, axis) in enumerate(CHANNELS):
+        line_at = 2 * "ab".index(gyro) + "ab".index(axis)
+        near_response = near.channels[number].over if near else None
+        channels.append(
+            Channel(
+                gyro,
+                axis,
+                own=gyro == axis,
+                runs=runs[axis],
+                repeated=runs[axis],
+                line=mean_lines.weighted(np.eye(8)[[line_at, line_at + 4]]),
+                over=over_runs.fit_response(spec, gyro, runs[axis], near_response)
+                if gyro == axis
+                else None,
+                components=stated_components(run_scale),
+            )
         )
-    flags += _flag_lines(runs, run_lines)
-    return PairFit(
-        runs,
+    flags: list[str] = []
+    if not near:
+        flags = [flag for _, run in about for flag in run.flags]
+        flags += run_lines.flag_drifts()
+        flags += gyro_pair.flag(by_noise, from_a)
+        flags += _flag_temperatures(apart, spec)
+        if run_scale is None:
+            flags.append(Remark(f"N: {lines.WITHIN}"))
+        if tilt > 0.0 and "angle" not in known:
+            flags += _flag_mounting(mounting, pair.dof[2])
+        flags += _flag_lines(runs, run_lines)
+    return Campaign(
+        tuple(channels),
         run_lines,
-        {
-            gyro: over_runs.fit_response(spec, gyro, runs[gyro], known_responses.get(gyro))
-            for gyro in spec.gyros
-        },
-        mean_lines,
-        pair,
-        run_scale,
-        mounting,
         tuple(dict.fromkeys(flags)),
+        stated_components(run_scale, mounting),
+        pair=pair,
+    )
+
+
+def _flag_mounting(mounting: Shared, gamma_dof: float) -> Iterator[str]:
+    """Flag for a mounting error that only the two γ tell."""
+    yield (
+        f"the two runs show a mounting error of {mounting.size:.2g}°, which is in u of gamma"
+        f" and alpha with {gamma_dof:.2g} degrees of freedom (k ="
+        f" {gum.coverage_factor(gamma_dof):.3g}): state how well a mounting repeats in"
+        ' [[errors.component]] group = "mounting", effect = "angle"'
     )
 
 
@@ -155,13 +153,13 @@ def _flag_lines(
         yield from contradictions.flag_runs(name, runs[gyro], K)
 
 
-def _refuse_opposite(noise: gyro_pair.GyroPair) -> None:
+def _refuse_opposite(by_noise: Value, from_a: Value) -> None:
     """Raise FitError for two γ that are equal and opposite."""
-    second = noise.gamma_from_a
-    gamma, spread = float(second.value), float(np.hypot(second.u, noise.u_gamma))
-    if abs(gamma - noise.gamma_indicated) > OPPOSITE * spread > abs(gamma + noise.gamma_indicated):
+    one, other = float(by_noise.value), float(from_a.value)
+    limit = OPPOSITE * float(np.hypot(by_noise.u, from_a.u))
+    if abs(other - one) > limit > abs(other + one):
         raise FitError(
-            f"gamma is {noise.gamma_indicated:.6g} from B about A's axis and {gamma:.6g} from A"
+            f"gamma is {one:.6g} from B about A's axis and {other:.6g} from A"
             " about B's: equal and opposite",
             hint=(
                 "one gyro, or the table, has opposite signs in the two logs; state the sign in"

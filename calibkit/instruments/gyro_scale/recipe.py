@@ -2,7 +2,7 @@
 any number of gyros over three axes.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from fnmatch import fnmatchcase
 from typing import Annotated, ClassVar, Literal, Self
 
@@ -34,7 +34,7 @@ class _TableSpec(Table):
     reference: Literal["rate", "angle"] = "rate"
 
 
-class _PlateauSpec(Table):
+class PlateauSpec(Table):
     """Criteria of a held rate."""
 
     shortest_s: Positive = 2.0
@@ -59,8 +59,31 @@ class GyroRecipe(Recipe):
     """Group and effect of a known component → the unit that it is stated in."""
 
     table: _TableSpec = _TableSpec()
-    plateaus: _PlateauSpec = _PlateauSpec()
+    plateaus: PlateauSpec = PlateauSpec()
     nominal_scale_factor: float | None = None
+
+    @property
+    def logs_of_axes(self) -> Mapping[str, Sequence[str]]:
+        """Table axis → names or patterns of its logs; one axis without a name has all of them."""
+        return {"": ("*",)}
+
+    def list_axes(self, file: str) -> list[str]:
+        """Table axes that a log is of, by its name."""
+        return [
+            axis
+            for axis, patterns in self.logs_of_axes.items()
+            if any(file == pattern or fnmatchcase(file, pattern) for pattern in patterns)
+        ]
+
+    def find_axis(self, file: str) -> str:
+        """Table axis of a log; RecipeError for a log of none or of two."""
+        named = self.list_axes(file)
+        if len(named) == 1:
+            return named[0]
+        what = f"of the table axes {' and '.join(named)}" if named else "of no table axis"
+        raise RecipeError(
+            f"{file}: a log {what}", hint="name the logs of each table axis under [axes] or [pair]"
+        )
 
     @model_validator(mode="after")
     def _components_have_units(self) -> Self:
@@ -114,6 +137,10 @@ class OwnAxisRecipe(GyroRecipe):
 
     response: Literal["line", "auto"] = "line"
     compensation: Literal["laboratory", "inertial"] = "laboratory"
+
+    def own_axis(self, gyro: str) -> str:
+        """Table axis that is the gyro's own."""
+        return gyro if gyro in self.logs_of_axes else ""
 
     @model_validator(mode="after")
     def _earth_is_known(self) -> Self:
@@ -172,18 +199,10 @@ class GyroPairRecipe(OwnAxisRecipe):
     pair: _PairLogs = _PairLogs()
     acceptance: PairAcceptance = PairAcceptance()
 
-    def own_axis(self, gyro: str) -> str:
-        """Table axis that is the gyro's own axis."""
-        return gyro
-
-    def find_axis(self, file: str) -> str:
-        """Table axis of a log; RecipeError for a log of neither."""
-        for axis, name in (("a", self.pair.axis_a), ("b", self.pair.axis_b)):
-            if file == name or fnmatchcase(file, name):
-                return axis
-        raise RecipeError(
-            f"{file}: a log of neither table axis", hint="name one log per axis under [pair]"
-        )
+    @property
+    def logs_of_axes(self) -> Mapping[str, Sequence[str]]:
+        """The log of each axis, or the pattern of its logs."""
+        return {"a": (self.pair.axis_a,), "b": (self.pair.axis_b,)}
 
 
 class RateTableAcceptance(LineAcceptance):
@@ -208,14 +227,6 @@ class RateTableRecipe(OwnAxisRecipe):
     procedure: Literal["rate_table"]
     gyros: Gyros = ("x",)
     acceptance: RateTableAcceptance = RateTableAcceptance()
-
-    def own_axis(self, gyro: str) -> str:  # noqa: ARG002 (as of a pair)
-        """Every run is about the one table axis, which has no name."""
-        return ""
-
-    def find_axis(self, file: str) -> str:  # noqa: ARG002 (as of a pair)
-        """Every log is about the one table axis, which has no name."""
-        return ""
 
 
 class _TriadLogs(Table):
@@ -247,23 +258,10 @@ class GyroTriadRecipe(GyroRecipe):
     axes: _TriadLogs = _TriadLogs()
     acceptance: TriadAcceptance = TriadAcceptance()
 
-    def list_axes(self, file: str) -> list[str]:
-        """Table axes whose patterns match a log's name."""
-        return [
-            axis
-            for axis, patterns in self.axes
-            if any(fnmatchcase(file, pattern) for pattern in patterns)
-        ]
-
-    def find_axis(self, file: str) -> str:
-        """Table axis of a log; RecipeError for a log of none or of two."""
-        named = self.list_axes(file)
-        if len(named) == 1:
-            return named[0]
-        what = f"of the table axes {' and '.join(named)}" if named else "of no table axis"
-        raise RecipeError(
-            f"{file}: a log {what}", hint="name the logs of each table axis under [axes]"
-        )
+    @property
+    def logs_of_axes(self) -> Mapping[str, Sequence[str]]:
+        """Patterns of the logs of each axis."""
+        return dict(self.axes)
 
 
 AnyRecipe = RateTableRecipe | GyroPairRecipe | GyroTriadRecipe

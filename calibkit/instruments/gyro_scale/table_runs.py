@@ -15,8 +15,7 @@ from calibkit.errors import FitError
 from calibkit.fit.value import Value
 from calibkit.frame import Examined, Finding, Held, Log, refuse, values
 from calibkit.ingest import logs, stated_segments
-from calibkit.instruments.gyro_scale import dropouts, forms
-from calibkit.instruments.gyro_scale.numeric import plateau_means, plateaus
+from calibkit.instruments.gyro_scale import dropouts, forms, held_means, held_rates
 from calibkit.instruments.gyro_scale.numeric.gjb_figures import Line
 from calibkit.instruments.gyro_scale.recipe import AnyRecipe, GyroRecipe
 from calibkit.numeric import anomalies, chunks, earth, order_statistics
@@ -49,7 +48,7 @@ class TableRun:
 
     log: Log
     gyros: tuple[str, ...]
-    plateaus: plateau_means.Plateaus
+    plateaus: held_means.HeldMeans
     reference: Literal["rate", "angle"]
     """Logged table rate, or the rate that the logged table angle turned by: the better one where
     the rate is noisy or only commanded.
@@ -155,7 +154,7 @@ def fit_run(spec: AnyRecipe, log: Log) -> TableRun:
     return TableRun(log, spec.gyros, held, reference, flags, _temp_range(log, held))
 
 
-def _temp_range(log: Log, held: plateau_means.Plateaus) -> tuple[float, float]:
+def _temp_range(log: Log, held: held_means.HeldMeans) -> tuple[float, float]:
     """Lowest and highest row temperature [°C] of a run, NaN where none was logged."""
     if forms.TEMPERATURE not in log.frame.columns:
         return float("nan"), float("nan")
@@ -168,7 +167,7 @@ def _temp_range(log: Log, held: plateau_means.Plateaus) -> tuple[float, float]:
     return min(low for low, _ in ends), max(high for _, high in ends)
 
 
-def _find_faults(spec: AnyRecipe, log: Log) -> tuple[list[Finding], plateau_means.Plateaus | None]:
+def _find_faults(spec: AnyRecipe, log: Log) -> tuple[list[Finding], held_means.HeldMeans | None]:
     """Findings of a log, and its held rates unless a finding prevents them."""
     found = [
         *check.find_too_few_rows(
@@ -222,27 +221,23 @@ def _find_suspicious(spec: AnyRecipe, log: Log) -> list[Finding]:
     return [*found, *check.magnitude.find_compensated_names(log, spec, columns)]
 
 
-def _average_held_rates(spec: AnyRecipe, log: Log) -> plateau_means.Plateaus:
+def _average_held_rates(spec: AnyRecipe, log: Log) -> held_means.HeldMeans:
     """Means over the held rates of a log."""
 
     def column(name: str) -> Array | None:
         return values(log.frame, name) if name in log.frame.columns else None
 
-    rate = values(log.frame, forms.RATE)
+    rate, temp_degc = values(log.frame, forms.RATE), column(forms.TEMPERATURE)
     signals = _beside([values(log.frame, forms.gyro_column(gyro)) for gyro in spec.gyros], log)
     if spec.plateaus.one_row:
-        return plateau_means.of_rows(column("time_s"), rate, signals, column(forms.TEMPERATURE))
-    return plateau_means.means(
-        values(log.frame, "time_s"),
-        rate,
-        signals,
-        table_angle_deg=column(ANGLE),
-        temp_degc=column(forms.TEMPERATURE),
-        rules=plateaus.Rules(**spec.plateaus.model_dump(exclude={"min_rates", "one_row"})),
-        held=stated_segments.stated_rows(log, spec, ["rate"]),
-        along_axis=spec.procedure == "rate_table",
-        allocate=log.allocate,
-    )
+        return held_means.of_rows(column("time_s"), rate, signals, temp_degc)
+    time_s = values(log.frame, "time_s")
+    motion = held_rates.Motion.of(time_s, rate, column(ANGLE), allocate=log.allocate)
+    held = stated_segments.stated_rows(log, spec, ["rate"])
+    if held is None:
+        held = held_rates.find(motion, spec.plateaus)
+    along_axis = spec.procedure == "rate_table"
+    return held_means.average(motion, signals, held, temp_degc, along_axis=along_axis)
 
 
 def _beside(columns: Sequence[Array], log: Log) -> Array:
@@ -281,7 +276,7 @@ def _find_overload(log: Log, column: str) -> list[Finding]:
     return check.find_out_of_range(log, column, -limit, limit, "1/s", expected, advice=advice)
 
 
-def _find_few_rates(spec: GyroRecipe, log: Log, held: plateau_means.Plateaus) -> list[Finding]:
+def _find_few_rates(spec: GyroRecipe, log: Log, held: held_means.HeldMeans) -> list[Finding]:
     """Finding on fewer distinct held rates than a line and its range need; rates closer than a held
     rate may vary count as one.
     """
@@ -303,7 +298,7 @@ def _find_few_rates(spec: GyroRecipe, log: Log, held: plateau_means.Plateaus) ->
     ]
 
 
-def _find_two_tables(log: Log, held: plateau_means.Plateaus) -> list[Finding]:
+def _find_two_tables(log: Log, held: held_means.HeldMeans) -> list[Finding]:
     """Finding on table angle and table rate that differ by more than a table can: one is in another
     unit or sign.
 

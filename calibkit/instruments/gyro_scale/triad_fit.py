@@ -3,8 +3,8 @@ them, also over temperature.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import combinations, product
+from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
@@ -13,8 +13,7 @@ from calibkit.constants import DPH_PER_DPS
 from calibkit.errors import FitError, advise_exclude
 from calibkit.fit.complex_step import Numbers
 from calibkit.fit.shared import Shared
-from calibkit.fit.solve import Fit
-from calibkit.fit.value import Value
+from calibkit.frame import Remark
 from calibkit.instruments.gyro_scale import (
     contradictions,
     equation,
@@ -24,6 +23,12 @@ from calibkit.instruments.gyro_scale import (
     over_runs,
     table_runs,
 )
+from calibkit.instruments.gyro_scale.campaign import (
+    AxesSet,
+    Campaign,
+    Channel,
+    stated_components,
+)
 from calibkit.instruments.gyro_scale.numeric import line_terms, triad as gyro_triad
 from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe
 from calibkit.numeric.least_squares import polynomial
@@ -32,83 +37,16 @@ ONE_SET_DEGC = 5.0
 """Largest difference in temperature [°C] between the runs of one set."""
 
 
-@dataclass(frozen=True, slots=True)
-class AxesSet:
-    """Runs about all three axes at one temperature, with their triad and biases."""
-
-    runs: tuple[table_runs.TableRun, ...]
-    temp_degc: float
-    """Mean of the runs [°C]; NaN where no temperature was logged."""
-    fit: Fit
-    """Sensitivities [3 g] and, where the latitude is known, biases [g]."""
-    triad: gyro_triad.Triad
-    bias: Value | None
-    """[g, 1/s], without the earth's rate."""
-
-    @property
-    def prefix(self) -> str:
-        """Prefix of the set's flags."""
-        return f"{self.temp_degc:.0f} °C: " if np.isfinite(self.temp_degc) else ""
-
-
-@dataclass(frozen=True, slots=True)
-class AxesFit:
-    """Gyros over three axes: all runs, the sets of runs, index of the reference set, and
-    polynomials over temperature.
-    """
-
-    gyros: tuple[str, ...]
-    runs: Mapping[str, tuple[table_runs.TableRun, ...]]
-    """Table axis → its runs."""
-    sets: tuple[AxesSet, ...]
-    reference: int
-    run_lines: lines.Lines
-    """Lines of the single runs."""
-    over: equation.Fitted | None
-    """Equation (1) of all runs, each gyro about each axis with polynomials over temperature."""
-    curves: tuple[Model, ...]
-    """Sensitivities [3 g] and, where the latitude is known, biases [g] over temperature."""
-    run_scale: Shared | None
-    """How scale factors repeat; None where nothing tells."""
-    mounting: Shared | None
-    """How mountings tilt; None where it is not stated."""
-    flags: tuple[str, ...]
-
-    @property
-    def pairs(self) -> list[tuple[int, int]]:
-        """Index pairs (g, h) of all pairs of gyros."""
-        return list(combinations(range(len(self.gyros)), 2))
-
-    def main_axis(self, gyro: str) -> str:
-        """Table axis that a gyro senses most."""
-        row = self.sets[self.reference].triad.sensitivity[self.gyros.index(gyro)]
-        return forms.AXES[int(np.argmax(np.abs(row)))]
-
-    def name(self, gyro: str, axis: str, run: table_runs.TableRun) -> str:
-        """Name of the model of one gyro in one run."""
-        name = forms.line_name(gyro, axis)
-        return name if len(self.runs[axis]) == 1 else f"{name}.{run.log.name}"
-
-    def named(self, name: str, one: AxesSet) -> str:
-        """Name of a model or figure; outside the reference set with the set's temperature."""
-        return name if (one is self.sets[self.reference]) else f"{name}.at_{one.temp_degc:.0f}"
-
-
 def fit_axes(
     spec: GyroTriadRecipe,
     runs: Mapping[str, tuple[table_runs.TableRun, ...]],
-    near: AxesFit | None = None,
-) -> AxesFit:
+    near: Campaign | None = None,
+) -> Campaign:
     """Fit sensitivities and angles of each set of runs, and each sensitivity over temperature where
     the temperature varies; `near` is a fit of nearly the same runs.
 
     Raises FitError for a table axis without a run at some temperature.
     """
-    if missing := [axis for axis in forms.AXES if not runs.get(axis)]:
-        raise FitError(
-            f"no log about table axis {missing[0]}",
-            hint="three axes need a log each; see [axes] and [logs] files",
-        )
     every = [run for axis in forms.AXES for run in runs[axis]]
     logged = bool(np.isfinite([run.temp_degc for run in every]).all())
     groups = _groups(runs) if logged else [dict(runs)]
@@ -128,40 +66,66 @@ def fit_axes(
         mounting = run_lines.mounting(np.swapaxes(across, 0, 1), known["angle"])
     stated = [error for error in (run_scale, mounting) if error]
     vertical = table_runs.vertical_rate_dps(spec)
-    sets = tuple(_fit_set(run_lines, stated, vertical, group, s) for s, group in enumerate(groups))
+    sets = [_fit_set(run_lines, stated, vertical, group, s) for s, group in enumerate(groups)]
     for one in sets:
         _require_own_axes(one, spec.gyros)
-    temperature = np.array([one.temp_degc for one in sets])
-    flags = [flag for run in every for flag in run.flags]
-    if not logged and len(every) > len(forms.AXES):
-        flags.append(over_runs.UNLOGGED)
-    if not near:
-        flags += run_lines.flag_drifts()
-        in_order = [(axis, run) for group in groups for axis in forms.AXES for run in group[axis]]
-        for gyro, most in zip(
-            spec.gyros, np.abs(run_lines.sensitivity()).argmax(axis=1), strict=True
-        ):
-            axis = forms.AXES[most]
-            about = [run for turned, run in in_order if turned == axis]
-            name = forms.line_name(gyro, axis)
-            flags += contradictions.flag_runs(name, about, run_lines.of_runs(about, gyro))
-        flags += contradictions.flag_shares(run_lines, [run for _, run in in_order], spec.gyros)
-        for change in run_lines.in_time:
-            name = forms.line_name(spec.gyros[change.gyro])
-            flags += ordering.flag(name, change.decided, run_lines.K[change.lines].mean())
-    flags += _flag_sets(spec, sets, mounting)
-    if run_scale is None:
-        flags.append(lines.WITHIN)
+    reference = 0
+    if logged:
+        off = [abs(one.temp_degc - spec.reference_temp_degc) for one in sets]
+        reference = int(np.argmin(off))
+    sets[reference] = replace(sets[reference], suffix="")
     over: equation.Fitted | None = None
-    curves: tuple[Model, ...] = ()
+    curves: list[Model] = []
     if len(sets) > 1:
         over = _fit_polynomials(run_lines, run_scale, near.over if near else None)
-        curves = tuple(_list_curves(over, spec.gyros, every, mounting, vertical))
-    reference = int(np.argmin(np.abs(temperature - spec.reference_temp_degc))) if logged else 0
-    return AxesFit(
-        *(spec.gyros, runs, sets, reference, run_lines, over, curves, run_scale, mounting),
+        curves = list(_list_curves(over, spec.gyros, every, mounting, vertical))
+    main = np.argmax(np.abs(sets[reference].triad.sensitivity), axis=1)
+    channels = [
+        Channel(gyro, axis, own=a == main[g], runs=runs[axis], curves=tuple(curves[at : at + 1]))
+        for at, ((g, gyro), (a, axis)) in enumerate(
+            product(enumerate(spec.gyros), enumerate(forms.AXES))
+        )
+    ]
+    flags: list[str] = []
+    if not near:
+        flags = [flag for run in every for flag in run.flags]
+        if not logged and len(every) > len(forms.AXES):
+            flags.append(over_runs.UNLOGGED)
+        flags += _flag_lines(spec, groups, run_lines)
+        flags += _flag_sets(spec, sets, mounting)
+        if run_scale is None:
+            flags.append(Remark(lines.WITHIN))
+    return Campaign(
+        tuple(channels),
+        run_lines,
         tuple(dict.fromkeys(flags)),
+        stated_components(run_scale, mounting),
+        sets=tuple(sets),
+        over=over,
+        bias_curves=tuple(curves[len(channels) :]),
     )
+
+
+def _flag_lines(
+    spec: GyroTriadRecipe,
+    groups: Sequence[Mapping[str, tuple[table_runs.TableRun, ...]]],
+    run_lines: lines.Lines,
+) -> Iterator[str]:
+    """Flags of the lines of single runs: what changed during a run, runs that contradict the
+    others, time.
+    """
+    yield from run_lines.flag_drifts()
+    in_order = [(axis, run) for group in groups for axis in forms.AXES for run in group[axis]]
+    main = np.abs(run_lines.sensitivity()).argmax(axis=1)
+    for gyro, most in zip(spec.gyros, main, strict=True):
+        axis = forms.AXES[most]
+        about = [run for turned, run in in_order if turned == axis]
+        name = forms.line_name(gyro, axis)
+        yield from contradictions.flag_runs(name, about, run_lines.of_runs(about, gyro))
+    yield from contradictions.flag_shares(run_lines, [run for _, run in in_order], spec.gyros)
+    for change in run_lines.in_time:
+        name = forms.line_name(spec.gyros[change.gyro])
+        yield from ordering.flag(name, change.decided, run_lines.K[change.lines].mean())
 
 
 def _fit_set(
@@ -176,9 +140,10 @@ def _fit_set(
     means = run_lines.means(chosen).reshape(3 * gyros, -1)
     every = tuple(run for axis in forms.AXES for run in group[axis])
     degc = float(np.mean([run.temp_degc for run in every]))
+    suffix = f".at_{degc:.0f}"
     if vertical_dps is None:
         fit = run_lines.combined(means, np.zeros_like(means)).widened_by(stated)
-        return AxesSet(every, degc, fit, gyro_triad.find(fit), None)
+        return AxesSet(every, degc, suffix, fit, gyro_triad.find(fit), None)
     unit = np.eye(chosen.size)
     bias = run_lines.combined(-vertical_dps * unit, unit).of(lambda p: p)
     zeros = [run_lines.run_zero(g, chosen, bias) for g in range(gyros)]
@@ -189,7 +154,7 @@ def _fit_set(
         np.vstack((np.zeros_like(means), mean)),
     ).widened_by([*stated, *zeros])
     triad = gyro_triad.find(fit.weighted(np.eye(4 * gyros)[: 3 * gyros]))
-    return AxesSet(every, degc, fit, triad, fit.of(lambda p: p[3 * gyros :]))
+    return AxesSet(every, degc, suffix, fit, triad, fit.of(lambda p: p[3 * gyros :]))
 
 
 def _list_curves(
@@ -252,13 +217,18 @@ def _require_own_axes(one: AxesSet, gyros: Sequence[str]) -> None:
         most = forms.AXES[int(np.argmax(np.abs(row)))]
         if gyro in forms.AXES and most != gyro:
             raise FitError(
-                f"{one.prefix}gyro {gyro} senses table axis {most} most"
+                f"{_place(one)}gyro {gyro} senses table axis {most} most"
                 f" ({row[forms.AXES.index(most)]:+.3f})",
                 hint=(
                     "logs are exchanged under [axes], or columns; gyros that are not mounted so"
                     " need other names"
                 ),
             )
+
+
+def _place(one: AxesSet) -> str:
+    """Beginning of the flags of a set."""
+    return f"{one.temp_degc:.0f} °C: " if np.isfinite(one.temp_degc) else ""
 
 
 def _groups(
@@ -297,7 +267,7 @@ def _flag_sets(
     inconsistent or unknown.
     """
     for one in sets:
-        yield from (f"{one.prefix}{flag}" for flag in one.triad.flags)
+        yield from (f"{_place(one)}{flag}" for flag in one.triad.flags)
     directions = [one.triad.misalignment.value for one in sets]
     if len(spec.gyros) == len(forms.AXES) and (np.linalg.det(directions) < 0.0).any():
         yield "the input axes make a left-handed system: logs or signs may be exchanged"
@@ -306,7 +276,7 @@ def _flag_sets(
         for gyro, share in zip(spec.gyros, shares, strict=True):
             if not share < table_runs.UNCERTAIN:
                 yield (
-                    f"{one.prefix}{gyro}: the scale factor is known to {100.0 * share:.2g} % only:"
+                    f"{_place(one)}{gyro}: the scale factor is known to {100.0 * share:.2g} % only:"
                     " hold faster rates, or longer"
                 )
     if mounting is None and len(spec.gyros) > 1:
@@ -326,6 +296,6 @@ def _flag_sets(
         largest = float(np.max(u)) * DPH_PER_DPS
         if largest > 1.0:
             yield (
-                f"{one.prefix}the bias is known to {largest:.2g} °/h only: it differs between the"
+                f"{_place(one)}the bias is known to {largest:.2g} °/h only: it differs between the"
                 " table axes (latitude, table axis, or a bias that depends on acceleration)"
             )

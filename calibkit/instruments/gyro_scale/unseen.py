@@ -1,6 +1,6 @@
 """Frozen coefficients compared with unseen runs: errors before and after compensation."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from calibkit.instruments.gyro_scale import (
     quantities,
     table_runs,
 )
+from calibkit.instruments.gyro_scale.campaign import Campaign
 from calibkit.instruments.gyro_scale.numeric import gjb_figures
 from calibkit.instruments.gyro_scale.numeric.gjb_figures import Line
 from calibkit.instruments.gyro_scale.recipe import (
@@ -67,9 +68,14 @@ def validate(
         if isinstance(spec, GyroTriadRecipe):
             turned, vertical = [*known], table_runs.vertical_rate_dps(spec) or 0.0
             found = [_compare_base(run, axis, matrix, vertical) for matrix in known]
+            published += run_lines.straightened({})
         else:
             turned = [matrix for matrix in known if spec.own_axis(matrix.gyros[0]) == axis]
-            found = [_compare_line(spec, run_lines, run, matrix) for matrix in turned]
+            found = []
+            for matrix in turned:
+                entry_of_gyro, compensated = _compare_line(spec, run_lines, run, matrix)
+                found.append(entry_of_gyro)
+                published.append(compensated)
         for matrix in turned if np.isfinite(run.temp_degc) else ():
             flags += compensate.flag_temperatures(log.file, matrix, run.plateaus.temp_degc)
         entry = {"name": log.file, "sha256": log.sha256, "rows": log.rows}
@@ -77,7 +83,6 @@ def validate(
             entry | found[0] if isinstance(spec, GyroTriadRecipe) else entry | {"gyros": found}
         )
         compared += [(log.file, one) for one in found]
-        published += _list_published(run_lines, run, turned)
         if not lines.hold_within_runs(records.values()):
             judged.append(_judge_uncertainty(run_lines, run, axis, turned, spec.type_b))
     body: dict[str, Any] = {"logs": entries}
@@ -89,7 +94,7 @@ def validate(
         shown = [_tabulate_line_errors(compared)]
     criteria = acceptance.judge_unseen(errors, limits, spec.acceptance)
     if isinstance(spec, GyroPairRecipe) and len(runs) > 1:
-        again = pair_fit.fit_pair({axis: tuple(group) for axis, group in runs.items()}, spec)
+        again = pair_fit.fit_pair(spec, {axis: tuple(group) for axis, group in runs.items()})
         body["pair"] = _compare_pair(records, again, spec.type_b)
         shown.append(_tabulate_pair_again(body["pair"]))
         flags += again.flags
@@ -101,20 +106,6 @@ def validate(
                 judged.append(over_u(f"pair: error of {one['name']}", over))
     criteria = (*judged, *criteria, *acceptance.judge_noise(published, spec.acceptance))
     return body, Summary("", tuple(shown), tuple(dict.fromkeys(flags)), criteria)
-
-
-def _list_published(
-    run_lines: lines.Lines, run: table_runs.TableRun, matrices: Sequence[forms.GyroMatrix]
-) -> Iterator[Line]:
-    """Lines of a run: of the indications of a triad, else of the compensated rates."""
-    for matrix in matrices:
-        if len(matrix.outputs) > 1:
-            yield from run_lines.straightened({})
-            continue
-        seen, temperature = run.scale(matrix.gyros[0]), _temperatures(run)
-        rates = matrix.rates(seen.indication[:, None], temperature)[:, 0]
-        K = matrix.at(temperature)[0][:, 0, 0]
-        yield Line(seen.rate_dps, rates, seen.noise / np.abs(K))
 
 
 def _judge_uncertainty(
@@ -186,8 +177,10 @@ def _temperatures(run: table_runs.TableRun) -> Array:
 
 def _compare_line(
     spec: OwnAxisRecipe, run_lines: lines.Lines, run: table_runs.TableRun, matrix: forms.GyroMatrix
-) -> dict[str, Any]:
-    """JSON object of one gyro of a run about its own axis."""
+) -> tuple[dict[str, Any], Line]:
+    """JSON object of one gyro of a run about its own axis, and the line of its compensated
+    rates.
+    """
     (gyro,) = matrix.gyros
     line, temperature = run_lines.published(run, gyro), _temperatures(run)
     if matrix.over_temperature and not np.isfinite(run.temp_degc):
@@ -198,6 +191,8 @@ def _compare_line(
     found = run_lines.of_runs([run], gyro)
     u_found, indication = float(found.u[0]), run.scale(gyro).indication
     after = matrix.rates(indication[:, None], temperature)[:, 0]
+    K_of_rows = matrix.at(temperature)[0][:, 0, 0]
+    compensated = Line(line.rate_dps, after, line.noise / np.abs(K_of_rows))
     nominal = spec.nominal_scale_factor
     K_before, F0_before = (
         (part.item() for part in matrix.reference) if nominal is None else (nominal, 0.0)
@@ -209,7 +204,7 @@ def _compare_line(
             standard = {gjb_figures.GJB: "_gjb", gjb_figures.IEEE: "_ieee"}[figure.standard]
             name = figure.name + standard * (figure.name == "asymmetry")
             shown[f"{name}_ppm"] = figure.value
-    return {
+    compared = {
         "gyro": gyro,
         "K": line.K,
         "K_standard_uncertainty": u_found,
@@ -223,13 +218,14 @@ def _compare_line(
         "zero_error_dph": (
             (line.F0 / line.K - float(matrix.at(temperature)[1].mean()) / K) * DPH_PER_DPS
         ),
-        "rate_gain": Line(line.rate_dps, after, line.noise).K,
+        "rate_gain": compensated.K,
         "before_is": (
             "nominal scale factor" if nominal is not None else "K and F0 of the mean model"
         ),
         "before": _line_errors(before, line),
         "after": _line_errors(after, line),
-    } | shown
+    }
+    return compared | shown, compensated
 
 
 def _line_errors(rate: Array, line: Line) -> dict[str, float]:
@@ -295,7 +291,7 @@ def _base_errors(error: Array, along: Mask, rate_dps: Array) -> dict[str, float]
 
 
 def _compare_pair(
-    records: Mapping[str, Record], again: pair_fit.PairFit, terms: Sequence[type_b.TypeB]
+    records: Mapping[str, Record], again: Campaign, terms: Sequence[type_b.TypeB]
 ) -> list[dict[str, Any]]:
     """JSON objects of N, ε, γ, α of unseen runs against the frozen values."""
     if forms.ORTHOGONALITY_FILE not in records:
@@ -303,7 +299,8 @@ def _compare_pair(
             f"the run holds no {forms.ORTHOGONALITY_FILE}", hint="it is not a run of gyro_pair"
         )
     frozen = records[forms.ORTHOGONALITY_FILE].model("pair")
-    found, compared = again.found, []
+    found, compared = again.pair, []
+    assert found is not None  # noqa: S101 (a fit of a pair has one)
     for c, value, u, dof in zip(
         *(frozen.coefficients, found.values, found.standard_uncertainty.tolist(), found.dof),
         strict=True,

@@ -98,6 +98,12 @@ class Line:
         return largest
 
     @property
+    def of_full_scale_ppm(self) -> tuple[Array, Array]:
+        """Residuals and their standard uncertainties [p, ppm of full scale]."""
+        ppm = PPM / self.full_scale
+        return self.residuals * ppm, self.noise * ppm
+
+    @property
     def per_point_ppm(self) -> Array:
         """(F_j − F̂_j)/|K Ω_j| [p, ppm]; NaN where the table does not turn, or noise hides that: one
         that stops still turns by its encoder's noise.

@@ -1,12 +1,11 @@
-"""Shapes of a response that is no straight line over the rate."""
+"""Shapes of a response that is no straight line over the rate, by number."""
 
 import numpy as np
 
 from calibkit.arrays import Array
 
-ASYMMETRY = "asymmetry"
-CURVATURE = "curvature"
-"""Shapes by name: |Ω|, and with its number a power of the rate."""
+ASYMMETRY = 1
+"""Number of the shape |Ω|; the others are powers of the rate."""
 BOTH_WAYS = 2.0
 """Range of the signs of rates of both directions."""
 
@@ -16,8 +15,8 @@ def turns_both_ways(rate_dps: Array) -> bool:
     return bool(np.ptp(np.sign(rate_dps)) == BOTH_WAYS)
 
 
-def shape(name: str, rate_dps: Array, fastest_dps: float) -> Array:
-    """Shape [n] by its name; powers are of the rate over the fastest one."""
-    if name == ASYMMETRY:
+def shape(number: int, rate_dps: Array, fastest_dps: float) -> Array:
+    """Shape [n]; powers are of the rate over the fastest one."""
+    if number == ASYMMETRY:
         return np.abs(rate_dps)
-    return np.asarray((rate_dps / fastest_dps) ** int(name.removeprefix(CURVATURE)))
+    return np.asarray((rate_dps / fastest_dps) ** number)

@@ -2,6 +2,7 @@
 between them.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -12,8 +13,6 @@ from calibkit.errors import FitError
 from calibkit.fit.solve import Fit
 from calibkit.fit.value import Value
 from calibkit.numeric import gum
-
-Side = Literal["same", "opposite"]
 
 NEAR_ONE = 10.0
 """Standard uncertainties of γ from |γ| = 1 within which first-order propagation to α fails."""
@@ -47,22 +46,15 @@ class GyroPair:
     """Angle of B's input axis to A's axis [°], 0 to 180."""
     covariance: Array
     """[4, 4] of N, ε, γ, α [°]; type A."""
+    dof: tuple[float, ...]
+    """Effective degrees of freedom of N, ε, γ, α."""
     alpha_interval_deg: tuple[float, float]
     """95 % interval of α; where |γ| is within noise of one it is one-sided, from 0° or up to 180°.
     """
-    side: Side
-    """`same` for γ ≥ 0 (α ≤ 90°), `opposite` for γ < 0."""
-    clamped: bool
-    """Whether noise gave |γ| > 1."""
-    gamma_indicated: float
-    """K_Ba/K_B before it was clamped."""
-    flags: tuple[str, ...]
-    gamma_from_a: Value
+    indicated: Value
+    """K_Ba/K_B before it was clamped, with its uncertainty to first order."""
+    from_a: Value
     """Second estimate of γ, from gyro A about B's axis, with its uncertainty by noise."""
-    u_gamma: float
-    """Standard uncertainty of γ to first order."""
-    dof: tuple[float, ...]
-    """Effective degrees of freedom of N, ε, γ, α."""
 
     @property
     def values(self) -> tuple[float, float, float, float]:
@@ -79,14 +71,19 @@ class GyroPair:
         """Orthogonality error 90° − α [°]."""
         return 90.0 - self.alpha_deg
 
+    @property
+    def same_side(self) -> bool:
+        """Whether γ ≥ 0 (α ≤ 90°)."""
+        return self.gamma >= 0.0
 
-def find(K: Fit, second: Value, *, seed: int = 0, draws: int = DRAWS) -> GyroPair:
+
+def find(K: Fit, from_a: Value, *, seed: int = 0, draws: int = DRAWS) -> GyroPair:
     """Ratios and angle of two gyros.
 
     Parameters
     ----------
     K : fit of K_A, K_B about the gyros' own axes and K_Ba of B about A's axis, in one unit.
-    second : γ from gyro A about B's axis.
+    from_a : γ from gyro A about B's axis.
     seed, draws : of the Monte Carlo propagation near |γ| = 1.
 
     Returns
@@ -102,17 +99,15 @@ def find(K: Fit, second: Value, *, seed: int = 0, draws: int = DRAWS) -> GyroPai
 
     """
     K_A, K_B, K_Ba = K.parameters.tolist()
-    covariance = K.total_covariance
-    _require_ratios(K.parameters, covariance)
+    indicated, covariance = indicate(K), K.total_covariance
     ratios = K.restated(lambda k: np.stack((k[1] / k[0], k[2] / k[0], k[2] / k[1])))
-    value = ratios.of(lambda r: r)
-    indicated, u_gamma = float(value.value[2]), float(value.u[2])
-    gamma = float(np.clip(indicated, -1.0, 1.0))
-    if 1.0 - abs(indicated) <= NEAR_ONE * u_gamma:
+    dof = ratios.of(lambda r: r).dof.tolist()
+    u_gamma, gamma = float(indicated.u), float(np.clip(indicated.value, -1.0, 1.0))
+    if 1.0 - abs(float(indicated.value)) <= NEAR_ONE * u_gamma:
         full, interval = _by_draws(K.parameters, covariance, np.random.default_rng(seed), draws)
     else:
         # α is monotonic in γ: its interval is that of γ
-        half = gum.coverage_factor(float(value.dof[2]), probability=0.95) * u_gamma
+        half = gum.coverage_factor(float(indicated.dof), probability=0.95) * u_gamma
         ends = np.degrees(np.arccos(np.clip([gamma + half, gamma - half], -1.0, 1.0)))
         with_alpha = ratios.restated(lambda r: np.append(r, np.arccos(r[2]) * 180.0 / np.pi))
         full = with_alpha.total_covariance
@@ -123,25 +118,18 @@ def find(K: Fit, second: Value, *, seed: int = 0, draws: int = DRAWS) -> GyroPai
         gamma=gamma,
         alpha_deg=float(np.degrees(np.arccos(gamma))),
         covariance=full,
+        dof=(*dof, dof[2]),
         alpha_interval_deg=interval,
-        side="same" if gamma >= 0.0 else "opposite",
-        clamped=abs(indicated) > 1.0,
-        gamma_indicated=indicated,
-        flags=_flags(indicated, u_gamma),
-        gamma_from_a=second,
-        u_gamma=u_gamma,
-        dof=(*value.dof.tolist(), float(value.dof[2])),
+        indicated=indicated,
+        from_a=from_a,
     )
 
 
-def _require_ratios(values: Array, covariance: Array) -> None:
-    """Raise FitError for K_A, K_B, K_Ba that no pair can have."""
-    K_A, K_B, K_Ba = values.tolist()
-    if (
-        not (np.isfinite(values).all() and np.isfinite(covariance).all())
-        or K_A == 0.0
-        or K_B == 0.0
-    ):
+def indicate(K: Fit) -> Value:
+    """γ = K_Ba/K_B as it is indicated; FitError for K_A, K_B, K_Ba that no pair can have."""
+    values, (K_A, K_B, K_Ba) = K.parameters, K.parameters.tolist()
+    finite = np.isfinite(values).all() and np.isfinite(K.total_covariance).all()
+    if not finite or K_A == 0.0 or K_B == 0.0:
         raise FitError(f"scale factors K_A {K_A:g}, K_B {K_B:g}, K_Ba {K_Ba:g} cannot give ratios")
     if abs(K_Ba / K_B) > 1.0 + IMPOSSIBLE:
         raise FitError(
@@ -149,21 +137,25 @@ def _require_ratios(values: Array, covariance: Array) -> None:
             " about its own",
             hint="check which log is of which table axis and which column is of which gyro",
         )
+    return K.of(lambda k: k[2] / k[1])
 
 
-def find_mounting(noise: GyroPair, known: tuple[float, float] | None) -> tuple[float, float]:
+def find_mounting(
+    indicated: Value, from_a: Value, known: tuple[float, float] | None
+) -> tuple[float, float]:
     """Standard deviation [rad] of the angle between a gyro's axis and its table axis, and its
     degrees of freedom: what the two γ of a pair by noise alone differ by, or what is known [°]
     pooled with it.
     """
-    gamma = noise.gamma_from_a
-    sine = max(float(np.sin(np.radians(noise.alpha_deg))), SMALL_SINE)
-    apart = (float(gamma.value) - noise.gamma_indicated) ** 2 if sine > SMALL_SINE else 0.0
+    cosine = min(abs(float(indicated.value)), 1.0)
+    sine = max(float(np.sqrt(1.0 - cosine**2)), SMALL_SINE)
+    apart = (float(from_a.value) - float(indicated.value)) ** 2 if sine > SMALL_SINE else 0.0
     if known is None:
         # noise is not taken off: two γ that agree by chance would hide the tilts
         return float(np.sqrt(apart)) / sine, 1.0
     value, dof = np.radians(known[0]), known[1]
-    square = 0.5 * max(apart - float(gamma.u) ** 2 - noise.u_gamma**2, 0.0) / sine**2
+    noise = float(from_a.u) ** 2 + float(indicated.u) ** 2
+    square = 0.5 * max(apart - noise, 0.0) / sine**2
     pooled = (dof * value**2 + square) / (dof + 1.0) if np.isfinite(dof) else value**2
     return float(np.sqrt(pooled)), dof + 1.0
 
@@ -200,36 +192,26 @@ def _by_draws(
     return np.cov(drawn), (low, high)
 
 
-def _flags(indicated: float, u_gamma: float) -> tuple[str, ...]:
-    """Flags of γ and its angle."""
-    flags = []
-    excess = abs(indicated) - 1.0
+def flag(indicated: Value, from_a: Value) -> Iterator[str]:
+    """Flags of γ by noise alone, at its limits and against that from A about B's axis."""
+    gamma, u = float(indicated.value), float(indicated.u)
+    excess = abs(gamma) - 1.0
     if excess > 0.0:
-        flags.append(f"|gamma| {abs(indicated):.9g} clamped to 1")
-    if excess > CONSISTENT * u_gamma:
-        flags.append(
+        yield f"|gamma| {abs(gamma):.9g} clamped to 1"
+    if excess > CONSISTENT * u:
+        yield (
             f"|gamma| exceeds 1 by {excess * 1e6:.0f} ppm, more than noise explains: "
             "gyro B's own table axis is not its input axis, or the runs differ in temperature"
         )
-    if -excess < ONE_SIDED * u_gamma:
-        flags.append(
-            "|gamma| is within noise of 1: the interval of alpha is one-sided, by Monte Carlo"
+    if -excess < ONE_SIDED * u:
+        yield "|gamma| is within noise of 1: the interval of alpha is one-sided, by Monte Carlo"
+    if abs(gamma) < 2.0 * u:
+        yield "gamma is within noise of 0: its sign does not tell the side"
+    expected = float(np.hypot(from_a.u, u))
+    difference = float(from_a.value) - gamma
+    if abs(difference) > CONSISTENT * expected:
+        ratio = abs(difference) / max(expected, np.finfo(np.float64).tiny)
+        yield (
+            f"gamma from A about B's axis differs by {difference:.2g}, {ratio:.0f} standard"
+            " uncertainties: a table axis is not the input axis of its gyro"
         )
-    if abs(indicated) < 2.0 * u_gamma:
-        flags.append("gamma is within noise of 0: its sign does not tell the side")
-    return tuple(flags)
-
-
-def flag_second(result: GyroPair) -> tuple[str, ...]:
-    """Flag where γ from A about B's axis differs by more than noise explains."""
-    gamma = result.gamma_from_a
-    expected = float(np.hypot(gamma.u, result.u_gamma))
-    difference = float(gamma.value) - result.gamma_indicated
-    if abs(difference) <= CONSISTENT * expected:
-        return ()
-    ratio = abs(difference) / max(expected, np.finfo(np.float64).tiny)
-    flag = (
-        f"gamma from A about B's axis differs by {difference:.2g}, {ratio:.0f} standard"
-        " uncertainties: a table axis is not the input axis of its gyro"
-    )
-    return (flag,)

@@ -3,6 +3,7 @@ misalignment matrix.
 """
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
@@ -42,6 +43,11 @@ class Triad:
     def sensitivity(self) -> Array:
         """[g, 3]."""
         return self.fit.parameters.reshape(-1, 3)
+
+    @property
+    def pairs(self) -> list[tuple[int, int]]:
+        """Numbers of each two gyros."""
+        return list(combinations(range(len(self.sensitivity)), 2))
 
 
 def _unit(p: Numbers) -> Numbers:

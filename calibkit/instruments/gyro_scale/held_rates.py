@@ -1,15 +1,17 @@
-"""Rate plateaus of a rate-table log: rows in which the table holds a rate, without acceleration and
+"""Held rates of a rate-table log: rows in which the table holds a rate, without acceleration and
 settling.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
 from calibkit.arrays import Array, Integers, Mask
 from calibkit.constants import REVOLUTION_DEG
 from calibkit.errors import FitError
+from calibkit.instruments.gyro_scale.recipe import PlateauSpec
 from calibkit.numeric import chunks, order_statistics
 from calibkit.numeric.dispersion import MAD_TO_SIGMA
 
@@ -32,30 +34,11 @@ SMALL = 5e-3
 flicker.
 """
 GAP = 3.0
-"""Sampling interval, in median intervals, above which a gap ends the plateau."""
-
+"""Sampling interval, in median intervals, above which a gap ends the held rate."""
 ANGLE_SLACK = 10.0
 """Factor on the allowed range for the rate from the table angle, which includes the jitter of the
 time stamps.
 """
-
-
-@dataclass(frozen=True, slots=True)
-class Rules:
-    """Criteria of a held rate."""
-
-    shortest_s: float = 2.0
-    """Shortest plateau [s]."""
-    shortest_samples: int = 8
-    settle_s: float = 1.0
-    """Settling time [s] dropped after each change of rate; at most a quarter of the plateau."""
-    relative: float = 1e-3
-    """Largest range of the rate within `shortest_s`, relative to the rate."""
-    floor_dps: float = 1e-4
-    """Largest range of the rate near zero rate [°/s]."""
-
-
-DEFAULT_RULES = Rules()
 NO_RATE_HINT = (
     "check that the rate column is the table's, or allow shorter plateaus or a wider range of rate;"
     " where each row is the mean over a held rate: plateaus.one_row = true"
@@ -63,70 +46,90 @@ NO_RATE_HINT = (
 
 
 @dataclass(frozen=True, slots=True)
-class Turn:
-    """Motion of the table in the sampling interval that ends at each row: turn [n] [°], and angle
-    in mid-interval [n] [rad].
-    """
+class Motion:
+    """Motion of the table in the n rows of a log and the sampling intervals that end at them."""
 
+    time_s: Array
+    """Strictly increasing."""
+    rate_dps: Array
+    """Commanded or measured."""
     interval_s: Array
     turn_deg: Array
+    """Turn in the interval."""
     middle_rad: Array
-    logged: bool
+    """Angle in mid-interval."""
+    angle_logged: bool
 
-    def rate(self, first: int, stop: int) -> Array:
-        """Rate [°/s] of the table in the intervals that end at rows first … stop − 1."""
+    @classmethod
+    def of(
+        cls,
+        time_s: Array,
+        rate_dps: Array,
+        angle_deg: Array | None = None,
+        *,
+        allocate: Allocate = np.empty,
+    ) -> Self:
+        """Motion by the logged angle, of any wrapping, unwrapped about the turn that the rate lets
+        expect; without one, by the rate. `allocate` makes the arrays.
+        """
+        interval, turned, middle = (allocate(time_s.size) for _ in range(3))
+        angle = 0.0
+        for a, b in chunks.ranges_along(time_s, rate_dps, interval, turned, middle):
+            interval[a:b] = np.diff(
+                time_s[max(a - 1, 0) : b], prepend=[] if a else 2.0 * time_s[0] - time_s[1]
+            )
+            expected = rate_dps[a:b] * interval[a:b]
+            if angle_deg is None:
+                turned[a:b] = expected
+                through = expected.copy()
+                through[0] += angle
+                np.cumsum(through, out=through)
+                angle = float(through[-1])
+                middle[a:b] = np.radians(through - expected / 2.0)
+                continue
+            before = [] if a else angle_deg[0] - expected[0]
+            step = np.diff(angle_deg[max(a - 1, 0) : b], prepend=before)
+            turned[a:b] = expected + np.remainder(step - expected + 180.0, REVOLUTION_DEG) - 180.0
+            middle[a:b] = np.radians(angle_deg[a:b] - turned[a:b] / 2.0)
+            chunks.release(angle_deg)
+        return cls(time_s, rate_dps, interval, turned, middle, angle_deg is not None)
+
+    def by_turn(self, first: int, stop: int) -> Array:
+        """Rate [°/s] by the turn in the intervals that end at rows first … stop − 1."""
         chunks.release(self.turn_deg, self.interval_s)
         return self.turn_deg[first:stop] / self.interval_s[first:stop]
 
+    def release(self) -> None:
+        """Release the memory pages of columns that are mapped from files."""
+        chunks.release(self.interval_s, self.turn_deg, self.middle_rad, self.rate_dps)
 
-def find(
-    time_s: Array,
-    table_rate_dps: Array,
-    *,
-    table_angle_deg: Array | None = None,
-    rules: Rules = DEFAULT_RULES,
-    turn: Turn | None = None,
-) -> Integers:
-    """Rows of the held rates of a rate-table log, without acceleration and settling.
 
-    Parameters
-    ----------
-    time_s : [n] [s], strictly increasing.
-    table_rate_dps : [n] [°/s], commanded or measured.
-    table_angle_deg : [n] [°], of any wrapping; where logged, the rate that it gives must be held
-        too.
-    rules : what counts as held.
-    turn : what `turn_of` gives for these columns, where it is known already.
+def find(motion: Motion, rules: PlateauSpec) -> Integers:
+    """First row and one past the last row [p, 2] of each held rate, by the rate and, where it is
+    logged, by the angle too.
 
-    Returns
-    -------
-    [p, 2], first row and one past the last row of each plateau.
-
-    Raises
-    ------
-    FitError
-        Times that do not increase, values that are not finite, or no held rate at all.
-
+    Raises FitError where no rate is held.
     """
-    _require_record(time_s, table_rate_dps)
-    turn = turn or turn_of(time_s, table_rate_dps, table_angle_deg)
-    interval = order_statistics.median(turn.interval_s)
+    time_s, rate_dps = motion.time_s, motion.rate_dps
+    interval = order_statistics.median(motion.interval_s)
     window = max(rules.shortest_samples, int(np.ceil(rules.shortest_s / interval)))
-    still, quantum = _stillness(chunks.row_reader(table_rate_dps), time_s.size, window, rules)
+    still, quantum = _stillness(
+        chunks.row_reader(rate_dps), time_s.size, window, rules.relative, rules.floor_dps
+    )
     criteria = [still]
-    if turn.logged:
+    if motion.angle_logged:
         # a commanded rate steps at once, while the table takes its time: only the angle shows that
-        wide = replace(rules, relative=ANGLE_SLACK * rules.relative)
-        criteria.append(_stillness(turn.rate, time_s.size, window, wide)[0])
+        wide = ANGLE_SLACK * rules.relative
+        criteria.append(_stillness(motion.by_turn, time_s.size, window, wide, rules.floor_dps)[0])
 
     def held(first: int, stop: int) -> Mask:
         # windows that contain no gap
-        step = turn.interval_s[first : stop + window - 1]
+        step = motion.interval_s[first : stop + window - 1]
         gaps = np.concatenate(([0], np.cumsum(step[1:] > GAP * interval)))
         chosen = np.asarray(gaps[window - 1 :] == gaps[: gaps.size - window + 1], dtype=np.bool_)
         for criterion in criteria:
             chosen &= criterion(first, stop)
-        chunks.release(table_rate_dps, turn.turn_deg, turn.interval_s)
+        chunks.release(rate_dps, motion.turn_deg, motion.interval_s)
         return chosen
 
     runs = chunks.find_runs(max(time_s.size - window + 1, 0), held).tolist()
@@ -136,7 +139,7 @@ def find(
         begin, covered = max(first_window, covered), end - 1 + window
         if covered <= begin:
             continue
-        first, stop = _steady(table_rate_dps, begin, covered, rules, quantum)
+        first, stop = _steady(rate_dps, begin, covered, rules, quantum)
         # without its settling time and without its first and last sampling interval
         wait = min(rules.settle_s, 0.25 * float(time_s[stop - 1] - time_s[first]))
         settled = int(np.searchsorted(time_s, time_s[first] + wait, side="right"))
@@ -145,69 +148,15 @@ def find(
             kept.append((first, stop))
     chunks.release(time_s)
     if not kept:
-        low, high = chunks.extremes(table_rate_dps)
+        low, high = chunks.extremes(rate_dps)
         span = f"{time_s.size} rows with table rates of {low:g} to {high:g} °/s"
-        both = ", by table rate and table angle together" if turn.logged else ""
+        both = ", by table rate and table angle together" if motion.angle_logged else ""
         raise FitError(f"no held rate of {rules.shortest_s:g} s in {span}{both}", hint=NO_RATE_HINT)
     return np.array(kept, dtype=np.int64)
 
 
-def _require_record(time_s: Array, table_rate_dps: Array) -> None:
-    """Raise FitError for times that do not increase and table rates that are not finite."""
-    if time_s.size < 4 or time_s.size != table_rate_dps.size:
-        raise FitError(
-            f"{time_s.size} times and {table_rate_dps.size} table rates, expected at least four of"
-            " each"
-        )
-    if not (chunks.all_finite(time_s) and chunks.all_finite(table_rate_dps)):
-        raise FitError("a time or a table rate is not finite", hint="exclude the rows that hold it")
-    back = chunks.rows_where(time_s, lambda step: step <= 0.0, step=True)
-    if back.size:
-        raise FitError(
-            f"time does not increase in row {int(back[0]) + 1}",
-            hint="split the log there, or repair its clock",
-        )
-
-
-def turn_of(
-    time_s: Array,
-    table_rate_dps: Array,
-    table_angle_deg: Array | None,
-    *,
-    allocate: Allocate = np.empty,
-) -> Turn:
-    """Turn of the table in each sampling interval.
-
-    From the logged angle, unwrapped about the turn that the rate lets expect; without one, from the
-    rate. `allocate` makes the arrays.
-    """
-    if table_angle_deg is not None and not chunks.all_finite(table_angle_deg):
-        raise FitError("a table angle is not finite", hint="exclude the rows that hold it")
-    interval, turned, middle = (allocate(time_s.size) for _ in range(3))
-    angle = 0.0
-    for a, b in chunks.ranges_along(time_s, table_rate_dps, interval, turned, middle):
-        interval[a:b] = np.diff(
-            time_s[max(a - 1, 0) : b], prepend=[] if a else 2.0 * time_s[0] - time_s[1]
-        )
-        expected = table_rate_dps[a:b] * interval[a:b]
-        if table_angle_deg is None:
-            turned[a:b] = expected
-            through = expected.copy()
-            through[0] += angle
-            np.cumsum(through, out=through)
-            angle = float(through[-1])
-            middle[a:b] = np.radians(through - expected / 2.0)
-            continue
-        before = [] if a else table_angle_deg[0] - expected[0]
-        step = np.diff(table_angle_deg[max(a - 1, 0) : b], prepend=before)
-        turned[a:b] = expected + np.remainder(step - expected + 180.0, REVOLUTION_DEG) - 180.0
-        middle[a:b] = np.radians(table_angle_deg[a:b] - turned[a:b] / 2.0)
-        chunks.release(table_angle_deg)
-    return Turn(interval, turned, middle, logged=table_angle_deg is not None)
-
-
 def _stillness(
-    rate: Series, rows: int, window: int, rules: Rules
+    rate: Series, rows: int, window: int, relative: float, floor_dps: float
 ) -> tuple[Callable[[int, int], Mask], float]:
     """Function to the mask of windows, beginning in rows first … stop − 1, over which a rate of so
     many rows is held; and the range [°/s] that flicker between its quantised values may add.
@@ -218,8 +167,7 @@ def _stillness(
         def bends() -> Iterator[Array]:
             return (np.abs(np.diff(rate(a, b + 2), 2)) for a, b in chunks.ranges(rows - 2))
 
-        # small second differences: excludes steady acceleration and the steps between short
-        # plateaus
+        # small second differences: excludes steady acceleration and the steps between short holds
         least = order_statistics.quantile_of_chunks(bends, rows - 2, 0.2)
         noise, quantum = FIFTH_TO_SIGMA * least / np.sqrt(6.0), QUANTA * _quantum(rate, rows)
 
@@ -228,9 +176,7 @@ def _stillness(
         highest, lowest = (
             _of_windows(extreme, values, window) for extreme in (np.maximum, np.minimum)
         )
-        allowed = np.maximum(
-            rules.relative * np.maximum(np.abs(highest), np.abs(lowest)), rules.floor_dps
-        )
+        allowed = np.maximum(relative * np.maximum(np.abs(highest), np.abs(lowest)), floor_dps)
         allowed = np.maximum(allowed, max(NOISE_RANGE * noise, quantum))
         return np.asarray(highest - lowest <= allowed, dtype=np.bool_)
 
@@ -280,7 +226,9 @@ def _quantum(rate: Series, rows: int) -> float:
     return quantum if back > FLICKER * rows else 0.0
 
 
-def _steady(rate: Array, first: int, stop: int, rules: Rules, quantum: float) -> tuple[int, int]:
+def _steady(
+    rate: Array, first: int, stop: int, rules: PlateauSpec, quantum: float
+) -> tuple[int, int]:
     """First and end row of the longest stretch of a span whose rate stays near the span's median; a
     slow creep at its ends is cut off.
     """

@@ -1,0 +1,152 @@
+"""What a fit finds of gyros in runs about the axes of a table: of each gyro about each axis, and of
+the gyros together.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibkit.arrays import Array
+from calibkit.coefficients import Component, Figure, Model
+from calibkit.fit.shared import Shared
+from calibkit.fit.solve import Fit
+from calibkit.fit.value import Value
+from calibkit.instruments.gyro_scale import equation, forms
+from calibkit.instruments.gyro_scale.lines import Lines
+from calibkit.instruments.gyro_scale.numeric import gjb_figures, pair as gyro_pair, triad
+from calibkit.instruments.gyro_scale.ordering import Ordering
+from calibkit.instruments.gyro_scale.table_runs import TableRun
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """A gyro in all runs about one axis of the table."""
+
+    gyro: str
+    axis: str
+    """Empty where every gyro lies along the one axis."""
+    own: bool
+    """Whether it is the axis that the gyro senses most: figures of standards are of it."""
+    runs: tuple[TableRun, ...]
+    repeated: tuple[TableRun, ...] = ()
+    """Runs that `line` is the mean of."""
+    line: Fit | None = None
+    """K [1/deg] and F0 [1/s] at the mean temperature of the repeated runs."""
+    over: equation.Fitted | None = None
+    """Equation (1) of all runs."""
+    in_time: Ordering | None = None
+    """Whether K changes with time since the runs began."""
+    curves: tuple[Model, ...] = ()
+    """K, and where there is a line F0, over temperature, where it varies."""
+    figures: tuple[Figure, ...] = ()
+    """Of all runs together."""
+    components: tuple[Component, ...] = ()
+    """Errors between runs that the uncertainty of `line` holds."""
+
+    @property
+    def name(self) -> str:
+        """Name of its models."""
+        return forms.line_name(self.gyro, self.axis)
+
+    def name_in(self, run: TableRun) -> str:
+        """Name of the model of one run."""
+        single = self.axis and len(self.runs) == 1
+        return self.name if single else f"{self.name}.{run.log.name}"
+
+    @property
+    def K(self) -> Value:  # noqa: N802 - the letter of the standards
+        """Scale factor [1/deg] of `line`."""
+        assert self.line is not None  # noqa: S101 (who asks for it has one)
+        return self.line.of(lambda p: p[0])
+
+    @property
+    def response(self) -> equation.Fitted | None:
+        """Equation (1) where it has powers of the rate."""
+        return self.over if self.over is not None and self.over.terms.powers else None
+
+
+@dataclass(frozen=True, slots=True)
+class AxesSet:
+    """Runs about three axes at one temperature, with their triad and biases."""
+
+    runs: tuple[TableRun, ...]
+    temp_degc: float
+    """Mean of the runs [°C]; NaN where no temperature was logged."""
+    suffix: str
+    """Of the names of models and figures; empty for the set nearest the reference temperature."""
+    fit: Fit
+    """Sensitivities [3 g] and, where the latitude is known, biases [g]."""
+    triad: triad.Triad
+    bias: Value | None
+    """[g, 1/s], without the earth's rate."""
+
+
+@dataclass(frozen=True, slots=True)
+class Campaign:
+    """Gyros in all runs."""
+
+    channels: tuple[Channel, ...]
+    run_lines: Lines
+    """Lines of the single runs."""
+    flags: tuple[str, ...] = ()
+    components: tuple[Component, ...] = ()
+    """Errors of runs and mountings that the uncertainty of what is between gyros holds."""
+    pair: gyro_pair.GyroPair | None = None
+    """N, ε, γ and α of two gyros."""
+    sets: tuple[AxesSet, ...] = ()
+    """Runs about three axes, a set for each temperature."""
+    over: equation.Fitted | None = None
+    """Equation (1) of all runs about three axes over temperature."""
+    bias_curves: tuple[Model, ...] = ()
+    """Biases of the gyros over temperature."""
+
+    @property
+    def own(self) -> tuple[Channel, ...]:
+        """Gyros about their own axes."""
+        return tuple(channel for channel in self.channels if channel.own)
+
+    @property
+    def reference(self) -> AxesSet:
+        """The set of runs nearest the reference temperature."""
+        return next(one for one in self.sets if not one.suffix)
+
+    def own_lines(self) -> Iterator[tuple[Channel, TableRun, gjb_figures.Line]]:
+        """Published lines of gyros about their own axes in each run."""
+        for channel in self.own:
+            for run in channel.runs:
+                yield channel, run, self.run_lines.published(run, channel.gyro)
+
+    def residuals(self) -> dict[str, Array]:
+        """Columns of a tidy table, one row per held rate of a gyro in a run: indication less its
+        straight line, in ppm of full scale.
+        """
+        lines = [
+            (channel.gyro, run.log.name, line.rate_dps, *line.of_full_scale_ppm)
+            for channel, run, line in self.own_lines()
+        ]
+        sizes = [rate.size for _, _, rate, _, _ in lines]
+        gyro, run, rate, residual, u = zip(*lines, strict=True)
+        return {
+            "run": np.repeat(np.array(run, dtype=object), sizes),
+            "gyro": np.repeat(np.array(gyro, dtype=object), sizes),
+            "table_rate_dps": np.concatenate(rate),
+            "residual_ppm": np.concatenate(residual),
+            "standard_uncertainty_ppm": np.concatenate(u),
+        }
+
+
+def stated_components(*errors: Shared | None) -> tuple[Component, ...]:
+    """Components of errors that are in an uncertainty with their sizes."""
+    return tuple(
+        Component(
+            error.group,
+            error.effect,
+            error.size,
+            error.unit,
+            error.size / float(np.sqrt(2.0 * error.size_dof)),
+            error.levels,
+        )
+        for error in errors
+        if error and error.size
+    )
