@@ -8,9 +8,9 @@ from hypothesis import given, settings, strategies as st
 
 from calibkit.errors import FitError
 from calibkit.instruments.fog_thermal.numeric import choice, evaluate
+from calibkit.numeric import flicker
 from calibkit.numeric.thermal import (
     level,
-    noise as thermal_noise,
     pooled_fit,
     terms as thermal_terms,
 )
@@ -305,7 +305,7 @@ def test_stated_uncertainties_hold_in_flicker_noise_and_those_of_white_noise_do_
     """
     stated, naive = [], []
     # the factor of a shorter log is the corner of that of a longer one
-    root = np.linalg.cholesky(thermal_noise.flicker_kernel(900))
+    root = np.linalg.cholesky(flicker.kernel(900))
     for seed in range(16):
         rng = np.random.default_rng([seed, 3])
         logs = []

@@ -23,7 +23,7 @@ from calibkit.instruments.fog_thermal.numeric.choice import (
     _LeftOut,
     choose,
 )
-from calibkit.numeric import intervals
+from calibkit.numeric import flicker, intervals
 from calibkit.numeric.thermal import left_out, noise as thermal_noise, pooled_fit, uncertainty
 from calibkit.numeric.thermal.candidates import Candidate
 from calibkit.numeric.thermal.evaluate import Evaluation
@@ -430,7 +430,7 @@ def test_flicker_of_the_simulated_kind_has_the_covariance_that_is_assumed():
     means = np.array(
         [noise.flicker(1.0, 4000, rng).reshape(40, 100).mean(axis=1) for _ in range(1500)]
     )
-    kernel = thermal_noise.flicker_kernel(40)
+    kernel = flicker.kernel(40)
     for lag in (1, 2, 5, 20):
         seen = np.mean((means[:, lag:] - means[:, :-lag]) ** 2)
         pairs = [
@@ -447,9 +447,9 @@ def test_covariances_about_a_level_are_those_of_the_whole_matrix(first, stop, of
     inside = np.isin(np.arange(60), np.arange(first, stop))
     level = ~inside if of_rest and not inside.all() else inside
     about = np.eye(60)[inside] - level / np.count_nonzero(level)
-    whole = about @ thermal_noise.flicker_kernel(60) @ about.T
+    whole = about @ flicker.kernel(60) @ about.T
     lags = (0, 1, 2, 3)
-    found = thermal_noise.Flicker(60, lags).about_level(first, stop, of_rest=of_rest)
+    found = flicker.Flicker(60, lags).about_level(first, stop, of_rest=of_rest)
     for lag, covariances in zip(lags, found, strict=True):
         wanted = np.diag(whole, lag) if lag < stop - first else np.zeros(0)
         assert covariances.shape == wanted.shape
@@ -460,7 +460,7 @@ def test_a_log_of_weeks_has_its_flicker_noise_in_memory_that_grows_with_its_leng
     """The noise of 30,000 means, of 35 days, in 60 MB: their covariance matrix has 7 GB."""
     tracemalloc.start()
     try:
-        (variances,) = thermal_noise.Flicker(30_000, [0]).about_level(0, 30_000)
+        (variances,) = flicker.Flicker(30_000, [0]).about_level(0, 30_000)
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
@@ -472,16 +472,15 @@ def test_noise_is_told_into_white_and_flicker():
     """From residuals of eight logs white variance and flicker level come back within 30 %; no
     flicker is little.
     """
-    root = np.linalg.cholesky(thermal_noise.flicker_kernel(500))
+    root = np.linalg.cholesky(flicker.kernel(500))
     rng = np.random.default_rng(3)
     for true, low, high in ((0.0, 0.0, 0.01), (0.02, 0.014, 0.026)):
-        groups = []
-        for _ in range(8):
-            seen = true * root @ rng.normal(0.0, 1.0, 500) + rng.normal(0.0, 0.1, 500)
-            groups.append(
-                thermal_noise.group_rows(np.arange(500.0)[:, None] / 500.0, seen, np.ones(500))
-            )
-        found = thermal_noise.estimate(groups)
+        seen = [
+            true * root @ rng.normal(0.0, 1.0, 500) + rng.normal(0.0, 0.1, 500) for _ in range(8)
+        ]
+        design = np.tile(np.arange(500.0) / 500.0, 8)[:, None]
+        turned = flicker.Turned.of_logs(np.repeat(np.arange(8), 500), np.ones(4000))
+        found = thermal_noise.estimate(turned, design, np.concatenate(seen))
         assert low <= found.flicker <= high  # °/h
         assert found.white_variance == pytest.approx(0.01, rel=0.3)
 

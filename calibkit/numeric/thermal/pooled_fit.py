@@ -24,6 +24,7 @@ import numpy as np
 from calibkit.arrays import Array, Integers, Mask
 from calibkit.errors import FitError
 from calibkit.numeric.dispersion import mad_sigma, rms
+from calibkit.numeric.flicker import Turned
 from calibkit.numeric.intervals import Intervals
 from calibkit.numeric.least_squares import fit
 from calibkit.numeric.least_squares.robust import HUBER, TUKEY
@@ -336,7 +337,15 @@ class Solution:
             thermal_noise.group_rows(design[rows], residual[rows], self.weights[rows])
             for rows in stacked.log_rows
         ]
-        noise = thermal_noise.estimate(groups)
+        turned = Turned.of_logs(
+            np.repeat(np.arange(len(groups)), [group.weight.size for group in groups]),
+            np.concatenate([group.effective for group in groups]),
+        )
+        noise = thermal_noise.estimate(
+            turned,
+            np.concatenate([group.design for group in groups]),
+            np.concatenate([group.indication for group in groups]),
+        )
         matrix = _to_raw_and_lags(self, len(stacked.logs), chosen)
         found = thermal_noise.covariance(groups, noise, self.alike)
         covariance = matrix @ found @ matrix.T
