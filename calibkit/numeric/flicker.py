@@ -7,7 +7,7 @@ not depend on the interval.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -51,21 +51,30 @@ class Turned:
     """Rows of a usual block."""
 
     @classmethod
-    def of_logs(cls, log: Integers, count: Array) -> "Turned":
-        """Logs by the number [m, ascending] of the log of each block and its rows [m]."""
+    def of_logs(cls, log: Integers, place: Integers, count: Array) -> "Turned":
+        """Logs by the number [m, ascending] of the log of each block, its place [m] in the log,
+        some of which may be missing, and its rows [m].
+        """
         ends = np.cumsum(np.bincount(log))
-        whole = kernel(int(np.bincount(log).max()))
         parts, variances = [], []
         for first, stop in zip(np.append(0, ends[:-1]), ends, strict=True):
-            rows, m, root = slice(first, stop), stop - first, np.sqrt(count[first:stop])
-            values, vectors = np.linalg.eigh(whole[:m, :m] * np.outer(root, root))
-            parts.append((rows, vectors.T * root))
-            variances.append(np.maximum(values, 0.0))
+            places, counts = (tuple(values[first:stop].tolist()) for values in (place, count))
+            turn, flicker = _turn(places, counts)
+            parts.append((slice(first, stop), turn))
+            variances.append(flicker)
         return cls(tuple(parts), np.concatenate(variances), float(np.median(count)))
 
     def rows(self, means: Array) -> Array:
         """Turned rows [m] or [m, k] of block means."""
         return np.concatenate([turn @ means[rows] for rows, turn in self.parts])
+
+
+@lru_cache(maxsize=32)
+def _turn(place: tuple[int, ...], count: tuple[float, ...]) -> tuple[Array, Array]:
+    """Uᵀ D^½ [m, m] and λ [m] of the blocks of one log; many logs are alike."""
+    root, there = np.sqrt(count), np.ix_(place, place)
+    values, vectors = np.linalg.eigh(kernel(place[-1] + 1)[there] * np.outer(root, root))
+    return np.asarray(vectors.T * root, dtype=np.float64), np.maximum(values, 0.0)
 
 
 class Flicker:

@@ -70,6 +70,11 @@ class Blocks:
         log = np.repeat(np.arange(len(bounds)), [len(own) for own in means])
         return cls(whole[:, :-1], whole[:, -1], np.concatenate(counts), log)
 
+    @property
+    def place(self) -> Integers:
+        """[m], number of each block in its log."""
+        return np.concatenate([np.arange(n) for n in np.bincount(self.log)])
+
     def wander(self, turned: Turned, unit: str) -> Shared:
         """Wander of the bias in each log, where the likelihood asks for one."""
         time = np.concatenate([np.linspace(-1.0, 1.0, n) for n in np.bincount(self.log)])

@@ -139,7 +139,7 @@ def _fit_channel(entry: Bias, name: str, rows: _Rows, errors: Errors) -> _BiasFi
     names = [f"p{k}" for k in range(count)]
     design, to_raw = polynomial.mapped_powers(rows.abscissa, entry.order)
     blocks = Blocks.of(design, rows.indication, rows.abscissa, rows.bounds)
-    turned = Turned.of_logs(blocks.log, blocks.count)
+    turned = Turned.of_logs(blocks.log, blocks.place, blocks.count)
     offered = [turn_on_bias(unit, blocks.log, turned.rows(np.ones(blocks.count.size)))]
     several = len(rows.bounds) > 1
     if several:

@@ -14,7 +14,6 @@ import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.numeric.flicker import Turned, kernel
-from calibkit.numeric.thermal import pooled_moments
 
 LEVELS = np.concatenate([np.linspace(0.0, 2.0, 51), np.geomspace(2.0, 200.0, 31)[1:]])
 """Grid of flicker levels, in standard deviations of the white noise of a group."""
@@ -22,32 +21,6 @@ MOST_GROUPS = 250
 """Largest number of groups of a log: the size of the matrices that are factored."""
 DEPENDENT = 1e-12
 """Eigenvalue of a correlation matrix below which its columns count as dependent."""
-GROUP = 10
-"""Fewest blocks in a group: flicker noise shows in averages of some minutes."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Grouped:
-    """One log averaged over m groups of rows: design [m, k], indication [m], sums of the weights
-    [m] and of their squares [m].
-
-    `bread` and `white` [1 + k, 1 + k] are Z'WZ and Z'W²Z of its rows, with Z = (1, design) and
-    weights W.
-    """
-
-    design: Array
-    indication: Array
-    weight: Array
-    square: Array
-    bread: Array
-    white: Array
-
-    @property
-    def effective(self) -> Array:
-        """Effective number of rows [m]: that of equally weighted rows whose mean has the same
-        noise.
-        """
-        return self.weight**2 / self.square
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,26 +29,6 @@ class Noise:
 
     white_variance: float
     flicker: float
-
-
-def group_rows(design: Array, indication: Array, weights: Array) -> _Grouped:
-    """Weighted means of a log's design [n, k] and indication [n] over groups of rows; the last
-    group holds the remainder.
-    """
-    n = indication.size
-    size = max(GROUP, -(-n // MOST_GROUPS))
-    starts = np.arange(max(n // size, 1)) * size
-    weight = np.add.reduceat(weights, starts)
-    usable = np.where(weight > 0.0, weight, 1.0)
-    means = np.add.reduceat(design * weights[:, None], starts) / usable[:, None]
-    values = np.add.reduceat(indication * weights, starts) / usable
-    full = weight > 0.0
-    squares = np.add.reduceat(weights**2, starts)[full]
-    z = np.column_stack([np.ones(n), design])
-    weighted = z * weights[:, None]
-    return _Grouped(
-        means[full], values[full], weight[full], squares, weighted.T @ z, weighted.T @ weighted
-    )
 
 
 def estimate(turned: Turned, design: Array, indication: Array) -> Noise:
@@ -109,7 +62,8 @@ def _restricted(turned: Sequence[tuple[Array, Array]], ratio: float) -> tuple[fl
         total += moment[1:, 1:] - np.outer(moment[0, 1:], moment[0, 1:]) / moment[0, 0]
         determinant += float(np.sum(np.log(spread)) + np.log(moment[0, 0]))
         rows += spread.size - 1
-    length = np.sqrt(np.diag(total)[:-1])
+    length = np.sqrt(np.maximum(np.diag(total)[:-1], 0.0))
+    length = np.where(length > 0.0, length, 1.0)
     values, vectors = np.linalg.eigh(total[:-1, :-1] / np.outer(length, length))
     values = np.maximum(values, DEPENDENT)
     turned_right = vectors.T @ (total[:-1, -1] / length)
@@ -120,46 +74,6 @@ def _restricted(turned: Sequence[tuple[Array, Array]], ratio: float) -> tuple[fl
     return determinant + dof * float(np.log(variance)), variance
 
 
-def covariance(logs: Sequence[_Grouped], noise: Noise, alike: float = 0.0) -> Array:
-    """Covariance [L + k, L + k] of the L offsets and the k coefficients of a weighted fit for the
-    given noise.
-
-    It is H Z'W Ω W Z H' with the estimator H; Ω is white noise of the rows plus flicker noise of
-    the groups, independent between logs. With turn-on biases that are `alike`, the coefficients
-    err by these too. Offsets are the mean residuals of the logs.
-    """
-    count = len(logs)
-    size = count + logs[0].design.shape[1]
-    bread, meat = np.zeros((size, size)), np.zeros((size, size))
-    of_flicker = kernel(max(log.weight.size for log in logs))
-    for number, log in enumerate(logs):
-        m = log.weight.size
-        place = np.ix_(*[np.r_[number, count:size]] * 2)
-        z = np.column_stack([np.ones(m), log.design]) * log.weight[:, None]
-        bread[place] += log.bread
-        meat[place] += noise.white_variance * log.white
-        meat[place] += noise.flicker**2 * z.T @ of_flicker[:m, :m] @ z
-    sums, own = np.diag(bread)[:count], slice(count, None)
-    means = bread[:count, own] / sums[:, None]
-    between = np.zeros((size - count, count))
-    pooled = bread[own, own] - (sums * means.T) @ means
-    if alike:
-        weight, apart = pooled_moments.between_logs(sums, means, alike)
-        between = weight * apart.T
-        pooled += between @ apart
-    length = np.sqrt(np.diag(pooled))
-    outer = np.outer(length, length)
-    inverse = np.linalg.pinv(pooled / outer, rcond=DEPENDENT, hermitian=True) / outer
-    whole = np.vstack([-means, np.eye(size - count)]) @ inverse
-    estimator = whole @ np.hstack([between / sums - means.T, np.eye(size - count)])
-    estimator[:count, :count] += np.diag(1.0 / sums)
-    found = estimator @ meat @ estimator.T
-    if alike:
-        by_turn_on = whole @ between
-        found += noise.white_variance / alike * by_turn_on @ by_turn_on.T
-    return np.asarray(found, dtype=np.float64)
-
-
 def covariance_of(estimator: Array, design: Array, indication: Array) -> Array:
     """Covariance [p, p] of what an estimator P [p, n] makes of an indication [n], σ² P Pᵀ +
     B² P K Pᵀ; the noise is that about a design [n, k], whose first column is 1.
@@ -168,7 +82,7 @@ def covariance_of(estimator: Array, design: Array, indication: Array) -> Array:
     count = np.diff(np.append(starts, indication.size)).astype(np.float64)
     sums = np.add.reduceat(np.column_stack([design[:, 1:], indication]), starts, axis=0)
     means = sums / count[:, None]
-    turned = Turned.of_logs(np.zeros(count.size, dtype=np.int64), count)
+    turned = Turned.of_logs(np.zeros_like(starts), np.arange(count.size), count)
     noise = estimate(turned, means[:, :-1], means[:, -1])
     P = np.add.reduceat(estimator, starts, axis=1)
     of_flicker = noise.flicker**2 * P @ kernel(count.size) @ P.T
