@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.numeric import intervals
-from calibkit.numeric.thermal import noise as thermal_noise, pooled_fit
+from calibkit.numeric import flicker, intervals
+from calibkit.numeric.thermal import pooled_fit
 from calibkit.simulate import noise
 from calibkit.simulate.chamber import Chamber, Programme
 
@@ -303,7 +303,7 @@ def noise_limit(coil: Coil, fitted: list[Made], judged: list[Made]) -> Array:
         columns[:, 0] = columns[:, 1 + sizes.size + k] = 1.0
         columns[:, 1 : 1 + sizes.size] = made.terms[:size].reshape(-1, 6, sizes.size).mean(axis=1)
         noise_ = (coil.walk * 60.0) ** 2 / 60.0 * np.eye(size // 6)
-        noise_ += coil.flicker_dph**2 * thermal_noise.flicker_kernel(size // 6)
+        noise_ += coil.flicker_dph**2 * flicker.kernel(size // 6)
         weighted = np.linalg.solve(noise_, columns)
         precision += columns.T @ weighted
         right += weighted.T @ made.log.indication[:size].reshape(-1, 6).mean(axis=1)

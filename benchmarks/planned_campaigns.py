@@ -33,10 +33,9 @@ from calibkit.instruments.fog_thermal.numeric import bank as forward, bank_fit
 from calibkit.instruments.fog_thermal.numeric.bank_groups import Groups
 from calibkit.instruments.gyro_scale import equation, plan as gyro_plan
 from calibkit.instruments.gyro_scale.numeric import line_terms
-from calibkit.numeric import gum
+from calibkit.numeric import flicker, gum
 from calibkit.numeric.least_squares import polynomial
 from calibkit.numeric.thermal import coil
-from calibkit.numeric.thermal.noise import flicker_kernel
 from calibkit.numeric.thermal.pooled_fit import Stack
 from calibkit.planning import document, equipment
 from calibkit.planning.assumptions import read_sizes
@@ -189,7 +188,7 @@ def run_gyro(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  #
         own = own / np.sqrt(bench.precision[shared:])
         factor = np.linalg.cholesky(
             white_dph**2 * np.eye(time.size)
-            + sizes("log", "flicker") ** 2 * flicker_kernel(time.size)
+            + sizes("log", "flicker") ** 2 * flicker.kernel(time.size)
         )
         value = drift_of(time, case, drawn[:p], lag) + factor @ rng.normal(size=time.size)
         value += own @ rng.normal(size=own.shape[1])

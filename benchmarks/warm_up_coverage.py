@@ -5,8 +5,7 @@ documentation.
 
 Every set is one warm-up, from 15 to 50 °C with a time constant of a tenth of the log: a tenth of
 the rows are cold. A straight line or a cubic of temperature is fitted; its slope at the middle of
-the range is covered where the truth lies within Student's 95 % interval with the effective degrees
-of freedom of the covariance that allows for autocorrelation.
+the range is covered where the truth lies within Student's 95 % interval of the fit.
 """
 
 from __future__ import annotations
@@ -15,10 +14,14 @@ import argparse
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 from scipy.signal import lfilter
 from scipy.stats import t
 
-from calibkit.numeric.least_squares import fit, hac, polynomial
+from calibkit.frame import Log
+from calibkit.instruments.bias_temperature import polynomials
+from calibkit.instruments.bias_temperature.recipe import BiasTemperatureRecipe
+from calibkit.simulate import noise as simulated
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -34,7 +37,17 @@ NOISE: dict[str, Callable[[Array], Array]] = {
     "white and first-order, 0.9": lambda draws: (
         draws[0] + lfilter([np.sqrt(0.19)], [1.0, -0.9], draws[1])
     ),
+    "white and flicker": lambda draws: (
+        draws[0] + simulated.flicker(1.0, draws.shape[1], np.random.default_rng(_seed_of(draws)))
+    ),
 }
+
+
+def _seed_of(draws: Array) -> int:
+    """Seed of a noise of its own for each set."""
+    return int(abs(draws[1, 0]) * 1e9)
+
+
 BEFORE = 200
 """Rows of noise before a log."""
 
@@ -47,18 +60,20 @@ def cover(
     """
     rng = np.random.default_rng([rows, order])
     temperature = 50.0 - 35.0 * np.exp(-np.arange(rows) / (0.1 * rows))
-    design, _ = polynomial.mapped_powers(temperature, order)
-    columns = design(slice(0, rows))
-    slope = np.zeros((1, order + 1))
-    slope[0, 1] = 1.0
+    bias = {"abscissa": "temp_case_degc", "bias": [{"indication": "gyro_dph", "order": order}]}
+    tables = {"procedure": "bias_temperature", "logs": {"files": ["*.csv"]}, "polynomials": bias}
+    spec = BiasTemperatureRecipe.model_validate(tables, strict=False)
+    # derivatives of the slope at 32.5 °C by the coefficients
+    slope = np.arange(order + 1) * np.append(0.0, 32.5 ** np.arange(order))
     found, half, dofs = [], [], []
     for _ in range(sets):
         values = noise(rng.normal(size=(2, BEFORE + rows)))[BEFORE:]
-        fitted = fit.linear(columns, values)
-        consistent = hac.covariance(design, fitted.residuals, combinations=slope)
-        dofs.append(float(consistent.effective_dof[0]))
-        found.append(fitted.coefficients[1])
-        half.append(t.ppf(0.975, dofs[-1]) * np.sqrt(consistent.covariance[1, 1]))
+        columns = {"temp_case_degc": temperature, "gyro_dph": values}
+        log = Log("w", "w.csv", "", rows, pd.DataFrame(columns))
+        (fitted,) = polynomials.fit([log], spec.polynomials, spec.errors)
+        dofs.append(float(fitted.effective_dof[1]))
+        found.append(slope @ fitted.coefficients)
+        half.append(t.ppf(0.975, dofs[-1]) * np.sqrt(slope @ fitted.covariance @ slope))
     covered = float(np.mean(np.abs(found) < half))
     return covered, float(np.mean(half) / (1.96 * np.std(found))), float(np.median(dofs))
 

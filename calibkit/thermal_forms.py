@@ -16,8 +16,9 @@ from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.fit.unseen import unseen
 from calibkit.forms import Form, Inputs
 from calibkit.numeric import chunks
+from calibkit.numeric.flicker import Flicker
 from calibkit.numeric.thermal import coil
-from calibkit.numeric.thermal.noise import Flicker, Noise
+from calibkit.numeric.thermal.noise import Noise
 from calibkit.numeric.thermal.terms import LAGS, TERMS, Drivers, ThermalModel, Valid
 from calibkit.numeric.thermal.uncertainty import Along
 from calibkit.sensitivities import Sensitivity

@@ -17,15 +17,16 @@ def block_log(name, columns, interval_s, begins=()):
 def fit_level(logs, terms=TERMS):
     """Level model of all logs at once."""
     stacked = pooled_fit.Stack.of_logs(logs)
-    return level.basis(stacked).solve(terms).finish(stacked)
+    return lagged.finish(level.basis(stacked).solve(terms))
 
 
-def survey(stacked):
-    """Survey of stacked logs with the robust weights of a level fit."""
-    return lagged.Survey.of_logs(stacked, level.basis(stacked).robust)
+def solve_lagged(stacked, terms=LAGGED_TERMS):
+    """Survey of stacked logs with robust weights and noise of a level fit, and its solution."""
+    surveyed = lagged.Survey.of_rows(level.basis(stacked).rows)
+    return surveyed, surveyed.solve(terms, surveyed.on_grid())
 
 
 def fit_lagged(logs, terms=LAGGED_TERMS):
     """Lagged model of all logs at once."""
     stacked = pooled_fit.Stack.of_logs(logs)
-    return lagged.finish(survey(stacked).solve(terms), stacked)
+    return lagged.finish(solve_lagged(stacked, terms)[1])

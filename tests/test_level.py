@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from calibkit.errors import FitError
-from calibkit.instruments.fog_thermal.numeric import choice, evaluate
+from calibkit.instruments.fog_thermal.numeric import evaluate
+from calibkit.numeric import flicker
 from calibkit.numeric.thermal import (
     level,
-    noise as thermal_noise,
     pooled_fit,
     terms as thermal_terms,
 )
@@ -256,8 +256,7 @@ def test_rows_of_normal_noise_are_hardly_ever_left_out():
     neighbours tell of their middle and the scale.
     """
     stacked = pooled_fit.Stack.of_logs(campaign(noise=0.1, seed=4))
-    weights = level.basis(stacked).robust
-    assert np.mean(weights < choice.OUTLYING) < 0.002
+    assert np.mean(~level.basis(stacked).rows.sound) < 0.002
 
 
 def test_a_lasting_misfit_keeps_its_say():
@@ -267,7 +266,7 @@ def test_a_lasting_misfit_keeps_its_say():
     logs = campaign(noise=0.01)
     stacked = pooled_fit.Stack.of_logs(logs)
     basis = level.basis(stacked)
-    trust = pooled_fit.robust_weights(basis.design[:, 1:4], stacked)
+    trust = pooled_fit.sound_blocks(basis.design[:, 1:4], stacked)
     missed = np.abs(basis.drivers.rate) > 3.0
     assert np.mean(trust[missed]) > 0.8
 
@@ -305,7 +304,7 @@ def test_stated_uncertainties_hold_in_flicker_noise_and_those_of_white_noise_do_
     """
     stated, naive = [], []
     # the factor of a shorter log is the corner of that of a longer one
-    root = np.linalg.cholesky(thermal_noise.flicker_kernel(900))
+    root = np.linalg.cholesky(flicker.kernel(900))
     for seed in range(16):
         rng = np.random.default_rng([seed, 3])
         logs = []

@@ -1,8 +1,7 @@
-"""Block means without spikes, and weights by how long a temperature was dwelt at."""
+"""Block means without spikes."""
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
 
 from calibkit.numeric import intervals
 from calibkit.numeric.thermal import occupancy
@@ -89,57 +88,3 @@ def test_a_block_of_spikes_alone_keeps_its_mean():
     """A block of which nothing would be kept is not lost."""
     means = occupancy.means(np.arange(30.0), blocks_of(10, 3), without=np.arange(10, 20))
     assert means == pytest.approx([4.5, 14.5, 24.5])
-
-
-def test_counts_are_those_of_a_loop():
-    """Each block is told how many blocks share its bin of temperature."""
-    temperature = RNG.uniform(-40.0, 60.0, 200)
-    expected = [
-        sum(int(np.floor(a / 2.5)) == int(np.floor(b / 2.5)) for b in temperature)
-        for a in temperature
-    ]
-    assert occupancy.counts(temperature).tolist() == expected
-
-
-def test_without_misfit_all_blocks_count_alike():
-    """White noise alone asks for equal weights."""
-    assert occupancy.weights(np.array([1.0, 5.0, 400.0]), 0.2, 0.0) == pytest.approx(
-        [1.0, 1.0, 1.0]
-    )
-
-
-def test_without_noise_all_temperatures_count_alike():
-    """A temperature dwelt at for an hour weighs as much as one passed in a minute."""
-    temperature = np.concatenate([np.full(360, 60.0), np.full(6, 20.0), np.full(25, -40.0)])
-    weights = occupancy.weights(occupancy.counts(temperature), 0.0, 0.01)
-    assert weights[:360].sum() == pytest.approx(weights[360:366].sum(), rel=1e-12)
-    assert weights[:360].sum() == pytest.approx(weights[366:].sum(), rel=1e-12)
-
-
-@settings(max_examples=50)
-@given(
-    counts=st.lists(st.integers(1, 5000), min_size=1, max_size=30),
-    noise=st.floats(0.0, 10.0),
-    misfit=st.floats(0.0, 10.0),
-)
-def test_weights_are_one_on_average_and_fall_with_occupancy(counts, noise, misfit):
-    """Whatever noise and misfit: positive, mean 1, never larger for a temperature that was dwelt at
-    for longer.
-    """
-    occupied = np.sort(np.array(counts, dtype=np.float64))
-    weights = occupancy.weights(occupied, noise, misfit)
-    assert np.mean(weights) == pytest.approx(1.0, rel=1e-9)
-    assert np.all(weights > 0.0)
-    assert np.all(np.diff(weights) <= 1e-12)
-
-
-def test_misfit_is_what_lasts_and_not_white_noise():
-    """A slow wave of rms 0.01 °/h is found in white noise of 0.02 °/h within 15 %; white noise
-    alone is below 0.003.
-    """
-    noise = RNG.normal(0.0, 0.02, 20_000)
-    wave = 0.01 * np.sqrt(2.0) * np.sin(np.arange(20_000) / 100.0)
-    trust = np.ones(20_000)
-    assert occupancy.misfit(noise + wave, trust, range(6, 31)) == pytest.approx(0.01, rel=0.15)
-    assert occupancy.misfit(noise, trust, range(6, 31)) < 0.003
-    assert occupancy.misfit(noise[:5], trust[:5], range(6, 31)) == 0.0

@@ -11,7 +11,6 @@ import pytest
 from calibkit.check import chunked
 from calibkit.ingest import logs_on_disk, write_back
 from calibkit.numeric import attitude, chunks, order_statistics
-from calibkit.numeric.least_squares import hac
 from calibkit.readers import clean
 
 
@@ -27,7 +26,6 @@ def shorten(monkeypatch):
     """Spans of 257 rows, and searches that hold next to nothing."""
     monkeypatch.setattr(chunks, "ROWS", 257)
     monkeypatch.setattr(order_statistics, "COLLECTED", 100)
-    monkeypatch.setattr(hac, "LAGS", (16, 64))
 
 
 @pytest.fixture

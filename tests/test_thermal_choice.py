@@ -23,7 +23,7 @@ from calibkit.instruments.fog_thermal.numeric.choice import (
     _LeftOut,
     choose,
 )
-from calibkit.numeric import intervals
+from calibkit.numeric import flicker, intervals
 from calibkit.numeric.thermal import left_out, noise as thermal_noise, pooled_fit, uncertainty
 from calibkit.numeric.thermal.candidates import Candidate
 from calibkit.numeric.thermal.evaluate import Evaluation
@@ -207,28 +207,35 @@ def test_ramps_of_one_file_are_left_out_one_by_one(logs):
 
 
 def test_left_out_errors_of_a_level_model_are_those_of_a_plain_fit_to_the_other_ramps(logs):
-    """For each ramp a least-squares fit with a dummy for each other log, held to the mean of all by
-    the scatter of turn-on biases, gives the same compensated figure.
+    """For each ramp generalised least squares of the other logs, each with a free level held to
+    the mean of all by the scatter of turn-on biases, gives the same compensated figure.
     """
     candidate = Candidate("cubic", "level", ("b0", "b1", "b2", "b3"))
     stacked = pooled_fit.Stack.of_logs(fitted(logs))
     solved, _ = thermal_choice._solutions_of(stacked, (candidate,))
     solution = solved[0].solution
     found = thermal_choice._left_out(solved[0], stacked, 10)
+    sound = solution.rows.sound
+    noise, tau = solution.rows.noise, np.sqrt(solution.turn_on_variance)
     for ramp, rows in enumerate(stacked.ramps):
-        kept = np.ones(stacked.indication.size, dtype=bool)
-        kept[rows] = False
-        dummies = np.repeat(np.eye(8), [log.time.size for log in stacked.logs], axis=0)
-        design = np.hstack([dummies, solution.columns])[kept]
-        root = np.sqrt(solution.weights[kept])
-        others = np.flatnonzero(np.arange(8) != ramp)
-        held = np.zeros((7, design.shape[1]))
-        held[:, others] = np.sqrt(solution.alike) * (np.eye(7) - 1.0 / 7.0)
-        rows_and_held = np.vstack([design * root[:, None], held])
-        seen = np.concatenate([stacked.indication[kept] * root, np.zeros(7)])
-        fit = np.linalg.lstsq(rows_and_held, seen)[0][8:]
+        parts, seen = [], []
+        for number, log in enumerate(np.flatnonzero(np.arange(8) != ramp)):
+            mine = np.arange(stacked.indication.size)[stacked.log_rows[log]]
+            whole = np.array_split(mine, np.arange(0, mine.size, -(-mine.size // 250))[1:])
+            groups = [group[sound[group]] for group in whole]
+            count = np.array([group.size for group in groups])
+            V = np.diag(noise.white_variance / count)
+            V += noise.flicker**2 * flicker.kernel(count.size)
+            root = np.linalg.inv(np.linalg.cholesky(V))
+            columns = np.array([solution.columns[group].mean(axis=0) for group in groups])
+            level = np.tile(np.eye(7)[number], (count.size, 1))
+            parts.append(root @ np.hstack([level, columns]))
+            seen.append(root @ [stacked.indication[group].mean() for group in groups])
+        held = np.hstack([(np.eye(7) - 1.0 / 7.0) / tau, np.zeros((7, 3))])
+        design, target = np.vstack([*parts, held]), np.concatenate([*seen, np.zeros(7)])
+        fit = np.linalg.lstsq(design, target)[0][7:]
         left = stacked.indication[rows] - solution.columns[rows] @ fit
-        expected = np.std(left_out.figure_means(left, solution.robust[rows], 10))
+        expected = np.std(left_out.figure_means(left, sound[rows].astype(float), 10))
         assert found.compensated[ramp] == pytest.approx(expected, rel=1e-6)
 
 
@@ -430,7 +437,7 @@ def test_flicker_of_the_simulated_kind_has_the_covariance_that_is_assumed():
     means = np.array(
         [noise.flicker(1.0, 4000, rng).reshape(40, 100).mean(axis=1) for _ in range(1500)]
     )
-    kernel = thermal_noise.flicker_kernel(40)
+    kernel = flicker.kernel(40)
     for lag in (1, 2, 5, 20):
         seen = np.mean((means[:, lag:] - means[:, :-lag]) ** 2)
         pairs = [
@@ -447,9 +454,9 @@ def test_covariances_about_a_level_are_those_of_the_whole_matrix(first, stop, of
     inside = np.isin(np.arange(60), np.arange(first, stop))
     level = ~inside if of_rest and not inside.all() else inside
     about = np.eye(60)[inside] - level / np.count_nonzero(level)
-    whole = about @ thermal_noise.flicker_kernel(60) @ about.T
+    whole = about @ flicker.kernel(60) @ about.T
     lags = (0, 1, 2, 3)
-    found = thermal_noise.Flicker(60, lags).about_level(first, stop, of_rest=of_rest)
+    found = flicker.Flicker(60, lags).about_level(first, stop, of_rest=of_rest)
     for lag, covariances in zip(lags, found, strict=True):
         wanted = np.diag(whole, lag) if lag < stop - first else np.zeros(0)
         assert covariances.shape == wanted.shape
@@ -460,7 +467,7 @@ def test_a_log_of_weeks_has_its_flicker_noise_in_memory_that_grows_with_its_leng
     """The noise of 30,000 means, of 35 days, in 60 MB: their covariance matrix has 7 GB."""
     tracemalloc.start()
     try:
-        (variances,) = thermal_noise.Flicker(30_000, [0]).about_level(0, 30_000)
+        (variances,) = flicker.Flicker(30_000, [0]).about_level(0, 30_000)
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
@@ -472,16 +479,17 @@ def test_noise_is_told_into_white_and_flicker():
     """From residuals of eight logs white variance and flicker level come back within 30 %; no
     flicker is little.
     """
-    root = np.linalg.cholesky(thermal_noise.flicker_kernel(500))
+    root = np.linalg.cholesky(flicker.kernel(500))
     rng = np.random.default_rng(3)
     for true, low, high in ((0.0, 0.0, 0.01), (0.02, 0.014, 0.026)):
-        groups = []
-        for _ in range(8):
-            seen = true * root @ rng.normal(0.0, 1.0, 500) + rng.normal(0.0, 0.1, 500)
-            groups.append(
-                thermal_noise.group_rows(np.arange(500.0)[:, None] / 500.0, seen, np.ones(500))
-            )
-        found = thermal_noise.estimate(groups)
+        seen = [
+            true * root @ rng.normal(0.0, 1.0, 500) + rng.normal(0.0, 0.1, 500) for _ in range(8)
+        ]
+        design = np.tile(np.arange(500.0) / 500.0, 8)[:, None]
+        turned = flicker.Turned.of_logs(
+            np.repeat(np.arange(8), 500), np.tile(np.arange(500), 8), np.ones(4000)
+        )
+        found = thermal_noise.estimate(turned, design, np.concatenate(seen))
         assert low <= found.flicker <= high  # °/h
         assert found.white_variance == pytest.approx(0.01, rel=0.3)
 

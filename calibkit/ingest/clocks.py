@@ -16,7 +16,6 @@ from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.frame import GAP
 from calibkit.numeric import anomalies, dispersion
-from calibkit.numeric.least_squares import hac
 
 _MOST_POINTS = 20_000
 """Rows of logger A that enter the estimate: more would add only correlated noise."""
@@ -276,9 +275,28 @@ def _estimate_covariance(
             "a clock offset cannot be told from another level of the two sensors",
             hint="log a change that both loggers see, or state the clock",
         )
-    scaled = hac.covariance(lambda part: design[part] / size, left).covariance
-    covariance = scaled / np.outer(size, size)
+    covariance = _with_memory(design / size, left) / np.outer(size, size)
     pair = np.zeros((2, 2))
     pair[: theta.size, : theta.size] = covariance[: theta.size, : theta.size]
     skew = float(theta[1]) if theta.size > 1 else 0.0
     return Clocks(float(theta[0]), skew, pair, middle, float(gain), rms, int(sound.sum()))
+
+
+def _with_memory(design: Array, left: Array) -> Array:
+    """Covariance [p, p] of least squares whose residuals [n] are autocorrelated, by a Bartlett
+    kernel over three times the rows that neighbours remember (Newey & West 1987).
+    """
+    count, columns = design.shape
+    size = 1 << (2 * count).bit_length()
+    spectrum = np.abs(np.fft.rfft(left - left.mean(), size)) ** 2
+    products = np.fft.irfft(spectrum)[:count]
+    uncorrelated = products < 2.0 / np.sqrt(count) * products[0]
+    remembered = int(np.argmax(uncorrelated)) - 1 if uncorrelated.any() else count // 3
+    width = min(3 * max(remembered, 0), count // 3) + 1
+    # a sum of the products by 1 - k/width is that of squares of sums over `width` rows
+    scores = np.pad(design * left[:, None], ((width, width - 1), (0, 0)))
+    sums = np.cumsum(scores, axis=0)
+    sums = sums[width:] - sums[:-width]
+    bread = np.linalg.inv(design.T @ design)
+    few = count / (count - columns)
+    return np.asarray(few * bread @ (sums.T @ sums / width) @ bread, dtype=np.float64)

@@ -16,7 +16,7 @@ from calibkit.errors import FitError, UsageError
 from calibkit.fit.solve import Fit, predict
 from calibkit.forms import power_unit
 from calibkit.frame import values
-from calibkit.instruments.bias_temperature.polynomials import EFFECTS, GROUP, turn_on_bias
+from calibkit.instruments.bias_temperature import blocks
 from calibkit.numeric.least_squares import polynomial
 from calibkit.planning.assumptions import assume, read_earlier, read_sizes, seen_errors
 from calibkit.planning.levels import (
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
 RANGE_DEGC = (-40.0, 60.0)
 FILE = "bias.json"
-TURN_ON = (GROUP, EFFECTS[0])
+TURN_ON = (blocks.GROUP, blocks.TURN_ON)
 MORE_LEVELS = 4
 """Temperatures that the search takes at most beyond one more than the order needs."""
 TIMES = (1, 2, 3)
@@ -85,7 +85,8 @@ class BiasBench(Bench):
 
     def fit(self, rows: Means) -> Fit:
         """What means of logs, each with its own turn-on bias, will tell of the polynomial."""
-        turn_on = turn_on_bias(self.assumed.device.noise_unit, rows.log)
+        every = np.ones(rows.log.size)
+        turn_on = blocks.turn_on_bias(self.assumed.device.noise_unit, rows.log, every)
         powers, shared = self.powers(rows.degc), self.assumed.state([turn_on])
         start, names = np.zeros(self.order + 1), [f"p{k}" for k in range(self.order + 1)]
         return predict(lambda p: powers @ p, start, shared, noise=rows.noise, names=names)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from calibkit import units
-from calibkit.arrays import Array, Integers
+from calibkit.arrays import Array
 from calibkit.coefficients import (
     Component,
     Criterion,
@@ -18,14 +18,21 @@ from calibkit.coefficients import (
     at_most,
     over_stated_u,
 )
+from calibkit.errors import FitError
 from calibkit.fit.shared import Shared
 from calibkit.fit.solve import SharedSize
 from calibkit.fit.unseen import unseen
 from calibkit.forms import POLYNOMIAL, components_of, power_unit
 from calibkit.frame import Log, values
-from calibkit.instruments.bias_temperature import levels
+from calibkit.instruments.bias_temperature import blocks as bias_blocks
+from calibkit.instruments.bias_temperature.blocks import (
+    LEAST_LOGS,
+    WANDER,
+    Blocks,
+    between_logs,
+    turn_on_bias,
+)
 from calibkit.instruments.bias_temperature.figures import BiasCurve
-from calibkit.instruments.bias_temperature.levels import LevelFit
 from calibkit.instruments.bias_temperature.overview import summarize_drifts
 from calibkit.instruments.bias_temperature.quantities import reference_of
 from calibkit.instruments.bias_temperature.recipe import (
@@ -36,7 +43,9 @@ from calibkit.instruments.bias_temperature.recipe import (
 )
 from calibkit.numeric import chunks, dispersion, gum
 from calibkit.numeric.chunks import mean, ranges_along
-from calibkit.numeric.least_squares import fold, hac, polynomial
+from calibkit.numeric.flicker import Turned
+from calibkit.numeric.least_squares import fold, polynomial
+from calibkit.numeric.least_squares.fit import rank
 from calibkit.recipe.shared_errors import state_sizes, warn_of_few_levels
 from calibkit.recipe.tables import Errors
 from calibkit.recipe.type_b import RELATIVE, TypeB, combine_terms
@@ -44,8 +53,6 @@ from calibkit.report.summary import Summary, number
 from calibkit.report.table import Table
 
 BINS, POINTS = 200, 9
-GROUP, EFFECTS = "log", ("turn-on bias", "drift in time", "bend in time", "wave in time")
-"""Errors that all rows of a log share: its level, and courses that are tried."""
 
 Allocate = Callable[[int], Array]
 
@@ -87,8 +94,8 @@ def fit(logs: Sequence[Log], spec: Polynomials, errors: Errors) -> list[_BiasFit
     """Fit each channel's polynomial by least squares on the abscissa mapped to [−1, 1], over the
     rows of all logs, each of which has a turn-on bias of its own.
 
-    The covariance allows for autocorrelated residuals (Newey & West 1987): the noise of a sensor
-    that warms up is not white. Few cold rows leave few degrees of freedom.
+    The covariance is that of white and flicker noise: the noise of a sensor that warms up is not
+    white. Few cold rows leave few degrees of freedom.
     """
     allocate = next((log.allocate for log in logs if log.on_disk), np.empty)
     abscissa = _concatenate(logs, spec.abscissa, allocate)
@@ -122,29 +129,45 @@ def _concatenate(logs: Sequence[Log], column: str, allocate: Allocate) -> Array:
 
 
 def _fit_channel(entry: Bias, name: str, rows: _Rows, errors: Errors) -> _BiasFit:
-    """One channel's polynomial over the abscissa of that name."""
-    unit = units.column_unit(entry.indication)
-    design, to_raw = polynomial.mapped_powers(rows.abscissa, entry.order)
-    count = entry.order + 1
+    """One channel's polynomial over the abscissa of that name.
+
+    Where logs have no error in common, as one log alone, the coefficients are those of ordinary
+    least squares over all rows, which is how such polynomials are published; else those of
+    generalised least squares over means of blocks.
+    """
+    unit, count = units.column_unit(entry.indication), entry.order + 1
     names = [f"p{k}" for k in range(count)]
+    design, to_raw = polynomial.mapped_powers(rows.abscissa, entry.order)
+    blocks = Blocks.of(design, rows.indication, rows.abscissa, rows.bounds)
+    turned = Turned.of_logs(blocks.log, blocks.place, blocks.count)
+    offered = [turn_on_bias(unit, blocks.log, turned.rows(np.ones(blocks.count.size)))]
+    several = len(rows.bounds) > 1
+    if several:
+        offered.append(blocks.wander(turned, unit))
+    stated = state_sizes(errors, offered)
+    shared = stated if several else []
+    if shared and shared[0].size is None:
+        _require_levels_apart(shared[0], turned.rows(blocks.design), names)
+    fitted = bias_blocks.fit(blocks, turned, unit, shared, names)
+    coefficients, levels = fitted.parameters, np.zeros(len(rows.bounds))
+    if shared:
+        levels = fitted.mixed[0].errors[:, 0]
+    else:
+        coefficients = fold.linear(
+            design, rows.indication, names=names, allocate=rows.allocate
+        ).coefficients
+        fitted = fitted.linear(_least_squares(blocks, turned), turned.rows(blocks.indication))
+        fitted = fitted.widened_by([one for one in stated if one.size is not None])
     held = np.vander(np.linspace(*chunks.extremes(rows.abscissa), POINTS), count, increasing=True)
     along = np.vstack([np.eye(count), held]) @ np.asarray(to_raw, dtype=np.float64)
-    bounds = rows.bounds
-    # of the turn-on bias of one log its rows show nothing
-    offered: tuple[Shared, ...] = (turn_on_bias(unit, np.zeros(1, dtype=np.int64)),)
-    if len(bounds) > 1:
-        blocks = levels.Blocks.of(design, rows.indication, rows.abscissa, bounds).without_memory()
-        offered = blocks.errors(GROUP, EFFECTS, unit)
-    stated = state_sizes(errors, offered)
-    if stated and len(bounds) > 1:
-        shared = levels.fit(blocks, stated, along, names=names)
-    else:
-        shared = _of_one_level(design, rows, names, along[:count], stated)
-    dof = shared.effective_dof
+    covariance, dof = fitted.covariance, fitted.dof_along(along)
+    wanders = any(size.error.effect == WANDER for size in fitted.mixed)
+    if wanders and len(rows.bounds) >= LEAST_LOGS:
+        covariance, dof = between_logs(fitted, turned.rows(blocks.design), blocks.log, along)
+    raw, covariance = polynomial.in_raw_powers(coefficients, covariance, to_raw)
     dof[0] = dof[np.r_[0, count : dof.size]].min()  # p0 is in every value, itself beyond the logs
-    raw, covariance = polynomial.in_raw_powers(shared.coefficients, shared.covariance, to_raw)
-    shown, rms, over_noise = _bin_means(rows, shared.levels, raw)
-    sizes = shared.sizes if stated else ()
+    shown, rms, over_noise = _bin_means(rows, levels, raw)
+    sizes = fitted.mixed if several else _of_one_log(stated)
     return _BiasFit(
         entry.indication,
         name,
@@ -161,34 +184,32 @@ def _fit_channel(entry: Bias, name: str, rows: _Rows, errors: Errors) -> _BiasFi
     )
 
 
-def _of_one_level(
-    design: Callable[[slice], Array],
-    rows: _Rows,
-    names: Sequence[str],
-    to_raw: Array,
-    stated: Sequence[Shared],
-) -> LevelFit:
-    """Ordinary least squares, for one log, or where the recipe names no group; a turn-on bias of
-    known size is an uncertainty of p0.
+def _least_squares(blocks: Blocks, turned: Turned) -> Array:
+    """Matrix [p, m] by which ordinary least squares over the rows of all blocks makes coefficients
+    of turned ones.
     """
-    found = fold.linear(design, rows.indication, names=names, allocate=rows.allocate)
-    consistent = hac.covariance(design, found.residuals, combinations=to_raw)
-    covariance, dof = consistent.covariance, consistent.effective_dof
-    (error,) = stated or (turn_on_bias("", np.zeros(1, dtype=np.int64)),)
-    size = error.size or 0.0
-    before = float(to_raw[0] @ covariance @ to_raw[0])
-    covariance[0, 0] += size**2
-    if size > 0.0:
-        dof[0] = (before + size**2) ** 2 / (before**2 / dof[0] + size**4 / error.size_dof)
-    turn_on = SharedSize(error, size, 0.0, 0, np.zeros((1, 1)))
-    levels_of_logs = np.zeros(len(rows.bounds))
-    return LevelFit(found.coefficients, covariance, dof, (turn_on,), levels_of_logs)
+    weighted = blocks.design * blocks.count[:, None]
+    P = np.linalg.solve(weighted.T @ blocks.design, weighted.T)
+    # P y = P (Uᵀ D^½)⁻¹ · turned y, log by log
+    return np.hstack([np.linalg.solve(turn.T, P[:, rows].T).T for rows, turn in turned.parts])
 
 
-def turn_on_bias(unit: str, log: Integers) -> Shared:
-    """The turn-on bias of each log, from the number [n] of the log of each row."""
-    loading = np.ones((log.size, 1))
-    return Shared(group=GROUP, effect=EFFECTS[0], level=log, loading=loading, unit=unit)
+def _of_one_log(stated: Sequence[Shared]) -> list[SharedSize]:
+    """The turn-on bias of one log, whose rows show nothing of it, as large as it is stated."""
+    return [SharedSize(one, one.size or 0.0, 0.0, 0, np.zeros((1, 1))) for one in stated]
+
+
+def _require_levels_apart(error: Shared, design: Array, names: Sequence[str]) -> None:
+    """Refuse turn-on biases that cannot be told from the coefficients of a design [m, p]."""
+    own = error.design(np.arange(len(design)))
+    if rank(np.hstack([design, own])) == len(names):
+        raise FitError(
+            f"the {error.effect} of each {error.group} cannot be told from {', '.join(names)}:"
+            f" {error.levels} of them, each at one value of the abscissa, expected more"
+            f" than {len(names)}, or changes of the abscissa within each",
+            hint="measure more of them, lower the order, or state how much the"
+            f" {error.effect} differs in [[errors.component]]",
+        )
 
 
 def result(fits: Sequence[_BiasFit], flags: Sequence[str]) -> StageResult:
@@ -331,18 +352,16 @@ def _judge_drift(model: Model, log: Log, spec: BiasTemperatureRecipe) -> dict[st
     low, high = chunks.extremes(x)
     if order == 0 or low == high:
         return {}
-    design, to_raw = polynomial.mapped_powers(x, order)
-    found = fold.linear(design, values(log.frame, model.name), allocate=log.allocate)
-    own, covariance = polynomial.in_raw_powers(
-        found.coefficients, hac.covariance(design, found.residuals).covariance, to_raw
-    )
+    of_model = Bias(indication=model.name, order=order)
+    rows = _Rows(x, values(log.frame, model.name), ((0, x.size),), log.allocate)
+    own = _fit_channel(of_model, abscissa, rows, Errors())
     # the rows that it corrects, about their mean: of all powers but the level, which cancels
     powers = np.vander(np.linspace(low, high, BINS), order + 1, increasing=True)[:, 1:]
-    rows = powers - powers.mean(axis=0)
-    both = covariance + np.array(model.covariance) + _type_b(model, abscissa, spec.type_b)
+    along = powers - powers.mean(axis=0)
+    both = own.covariance + np.array(model.covariance) + _type_b(model, abscissa, spec.type_b)
     judged = unseen(
-        rows @ (own - POLYNOMIAL.read(model))[1:],
-        rows @ gum.square_root(both[1:, 1:]),
+        along @ (own.coefficients - POLYNOMIAL.read(model))[1:],
+        along @ gum.square_root(both[1:, 1:]),
         dof=(max(1.0, min(map(model.dof_of, model.coefficients[1:]))), np.inf),
     )
     return judged.to_object()

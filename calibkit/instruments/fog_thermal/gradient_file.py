@@ -43,8 +43,9 @@ def fit_ramps(logs: Sequence[PreparedLog], spec: Drift) -> tuple[list[FittedRamp
     for log in logs:
         for ramp in log.ramps:
             try:
+                raw = log.raw.indication[ramp.start : ramp.stop]
                 found = log.denoised.between(ramp.start, ramp.stop).fit_ramp(
-                    ramp.rate, estimate=spec.estimate
+                    ramp.rate, estimate=spec.estimate, raw=raw
                 )
             except FitError as error:
                 if alone:

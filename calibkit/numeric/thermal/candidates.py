@@ -31,12 +31,13 @@ def solve(
     """Fits of the candidates of level and lagged form to all ramps, and why others have none."""
     solved: list[tuple[Candidate, Solution]] = []
     refused: list[str] = []
-    survey: Survey | None = None
+    survey = Survey.of_rows(basis.rows)
+    lagged = any(candidate.form == "lagged" for candidate in candidates)
+    grid = survey.on_grid() if lagged else None
     for candidate in candidates:
         try:
-            if candidate.form == "lagged":
-                survey = survey or Survey.of_logs(basis.stacked, basis.robust)
-                solved.append((candidate, survey.solve(candidate.terms)))
+            if candidate.form == "lagged" and grid is not None:
+                solved.append((candidate, survey.solve(candidate.terms, grid)))
             elif candidate.form == "level":
                 solved.append((candidate, basis.solve(candidate.terms)))
         except FitError as error:

@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from calibkit.arrays import Array
-from calibkit.numeric.thermal import pooled_fit, pooled_moments
-from calibkit.numeric.thermal.pooled_fit import Solution, Stack
+from calibkit.numeric.thermal.pooled_fit import Rows, Solution, Stack
 
 FIGURE_S = 100.0
 """Averaging time of the drift figure [s]: the longer of the two that GJB 2426A names."""
@@ -49,23 +48,23 @@ def figure_means(values: Array, robust: Array, group: int) -> Array:
     return np.asarray(np.average(grouped, axis=1, weights=weight[usable]), dtype=np.float64)
 
 
-def predict_left_out(solution: Solution, stacked: Stack) -> Iterator[Array]:
+def leave_out(stacked: Stack, rows: Rows) -> tuple[Rows, ...]:
+    """Rows of the logs, cut into ramps as stacked, without each ramp in turn."""
+    without = (Rows.of_stack(stacked, rows.sound, ramp) for ramp in stacked.ramps)
+    return tuple(replace(one, noise=rows.noise) for one in without)
+
+
+def predict_left_out(solution: Solution, without: Iterable[Rows]) -> Iterator[Array]:
     """Drift [n, up to a constant] of all rows by the fit without each ramp in turn.
 
     ω = X c + S δ with the columns X and the derivatives S by the logarithms of the lags: linearised
     about the fit to all ramps. Where the other ramps determine no lag, the lags stay.
     """
-    columns = np.column_stack([solution.columns, solution.sensitivities])
-    linear, count = solution.columns.shape[1], columns.shape[1]
-    stacked = replace(stacked, alike=solution.alike)
-    moment = pooled_fit.moments(columns, solution.weights, stacked)
-    for ramp in range(len(stacked.ramps)):
-        predicted = np.zeros(len(columns))
-        for free in sorted({linear, count}, reverse=True):
-            inside = np.r_[: free + 1, count + 1]  # 1, the columns, and the indication
-            matrix = pooled_fit.pool_moments(moment[:, inside[:, None], inside], stacked, ramp)
-            solved = pooled_moments.solve(matrix)
+    for rows in without:
+        predicted = np.zeros(len(solution.columns))
+        for columns in (solution.tangent, solution.columns):
+            solved = rows.solve(columns, solution.turn_on_variance)
             if solved is not None:
-                predicted = columns[:, :free] @ solved[0]
+                predicted = columns @ solved.coefficients
                 break
         yield predicted

@@ -15,7 +15,7 @@ from calibkit.arrays import Array, Integers
 from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.errors import FitError
 from calibkit.numeric.thermal import pooled_fit
-from calibkit.numeric.thermal.pooled_fit import Solution, Stack
+from calibkit.numeric.thermal.pooled_fit import Rows, Solution, Stack
 from calibkit.numeric.thermal.terms import (
     TERMS,
     Drivers,
@@ -102,41 +102,39 @@ def drivers(time: Array, case: Array, env: Array, window_s: float = WINDOW_S) ->
 
 @dataclass(frozen=True, slots=True)
 class Basis:
-    """Logs of a level fit with their drivers, scaled design [n, 9] and robust weights [n]."""
+    """Logs of a level fit with their drivers, scaled design [n, 9], and rows at the noise about all
+    terms, at which candidates are compared.
+    """
 
-    stacked: Stack
+    rows: Rows
     window_s: float
     drivers: Drivers
     scales: Scales
     design: Array
-    robust: Array
 
     def solve(self, terms: Sequence[str]) -> Solution:
         """Fit a level model with these terms; raises FitError if the logs cannot determine them."""
         chosen = chosen_columns(terms)[1:]
-        design = self.design[:, chosen]
         names = tuple(TERMS[k] for k in chosen)
-        weights = pooled_fit.balanced_weights(design, self.robust, self.stacked, names)
-        stacked = pooled_fit.with_turn_on(design, weights, self.stacked)
+        columns = self.design[:, chosen]
+        _, variance = self.rows.solve_terms(columns, names)
         return Solution(
             form="level",
             terms=("b0", *names),
             scales=self.scales,
             drivers=self.drivers,
-            columns=design,
-            sensitivities=np.zeros((design.shape[0], 0)),
-            coefficients=pooled_fit.coefficients(design, weights, stacked, names),
+            columns=columns,
+            sensitivities=np.zeros((columns.shape[0], 0)),
             log_lags=np.zeros(0),
             free=np.zeros(0, dtype=bool),
-            robust=self.robust,
-            weights=weights,
+            rows=self.rows,
             window_s=self.window_s,
-            alike=stacked.alike,
+            turn_on_variance=variance,
         )
 
 
 def basis(stacked: Stack) -> Basis:
-    """Basis of a level fit; the robust weights are those of a fit of all terms.
+    """Basis of a level fit; spikes are those about a fit of all terms.
 
     The trailing window is WINDOW_S, or for long blocks twice the shortest that gives rates.
     """
@@ -146,6 +144,5 @@ def basis(stacked: Stack) -> Basis:
     found = Drivers(*map(np.concatenate, zip(*parts, strict=True)))
     scales = found.valid().scales()
     design = found.scaled_design(scales)
-    return Basis(
-        stacked, window_s, found, scales, design, pooled_fit.robust_weights(design[:, 1:], stacked)
-    )
+    rows = Rows.of_stack(stacked, pooled_fit.sound_blocks(design[:, 1:], stacked))
+    return Basis(rows.at_noise_of(design[:, 1:]), window_s, found, scales, design)

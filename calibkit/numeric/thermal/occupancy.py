@@ -1,8 +1,6 @@
-"""Block means without spikes, and weights that limit the influence of temperatures at which a log
-dwells.
-"""
+"""Block means without spikes."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -15,8 +13,6 @@ SPIKE = 5.0
 """Deviation from the median of the interval, in standard deviations, above which a sample is a
 spike: 6 of 10 million normal samples are.
 """
-BIN_DEGC = 2.5
-"""Width of the temperature bins for the occupancy [°C]; model misfit is constant within a bin."""
 
 
 def spikes(indication: Array, held: Intervals) -> Integers:
@@ -79,42 +75,3 @@ def means(values: Array, held: Intervals, *, without: Integers) -> Array:
         if kept.any():
             found[interval] = np.mean(values[first : first + count][kept])
     return found
-
-
-def counts(temperature: Array, width: float = BIN_DEGC) -> Array:
-    """Numbers [n] of temperatures [n, °C] in the same bin as each."""
-    _, number, count = np.unique(
-        np.floor(temperature / width), return_inverse=True, return_counts=True
-    )
-    return np.asarray(count[number], dtype=np.float64)
-
-
-def weights(count: Array, noise: float, misfit: float) -> Array:
-    """Weights [n], mean 1, of blocks whose temperature bins hold `count` [n] blocks.
-
-    The mean over a bin has the variance noise²/count from noise and misfit² from the model, which
-    does not average out. A bin therefore has weight count/(noise² + count misfit²) and each of its
-    blocks 1/(noise² + count misfit²). Without misfit all blocks have equal weight, without noise
-    all bins.
-    """
-    largest = max(noise, misfit)
-    if largest == 0.0:
-        return np.ones_like(count)
-    raw = 1.0 / ((noise / largest) ** 2 + count * (misfit / largest) ** 2)
-    return np.asarray(raw / np.mean(raw), dtype=np.float64)
-
-
-def misfit(residuals: Array, robust: Array, lags: Sequence[int]) -> float:
-    """Misfit [°/h] of a model along one log: root of the mean product of residuals [n, °/h] at the
-    given lags [blocks].
-
-    White noise is uncorrelated at these lags; slower deviations remain. The products are weighted
-    by the robust weights [n]; a negative mean counts as 0.
-    """
-    products, shares = 0.0, 0.0
-    weighted = residuals * robust
-    for lag in lags:
-        if lag < residuals.size:
-            products += float(weighted[lag:] @ weighted[:-lag])
-            shares += float(robust[lag:] @ robust[:-lag])
-    return float(np.sqrt(max(products, 0.0) / shares)) if shares > 0.0 else 0.0

@@ -1,17 +1,14 @@
 """Joint fit of a bias over temperature to many logs of one instrument.
 
-    y_i = b0 + t_j + Σ_k c_k x_ki + e_i        row i of log j
+    y = b0 + t_j + Σ_k c_k x_k + flicker + white        block of log j
 
 x_k are the terms of temperature, its rate and lagged temperatures (`terms`, scaled), c_k what is
-sought, e white noise of variance σ². t_j is the turn-on bias of log j: random, of variance σ²/a.
-With a = 0 it is free, and only changes within a log tell c_k; the larger a (`alike`), the more the
-levels at which logs stand tell them too. a comes from the logs (`pooled_moments.find_alike`).
+sought. t_j is the turn-on bias of log j: free, or random with a variance that the logs tell. Rows
+are means of groups of blocks, whitened by the covariance of both noises: a fit is plain least
+squares of them. A long soak has many rows but little news, as flicker noise says; nothing else
+keeps soaks from outvoting ramps.
 
-The weight of a row is the product of two: Tukey's biweight of its residual, against spikes, and the
-weight by how long its temperature was held (`occupancy`), so that soaks do not outvote ramps.
-
-All sums are moment matrices, one a ramp: adding up those of any ramps gives the fit to these by a
-small linear system, which makes leaving out each ramp, and searching for lags, cheap.
+Blocks that stand out of their neighbours, and of what all terms explain, are left out.
 """
 
 from collections.abc import Iterable, Sequence
@@ -24,26 +21,29 @@ import numpy as np
 from calibkit.arrays import Array, Integers, Mask
 from calibkit.errors import FitError
 from calibkit.numeric.dispersion import mad_sigma, rms
+from calibkit.numeric.flicker import Turned
 from calibkit.numeric.intervals import Intervals
 from calibkit.numeric.least_squares import fit
-from calibkit.numeric.least_squares.robust import HUBER, TUKEY
-from calibkit.numeric.thermal import noise as thermal_noise, occupancy, pooled_moments
-from calibkit.numeric.thermal.terms import (
-    Drivers,
-    Scales,
-    ThermalModel,
-    chosen_columns,
-)
+from calibkit.numeric.thermal import occupancy
+from calibkit.numeric.thermal.noise import Noise, estimate
+from calibkit.numeric.thermal.terms import Drivers, Scales, ThermalModel, chosen_columns
 
 NEIGHBOURS = 7
 """Blocks in the running median of the residuals: a longer deviation is model misfit, not a spike.
 """
 ITERATIONS = 30
-SETTLED = 1e-3
-"""Largest change of a robust weight that ends the iteration."""
-LASTING_S = (60.0, 300.0)
-"""Shortest and longest lag [s] of the residual products that give the misfit."""
-LASTING_LAGS = 25
+SPIKE = 3.5
+"""Standard deviations beyond which an isolated residual is a spike."""
+MOST_GROUPS = 250
+"""Largest number of groups of a log: the size of the matrices that are factored."""
+DEPENDENT = 1e-5
+"""Smallest singular value of columns of unit length below which they count as dependent."""
+LEAST_LOGS = 3
+"""Fewest logs that show how much turn-on biases differ."""
+SIZES = 41
+"""Standard deviations of the turn-on biases that are tried."""
+LEAST_NOISE = 1e-9
+"""Smallest noise of a block, relative to how far the indication scatters."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,8 +99,6 @@ class Stack:
     ramps: tuple[slice, ...]
     ramp_log: Integers
     ramp_names: tuple[str, ...]
-    alike: float = 0.0
-    """White variance of a row over the variance of the turn-on biases; 0 where they are free."""
 
     @classmethod
     def of_logs(cls, logs: Sequence[ThermalLog]) -> Self:
@@ -147,56 +145,157 @@ class Stack:
             tuple(names),
         )
 
+    @property
+    def level_columns(self) -> Array:
+        """Columns [n, logs], 1 in the rows of each log."""
+        number = np.repeat(np.arange(len(self.logs)), [log.time.size for log in self.logs])
+        return np.asarray(number[:, None] == np.arange(len(self.logs)), dtype=np.float64)
 
-def moments(columns: Array, weights: Array, stacked: Stack) -> Array:
-    """Weighted moment matrices [ramps, k + 2, k + 2] of (1, columns [n, k], indication), one per
-    ramp.
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """Means of groups of the blocks of logs, turned to where their noise is independent, and
+    divided by it.
     """
-    whole = np.empty((columns.shape[0], columns.shape[1] + 2))
-    whole[:, 0], whole[:, 1:-1], whole[:, -1] = 1.0, columns, stacked.indication
-    weighted = whole * weights[:, None]
-    return np.stack([weighted[rows].T @ whole[rows] for rows in stacked.ramps])
+
+    stacked: Stack
+    blocks: Integers
+    """[k], blocks that are fitted, in the stack."""
+    starts: Integers
+    """[m], first of them in each group."""
+    turned: Turned
+    noise: Noise
+
+    @classmethod
+    def of_stack(cls, stacked: Stack, sound: Mask, left_out: slice = slice(0, 0)) -> Self:
+        """Rows of the sound blocks [n] of logs without those of one ramp, at white noise."""
+        kept = sound.copy()
+        kept[left_out] = False
+        blocks = np.flatnonzero(kept)
+        log, place = np.empty((2, blocks.size), dtype=np.int64)
+        for number, rows in enumerate(stacked.log_rows):
+            own = slice(*np.searchsorted(blocks, (rows.start, rows.stop)))
+            log[own] = number
+            place[own] = (blocks[own] - rows.start) // -(-(rows.stop - rows.start) // MOST_GROUPS)
+        starts = np.flatnonzero(np.diff(log * MOST_GROUPS + place, prepend=-1))
+        count = np.diff(np.append(starts, blocks.size)).astype(np.float64)
+        _, number_of = np.unique(log[starts], return_inverse=True)
+        turned = Turned.of_logs(number_of, place[starts], count)
+        return cls(stacked, blocks, starts, turned, Noise(1.0, 0.0))
+
+    @property
+    def sound(self) -> Mask:
+        """Which blocks [n] of the stack are fitted."""
+        sound = np.zeros(self.stacked.indication.size, dtype=np.bool_)
+        sound[self.blocks] = True
+        return sound
+
+    def _means(self, values: Array) -> Array:
+        """Means [m, k] over the groups of values [n, k] of all blocks."""
+        sums = np.add.reduceat(values[self.blocks], self.starts, axis=0)
+        return sums / np.diff(np.append(self.starts, self.blocks.size))[:, None]
+
+    def at_noise_of(self, columns: Array) -> Self:
+        """The rows at the noise about a fit of columns [n, k] with a free level of each log."""
+        means = self._means(np.column_stack([columns, self.stacked.indication]))
+        found = estimate(self.turned, means[:, :-1], means[:, -1])
+        least = (LEAST_NOISE * float(np.std(self.stacked.indication))) ** 2 or 1.0
+        return replace(self, noise=replace(found, white_variance=max(found.white_variance, least)))
+
+    def of(self, values: Array) -> Array:
+        """Rows [m, k] of values [n, k] of all blocks."""
+        white, flicker = self.noise.white_variance, self.noise.flicker
+        u = np.sqrt(white + flicker**2 * self.turned.flicker)
+        return self.turned.rows(self._means(values)) / u[:, None]
+
+    def solve(self, columns: Array, turn_on_variance: float = np.inf) -> "LeastSquares | None":
+        """Fit of columns [n, k] to the indication; None if they are linearly dependent."""
+        return self.solve_rows(self.of(columns), turn_on_variance)
+
+    def solve_rows(self, X: Array, turn_on_variance: float = np.inf) -> "LeastSquares | None":
+        """The same of columns [m, k] that are rows already.
+
+        Turn-on biases of finite variance τ² add the rows 0 = (l_j − mean l)/τ.
+        """
+        own = self.stacked.level_columns
+        seen = np.any(own[self.blocks] > 0.0, axis=0)
+        both = self.of(np.column_stack([own[:, seen], self.stacked.indication]))
+        logs, k = int(seen.sum()), X.shape[1]
+        X, y = np.hstack([both[:, :-1], X]), both[:, -1]
+        if np.isfinite(turn_on_variance):
+            apart = (np.eye(logs) - 1.0 / logs) / np.sqrt(turn_on_variance)
+            X = np.vstack([X, np.pad(apart, ((0, 0), (0, k)))])
+            y = np.append(y, np.zeros(logs))
+        length = np.linalg.norm(X, axis=0)
+        if not np.all(length > 0.0):
+            return None
+        u, singular, vt = np.linalg.svd(X / length, full_matrices=False)
+        if singular[-1] < DEPENDENT:
+            return None
+        root = vt.T / singular / length[:, None]
+        found = root @ (u.T @ y)
+        square = float(np.sum((y - X @ found) ** 2))
+        return LeastSquares(found, root @ root.T, square, logs)
+
+    def solve_terms(self, columns: Array, names: Sequence[str]) -> tuple["LeastSquares", float]:
+        """Fit of columns [n, k] with turn-on biases that are as alike as the logs show, and their
+        variance. Raises FitError naming the terms that the logs cannot determine.
+        """
+        free = self.solve(columns)
+        if free is None:
+            own = self.stacked.level_columns
+            every = [*[""] * own.shape[1], *names]
+            whole = self.of(np.hstack([own, columns]))
+            loose = list(filter(None, fit.undetermined(whole, every))) or list(names)
+            raise FitError(
+                f"the logs cannot determine {', '.join(loose)}",
+                hint="vary temperature, rate and gradient, or drop these terms",
+            )
+        variance = free.turn_on_variance()
+        return self.solve(columns, variance) or free, variance
 
 
-def pool_moments(moment: Array, stacked: Stack, left_out: int | None = None) -> Array:
-    """Moment matrix [k + 1, k + 1] of all ramps but `left_out`, with the turn-on biases of their
-    logs eliminated.
-    """
-    return pooled_moments.pool(_by_log(moment, stacked, left_out), stacked.alike)
+@dataclass(frozen=True, slots=True)
+class LeastSquares:
+    """Levels of logs and coefficients of columns, with their covariance by the noise."""
 
+    found: Array
+    """[logs + k]."""
+    covariance: Array
+    square: float
+    """Sum of the squares of the whitened residuals."""
+    logs: int
 
-def _by_log(moment: Array, stacked: Stack, left_out: int | None = None) -> Array:
-    """Moment matrices [logs, k + 2, k + 2] of logs, from those of their ramps but `left_out`."""
-    kept = [ramp for ramp in range(len(stacked.ramps)) if ramp != left_out]
-    _, first = np.unique(stacked.ramp_log[kept], return_index=True)
-    return np.asarray(np.add.reduceat(moment[kept], first, axis=0), dtype=np.float64)
+    @property
+    def levels(self) -> Array:
+        """[logs], b0 plus the turn-on bias of each."""
+        return self.found[: self.logs]
 
+    @property
+    def coefficients(self) -> Array:
+        """[k]."""
+        return self.found[self.logs :]
 
-def with_turn_on(columns: Array, weights: Array, stacked: Stack) -> Stack:
-    """Stack whose turn-on biases are as alike as a fit to columns [n, k] shows."""
-    by_log = _by_log(moments(columns, weights, stacked), stacked)
-    return replace(stacked, alike=pooled_moments.find_alike(by_log, int(np.count_nonzero(weights))))
-
-
-def _residuals(
-    columns: Array, coefficients: Array, weights: Array, stacked: Stack
-) -> tuple[Array, Array]:
-    """Residuals [n, °/h] about their weighted mean in each log, and these means [logs, °/h]: b0
-    plus the turn-on bias.
-    """
-    residual = stacked.indication - columns @ coefficients
-    offsets = np.array(
-        [np.average(residual[rows], weights=weights[rows]) for rows in stacked.log_rows]
-    )
-    return residual - np.repeat(offsets, [log.time.size for log in stacked.logs]), offsets
-
-
-def _centre(columns: Array, weights: Array, stacked: Stack) -> Array:
-    """Columns [n, k] about their weighted mean in each log."""
-    centred = columns.copy(order="K")
-    for rows in stacked.log_rows:
-        centred[rows] -= np.average(centred[rows], axis=0, weights=weights[rows])
-    return centred
+    def turn_on_variance(self) -> float:
+        """Variance of the turn-on biases, from free levels l ~ N(b0, τ² I + C), C their covariance:
+        mean over its posterior for a flat prior on τ, as the maximum would understate one near
+        zero; infinite, biases that are free, for fewer than LEAST_LOGS.
+        """
+        if self.logs < LEAST_LOGS:
+            return float("inf")
+        C, one = self.covariance[: self.logs, : self.logs], np.ones(self.logs)
+        u, spread = np.sqrt(np.mean(np.diag(C))), np.std(self.levels)
+        sizes = np.geomspace(0.01 * u, 100.0 * max(u, spread), SIZES)
+        deviance = np.empty(SIZES)
+        for number, size in enumerate(sizes):
+            V = C + size**2 * np.eye(self.logs)
+            inverse = np.linalg.inv(V)
+            apart = self.levels - one @ inverse @ self.levels / (one @ inverse @ one)
+            deviance[number] = (
+                np.linalg.slogdet(V)[1] + np.log(one @ inverse @ one) + apart @ inverse @ apart
+            )
+        share = np.exp(-0.5 * (deviance - deviance.min())) * sizes
+        return float(share @ sizes**2 / share.sum())
 
 
 def _isolated(residual: Array, stacked: Stack) -> Array:
@@ -213,88 +312,23 @@ def _isolated(residual: Array, stacked: Stack) -> Array:
     return apart
 
 
-def _loss_weights(apart: Array, *, biweight: bool) -> Array:
-    """Weights [n] of Huber's loss or of Tukey's biweight for isolated residuals [n] relative to
-    their scale.
+def sound_blocks(columns: Array, stacked: Stack) -> Mask:
+    """Which blocks [n] are fitted and no spikes about a fit of these columns [n, k].
+
+    It is isolated residuals that are judged, so that rows stay where a model misses a transient of
+    minutes; linearly dependent columns are allowed.
     """
-    ratio = np.abs(apart) / (mad_sigma(apart) or 1.0)
-    if biweight:
-        return np.asarray((1.0 - np.minimum(ratio / TUKEY, 1.0) ** 2) ** 2, dtype=np.float64)
-    return np.asarray(HUBER / np.maximum(ratio, HUBER), dtype=np.float64)
-
-
-def coefficients(columns: Array, weights: Array, stacked: Stack, names: Sequence[str]) -> Array:
-    """Coefficients [k] of a weighted fit with an offset per log.
-
-    Raises FitError naming the terms that the logs cannot determine.
-    """
-    found = pooled_moments.solve(pool_moments(moments(columns, weights, stacked), stacked))
-    if found is not None:
-        return found[0]
-    loose = fit.undetermined(
-        _centre(columns, weights, stacked) * np.sqrt(weights)[:, None], names
-    ) or list(names)
-    raise FitError(
-        f"the logs cannot determine {', '.join(loose)}",
-        hint="vary temperature, rate and gradient, or drop these terms",
-    )
-
-
-def robust_weights(columns: Array, stacked: Stack) -> Array:
-    """Tukey's biweight weights [n] of the rows of a fit to these columns, iterated from Huber's.
-
-    The loss acts on isolated residuals, so that rows keep their weight where a model misses a
-    transient of minutes; linearly dependent columns are allowed.
-    """
-    weights = stacked.fitted.astype(np.float64)
-    for biweight in (False, True):
-        for _ in range(ITERATIONS):
-            apart = _isolated(_projected_out(columns, weights, stacked), stacked)
-            moved, weights = weights, _loss_weights(apart, biweight=biweight) * stacked.fitted
-            if float(np.max(np.abs(moved - weights))) < SETTLED:
-                break
-    return weights
-
-
-def _misfit_lags(log: ThermalLog) -> list[int]:
-    """Lags [blocks] of the residual products of a log, between both LASTING_S; about LASTING_LAGS
-    of them.
-    """
-    step = float(np.median(np.diff(log.time)))
-    first, last = (max(round(apart / step), 1) for apart in LASTING_S)
-    return list(range(first, last + 1, max((last - first) // (LASTING_LAGS - 1), 1)))
-
-
-def _projected_out(columns: Array, weights: Array, stacked: Stack) -> Array:
-    """Residuals [n, °/h] of a weighted least-squares fit (pseudo-inverse) with a free offset per
-    log.
-    """
-    matrix = pool_moments(moments(columns, weights, stacked), stacked)
-    square = np.diag(matrix)[:-1]
-    length = np.sqrt(np.where(square > 0.0, square, 1.0))
-    correlation = matrix[:-1, :-1] / np.outer(length, length)
-    found = (
-        np.linalg.pinv(correlation, rcond=pooled_moments.DEPENDENT, hermitian=True)
-        @ (matrix[:-1, -1] / length)
-        / length
-    )
-    return _residuals(columns, found, weights, stacked)[0]
-
-
-def balanced_weights(columns: Array, robust: Array, stacked: Stack, names: Sequence[str]) -> Array:
-    """Weights [n] of the rows: robust weights [n] times the weights by the occupancy of their
-    temperatures.
-    """
-    found = coefficients(columns, robust, stacked, names)
-    residual, _ = _residuals(columns, found, robust, stacked)
-    noise = mad_sigma(_isolated(residual, stacked))
-    lasting = [
-        occupancy.misfit(residual[rows], robust[rows], _misfit_lags(log))
-        for rows, log in zip(stacked.log_rows, stacked.logs, strict=True)
-    ]
-    return robust * occupancy.weights(
-        occupancy.counts(np.concatenate([log.case for log in stacked.logs])), noise, rms(lasting)
-    )
+    X = np.column_stack([columns, stacked.level_columns])
+    X = X / np.maximum(np.linalg.norm(X, axis=0), np.finfo(float).tiny)
+    sound = stacked.fitted.copy()
+    for _ in range(ITERATIONS):
+        found = np.linalg.lstsq(X[sound], stacked.indication[sound], rcond=DEPENDENT)[0]
+        apart = np.abs(_isolated(stacked.indication - X @ found, stacked))
+        before = sound
+        sound = stacked.fitted & (apart <= SPIKE * mad_sigma(apart[stacked.fitted]))
+        if np.array_equal(sound, before):
+            break
+    return sound
 
 
 @dataclass(frozen=True, slots=True)
@@ -309,43 +343,38 @@ class Solution:
     """[n, k], the scaled terms without b0."""
     sensitivities: Array
     """[n, m], derivative of the drift by the logarithm of each free lag."""
-    coefficients: Array
-    """[k]."""
     log_lags: Array
     """Logarithms of the lags [s]; empty for a level model."""
     free: Mask
     """[lags], whether a lag is determined by the fit and not at its bound."""
-    robust: Array
-    """[n], robust weights."""
-    weights: Array
-    """[n], robust weights times those by the occupancy of the temperatures."""
+    rows: Rows
     window_s: float
-    alike: float
-    """White variance of a row over the variance of the turn-on biases."""
+    turn_on_variance: float
+    """Of the turn-on biases; infinite where they are free."""
 
-    def finish(self, stacked: Stack) -> ThermalModel:
-        """Drift model in raw units, with a covariance for white and flicker noise.
+    @property
+    def tangent(self) -> Array:
+        """Columns [n, k + m] of the model about its lags."""
+        return np.column_stack([self.columns, self.sensitivities])
+
+    def finish(self) -> ThermalModel:
+        """Drift model in raw units, with its covariance by the noise of the rows.
 
         Raises FitError naming the terms that the logs cannot determine.
         """
-        chosen = chosen_columns(self.terms)[1:]
-        exact = _exact(self, stacked)
-        design = np.column_stack([self.columns, self.sensitivities])
-        residual, level = _residuals(self.columns, exact, self.weights, stacked)
-        groups = [
-            thermal_noise.group_rows(design[rows], residual[rows], self.weights[rows])
-            for rows in stacked.log_rows
-        ]
-        noise = thermal_noise.estimate(groups)
-        matrix = _to_raw_and_lags(self, len(stacked.logs), chosen)
-        found = thermal_noise.covariance(groups, noise, self.alike)
-        covariance = matrix @ found @ matrix.T
-        turn_on_variance = _turn_on_variance(level, found)
+        chosen, rows, stacked = chosen_columns(self.terms)[1:], self.rows, self.rows.stacked
+        solved, _ = rows.solve_terms(self.columns, self.terms[1:])
+        tangent = rows.solve(self.tangent, self.turn_on_variance) or solved
+        logs, level = solved.logs, solved.levels
+        matrix = _to_raw_and_lags(self, logs, chosen)
+        covariance = matrix @ tangent.covariance @ matrix.T
+        turn_on_variance = _turn_on_variance(level, tangent.covariance)
         covariance[0, 0] += turn_on_variance
         scaled = np.concatenate([[level.mean()], np.zeros(8)])
-        scaled[chosen] = exact
-        used, logs = int(np.count_nonzero(self.robust)), len(stacked.logs)
-        dof = used - chosen.size - int(self.free.sum()) - logs
+        scaled[chosen] = solved.coefficients
+        drift = self.columns @ solved.coefficients
+        residual = (stacked.indication - drift - stacked.level_columns @ level)[rows.blocks]
+        dof = residual.size - chosen.size - int(self.free.sum()) - logs
         return ThermalModel(
             form=self.form,
             terms=self.terms,
@@ -358,31 +387,13 @@ class Solution:
             turn_on_variance=turn_on_variance,
             constant_dof=float(logs - 1) if logs > 1 else float(dof),
             dof=dof,
-            residual_rms=float(np.sqrt(np.average(residual**2, weights=self.robust))),
-            noise=noise,
+            residual_rms=rms(residual),
+            noise=rows.noise,
             model_error=0.0,
             model_error_dof=float("inf"),
             entangled=(),
             flags=(),
         )
-
-
-def _exact(solution: Solution, stacked: Stack) -> Array:
-    """Coefficients [k] by orthogonal factorisation of the columns, centred by their weighted means
-    in each log, and of these means where the turn-on biases are alike.
-    """
-    if not solution.columns.shape[1]:
-        return np.zeros(0)
-    whole, weights = np.column_stack([solution.columns, stacked.indication]), solution.weights
-    rows = _centre(whole, weights, stacked)
-    if solution.alike:
-        sums = np.array([weights[log].sum() for log in stacked.log_rows])
-        means = np.array([(whole[log] - rows[log])[0] for log in stacked.log_rows])
-        between, apart = pooled_moments.between_logs(sums, means, solution.alike)
-        rows, weights = np.concatenate([rows, apart]), np.concatenate([weights, between])
-    return fit.linear(
-        rows[:, :-1], rows[:, -1], weights=weights, names=solution.terms[1:]
-    ).coefficients
 
 
 def _to_raw_and_lags(solution: Solution, logs: int, chosen: Integers) -> Array:

@@ -10,8 +10,9 @@ import numpy as np
 
 from calibkit.arrays import Array, Integers
 from calibkit.numeric import gum
+from calibkit.numeric.flicker import Flicker
 from calibkit.numeric.thermal.evaluate import Evaluation
-from calibkit.numeric.thermal.noise import Flicker, Noise
+from calibkit.numeric.thermal.noise import Noise
 from calibkit.numeric.thermal.pooled_fit import ThermalLog
 
 NEIGHBOURING = (1, 2, 3)

@@ -11,8 +11,8 @@ import numpy as np
 from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError
 from calibkit.instruments.fog_thermal.numeric.evidence import Gram
+from calibkit.numeric import flicker
 from calibkit.numeric.dispersion import mad_sigma
-from calibkit.numeric.thermal import noise as thermal_noise
 from calibkit.numeric.thermal.pooled_fit import Stack
 
 GROUP_S = 60.0
@@ -75,7 +75,7 @@ class Groups:
         white = max(mad_sigma(np.concatenate(bends)) / np.sqrt(6.0), 1e-9 * (1.0 + abs(level)))
         away = np.concatenate([held - held.mean() for *_, held, _ in found])
         drift = max(float(np.mean(away**2)) - white**2, (LEAST_DRIFT * white) ** 2) ** 0.5
-        kernel = thermal_noise.flicker_kernel(max(counts.size for *_, counts in found))
+        kernel = flicker.kernel(max(counts.size for *_, counts in found))
         ramps = []
         for rows, starts, weight, held, counts in found:
             # a group without weight keeps a trace of it, so that no row has to be taken out
@@ -97,11 +97,11 @@ class Groups:
             found.append((ramp.turn @ means[:, :-1], ramp.turn @ (ramp.indication - means[:, -1])))
         return found
 
-    def grams(self, turned: Sequence[tuple[Array, Array]], flicker: float) -> list[Gram]:
+    def grams(self, turned: Sequence[tuple[Array, Array]], level: float) -> list[Gram]:
         """Moments of each ramp for flicker noise of a level [white noise of a group]."""
         found = []
         for ramp, (columns, values) in zip(self.ramps, turned, strict=True):
-            variance = self.white**2 * (1.0 + flicker**2 * ramp.flicker)
+            variance = self.white**2 * (1.0 + level**2 * ramp.flicker)
             weighted = columns / variance[:, None]
             found.append(
                 Gram(

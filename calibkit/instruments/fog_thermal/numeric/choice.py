@@ -14,16 +14,17 @@ from calibkit.instruments.fog_thermal.numeric.bank import OnLevels
 from calibkit.instruments.fog_thermal.numeric.compensation import WORSE, LeftOutRamps
 from calibkit.numeric.thermal import lagged, level, pooled_fit, uncertainty
 from calibkit.numeric.thermal.candidates import CLEARLY, STATIC, Candidate, solve
-from calibkit.numeric.thermal.left_out import FIGURE_BLOCKS, left_out_errors, predict_left_out
-from calibkit.numeric.thermal.pooled_fit import Solution, Stack, ThermalLog
+from calibkit.numeric.thermal.left_out import (
+    FIGURE_BLOCKS,
+    leave_out,
+    left_out_errors,
+    predict_left_out,
+)
+from calibkit.numeric.thermal.pooled_fit import Rows, Solution, Stack, ThermalLog
 from calibkit.numeric.thermal.terms import TERMS
 
 LIKELY = 0.5
 """Probability from which a term that is not modelled is flagged."""
-OUTLYING = 0.2
-"""Tukey's weight, at 3.5 standard deviations, up to which a row is left out. The others count in
-full: weights by what a level model leaves would draw every other model towards that one.
-"""
 LEAST_RAMPS = 3
 """Fewest ramps for leaving one out: one more than the two sides of a thermal cycle."""
 
@@ -49,6 +50,8 @@ class _Fitted:
     candidate: Candidate
     solution: Solution | bank_fit.Solution
     logs: int
+    without: tuple[Rows, ...] = ()
+    """Rows of the logs without each ramp."""
     unmodelled: tuple[bank_growth.Unmodelled, ...] = ()
     """Terms that left-out ramps do not ask for, or the evidence does not."""
 
@@ -66,11 +69,11 @@ class _Fitted:
         """Whether a fitted lag does not describe a real lag."""
         return isinstance(self.solution, Solution) and lagged.is_endless(self.solution)
 
-    def finish(self, stacked: Stack) -> OnLevels:
+    def finish(self) -> OnLevels:
         """Drift model in raw units."""
         if isinstance(self.solution, bank_fit.Solution):
             return self.solution.finish()
-        return lagged.finish(self.solution, stacked)
+        return lagged.finish(self.solution)
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +151,7 @@ def choose(
     best = _best_of(tested, one_sided=_one_sided(stacked))
     if best is None:
         return ThermalChoice(tested, refused, None, None, _nothing_helps(tested, refused))
-    model = solutions[best].finish(stacked)
+    model = solutions[best].finish()
     along = [evaluate.evaluate(model, log.time, log.case, log.env) for log in stacked.logs]
     sensitivities = [found.sensitivities for found in along]
     explained = uncertainty.explained(model, stacked.logs, sensitivities, figure_blocks)
@@ -246,18 +249,19 @@ def _solutions_of(
     All candidates leave out the same rows, so that their errors are comparable.
     """
     basis = level.basis(stacked)
-    basis = replace(basis, robust=(basis.robust > OUTLYING).astype(np.float64))
     solved, refused = solve(candidates, basis)
-    fitted = [_Fitted(*pair, len(stacked.logs)) for pair in solved]
+    without = leave_out(stacked, basis.rows)
+    fitted = [_Fitted(*pair, len(stacked.logs), without) for pair in solved]
+    sound = basis.rows.sound.astype(np.float64)
     for bank in candidates:
         if bank.form == "bank":
-            grown = bank_growth.grow(stacked, basis.robust, one_sided=_one_sided(stacked))
+            grown = bank_growth.grow(stacked, sound, one_sided=_one_sided(stacked))
             fitted += [
                 _Fitted(
                     replace(bank, name=bank.name + one.name),
                     one.solution,
                     len(stacked.logs),
-                    one.unmodelled,
+                    unmodelled=one.unmodelled,
                 )
                 for one in grown
             ]
@@ -277,7 +281,7 @@ def _left_out(
     robust = (
         solution.problem.groups.weights
         if isinstance(solution, bank_fit.Solution)
-        else solution.robust
+        else solution.rows.sound.astype(np.float64)
     )
     raw = left_out_errors((np.zeros(1) for _ in stacked.ramps), stacked, robust, figure_blocks)
     predicted = _predicted(fitted, stacked)
@@ -306,5 +310,5 @@ def _predicted(fitted: _Fitted, stacked: Stack) -> Iterator[Array]:
     if isinstance(solution, bank_fit.Solution):
         yield from solution.leave_out()
         return
-    whole = predict_left_out(solution, stacked)
+    whole = predict_left_out(solution, fitted.without)
     yield from (drift[rows] for drift, rows in zip(whole, stacked.ramps, strict=True))

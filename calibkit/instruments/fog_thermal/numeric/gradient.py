@@ -17,7 +17,8 @@ from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.intervals import Intervals
-from calibkit.numeric.least_squares import fit, hac
+from calibkit.numeric.least_squares import fit
+from calibkit.numeric.thermal import noise
 
 TERMS = ("a0", "a1", "a2")
 
@@ -54,19 +55,32 @@ class Blocks(NamedTuple):
             )
         design, target, names = np.vander(G, 3, increasing=True), np.diff(self.indication), [*TERMS]
         if estimate == "levels":
-            summed = np.vstack([np.zeros(3), np.cumsum(design, axis=0)])
-            design = np.column_stack([np.ones(G.size + 1), summed])
-            target, names = self.indication, ["start", *TERMS]
+            design, target, names = self._levels(), self.indication, ["start", *TERMS]
         return fit.linear(design, target, names=names), design
 
-    def fit_ramp(self, rate: float, *, estimate: str = "levels") -> "RampFit":
-        """Fit of one ramp at a rate [°C/min]; FitError as `fit_line`."""
+    def _levels(self) -> Array:
+        """Design [n, 4] of the start of a ramp and its increments, summed."""
+        summed = np.cumsum(np.vander(self.gradient[:-1], 3, increasing=True), axis=0)
+        return np.column_stack([np.ones(self.time.size), np.vstack([np.zeros(3), summed])])
+
+    def fit_ramp(
+        self, rate: float, *, estimate: str = "levels", raw: Array | None = None
+    ) -> "RampFit":
+        """Fit of one ramp at a rate [°C/min]; FitError as `fit_line`.
+
+        Its covariance is that of white and flicker noise of the indication: with the matrix P by
+        which the fit makes coefficients of it, σ² P Pᵀ + B² P K Pᵀ. The noise is told from the
+        `raw` indication [n] where this one is denoised: what denoising leaves of noise is smoother
+        than either.
+        """
         found, design = self.fit_line(estimate=estimate)
         G = self.gradient[:-1]
-        covariance = hac.covariance(lambda part: design[part], found.residuals).covariance
+        P = np.asarray(np.linalg.pinv(design)[-3:], dtype=np.float64)
+        if estimate == "increments":
+            P = -np.diff(P, axis=1, prepend=0.0, append=0.0)
         return RampFit(
             found.coefficients[-3:],
-            covariance[-3:, -3:],
+            noise.covariance_of(P, self._levels(), self.indication if raw is None else raw),
             np.asarray(np.linalg.qr(design)[1][-3:, -3:] / np.sqrt(design.shape[0])),
             found.dof,
             found.residual_rms,

@@ -15,8 +15,8 @@ from calibkit.numeric import chunks
 from calibkit.numeric.thermal import lagged, level, uncertainty
 from calibkit.numeric.thermal.candidates import CLEARLY, STATIC, Candidate, solve
 from calibkit.numeric.thermal.evaluate import evaluate_terms
-from calibkit.numeric.thermal.left_out import figure_means, predict_left_out
-from calibkit.numeric.thermal.pooled_fit import Solution, Stack
+from calibkit.numeric.thermal.left_out import figure_means, leave_out, predict_left_out
+from calibkit.numeric.thermal.pooled_fit import Rows, Solution, Stack
 from calibkit.numeric.thermal.terms import ThermalModel
 
 MOVING_DEGC_MIN = 0.3
@@ -92,15 +92,17 @@ def choose(
     Raises FitError where no candidate can be fitted.
     """
     pairs = Stack.of_logs([replace(log, part=log.part // 2) for log in stacked.logs])
-    solved, refused = solve((CONSTANT, *candidates), level.basis(stacked))
-    tested = [_test(one, fit, (stacked, pairs), figure_blocks) for one, fit in solved]
+    basis = level.basis(stacked)
+    solved, refused = solve((CONSTANT, *candidates), basis)
+    cuts = [(cut, leave_out(cut, basis.rows)) for cut in (stacked, pairs)]
+    tested = [_test(one, fit, cuts, figure_blocks) for one, fit in solved]
     if len(tested) == 1:
         raise FitError(
             f"no model can be fitted: {'; '.join(refused)}",
             hint="log the instrument while its temperature changes",
         )
     chosen = _best_of(tested)
-    model = lagged.finish(solved[chosen][1], stacked)
+    model = lagged.finish(solved[chosen][1])
     model = _with_model_error(model, tested[chosen], pairs, figure_blocks)
     return Choice(tuple(tested), tuple(refused), tested[chosen], model)
 
@@ -113,15 +115,19 @@ def _best_of(tested: Sequence[Tested]) -> int:
 
 
 def _test(
-    candidate: Candidate, solution: Solution, stacks: tuple[Stack, Stack], figure_blocks: int
+    candidate: Candidate,
+    solution: Solution,
+    cuts: Sequence[tuple[Stack, tuple[Rows, ...]]],
+    figure_blocks: int,
 ) -> Tested:
     """Errors of a candidate on each stretch and each pair of them, fitted to all others."""
+    sound = solution.rows.sound.astype(np.float64)
     errors, of_pairs = (
         tuple(
-            _errors(number, stacked.indication - drift, stacked, solution.weights, figure_blocks)
-            for number, drift in enumerate(predict_left_out(solution, stacked))
+            _errors(number, stacked.indication - drift, stacked, sound, figure_blocks)
+            for number, drift in enumerate(predict_left_out(solution, without))
         )
-        for stacked in stacks
+        for stacked, without in cuts
     )
     parameters = len(candidate.terms) + solution.log_lags.size
     return Tested(candidate, errors, of_pairs, parameters, lagged.is_endless(solution))

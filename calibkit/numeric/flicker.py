@@ -1,0 +1,132 @@
+"""Flicker noise of means over equal intervals, and logs turned to where it has no memory.
+
+Flicker noise is white noise integrated to order one half (Kasdin 1995, Proc. IEEE 83(5):802,
+α = 1) that starts with the log; any older offset is part of the log's turn-on bias. Its level does
+not depend on the interval.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from calibkit.arrays import Array, Integers
+
+FINER = 8
+"""Samples of flicker noise per averaging interval; with 100 the variogram is 2 % lower."""
+
+
+def kernel(count: int) -> Array:
+    """Covariance [count, count] of interval means of flicker noise of level 1."""
+    passed = (np.arange(count)[:, None] + 1) * FINER - np.arange(count * FINER)
+    means = np.append(0.0, _responses(count))[np.maximum(passed, 0)]
+    return np.asarray(means @ means.T, dtype=np.float64)
+
+
+def _responses(count: int) -> Array:
+    """What a sample of the white noise adds to the mean of FINER samples of flicker noise that
+    ends 1, 2, … samples after it began [count · FINER].
+    """
+    lags = np.arange(1, count * FINER)
+    summed = np.cumsum(np.concatenate(([1.0], np.cumprod((lags - 0.5) / lags))))
+    summed[FINER:] -= summed[:-FINER].copy()
+    return np.asarray(summed / FINER, dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True)
+class Turned:
+    """Means of m blocks of logs, turned so that white and flicker noise of them are independent.
+
+        V = σ² D⁻¹ + B² K,   D^½ K D^½ = U Λ Uᵀ:   rows Uᵀ D^½ y have variances σ² + B² λ
+
+    D are the numbers of rows of the blocks, K the flicker kernel of each log.
+    """
+
+    parts: tuple[tuple[slice, Array], ...]
+    """Blocks of each log, and Uᵀ D^½ of them."""
+    flicker: Array
+    """λ [m]."""
+    typical: float
+    """Rows of a usual block."""
+
+    @classmethod
+    def of_logs(cls, log: Integers, place: Integers, count: Array) -> "Turned":
+        """Logs by the number [m, ascending] of the log of each block, its place [m] in the log,
+        some of which may be missing, and its rows [m].
+        """
+        ends = np.cumsum(np.bincount(log))
+        parts, variances = [], []
+        for first, stop in zip(np.append(0, ends[:-1]), ends, strict=True):
+            places, counts = (tuple(values[first:stop].tolist()) for values in (place, count))
+            turn, flicker = _turn(places, counts)
+            parts.append((slice(first, stop), turn))
+            variances.append(flicker)
+        return cls(tuple(parts), np.concatenate(variances), float(np.median(count)))
+
+    def rows(self, means: Array) -> Array:
+        """Turned rows [m] or [m, k] of block means."""
+        return np.concatenate([turn @ means[rows] for rows, turn in self.parts])
+
+
+@lru_cache(maxsize=32)
+def _turn(place: tuple[int, ...], count: tuple[float, ...]) -> tuple[Array, Array]:
+    """Uᵀ D^½ [m, m] and λ [m] of the blocks of one log; many logs are alike."""
+    root, there = np.sqrt(count), np.ix_(place, place)
+    values, vectors = np.linalg.eigh(kernel(place[-1] + 1)[there] * np.outer(root, root))
+    return np.asarray(vectors.T * root, dtype=np.float64), np.maximum(values, 0.0)
+
+
+class Flicker:
+    """What `kernel` holds of any number of interval means at some lags, in memory that grows with
+    their number alone.
+
+    The noise has no memory of where a log begins: a covariance is a sum of products of the response
+    with itself, over as many samples as have passed.
+    """
+
+    def __init__(self, count: int, lags: Sequence[int]) -> None:
+        self._count = count
+        self._response = _responses(count)
+        self._ends = np.cumsum(self._response.reshape(-1, FINER), axis=0).ravel()
+        self._size = 1 << (2 * self._response.size - 1).bit_length()
+        self._spectrum = np.fft.rfft(self._response, self._size)
+        self._at_lags = [(lag, self._covariances(lag)) for lag in lags]
+
+    @cached_property
+    def _whole(self) -> Array:
+        """Sums [count] of the covariances of each mean with all of them."""
+        return self._sums(0, self._count)
+
+    def _covariances(self, lag: int) -> Array:
+        """Covariances [count − lag] between each mean and the one `lag` behind it."""
+        h = self._response
+        products = h[: max(h.size - lag * FINER, 0)] * h[lag * FINER :]
+        return np.asarray(np.cumsum(products)[FINER - 1 :: FINER], dtype=np.float64)
+
+    def _sums(self, first: int, stop: int) -> Array:
+        """Sums [count] of the covariances of each mean with the means first … stop − 1."""
+        from_each = np.zeros(self._response.size)
+        from_each[: stop * FINER] = self._ends[: stop * FINER][::-1]
+        from_each[: first * FINER] -= self._ends[: first * FINER][::-1]
+        passed = np.fft.irfft(self._spectrum * np.fft.rfft(from_each, self._size), self._size)
+        return np.asarray(passed[FINER - 1 : from_each.size : FINER], dtype=np.float64)
+
+    def about_level(self, first: int, stop: int, *, of_rest: bool = False) -> list[Array]:
+        """Covariances [stop − first − lag], one array for each lag, of the means first … stop − 1
+        less their own mean, or less that `of_rest`, the other means, if there are any.
+        """
+        own, inside = self._sums(first, stop), np.zeros(self._count, dtype=np.bool_)
+        inside[first:stop] = True
+        level = inside
+        if of_rest and not inside.all():
+            own, level = self._whole - own, ~inside
+        with_level = own / np.count_nonzero(level)
+        of_level, beside = float(with_level[level].mean()), with_level[first:stop]
+        return [
+            covariances[first : max(stop - lag, first)]
+            - beside[: max(beside.size - lag, 0)]
+            - beside[lag:]
+            + of_level
+            for lag, covariances in self._at_lags
+        ]
