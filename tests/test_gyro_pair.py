@@ -16,7 +16,6 @@ from calibkit.instruments.gyro_scale import (
     simulate_pair as simulated,
     table_runs,
 )
-from calibkit.instruments.gyro_scale.numeric import pair
 from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe
 from conftest import AUTHORITIES
 from known_fit import known_fit
@@ -30,12 +29,12 @@ UNKNOWN = Value(np.array(0.0), np.array(1.0), np.array(1.0))
 
 def find(K_A, K_B, K_Ba, covariance, second=UNKNOWN, **options):
     """Pair of scale factors with a covariance."""
-    return pair.find(known_fit([K_A, K_B, K_Ba], covariance), second, **options)
+    return pair_fit.find_ratios(known_fit([K_A, K_B, K_Ba], covariance), second, **options)
 
 
 def flags_of(found):
     """Flags of a pair whose γ are known by noise alone."""
-    return list(pair.flag(found.indicated, found.from_a))
+    return list(pair_fit.flag_gamma(found.indicated, found.from_a))
 
 
 def case_pair(case, second=UNKNOWN):
@@ -172,8 +171,11 @@ def test_the_second_gamma_agrees_or_is_flagged():
     off = case_pair(CASES[2], Value(np.array(CASES[2]["gamma"] + 1e-3), u, np.array(30.0)))
     assert "differs by 0.001" in flags_of(off)[-1]
     sine = np.sin(np.radians(off.alpha_deg))
-    assert pair.find_mounting(off.indicated, off.from_a, None) == (pytest.approx(1e-3 / sine), 1.0)
-    tilt, dof = pair.find_mounting(off.indicated, off.from_a, (0.01, 9.0))
+    assert pair_fit.find_mounting(off.indicated, off.from_a, None) == (
+        pytest.approx(1e-3 / sine),
+        1.0,
+    )
+    tilt, dof = pair_fit.find_mounting(off.indicated, off.from_a, (0.01, 9.0))
     assert dof == 10.0
     noise = u**2 + float(off.indicated.u) ** 2
     square = (9.0 * np.radians(0.01) ** 2 + 0.5 * (1e-6 - noise) / sine**2) / 10.0

@@ -360,6 +360,29 @@ def test_a_pair_is_validated_by_its_angle_too(pair, tmp_path, calibkit):
         assert entry["found"] == pytest.approx(truth[entry["name"]], abs=1e-4)
 
 
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize(("limit_ppm", "code"), [(1000.0, 0), (1e-4, 1)])
+def test_one_run_an_axis_decides_no_limit_on_scale_factors_but_may_fail_it(
+    pair, tmp_path, calibkit, limit_ppm, code
+):
+    """Nothing tells how the scale factors of a pair repeat: an unseen run beyond a limit rejects,
+    one within it accepts nothing, and that is said.
+    """
+    root, _ = pair
+    limit = f"acceptance.max_scale_factor_error_ppm={limit_ppm}"
+    fit(calibkit, "gyro_pair", root / "logs", tmp_path / "runs", limit)
+    write(tmp_path / "again", simulate_pair.campaign(1, noise_lsb=5.0))
+    out = tmp_path / "v.json"
+    places = ("--runs", tmp_path / "runs", "--data", tmp_path / "again", "--out", out)
+    outcome = calibkit("validate", "G", *places)
+    assert outcome.code == code, outcome.err
+    document = json.loads(out.read_text(encoding="utf-8"))
+    judged = {entry["name"]: entry["passed"] for entry in document["acceptance"]}
+    assert judged.get("scale-factor error") == (None if code == 0 else False)
+    undecided = any("decides no limit" in flag for flag in document["flags"])
+    assert undecided == (code == 0)
+
+
 @pytest.mark.parametrize(
     ("ratio", "scale", "turn"), [("N", 40e-6, 0.0), ("gamma", 0.0, 40e-6)], ids=["N", "gamma"]
 )

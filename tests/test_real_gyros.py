@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from calibkit.constants import DPH_PER_DPS
-from calibkit.instruments.gyro_scale.numeric import triad
+from calibkit.instruments.gyro_scale import triad_fit
 from calibkit.numeric import earth
 from known_fit import known_fit
 
@@ -63,7 +63,7 @@ def ferraris(gyro, accel, interval_s, reference):
         # ∫(indication − offset) dt over the angle turned
         turns.append((gyro[f"{axis}_rot"] - offset).sum(axis=0) * interval_s / -360.0)
     fit = known_fit(np.column_stack(turns).ravel(), np.zeros((9, 9)))
-    return triad.find(fit), bias, sensitivity
+    return triad_fit.find_triad(fit), bias, sensitivity
 
 
 def check(found, bias, sensitivity, reference):

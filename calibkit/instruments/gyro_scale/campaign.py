@@ -4,6 +4,7 @@ the gyros together.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from calibkit.fit.solve import Fit
 from calibkit.fit.value import Value
 from calibkit.instruments.gyro_scale import equation, forms
 from calibkit.instruments.gyro_scale.lines import Lines
-from calibkit.instruments.gyro_scale.numeric import gjb_figures, pair as gyro_pair, triad
+from calibkit.instruments.gyro_scale.numeric.gjb_figures import Line
 from calibkit.instruments.gyro_scale.ordering import Ordering
 from calibkit.instruments.gyro_scale.table_runs import TableRun
 
@@ -67,6 +68,82 @@ class Channel:
 
 
 @dataclass(frozen=True, slots=True)
+class GyroPair:
+    """Ratios and angle of two gyros, from K_A and K_B about their own axes and K_Ba of gyro B about
+    A's axis.
+    """
+
+    N: float
+    """K_B/K_A."""
+    epsilon: float
+    """K_Ba/K_A."""
+    gamma: float
+    """K_Ba/K_B = cos α, within [−1, 1]."""
+    alpha_deg: float
+    """Angle of B's input axis to A's axis [°], 0 to 180."""
+    covariance: Array
+    """[4, 4] of N, ε, γ, α [°]; type A."""
+    dof: tuple[float, ...]
+    """Effective degrees of freedom of N, ε, γ, α."""
+    alpha_interval_deg: tuple[float, float]
+    """95 % interval of α; where |γ| is within noise of one it is one-sided, from 0° or up to 180°.
+    """
+    indicated: Value
+    """K_Ba/K_B before it was clamped, with its uncertainty to first order."""
+    from_a: Value
+    """Second estimate of γ, from gyro A about B's axis, with its uncertainty by noise."""
+
+    @property
+    def values(self) -> tuple[float, float, float, float]:
+        """N, ε, γ, α [°]."""
+        return self.N, self.epsilon, self.gamma, self.alpha_deg
+
+    @property
+    def standard_uncertainty(self) -> Array:
+        """Standard uncertainties [4] of N, ε, γ, α [°]."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def orthogonality_error_deg(self) -> float:
+        """Orthogonality error 90° − α [°]."""
+        return 90.0 - self.alpha_deg
+
+    @property
+    def same_side(self) -> bool:
+        """Whether γ ≥ 0 (α ≤ 90°)."""
+        return self.gamma >= 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Triad:
+    """Sensitivity vectors of g gyros in the axes of the table."""
+
+    fit: Fit
+    """s_g = (K_gx, K_gy, K_gz), gyro by gyro [3 g]: scale factor about each table axis."""
+    magnitude: Value
+    """|s_g| [g]: scale factor about the gyro's own input axis."""
+    misalignment: Value
+    """Misalignment matrix [g, 3]: the unit vectors u_g = s_g/|s_g| as rows; the identity for an
+    ideal triad.
+    """
+    angles_deg: Value
+    """Angles between the input axes [g, g] [°]; first order, flagged where an angle is within noise
+    of 0° or 180°.
+    """
+    flags: tuple[str, ...]
+
+    @property
+    def sensitivity(self) -> Array:
+        """[g, 3]."""
+        return self.fit.parameters.reshape(-1, 3)
+
+    @property
+    def pairs(self) -> list[tuple[int, int]]:
+        """Numbers of each two gyros."""
+        return list(combinations(range(len(self.sensitivity)), 2))
+
+
+@dataclass(frozen=True, slots=True)
 class AxesSet:
     """Runs about three axes at one temperature, with their triad and biases."""
 
@@ -77,7 +154,7 @@ class AxesSet:
     """Of the names of models and figures; empty for the set nearest the reference temperature."""
     fit: Fit
     """Sensitivities [3 g] and, where the latitude is known, biases [g]."""
-    triad: triad.Triad
+    triad: Triad
     bias: Value | None
     """[g, 1/s], without the earth's rate."""
 
@@ -92,7 +169,7 @@ class Campaign:
     flags: tuple[str, ...] = ()
     components: tuple[Component, ...] = ()
     """Errors of runs and mountings that the uncertainty of what is between gyros holds."""
-    pair: gyro_pair.GyroPair | None = None
+    pair: GyroPair | None = None
     """N, ε, γ and α of two gyros."""
     sets: tuple[AxesSet, ...] = ()
     """Runs about three axes, a set for each temperature."""
@@ -111,7 +188,7 @@ class Campaign:
         """The set of runs nearest the reference temperature."""
         return next(one for one in self.sets if not one.suffix)
 
-    def own_lines(self) -> Iterator[tuple[Channel, TableRun, gjb_figures.Line]]:
+    def own_lines(self) -> Iterator[tuple[Channel, TableRun, Line]]:
         """Published lines of gyros about their own axes in each run."""
         for channel in self.own:
             for run in channel.runs:

@@ -12,7 +12,7 @@ from calibkit.fit.complex_step import Numbers
 from calibkit.fit.solve import Fit
 from calibkit.fit.value import Value
 from calibkit.instruments.gyro_scale import equation, forms, table_runs
-from calibkit.instruments.gyro_scale.campaign import AxesSet, Campaign
+from calibkit.instruments.gyro_scale.campaign import AxesSet, Campaign, GyroPair
 from calibkit.instruments.gyro_scale.numeric import gjb_figures
 from calibkit.instruments.gyro_scale.recipe import GyroRecipe
 from calibkit.numeric.dispersion import rms
@@ -28,8 +28,8 @@ def list_results(campaign: Campaign, spec: GyroRecipe) -> tuple[StageResult, ...
     models, figures = _list_scales(campaign, spec)
     files = [(forms.SCALE_FILE, models, figures)]
     if campaign.pair is not None:
-        pair = _pair_model(campaign)
-        files.append((forms.ORTHOGONALITY_FILE, [pair], _pair_figures(campaign, pair)))
+        pair = _pair_model(campaign, campaign.pair)
+        files.append((forms.ORTHOGONALITY_FILE, [pair], _pair_figures(campaign.pair, pair)))
     if campaign.sets:
         gyros = [channel.gyro for channel in campaign.own]
         triads = [_triad_model(campaign, one, gyros) for one in campaign.sets]
@@ -162,10 +162,8 @@ def _response_model(
     )
 
 
-def _pair_model(campaign: Campaign) -> Model:
+def _pair_model(campaign: Campaign, found: GyroPair) -> Model:
     """Model of N, ε, γ and α of a pair."""
-    found = campaign.pair
-    assert found is not None  # noqa: S101 (who calls it has one)
     runs = [run for channel in campaign.own for run in channel.runs]
     of_b = [line.fit for channel, _, line in campaign.own_lines() if channel.gyro == "b"]
     return forms.PAIR.write(
@@ -184,10 +182,8 @@ def _pair_model(campaign: Campaign) -> Model:
     )
 
 
-def _pair_figures(campaign: Campaign, pair: Model) -> list[Figure]:
+def _pair_figures(found: GyroPair, pair: Model) -> list[Figure]:
     """Figures of N, ε, γ and α, the interval of α, and the second estimate of γ."""
-    found = campaign.pair
-    assert found is not None  # noqa: S101 (who calls it has one)
     low, high = found.alpha_interval_deg
     _, _, u_gamma, u_alpha = (c.standard_uncertainty for c in pair.coefficients)
     indicated, second = float(found.indicated.value), found.from_a

@@ -24,9 +24,8 @@ if TYPE_CHECKING:
 
     from calibkit.arrays import Array
     from calibkit.instruments import Fitted
-    from calibkit.instruments.gyro_scale.campaign import AxesSet, Campaign, Channel
+    from calibkit.instruments.gyro_scale.campaign import AxesSet, Campaign, Channel, GyroPair
     from calibkit.instruments.gyro_scale.numeric.gjb_figures import Line
-    from calibkit.instruments.gyro_scale.numeric.pair import GyroPair
 
     RunLine = tuple[Channel, str, Line]
     """A gyro, the name of a run, and the published line of both."""

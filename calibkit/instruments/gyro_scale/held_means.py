@@ -104,14 +104,18 @@ def average(
     parts = [_whole_revolutions(motion, first, stop) for first, stop in held.tolist()]
     wave = _fit_modulation(motion, indication, parts)
     parts, left_out = _without_rest(motion, parts, determined=wave.earth, along_axis=along_axis)
-    values = _averages(motion, parts, indication)
+
+    def means(column: Array) -> Array:
+        return np.array([part.average(motion, column[part.rows]) for part in parts])
+
+    values = means(indication)
     variance, noise_flags = _noise(motion, indication, parts, wave, values)
     for j, part in enumerate(parts):
         if wave.earth and not part.revolutions:
             mean = part.average(motion, _basis(motion, part.rows))
             values[j] -= mean @ wave.factors[:2]
             variance[j] += wave.variance * float(mean @ wave.unit_covariance @ mean)
-    rate = _averages(motion, parts, motion.rate_dps)
+    rate = means(motion.rate_dps)
     nan = np.full(len(parts), np.nan)
     by_angle = [part.average(motion, motion.by_turn(part.first, part.stop)) for part in parts]
     angle_rate = np.array(by_angle) if motion.angle_logged else nan
@@ -136,7 +140,7 @@ def average(
         indication=values,
         standard_uncertainty=np.sqrt(variance),
         revolutions=revolutions,
-        temp_degc=nan if temp_degc is None else _averages(motion, parts, temp_degc),
+        temp_degc=nan if temp_degc is None else means(temp_degc),
         angle_rate_dps=angle_rate,
         span=span,
         hours=_hours(
@@ -204,6 +208,7 @@ class _Part:
         # summed along contiguous values, pairwise: indications are large, their differences small
         total = np.sum(values.T * weights, axis=-1)
         motion.release()
+        chunks.release(values)
         return np.asarray(total / np.sum(weights), dtype=np.float64)
 
     def centred(self, motion: Motion, indication: Array) -> tuple[Array, Array]:
@@ -251,15 +256,6 @@ def _whole_revolutions(motion: Motion, first: int, stop: int) -> _Part:
     excess = float(travel[last]) - whole * REVOLUTION_DEG
     share = 1.0 - min(max(excess / abs(float(turned[last])), 0.0), 1.0)
     return _Part(first, first + last + 1, share, whole)
-
-
-def _averages(motion: Motion, parts: list[_Part], values: Array) -> Array:
-    """Time averages [p, ...] of values [n, ...] over the held rates."""
-    averages = []
-    for part in parts:
-        averages.append(part.average(motion, values[part.rows]))
-        chunks.release(values)
-    return np.array(averages)
 
 
 def _without_rest(

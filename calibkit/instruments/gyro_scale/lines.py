@@ -121,16 +121,17 @@ class Lines:
         each = [line_of == k for k in range(len(lines))]
         published = tuple(Line(rate[rows], steady[rows], noise[rows]) for rows in each)
         found = cls(fitted, fit, gyro_of, axis_of, set_of, number, published)
+        if axes == 1:
+            # gyros along the one axis: the fit over all runs decides of their order in time
+            return found
         return replace(found, in_time=near.in_time if near else tuple(found._find_in_time()))
 
     @classmethod
     def of_runs_about_one_axis(
         cls, runs: Sequence[TableRun], near: "Lines | None" = None
     ) -> "Lines":
-        """Lines of runs about the axis of each gyro, of whose order in time the fit over all runs
-        decides.
-        """
-        return replace(cls.of([[(0, run) for run in runs]], near), in_time=())
+        """Lines of runs about the axis of each gyro."""
+        return cls.of([[(0, run) for run in runs]], near)
 
     def _find_in_time(self) -> Iterator[InTime]:
         """Decisions of `ordering` on the runs of each gyro about its own axis at each

@@ -104,18 +104,17 @@ class GyroRecipe(Recipe):
                 raise ValueError(f"{error.message}; {error.hint}") from None
         return self
 
-    def known_errors(self) -> tuple[tuple[str, float, float], ...]:
-        """Effect, standard deviation in the unit of `component_units`, and degrees of freedom of
+    def known_errors(self) -> dict[str, tuple[float, float]]:
+        """Effect → standard deviation in the unit of `component_units`, and degrees of freedom, of
         each component that the recipe states.
         """
-        return tuple(
-            (
-                entry.effect,
+        return {
+            entry.effect: (
                 entry.value_in(self.component_units[entry.group, entry.effect]),
                 entry.dof,
             )
             for entry in self.errors.component
-        )
+        }
 
     @model_validator(mode="after")
     def _scale_factor_scales(self) -> Self:

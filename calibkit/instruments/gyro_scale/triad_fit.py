@@ -8,11 +8,14 @@ from itertools import product
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.coefficients import Model
 from calibkit.constants import DPH_PER_DPS
 from calibkit.errors import FitError, advise_exclude
-from calibkit.fit.complex_step import Numbers
+from calibkit.fit.complex_step import Numbers, arctan2, length
 from calibkit.fit.shared import Shared
+from calibkit.fit.solve import Fit
+from calibkit.fit.value import Value
 from calibkit.frame import Remark
 from calibkit.instruments.gyro_scale import (
     contradictions,
@@ -27,12 +30,19 @@ from calibkit.instruments.gyro_scale.campaign import (
     AxesSet,
     Campaign,
     Channel,
+    Triad,
     stated_components,
 )
-from calibkit.instruments.gyro_scale.numeric import line_terms, triad as gyro_triad
+from calibkit.instruments.gyro_scale.numeric import line_terms
 from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe
 from calibkit.numeric.least_squares import polynomial
 
+COLLINEAR = 4.0
+"""Distance of an angle from 0° or 180°, in standard uncertainties, below which its first-order
+uncertainty is flagged.
+"""
+PARALLEL = 1e-12
+"""Sine of an angle below which every direction across the axes is possible."""
 ONE_SET_DEGC = 5.0
 """Largest difference in temperature [°C] between the runs of one set."""
 
@@ -57,7 +67,7 @@ def fit_axes(
         ],
         near.run_lines if near else None,
     )
-    known = {effect: (size, dof) for effect, size, dof in spec.known_errors()}
+    known = spec.known_errors()
     run_scale, mounting = run_lines.run_scale(known.get("scale")), None
     if "angle" in known:
         S = run_lines.sensitivity()
@@ -143,7 +153,7 @@ def _fit_set(
     suffix = f".at_{degc:.0f}"
     if vertical_dps is None:
         fit = run_lines.combined(means, np.zeros_like(means)).widened_by(stated)
-        return AxesSet(every, degc, suffix, fit, gyro_triad.find(fit), None)
+        return AxesSet(every, degc, suffix, fit, find_triad(fit), None)
     unit = np.eye(chosen.size)
     bias = run_lines.combined(-vertical_dps * unit, unit).of(lambda p: p)
     zeros = [run_lines.run_zero(g, chosen, bias) for g in range(gyros)]
@@ -153,7 +163,7 @@ def _fit_set(
         np.vstack((means, -vertical_dps * mean)),
         np.vstack((np.zeros_like(means), mean)),
     ).widened_by([*stated, *zeros])
-    triad = gyro_triad.find(fit.weighted(np.eye(4 * gyros)[: 3 * gyros]))
+    triad = find_triad(fit.weighted(np.eye(4 * gyros)[: 3 * gyros]))
     return AxesSet(every, degc, suffix, fit, triad, fit.of(lambda p: p[3 * gyros :]))
 
 
@@ -299,3 +309,76 @@ def _flag_sets(
                 f"{_place(one)}the bias is known to {largest:.2g} °/h only: it differs between the"
                 " table axes (latitude, table axis, or a bias that depends on acceleration)"
             )
+
+
+def _unit(p: Numbers) -> Numbers:
+    """Unit vectors [g, 3] of sensitivities [3 g]."""
+    s = p.reshape(-1, 3)
+    return s / length(s)[:, None]
+
+
+def find_triad(fit: Fit) -> Triad:
+    """Angles and misalignment of g gyros from their scale factors about three orthogonal table
+    axes, s_g gyro by gyro [3 g].
+
+    Raises
+    ------
+    FitError
+        Values that are not finite, or a gyro that senses none of the axes.
+
+    """
+    sensitivity = fit.parameters.reshape(-1, 3)
+    count = len(sensitivity)
+    if not (np.isfinite(sensitivity).all() and np.isfinite(fit.covariance).all()):
+        raise FitError("a sensitivity is not finite", hint="check the run about each axis")
+    size = np.linalg.norm(sensitivity, axis=1)
+    if not (size > 0.0).all():
+        raise FitError(f"gyro {int(np.argmin(size)) + 1} senses none of the three table axes")
+    angles, u, dof = (np.zeros((count, count)) for _ in range(3))
+    dof += np.inf
+    for g in range(count):
+        for h in range(g + 1, count):
+            one = _value_of_angle(fit, g, h)
+            for matrix, number in ((angles, one.value), (u, one.u), (dof, one.dof)):
+                matrix[g, h] = matrix[h, g] = float(number)
+    near = np.minimum(angles, 180.0 - angles) < COLLINEAR * u
+    flags = [
+        f"gyros {g + 1} and {h + 1} are collinear within noise"
+        for g, h in np.argwhere(np.triu(near, 1))
+    ]
+    if np.linalg.matrix_rank(sensitivity / size[:, None], tol=1e-6) < 3:
+        flags.append("the gyros do not span three axes: the compensation leaves rates out")
+    return Triad(
+        fit,
+        fit.of(lambda p: length(p.reshape(-1, 3))),
+        fit.of(_unit),
+        Value(angles, u, dof),
+        tuple(flags),
+    )
+
+
+def _value_of_angle(fit: Fit, g: int, h: int) -> Value:
+    """Angle [°] between two input axes."""
+    a, b = _unit(fit.parameters)[[g, h]]
+    if np.linalg.norm(np.cross(a, b)) > PARALLEL:
+
+        def angle_deg(p: Numbers) -> Numbers:
+            """atan2(|u_g × u_h|, u_g · u_h), which loses no digits near 0° and 180°."""
+            u_g, u_h = _unit(p)[[g, h]]
+            return arctan2(length(np.cross(u_g, u_h)), np.sum(u_g * u_h)) * 180.0 / np.pi
+
+        return fit.of(angle_deg)
+    # every direction across the axis is possible: that of the largest u counts, which is the main
+    # axis of the ellipse of the difference, whose covariance follows from three variances
+    across = np.linalg.svd(a[None])[2][1:] * 180.0 / np.pi
+
+    def apart(directions: Array) -> Value:
+        """Difference [°] of both axes along directions [m, 2] across them."""
+        return fit.of(lambda p: directions @ across @ (_unit(p)[g] - _unit(p)[h] * np.sign(a @ b)))
+
+    along_1, along_2, along_both = apart(np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])).u ** 2
+    mixed = (along_both - along_1 - along_2) / 2.0
+    _, main_axes = np.linalg.eigh([[along_1, mixed], [mixed, along_2]])
+    worst = apart(main_axes[:, -1:].T)
+    angle = np.asarray(0.0 if a @ b > 0.0 else 180.0)
+    return Value(angle, worst.u[0], worst.dof[0])

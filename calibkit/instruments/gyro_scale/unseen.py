@@ -1,6 +1,6 @@
 """Frozen coefficients compared with unseen runs: errors before and after compensation."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -38,6 +38,8 @@ from calibkit.report.table import Table
 
 FULL_SCALE = 100.0
 """Table rate [°/s] taken as full scale where a model does not state its own."""
+OF_SCALE = ("scale-factor error", "rate error")
+"""Names of limits on scale factors."""
 MOST_DOF = 1e6
 """Degrees of freedom that stand for any number above."""
 OTHER_AXIS = 0.1
@@ -53,6 +55,7 @@ def validate(
     of a pair, also N and γ.
     """
     known = compensate.read_invertible(spec, records)
+    within = lines.hold_within_runs(records.values())
     runs: dict[str, list[table_runs.TableRun]] = {}
     entries: list[dict[str, Any]] = []
     compared: list[tuple[str, dict[str, Any]]] = []
@@ -83,7 +86,7 @@ def validate(
             entry | found[0] if isinstance(spec, GyroTriadRecipe) else entry | {"gyros": found}
         )
         compared += [(log.file, one) for one in found]
-        if not lines.hold_within_runs(records.values()):
+        if not within:
             judged.append(_judge_uncertainty(run_lines, run, axis, turned, spec.type_b))
     body: dict[str, Any] = {"logs": entries}
     errors, limits = [one for _, one in compared], acceptance.UNSEEN_LINE_LIMITS
@@ -92,20 +95,43 @@ def validate(
         shown = [_tabulate_base_errors(compared)]
     else:
         shown = [_tabulate_line_errors(compared)]
-    criteria = acceptance.judge_unseen(errors, limits, spec.acceptance)
+    criteria, undecided = _decide(
+        acceptance.judge_unseen(errors, limits, spec.acceptance), within=within
+    )
+    flags += undecided
     if isinstance(spec, GyroPairRecipe) and len(runs) > 1:
         again = pair_fit.fit_pair(spec, {axis: tuple(group) for axis, group in runs.items()})
         body["pair"] = _compare_pair(records, again, spec.type_b)
         shown.append(_tabulate_pair_again(body["pair"]))
         flags += again.flags
-        decided = ("gamma",) if lines.hold_within_runs(records.values()) else ("N", "gamma")
-        for one in body["pair"]:
-            if one["name"] in decided:
-                error, u = np.array([one["difference"]]), np.array([[one["standard_uncertainty"]]])
-                over = unseen(error, u, dof=(one["dof"], np.inf)).to_object()
-                judged.append(over_u(f"pair: error of {one['name']}", over))
+        judged += _judge_pair(body["pair"], within=within)
     criteria = (*judged, *criteria, *acceptance.judge_noise(published, spec.acceptance))
     return body, Summary("", tuple(shown), tuple(dict.fromkeys(flags)), criteria)
+
+
+def _decide(
+    criteria: Sequence[Criterion], *, within: bool
+) -> tuple[tuple[Criterion, ...], list[str]]:
+    """Criteria that decide, and flags for those that do not: where scale factors hold within their
+    runs, a run beyond a limit of theirs rejects, and one within it accepts nothing.
+    """
+    undecided = [one for one in criteria if within and one.passed and one.name in OF_SCALE]
+    flags = [
+        f"{one.name} {one.value:.3g} {one.unit} of these runs decides no limit: {lines.WITHIN}"
+        for one in undecided
+    ]
+    return tuple(one for one in criteria if one not in undecided), flags
+
+
+def _judge_pair(compared: Sequence[Mapping[str, Any]], *, within: bool) -> Iterator[Criterion]:
+    """Criteria that γ of unseen runs, and N where runs tell how scale factors repeat, differ as
+    their uncertainties state.
+    """
+    for one in compared:
+        if one["name"] == "gamma" or (one["name"] == "N" and not within):
+            error, u = np.array([one["difference"]]), np.array([[one["standard_uncertainty"]]])
+            over = unseen(error, u, dof=(one["dof"], np.inf)).to_object()
+            yield over_u(f"pair: error of {one['name']}", over)
 
 
 def _judge_uncertainty(
