@@ -109,7 +109,7 @@ def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, lo
     half = half or 1.0
     t = (dwells.temperature - middle) / half
     residual = residual_of(dwells, terms, t, lengths=lengths)
-    noise = _relative_noise(dwells, lengths=lengths)
+    noise = relative_noise(dwells, lengths=lengths)
     priors: tuple[Prior, ...] = ()
     if lengths:
         start, priors = _start_of_lengths(dwells, terms)
@@ -240,8 +240,8 @@ def residual_of(dwells: DwellSet, terms: Terms, t: Array, *, lengths: bool) -> R
     return of_vectors
 
 
-def _relative_noise(dwells: DwellSet, *, lengths: bool) -> Array:
-    """[n · m], standard error of each residual [g], or 1 where it was not measured."""
+def relative_noise(dwells: DwellSet, *, lengths: bool) -> Array:
+    """Standard error [n · m] of each residual [g], or 1 where it was not measured."""
     if dwells.weights is None:
         return np.ones(len(dwells.temperature) * (1 if lengths else 3))
     if lengths:
