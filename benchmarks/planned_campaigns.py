@@ -39,7 +39,7 @@ from calibkit.numeric.thermal import coil
 from calibkit.numeric.thermal.noise import flicker_kernel
 from calibkit.numeric.thermal.pooled_fit import Stack
 from calibkit.planning import document, equipment
-from calibkit.planning.search import NOTHING, whole
+from calibkit.planning.search import NOTHING, total_variance
 from calibkit.planning.task import Task
 
 FAINT = 6.4
@@ -202,7 +202,7 @@ def run_gyro(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  #
         error.append((off - off.mean())[:: fog_plan.EVERY])
         variance.append(np.einsum("mp,pq,mq->m", slopes, covariance, slopes))
     design = replace(NOTHING, rows=tuple(ramps))
-    predicted = np.sqrt(whole(bench.variances(design)["drift"]))
+    predicted = np.sqrt(total_variance(bench.variances(design)["drift"]))
     u = np.sqrt(np.concatenate(variance))
     return np.concatenate(error), predicted, u, np.full(u.size, gum.coverage_factor(found.dof))
 

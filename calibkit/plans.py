@@ -52,7 +52,7 @@ class Request:
     within_h: float | None = None
     range_degc: tuple[float, float] | None = None
     equipment: Path | None = None
-    attitudes: str = "two-axis"
+    attitudes: str = ""
     earlier: str = ""
     runs: Path | None = None
     have: Path | None = None

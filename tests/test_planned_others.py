@@ -155,3 +155,10 @@ def test_a_range_asked_of_one_temperature_is_refused(procedure, tmp_path):
     request = plans.Request(range_degc=(0.0, 50.0))
     with pytest.raises(UsageError, match="at one temperature"):
         plans.plan(recipe.find(procedure), request, tmp_path / "plan")
+
+
+def test_a_fixture_of_known_attitudes_is_refused_for_unknown_ones(tmp_path):
+    """A hand has other positions than six faces."""
+    request = plans.Request(attitudes="faces")
+    with pytest.raises(UsageError, match="those of a hand"):
+        plans.plan(recipe.find("accelerometer_magnitude"), request, tmp_path / "plan")

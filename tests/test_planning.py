@@ -119,7 +119,7 @@ def test_a_prediction_is_that_of_generalised_least_squares(rng):
     parts = search.split_variance(fit, slopes)
     assert set(parts) == {"noise", "zero of the soak", "scale of the soak"}
     np.testing.assert_allclose(
-        search.whole(parts), np.einsum("mp,pq,mq->m", slopes, expected, slopes), rtol=1e-9
+        search.total_variance(parts), np.einsum("mp,pq,mq->m", slopes, expected, slopes), rtol=1e-9
     )
 
 

@@ -47,10 +47,9 @@ def _hours(_: click.Context, __: click.Parameter, value: str | None) -> float | 
 @click.option("--equipment", type=PATH, help="equipment file (default: the sample bench)")
 @click.option(
     "--attitudes",
-    default="two-axis",
-    show_default=True,
+    default="",
     metavar="NAME",
-    help="fixture of the equipment: two-axis, dividing-head, faces, or one of your own",
+    help="fixture of the equipment: two-axis (default), dividing-head, faces, or one of your own",
 )
 @click.option("--from", "earlier", default="", metavar="RUN", help="run whose errors are assumed")
 @click.option("--have", type=PATH, help="folder with logs that are measured already")

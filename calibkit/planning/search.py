@@ -216,7 +216,7 @@ class Bench(ABC):
         """A design with its uncertainties."""
         results = {}
         for name, parts in self.variances(design).items():
-            total = whole(parts)
+            total = total_variance(parts)
             mean = float(total.mean())
             limits = {source: float(part.mean()) / mean for source, part in parts.items()}
             u, largest_u = float(np.sqrt(mean)), float(np.sqrt(total.max()))
@@ -353,7 +353,7 @@ def name_source(error: Shared | ErrorComponent) -> str:
     return f"{error.effect} of the {error.group}"
 
 
-def whole(sources: Sources) -> Array:
+def total_variance(sources: Sources) -> Array:
     """Variance [m] of all sources together."""
     return np.asarray(np.sum([*sources.values()], axis=0))
 

@@ -78,8 +78,8 @@ class Task:
     wishes: tuple[str, ...] = ()
     within_h: float | None = None
     range_degc: tuple[float, float] | None = None
-    attitudes: str = "two-axis"
-    """Name of a fixture of the equipment."""
+    attitudes: str = ""
+    """Name of a fixture of the equipment; empty for the usual one."""
     earlier: Mapping[str, Record | StageResult] | None = None
     """Coefficient files of an earlier run of this type of device."""
     have: tuple[Log, ...] = ()
@@ -171,6 +171,7 @@ def assume(
         task.equipment.require_reached(low, high)
         if not task.range_degc:
             notes = (*notes, f"no --range: planned for {low:g} to {high:g} °C")
+    earlier = [one for one in earlier if (one.group, one.effect) in units]
     if task.earlier is not None:
         sizes = [
             f"{error.effect} of the {error.group} {error.value:.2g} {error.unit}"
@@ -178,8 +179,7 @@ def assume(
         ]
         sizes += [f"noise {noise:.2g} {device.noise_unit}"] if noise else []
         notes = (f"of that run: {', '.join(sizes) or 'nothing that was seen'}", *notes)
-    known = (one for one in earlier if (one.group, one.effect) in units)
-    every = (*device.component, *known, *spec.errors.component)
+    every = (*device.component, *earlier, *spec.errors.component)
     components = {}
     for error in every:
         name = error.group, error.effect

@@ -54,8 +54,10 @@ OF_LENGTHS = {"component": "g", "axis angle": "deg"}
 """Results where attitudes are unknown."""
 MAGNITUDE, HAND = "accelerometer_magnitude", "hand"
 """Device and fixture where attitudes are unknown."""
-HEAD = "dividing-head"
-"""Fixture that turns the tool about one horizontal axis, in three mountings."""
+TWO_AXIS, HEAD = "two-axis", "dividing-head"
+"""Fixture that is assumed, and one that turns the tool about one horizontal axis, in three
+mountings.
+"""
 RANGE_DEGC = (-20.0, 125.0)
 COUNTS = (*range(6, 17), 18, 20, 22, 24, 27, 30, 33, 36, 39, 42, 46, 50)
 """Numbers of attitudes that the search takes."""
@@ -320,7 +322,10 @@ def prepare_plan(spec: AccelerometerRecipe, task: Task) -> TriadBench:
     records = read_earlier(task, spec.procedure, *files)
     scatter = [model.residual_rms for record in records for model in record.models]
     assumed = assume(
-        *(spec, task, device, shared_errors.UNITS),
+        spec,
+        task,
+        device,
+        shared_errors.UNITS,
         default_degc=RANGE_DEGC,
         earlier=seen_errors(records),
         noise=rms(scatter) if scatter else None,
@@ -330,7 +335,7 @@ def prepare_plan(spec: AccelerometerRecipe, task: Task) -> TriadBench:
         have = triad_dwells.collect_dwells(task.have, spec)
         noise = np.full_like(have.noise, assumed.noise)
         have = replace(have, indication=np.round(have.reference, DECIMALS), noise=noise)
-    fixture = task.equipment.fixture(task.attitudes)
+    fixture = task.equipment.fixture(task.attitudes or TWO_AXIS)
     spots, mounting = list_spots(fixture, mountings=3 if task.attitudes == HEAD else 1)
     return TriadBench(
         spec=spec,
@@ -372,7 +377,12 @@ def _prepare_lengths(spec: AccelerometerRecipe, task: Task) -> LengthBench:
         unit = dwells.indication / np.linalg.norm(dwells.indication, axis=1)[:, None]
         at_one = np.full(len(unit), spec.reference_temp_degc)
         have = replace(dwells, indication=unit, noise=np.full_like(unit, noise), temperature=at_one)
-    fixture = task.equipment.fixture(HAND)
+    fixture = task.equipment.fixture(task.attitudes or HAND)
+    if task.attitudes and not fixture.spots:
+        raise UsageError(
+            f"--attitudes {task.attitudes}: attitudes that are unknown are those of a hand",
+            hint="leave it out, or name a fixture with its own spots in the equipment file",
+        )
     spots, mounting = list_spots(fixture)
     return LengthBench(
         spec=spec,

@@ -36,7 +36,7 @@ from calibkit.planning.search import (
     count,
     join,
     split_variance,
-    whole,
+    total_variance,
 )
 from calibkit.planning.task import (
     EARLIER_DOF,
@@ -111,7 +111,7 @@ class Holds:
             self.rate_dps, self.rate_dps, self.run, self.degc, self.hours, line, line
         )
 
-    def of(self, kept: Mask) -> Holds:
+    def select(self, kept: Mask) -> Holds:
         """Some of the holds."""
         parts = {field.name: getattr(self, field.name)[kept] for field in fields(self)}
         return Holds(**parts | {"run": np.unique(parts["run"], return_inverse=True)[1]})
@@ -119,7 +119,7 @@ class Holds:
     def nearest(self, degc: float) -> Holds:
         """Holds at the temperature that is nearest to another [°C]."""
         at = self.degc[np.argmin(np.abs(self.degc - degc))]
-        near = self.of(np.abs(self.degc - at) <= ONE_LEVEL_DEGC)
+        near = self.select(np.abs(self.degc - at) <= ONE_LEVEL_DEGC)
         return replace(near, degc=np.full(near.run.size, at))
 
 
@@ -183,7 +183,7 @@ class GyroBench(TourBench):
 
     def about_axes(self, holds: Holds) -> list[Holds]:
         """Holds about each axis."""
-        return [holds.of(holds.axis == axis) for axis in self.axes]
+        return [holds.select(holds.axis == axis) for axis in self.axes]
 
     def temperatures(self, rows: Holds) -> list[Array]:
         """Of the runs about each axis."""
@@ -194,7 +194,9 @@ class GyroBench(TourBench):
     ) -> dict[str, Sources]:
         """Variances of each result, of the axis that is known worst."""
         lines = [self.lines(holds, degc) for holds in campaign]
-        return {name: max((line[name] for line in lines), key=_mean) for name in (SCALE, ZERO)}
+        return {
+            name: max((line[name] for line in lines), key=mean_variance) for name in (SCALE, ZERO)
+        }
 
     def variances(self, design: Design) -> dict[str, Sources]:
         """Variances of each result."""
@@ -206,7 +208,7 @@ class GyroBench(TourBench):
             self.about_axes(self.rows(design)), np.array([self.reference_degc])
         )
         for gyro, (letter, name) in product(self.spec.gyros, (("K", SCALE), ("F0", ZERO))):
-            u = float(np.sqrt(whole(variances[name]))[0])
+            u = float(np.sqrt(total_variance(variances[name]))[0])
             yield Coefficient(f"gyro_{gyro}", letter, UNIT[name], u)
 
     def passed_on(self, campaign: Candidate) -> list[ErrorComponent]:
@@ -251,7 +253,7 @@ class GyroBench(TourBench):
         """Temperatures [°C] of the runs that are measured about some axes."""
         if self.have is None:
             return []
-        return [t for axis in axes for t in self.have.of(self.have.axis == axis).rows.temp_degc]
+        return [t for axis in axes for t in self.have.select(self.have.axis == axis).rows.temp_degc]
 
     def design(self, degc: Tour, choice: tuple[int, ...], dwell_s: float) -> Design:
         """Runs at temperatures in their order, about each axis: rates one way, then the other."""
@@ -306,16 +308,16 @@ class TriadBench(GyroBench):
         two gyros, which is what each shows about the axis of the other, where no scale factor
         matters.
         """
-        scales = sorted([self.lines(holds, degc)[SCALE] for holds in campaign], key=_mean)
+        scales = sorted([self.lines(holds, degc)[SCALE] for holds in campaign], key=mean_variance)
         angle = in_degrees(*scales[-2:], without=[RUN_SCALE])
-        mounted = np.full_like(whole(angle), 2.0 * self.assumed.size(*MOUNTING) ** 2)
+        mounted = np.full_like(total_variance(angle), 2.0 * self.assumed.size(*MOUNTING) ** 2)
         return {SCALE: scales[-1], ANGLE: angle | {"angle of the mounting": mounted}}
 
     def coefficients(self, design: Design) -> Iterator[Coefficient]:
         """Angles between the gyros at the reference temperature, those of its runs alone."""
         near = [holds.nearest(self.reference_degc) for holds in self.about_axes(self.rows(design))]
         at = np.array([self.reference_degc])
-        u = float(np.sqrt(whole(replace(self, order=0).results_of(near, at)[ANGLE]))[0])
+        u = float(np.sqrt(total_variance(replace(self, order=0).results_of(near, at)[ANGLE]))[0])
         for a, b in combinations(self.spec.gyros, 2):
             yield Coefficient("triad", f"orthogonality_error_deg.{a}_{b}", "deg", u)
 
@@ -375,14 +377,14 @@ BENCHES = {"rate_table": GyroBench, "gyro_triad": TriadBench, "gyro_pair": PairB
 """Procedure → its campaigns."""
 
 
-def _mean(sources: Sources) -> float:
+def mean_variance(sources: Sources) -> float:
     """Mean variance."""
-    return float(np.mean(whole(sources)))
+    return float(np.mean(total_variance(sources)))
 
 
 def add_variances(*parts: Sources) -> Sources:
     """Variances of a sum of independent parts."""
-    none = np.zeros_like(whole(parts[0]))
+    none = np.zeros_like(total_variance(parts[0]))
     names = dict.fromkeys(name for part in parts for name in part)
     return {name: np.sum([part.get(name, none) for part in parts], axis=0) for name in names}
 
