@@ -77,7 +77,7 @@ def list_usual(procedure: str, range_degc: tuple[float, float] | None) -> Iterat
         spread = pools.spread_apart(bench.gravity, [0], 23)
         design = bench.design((25,), [0, *spread], 4.0)
     elif procedure == "bias_temperature":
-        design = bench.design(levels, 3600.0)
+        design = bench.design(levels, 1, 3600.0)
     elif procedure == "inclinometer":
         tilt, azimuth = bench.places.T
         u, _ = bench.known[60.0]
