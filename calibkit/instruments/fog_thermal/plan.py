@@ -159,18 +159,17 @@ class RampBench(Bench):
 
     @cached_property
     def of_ramps(self) -> dict[Ramp, Array]:
-        """Information of each ramp that was asked for."""
-        return {}
+        """Information of each ramp that the search takes."""
+        signed = [sign * float(rate) for rate in self.rates for sign in (1.0, -1.0)]
+        ramps = [Ramp(rate, after_s) for rate in signed for after_s in self.assumed.device.dwell_s]
+        return {ramp: self.information(self.log(ramp)) for ramp in ramps}
 
     def posterior(self, design: Design) -> tuple[Array, Array]:
         """Covariance [p, p] of coefficients and static lag, and the information [3, p, p] on them
         of what is measured already and of a design.
         """
-        ramps = design.rows or ()
-        for ramp in ramps:
-            if ramp not in self.of_ramps:
-                self.of_ramps[ramp] = self.information(self.log(ramp))
-        information = np.sum([*self.have, *(self.of_ramps[ramp] for ramp in ramps)], axis=0)
+        planned = (self.of_ramps[ramp] for ramp in design.rows or ())
+        information = np.sum([*self.have, *planned], axis=0)
         return invert(information.sum(axis=0) + np.diag(self.precision[:SHARED])), information
 
     @cached_property
