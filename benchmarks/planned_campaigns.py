@@ -38,9 +38,8 @@ from calibkit.numeric.least_squares import polynomial
 from calibkit.numeric.thermal import coil
 from calibkit.numeric.thermal.pooled_fit import Stack
 from calibkit.planning import document, equipment
-from calibkit.planning.assumptions import read_sizes
-from calibkit.planning.proposal import NOTHING, Task
-from calibkit.planning.search import whole
+from calibkit.planning.search import NOTHING, total_variance
+from calibkit.planning.task import Task
 
 FAINT = 6.4
 """Noise terms below so many predicted u are not judged: fits do not report most of them."""
@@ -77,13 +76,10 @@ def run_triad(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  
     held = plan.schedule.recorded("dwell")
     held = [one for one in held if one.log == held[0].log]
     spots = np.array([(one.inclination_deg, one.toolface_deg) for one in held])
-    rows, _ = triad_plan.simulate_dwells(
-        rng,
-        indicate,
-        triad_plan.planned_dwells(held, plan.document["settings"]["noise_g"]),
-        spec,
-        read_sizes(plan.document, triad_errors.UNITS),
-    )
+    assumed = plan.assumed
+    planned = triad_plan.planned_dwells(held, assumed.noise_of(held[0].duration_s))
+    sizes = {name: assumed.size(*name) for name in triad_errors.UNITS}
+    rows, _ = triad_plan.simulate_dwells(rng, indicate, planned, spec, sizes)
     count = len(spots)
     dwells = triad_dwells.DwellSet(
         np.column_stack([rows[f"accel_{axis}_g"] for axis in "xyz"]),
@@ -110,19 +106,14 @@ def run_table(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  
     held rates with all errors of the plan, fitted by the model of all runs.
     """
     rng = np.random.default_rng(seed)
-    settings = plan.document["settings"]
-    holds = gyro_plan.Holds.of_runs(
-        settings["rates_dps"],
-        np.array(settings["middle_h"]),
-        np.array(settings["noise_dps"]),
-        settings["temperatures_degc"],
-    )
-    rows, order = holds.rows, settings["order"]
+    assumed = plan.assumed
+    holds = gyro_plan.planned_holds(plan.schedule, assumed, spec.find_axis)
+    rows, order = holds.rows, assumed.device.order
     x = (rows.row_degc - 25.0) / 100.0
     K, F0 = rng.normal(0.0, 3e-3, order + 1), rng.normal(0.0, 1e-3, order + 1)
     scale = 1.0 + np.vander(x, order + 1, increasing=True) @ K
     size = {one["effect"]: one["value"] for one in plan.document["components"]}
-    count, rate = len(settings["temperatures_degc"]), np.array(settings["rates_dps"])
+    count, rate = int(holds.run.max()) + 1, holds.rate_dps[holds.run == 0]
     drawn = rng.normal(0.0, 1.0, (3, count))
     response = rng.normal(0.0, size["response"] / 3600.0, len(rate))
     indication = (
@@ -210,7 +201,7 @@ def run_gyro(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  #
         error.append((off - off.mean())[:: fog_plan.EVERY])
         variance.append(np.einsum("mp,pq,mq->m", slopes, covariance, slopes))
     design = replace(NOTHING, rows=tuple(ramps))
-    predicted = np.sqrt(whole(bench.variances(design)["drift"]))
+    predicted = np.sqrt(total_variance(bench.variances(design)["drift"]))
     u = np.sqrt(np.concatenate(variance))
     return np.concatenate(error), predicted, u, np.full(u.size, gum.coverage_factor(found.dof))
 
@@ -221,7 +212,7 @@ def run_logs(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  #
     """
     instrument = instruments.find(spec.procedure)
     simulate = instruments.optional(spec.procedure, "simulate_plan")
-    made = simulate(spec, plan.schedule, plan.document, seed)
+    made = simulate(spec, plan.schedule, plan.assumed, seed)
     with tempfile.TemporaryDirectory() as folder:
         new_files.write_all({Path(folder) / key: own for key, own in made.files().items()})
         fitted = instrument.fit(

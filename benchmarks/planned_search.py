@@ -22,15 +22,19 @@ from calibkit.ingest import logs as ingest
 from calibkit.instruments.accelerometer import plan
 from calibkit.numeric.exchange import Pool
 from calibkit.planning import equipment
-from calibkit.planning.proposal import Task
+from calibkit.planning.task import Task
 
 DATASETS = Path(__file__).resolve().parents[1] / "datasets"
 LOW_ORDERS = (
     *("affine.scale_order=1", "affine.cross_order=0", "affine.bias_order=1"),
     *("k.scale_order=1", "k.zero_order=1"),
 )
-RESTARTS = 3
-"""Starts of a search, as `calibkit plan` has them."""
+FACES_AND_EDGES = (
+    *((0, 0), (180, 0)),
+    *((90, roll) for roll in range(0, 360, 45)),
+    *((tilt, roll) for tilt in (45, 135) for roll in range(0, 360, 90)),
+)
+"""Inclination and toolface [°] of the directions to the faces and edges of a cube."""
 WISHES = {
     "accelerometer": "inclination<=0.01 deg",
     "fog_thermal": "drift<=0.03 deg/h",
@@ -60,10 +64,8 @@ def triad_pool() -> Pool:
     task = Task(equipment.read_equipment(None), range_degc=(-20.0, 60.0))
     bench = plan.prepare_plan(spec, task)  # type: ignore[arg-type]
     assert isinstance(bench, plan.TriadBench)  # noqa: S101 (as its recipe asks)
-    spots = np.array(plan.USUAL["18 faces and edges, 9 temperatures"], dtype=np.float64)
-    mounting = np.zeros(len(spots), dtype=np.int64)
-    bench = replace(bench, spots=spots, mounting=mounting)
-    return bench.pool(np.arange(len(spots)), (-20, 60, 20, -20), plan.COUNTED, 60.0)
+    bench = replace(bench, spots=np.array(FACES_AND_EDGES, dtype=np.float64))
+    return bench.pool(len(FACES_AND_EDGES), (-20, 60, 20, -20), 60.0)
 
 
 def best_of_all(pool: Pool, size: int) -> float:
@@ -81,7 +83,7 @@ def library(size: int, rng: np.random.Generator) -> float:
     theirs = doe.build_design_matrix(design, 3)
     count = rows.shape[1]
     pool = Pool(np.zeros((count, count)), np.einsum("ci,cj->cij", rows, rows), most=size)
-    value = pool.search(size, rng, RESTARTS)[1]
+    value = pool.search(size, rng)[1]
     return float(np.linalg.det(theirs.T @ theirs) ** (-1.0 / count) / value)
 
 
@@ -105,9 +107,7 @@ def main() -> None:
     print("| designs | number | efficiency, 20 seeds: least | mean |\n|---|---|---|---|")
     for name, pool, size in list_small():
         best = best_of_all(pool, size)
-        found = [
-            best / pool.search(size, np.random.default_rng(seed), RESTARTS)[1] for seed in range(20)
-        ]
+        found = [best / pool.search(size, np.random.default_rng(seed))[1] for seed in range(20)]
         number = len(list(itertools.combinations(range(len(pool.parts)), size)))
         print(f"| {name} | {number:,} | {min(found):.4f} | {np.mean(found):.4f} |", flush=True)
     print("\n| rows of a cubic surface | pyDOE3 / search |\n|---|---|")

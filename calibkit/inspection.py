@@ -11,7 +11,8 @@ from calibkit.check.report import Campaign, Judgement, Reached
 from calibkit.errors import FitError, FrameError, LogFormatError, RecipeError, UsageError, visible
 from calibkit.ingest import logs as ingest, proposal
 from calibkit.planning import comparison, equipment, search
-from calibkit.planning.proposal import COVERAGE, Task, measured_range
+from calibkit.planning.search import COVERAGE
+from calibkit.planning.task import Task, measured_range
 from calibkit.recipe import type_b
 from calibkit.report import budget, figures
 from calibkit.threads import one_thread
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from calibkit.frame import Log
     from calibkit.ingest.proposal import Proposal
     from calibkit.instruments import Fitted, Instrument, Progress
-    from calibkit.planning.document import Beside
+    from calibkit.planning.document import Plan
     from calibkit.planning.schedule import Schedule
 
 LARGEST_TRIAL = 50_000_000
@@ -38,7 +39,7 @@ def check(
     data: Path,
     figure: Path | None = None,
     progress: Progress = instruments.silent,
-    planned: Beside | None = None,
+    planned: Plan | None = None,
 ) -> Campaign:
     """What each log that a recipe would read holds and what is wrong with it, and what the logs
     determine together; nothing is written but the figure.
@@ -101,7 +102,7 @@ def _judge(
     files: Sequence[str],
     reports: Sequence[LogReport],
     progress: Progress,
-    planned: Beside | None,
+    planned: Plan | None,
 ) -> Judgement:
     """What the logs of a campaign determine together: by the fit itself, on trial, and with which
     uncertainty, as a plan judges it.
@@ -147,7 +148,7 @@ def _predict(
     data: Path,
     files: Sequence[str],
     fitted: Fitted[Any],
-    planned: Beside | None,
+    planned: Plan | None,
 ) -> tuple[Reached, ...]:
     """Uncertainty of results that logs tell over the range of a plan, else over their own: with
     noise and shared errors as the fit found them, others as on the sample bench. Empty for what is

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import math
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,11 +14,13 @@ from calibkit.errors import UsageError
 from calibkit.frame import refuse
 from calibkit.ingest import column_values, logs as ingest
 from calibkit.planning import document, equipment, page, screen, search
-from calibkit.planning.proposal import WITHHELD, Task
+from calibkit.planning.search import WITHHELD
+from calibkit.planning.task import Task
 from calibkit.threads import one_thread
 
 if TYPE_CHECKING:
-    from calibkit.instruments import Progress
+    from pathlib import Path
+
     from calibkit.planning.search import Proposal
     from calibkit.report.summary import Summary
     from calibkit.simulate.campaign import Campaign
@@ -33,8 +32,6 @@ PLAIN = {"files", "missing", "sentinels"}
 """Keys of [logs] that plain CSV may have."""
 NOT_NUMBERS = {"time_format", "date", "accumulated", "wraps_at"}
 """Keys of a column whose values are not those of the canonical one."""
-NAMED = ("faces", "dividing-head", "two-axis")
-"""Fixtures that `--attitudes` names; anything else is a file."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,24 +52,14 @@ class Request:
     within_h: float | None = None
     range_degc: tuple[float, float] | None = None
     equipment: Path | None = None
-    attitudes: str = "two-axis"
-    remountings: int = 0
-    seed: int = 1
-    restarts: int = 3
+    attitudes: str = ""
     earlier: str = ""
     runs: Path | None = None
     have: Path | None = None
 
 
 @one_thread()
-def plan(
-    source: recipe.Source,
-    request: Request,
-    out: Path,
-    progress: Progress = instruments.silent,
-    *,
-    dry_run: bool = False,
-) -> _Planned:
+def plan(source: recipe.Source, request: Request, out: Path, *, dry_run: bool = False) -> _Planned:
     """Plan a campaign and write schedule.csv, plan.json, recipe.toml and plan.html.
 
     Raises UsageError for what cannot be planned.
@@ -82,22 +69,23 @@ def plan(
     paths = [document.PLAN, document.SCHEDULE, document.RECIPE, document.PAGE]
     for name in paths:
         new_files.refuse_existing(out / name)
-    task = _task(spec, request, progress)
+    task = _task(spec, request)
     proposal = search.propose(prepare(spec, task))
     logs = {one.log for one in proposal.schedule.actions}
     if not task.withheld and not any(log.startswith(WITHHELD) for log in logs):
         proposal = replace(proposal, notes=(*proposal.notes, UNJUDGED))
     title = spec.title or spec.procedure
     summary = screen.summarize(proposal, title, request.within_h)
+    written = document.write_recipe(spec, proposal, added=bool(task.have))
+    # the recipe that is handed out must be one
+    instruments.parse_recipe(recipe.Source(document.RECIPE, written))
     beside = {
         document.SCHEDULE: proposal.schedule.to_csv(),
-        document.RECIPE: proposal.recipe.encode(),
+        document.RECIPE: written.encode(),
     }
     text = document.plan_document(proposal, task, source, spec.procedure, beside)
     shown = page.make_page(summary, proposal)
     files = {document.PLAN: text.encode(), **beside, document.PAGE: shown}
-    # the recipe that is handed out must be one
-    instruments.parse_recipe(recipe.Source(document.RECIPE, proposal.recipe))
     new_files.write_all({out / name: files[name] for name in paths}, dry_run=dry_run)
     printed = {key: value for key, value in json.loads(text).items() if key in PRINTED}
     return _Planned(proposal, summary, tuple(out / name for name in paths), printed)
@@ -114,10 +102,9 @@ def _stated(procedure: str, name: str) -> Any:  # noqa: ANN401 (a name of `instr
     return function
 
 
-def _task(spec: recipe.Recipe, request: Request, progress: Progress) -> Task:
+def _task(spec: recipe.Recipe, request: Request) -> Task:
     """Task of a plan, with everything that has to be read for it."""
     found = None if request.equipment is None else recipe.find(str(request.equipment))
-    spots = () if request.attitudes in NAMED else _read_spots(request.attitudes)
     earlier = None
     if request.earlier and request.runs is not None:
         earlier = store.load(store.find(request.earlier, request.runs)).records
@@ -137,39 +124,11 @@ def _task(spec: recipe.Recipe, request: Request, progress: Progress) -> Task:
         request.wishes,
         request.within_h,
         request.range_degc,
-        request.attitudes if not spots else "file",
-        spots,
-        request.remountings,
-        request.seed,
-        request.restarts,
+        request.attitudes,
         earlier,
         have,
         request.have is not None and any((request.have / WITHHELD).glob("*")),
-        progress,
     )
-
-
-def _read_spots(name: str) -> tuple[tuple[float, float], ...]:
-    """Inclination and toolface [°] of the attitudes of a CSV file; UsageError for another file."""
-    try:
-        text = Path(name).read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise UsageError(
-            f"--attitudes {name}: neither {', '.join(NAMED)} nor a file that can be read: {error}",
-            hint="a file has the columns inclination_deg,toolface_deg",
-        ) from None
-    rows = list(csv.DictReader(io.StringIO(text)))
-    try:
-        found = tuple((float(row["inclination_deg"]), float(row["toolface_deg"])) for row in rows)
-    except (KeyError, TypeError, ValueError):
-        found = ()
-    if not found or not all(0.0 <= tilt <= 180.0 and abs(roll) <= 360.0 for tilt, roll in found):
-        raise UsageError(
-            f"--attitudes {name}: expected the columns inclination_deg (0 to 180) and toolface_deg"
-            " (−360 to 360), one attitude per line",
-            hint="write one line per attitude that the fixture has",
-        )
-    return found
 
 
 def simulate(folder: Path, out: Path, seed: int, *, dry_run: bool = False) -> list[str]:
@@ -188,7 +147,7 @@ def simulated(folder: Path, seed: int) -> Campaign:
         raise UsageError(f"{folder}: a plan of no actions", hint="it has nothing to simulate")
     spec = instruments.parse_recipe(found.source)
     run = _stated(spec.procedure, "simulate_plan")
-    campaign = run(spec, found.schedule, found.document, seed)
+    campaign = run(spec, found.schedule, found.assumed, seed)
     truth = {**campaign.truth, "seed": seed, "plan": found.document["sha256"]}
     return _as_logged(spec, replace(campaign, truth=truth))
 
@@ -216,15 +175,7 @@ def _as_logged(spec: recipe.Recipe, made: Campaign) -> Campaign:
         ends = column_values.unmap_values(np.array([0.0, 1.0]), one, name, spec, stated)
         slope = abs(float(ends[1] - ends[0]))
         decimals[one.source] = max(decimals[name] - math.floor(math.log10(slope)), 0)
-        logs = {
-            file: {
-                one.source if key == name else key: column_values.unmap_values(
-                    np.asarray(values, dtype=np.float64), one, name, spec, stated
-                )
-                if key == name
-                else values
-                for key, values in log.items()
-            }
-            for file, log in logs.items()
-        }
+        for log in logs.values():
+            column = np.asarray(log.pop(name), dtype=np.float64)
+            log[one.source] = column_values.unmap_values(column, one, name, spec, stated)
     return replace(made, logs=logs, decimals=decimals)

@@ -8,7 +8,7 @@ import pytest
 from calibkit import inspection, instruments, plans, recipe
 from calibkit.errors import UsageError
 from calibkit.planning import document, equipment, search
-from calibkit.planning.proposal import Task
+from calibkit.planning.task import Task
 from conftest import ROOT
 from test_planning import load_benchmark
 

@@ -21,7 +21,7 @@ from calibkit.frame import Examined, refuse, values
 from calibkit.ingest import logs as ingest, write_back
 from calibkit.instruments import Fitted
 from calibkit.numeric import gum
-from calibkit.planning import assumptions, proposal, schedule, search
+from calibkit.planning import schedule, search, task as plan_task
 from calibkit.recipe.shared_errors import state_sizes
 from calibkit.report.summary import Summary
 
@@ -139,9 +139,9 @@ def chain(spec, records):
 class Bench(search.Bench):
     """Campaigns of one to six rounds between six stops."""
 
-    def sizes(self):
+    def designs(self):
         """A campaign for each number of rounds."""
-        return {f"{rounds} rounds": [self.design(rounds)] for rounds in range(1, 7)}
+        return map(self.design, range(1, 7))
 
     def design(self, rounds):
         """A number of rounds, from every stop to every other."""
@@ -150,7 +150,7 @@ class Bench(search.Bench):
         stop = np.array([(k, m) for k in range(6) for m in range(6) if k != m] * rounds)
         angle = 60.0 * (stop[:, 1] - stop[:, 0])
         rows = Turns(angle, angle, stop)
-        return proposal.Design(f"{rounds} rounds", clock.schedule(), ("turns.csv",), rows)
+        return search.Design(f"{rounds} rounds", clock.schedule(), ("turns.csv",), rows)
 
     def fit(self, rows):
         """What the turns will tell."""
@@ -166,12 +166,12 @@ class Bench(search.Bench):
     def coefficients(self, design):
         """Uncertainties of the coefficients."""
         u = self.fit(self.rows(design)).of(lambda p: p).u.tolist()
-        return (proposal.Coefficient("sensor", *n, x) for n, x in zip(NAMES, u, strict=True))
+        return (search.Coefficient("sensor", *n, x) for n, x in zip(NAMES, u, strict=True))
 
 
 def prepare_plan(spec, task):
     """Campaigns among which a plan chooses."""
     device, units = task.equipment.known_device(spec.procedure), {("stop", "index"): "deg"}
     have = turns_of(task.have) if task.have else None
-    assumed = assumptions.assume(spec, task, device, units)
+    assumed = plan_task.assume(spec, task, device, units)
     return Bench(spec, task, assumed, {"angle": "deg"}, have)

@@ -104,7 +104,8 @@ class Reached:
 
     def __str__(self) -> str:
         low, high = self.range_degc or (0.0, 0.0)
-        over = f", {low:.0f} to {high:.0f} °C" if self.range_degc else ""
+        ends = dict.fromkeys((f"{low:.0f}", f"{high:.0f}"))
+        over = f", {' to '.join(ends)} °C" if self.range_degc else ""
         most = max(self.limits, key=lambda name: self.limits[name])
         wanted = "" if self.wanted is None else f", wanted at most {concise(self.wanted)}"
         return (

@@ -47,30 +47,12 @@ def _hours(_: click.Context, __: click.Parameter, value: str | None) -> float | 
 @click.option("--equipment", type=PATH, help="equipment file (default: the sample bench)")
 @click.option(
     "--attitudes",
-    default="two-axis",
-    show_default=True,
-    metavar="faces|dividing-head|two-axis|FILE",
-    help="what the fixture can do; FILE has the columns inclination_deg,toolface_deg",
-)
-@click.option(
-    "--remountings",
-    default=0,
-    show_default=True,
-    type=click.IntRange(min=0),
-    help="remountings at most",
+    default="",
+    metavar="NAME",
+    help="fixture of the equipment: two-axis (default), dividing-head, faces, or one of your own",
 )
 @click.option("--from", "earlier", default="", metavar="RUN", help="run whose errors are assumed")
 @click.option("--have", type=PATH, help="folder with logs that are measured already")
-@click.option(
-    "--seed", default=1, show_default=True, type=click.IntRange(min=0), help="seed of the search"
-)
-@click.option(
-    "--restarts",
-    default=3,
-    show_default=True,
-    type=click.IntRange(min=1),
-    help="starts of the search",
-)
 @click.option("--print-equipment", is_flag=True, help="print the sample bench and stop")
 @RUNS
 @SET
@@ -85,11 +67,8 @@ def plan(
     within: float | None,
     equipment: Path | None,
     attitudes: str,
-    remountings: int,
     earlier: str,
     have: Path | None,
-    seed: int,
-    restarts: int,
     runs: Path,
     overrides: tuple[str, ...],
     *,
@@ -113,12 +92,9 @@ def plan(
     from calibkit import plans
     from calibkit.recipe import find
 
-    request = plans.Request(
-        *(wishes, within, range_degc, equipment, attitudes, remountings, seed, restarts),
-        *(earlier, runs, have),
-    )
-    with working("planning") as progress:
-        found = plans.plan(find(recipe, overrides), request, out, progress, dry_run=dry_run)
+    request = plans.Request(wishes, within, range_degc, equipment, attitudes, earlier, runs, have)
+    with working("planning"):
+        found = plans.plan(find(recipe, overrides), request, out, dry_run=dry_run)
     if not as_json:
         print_screen(found.summary, (), below=len(found.files))
     print_result(found.document, found.files, as_json=as_json, dry_run=dry_run)

@@ -136,7 +136,7 @@ blocks(stated) → blocks of results on a certificate; without it those that the
 chain(spec, records) → correction chain of firmware, files(spec) → coefficient files that it takes
     its numbers from, conventions(spec) → conventions of inputs and outputs, one line each.
 prepare_plan(spec, task) → campaigns among which a plan chooses, and what they will tell,
-    simulate_plan(spec, schedule, document, seed) → logs of a campaign that was run by a plan.
+    simulate_plan(spec, schedule, assumed, seed) → logs of a campaign that was run by a plan.
 CAMPAIGNS: name → simulated campaign by its seed.
 propose(evidence) → recipe for logs that are of this instrument; None for other logs.
 KEY_FIGURES: patterns of whole names of the figures that a fleet compares from device to device.

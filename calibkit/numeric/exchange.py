@@ -6,7 +6,7 @@ exchanged for the candidate that lowers the criterion most, until no exchange lo
 several starts. Candidates are ranked by the derivative of the criterion, the best are tried.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +22,8 @@ SMALL = 30
 more starts end away from the best.
 """
 PASSES = 20
+RESTARTS = 3
+"""Starts of a search."""
 RIDGE = 1e-9
 """Information, relative to that of a candidate, that lets a start be worse than determined."""
 
@@ -91,7 +93,7 @@ class Pool:
         return found, best
 
     def search(
-        self, count: int, rng: np.random.Generator, restarts: int
+        self, count: int, rng: np.random.Generator, restarts: int = RESTARTS
     ) -> tuple[list[int], float]:
         """Best design of a number of candidates from several starts, more of a small one, and its
         criterion.
@@ -107,28 +109,3 @@ def invert(matrix: Array) -> Array:
     size = np.sqrt(np.diagonal(matrix, axis1=-2, axis2=-1))
     outer = size[..., :, None] * size[..., None, :]
     return np.asarray(np.linalg.inv(matrix / outer) / outer, dtype=np.float64)
-
-
-def exchange_values(
-    start: Sequence[int],
-    moves: Callable[[Sequence[int], int], Sequence[int]],
-    criterion: Callable[[Sequence[int]], float],
-) -> tuple[list[int], float]:
-    """Whole numbers, such as temperatures, each exchanged for the best of its moves until none
-    lowers the criterion; and the criterion.
-
-    `moves` gives the values that a place may have beside the others.
-    """
-    found = list(start)
-    best = criterion(found)
-    for _ in range(PASSES):
-        before = best
-        for place in range(len(found)):
-            for value in moves(found, place):
-                tried = [*found[:place], value, *found[place + 1 :]]
-                reached = criterion(tried)
-                if reached < best * (1.0 - GAIN):
-                    found, best = tried, reached
-        if not best < before * (1.0 - GAIN):
-            break
-    return found, best

@@ -95,30 +95,25 @@ def _rows_at(log: Log, action: Action) -> Mask:
 
 def _compare_ramp(log: Log, action: Action) -> Iterator[str]:
     """A ramp that ends elsewhere, or has another rate; of a case that lags, the end alone."""
-    time, degc = _column(log, "time_s"), _column(log, "temp_env_degc")
-    lags = not np.isfinite(degc).any()
-    degc = _column(log, "temp_case_degc") if lags else degc
+    time, air = _column(log, "time_s"), _column(log, "temp_env_degc")
+    lags = not np.isfinite(air).any()
+    degc = _column(log, "temp_case_degc") if lags else air
     if not np.isfinite(degc).any():
         return
-    rising = action.ramp_degc_per_min > 0.0
-    end = float(np.nanmax(degc) if rising else np.nanmin(degc))
+    end = float(np.nanmax(degc) if action.ramp_degc_per_min > 0.0 else np.nanmin(degc))
     planned = f"ramp of {action.ramp_degc_per_min:+g} °C/min to {action.set_degc:g} °C"
     if not abs(end - action.set_degc) <= NEAR_DEGC:
         yield f"{log.file}: {planned}; it ends at {end:.1f} °C"
-    if lags or not abs(end - action.set_degc) <= NEAR_DEGC:
-        return
-    first = float(degc[0])
-    share = (
-        (degc - first) / (action.set_degc - first) if action.set_degc != first else degc * np.nan
-    )
-    below, above = (np.flatnonzero(share >= part) for part in MIDDLE)
-    if not (below.size and above.size and above[0] > below[0]):
-        yield f"{log.file}: {planned}; there is no ramp"
-        return
-    a, b = below[0], above[0]
-    rate = float((degc[b] - degc[a]) / (time[b] - time[a]) * SECONDS_PER_MINUTE)
-    if not abs(rate / action.ramp_degc_per_min - 1.0) <= NEAR_RAMP:
-        yield f"{log.file}: {planned}; its rate is {rate:+.3g} °C/min"
+    elif not lags:
+        change = action.set_degc - degc[0]
+        share = (degc - degc[0]) / (change or np.nan)
+        rows = (share >= MIDDLE[0]) & (share <= MIDDLE[1])
+        if rows.sum() < 2:
+            yield f"{log.file}: {planned}; there is no ramp"
+            return
+        rate = float(np.polyfit(time[rows], degc[rows], 1)[0]) * SECONDS_PER_MINUTE
+        if not abs(rate / action.ramp_degc_per_min - 1.0) <= NEAR_RAMP:
+            yield f"{log.file}: {planned}; its rate is {rate:+.3g} °C/min"
 
 
 def _column(log: Log, name: str) -> Array:

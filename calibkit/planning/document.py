@@ -3,24 +3,33 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from calibkit import sealed, store
+from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.errors import CoefficientError, UsageError
-from calibkit.planning.proposal import COVERAGE, Candidate, Predicted, Task
+from calibkit.planning.equipment import Device, read_equipment
 from calibkit.planning.schedule import Schedule, read_schedule
-from calibkit.recipe import Source
+from calibkit.planning.search import COVERAGE, Candidate, Predicted, name_source
+from calibkit.planning.task import Assumed
+from calibkit.recipe import Source, toml_text
+from calibkit.recipe.tables import ErrorComponent
 from calibkit.version import SOFTWARE
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from calibkit.planning.search import Proposal
+    from calibkit.planning.task import Task
+    from calibkit.recipe import Recipe
 
 FORMAT = "calibkit-plan/1"
 PLAN, SCHEDULE, RECIPE, PAGE = "plan.json", "schedule.csv", "recipe.toml", "plan.html"
+HEAD = "# Written by calibkit plan: the recipe of the plan, with the errors that it assumes.\n"
+_OF_OTHER_LOGS = ("exclude", "segment", "correction", "serial")
+"""Tables and keys of a recipe that belong to the logs it was written for."""
 LONGER = 4.0 / 3.0
 """Hours of the longer campaign that is offered beside a plan, relative to the plan's."""
 WORTH = 0.99
@@ -35,6 +44,62 @@ class Plan:
     schedule: Schedule
     source: Source
     """Its recipe."""
+
+    @property
+    def assumed(self) -> Assumed:
+        """What the plan assumes."""
+        low, high = self.document["range_degc"]
+        components = tuple(map(ErrorComponent.model_validate, self.document["components"]))
+        if "device" not in self.document:
+            return _assumed_by_0_2(self, (low, high), components)
+        device, noise = Device.model_validate(self.document["device"]), self.document["noise"]
+        return Assumed(device, noise["value"], (low, high), components, ())
+
+    @property
+    def range_degc(self) -> tuple[float, float] | None:
+        """Range of use."""
+        low, high = self.document.get("range_degc", (None, None))
+        return None if low is None or high is None else (low, high)
+
+    @property
+    def wanted(self) -> dict[str, float]:
+        """Result → expanded uncertainty that was wanted, in the unit of the result."""
+        wanted = {result["name"]: result["wanted"] for result in self.document["results"]}
+        return {name: value for name, value in wanted.items() if value is not None}
+
+
+def _assumed_by_0_2(
+    plan: Plan, range_degc: tuple[float, float], components: Sequence[ErrorComponent]
+) -> Assumed:
+    """What a plan of calibkit 0.2 assumes, whose settings state its noise over one time and lag.
+
+    Raises UsageError for an error whose unit in a fit the sample bench does not tell.
+    """
+    settings, noise = plan.document["settings"], plan.document["noise"]
+    dwells = plan.schedule.recorded("dwell")
+    value, over_s = noise["value"], 1.0
+    if "noise_1s" in settings:
+        value = settings["noise_1s"]
+    elif "noise_dph" in settings:
+        value, over_s = settings["noise_dph"], dwells[0].duration_s
+    elif "terms" in settings:
+        value, over_s = settings["terms"]["angle_random_walk"], SECONDS_PER_HOUR
+    device = Device(
+        lags_s=(settings.get("lag_s", 1.0),),
+        fastest_degc_per_min=1.0,
+        noise=value,
+        noise_unit=noise["unit"],
+        noise_s=over_s,
+    )
+    bench = read_equipment(None).device.values()
+    units = {(one.group, one.effect): one.unit for known in bench for one in known.component}
+    for one in components:
+        if units.get((one.group, one.effect)) != one.unit:
+            raise UsageError(
+                f"the plan states {name_source(one)} in {one.unit}: calibkit 0.2 wrote it",
+                hint="plan again to simulate it",
+            )
+    return Assumed(device, value, range_degc, tuple(components), ())
 
 
 def third_more(proposal: Proposal) -> Candidate | None:
@@ -55,6 +120,27 @@ def third_more(proposal: Proposal) -> Candidate | None:
     return min(better, key=lambda campaign: campaign.expanded(name), default=None)
 
 
+def write_recipe(spec: Recipe, proposal: Proposal, *, added: bool) -> str:
+    """Text of the recipe by which the logs of a plan are fitted, with the errors that were assumed.
+    Logs that are `added` stand beside those that the recipe reads already.
+    """
+    design = proposal.campaign.design
+    tables = spec.model_dump(mode="json", by_alias=True, exclude_unset=True)
+    files = list(design.logs)
+    if added:
+        files = [*tables["logs"]["files"], *files]
+    else:
+        tables = {name: value for name, value in tables.items() if name not in _OF_OTHER_LOGS}
+    tables["logs"] = {**tables["logs"], "files": files}
+    if proposal.components:
+        assumed = [one.model_dump(mode="json") for one in proposal.components]
+        tables["errors"] = {**tables.get("errors", {}), "component": assumed}
+    for name, value in design.changes.items():
+        tables[name] = {**tables.get(name, {}), **value} if isinstance(value, dict) else value
+    # a line begins with a bracket where a table does
+    return HEAD + toml_text.from_tables(tables).text.replace("\n[", "\n\n[")
+
+
 def plan_document(
     proposal: Proposal,
     task: Task,
@@ -73,9 +159,6 @@ def plan_document(
             "recipe": {"name": source.name, "sha256": source.sha256},
             "equipment": task.equipment.name,
             "attitudes": task.attitudes,
-            "remountings": task.remountings,
-            "seed": task.seed,
-            "restarts": task.restarts,
             "within_h": task.within_h,
             "range_degc": list(assumed.range_degc),
             "hours": schedule.hours,
@@ -85,13 +168,12 @@ def plan_document(
                 _result(result, proposal.wanted(result.name)) for result in proposal.results
             ],
             "coefficients": [asdict(coefficient) for coefficient in proposal.coefficients],
+            "device": assumed.device.model_dump(mode="json", exclude={"component"}),
             "noise": {"value": assumed.noise, "unit": assumed.device.noise_unit},
             "components": [error.model_dump(mode="json") for error in assumed.components],
             "third_more": None if more is None else _campaign(more),
             "curve": [_campaign(campaign) for campaign in proposal.curve],
-            "usual": [_campaign(campaign) for campaign in proposal.usual],
             "notes": list(proposal.notes),
-            "settings": dict(proposal.campaign.design.settings),
             "files": [
                 {"name": key, "sha256": hashlib.sha256(content).hexdigest()}
                 for key, content in files.items()
@@ -151,37 +233,13 @@ def load_plan(folder: Path, plan: str = PLAN) -> Plan:
     return Plan(document, schedule, Source(RECIPE, _read(folder / RECIPE)))
 
 
-@dataclass(frozen=True, slots=True)
-class Beside:
-    """What stands beside the recipe of a plan."""
-
-    schedule: Schedule
-    range_degc: tuple[float, float] | None = None
-    """Range of use; None where no plan.json is there."""
-    wanted: Mapping[str, float] = field(default_factory=dict)
-    """Result → expanded uncertainty that was wanted, in the unit of the result."""
-
-
-def beside(recipe: Path) -> Beside | None:
-    """Schedule and wishes beside a recipe's file; None where there is no schedule."""
-    path = recipe.with_name(SCHEDULE)
-    if not recipe.is_file() or not path.is_file():
+def beside(recipe: Path) -> Plan | None:
+    """Plan beside a recipe's file, which may have been changed since; None where there is none."""
+    path, plan = recipe.with_name(SCHEDULE), recipe.with_name(PLAN)
+    if not (recipe.is_file() and path.is_file() and plan.is_file()):
         return None
-    schedule = read_schedule(_read(path), str(path))
-    plan = recipe.with_name(PLAN)
-    if not plan.is_file():
-        return Beside(schedule)
     document = sealed.unseal(_read(plan), str(plan), FORMAT)
-    low, high = document.get("range_degc", (None, None))
-    return Beside(
-        schedule,
-        None if low is None or high is None else (low, high),
-        {
-            result["name"]: result["wanted"]
-            for result in document["results"]
-            if result["wanted"] is not None
-        },
-    )
+    return Plan(document, read_schedule(_read(path), str(path)), Source(RECIPE, _read(recipe)))
 
 
 def _read(path: Path) -> str:

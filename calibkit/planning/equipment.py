@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from importlib import resources
-from typing import Annotated, Literal, Self
+from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
@@ -51,12 +51,21 @@ class Operator(Table):
         return self
 
 
+Spot = Annotated[
+    tuple[Annotated[float, Field(ge=0.0, le=180.0)], Annotated[float, Field(ge=-360.0, le=360.0)]],
+    Field(strict=False),
+]
+"""Inclination and toolface [°] of an attitude."""
+
+
 class Fixture(Table):
     """A way to bring a device into attitudes."""
 
     move_s: NonNegative
     attended: bool = False
     step_deg: Annotated[int, Field(ge=1, le=90)] = 30
+    spots: Annotated[tuple[Spot, ...], Field(strict=False)] = ()
+    """Attitudes that it has, where they are not all those of the step."""
 
 
 class RateTable(Table):
@@ -89,7 +98,7 @@ class Equipment(Table):
     name: str = ""
     chamber: Chamber
     operator: Operator = Operator()
-    attitudes: dict[Literal["two-axis", "dividing-head", "faces", "file", "north", "hand"], Fixture]
+    attitudes: dict[str, Fixture]
     rate_table: RateTable | None = None
     device: dict[str, Device]
 
@@ -122,13 +131,12 @@ class Equipment(Table):
 
     def fixture(self, name: str) -> Fixture:
         """A fixture of the laboratory by its name; UsageError where it has none."""
-        for key, fixture in self.attitudes.items():
-            if key == name:
-                return fixture
-        raise UsageError(
-            f"the equipment file has no [attitudes.{name}]",
-            hint=f"it has {', '.join(self.attitudes)}",
-        )
+        if name not in self.attitudes:
+            raise UsageError(
+                f"the equipment file has no [attitudes.{name}]",
+                hint=f"it has {', '.join(self.attitudes)}",
+            )
+        return self.attitudes[name]
 
     def fastest(self, device: Device) -> float:
         """Fastest ramp [°C/min] that the chamber makes and the device may see."""

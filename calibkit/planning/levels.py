@@ -10,14 +10,14 @@ import numpy as np
 from calibkit.numeric.least_squares import polynomial
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Iterable, Sequence
 
     from calibkit.arrays import Array
 
 LEVELS = 25
 """Temperatures of use at which an uncertainty is predicted."""
-USUAL_LEVELS = 9
-"""Temperatures of a usual campaign."""
+MORE_LEVELS = 4
+"""Temperatures of a campaign at most beyond one more than the order needs."""
 MOST_ADDED = 3
 """Temperatures that are added to what is measured, of which every choice is tried."""
 ONE_LEVEL_DEGC = 5.0
@@ -28,34 +28,31 @@ Tour = tuple[int, ...]
 
 
 def list_tours(
-    order: int,
-    more: int,
-    range_degc: tuple[float, float],
-    tours_of: Callable[[list[int]], Iterable[Tour]],
-) -> dict[str, list[Tour]]:
-    """Number of temperatures in words → tours of so many that no smaller number has, from one more
-    temperature than an order needs to `more` beyond it; `tours_of` are those of the temperatures,
-    lowest first, at which a polynomial is determined best.
+    order: int, range_degc: tuple[float, float], *, some: bool, reference: float | None = None
+) -> list[Tour]:
+    """Tours of the temperatures at which a polynomial is determined best: of one more temperature
+    than an order needs first, then of more; with `some` also every choice of those of the first
+    tour, for what is measured already may have the others.
+
+    A reference temperature stands for the one nearest to it between the ends of the range. A
+    campaign at one temperature has that one.
     """
+    if range_degc[0] == range_degc[1]:
+        return [(round(range_degc[0]),)]
     low, high = np.ceil(range_degc[0]), np.floor(range_degc[1])
-    tours: dict[str, list[Tour]] = {}
-    seen: set[Tour] = set()
-    for size in range(order + 2, order + 2 + more + 1):
-        listed = dict.fromkeys(tours_of(polynomial.space_levels(low, high, size)))
-        tours[f"{size} temperatures"] = [tour for tour in listed if tour not in seen]
-        seen |= listed.keys()
+    tours: list[Tour] = []
+    for size in range(order + 2, order + 3 + MORE_LEVELS):
+        levels = polynomial.space_levels(low, high, size)
+        if reference is not None and low < round(reference) < high:
+            inner = range(1, size - 1)
+            nearest = min(inner, key=lambda k: abs(levels[k] - round(reference)))
+            levels[nearest] = round(reference)
+        tours.append(order_there_and_back(levels))
+    if some:
+        first = tours[0][:-1]
+        for number in range(1, min(len(first), MOST_ADDED) + 1):
+            tours += combinations(first, number)
     return tours
-
-
-def list_usual_levels(range_degc: tuple[float, float]) -> Tour:
-    """Temperatures of a usual campaign, from low to high."""
-    return tuple(np.rint(np.linspace(*range_degc, USUAL_LEVELS)).astype(int).tolist())
-
-
-def choose_some(levels: Sequence[int]) -> Iterator[Tour]:
-    """Every choice of temperatures that may be added to what is measured."""
-    for number in range(1, min(len(levels), MOST_ADDED) + 1):
-        yield from combinations(levels, number)
 
 
 def order_there_and_back(levels: Sequence[int]) -> Tour:
@@ -68,7 +65,11 @@ def order_there_and_back(levels: Sequence[int]) -> Tour:
 def cover_range(
     temperatures: Iterable[float], fewest: int, range_degc: tuple[float, float]
 ) -> bool:
-    """Whether temperatures [°C] reach both ends of a range of use, and at least so many differ."""
+    """Whether temperatures [°C] reach both ends of a range of use, and at least so many differ, of
+    a campaign at one temperature one.
+    """
+    if range_degc[1] - range_degc[0] <= ONE_LEVEL_DEGC:
+        fewest = 1
     found = np.sort(np.fromiter(temperatures, dtype=np.float64))
     ends = np.array(range_degc) + np.array([1.0, -1.0]) * ONE_LEVEL_DEGC
     reached = found.size and found[0] <= ends[0] and found[-1] >= ends[1]

@@ -23,21 +23,12 @@ if TYPE_CHECKING:
     from calibkit.fit.shared import Shared
 
 
-def information(jacobian: Array, shared: Sequence[Shared], noise: Array) -> Array:
-    """Information [p, p] of rows [n, p] on the parameters, all shared errors averaged over."""
-    J, Z = jacobian / noise[:, None], _loadings(shared, noise)
-    inner = Z.T @ Z + np.eye(Z.shape[1])
-    across = Z.T @ J
-    return np.asarray(J.T @ J - across.T @ np.linalg.solve(inner, across))
-
-
 def pool(
     jacobian: Array,
     shared: Sequence[Shared],
     single: Sequence[Shared],
     noise: Array,
     candidate: Integers,
-    base: Array,
     slopes: Array,
 ) -> Pool:
     """Candidates, each of the same number of rows; the search makes the mean variance of m
@@ -49,12 +40,13 @@ def pool(
     shared, single : errors that candidates share, and that each has of its own, with their sizes.
     noise : [n].
     candidate : [n], number of the candidate of each row.
-    base : [p, p], information of what is measured already.
     slopes : [m, p].
 
     """
     p = jacobian.shape[1]
-    rows = np.hstack([jacobian / noise[:, None], _loadings(shared, noise)])
+    every = np.arange(len(noise))
+    columns = [error.design(every) * (error.size or 0.0) for error in shared]
+    rows = np.hstack([jacobian, *columns]) / noise[:, None]
     order, count = np.argsort(candidate, kind="stable"), int(candidate.max()) + 1
     parts = rows[order].reshape(count, -1, rows.shape[1])
     single_loadings = [error.loading * (error.size or 0.0) / noise[:, None] for error in single]
@@ -65,17 +57,9 @@ def pool(
     each = np.einsum("crq,crs->cqs", parts, parts)
     each -= np.einsum("ckq,ckl,cls->cqs", across, np.linalg.inv(inner), across)
     start = np.diag(np.arange(rows.shape[1]) >= p).astype(np.float64)
-    start[:p, :p] += base
     target = np.zeros_like(start)
     target[:p, :p] = slopes.T @ slopes / len(slopes)
     return Pool(start, each, target)
-
-
-def _loadings(shared: Sequence[Shared], noise: Array) -> Array:
-    """Z [n, q] of shared errors in units of their sizes and of the noise [n]."""
-    every = np.arange(len(noise))
-    columns = [error.design(every) * (error.size or 0.0) for error in shared]
-    return np.hstack([np.zeros((len(noise), 0)), *columns]) / noise[:, None]
 
 
 def spread_apart(directions: Array, taken: Sequence[int], count: int) -> list[int]:

@@ -13,7 +13,7 @@ from calibkit.errors import CoefficientError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from calibkit.planning.equipment import Device, Equipment
+    from calibkit.planning.equipment import Device, Equipment, Fixture
 
 Kind = Literal["mount", "ramp", "soak", "dwell", "rate", "remount", "wait"]
 _HOUR, _DAY = 3600.0, 86400.0
@@ -89,8 +89,7 @@ def read_schedule(text: str, name: str) -> Schedule:
     """Schedule of a CSV text; CoefficientError for one that calibkit did not write."""
     names = [field.name for field in fields(Action)]
     rows = list(csv.reader(io.StringIO(text)))
-    # plans were once without azimuths
-    if not rows or rows[0] not in (names, [one for one in names if one != "azimuth_deg"]):
+    if not rows or rows[0] != names:
         raise CoefficientError(
             f"{name}: not a schedule: its first line is not {','.join(names)}",
             hint="restore the file that calibkit plan wrote",
@@ -98,7 +97,7 @@ def read_schedule(text: str, name: str) -> Schedule:
     actions = []
     for number, row in enumerate(rows[1:], start=2):
         try:
-            cells: dict[str, Any] = dict(zip(rows[0], row, strict=True))
+            cells: dict[str, Any] = dict(zip(names, row, strict=True))
             for key in cells.keys() - {"action", "log"}:
                 cells[key] = float(cells[key] or _NONE)
             actions.append(Action(**cells))
@@ -163,8 +162,13 @@ class Clock:
         """Hold the temperature."""
         self._add("soak", duration_s, log)
 
-    def dwell(self, spot: Sequence[float], duration_s: float, log: str) -> None:
-        """Hold an attitude: inclination and toolface [°], and azimuth [°] where it matters."""
+    def dwell(self, fixture: Fixture, spot: Sequence[float], duration_s: float, log: str) -> None:
+        """Move to an attitude, with a person where the fixture needs one, and hold it: inclination
+        and toolface [°], and azimuth [°] where it matters.
+        """
+        if fixture.attended:
+            self.attend(fixture.move_s + duration_s)
+        self.move(fixture.move_s)
         names = ("inclination_deg", "toolface_deg", "azimuth_deg")
         self._add("dwell", duration_s, log, **dict(zip(names, spot, strict=False)))
 

@@ -7,38 +7,107 @@ An instrument states the campaigns among which is chosen, and what the rows of e
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from calibkit.errors import FitError
-from calibkit.planning.proposal import (
-    NOTHING,
-    Candidate,
-    Coefficient,
-    Design,
-    Predicted,
-    Wish,
-)
-from calibkit.planning.recipe_text import write_recipe
+from calibkit.planning.levels import cover_range, list_tours
+from calibkit.planning.schedule import Schedule
+from calibkit.planning.task import Wish
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from calibkit.arrays import Array
+    from calibkit.fit.shared import Shared
     from calibkit.fit.solve import Fit
-    from calibkit.planning.assumptions import Assumed
-    from calibkit.planning.proposal import Task
-    from calibkit.planning.schedule import Schedule
+    from calibkit.planning.levels import Tour
+    from calibkit.planning.task import Assumed, Task
     from calibkit.recipe.tables import ErrorComponent
 
+COVERAGE = 2.0
+"""Coverage factor of U in plans: the sizes of shared errors are assumed, not estimated."""
+WITHHELD = "withheld/"
+"""Folder of the logs that a fit does not see."""
 NOISE = "noise"
 """Source of what is not shared."""
 
 Sources = dict[str, "Array"]
 """Source of errors → variance [m] that it leaves in a result over the range of use."""
+
+
+@dataclass(frozen=True, slots=True)
+class Design:
+    """A campaign that could be run."""
+
+    label: str
+    """What it is, in a few words."""
+    schedule: Schedule
+    logs: tuple[str, ...]
+    """Names of its logs, as a recipe lists them."""
+    rows: Any
+    """What the instrument predicts its uncertainty from."""
+    changes: Mapping[str, Any] = field(default_factory=dict)
+    """Keys and tables of its recipe with other values."""
+
+
+NOTHING = Design("nothing to add to what is measured", Schedule(()), (), None)
+"""A campaign that adds nothing to what is measured."""
+
+
+@dataclass(frozen=True, slots=True)
+class Predicted:
+    """Predicted uncertainty of a result."""
+
+    name: str
+    unit: str
+    u: float
+    """Root mean square of the standard uncertainty over the range of use."""
+    largest_u: float
+    """Largest standard uncertainty in the range of use."""
+    limits: Mapping[str, float]
+    """Source → its share of the mean variance; sums to 1."""
+
+    @property
+    def expanded(self) -> float:
+        """Expanded uncertainty, the largest in the range of use."""
+        return COVERAGE * self.largest_u
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A campaign with what it will give."""
+
+    design: Design
+    results: Mapping[str, Predicted]
+    """By name."""
+
+    @property
+    def hours(self) -> float:
+        """How long it takes."""
+        return self.design.schedule.hours
+
+    def expanded(self, name: str) -> float:
+        """Expanded uncertainty of a result."""
+        return self.results[name].expanded
+
+    def excess(self, wishes: Sequence[Wish]) -> float:
+        """Largest U relative to what is wished: at most 1 where every wish is met."""
+        return max((self.expanded(wish.name) / wish.value for wish in wishes), default=0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Coefficient:
+    """Predicted standard uncertainty of a coefficient."""
+
+    model: str
+    name: str
+    unit: str
+    standard_uncertainty: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,12 +119,10 @@ class Proposal:
     """In the units of the results."""
     assumed: Assumed
     coefficients: tuple[Coefficient, ...]
-    recipe: str
-    """Text of the recipe by which its logs are fitted."""
+    components: tuple[ErrorComponent, ...]
+    """Assumed errors that the recipe of the campaign states."""
     curve: tuple[Candidate, ...]
     """Campaigns none of which another one beats in both hours and uncertainty."""
-    usual: tuple[Candidate, ...]
-    """Usual campaigns, for comparison."""
     notes: tuple[str, ...]
 
     @property
@@ -95,8 +162,8 @@ class Bench(ABC):
     """Rows that are measured already; None without any."""
 
     @abstractmethod
-    def sizes(self) -> Mapping[str, Iterable[Design]]:
-        """Size of campaigns in words → campaigns of this size."""
+    def designs(self) -> Iterable[Design]:
+        """Campaigns among which is chosen."""
 
     @abstractmethod
     def coefficients(self, design: Design) -> Iterable[Coefficient]:
@@ -116,10 +183,6 @@ class Bench(ABC):
         fit = self.fit(self.rows(design))
         return {name: split_variance(fit, slopes) for name, slopes in self.slopes.items()}
 
-    def usual(self) -> Iterable[Design]:
-        """Usual campaigns, for comparison."""
-        return ()
-
     def covers(self, design: Design) -> bool:  # noqa: ARG002 (an instrument may state it)
         """Whether the rows reach all of the range, with one more than the coefficients need."""
         return True
@@ -128,18 +191,19 @@ class Bench(ABC):
         """Rows of what is measured already and of a design."""
         return join(*(rows for rows in (self.have, design.rows) if rows is not None))
 
-    def passed_on(self, design: Design) -> list[ErrorComponent]:  # noqa: ARG002 (as `covers`)
-        """Assumed errors that the recipe of a campaign states."""
+    def passed_on(self, campaign: Candidate) -> list[ErrorComponent]:
+        """Assumed errors that the recipe of a campaign states: those that its fit will have."""
         groups = self.spec.error_groups
-        return [error for error in self.assumed.components if error.group in groups]
+        sources = {source for result in campaign.results.values() for source in result.limits}
+        return [
+            error
+            for error in self.assumed.components
+            if error.group in groups and name_source(error) in sources
+        ]
 
     def notes(self, campaign: Candidate) -> Iterable[str]:  # noqa: ARG002 (as `covers`)
         """What is to be said of a campaign beside the assumptions."""
         return ()
-
-    def smaller(self, design: Design) -> Design | None:  # noqa: ARG002 (as `covers`)
-        """A design with a little less, where wishes may be met with it."""
-        return None
 
     def candidate(self, design: Design) -> Candidate | None:
         """A design with its uncertainties; None where it does not determine all over the range."""
@@ -152,12 +216,49 @@ class Bench(ABC):
         """A design with its uncertainties."""
         results = {}
         for name, parts in self.variances(design).items():
-            total = whole(parts)
+            total = total_variance(parts)
             mean = float(total.mean())
             limits = {source: float(part.mean()) / mean for source, part in parts.items()}
             u, largest_u = float(np.sqrt(mean)), float(np.sqrt(total.max()))
             results[name] = Predicted(name, self.results[name], u, largest_u, limits)
         return Candidate(design, results)
+
+
+@dataclass(frozen=True)
+class TourBench(Bench):
+    """Campaigns that go from temperature to temperature, and measure the same at each."""
+
+    order: int
+    """Highest power of temperature of what is fitted."""
+
+    @abstractmethod
+    def choices(self) -> Iterable[Any]:
+        """What may be measured at each temperature: attitudes, rates, stations, power-ons."""
+
+    @abstractmethod
+    def design(self, degc: Tour, choice: Any, dwell_s: float) -> Design:  # noqa: ANN401 (a choice)
+        """A campaign: one of `choices` at temperatures in their order, each part for a time [s]."""
+
+    @abstractmethod
+    def temperatures(self, rows: Any) -> Iterable[Array]:  # noqa: ANN401 (as of `rows`)
+        """Temperatures [°C] of rows, or of several parts of which each has to span the range."""
+
+    def tours(self) -> list[Tour]:
+        """Temperatures of campaigns, beside what is measured also of those that it lacks."""
+        return list_tours(self.order, self.assumed.range_degc, some=bool(self.task.have))
+
+    def designs(self) -> Iterable[Design]:
+        """Every choice at the temperatures of every tour, for every time."""
+        tours, lengths = self.tours(), self.assumed.device.dwell_s
+        for choice, degc, dwell_s in product(self.choices(), tours, lengths):
+            yield self.design(degc, choice, dwell_s)
+
+    def covers(self, design: Design) -> bool:
+        """Whether both ends of the range are reached, with a temperature more than the order
+        needs.
+        """
+        span, parts = self.assumed.range_degc, self.temperatures(self.rows(design))
+        return all(cover_range(degc, self.order + 2, span) for degc in parts)
 
 
 def propose(bench: Bench) -> Proposal:
@@ -167,43 +268,24 @@ def propose(bench: Bench) -> Proposal:
     task, assumed = bench.task, bench.assumed
     wishes = tuple(Wish.parse(text, bench.results) for text in task.wishes)
     name = wishes[0].name if wishes else next(iter(bench.results))
-    candidates = list(_list_candidates(bench))
+    designs = [*([NOTHING] if task.have else []), *bench.designs()]
+    candidates = [found for design in designs if (found := bench.candidate(design))]
     if not candidates:
         raise FitError(
-            f"no campaign with {task.remountings} remountings determines all over the range",
-            hint="plan without --have, for a narrower --range, for more --remountings, or lower the"
-            " orders of the recipe",
+            "no campaign determines all over the range",
+            hint="plan without --have, for a narrower --range, for another fixture (--attitudes),"
+            " or lower the orders of the recipe",
         )
     best = choose(candidates, wishes, task.within_h, name)
-    while wishes and best.meets(wishes) and (design := bench.smaller(best.design)):
-        tried = bench.candidate(design)
-        if tried is None or not tried.meets(wishes):
-            break
-        best = tried
-    usual = () if task.have else map(bench.candidate, bench.usual())
     return Proposal(
         best,
         wishes,
         assumed,
         tuple(bench.coefficients(best.design)),
-        write_recipe(bench.spec, best.design, bench.passed_on(best.design), added=bool(task.have)),
+        tuple(bench.passed_on(best)),
         tuple(find_front(candidates, name)),
-        tuple(campaign for campaign in usual if campaign),
         (*bench.notes(best), *assumed.notes),
     )
-
-
-def _list_candidates(bench: Bench) -> Iterator[Candidate]:
-    """Campaigns that determine all over the range: none but what is measured, then all sizes, with
-    progress.
-    """
-    if bench.task.have and (measured := bench.candidate(NOTHING)):
-        yield measured
-    sizes = bench.sizes()
-    for size in bench.task.progress([*sizes], "searching"):
-        for design in sizes[size]:
-            if campaign := bench.candidate(design):
-                yield campaign
 
 
 def judge(bench: Bench) -> tuple[Predicted, ...]:
@@ -237,7 +319,7 @@ def choose(
     inside = inside or [min(candidates, key=lambda campaign: campaign.hours)]
     if not wishes and within_h is not None:
         return min(inside, key=lambda campaign: (campaign.expanded(name), campaign.hours))
-    meeting = [campaign for campaign in inside if campaign.meets(wishes)]
+    meeting = [campaign for campaign in inside if campaign.excess(wishes) <= 1.0]
     if meeting:
         return min(meeting, key=lambda campaign: (campaign.hours, campaign.expanded(name)))
     return min(inside, key=lambda campaign: campaign.excess(wishes))
@@ -248,7 +330,7 @@ def join(*parts: Any) -> Any:  # noqa: ANN401 (rows of an instrument)
     first, *others = parts
     for other in others:
         arrays = {}
-        for name in (field.name for field in fields(first)):
+        for name in (part.name for part in fields(first)):
             a, b = getattr(first, name), getattr(other, name)
             if isinstance(b, np.ndarray) and np.issubdtype(b.dtype, np.integer):
                 b = b + a.max(initial=-1) + 1
@@ -261,11 +343,21 @@ def split_variance(fit: Fit, slopes: Array, priors: Sequence[str] = ()) -> Sourc
     """Variance [m] that noise, named priors and each shared error of a predicted fit leave in
     combinations [m, p] of its parameters.
     """
-    shared = [f"{size.error.effect} of the {size.error.group}" for size in fit.shared]
+    shared = [name_source(size.error) for size in fit.shared]
     by_size = np.sum((slopes @ fit.slopes) * slopes, axis=2)
     return dict(zip([NOISE, *priors, *shared], fit.variances[:, None] * by_size, strict=True))
 
 
-def whole(sources: Sources) -> Array:
+def name_source(error: Shared | ErrorComponent) -> str:
+    """A shared error in words."""
+    return f"{error.effect} of the {error.group}"
+
+
+def total_variance(sources: Sources) -> Array:
     """Variance [m] of all sources together."""
     return np.asarray(np.sum([*sources.values()], axis=0))
+
+
+def count(number: int, noun: str) -> str:
+    """A number of things in words."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"

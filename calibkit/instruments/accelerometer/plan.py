@@ -6,8 +6,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from itertools import combinations
-from typing import TYPE_CHECKING, Any
+from itertools import product
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -22,21 +22,18 @@ from calibkit.instruments.accelerometer import (
     shared_errors,
     simulate as simulated,
     simulate_magnitude,
+    triad,
 )
 from calibkit.instruments.accelerometer.coefficient_files import COMPENSATIONS
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.fit import asked_terms
 from calibkit.instruments.accelerometer.numeric import k_factor, q_factor
-from calibkit.instruments.accelerometer.triad import residual_of
-from calibkit.numeric import attitude, exchange
+from calibkit.numeric import attitude
 from calibkit.numeric.dispersion import rms
-from calibkit.numeric.least_squares import polynomial
 from calibkit.planning import pools
-from calibkit.planning.assumptions import assume, read_earlier, read_sizes, seen_errors
-from calibkit.planning.levels import cover_range, list_usual_levels, order_there_and_back
-from calibkit.planning.proposal import WITHHELD, Coefficient, Design, count
 from calibkit.planning.schedule import Clock
-from calibkit.planning.search import Bench
+from calibkit.planning.search import WITHHELD, Coefficient, Design, TourBench, count
+from calibkit.planning.task import Assumed, assume, read_earlier, seen_errors
 from calibkit.simulate.campaign import Campaign
 
 if TYPE_CHECKING:
@@ -46,38 +43,32 @@ if TYPE_CHECKING:
     from calibkit.fit.shared import Residual, Shared
     from calibkit.instruments.accelerometer.equation import Terms
     from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe, KAxisSpec
+    from calibkit.numeric.exchange import Pool
+    from calibkit.planning.equipment import Fixture
     from calibkit.planning.levels import Tour
-    from calibkit.planning.proposal import Task
     from calibkit.planning.schedule import Action, Schedule
-    from calibkit.recipe.tables import ErrorComponent
+    from calibkit.planning.task import Task
 
-LOG, TUMBLE = "positions.csv", "tumble.csv"
 RESULTS = {"inclination": "deg", "toolface times sin(inclination)": "deg", "component": "g"}
 OF_LENGTHS = {"component": "g", "axis angle": "deg"}
 """Results where attitudes are unknown."""
 MAGNITUDE, HAND = "accelerometer_magnitude", "hand"
 """Device and fixture where attitudes are unknown."""
+TWO_AXIS, HEAD = "two-axis", "dividing-head"
+"""Fixture that is assumed, and one that turns the tool about one horizontal axis, in three
+mountings.
+"""
 RANGE_DEGC = (-20.0, 125.0)
-MOST_SOAKS = 5
-"""Temperatures that the search takes at most beyond what the order needs."""
-COUNTS = (6, 8, 10, 12, 16, 20, 24, 30, 36, 42, 50)
+COUNTS = (*range(6, 17), 18, 20, 22, 24, 27, 30, 33, 36, 39, 42, 46, 50)
 """Numbers of attitudes that the search takes."""
+POSITIONS = (*range(12, 20), 24, 30, 40)
+"""Numbers of positions by hand that the search takes."""
 FEW = 24
 """Attitudes of a fixture below which the search takes some twice."""
-ORDERED_BY = 12
-"""Attitudes by which the order of the soaks is chosen."""
 COUNTED = 16
 """Attitudes by which the time of a soak is reckoned before they are chosen."""
-POSITIONS, FURTHER = (12, 15, 18, 24, 30, 40), (3, 6, 9, 12, 18)
-"""Numbers of positions by hand that the search takes, and that are added to what is measured."""
-LEFT_OUT, LEFT_BY_HAND = 2, 6
-"""Attitudes that are withheld, and positions by hand."""
-STEPS_DEGC = (-20, -5, -1, 1, 5, 20)
-"""Exchanges of a temperature."""
-APART = 0.5
-"""Least distance of two temperatures, of that of as many in even steps: so that the one beyond the
-order shows a lack of fit.
-"""
+SEED = 1
+"""Of the random starts of the search: the same plan gives the same bytes."""
 DECIMALS = 12
 """Of a direction, so that rounding leaves nothing of a right angle."""
 USED_LEVELS = 9
@@ -93,100 +84,61 @@ EVERYWHERE = (
     *((tilt, roll) for tilt in range(30, 151, 30) for roll in range(0, 360, 45)),
     (180, 0),
 )
-"""Attitudes in which a triad is used, and those of the sample logs."""
-_CORNERS = tuple((tilt, roll) for tilt in (54.7356, 125.2644) for roll in (45, 135, 225, 315))
-_FACES = ((0, 0), (180, 0), (90, 0), (90, 90), (90, 180), (90, 270))
-_EDGES = (
-    *((tilt, roll) for tilt in (45, 135) for roll in (0, 90, 180, 270)),
-    *((90, roll) for roll in (45, 135, 225, 315)),
-)
-USUAL = {
-    "6 faces, 9 temperatures": _FACES,
-    "12 edges, 9 temperatures": _EDGES,
-    "18 faces and edges, 9 temperatures": (*_FACES, *_EDGES),
-    "26 faces, edges and corners, 9 temperatures": (*_FACES, *_EDGES, *_CORNERS),
-    "42 attitudes of the sample logs, 9 temperatures": EVERYWHERE,
-}
-"""Usual sets of attitudes: directions to the faces, edges and corners of a cube."""
-USUAL_POSITIONS = 24
-"""Positions by hand of the usual campaign."""
+"""Attitudes in which a triad is used."""
 LENGTH_UNITS = {
     name: shared_errors.UNITS[name] for name in (shared_errors.ZERO, shared_errors.SECOND_ORDER)
 }
 """(group, effect) of the errors that lengths of gravity at one temperature share."""
 
 
-def exact_dwells(spots: Array, degc: Array, time_s: Array, noise: float) -> DwellSet:
-    """Dwells [n] of a triad without an error in one log, at inclinations and toolfaces [n, 2] [°],
-    each with a noise [g] of its mean.
-    """
-    number, (tilt, roll) = len(spots), spots.T
-    gravity = np.round(attitude.gravity_vector(tilt, roll), DECIMALS)
-    one_log = np.zeros(number, dtype=np.int64)
-    noise_of = np.full((number, 3), noise)
-    return DwellSet(gravity, degc, tilt, roll, noise_of, time_s, one_log, (), ())
-
-
 @dataclass(frozen=True)
-class TriadBench(Bench):
+class TriadBench(TourBench):
     """Campaigns of a triad in known attitudes."""
 
+    lengths: ClassVar[bool] = False
+    """Whether the fit knows the length of gravity alone."""
+    log: ClassVar[str] = "positions.csv"
+    left_out: ClassVar[int] = 2
+    """Attitudes that are withheld."""
+    counts: ClassVar[tuple[int, ...]] = COUNTS
+    stated: AccelerometerRecipe
+    """The recipe with the errors that are assumed."""
     terms: Terms
     k: tuple[KAxisSpec, ...]
     """Terms of the K-factor, where that is what compensates."""
-    fixture: str
+    fixture: Fixture
     spots: Array
     """Inclination and toolface [c, 2] [°] of the fixture's attitudes."""
     mounting: Integers
-    """[c]."""
+    """[c], rising."""
 
-    @property
-    def counts(self) -> tuple[int, ...]:
-        """Numbers of attitudes that the search takes."""
-        return COUNTS
-
-    @property
-    def lengths(self) -> bool:
-        """Whether the fit knows the length of gravity alone."""
-        return bool(self.spec.reference.kind == "magnitude")
+    @cached_property
+    def gravity(self) -> Array:
+        """Directions of gravity [c, 3] of the attitudes."""
+        return attitude.gravity_vector(*self.spots.T)
 
     def state(self, dwells: DwellSet) -> list[Shared]:
         """Errors that a fit of the dwells has, with the sizes that are assumed; of lengths those
         whose sizes are stated.
         """
         gravity = dwells.indication
-        along = (
-            gravity[:, None] if self.lengths else np.broadcast_to(np.eye(3), (len(gravity), 3, 3))
-        )
-        # what is assumed these dwells need not have, as what earlier runs had
-        known = {"component": self.assumed.components, "source": "history", "groups": "auto"}
-        errors = self.spec.errors.model_copy(update=known)
+        along = np.broadcast_to(np.eye(3), (len(gravity), 3, 3))
+        if self.lengths:
+            along = gravity[:, None]
         where = shared_errors.find_circumstances(dwells, gravity, self.spec)
-        listed = shared_errors.state_errors(
-            where, along, self.spec.model_copy(update={"errors": errors})
-        )
+        listed = shared_errors.state_errors(where, along, self.stated)
         return [one for one in listed if one.size is not None or not self.lengths]
 
     def residual(self, dwells: DwellSet) -> Residual:
         """Residual of the fit."""
         t = self.assumed.mapped(dwells.temperature)
-        return residual_of(dwells, self.terms, t, lengths=self.lengths)
-
-    def noise_of(self, dwell_s: float) -> float:
-        """Noise [g] of the mean of a dwell."""
-        return self.assumed.noise_of(dwell_s)
-
-    def noise(self, dwells: DwellSet) -> Array:
-        """Standard deviation of each residual [g]."""
-        if self.lengths:
-            return np.asarray(np.sqrt(np.mean(dwells.noise**2, axis=1)))
-        return dwells.noise.ravel()
+        return triad.residual_of(dwells, self.terms, t, lengths=self.lengths)
 
     def fit(self, rows: DwellSet) -> Fit:
         """What a fit will tell of the parameters, or of K."""
-        noise, nominal = self.noise(rows), self.terms.nominal
-        shared = self.state(rows)
-        fit = predict(self.residual(rows), nominal, shared, noise=noise, names=self.terms.names)
+        noise, nominal = triad.relative_noise(rows, lengths=self.lengths), self.terms.nominal
+        residual, shared = self.residual(rows), self.state(rows)
+        fit = predict(residual, nominal, shared, noise=noise, names=self.terms.names)
         if not self.k:
             return fit
         form = published.corrections(self.k, rows.indication, self.assumed.mapped(rows.temperature))
@@ -207,17 +159,9 @@ class TriadBench(Bench):
         angles = [np.degrees(np.einsum("ni,nip->np", along, vector)) for along in (up, across)]
         return dict(zip(RESULTS, [*angles, vector.reshape(-1, vector.shape[2])], strict=True))
 
-    def covers(self, design: Design) -> bool:
-        """Whether both ends of the range are reached, with a temperature more than the order
-        needs.
-        """
-        return cover_range(self.rows(design).temperature, self.order + 2, self.assumed.range_degc)
-
-    @property
-    def order(self) -> int:
-        """Highest power of temperature of all models that the recipe fits."""
-        k = [max(k.scale_order, k.zero_order) for k in self.spec.k.axes]
-        return int(max([self.terms.order, *(k if self.spec.k.enabled else ())]))
+    def temperatures(self, rows: DwellSet) -> list[Array]:
+        """Of all dwells."""
+        return [rows.temperature]
 
     def coefficients(self, design: Design) -> Iterator[Coefficient]:
         """In powers of °C."""
@@ -239,182 +183,86 @@ class TriadBench(Bench):
             for place, size in zip(places, u, strict=True):
                 yield Coefficient(name, k_factor.NAMES[place], forms.K_UNITS[place], size)
 
-    def passed_on(self, design: Design) -> list[ErrorComponent]:
-        """Errors that a fit of these dwells has; several logs have no drift in common."""
-        listed = {(one.group, one.effect) for one in self.state(self.rows(design))}
-        return [one for one in self.assumed.components if (one.group, one.effect) in listed]
+    def noise_of(self, dwell_s: float) -> float:
+        """Noise [g] of the mean of a dwell, of a position by hand without both ends."""
+        unused_s = self.spec.dwells.window_s if self.lengths else 0.0
+        return self.assumed.noise_of(dwell_s - unused_s)
 
-    def apart(self, chosen: Sequence[int], allowed: Integers, number: int) -> list[int]:
-        """Attitudes by number that lie farthest from those that are chosen, of those that are
-        allowed.
-        """
-        gravity = attitude.gravity_vector(*self.spots[allowed].T)
-        taken = [int(np.searchsorted(allowed, k)) for k in chosen]
-        return [int(k) for k in allowed[pools.spread_apart(gravity, taken, number)]]
-
-    def design(
-        self, degc: Sequence[float], chosen: Sequence[int], dwell_s: float, label: str = ""
-    ) -> Design:
+    def design(self, degc: Tour, choice: Sequence[int], dwell_s: float) -> Design:
         """Soaks at temperatures in their order, attitudes by number; where nothing is withheld yet,
         with those that lie farthest from them in a log that is.
         """
-        equipment, log = self.task.equipment, self.task.name_log(TUMBLE if self.lengths else LOG)
-        fixture, clock = equipment.fixture(self.fixture), Clock(equipment)
-        mountings = np.unique(self.mounting[list(chosen)])
-        allowed = np.flatnonzero(np.isin(self.mounting, mountings))
-        number = LEFT_BY_HAND if self.lengths else LEFT_OUT
-        withheld = [] if self.task.withheld else self.apart(chosen, allowed, number)
-        recorded = [(k, log) for k in chosen] + [(k, f"{WITHHELD}{log}") for k in withheld]
-        for mounting in mountings.tolist():
-            if clock.now_s:
-                clock.remount(equipment.fastest(self.assumed.device))
+        log, clock = self.task.name_log(self.log), Clock(self.task.equipment)
+        last = max(self.mounting[list(choice)])
+        reached = self.gravity[self.mounting <= last]
+        number = 0 if self.task.withheld else self.left_out
+        recorded = [(k, log) for k in choice]
+        recorded += [(k, f"{WITHHELD}{log}") for k in pools.spread_apart(reached, choice, number)]
+        for mounting in range(last + 1):
+            if mounting:
+                clock.remount(self.task.equipment.fastest(self.assumed.device))
             for level in degc:
                 if not self.lengths:
                     clock.settle(self.assumed.device, level)
                 for k, name in recorded:
                     if self.mounting[k] == mounting:
-                        if fixture.attended:
-                            clock.attend(fixture.move_s + dwell_s)
-                        clock.move(fixture.move_s)
-                        clock.dwell(self.spots[k].tolist(), dwell_s, name)
-        schedule, noise = clock.schedule(), self.noise_of(dwell_s)
+                        clock.dwell(self.fixture, self.spots[k].tolist(), dwell_s, name)
+        schedule = clock.schedule()
         fitted = [one for one in schedule.recorded("dwell") if one.log == log]
         levels = count(len(set(degc)), "temperature")
-        usual = f"{len(chosen)} attitudes, {levels}, dwells of {dwell_s:g} s"
+        label = f"{len(choice)} attitudes, {levels}, dwells of {dwell_s:g} s"
         if self.lengths:
-            usual = f"{len(chosen)} positions of {dwell_s:g} s"
-        return Design(
-            label or usual,
-            schedule,
-            (log,),
-            planned_dwells(fitted, noise),
-            {"noise_g": noise, "dwell_s": dwell_s, "noise_1s": self.assumed.noise_of(1.0)},
-            # logs beside those that are measured are as these are
-            {} if self.task.have or self.lengths else {"dwells": {"mode": "rows"}},
-            (tuple(degc), tuple(chosen), dwell_s),
-        )
+            label = f"{len(choice)} positions of {dwell_s:g} s"
+        # logs beside those that are measured are as these are
+        mode = {} if self.task.have or self.lengths else {"dwells": {"mode": "rows"}}
+        rows = planned_dwells(fitted, self.noise_of(dwell_s))
+        return Design(label, schedule, (log,), rows, mode)
 
-    def held_everywhere(
-        self, attitudes: Integers, degc: Sequence[int], number: int, dwell_s: float
-    ) -> tuple[DwellSet, Integers]:
-        """Each of some attitudes at all soaks, in the middle of soaks that are as long as a number
-        of dwells; each mounting has all soaks. With the place of the attitude of each dwell.
+    def choices(self) -> Iterator[list[int]]:
+        """Best attitudes of each number, on one, two … mountings: for the shortest dwells at the
+        fewest temperatures, which are nearly the best of all.
         """
-        equipment, clock, middle_s = self.task.equipment, Clock(self.task.equipment), []
-        clock.degc = degc[0]
-        length_s = number * (equipment.fixture(self.fixture).move_s + dwell_s)
+        rng, degc = np.random.default_rng(SEED), self.tours()[0]
+        for last in range(int(self.mounting.max()) + 1):
+            number = int(np.sum(self.mounting <= last))
+            pool = self.pool(number, degc, min(self.assumed.device.dwell_s))
+            if not np.isfinite(pool.criterion(range(number))):
+                continue
+            if number < FEW:
+                pool = replace(pool, most=-(-FEW // number))
+            sizes = [size for size in self.counts if size <= number * pool.most]
+            for size in sizes or [number]:
+                yield pool.search(size, rng)[0]
+
+    def pool(self, number: int, degc: Tour, dwell_s: float) -> Pool:
+        """The first attitudes as candidates, each held in the middle of all soaks; the criterion is
+        the mean variance of the first result.
+        """
+        clock, middle_s = Clock(self.task.equipment), list[float]()
+        soak_s = COUNTED * (self.fixture.move_s + dwell_s)
         for level in degc:
             clock.settle(self.assumed.device, level)
-            middle_s.append(clock.now_s + length_s / 2.0)
-            clock.move(length_s)
-        cycle_s = middle_s[-1] + SECONDS_PER_HOUR
-        time_s = (np.array(middle_s) + cycle_s * self.mounting[attitudes][:, None]).ravel()
-        order = np.argsort(time_s, kind="stable")
-        place = np.repeat(np.arange(len(attitudes)), len(degc))[order]
-        held_degc = np.tile(np.array(degc, dtype=np.float64), len(attitudes))[order]
-        spots, noise = self.spots[attitudes][place], self.noise_of(dwell_s)
-        return exact_dwells(spots, held_degc, time_s[order], noise), place
-
-    def jacobian(self, dwells: DwellSet) -> Array:
-        """Derivatives [n, p] of the residuals of dwells."""
-        residual = self.residual(dwells)
-        return derivative(lambda p: residual(p).ravel(), self.terms.nominal)
-
-    @cached_property
-    def base(self) -> Array:
-        """Information [p, p] of what is measured already."""
-        if self.have is None:
-            return np.zeros((len(self.terms.listed),) * 2)
-        noise = self.noise(self.have)
-        return pools.information(self.jacobian(self.have), self.state(self.have), noise)
-
-    @cached_property
-    def sought(self) -> Array:
-        """Derivatives [m, p] by the parameters of the triad of what the search lowers."""
-        return replace(self, k=()).slopes["inclination"]
-
-    def pool(
-        self, attitudes: Integers, degc: Sequence[int], number: int, dwell_s: float
-    ) -> exchange.Pool:
-        """Candidates of a design: each attitude held at all soaks; the criterion is the mean
-        variance of what is sought.
-        """
-        dwells, place = self.held_everywhere(attitudes, degc, number, dwell_s)
+            clock.move(soak_s)
+            middle_s.append(clock.now_s - soak_s / 2.0)
+        soak, place = np.divmod(np.arange(number * len(degc)), number)
+        dwells = exact_dwells(
+            self.spots[place],
+            np.array(degc, dtype=np.float64)[soak],
+            np.array(middle_s)[soak],
+            self.noise_of(dwell_s),
+        )
         stated = [one for one in self.state(dwells) if one.size]
         single = [one for one in stated if (one.group, one.effect) == shared_errors.INDEX]
         common = [one for one in stated if one not in single]
+        residual = self.residual(dwells)
         return pools.pool(
-            *(self.jacobian(dwells), common, single, self.noise(dwells)),
-            *(np.repeat(place, 1 if self.lengths else 3), self.base, self.sought),
+            derivative(lambda p: residual(p).ravel(), self.terms.nominal),
+            common,
+            single,
+            triad.relative_noise(dwells, lengths=self.lengths),
+            np.repeat(place, 1 if self.lengths else 3),
+            next(iter(replace(self, k=()).slopes.values())),
         )
-
-    def sizes(self) -> dict[str, Iterator[Design]]:
-        """Campaigns of all numbers of temperatures, each the best of its size."""
-        fewest = 1 if self.task.have else self.order + 2
-        rng = np.random.default_rng(self.task.seed)
-        return {
-            f"{levels} temperatures": self.designs(levels, rng)
-            for levels in range(fewest, self.order + 2 + MOST_SOAKS)
-        }
-
-    def designs(self, levels: int, rng: np.random.Generator) -> Iterator[Design]:
-        """Campaigns with a number of temperatures, on as many mountings as may be."""
-        lengths, mountings = self.assumed.device.dwell_s, np.unique(self.mounting).tolist()
-        for chosen in combinations(mountings, min(self.task.remountings + 1, len(mountings))):
-            allowed = np.flatnonzero(np.isin(self.mounting, chosen))
-            degc = self.order_soaks(levels, allowed)
-            pool = self.pool(allowed, degc, COUNTED, min(lengths))
-            if not np.isfinite(pool.criterion(range(len(allowed)))):
-                continue
-            if len(allowed) < FEW:
-                pool = replace(pool, most=-(-FEW // len(allowed)))
-            counts = [n for n in self.counts if n <= len(allowed) * pool.most]
-            for size in counts or [len(allowed)]:
-                attitudes, _ = pool.search(size, rng, self.task.restarts)
-                for dwell_s in lengths:
-                    yield self.design(degc, allowed[attitudes].tolist(), dwell_s)
-
-    def order_soaks(self, levels: int, allowed: Integers) -> Tour:
-        """Temperatures of a campaign in their order, and back to the first: where the coefficients
-        are best determined beside the drift of the session.
-        """
-        low, high = self.assumed.range_degc
-        ends = int(np.ceil(low)), int(np.floor(high))
-        if levels == 1:
-            return (round((low + high) / 2.0),)
-        few = np.array([allowed[0], *self.apart(allowed[:1].tolist(), allowed, ORDERED_BY - 1)])
-        shortest = min(self.assumed.device.dwell_s)
-
-        def criterion(order: Sequence[int]) -> float:
-            pool = self.pool(few, (*order, order[0]), len(few), shortest)
-            return pool.criterion(range(len(few)))
-
-        start = order_there_and_back(polynomial.space_levels(*ends, levels))[:-1]
-        order, _ = exchange.exchange_values(start, partial(_moves, ends=ends), criterion)
-        return (*order, order[0])
-
-    def smaller(self, design: Design) -> Design | None:
-        """A design with one attitude less."""
-        degc, chosen, dwell_s = design.choice or ((), (), 0.0)
-        if len(chosen) <= self.counts[0]:
-            return None
-        pool = self.pool(np.arange(len(self.spots)), degc, len(chosen), dwell_s)
-        fewer = [[*chosen[:k], *chosen[k + 1 :]] for k in range(len(chosen))]
-        best, _ = pool.exchange(min(fewer, key=pool.criterion))
-        return self.design(degc, sorted(best), dwell_s)
-
-    def usual(self) -> Iterator[Design]:
-        """6, 12, 18, 26 and 42 attitudes at nine temperatures, from low to high."""
-        if self.fixture != "two-axis":
-            return
-        degc = list_usual_levels(self.assumed.range_degc)
-        for name, spots in USUAL.items():
-            mounting = np.zeros(len(spots), dtype=np.int64)
-            task = replace(self.task, withheld=True)
-            table = replace(
-                self, task=task, spots=np.array(spots, dtype=np.float64), mounting=mounting
-            )
-            yield table.design(degc, range(len(spots)), min(self.assumed.device.dwell_s), name)
 
 
 @dataclass(frozen=True)
@@ -422,6 +270,11 @@ class LengthBench(TriadBench):
     """Campaigns of a triad that is turned by hand at one temperature, in attitudes that its fit
     does not know.
     """
+
+    lengths = True
+    log = "tumble.csv"
+    left_out = 6
+    counts = POSITIONS
 
     @cached_property
     def slopes(self) -> dict[str, Array]:
@@ -435,48 +288,23 @@ class LengthBench(TriadBench):
         angles = np.degrees(derivative(lambda p: self.terms.small_angles(p, 0.0), nominal))
         return dict(zip(OF_LENGTHS, (component.reshape(-1, len(nominal)), angles), strict=True))
 
-    @cached_property
-    def sought(self) -> Array:
-        """Derivatives [m, 9] of corrected components."""
-        return self.slopes["component"]
 
-    def covers(self, design: Design) -> bool:  # noqa: ARG002 (as every bench's)
-        """At one temperature there is no range."""
-        return True
-
-    def noise_of(self, dwell_s: float) -> float:
-        """Noise [g] of the mean of a position, of which a fit leaves out both ends."""
-        return self.assumed.noise_of(dwell_s - self.spec.dwells.window_s)
-
-    @property
-    def counts(self) -> tuple[int, ...]:
-        """Numbers of positions that the search takes."""
-        return FURTHER if self.task.have else POSITIONS
-
-    def sizes(self) -> dict[str, Iterator[Design]]:
-        """Campaigns of all numbers of positions, each the best of its number."""
-        return {"positions": self.designs(1, np.random.default_rng(self.task.seed))}
-
-    def usual(self) -> Iterator[Design]:
-        """Positions spread over the sphere, as short as they may be."""
-        spread = [0, *self.apart([0], np.arange(len(self.spots)), USUAL_POSITIONS - 1)]
-        shortest = min(self.assumed.device.dwell_s)
-        label = f"usual: {USUAL_POSITIONS} positions of {shortest:g} s"
-        yield self.design(self.assumed.range_degc[:1], spread, shortest, label)
+def exact_dwells(spots: Array, degc: Array, time_s: Array, noise: float) -> DwellSet:
+    """Dwells [n] of a triad without an error in one log, at inclinations and toolfaces [n, 2] [°],
+    each with a noise [g] of its mean.
+    """
+    number, (tilt, roll) = len(spots), spots.T
+    gravity = np.round(attitude.gravity_vector(tilt, roll), DECIMALS)
+    one_log = np.zeros(number, dtype=np.int64)
+    noise_of = np.full((number, 3), noise)
+    return DwellSet(gravity, degc, tilt, roll, noise_of, time_s, one_log, (), ())
 
 
-def _moves(order: Sequence[int], place: int, ends: tuple[int, int]) -> list[int]:
-    """Whole temperatures that a place may have beside the others; the ends of the range stay."""
-    if order[place] in ends:
-        return []
-    others = [degc for k, degc in enumerate(order) if k != place]
-    apart = APART * (ends[1] - ends[0]) / len(others)
-    tried = [order[place] + step for step in STEPS_DEGC]
-    return [
-        degc
-        for degc in tried
-        if ends[0] < degc < ends[1] and min(abs(degc - other) for other in others) >= apart
-    ]
+def planned_dwells(actions: Sequence[Action], noise: float) -> DwellSet:
+    """Dwells of a schedule, each with a noise [g] of its mean."""
+    spots = np.array([(one.inclination_deg, one.toolface_deg) for one in actions])
+    middle_s = np.array([one.start_s + one.duration_s / 2.0 for one in actions])
+    return exact_dwells(spots, np.array([one.set_degc for one in actions]), middle_s, noise)
 
 
 def prepare_plan(spec: AccelerometerRecipe, task: Task) -> TriadBench:
@@ -494,20 +322,35 @@ def prepare_plan(spec: AccelerometerRecipe, task: Task) -> TriadBench:
     records = read_earlier(task, spec.procedure, *files)
     scatter = [model.residual_rms for record in records for model in record.models]
     assumed = assume(
-        *(spec, task, device, shared_errors.UNITS),
+        spec,
+        task,
+        device,
+        shared_errors.UNITS,
         default_degc=RANGE_DEGC,
         earlier=seen_errors(records),
         noise=rms(scatter) if scatter else None,
     )
-    fixture = task.attitudes if task.attitudes in task.equipment.attitudes else "file"
-    k = spec.k.axes if spec.compensation == "k" else ()
     have = None
     if task.have:
         have = triad_dwells.collect_dwells(task.have, spec)
         noise = np.full_like(have.noise, assumed.noise)
         have = replace(have, indication=np.round(have.reference, DECIMALS), noise=noise)
-    terms, places = asked_terms(spec), list_spots(task, fixture)
-    return TriadBench(spec, task, assumed, RESULTS, have, terms, k, fixture, *places)
+    fixture = task.equipment.fixture(task.attitudes or TWO_AXIS)
+    spots, mounting = list_spots(fixture, mountings=3 if task.attitudes == HEAD else 1)
+    return TriadBench(
+        spec=spec,
+        task=task,
+        assumed=assumed,
+        results=RESULTS,
+        have=have,
+        order=_highest_order(spec),
+        stated=_with_assumed(spec, assumed),
+        terms=asked_terms(spec),
+        k=spec.k.axes if spec.compensation == "k" else (),
+        fixture=fixture,
+        spots=spots,
+        mounting=mounting,
+    )
 
 
 def _prepare_lengths(spec: AccelerometerRecipe, task: Task) -> LengthBench:
@@ -518,12 +361,6 @@ def _prepare_lengths(spec: AccelerometerRecipe, task: Task) -> LengthBench:
             "a plan of unknown attitudes is for one temperature, and for a continuous log",
             hint='use affine.enabled = false and dwells.mode = "series"',
         )
-    if task.attitudes in ("faces", "dividing-head"):
-        raise UsageError(
-            f"--attitudes {task.attitudes}: attitudes that are unknown are those of a hand",
-            hint="leave it out, or name a file of attitudes",
-        )
-    assumed = assume(spec, task, device, LENGTH_UNITS)
     shortest = spec.dwells.window_s + spec.dwells.shortest_s
     if min(device.dwell_s) < shortest:
         raise UsageError(
@@ -531,54 +368,85 @@ def _prepare_lengths(spec: AccelerometerRecipe, task: Task) -> LengthBench:
             f" {shortest:g} s: dwells.window_s and dwells.shortest_s",
             hint="state longer positions, or shorter ones in [dwells]",
         )
-    places = list_spots(task, "file" if task.spots else HAND)
-    terms = asked_terms(spec)
-    bench = LengthBench(spec, task, assumed, OF_LENGTHS, None, terms, (), HAND, *places)
-    if not task.have:
-        return bench
-    dwells = triad_dwells.collect_dwells(task.have, spec)
-    known = dwells.weights is not None
-    noise = float(np.sqrt(np.mean(dwells.noise**2))) if known else device.noise
-    unit = dwells.indication / np.linalg.norm(dwells.indication, axis=1)[:, None]
-    have = replace(dwells, indication=unit, noise=np.full_like(unit, noise))
-    return replace(bench, have=have)
+    assumed = assume(spec, task, device, LENGTH_UNITS)
+    have = None
+    if task.have:
+        dwells = triad_dwells.collect_dwells(task.have, spec)
+        known = dwells.weights is not None
+        noise = float(np.sqrt(np.mean(dwells.noise**2))) if known else device.noise
+        unit = dwells.indication / np.linalg.norm(dwells.indication, axis=1)[:, None]
+        at_one = np.full(len(unit), spec.reference_temp_degc)
+        have = replace(dwells, indication=unit, noise=np.full_like(unit, noise), temperature=at_one)
+    fixture = task.equipment.fixture(task.attitudes or HAND)
+    if task.attitudes and not fixture.spots:
+        raise UsageError(
+            f"--attitudes {task.attitudes}: attitudes that are unknown are those of a hand",
+            hint="leave it out, or name a fixture with its own spots in the equipment file",
+        )
+    spots, mounting = list_spots(fixture)
+    return LengthBench(
+        spec=spec,
+        task=task,
+        assumed=assumed,
+        results=OF_LENGTHS,
+        have=have,
+        order=0,
+        stated=_with_assumed(spec, assumed),
+        terms=asked_terms(spec),
+        k=(),
+        fixture=fixture,
+        spots=spots,
+        mounting=mounting,
+    )
 
 
-def list_spots(task: Task, fixture: str) -> tuple[Array, Integers]:
-    """Attitudes [c, 2] [°] of a fixture, and the mounting of each [c]."""
-    step = task.equipment.fixture(fixture).step_deg
-    turns = range(0, 360, step)
-    mountings = 1
-    if fixture == "file":
-        spots = [*task.spots]
-    elif fixture == "faces":
-        spots = [*_FACES]
-    elif fixture in ("two-axis", "hand"):
-        tilts = [(tilt, roll) for tilt in range(step, 180, step) for roll in turns]
-        spots = [(0, 0), *tilts, (180, 0)]
+def _highest_order(spec: AccelerometerRecipe) -> int:
+    """Highest power of temperature of all models that the recipe fits."""
+    parts = spec.k.axes if spec.k.enabled else ()
+    powers = [max(part.scale_order, part.zero_order) for part in parts]
+    return int(max([asked_terms(spec).order, *powers]))
+
+
+def _with_assumed(spec: AccelerometerRecipe, assumed: Assumed) -> AccelerometerRecipe:
+    """The recipe with the errors that are assumed, which dwells need not have, as what earlier runs
+    had.
+    """
+    known = {"component": assumed.components, "source": "history", "groups": "auto"}
+    return spec.model_copy(update={"errors": spec.errors.model_copy(update=known)})
+
+
+def list_spots(fixture: Fixture, mountings: int = 1) -> tuple[Array, Integers]:
+    """Attitudes [c, 2] [°] of a fixture, and the mounting of each [c]; of several mountings of one
+    horizontal axis, along which a tool is mounted, then across it in two planes that hold it.
+    """
+    turns = range(0, 360, fixture.step_deg)
+    if fixture.spots:
+        spots = [*fixture.spots]
+    elif mountings == 1:
+        tilts = range(fixture.step_deg, 180, fixture.step_deg)
+        spots = [(0, 0), *product(tilts, turns), (180, 0)]
     else:
-        # along the head's axis; across it, in two planes that hold the tool's axis
         spots = [(90, roll) for roll in turns]
         for roll in (0, 90):
             spots += [(turn, roll) if turn <= 180 else (360 - turn, roll + 180) for turn in turns]
-        mountings = 3
-    mounting = np.repeat(np.arange(mountings), len(spots) // mountings)
-    return np.array(spots, dtype=np.float64), mounting
+    return np.array(spots, dtype=np.float64), np.repeat(
+        np.arange(mountings), len(spots) // mountings
+    )
 
 
 def simulate_plan(
-    spec: AccelerometerRecipe, schedule: Schedule, document: Mapping[str, Any], seed: int
+    spec: AccelerometerRecipe, schedule: Schedule, assumed: Assumed, seed: int
 ) -> Campaign:
     """Logs of a triad of physical sensors, with the errors that the plan assumes, and its truth."""
     rng = np.random.default_rng(seed)
     sign = 1.0 if spec.reference.convention == "gravity" else -1.0
     if spec.reference.kind == "magnitude":
-        return _simulate_lengths(spec, schedule, document, sign, rng)
+        return _simulate_lengths(spec, schedule, assumed, sign, rng)
     sensors = simulated.draw_triad(rng)
-    sizes = read_sizes(document, shared_errors.UNITS)
+    sizes = {name: assumed.size(*name) for name in shared_errors.UNITS}
     sizes[shared_errors.SECOND_ORDER] = 0.0  # these sensors have errors of their own
     actions = schedule.recorded("dwell")
-    dwells = planned_dwells(actions, document["settings"]["noise_g"])
+    dwells = planned_dwells(actions, assumed.noise_of(actions[0].duration_s))
     indicate = partial(simulated.indications, sensors)
     measured, drawn = simulate_dwells(rng, indicate, dwells, spec, sizes)
     time = np.array([one.start_s + one.duration_s / 2.0 for one in actions])
@@ -592,13 +460,6 @@ def simulate_plan(
     }
     truth = {"shared_errors": drawn, "sensors": simulated.describe(sensors)}
     return Campaign(logs, simulated.DECIMALS, truth)
-
-
-def planned_dwells(actions: Sequence[Action], noise: float) -> DwellSet:
-    """Dwells of a schedule, each with a noise [g] of its mean."""
-    spots = np.array([(one.inclination_deg, one.toolface_deg) for one in actions])
-    middle_s = np.array([one.start_s + one.duration_s / 2.0 for one in actions])
-    return exact_dwells(spots, np.array([one.set_degc for one in actions]), middle_s, noise)
 
 
 def simulate_dwells(
@@ -640,24 +501,22 @@ def simulate_dwells(
 def _simulate_lengths(
     spec: AccelerometerRecipe,
     schedule: Schedule,
-    document: Mapping[str, Any],
+    assumed: Assumed,
     sign: float,
     rng: np.random.Generator,
 ) -> Campaign:
     """Logs of a triad that is turned by hand into the positions of a schedule, and its truth."""
-    settings = document["settings"]
-    size = read_sizes(document, LENGTH_UNITS)
     k, b, q = (rng.normal(0.0, typical, 3) for typical in simulate_magnitude.SIZES)
     axes = q_factor.axes_from_angles(q)
-    second = rng.normal(0.0, size[shared_errors.SECOND_ORDER], 3)
-    zero = rng.normal(0.0, size[shared_errors.ZERO], 3)
-    noise = settings["noise_1s"] / np.sqrt(simulate_magnitude.INTERVAL_S)
+    second = rng.normal(0.0, assumed.size(*shared_errors.SECOND_ORDER), 3)
+    zero = rng.normal(0.0, assumed.size(*shared_errors.ZERO), 3)
+    noise = assumed.noise_of(simulate_magnitude.INTERVAL_S)
     logs: dict[str, dict[str, Array]] = {}
     for name, actions in schedule.by_log().items():
         spots = np.array([(one.inclination_deg, one.toolface_deg) for one in actions])
         gravity = attitude.gravity_vector(*spots.T) + rng.normal(0.0, BY_HAND, (len(actions), 3))
         gravity /= np.linalg.norm(gravity, axis=1)[:, None]
-        along = simulate_magnitude.path(rng, gravity, settings["dwell_s"]) @ axes.T
+        along = simulate_magnitude.path(rng, gravity, actions[0].duration_s) @ axes.T
         seen = (1.0 + k) * (along + second * along**2) + b + zero
         seen = sign * (seen + rng.normal(0.0, noise, seen.shape))
         logs[name] = {

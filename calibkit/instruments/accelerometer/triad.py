@@ -96,10 +96,7 @@ def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, lo
     half = half or 1.0
     t = (dwells.temperature - middle) / half
     residual = residual_of(dwells, terms, t, lengths=lengths)
-    # standard error of each residual [g], or 1 where it was not measured
-    noise = np.ones(len(t) * per_dwell)
-    if dwells.weights is not None:
-        noise = np.sqrt(np.mean(dwells.noise**2, axis=1)) if lengths else dwells.noise.ravel()
+    noise = relative_noise(dwells, lengths=lengths)
     priors: tuple[Prior, ...] = ()
     if lengths:
         start, priors = _start_of_lengths(dwells, terms)
@@ -203,6 +200,15 @@ def residual_of(dwells: DwellSet, terms: Terms, t: Array, *, lengths: bool) -> R
         return corrected - reference
 
     return of_vectors
+
+
+def relative_noise(dwells: DwellSet, *, lengths: bool) -> Array:
+    """Standard error [n · m] of each residual [g], or 1 where it was not measured."""
+    if dwells.weights is None:
+        return np.ones(len(dwells.temperature) * (1 if lengths else 3))
+    if lengths:
+        return np.asarray(np.sqrt(np.mean(dwells.noise**2, axis=1)))
+    return dwells.noise.ravel()
 
 
 def _start_of_vectors(dwells: DwellSet, terms: Terms) -> Array:

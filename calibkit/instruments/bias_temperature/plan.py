@@ -6,8 +6,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise, product
-from typing import TYPE_CHECKING, Any
+from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,45 +18,41 @@ from calibkit.forms import power_unit
 from calibkit.frame import values
 from calibkit.instruments.bias_temperature import blocks
 from calibkit.numeric.least_squares import polynomial
-from calibkit.planning.assumptions import assume, read_earlier, read_sizes, seen_errors
 from calibkit.planning.levels import (
     LEVELS,
     ONE_LEVEL_DEGC,
-    Tour,
-    choose_some,
-    cover_range,
-    list_tours,
-    list_usual_levels,
-    order_there_and_back,
     raw_uncertainties,
 )
-from calibkit.planning.proposal import WITHHELD, Candidate, Coefficient, Design, count
 from calibkit.planning.schedule import Clock
-from calibkit.planning.search import Bench, join
+from calibkit.planning.search import (
+    WITHHELD,
+    Candidate,
+    Coefficient,
+    Design,
+    TourBench,
+    count,
+    join,
+)
+from calibkit.planning.task import assume, read_earlier, seen_errors
 from calibkit.simulate.campaign import Campaign
 from calibkit.simulate.chamber import follow_with_lag
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Sequence
 
     from calibkit.arrays import Array, Integers
     from calibkit.frame import Log
     from calibkit.instruments.bias_temperature.recipe import BiasTemperatureRecipe
     from calibkit.planning.equipment import Device
-    from calibkit.planning.proposal import Task
+    from calibkit.planning.levels import Tour
     from calibkit.planning.schedule import Action, Schedule
+    from calibkit.planning.task import Assumed, Task
 
 RANGE_DEGC = (-40.0, 60.0)
 FILE = "bias.json"
 TURN_ON = (blocks.GROUP, blocks.TURN_ON)
-MORE_LEVELS = 4
-"""Temperatures that the search takes at most beyond one more than the order needs."""
-TIMES = (1, 2, 3)
-"""How often the temperatures are gone through, or how often it is switched on at each."""
 BLOCKS = 64
 """Parts of a measured log whose mean temperatures are taken."""
-USUAL_S = 3600.0
-"""Length of each log of the usual campaign."""
 RESTART = "the instrument is switched off and on before each log that a fit sees"
 DRIFT = 50.0
 """Simulated drift over the range, in standard deviations of the noise of a minute."""
@@ -74,10 +70,8 @@ class Means:
 
 
 @dataclass(frozen=True)
-class BiasBench(Bench):
+class BiasBench(TourBench):
     """Campaigns of an instrument at rest."""
-
-    order: int
 
     def powers(self, degc: Array) -> Array:
         """Powers [n, order + 1] of temperatures mapped from the range of use to [-1, 1]."""
@@ -91,11 +85,13 @@ class BiasBench(Bench):
         start, names = np.zeros(self.order + 1), [f"p{k}" for k in range(self.order + 1)]
         return predict(lambda p: powers @ p, start, shared, noise=rows.noise, names=names)
 
-    def covers(self, design: Design) -> bool:
-        """Whether both ends of the range are reached, with a temperature more than the order
-        needs.
-        """
-        return cover_range(self.rows(design).degc, self.order + 2, self.assumed.range_degc)
+    def temperatures(self, rows: Means) -> list[Array]:
+        """Of all logs."""
+        return [rows.degc]
+
+    def choices(self) -> tuple[int, ...]:
+        """How often it is switched on at each temperature."""
+        return 1, 2, 3
 
     @cached_property
     def slopes(self) -> dict[str, Array]:
@@ -115,10 +111,11 @@ class BiasBench(Bench):
             for k, size in enumerate(u[: channel.order + 1]):
                 yield Coefficient(channel.indication, f"p{k}", power_unit(unit, "degC", k), size)
 
-    def design(self, degc: Sequence[int], dwell_s: float) -> Design:
-        """A log at each temperature in their order; where nothing is withheld yet, with the longest
+    def design(self, degc: Tour, choice: int, dwell_s: float) -> Design:
+        """Logs at each temperature in their order; where nothing is withheld yet, with the longest
         way between two of them that is.
         """
+        degc = tuple(np.repeat(degc, choice).tolist())
         device, clock = self.assumed.device, Clock(self.task.equipment)
         steps = [abs(b - a) for a, b in pairwise(degc)]
         longest = int(np.argmax(steps)) + 1 if steps and not self.task.withheld else -1
@@ -135,29 +132,7 @@ class BiasBench(Bench):
         means = Means(np.array(degc, dtype=np.float64), np.arange(len(degc)), noise)
         logs, levels = count(len(degc), "log"), count(len({*degc}), "temperature")
         label = f"{logs} at {levels}, {dwell_s / 60.0:g} min each"
-        settings = {"lag_s": max(device.lags_s), "noise_1s": self.assumed.noise_of(1.0)}
-        return Design(label, clock.schedule(), (f"{stem}_*.csv",), means, settings)
-
-    def sizes(self) -> dict[str, Iterator[Design]]:
-        """Campaigns of all numbers of temperatures; beside what is measured, also those of the
-        temperatures that it lacks.
-        """
-
-        def tours_of(levels: list[int]) -> Iterator[Tour]:
-            tour = order_there_and_back(levels)
-            yield from (tour[:-1] * number + tour[:1] for number in TIMES)
-            yield from (tuple(np.repeat(tour, number).tolist()) for number in TIMES)
-            yield from choose_some(tour[:-1]) if self.task.have else ()
-
-        sized = list_tours(self.order, MORE_LEVELS, self.assumed.range_degc, tours_of)
-        return {
-            size: (self.design(*one) for one in product(tours, self.assumed.device.dwell_s))
-            for size, tours in sized.items()
-        }
-
-    def usual(self) -> tuple[Design, ...]:
-        """An hour at each of nine temperatures, from low to high."""
-        return (self.design(list_usual_levels(self.assumed.range_degc), USUAL_S),)
+        return Design(label, clock.schedule(), (f"{stem}_*.csv",), means)
 
     def notes(self, campaign: Candidate) -> tuple[str, ...]:
         """How the instrument is switched on."""
@@ -175,8 +150,7 @@ def prepare_plan(spec: BiasTemperatureRecipe, task: Task) -> BiasBench:
             f" °C; the recipe has {', '.join(other) or polynomials.abscissa} of order {order}",
             hint=f"plan channels of one unit, that of noise_unit in [device.{spec.procedure}]",
         )
-    seen = seen_errors(read_earlier(task, spec.procedure, FILE))
-    earlier = [one for one in seen if (one.group, one.effect) == TURN_ON]
+    earlier = seen_errors(read_earlier(task, spec.procedure, FILE))
     units_of = {TURN_ON: device.noise_unit}
     assumed = assume(spec, task, device, units_of, default_degc=RANGE_DEGC, earlier=earlier)
     results = dict.fromkeys(("drift", "bias"), device.noise_unit)
@@ -199,29 +173,27 @@ def _measure(log: Log, abscissa: str, device: Device) -> Means:
 
 
 def simulate_plan(
-    spec: BiasTemperatureRecipe, schedule: Schedule, document: Mapping[str, Any], seed: int
+    spec: BiasTemperatureRecipe, schedule: Schedule, assumed: Assumed, seed: int
 ) -> Campaign:
     """Logs of an instrument whose bias is a polynomial of its case temperature, and its truth."""
-    rng, settings = np.random.default_rng(seed), document["settings"]
-    turn_on = read_sizes(document, {TURN_ON: document["noise"]["unit"]})[TURN_ON]
-    size = DRIFT * settings["noise_1s"] / np.sqrt(60.0)
+    rng = np.random.default_rng(seed)
+    turn_on, noise = assumed.size(*TURN_ON), assumed.noise_of(1.0)
+    size = DRIFT * assumed.noise_of(60.0)
     truth = {
         one.indication: np.polynomial.Polynomial(
             rng.normal(0.0, size, one.order + 1) / (1.0 + np.arange(one.order + 1.0)),
-            domain=document["range_degc"],
+            domain=assumed.range_degc,
         )
         for one in spec.polynomials.bias
     }
     logs: dict[str, dict[str, Array]] = {}
     for name, recorded in schedule.by_log().items():
-        case = _follow(recorded, settings["lag_s"]) + rng.normal(0.0, REACHED_DEGC)
+        case = _follow(recorded, max(assumed.device.lags_s)) + rng.normal(0.0, REACHED_DEGC)
         logs[name] = {
             "time_s": np.arange(float(case.size)),
             spec.polynomials.abscissa: case + rng.normal(0.0, THERMOMETER_DEGC, case.size),
         } | {
-            channel: bias(case)
-            + rng.normal(0.0, turn_on)
-            + rng.normal(0.0, settings["noise_1s"], case.size)
+            channel: bias(case) + rng.normal(0.0, turn_on) + rng.normal(0.0, noise, case.size)
             for channel, bias in truth.items()
         }
     decimals = {"time_s": 0, spec.polynomials.abscissa: 3} | dict.fromkeys(truth, 6)

@@ -20,11 +20,10 @@ from calibkit.instruments.fog_thermal.uncertainty import TURN_ON
 from calibkit.numeric.exchange import invert
 from calibkit.numeric.thermal import coil
 from calibkit.numeric.thermal.pooled_fit import Stack, ThermalLog
-from calibkit.planning.assumptions import assume, read_earlier
 from calibkit.planning.levels import cover_range
-from calibkit.planning.proposal import WITHHELD, Coefficient, Design, measured_range
 from calibkit.planning.schedule import Clock
-from calibkit.planning.search import Bench
+from calibkit.planning.search import WITHHELD, Bench, Coefficient, Design
+from calibkit.planning.task import assume, measured_range, read_earlier
 from calibkit.recipe.tables import ErrorComponent
 from calibkit.simulate.campaign import Campaign
 from calibkit.simulate.chamber import Chamber, Programme
@@ -35,9 +34,9 @@ if TYPE_CHECKING:
     from calibkit.arrays import Array
     from calibkit.coefficients import Record, StageResult
     from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
-    from calibkit.planning.proposal import Task
     from calibkit.planning.schedule import Schedule
     from calibkit.planning.search import Sources
+    from calibkit.planning.task import Task
 
 RANGE_DEGC = (-40.0, 60.0)
 RATES = (1, 2, 3, 5, 8, 10)
@@ -46,8 +45,6 @@ FEWEST_RATES = 2
 """Rates of each direction that a fit needs, so that one can be left out."""
 MOST = 4
 """Ramps of each direction that the search takes at most."""
-SAMPLE = (1, 5, 8, 10)
-"""Rates of the usual campaign, which the sample logs have."""
 DIFFERENT = 1.1
 """Ratio of two rates from which on they differ."""
 BEFORE_S = 600.0
@@ -162,18 +159,17 @@ class RampBench(Bench):
 
     @cached_property
     def of_ramps(self) -> dict[Ramp, Array]:
-        """Information of each ramp that was asked for."""
-        return {}
+        """Information of each ramp that the search takes."""
+        signed = [sign * float(rate) for rate in self.rates for sign in (1.0, -1.0)]
+        ramps = [Ramp(rate, after_s) for rate in signed for after_s in self.assumed.device.dwell_s]
+        return {ramp: self.information(self.log(ramp)) for ramp in ramps}
 
     def posterior(self, design: Design) -> tuple[Array, Array]:
         """Covariance [p, p] of coefficients and static lag, and the information [3, p, p] on them
         of what is measured already and of a design.
         """
-        ramps = design.rows or ()
-        for ramp in ramps:
-            if ramp not in self.of_ramps:
-                self.of_ramps[ramp] = self.information(self.log(ramp))
-        information = np.sum([*self.have, *(self.of_ramps[ramp] for ramp in ramps)], axis=0)
+        planned = (self.of_ramps[ramp] for ramp in design.rows or ())
+        information = np.sum([*self.have, *planned], axis=0)
         return invert(information.sum(axis=0) + np.diag(self.precision[:SHARED])), information
 
     @cached_property
@@ -260,13 +256,8 @@ class RampBench(Bench):
         if tuple(heating) != tuple(cooling):
             rates = [*(f"+{rate}" for rate in heating), *(f"−{rate}" for rate in cooling)]
         label = f"ramps of {', '.join(rates)} °C/min, soaks of {after_s / 60.0:g} min"
-        settings = {
-            "range_degc": [low, high],
-            "case_lag_s": min(self.assumed.device.lags_s),
-            "white_dph": self.assumed.noise_of(GROUP_S),
-        }
         logs = (self.task.name_log("ramp_*.csv"),)
-        return Design(label, clock.schedule(), logs, tuple(by_turns), settings)
+        return Design(label, clock.schedule(), logs, tuple(by_turns))
 
     @property
     def rates(self) -> list[int]:
@@ -274,30 +265,17 @@ class RampBench(Bench):
         fastest = self.task.equipment.fastest(self.assumed.device)
         return [rate for rate in RATES if rate <= fastest]
 
-    def sizes(self) -> dict[str, Iterator[Design]]:
+    def designs(self) -> Iterator[Design]:
         """Every campaign of two to four rates of each direction; where something is measured
         already and withheld, also those of one heating ramp more.
         """
         sets = [chosen for size in range(1, MOST + 1) for chosen in combinations(self.rates, size)]
         more = (0, 1) if self.have and self.task.withheld else (0,)
-        pairs = [
-            (heating, cooling)
-            for heating, cooling in product(sets, [(), *sets])
-            if len(heating) - len(cooling) in more
-            and self.suffices([*heating, *(-rate for rate in cooling)])
-        ]
-        return {
-            f"soaks of {after_s / 60.0:g} min": (
-                self.design(*pair, after_s) for pair, after_s in product(pairs, [after_s])
-            )
-            for after_s in self.assumed.device.dwell_s
-        }
-
-    def usual(self) -> Iterator[Design]:
-        """Eight ramps with long soaks."""
-        rates = [rate for rate in SAMPLE if rate in self.rates]
-        if self.suffices([*rates, *(-rate for rate in rates)]):
-            yield self.design(rates, rates, max(self.assumed.device.dwell_s))
+        for heating, cooling in product(sets, [(), *sets]):
+            enough = self.suffices([*heating, *(-rate for rate in cooling)])
+            if enough and len(heating) - len(cooling) in more:
+                for after_s in self.assumed.device.dwell_s:
+                    yield self.design(heating, cooling, after_s)
 
 
 def prepare_plan(spec: FogThermalRecipe, task: Task) -> RampBench:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,10 +13,9 @@ from calibkit.frame import values
 from calibkit.instruments.gyro_noise.forms import read_term, term_name
 from calibkit.instruments.gyro_noise.sensors import GYRO, find_sensor
 from calibkit.numeric.noise.predicted import predict_terms
-from calibkit.planning.assumptions import EARLIER_DOF, assume, read_earlier
-from calibkit.planning.proposal import Candidate, Coefficient, Design
 from calibkit.planning.schedule import Clock
-from calibkit.planning.search import NOISE, Bench, Sources
+from calibkit.planning.search import NOISE, Bench, Candidate, Coefficient, Design, Sources
+from calibkit.planning.task import EARLIER_DOF, Assumed, assume, read_earlier
 from calibkit.recipe.tables import ErrorComponent
 from calibkit.simulate import noise
 from calibkit.simulate.campaign import Campaign
@@ -25,8 +24,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
     from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe
-    from calibkit.planning.proposal import Task
     from calibkit.planning.schedule import Schedule
+    from calibkit.planning.task import Task
 
 FILE = "gyro_noise.json"
 LOG = "static"
@@ -42,8 +41,6 @@ WALK, INSTABILITY, RATE_WALK = TERMS = (
 WORDS = {name: name.replace("_", " ") for name in TERMS}
 LAWS = {law.name: law for law in GYRO.laws}
 UNITS = {(GROUP, WORDS[name]): LAWS[name].unit for name in TERMS}
-USUAL_S = 21600.0
-"""Length of the usual log, which the sample log has."""
 SHOWN = 3.2
 """Coefficient of a term over its standard uncertainty below which a log hardly shows it."""
 
@@ -65,7 +62,6 @@ class RecordBench(Bench):
             interval_s,
             spacing=recipe.spacing,
             points=recipe.points,
-            seed=self.task.seed,
         )
         return {
             WORDS[law.name]: {NOISE: np.array([(law.scale * size) ** 2])}
@@ -80,25 +76,19 @@ class RecordBench(Bench):
             one = results[WORDS[name]]
             yield Coefficient("gyro_noise", term_name(name, LOG), one.unit, one.largest_u)
 
-    def design(self, length_s: float, label: str = "") -> Design:
+    def design(self, length_s: float) -> Design:
         """One log at the reference temperature, after the instrument has warmed up."""
         device, clock = self.assumed.device, Clock(self.task.equipment)
         clock.settle(device, self.spec.reference_temp_degc, shortest_s=device.warm_up_s)
         log = self.task.name_log(f"{LOG}.csv")
         clock.soak(length_s, log)
-        label += f"one log of {length_s / SECONDS_PER_HOUR:g} h"
+        label = f"one log of {length_s / SECONDS_PER_HOUR:g} h"
         rows = round(length_s / INTERVAL_S), INTERVAL_S
-        settings = {"terms": dict(self.terms), "interval_s": INTERVAL_S}
-        return Design(label, clock.schedule(), (log,), rows, settings)
+        return Design(label, clock.schedule(), (log,), rows)
 
-    def sizes(self) -> dict[str, list[Design]]:
+    def designs(self) -> Iterator[Design]:
         """Logs of all lengths."""
-        lengths = sorted(self.assumed.device.dwell_s)
-        return {f"{length / SECONDS_PER_HOUR:g} h": [self.design(length)] for length in lengths}
-
-    def usual(self) -> tuple[Design, ...]:
-        """As long as the sample log."""
-        return (self.design(USUAL_S, label="usual: "),)
+        yield from map(self.design, self.assumed.device.dwell_s)
 
     def notes(self, campaign: Candidate) -> Iterator[str]:
         """Terms that a log hardly shows, and the sampling that was assumed."""
@@ -138,10 +128,7 @@ def prepare_plan(spec: GyroNoiseRecipe, task: Task) -> RecordBench:
         for name, value in largest.items()
     ]
     assumed = assume(spec, task, device, UNITS, earlier=earlier)
-    sizes = {name: assumed.size(GROUP, WORDS[name]) for name in TERMS}
-    # the mean over an hour; IEEE Std 952: N/√τ
-    sizes[WALK] = sizes[WALK] or assumed.noise_of(SECONDS_PER_HOUR)
-    terms = {name: size for name, size in sizes.items() if size > 0.0}
+    terms = _assumed_terms(assumed)
     results = {WORDS[name]: LAWS[name].unit for name in terms}
     have = None
     if task.have:
@@ -152,22 +139,29 @@ def prepare_plan(spec: GyroNoiseRecipe, task: Task) -> RecordBench:
     return RecordBench(spec, task, assumed, results, have, terms)
 
 
+def _assumed_terms(assumed: Assumed) -> dict[str, float]:
+    """Noise terms that are assumed, by name."""
+    sizes = {name: assumed.size(GROUP, WORDS[name]) for name in TERMS}
+    # the mean over an hour; IEEE Std 952: N/√τ
+    sizes[WALK] = sizes[WALK] or assumed.noise_of(SECONDS_PER_HOUR)
+    return {name: size for name, size in sizes.items() if size > 0.0}
+
+
 def simulate_plan(
-    spec: GyroNoiseRecipe, schedule: Schedule, document: Mapping[str, Any], seed: int
+    spec: GyroNoiseRecipe, schedule: Schedule, assumed: Assumed, seed: int
 ) -> Campaign:
     """Log of gyros with the noise terms that the plan assumes."""
-    rng, settings = np.random.default_rng(seed), document["settings"]
-    terms = dict.fromkeys(TERMS, 0.0) | settings["terms"]
+    rng, known = np.random.default_rng(seed), _assumed_terms(assumed)
+    terms = dict.fromkeys(TERMS, 0.0) | known
     (record,) = schedule.recorded("soak")
-    samples = round(record.duration_s / settings["interval_s"])
-    interval = settings["interval_s"]
+    samples = round(record.duration_s / INTERVAL_S)
     rates = {
-        column: noise.angle_random_walk(terms[WALK], samples, rng, interval_s=interval)
+        column: noise.angle_random_walk(terms[WALK], samples, rng, interval_s=INTERVAL_S)
         + noise.flicker(terms[INSTABILITY], samples, rng)
-        + noise.rate_random_walk(terms[RATE_WALK], samples, rng, interval_s=interval)
+        + noise.rate_random_walk(terms[RATE_WALK], samples, rng, interval_s=INTERVAL_S)
         for column in spec.noise.columns
     }
-    drawn = {term_name(name, LOG): value for name, value in settings["terms"].items()}
-    logs = {record.log: {"time_s": interval * np.arange(samples)} | rates}
+    drawn = {term_name(name, LOG): value for name, value in known.items()}
+    logs = {record.log: {"time_s": INTERVAL_S * np.arange(samples)} | rates}
     decimals = {"time_s": 1} | dict.fromkeys(rates, 4)
     return Campaign(logs, decimals, {"coefficients": {"gyro_noise": drawn}})

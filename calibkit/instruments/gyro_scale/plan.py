@@ -2,74 +2,74 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
-from itertools import combinations, product, starmap
-from typing import TYPE_CHECKING, Any
+from itertools import combinations, product
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from calibkit.constants import DPH_PER_DPS, REVOLUTION_DEG
+from calibkit.constants import DPH_PER_DPS, REVOLUTION_DEG, SECONDS_PER_HOUR
 from calibkit.errors import FitError, UsageError
 from calibkit.fit.complex_step import derivative
 from calibkit.fit.solve import predict
 from calibkit.instruments.gyro_scale import equation, forms, simulate_rate_table, table_runs
 from calibkit.instruments.gyro_scale.numeric import line_terms
 from calibkit.instruments.gyro_scale.numeric.gjb_figures import PPM
-from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe
+from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe, GyroTriadRecipe
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares import polynomial
-from calibkit.planning.assumptions import (
-    EARLIER_DOF,
-    Assumed,
-    assume,
-    read_earlier,
-    read_sizes,
-    seen_errors,
-)
 from calibkit.planning.levels import (
     LEVELS,
     ONE_LEVEL_DEGC,
     Tour,
-    choose_some,
-    cover_range,
     list_tours,
-    order_there_and_back,
 )
-from calibkit.planning.proposal import WITHHELD, Coefficient, Design, count
 from calibkit.planning.schedule import Clock
-from calibkit.planning.search import Bench, Sources, join, split_variance, whole
+from calibkit.planning.search import (
+    WITHHELD,
+    Candidate,
+    Coefficient,
+    Design,
+    Sources,
+    TourBench,
+    count,
+    join,
+    split_variance,
+    total_variance,
+)
+from calibkit.planning.task import (
+    EARLIER_DOF,
+    Assumed,
+    assume,
+    read_earlier,
+    seen_errors,
+)
 from calibkit.recipe.tables import ErrorComponent
 from calibkit.simulate.campaign import Campaign
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from calibkit.arrays import Array, Integers
-    from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe, RateTableRecipe
-    from calibkit.planning.assumptions import Units
+    from calibkit.arrays import Array, Integers, Mask
+    from calibkit.instruments.gyro_scale.recipe import RateTableRecipe
     from calibkit.planning.equipment import RateTable
-    from calibkit.planning.proposal import Task
     from calibkit.planning.schedule import Schedule
+    from calibkit.planning.task import Task
+
+    Spec = RateTableRecipe | GyroTriadRecipe | GyroPairRecipe
 
 RANGE_DEGC = (-40.0, 60.0)
-MORE_LEVELS = 3
-"""Temperatures that the search takes at most beyond one more than the order needs."""
-REPEATS = (1, 2, 3)
-"""Runs at the reference temperature."""
-USUAL_RATES, USUAL_HOLD_S = 11, 30.0
-"""Rates of the usual campaign and how long each is held."""
 SETTLE_S = 6.0
 """Time of a hold [s] in which the table settles; more than a whole revolution stays."""
 SPARE = 1.02
 """Share of a revolution that a slow rate is held for."""
 START_S = 3.0
 """Time of a log before the table turns."""
-SCALE, ZERO, ANGLE = "scale factor", "zero", "angle"
-RESULTS = {SCALE: "ppm", ZERO: "deg/h"}
-ANGLES = {SCALE: "ppm", ANGLE: "deg"}
-"""Results over three table axes; an angle is that between two input axes."""
-MOUNTING = "mounting", "angle"
+SCALE, ZERO, ANGLE, RATIO = "scale factor", "zero", "angle", "N"
+UNIT = {SCALE: "ppm", ZERO: "deg/h", ANGLE: "deg", RATIO: "ppm"}
+"""Results, and their units; an angle is that between two input axes."""
+MOUNTING, TEMPERATURE = ("mounting", "angle"), ("run", "temperature")
 RUN_SCALE, RUN_ZERO, RESPONSE = ("run", "scale"), ("run", "zero"), ("rate", "response")
 UNITS = {
     MOUNTING: "deg",
@@ -79,6 +79,7 @@ UNITS = {
     RESPONSE: "deg/h",
 }
 """(group, effect) of the errors that can be assumed, and the units they are stated in."""
+UNITS_OF_PAIRS = UNITS | {TEMPERATURE: "degC"}
 OFF_LINE = "linearity_error_rms."
 """Figures of what held rates are off the line of their run begin with this [°/s]."""
 ACROSS = 0.1
@@ -92,6 +93,8 @@ DEG_PER_PPM = float(np.degrees(1.0 / PPM))
 class Holds:
     """Planned or measured holds [n] of several runs."""
 
+    axis: Array
+    """Table axis of each by name."""
     rate_dps: Array
     run: Integers
     degc: Array
@@ -99,16 +102,6 @@ class Holds:
     """From the middle of the run."""
     noise: Array
     """Of the mean over each hold [°/s]."""
-
-    @classmethod
-    def of_runs(
-        cls, rates_dps: Sequence[float], hours: Array, noise: Array, degc: Sequence[float]
-    ) -> Holds:
-        """Runs at temperatures [°C] in their order, all with the same signed rates."""
-        runs = len(degc)
-        run = np.repeat(np.arange(runs), len(rates_dps))
-        level = np.array(degc, dtype=np.float64)[run]
-        return cls(np.tile(rates_dps, runs), run, level, np.tile(hours, runs), np.tile(noise, runs))
 
     @property
     def rows(self) -> equation.Rows:
@@ -118,66 +111,51 @@ class Holds:
             self.rate_dps, self.rate_dps, self.run, self.degc, self.hours, line, line
         )
 
+    def select(self, kept: Mask) -> Holds:
+        """Some of the holds."""
+        parts = {field.name: getattr(self, field.name)[kept] for field in fields(self)}
+        return Holds(**parts | {"run": np.unique(parts["run"], return_inverse=True)[1]})
+
     def nearest(self, degc: float) -> Holds:
         """Holds at the temperature that is nearest to another [°C]."""
         at = self.degc[np.argmin(np.abs(self.degc - degc))]
-        kept = np.abs(self.degc - at) <= ONE_LEVEL_DEGC
-        run = np.asarray(np.unique(self.run[kept], return_inverse=True)[1])
-        level = np.full(run.size, at)
-        return Holds(self.rate_dps[kept], run, level, self.hours[kept], self.noise[kept])
+        near = self.select(np.abs(self.degc - at) <= ONE_LEVEL_DEGC)
+        return replace(near, degc=np.full(near.run.size, at))
 
 
-@dataclass(frozen=True, slots=True)
-class Run:
-    """What all runs of a design have in common."""
-
-    rates_dps: tuple[int, ...]
-    """Unsigned."""
-    shortest_s: float
-    """Shortest hold."""
-    alternating: bool
-    """Whether each rate is held both ways at once, or one side after the other."""
-
-    def holds(self, acceleration_dps2: float) -> list[tuple[float, float, float]]:
-        """Signed rate [°/s], start and length [s] of each hold: a whole revolution at least."""
-        if self.alternating:
-            signed = [float(sign * rate) for rate in self.rates_dps for sign in (1, -1)]
-        else:
-            signed = [float(sign * rate) for sign in (1, -1) for rate in self.rates_dps]
-        now, before, holds = START_S, 0.0, []
-        for rate in signed:
-            now += abs(rate - before) / acceleration_dps2
-            length = max(self.shortest_s, SETTLE_S + SPARE * REVOLUTION_DEG / abs(rate))
-            holds.append((rate, now, length))
-            now, before = now + length, rate
-        return holds
-
-
-NO_RUN = Run((), 0.0, alternating=True)
+def planned_holds(schedule: Schedule, assumed: Assumed, find_axis: Callable[[str], str]) -> Holds:
+    """Holds of a schedule as the fit will see them: means over whole revolutions. The table axis of
+    a log is found by its name.
+    """
+    holds: list[tuple[Any, ...]] = []
+    logs = {log: own for log, own in schedule.by_log().items() if not log.startswith(WITHHELD)}
+    for run, (log, actions) in enumerate(logs.items()):
+        middle_s = (actions[0].start_s + actions[-1].end_s) / 2.0
+        for one in actions:
+            turn_s = REVOLUTION_DEG / abs(one.table_rate_dps)
+            used_s = np.floor((one.duration_s - 1.0) / turn_s) * turn_s
+            hours = (one.start_s + one.duration_s / 2.0 - middle_s) / SECONDS_PER_HOUR
+            noise = assumed.noise_of(used_s)
+            holds.append((find_axis(log), one.table_rate_dps, run, one.set_degc, hours, noise))
+    return Holds(*map(np.array, zip(*holds, strict=True)))
 
 
 @dataclass(frozen=True)
-class GyroBench(Bench):
-    """Campaigns of gyros that are turned about one table axis, or about three."""
+class GyroBench(TourBench):
+    """Campaigns of gyros that are turned about one table axis."""
 
+    names: ClassVar[tuple[str, ...]] = (SCALE, ZERO)
+    """Of the results."""
+    axes: ClassVar[tuple[str, ...]] = ("",)
+    """Table axes about which the base is turned, one mounting each."""
+    withheld: ClassVar[int] = 3
+    """Mountings, the first ones, in which a run is withheld, where nothing is yet."""
     table: RateTable
     reference_degc: float
-    order: int
-    """Of the polynomials of scale factor and zero."""
-    axes: tuple[str, ...]
-    """Table axes about which the base is turned, one mounting each; what is measured already is by
-    axis.
-    """
 
-    def lines(
-        self,
-        holds: Holds,
-        degc: Array | None = None,
-        without: Sequence[tuple[str, str]] = (),
-    ) -> dict[str, Sources]:
+    def lines(self, holds: Holds, degc: Array | None = None) -> dict[str, Sources]:
         """Variance of scale factor [ppm²] and zero [(°/h)²] about one axis, at temperatures [m]
-        [°C] or over the range of use, beside some of the errors: of the best straight line over
-        the holds.
+        [°C] or over the range of use: of the best straight line over the holds.
         """
         rows, (low, high) = holds.rows, self.assumed.range_degc
         degc = np.linspace(low, high, LEVELS) if degc is None else degc
@@ -185,12 +163,11 @@ class GyroBench(Bench):
         middle_half = (low + high) / 2.0, max(high - low, 1.0) / 2.0
         terms = equation.Terms(1, (self.order,) * 2, middle_half, shapes)
         # of temperatures that change within runs a plan knows nothing
-        known = UNITS.keys() - set(without)
         listed = equation.shared_errors(rows, terms, np.ones(1), np.ones(1))
         fit = predict(
             partial(equation.residual, rows=rows, terms=terms),
             terms.start,
-            self.assumed.state(one for one in listed if (one.group, one.effect) in known),
+            self.assumed.state(one for one in listed if (one.group, one.effect) in UNITS),
             noise=holds.noise,
             names=terms.names,
         )
@@ -204,281 +181,226 @@ class GyroBench(Bench):
             ZERO: split_variance(fit, DPH_PER_DPS * zero),
         }
 
+    def about_axes(self, holds: Holds) -> list[Holds]:
+        """Holds about each axis."""
+        return [holds.select(holds.axis == axis) for axis in self.axes]
+
+    def temperatures(self, rows: Holds) -> list[Array]:
+        """Of the runs about each axis."""
+        return [holds.degc for holds in self.about_axes(rows)]
+
     def results_of(
-        self, campaign: Iterable[Holds], degc: Array | None = None
+        self, campaign: Sequence[Holds], degc: Array | None = None
     ) -> dict[str, Sources]:
-        """Variances of each result, of the axis that is known worst. An angle between two gyros is
-        what each shows about the axis of the other, where no scale factor matters.
-        """
-        # axes that are held alike once
-        single = {id(holds): holds for holds in campaign}.values()
-        lines = [self.lines(holds, degc) for holds in single]
-        worst = {name: max((line[name] for line in lines), key=_mean) for name in RESULTS}
-        if ANGLE not in self.results:
-            return worst
-        across = [self.lines(holds, degc, [RUN_SCALE])[SCALE] for holds in single]
-        a, b = (sorted(across, key=_mean) * 2)[-2:]
-        none = np.zeros_like(whole(a))
-        in_deg = {
-            source: DEG_PER_PPM**2 * (a.get(source, none) + b.get(source, none)) for source in a | b
+        """Variances of each result, of the axis that is known worst."""
+        lines = [self.lines(holds, degc) for holds in campaign]
+        return {
+            name: max((line[name] for line in lines), key=mean_variance) for name in (SCALE, ZERO)
         }
-        mounted = np.full_like(none, 2.0 * self.assumed.size(*MOUNTING) ** 2)
-        return {SCALE: worst[SCALE], ANGLE: in_deg | {"angle of the mounting": mounted}}
 
     def variances(self, design: Design) -> dict[str, Sources]:
         """Variances of each result."""
-        return self.results_of(self.campaign(design).values())
-
-    def covers(self, design: Design) -> bool:
-        """Whether the runs about every axis reach both ends of the range, with a temperature more
-        than the order needs.
-        """
-        return all(
-            cover_range(holds.rows.temp_degc, self.order + 2, self.assumed.range_degc)
-            for holds in self.campaign(design).values()
-        )
-
-    def campaign(self, design: Design) -> dict[str, Holds]:
-        """Table axis → what is measured about it already, and holds of a design; FitError for an
-        axis without any.
-        """
-        campaign, planned = dict(self.have), dict[Tour, Holds]()
-        run, tours = design.rows or (NO_RUN, {})
-        for axis, degc in tours.items():
-            if degc not in planned:
-                planned[degc] = self.planned_holds(run, degc)
-            parts = [campaign[axis]] if axis in campaign else []
-            campaign[axis] = join(*parts, planned[degc])
-        missing = [axis for axis in self.axes if axis not in campaign]
-        if missing:
-            raise FitError(f"no run about {', '.join(missing)}", hint="plan without --have")
-        return campaign
-
-    def planned_holds(self, run: Run, degc: Sequence[int]) -> Holds:
-        """Holds of runs as the fit will see them: means over whole revolutions."""
-        rates, start, length = np.array(run.holds(self.table.acceleration_dps2)).T
-        turn_s = REVOLUTION_DEG / np.abs(rates)
-        used_s = np.floor((length - 1.0) / turn_s) * turn_s
-        hours = (start + length / 2.0 - (start[-1] + length[-1]) / 2.0) / 3600.0
-        noise = self.assumed.noise * np.sqrt(self.assumed.device.noise_s / used_s)
-        return Holds.of_runs(rates.tolist(), hours, noise, degc)
+        return self.results_of(self.about_axes(self.rows(design)))
 
     def coefficients(self, design: Design) -> Iterator[Coefficient]:
-        """At the reference temperature: K and F0 of each gyro; over three axes the angles between
-        them, which are those of the runs at that temperature alone.
-        """
-        campaign, at = self.campaign(design).values(), np.array([self.reference_degc])
-        if ANGLE in self.results:
-            near = [holds.nearest(self.reference_degc) for holds in campaign]
-            parts = replace(self, order=0).results_of(near, at)[ANGLE]
-            for a, b in combinations(self.spec.gyros, 2):
-                name = f"orthogonality_error_deg.{a}_{b}"
-                yield Coefficient("triad", name, "deg", float(np.sqrt(whole(parts))[0]))
-            return
-        u = {name: float(np.sqrt(whole(p)[0])) for name, p in self.results_of(campaign, at).items()}
+        """K and F0 of each gyro at the reference temperature."""
+        variances = self.results_of(
+            self.about_axes(self.rows(design)), np.array([self.reference_degc])
+        )
         for gyro, (letter, name) in product(self.spec.gyros, (("K", SCALE), ("F0", ZERO))):
-            yield Coefficient(f"gyro_{gyro}", letter, RESULTS[name], u[name])
+            u = float(np.sqrt(total_variance(variances[name]))[0])
+            yield Coefficient(f"gyro_{gyro}", letter, UNIT[name], u)
 
-    def passed_on(self, design: Design) -> list[ErrorComponent]:  # noqa: ARG002 (as every bench's)
+    def passed_on(self, campaign: Candidate) -> list[ErrorComponent]:
         """Errors that a recipe of these gyros can state."""
         known = self.spec.component_units
-        return [one for one in self.assumed.components if (one.group, one.effect) in known]
+        return [one for one in super().passed_on(campaign) if (one.group, one.effect) in known]
 
-    def design(self, run: Run, degc: Tour, label: str = "") -> Design:
-        """Runs at temperatures in their order, about each axis."""
-        tours = self.tours(degc)
-        clock = Clock(self.task.equipment)
-        for number, (axis, tour) in enumerate(tours.items()):
-            if number:
-                clock.remount(self.task.equipment.fastest(self.assumed.device))
-            for level, log in self.runs_about(axis, tour):
-                clock.settle(self.assumed.device, level)
-                begin = clock.now_s
-                for signed, start, length in run.holds(self.table.acceleration_dps2):
-                    clock.move(begin + start - clock.now_s)
-                    clock.rate(signed, length, log)
-        files = {axis: self.name_logs(axis) for axis in tours}
-        single = self.planned_holds(run, (0,))
-        settings = {
-            "hold_s": run.shortest_s,
-            "order": self.order,
-            "rates_dps": single.rate_dps.tolist(),
-            "middle_h": single.hours.tolist(),
-            "noise_dps": single.noise.tolist(),
-            "temperatures_degc": list(tours.get(self.axes[0], ())),
-        }
-        # about all axes alike, or what each lacks
-        alike = len({*tours.values()}) == 1 and len(tours) == len(self.axes)
-        number = len(degc) if alike else sum(map(len, tours.values()))
-        levels = len({level for tour in tours.values() for level in tour})
-        axes = f", about {len(tours)} {'axis' if len(tours) == 1 else 'axes'}"
-        label = label or (
-            f"{len(run.rates_dps)} rates both ways, {count(number, 'run')} at"
-            f" {count(levels, 'temperature')}, holds of {run.shortest_s:g} s"
-            f"{axes if len(self.axes) > 1 else ''}"
-        )
-        return Design(
-            *(label, clock.schedule(), tuple(files.values()), (run, tours)),
-            *(settings, self.changes(files)),
-        )
+    def tours(self) -> list[Tour]:
+        """Temperatures of campaigns with the reference one; beside what is measured also those that
+        it lacks, or none but what was measured about other axes.
+        """
+        beside, span = bool(self.task.have), self.assumed.range_degc
+        tours = list_tours(self.order, span, some=beside, reference=self.reference_degc)
+        return [degc for degc in ((), *tours) if self.by_axis(degc)]
 
-    def tours(self, degc: Tour) -> dict[str, Tour]:
+    def choices(self) -> list[tuple[int, ...]]:
+        """Rates [°/s] up to the fastest, in even steps so that a bend of the response shows."""
+        fastest = self.table.fastest_dps
+        return [
+            tuple(round(fastest * (k + 1) / number) for k in range(number))
+            for number in self.table.rates
+        ]
+
+    def by_axis(self, degc: Tour) -> dict[str, Tour]:
         """Table axis → temperatures of its runs: those that were measured about other axes but not
         about this one, and those of a design.
         """
-        tours = {}
-        for axis in self.axes:
-            lacking = [level for level in self.lacking(axis) if level not in degc]
-            if lacking or degc:
-                tours[axis] = (*lacking, *degc)
-        return tours
+        tours = {axis: (*self.lacking(axis, degc), *degc) for axis in self.axes}
+        return {axis: tour for axis, tour in tours.items() if tour}
 
-    def runs_about(self, axis: str, tour: Tour) -> list[tuple[int, str]]:
-        """Temperature and log of each run about an axis; where nothing is withheld yet, with one
-        between the two first temperatures that is.
+    def lacking(self, axis: str, planned: Tour) -> list[int]:
+        """Temperatures [°C] that were measured about other axes, but not about this one, and are
+        not planned.
         """
-        stem = self.stem(axis)
-        runs = [(level, f"{stem}_{k + 1:02d}_{level}.csv") for k, level in enumerate(tour)]
-        if not self.task.withheld:
-            known = sorted({*tour, *map(round, self.measured(axis))})
-            between = round((known[0] + known[1]) / 2.0) if len(known) > 1 else known[0]
-            runs.insert(1, (between, f"{WITHHELD}{stem}_{between}.csv"))
-        return runs
-
-    def stem(self, axis: str) -> str:
-        """What the names of the logs about an axis begin with."""
-        return self.task.name_log(f"about_{axis}" if axis else "run")
-
-    def name_logs(self, axis: str) -> str:
-        """Logs about an axis, as a recipe lists them."""
-        return f"{self.stem(axis)}_*.csv"
-
-    def changes(self, files: Mapping[str, str]) -> dict[str, Any]:
-        """Keys of the recipe that name the logs about each axis."""
-        if not isinstance(self.spec, GyroTriadRecipe):
-            return {}
-        axes = {axis: [file] for axis, file in files.items()}
-        for axis, before in self.spec.axes if self.task.have else ():
-            axes[axis] = [*before, *axes.get(axis, ())]
-        return {"axes": axes}
-
-    def measured(self, *axes: str) -> list[float]:
-        """Temperatures [°C] of the runs about some axes."""
-        return [t for axis in axes if axis in self.have for t in self.have[axis].rows.temp_degc]
-
-    def lacking(self, axis: str) -> Tour:
-        """Temperatures [°C] that were measured about other axes, but not about this one."""
-        there, lacking = self.measured(axis), list[int]()
+        there, lacking = [*self.measured(axis), *planned], list[int]()
         for degc in sorted(self.measured(*self.axes)):
             if all(abs(degc - other) > ONE_LEVEL_DEGC for other in (*there, *lacking)):
                 lacking.append(round(degc))
-        return tuple(lacking)
+        return lacking
 
-    def runs(self, rates: int) -> Iterator[Run]:
-        """Runs of a number of rates."""
-        fastest = int(self.table.fastest_dps)
-        ladders = {spread_rates(fastest, rates, even=even) for even in (True, False)}
-        return starmap(Run, product(sorted(ladders), self.assumed.device.dwell_s, (True, False)))
+    def measured(self, *axes: str) -> list[float]:
+        """Temperatures [°C] of the runs that are measured about some axes."""
+        if self.have is None:
+            return []
+        return [t for axis in axes for t in self.have.select(self.have.axis == axis).rows.temp_degc]
 
-    def sizes(self) -> dict[str, Iterator[Design]]:
-        """Campaigns of all numbers of temperatures; beside what is measured, those of the
-        temperatures that it lacks.
+    def design(self, degc: Tour, choice: tuple[int, ...], dwell_s: float) -> Design:
+        """Runs at temperatures in their order, about each axis: rates one way, then the other."""
+        tours, clock = self.by_axis(degc), Clock(self.task.equipment)
+        signed = [float(sign * rate) for sign in (1, -1) for rate in choice]
+        stems = {axis: self.task.name_log(f"about_{axis}" if axis else "run") for axis in tours}
+        axis_of: dict[str, str] = {}
+        for number, (axis, tour) in enumerate(tours.items()):
+            if number:
+                clock.remount(self.task.equipment.fastest(self.assumed.device))
+            runs = [
+                (level, f"{stems[axis]}_{k + 1:02d}_{level}.csv") for k, level in enumerate(tour)
+            ]
+            if not self.task.withheld and number < self.withheld:
+                known = sorted({*tour, *map(round, self.measured(axis))})
+                between = round((known[0] + known[1]) / 2.0) if len(known) > 1 else known[0]
+                runs.insert(1, (between, f"{WITHHELD}{stems[axis]}_{between}.csv"))
+            for level, log in runs:
+                axis_of[log] = axis
+                clock.settle(self.assumed.device, level)
+                clock.move(START_S)
+                for before, rate in zip((0.0, *signed), signed, strict=False):
+                    clock.move(abs(rate - before) / self.table.acceleration_dps2)
+                    turn_s = SPARE * REVOLUTION_DEG / abs(rate)
+                    clock.rate(rate, max(dwell_s, SETTLE_S + turn_s), log)
+        files = {axis: f"{stem}_*.csv" for axis, stem in stems.items()}
+        levels = count(len({level for tour in tours.values() for level in tour}), "temperature")
+        about = f", about {len(tours)} {'axis' if len(tours) == 1 else 'axes'}"
+        label = (
+            f"{len(choice)} rates both ways, {count(sum(map(len, tours.values())), 'run')} at"
+            f" {levels}{about if len(self.axes) > 1 else ''}, holds of {dwell_s:g} s"
+        )
+        schedule = clock.schedule()
+        rows = planned_holds(schedule, self.assumed, axis_of.__getitem__)
+        return Design(label, schedule, tuple(files.values()), rows, self.changes(files))
+
+    def changes(self, files: Mapping[str, str]) -> dict[str, Any]:  # noqa: ARG002 (as of more axes)
+        """Keys of the recipe that name the logs about each axis."""
+        return {}
+
+
+@dataclass(frozen=True)
+class TriadBench(GyroBench):
+    """Campaigns of gyros that are turned about three table axes."""
+
+    names, axes = (SCALE, ANGLE), forms.AXES
+
+    def results_of(
+        self, campaign: Sequence[Holds], degc: Array | None = None
+    ) -> dict[str, Sources]:
+        """Variances of the scale factor of the axis that is known worst, and of the angle between
+        two gyros, which is what each shows about the axis of the other, where no scale factor
+        matters.
         """
+        scales = sorted([self.lines(holds, degc)[SCALE] for holds in campaign], key=mean_variance)
+        angle = in_degrees(*scales[-2:], without=[RUN_SCALE])
+        mounted = np.full_like(total_variance(angle), 2.0 * self.assumed.size(*MOUNTING) ** 2)
+        return {SCALE: scales[-1], ANGLE: angle | {"angle of the mounting": mounted}}
 
-        def tours_of(levels: list[int]) -> Iterator[Tour]:
-            for repeats in REPEATS:
-                tour = self.order_temperatures(levels, repeats)
-                yield from sorted(self.additions(tour)) if self.have else (tour,)
+    def coefficients(self, design: Design) -> Iterator[Coefficient]:
+        """Angles between the gyros at the reference temperature, those of its runs alone."""
+        near = [holds.nearest(self.reference_degc) for holds in self.about_axes(self.rows(design))]
+        at = np.array([self.reference_degc])
+        u = float(np.sqrt(total_variance(replace(self, order=0).results_of(near, at)[ANGLE]))[0])
+        for a, b in combinations(self.spec.gyros, 2):
+            yield Coefficient("triad", f"orthogonality_error_deg.{a}_{b}", "deg", u)
 
-        sized = list_tours(self.order, MORE_LEVELS, self.assumed.range_degc, tours_of)
-        runs = [run for rates in self.table.rates for run in self.runs(rates)]
+    def changes(self, files: Mapping[str, str]) -> dict[str, Any]:
+        """Keys of the recipe that name the logs about each axis."""
+        before = dict(self.spec.axes) if self.task.have else {}
+        named = {axis: (*before.get(axis, ()), file) for axis, file in files.items()}
+        return {"axes": before | named}
+
+
+@dataclass(frozen=True)
+class PairBench(GyroBench):
+    """Campaigns of two gyros at one temperature, a run about the axis of each."""
+
+    names, axes = (RATIO, ANGLE), ("a", "b")
+    withheld = 1
+
+    def results_of(
+        self,
+        campaign: Sequence[Holds],
+        degc: Array | None = None,  # noqa: ARG002 (as over a range)
+    ) -> dict[str, Sources]:
+        """Variances of N, and of the angle that B shows about A's axis, where it turns little and
+        neither scale factor nor response matters.
+        """
+        at = np.array([self.reference_degc])
+        a, b = (self.lines(holds, at)[SCALE] for holds in campaign)
+        apart = np.sqrt(2.0) * self.assumed.size(*TEMPERATURE) * scale_per_degc(self.spec) * PPM
+        mounted = np.array([self.assumed.size(*MOUNTING) ** 2])
         return {
-            size: (self.design(run, degc) for degc, run in product(tours, runs))
-            for size, tours in sized.items()
+            RATIO: add_variances(a, b) | {"temperature of the run": np.array([apart**2])},
+            ANGLE: in_degrees(a, without=[RUN_SCALE, RESPONSE])
+            | {"angle of the mounting": mounted},
         }
 
-    def additions(self, tour: Tour) -> Iterator[Tour]:
-        """Temperatures that runs may be added at: none beside what an axis lacks, up to three that
-        are not measured, all of a whole campaign, or the reference again.
-        """
-        there = self.measured(*self.axes)
-        absent = tuple(
-            level
-            for level in dict.fromkeys(tour)
-            if all(abs(level - other) > ONE_LEVEL_DEGC for other in there)
-        )
-        if any(map(self.lacking, self.axes)):
-            yield ()
-        yield tour
-        yield (round(self.reference_degc),)
-        yield from choose_some(absent)
-        if absent:
-            yield absent
+    def coefficients(self, design: Design) -> Iterator[Coefficient]:
+        """N and the angle between the axes."""
+        results = self.predict(design).results
+        yield Coefficient("pair", "N", "1", results[RATIO].u / PPM)
+        yield Coefficient("pair", "alpha_deg", "deg", results[ANGLE].u)
 
-    def order_temperatures(self, spaced: Sequence[int], repeats: int) -> Tour:
-        """Temperatures in their order: every second one on the way back to the first, and further
-        runs where the reference temperature is passed.
-        """
-        levels, reference = list(spaced), round(self.reference_degc)
-        # the level nearest to the reference is the reference; the ends of the range stay
-        nearest = min(range(1, len(levels) - 1), key=lambda k: abs(levels[k] - reference))
-        if levels[0] < reference < levels[-1]:
-            levels[nearest] = reference
-        order = order_there_and_back(levels)
-        at = order.index(levels[nearest])
-        return (*order[:at], *([levels[nearest]] * repeats), *order[at + 1 :])
+    def passed_on(self, campaign: Candidate) -> list[ErrorComponent]:
+        """A fit of a pair sees the scale of its runs in their scatter, and the mounting not."""
+        stated = super().passed_on(campaign)
+        return [one for one in stated if (one.group, one.effect) == MOUNTING]
 
-    def usual(self) -> Iterator[Design]:
-        """Three runs at the reference temperature, one at each of others, from low to high."""
-        low, high = self.assumed.range_degc
-        reference = round(self.reference_degc)
-        levels = sorted({round(low), round((low + reference) / 2.0), round(high)})
-        degc = (reference, reference, reference, *levels)
-        if self.order + 1 <= len(set(degc)):
-            yield self.design(self.usual_run(), degc, label="usual: 11 rates, 3 + 3 runs")
+    def tours(self) -> list[Tour]:
+        """One run about each axis: none about one that is measured."""
+        return [degc for degc in super().tours() if not (degc and self.task.have)]
 
-    def usual_run(self) -> Run:
-        """Eleven rates, one side after the other."""
-        rates = spread_rates(int(self.table.fastest_dps), USUAL_RATES, even=False)
-        return Run(rates, USUAL_HOLD_S, alternating=False)
+    def changes(self, files: Mapping[str, str]) -> dict[str, Any]:
+        """Keys of the recipe that name the logs."""
+        return {"pair": {f"axis_{axis}": file for axis, file in files.items()}}
 
 
-def _mean(sources: Sources) -> float:
+BENCHES = {"rate_table": GyroBench, "gyro_triad": TriadBench, "gyro_pair": PairBench}
+"""Procedure → its campaigns."""
+
+
+def mean_variance(sources: Sources) -> float:
     """Mean variance."""
-    return float(np.mean(whole(sources)))
+    return float(np.mean(total_variance(sources)))
 
 
-def spread_rates(fastest: int, number: int, *, even: bool) -> tuple[int, ...]:
-    """Whole rates [°/s] up to the fastest: in even steps, or from a twentieth of it in steps of one
-    ratio. They span the range, so that a bend of the response shows.
+def add_variances(*parts: Sources) -> Sources:
+    """Variances of a sum of independent parts."""
+    none = np.zeros_like(total_variance(parts[0]))
+    names = dict.fromkeys(name for part in parts for name in part)
+    return {name: np.sum([part.get(name, none) for part in parts], axis=0) for name in names}
+
+
+def in_degrees(*scales: Sources, without: Sequence[tuple[str, str]]) -> Sources:
+    """Variances [°²] of what gyros show about an axis across their own, from those of scale factors
+    [ppm²], beside the errors that matter along the own axis alone.
     """
-    slowest = fastest / number if even else max(fastest / 20.0, 1.0)
-    spread = np.linspace if even else np.geomspace
-    rates = np.rint(spread(slowest, fastest, number)).astype(int).tolist()
-    for k in range(1, number):
-        rates[k] = max(rates[k], rates[k - 1] + 1)
-    return tuple(rates)
+    along = {f"{effect} of the {group}" for group, effect in without}
+    parts = add_variances(*scales).items()
+    return {name: DEG_PER_PPM**2 * part for name, part in parts if name not in along}
 
 
-def prepare_plan(spec: RateTableRecipe | GyroTriadRecipe, task: Task) -> GyroBench:
-    """What the search needs; UsageError for what cannot be planned."""
-    assumed, table = assume_on_table(spec, task, UNITS, RANGE_DEGC)
-    reference = float(np.clip(spec.reference_temp_degc, *assumed.range_degc))
-    axes = forms.AXES if isinstance(spec, GyroTriadRecipe) else ("",)
-    have = measure_runs(spec, task, assumed)
-    results = RESULTS if len(axes) == 1 else ANGLES
-    order = assumed.device.order
-    return GyroBench(spec, task, assumed, results, have, table, reference, order, axes)
-
-
-def assume_on_table(
-    spec: RateTableRecipe | GyroTriadRecipe | GyroPairRecipe,
-    task: Task,
-    units: Units,
-    default_degc: tuple[float, float] | None,
-) -> tuple[Assumed, RateTable]:
-    """Assumptions of a plan with a rate table: of an earlier run the shared errors that were seen,
-    and the response at a rate, with the noise of the holds in it.
+def prepare_plan(spec: Spec, task: Task) -> GyroBench:
+    """What the search needs: of an earlier run the shared errors that were seen, and the response
+    at a rate, with the noise of the holds in it.
 
     Raises UsageError for equipment without a rate table, and for a run of no gyro on one.
     """
@@ -490,28 +412,52 @@ def assume_on_table(
         )
     group, effect = RESPONSE
     records = read_earlier(task, "rate_table, gyro_triad or gyro_pair", forms.SCALE_FILE)
-    earlier = [one for one in seen_errors(records) if (one.group, one.effect) != RESPONSE]
+    earlier = seen_errors(records)
     for record in records:
         off = [one.value for one in record.figures if one.name.startswith(OFF_LINE)]
         value = rms(off) * DPH_PER_DPS
         earlier.append(
             ErrorComponent(group=group, effect=effect, value=value, unit="deg/h", dof=EARLIER_DOF)
         )
-    return assume(spec, task, device, units, default_degc=default_degc, earlier=earlier), table
+    pair = isinstance(spec, GyroPairRecipe)
+    units, default_degc = (UNITS_OF_PAIRS, None) if pair else (UNITS, RANGE_DEGC)
+    assumed = assume(spec, task, device, units, default_degc=default_degc, earlier=earlier)
+    have = measure_runs(spec, task, assumed)
+    reference = float(np.clip(spec.reference_temp_degc, *assumed.range_degc))
+    if pair and have is not None:
+        if len(task.have) > len({*have.axis.tolist()}):
+            raise FitError(
+                f"{len(task.have)} logs, expected one of each table axis",
+                hint="name the log of each axis under [pair]",
+            )
+        reference = float(have.rows.temp_degc.mean())
+        assumed = replace(assumed, range_degc=(reference, reference))
+    bench = BENCHES[spec.procedure]
+    results = {name: UNIT[name] for name in bench.names}
+    order = 0 if pair else device.order
+    return bench(spec, task, assumed, results, have, order, table, reference)
 
 
-def measure_runs(
-    spec: RateTableRecipe | GyroTriadRecipe | GyroPairRecipe, task: Task, assumed: Assumed
-) -> dict[str, Holds]:
-    """Table axis → holds of its measured runs, with their noise; FitError for a log that a fit
+def scale_per_degc(spec: GyroPairRecipe) -> float:
+    """Standard deviation of what temperature changes N by [1/°C], as the fit takes it."""
+    if spec.pair.temperature_coefficients_ppm_degc is None:
+        return spec.pair.largest_temperature_coefficient_ppm_degc / PPM / float(np.sqrt(3.0))
+    # each gyro is brought to the middle of both temperatures by its own coefficient
+    return spec.pair.temperature_coefficient_uncertainty_ppm_degc / PPM / float(np.sqrt(2.0))
+
+
+def measure_runs(spec: Spec, task: Task, assumed: Assumed) -> Holds | None:
+    """Holds of measured runs, with their noise; None without any, FitError for a log that a fit
     refuses, or runs about an axis in one direction.
     """
+    if not task.have:
+        return None
     runs = [(spec.find_axis(log.file), table_runs.fit_run(spec, log)) for log in task.have]
-    K = np.max([[abs(line.K) for line in run.scales] for _, run in runs] or [[1.0]], axis=0)
+    K = np.max([[abs(line.K) for line in run.scales] for _, run in runs], axis=0)
     # a gyro that was never turned about its own axis is taken to be like the others
     K = np.where(ACROSS * K.max() < K, K, K.max())
     unknown = assumed.noise_of(min(assumed.device.dwell_s))
-    have: dict[str, Holds] = {}
+    parts = []
     for axis, run in runs:
         plateaus = run.plateaus
         if not np.isfinite(plateaus.temp_degc).all():
@@ -522,11 +468,12 @@ def measure_runs(
         noise = np.sqrt(np.mean((plateaus.standard_uncertainty / K) ** 2, axis=1))
         # of a log of one row per hold no noise is known
         noise = np.where(np.isfinite(noise) & (noise > 0.0), noise, unknown)
-        one_run = np.zeros(noise.size, dtype=np.int64)
-        holds = Holds(plateaus.rate_dps, one_run, plateaus.temp_degc, plateaus.hours, noise)
-        have[axis] = join(*([have[axis]] if axis in have else []), holds)
-    for holds in have.values():
-        rates = holds.rate_dps
+        one_run, axes = np.zeros(noise.size, dtype=np.int64), np.full(noise.size, axis)
+        rate_dps, degc = plateaus.rate_dps, plateaus.temp_degc
+        parts.append(Holds(axes, rate_dps, one_run, degc, plateaus.hours, noise))
+    have: Holds = join(*parts)
+    for axis in np.unique(have.axis):
+        rates = have.rate_dps[have.axis == axis]
         if not line_terms.turns_both_ways(rates):
             raise FitError(
                 f"held rates from {rates.min():.4g} to {rates.max():.4g} °/s do not determine the"
@@ -536,53 +483,53 @@ def measure_runs(
     return have
 
 
-def simulate_plan(
-    spec: RateTableRecipe | GyroTriadRecipe,
-    schedule: Schedule,
-    document: Mapping[str, Any],
-    seed: int,
-) -> Campaign:
-    """Logs of gyros on a table that was run by a schedule, with the errors of runs that the plan
-    assumes, and their truth.
+def simulate_plan(spec: Spec, schedule: Schedule, assumed: Assumed, seed: int) -> Campaign:
+    """Logs of gyros on a table that was run by a schedule, with the errors of mountings and runs
+    that the plan assumes, and their truth.
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed))
-    gyros = {f"gyro_{name}_lsb": simulate_rate_table.RateGyro.draw(rng) for name in spec.gyros}
+    gyros = {name: simulate_rate_table.RateGyro.draw(rng) for name in spec.gyros}
+    if isinstance(spec, GyroPairRecipe):
+        # both gyros change with temperature alike
+        per_degc = float(rng.normal(0.0, scale_per_degc(spec)))
+        gyros = {name: replace(gyro, K_per_degc=per_degc) for name, gyro in gyros.items()}
     directions = np.eye(3)[: len(gyros)] + rng.normal(0.0, MOUNTED_RAD, (len(gyros), 3))
-    table = simulate_rate_table.Table(
-        interval_s=1.0, shortest_hold_s=float(document["settings"]["hold_s"])
-    )
-    size = read_sizes(document, UNITS)
-    scale, zero = size[RUN_SCALE] / PPM, size[RUN_ZERO] / DPH_PER_DPS
-    tilts = np.radians(rng.normal(0.0, size[MOUNTING], (3, 3)))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    shortest_s = min(one.duration_s for one in schedule.recorded("rate"))
+    table = simulate_rate_table.Table(interval_s=1.0, shortest_hold_s=shortest_s)
+    # the base is mounted with its axes, or with the axis of each gyro of a pair, along the table's
+    mounted = directions if isinstance(spec, GyroPairRecipe) else np.eye(3)
+    tilts = np.radians(rng.normal(0.0, assumed.size(*MOUNTING), (3, 3)))
     logs: dict[str, dict[str, Array]] = {}
     for log, actions in schedule.by_log().items():
         axis = spec.find_axis(log.removeprefix(WITHHELD))
-        seen = _mount(directions, axis, tilts) if axis else np.eye(3)[[2] * len(gyros)]
-        moved = {
-            name: replace(
+        along = np.ones(len(gyros))
+        if axis:
+            at = ("xyz" if axis in forms.AXES else "ab").index(axis)
+            along = directions @ (mounted[at] + np.cross(tilts[at], mounted[at]))
+        moved = {}
+        for (name, gyro), part in zip(gyros.items(), along.tolist(), strict=True):
+            to_table_deg = float(np.degrees(np.arccos(min(part, 1.0))))
+            moved[f"gyro_{name}_lsb"] = replace(
                 gyro,
-                axis=tuple((direction / np.linalg.norm(direction)).tolist()),
-                K=gyro.K * (1.0 + rng.normal(0.0, scale)),
-                bias_dps=gyro.bias_dps + rng.normal(0.0, zero),
+                axis=simulate_rate_table.tilted(to_table_deg, rng.uniform(0.0, 360.0)),
+                K=gyro.K * (1.0 + rng.normal(0.0, assumed.size(*RUN_SCALE) / PPM)),
+                bias_dps=gyro.bias_dps + rng.normal(0.0, assumed.size(*RUN_ZERO) / DPH_PER_DPS),
             )
-            for (name, gyro), direction in zip(gyros.items(), seen, strict=True)
-        }
         degc = actions[0].set_degc - table.warming_degc / 2.0
+        degc += rng.normal(0.0, assumed.size(*TEMPERATURE))
         rates = [one.table_rate_dps for one in actions]
         logs[log] = simulate_rate_table.run(moved, table, rates, degc, rng)
-    truth = {
+    truth: dict[str, Any] = {
         "gyros": {name: asdict(gyro) for name, gyro in gyros.items()},
         "directions": directions.tolist(),
         "tilts_rad": tilts.tolist(),
     }
-    decimals = simulate_rate_table.DECIMALS | dict.fromkeys(gyros, 1)
+    if isinstance(spec, GyroPairRecipe):
+        K_a, K_b = (
+            gyro.best_line(table, rates, spec.reference_temp_degc)[0] for gyro in gyros.values()
+        )
+        alpha_deg = float(np.degrees(np.arccos(directions[0] @ directions[1])))
+        truth["coefficients"] = {"pair": {"N": K_b / K_a, "alpha_deg": alpha_deg}}
+    decimals = simulate_rate_table.DECIMALS | {f"gyro_{name}_lsb": 1 for name in gyros}
     return Campaign(logs, decimals, truth)
-
-
-def _mount(directions: Array, axis: str, tilts: Array) -> Array:
-    """Input axes [g, 3] in axes of a table that turns the base about one of its own, which is
-    mounted with a tilt of its own [3, 3] [rad]: two components that turn, and one along the table.
-    """
-    at = forms.AXES.index(axis)
-    turned = directions + np.cross(directions, tilts[at])
-    return np.asarray(np.roll(turned, 2 - at, axis=1), dtype=np.float64)

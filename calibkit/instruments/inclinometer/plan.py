@@ -7,7 +7,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,38 +20,41 @@ from calibkit.instruments.inclinometer import (
     mounting,
     scale_fit,
     simulate as simulated,
-    solve,
     stations,
 )
-from calibkit.instruments.inclinometer.forms import FILE, MOUNTING
+from calibkit.instruments.inclinometer.forms import FILE
 from calibkit.instruments.inclinometer.published import Components
 from calibkit.instruments.inclinometer.root_choice import estimate_roots
 from calibkit.instruments.inclinometer.rows import Rows
 from calibkit.instruments.inclinometer.scale_fit import Roots
 from calibkit.numeric import earth
-from calibkit.planning.assumptions import Assumed, assume, read_earlier, read_sizes, seen_errors
+from calibkit.numeric.exchange import Pool
 from calibkit.planning.levels import (
     LEVELS,
     Tour,
-    choose_some,
-    cover_range,
-    list_tours,
-    list_usual_levels,
-    order_there_and_back,
     raw_uncertainties,
 )
-from calibkit.planning.proposal import WITHHELD, Coefficient, Design, count
 from calibkit.planning.schedule import Clock
-from calibkit.planning.search import Bench, Sources, split_variance
+from calibkit.planning.search import (
+    WITHHELD,
+    Candidate,
+    Coefficient,
+    Design,
+    Sources,
+    TourBench,
+    count,
+    split_variance,
+)
+from calibkit.planning.task import assume, read_earlier, seen_errors
 from calibkit.simulate.campaign import Campaign
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Sequence
 
-    from calibkit.arrays import Array, Integers, Mask
+    from calibkit.arrays import Array, Mask
     from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
-    from calibkit.planning.proposal import Task
     from calibkit.planning.schedule import Schedule
+    from calibkit.planning.task import Assumed, Task
     from calibkit.recipe.tables import ErrorComponent
 
 RANGE_DEGC = (20.0, 120.0)
@@ -61,14 +64,12 @@ RESULTS = {"azimuth": "deg", "scale factor": "ppm"}
 USED_DEG = (45.0, 90.0)
 """Inclination and azimuth at which the azimuth is judged: where s matters."""
 PPM = 1e6
-MORE_LEVELS = 3
-"""Temperatures that the search takes at most beyond one more than the order needs."""
-STATIONS = (1, 2, 3, 4, 6, 8, 12)
+STATIONS = (2, 3, 4, 6, 8, 12)
 """Stations at each temperature."""
+SEED = 1
+"""Of the random starts of the search."""
 LEFT_OUT = 4
 """Stations that are withheld."""
-USUAL_DEG, USUAL_S = 30.0, 60.0
-"""Inclination and time in a position of the usual campaign."""
 NO_TURN_DEG = 1e-9
 """Size of a turn of the gyro where none is assumed."""
 WALK, ACCEL = ("reading", "bias walk"), ("reading", "accelerometer noise")
@@ -77,19 +78,16 @@ TURN, OF_LOG = ("mounting", "gyro turn"), ("log", "scale")
 UNITS = {WALK: "deg/h", ACCEL: "g", INDEX: "deg", SCATTER: "1", TURN: "deg", OF_LOG: "1"}
 """(group, effect) of the errors that can be assumed, and the units they are stated in."""
 OF_TURN = "gyro turn of the mounting"
-SIZES = (3e-3, 3e-5, 1e-7, 1e-9)
-"""Standard deviations of the simulated coefficients of s(T) about 1, in powers of °C."""
-BIAS = (1e-3, 0.3)
-"""Standard deviations of the biases of a simulated accelerometer [g] and gyro [°/h]."""
+PER_DEGC = 3e-5
+"""Standard deviation of the change of a simulated s with temperature [1/°C]."""
 REACHED_DEGC = 0.1
 """Standard deviation of the temperature that is reached."""
 
 
 @dataclass(frozen=True)
-class StationBench(Bench):
+class StationBench(TourBench):
     """Campaigns of an inclinometer."""
 
-    order: int
     places: Array
     """[n, 2], inclination and azimuth [°] that the fixture has."""
 
@@ -98,8 +96,40 @@ class StationBench(Bench):
         """Time in a position [s] → standard uncertainty of the root at each place without scatter,
         infinite where a fit would not use it, and its derivative by a turn [1/°].
         """
-        times = {USUAL_S, *self.assumed.device.dwell_s}
-        return {dwell_s: _plan_stations(self, dwell_s) for dwell_s in times}
+        return {dwell_s: self.plan_roots(dwell_s) for dwell_s in self.assumed.device.dwell_s}
+
+    def plan_roots(self, dwell_s: float) -> tuple[Array, Array]:
+        """`judge_roots` of s = 1 at each place, of those that need no history of s to be told."""
+        assumed, (tilt, azimuth) = self.assumed, self.places.T
+        attitudes = simulated.Attitudes(tilt, np.zeros_like(tilt), azimuth)
+        gravity = simulated.rotated(attitudes, np.array([0.0, 0.0, 1.0]))
+        north_east_down = earth.north_east_down(self.spec.site.latitude_deg)
+        rate_dph = simulated.rotated(attitudes, north_east_down)
+        # half differences of two positions; the bias walks over both steps between them
+        gyro = (assumed.noise_of(dwell_s) ** 2 + assumed.size(*WALK) ** 2) / 2.0
+        accel = assumed.size(*ACCEL) ** 2 / 2.0
+        covariance = np.tile(np.diag([accel, accel, gyro, gyro]), (len(gravity), 1, 1))
+        (accel_x, accel_y, _), (gyro_x, gyro_y, _) = gravity.T, rate_dph.T
+        parts = Components(accel_x, accel_y, gyro_x, gyro_y, covariance)
+        u, by_turn, alone = self.judge_roots(parts)
+        return np.where(alone, u, np.inf), by_turn
+
+    def judge_roots(
+        self, parts: Components, refused: Sequence[str] = ()
+    ) -> tuple[Array, Array, Mask]:
+        """Standard uncertainty of the root of s that is nearest to 1 with index errors, infinite
+        where a fit would not use it; its derivative by a turn of the gyro [1/°]; whether the other
+        root cannot be s. Of each station [n].
+        """
+        latitude_deg, limits = self.spec.site.latitude_deg, self.spec.limits
+        roots = estimate_roots(parts, latitude_deg, refused=refused, limits=limits)
+        column = np.argmin(np.abs(np.nan_to_num(roots.s, nan=np.inf) - 1.0), axis=1)
+        rows = np.arange(column.size)
+        used = roots.usable[rows, column] & np.array([not reason for reason in roots.status])
+        by_turn, by_index = mounting.slopes_of_roots(parts, latitude_deg, column == 0)
+        index = by_index * self.assumed.size(*INDEX)
+        u = np.where(used, np.hypot(roots.uncertainty[rows, column], index), np.inf)
+        return u, np.where(used, by_turn, 0.0), np.any(~(roots.s > 0.0), axis=1)
 
     def fit(self, rows: Roots, *, turn_known: bool = True) -> Fit:
         """What the roots will tell of s(T), of a gyro whose turn has a known size, or is
@@ -118,13 +148,10 @@ class StationBench(Bench):
             names=[*(f"s{k}" for k in range(self.order + 1)), "turn"],
         )
 
-    def covers(self, design: Design) -> bool:
-        """Whether both ends of the range are reached, with a temperature more than the order
-        needs.
-        """
+    def temperatures(self, rows: Roots) -> list[Array]:
+        """Of all stations."""
         low, high = self.assumed.range_degc
-        degc = low + (self.rows(design).x + 1.0) / 2.0 * (high - low)
-        return cover_range(degc, self.order + 2, (low, high))
+        return [low + (rows.x + 1.0) / 2.0 * (high - low)]
 
     def variances(self, design: Design) -> dict[str, Sources]:
         """Variance of s(T), and of the azimuth that it and a turn of the gyros, which the stations
@@ -148,102 +175,59 @@ class StationBench(Bench):
         for axis, (k, size) in product(self.spec.axes, enumerate(u)):
             yield Coefficient(axis, f"s{k}", power_unit("1", "degC", k), size)
 
-    def passed_on(self, design: Design) -> list[ErrorComponent]:
+    def passed_on(self, campaign: Candidate) -> list[ErrorComponent]:
         """A single log shows no difference between logs."""
-        several = len(self.task.have) + len(design.logs) > 1
-        stated = super().passed_on(design)
+        several = len(self.task.have) + len(campaign.design.logs) > 1
+        stated = super().passed_on(campaign)
         return [one for one in stated if several or (one.group, one.effect) != OF_LOG]
 
-    def design(self, degc: Tour, places: Sequence[int], dwell_s: float) -> Design:
+    def design(self, degc: Tour, choice: list[int], dwell_s: float) -> Design:
         """Stations at places, at each of the temperatures in their order; where nothing is withheld
         yet, with stations of other attitudes at the second temperature that are.
         """
-        equipment, clock = self.task.equipment, Clock(self.task.equipment)
+        fixture, clock = self.task.equipment.fixture(FIXTURE), Clock(self.task.equipment)
         log = self.task.name_log(LOG)
         u, by_turn = self.known[dwell_s]
         # the best of those that the design has not
-        rest = [k for k in np.argsort(u).tolist() if k not in places and np.isfinite(u[k])]
+        rest = [k for k in np.argsort(u).tolist() if k not in choice and np.isfinite(u[k])]
         withheld = rest[:: max(len(rest) // LEFT_OUT, 1)][:LEFT_OUT]
         for number, level in enumerate(degc):
             clock.settle(self.assumed.device, level)
-            recorded = [(place, log) for place in places]
+            recorded = [(place, log) for place in choice]
             if number == 1 and not self.task.withheld:
                 recorded += [(place, f"{WITHHELD}{log}") for place in withheld]
             for place, name in recorded:
                 tilt, azimuth = self.places[place].tolist()
                 for position in simulated.POSITIONS_DEG.tolist():
-                    clock.move(equipment.fixture(FIXTURE).move_s)
-                    clock.dwell((tilt, position, azimuth), dwell_s, name)
+                    clock.dwell(fixture, (tilt, position, azimuth), dwell_s, name)
         label = (
-            f"{count(len(places), 'station')} at each of {count(len(degc), 'soak')} at"
+            f"{count(len(choice), 'station')} at each of {count(len(degc), 'soak')} at"
             f" {count(len({*degc}), 'temperature')}, {dwell_s:g} s in a position"
         )
-        x = self.assumed.mapped(np.repeat(np.array(degc, dtype=np.float64), len(places)))
-        one_log, chosen = np.zeros(len(x), dtype=np.int64), list(places)
+        x = self.assumed.mapped(np.repeat(np.array(degc, dtype=np.float64), len(choice)))
+        one_log, chosen = np.zeros(len(x), dtype=np.int64), list(choice)
         u, by_turn = (np.tile(of_place[chosen], len(degc)) for of_place in (u, by_turn))
-        settings = {
-            "noise_dph": self.assumed.noise_of(dwell_s),
-            "order": self.order,
-            "latitude_deg": self.spec.site.latitude_deg,
-        }
         roots = Roots(np.ones(len(x)), u, x, by_turn, one_log)
-        return Design(label, clock.schedule(), (log,), roots, settings)
+        return Design(label, clock.schedule(), (log,), roots)
 
-    def sizes(self) -> dict[str, Iterator[Design]]:
-        """Campaigns of all numbers of temperatures; beside what is measured, also those of the
-        temperatures that it lacks.
+    def choices(self) -> Iterator[list[int]]:
+        """Best places of each number at one temperature: of s beside a turn of the gyro of known
+        size, and of the azimuth with a turn that is measured.
         """
-        held = [
-            (best[:number], dwell_s)
-            for dwell_s in self.assumed.device.dwell_s
-            for best in self.choose_places(dwell_s)
-            for number in STATIONS
-            if number <= len(best)
-        ]
-
-        def tours_of(levels: list[int]) -> Iterator[Tour]:
-            yield (tour := order_there_and_back(levels))
-            yield from choose_some(tour[:-1]) if self.task.have else ()
-
-        sized = list_tours(self.order, MORE_LEVELS, self.assumed.range_degc, tours_of)
-        return {
-            size: (self.design(degc, *stations) for degc, stations in product(tours, held))
-            for size, tours in sized.items()
-        }
-
-    def choose_places(self, dwell_s: float) -> Iterator[list[int]]:
-        """Places in the order in which each adds most to what those before it tell at one
-        temperature: of s beside a turn of the gyro of known size, and of the azimuth with a turn
-        that is measured.
-        """
-        u, by_turn = self.known[dwell_s]
-        u = np.hypot(u, self.assumed.size(*SCATTER))
-        able = np.flatnonzero(np.isfinite(u)).tolist()
+        u, by_turn = self.known[max(self.known)]
+        able, rng = np.flatnonzero(np.isfinite(u)), np.random.default_rng(SEED)
+        rows = np.column_stack([np.ones(able.size), by_turn[able]])
+        rows /= np.hypot(u[able], self.assumed.size(*SCATTER))[:, None]
+        parts = rows[:, :, None] * rows[:, None, :]
         turn = self.assumed.size(*TURN) or 1.0
         latitude, tilt, _ = np.radians([self.spec.site.latitude_deg, *USED_DEG])
         of_azimuth = np.array([np.degrees(np.tan(latitude) * np.tan(tilt)), 1.0])
         for prior, wanted in ((turn**-2.0, np.array([1.0, 0.0])), (1e-6, of_azimuth)):
-            chosen: list[int] = []
-            total = np.diag([1e-6, prior])
-            for _ in range(min(max(STATIONS), len(able))):
-                rest = [k for k in able if k not in chosen]
-                rows = np.column_stack([np.ones(len(rest)), by_turn[rest]]) / u[rest, None]
-                tried = total + rows[:, :, None] * rows[:, None, :]
-                best = int(np.argmin(np.linalg.inv(tried) @ wanted @ wanted))
-                chosen.append(rest[best])
-                total = tried[best]
-            yield chosen
-
-    def usual(self) -> Iterator[Design]:
-        """At each of nine temperatures, from low to high, stations to the north, east, south and
-        west at one inclination, a minute in a position.
-        """
-        u, _ = self.known[USUAL_S]
-        tilt, azimuth = self.places.T
-        near = tilt[np.argmin(np.abs(tilt - USUAL_DEG))]
-        spread = np.flatnonzero((tilt == near) & (azimuth % 90.0 == 0.0) & np.isfinite(u)).tolist()
-        if spread:
-            yield self.design(list_usual_levels(self.assumed.range_degc), spread, USUAL_S)
+            pool = Pool(np.diag([1e-6, prior]), parts, np.outer(wanted, wanted))
+            for number in STATIONS:
+                if number <= able.size:
+                    chosen, _ = pool.search(number, rng, restarts=1)
+                    yield able[chosen].tolist()
 
 
 def prepare_plan(spec: InclinometerRecipe, task: Task) -> StationBench:
@@ -272,103 +256,52 @@ def _measure(bench: StationBench) -> Roots:
         )
     pairs = []
     for axis in spec.axes:
-        first = solve.solve_in_sequence(seen, spec, axis)
-        used, shared = first.root_used, mounting.shared_errors(first, seen, spec, axis)
-        u, by_turn = _with_index(
-            *(seen.components[axis], spec.site.latitude_deg, first.root >= 0),
-            *(first.s_root_uncertainty, bench.assumed),
-        )
-        by_turn = by_turn if MOUNTING in shared else np.zeros_like(u)
+        u, by_turn, _ = bench.judge_roots(seen.components[axis], seen.status[axis])
+        used = np.isfinite(u)
         x = bench.assumed.mapped(seen.temperature[used])
         pairs.append(Roots(np.ones(len(x)), u[used], x, by_turn[used], seen.log[used]))
     scatter = bench.assumed.size(*SCATTER)
     return min(pairs, key=lambda one: float(np.sum(1.0 / (one.u**2 + scatter**2))))
 
 
-def _with_index(
-    parts: Components, latitude_deg: float, plus: Mask, u_root: Array, assumed: Assumed
-) -> tuple[Array, Array]:
-    """Standard uncertainty of each root [n] with index errors, and its derivative by a turn of the
-    gyro [1/°].
-    """
-    by_turn, by_index = mounting.slopes_of_roots(parts, latitude_deg, plus)
-    return np.hypot(u_root, by_index * assumed.size(*INDEX)), by_turn
-
-
-def _plan_stations(bench: StationBench, dwell_s: float) -> tuple[Array, Array]:
-    """Standard uncertainty of the root of s = 1 at each place, infinite where a fit would not use
-    it, and its derivative by a turn [1/°].
-    """
-    spec, assumed = bench.spec, bench.assumed
-    latitude_deg = spec.site.latitude_deg
-    tilt, azimuth = bench.places.T
-    attitudes = simulated.Attitudes(tilt, np.zeros_like(tilt), azimuth)
-    gravity = simulated.rotated(attitudes, np.array([0.0, 0.0, 1.0]))
-    rate_dph = simulated.rotated(attitudes, earth.north_east_down(latitude_deg))
-    # half differences of two positions; the bias walks over both steps between them
-    gyro = (assumed.noise_of(dwell_s) ** 2 + assumed.size(*WALK) ** 2) / 2.0
-    accel = assumed.size(*ACCEL) ** 2 / 2.0
-    covariance = np.tile(np.diag([accel, accel, gyro, gyro]), (len(gravity), 1, 1))
-    across = (gravity[:, 0], gravity[:, 1], rate_dph[:, 0], rate_dph[:, 1])
-    parts = Components(*across, covariance)
-    roots = estimate_roots(parts, latitude_deg, limits=spec.limits)
-    column = np.argmin(np.abs(roots.s - 1.0), axis=1)
-    rows = np.arange(column.size)
-    used = roots.usable[rows, column] & ~(roots.s > 0.0).all(axis=1)
-    used &= np.array([not reason for reason in roots.status])
-    u_root = np.where(used, roots.uncertainty[rows, column], np.inf)
-    u, by_turn = _with_index(parts, latitude_deg, column == 0, u_root, assumed)
-    return u, np.where(used, by_turn, 0.0)
-
-
 def simulate_plan(
-    spec: InclinometerRecipe, schedule: Schedule, document: Mapping[str, Any], seed: int
+    spec: InclinometerRecipe, schedule: Schedule, assumed: Assumed, seed: int
 ) -> Campaign:
     """Logs of the stations of a schedule, and the coefficients of s(T) of each gyro."""
-    rng, settings = np.random.default_rng(seed), document["settings"]
-    size = read_sizes(document, UNITS)
-    coefficients, turn_deg, biases = {}, {}, {}
-    for axis in spec.axes:
-        order = settings["order"]
-        coefficients[axis] = np.eye(order + 1)[0] + rng.normal(0.0, SIZES[: order + 1])
-        turn_deg[axis], biases[axis] = rng.normal(0.0, size[TURN]), rng.normal(0.0, BIAS)
-    sign = 1.0 if spec.reference.convention == "gravity" else -1.0
-    logs: dict[str, dict[str, Array | Integers]] = {}
-    for name, actions in schedule.by_log().items():
-        at, number = actions[::4], len(actions) // 4
-        tilt, azimuth, set_degc = np.array(
-            [(one.inclination_deg, one.azimuth_deg, one.set_degc) for one in at]
-        ).T
-        attitudes = simulated.Attitudes(tilt, np.zeros(number), azimuth)
-        soak = np.unique(set_degc, return_inverse=True)[1]
-        degc = np.round(set_degc + rng.normal(0.0, REACHED_DEGC, number)[soak], 2)
-        index = rng.normal(0.0, size[INDEX], (number, 4))
-        logs[name] = columns = {
-            "station": np.repeat(np.arange(1, number + 1), 4),
-            "position_deg": np.tile(simulated.POSITIONS_DEG, number),
-            "time_s": np.array([one.start_s for one in actions]),
-            "temp_case_degc": np.repeat(degc, 4),
+    rng = np.random.default_rng(seed)
+    dwells = schedule.recorded("dwell")
+    noise, pairs = assumed.noise_of(dwells[0].duration_s), []
+    for _ in "xy":
+        drawn = simulated.draw(rng, gyro_noise_dph=noise, ideal=True)
+        drawn |= {
+            "s_per_degc": rng.normal(0.0, PER_DEGC),
+            "s_repeat": assumed.size(*SCATTER),
+            "bias_walk_dph": assumed.size(*WALK),
+            "accel_noise_g": assumed.size(*ACCEL),
+            "gyro_turn_deg": rng.normal(0.0, assumed.size(*TURN)),
         }
-        gravity = simulated.rotated(attitudes, np.array([0.0, 0.0, 1.0]))
-        rate = simulated.rotated(attitudes, earth.north_east_down(settings["latitude_deg"]))
-        for axis in spec.axes:
-            seen_deg = (0.0 if axis == "x" else 90.0) + simulated.POSITIONS_DEG + index
-            accel = simulated.resolve_along(gravity, seen_deg, 0.0) + biases[axis][0]
-            accel += rng.normal(0.0, size[ACCEL], index.shape)
-            s = np.polynomial.polynomial.polyval(degc, coefficients[axis])
-            s = s + rng.normal(0.0, size[SCATTER], number)
-            s = s + rng.normal(0.0, size[OF_LOG])
-            walk = np.cumsum(rng.normal(0.0, size[WALK], index.shape), axis=1)
-            across = simulated.resolve_along(rate, seen_deg + turn_deg[axis], 0.0)
-            gyro = across / s[:, None] + walk
-            gyro += biases[axis][1] + rng.normal(0.0, settings["noise_dph"], index.shape)
-            columns[f"accel_{axis}_g"] = sign * accel.ravel()
-            columns[f"gyro_{axis}_dph"] = gyro.ravel()
+        pairs.append(drawn)
+    sign = 1.0 if spec.reference.convention == "gravity" else -1.0
+    logs: dict[str, dict[str, Array]] = {}
+    for name, actions in schedule.by_log().items():
+        spots = [(one.inclination_deg, one.azimuth_deg, one.set_degc) for one in actions[::4]]
+        tilt, azimuth, set_degc = np.array(spots).T
+        attitudes = simulated.Attitudes(tilt, np.zeros_like(tilt), azimuth)
+        soak = np.unique(set_degc, return_inverse=True)[1]
+        degc = np.round(set_degc + rng.normal(0.0, REACHED_DEGC, tilt.size)[soak], 2)
+        x, y = (pair | {"s": pair["s"] + rng.normal(0.0, assumed.size(*OF_LOG))} for pair in pairs)
+        tool = simulated.Tool((x, y), index_deg=assumed.size(*INDEX))
+        stood, _ = tool.stations(attitudes, spec.site.latitude_deg, degc, rng)
+        columns: dict[str, Array] = {name: np.asarray(column) for name, column in stood.items()}
+        columns["time_s"] = np.array([one.start_s for one in actions])
+        for axis in "xy":
+            columns[f"accel_{axis}_g"] = sign * columns[f"accel_{axis}_g"]
         for column in simulated.REFERENCE if name.startswith(WITHHELD) else ():
             columns[column] = np.repeat(getattr(attitudes, column), 4)
-    drawn = {
-        axis: {f"s{k}": value for k, value in enumerate(powers.tolist())}
-        for axis, powers in coefficients.items()
-    }
+        logs[name] = columns
+    truth = {}
+    for axis, pair in zip("xy", pairs, strict=True):
+        s0 = pair["s"] - simulated.REFERENCE_DEGC * pair["s_per_degc"]
+        truth[axis] = {"s0": s0, "s1": pair["s_per_degc"], "s2": 0.0, "s3": 0.0}
     decimals = simulated.DECIMALS | dict.fromkeys(simulated.REFERENCE, 4)
-    return Campaign(logs, decimals, {"coefficients": drawn})
+    return Campaign(logs, decimals, {"coefficients": truth})

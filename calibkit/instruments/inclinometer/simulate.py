@@ -177,8 +177,10 @@ def _readings(
     )
     bias = pair["bias_dph"] + pair["bias_dph_per_degc"] * (temp_degc - REFERENCE_DEGC)
     walk = np.cumsum(pair["bias_walk_dph"] * rng.normal(0.0, 1.0, turned_deg.shape), axis=1)
+    # against its accelerometer a gyro is turned in campaigns of a plan alone
+    gyro_direction = direction + pair.get("gyro_turn_deg", 0.0)
     gyro = (
-        resolve_along(rate_dph, direction, pair["axis_tilt_deg"]) / s[:, None]
+        resolve_along(rate_dph, gyro_direction, pair["axis_tilt_deg"]) / s[:, None]
         + bias[:, None]
         + walk
     )

@@ -9,8 +9,8 @@ from calibkit.numeric.noise import allan_fit
 from calibkit.numeric.noise.allan import DeviationCurve, Spacing, averaging_factors
 from calibkit.numeric.noise.laws import LAWS
 
-DRAWS = 400
-"""Curves of which a prediction is made."""
+DRAWS, SEED = 400, 1
+"""Curves of which a prediction is made, and of their random numbers."""
 
 
 def predict_terms(
@@ -20,7 +20,6 @@ def predict_terms(
     *,
     spacing: Spacing = "octave",
     points: int = 1,
-    seed: int = 1,
 ) -> Array:
     """Predicted standard uncertainties [5] of the square roots of coefficients [5] of the laws that
     a record without gaps will show.
@@ -38,7 +37,7 @@ def predict_terms(
         *(samples - 2 * factor + 1, (), ones, deviation, deviation, 0.0),
     )
     design, covariance, spread = allan_fit.weigh(curve, true)
-    drawn = np.random.default_rng(seed).multivariate_normal(variance, covariance, DRAWS)
+    drawn = np.random.default_rng(SEED).multivariate_normal(variance, covariance, DRAWS)
     active = np.ones(true.size, dtype=np.bool_)
     found = [allan_fit.non_negative(design, one, spread, active) for one in drawn]
     return np.asarray(np.sqrt(np.mean((np.sqrt(found) - np.sqrt(true)) ** 2, axis=0)))

@@ -1,13 +1,19 @@
-"""What a plan assumes before anything is measured: noise, errors that rows share, range of use."""
+"""What a plan is asked for, and what it assumes before anything is measured: noise, errors that
+rows share, range of use.
+"""
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, TypeAlias
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from calibkit.errors import UsageError
+from calibkit import units as units_of
+from calibkit.errors import RecipeError, UsageError
+from calibkit.frame import values
 from calibkit.recipe.tables import ErrorComponent
 
 if TYPE_CHECKING:
@@ -16,15 +22,85 @@ if TYPE_CHECKING:
     from calibkit.arrays import Array
     from calibkit.coefficients import Record, StageResult
     from calibkit.fit.shared import Shared
-    from calibkit.planning.equipment import Device
-    from calibkit.planning.proposal import Task
+    from calibkit.frame import Log
+    from calibkit.planning.equipment import Device, Equipment
     from calibkit.recipe import Recipe
 
+ADDED = "added_"
+"""Names of logs that are added to a campaign begin with this."""
 EARLIER_DOF = 20.0
 """Degrees of freedom of what an earlier run found."""
+_WISH = re.compile(r"^\s*(?P<name>.+?)\s*<=\s*(?P<value>[-+.\deE]+)\s*(?P<unit>\S+)\s*$")
 
 Units: TypeAlias = "Mapping[tuple[str, str], str]"
 """(group, effect) → unit of its standard deviation in a fit."""
+
+
+@dataclass(frozen=True, slots=True)
+class Wish:
+    """Largest expanded uncertainty of a result over the range of use."""
+
+    name: str
+    value: float
+    unit: str
+
+    @classmethod
+    def parse(cls, text: str, offered: Mapping[str, str]) -> Wish:
+        """Wish of a text "NAME<=VALUE UNIT", in the unit in which the result is offered; UsageError
+        for another text, name or unit.
+        """
+        match = _WISH.match(text)
+        names = ", ".join(f"{name} [{unit}]" for name, unit in offered.items())
+        try:
+            value = float(match["value"]) if match else 0.0
+        except ValueError:
+            value = 0.0
+        if match is None or not 0.0 < value < float("inf"):
+            fault = 'expected "NAME<=VALUE UNIT"'
+        elif match["name"] not in offered:
+            fault = f"no result '{match['name']}'"
+        else:
+            unit = offered[match["name"]]
+            asked = units_of.ALIASES.get(match["unit"], match["unit"])
+            try:
+                factor = 1.0 if asked == unit else units_of.difference_factor(asked, unit)
+                return cls(match["name"], value * factor, unit)
+            except RecipeError:
+                fault = f"'{asked}' is no unit of '{match['name']}'"
+        raise UsageError(f"--want '{text}': {fault}", hint=f"results: {names}") from None
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """What a plan is asked for."""
+
+    equipment: Equipment
+    wishes: tuple[str, ...] = ()
+    within_h: float | None = None
+    range_degc: tuple[float, float] | None = None
+    attitudes: str = ""
+    """Name of a fixture of the equipment; empty for the usual one."""
+    earlier: Mapping[str, Record | StageResult] | None = None
+    """Coefficient files of an earlier run of this type of device."""
+    have: tuple[Log, ...] = ()
+    """Logs of what is measured already."""
+    withheld: bool = False
+    """Whether logs are withheld already."""
+
+    def name_log(self, name: str) -> str:
+        """Name of a log of the plan, which no measured log has."""
+        prefix = ADDED if self.have else ""
+        while any(prefix and Path(log.file).name.startswith(prefix) for log in self.have):
+            prefix += ADDED
+        return prefix + name
+
+
+def measured_range(logs: Iterable[Log]) -> tuple[float, float] | None:
+    """Lowest and highest case temperature [°C] of logs; None where none is logged."""
+    name = "temp_case_degc"
+    logged = [values(log.frame, name) for log in logs if name in log.frame.columns]
+    ends = [(float(np.nanmin(degc)), float(np.nanmax(degc))) for degc in logged if degc.size]
+    return (min(low for low, _ in ends), max(high for _, high in ends)) if ends else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +112,7 @@ class Assumed:
     """Of the mean over `device.noise_s`."""
     range_degc: tuple[float, float]
     components: tuple[ErrorComponent, ...]
-    units: Units
+    """In the units of a fit."""
     notes: tuple[str, ...]
 
     def noise_of(self, length_s: float) -> float:
@@ -45,11 +121,8 @@ class Assumed:
 
     def size(self, group: str, effect: str) -> float:
         """Standard deviation of an error in the unit of a fit; 0 where none is assumed."""
-        return sum(
-            error.value_in(self.units[group, effect])
-            for error in self.components
-            if (error.group, error.effect) == (group, effect)
-        )
+        sizes = {(error.group, error.effect): error.value for error in self.components}
+        return sizes.get((group, effect), 0.0)
 
     def mapped(self, degc: Array) -> Array:
         """Temperatures [n] [°C] mapped from the range of use to [-1, 1]."""
@@ -60,7 +133,7 @@ class Assumed:
         """Shared errors with the sizes that are assumed."""
         stated = {(error.group, error.effect): error for error in self.components}
         return [
-            replace(error, size=known.value_in(error.unit), size_dof=known.dof, optional=False)
+            replace(error, size=known.value, size_dof=known.dof, optional=False)
             if (known := stated.get((error.group, error.effect)))
             else error
             for error in shared
@@ -98,6 +171,7 @@ def assume(
         task.equipment.require_reached(low, high)
         if not task.range_degc:
             notes = (*notes, f"no --range: planned for {low:g} to {high:g} °C")
+    earlier = [one for one in earlier if (one.group, one.effect) in units]
     if task.earlier is not None:
         sizes = [
             f"{error.effect} of the {error.group} {error.value:.2g} {error.unit}"
@@ -106,22 +180,18 @@ def assume(
         sizes += [f"noise {noise:.2g} {device.noise_unit}"] if noise else []
         notes = (f"of that run: {', '.join(sizes) or 'nothing that was seen'}", *notes)
     every = (*device.component, *earlier, *spec.errors.component)
-    stated = {(error.group, error.effect): error for error in every}
-    for group, effect in stated:
-        if (group, effect) not in units:
+    components = {}
+    for error in every:
+        name = error.group, error.effect
+        if name not in units:
             raise UsageError(
-                f"component '{effect}' of group '{group}' is no error of {spec.procedure}",
+                f"component '{error.effect}' of group '{error.group}' is no error of"
+                f" {spec.procedure}",
                 hint=f"there are {', '.join(f'{e} of {g}' for g, e in units)}",
             )
-    return Assumed(device, noise or device.noise, (low, high), tuple(stated.values()), units, notes)
-
-
-def read_sizes(document: Mapping[str, Any], units: Units) -> dict[tuple[str, str], float]:
-    """Standard deviation of each error that a plan may assume, 0 where it assumed none."""
-    sizes = dict.fromkeys(units, 0.0)
-    for stated in map(ErrorComponent.model_validate, document["components"]):
-        sizes[stated.group, stated.effect] = stated.value_in(units[stated.group, stated.effect])
-    return sizes
+        in_unit = {"value": error.value_in(units[name]), "unit": units[name]}
+        components[name] = error.model_copy(update=in_unit)
+    return Assumed(device, noise or device.noise, (low, high), tuple(components.values()), notes)
 
 
 def read_earlier(task: Task, procedure: str, *files: str) -> list[Record | StageResult]:
