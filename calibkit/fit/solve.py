@@ -456,7 +456,7 @@ def _asks_for(wider: Solution, solution: Solution) -> bool:
 
     An error that takes most of the residuals that show the noise leaves little of them by chance:
     of six degrees of freedom three are left, and -2 log L falls by more than `ASKED_FOR` once in
-    60 tries. The limit grows by the ratio of the degrees of freedom, which is 1 for many rows.
+    90 tries. The limit grows by the ratio of the degrees of freedom, which is 1 for many rows.
     """
     fall = solution.deviance - wider.deviance
     return fall * wider.noise_degrees() >= ASKED_FOR * solution.noise_degrees()

@@ -88,7 +88,7 @@ def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, lo
     """Fit the equation to gravity vectors, of dwells that determine its terms (`require_terms`), or
     to the length of gravity.
 
-    Raises FitError for lengths that do not determine them: says why and which dwells to add.
+    Raises FitError for lengths that do not determine them: says why and what to add.
     """
     lengths = spec.reference.kind == "magnitude"
     per_dwell = 1 if lengths else 3
@@ -102,6 +102,7 @@ def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, lo
         start, priors = _start_of_lengths(dwells, terms)
     else:
         start = _start_of_vectors(dwells, terms)
+    values = solve(residual, start, priors=priors, noise=noise, names=terms.names).parameters
     used = np.ones(noise.size, dtype=np.bool_)
     if loss == "robust":
         of_axes = [terms.of_axis(axis) for axis in range(3)]
@@ -110,10 +111,10 @@ def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, lo
         levels = [shared_errors.number_soaks(dwells.temperature, dwells.log)]
         if not lengths:
             levels.append(shared_errors.number_attitudes(dwells.reference))
-        start, used = _find_outliers(residual, start, of_axes, noise, levels)
-    values = solve(
-        residual, start, priors=priors, noise=noise, used=used, names=terms.names
-    ).parameters
+        used = _find_outliers(residual, values, of_axes, noise, levels)
+        values = solve(
+            residual, values, priors=priors, noise=noise, used=used, names=terms.names
+        ).parameters
     # errors of a dwell act on its gravity vector, of which a length is the part along gravity
     directions, gravity = np.broadcast_to(np.eye(3), (len(t), 3, 3)), dwells.reference
     if lengths:
@@ -160,26 +161,26 @@ def _find_outliers(
     of_axes: Sequence[list[int]],
     noise: Array,
     levels: Sequence[Integers],
-) -> tuple[Array, Mask]:
-    """Parameters [p], and which residuals [n · m] are no outliers to begin with: each of the m
-    components is fitted by the parameters of its own axis, as the others hardly move it.
+) -> Mask:
+    """Which residuals [n · m] are no outliers to begin with: each of the m components is fitted by
+    the parameters of its own axis, as the others hardly move it; angles of table and fixture stay
+    where the fit by least squares, `start`, has them.
 
     Where most of a level [n] stand apart, a soak or an attitude has an error of its own.
     """
     left = residual(start).ravel() / noise
     jacobian = derivative(lambda p: residual(p).ravel(), start) / noise[:, None]
-    values, used = start.copy(), np.ones(len(left), dtype=np.bool_)
+    used = np.ones(len(left), dtype=np.bool_)
     for component, places in enumerate(of_axes):
         rows = slice(component, None, len(of_axes))
         fit = robust.linear(jacobian[rows, places], -left[rows])
-        values[places] += fit.coefficients
         good = fit.row_weights > 0.0
         for level in levels:
             count = np.bincount(level)
             share = np.bincount(level, fit.row_weights > 0.0) / count
             good |= ((share < MOST_OF_A_LEVEL) & (count > 1))[level]
         used[rows] = good
-    return values, used
+    return used
 
 
 def residual_of(dwells: DwellSet, terms: Terms, t: Array, *, lengths: bool) -> Residual:

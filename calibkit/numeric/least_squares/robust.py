@@ -2,11 +2,10 @@
 
 Several outliers hide one another from ordinary residuals, and one of high leverage hides itself. So
 the fit starts where the residuals have the smallest robust scale: the S-estimate (Rousseeuw & Yohai
-1984), of which up to half of the rows may be outliers. It ends with Tukey's biweight at that
-scale.
+1984), of which up to half of the rows may be outliers; of few rows it starts from Huber's fit. It
+ends with Tukey's biweight at that scale.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,6 +34,8 @@ SPARE_ROWS = 5
 """Degrees of freedom below which residuals cannot tell an outlier from a good row."""
 ROUNDING = 1e-13
 """Residuals this small, relative to the indications, are rounding: no row is suspect for them."""
+ROWS_A_COEFFICIENT = 5
+"""Rows a coefficient from which on an S-estimate is made: of fewer, some agree by chance."""
 SETS = 200
 """Sets of rows that are tried: of 10 coefficients and 20 % of outliers one set in ten is clean."""
 ENOUGH_ROWS = 400
@@ -43,8 +44,10 @@ FOLLOWED, BEST = 30, 4
 """Sets that are followed by a few steps, and to the end."""
 FIRST_STEPS, MOST_STEPS, SCALE_STEPS = 2, 20, 20
 """Steps towards the agreeing rows before the best are chosen and after it, and of each scale."""
-RIDGE = 1e-12
-"""Weight of where a search stood, relative to the rows: directions that a set leaves open stay."""
+OPEN = 1e-8
+"""Eigenvalue of the normal equations, over the sum of weights, below which a set of rows leaves a
+direction open: columns are of size 1.
+"""
 SEED = 2006
 
 
@@ -60,33 +63,15 @@ class RobustFit:
     """[n], Tukey's weight: near 1 for a row that is kept, 0 for one that is left out."""
 
 
-def linear(
-    design: Array, indication: Array, *, noise: Array | None = None, names: Sequence[str] = ()
-) -> RobustFit:
-    """Fit indication = design · coefficients so that no few rows move it.
+def linear(design: Array, indication: Array) -> RobustFit:
+    """Fit indication [n] = design [n, p] · coefficients, of rows of equal noise, so that no few of
+    them move it: where another fit starts that states uncertainties, of the rows with a weight.
 
-    Parameters
-    ----------
-    design : [n, p], one column per coefficient.
-    indication : [n].
-    noise : [n], proportional to the standard deviation of each row; equal when absent.
-    names : what the error calls the coefficients that the data cannot determine.
-
-    Returns
-    -------
-    RobustFit. Its coefficients are where another fit starts that states uncertainties, of the rows
-    that have a weight.
-
-    Raises
-    ------
-    FitError
-        As `fit.linear`; and for fewer than p + 5 rows, where none can be told to be an outlier.
-
+    Raises FitError as `fit.linear`; and for fewer than p + 5 rows, where none can be told to be an
+    outlier.
     """
     rows, columns = design.shape
-    size = np.ones(rows) if noise is None else noise
-    # refuses what no rows determine
-    least_squares.linear(design, indication, weights=size**-2.0, names=names)
+    least_squares.linear(design, indication)  # refuses what no rows determine
     if rows - columns < SPARE_ROWS:
         raise FitError(
             f"{rows} rows for {columns} coefficients cannot show which row is an outlier",
@@ -95,23 +80,36 @@ def linear(
                 " plain fit"
             ),
         )
-    weighted, target = design / size[:, None], indication / size
-    # sizes of columns of which no row has a say: a norm may be that of one outlier
-    lengths = np.sqrt(np.mean(np.sort(weighted**2, axis=0)[: -(-rows // 2)], axis=0))
-    lengths = np.where(lengths > 0.0, lengths, np.linalg.norm(weighted, axis=0))
-    basis = weighted / lengths
-    floor = ROUNDING * float(np.max(np.abs(target)))
-    solution, scale = _search_s_estimate(basis, target, floor)
+    # sizes of columns in which no single row has a say: the largest may be that of an outlier
+    size, largest = np.quantile(np.abs(design), 0.9, axis=0), np.max(np.abs(design), axis=0)
+    lengths = np.where(size > OPEN * largest, size, largest)
+    basis = design / lengths
+    floor = max(ROUNDING * float(np.max(np.abs(indication))), float(np.finfo(np.float64).tiny))
+    few = rows < ROWS_A_COEFFICIENT * columns
+    solution, scale = (_fit_huber if few else _search_s_estimate)(basis, indication, floor)
     weights = np.ones(rows)
     for _ in range(ITERATIONS):
-        ratio = np.abs(target - basis @ solution) / scale
+        ratio = np.abs(indication - basis @ solution) / scale
         weights[:] = (1.0 - np.minimum(ratio / TUKEY, 1.0) ** 2) ** 2
         before = solution
-        solution = _fit_sets(basis, target, before[None, :], weights[None, :])[0]
+        solution = _fit_sets(basis, indication, before[None, :], weights[None, :])[0]
         if np.max(np.abs(basis @ (solution - before))) <= TOLERANCE * scale:
             break
     coefficients = solution / lengths
     return RobustFit(coefficients, indication - design @ coefficients, weights)
+
+
+def _fit_huber(basis: Array, target: Array, floor: float) -> tuple[Array, float]:
+    """Solution [p] with Huber's weights at the robust scale of its residuals, and that scale."""
+    rows, columns = basis.shape
+    solution = np.asarray(np.linalg.lstsq(basis, target, rcond=None)[0], dtype=np.float64)
+    scale = floor
+    for _ in range(ITERATIONS):
+        away = np.abs(target - basis @ solution)
+        scale = max(MAD_TO_SIGMA * float(np.median(away)) * np.sqrt(rows / (rows - columns)), floor)
+        weights = HUBER / np.maximum(away / scale, HUBER)
+        solution = _fit_sets(basis, target, solution[None, :], weights[None, :])[0]
+    return solution, scale
 
 
 def _search_s_estimate(basis: Array, target: Array, floor: float) -> tuple[Array, float]:
@@ -170,6 +168,9 @@ def _fit_sets(basis: Array, target: Array, near: Array, weights: Array) -> Array
     """
     rows, columns = basis.shape
     products = (basis[:, :, None] * basis[:, None, :]).reshape(rows, -1)
-    gram = (weights @ products).reshape(-1, columns, columns) + RIDGE * np.eye(columns)
+    gram = (weights @ products).reshape(-1, columns, columns)
     pull = (weights * (target - near @ basis.T)) @ basis
-    return np.asarray(near + np.linalg.solve(gram, pull[:, :, None])[:, :, 0], dtype=np.float64)
+    values, vectors = np.linalg.eigh(gram)
+    closed = values > OPEN * np.sum(weights, axis=1)[:, None]
+    step = np.einsum("kpi,kp->ki", vectors, pull) / np.where(closed, values, np.inf)
+    return np.asarray(near + np.einsum("kpi,ki->kp", vectors, step), dtype=np.float64)
