@@ -146,6 +146,11 @@ class Stack:
         )
 
     @property
+    def levels(self) -> Array:
+        """Mean indication [logs] of each log."""
+        return np.array([log.indication.mean() for log in self.logs])
+
+    @property
     def level_columns(self) -> Array:
         """Columns [n, logs], 1 in the rows of each log."""
         number = np.repeat(np.arange(len(self.logs)), [log.time.size for log in self.logs])
@@ -190,14 +195,17 @@ class Rows:
         sound[self.blocks] = True
         return sound
 
-    def _means(self, values: Array) -> Array:
+    def means(self, values: Array) -> Array:
         """Means [m, k] over the groups of values [n, k] of all blocks."""
         sums = np.add.reduceat(values[self.blocks], self.starts, axis=0)
         return sums / np.diff(np.append(self.starts, self.blocks.size))[:, None]
 
-    def at_noise_of(self, columns: Array) -> Self:
-        """The rows at the noise about a fit of columns [n, k] with a free level of each log."""
-        means = self._means(np.column_stack([columns, self.stacked.indication]))
+    def at_noise_of(self, left: Array, columns: Array | None = None) -> Self:
+        """The rows at the noise of what is left [n] beside a free level of each log, and about a
+        fit of columns [n, k] where such are given.
+        """
+        beside = np.zeros((left.size, 0)) if columns is None else columns
+        means = self.means(np.column_stack([beside, left]))
         found = estimate(self.turned, means[:, :-1], means[:, -1])
         least = (LEAST_NOISE * float(np.std(self.stacked.indication))) ** 2 or 1.0
         return replace(self, noise=replace(found, white_variance=max(found.white_variance, least)))
@@ -206,7 +214,7 @@ class Rows:
         """Rows [m, k] of values [n, k] of all blocks."""
         white, flicker = self.noise.white_variance, self.noise.flicker
         u = np.sqrt(white + flicker**2 * self.turned.flicker)
-        return self.turned.rows(self._means(values)) / u[:, None]
+        return self.turned.rows(self.means(values)) / u[:, None]
 
     def solve(self, columns: Array, turn_on_variance: float = np.inf) -> "LeastSquares | None":
         """Fit of columns [n, k] to the indication; None if they are linearly dependent."""

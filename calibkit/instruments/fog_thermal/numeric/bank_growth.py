@@ -7,9 +7,8 @@ import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.instruments.fog_thermal.numeric import bank_fit
-from calibkit.instruments.fog_thermal.numeric.bank_groups import Groups
 from calibkit.numeric.thermal.left_out import FIGURE_BLOCKS, left_out_errors
-from calibkit.numeric.thermal.pooled_fit import Stack
+from calibkit.numeric.thermal.pooled_fit import Rows
 
 FURTHER = {"g": "table over temperature", "h": "hysteresis", "w": "warm-up"}
 """Further terms of a bank, and what they describe."""
@@ -45,15 +44,14 @@ class Grown:
         return "".join(f", {FURTHER[letter]}" for letter in self.letters)
 
 
-def grow(stacked: Stack, robust: Array, *, one_sided: bool) -> Iterator[Grown]:
+def grow(rows: Rows, *, one_sided: bool) -> Iterator[Grown]:
     """Bank of lags, then with one further term after the other, the likeliest first, as long as one
     helps. Ramps of one direction show no hysteresis.
     """
-    groups = Groups.of_stack(stacked, robust)
-    here = Grown("", bank_fit.solve(bank_fit.state_problem(stacked, groups)))
+    here = Grown("", bank_fit.solve(bank_fit.state_problem(rows)))
     left = set(FURTHER) - ({"h"} if one_sided else set())
     while left:
-        tried = {letter: _with_term(here, letter, stacked) for letter in sorted(left)}
+        tried = {letter: _with_term(here, letter) for letter in sorted(left)}
         before = here.solution.posterior.log_integral
         gains = {name: one.posterior.log_integral - before for name, one in tried.items()}
         likeliest = sorted(gains, key=lambda name: -gains[name])
@@ -91,9 +89,10 @@ def _helps(before: bank_fit.Solution, after: bank_fit.Solution, beyond: float) -
     return bool(more.mean() < chance)
 
 
-def _with_term(here: Grown, letter: str, stacked: Stack) -> bank_fit.Solution:
+def _with_term(here: Grown, letter: str) -> bank_fit.Solution:
     """Fit with one more term, at the static lag without it."""
-    problem = bank_fit.state_problem(stacked, here.solution.problem.groups, here.letters + letter)
+    own = here.solution.problem
+    problem = bank_fit.state_problem(own.rows, here.letters + letter, drift=own.drift)
     return bank_fit.solve_at(problem, here.solution.lag, here.solution.posterior.theta)
 
 
@@ -104,5 +103,5 @@ def _left_out_squares(solution: bank_fit.Solution, *, own_start: bool) -> Array:
     predicted, own = solution.leave_out(), solution.problem
     if own_start:
         predicted = solution.with_own_start(predicted)
-    errors = left_out_errors(predicted, own.stacked, own.groups.weights, FIGURE_BLOCKS)
+    errors = left_out_errors(predicted, own.stacked, own.rows.sound, FIGURE_BLOCKS)
     return np.array([np.var(error) for error in errors])

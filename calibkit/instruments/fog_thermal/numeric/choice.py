@@ -252,10 +252,9 @@ def _solutions_of(
     solved, refused = solve(candidates, basis)
     without = leave_out(stacked, basis.rows)
     fitted = [_Fitted(*pair, len(stacked.logs), without) for pair in solved]
-    sound = basis.rows.sound.astype(np.float64)
     for bank in candidates:
         if bank.form == "bank":
-            grown = bank_growth.grow(stacked, sound, one_sided=_one_sided(stacked))
+            grown = bank_growth.grow(basis.rows, one_sided=_one_sided(stacked))
             fitted += [
                 _Fitted(
                     replace(bank, name=bank.name + one.name),
@@ -278,16 +277,12 @@ def _left_out(
     ramps. `starts` is the bank that knows how unsettled logs start.
     """
     solution = fitted.solution
-    robust = (
-        solution.problem.groups.weights
-        if isinstance(solution, bank_fit.Solution)
-        else solution.rows.sound.astype(np.float64)
-    )
-    raw = left_out_errors((np.zeros(1) for _ in stacked.ramps), stacked, robust, figure_blocks)
+    sound = solution.rows.sound
+    raw = left_out_errors((np.zeros(1) for _ in stacked.ramps), stacked, sound, figure_blocks)
     predicted = _predicted(fitted, stacked)
     if isinstance(starts, bank_fit.Solution):
         predicted = starts.with_own_start(predicted)
-    errors = left_out_errors(predicted, stacked, robust, figure_blocks)
+    errors = left_out_errors(predicted, stacked, sound, figure_blocks)
     return _LeftOut(
         candidate=fitted.candidate,
         ramps=stacked.ramp_names,

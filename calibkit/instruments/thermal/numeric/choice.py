@@ -121,7 +121,7 @@ def _test(
     figure_blocks: int,
 ) -> Tested:
     """Errors of a candidate on each stretch and each pair of them, fitted to all others."""
-    sound = solution.rows.sound.astype(np.float64)
+    sound = solution.rows.sound
     errors, of_pairs = (
         tuple(
             _errors(number, stacked.indication - drift, stacked, sound, figure_blocks)
@@ -133,15 +133,15 @@ def _test(
     return Tested(candidate, errors, of_pairs, parameters, lagged.is_endless(solution))
 
 
-def _errors(number: int, left: Array, stacked: Stack, weights: Array, figure_blocks: int) -> Array:
+def _errors(number: int, left: Array, stacked: Stack, sound: Mask, figure_blocks: int) -> Array:
     """Figure means of indication less prediction [n] over one stretch, less the level of the other
     stretches of its power-on.
     """
     own = stacked.ramps[number]
     log = stacked.log_rows[stacked.ramp_log[number]]
-    others = weights[log].copy()
-    others[own.start - log.start : own.stop - log.start] = 0.0
-    means = figure_means(left[own], weights[own], figure_blocks)
+    others = sound[log].copy()
+    others[own.start - log.start : own.stop - log.start] = False
+    means = figure_means(left[own], sound[own], figure_blocks)
     level = np.average(left[log], weights=others) if others.any() else means.mean()
     return np.asarray(means - level, dtype=np.float64)
 
