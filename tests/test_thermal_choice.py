@@ -476,6 +476,19 @@ def test_a_log_of_weeks_has_its_flicker_noise_in_memory_that_grows_with_its_leng
     assert variances.min() > 0.0
 
 
+def test_turned_blocks_have_independent_noise():
+    """Blocks of two logs, some missing, of unequal numbers of rows: the covariance of the turned
+    rows at white noise of 2 and flicker of 0.3 is diagonal, with 4 + 0.09 λ.
+    """
+    log, place = np.repeat([0, 1], [5, 4]), np.array([0, 1, 2, 3, 4, 0, 2, 3, 6])
+    count = np.array([3.0, 3.0, 3.0, 3.0, 1.0, 2.0, 2.0, 1.0, 2.0])
+    turned = flicker.Turned.of_logs(log, place, count)
+    same = log[:, None] == log
+    covariance = np.diag(4.0 / count) + 0.09 * flicker.kernel(7)[np.ix_(place, place)] * same
+    found = turned.rows(turned.rows(covariance).T)
+    assert found == pytest.approx(np.diag(4.0 + 0.09 * turned.flicker), abs=1e-12)
+
+
 def test_noise_is_told_into_white_and_flicker():
     """From residuals of eight logs white variance and flicker level come back within 30 %; no
     flicker is little.
