@@ -13,6 +13,7 @@ Blocks that stand out of their neighbours, and of what all terms explain, are le
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import Literal, Self
 
@@ -157,7 +158,7 @@ class Stack:
         return np.asarray(number[:, None] == np.arange(len(self.logs)), dtype=np.float64)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Rows:
     """Means of groups of the blocks of logs, turned to where their noise is independent, and
     divided by it.
@@ -216,6 +217,14 @@ class Rows:
         u = np.sqrt(white + flicker**2 * self.turned.flicker)
         return self.turned.rows(self.means(values)) / u[:, None]
 
+    @cached_property
+    def _levels_and_indication(self) -> tuple[Array, Array]:
+        """Rows [m, logs] of the level of each log that is there, and [m] of the indication."""
+        own = self.stacked.level_columns
+        seen = np.any(own[self.blocks] > 0.0, axis=0)
+        both = self.of(np.column_stack([own[:, seen], self.stacked.indication]))
+        return both[:, :-1], both[:, -1]
+
     def solve(self, columns: Array, turn_on_variance: float = np.inf) -> "LeastSquares | None":
         """Fit of columns [n, k] to the indication; None if they are linearly dependent."""
         return self.solve_rows(self.of(columns), turn_on_variance)
@@ -225,11 +234,9 @@ class Rows:
 
         Turn-on biases of finite variance τ² add the rows 0 = (l_j − mean l)/τ.
         """
-        own = self.stacked.level_columns
-        seen = np.any(own[self.blocks] > 0.0, axis=0)
-        both = self.of(np.column_stack([own[:, seen], self.stacked.indication]))
-        logs, k = int(seen.sum()), X.shape[1]
-        X, y = np.hstack([both[:, :-1], X]), both[:, -1]
+        levels, y = self._levels_and_indication
+        logs, k = levels.shape[1], X.shape[1]
+        X = np.hstack([levels, X])
         if np.isfinite(turn_on_variance):
             apart = (np.eye(logs) - 1.0 / logs) / np.sqrt(turn_on_variance)
             X = np.vstack([X, np.pad(apart, ((0, 0), (0, k)))])
