@@ -287,7 +287,7 @@ def test_leaving_out_a_ramp_is_fitting_the_others():
     surveyed, solution = solve_lagged(stacked)
     fitted = surveyed.rows.solve(solution.columns, solution.turn_on_variance)
     without = left_out.leave_out(stacked, surveyed.rows)
-    predicted = left_out.predict_left_out(solution, without)
+    predicted = solution.leave_out(without)
     for ramp, (rows, drift) in enumerate(zip(stacked.ramps, predicted, strict=True)):
         held = replace(surveyed, rows=without[ramp])
         others = lagged.Search(held, np.arange(1, 8), solution.turn_on_variance)

@@ -212,9 +212,9 @@ def test_left_out_errors_of_a_level_model_are_those_of_a_plain_fit_to_the_other_
     """
     candidate = Candidate("cubic", "level", ("b0", "b1", "b2", "b3"))
     stacked = pooled_fit.Stack.of_logs(fitted(logs))
-    solved, _ = thermal_choice._solutions_of(stacked, (candidate,))
+    solved, without, _ = thermal_choice._solutions_of(stacked, (candidate,))
     solution = solved[0].solution
-    found = thermal_choice._left_out(solved[0], stacked, 10)
+    found = thermal_choice._left_out(solved[0], stacked, without, 10)
     sound = solution.rows.sound
     noise, tau = solution.rows.noise, np.sqrt(solution.turn_on_variance)
     for ramp, rows in enumerate(stacked.ramps):

@@ -104,7 +104,7 @@ def fit(
 
     Flicker noise is as large as is most likely, and held so. Left to be estimated, its few slow
     waves would make the degrees of freedom of a level those of one value; held, 95 % intervals of
-    level and slope of one log cover 91 to 100 % at white, autoregressive and flicker noise.
+    level and slope of one log cover 90 to 100 % at white, autoregressive and flicker noise.
     """
     J, y = turned.rows(blocks.design), turned.rows(blocks.indication)
     flicker = Shared(

@@ -240,6 +240,7 @@ class Search:
             rows=self.survey.rows,
             window_s=0.0,
             turn_on_variance=self.turn_on_variance,
+            endless=bool(np.any(here.log_lags > high - STEP)),
         )
 
 
@@ -248,11 +249,6 @@ def _undetermined() -> FitError:
     return FitError(
         "the logs cannot determine the terms of the lagged model", hint="vary temperature and rate"
     )
-
-
-def is_endless(solution: Solution) -> bool:
-    """Whether a fitted lag lies at its upper bound, so that it does not describe a real lag."""
-    return bool(np.any(solution.log_lags > np.log(BOUNDS_S[1]) - STEP))
 
 
 def finish(solution: Solution) -> ThermalModel:

@@ -1,12 +1,12 @@
 """Predictions of ramps that were left out of a fit, and errors as means of the drift figure."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
 
 from calibkit.arrays import Array, Mask
-from calibkit.numeric.thermal.pooled_fit import Rows, Solution, Stack
+from calibkit.numeric.thermal.pooled_fit import Rows, Stack
 
 FIGURE_S = 100.0
 """Averaging time of the drift figure [s]: the longer of the two that GJB 2426A names."""
@@ -49,19 +49,3 @@ def leave_out(stacked: Stack, rows: Rows) -> tuple[Rows, ...]:
     """Rows of the logs, cut into ramps as stacked, without each ramp in turn."""
     without = (Rows.of_stack(stacked, rows.sound, ramp) for ramp in stacked.ramps)
     return tuple(replace(one, noise=rows.noise) for one in without)
-
-
-def predict_left_out(solution: Solution, without: Iterable[Rows]) -> Iterator[Array]:
-    """Drift [n, up to a constant] of all rows by the fit without each ramp in turn.
-
-    ω = X c + S δ with the columns X and the derivatives S by the logarithms of the lags: linearised
-    about the fit to all ramps. Where the other ramps determine no lag, the lags stay.
-    """
-    for rows in without:
-        predicted = np.zeros(len(solution.columns))
-        for columns in (solution.tangent, solution.columns):
-            solved = rows.solve(columns, solution.turn_on_variance)
-            if solved is not None:
-                predicted = columns @ solved.coefficients
-                break
-        yield predicted

@@ -11,7 +11,7 @@ keeps soaks from outvoting ramps.
 Blocks that stand out of their neighbours, and of what all terms explain, are left out.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -367,10 +367,34 @@ class Solution:
     turn_on_variance: float
     """Of the turn-on biases; infinite where they are free."""
 
+    endless: bool = False
+    """Whether a lag lies at its upper bound, so that it does not describe a real lag."""
+
+    @property
+    def parameters(self) -> int:
+        """Number of terms, lags and turn-on biases."""
+        return len(self.terms) + self.log_lags.size + len(self.rows.stacked.logs) - 1
+
     @property
     def tangent(self) -> Array:
         """Columns [n, k + m] of the model about its lags."""
         return np.column_stack([self.columns, self.sensitivities])
+
+    def leave_out(self, without: Iterable[Rows]) -> Iterator[Array]:
+        """Drift [n, up to a constant] of all blocks by the fit without each ramp in turn.
+
+        ω = X c + S δ with the columns X and the derivatives S by the logarithms of the lags:
+        linearised about the fit to all ramps. Where the other ramps determine no lag, the lags
+        stay.
+        """
+        for rows in without:
+            predicted = np.zeros(len(self.columns))
+            for columns in (self.tangent, self.columns):
+                solved = rows.solve(columns, self.turn_on_variance)
+                if solved is not None:
+                    predicted = columns @ solved.coefficients
+                    break
+            yield predicted
 
     def finish(self) -> ThermalModel:
         """Drift model in raw units, with its covariance by the noise of the rows.

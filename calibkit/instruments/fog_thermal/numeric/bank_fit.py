@@ -17,7 +17,6 @@ from calibkit.instruments.fog_thermal.numeric.bank import Bank, BankModel
 from calibkit.instruments.fog_thermal.numeric.evidence import FLAT, Gram, Posterior, Prior
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.thermal import coil
-from calibkit.numeric.thermal.left_out import leave_out
 from calibkit.numeric.thermal.noise import Noise
 from calibkit.numeric.thermal.pooled_fit import Rows, Stack
 from calibkit.numeric.thermal.terms import Span, Valid
@@ -222,6 +221,11 @@ class Solution:
     columns: Array
 
     @property
+    def endless(self) -> bool:
+        """Whether a lag does not describe a real lag: those of a bank are given."""
+        return False
+
+    @property
     def rows(self) -> Rows:
         """Rows of the fit."""
         return self.problem.rows
@@ -297,15 +301,15 @@ class Solution:
             found = np.linalg.solve(weighted.T @ columns + precision, weighted.T @ left)
             yield drift + columns @ found
 
-    def leave_out(self) -> Iterator[Array]:
-        """Drift [rows, °/h, up to a constant] of each ramp by the fit to all others, at the same
-        variances and noise.
+    def leave_out(self, without: Iterable[Rows]) -> Iterator[Array]:
+        """Drift [n, °/h, up to a constant] of all blocks by the fit without each ramp in turn, at
+        the same variances and noise.
         """
         own = self.problem
-        for rows, ramp in zip(leave_out(own.stacked, own.rows), own.stacked.ramps, strict=True):
-            gram = own.gram(rows, self.lag, self.columns)
+        for rows in without:
+            gram = own.gram(replace(rows, noise=own.rows.noise), self.lag, self.columns)
             found = evidence.condition(gram, own.prior, self.posterior.theta)[0]
-            yield self._drift_of(found)[ramp]
+            yield self._drift_of(found)
 
     def finish(self) -> BankModel:
         """Model in raw units, averaged over the variances of the priors."""

@@ -15,7 +15,7 @@ from calibkit.numeric import chunks
 from calibkit.numeric.thermal import lagged, level, uncertainty
 from calibkit.numeric.thermal.candidates import CLEARLY, STATIC, Candidate, solve
 from calibkit.numeric.thermal.evaluate import evaluate_terms
-from calibkit.numeric.thermal.left_out import figure_means, leave_out, predict_left_out
+from calibkit.numeric.thermal.left_out import figure_means, leave_out
 from calibkit.numeric.thermal.pooled_fit import Rows, Solution, Stack
 from calibkit.numeric.thermal.terms import ThermalModel
 
@@ -125,12 +125,11 @@ def _test(
     errors, of_pairs = (
         tuple(
             _errors(number, stacked.indication - drift, stacked, sound, figure_blocks)
-            for number, drift in enumerate(predict_left_out(solution, without))
+            for number, drift in enumerate(solution.leave_out(without))
         )
         for stacked, without in cuts
     )
-    parameters = len(candidate.terms) + solution.log_lags.size
-    return Tested(candidate, errors, of_pairs, parameters, lagged.is_endless(solution))
+    return Tested(candidate, errors, of_pairs, solution.parameters, solution.endless)
 
 
 def _errors(number: int, left: Array, stacked: Stack, sound: Mask, figure_blocks: int) -> Array:
