@@ -105,10 +105,10 @@ def of_the_family(seed: int, form: str) -> np.ndarray:
     stacked = pooled_fit.Stack.of_logs(logs)
     basis = level.basis(stacked)
     if form == "lagged":
-        surveyed = lagged.Survey.of_logs(stacked, basis.robust)
-        model = lagged.finish(surveyed.solve(lagged.LAGGED_TERMS), stacked)
+        surveyed = lagged.Survey.of_rows(basis.rows)
+        model = lagged.finish(surveyed.solve(lagged.LAGGED_TERMS, surveyed.on_grid()))
     else:
-        model = basis.solve(TERMS).finish(stacked)
+        model = lagged.finish(basis.solve(TERMS))
     expected = true.coefficients + np.concatenate([[bias], np.zeros(8)])
     errors = np.concatenate([model.coefficients - expected, np.subtract(model.lags, true.lags)])
     stated = model.standard_uncertainty

@@ -30,12 +30,11 @@ from calibkit.instruments.accelerometer.equation import Terms
 from calibkit.instruments.accelerometer.fit import fit_triad
 from calibkit.instruments.fog_thermal import plan as fog_plan
 from calibkit.instruments.fog_thermal.numeric import bank as forward, bank_fit
-from calibkit.instruments.fog_thermal.numeric.bank_groups import Groups
 from calibkit.instruments.gyro_scale import equation, plan as gyro_plan
 from calibkit.instruments.gyro_scale.numeric import line_terms
 from calibkit.numeric import flicker, gum
 from calibkit.numeric.least_squares import polynomial
-from calibkit.numeric.thermal import coil
+from calibkit.numeric.thermal import coil, level
 from calibkit.numeric.thermal.pooled_fit import Stack
 from calibkit.planning import document, equipment
 from calibkit.planning.search import NOTHING, total_variance
@@ -185,8 +184,7 @@ def run_gyro(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  #
         value += own @ rng.normal(size=own.shape[1])
         logs.append(replace(log, name=f"{number}", indication=value))
     stacked = Stack.of_logs(logs)
-    groups = Groups.of_stack(stacked, np.ones(stacked.indication.size))
-    found = bank_fit.solve(bank_fit.state_problem(stacked, groups)).finish()
+    found = bank_fit.solve(bank_fit.state_problem(level.basis(stacked).rows)).finish()
     fitted_lag = np.array([*np.log(found.static_lag[:2]), found.static_lag[2]])
     back = np.diag([*np.ones(p), *(1.0 / np.array(found.static_lag[:2])), 1.0])
     covariance = back @ found.covariance @ back.T

@@ -16,7 +16,7 @@ from calibkit.instruments.fog_thermal.numeric import (
     evaluate,
     evidence,
 )
-from calibkit.instruments.fog_thermal.numeric.bank_groups import Groups
+from calibkit.numeric.thermal import level
 from calibkit.numeric.thermal.noise import Noise
 from calibkit.numeric.thermal.terms import TERMS, ThermalModel, Valid
 from conftest import ROOT
@@ -237,8 +237,7 @@ def test_the_static_lag_is_found_beside_a_hysteresis(seed):
     """The lag of the best evidence is the one that its own linear equations imply, within 5 %."""
     coil = plant().draw(seed, "strong hysteresis")
     stacked = choice.Stack.of_logs([one.log for one in plant().campaign(coil, seed)])
-    groups = Groups.of_stack(stacked, np.ones(stacked.indication.size))
-    found = bank_fit.solve(bank_fit.state_problem(stacked, groups, "h"))
+    found = bank_fit.solve(bank_fit.state_problem(level.basis(stacked).rows, "h"))
     p = found.problem.root.shape[0]
     implied = bank_fit.STATIC_MEAN + found.posterior.coefficients[p : p + 3]
     assert implied == pytest.approx(found.lag, abs=0.05)
@@ -311,7 +310,7 @@ def test_a_posterior_is_that_of_dense_normal_equations():
     """
     rng = np.random.default_rng(5)
     columns, values = rng.normal(size=(30, 4)), rng.normal(size=30)
-    gram = evidence.Gram(columns.T @ columns, columns.T @ values, float(values @ values), 0.0, 30)
+    gram = evidence.Gram.of(columns, values)
     prior = evidence.Prior(
         np.array([evidence.FLAT, 0, 0, 1]),
         np.array([1.0, 1.0, 0.5, 1.0]),
@@ -348,35 +347,13 @@ def test_white_noise_is_what_the_fit_leaves(seed):
     assert found.model.noise.flicker < 0.01
 
 
-def test_the_variance_of_noise_is_found_in_what_was_taken_for_it():
-    """Noise of twice the assumed deviation on 400 rows with four determined coefficients, and the
-    evidence of scaled moments is that of scaled rows.
-    """
-    rng = np.random.default_rng(9)
-    columns = rng.normal(size=(400, 4))
-    values = columns @ np.ones(4) + 2.0 * rng.normal(size=400)
-
-    def moments(c, v, log_noise):
-        return evidence.Gram(c.T @ c, c.T @ v, float(v @ v), log_noise, 400)
-
-    gram = moments(columns, values, 0.0)
-    prior = evidence.Prior(np.zeros(4, dtype=int), np.ones(4), np.eye(1), np.zeros(1), np.ones(1))
-    found = evidence.noise_variance(gram, evidence.maximise(gram, prior))
-    assert found == pytest.approx(4.0, rel=0.1)
-    rows = moments(columns / 2.0, values / 2.0, 400 * np.log(4.0))
-    assert [evidence.condition(one, prior, np.zeros(1))[2] for one in (gram.scaled(4.0), rows)] == (
-        pytest.approx([evidence.condition(rows, prior, np.zeros(1))[2]] * 2)
-    )
-
-
 def test_the_search_for_variances_ends_at_the_largest_evidence():
     """No variance of a fitted bank can be changed by a tenth to a larger evidence."""
     coil = plant().draw(204)
     logs = [one.log for one in plant().campaign(coil, 204)]
     stacked = choice.Stack.of_logs(logs)
-    groups = Groups.of_stack(stacked, np.ones(stacked.indication.size))
-    found = bank_fit.solve(bank_fit.state_problem(stacked, groups))
-    gram = bank_fit._total(found.grams)
+    found = bank_fit.solve(bank_fit.state_problem(level.basis(stacked).rows))
+    gram = found.problem.gram(found.rows, found.lag, found.columns)
     best = found.posterior
     for step in 0.1 * np.concatenate([np.eye(best.theta.size), -np.eye(best.theta.size)]):
         there = evidence.condition(gram, found.problem.prior, best.theta + step)[2]

@@ -11,6 +11,7 @@ from calibkit.frame import Log
 from calibkit.instruments.bias_temperature import polynomials
 from calibkit.instruments.bias_temperature.recipe import BiasTemperatureRecipe
 from calibkit.numeric import gum
+from calibkit.simulate import noise
 
 LEAST = 0.88
 """Share of campaigns that the stated interval must cover."""
@@ -160,3 +161,20 @@ def test_a_bias_that_wanders_in_every_log_is_no_drift(settled):
     value, half = np.array(found).T
     assert np.mean(np.abs(value) <= half) >= LEAST
     assert np.median(half) < 8.0
+
+
+def test_flicker_noise_of_one_log_is_in_the_uncertainty_of_level_and_drift():
+    """One warm-up with white noise of 1 °/h and flicker noise of 1 °/h: level and drift are covered
+    in 88 % of 80 campaigns or more; by the correlation of neighbours alone it would be 80 %.
+    """
+    inside = []
+    at = np.vander([30.0], 4, increasing=True)[0]
+    for seed in range(80):
+        (log,) = warm_ups(seed, [(15.0, 50.0)], turn_on=0.0)
+        log.frame["gyro_dph"] += noise.flicker(1.0, 1000, np.random.default_rng([seed, 31]))
+        found = fit([log])
+        value, half = drift(found, 15.0, 50.0)
+        u = np.sqrt(at @ found.covariance @ at)
+        level = abs(at @ found.coefficients) <= t.ppf(0.975, found.effective_dof[0]) * u
+        inside.append((abs(value) <= half, level))
+    assert np.mean(inside, axis=0).min() >= LEAST

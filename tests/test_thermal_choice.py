@@ -212,9 +212,9 @@ def test_left_out_errors_of_a_level_model_are_those_of_a_plain_fit_to_the_other_
     """
     candidate = Candidate("cubic", "level", ("b0", "b1", "b2", "b3"))
     stacked = pooled_fit.Stack.of_logs(fitted(logs))
-    solved, _ = thermal_choice._solutions_of(stacked, (candidate,))
+    solved, without, _ = thermal_choice._solutions_of(stacked, (candidate,))
     solution = solved[0].solution
-    found = thermal_choice._left_out(solved[0], stacked, 10)
+    found = thermal_choice._left_out(solved[0], stacked, without, 10)
     sound = solution.rows.sound
     noise, tau = solution.rows.noise, np.sqrt(solution.turn_on_variance)
     for ramp, rows in enumerate(stacked.ramps):
@@ -222,10 +222,11 @@ def test_left_out_errors_of_a_level_model_are_those_of_a_plain_fit_to_the_other_
         for number, log in enumerate(np.flatnonzero(np.arange(8) != ramp)):
             mine = np.arange(stacked.indication.size)[stacked.log_rows[log]]
             whole = np.array_split(mine, np.arange(0, mine.size, -(-mine.size // 250))[1:])
-            groups = [group[sound[group]] for group in whole]
+            place = np.array([k for k, group in enumerate(whole) if sound[group].any()])
+            groups = [whole[k][sound[whole[k]]] for k in place]
             count = np.array([group.size for group in groups])
-            V = np.diag(noise.white_variance / count)
-            V += noise.flicker**2 * flicker.kernel(count.size)
+            kernel = flicker.kernel(len(whole))[np.ix_(place, place)]
+            V = np.diag(noise.white_variance / count) + noise.flicker**2 * kernel
             root = np.linalg.inv(np.linalg.cholesky(V))
             columns = np.array([solution.columns[group].mean(axis=0) for group in groups])
             level = np.tile(np.eye(7)[number], (count.size, 1))
@@ -235,7 +236,7 @@ def test_left_out_errors_of_a_level_model_are_those_of_a_plain_fit_to_the_other_
         design, target = np.vstack([*parts, held]), np.concatenate([*seen, np.zeros(7)])
         fit = np.linalg.lstsq(design, target)[0][7:]
         left = stacked.indication[rows] - solution.columns[rows] @ fit
-        expected = np.std(left_out.figure_means(left, sound[rows].astype(float), 10))
+        expected = np.std(left_out.figure_means(left, sound[rows], 10))
         assert found.compensated[ramp] == pytest.approx(expected, rel=1e-6)
 
 
@@ -244,9 +245,9 @@ def test_figure_means_leave_out_spikes_and_the_rest():
     count, nor does a rest.
     """
     values = np.arange(34.0)
-    trust = np.ones(34)
-    values[5], trust[5] = 1000.0, 0.0
-    trust[10:17] = 0.0
+    trust = np.ones(34, dtype=bool)
+    values[5], trust[5] = 1000.0, False
+    trust[10:17] = False
     assert left_out.figure_means(values, trust, 10) == pytest.approx([40.0 / 9.0, 24.5])
 
 
@@ -473,6 +474,19 @@ def test_a_log_of_weeks_has_its_flicker_noise_in_memory_that_grows_with_its_leng
         tracemalloc.stop()
     assert peak < 60e6
     assert variances.min() > 0.0
+
+
+def test_turned_blocks_have_independent_noise():
+    """Blocks of two logs, some missing, of unequal numbers of rows: the covariance of the turned
+    rows at white noise of 2 and flicker of 0.3 is diagonal, with 4 + 0.09 λ.
+    """
+    log, place = np.repeat([0, 1], [5, 4]), np.array([0, 1, 2, 3, 4, 0, 2, 3, 6])
+    count = np.array([3.0, 3.0, 3.0, 3.0, 1.0, 2.0, 2.0, 1.0, 2.0])
+    turned = flicker.Turned.of_logs(log, place, count)
+    same = log[:, None] == log
+    covariance = np.diag(4.0 / count) + 0.09 * flicker.kernel(7)[np.ix_(place, place)] * same
+    found = turned.rows(turned.rows(covariance).T)
+    assert found == pytest.approx(np.diag(4.0 + 0.09 * turned.flicker), abs=1e-12)
 
 
 def test_noise_is_told_into_white_and_flicker():

@@ -17,12 +17,12 @@ from calibkit.fit.solve import Fit, solve
 from calibkit.numeric import chunks
 from calibkit.numeric.flicker import Turned
 
-GROUP, TURN_ON, WANDER = "log", "turn-on bias", "wander in time"
-"""Errors that all rows of a log share."""
+GROUP, TURN_ON = "log", "turn-on bias"
+"""Error that all rows of a log share."""
+COURSES = ("drift in time", "bend in time", "wave in time")
+"""Polynomials of time, from the first power on, by which a bias is tried to wander in a log."""
 BLOCKS = 32
 """Blocks of a log: enough to tell white from flicker noise, with few rows at any length of log."""
-COURSES = 3
-"""Highest power of time by which a bias is tried to wander in a log."""
 STILL = 0.05
 """Range of an abscissa in a log, relative to that of all logs, below which it is the noise of a
 thermometer more than a change: such a log has a level alone.
@@ -75,13 +75,21 @@ class Blocks:
         """[m], number of each block in its log."""
         return np.concatenate([np.arange(n) for n in np.bincount(self.log)])
 
-    def wander(self, turned: Turned, unit: str) -> Shared:
-        """Wander of the bias in each log, where the likelihood asks for one."""
+    def wander(self, turned: Turned, unit: str) -> list[Shared]:
+        """Courses of the bias in time of each log, where the likelihood asks for them."""
         time = np.concatenate([np.linspace(-1.0, 1.0, n) for n in np.bincount(self.log)])
-        courses = turned.rows(np.polynomial.legendre.legvander(time, COURSES)[:, 1:])
-        return Shared(
-            group=GROUP, effect=WANDER, level=self.log, loading=courses, unit=unit, optional=True
-        )
+        courses = turned.rows(np.polynomial.legendre.legvander(time, len(COURSES)))
+        return [
+            Shared(
+                group=GROUP,
+                effect=effect,
+                level=self.log,
+                loading=courses[:, k : k + 1],
+                unit=unit,
+                optional=True,
+            )
+            for k, effect in enumerate(COURSES, start=1)
+        ]
 
 
 def turn_on_bias(unit: str, log: Integers, loading: Array) -> Shared:
@@ -96,7 +104,7 @@ def fit(
 
     Flicker noise is as large as is most likely, and held so. Left to be estimated, its few slow
     waves would make the degrees of freedom of a level those of one value; held, 95 % intervals of
-    level and slope of one log cover 91 to 100 % at white, autoregressive and flicker noise.
+    level and slope of one log cover 90 to 100 % at white, autoregressive and flicker noise.
     """
     J, y = turned.rows(blocks.design), turned.rows(blocks.indication)
     flicker = Shared(

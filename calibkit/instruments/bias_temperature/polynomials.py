@@ -26,8 +26,8 @@ from calibkit.forms import POLYNOMIAL, components_of, power_unit
 from calibkit.frame import Log, values
 from calibkit.instruments.bias_temperature import blocks as bias_blocks
 from calibkit.instruments.bias_temperature.blocks import (
+    COURSES,
     LEAST_LOGS,
-    WANDER,
     Blocks,
     between_logs,
     turn_on_bias,
@@ -143,7 +143,7 @@ def _fit_channel(entry: Bias, name: str, rows: _Rows, errors: Errors) -> _BiasFi
     offered = [turn_on_bias(unit, blocks.log, turned.rows(np.ones(blocks.count.size)))]
     several = len(rows.bounds) > 1
     if several:
-        offered.append(blocks.wander(turned, unit))
+        offered += blocks.wander(turned, unit)
     stated = state_sizes(errors, offered)
     shared = stated if several else []
     if shared and shared[0].size is None:
@@ -161,7 +161,7 @@ def _fit_channel(entry: Bias, name: str, rows: _Rows, errors: Errors) -> _BiasFi
     held = np.vander(np.linspace(*chunks.extremes(rows.abscissa), POINTS), count, increasing=True)
     along = np.vstack([np.eye(count), held]) @ np.asarray(to_raw, dtype=np.float64)
     covariance, dof = fitted.covariance, fitted.dof_along(along)
-    wanders = any(size.error.effect == WANDER for size in fitted.mixed)
+    wanders = any(size.error.effect in COURSES for size in fitted.mixed)
     if wanders and len(rows.bounds) >= LEAST_LOGS:
         covariance, dof = between_logs(fitted, turned.rows(blocks.design), blocks.log, along)
     raw, covariance = polynomial.in_raw_powers(coefficients, covariance, to_raw)

@@ -14,12 +14,12 @@ from calibkit.errors import UsageError
 from calibkit.frame import refuse
 from calibkit.instruments.fog_thermal import forms, ramps, simulate as simulated
 from calibkit.instruments.fog_thermal.numeric import bank as forward, bank_fit, evidence
-from calibkit.instruments.fog_thermal.numeric.bank_groups import GROUP_S, Groups
 from calibkit.instruments.fog_thermal.simulate_gyro import FogGyro
 from calibkit.instruments.fog_thermal.uncertainty import TURN_ON
 from calibkit.numeric.exchange import invert
 from calibkit.numeric.thermal import coil
-from calibkit.numeric.thermal.pooled_fit import Stack, ThermalLog
+from calibkit.numeric.thermal.noise import Noise
+from calibkit.numeric.thermal.pooled_fit import Rows, Stack, ThermalLog
 from calibkit.planning.levels import cover_range
 from calibkit.planning.schedule import Clock
 from calibkit.planning.search import WITHHELD, Bench, Coefficient, Design
@@ -52,6 +52,8 @@ BEFORE_S = 600.0
 EVERY = 5
 """Rows between two at which an uncertainty is predicted."""
 LEVELS = 9
+BLOCK_S = 60.0
+"""Interval of the means of a planned log: shorter than the lags that matter."""
 LEAST_DPH = 1e-9
 """Size of an error where none is assumed."""
 BANK = forward.Bank(bank_fit.LAGS_S)
@@ -105,7 +107,7 @@ class RampBench(Bench):
         start, end = (low, high) if ramp.rate > 0.0 else (high, low)
         length = abs(end - start) / abs(ramp.rate) * SECONDS_PER_MINUTE
         corners = np.cumsum([0.0, BEFORE_S, length, ramp.after_s])
-        time = np.arange(0.0, corners[-1], GROUP_S)
+        time = np.arange(0.0, corners[-1], BLOCK_S)
         chamber = np.interp(time, corners, [start, start, end, end])
         along = coil.path([(time, np.asarray(chamber, dtype=np.float64))])
         case = along.drivers(min(self.assumed.device.lags_s), None).temperature
@@ -113,11 +115,12 @@ class RampBench(Bench):
 
     def problem(self, logs: Sequence[ThermalLog]) -> bank_fit.Problem:
         """Problem of the fit to logs."""
-        stacked, time = Stack.of_logs(logs), logs[0].time
-        groups = Groups.of_stack(stacked, np.ones(stacked.indication.size))
-        group_s = (time[-1] - time[0] + time[1] - time[0]) / groups.ramps[0].starts.size
-        drift, white = self.assumed.size(*DRIFT), self.assumed.noise_of(group_s)
-        return bank_fit.state_problem(stacked, replace(groups, drift=drift, white=white))
+        stacked = Stack.of_logs(logs)
+        rows = Rows.of_stack(stacked, stacked.fitted)
+        block_s = float(logs[0].time[1] - logs[0].time[0])
+        noise = Noise(self.assumed.noise_of(block_s) ** 2, self.assumed.size(*FLICKER))
+        drift = self.assumed.size(*DRIFT)
+        return bank_fit.state_problem(replace(rows, noise=noise), drift=drift)
 
     @property
     def point(self) -> tuple[Array, Array]:
@@ -135,11 +138,9 @@ class RampBench(Bench):
             [[A, B], [Bᵀ, C]] of the rows, C of the errors of the log with precision D
             S = A - B (C + D)⁻¹ Bᵀ = noise + Σ_k D_k o_k o_kᵀ,   o = (C + D)⁻¹ Bᵀ
         """
-        problem = self.problem([log])
-        flicker = self.assumed.size(*FLICKER) / problem.groups.white
-        turned = problem.moments(*self.point)
-        grams = problem.groups.grams(turned, flicker)
-        rows = np.sum([gram.matrix for gram in grams], axis=0)
+        problem, (lag, coefficients) = self.problem([log]), self.point
+        columns = problem.columns(lag, coefficients)
+        rows = problem.gram(problem.rows, lag, columns).matrix
         across, inner, D = rows[SHARED:, :SHARED], rows[SHARED:, SHARED:], self.precision[SHARED:]
         o = np.linalg.solve(inner + np.diag(D), across)
         turn_on, start = ((o[own].T * D[own]) @ o[own] for own in (slice(0, 1), slice(1, None)))

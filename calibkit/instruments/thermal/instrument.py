@@ -85,11 +85,7 @@ def _find_faults(spec: ThermalRecipe, log: Log) -> list[Finding]:
 
 def faults(spec: ThermalRecipe, log: Log) -> Examined:
     """Find what is wrong with one log."""
-    mended = _mend(spec, log)
-    found = _find_faults(spec, mended)
-    if any(finding.refused for finding in found):
-        return Examined(tuple(found))
-    return Examined(tuple(found))
+    return Examined(tuple(_find_faults(spec, _mend(spec, log))))
 
 
 def fit(

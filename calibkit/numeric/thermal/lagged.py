@@ -46,8 +46,8 @@ DETERMINED = 0.3
 correlated with it, are not normal.
 """
 ONE_WITH_LAGS = ("s_rate", "s_grad", "s_grad2")
-SETTLED = 1e-7
-"""Change of the logarithm of a lag that ends the search."""
+CLOSE, SETTLED = 1e-4, 1e-10
+"""Changes of the logarithm of a lag from which on steps are full, and that end the search."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,24 +186,32 @@ class Search:
         here = self.at(start)
         if here is None:
             raise _undetermined()
+        last = np.inf
         for _ in range(ITERATIONS):
             whole = self._solve(np.column_stack([here.design, self.sensitivities(here)]))
             if whole is None:
                 break
             step = np.clip(whole.coefficients[self.chosen.size :], -LARGEST_STEP, LARGEST_STEP)
-            lower = self._lower(here, step)
-            if lower is None:
+            size = float(np.max(np.abs(step)))
+            if size > CLOSE:
+                there = self._lower(here, step)
+            else:  # differences of the sum of squares are below rounding here
+                there = self._step(here, step) if size < 0.5 * last else None
+            if there is None:
                 break
-            size = float(np.max(np.abs(lower.log_lags - here.log_lags)))
-            here = lower
+            here, last = there, size
             if size < SETTLED:
                 break
         return here
 
+    def _step(self, here: _At, step: Array) -> _At | None:
+        """Fit a step of the logarithms of the lags further, within BOUNDS_S."""
+        return self.at(np.clip(here.log_lags + step, *np.log(BOUNDS_S)))
+
     def _lower(self, here: _At, step: Array) -> _At | None:
         """First fit with a lower sum of squares along a step that is halved repeatedly."""
         for halving in range(HALVINGS):
-            there = self.at(np.clip(here.log_lags + step * 0.5**halving, *np.log(BOUNDS_S)))
+            there = self._step(here, step * 0.5**halving)
             if there is not None and there.square < here.square:
                 return there
         return None
@@ -232,6 +240,7 @@ class Search:
             rows=self.survey.rows,
             window_s=0.0,
             turn_on_variance=self.turn_on_variance,
+            endless=bool(np.any(here.log_lags > high - STEP)),
         )
 
 
@@ -242,16 +251,11 @@ def _undetermined() -> FitError:
     )
 
 
-def is_endless(solution: Solution) -> bool:
-    """Whether a fitted lag lies at its upper bound, so that it does not describe a real lag."""
-    return bool(np.any(solution.log_lags > np.log(BOUNDS_S[1]) - STEP))
-
-
 def finish(solution: Solution) -> ThermalModel:
     """Drift model of a level or lagged solution at the noise about it, misfit included; flags name
     the lags that the logs do not determine, and the terms entangled with them are listed.
     """
-    rows = solution.rows.at_noise_of(solution.tangent)
+    rows = solution.rows.at_noise_of(solution.rows.stacked.indication, solution.tangent)
     solution = replace(solution, rows=rows)
     if solution.log_lags.size:
         solution = Survey.of_rows(rows).refine(solution)

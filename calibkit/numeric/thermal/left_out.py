@@ -1,21 +1,19 @@
 """Predictions of ramps that were left out of a fit, and errors as means of the drift figure."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
 
-from calibkit.arrays import Array
-from calibkit.numeric.thermal.pooled_fit import Rows, Solution, Stack
+from calibkit.arrays import Array, Mask
+from calibkit.numeric.thermal.pooled_fit import Rows, Stack
 
 FIGURE_S = 100.0
 """Averaging time of the drift figure [s]: the longer of the two that GJB 2426A names."""
 FIGURE_BLOCKS = 10
 """Blocks that one mean of the drift figure averages at a model interval of 10 s."""
-LEAST_WEIGHT = 0.5
-"""Smallest mean robust weight of a group of rows, relative to the median of all rows, with which
-the group counts.
-"""
+LEAST_SHARE = 0.5
+"""Smallest share of sound rows with which a group of rows counts."""
 
 
 def blocks_per_figure(interval_s: float) -> int:
@@ -24,26 +22,25 @@ def blocks_per_figure(interval_s: float) -> int:
 
 
 def left_out_errors(
-    predicted: Iterable[Array], stacked: Stack, robust: Array, figure_blocks: int
+    predicted: Iterable[Array], stacked: Stack, sound: Mask, figure_blocks: int
 ) -> tuple[Array, ...]:
     """Indication less a prediction of each ramp [m, °/h], as figure means about their mean."""
     found = []
     for rows, values in zip(stacked.ramps, predicted, strict=True):
         left = stacked.indication[rows] - values
-        error = figure_means(left, robust[rows], figure_blocks)
+        error = figure_means(left, sound[rows], figure_blocks)
         found.append(error - error.mean())
     return tuple(found)
 
 
-def figure_means(values: Array, robust: Array, group: int) -> Array:
-    """Robustly weighted means [m] of values [n] over groups of rows; groups of little weight and an
+def figure_means(values: Array, sound: Mask, group: int) -> Array:
+    """Means [m] of the sound ones of values [n] over groups of rows; groups of few and an
     incomplete last group are left out.
     """
-    whole = max(values.size // group, 1) * min(group, values.size)
-    weight = robust[:whole].reshape(-1, min(group, values.size))
-    usable = weight.mean(axis=1) >= LEAST_WEIGHT * max(
-        float(np.median(robust)), np.finfo(float).tiny
-    )
+    size = min(group, values.size)
+    whole = max(values.size // group, 1) * size
+    weight = sound[:whole].reshape(-1, size)
+    usable = weight.mean(axis=1) >= LEAST_SHARE
     grouped = values[:whole].reshape(weight.shape)[usable]
     return np.asarray(np.average(grouped, axis=1, weights=weight[usable]), dtype=np.float64)
 
@@ -52,19 +49,3 @@ def leave_out(stacked: Stack, rows: Rows) -> tuple[Rows, ...]:
     """Rows of the logs, cut into ramps as stacked, without each ramp in turn."""
     without = (Rows.of_stack(stacked, rows.sound, ramp) for ramp in stacked.ramps)
     return tuple(replace(one, noise=rows.noise) for one in without)
-
-
-def predict_left_out(solution: Solution, without: Iterable[Rows]) -> Iterator[Array]:
-    """Drift [n, up to a constant] of all rows by the fit without each ramp in turn.
-
-    ω = X c + S δ with the columns X and the derivatives S by the logarithms of the lags: linearised
-    about the fit to all ramps. Where the other ramps determine no lag, the lags stay.
-    """
-    for rows in without:
-        predicted = np.zeros(len(solution.columns))
-        for columns in (solution.tangent, solution.columns):
-            solved = rows.solve(columns, solution.turn_on_variance)
-            if solved is not None:
-                predicted = columns @ solved.coefficients
-                break
-        yield predicted

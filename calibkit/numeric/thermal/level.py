@@ -145,4 +145,5 @@ def basis(stacked: Stack) -> Basis:
     scales = found.valid().scales()
     design = found.scaled_design(scales)
     rows = Rows.of_stack(stacked, pooled_fit.sound_blocks(design[:, 1:], stacked))
-    return Basis(rows.at_noise_of(design[:, 1:]), window_s, found, scales, design)
+    rows = rows.at_noise_of(stacked.indication, design[:, 1:])
+    return Basis(rows, window_s, found, scales, design)

@@ -11,8 +11,9 @@ keeps soaks from outvoting ramps.
 Blocks that stand out of their neighbours, and of what all terms explain, are left out.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import Literal, Self
 
@@ -146,13 +147,18 @@ class Stack:
         )
 
     @property
+    def levels(self) -> Array:
+        """Mean indication [logs] of each log."""
+        return np.array([log.indication.mean() for log in self.logs])
+
+    @property
     def level_columns(self) -> Array:
         """Columns [n, logs], 1 in the rows of each log."""
         number = np.repeat(np.arange(len(self.logs)), [log.time.size for log in self.logs])
         return np.asarray(number[:, None] == np.arange(len(self.logs)), dtype=np.float64)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Rows:
     """Means of groups of the blocks of logs, turned to where their noise is independent, and
     divided by it.
@@ -190,14 +196,17 @@ class Rows:
         sound[self.blocks] = True
         return sound
 
-    def _means(self, values: Array) -> Array:
+    def means(self, values: Array) -> Array:
         """Means [m, k] over the groups of values [n, k] of all blocks."""
         sums = np.add.reduceat(values[self.blocks], self.starts, axis=0)
         return sums / np.diff(np.append(self.starts, self.blocks.size))[:, None]
 
-    def at_noise_of(self, columns: Array) -> Self:
-        """The rows at the noise about a fit of columns [n, k] with a free level of each log."""
-        means = self._means(np.column_stack([columns, self.stacked.indication]))
+    def at_noise_of(self, left: Array, columns: Array | None = None) -> Self:
+        """The rows at the noise of what is left [n] beside a free level of each log, and about a
+        fit of columns [n, k] where such are given.
+        """
+        beside = np.zeros((left.size, 0)) if columns is None else columns
+        means = self.means(np.column_stack([beside, left]))
         found = estimate(self.turned, means[:, :-1], means[:, -1])
         least = (LEAST_NOISE * float(np.std(self.stacked.indication))) ** 2 or 1.0
         return replace(self, noise=replace(found, white_variance=max(found.white_variance, least)))
@@ -206,7 +215,15 @@ class Rows:
         """Rows [m, k] of values [n, k] of all blocks."""
         white, flicker = self.noise.white_variance, self.noise.flicker
         u = np.sqrt(white + flicker**2 * self.turned.flicker)
-        return self.turned.rows(self._means(values)) / u[:, None]
+        return self.turned.rows(self.means(values)) / u[:, None]
+
+    @cached_property
+    def _levels_and_indication(self) -> tuple[Array, Array]:
+        """Rows [m, logs] of the level of each log that is there, and [m] of the indication."""
+        own = self.stacked.level_columns
+        seen = np.any(own[self.blocks] > 0.0, axis=0)
+        both = self.of(np.column_stack([own[:, seen], self.stacked.indication]))
+        return both[:, :-1], both[:, -1]
 
     def solve(self, columns: Array, turn_on_variance: float = np.inf) -> "LeastSquares | None":
         """Fit of columns [n, k] to the indication; None if they are linearly dependent."""
@@ -217,11 +234,9 @@ class Rows:
 
         Turn-on biases of finite variance τ² add the rows 0 = (l_j − mean l)/τ.
         """
-        own = self.stacked.level_columns
-        seen = np.any(own[self.blocks] > 0.0, axis=0)
-        both = self.of(np.column_stack([own[:, seen], self.stacked.indication]))
-        logs, k = int(seen.sum()), X.shape[1]
-        X, y = np.hstack([both[:, :-1], X]), both[:, -1]
+        levels, y = self._levels_and_indication
+        logs, k = levels.shape[1], X.shape[1]
+        X = np.hstack([levels, X])
         if np.isfinite(turn_on_variance):
             apart = (np.eye(logs) - 1.0 / logs) / np.sqrt(turn_on_variance)
             X = np.vstack([X, np.pad(apart, ((0, 0), (0, k)))])
@@ -352,10 +367,34 @@ class Solution:
     turn_on_variance: float
     """Of the turn-on biases; infinite where they are free."""
 
+    endless: bool = False
+    """Whether a lag lies at its upper bound, so that it does not describe a real lag."""
+
+    @property
+    def parameters(self) -> int:
+        """Number of terms, lags and turn-on biases."""
+        return len(self.terms) + self.log_lags.size + len(self.rows.stacked.logs) - 1
+
     @property
     def tangent(self) -> Array:
         """Columns [n, k + m] of the model about its lags."""
         return np.column_stack([self.columns, self.sensitivities])
+
+    def leave_out(self, without: Iterable[Rows]) -> Iterator[Array]:
+        """Drift [n, up to a constant] of all blocks by the fit without each ramp in turn.
+
+        ω = X c + S δ with the columns X and the derivatives S by the logarithms of the lags:
+        linearised about the fit to all ramps. Where the other ramps determine no lag, the lags
+        stay.
+        """
+        for rows in without:
+            predicted = np.zeros(len(self.columns))
+            for columns in (self.tangent, self.columns):
+                solved = rows.solve(columns, self.turn_on_variance)
+                if solved is not None:
+                    predicted = columns @ solved.coefficients
+                    break
+            yield predicted
 
     def finish(self) -> ThermalModel:
         """Drift model in raw units, with its covariance by the noise of the rows.

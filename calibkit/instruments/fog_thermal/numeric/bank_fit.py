@@ -3,23 +3,22 @@
 y_log(t) = ω + t_log + Σ_m i_log,m exp(−t/θ_m) + flicker + white;  the turn-on bias t_log is random
 with mean 0, and i_log is a start of the coil away from equilibrium. The static lag is found by
 Gauss–Newton steps; its derivatives stay among the columns, so that its uncertainty is propagated.
-Results are averaged over the variances and over the flicker noise that the logs do not determine.
+Results are averaged over the variances that the logs do not determine.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import reduce
 
 import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.instruments.fog_thermal.numeric import bank as forward, evidence
 from calibkit.instruments.fog_thermal.numeric.bank import Bank, BankModel
-from calibkit.instruments.fog_thermal.numeric.bank_groups import Groups
 from calibkit.instruments.fog_thermal.numeric.evidence import FLAT, Gram, Posterior, Prior
+from calibkit.numeric.dispersion import rms
 from calibkit.numeric.thermal import coil
 from calibkit.numeric.thermal.noise import Noise
-from calibkit.numeric.thermal.pooled_fit import Stack
+from calibkit.numeric.thermal.pooled_fit import Rows, Stack
 from calibkit.numeric.thermal.terms import Span, Valid
 
 NOWHERE: Span = (0.0, 0.0)
@@ -36,9 +35,10 @@ STATIC_SPREAD = np.array([0.5, 0.4, 0.2])
 LARGEST_STEP = np.array([0.7, 0.7, 0.3])
 SHAPE = 0.16
 """Prior variance of a static power relative to that of the power before."""
-LEVELS = (0.0, 0.03, 0.06, 0.12, 0.25, 0.5)
-"""Flicker levels that are averaged over, in white noise of a group."""
-USUAL_LEVEL = 0.06
+USUAL_LEVEL, MINUTE_S = 0.06, 60.0
+"""Flicker noise of the fit, in white noise of a minute; what is beyond it is in the model error."""
+LEAST_DRIFT = 0.2
+"""Smallest size of the drift that the priors assume, in standard deviations of a group."""
 SIZES = (
     ("a", 0.05, 2.0),
     ("b", 0.1, 0.7),
@@ -61,7 +61,7 @@ GAINED = 3.0
 1.
 """
 STEPS = 10
-POINTS = np.random.default_rng(952).standard_normal((32, len(SIZES) + 1))
+POINTS = np.random.default_rng(952).standard_normal((64, len(SIZES) + 1))
 """Standard normal points of the average over the variances."""
 
 
@@ -69,14 +69,23 @@ POINTS = np.random.default_rng(952).standard_normal((32, len(SIZES) + 1))
 class Problem:
     """Logs of a bank fit with the terms that are fitted."""
 
-    stacked: Stack
-    groups: Groups
+    rows: Rows
+    """At the noise of the logs."""
+    level: float
+    """Mean indication [°/h], which is subtracted."""
+    drift: float
+    """Size of the drift [°/h], which the priors assume."""
     bank: Bank
     along: coil.Path
     followed: tuple[Array, Array]
     prior: Prior
     root: Array
     """[p, p], from whitened to raw coefficients: Cholesky factor of the table's correlation."""
+
+    @property
+    def stacked(self) -> Stack:
+        """The logs."""
+        return self.rows.stacked
 
     @property
     def logs(self) -> list[tuple[Array, Array]]:
@@ -100,17 +109,31 @@ class Problem:
             by_lag = moved * self.bank.slope(slope_of, drivers)[:, None]
         return np.column_stack([terms, by_lag, _own_columns(self.stacked)])
 
-    def moments(self, lag: Array, slope_of: Array | None) -> list[tuple[Array, Array]]:
-        """Turned columns and indications of each ramp; derivatives are about the prior mean of the
-        lag.
+    def at_white(self, variance: float) -> "Problem":
+        """The problem at a white noise of the blocks [(°/h)²], and the usual flicker noise."""
+        step = float(np.median(np.diff(self.stacked.logs[0].time)))
+        flicker = USUAL_LEVEL * float(np.sqrt(variance * step / MINUTE_S))
+        return replace(self, rows=replace(self.rows, noise=Noise(variance, flicker)))
+
+    def left(self, lag: Array, columns: Array, coefficients: Array) -> Array:
+        """What coefficients [P] leave of the indication [n]; derivatives by the lag are about its
+        prior mean.
         """
-        columns, p = self.columns(lag, slope_of), self.root.shape[0]
-        return self.groups.turn(columns, columns[:, p : p + 3] @ (STATIC_MEAN - lag))
+        p = self.root.shape[0]
+        change = coefficients.copy()
+        change[p : p + 3] += STATIC_MEAN - lag
+        return self.stacked.indication - self.level - columns @ change
+
+    def gram(self, rows: Rows, lag: Array, columns: Array) -> Gram:
+        """Moments of columns [n, P] on rows."""
+        left = self.left(lag, columns, np.zeros(columns.shape[1]))
+        whole = rows.of(np.column_stack([columns, left]))
+        return Gram.of(whole[:, :-1], whole[:, -1])
 
     def maximise(self, lag: Array, slope_of: Array | None, start: Array | None) -> Posterior:
-        """Posterior at a static lag and the usual flicker noise."""
-        grams = self.groups.grams(self.moments(lag, slope_of), USUAL_LEVEL)
-        return evidence.maximise(_total(grams), self.prior, start)
+        """Posterior at a static lag."""
+        gram = self.gram(self.rows, lag, self.columns(lag, slope_of))
+        return evidence.maximise(gram, self.prior, start)
 
 
 def _own_columns(stacked: Stack) -> Array:
@@ -133,11 +156,6 @@ def _initial_states(stacked: Stack) -> Array:
     return np.asarray(np.exp(-since[:, None] / np.array(WARM_UP_S)), dtype=np.float64)
 
 
-def _total(grams: Sequence[Gram]) -> Gram:
-    """Moments of all ramps."""
-    return reduce(Gram.plus, grams)
-
-
 def _table(stacked: Stack) -> tuple[tuple[float, ...], Array]:
     """Knots [°C] over the fitted temperatures, and the Cholesky factor of their correlation."""
     low, high = (pick([pick(log.case) for log in stacked.logs]) for pick in (np.min, np.max))
@@ -148,10 +166,13 @@ def _table(stacked: Stack) -> tuple[tuple[float, ...], Array]:
     return tuple(knots.tolist()), np.asarray(factor, dtype=np.float64)
 
 
-def state_problem(stacked: Stack, groups: Groups, extra: str = "") -> Problem:
+def state_problem(rows: Rows, extra: str = "", *, drift: float | None = None) -> Problem:
     """Problem with the terms g (table), h (hysteresis) and w (warm-up) of `extra` beside the
-    others.
+    others, for a drift of a size [°/h], by default that of the logs.
     """
+    stacked = rows.stacked
+    away = stacked.indication - stacked.level_columns @ stacked.levels
+    drift = drift or _size_of_drift(rows, away)
     knots, factor = _table(stacked) if "g" in extra else ((), np.zeros((0, 0)))
     bank = Bank(
         LAGS_S,
@@ -172,24 +193,42 @@ def state_problem(stacked: Stack, groups: Groups, extra: str = "") -> Problem:
     shape[len(letters) : len(letters) + 3] = STATIC_SPREAD**2
     mixing = np.eye(len(SIZES) + 1)
     mixing[1:3, 0] = 1.0
-    size = 2.0 * np.log(groups.drift)
+    size = 2.0 * np.log(drift)
     mean = [2.0 * np.log(median) + size * (name not in "bc") for name, median, _ in SIZES]
     spread = [2.0 * sd for *_, sd in SIZES]
     prior = Prior(np.array(group), shape, mixing, np.array([*mean, 0.0]), np.array([*spread, 1e-3]))
     root = np.eye(len(letters))
     root[bank.part("g"), bank.part("g")] = factor
-    return Problem(stacked, groups, bank, along, forward.follow_lags(bank, along), prior, root)
+    followed = forward.follow_lags(bank, along)
+    level = float(np.mean(stacked.levels))
+    return Problem(rows, level, drift, bank, along, followed, prior, root)
+
+
+def _size_of_drift(rows: Rows, away: Array) -> float:
+    """Standard deviation [°/h] of an indication [n] about its levels, without the noise."""
+    means = rows.means(away[:, None])
+    white = rows.noise.white_variance / rows.turned.typical
+    return float(np.sqrt(max(float(np.mean(means**2)) - white, LEAST_DRIFT**2 * white)))
 
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """Most likely static lag with the posterior there, and the moments of each ramp."""
+    """Most likely static lag with the posterior there, and the columns [n, P] about it."""
 
     problem: Problem
     lag: Array
     posterior: Posterior
-    grams: tuple[Gram, ...]
-    turned: tuple[tuple[Array, Array], ...]
+    columns: Array
+
+    @property
+    def endless(self) -> bool:
+        """Whether a lag does not describe a real lag: those of a bank are given."""
+        return False
+
+    @property
+    def rows(self) -> Rows:
+        """Rows of the fit."""
+        return self.problem.rows
 
     @property
     def parameters(self) -> int:
@@ -208,12 +247,18 @@ class Solution:
 
     def drift(self) -> tuple[Array, Array]:
         """Drift [n, °/h] along the logs against rest at 25 °C, and its variance [n, (°/h)²]."""
-        own, p = self.problem, self.problem.root.shape[0] + 3
-        columns = own.columns(self.lag, own.root @ self.posterior.coefficients[: p - 3])[:, 1:p]
-        # the derivatives stand for a change of the lag from its prior mean
-        offset = columns[:, p - 4 :] @ (STATIC_MEAN - self.lag)
+        p = self.problem.root.shape[0] + 3
+        drift, columns = self._drift_of(self.posterior.coefficients), self.columns[:, 1:p]
         variance = np.sum(columns @ self.posterior.covariance[1:p, 1:p] * columns, axis=1)
-        return columns @ self.posterior.coefficients[1:p] + offset, variance
+        return drift, variance
+
+    def _drift_of(self, coefficients: Array) -> Array:
+        """Drift [n, °/h] by coefficients [P], without the constant."""
+        p = self.problem.root.shape[0]
+        change = coefficients[1 : p + 3].copy()
+        # the derivatives stand for a change of the lag from its prior mean
+        change[p - 1 :] += STATIC_MEAN - self.lag
+        return self.columns[:, 1 : p + 3] @ change
 
     def change_from(self, other: "Solution") -> float:
         """Rms [°/h] over the logs of what the drift is more uncertain by than another solution
@@ -229,8 +274,9 @@ class Solution:
         """
         prior, still = self.problem.prior, self.posterior.theta.copy()
         still[INITIAL] += 2.0 * np.log(NEGLIGIBLE)
+        gram = self.problem.gram(self.rows, self.lag, self.columns)
         values = [
-            evidence.condition(_total(self.grams), prior, theta)[2]
+            evidence.condition(gram, prior, theta)[2]
             + 0.5 * float(np.sum(((theta - prior.mean) / prior.spread) ** 2))
             for theta in (self.posterior.theta, still)
         ]
@@ -245,49 +291,39 @@ class Solution:
             yield from predicted
             return
         stacked, states = own.stacked, _initial_states(own.stacked)
-        white, variance = self._white, np.exp(self.posterior.theta[INITIAL])
+        white, sound = self.rows.noise.white_variance, self.rows.sound
+        variance = np.exp(self.posterior.theta[INITIAL])
         precision = np.diag([0.0, *[white / variance] * len(WARM_UP_S)])
         for rows, drift in zip(stacked.ramps, predicted, strict=True):
             columns = np.column_stack([np.ones(rows.stop - rows.start), states[rows]])
-            weighted = columns * own.groups.weights[rows, None]
+            weighted = columns * sound[rows, None]
             left = stacked.indication[rows] - drift
             found = np.linalg.solve(weighted.T @ columns + precision, weighted.T @ left)
             yield drift + columns @ found
 
-    def leave_out(self) -> Iterator[Array]:
-        """Drift [rows, °/h, up to a constant] of each ramp by the fit to all others, at the same
-        variances and noise.
+    def leave_out(self, without: Iterable[Rows]) -> Iterator[Array]:
+        """Drift [n, °/h, up to a constant] of all blocks by the fit without each ramp in turn, at
+        the same variances and noise.
         """
-        own, p = self.problem, self.problem.root.shape[0] + 3
-        whole = _total(self.grams)
-        columns = own.columns(self.lag, own.root @ self.posterior.coefficients[: p - 3])[:, :p]
-        # the derivatives stand for a change of the lag from its prior mean
-        offset = columns[:, p - 3 :] @ (STATIC_MEAN - self.lag)
-        for gram, rows in zip(self.grams, own.stacked.ramps, strict=True):
-            found = evidence.condition(whole.minus(gram), own.prior, self.posterior.theta)[0]
-            yield columns[rows] @ found[:p] + offset[rows]
+        own = self.problem
+        for rows in without:
+            gram = own.gram(replace(rows, noise=own.rows.noise), self.lag, self.columns)
+            found = evidence.condition(gram, own.prior, self.posterior.theta)[0]
+            yield self._drift_of(found)
 
     def finish(self) -> BankModel:
-        """Model in raw units, averaged over the variances and the flicker noise."""
+        """Model in raw units, averaged over the variances of the priors."""
         own, p = self.problem, self.problem.root.shape[0]
-        grams, found, whites, start = [], [], [], self.posterior.theta
-        for level in LEVELS:
-            gram = _total(own.groups.grams(self.turned, level))
-            first = evidence.maximise(gram, own.prior, start)
-            whites.append(evidence.noise_variance(gram, first))
-            grams.append(gram.scaled(whites[-1]))
-            found.append(evidence.maximise(grams[-1], own.prior, first.theta))
-            start = found[-1].theta
-        mean, covariance, share = evidence.average(grams, own.prior, found, POINTS)
+        gram = own.gram(own.rows, self.lag, self.columns)
+        mean, covariance = evidence.average(gram, own.prior, self.posterior, POINTS)
         to_raw = np.eye(p + 3)
         to_raw[:p, :p] = own.root
         to_raw[p : p + 2, p : p + 2] = np.diag(np.exp(self.lag[:2]))
         coefficients = own.root @ mean[:p]
-        coefficients[0] += own.groups.level
+        coefficients[0] += own.level
         drivers = own.drivers(self.lag)
         case = np.concatenate([case for _, case in own.logs])
-        sizes = np.exp(0.5 * np.array([one.theta for one in found]))
-        residual = own.stacked.indication - own.groups.level - own.columns(self.lag, None) @ mean
+        residual = own.left(self.lag, self.columns, mean)[own.rows.blocks]
         return BankModel(
             bank=own.bank,
             coefficients=coefficients,
@@ -295,25 +331,11 @@ class Solution:
             covariance=to_raw @ covariance[: p + 3, : p + 3] @ to_raw.T,
             valid=Valid(_span(case), _span(drivers.rates[:, 0]), NOWHERE, NOWHERE),
             turn_on=mean[p + 3 : p + 3 + len(own.stacked.logs)],
-            turn_on_sd=float(np.sqrt(share @ sizes[:, TURN_ON] ** 2)),
-            dof=max(int(sum(g.weight.size for g in own.groups.ramps) - self._determined), 1),
-            residual_rms=float(np.sqrt(np.average(residual**2, weights=own.groups.weights))),
-            noise=self._noise(share * np.array(whites)),
+            turn_on_sd=float(np.exp(0.5 * self.posterior.theta[TURN_ON])),
+            dof=max(int(own.rows.starts.size - self._determined), 1),
+            residual_rms=rms(residual),
+            noise=own.rows.noise,
         )
-
-    def _noise(self, share: Array) -> Noise:
-        """White variance of a block and flicker level, averaged with the share [levels] of each
-        flicker level times the white variance that goes with it, in that of the fit.
-        """
-        level = float(np.sqrt(share @ np.square(LEVELS)))
-        return Noise(self._white * float(share.sum()), level * self.problem.groups.white)
-
-    @property
-    def _white(self) -> float:
-        """White variance of a block [(°/h)²]."""
-        groups = self.problem.groups
-        per_group = float(np.median(np.concatenate([ramp.weight for ramp in groups.ramps])))
-        return groups.white**2 * per_group / float(np.median(groups.weights))
 
 
 def _span(values: Array) -> Span:
@@ -325,10 +347,9 @@ def solve(own: Problem) -> Solution:
     """Static lag of the largest evidence by Gauss–Newton steps, each halved until it is larger, and
     the posterior there; white noise is what the fit leaves.
     """
-    lag, found = _search(own, STATIC_MEAN, None)
-    gram = _total(own.groups.grams(own.moments(lag, None), USUAL_LEVEL))
-    white = own.groups.white * evidence.noise_variance(gram, found) ** 0.5
-    own = replace(own, groups=replace(own.groups, white=white))
+    lag, found = _search(own.at_white(own.rows.noise.white_variance), STATIC_MEAN, None)
+    left = own.left(lag, own.columns(lag, None), found.coefficients)
+    own = own.at_white(own.rows.at_noise_of(left).noise.white_variance)
     lag, found = _search(own, lag, found.theta)
     return solve_at(own, lag, found.theta)
 
@@ -336,11 +357,9 @@ def solve(own: Problem) -> Solution:
 def solve_at(own: Problem, lag: Array, start: Array) -> Solution:
     """Posterior at a given static lag [3], its variances sought from `start`."""
     found = own.maximise(lag, None, start)
-    slope_of = own.root @ found.coefficients[: own.root.shape[0]]
-    turned = own.moments(lag, slope_of)
-    grams = tuple(own.groups.grams(turned, USUAL_LEVEL))
-    posterior = evidence.maximise(_total(grams), own.prior, found.theta)
-    return Solution(own, lag, posterior, grams, tuple(turned))
+    columns = own.columns(lag, own.root @ found.coefficients[: own.root.shape[0]])
+    gram = own.gram(own.rows, lag, columns)
+    return Solution(own, lag, evidence.maximise(gram, own.prior, found.theta), columns)
 
 
 def _search(own: Problem, lag: Array, start: Array | None) -> tuple[Array, Posterior]:

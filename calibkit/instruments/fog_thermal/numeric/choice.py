@@ -2,7 +2,7 @@
 ramps that were left out of the fit.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,7 +18,6 @@ from calibkit.numeric.thermal.left_out import (
     FIGURE_BLOCKS,
     leave_out,
     left_out_errors,
-    predict_left_out,
 )
 from calibkit.numeric.thermal.pooled_fit import Rows, Solution, Stack, ThermalLog
 from calibkit.numeric.thermal.terms import TERMS
@@ -49,25 +48,8 @@ class _Fitted:
 
     candidate: Candidate
     solution: Solution | bank_fit.Solution
-    logs: int
-    without: tuple[Rows, ...] = ()
-    """Rows of the logs without each ramp."""
     unmodelled: tuple[bank_growth.Unmodelled, ...] = ()
     """Terms that left-out ramps do not ask for, or the evidence does not."""
-
-    @property
-    def parameters(self) -> int:
-        """Number of free parameters: coefficients, lags and offsets of logs; the coefficients of a
-        bank have priors, whose variances count instead.
-        """
-        if isinstance(self.solution, bank_fit.Solution):
-            return self.solution.parameters
-        return len(self.candidate.terms) + self.solution.log_lags.size + self.logs - 1
-
-    @property
-    def endless(self) -> bool:
-        """Whether a fitted lag does not describe a real lag."""
-        return isinstance(self.solution, Solution) and lagged.is_endless(self.solution)
 
     def finish(self) -> OnLevels:
         """Drift model in raw units."""
@@ -144,10 +126,12 @@ def choose(
             " drift term"
         )
         return ThermalChoice((), (), None, None, reason)
-    solutions, refused = _solutions_of(stacked, candidates)
+    solutions, without, refused = _solutions_of(stacked, candidates)
     banks = [one.solution for one in solutions if one.candidate.form == "bank"]
     starts = banks[-1] if banks else None
-    tested = tuple(_left_out(fitted, stacked, figure_blocks, starts) for fitted in solutions)
+    tested = tuple(
+        _left_out(fitted, stacked, without, figure_blocks, starts) for fitted in solutions
+    )
     best = _best_of(tested, one_sided=_one_sided(stacked))
     if best is None:
         return ThermalChoice(tested, refused, None, None, _nothing_helps(tested, refused))
@@ -242,35 +226,29 @@ def _nothing_helps(tested: Sequence[_LeftOut], refused: Sequence[str]) -> str:
 
 def _solutions_of(
     stacked: Stack, candidates: Sequence[Candidate]
-) -> tuple[list[_Fitted], tuple[str, ...]]:
-    """Solutions of the candidates that the logs can determine, and the reasons why the others
-    failed.
+) -> tuple[list[_Fitted], tuple[Rows, ...], tuple[str, ...]]:
+    """Solutions of the candidates that the logs can determine, rows of the logs without each ramp,
+    and the reasons why the other candidates failed.
 
     All candidates leave out the same rows, so that their errors are comparable.
     """
     basis = level.basis(stacked)
     solved, refused = solve(candidates, basis)
     without = leave_out(stacked, basis.rows)
-    fitted = [_Fitted(*pair, len(stacked.logs), without) for pair in solved]
-    sound = basis.rows.sound.astype(np.float64)
+    fitted = [_Fitted(*pair) for pair in solved]
     for bank in candidates:
         if bank.form == "bank":
-            grown = bank_growth.grow(stacked, sound, one_sided=_one_sided(stacked))
-            fitted += [
-                _Fitted(
-                    replace(bank, name=bank.name + one.name),
-                    one.solution,
-                    len(stacked.logs),
-                    unmodelled=one.unmodelled,
-                )
-                for one in grown
-            ]
-    return fitted, tuple(refused)
+            one_sided = _one_sided(stacked)
+            for one in bank_growth.grow(basis.rows, without, one_sided=one_sided):
+                named = replace(bank, name=bank.name + one.name)
+                fitted.append(_Fitted(named, one.solution, one.unmodelled))
+    return fitted, without, tuple(refused)
 
 
 def _left_out(
     fitted: _Fitted,
     stacked: Stack,
+    without: Sequence[Rows],
     figure_blocks: int,
     starts: Solution | bank_fit.Solution | None = None,
 ) -> _LeftOut:
@@ -278,37 +256,24 @@ def _left_out(
     ramps. `starts` is the bank that knows how unsettled logs start.
     """
     solution = fitted.solution
-    robust = (
-        solution.problem.groups.weights
-        if isinstance(solution, bank_fit.Solution)
-        else solution.rows.sound.astype(np.float64)
+    sound = solution.rows.sound
+    raw = left_out_errors((np.zeros(1) for _ in stacked.ramps), stacked, sound, figure_blocks)
+    whole = solution.leave_out(without)
+    predicted: Iterable[Array] = (
+        drift[rows] for drift, rows in zip(whole, stacked.ramps, strict=True)
     )
-    raw = left_out_errors((np.zeros(1) for _ in stacked.ramps), stacked, robust, figure_blocks)
-    predicted = _predicted(fitted, stacked)
     if isinstance(starts, bank_fit.Solution):
         predicted = starts.with_own_start(predicted)
-    errors = left_out_errors(predicted, stacked, robust, figure_blocks)
+    errors = left_out_errors(predicted, stacked, sound, figure_blocks)
     return _LeftOut(
         candidate=fitted.candidate,
         ramps=stacked.ramp_names,
         raw=np.array([np.std(values) for values in raw]),
         compensated=np.array([np.std(values) for values in errors]),
         errors=errors,
-        parameters=fitted.parameters,
-        endless=fitted.endless,
+        parameters=solution.parameters,
+        endless=solution.endless,
         chance=np.array(
             [np.std(e**2 - r**2) / np.sqrt(e.size) for e, r in zip(errors, raw, strict=True)]
         ),
     )
-
-
-def _predicted(fitted: _Fitted, stacked: Stack) -> Iterator[Array]:
-    """Drift [rows, °/h] of each ramp, up to a constant, predicted by the model fitted to all other
-    ramps.
-    """
-    solution = fitted.solution
-    if isinstance(solution, bank_fit.Solution):
-        yield from solution.leave_out()
-        return
-    whole = predict_left_out(solution, fitted.without)
-    yield from (drift[rows] for drift, rows in zip(whole, stacked.ramps, strict=True))

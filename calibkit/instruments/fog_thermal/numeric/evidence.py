@@ -5,7 +5,6 @@ y = Z β + e,  e ~ N(0, I) after whitening;  β_j ~ N(0, shape_j · v_g(j));  ln
 θ ~ N(m, S²).
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,53 +16,22 @@ LARGEST_STEP = 1.5
 """Largest change of the logarithm of a variance in one iteration."""
 CLOSE = 1e-3
 """Increase of the logarithm of the evidence below which the iteration ends."""
-LEAST_VARIANCE = 1e-4
-"""Smallest variance of the noise, in what was taken for it: logs without noise leave nothing."""
 FLAT = -1
 """Group of a column with a flat prior."""
 
 
 @dataclass(frozen=True, slots=True)
 class Gram:
-    """Moments of whitened rows: Z'Z [p, p], Z'y [p], y'y, logarithm of the determinant of their
-    noise covariance, and number of rows.
-    """
+    """Moments of rows whose noise has variance 1: Z'Z [p, p], Z'y [p] and y'y."""
 
     matrix: Array
     right: Array
     square: float
-    log_noise: float
-    rows: int
 
-    def scaled(self, variance: float) -> "Gram":
-        """Moments of the same rows where the variance of their noise is as many times as large."""
-        return Gram(
-            self.matrix / variance,
-            self.right / variance,
-            self.square / variance,
-            self.log_noise + self.rows * float(np.log(variance)),
-            self.rows,
-        )
-
-    def plus(self, other: "Gram") -> "Gram":
-        """Moments of the rows of both."""
-        return Gram(
-            self.matrix + other.matrix,
-            self.right + other.right,
-            self.square + other.square,
-            self.log_noise + other.log_noise,
-            self.rows + other.rows,
-        )
-
-    def minus(self, other: "Gram") -> "Gram":
-        """Moments without some of the rows."""
-        return Gram(
-            self.matrix - other.matrix,
-            self.right - other.right,
-            self.square - other.square,
-            self.log_noise - other.log_noise,
-            self.rows - other.rows,
-        )
+    @classmethod
+    def of(cls, Z: Array, y: Array) -> "Gram":
+        """Of rows Z [n, p] and y [n]."""
+        return cls(Z.T @ Z, Z.T @ y, float(y @ y))
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +91,7 @@ def condition(gram: Gram, prior: Prior, theta: Array) -> tuple[Array, Array, flo
     turned = inverse @ (gram.right * scale)
     covariance = inverse.T @ inverse * np.outer(scale, scale)
     log_evidence = -0.5 * (
-        gram.square - turned @ turned + gram.log_noise + 2.0 * np.sum(np.log(np.diag(root)))
+        gram.square - turned @ turned + 2.0 * np.sum(np.log(np.diag(root)))
     ) - 0.5 * np.sum(((theta - prior.mean) / prior.spread) ** 2)
     return inverse.T @ turned * scale, covariance, float(log_evidence)
 
@@ -169,37 +137,20 @@ def maximise(gram: Gram, prior: Prior, start: Array | None = None) -> Posterior:
     return Posterior(theta, mean, covariance, value, inverse)
 
 
-def noise_variance(gram: Gram, found: Posterior) -> float:
-    """Variance of the noise of the rows, in what was taken for it, from what the coefficients leave
-    (MacKay 1992).
+def average(gram: Gram, prior: Prior, best: Posterior, points: Array) -> tuple[Array, Array]:
+    """Coefficients [p] and covariance [p, p] averaged over θ, importance-sampled about its maximum
+    at standard normal points [m, θ].
     """
-    left = gram.square + found.coefficients @ (gram.matrix @ found.coefficients - 2.0 * gram.right)
-    determined = float(np.sum(gram.matrix * found.covariance))
-    return max(float(left), LEAST_VARIANCE * gram.rows) / max(gram.rows - determined, 1.0)
-
-
-def average(
-    grams: Sequence[Gram], prior: Prior, found: Sequence[Posterior], points: Array
-) -> tuple[Array, Array, Array]:
-    """Coefficients [p] and covariance [p, p] averaged over θ and over alternatives of the noise,
-    and the share [alternatives] of each.
-
-    `points` [m, θ] are standard normal; each alternative is importance-sampled about its maximum.
-    """
+    root = np.linalg.cholesky(best.theta_covariance)
     means, covariances, weights = [], [], []
-    for gram, best in zip(grams, found, strict=True):
-        root = np.linalg.cholesky(best.theta_covariance)
-        volume = float(np.sum(np.log(np.diag(root))))
-        for point in points:
-            mean, covariance, value = condition(gram, prior, best.theta + root @ point)
-            means.append(mean)
-            covariances.append(covariance)
-            weights.append(value + 0.5 * float(point @ point) + volume)
+    for point in points:
+        mean, covariance, value = condition(gram, prior, best.theta + root @ point)
+        means.append(mean)
+        covariances.append(covariance)
+        weights.append(value + 0.5 * float(point @ point))
     share = np.exp(np.array(weights) - max(weights))
     share /= share.sum()
-    stacked = np.array(means)
-    mean = share @ stacked
-    away = stacked - mean
+    mean = share @ np.array(means)
+    away = np.array(means) - mean
     within = np.einsum("m,mij->ij", share, np.array(covariances))
-    of_each = share.reshape(len(found), -1).sum(axis=1)
-    return mean, within + (away * share[:, None]).T @ away, of_each
+    return mean, within + (away * share[:, None]).T @ away

@@ -15,7 +15,7 @@ from calibkit.numeric import chunks
 from calibkit.numeric.thermal import lagged, level, uncertainty
 from calibkit.numeric.thermal.candidates import CLEARLY, STATIC, Candidate, solve
 from calibkit.numeric.thermal.evaluate import evaluate_terms
-from calibkit.numeric.thermal.left_out import figure_means, leave_out, predict_left_out
+from calibkit.numeric.thermal.left_out import figure_means, leave_out
 from calibkit.numeric.thermal.pooled_fit import Rows, Solution, Stack
 from calibkit.numeric.thermal.terms import ThermalModel
 
@@ -121,27 +121,26 @@ def _test(
     figure_blocks: int,
 ) -> Tested:
     """Errors of a candidate on each stretch and each pair of them, fitted to all others."""
-    sound = solution.rows.sound.astype(np.float64)
+    sound = solution.rows.sound
     errors, of_pairs = (
         tuple(
             _errors(number, stacked.indication - drift, stacked, sound, figure_blocks)
-            for number, drift in enumerate(predict_left_out(solution, without))
+            for number, drift in enumerate(solution.leave_out(without))
         )
         for stacked, without in cuts
     )
-    parameters = len(candidate.terms) + solution.log_lags.size
-    return Tested(candidate, errors, of_pairs, parameters, lagged.is_endless(solution))
+    return Tested(candidate, errors, of_pairs, solution.parameters, solution.endless)
 
 
-def _errors(number: int, left: Array, stacked: Stack, weights: Array, figure_blocks: int) -> Array:
+def _errors(number: int, left: Array, stacked: Stack, sound: Mask, figure_blocks: int) -> Array:
     """Figure means of indication less prediction [n] over one stretch, less the level of the other
     stretches of its power-on.
     """
     own = stacked.ramps[number]
     log = stacked.log_rows[stacked.ramp_log[number]]
-    others = weights[log].copy()
-    others[own.start - log.start : own.stop - log.start] = 0.0
-    means = figure_means(left[own], weights[own], figure_blocks)
+    others = sound[log].copy()
+    others[own.start - log.start : own.stop - log.start] = False
+    means = figure_means(left[own], sound[own], figure_blocks)
     level = np.average(left[log], weights=others) if others.any() else means.mean()
     return np.asarray(means - level, dtype=np.float64)
 
