@@ -131,3 +131,19 @@ def test_three_wild_rows_in_ten_that_agree_get_little_weight():
     weights = robust.linear(design, spoilt).row_weights
     assert np.all(weights[far] < 0.2)
     assert np.all(weights[30:] > 0.0)
+
+
+@pytest.mark.parametrize("temperatures", [4, 9])
+def test_six_faces_are_fitted_at_few_and_at_many_temperatures(temperatures):
+    """Columns that are 0 in most rows, for which half of the rows leave a coefficient open: it is
+    found, and one wild row alone has no weight.
+    """
+    faces = np.vstack([np.eye(3), -np.eye(3)])
+    warm = np.repeat(np.linspace(-1.0, 1.0, temperatures), 6)[:, None]
+    plain = np.column_stack([np.ones(6 * temperatures), np.tile(faces, (temperatures, 1))])
+    design, truth = np.hstack([plain, plain * warm]), np.linspace(-1.0, 1.0, 8)
+    indication = design @ truth + 1e-3 * np.random.default_rng(3).normal(size=len(design))
+    indication[7] += 0.5
+    found = robust.linear(design, indication)
+    assert np.max(np.abs(found.coefficients - truth)) < 2e-3
+    assert np.flatnonzero(found.row_weights == 0.0).tolist() == [7]
