@@ -188,7 +188,7 @@ def test_a_triad_set_up_wrong_in_its_fixture_is_within_u_where_its_size_is_state
     size = {"group": "fixture", "effect": "set-up", "value": off, "unit": "deg", "dof": 100.0}
     tables = {"k": {"enabled": False}} if robust else PLAIN.model_dump(by_alias=True)
     spec = recipe(**(tables | {"errors": {"component": [size]}}))
-    assert shared_errors.warn_of_set_up(spec) == ()
+    assert shared_errors.remark_on_set_up(spec) == ()
     covered = []
     for seed in range(16 if robust else 40):
         fitted = fit_triad(dwells(seed, set_up=off), spec)
@@ -201,9 +201,9 @@ def test_a_triad_set_up_wrong_in_its_fixture_is_within_u_where_its_size_is_state
 
 def test_a_set_up_of_which_nothing_is_known_is_flagged():
     """No dwell tells it from axes that are turned together; from lengths it does not matter."""
-    (flag,) = shared_errors.warn_of_set_up(PLAIN)
+    (flag,) = shared_errors.remark_on_set_up(PLAIN)
     assert 'group = "fixture", effect = "set-up"' in flag
-    assert shared_errors.warn_of_set_up(recipe(**LENGTHS)) == ()
+    assert shared_errors.remark_on_set_up(recipe(**LENGTHS)) == ()
 
 
 def test_errors_up_to_the_noise_of_a_dwell_reject_no_run():
@@ -355,9 +355,9 @@ def test_a_drift_is_not_added_to_dwells_without_time():
 def test_temperatures_that_follow_time_are_flagged():
     """Rising from soak to soak, with and without a clock; a return to the first is not."""
     for timed, word in ((True, "temperature follows time"), (False, "no time_s is logged")):
-        (flag,) = shared_errors.warn_of_order(drifting(1, timed=timed, back=False))
+        (flag,) = shared_errors.remark_on_order(drifting(1, timed=timed, back=False))
         assert word in flag
-    assert shared_errors.warn_of_order(drifting(1, timed=True, back=True)) == ()
+    assert shared_errors.remark_on_order(drifting(1, timed=True, back=True)) == ()
 
 
 def test_a_stated_error_that_the_logs_cannot_have_is_refused():

@@ -94,7 +94,7 @@ def fit(
     components = list_components("Errors that dwells share", [fitted.affine or fitted.k[0]])
     shown = [components] if components.rows else []
     shown += [compared, *([errors.tabulate_uncertainty(uncertainty)] if uncertainty else [])]
-    doubts = (*shared_errors.warn_of_order(dwells), *shared_errors.warn_of_set_up(spec))
+    doubts = (*shared_errors.remark_on_order(dwells), *shared_errors.remark_on_set_up(spec))
     flags = dict.fromkeys((*dwells.flags, *doubts, *fitted.flags))
     judged = (*corrected.judge_errors(spec), *fitted.triad.unexplained)
     overview = errors.summarize_errors(raw, corrected, CORRECTIONS[stage], compared, out)

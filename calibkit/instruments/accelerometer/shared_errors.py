@@ -16,6 +16,7 @@ from calibkit.arrays import Array, Integers
 from calibkit.coefficients import Criterion, at_most
 from calibkit.fit.shared import Shared
 from calibkit.fit.solve import ASKED_FOR, Fit
+from calibkit.frame import Remark
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.numeric import lack_of_fit
@@ -346,8 +347,8 @@ def judge_unexplained(
     return tuple(failed)
 
 
-def warn_of_set_up(spec: AccelerometerRecipe) -> tuple[str, ...]:
-    """Flag for a set-up in the fixture of which nothing is known: no dwell tells it from axes that
+def remark_on_set_up(spec: AccelerometerRecipe) -> tuple[str, ...]:
+    """Remark on a set-up in the fixture of which nothing is known: no dwell tells it from axes that
     are turned together.
     """
     stated = [(one.group, one.effect) for one in spec.errors.component]
@@ -356,16 +357,16 @@ def warn_of_set_up(spec: AccelerometerRecipe) -> tuple[str, ...]:
     if known or spec.reference.kind != "attitude":
         return ()
     group, effect = SET_UP
-    flag = (
+    remark = Remark(
         "an error in setting up the triad in its fixture turns every corrected vector, and the"
         f' uncertainties leave it out: state its size in [[errors.component]] group = "{group}",'
         f' effect = "{effect}", or in [[type_b]] of inclination_deg and toolface_deg'
     )
-    return (flag,)
+    return (remark,)
 
 
-def warn_of_order(dwells: DwellSet) -> tuple[str, ...]:
-    """Flag for temperatures that only rise or only fall from soak to soak: a zero that drifts with
+def remark_on_order(dwells: DwellSet) -> tuple[str, ...]:
+    """Remark on temperatures that only rise or only fall from soak to soak: a zero that drifts with
     time looks like one that follows temperature.
     """
     soak = number_soaks(dwells.temperature, dwells.log)
@@ -375,17 +376,17 @@ def warn_of_order(dwells: DwellSet) -> tuple[str, ...]:
         return ()
     cure = "return to the first temperature at the end"
     if _tells_time(dwells):
-        flag = (
+        remark = Remark(
             "temperature follows time: U of what follows temperature holds any drift of the zero"
             f" that the dwells of a soak allow; {cure}, or state the drift of the session in"
             " [[errors.component]]"
         )
     else:
-        flag = (
+        remark = Remark(
             "temperature follows the order of the rows and no time_s is logged: a zero that drifts"
             f" would be taken for one that follows temperature; log time_s, and {cure}"
         )
-    return (flag,)
+    return (remark,)
 
 
 def _tells_time(dwells: DwellSet) -> bool:

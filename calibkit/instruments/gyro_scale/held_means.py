@@ -14,6 +14,7 @@ import numpy as np
 from calibkit.arrays import Array, Integers
 from calibkit.constants import REVOLUTION_DEG
 from calibkit.errors import FitError
+from calibkit.frame import Remark
 from calibkit.instruments.gyro_scale.held_rates import Motion
 from calibkit.numeric import chunks, dwells
 
@@ -172,7 +173,7 @@ def of_rows(
         angle_rate_dps=nan,
         span=np.arange(count)[:, None] + np.array([0, 1]),
         hours=np.zeros(count) if time_s is None else _hours(time_s, time_s),
-        flags=("one row per held rate: noise is that of the residuals of the line",),
+        flags=(Remark("one row per held rate: noise is that of the residuals of the line"),),
     )
 
 

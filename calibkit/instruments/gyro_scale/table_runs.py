@@ -148,7 +148,8 @@ def fit_run(spec: AnyRecipe, log: Log) -> TableRun:
     refuse(found)
     if held is None:
         raise FitError(f"{log.file}: no held rates")
-    notes = (f"{log.file}: {note}" for note in (*log.notes, *held.flags))
+    # a remark stays one
+    notes = (type(note)(f"{log.file}: {note}") for note in (*log.notes, *held.flags))
     flags = (*notes, *(str(finding) for finding in found if finding.flagged))
     reference = spec.table.reference
     return TableRun(log, spec.gyros, held, reference, flags, _temp_range(log, held))

@@ -290,7 +290,7 @@ def _flag_sets(
                     " hold faster rates, or longer"
                 )
     if mounting is None and len(spec.gyros) > 1:
-        yield (
+        yield Remark(
             "the errors of mounting are not in u of the angles and unit vectors: state how a"
             ' mounting repeats in [[errors.component]] group = "mounting", effect = "angle"'
         )
