@@ -38,8 +38,10 @@ UNITS = np.array([np.degrees(1.0), np.degrees(1.0), 1.0, np.degrees(1.0)])
 ANGLES = (0, 1, 3)
 """Indices of the angles in a solution's covariance: inclination, toolface, azimuth."""
 NAMES = ("inclination", "toolface", "azimuth")
-DISAGREE = 5.0
-"""Difference of two sensor pairs, in standard uncertainties, above which it is flagged."""
+DISAGREE = 8.0
+"""Difference of two sensor pairs, in standard uncertainties, above which it is flagged: errors of
+the positions weigh more in some attitudes than the one noise of all stations says.
+"""
 EXACT, UNKNOWN = 1e-300, 1e300
 """Least and largest variance in a weight: pairs that are both exact, or both not known, count
 alike.
