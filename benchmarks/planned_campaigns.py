@@ -159,7 +159,7 @@ def run_gyro(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  #
     """
     rng = np.random.default_rng(seed)
     bench = fog_bench(plan, spec)
-    sizes, white_dph = bench.assumed.size, bench.assumed.noise_of(fog_plan.GROUP_S)
+    sizes, white_dph = bench.assumed.size, bench.assumed.noise_of(fog_plan.BLOCK_S)
     held = [one for one in plan.schedule.actions if one.log and "withheld" not in one.log]
     ramps = [
         fog_plan.Ramp(b.ramp_degc_per_min, c.duration_s)

@@ -11,6 +11,7 @@ import pytest
 from calibkit import instruments, recipe
 from calibkit.coefficients import Figure
 from calibkit.instruments.accelerometer import coefficient_files, errors as triad_errors, forms
+from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.errors import AttitudeErrors
 from calibkit.instruments.accelerometer.recipe import _AccelAcceptance
 from calibkit.instruments.fog_thermal import instrument as fog
@@ -144,7 +145,11 @@ def triad_unseen(value, temperature=25.0, terms=()):
     )
     correction = coefficient_files.Correction(forms.AFFINE, (model,))
     vectors = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1], [-1, 0, 0]])
-    dwells = SimpleNamespace(indication=vectors, temperature=np.full(4, temperature))
+    unknown, of_log = np.full(4, np.nan), np.zeros(4, dtype=np.int64)
+    dwells = DwellSet(
+        *(vectors, np.full(4, temperature), unknown, unknown, np.zeros((4, 3))),
+        *(unknown, of_log, (), ()),
+    )
     none = np.zeros(0)
     angles = AttitudeErrors(none, none, {})
     residual = np.column_stack([np.full(4, value), np.zeros((4, 2))])

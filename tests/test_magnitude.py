@@ -150,8 +150,8 @@ def test_ten_positions_are_reported_with_a_warning():
 @pytest.mark.parametrize(("seed", "set_up_deg"), [*((n, 2.0) for n in range(6)), (21, 1.0)])
 def test_six_faces_at_several_sessions_do_not_run_away(seed, set_up_deg):
     """Lengths in six positions set up by hand see no angles: biases come out beside a zero of each
-    soak, within U, and the angles are said to be poorly known. Nor is an error taken by chance of
-    which the parameters leave next to nothing: of second order it moved a bias by 3.7 U.
+    soak, within U, the angles are said to be poorly known, and no error is taken by chance of which
+    the parameters leave next to nothing (of second order it moved a bias by 3.7 U).
     """
     rng = np.random.default_rng(seed)
     faces = np.tile(np.concatenate([np.eye(3), -np.eye(3)]), (4, 1))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -48,7 +49,8 @@ class Plan:
     @property
     def assumed(self) -> Assumed:
         """What the plan assumes."""
-        low, high = self.document["range_degc"]
+        set_degc = [one.set_degc for one in self.schedule.actions if math.isfinite(one.set_degc)]
+        low, high = self.range_degc or (min(set_degc), max(set_degc))
         components = tuple(map(ErrorComponent.model_validate, self.document["components"]))
         if "device" not in self.document:
             return _assumed_by_0_2(self, (low, high), components)

@@ -30,12 +30,12 @@ Tour = tuple[int, ...]
 def list_tours(
     order: int, range_degc: tuple[float, float], *, some: bool, reference: float | None = None
 ) -> list[Tour]:
-    """Tours of the temperatures at which a polynomial is determined best: of one more temperature
-    than an order needs first, then of more; with `some` also every choice of those of the first
-    tour, for what is measured already may have the others.
+    """Tours of the temperatures at which a polynomial is determined best, the extremes of Chebyshev
+    polynomials: of one more temperature than an order needs first, then of more; with `some` also
+    every choice of those of the first tour, for what is measured already may have the others.
 
-    A reference temperature stands for the one nearest to it between the ends of the range. A
-    campaign at one temperature has that one.
+    A reference temperature takes the place of the nearest one between the ends of the range. Where
+    both ends are one temperature, that is the campaign.
     """
     if range_degc[0] == range_degc[1]:
         return [(round(range_degc[0]),)]
@@ -57,7 +57,7 @@ def list_tours(
 
 def order_there_and_back(levels: Sequence[int]) -> Tour:
     """Temperatures, lowest first, in the order of a campaign: every second one on the way back to
-    the first, so that drift is separated from temperature on a way that is no longer.
+    the first. The way is as long as straight there and back, and drift is told from temperature.
     """
     return (*levels[::2], *levels[1::2][::-1], levels[0])
 

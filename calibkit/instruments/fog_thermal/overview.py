@@ -1,5 +1,5 @@
 """First screens of a gyro's thermal run: drift on ramps that were not fitted, what noise alone
-gives, the model, the largest U, a line per ramp.
+gives, the model, the largest U, a row per log.
 """
 
 from collections.abc import Mapping, Sequence

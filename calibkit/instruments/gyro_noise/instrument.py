@@ -181,8 +181,8 @@ def validate(
 
 
 def propose(evidence: Evidence) -> Choice | None:
-    """Recipe for logs with times and rates of gyros, or one log of accelerometers that stood still,
-    no reference, and no temperature that changes.
+    """Recipe for logs with times and rates of gyros, or one log of accelerometers that stood still
+    and have no reference; in neither does the temperature change.
     """
     accelerations = [name for name in evidence.columns if re.fullmatch(ACCELERATION, name)]
     columns = [*evidence.gyros("dph"), *accelerations]

@@ -1,4 +1,8 @@
-"""Coefficients of a run → compensated rates of a log."""
+"""Coefficients of a run → compensated rates of a log.
+
+Ω = S(T)⁻¹ (F − B(T)) of a gyro about its axis, or (SᵀS)⁻¹ Sᵀ (F − B) of several about the axes
+of the base; a bent response is solved for Ω by Newton's steps (`forms.GyroMatrix.rates`).
+"""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path

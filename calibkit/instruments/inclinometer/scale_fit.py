@@ -87,8 +87,8 @@ class ScaleOverTemperature:
 
     @property
     def effective_dof(self) -> Array:
-        """Of the coefficients [n + 1]. Every s(T) takes s0, so it has the least of the range too:
-        at 0 °C the polynomial alone may be what is uncertain, within the range it is the logs.
+        """Of the coefficients [n + 1]. That of s0 is the least within the range of
+        temperatures, because every s(T) is made with it; alone it is the polynomial at 0 °C.
         """
         dof = self.fit.of(lambda p: self.to_raw @ p[:-1]).dof
         dof[0] = min(dof[0], self.fit.of(lambda p: scale(p, np.linspace(-1.0, 1.0, 21))).dof.min())
@@ -259,7 +259,9 @@ def _separates_turn(roots: Roots, order: int) -> bool:
 def _fit_orders(
     roots: Roots, tried: Sequence[int], shared: Sequence[Shared], *, turned: bool
 ) -> list[Fit]:
-    """Fits of the orders at which logs are more than values of the polynomial."""
+    """Fits of those orders that leave more levels (logs, or stations) than the polynomial has
+    coefficients: with fewer it runs through each, and their scatter is unknown.
+    """
     highest = tried[-1]
     fits: list[Fit] = []
     for order in tried:

@@ -111,8 +111,8 @@ def _tabulate_scale(fits: Mapping[Sensor, ScaleFit]) -> Table:
 
 
 COMPUTED = 1e-9
-"""Standard uncertainty of a root of s below which stations are computed ones: closures of 0 show no
-noise.
+"""Standard uncertainty of a root of s below which the readings are taken for computed, not measured
+ones: they close exactly (r₀ − r₉₀ + r₁₈₀ − r₂₇₀ = 0), and U by such a noise would be 0.
 """
 UNTESTED = (
     "the [acceptance] limits of angles were not tested: the logs have no azimuth_deg to test them"

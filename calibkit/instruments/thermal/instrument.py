@@ -91,7 +91,9 @@ def faults(spec: ThermalRecipe, log: Log) -> Examined:
 def fit(
     spec: ThermalRecipe, data: Path, files: Sequence[str], progress: Progress
 ) -> Fitted[figures.ThermalReport]:
-    """Choose and fit the terms of every channel over the power-ons of all logs."""
+    """Fit every channel over the power-ons of all logs: bias + powers of T + terms of its rate, by
+    a level or a lagged model, as many terms as left-out stretches ask for (`channels`).
+    """
     raw, logs, flags = [], [], []
     for log in copies.refuse_copies(
         ingest.read_ahead(progress(files, "reading"), lambda file: read(spec, data, file))

@@ -1,5 +1,10 @@
 """Bias along a log by a fitted level or lagged model, its sensitivities, and the rows where a
 driver was clamped.
+
+    drift = [x(T, Ṫ, ΔT, ΔṪ) − x(T_ref, 0, 0, 0)] c
+
+x are the nine columns of `terms`, of drivers clamped to their fitted ranges. Drivers of a level
+model are those of the log, of a lagged model those of a coil that follows the case by its lags.
 """
 
 from collections.abc import Sequence
@@ -12,7 +17,9 @@ from calibkit.numeric.thermal import coil, level
 from calibkit.numeric.thermal.terms import Drivers, ThermalModel, Valid
 
 ONE_SIDED = 0.1
-"""Share of the largest fitted rate below which a direction counts as not measured."""
+"""Share of the largest fitted rate from which on a log goes in a direction. A direction whose
+fastest fitted rate is less than twice as large was not measured.
+"""
 RELATIVE_STEP = 1e-3
 """Relative change of a lag for the numerical derivative of the drift."""
 Spans = Sequence[tuple[int, float]]
