@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from calibkit import inspection, instruments, pipeline, plans, recipe, store
+from calibkit.certificate import conformity
 from calibkit.errors import FitError
 from calibkit.frame import Log
 from calibkit.instruments import silent
@@ -17,6 +18,7 @@ from calibkit.instruments.gyro_scale import (
     table_runs,
 )
 from calibkit.report import figures as drawing
+from calibkit.results import comparison, evaluation
 from conftest import AUTHORITIES, ROOT
 from firmware_log import chain_of, correct
 
@@ -381,6 +383,34 @@ def test_one_run_an_axis_decides_no_limit_on_scale_factors_but_may_fail_it(
     assert judged.get("scale-factor error") == (None if code == 0 else False)
     undecided = any("decides no limit" in flag for flag in document["flags"])
     assert undecided == (code == 0)
+
+
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize("stated", [False, True], ids=["unknown", "stated"])
+def test_certificates_and_comparisons_decide_no_limit_on_scale_factors_of_these_runs(
+    pair, tmp_path, calibkit, stated
+):
+    """Where nothing tells how scale factors repeat, a specification of N gets no statement and a
+    limit on K no answer; those of angles do, and all of them where the repeatability is stated.
+    """
+    root, _ = pair
+    size = 'errors.component=[{group="run",effect="scale",value=1.0,unit="ppm",dof=20.0}]'
+    fit(calibkit, "gyro_pair", root / "logs", tmp_path / "runs", *([size] if stated else []))
+    write(tmp_path / "logs", simulate_pair.campaign(2, noise_lsb=5.0))
+    fit(calibkit, "gyro_pair", tmp_path / "logs", tmp_path / "runs", *([size] if stated else []))
+    before, after = (store.load(store.find(f"G@r00{k}", tmp_path / "runs")) for k in (1, 2))
+    found = evaluation.RunResults.read(after)
+    by_name = {quantity.name: quantity for quantity in found.quantities}
+    verdicts = {
+        name: conformity._judge(found.state(by_name[name], {}), 0.0, 1e9, "guarded")[0]
+        for name in ("N", "gamma", "alpha_deg")
+    }
+    assert (verdicts["N"] == "no statement possible") == (not stated)
+    assert verdicts["alpha_deg"] == "pass"
+    limits = {"K_a": (1e6, "ppm")}
+    compared = comparison.compare(before, after, limits=limits).compared
+    (of_scale,) = (one for one in compared if one.quantity.name == "K_a")
+    assert of_scale.answer == ("yes" if stated else "cannot tell")
 
 
 @pytest.mark.parametrize(

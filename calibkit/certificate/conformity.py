@@ -165,8 +165,11 @@ def _judge(
     negative, the limit; else unbounded.
     """
     below, above = _expansion(result)
-    if not math.isfinite(above):
-        return "no statement possible", Words("no uncertainty was determined", "未评定不确定度")
+    obstacle = result.undecided
+    if obstacle is None and not math.isfinite(above):
+        obstacle = Words("no uncertainty was determined", "未评定不确定度")
+    if obstacle is not None:
+        return "no statement possible", obstacle
     low, high = (-math.inf if lower is None else lower), (math.inf if upper is None else upper)
     tolerance = (high - low) / 2.0
     if lower is None and result.interval is not None and result.interval[0] >= 0.0:

@@ -130,6 +130,8 @@ class Quantity:
     """Whether it cannot be negative, and is stated with a coverage interval."""
     principal: bool = False
     """Whether its budget is printed in full, where it depends on something at one point."""
+    undecided: Words | None = None
+    """Why no limit on it is decided: what its U leaves out, because no log shows it."""
 
     @property
     def key(self) -> str:
@@ -185,6 +187,7 @@ def state(stated: Stated, quantity: Quantity, at: At, *, principal: bool | None 
         principal=quantity.principal if principal is None else principal,
         condition=f"{conditions[0][1]:g}" if conditions else "",
         by_definition=by_definition,
+        undecided=quantity.undecided,
     )
     if by_definition:
         return result

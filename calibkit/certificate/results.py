@@ -69,6 +69,8 @@ class Result:
     """Whether it is the reference of others: it has no uncertainty, and no statement of conformity
     can rest on it.
     """
+    undecided: Words | None = None
+    """Why no limit on it is decided, whatever its U."""
     outside_scope: bool = False
     """Whether an accredited laboratory is not accredited for it."""
     condition: str = ""

@@ -283,8 +283,10 @@ def _compare(
     changes = tuple(_changes(quantity, earlier, old, new, same=same))
     if not changes:
         return unknown("the two calibrated ranges have nothing in common")
-    if any(one.u is None for one in changes):
-        return unknown("an uncertainty is not known", changes)
+    obstacles = ["an uncertainty is not known"] * any(one.u is None for one in changes)
+    obstacles += [one.undecided.en for one in (earlier, quantity) if one.undecided is not None]
+    if obstacles:
+        return unknown(obstacles[0], changes)
     limit = quantity.limit or earlier.limit
     factor = factor_of_largest(quantity, earlier, changes)
     made = Compared(quantity, changes, limit, "cannot tell", "", factor)

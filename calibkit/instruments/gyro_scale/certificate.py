@@ -181,6 +181,8 @@ def _state_of_line(
         slopes = {forms.TEMPERATURE: (at[0][1], -float(slope))}
     principal = letter == "K" and "." not in line.name and not quantities.is_cross(line.name)
     quantity = coefficient(record, line, letter, words, slopes)
+    if letter == "K" and not quantities.is_cross(line.name):
+        quantity = replace(quantity, undecided=quantities.undecided_scale(record))
     result = state(stated, quantity, {}, principal=principal)
     return result if at is None else replace(result, at=at)
 
@@ -334,6 +336,9 @@ def _tabulate_sensitivities(stated: Stated, record: Record, models: list[Model])
             gyro, axis = c.name[2:-1], c.name[-1]
             if c.name.startswith("S_"):
                 sensitivity = coefficient(record, model, c.name, Words("sensitivity", "灵敏度"))
+                if gyro == axis:
+                    undecided = quantities.undecided_scale(record)
+                    sensitivity = replace(sensitivity, undecided=undecided)
                 principal = model.name == "triad" and gyro == axis
                 place = f"{gyro} ({_where(model)})", Words(f"about {axis}", f"绕 {axis} 轴")
                 cells[place] = state(stated, sensitivity, {}, principal=principal)

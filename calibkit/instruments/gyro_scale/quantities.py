@@ -23,6 +23,9 @@ from calibkit.instruments.gyro_scale.compensate import TEMPERATURE_SLACK
 from calibkit.instruments.gyro_scale.recipe import AnyRecipe, GyroTriadRecipe
 
 PPM = 1e-6
+OF_THESE_RUNS = Words(
+    "U leaves out how the scale factor repeats from run to run", "U 未包含各测次间标度因数的重复性"
+)
 
 
 PAIR_WORDS = {
@@ -59,8 +62,14 @@ def list_pair(record: Record, model: Model) -> list[Quantity]:
     for c in model.coefficients:
         symbol, words = PAIR_WORDS[c.name]
         ratio = coefficient(record, model, c.name, words, by_angle(model, c.name))
-        quantities.append(replace(ratio, symbol=symbol, principal=True))
+        undecided = undecided_scale(record) if c.name in {"N", "epsilon"} else None
+        quantities.append(replace(ratio, symbol=symbol, principal=True, undecided=undecided))
     return quantities
+
+
+def undecided_scale(record: Record) -> Words | None:
+    """Why no limit on a scale factor, or on the ratio of two, is decided; None where one is."""
+    return OF_THESE_RUNS if lines.hold_within_runs([record]) else None
 
 
 def by_angle(model: Model, name: str) -> dict[str, tuple[float, float]]:
@@ -100,6 +109,8 @@ def _sensitivities(records: Mapping[str, Record], spec: AnyRecipe) -> Iterator[Q
                     coefficient(file, matrix.model, name, Words(name)),
                     inputs=(Input(near.column, low, high),) * known,
                 )
+            if axis in ("", gyro):
+                found = replace(found, undecided=undecided_scale(record))
             key = "max_scale_factor_error_ppm"
             if triad:
                 key = "max_rate_error_ppm" if gyro == axis else "max_cross_axis_ppm"
