@@ -82,10 +82,12 @@ class Shared:
         """Zᵀ v [levels · k] for values v [n] of the residuals."""
         level = self.level.reshape(len(self.level), -1)
         loading = self.loading.reshape(*level.shape, self.width)
-        total = np.zeros((self.levels, self.width))
         row, place = np.nonzero(level >= 0)
-        np.add.at(total, level[row, place], loading[row, place] * rows[row, None])
-        return total.ravel()
+        # the k errors of a level stand side by side
+        column = level[row, place][:, None] * self.width + np.arange(self.width)
+        parts = loading[row, place] * rows[row, None]
+        total = np.bincount(column.ravel(), parts.ravel(), self.levels * self.width)
+        return np.asarray(total, dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -228,11 +228,13 @@ def separable(listed: Sequence[Shared], jacobian: Array) -> list[Shared]:
     Q, _ = np.linalg.qr(jacobian / np.linalg.norm(jacobian, axis=0))
     offered = []
     for error in listed:
-        # |Z - Q Qᵀ Z|² = |Z|² - |Qᵀ Z|², in which no matrix Z stands
-        whole = np.sum(error.loading[error.level >= 0] ** 2)
-        left = whole - sum(np.sum(error.gathered(column) ** 2) for column in Q.T)
-        if not error.optional or left > SEEN**2 * whole:
-            offered.append(error)
+        if error.optional:
+            # |Z - Q Qᵀ Z|² = |Z|² - |Qᵀ Z|², in which no matrix Z stands
+            whole = np.sum(error.loading[error.level >= 0] ** 2)
+            left = whole - sum(np.sum(error.gathered(column) ** 2) for column in Q.T)
+            if left <= SEEN**2 * whole:
+                continue
+        offered.append(error)
     return offered
 
 
