@@ -209,6 +209,7 @@ class Solution:
         """(Jᵀ V⁻¹ J)⁻¹ Jᵀ V⁻¹ [p, n], change of β by a change of y."""
         return self.inverse[: self.rows.J.shape[1]] @ self.weighted.T
 
+    @cached_property
     def noise_degrees(self) -> float:
         """Degrees of freedom in which the rows show noise and nothing else, tr(P R P R)."""
         noise = self.variances[: len(self.rows.shares)]

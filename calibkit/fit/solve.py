@@ -451,6 +451,13 @@ def sensitivities(residual: Residual, shifted: Sequence[Residual], fit: Fit) -> 
     return changes
 
 
+def stand_out_together(good: Mask, level: Integers) -> Mask:
+    """Rows [n] of the levels [n] of which most are not `good`, of levels of several rows."""
+    count = np.bincount(level)
+    share = np.bincount(level, good) / np.maximum(count, 1)
+    return np.asarray(((share < MOST_OF_A_LEVEL) & (count > 1))[level])
+
+
 def _asks_for(wider: Solution, solution: Solution) -> bool:
     """Whether the likelihood asks for the error that `wider` has and `solution` lacks.
 
@@ -459,7 +466,7 @@ def _asks_for(wider: Solution, solution: Solution) -> bool:
     90 tries. The limit grows by the ratio of the degrees of freedom, which is 1 for many rows.
     """
     fall = solution.deviance - wider.deviance
-    return fall * wider.noise_degrees() >= ASKED_FOR * solution.noise_degrees()
+    return fall * wider.noise_degrees >= ASKED_FOR * solution.noise_degrees
 
 
 def _jacobian(residual: Residual, p: Array) -> Array:
@@ -735,10 +742,7 @@ class _Problem:
                 continue
             seen = level >= 0
             label = level[seen] * self.channels + self.channel[seen]
-            count = np.bincount(label)
-            share = np.bincount(label, good[seen]) / np.maximum(count, 1)
-            # a level of one residual has nobody to stand out with
-            good[seen] |= ((share < MOST_OF_A_LEVEL) & (count > 1))[label]
+            good[seen] |= stand_out_together(good[seen], label)
         return good
 
     def shortened(

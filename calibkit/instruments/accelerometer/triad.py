@@ -11,7 +11,7 @@ from calibkit.coefficients import Criterion
 from calibkit.errors import FitError
 from calibkit.fit.complex_step import Numbers, derivative, length
 from calibkit.fit.shared import Prior, Residual, Shared
-from calibkit.fit.solve import MOST_OF_A_LEVEL, Fit, sensitivities, solve
+from calibkit.fit.solve import Fit, sensitivities, solve, stand_out_together
 from calibkit.instruments.accelerometer import determination, equation, shared_errors
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.equation import Terms
@@ -175,11 +175,9 @@ def _find_outliers(
         rows = slice(component, None, len(of_axes))
         fit = robust.linear(jacobian[rows, places], -left[rows])
         good = fit.row_weights > 0.0
-        for level in levels:
-            count = np.bincount(level)
-            share = np.bincount(level, fit.row_weights > 0.0) / count
-            good |= ((share < MOST_OF_A_LEVEL) & (count > 1))[level]
         used[rows] = good
+        for level in levels:
+            used[rows] |= stand_out_together(good, level)
     return used
 
 

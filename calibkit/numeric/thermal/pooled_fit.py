@@ -26,7 +26,7 @@ from calibkit.numeric.flicker import Turned
 from calibkit.numeric.intervals import Intervals
 from calibkit.numeric.least_squares import fit
 from calibkit.numeric.thermal import occupancy
-from calibkit.numeric.thermal.noise import Noise, estimate
+from calibkit.numeric.thermal.noise import MOST_GROUPS, Noise, estimate
 from calibkit.numeric.thermal.terms import Drivers, Scales, ThermalModel, chosen_columns
 
 NEIGHBOURS = 7
@@ -35,8 +35,6 @@ NEIGHBOURS = 7
 ITERATIONS = 30
 SPIKE = 3.5
 """Standard deviations beyond which an isolated residual is a spike."""
-MOST_GROUPS = 250
-"""Largest number of groups of a log: the size of the matrices that are factored."""
 DEPENDENT = 1e-5
 """Smallest singular value of columns of unit length below which they count as dependent."""
 LEAST_LOGS = 3
