@@ -82,23 +82,23 @@ def windows(export: Export) -> str:
 def _tables(export: Export) -> str:
     """Every number of the chain."""
     program, lines = export.program, []
-    word = program.format.c_type
     if program.structure.maps:
-        fields = "".join(f"    {word} {name};\n" for name in ("middle", "reciprocal", "range[2]"))
+        kind = program.format.c_type
+        fields = "".join(f"    {kind} {name};\n" for name in ("middle", "reciprocal", "range[2]"))
         lines.append(f"typedef struct {{\n{fields}}} @p_map;\n")
     lines += [
-        _array(export, entry.table, word, f"least and greatest {entry.name} [{entry.unit}]")
+        _array(export, entry.table, f"least and greatest {entry.name} [{entry.unit}]")
         for entry in program.structure.inputs
     ]
     if pace := program.structure.pace:
         what = f"updates until the lags have settled; farthest move of {pace.followed} an interval"
-        lines.append(_array(export, pace.table, word, what))
+        lines.append(_array(export, pace.table, what))
     for step in program.structure.steps:
-        lines += list(_step_tables(export, step, word))
+        lines += list(_step_tables(export, step))
     return "\n".join(lines) + "\n"
 
 
-def _step_tables(export: Export, step: Step, word: str) -> Iterator[str]:
+def _step_tables(export: Export, step: Step) -> Iterator[str]:
     """Tables of one step."""
     program = export.program
     match step:
@@ -108,40 +108,41 @@ def _step_tables(export: Export, step: Step, word: str) -> Iterator[str]:
             yield f"static const @p_map @p_{step.table} = {{{', '.join(numbers)}}};"
         case Limit() | Play():
             what = "least and greatest" if isinstance(step, Limit) else "reach of"
-            yield _array(export, step.table, word, f"{what} {step.name}")
+            yield _array(export, step.table, f"{what} {step.name}")
         case Slope():
-            yield _array(export, step.table, word, "a row for each number of values")
+            yield _array(export, step.table, "a row for each number of values")
         case Select():
-            yield from (_scalar(export, case.table, word) for case in step.cases)
+            yield from (_scalar(export, case.table) for case in step.cases)
         case Sum():
             for entry in step.terms:
                 if entry.table and entry.over:
-                    yield _array(export, entry.table, word, "")
+                    yield _array(export, entry.table, "")
                 elif entry.table:
-                    yield _scalar(export, entry.table, word)
+                    yield _scalar(export, entry.table)
         case _:
             pass
 
 
-def _array(export: Export, name: str, word: str, remark: str) -> str:
+def _array(export: Export, name: str, remark: str) -> str:
     """A table."""
+    kind = export.program.format.c_type
     numbers = [export.program.format.text(x) for x in export.program.tables[name]]
-    text = f"static const {word} @p_{name}[{len(numbers)}] = {{{', '.join(numbers)}}};"
+    text = f"static const {kind} @p_{name}[{len(numbers)}] = {{{', '.join(numbers)}}};"
     if len(text) > c_text.WIDTH:
         width = 4 if len(numbers) <= 16 else export.structure.slopes[0].length - 1
         rows = (", ".join(numbers[k : k + width]) for k in range(0, len(numbers), width))
         text = (
-            f"static const {word} @p_{name}[{len(numbers)}] = {{\n    "
+            f"static const {kind} @p_{name}[{len(numbers)}] = {{\n    "
             + ",\n    ".join(rows)
             + "\n};"
         )
     return f"{text} /* {remark} */" if remark else text
 
 
-def _scalar(export: Export, name: str, word: str) -> str:
+def _scalar(export: Export, name: str) -> str:
     """A single number."""
     return (
-        f"static const {word} @p_{name} ="
+        f"static const {export.program.format.c_type} @p_{name} ="
         f" {export.program.format.text(export.program.tables[name][0])};"
     )
 

@@ -26,9 +26,7 @@ class Input:
     meaning: str
     table: str
     flag: str = ""
-    """Status that is returned when the value had to be brought into its range; for an indication
-    in fixed point, when it is beyond the full scale.
-    """
+    """Status that is returned when the value had to be brought into its range."""
     beyond: str = ""
     """Status of an indication outside its fitted range, which is used as it is."""
 

@@ -283,10 +283,12 @@ def _compare(
     changes = tuple(_changes(quantity, earlier, old, new, same=same))
     if not changes:
         return unknown("the two calibrated ranges have nothing in common")
-    obstacles = ["an uncertainty is not known"] * any(one.u is None for one in changes)
-    obstacles += [one.undecided.en for one in (earlier, quantity) if one.undecided is not None]
-    if obstacles:
-        return unknown(obstacles[0], changes)
+    undecided = earlier.undecided or quantity.undecided
+    reason = "" if undecided is None else undecided.en
+    if any(one.u is None for one in changes):
+        reason = "an uncertainty is not known"
+    if reason:
+        return unknown(reason, changes)
     limit = quantity.limit or earlier.limit
     factor = factor_of_largest(quantity, earlier, changes)
     made = Compared(quantity, changes, limit, "cannot tell", "", factor)
