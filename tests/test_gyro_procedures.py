@@ -368,7 +368,7 @@ def test_one_run_an_axis_decides_no_limit_on_scale_factors_but_may_fail_it(
     pair, tmp_path, calibkit, limit_ppm, code
 ):
     """Nothing tells how the scale factors of a pair repeat: an unseen run beyond a limit rejects,
-    one within it accepts nothing, and that is said.
+    one within it accepts nothing, and a flag states it.
     """
     root, _ = pair
     limit = f"acceptance.max_scale_factor_error_ppm={limit_ppm}"

@@ -1,4 +1,4 @@
-"""Robust linear fits: wild rows move nothing and get no weight."""
+"""Robust linear fits: outliers move nothing and get weight 0."""
 
 import numpy as np
 import pytest
@@ -26,19 +26,19 @@ def moved(design, before, after):
 
 
 @pytest.mark.parametrize("size", [3.0, 5.0, 8.0, 30.0, 1e3, 1e9])
-def test_one_wild_indication_in_a_hundred_moves_nothing(size):
+def test_one_indication_far_off_in_a_hundred_moves_nothing(size):
     """However large or small the fault, no coefficient moves by its standard uncertainty."""
     for seed in range(6):
         design, _, indication = problem(seed)
         spoilt = indication.copy()
-        wild = np.random.default_rng(seed).integers(0, 150, 1)
-        spoilt[wild] += size
+        outliers = np.random.default_rng(seed).integers(0, 150, 1)
+        spoilt[outliers] += size
         assert moved(design, robust.linear(design, indication), robust.linear(design, spoilt)) < 1.0
 
 
 @pytest.mark.parametrize("reach", [3.0, 30.0, 1e3, 1e6])
-def test_one_wild_row_of_high_leverage_in_a_hundred_moves_nothing(reach):
-    """A row whose regressors are wild drags plain least squares along and leaves the robust fit
+def test_one_outlier_of_high_leverage_in_a_hundred_moves_nothing(reach):
+    """A row whose regressors are far off drags plain least squares along and leaves the robust fit
     where it was.
     """
     dragged = []
@@ -54,19 +54,19 @@ def test_one_wild_row_of_high_leverage_in_a_hundred_moves_nothing(reach):
     assert max(dragged) > 4.0
 
 
-def test_wild_rows_that_cover_for_one_another_are_all_named():
-    """Eight wild rows that lie on a line of their own hide from residuals and deletion, not from
+def test_outliers_that_cover_for_one_another_are_all_named():
+    """Eight outliers that lie on a line of their own hide from residuals and deletion, not from
     the start.
     """
     design, _, indication = problem(1)
     spoilt, wrong = design.copy(), indication.copy()
-    wild = np.arange(40, 48)
-    spoilt[wild, 1:] = np.array([12.0, 0.0, 0.0, 0.0, 0.0]) + np.random.default_rng(2).normal(
+    outliers = np.arange(40, 48)
+    spoilt[outliers, 1:] = np.array([12.0, 0.0, 0.0, 0.0, 0.0]) + np.random.default_rng(2).normal(
         0.0, 0.1, (8, 5)
     )
-    wrong[wild] = -40.0
+    wrong[outliers] = -40.0
     after = robust.linear(spoilt, wrong)
-    assert np.all(after.row_weights[wild] == 0.0)
+    assert np.all(after.row_weights[outliers] == 0.0)
     assert moved(design, robust.linear(design, indication), after) < 1.5
 
 
@@ -84,7 +84,7 @@ def test_clean_rows_are_fitted_as_well_as_by_least_squares():
 
 
 def test_residuals_are_those_of_all_rows():
-    """A wild row of a million is where it was."""
+    """An outlier of a million is where it was."""
     design, _, indication = problem(4)
     indication[11] += 1e6
     result = robust.linear(design, indication)
@@ -92,8 +92,8 @@ def test_residuals_are_those_of_all_rows():
     assert result.residuals[11] == pytest.approx(1e6, rel=1e-3)
 
 
-def test_exact_data_stay_exact_with_a_wild_row_among_them():
-    """Without noise the coefficients come out to rounding, and the wild row alone has no weight."""
+def test_exact_data_stay_exact_with_an_outlier_among_them():
+    """Without noise the coefficients come out to rounding, and the outlier alone has weight 0."""
     design, truth, _ = problem(5)
     indication = design @ truth
     indication[70] += 1.0
@@ -103,7 +103,7 @@ def test_exact_data_stay_exact_with_a_wild_row_among_them():
 
 
 def test_too_few_rows_are_refused():
-    """Four rows more than coefficients cannot show which is wild."""
+    """Four rows more than coefficients cannot show which is an outlier."""
     design, _, indication = problem(8, rows=10)
     with pytest.raises(FitError, match="10 rows for 6 coefficients cannot show"):
         robust.linear(design, indication)
@@ -118,7 +118,7 @@ def test_a_row_that_alone_fixes_a_coefficient_still_does():
     assert result.residuals[33] == pytest.approx(0.0, abs=1e-6)
 
 
-def test_three_wild_rows_in_ten_that_agree_get_little_weight():
+def test_three_outliers_in_ten_that_agree_get_little_weight():
     """Of rows on a line of their own all that are seven standard deviations from the others' have a
     weight below 0.2; no other row is without one.
     """
@@ -136,7 +136,7 @@ def test_three_wild_rows_in_ten_that_agree_get_little_weight():
 @pytest.mark.parametrize("temperatures", [4, 9])
 def test_six_faces_are_fitted_at_few_and_at_many_temperatures(temperatures):
     """Columns that are 0 in most rows, for which half of the rows leave a coefficient open: it is
-    found, and one wild row alone has no weight.
+    found, and one outlier alone has weight 0.
     """
     faces = np.vstack([np.eye(3), -np.eye(3)])
     warm = np.repeat(np.linspace(-1.0, 1.0, temperatures), 6)[:, None]

@@ -57,7 +57,8 @@ def list_tours(
 
 def order_there_and_back(levels: Sequence[int]) -> Tour:
     """Temperatures, lowest first, in the order of a campaign: every second one on the way back to
-    the first. The way is as long as straight there and back, and drift is told from temperature.
+    the first. The way is as long as straight there and back, and drift is separated from
+    temperature.
     """
     return (*levels[::2], *levels[1::2][::-1], levels[0])
 

@@ -27,8 +27,6 @@ STILL = 0.05
 """Range of an abscissa in a log, relative to that of all logs, below which it is the noise of a
 thermometer more than a change: such a log has a level alone.
 """
-
-
 LEAST_LOGS = 4
 """Fewest logs from which the covariance of biases that wander is taken between logs."""
 LEAST_SHARE = 0.01

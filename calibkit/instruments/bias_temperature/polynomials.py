@@ -200,7 +200,7 @@ def _of_one_log(stated: Sequence[Shared]) -> list[SharedSize]:
 
 
 def _require_levels_apart(error: Shared, design: Array, names: Sequence[str]) -> None:
-    """Refuse turn-on biases that cannot be told from the coefficients of a design [m, p]."""
+    """Refuse turn-on biases that rows of a design [m, p] do not separate from its coefficients."""
     own = error.design(np.arange(len(design)))
     if rank(np.hstack([design, own])) == len(names):
         raise FitError(

@@ -99,7 +99,7 @@ class StationBench(TourBench):
         return {dwell_s: self.plan_roots(dwell_s) for dwell_s in self.assumed.device.dwell_s}
 
     def plan_roots(self, dwell_s: float) -> tuple[Array, Array]:
-        """`judge_roots` of s = 1 at each place, of those that need no history of s to be told."""
+        """`judge_roots` of s = 1 at each place, u infinite where a fit needs a history of s."""
         assumed, (tilt, azimuth) = self.assumed, self.places.T
         attitudes = simulated.Attitudes(tilt, np.zeros_like(tilt), azimuth)
         gravity = simulated.rotated(attitudes, np.array([0.0, 0.0, 1.0]))

@@ -27,7 +27,7 @@ LIKELIER = 3.0
 """Least difference of log-likelihood between two positive roots for an unambiguous choice: odds of
 20 to 1.
 """
-DISAGREES = 5.0
+ROOT_DISAGREES = 5.0
 """Difference between a root and its prior, in standard uncertainties, above which it is flagged."""
 CLAMPED = "negative discriminant clamped to zero"
 """Flag of a station whose two roots coincide."""
@@ -38,7 +38,7 @@ UNITS = np.array([np.degrees(1.0), np.degrees(1.0), 1.0, np.degrees(1.0)])
 ANGLES = (0, 1, 3)
 """Indices of the angles in a solution's covariance: inclination, toolface, azimuth."""
 NAMES = ("inclination", "toolface", "azimuth")
-DISAGREE = 8.0
+PAIRS_DISAGREE = 8.0
 """Difference of two sensor pairs, in standard uncertainties, above which it is flagged: errors of
 the positions weigh more in some attitudes than the one noise of all stations says.
 """
@@ -353,7 +353,7 @@ def _list_flags(
                     f"s is its prior: the root {s_root[k]:.4g} has a standard uncertainty of"
                     f" {u_root[k]:.2g}, C is near 0"
                 )
-            elif off[k] > DISAGREES:
+            elif off[k] > ROOT_DISAGREES:
                 flags.append(
                     f"the root {s_root[k]:.5g} is {off[k]:.0f} standard uncertainties from its"
                     f" prior {prior.s[k]:.5g}"
@@ -480,7 +480,7 @@ def _flag_pairs(pairs: Mapping[Sensor, Solution], used: Mask) -> tuple[tuple[str
     x, y = pairs.values()
     by_latitude = x.by_latitude - y.by_latitude
     variance = np.diagonal(x.pair_covariance + y.pair_covariance, axis1=1, axis2=2) + by_latitude**2
-    limit = DISAGREE * np.sqrt(variance[:, ANGLES]) + 1e-9
+    limit = PAIRS_DISAGREE * np.sqrt(variance[:, ANGLES]) + 1e-9
     apart = wrapped(
         np.column_stack(
             (

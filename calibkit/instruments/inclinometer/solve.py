@@ -60,7 +60,7 @@ class SolvedStations:
         for axis, pair in self.solutions.items():
             prior = self.priors[axis]
             with np.errstate(invalid="ignore"):
-                off = np.abs(pair.s_root - prior.s) > root_choice.DISAGREES * np.hypot(
+                off = np.abs(pair.s_root - prior.s) > root_choice.ROOT_DISAGREES * np.hypot(
                     pair.s_root_uncertainty, prior.standard_uncertainty
                 )
             found |= off | [WRONG in reason for reason in pair.status]

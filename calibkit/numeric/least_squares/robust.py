@@ -67,8 +67,8 @@ def linear(design: Array, indication: Array) -> RobustFit:
     """Fit indication [n] = design [n, p] · coefficients, of rows of equal noise, so that no few of
     them move it: where another fit starts that states uncertainties, of the rows with a weight.
 
-    Raises FitError as `fit.linear`; and for fewer than p + 5 rows, where none can be told to be an
-    outlier.
+    Raises FitError as `fit.linear`; and for fewer than p + 5 rows, too few to find an outlier
+    among them.
     """
     rows, columns = design.shape
     least_squares.linear(design, indication)  # refuses what no rows determine

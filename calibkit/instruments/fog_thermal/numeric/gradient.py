@@ -69,7 +69,7 @@ class Blocks(NamedTuple):
         """Fit of one ramp at a rate [°C/min]; FitError as `fit_line`.
 
         Its covariance is that of white and flicker noise of the indication: with the matrix P by
-        which the fit makes coefficients of it, σ² P Pᵀ + B² P K Pᵀ. The noise is told from the
+        which the fit makes coefficients of it, σ² P Pᵀ + B² P K Pᵀ. The noise is measured in the
         `raw` indication [n] where this one is denoised: what denoising leaves of noise is smoother
         than either.
         """
