@@ -38,7 +38,7 @@ determined.
 
 
 @dataclass(frozen=True, slots=True)
-class Stated:
+class KnownVariances:
     """What is known of the variances θ [v] before the fit: ν s²/θ is distributed as χ² with ν
     degrees of freedom; ν = 0 where nothing is known, ∞ where the variance is held at s².
     """
@@ -62,11 +62,11 @@ class Stated:
 
     def deviance(self, theta: Array) -> float:
         """-2 log of the densities, up to a constant."""
-        known = self.prior_dof > 0.0
-        if np.any(theta[known] <= 0.0):
+        prior = self.prior_dof > 0.0
+        if np.any(theta[prior] <= 0.0):
             return float("inf")
-        theta, square = theta[known], self.square[known]
-        return float(self.dof[known] @ (np.log(theta) + square / theta))
+        theta, square = theta[prior], self.square[prior]
+        return float(self.dof[prior] @ (np.log(theta) + square / theta))
 
     def score(self, theta: Array) -> Array:
         """Derivatives [v] of the log density."""
@@ -80,7 +80,7 @@ class Stated:
 
 
 @dataclass(frozen=True)
-class Rows:
+class MixedRows:
     """Rows of (1) with independent noise, and the directions of β in which J has unit columns."""
 
     J: Array
@@ -98,11 +98,11 @@ class Rows:
     groups: int
 
     @cached_property
-    def blocks(self) -> list["Block"]:
+    def blocks(self) -> list["DiagonalBlock"]:
         """Blocks of [J Z]."""
         return blocks(np.hstack([self.J, self.Z]))
 
-    def of_groups(self, kept: Sequence[int]) -> "Rows":
+    def of_groups(self, kept: Sequence[int]) -> "MixedRows":
         """The same rows with some of the shared errors, numbered anew."""
         columns = [np.flatnonzero(self.group == g) for g in kept]
         group = np.repeat(np.arange(len(kept)), [len(c) for c in columns])
@@ -120,20 +120,8 @@ class Rows:
         values = np.linalg.eigvalsh(left.T @ left)
         return int(np.sum(values > DETERMINED * whole))
 
-    def plain(self) -> tuple[Array, Array]:
-        """Ordinary least squares: the noise [parts] that it leaves, and that of all rows [1]."""
-        left = self.y - self.J @ np.linalg.lstsq(self.J, self.y, rcond=None)[0]
-        share = self.shares > 0.0
-        spare = max(self.count.sum() - self.J.shape[1], 1.0)
-        typical = np.sum(left**2) / spare
-        weight = self.shares @ self.count
-        parts = np.where(
-            weight > 0.0, share @ left**2 / np.where(weight > 0.0, weight, 1.0), typical
-        )
-        return np.asarray(parts), np.array([typical])
 
-
-class Block(NamedTuple):
+class DiagonalBlock(NamedTuple):
     """Rows and columns of a matrix outside of whose crossings both are 0."""
 
     rows: Integers
@@ -144,7 +132,7 @@ class Block(NamedTuple):
     """Index of columns and columns."""
 
 
-def blocks(design: Array) -> list[Block]:
+def blocks(design: Array) -> list[DiagonalBlock]:
     """Blocks of a matrix [n, k]."""
     filled = design != 0.0
     found, left = [], filled.any(axis=0)
@@ -155,21 +143,23 @@ def blocks(design: Array) -> list[Block]:
             rows = filled[:, columns].any(axis=1)
             columns = filled[rows].any(axis=0)
         crossings, square = np.ix_(rows, columns), np.ix_(columns, columns)
-        found.append(Block(np.flatnonzero(rows), np.flatnonzero(columns), crossings, square))
+        found.append(
+            DiagonalBlock(np.flatnonzero(rows), np.flatnonzero(columns), crossings, square)
+        )
         left &= ~columns
     return found
 
 
-class Solution:
+class MixedSolution:
     """Equations (2) and (3) solved at variances θ [parts + groups]."""
 
     def __init__(
-        self, rows: Rows, variances: Array, stated: Stated, *, restricted: bool = True
+        self, rows: MixedRows, variances: Array, known: KnownVariances, *, restricted: bool = True
     ) -> None:
         from scipy.linalg import cho_solve
 
         parts = len(rows.shares)
-        self.rows, self.variances, self.stated = rows, variances, stated
+        self.rows, self.variances, self.known = rows, variances, known
         self.R: Array = variances[:parts] @ rows.shares
         self.root = np.sqrt(variances[parts:])[rows.group]
         self.T: Array = np.hstack([rows.J, rows.Z * self.root])
@@ -189,7 +179,7 @@ class Solution:
         errors = self.solution[p:]
         # yᵀ P y as a sum of squares: the product of y and P y loses its digits where θ is large
         square = left @ self.Py + errors @ errors
-        self.deviance = float(log_determinants + square) + stated.deviance(variances)
+        self.deviance = float(log_determinants + square) + known.deviance(variances)
         self.restricted = restricted
         if not restricted:
             self.deviance += float(np.linalg.slogdet(self.inverse[:p, :p])[1])
@@ -203,6 +193,10 @@ class Solution:
     def errors(self) -> Array:
         """Shared errors b [q], as the rows show them."""
         return self.solution[self.rows.J.shape[1] :] * self.root
+
+    def noise_along(self, shares: Array) -> Array:
+        """Variance [n] of the noise of rows with shares [parts, n]."""
+        return np.asarray(self.variances[: len(shares)] @ shares)
 
     @property
     def gain(self) -> Array:
@@ -218,14 +212,10 @@ class Solution:
 
     def projected(self, F: Array) -> Array:
         """P F [n, k]."""
-        return self._less_explained(F, self.inverse)
-
-    def _less_explained(self, F: Array, inverse: Array) -> Array:
-        """R⁻¹ F - R⁻¹ T C⁻¹ Tᵀ R⁻¹ F [n, k], C⁻¹ [p + q, p + q] whole or of some columns of T."""
         left = F.copy()
         for block in self.rows.blocks:
             across = self.weighted[block.crossings].T @ F[block.rows]
-            left[block.rows] -= self.T[block.crossings] @ (inverse[block.square] @ across)
+            left[block.rows] -= self.T[block.crossings] @ (self.inverse[block.square] @ across)
         return np.asarray(left / self.R[:, None])
 
     def _traces(self, inverse: Array) -> tuple[Array, Array]:
@@ -259,8 +249,8 @@ class Solution:
         noise_trace = shares @ (self.rows.count / R - leverage / R**2)
         trace = np.concatenate([noise_trace, of_errors @ member])
         VPy = np.hstack([(shares * self.Py).T, (Z * (Z.T @ self.Py)) @ member])
-        score = 0.5 * (VPy.T @ self.Py - trace) + self.stated.score(self.variances)
-        information = 0.5 * VPy.T @ self.projected(VPy) + self.stated.information(self.variances)
+        score = 0.5 * (VPy.T @ self.Py - trace) + self.known.score(self.variances)
+        information = 0.5 * VPy.T @ self.projected(VPy) + self.known.information(self.variances)
         return score, information
 
     def information(self) -> Array:
@@ -276,41 +266,16 @@ class Solution:
         cross = shares @ PZ**2 @ member
         mixed = member.T @ (Z.T @ PZ) ** 2 @ member
         whole = np.block([[noise, cross], [cross.T, mixed]])
-        return 0.5 * whole + self.stated.information(self.variances)
+        return 0.5 * whole + self.known.information(self.variances)
 
 
-@dataclass(frozen=True, slots=True)
-class Estimate:
-    """Most likely variances, and the covariance of the coefficients with what their estimation
-    adds.
-    """
-
-    solution: Solution
-    covariance: Array
-    """[p, p], after Kenward & Roger (1997)."""
-    slopes: Array
-    """[v, p, p], derivatives of the covariance by the variances."""
-    variance_covariance: Array
-    """[v, v]; 0 for a variance that is held."""
-
-    @property
-    def deviance(self) -> float:
-        """-2 log L."""
-        return self.solution.deviance
-
-    @property
-    def variances(self) -> Array:
-        """θ [v], of the parts of the noise and then of the shared errors."""
-        return self.solution.variances
-
-
-def maximise(rows: Rows, stated: Stated, near: Array | None = None) -> Solution:
+def maximise(rows: MixedRows, known: KnownVariances, near: Array | None = None) -> MixedSolution:
     """The most likely variances, from a start [v] that is near or from two that are far apart."""
-    starts = [near] if near is not None else _starts(rows, stated)
-    return min((_ascend(Solution(rows, v, stated)) for v in starts), key=lambda s: s.deviance)
+    starts = [near] if near is not None else _starts(rows, known)
+    return min((_ascend(MixedSolution(rows, v, known)) for v in starts), key=lambda s: s.deviance)
 
 
-def first_step(solution: Solution, Z: Array) -> tuple[float, float]:
+def first_step(solution: MixedSolution, Z: Array) -> tuple[float, float]:
     """Variance of a further error with loadings Z [n, k] by one scoring step from 0, and the fall
     of -2 log L that the step promises.
     """
@@ -322,16 +287,18 @@ def first_step(solution: Solution, Z: Array) -> tuple[float, float]:
     return score / information, score**2 / information
 
 
-def unrestricted(solution: Solution) -> float:
+def unrestricted(solution: MixedSolution) -> float:
     """Least -2 log L without restriction, by its own variances, of the fit of a solution."""
-    rows, stated = solution.rows, solution.stated
-    return _ascend(Solution(rows, solution.variances, stated, restricted=False)).deviance
+    rows, known = solution.rows, solution.known
+    return _ascend(MixedSolution(rows, solution.variances, known, restricted=False)).deviance
 
 
-def at_variances(solution: Solution) -> Estimate:
-    """Covariance of the coefficients where the variances are those of a solution."""
-    rows, variances, stated = solution.rows, solution.variances, solution.stated
-    spread = _inverse(solution.information(), stated.free)
+def uncertainty(solution: MixedSolution) -> tuple[Array, Array, Array]:
+    """Covariance [p, p] of the coefficients with what the estimation of the variances adds, its
+    derivatives [v, p, p] by the variances, and their covariance [v, v], 0 for one that is held.
+    """
+    rows, variances, known = solution.rows, solution.variances, solution.known
+    spread = _inverse(solution.information(), known.free)
     # Φ + 2 Σ w_ij G V_i P V_j Gᵀ (Kenward & Roger 1997), V_i Gᵀ = D_i Gᵀ or Z_i Z_iᵀ Gᵀ
     G = solution.gain
     VG = [d[:, None] * G.T for d in rows.shares]
@@ -347,49 +314,56 @@ def at_variances(solution: Solution) -> Estimate:
         covariance += 2.0 * part.T @ np.tensordot(weights, PVG, 1)
     cut = np.where(variances > 0.0, 1.0, CUT_AT_ZERO)
     slopes = np.stack([G @ part for part in VG])
-    return Estimate(solution, covariance, slopes, spread * np.outer(cut, cut))
+    return covariance, slopes, spread * np.outer(cut, cut)
 
 
-def _starts(rows: Rows, stated: Stated) -> list[Array]:
+def _starts(rows: MixedRows, known: KnownVariances) -> list[Array]:
     """Variances to start from: shared errors that are small, or large, against the noise, whatever
     is stated with few degrees of freedom: such a statement can make the likelihood bimodal.
     """
-    noise, typical = rows.plain()
+    left = rows.y - rows.J @ np.linalg.lstsq(rows.J, rows.y, rcond=None)[0]
+    typical = np.sum(left**2) / max(rows.count.sum() - rows.J.shape[1], 1.0)
+    weight = rows.shares @ rows.count
+    scatter = (rows.shares > 0.0) @ left**2 / np.where(weight > 0.0, weight, 1.0)
+    noise = np.where(weight > 0.0, scatter, typical)
     loading = np.array(
         [np.mean(np.sum(rows.Z[:, rows.group == g] ** 2, axis=0)) for g in range(rows.groups)]
     )
     mixed = typical / np.maximum(loading, 1e-200)
     starts = []
     for share in (0.1, 10.0):
-        start = np.concatenate([np.maximum(noise, stated.least), share * mixed])
-        start = np.minimum(start, stated.largest)
-        starts.append(np.where(stated.free, start, stated.square))
+        start = np.concatenate([np.maximum(noise, known.least), share * mixed])
+        start = np.minimum(start, known.largest)
+        starts.append(np.where(known.free, start, known.square))
     return starts if rows.groups else starts[:1]
 
 
-def _ascend(now: Solution) -> Solution:
+def _ascend(now: MixedSolution) -> MixedSolution:
     """Where scoring of the likelihood ends, from a solution."""
-    rows, stated = now.rows, now.stated
+    rows, known = now.rows, now.known
     parts = len(rows.shares)
     # Noise that is the only one of some row cannot be zero, nor can that of the first sensor.
     alone = np.zeros(len(now.variances), dtype=np.bool_)
     only = np.sum(rows.shares > 0.0, axis=0) == 1
     alone[:parts] = np.any((rows.shares > 0.0) & only, axis=1)
     alone[0] = True
-    floor = np.where(alone & stated.free, stated.least, 0.0)
+    floor = np.where(alone & known.free, known.least, 0.0)
     for _ in range(ITERATIONS):
         score, information = now.score()
-        moved = stated.free & ((now.variances > 0.0) | (score > 0.0))
+        moved = known.free & ((now.variances > 0.0) | (score > 0.0))
         step = _inverse(information, moved) @ np.where(moved, score, 0.0)
         falling = 0.1 * now.variances
-        lowest = np.maximum(np.where(alone | (stated.prior_dof > 0.0), falling, 0.0), floor)
+        lowest = np.maximum(np.where(alone | (known.prior_dof > 0.0), falling, 0.0), floor)
         for halving in range(HALVINGS):
             trial = np.maximum(now.variances + step * 0.5**halving, lowest)
             # from far above, a step of whatever length passes the maximum: fall by decades
             lowest = np.maximum(lowest, falling)
-            trial = np.where(stated.free, np.minimum(trial, stated.largest), stated.square)
-            reached = _solved(now, trial)
-            if reached is not None and reached.deviance <= now.deviance:
+            trial = np.where(known.free, np.minimum(trial, known.largest), known.square)
+            try:
+                reached = MixedSolution(rows, trial, known, restricted=now.restricted)
+            except np.linalg.LinAlgError:  # rounding makes (2) singular
+                continue
+            if reached.deviance <= now.deviance:
                 break
         else:
             break
@@ -397,14 +371,6 @@ def _ascend(now: Solution) -> Solution:
         if fall < SETTLED:
             break
     return now
-
-
-def _solved(now: Solution, variances: Array) -> Solution | None:
-    """The solution at other variances; None where rounding makes (2) singular."""
-    try:
-        return Solution(now.rows, variances, now.stated, restricted=now.restricted)
-    except np.linalg.LinAlgError:
-        return None
 
 
 def _inverse(information: Array, free: Mask) -> Array:

@@ -8,8 +8,8 @@ share, e noise, of each sensor its own. The sizes of all errors are the most lik
 `Fit.of` states its uncertainty.
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from calibkit.arrays import Array, Integers, Mask
 from calibkit.errors import FitError, UsageError
 from calibkit.fit import likelihood
 from calibkit.fit.complex_step import Numbers, derivative
-from calibkit.fit.likelihood import Estimate, Rows, Solution, Stated
+from calibkit.fit.likelihood import KnownVariances, MixedRows, MixedSolution
 from calibkit.fit.shared import Prior, Residual, Shared
 from calibkit.fit.value import Value
 from calibkit.numeric.least_squares import fit as least_squares
@@ -103,7 +103,7 @@ class Fit:
     """[p, n], change of the parameters by a change of what the residuals should be."""
     bounds: Array = field(repr=False)
     """[p, k], changes of the parameters by errors as large as their bounds allow."""
-    solution: Solution = field(repr=False)
+    solution: MixedSolution = field(repr=False)
     """At the most likely sizes, in orthonormal columns."""
     members: tuple["Fit", ...] = field(default=(), repr=False)
     """Of an average: the fits of single orders."""
@@ -159,27 +159,33 @@ class Fit:
 
     def restated(self, function: Callable[[Numbers], Numbers]) -> "Fit":
         """The fit of other parameters, a function [m] of these, with their covariance."""
-        members = tuple(member.restated(function) for member in self.members)
         G = derivative(function, self.parameters)
-        return self._along(np.asarray(function(self.parameters), dtype=np.float64), G, members)
-
-    def weighted(self, weights: Array) -> "Fit":
-        """The fit of sums [m] of the parameters with weights [m, p]; as `restated`, without a
-        derivative to take.
-        """
-        members = tuple(member.weighted(weights) for member in self.members)
-        return self._along(weights @ self.parameters, weights, members)
-
-    def _along(self, parameters: Array, G: Array, members: tuple["Fit", ...]) -> "Fit":
-        """The fit of other parameters [m] with derivatives G [m, p] by these."""
         return replace(
             self,
-            parameters=parameters,
+            parameters=np.asarray(function(self.parameters), dtype=np.float64),
             covariance=G @ self.covariance @ G.T,
             slopes=G @ self.slopes @ G.T,
             gain=G @ self.gain,
             bounds=G @ self.bounds,
-            members=members,
+            members=tuple(member.restated(function) for member in self.members),
+        )
+
+    def weighted(self, weights: Array) -> "Fit":
+        """The fit of sums [m] of the parameters with weights [m, p]."""
+        return self.restated(lambda p: weights @ p)
+
+    def moved(self, parameters: Array) -> "Fit":
+        """The fit with other parameters, and nothing that makes them uncertain: what results make
+        of them tells how an error of an input moves these.
+        """
+        return replace(
+            self,
+            parameters=parameters,
+            covariance=np.zeros_like(self.covariance),
+            slopes=np.zeros_like(self.slopes),
+            gain=np.zeros_like(self.gain),
+            bounds=np.zeros((len(parameters), 0)),
+            members=(),
         )
 
     def linear(self, P: Array, y: Array) -> "Fit":
@@ -263,51 +269,6 @@ class Fit:
         return -inverse @ (VL.T @ self.residual), np.sqrt(np.diag(inverse))
 
 
-@dataclass(frozen=True, slots=True)
-class Moved(Fit):
-    """Parameters of a fit to slightly other rows, without their uncertainty: what results make of
-    them tells how an error of an input moves these.
-    """
-
-    @classmethod
-    def of_fit(cls, fit: Fit, parameters: Array) -> "Moved":
-        """Other parameters than those of a fit."""
-        whole = {field.name: getattr(fit, field.name) for field in fields(Fit)}
-        return cls(**(whole | {"parameters": parameters, "members": ()})).restated(lambda p: p)
-
-    def of(
-        self,
-        function: Callable[[Numbers], Numbers],
-        *,
-        lack_of_fit: Array | float = 0.0,
-        half_width: Array | float = 0.0,
-    ) -> Value:
-        """A function [...] of the parameters."""
-        value = np.asarray(function(self.parameters), dtype=np.float64)
-        nothing = np.zeros(value.shape)
-        dof = nothing + max(self.dof, 1)
-        return Value(value, nothing, dof, lack_of_fit, half_width)
-
-    def restated(self, function: Callable[[Numbers], Numbers]) -> "Moved":
-        """Other parameters, a function [m] of these."""
-        parameters = np.asarray(function(self.parameters), dtype=np.float64)
-        m = len(parameters)
-        covariance, bounds = np.zeros((m, m)), np.zeros((m, 0))
-        return replace(self, parameters=parameters, covariance=covariance, bounds=bounds)
-
-    def weighted(self, weights: Array) -> "Moved":
-        """Sums [m] of the parameters with weights [m, p]."""
-        return self.restated(lambda p: weights @ p)
-
-    def linear(self, P: Array, y: Array) -> "Moved":
-        """Parameters P y [m] of a published form."""
-        return self.restated(lambda _: P @ np.where(self.used, y, 0.0))
-
-    def widened_by(self, errors: Sequence[Shared]) -> "Moved":  # noqa: ARG002 (as of any fit)
-        """The same: errors change no parameter."""
-        return self
-
-
 def solve(
     residual: Residual,
     start: Array,
@@ -343,47 +304,70 @@ def solve(
     FitError : parameters that the rows do not determine, by name; no residual left over.
 
     """
-    problem = _Problem.of(residual, start, shared, priors, channel, noise, free, names)
+    problem = _Problem(residual, start, shared, priors, channel, noise, free, names)
     kept = [g for g, error in enumerate(problem.mixed) if not error.optional]
     offered = [g for g, error in enumerate(problem.mixed) if error.optional]
     used = np.ones(problem.n, dtype=np.bool_) if used is None else used
-    p = np.asarray(start, dtype=np.float64)[problem.free]
+    p = problem.start[problem.free]
     near, converged = None, False
     for step in range(STEPS):
         lines = problem.linearise(p, used, noise_known=noise is not None and not estimate_noise)
         solution = lines.maximise(kept, near)
-        while offered and step == 1:  # where the equation is already straight
-            asked_for: dict[int, Solution] = {}
-            for g in offered:
-                wider = lines.with_error(solution, kept, g)
-                if wider is not None and _asks_for(wider, solution):
-                    asked_for[g] = wider
-            if not asked_for:
-                break
-            best = min(asked_for, key=lambda g: asked_for[g].deviance)
-            solution = asked_for[best]
-            kept.append(best)
-            offered.remove(best)
+        if step == 1:  # where the equation is already straight
+            solution = _take_optional(lines, solution, kept, offered)
         near = solution.variances
         change = lines.basis @ solution.coefficients
+        errors = problem.errors_of_levels(solution, kept)
         noise_residual = lines.y[: problem.n] - lines.J[: problem.n] @ change
-        noise_residual -= problem.explained(solution, kept)
-        judged = used
+        for g, b in errors.items():
+            noise_residual -= problem.mixed[g].along(b) / problem.relative
+        good = used
         if leave_out:
-            judged = problem.judge(noise_residual, solution, used, kept)
-            judged |= noise_residual**2 <= ROUNDING_FAR**2 * lines.stated.least
+            good = problem.find_good(noise_residual, solution, used, kept)
+            good |= noise_residual**2 <= ROUNDING_FAR**2 * lines.known.least
         p = p + problem.shortened(p, change, lines, solution, kept, used)
         half = lines.basis @ np.linalg.cholesky(solution.inverse[: len(p), : len(p)])
         u = np.linalg.norm(half, axis=1)
         rounding = np.finfo(np.float64).eps * np.abs(p)
         settled = bool(np.all(np.abs(change) <= SETTLED * u + rounding))
-        if settled and step > 0 and np.array_equal(judged, used):
+        if settled and step > 0 and np.array_equal(good, used):
             converged = True
             break
-        used = judged
-    estimate = likelihood.at_variances(solution)
-    fit = problem.result(p, lines, estimate, kept, used)
+        used = good
+    fit = problem.result(p, lines, solution, kept, used)
     return replace(fit, noise_residual=-noise_residual * problem.relative, converged=converged)
+
+
+def _take_optional(
+    lines: "_Linearised", solution: MixedSolution, kept: list[int], offered: list[int]
+) -> MixedSolution:
+    """Solution with those errors that the likelihood asks for, the one of the largest fall first;
+    they move from `offered` to `kept`.
+    """
+    parts = len(lines.rows.shares)
+    while True:
+        wider: dict[int, MixedSolution] = {}
+        for g in offered:
+            if not lines.known.free[parts + g]:
+                continue
+            Z = lines.rows.Z[:, lines.rows.group == g]
+            variance, fall = likelihood.first_step(solution, Z)
+            if fall < ASKED_FOR / HESITANT:
+                continue
+            found = lines.maximise([*kept, g], np.append(solution.variances, variance))
+            # An error that takes most of the residuals that show the noise leaves little of them by
+            # chance: of six degrees of freedom three are left, and -2 log L falls by more than
+            # ASKED_FOR once in 90 tries. The limit grows by the ratio of the degrees of freedom,
+            # which is 1 for many rows.
+            fall = solution.deviance - found.deviance
+            if fall * found.noise_degrees >= ASKED_FOR * solution.noise_degrees:
+                wider[g] = found
+        if not wider:
+            return solution
+        best = min(wider, key=lambda g: wider[g].deviance)
+        solution = wider[best]
+        kept.append(best)
+        offered.remove(best)
 
 
 def predict(
@@ -418,16 +402,17 @@ def predict(
                 hint="state it in [device] of the equipment file or in [[errors.component]]",
             )
     present = [error for error in required if error.size]
-    problem = _Problem.of(residual, p, present, priors, None, noise, None, names)
+    problem = _Problem(residual, p, present, priors, None, noise, None, names)
     used = np.ones(problem.n, dtype=np.bool_)
     lines = problem.linearise(p, used, noise_known=False)
     sizes = [1.0, *(prior.size for prior in priors)]
     sizes += [error.size or 0.0 for error in (*problem.noises, *problem.mixed)]
-    solution = Solution(lines.rows, np.array(sizes) ** 2, lines.stated)
-    estimate = likelihood.at_variances(solution)
-    estimate = replace(estimate, covariance=solution.inverse[: len(p), : len(p)])
-    kept = range(len(problem.mixed))
-    return replace(problem.result(p, lines, estimate, kept, used), converged=True)
+    solution = MixedSolution(lines.rows, np.array(sizes) ** 2, lines.known)
+    fit = problem.result(p, lines, solution, range(len(problem.mixed)), used)
+    # the sizes are stated: their estimation adds nothing
+    embed = problem.embed(lines)
+    covariance = embed @ solution.inverse[: len(p), : len(p)] @ embed.T
+    return replace(fit, covariance=covariance, converged=True)
 
 
 def sensitivities(residual: Residual, shifted: Sequence[Residual], fit: Fit) -> list[Array]:
@@ -458,17 +443,6 @@ def stand_out_together(good: Mask, level: Integers) -> Mask:
     return np.asarray(((share < MOST_OF_A_LEVEL) & (count > 1))[level])
 
 
-def _asks_for(wider: Solution, solution: Solution) -> bool:
-    """Whether the likelihood asks for the error that `wider` has and `solution` lacks.
-
-    An error that takes most of the residuals that show the noise leaves little of them by chance:
-    of six degrees of freedom three are left, and -2 log L falls by more than `ASKED_FOR` once in
-    90 tries. The limit grows by the ratio of the degrees of freedom, which is 1 for many rows.
-    """
-    fall = solution.deviance - wider.deviance
-    return fall * wider.noise_degrees >= ASKED_FOR * solution.noise_degrees
-
-
 def _jacobian(residual: Residual, p: Array) -> Array:
     """Derivatives [n, p] of the residuals, one after the other."""
     return derivative(lambda q: residual(q).ravel(), p)
@@ -497,64 +471,43 @@ class _Linearised:
     """[N]."""
     basis: Array
     """[p, p], what turns coefficients of orthonormal columns into changes of the parameters."""
-    rows: Rows
-    stated: Stated
+    rows: MixedRows
+    known: KnownVariances
     degrees: tuple[int, ...]
     """Levels of each mixed error that the parameters leave apart."""
     condition: float
 
-    def with_error(self, solution: Solution, kept: Sequence[int], g: int) -> Solution | None:
-        """Most likely sizes with a further mixed error; None where the likelihood does not ask for
-        any of it.
-        """
-        if not self.stated.free[len(self.rows.shares) + g]:
-            return None
-        variance, fall = likelihood.first_step(solution, self.rows.Z[:, self.rows.group == g])
-        if fall < ASKED_FOR / HESITANT:
-            return None
-        return self.maximise([*kept, g], np.append(solution.variances, variance))
-
-    def maximise(self, kept: Sequence[int], near: Array | None = None) -> Solution:
+    def maximise(self, kept: Sequence[int], near: Array | None = None) -> MixedSolution:
         """Most likely sizes with some of the mixed errors."""
         parts = len(self.rows.shares)
         chosen = np.array([*range(parts), *(parts + g for g in kept)], dtype=np.intp)
-        stated = replace(
-            self.stated,
-            square=self.stated.square[chosen],
-            dof=self.stated.dof[chosen],
-            largest=self.stated.largest[chosen],
+        known = replace(
+            self.known,
+            square=self.known.square[chosen],
+            dof=self.known.dof[chosen],
+            largest=self.known.largest[chosen],
         )
-        if near is not None and len(near) != len(chosen):
-            near = None
-        if near is not None:
-            near = np.minimum(near, stated.largest)
-        return likelihood.maximise(self.rows.of_groups(kept), stated, near)
+        # a start of fewer sizes is none
+        near = None if near is None or len(near) != len(chosen) else np.minimum(near, known.largest)
+        return likelihood.maximise(self.rows.of_groups(kept), known, near)
 
 
-@dataclass(frozen=True, slots=True)
 class _Problem:
-    """Equation, errors and rows of one fit; residuals are divided by `relative`."""
+    """Equation, errors and rows of one fit; residuals are divided by `relative`.
 
-    residual: Residual
-    """[p free] → [n]."""
-    start: Array
-    free: Mask
-    priors: tuple[Prior, ...]
-    noises: tuple[Shared, ...]
-    """Errors with one residual a level: parts of the noise."""
-    mixed: tuple[Shared, ...]
-    bounds: tuple[Shared, ...]
-    relative: Array
-    """[n], noise of a residual relative to that of its channel."""
-    channel: Integers
-    channels: int
-    shares: Array
-    """[parts, N], of channels, priors and noises, in units of `relative`²."""
-    names: tuple[str, ...]
+    Attributes
+    ----------
+    residual : [p free] → [n].
+    noises, mixed, bounds : errors with one residual a level, which are parts of the noise; those
+        that several residuals share; those of a stated largest size.
+    relative : [n], noise of a residual relative to that of its channel.
+    shares : [parts, N], what channels, priors and noises add to the variance of a row, in units of
+        `relative`²; rows of the priors stand last.
 
-    @classmethod
-    def of(
-        cls,
+    """
+
+    def __init__(
+        self,
         residual: Residual,
         start: Array,
         shared: Sequence[Shared],
@@ -563,75 +516,55 @@ class _Problem:
         noise: Array | None,
         free: Mask | None,
         names: Sequence[str],
-    ) -> "_Problem":
-        """Errors sorted by what they are to the solver."""
-        free = np.ones(len(start), dtype=np.bool_) if free is None else free
-        start = np.asarray(start, dtype=np.float64)
-
-        def flat(p: Numbers) -> Numbers:
-            whole = start.astype(p.dtype)
-            whole[free] = p
-            return residual(whole).ravel()
-
-        n = len(flat(start[free]))
-        relative = np.ones(n) if noise is None else np.asarray(noise, dtype=np.float64)
-        channel = np.zeros(n, dtype=np.int64) if channel is None else channel
-        channels = int(channel.max()) + 1
+    ) -> None:
+        self.start = np.asarray(start, dtype=np.float64)
+        self.free = np.ones(len(start), dtype=np.bool_) if free is None else free
+        self.residual: Residual = lambda p: residual(self._all_parameters(p)).ravel()
+        self.n = n = len(self.residual(self.start[self.free]))
+        self.priors = tuple(priors)
         inside = [error for error in shared if not error.bound]
-        noises = tuple(error for error in inside if error.is_noise)
-        below = [len(prior.rows(start)) for prior in priors]
-        shares = np.zeros((channels + len(priors) + len(noises), n + sum(below)))
-        shares[channel, np.arange(n)] = 1.0
-        at = n
-        for k, rows in enumerate(below, start=channels):
-            shares[k, at : at + rows] = 1.0
-            at += rows
-        for k, error in enumerate(noises, start=channels + len(priors)):
-            seen = error.level >= 0
-            square = np.sum(error.loading**2, axis=1) / relative**2
-            shares[k, :n] = np.where(seen, square, 0.0)
+        self.noises = tuple(error for error in inside if error.is_noise)
+        self.mixed = tuple(error for error in inside if not error.is_noise)
+        self.bounds = tuple(error for error in shared if error.bound)
+        self.relative = np.ones(n) if noise is None else np.asarray(noise, dtype=np.float64)
+        self.channel = np.zeros(n, dtype=np.int64) if channel is None else channel
+        self.channels = int(self.channel.max()) + 1
         names = tuple(names) or tuple(f"parameter {k}" for k in range(len(start)))
-        return cls(
-            flat,
-            start,
-            free,
-            tuple(priors),
-            noises,
-            tuple(error for error in inside if not error.is_noise),
-            tuple(error for error in shared if error.bound),
-            relative,
-            channel,
-            channels,
-            shares,
-            tuple(name for name, is_free in zip(names, free, strict=True) if is_free),
-        )
+        self.names = [name for name, is_free in zip(names, self.free, strict=True) if is_free]
+        ends = n + np.cumsum([0, *(len(prior.rows(self.start)) for prior in priors)])
+        self.shares = np.zeros((self.channels + len(priors) + len(self.noises), ends[-1]))
+        self.shares[self.channel, np.arange(n)] = 1.0
+        for k in range(len(priors)):
+            self.shares[self.channels + k, ends[k] : ends[k + 1]] = 1.0
+        for k, error in enumerate(self.noises, start=self.channels + len(priors)):
+            square = np.sum(error.loading**2, axis=1) / self.relative**2
+            self.shares[k, :n] = np.where(error.level >= 0, square, 0.0)
 
-    @property
-    def n(self) -> int:
-        """Number of residuals."""
-        return len(self.relative)
+    def _all_parameters(self, p: Numbers) -> Numbers:
+        """Parameters of which those that are fitted are p [p free]."""
+        parameters = self.start.astype(p.dtype)
+        parameters[self.free] = p
+        return parameters
 
     def whole(self, p: Numbers) -> Numbers:
         """Residuals [N] in units of `relative`, and below them those of the priors."""
-        parameters = self.start.astype(p.dtype)
-        parameters[self.free] = p
-        rows = [prior.rows(parameters) for prior in self.priors]
-        return np.concatenate([self.residual(p) / self.relative, *rows])
+        priors = [prior.rows(self._all_parameters(p)) for prior in self.priors]
+        return np.concatenate([self.residual(p) / self.relative, *priors])
+
+    def taken(self, used: Mask) -> Mask:
+        """Rows [N] that are used: residuals [n], and all priors."""
+        return np.append(used, np.ones(self.shares.shape[1] - self.n, dtype=np.bool_))
 
     def linearise(self, p: Array, used: Mask, *, noise_known: bool) -> _Linearised:
         """The equation about p, its used rows turned into few."""
-        y, J = -self.whole(p), derivative(self.whole, p)
-        taken = np.concatenate([used, np.ones(len(y) - self.n, dtype=np.bool_)])
+        y, J, taken = -self.whole(p), derivative(self.whole, p), self.taken(used)
         count = int(taken.sum())
         if count <= len(p):
             raise FitError(
                 f"{count} rows for {len(p)} coefficients leave no residual",
                 hint="add data or lower the order",
             )
-        parts = list(self._triangles(J, y, taken))
-        J_rows, Z, y_rows = (np.concatenate([part[k] for part in parts]) for k in range(3))
-        shares = np.hstack([part[3] for part in parts])
-        counts = np.concatenate([part[4] for part in parts])
+        J_rows, Z, y_rows, shares, counts = self._triangles(J, y, taken)
         plain = least_squares.linear(J_rows, y_rows, names=self.names)
         Q, basis = np.zeros_like(J_rows), np.zeros((len(p), len(p)))
         for block in likelihood.blocks(np.hstack([J_rows, Z])):
@@ -639,27 +572,25 @@ class _Problem:
             crossings = np.ix_(block.rows, columns)
             Q[crossings], R = np.linalg.qr(J_rows[crossings])
             basis[np.ix_(columns, columns)] = least_squares.triangular(R, np.eye(len(columns)))
-        group = np.repeat(
-            np.arange(len(self.mixed)), [error.levels * error.width for error in self.mixed]
-        )
-        rows = Rows(Q, Z, y_rows, shares, counts, group, len(self.mixed))
+        widths = [error.levels * error.width for error in self.mixed]
+        group = np.repeat(np.arange(len(self.mixed)), widths)
+        rows = MixedRows(Q, Z, y_rows, shares, counts, group, len(self.mixed))
         # the target of a linear equation: y = target - J p
         largest = float(np.max(np.abs(y + J @ p)[taken]))
         least = max((ROUNDING * largest) ** 2, float(np.finfo(np.float64).tiny))
         exact = float(np.sum(plain.residuals**2)) / (count - len(p)) <= least
         degrees = tuple(0 if exact else rows.degrees(g) for g in range(len(self.mixed)))
-        stated = self._stated(degrees, least, noise_known=noise_known)
-        return _Linearised(J, y, basis, rows, stated, degrees, plain.condition)
+        known = self._known_variances(degrees, least, noise_known=noise_known)
+        return _Linearised(J, y, basis, rows, known, degrees, plain.condition)
 
     def _triangles(
         self, J: Array, y: Array, taken: Mask
-    ) -> Iterator[tuple[Array, Array, Array, Array, Array]]:
-        """J, Z, y, shares and counts of rows of equal noise, turned into each other."""
+    ) -> tuple[Array, Array, Array, Array, Array]:
+        """J, Z, y, shares and counts of the rows, those of equal noise turned into each other."""
         patterns, pattern = np.unique(self.shares, axis=1, return_inverse=True)
-        pattern = pattern.reshape(-1)
-        p = J.shape[1]
-        for k in range(patterns.shape[1]):
-            rows = np.flatnonzero((pattern == k) & taken)
+        p, triangles, shares, counts = J.shape[1], [], [], []
+        for k, of_pattern in enumerate(patterns.T):
+            rows = np.flatnonzero((pattern.reshape(-1) == k) & taken)
             if not len(rows):
                 continue
             triangle = np.empty((0, 0))
@@ -676,20 +607,24 @@ class _Problem:
             if noise_alone:  # zero in J, Z and y: one row stands for all of them
                 triangle = np.vstack([triangle, np.zeros(triangle.shape[1])])
                 count = np.append(count, float(noise_alone))
-            shares = np.repeat(patterns[:, k : k + 1], len(triangle), axis=1)
-            yield triangle[:, :p], triangle[:, p:-1], triangle[:, -1], shares, count
+            triangles.append(triangle)
+            counts.append(count)
+            shares.append(np.repeat(of_pattern[:, None], len(triangle), axis=1))
+        whole = np.concatenate(triangles)
+        return whole[:, :p], whole[:, p:-1], whole[:, -1], np.hstack(shares), np.concatenate(counts)
 
     def _loadings(self, rows: Integers) -> Array:
-        """Z [m, q] of all mixed errors in some rows, in units of `relative`."""
-        q = sum(error.levels * error.width for error in self.mixed)
-        Z = np.zeros((len(rows), q))
+        """Z [m, q] of all mixed errors in some rows, in units of `relative`; 0 in priors."""
+        Z = np.zeros((len(rows), sum(error.levels * error.width for error in self.mixed)))
         inside = rows[rows < self.n]
-        if q and len(inside):
+        if self.mixed and len(inside):
             parts = [error.design(inside) for error in self.mixed]
             Z[rows < self.n] = np.hstack(parts) / self.relative[inside, None]
         return Z
 
-    def _stated(self, degrees: Sequence[int], least: float, *, noise_known: bool) -> Stated:
+    def _known_variances(
+        self, degrees: Sequence[int], least: float, *, noise_known: bool
+    ) -> KnownVariances:
         """What is known of the variances. Where the rows tell nothing of an error, its size is as
         stated, with the degrees of freedom that are stated, and 0 if it is not.
         """
@@ -703,23 +638,17 @@ class _Problem:
             else:
                 known.append((error.size, error.size_dof if error.size else np.inf))
         size, dof = np.array(known).T
-        first = self.channels + len(self.priors) + len(self.noises)
-        limits = [np.inf] * first + [error.largest for error in self.mixed]
-        return Stated(size**2, dof, np.array(limits) ** 2, least)
+        limits = [np.inf] * len(self.shares) + [error.largest for error in self.mixed]
+        return KnownVariances(size**2, dof, np.array(limits) ** 2, least)
 
-    def _errors(self, solution: Solution, kept: Sequence[int]) -> list[Array]:
-        """Shared errors b of each mixed error that is kept."""
+    def errors_of_levels(self, solution: MixedSolution, kept: Sequence[int]) -> dict[int, Array]:
+        """Shared errors b [levels · k], as the rows show them, of each mixed error that is kept."""
         widths = [self.mixed[g].levels * self.mixed[g].width for g in kept]
-        return np.split(solution.errors, np.cumsum(widths)[:-1]) if kept else []
+        return dict(zip(kept, np.split(solution.errors, np.cumsum(widths)[:-1]), strict=False))
 
-    def explained(self, solution: Solution, kept: Sequence[int]) -> Array:
-        """Z b [n] of the shared errors, in units of `relative`."""
-        total = np.zeros(self.n)
-        for g, b in zip(kept, self._errors(solution, kept), strict=True):
-            total += self.mixed[g].along(b)
-        return total / self.relative
-
-    def judge(self, left: Array, solution: Solution, used: Mask, kept: Sequence[int]) -> Mask:
+    def find_good(
+        self, left: Array, solution: MixedSolution, used: Mask, kept: Sequence[int]
+    ) -> Mask:
         """Residuals [n] that are no outliers: |left| of a faultless one exceeds the limit with a
         chance of 0.5 % in the whole fit.
 
@@ -730,9 +659,7 @@ class _Problem:
         from scipy.special import ndtri
 
         limit = -float(ndtri(OUTLIER_CHANCE / (2.0 * self.n)))
-        parts = len(self.shares)
-        variance = (solution.variances[:parts] @ self.shares)[: self.n]
-        scaled = np.abs(left) / np.sqrt(variance)
+        scaled = np.abs(left) / np.sqrt(solution.noise_along(self.shares)[: self.n])
         fitted = float(np.mean(scaled[used] ** 2))
         scatter = np.sqrt(np.where(used, fitted, max(2.0 - fitted, fitted)))
         good = scaled <= limit * scatter
@@ -750,14 +677,12 @@ class _Problem:
         p: Array,
         change: Array,
         lines: _Linearised,
-        solution: Solution,
+        solution: MixedSolution,
         kept: Sequence[int],
         used: Mask,
     ) -> Array:
         """The step, halved where the equation bends until rᵀ V⁻¹ r falls."""
-        parts = len(self.shares)
-        R = solution.variances[:parts] @ self.shares
-        taken = np.concatenate([used, np.ones(len(R) - self.n, dtype=np.bool_)])
+        R, taken = solution.noise_along(self.shares), self.taken(used)
         bend = self.whole(p + change) + lines.y - lines.J @ change
         if np.max(np.abs(bend[taken]) / np.sqrt(R[taken])) < SETTLED:
             return change
@@ -766,6 +691,7 @@ class _Problem:
         across[np.diag_indices_from(across)] += 1.0
 
         def misfit(r: Array) -> float:
+            # rᵀ R⁻¹ r - gᵀ (I + Zᵀ R⁻¹ Z)⁻¹ g, g = Zᵀ R⁻¹ r (Woodbury 1950)
             weighted = np.where(taken, r / R, 0.0)
             gathered = [self.mixed[g].gathered(weighted[: self.n] / self.relative) for g in kept]
             g = np.concatenate([np.empty(0), *gathered]) * solution.root
@@ -778,62 +704,58 @@ class _Problem:
             change = 0.5 * change
         return change
 
+    def embed(self, lines: _Linearised) -> Array:
+        """[all parameters, p free], from coefficients of orthonormal columns to the parameters."""
+        return np.eye(len(self.start))[:, self.free] @ lines.basis
+
     def result(
         self,
         p: Array,
         lines: _Linearised,
-        estimate: Estimate,
+        solution: MixedSolution,
         kept: Sequence[int],
         used: Mask,
     ) -> Fit:
         """The finished fit, in the units of the residuals and in all parameters."""
-        parts = len(self.shares)
-        variances = estimate.variances
-        R = (variances[:parts] @ self.shares)[: self.n]
-        half = lines.basis @ estimate.solution.inverse[: len(p)]
+        covariance, slopes, variance_covariance = likelihood.uncertainty(solution)
+        variances, embed = solution.variances, self.embed(lines)
+        R = solution.noise_along(self.shares)[: self.n]
+        half = embed @ solution.inverse[: len(p)]
         gain = np.zeros((len(self.start), self.n))
         for rows in _chunks(np.flatnonzero(used)):
             Z = np.hstack([np.empty((len(rows), 0)), *(self.mixed[g].design(rows) for g in kept)])
-            Z = Z / self.relative[rows, None] * estimate.solution.root
+            Z = Z / self.relative[rows, None] * solution.root
             T = np.hstack([lines.J[rows] @ lines.basis, Z])
-            gain[np.ix_(self.free, rows)] = half @ (T / R[rows, None]).T / self.relative[rows]
-        embed = np.eye(len(self.start))[:, self.free] @ lines.basis
+            gain[:, rows] = half @ (T / R[rows, None]).T / self.relative[rows]
+        first = self.channels + len(self.priors)
+        theta = variances[first:]
+        u = np.sqrt(np.maximum(np.diag(variance_covariance)[first:], 0.0))
+        # u of a standard deviation from that of its square; near 0 the square alone tells
+        size_u = np.where(theta > u, u / (2.0 * np.sqrt(np.where(theta > 0, theta, 1.0))), u**0.5)
+        found = [(error, error.levels, np.empty((0, error.width))) for error in self.noises]
+        for g, b in self.errors_of_levels(solution, kept).items():
+            error = self.mixed[g]
+            found.append((error, lines.degrees[g], b.reshape(error.levels, -1)))
+        sizes = zip(found, np.sqrt(theta).tolist(), size_u.tolist(), strict=True)
         parameters = self.start.copy()
         parameters[self.free] = p
-        found = Fit(
+        fit = Fit(
             parameters=parameters,
-            covariance=embed @ estimate.covariance @ embed.T,
+            covariance=embed @ covariance @ embed.T,
             residual=self.residual(p),
             noise_residual=np.empty(0),
             used=used,
             dof=int(used.sum()) - len(p),
             condition=lines.condition,
-            shared=self._sizes(estimate, kept, lines.degrees),
-            deviance=estimate.deviance,
+            shared=tuple(SharedSize(error, s, su, rank, b) for (error, rank, b), s, su in sizes),
+            deviance=solution.deviance,
             converged=False,
             variances=variances,
-            variance_covariance=estimate.variance_covariance,
-            slopes=embed @ estimate.slopes @ embed.T,
+            variance_covariance=variance_covariance,
+            slopes=embed @ slopes @ embed.T,
             noise_shares=self.shares[:, : self.n] * self.relative**2,
             gain=gain,
             bounds=np.zeros((len(self.start), 0)),
-            solution=estimate.solution,
+            solution=solution,
         )
-        return found.bounded_by(self.bounds)
-
-    def _sizes(
-        self, estimate: Estimate, kept: Sequence[int], degrees: Sequence[int]
-    ) -> tuple[SharedSize, ...]:
-        """Standard deviations of the errors that the fit kept."""
-        errors = [*self.noises, *(self.mixed[g] for g in kept)]
-        ranks = [*(error.levels for error in self.noises), *(degrees[g] for g in kept)]
-        first = self.channels + len(self.priors)
-        theta = estimate.variances[first:]
-        u = np.sqrt(np.maximum(np.diag(estimate.variance_covariance)[first:], 0.0))
-        # u of a standard deviation from that of its square; near 0 the square alone tells
-        size_u = np.where(theta > u, u / (2.0 * np.sqrt(np.where(theta > 0, theta, 1.0))), u**0.5)
-        predicted = [np.empty((0, error.width)) for error in self.noises]
-        for g, b in zip(kept, self._errors(estimate.solution, kept), strict=True):
-            predicted.append(b.reshape(self.mixed[g].levels, -1))
-        values = np.sqrt(theta).tolist(), size_u.tolist(), ranks, predicted
-        return tuple(SharedSize(*size) for size in zip(errors, *values, strict=True))
+        return fit.bounded_by(self.bounds)

@@ -23,7 +23,7 @@ from calibkit.constants import DPH_PER_DPS
 from calibkit.fit import orders
 from calibkit.fit.complex_step import Numbers
 from calibkit.fit.shared import Shared
-from calibkit.fit.solve import Fit, Moved, solve
+from calibkit.fit.solve import Fit, solve
 from calibkit.instruments.gyro_scale.numeric import line_terms
 from calibkit.numeric.least_squares import polynomial
 
@@ -116,7 +116,7 @@ class Fitted(NamedTuple):
         """
         p, terms = self.fit.parameters, self.terms
         change = residual(p, rows, terms) - residual(p, self.rows, terms)
-        return Fitted(Moved.of_fit(self.fit, p - self.fit.gain @ change), rows, terms)
+        return Fitted(self.fit.moved(p - self.fit.gain @ change), rows, terms)
 
 
 class Parameters(NamedTuple):
