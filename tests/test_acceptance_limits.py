@@ -16,7 +16,7 @@ from calibkit.instruments.accelerometer.errors import AttitudeErrors
 from calibkit.instruments.accelerometer.recipe import _AccelAcceptance
 from calibkit.instruments.fog_thermal import instrument as fog
 from calibkit.instruments.fog_thermal.compensate import LogFigures
-from calibkit.instruments.fog_thermal.numeric.compensation import NoiseSplit
+from calibkit.instruments.fog_thermal.numeric.drift_figures import NoiseSplit
 from calibkit.instruments.fog_thermal.recipe import _Acceptance
 from calibkit.instruments.gyro_noise import tables as noise_tables
 from calibkit.instruments.gyro_noise.recipe import NoiseAcceptance

@@ -12,7 +12,7 @@ from calibkit.instruments.fog_thermal import compensate, decision
 from calibkit.instruments.fog_thermal.numeric import (
     bank_fit,
     choice,
-    compensation,
+    drift_figures,
     evaluate,
     evidence,
 )
@@ -252,8 +252,12 @@ def test_noise_and_drift_of_an_output_are_told_apart():
     slow -= slow.mean()
     for drift in (slow, 0.0 * slow):
         found = [
-            compensation.split_noise(
-                [compensation.figure_means(drift + rng.normal(0.0, 0.06 * np.sqrt(10.0), 1000), 10)]
+            drift_figures.split_noise(
+                [
+                    drift_figures.figure_means(
+                        drift + rng.normal(0.0, 0.06 * np.sqrt(10.0), 1000), 10
+                    )
+                ]
             )
             for _ in range(200)
         ]

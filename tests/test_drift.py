@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from calibkit.errors import FitError
-from calibkit.instruments.fog_thermal.numeric import compensation, gradient as drift, gradient_order
+from calibkit.instruments.fog_thermal import gradient_choice
+from calibkit.instruments.fog_thermal.numeric import drift_figures, published as drift
 from calibkit.numeric import intervals
 from conftest import AUTHORITIES
 from naive import block_means, compensate
@@ -61,10 +62,10 @@ def test_the_recursive_output_of_the_vector_stays_at_its_first_sample():
     polynomial = drift.fit_over_rates(vector_fits(), 3, "heating")
     for ramp in VECTOR["ramps"]:
         blocks = vector_blocks(ramp)
-        delta = compensation.increments([polynomial], blocks.gradient, blocks.rate).delta
-        recursive = blocks.indication - compensation.recursive(delta)
+        delta = drift.increments([polynomial], blocks.gradient, blocks.rate).delta
+        recursive = blocks.indication - drift.recursive(delta)
         assert np.abs(recursive - blocks.indication[0]).max() < 1e-9
-        assert np.abs(compensation.one_step(blocks.indication, delta)[1:]).max() < 1e-9
+        assert np.abs(drift.one_step(blocks.indication, delta)[1:]).max() < 1e-9
 
 
 @settings(max_examples=25, deadline=None)
@@ -77,10 +78,10 @@ def test_compensation_equals_its_loop(seed):
     polynomial = drift.RatePolynomial(
         "heating", C, np.eye(12), 0, 0.0, (1.0, 10.0), 1.0, (-100.0, 0.0), (0.0, 1.0)
     )
-    delta = compensation.increments([polynomial], G, r).delta
+    delta = drift.increments([polynomial], G, r).delta
     recursive, one_step = compensate(w.tolist(), G.tolist(), r.tolist(), C.tolist())
-    assert w - compensation.recursive(delta) == pytest.approx(recursive, abs=1e-10)
-    assert compensation.one_step(w, delta) == pytest.approx(one_step, abs=1e-10)
+    assert w - drift.recursive(delta) == pytest.approx(recursive, abs=1e-10)
+    assert drift.one_step(w, delta) == pytest.approx(one_step, abs=1e-10)
 
 
 def test_one_step_removes_the_true_rate_and_recursive_keeps_it():
@@ -89,9 +90,9 @@ def test_one_step_removes_the_true_rate_and_recursive_keeps_it():
     """
     blocks = vector_blocks(VECTOR["ramps"][2])
     polynomial = drift.fit_over_rates(vector_fits(), 3, "heating")
-    delta = compensation.increments([polynomial], blocks.gradient, blocks.rate).delta
-    gain = compensation.rate_gain(lambda w: w - compensation.recursive(delta), blocks.indication)
-    lost = compensation.rate_gain(lambda w: compensation.one_step(w, delta), blocks.indication)
+    delta = drift.increments([polynomial], blocks.gradient, blocks.rate).delta
+    gain = drift_figures.rate_gain(lambda w: w - drift.recursive(delta), blocks.indication)
+    lost = drift_figures.rate_gain(lambda w: drift.one_step(w, delta), blocks.indication)
     assert gain == pytest.approx(1.0, abs=1e-12)
     assert lost == pytest.approx(0.0, abs=1e-12)
 
@@ -105,7 +106,7 @@ def polynomial(rates=(1.0, 10.0), side="heating", c00=1.0):
 def test_drift_is_held_in_soaks():
     """Below half of the smallest fitted rate nothing is integrated, and the samples are marked."""
     rate = np.array([0.0, 0.49, 0.51, 1.0, -3.0, 20.0])
-    steps = compensation.increments([polynomial()], np.zeros(6), rate)
+    steps = drift.increments([polynomial()], np.zeros(6), rate)
     assert steps.delta.tolist() == [0.0, 0.0, 0.0, 1.0, 1.0, 0.0]
     assert steps.held.tolist() == [True, True, True, False, False, True]
 
@@ -113,13 +114,13 @@ def test_drift_is_held_in_soaks():
 def test_each_side_is_served_by_its_own_polynomial():
     """Heating increments come from the heating side, cooling ones from the cooling side."""
     pair = [polynomial(), polynomial((-10.0, -1.0), "cooling", -2.0)]
-    steps = compensation.increments(pair, np.zeros(4), np.array([5.0, -5.0, 0.0, 0.0]))
+    steps = drift.increments(pair, np.zeros(4), np.array([5.0, -5.0, 0.0, 0.0]))
     assert steps.delta.tolist() == [0.0, 1.0, -2.0, 0.0]
 
 
 def test_one_polynomial_over_both_sides_serves_both():
     """A joint polynomial holds only where the chamber rests."""
-    steps = compensation.increments(
+    steps = drift.increments(
         [polynomial((-10.0, 8.0), "both")], np.zeros(4), np.array([5.0, -5.0, 0.4, 0.0])
     )
     assert steps.held.tolist() == [True, False, False, True]
@@ -138,7 +139,7 @@ def test_rates_and_gradients_beyond_the_fit_are_clamped_and_marked():
         (-50.0, 0.0),
         (0.0, 1.0),
     )
-    steps = compensation.increments([slope], np.array([-90.0, 0.0]), np.array([30.0, 0.0]))
+    steps = drift.increments([slope], np.array([-90.0, 0.0]), np.array([30.0, 0.0]))
     assert steps.delta[1] == pytest.approx(10.0 - 50.0)
     assert steps.rate_clamped[1]
     assert steps.gradient_clamped[1]
@@ -150,8 +151,8 @@ def test_the_drift_is_zero_at_the_reference_temperature():
     """
     temperature = np.linspace(-40.0, 60.0, 101)
     level = temperature**2
-    assert compensation.referenced(level, temperature, 25.0, (-40.0, 60.0))[65] == 0.0
-    assert compensation.referenced(level, temperature, 99.0, (-40.0, 60.0))[-1] == 0.0
+    assert drift.referenced(level, temperature, 25.0, (-40.0, 60.0))[65] == 0.0
+    assert drift.referenced(level, temperature, 99.0, (-40.0, 60.0))[-1] == 0.0
 
 
 def filled(time, case, env):
@@ -273,11 +274,8 @@ def test_the_cubic_is_never_chosen_from_four_rates():
     rng = np.random.default_rng(9)
     logs = [physical_log(rate, rng) for rate in (1.0, 5.0, 8.0, 10.0)]
     fits = [log.fit_ramp(log.rate[0]) for log in logs]
-    assert [result.order for result in gradient_order.candidates(fits, logs, "heating", 10)] == [
-        0,
-        1,
-        2,
-    ]
+    tested = gradient_choice.left_out_rates(fits, logs, "heating", 10)
+    assert [result.order for result in tested] == [0, 1, 2]
 
 
 def test_a_linear_bias_is_caught_by_constant_coefficients():
@@ -287,16 +285,14 @@ def test_a_linear_bias_is_caught_by_constant_coefficients():
     rng = np.random.default_rng(10)
     logs = [physical_log(rate, rng) for rate in (1.0, 5.0, 8.0, 10.0)]
     fits = [log.fit_ramp(log.rate[0]) for log in logs]
-    best = gradient_order.best(gradient_order.candidates(fits, logs, "heating", 10))
+    best = gradient_choice.best_order(gradient_choice.left_out_rates(fits, logs, "heating", 10))
     assert best is not None
     assert best.helps
     model = drift.fit_over_rates(fits, best.order, "heating")
     withheld = physical_log(3.0, rng)
-    delta = compensation.increments([model], withheld.gradient, withheld.rate).delta
-    raw = compensation.drift_rms(withheld.indication, 10)
-    assert (
-        compensation.drift_rms(withheld.indication - compensation.recursive(delta), 10) < raw / 3.0
-    )
+    delta = drift.increments([model], withheld.gradient, withheld.rate).delta
+    raw = drift_figures.drift_rms(withheld.indication, 10)
+    assert drift_figures.drift_rms(withheld.indication - drift.recursive(delta), 10) < raw / 3.0
 
 
 def test_pure_noise_is_given_no_drift_term():
@@ -306,27 +302,27 @@ def test_pure_noise_is_given_no_drift_term():
         rng = np.random.default_rng(seed)
         logs = [physical_log(rate, rng, linear=0.0) for rate in (1.0, 5.0, 8.0, 10.0)]
         fits = [log.fit_ramp(log.rate[0]) for log in logs]
-        chosen += (
-            gradient_order.best(gradient_order.candidates(fits, logs, "heating", 10)) is not None
-        )
+        tested = gradient_choice.left_out_rates(fits, logs, "heating", 10)
+        chosen += gradient_choice.best_order(tested) is not None
     assert chosen == 0
 
 
 def test_ramps_of_one_rate_are_left_out_together():
-    """Two ramps at 5 and 5.2 °C/min count as one rate."""
+    """Two ramps at 5 and 5.2 °C/min count as one rate: three rates test no more than a line."""
     rng = np.random.default_rng(11)
     logs = [physical_log(rate, rng) for rate in (1.0, 5.0, 5.2, 10.0)]
     fits = [log.fit_ramp(log.rate[0]) for log in logs]
-    assert gradient_order._rate_groups(fits) == [[0], [1, 2], [3]]
+    tested = gradient_choice.left_out_rates(fits, logs, "heating", 10)
+    assert [result.order for result in tested] == [0, 1]
 
 
 def test_drift_rms_ignores_the_mean_and_averages_noise():
     """The figure is the standard deviation of group means; a log shorter than two groups uses its
     samples.
     """
-    assert compensation.drift_rms(np.array([5.0, 7.0]), 1) == 1.0
-    assert compensation.drift_rms(np.array([1.0, -1.0, 1.0, -1.0]) + 3.0, 2) == 0.0
-    assert compensation.drift_rms(np.array([1.0, -1.0, 1.0]), 2) == pytest.approx(
+    assert drift_figures.drift_rms(np.array([5.0, 7.0]), 1) == 1.0
+    assert drift_figures.drift_rms(np.array([1.0, -1.0, 1.0, -1.0]) + 3.0, 2) == 0.0
+    assert drift_figures.drift_rms(np.array([1.0, -1.0, 1.0]), 2) == pytest.approx(
         np.std([1.0, -1.0, 1.0])
     )
 
@@ -336,7 +332,7 @@ def test_an_order_that_spoils_a_fitted_ramp_does_not_help():
     chosen.
     """
     raw = np.array([1.0, 1.0])
-    good = gradient_order.LeftOutRates(raw, np.array([0.5, 0.5]), (), 1, np.array([0.4, 0.4]))
-    spoilt = gradient_order.LeftOutRates(raw, np.array([0.5, 0.5]), (), 1, np.array([0.4, 1.2]))
-    small = gradient_order.LeftOutRates(raw, np.array([0.95, 0.95]), (), 1, np.array([0.4, 0.4]))
+    good = gradient_choice.LeftOutRates(raw, np.array([0.5, 0.5]), (), 1, np.array([0.4, 0.4]))
+    spoilt = gradient_choice.LeftOutRates(raw, np.array([0.5, 0.5]), (), 1, np.array([0.4, 1.2]))
+    small = gradient_choice.LeftOutRates(raw, np.array([0.95, 0.95]), (), 1, np.array([0.4, 0.4]))
     assert (good.helps, spoilt.helps, small.helps) == (True, False, False)

@@ -9,14 +9,14 @@ import pytest
 
 from calibkit.errors import CoefficientError
 from calibkit.instruments.fog_thermal import forms
-from calibkit.instruments.fog_thermal.numeric import evaluate, gradient
+from calibkit.instruments.fog_thermal.numeric import evaluate, published
 from calibkit.instruments.fog_thermal.numeric.bank import Bank, BankModel
 from calibkit.numeric.thermal.noise import Noise
 from calibkit.numeric.thermal.terms import TERMS, ThermalModel, Valid
 from naive import sensitivities
 
 TRUE = np.array([3.0, 0.02, -3e-4, 2e-6, 0.05, -0.04, 0.003, 4e-4, 0.0])
-RATES = gradient.RatePolynomial(
+RATES = published.RatePolynomial(
     "heating",
     np.arange(6.0).reshape(3, 2) + 0.25,
     np.diag(np.arange(1.0, 7.0)),

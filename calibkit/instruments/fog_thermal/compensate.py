@@ -12,9 +12,9 @@ from calibkit.errors import CoefficientError, FitError
 from calibkit.frame import Log, values
 from calibkit.instruments.fog_thermal import forms, ramps
 from calibkit.instruments.fog_thermal.forms import FILE
-from calibkit.instruments.fog_thermal.numeric import compensation, evaluate
+from calibkit.instruments.fog_thermal.numeric import drift_figures, evaluate, published
 from calibkit.instruments.fog_thermal.numeric.bank import OnLevels
-from calibkit.instruments.fog_thermal.numeric.gradient import Blocks, RatePolynomial
+from calibkit.instruments.fog_thermal.numeric.published import Blocks, RatePolynomial
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 from calibkit.numeric import chunks
 from calibkit.numeric.thermal.left_out import blocks_per_figure
@@ -48,7 +48,7 @@ class _Drift:
     def subtract(self, indication: Array, mode: Mode) -> Array:
         """Compensated block means [n, °/h] of an indication [n, °/h]."""
         return (
-            compensation.one_step(indication, self.delta)
+            published.one_step(indication, self.delta)
             if mode == "one_step"
             else indication - self.level
         )
@@ -140,12 +140,12 @@ class DriftModel:
                 )
             }
             return _Drift(found.drift, np.diff(found.drift, prepend=found.drift[:1]), bounds)
-        steps = compensation.increments(self.polynomials, blocks.gradient, blocks.rate)
+        steps = published.increments(self.polynomials, blocks.gradient, blocks.rate)
         if not self.polynomials:
             return _Drift(np.zeros_like(steps.delta), steps.delta, {})
         cases = np.array([polynomial.case for polynomial in self.polynomials])
-        level = compensation.referenced(
-            compensation.recursive(steps.delta),
+        level = published.referenced(
+            published.recursive(steps.delta),
             blocks.case,
             self.reference_temp_degc,
             (float(cases[:, 0].min()), float(cases[:, 1].max())),
@@ -167,7 +167,7 @@ class LogFigures:
     name: str
     before: float
     after: float
-    split: compensation.NoiseSplit
+    split: drift_figures.NoiseSplit
     """Noise and drift in the figure after compensation."""
     gain_recursive: float
     gain_one_step: float
@@ -185,16 +185,18 @@ class LogFigures:
         group = blocks_per_figure(model.interval_s)
         drift, indication = model.drift_along(blocks), blocks.indication
         output = drift.subtract(indication, "recursive")
+
+        def gain(mode: Mode) -> float:
+            return drift_figures.rate_gain(lambda w: drift.subtract(w, mode), indication)
+
         return cls(
             name,
-            compensation.drift_rms(indication, group),
-            compensation.drift_rms(output, group),
-            compensation.split_noise([compensation.figure_means(output, group)]),
-            compensation.rate_gain(
-                lambda shifted: drift.subtract(shifted, "recursive"), indication
-            ),
-            compensation.rate_gain(lambda shifted: drift.subtract(shifted, "one_step"), indication),
-            compensation.drift_rms(drift.subtract(indication, "one_step")[1:], group),
+            drift_figures.drift_rms(indication, group),
+            drift_figures.drift_rms(output, group),
+            drift_figures.split_noise([drift_figures.figure_means(output, group)]),
+            gain("recursive"),
+            gain("one_step"),
+            drift_figures.drift_rms(drift.subtract(indication, "one_step")[1:], group),
             drift.flags(name),
         )
 

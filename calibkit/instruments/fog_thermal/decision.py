@@ -12,7 +12,7 @@ from calibkit.errors import FitError
 from calibkit.frame import Remark
 from calibkit.instruments.fog_thermal import forms
 from calibkit.instruments.fog_thermal.compensate import DriftModel, LogFigures
-from calibkit.instruments.fog_thermal.gradient_file import SideChoice
+from calibkit.instruments.fog_thermal.gradient_choice import SideChoice
 from calibkit.instruments.fog_thermal.numeric import choice
 from calibkit.instruments.fog_thermal.numeric.bank import BankModel, OnLevels
 from calibkit.instruments.fog_thermal.numeric.choice import ThermalChoice

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
     from calibkit.arrays import Array
     from calibkit.instruments import Fitted
-    from calibkit.instruments.fog_thermal.numeric import gradient
-    from calibkit.instruments.fog_thermal.numeric.compensation import NoiseSplit
+    from calibkit.instruments.fog_thermal.numeric import published
+    from calibkit.instruments.fog_thermal.numeric.drift_figures import NoiseSplit
     from calibkit.instruments.fog_thermal.numeric.hysteresis import Hysteresis
 
 
@@ -68,8 +68,8 @@ class DriftReport:
     title: str
     interval_s: float
     logs: tuple[DriftLog, ...]
-    ramps: tuple[gradient.RampFit, ...]
-    polynomials: tuple[gradient.RatePolynomial, ...]
+    ramps: tuple[published.RampFit, ...]
+    polynomials: tuple[published.RatePolynomial, ...]
     tested: tuple[Tested, ...]
     polynomials_exported: bool = False
     hysteresis: tuple[tuple[str, Hysteresis], ...] = ()

@@ -14,7 +14,7 @@ from calibkit.arrays import Array
 from calibkit.coefficients import Model, Parameter
 from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.forms import Form, Inputs, power_unit
-from calibkit.instruments.fog_thermal.numeric import gradient
+from calibkit.instruments.fog_thermal.numeric import published
 from calibkit.instruments.fog_thermal.numeric.bank import (
     SCALE_DEGC,
     STATIC_LAGS,
@@ -158,11 +158,11 @@ BANK = Form(
 ON_LEVELS = {LEVEL.name: LEVEL, LAGGED.name: LAGGED, BANK.name: BANK}
 
 
-def write_ramp(name: str, fit: gradient.RampFit, interval_s: float) -> Model:
+def write_ramp(name: str, fit: published.RampFit, interval_s: float) -> Model:
     """Model of one ramp for the coefficient file."""
     return PER_RAMP.write(
         name,
-        list(zip(gradient.TERMS, fit.coefficients.tolist(), GRADIENT_UNITS, strict=True)),
+        list(zip(published.TERMS, fit.coefficients.tolist(), GRADIENT_UNITS, strict=True)),
         fit.covariance,
         dof=fit.dof,
         residual_rms=fit.residual_rms,
@@ -175,7 +175,7 @@ def write_ramp(name: str, fit: gradient.RampFit, interval_s: float) -> Model:
     )
 
 
-def write_rates(polynomial: gradient.RatePolynomial, interval_s: float) -> Model:
+def write_rates(polynomial: published.RatePolynomial, interval_s: float) -> Model:
     """Model of the polynomials of one side for the coefficient file, named by the side."""
     coefficients = [
         (name, value, power_unit(unit, "degC/min", m))
@@ -200,10 +200,10 @@ def write_rates(polynomial: gradient.RatePolynomial, interval_s: float) -> Model
     )
 
 
-def read_rates(model: Model) -> gradient.RatePolynomial:
+def read_rates(model: Model) -> published.RatePolynomial:
     """Polynomials of one side: the inverse of `write_rates`."""
     names = rate_names(len(model.coefficients) // 3 - 1)
-    return gradient.RatePolynomial(
+    return published.RatePolynomial(
         model.name,
         np.array([[model.value(name) for name in row] for row in names]),
         np.array(model.covariance),

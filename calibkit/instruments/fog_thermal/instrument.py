@@ -19,7 +19,7 @@ from calibkit.instruments.fog_thermal import (
     decision,
     figures,
     forms,
-    gradient_file,
+    gradient_choice,
     overview,
     ramps,
     sensitivities,
@@ -55,8 +55,8 @@ def fit(
 ) -> Fitted[figures.DriftReport]:
     """Fit the drift coefficients of every ramp and their polynomials over temperature rate."""
     logs = _prepare(spec, data, progress(files, "reading and denoising"))
-    fitted, undetermined = gradient_file.fit_ramps(logs, spec.drift)
-    choices = gradient_file.choose([] if undetermined else fitted, spec.drift)
+    fitted, undetermined = gradient_choice.fit_ramps(logs, spec.drift)
+    choices = gradient_choice.choose([] if undetermined else fitted, spec.drift)
     levels = decision.choose_on_levels(logs, spec.drift)
     export = decision.widen_by_turn_on(decision.decide(choices, levels, spec), logs)
     model = export.model
@@ -69,7 +69,7 @@ def fit(
         conditions=bias.conditions(spec),
         flags=(*exported.flags, *at_rest.flags),
     )
-    drift = gradient_file.drift_result(fitted, logs, spec.drift, undetermined)
+    drift = gradient_choice.drift_result(fitted, logs, spec.drift, undetermined)
     stated = uncertainty.state_along_logs(model, logs, spec.type_b)
     covered = uncertainty.check_logs(model, logs, spec.type_b, at_rest.figures)
     tested = tables.list_tested(choices, levels, export)

@@ -14,7 +14,7 @@ from calibkit.coefficients import Figure, Input, StageResult
 from calibkit.errors import FitError, FrameError
 from calibkit.frame import Examined, Finding, Held, Log, refuse, values
 from calibkit.ingest import stated_segments
-from calibkit.instruments.fog_thermal.numeric import gradient
+from calibkit.instruments.fog_thermal.numeric import published
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 from calibkit.numeric import chunks, intervals, segments
 from calibkit.numeric.thermal import pooled_fit
@@ -53,8 +53,8 @@ class PreparedLog:
 
     name: str
     source: Input
-    raw: gradient.Blocks
-    denoised: gradient.Blocks
+    raw: published.Blocks
+    denoised: published.Blocks
     thermal: ThermalLog
     ramps: tuple[Ramp, ...]
     noise: tuple[tuple[str, tuple[float, ...], tuple[float, ...]], ...]
@@ -177,7 +177,7 @@ def _prepared(log: Log, recipe: FogThermalRecipe, found: Sequence[Finding]) -> P
         raise FitError(f"{log.file}: {error.message}", hint=error.hint) from None
     cuts, slope = _cut(log, recipe)
     means = [held.means(column) for column in (time, case, env)]
-    raw = gradient.Blocks.fill(held, [*means, held.means(gyro)], slope)
+    raw = published.Blocks.fill(held, [*means, held.means(gyro)], slope)
     del slope  # a column, and denoising takes two
     chunks.release(time, env)
     smooth, noise = _denoised(log, gyro, held, recipe)
@@ -198,7 +198,7 @@ def _prepared(log: Log, recipe: FogThermalRecipe, found: Sequence[Finding]) -> P
 
 def block_means(
     log: Log, recipe: FogThermalRecipe, *, rated: bool
-) -> tuple[intervals.Intervals, gradient.Blocks]:
+) -> tuple[intervals.Intervals, published.Blocks]:
     """Model intervals and block means of a log that is not fitted; the temperature rate is 0 unless
     `rated`. A log without chamber air has no gradient.
     """
@@ -208,7 +208,7 @@ def block_means(
     held = intervals.Intervals.find(time, recipe.drift.interval_s, log.steps.usual)
     slope = _cut(log, recipe)[1] if rated else np.broadcast_to(0.0, time.shape)
     means = (held.means(column) for column in (time, case, env, gyro))
-    return held, gradient.Blocks.fill(held, means, slope)
+    return held, published.Blocks.fill(held, means, slope)
 
 
 def _coarse(case: Array, env: Array, recipe: FogThermalRecipe) -> list[str]:

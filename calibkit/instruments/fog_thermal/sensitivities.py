@@ -10,8 +10,8 @@ import numpy as np
 from calibkit.coefficients import Model, StageResult
 from calibkit.instruments.fog_thermal import forms
 from calibkit.instruments.fog_thermal.bias import RESULT
-from calibkit.instruments.fog_thermal.gradient_file import FittedRamp
-from calibkit.instruments.fog_thermal.numeric.gradient import RampFit
+from calibkit.instruments.fog_thermal.gradient_choice import FittedRamp
+from calibkit.instruments.fog_thermal.numeric.published import RampFit
 from calibkit.instruments.fog_thermal.recipe import Drift
 from calibkit.sensitivities import InputError, Sensitivity, differentiate, of_thermometer
 from calibkit.thermal_forms import CASE, RATE, list_time_errors

@@ -8,9 +8,9 @@ from calibkit.frame import Log, values
 from calibkit.instruments.fog_thermal.compensate import DriftModel, LogFigures
 from calibkit.instruments.fog_thermal.decision import Export
 from calibkit.instruments.fog_thermal.figures import DriftLog, DriftReport, Tested
-from calibkit.instruments.fog_thermal.gradient_file import FittedRamp, SideChoice
+from calibkit.instruments.fog_thermal.gradient_choice import FittedRamp, SideChoice
 from calibkit.instruments.fog_thermal.numeric.choice import ThermalChoice
-from calibkit.instruments.fog_thermal.numeric.compensation import NoiseSplit
+from calibkit.instruments.fog_thermal.numeric.drift_figures import NoiseSplit
 from calibkit.instruments.fog_thermal.numeric.hysteresis import Hysteresis
 from calibkit.instruments.fog_thermal.ramps import PreparedLog
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe

@@ -17,7 +17,7 @@ from calibkit.instruments.fog_thermal import ramps
 from calibkit.instruments.fog_thermal.compensate import DriftModel
 from calibkit.instruments.fog_thermal.numeric import evaluate
 from calibkit.instruments.fog_thermal.numeric.bank import OnLevels
-from calibkit.instruments.fog_thermal.numeric.gradient import Blocks
+from calibkit.instruments.fog_thermal.numeric.published import Blocks
 from calibkit.instruments.fog_thermal.ramps import PreparedLog
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 from calibkit.numeric import chunks, gum

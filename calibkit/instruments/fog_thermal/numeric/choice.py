@@ -11,7 +11,7 @@ from calibkit.arrays import Array
 from calibkit.fit.choose import choose as choose_simplest
 from calibkit.instruments.fog_thermal.numeric import bank_fit, bank_growth, evaluate
 from calibkit.instruments.fog_thermal.numeric.bank import OnLevels
-from calibkit.instruments.fog_thermal.numeric.compensation import WORSE, LeftOutRamps
+from calibkit.instruments.fog_thermal.numeric.drift_figures import WORSE, LeftOutRamps
 from calibkit.numeric.thermal import lagged, level, pooled_fit, uncertainty
 from calibkit.numeric.thermal.candidates import CLEARLY, STATIC, Candidate, solve
 from calibkit.numeric.thermal.left_out import (
