@@ -78,16 +78,18 @@ class Shared:
         error = np.vstack([b.reshape(self.levels, self.width), np.zeros(self.width)])[level]
         return np.asarray(np.sum(loading * error, axis=(1, 2)), dtype=np.float64)
 
-    def gathered(self, rows: Array) -> Array:
-        """Zᵀ v [levels · k] for values v [n] of the residuals."""
+    def gathered(self, values: Array) -> Array:
+        """Zᵀ V [levels · k, m] for values V [n, m] of the residuals."""
         level = self.level.reshape(len(self.level), -1)
         loading = self.loading.reshape(*level.shape, self.width)
         row, place = np.nonzero(level >= 0)
         # the k errors of a level stand side by side
-        column = level[row, place][:, None] * self.width + np.arange(self.width)
-        parts = loading[row, place] * rows[row, None]
-        total = np.bincount(column.ravel(), parts.ravel(), self.levels * self.width)
-        return np.asarray(total, dtype=np.float64)
+        column = (level[row, place][:, None] * self.width + np.arange(self.width)).ravel()
+        loading, count = loading[row, place], self.levels * self.width
+        total = np.zeros((count, values.shape[1]))
+        for k, value in enumerate(values.T):
+            total[:, k] = np.bincount(column, (loading * value[row, None]).ravel(), count)
+        return total
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -539,6 +539,9 @@ class _Problem:
         for k, error in enumerate(self.noises, start=self.channels + len(priors)):
             square = np.sum(error.loading**2, axis=1) / self.relative**2
             self.shares[k, :n] = np.where(error.level >= 0, square, 0.0)
+        # rows of equal noise are turned into few together
+        self.patterns, pattern = np.unique(self.shares, axis=1, return_inverse=True)
+        self.pattern = pattern.reshape(-1)
 
     def _all_parameters(self, p: Numbers) -> Numbers:
         """Parameters of which those that are fitted are p [p free]."""
@@ -587,10 +590,9 @@ class _Problem:
         self, J: Array, y: Array, taken: Mask
     ) -> tuple[Array, Array, Array, Array, Array]:
         """J, Z, y, shares and counts of the rows, those of equal noise turned into each other."""
-        patterns, pattern = np.unique(self.shares, axis=1, return_inverse=True)
         p, triangles, shares, counts = J.shape[1], [], [], []
-        for k, of_pattern in enumerate(patterns.T):
-            rows = np.flatnonzero((pattern.reshape(-1) == k) & taken)
+        for k, of_pattern in enumerate(self.patterns.T):
+            rows = np.flatnonzero((self.pattern == k) & taken)
             if not len(rows):
                 continue
             triangle = np.empty((0, 0))
@@ -693,8 +695,9 @@ class _Problem:
         def misfit(r: Array) -> float:
             # rᵀ R⁻¹ r - gᵀ (I + Zᵀ R⁻¹ Z)⁻¹ g, g = Zᵀ R⁻¹ r (Woodbury 1950)
             weighted = np.where(taken, r / R, 0.0)
-            gathered = [self.mixed[g].gathered(weighted[: self.n] / self.relative) for g in kept]
-            g = np.concatenate([np.empty(0), *gathered]) * solution.root
+            of_rows = (weighted[: self.n] / self.relative)[:, None]
+            gathered = [self.mixed[k].gathered(of_rows) for k in kept]
+            g = np.concatenate([np.empty((0, 1)), *gathered])[:, 0] * solution.root
             return float(r @ weighted - g @ np.linalg.solve(across, g))
 
         before = misfit(-lines.y)

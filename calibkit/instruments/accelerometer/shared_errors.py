@@ -231,7 +231,7 @@ def separable(listed: Sequence[Shared], jacobian: Array) -> list[Shared]:
         if error.optional:
             # |Z - Q Qᵀ Z|² = |Z|² - |Qᵀ Z|², in which no matrix Z stands
             whole = np.sum(error.loading[error.level >= 0] ** 2)
-            left = whole - sum(np.sum(error.gathered(column) ** 2) for column in Q.T)
+            left = whole - np.sum(error.gathered(Q) ** 2)
             if left <= SEEN**2 * whole:
                 continue
         offered.append(error)

@@ -42,8 +42,8 @@ ENOUGH_ROWS = 400
 """Rows that rank the sets; of more, this many are drawn."""
 FOLLOWED, BEST = 30, 4
 """Sets that are followed by a few steps, and to the end."""
-FIRST_STEPS, MOST_STEPS, SCALE_STEPS = 2, 20, 20
-"""Steps towards the agreeing rows before the best are chosen and after it, and of each scale."""
+FIRST_STEPS, MOST_STEPS = 2, 20
+"""Steps towards the agreeing rows before the best are chosen and after it."""
 OPEN = 1e-8
 """Eigenvalue of the normal equations, over the sum of weights, below which a set of rows leaves a
 direction open: columns are of size 1.
@@ -84,22 +84,25 @@ def linear(design: Array, indication: Array) -> RobustFit:
     size, largest = np.quantile(np.abs(design), 0.9, axis=0), np.max(np.abs(design), axis=0)
     lengths = np.where(size > OPEN * largest, size, largest)
     basis = design / lengths
+    products = _products(basis)
     floor = max(ROUNDING * float(np.max(np.abs(indication))), float(np.finfo(np.float64).tiny))
     few = rows < ROWS_A_COEFFICIENT * columns
-    solution, scale = (_fit_huber if few else _search_s_estimate)(basis, indication, floor)
+    solution, scale = (_fit_huber if few else _search_s_estimate)(
+        basis, products, indication, floor
+    )
     weights = np.ones(rows)
     for _ in range(ITERATIONS):
         ratio = np.abs(indication - basis @ solution) / scale
         weights[:] = (1.0 - np.minimum(ratio / TUKEY, 1.0) ** 2) ** 2
         before = solution
-        solution = _fit_sets(basis, indication, before[None, :], weights[None, :])[0]
+        solution = _fit_sets(basis, products, indication, before[None, :], weights[None, :])[0]
         if np.max(np.abs(basis @ (solution - before))) <= TOLERANCE * scale:
             break
     coefficients = solution / lengths
     return RobustFit(coefficients, indication - design @ coefficients, weights)
 
 
-def _fit_huber(basis: Array, target: Array, floor: float) -> tuple[Array, float]:
+def _fit_huber(basis: Array, products: Array, target: Array, floor: float) -> tuple[Array, float]:
     """Solution [p] with Huber's weights at the robust scale of its residuals, and that scale."""
     rows, columns = basis.shape
     solution = np.asarray(np.linalg.lstsq(basis, target, rcond=None)[0], dtype=np.float64)
@@ -108,11 +111,13 @@ def _fit_huber(basis: Array, target: Array, floor: float) -> tuple[Array, float]
         away = np.abs(target - basis @ solution)
         scale = max(MAD_TO_SIGMA * float(np.median(away)) * np.sqrt(rows / (rows - columns)), floor)
         weights = HUBER / np.maximum(away / scale, HUBER)
-        solution = _fit_sets(basis, target, solution[None, :], weights[None, :])[0]
+        solution = _fit_sets(basis, products, target, solution[None, :], weights[None, :])[0]
     return solution, scale
 
 
-def _search_s_estimate(basis: Array, target: Array, floor: float) -> tuple[Array, float]:
+def _search_s_estimate(
+    basis: Array, products: Array, target: Array, floor: float
+) -> tuple[Array, float]:
     """Solution [p] whose residuals have the smallest robust scale, and that scale.
 
     Which rows agree is not known, so many small sets of rows are tried, each fit is drawn a little
@@ -122,6 +127,7 @@ def _search_s_estimate(basis: Array, target: Array, floor: float) -> tuple[Array
     Parameters
     ----------
     basis : [n, p], columns of like size.
+    products : [n, p²], `_products` of it.
     target : [n].
     floor : scale below which residuals are rounding.
 
@@ -129,45 +135,57 @@ def _search_s_estimate(basis: Array, target: Array, floor: float) -> tuple[Array
     rows, columns = basis.shape
     rng = np.random.default_rng(SEED)
     few = np.sort(rng.permutation(rows)[:ENOUGH_ROWS])
-    some, part = basis[few], target[few]
+    some, some_products, part = basis[few], products[few], target[few]
     drawn = np.zeros((SETS, few.size))
     order = np.argsort(rng.random((SETS, few.size)), axis=1)
     np.put_along_axis(drawn, order[:, :columns], 1.0, axis=1)
     plain = np.asarray(np.linalg.lstsq(basis, target, rcond=None)[0][None, :], dtype=np.float64)
-    found = np.concatenate([plain, _fit_sets(some, part, plain, drawn)])
-    typical = np.median(np.abs(part - found @ some.T), axis=1)
-    found = found[np.argsort(typical, kind="stable")[:FOLLOWED]]
+    tried = np.concatenate([plain, _fit_sets(some, some_products, part, plain, drawn)])
+    typical = np.median(np.abs(part - tried @ some.T), axis=1)
+    tried = tried[np.argsort(typical, kind="stable")[:FOLLOWED]]
+    scale = _usual_scale(some, part, tried, floor)
     for _ in range(FIRST_STEPS):
-        found, scale = _step_towards(some, part, found, floor)
-    found = found[np.argsort(scale, kind="stable")[:BEST]]
+        tried, scale = _step_towards(some, some_products, part, tried, scale, floor)
+    tried = tried[np.argsort(scale, kind="stable")[:BEST]]
+    scale = _usual_scale(basis, target, tried, floor)
     for _ in range(MOST_STEPS):
-        found, scale = _step_towards(basis, target, found, floor)
+        tried, scale = _step_towards(basis, products, target, tried, scale, floor)
     best = int(np.argmin(scale))
-    return np.asarray(found[best], dtype=np.float64), float(scale[best])
+    return np.asarray(tried[best], dtype=np.float64), float(scale[best])
 
 
-def _step_towards(basis: Array, target: Array, found: Array, floor: float) -> tuple[Array, Array]:
-    """Coefficients [k, p] moved towards the rows that agree with each, and the scale [k] they had
-    before.
+def _usual_scale(basis: Array, target: Array, tried: Array, floor: float) -> Array:
+    """Scale [k] of the residuals of each of the coefficients [k, p], by their median."""
+    residuals = np.abs(target - tried @ basis.T)
+    return np.maximum(MAD_TO_SIGMA * np.median(residuals, axis=1), floor)
+
+
+def _step_towards(
+    basis: Array, products: Array, target: Array, tried: Array, scale: Array, floor: float
+) -> tuple[Array, Array]:
+    """Coefficients [k, p] moved towards the rows that agree with each, and the scale [k] of their
+    residuals, nearer to that of the S-estimate than the one before.
     """
-    residuals = np.abs(target - found @ basis.T)
-    scale = np.maximum(MAD_TO_SIGMA * np.median(residuals, axis=1), floor)
+    ratio = (target - tried @ basis.T) / BISQUARE
     spare = target.size - basis.shape[1]
-    for _ in range(SCALE_STEPS):
-        ratio = residuals / (BISQUARE * scale[:, None])
-        agreement = np.maximum(1.0 - ratio**2, 0.0)
-        # the loss of an outlier, 1, over the rows that the coefficients leave free
-        loss = target.size - np.sum(agreement**3, axis=1)
-        scale = np.maximum(scale * np.sqrt(loss / (LOSS * spare)), floor)
-    return _fit_sets(basis, target, found, agreement**2), scale
+    agreement = np.maximum(1.0 - (ratio / scale[:, None]) ** 2, 0.0)
+    # the loss of an outlier, 1, over the rows that the coefficients leave free
+    loss = target.size - np.sum(agreement**3, axis=1)
+    scale = np.maximum(scale * np.sqrt(loss / (LOSS * spare)), floor)
+    agreement = np.maximum(1.0 - (ratio / scale[:, None]) ** 2, 0.0)
+    return _fit_sets(basis, products, target, tried, agreement**2), scale
 
 
-def _fit_sets(basis: Array, target: Array, near: Array, weights: Array) -> Array:
+def _products(basis: Array) -> Array:
+    """Products of the columns of each row [n, p²]."""
+    return np.asarray((basis[:, :, None] * basis[:, None, :]).reshape(len(basis), -1))
+
+
+def _fit_sets(basis: Array, products: Array, target: Array, near: Array, weights: Array) -> Array:
     """Weighted least-squares solutions [k, p] for row weights [k, n], in open directions those
     that are near.
     """
-    rows, columns = basis.shape
-    products = (basis[:, :, None] * basis[:, None, :]).reshape(rows, -1)
+    columns = basis.shape[1]
     gram = (weights @ products).reshape(-1, columns, columns)
     pull = (weights * (target - near @ basis.T)) @ basis
     values, vectors = np.linalg.eigh(gram)
