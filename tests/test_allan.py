@@ -701,7 +701,7 @@ def test_chance_occurs_as_often_as_it_says():
     for _ in range(400):
         curve = allan.overlapping(record(generator, 600, 1.0, K=0.1), 1.0)
         attempt = allan_fit._attempt(curve, 0)
-        met += allan_fit._chance(attempt, 4, others) < 0.01
+        met += allan_fit._chance(attempt.record, 4, others) < 0.01
     assert met / 400.0 <= 0.02
 
 

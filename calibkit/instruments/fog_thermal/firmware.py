@@ -1,5 +1,10 @@
-"""drift_rate.json → chain of steps by which a gyro's firmware updates the drift once per interval:
-level, lagged or recursive gradient form.
+"""drift_rate.json → chain of steps by which a gyro's firmware updates the drift once per interval.
+
+    level, lagged   drift = Σ_k c_k x_k, as `thermal_forms` (steps in `firmware.thermal_steps`)
+    bank            drift through a bank of lags (steps in `firmware_bank`)
+    gradient        D ← D + Σ_j a_j(r) G^j, the published scheme with `recursive` compensation
+
+The self-test follows one thermal history, which reaches both ends of every range.
 """
 
 from collections.abc import Mapping, Sequence
@@ -7,14 +12,15 @@ from dataclasses import replace
 from fractions import Fraction
 from math import comb
 
+import numpy as np
+
 from calibkit.coefficients import Model, Record
 from calibkit.errors import OutputError
-from calibkit.firmware import exact, pace, thermal_steps
-from calibkit.firmware.chain import Case, Chain, Memory, Select, Term
-from calibkit.firmware.draft import Draft, factor, numbers
+from calibkit.firmware import exact, pace, thermal_steps, vectors
+from calibkit.firmware.chain import Case, Chain, Memory, Select, Term, Trials
+from calibkit.firmware.draft import BEYOND, Draft, factor, numbers
 from calibkit.firmware.sources import required_record
 from calibkit.instruments.fog_thermal import firmware_bank
-from calibkit.instruments.fog_thermal.firmware_updates import thermal_history
 from calibkit.instruments.fog_thermal.forms import BANK, FILE, LAGGED, OVER_RATES, rate_names
 from calibkit.instruments.fog_thermal.recipe import HIGHEST_RATE_ORDER, FogThermalRecipe
 from calibkit.thermal_forms import CASE, GRADIENT, RATE
@@ -22,6 +28,46 @@ from calibkit.thermal_forms import CASE, GRADIENT, RATE
 AIR_RATE = "temp_env_rate_degc_min"
 LONGEST_DRIFT = 1024
 """Bound of the recursive drift, in multiples of the largest increment per interval."""
+SUMMED = 3
+"""Updates per row of HISTORY for a chain that sums increments, whose error bound grows with their
+number.
+"""
+HISTORY = (
+    (0.0, 0.0, 0.0, 1),
+    (0.03, 0.1, 0.3, 1),
+    (0.05, 0.3, 0.6, 1),
+    (0.04, 0.5, 0.9, 1),
+    (0.07, -0.3, 0.5, 1),
+    (0.06, 0.4, 0.08, 1),
+    (0.1, -0.2, -0.4, 1),
+    (0.08, -0.5, -0.7, 1),
+    (0.02, -0.8, -0.9, 1),
+    (0.09, 0.05, -0.5, 1),
+    (0.055, -0.3, -0.08, 1),
+    (0.01, 0.05, 0.02, 1),
+    (0.1, 0.9, 0.5, 3),
+    (0.5, 1.2, 1.4, 3),
+    (1.02, 1.2, 4.5, 1),
+    (0.96, 2.6, 0.8, 8),
+    *((0.96, 0.5, 0.2, updates) for updates in (5, 7, 25, 40, 40, 70, 200)),
+    (0.2, -0.4, -0.3, 3),
+    (-0.5, -1.2, -1.4, 3),
+    (-1.02, -2.6, -4.5, 2),
+    (-0.96, -0.7, -0.8, 8),
+    *((-0.96, 0.3, 0.1, updates) for updates in (5, 7, 25, 40, 40, 70, 200)),
+    (0.98, -0.6, 0.7, 4),
+    (-0.2, 0.2, 0.5, 6),
+    (0.1, -0.3, -0.2, 12),
+    (-1.02, -4.0, 0.2, 500),
+    *((1.02, 0.5, 0.2, updates) for updates in (3, 20, 40, 60, 90)),
+    (1.02, 4.0, 0.2, 300),
+    *((-1.02, -0.5, -0.2, updates) for updates in (3, 20, 40, 60, 90)),
+)
+"""Thermal history of the self-test from the reset on, one tuple per row: case temperature relative
+to the half range of its input, beyond ±1 from the end of what is followed, air less case relative
+to the largest gradient, air rate relative to the largest fitted rate, and number of updates. It
+reaches both ends of every range.
+"""
 FORMULA = (
     "corrected = indication - drift, both in deg/h; the drift is 0 at rest at {reference:g} degC,"
     " or at the end of the fitted range nearest to it"
@@ -54,12 +100,12 @@ def chain(spec: FogThermalRecipe, records: Mapping[str, Record]) -> Chain:
                 "compensation 'one_step' removes the true rate (rate gain 0)",
                 hint="fit with drift.compensation = 'recursive'",
             )
-        found = _recursive(draft, models, spec.segments.slope_window_s)
+        drift = _recursive(draft, models, spec.segments.slope_window_s)
     else:
-        found = _on_levels(draft, models[0], spec.reference_temp_degc)
+        drift = _on_levels(draft, models[0], spec.reference_temp_degc)
     rate = max(thermal_steps.largest(model, RATE) for model in models)
-    found = pace.keep_time(found, CASE, rate, spec.largest_gap_s())
-    return replace(found, trials=thermal_history(found))
+    drift = pace.keep_time(drift, CASE, rate, spec.largest_gap_s())
+    return replace(drift, trials=_thermal_history(drift))
 
 
 def _output(draft: Draft, source: str) -> None:
@@ -121,19 +167,22 @@ def _recursive(draft: Draft, models: Sequence[Model], slope_window_s: float) -> 
     draft.input(thermal_steps.AIR, "degC", thermal_steps.AIR_MEANING, reach, "AIR_CLAMPED")
     fastest = 4 * max(thermal_steps.largest(model, RATE) for model in models)
     window = f"by least squares over the {slope_window_s:g} s before the end of the interval"
-    made = f"slope of {thermal_steps.AIR} {window}"
+    derived = f"slope of {thermal_steps.AIR} {window}"
     # the sides clamp it and set the flag
     draft.input(
         AIR_RATE,
         "degC/min",
         f"rate of the air, slope {window}",
         (-fastest, fastest),
-        derived=made,
+        derived=derived,
     )
     draft.sum("apart", factor(CASE), factor(thermal_steps.AIR, -1))
-    sides, bounds = zip(*(_side(draft, model) for model in models), strict=True)
-    draft.steps.append(Select("increment", AIR_RATE, sides, "HELD"))
-    largest = max(bounds)
+    sides, largest = [], Fraction(0)
+    for model in models:
+        side, bound = _side(draft, model)
+        sides.append(side)
+        largest = max(largest, bound)
+    draft.steps.append(Select("increment", AIR_RATE, tuple(sides), "HELD"))
     longest = Fraction(2) ** exact.power_of_two(LONGEST_DRIFT * largest)
     draft.steps += [
         Memory("drift_before", "drift", "zero"),
@@ -188,3 +237,28 @@ def _side(draft: Draft, model: Model) -> tuple[Case, Fraction]:
         draft.table(f"moving_{name}", (Fraction(model.value("slowest_rate")) / 2,)),
         name,
     ), largest
+
+
+def _thermal_history(chain: Chain) -> Trials:
+    """Trials of a drift chain: one thermal history that covers every range from end to end."""
+    ranges = {entry.name: chain.tables[entry.table] for entry in chain.structure.inputs}
+    low, high = (float(limit) for limit in ranges[CASE])
+    middle, half = (low + high) / 2.0, (high - low) / 2.0
+    if "x_map" in chain.tables:  # the case is followed beyond the fitted range, its word further
+        middle, reciprocal, *ends = map(float, chain.tables["x_map"])
+        half = float(BEYOND) / reciprocal
+        low, high = (middle + end / reciprocal for end in ends)
+    case, ahead, climb, updates = (np.array(column) for column in zip(*HISTORY, strict=True))
+    beyond = [high + (case - 1.0) * half, low + (case + 1.0) * half]
+    physical = {CASE: np.select([case > 1.0, case < -1.0], beyond, middle + half * case)}
+    gradients = [
+        abs(chain.tables[step.table][0]) + 1 / chain.tables[step.table][1]
+        for step in chain.structure.maps
+        if step.source == "apart"
+    ]
+    physical[thermal_steps.AIR] = physical[CASE] + float(max(gradients, default=0)) * ahead
+    if chain.structure.summing:
+        physical[AIR_RATE] = float(ranges[AIR_RATE][1]) / 4.0 * climb
+        updates = np.full_like(updates, SUMMED)
+    coarse = {name: vectors.coarsen(physical[name], half) for name in ranges}
+    return pace.by_the_clock(chain, Trials(coarse, tuple(updates.tolist())))

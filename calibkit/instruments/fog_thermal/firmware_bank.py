@@ -37,87 +37,64 @@ ROUNDED = Fraction(1025, 1024)
 def follow_bank(
     draft: Draft, model: Model, h: Fraction, fastest: Fraction, reference_degc: float
 ) -> str:
-    """Drift of a bank of lags from the mapped case temperature "x"."""
+    """Drift of a bank of lags from the mapped case temperature "x", which moves by at most
+    `fastest` [1/s].
+    """
     bank = read_bank(model)
     if draft.padded:
         bank = replace(bank, widths=bank.widths or WIDTHS_DEGC, warm_up=bank.warm_up or WARM_UP_S)
     middle, half = exact.span(*model.valid[CASE])
+    coldest, hottest = map(Fraction, model.valid[CASE])
+    low, high = (coldest - middle) / half, (hottest - middle) / half
+    at_rest = (min(max(Fraction(reference_degc), coldest), hottest) - middle) / half
     draft.steps.append(Memory("x_before", "x", "same"))
     draft.sum("move", factor("x"), factor("x_before", -1))
     thermal_steps.bound_memory(draft, "move", thermal_steps.span_of_case(draft), fastest * h)
-    _static_temperature(draft, model, h, fastest)
-    low, high = ((Fraction(limit) - middle) / half for limit in model.valid[CASE])
+
+    # T = x − (1 − f) lag_fast − f lag_static, mapped as the case temperature: "coil", clamped "u"
+    fast, slow, share = numbers(model, *STATIC_LAGS)
+    thermal_steps.follow_lag(draft, "lag_fast", h, fast, fastest)
+    thermal_steps.follow_lag(draft, "lag_static", h, slow, fastest)
+    draft.sum(
+        "coil",
+        factor("x"),
+        draft.polynomial("share_of_lag_fast", (share - 1,), "", "lag_fast"),
+        draft.polynomial("share_of_lag_static", (-share,), "", "lag_static"),
+    )
     draft.limit("u", "coil", low, high, "TEMP_CLAMPED")
+
+    # static terms Σ_n s_n z^n as a polynomial of u, less their value at rest at the reference
     to_z = ((middle - Fraction(ORIGIN_DEGC)) / Fraction(SCALE_DEGC), half / Fraction(SCALE_DEGC))
-    lowest, highest = model.valid[CASE]
-    at_rest = (Fraction(min(max(reference_degc, lowest), highest)) - middle) / half
-    static = _powers(numbers(model, *(f"s{k}" for k in range(1, POWERS + 1))), to_z)
+    static: exact.Poly = (Fraction(0),)
+    for weight in reversed(numbers(model, *(f"s{k}" for k in range(1, POWERS + 1)))):
+        static = exact.product(exact.add(static, (weight,)), to_z)
     table, offset = _table(draft, model, bank, (middle, half), at_rest)
     constant = -exact.value(static, at_rest) - offset
-    rates = [
-        _by_rate(draft, model, k, (h, Fraction(lag), fastest), (to_z, low, high))
-        for k, lag in enumerate(bank.lags, start=1)
-    ]
+
+    # rates (a + c z) ρ + b z_k ρ, ρ limited to the largest fitted one on either side
+    rates: list[Term] = []
+    largest = thermal_steps.largest(model, RATE)
+    for k, lag in enumerate(bank.lags, start=1):
+        thermal_steps.follow_lag(draft, f"lag_{k}", h, Fraction(lag), fastest)
+        to_rate = (60 * half / Fraction(lag) / largest,)
+        rate = draft.sum(f"behind_{k}", draft.polynomial(f"rate_of_{k}", to_rate, "", f"lag_{k}"))
+        # a slow lag cannot get that fast
+        if draft.padded or to_rate[0] * draft.limits[f"lag_{k}"] > 1:
+            rate = draft.limit(f"rate_{k}", rate, Fraction(-1), Fraction(1), "RATE_CLAMPED")
+        draft.sum(f"layer_{k}", factor("x"), factor(f"lag_{k}", -1))
+        draft.limit(f"at_{k}", f"layer_{k}", low, high, "TEMP_CLAMPED")
+        a, b, c = numbers(model, f"a{k}", f"b{k}", f"c{k}")
+        weight_of_coil = exact.scale(exact.add((a,), exact.scale(to_z, c)), largest)
+        rates += draft.polynomial(f"by_rate_{k}", weight_of_coil, "u", rate)
+        rates += draft.polynomial(f"by_own_{k}", exact.scale(to_z, b * largest), f"at_{k}", rate)
     return draft.sum(
         "drift",
-        *rates,
+        rates,
         table,
         _hysteresis(draft, model, bank, (middle, half)),
         _warm_up(draft, model, bank, h),
         draft.polynomial("static_terms", exact.add(static, (constant,)), "u"),
     )
-
-
-def _by_rate(
-    draft: Draft,
-    model: Model,
-    k: int,
-    timing: tuple[Fraction, Fraction, Fraction],
-    span: tuple[exact.Poly, Fraction, Fraction],
-) -> list[Term]:
-    """Terms (a + c z) ρ and b z_k ρ of the k-th lag, its rate limited to the largest fitted one on
-    either side; `timing` is the interval [s], the lag [s] and the fastest change of x [1/s], `span`
-    the polynomial from u to z and the limits of u.
-    """
-    (h, tau, fastest), (to_z, low, high) = timing, span
-    half = exact.span(*model.valid[CASE])[1]
-    largest = max(abs(Fraction(limit)) for limit in model.valid[RATE]) or Fraction(1)
-    thermal_steps.follow_lag(draft, f"lag_{k}", h, tau, fastest)
-    to_rate = (60 * half / tau / largest,)
-    rate = draft.sum(f"behind_{k}", draft.polynomial(f"rate_of_{k}", to_rate, "", f"lag_{k}"))
-    # a slow lag cannot get that fast
-    if draft.padded or to_rate[0] * draft.limits[f"lag_{k}"] > 1:
-        rate = draft.limit(f"rate_{k}", rate, Fraction(-1), Fraction(1), "RATE_CLAMPED")
-    draft.sum(f"layer_{k}", factor("x"), factor(f"lag_{k}", -1))
-    draft.limit(f"at_{k}", f"layer_{k}", low, high, "TEMP_CLAMPED")
-    a, b, c = numbers(model, f"a{k}", f"b{k}", f"c{k}")
-    weight = exact.scale(exact.add((a,), exact.scale(to_z, c)), largest)
-    own = exact.scale(to_z, b * largest)
-    return [
-        *draft.polynomial(f"by_rate_{k}", weight, "u", rate),
-        *draft.polynomial(f"by_own_{k}", own, f"at_{k}", rate),
-    ]
-
-
-def _static_temperature(draft: Draft, model: Model, h: Fraction, fastest: Fraction) -> None:
-    """T = x − (1 − f) lag_fast − f lag_static, mapped as the case temperature."""
-    fast, slow, share = numbers(model, *STATIC_LAGS)
-    parts = (("lag_fast", fast, 1 - share), ("lag_static", slow, share))
-    for name, tau, _ in parts:
-        thermal_steps.follow_lag(draft, name, h, tau, fastest)
-    draft.sum(
-        "coil",
-        factor("x"),
-        *(draft.polynomial(f"share_of_{name}", (-part,), "", name) for name, _, part in parts),
-    )
-
-
-def _powers(weights: exact.Poly, to_z: exact.Poly) -> exact.Poly:
-    """Σ_k s_k z^k as a polynomial of u, z a polynomial of u."""
-    found: exact.Poly = (Fraction(0),)
-    for weight in reversed(weights):
-        found = exact.product(exact.add(found, (weight,)), to_z)
-    return found
 
 
 def _table(

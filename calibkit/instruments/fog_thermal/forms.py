@@ -5,28 +5,22 @@ the lags have settled, for certificates. Along a log, for `apply`, `numeric.eval
 lags from sample to sample with the model that `read_thermal` returns.
 """
 
-from dataclasses import replace
-
 import numpy as np
 
 from calibkit import thermal_forms
 from calibkit.arrays import Array
 from calibkit.coefficients import Model, Parameter
-from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.forms import Form, Inputs, power_unit
 from calibkit.instruments.fog_thermal.numeric import published
 from calibkit.instruments.fog_thermal.numeric.bank import (
     SCALE_DEGC,
     STATIC_LAGS,
     Bank,
-    BankDrivers,
     BankModel,
     OnLevels,
 )
 from calibkit.numeric.thermal.noise import Noise
-from calibkit.numeric.thermal.terms import (
-    Valid,
-)
+from calibkit.numeric.thermal.terms import Valid
 from calibkit.thermal_forms import CASE, GRADIENT, RATE, drivers_at
 
 FILE = "drift_rate.json"
@@ -52,33 +46,6 @@ def _rate_products(model: Model, at: Inputs) -> Array:
     return (by_gradient[:, :, None] * by_rate[:, None, :]).reshape(len(by_rate), -1)
 
 
-def hysteresis(model: Model) -> float:
-    """Half the spread [°/h] of the rate at rest at one temperature by where the gyro came from."""
-    return read_bank(model).hysteresis(BANK.read(model)) if model.form == BANK.name else 0.0
-
-
-def _bank_extra(model: Model, at: Inputs) -> Array:
-    """Standard uncertainty [n, °/h] by the model error and, at rest, by a hysteresis."""
-    spread = np.where(at.get(RATE, np.zeros_like(at[CASE])) == 0.0, hysteresis(model), 0.0)
-    return np.asarray(np.hypot(thermal_forms.model_error(model)[0], spread / np.sqrt(3.0)))
-
-
-def coil_temperature(model: Model, at: Inputs) -> Array:
-    """Temperature [n, °C] that a model on levels refers to, with its lags settled."""
-    if model.form == BANK.name:
-        return _bank_drivers(model, at)[1].temperature
-    return drivers_at(model, at).temperature
-
-
-def slope_over_case(model: Model, at: Inputs) -> Array:
-    """Derivative [n, °/h/°C] of the rate of a model on levels by case temperature."""
-    if model.form == BANK.name:
-        terms, drivers, _ = _bank_drivers(model, at)
-        own = BANK.read(model)[terms.part("b")] / SCALE_DEGC
-        return _bank_slope(terms, model, drivers) + drivers.rates @ own
-    return thermal_forms.slope_over_case(model, at)
-
-
 PER_RAMP = Form(
     "fog-drift-gradient/1",
     _gradient_powers,
@@ -95,67 +62,71 @@ LAGGED = thermal_forms.sum_of_terms("fog-drift-lagged/1")
 """Indicated rate as the sum of TERMS of coil temperatures that lag behind the case."""
 
 
-def read_bank(model: Model) -> Bank:
-    """Terms of a bank of lags."""
-    stated = {parameter.name: parameter.value for parameter in model.parameters}
-
-    def numbered(name: str) -> tuple[float, ...]:
-        return tuple(stated[f"{name}_{k}"] for k in range(1, 99) if f"{name}_{k}" in stated)
-
-    return Bank(*(numbered(name) for name in _NUMBERED))
-
-
 _NUMBERED = {"tau": "s", "knot": "degC", "width": "degC", "warm_up": "s"}
 """Parameters of a bank that are numbered from 1, in the order of the fields of `Bank`, and their
 units.
 """
 
 
-def _bank_drivers(model: Model, at: Inputs) -> tuple[Bank, BankDrivers, Array]:
-    """Terms, drivers [n] on a steady ramp after the lags have settled, and derivatives [n, 3] of T
-    by the static lag; play operators are then behind by their width.
-    """
-    terms, case = read_bank(model), at[CASE]
-    rate = at.get(RATE, np.zeros_like(case))
-    fast, slow, share = BANK.read(model)[-len(STATIC_LAGS) :]
-    behind = -rate / SECONDS_PER_MINUTE
-    return (
-        terms,
-        BankDrivers(
-            case + behind * (fast + share * (slow - fast)),
-            case[:, None] + behind[:, None] * np.array(terms.lags),
-            np.repeat(rate[:, None], len(terms.lags), axis=1),
-            np.repeat(-np.sign(rate)[:, None], len(terms.widths), axis=1),
-            np.zeros((case.size, len(terms.warm_up))),
-        ),
-        behind[:, None] * np.array([1.0 - share, share, slow - fast]),
-    )
+def read_bank(model: Model) -> Bank:
+    """Terms of a bank of lags."""
+    stated = {parameter.name: parameter.value for parameter in model.parameters}
+    parts = []
+    for name in _NUMBERED:
+        numbered = (f"{name}_{k}" for k in range(1, len(stated) + 1))
+        parts.append(tuple(stated[parameter] for parameter in numbered if parameter in stated))
+    return Bank(*parts)
 
 
-def _bank_gradient(model: Model, at: Inputs) -> Array:
+def _steady(at: Inputs) -> tuple[Array, Array]:
+    """Case temperature [n, °C] and its rate [n, °C/min]; a rate that is not given is 0."""
+    return at[CASE], at.get(RATE, np.zeros_like(at[CASE]))
+
+
+def _bank_columns(model: Model, at: Inputs) -> Array:
     """Derivatives [n, p + 3] of the indicated rate [°/h] by the coefficients and the static lag."""
-    terms, drivers, by_lag = _bank_drivers(model, at)
-    slope = _bank_slope(terms, model, drivers)
-    return np.column_stack([terms.columns(drivers), by_lag * slope[:, None]])
-
-
-def _bank_slope(terms: Bank, model: Model, drivers: BankDrivers) -> Array:
-    """Derivative [n, °/h/°C] by T of a result whose play operators are given."""
-    given = replace(drivers, behind=np.ones_like(drivers.behind))
-    return terms.slope(BANK.read(model)[: -len(STATIC_LAGS)], given)
+    return _read_bank_model(model).columns_settled(*_steady(at))
 
 
 def _bank_rate(model: Model, at: Inputs) -> Array:
     """Indicated rate [n, °/h]."""
-    terms, drivers, _ = _bank_drivers(model, at)
-    return terms.columns(drivers) @ BANK.read(model)[: -len(STATIC_LAGS)]
+    fitted = _read_bank_model(model)
+    return fitted.bank.columns(fitted.settled(*_steady(at))) @ fitted.coefficients
+
+
+def _bank_extra(model: Model, at: Inputs) -> Array:
+    """Standard uncertainty [n, °/h] by the model error and, at rest, by a hysteresis."""
+    spread = np.where(_steady(at)[1] == 0.0, hysteresis(model), 0.0)
+    return np.asarray(np.hypot(thermal_forms.model_error(model)[0], spread / np.sqrt(3.0)))
 
 
 BANK = Form(
-    "fog-drift-bank/1", _bank_gradient, _bank_rate, meaning=("interval",), further=_bank_extra
+    "fog-drift-bank/1", _bank_columns, _bank_rate, meaning=("interval",), further=_bank_extra
 )
 """Indicated rate through a bank of first-order lags of the case temperature."""
 ON_LEVELS = {LEVEL.name: LEVEL, LAGGED.name: LAGGED, BANK.name: BANK}
+
+
+def hysteresis(model: Model) -> float:
+    """Half the spread [°/h] of the rate at rest at one temperature by where the gyro came from."""
+    return read_bank(model).hysteresis(BANK.read(model)) if model.form == BANK.name else 0.0
+
+
+def coil_temperature(model: Model, at: Inputs) -> Array:
+    """Temperature [n, °C] that a model on levels refers to, with its lags settled."""
+    if model.form == BANK.name:
+        return _read_bank_model(model).settled(*_steady(at)).temperature
+    return drivers_at(model, at).temperature
+
+
+def slope_over_case(model: Model, at: Inputs) -> Array:
+    """Derivative [n, °/h/°C] of the rate of a model on levels by case temperature."""
+    if model.form != BANK.name:
+        return thermal_forms.slope_over_case(model, at)
+    fitted = _read_bank_model(model)
+    drivers = fitted.settled(*_steady(at))
+    by_layer = drivers.rates @ fitted.coefficients[fitted.bank.part("b")] / SCALE_DEGC
+    return fitted.slope_settled(drivers) + by_layer
 
 
 def write_ramp(name: str, fit: published.RampFit, interval_s: float) -> Model:

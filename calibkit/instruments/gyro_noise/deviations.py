@@ -265,33 +265,24 @@ def result(found: Sequence[NoiseFigures], flags: Sequence[str], probability: flo
     """gyro_noise.json: figures named quantity.log (or quantity.column.log); a term that is not
     observable is a flag. The probability of the deviations' limits is a condition.
     """
+    figures = []
+    for one in found:
+        name, sensor = one.record.name, one.record.sensor
+        figures.append(Figure(forms.term_name(sensor.mean, name), one.mean, sensor.unit, 0.0))
+        for term in one.terms.terms:
+            called, u = forms.term_name(term.name, name), term.standard_uncertainty
+            figures.append(Figure(called, term.value, term.unit, u, term.dof))
+        for entry in one.stability:
+            called = forms.term_name(f"bias_stability_{entry.block_s:g}_s", name)
+            # n − 1 block means, were they independent and normal
+            u, dof = entry.standard_uncertainty, entry.blocks - 1.0
+            figures.append(Figure(called, entry.value, sensor.unit, u, dof))
+        for kind, curve in zip(forms.KINDS, (one.curve, one.wavelet), strict=True):
+            columns = (curve.tau_s, curve.deviation, curve.dof)
+            for tau, deviation, dof in zip(*map(np.ndarray.tolist, columns), strict=True):
+                called, u = forms.Deviation(kind, tau, name).name, deviation / np.sqrt(2.0 * dof)
+                figures.append(Figure(called, deviation, sensor.unit, float(u), dof))
+    conditions = (Condition(forms.PROBABILITY, probability, "1"),)
     return StageResult(
-        "gyro_noise",
-        figures=tuple(figure for one in found for figure in _figures(one)),
-        flags=tuple(flags),
-        conditions=(Condition(forms.PROBABILITY, probability, "1"),),
+        "gyro_noise", figures=tuple(figures), flags=tuple(flags), conditions=conditions
     )
-
-
-def _figures(one: NoiseFigures) -> Iterator[Figure]:
-    """Figures of one record."""
-    name, sensor = one.record.name, one.record.sensor
-    yield Figure(forms.term_name(sensor.mean, name), one.mean, sensor.unit, 0.0)
-    for term in one.terms.terms:
-        called = forms.term_name(term.name, name)
-        yield Figure(called, term.value, term.unit, term.standard_uncertainty, term.dof)
-    for entry in one.stability:
-        called = forms.term_name(f"bias_stability_{entry.block_s:g}_s", name)
-        u = stability_uncertainty(entry)
-        # n − 1 block means, were they independent and normal
-        yield Figure(called, entry.value, sensor.unit, u, entry.blocks - 1.0)
-    for kind, curve in zip(forms.KINDS, (one.curve, one.wavelet), strict=True):
-        points = np.column_stack([curve.tau_s, curve.deviation, curve.dof]).tolist()
-        for tau, deviation, dof in points:
-            called, u = forms.Deviation(kind, tau, name).name, deviation / np.sqrt(2.0 * dof)
-            yield Figure(called, deviation, sensor.unit, float(u), dof)
-
-
-def stability_uncertainty(entry: allan.BiasStability) -> float:
-    """Standard uncertainty of a standard deviation of n values in its unit, σ/√(2(n − 1))."""
-    return float(entry.value / np.sqrt(2.0 * (entry.blocks - 1)))

@@ -8,7 +8,7 @@ import numpy as np
 from calibkit.certificate.words import unit_mark
 from calibkit.coefficients import Criterion, at_most
 from calibkit.constants import SECONDS_PER_HOUR
-from calibkit.instruments.gyro_noise.deviations import NoiseFigures, stability_uncertainty
+from calibkit.instruments.gyro_noise.deviations import NoiseFigures
 from calibkit.instruments.gyro_noise.recipe import NoiseAcceptance
 from calibkit.numeric.noise import allan
 from calibkit.numeric.noise.confidence import TYPES
@@ -73,7 +73,7 @@ def tables(found: Sequence[NoiseFigures]) -> tuple[Table, ...]:
                 name,
                 f"bias stability, {s.block_s:g} s",
                 number(s.value),
-                number(stability_uncertainty(s), 2),
+                number(s.standard_uncertainty, 2),
                 sensor.unit,
             )
             for s in one.stability
@@ -91,31 +91,31 @@ def tables(found: Sequence[NoiseFigures]) -> tuple[Table, ...]:
 
 def summarize_noise(found: Sequence[NoiseFigures]) -> Overview:
     """First screen: the noise terms that each record shows, and how long it was."""
-    values = [
+    first, table = found[0], tables(found)[0]
+    terms = [
         KeyValue(
             f"{term.name.replace('_', ' ')} {term.symbol}",
             term.value,
             unit_mark(term.unit),
             term.standard_uncertainty,
         )
-        for term in found[0].terms.terms
+        for term in first.terms.terms
     ]
     stable = [
         KeyValue(
             f"bias stability, {entry.block_s:g} s",
             entry.value,
-            unit_mark(found[0].record.sensor.unit),
-            stability_uncertainty(entry),
+            unit_mark(first.record.sensor.unit),
+            entry.standard_uncertainty,
         )
-        for entry in found[0].stability
+        for entry in first.stability
     ]
-    shown = "; ".join(f"{one.name} {one}" for one in values)
-    hours = found[0].record.samples * found[0].record.interval_s / SECONDS_PER_HOUR
+    shown = "; ".join(f"{term.name} {term}" for term in terms)
     shown = shown or "no term of noise is determined by the Allan deviation"
-    sentence = f"Noise of {found[0].record.name} over {hours:.3g} h at rest: {shown}."
-    rows = tuple(row for row in tables(found)[0].rows if row[3])
-    table = replace(tables(found)[0], rows=rows)
-    return Overview(sentence, (), (*values, *stable)[:4], table)
+    hours = first.record.samples * first.record.interval_s / SECONDS_PER_HOUR
+    sentence = f"Noise of {first.record.name} over {hours:.3g} h at rest: {shown}."
+    determined = replace(table, rows=tuple(row for row in table.rows if row[3]))
+    return Overview(sentence, (), (*terms, *stable)[:4], determined)
 
 
 def _curve_table(one: NoiseFigures, curve: allan.DeviationCurve) -> Table:
@@ -163,9 +163,6 @@ def validation_entry(one: NoiseFigures) -> dict[str, object]:
         "unit": unit,
         "terms": [asdict(term) for term in one.terms.terms],
         "not_observable": [asdict(term) for term in one.terms.not_observable],
-        "bias_stability": [
-            {"block_s": s.block_s, "value": s.value, "unit": unit, "blocks": s.blocks}
-            for s in one.stability
-        ],
+        "bias_stability": [asdict(stability) | {"unit": unit} for stability in one.stability],
         **curves,
     }

@@ -83,6 +83,11 @@ class BiasStability:
     value: float
     blocks: int
 
+    @property
+    def standard_uncertainty(self) -> float:
+        """That of a standard deviation of n independent normal values, σ/√(2(n − 1))."""
+        return float(self.value / np.sqrt(2.0 * (self.blocks - 1)))
+
 
 def overlapping(
     rate: ArrayLike,

@@ -9,6 +9,7 @@ import numpy as np
 from calibkit.arrays import Array, Mask
 from calibkit.errors import FitError
 from calibkit.numeric.noise.allan import DeviationCurve
+from calibkit.numeric.noise.confidence import logarithmic_grid
 from calibkit.numeric.noise.laws import LAWS, PowerLaw
 
 SIGNIFICANCE = 0.00135
@@ -99,11 +100,6 @@ class _Attempt:
     misfit: float
     surprising: bool
 
-    @property
-    def failed(self) -> bool:
-        """Whether no scaling makes the terms mean anything."""
-        return self.surprising and self.misfit > GROSS_MISFIT
-
 
 def fit_noise(curve: DeviationCurve, laws: tuple[PowerLaw, ...] = LAWS) -> NoiseFit:
     """Fit the five noise terms to an overlapping Allan deviation by non-negative weighted least
@@ -139,11 +135,28 @@ def fit_noise(curve: DeviationCurve, laws: tuple[PowerLaw, ...] = LAWS) -> Noise
     misfit; above a misfit of 10 no term is reported. Each is flagged.
     """
     _require_curve(curve)
-    attempt = _first_that_fits(curve)
-    shown = (attempt.coefficients > 0.0) & (not attempt.failed)
+    attempt, flags = _attempt(curve, 0), []
+    if attempt.surprising:
+        most = min(curve.tau_s.size // 2, curve.tau_s.size - FEWEST_TIMES)
+        for first in range(1, most + 1):
+            if not _attempt(curve, first).surprising:
+                # the first that passes is still bent, by less than the noise
+                attempt = _attempt(curve, min(first + MARGIN, most))
+                flags.append(
+                    f"averaging times below {curve.tau_s[attempt.first]:g} s left out: the noise"
+                    " terms do not describe them"
+                )
+                break
+    failed = attempt.surprising and attempt.misfit > GROSS_MISFIT
+    if failed:
+        flags.append("no noise term reported: the five of them do not describe the curve")
+    elif attempt.surprising:
+        scale = np.sqrt(attempt.misfit)
+        flags.append(f"the noise terms miss the curve: uncertainties scaled up by {scale:.2g}")
+    shown = (attempt.coefficients > 0.0) & (not failed)
     for j in np.flatnonzero(shown).tolist():
-        shown[j] = _chance(attempt, j, np.arange(len(LAWS)) != j) < SIGNIFICANCE
-    reasons = _reasons(attempt, shown)
+        shown[j] = _chance(attempt.record, j, np.arange(len(LAWS)) != j) < SIGNIFICANCE
+    reasons = _reasons(attempt, shown, failed=failed)
     terms: list[NoiseTerm] = []
     absent: list[_NotObservable] = []
     for j, law in enumerate(laws):
@@ -156,8 +169,26 @@ def fit_noise(curve: DeviationCurve, laws: tuple[PowerLaw, ...] = LAWS) -> Noise
         u, dof = value * relative / 2.0, 2.0 / relative**2
         terms.append(NoiseTerm(law.name, law.symbol, value, law.unit, u, dof))
     model = np.sqrt(_design(curve.tau_s) @ attempt.coefficients)
-    flags = _flags(attempt, curve)
-    return NoiseFit(tuple(terms), tuple(absent), curve.tau_s, model, attempt.misfit, flags)
+    return NoiseFit(tuple(terms), tuple(absent), curve.tau_s, model, attempt.misfit, tuple(flags))
+
+
+def _reasons(attempt: _Attempt, shown: Mask, *, failed: bool) -> list[str]:
+    """Why each of the five terms would not be observable, given which are."""
+    if failed:
+        return ["the five noise terms do not describe the curve"] * len(LAWS)
+    if attempt.surprising or not shown.any():
+        return ["the other terms can stand in for it within the noise"] * len(LAWS)
+    # each of these explains alone what the reported terms leave
+    absent = np.flatnonzero(~shown).tolist()
+    candidates = [j for j in absent if _chance(attempt.record, j, shown) < SIGNIFICANCE]
+    names = " or ".join(LAWS[j].symbol for j in candidates)
+    which = "which" if len(candidates) > 1 else "it from others together"
+    reasons = ["beside the reported terms the curve shows none of it above the noise"] * len(LAWS)
+    for j in candidates:
+        reasons[j] = (
+            f"beside the reported terms the curve shows {names}; the record cannot tell {which}"
+        )
+    return reasons
 
 
 def weigh(curve: DeviationCurve, coefficients: Array) -> tuple[Array, Array, Array]:
@@ -170,20 +201,6 @@ def weigh(curve: DeviationCurve, coefficients: Array) -> tuple[Array, Array, Arr
     return record.design, covariance, np.diag(covariance) + (MODEL_ERROR * record.variance) ** 2
 
 
-def _first_that_fits(curve: DeviationCurve) -> _Attempt:
-    """The fit that leaves out the fewest of the shortest averaging times to be credible, or the fit
-    to all of them.
-    """
-    whole = _attempt(curve, 0)
-    count = curve.tau_s.size
-    most = min(count // 2, count - FEWEST_TIMES) if whole.surprising else 0
-    for first in range(1, most + 1):
-        if not _attempt(curve, first).surprising:
-            # the first that passes is still bent, by less than the noise
-            return _attempt(curve, min(first + MARGIN, most))
-    return whole
-
-
 def _attempt(curve: DeviationCurve, first: int) -> _Attempt:
     """Fit of all five terms to the averaging times from index `first` on.
 
@@ -194,55 +211,20 @@ def _attempt(curve: DeviationCurve, first: int) -> _Attempt:
 
     record = _record(curve, first)
     coefficients, spread, covariance = _fitted(record, np.ones(len(LAWS), dtype=bool))
-    residual = record.variance - record.design @ coefficients
+    model = record.design @ coefficients
     active = coefficients > 0.0
     operator = _operator(record.design, spread, active)
-    projection = np.eye(residual.size)
-    projection -= record.design[:, active] @ operator
-    expected = covariance + np.diag((MODEL_ERROR * (record.design @ coefficients)) ** 2)
+    projection = np.eye(model.size) - record.design[:, active] @ operator
+    expected = covariance + np.diag((MODEL_ERROR * model) ** 2)
     scatter = projection @ expected @ projection.T / np.sqrt(np.outer(spread, spread))
     mean, square = float(np.trace(scatter)), float(np.sum(scatter**2))
-    misfit = float(np.sum(residual**2 / spread)) / mean
+    misfit = float(np.sum((record.variance - model) ** 2 / spread)) / mean
     half_dof = mean**2 / square / 2.0
     surprising = bool(gammaincc(half_dof, half_dof * misfit) < SIGNIFICANCE)
     uncertainty = np.zeros(len(LAWS))
     uncertainty[active] = np.sqrt(np.diag(operator @ covariance @ operator.T))
     uncertainty *= float(np.sqrt(misfit) if surprising else 1.0)
     return _Attempt(first, record, coefficients, uncertainty, misfit, surprising)
-
-
-def _reasons(attempt: _Attempt, shown: Mask) -> list[str]:
-    """Why each of the five terms would not be observable, given which are."""
-    if attempt.failed:
-        return ["the five noise terms do not describe the curve"] * len(LAWS)
-    if attempt.surprising or not shown.any():
-        return ["the other terms can stand in for it within the noise"] * len(LAWS)
-    rest = np.flatnonzero(~shown).tolist()
-    candidates = [j for j in rest if _chance(attempt, j, shown) < SIGNIFICANCE]
-    names = " or ".join(LAWS[j].symbol for j in candidates)
-    which = "which" if len(candidates) > 1 else "it from others together"
-    return [
-        f"beside the reported terms the curve shows {names}; the record cannot tell {which}"
-        if j in candidates
-        else "beside the reported terms the curve shows none of it above the noise"
-        for j in range(len(LAWS))
-    ]
-
-
-def _flags(attempt: _Attempt, curve: DeviationCurve) -> tuple[str, ...]:
-    """What a reader must know of the fit, in sentences."""
-    flags = []
-    if attempt.first:
-        flags.append(
-            f"averaging times below {curve.tau_s[attempt.first]:g} s left out: the noise terms do"
-            " not describe them"
-        )
-    if attempt.failed:
-        flags.append("no noise term reported: the five of them do not describe the curve")
-    elif attempt.surprising:
-        scale = np.sqrt(attempt.misfit)
-        flags.append(f"the noise terms miss the curve: uncertainties scaled up by {scale:.2g}")
-    return tuple(flags)
 
 
 def _require_curve(curve: DeviationCurve) -> None:
@@ -273,25 +255,21 @@ def _record(curve: DeviationCurve, first: int) -> _Record:
     differences of white angle).
     """
     interval = curve.interval_s
-    nu = np.geomspace(0.01 / curve.samples, 0.5, FREQUENCIES)
-    step = nu * np.log(nu[1] / nu[0])
-    step[[0, -1]] /= 2.0
-    shapes = np.stack(
-        [
-            8.0 / 3.0 * np.sin(np.pi * nu) ** 2 / interval**2,
-            np.full(nu.size, 2.0 / interval),
-            1.0 / (2.0 * np.log(2.0) * nu),
-            3.0 * interval / (2.0 * np.pi**2 * nu**2),
-            np.zeros(nu.size),
-        ]
-    )
+    nu, step = logarithmic_grid(0.01 / curve.samples, FREQUENCIES)
+    shapes = [
+        8.0 / 3.0 * np.sin(np.pi * nu) ** 2 / interval**2,
+        np.full(nu.size, 2.0 / interval),
+        1.0 / (2.0 * np.log(2.0) * nu),
+        3.0 * interval / (2.0 * np.pi**2 * nu**2),
+        np.zeros(nu.size),
+    ]
     factor, pairs = curve.factor[first:].astype(np.float64), curve.pairs[first:].astype(np.float64)
     difference = 2.0 * np.sin(np.pi * np.outer(factor, nu)) * _averaging(factor, nu)
     variance = curve.deviation[first:] ** 2
     return _Record(
         variance=variance,
         start=2.0 * variance**2 / curve.dof[first:],
-        shapes=shapes,
+        shapes=np.stack(shapes),
         response=difference**2 / 2.0,
         mean_response=difference * _averaging(pairs, nu),
         step=step,
@@ -351,29 +329,34 @@ def non_negative(design: Array, variance: Array, spread: Array, allowed: Mask) -
     """
     from scipy.optimize import nnls
 
-    weight = 1.0 / np.sqrt(spread)
-    weighted = design[:, allowed] * weight[:, None]
-    scale = np.linalg.norm(weighted, axis=0)
+    weighted, scale, weight = _weighted(design, spread, allowed)
     coefficients = np.zeros(design.shape[1])
-    coefficients[allowed] = nnls(weighted / scale, variance * weight)[0] / scale
+    coefficients[allowed] = nnls(weighted, variance * weight)[0] / scale
     return coefficients
 
 
 def _operator(design: Array, spread: Array, active: Mask) -> Array:
     """Matrix [p, m] that takes Allan variances to the p active coefficients of the weighted fit."""
+    weighted, scale, weight = _weighted(design, spread, active)
+    return np.asarray(np.linalg.pinv(weighted) / scale[:, None] * weight, dtype=np.float64)
+
+
+def _weighted(design: Array, spread: Array, active: Mask) -> tuple[Array, Array, Array]:
+    """Active columns [m, p] of a design with weighted rows, of length 1; their lengths [p], and the
+    weights [m].
+    """
     weight = 1.0 / np.sqrt(spread)
     weighted = design[:, active] * weight[:, None]
     scale = np.linalg.norm(weighted, axis=0)
-    return np.asarray(np.linalg.pinv(weighted / scale) / scale[:, None] * weight, dtype=np.float64)
+    return weighted / scale, scale, weight
 
 
-def _chance(attempt: _Attempt, term: int, others: Mask) -> float:
+def _chance(record: _Record, term: int, others: Mask) -> float:
     """Probability that a record of the other terms alone, refitted, shows as much of this term as
     the record does.
     """
     from scipy.special import gammaincc, ndtr
 
-    record = attempt.record
     coefficients, spread, covariance = _fitted(record, others)
     active = coefficients > 0.0
     active[term] = True

@@ -88,8 +88,15 @@ def _without_line(means: Array) -> Array:
 
 
 def _fraction(series: Array) -> float:
-    """Fractional order δ = r/(1 + r) of a series [k] from its lag-1 autocorrelation r."""
-    correlation = _lag_one(series)
+    """Fractional order δ = r/(1 + r) of a series [k] of mean zero, NaN left out, from its lag-1
+    autocorrelation r; 1/2 where nothing is left or nothing varies.
+    """
+    product, square = series[1:] * series[:-1], series**2
+    left, present = ~np.isnan(product), ~np.isnan(square)
+    correlation = 1.0
+    if left.any() and square.sum(where=present) > 0.0:
+        share = product.size / series.size
+        correlation = share * float(product.mean(where=left) / square.mean(where=present))
     return correlation / (1.0 + correlation)
 
 
@@ -109,19 +116,6 @@ def _ratio_type(means: Array) -> Noise:
     if ratio**2 > flicker * count / 2.0:
         return "rate_random_walk"
     return "bias_instability" if ratio > flicker else "angle_random_walk"
-
-
-def _lag_one(series: Array) -> float:
-    """Autocorrelation at lag 1 of a series [k] of mean zero, NaN left out; 1 where nothing is left
-    or nothing varies.
-    """
-    product, square = series[1:] * series[:-1], series**2
-    left = ~np.isnan(product)
-    present = ~np.isnan(square)
-    if not left.any() or not square.sum(where=present) > 0.0:
-        return 1.0
-    share = product.size / series.size
-    return share * float(product.mean(where=left) / square.mean(where=present))
 
 
 def equivalent_dof(factor: int, runs: Integers, noise: Noise) -> float:
@@ -174,14 +168,22 @@ def wavelet_correlation(low: Array, high: Array, factor: int) -> float:
     -----
     ∫S² dν / (∫S dν)² by Parseval, S the spectrum of the noise behind the filters of the level.
     """
-    nu = np.geomspace(1e-3 / factor, 0.5, FREQUENCIES)
-    step = nu * np.log(nu[1] / nu[0])
-    step[[0, -1]] /= 2.0
+    nu, step = logarithmic_grid(1e-3 / factor, FREQUENCIES)
     gain = _response(high, factor * nu)
     for below in range(factor.bit_length() - 1):
         gain *= _response(low, 2**below * nu)
     spectra = gain * np.sin(np.pi * nu) ** np.arange(2.0, -3.0, -1.0)[:, None]
     return float(np.max(spectra**2 @ step / (2.0 * (spectra @ step) ** 2)))
+
+
+def logarithmic_grid(lowest: float, points: int) -> tuple[Array, Array]:
+    """Frequencies [f, cycles per sample] from the lowest to a half, evenly spaced in logarithm, and
+    the weights [f] of an integral over them.
+    """
+    nu = np.geomspace(lowest, 0.5, points)
+    step = nu * np.log(nu[1] / nu[0])
+    step[[0, -1]] /= 2.0
+    return nu, step
 
 
 def _response(taps: Array, nu: Array) -> Array:

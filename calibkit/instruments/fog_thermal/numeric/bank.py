@@ -15,12 +15,13 @@ ramps ask for them.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
 
 from calibkit.arrays import Array
+from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.numeric.thermal import coil
 from calibkit.numeric.thermal.noise import Noise
 from calibkit.numeric.thermal.terms import ThermalModel, Valid
@@ -75,6 +76,11 @@ class Bank:
     def columns(self, drivers: "BankDrivers") -> Array:
         """Derivatives [n, p] of the indicated rate by the linear coefficients."""
         z = (drivers.temperature - ORIGIN_DEGC) / SCALE_DEGC
+        table = np.zeros((z.size, len(self.knots)))
+        for k, hat in enumerate(np.eye(len(self.knots))):
+            # linear interpolation between the knots, 0 at the origin
+            table[:, k] = np.interp(drivers.temperature, self.knots, hat)
+            table[:, k] -= np.interp(ORIGIN_DEGC, self.knots, hat)
         return np.column_stack(
             [
                 np.ones(z.size),
@@ -82,23 +88,11 @@ class Bank:
                 drivers.rates * (drivers.lagged - ORIGIN_DEGC) / SCALE_DEGC,
                 drivers.rates * z[:, None],
                 z[:, None] ** np.arange(1, POWERS + 1),
-                self._table(drivers.temperature),
+                table,
                 drivers.behind,
                 drivers.faded,
             ]
         )
-
-    def _table(self, temperature: Array) -> Array:
-        """Weights [n, knots] of linear interpolation between the knots, less those at the
-        origin.
-        """
-        knots = np.array(self.knots)
-        if not knots.size:
-            return np.zeros((temperature.size, 0))
-        hats = np.eye(knots.size)
-        at = np.column_stack([np.interp(temperature, knots, hat) for hat in hats])
-        origin = np.array([np.interp(ORIGIN_DEGC, knots, hat) for hat in hats])
-        return np.asarray(at - origin, dtype=np.float64)
 
     def slope(self, coefficients: Array, drivers: "BankDrivers") -> Array:
         """Derivative [n, °/h/°C] of the indicated rate by T; a play operator that is not pushed
@@ -106,32 +100,30 @@ class Bank:
         """
         z = (drivers.temperature - ORIGIN_DEGC) / SCALE_DEGC
         powers = np.arange(1, POWERS + 1)
-        found = (powers * z[:, None] ** (powers - 1)) @ coefficients[self.part("s")]
-        found = (found + drivers.rates @ coefficients[self.part("c")]) / SCALE_DEGC
+        slope = (powers * z[:, None] ** (powers - 1)) @ coefficients[self.part("s")]
+        slope = (slope + drivers.rates @ coefficients[self.part("c")]) / SCALE_DEGC
         if self.widths:
             free = np.abs(drivers.behind) < 1.0
-            found = found - free @ (coefficients[self.part("h")] / np.array(self.widths))
+            slope = slope - free @ (coefficients[self.part("h")] / np.array(self.widths))
         if self.knots:
             steps = np.diff(coefficients[self.part("g")]) / np.diff(self.knots)
             place = np.searchsorted(self.knots, drivers.temperature, side="right") - 1
             inside = (place >= 0) & (place < steps.size)
-            found = found + np.where(inside, steps[np.clip(place, 0, steps.size - 1)], 0.0)
-        return np.asarray(found, dtype=np.float64)
+            slope = slope + np.where(inside, steps[np.clip(place, 0, steps.size - 1)], 0.0)
+        return np.asarray(slope, dtype=np.float64)
 
     def behind(self, temperature: Array) -> Array:
         """Play operators [n, widths] of a temperature [n, °C] along one log, from −1 to 1; the gyro
         came from the origin to the first temperature.
         """
-        found = np.empty((temperature.size, len(self.widths)))
+        behind = np.empty((temperature.size, len(self.widths)))
         for k, width in enumerate(self.widths):
             away, last = 0.0, ORIGIN_DEGC
-            followed = []
-            for value in temperature.tolist():
+            for row, value in enumerate(temperature.tolist()):
                 away = min(max(away - (value - last), -width), width)
                 last = value
-                followed.append(away / width)
-            found[:, k] = followed
-        return found
+                behind[row, k] = away / width
+        return behind
 
     def hysteresis(self, coefficients: Array) -> float:
         """Half the spread [°/h] of the rate at rest at one temperature by where the gyro came
@@ -143,7 +135,7 @@ class Bank:
         """Half the spread [n, °/h] of the hysteresis along one log by where its play operators
         began: anything until the temperature [n, °C] has moved by their full width.
         """
-        found = np.zeros(temperature.size)
+        spread = np.zeros(temperature.size)
         for width, size in zip(self.widths, coefficients[self.part("h")], strict=True):
             low, high, last = -width, width, float(temperature[0])
             for row, value in enumerate(temperature.tolist()):
@@ -151,8 +143,8 @@ class Bank:
                 if low == high:
                     break
                 last = value
-                found[row] += size * (high - low) / (2.0 * width)
-        return np.abs(found)
+                spread[row] += size * (high - low) / (2.0 * width)
+        return np.abs(spread)
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,10 +162,10 @@ class BankDrivers:
 
 def follow_lags(bank: Bank, along: coil.Path) -> tuple[Array, Array]:
     """Lagged temperatures x_j [n, lags, °C] and rates ρ_j [n, lags, °C/min] of logs in sequence."""
-    found = [along.drivers(lag, None) for lag in bank.lags]
+    layers = [along.drivers(lag, None) for lag in bank.lags]
     return (
-        np.column_stack([one.temperature for one in found]),
-        np.column_stack([one.rate for one in found]),
+        np.column_stack([layer.temperature for layer in layers]),
+        np.column_stack([layer.rate for layer in layers]),
     )
 
 
@@ -186,7 +178,7 @@ def static_temperature(along: coil.Path, lag: Array) -> Array:
 def static_derivatives(along: coil.Path, lag: Array, temperature: Array) -> Array:
     """Derivatives [n, 3] of T by the logarithms of both lags and by the share."""
     moved = [static_temperature(along, lag + step) for step in np.eye(3) * STEP]
-    return np.column_stack([(one - temperature) / STEP for one in moved])
+    return np.column_stack([(away - temperature) / STEP for away in moved])
 
 
 def log_drivers(
@@ -249,6 +241,34 @@ class BankModel:
         """Temperature [°C] clamped to the fitted range."""
         low, high = self.valid.temperature
         return min(max(temperature, low), high)
+
+    def settled(self, case: Array, rate: Array) -> BankDrivers:
+        """Drivers at case temperatures [n, °C] on steady ramps [n, °C/min] whose lags have settled:
+        play operators are then behind by their width, a warm-up is over.
+        """
+        fast, slow, share = self.static_lag
+        later = -rate / SECONDS_PER_MINUTE
+        return BankDrivers(
+            case + later * (fast + share * (slow - fast)),
+            case[:, None] + later[:, None] * np.array(self.bank.lags),
+            np.repeat(rate[:, None], len(self.bank.lags), axis=1),
+            np.repeat(-np.sign(rate)[:, None], len(self.bank.widths), axis=1),
+            np.zeros((case.size, len(self.bank.warm_up))),
+        )
+
+    def slope_settled(self, drivers: BankDrivers) -> Array:
+        """Derivative [n, °/h/°C] of the indicated rate by T where play operators are given."""
+        given = replace(drivers, behind=np.ones_like(drivers.behind))
+        return self.bank.slope(self.coefficients, given)
+
+    def columns_settled(self, case: Array, rate: Array) -> Array:
+        """Derivatives [n, p + 3] of the indicated rate by the coefficients and the static lag on
+        steady ramps, as `settled`.
+        """
+        drivers, (fast, slow, share) = self.settled(case, rate), self.static_lag
+        by_temperature = -rate / SECONDS_PER_MINUTE * self.slope_settled(drivers)
+        by_lag = by_temperature[:, None] * np.array([1.0 - share, share, slow - fast])
+        return np.column_stack([self.bank.columns(drivers), by_lag])
 
 
 OnLevels: TypeAlias = ThermalModel | BankModel

@@ -21,7 +21,7 @@ from calibkit.numeric.thermal.noise import Noise
 from calibkit.numeric.thermal.pooled_fit import Rows, Stack
 from calibkit.numeric.thermal.terms import Span, Valid
 
-NOWHERE: Span = (0.0, 0.0)
+UNUSED: Span = (0.0, 0.0)
 """Range of a driver that a bank does not use."""
 LAGS_S = tuple(np.geomspace(30.0, 3000.0, 10).tolist())
 WIDTHS_DEGC = (4.0, 8.0, 16.0)
@@ -61,6 +61,8 @@ GAINED = 3.0
 1.
 """
 STEPS = 10
+CLOSE = 0.02
+"""Increase of the logarithm of the evidence, or step of the lag, below which the search ends."""
 POINTS = np.random.default_rng(952).standard_normal((64, len(SIZES) + 1))
 """Standard normal points of the average over the variances."""
 
@@ -97,17 +99,25 @@ class Problem:
         temperature = forward.static_temperature(self.along, lag)
         return forward.log_drivers(self.bank, self.logs, temperature, self.followed)
 
+    @property
+    def initial_states(self) -> Array:
+        """Decays [n, 3] of an initial state since the start of each log."""
+        since = np.concatenate([log.time - log.time[0] for log in self.stacked.logs])
+        return np.asarray(np.exp(-since[:, None] / np.array(WARM_UP_S)), dtype=np.float64)
+
     def columns(self, lag: Array, slope_of: Array | None) -> Array:
         """Columns [n, P]: whitened terms, derivatives by the static lag (0 without coefficients
         [p]), turn-on biases and initial states.
         """
         drivers = self.drivers(lag)
         terms = self.bank.columns(drivers) @ self.root
-        by_lag = np.zeros((terms.shape[0], 3))
+        by_lag = np.zeros((len(terms), STATIC_MEAN.size))
         if slope_of is not None:
             moved = forward.static_derivatives(self.along, lag, drivers.temperature)
             by_lag = moved * self.bank.slope(slope_of, drivers)[:, None]
-        return np.column_stack([terms, by_lag, _own_columns(self.stacked)])
+        turn_on = self.stacked.level_columns
+        initial = (turn_on[:, :, None] * self.initial_states[:, None, :]).reshape(len(terms), -1)
+        return np.column_stack([terms, by_lag, turn_on, initial])
 
     def at_white(self, variance: float) -> "Problem":
         """The problem at a white noise of the blocks [(°/h)²], and the usual flicker noise."""
@@ -136,79 +146,55 @@ class Problem:
         return evidence.maximise(gram, self.prior, start)
 
 
-def _own_columns(stacked: Stack) -> Array:
-    """Columns [n, logs (1 + 3)] of the turn-on bias and the initial state of each log."""
-    count = len(stacked.logs)
-    found, states = (
-        np.zeros((stacked.indication.size, count * (1 + len(WARM_UP_S)))),
-        (_initial_states(stacked)),
-    )
-    for k, rows in enumerate(stacked.log_rows):
-        found[rows, k] = 1.0
-        first = count + k * len(WARM_UP_S)
-        found[rows, first : first + len(WARM_UP_S)] = states[rows]
-    return found
-
-
-def _initial_states(stacked: Stack) -> Array:
-    """Decays [n, 3] of an initial state since the start of each log."""
-    since = np.concatenate([log.time - log.time[0] for log in stacked.logs])
-    return np.asarray(np.exp(-since[:, None] / np.array(WARM_UP_S)), dtype=np.float64)
-
-
-def _table(stacked: Stack) -> tuple[tuple[float, ...], Array]:
-    """Knots [°C] over the fitted temperatures, and the Cholesky factor of their correlation."""
-    low, high = (pick([pick(log.case) for log in stacked.logs]) for pick in (np.min, np.max))
-    first = np.floor(low / KNOT_DEGC)
-    knots = KNOT_DEGC * np.arange(first, np.ceil(high / KNOT_DEGC) + 1.0)
-    apart = (knots[:, None] - knots) / SMOOTH_DEGC
-    factor = np.linalg.cholesky(np.exp(-0.5 * apart**2) + 1e-6 * np.eye(knots.size))
-    return tuple(knots.tolist()), np.asarray(factor, dtype=np.float64)
-
-
 def state_problem(rows: Rows, extra: str = "", *, drift: float | None = None) -> Problem:
     """Problem with the terms g (table), h (hysteresis) and w (warm-up) of `extra` beside the
     others, for a drift of a size [°/h], by default that of the logs.
     """
     stacked = rows.stacked
-    away = stacked.indication - stacked.level_columns @ stacked.levels
-    drift = drift or _size_of_drift(rows, away)
-    knots, factor = _table(stacked) if "g" in extra else ((), np.zeros((0, 0)))
+    if drift is None:
+        # standard deviation about the levels of the logs, without the noise
+        away = stacked.indication - stacked.level_columns @ stacked.levels
+        white = rows.noise.white_variance / rows.turned.typical
+        square = float(np.mean(rows.means(away[:, None]) ** 2)) - white
+        drift = float(np.sqrt(max(square, LEAST_DRIFT**2 * white)))
+    knots = np.zeros(0)
+    if "g" in extra:
+        case = np.concatenate([log.case for log in stacked.logs])
+        first, last = np.floor(case.min() / KNOT_DEGC), np.ceil(case.max() / KNOT_DEGC)
+        knots = KNOT_DEGC * np.arange(first, last + 1.0)
     bank = Bank(
         LAGS_S,
-        knots,
+        tuple(knots.tolist()),
         WIDTHS_DEGC if "h" in extra else (),
         WARM_UP_S if "w" in extra else (),
     )
-    along = coil.path([(log.time, log.case) for log in stacked.logs])
-    letters = [name[0] for name, _ in bank.terms]
-    letters[0] = ""
-    names = [name for name, *_ in SIZES]
-    count = len(stacked.logs)
-    group = [names.index(letter) if letter else FLAT for letter in letters]
-    group += [len(SIZES)] * 3 + [TURN_ON] * count
-    group += [INITIAL] * count * len(WARM_UP_S)
-    shape = np.ones(len(group))
+    terms, lags, logs = len(bank.terms), STATIC_MEAN.size, len(stacked.logs)
+    # neighbouring knots are alike: the table is sought in columns that are independent
+    apart = (knots[:, None] - knots) / SMOOTH_DEGC
+    correlation = np.exp(-0.5 * apart**2) + 1e-6 * np.eye(knots.size)
+    root = np.eye(terms)
+    root[bank.part("g"), bank.part("g")] = np.linalg.cholesky(correlation)
+    # of each column: which of SIZES its variance is, and the variance relative to that size
+    group = np.full(terms + lags + logs * (1 + len(WARM_UP_S)), FLAT)
+    for number, (name, *_) in enumerate(SIZES):
+        if len(name) == 1:
+            group[bank.part(name)] = number
+    group[terms : terms + lags] = len(SIZES)
+    group[terms + lags :] = np.repeat([TURN_ON, INITIAL], [logs, logs * len(WARM_UP_S)])
+    shape = np.ones(group.size)
     shape[bank.part("s")] = SHAPE ** np.arange(forward.POWERS)
-    shape[len(letters) : len(letters) + 3] = STATIC_SPREAD**2
+    shape[terms : terms + lags] = STATIC_SPREAD**2
+    # θ are the logarithms of the variances; those of b and c are relative to that of a, and the
+    # spread of the static lag is known
     mixing = np.eye(len(SIZES) + 1)
     mixing[1:3, 0] = 1.0
     size = 2.0 * np.log(drift)
     mean = [2.0 * np.log(median) + size * (name not in "bc") for name, median, _ in SIZES]
     spread = [2.0 * sd for *_, sd in SIZES]
-    prior = Prior(np.array(group), shape, mixing, np.array([*mean, 0.0]), np.array([*spread, 1e-3]))
-    root = np.eye(len(letters))
-    root[bank.part("g"), bank.part("g")] = factor
+    prior = Prior(group, shape, mixing, np.array([*mean, 0.0]), np.array([*spread, 1e-3]))
+    along = coil.path([(log.time, log.case) for log in stacked.logs])
     followed = forward.follow_lags(bank, along)
-    level = float(np.mean(stacked.levels))
-    return Problem(rows, level, drift, bank, along, followed, prior, root)
-
-
-def _size_of_drift(rows: Rows, away: Array) -> float:
-    """Standard deviation [°/h] of an indication [n] about its levels, without the noise."""
-    means = rows.means(away[:, None])
-    white = rows.noise.white_variance / rows.turned.typical
-    return float(np.sqrt(max(float(np.mean(means**2)) - white, LEAST_DRIFT**2 * white)))
+    return Problem(rows, float(np.mean(stacked.levels)), drift, bank, along, followed, prior, root)
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,21 +225,10 @@ class Solution:
         absent = sum(not part for part in (own.knots, own.widths, own.warm_up))
         return 1 + len(SIZES) - absent + STATIC_MEAN.size
 
-    @property
-    def _determined(self) -> float:
-        """Effective number of coefficients: what the logs determine of each, from 0 to 1."""
-        known = evidence.log_variances(self.problem.prior, self.posterior.theta)
-        return float(np.sum(1.0 - np.diag(self.posterior.covariance) / np.exp(known)))
-
-    def drift(self) -> tuple[Array, Array]:
-        """Drift [n, °/h] along the logs against rest at 25 °C, and its variance [n, (°/h)²]."""
-        p = self.problem.root.shape[0] + 3
-        drift, columns = self._drift_of(self.posterior.coefficients), self.columns[:, 1:p]
-        variance = np.sum(columns @ self.posterior.covariance[1:p, 1:p] * columns, axis=1)
-        return drift, variance
-
-    def _drift_of(self, coefficients: Array) -> Array:
-        """Drift [n, °/h] by coefficients [P], without the constant."""
+    def drift(self, coefficients: Array) -> Array:
+        """Drift [n, °/h] along the logs against rest at 25 °C by coefficients [P], without the
+        constant.
+        """
         p = self.problem.root.shape[0]
         change = coefficients[1 : p + 3].copy()
         # the derivatives stand for a change of the lag from its prior mean
@@ -264,112 +239,122 @@ class Solution:
         """Rms [°/h] over the logs of what the drift is more uncertain by than another solution
         states if this one is right.
         """
-        (drift, variance), (before, known) = self.drift(), other.drift()
-        return float(np.sqrt(max(float(np.mean((drift - before) ** 2 + variance - known)), 0.0)))
+        drifts, variances = [], []
+        for solution in (self, other):
+            drift = slice(1, solution.problem.root.shape[0] + 3)
+            columns, covariance = solution.columns[:, drift], solution.posterior.covariance
+            drifts.append(solution.drift(solution.posterior.coefficients))
+            variances.append(np.sum(columns @ covariance[drift, drift] * columns, axis=1))
+        square = np.mean((drifts[0] - drifts[1]) ** 2 + variances[0] - variances[1])
+        return float(np.sqrt(max(float(square), 0.0)))
 
     @property
     def unsettled(self) -> bool:
         """Whether logs start away from equilibrium: initial states make the logs likelier by more
         than chance.
         """
-        prior, still = self.problem.prior, self.posterior.theta.copy()
-        still[INITIAL] += 2.0 * np.log(NEGLIGIBLE)
+        prior = self.problem.prior
         gram = self.problem.gram(self.rows, self.lag, self.columns)
-        values = [
-            evidence.condition(gram, prior, theta)[2]
-            + 0.5 * float(np.sum(((theta - prior.mean) / prior.spread) ** 2))
-            for theta in (self.posterior.theta, still)
-        ]
+        values = []
+        for size in (1.0, NEGLIGIBLE):
+            theta = self.posterior.theta.copy()
+            theta[INITIAL] += 2.0 * np.log(size)
+            known = 0.5 * float(np.sum(((theta - prior.mean) / prior.spread) ** 2))
+            values.append(evidence.condition(gram, prior, theta)[2] + known)
         return values[0] - values[1] > GAINED
 
     def with_own_start(self, predicted: Iterable[Array]) -> Iterator[Array]:
         """Predictions [rows, °/h, up to a constant] of each ramp; where logs start unsettled, with
         the initial state that its own indication shows, which no fit to other ramps knows.
         """
-        own = self.problem
         if not self.unsettled:
             yield from predicted
             return
-        stacked, states = own.stacked, _initial_states(own.stacked)
-        white, sound = self.rows.noise.white_variance, self.rows.sound
+        stacked, states = self.problem.stacked, self.problem.initial_states
         variance = np.exp(self.posterior.theta[INITIAL])
-        precision = np.diag([0.0, *[white / variance] * len(WARM_UP_S)])
+        precision = np.full(1 + len(WARM_UP_S), self.rows.noise.white_variance / variance)
+        precision[0] = 0.0  # the level of a ramp is free
         for rows, drift in zip(stacked.ramps, predicted, strict=True):
             columns = np.column_stack([np.ones(rows.stop - rows.start), states[rows]])
-            weighted = columns * sound[rows, None]
+            weighted = columns * self.rows.sound[rows, None]
             left = stacked.indication[rows] - drift
-            found = np.linalg.solve(weighted.T @ columns + precision, weighted.T @ left)
-            yield drift + columns @ found
+            information = weighted.T @ columns + np.diag(precision)
+            yield drift + columns @ np.linalg.solve(information, weighted.T @ left)
 
     def leave_out(self, without: Iterable[Rows]) -> Iterator[Array]:
         """Drift [n, °/h, up to a constant] of all blocks by the fit without each ramp in turn, at
         the same variances and noise.
         """
-        own = self.problem
+        problem, theta = self.problem, self.posterior.theta
         for rows in without:
-            gram = own.gram(replace(rows, noise=own.rows.noise), self.lag, self.columns)
-            found = evidence.condition(gram, own.prior, self.posterior.theta)[0]
-            yield self._drift_of(found)
+            gram = problem.gram(replace(rows, noise=self.rows.noise), self.lag, self.columns)
+            yield self.drift(evidence.condition(gram, problem.prior, theta)[0])
 
     def finish(self) -> BankModel:
         """Model in raw units, averaged over the variances of the priors."""
-        own, p = self.problem, self.problem.root.shape[0]
-        gram = own.gram(own.rows, self.lag, self.columns)
-        mean, covariance = evidence.average(gram, own.prior, self.posterior, POINTS)
+        problem, posterior = self.problem, self.posterior
+        p, logs = problem.root.shape[0], len(problem.stacked.logs)
+        gram = problem.gram(self.rows, self.lag, self.columns)
+        mean, covariance = evidence.average(gram, problem.prior, posterior, POINTS)
+        coefficients = problem.root @ mean[:p]
+        coefficients[0] += problem.level
+        static_lag = (*np.exp(self.lag[:2]).tolist(), float(self.lag[2]))
         to_raw = np.eye(p + 3)
-        to_raw[:p, :p] = own.root
-        to_raw[p : p + 2, p : p + 2] = np.diag(np.exp(self.lag[:2]))
-        coefficients = own.root @ mean[:p]
-        coefficients[0] += own.level
-        drivers = own.drivers(self.lag)
-        case = np.concatenate([case for _, case in own.logs])
-        residual = own.left(self.lag, self.columns, mean)[own.rows.blocks]
+        to_raw[:p, :p] = problem.root
+        to_raw[p : p + 2, p : p + 2] = np.diag(static_lag[:2])
+        # what the logs determine of each coefficient, from 0 to 1
+        known = np.exp(evidence.log_variances(problem.prior, posterior.theta))
+        determined = float(np.sum(1.0 - np.diag(posterior.covariance) / known))
+        case = np.concatenate([log.case for log in problem.stacked.logs])
+        fastest = problem.drivers(self.lag).rates[:, 0]
         return BankModel(
-            bank=own.bank,
+            bank=problem.bank,
             coefficients=coefficients,
-            static_lag=(*np.exp(self.lag[:2]).tolist(), float(self.lag[2])),
+            static_lag=static_lag,
             covariance=to_raw @ covariance[: p + 3, : p + 3] @ to_raw.T,
-            valid=Valid(_span(case), _span(drivers.rates[:, 0]), NOWHERE, NOWHERE),
-            turn_on=mean[p + 3 : p + 3 + len(own.stacked.logs)],
-            turn_on_sd=float(np.exp(0.5 * self.posterior.theta[TURN_ON])),
-            dof=max(int(own.rows.starts.size - self._determined), 1),
-            residual_rms=rms(residual),
-            noise=own.rows.noise,
+            valid=Valid(
+                (float(case.min()), float(case.max())),
+                (float(fastest.min()), float(fastest.max())),
+                UNUSED,
+                UNUSED,
+            ),
+            turn_on=mean[p + 3 : p + 3 + logs],
+            turn_on_sd=float(np.exp(0.5 * posterior.theta[TURN_ON])),
+            dof=max(int(self.rows.starts.size - determined), 1),
+            residual_rms=rms(problem.left(self.lag, self.columns, mean)[self.rows.blocks]),
+            noise=self.rows.noise,
         )
 
 
-def _span(values: Array) -> Span:
-    """Smallest and largest value."""
-    return float(values.min()), float(values.max())
-
-
-def solve(own: Problem) -> Solution:
+def solve(problem: Problem) -> Solution:
     """Static lag of the largest evidence by Gauss–Newton steps, each halved until it is larger, and
     the posterior there; white noise is what the fit leaves.
     """
-    lag, found = _search(own.at_white(own.rows.noise.white_variance), STATIC_MEAN, None)
-    left = own.left(lag, own.columns(lag, None), found.coefficients)
-    own = own.at_white(own.rows.at_noise_of(left).noise.white_variance)
-    lag, found = _search(own, lag, found.theta)
-    return solve_at(own, lag, found.theta)
+    lag, posterior = _search(problem.at_white(problem.rows.noise.white_variance), STATIC_MEAN, None)
+    left = problem.left(lag, problem.columns(lag, None), posterior.coefficients)
+    problem = problem.at_white(problem.rows.at_noise_of(left).noise.white_variance)
+    lag, posterior = _search(problem, lag, posterior.theta)
+    return solve_at(problem, lag, posterior.theta)
 
 
-def solve_at(own: Problem, lag: Array, start: Array) -> Solution:
+def solve_at(problem: Problem, lag: Array, start: Array) -> Solution:
     """Posterior at a given static lag [3], its variances sought from `start`."""
-    found = own.maximise(lag, None, start)
-    columns = own.columns(lag, own.root @ found.coefficients[: own.root.shape[0]])
-    gram = own.gram(own.rows, lag, columns)
-    return Solution(own, lag, evidence.maximise(gram, own.prior, found.theta), columns)
+    posterior = problem.maximise(lag, None, start)
+    terms = problem.root.shape[0]
+    columns = problem.columns(lag, problem.root @ posterior.coefficients[:terms])
+    gram = problem.gram(problem.rows, lag, columns)
+    posterior = evidence.maximise(gram, problem.prior, posterior.theta)
+    return Solution(problem, lag, posterior, columns)
 
 
-def _search(own: Problem, lag: Array, start: Array | None) -> tuple[Array, Posterior]:
+def _search(problem: Problem, lag: Array, start: Array | None) -> tuple[Array, Posterior]:
     """Static lag [3], sought from one, and the posterior without its derivatives."""
-    step = np.zeros(3)
+    terms, step = problem.root.shape[0], np.zeros(3)
     best: tuple[float, Array, Posterior] | None = None
-    p = own.root.shape[0]
     for _ in range(STEPS):
-        found = own.maximise(lag, None, start)
-        value = found.log_evidence - 0.5 * float(np.sum(((lag - STATIC_MEAN) / STATIC_SPREAD) ** 2))
+        posterior = problem.maximise(lag, None, start)
+        away = (lag - STATIC_MEAN) / STATIC_SPREAD
+        value = posterior.log_evidence - 0.5 * float(np.sum(away**2))
         if best is not None and value < best[0]:
             step = step / 2.0
             if float(np.max(np.abs(step))) < CLOSE:
@@ -377,17 +362,12 @@ def _search(own: Problem, lag: Array, start: Array | None) -> tuple[Array, Poste
             lag = best[1] + step
             continue
         settled = best is not None and value - best[0] < CLOSE
-        best, start = (value, lag, found), found.theta
+        best, start = (value, lag, posterior), posterior.theta
         if settled:
             break
-        with_lag = own.maximise(lag, own.root @ found.coefficients[:p], start)
-        step = np.clip(
-            STATIC_MEAN + with_lag.coefficients[p : p + 3] - lag, -LARGEST_STEP, LARGEST_STEP
-        )
+        with_lag = problem.maximise(lag, problem.root @ posterior.coefficients[:terms], start)
+        implied = STATIC_MEAN + with_lag.coefficients[terms : terms + 3]
+        step = np.clip(implied - lag, -LARGEST_STEP, LARGEST_STEP)
         lag = lag + step
     assert best is not None  # noqa: S101 (the first evaluation sets it)
     return best[1], best[2]
-
-
-CLOSE = 0.02
-"""Increase of the logarithm of the evidence, or step of the lag, below which the search ends."""

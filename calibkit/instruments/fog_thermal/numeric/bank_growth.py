@@ -1,11 +1,10 @@
 """Growth of a bank of lags by further terms, one after the other."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibkit.arrays import Array
 from calibkit.instruments.fog_thermal.numeric import bank_fit
 from calibkit.numeric.thermal.left_out import FIGURE_BLOCKS, left_out_errors
 from calibkit.numeric.thermal.pooled_fit import Rows
@@ -48,30 +47,32 @@ def grow(rows: Rows, without: Sequence[Rows], *, one_sided: bool) -> Iterator[Gr
     """Bank of lags, then with one further term after the other, the likeliest first, as long as one
     helps. Ramps of one direction show no hysteresis.
     """
-    here = Grown("", bank_fit.solve(bank_fit.state_problem(rows)))
-    left = set(FURTHER) - ({"h"} if one_sided else set())
-    while left:
-        tried = {letter: _with_term(here, letter) for letter in sorted(left)}
-        before = here.solution.posterior.log_integral
-        gains = {name: one.posterior.log_integral - before for name, one in tried.items()}
-        likeliest = sorted(gains, key=lambda name: -gains[name])
-        asked = [k for k in likeliest if gains[k] >= ASKED[k]]
-        letter = next((k for k in asked if _helps(here.solution, tried[k], without)), "")
-        if not letter:
-            found = (
-                Unmodelled(
-                    FURTHER[name],
-                    tried[name].change_from(here.solution),
-                    float(1.0 / (1.0 + np.exp(-gain))),
-                )
-                for name, gain in gains.items()
+    bank = Grown("", bank_fit.solve(bank_fit.state_problem(rows)))
+    absent = set(FURTHER) - ({"h"} if one_sided else set())
+    while absent:
+        before = bank.solution
+        tried, gains = {}, {}
+        for letter in sorted(absent):
+            # at the static lag without the term
+            problem = bank_fit.state_problem(
+                before.problem.rows, bank.letters + letter, drift=before.problem.drift
             )
-            yield replace(here, unmodelled=tuple(found))
+            tried[letter] = bank_fit.solve_at(problem, before.lag, before.posterior.theta)
+            gains[letter] = tried[letter].posterior.log_integral - before.posterior.log_integral
+        for letter in sorted(gains, key=lambda letter: -gains[letter]):
+            if gains[letter] >= ASKED[letter] and _helps(before, tried[letter], without):
+                break
+        else:
+            unmodelled = []
+            for letter, gain in gains.items():
+                size, odds = tried[letter].change_from(before), float(np.exp(-gain))
+                unmodelled.append(Unmodelled(FURTHER[letter], size, 1.0 / (1.0 + odds)))
+            yield replace(bank, unmodelled=tuple(unmodelled))
             return
-        yield here
-        left -= {letter}
-        here = Grown(here.letters + letter, bank_fit.solve(tried[letter].problem))
-    yield here
+        yield bank
+        absent -= {letter}
+        bank = Grown(bank.letters + letter, bank_fit.solve(tried[letter].problem))
+    yield bank
 
 
 def _helps(before: bank_fit.Solution, after: bank_fit.Solution, without: Sequence[Rows]) -> bool:
@@ -79,33 +80,19 @@ def _helps(before: bank_fit.Solution, after: bank_fit.Solution, without: Sequenc
     standard error of the difference ramp by ramp. Logs that start unsettled show what looks like
     one: there left-out ramps must come out better.
     """
-    # initial states that the term leaves no need for would hide what it explains
-    squares = [
-        _left_out_squares(one, without, own_start=after.unsettled) for one in (after, before)
-    ]
+    squares = []
+    for solution in (after, before):
+        stacked = solution.problem.stacked
+        whole = solution.leave_out(without)
+        predicted = (drift[ramp] for drift, ramp in zip(whole, stacked.ramps, strict=True))
+        # initial states that the term leaves no need for would hide what it explains
+        errors = left_out_errors(
+            solution.with_own_start(predicted) if after.unsettled else predicted,
+            stacked,
+            solution.rows.sound,
+            FIGURE_BLOCKS,
+        )
+        squares.append(np.array([np.var(error) for error in errors]))
     more = squares[0] - squares[1]
     chance = 0.0 if before.unsettled else float(np.std(more, ddof=1) / np.sqrt(more.size))
     return bool(more.mean() < chance)
-
-
-def _with_term(here: Grown, letter: str) -> bank_fit.Solution:
-    """Fit with one more term, at the static lag without it."""
-    own = here.solution.problem
-    problem = bank_fit.state_problem(own.rows, here.letters + letter, drift=own.drift)
-    return bank_fit.solve_at(problem, here.solution.lag, here.solution.posterior.theta)
-
-
-def _left_out_squares(
-    solution: bank_fit.Solution, without: Sequence[Rows], *, own_start: bool
-) -> Array:
-    """Variance [ramps] of the error on each left-out ramp, in groups of blocks, with the initial
-    state of the ramp or without.
-    """
-    own, whole = solution.problem, solution.leave_out(without)
-    predicted: Iterable[Array] = (
-        drift[ramp] for drift, ramp in zip(whole, own.stacked.ramps, strict=True)
-    )
-    if own_start:
-        predicted = solution.with_own_start(predicted)
-    errors = left_out_errors(predicted, own.stacked, own.rows.sound, FIGURE_BLOCKS)
-    return np.array([np.var(error) for error in errors])

@@ -48,26 +48,17 @@ def evaluate(
     of a level model need at least four samples in their window.
 
     """
-    if isinstance(model, BankModel):
-        return _evaluate_bank(model, time, case, reference_degc, settled=settled)
-    return evaluate_terms(model, time, case, env, reference_degc)
-
-
-def _evaluate_bank(
-    model: BankModel, time: Array, case: Array, reference_degc: float, *, settled: bool
-) -> Evaluation:
-    """Evaluation of a bank model, whose temperature and lagged rates are clamped to the fitted
-    ranges, rates to the largest fitted magnitude on either side.
-    """
+    if not isinstance(model, BankModel):
+        return evaluate_terms(model, time, case, env, reference_degc)
     case = np.clip(case, *coil.followed_range(*model.valid.temperature))
     logs, along = [(time, case)], coil.path([(time, case)])
     lag = np.array([*np.log(model.static_lag[:2]), model.static_lag[2]])
     temperature = bank.static_temperature(along, lag)
     lagged, rates = bank.follow_lags(model.bank, along)
     free = bank.log_drivers(model.bank, logs, temperature, (lagged, rates))
-    unknown = model.bank.unknown_start(temperature, model.coefficients)
     if settled:
         free = replace(free, behind=0.0 * free.behind, faded=0.0 * free.faded)
+    # rates are clamped to the largest fitted magnitude on either side
     largest = max(map(abs, model.valid.rate))
     inside = replace(
         free,
@@ -75,22 +66,21 @@ def _evaluate_bank(
         lagged=np.clip(lagged, *model.valid.temperature),
         rates=np.clip(rates, -largest, largest),
     )
+    clamped = np.asarray(inside.temperature != temperature)
     rest = at_rest(model, reference_degc)[1][: model.coefficients.size]
-    rows = model.bank.columns(inside) - rest
-    slope = np.where(
-        inside.temperature == temperature, model.bank.slope(model.coefficients, inside), 0.0
-    )
+    columns = model.bank.columns(inside) - rest
+    slope = np.where(clamped, 0.0, model.bank.slope(model.coefficients, inside))
     by_lag = bank.static_derivatives(along, lag, temperature) * slope[:, None]
     by_lag[:, :2] /= model.static_lag[:2]
     return Evaluation(
-        rows @ model.coefficients,
-        np.column_stack([rows, by_lag]),
-        (model.bank.columns(free) - rest - rows) @ model.coefficients,
-        np.asarray(inside.temperature != temperature),
+        columns @ model.coefficients,
+        np.column_stack([columns, by_lag]),
+        (model.bank.columns(free) - rest - columns) @ model.coefficients,
+        clamped,
         np.any(inside.rates != rates, axis=1),
         np.zeros(time.size, dtype=bool),
         in_unmeasured_direction(model.valid, rates[:, 0]),
-        unknown,
+        model.bank.unknown_start(temperature, model.coefficients),
     )
 
 
@@ -100,17 +90,8 @@ def at_rest(model: OnLevels, temperature: float) -> tuple[float, Array]:
     """
     if isinstance(model, BankModel):
         still = np.array([model.nearest_fitted(temperature)])
-        row = model.bank.columns(
-            bank.BankDrivers(
-                still,
-                np.repeat(still[:, None], len(model.bank.lags), axis=1),
-                *(
-                    np.zeros((1, len(part)))
-                    for part in (model.bank.lags, model.bank.widths, model.bank.warm_up)
-                ),
-            )
-        )[0]
+        row = model.columns_settled(still, np.zeros(1))[0]
     else:
-        row = design_at_rest(model, temperature)[0]
-    rate = float(row @ model.coefficients)
-    return rate, np.pad(row, (0, model.covariance.shape[0] - row.size))
+        row = np.zeros(model.covariance.shape[0])
+        row[: model.coefficients.size] = design_at_rest(model, temperature)[0]
+    return float(row[: model.coefficients.size] @ model.coefficients), row
