@@ -174,7 +174,7 @@ def run_gyro(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  #
     for number, ramp in enumerate(ramps):
         log = bench.log(ramp)
         time, case = log.time, log.case
-        own = bench.problem([log]).columns(*bench.point)[:, shared:]
+        own = bench.columns([log])[1][:, shared:]
         own = own / np.sqrt(bench.precision[shared:])
         factor = np.linalg.cholesky(
             white_dph**2 * np.eye(time.size)

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from calibkit import instruments, plans, recipe
-from calibkit.planning import document, equipment, pools
+from calibkit.planning import document, equipment, exchange
 from calibkit.planning.search import Candidate
 from calibkit.planning.task import Task
 
@@ -74,7 +74,7 @@ def list_usual(procedure: str, range_degc: tuple[float, float] | None) -> Iterat
             yield triad.predict(replace(design, label=f"{name}, {LEVELS} temperatures"))
         return
     if procedure == "accelerometer_magnitude":
-        spread = pools.spread_apart(bench.gravity, [0], 23)
+        spread = exchange.spread_apart(bench.gravity, [0], 23)
         design = bench.design((25,), [0, *spread], 4.0)
     elif procedure == "bias_temperature":
         design = bench.design(levels, 1, 3600.0)

@@ -20,8 +20,8 @@ import pyDOE3.doe_optimal as doe
 from calibkit import instruments, plans, recipe
 from calibkit.ingest import logs as ingest
 from calibkit.instruments.accelerometer import plan
-from calibkit.numeric.exchange import Pool
 from calibkit.planning import equipment
+from calibkit.planning.exchange import Pool
 from calibkit.planning.task import Task
 
 DATASETS = Path(__file__).resolve().parents[1] / "datasets"

@@ -1,29 +1,23 @@
 """`calibkit plan`: a recipe and wishes → the campaign to run, its recipe and its page."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from calibkit import instruments, new_files, recipe, store, units
 from calibkit.errors import UsageError
-from calibkit.frame import refuse
+from calibkit.frame import Log, refuse
 from calibkit.ingest import column_values, logs as ingest
-from calibkit.planning import document, equipment, page, screen, search
-from calibkit.planning.search import WITHHELD
+from calibkit.planning import document, equipment, search
+from calibkit.planning.search import WITHHELD, Proposal
 from calibkit.planning.task import Task
+from calibkit.report.summary import Summary
+from calibkit.simulate.campaign import Campaign
 from calibkit.threads import one_thread
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from calibkit.planning.search import Proposal
-    from calibkit.report.summary import Summary
-    from calibkit.simulate.campaign import Campaign
 
 PRINTED = ("plan", "hours", "operator_h", "results", "third_more", "notes")
 """What --json prints of plan.json."""
@@ -64,24 +58,39 @@ def plan(source: recipe.Source, request: Request, out: Path, *, dry_run: bool = 
 
     Raises UsageError for what cannot be planned.
     """
+    from calibkit.planning import page
+
     spec = instruments.parse_recipe(source)
     prepare = _stated(spec.procedure, "prepare_plan")
     paths = [document.PLAN, document.SCHEDULE, document.RECIPE, document.PAGE]
     for name in paths:
         new_files.refuse_existing(out / name)
-    task = _task(spec, request)
+    file = None if request.equipment is None else recipe.find(str(request.equipment))
+    earlier = None
+    if request.earlier and request.runs is not None:
+        earlier = store.load(store.find(request.earlier, request.runs)).records
+    have = () if request.have is None else _read_measured(spec, request.have)
+    task = Task(
+        equipment.read_equipment(file),
+        request.wishes,
+        request.within_h,
+        request.range_degc,
+        request.attitudes,
+        earlier,
+        have,
+        request.have is not None and any((request.have / WITHHELD).glob("*")),
+    )
     proposal = search.propose(prepare(spec, task))
-    logs = {one.log for one in proposal.schedule.actions}
+    logs = proposal.schedule.by_log()
     if not task.withheld and not any(log.startswith(WITHHELD) for log in logs):
         proposal = replace(proposal, notes=(*proposal.notes, UNJUDGED))
-    title = spec.title or spec.procedure
-    summary = screen.summarize(proposal, title, request.within_h)
-    written = document.write_recipe(spec, proposal, added=bool(task.have))
+    summary = page.summarize(proposal, spec.title or spec.procedure, request.within_h)
+    text_of_recipe = document.write_recipe(spec, proposal, added=bool(task.have))
     # the recipe that is handed out must be one
-    instruments.parse_recipe(recipe.Source(document.RECIPE, written))
+    instruments.parse_recipe(recipe.Source(document.RECIPE, text_of_recipe))
     beside = {
         document.SCHEDULE: proposal.schedule.to_csv(),
-        document.RECIPE: written.encode(),
+        document.RECIPE: text_of_recipe.encode(),
     }
     text = document.plan_document(proposal, task, source, spec.procedure, beside)
     shown = page.make_page(summary, proposal)
@@ -89,6 +98,22 @@ def plan(source: recipe.Source, request: Request, out: Path, *, dry_run: bool = 
     new_files.write_all({out / name: files[name] for name in paths}, dry_run=dry_run)
     printed = {key: value for key, value in json.loads(text).items() if key in PRINTED}
     return _Planned(proposal, summary, tuple(out / name for name in paths), printed)
+
+
+def _read_measured(spec: recipe.Recipe, folder: Path) -> tuple[Log, ...]:
+    """Logs that are measured already; UsageError for no folder, FrameError for a log that a fit
+    refuses.
+    """
+    if not folder.is_dir():
+        raise UsageError(
+            f"--have {folder}: no such folder",
+            hint="name the folder that holds the logs which are measured already",
+        )
+    instrument, names = instruments.find(spec.procedure), ingest.find_logs(spec, folder)
+    logs = tuple(instrument.read(spec, folder, name) for name in names)
+    for log in logs:
+        refuse(instrument.faults(spec, log).findings)
+    return logs
 
 
 def _stated(procedure: str, name: str) -> Any:  # noqa: ANN401 (a name of `instruments.ROOMS`)
@@ -102,62 +127,28 @@ def _stated(procedure: str, name: str) -> Any:  # noqa: ANN401 (a name of `instr
     return function
 
 
-def _task(spec: recipe.Recipe, request: Request) -> Task:
-    """Task of a plan, with everything that has to be read for it."""
-    found = None if request.equipment is None else recipe.find(str(request.equipment))
-    earlier = None
-    if request.earlier and request.runs is not None:
-        earlier = store.load(store.find(request.earlier, request.runs)).records
-    have: tuple[Any, ...] = ()
-    if request.have is not None:
-        if not request.have.is_dir():
-            raise UsageError(
-                f"--have {request.have}: no such folder",
-                hint="name the folder that holds the logs which are measured already",
-            )
-        instrument, names = instruments.find(spec.procedure), ingest.find_logs(spec, request.have)
-        have = tuple(instrument.read(spec, request.have, name) for name in names)
-        for log in have:
-            refuse(instrument.faults(spec, log).findings)
-    return Task(
-        equipment.read_equipment(found),
-        request.wishes,
-        request.within_h,
-        request.range_degc,
-        request.attitudes,
-        earlier,
-        have,
-        request.have is not None and any((request.have / WITHHELD).glob("*")),
-    )
-
-
 def simulate(folder: Path, out: Path, seed: int, *, dry_run: bool = False) -> list[str]:
-    """Write the logs of a campaign that was run by a plan, and its truth; returns the names of the
-    files.
+    """Write the logs of a campaign that was run by the plan of a folder, and its truth; returns the
+    names of the files.
     """
-    files = simulated(folder, seed).files()
+    planned = document.load_plan(folder)
+    if not planned.schedule.actions:
+        raise UsageError(f"{folder}: a plan of no actions", hint="it has nothing to simulate")
+    spec = instruments.parse_recipe(planned.source)
+    run = _stated(spec.procedure, "simulate_plan")
+    campaign: Campaign = run(spec, planned.schedule, planned.assumed, seed)
+    truth = {**campaign.truth, "seed": seed, "plan": planned.document["sha256"]}
+    files = _as_logged(spec, replace(campaign, truth=truth)).files()
     new_files.write_all({out / name: content for name, content in files.items()}, dry_run=dry_run)
     return sorted(files)
 
 
-def simulated(folder: Path, seed: int) -> Campaign:
-    """Campaign that was run by the plan of a folder."""
-    found = document.load_plan(folder)
-    if not found.schedule.actions:
-        raise UsageError(f"{folder}: a plan of no actions", hint="it has nothing to simulate")
-    spec = instruments.parse_recipe(found.source)
-    run = _stated(spec.procedure, "simulate_plan")
-    campaign = run(spec, found.schedule, found.assumed, seed)
-    truth = {**campaign.truth, "seed": seed, "plan": found.document["sha256"]}
-    return _as_logged(spec, replace(campaign, truth=truth))
-
-
-def _as_logged(spec: recipe.Recipe, made: Campaign) -> Campaign:
+def _as_logged(spec: recipe.Recipe, campaign: Campaign) -> Campaign:
     """Logs in the columns, units and signs that the recipe maps; UsageError for a recipe whose logs
     are no plain CSV.
     """
     others = [f"[logs] {key}" for key in spec.logs.model_fields_set - PLAIN]
-    mapped = {name: one for name, one in spec.columns.items() if name in made.decimals}
+    mapped = {name: one for name, one in spec.columns.items() if name in campaign.decimals}
     for name, one in mapped.items():
         keys = one.model_fields_set & NOT_NUMBERS
         others += [f"[columns.{name}] {key}" for key in keys]
@@ -169,7 +160,10 @@ def _as_logged(spec: recipe.Recipe, made: Campaign) -> Campaign:
             " CSV, with numbers",
             hint="plan and simulate by a recipe without it",
         )
-    decimals, logs = dict(made.decimals), {file: dict(log) for file, log in made.logs.items()}
+    decimals, logs = (
+        dict(campaign.decimals),
+        {file: dict(log) for file, log in campaign.logs.items()},
+    )
     for name, one in mapped.items():
         stated = units.unit_in_header(one.source)
         ends = column_values.unmap_values(np.array([0.0, 1.0]), one, name, spec, stated)
@@ -178,4 +172,4 @@ def _as_logged(spec: recipe.Recipe, made: Campaign) -> Campaign:
         for log in logs.values():
             column = np.asarray(log.pop(name), dtype=np.float64)
             log[one.source] = column_values.unmap_values(column, one, name, spec, stated)
-    return replace(made, logs=logs, decimals=decimals)
+    return replace(campaign, logs=logs, decimals=decimals)

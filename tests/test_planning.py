@@ -17,8 +17,8 @@ from calibkit.cli import cli
 from calibkit.errors import CoefficientError, RecipeError, UsageError
 from calibkit.fit.shared import Shared
 from calibkit.fit.solve import predict
-from calibkit.numeric.exchange import Pool
 from calibkit.planning import comparison, document, equipment, schedule, search
+from calibkit.planning.exchange import Pool
 from calibkit.planning.schedule import Action, Clock, Schedule
 from calibkit.planning.search import Candidate, Design, Predicted, choose, find_front
 from calibkit.planning.task import Task, Wish

@@ -1,21 +1,14 @@
 """Logs held against the schedule of their plan: which actions are missing, and which differ."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from calibkit.arrays import Array, Mask
 from calibkit.constants import SECONDS_PER_MINUTE
-from calibkit.frame import values
+from calibkit.frame import Log, values
 from calibkit.numeric import attitude
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
-
-    from calibkit.arrays import Array, Mask
-    from calibkit.frame import Log
-    from calibkit.planning.schedule import Action, Schedule
+from calibkit.planning.schedule import Action, Schedule
 
 NEAR_DEGC = 5.0
 """Largest difference of a case temperature [°C] from the set point of the chamber."""
@@ -41,56 +34,43 @@ def find_differences(schedule: Schedule, read: Callable[[str], Log | None]) -> I
             kinds = {action.action for action in planned}
             yield f"{name}: planned, with {len(planned)} actions ({', '.join(sorted(kinds))})"
             continue
-        yield from _find_missing(
-            log, [action for action in planned if action.action in ("dwell", "rate")]
-        )
+        counted: dict[str, tuple[Mask, int]] = {}
         for action in planned:
-            if action.action == "ramp":
+            if action.action in ("dwell", "rate"):
+                what, rows = _find_rows(log, action)
+                counted[what] = rows, counted.get(what, (rows, 0))[1] + 1
+            elif action.action == "ramp":
                 yield from _compare_ramp(log, action)
+        # of a log with a row for each dwell the rows are counted
+        times_planned = sum(times for _, times in counted.values())
+        for what, (rows, times) in counted.items():
+            logged = int(rows.sum())
+            if not logged:
+                yield f"{log.file}: {what}"
+            elif len(log.frame) <= ONE_ROW * times_planned and logged < times:
+                yield f"{log.file}: {what}, {logged} of {times} times"
 
 
-def _find_missing(log: Log, planned: Sequence[Action]) -> Iterator[str]:
-    """Planned dwells and held rates that a log has not as often as planned."""
-    each = len(log.frame) <= ONE_ROW * len(planned)
-    counted: dict[str, tuple[Mask, int]] = {}
-    for action in planned:
-        what, rows = _describe(action, log), _rows_at(log, action)
-        counted[what] = rows, counted.get(what, (rows, 0))[1] + 1
-    for what, (rows, times) in counted.items():
-        found = int(rows.sum())
-        if not found:
-            yield f"{log.file}: {what}"
-        elif each and found < times:
-            yield f"{log.file}: {what}, {found} of {times} times"
-
-
-def _describe(action: Action, log: Log) -> str:
-    """A dwell or a held rate in words, as far as a log tells them apart."""
-    if action.action == "rate":
-        return f"rate {action.table_rate_dps:+g} °/s at {action.set_degc:g} °C"
-    if "inclination_deg" not in log.frame.columns:
-        return f"dwell at {action.set_degc:g} °C"
-    return (
-        f"dwell at inclination {action.inclination_deg:g}°, toolface {action.toolface_deg:g}°,"
-        f" {action.set_degc:g} °C"
-    )
-
-
-def _rows_at(log: Log, action: Action) -> Mask:
-    """Rows of a log that are at a planned dwell or rate."""
-    found = ~(np.abs(_column(log, "temp_case_degc") - action.set_degc) > NEAR_DEGC)
+def _find_rows(log: Log, action: Action) -> tuple[str, Mask]:
+    """A planned dwell or held rate in words, as far as a log tells it from others, and the rows
+    that are at it.
+    """
+    at = f"{action.set_degc:g} °C"
+    near = ~(np.abs(_column(log, "temp_case_degc") - action.set_degc) > NEAR_DEGC)
     if action.action == "rate":
         off = np.abs(_column(log, "table_rate_dps") - action.table_rate_dps)
-        return np.asarray(found & (off <= NEAR_RATE * abs(action.table_rate_dps)), dtype=np.bool_)
+        near &= off <= NEAR_RATE * abs(action.table_rate_dps)
+        return f"rate {action.table_rate_dps:+g} °/s at {at}", near
     if "inclination_deg" not in log.frame.columns:
-        return found
+        return f"dwell at {at}", near
     turned = values(log.frame, "position_deg") if "position_deg" in log.frame.columns else 0.0
-    angles = _column(log, "inclination_deg"), _column(log, "toolface_deg") + turned
-    planned = attitude.gravity_vector(
-        np.array([action.inclination_deg]), np.array([action.toolface_deg])
-    )[0]
-    along = attitude.gravity_vector(*angles) @ planned
-    return np.asarray(found & (along >= np.cos(np.radians(NEAR_DEG))), dtype=np.bool_)
+    tilt, roll = action.inclination_deg, action.toolface_deg
+    planned = attitude.gravity_vector(np.array([tilt]), np.array([roll]))[0]
+    logged = attitude.gravity_vector(
+        _column(log, "inclination_deg"), _column(log, "toolface_deg") + turned
+    )
+    near &= logged @ planned >= np.cos(np.radians(NEAR_DEG))
+    return f"dwell at inclination {tilt:g}°, toolface {roll:g}°, {at}", near
 
 
 def _compare_ramp(log: Log, action: Action) -> Iterator[str]:

@@ -1,40 +1,28 @@
 """plan.json and the files beside it: written together, read back only as they were written."""
 
-from __future__ import annotations
-
 import hashlib
 import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 from calibkit import sealed, store
 from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.errors import CoefficientError, UsageError
 from calibkit.planning.equipment import Device, read_equipment
 from calibkit.planning.schedule import Schedule, read_schedule
-from calibkit.planning.search import COVERAGE, Candidate, Predicted, name_source
-from calibkit.planning.task import Assumed
-from calibkit.recipe import Source, toml_text
+from calibkit.planning.search import COVERAGE, Candidate, Predicted, Proposal, name_source
+from calibkit.planning.task import Assumed, Task
+from calibkit.recipe import Recipe, Source, toml_text
 from calibkit.recipe.tables import ErrorComponent
 from calibkit.version import SOFTWARE
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
-    from calibkit.planning.search import Proposal
-    from calibkit.planning.task import Task
-    from calibkit.recipe import Recipe
 
 FORMAT = "calibkit-plan/1"
 PLAN, SCHEDULE, RECIPE, PAGE = "plan.json", "schedule.csv", "recipe.toml", "plan.html"
 HEAD = "# Written by calibkit plan: the recipe of the plan, with the errors that it assumes.\n"
 _OF_OTHER_LOGS = ("exclude", "segment", "correction", "serial")
 """Tables and keys of a recipe that belong to the logs it was written for."""
-LONGER = 4.0 / 3.0
-"""Hours of the longer campaign that is offered beside a plan, relative to the plan's."""
-WORTH = 0.99
-"""Uncertainty, relative to that of the plan, from which on more hours buy something."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,14 +36,42 @@ class Plan:
 
     @property
     def assumed(self) -> Assumed:
-        """What the plan assumes."""
+        """What the plan assumes; UsageError for an error of a plan of calibkit 0.2 whose unit in a
+        fit the sample bench does not tell.
+        """
         set_degc = [one.set_degc for one in self.schedule.actions if math.isfinite(one.set_degc)]
-        low, high = self.range_degc or (min(set_degc), max(set_degc))
+        range_degc = self.range_degc or (min(set_degc), max(set_degc))
         components = tuple(map(ErrorComponent.model_validate, self.document["components"]))
-        if "device" not in self.document:
-            return _assumed_by_0_2(self, (low, high), components)
-        device, noise = Device.model_validate(self.document["device"]), self.document["noise"]
-        return Assumed(device, noise["value"], (low, high), components, ())
+        noise = self.document["noise"]
+        if "device" in self.document:
+            device = Device.model_validate(self.document["device"])
+            return Assumed(device, noise["value"], range_degc, components, ())
+        # settings of calibkit 0.2 stated the noise over one time, and a lag
+        settings = self.document["settings"]
+        value, over_s = noise["value"], 1.0
+        if "noise_1s" in settings:
+            value = settings["noise_1s"]
+        elif "noise_dph" in settings:
+            value = settings["noise_dph"]
+            over_s = self.schedule.recorded("dwell")[0].duration_s
+        elif "terms" in settings:
+            value, over_s = settings["terms"]["angle_random_walk"], SECONDS_PER_HOUR
+        device = Device(
+            lags_s=(settings.get("lag_s", 1.0),),
+            fastest_degc_per_min=1.0,
+            noise=value,
+            noise_unit=noise["unit"],
+            noise_s=over_s,
+        )
+        bench = read_equipment(None).device.values()
+        units = {(one.group, one.effect): one.unit for known in bench for one in known.component}
+        for one in components:
+            if units.get((one.group, one.effect)) != one.unit:
+                raise UsageError(
+                    f"the plan states {name_source(one)} in {one.unit}: calibkit 0.2 wrote it",
+                    hint="plan again to simulate it",
+                )
+        return Assumed(device, value, range_degc, components, ())
 
     @property
     def range_degc(self) -> tuple[float, float] | None:
@@ -68,58 +84,6 @@ class Plan:
         """Result → expanded uncertainty that was wanted, in the unit of the result."""
         wanted = {result["name"]: result["wanted"] for result in self.document["results"]}
         return {name: value for name, value in wanted.items() if value is not None}
-
-
-def _assumed_by_0_2(
-    plan: Plan, range_degc: tuple[float, float], components: Sequence[ErrorComponent]
-) -> Assumed:
-    """What a plan of calibkit 0.2 assumes, whose settings state its noise over one time and lag.
-
-    Raises UsageError for an error whose unit in a fit the sample bench does not tell.
-    """
-    settings, noise = plan.document["settings"], plan.document["noise"]
-    dwells = plan.schedule.recorded("dwell")
-    value, over_s = noise["value"], 1.0
-    if "noise_1s" in settings:
-        value = settings["noise_1s"]
-    elif "noise_dph" in settings:
-        value, over_s = settings["noise_dph"], dwells[0].duration_s
-    elif "terms" in settings:
-        value, over_s = settings["terms"]["angle_random_walk"], SECONDS_PER_HOUR
-    device = Device(
-        lags_s=(settings.get("lag_s", 1.0),),
-        fastest_degc_per_min=1.0,
-        noise=value,
-        noise_unit=noise["unit"],
-        noise_s=over_s,
-    )
-    bench = read_equipment(None).device.values()
-    units = {(one.group, one.effect): one.unit for known in bench for one in known.component}
-    for one in components:
-        if units.get((one.group, one.effect)) != one.unit:
-            raise UsageError(
-                f"the plan states {name_source(one)} in {one.unit}: calibkit 0.2 wrote it",
-                hint="plan again to simulate it",
-            )
-    return Assumed(device, value, range_degc, tuple(components), ())
-
-
-def third_more(proposal: Proposal) -> Candidate | None:
-    """The campaign that a third more hours would allow, and to a plan of none the shortest; None
-    where they allow no better campaign.
-    """
-    name = proposal.sought.name
-    shortest = min(
-        (campaign.hours for campaign in proposal.curve if campaign.hours > 0.0), default=0.0
-    )
-    hours = proposal.schedule.hours * LONGER or shortest
-    inside = [campaign for campaign in proposal.curve if campaign.hours <= hours]
-    better = [
-        campaign
-        for campaign in inside
-        if campaign.expanded(name) < WORTH * proposal.sought.expanded
-    ]
-    return min(better, key=lambda campaign: campaign.expanded(name), default=None)
 
 
 def write_recipe(spec: Recipe, proposal: Proposal, *, added: bool) -> str:
@@ -151,7 +115,7 @@ def plan_document(
     files: Mapping[str, bytes],
 ) -> str:
     """Sealed text of plan.json."""
-    assumed, schedule, more = proposal.assumed, proposal.schedule, third_more(proposal)
+    assumed, schedule, more = proposal.assumed, proposal.schedule, proposal.longer_campaign
     return sealed.seal(
         {
             "format": FORMAT,

@@ -2,8 +2,6 @@
 device.
 """
 
-from __future__ import annotations
-
 import math
 from importlib import resources
 from typing import Annotated, Self

@@ -1,18 +1,11 @@
 """Temperatures of campaigns, and their order."""
 
-from __future__ import annotations
-
+from collections.abc import Iterable, Sequence
 from itertools import combinations
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from calibkit.numeric.least_squares import polynomial
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-
-    from calibkit.arrays import Array
 
 LEVELS = 25
 """Temperatures of use at which an uncertainty is predicted."""
@@ -75,14 +68,3 @@ def cover_range(
     ends = np.array(range_degc) + np.array([1.0, -1.0]) * ONE_LEVEL_DEGC
     reached = found.size and found[0] <= ends[0] and found[-1] >= ends[1]
     return bool(reached and 1 + np.sum(np.diff(found) > ONE_LEVEL_DEGC) >= fewest)
-
-
-def raw_uncertainties(covariance: Array, range_degc: tuple[float, float]) -> list[float]:
-    """Standard uncertainties of the coefficients of a polynomial in powers of °C, from their
-    covariance for the temperature mapped from a range to [-1, 1].
-    """
-    zeros = np.zeros(len(covariance))
-    middle_half = polynomial.middle_and_half(np.array(range_degc))
-    to_raw = polynomial.to_raw_powers(*middle_half, len(zeros) - 1)
-    raw = polynomial.in_raw_powers(zeros, covariance, to_raw)[1]
-    return [float(u) for u in np.sqrt(np.diag(raw))]

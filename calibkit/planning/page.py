@@ -1,39 +1,92 @@
-"""plan.html: the campaign over time, its attitudes or rates, uncertainty against hours, predicted
-and wanted uncertainty.
+"""What people see of a plan: the first screen, with what limits the uncertainty and what a third
+more hours would buy, and plan.html, with the campaign over time, its attitudes, and uncertainty
+against hours.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
+from matplotlib.figure import Figure
 
-from calibkit.constants import SECONDS_PER_HOUR, SECONDS_PER_MINUTE
-from calibkit.planning.search import WITHHELD, name_source
+from calibkit.coefficients import at_most
+from calibkit.constants import SECONDS_PER_HOUR
+from calibkit.planning.schedule import Schedule
+from calibkit.planning.search import WITHHELD, Proposal, name_source
 from calibkit.report import figures, html, svg
 from calibkit.report.html_tables import summary_table
 from calibkit.report.markup import Markup, element, join_markup
+from calibkit.report.overview import Overview, concise
+from calibkit.report.summary import Summary
 from calibkit.report.table import Column, Table, tabulate
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from matplotlib.figure import Figure
-
-    from calibkit.planning.schedule import Schedule
-    from calibkit.planning.search import Candidate, Proposal
-    from calibkit.report.summary import Summary
-
+NAMED = 3
+"""Sources of uncertainty that the screen names."""
 SHOWN = 2.0
 """Hours that are drawn, relative to those of the plan, beyond which little is gained."""
 RECORDED = "#cc3311"
 """Colour of what a log records."""
 
 
+def summarize(proposal: Proposal, title: str, within_h: float | None) -> Summary:
+    """What is printed of a plan; its verdict is that on the wishes and on the hours."""
+    schedule, sought, longer = proposal.schedule, proposal.sought, proposal.longer_campaign
+    criteria = tuple(
+        at_most(f"U of {wish.name}", proposal.campaign.expanded(wish.name), wish.value, wish.unit)
+        for wish in proposal.wishes
+    )
+    if within_h is not None:
+        criteria += (at_most("chamber time", schedule.hours, within_h, "h"),)
+    failed = [criterion for criterion in criteria if not criterion.passed]
+    head = "cannot be met" if failed else "met" if criteria else "planned"
+    reached = [
+        f"{one.name} {concise(one.value)} {one.unit}, wanted at most {concise(one.limit)}"
+        for one in failed or criteria
+    ]
+    person = f", {_duration(schedule.operator_h)} with a person" if schedule.operator_h else ""
+    largest = sorted(sought.limits.items(), key=lambda item: -item[1])[:NAMED]
+    limits = ", ".join(f"{name} {100.0 * share:.0f} %" for name, share in largest)
+    bought = "nothing"
+    if longer is not None:
+        u, hours = concise(longer.expanded(sought.name)), _duration(longer.hours)
+        bought = f"U {u} {sought.unit} in {hours}: {longer.design.label}"
+    what = "A third more hours" if schedule.actions else "A small addition"
+    numbers = [Column(name, ".3g") for name in ("u, rms", "U, largest", "wanted U")]
+    results = Table(
+        "Predicted uncertainty over the range of use (k = 2)",
+        ("result", *numbers, "unit"),
+        tuple(
+            (one.name, one.u, one.expanded, proposal.wanted(one.name), one.unit)
+            for one in proposal.results
+        ),
+    )
+    return Summary(
+        f"Plan: {title}",
+        (results,),
+        proposal.notes,
+        criteria,
+        conclusion=f"{head}: {'; '.join(reached) or _duration(schedule.hours)}",
+        overview=Overview(
+            f"{_duration(schedule.hours)} of the chamber{person}:"
+            f" {proposal.campaign.design.label}.",
+            (
+                f"What limits {sought.name}: {limits} of the variance.",
+                f"{what} would buy {bought}.",
+            ),
+        ),
+    )
+
+
+def _duration(hours: float) -> str:
+    """A length of time in hours, below one in minutes."""
+    return f"{60.0 * hours:.0f} min" if 0.0 < hours < 1.0 else f"{hours:.1f} h"
+
+
 def make_page(summary: Summary, proposal: Proposal) -> bytes:
     """The page as UTF-8; it loads nothing."""
-    drawn = [_draw_time(proposal.schedule)] if proposal.schedule.actions else []
-    drawn += _draw_attitudes(proposal.schedule)
+    schedule, sought, assumed = proposal.schedule, proposal.sought, proposal.assumed
+    drawn = [_draw_time(schedule)] if schedule.actions else []
+    if schedule.recorded("dwell"):
+        drawn.append(_draw_attitudes(schedule))
     drawn.append(_draw_hours(proposal))
     figures.settle(drawn)
     drawings, _ = svg.inline(drawn)
@@ -46,14 +99,54 @@ def make_page(summary: Summary, proposal: Proposal) -> bytes:
         element("header", element("h1", summary.title)),
         element("p", element("strong", summary.last_line), class_=f"band {kind}"),
     ]
-    notes = [element("li", note) for note in proposal.notes]
-    tables = _make_tables(proposal)
+    sources = dict.fromkeys(source for result in proposal.results for source in result.limits)
+    shares: list[tuple[str | float, ...]] = [
+        (source, *(100.0 * result.limits.get(source, 0.0) for result in proposal.results))
+        for source in sources
+    ]
+    u = Column("u", ".3g", key="standard_uncertainty")
+    size, dof = Column("standard deviation", ".3g"), Column("degrees of freedom", "g", missing="")
     parts = {
-        "Predicted uncertainty": [summary_table(summary.tables[0]), tables["limits"]],
+        "Predicted uncertainty": [
+            summary_table(summary.tables[0]),
+            _table(
+                "Shares of the mean variance [%]",
+                ["source", *(Column(result.name, ".1f") for result in proposal.results)],
+                shares,
+            ),
+        ],
         "The campaign": shown[:-1],
-        "Uncertainty against hours": [shown[-1], tables["campaigns"]],
-        "Coefficients": [tables["coefficients"]],
-        "Assumptions": [tables["errors"], element("ul", join_markup(notes))],
+        "Uncertainty against hours": [
+            shown[-1],
+            _table(
+                "Campaigns that no other one beats in both hours and U",
+                ["campaign", Column("h", ".1f"), Column(f"U [{sought.unit}]", ".3g")],
+                [
+                    (one.design.label, one.hours, one.expanded(sought.name))
+                    for one in proposal.curve
+                ],
+            ),
+        ],
+        "Coefficients": [
+            summary_table(
+                tabulate(
+                    "Predicted standard uncertainties",
+                    ("model", Column("coefficient", key="name"), u, "unit"),
+                    proposal.coefficients,
+                )
+            )
+        ],
+        "Assumptions": [
+            _table(
+                "Assumed errors",
+                ["error", size, "unit", dof],
+                [
+                    ("noise", assumed.noise, assumed.device.noise_unit, None),
+                    *((name_source(e), e.value, e.unit, e.dof) for e in assumed.components),
+                ],
+            ),
+            element("ul", join_markup([element("li", note) for note in proposal.notes])),
+        ],
     }
     sections = [
         element("section", element("h2", head), join_markup(made)) for head, made in parts.items()
@@ -63,15 +156,20 @@ def make_page(summary: Summary, proposal: Proposal) -> bytes:
     )
 
 
+def _table(
+    title: str, columns: Sequence[Column | str], rows: Sequence[tuple[str | float | None, ...]]
+) -> Markup:
+    """A table of the page."""
+    return summary_table(Table(title, tuple(columns), tuple(rows)))
+
+
 def _draw_time(schedule: Schedule) -> Figure:
     """Set point over time, and what logs record of it."""
     figure, (ax,) = figures.page(1, 1, title="Set point of the chamber over time", height=3.6)
     hours, degc = list[float](), list[float]()
     for action in schedule.actions:
-        ramp = action.ramp_degc_per_min if action.action == "ramp" else 0.0
-        climbed = ramp * action.duration_s / SECONDS_PER_MINUTE
         hours += [action.start_s / SECONDS_PER_HOUR, action.end_s / SECONDS_PER_HOUR]
-        degc += [action.set_degc - climbed, action.set_degc]
+        degc += [action.start_degc, action.set_degc]
         if action.log:
             ax.plot(hours[-2:], degc[-2:], color=RECORDED, linewidth=4.0)
     ax.plot(hours, degc, color="#4477aa", linewidth=1.2)
@@ -80,22 +178,20 @@ def _draw_time(schedule: Schedule) -> Figure:
     return figure
 
 
-def _draw_attitudes(schedule: Schedule) -> list[Figure]:
-    """Inclination over toolface, or over azimuth where it matters; nothing without attitudes."""
-    dwells = schedule.recorded("dwell")
-    if not dwells:
-        return []
+def _draw_attitudes(schedule: Schedule) -> Figure:
+    """Inclination over toolface, or over azimuth where it matters."""
     figure, (ax,) = figures.page(
         1, 1, title="Attitudes (filled: fitted, open: withheld)", height=4.2
     )
+    dwells = schedule.recorded("dwell")
     azimuths = np.isfinite(dwells[0].azimuth_deg)
-    for one in dwells:
-        inside = "none" if one.log.startswith(WITHHELD) else RECORDED
-        turn = one.azimuth_deg if azimuths else one.toolface_deg
-        ax.plot([turn], [one.inclination_deg], "o", color=RECORDED, markerfacecolor=inside)
+    for dwell in dwells:
+        inside = "none" if dwell.log.startswith(WITHHELD) else RECORDED
+        turn = dwell.azimuth_deg if azimuths else dwell.toolface_deg
+        ax.plot([turn], [dwell.inclination_deg], "o", color=RECORDED, markerfacecolor=inside)
     ax.set_xlabel("azimuth [°]" if azimuths else "toolface [°]")
     ax.set_ylabel("inclination [°]")
-    return [figure]
+    return figure
 
 
 def _draw_hours(proposal: Proposal) -> Figure:
@@ -104,19 +200,13 @@ def _draw_hours(proposal: Proposal) -> Figure:
     figure, (ax,) = figures.page(
         1, 1, title=f"U (k = 2, largest in the range) of {name} against hours", height=4.2
     )
-
-    def draw(campaigns: Sequence[Candidate], style: str, colour: str, label: str) -> None:
+    for campaigns, style, colour, label in (
+        (proposal.curve, "-", "#4477aa", "best campaigns of the search"),
+        ((proposal.campaign,), "o", "#cc3311", "this plan"),
+    ):
         hours = [campaign.hours for campaign in campaigns]
-        ax.plot(
-            hours,
-            [campaign.expanded(name) for campaign in campaigns],
-            style,
-            color=colour,
-            label=label,
-        )
-
-    draw(proposal.curve, "-", "#4477aa", "best campaigns of the search")
-    draw([proposal.campaign], "o", "#cc3311", "this plan")
+        expanded = [campaign.expanded(name) for campaign in campaigns]
+        ax.plot(hours, expanded, style, color=colour, label=label)
     if (wanted := proposal.wanted(name)) is not None:
         ax.axhline(wanted, color="#777777", linestyle="--", label="wanted")
     if proposal.schedule.hours > 0.0:
@@ -125,32 +215,3 @@ def _draw_hours(proposal: Proposal) -> Figure:
     ax.set_ylabel(f"U [{unit}]")
     ax.legend(loc="upper right")
     return figure
-
-
-def _make_tables(proposal: Proposal) -> dict[str, Markup]:
-    """Tables of the page, by what they show."""
-    sources = dict.fromkeys(source for result in proposal.results for source in result.limits)
-    shares: list[tuple[str | float, ...]] = [
-        (source, *(100.0 * result.limits.get(source, 0.0) for result in proposal.results))
-        for source in sources
-    ]
-    sought, assumed = proposal.sought, proposal.assumed
-    best = [(one.design.label, one.hours, one.expanded(sought.name)) for one in proposal.curve]
-    errors: list[tuple[str | float | None, ...]]
-    errors = [("noise", assumed.noise, assumed.device.noise_unit, None)]
-    errors += [(name_source(one), one.value, one.unit, one.dof) for one in assumed.components]
-    by_result = [Column(result.name, ".1f") for result in proposal.results]
-    U, u = Column(f"U [{sought.unit}]", ".3g"), Column("u", ".3g", key="standard_uncertainty")
-    size, dof = Column("standard deviation", ".3g"), Column("degrees of freedom", "g", missing="")
-    names = "model", Column("coefficient", key="name"), u, "unit"
-    tables = {
-        "limits": Table("Shares of the mean variance [%]", ("source", *by_result), tuple(shares)),
-        "campaigns": Table(
-            "Campaigns that no other one beats in both hours and U",
-            ("campaign", Column("h", ".1f"), U),
-            tuple(best),
-        ),
-        "coefficients": tabulate("Predicted standard uncertainties", names, proposal.coefficients),
-        "errors": Table("Assumed errors", ("error", size, "unit", dof), tuple(errors)),
-    }
-    return {name: summary_table(table) for name, table in tables.items()}

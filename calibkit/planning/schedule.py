@@ -1,23 +1,19 @@
 """The actions of a campaign in time: ramps, soaks, dwells, rates, remountings."""
 
-from __future__ import annotations
-
 import csv
 import io
-import math
+from collections.abc import Sequence
 from dataclasses import astuple, dataclass, fields
-from typing import TYPE_CHECKING, Any, Literal
+from math import copysign, isnan
+from typing import Any, Literal
 
+from calibkit.constants import SECONDS_PER_HOUR, SECONDS_PER_MINUTE
 from calibkit.errors import CoefficientError
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from calibkit.planning.equipment import Device, Equipment, Fixture
+from calibkit.planning.equipment import Device, Equipment, Fixture
 
 Kind = Literal["mount", "ramp", "soak", "dwell", "rate", "remount", "wait"]
-_HOUR, _DAY = 3600.0, 86400.0
-_NONE = float("nan")
+NONE = float("nan")
+DAY_S = 24.0 * SECONDS_PER_HOUR
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,11 +24,11 @@ class Action:
     action: Kind
     set_degc: float
     """Set point of the chamber at the end of the action."""
-    ramp_degc_per_min: float = _NONE
-    inclination_deg: float = _NONE
-    toolface_deg: float = _NONE
-    azimuth_deg: float = _NONE
-    table_rate_dps: float = _NONE
+    ramp_degc_per_min: float = NONE
+    inclination_deg: float = NONE
+    toolface_deg: float = NONE
+    azimuth_deg: float = NONE
+    table_rate_dps: float = NONE
     duration_s: float = 0.0
     log: str = ""
     """Log that the action is recorded in; empty where nothing is."""
@@ -41,6 +37,12 @@ class Action:
     def end_s(self) -> float:
         """End of the action."""
         return self.start_s + self.duration_s
+
+    @property
+    def start_degc(self) -> float:
+        """Set point of the chamber at the start of the action."""
+        rate = self.ramp_degc_per_min if self.action == "ramp" else 0.0
+        return self.set_degc - rate * self.duration_s / SECONDS_PER_MINUTE
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,14 +56,14 @@ class Schedule:
     @property
     def hours(self) -> float:
         """Length of the campaign."""
-        return self.actions[-1].end_s / _HOUR if self.actions else 0.0
+        return self.actions[-1].end_s / SECONDS_PER_HOUR if self.actions else 0.0
 
     def by_log(self) -> dict[str, list[Action]]:
         """Log → the actions that it records, in their order."""
-        logs: dict[str, list[Action]] = {action.log: [] for action in self.actions if action.log}
+        logs: dict[str, list[Action]] = {}
         for action in self.actions:
             if action.log:
-                logs[action.log].append(action)
+                logs.setdefault(action.log, []).append(action)
         return logs
 
     def recorded(self, kind: Kind) -> tuple[Action, ...]:
@@ -74,15 +76,13 @@ class Schedule:
         writer = csv.writer(buffer, lineterminator="\n")
         writer.writerow([field.name for field in fields(Action)])
         for action in self.actions:
-            writer.writerow([_text(value) for value in astuple(action)])
+            writer.writerow(
+                [
+                    value if isinstance(value, str) else "" if isnan(value) else f"{value:.10g}"
+                    for value in astuple(action)
+                ]
+            )
         return buffer.getvalue().encode()
-
-
-def _text(value: float | str) -> str:
-    """A value as the CSV holds it."""
-    if isinstance(value, str):
-        return value
-    return "" if math.isnan(value) else f"{value:.10g}"
 
 
 def read_schedule(text: str, name: str) -> Schedule:
@@ -100,7 +100,7 @@ def read_schedule(text: str, name: str) -> Schedule:
         try:
             cells: dict[str, Any] = dict(zip(rows[0], row, strict=True))
             for key in cells.keys() - {"action", "log"}:
-                cells[key] = float(cells[key] or _NONE)
+                cells[key] = float(cells[key] or NONE)
             actions.append(Action(**cells))
         except ValueError:
             raise CoefficientError(
@@ -117,37 +117,42 @@ class Clock:
 
     def __init__(self, equipment: Equipment) -> None:
         self.equipment = equipment
+        # moves of a fixture or of a table, which are no actions, are added to it
         self.now_s = 0.0
         self.degc = equipment.chamber.room_degc
         self._operator_s = 0.0
         self._actions: list[Action] = []
 
-    def _add(self, kind: Kind, duration_s: float, log: str = "", **quantities: float) -> None:
-        if duration_s > 0.0:
-            if not self._actions and kind != "mount":
-                needed = self.equipment.operator.mount_h * _HOUR
-                self._operator_s += needed
-                self._add("mount", needed)
-            degc = self.equipment.chamber.room_degc if kind == "mount" else self.degc
-            made = Action(self.now_s, kind, degc, duration_s=duration_s, log=log, **quantities)
-            self._actions.append(made)
-            self.now_s += duration_s
+    def add(self, kind: Kind, duration_s: float, log: str = "", **quantities: float) -> None:
+        """An action of a length [s] at the temperature that is reached, after mounting where it is
+        the first; quantities as an `Action` has them. Nothing where it takes no time.
+        """
+        if duration_s <= 0.0:
+            return
+        if not self._actions and kind != "mount":
+            needed = self.equipment.operator.mount_h * SECONDS_PER_HOUR
+            self._operator_s += needed
+            self.add("mount", needed)
+        degc = self.equipment.chamber.room_degc if kind == "mount" else self.degc
+        action = Action(self.now_s, kind, degc, duration_s=duration_s, log=log, **quantities)
+        self._actions.append(action)
+        self.now_s += duration_s
 
     def attend(self, duration_s: float) -> None:
         """Wait until a person is there for an action of a length [s], and count it."""
         person = self.equipment.operator
-        day = (person.to_h - person.from_h) * _HOUR
-        within = self.now_s % _DAY
+        day = (person.to_h - person.from_h) * SECONDS_PER_HOUR
+        within = self.now_s % DAY_S
         if within + duration_s > day:
-            self._add("wait", _DAY - within)
+            self.add("wait", DAY_S - within)
         self._operator_s += duration_s
 
     def ramp(self, degc: float, rate: float, log: str = "") -> None:
         """Ramp to a temperature [°C] at an unsigned rate [°C/min]."""
         change = degc - self.degc
         self.degc = degc
-        signed = math.copysign(rate, change)
-        self._add("ramp", abs(change) / rate * 60.0, log, ramp_degc_per_min=signed)
+        signed = copysign(rate, change)
+        self.add("ramp", abs(change) / rate * SECONDS_PER_MINUTE, log, ramp_degc_per_min=signed)
 
     def settle(
         self, device: Device, degc: float, log: str = "", *, shortest_s: float = 0.0
@@ -161,7 +166,7 @@ class Clock:
 
     def soak(self, duration_s: float, log: str = "") -> None:
         """Hold the temperature."""
-        self._add("soak", duration_s, log)
+        self.add("soak", duration_s, log)
 
     def dwell(self, fixture: Fixture, spot: Sequence[float], duration_s: float, log: str) -> None:
         """Move to an attitude, with a person where the fixture needs one, and hold it: inclination
@@ -169,25 +174,17 @@ class Clock:
         """
         if fixture.attended:
             self.attend(fixture.move_s + duration_s)
-        self.move(fixture.move_s)
+        self.now_s += fixture.move_s
         names = ("inclination_deg", "toolface_deg", "azimuth_deg")
-        self._add("dwell", duration_s, log, **dict(zip(names, spot, strict=False)))
-
-    def rate(self, rate_dps: float, duration_s: float, log: str) -> None:
-        """Hold a rate of the table [°/s]."""
-        self._add("rate", duration_s, log, table_rate_dps=rate_dps)
-
-    def move(self, duration_s: float) -> None:
-        """Time that passes between two actions, for moves that no log records."""
-        self.now_s += duration_s
+        self.add("dwell", duration_s, log, **dict(zip(names, spot, strict=False)))
 
     def remount(self, rate: float) -> None:
         """Go to room temperature at a rate [°C/min] and mount the device anew."""
         self.ramp(self.equipment.chamber.room_degc, rate)
-        needed = self.equipment.operator.remount_h * _HOUR
+        needed = self.equipment.operator.remount_h * SECONDS_PER_HOUR
         self.attend(needed)
-        self._add("remount", needed)
+        self.add("remount", needed)
 
     def schedule(self) -> Schedule:
         """What was built."""
-        return Schedule(tuple(self._actions), self._operator_s / _HOUR)
+        return Schedule(tuple(self._actions), self._operator_s / SECONDS_PER_HOUR)

@@ -4,33 +4,33 @@ An instrument states the campaigns among which is chosen, and what the rows of e
 `Bench`. What is measured already is the campaign `NOTHING` added.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.errors import FitError
-from calibkit.planning.levels import cover_range, list_tours
+from calibkit.fit.shared import Shared
+from calibkit.fit.solve import Fit
+from calibkit.forms import power_unit
+from calibkit.numeric.least_squares import polynomial
+from calibkit.planning.levels import Tour, cover_range, list_tours
 from calibkit.planning.schedule import Schedule
-from calibkit.planning.task import Wish
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-
-    from calibkit.arrays import Array
-    from calibkit.fit.shared import Shared
-    from calibkit.fit.solve import Fit
-    from calibkit.planning.levels import Tour
-    from calibkit.planning.task import Assumed, Task
-    from calibkit.recipe.tables import ErrorComponent
+from calibkit.planning.task import Assumed, Task, Wish
+from calibkit.recipe.tables import ErrorComponent
 
 COVERAGE = 2.0
 """Coverage factor of U in plans: the sizes of shared errors are assumed, not estimated."""
+LONGER = 4.0 / 3.0
+"""Hours of the longer campaign that is offered beside a plan, relative to the plan's."""
+WORTH = 0.99
+"""Uncertainty, relative to that of the plan, below which more hours buy something."""
 WITHHELD = "withheld/"
 """Folder of the logs that a fit does not see."""
 NOISE = "noise"
@@ -136,6 +136,21 @@ class Proposal:
         return tuple(self.campaign.results.values())
 
     @property
+    def longer_campaign(self) -> Candidate | None:
+        """The best campaign of a third more hours, and of a plan of none the best that is as short
+        as any; None where they buy nothing.
+        """
+        sought = self.sought
+        shortest = min((one.hours for one in self.curve if one.hours > 0.0), default=0.0)
+        hours = self.schedule.hours * LONGER or shortest
+        better = [
+            campaign
+            for campaign in self.curve
+            if campaign.hours <= hours and campaign.expanded(sought.name) < WORTH * sought.expanded
+        ]
+        return min(better, key=lambda campaign: campaign.expanded(sought.name), default=None)
+
+    @property
     def sought(self) -> Predicted:
         """The result that is wished first, or the first of all."""
         name = self.wishes[0].name if self.wishes else self.results[0].name
@@ -189,7 +204,7 @@ class Bench(ABC):
 
     def rows(self, design: Design) -> Any:  # noqa: ANN401 (the instrument's own rows)
         """Rows of what is measured already and of a design."""
-        return join(*(rows for rows in (self.have, design.rows) if rows is not None))
+        return join([self.have, design.rows])
 
     def passed_on(self, campaign: Candidate) -> list[ErrorComponent]:
         """Assumed errors that the recipe of a campaign states: those that its fit will have."""
@@ -204,13 +219,6 @@ class Bench(ABC):
     def notes(self, campaign: Candidate) -> Iterable[str]:  # noqa: ARG002 (as `covers`)
         """What is to be said of a campaign beside the assumptions."""
         return ()
-
-    def candidate(self, design: Design) -> Candidate | None:
-        """A design with its uncertainties; None where it does not determine all over the range."""
-        try:
-            return self.predict(design) if self.covers(design) else None
-        except FitError:
-            return None
 
     def predict(self, design: Design) -> Candidate:
         """A design with its uncertainties."""
@@ -239,9 +247,9 @@ class TourBench(Bench):
     def design(self, degc: Tour, choice: Any, dwell_s: float) -> Design:  # noqa: ANN401 (a choice)
         """A campaign: one of `choices` at temperatures in their order, each part for a time [s]."""
 
-    @abstractmethod
     def temperatures(self, rows: Any) -> Iterable[Array]:  # noqa: ANN401 (as of `rows`)
         """Temperatures [°C] of rows, or of several parts of which each has to span the range."""
+        return [rows.degc]
 
     def tours(self) -> list[Tour]:
         """Temperatures of campaigns, beside what is measured also of those that it lacks."""
@@ -260,6 +268,18 @@ class TourBench(Bench):
         span, parts = self.assumed.range_degc, self.temperatures(self.rows(design))
         return all(cover_range(degc, self.order + 2, span) for degc in parts)
 
+    def powers_of_degc(
+        self, model: str, letter: str, unit: str, covariance: Array, count: int
+    ) -> Iterator[Coefficient]:
+        """First coefficients of a polynomial in powers of °C, from the covariance of all of its
+        coefficients for the temperature mapped from the range of use to [-1, 1].
+        """
+        middle_half = polynomial.middle_and_half(np.array(self.assumed.range_degc))
+        to_raw = polynomial.to_raw_powers(*middle_half, self.order)
+        _, raw = polynomial.in_raw_powers(np.zeros(self.order + 1), covariance, to_raw)
+        for k, u in enumerate(np.sqrt(np.diag(raw))[:count].tolist()):
+            yield Coefficient(model, f"{letter}{k}", power_unit(unit, "degC", k), u)
+
 
 def propose(bench: Bench) -> Proposal:
     """Cheapest campaign that meets the wishes, or the best within hours; the wishes may be not
@@ -269,7 +289,12 @@ def propose(bench: Bench) -> Proposal:
     wishes = tuple(Wish.parse(text, bench.results) for text in task.wishes)
     name = wishes[0].name if wishes else next(iter(bench.results))
     designs = [*([NOTHING] if task.have else []), *bench.designs()]
-    candidates = [found for design in designs if (found := bench.candidate(design))]
+    candidates = []
+    for design in designs:
+        # a design that does not determine all over the range is none
+        with suppress(FitError):
+            if bench.covers(design):
+                candidates.append(bench.predict(design))
     if not candidates:
         raise FitError(
             "no campaign determines all over the range",
@@ -325,9 +350,11 @@ def choose(
     return min(inside, key=lambda campaign: campaign.excess(wishes))
 
 
-def join(*parts: Any) -> Any:  # noqa: ANN401 (rows of an instrument)
-    """Rows, arrays by name, one after the other; numbers of levels go on from those before."""
-    first, *others = parts
+def join(parts: Iterable[Any]) -> Any:  # noqa: ANN401 (rows of an instrument)
+    """Rows, arrays by name, one after the other; numbers of levels go on from those before. Parts
+    that are None are none, and None is what there is without any.
+    """
+    first, *others = [part for part in parts if part is not None] or [None]
     for other in others:
         arrays = {}
         for name in (part.name for part in fields(first)):

@@ -2,29 +2,23 @@
 rows share, range of use.
 """
 
-from __future__ import annotations
-
 import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import Self, TypeAlias
 
 import numpy as np
 
 from calibkit import units as units_of
+from calibkit.arrays import Array
+from calibkit.coefficients import Record, StageResult
 from calibkit.errors import RecipeError, UsageError
-from calibkit.frame import values
+from calibkit.fit.shared import Shared
+from calibkit.frame import Log, values
+from calibkit.planning.equipment import Device, Equipment
+from calibkit.recipe import Recipe
 from calibkit.recipe.tables import ErrorComponent
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-
-    from calibkit.arrays import Array
-    from calibkit.coefficients import Record, StageResult
-    from calibkit.fit.shared import Shared
-    from calibkit.frame import Log
-    from calibkit.planning.equipment import Device, Equipment
-    from calibkit.recipe import Recipe
 
 ADDED = "added_"
 """Names of logs that are added to a campaign begin with this."""
@@ -45,7 +39,7 @@ class Wish:
     unit: str
 
     @classmethod
-    def parse(cls, text: str, offered: Mapping[str, str]) -> Wish:
+    def parse(cls, text: str, offered: Mapping[str, str]) -> Self:
         """Wish of a text "NAME<=VALUE UNIT", in the unit in which the result is offered; UsageError
         for another text, name or unit.
         """

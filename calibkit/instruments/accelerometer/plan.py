@@ -2,18 +2,19 @@
 unknown, how many positions by hand, how long each.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import product
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
+from calibkit.arrays import Array, Integers
 from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.errors import UsageError
 from calibkit.fit.complex_step import derivative
+from calibkit.fit.shared import Residual, Shared
 from calibkit.fit.solve import Fit, predict
 from calibkit.instruments.accelerometer import (
     dwells as triad_dwells,
@@ -26,28 +27,19 @@ from calibkit.instruments.accelerometer import (
 )
 from calibkit.instruments.accelerometer.coefficient_files import COMPENSATIONS
 from calibkit.instruments.accelerometer.dwells import DwellSet
+from calibkit.instruments.accelerometer.equation import Terms
 from calibkit.instruments.accelerometer.fit import asked_terms
 from calibkit.instruments.accelerometer.numeric import k_factor, q_factor
+from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe, KAxisSpec
 from calibkit.numeric import attitude
 from calibkit.numeric.dispersion import rms
-from calibkit.planning import pools
-from calibkit.planning.schedule import Clock
+from calibkit.planning.equipment import Device, Fixture
+from calibkit.planning.exchange import Pool, pool, spread_apart
+from calibkit.planning.levels import Tour
+from calibkit.planning.schedule import Action, Clock, Schedule
 from calibkit.planning.search import WITHHELD, Coefficient, Design, TourBench, count
-from calibkit.planning.task import Assumed, assume, read_earlier, seen_errors
+from calibkit.planning.task import Assumed, Task, assume, read_earlier, seen_errors
 from calibkit.simulate.campaign import Campaign
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
-
-    from calibkit.arrays import Array, Integers
-    from calibkit.fit.shared import Residual, Shared
-    from calibkit.instruments.accelerometer.equation import Terms
-    from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe, KAxisSpec
-    from calibkit.numeric.exchange import Pool
-    from calibkit.planning.equipment import Fixture
-    from calibkit.planning.levels import Tour
-    from calibkit.planning.schedule import Action, Schedule
-    from calibkit.planning.task import Task
 
 RESULTS = {"inclination": "deg", "toolface times sin(inclination)": "deg", "component": "g"}
 OF_LENGTHS = {"component": "g", "axis angle": "deg"}
@@ -93,7 +85,7 @@ LENGTH_UNITS = {
 
 @dataclass(frozen=True)
 class TriadBench(TourBench):
-    """Campaigns of a triad in known attitudes."""
+    """Campaigns of a triad in known attitudes; its recipe states the errors that are assumed."""
 
     lengths: ClassVar[bool] = False
     """Whether the fit knows the length of gravity alone."""
@@ -101,8 +93,6 @@ class TriadBench(TourBench):
     left_out: ClassVar[int] = 2
     """Attitudes that are withheld."""
     counts: ClassVar[tuple[int, ...]] = COUNTS
-    stated: AccelerometerRecipe
-    """The recipe with the errors that are assumed."""
     terms: Terms
     k: tuple[KAxisSpec, ...]
     """Terms of the K-factor, where that is what compensates."""
@@ -126,7 +116,7 @@ class TriadBench(TourBench):
         if self.lengths:
             along = gravity[:, None]
         where = shared_errors.find_circumstances(dwells, gravity, self.spec)
-        listed = shared_errors.state_errors(where, along, self.stated)
+        listed = shared_errors.state_errors(where, along, self.spec)
         return [one for one in listed if one.size is not None or not self.lengths]
 
     def residual(self, dwells: DwellSet) -> Residual:
@@ -167,21 +157,20 @@ class TriadBench(TourBench):
         """In powers of °C."""
         fit, (low, high) = self.fit(self.rows(design)), self.assumed.range_degc
         middle_half = (low + high) / 2.0, max(high - low, 1.0) / 2.0
-        if not self.k:
+        if self.k:
+            of_axis = np.asarray(published.to_degrees(*middle_half), dtype=np.float64)
+            to_raw, named = np.zeros((len(fit.parameters),) * 2), []
+            blocks = published.blocks_of(self.k)
+            for model, part, block in zip(forms.K_MODELS, self.k, blocks, strict=True):
+                places = list(part.fitted)
+                to_raw[block, block] = of_axis[np.ix_(places, places)]
+                named += [(model, k_factor.NAMES[n], forms.K_UNITS[n]) for n in places]
+        else:
             to_raw = np.asarray(self.terms.in_degrees(*middle_half), dtype=np.float64)
-            u = fit.of(lambda p: to_raw @ p).u.tolist()
-            for term, size in zip(self.terms.listed, u, strict=True):
-                yield Coefficient("triad", term.name, term.unit, size)
-            return
-        to_raw = np.asarray(published.to_degrees(*middle_half), dtype=np.float64)
-        blocks = published.blocks_of(self.k)
-        for name, part, block in zip(forms.K_MODELS, self.k, blocks, strict=True):
-            places = list(part.fitted)
-            matrix = np.zeros((len(places), len(fit.parameters)))
-            matrix[:, block] = to_raw[np.ix_(places, places)]
-            u = fit.of(partial(np.matmul, matrix)).u.tolist()
-            for place, size in zip(places, u, strict=True):
-                yield Coefficient(name, k_factor.NAMES[place], forms.K_UNITS[place], size)
+            named = [("triad", term.name, term.unit) for term in self.terms.listed]
+        u = fit.of(lambda p: to_raw @ p).u.tolist()
+        for words, size in zip(named, u, strict=True):
+            yield Coefficient(*words, size)
 
     def noise_of(self, dwell_s: float) -> float:
         """Noise [g] of the mean of a dwell, of a position by hand without both ends."""
@@ -197,9 +186,9 @@ class TriadBench(TourBench):
         reached = self.gravity[self.mounting <= last]
         number = 0 if self.task.withheld else self.left_out
         recorded = [(k, log) for k in choice]
-        recorded += [(k, f"{WITHHELD}{log}") for k in pools.spread_apart(reached, choice, number)]
+        recorded += [(k, f"{WITHHELD}{log}") for k in spread_apart(reached, choice, number)]
         for mounting in range(last + 1):
-            if mounting:
+            if mounting > 0:
                 clock.remount(self.task.equipment.fastest(self.assumed.device))
             for level in degc:
                 if not self.lengths:
@@ -238,26 +227,24 @@ class TriadBench(TourBench):
         """The first attitudes as candidates, each held in the middle of all soaks; the criterion is
         the mean variance of the first result.
         """
-        clock, middle_s = Clock(self.task.equipment), list[float]()
+        clock, actions = Clock(self.task.equipment), list[Action]()
         soak_s = COUNTED * (self.fixture.move_s + dwell_s)
         for level in degc:
             clock.settle(self.assumed.device, level)
-            clock.move(soak_s)
-            middle_s.append(clock.now_s - soak_s / 2.0)
-        soak, place = np.divmod(np.arange(number * len(degc)), number)
-        dwells = exact_dwells(
-            self.spots[place],
-            np.array(degc, dtype=np.float64)[soak],
-            np.array(middle_s)[soak],
-            self.noise_of(dwell_s),
-        )
+            middle_s = clock.now_s + soak_s / 2.0
+            actions += [
+                Action(middle_s, "dwell", level, inclination_deg=tilt, toolface_deg=roll)
+                for tilt, roll in self.spots[:number].tolist()
+            ]
+            clock.now_s += soak_s
+        dwells = planned_dwells(actions, self.noise_of(dwell_s))
         stated = [one for one in self.state(dwells) if one.size]
         single = [one for one in stated if (one.group, one.effect) == shared_errors.INDEX]
-        common = [one for one in stated if one not in single]
         residual = self.residual(dwells)
-        return pools.pool(
+        place = np.tile(np.arange(number), len(degc))
+        return pool(
             derivative(lambda p: residual(p).ravel(), self.terms.nominal),
-            common,
+            [one for one in stated if one not in single],
             single,
             triad.relative_noise(dwells, lengths=self.lengths),
             np.repeat(place, 1 if self.lengths else 3),
@@ -289,73 +276,93 @@ class LengthBench(TriadBench):
         return dict(zip(OF_LENGTHS, (component.reshape(-1, len(nominal)), angles), strict=True))
 
 
-def exact_dwells(spots: Array, degc: Array, time_s: Array, noise: float) -> DwellSet:
-    """Dwells [n] of a triad without an error in one log, at inclinations and toolfaces [n, 2] [°],
-    each with a noise [g] of its mean.
-    """
-    number, (tilt, roll) = len(spots), spots.T
-    gravity = np.round(attitude.gravity_vector(tilt, roll), DECIMALS)
-    one_log = np.zeros(number, dtype=np.int64)
-    noise_of = np.full((number, 3), noise)
-    return DwellSet(gravity, degc, tilt, roll, noise_of, time_s, one_log, (), ())
-
-
 def planned_dwells(actions: Sequence[Action], noise: float) -> DwellSet:
-    """Dwells of a schedule, each with a noise [g] of its mean."""
-    spots = np.array([(one.inclination_deg, one.toolface_deg) for one in actions])
-    middle_s = np.array([one.start_s + one.duration_s / 2.0 for one in actions])
-    return exact_dwells(spots, np.array([one.set_degc for one in actions]), middle_s, noise)
+    """Dwells [n] of a triad without an error in one log, at the middle of each action, each with a
+    noise [g] of its mean.
+    """
+    number = len(actions)
+    tilt, roll = np.array([(one.inclination_deg, one.toolface_deg) for one in actions]).T
+    return DwellSet(
+        indication=np.round(attitude.gravity_vector(tilt, roll), DECIMALS),
+        temperature=np.array([float(one.set_degc) for one in actions]),
+        inclination=tilt,
+        toolface=roll,
+        noise=np.full((number, 3), noise),
+        time=np.array([one.start_s + one.duration_s / 2.0 for one in actions]),
+        log=np.zeros(number, dtype=np.int64),
+        place=(),
+        flags=(),
+    )
 
 
 def prepare_plan(spec: AccelerometerRecipe, task: Task) -> TriadBench:
-    """What the search needs; UsageError for what cannot be planned."""
-    if spec.reference.kind == "magnitude":
-        return _prepare_lengths(spec, task)
-    if spec.affine.tilt or spec.affine.fixture:
+    """What the search needs, where attitudes are known or not; UsageError for what cannot be
+    planned.
+    """
+    lengths = spec.reference.kind == "magnitude"
+    name = MAGNITUDE if lengths else spec.procedure
+    device, have = task.equipment.known_device(name, "g"), None
+    if lengths:
+        _require_one_temperature(spec, task, device)
+        assumed = assume(spec, task, device, LENGTH_UNITS)
+    elif spec.affine.tilt or spec.affine.fixture:
         raise UsageError(
             "a plan of a triad is one of its K-factor or its affine model against known attitudes",
             hint='use reference.kind = "attitude", compensation = "k" or "affine", and neither'
             " affine.tilt nor affine.fixture",
         )
-    device = task.equipment.known_device(spec.procedure, "g")
-    files = (f"{stage}.json" for stage in COMPENSATIONS.values())
-    records = read_earlier(task, spec.procedure, *files)
-    scatter = [model.residual_rms for record in records for model in record.models]
-    assumed = assume(
-        spec,
-        task,
-        device,
-        shared_errors.UNITS,
-        default_degc=RANGE_DEGC,
-        earlier=seen_errors(records),
-        noise=rms(scatter) if scatter else None,
-    )
-    have = None
+    else:
+        files = (f"{stage}.json" for stage in COMPENSATIONS.values())
+        records = read_earlier(task, name, *files)
+        scatter = [model.residual_rms for record in records for model in record.models]
+        assumed = assume(
+            spec,
+            task,
+            device,
+            shared_errors.UNITS,
+            default_degc=RANGE_DEGC,
+            earlier=seen_errors(records),
+            noise=rms(scatter) if scatter else None,
+        )
     if task.have:
         have = triad_dwells.collect_dwells(task.have, spec)
-        noise = np.full_like(have.noise, assumed.noise)
-        have = replace(have, indication=np.round(have.reference, DECIMALS), noise=noise)
-    fixture = task.equipment.fixture(task.attitudes or TWO_AXIS)
+        indication, noise, degc = have.reference, assumed.noise, have.temperature
+        if lengths:
+            indication = have.indication / np.linalg.norm(have.indication, axis=1)[:, None]
+            degc = np.full(len(indication), spec.reference_temp_degc)
+            # of a log with a row for each dwell no noise is known
+            logged = have.weights is not None
+            noise = float(np.sqrt(np.mean(have.noise**2))) if logged else device.noise
+        else:
+            indication = np.round(indication, DECIMALS)
+        of_each = np.full_like(indication, noise)
+        have = replace(have, indication=indication, noise=of_each, temperature=degc)
+    fixture = task.equipment.fixture(task.attitudes or (HAND if lengths else TWO_AXIS))
     spots, mounting = list_spots(fixture, mountings=3 if task.attitudes == HEAD else 1)
-    return TriadBench(
-        spec=spec,
+    # dwells need not have the errors that are assumed, as those that earlier runs had
+    errors = {"component": assumed.components, "source": "history", "groups": "auto"}
+    stated = spec.errors.model_copy(update=errors)
+    terms, k = asked_terms(spec), spec.k.axes if spec.compensation == "k" else ()
+    fitted = spec.k.axes if spec.k.enabled else ()
+    orders = [terms.order, *(max(axis.scale_order, axis.zero_order) for axis in fitted)]
+    bench = LengthBench if lengths else TriadBench
+    return bench(
+        spec=spec.model_copy(update={"errors": stated}),
         task=task,
         assumed=assumed,
-        results=RESULTS,
+        results=OF_LENGTHS if lengths else RESULTS,
         have=have,
-        order=_highest_order(spec),
-        stated=_with_assumed(spec, assumed),
-        terms=asked_terms(spec),
-        k=spec.k.axes if spec.compensation == "k" else (),
+        order=0 if lengths else max(orders),
+        terms=terms,
+        k=() if lengths else k,
         fixture=fixture,
         spots=spots,
         mounting=mounting,
     )
 
 
-def _prepare_lengths(spec: AccelerometerRecipe, task: Task) -> LengthBench:
-    """What the search needs where attitudes are unknown."""
-    device = task.equipment.known_device(MAGNITUDE, "g")
+def _require_one_temperature(spec: AccelerometerRecipe, task: Task, device: Device) -> None:
+    """Raise UsageError for what no plan of unknown attitudes can be."""
     if spec.affine.enabled or spec.dwells.mode != "series":
         raise UsageError(
             "a plan of unknown attitudes is for one temperature, and for a continuous log",
@@ -368,70 +375,27 @@ def _prepare_lengths(spec: AccelerometerRecipe, task: Task) -> LengthBench:
             f" {shortest:g} s: dwells.window_s and dwells.shortest_s",
             hint="state longer positions, or shorter ones in [dwells]",
         )
-    assumed = assume(spec, task, device, LENGTH_UNITS)
-    have = None
-    if task.have:
-        dwells = triad_dwells.collect_dwells(task.have, spec)
-        known = dwells.weights is not None
-        noise = float(np.sqrt(np.mean(dwells.noise**2))) if known else device.noise
-        unit = dwells.indication / np.linalg.norm(dwells.indication, axis=1)[:, None]
-        at_one = np.full(len(unit), spec.reference_temp_degc)
-        have = replace(dwells, indication=unit, noise=np.full_like(unit, noise), temperature=at_one)
-    fixture = task.equipment.fixture(task.attitudes or HAND)
-    if task.attitudes and not fixture.spots:
+    if task.attitudes and not task.equipment.fixture(task.attitudes).spots:
         raise UsageError(
             f"--attitudes {task.attitudes}: attitudes that are unknown are those of a hand",
             hint="leave it out, or name a fixture with its own spots in the equipment file",
         )
-    spots, mounting = list_spots(fixture)
-    return LengthBench(
-        spec=spec,
-        task=task,
-        assumed=assumed,
-        results=OF_LENGTHS,
-        have=have,
-        order=0,
-        stated=_with_assumed(spec, assumed),
-        terms=asked_terms(spec),
-        k=(),
-        fixture=fixture,
-        spots=spots,
-        mounting=mounting,
-    )
-
-
-def _highest_order(spec: AccelerometerRecipe) -> int:
-    """Highest power of temperature of all models that the recipe fits."""
-    parts = spec.k.axes if spec.k.enabled else ()
-    powers = [max(part.scale_order, part.zero_order) for part in parts]
-    return int(max([asked_terms(spec).order, *powers]))
-
-
-def _with_assumed(spec: AccelerometerRecipe, assumed: Assumed) -> AccelerometerRecipe:
-    """The recipe with the errors that are assumed, which dwells need not have, as what earlier runs
-    had.
-    """
-    known = {"component": assumed.components, "source": "history", "groups": "auto"}
-    return spec.model_copy(update={"errors": spec.errors.model_copy(update=known)})
 
 
 def list_spots(fixture: Fixture, mountings: int = 1) -> tuple[Array, Integers]:
     """Attitudes [c, 2] [°] of a fixture, and the mounting of each [c]; of several mountings of one
     horizontal axis, along which a tool is mounted, then across it in two planes that hold it.
     """
-    turns = range(0, 360, fixture.step_deg)
+    turns, step = range(0, 360, fixture.step_deg), fixture.step_deg
+    spots: list[tuple[float, float]] = [(0, 0), *product(range(step, 180, step), turns), (180, 0)]
     if fixture.spots:
         spots = [*fixture.spots]
-    elif mountings == 1:
-        tilts = range(fixture.step_deg, 180, fixture.step_deg)
-        spots = [(0, 0), *product(tilts, turns), (180, 0)]
-    else:
+    elif mountings > 1:
         spots = [(90, roll) for roll in turns]
         for roll in (0, 90):
             spots += [(turn, roll) if turn <= 180 else (360 - turn, roll + 180) for turn in turns]
-    return np.array(spots, dtype=np.float64), np.repeat(
-        np.arange(mountings), len(spots) // mountings
-    )
+    mounting = np.repeat(np.arange(mountings), len(spots) // mountings)
+    return np.array(spots, dtype=np.float64), mounting
 
 
 def simulate_plan(

@@ -2,28 +2,22 @@
 switched on.
 """
 
-from __future__ import annotations
-
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from calibkit import units
+from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError, UsageError
 from calibkit.fit.solve import Fit, predict
-from calibkit.forms import power_unit
 from calibkit.frame import values
 from calibkit.instruments.bias_temperature import blocks
+from calibkit.instruments.bias_temperature.recipe import BiasTemperatureRecipe
 from calibkit.numeric.least_squares import polynomial
-from calibkit.planning.levels import (
-    LEVELS,
-    ONE_LEVEL_DEGC,
-    raw_uncertainties,
-)
-from calibkit.planning.schedule import Clock
+from calibkit.planning.levels import LEVELS, ONE_LEVEL_DEGC, Tour
+from calibkit.planning.schedule import Clock, Schedule
 from calibkit.planning.search import (
     WITHHELD,
     Candidate,
@@ -33,20 +27,9 @@ from calibkit.planning.search import (
     count,
     join,
 )
-from calibkit.planning.task import assume, read_earlier, seen_errors
+from calibkit.planning.task import Assumed, Task, assume, read_earlier, seen_errors
 from calibkit.simulate.campaign import Campaign
 from calibkit.simulate.chamber import follow_with_lag
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from calibkit.arrays import Array, Integers
-    from calibkit.frame import Log
-    from calibkit.instruments.bias_temperature.recipe import BiasTemperatureRecipe
-    from calibkit.planning.equipment import Device
-    from calibkit.planning.levels import Tour
-    from calibkit.planning.schedule import Action, Schedule
-    from calibkit.planning.task import Assumed, Task
 
 RANGE_DEGC = (-40.0, 60.0)
 FILE = "bias.json"
@@ -62,7 +45,7 @@ REACHED_DEGC, THERMOMETER_DEGC = 0.1, 0.01
 
 @dataclass(frozen=True, slots=True)
 class Means:
-    """Means over spans of logs."""
+    """Means [n] over spans of logs."""
 
     degc: Array
     log: Integers
@@ -71,11 +54,9 @@ class Means:
 
 @dataclass(frozen=True)
 class BiasBench(TourBench):
-    """Campaigns of an instrument at rest."""
-
-    def powers(self, degc: Array) -> Array:
-        """Powers [n, order + 1] of temperatures mapped from the range of use to [-1, 1]."""
-        return polynomial.powers(self.assumed.mapped(degc), self.order)
+    """Campaigns of an instrument at rest: y = Σ_k p_k x^k + b of the log + e, x the temperature
+    mapped to [-1, 1].
+    """
 
     def fit(self, rows: Means) -> Fit:
         """What means of logs, each with its own turn-on bias, will tell of the polynomial."""
@@ -85,42 +66,42 @@ class BiasBench(TourBench):
         start, names = np.zeros(self.order + 1), [f"p{k}" for k in range(self.order + 1)]
         return predict(lambda p: powers @ p, start, shared, noise=rows.noise, names=names)
 
-    def temperatures(self, rows: Means) -> list[Array]:
-        """Of all logs."""
-        return [rows.degc]
-
-    def choices(self) -> tuple[int, ...]:
-        """How often it is switched on at each temperature."""
-        return 1, 2, 3
-
     @cached_property
     def slopes(self) -> dict[str, Array]:
         """Result → its derivatives [m, order + 1] over the range of use: of the drift from the
         reference temperature, and of the bias.
         """
         low, high = self.assumed.range_degc
-        powers = self.powers(np.linspace(low, high, LEVELS))
         reference = np.clip(self.spec.reference_temp_degc, low, high)
+        powers = self.powers(np.linspace(low, high, LEVELS))
         return {"drift": powers - self.powers(np.array([reference])), "bias": powers}
+
+    def powers(self, degc: Array) -> Array:
+        """Powers [n, order + 1] of x."""
+        return polynomial.powers(self.assumed.mapped(degc), self.order)
 
     def coefficients(self, design: Design) -> Iterator[Coefficient]:
         """In powers of °C, the same for all channels."""
+        covariance = self.fit(self.rows(design)).covariance
         unit = self.assumed.device.noise_unit
-        u = raw_uncertainties(self.fit(self.rows(design)).covariance, self.assumed.range_degc)
         for channel in self.spec.polynomials.bias:
-            for k, size in enumerate(u[: channel.order + 1]):
-                yield Coefficient(channel.indication, f"p{k}", power_unit(unit, "degC", k), size)
+            size = channel.order + 1
+            yield from self.powers_of_degc(channel.indication, "p", unit, covariance, size)
+
+    def choices(self) -> tuple[int, ...]:
+        """How often it is switched on at each temperature."""
+        return 1, 2, 3
 
     def design(self, degc: Tour, choice: int, dwell_s: float) -> Design:
         """Logs at each temperature in their order; where nothing is withheld yet, with the longest
         way between two of them that is.
         """
-        degc = tuple(np.repeat(degc, choice).tolist())
+        levels = np.repeat(degc, choice).tolist()
         device, clock = self.assumed.device, Clock(self.task.equipment)
-        steps = [abs(b - a) for a, b in pairwise(degc)]
-        longest = int(np.argmax(steps)) + 1 if steps and not self.task.withheld else -1
+        steps = np.abs(np.diff(levels))
+        longest = int(np.argmax(steps)) + 1 if steps.size and not self.task.withheld else -1
         stem = self.task.name_log("soak")
-        for number, level in enumerate(degc):
+        for number, level in enumerate(levels):
             if number == longest:
                 # the instrument stays on, and warms up when it is switched on anew
                 clock.settle(device, level, f"{WITHHELD}{stem}_way_to_{level}.csv")
@@ -128,10 +109,10 @@ class BiasBench(TourBench):
             else:
                 clock.settle(device, level, shortest_s=device.warm_up_s)
             clock.soak(dwell_s, f"{stem}_{number + 1:02d}_{level}.csv")
-        noise = np.full(len(degc), self.assumed.noise_of(dwell_s))
-        means = Means(np.array(degc, dtype=np.float64), np.arange(len(degc)), noise)
-        logs, levels = count(len(degc), "log"), count(len({*degc}), "temperature")
-        label = f"{logs} at {levels}, {dwell_s / 60.0:g} min each"
+        noise = np.full(len(levels), self.assumed.noise_of(dwell_s))
+        means = Means(np.array(levels, dtype=np.float64), np.arange(len(levels)), noise)
+        logs, places = count(len(levels), "log"), count(len({*levels}), "temperature")
+        label = f"{logs} at {places}, {dwell_s / 60.0:g} min each"
         return Design(label, clock.schedule(), (f"{stem}_*.csv",), means)
 
     def notes(self, campaign: Candidate) -> tuple[str, ...]:
@@ -140,7 +121,9 @@ class BiasBench(TourBench):
 
 
 def prepare_plan(spec: BiasTemperatureRecipe, task: Task) -> BiasBench:
-    """What the search needs; UsageError for what cannot be planned."""
+    """What the search needs; UsageError for what cannot be planned, FitError for a measured log
+    without times.
+    """
     device, polynomials = task.equipment.known_device(spec.procedure), spec.polynomials
     other = [one for one in spec.still_columns() if units.column_unit(one) != device.noise_unit]
     order = max(one.order for one in polynomials.bias)
@@ -153,23 +136,20 @@ def prepare_plan(spec: BiasTemperatureRecipe, task: Task) -> BiasBench:
     earlier = seen_errors(read_earlier(task, spec.procedure, FILE))
     units_of = {TURN_ON: device.noise_unit}
     assumed = assume(spec, task, device, units_of, default_degc=RANGE_DEGC, earlier=earlier)
+    measured = []
+    for log in task.have:
+        if "time_s" not in log.frame.columns:
+            raise FitError(
+                f"{log.file}: no times, expected time_s to know how long it is",
+                hint="map it under [columns.time_s], or plan without --have",
+            )
+        degc, time = values(log.frame, polynomials.abscissa), values(log.frame, "time_s")
+        parts = 1 if np.ptp(degc) < ONE_LEVEL_DEGC else min(BLOCKS, degc.size)
+        means = np.array([part.mean() for part in np.array_split(degc, parts)])
+        noise = device.noise * np.sqrt(device.noise_s * parts / (time[-1] - time[0]))
+        measured.append(Means(means, np.zeros(parts, dtype=np.int64), np.full(parts, noise)))
     results = dict.fromkeys(("drift", "bias"), device.noise_unit)
-    each = [_measure(log, polynomials.abscissa, device) for log in task.have]
-    return BiasBench(spec, task, assumed, results, join(*each) if each else None, order)
-
-
-def _measure(log: Log, abscissa: str, device: Device) -> Means:
-    """Mean temperatures of parts of a measured log; FitError for a log without times."""
-    if "time_s" not in log.frame.columns:
-        raise FitError(
-            f"{log.file}: no times, expected time_s to know how long it is",
-            hint="map it under [columns.time_s], or plan without --have",
-        )
-    degc, time = values(log.frame, abscissa), values(log.frame, "time_s")
-    parts = 1 if np.ptp(degc) < ONE_LEVEL_DEGC else min(BLOCKS, degc.size)
-    means = np.array([part.mean() for part in np.array_split(degc, parts)])
-    noise = device.noise * np.sqrt(device.noise_s * parts / (time[-1] - time[0]))
-    return Means(means, np.zeros(parts, dtype=np.int64), np.full(parts, noise))
+    return BiasBench(spec, task, assumed, results, join(measured), order)
 
 
 def simulate_plan(
@@ -178,8 +158,8 @@ def simulate_plan(
     """Logs of an instrument whose bias is a polynomial of its case temperature, and its truth."""
     rng = np.random.default_rng(seed)
     turn_on, noise = assumed.size(*TURN_ON), assumed.noise_of(1.0)
-    size = DRIFT * assumed.noise_of(60.0)
-    truth = {
+    size, abscissa = DRIFT * assumed.noise_of(60.0), spec.polynomials.abscissa
+    biases = {
         one.indication: np.polynomial.Polynomial(
             rng.normal(0.0, size, one.order + 1) / (1.0 + np.arange(one.order + 1.0)),
             domain=assumed.range_degc,
@@ -187,31 +167,23 @@ def simulate_plan(
         for one in spec.polynomials.bias
     }
     logs: dict[str, dict[str, Array]] = {}
-    for name, recorded in schedule.by_log().items():
-        case = _follow(recorded, max(assumed.device.lags_s)) + rng.normal(0.0, REACHED_DEGC)
-        logs[name] = {
-            "time_s": np.arange(float(case.size)),
-            spec.polynomials.abscissa: case + rng.normal(0.0, THERMOMETER_DEGC, case.size),
-        } | {
-            channel: bias(case) + rng.normal(0.0, turn_on) + rng.normal(0.0, noise, case.size)
-            for channel, bias in truth.items()
-        }
-    decimals = {"time_s": 0, spec.polynomials.abscissa: 3} | dict.fromkeys(truth, 6)
+    for name, actions in schedule.by_log().items():
+        # the case follows the chamber at 1 Hz; a soak without a ramp before it is settled
+        chamber = [
+            np.linspace(one.start_degc, one.set_degc, int(one.duration_s), endpoint=False)
+            for one in actions
+        ]
+        case = follow_with_lag(np.concatenate(chamber), max(assumed.device.lags_s))
+        case += rng.normal(0.0, REACHED_DEGC)
+        log = {"time_s": np.arange(float(case.size))}
+        log[abscissa] = case + rng.normal(0.0, THERMOMETER_DEGC, case.size)
+        for channel, bias in biases.items():
+            shifted = bias(case) + rng.normal(0.0, turn_on)
+            log[channel] = shifted + rng.normal(0.0, noise, case.size)
+        logs[name] = log
+    decimals = {"time_s": 0, abscissa: 3} | dict.fromkeys(biases, 6)
     drawn = {
         name: {f"p{k}": value for k, value in enumerate(bias.convert().coef.tolist())}
-        for name, bias in truth.items()
+        for name, bias in biases.items()
     }
     return Campaign(logs, decimals, {"coefficients": drawn})
-
-
-def _follow(recorded: Sequence[Action], lag_s: float) -> Array:
-    """Case temperature [n] [°C] at 1 Hz of a log: of a soak that is settled, or of a ramp and the
-    soak after it.
-    """
-    first, last = recorded[0], recorded[-1]
-    soak = np.full(int(last.duration_s), last.set_degc)
-    if first.action != "ramp":
-        return soak
-    left = np.arange(first.duration_s, 0.0, -1.0)
-    chamber = first.set_degc - first.ramp_degc_per_min / 60.0 * left
-    return follow_with_lag(np.append(chamber, soak), lag_s)

@@ -1,42 +1,34 @@
 """Campaigns of a gyro in a chamber: which ramps with which soaks."""
 
-from __future__ import annotations
-
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations, product, zip_longest
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from calibkit.arrays import Array
+from calibkit.coefficients import Record, StageResult
 from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.errors import UsageError
 from calibkit.frame import refuse
 from calibkit.instruments.fog_thermal import forms, ramps, simulate as simulated
 from calibkit.instruments.fog_thermal.numeric import bank as forward, bank_fit, evidence
+from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 from calibkit.instruments.fog_thermal.simulate_gyro import FogGyro
 from calibkit.instruments.fog_thermal.uncertainty import TURN_ON
-from calibkit.numeric.exchange import invert
 from calibkit.numeric.thermal import coil
 from calibkit.numeric.thermal.noise import Noise
 from calibkit.numeric.thermal.pooled_fit import Rows, Stack, ThermalLog
+from calibkit.planning.exchange import invert
 from calibkit.planning.levels import cover_range
-from calibkit.planning.schedule import Clock
-from calibkit.planning.search import WITHHELD, Bench, Coefficient, Design
-from calibkit.planning.task import assume, measured_range, read_earlier
+from calibkit.planning.schedule import Clock, Schedule
+from calibkit.planning.search import WITHHELD, Bench, Coefficient, Design, Sources
+from calibkit.planning.task import Task, assume, measured_range, read_earlier
 from calibkit.recipe.tables import ErrorComponent
 from calibkit.simulate.campaign import Campaign
 from calibkit.simulate.chamber import Chamber, Programme
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
-
-    from calibkit.arrays import Array
-    from calibkit.coefficients import Record, StageResult
-    from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
-    from calibkit.planning.schedule import Schedule
-    from calibkit.planning.search import Sources
-    from calibkit.planning.task import Task
 
 RANGE_DEGC = (-40.0, 60.0)
 RATES = (1, 2, 3, 5, 8, 10)
@@ -84,21 +76,20 @@ USED = tuple(Ramp(sign * rate, 1800.0) for rate in (2.0, 4.0, 7.0) for sign in (
 """Ramps on which the drift is used."""
 
 
-def silent_log(name: str, time: Array, case: Array) -> ThermalLog:
-    """Log of one ramp at times [m, s] and case temperatures [m, °C], whose indication is not
-    known.
-    """
-    none = np.zeros(time.size)
-    return ThermalLog(name, time, case, case, none, none.astype(np.int64))
-
-
 @dataclass(frozen=True)
 class RampBench(Bench):
     """Campaigns of a gyro on ramps, as the fit of the `bank` model with its priors will see them:
     the median of each but those of turn-on biases and initial states, whose sizes are assumed.
+
+        S = A - B (C + D)⁻¹ Bᵀ       information of one log on coefficients and static lag
+        M = Σ_logs S + P             of all, P the precision of what is known before
+
+    [[A, B], [Bᵀ, C]] are the moments of the rows, C of the errors of the log with precision D.
     """
 
-    measured_rates: tuple[float, ...]
+    rates: tuple[int, ...]
+    """Unsigned rates [°C/min] that chamber and device allow."""
+    measured_rates: tuple[float, ...] = ()
     """Signed rates [°C/min] of the ramps that are measured."""
 
     def log(self, ramp: Ramp) -> ThermalLog:
@@ -108,55 +99,46 @@ class RampBench(Bench):
         length = abs(end - start) / abs(ramp.rate) * SECONDS_PER_MINUTE
         corners = np.cumsum([0.0, BEFORE_S, length, ramp.after_s])
         time = np.arange(0.0, corners[-1], BLOCK_S)
-        chamber = np.interp(time, corners, [start, start, end, end])
-        along = coil.path([(time, np.asarray(chamber, dtype=np.float64))])
-        case = along.drivers(min(self.assumed.device.lags_s), None).temperature
-        return silent_log("", time, case)
+        chamber = np.interp(time, corners, [start, start, end, end]).astype(np.float64)
+        drivers = coil.path([(time, chamber)]).drivers(min(self.assumed.device.lags_s), None)
+        return silent_log("", time, drivers.temperature)
 
-    def problem(self, logs: Sequence[ThermalLog]) -> bank_fit.Problem:
-        """Problem of the fit to logs."""
+    def columns(self, logs: Sequence[ThermalLog]) -> tuple[bank_fit.Problem, Array]:
+        """Problem of the fit to logs, and its columns [n, P] at a static drift of the assumed size:
+        coefficients, static lag, then errors of the logs.
+        """
         stacked = Stack.of_logs(logs)
         rows = Rows.of_stack(stacked, stacked.fitted)
-        block_s = float(logs[0].time[1] - logs[0].time[0])
+        block_s, drift = float(logs[0].time[1] - logs[0].time[0]), self.assumed.size(*DRIFT)
         noise = Noise(self.assumed.noise_of(block_s) ** 2, self.assumed.size(*FLICKER))
-        drift = self.assumed.size(*DRIFT)
-        return bank_fit.state_problem(replace(rows, noise=noise), drift=drift)
-
-    @property
-    def point(self) -> tuple[Array, Array]:
-        """Static lag [3] and coefficients [p] about which the model is linear: a static drift of
-        the assumed size.
-        """
+        problem = bank_fit.state_problem(replace(rows, noise=noise), drift=drift)
         coefficients = np.zeros(len(BANK.terms))
-        coefficients[BANK.part("s").start] = self.assumed.size(*DRIFT)
-        return bank_fit.STATIC_MEAN, coefficients
-
-    def information(self, log: ThermalLog) -> Array:
-        """Information [3, p, p] of one log on coefficients and static lag: what its noise, its
-        turn-on bias and its initial state make of a variance, which add up to all of it.
-
-            [[A, B], [Bᵀ, C]] of the rows, C of the errors of the log with precision D
-            S = A - B (C + D)⁻¹ Bᵀ = noise + Σ_k D_k o_k o_kᵀ,   o = (C + D)⁻¹ Bᵀ
-        """
-        problem, (lag, coefficients) = self.problem([log]), self.point
-        columns = problem.columns(lag, coefficients)
-        rows = problem.gram(problem.rows, lag, columns).matrix
-        across, inner, D = rows[SHARED:, :SHARED], rows[SHARED:, SHARED:], self.precision[SHARED:]
-        o = np.linalg.solve(inner + np.diag(D), across)
-        turn_on, start = ((o[own].T * D[own]) @ o[own] for own in (slice(0, 1), slice(1, None)))
-        whole = rows[:SHARED, :SHARED] - across.T @ o
-        return np.stack([whole - turn_on - start, turn_on, start])
+        coefficients[BANK.part("s").start] = drift
+        return problem, problem.columns(bank_fit.STATIC_MEAN, coefficients)
 
     @cached_property
     def precision(self) -> Array:
         """Precision [q] of what is known of the columns of one log before any is measured, 0 of
         the constant.
         """
-        prior = self.problem([self.log(USED[0])]).prior
+        prior = self.columns([self.log(USED[0])])[0].prior
         theta = prior.mean.copy()
         for place, error in ((bank_fit.TURN_ON, TURNED_ON), (bank_fit.INITIAL, INITIAL)):
             theta[place] = 2.0 * np.log(max(self.assumed.size(*error), LEAST_DPH))
         return np.exp(-evidence.log_variances(prior, theta))
+
+    def information(self, log: ThermalLog) -> Array:
+        """Information [3, p, p] of one log: what its noise, its turn-on bias and its initial state
+        make of a variance, which add up to all of it.
+
+            S = noise + Σ_k D_k o_k o_kᵀ,   o = (C + D)⁻¹ Bᵀ
+        """
+        problem, columns = self.columns([log])
+        moments = problem.gram(problem.rows, bank_fit.STATIC_MEAN, columns).matrix
+        B, C, D = moments[SHARED:, :SHARED], moments[SHARED:, SHARED:], self.precision[SHARED:]
+        o = np.linalg.solve(C + np.diag(D), B)
+        turn_on, start = ((o[own].T * D[own]) @ o[own] for own in (slice(0, 1), slice(1, None)))
+        return np.stack([moments[:SHARED, :SHARED] - B.T @ o - turn_on - start, turn_on, start])
 
     @cached_property
     def of_ramps(self) -> dict[Ramp, Array]:
@@ -178,35 +160,32 @@ class RampBench(Bench):
         """Result → its derivatives [m, p + 3] where it is used: of the drift about its mean along
         ramps, or at rest relative to 25 °C.
         """
-        used = self.problem([self.log(ramp) for ramp in USED])
-        columns = used.columns(*self.point)[:, :SHARED]
-        along = [columns[rows] for rows in used.stacked.log_rows]
-        degc = np.linspace(*self.assumed.range_degc, LEVELS)
-        z = (degc - forward.ORIGIN_DEGC) / forward.SCALE_DEGC
+        problem, columns = self.columns([self.log(ramp) for ramp in USED])
+        along = [columns[rows, :SHARED] for rows in problem.stacked.log_rows]
+        z = np.linspace(*self.assumed.range_degc, LEVELS) - forward.ORIGIN_DEGC
         at_rest = np.zeros((LEVELS, SHARED))
-        at_rest[:, BANK.part("s")] = z[:, None] ** np.arange(1, forward.POWERS + 1)
+        powers = np.arange(1, forward.POWERS + 1)
+        at_rest[:, BANK.part("s")] = (z[:, None] / forward.SCALE_DEGC) ** powers
         of_drift = np.concatenate([(one - one.mean(axis=0))[::EVERY] for one in along])
-        return dict(zip(RESULTS, (of_drift, at_rest), strict=True))
+        return {"drift": of_drift, "drift at rest": at_rest}
 
     def variances(self, design: Design) -> dict[str, Sources]:
         """Variances of each result: of the noise, of the errors of each log, and of what is known
         of the coefficients before any is measured.
         """
         covariance, information = self.posterior(design)
-        by_result = {}
+        by_result, p = dict[str, Sources](), len(BANK.terms)
         for name, slopes in self.slopes.items():
             pull = covariance @ slopes.T
-            by_log = np.sum(pull * (information @ pull), axis=1)
             known = self.precision[:SHARED, None] * pull**2
-            coefficients, lag = known[: len(BANK.terms)], known[len(BANK.terms) :]
-            parts = (*by_log, coefficients.sum(axis=0), lag.sum(axis=0))
+            by_log = np.sum(pull * (information @ pull), axis=1)
+            parts = (*by_log, known[:p].sum(axis=0), known[p:].sum(axis=0))
             by_result[name] = dict(zip(SOURCES, parts, strict=True))
         return by_result
 
     def coefficients(self, design: Design) -> Iterator[Coefficient]:
         """Of the bank, without its constant."""
-        covariance, _ = self.posterior(design)
-        u = np.sqrt(np.diag(covariance)).tolist()
+        u = np.sqrt(np.diag(self.posterior(design)[0])).tolist()
         for (name, unit), size in list(zip(BANK.terms, u, strict=False))[1:]:
             yield Coefficient("bank", name, unit, size)
 
@@ -220,13 +199,23 @@ class RampBench(Bench):
         """Whether signed rates and those that are measured are two of each direction, so that a fit
         can leave one out.
         """
-        every = sorted([*self.measured_rates, *rates])
-        for sense in (1.0, -1.0):
-            sizes = sorted(sense * rate for rate in every if sense * rate > 0.0)
-            differ = [k == 0 or rate > DIFFERENT * sizes[k - 1] for k, rate in enumerate(sizes)]
-            if sum(differ) < FEWEST_RATES:
+        every = np.sort([*self.measured_rates, *rates])
+        for sizes in (every[every > 0.0], -every[every < 0.0][::-1]):
+            if np.sum(sizes[1:] > DIFFERENT * sizes[:-1]) + bool(sizes.size) < FEWEST_RATES:
                 return False
         return True
+
+    def designs(self) -> Iterator[Design]:
+        """Every campaign of two to four rates of each direction; where something is measured
+        already and withheld, also those of one heating ramp more.
+        """
+        sets = [chosen for size in range(1, MOST + 1) for chosen in combinations(self.rates, size)]
+        more = (0, 1) if self.have and self.task.withheld else (0,)
+        for heating, cooling in product(sets, [(), *sets]):
+            enough = self.suffices([*heating, *(-rate for rate in cooling)])
+            if enough and len(heating) - len(cooling) in more:
+                for after_s in self.assumed.device.dwell_s:
+                    yield self.design(heating, cooling, after_s)
 
     def design(self, heating: Sequence[int], cooling: Sequence[int], after_s: float) -> Design:
         """Heating and cooling ramps by turns, of unsigned rates [°C/min], with a soak after each;
@@ -234,12 +223,8 @@ class RampBench(Bench):
         """
         (low, high), clock = self.assumed.range_degc, Clock(self.task.equipment)
         clock.settle(self.assumed.device, low)
-        by_turns = [
-            Ramp(float(sign * rate), after_s)
-            for pair in zip_longest(heating, cooling)
-            for sign, rate in zip((1, -1), pair, strict=True)
-            if rate is not None
-        ]
+        pairs = zip_longest(heating, [-rate for rate in cooling])
+        by_turns = [Ramp(float(rate), after_s) for pair in pairs for rate in pair if rate]
         recorded = [(ramp, "") for ramp in by_turns]
         if not self.task.withheld:
             # between the rates of the design, and none of them
@@ -260,23 +245,13 @@ class RampBench(Bench):
         logs = (self.task.name_log("ramp_*.csv"),)
         return Design(label, clock.schedule(), logs, tuple(by_turns))
 
-    @property
-    def rates(self) -> list[int]:
-        """Unsigned rates [°C/min] that chamber and device allow."""
-        fastest = self.task.equipment.fastest(self.assumed.device)
-        return [rate for rate in RATES if rate <= fastest]
 
-    def designs(self) -> Iterator[Design]:
-        """Every campaign of two to four rates of each direction; where something is measured
-        already and withheld, also those of one heating ramp more.
-        """
-        sets = [chosen for size in range(1, MOST + 1) for chosen in combinations(self.rates, size)]
-        more = (0, 1) if self.have and self.task.withheld else (0,)
-        for heating, cooling in product(sets, [(), *sets]):
-            enough = self.suffices([*heating, *(-rate for rate in cooling)])
-            if enough and len(heating) - len(cooling) in more:
-                for after_s in self.assumed.device.dwell_s:
-                    yield self.design(heating, cooling, after_s)
+def silent_log(name: str, time: Array, case: Array) -> ThermalLog:
+    """Log of one ramp at times [m, s] and case temperatures [m, °C], whose indication is not
+    known.
+    """
+    none = np.zeros(time.size)
+    return ThermalLog(name, time, case, case, none, none.astype(np.int64))
 
 
 def prepare_plan(spec: FogThermalRecipe, task: Task) -> RampBench:
@@ -294,22 +269,22 @@ def prepare_plan(spec: FogThermalRecipe, task: Task) -> RampBench:
             f" {', '.join(f'{one.effect} of {one.group}' for one in assumed.components)}",
             hint="expected drift of coil and turn-on of log, with initial state and flicker of log",
         )
-    bench = RampBench(spec, task, assumed, RESULTS, [], ())
-    if not bench.suffices([*bench.rates, *(-rate for rate in bench.rates)]):
+    rates = tuple(rate for rate in RATES if rate <= task.equipment.fastest(device))
+    if len(rates) < FEWEST_RATES:
         raise UsageError(
             f"fastest_degc_per_min leaves one of the rates {', '.join(map(str, RATES))} °C/min,"
             f" expected {FEWEST_RATES}: a fit leaves out a ramp of each direction",
             hint="state the fastest ramp of chamber and device in the equipment file",
         )
-    have, rates = [], list[float]()
+    bench = RampBench(spec, task, assumed, RESULTS, [], rates)
+    measured, measured_rates = [], list[float]()
     for log in task.have:
         examined = ramps.examine(spec, log)
         refuse(examined.findings)
-        rates += [one.level for one in examined.held if one.kind == "ramp"]
+        measured_rates += [one.level for one in examined.held if one.kind == "ramp"]
         blocks = ramps.block_means(log, spec, rated=False)[1]
-        have.append(silent_log(log.file, blocks.time, blocks.case))
-    known = [bench.information(log) for log in have]
-    return replace(bench, have=known, measured_rates=tuple(rates))
+        measured.append(bench.information(silent_log(log.file, blocks.time, blocks.case)))
+    return replace(bench, have=measured, measured_rates=tuple(measured_rates))
 
 
 def read_run(record: Record | StageResult, noise_s: float) -> tuple[float, list[ErrorComponent]]:

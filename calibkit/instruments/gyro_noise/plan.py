@@ -1,9 +1,7 @@
 """Records of gyros at rest: how long a log has to be for the wanted uncertainty of its terms."""
 
-from __future__ import annotations
-
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,21 +9,15 @@ from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.errors import UsageError
 from calibkit.frame import values
 from calibkit.instruments.gyro_noise.forms import read_term, term_name
+from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe
 from calibkit.instruments.gyro_noise.sensors import GYRO, find_sensor
 from calibkit.numeric.noise.predicted import predict_terms
-from calibkit.planning.schedule import Clock
+from calibkit.planning.schedule import Clock, Schedule
 from calibkit.planning.search import NOISE, Bench, Candidate, Coefficient, Design, Sources
-from calibkit.planning.task import EARLIER_DOF, Assumed, assume, read_earlier
+from calibkit.planning.task import EARLIER_DOF, Assumed, Task, assume, read_earlier
 from calibkit.recipe.tables import ErrorComponent
 from calibkit.simulate import noise
 from calibkit.simulate.campaign import Campaign
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
-    from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe
-    from calibkit.planning.schedule import Schedule
-    from calibkit.planning.task import Task
 
 FILE = "gyro_noise.json"
 LOG = "static"

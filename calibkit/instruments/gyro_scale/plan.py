@@ -1,14 +1,14 @@
 """Campaigns of gyros on a rate table: which rates at which temperatures, about which axes."""
 
-from __future__ import annotations
-
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
-from functools import partial
-from itertools import combinations, product
-from typing import TYPE_CHECKING, Any, ClassVar
+from functools import cached_property, partial
+from itertools import chain, combinations, product
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from calibkit.arrays import Array, Integers, Mask
 from calibkit.constants import DPH_PER_DPS, REVOLUTION_DEG, SECONDS_PER_HOUR
 from calibkit.errors import FitError, UsageError
 from calibkit.fit.complex_step import derivative
@@ -16,17 +16,14 @@ from calibkit.fit.solve import predict
 from calibkit.instruments.gyro_scale import equation, forms, simulate_rate_table, table_runs
 from calibkit.instruments.gyro_scale.numeric import line_terms
 from calibkit.instruments.gyro_scale.numeric.gjb_figures import PPM
-from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe, GyroTriadRecipe
+from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe, GyroTriadRecipe, RateTableRecipe
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares import polynomial
-from calibkit.planning.levels import (
-    LEVELS,
-    ONE_LEVEL_DEGC,
-    Tour,
-    list_tours,
-)
-from calibkit.planning.schedule import Clock
+from calibkit.planning.equipment import RateTable
+from calibkit.planning.levels import LEVELS, ONE_LEVEL_DEGC, Tour, list_tours
+from calibkit.planning.schedule import Clock, Schedule
 from calibkit.planning.search import (
+    NOTHING,
     WITHHELD,
     Candidate,
     Coefficient,
@@ -38,26 +35,12 @@ from calibkit.planning.search import (
     split_variance,
     total_variance,
 )
-from calibkit.planning.task import (
-    EARLIER_DOF,
-    Assumed,
-    assume,
-    read_earlier,
-    seen_errors,
-)
+from calibkit.planning.task import EARLIER_DOF, Assumed, Task, assume, read_earlier, seen_errors
 from calibkit.recipe.tables import ErrorComponent
 from calibkit.simulate.campaign import Campaign
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+Spec = RateTableRecipe | GyroTriadRecipe | GyroPairRecipe
 
-    from calibkit.arrays import Array, Integers, Mask
-    from calibkit.instruments.gyro_scale.recipe import RateTableRecipe
-    from calibkit.planning.equipment import RateTable
-    from calibkit.planning.schedule import Schedule
-    from calibkit.planning.task import Task
-
-    Spec = RateTableRecipe | GyroTriadRecipe | GyroPairRecipe
 
 RANGE_DEGC = (-40.0, 60.0)
 SETTLE_S = 6.0
@@ -111,16 +94,10 @@ class Holds:
             self.rate_dps, self.rate_dps, self.run, self.degc, self.hours, line, line
         )
 
-    def select(self, kept: Mask) -> Holds:
+    def select(self, kept: Mask) -> Self:
         """Some of the holds."""
         parts = {field.name: getattr(self, field.name)[kept] for field in fields(self)}
-        return Holds(**parts | {"run": np.unique(parts["run"], return_inverse=True)[1]})
-
-    def nearest(self, degc: float) -> Holds:
-        """Holds at the temperature that is nearest to another [°C]."""
-        at = self.degc[np.argmin(np.abs(self.degc - degc))]
-        near = self.select(np.abs(self.degc - at) <= ONE_LEVEL_DEGC)
-        return replace(near, degc=np.full(near.run.size, at))
+        return replace(self, **parts | {"run": np.unique(parts["run"], return_inverse=True)[1]})
 
 
 def planned_holds(schedule: Schedule, assumed: Assumed, find_axis: Callable[[str], str]) -> Holds:
@@ -131,12 +108,12 @@ def planned_holds(schedule: Schedule, assumed: Assumed, find_axis: Callable[[str
     logs = {log: own for log, own in schedule.by_log().items() if not log.startswith(WITHHELD)}
     for run, (log, actions) in enumerate(logs.items()):
         middle_s = (actions[0].start_s + actions[-1].end_s) / 2.0
-        for one in actions:
-            turn_s = REVOLUTION_DEG / abs(one.table_rate_dps)
-            used_s = np.floor((one.duration_s - 1.0) / turn_s) * turn_s
-            hours = (one.start_s + one.duration_s / 2.0 - middle_s) / SECONDS_PER_HOUR
+        for hold in actions:
+            turn_s = REVOLUTION_DEG / abs(hold.table_rate_dps)
+            used_s = np.floor((hold.duration_s - 1.0) / turn_s) * turn_s
+            hours = (hold.start_s + hold.duration_s / 2.0 - middle_s) / SECONDS_PER_HOUR
             noise = assumed.noise_of(used_s)
-            holds.append((find_axis(log), one.table_rate_dps, run, one.set_degc, hours, noise))
+            holds.append((find_axis(log), hold.table_rate_dps, run, hold.set_degc, hours, noise))
     return Holds(*map(np.array, zip(*holds, strict=True)))
 
 
@@ -153,12 +130,20 @@ class GyroBench(TourBench):
     table: RateTable
     reference_degc: float
 
-    def lines(self, holds: Holds, degc: Array | None = None) -> dict[str, Sources]:
-        """Variance of scale factor [ppm²] and zero [(°/h)²] about one axis, at temperatures [m]
-        [°C] or over the range of use: of the best straight line over the holds.
+    def results_of(self, lines: Sequence[Mapping[str, Sources]]) -> dict[str, Sources]:
+        """Variances of each result from those of the best straight line about each axis."""
+        return dict(lines[0])
+
+    def variances(self, design: Design) -> dict[str, Sources]:
+        """Variances of each result over the range of use."""
+        degc = np.linspace(*self.assumed.range_degc, LEVELS)
+        return self.results_of([self.line(holds, degc) for holds in self.about_axes(design)])
+
+    def line(self, holds: Holds, degc: Array) -> dict[str, Sources]:
+        """Variances of scale factor [ppm²] and zero [(°/h)²] about one axis, at temperatures [m]
+        [°C]: of the best straight line over the holds.
         """
         rows, (low, high) = holds.rows, self.assumed.range_degc
-        degc = np.linspace(low, high, LEVELS) if degc is None else degc
         shapes = (line_terms.ASYMMETRY,) if np.ptp(np.abs(rows.rate_dps)) > 0.0 else ()
         middle_half = (low + high) / 2.0, max(high - low, 1.0) / 2.0
         terms = equation.Terms(1, (self.order,) * 2, middle_half, shapes)
@@ -172,57 +157,36 @@ class GyroBench(TourBench):
             names=terms.names,
         )
         powers = polynomial.powers(terms.mapped(degc), self.order)
-        line = equation.best_line(terms, rows.rate_dps)
+        best_line = equation.best_line(terms, rows.rate_dps)
         scale, zero = derivative(
-            lambda p: np.stack([powers @ part[0] for part in line(p)]), terms.start
+            lambda p: np.stack([powers @ part[0] for part in best_line(p)]), terms.start
         )
         return {
             SCALE: split_variance(fit, PPM * scale),
             ZERO: split_variance(fit, DPH_PER_DPS * zero),
         }
 
-    def about_axes(self, holds: Holds) -> list[Holds]:
-        """Holds about each axis."""
+    def about_axes(self, design: Design) -> list[Holds]:
+        """Holds about each axis, those that are measured too."""
+        holds = self.rows(design)
         return [holds.select(holds.axis == axis) for axis in self.axes]
 
     def temperatures(self, rows: Holds) -> list[Array]:
-        """Of the runs about each axis."""
-        return [holds.degc for holds in self.about_axes(rows)]
-
-    def results_of(
-        self, campaign: Sequence[Holds], degc: Array | None = None
-    ) -> dict[str, Sources]:
-        """Variances of each result, of the axis that is known worst."""
-        lines = [self.lines(holds, degc) for holds in campaign]
-        return {
-            name: max((line[name] for line in lines), key=mean_variance) for name in (SCALE, ZERO)
-        }
-
-    def variances(self, design: Design) -> dict[str, Sources]:
-        """Variances of each result."""
-        return self.results_of(self.about_axes(self.rows(design)))
+        """Of the holds about each axis."""
+        return [rows.degc[rows.axis == axis] for axis in self.axes]
 
     def coefficients(self, design: Design) -> Iterator[Coefficient]:
         """K and F0 of each gyro at the reference temperature."""
-        variances = self.results_of(
-            self.about_axes(self.rows(design)), np.array([self.reference_degc])
-        )
+        (holds,) = self.about_axes(design)
+        line = self.line(holds, np.array([self.reference_degc]))
         for gyro, (letter, name) in product(self.spec.gyros, (("K", SCALE), ("F0", ZERO))):
-            u = float(np.sqrt(total_variance(variances[name]))[0])
+            u = float(np.sqrt(total_variance(line[name]))[0])
             yield Coefficient(f"gyro_{gyro}", letter, UNIT[name], u)
 
     def passed_on(self, campaign: Candidate) -> list[ErrorComponent]:
         """Errors that a recipe of these gyros can state."""
         known = self.spec.component_units
         return [one for one in super().passed_on(campaign) if (one.group, one.effect) in known]
-
-    def tours(self) -> list[Tour]:
-        """Temperatures of campaigns with the reference one; beside what is measured also those that
-        it lacks, or none but what was measured about other axes.
-        """
-        beside, span = bool(self.task.have), self.assumed.range_degc
-        tours = list_tours(self.order, span, some=beside, reference=self.reference_degc)
-        return [degc for degc in ((), *tours) if self.by_axis(degc)]
 
     def choices(self) -> list[tuple[int, ...]]:
         """Rates [°/s] up to the fastest, in even steps so that a bend of the response shows."""
@@ -232,55 +196,60 @@ class GyroBench(TourBench):
             for number in self.table.rates
         ]
 
+    def tours(self) -> list[Tour]:
+        """Temperatures of campaigns with the reference one; beside what is measured also those that
+        it lacks, or none but what was measured about other axes.
+        """
+        beside, span = bool(self.task.have), self.assumed.range_degc
+        tours = list_tours(self.order, span, some=beside, reference=self.reference_degc)
+        return [degc for degc in ((), *tours) if self.by_axis(degc)]
+
+    @cached_property
+    def measured(self) -> dict[str, list[float]]:
+        """Table axis → temperatures [°C] of the runs about it that are measured."""
+        if self.have is None:
+            return {axis: [] for axis in self.axes}
+        holds = zip(self.axes, self.about_axes(NOTHING), strict=True)
+        return {axis: list(own.rows.temp_degc) for axis, own in holds}
+
     def by_axis(self, degc: Tour) -> dict[str, Tour]:
         """Table axis → temperatures of its runs: those that were measured about other axes but not
         about this one, and those of a design.
         """
-        tours = {axis: (*self.lacking(axis, degc), *degc) for axis in self.axes}
+        tours, others = {}, sorted(chain(*self.measured.values()))
+        for axis in self.axes:
+            there, lacking = [*self.measured[axis], *degc], list[int]()
+            for other in others:
+                if all(abs(other - known) > ONE_LEVEL_DEGC for known in (*there, *lacking)):
+                    lacking.append(round(other))
+            tours[axis] = (*lacking, *degc)
         return {axis: tour for axis, tour in tours.items() if tour}
-
-    def lacking(self, axis: str, planned: Tour) -> list[int]:
-        """Temperatures [°C] that were measured about other axes, but not about this one, and are
-        not planned.
-        """
-        there, lacking = [*self.measured(axis), *planned], list[int]()
-        for degc in sorted(self.measured(*self.axes)):
-            if all(abs(degc - other) > ONE_LEVEL_DEGC for other in (*there, *lacking)):
-                lacking.append(round(degc))
-        return lacking
-
-    def measured(self, *axes: str) -> list[float]:
-        """Temperatures [°C] of the runs that are measured about some axes."""
-        if self.have is None:
-            return []
-        return [t for axis in axes for t in self.have.select(self.have.axis == axis).rows.temp_degc]
 
     def design(self, degc: Tour, choice: tuple[int, ...], dwell_s: float) -> Design:
         """Runs at temperatures in their order, about each axis: rates one way, then the other."""
         tours, clock = self.by_axis(degc), Clock(self.task.equipment)
         signed = [float(sign * rate) for sign in (1, -1) for rate in choice]
-        stems = {axis: self.task.name_log(f"about_{axis}" if axis else "run") for axis in tours}
-        axis_of: dict[str, str] = {}
+        axis_of, files = dict[str, str](), dict[str, str]()
         for number, (axis, tour) in enumerate(tours.items()):
-            if number:
+            if number > 0:
                 clock.remount(self.task.equipment.fastest(self.assumed.device))
-            runs = [
-                (level, f"{stems[axis]}_{k + 1:02d}_{level}.csv") for k, level in enumerate(tour)
-            ]
+            stem = self.task.name_log(f"about_{axis}" if axis else "run")
+            files[axis] = f"{stem}_*.csv"
+            runs = [(level, f"{stem}_{k + 1:02d}_{level}.csv") for k, level in enumerate(tour)]
             if not self.task.withheld and number < self.withheld:
-                known = sorted({*tour, *map(round, self.measured(axis))})
+                known = sorted({*tour, *map(round, self.measured[axis])})
                 between = round((known[0] + known[1]) / 2.0) if len(known) > 1 else known[0]
-                runs.insert(1, (between, f"{WITHHELD}{stems[axis]}_{between}.csv"))
+                runs.insert(1, (between, f"{WITHHELD}{stem}_{between}.csv"))
             for level, log in runs:
                 axis_of[log] = axis
                 clock.settle(self.assumed.device, level)
-                clock.move(START_S)
+                clock.now_s += START_S
                 for before, rate in zip((0.0, *signed), signed, strict=False):
-                    clock.move(abs(rate - before) / self.table.acceleration_dps2)
+                    clock.now_s += abs(rate - before) / self.table.acceleration_dps2
                     turn_s = SPARE * REVOLUTION_DEG / abs(rate)
-                    clock.rate(rate, max(dwell_s, SETTLE_S + turn_s), log)
-        files = {axis: f"{stem}_*.csv" for axis, stem in stems.items()}
-        levels = count(len({level for tour in tours.values() for level in tour}), "temperature")
+                    hold_s = max(dwell_s, SETTLE_S + turn_s)
+                    clock.add("rate", hold_s, log, table_rate_dps=rate)
+        levels = count(len({*chain(*tours.values())}), "temperature")
         about = f", about {len(tours)} {'axis' if len(tours) == 1 else 'axes'}"
         label = (
             f"{len(choice)} rates both ways, {count(sum(map(len, tours.values())), 'run')} at"
@@ -301,23 +270,27 @@ class TriadBench(GyroBench):
 
     names, axes = (SCALE, ANGLE), forms.AXES
 
-    def results_of(
-        self, campaign: Sequence[Holds], degc: Array | None = None
-    ) -> dict[str, Sources]:
+    def results_of(self, lines: Sequence[Mapping[str, Sources]]) -> dict[str, Sources]:
         """Variances of the scale factor of the axis that is known worst, and of the angle between
         two gyros, which is what each shows about the axis of the other, where no scale factor
         matters.
         """
-        scales = sorted([self.lines(holds, degc)[SCALE] for holds in campaign], key=mean_variance)
-        angle = in_degrees(*scales[-2:], without=[RUN_SCALE])
+        scales = sorted(
+            (line[SCALE] for line in lines), key=lambda scale: float(total_variance(scale).mean())
+        )
+        angle = as_angle(*scales[-2:], without=[RUN_SCALE])
         mounted = np.full_like(total_variance(angle), 2.0 * self.assumed.size(*MOUNTING) ** 2)
         return {SCALE: scales[-1], ANGLE: angle | {"angle of the mounting": mounted}}
 
     def coefficients(self, design: Design) -> Iterator[Coefficient]:
         """Angles between the gyros at the reference temperature, those of its runs alone."""
-        near = [holds.nearest(self.reference_degc) for holds in self.about_axes(self.rows(design))]
-        at = np.array([self.reference_degc])
-        u = float(np.sqrt(total_variance(replace(self, order=0).results_of(near, at)[ANGLE]))[0])
+        at_one, lines = replace(self, order=0), []
+        for holds in self.about_axes(design):
+            nearest = holds.degc[np.argmin(np.abs(holds.degc - self.reference_degc))]
+            near = holds.select(np.abs(holds.degc - nearest) <= ONE_LEVEL_DEGC)
+            near = replace(near, degc=np.full(near.run.size, nearest))
+            lines.append(at_one.line(near, np.array([self.reference_degc])))
+        u = float(np.sqrt(total_variance(self.results_of(lines)[ANGLE]))[0])
         for a, b in combinations(self.spec.gyros, 2):
             yield Coefficient("triad", f"orthogonality_error_deg.{a}_{b}", "deg", u)
 
@@ -335,22 +308,18 @@ class PairBench(GyroBench):
     names, axes = (RATIO, ANGLE), ("a", "b")
     withheld = 1
 
-    def results_of(
-        self,
-        campaign: Sequence[Holds],
-        degc: Array | None = None,  # noqa: ARG002 (as over a range)
-    ) -> dict[str, Sources]:
+    def results_of(self, lines: Sequence[Mapping[str, Sources]]) -> dict[str, Sources]:
         """Variances of N, and of the angle that B shows about A's axis, where it turns little and
         neither scale factor nor response matters.
         """
-        at = np.array([self.reference_degc])
-        a, b = (self.lines(holds, at)[SCALE] for holds in campaign)
+        a, b = (line[SCALE] for line in lines)
+        one = np.ones_like(total_variance(a))
         apart = np.sqrt(2.0) * self.assumed.size(*TEMPERATURE) * scale_per_degc(self.spec) * PPM
-        mounted = np.array([self.assumed.size(*MOUNTING) ** 2])
+        angle = as_angle(a, without=[RUN_SCALE, RESPONSE])
+        mounted = {"angle of the mounting": self.assumed.size(*MOUNTING) ** 2 * one}
         return {
-            RATIO: add_variances(a, b) | {"temperature of the run": np.array([apart**2])},
-            ANGLE: in_degrees(a, without=[RUN_SCALE, RESPONSE])
-            | {"angle of the mounting": mounted},
+            RATIO: add_variances(a, b) | {"temperature of the run": apart**2 * one},
+            ANGLE: angle | mounted,
         }
 
     def coefficients(self, design: Design) -> Iterator[Coefficient]:
@@ -377,11 +346,6 @@ BENCHES = {"rate_table": GyroBench, "gyro_triad": TriadBench, "gyro_pair": PairB
 """Procedure → its campaigns."""
 
 
-def mean_variance(sources: Sources) -> float:
-    """Mean variance."""
-    return float(np.mean(total_variance(sources)))
-
-
 def add_variances(*parts: Sources) -> Sources:
     """Variances of a sum of independent parts."""
     none = np.zeros_like(total_variance(parts[0]))
@@ -389,7 +353,7 @@ def add_variances(*parts: Sources) -> Sources:
     return {name: np.sum([part.get(name, none) for part in parts], axis=0) for name in names}
 
 
-def in_degrees(*scales: Sources, without: Sequence[tuple[str, str]]) -> Sources:
+def as_angle(*scales: Sources, without: Sequence[tuple[str, str]]) -> Sources:
     """Variances [°²] of what gyros show about an axis across their own, from those of scale factors
     [ppm²], beside the errors that matter along the own axis alone.
     """
@@ -471,7 +435,7 @@ def measure_runs(spec: Spec, task: Task, assumed: Assumed) -> Holds | None:
         one_run, axes = np.zeros(noise.size, dtype=np.int64), np.full(noise.size, axis)
         rate_dps, degc = plateaus.rate_dps, plateaus.temp_degc
         parts.append(Holds(axes, rate_dps, one_run, degc, plateaus.hours, noise))
-    have: Holds = join(*parts)
+    have: Holds = join(parts)
     for axis in np.unique(have.axis):
         rates = have.rate_dps[have.axis == axis]
         if not line_terms.turns_both_ways(rates):

@@ -2,39 +2,29 @@
 position.
 """
 
-from __future__ import annotations
-
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import product
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.arrays import Array, Mask
 from calibkit.errors import FitError
 from calibkit.fit.complex_step import derivative
 from calibkit.fit.shared import Prior
 from calibkit.fit.solve import Fit, predict
-from calibkit.forms import power_unit
-from calibkit.instruments.inclinometer import (
-    mounting,
-    scale_fit,
-    simulate as simulated,
-    stations,
-)
+from calibkit.instruments.inclinometer import mounting, scale_fit, simulate as simulated, stations
 from calibkit.instruments.inclinometer.forms import FILE
 from calibkit.instruments.inclinometer.published import Components
+from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.root_choice import estimate_roots
 from calibkit.instruments.inclinometer.rows import Rows
 from calibkit.instruments.inclinometer.scale_fit import Roots
 from calibkit.numeric import earth
-from calibkit.numeric.exchange import Pool
-from calibkit.planning.levels import (
-    LEVELS,
-    Tour,
-    raw_uncertainties,
-)
-from calibkit.planning.schedule import Clock
+from calibkit.planning.exchange import Pool
+from calibkit.planning.levels import LEVELS, Tour
+from calibkit.planning.schedule import Clock, Schedule
 from calibkit.planning.search import (
     WITHHELD,
     Candidate,
@@ -45,17 +35,9 @@ from calibkit.planning.search import (
     count,
     split_variance,
 )
-from calibkit.planning.task import assume, read_earlier, seen_errors
+from calibkit.planning.task import Assumed, Task, assume, read_earlier, seen_errors
+from calibkit.recipe.tables import ErrorComponent
 from calibkit.simulate.campaign import Campaign
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from calibkit.arrays import Array, Mask
-    from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
-    from calibkit.planning.schedule import Schedule
-    from calibkit.planning.task import Assumed, Task
-    from calibkit.recipe.tables import ErrorComponent
 
 RANGE_DEGC = (20.0, 120.0)
 FIXTURE = "north"
@@ -93,26 +75,25 @@ class StationBench(TourBench):
 
     @cached_property
     def known(self) -> dict[float, tuple[Array, Array]]:
-        """Time in a position [s] → standard uncertainty of the root at each place without scatter,
-        infinite where a fit would not use it, and its derivative by a turn [1/°].
+        """Time in a position [s] → `judge_roots` of s = 1 at each place, u infinite where a fit
+        would use its root by the history of s alone.
         """
-        return {dwell_s: self.plan_roots(dwell_s) for dwell_s in self.assumed.device.dwell_s}
-
-    def plan_roots(self, dwell_s: float) -> tuple[Array, Array]:
-        """`judge_roots` of s = 1 at each place, u infinite where a fit needs a history of s."""
-        assumed, (tilt, azimuth) = self.assumed, self.places.T
+        tilt, azimuth = self.places.T
         attitudes = simulated.Attitudes(tilt, np.zeros_like(tilt), azimuth)
         gravity = simulated.rotated(attitudes, np.array([0.0, 0.0, 1.0]))
         north_east_down = earth.north_east_down(self.spec.site.latitude_deg)
         rate_dph = simulated.rotated(attitudes, north_east_down)
-        # half differences of two positions; the bias walks over both steps between them
-        gyro = (assumed.noise_of(dwell_s) ** 2 + assumed.size(*WALK) ** 2) / 2.0
-        accel = assumed.size(*ACCEL) ** 2 / 2.0
-        covariance = np.tile(np.diag([accel, accel, gyro, gyro]), (len(gravity), 1, 1))
         (accel_x, accel_y, _), (gyro_x, gyro_y, _) = gravity.T, rate_dph.T
-        parts = Components(accel_x, accel_y, gyro_x, gyro_y, covariance)
-        u, by_turn, alone = self.judge_roots(parts)
-        return np.where(alone, u, np.inf), by_turn
+        known = {}
+        for dwell_s in self.assumed.device.dwell_s:
+            # half differences of two positions; the bias walks over both steps between them
+            gyro = (self.assumed.noise_of(dwell_s) ** 2 + self.assumed.size(*WALK) ** 2) / 2.0
+            accel = self.assumed.size(*ACCEL) ** 2 / 2.0
+            covariance = np.tile(np.diag([accel, accel, gyro, gyro]), (len(tilt), 1, 1))
+            parts = Components(accel_x, accel_y, gyro_x, gyro_y, covariance)
+            u, by_turn, alone = self.judge_roots(parts)
+            known[dwell_s] = np.where(alone, u, np.inf), by_turn
+        return known
 
     def judge_roots(
         self, parts: Components, refused: Sequence[str] = ()
@@ -157,13 +138,11 @@ class StationBench(TourBench):
         """Variance of s(T), and of the azimuth that it and a turn of the gyros, which the stations
         have to tell, leave.
         """
-        roots = self.rows(design)
-        used = self.assumed.mapped(np.linspace(*self.assumed.range_degc, LEVELS))
-        latitude, tilt, azimuth = np.radians([self.spec.site.latitude_deg, *USED_DEG])
-        by_scale = float(np.degrees(np.tan(latitude) * np.tan(tilt) * np.sin(azimuth)))
-        by_s = derivative(lambda p: scale_fit.scale(p, used), np.eye(self.order + 2)[0])
-        by_turn = np.eye(self.order + 2)[-1]
-        of_azimuth = split_variance(self.fit(roots, turn_known=False), by_scale * by_s + by_turn)
+        roots, known = self.rows(design), np.eye(self.order + 2)
+        x = self.assumed.mapped(np.linspace(*self.assumed.range_degc, LEVELS))
+        by_s = derivative(lambda p: scale_fit.scale(p, x), known[0])
+        slopes = azimuth_slope(self.spec.site.latitude_deg) * by_s + known[-1]
+        of_azimuth = split_variance(self.fit(roots, turn_known=False), slopes)
         mounted = {OF_TURN: np.full(LEVELS, self.assumed.size(*TURN) ** 2)}
         of_scale = split_variance(self.fit(roots), PPM * by_s, [OF_TURN])
         return {"azimuth": of_azimuth | mounted, "scale factor": of_scale}
@@ -171,9 +150,8 @@ class StationBench(TourBench):
     def coefficients(self, design: Design) -> Iterator[Coefficient]:
         """Of s(T) in powers of °C."""
         covariance = self.fit(self.rows(design)).covariance[:-1, :-1]
-        u = raw_uncertainties(covariance, self.assumed.range_degc)
-        for axis, (k, size) in product(self.spec.axes, enumerate(u)):
-            yield Coefficient(axis, f"s{k}", power_unit("1", "degC", k), size)
+        for axis in self.spec.axes:
+            yield from self.powers_of_degc(axis, "s", "1", covariance, self.order + 1)
 
     def passed_on(self, campaign: Candidate) -> list[ErrorComponent]:
         """A single log shows no difference between logs."""
@@ -220,8 +198,7 @@ class StationBench(TourBench):
         rows /= np.hypot(u[able], self.assumed.size(*SCATTER))[:, None]
         parts = rows[:, :, None] * rows[:, None, :]
         turn = self.assumed.size(*TURN) or 1.0
-        latitude, tilt, _ = np.radians([self.spec.site.latitude_deg, *USED_DEG])
-        of_azimuth = np.array([np.degrees(np.tan(latitude) * np.tan(tilt)), 1.0])
+        of_azimuth = np.array([azimuth_slope(self.spec.site.latitude_deg), 1.0])
         for prior, wanted in ((turn**-2.0, np.array([1.0, 0.0])), (1e-6, of_azimuth)):
             pool = Pool(np.diag([1e-6, prior]), parts, np.outer(wanted, wanted))
             for number in STATIONS:
@@ -230,8 +207,16 @@ class StationBench(TourBench):
                     yield able[chosen].tolist()
 
 
+def azimuth_slope(latitude_deg: float) -> float:
+    """Derivative of the azimuth by s where it is judged [°]: tan(lat) tan(tilt) sin(azimuth)."""
+    latitude, tilt, azimuth = np.radians([latitude_deg, *USED_DEG])
+    return float(np.degrees(np.tan(latitude) * np.tan(tilt) * np.sin(azimuth)))
+
+
 def prepare_plan(spec: InclinometerRecipe, task: Task) -> StationBench:
-    """What the search needs; UsageError for what cannot be planned."""
+    """What the search needs, measured stations of the sensor pair that tells less; UsageError for
+    what cannot be planned, FitError for measured stations without temperatures.
+    """
     device = task.equipment.known_device(spec.procedure, "deg/h")
     earlier = seen_errors(read_earlier(task, spec.procedure, FILE))
     assumed = assume(spec, task, device, UNITS, default_degc=RANGE_DEGC, earlier=earlier)
@@ -239,29 +224,24 @@ def prepare_plan(spec: InclinometerRecipe, task: Task) -> StationBench:
     step = task.equipment.fixture(FIXTURE).step_deg
     places = [*product(np.arange(step, 90.0, step), np.arange(0.0, 360.0, step))]
     bench = StationBench(spec, task, assumed, RESULTS, None, order, np.array(places))
-    return replace(bench, have=_measure(bench)) if task.have else bench
-
-
-def _measure(bench: StationBench) -> Roots:
-    """Roots of the stations of measured logs, of the sensor pair that tells less; FitError where no
-    temperature is logged.
-    """
-    spec, logs = bench.spec, bench.task.have
-    admitted, _ = stations.admit_logs(list(logs), spec)
+    if not task.have:
+        return bench
+    admitted, _ = stations.admit_logs(list(task.have), spec)
     seen = stations.solve_components(Rows.gather(admitted, spec.on_site()), spec)
     if not np.isfinite(seen.temperature).all():
         raise FitError(
-            f"{logs[0].file}: no case temperature, expected one to plan what is missing",
+            f"{task.have[0].file}: no case temperature, expected one to plan what is missing",
             hint="map it under [columns.temp_case_degc], or plan without --have",
         )
     pairs = []
     for axis in spec.axes:
         u, by_turn, _ = bench.judge_roots(seen.components[axis], seen.status[axis])
         used = np.isfinite(u)
-        x = bench.assumed.mapped(seen.temperature[used])
+        x = assumed.mapped(seen.temperature[used])
         pairs.append(Roots(np.ones(len(x)), u[used], x, by_turn[used], seen.log[used]))
-    scatter = bench.assumed.size(*SCATTER)
-    return min(pairs, key=lambda one: float(np.sum(1.0 / (one.u**2 + scatter**2))))
+    scatter = assumed.size(*SCATTER)
+    told = [float(np.sum(1.0 / (roots.u**2 + scatter**2))) for roots in pairs]
+    return replace(bench, have=pairs[int(np.argmin(told))])
 
 
 def simulate_plan(

@@ -1,0 +1,156 @@
+"""Which attitudes or stations tell most: optimal design of experiments by coordinate exchange
+(Fedorov 1972; Meyer & Nachtsheim 1995).
+
+    y = J p + Z b + e,   b ~ N(0, size²),   e ~ N(0, σ²)        one row of J and Z an observation
+    M = Rᵀ R + diag(0, I),   R = [J, Z size] / σ                 information of p and of b/size
+
+A design takes candidates, each of which adds its own information to M: shared errors are parameters
+with priors, so that the inverse of M holds the covariance of generalised least squares. Every entry
+of the design is exchanged for the candidate that lowers the criterion most, until no exchange
+lowers it, from several starts.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibkit.arrays import Array, Integers
+from calibkit.fit.shared import Shared
+
+TRIED = 3
+"""Best candidates of an entry, by the derivative of the criterion, that are tried."""
+GAIN = 1e-9
+"""Relative decrease of a criterion that is no rounding."""
+SMALL = 30
+"""Entries of as many starts of a small design as count for one: where few entries can be exchanged,
+more starts end away from the best.
+"""
+PASSES = 20
+RESTARTS = 3
+"""Starts of a search."""
+RIDGE = 1e-9
+"""Information, relative to that of a candidate, that lets a start be worse than determined."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pool:
+    """Candidates of which a design takes some."""
+
+    base: Array
+    """Information [q, q] that every design has: priors, and what is measured already."""
+    parts: Array
+    """Information [c, q, q] that each candidate adds."""
+    target: Array | None = None
+    """[q, q]: the criterion is tr(M⁻¹ target), the mean variance of what is wanted (I-optimal);
+    None: det(M)^(−1/q) (D-optimal).
+    """
+    most: int = 1
+    """How often a candidate may be taken."""
+
+    def criterion(self, chosen: Sequence[int] | Integers) -> float:
+        """Criterion of a design; infinite where it does not determine what is wanted."""
+        return self._criterion_of(self.base + self.parts[np.asarray(chosen)].sum(axis=0))
+
+    def _criterion_of(self, M: Array) -> float:
+        if not (np.diag(M) > 0.0).all():
+            return np.inf
+        if self.target is None:
+            sign, logarithm = np.linalg.slogdet(M)
+            return float(np.exp(-logarithm / len(M))) if sign > 0 else np.inf
+        try:
+            variance = float(np.sum(invert(M) * self.target))
+        except np.linalg.LinAlgError:
+            return np.inf
+        return variance if variance > 0.0 else np.inf
+
+    def exchange(self, chosen: Sequence[int]) -> tuple[list[int], float]:
+        """Design after exchanges, and its criterion."""
+        design, best = list(chosen), self.criterion(chosen)
+        ridge = np.diag(RIDGE * self.parts.mean(axis=0).diagonal() + 1e-300)
+        for _ in range(PASSES):
+            before = best
+            for place in range(len(design)):
+                others = [*design[:place], *design[place + 1 :]]
+                M = self.base + self.parts[others].sum(axis=0)
+                # to first order a candidate lowers the criterion by tr(part · M⁻¹ target M⁻¹)
+                inverse = invert(M + ridge)
+                pull = inverse if self.target is None else inverse @ self.target @ inverse
+                lowers = np.einsum("cij,ij->c", self.parts, pull)
+                free = np.bincount(others, minlength=len(self.parts)) < self.most
+                ranked = np.argsort(np.where(free, -lowers, np.inf), kind="stable")
+                for candidate in ranked[: min(TRIED, int(free.sum()))].tolist():
+                    criterion = self._criterion_of(M + self.parts[candidate])
+                    if criterion < best * (1.0 - GAIN):
+                        design[place], best = candidate, criterion
+            if not best < before * (1.0 - GAIN):
+                break
+        return design, best
+
+    def search(
+        self, count: int, rng: np.random.Generator, restarts: int = RESTARTS
+    ) -> tuple[list[int], float]:
+        """Best design of a number of candidates from several random starts, more of a small one,
+        and its criterion.
+        """
+        every = np.tile(np.arange(len(self.parts)), self.most)
+        starts = [
+            rng.choice(every, count, replace=False).tolist()
+            for _ in range(restarts * max(SMALL // count, 1))
+        ]
+        design, best = min(map(self.exchange, starts), key=lambda exchanged: exchanged[1])
+        return sorted(design), best
+
+
+def pool(
+    jacobian: Array,
+    shared: Sequence[Shared],
+    single: Sequence[Shared],
+    noise: Array,
+    candidate: Integers,
+    slopes: Array,
+) -> Pool:
+    """Candidates, each of the same number of rows; the search makes the mean variance of m
+    combinations of the parameters small (I-optimality).
+
+    Parameters
+    ----------
+    jacobian : [n, p].
+    shared, single : errors that candidates share, and that each has of its own, with their sizes.
+    noise : [n].
+    candidate : [n], number of the candidate of each row.
+    slopes : [m, p].
+
+    """
+    p, every = jacobian.shape[1], np.arange(len(noise))
+    columns = [error.design(every) * (error.size or 0.0) for error in shared]
+    R = np.hstack([jacobian, *columns]) / noise[:, None]
+    order, count = np.argsort(candidate, kind="stable"), int(candidate.max()) + 1
+    parts = R[order].reshape(count, -1, R.shape[1])
+    single_loadings = [error.loading * (error.size or 0.0) / noise[:, None] for error in single]
+    z = np.hstack([np.zeros((len(R), 0)), *single_loadings])[order].reshape(*parts.shape[:2], -1)
+    # (I + z zᵀ)⁻¹ = I - z (I + zᵀ z)⁻¹ zᵀ
+    across = np.einsum("crk,crq->ckq", z, parts)
+    inner = np.einsum("crk,crl->ckl", z, z) + np.eye(z.shape[2])
+    each = np.einsum("crq,crs->cqs", parts, parts)
+    each -= np.einsum("ckq,ckl,cls->cqs", across, np.linalg.inv(inner), across)
+    start = np.diag(np.arange(R.shape[1]) >= p).astype(np.float64)
+    target = np.zeros_like(start)
+    target[:p, :p] = slopes.T @ slopes / len(slopes)
+    return Pool(start, each, target)
+
+
+def spread_apart(directions: Array, taken: Sequence[int], count: int) -> list[int]:
+    """Directions [count] of unit vectors [c, 3] that lie farthest from those that are taken."""
+    chosen, near = [], (directions @ directions[list(taken)].T).max(axis=1)
+    for _ in range(min(count, len(directions) - len(taken))):
+        chosen.append(int(np.argmin(np.round(near, 9))))
+        near = np.maximum(near, directions @ directions[chosen[-1]])
+    return chosen
+
+
+def invert(M: Array) -> Array:
+    """Inverse [..., q, q] of information matrices whose columns differ in size."""
+    size = np.sqrt(np.diagonal(M, axis1=-2, axis2=-1))
+    outer = size[..., :, None] * size[..., None, :]
+    return np.asarray(np.linalg.inv(M / outer) / outer, dtype=np.float64)
