@@ -105,8 +105,11 @@ def list_time_errors(stage: str, model: Model) -> tuple[Sensitivity, ...]:
     in proportion to the logged time. None of a model whose lags are given.
     """
     timed = {"s_rate", "s_temp_rate", "s_grad_rate", *LAGS}
-    found = {c.name: c.value for c in model.coefficients if c.name in timed and c.value}
-    named = {f"{stage}.{model.name}.{name}": value for name, value in found.items()}
+    named = {
+        f"{stage}.{model.name}.{coefficient.name}": coefficient.value
+        for coefficient in model.coefficients
+        if coefficient.name in timed and coefficient.value
+    }
     return (Sensitivity("time_s", "scale", named),) if named else ()
 
 
@@ -210,15 +213,15 @@ def compare_means(
     if count < 2:
         return {}, np.zeros(0), np.zeros(0)
     (flicker,) = Flicker(count, [0]).about_level(0, count)
-    own = noise.white_variance / group + noise.flicker**2 * flicker
+    of_noise = noise.white_variance / group + noise.flicker**2 * flicker
     limit, near = (
-        np.sqrt(chunks.block_means(stated.expanded, group) ** 2 + 4.0 * own)
+        np.sqrt(chunks.block_means(stated.expanded, group) ** 2 + 4.0 * of_noise)
         for stated in (along, about_mean)
     )
     means = chunks.block_means(left, group)
     error = means - means.mean()
     # the error of the drift is taken as one pattern along the log
-    judged = unseen(error, chunks.block_means(along.standard, group)[:, None], own)
+    judged = unseen(error, chunks.block_means(along.standard, group)[:, None], of_noise)
     compared = {
         "means_of_100_s": count,
         "share_within_expanded_uncertainty": float(np.mean(np.abs(error) <= near)),

@@ -236,7 +236,7 @@ def test_the_default_depth_is_an_eighth_of_the_length_at_most_and_fits():
 @pytest.mark.parametrize(
     ("keywords", "message"),
     [
-        ({"threshold": "univers"}, "unknown threshold 'univers'; did you mean universal"),
+        ({"threshold": "univers"}, "unknown threshold 'univers'; did you mean 'universal'"),
         ({"rule": "gentle"}, "unknown shrinkage rule 'gentle'; use one of soft, hard"),
         ({"wavelet": "cdf79"}, "unknown wavelet 'cdf79'"),
         ({"extension": "mirror"}, "unknown extension 'mirror'"),

@@ -145,8 +145,8 @@ def left_out_rates(
             polynomial = published.fit_over_rates(others, order, side)
             for i in left_out:
                 errors[i] = compensated(polynomial, logs[i])
-        whole = published.fit_over_rates(ramps, order, side)
-        fitted = np.array([np.std(compensated(whole, log)) for log in logs])
+        all_rates = published.fit_over_rates(ramps, order, side)
+        fitted = np.array([np.std(compensated(all_rates, log)) for log in logs])
         left = np.array([np.std(error) for error in errors])
         tested.append(LeftOutRates(raw, left, tuple(errors), order, fitted))
     return tested

@@ -18,10 +18,7 @@ from calibkit.instruments.fog_thermal.simulate_gyro import (
 from calibkit.numeric.dispersion import rms
 from calibkit.simulate import noise
 from calibkit.simulate.campaign import Campaign
-from calibkit.simulate.chamber import (
-    Chamber,
-    Programme,
-)
+from calibkit.simulate.chamber import Chamber, Programme
 
 TRUTH_EVERY = 60
 """Samples between two rows of true values."""
@@ -41,39 +38,31 @@ class SimulatedLog:
     turn_on_dph: float
 
 
-def _indication(
-    device: FogGyro, drift_dph: Array, turn_on_dph: float, rng: np.random.Generator
-) -> Array:
-    """Indication [n, °/h] at 1 Hz in whole pulses: earth's rate, bias, drift [n, °/h] and noise."""
-    count = len(drift_dph)
-    random = (
-        noise.angle_random_walk(device.N, count, rng)
-        + noise.flicker(device.B, count, rng)
-        + noise.rate_random_walk(device.K, count, rng)
-    )
-    return noise.pulses(
-        device.input_rate_dph + device.bias_dph + turn_on_dph + drift_dph + random,
-        device.resolution_dph,
-    )
-
-
 def _log(
     device: FogGyro, chamber: Chamber, programme: Programme, rng: np.random.Generator
 ) -> SimulatedLog:
-    """Simulate a log at 1 Hz of a gyro in a chamber programme; both start at rest."""
+    """Simulate a log at 1 Hz of a gyro in a chamber programme; both start at rest. The indication
+    in whole pulses is earth's rate, bias, turn-on bias, drift and noise.
+    """
     time, set_degc = programme.set_points()
     air_degc = chamber.air(set_degc, rng)
     heat = device.heat_flow(air_degc, float(set_degc[0]))
-    drift_dph = device.drift(heat)
-    turn_on_dph = rng.normal(0.0, 1.0) * device.turn_on_dph
+    drift_dph, turn_on_dph = device.drift(heat), rng.normal(0.0, 1.0) * device.turn_on_dph
+    # drawn in this order, so that a seed gives the same log
     columns: dict[str, NDArray[Any]] = {
         "time_s": time.astype(np.int64),
         "temp_case_degc": noise.reading(
             heat.case, device.case_resolution_degc, device.case_noise_degc, rng
         ),
         "temp_env_degc": chamber.air_reading(air_degc, rng),
-        "gyro_dph": _indication(device, drift_dph, turn_on_dph, rng),
     }
+    random = (
+        noise.angle_random_walk(device.N, time.size, rng)
+        + noise.flicker(device.B, time.size, rng)
+        + noise.rate_random_walk(device.K, time.size, rng)
+    )
+    steady_dph = device.input_rate_dph + device.bias_dph + turn_on_dph
+    columns["gyro_dph"] = noise.pulses(steady_dph + drift_dph + random, device.resolution_dph)
     return SimulatedLog(columns, air_degc, heat, drift_dph, turn_on_dph)
 
 
@@ -88,20 +77,19 @@ def programmes(
     """Programmes by file name: a heating and a cooling ramp for each rate [°C/min], and with
     `steps` staircases of 1 °C in both directions.
     """
-    ends = {"heating": (COLD_DEGC, HOT_DEGC), "cooling": (HOT_DEGC, COLD_DEGC)}
-    ramps = {
-        f"{folder}ramp_{sense}_{rate:02g}.csv": Programme.ramp(
-            *between, rate, soak_before_s=soak_before_s, soak_after_s=soak_after_s
-        )
-        for folder, members in (("", rates), ("withheld/", withheld))
-        for sense, between in ends.items()
-        for rate in members
-    }
-    return ramps | (
-        {f"steps_{sense}.csv": Programme.staircase(*between) for sense, between in ends.items()}
-        if steps
-        else {}
-    )
+    runs = {}
+    for sense, ends in {
+        "heating": (COLD_DEGC, HOT_DEGC),
+        "cooling": (HOT_DEGC, COLD_DEGC),
+    }.items():
+        for folder, members in (("", rates), ("withheld/", withheld)):
+            for rate in members:
+                runs[f"{folder}ramp_{sense}_{rate:02g}.csv"] = Programme.ramp(
+                    *ends, rate, soak_before_s=soak_before_s, soak_after_s=soak_after_s
+                )
+        if steps:
+            runs[f"steps_{sense}.csv"] = Programme.staircase(*ends)
+    return runs
 
 
 def logs(
@@ -143,23 +131,44 @@ def campaign(
     hysteresis_scale : multiplies the hysteresis alone.
     case_resolution_degc : of the case thermometer [°C].
     """
-    device = FogGyro.draw(seed).scale_drift(
-        drift_scale=drift_scale, hysteresis_scale=hysteresis_scale
+    device = replace(
+        FogGyro.draw(seed).scale_drift(drift_scale=drift_scale, hysteresis_scale=hysteresis_scale),
+        case_resolution_degc=case_resolution_degc,
     )
-    device = replace(device, case_resolution_degc=case_resolution_degc)
     chamber, runs = Chamber(), programmes(rates, withheld, steps=steps)
-    made = logs(device, runs, seed, chamber)
-    truth = describe(device, chamber, runs, made) | {"seed": seed}
-    return Campaign({name: made[name].columns for name in made}, DECIMALS, truth)
+    simulated = logs(device, runs, seed, chamber)
+    truth = describe(device, chamber, runs, simulated) | {"seed": seed}
+    return Campaign({name: log.columns for name, log in simulated.items()}, DECIMALS, truth)
 
 
 def describe(
     device: FogGyro,
     chamber: Chamber,
     runs: Mapping[str, Programme],
-    made: Mapping[str, SimulatedLog],
+    simulated: Mapping[str, SimulatedLog],
 ) -> dict[str, object]:
-    """Truth of a campaign, but for its seed."""
+    """Truth of a campaign, but for its seed; of each log a row every 60 s."""
+    logs = {}
+    for name, log in simulated.items():
+        programme, heat = runs[name], log.heat
+        series = {
+            "air_degc": (log.air, 3),
+            "case_degc": (heat.case, 3),
+            "coil_outer_degc": (heat.outer, 3),
+            "coil_inner_degc": (heat.inner, 3),
+            "drift_dph": (log.drift, 5),
+        }
+        logs[name] = {
+            "set_rate_degc_per_min": programme.rate_degc_per_min,
+            "set_time_s": programme.time_s,
+            "set_degc": programme.set_degc,
+            "turn_on_dph": log.turn_on_dph,
+            "drift_rms_dph": rms(log.drift),
+            "drift_peak_to_peak_dph": float(np.ptp(log.drift)),
+            "time_s": log.columns["time_s"][::TRUTH_EVERY].tolist(),
+        }
+        for column, (values, digits) in series.items():
+            logs[name][column] = np.round(values[::TRUTH_EVERY], digits).tolist()
     return {
         "procedure": "fog_thermal",
         "gyro": asdict(device),
@@ -168,31 +177,7 @@ def describe(
             "bias less the bias of a coil in equilibrium at 25 degC before any hysteresis; turn-on"
             " bias, earth rate and noise are not drift"
         ),
-        "logs": {name: _truth_of(runs[name], made[name]) for name in made},
-    }
-
-
-def _truth_of(programme: Programme, simulated: SimulatedLog) -> dict[str, object]:
-    """True values of one log every 60 s, as a JSON object."""
-    heat = simulated.heat
-    series = {
-        "air_degc": (simulated.air, 3),
-        "case_degc": (heat.case, 3),
-        "coil_outer_degc": (heat.outer, 3),
-        "coil_inner_degc": (heat.inner, 3),
-        "drift_dph": (simulated.drift, 5),
-    }
-    return {
-        "set_rate_degc_per_min": programme.rate_degc_per_min,
-        "set_time_s": programme.time_s,
-        "set_degc": programme.set_degc,
-        "turn_on_dph": simulated.turn_on_dph,
-        "drift_rms_dph": rms(simulated.drift),
-        "drift_peak_to_peak_dph": float(np.ptp(simulated.drift)),
-        "time_s": simulated.columns["time_s"][::TRUTH_EVERY].tolist(),
-    } | {
-        name: np.round(values[::TRUTH_EVERY], digits).tolist()
-        for name, (values, digits) in series.items()
+        "logs": logs,
     }
 
 

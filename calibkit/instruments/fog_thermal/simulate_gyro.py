@@ -105,7 +105,9 @@ class FogGyro:
         before, middle, after = (
             padded[at : at - STEP or None : STEP].tolist() for at in (0, STEP // 2, STEP)
         )
-        start = _resting_case(self, rest_degc)
+        # the whole gyro in equilibrium with still air: the root of its heat balance
+        heating, growth = self.self_heating_degc, self.convection_per_degc
+        start = rest_degc + 2.0 * heating / (1.0 + math.sqrt(1.0 + 4.0 * growth * heating))
         nodes = [(start, start, start)]
         for supplied in zip(before, middle, after, strict=True):
             nodes.append(_runge_kutta(self, supplied, nodes[-1]))
@@ -238,14 +240,6 @@ def _flows(
         (to_outer - to_inner) / (coil - inside),
         to_inner / inside,
     )
-
-
-def _resting_case(device: FogGyro, air_degc: float) -> float:
-    """Temperature [°C] of the whole gyro in equilibrium with still air [°C]: the root of its heat
-    balance.
-    """
-    heating, growth = device.self_heating_degc, device.convection_per_degc
-    return air_degc + 2.0 * heating / (1.0 + math.sqrt(1.0 + 4.0 * growth * heating))
 
 
 def _runge_kutta(device: FogGyro, supplied: Triple, nodes: Triple) -> Triple:

@@ -9,7 +9,7 @@ import numpy as np
 
 from calibkit import check, units
 from calibkit.arrays import Array
-from calibkit.coefficients import Condition, Figure, StageResult
+from calibkit.coefficients import Figure
 from calibkit.errors import FitError
 from calibkit.frame import Finding, Log, Remark, values
 from calibkit.instruments.gyro_noise import forms
@@ -134,12 +134,12 @@ def _present(rate: Array, allocate: Callable[[int], Array]) -> Array:
     """Rates [m] of a rate [n] that are not missing."""
     if chunks.all_finite(rate):
         return rate
-    made, row = allocate(rate.size), 0
-    for a, b in chunks.ranges_along(rate, made):
+    present, row = allocate(rate.size), 0
+    for a, b in chunks.ranges_along(rate, present):
         part = rate[a:b][~np.isnan(rate[a:b])]
-        made[row : row + part.size] = part
+        present[row : row + part.size] = part
         row += part.size
-    return made[:row]
+    return present[:row]
 
 
 def find_faults(log: Log, recipe: GyroNoiseRecipe) -> list[Finding]:
@@ -151,14 +151,14 @@ def find_faults(log: Log, recipe: GyroNoiseRecipe) -> list[Finding]:
     ]
     if any(finding.refused for finding in early):
         return early
-    found = [*early, *check.find_unordered_times(log)]
+    findings = [*early, *check.find_unordered_times(log)]
     for column in spec.columns:
         rate = values(log.frame, column)
         low, high = chunks.extremes_of_present(rate)
         present = rate.size - chunks.count(rate, np.isnan)
         infinite = chunks.count(rate, np.isinf)
         if present < spec.min_rows or infinite:
-            found.append(
+            findings.append(
                 Finding(
                     f"{log.file}: column '{column}'",
                     f"{present} rates{', some infinite' if infinite else ''}",
@@ -167,21 +167,21 @@ def find_faults(log: Log, recipe: GyroNoiseRecipe) -> list[Finding]:
                 )
             )
         elif low == high:
-            found += check.find_constant_columns(log, [column])
+            findings += check.find_constant_columns(log, [column])
         else:
             of_gyro = find_sensor(column) is not ACCELEROMETER
             implausible = check.find_implausible_rates(log, column) if of_gyro else []
             if of_gyro:
-                found += implausible or check.magnitude.check_noise_unit(log, column)
+                findings += implausible or check.magnitude.check_noise_unit(log, column)
             if present == rate.size and not implausible:
                 # only without missing rates are the rows an even series
-                found += check.series.check_indication(log, column, units.column_unit(column))
+                findings += check.series.check_indication(log, column, units.column_unit(column))
     accelerations = [name for name in spec.columns if find_sensor(name) is ACCELEROMETER]
-    if accelerations and not any(finding.refused for finding in found):
-        found += check.magnitude.check_gravity_unit(log, accelerations)
-    if not any(finding.refused for finding in found):
-        found += check.magnitude.check_sampling_unit(log)
-    return [*found, *_steady(log)]
+    if accelerations and not any(finding.refused for finding in findings):
+        findings += check.magnitude.check_gravity_unit(log, accelerations)
+    if not any(finding.refused for finding in findings):
+        findings += check.magnitude.check_sampling_unit(log)
+    return [*findings, *_steady(log)]
 
 
 def _steady(log: Log) -> list[Finding]:
@@ -224,15 +224,15 @@ def _put_on_grid(log: Log, column: str, size: int) -> Array:
     """Indication of a log in the unit of its noise on an even grid [size], NaN where samples are
     missing.
     """
-    own, shown = units.column_unit(column), find_sensor(column).unit
+    logged, unit = units.column_unit(column), find_sensor(column).unit
     time, data, rate = values(log.frame, "time_s"), values(log.frame, column), log.allocate(size)
     place = 0
     for a, b in chunks.ranges_along(rate):
         rate[a:b] = np.nan
     for a, b in chunks.ranges_along(time, data, rate):
-        whole = np.round(np.diff(time[a : b + 1]) / log.steps.usual).astype(np.int64)
-        places = place + np.concatenate(([0], np.cumsum(whole)))
-        rate[places[: b - a]] = units.convert(data[a:b], own, shown)
+        steps = np.round(np.diff(time[a : b + 1]) / log.steps.usual).astype(np.int64)
+        places = place + np.concatenate(([0], np.cumsum(steps)))
+        rate[places[: b - a]] = units.convert(data[a:b], logged, unit)
         place = int(places[-1])
     return rate
 
@@ -261,28 +261,23 @@ def require_even_grid(log: Log) -> int:
     return steps
 
 
-def result(found: Sequence[NoiseFigures], flags: Sequence[str], probability: float) -> StageResult:
-    """gyro_noise.json: figures named quantity.log (or quantity.column.log); a term that is not
-    observable is a flag. The probability of the deviations' limits is a condition.
+def list_figures(noise: NoiseFigures) -> list[Figure]:
+    """Figures of one record for gyro_noise.json, named quantity.log (or quantity.column.log), the
+    mean first; none of a term that is not observable.
     """
-    figures = []
-    for one in found:
-        name, sensor = one.record.name, one.record.sensor
-        figures.append(Figure(forms.term_name(sensor.mean, name), one.mean, sensor.unit, 0.0))
-        for term in one.terms.terms:
-            called, u = forms.term_name(term.name, name), term.standard_uncertainty
-            figures.append(Figure(called, term.value, term.unit, u, term.dof))
-        for entry in one.stability:
-            called = forms.term_name(f"bias_stability_{entry.block_s:g}_s", name)
-            # n − 1 block means, were they independent and normal
-            u, dof = entry.standard_uncertainty, entry.blocks - 1.0
-            figures.append(Figure(called, entry.value, sensor.unit, u, dof))
-        for kind, curve in zip(forms.KINDS, (one.curve, one.wavelet), strict=True):
-            columns = (curve.tau_s, curve.deviation, curve.dof)
-            for tau, deviation, dof in zip(*map(np.ndarray.tolist, columns), strict=True):
-                called, u = forms.Deviation(kind, tau, name).name, deviation / np.sqrt(2.0 * dof)
-                figures.append(Figure(called, deviation, sensor.unit, float(u), dof))
-    conditions = (Condition(forms.PROBABILITY, probability, "1"),)
-    return StageResult(
-        "gyro_noise", figures=tuple(figures), flags=tuple(flags), conditions=conditions
-    )
+    name, sensor = noise.record.name, noise.record.sensor
+    figures = [Figure(forms.term_name(sensor.mean, name), noise.mean, sensor.unit, 0.0)]
+    for term in noise.terms.terms:
+        called, u = forms.term_name(term.name, name), term.standard_uncertainty
+        figures.append(Figure(called, term.value, term.unit, u, term.dof))
+    for entry in noise.stability:
+        called = forms.term_name(f"bias_stability_{entry.block_s:g}_s", name)
+        # n − 1 block means, were they independent and normal
+        u, dof = entry.standard_uncertainty, entry.blocks - 1.0
+        figures.append(Figure(called, entry.value, sensor.unit, u, dof))
+    for kind, curve in zip(forms.KINDS, (noise.curve, noise.wavelet), strict=True):
+        points = np.column_stack([curve.tau_s, curve.deviation, curve.dof]).tolist()
+        for tau, deviation, dof in points:
+            called, u = forms.Deviation(kind, tau, name).name, deviation / np.sqrt(2.0 * dof)
+            figures.append(Figure(called, deviation, sensor.unit, float(u), dof))
+    return figures

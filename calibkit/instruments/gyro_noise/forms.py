@@ -26,8 +26,8 @@ class Deviation(NamedTuple):
 
 def read_deviation(name: str) -> Deviation | None:
     """Deviation that a figure's name states; None for other figures."""
-    found = _DEVIATION.fullmatch(name)
-    return Deviation(found[1], float(found[2]), found[3]) if found else None
+    parts = _DEVIATION.fullmatch(name)
+    return Deviation(parts[1], float(parts[2]), parts[3]) if parts else None
 
 
 def term_name(term: str, record: str) -> str:

@@ -12,20 +12,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calibkit.check import copies
-from calibkit.coefficients import Input, Record, StageResult
+from calibkit.coefficients import Condition, Input, Record, StageResult
 from calibkit.constants import STANDARD_GRAVITY_MPS2
 from calibkit.errors import CalibkitError, FitError, UsageError
 from calibkit.frame import Examined, Finding, Log, refuse, values
 from calibkit.ingest import logs as ingest
 from calibkit.instruments import Fitted, Progress
-from calibkit.instruments.gyro_noise import deviations, tables
+from calibkit.instruments.gyro_noise import deviations, forms, tables
 from calibkit.instruments.gyro_noise.figures import NoiseReport
-from calibkit.instruments.gyro_noise.forms import read_deviation, read_term
 from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe
 from calibkit.instruments.gyro_noise.sensors import ACCELEROMETER, find_sensor
 from calibkit.left_out import LeftOut
 from calibkit.report.summary import Summary
-from calibkit.sensitivities import Kind, Sensitivity
+from calibkit.sensitivities import Sensitivity
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -52,6 +51,7 @@ slowly.
 
 Recipe = GyroNoiseRecipe
 FORMS = ()
+STAGE = "gyro_noise"
 KEY_FIGURES = (r"gyro_noise\.(?!allan_deviation|wavelet_deviation).+",)
 
 
@@ -62,26 +62,26 @@ def read(spec: GyroNoiseRecipe, data: Path, file: str, reader: Reader = ingest.r
 
 def faults(spec: GyroNoiseRecipe, log: Log) -> Examined:
     """Find what is wrong with one log."""
-    found = deviations.find_faults(log, spec)
-    if not any(finding.refused for finding in found):
+    findings = deviations.find_faults(log, spec)
+    if not any(finding.refused for finding in findings):
         try:
             deviations.require_even_grid(log)
         except FitError as error:
-            found.append(Finding.of(error))
-    return Examined(tuple(found))
+            findings.append(Finding.of(error))
+    return Examined(tuple(findings))
 
 
 def _figures(spec: GyroNoiseRecipe, log: Log) -> tuple[list[NoiseFigures], list[str]]:
     """Figures of every record in a log, and the flags of the log and of its records."""
-    found = deviations.find_faults(log, spec)
-    refuse(found)
+    findings = deviations.find_faults(log, spec)
+    refuse(findings)
     figures = [
         deviations.estimate_noise(record, rate, spec, log.allocate)
         for record, rate in deviations.read_records(log, spec.noise.columns)
     ]
     return figures, [
         *(f"{log.file}: {note}" for note in log.notes),
-        *(str(finding) for finding in found if finding.flagged),
+        *(str(finding) for finding in findings if finding.flagged),
         *(flag for one in figures for flag in one.flags),
     ]
 
@@ -105,32 +105,30 @@ def fit(
             for one in found
             if one.missing
         ]
-    result = deviations.result(figures, flags, spec.noise.probability)
+    scales: dict[str, dict[str, float]] = {}
+    offsets: dict[str, dict[str, float]] = {}
+    listed = []
+    for one in figures:
+        mean, *others = deviations.list_figures(one)
+        listed += [mean, *others]
+        # each is in proportion to the scale of the indication; only the mean feels an offset
+        by_scale = {f"{STAGE}.{figure.name}": figure.value for figure in (mean, *others)}
+        scales.setdefault(one.record.column, {}).update(by_scale)
+        offsets.setdefault(one.record.column, {})[f"{STAGE}.{mean.name}"] = 1.0
+    conditions = (Condition(forms.PROBABILITY, spec.noise.probability, "1"),)
+    result = StageResult(STAGE, figures=tuple(listed), flags=tuple(flags), conditions=conditions)
+    sensitivities = []
+    for column, by_scale in scales.items():
+        sensitivities.append(Sensitivity(column, "scale", by_scale))
+        sensitivities.append(Sensitivity(column, "offset", offsets[column]))
     return Fitted(
         (result,),
         tuple(inputs),
         _summarize(spec, spec.title, figures, flags),
         NoiseReport(tuple(figures)),
-        sensitivities=_proportional(result, figures),
+        sensitivities=tuple(sensitivities),
         left_out=tuple(gaps),
     )
-
-
-def _proportional(result: StageResult, figures: Sequence[NoiseFigures]) -> tuple[Sensitivity, ...]:
-    """Sensitivity of every figure of a record to the scale of its indication: exact, as each is in
-    proportion to it; the mean also to an offset.
-    """
-    column_of = {one.record.name: one.record.column for one in figures}
-    found: dict[tuple[str, Kind], dict[str, float]] = {}
-    for figure in result.figures:
-        point = read_deviation(figure.name)
-        column = column_of[read_term(figure.name)[1] if point is None else point.record]
-        key = f"{result.stage}.{figure.name}"
-        found.setdefault((column, "scale"), {})[key] = figure.value
-        offsets = found.setdefault((column, "offset"), {})
-        if figure.name.startswith("mean_"):
-            offsets[key] = 1.0
-    return tuple(Sensitivity(*of, derivatives) for of, derivatives in found.items())
 
 
 def _summarize(

@@ -17,53 +17,53 @@ from calibkit.report.summary import number
 from calibkit.report.table import Table
 
 
-def criteria(found: Sequence[NoiseFigures], limits: NoiseAcceptance) -> tuple[Criterion, ...]:
+def criteria(records: Sequence[NoiseFigures], limits: NoiseAcceptance) -> tuple[Criterion, ...]:
     """Limits tested on each record; of a term that is not observable, on its largest possible
     value.
     """
     tested = []
-    for one in found:
-        sensor = one.record.sensor
+    for noise in records:
+        sensor = noise.record.sensor
         stated = {name: getattr(limits, key) for name, key in sensor.limits.items()}
-        observed = {term.name: term.value for term in one.terms.terms}
+        observed = {term.name: term.value for term in noise.terms.terms}
         for law in sensor.laws:
             limit = stated.get(law.name)
             if limit is not None:
-                name = f"{law.name} of {one.record.name}"
+                name = f"{law.name} of {noise.record.name}"
                 value = observed.get(law.name)
                 if value is None:
                     name += " (not observable: at most)"
                     # no term is larger than the whole of σ² at any averaging time, its upper limit
-                    upper, tau = one.curve.upper, one.curve.tau_s
+                    upper, tau = noise.curve.upper, noise.curve.tau_s
                     value = float(np.min(law.scale * upper / tau ** (law.exponent / 2.0)))
                 tested.append(at_most(name, value, limit, law.unit))
         if limits.max_residual_over_noise is not None:
-            name = f"{one.record.name}: residual over noise"
-            tested.append(at_most(name, one.over_noise, limits.max_residual_over_noise, "1"))
+            name = f"{noise.record.name}: residual over noise"
+            tested.append(at_most(name, noise.over_noise, limits.max_residual_over_noise, "1"))
         if stated["bias_stability"] is not None:
             tested += [
                 at_most(
-                    f"bias stability over {entry.block_s:g} s of {one.record.name}",
+                    f"bias stability over {entry.block_s:g} s of {noise.record.name}",
                     entry.value,
                     stated["bias_stability"],
                     sensor.unit,
                 )
-                for entry in one.stability
+                for entry in noise.stability
             ]
     return tuple(tested)
 
 
-def tables(found: Sequence[NoiseFigures]) -> tuple[Table, ...]:
+def tables(records: Sequence[NoiseFigures]) -> tuple[Table, ...]:
     """Mean, noise terms and bias stability of every record, and the deviations over averaging
     time.
     """
     rows = []
-    for one in found:
-        name, sensor = one.record.name, one.record.sensor
-        rows.append((name, sensor.mean.replace("_", " "), number(one.mean, 6), "", sensor.unit))
+    for noise in records:
+        name, sensor = noise.record.name, noise.record.sensor
+        rows.append((name, sensor.mean.replace("_", " "), number(noise.mean, 6), "", sensor.unit))
         shown = {
             term.name: (number(term.value), number(term.standard_uncertainty, 2))
-            for term in one.terms.terms
+            for term in noise.terms.terms
         }
         for law in sensor.laws:
             cells = shown.get(law.name, ("not observable", ""))
@@ -76,7 +76,7 @@ def tables(found: Sequence[NoiseFigures]) -> tuple[Table, ...]:
                 number(s.standard_uncertainty, 2),
                 sensor.unit,
             )
-            for s in one.stability
+            for s in noise.stability
         ]
     return (
         Table(
@@ -85,13 +85,17 @@ def tables(found: Sequence[NoiseFigures]) -> tuple[Table, ...]:
             ("record", "figure", "value", "standard uncertainty", "unit"),
             tuple(rows),
         ),
-        *(_curve_table(one, curve) for one in found for curve in (one.curve, one.wavelet)),
+        *(
+            _curve_table(noise, curve)
+            for noise in records
+            for curve in (noise.curve, noise.wavelet)
+        ),
     )
 
 
-def summarize_noise(found: Sequence[NoiseFigures]) -> Overview:
+def summarize_noise(records: Sequence[NoiseFigures]) -> Overview:
     """First screen: the noise terms that each record shows, and how long it was."""
-    first, table = found[0], tables(found)[0]
+    first, table = records[0], tables(records)[0]
     terms = [
         KeyValue(
             f"{term.name.replace('_', ' ')} {term.symbol}",
@@ -118,7 +122,7 @@ def summarize_noise(found: Sequence[NoiseFigures]) -> Overview:
     return Overview(sentence, (), (*terms, *stable)[:4], determined)
 
 
-def _curve_table(one: NoiseFigures, curve: allan.DeviationCurve) -> Table:
+def _curve_table(noise: NoiseFigures, curve: allan.DeviationCurve) -> Table:
     """A deviation of one record over averaging time with confidence limits, and the exponent α of
     the noise type that those of the Allan deviation assume.
     """
@@ -130,17 +134,15 @@ def _curve_table(one: NoiseFigures, curve: allan.DeviationCurve) -> Table:
         "dof": [f"{dof:.{0 if dof >= 100.0 else 1}f}" for dof in curve.dof],
     }
     if curve.noise:
-        columns["α"] = [f"{2 - TYPES.index(noise)}" for noise in curve.noise]
-    title = (
-        f"{one.record.name}: {curve.estimator} deviation [{unit_mark(one.record.sensor.unit)}] with"
-        f" {100.0 * curve.probability:g} % limits"
-    )
+        columns["α"] = [f"{2 - TYPES.index(kind)}" for kind in curve.noise]
+    what = f"{curve.estimator} deviation [{unit_mark(noise.record.sensor.unit)}]"
+    title = f"{noise.record.name}: {what} with {100.0 * curve.probability:g} % limits"
     return Table(title, tuple(columns), tuple(zip(*columns.values(), strict=True)))
 
 
-def validation_entry(one: NoiseFigures) -> dict[str, object]:
+def validation_entry(noise: NoiseFigures) -> dict[str, object]:
     """JSON object of one record's figures."""
-    unit = one.record.sensor.unit
+    unit = noise.record.sensor.unit
     curves = {
         key: {
             "estimator": curve.estimator,
@@ -153,16 +155,16 @@ def validation_entry(one: NoiseFigures) -> dict[str, object]:
             "probability": curve.probability,
             "unit": unit,
         }
-        for key, curve in (("allan_deviation", one.curve), ("wavelet_deviation", one.wavelet))
+        for key, curve in (("allan_deviation", noise.curve), ("wavelet_deviation", noise.wavelet))
     }
     return {
-        "name": one.record.name,
-        "interval_s": one.record.interval_s,
-        "missing": one.missing,
-        "mean": one.mean,
+        "name": noise.record.name,
+        "interval_s": noise.record.interval_s,
+        "missing": noise.missing,
+        "mean": noise.mean,
         "unit": unit,
-        "terms": [asdict(term) for term in one.terms.terms],
-        "not_observable": [asdict(term) for term in one.terms.not_observable],
-        "bias_stability": [asdict(stability) | {"unit": unit} for stability in one.stability],
+        "terms": [asdict(term) for term in noise.terms.terms],
+        "not_observable": [asdict(term) for term in noise.terms.not_observable],
+        "bias_stability": [asdict(stability) | {"unit": unit} for stability in noise.stability],
         **curves,
     }

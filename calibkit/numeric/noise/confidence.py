@@ -139,14 +139,14 @@ def equivalent_dof(factor: int, runs: Integers, noise: Noise) -> float:
     no few blocks can vouch for.
     """
     # numbers of whole pairs of averages in the runs that have any, and how often each occurs
-    whole = (runs - 2 * factor + 1)[runs >= 2 * factor]
-    lengths, many = np.unique(whole.astype(np.float64), return_counts=True)
+    whole_pairs = (runs - 2 * factor + 1)[runs >= 2 * factor]
+    lengths, many = np.unique(whole_pairs.astype(np.float64), return_counts=True)
     if noise in ("quantization", "flicker_phase_noise"):
         lags = factor * np.arange(3.0)
         weight = np.array([1.0, 2.0, 2.0]) * np.array([1.0, -4.0 / 6.0, 1.0 / 6.0]) ** 2
         shared = weight @ np.maximum(lengths - lags[:, None], 0.0) @ many
-        own = float((lengths @ many) ** 2 / shared)
-        return min(own, equivalent_dof(factor, runs, "angle_random_walk"))
+        of_phase_noise = float((lengths @ many) ** 2 / shared)
+        return min(of_phase_noise, equivalent_dof(factor, runs, "angle_random_walk"))
     pairs = float(lengths @ many)
     reach = min(int(lengths[-1]), 3 * factor)
     lags = np.unique(np.round(np.linspace(0.0, reach, min(reach, LAGS) + 1)))

@@ -29,9 +29,9 @@ class Gaps:
         """Gaps of a rate [n], in which NaN is missing."""
 
         def missing(first: int, stop: int) -> Mask:
-            found = np.isnan(rate[first:stop])
+            nan = np.isnan(rate[first:stop])
             chunks.release(rate)
-            return found
+            return nan
 
         return cls(rate.size, chunks.find_runs(rate.size, missing))
 

@@ -39,5 +39,5 @@ def predict_terms(
     design, covariance, spread = allan_fit.weigh(curve, true)
     drawn = np.random.default_rng(SEED).multivariate_normal(variance, covariance, DRAWS)
     active = np.ones(true.size, dtype=np.bool_)
-    found = [allan_fit.non_negative(design, one, spread, active) for one in drawn]
-    return np.asarray(np.sqrt(np.mean((np.sqrt(found) - np.sqrt(true)) ** 2, axis=0)))
+    fitted = [allan_fit.non_negative(design, curve, spread, active) for curve in drawn]
+    return np.asarray(np.sqrt(np.mean((np.sqrt(fitted) - np.sqrt(true)) ** 2, axis=0)))

@@ -1,6 +1,5 @@
 """Wavelet denoising of a signal in one piece."""
 
-import difflib
 from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calibkit.arrays import Array, Mask
-from calibkit.errors import FitError
+from calibkit.errors import FitError, did_you_mean
 from calibkit.numeric.chunks import all_finite, release
 from calibkit.numeric.wavelet.extension import (
     EXTENSIONS,
@@ -140,9 +139,14 @@ def denoise(
         margin = 2 << depth  # a shift moves what the extension touches by less
     del unshifted, detail, details[fine:], spans[fine:]
     while details:
-        above = spans.pop()
-        approximations = synthesise(approximations, details.pop(), above, bank, shrink, allocate)
-    inner = _untouched(bank, clean, margin)
+        span = spans.pop()
+        approximations = synthesise(approximations, details.pop(), span, bank, shrink, allocate)
+    # samples that are rebuilt from coefficients alone that no extension touches
+    low, high = clean[-1]
+    for above in reversed(clean[:-1]):
+        low = max(2 * (low - bank.needs[0]), above[0])
+        high = min(2 * (high - bank.needs[1]), above[1])
+    inner = low + margin, max(high - margin, low + margin)
     return Denoised(approximations.values, noise, thresholds, inner, depth)
 
 
@@ -166,17 +170,6 @@ def _find_thresholds(
         thresholds[j] = estimate(on_signal, float(noise[j]), length)
         release(on_signal)
     return noise, thresholds
-
-
-def _untouched(wavelet: Wavelet, clean: Sequence[Span], margin: int) -> Span:
-    """Samples that are rebuilt from coefficients alone that no extension touches, less a margin at
-    both ends.
-    """
-    low, high = clean[-1]
-    for above in reversed(clean[:-1]):
-        low, high = 2 * (low - wavelet.needs[0]), 2 * (high - wavelet.needs[1])
-        low, high = max(low, above[0]), min(high, above[1])
-    return low + margin, max(high - margin, low + margin)
 
 
 @lru_cache(maxsize=64)
@@ -235,8 +228,7 @@ def _require_known(threshold: str, rule: str, extension: str) -> None:
         (extension, list(EXTENSIONS), "extension"),
     ):
         if name not in known:
-            near = difflib.get_close_matches(name, known, n=1)
             raise FitError(
                 f"unknown {kind} {name!r}",
-                hint=f"did you mean {near[0]}?" if near else f"use one of {', '.join(known)}",
+                hint=did_you_mean(name, known, f"use one of {', '.join(known)}"),
             )

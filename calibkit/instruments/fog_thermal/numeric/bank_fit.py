@@ -137,8 +137,8 @@ class Problem:
     def gram(self, rows: Rows, lag: Array, columns: Array) -> Gram:
         """Moments of columns [n, P] on rows."""
         left = self.left(lag, columns, np.zeros(columns.shape[1]))
-        whole = rows.of(np.column_stack([columns, left]))
-        return Gram.of(whole[:, :-1], whole[:, -1])
+        whitened = rows.of(np.column_stack([columns, left]))
+        return Gram.of(whitened[:, :-1], whitened[:, -1])
 
     def maximise(self, lag: Array, slope_of: Array | None, start: Array | None) -> Posterior:
         """Posterior at a static lag."""
@@ -221,8 +221,8 @@ class Solution:
         """Number of parameters that no prior holds: the mean, the variances of the parts that the
         model has, and the static lag.
         """
-        own = self.problem.bank
-        absent = sum(not part for part in (own.knots, own.widths, own.warm_up))
+        bank = self.problem.bank
+        absent = sum(not part for part in (bank.knots, bank.widths, bank.warm_up))
         return 1 + len(SIZES) - absent + STATIC_MEAN.size
 
     def drift(self, coefficients: Array) -> Array:

@@ -83,8 +83,8 @@ def _helps(before: bank_fit.Solution, after: bank_fit.Solution, without: Sequenc
     squares = []
     for solution in (after, before):
         stacked = solution.problem.stacked
-        whole = solution.leave_out(without)
-        predicted = (drift[ramp] for drift, ramp in zip(whole, stacked.ramps, strict=True))
+        drifts = solution.leave_out(without)
+        predicted = (drift[ramp] for drift, ramp in zip(drifts, stacked.ramps, strict=True))
         # initial states that the term leaves no need for would hide what it explains
         errors = left_out_errors(
             solution.with_own_start(predicted) if after.unsettled else predicted,
