@@ -111,7 +111,7 @@ def results(name: str, logs: Frames) -> list[Result]:
     blocks = instruments.optional(spec.procedure, "blocks")(
         Stated(
             {one.file: one.as_record(identity, "") for one in fitted.results},
-            uncertainty.Source.merge((), stated.terms),
+            uncertainty.TypeBTerms.merge((), stated.terms),
             tuple(sorted({*stated.results.temperatures_degc})),
             spec.reference_temp_degc,
             fitted.sensitivities,

@@ -110,7 +110,7 @@ def ran(*command: str, cwd: Path) -> str:
     return done.stdout + done.stderr
 
 
-def cost(one: export.Export, folder: Path, core: str) -> tuple[int, int, int]:
+def cost(one: export.FirmwareRun, folder: Path, core: str) -> tuple[int, int, int]:
     """Bytes of flash, instructions a call, and bytes of the state."""
     machine, options = CORES[core]
     memory = one.chain.structure.interval_s is not None
@@ -165,7 +165,7 @@ def cost(one: export.Export, folder: Path, core: str) -> tuple[int, int, int]:
     return size, round((called - empty) * tick / CALLS), kept
 
 
-def loader_cost(one: export.Export, folder: Path, core: str) -> tuple[int, int, int, int, int]:
+def loader_cost(one: export.FirmwareRun, folder: Path, core: str) -> tuple[int, int, int, int, int]:
     """Bytes of a loader with its self-test, of the blob and of the instance struct; instructions of
     a load and of a self-test.
     """
@@ -195,7 +195,7 @@ def print_loaders() -> None:
         "\n| chain, f32 | blob: bytes | struct: bytes | core | loader: bytes | load | self-test |"
     )
     print("|---|---|---|---|---|---|---|")
-    identity = export.Identity(
+    identity = export.RunIdentity(
         "U", 1, "2026-11-21", "0" * 64, {"a": "0" * 64}, "calibkit", verdict="accepted"
     )
     with tempfile.TemporaryDirectory() as place:
@@ -218,7 +218,7 @@ def main() -> None:
         + " |"
     )
     print("|---|---|---|" + "---|---|" * len(CORES))
-    identity = export.Identity(
+    identity = export.RunIdentity(
         "U", 1, "2026-11-21", "0" * 64, {"a": "0" * 64}, "calibkit", verdict="accepted"
     )
     with tempfile.TemporaryDirectory() as place:

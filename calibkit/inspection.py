@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from calibkit import instruments, new_files, recipe
 from calibkit.check import examination
-from calibkit.check.report import Campaign, Judgement, Reached
+from calibkit.check.report import CheckedCampaign, Judgement, Reached
 from calibkit.errors import FitError, FrameError, LogFormatError, RecipeError, UsageError, visible
 from calibkit.ingest import logs as ingest, proposal
 from calibkit.planning import comparison, equipment, search
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from calibkit.check.report import LogReport
     from calibkit.coefficients import StageResult
     from calibkit.frame import Log
-    from calibkit.ingest.proposal import Proposal
+    from calibkit.ingest.proposal import ProposedText
     from calibkit.instruments import Fitted, Instrument, Progress
     from calibkit.planning.document import Plan
     from calibkit.planning.schedule import Schedule
@@ -40,7 +40,7 @@ def check(
     figure: Path | None = None,
     progress: Progress = instruments.silent,
     planned: Plan | None = None,
-) -> Campaign:
+) -> CheckedCampaign:
     """What each log that a recipe would read holds and what is wrong with it, and what the logs
     determine together; nothing is written but the figure.
 
@@ -75,7 +75,7 @@ def check(
     if planned is not None:
         missing = _compare(instrument, spec, data, reports, planned.schedule)
         judged = replace(judged, lacks=(*judged.lacks, *missing))
-    return Campaign(reports, judged)
+    return CheckedCampaign(reports, judged)
 
 
 def _compare(
@@ -185,7 +185,7 @@ def _describe(result: StageResult) -> str:
     return f"{result.stage} ({', '.join(names) if len(names) < 5 else f'{len(names)} models'})"
 
 
-def init(folder: Path, sheet: str = "") -> Proposal:
+def init(folder: Path, sheet: str = "") -> ProposedText:
     """Commented recipe for the logs of a folder, with what check finds in the first of them."""
     proposers = [
         propose

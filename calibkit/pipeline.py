@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from calibkit.certificate.signature_trust import Demands
     from calibkit.certificate.verify import Verified
     from calibkit.firmware.chain import Chain
-    from calibkit.firmware.export import Export
+    from calibkit.firmware.export import FirmwareRun
     from calibkit.ingest.write_back import Applied, Rewritten
     from calibkit.instruments import Progress
     from calibkit.report.html import Shown
@@ -246,7 +246,9 @@ def _chain(spec: recipe.Recipe, records: Mapping[str, coefficients.Record]) -> C
     return chain
 
 
-def _firmware_export(run: store.Run, number: str, prefix: str, *, allow_rejected: bool) -> Export:
+def _firmware_export(
+    run: store.Run, number: str, prefix: str, *, allow_rejected: bool
+) -> FirmwareRun:
     """A run's correction chain in a number format; refuses a run that failed its acceptance limits
     unless told not to.
     """
@@ -262,7 +264,7 @@ def _firmware_export(run: store.Run, number: str, prefix: str, *, allow_rejected
     spec, found = run_recipe(run, ()), formats.Format.find(number)
     chain = _chain(spec, run.records)
     stages, _files = run.stage_digests(), instruments.optional(spec.procedure, "files")
-    identity = export.Identity(
+    identity = export.RunIdentity(
         document["serial"],
         document["revision"],
         document["effective_from"],

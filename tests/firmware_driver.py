@@ -8,7 +8,7 @@ import numpy as np
 
 from calibkit.firmware import c_header, c_source, export, formats, ranges, twin, twin_clock
 
-IDENTITY = export.Identity(
+IDENTITY = export.RunIdentity(
     "FW-1",
     1,
     "2026-11-21",

@@ -29,7 +29,7 @@ from calibkit.errors import RecipeError
 from calibkit.recipe import TypeB
 from calibkit.sensitivities import Sensitivity
 
-NO_TERMS = uncertainty.Source(())
+NO_TERMS = uncertainty.TypeBTerms(())
 
 
 def of_type(uncertainty, kind):
@@ -192,7 +192,7 @@ SHIFTED = (
 
 def at(temperature, *terms):
     """Value of the curve at a temperature, as it is stated."""
-    context = stated.Stated({"bias.json": RECORD}, uncertainty.Source(terms), (), 25.0, SHIFTED)
+    context = stated.Stated({"bias.json": RECORD}, uncertainty.TypeBTerms(terms), (), 25.0, SHIFTED)
     column = stated.TEMPERATURE
     curve = quantities.Quantity(
         *("value", RECORD.stage, MODEL.name, Words("value"), "g"),
@@ -239,13 +239,13 @@ def test_a_thermometer_enters_with_the_slope_of_the_curve_at_each_temperature():
 def test_a_term_on_a_result_is_converted_to_its_unit_and_another_dimension_is_refused():
     """3″ half width on an angle in degrees is 3/3600/√3 degrees; kelvins on it are an error."""
     term = TypeB(name="axes", quantity="alpha_deg", unit="arcsec", half_width=3.0)
-    found = uncertainty.Source((term,)).uncertainty(
+    found = uncertainty.TypeBTerms((term,)).uncertainty(
         ("x.alpha_deg", "alpha_deg"), 90.0, "deg", ((Words("fit"), 1e-9, 20.0),), {}
     )
     assert of_type(found, "B") == pytest.approx(3.0 / 3600.0 / math.sqrt(3.0), rel=1e-12)
     wrong = TypeB(name="axes", quantity="alpha_deg", unit="K", half_width=3.0)
     with pytest.raises(RecipeError):
-        uncertainty.Source((wrong,)).uncertainty(
+        uncertainty.TypeBTerms((wrong,)).uncertainty(
             ("alpha_deg",), 90.0, "deg", ((Words("fit"), 1e-9, 20.0),), {}
         )
 
@@ -259,7 +259,7 @@ def test_terms_of_the_profile_replace_those_of_the_recipe_by_name_and_unused_one
         name="thermometer", quantity="temp_case_degc", unit="degC", standard_uncertainty=0.1
     )
     idle = TypeB(name="table", quantity="table_rate_dps", unit="ppm", standard_uncertainty=1.0)
-    source = uncertainty.Source.merge([old], [new, idle])
+    source = uncertainty.TypeBTerms.merge([old], [new, idle])
     assert source.terms == (new, idle)
     used = at(10.0, *source.terms).uncertainty
     assert content._name_unused_terms(source.terms, [used]) == ("table",)

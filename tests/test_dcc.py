@@ -151,10 +151,10 @@ def filled(text):
         item=profile._Item(type=text, maker=text, model=text, identification=text, condition=text),
         dates=profile._Dates(performed=ISSUED),
         method=profile._Method(name=text, revision=text, deviations=text, external_providers=text),
-        conditions=profile._Conditions(
+        conditions=profile._LabConditions(
             **{
                 key: text
-                for key in profile._Conditions.model_fields
+                for key in profile._LabConditions.model_fields
                 if key not in {"others", "local_gravity_mps2"}
             },
             others=(text,),
@@ -345,7 +345,7 @@ def test_accelerations_are_in_si_where_the_local_gravity_is_known_and_ratios_whe
     """
     made = run("accelerometer")
     bias = made.records["accel_affine.json"].models[0].value("z_x0")
-    conditions = profile._Conditions(local_gravity_mps2=9.7967)
+    conditions = profile._LabConditions(local_gravity_mps2=9.7967)
     known = valid(dcc.render(certificate(made, profile.Profile(conditions=conditions)), "en"))
     unknown = valid(dcc.render(certificate(made), "en"))
     for root, factor, unit in (

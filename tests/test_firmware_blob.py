@@ -302,7 +302,7 @@ def test_one_loader_takes_devices_of_all_orders(name, tmp_path_factory):
     a device whose scale factor is straight over temperature has the layout of one with a cubic.
     """
     this = cached(name, tmp_path_factory)
-    fitted = this.spec.model_copy(update={"export": tables.Export(layout="fitted")})
+    fitted = this.spec.model_copy(update={"export": tables.ExportTable(layout="fitted")})
     found = {"padded": set(), "fitted": set()}
     for order in (0, 1, 3):
         chain = with_orders(this, order)
@@ -340,7 +340,7 @@ def test_blobs_of_older_schemas_load(stem, tmp_path):
     read, stated = blob._read(content, head[4], head[6], head[-2], head[-1], path.name)
     assert blob.shape(read).digest == head[6]
     known = chain.Chain(read.structure, read.tables)
-    one = export.Export("unit", IDENTITY, known, read, {}, {}, stated)
+    one = export.FirmwareRun("unit", IDENTITY, known, read, {}, {}, stated)
     assert built(one, tmp_path)(content) == "1 0 0"
 
 

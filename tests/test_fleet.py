@@ -100,7 +100,7 @@ def test_processes_that_share_a_machine_take_one_thread_each(tmp_path, monkeypat
     environment stays.
     """
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "7")
-    plan = device.Plan(recipe.Source("bias.toml", RECIPE), tmp_path, tmp_path, DAY)
+    plan = device.DeviceTask(recipe.Source("bias.toml", RECIPE), tmp_path, tmp_path, DAY)
     assert [
         said.message for said in local.fit_devices(quick_device.threads, plan, ["A", "B"], 2)
     ] == [
@@ -115,7 +115,7 @@ def test_processes_begin_with_what_they_need_and_with_this_calibkit(tmp_path):
     """A process, copied of one that has a single thread, has imported what draws figures from the
     code that hired it.
     """
-    plan = device.Plan(recipe.Source("bias.toml", RECIPE), tmp_path, tmp_path, DAY)
+    plan = device.DeviceTask(recipe.Source("bias.toml", RECIPE), tmp_path, tmp_path, DAY)
     said = [
         outcome.message for outcome in local.fit_devices(quick_device.imported, plan, ["A", "B"], 2)
     ]
@@ -265,7 +265,7 @@ def test_a_unit_that_two_take_up_at_once_is_fitted_once(tmp_path, quick):
     not.
     """
     fleet_logs(tmp_path / "units", 1)
-    plan = device.Plan(
+    plan = device.DeviceTask(
         recipe.Source("bias.toml", RECIPE), tmp_path / "units", tmp_path / "runs", DAY
     )
     plan.out.mkdir()

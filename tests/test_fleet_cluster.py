@@ -109,8 +109,8 @@ def test_a_cluster_that_cannot_do_the_work_is_refused_before_any_unit(
     is said as such.
     """
     monkeypatch.setattr(cluster, "PATIENCE_S", 1)
-    plan = device.Plan(recipe.Source("bias.toml", RECIPE), tmp_path, tmp_path, DAY)
-    elsewhere = device.Plan(plan.source, tmp_path / "elsewhere", tmp_path, DAY)
+    plan = device.DeviceTask(recipe.Source("bias.toml", RECIPE), tmp_path, tmp_path, DAY)
+    elsewhere = device.DeviceTask(plan.source, tmp_path / "elsewhere", tmp_path, DAY)
 
     def refused(plan, address, said):
         with pytest.raises(UsageError, match=said):
@@ -130,7 +130,7 @@ def test_a_cluster_that_cannot_do_the_work_is_refused_before_any_unit(
 def test_without_dask_the_command_says_how_to_install_it(tmp_path, monkeypatch):
     """The extra is named."""
     monkeypatch.setitem(sys.modules, "distributed", None)
-    plan = device.Plan(recipe.Source("bias.toml", RECIPE), tmp_path, tmp_path, DAY)
+    plan = device.DeviceTask(recipe.Source("bias.toml", RECIPE), tmp_path, tmp_path, DAY)
     with pytest.raises(UsageError, match=r"pip install 'calibkit\[cluster\]'"):
         list(cluster.fit_devices(plan, ["U000"], "tcp://127.0.0.1:1"))
 
@@ -139,7 +139,7 @@ def test_a_run_that_a_worker_wrote_elsewhere_is_not_taken_for_one(tmp_path):
     """Where the worker's --out is another folder of that name, the run it reports is not here and
     the unit fails.
     """
-    plan = device.Plan(recipe.Source("bias.toml", RECIPE), tmp_path, tmp_path, DAY)
+    plan = device.DeviceTask(recipe.Source("bias.toml", RECIPE), tmp_path, tmp_path, DAY)
     row = device.Row("U000", "r001", "", "accepted", (), (), (), 0, before=False)
     found = run._require_run_here(row, plan)
     assert (found.exit_code, found.message) == (

@@ -11,7 +11,7 @@ import pytest
 
 from calibkit import instruments, pipeline, recipe, store
 from calibkit.certificate.stated import Stated
-from calibkit.certificate.uncertainty import Source
+from calibkit.certificate.uncertainty import TypeBTerms
 from calibkit.ingest import logs, logs_on_disk
 from calibkit.instruments.gyro_noise import certificate, instrument as gyro_noise, simulate
 from calibkit.numeric import chunks, order_statistics
@@ -380,7 +380,7 @@ def test_the_mean_rate_is_printed_and_kept(calibkit, white, tmp_path):
 
 def states(run):
     """Tables and figures of a run on its certificate."""
-    stated = Stated(run.records, Source(()), (), 25.0)
+    stated = Stated(run.records, TypeBTerms(()), (), 25.0)
     (block,) = certificate.blocks(stated)
     return block
 
@@ -416,7 +416,7 @@ def test_limits_of_a_file_from_before_are_those_of_two_sigma(white, tmp_path, ca
 
     _, run = fitted(calibkit, white[0], tmp_path)
     record = replace(run.records["gyro_noise.json"], conditions=())
-    stated = Stated({"gyro_noise.json": record}, Source(()), (), 25.0)
+    stated = Stated({"gyro_noise.json": record}, TypeBTerms(()), (), 25.0)
     cells = certificate.blocks(stated)[0].tables[1].cells
     expected = allan.overlapping(white[1], 0.5, probability=0.9545)
     found = [row[0].interval for row in cells]

@@ -154,7 +154,7 @@ def test_a_fleet_fits_again_when_a_chamber_log_has_changed(tmp_path, columns, lo
     write(tmp_path / "units" / "S", columns, log_writer)
     source = recipe.Source("r.toml", text(ESTIMATE))
     (tmp_path / "runs").mkdir()
-    plan = device.Plan(source, tmp_path / "units", tmp_path / "runs", "2026-11-21")
+    plan = device.DeviceTask(source, tmp_path / "units", tmp_path / "runs", "2026-11-21")
     assert device.fit_device(plan, "S").before is False
     assert device.fit_device(plan, "S").before is True
     (tmp_path / "units" / "S" / f"chamber_{LOG}.csv").unlink()

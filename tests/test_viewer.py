@@ -17,7 +17,7 @@ import browser
 from calibkit import store
 from calibkit.errors import CoefficientError, UsageError
 from calibkit.viewer import index
-from calibkit.viewer.server import Server, Site, _NotFoundError
+from calibkit.viewer.server import RunPages, Server, _NotFoundError
 from conftest import ROOT
 from kept import keep, model
 from test_compare import LIMITED, rate_table
@@ -50,7 +50,7 @@ def runs(tmp_path_factory):
 def served(runs, tmp_path_factory):
     """Running server and the function that asks it."""
     cache = tmp_path_factory.mktemp("cache")
-    with Server(Site(runs, cache), 0) as server:
+    with Server(RunPages(runs, cache), 0) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
 
         def ask(path, *, method="GET", host=None):
@@ -155,7 +155,7 @@ def test_a_link_instead_of_a_file_is_not_followed(tmp_path):
     outside.write_bytes((folder / "report.txt").read_bytes())
     (folder / "report.txt").unlink()
     (folder / "report.txt").symlink_to(outside)
-    site = Site(tmp_path / "runs", tmp_path / "cache")
+    site = RunPages(tmp_path / "runs", tmp_path / "cache")
     assert site.answer("/run/S-1/r001/gyro_scale.json", {}).status == 200
     with pytest.raises(_NotFoundError):
         site.answer("/run/S-1/r001/report.txt", {})
@@ -168,7 +168,7 @@ def test_a_pipe_in_the_place_of_a_file_does_not_hold_the_pages(tmp_path, file):
     folder = keep(tmp_path / "runs", model({"K": (1.0, "1", 0.1)}), serial="P", stage="drift")
     (folder / file).unlink()
     os.mkfifo(folder / file)
-    site = Site(tmp_path / "runs", tmp_path / "cache")
+    site = RunPages(tmp_path / "runs", tmp_path / "cache")
     assert "P" in site.answer("/", {}).content.decode()
     with pytest.raises(CoefficientError, match="a pipe or a device"):
         site.answer("/run/P/r001", {})
@@ -354,7 +354,7 @@ def test_a_thousand_runs_in_a_browser_ask_for_nothing_elsewhere(tmp_path, runs):
     for name in ("GY-1", "陀螺-7"):
         shutil.copytree(runs / name, tmp_path / "runs" / name)
     with (
-        Server(Site(tmp_path / "runs", tmp_path / "cache"), 0) as server,
+        Server(RunPages(tmp_path / "runs", tmp_path / "cache"), 0) as server,
         browser.browser() as page,
     ):
         threading.Thread(target=server.serve_forever, daemon=True).start()

@@ -15,7 +15,7 @@ import pandas as pd
 
 from calibkit import instruments, recipe
 from calibkit.certificate.stated import Stated
-from calibkit.certificate.uncertainty import Source
+from calibkit.certificate.uncertainty import TypeBTerms
 from calibkit.coefficients import Identity
 from calibkit.frame import Log
 from calibkit.instruments.accelerometer import (
@@ -136,7 +136,7 @@ def accelerometer(number: int, _: Errors) -> tuple[Frames, Truth]:
     identity = Identity("S", 1, "2026-11-21", "calibkit", "0" * 64, ())
     records = {one.file: one.as_record(identity, "") for one in results}
     degc = (-20.0, 0.0, 25.0, 50.0, 75.0, 100.0, 125.0)
-    blocks = triads.blocks(Stated(records, Source(()), degc, spec.reference_temp_degc))
+    blocks = triads.blocks(Stated(records, TypeBTerms(()), degc, spec.reference_temp_degc))
     values = {one.key: one.value for block in blocks for one in block.results}
     found = {key: value for key, value in values.items() if "@" in key or ".Q" in key}
     return _frames(noisy.logs), lambda result: found.get(result.key)

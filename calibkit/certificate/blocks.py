@@ -11,8 +11,8 @@ from calibkit.certificate.names import name_condition, name_model
 from calibkit.certificate.quantities import At, Point, Quantity, coefficient, state
 from calibkit.certificate.results import (
     Block,
+    CertificateFigure,
     Equation,
-    Figure,
     GridTable,
     ListTable,
     Result,
@@ -147,7 +147,7 @@ def plot(
     origins: Sequence[float] = (),
     scale: float = 1.0,
     log: bool = False,
-) -> Figure:
+) -> CertificateFigure:
     """Values ± U of a table over its input, or scale (value − origin) of each column; of as many
     columns as `labels` has, all without them. Results with intervals are drawn with these.
     """
@@ -170,7 +170,7 @@ def plot(
             )
         )
     x_label = x_label or name_input(TEMPERATURE, "degC")
-    return Figure(title or table.title, x_label, y_label, tuple(series), log)
+    return CertificateFigure(title or table.title, x_label, y_label, tuple(series), log)
 
 
 def name_input(column: str, unit: str) -> Words:
@@ -244,7 +244,7 @@ def make_block(
     title: Words,
     equations: Sequence[Equation],
     tables: Iterable[Table | None],
-    figures: Iterable[Figure] = (),
+    figures: Iterable[CertificateFigure] = (),
     notes: Iterable[Words] = (),
 ) -> Block:
     """Block of a coefficient file; tables that are None or empty are left out."""

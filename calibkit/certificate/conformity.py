@@ -66,7 +66,7 @@ RISKS: dict[Rule, Words] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Statement:
+class ConformityStatement:
     """One statement: the result, the limits in its unit, the rule, the acceptance limits and the
     verdict.
     """
@@ -84,7 +84,7 @@ class Statement:
 
 def judge_results(
     specifications: Sequence[Specification], results: Sequence[Result], default: Rule
-) -> tuple[Statement, ...]:
+) -> tuple[ConformityStatement, ...]:
     """Statement for every result that a specification names; RecipeError where it names none or in
     another unit.
     """
@@ -122,7 +122,7 @@ def judge_results(
     return tuple(made)
 
 
-def _statement(result: Result, specification: Specification, rule: Rule) -> Statement:
+def _statement(result: Result, specification: Specification, rule: Rule) -> ConformityStatement:
     """Judge one result, on unrounded numbers."""
     lower, upper = specification.lower, specification.upper
     below, above = _expansion(result)
@@ -133,7 +133,7 @@ def _statement(result: Result, specification: Specification, rule: Rule) -> Stat
             None if upper is None else upper - above,
         )
     verdict, reason = _judge(result, lower, upper, rule)
-    return Statement(
+    return ConformityStatement(
         result,
         specification.name,
         specification.source,

@@ -79,7 +79,7 @@ class Certificate:
     issued: dt.date
     run: RunFacts
     blocks: tuple[Block, ...]
-    statements: tuple[conformity.Statement, ...]
+    statements: tuple[conformity.ConformityStatement, ...]
     as_found: AsFoundAsLeft | None
     attachments: tuple[Attachment, ...]
     unused_terms: tuple[str, ...]
@@ -151,7 +151,9 @@ def build(
     """Certificate of a run; RecipeError for a profile that does not fit it or the date of issue."""
     _require_order(profile, issued)
     layout = layout_of(run.document)
-    terms = uncertainty.Source.merge(type_b.loads(run.document.get("type_b", ())), profile.terms)
+    terms = uncertainty.TypeBTerms.merge(
+        type_b.loads(run.document.get("type_b", ())), profile.terms
+    )
     stated = Stated(
         run.records,
         terms,

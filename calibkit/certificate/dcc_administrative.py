@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from lxml.etree import _Element
 
-    from calibkit.certificate.conformity import Statement
+    from calibkit.certificate.conformity import ConformityStatement
     from calibkit.certificate.content import Certificate
     from calibkit.certificate.dcc_xml import Notation
     from calibkit.certificate.profile import Party
@@ -286,7 +286,7 @@ def _statements(certificate: Certificate, notation: Notation) -> _Element:
     )
 
 
-def _conformity(statement: Statement, notation: Notation) -> _Element:
+def _conformity(statement: ConformityStatement, notation: Notation) -> _Element:
     """A statement of conformity: which result, which limits, which rule, what follows."""
     verdict = Words(statement.verdict)
     if statement.reason.en:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from lxml.etree import _Element
 
-    from calibkit.certificate.dcc_units import Unit
+    from calibkit.certificate.dcc_units import DccUnit
     from calibkit.certificate.dcc_xml import Notation
     from calibkit.certificate.results import Result, Uncertainty
     from calibkit.certificate.run_files import AsFoundAsLeft, BeforeAfter
@@ -195,7 +195,7 @@ def parameters(stage: str, model: Model, notation: Notation) -> _Element:
     )
 
 
-def _covariance(model: Model, units: Sequence[Unit]) -> _Element:
+def _covariance(model: Model, units: Sequence[DccUnit]) -> _Element:
     """Covariance of all parameters of a model, column by column, with the factor of its region.
 
     One triangle is written twice: in raw units the other differs by rounding, up to 2e-9 of the
@@ -315,7 +315,9 @@ def _label(key: str) -> str:
     return xml.one_line(key).replace(" ", "_")
 
 
-def _real(value: float, unit: Unit, key: str = "", uncertainty: _Element | None = None) -> _Element:
+def _real(
+    value: float, unit: DccUnit, key: str = "", uncertainty: _Element | None = None
+) -> _Element:
     """`si:real` of a value, converted to its D-SI unit, with its uncertainty."""
     return node(
         "si:real",
@@ -328,7 +330,7 @@ def _real(value: float, unit: Unit, key: str = "", uncertainty: _Element | None 
 
 def _real_list(
     values: Iterable[float],
-    units: Sequence[Unit],
+    units: Sequence[DccUnit],
     keys: Sequence[str] = (),
     uncertainty: _Element | None = None,
 ) -> _Element:

@@ -62,7 +62,7 @@ _TOKEN = re.compile(r"sqrt\(|[()/*]|\^?-?\d+(?:\.\d+)?|[A-Za-z%]+")
 
 
 @dataclass(frozen=True, slots=True)
-class Unit:
+class DccUnit:
     """A D-SI unit as powers of its parts, the factor that a value is multiplied by, and the power
     of local gravity in it.
     """
@@ -71,24 +71,24 @@ class Unit:
     factor: float = 1.0
     gravity: Fraction = Fraction(0)
 
-    def __mul__(self, other: Unit) -> Unit:
+    def __mul__(self, other: DccUnit) -> DccUnit:
         powers = {
             n: self.powers.get(n, Fraction(0)) + other.powers.get(n, Fraction(0))
             for n in dict.fromkeys((*self.powers, *other.powers))
         }
         kept = {name: power for name, power in powers.items() if power}
-        return Unit(kept, self.factor * other.factor, self.gravity + other.gravity)
+        return DccUnit(kept, self.factor * other.factor, self.gravity + other.gravity)
 
-    def __pow__(self, power: Fraction) -> Unit:
+    def __pow__(self, power: Fraction) -> DccUnit:
         powers = {name: own * power for name, own in self.powers.items()}
-        return Unit(powers, self.factor ** float(power), self.gravity * power)
+        return DccUnit(powers, self.factor ** float(power), self.gravity * power)
 
-    def with_gravity(self, gravity_mps2: float | None) -> Unit:
+    def with_gravity(self, gravity_mps2: float | None) -> DccUnit:
         """The unit with g as the given m/s²; unknown, g stays a ratio to local gravity."""
         if not self.gravity or gravity_mps2 is None:
-            return Unit(self.powers, self.factor)
-        meters = Unit({r"\metre": Fraction(1), r"\second": Fraction(-2)}, gravity_mps2)
-        return Unit(self.powers, self.factor) * meters**self.gravity
+            return DccUnit(self.powers, self.factor)
+        meters = DccUnit({r"\metre": Fraction(1), r"\second": Fraction(-2)}, gravity_mps2)
+        return DccUnit(self.powers, self.factor) * meters**self.gravity
 
     @property
     def text(self) -> str:
@@ -103,7 +103,7 @@ class Unit:
         return "".join(parts) or r"\one"
 
 
-def dsi(unit: str) -> Unit:
+def dsi(unit: str) -> DccUnit:
     """D-SI unit of a unit as calibkit spells it; OutputError for one that the table lacks."""
     tokens = _TOKEN.findall(unit)
     if "".join(tokens) != unit.replace(" ", "") or not tokens:
@@ -114,9 +114,9 @@ def dsi(unit: str) -> Unit:
     return found
 
 
-def _product(tokens: list[str], whole: str) -> tuple[Unit, list[str]]:
+def _product(tokens: list[str], whole: str) -> tuple[DccUnit, list[str]]:
     """Product of the factors up to a closing bracket, and the tokens behind it."""
-    made, sign = Unit(), Fraction(1)
+    made, sign = DccUnit(), Fraction(1)
     while tokens and tokens[0] != ")":
         head, *tokens = tokens
         if head in {"/", "*"}:
@@ -136,16 +136,16 @@ def _product(tokens: list[str], whole: str) -> tuple[Unit, list[str]]:
     return made, tokens
 
 
-def _atom(name: str, whole: str) -> Unit:
+def _atom(name: str, whole: str) -> DccUnit:
     """One unit of the tables."""
     if name in REPLACED:
         return dsi(REPLACED[name])
     if name in GRAVITY:
-        return Unit(factor=GRAVITY[name], gravity=Fraction(1))
+        return DccUnit(factor=GRAVITY[name], gravity=Fraction(1))
     if name not in ATOMS:
         raise OutputError(
             f"unit '{whole}' has no D-SI spelling: '{name}' is not in the table",
             hint="this is a bug",
         )
     spelling, factor = ATOMS[name]
-    return Unit({spelling: Fraction(1)} if spelling else {}, factor)
+    return DccUnit({spelling: Fraction(1)} if spelling else {}, factor)

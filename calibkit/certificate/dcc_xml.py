@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from lxml.etree import _Element
 
-    from calibkit.certificate.dcc_units import Unit
+    from calibkit.certificate.dcc_units import DccUnit
     from calibkit.certificate.words import Lang, Words
 
 DCC = "https://ptb.de/dcc"
@@ -110,7 +110,7 @@ class Notation:
     gravity: float | None
     accredited: bool = False
 
-    def unit(self, unit: str) -> Unit:
+    def unit(self, unit: str) -> DccUnit:
         """D-SI unit of a unit."""
         return dsi(unit).with_gravity(self.gravity)
 

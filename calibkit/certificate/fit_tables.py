@@ -6,7 +6,7 @@ from calibkit.certificate.names import show_symbol
 from calibkit.certificate.results import Block, GridTable, ListTable, Result
 from calibkit.certificate.stated import Stated
 from calibkit.certificate.tables import format_result
-from calibkit.certificate.uncertainty import Source
+from calibkit.certificate.uncertainty import TypeBTerms
 from calibkit.certificate.words import unit_mark
 from calibkit.coefficients import Identity, StageResult
 from calibkit.recipe import Recipe
@@ -29,7 +29,7 @@ def tabulate_fit(
     recipe.
     """
     records = {result.file: result.as_record(UNNAMED, "") for result in results}
-    source, known = Source(tuple(spec.type_b)), tuple(sensitivities)
+    source, known = TypeBTerms(tuple(spec.type_b)), tuple(sensitivities)
     stated = Stated(records, source, (), spec.reference_temp_degc, known)
     tables: list[Table] = []
     for block in lay_out(stated):

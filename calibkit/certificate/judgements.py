@@ -5,7 +5,7 @@ of the rule.
 from typing import Any
 
 from calibkit.certificate import conformity, tables
-from calibkit.certificate.conformity import Statement
+from calibkit.certificate.conformity import ConformityStatement
 from calibkit.certificate.content import Certificate
 from calibkit.certificate.names import name_result
 from calibkit.certificate.words import Lang, Words, unit_mark, with_unit
@@ -46,7 +46,7 @@ def lay_out_conformity(certificate: Certificate, lang: Lang) -> dict[str, Any]:
     }
 
 
-def _statement(s: Statement, lang: Lang) -> list[str]:
+def _statement(s: ConformityStatement, lang: Lang) -> list[str]:
     """Row of one statement of conformity."""
     limits = (s.lower, s.upper)
     stated = [None if limit is None else tables.format_exact(limit) for limit in limits]

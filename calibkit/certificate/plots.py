@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from calibkit.certificate.results import Figure, Series
+from calibkit.certificate.results import CertificateFigure, Series
 from calibkit.certificate.words import Lang
 
 MARGIN = 0.06
@@ -15,7 +15,7 @@ MOST_TICKS = 6
 STEPS = (1.0, 2.0, 5.0, 10.0)
 
 
-def lay_out_figure(figure: Figure, lang: Lang) -> dict[str, Any]:
+def lay_out_figure(figure: CertificateFigure, lang: Lang) -> dict[str, Any]:
     """JSON object of a figure; the template draws it as vectors, in the certificate's own fonts."""
     shown, ticks = (_logarithmic(figure), _decades) if figure.log else (figure, _ticks)
     x_span = _span([x for series in shown.series for x in series.x])
@@ -30,7 +30,7 @@ def lay_out_figure(figure: Figure, lang: Lang) -> dict[str, Any]:
     }
 
 
-def _logarithmic(figure: Figure) -> Figure:
+def _logarithmic(figure: CertificateFigure) -> CertificateFigure:
     """The same figure of decimal logarithms; bars become those of the upper side."""
     series = tuple(
         replace(

@@ -157,7 +157,7 @@ class _Method(Table):
     external_providers: str = ""
 
 
-class _Conditions(Table):
+class _LabConditions(Table):
     """What may have influenced the results."""
 
     chamber: str = ""
@@ -296,7 +296,7 @@ class Profile(Table):
     item: _Item = _Item()
     dates: _Dates = _Dates()
     method: _Method = _Method()
-    conditions: _Conditions = _Conditions()
+    conditions: _LabConditions = _LabConditions()
     standard: Annotated[tuple[Standard, ...], Many] = ()
     calibrated_by: _Person = _Person()
     checked_by: _Person = _Person()

@@ -78,7 +78,7 @@ def dof_along(model: Model, weights: Array) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class Limit:
+class ResultLimit:
     """Largest change of a result since the last calibration, or lowest and highest value of it, and
     the key that states it.
     """
@@ -113,7 +113,7 @@ class Quantity:
     inputs: tuple[Input, ...]
     point: Callable[[At], Point]
     compared: tuple[tuple[At, ...], ...] = ()
-    limit: Limit | None = None
+    limit: ResultLimit | None = None
     relative: bool = False
     """Whether a change is printed as a share of the value, in ppm."""
     beyond: Callable[[At], str] | None = None

@@ -77,6 +77,11 @@ class Result:
     """What stands behind `@` in its key."""
 
     @property
+    def contributions(self) -> tuple[Contribution, ...]:
+        """Contributions to its uncertainty; none where no uncertainty is known."""
+        return () if self.uncertainty is None else self.uncertainty.contributions
+
+    @property
     def U(self) -> float:  # noqa: N802 (the symbol of GUM)
         """Expanded uncertainty; 0 where none is known."""
         return 0.0 if self.uncertainty is None else self.uncertainty.expanded_uncertainty
@@ -131,7 +136,7 @@ class Series:
 
 
 @dataclass(frozen=True, slots=True)
-class Figure:
+class CertificateFigure:
     """A figure, as data."""
 
     title: Words
@@ -162,7 +167,7 @@ class Block:
     title: Words
     equations: tuple[Equation, ...]
     tables: tuple[ListTable | GridTable, ...]
-    figures: tuple[Figure, ...] = ()
+    figures: tuple[CertificateFigure, ...] = ()
     notes: tuple[Words, ...] = ()
 
     @property

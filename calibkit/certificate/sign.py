@@ -156,7 +156,7 @@ def _attributes(by: Any) -> Any:  # noqa: ANN401 (classes of an optional library
     from pyhanko.sign.attributes import SignedAttributeProviderSpec, SigningCertificateV2Provider
     from pyhanko.sign.general import as_signing_certificate_v2
 
-    class Chain(SigningCertificateV2Provider):
+    class CertificateChain(SigningCertificateV2Provider):
         async def build_attr_value(self, dry_run: bool = False) -> tsp.SigningCertificateV2:  # noqa: ARG002, FBT001, FBT002 (pyHanko's signature)
             others = [one for one in by.cert_registry if one.dump() != by.signing_cert.dump()]
             listed = [
@@ -165,8 +165,12 @@ def _attributes(by: Any) -> Any:  # noqa: ANN401 (classes of an optional library
             return tsp.SigningCertificateV2({"certs": listed})
 
     class Attributes(SignedAttributeProviderSpec):
-        def signed_attr_providers(self, data_digest: bytes, digest_algorithm: str) -> list[Chain]:  # noqa: ARG002 (the same)
-            return [Chain(by.signing_cert)]
+        def signed_attr_providers(
+            self,
+            data_digest: bytes,  # noqa: ARG002 (the same)
+            digest_algorithm: str,  # noqa: ARG002 (the same)
+        ) -> list[CertificateChain]:
+            return [CertificateChain(by.signing_cert)]
 
     return Attributes()
 

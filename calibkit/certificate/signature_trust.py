@@ -99,7 +99,7 @@ def quoted(name: str) -> str:
 
 
 @dataclass(slots=True)
-class Judgement:
+class JudgedSignature:
     """One signature of a document (of an optional library's class) while it is judged; `stamped` is
     the earliest time by which a trusted time stamp says that it was there.
     """

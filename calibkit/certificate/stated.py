@@ -14,7 +14,7 @@ from calibkit.arrays import Array
 from calibkit.certificate.accreditation import Scope
 from calibkit.certificate.names import name_condition, name_model
 from calibkit.certificate.results import Uncertainty
-from calibkit.certificate.uncertainty import Part, Source
+from calibkit.certificate.uncertainty import Part, TypeBTerms
 from calibkit.certificate.words import Words, unit_mark
 from calibkit.coefficients import Model, Record
 from calibkit.numeric import gum
@@ -36,7 +36,7 @@ class Stated:
     """
 
     records: Mapping[str, Record]
-    source: Source
+    source: TypeBTerms
     temperatures: tuple[float, ...]
     reference_degc: float
     sensitivities: tuple[Sensitivity, ...] = ()

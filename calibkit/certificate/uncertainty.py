@@ -33,7 +33,7 @@ class Part:
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
+class TypeBTerms:
     """The type B terms of a certificate."""
 
     terms: tuple[TypeB, ...]

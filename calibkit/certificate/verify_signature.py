@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from calibkit import extras
-from calibkit.certificate.signature_trust import Demands, Judgement, Signature
+from calibkit.certificate.signature_trust import Demands, JudgedSignature, Signature
 from calibkit.certificate.signing_key import quiet
 from calibkit.errors import CalibkitError
 
@@ -109,7 +109,7 @@ async def _judge_all(document: bytes, reader: Any, demands: Demands) -> tuple[Si
     store = DocumentSecurityStore.read_dss(reader) if "/DSS" in reader.root else None
     found, stamped = [], None
     for one in reversed(reader.embedded_signatures):
-        own = Judgement(document, one, demands, roots, store, stamped)
+        own = JudgedSignature(document, one, demands, roots, store, stamped)
         try:
             found.append(await own.judge())
         except Exception as error:  # noqa: BLE001 (a damaged signature fails in as many ways as it has bytes)

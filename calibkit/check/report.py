@@ -148,7 +148,7 @@ class Judgement:
 
 
 @dataclass(frozen=True, slots=True)
-class Campaign:
+class CheckedCampaign:
     """What a check finds: each log, and what all of them determine."""
 
     logs: tuple[LogReport, ...]
@@ -169,7 +169,7 @@ def _judge_logs(reports: Sequence[LogReport]) -> str:
     return f"{said}, {len(refused)} refused: {named}" if refused else said
 
 
-def compose_report(campaign: Campaign, tail: Sequence[str], width: int = 0) -> list[str]:
+def compose_report(campaign: CheckedCampaign, tail: Sequence[str], width: int = 0) -> list[str]:
     """Lines of a screen of a width: the verdict on the logs, a line per log, what was found with
     one line per cause, what the campaign determines, and the tail. Where all about each log fits,
     or without a width, it is all.
@@ -239,7 +239,7 @@ def _describe_held(held: Sequence[HeldCondition]) -> str:
     )
 
 
-def report_document(campaign: Campaign) -> dict[str, Any]:
+def report_document(campaign: CheckedCampaign) -> dict[str, Any]:
     """JSON document of a check: `ok` where a fit would go on, else the first thing that stops it,
     then each log, and what all of them determine.
     """

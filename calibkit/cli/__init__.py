@@ -12,12 +12,13 @@ import click
 from calibkit.cli import completion, fleets, logs, outputs, plans, records, results
 from calibkit.cli.console import prepare_streams, print_data, print_json
 from calibkit.cli.ending import run_to_exit_code, tolerate_closed_pipes
-from calibkit.cli.options import JSON, Group
+from calibkit.cli.options import JSON, CommandGroup
 from calibkit.version import __version__
 
 
 @click.group(
-    cls=Group, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110}
+    cls=CommandGroup,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
 )
 @click.version_option(__version__, prog_name="calibkit", message="%(prog)s %(version)s")
 def cli() -> None:

@@ -142,7 +142,7 @@ command = functools.partial(click.command, cls=_Command)
 """Decorator of a command."""
 
 
-class Group(_Explained, click.Group):
+class CommandGroup(_Explained, click.Group):
     """Commands in the order of the work, not of the alphabet."""
 
     command_class = _Command

@@ -155,11 +155,11 @@ def open_page(serial: str, runs: Path, port: int, *, no_browser: bool, as_json: 
     """
     from calibkit.errors import UsageError
     from calibkit.viewer.index import read_index
-    from calibkit.viewer.server import Server, Site
+    from calibkit.viewer.server import RunPages, Server
 
     if serial and serial not in read_index(runs):
         raise UsageError(f"serial '{serial}': no run under {runs}", hint="give --runs")
-    with Server(Site(runs), port) as server:
+    with Server(RunPages(runs), port) as server:
         url = server.url + (f"device/{quote(serial)}" if serial else "")
         if as_json:
             print_json({"ok": True, "url": url})

@@ -22,7 +22,7 @@ from fractions import Fraction
 from calibkit.errors import CoefficientError, OutputError
 from calibkit.firmware import c_selftest, c_text, layout, vectors
 from calibkit.firmware.chain import Structure
-from calibkit.firmware.export import Export
+from calibkit.firmware.export import FirmwareRun
 from calibkit.firmware.program import Program
 
 MAGIC, MAJOR, MINOR = b"CALB", 1, 2
@@ -68,7 +68,7 @@ def width(structure: Structure) -> int:
     return updates_at(structure) + (3 if structure.pace else 2)
 
 
-def render(export: Export) -> bytes:
+def render(export: FirmwareRun) -> bytes:
     """Bytes of a run's blob."""
     program, identity, found = export.program, export.identity, shape(export.program)
     serial, rows = identity.serial.encode(), export.vectors

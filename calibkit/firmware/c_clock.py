@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from calibkit.firmware.c_steps import Home
 from calibkit.firmware.chain import Pace
-from calibkit.firmware.export import Export
+from calibkit.firmware.export import FirmwareRun
 from calibkit.firmware.formats import Format
 
 UPDATE = """@head
@@ -61,7 +61,7 @@ BETWEEN = """void @p_between(const @p_state *state, uint32_t elapsed_ms, @p_out 
 """
 
 
-def render(export: Export, home: Home, head: str, invalid: str) -> str:
+def render(export: FirmwareRun, home: Home, head: str, invalid: str) -> str:
     """Functions that keep time; `head` is that of the update, `invalid` what no number is."""
     structure = export.structure
     pace = structure.pace
@@ -90,7 +90,7 @@ def render(export: Export, home: Home, head: str, invalid: str) -> str:
     return "\n".join([_jumped(export, home, pace), _bridge(number, fields), update, between])
 
 
-def defines(export: Export) -> str:
+def defines(export: FirmwareRun) -> str:
     """Constants of the clock."""
     structure = export.structure
     if structure.pace is None:
@@ -118,7 +118,7 @@ def _block(head: str, lines: Sequence[str]) -> str:
     return _indented([head, *(f"    {line}" for line in lines), "}"], 8)
 
 
-def _jumped(export: Export, home: Home, pace: Pace) -> str:
+def _jumped(export: FirmwareRun, home: Home, pace: Pace) -> str:
     """Function that tells a jump of the followed input."""
     kind = export.program.format.c_type
     return f"""/* whether the input moved further than so many intervals allow */

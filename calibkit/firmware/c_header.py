@@ -1,7 +1,7 @@
 """The header: facts, statuses, inputs and outputs with units, functions."""
 
 from calibkit.firmware import c_text, exact
-from calibkit.firmware.export import Export
+from calibkit.firmware.export import FirmwareRun
 from calibkit.firmware.twin import INVALID
 
 STATUS = {
@@ -32,7 +32,7 @@ VERDICTS = ("rejected", "accepted", "no verdict")
 """Verdicts by the number that a header states."""
 
 
-def render(export: Export) -> str:
+def render(export: FirmwareRun) -> str:
     """Text of the header."""
     guard = f"{export.prefix.upper()}_H"
     parts = [
@@ -56,7 +56,7 @@ def render(export: Export) -> str:
     return c_text.seal(c_text.fill_prefix("\n".join(part for part in parts if part), export.prefix))
 
 
-def _identity(export: Export) -> str:
+def _identity(export: FirmwareRun) -> str:
     """Whose chain it is, for code that reports it."""
     identity = export.identity
     name, digest = next(iter(identity.files.items()))
@@ -70,7 +70,7 @@ def _identity(export: Export) -> str:
     )
 
 
-def statuses(export: Export) -> str:
+def statuses(export: FirmwareRun) -> str:
     """One bit per status."""
     structure = export.structure
     none = "drift and state are held" if structure.has_memory else "no number in, no number out"
@@ -87,7 +87,7 @@ def statuses(export: Export) -> str:
     return "\n".join(lines) + "\n"
 
 
-def structs(export: Export, *, ranges: bool = True) -> str:
+def structs(export: FirmwareRun, *, ranges: bool = True) -> str:
     """Inputs, with their ranges unless left out, outputs and what is kept between updates."""
     structure, tables = export.structure, export.chain.tables
     kind = export.program.format.c_type
@@ -115,7 +115,7 @@ def structs(export: Export, *, ranges: bool = True) -> str:
     return "\n".join(lines) + "\n"
 
 
-def prototypes(export: Export, unit: str = "") -> str:
+def prototypes(export: FirmwareRun, unit: str = "") -> str:
     """Functions that the application calls; `unit` is the argument that a loader's functions take
     first.
     """

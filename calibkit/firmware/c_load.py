@@ -5,7 +5,7 @@ vectors; every number is proven before it decides a loop, an index or a conversi
 from calibkit.firmware import blob, c_load_text, c_selftest
 from calibkit.firmware.blob import Shape
 from calibkit.firmware.chain import Limit, Play, Slope, Sum
-from calibkit.firmware.export import Export
+from calibkit.firmware.export import FirmwareRun
 
 FIELD = "t_"
 """What stands before the name of a table, which may be a word of C."""
@@ -40,7 +40,7 @@ TAKE = {
 }
 
 
-def _members(export: Export, found: Shape) -> dict[str, list[str]]:
+def _members(export: FirmwareRun, found: Shape) -> dict[str, list[str]]:
     """Table → what its numbers are called in C: fields of a map, entries of what the chain indexes,
     else one number.
     """
@@ -60,7 +60,7 @@ def _members(export: Export, found: Shape) -> dict[str, list[str]]:
     return members
 
 
-def structs(export: Export, found: Shape) -> str:
+def structs(export: FirmwareRun, found: Shape) -> str:
     """Types of the numbers of one blob, and of a unit with two slots for them."""
     lines = []
     if export.structure.maps:
@@ -89,14 +89,14 @@ def structs(export: Export, found: Shape) -> str:
     return "\n".join(lines) + "\n"
 
 
-def numbers(export: Export) -> str:
+def numbers(export: FirmwareRun) -> str:
     """Functions that take bytes, numbers and counts."""
     bits, take, nan = TAKE[export.program.format.bits]
     text = c_load_text.BYTES.replace("@bits bits", f"{bits} bits").replace("@take", take)
     return text.replace("@nan", nan)
 
 
-def functions(export: Export, found: Shape) -> str:
+def functions(export: FirmwareRun, found: Shape) -> str:
     """Where things are in a blob, and the functions that decide about one."""
     structure, size = export.structure, export.program.format.size
     width = size * blob.width(structure)
@@ -124,7 +124,7 @@ def functions(export: Export, found: Shape) -> str:
     return "\n".join(["\n".join(places) + "\n", *parts])
 
 
-def _fill(export: Export, found: Shape) -> str:
+def _fill(export: FirmwareRun, found: Shape) -> str:
     """Function that takes every number of a blob; it returns whether all are finite."""
     size, members = export.program.format.size, _members(export, found)
     places = [f"n->{FIELD}{name}{end}" for name, ends in members.items() for end in ends]
@@ -144,7 +144,7 @@ def _fill(export: Export, found: Shape) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _sane(export: Export, found: Shape) -> str:
+def _sane(export: FirmwareRun, found: Shape) -> str:
     """Function that returns whether every range has a width, and the vectors can be run."""
     structure = export.structure
     ranges = [entry.table for entry in structure.inputs]
@@ -171,7 +171,7 @@ def _sane(export: Export, found: Shape) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _testable(export: Export) -> str:
+def _testable(export: FirmwareRun) -> str:
     """Function that returns whether every tolerance is one, and the vectors ask for no more than is
     run.
     """
@@ -211,7 +211,7 @@ def _testable(export: Export) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _calls(export: Export, width: int) -> tuple[list[str], list[str]]:
+def _calls(export: FirmwareRun, width: int) -> tuple[list[str], list[str]]:
     """Declarations and statements that evaluate one vector of so many numbers."""
     structure, size = export.structure, export.program.format.size
     if not structure.has_memory:
@@ -231,7 +231,7 @@ def _calls(export: Export, width: int) -> tuple[list[str], list[str]]:
     )
 
 
-def _hold(export: Export) -> str:
+def _hold(export: FirmwareRun) -> str:
     """Function that runs the vectors of a blob."""
     structure, size = export.structure, export.program.format.size
     inputs, outputs = structure.inputs, structure.outputs

@@ -14,7 +14,7 @@ from calibkit.firmware import (
 )
 from calibkit.firmware.blob import Shape
 from calibkit.firmware.c_steps import Home
-from calibkit.firmware.export import Export
+from calibkit.firmware.export import FirmwareRun
 from calibkit.firmware.twin import INVALID
 
 NOT_LOADED = 0x4000
@@ -92,7 +92,7 @@ int32_t @p_selftest(const @p_unit *unit)
 """Self-test of what was loaded."""
 
 
-def header(export: Export) -> bytes:
+def header(export: FirmwareRun) -> bytes:
     """Header of the loader."""
     found, guard = blob.shape(export.program), f"{export.prefix.upper()}_H"
     reasons = [
@@ -118,7 +118,7 @@ def header(export: Export) -> bytes:
     return c_text.seal(c_text.fill_prefix(text, export.prefix)).encode("ascii")
 
 
-def _title(export: Export, found: Shape) -> list[str]:
+def _title(export: FirmwareRun, found: Shape) -> list[str]:
     """Text at the top of both files; nothing in it belongs to one device."""
     structure = export.structure
     number = export.program.format.name
@@ -138,7 +138,7 @@ def _title(export: Export, found: Shape) -> list[str]:
     ]
 
 
-def source(export: Export) -> bytes:
+def source(export: FirmwareRun) -> bytes:
     """Source of the loader: what fills a unit, the chain, and wrappers that correct nothing
     before.
     """
@@ -168,7 +168,7 @@ def source(export: Export) -> bytes:
     return c_source.seal_source(parts, export).encode("ascii")
 
 
-def _wrapper(export: Export, inner: str) -> str:
+def _wrapper(export: FirmwareRun, inner: str) -> str:
     """The function that the application calls."""
     memory = export.structure.has_memory
     name = "update" if memory else "correct"

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 from calibkit.firmware import c_helpers
 from calibkit.firmware.chain import Structure
-from calibkit.firmware.export import Export
+from calibkit.firmware.export import FirmwareRun
 from calibkit.firmware.vectors import tolerances
 
 
-def render(export: Export) -> str:
+def render(export: FirmwareRun) -> str:
     """Tables of the vectors and the function of the self-test."""
     structure, rows = export.structure, export.vectors
     out, words = "@p_out out;", []
@@ -103,7 +103,7 @@ def updating_lines(
     ]
 
 
-def _differences(export: Export) -> list[str]:
+def _differences(export: FirmwareRun) -> list[str]:
     """Conditions under which the results of a vector are not those that it states."""
     number = export.program.format
     checks = ["(status != @p_test_status[k])"]
@@ -121,7 +121,7 @@ def _words(name: str, texts: Sequence[str]) -> str:
     )
 
 
-def _structs(export: Export, side: str, names: Sequence[str]) -> list[str]:
+def _structs(export: FirmwareRun, side: str, names: Sequence[str]) -> list[str]:
     """Table of one struct per vector."""
     table = export.vectors.inputs if side == "in" else export.vectors.outputs
     text = export.program.format.text
@@ -132,6 +132,6 @@ def _structs(export: Export, side: str, names: Sequence[str]) -> list[str]:
     return [f"static const @p_{side} @p_test_{side}[@P_TESTS] = {{", ",\n".join(rows), "};"]
 
 
-def tolerance_of(export: Export, output: str) -> float:
+def tolerance_of(export: FirmwareRun, output: str) -> float:
     """Difference that the self-test allows an output."""
     return tolerances(export.chain, export.bounds, export.vectors.updates)[output]

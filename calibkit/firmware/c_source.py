@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from calibkit.firmware import c_clock, c_helpers, c_selftest, c_steps, c_text, layout
 from calibkit.firmware.c_steps import Home
 from calibkit.firmware.chain import Limit, Map, Play, Select, Slope, Step, Sum
-from calibkit.firmware.export import Export
+from calibkit.firmware.export import FirmwareRun
 
 CONTRACT = (
     "Results are bit for bit those of calibkit's twin with -ffp-contract=off; else within twice"
@@ -30,7 +30,7 @@ COUNTED = (
 """Counts the updates, and never starts anew."""
 
 
-def render(export: Export) -> str:
+def render(export: FirmwareRun) -> str:
     """Text of the source."""
     body = "\n".join([functions(export, Home()), c_selftest.render(export)])
     title = f"{export.prefix}: correction chain as firmware; C99, no library"
@@ -55,7 +55,7 @@ def listing(title: str, lines: Sequence[str]) -> str:
     return "\n".join(["/*", *(f" * {line}" for line in (title, *lines)), " */"]) + "\n"
 
 
-def seal_source(parts: Sequence[str], export: Export) -> str:
+def seal_source(parts: Sequence[str], export: FirmwareRun) -> str:
     """Text of the parts with types and prefix filled in, and its digest."""
     text = "\n".join(part for part in parts if part)
     program = export.program
@@ -68,7 +68,7 @@ def seal_source(parts: Sequence[str], export: Export) -> str:
     return c_text.seal(c_text.fill_prefix(text, export.prefix))
 
 
-def windows(export: Export) -> str:
+def windows(export: FirmwareRun) -> str:
     """Constants of the clock, and lengths of the histories."""
     slopes, clock = export.structure.slopes, c_clock.defines(export)
     if not slopes:
@@ -79,7 +79,7 @@ def windows(export: Export) -> str:
     )
 
 
-def _tables(export: Export) -> str:
+def _tables(export: FirmwareRun) -> str:
     """Every number of the chain."""
     program, lines = export.program, []
     if program.structure.maps:
@@ -98,7 +98,7 @@ def _tables(export: Export) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _step_tables(export: Export, step: Step) -> Iterator[str]:
+def _step_tables(export: FirmwareRun, step: Step) -> Iterator[str]:
     """Tables of one step."""
     program = export.program
     match step:
@@ -123,7 +123,7 @@ def _step_tables(export: Export, step: Step) -> Iterator[str]:
             pass
 
 
-def _array(export: Export, name: str, remark: str) -> str:
+def _array(export: FirmwareRun, name: str, remark: str) -> str:
     """A table."""
     kind = export.program.format.c_type
     numbers = [export.program.format.text(x) for x in export.program.tables[name]]
@@ -139,7 +139,7 @@ def _array(export: Export, name: str, remark: str) -> str:
     return f"{text} /* {remark} */" if remark else text
 
 
-def _scalar(export: Export, name: str) -> str:
+def _scalar(export: FirmwareRun, name: str) -> str:
     """A single number."""
     return (
         f"static const {export.program.format.c_type} @p_{name} ="
@@ -147,7 +147,7 @@ def _scalar(export: Export, name: str) -> str:
     )
 
 
-def functions(export: Export, home: Home, name: str = "") -> str:
+def functions(export: FirmwareRun, home: Home, name: str = "") -> str:
     """The chain as functions: of one without memory, and the update of one with, the name where it
     is private.
     """
@@ -160,7 +160,7 @@ def functions(export: Export, home: Home, name: str = "") -> str:
     return "\n".join([_reset(export), _step(export, home), clock])
 
 
-def _correct(export: Export, home: Home, name: str) -> str:
+def _correct(export: FirmwareRun, home: Home, name: str) -> str:
     """Function that refuses an input that is no number, and else computes the steps of the chain."""
     kind = "static uint32_t" if name else "uint32_t"
     outputs = export.structure.outputs
@@ -183,7 +183,7 @@ def _correct(export: Export, home: Home, name: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _step(export: Export, home: Home) -> str:
+def _step(export: FirmwareRun, home: Home) -> str:
     """Function that takes the steps of a chain with memory over one interval."""
     structure = export.structure
     groups = dict.fromkeys(step.group for step in structure.maps if step.group)
@@ -205,7 +205,7 @@ def _step(export: Export, home: Home) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _spoiled_outputs(export: Export) -> list[str]:
+def _spoiled_outputs(export: FirmwareRun) -> list[str]:
     """Lines that set every output to what stands for no number."""
     structure = export.structure
     spoiled = [f"(in->{entry.name} - in->{entry.name})" for entry in structure.inputs]
@@ -214,7 +214,7 @@ def _spoiled_outputs(export: Export) -> list[str]:
     return [none, "", *(f"out->{output.name} = none;" for output in structure.outputs)]
 
 
-def _chain(export: Export, home: Home) -> list[str]:
+def _chain(export: FirmwareRun, home: Home) -> list[str]:
     """Inputs and steps as statements."""
     body = c_steps.Body(export.program, home)
     lines = [body.input(entry) for entry in export.structure.inputs]
@@ -223,13 +223,13 @@ def _chain(export: Export, home: Home) -> list[str]:
     return "\n".join(lines).split("\n")
 
 
-def _invalid(export: Export) -> str:
+def _invalid(export: FirmwareRun) -> str:
     """Condition that an input is no number."""
     checks = [f"(@p_finite(in->{entry.name}) == 0U)" for entry in export.structure.inputs]
     return checks[0][1:-1] if len(checks) == 1 else "\n        || ".join(checks)
 
 
-def _reset(export: Export) -> str:
+def _reset(export: FirmwareRun) -> str:
     """Functions that set the state."""
     structure, zero = export.structure, export.program.format.text(0.0)
     lines = ["void @p_reset(@p_state *state)", "{"]

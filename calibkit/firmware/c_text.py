@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 
 from calibkit.errors import CoefficientError, visible
 from calibkit.firmware import exact
-from calibkit.firmware.export import SCHEMA, Export
+from calibkit.firmware.export import SCHEMA, FirmwareRun
 from calibkit.run_document import ACCEPTED
 
 NUMBERS = {
@@ -35,7 +35,7 @@ PLAIN = re.compile(r"[A-Za-z0-9_.+ -]")
 SEALED = re.compile(r"(?:/\*|#) sha256 of all lines above: ([0-9a-f]{64})(?: \*/)?\n\Z")
 
 
-def facts(export: Export, *, bounds: bool = True) -> list[str]:
+def facts(export: FirmwareRun, *, bounds: bool = True) -> list[str]:
     """What a reader must know, one fact per line: device, form, digests, number format, formula,
     ranges, and unless left out the error bounds.
     """
@@ -62,7 +62,7 @@ def facts(export: Export, *, bounds: bool = True) -> list[str]:
     return [ascii_only(line) for line in (*lines, *(_bounds(export) if bounds else []))]
 
 
-def _bounds(export: Export) -> list[str]:
+def _bounds(export: FirmwareRun) -> list[str]:
     """Worst-case evaluation error of each output, one per line."""
     each = " for each update" if export.structure.summing else ""
     lines = []

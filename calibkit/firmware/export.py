@@ -51,7 +51,7 @@ follows.
 
 
 @dataclass(frozen=True, slots=True)
-class Identity:
+class RunIdentity:
     """Device and revision, the files that the export is made from, and the software."""
 
     serial: str
@@ -67,11 +67,11 @@ class Identity:
 
 
 @dataclass(frozen=True, slots=True)
-class Export:
+class FirmwareRun:
     """One run, ready to be written for a target."""
 
     prefix: str
-    identity: Identity
+    identity: RunIdentity
     chain: Chain
     program: Program
     bounds: Mapping[str, float]
@@ -91,8 +91,8 @@ class Export:
 
 
 def prepare(
-    chain: Chain, identity: Identity, number: Format, prefix: str, sources: tuple[str, ...] = ()
-) -> Export:
+    chain: Chain, identity: RunIdentity, number: Format, prefix: str, sources: tuple[str, ...] = ()
+) -> FirmwareRun:
     """Quantise a chain, bound its error and work out its self-test. CoefficientError where a name
     of the chain, made of that of a model, is none in C.
     """
@@ -108,7 +108,7 @@ def prepare(
     quantised = program.quantise(chain, number)
     bound, full = (bounds.find_bounds(chain, quantised, full=full) for full in (False, True))
     tests = vectors.Vectors.make(chain, quantised, bound)
-    return Export(prefix, identity, chain, quantised, bound, full, tests, sources)
+    return FirmwareRun(prefix, identity, chain, quantised, bound, full, tests, sources)
 
 
 def _check_prefix(prefix: str) -> None:

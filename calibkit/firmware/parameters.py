@@ -22,7 +22,7 @@ from calibkit.constants import STANDARD_GRAVITY_MPS2
 from calibkit.errors import CoefficientError, OutputError
 from calibkit.firmware import c_text, exact
 from calibkit.firmware.chain import Sum
-from calibkit.firmware.export import Export
+from calibkit.firmware.export import FirmwareRun
 
 DEGREE = 3
 ARDUPILOT_SCALE = 10**6
@@ -48,7 +48,7 @@ Values = Mapping[str, float]
 
 
 @dataclass(frozen=True, slots=True)
-class _Channel:
+class _ParameterChannel:
     """Bias of one axis as powers of T − reference, in the autopilot's unit, and over u as the run
     has it.
     """
@@ -68,7 +68,7 @@ class _Channel:
 class _Thermal:
     """All channels of a run, their reference and range [°C], and the map of T to u."""
 
-    channels: tuple[_Channel, ...]
+    channels: tuple[_ParameterChannel, ...]
     reference: Fraction
     limits: tuple[float, float]
     middle: Fraction
@@ -83,7 +83,7 @@ class _Pilot:
     title: str
     lines: Callable[[_Thermal], list[str]]
     """Lines of its parameter file."""
-    powers: Callable[[_Channel, Values], exact.Poly]
+    powers: Callable[[_ParameterChannel, Values], exact.Poly]
     """Printed coefficients of what it subtracts on one axis, in powers of T − reference."""
     remarks: tuple[str, ...]
     reference: Fraction | None = None
@@ -115,13 +115,13 @@ def _px4_lines(thermal: _Thermal) -> list[str]:
     return lines
 
 
-def _px4_powers(channel: _Channel, values: Values) -> exact.Poly:
+def _px4_powers(channel: _ParameterChannel, values: Values) -> exact.Poly:
     """X0, X1, X2, X3."""
     stem, axis = _px4_stem(channel), "xyz".index(channel.axis)
     return tuple(Fraction(values.get(f"{stem}_X{k}_{axis}", 0.0)) for k in range(DEGREE + 1))
 
 
-def _px4_stem(channel: _Channel) -> str:
+def _px4_stem(channel: _ParameterChannel) -> str:
     """What the names of a sensor's parameters begin with."""
     return f"TC_{'G' if channel.sensor == 'gyro' else 'A'}0"
 
@@ -140,13 +140,13 @@ def _ardupilot_lines(thermal: _Thermal) -> list[str]:
     return lines
 
 
-def _ardupilot_name(channel: _Channel, power: int) -> str:
+def _ardupilot_name(channel: _ParameterChannel, power: int) -> str:
     """Name of the coefficient of a power."""
     letters = "GYR" if channel.sensor == "gyro" else "ACC"
     return f"INS_TCAL1_{letters}{power}_{channel.axis.upper()}"
 
 
-def _ardupilot_powers(channel: _Channel, values: Values) -> exact.Poly:
+def _ardupilot_powers(channel: _ParameterChannel, values: Values) -> exact.Poly:
     """0, C1, C2, C3 in its unit."""
     found = (Fraction(values[_ardupilot_name(channel, k)]) for k in range(1, DEGREE + 1))
     return (Fraction(0), *(c / ARDUPILOT_SCALE for c in found))
@@ -199,7 +199,7 @@ ARDUPILOT = _Pilot(
 PILOTS = {pilot.name: pilot for pilot in (PX4, ARDUPILOT)}
 
 
-def render(export: Export, pilot: _Pilot) -> bytes:
+def render(export: FirmwareRun, pilot: _Pilot) -> bytes:
     """Parameter file of a run: facts, error after printing, polynomials, parameters, digest;
     OutputError where the autopilot cannot hold its corrections.
     """
@@ -241,7 +241,7 @@ def render(export: Export, pilot: _Pilot) -> bytes:
     return c_text.seal(text, comment="# {}").encode("ascii")
 
 
-def _thermal(export: Export, pilot: _Pilot) -> _Thermal:
+def _thermal(export: FirmwareRun, pilot: _Pilot) -> _Thermal:
     """Polynomials of a run about the autopilot's reference temperature; or why it has none."""
     structure, tables = export.structure, export.chain.tables
     columns = {c.output: c.column for c in export.chain.corrections if not c.product}
@@ -269,7 +269,7 @@ def _thermal(export: Export, pilot: _Pilot) -> _Thermal:
     return _Thermal(tuple(channels), about, limits, middle, half)
 
 
-def _channel(column: str, over_u: exact.Poly, title: str) -> _Channel:
+def _channel(column: str, over_u: exact.Poly, title: str) -> _ParameterChannel:
     """One axis in the autopilot's unit."""
     found = CHANNEL.fullmatch(column)
     if found is None:
@@ -283,7 +283,7 @@ def _channel(column: str, over_u: exact.Poly, title: str) -> _Channel:
             hint="fit it with order = 3 or less",
         )
     sensor, axis = found.groups()
-    return _Channel(sensor, axis, exact.scale(over_u, SI[sensor]))
+    return _ParameterChannel(sensor, axis, exact.scale(over_u, SI[sensor]))
 
 
 def _single(value: Fraction) -> Fraction:
@@ -373,7 +373,7 @@ def _stated(stated: Mapping[str, Any], values: Values) -> _Thermal:
     channels = []
     for name, entry in stated["channels"].items():
         sensor, _, axis = name.partition("_")
-        channels.append(_Channel(sensor, axis, tuple(Fraction(x) for x in entry["u"])))
+        channels.append(_ParameterChannel(sensor, axis, tuple(Fraction(x) for x in entry["u"])))
     low, high = (
         next(value for key, value in values.items() if key.endswith(end))
         for end in ("TMIN", "TMAX")

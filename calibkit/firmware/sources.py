@@ -12,7 +12,7 @@ from calibkit.coefficients import Record
 from calibkit.errors import OutputError, RecipeError
 from calibkit.firmware.chain import Chain
 from calibkit.recipe import Recipe
-from calibkit.recipe.tables import Column
+from calibkit.recipe.tables import ColumnMapping
 
 UNSAFE = re.compile(r"[^ !-~]|[\\*?@{}']")
 """Characters that could end a C comment, join its lines, or be taken for a mark of the generator;
@@ -73,7 +73,7 @@ def _right_hand_side(spec: Recipe, name: str) -> str:
     return f"{_converted(spec, name, column, f'column {source}{logger}')}{certificates}"
 
 
-def _converted(spec: Recipe, name: str, column: Column | None, source: str) -> str:
+def _converted(spec: Recipe, name: str, column: ColumnMapping | None, source: str) -> str:
     """The sum sign · (scale · column + offset), as one factor and one constant where the recipe
     states the unit.
     """

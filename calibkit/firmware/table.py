@@ -11,7 +11,7 @@ from dataclasses import asdict
 
 from calibkit.errors import CoefficientError, OutputError
 from calibkit.firmware import c_text, exact, layout, vectors
-from calibkit.firmware.export import Export
+from calibkit.firmware.export import FirmwareRun
 from calibkit.report.table import Table
 from calibkit.run_document import ACCEPTED
 
@@ -30,7 +30,7 @@ CELLS = {"1": True, "0": False, "": None}
 PROOF = ("program", "vectors", "row_sha256")
 
 
-def render(exports: Sequence[Export]) -> bytes:
+def render(exports: Sequence[FirmwareRun]) -> bytes:
     """CSV of runs (RFC 4180, UTF-8, LF); OutputError where they would need different columns."""
     rows = [_row(export) for export in exports]
     heads = list(rows[0])
@@ -45,7 +45,7 @@ def render(exports: Sequence[Export]) -> bytes:
     return Table("", (*heads, PROOF[-1]), cells).to_csv().encode()
 
 
-def _row(export: Export) -> dict[str, str]:
+def _row(export: FirmwareRun) -> dict[str, str]:
     """Column → text of one device; a table's number k stands under table[k], index = power where it
     is a polynomial.
     """

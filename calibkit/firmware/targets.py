@@ -22,7 +22,7 @@ from calibkit.firmware import (
     table,
 )
 from calibkit.firmware.chain import Structure
-from calibkit.firmware.export import Export
+from calibkit.firmware.export import FirmwareRun
 from calibkit.run_document import ACCEPTED
 
 MANIFEST = "calibkit-manifest/2"
@@ -34,9 +34,9 @@ class _Target:
     """A kind of export: its number formats, the files of one device, the files of all devices."""
 
     numbers: tuple[str, ...]
-    own: Callable[[Export, int], dict[str, bytes]]
+    own: Callable[[FirmwareRun, int], dict[str, bytes]]
     """Export and address → ending of a file's name and its content."""
-    shared: Callable[[Sequence[Export]], dict[str, bytes]]
+    shared: Callable[[Sequence[FirmwareRun]], dict[str, bytes]]
     """Exports → name of a file and its content."""
     several: bool = True
     placed: bool = False
@@ -48,7 +48,7 @@ def _none(*_: object) -> dict[str, bytes]:
     return {}
 
 
-def _loader(exports: Sequence[Export]) -> dict[str, bytes]:
+def _loader(exports: Sequence[FirmwareRun]) -> dict[str, bytes]:
     """The C99 that takes every device's numbers; OutputError where they need different ones."""
     first = exports[0]
     for other in exports[1:]:
@@ -136,10 +136,10 @@ def find_target(name: str, number: str, address: int | None) -> _Target:
     return target
 
 
-def require_layout(exports: Sequence[Export], pinned: Export) -> None:
+def require_layout(exports: Sequence[FirmwareRun], pinned: FirmwareRun) -> None:
     """OutputError for a run whose steps or tables are not those of another run."""
 
-    def layout(export: Export) -> tuple[Structure, dict[str, int]]:
+    def layout(export: FirmwareRun) -> tuple[Structure, dict[str, int]]:
         lengths = {name: len(numbers) for name, numbers in export.program.tables.items()}
         return export.structure, lengths
 
@@ -153,7 +153,7 @@ def require_layout(exports: Sequence[Export], pinned: Export) -> None:
             )
 
 
-def files(target: _Target, exports: Sequence[Export], address: int) -> dict[str, bytes]:
+def files(target: _Target, exports: Sequence[FirmwareRun], address: int) -> dict[str, bytes]:
     """Files of one run, or of several with a manifest; OutputError for runs that one set of files
     cannot hold.
     """
@@ -180,7 +180,7 @@ def files(target: _Target, exports: Sequence[Export], address: int) -> dict[str,
 
 
 def _manifest(
-    exports: Sequence[Export], own: Sequence[Mapping[str, bytes]], shared: Mapping[str, bytes]
+    exports: Sequence[FirmwareRun], own: Sequence[Mapping[str, bytes]], shared: Mapping[str, bytes]
 ) -> bytes:
     """What was delivered: every device with its run and its files, every file with its digest."""
     document: dict[str, Any] = {

@@ -54,7 +54,7 @@ class State:
 
 
 @dataclass(frozen=True, slots=True)
-class Result:
+class TwinResult:
     """Outputs and status of one call, and the state after it."""
 
     outputs: Mapping[str, Words]
@@ -90,7 +90,7 @@ def reset(program: Program, lanes: int) -> State:
     )
 
 
-def call(program: Program, inputs: Mapping[str, Words], state: State | None = None) -> Result:
+def call(program: Program, inputs: Mapping[str, Words], state: State | None = None) -> TwinResult:
     """One call of the firmware's function on lanes of inputs [n]; a chain with memory needs its
     state.
     """
@@ -108,7 +108,7 @@ def call(program: Program, inputs: Mapping[str, Words], state: State | None = No
         outputs = {
             name: np.where(bad, np.nan, words).astype(words.dtype) for name, words in fresh.items()
         }
-        return Result(outputs, status, None)
+        return TwinResult(outputs, status, None)
     outputs = {name: np.where(bad, state.held[name], words) for name, words in fresh.items()}
     after = replace(
         state,
@@ -122,7 +122,7 @@ def call(program: Program, inputs: Mapping[str, Words], state: State | None = No
         updates=np.where(bad, state.updates, state.updates + 1),
         held=outputs,
     )
-    return Result(outputs, status, after)
+    return TwinResult(outputs, status, after)
 
 
 def find_refused(inputs: Mapping[str, Words]) -> Words:

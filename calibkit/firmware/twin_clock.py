@@ -11,7 +11,7 @@ import numpy as np
 from calibkit.arrays import Integers
 from calibkit.firmware import twin
 from calibkit.firmware.program import Program
-from calibkit.firmware.twin import Result, State, Words
+from calibkit.firmware.twin import State, TwinResult, Words
 
 LONGEST_MS = 2**32 - 1
 """Milliseconds that a counter of 32 bits holds."""
@@ -19,7 +19,7 @@ LONGEST_MS = 2**32 - 1
 
 def update(
     program: Program, inputs: Mapping[str, Words], elapsed_ms: Integers, state: State
-) -> Result:
+) -> TwinResult:
     """One call of the firmware's update on lanes of inputs [n], so many milliseconds [n] after the
     call before: intervals without a usable input are bridged in a straight line.
     """
@@ -58,7 +58,7 @@ def update(
         inputs={name: np.where(used, safe[name], words) for name, words in state.inputs.items()},
         waited_ms=np.where(used, waited % length, waited),
     )
-    return Result(after.held, status, after)
+    return TwinResult(after.held, status, after)
 
 
 def _jumps(program: Program, inputs: Mapping[str, Words], count: Words, state: State) -> Words:
@@ -93,7 +93,7 @@ def _restarted(state: State, lags: Collection[str], where: Words) -> State:
     return replace(state, values=values, updates=np.where(where, 0, state.updates))
 
 
-def _chosen(where: Words, result: Result, before: State) -> State:
+def _chosen(where: Words, result: TwinResult, before: State) -> State:
     """State after a call on some lanes, before it on the others."""
     after = result.after
 
@@ -116,7 +116,7 @@ def run_in_turn(
     elapsed_ms: Sequence[int] = (),
     *,
     anew: bool = False,
-) -> Iterator[Result]:
+) -> Iterator[TwinResult]:
     """Last result of each row of inputs [n] of a chain with memory, which lasts as many updates as
     stated; from a reset on, Rows with no time between the calls
     take the steps without the clock, `anew` each from a reset.

@@ -11,7 +11,7 @@ from typing import Any
 from calibkit.errors import UsageError
 from calibkit.extras import install_hint
 from calibkit.fleet import device
-from calibkit.fleet.device import Outcome, Plan
+from calibkit.fleet.device import DeviceTask, Outcome
 from calibkit.version import __version__
 
 PATIENCE_S = 15
@@ -20,7 +20,7 @@ PATIENCE_S = 15
 _one_device = threading.Lock()
 
 
-def fit_devices(plan: Plan, serials: Sequence[str], address: str) -> Generator[Outcome]:
+def fit_devices(plan: DeviceTask, serials: Sequence[str], address: str) -> Generator[Outcome]:
     """Outcome of each device as it is finished, in any order.
 
     Raises UsageError for a scheduler that is not there, has no workers, or has workers that cannot
@@ -52,7 +52,7 @@ def fit_devices(plan: Plan, serials: Sequence[str], address: str) -> Generator[O
             client.cancel(futures)
 
 
-def _outcome(plan: Plan, serial: str) -> Outcome:
+def _outcome(plan: DeviceTask, serial: str) -> Outcome:
     """One device; the threads of a worker take turns, because figures are drawn with settings that
     threads share.
     """
@@ -60,7 +60,7 @@ def _outcome(plan: Plan, serial: str) -> Outcome:
         return device.fit_device(plan, serial)
 
 
-def _require_able_workers(client: Any, plan: Plan, address: str) -> None:  # noqa: ANN401 (Dask has no types)
+def _require_able_workers(client: Any, plan: DeviceTask, address: str) -> None:  # noqa: ANN401 (Dask has no types)
     """Refuse a cluster with a worker that has another calibkit or does not see the folders."""
     try:
         client.wait_for_workers(1, timeout=PATIENCE_S)

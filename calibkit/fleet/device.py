@@ -20,7 +20,7 @@ WAIT_S = 3600.0
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class DeviceTask:
     """What is done for every device: which recipe, where their folders are, where runs go, from
     when coefficients hold.
     """
@@ -103,7 +103,7 @@ class Failure:
 Outcome = Row | Failure
 
 
-def fit_device(plan: Plan, serial: str) -> Outcome:
+def fit_device(plan: DeviceTask, serial: str) -> Outcome:
     """Outcome of one device; never raises, so that one device's bad data do not stop the others."""
     try:
         return _finished(plan, serial)
@@ -111,7 +111,7 @@ def fit_device(plan: Plan, serial: str) -> Outcome:
         return Failure.of(serial, error)
 
 
-def _finished(plan: Plan, serial: str) -> Row:
+def _finished(plan: DeviceTask, serial: str) -> Row:
     """Row of a device: of the run that is there, or of the one that is fitted now.
 
     The device is locked meanwhile: where two processes fit it, as when a worker was believed dead,
@@ -141,7 +141,7 @@ def _finished(plan: Plan, serial: str) -> Row:
         return _row(outcome.run, spec, before=False)
 
 
-def _already(plan: Plan, serial: str, spec: recipe.Recipe) -> store.Run | None:
+def _already(plan: DeviceTask, serial: str, spec: recipe.Recipe) -> store.Run | None:
     """Newest run of a device by this software with this recipe, date and logs, whole and with right
     digests, or None.
     """

@@ -7,7 +7,7 @@ from typing import Any
 
 from calibkit import run_content, sealed, store
 from calibkit.fleet import page
-from calibkit.fleet.device import Plan
+from calibkit.fleet.device import DeviceTask
 from calibkit.fleet.table import FleetTable
 from calibkit.report import control_charts, figures as drawing
 from calibkit.report.control_charts import ControlChart
@@ -18,7 +18,7 @@ DEVICE_KEYS = ("serial", "run", "run_sha256", "verdict", "error", "flags")
 TEXTS = ("serial", "run", "run_sha256", "verdict", "error", "outlier_in")
 
 
-def make_files(table: FleetTable, plan: Plan, title: str) -> dict[str, bytes]:
+def make_files(table: FleetTable, plan: DeviceTask, title: str) -> dict[str, bytes]:
     """File name → bytes of every file of a finished fleet."""
     flat = _flat_table(table)
     contents = {"fleet.csv": flat.to_csv().encode()}
@@ -34,7 +34,7 @@ def make_files(table: FleetTable, plan: Plan, title: str) -> dict[str, bytes]:
     }
 
 
-def _document(table: FleetTable, plan: Plan, contents: Mapping[str, bytes]) -> dict[str, Any]:
+def _document(table: FleetTable, plan: DeviceTask, contents: Mapping[str, bytes]) -> dict[str, Any]:
     """fleet.json: recipe, devices with the digests of their runs, lines of every control chart,
     digests of the files.
     """

@@ -18,14 +18,14 @@ from multiprocessing import connection as pipes
 from typing import TYPE_CHECKING, NoReturn
 
 from calibkit.fleet import server
-from calibkit.fleet.device import Failure, Outcome, Plan
+from calibkit.fleet.device import DeviceTask, Failure, Outcome
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Sequence
     from multiprocessing.connection import Connection
     from multiprocessing.context import ForkServerProcess, SpawnProcess
 
-    Task = Callable[[Plan, str], Outcome]
+    Task = Callable[[DeviceTask, str], Outcome]
     Process = SpawnProcess | ForkServerProcess
 
 TRIES = 3
@@ -43,7 +43,9 @@ class _Worker:
     serial: str
 
 
-def fit_devices(task: Task, plan: Plan, serials: Sequence[str], jobs: int) -> Generator[Outcome]:
+def fit_devices(
+    task: Task, plan: DeviceTask, serials: Sequence[str], jobs: int
+) -> Generator[Outcome]:
     """Outcome of each device as it is finished, in any order."""
     waiting, tries = deque(serials), Counter[str]()
     crew: list[_Worker] = []
@@ -136,7 +138,7 @@ def _answer(
         pipe.send(function(*arguments))
 
 
-def _serve(pipe: Connection, task: Task, plan: Plan) -> None:
+def _serve(pipe: Connection, task: Task, plan: DeviceTask) -> None:
     """What a process does: fit devices until the pipe ends, which it also does when the process at
     its other end is killed.
     """

@@ -10,7 +10,7 @@ from pathlib import Path
 from calibkit import atomic, clock, instruments, new_files, recipe, store
 from calibkit.errors import CalibkitError, FrameError, OutputError, StoppedError, UsageError
 from calibkit.fleet import cluster, files, local, table
-from calibkit.fleet.device import Failure, Outcome, Plan, Row, fit_device
+from calibkit.fleet.device import DeviceTask, Failure, Outcome, Row, fit_device
 from calibkit.fleet.table import FleetTable
 from calibkit.instruments import Progress
 
@@ -53,7 +53,7 @@ def run(
     """
     spec = instruments.parse_recipe(source)
     today = clock.date_or_today(None)
-    plan = Plan(source, data.resolve(), out.resolve(), date, dry_run, today)
+    plan = DeviceTask(source, data.resolve(), out.resolve(), date, dry_run, today)
     serials, refused = _find_devices(plan, data, keep_going=keep_going)
     processes = 1 if address else max(1, min(jobs or os.cpu_count() or 1, len(serials)))
     _make_folder(plan.out, dry_run=dry_run)
@@ -73,7 +73,7 @@ def run(
     return _finish(plan, outcomes, spec.title or spec.procedure, processes)
 
 
-def _finish(plan: Plan, outcomes: Sequence[Outcome], title: str, processes: int) -> Fleet:
+def _finish(plan: DeviceTask, outcomes: Sequence[Outcome], title: str, processes: int) -> Fleet:
     """Make the table of a fleet and write it; where processes fitted the devices, one makes it."""
     made = table.build_table(outcomes, plan.data)
     arguments = made, plan, f"{title}: {len(outcomes)} devices"
@@ -103,7 +103,9 @@ def _stopping_error(failure: Failure, finished: int) -> CalibkitError:
     return error
 
 
-def _find_devices(plan: Plan, data: Path, *, keep_going: bool) -> tuple[list[str], list[Failure]]:
+def _find_devices(
+    plan: DeviceTask, data: Path, *, keep_going: bool
+) -> tuple[list[str], list[Failure]]:
     """Serials in order, and the sub-folders whose names are no serials; hidden ones are passed
     over.
     """
@@ -155,7 +157,7 @@ def _make_folder(out: Path, *, dry_run: bool) -> None:
 
 
 def _outcomes(
-    plan: Plan, serials: Sequence[str], processes: int, address: str
+    plan: DeviceTask, serials: Sequence[str], processes: int, address: str
 ) -> Generator[Outcome]:
     """Outcome of every device, as it is finished."""
     if address:
@@ -165,7 +167,7 @@ def _outcomes(
     return local.fit_devices(fit_device, plan, serials, processes)
 
 
-def _require_run_here(outcome: Outcome, plan: Plan) -> Outcome:
+def _require_run_here(outcome: Outcome, plan: DeviceTask) -> Outcome:
     """The outcome, or a failure where the run that a worker wrote is not in the folder that this
     process sees.
     """

@@ -7,7 +7,7 @@ from typing import Any
 
 from calibkit.fleet.page import PAGE
 from calibkit.fleet.run import Fleet
-from calibkit.fleet.table import COPIED, FAILED, Entry
+from calibkit.fleet.table import COPIED, FAILED, DeviceRow
 from calibkit.report.screen import MOST, shorten
 
 _MOST_FAILED, _MOST_REJECTED, _MOST_REHEARSED = 5, 4, 5
@@ -54,7 +54,7 @@ def _cut(lines: Sequence[str], width: int) -> list[str]:
     return [line if len(line) <= width else line[: width - len(end)] + end for line in lines]
 
 
-def _fitted_to(entry: Entry, recipe: str) -> str:
+def _fitted_to(entry: DeviceRow, recipe: str) -> str:
     """Run that a device would have: of which logs, with which recipe."""
     fitted = "was fitted before" if entry.before else f"would be fitted with {recipe}"
     return f"{entry.serial}@{entry.run}: {fitted} to {', '.join(entry.logs)}"

@@ -31,7 +31,7 @@ class _Outlier:
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class DeviceRow:
     """A row of the table: the outcome of one device."""
 
     serial: str
@@ -55,7 +55,7 @@ class FleetTable:
     their stages.
     """
 
-    entries: tuple[Entry, ...]
+    entries: tuple[DeviceRow, ...]
     charts: tuple[ControlChart, ...]
     outliers: tuple[_Outlier, ...]
     """In the order of the figures, then the furthest first."""
@@ -102,12 +102,12 @@ def build_table(outcomes: Sequence[Outcome], data: Path) -> FleetTable:
     )
 
 
-def _entry(outcome: Outcome, copied: str, data: Path) -> Entry:
+def _entry(outcome: Outcome, copied: str, data: Path) -> DeviceRow:
     """Row of one device; a verdict on a copy of another device's logs is no verdict on this one."""
     if isinstance(outcome, Failure):
         message = outcome.message.replace(f"{data}/", "").replace(str(data), "")
-        return Entry(outcome.serial, "", "", FAILED, f"{outcome.code}: {message}", 0)
-    return Entry(
+        return DeviceRow(outcome.serial, "", "", FAILED, f"{outcome.code}: {message}", 0)
+    return DeviceRow(
         outcome.serial,
         outcome.run,
         outcome.run_sha256,

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from calibkit.history.timeline import Point, Series, Timeline
+    from calibkit.history.timeline import Determination, NumberSeries, Timeline
 
 ROWS, COLUMNS = 4, 3
 SUFFIXES = (".pdf", ".png")
@@ -42,7 +42,7 @@ def render(found: Timeline, suffix: str, first: Sequence[Figure] = ()) -> bytes:
     return png(pages[0]) if suffix == ".png" else pdf(pages)
 
 
-def _page(serial: str, block: Sequence[Series]) -> Figure:
+def _page(serial: str, block: Sequence[NumberSeries]) -> Figure:
     """One page of panels."""
     title = (
         f"{serial}: coefficients over time, bars U (type A), line: weighted slope where"
@@ -57,14 +57,14 @@ def _page(serial: str, block: Sequence[Series]) -> Figure:
     return figure
 
 
-def _factor(point: Point) -> float:
+def _factor(point: Determination) -> float:
     """Coverage factor of a point's uncertainty; 2 where its degrees of freedom are not stated."""
     return (
         2.0 if point.effective_dof is None else gum.coverage_factor(max(point.effective_dof, 1.0))
     )
 
 
-def _panel(ax: Axes, series: Series) -> None:
+def _panel(ax: Axes, series: NumberSeries) -> None:
     """One quantity: change from its first determination against date; rejected runs are hollow."""
     first = series.points[0].value
     for point in series.points:
@@ -90,7 +90,7 @@ def _panel(ax: Axes, series: Series) -> None:
     ax.set_ylabel(f"change [{quantity.unit}]", fontsize=7.5)
 
 
-def _line(ax: Axes, series: Series) -> None:
+def _line(ax: Axes, series: NumberSeries) -> None:
     """The weighted straight line through the determinations that were not rejected."""
     trend = series.trend
     if trend is None:
@@ -109,7 +109,7 @@ def _line(ax: Axes, series: Series) -> None:
     ax.plot(days, line, color=MUTED, lw=0.9, ls="--")
 
 
-def _dates(ax: Axes, series: Series) -> None:
+def _dates(ax: Axes, series: NumberSeries) -> None:
     """At most four dates on the abscissa, first and last among them."""
     days = sorted(
         {dt.date.fromisoformat(point.effective_from).toordinal() for point in series.points}

@@ -45,7 +45,7 @@ class _InForce:
 
 
 @dataclass(frozen=True, slots=True)
-class Point:
+class Determination:
     """One determination of a number."""
 
     revision: int
@@ -58,7 +58,7 @@ class Point:
 
 
 @dataclass(frozen=True, slots=True)
-class Quantity:
+class FollowedNumber:
     """A coefficient or figure that revisions share; `meaning` holds the chosen parameters that say
     what it is.
     """
@@ -77,13 +77,13 @@ class Quantity:
 
 
 @dataclass(frozen=True, slots=True)
-class Series:
+class NumberSeries:
     """One quantity over the revisions that determined it, in the order of their dates: first to
     last, neighbours, years.
     """
 
-    quantity: Quantity
-    points: tuple[Point, ...]
+    quantity: FollowedNumber
+    points: tuple[Determination, ...]
     overall: Change
     largest_step: float
     """Largest change between neighbours in time, in standard uncertainties of that difference."""
@@ -100,7 +100,7 @@ class Timeline:
     refused: tuple[_Refused, ...]
     breaks: tuple[str, ...]
     flags: tuple[str, ...]
-    series: tuple[Series, ...]
+    series: tuple[NumberSeries, ...]
 
     @property
     def sound(self) -> bool:
@@ -235,11 +235,11 @@ def independent_runs(runs: Sequence[Run]) -> set[int]:
     return kept
 
 
-def _series(runs: Sequence[Run], forms_of: FormsOf) -> Iterator[Series]:
+def _series(runs: Sequence[Run], forms_of: FormsOf) -> Iterator[NumberSeries]:
     """Quantities with an uncertainty that two runs or more determined, alike in form, unit and
     meaning.
     """
-    points: dict[Quantity, list[Point]] = {}
+    points: dict[FollowedNumber, list[Determination]] = {}
     for run in sorted(
         runs, key=lambda run: (run.document["effective_from"], run.document["revision"])
     ):
@@ -248,7 +248,7 @@ def _series(runs: Sequence[Run], forms_of: FormsOf) -> Iterator[Series]:
             if number.standard_uncertainty > 0.0:
                 verdict = run.document["verdict"]
                 u, dof = number.standard_uncertainty, number.effective_dof
-                point = Point(*when, number.value, u, dof, verdict)
+                point = Determination(*when, number.value, u, dof, verdict)
                 points.setdefault(quantity, []).append(point)
     independent = independent_runs(runs)
     for quantity, found in points.items():
@@ -256,7 +256,7 @@ def _series(runs: Sequence[Run], forms_of: FormsOf) -> Iterator[Series]:
             yield _one_series(quantity, tuple(found), independent)
 
 
-def _numbers(run: Run, forms: Mapping[str, Form]) -> Iterator[tuple[Quantity, Coefficient]]:
+def _numbers(run: Run, forms: Mapping[str, Form]) -> Iterator[tuple[FollowedNumber, Coefficient]]:
     """Every coefficient and figure of a run that belongs to the instrument and not to one log."""
     for record in run.records.values():
         for model in record.models:
@@ -268,12 +268,17 @@ def _numbers(run: Run, forms: Mapping[str, Form]) -> Iterator[tuple[Quantity, Co
                 f"{p.name} {p.value:g} {p.unit}" for p in model.parameters if p.name in names
             )
             for c in difference.with_dof(model):
-                yield Quantity(record.stage, model.name, model.form, meaning, c.name, c.unit), c
+                yield (
+                    FollowedNumber(record.stage, model.name, model.form, meaning, c.name, c.unit),
+                    c,
+                )
         for figure in record.figures:
-            yield Quantity(record.stage, "", "", "", figure.name, figure.unit), figure
+            yield FollowedNumber(record.stage, "", "", "", figure.name, figure.unit), figure
 
 
-def _one_series(quantity: Quantity, points: tuple[Point, ...], independent: set[int]) -> Series:
+def _one_series(
+    quantity: FollowedNumber, points: tuple[Determination, ...], independent: set[int]
+) -> NumberSeries:
     """A series with its change from first to last, its largest step and its straight line over
     years.
     """
@@ -283,7 +288,7 @@ def _one_series(quantity: Quantity, points: tuple[Point, ...], independent: set[
         [dt.date.fromisoformat(point.effective_from).toordinal() / YEAR_DAYS for point in taken]
     )
     values = np.array([point.value for point in taken])
-    return Series(
+    return NumberSeries(
         quantity,
         points,
         _change(quantity, points[0], points[-1]),
@@ -292,7 +297,7 @@ def _one_series(quantity: Quantity, points: tuple[Point, ...], independent: set[
     )
 
 
-def _change(quantity: Quantity, a: Point, b: Point) -> Change:
+def _change(quantity: FollowedNumber, a: Determination, b: Determination) -> Change:
     """Change from one determination to another."""
     old, new = (
         Coefficient(

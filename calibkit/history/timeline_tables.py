@@ -5,7 +5,7 @@ from typing import Any
 
 from calibkit.frame import Remark
 from calibkit.history.difference_tables import CHANGE_KEYS, TYPE_A, identify_run
-from calibkit.history.timeline import Point, Quantity, Series, Timeline
+from calibkit.history.timeline import Determination, FollowedNumber, NumberSeries, Timeline
 from calibkit.report.summary import Summary
 from calibkit.report.table import Cell, Column, Table, number_or_none, tabulate
 from calibkit.store import Run
@@ -93,7 +93,7 @@ def _revision_row(found: Timeline, run: Run) -> tuple[Cell, ...]:
     )
 
 
-def _series_row(series: Series) -> tuple[Cell, ...]:
+def _series_row(series: NumberSeries) -> tuple[Cell, ...]:
     """One quantity over time."""
     trend = series.trend
     return (
@@ -131,7 +131,7 @@ def timeline_document(found: Timeline) -> dict[str, Any]:
     }
 
 
-def _series_document(series: Series) -> dict[str, Any]:
+def _series_document(series: NumberSeries) -> dict[str, Any]:
     """One quantity over time as a JSON object."""
     (overall,) = tabulate("", CHANGE_KEYS, [series.overall]).to_objects()
     return {
@@ -145,7 +145,7 @@ def _series_document(series: Series) -> dict[str, Any]:
 
 def list_points(found: Timeline) -> Table:
     """Every determination of a quantity, one row each, for CSV."""
-    keys = tuple(field.name for kind in (Quantity, Point) for field in fields(kind))
+    keys = tuple(field.name for kind in (FollowedNumber, Determination) for field in fields(kind))
     rows = tuple(
         (found.serial, *asdict(series.quantity).values(), *asdict(point).values())
         for series in found.series

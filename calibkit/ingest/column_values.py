@@ -14,7 +14,7 @@ from calibkit.frame import Origin
 from calibkit.ingest import column_names, time_units
 from calibkit.readers import times
 from calibkit.readers.table import FIRST_ROW, Guess
-from calibkit.recipe import Column
+from calibkit.recipe import ColumnMapping
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -82,7 +82,7 @@ def read_time(table: Table, source: str, recipe: Recipe) -> MappedColumn:
     """Seconds [n] of a log's time column: times as they are written, or numbers in the unit that
     recipe or header state. Raises LogFormatError, FrameError or RecipeError.
     """
-    column = recipe.columns.get("time_s") or Column(source=source)
+    column = recipe.columns.get("time_s") or ColumnMapping(source=source)
     raw, form = table.frame[source], column.time_format
     if column.date:
         if column.date not in table.frame.columns:
@@ -148,7 +148,7 @@ def _unknown_unit(table: Table, source: str) -> str:
     return "" if units.parse_unit(text) or _LABEL.fullmatch(text) else text
 
 
-def _resolve_unit(table: Table, source: str, column: Column, name: str) -> str:
+def _resolve_unit(table: Table, source: str, column: ColumnMapping, name: str) -> str:
     """Unit of the log's column: the recipe's, else what the log's header states, else the canonical
     one.
 
@@ -216,7 +216,7 @@ def needs_time(table: Table, source: str, name: str, recipe: Recipe) -> bool:
     """Whether a column counts since the row before, so that its rate needs the log's time; errors
     as of `read_values`.
     """
-    column = recipe.columns.get(name) or Column(source=source)
+    column = recipe.columns.get(name) or ColumnMapping(source=source)
     return column.interval_s is None and _resolve_unit(table, source, column, name) == "1/sample"
 
 
@@ -262,7 +262,7 @@ def read_values(
     Counts per sample become counts per second by the interval of the recipe or of the log's own
     time [s]. Raises LogFormatError, FrameError or RecipeError.
     """
-    column = recipe.columns.get(name) or Column(source=source)
+    column = recipe.columns.get(name) or ColumnMapping(source=source)
     raw = _read_numbers(table, source)
     unit, target = _resolve_unit(table, source, column, name), units.column_unit(name)
     raw, notes = _blank_sentinels(raw, recipe, unit, source, table)
@@ -297,7 +297,7 @@ def read_values(
 
 
 def _counting_interval(
-    column: Column, seconds: Array | None, name: str, table: Table
+    column: ColumnMapping, seconds: Array | None, name: str, table: Table
 ) -> Array | float:
     """Time [s] over which each row's counts were counted: the recipe's, or since the row before."""
     if column.interval_s is not None:
@@ -310,7 +310,7 @@ def _counting_interval(
     return np.concatenate([[np.nan], np.diff(seconds)])
 
 
-def _note_on_spacing(column: Column, seconds: Array | None, name: str) -> tuple[str, ...]:
+def _note_on_spacing(column: ColumnMapping, seconds: Array | None, name: str) -> tuple[str, ...]:
     """Note on rows whose spacing is not the interval over which the recipe states their counts."""
     if column.interval_s is None or seconds is None or seconds.size < 2:
         return ()
@@ -366,7 +366,7 @@ def _blank_sentinels(
 
 
 def unmap_values(
-    values: Array, column: Column, name: str, recipe: Recipe, stated: str = ""
+    values: Array, column: ColumnMapping, name: str, recipe: Recipe, stated: str = ""
 ) -> Array:
     """Values of a canonical column in the log's own unit and sign: the inverse of the mapping.
 

@@ -10,7 +10,7 @@ from calibkit.ingest import column_names, time_units, typed_gravity
 from calibkit.ingest.column_names import LogColumn
 from calibkit.ingest.glimpse import Glimpse
 from calibkit.ingest.log_groups import Group
-from calibkit.ingest.recipe_text import UNSTATED, Choice, Parse, write_recipe
+from calibkit.ingest.recipe_text import UNSTATED, Parse, RecipeChoice, write_recipe
 from calibkit.recipe import Recipe, Source
 
 _STEADY_DEGC = 5.0
@@ -92,14 +92,14 @@ class Evidence:
         columns: Mapping[str, LogColumn] | None = None,
         keys: Mapping[str, str] | None = None,
         reason: str = "",
-    ) -> Choice:
+    ) -> RecipeChoice:
         """Choice of a shipped recipe that reads the wanted columns; the rest could be canonical
         columns too.
         """
         taken = self.columns if columns is None else columns
         rest = [(name, column) for name, column in taken.items() if name not in wanted]
         mapping = {name: taken[name] for name in wanted if name in taken}
-        return Choice(
+        return RecipeChoice(
             name,
             mapping,
             (*self.others, *rest),
@@ -111,7 +111,7 @@ class Evidence:
 
     def choose_at_rest(
         self, name: str, keys_of: Callable[[Sequence[str]], Mapping[str, str]]
-    ) -> Choice | None:
+    ) -> RecipeChoice | None:
         """Choice of a shipped recipe for all channels of an instrument that stands still beside one
         temperature, with its keys for these channels; None for other logs.
         """
@@ -147,7 +147,7 @@ class Evidence:
             lines |= dict.fromkeys(axes, ('unit = "m/s^2" # by the length of gravity',))
         return lines
 
-    def recipe(self, choice: Choice) -> Recipe:
+    def recipe(self, choice: RecipeChoice) -> Recipe:
         """Recipe that a choice gives."""
         text = write_recipe(self.folder, choice, self.group, (), self.parse)
         # what a person has to state is taken as stated; a scale of 1 would not be

@@ -49,7 +49,7 @@ _TEMPERATURES = frozenset({"temp_case_degc", "temp_env_degc", "temp_degc"})
 
 
 @dataclass(frozen=True, slots=True)
-class _Layout:
+class _GroupLayout:
     """How a log is written: format, columns, keys of [logs.text] for its dialect, sheet or table,
     tables that follow each other, and the names that were made for columns without any.
     """
@@ -73,7 +73,7 @@ class Group:
     """Logs of one layout: their files, and how they are written."""
 
     files: tuple[str, ...]
-    layout: _Layout
+    layout: _GroupLayout
 
     @property
     def columns(self) -> tuple[column_names.LogColumn, ...]:
@@ -143,7 +143,7 @@ def group_logs(folder: Path, sheet: str = "") -> list[Group]:
     return list(groups.values())
 
 
-def _read_layouts(path: Path, sheet: str) -> list[_Layout]:
+def _read_layouts(path: Path, sheet: str) -> list[_GroupLayout]:
     """Layouts of a log, one for each sheet of a workbook or table that can be read: by the format
     that it shows, else as text, else by a plugin.
     """
@@ -168,7 +168,7 @@ def _read_layouts(path: Path, sheet: str) -> list[_Layout]:
     return [_layout_of_format(path, Logs(files=("*",), format=plugin))]
 
 
-def _layouts_of_sheets(path: Path, sheet: str) -> list[_Layout]:
+def _layouts_of_sheets(path: Path, sheet: str) -> list[_GroupLayout]:
     """Layout of the named sheet, or of each sheet with a table."""
     from calibkit.readers import excel
 
@@ -184,7 +184,7 @@ def _layouts_of_sheets(path: Path, sheet: str) -> list[_Layout]:
     return layouts
 
 
-def _layouts_of_tables(path: Path, name: str) -> list[_Layout]:
+def _layouts_of_tables(path: Path, name: str) -> list[_GroupLayout]:
     """Layout of the only table of named arrays; of several, of all side by side where they have one
     clock, of all behind each other where matrices are alike, else of each.
     """
@@ -209,7 +209,7 @@ def _layouts_of_tables(path: Path, name: str) -> list[_Layout]:
     return layouts
 
 
-def _layout_of_format(path: Path, logs: Logs) -> _Layout:
+def _layout_of_format(path: Path, logs: Logs) -> _GroupLayout:
     """Layout of a log in a format that its reader reads whole; columns without names get some. A
     footer is left out.
     """
@@ -236,7 +236,7 @@ def _layout_of_format(path: Path, logs: Logs) -> _Layout:
         with suppress(LogFormatError):
             text = _read_whole(path, logs, numeric)[1]
     named = tuple(column_names.name_sensor(f"{path.stem} {logs.table}", columns))
-    return _Layout(logs.format, named, text, logs.table, names=names)
+    return _GroupLayout(logs.format, named, text, logs.table, names=names)
 
 
 def _read_whole(path: Path, logs: Logs, needed: Sequence[str]) -> tuple[Table, _Mend]:
@@ -258,12 +258,12 @@ def _read_whole(path: Path, logs: Logs, needed: Sequence[str]) -> tuple[Table, _
     raise failed
 
 
-def _layout_of_text(path: Path) -> _Layout:
+def _layout_of_text(path: Path) -> _GroupLayout:
     """Layout of a text log, with what mends it; clean CSV has format "csv" and no dialect to
     state. A log that nothing mends has the layout of its head.
     """
     failed: LogFormatError | None = None
-    head: _Layout | None = None
+    head: _GroupLayout | None = None
     for mend in ({}, *_MENDS):
         logs = Logs(files=("*",), format="text", text=TextSpec.model_validate(mend))
         try:
@@ -281,7 +281,7 @@ def _layout_of_text(path: Path) -> _Layout:
     raise failed
 
 
-def _guess_text(path: Path, logs: Logs, mend: _Mend) -> tuple[_Layout, Logs]:
+def _guess_text(path: Path, logs: Logs, mend: _Mend) -> tuple[_GroupLayout, Logs]:
     """Layout of a text log that is mended, and the recipe's table on it."""
     names: tuple[str, ...] = ()
     try:
@@ -300,12 +300,12 @@ def _guess_text(path: Path, logs: Logs, mend: _Mend) -> tuple[_Layout, Logs]:
     )
     logs = logs.model_copy(update={"names": names})
     if dialect.clean and not names and not mend:
-        return _Layout("csv", tuple(columns), {}), logs
+        return _GroupLayout("csv", tuple(columns), {}), logs
     text = dialect.recipe_keys() | mend
-    return _Layout("text", tuple(columns), text, names=names), logs
+    return _GroupLayout("text", tuple(columns), text, names=names), logs
 
 
-def _numeric(layout: _Layout) -> list[str]:
+def _numeric(layout: _GroupLayout) -> list[str]:
     """Names of the columns of a text log that hold numbers."""
     return [column.name for column in layout.columns if column.kind == "number"]
 

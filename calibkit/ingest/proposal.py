@@ -10,11 +10,11 @@ from typing import TypeAlias
 from calibkit import recipe
 from calibkit.ingest.evidence import Evidence
 from calibkit.ingest.log_groups import Group, group_logs
-from calibkit.ingest.recipe_text import Choice, Parse, note_missing_units, write_recipe
+from calibkit.ingest.recipe_text import Parse, RecipeChoice, note_missing_units, write_recipe
 
 
 @dataclass(frozen=True, slots=True)
-class Proposal:
+class ProposedText:
     """Text of a recipe, and a note on columns whose unit has to be stated, or ""."""
 
     text: str
@@ -25,13 +25,13 @@ _NO_PROCEDURE = (
     "# No procedure was recognised: put canonical names into [logs] names, or map the columns under"
     " [columns], and run init again or choose a shipped recipe."
 )
-Proposer: TypeAlias = Callable[[Evidence], Choice | None]
+Proposer: TypeAlias = Callable[[Evidence], RecipeChoice | None]
 """Recognises the logs of one instrument."""
 
 
 def propose(
     folder: Path, parse: Parse, proposers: Sequence[Proposer], skeleton: str, sheet: str = ""
-) -> Proposal:
+) -> ProposedText:
     """Recipe for the logs of a folder, by the first instrument that recognises them; for logs
     that none recognises a recipe as a skeleton.
 
@@ -50,17 +50,19 @@ def propose(
     chosen, group = max(choices, key=lambda choice: (len(choice[1].files), not choice[0].guessed))
     rest = [other for other in groups if other is not group]
     rest = [other for other in rest if not set(other.files) <= set(chosen.joined)]
-    return Proposal(write_recipe(folder, chosen, group, rest, parse), note_missing_units(chosen))
+    return ProposedText(
+        write_recipe(folder, chosen, group, rest, parse), note_missing_units(chosen)
+    )
 
 
-def _make_skeleton(name: str, group: Group) -> Choice:
+def _make_skeleton(name: str, group: Group) -> RecipeChoice:
     """A recipe for logs that no instrument recognises, which says what is known of them."""
     silent = [column.name for column in group.columns if not (column.stated or column.is_time)]
     words = f" The log states no unit of {', '.join(silent)}." if silent else ""
-    return Choice(name, {}, (), {}, remark=_NO_PROCEDURE + words)
+    return RecipeChoice(name, {}, (), {}, remark=_NO_PROCEDURE + words)
 
 
-def _choose_recipe(evidence: Evidence, proposers: Sequence[Proposer]) -> Choice | None:
+def _choose_recipe(evidence: Evidence, proposers: Sequence[Proposer]) -> RecipeChoice | None:
     """Shipped recipe that maps columns of just these names, else that of the first instrument that
     recognises the logs.
     """
@@ -68,7 +70,7 @@ def _choose_recipe(evidence: Evidence, proposers: Sequence[Proposer]) -> Choice 
     for name in recipe.shipped():
         mapped = evidence.parse(recipe.find(name)).columns
         if mapped and {column.source for column in mapped.values()} <= written:
-            return Choice(name, {}, (), {})
+            return RecipeChoice(name, {}, (), {})
     found = [choice for recognise in proposers if (choice := recognise(evidence)) is not None]
     if not found:
         return None

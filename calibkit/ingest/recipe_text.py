@@ -16,7 +16,7 @@ from calibkit.recipe.toml_text import write_value
 
 
 @dataclass(frozen=True, slots=True)
-class Choice:
+class RecipeChoice:
     """A shipped recipe for logs, and the mapping of canonical columns to columns of the logs."""
 
     recipe: str
@@ -71,7 +71,7 @@ def _lacks_unit(column: LogColumn) -> bool:
     return not column.stated and not column.is_time
 
 
-def note_missing_units(choice: Choice) -> str:
+def note_missing_units(choice: RecipeChoice) -> str:
     """Note on the mapped columns without a unit in the log, with the unit that each would be taken
     in; "" where every unit is stated.
     """
@@ -94,7 +94,7 @@ def note_missing_units(choice: Choice) -> str:
 
 
 def write_recipe(
-    folder: Path, choice: Choice, group: Group, rest: Sequence[Group], parse: Parse
+    folder: Path, choice: RecipeChoice, group: Group, rest: Sequence[Group], parse: Parse
 ) -> str:
     """Text of the chosen shipped recipe, with the mapping of these logs in place of its own."""
     source = recipe.find(choice.recipe)
@@ -134,7 +134,7 @@ def write_recipe(
     )
 
 
-def _write_mapping(choice: Choice, group: Group) -> str:
+def _write_mapping(choice: RecipeChoice, group: Group) -> str:
     """Tables [logs.text] and [columns] of a recipe, and comments on columns that are not used."""
     lines = [""]
     if group.layout.text:
@@ -181,7 +181,7 @@ def _map_column(name: str, column: LogColumn, more: Sequence[str]) -> list[str]:
     return [*lines, *more, ""]
 
 
-def _state_gravity(choice: Choice) -> list[str]:
+def _state_gravity(choice: RecipeChoice) -> list[str]:
     """Table [site] for accelerations in m/s², which gravity divides: typed in the log, or to be
     stated.
     """
@@ -206,7 +206,7 @@ def _is_foreign(column: LogColumn, unit: str) -> bool:
     return own != wanted and not {own, wanted} <= _CONVERTED
 
 
-def _write_header(choice: Choice, group: Group, rest: Sequence[Group]) -> str:
+def _write_header(choice: RecipeChoice, group: Group, rest: Sequence[Group]) -> str:
     """Comment at the head of a recipe: for which logs it is, and which logs it does not read."""
     several = len(group.files) > 1
     note = note_missing_units(choice)

@@ -16,7 +16,7 @@ from calibkit.ingest.column_values import unmap_values
 from calibkit.ingest.text_lines import STATUS, TextLines
 from calibkit.numeric import chunks
 from calibkit.readers import clean, delimited, in_memory, registry, tokens
-from calibkit.recipe import Column
+from calibkit.recipe import ColumnMapping
 from calibkit.recipe.logs import AUTO
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ class Rewritten:
     recipe: Recipe
     file: str
     log: Log
-    fields: _Fields
+    fields: _RowFields
     columns: Mapping[str, Array]
     replaced: Mapping[str, Array]
     own: Mapping[str, str]
@@ -107,7 +107,7 @@ class Rewritten:
     def _numbers(self, name: str, row: int, stop: int) -> Array:
         """Values of a replaced column from one row to another, in the log's own unit and sign."""
         source = self.own[name]
-        mapped = self.recipe.columns.get(name) or Column(source=source)
+        mapped = self.recipe.columns.get(name) or ColumnMapping(source=source)
         stated = self.fields.units.get(source, "")
         return unmap_values(self.replaced[name][row:stop], mapped, name, self.recipe, stated)
 
@@ -205,7 +205,7 @@ def tabulate(
     """
     head, *rest = columns
     first = [f"{value:.10g}" for value in columns[head]]
-    fields = _Fields([head], {}, len(first), lambda: [[first]], quotes=True)
+    fields = _RowFields([head], {}, len(first), lambda: [[first]], quotes=True)
     reasons = np.array(status, dtype=object)
     lost = tuple(
         (reason, np.flatnonzero(reasons == reason)) for reason in dict.fromkeys(status) if reason
@@ -249,7 +249,7 @@ def _spread(log: Log, along: Array, rows: Integers | None, count: int) -> Array:
 
 
 @dataclass(frozen=True, slots=True)
-class _Fields:
+class _RowFields:
     """A log as characters: names, units that the header states, number of rows, and the fields of
     each column for one block of rows after the other.
 
@@ -264,7 +264,7 @@ class _Fields:
     lines: TextLines | None = None
 
 
-def _scan_clean(recipe: Recipe, path: Path) -> _Fields | None:
+def _scan_clean(recipe: Recipe, path: Path) -> _RowFields | None:
     """Fields of clean CSV as they are in the file, which is read block by block; None of any other
     log.
     """
@@ -272,7 +272,7 @@ def _scan_clean(recipe: Recipe, path: Path) -> _Fields | None:
     if scan is None:
         return None
     stated = {name: units.unit_in_header(name) for name in scan.header}
-    return _Fields(
+    return _RowFields(
         list(scan.header),
         stated,
         scan.rows,
@@ -295,7 +295,7 @@ def _read_blocks(path: Path, width: int) -> Iterator[list[list[str]]]:
             yield [fields[number::width] for number in range(width)]
 
 
-def _read_fields(recipe: Recipe, path: Path, log: Log) -> _Fields:
+def _read_fields(recipe: Recipe, path: Path, log: Log) -> _RowFields:
     """Fields of a log: of CSV as they are, of text by its lines, of any other format by its
     reader.
     """
@@ -311,16 +311,16 @@ def _read_fields(recipe: Recipe, path: Path, log: Log) -> _Fields:
             rows = [line.split(",") for line in body.decode().rstrip("\n").split("\n")]
             columns = list(map(list, zip(*rows, strict=True)))
             stated = {name: units.unit_in_header(name) for name in header}
-            return _Fields(header, stated, len(rows), lambda: [columns], quotes=False)
+            return _RowFields(header, stated, len(rows), lambda: [columns], quotes=False)
     if (text := _cut_text(recipe, path, data, log)) is not None:
         return text
     return _list_fields(registry.read(path, path.name, recipe.logs, ()))
 
 
-def _list_fields(table: Table) -> _Fields:
+def _list_fields(table: Table) -> _RowFields:
     """Fields of a log that is no text, or in memory."""
     frame = table.frame
-    return _Fields(
+    return _RowFields(
         list(map(str, frame.columns)),
         table.units,
         len(frame),
@@ -329,7 +329,7 @@ def _list_fields(table: Table) -> _Fields:
     )
 
 
-def _cut_text(recipe: Recipe, path: Path, data: bytes, log: Log) -> _Fields | None:
+def _cut_text(recipe: Recipe, path: Path, data: bytes, log: Log) -> _RowFields | None:
     """Fields of text in a dialect, which is written by its lines; None of another format."""
     known = recipe.logs.format == "text"
     if not known and (recipe.logs.format != AUTO or registry.recognise_format(data)):
@@ -343,7 +343,7 @@ def _cut_text(recipe: Recipe, path: Path, data: bytes, log: Log) -> _Fields | No
         return None
     stated = {column.name: column.unit for column in lines.dialect.columns if column.unit}
     header = list(lines.dialect.names)
-    return _Fields(header, stated, len(numbers), list, quotes=False, lines=lines)
+    return _RowFields(header, stated, len(numbers), list, quotes=False, lines=lines)
 
 
 def _format_column(column: pd.Series, decimal: str) -> list[str]:
@@ -367,7 +367,7 @@ def _format_csv(columns: list[list[str]], *, quotes: bool) -> bytes:
     return stream.getvalue().encode()
 
 
-def _find_source(recipe: Recipe, name: str, log: _Fields, path: Path) -> str:
+def _find_source(recipe: Recipe, name: str, log: _RowFields, path: Path) -> str:
     """Name that a canonical column has in the log, with or without the unit behind it."""
     source = recipe.columns[name].source if name in recipe.columns else name
     if source in log.header:

@@ -111,7 +111,7 @@ class Torn:
 
 
 @dataclass(slots=True)
-class Rows:
+class TextRows:
     """Lines of a text log that hold its rows: their text, and the line of each; those that were
     left out, and notes on them.
     """
@@ -124,7 +124,7 @@ class Rows:
     torn: Torn
 
     @classmethod
-    def among(cls, body: str, blank: str, first: int, file: str, logs: Logs) -> "Rows":
+    def among(cls, body: str, blank: str, first: int, file: str, logs: Logs) -> "TextRows":
         """Rows of a text that begins in line `first`, without comments and, of what is `blank`,
         blank lines.
         """

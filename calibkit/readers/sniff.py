@@ -32,7 +32,7 @@ _DELIMITERS = ("\t", ";", ",", "|", "space")
 
 
 @dataclass(frozen=True, slots=True)
-class _TextColumn:
+class _SniffedColumn:
     """One column of a text log: name and unit as the log writes them (unit "" where it states
     none), and what its fields are.
     """
@@ -55,7 +55,7 @@ class Dialect:
     decimal: str
     skip_lines: int
     header_lines: int
-    columns: tuple[_TextColumn, ...]
+    columns: tuple[_SniffedColumn, ...]
     guessed: tuple[str, ...] = ()
     widths: tuple[int, ...] = ()
     renamed: bool = False
@@ -272,7 +272,7 @@ def _build_dialect(
         skip,
         header,
         columns=tuple(
-            _TextColumn(name, unit, *_classify_column([row[k] for row in rows], decimal))
+            _SniffedColumn(name, unit, *_classify_column([row[k] for row in rows], decimal))
             for k, (name, unit) in enumerate(stated)
         ),
         guessed=tuple(key for key, value in spec if value == AUTO),

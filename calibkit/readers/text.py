@@ -61,7 +61,7 @@ def parse_text(
     body, accounts = _find_rows(text, file, found, logs.text.footer_lines)
     open_end = text.endswith(body)
     blank = "(?!)" if len(found.columns) == 1 else "[ ]*" if found.delimiter == "\t" else "[ \t]*"
-    rows = damage.Rows.among(body, blank, found.first_line, file, logs)
+    rows = damage.TextRows.among(body, blank, found.first_line, file, logs)
     if open_end and logs.text.last_line == "drop":
         rows.drop_last()
         open_end = False
@@ -145,7 +145,7 @@ def _separate_fields(body: str, found: Dialect) -> tuple[bytes, str]:
 
 
 def _parse_rows(
-    rows: damage.Rows,
+    rows: damage.TextRows,
     kinds: dict[int, str],
     found: Dialect,
     words: Collection[str],
@@ -188,7 +188,7 @@ def _parse_rows(
 
 
 def _wrong_token(
-    rows: damage.Rows,
+    rows: damage.TextRows,
     columns: Mapping[int, _TextColumn],
     found: Dialect,
     open_end: bool,  # noqa: FBT001
@@ -204,7 +204,7 @@ def _wrong_token(
     )
 
 
-def _advise(rows: damage.Rows, found: Dialect, open_end: bool) -> damage.Advice:  # noqa: FBT001
+def _advise(rows: damage.TextRows, found: Dialect, open_end: bool) -> damage.Advice:  # noqa: FBT001
     """What to do about a row that is none."""
     return damage.Advice(
         rows.file,
@@ -248,7 +248,7 @@ class _TextColumn:
         torn = np.array([bool(text) and not tokens.is_measured(text) for text in plain], dtype=bool)
         return cls(plain, np.zeros_like(torn), np.zeros_like(torn), torn)
 
-    def parse(self, rows: damage.Rows, found: Dialect, number: int) -> pd.Series:
+    def parse(self, rows: damage.TextRows, found: Dialect, number: int) -> pd.Series:
         """Numbers of the column. Raises LogFormatError where some thousands have a mark between
         them and others have none.
         """
@@ -298,7 +298,7 @@ def _index_lines(lines: Integers) -> pd.Index:
     return pd.RangeIndex(first, first + lines.size) if whole else pd.Index(lines - FIRST_ROW)
 
 
-def _check_last_line(rows: damage.Rows, found: Dialect, *, open_end: bool) -> tuple[str, ...]:
+def _check_last_line(rows: damage.TextRows, found: Dialect, *, open_end: bool) -> tuple[str, ...]:
     """Note on a last line without a line end."""
     if not open_end:
         return ()

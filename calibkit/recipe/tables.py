@@ -16,7 +16,7 @@ from calibkit.recipe.strict import NonNegative, Positive, Table
 from calibkit.recipe.type_b import TypeB
 
 __all__ = [
-    "Column",
+    "ColumnMapping",
     "Errors",
     "Exclude",
     "Logs",
@@ -30,7 +30,7 @@ __all__ = [
 ]
 
 
-class Column(Table):
+class ColumnMapping(Table):
     """Where a canonical column comes from: canonical = sign · (scale · value + offset) converted
     from `unit`.
 
@@ -154,10 +154,10 @@ class SecondLogger(Logs):
     """
 
     provides: Annotated[tuple[str, ...], Field(min_length=1, strict=False)]
-    columns: dict[str, Column] = {}
+    columns: dict[str, ColumnMapping] = {}
     clock: Literal["estimate", "stated", "same"]
     shared: str = ""
-    log_column: Column | None = None
+    log_column: ColumnMapping | None = None
     drift: bool = True
     offset_s: float = 0.0
     drift_ppm: float = 0.0
@@ -246,7 +246,7 @@ class Pin(Table):
         return self
 
 
-class Export(Table):
+class ExportTable(Table):
     """How the corrections of a run become firmware."""
 
     full_scale: dict[str, Positive] = {}
@@ -272,7 +272,7 @@ class Recipe(Table):
     serial: str = ""
     reference_temp_degc: Annotated[float, Field(ge=-273.15)] = 25.0
     logs: Logs
-    columns: dict[str, Column] = {}
+    columns: dict[str, ColumnMapping] = {}
     site: Site = Site()
     exclude: Annotated[tuple[Exclude, ...], Field(strict=False)] = ()
     chamber: SecondLogger | None = None
@@ -280,11 +280,11 @@ class Recipe(Table):
     segment: Annotated[tuple[Pin, ...], Field(strict=False)] = ()
     type_b: Annotated[tuple[TypeB, ...], Field(strict=False)] = ()
     errors: Errors = Errors()
-    export: Export = Export()
+    export: ExportTable = ExportTable()
 
     @field_validator("export")
     @classmethod
-    def _of_corrected_indications(cls, export: Export) -> Export:
+    def _of_corrected_indications(cls, export: ExportTable) -> ExportTable:
         for name in export.full_scale:
             if name not in cls.full_scales:
                 expected = " or ".join(cls.full_scales) or "none: no indication enters the firmware"
@@ -316,7 +316,7 @@ class Recipe(Table):
 
     @field_validator("columns")
     @classmethod
-    def _keys_belong_to_column(cls, columns: dict[str, Column]) -> dict[str, Column]:
+    def _keys_belong_to_column(cls, columns: dict[str, ColumnMapping]) -> dict[str, ColumnMapping]:
         for name, column in columns.items():
             if name != "time_s" and (column.time_format or column.date):
                 raise ValueError(f"{name}: time_format and date belong to time_s")

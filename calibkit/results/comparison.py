@@ -1,5 +1,10 @@
 """Is a device still good? Results of two runs over their common range: largest change, U of it,
 limit, verdict.
+
+A change d = y(now) - y(then) has u² = Σ (c_i u_i)² over the contributions of both results, each an
+error of its own but for what the same equipment does to both (JCGM 100 eq. 10). With U = k u, a
+result is still good where [d - U, d + U] (of a limit on values: [y - U, y + U]) is within its
+limit, no longer good where it is beyond, and else nobody can tell.
 """
 
 import fnmatch
@@ -13,8 +18,8 @@ import numpy as np
 
 from calibkit import instruments, units
 from calibkit.certificate.profile import Profile, Specification
-from calibkit.certificate.quantities import At, Limit, Point, Quantity
-from calibkit.certificate.results import Contribution, Result
+from calibkit.certificate.quantities import At, Quantity, ResultLimit
+from calibkit.certificate.results import Result
 from calibkit.check import copies
 from calibkit.coefficients import Criterion
 from calibkit.errors import UsageError, did_you_mean
@@ -35,7 +40,7 @@ DRAWS = 4000
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
+class ResultChange:
     """A result at one point, then and now: the difference and its uncertainty (None: not known)."""
 
     at: At
@@ -49,14 +54,29 @@ class Change:
         """Now less then."""
         return self.now.value - self.then.value
 
+    def nearness(self, limit: ResultLimit | None) -> float:
+        """How near it is to a limit, 1 at the limit: |d| + U over a largest change, |y - middle| +
+        U over half the width between two limits, y + U over a single one; |d|/u without a limit.
+        """
+        if limit is None:
+            return abs(self.difference) / self.u if self.u else 0.0
+        if limit.change is not None:
+            return (abs(self.difference) + (self.expanded or 0.0)) / limit.change
+        value, U, (low, high) = self.now.value, self.now.U, limit.bounds(0.0)
+        if math.isinf(low):
+            return (value + U) / abs(high) if high else math.inf
+        if math.isinf(high):
+            return abs(low) / abs(value - U) if value - U else math.inf
+        return (abs(value - (low + high) / 2.0) + U) / ((high - low) / 2.0)
+
 
 @dataclass(frozen=True, slots=True)
 class Compared:
     """One result over the common range: its changes, the answer, and why."""
 
     quantity: Quantity
-    changes: tuple[Change, ...]
-    limit: Limit | None
+    changes: tuple[ResultChange, ...]
+    limit: ResultLimit | None
     answer: Answer
     reason: str
     factor: float = math.nan
@@ -65,16 +85,19 @@ class Compared:
     """
 
     @property
-    def worst(self) -> Change | None:
+    def worst(self) -> ResultChange | None:
         """Change that decides: nearest to the limit, or largest in its uncertainty."""
-        if not self.changes:
-            return None
-        limit = self.limit
-        if limit is not None and limit.change is None:
-            return max(self.changes, key=lambda one: _reach(one.now, limit))
-        if limit is not None:
-            return max(self.changes, key=lambda one: abs(one.difference) + (one.expanded or 0.0))
-        return max(self.changes, key=lambda one: abs(one.difference) / (one.u or math.inf))
+        return max(self.changes, key=lambda change: change.nearness(self.limit), default=None)
+
+    @property
+    def nearness(self) -> float:
+        """How near the result is to its limit, as a share of it; of one without a limit its largest
+        change as a share of what chance makes.
+        """
+        worst = self.worst
+        if worst is None or worst.expanded is None:
+            return math.inf
+        return worst.nearness(self.limit) / (self.factor if self.limit is None else 1.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,44 +119,18 @@ class StillGood:
     @property
     def answer(self) -> Answer:
         """No where any result has left its limit, else yes where all are known to be within."""
-        answers = {one.answer for one in self.compared}
+        answers = {compared.answer for compared in self.compared}
         if self.repeated:
             return "cannot tell"
-        if "no" in answers or any(one.set_by == "recipe" for one in self.rejected):
+        if "no" in answers or any(criterion.set_by == "recipe" for criterion in self.rejected):
             return "no"
         return "cannot tell" if self.rejected or answers != {"yes"} else "yes"
 
     @property
     def deciding(self) -> Compared | None:
         """Result that decides: of those with the answer, the one nearest to its limit."""
-        alike = [one for one in self.compared if one.answer == self.answer]
-        return max(alike or self.compared, key=nearness, default=None)
-
-
-def nearness(one: Compared) -> float:
-    """How near a result is to its limit, as a share of it; of one without a limit its largest
-    change as a share of what chance makes.
-    """
-    worst = one.worst
-    if worst is None or worst.expanded is None or worst.u is None:
-        return math.inf
-    if one.limit is not None and one.limit.change is not None:
-        return (abs(worst.difference) + worst.expanded) / one.limit.change
-    if one.limit is not None:
-        return _reach(worst.now, one.limit)
-    return abs(worst.difference) / (one.factor * worst.u) if worst.u > 0.0 else 0.0
-
-
-def _reach(found: Result, limit: Limit) -> float:
-    """How far a value ± U reaches beyond the middle between its limits, as a share of the half
-    width; of one limit, the value + U over it.
-    """
-    U, (low, high) = found.U, limit.bounds(0.0)
-    if not math.isfinite(low) or not math.isfinite(high):
-        if math.isinf(low):
-            return (found.value + U) / abs(high) if high else math.inf
-        return abs(low) / abs(found.value - U) if found.value - U else math.inf
-    return (abs(found.value - (low + high) / 2.0) + U) / ((high - low) / 2.0)
+        alike = [compared for compared in self.compared if compared.answer == self.answer]
+        return max(alike or self.compared, key=lambda compared: compared.nearness, default=None)
 
 
 def compare(
@@ -152,50 +149,43 @@ def compare(
     """
     terms, specified = ((), ()) if profile is None else (profile.type_b, profile.specification)
     old, new = RunResults.read(before, terms), RunResults.read(after, terms)
-    known = {name for one in new.quantities if one.compared for name in (one.key, one.name)}
+    judged = [quantity for quantity in new.quantities if quantity.compared]
+    known = {name for quantity in judged for name in (quantity.key, quantity.name)}
     if unknown := [name for name in limits if name not in known]:
         raise UsageError(
-            f"--limit {unknown[0]}: no result of {new.run.name} that is compared",
+            f"--limit {unknown[0]}: no result of {after.name} that is compared",
             hint=did_you_mean(unknown[0], known, f"there are: {', '.join(sorted(known))}"),
         )
-    found = difference.compare_runs(before, after, instruments.model_forms)
-    compared = tuple(_compare_all(old, new, limits, specified, same=same))
-    inputs = after.document["inputs"]
-    # models that a compared result is made of
-    used = {
+    changed = difference.compare_runs(before, after, instruments.model_forms)
+    earlier = {(each.model, each.name): each for each in old.quantities if each.compared}
+    compared = []
+    for quantity in judged:
+        other = earlier.pop((quantity.model, quantity.name), None)
+        limited = _limited(quantity, limits, specified)
+        compared.append(_compare(limited, other, old, new, same=same))
+    for quantity in earlier.values():
+        reason = f"{after.name} has no such result"
+        compared.append(Compared(quantity, (), quantity.limit, "cannot tell", reason))
+    models_of_results = {
         model.name
-        for one in compared
-        for change in one.changes[:1]
-        for model, _ in one.quantity.point(change.at).parts
+        for result in compared
+        for change in result.changes[:1]
+        for model, _ in result.quantity.point(change.at).parts
     }
-    joints = [(one.name, len(one.changes), one.joint) for one in found.models if one.name in used]
+    inputs = after.document["inputs"]
     return StillGood(
         before,
         after,
-        compared,
-        tuple((name, count, joint) for name, count, joint in joints if joint is not None),
+        tuple(compared),
+        tuple(
+            (model.name, len(model.changes), model.joint)
+            for model in changed.models
+            if model.joint is not None and model.name in models_of_results
+        ),
         tuple(criterion for criterion in stated_criteria(after.document) if not criterion.passed),
-        (*found.flags, *_flag(found, compared, specified, same=same)),
+        (*changed.flags, *_flag(changed, compared, specified, same=same)),
         len(copies.shared_logs(inputs, before.document["inputs"])) == len(inputs),
     )
-
-
-def _compare_all(
-    old: RunResults,
-    new: RunResults,
-    limits: Mapping[str, tuple[float, str]],
-    specified: Sequence[Specification],
-    *,
-    same: bool,
-) -> Iterator[Compared]:
-    """Every result that either run compares."""
-    pairs = {(one.model, one.name): one for one in old.quantities if one.compared}
-    for quantity in (one for one in new.quantities if one.compared):
-        earlier = pairs.pop((quantity.model, quantity.name), None)
-        yield _compare(_limited(quantity, limits, specified), earlier, old, new, same=same)
-    for quantity in pairs.values():
-        reason = f"{new.run.name} has no such result"
-        yield Compared(quantity, (), quantity.limit, "cannot tell", reason)
 
 
 def _limited(
@@ -207,31 +197,31 @@ def _limited(
     its value, or a profile on its values; RecipeError for a unit of another kind.
     """
     value, unit = limits.get(quantity.key, limits.get(quantity.name, (math.nan, "")))
-    for one in specified if math.isnan(value) else ():
-        if _specifies(one, quantity):
-            limit = Limit(f"specification {one.name}".strip(), None, one.lower, one.upper)
-            return replace(quantity, limit=limit)
     if math.isnan(value):
+        for stated in specified:
+            if _specifies(stated, quantity):
+                name = f"specification {stated.name}".strip()
+                return replace(quantity, limit=ResultLimit(name, None, stated.lower, stated.upper))
         return quantity
     if unit in units.SHARES:
-        somewhere = {one.column: one.low for one in quantity.inputs}
+        somewhere = {each.column: each.low for each in quantity.inputs}
         value *= units.SHARES[unit] * abs(quantity.point(somewhere).value)
     elif unit:
         value *= units.difference_factor(unit, quantity.unit)
-    return replace(quantity, limit=Limit("--limit", value))
+    return replace(quantity, limit=ResultLimit("--limit", value))
 
 
-def _specifies(one: Specification, quantity: Quantity) -> bool:
+def _specifies(stated: Specification, quantity: Quantity) -> bool:
     """Whether a specification is on a result over its whole range."""
-    name, _, condition = one.result.partition("@")
+    name, _, condition = stated.result.partition("@")
     keys = (quantity.key, *(f"{quantity.stage}.{called}" for called in quantity.called))
     named = any(fnmatch.fnmatchcase(key, name) for key in (*keys, *quantity.called))
-    unit = units.ALIASES.get(one.unit, one.unit)
+    unit = units.ALIASES.get(stated.unit, stated.unit)
     return named and condition in ("", "*") and unit == quantity.unit
 
 
 def _flag(
-    found: difference.Difference,
+    changed: difference.Difference,
     compared: Sequence[Compared],
     specified: Sequence[Specification],
     *,
@@ -240,26 +230,25 @@ def _flag(
     """Models of two forms, of which the results alone were compared; type B terms that both runs
     state; specifications that judge nothing here.
     """
-    for model in found.models:
+    for model in changed.models:
         if any(" became " in note and note.startswith("form") for note in model.notes):
             yield f"{model.name}: another model form, compared by its result"
-    names = {
-        now.name.en
-        for one in compared
-        for at in one.changes[:1]
-        for now in contributions(at.now)
-        if now.kind == "B" and any(map(now.__eq__, contributions(at.then)))
-    }
+    names = set()
+    for result in compared:
+        for change in result.changes[:1]:
+            then = change.then.contributions
+            of_both = [part for part in change.now.contributions if part in then]
+            names |= {part.name.en for part in of_both if part.kind == "B"}
     if names and not same:
         yield (
             f"{', '.join(sorted(names))}: stated by both runs and counted twice; of the same"
             " equipment, --same-equipment counts what differs"
         )
-    for one in specified:
-        if not any(_specifies(one, each.quantity) for each in compared):
+    for stated in specified:
+        if not any(_specifies(stated, result.quantity) for result in compared):
             yield (
-                f"specification '{one.name or one.result}' is not judged: it names no result over"
-                " its whole range"
+                f"specification '{stated.name or stated.result}' is not judged: it names no result"
+                " over its whole range"
             )
 
 
@@ -268,32 +257,33 @@ def _compare(
 ) -> Compared:
     """One result in two runs."""
 
-    def unknown(reason: str, changes: tuple[Change, ...] = ()) -> Compared:
+    def unknown(reason: str, changes: tuple[ResultChange, ...] = ()) -> Compared:
         return Compared(quantity, changes, quantity.limit, "cannot tell", reason)
 
     if earlier is None:
         return unknown(f"{old.run.name} has no such result")
+    reason, columns = "", [[each.column for each in q.inputs[:1]] for q in (earlier, quantity)]
+    if columns[0] != columns[1]:
+        depends = " and ".join(column[0] if column else "nothing" for column in columns)
+        reason = f"depends on {depends}: the range of one of the two is not known"
     if earlier.unit != quantity.unit:
-        return unknown(f"in {earlier.unit} then, in {quantity.unit} now")
-    if [one.column for one in earlier.inputs[:1]] != [one.column for one in quantity.inputs[:1]]:
-        depends = " and ".join(
-            "nothing" if not one.inputs else one.inputs[0].column for one in (earlier, quantity)
-        )
-        return unknown(f"depends on {depends}: the range of one of the two is not known")
+        reason = f"in {earlier.unit} then, in {quantity.unit} now"
+    if reason:
+        return unknown(reason)
     changes = tuple(_changes(quantity, earlier, old, new, same=same))
     if not changes:
         return unknown("the two calibrated ranges have nothing in common")
     undecided = earlier.undecided or quantity.undecided
     reason = "" if undecided is None else undecided.en
-    if any(one.u is None for one in changes):
+    if any(change.u is None for change in changes):
         reason = "an uncertainty is not known"
     if reason:
         return unknown(reason, changes)
     limit = quantity.limit or earlier.limit
     factor = factor_of_largest(quantity, earlier, changes)
-    made = Compared(quantity, changes, limit, "cannot tell", "", factor)
-    answer, reason = _judge(made)
-    return replace(made, answer=answer, reason=reason)
+    compared = Compared(quantity, changes, limit, "cannot tell", "", factor)
+    answer, reason = _judge(compared)
+    return replace(compared, answer=answer, reason=reason)
 
 
 def _places(quantity: Quantity, earlier: Quantity) -> Iterator[At]:
@@ -302,137 +292,120 @@ def _places(quantity: Quantity, earlier: Quantity) -> Iterator[At]:
     """
     grid: Sequence[At] = ({},)
     if quantity.inputs:
-        one, other = quantity.inputs[0], earlier.inputs[0]
-        ends = max(one.low, other.low), min(one.high, other.high)
-        if not ends[0] <= ends[1]:
+        first, other = quantity.inputs[0], earlier.inputs[0]
+        low, high = max(first.low, other.low), min(first.high, other.high)
+        if not low <= high:
             return
-        values = np.linspace(*ends, POINTS if ends[0] < ends[1] else 1).tolist()
-        grid = tuple({one.column: x} for x in values)
+        values = np.linspace(low, high, POINTS if low < high else 1).tolist()
+        grid = tuple({first.column: x} for x in values)
     alike = {i.column for i in quantity.inputs} == {i.column for i in earlier.inputs}
     for group in quantity.compared:
         for case in group if alike else (group[0],) * (not group[0]):
-            held = [
+            inside = [
                 at
                 for at in (quantity.complete({**point, **case}) for point in grid)
                 if not quantity.outside(at) and not earlier.outside(earlier.complete(at))
             ]
-            if held:
-                yield from held
+            if inside:
+                yield from inside
                 break
 
 
 def _changes(
     quantity: Quantity, earlier: Quantity, old: RunResults, new: RunResults, *, same: bool
-) -> Iterator[Change]:
+) -> Iterator[ResultChange]:
     """The changes of a result; a point where it is 0 by definition is left out."""
     for at in _places(quantity, earlier):
         then, now = old.state(earlier, earlier.complete(at)), new.state(quantity, at)
         if then.value == now.value == 0.0 and then.uncertainty is now.uncertainty is None:
             continue
         if then.uncertainty is None or now.uncertainty is None:
-            yield Change(at, then, now, None, None)
+            yield ResultChange(at, then, now, None, None)
             continue
-        expanded = gum.combine(list(combine_both(then, now, same=same)))
-        yield Change(at, then, now, expanded.standard_uncertainty, expanded.expanded_uncertainty)
+        of_change = gum.combine(combine_both(then, now, same=same))
+        u, expanded = of_change.standard_uncertainty, of_change.expanded_uncertainty
+        yield ResultChange(at, then, now, u, expanded)
 
 
-def _judge(made: Compared) -> tuple[Answer, str]:
+def _judge(compared: Compared) -> tuple[Answer, str]:
     """Answer and its reason."""
-    limit, worst = made.limit, made.worst
+    limit = compared.limit
     if limit is None:
-        u = worst.u if worst is not None and worst.u else 0.0
-        if worst is not None and abs(worst.difference) > made.factor * u:
+        if compared.nearness > 1.0:
             return "no", "no limit is set, and it changed by more than its U"
         return "yes", "no limit is set, and it did not change beyond its U"
     low, high = limit.bounds(0.0)
     if limit.change is not None:
-        what = "change"
-        found = [(one.difference, one.expanded or 0.0) for one in made.changes]
+        what, ends = "change", [(c.difference, c.expanded or 0.0) for c in compared.changes]
     else:
-        what = "value"
-        found = [(one.now.value, one.now.U) for one in made.changes if one.now.uncertainty]
-    if all(low <= value - U and value + U <= high for value, U in found):
+        what, ends = "value", [(c.now.value, c.now.U) for c in compared.changes]
+    if all(low <= value - U and value + U <= high for value, U in ends):
         return "yes", f"{what} ± U within the limit"
-    if any(value + U < low or value - U > high for value, U in found):
+    if any(value + U < low or value - U > high for value, U in ends):
         return "no", f"{what} beyond the limit by more than U"
     return "cannot tell", "U reaches across the limit"
 
 
-def contributions(found: Result) -> tuple[Contribution, ...]:
-    """Contributions to the uncertainty of a result."""
-    return () if found.uncertainty is None else found.uncertainty.contributions
-
-
-def combine_both(then: Result, now: Result, *, same: bool) -> Iterator[gum.Component]:
+def combine_both(then: Result, now: Result, *, same: bool) -> list[gum.Component]:
     """Contributions to the uncertainty of the difference: of both runs as independent; type B terms
     that they state alike once, by the difference of their sensitivities, where the equipment is
     the same.
     """
-    shared = {one.name.en: one for one in contributions(then) if one.kind == "B"}
-    for part in contributions(now):
-        other = shared.get(part.name.en)
-        alike = (
-            same
-            and other is not None
-            and all(getattr(part, fact) == getattr(other, fact) for fact in STATED)
+    of_then = {part.name.en: part for part in then.contributions if part.kind == "B"}
+    independent = []
+    for part in now.contributions:
+        other = of_then.get(part.name.en)
+        sensitivity = part.sensitivity
+        if same and other and all(getattr(part, key) == getattr(other, key) for key in STATED):
+            sensitivity -= of_then.pop(part.name.en).sensitivity
+        independent.append((part, sensitivity))
+    of_then_alone = (p for p in then.contributions if p.kind == "A" or p.name.en in of_then)
+    independent += [(part, part.sensitivity) for part in of_then_alone]
+    return [
+        gum.Component(
+            part.name.en,
+            0.0,
+            part.standard_uncertainty,
+            "A" if part.kind == "A" else "B",
+            sensitivity,
+            part.dof,
         )
-        taken = shared.pop(part.name.en).sensitivity if alike else 0.0
-        yield _component(part, part.sensitivity - taken)
-    for part in contributions(then):
-        if part.kind == "A" or part.name.en in shared:
-            yield _component(part, part.sensitivity)
-
-
-def _component(part: Contribution, sensitivity: float) -> gum.Component:
-    """A contribution as an independent input."""
-    return gum.Component(
-        part.name.en,
-        0.0,
-        part.standard_uncertainty,
-        "A" if part.kind == "A" else "B",
-        sensitivity,
-        part.dof,
-    )
-
-
-def factor_of_largest(quantity: Quantity, earlier: Quantity, changes: Sequence[Change]) -> float:
-    """Coverage factor of the largest of several changes, by simulation: what errors of the
-    coefficients and type B terms have in common from point to point counts once, model errors are
-    taken as independent.
-    """
-    loadings = [
-        _load(earlier.point(earlier.complete(one.at)), one.then, "then")
-        | _load(quantity.point(one.at), one.now, "now")
-        for one in changes
+        for part, sensitivity in independent
     ]
-    keys = list(dict.fromkeys(key for row in loadings for key in row))
-    matrix = np.array([[row.get(key, 0.0) for key in keys] for row in loadings])
-    own = np.array([sum(u**2 for u in _further(quantity, earlier, one)) for one in changes])
-    size = np.sqrt((matrix**2).sum(axis=1) + own)
-    held = size > 0.0
-    draw = np.random.default_rng(0).standard_normal
-    z = draw((DRAWS, len(keys))) @ (matrix[held] / size[held, None]).T
-    z += draw(z.shape) * np.sqrt(own[held]) / size[held]
-    widest = max((one.expanded or 0.0) / one.u for one in changes if one.u)
-    largest = np.abs(z).max(axis=1)
-    return float(np.quantile(largest, gum.TWO_SIGMA)) * max(widest / 2.0, 1.0)
 
 
-def _load(point: Point, found: Result, when: str) -> dict[tuple[str, str, int], float]:
-    """Change of a result by one standard uncertainty of each independent direction of its
-    coefficients, and of each type B term.
+def factor_of_largest(
+    quantity: Quantity, earlier: Quantity, changes: Sequence[ResultChange]
+) -> float:
+    """Coverage factor of the largest of several changes, by simulation of z = (A e + b)/u.
+
+    Errors e of coefficients and type B terms, which changes at several points share, enter through
+    A; model errors, which each point has alone, through b.
     """
-    made: dict[tuple[str, str, int], float] = {}
-    for model, weights in point.parts:
-        along = gum.square_root(np.array(model.covariance)).T @ weights
-        made |= {(when, model.name, k): float(x) for k, x in enumerate(along)}
-    for part in contributions(found):
-        if part.kind == "B":
-            made[when, part.name.en, -1] = part.sensitivity * part.standard_uncertainty
-    return made
-
-
-def _further(quantity: Quantity, earlier: Quantity, one: Change) -> Iterator[float]:
-    """Uncertainties of both results that belong to no coefficient."""
-    points = quantity.point(one.at), earlier.point(earlier.complete(one.at))
-    yield from (u for point in points for _, u, _ in point.more)
+    loadings: list[dict[tuple[str, str, int], float]] = []
+    alone = np.zeros(len(changes))
+    for k, change in enumerate(changes):
+        loading: dict[tuple[str, str, int], float] = {}
+        then = earlier.point(earlier.complete(change.at)), change.then
+        now = quantity.point(change.at), change.now
+        for when, (point, result) in (("then", then), ("now", now)):
+            for model, weights in point.parts:
+                # one standard uncertainty of each independent direction of the coefficients
+                along = gum.square_root(np.array(model.covariance)).T @ weights
+                loading |= {(when, model.name, j): float(x) for j, x in enumerate(along)}
+            for part in result.contributions:
+                if part.kind == "B":
+                    loading[when, part.name.en, -1] = part.sensitivity * part.standard_uncertainty
+            alone[k] += sum(u**2 for _, u, _ in point.more)
+        loadings.append(loading)
+    keys = list(dict.fromkeys(key for loading in loadings for key in loading))
+    A = np.array([[loading.get(key, 0.0) for key in keys] for loading in loadings])
+    u = np.sqrt((A**2).sum(axis=1) + alone)
+    uncertain = u > 0.0
+    draw = np.random.default_rng(0).standard_normal
+    z = draw((DRAWS, len(keys))) @ (A[uncertain] / u[uncertain, None]).T
+    z += draw(z.shape) * np.sqrt(alone[uncertain]) / u[uncertain]
+    largest = float(np.quantile(np.abs(z).max(axis=1), gum.TWO_SIGMA))
+    # few degrees of freedom widen all changes: U over 2 u of the widest
+    widest = max((change.expanded or 0.0) / change.u for change in changes if change.u)
+    return largest * max(widest / 2.0, 1.0)

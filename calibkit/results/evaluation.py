@@ -10,7 +10,7 @@ from calibkit.arrays import Array
 from calibkit.certificate.quantities import At, Quantity, state
 from calibkit.certificate.results import Result, print_expanded, round_descriptor
 from calibkit.certificate.stated import Stated
-from calibkit.certificate.uncertainty import Source
+from calibkit.certificate.uncertainty import TypeBTerms
 from calibkit.certificate.words import unit_mark
 from calibkit.errors import UsageError
 from calibkit.recipe import TypeB, type_b
@@ -38,7 +38,7 @@ class RunResults:
         spec = instruments.fitted_recipe(run.document)
         results = instruments.optional(spec.procedure, "results")
         quantities = () if results is None else results(run.records, spec)
-        source = Source.merge(type_b.loads(run.document.get("type_b", ())), terms)
+        source = TypeBTerms.merge(type_b.loads(run.document.get("type_b", ())), terms)
         known = sensitivities.loads(run.document.get("sensitivities", []), run.name)
         stated = Stated(run.records, source, (), spec.reference_temp_degc, known)
         return cls(run, quantities, stated, spec.site.local_gravity())
@@ -62,7 +62,7 @@ class RunResults:
 
 
 @dataclass(frozen=True, slots=True)
-class Value:
+class PointResult:
     """A result at a point; `outside` states why the model does not hold there, else it is empty."""
 
     quantity: Quantity
@@ -121,17 +121,17 @@ def choose(found: RunResults, given: Iterable[str], only: str) -> tuple[Quantity
 
 def evaluate(
     found: RunResults, quantities: Sequence[Quantity], points: Sequence[At]
-) -> Iterator[Value]:
+) -> Iterator[PointResult]:
     """Every result at every point, result by result."""
     for quantity in quantities:
         for point in points:
             at = quantity.complete(point)
-            yield Value(quantity, at, found.state(quantity, at), quantity.outside(at))
+            yield PointResult(quantity, at, found.state(quantity, at), quantity.outside(at))
 
 
 def answer(
     found: RunResults, inputs: Sequence[str], ranges: Sequence[str], only: str
-) -> tuple[list[Value], dict[str, Array]]:
+) -> tuple[list[PointResult], dict[str, Array]]:
     """Values that a command line asks for, and its ranges."""
     fixed, over = parse_inputs(found.names, inputs, ranges)
     chosen = choose(found, (*fixed, *over), only)
@@ -153,7 +153,7 @@ def list_results(found: RunResults) -> Table:
     return Table("", (Column("result", key="quantity"), "unit", inputs), tuple(rows))
 
 
-def tabulate(values: Sequence[Value]) -> Table:
+def tabulate(values: Sequence[PointResult]) -> Table:
     """Values as people read them: a row for each, with the inputs that any of them has."""
     columns = dict.fromkeys(i.column for value in values for i in value.quantity.inputs)
     flagged = any(value.outside for value in values)
@@ -168,7 +168,7 @@ def tabulate(values: Sequence[Value]) -> Table:
     return Table("", heads, tuple(rows))
 
 
-def _printed(value: Value) -> tuple[str, str]:
+def _printed(value: PointResult) -> tuple[str, str]:
     """Value and U as they are printed: to two digits of U, else to six of the value."""
     if value.expanded is None or not value.expanded > 0.0:
         if value.outside or not value.result.value:
@@ -178,7 +178,7 @@ def _printed(value: Value) -> tuple[str, str]:
     return print_expanded(value.result.value, value.expanded)
 
 
-def list_values(values: Sequence[Value]) -> Table:
+def list_values(values: Sequence[PointResult]) -> Table:
     """Values with every digit, for CSV and JSON; one row each."""
     columns = dict.fromkeys(i.column for value in values for i in value.quantity.inputs)
     rows = []
@@ -208,7 +208,7 @@ def flag_outside(outside: Sequence[str]) -> tuple[str, ...]:
     return (f"{len(beyond)} of {len(outside)} values are {EXTRAPOLATED}: {beyond[0]}",)
 
 
-def flag_values(values: Sequence[Value]) -> tuple[str, ...]:
+def flag_values(values: Sequence[PointResult]) -> tuple[str, ...]:
     """What must be known of the values: lags, and points outside the ranges."""
     lagged = any(
         value.quantity.beyond is not None and any(list(value.at.values())[1:]) for value in values
@@ -225,14 +225,14 @@ def flag_values(values: Sequence[Value]) -> tuple[str, ...]:
     )
 
 
-def summarise(found: RunResults, values: Sequence[Value]) -> Summary:
+def summarise(found: RunResults, values: Sequence[PointResult]) -> Summary:
     """Values for the console."""
     held = sum(not value.outside for value in values)
     last = f"{held} of {len(values)} values within the calibrated range"
     return Summary(found.run.name, (tabulate(values),), flag_values(values), (), last)
 
 
-def document(found: RunResults, values: Sequence[Value]) -> Mapping[str, Any]:
+def document(found: RunResults, values: Sequence[PointResult]) -> Mapping[str, Any]:
     """Values as a JSON object."""
     return {
         "run": found.run.name,

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from calibkit.arrays import Array
-    from calibkit.results.evaluation import Value
+    from calibkit.results.evaluation import PointResult
     from calibkit.store import Run
 
 SUFFIXES = (".pdf", ".png")
@@ -41,7 +41,7 @@ def render(figure: Figure, suffix: str) -> bytes:
 
 
 def write_values(
-    run: Run, values: Sequence[Value], ranges: Mapping[str, Array], suffix: str
+    run: Run, values: Sequence[PointResult], ranges: Mapping[str, Array], suffix: str
 ) -> bytes:
     """Values as CSV, or as a figure over their ranges."""
     if suffix.lower() == ".csv":
@@ -51,14 +51,14 @@ def write_values(
         return render(_draw_values(title, values, ranges), suffix)
 
 
-def _draw_values(title: str, values: Sequence[Value], ranges: Mapping[str, Array]) -> Figure:
+def _draw_values(title: str, values: Sequence[PointResult], ranges: Mapping[str, Array]) -> Figure:
     """Each result over the range of most points, a curve for each value of the other inputs,
     with a band ± U; outside the calibrated range dashed and without a band.
     """
     if not ranges:
         raise UsageError("--out: one point is no figure", hint="give a --range, or a .csv file")
     abscissa = max(ranges, key=lambda column: ranges[column].size)
-    panels: dict[str, list[Value]] = {}
+    panels: dict[str, list[PointResult]] = {}
     for value in values:
         panels.setdefault(value.quantity.key, []).append(value)
     figure, axes = page(
@@ -70,7 +70,7 @@ def _draw_values(title: str, values: Sequence[Value], ranges: Mapping[str, Array
     for ax in axes[len(panels) :]:
         ax.set_visible(False)
     for ax, shown in zip(axes, panels.values(), strict=False):
-        curves: dict[str, list[Value]] = {}
+        curves: dict[str, list[PointResult]] = {}
         for value in shown:
             others = {name: x for name, x in value.at.items() if name != abscissa}
             label = ", ".join(f"{name} {x:g}" for name, x in others.items())

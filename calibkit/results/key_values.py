@@ -16,12 +16,12 @@ from calibkit.errors import CalibkitError
 from calibkit.history.timeline import YEAR_DAYS, independent_runs
 from calibkit.numeric import change
 from calibkit.report.figures import ALERT, DENOISED, MUTED, page, styled
-from calibkit.report.table import Table
+from calibkit.report.table import Table, number_or_none
 from calibkit.results.evaluation import RunResults
 from calibkit.results.still_good import state_place
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -37,7 +37,7 @@ FEWEST_DATES = 3
 
 
 @dataclass(frozen=True, slots=True)
-class _KeyValue:
+class FollowedResult:
     """One result at one point over the years: runs with their values, limits now, the line through
     independent determinations, and when it reaches a limit.
     """
@@ -61,18 +61,15 @@ class _KeyValue:
             return "no limit is set"
         if self.line is None or self.reach is None:
             return f"cannot tell: fewer than {FEWEST_DATES} dates with an uncertainty"
-        last = max(map(_year, (run for run, _ in self.values)))
-        found = self.reach
-        if found.earliest is not None and found.earliest <= last:
+        last, reach = max(_year(run) for run, _ in self.values), self.reach
+        if reach.earliest is None:
+            return f"not before {_month(reach.until)} (not extrapolated further)"
+        if reach.earliest <= last:
             return "cannot tell: the line ± U is at the limit already"
-        if found.earliest is None:
-            return f"not before {_month(found.until)} (not extrapolated further)"
-        if found.expected is None or found.latest is None:
-            return f"not before {_month(found.earliest)}; cannot tell when"
-        return (
-            f"about {_month(found.expected)}, between {_month(found.earliest)} and"
-            f" {_month(found.latest)}"
-        )
+        if reach.expected is None or reach.latest is None:
+            return f"not before {_month(reach.earliest)}; cannot tell when"
+        between = f"between {_month(reach.earliest)} and {_month(reach.latest)}"
+        return f"about {_month(reach.expected)}, {between}"
 
 
 def _year(run: Run) -> float:
@@ -85,7 +82,7 @@ def _month(year: float) -> str:
     return dt.date.fromordinal(round(year * YEAR_DAYS)).isoformat()[:7]
 
 
-def follow(runs: Sequence[Run]) -> tuple[tuple[_KeyValue, ...], tuple[str, ...]]:
+def follow(runs: Sequence[Run]) -> tuple[tuple[FollowedResult, ...], tuple[str, ...]]:
     """Key values of every result that the newest run compares, at one point that all runs hold at:
     the reference temperature, or of a drift, which is zero there, the end that is farthest. Also
     returns why runs are left out.
@@ -97,175 +94,163 @@ def follow(runs: Sequence[Run]) -> tuple[tuple[_KeyValue, ...], tuple[str, ...]]
             every.append(RunResults.read(run))
         except CalibkitError as error:
             flags.append(f"{run.name}: no key values: {error.message}")
-    if not every:
-        return (), tuple(flags)
-    procedure = every[-1].run.document["procedure"]
-    alike = [found for found in every if found.run.document["procedure"] == procedure]
-    return tuple(
-        _follow(alike, quantity)
-        for quantity in alike[-1].quantities
-        if quantity.compared and _points(alike, quantity)
-    ), tuple(flags)
+    key_values = []
+    for quantity in every[-1].quantities if every else ():
+        if quantity.compared:
+            procedure = every[-1].run.document["procedure"]
+            same = [
+                (results, other)
+                for results in every
+                if results.run.document["procedure"] == procedure
+                for other in [_same_result(results, quantity)]
+                if other is not None
+            ]
+            points = _points(same, every[-1].stated.reference_degc)
+            if points:
+                key_values.append(_follow(same, points))
+    return tuple(key_values), tuple(flags)
 
 
-def _alike(found: RunResults, quantity: Quantity) -> Quantity | None:
+def _same_result(results: RunResults, quantity: Quantity) -> Quantity | None:
     """The same result in another run."""
-    inputs = [one.column for one in quantity.inputs[:1]]
-    return next(
-        (
-            one
-            for one in found.quantities
-            if (one.model, one.name, one.unit) == (quantity.model, quantity.name, quantity.unit)
-            and [i.column for i in one.inputs[:1]] == inputs
-        ),
-        None,
-    )
+
+    def identity(of: Quantity) -> tuple[object, ...]:
+        return of.model, of.name, of.unit, [each.column for each in of.inputs[:1]]
+
+    alike = (other for other in results.quantities if identity(other) == identity(quantity))
+    return next(alike, None)
 
 
-def _points(every: Sequence[RunResults], quantity: Quantity) -> list[dict[str, float]]:
+def _points(
+    same: Sequence[tuple[RunResults, Quantity]], reference_degc: float
+) -> list[dict[str, float]]:
     """Points at which all runs that have the result hold, the one to follow first."""
-    if not quantity.inputs:
+    newest = same[-1][1]
+    if not newest.inputs:
         return [{}]
-    inputs = [one.inputs[0] for found in every if (one := _alike(found, quantity)) is not None]
-    low, high = max(one.low for one in inputs), min(one.high for one in inputs)
-    reference = every[-1].stated.reference_degc
+    firsts = [quantity.inputs[0] for _, quantity in same]
+    low, high = max(each.low for each in firsts), min(each.high for each in firsts)
     if not low <= high:
         return []
-    ends = sorted((low, high), key=lambda x: -abs(x - reference))
-    column = quantity.inputs[0].column
-    points = [{column: float(np.clip(reference, low, high))}, *({column: x} for x in ends)]
-    needed = {one.column for one in quantity.inputs[1:] if one.rest is None}
-    case = quantity.compared[0][0] if needed <= quantity.compared[0][0].keys() else {}
-    return [
-        at
-        for point in points
-        for at in [quantity.complete({**point, **case})]
-        if not quantity.outside(at)
-    ]
+    ends = sorted((low, high), key=lambda x: -abs(x - reference_degc))
+    needed = {each.column for each in newest.inputs[1:] if each.rest is None}
+    case = newest.compared[0][0] if needed <= newest.compared[0][0].keys() else {}
+    points = []
+    for x in (float(np.clip(reference_degc, low, high)), *ends):
+        at = newest.complete({newest.inputs[0].column: x, **case})
+        if not newest.outside(at):
+            points.append(at)
+    return points
 
 
-def _follow(every: Sequence[RunResults], quantity: Quantity) -> _KeyValue:
-    """One result over the years."""
-    points = _points(every, quantity)
-    own = every[-1]
-    at = next((at for at in points if own.state(quantity, at).uncertainty), points[0])
-    values = tuple(
-        (found.run, found.state(one, one.complete(at)))
-        for found in every
-        if (one := _alike(found, quantity)) is not None and not one.outside(one.complete(at))
-    )
-    newest = values[-1][1] if values else own.state(quantity, at)
+def _follow(
+    same: Sequence[tuple[RunResults, Quantity]], points: Sequence[Mapping[str, float]]
+) -> FollowedResult:
+    """One result over the years, at the first of some points at which its U is known."""
+    results, quantity = same[-1]
+    at = next((at for at in points if results.state(quantity, at).uncertainty), points[0])
+    values = []
+    for results, other in same:
+        here = other.complete(at)
+        if not other.outside(here):
+            values.append((results.run, results.state(other, here)))
+    newest = values[-1][1] if values else results.state(quantity, at)
     independent = independent_runs([run for run, _ in values])
-    used = [
-        (run, result)
-        for run, result in values
-        if result.uncertainty is not None and run.document["revision"] in independent
-    ]
+    years, results_of_line, u = [], [], []
+    for run, result in values:
+        if result.uncertainty is not None and run.document["revision"] in independent:
+            years.append(_year(run))
+            results_of_line.append(result.value)
+            u.append(result.uncertainty.standard_uncertainty)
     limits = None if quantity.limit is None else quantity.limit.bounds(newest.value)
-    line = change.trend(
-        np.array([_year(run) for run, _ in used]),
-        np.array([result.value for _, result in used]),
-        np.array(
-            [r.uncertainty.standard_uncertainty for _, r in used if r.uncertainty is not None]
-        ),
-    )
+    line = change.trend(np.array(years), np.array(results_of_line), np.array(u))
     reach = None
     if line is not None and limits is not None:
-        years = [_year(run) for run, _ in used]
         reach = change.reach(line, max(years), max(years) - min(years), *limits)
-    return _KeyValue(quantity, newest.at, values, limits, line, reach)
+    return FollowedResult(quantity, newest.at, tuple(values), limits, line, reach)
 
 
-def tabulate(found: Sequence[_KeyValue]) -> Table | None:
+def tabulate(key_values: Sequence[FollowedResult]) -> Table | None:
     """A row for each key value: the newest, its slope a year, and when the limit will be
     reached; None where there is none.
     """
+
+    def printed(value: float, U: float) -> str:
+        return " ± ".join(print_expanded(value, U)) if U > 0.0 else f"{value:.6g}"
+
     rows = []
-    for one in found:
-        newest, unit = one.values[-1][1], unit_mark(one.quantity.unit)
-        line = one.line
+    for each in key_values:
+        newest, line = each.values[-1][1], each.line
         slope = ""
         if line is not None:
-            slope = _state(line.slope, line.coverage_factor * line.standard_uncertainty)
-        last = _state(newest.value, newest.U)
-        cells = (one.place, len(one.values), last, unit, slope, one.forecast)
-        rows.append((one.quantity.words.en, *cells))
+            slope = printed(line.slope, line.coverage_factor * line.standard_uncertainty)
+        last, unit = printed(newest.value, newest.U), unit_mark(each.quantity.unit)
+        cells = (each.place, len(each.values), last, unit, slope, each.forecast)
+        rows.append((each.quantity.words.en, *cells))
     heads = ("key value", "at", "runs", "last ± U", "unit", "a year ± U", "limit reached")
     return Table("key values", heads, tuple(rows)) if rows else None
 
 
-def _state(value: float, U: float) -> str:
-    """A value ± U as it is printed."""
-    if not U > 0.0:
-        return f"{value:.6g}"
-    return " ± ".join(print_expanded(value, U))
-
-
-def documents(found: Sequence[_KeyValue]) -> Iterator[dict[str, Any]]:
+def documents(key_values: Sequence[FollowedResult]) -> Iterator[dict[str, Any]]:
     """Each key value as a JSON object."""
-    for one in found:
+    for each in key_values:
+        values = [
+            {
+                "revision": run.document["revision"],
+                "effective_from": run.document["effective_from"],
+                "value": result.value,
+                "expanded_uncertainty": result.U if result.uncertainty else None,
+            }
+            for run, result in each.values
+        ]
+        limits = None if each.limits is None else [number_or_none(end) for end in each.limits]
         yield {
-            "quantity": one.quantity.key,
-            "unit": one.quantity.unit,
-            "at": {name: value for name, value, _ in one.at},
-            "values": [
-                {
-                    "revision": run.document["revision"],
-                    "effective_from": run.document["effective_from"],
-                    "value": result.value,
-                    "expanded_uncertainty": None
-                    if result.uncertainty is None
-                    else result.uncertainty.expanded_uncertainty,
-                }
-                for run, result in one.values
-            ],
-            "limits": None
-            if one.limits is None
-            else [end if np.isfinite(end) else None for end in one.limits],
-            "limit_reached": one.forecast,
+            "quantity": each.quantity.key,
+            "unit": each.quantity.unit,
+            "at": {name: value for name, value, _ in each.at},
+            "values": values,
+            "limits": limits,
+            "limit_reached": each.forecast,
         }
 
 
-def draw(serial: str, found: Sequence[_KeyValue]) -> Figure:
+def draw(serial: str, key_values: Sequence[FollowedResult]) -> Figure:
     """A panel for each key value over the years: values ± U, limits, the line ± U as far as it is
     extrapolated.
     """
-    shown = found[:MOST_PANELS]
+    shown = key_values[:MOST_PANELS]
     columns = min(len(shown), 2)
     rows = -(-len(shown) // columns)
+    title, height = f"{serial}: key values over the years, ± U", 0.8 + 2.9 * rows
     with styled():
-        figure, axes = page(
-            rows,
-            columns,
-            title=f"{serial}: key values over the years, ± U",
-            height=0.8 + 2.9 * rows,
-        )
-        for ax, one in zip(axes, shown, strict=False):
-            _panel(ax, one)
+        figure, axes = page(rows, columns, title=title, height=height)
+        for ax, each in zip(axes, shown, strict=False):
+            _panel(ax, each)
         for ax in axes[len(shown) :]:
             ax.set_visible(False)
     return figure
 
 
-def _panel(ax: Axes, one: _KeyValue) -> None:
+def _panel(ax: Axes, key_value: FollowedResult) -> None:
     """One key value."""
-    for run, result in one.values:
+    for run, result in key_value.values:
         day = dt.date.fromisoformat(run.document["effective_from"]).toordinal()
         hollow = run.document["verdict"] == "rejected"
         ax.errorbar([day], [result.value], result.U, fmt="o", ms=4.5, capsize=3, color=DENOISED,
                     mfc="none" if hollow else DENOISED)  # fmt: skip
-    if one.line is not None:
-        until = one.reach.until if one.reach is not None else _year(one.values[-1][0])
-        years = np.linspace(_year(one.values[0][0]), until, 60)
-        y, U = np.array([one.line.expand(year) for year in years.tolist()]).T
+    line, reach = key_value.line, key_value.reach
+    if line is not None:
+        until = reach.until if reach is not None else _year(key_value.values[-1][0])
+        years = np.linspace(_year(key_value.values[0][0]), until, 60)
+        y, U = np.array([line.expand(year) for year in years.tolist()]).T
         ax.plot(years * YEAR_DAYS, y, "--", color=MUTED, lw=1.0)
         ax.fill_between(years * YEAR_DAYS, y - U, y + U, color=MUTED, alpha=0.15, lw=0.0)
-    for end in one.limits or ():
+    for end in key_value.limits or ():
         if np.isfinite(end):
             ax.axhline(end, color=ALERT, lw=1.2, ls=":")
-    low, high = ax.get_xlim()
-    days = np.linspace(low, high, 4).astype(int).tolist()
+    days = np.linspace(*ax.get_xlim(), 4).astype(int).tolist()
     ax.set_xticks(days, [dt.date.fromordinal(day).isoformat()[:7] for day in days])
-    ax.set_title(f"{one.quantity.words.en}{f' at {one.place}' if one.at else ''}", fontsize=9)
-    ax.set_xlabel(f"limit reached: {one.forecast}", fontsize=8)
-    ax.set_ylabel(f"[{unit_mark(one.quantity.unit) or 1}]")
+    words, unit = key_value.quantity.words.en, unit_mark(key_value.quantity.unit)
+    ax.set_title(f"{words}{f' at {key_value.place}' if key_value.at else ''}", fontsize=9)
+    ax.set_xlabel(f"limit reached: {key_value.forecast}", fontsize=8)
+    ax.set_ylabel(f"[{unit or 1}]")

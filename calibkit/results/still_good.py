@@ -14,7 +14,6 @@ from calibkit.history.difference_tables import identify_run
 from calibkit.report.figures import ALERT, GOOD, MUTED, page, styled
 from calibkit.report.summary import Summary, number
 from calibkit.report.table import Table, number_or_none
-from calibkit.results.comparison import nearness
 from calibkit.results.figures import COLOURS, draw_band
 
 if TYPE_CHECKING:
@@ -25,7 +24,7 @@ if TYPE_CHECKING:
 
     from calibkit.certificate.quantities import Quantity
     from calibkit.certificate.results import Result
-    from calibkit.results.comparison import Answer, Change, Compared, StillGood
+    from calibkit.results.comparison import Answer, Compared, ResultChange, StillGood
 
 PPM = 1e6
 SENTENCES: Mapping[Answer, str] = {
@@ -48,207 +47,199 @@ def _scale(quantity: Quantity, reference: float) -> tuple[float, str]:
     return 1.0, unit_mark(quantity.unit)
 
 
-def _state_change(one: Change, quantity: Quantity) -> str:
+def _state_change(change: ResultChange, quantity: Quantity) -> str:
     """A change ± U with its unit."""
-    factor, unit = _scale(quantity, one.then.value)
-    if not one.expanded:
-        return f"{one.difference * factor:.3g} {unit}".strip()
-    shown = " ± ".join(print_expanded(one.difference * factor, one.expanded * factor))
+    factor, unit = _scale(quantity, change.then.value)
+    shown = f"{change.difference * factor:.3g}"
+    if change.expanded:
+        shown = " ± ".join(print_expanded(change.difference * factor, change.expanded * factor))
     return f"{shown} {unit}".strip()
 
 
-def _state_limit(one: Compared) -> str:
+def _state_limit(compared: Compared) -> str:
     """Limit of a result with its unit; empty where there is none."""
-    limit = one.limit
+    limit = compared.limit
     if limit is None:
         return ""
-    if limit.change is not None and one.worst is not None:
-        factor, unit = _scale(one.quantity, one.worst.then.value)
+    if limit.change is not None and compared.worst is not None:
+        factor, unit = _scale(compared.quantity, compared.worst.then.value)
         return f"{number(limit.change * factor, 3)} {unit}".strip()
-    unit = unit_mark(one.quantity.unit)
     ends = [number(end) for end in (limit.lower, limit.upper) if end is not None]
-    words = (
-        " … ".join(ends) if len(ends) == 2 else f"{'≤' if limit.lower is None else '≥'} {ends[0]}"
-    )
-    return f"{words} {unit}".strip()
+    sign = "≤" if limit.lower is None else "≥"
+    words = " … ".join(ends) if len(ends) == 2 else f"{sign} {ends[0]}"
+    return f"{words} {unit_mark(compared.quantity.unit)}".strip()
 
 
-def state_place(found: Result) -> str:
+def state_place(result: Result) -> str:
     """Where a result holds; inputs at rest are left out."""
     parts = []
-    for k, (name, value, unit) in enumerate(found.at):
+    for k, (name, value, unit) in enumerate(result.at):
         stem = name.removesuffix("_min").rpartition("_")[0] or name
         shown = f"{value:.4g} {unit_mark(unit)}".strip()
-        parts += [shown if k == 0 else f"{stem} {shown}"] if k == 0 or value else []
+        if k == 0:
+            parts.append(shown)
+        elif value:
+            parts.append(f"{stem} {shown}")
     return ", ".join(parts)
 
 
-def sentence(found: StillGood) -> str:
+def sentence(answered: StillGood) -> str:
     """The answer in one sentence, with the result that decides."""
-    if found.repeated:
-        return f"Cannot tell: {found.after.name} was fitted to logs of {found.before.name} alone"
-    if found.rejected:
-        listed = ", ".join(one.name for one in found.rejected)
-        return f"{SENTENCES[found.answer]}: {found.after.name} itself failed its limits: {listed}"
-    one = found.deciding
-    if one is None:
-        return f"{SENTENCES[found.answer]}: the two runs have no result in common"
-    worst, name = one.worst, one.quantity.words.en
+    before, after, said = answered.before.name, answered.after.name, SENTENCES[answered.answer]
+    if answered.repeated:
+        return f"Cannot tell: {after} was fitted to logs of {before} alone"
+    if answered.rejected:
+        listed = ", ".join(criterion.name for criterion in answered.rejected)
+        return f"{said}: {after} itself failed its limits: {listed}"
+    deciding = answered.deciding
+    if deciding is None:
+        return f"{said}: the two runs have no result in common"
+    quantity, worst, limit = deciding.quantity, deciding.worst, deciding.limit
     if worst is None or worst.expanded is None:
-        return f"{SENTENCES[found.answer]}: {name}: {one.reason}"
+        return f"{said}: {quantity.words.en}: {deciding.reason}"
     place = state_place(worst.now)
-    where = f" at {place}" if place else ""
-    changed = f"{name} changed by {_state_change(worst, one.quantity)}{where}"
-    if one.limit is None:
-        return f"{SENTENCES[found.answer]}: {changed}; {one.reason}"
-    if one.limit.change is None:
-        now = ""
+    changed = f"{said}: {quantity.words.en} changed by {_state_change(worst, quantity)}"
+    changed += f" at {place}" if place else ""
+    if limit is None:
+        return f"{changed}; {deciding.reason}"
+    if limit.change is None:
         if worst.now.uncertainty is not None:
-            now = f" to {' ± '.join(print_expanded(worst.now.value, worst.now.U))}"
-        changed += f"{now} {unit_mark(one.quantity.unit)}".rstrip()
-    return f"{SENTENCES[found.answer]}: {changed}, limit {_state_limit(one)} ({one.limit.key})"
+            changed += f" to {' ± '.join(print_expanded(worst.now.value, worst.now.U))}"
+        changed = f"{changed} {unit_mark(quantity.unit)}".rstrip()
+    return f"{changed}, limit {_state_limit(deciding)} ({limit.key})"
 
 
-def summarise(found: StillGood) -> Summary:
+def summarise(answered: StillGood) -> Summary:
     """The sentence, a row for each result, the joint test, and what must be known."""
     rows = []
-    for one in found.compared[:MOST_ROWS]:
-        worst = one.worst
-        cells = (
-            ("-", "")
-            if worst is None
-            else (_state_change(worst, one.quantity), state_place(worst.now))
-        )
-        rows.append((one.quantity.words.en, *cells, _state_limit(one) or "none", one.answer))
-    more = len(found.compared) - MOST_ROWS
+    for compared in answered.compared[:MOST_ROWS]:
+        quantity, worst = compared.quantity, compared.worst
+        change, place = "-", ""
+        if worst is not None:
+            change, place = _state_change(worst, quantity), state_place(worst.now)
+        limit = _state_limit(compared) or "none"
+        rows.append((quantity.words.en, change, place, limit, compared.answer))
+    more = len(answered.compared) - MOST_ROWS
     heads = ("result", "largest change ± U", "at", "limit", "still good")
-    table = Table(f"{more} more: --json" if more > 0 else "", heads, tuple(rows))
+    tables = [Table(f"{more} more: --json" if more > 0 else "", heads, tuple(rows))]
     chances = tuple(
         (name, count, "< 1e-9" if joint.probability < 1e-9 else f"{joint.probability:.2g}")
-        for name, count, joint in found.joints[:MOST_JOINTS]
+        for name, count, joint in answered.joints[:MOST_JOINTS]
     )
-    names = ("all coefficients together", "of them", "chance of as much by type A alone")
-    title = ""
-    joint = (Table(title, names, chances),) if chances else ()
-    dates = " → ".join(
-        f"{run.name} ({run.document['effective_from']})" for run in (found.before, found.after)
-    )
+    if chances:
+        names = ("all coefficients together", "of them", "chance of as much by type A alone")
+        tables.append(Table("", names, chances))
+    both = (answered.before, answered.after)
+    dates = " → ".join(f"{run.name} ({run.document['effective_from']})" for run in both)
     reasons = dict.fromkeys(
-        f"{one.quantity.words.en}: {one.reason}"
-        for one in found.compared
-        if one.answer == "cannot tell"
+        f"{compared.quantity.words.en}: {compared.reason}"
+        for compared in answered.compared
+        if compared.answer == "cannot tell"
     )
-    flags = (*reasons, *found.flags)
-    return Summary(sentence(found), (table, *joint), flags, (), dates)
+    return Summary(sentence(answered), tuple(tables), (*reasons, *answered.flags), (), dates)
 
 
-def document(found: StillGood) -> dict[str, Any]:
+def document(answered: StillGood) -> dict[str, Any]:
     """The answer as a JSON object."""
-    return {
-        "still_good": {"yes": True, "no": False, "cannot tell": None}[found.answer],
-        "answer": found.answer,
-        "sentence": sentence(found),
-        "before": identify_run(found.before),
-        "after": identify_run(found.after),
-        "results": [
+
+    def change_document(change: ResultChange) -> dict[str, Any]:
+        return {
+            "at": dict(change.at),
+            "before": change.then.value,
+            "after": change.now.value,
+            "change": change.difference,
+            "standard_uncertainty": change.u,
+            "expanded_uncertainty": change.expanded,
+        }
+
+    results = []
+    for compared in answered.compared:
+        limit, worst = compared.limit, compared.worst
+        results.append(
             {
-                "quantity": one.quantity.key,
-                "unit": one.quantity.unit,
-                "answer": one.answer,
-                "reason": one.reason,
-                "limit": None if one.limit is None else asdict(one.limit),
-                "largest": None if one.worst is None else _change_document(one.worst),
-                "factor_of_the_largest": number_or_none(one.factor),
-                "changes": [_change_document(change) for change in one.changes],
+                "quantity": compared.quantity.key,
+                "unit": compared.quantity.unit,
+                "answer": compared.answer,
+                "reason": compared.reason,
+                "limit": None if limit is None else asdict(limit),
+                "largest": None if worst is None else change_document(worst),
+                "factor_of_the_largest": number_or_none(compared.factor),
+                "changes": [change_document(change) for change in compared.changes],
             }
-            for one in found.compared
-        ],
+        )
+    return {
+        "still_good": {"yes": True, "no": False, "cannot tell": None}[answered.answer],
+        "answer": answered.answer,
+        "sentence": sentence(answered),
+        "before": identify_run(answered.before),
+        "after": identify_run(answered.after),
+        "results": results,
         "joint": [
             {"model": name, "coefficients": count, **asdict(joint)}
-            for name, count, joint in found.joints
+            for name, count, joint in answered.joints
         ],
-        "flags": list(found.flags),
+        "flags": list(answered.flags),
     }
 
 
-def _change_document(one: Change) -> dict[str, Any]:
-    """A change as a JSON object."""
-    return {
-        "at": dict(one.at),
-        "before": one.then.value,
-        "after": one.now.value,
-        "change": one.difference,
-        "standard_uncertainty": one.u,
-        "expanded_uncertainty": one.expanded,
-    }
-
-
-def draw(found: StillGood) -> Figure:
+def draw(answered: StillGood) -> Figure:
     """Each result then and now over its range, and beside it the change with U and limit."""
-    drawable = [one for one in found.compared if one.changes]
-    drawable.sort(key=lambda one: -nearness(one))
+    drawable = [compared for compared in answered.compared if compared.changes]
+    drawable.sort(key=lambda compared: -compared.nearness)
     shown = drawable[:MOST_PANELS]
     rows = max(len(shown), 1)
     left_out = len(drawable) - len(shown)
     more = f" ({left_out} more results in --json)" * (left_out > 0)
     with styled():
-        title = "\n".join(textwrap.wrap(sentence(found) + more, 105))
+        title = "\n".join(textwrap.wrap(sentence(answered) + more, 105))
         figure, axes = page(rows, 2, title=title, height=1.1 + 3.0 * rows)
-        for one, (left, right) in zip(shown, zip(axes[::2], axes[1::2], strict=True), strict=False):
-            _draw_result(one, left, right)
-        if not shown:
-            for ax in axes:
-                ax.set_visible(False)
+        for k, compared in enumerate(shown):
+            _draw_result(compared, axes[2 * k], axes[2 * k + 1])
+        for ax in axes[2 * len(shown) :]:
+            ax.set_visible(False)
     return figure
 
 
-def _draw_result(one: Compared, left: Axes, right: Axes) -> None:
-    """Panels of one result."""
-    cases: dict[str, list[Change]] = {}
-    for change in one.changes:
+def _draw_result(compared: Compared, left: Axes, right: Axes) -> None:
+    """Panels of one result: then and now at the left, the change at the right; limits in green
+    where the result is within them, in red where it is not.
+    """
+    quantity, limit = compared.quantity, compared.limit
+    cases: dict[str, list[ResultChange]] = {}
+    for change in compared.changes:
         others = [entry for entry in change.now.at[1:] if entry[1]]
         case = ", ".join(f"{value:+g} {unit_mark(unit)}" for _, value, unit in others) or "at rest"
-        cases.setdefault(case if any(one.quantity.inputs[1:]) else "", []).append(change)
-    middle = one.changes[len(one.changes) // 2].then.value
-    factor, unit = _scale(one.quantity, middle)
+        cases.setdefault(case if any(quantity.inputs[1:]) else "", []).append(change)
+    middle = compared.changes[len(compared.changes) // 2].then.value
+    factor, unit = _scale(quantity, middle)
     origin = middle if unit == "ppm" else 0.0
     for colour, (case, changes) in zip(COLOURS, cases.items(), strict=False):
-        x = np.array([next(iter(c.at.values()), 0.0) for c in changes])
-        for ends, style, when in (("then", "--", "then"), ("now", "-", "now")):
-            results = [getattr(c, ends) for c in changes]
-            y = factor * (np.array([r.value for r in results]) - origin)
+        x = np.array([next(iter(change.at.values()), 0.0) for change in changes])
+        for when, style in (("then", "--"), ("now", "-")):
+            results: list[Result] = [getattr(change, when) for change in changes]
+            y = factor * (np.array([result.value for result in results]) - origin)
             U = factor * np.array(
-                [r.uncertainty.expanded_uncertainty if r.uncertainty else np.nan for r in results]
+                [result.U if result.uncertainty else np.nan for result in results]
             )
             label = f"{when}{f', {case}' if case else ''}"
-            draw_band(
-                left, x, y, U, colour if when == "now" or len(cases) > 1 else MUTED, style, label
-            )
-        moved = factor * np.array([c.difference for c in changes])
+            shade = colour if when == "now" or len(cases) > 1 else MUTED
+            draw_band(left, x, y, U, shade, style, label)
+        moved = factor * np.array([change.difference for change in changes])
         U = factor * np.array([np.nan if c.expanded is None else c.expanded for c in changes])
         draw_band(right, x, moved, U, colour, "-", case)
-    _draw_limits(one, left, right, factor, origin)
-    column = one.quantity.inputs[0] if one.quantity.inputs else None
-    for ax, what in ((left, one.quantity.words.en), (right, "change, now − then, ± U")):
+    right.axhline(0.0, color=MUTED, lw=0.8)
+    if limit is not None:
+        ax, middle = (left, origin) if limit.change is None else (right, 0.0)
+        for end in limit.bounds(0.0):
+            if np.isfinite(end):
+                colour = GOOD if compared.answer == "yes" else ALERT
+                ax.axhline(factor * (end - middle), color=colour, lw=1.2, ls=":")
+    for ax, what in ((left, quantity.words.en), (right, "change, now − then, ± U")):
         ax.set_title(what, fontsize=9)
         ax.set_ylabel(f"[{unit or 1}]")
-        if column is None:
-            ax.set_xticks([])
-        else:
+        if quantity.inputs:
+            column = quantity.inputs[0]
             ax.set_xlabel(f"{column.column} [{unit_mark(column.unit) or 1}]")
+        else:
+            ax.set_xticks([])
     left.legend(fontsize=7)
-
-
-def _draw_limits(one: Compared, left: Axes, right: Axes, factor: float, origin: float) -> None:
-    """Lines of the limits, in green where the result is within them, in red where it is not."""
-    right.axhline(0.0, color=MUTED, lw=0.8)
-    if one.limit is None:
-        return
-    colour = GOOD if one.answer == "yes" else ALERT
-    if one.limit.change is not None:
-        for way in (1.0, -1.0):
-            right.axhline(way * factor * one.limit.change, color=colour, lw=1.2, ls=":")
-        return
-    for end in (one.limit.lower, one.limit.upper):
-        if end is not None:
-            left.axhline(factor * (end - origin), color=colour, lw=1.2, ls=":")

@@ -58,7 +58,7 @@ class _NotFoundError(Exception):
 
 
 @dataclass(slots=True)
-class Site:
+class RunPages:
     """Pages over one folder of runs."""
 
     runs: Path
@@ -186,7 +186,7 @@ class Server(ThreadingHTTPServer):
 
     daemon_threads = True
 
-    def __init__(self, site: Site, port: int) -> None:
+    def __init__(self, site: RunPages, port: int) -> None:
         try:
             super().__init__((ADDRESS, port), _Handler)
         except (OSError, OverflowError) as error:

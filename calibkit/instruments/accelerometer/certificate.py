@@ -15,7 +15,7 @@ from calibkit.certificate.blocks import (
     tabulate,
 )
 from calibkit.certificate.quantities import Quantity, coefficient, state
-from calibkit.certificate.results import Block, Equation, Figure, GridTable, ListTable
+from calibkit.certificate.results import Block, CertificateFigure, Equation, GridTable, ListTable
 from calibkit.certificate.stated import Stated, range_words, residual_words
 from calibkit.certificate.words import Words
 from calibkit.coefficients import Record
@@ -166,7 +166,7 @@ def _q(stated: Stated, record: Record) -> Block:
     return make_block(record, title, (Q_EQUATION,), (table,), (), notes)
 
 
-def _plot_change(table: GridTable) -> Figure:
+def _plot_change(table: GridTable) -> CertificateFigure:
     """Plot of the change of every column from its first row, with expanded uncertainties."""
     unit = "ppm" if table.units[0] == "1" else "µg"
     low = f"{table.points[0]:g}".replace("-", "−")

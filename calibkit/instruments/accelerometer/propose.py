@@ -13,13 +13,13 @@ from calibkit.instruments.accelerometer.forms import COMPONENTS
 if TYPE_CHECKING:
     from calibkit.ingest.column_names import LogColumn
     from calibkit.ingest.evidence import Evidence
-    from calibkit.ingest.recipe_text import Choice
+    from calibkit.ingest.recipe_text import RecipeChoice
 
 TEMPERATURE, AIR = "temp_case_degc", "temp_env_degc"
 ATTITUDE = ("temp_case_degc", "inclination_deg", "toolface_deg")
 
 
-def propose(evidence: Evidence) -> Choice | None:
+def propose(evidence: Evidence) -> RecipeChoice | None:
     """Choice of a recipe with reference attitudes and temperature; without these columns, of the
     magnitude-only recipe.
     """

@@ -8,9 +8,9 @@ from dataclasses import replace
 from calibkit.certificate.quantities import (
     At,
     Input,
-    Limit,
     Point,
     Quantity,
+    ResultLimit,
     of_form,
     polynomial,
     ranged,
@@ -109,7 +109,9 @@ def _by_compensation(
             _inputs(model),
             _component(correction.form, model, row),
             compared=tuple((position,) for position in POSITIONS),
-            limit=None if largest is None else Limit("acceptance.max_residual_rms_g", largest),
+            limit=None
+            if largest is None
+            else ResultLimit("acceptance.max_residual_rms_g", largest),
         )
         for letter, model, row in zip(AXES, models, rows, strict=True)
     )

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from calibkit.certificate.stated import Stated
     from calibkit.ingest.evidence import Evidence
     from calibkit.ingest.logs import Reader
-    from calibkit.ingest.recipe_text import Choice
+    from calibkit.ingest.recipe_text import RecipeChoice
     from calibkit.ingest.write_back import Applied
     from calibkit.report.summary import Summary
 
@@ -168,6 +168,6 @@ def _keys_of(channels: Sequence[str]) -> dict[str, str]:
     return {} if list(channels) == ["gyro_dph"] else {"bias": f"[{bias}]"}
 
 
-def propose(evidence: Evidence) -> Choice | None:
+def propose(evidence: Evidence) -> RecipeChoice | None:
     """Recipe for a static instrument with times and one temperature: all that it measures."""
     return evidence.choose_at_rest("bias_temperature", _keys_of)

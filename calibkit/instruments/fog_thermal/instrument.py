@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
     from calibkit.ingest.evidence import Evidence
     from calibkit.ingest.logs import Reader
-    from calibkit.ingest.recipe_text import Choice
+    from calibkit.ingest.recipe_text import RecipeChoice
     from calibkit.ingest.write_back import Applied
 
 Recipe = FogThermalRecipe
@@ -315,7 +315,7 @@ def _reduced(
     return (at_least("drift reduction", float(before / after), least, "1"),)
 
 
-def propose(evidence: Evidence) -> Choice | None:
+def propose(evidence: Evidence) -> RecipeChoice | None:
     """Proposed recipe for a log with time, case and chamber temperature and a gyro (the first of
     several), of which a second logger may have the chamber's; None otherwise.
     """

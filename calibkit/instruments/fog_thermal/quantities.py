@@ -11,9 +11,9 @@ import numpy as np
 from calibkit.certificate.quantities import (
     At,
     Input,
-    Limit,
     Point,
     Quantity,
+    ResultLimit,
     against_rest,
     of_form,
     outside_ranges,
@@ -138,7 +138,7 @@ def _increments(record: Record, model: Model) -> Quantity:
 def results(records: Mapping[str, Record], spec: FogThermalRecipe) -> tuple[Quantity, ...]:
     """Results of the exported model, then the increments of each ramp."""
     largest = spec.acceptance.max_drift_rms_dph
-    limit = None if largest is None else Limit("acceptance.max_drift_rms_dph", largest)
+    limit = None if largest is None else ResultLimit("acceptance.max_drift_rms_dph", largest)
     quantities: list[Quantity] = []
     for name in (forms.FILE, "drift.json"):
         for model in records[name].models if name in records else ():

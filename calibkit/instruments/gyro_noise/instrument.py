@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from calibkit.ingest.evidence import Evidence
     from calibkit.ingest.logs import Reader
-    from calibkit.ingest.recipe_text import Choice
+    from calibkit.ingest.recipe_text import RecipeChoice
     from calibkit.ingest.write_back import Applied
     from calibkit.instruments.gyro_noise.deviations import NoiseFigures
 
@@ -178,7 +178,7 @@ def validate(
     return {"logs": entries}, _summarize(spec, "", figures, flags)
 
 
-def propose(evidence: Evidence) -> Choice | None:
+def propose(evidence: Evidence) -> RecipeChoice | None:
     """Recipe for logs with times and rates of gyros, or one log of accelerometers that stood still
     and have no reference; in neither does the temperature change.
     """

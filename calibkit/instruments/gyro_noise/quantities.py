@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
-from calibkit.certificate.quantities import Limit, Quantity, of_figure
+from calibkit.certificate.quantities import Quantity, ResultLimit, of_figure
 from calibkit.certificate.words import Words
 from calibkit.coefficients import Record
 from calibkit.instruments.gyro_noise.forms import read_deviation, read_term
@@ -33,12 +33,12 @@ FEW = 3.0
 """Standard uncertainties from zero within which a magnitude is stated by an interval."""
 
 
-def _limit(term: str, unit: str, spec: GyroNoiseRecipe) -> Limit | None:
+def _limit(term: str, unit: str, spec: GyroNoiseRecipe) -> ResultLimit | None:
     """Largest value of a term by the recipe; bias instability has a key per kind of sensor."""
     sensor = GYRO if unit.startswith("deg") else ACCELEROMETER
     key = next((key for name, key in sensor.limits.items() if term.startswith(name)), "")
     largest = getattr(spec.acceptance, key, None)
-    return None if largest is None else Limit(f"acceptance.{key}", upper=largest)
+    return None if largest is None else ResultLimit(f"acceptance.{key}", upper=largest)
 
 
 def list_terms(record: Record) -> list[Quantity]:

@@ -20,7 +20,14 @@ from calibkit.certificate.blocks import (
 )
 from calibkit.certificate.names import name_model, name_subject, show_symbol
 from calibkit.certificate.quantities import NO_SLOPES, coefficient, of_figure, state
-from calibkit.certificate.results import Block, Equation, Figure, GridTable, ListTable, Result
+from calibkit.certificate.results import (
+    Block,
+    CertificateFigure,
+    Equation,
+    GridTable,
+    ListTable,
+    Result,
+)
 from calibkit.certificate.stated import Stated, range_words, residual_words
 from calibkit.certificate.words import Words, unit_mark
 from calibkit.coefficients import Figure as StatedFigure, Model, Record
@@ -135,7 +142,7 @@ def _state_scale(stated: Stated, record: Record) -> Block:
         ),
     )
     tables: list[ListTable | GridTable] = [of_lines]
-    figures: list[Figure] = []
+    figures: list[CertificateFigure] = []
     notes: list[Words] = []
     for model in others:
         title = name_model(model.name) + Words(": coefficients", "：系数")
@@ -231,7 +238,7 @@ def _label_lines(models: Sequence[Model]) -> dict[str, Words]:
     }
 
 
-def _plot_change(table: GridTable) -> Figure:
+def _plot_change(table: GridTable) -> CertificateFigure:
     """Departure of K over temperature from the middle point of each column, in ppm of the largest
     K.
     """

@@ -10,7 +10,7 @@ from calibkit.ingest import mapping
 from calibkit.ingest.column_names import LogColumn
 from calibkit.ingest.evidence import Evidence
 from calibkit.ingest.log_groups import file_patterns
-from calibkit.ingest.recipe_text import Choice
+from calibkit.ingest.recipe_text import RecipeChoice
 from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe
 
 TABLE_AXIS = re.compile(r"(?:^|[^a-z]|axis|achse|about|um)([xyz])(?![a-z])", re.IGNORECASE)
@@ -19,7 +19,7 @@ REFERENCE = ("time_s", "table_rate_dps", "table_angle_deg", "temp_case_degc")
 """Columns that every rate-table recipe reads."""
 
 
-def propose_pair(evidence: Evidence) -> Choice | None:
+def propose_pair(evidence: Evidence) -> RecipeChoice | None:
     """Choice of the pair recipe for two gyros in two logs."""
     axes, files = _axes(evidence), evidence.group.files
     if len(axes) != 2 or len(files) != 2:
@@ -37,7 +37,7 @@ def propose_pair(evidence: Evidence) -> Choice | None:
     )
 
 
-def propose_triad(evidence: Evidence) -> Choice | None:
+def propose_triad(evidence: Evidence) -> RecipeChoice | None:
     """Choice of the triad recipe for several gyros in logs named after three axes."""
     axes = _axes(evidence)
     turned = _table_axes(evidence.group.files) if len(axes) > 1 else {}
@@ -46,7 +46,7 @@ def propose_triad(evidence: Evidence) -> Choice | None:
     return _choose(evidence, "gyro_triad", axes, _triad_keys([axis for axis, _ in axes], turned))
 
 
-def propose_rate_table(evidence: Evidence) -> Choice | None:
+def propose_rate_table(evidence: Evidence) -> RecipeChoice | None:
     """Choice of the rate-table recipe for any other logs with gyros and a table rate."""
     axes = _axes(evidence)
     if not axes:
@@ -73,7 +73,7 @@ def _choose(
     name: str,
     axes: Sequence[tuple[str, LogColumn]],
     keys: Mapping[str, str],
-) -> Choice:
+) -> RecipeChoice:
     """Choice of a recipe that reads the gyros' columns in counts per second."""
     gyros = evidence.gyros()
     reference = {name: one for name, one in evidence.columns.items() if name not in gyros}

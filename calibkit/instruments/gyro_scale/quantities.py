@@ -6,8 +6,8 @@ from dataclasses import replace
 
 from calibkit.certificate.quantities import (
     Input,
-    Limit,
     Quantity,
+    ResultLimit,
     coefficient,
     numbered,
     of_figure,
@@ -117,7 +117,7 @@ def _sensitivities(records: Mapping[str, Record], spec: AnyRecipe) -> Iterator[Q
             ppm, limit = getattr(spec.acceptance, key, None), None
             if ppm is not None and not lines.hold_within_runs(records.values()):
                 # the largest change, of the own scale factor
-                limit = Limit(f"acceptance.{key}", ppm * PPM * float(abs(own[g]).max()))
+                limit = ResultLimit(f"acceptance.{key}", ppm * PPM * float(abs(own[g]).max()))
             yield replace(
                 found,
                 name="K_" + "_about_".join(filter(None, (gyro, axis))),
@@ -158,7 +158,9 @@ def _of_angles(record: Record, spec: AnyRecipe) -> Iterator[Quantity]:
     limit = (
         None
         if largest is None
-        else Limit("acceptance.max_orthogonality_error_deg", None, 90.0 - largest, 90.0 + largest)
+        else ResultLimit(
+            "acceptance.max_orthogonality_error_deg", None, 90.0 - largest, 90.0 + largest
+        )
     )
     for model in record.models:
         if model.form == forms.PAIR.name:

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from calibkit.arrays import Array
     from calibkit.ingest.evidence import Evidence
     from calibkit.ingest.logs import Reader
-    from calibkit.ingest.recipe_text import Choice
+    from calibkit.ingest.recipe_text import RecipeChoice
     from calibkit.ingest.write_back import Applied
 
 Recipe = InclinometerRecipe
@@ -235,7 +235,7 @@ def validate(
     return {"logs": entries}, Summary("", tuple(shown), tuple(flags), criteria)
 
 
-def propose(evidence: Evidence) -> Choice | None:
+def propose(evidence: Evidence) -> RecipeChoice | None:
     """Choice of the inclinometer recipe for logs with gyros, a rotation about the tool axis, and
     times or stations.
     """

@@ -4,7 +4,7 @@ import json
 from collections.abc import Sequence
 
 from calibkit.ingest.evidence import Evidence
-from calibkit.ingest.recipe_text import Choice
+from calibkit.ingest.recipe_text import RecipeChoice
 
 SHIPPED = [f"gyro_{axis}_dph" for axis in "xyz"] + [f"accel_{axis}_g" for axis in "xyz"]
 """Channels of the shipped recipe."""
@@ -15,7 +15,7 @@ def _keys_of(channels: Sequence[str]) -> dict[str, str]:
     return {} if sorted(channels) == sorted(SHIPPED) else {"channels": json.dumps(list(channels))}
 
 
-def propose(evidence: Evidence) -> Choice | None:
+def propose(evidence: Evidence) -> RecipeChoice | None:
     """Choice of the recipe for channels at rest beside one temperature that goes up and down; a
     single warm-up determines no more than a polynomial.
     """

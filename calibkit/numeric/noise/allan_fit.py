@@ -72,7 +72,7 @@ class NoiseFit:
 
 
 @dataclass(frozen=True, slots=True)
-class _Record:
+class _AllanRecord:
     """Allan variances and what their covariance is integrated from; f frequencies, m averaging
     times.
     """
@@ -94,7 +94,7 @@ class _Attempt:
     """A fit of all five terms to the averaging times [m] from index `first` on."""
 
     first: int
-    record: _Record
+    record: _AllanRecord
     coefficients: Array  # [5]
     uncertainty: Array  # [5] standard, scaled up by a misfit that surprises
     misfit: float
@@ -246,7 +246,7 @@ def _require_curve(curve: DeviationCurve) -> None:
         )
 
 
-def _record(curve: DeviationCurve, first: int) -> _Record:
+def _record(curve: DeviationCurve, first: int) -> _AllanRecord:
     """Allan variances, spectra, filter responses and integration weights for the averaging times of
     a curve from index `first` on.
 
@@ -266,7 +266,7 @@ def _record(curve: DeviationCurve, first: int) -> _Record:
     factor, pairs = curve.factor[first:].astype(np.float64), curve.pairs[first:].astype(np.float64)
     difference = 2.0 * np.sin(np.pi * np.outer(factor, nu)) * _averaging(factor, nu)
     variance = curve.deviation[first:] ** 2
-    return _Record(
+    return _AllanRecord(
         variance=variance,
         start=2.0 * variance**2 / curve.dof[first:],
         shapes=np.stack(shapes),
@@ -290,7 +290,7 @@ def _averaging(length: Array, nu: Array) -> Array:
     return np.asarray(sine / np.outer(length, np.sin(np.pi * nu)))
 
 
-def _covariance(record: _Record, coefficients: Array) -> Array:
+def _covariance(record: _AllanRecord, coefficients: Array) -> Array:
     """Covariance [m, m] of the Allan variances of a record with the given noise.
 
     Gaussian noise: Σ over pairs of 2 cov²/(4 M_a M_b) becomes ∫ S² A_a A_b dν / max(M_a, M_b) by
@@ -306,7 +306,7 @@ def _covariance(record: _Record, coefficients: Array) -> Array:
     return covariance + ramp
 
 
-def _fitted(record: _Record, allowed: Mask) -> tuple[Array, Array, Array]:
+def _fitted(record: _AllanRecord, allowed: Mask) -> tuple[Array, Array, Array]:
     """Coefficients [5] ≥ 0 of the allowed terms, variances [m] they were weighted with, covariance
     [m, m].
     """
@@ -351,7 +351,7 @@ def _weighted(design: Array, spread: Array, active: Mask) -> tuple[Array, Array,
     return weighted / scale, scale, weight
 
 
-def _chance(record: _Record, term: int, others: Mask) -> float:
+def _chance(record: _AllanRecord, term: int, others: Mask) -> float:
     """Probability that a record of the other terms alone, refitted, shows as much of this term as
     the record does.
     """
