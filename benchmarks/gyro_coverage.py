@@ -18,10 +18,9 @@ import pandas as pd
 
 from calibkit.frame import Log
 from calibkit.instruments.gyro_scale import (
-    forms,
+    fit,
     lines,
-    pair_fit,
-    simulate_pair as simulated,
+    simulate as simulated,
     simulate_rate_table,
     table_runs,
 )
@@ -55,19 +54,17 @@ def runs_of(logs: Campaign) -> dict[str, tuple[table_runs.TableRun, ...]]:
 
 def normalized(seed: int, alpha_deg: float) -> dict[str, float]:
     """Errors over standard uncertainties of one trial."""
-    logs = simulated.campaign(seed, alpha_deg=alpha_deg, ideal=True)
+    logs = simulated.pair(seed, alpha_deg=alpha_deg, ideal=True)
     runs, truth, errors = runs_of(logs), logs.truth, {}
     for axis, (run,) in runs.items():
         for gyro in "ab":
-            K = lines.Lines.of_runs_about_one_axis([run]).of_runs([run], gyro)
+            K = lines.Lines.of([[(0, run)]]).of_runs([run], gyro)
             true = truth["models"][f"{gyro}_about_{axis}"]["K"]
             errors[f"K {gyro}_about_{axis}"] = float((K.value[0] - true) / K.u[0])
-    result = pair_fit.fit_pair(SPEC, runs).pair
+    result = fit.fit_pair(SPEC, runs).pair
     true_values = (truth["N"], truth["epsilon"], truth["gamma"], truth["alpha_deg"])
-    for name, value, true, u in zip(
-        forms.PAIR_UNITS, result.values, true_values, result.standard_uncertainty, strict=True
-    ):
-        errors[name] = (value - true) / u
+    for c, true in zip(result.coefficients, true_values, strict=True):
+        errors[c.name] = (c.value - true) / c.standard_uncertainty
     return errors
 
 
@@ -97,7 +94,7 @@ def scale_errors(trials: int) -> bool:
     for name, rates in UNEQUAL.items():
         errors, through_origin, normalized_errors = [], [], []
         for seed in range(trials):
-            logs = simulated.campaign(seed, rates_dps=rates)
+            logs = simulated.pair(seed, rates_dps=rates)
             truth = logs.truth["models"]["a_about_a"]["K"]
             own = runs_of(logs)["a"][0].scale("a")
             errors.append((own.K / truth - 1.0) * 1e6)

@@ -31,7 +31,6 @@ from calibkit.instruments.accelerometer.fit import fit_triad
 from calibkit.instruments.fog_thermal import plan as fog_plan
 from calibkit.instruments.fog_thermal.numeric import bank as forward, bank_fit
 from calibkit.instruments.gyro_scale import equation, plan as gyro_plan
-from calibkit.instruments.gyro_scale.numeric import line_terms
 from calibkit.numeric import flicker, gum
 from calibkit.numeric.least_squares import polynomial
 from calibkit.numeric.thermal import coil, level
@@ -127,7 +126,7 @@ def run_table(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  
     slope, zero = np.polyfit(rate, response, 1)
     K0 = 1e4
     rows = replace(rows, indication=K0 * indication)
-    shapes = (line_terms.ASYMMETRY,) if rows.shows_asymmetry else ()
+    shapes = (equation.ASYMMETRY,) if rows.shows_asymmetry else ()
     middle_half = polynomial.middle_and_half(rows.temp_degc)
     terms = equation.Terms(1, (order, order), middle_half, shapes)
     known = {"scale": size["scale"], "zero": size["zero"]}

@@ -10,6 +10,7 @@ import pytest
 from calibkit.coefficients import Coefficient, Model, Parameter, Record
 from calibkit.errors import CoefficientError
 from calibkit.instruments.gyro_scale import forms
+from calibkit.instruments.gyro_scale.published import FigureName
 from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe
 
 RATES = np.linspace(-90.0, 90.0, 7)
@@ -158,7 +159,7 @@ def test_a_response_that_falls_with_the_rate_has_no_rates():
 def test_the_name_of_a_figure_is_read_as_it_was_written():
     """With a standard and without one."""
     for name in (
-        forms.FigureName("asymmetry", "GJB 2426A", "gyro_x.room_1"),
-        forms.FigureName("bias", "", "b_about_a"),
+        FigureName("asymmetry", "GJB 2426A", "gyro_x.room_1"),
+        FigureName("bias", "", "b_about_a"),
     ):
-        assert forms.read_figure_name(name.text) == name
+        assert FigureName.of(name.text) == name

@@ -11,8 +11,7 @@ import pytest
 import bench_physics as bench
 from calibkit.errors import FitError, FrameError
 from calibkit.frame import Log
-from calibkit.instruments.gyro_scale import lines, over_runs, simulate_rate_table, table_runs
-from calibkit.instruments.gyro_scale.numeric import gjb_figures
+from calibkit.instruments.gyro_scale import fit, lines, published, simulate_rate_table, table_runs
 from calibkit.instruments.gyro_scale.recipe import RateTableRecipe
 from conftest import write_log
 
@@ -155,8 +154,8 @@ def test_no_nonlinearity_is_computed_at_stops():
     u = np.full(rate.size, 0.5)
     indication = K * rate + 20.0 + rng.normal(0.0, 0.5, rate.size)
     indication[-2:] += 10.0
-    figures = gjb_figures.figures(gjb_figures.Line(rate, indication, u), 0.1)
-    (worst,) = (f for f in figures if f.name == "nonlinearity_per_point")
+    figures = published.figures(published.Line(rate, indication, u), 0.1, "x")
+    (worst,) = (f for f in figures if f.name.startswith("nonlinearity_per_point"))
     assert worst.value < 500.0
 
 
@@ -168,11 +167,12 @@ def test_fine_rates_through_zero_give_the_dead_zone():
     rate = np.concatenate([-fine[::-1], fine])
     u = np.full(rate.size, 0.1)
     dead = K * np.where(np.abs(rate) < 0.008, 0.0, rate)
-    found = {f.name: f for f in gjb_figures.figures(gjb_figures.Line(rate, dead, u), 0.1)}
-    assert found["dead_zone"].value == pytest.approx(0.015)
-    assert found["dead_zone"].standard_uncertainty == pytest.approx(0.005 / np.sqrt(6.0))
-    whole = gjb_figures.figures(gjb_figures.Line(rate, K * rate, u), 0.1)
-    assert "dead_zone" not in {f.name for f in whole}
+    found = {f.name: f for f in published.figures(published.Line(rate, dead, u), 0.1, "x")}
+    zone = found["dead_zone.GJB 2426A.x"]
+    assert zone.value == pytest.approx(0.015)
+    assert zone.standard_uncertainty == pytest.approx(0.005 / np.sqrt(6.0))
+    whole = published.figures(published.Line(rate, K * rate, u), 0.1, "x")
+    assert zone.name not in {f.name for f in whole}
 
 
 def test_rest_is_a_held_rate_of_a_gyro_along_the_axis_without_a_table_angle():
@@ -190,7 +190,7 @@ def test_one_row_a_held_rate_needs_no_time(tmp_path):
     write_log(tmp_path / "run.csv", table_rate_dps=RATES, gyro_x_lsb=indication)
     spec = RateTableRecipe(procedure="rate_table", logs=LOGS, plateaus={"one_row": True})
     run = table_runs.fit_run(spec, table_runs.read(spec, tmp_path, "run.csv"))
-    found = lines.Lines.of_runs_about_one_axis([run]).of_runs([run], "x")
+    found = lines.Lines.of([[(0, run)]]).of_runs([run], "x")
     assert abs(found.value[0] - K) < 4.0 * found.u[0] < 0.2
 
 
@@ -209,7 +209,7 @@ def test_one_row_a_held_rate_is_valid_data():
         table_runs.fit_run(SPEC, log_of(columns))
     spec = RateTableRecipe(procedure="rate_table", logs=LOGS, plateaus={"one_row": True})
     run = table_runs.fit_run(spec, log_of(columns))
-    found = lines.Lines.of_runs_about_one_axis([run]).of_runs([run], "x")
+    found = lines.Lines.of([[(0, run)]]).of_runs([run], "x")
     assert abs(found.value[0] - K) < 4.0 * found.u[0] < 0.2
     assert any("one row per held rate" in flag for flag in run.flags)
     assert np.median(run.scale("x").noise) == pytest.approx(1.0, rel=0.5)
@@ -241,7 +241,7 @@ def temperature_flags(runs):
     """Flags on what runs say of temperature against each other."""
     return [
         flag
-        for flag in over_runs.fit_runs(SPEC, {"": runs}).flags
+        for flag in fit.fit_runs(SPEC, {"": runs}).flags
         if "let expect" in flag or "bends that much" in flag
     ]
 

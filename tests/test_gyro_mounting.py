@@ -13,10 +13,9 @@ from calibkit.frame import Log
 from calibkit.instruments import parse_recipe
 from calibkit.instruments.gyro_scale import (
     coefficient_files,
-    pair_fit,
+    fit,
     simulate_rate_table,
     table_runs,
-    triad_fit,
 )
 from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe, GyroTriadRecipe
 from calibkit.numeric import gum
@@ -74,7 +73,7 @@ def pair(seed, spec, *, apart_degc=0.0, per_degc=None, off_deg=0.0):
         run_about(g, tilted(axes[g], np.radians(off_deg), rng), gyros, axes, degc, spec, rng)
         for g, degc in (("a", 25.0), ("b", 25.0 + apart_degc))
     ]
-    fitted = pair_fit.fit_pair(spec, {"a": (runs[0],), "b": (runs[1],)})
+    fitted = fit.fit_pair(spec, {"a": (runs[0],), "b": (runs[1],)})
     degc = np.mean([run.temp_degc for run in runs])
     table = simulate_rate_table.Table()
     K = {g: gyro.best_line(table, RATES, degc)[0] for g, gyro in gyros.items()}
@@ -169,7 +168,7 @@ def triad(seed, spec, arcsec):
         turned = axis + tilt * (rng.normal() * first + rng.normal() * second)
         turned = turned / np.linalg.norm(turned)
         runs[g] = (run_about(f"about_{g}", turned, gyros, axes, 25.0, spec, rng),)
-    fitted = triad_fit.fit_axes(spec, runs)
+    fitted = fit.fit_axes(spec, runs)
     _, angles = coefficient_files.list_results(fitted, spec)
     true = {
         f"angle_deg.{g}_{h}": np.degrees(np.arccos(axes[g] @ axes[h]))

@@ -12,8 +12,8 @@ from calibkit.errors import FitError
 from calibkit.frame import Log
 from calibkit.instruments import silent
 from calibkit.instruments.gyro_scale import (
-    over_runs,
-    simulate_pair,
+    fit as gyro_fit,
+    simulate,
     simulate_rate_table,
     table_runs,
 )
@@ -83,7 +83,7 @@ def undrawn(monkeypatch):
 def pair(tmp_path_factory):
     """Return folder, truth and runs of a simulated pair (seed 1), fitted with its latitude."""
     root = tmp_path_factory.mktemp("pair")
-    truth = write(root / "logs", simulate_pair.campaign(1))
+    truth = write(root / "logs", simulate.pair(1))
     source = recipe.find("gyro_pair", ("site.latitude_deg=34.2",))
     pipeline.fit(source, root / "logs", "G", root / "runs", "2026-11-21", silent)
     return root, truth
@@ -169,7 +169,7 @@ def test_one_sided_and_unequal_rates_give_the_same_scale_factors(rates, tmp_path
     """K within 3 ppm of truth with the earth's rate present: it is fitted in F0, not cancelled by
     symmetric rates.
     """
-    truth = write(tmp_path / "logs", simulate_pair.campaign(7, rates_dps=rates))
+    truth = write(tmp_path / "logs", simulate.pair(7, rates_dps=rates))
     run = fit(calibkit, "gyro_pair", tmp_path / "logs", tmp_path / "runs")
     for name in ("a_about_a", "b_about_b"):
         found = run.records["gyro_scale.json"].model(name)
@@ -348,7 +348,7 @@ def test_a_pair_is_validated_by_its_angle_too(pair, tmp_path, calibkit):
     uncertainties.
     """
     root, truth = pair
-    again = simulate_pair.campaign(1, noise_lsb=5.0)
+    again = simulate.pair(1, noise_lsb=5.0)
     write(tmp_path / "again", again)
     out = tmp_path / "v.json"
     outcome = calibkit(
@@ -373,7 +373,7 @@ def test_one_run_an_axis_decides_no_limit_on_scale_factors_but_may_fail_it(
     root, _ = pair
     limit = f"acceptance.max_scale_factor_error_ppm={limit_ppm}"
     fit(calibkit, "gyro_pair", root / "logs", tmp_path / "runs", limit)
-    write(tmp_path / "again", simulate_pair.campaign(1, noise_lsb=5.0))
+    write(tmp_path / "again", simulate.pair(1, noise_lsb=5.0))
     out = tmp_path / "v.json"
     places = ("--runs", tmp_path / "runs", "--data", tmp_path / "again", "--out", out)
     outcome = calibkit("validate", "G", *places)
@@ -396,7 +396,7 @@ def test_certificates_and_comparisons_decide_no_limit_on_scale_factors_of_these_
     root, _ = pair
     size = 'errors.component=[{group="run",effect="scale",value=1.0,unit="ppm",dof=20.0}]'
     fit(calibkit, "gyro_pair", root / "logs", tmp_path / "runs", *([size] if stated else []))
-    write(tmp_path / "logs", simulate_pair.campaign(2, noise_lsb=5.0))
+    write(tmp_path / "logs", simulate.pair(2, noise_lsb=5.0))
     fit(calibkit, "gyro_pair", tmp_path / "logs", tmp_path / "runs", *([size] if stated else []))
     before, after = (store.load(store.find(f"G@r00{k}", tmp_path / "runs")) for k in (1, 2))
     found = evaluation.RunResults.read(after)
@@ -426,7 +426,7 @@ def test_another_pair_is_rejected_by_its_ratios(
     root, _ = pair
     stated = 'errors.component=[{group="run",effect="scale",value=1.0,unit="ppm",dof=20.0}]'
     fit(calibkit, "gyro_pair", root / "logs", tmp_path / "runs", "site.latitude_deg=34.2", stated)
-    campaign = simulate_pair.campaign(1, noise_lsb=5.0)
+    campaign = simulate.pair(1, noise_lsb=5.0)
     write(tmp_path / "again", campaign)
     for axis, other in (("a", "b"), ("b", "a")):
         path = tmp_path / "again" / f"table_axis_{axis}.csv"
@@ -963,7 +963,7 @@ def test_a_temperature_sensitivity_is_as_uncertain_as_runs_repeat():
             table_runs.fit_run(spec, one_row_log(f"run_{k}", slope, degc, rng))
             for k, (slope, degc) in enumerate(zip(K, temperature, strict=True))
         ]
-        (gyro,) = over_runs.fit_runs(spec, {"": runs}).channels
+        (gyro,) = gyro_fit.fit_runs(spec, {"": runs}).channels
         found = {figure.name.partition(".")[2]: figure for figure in gyro.figures}
         ratios.append(
             [

@@ -12,15 +12,15 @@ from calibkit.frame import Log
 from calibkit.instruments.gyro_scale import (
     coefficient_files,
     lines,
-    simulate_pair as simulated_pair,
+    published as gyro_figures,
+    simulate as simulated_pair,
     simulate_rate_table,
     table_runs,
 )
-from calibkit.instruments.gyro_scale.numeric import gjb_figures
 from calibkit.instruments.gyro_scale.recipe import RateTableRecipe
 from calibkit.numeric import earth, gum
 
-GJB, IEEE = gjb_figures.GJB, gjb_figures.IEEE
+GJB, IEEE = gyro_figures.GJB, gyro_figures.IEEE
 K = 10000.0
 RATES = np.array(simulate_rate_table.both_ways())
 UNEQUAL = {
@@ -38,13 +38,13 @@ def line(rates, latitude=34.2, bias_dps=0.0):
 
 def published(rates, indication, noise=0.0):
     """Published line of indications at rates, with the noise of each."""
-    return gjb_figures.Line(np.asarray(rates), indication, np.full(len(rates), noise))
+    return gyro_figures.Line(np.asarray(rates), indication, np.full(len(rates), noise))
 
 
 def figures_of(rates, indication, noise=1.0):
     """Figures by name and standard."""
-    found = gjb_figures.figures(published(rates, indication, noise), 0.1)
-    return {(figure.name, figure.standard): figure for figure in found}
+    found = gyro_figures.figures(published(rates, indication, noise), 0.1, "x")
+    return {gyro_figures.FigureName.of(figure.name)[:2]: figure for figure in found}
 
 
 def run_of(log, gyro="a", **table):
@@ -59,7 +59,7 @@ def run_of(log, gyro="a", **table):
 def scale_of(log, gyro="a", **table):
     """K of a simulated log, and its standard uncertainty and degrees of freedom."""
     run = run_of(log, gyro, **table)
-    found = lines.Lines.of_runs_about_one_axis([run]).of_runs([run], gyro)
+    found = lines.Lines.of([[(0, run)]]).of_runs([run], gyro)
     return float(found.value[0]), float(found.u[0]), float(found.dof[0])
 
 
@@ -103,7 +103,7 @@ def test_the_scale_factor_of_a_simulated_gyro_is_within_3_ppm(rates, seed):
     """3 counts a sample, 11 rates, earth's rate, ripple, asymmetry, warming, uneven table: K within
     3 ppm of truth.
     """
-    logs = simulated_pair.campaign(seed, rates_dps=rates)
+    logs = simulated_pair.pair(seed, rates_dps=rates)
     found, _, _ = scale_of(logs.logs["table_axis_a.csv"])
     assert abs(found / logs.truth["models"]["a_about_a"]["K"] - 1.0) < 3e-6
 
@@ -118,7 +118,7 @@ def test_the_scale_factor_is_within_its_expanded_uncertainty(rates, largest_ppm)
     left over to tell it.
     """
     for seed in range(5):
-        logs = simulated_pair.campaign(seed, rates_dps=rates, ideal=True)
+        logs = simulated_pair.pair(seed, rates_dps=rates, ideal=True)
         found, u, dof = scale_of(logs.logs["table_axis_a.csv"])
         error = abs(found - logs.truth["models"]["a_about_a"]["K"])
         assert error < gum.coverage_factor(dof) * u
@@ -131,7 +131,7 @@ def test_the_stated_uncertainty_covers_the_truth():
     inside = []
     for _ in range(600):
         run = one_row_run(RATES, line(RATES) + rng.normal(size=RATES.size))
-        found = lines.Lines.of_runs_about_one_axis([run]).line(run, "x").of(lambda p: p[:2])
+        found = lines.Lines.of([[(0, run)]]).line(run, "x").of(lambda p: p[:2])
         error = np.abs(found.value - (K, line([0.0])[0]))
         inside.append(error < found.expanded)
     assert ((np.mean(inside, axis=0) > 0.935) & (np.mean(inside, axis=0) < 0.98)).all()
@@ -146,7 +146,7 @@ def test_residuals_beyond_the_noise_are_told_by_their_ratio():
     assert rippled.residual_over_noise > 10.0
     noise = np.where(np.abs(RATES) > 30.0, 1.0, 0.3)
     ratios = [
-        gjb_figures.Line(RATES, noise * rng.normal(size=RATES.size), noise).residual_over_noise
+        gyro_figures.Line(RATES, noise * rng.normal(size=RATES.size), noise).residual_over_noise
         for _ in range(300)
     ]
     assert np.mean(np.square(ratios)) == pytest.approx(1.0, abs=0.05)
@@ -166,18 +166,19 @@ def test_the_bias_is_what_the_earth_leaves_of_the_intercept():
     )
     for share, own_K in ((1.0, None), (0.5, K)):
         run = one_row_run(RATES, share * line(RATES) + K * 1.5 / 3600.0)
-        found = lines.Lines.of_runs_about_one_axis([run]).line(run, "x")
-        (bias,) = coefficient_files._bias_figures("x", found, spec, own_K)
+        found = lines.Lines.of([[(0, run)]]).line(run, "x")
+        vertical = table_runs.vertical_rate_dps(spec)
+        bias = coefficient_files.bias_figure("x", found, vertical, own_K)
         assert bias.value == pytest.approx(1.5, abs=1e-8)
 
 
 def test_the_table_angle_is_the_better_reference_where_the_rate_is_noisy():
     """A tachometer noise of 0.02 °/s: ten times the uncertainty of the angle's reference."""
-    log = dict(simulated_pair.campaign(1, ideal=True).logs["table_axis_a.csv"])
+    log = dict(simulated_pair.pair(1, ideal=True).logs["table_axis_a.csv"])
     log["table_rate_dps"] = log["table_rate_dps"] + 0.02 * np.random.default_rng(0).normal(
         size=log["time_s"].size
     )
-    true = simulated_pair.campaign(1, ideal=True).truth["models"]["a_about_a"]["K"]
+    true = simulated_pair.pair(1, ideal=True).truth["models"]["a_about_a"]["K"]
     (by_rate, u_rate, _), (by_angle, u_angle, _) = (
         scale_of(log, reference=reference) for reference in ("rate", "angle")
     )
@@ -256,11 +257,11 @@ def test_the_uncertainty_of_an_asymmetry_is_its_scatter():
 
 def test_repeatability_is_the_relative_standard_deviation_over_runs():
     """Runs of 10000, 10000.1, 10000.2 repeat within 10 ppm; one run is refused."""
-    assert gjb_figures.repeatability(np.array([10000.0, 10000.1, 10000.2])) == pytest.approx(
+    assert gyro_figures.repeatability(np.array([10000.0, 10000.1, 10000.2])) == pytest.approx(
         10.0, rel=1e-4
     )
     with pytest.raises(FitError, match="two runs"):
-        gjb_figures.repeatability(np.array([10000.0]))
+        gyro_figures.repeatability(np.array([10000.0]))
 
 
 def test_temperature_sensitivity_is_the_largest_relative_change_a_degree():
@@ -269,11 +270,11 @@ def test_temperature_sensitivity_is_the_largest_relative_change_a_degree():
     """
     K_runs = K * (1.0 + np.array([0.0, 10e-6, -78e-6]))
     temperature = np.array([25.0, 35.0, -40.0])
-    assert gjb_figures.temperature_sensitivity(K_runs, temperature, 25.0) == pytest.approx(
+    assert gyro_figures.temperature_sensitivity(K_runs, temperature, 25.0) == pytest.approx(
         1.2, rel=1e-6
     )
     with pytest.raises(FitError, match="within 5 °C"):
-        gjb_figures.temperature_sensitivity(K_runs, temperature, 80.0)
+        gyro_figures.temperature_sensitivity(K_runs, temperature, 80.0)
 
 
 def test_threshold_and_resolution_are_the_smallest_tested_rate_and_step_that_respond():
@@ -298,9 +299,9 @@ def test_the_simulated_runs_give_repeatability_and_sensitivity_to_temperature():
     values = np.array([run_of(log, "x").scale("x").K for log in logs.logs.values()])
     temperature = np.array([log["temp_case_degc"].mean() for log in logs.logs.values()])
     room = values[[name.startswith("room") for name in logs.logs]]
-    assert gjb_figures.repeatability(room) < 2.0
+    assert gyro_figures.repeatability(room) < 2.0
     slope = abs(logs.truth["gyro"]["K_per_degc"]) * 1e6
-    assert gjb_figures.temperature_sensitivity(values, temperature, 25.0) == pytest.approx(
+    assert gyro_figures.temperature_sensitivity(values, temperature, 25.0) == pytest.approx(
         slope, abs=0.1
     )
 

@@ -12,7 +12,7 @@ from calibkit.constants import DPH_PER_DPS
 from calibkit.frame import Log
 from calibkit.instruments.gyro_scale import (
     coefficient_files,
-    over_runs,
+    fit as gyro_fit,
     simulate_rate_table,
     table_runs,
 )
@@ -36,7 +36,7 @@ def fit(logs, spec=SPEC):
         )
         for name, columns in logs.items()
     ]
-    (found,) = coefficient_files.list_results(over_runs.fit_runs(spec, {"": runs}), spec)
+    (found,) = coefficient_files.list_results(gyro_fit.fit_runs(spec, {"": runs}), spec)
     return found
 
 

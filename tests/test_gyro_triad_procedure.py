@@ -9,7 +9,7 @@ import pytest
 
 from calibkit import instruments, recipe, store
 from calibkit.instruments import silent
-from calibkit.instruments.gyro_scale import gyro_triad, simulate_triad
+from calibkit.instruments.gyro_scale import gyro_triad, simulate
 from calibkit.report import figures as drawing
 
 LATITUDE = "site.latitude_deg=34.2"
@@ -79,7 +79,7 @@ def campaign(tmp_path_factory):
     fifth.
     """
     folder = tmp_path_factory.mktemp("triad")
-    return folder, write(folder, simulate_triad.campaign(1))
+    return folder, write(folder, simulate.triad(1))
 
 
 @pytest.fixture(scope="module")
@@ -123,7 +123,7 @@ def test_intervals_of_angles_and_sensitivities_hold_over_many_simulated_bases(tm
     spec = instruments.parse_recipe(recipe.find("gyro_triad", (LATITUDE,)))
     angles, entries = [], []
     for seed in range(100, 112):
-        simulated = simulate_triad.campaign(seed, temperatures_degc=(25.0,), withheld_degc=())
+        simulated = simulate.triad(seed, temperatures_degc=(25.0,), withheld_degc=())
         truth = write(tmp_path / str(seed), simulated)["at"]["25"]
         fits = gyro_triad.fit(spec, tmp_path / str(seed), sorted(simulated.logs), silent)
         scales, found = fits.results

@@ -7,13 +7,13 @@ import json
 import numpy as np
 import pytest
 
-from calibkit.instruments.gyro_scale import simulate_pair, simulate_rate_table
+from calibkit.instruments.gyro_scale import simulate as gyros, simulate_rate_table
 from calibkit.instruments.inclinometer import simulate
 from test_northseek import forward
 
 MADE = {
     "rate_table": simulate_rate_table.campaign,
-    "gyro_pair": simulate_pair.campaign,
+    "gyro_pair": gyros.pair,
     "inclinometer": simulate.campaign,
 }
 
@@ -35,7 +35,7 @@ def test_the_truth_is_json_and_names_its_procedure(name):
 
 def test_logs_have_the_columns_of_the_contract():
     """Files and canonical columns of the shipped recipes."""
-    pair = simulate_pair.campaign(1).logs
+    pair = gyros.pair(1).logs
     assert list(pair) == ["table_axis_a.csv", "table_axis_b.csv"]
     for log in pair.values():
         assert list(log) == [
@@ -56,7 +56,7 @@ def test_logs_have_the_columns_of_the_contract():
 
 def test_files_keep_what_a_fit_needs():
     """Rounding in the CSV is far below noise: 0.1 counts a second, 1e-7 g, 1e-5 °/h, 1e-6 °/s."""
-    text = simulate_pair.campaign(1).files()["table_axis_a.csv"].decode()
+    text = gyros.pair(1).files()["table_axis_a.csv"].decode()
     row = text.splitlines()[1].split(",")
     assert [len(cell.partition(".")[2]) for cell in row] == [1, 6, 4, 2, 1, 1]
 
@@ -94,9 +94,7 @@ def test_the_best_line_is_that_of_the_response_over_the_rates():
     gyro = simulate_rate_table.RateGyro.draw(rng)
     table = simulate_rate_table.Table()
     slope, _ = gyro.best_line(table, simulate_rate_table.both_ways(), 25.0)
-    straight, intercept = simulate_pair.linear(gyro).best_line(
-        table, simulate_rate_table.both_ways(), 25.0
-    )
+    straight, intercept = gyros.linear(gyro).best_line(table, simulate_rate_table.both_ways(), 25.0)
     assert straight == pytest.approx(gyro.K, rel=1e-12)
     assert abs(slope / gyro.K - 1.0) > 1e-8
     vertical = 15.041067 / 3600.0 * np.sin(np.radians(34.2))
@@ -118,13 +116,13 @@ def test_the_truth_of_a_pair_is_the_angle_of_its_axes():
     """γ is the cosine of α, and the ratio of the lines to 5 ppm; N is the ratio of the own
     lines.
     """
-    truth = simulate_pair.campaign(7, alpha_deg=60.0).truth
+    truth = gyros.pair(7, alpha_deg=60.0).truth
     assert truth["gamma"] == pytest.approx(0.5)
     models = truth["models"]
     assert models["b_about_a"]["K"] / models["b_about_b"]["K"] == pytest.approx(0.5, abs=5e-6)
     assert truth["N"] == pytest.approx(models["b_about_b"]["K"] / models["a_about_a"]["K"])
     assert truth["side"] == "same"
-    assert simulate_pair.campaign(7, alpha_deg=120.0).truth["side"] == "opposite"
+    assert gyros.pair(7, alpha_deg=120.0).truth["side"] == "opposite"
 
 
 def test_an_ideal_inclinometer_reads_what_rotation_matrices_say():

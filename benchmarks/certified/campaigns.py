@@ -29,7 +29,7 @@ from calibkit.instruments.accelerometer.fit import fit_triad
 from calibkit.instruments.accelerometer.numeric import q_factor
 from calibkit.instruments.fog_thermal import simulate as fog
 from calibkit.instruments.gyro_noise import simulate as static
-from calibkit.instruments.gyro_scale import simulate_pair, simulate_rate_table, simulate_triad
+from calibkit.instruments.gyro_scale import simulate, simulate_rate_table
 from calibkit.instruments.inclinometer import simulate as tool
 from calibkit.instruments.thermal import simulate as sweep
 
@@ -87,7 +87,7 @@ def rate_table(number: int, _: Errors) -> tuple[Frames, Truth]:
 
 def gyro_pair(number: int, errors: Errors) -> tuple[Frames, Truth]:
     """Two gyros about two axes: K, N, ε, γ and α."""
-    made = simulate_pair.campaign(number)
+    made = simulate.pair(number)
     stated: Any = made.truth
     alpha = stated["alpha_deg"] + errors["alpha_deg"]
     gamma = float(np.cos(np.radians(alpha)))
@@ -105,7 +105,7 @@ def gyro_pair(number: int, errors: Errors) -> tuple[Frames, Truth]:
 
 def gyro_triad(number: int, errors: Errors) -> tuple[Frames, Truth]:
     """Three gyros about three axes: sensitivities and angles at 25 °C."""
-    made = simulate_triad.campaign(number)
+    made = simulate.triad(number)
     stated: Any = made.truth
     at, table = stated["at"]["25"], simulate_rate_table.Table(**stated["table"])
     found = {}

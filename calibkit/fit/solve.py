@@ -174,20 +174,6 @@ class Fit:
         """The fit of sums [m] of the parameters with weights [m, p]."""
         return self.restated(lambda p: weights @ p)
 
-    def moved(self, parameters: Array) -> "Fit":
-        """The fit with other parameters, and nothing that makes them uncertain: what results make
-        of them tells how an error of an input moves these.
-        """
-        return replace(
-            self,
-            parameters=parameters,
-            covariance=np.zeros_like(self.covariance),
-            slopes=np.zeros_like(self.slopes),
-            gain=np.zeros_like(self.gain),
-            bounds=np.zeros((len(parameters), 0)),
-            members=(),
-        )
-
     def linear(self, P: Array, y: Array) -> "Fit":
         """Parameters P y [m] of a published form by plain least squares, with the covariance of the
         errors of this fit, P R Pᵀ + Σ θ (P Z)(P Z)ᵀ; P [m, n] is 0 and y [n] is not read where a

@@ -5,10 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from calibkit.coefficients import Criterion, Figure, StageResult, at_most
+from calibkit.coefficients import Criterion, Figure, at_most
 from calibkit.errors import FitError
-from calibkit.instruments.gyro_scale import forms
-from calibkit.instruments.gyro_scale.numeric.gjb_figures import GJB, Line
+from calibkit.instruments.gyro_scale.published import GJB, FigureName, Line
 from calibkit.instruments.gyro_scale.recipe import LineAcceptance
 
 RUN_LIMITS = {
@@ -49,19 +48,6 @@ Limit = tuple[str, str, str]
 """Name, recipe key and unit."""
 
 
-def judge(
-    results: Iterable[StageResult], lines: Iterable[Line], limits: LineAcceptance
-) -> tuple[Criterion, ...]:
-    """Criteria on the largest figure of each kind in the files of a fit, and on the residuals of
-    the lines of its runs.
-    """
-    figures = [figure for result in results for figure in result.figures]
-    return (
-        *judge_figures(figures, limits),
-        *judge_noise(lines, limits),
-    )
-
-
 def judge_figures(figures: Sequence[Figure], limits: LineAcceptance) -> tuple[Criterion, ...]:
     """Criteria on the largest figure of each kind; raises FitError where a limit is stated but no
     run gives the figure.
@@ -72,7 +58,7 @@ def judge_figures(figures: Sequence[Figure], limits: LineAcceptance) -> tuple[Cr
         for limit in kinds.values()
     }
     for figure in figures:
-        kind, standard, _ = forms.read_figure_name(figure.name)
+        kind, standard, _ = FigureName.of(figure.name)
         if kind in RUN_LIMITS and standard == GJB:
             shown[RUN_LIMITS[kind]].append(figure.value)
         if kind in BETWEEN_LIMITS:

@@ -13,7 +13,6 @@ import numpy as np
 
 from calibkit.fit.complex_step import derivative
 from calibkit.instruments.gyro_scale import equation
-from calibkit.instruments.gyro_scale.numeric import line_terms
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares.fit import rank
 
@@ -40,11 +39,11 @@ def beside_line(rows: equation.Rows, terms: equation.Terms) -> equation.Terms:
     Where every run turns both ways, what they have of the response is part of the best straight
     line, and what differs is an error. Runs of one direction each need the powers to share a line.
     """
-    asymmetry: tuple[int, ...] = (line_terms.ASYMMETRY,)
+    asymmetry: tuple[int, ...] = (equation.ASYMMETRY,)
     if rows.both_ways:
         return replace(terms, shapes=asymmetry * rows.shows_asymmetry)
     # |Ω| tells runs of one direction from those of the other only
-    asymmetry *= line_terms.turns_both_ways(rows.rate_dps)
+    asymmetry *= equation.turns_both_ways(rows.rate_dps)
     # and each run hardly tells an odd power from the even one beside it
     bent = [replace(terms, shapes=powers, bends="as K") for powers in ((), *POWERS[1:])]
     chosen = _best(rows, bent, MARGIN_OF_ONE_WAY)

@@ -33,7 +33,7 @@ from calibkit.certificate.words import Words, unit_mark
 from calibkit.coefficients import Figure as StatedFigure, Model, Record
 from calibkit.forms import POLYNOMIAL
 from calibkit.instruments.gyro_scale import forms, quantities
-from calibkit.instruments.gyro_scale.numeric.gjb_figures import PPM
+from calibkit.instruments.gyro_scale.published import PPM, FigureName
 
 MOST_NOTES = 8
 """Largest number of models with a note for each; more share one note."""
@@ -259,7 +259,7 @@ def _tabulate_figures(
     """
     kinds: dict[tuple[str, str, str], dict[str, Result]] = {}
     for figure in record.figures:
-        what, standard, model = forms.read_figure_name(figure.name)
+        what, standard, model = FigureName.of(figure.name)
         words = NAMES.get(what, Words(what.replace("_", " ")))
         quantity = replace(
             of_figure(record, figure, words, dof=_find_dof(record, what, model)),

@@ -2,41 +2,74 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.coefficients import Component, Condition, Figure, Model, Parameter, StageResult
 from calibkit.constants import DPH_PER_DPS
-from calibkit.fit.complex_step import Numbers
+from calibkit.errors import FitError
+from calibkit.fit.complex_step import Numbers, arctan2, length
+from calibkit.fit.shared import Shared
 from calibkit.fit.solve import Fit
 from calibkit.fit.value import Value
-from calibkit.instruments.gyro_scale import equation, forms, table_runs
-from calibkit.instruments.gyro_scale.campaign import AxesSet, Campaign, GyroPair
-from calibkit.instruments.gyro_scale.numeric import gjb_figures
+from calibkit.forms import POLYNOMIAL
+from calibkit.instruments.gyro_scale import equation, forms, published, table_runs
+from calibkit.instruments.gyro_scale.campaign import Campaign, Runs
+from calibkit.instruments.gyro_scale.lines import Lines
 from calibkit.instruments.gyro_scale.recipe import GyroRecipe
+from calibkit.instruments.gyro_scale.table_runs import TableRun
 from calibkit.numeric.dispersion import rms
+from calibkit.numeric.least_squares import polynomial
 
-LINE = (("K", "1/deg"), ("F0", "1/s"))
-"""Coefficients of a line with their units."""
+GRID = 9
+"""Temperatures at which a polynomial's degrees of freedom are compared; the fewest are stated."""
+PARALLEL = 1e-12
+"""Sine of an angle below which every direction across the axes is possible."""
 
 
 def list_results(campaign: Campaign, spec: GyroRecipe) -> tuple[StageResult, ...]:
     """Coefficient files of a campaign: what each gyro is about each axis, and what is between the
     gyros of a pair or a triad.
     """
-    models, figures = _list_scales(campaign, spec)
-    files = [(forms.SCALE_FILE, models, figures)]
-    if campaign.pair is not None:
-        pair = _pair_model(campaign, campaign.pair)
-        files.append((forms.ORTHOGONALITY_FILE, [pair], _pair_figures(campaign.pair, pair)))
-    if campaign.sets:
-        gyros = [channel.gyro for channel in campaign.own]
-        triads = [_triad_model(campaign, one, gyros) for one in campaign.sets]
-        angles = [figure for one in campaign.sets for figure in _triad_figures(one, gyros)]
-        files.append((forms.ORTHOGONALITY_FILE, triads, angles))
-    # the latitude, and the earth's rate about the table axis, which F0 includes
     vertical, latitude = table_runs.vertical_rate_dps(spec), spec.site.latitude_deg
+    models: list[Model] = []
+    figures: list[Figure] = []
+    means = {channel.gyro: channel.mean for channel in campaign.own}
+    for channel in campaign.channels:
+        models += [channel.mean] if channel.mean else []
+        models += channel.curves
+        figures += channel.figures
+        for run in channel.runs:
+            name, run_lines = channel.name_in(run), campaign.run_lines
+            fit = run_lines.line(run, channel.gyro)
+            if channel.mean is None or name != channel.name:
+                models.append(
+                    line_model(name, fit.weighted(np.eye(2, 3)), run_lines, channel.gyro, [run])
+                )
+            if channel.own:
+                line, u_K = run_lines.published(run, channel.gyro), float(fit.of(lambda p: p[0]).u)
+                figures += published.figures(line, u_K, name)
+            own = means[channel.gyro]
+            if own is not None and vertical is not None:
+                # a projection's bias is referred to the gyro's own K
+                K = None if channel.own else own.value("K")
+                figures.append(bias_figure(name, fit, vertical, K))
+        if channel.response is not None:
+            models.append(_response_model(channel.name, channel.response, channel.runs))
+    of_sets = [(one, figure) for one in campaign.sets for figure in one.figures.values()]
+    named = [replace(figure, name=figure.name + one.suffix) for one, figure in of_sets]
+    figures += [figure for figure in named if figure.name.startswith("bias.")]
+    files = [("gyro_scale", (*models, *campaign.bias_curves), figures)]
+    if campaign.pair is not None:
+        files.append(("gyro_orthogonality", (campaign.pair,), list(campaign.pair_figures)))
+    if campaign.sets:
+        angles = [figure for figure in named if not figure.name.startswith("bias.")]
+        triads = tuple(one.model for one in campaign.sets)
+        files.append(("gyro_orthogonality", triads, angles))
+    # the latitude, and the earth's rate about the table axis, which F0 includes
     conditions: tuple[Condition, ...] = ()
     if vertical is not None and latitude is not None:
         conditions = (
@@ -44,96 +77,85 @@ def list_results(campaign: Campaign, spec: GyroRecipe) -> tuple[StageResult, ...
             Condition("earth_rate_about_table_axis", vertical, "deg/s"),
         )
     return tuple(
-        StageResult(
-            file.removesuffix(".json"), tuple(models), tuple(figures), campaign.flags, conditions
-        )
-        for file, models, figures in files
+        StageResult(stage, of_file, tuple(shown), campaign.flags, conditions)
+        for stage, of_file, shown in files
     )
 
 
-def _list_scales(campaign: Campaign, spec: GyroRecipe) -> tuple[list[Model], list[Figure]]:
-    """Models and figures of each gyro about each axis: of the mean over repeated runs, over
-    temperature, of each run, and of the response; the biases of a triad.
-    """
-    models: list[Model] = []
-    figures: list[Figure] = []
-    run_lines = campaign.run_lines
-    own_K = {one.gyro: float(one.K.value) for one in campaign.own if one.line is not None}
-    for channel in campaign.channels:
-        if channel.line is not None:
-            lines = [run_lines.published(run, channel.gyro) for run in channel.repeated]
-            models.append(
-                _line_model(
-                    channel.name,
-                    channel.line,
-                    channel.repeated,
-                    lines,
-                    (Parameter("runs", float(len(lines)), "1"),),
-                    channel.components,
-                )
-            )
-        models += channel.curves
-        figures += channel.figures
-        for run in channel.runs:
-            name = channel.name_in(run)
-            published = run_lines.published(run, channel.gyro)
-            found = run_lines.line(run, channel.gyro)
-            if channel.line is None or name != channel.name:
-                models.append(_line_model(name, found.weighted(np.eye(2, 3)), [run], [published]))
-            if channel.own:
-                u_K = float(found.of(lambda p: p[0]).u)
-                for one in gjb_figures.figures(published, u_K):
-                    text = forms.FigureName(one.name, one.standard, name).text
-                    figures.append(Figure(text, one.value, one.unit, one.standard_uncertainty))
-            if channel.line is not None:
-                # a projection's bias is referred to the gyro's own K
-                K = None if channel.own else own_K[channel.gyro]
-                figures += _bias_figures(name, found, spec, K)
-        if channel.response is not None:
-            models.append(_response_model(channel.name, channel.response, channel.runs))
-    figures += [figure for one in campaign.sets for figure in _set_biases(campaign, one)]
-    return [*models, *campaign.bias_curves], figures
-
-
-def _set_biases(campaign: Campaign, one: AxesSet) -> Iterator[Figure]:
-    """Figures of the biases of a set, where the latitude is known."""
-    if one.bias is None:
-        return
-    dph = DPH_PER_DPS / one.triad.magnitude.value
-    found = np.column_stack((one.bias.value * dph, one.bias.u * dph, one.bias.dof)).tolist()
-    for channel, (value, u, dof) in zip(campaign.own, found, strict=True):
-        yield Figure(f"bias.{channel.gyro}{one.suffix}", value, "deg/h", u, dof)
-
-
-def _line_model(
+def line_model(
     name: str,
     line: Fit,
-    runs: Sequence[table_runs.TableRun],
-    lines: Sequence[gjb_figures.Line],
-    parameters: tuple[Parameter, ...] = (),
-    components: tuple[Component, ...] = (),
+    run_lines: Lines,
+    gyro: str,
+    runs: Sequence[TableRun],
+    components: tuple[Component, ...] | None = None,
 ) -> Model:
-    """Line model (K and F0) of one gyro in one run, or of the mean over runs with these published
-    lines.
+    """Line model (K and F0) of one gyro in one run, or of the mean over runs, whose uncertainty
+    holds errors between them.
     """
+    parameters: tuple[Parameter, ...] = ()
+    if components is not None:
+        parameters = (Parameter("runs", float(len(runs)), "1"),)
     degc = float(np.mean([run.temp_degc for run in runs]))
     if np.isfinite(degc):
         parameters = (*parameters, Parameter("temp_case", degc, "degC"))
+    of_runs = [run_lines.published(run, gyro).fit for run in runs]
     model = forms.LINE.write_fit(
         name,
         line,
-        LINE,
-        residual_rms=rms([one.fit.residual_rms for one in lines]),
+        (("K", "1/deg"), ("F0", "1/s")),
+        residual_rms=rms([fit.residual_rms for fit in of_runs]),
         residual_unit="1/s",
         valid=table_runs.valid_ranges(runs),
         parameters=parameters,
     )
-    return replace(model, dof=sum(one.fit.dof for one in lines), components=components)
+    return replace(model, dof=sum(fit.dof for fit in of_runs), components=components or ())
 
 
-def _response_model(
-    line: str, response: equation.Fitted, runs: Sequence[table_runs.TableRun]
+def stated_components(*errors: Shared | None) -> tuple[Component, ...]:
+    """Components of errors that are in an uncertainty with their sizes."""
+    return tuple(
+        Component(
+            error.group,
+            error.effect,
+            error.size,
+            error.unit,
+            error.size / float(np.sqrt(2.0 * error.size_dof)),
+            error.levels,
+        )
+        for error in errors
+        if error and error.size
+    )
+
+
+def curve_model(
+    name: str, unit: str, curve: Fit, terms: equation.Terms, runs: Sequence[TableRun]
 ) -> Model:
+    """Polynomial of a fit in raw powers, valid over the range of all runs; its degrees of freedom
+    are the fewest at the temperatures of the runs.
+    """
+    order = curve.parameters.size - 1
+    raw, covariance = polynomial.in_raw_powers(
+        curve.parameters,
+        curve.total_covariance,
+        polynomial.to_raw_powers(*terms.middle_half, order),
+    )
+    temp_degc = [run.temp_degc for run in runs]
+    x = terms.mapped(np.linspace(min(temp_degc), max(temp_degc), GRID))
+    dof = curve.of(lambda p: polynomial.powers(x, order) @ p).dof
+    per = ["", "/degC", *(f"/degC^{k}" for k in range(2, order + 1))]
+    return POLYNOMIAL.write(
+        name,
+        [(f"p{k}", value, f"{unit}{per[k]}") for k, value in enumerate(raw.tolist())],
+        covariance,
+        dof=max(int(np.min(dof)), 1),
+        residual_rms=float(curve.noise[0]),
+        residual_unit=unit,
+        valid={forms.TEMPERATURE: table_runs.valid_ranges(runs)[forms.TEMPERATURE]},
+    )
+
+
+def _response_model(line: str, response: equation.Fitted, runs: Sequence[TableRun]) -> Model:
     """Model of the indication over table rate and temperature."""
     fitted, _, terms = response
     K_order, F0_order = terms.orders
@@ -162,96 +184,116 @@ def _response_model(
     )
 
 
-def _pair_model(campaign: Campaign, found: GyroPair) -> Model:
-    """Model of N, ε, γ and α of a pair."""
-    runs = [run for channel in campaign.own for run in channel.runs]
-    of_b = [line.fit for channel, _, line in campaign.own_lines() if channel.gyro == "b"]
-    return forms.PAIR.write(
+def write_pair(
+    run_lines: Lines,
+    runs: Runs,
+    ratios: published.Ratios,
+    from_a: Value,
+    components: tuple[Component, ...],
+) -> tuple[Model, tuple[Figure, ...]]:
+    """Model of N, ε, γ and α of a pair, and figures: these, the interval of α, and the second
+    estimate of γ.
+    """
+    every = [run for axis in "ab" for run in runs[axis]]
+    of_b = [run_lines.published(run, "b").fit for run in runs["b"]]
+    units = forms.PAIR_UNITS.items()
+    pair = forms.PAIR.write(
         "pair",
-        [
-            (name, value, unit)
-            for (name, unit), value in zip(forms.PAIR_UNITS.items(), found.values, strict=True)
-        ],
-        found.covariance,
-        dof=min(run.rate_dps.size for run in runs) - 2,
+        [(name, value, unit) for (name, unit), value in zip(units, ratios.results, strict=True)],
+        ratios.covariance,
+        dof=min(run.rate_dps.size for run in every) - 2,
         residual_rms=rms([fit.residual_rms for fit in of_b]),
         residual_unit="1/s",
-        valid=table_runs.valid_ranges(runs),
-        effective_dof=np.array(found.dof),
-        components=campaign.components,
+        valid=table_runs.valid_ranges(every),
+        effective_dof=np.array(ratios.dof),
+        components=components,
     )
-
-
-def _pair_figures(found: GyroPair, pair: Model) -> list[Figure]:
-    """Figures of N, ε, γ and α, the interval of α, and the second estimate of γ."""
-    low, high = found.alpha_interval_deg
-    _, _, u_gamma, u_alpha = (c.standard_uncertainty for c in pair.coefficients)
-    indicated, second = float(found.indicated.value), found.from_a
-    from_a = float(second.value), "1", float(second.u), float(second.dof)
-    return [
+    low, high = ratios.alpha_interval_deg
+    _, _, gamma, alpha = pair.coefficients
+    indicated = float(ratios.indicated.value)
+    return pair, (
         *pair.coefficients,
-        Figure("orthogonality_error_deg", found.orthogonality_error_deg, "deg", u_alpha),
+        Figure("orthogonality_error_deg", 90.0 - alpha.value, "deg", alpha.standard_uncertainty),
         Figure("alpha_low_95_deg", low, "deg", 0.0),
         Figure("alpha_high_95_deg", high, "deg", 0.0),
-        Figure("side", 1.0 if found.same_side else -1.0, "1", 0.0),
+        Figure("side", 1.0 if gamma.value >= 0.0 else -1.0, "1", 0.0),
         Figure("clamped", float(abs(indicated) > 1.0), "1", 0.0),
-        Figure("gamma_indicated", indicated, "1", u_gamma),
-        Figure("gamma_from_a_about_b", *from_a),
-    ]
-
-
-def _triad_model(campaign: Campaign, one: AxesSet, gyros: Sequence[str]) -> Model:
-    """Model of the sensitivities of one set and, where the latitude is known, of the biases."""
-    names, biases = forms.triad_names(gyros)
-    units = ["1/deg"] * len(names) + ["1/s"] * len(biases)
-    of_runs = [campaign.run_lines.published(run, g).fit for run in one.runs for g in gyros]
-    model = forms.TRIAD.write_fit(
-        f"triad{one.suffix}",
-        one.fit,
-        list(zip([*names, *biases], units, strict=True))[: one.fit.parameters.size],
-        residual_rms=rms([fit.residual_rms for fit in of_runs]),
-        residual_unit="1/s",
-        valid=table_runs.valid_ranges(one.runs),
+        Figure("gamma_indicated", indicated, "1", gamma.standard_uncertainty),
+        figure_of("gamma_from_a_about_b", from_a, "1"),
     )
-    return replace(model, dof=min(fit.dof for fit in of_runs), components=campaign.components)
 
 
-def _triad_figures(one: AxesSet, gyros: Sequence[str]) -> Iterator[Figure]:
-    """Figures of one set: scale factors about the input axes, misalignment matrix and pairwise
-    angles.
+def of_input_axes(fit: Fit, gyros: Sequence[str]) -> Iterator[Figure]:
+    """Scale factors |s_g| about the input axes, unit vectors s_g/|s_g| (the misalignment matrix)
+    and the angles between them, from scale factors about three orthogonal table axes, s_g gyro by
+    gyro [3 g].
+
+    Raises FitError for values that are not finite, or a gyro that senses none of the axes.
     """
-
-    def figure(name: str, unit: str, found: Value, at: Any) -> Figure:  # noqa: ANN401 (an index)
-        numbers = (float(part[at]) for part in (found.u, found.dof))
-        return Figure(f"{name}{one.suffix}", float(found.value[at]), unit, *numbers)
-
-    triad = one.triad
+    if not (np.isfinite(fit.parameters).all() and np.isfinite(fit.covariance).all()):
+        raise FitError("a sensitivity is not finite", hint="check the run about each axis")
+    size = np.linalg.norm(fit.parameters.reshape(-1, 3), axis=1)
+    if not (size > 0.0).all():
+        raise FitError(f"gyro {gyros[int(np.argmin(size))]} senses none of the three table axes")
+    size, unit = fit.of(lambda p: length(p.reshape(-1, 3))), fit.of(_unit)
     for g, gyro in enumerate(gyros):
-        yield figure(f"scale_factor.{gyro}", "1/deg", triad.magnitude, g)
+        yield figure_of(f"scale_factor.{gyro}", size, "1/deg", g)
         for a, axis in enumerate(forms.AXES):
-            yield figure(f"misalignment.{gyro}{axis}", "1", triad.misalignment, (g, a))
-    for g, h in triad.pairs:
-        name = f"{gyros[g]}_{gyros[h]}"
-        angle = figure(f"angle_deg.{name}", "deg", triad.angles_deg, (g, h))
+            yield figure_of(f"misalignment.{gyro}{axis}", unit, "1", (g, a))
+    for g, h in combinations(range(len(gyros)), 2):
+        angle = figure_of(f"angle_deg.{gyros[g]}_{gyros[h]}", _value_of_angle(fit, g, h), "deg")
         yield angle
-        off = f"orthogonality_error_deg.{name}{one.suffix}"
-        yield replace(angle, name=off, value=90.0 - angle.value)
+        name = angle.name.replace("angle_deg", "orthogonality_error_deg")
+        yield replace(angle, name=name, value=90.0 - angle.value)
 
 
-def _bias_figures(
-    name: str, line: Fit, spec: GyroRecipe, own_K: float | None = None
-) -> Iterator[Figure]:
-    """Figures of a line's bias (F at rest − K ω)/K, ω the earth's rate about the table axis where
-    it is known; `own_K` is the K that a projection is referred to.
+def figure_of(name: str, value: Value, unit: str, at: Any = ()) -> Figure:  # noqa: ANN401 (an index)
+    """One of some values as a figure."""
+    numbers = (float(part[at]) for part in (value.u, value.dof))
+    return Figure(name, float(value.value[at]), unit, *numbers)
+
+
+def bias_figure(name: str, line: Fit, vertical_dps: float, own_K: float | None = None) -> Figure:
+    """A line's bias (F at rest − K ω)/K, ω the earth's rate about the table axis; `own_K` is the K
+    that a projection is referred to.
     """
-    vertical = table_runs.vertical_rate_dps(spec)
-    if vertical is None:
-        return
 
     def bias_dph(p: Numbers) -> Numbers:
         K, _, rest = p
         own = K if own_K is None else own_K
-        return np.asarray((rest - K * vertical) / own * DPH_PER_DPS)
+        return np.asarray((rest - K * vertical_dps) / own * DPH_PER_DPS)
 
-    found = line.of(bias_dph)
-    yield Figure(f"bias.{name}", float(found.value), "deg/h", float(found.u), float(found.dof))
+    return figure_of(f"bias.{name}", line.of(bias_dph), "deg/h")
+
+
+def _unit(p: Numbers) -> Numbers:
+    """Unit vectors [g, 3] of sensitivities [3 g]."""
+    s = p.reshape(-1, 3)
+    return s / length(s)[:, None]
+
+
+def _value_of_angle(fit: Fit, g: int, h: int) -> Value:
+    """Angle [°] between two input axes."""
+    a, b = _unit(fit.parameters)[[g, h]]
+    if np.linalg.norm(np.cross(a, b)) > PARALLEL:
+
+        def angle_deg(p: Numbers) -> Numbers:
+            """atan2(|u_g × u_h|, u_g · u_h), which loses no digits near 0° and 180°."""
+            u_g, u_h = _unit(p)[[g, h]]
+            return arctan2(length(np.cross(u_g, u_h)), np.sum(u_g * u_h)) * 180.0 / np.pi
+
+        return fit.of(angle_deg)
+    # every direction across the axis is possible: that of the largest u counts, which is the main
+    # axis of the ellipse of the difference, whose covariance follows from three variances
+    across = np.linalg.svd(a[None])[2][1:] * 180.0 / np.pi
+
+    def apart(directions: Array) -> Value:
+        """Difference [°] of both axes along directions [m, 2] across them."""
+        return fit.of(lambda p: directions @ across @ (_unit(p)[g] - _unit(p)[h] * np.sign(a @ b)))
+
+    along_1, along_2, along_both = apart(np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])).u ** 2
+    mixed = (along_both - along_1 - along_2) / 2.0
+    _, main_axes = np.linalg.eigh([[along_1, mixed], [mixed, along_2]])
+    worst = apart(main_axes[:, -1:].T)
+    angle = np.asarray(0.0 if a @ b > 0.0 else 180.0)
+    return Value(angle, worst.u[0], worst.dof[0])

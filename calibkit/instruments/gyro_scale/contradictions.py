@@ -17,7 +17,7 @@ from calibkit.arrays import Array, Mask
 from calibkit.errors import FitError, advise_exclude
 from calibkit.fit.value import Value
 from calibkit.instruments.gyro_scale import forms, lines
-from calibkit.instruments.gyro_scale.table_runs import UNCERTAIN, TableRun
+from calibkit.instruments.gyro_scale.table_runs import TableRun
 from calibkit.numeric import left_out_run
 
 PPM = 1e6
@@ -25,6 +25,9 @@ ONE_TEMPERATURE_DEGC = 10.0
 """Largest span of temperatures [°C] of runs that count as repeated."""
 CHANCE = 0.005
 """Probability with which a gyro of a faultless campaign is named, of all its logs together."""
+ANOTHER = 1e-3
+"""Relative difference from repeated runs above which a scale factor is another gyro's or setting's.
+"""
 LEAST_OTHERS = 2
 """Fewest other logs about an axis with which one is held against them."""
 
@@ -37,7 +40,7 @@ def flag_runs(name: str, runs: Sequence[TableRun], found: Value) -> Iterator[str
     files, K, u = [run.log.file for run in runs], found.value, found.u
     if len(runs) == 1 or not np.ptp(temp_degc) > ONE_TEMPERATURE_DEGC:
         off = np.abs(K / np.median(K) - 1.0)
-        if off.max() > UNCERTAIN:
+        if off.max() > ANOTHER:
             apart = f"{PPM * off.max():.0f} ppm off the other runs: another gyro or setting?"
             yield f"{name}: K of {files[int(np.argmax(off))]} is {apart}"
         return

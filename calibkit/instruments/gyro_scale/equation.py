@@ -24,7 +24,6 @@ from calibkit.fit import orders
 from calibkit.fit.complex_step import Numbers
 from calibkit.fit.shared import Shared
 from calibkit.fit.solve import Fit, solve
-from calibkit.instruments.gyro_scale.numeric import line_terms
 from calibkit.numeric.least_squares import polynomial
 
 PPM = 1e-6
@@ -40,6 +39,15 @@ LEAST_RATES = 6
 """Fewest rates of a line with an asymmetry: three beyond its coefficients."""
 TINY = 1e-6
 """Difference below which two held rates are one, relative to the largest rate."""
+ASYMMETRY = 1
+"""Number of the shape |Ω|; the others are powers of the rate."""
+BOTH_WAYS = 2.0
+"""Range of the signs of rates of both directions."""
+
+
+def turns_both_ways(rate_dps: Array) -> bool:
+    """Whether rates of both directions are among [n]."""
+    return bool(np.ptp(np.sign(rate_dps)) == BOTH_WAYS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,10 +77,7 @@ class Rows:
     @property
     def both_ways(self) -> bool:
         """Whether every run turned both ways."""
-        return all(
-            line_terms.turns_both_ways(self.rate_dps[self.run == k])
-            for k in range(self.run.max() + 1)
-        )
+        return all(turns_both_ways(self.rate_dps[self.run == k]) for k in range(self.run.max() + 1))
 
     @property
     def shows_asymmetry(self) -> bool:
@@ -116,22 +121,19 @@ class Fitted(NamedTuple):
         """
         p, terms = self.fit.parameters, self.terms
         change = residual(p, rows, terms) - residual(p, self.rows, terms)
-        return Fitted(self.fit.moved(p - self.fit.gain @ change), rows, terms)
+        fit = replace(self.fit, parameters=p - self.fit.gain @ change, members=())
+        return Fitted(fit, rows, terms)
 
 
 class Parameters(NamedTuple):
-    """Parameters of equation (1) by name, of each line."""
+    """Parameters of equation (1) by name, of each line: polynomials in powers of x."""
 
     K: Numbers
-    """[lines, order + 1], of the powers of x."""
+    """[lines, order + 1]."""
     F0: Numbers
     """[lines, order + 1]."""
-    bend: Numbers
-    """c [lines, k]."""
-    bend_change: Numbers
-    """d [k], then e [k], of each line [lines, ...]; none where the bends are no polynomials of
-    x.
-    """
+    bends: Numbers
+    """c_k(T) [lines, k, order + 1]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +146,7 @@ class Terms:
     middle_half: tuple[float, float] = (0.0, 1.0)
     """Middle and half-width [°C] of the temperatures."""
     shapes: tuple[int, ...] = ()
-    """Numbers of the shapes of `line_terms`."""
+    """Numbers of the shapes: `ASYMMETRY`, and powers of the rate."""
     fastest_dps: float = 1.0
     """Rate that powers of the rate are relative to."""
     bends: Literal["constant", "as K", "polynomial"] = "constant"
@@ -174,8 +176,12 @@ class Terms:
 
     def split(self, p: Numbers) -> Parameters:
         """Parameters [p] by name."""
-        sizes = [order + 1 for order in self.orders] + [len(self.shapes)]
-        return Parameters(*np.split(p.reshape(self.lines, -1), np.cumsum(sizes), axis=1))
+        sizes = [order + 1 for order in self.orders]
+        K, F0, bends = np.split(p.reshape(self.lines, -1), np.cumsum(sizes), axis=1)
+        by_power = bends.reshape(self.lines, self.bend_order + 1, len(self.shapes))
+        if self.bends == "as K":
+            by_power = by_power * (K / K[:, :1])[:, :, None]
+        return Parameters(K, F0, np.swapaxes(by_power, 1, 2))
 
     def up_to(self, order: int) -> Mask:
         """Which parameters [p] equation (1) has with polynomials of a lower order."""
@@ -192,7 +198,10 @@ class Terms:
         """Shapes [n, k] at rates [n]."""
         columns = np.empty((rate_dps.size, len(self.shapes)))
         for k, number in enumerate(self.shapes):
-            columns[:, k] = line_terms.shape(number, rate_dps, self.fastest_dps)
+            if number == ASYMMETRY:
+                columns[:, k] = np.abs(rate_dps)
+            else:
+                columns[:, k] = (rate_dps / self.fastest_dps) ** number
         return columns
 
     def bent_by(self, powers: Sequence[int]) -> "Terms":
@@ -205,17 +214,9 @@ class Terms:
     @property
     def powers(self) -> tuple[int, ...]:
         """Powers of the rate that the response has beside the line, and nothing else."""
-        if self.bends == "as K" or line_terms.ASYMMETRY in self.shapes:
+        if self.bends == "as K" or ASYMMETRY in self.shapes:
             return ()
         return self.shapes
-
-    def bend_polynomials(self, p: Numbers) -> Numbers:
-        """c_k(T) [lines, k, order + 1] in powers of x."""
-        of = self.split(p)
-        if self.bends == "as K":
-            return np.asarray(of.bend[:, :, None] * (of.K / of.K[:, :1])[:, None, :])
-        change = of.bend_change.reshape(self.lines, self.bend_order, len(self.shapes))
-        return np.concatenate((of.bend[:, :, None], np.swapaxes(change, 1, 2)), axis=2)
 
 
 def at(polynomials: Numbers, x: Array) -> Numbers:
@@ -233,7 +234,7 @@ def response(p: Numbers, rows: Rows, terms: Terms) -> Numbers:
 
 def bend(p: Numbers, rows: Rows, terms: Terms) -> Numbers:
     """Σ c_k(T) s_k(Ω) [n], what the response is beside the line."""
-    bends = at(terms.bend_polynomials(p)[rows.line], terms.mapped(rows.row_degc))
+    bends = at(terms.split(p).bends[rows.line], terms.mapped(rows.row_degc))
     return np.asarray(np.sum(bends * terms.shape(rows.rate_dps), axis=1))
 
 
@@ -251,7 +252,7 @@ def best_line(terms: Terms, rate_dps: Array) -> Callable[[Numbers], tuple[Number
 
     def of(p: Numbers) -> tuple[Numbers, Numbers]:
         parts = terms.split(p)
-        bent = np.einsum("sk,lko->slo", share, terms.bend_polynomials(p))
+        bent = np.einsum("sk,lko->slo", share, parts.bends)
         return _add(parts.K, bent[SCALE]), _add(parts.F0, bent[ZERO])
 
     return of

@@ -4,6 +4,7 @@ interval, angles and misalignment of input axes.
 
 from __future__ import annotations
 
+from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from calibkit.constants import ARCSECONDS_PER_DEGREE
 from calibkit.forms import POLYNOMIAL
 from calibkit.instruments.gyro_scale import forms
-from calibkit.instruments.gyro_scale.numeric.gjb_figures import PPM
+from calibkit.instruments.gyro_scale.published import PPM
 from calibkit.numeric import gum
 from calibkit.report.documents import Drawn
 from calibkit.report.figures import ALERT, DENOISED, GOOD, INK, MUTED, RAW, page
@@ -23,9 +24,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from calibkit.arrays import Array
+    from calibkit.coefficients import Coefficient, Model
     from calibkit.instruments import Fitted
-    from calibkit.instruments.gyro_scale.campaign import AxesSet, Campaign, Channel, GyroPair
-    from calibkit.instruments.gyro_scale.numeric.gjb_figures import Line
+    from calibkit.instruments.gyro_scale.campaign import AxesSet, Campaign, Channel
+    from calibkit.instruments.gyro_scale.published import Line
 
     RunLine = tuple[Channel, str, Line]
     """A gyro, the name of a run, and the published line of both."""
@@ -52,7 +54,7 @@ def draw(title: str, fitted: Fitted[Campaign]) -> Drawn:
     if any(channel.curves for channel in campaign.own):
         figures.insert(0, _draw_temperatures(title, campaign))
     if campaign.pair is not None:
-        figures.append(_draw_gamma(title, campaign.pair))
+        figures.append(_draw_gamma(title, campaign.pair, campaign.pair_figures))
     if campaign.sets:
         figures.append(_draw_axes(title, campaign))
     return Drawn(tuple(figures), fitted.summary)
@@ -156,11 +158,10 @@ def _draw_temperatures(title: str, campaign: Campaign) -> Figure:
         curve, u_curve = POLYNOMIAL.evaluate(fit, at), POLYNOMIAL.standard_uncertainty(fit, at)
         temperature = np.array([run.temp_degc for run in channel.runs])
         K = campaign.run_lines.of_runs(channel.runs, channel.gyro)
-        if channel.line is not None:
-            reference = float(channel.K.value)
+        if channel.mean is not None:
+            reference = channel.mean.value("K")
         else:
-            sensitivity = campaign.reference.triad.sensitivity[row]
-            reference = float(sensitivity[forms.AXES.index(channel.axis)])
+            reference = campaign.reference.model.value(f"S_{channel.gyro}{channel.axis}")
         ppm = PPM / reference
         left.plot(grid, (curve - reference) * ppm, color=GOOD, label="polynomial")
         left.plot(temperature, (K.value - reference) * ppm, "o", ms=4, color=DENOISED, label="runs")
@@ -185,20 +186,19 @@ def _draw_temperatures(title: str, campaign: Campaign) -> Figure:
     return figure
 
 
-def _draw_gamma(title: str, pair: GyroPair) -> Figure:
+def _draw_gamma(title: str, pair: Model, figures: Sequence[Coefficient]) -> Figure:
     """Both estimates of γ with 95 % bars relative to the first, and α with its interval."""
-    figure, (left, right) = page(
-        1,
-        2,
-        title=f"{title}: gamma and alpha, {'same' if pair.same_side else 'opposite'} side",
-        height=4.6,
-    )
-    first = float(pair.indicated.value)
+    _, _, gamma_of_pair, alpha = pair.coefficients
+    side = "same" if gamma_of_pair.value >= 0.0 else "opposite"
+    figure, (left, right) = page(1, 2, title=f"{title}: gamma and alpha, {side} side", height=4.6)
+    of_pair = {one.name: one for one in figures}
+    about_a, about_b = of_pair["gamma_indicated"], of_pair["gamma_from_a_about_b"]
+    first = about_a.value
     points = {
-        "B about A's axis": (first, float(pair.standard_uncertainty[2])),
-        "A about B's axis": (float(pair.from_a.value), float(pair.from_a.u)),
+        "B about A's axis": (first, about_a.standard_uncertainty),
+        "A about B's axis": (about_b.value, about_b.standard_uncertainty),
     }
-    factor = gum.coverage_factor(pair.dof[2], probability=0.95)
+    factor = gum.coverage_factor(pair.dof_of(gamma_of_pair), probability=0.95)
     for k, (gamma, u) in enumerate(points.values()):
         offset = (gamma - first) * PPM
         bar = factor * PPM * u
@@ -211,15 +211,15 @@ def _draw_gamma(title: str, pair: GyroPair) -> Figure:
     left.set_xticks(range(len(points)), list(points))
     left.set_xlim(-0.4, len(points) - 0.2)
     left.set(title=f"gamma from {first:.8f}, bars 95 %", ylabel="[1e-6]")
-    low, high = pair.alpha_interval_deg
+    low, high = of_pair["alpha_low_95_deg"].value, of_pair["alpha_high_95_deg"].value
     reach = [
-        [(pair.alpha_deg - low) * ARCSECONDS_PER_DEGREE],
-        [(high - pair.alpha_deg) * ARCSECONDS_PER_DEGREE],
+        [(alpha.value - low) * ARCSECONDS_PER_DEGREE],
+        [(high - alpha.value) * ARCSECONDS_PER_DEGREE],
     ]
     right.errorbar(0.0, 0.0, xerr=reach, fmt="D", ms=6, capsize=6, color=DENOISED)
     right.set_yticks([])
     right.set(
-        title=f"alpha {pair.alpha_deg:.6f}°, 95 % {low:.6f}° to {high:.6f}°",
+        title=f"alpha {alpha.value:.6f}°, 95 % {low:.6f}° to {high:.6f}°",
         xlabel='from alpha ["]',
     )
     right.set_ylim(-1.0, 1.0)
@@ -231,21 +231,21 @@ def _draw_axes(title: str, campaign: Campaign) -> Figure:
     figure, (left, right) = page(1, 2, title=f"{title}: input axes", height=5.2)
     sets, own = campaign.sets, campaign.own
     angles: dict[str, Array] = {}
-    for g, h in campaign.reference.triad.pairs:
-        angle = [(one.triad.angles_deg, (g, h)) for one in sets]
-        factor = gum.coverage_factor(min(float(found.dof[at]) for found, at in angle))
-        angles[f"{own[g].gyro}, {own[h].gyro}"] = np.array(
-            [(90.0 - found.value[at], factor * found.u[at]) for found, at in angle]
+    for g, h in combinations([channel.gyro for channel in own], 2):
+        errors = [one.figures[f"orthogonality_error_deg.{g}_{h}"] for one in sets]
+        factor = gum.coverage_factor(min(error.effective_dof or np.inf for error in errors))
+        angles[f"{g}, {h}"] = np.array(
+            [(error.value, factor * error.standard_uncertainty) for error in errors]
         )
     _draw_sets(left, sets, angles)
     left.set(title="90° - angle between input axes, bars U", ylabel="[°]")
     across: dict[str, Array] = {}
-    for g, channel in enumerate(own):
-        for a, axis in enumerate(forms.AXES):
+    for channel in own:
+        for axis in forms.AXES:
             if axis != channel.axis:
-                shares = [one.triad.misalignment for one in sets]
+                shares = [one.figures[f"misalignment.{channel.gyro}{axis}"] for one in sets]
                 across[f"{channel.gyro} to {axis}"] = MRAD * np.array(
-                    [(found.value[g, a], 2.0 * found.u[g, a]) for found in shares]
+                    [(share.value, 2.0 * share.standard_uncertainty) for share in shares]
                 )
     _draw_sets(right, sets, across)
     right.set(title="input axes across their main axis, bars U", ylabel="[mrad]")

@@ -3,10 +3,8 @@ the files of a run: sensitivities of g gyros about a axes (1 by 1 for each gyro 
 g by 3 for gyros about three axes of their base).
 """
 
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -15,7 +13,6 @@ from calibkit.coefficients import Model, Record
 from calibkit.errors import CalibkitError, CoefficientError
 from calibkit.fit.complex_step import Numbers
 from calibkit.forms import POLYNOMIAL, Form, Inputs
-from calibkit.instruments.gyro_scale.numeric import gjb_figures
 from calibkit.instruments.gyro_scale.recipe import AnyRecipe, GyroTriadRecipe, OwnAxisRecipe
 
 SCALE_FILE, ORTHOGONALITY_FILE = "gyro_scale.json", "gyro_orthogonality.json"
@@ -30,28 +27,6 @@ MONOTONIC_GRID = 201
 """Rates at which a response is required to rise."""
 NEWTON_STEPS = 20
 """More than enough: each doubles the digits of a rate."""
-_FIGURE = re.compile(rf"(\w+)\.(?:({gjb_figures.GJB}|{gjb_figures.IEEE})\.)?(.+)")
-
-
-class FigureName(NamedTuple):
-    """Parts of a figure's name in gyro_scale.json: quantity, standard that defines it (or ""), and
-    model.
-    """
-
-    what: str
-    standard: str
-    model: str
-
-    @property
-    def text(self) -> str:
-        """Name in the coefficient file."""
-        return ".".join(filter(None, self))
-
-
-def read_figure_name(name: str) -> FigureName:
-    """Split the name of a figure of gyro_scale.json into its parts."""
-    found = _FIGURE.fullmatch(name)
-    return FigureName(found[1], found[2] or "", found[3]) if found else FigureName(name, "", "")
 
 
 def gyro_column(gyro: str) -> str:

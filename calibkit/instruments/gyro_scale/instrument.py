@@ -1,5 +1,6 @@
 """Gyros on a rate table: runs of single gyros, a pair about two axes, any number of gyros about
-three axes.
+three axes. The story of a fit: logs → held rates → equation → coefficient files, how these move
+with errors of the inputs, tables, verdicts.
 """
 
 from __future__ import annotations
@@ -17,34 +18,40 @@ from calibkit.instruments.gyro_scale import (
     acceptance,
     certificate,
     coefficient_files,
-    over_runs,
+    flags,
+    forms,
     overview,
-    pair_fit,
-    sensitivities,
     table_runs,
-    triad_fit,
 )
 from calibkit.instruments.gyro_scale.compensate import correct
+from calibkit.instruments.gyro_scale.fit import fit_campaign
 from calibkit.instruments.gyro_scale.forms import FORMS
-from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe, GyroTriadRecipe
 from calibkit.instruments.gyro_scale.table_runs import faults, read
 from calibkit.instruments.gyro_scale.unseen import validate
 from calibkit.report.run import list_components
 from calibkit.report.summary import Summary
+from calibkit.sensitivities import InputError, differentiate, of_thermometer
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
     from pathlib import Path
 
     from calibkit.coefficients import StageResult
     from calibkit.instruments import Progress
-    from calibkit.instruments.gyro_scale.campaign import Campaign
+    from calibkit.instruments.gyro_scale.campaign import Campaign, Runs
     from calibkit.instruments.gyro_scale.recipe import AnyRecipe
     from calibkit.instruments.gyro_scale.table_runs import TableRun
     from calibkit.report.table import Table
+    from calibkit.sensitivities import Sensitivity
 
-    Runs = Mapping[str, tuple[TableRun, ...]]
-    """Table axis → its runs."""
+MOVED = {
+    forms.RATE: ("rate_dps", "angle_rate_dps"),
+    "time_s": ("indication", "angle_rate_dps"),
+    forms.TEMPERATURE: ("temp_degc",),
+}
+"""Input → means over held rates that it moves; of a clock counts and turns per second."""
+SHARE, RATE_STEP_DPS, LATITUDE_STEP_DEG = 1e-5, 1e-6, 1e-3
+
 
 __all__ = ["FORMS", "correct", "faults", "fit", "read", "validate"]
 
@@ -55,10 +62,7 @@ def fit(spec: AnyRecipe, data: Path, files: Sequence[str], progress: Progress) -
     campaign = fit_campaign(spec, runs)
     results = coefficient_files.list_results(campaign, spec)
 
-    def refit(spec: AnyRecipe, runs: Runs) -> tuple[StageResult, ...]:
-        return coefficient_files.list_results(fit_campaign(spec, runs, campaign), spec)
-
-    influences = sensitivities.find(spec, runs, results, refit)
+    influences = _find_sensitivities(spec, runs, campaign, results)
     # the first screen shows the first table of the last file: lines of one gyro, what is between
     # several
     of_files = [tabulate_fit([one], spec, influences, certificate.blocks) for one in results]
@@ -69,7 +73,9 @@ def fit(spec: AnyRecipe, data: Path, files: Sequence[str], progress: Progress) -
     straight = campaign.run_lines.straightened(
         {channel.gyro: channel.response for channel in campaign.own}
     )
-    criteria = acceptance.judge(results, straight, spec.acceptance)
+    figures = [figure for result in results for figure in result.figures]
+    criteria = acceptance.judge_figures(figures, spec.acceptance)
+    criteria += acceptance.judge_noise(straight, spec.acceptance)
     single = not (campaign.pair or campaign.sets)
     return Fitted(
         results,
@@ -77,19 +83,47 @@ def fit(spec: AnyRecipe, data: Path, files: Sequence[str], progress: Progress) -
         Summary(spec.title, tuple(tables), campaign.flags, criteria, overview=first),
         campaign,
         sensitivities=influences,
-        lacks=over_runs.list_undetermined(campaign) if single else (),
+        lacks=flags.list_undetermined(campaign) if single else (),
     )
 
 
-def fit_campaign(spec: AnyRecipe, runs: Runs, near: Campaign | None = None) -> Campaign:
-    """Fit a procedure's equation to its runs; `near` is a fit of nearly the same runs, whose sizes
-    of errors and choices are kept, and which has the flags.
+def _find_sensitivities(
+    spec: AnyRecipe, runs: Runs, campaign: Campaign, results: Sequence[StageResult]
+) -> tuple[Sensitivity, ...]:
+    """How the results move with errors of the table's rate, the time base, the thermometer and the
+    latitude.
     """
-    if isinstance(spec, GyroPairRecipe):
-        return pair_fit.fit_pair(spec, runs, near)
-    if isinstance(spec, GyroTriadRecipe):
-        return triad_fit.fit_axes(spec, runs, near)
-    return over_runs.fit_runs(spec, runs, near)
+    errors = [
+        InputError(forms.RATE, "scale", SHARE),
+        InputError(forms.RATE, "offset", RATE_STEP_DPS),
+        InputError("time_s", "scale", SHARE),
+    ]
+    temperatures = [run.temp_degc for group in runs.values() for run in group]
+    low, high = min(temperatures), max(temperatures)
+    if low <= high:  # logged in every run
+        errors += of_thermometer(forms.TEMPERATURE, low, high)
+    if spec.site.latitude_deg is not None:
+        errors.append(InputError("latitude_deg", "offset", LATITUDE_STEP_DEG))
+
+    def refit(error: InputError) -> Sequence[StageResult]:
+        moved, shifted = spec, dict(runs)
+        if error.input == "latitude_deg":
+            latitude = error.shift(spec.site.latitude_deg)
+            site = spec.site.model_copy(update={"latitude_deg": latitude})
+            moved = spec.model_copy(update={"site": site})
+        else:
+            for axis, group in runs.items():
+                shifted[axis] = tuple(_shift(run, error) for run in group)
+        return coefficient_files.list_results(fit_campaign(moved, shifted, campaign), moved)
+
+    return differentiate(errors, results, refit)
+
+
+def _shift(run: TableRun, error: InputError) -> TableRun:
+    """A run with an error of the table's rate, of the time base or of the thermometer."""
+    held = run.plateaus
+    moved = {name: error.shift(getattr(held, name)) for name in MOVED[error.input]}
+    return replace(run, plateaus=replace(held, **moved))
 
 
 def _read_runs(spec: AnyRecipe, data: Path, files: Sequence[str], progress: Progress) -> Runs:

@@ -6,27 +6,21 @@ what changes with time or temperature during a run, and is taken out. How scale 
 repeat from run to run, and how mountings tilt, such lines do not show: that is added by its size.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calibkit.arrays import Array, Integers, Mask
-from calibkit.coefficients import Record
+from calibkit.fit.complex_step import Numbers
 from calibkit.fit.shared import Shared
 from calibkit.fit.solve import Fit
 from calibkit.fit.value import Value
 from calibkit.instruments.gyro_scale import equation, ordering
-from calibkit.instruments.gyro_scale.numeric import line_terms
-from calibkit.instruments.gyro_scale.numeric.gjb_figures import Line
+from calibkit.instruments.gyro_scale.published import Line
 from calibkit.instruments.gyro_scale.table_runs import TableRun
 from calibkit.numeric.dispersion import rms
 
-WITHIN = (
-    "the scale factors hold within these runs: their u leaves out how runs repeat, and no limit on"
-    ' them is decided; repeat each run, or state [[errors.component]] group = "run", effect ='
-    ' "scale"'
-)
 BETWEEN_RUNS = ("run scale", "run zero")
 """Errors that a line of each run does not show."""
 DRIFTS = {
@@ -43,11 +37,6 @@ DRIFTED = 2.0
 """Change during a run, in standard uncertainties of a held rate (both rms), from which it is
 flagged.
 """
-
-
-def hold_within_runs(records: Iterable[Record]) -> bool:
-    """Whether nothing tells how the scale factors of a run of calibkit repeat."""
-    return any(flag.endswith(WITHIN) for record in records for flag in record.flags)
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,15 +97,15 @@ class Lines:
         line_of, channel = (count.astype(np.int64) for count in counts)
         rows = equation.Rows(rate, F, line_of, degc, hours, line_of, channel)
         gyro_of, axis_of, set_of = np.array(lines).T
-        errors: tuple[Shared, ...] = ()
         if near:
             fitted = near.fitted.refit(rows)
+            fit = replace(near.fit, parameters=_best_lines_of(fitted)(fitted.fit.parameters))
         else:
-            shapes = (line_terms.ASYMMETRY,) * rows.shows_asymmetry
+            shapes = (equation.ASYMMETRY,) * rows.shows_asymmetry
             terms = equation.Terms(lines=len(lines), shapes=shapes)
             errors = tuple(_errors(rows, terms, axes))
             fitted = equation.Fitted(equation.fit(rows, terms, errors), rows, terms)
-        fit = _best_lines(fitted, errors)
+            fit = _best_lines(fitted, errors)
         steady = F - sum(_drifts(fitted.fit).values(), np.zeros(F.size))
         each = [line_of == k for k in range(len(lines))]
         published = tuple(Line(rate[rows], steady[rows], noise[rows]) for rows in each)
@@ -125,13 +114,6 @@ class Lines:
             # gyros along the one axis: the fit over all runs decides of their order in time
             return found
         return replace(found, in_time=near.in_time if near else tuple(found._find_in_time()))
-
-    @classmethod
-    def of_runs_about_one_axis(
-        cls, runs: Sequence[TableRun], near: "Lines | None" = None
-    ) -> "Lines":
-        """Lines of runs about the axis of each gyro."""
-        return cls.of([[(0, run) for run in runs]], near)
 
     def _find_in_time(self) -> Iterator[InTime]:
         """Decisions of `ordering` on the runs of each gyro about its own axis at each
@@ -150,6 +132,17 @@ class Lines:
         """Held rates."""
         return self.fitted.rows
 
+    def rows_of(self, runs: Sequence[TableRun], gyro: str) -> equation.Rows:
+        """Held rates of a gyro in some runs, as one line."""
+        chosen = np.isin(np.arange(self.gyro_of.size), self._numbers(runs, gyro))
+        rows = self.rows.of_lines(chosen)
+        one_line = np.zeros_like(rows.line)
+        return replace(rows, line=one_line, channel=one_line)
+
+    def _numbers(self, runs: Sequence[TableRun], gyro: str) -> list[int]:
+        """Numbers of the lines of a gyro in some runs."""
+        return [self.number[run.log.file, gyro] for run in runs]
+
     @property
     def K(self) -> Array:  # noqa: N802 - the letter of the standards
         """Scale factors [lines]."""
@@ -167,8 +160,7 @@ class Lines:
 
     def of_runs(self, runs: Sequence[TableRun], gyro: str) -> Value:
         """Scale factors of a gyro in r runs [r]."""
-        numbers = [self.number[run.log.file, gyro] for run in runs]
-        K = self.fit.weighted(np.eye(self.fit.parameters.size)[numbers])
+        K = self.fit.weighted(np.eye(self.fit.parameters.size)[self._numbers(runs, gyro)])
         return K.of(lambda p: p)
 
     def published(self, run: TableRun, gyro: str) -> Line:
@@ -333,12 +325,18 @@ def _errors(rows: equation.Rows, terms: equation.Terms, axes: int) -> Iterator[S
         )
 
 
+def _best_lines_of(fitted: equation.Fitted) -> Callable[[Numbers], Numbers]:
+    """Function from the parameters to K, F0 and indication at rest of each line."""
+    _, rows, terms = fitted
+    line = equation.best_line(terms, rows.rate_dps)
+    return lambda p: np.concatenate((*line(p), terms.split(p).F0)).ravel()
+
+
 def _best_lines(fitted: equation.Fitted, errors: Iterable[Shared]) -> Fit:
     """K, F0 and indication at rest of each line, with what the runs leave open."""
     fit, rows, terms = fitted
-    line = equation.best_line(terms, rows.rate_dps)
     kept = {size.error.name for size in fit.shared}
-    fit = fit.restated(lambda p: np.concatenate((*line(p), terms.split(p).F0)).ravel())
+    fit = fit.restated(_best_lines_of(fitted))
     unseen = [e for e in errors if e.effect in DRIFTS and e.name not in kept]
     bounds = np.zeros((2, 3, terms.lines, terms.lines))
     for k in range(terms.lines):
@@ -347,7 +345,7 @@ def _best_lines(fitted: equation.Fitted, errors: Iterable[Shared]) -> Fit:
         determined = rate.size >= equation.LEAST_RATES
         drifts = [error.loading[of_line, 0] for error in unseen if determined]
         bounds[0, :, k, k] = _largest_shift(rate, F, drifts)[[0, 1, 1]]
-        if not line_terms.turns_both_ways(rate):
+        if not equation.turns_both_ways(rate):
             # rates of one direction do not tell a bend of the response from F0
             bounds[1, 1:, k, k] = _largest_shift(rate, F, [rate**2])[1]
     return replace(fit, bounds=np.hstack((fit.bounds, *bounds.reshape(2, -1, terms.lines))))

@@ -16,7 +16,7 @@ import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.instruments.gyro_scale import equation
-from calibkit.instruments.gyro_scale.numeric.gjb_figures import PPM
+from calibkit.instruments.gyro_scale.published import PPM
 
 CHANCE, CERTAIN = 1e-4, 20.0
 """Probability of so large an F by chance, and D from which one of both is certain."""

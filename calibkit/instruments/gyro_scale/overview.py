@@ -5,10 +5,9 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from calibkit.coefficients import Figure, StageResult
-from calibkit.instruments.gyro_scale import forms
 from calibkit.instruments.gyro_scale.acceptance import RUN_LIMITS
 from calibkit.instruments.gyro_scale.campaign import Campaign
-from calibkit.instruments.gyro_scale.numeric.gjb_figures import GJB, PPM
+from calibkit.instruments.gyro_scale.published import GJB, PPM, FigureName
 from calibkit.report.overview import KeyValue, Overview, concise
 
 _COUNTS = "counts/°"
@@ -19,33 +18,33 @@ def summarize(campaign: Campaign, scales: StageResult) -> Overview:
     largest = _largest_figures(scales.figures)
     facts = _in_words(largest)
     if campaign.pair is not None:
-        found = campaign.pair
-        u_N, _, u_gamma, u_alpha = found.standard_uncertainty
-        error = KeyValue("orthogonality error 90° − α", found.orthogonality_error_deg, "°", u_alpha)
-        ratio = KeyValue("ratio of scale factors N = K_B/K_A", found.N, "1", u_N)
-        gamma = KeyValue("γ", found.gamma, "1", u_gamma)
+        N, _, gamma, alpha = campaign.pair.coefficients
+        u_alpha = alpha.standard_uncertainty
+        error = KeyValue("orthogonality error 90° − α", 90.0 - alpha.value, "°", u_alpha)
+        ratio = KeyValue("ratio of scale factors N = K_B/K_A", N.value, "1", N.standard_uncertainty)
+        of_gamma = KeyValue("γ", gamma.value, "1", gamma.standard_uncertainty)
         sentence = (
-            f"Angle between the input axes α = {concise(found.alpha_deg, u_alpha)}°: {error.name} ="
+            f"Angle between the input axes α = {concise(alpha.value, u_alpha)}°: {error.name} ="
             f" {error}."
         )
-        facts = (f"N = K_B/K_A = {ratio}; γ = {gamma}.", *facts)
+        facts = (f"N = K_B/K_A = {ratio}; γ = {of_gamma}.", *facts)
         return Overview(sentence, facts, (error, ratio, *largest)[:4])
     sizes = _list_scales(campaign)
     (listed,) = _in_words(sizes)
     if not campaign.sets:
-        first = campaign.channels[0].K
-        ppm = PPM * float(first.u) / abs(float(first.value))
+        first = sizes[0]
+        ppm = PPM * first.standard_uncertainty / abs(first.value)
         sentence = f"{listed.removesuffix('.')} (u {ppm:.2g} ppm)."
         return Overview(sentence, facts, (*sizes, *largest)[:4])
-    triad = campaign.reference.triad
-    if not triad.pairs:
-        return Overview(listed, facts, tuple(sizes[:4]))
     # the largest departure of two input axes from a right angle
-    angles, u = triad.angles_deg.value, triad.angles_deg.u
-    g, h = max(triad.pairs, key=lambda pair: abs(90.0 - angles[pair]))
-    of_both = " and ".join(campaign.own[number].gyro for number in (g, h))
+    of_axes = campaign.reference.figures
+    errors = {name: one for name, one in of_axes.items() if name.startswith("orthogonality_error")}
+    if not errors:
+        return Overview(listed, facts, tuple(sizes[:4]))
+    name, largest_error = max(errors.items(), key=lambda entry: abs(entry[1].value))
+    of_both = name.partition(".")[2].replace("_", " and ")
     name = f"90° − angle between the input axes of {of_both}"
-    worst = KeyValue(name, float(90.0 - angles[g, h]), "°", float(u[g, h]))
+    worst = KeyValue(name, largest_error.value, "°", largest_error.standard_uncertainty)
     where = _at(campaign.reference.temp_degc)
     sentence = f"Largest departure from right angles{where}: {worst.name} is {worst}."
     return Overview(sentence, (listed, *facts), (worst, *sizes)[:4])
@@ -54,19 +53,21 @@ def summarize(campaign: Campaign, scales: StageResult) -> Overview:
 def _list_scales(campaign: Campaign) -> list[KeyValue]:
     """Scale factor of each gyro at the reference temperature, of a triad about its input axis."""
     if campaign.sets:
-        one = campaign.reference
-        size, where = one.triad.magnitude, _at(one.temp_degc)
-        found = zip(campaign.own, size.value.tolist(), size.u.tolist(), strict=True)
-        return [
-            KeyValue(f"scale factor of {channel.gyro}{where}", K, _COUNTS, u)
-            for channel, K, u in found
+        where = _at(campaign.reference.temp_degc)
+        of_axes = [
+            (channel.gyro + where, campaign.reference.figures[f"scale_factor.{channel.gyro}"])
+            for channel in campaign.own
         ]
-    values = []
-    for channel in campaign.channels:
-        where = _at(float(np.mean([run.temp_degc for run in channel.repeated])))
-        K, u = float(channel.K.value), float(channel.K.u)
-        values.append(KeyValue(f"scale factor of {channel.name}{where}", K, _COUNTS, u))
-    return values
+    else:
+        of_axes = []
+        for channel in campaign.channels:
+            where = _at(float(np.mean([run.temp_degc for run in channel.repeated])))
+            if channel.mean is not None:
+                of_axes.append((channel.name + where, channel.mean.coefficients[0]))
+    return [
+        KeyValue(f"scale factor of {name}", K.value, _COUNTS, K.standard_uncertainty)
+        for name, K in of_axes
+    ]
 
 
 def _at(degc: float) -> str:
@@ -78,7 +79,7 @@ def _largest_figures(figures: Iterable[Figure]) -> tuple[KeyValue, ...]:
     """Largest of each figure of GJB 2426A over the runs and gyros."""
     found: dict[str, Figure] = {}
     for figure in figures:
-        what, standard, _ = forms.read_figure_name(figure.name)
+        what, standard, _ = FigureName.of(figure.name)
         if standard == GJB and what in RUN_LIMITS:
             found[what] = max(found.get(what, figure), figure, key=lambda one: abs(one.value))
     return tuple(

@@ -14,8 +14,7 @@ from calibkit.errors import FitError, UsageError
 from calibkit.fit.complex_step import derivative
 from calibkit.fit.solve import predict
 from calibkit.instruments.gyro_scale import equation, forms, simulate_rate_table, table_runs
-from calibkit.instruments.gyro_scale.numeric import line_terms
-from calibkit.instruments.gyro_scale.numeric.gjb_figures import PPM
+from calibkit.instruments.gyro_scale.published import PPM
 from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe, GyroTriadRecipe, RateTableRecipe
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares import polynomial
@@ -144,7 +143,7 @@ class GyroBench(TourBench):
         [°C]: of the best straight line over the holds.
         """
         rows, (low, high) = holds.rows, self.assumed.range_degc
-        shapes = (line_terms.ASYMMETRY,) if np.ptp(np.abs(rows.rate_dps)) > 0.0 else ()
+        shapes = (equation.ASYMMETRY,) if np.ptp(np.abs(rows.rate_dps)) > 0.0 else ()
         middle_half = (low + high) / 2.0, max(high - low, 1.0) / 2.0
         terms = equation.Terms(1, (self.order,) * 2, middle_half, shapes)
         # of temperatures that change within runs a plan knows nothing
@@ -438,7 +437,7 @@ def measure_runs(spec: Spec, task: Task, assumed: Assumed) -> Holds | None:
     have: Holds = join(parts)
     for axis in np.unique(have.axis):
         rates = have.rate_dps[have.axis == axis]
-        if not line_terms.turns_both_ways(rates):
+        if not equation.turns_both_ways(rates):
             raise FitError(
                 f"held rates from {rates.min():.4g} to {rates.max():.4g} °/s do not determine the"
                 " scale factor and its errors, expected rates of both signs",

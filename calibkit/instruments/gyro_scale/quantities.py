@@ -1,7 +1,7 @@
 """Results of a run: scale factors over temperature, indications over rate, angles between gyros."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 
 from calibkit.certificate.quantities import (
@@ -18,7 +18,7 @@ from calibkit.certificate.quantities import (
 from calibkit.certificate.words import Words
 from calibkit.coefficients import Model, Record
 from calibkit.forms import POLYNOMIAL
-from calibkit.instruments.gyro_scale import forms, lines
+from calibkit.instruments.gyro_scale import forms
 from calibkit.instruments.gyro_scale.compensate import TEMPERATURE_SLACK
 from calibkit.instruments.gyro_scale.recipe import AnyRecipe, GyroTriadRecipe
 
@@ -67,9 +67,27 @@ def list_pair(record: Record, model: Model) -> list[Quantity]:
     return quantities
 
 
+def hold_within_runs(records: Iterable[Record]) -> bool:
+    """Whether scale factors of gyros about several axes hold within their runs: no model holds how
+    runs repeat among the errors that are in its uncertainty.
+    """
+    models = [model for record in records for model in record.models]
+    errors = {(part.group, part.effect) for model in models for part in model.components}
+    several_axes = any(
+        model.form in (forms.PAIR.name, forms.TRIAD.name) or "_about_" in model.name
+        for model in models
+    )
+    return several_axes and ("run", "scale") not in errors
+
+
 def undecided_scale(record: Record) -> Words | None:
     """Why no limit on a scale factor, or on the ratio of two, is decided; None where one is."""
-    return OF_THESE_RUNS if lines.hold_within_runs([record]) else None
+    return OF_THESE_RUNS if hold_within_runs([record]) else None
+
+
+def sensitivity_name(gyro: str, axis: str) -> str:
+    """Name of the scale factor of a gyro about an axis of the base, or about its own."""
+    return "K_" + "_about_".join(filter(None, (gyro, axis)))
 
 
 def by_angle(model: Model, name: str) -> dict[str, tuple[float, float]]:
@@ -86,7 +104,7 @@ def by_angle(model: Model, name: str) -> dict[str, tuple[float, float]]:
     return {"alpha_deg": (alpha, slopes[name])} if name in slopes else {}
 
 
-def _sensitivities(records: Mapping[str, Record], spec: AnyRecipe) -> Iterator[Quantity]:
+def list_sensitivities(records: Mapping[str, Record], spec: AnyRecipe) -> Iterator[Quantity]:
     """Scale factor of each gyro about its own axis, for a triad about all three axes: over
     temperature where that was fitted, else near the temperature of the runs. They are compared,
     under names that runs with and without temperature share.
@@ -115,12 +133,12 @@ def _sensitivities(records: Mapping[str, Record], spec: AnyRecipe) -> Iterator[Q
             if triad:
                 key = "max_rate_error_ppm" if gyro == axis else "max_cross_axis_ppm"
             ppm, limit = getattr(spec.acceptance, key, None), None
-            if ppm is not None and not lines.hold_within_runs(records.values()):
+            if ppm is not None:
                 # the largest change, of the own scale factor
                 limit = ResultLimit(f"acceptance.{key}", ppm * PPM * float(abs(own[g]).max()))
             yield replace(
                 found,
-                name="K_" + "_about_".join(filter(None, (gyro, axis))),
+                name=sensitivity_name(gyro, axis),
                 model="",
                 words=Words(f"scale factor of gyro {gyro}{axis and f' about {axis}'}"),
                 compared=(({},),),
@@ -188,7 +206,7 @@ def results(records: Mapping[str, Record], spec: AnyRecipe) -> tuple[Quantity, .
     """Sensitivities, then what each model gives by itself."""
     angles = records.get(forms.ORTHOGONALITY_FILE)
     return (
-        *_sensitivities(records, spec),
+        *list_sensitivities(records, spec),
         *_of_scales(records[forms.SCALE_FILE]),
         *(_of_angles(angles, spec) if angles is not None else ()),
     )

@@ -217,6 +217,22 @@ def run(
     }
 
 
+def turn(
+    gyros: Mapping[str, RateGyro],
+    table: Table,
+    rates_dps: Sequence[float],
+    start_degc: float,
+    rng: np.random.Generator,
+) -> tuple[dict[str, Array], float, dict[str, tuple[float, float]]]:
+    """Log columns of gyros by name, mean case temperature [°C], and the best straight line of each
+    gyro at it.
+    """
+    columns = {f"gyro_{name}_lsb": gyro for name, gyro in gyros.items()}
+    log = run(columns, table, rates_dps, start_degc, rng)
+    degc = float(np.mean(log["temp_case_degc"]))
+    return log, degc, {name: g.best_line(table, rates_dps, degc) for name, g in gyros.items()}
+
+
 def both_ways(rates_dps: Sequence[float] = RATES_DPS) -> tuple[float, ...]:
     """Rates in increasing order in one direction, then in the other."""
     return (*rates_dps, *(-rate for rate in rates_dps))
@@ -256,13 +272,11 @@ def campaign(
     planned = {f"room_{k + 1}.csv": REFERENCE_DEGC for k in range(room_runs)}
     planned |= {f"at_{degc:.0f}.csv": degc for degc in temperatures_degc}
     rates = both_ways()
-    logs = {
-        name: run({"gyro_x_lsb": gyro}, table, rates, degc, rng) for name, degc in planned.items()
-    }
+    logs: dict[str, dict[str, Array]] = {}
     lines: dict[str, dict[str, object]] = {}
-    for name, columns in logs.items():
-        mean = float(np.mean(columns["temp_case_degc"]))
-        K, F0 = gyro.best_line(table, rates, mean)
+    for name, degc in planned.items():
+        logs[name], mean, of_gyro = turn({"x": gyro}, table, rates, degc, rng)
+        K, F0 = of_gyro["x"]
         lines[name] = {"temp_case_degc": mean, "gyro_x_lsb": {"K": K, "F0": F0}}
     truth = {
         "procedure": "rate_table",

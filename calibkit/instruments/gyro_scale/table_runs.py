@@ -1,6 +1,6 @@
 """Logs of a rate table → held rates of every gyro in every run."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -11,12 +11,11 @@ import numpy as np
 from calibkit import check
 from calibkit.arrays import Array
 from calibkit.constants import DPH_PER_DPS
-from calibkit.errors import FitError
-from calibkit.fit.value import Value
+from calibkit.errors import FitError, advise_exclude
 from calibkit.frame import Examined, Finding, Held, Log, refuse, values
 from calibkit.ingest import logs, stated_segments
 from calibkit.instruments.gyro_scale import dropouts, forms, held_means, held_rates
-from calibkit.instruments.gyro_scale.numeric.gjb_figures import Line
+from calibkit.instruments.gyro_scale.published import Line
 from calibkit.instruments.gyro_scale.recipe import AnyRecipe, GyroRecipe
 from calibkit.numeric import anomalies, chunks, earth, order_statistics
 
@@ -34,8 +33,8 @@ HALF_TURN_DEG = 180.0
 ONE_SOAK_DEGC = 2.0
 """Largest span of a run's temperatures [°C] at which the run counts as isothermal."""
 LEAST_ROWS = 16
-UNCERTAIN = 1e-3
-"""Relative standard uncertainty above which a scale factor is flagged."""
+ONE_SET_DEGC = 5.0
+"""Largest difference in temperature [°C] between the runs of one set about three axes."""
 LEAST_TRIAD = 3
 """Fewest gyros over three axes with which at least one is assumed to be along the table axis of
 every log.
@@ -100,18 +99,6 @@ def read(spec: AnyRecipe, data: Path, file: str, reader: logs.Reader = logs.read
     return reader(spec, data / file, file, needed, optional)
 
 
-def flag_uncertain(names: Sequence[str], found: Value) -> Iterator[str]:
-    """Flags for poorly determined scale factors [r] about a gyro's own axis: a run was too slow,
-    too short or too noisy.
-    """
-    for name, share in zip(names, found.u / np.abs(found.value), strict=True):
-        if not share < UNCERTAIN:
-            yield (
-                f"{name}: K is known to {100.0 * share:.2g} % only: hold faster rates, or hold"
-                " them longer"
-            )
-
-
 def vertical_rate_dps(spec: GyroRecipe) -> float | None:
     """Earth rate about the table axis [°/s], positive as positive table rates; None where the
     latitude is unknown.
@@ -128,6 +115,35 @@ def valid_ranges(runs: Sequence[TableRun]) -> dict[str, tuple[float, float]]:
     if np.isfinite(temperature).all():
         spans[forms.TEMPERATURE] = temperature
     return {name: (float(span.min()), float(span.max())) for name, span in spans.items()}
+
+
+def group_by_temperature(
+    runs: Mapping[str, tuple[TableRun, ...]],
+) -> list[dict[str, tuple[TableRun, ...]]]:
+    """Runs grouped by temperature, coldest first, each group with every axis."""
+    pairs = sorted(
+        ((run.temp_degc, axis, run) for axis in forms.AXES for run in runs[axis]),
+        key=lambda pair: pair[0],
+    )
+    groups: list[dict[str, tuple[TableRun, ...]]] = []
+    last = float("-inf")
+    for degc, axis, run in pairs:
+        if degc - last > ONE_SET_DEGC:
+            groups.append({})
+        groups[-1][axis] = (*groups[-1].get(axis, ()), run)
+        last = degc
+    for group in groups:
+        if missing := [axis for axis in forms.AXES if axis not in group]:
+            there = ", ".join(run.log.file for axis in group for run in group[axis])
+            degc = float(np.mean([run.temp_degc for axis in group for run in group[axis]]))
+            raise FitError(
+                f"no log about table axis {missing[0]} near {degc:.1f} °C, where there are {there}",
+                hint=(
+                    "each temperature needs a run about each axis; leave the others out:"
+                    f" {advise_exclude(there.split(', ')[0])}"
+                ),
+            )
+    return groups
 
 
 def faults(spec: AnyRecipe, log: Log) -> Examined:

@@ -1,35 +1,39 @@
-"""Frozen coefficients compared with unseen runs: errors before and after compensation."""
+"""Frozen coefficients compared with unseen runs: scale factors, rates before and after
+compensation, and the ratios of a pair.
+
+    e = K - K(T),   u² = u²(K) + u²(K(T)) + s² + u_B²
+
+K is that of the unseen run, K(T) the quantity of the files at its temperature, s how runs repeat,
+u_B the type B terms; `fit.unseen` judges e over u.
+"""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from calibkit.arrays import Array, Mask
-from calibkit.coefficients import Criterion, Record, over_u
+from calibkit.certificate.quantities import Quantity
+from calibkit.coefficients import Criterion, Model, Record, over_u
 from calibkit.constants import DPH_PER_DPS
 from calibkit.errors import CoefficientError, FrameError
 from calibkit.fit.unseen import unseen
-from calibkit.forms import POLYNOMIAL
+from calibkit.fit.value import Value
 from calibkit.frame import Log, require
 from calibkit.instruments.gyro_scale import (
     acceptance,
     compensate,
+    fit,
     forms,
-    lines,
-    pair_fit,
+    published,
     quantities,
     table_runs,
 )
-from calibkit.instruments.gyro_scale.campaign import Campaign
-from calibkit.instruments.gyro_scale.numeric import gjb_figures
-from calibkit.instruments.gyro_scale.numeric.gjb_figures import Line
-from calibkit.instruments.gyro_scale.recipe import (
-    AnyRecipe,
-    GyroPairRecipe,
-    GyroTriadRecipe,
-    OwnAxisRecipe,
-)
+from calibkit.instruments.gyro_scale.flags import WITHIN
+from calibkit.instruments.gyro_scale.lines import Lines
+from calibkit.instruments.gyro_scale.published import GJB, IEEE, PPM, FigureName, Line
+from calibkit.instruments.gyro_scale.recipe import AnyRecipe, GyroPairRecipe, GyroTriadRecipe
 from calibkit.numeric import gum
 from calibkit.numeric.dispersion import rms
 from calibkit.recipe import type_b
@@ -46,6 +50,25 @@ OTHER_AXIS = 0.1
 """Departure of a rate gain from 1 above which the run is about another axis: no scale factor drifts
 so far.
 """
+SUFFIX = {GJB: "_gjb", IEEE: "_ieee"}
+"""Standard → end of the key of an asymmetry in validation.json."""
+
+
+ScaleFactors = tuple[Value, Value]
+"""Scale factor of a gyro in an unseen run, and that of the files as another run shows it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Compared:
+    """One unseen run beside the files."""
+
+    entry: dict[str, Any]
+    """Of the run in validation.json."""
+    errors: list[dict[str, Any]]
+    """Errors before and after compensation, of each gyro or about the axes of the base."""
+    scales: list[ScaleFactors]
+    lines: list[Line]
+    """Of compensated rates, or published ones of a triad."""
 
 
 def validate(
@@ -55,72 +78,98 @@ def validate(
     of a pair, also N and γ.
     """
     known = compensate.read_invertible(spec, records)
-    within = lines.hold_within_runs(records.values())
-    runs: dict[str, list[table_runs.TableRun]] = {}
-    entries: list[dict[str, Any]] = []
-    compared: list[tuple[str, dict[str, Any]]] = []
+    frozen = {one.name: one for one in quantities.list_sensitivities(records, spec)}
+    within = quantities.hold_within_runs(records.values())
+    runs: dict[str, tuple[table_runs.TableRun, ...]] = {}
+    compared: list[Compared] = []
     flags: list[str] = []
-    judged: list[Criterion] = []
-    published: list[Line] = []
+    criteria: list[Criterion] = []
     for log in logs:
         axis = spec.find_axis(log.file)
         run = table_runs.fit_run(spec, log)
-        run_lines = lines.Lines.of_runs_about_one_axis([run])
-        runs.setdefault(axis if isinstance(spec, GyroPairRecipe) else log.file, []).append(run)
+        run_lines = Lines.of([[(0, run)]])
+        runs[axis] = (*runs.get(axis, ()), run)
         flags += [*run.flags, *run_lines.flag_drifts()]
-        if isinstance(spec, GyroTriadRecipe):
-            turned, vertical = [*known], table_runs.vertical_rate_dps(spec) or 0.0
-            found = [_compare_base(run, axis, matrix, vertical) for matrix in known]
-            published += run_lines.straightened({})
-        else:
-            turned = [matrix for matrix in known if spec.own_axis(matrix.gyros[0]) == axis]
-            found = []
+        turned = known
+        if not isinstance(spec, GyroTriadRecipe):
+            turned = tuple(one for one in known if spec.own_axis(one.gyros[0]) == axis)
+        one = _compare_run(spec, run_lines, run, axis, turned, frozen)
+        compared.append(one)
+        if np.isfinite(run.temp_degc):
             for matrix in turned:
-                entry_of_gyro, compensated = _compare_line(spec, run_lines, run, matrix)
-                found.append(entry_of_gyro)
-                published.append(compensated)
-        for matrix in turned if np.isfinite(run.temp_degc) else ():
-            flags += compensate.flag_temperatures(log.file, matrix, run.plateaus.temp_degc)
-        entry = {"name": log.file, "sha256": log.sha256, "rows": log.rows}
-        entries.append(
-            entry | found[0] if isinstance(spec, GyroTriadRecipe) else entry | {"gyros": found}
-        )
-        compared += [(log.file, one) for one in found]
+                flags += compensate.flag_temperatures(log.file, matrix, run.plateaus.temp_degc)
         if not within:
-            judged.append(_judge_uncertainty(run_lines, run, axis, turned, spec.type_b))
-    body: dict[str, Any] = {"logs": entries}
-    errors, limits = [one for _, one in compared], acceptance.UNSEEN_LINE_LIMITS
-    if isinstance(spec, GyroTriadRecipe):
-        errors, limits = [one["after"] for one in errors], acceptance.UNSEEN_BASE_LIMITS
-        shown = [_tabulate_base_errors(compared)]
-    else:
-        shown = [_tabulate_line_errors(compared)]
-    criteria, undecided = _decide(
-        acceptance.judge_unseen(errors, limits, spec.acceptance), within=within
-    )
-    flags += undecided
+            error = np.array([K.value - frozen.value for K, frozen in one.scales])
+            variance = np.array([K.u**2 + frozen.u**2 for K, frozen in one.scales])
+            dof = np.inf, max(float(sum(frozen.dof for _, frozen in one.scales)), 1.0)
+            judged = unseen(error, np.zeros((error.size, 1)), variance, dof=dof)
+            criteria.append(over_u(f"{log.file}: rms error of K", judged.to_object()))
+    body: dict[str, Any] = {"logs": [one.entry for one in compared]}
+    tables, of_limits, undecided = _judge_errors(spec, compared, within=within)
     if isinstance(spec, GyroPairRecipe) and len(runs) > 1:
-        again = pair_fit.fit_pair(spec, {axis: tuple(group) for axis, group in runs.items()})
-        body["pair"] = _compare_pair(records, again, spec.type_b)
-        shown.append(_tabulate_pair_again(body["pair"]))
-        flags += again.flags
-        judged += _judge_pair(body["pair"], within=within)
-    criteria = (*judged, *criteria, *acceptance.judge_noise(published, spec.acceptance))
-    return body, Summary("", tuple(shown), tuple(dict.fromkeys(flags)), criteria)
+        again = fit.fit_pair(spec, runs)
+        body["pair"] = _compare_pair(records, again.pair, spec.type_b)
+        tables.append(_tabulate_pair_again(body["pair"]))
+        undecided += again.flags
+        criteria += _judge_pair(body["pair"], within=within)
+    flags += undecided
+    lines = [line for one in compared for line in one.lines]
+    criteria += [*of_limits, *acceptance.judge_noise(lines, spec.acceptance)]
+    return body, Summary("", tuple(tables), tuple(dict.fromkeys(flags)), tuple(criteria))
 
 
-def _decide(
-    criteria: Sequence[Criterion], *, within: bool
-) -> tuple[tuple[Criterion, ...], list[str]]:
-    """Criteria that decide, and flags for those that do not: where scale factors hold within their
-    runs, a run beyond a limit of theirs rejects, and one within it accepts nothing.
-    """
-    undecided = [one for one in criteria if within and one.passed and one.name in OF_SCALE]
-    flags = [
-        f"{one.name} {one.value:.3g} {one.unit} of these runs decides no limit: {lines.WITHIN}"
-        for one in undecided
+def _compare_run(
+    spec: AnyRecipe,
+    run_lines: Lines,
+    run: table_runs.TableRun,
+    axis: str,
+    turned: Sequence[forms.GyroMatrix],
+    frozen: Mapping[str, Quantity],
+) -> Compared:
+    """Gyros of a run about their own axes, or all of a triad, beside the files."""
+    log = run.log
+    entry: dict[str, Any] = {"name": log.file, "sha256": log.sha256, "rows": log.rows}
+    triad = isinstance(spec, GyroTriadRecipe)
+    scales = [
+        _scale_factor(spec, run_lines, run, matrix, gyro, axis if triad else "", frozen)
+        for matrix in turned
+        for gyro in matrix.gyros
     ]
-    return tuple(one for one in criteria if one not in undecided), flags
+    if isinstance(spec, GyroTriadRecipe):
+        vertical_dps = table_runs.vertical_rate_dps(spec) or 0.0
+        entry |= _compare_base(run, axis, turned[0], vertical_dps)
+        return Compared(entry, [entry], scales, list(run_lines.straightened({})))
+    of_gyros = [
+        _compare_line(spec, run_lines, run, matrix, scale)
+        for matrix, scale in zip(turned, scales, strict=True)
+    ]
+    errors = [error for error, _ in of_gyros]
+    return Compared(entry | {"gyros": errors}, errors, scales, [line for _, line in of_gyros])
+
+
+def _judge_errors(
+    spec: AnyRecipe, compared: Sequence[Compared], *, within: bool
+) -> tuple[list[Table], list[Criterion], list[str]]:
+    """Table of the errors of all runs, criteria of the recipe's limits, and flags for those that
+    decide nothing: where scale factors hold within their runs, a run beyond a limit of theirs
+    rejects, and one within it accepts nothing.
+    """
+    shown = [(one.entry["name"], error) for one in compared for error in one.errors]
+    errors = [error for _, error in shown]
+    if isinstance(spec, GyroTriadRecipe):
+        table, limits = _tabulate_base_errors(shown), acceptance.UNSEEN_BASE_LIMITS
+        errors = [error["after"] for error in errors]
+    else:
+        table, limits = _tabulate_line_errors(shown), acceptance.UNSEEN_LINE_LIMITS
+    criteria: list[Criterion] = []
+    flags: list[str] = []
+    for one in acceptance.judge_unseen(errors, limits, spec.acceptance):
+        if within and one.passed and one.name in OF_SCALE:
+            size = f"{one.name} {one.value:.3g} {one.unit}"
+            flags.append(f"{size} of these runs decides no limit: {WITHIN}")
+        else:
+            criteria.append(one)
+    return [table], criteria, flags
 
 
 def _judge_pair(compared: Sequence[Mapping[str, Any]], *, within: bool) -> Iterator[Criterion]:
@@ -134,66 +183,38 @@ def _judge_pair(compared: Sequence[Mapping[str, Any]], *, within: bool) -> Itera
             yield over_u(f"pair: error of {one['name']}", over)
 
 
-def _judge_uncertainty(
-    run_lines: lines.Lines,
+def _scale_factor(
+    spec: AnyRecipe,
+    run_lines: Lines,
     run: table_runs.TableRun,
+    matrix: forms.GyroMatrix,
+    gyro: str,
     axis: str,
-    matrices: Sequence[forms.GyroMatrix],
-    terms: Sequence[type_b.TypeB],
-) -> Criterion:
-    """Criterion that the sensitivities found on an unseen run differ from the frozen ones as their
-    uncertainties, type B terms and the repeatability of runs state.
+    frozen: Mapping[str, Quantity],
+) -> ScaleFactors:
+    """Scale factor of a gyro about an axis in a run and in the files: with how runs repeat and type
+    B terms, at the run's temperature, clamped to the fitted range.
     """
-    mean = np.array([_temperatures(run).mean()])
-    rows = []
-    for matrix in matrices:
-        column = forms.AXES.index(axis) if len(matrix.outputs) > 1 else 0
-        frozen = matrix.at(mean)[0][0, :, column]
-        for row, gyro in enumerate(matrix.gyros):
-            K = run_lines.of_runs([run], gyro)
-            u, dof = _uncertainty_of_sensitivity(
-                matrix, row * len(matrix.outputs) + column, mean, terms
-            )
-            rows.append((K.value[0] - frozen[row], float(np.hypot(K.u[0], u)), dof))
-    error, u, dofs = np.array(rows).T
-    judged = unseen(
-        error, np.zeros((error.size, 1)), u**2, dof=(np.inf, max(float(dofs.sum()), 1.0))
-    )
-    return over_u(f"{run.log.file}: rms error of K", judged.to_object())
-
-
-def _uncertainty_of_sensitivity(
-    matrix: forms.GyroMatrix, entry: int, temperature: Array, terms: Sequence[type_b.TypeB]
-) -> tuple[float, float]:
-    """Standard uncertainty [1/deg] of a sensitivity of another run at a temperature [1, °C], with
-    how runs repeat and type B terms, and degrees of freedom of the coefficient; clamped to the
-    fitted range.
-    """
-    model = matrix.model
-    coefficient = model.coefficients[entry]
-    at = temperature[0] + np.array([-0.5, 0.5])
-    slope = float(np.diff(matrix.at(at)[0].reshape(2, -1)[:, entry])[0])
+    quantity, model = frozen[quantities.sensitivity_name(gyro, axis)], matrix.model
+    degc = float(_temperatures(run).mean())
+    inputs = quantity.inputs
+    point = quantity.point({one.column: min(max(degc, one.low), one.high) for one in inputs})
+    ((_, u, dof),) = point.type_a()
+    K = point.value
     fastest = max(map(abs, model.valid.get(forms.RATE, ())), default=0.0) or FULL_SCALE
-    known = {
-        forms.RATE: (fastest, -coefficient.value / fastest),
-        "time_s": (1.0, coefficient.value),
-        forms.TEMPERATURE: (float(temperature[0]), slope),
-    }
-    names = (f"{model.name}.{coefficient.name}", coefficient.name)
-    other = type_b.combine_terms(terms, names, coefficient.value, coefficient.unit, known)
-    u, dof = coefficient.standard_uncertainty, model.dof_of(coefficient)
+    slopes = {forms.RATE: (fastest, -K / fastest), "time_s": (1.0, K), **point.influences}
+    other = type_b.combine_terms(spec.type_b, quantity.called, K, quantity.unit, slopes)
     repeats = [
-        part.value / gjb_figures.PPM * abs(coefficient.value)
+        part.value / PPM * abs(K)
         for part in model.components
         if (part.effect, part.unit) == ("scale", "ppm")
     ]
-    if matrix.curves:
-        curve = matrix.curves[entry]
-        inside = np.clip(temperature, *curve.valid[forms.TEMPERATURE])
-        u = float(POLYNOMIAL.standard_uncertainty(curve, {forms.TEMPERATURE: inside})[0])
-        dof = min(map(curve.dof_of, curve.coefficients))
-        repeats = repeats or [curve.residual_rms]
-    return float(np.linalg.norm([u, max(repeats, default=0.0), other])), float(dof)
+    if matrix.curves and not repeats:
+        repeats = [point.parts[0][0].residual_rms]
+    found = run_lines.of_runs([run], gyro)
+    u_frozen = float(np.linalg.norm([u, max(repeats, default=0.0), other]))
+    stated = Value(*(np.array(number) for number in (K, u_frozen, dof)))
+    return Value(found.value[0], found.u[0], found.dof[0]), stated
 
 
 def _temperatures(run: table_runs.TableRun) -> Array:
@@ -202,56 +223,52 @@ def _temperatures(run: table_runs.TableRun) -> Array:
 
 
 def _compare_line(
-    spec: OwnAxisRecipe, run_lines: lines.Lines, run: table_runs.TableRun, matrix: forms.GyroMatrix
+    spec: AnyRecipe,
+    run_lines: Lines,
+    run: table_runs.TableRun,
+    matrix: forms.GyroMatrix,
+    scale: ScaleFactors,
 ) -> tuple[dict[str, Any], Line]:
     """JSON object of one gyro of a run about its own axis, and the line of its compensated
     rates.
     """
-    (gyro,) = matrix.gyros
+    (gyro,), (found, stated) = matrix.gyros, scale
+    u_found, frozen = float(found.u), float(stated.value)
     line, temperature = run_lines.published(run, gyro), _temperatures(run)
     if matrix.over_temperature and not np.isfinite(run.temp_degc):
         require(run.log.file, run.log.frame.columns, [forms.TEMPERATURE])
-    mean = np.array([temperature.mean()])
-    K = float(matrix.at(mean)[0].item())
-    u_frozen, dof = _uncertainty_of_sensitivity(matrix, 0, mean, spec.type_b)
-    found = run_lines.of_runs([run], gyro)
-    u_found, indication = float(found.u[0]), run.scale(gyro).indication
+    indication = run.scale(gyro).indication
     after = matrix.rates(indication[:, None], temperature)[:, 0]
-    K_of_rows = matrix.at(temperature)[0][:, 0, 0]
-    compensated = Line(line.rate_dps, after, line.noise / np.abs(K_of_rows))
-    nominal = spec.nominal_scale_factor
-    K_before, F0_before = (
-        (part.item() for part in matrix.reference) if nominal is None else (nominal, 0.0)
-    )
-    before = (indication - F0_before) / K_before
-    shown = {}
-    for figure in gjb_figures.figures(line, u_found):
-        if figure.unit == "ppm":
-            standard = {gjb_figures.GJB: "_gjb", gjb_figures.IEEE: "_ieee"}[figure.standard]
-            name = figure.name + standard * (figure.name == "asymmetry")
-            shown[f"{name}_ppm"] = figure.value
+    K_of_rows, zero_of_rows = matrix.at(temperature)
+    compensated = Line(line.rate_dps, after, line.noise / np.abs(K_of_rows[:, 0, 0]))
+    K_before, F0_before = (part.item() for part in matrix.reference)
+    before_is = "K and F0 of the mean model"
+    if spec.nominal_scale_factor is not None:
+        K_before, F0_before = spec.nominal_scale_factor, 0.0
+        before_is = "nominal scale factor"
     compared = {
         "gyro": gyro,
         "K": line.K,
         "K_standard_uncertainty": u_found,
-        "K_frozen": K,
-        "K_frozen_standard_uncertainty": u_frozen,
-        "scale_factor_error_ppm": (line.K / K - 1.0) * gjb_figures.PPM,
+        "K_frozen": frozen,
+        "K_frozen_standard_uncertainty": float(stated.u),
+        "scale_factor_error_ppm": (line.K / frozen - 1.0) * PPM,
         "scale_factor_error_standard_uncertainty_ppm": (
-            float(np.hypot(u_found, u_frozen) / abs(K)) * gjb_figures.PPM
+            float(np.hypot(u_found, stated.u)) / abs(frozen) * PPM
         ),
-        "scale_factor_error_dof": min(dof, MOST_DOF),
-        "zero_error_dph": (
-            (line.F0 / line.K - float(matrix.at(temperature)[1].mean()) / K) * DPH_PER_DPS
-        ),
+        "scale_factor_error_dof": min(float(stated.dof), MOST_DOF),
+        "zero_error_dph": (line.F0 / line.K - float(zero_of_rows.mean()) / frozen) * DPH_PER_DPS,
         "rate_gain": compensated.K,
-        "before_is": (
-            "nominal scale factor" if nominal is not None else "K and F0 of the mean model"
-        ),
-        "before": _line_errors(before, line),
+        "before_is": before_is,
+        "before": _line_errors((indication - F0_before) / K_before, line),
         "after": _line_errors(after, line),
     }
-    return compared | shown, compensated
+    for figure in published.figures(line, u_found, gyro):
+        if figure.unit == "ppm":
+            what, standard, _ = FigureName.of(figure.name)
+            key = what + SUFFIX[standard] if what == "asymmetry" else what
+            compared[f"{key}_ppm"] = figure.value
+    return compared, compensated
 
 
 def _line_errors(rate: Array, line: Line) -> dict[str, float]:
@@ -261,9 +278,9 @@ def _line_errors(rate: Array, line: Line) -> dict[str, float]:
     error = rate - line.rate_dps
     full = float(np.max(np.abs(line.rate_dps)))
     return {
-        "scale_factor_error_ppm": (Line(line.rate_dps, rate, line.noise).K - 1.0) * gjb_figures.PPM,
+        "scale_factor_error_ppm": (Line(line.rate_dps, rate, line.noise).K - 1.0) * PPM,
         "rate_error_rms_dps": rms(error),
-        "rate_error_max_ppm_of_full_scale": float(np.max(np.abs(error))) / full * gjb_figures.PPM,
+        "rate_error_max_ppm_of_full_scale": float(np.max(np.abs(error))) / full * PPM,
     }
 
 
@@ -309,7 +326,7 @@ def _base_errors(error: Array, along: Mask, rate_dps: Array) -> dict[str, float]
     """Largest errors [n, m] along and across the turned axis, relative to full scale; zero where
     there is no such column.
     """
-    full = float(np.max(np.abs(rate_dps))) / gjb_figures.PPM
+    full = float(np.max(np.abs(rate_dps))) / PPM
     return {
         f"{kind}_max_ppm_of_full_scale": float(np.max(np.abs(error[:, chosen]), initial=0.0)) / full
         for kind, chosen in (("rate_error", along), ("cross_axis", ~along))
@@ -317,36 +334,36 @@ def _base_errors(error: Array, along: Mask, rate_dps: Array) -> dict[str, float]
 
 
 def _compare_pair(
-    records: Mapping[str, Record], again: Campaign, terms: Sequence[type_b.TypeB]
+    records: Mapping[str, Record], again: Model | None, terms: Sequence[type_b.TypeB]
 ) -> list[dict[str, Any]]:
     """JSON objects of N, ε, γ, α of unseen runs against the frozen values."""
     if forms.ORTHOGONALITY_FILE not in records:
         raise CoefficientError(
             f"the run holds no {forms.ORTHOGONALITY_FILE}", hint="it is not a run of gyro_pair"
         )
-    frozen = records[forms.ORTHOGONALITY_FILE].model("pair")
-    found, compared = again.pair, []
-    assert found is not None  # noqa: S101 (a fit of a pair has one)
-    for c, value, u, dof in zip(
-        *(frozen.coefficients, found.values, found.standard_uncertainty.tolist(), found.dof),
-        strict=True,
-    ):
+    frozen, compared = records[forms.ORTHOGONALITY_FILE].model("pair"), []
+    for c in frozen.coefficients:
+        assert again is not None  # noqa: S101 (a fit of a pair has one)
+        found = next(one for one in again.coefficients if one.name == c.name)
         # terms on the ratio itself, or on α
-        slopes = quantities.by_angle(frozen, c.name)
-        names = (f"pair.{c.name}", c.name)
+        slopes, names = quantities.by_angle(frozen, c.name), (f"pair.{c.name}", c.name)
         type_b_u = type_b.combine_terms(terms, names, c.value, c.unit, slopes)
-        of_both = [
-            gum.Component("found", value, u, "A", dof=dof),
-            gum.Component("frozen", c.value, c.standard_uncertainty, "A", dof=frozen.dof_of(c)),
-            gum.Component("type B", c.value, type_b_u, "B"),
-        ]
-        both = gum.combine(of_both)
+        both = gum.combine(
+            [
+                gum.Component(
+                    *("found", found.value, found.standard_uncertainty, "A"),
+                    dof=again.dof_of(found),
+                ),
+                gum.Component("frozen", c.value, c.standard_uncertainty, "A", dof=frozen.dof_of(c)),
+                gum.Component("type B", c.value, type_b_u, "B"),
+            ]
+        )
         compared.append(
             {
                 "name": c.name,
                 "frozen": c.value,
-                "found": value,
-                "difference": value - c.value,
+                "found": found.value,
+                "difference": found.value - c.value,
                 "standard_uncertainty": both.standard_uncertainty,
                 "dof": min(both.effective_dof, MOST_DOF),
                 "unit": c.unit,

@@ -5,18 +5,26 @@ scale factor as GJB 2426A and IEEE Std 952 define them.
 
 by least squares with equal weights over the held rates Ω_j, for K is the slope of the best straight
 line; F0, which holds the earth's rate about the table axis, is always fitted: rates of one sign
-give the same K.
+give the same K. And of two gyros, K_A and K_B about their own axes, K_Ba that of B about A's axis:
+
+    N = K_B/K_A,   ε = K_Ba/K_A = N cos α,   γ = ε/N = K_Ba/K_B = cos α                      (2)
 """
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from calibkit.arrays import Array, Mask
+from calibkit.coefficients import Figure
 from calibkit.constants import ARCSECONDS_PER_DEGREE
 from calibkit.errors import FitError
+from calibkit.fit.solve import Fit
+from calibkit.fit.value import Value
+from calibkit.numeric import gum
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares.fit import LinearFit, linear, rank
 
@@ -31,6 +39,38 @@ SEEN = 4.0
 """Least significance of a response, in standard uncertainties."""
 ROOM_DEGC = 5.0
 """Largest difference from room temperature [°C] of runs that count as repeated (GJB 2426A)."""
+NEAR_ONE = 10.0
+"""Standard uncertainties of γ from |γ| = 1 within which first-order propagation to α fails."""
+ONE_SIDED = 3.0
+"""Standard uncertainties of γ from |γ| = 1 within which α may be 0° or 180° and its interval is
+one-sided.
+"""
+IMPOSSIBLE = 0.05
+"""Excess of |γ| over 1 that neither noise nor misalignment explains: the logs belong to other axes.
+"""
+DRAWS = 200_000
+_NAME = re.compile(rf"(\w+)\.(?:({GJB}|{IEEE})\.)?(.+)")
+
+
+class FigureName(NamedTuple):
+    """Parts of a figure's name in gyro_scale.json: quantity, standard that defines it (or ""), and
+    model.
+    """
+
+    what: str
+    standard: str
+    model: str
+
+    @classmethod
+    def of(cls, text: str) -> "FigureName":
+        """Parts of a name in the coefficient file."""
+        parts = _NAME.fullmatch(text)
+        return cls(parts[1], parts[2] or "", parts[3]) if parts else cls(text, "", "")
+
+    @property
+    def text(self) -> str:
+        """Name in the coefficient file."""
+        return ".".join(filter(None, self))
 
 
 @dataclass(frozen=True)
@@ -132,58 +172,53 @@ class Line:
         return float(np.sqrt(np.sum((self.residuals / self.noise) ** 2) / expected))
 
 
-@dataclass(frozen=True, slots=True)
-class Figure:
-    """A value with its standard uncertainty (type A), its unit and the standard that defines it."""
-
-    name: str
-    value: float
-    standard_uncertainty: float
-    unit: str
-    standard: str
-
-
-def figures(line: Line, u_K: float) -> Iterator[Figure]:
-    """Figures of one run that its rates determine; their uncertainties are those of the means, that
-    of K [1/deg] is given. Tested rates have none.
+def figures(line: Line, u_K: float, model: str = "") -> Iterator[Figure]:
+    """Figures of one run that its rates determine, under the name of its model; their uncertainties
+    are those of the means, that of K [1/deg] is given. Tested rates have none.
     """
-    yield Figure("scale_factor", line.K, u_K, "1/deg", GJB)
+
+    def figure(
+        what: str, standard: str, value: float, unit: str, u: float | np.floating[Any]
+    ) -> Figure:
+        return Figure(FigureName(what, standard, model).text, float(value), unit, float(u))
+
+    K, noise = abs(line.K), line.noise
+    yield figure("scale_factor", GJB, line.K, "1/deg", u_K)
     # K in pulses a degree, 3600/K in arc-seconds a pulse
-    pulse = ARCSECONDS_PER_DEGREE / abs(line.K)
-    yield Figure("scale_factor", pulse, pulse * u_K / abs(line.K), "arcsec", IEEE)
-    yield from _nonlinearities(line)
-    yield from _asymmetries(line)
+    pulse = ARCSECONDS_PER_DEGREE / K
+    yield figure("scale_factor", IEEE, pulse, "arcsec", pulse * u_K / K)
+    # max |F_j − F̂_j| / max |F_j|, with the noise of the point that decides it
+    residuals, u_residuals = line.of_full_scale_ppm
+    worst = int(np.argmax(np.abs(residuals)))
+    value = abs(residuals[worst])
+    yield figure("nonlinearity_full_scale", GJB, value, "ppm", u_residuals[worst])
+    # max |F_j − F̂_j| / |K Ω_j|
+    per_point = np.abs(line.per_point_ppm)
+    if np.isfinite(per_point).any():
+        worst = int(np.nanargmax(per_point))
+        u = line.u_per_point_ppm[worst]
+        yield figure("nonlinearity_per_point", GJB, per_point[worst], "ppm", u)
+    u = rms(noise) / K / np.sqrt(2.0 * noise.size)
+    yield figure("linearity_error_rms", IEEE, line.fit.residual_rms / K, "deg/s", u)
+    for standard, slopes, mean_K in _slopes_of_both_sides(line):
+        apart = slopes[0] - slopes[1]
+        value = abs(apart @ line.indication) / mean_K * PPM
+        u = np.linalg.norm(apart * noise) / K * PPM
+        yield figure("asymmetry", standard, value, "ppm", u)
     dead_zone, u_dead_zone = _dead_zone_dps(line)
-    for name, value, u in (
+    for what, value, u in (
         ("threshold", _threshold_dps(line), 0.0),
         ("resolution", _resolution_dps(line), 0.0),
         ("dead_zone", dead_zone, u_dead_zone),
     ):
         if np.isfinite(value):
-            yield Figure(name, value, u, "deg/s", GJB)
+            yield figure(what, GJB, value, "deg/s", u)
 
 
-def _nonlinearities(line: Line) -> Iterator[Figure]:
-    """Nonlinearity over full scale and per point, with the noise of the point that decides it, and
-    the rms error of the line.
+def _slopes_of_both_sides(line: Line) -> Iterator[tuple[str, Array, float]]:
+    """Standard, matrix [2, p] that makes the slopes of positive and of negative rates of the means,
+    and the K that their difference is relative to; nothing without two rates of each sign.
     """
-    # max |F_j − F̂_j| / max |F_j|
-    worst = int(np.argmax(np.abs(line.residuals)))
-    value, u = (PPM / line.full_scale * abs(x[worst]) for x in (line.residuals, line.noise))
-    yield Figure("nonlinearity_full_scale", float(value), float(u), "ppm", GJB)
-    # max |F_j − F̂_j| / |K Ω_j|
-    per_point = np.abs(line.per_point_ppm)
-    if np.isfinite(per_point).any():
-        point = int(np.nanargmax(per_point))
-        u = float(line.u_per_point_ppm[point])
-        yield Figure("nonlinearity_per_point", float(per_point[point]), u, "ppm", GJB)
-    error_dps, noise_dps = line.fit.residual_rms / abs(line.K), rms(line.noise) / abs(line.K)
-    u = noise_dps / np.sqrt(2.0 * line.noise.size)
-    yield Figure("linearity_error_rms", error_dps, float(u), "deg/s", IEEE)
-
-
-def _asymmetries(line: Line) -> Iterator[Figure]:
-    """Asymmetry in the senses of both standards; none without two rates of each sign."""
     rate = line.rate_dps
     sides = rate > 0.0, rate < 0.0
     if any(np.unique(np.round(rate[side], 9)).size < 2 for side in sides):
@@ -193,18 +228,11 @@ def _asymmetries(line: Line) -> Iterator[Figure]:
     slopes = np.zeros((2, rate.size))
     for row, side in zip(slopes, sides, strict=True):
         row[side] = np.linalg.pinv(np.column_stack((rate, one))[side])[0]
-    yield _asymmetry(line, slopes, abs(float(np.mean(slopes @ line.indication))), GJB)
+    yield GJB, slopes, abs(float(np.mean(slopes @ line.indication)))
     # IEEE: two slopes from one intercept, |K₊ − K₋| / K
     design = np.column_stack((np.maximum(rate, 0.0), np.minimum(rate, 0.0), one))
     if rank(design) == design.shape[1]:
-        yield _asymmetry(line, np.linalg.pinv(design)[:2], abs(line.K), IEEE)
-
-
-def _asymmetry(line: Line, slopes: Array, K: float, standard: str) -> Figure:
-    """Asymmetry by the slopes of positive and negative rates, matrix [2, p] on the means."""
-    apart = slopes[0] - slopes[1]
-    value, u = abs(float(apart @ line.indication)), float(np.linalg.norm(apart * line.noise))
-    return Figure("asymmetry", value / K * PPM, u / abs(line.K) * PPM, "ppm", standard)
+        yield IEEE, np.linalg.pinv(design)[:2], abs(line.K)
 
 
 def _threshold_dps(line: Line) -> float:
@@ -280,3 +308,93 @@ def temperature_sensitivity(K: Array, temp_degc: Array, room_degc: float) -> flo
     K_m, T_m = float(K[at_room].mean()), float(temp_degc[at_room].mean())
     relative = np.abs(K[~at_room] - K_m) / (abs(K_m) * np.abs(temp_degc[~at_room] - T_m))
     return float(np.max(relative)) * PPM
+
+
+@dataclass(frozen=True, slots=True)
+class Ratios:
+    """Ratios and angle of two gyros, equation (2)."""
+
+    results: tuple[float, float, float, float]
+    """N, ε, γ within [−1, 1], and the angle α of B's input axis to A's axis [°], 0 to 180."""
+    covariance: Array
+    """[4, 4] of these; type A: N and ε share K_A, N and γ share K_B, so errors are correlated."""
+    dof: tuple[float, ...]
+    """Effective degrees of freedom [4]."""
+    alpha_interval_deg: tuple[float, float]
+    """95 % interval of α; where |γ| is within noise of one it is one-sided, from 0° or up to 180°.
+    """
+    indicated: Value
+    """K_Ba/K_B before it was clamped, with its uncertainty to first order."""
+
+
+def find_ratios(K: Fit, *, seed: int = 0, draws: int = DRAWS) -> Ratios:
+    """Ratios and angle of two gyros from a fit of K_A, K_B and K_Ba, in one unit; `seed` and
+    `draws` are of the Monte Carlo propagation near |γ| = 1.
+
+    Raises FitError for a scale factor about its own axis that is zero or not finite, or |γ| too far
+    above one for noise.
+    """
+    K_A, K_B, K_Ba = K.parameters.tolist()
+    indicated = indicate(K)
+    ratios = K.restated(lambda k: np.stack((k[1] / k[0], k[2] / k[0], k[2] / k[1])))
+    dof = ratios.of(lambda r: r).dof.tolist()
+    u_gamma, gamma = float(indicated.u), float(np.clip(indicated.value, -1.0, 1.0))
+    if 1.0 - abs(float(indicated.value)) <= NEAR_ONE * u_gamma:
+        rng = np.random.default_rng(seed)
+        covariance, interval = _by_draws(K.parameters, K.total_covariance, rng, draws)
+    else:
+        # α is monotonic in γ: its interval is that of γ
+        half = gum.coverage_factor(float(indicated.dof), probability=0.95) * u_gamma
+        ends = np.degrees(np.arccos(np.clip([gamma + half, gamma - half], -1.0, 1.0)))
+        with_alpha = ratios.restated(lambda r: np.append(r, np.arccos(r[2]) * 180.0 / np.pi))
+        covariance = with_alpha.total_covariance
+        interval = float(ends[0]), float(ends[1])
+    results = K_B / K_A, K_Ba / K_A, gamma, float(np.degrees(np.arccos(gamma)))
+    return Ratios(results, covariance, (*dof, dof[2]), interval, indicated)
+
+
+def indicate(K: Fit) -> Value:
+    """γ = K_Ba/K_B as it is indicated; FitError for K_A, K_B, K_Ba that no pair can have."""
+    values, (K_A, K_B, K_Ba) = K.parameters, K.parameters.tolist()
+    finite = np.isfinite(values).all() and np.isfinite(K.total_covariance).all()
+    if not finite or K_A == 0.0 or K_B == 0.0:
+        raise FitError(f"scale factors K_A {K_A:g}, K_B {K_B:g}, K_Ba {K_Ba:g} cannot give ratios")
+    if abs(K_Ba / K_B) > 1.0 + IMPOSSIBLE:
+        raise FitError(
+            f"gamma {K_Ba / K_B:g} is far beyond 1: gyro B indicates more about A's axis than"
+            " about its own",
+            hint="check which log is of which table axis and which column is of which gyro",
+        )
+    return K.of(lambda k: k[2] / k[1])
+
+
+def _by_draws(
+    values: Array, covariance: Array, rng: np.random.Generator, draws: int
+) -> tuple[Array, tuple[float, float]]:
+    """Covariance [4, 4] and 95 % interval of α [°] by Monte Carlo within |γ| ≤ 1 (JCGM 101).
+
+    Draws with |γ| > 1 are impossible angles and are left out; where nearly all are, the draws are
+    moved onto |γ| = 1.
+    """
+    definite = np.linalg.eigvalsh(covariance)[0] > 1e-12 * np.trace(covariance)
+    method: Literal["cholesky", "svd"] = "cholesky" if definite else "svd"
+    K_A, K_B, K_Ba = rng.multivariate_normal(values, covariance, draws, method=method).T
+    gamma = K_Ba / K_B
+    indicated = float(values[2] / values[1])
+    sign = 1.0 if indicated > 0.0 else -1.0
+    possible = np.abs(gamma) <= 1.0
+    if possible.mean() < 0.01:
+        gamma = gamma - indicated + sign
+        possible = np.abs(gamma) <= 1.0
+    limited = np.clip(gamma, -1.0, 1.0)
+    drawn = np.vstack((K_B / K_A, K_Ba / K_A, limited, np.degrees(np.arccos(limited))))
+    if possible.any():
+        # no draw is possible only where there is no uncertainty to draw from: the limit is then the
+        # result
+        drawn = drawn[:, possible]
+    one_sided = 1.0 - abs(indicated) < ONE_SIDED * float(gamma.std())
+    quantiles = (0.025, 0.975) if not one_sided else (0.0, 0.95) if sign > 0.0 else (0.05, 1.0)
+    low, high = (float(np.quantile(drawn[3], q)) for q in quantiles)
+    if one_sided:
+        low, high = (0.0, high) if sign > 0.0 else (low, 180.0)
+    return np.cov(drawn), (low, high)

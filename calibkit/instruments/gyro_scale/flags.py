@@ -1,0 +1,318 @@
+"""What the logs of a campaign do not show, or show to be wrong: flags of runs about one, two or
+three axes, and the refusal of what no campaign can be.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import combinations
+
+import numpy as np
+
+from calibkit.coefficients import Figure
+from calibkit.errors import FitError
+from calibkit.fit.shared import Shared
+from calibkit.fit.value import Value
+from calibkit.frame import Remark
+from calibkit.instruments.gyro_scale import contradictions, equation, forms, ordering
+from calibkit.instruments.gyro_scale.campaign import AxesSet, Campaign, Channel
+from calibkit.instruments.gyro_scale.lines import Lines
+from calibkit.instruments.gyro_scale.published import ONE_SIDED, ROOM_DEGC
+from calibkit.instruments.gyro_scale.recipe import (
+    GyroPairRecipe,
+    GyroTriadRecipe,
+    RateTableRecipe,
+)
+from calibkit.instruments.gyro_scale.table_runs import TableRun
+from calibkit.numeric import gum
+from calibkit.recipe import shared_errors
+
+COLLINEAR = 4.0
+"""Distance of an angle from 0° or 180°, in standard uncertainties, below which its first-order
+uncertainty is flagged.
+"""
+LEAST_REPEATED = 2
+"""Fewest repeated runs that show how they differ."""
+UNCERTAIN = 1e-3
+"""Relative standard uncertainty above which a scale factor is flagged."""
+CONSISTENT = 4.0
+"""Difference of two results, in standard uncertainties, above which they are inconsistent."""
+OPPOSITE = 20.0
+"""Standard uncertainties: two γ that differ by more than this, while their sum is within it, count
+as equal and opposite.
+"""
+MOUNTED = 2.0 * float(np.radians(0.1))
+"""Largest difference of two γ by two mountings that are each up to 0.1° off: where γ is as small,
+two of opposite sign are no turned sign.
+"""
+FLAGGED_DEGC = 0.2
+"""Difference between the two runs' temperatures [°C] from which it is flagged."""
+UNLOGGED = (
+    "temperature is not logged in every run: nothing is fitted over it, all runs count as repeated"
+)
+WITHIN = (
+    "the scale factors hold within these runs: their u leaves out how runs repeat, and no limit on"
+    ' them is decided; repeat each run, or state [[errors.component]] group = "run", effect ='
+    ' "scale"'
+)
+
+
+def list_undetermined(campaign: Campaign) -> tuple[str, ...]:
+    """What the runs of single gyros do not determine, and what it takes."""
+    lacks = []
+    if not all(channel.curves for channel in campaign.channels):
+        lacks.append("K and F0 over temperature: log runs at temperatures 5 °C apart or more")
+    if any(len(channel.repeated) < LEAST_REPEATED for channel in campaign.channels):
+        lacks.append("repeatability: log two runs or more at the reference temperature")
+    return tuple(lacks)
+
+
+def of_uncertain(names: Sequence[str], K: Value) -> Iterator[str]:
+    """Flags for poorly determined scale factors [r] about a gyro's own axis: a run was too slow,
+    too short or too noisy.
+    """
+    for name, share in zip(names, K.u / np.abs(K.value), strict=True):
+        if not share < UNCERTAIN:
+            yield (
+                f"{name}: K is known to {100.0 * share:.2g} % only: hold faster rates, or hold"
+                " them longer"
+            )
+
+
+def of_runs(channels: Sequence[Channel], run_lines: Lines, spec: RateTableRecipe) -> Iterator[str]:
+    """Flags of runs about one axis."""
+    runs = channels[0].runs
+    for run in runs:
+        yield from run.flags
+    yield from run_lines.flag_drifts()
+    for channel in channels:
+        name, gyro, repeated = channel.name, channel.gyro, channel.repeated
+        K = run_lines.of_runs(runs, gyro)
+        if channel.response is None:  # a bend of the response is no noise of the line of a run
+            yield from of_uncertain([f"{name} in {run.log.file}" for run in runs], K)
+        yield from contradictions.flag_runs(name, repeated, run_lines.of_runs(repeated, gyro))
+        yield from _of_repeats(channel, spec)
+        if channel.curves:
+            yield from contradictions.flag_runs(name, runs, K)
+        if channel.mean is not None:
+            yield from ordering.flag(name, channel.in_time, channel.mean.value("K"))
+    temperature = np.array([run.temp_degc for run in runs])
+    near = np.abs(temperature - spec.reference_temp_degc) <= ROOM_DEGC
+    if len(temperature) > 1 and np.isnan(temperature).any():
+        yield UNLOGGED
+    elif not near.any() and np.isfinite(temperature).all():
+        yield (
+            f"no run within {ROOM_DEGC:g} °C of {spec.reference_temp_degc:g} °C: the mean is that"
+            f" of all runs, {temperature.min():.1f} to {temperature.max():.1f} °C"
+        )
+
+
+def _of_repeats(channel: Channel, spec: RateTableRecipe) -> Iterator[str]:
+    """Flags on what the runs cannot tell of their repeatability and of the response."""
+    name, cure = channel.name, 'state [[errors.component]] group = "run"'
+    assert channel.mean is not None  # noqa: S101 (as of every gyro of a rate table)
+    assert channel.over is not None  # noqa: S101
+    _, rows, terms = channel.over
+    stated = {entry.effect for entry in spec.errors.component}
+    unknown = [effect for effect in ("scale", "zero") if effect not in stated]
+    if len(channel.runs) == 1 and unknown:
+        yield (
+            f"{name}: one run does not show how runs repeat; u of K and F0 holds within this run"
+            f" only: repeat it, or {cure}, effect = {' and '.join(map(repr, unknown))}"
+        )
+    for c in channel.mean.coefficients:
+        letter, dof = c.name, channel.mean.dof_of(c)
+        if len(channel.runs) > 1 and dof < shared_errors.FEW_DOF:
+            yield (
+                f"{name}: {letter} has {dof:.2g} degrees of freedom between"
+                f" {len(channel.runs)} runs, its interval is ±"
+                f" {gum.coverage_factor(dof):.3g} standard uncertainties: add runs, or {cure}"
+            )
+    if terms.shapes and not equation.turns_both_ways(rows.rate_dps):
+        yield (
+            f"{name}: every run turns one way and the response is bent: F0, the bias and the other"
+            " direction are not known from these runs; run the table both ways"
+        )
+
+
+def refuse_opposite(by_noise: Value, from_a: Value) -> None:
+    """Raise FitError for two γ that are equal and opposite, by more than mountings can be off."""
+    one, other = float(by_noise.value), float(from_a.value)
+    limit = OPPOSITE * float(np.hypot(by_noise.u, from_a.u))
+    if abs(other - one) > max(limit, MOUNTED) and limit > abs(other + one):
+        raise FitError(
+            f"gamma is {one:.6g} from B about A's axis and {other:.6g} from A"
+            " about B's: equal and opposite",
+            hint=(
+                "one gyro, or the table, has opposite signs in the two logs; state the sign in"
+                " [columns]"
+            ),
+        )
+
+
+def of_gamma(indicated: Value, from_a: Value) -> Iterator[str]:
+    """Flags of γ by noise alone, at its limits and against that from A about B's axis."""
+    gamma, u = float(indicated.value), float(indicated.u)
+    excess = abs(gamma) - 1.0
+    if excess > 0.0:
+        yield f"|gamma| {abs(gamma):.9g} clamped to 1"
+    if excess > CONSISTENT * u:
+        yield (
+            f"|gamma| exceeds 1 by {excess * 1e6:.0f} ppm, more than noise explains: "
+            "gyro B's own table axis is not its input axis, or the runs differ in temperature"
+        )
+    if -excess < ONE_SIDED * u:
+        yield "|gamma| is within noise of 1: the interval of alpha is one-sided, by Monte Carlo"
+    if abs(gamma) < 2.0 * u:
+        yield "gamma is within noise of 0: its sign does not tell the side"
+    expected = float(np.hypot(from_a.u, u))
+    difference = float(from_a.value) - gamma
+    if abs(difference) > CONSISTENT * expected:
+        ratio = abs(difference) / max(expected, np.finfo(np.float64).tiny)
+        yield (
+            f"gamma from A about B's axis differs by {difference:.2g}, {ratio:.0f} standard"
+            " uncertainties: a table axis is not the input axis of its gyro"
+        )
+
+
+def of_pair(
+    spec: GyroPairRecipe,
+    runs: Mapping[str, tuple[TableRun, ...]],
+    run_lines: Lines,
+    apart_degc: float,
+    mounting: tuple[Shared, float] | None,
+    *,
+    within: bool,
+) -> Iterator[str]:
+    """Flags of a pair: runs at two temperatures, with what N carries of it, scale factors that hold
+    within the runs, a mounting error that only the two γ tell, with its degrees of freedom, time,
+    and doubtful runs.
+    """
+    limit = spec.pair.largest_temperature_coefficient_ppm_degc
+    if np.isnan(apart_degc):
+        yield ("temperature is not logged: N carries no difference between the runs' temperatures")
+    elif abs(apart_degc) > FLAGGED_DEGC and spec.pair.temperature_coefficients_ppm_degc is None:
+        carried = limit * abs(apart_degc) / np.sqrt(3.0)
+        yield (
+            f"the two runs are {abs(apart_degc):.1f} °C apart: u of N holds {carried:.2g} ppm for"
+            f" scale factors that change by up to {limit:g} ppm/°C, gamma that of K_B; run both at"
+            " one temperature, or state pair.temperature_coefficients_ppm_degc"
+        )
+    if within:
+        yield Remark(f"N: {WITHIN}")
+    if mounting:
+        error, gamma_dof = mounting
+        yield (
+            f"the two runs show a mounting error of {error.size:.2g}°, which is in u of gamma"
+            f" and alpha with {gamma_dof:.2g} degrees of freedom (k ="
+            f" {gum.coverage_factor(gamma_dof):.3g}): state how well a mounting repeats in"
+            ' [[errors.component]] group = "mounting", effect = "angle"'
+        )
+    yield from of_time(run_lines, "ab")
+    for gyro in "ab":
+        name = forms.line_name(gyro, gyro)
+        K = run_lines.of_runs(runs[gyro], gyro)
+        yield from of_uncertain([name] * len(runs[gyro]), K)
+        yield from contradictions.flag_runs(name, runs[gyro], K)
+
+
+def of_time(run_lines: Lines, gyros: Sequence[str]) -> Iterator[str]:
+    """Flags of scale factors that change with time since the runs began."""
+    for change in run_lines.in_time:
+        K = run_lines.K[change.lines].mean()
+        yield from ordering.flag(forms.line_name(gyros[change.gyro]), change.decided, K)
+
+
+def of_axes_lines(
+    spec: GyroTriadRecipe, runs: Sequence[TableRun], run_lines: Lines
+) -> Iterator[str]:
+    """Flags of the lines of single runs about three axes, in the order of the lines: what changed
+    during a run, runs that contradict the others, time.
+    """
+    yield from run_lines.flag_drifts()
+    axis_of = run_lines.axis_of[:: len(spec.gyros)]
+    main = np.abs(run_lines.sensitivity()).argmax(axis=1)
+    for gyro, most in zip(spec.gyros, main, strict=True):
+        about = [run for axis, run in zip(axis_of, runs, strict=True) if axis == most]
+        name = forms.line_name(gyro, forms.AXES[most])
+        yield from contradictions.flag_runs(name, about, run_lines.of_runs(about, gyro))
+    yield from contradictions.flag_shares(run_lines, runs, spec.gyros)
+    yield from of_time(run_lines, spec.gyros)
+
+
+def require_own_axes(sets: Sequence[AxesSet], gyros: Sequence[str]) -> None:
+    """Raise FitError where a gyro named x, y or z senses another of these axes most: logs or
+    columns are exchanged.
+    """
+    for one in sets:
+        for gyro in gyros:
+            row = one.misalignment(gyro)
+            most = forms.AXES[int(np.argmax(np.abs(row)))]
+            if gyro in forms.AXES and most != gyro:
+                raise FitError(
+                    f"{_place(one)}gyro {gyro} senses table axis {most} most"
+                    f" ({row[forms.AXES.index(most)]:+.3f})",
+                    hint=(
+                        "logs are exchanged under [axes], or columns; gyros that are not mounted so"
+                        " need other names"
+                    ),
+                )
+
+
+def _place(one: AxesSet) -> str:
+    """Beginning of the flags of a set."""
+    return f"{one.temp_degc:.0f} °C: " if np.isfinite(one.temp_degc) else ""
+
+
+def of_directions(figures: Mapping[str, Figure], gyros: Sequence[str]) -> Iterator[str]:
+    """Flags of input axes by their figures: parallel ones, and such that leave a direction out."""
+    for g, h in combinations(gyros, 2):
+        angle = figures[f"angle_deg.{g}_{h}"]
+        if min(angle.value, 180.0 - angle.value) < COLLINEAR * angle.standard_uncertainty:
+            yield f"gyros {g} and {h} are collinear within noise"
+    unit = [[figures[f"misalignment.{gyro}{a}"].value for a in forms.AXES] for gyro in gyros]
+    if np.linalg.matrix_rank(unit, tol=1e-6) < len(forms.AXES):
+        yield "the gyros do not span three axes: the compensation leaves rates out"
+
+
+def of_sets(
+    spec: GyroTriadRecipe, sets: Sequence[AxesSet], mounting: Shared | None
+) -> Iterator[str]:
+    """Flags for left-handed input axes, poorly determined scale factors, and biases that are
+    inconsistent or unknown.
+    """
+    left_handed = False
+    for one in sets:
+        yield from (f"{_place(one)}{flag}" for flag in of_directions(one.figures, spec.gyros))
+        directions = [one.misalignment(gyro) for gyro in spec.gyros]
+        three = len(spec.gyros) == len(forms.AXES)
+        left_handed |= three and bool(np.linalg.det(directions) < 0.0)
+    if left_handed:
+        yield "the input axes make a left-handed system: logs or signs may be exchanged"
+    for one in sets:
+        for gyro in spec.gyros:
+            size = one.figures[f"scale_factor.{gyro}"]
+            share = size.standard_uncertainty / size.value
+            if not share < UNCERTAIN:
+                yield (
+                    f"{_place(one)}{gyro}: the scale factor is known to {100.0 * share:.2g} % only:"
+                    " hold faster rates, or longer"
+                )
+    if mounting is None and len(spec.gyros) > 1:
+        yield Remark(
+            "the errors of mounting are not in u of the angles and unit vectors: state how a"
+            ' mounting repeats in [[errors.component]] group = "mounting", effect = "angle"'
+        )
+    if spec.site.latitude_deg is None:
+        yield (
+            "the latitude is not known ([site] latitude_deg): the bias stays mixed with the earth's"
+            " rate about each table axis, and `apply` is refused"
+        )
+    for one in sets:
+        # a bias that differs between the attitudes depends on acceleration, or the earth's rate is
+        # wrong
+        biases = [figure for name, figure in one.figures.items() if name.startswith("bias.")]
+        largest = max((bias.standard_uncertainty for bias in biases), default=0.0)
+        if largest > 1.0:
+            yield (
+                f"{_place(one)}the bias is known to {largest:.2g} °/h only: it differs between the"
+                " table axes (latitude, table axis, or a bias that depends on acceleration)"
+            )
