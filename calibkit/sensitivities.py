@@ -73,7 +73,7 @@ def differentiate(
     """Sensitivities by finite differences of refits: of a scale, in which no result is linear, on
     both sides, else against `base`, which is fitted as they are.
     """
-    before, found = _values(base), []
+    before, sensitivities = _values(base), []
     for error in errors:
         up = _values(refit(error))
         down, width = before, error.step
@@ -86,37 +86,37 @@ def differentiate(
             and key in before
             and abs(value - down[key][0]) > ROUNDING * max(map(abs, before[key]))
         }
-        found.append(Sensitivity(error.input, error.kind, derivatives))
-    return tuple(found)
+        sensitivities.append(Sensitivity(error.input, error.kind, derivatives))
+    return tuple(sensitivities)
 
 
 def _values(results: Iterable[StageResult]) -> dict[str, tuple[float, float]]:
     """Value and standard uncertainty of every coefficient and figure."""
-    found: dict[str, tuple[float, float]] = {}
+    values: dict[str, tuple[float, float]] = {}
     for result in results:
         for model in result.models:
-            found |= {
+            values |= {
                 f"{result.stage}.{model.name}.{c.name}": (c.value, c.standard_uncertainty)
                 for c in model.coefficients
             }
-        found |= {
+        values |= {
             f"{result.stage}.{figure.name}": (figure.value, figure.standard_uncertainty)
             for figure in result.figures
         }
-    return found
+    return values
 
 
-def dumps(found: Iterable[Sensitivity]) -> list[dict[str, Any]]:
+def dumps(sensitivities: Iterable[Sensitivity]) -> list[dict[str, Any]]:
     """Sensitivities as JSON objects of run.json."""
     return [
-        {"input": one.input, "error": one.kind, "derivatives": dict(one.derivatives)}
-        for one in found
+        {"input": each.input, "error": each.kind, "derivatives": dict(each.derivatives)}
+        for each in sensitivities
     ]
 
 
 def loads(entries: object, name: str) -> tuple[Sensitivity, ...]:
     """Sensitivities of a run.json; CoefficientError for what is none."""
-    found = []
+    sensitivities = []
     for entry in entries if isinstance(entries, list) else [entries]:
         fields = entry if isinstance(entry, dict) else {}
         derivatives = fields.get("derivatives")
@@ -129,5 +129,5 @@ def loads(entries: object, name: str) -> tuple[Sensitivity, ...]:
             raise CoefficientError(
                 f"{name}: sensitivities: {entry!r:.60} is not one of an input", hint="fit again"
             )
-        found.append(Sensitivity(fields["input"], fields["error"], derivatives))
-    return tuple(found)
+        sensitivities.append(Sensitivity(fields["input"], fields["error"], derivatives))
+    return tuple(sensitivities)

@@ -102,23 +102,23 @@ class MixedRows:
         """Blocks of [J Z]."""
         return blocks(np.hstack([self.J, self.Z]))
 
-    def of_groups(self, kept: Sequence[int]) -> "MixedRows":
+    def of_groups(self, numbers: Sequence[int]) -> "MixedRows":
         """The same rows with some of the shared errors, numbered anew."""
-        columns = [np.flatnonzero(self.group == g) for g in kept]
-        group = np.repeat(np.arange(len(kept)), [len(c) for c in columns])
-        chosen = np.concatenate([*columns, np.empty(0, np.intp)]).astype(np.intp)
-        return replace(self, Z=self.Z[:, chosen], group=group, groups=len(kept))
+        columns = [np.flatnonzero(self.group == g) for g in numbers]
+        group = np.repeat(np.arange(len(numbers)), [len(c) for c in columns])
+        columns_of_groups = np.concatenate([*columns, np.empty(0, np.intp)]).astype(np.intp)
+        return replace(self, Z=self.Z[:, columns_of_groups], group=group, groups=len(numbers))
 
     def degrees(self, group: int) -> int:
         """Levels of a shared error that the coefficients leave apart."""
         Z = self.Z[:, self.group == group]
-        whole = np.max(np.sum(Z**2, axis=0), initial=0.0)
-        if whole == 0.0:
+        largest_square = np.max(np.sum(Z**2, axis=0), initial=0.0)
+        if largest_square == 0.0:
             return 0
         Q = np.linalg.qr(self.J)[0]
         left = Z - Q @ (Q.T @ Z)
         values = np.linalg.eigvalsh(left.T @ left)
-        return int(np.sum(values > DETERMINED * whole))
+        return int(np.sum(values > DETERMINED * largest_square))
 
 
 class DiagonalBlock(NamedTuple):
@@ -135,7 +135,7 @@ class DiagonalBlock(NamedTuple):
 def blocks(design: Array) -> list[DiagonalBlock]:
     """Blocks of a matrix [n, k]."""
     filled = design != 0.0
-    found, left = [], filled.any(axis=0)
+    diagonal_blocks, left = [], filled.any(axis=0)
     while left.any():
         columns, before = np.arange(left.size) == np.argmax(left), 0
         while before < np.count_nonzero(columns):
@@ -143,23 +143,28 @@ def blocks(design: Array) -> list[DiagonalBlock]:
             rows = filled[:, columns].any(axis=1)
             columns = filled[rows].any(axis=0)
         crossings, square = np.ix_(rows, columns), np.ix_(columns, columns)
-        found.append(
+        diagonal_blocks.append(
             DiagonalBlock(np.flatnonzero(rows), np.flatnonzero(columns), crossings, square)
         )
         left &= ~columns
-    return found
+    return diagonal_blocks
 
 
 class MixedSolution:
     """Equations (2) and (3) solved at variances θ [parts + groups]."""
 
     def __init__(
-        self, rows: MixedRows, variances: Array, known: KnownVariances, *, restricted: bool = True
+        self,
+        rows: MixedRows,
+        variances: Array,
+        prior_variances: KnownVariances,
+        *,
+        restricted: bool = True,
     ) -> None:
         from scipy.linalg import cho_solve
 
         parts = len(rows.shares)
-        self.rows, self.variances, self.known = rows, variances, known
+        self.rows, self.variances, self.prior_variances = rows, variances, prior_variances
         self.R: Array = variances[:parts] @ rows.shares
         self.root = np.sqrt(variances[parts:])[rows.group]
         self.T: Array = np.hstack([rows.J, rows.Z * self.root])
@@ -179,7 +184,7 @@ class MixedSolution:
         errors = self.solution[p:]
         # yᵀ P y as a sum of squares: the product of y and P y loses its digits where θ is large
         square = left @ self.Py + errors @ errors
-        self.deviance = float(log_determinants + square) + known.deviance(variances)
+        self.deviance = float(log_determinants + square) + prior_variances.deviance(variances)
         self.restricted = restricted
         if not restricted:
             self.deviance += float(np.linalg.slogdet(self.inverse[:p, :p])[1])
@@ -214,8 +219,8 @@ class MixedSolution:
         """P F [n, k]."""
         left = F.copy()
         for block in self.rows.blocks:
-            across = self.weighted[block.crossings].T @ F[block.rows]
-            left[block.rows] -= self.T[block.crossings] @ (self.inverse[block.square] @ across)
+            products = self.weighted[block.crossings].T @ F[block.rows]
+            left[block.rows] -= self.T[block.crossings] @ (self.inverse[block.square] @ products)
         return np.asarray(left / self.R[:, None])
 
     def _traces(self, inverse: Array) -> tuple[Array, Array]:
@@ -226,8 +231,8 @@ class MixedSolution:
             T, inside = self.T[block.crossings], inverse[block.square]
             leverage[block.rows] = np.sum(T @ inside * T, axis=1)
             errors = block.columns[block.columns >= p] - p
-            across = self.weighted[block.crossings].T @ Z[np.ix_(block.rows, errors)]
-            of_errors[errors] -= np.sum(across * (inside @ across), axis=0)
+            products = self.weighted[block.crossings].T @ Z[np.ix_(block.rows, errors)]
+            of_errors[errors] -= np.sum(products * (inside @ products), axis=0)
         return leverage, of_errors
 
     def _member(self) -> Array:
@@ -242,15 +247,17 @@ class MixedSolution:
         Z, shares, R = self.rows.Z, self.rows.shares, self.R
         inverse, p = self.inverse, self.rows.J.shape[1]
         if not self.restricted:  # P of (3) without J in T is V⁻¹, whose traces stand for those of P
-            across = inverse[:, :p]
-            inverse = inverse - across @ np.linalg.solve(inverse[:p, :p], across.T)
+            products = inverse[:, :p]
+            inverse = inverse - products @ np.linalg.solve(inverse[:p, :p], products.T)
         member = self._member()
         leverage, of_errors = self._traces(inverse)
         noise_trace = shares @ (self.rows.count / R - leverage / R**2)
         trace = np.concatenate([noise_trace, of_errors @ member])
         VPy = np.hstack([(shares * self.Py).T, (Z * (Z.T @ self.Py)) @ member])
-        score = 0.5 * (VPy.T @ self.Py - trace) + self.known.score(self.variances)
-        information = 0.5 * VPy.T @ self.projected(VPy) + self.known.information(self.variances)
+        score = 0.5 * (VPy.T @ self.Py - trace) + self.prior_variances.score(self.variances)
+        information = 0.5 * VPy.T @ self.projected(VPy) + self.prior_variances.information(
+            self.variances
+        )
         return score, information
 
     def information(self) -> Array:
@@ -265,14 +272,18 @@ class MixedSolution:
             noise += np.array([[np.sum(a * b.T) for b in inner] for a in inner])
         cross = shares @ PZ**2 @ member
         mixed = member.T @ (Z.T @ PZ) ** 2 @ member
-        whole = np.block([[noise, cross], [cross.T, mixed]])
-        return 0.5 * whole + self.known.information(self.variances)
+        largest_square = np.block([[noise, cross], [cross.T, mixed]])
+        return 0.5 * largest_square + self.prior_variances.information(self.variances)
 
 
-def maximise(rows: MixedRows, known: KnownVariances, near: Array | None = None) -> MixedSolution:
+def maximise(
+    rows: MixedRows, prior_variances: KnownVariances, near: Array | None = None
+) -> MixedSolution:
     """The most likely variances, from a start [v] that is near or from two that are far apart."""
-    starts = [near] if near is not None else _starts(rows, known)
-    return min((_ascend(MixedSolution(rows, v, known)) for v in starts), key=lambda s: s.deviance)
+    starts = [near] if near is not None else _starts(rows, prior_variances)
+    return min(
+        (_ascend(MixedSolution(rows, v, prior_variances)) for v in starts), key=lambda s: s.deviance
+    )
 
 
 def first_step(solution: MixedSolution, Z: Array) -> tuple[float, float]:
@@ -289,16 +300,18 @@ def first_step(solution: MixedSolution, Z: Array) -> tuple[float, float]:
 
 def unrestricted(solution: MixedSolution) -> float:
     """Least -2 log L without restriction, by its own variances, of the fit of a solution."""
-    rows, known = solution.rows, solution.known
-    return _ascend(MixedSolution(rows, solution.variances, known, restricted=False)).deviance
+    rows, prior_variances = solution.rows, solution.prior_variances
+    return _ascend(
+        MixedSolution(rows, solution.variances, prior_variances, restricted=False)
+    ).deviance
 
 
 def uncertainty(solution: MixedSolution) -> tuple[Array, Array, Array]:
     """Covariance [p, p] of the coefficients with what the estimation of the variances adds, its
     derivatives [v, p, p] by the variances, and their covariance [v, v], 0 for one that is held.
     """
-    rows, variances, known = solution.rows, solution.variances, solution.known
-    spread = _inverse(solution.information(), known.free)
+    rows, variances, prior_variances = solution.rows, solution.variances, solution.prior_variances
+    spread = _inverse(solution.information(), prior_variances.free)
     # Φ + 2 Σ w_ij G V_i P V_j Gᵀ (Kenward & Roger 1997), V_i Gᵀ = D_i Gᵀ or Z_i Z_iᵀ Gᵀ
     G = solution.gain
     VG = [d[:, None] * G.T for d in rows.shares]
@@ -317,7 +330,7 @@ def uncertainty(solution: MixedSolution) -> tuple[Array, Array, Array]:
     return covariance, slopes, spread * np.outer(cut, cut)
 
 
-def _starts(rows: MixedRows, known: KnownVariances) -> list[Array]:
+def _starts(rows: MixedRows, prior_variances: KnownVariances) -> list[Array]:
     """Variances to start from: shared errors that are small, or large, against the noise, whatever
     is stated with few degrees of freedom: such a statement can make the likelihood bimodal.
     """
@@ -332,35 +345,41 @@ def _starts(rows: MixedRows, known: KnownVariances) -> list[Array]:
     mixed = typical / np.maximum(loading, 1e-200)
     starts = []
     for share in (0.1, 10.0):
-        start = np.concatenate([np.maximum(noise, known.least), share * mixed])
-        start = np.minimum(start, known.largest)
-        starts.append(np.where(known.free, start, known.square))
+        start = np.concatenate([np.maximum(noise, prior_variances.least), share * mixed])
+        start = np.minimum(start, prior_variances.largest)
+        starts.append(np.where(prior_variances.free, start, prior_variances.square))
     return starts if rows.groups else starts[:1]
 
 
 def _ascend(now: MixedSolution) -> MixedSolution:
     """Where scoring of the likelihood ends, from a solution."""
-    rows, known = now.rows, now.known
+    rows, prior_variances = now.rows, now.prior_variances
     parts = len(rows.shares)
     # Noise that is the only one of some row cannot be zero, nor can that of the first sensor.
     alone = np.zeros(len(now.variances), dtype=np.bool_)
     only = np.sum(rows.shares > 0.0, axis=0) == 1
     alone[:parts] = np.any((rows.shares > 0.0) & only, axis=1)
     alone[0] = True
-    floor = np.where(alone & known.free, known.least, 0.0)
+    floor = np.where(alone & prior_variances.free, prior_variances.least, 0.0)
     for _ in range(ITERATIONS):
         score, information = now.score()
-        moved = known.free & ((now.variances > 0.0) | (score > 0.0))
-        step = _inverse(information, moved) @ np.where(moved, score, 0.0)
+        adjustable = prior_variances.free & ((now.variances > 0.0) | (score > 0.0))
+        step = _inverse(information, adjustable) @ np.where(adjustable, score, 0.0)
         falling = 0.1 * now.variances
-        lowest = np.maximum(np.where(alone | (known.prior_dof > 0.0), falling, 0.0), floor)
+        lowest = np.maximum(
+            np.where(alone | (prior_variances.prior_dof > 0.0), falling, 0.0), floor
+        )
         for halving in range(HALVINGS):
             trial = np.maximum(now.variances + step * 0.5**halving, lowest)
             # from far above, a step of whatever length passes the maximum: fall by decades
             lowest = np.maximum(lowest, falling)
-            trial = np.where(known.free, np.minimum(trial, known.largest), known.square)
+            trial = np.where(
+                prior_variances.free,
+                np.minimum(trial, prior_variances.largest),
+                prior_variances.square,
+            )
             try:
-                reached = MixedSolution(rows, trial, known, restricted=now.restricted)
+                reached = MixedSolution(rows, trial, prior_variances, restricted=now.restricted)
             except np.linalg.LinAlgError:  # rounding makes (2) singular
                 continue
             if reached.deviance <= now.deviance:

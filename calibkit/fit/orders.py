@@ -73,7 +73,7 @@ def average(fits: Sequence[Fit]) -> Fit:
 def _information_criterion(fit: Fit) -> float:
     """AIC of (1)."""
     coefficients = int(fit.used.sum()) - fit.dof
-    sizes = int(np.sum(fit.solution.known.free))
+    sizes = int(np.sum(fit.solution.prior_variances.free))
     return likelihood.unrestricted(fit.solution) + 2.0 * (coefficients + sizes)
 
 

@@ -291,41 +291,41 @@ def solve(
 
     """
     problem = _Problem(residual, start, shared, priors, channel, noise, free, names)
-    kept = [g for g, error in enumerate(problem.mixed) if not error.optional]
-    offered = [g for g, error in enumerate(problem.mixed) if error.optional]
+    active = [g for g, error in enumerate(problem.mixed) if not error.optional]
+    optional_errors = [g for g, error in enumerate(problem.mixed) if error.optional]
     used = np.ones(problem.n, dtype=np.bool_) if used is None else used
     p = problem.start[problem.free]
-    near, converged = None, False
+    near_variances, converged = None, False
     for step in range(STEPS):
         lines = problem.linearise(p, used, noise_known=noise is not None and not estimate_noise)
-        solution = lines.maximise(kept, near)
+        solution = lines.maximise(active, near_variances)
         if step == 1:  # where the equation is already straight
-            solution = _take_optional(lines, solution, kept, offered)
-        near = solution.variances
+            solution = _take_optional(lines, solution, active, optional_errors)
+        near_variances = solution.variances
         change = lines.basis @ solution.coefficients
-        errors = problem.errors_of_levels(solution, kept)
+        errors = problem.errors_of_levels(solution, active)
         noise_residual = lines.y[: problem.n] - lines.J[: problem.n] @ change
         for g, b in errors.items():
             noise_residual -= problem.mixed[g].along(b) / problem.relative
         good = used
         if leave_out:
-            good = problem.find_good(noise_residual, solution, used, kept)
-            good |= noise_residual**2 <= ROUNDING_FAR**2 * lines.known.least
-        p = p + problem.shortened(p, change, lines, solution, kept, used)
+            good = problem.find_good(noise_residual, solution, used, active)
+            good |= noise_residual**2 <= ROUNDING_FAR**2 * lines.prior_variances.least
+        p = p + problem.shortened(p, change, lines, solution, active, used)
         half = lines.basis @ np.linalg.cholesky(solution.inverse[: len(p), : len(p)])
         u = np.linalg.norm(half, axis=1)
         rounding = np.finfo(np.float64).eps * np.abs(p)
-        settled = bool(np.all(np.abs(change) <= SETTLED * u + rounding))
-        if settled and step > 0 and np.array_equal(good, used):
+        converges = bool(np.all(np.abs(change) <= SETTLED * u + rounding))
+        if converges and step > 0 and np.array_equal(good, used):
             converged = True
             break
         used = good
-    fit = problem.result(p, lines, solution, kept, used)
+    fit = problem.result(p, lines, solution, active, used)
     return replace(fit, noise_residual=-noise_residual * problem.relative, converged=converged)
 
 
 def _take_optional(
-    lines: "_Linearised", solution: MixedSolution, kept: list[int], offered: list[int]
+    lines: "_Linearised", solution: MixedSolution, active: list[int], optional_errors: list[int]
 ) -> MixedSolution:
     """Solution with those errors that the likelihood asks for, the one of the largest fall first;
     they move from `offered` to `kept`.
@@ -333,14 +333,14 @@ def _take_optional(
     parts = len(lines.rows.shares)
     while True:
         wider: dict[int, MixedSolution] = {}
-        for g in offered:
-            if not lines.known.free[parts + g]:
+        for g in optional_errors:
+            if not lines.prior_variances.free[parts + g]:
                 continue
             Z = lines.rows.Z[:, lines.rows.group == g]
             variance, fall = likelihood.first_step(solution, Z)
             if fall < ASKED_FOR / HESITANT:
                 continue
-            found = lines.maximise([*kept, g], np.append(solution.variances, variance))
+            found = lines.maximise([*active, g], np.append(solution.variances, variance))
             # An error that takes most of the residuals that show the noise leaves little of them by
             # chance: of six degrees of freedom three are left, and -2 log L falls by more than
             # ASKED_FOR once in 90 tries. The limit grows by the ratio of the degrees of freedom,
@@ -352,8 +352,8 @@ def _take_optional(
             return solution
         best = min(wider, key=lambda g: wider[g].deviance)
         solution = wider[best]
-        kept.append(best)
-        offered.remove(best)
+        active.append(best)
+        optional_errors.remove(best)
 
 
 def predict(
@@ -393,7 +393,7 @@ def predict(
     lines = problem.linearise(p, used, noise_known=False)
     sizes = [1.0, *(prior.size for prior in priors)]
     sizes += [error.size or 0.0 for error in (*problem.noises, *problem.mixed)]
-    solution = MixedSolution(lines.rows, np.array(sizes) ** 2, lines.known)
+    solution = MixedSolution(lines.rows, np.array(sizes) ** 2, lines.prior_variances)
     fit = problem.result(p, lines, solution, range(len(problem.mixed)), used)
     # the sizes are stated: their estimation adds nothing
     embed = problem.embed(lines)
@@ -458,24 +458,26 @@ class _Linearised:
     basis: Array
     """[p, p], what turns coefficients of orthonormal columns into changes of the parameters."""
     rows: MixedRows
-    known: KnownVariances
+    prior_variances: KnownVariances
     degrees: tuple[int, ...]
     """Levels of each mixed error that the parameters leave apart."""
     condition: float
 
-    def maximise(self, kept: Sequence[int], near: Array | None = None) -> MixedSolution:
+    def maximise(self, active: Sequence[int], near_variances: Array | None = None) -> MixedSolution:
         """Most likely sizes with some of the mixed errors."""
         parts = len(self.rows.shares)
-        chosen = np.array([*range(parts), *(parts + g for g in kept)], dtype=np.intp)
-        known = replace(
-            self.known,
-            square=self.known.square[chosen],
-            dof=self.known.dof[chosen],
-            largest=self.known.largest[chosen],
+        chosen = np.array([*range(parts), *(parts + g for g in active)], dtype=np.intp)
+        prior_variances = replace(
+            self.prior_variances,
+            square=self.prior_variances.square[chosen],
+            dof=self.prior_variances.dof[chosen],
+            largest=self.prior_variances.largest[chosen],
         )
-        # a start of fewer sizes is none
-        near = None if near is None or len(near) != len(chosen) else np.minimum(near, known.largest)
-        return likelihood.maximise(self.rows.of_groups(kept), known, near)
+        if near_variances is not None and len(near_variances) == len(chosen):
+            near_variances = np.minimum(near_variances, prior_variances.largest)
+        else:  # a start of other sizes is none
+            near_variances = None
+        return likelihood.maximise(self.rows.of_groups(active), prior_variances, near_variances)
 
 
 class _Problem:
@@ -540,20 +542,20 @@ class _Problem:
         priors = [prior.rows(self._all_parameters(p)) for prior in self.priors]
         return np.concatenate([self.residual(p) / self.relative, *priors])
 
-    def taken(self, used: Mask) -> Mask:
+    def fitted_rows(self, used: Mask) -> Mask:
         """Rows [N] that are used: residuals [n], and all priors."""
         return np.append(used, np.ones(self.shares.shape[1] - self.n, dtype=np.bool_))
 
     def linearise(self, p: Array, used: Mask, *, noise_known: bool) -> _Linearised:
         """The equation about p, its used rows turned into few."""
-        y, J, taken = -self.whole(p), derivative(self.whole, p), self.taken(used)
-        count = int(taken.sum())
+        y, J, fitted_rows = -self.whole(p), derivative(self.whole, p), self.fitted_rows(used)
+        count = int(fitted_rows.sum())
         if count <= len(p):
             raise FitError(
                 f"{count} rows for {len(p)} coefficients leave no residual",
                 hint="add data or lower the order",
             )
-        J_rows, Z, y_rows, shares, counts = self._triangles(J, y, taken)
+        J_rows, Z, y_rows, shares, counts = self._triangles(J, y, fitted_rows)
         plain = least_squares.linear(J_rows, y_rows, names=self.names)
         Q, basis = np.zeros_like(J_rows), np.zeros((len(p), len(p)))
         for block in likelihood.blocks(np.hstack([J_rows, Z])):
@@ -565,30 +567,30 @@ class _Problem:
         group = np.repeat(np.arange(len(self.mixed)), widths)
         rows = MixedRows(Q, Z, y_rows, shares, counts, group, len(self.mixed))
         # the target of a linear equation: y = target - J p
-        largest = float(np.max(np.abs(y + J @ p)[taken]))
+        largest = float(np.max(np.abs(y + J @ p)[fitted_rows]))
         least = max((ROUNDING * largest) ** 2, float(np.finfo(np.float64).tiny))
         exact = float(np.sum(plain.residuals**2)) / (count - len(p)) <= least
         degrees = tuple(0 if exact else rows.degrees(g) for g in range(len(self.mixed)))
-        known = self._known_variances(degrees, least, noise_known=noise_known)
-        return _Linearised(J, y, basis, rows, known, degrees, plain.condition)
+        prior_variances = self._known_variances(degrees, least, noise_known=noise_known)
+        return _Linearised(J, y, basis, rows, prior_variances, degrees, plain.condition)
 
     def _triangles(
-        self, J: Array, y: Array, taken: Mask
+        self, J: Array, y: Array, fitted_rows: Mask
     ) -> tuple[Array, Array, Array, Array, Array]:
         """J, Z, y, shares and counts of the rows, those of equal noise turned into each other."""
         p, triangles, shares, counts = J.shape[1], [], [], []
         for k, of_pattern in enumerate(self.patterns.T):
-            rows = np.flatnonzero((self.pattern == k) & taken)
+            rows = np.flatnonzero((self.pattern == k) & fitted_rows)
             if not len(rows):
                 continue
             triangle = np.empty((0, 0))
             for chunk in _chunks(rows):
                 block = np.hstack([J[chunk], self._loadings(chunk), y[chunk, None]])
                 triangle = np.vstack([triangle.reshape(-1, block.shape[1]), block])
-                seen = np.any(triangle != 0.0, axis=0)
-                if len(triangle) > np.sum(seen):
-                    turned = np.zeros((int(np.sum(seen)), triangle.shape[1]))
-                    turned[:, seen] = np.linalg.qr(triangle[:, seen], mode="r")
+                felt = np.any(triangle != 0.0, axis=0)
+                if len(triangle) > np.sum(felt):
+                    turned = np.zeros((int(np.sum(felt)), triangle.shape[1]))
+                    turned[:, felt] = np.linalg.qr(triangle[:, felt], mode="r")
                     triangle = turned
             count = np.ones(len(triangle))
             noise_alone = len(rows) - len(triangle)
@@ -616,26 +618,28 @@ class _Problem:
         """What is known of the variances. Where the rows tell nothing of an error, its size is as
         stated, with the degrees of freedom that are stated, and 0 if it is not.
         """
-        known = [(1.0, np.inf) if noise_known else (0.0, 0.0)] * self.channels
-        known += [(prior.size, prior.size_dof) for prior in self.priors]
+        prior_variances = [(1.0, np.inf) if noise_known else (0.0, 0.0)] * self.channels
+        prior_variances += [(prior.size, prior.size_dof) for prior in self.priors]
         for error in self.noises:
-            known.append((0.0, 0.0) if error.size is None else (error.size, error.size_dof))
+            prior_variances.append(
+                (0.0, 0.0) if error.size is None else (error.size, error.size_dof)
+            )
         for error, rank in zip(self.mixed, degrees, strict=True):
             if error.size is None:
-                known.append((0.0, 0.0 if rank else np.inf))
+                prior_variances.append((0.0, 0.0 if rank else np.inf))
             else:
-                known.append((error.size, error.size_dof if error.size else np.inf))
-        size, dof = np.array(known).T
+                prior_variances.append((error.size, error.size_dof if error.size else np.inf))
+        size, dof = np.array(prior_variances).T
         limits = [np.inf] * len(self.shares) + [error.largest for error in self.mixed]
         return KnownVariances(size**2, dof, np.array(limits) ** 2, least)
 
-    def errors_of_levels(self, solution: MixedSolution, kept: Sequence[int]) -> dict[int, Array]:
+    def errors_of_levels(self, solution: MixedSolution, active: Sequence[int]) -> dict[int, Array]:
         """Shared errors b [levels · k], as the rows show them, of each mixed error that is kept."""
-        widths = [self.mixed[g].levels * self.mixed[g].width for g in kept]
-        return dict(zip(kept, np.split(solution.errors, np.cumsum(widths)[:-1]), strict=False))
+        widths = [self.mixed[g].levels * self.mixed[g].width for g in active]
+        return dict(zip(active, np.split(solution.errors, np.cumsum(widths)[:-1]), strict=False))
 
     def find_good(
-        self, left: Array, solution: MixedSolution, used: Mask, kept: Sequence[int]
+        self, left: Array, solution: MixedSolution, used: Mask, active: Sequence[int]
     ) -> Mask:
         """Residuals [n] that are no outliers: |left| of a faultless one exceeds the limit with a
         chance of 0.5 % in the whole fit.
@@ -651,13 +655,13 @@ class _Problem:
         fitted = float(np.mean(scaled[used] ** 2))
         scatter = np.sqrt(np.where(used, fitted, max(2.0 - fitted, fitted)))
         good = scaled <= limit * scatter
-        for g in kept:
+        for g in active:
             level = self.mixed[g].level
             if level.ndim > 1:
                 continue
-            seen = level >= 0
-            label = level[seen] * self.channels + self.channel[seen]
-            good[seen] |= stand_out_together(good[seen], label)
+            felt = level >= 0
+            label = level[felt] * self.channels + self.channel[felt]
+            good[felt] |= stand_out_together(good[felt], label)
         return good
 
     def shortened(
@@ -666,13 +670,13 @@ class _Problem:
         change: Array,
         lines: _Linearised,
         solution: MixedSolution,
-        kept: Sequence[int],
+        active: Sequence[int],
         used: Mask,
     ) -> Array:
         """The step, halved where the equation bends until rᵀ V⁻¹ r falls."""
-        R, taken = solution.noise_along(self.shares), self.taken(used)
+        R, fitted_rows = solution.noise_along(self.shares), self.fitted_rows(used)
         bend = self.whole(p + change) + lines.y - lines.J @ change
-        if np.max(np.abs(bend[taken]) / np.sqrt(R[taken])) < SETTLED:
+        if np.max(np.abs(bend[fitted_rows]) / np.sqrt(R[fitted_rows])) < SETTLED:
             return change
         columns = len(p)
         across = solution.T[:, columns:].T @ solution.weighted[:, columns:]
@@ -680,10 +684,10 @@ class _Problem:
 
         def misfit(r: Array) -> float:
             # rᵀ R⁻¹ r - gᵀ (I + Zᵀ R⁻¹ Z)⁻¹ g, g = Zᵀ R⁻¹ r (Woodbury 1950)
-            weighted = np.where(taken, r / R, 0.0)
+            weighted = np.where(fitted_rows, r / R, 0.0)
             of_rows = (weighted[: self.n] / self.relative)[:, None]
-            gathered = [self.mixed[k].gathered(of_rows) for k in kept]
-            g = np.concatenate([np.empty((0, 1)), *gathered])[:, 0] * solution.root
+            by_level = [self.mixed[g].gathered(of_rows) for g in active]
+            g = np.concatenate([np.empty((0, 1)), *by_level])[:, 0] * solution.root
             return float(r @ weighted - g @ np.linalg.solve(across, g))
 
         before = misfit(-lines.y)
@@ -702,7 +706,7 @@ class _Problem:
         p: Array,
         lines: _Linearised,
         solution: MixedSolution,
-        kept: Sequence[int],
+        active: Sequence[int],
         used: Mask,
     ) -> Fit:
         """The finished fit, in the units of the residuals and in all parameters."""
@@ -712,7 +716,7 @@ class _Problem:
         half = embed @ solution.inverse[: len(p)]
         gain = np.zeros((len(self.start), self.n))
         for rows in _chunks(np.flatnonzero(used)):
-            Z = np.hstack([np.empty((len(rows), 0)), *(self.mixed[g].design(rows) for g in kept)])
+            Z = np.hstack([np.empty((len(rows), 0)), *(self.mixed[g].design(rows) for g in active)])
             Z = Z / self.relative[rows, None] * solution.root
             T = np.hstack([lines.J[rows] @ lines.basis, Z])
             gain[:, rows] = half @ (T / R[rows, None]).T / self.relative[rows]
@@ -722,7 +726,7 @@ class _Problem:
         # u of a standard deviation from that of its square; near 0 the square alone tells
         size_u = np.where(theta > u, u / (2.0 * np.sqrt(np.where(theta > 0, theta, 1.0))), u**0.5)
         found = [(error, error.levels, np.empty((0, error.width))) for error in self.noises]
-        for g, b in self.errors_of_levels(solution, kept).items():
+        for g, b in self.errors_of_levels(solution, active).items():
             error = self.mixed[g]
             found.append((error, lines.degrees[g], b.reshape(error.levels, -1)))
         sizes = zip(found, np.sqrt(theta).tolist(), size_u.tolist(), strict=True)

@@ -39,54 +39,56 @@ CHANGE_COLUMNS = (
 """What the console shows of a change behind its name."""
 
 
-def summarize_difference(found: Difference) -> Summary:
+def summarize_difference(difference: Difference) -> Summary:
     """Both runs, a table per model, the figures that moved, and what else differs."""
-    tables = [_change_table(model) for model in found.models if model.changes]
+    tables = [_change_table(model) for model in difference.models if model.changes]
     tables += [
         _change_table(block, moved_alone=True)
-        for block in found.figures
+        for block in difference.figures
         if any(entry.verdict == "moved" for entry in block.changes)
     ]
-    if found.settings:
-        more = len(found.settings) - MOST_SETTINGS
+    if difference.settings:
+        more = len(difference.settings) - MOST_SETTINGS
         title = f"what else differs{f' ({more} more with --json)' if more > 0 else ''}"
         columns = (
             "what",
-            Column(found.before.name, key="before"),
-            Column(found.after.name, key="after"),
+            Column(difference.before.name, key="before"),
+            Column(difference.after.name, key="after"),
         )
-        tables.append(tabulate(title, columns, found.settings[:MOST_SETTINGS]))
+        tables.append(tabulate(title, columns, difference.settings[:MOST_SETTINGS]))
     old, new = (
         f"{run.name} (effective from {run.document['effective_from']})"
-        for run in (found.before, found.after)
+        for run in (difference.before, difference.after)
     )
-    flags = (*found.flags, TYPE_A)
-    return Summary(f"{old} → {new}", tuple(tables), flags, (), _state_verdict(found))
+    flags = (*difference.flags, TYPE_A)
+    return Summary(f"{old} → {new}", tuple(tables), flags, (), _state_verdict(difference))
 
 
-def _state_verdict(found: Difference) -> str:
+def _state_verdict(difference: Difference) -> str:
     """How many coefficients moved, against how many would by chance."""
-    judged, unpaired = found.count("moved", "held"), _unpaired(found)
-    if not judged:
+    compared_count, unpaired = difference.count("moved", "held"), _unpaired(difference)
+    if not compared_count:
         return f"{unpaired}no coefficient could be compared with an uncertainty"
     return (
-        f"{unpaired}{found.count('moved')} of {judged} coefficients moved by more than"
-        f" {SIGNIFICANT:g} u; {CHANCE * judged:.1f} would by chance if none had changed"
+        f"{unpaired}{difference.count('moved')} of {compared_count} coefficients moved by more than"
+        f" {SIGNIFICANT:g} u; {CHANCE * compared_count:.1f} would by chance if none had changed"
     )
 
 
-def _unpaired(found: Difference) -> str:
+def _unpaired(difference: Difference) -> str:
     """Models of one run alone, and coefficients of one run alone in models of both: no uncertainty
     judges those.
     """
     parts = []
-    for verdict, where in (("gone", found.before.name), ("appeared", found.after.name)):
+    for verdict, where in (("gone", difference.before.name), ("appeared", difference.after.name)):
         whole = [
             m.name
-            for m in found.models
+            for m in difference.models
             if m.changes and all(entry.verdict == verdict for entry in m.changes)
         ]
-        single = found.count(verdict) - sum(len(m.changes) for m in found.models if m.name in whole)
+        single = difference.count(verdict) - sum(
+            len(m.changes) for m in difference.models if m.name in whole
+        )
         if whole:
             parts.append(f"model{'s' if len(whole) > 1 else ''} {', '.join(whole)} only in {where}")
         if single:
@@ -113,24 +115,24 @@ def _change_table(model: ModelChange, *, moved_alone: bool = False) -> Table:
     )
 
 
-def difference_document(found: Difference) -> dict[str, Any]:
+def difference_document(difference: Difference) -> dict[str, Any]:
     """A difference as a JSON object; null stands where there is no number."""
-    judged = found.count("moved", "held")
+    compared_count = difference.count("moved", "held")
     return {
-        "before": identify_run(found.before),
-        "after": identify_run(found.after),
+        "before": identify_run(difference.before),
+        "after": identify_run(difference.after),
         "moved": [
             {"stage": model.stage, "model": model.name, "name": entry.name}
-            for model in (*found.models, *found.figures)
+            for model in (*difference.models, *difference.figures)
             for entry in model.changes
             if entry.verdict == "moved"
         ],
-        "judged": judged,
-        "expected_by_chance": CHANCE * judged,
-        "models": [_model_document(model) for model in found.models],
-        "figures": [_model_document(block) for block in found.figures],
-        "settings": [asdict(setting) for setting in found.settings],
-        "flags": [*found.flags, TYPE_A],
+        "judged": compared_count,
+        "expected_by_chance": CHANCE * compared_count,
+        "models": [_model_document(model) for model in difference.models],
+        "figures": [_model_document(block) for block in difference.figures],
+        "settings": [asdict(setting) for setting in difference.settings],
+        "flags": [*difference.flags, TYPE_A],
     }
 
 
@@ -152,11 +154,11 @@ def _model_document(model: ModelChange) -> dict[str, Any]:
     }
 
 
-def list_changes(found: Difference) -> Table:
+def list_changes(difference: Difference) -> Table:
     """Every coefficient and figure of a difference, one row each, for CSV."""
     rows = tuple(
         (model.stage, model.name, *cells)
-        for model in (*found.models, *found.figures)
+        for model in (*difference.models, *difference.figures)
         for cells in tabulate("", CHANGE_KEYS, model.changes).rows
     )
     return Table("", ("stage", "model", *CHANGE_KEYS), rows)

@@ -39,14 +39,14 @@ SERIES_COLUMNS = (
 
 
 def summarize_timeline(
-    found: Timeline, key_values: Table | None = None, left_out: tuple[str, ...] = ()
+    timeline: Timeline, key_values: Table | None = None, left_out: tuple[str, ...] = ()
 ) -> Summary:
     """Every revision with the dates on which it is in force, the chain, and the key values (with
     what is left out of them), else the coefficients of each model over time.
     """
-    revisions = tuple(_revision_row(found, run) for run in found.runs)
+    revisions = tuple(_revision_row(timeline, run) for run in timeline.runs)
     blocks: dict[str, list[tuple[Cell, ...]]] = {}
-    for series in found.series:
+    for series in timeline.series:
         q = series.quantity
         title = f"{q.stage}: {q.model or 'figures'}{f' ({q.meaning})' if q.meaning else ''}"
         blocks.setdefault(title, []).append(_series_row(series))
@@ -60,27 +60,27 @@ def summarize_timeline(
         ),
     )
     flags = (
-        *(f"r{entry.revision:03d} REFUSED: {entry.reason}" for entry in found.refused),
-        *(f"chain broken: {fault}" for fault in found.breaks),
-        *found.flags,
+        *(f"r{entry.revision:03d} REFUSED: {entry.reason}" for entry in timeline.refused),
+        *(f"chain broken: {fault}" for fault in timeline.breaks),
+        *timeline.flags,
         *left_out,
-        *((Remark(OVER_TIME), Remark(TYPE_A)) if found.series and key_values is None else ()),
+        *((Remark(OVER_TIME), Remark(TYPE_A)) if timeline.series and key_values is None else ()),
     )
     verdict = (
         "each revision supersedes the one before"
-        if found.sound
+        if timeline.sound
         else "THE CHAIN OF REVISIONS IS BROKEN"
     )
-    count = f"{len(found.runs)} run{'s' if len(found.runs) != 1 else ''}"
+    count = f"{len(timeline.runs)} run{'s' if len(timeline.runs) != 1 else ''}"
     if key_values is not None:
-        verdict += f"; {len(found.series)} coefficients over time: --only '*'"
-    return Summary(f"{found.serial}: {count}", tables, flags, (), verdict)
+        verdict += f"; {len(timeline.series)} coefficients over time: --only '*'"
+    return Summary(f"{timeline.serial}: {count}", tables, flags, (), verdict)
 
 
-def _revision_row(found: Timeline, run: Run) -> tuple[Cell, ...]:
+def _revision_row(timeline: Timeline, run: Run) -> tuple[Cell, ...]:
     """One revision, and until when it is in force."""
     document = run.document
-    dates = found.in_force[document["revision"]]
+    dates = timeline.in_force[document["revision"]]
     return (
         f"r{document['revision']:03d}",
         document["effective_from"],
@@ -110,24 +110,24 @@ def _series_row(series: NumberSeries) -> tuple[Cell, ...]:
     )
 
 
-def timeline_document(found: Timeline) -> dict[str, Any]:
+def timeline_document(timeline: Timeline) -> dict[str, Any]:
     """A timeline as a JSON object."""
     return {
-        "serial": found.serial,
+        "serial": timeline.serial,
         "revisions": [
             {
                 **identify_run(run),
-                "in_force_from": found.in_force[run.document["revision"]].since,
-                "in_force_before": found.in_force[run.document["revision"]].until,
+                "in_force_from": timeline.in_force[run.document["revision"]].since,
+                "in_force_before": timeline.in_force[run.document["revision"]].until,
                 "logs": len(run.document["inputs"]),
                 "recipe_sha256": run.document["recipe"]["sha256"],
             }
-            for run in found.runs
+            for run in timeline.runs
         ],
-        "refused": [asdict(entry) for entry in found.refused],
-        "chain": {"whole": found.sound, "faults": list(found.breaks)},
-        "series": [_series_document(series) for series in found.series],
-        "flags": list(found.flags),
+        "refused": [asdict(entry) for entry in timeline.refused],
+        "chain": {"whole": timeline.sound, "faults": list(timeline.breaks)},
+        "series": [_series_document(series) for series in timeline.series],
+        "flags": list(timeline.flags),
     }
 
 
@@ -143,12 +143,12 @@ def _series_document(series: NumberSeries) -> dict[str, Any]:
     }
 
 
-def list_points(found: Timeline) -> Table:
+def list_points(timeline: Timeline) -> Table:
     """Every determination of a quantity, one row each, for CSV."""
     keys = tuple(field.name for kind in (FollowedNumber, Determination) for field in fields(kind))
     rows = tuple(
-        (found.serial, *asdict(series.quantity).values(), *asdict(point).values())
-        for series in found.series
+        (timeline.serial, *asdict(series.quantity).values(), *asdict(point).values())
+        for series in timeline.series
         for point in series.points
     )
     return Table("", ("serial", *keys), rows)

@@ -82,66 +82,61 @@ class PointResult:
         return None if known is None else known.expanded_uncertainty
 
 
-def choose(found: RunResults, given: Iterable[str], only: str) -> tuple[Quantity, ...]:
+def choose(
+    run_results: RunResults, columns_given: Iterable[str], only: str
+) -> tuple[Quantity, ...]:
     """Results that a pattern names, or that depend on what is given; UsageError where none does,
     or one lacks an input.
     """
-    columns = set(given)
-    named = [
-        one
-        for one in found.quantities
-        if not only or fnmatch.fnmatchcase(one.key, only) or one.name == only
+    columns, name = set(columns_given), run_results.run.name
+    matching = [
+        quantity
+        for quantity in run_results.quantities
+        if not only or fnmatch.fnmatchcase(quantity.key, only) or quantity.name == only
     ]
-    if not named:
+    if not matching:
+        keys = ", ".join(quantity.key for quantity in run_results.quantities)
+        raise UsageError(f"--only {only}: no result of {name}", hint=f"there are: {keys}")
+    selected, calls = [], []
+    for quantity in matching:
+        required = {i.column for i in quantity.inputs if i.rest is None}
+        if required <= columns <= {i.column for i in quantity.inputs}:
+            selected.append(quantity)
+        # inputs that need not be given have brackets
+        inputs = [i.column if i.rest is None else f"[{i.column}]" for i in quantity.inputs]
+        calls.append(f"{quantity.key}({', '.join(inputs)})")
+    if not selected:
         raise UsageError(
-            f"--only {only}: no result of {found.run.name}",
-            hint=f"there are: {', '.join(one.key for one in found.quantities)}",
+            f"{', '.join(sorted(columns)) or 'no input'}: no result of {name} depends on this"
+            " alone",
+            hint=f"its results and their inputs: {'; '.join(dict.fromkeys(calls[:12]))}",
         )
-    chosen = [
-        one
-        for one in named
-        if {i.column for i in one.inputs if i.rest is None}
-        <= columns
-        <= {i.column for i in one.inputs}
-    ]
-    if not chosen:
-        # optional inputs in brackets
-        calls = [
-            (one.key, [i.column if i.rest is None else f"[{i.column}]" for i in one.inputs])
-            for one in named[:12]
-        ]
-        listed = "; ".join(dict.fromkeys(f"{key}({', '.join(inputs)})" for key, inputs in calls))
-        raise UsageError(
-            f"{', '.join(sorted(columns)) or 'no input'}: no result of {found.run.name} depends on"
-            " this alone",
-            hint=f"its results and their inputs: {listed}",
-        )
-    return tuple(chosen)
+    return tuple(selected)
 
 
 def evaluate(
-    found: RunResults, quantities: Sequence[Quantity], points: Sequence[At]
+    run_results: RunResults, quantities: Sequence[Quantity], points: Sequence[At]
 ) -> Iterator[PointResult]:
     """Every result at every point, result by result."""
     for quantity in quantities:
         for point in points:
             at = quantity.complete(point)
-            yield PointResult(quantity, at, found.state(quantity, at), quantity.outside(at))
+            yield PointResult(quantity, at, run_results.state(quantity, at), quantity.outside(at))
 
 
 def answer(
-    found: RunResults, inputs: Sequence[str], ranges: Sequence[str], only: str
+    run_results: RunResults, inputs: Sequence[str], ranges: Sequence[str], only: str
 ) -> tuple[list[PointResult], dict[str, Array]]:
     """Values that a command line asks for, and its ranges."""
-    fixed, over = parse_inputs(found.names, inputs, ranges)
-    chosen = choose(found, (*fixed, *over), only)
-    return list(evaluate(found, chosen, grid(fixed, over))), over
+    fixed, over = parse_inputs(run_results.names, inputs, ranges)
+    selected = choose(run_results, (*fixed, *over), only)
+    return list(evaluate(run_results, selected, grid(fixed, over))), over
 
 
-def list_results(found: RunResults) -> Table:
+def list_results(run_results: RunResults) -> Table:
     """Results of a run, their units, and their inputs with the ranges in which the model holds."""
     rows = []
-    for quantity in found.quantities:
+    for quantity in run_results.quantities:
         described = []
         for one in quantity.inputs:
             # one that need not be given has brackets
@@ -225,17 +220,17 @@ def flag_values(values: Sequence[PointResult]) -> tuple[str, ...]:
     )
 
 
-def summarise(found: RunResults, values: Sequence[PointResult]) -> Summary:
+def summarise(run_results: RunResults, values: Sequence[PointResult]) -> Summary:
     """Values for the console."""
-    held = sum(not value.outside for value in values)
-    last = f"{held} of {len(values)} values within the calibrated range"
-    return Summary(found.run.name, (tabulate(values),), flag_values(values), (), last)
+    count_inside = sum(not value.outside for value in values)
+    last = f"{count_inside} of {len(values)} values within the calibrated range"
+    return Summary(run_results.run.name, (tabulate(values),), flag_values(values), (), last)
 
 
-def document(found: RunResults, values: Sequence[PointResult]) -> Mapping[str, Any]:
+def document(run_results: RunResults, values: Sequence[PointResult]) -> Mapping[str, Any]:
     """Values as a JSON object."""
     return {
-        "run": found.run.name,
+        "run": run_results.run.name,
         "values": list_values(values).to_objects(),
         "flags": list(flag_values(values)),
     }

@@ -86,8 +86,8 @@ def linear(design: Array, indication: Array) -> RobustFit:
     basis = design / lengths
     products = _products(basis)
     floor = max(ROUNDING * float(np.max(np.abs(indication))), float(np.finfo(np.float64).tiny))
-    few = rows < ROWS_A_COEFFICIENT * columns
-    solution, scale = (_fit_huber if few else _search_s_estimate)(
+    too_few = rows < ROWS_A_COEFFICIENT * columns
+    solution, scale = (_fit_huber if too_few else _search_s_estimate)(
         basis, products, indication, floor
     )
     weights = np.ones(rows)
@@ -108,9 +108,11 @@ def _fit_huber(basis: Array, products: Array, target: Array, floor: float) -> tu
     solution = np.asarray(np.linalg.lstsq(basis, target, rcond=None)[0], dtype=np.float64)
     scale = floor
     for _ in range(ITERATIONS):
-        away = np.abs(target - basis @ solution)
-        scale = max(MAD_TO_SIGMA * float(np.median(away)) * np.sqrt(rows / (rows - columns)), floor)
-        weights = HUBER / np.maximum(away / scale, HUBER)
+        residual_size = np.abs(target - basis @ solution)
+        scale = max(
+            MAD_TO_SIGMA * float(np.median(residual_size)) * np.sqrt(rows / (rows - columns)), floor
+        )
+        weights = HUBER / np.maximum(residual_size / scale, HUBER)
         solution = _fit_sets(basis, products, target, solution[None, :], weights[None, :])[0]
     return solution, scale
 
@@ -134,46 +136,54 @@ def _search_s_estimate(
     """
     rows, columns = basis.shape
     rng = np.random.default_rng(SEED)
-    few = np.sort(rng.permutation(rows)[:ENOUGH_ROWS])
-    some, some_products, part = basis[few], products[few], target[few]
-    drawn = np.zeros((SETS, few.size))
-    order = np.argsort(rng.random((SETS, few.size)), axis=1)
+    drawn_numbers = np.sort(rng.permutation(rows)[:ENOUGH_ROWS])
+    drawn_rows, drawn_products, drawn_target = (
+        basis[drawn_numbers],
+        products[drawn_numbers],
+        target[drawn_numbers],
+    )
+    drawn = np.zeros((SETS, drawn_numbers.size))
+    order = np.argsort(rng.random((SETS, drawn_numbers.size)), axis=1)
     np.put_along_axis(drawn, order[:, :columns], 1.0, axis=1)
     plain = np.asarray(np.linalg.lstsq(basis, target, rcond=None)[0][None, :], dtype=np.float64)
-    tried = np.concatenate([plain, _fit_sets(some, some_products, part, plain, drawn)])
-    typical = np.median(np.abs(part - tried @ some.T), axis=1)
-    tried = tried[np.argsort(typical, kind="stable")[:FOLLOWED]]
-    scale = _usual_scale(some, part, tried, floor)
+    candidates = np.concatenate(
+        [plain, _fit_sets(drawn_rows, drawn_products, drawn_target, plain, drawn)]
+    )
+    typical = np.median(np.abs(drawn_target - candidates @ drawn_rows.T), axis=1)
+    candidates = candidates[np.argsort(typical, kind="stable")[:FOLLOWED]]
+    scale = _usual_scale(drawn_rows, drawn_target, candidates, floor)
     for _ in range(FIRST_STEPS):
-        tried, scale = _step_towards(some, some_products, part, tried, scale, floor)
-    tried = tried[np.argsort(scale, kind="stable")[:BEST]]
-    scale = _usual_scale(basis, target, tried, floor)
+        candidates, scale = _step_towards(
+            drawn_rows, drawn_products, drawn_target, candidates, scale, floor
+        )
+    candidates = candidates[np.argsort(scale, kind="stable")[:BEST]]
+    scale = _usual_scale(basis, target, candidates, floor)
     for _ in range(MOST_STEPS):
-        tried, scale = _step_towards(basis, products, target, tried, scale, floor)
+        candidates, scale = _step_towards(basis, products, target, candidates, scale, floor)
     best = int(np.argmin(scale))
-    return np.asarray(tried[best], dtype=np.float64), float(scale[best])
+    return np.asarray(candidates[best], dtype=np.float64), float(scale[best])
 
 
-def _usual_scale(basis: Array, target: Array, tried: Array, floor: float) -> Array:
+def _usual_scale(basis: Array, target: Array, candidates: Array, floor: float) -> Array:
     """Scale [k] of the residuals of each of the coefficients [k, p], by their median."""
-    residuals = np.abs(target - tried @ basis.T)
+    residuals = np.abs(target - candidates @ basis.T)
     return np.maximum(MAD_TO_SIGMA * np.median(residuals, axis=1), floor)
 
 
 def _step_towards(
-    basis: Array, products: Array, target: Array, tried: Array, scale: Array, floor: float
+    basis: Array, products: Array, target: Array, candidates: Array, scale: Array, floor: float
 ) -> tuple[Array, Array]:
     """Coefficients [k, p] moved towards the rows that agree with each, and the scale [k] of their
     residuals, nearer to that of the S-estimate than the one before.
     """
-    ratio = (target - tried @ basis.T) / BISQUARE
+    ratio = (target - candidates @ basis.T) / BISQUARE
     spare = target.size - basis.shape[1]
     agreement = np.maximum(1.0 - (ratio / scale[:, None]) ** 2, 0.0)
     # the loss of an outlier, 1, over the rows that the coefficients leave free
     loss = target.size - np.sum(agreement**3, axis=1)
     scale = np.maximum(scale * np.sqrt(loss / (LOSS * spare)), floor)
     agreement = np.maximum(1.0 - (ratio / scale[:, None]) ** 2, 0.0)
-    return _fit_sets(basis, products, target, tried, agreement**2), scale
+    return _fit_sets(basis, products, target, candidates, agreement**2), scale
 
 
 def _products(basis: Array) -> Array:
