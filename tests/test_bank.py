@@ -238,8 +238,7 @@ def test_the_static_lag_is_found_beside_a_hysteresis(seed):
     coil = plant().draw(seed, "strong hysteresis")
     stacked = choice.Stack.of_logs([one.log for one in plant().campaign(coil, seed)])
     found = bank_fit.solve(bank_fit.state_problem(level.basis(stacked).rows, "h"))
-    p = found.problem.root.shape[0]
-    implied = bank_fit.STATIC_MEAN + found.posterior.coefficients[p : p + 3]
+    implied = bank_fit.STATIC_MEAN + found.posterior.coefficients[found.problem.by_lag]
     assert implied == pytest.approx(found.lag, abs=0.05)
 
 

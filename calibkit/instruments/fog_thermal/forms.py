@@ -34,21 +34,20 @@ def rate_names(order: int) -> list[list[str]]:
     return [[f"c{j}{m}" for m in range(order + 1)] for j in range(3)]
 
 
-def _gradient_powers(model: Model, at: Inputs) -> Array:  # noqa: ARG001 (as every form)
-    """Powers [n, 3] of the gradient [K]."""
-    return np.vander(at[GRADIENT], 3, increasing=True)
-
-
 def _rate_products(model: Model, at: Inputs) -> Array:
-    """Products G^j r^m [n, 3 (M + 1)] of gradient [K] and temperature rate [°C/min]."""
+    """Products G^j r^m [n, 3 (M + 1)] of gradient [K] and temperature rate [°C/min]; of one ramp,
+    M = 0, the powers of the gradient.
+    """
+    powers = len(model.coefficients) // 3
+    rate = at[RATE] if powers > 1 else np.ones_like(at[GRADIENT])
+    by_rate = np.vander(rate, powers, increasing=True)
     by_gradient = np.vander(at[GRADIENT], 3, increasing=True)
-    by_rate = np.vander(at[RATE], len(model.coefficients) // 3, increasing=True)
     return (by_gradient[:, :, None] * by_rate[:, None, :]).reshape(len(by_rate), -1)
 
 
 PER_RAMP = Form(
     "fog-drift-gradient/1",
-    _gradient_powers,
+    _rate_products,
     meaning=("interval",),
     measured={"rate": 0.05},
     per_log=True,

@@ -20,9 +20,9 @@ from calibkit.instruments.gyro_noise.forms import (
     read_term,
 )
 from calibkit.instruments.gyro_noise.quantities import NAMES, list_terms
+from calibkit.instruments.gyro_noise.sensors import ACCELEROMETER, GYRO
 from calibkit.numeric import gum
 from calibkit.numeric.noise.confidence import chi_square_limits
-from calibkit.numeric.noise.laws import ACCELEROMETER_LAWS, LAWS
 
 ALLAN = Equation(
     ALLAN_DEVIATION,
@@ -44,7 +44,11 @@ def blocks(stated: Stated) -> tuple[Block, ...]:
     record = stated.records.get("gyro_noise.json")
     if record is None:
         return ()
-    points = {found: f for f in record.figures if (found := read_deviation(f.name)) is not None}
+    curves: dict[str, dict[Deviation, Found]] = {}
+    for figure in record.figures:
+        point = read_deviation(figure.name)
+        if point is not None:
+            curves.setdefault(point.record, {})[point] = figure
     terms = list_terms(record)
     tables: list[ListTable | GridTable] = [
         ListTable(
@@ -53,8 +57,7 @@ def blocks(stated: Stated) -> tuple[Block, ...]:
         )
     ]
     figures = []
-    for name in dict.fromkeys(point.record for point in points):
-        curve = {point: figure for point, figure in points.items() if point.record == name}
+    for name, curve in curves.items():
         table = _deviations(stated, record, name, curve)
         tables.append(table)
         label = Words(f"σ [{unit_mark(table.units[0])}]")
@@ -65,16 +68,17 @@ def blocks(stated: Stated) -> tuple[Block, ...]:
 
 def _not_observable(terms: Sequence[Quantity]) -> tuple[Words, ...]:
     """Note on the terms of the Allan deviation that no record shows."""
-    found = {read_term(figure.name)[0] for figure in terms}
-    sensors = (("mean_rate", LAWS), ("mean_acceleration", ACCELEROMETER_LAWS))
-    names = [law.name for mean, laws in sensors if mean in found for law in laws]
-    absent = [NAMES[name] for name in dict.fromkeys(names) if name not in found]
+    present = {read_term(figure.name)[0] for figure in terms}
+    laws = [
+        law for sensor in (GYRO, ACCELEROMETER) if sensor.mean in present for law in sensor.laws
+    ]
+    absent = [NAMES[name] for name in {law.name: None for law in laws} if name not in present]
     if not absent:
         return ()
     return (
         Words(
-            f"Not stated, as no record shows it: {', '.join(one.en for one in absent)}.",
-            f"数据中不可观测，未给出：{'、'.join(one.zh for one in absent)}。",
+            f"Not stated, as no record shows it: {', '.join(words.en for words in absent)}.",
+            f"数据中不可观测，未给出：{'、'.join(words.zh for words in absent)}。",
         ),
     )
 
@@ -86,8 +90,8 @@ def _state_deviation(stated: Stated, record: Record, figure: Found, words: Words
     result = state(stated, of_figure(record, figure, words), {})
     if result.uncertainty is None:
         return result
-    found = [c.value for c in record.conditions if c.name == PROBABILITY]
-    probability = found[0] if found else gum.TWO_SIGMA
+    conditions = {condition.name: condition.value for condition in record.conditions}
+    probability = conditions.get(PROBABILITY, gum.TWO_SIGMA)
     dof = 0.5 * (figure.value / result.uncertainty.standard_uncertainty) ** 2
     low, high = chi_square_limits(np.array(figure.value), np.array(dof), probability)
     return replace(
@@ -101,24 +105,17 @@ def _deviations(
     stated: Stated, record: Record, name: str, curve: Mapping[Deviation, Found]
 ) -> GridTable:
     """Allan and wavelet deviation over τ of one record."""
-    found = {(point.kind, point.tau_s): figure for point, figure in curve.items()}
-    kinds = [kind for kind in KINDS if any(k == kind for k, _ in found)]
-    taus = sorted({tau for _, tau in found})
     words = {
         "allan": Words("Allan deviation", "Allan 偏差"),
         "wavelet": Words("wavelet deviation", "小波偏差"),
     }
-    cells = tuple(
-        tuple(
-            (
-                _state_deviation(stated, record, found[kind, tau], words[kind])
-                if (kind, tau) in found
-                else None
-            )
-            for kind in kinds
-        )
-        for tau in taus
-    )
+    stated_at = {
+        (point.kind, point.tau_s): _state_deviation(stated, record, figure, words[point.kind])
+        for point, figure in curve.items()
+    }
+    kinds = [kind for kind in KINDS if any(point.kind == kind for point in curve)]
+    taus = sorted({point.tau_s for point in curve})
+    cells = tuple(tuple(stated_at.get((kind, tau)) for kind in kinds) for tau in taus)
     return GridTable(
         Words(f"Deviation over averaging time, {name}", f"随平均时间的偏差（{name}）"),
         TAU,

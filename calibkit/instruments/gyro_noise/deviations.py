@@ -268,16 +268,16 @@ def list_figures(noise: NoiseFigures) -> list[Figure]:
     name, sensor = noise.record.name, noise.record.sensor
     figures = [Figure(forms.term_name(sensor.mean, name), noise.mean, sensor.unit, 0.0)]
     for term in noise.terms.terms:
-        called, u = forms.term_name(term.name, name), term.standard_uncertainty
-        figures.append(Figure(called, term.value, term.unit, u, term.dof))
+        figure, u = forms.term_name(term.name, name), term.standard_uncertainty
+        figures.append(Figure(figure, term.value, term.unit, u, term.dof))
     for entry in noise.stability:
-        called = forms.term_name(f"bias_stability_{entry.block_s:g}_s", name)
+        figure = forms.term_name(f"bias_stability_{entry.block_s:g}_s", name)
         # n − 1 block means, were they independent and normal
         u, dof = entry.standard_uncertainty, entry.blocks - 1.0
-        figures.append(Figure(called, entry.value, sensor.unit, u, dof))
+        figures.append(Figure(figure, entry.value, sensor.unit, u, dof))
     for kind, curve in zip(forms.KINDS, (noise.curve, noise.wavelet), strict=True):
         points = np.column_stack([curve.tau_s, curve.deviation, curve.dof]).tolist()
         for tau, deviation, dof in points:
-            called, u = forms.Deviation(kind, tau, name).name, deviation / np.sqrt(2.0 * dof)
-            figures.append(Figure(called, deviation, sensor.unit, float(u), dof))
+            point, u = forms.Deviation(kind, tau, name), float(deviation / np.sqrt(2.0 * dof))
+            figures.append(Figure(point.name, deviation, sensor.unit, u, dof))
     return figures

@@ -35,11 +35,11 @@ class NoiseReport:
         noise terms together, in the record's unit, and how far it is from them relative to itself.
         """
         parts: dict[str, list[Any]] = {}
-        units = [known(unit_mark(one.record.sensor.unit)) for one in self.records]
-        for one, unit in zip(self.records, units, strict=True):
-            curve, model = one.curve, one.terms.model
+        units = [known(unit_mark(noise.record.sensor.unit)) for noise in self.records]
+        for noise, unit in zip(self.records, units, strict=True):
+            curve, model = noise.curve, noise.terms.model
             columns = {
-                "record": np.full(curve.tau_s.size, one.record.name, dtype=object),
+                "record": np.full(curve.tau_s.size, noise.record.name, dtype=object),
                 "unit": np.full(curve.tau_s.size, unit, dtype=object),
                 "tau_s": curve.tau_s,
                 "deviation": curve.deviation,
@@ -54,13 +54,13 @@ class NoiseReport:
         }
 
 
-def record_page(title: str, one: NoiseFigures) -> Figure:
+def record_page(title: str, noise: NoiseFigures) -> Figure:
     """Deviations and terms above, the rate over time below."""
-    figure, axes = page(2, 1, title=f"{title}: noise of {one.record.name}", height=8.5)
-    unit, block_s = unit_mark(one.record.sensor.unit), one.block * one.record.interval_s
-    _deviations(axes[0], one, unit)
-    hours = (np.arange(one.block_means.size) + 0.5) * (block_s / SECONDS_PER_HOUR)
-    axes[1].plot(hours, one.block_means, color=DENOISED, lw=0.8)
+    figure, axes = page(2, 1, title=f"{title}: noise of {noise.record.name}", height=8.5)
+    unit, block_s = unit_mark(noise.record.sensor.unit), noise.block * noise.record.interval_s
+    _deviations(axes[0], noise, unit)
+    hours = (np.arange(noise.block_means.size) + 0.5) * (block_s / SECONDS_PER_HOUR)
+    axes[1].plot(hours, noise.block_means, color=DENOISED, lw=0.8)
     axes[1].set(
         xlabel="time [h]",
         ylabel=f"indication [{unit}]",
@@ -69,11 +69,11 @@ def record_page(title: str, one: NoiseFigures) -> Figure:
     return figure
 
 
-def _deviations(ax: Axes, one: NoiseFigures, unit: str) -> None:
+def _deviations(ax: Axes, noise: NoiseFigures, unit: str) -> None:
     """Allan and wavelet deviation with their limits over averaging time, and what each noise term
-    makes alone.
+    makes alnoise.
     """
-    curves = ((one.curve, "o", INK, INK), (one.wavelet, "s", ALERT, "none"))
+    curves = ((noise.curve, "o", INK, INK), (noise.wavelet, "s", ALERT, "none"))
     for curve, mark, colour, face in curves:
         ax.errorbar(
             curve.tau_s,
@@ -86,10 +86,10 @@ def _deviations(ax: Axes, one: NoiseFigures, unit: str) -> None:
             color=colour,
             label=f"{curve.estimator} deviation",
         )
-    tau, labels = one.curve.tau_s, []
-    ax.plot(tau, one.terms.model, color=GOOD, label="noise terms together")
-    laws = {law.name: law for law in one.record.sensor.laws}
-    for term in one.terms.terms:
+    tau, labels = noise.curve.tau_s, []
+    ax.plot(tau, noise.terms.model, color=GOOD, label="noise terms together")
+    laws = {law.name: law for law in noise.record.sensor.laws}
+    for term in noise.terms.terms:
         law = laws[term.name]
         alone = term.value / law.scale * tau ** (law.exponent / 2.0)
         ax.plot(tau, alone, color=MUTED, ls="--", lw=0.8)
@@ -112,5 +112,5 @@ def _deviations(ax: Axes, one: NoiseFigures, unit: str) -> None:
 
 def draw(title: str, fitted: Fitted[NoiseReport]) -> Drawn:
     """Figures and summary of a fit."""
-    pages = tuple(record_page(title, one) for one in fitted.drawing.records)
+    pages = tuple(record_page(title, noise) for noise in fitted.drawing.records)
     return Drawn(pages, fitted.summary)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calibkit.check import copies
-from calibkit.coefficients import Condition, Input, Record, StageResult
+from calibkit.coefficients import Condition, Figure, Input, Record, StageResult
 from calibkit.constants import STANDARD_GRAVITY_MPS2
 from calibkit.errors import CalibkitError, FitError, UsageError
 from calibkit.frame import Examined, Finding, Log, refuse, values
@@ -96,27 +96,28 @@ def fit(
             progress(files, "reading and averaging"), lambda file: read(spec, data, file)
         )
     ):
-        found, noted = _figures(spec, log)
+        of_log, flags_of_log = _figures(spec, log)
         inputs.append(Input.of(log))
-        figures += found
-        flags += noted
-        gaps += [
-            LeftOut("samples", one.missing, one.record.samples, "missing", log.file)
-            for one in found
-            if one.missing
-        ]
+        figures += of_log
+        flags += flags_of_log
+        for noise in of_log:
+            if noise.missing:
+                samples = noise.record.samples
+                gaps.append(LeftOut("samples", noise.missing, samples, "missing", log.file))
     scales: dict[str, dict[str, float]] = {}
     offsets: dict[str, dict[str, float]] = {}
-    listed = []
-    for one in figures:
-        mean, *others = deviations.list_figures(one)
-        listed += [mean, *others]
+    stage_figures: list[Figure] = []
+    for noise in figures:
+        of_record, column = deviations.list_figures(noise), noise.record.column
+        stage_figures += of_record
         # each is in proportion to the scale of the indication; only the mean feels an offset
-        by_scale = {f"{STAGE}.{figure.name}": figure.value for figure in (mean, *others)}
-        scales.setdefault(one.record.column, {}).update(by_scale)
-        offsets.setdefault(one.record.column, {})[f"{STAGE}.{mean.name}"] = 1.0
+        by_scale = {f"{STAGE}.{figure.name}": figure.value for figure in of_record}
+        scales.setdefault(column, {}).update(by_scale)
+        offsets.setdefault(column, {})[f"{STAGE}.{of_record[0].name}"] = 1.0
     conditions = (Condition(forms.PROBABILITY, spec.noise.probability, "1"),)
-    result = StageResult(STAGE, figures=tuple(listed), flags=tuple(flags), conditions=conditions)
+    result = StageResult(
+        STAGE, figures=tuple(stage_figures), flags=tuple(flags), conditions=conditions
+    )
     sensitivities = []
     for column, by_scale in scales.items():
         sensitivities.append(Sensitivity(column, "scale", by_scale))
@@ -164,17 +165,17 @@ def validate(
     """Noise of records that were not fitted, held against the recipe's limits."""
     entries, figures, flags = [], [], []
     for log in logs:
-        found, noted = _figures(spec, log)
+        of_log, flags_of_log = _figures(spec, log)
         entries.append(
             {
                 "name": log.file,
                 "sha256": log.sha256,
                 "rows": log.rows,
-                "records": [tables.validation_entry(one) for one in found],
+                "records": [tables.validation_entry(noise) for noise in of_log],
             }
         )
-        figures += found
-        flags += noted
+        figures += of_log
+        flags += flags_of_log
     return {"logs": entries}, _summarize(spec, "", figures, flags)
 
 

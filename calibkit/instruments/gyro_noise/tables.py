@@ -24,10 +24,10 @@ def criteria(records: Sequence[NoiseFigures], limits: NoiseAcceptance) -> tuple[
     tested = []
     for noise in records:
         sensor = noise.record.sensor
-        stated = {name: getattr(limits, key) for name, key in sensor.limits.items()}
+        largest = {name: getattr(limits, key) for name, key in sensor.limits.items()}
         observed = {term.name: term.value for term in noise.terms.terms}
         for law in sensor.laws:
-            limit = stated.get(law.name)
+            limit = largest.get(law.name)
             if limit is not None:
                 name = f"{law.name} of {noise.record.name}"
                 value = observed.get(law.name)
@@ -40,12 +40,12 @@ def criteria(records: Sequence[NoiseFigures], limits: NoiseAcceptance) -> tuple[
         if limits.max_residual_over_noise is not None:
             name = f"{noise.record.name}: residual over noise"
             tested.append(at_most(name, noise.over_noise, limits.max_residual_over_noise, "1"))
-        if stated["bias_stability"] is not None:
+        if largest["bias_stability"] is not None:
             tested += [
                 at_most(
                     f"bias stability over {entry.block_s:g} s of {noise.record.name}",
                     entry.value,
-                    stated["bias_stability"],
+                    largest["bias_stability"],
                     sensor.unit,
                 )
                 for entry in noise.stability

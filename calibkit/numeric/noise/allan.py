@@ -1,10 +1,13 @@
-"""Allan deviation with gaps and confidence limits, and the bias stability of GJB 2426A. A rate here
-is the indication of any sensor at rest, and results are in its unit.
+"""Allan deviation with gaps and confidence limits, and the bias stability of GJB 2426A.
 
+    σ²(mτ₀) = ½ ⟨(ȳ_{k+m} − ȳ_k)²⟩ over all k, ȳ_k the mean of m samples from k on  (IEEE Std 952)
+    B_s² = Σ (ω̄_i − ω̄)²/(n − 1), ω̄_i the means of n consecutive blocks            (GJB 2426A)
+
+A rate here is the indication of any sensor at rest, and results are in its unit.
 Records in memory and on disk are worked along in the same blocks, so that results are identical.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Literal, Self
 
@@ -137,8 +140,16 @@ def overlapping(
             "every other sample is a gap: no two whole neighbours",
             hint="look at how the log marks gaps",
         )
-    total = _running_sum(rate, gaps, allocate)
-    # ȳ_{k+m} - ȳ_k = (Y_{k+2m} - 2 Y_{k+m} + Y_k)/m of the running sum Y
+    # the running sum Y of the rate less its mean, carried over blocks in extended precision
+    total, carry = allocate(rate.size + 1), np.longdouble(0.0)
+    total[0] = 0.0
+    for start, stop, block in centred(rate, gaps, total):
+        part = total[start + 1 : stop + 1]
+        np.cumsum(block, out=part)
+        step = np.longdouble(part[-1])
+        part += float(carry)
+        carry += step
+    # ȳ_{k+m} - ȳ_k = (Y_{k+2m} - 2 Y_{k+m} + Y_k)/m
     sums = [
         square_beside_gaps(filtered(total, (1.0, -2.0, 1.0), m), gaps.closed_to(2 * m))
         for m in factors.tolist()
@@ -167,32 +178,20 @@ def averaging_factors(samples: int, *, spacing: Spacing = "octave", points: int 
     return np.unique(np.round(base**exponents).astype(np.int64))
 
 
-def _running_sum(rate: Array, gaps: Gaps, allocate: Callable[[int], Array]) -> Array:
-    """Running sum [n + 1] of rate [n] less its mean, gaps as zero; carried over blocks in extended
-    precision.
+def centred(rate: Array, gaps: Gaps, result: Array) -> Iterator[tuple[int, int, Array]]:
+    """First place, place after the last and values of consecutive blocks of a rate [n] less its
+    mean without gaps, gaps as zero; memory pages of `result` are released with those of the rate.
     """
-    mean = finite_mean(rate, gaps)
-    total = allocate(rate.size + 1)
-    total[0] = 0.0
-    carry = np.longdouble(0.0)
-    for start, stop in chunks.ranges_along(rate, total, rows=chunks.CACHED_ROWS):
+    if gaps.runs.size:
+        total = sum(float(np.nansum(rate[a:b])) for a, b in chunks.ranges_along(rate))
+        mean = total / (rate.size - gaps.missing)
+    else:
+        mean = chunks.mean(rate)
+    for start, stop in chunks.ranges_along(rate, result, rows=chunks.CACHED_ROWS):
         block = rate[start:stop] - mean
         if gaps.runs.size:
             block[np.isnan(block)] = 0.0
-        part = total[start + 1 : stop + 1]
-        np.cumsum(block, out=part)
-        step = np.longdouble(part[-1])
-        part += float(carry)
-        carry += step
-    return total
-
-
-def finite_mean(rate: Array, gaps: Gaps) -> float:
-    """Mean of a rate [n] without its gaps."""
-    if not gaps.runs.size:
-        return chunks.mean(rate)
-    total = sum(float(np.nansum(rate[a:b])) for a, b in chunks.ranges_along(rate))
-    return total / (rate.size - gaps.missing)
+        yield start, stop, block
 
 
 def bias_stability(rate: Array, interval_s: float, *, block_s: float = 10.0) -> BiasStability:

@@ -1,5 +1,7 @@
 """Wavelet deviation of a rate at rest: the Allan deviation's companion that drift does not enter.
 
+    σ²(2^(j−1) τ₀) = 2 ⟨d_j²⟩, d_j the details of level j of an orthogonal wavelet, undecimated
+
 Each level takes the place of the one before it, in one array of the record's length.
 """
 
@@ -9,8 +11,7 @@ import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.errors import FitError
-from calibkit.numeric import chunks
-from calibkit.numeric.noise.allan import DeviationCurve, finite_mean, require_record
+from calibkit.numeric.noise.allan import DeviationCurve, centred, require_record
 from calibkit.numeric.noise.confidence import wavelet_correlation
 from calibkit.numeric.noise.gaps import Gaps, filtered, square_beside_gaps
 
@@ -61,10 +62,8 @@ def wavelet_deviation(
         )
     low, high = np.array(bank.dec_lo), np.array(bank.dec_hi)
     gaps, smooth = Gaps.find(rate), allocate(rate.size)
-    mean = finite_mean(rate, gaps)
-    for a, b in chunks.ranges_along(rate, smooth, rows=chunks.CACHED_ROWS):
-        np.subtract(rate[a:b], mean, out=smooth[a:b])
-        np.nan_to_num(smooth[a:b], copy=False)
+    for start, stop, block in centred(rate, gaps, smooth):
+        smooth[start:stop] = block
     factors, squares, counts = [], [], []
     for factor in (1 << level for level in range(levels)):
         details = _next_level(smooth, low[::-1] / np.sqrt(2.0), high[::-1] / np.sqrt(2.0), factor)

@@ -1,4 +1,11 @@
-"""Wavelet denoising of a signal in one piece."""
+"""Wavelet denoising of a signal in one piece.
+
+    s_0 = the signal;  s_j, d_j from s_(j−1) by lifting, j = 1 … L        `lifting.analyse`
+    σ_j = median |d_j| / 0.6745, threshold t_j from σ_j and the details   `shrinkage.THRESHOLDS`
+    s_(j−1) from s_j and the details shrunk by t_j, j = L … 1             `lifting.synthesise`
+
+The coarsest levels are averaged over all shifts (`lifting.average_over_shifts`).
+"""
 
 from bisect import bisect_left
 from collections.abc import Sequence
@@ -105,8 +112,9 @@ def denoise(
     takes the noise of the level above times the ratio of their noise gains (white noise) and,
     where the threshold looks at details, the universal threshold.
     """
-    samples = _checked(signal)
+    samples = np.ascontiguousarray(signal, dtype=np.float64)
     bank = find_wavelet(wavelet)
+    _require_usable(samples, threshold, rule, extension)
     depth = _deepest(wavelet, samples.size) if levels is None else levels
     if not _fits(wavelet, samples.size, depth):
         raise FitError(
@@ -114,7 +122,6 @@ def denoise(
             f" needs {_shortest(wavelet, depth)}",
             hint="use fewer levels, a shorter wavelet or a longer segment",
         )
-    _require_known(threshold, rule, extension)
     # the lines at the ends are as long as one and a half times the coarsest details are apart
     ends = Ends.fit(samples, extension, bank.delay, 3 << (depth - 1))
     fine = max(depth - shifted, 0)
@@ -204,9 +211,10 @@ def _deepest(wavelet: str, length: int) -> int:
     return levels
 
 
-def _checked(signal: ArrayLike) -> Array:
-    """The signal as an array of finite numbers."""
-    samples = np.ascontiguousarray(signal, dtype=np.float64)
+def _require_usable(samples: Array, threshold: str, rule: str, extension: str) -> None:
+    """Refuse samples that are not finite, and the name of a threshold, a rule or an extension that
+    does not exist.
+    """
     if not all_finite(samples):
         known = np.isfinite(samples)
         raise FitError(
@@ -217,18 +225,13 @@ def _checked(signal: ArrayLike) -> Array:
                 " whole filter"
             ),
         )
-    return samples
-
-
-def _require_known(threshold: str, rule: str, extension: str) -> None:
-    """Refuse the name of a threshold, a rule or an extension that does not exist."""
-    for name, known, kind in (
-        (threshold, list(THRESHOLDS), "threshold"),
-        (rule, list(RULES), "shrinkage rule"),
-        (extension, list(EXTENSIONS), "extension"),
+    for name, names, kind in (
+        (threshold, THRESHOLDS, "threshold"),
+        (rule, RULES, "shrinkage rule"),
+        (extension, EXTENSIONS, "extension"),
     ):
-        if name not in known:
+        if name not in names:
             raise FitError(
                 f"unknown {kind} {name!r}",
-                hint=did_you_mean(name, known, f"use one of {', '.join(known)}"),
+                hint=did_you_mean(name, names, f"use one of {', '.join(names)}"),
             )

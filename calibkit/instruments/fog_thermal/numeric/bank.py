@@ -118,11 +118,7 @@ class Bank:
         """
         behind = np.empty((temperature.size, len(self.widths)))
         for k, width in enumerate(self.widths):
-            away, last = 0.0, ORIGIN_DEGC
-            for row, value in enumerate(temperature.tolist()):
-                away = min(max(away - (value - last), -width), width)
-                last = value
-                behind[row, k] = away / width
+            behind[:, k] = _play(temperature, width, 0.0, ORIGIN_DEGC) / width
         return behind
 
     def hysteresis(self, coefficients: Array) -> float:
@@ -135,16 +131,23 @@ class Bank:
         """Half the spread [n, °/h] of the hysteresis along one log by where its play operators
         began: anything until the temperature [n, °C] has moved by their full width.
         """
-        spread = np.zeros(temperature.size)
+        spread, first = np.zeros(temperature.size), float(temperature[0])
         for width, size in zip(self.widths, coefficients[self.part("h")], strict=True):
-            low, high, last = -width, width, float(temperature[0])
-            for row, value in enumerate(temperature.tolist()):
-                low, high = (min(max(away - (value - last), -width), width) for away in (low, high))
-                if low == high:
-                    break
-                last = value
-                spread[row] += size * (high - low) / (2.0 * width)
+            low, high = (_play(temperature, width, start, first) for start in (-width, width))
+            spread += size * (high - low) / (2.0 * width)
         return np.abs(spread)
+
+
+def _play(temperature: Array, width: float, behind: float, last: float) -> Array:
+    """Distance [n, °C] by which a play operator of a half width [°C] is behind a temperature
+    [n, °C] that comes from `last`, where it was `behind`: it follows only if pushed.
+    """
+    distance = np.empty(temperature.size)
+    for row, value in enumerate(temperature.tolist()):
+        behind = min(max(behind - (value - last), -width), width)
+        last = value
+        distance[row] = behind
+    return distance
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,9 +1,15 @@
-"""Fit of the `bank` model with random turn-on biases: Gaussian priors, their variances by evidence.
+"""Fit of a bank of lags (`bank`) to logs with random turn-on biases, by Gaussian priors whose
+variances the logs tell (`evidence`).
 
-y_log(t) = ω + t_log + Σ_m i_log,m exp(−t/θ_m) + flicker + white;  the turn-on bias t_log is random
-with mean 0, and i_log is a start of the coil away from equilibrium. The static lag is found by
+    y_log(t) = ω + t_log + Σ_m i_log,m exp(−t/θ_m) + flicker + white
+
+ω is the rate of the bank, t_log the turn-on bias of a log, random with mean 0, and i_log,m a start
+of the coil away from equilibrium. The static lag (ln τ_fast, ln τ_static, f) is found by
 Gauss–Newton steps; its derivatives stay among the columns, so that its uncertainty is propagated.
 Results are averaged over the variances that the logs do not determine.
+
+`state_problem` says which terms there are and what is known of them, `solve` finds lag and
+variances, `Solution.finish` the model in raw units.
 """
 
 from collections.abc import Iterable, Iterator
@@ -23,7 +29,10 @@ from calibkit.numeric.thermal.terms import Span, Valid
 
 UNUSED: Span = (0.0, 0.0)
 """Range of a driver that a bank does not use."""
+# ten lags, each 1.7 times the one before
 LAGS_S = tuple(np.geomspace(30.0, 3000.0, 10).tolist())
+# half widths of the play operators, time constants of a warm-up and of a start away from rest, and
+# the distance of the knots of the table over temperature
 WIDTHS_DEGC = (4.0, 8.0, 16.0)
 WARM_UP_S = (300.0, 1000.0, 3000.0)
 KNOT_DEGC = 4.0
@@ -80,6 +89,7 @@ class Problem:
     bank: Bank
     along: coil.Path
     followed: tuple[Array, Array]
+    """Lagged temperatures and rates of the bank along the logs."""
     prior: Prior
     root: Array
     """[p, p], from whitened to raw coefficients: Cholesky factor of the table's correlation."""
@@ -93,6 +103,14 @@ class Problem:
     def logs(self) -> list[tuple[Array, Array]]:
         """Time [n, s] and case temperature [n, °C] of each log."""
         return [(log.time, log.case) for log in self.stacked.logs]
+
+    @property
+    def by_lag(self) -> slice:
+        """Coefficients that change the static lag; before them stand those of the bank's terms,
+        behind them turn-on biases and initial states.
+        """
+        terms = self.root.shape[0]
+        return slice(terms, terms + STATIC_MEAN.size)
 
     def drivers(self, lag: Array) -> forward.BankDrivers:
         """Drivers of all logs in sequence for a static lag [3]."""
@@ -129,9 +147,8 @@ class Problem:
         """What coefficients [P] leave of the indication [n]; derivatives by the lag are about its
         prior mean.
         """
-        p = self.root.shape[0]
         change = coefficients.copy()
-        change[p : p + 3] += STATIC_MEAN - lag
+        change[self.by_lag] += STATIC_MEAN - lag
         return self.stacked.indication - self.level - columns @ change
 
     def gram(self, rows: Rows, lag: Array, columns: Array) -> Gram:
@@ -229,11 +246,11 @@ class Solution:
         """Drift [n, °/h] along the logs against rest at 25 °C by coefficients [P], without the
         constant.
         """
-        p = self.problem.root.shape[0]
-        change = coefficients[1 : p + 3].copy()
+        by_lag = self.problem.by_lag
+        change = coefficients.copy()
         # the derivatives stand for a change of the lag from its prior mean
-        change[p - 1 :] += STATIC_MEAN - self.lag
-        return self.columns[:, 1 : p + 3] @ change
+        change[by_lag] += STATIC_MEAN - self.lag
+        return self.columns[:, 1 : by_lag.stop] @ change[1 : by_lag.stop]
 
     def change_from(self, other: "Solution") -> float:
         """Rms [°/h] over the logs of what the drift is more uncertain by than another solution
@@ -241,7 +258,7 @@ class Solution:
         """
         drifts, variances = [], []
         for solution in (self, other):
-            drift = slice(1, solution.problem.root.shape[0] + 3)
+            drift = slice(1, solution.problem.by_lag.stop)
             columns, covariance = solution.columns[:, drift], solution.posterior.covariance
             drifts.append(solution.drift(solution.posterior.coefficients))
             variances.append(np.sum(columns @ covariance[drift, drift] * columns, axis=1))
@@ -293,15 +310,16 @@ class Solution:
     def finish(self) -> BankModel:
         """Model in raw units, averaged over the variances of the priors."""
         problem, posterior = self.problem, self.posterior
-        p, logs = problem.root.shape[0], len(problem.stacked.logs)
+        by_lag, logs = problem.by_lag, len(problem.stacked.logs)
+        terms = slice(by_lag.start)
         gram = problem.gram(self.rows, self.lag, self.columns)
         mean, covariance = evidence.average(gram, problem.prior, posterior, POINTS)
-        coefficients = problem.root @ mean[:p]
+        coefficients = problem.root @ mean[terms]
         coefficients[0] += problem.level
         static_lag = (*np.exp(self.lag[:2]).tolist(), float(self.lag[2]))
-        to_raw = np.eye(p + 3)
-        to_raw[:p, :p] = problem.root
-        to_raw[p : p + 2, p : p + 2] = np.diag(static_lag[:2])
+        to_raw = np.eye(by_lag.stop)
+        to_raw[terms, terms] = problem.root
+        to_raw[by_lag, by_lag] = np.diag([*static_lag[:2], 1.0])
         # what the logs determine of each coefficient, from 0 to 1
         known = np.exp(evidence.log_variances(problem.prior, posterior.theta))
         determined = float(np.sum(1.0 - np.diag(posterior.covariance) / known))
@@ -311,14 +329,14 @@ class Solution:
             bank=problem.bank,
             coefficients=coefficients,
             static_lag=static_lag,
-            covariance=to_raw @ covariance[: p + 3, : p + 3] @ to_raw.T,
+            covariance=to_raw @ covariance[: by_lag.stop, : by_lag.stop] @ to_raw.T,
             valid=Valid(
                 (float(case.min()), float(case.max())),
                 (float(fastest.min()), float(fastest.max())),
                 UNUSED,
                 UNUSED,
             ),
-            turn_on=mean[p + 3 : p + 3 + logs],
+            turn_on=mean[by_lag.stop : by_lag.stop + logs],
             turn_on_sd=float(np.exp(0.5 * posterior.theta[TURN_ON])),
             dof=max(int(self.rows.starts.size - determined), 1),
             residual_rms=rms(problem.left(self.lag, self.columns, mean)[self.rows.blocks]),
@@ -340,8 +358,8 @@ def solve(problem: Problem) -> Solution:
 def solve_at(problem: Problem, lag: Array, start: Array) -> Solution:
     """Posterior at a given static lag [3], its variances sought from `start`."""
     posterior = problem.maximise(lag, None, start)
-    terms = problem.root.shape[0]
-    columns = problem.columns(lag, problem.root @ posterior.coefficients[:terms])
+    terms = slice(problem.by_lag.start)
+    columns = problem.columns(lag, problem.root @ posterior.coefficients[terms])
     gram = problem.gram(problem.rows, lag, columns)
     posterior = evidence.maximise(gram, problem.prior, posterior.theta)
     return Solution(problem, lag, posterior, columns)
@@ -349,7 +367,7 @@ def solve_at(problem: Problem, lag: Array, start: Array) -> Solution:
 
 def _search(problem: Problem, lag: Array, start: Array | None) -> tuple[Array, Posterior]:
     """Static lag [3], sought from one, and the posterior without its derivatives."""
-    terms, step = problem.root.shape[0], np.zeros(3)
+    terms, step = slice(problem.by_lag.start), np.zeros(STATIC_MEAN.size)
     best: tuple[float, Array, Posterior] | None = None
     for _ in range(STEPS):
         posterior = problem.maximise(lag, None, start)
@@ -365,8 +383,8 @@ def _search(problem: Problem, lag: Array, start: Array | None) -> tuple[Array, P
         best, start = (value, lag, posterior), posterior.theta
         if settled:
             break
-        with_lag = problem.maximise(lag, problem.root @ posterior.coefficients[:terms], start)
-        implied = STATIC_MEAN + with_lag.coefficients[terms : terms + 3]
+        with_lag = problem.maximise(lag, problem.root @ posterior.coefficients[terms], start)
+        implied = STATIC_MEAN + with_lag.coefficients[problem.by_lag]
         step = np.clip(implied - lag, -LARGEST_STEP, LARGEST_STEP)
         lag = lag + step
     assert best is not None  # noqa: S101 (the first evaluation sets it)
