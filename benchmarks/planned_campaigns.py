@@ -77,7 +77,7 @@ def run_triad(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  
     assumed = plan.assumed
     planned = triad_plan.planned_dwells(held, assumed.noise_of(held[0].duration_s))
     sizes = {name: assumed.size(*name) for name in triad_errors.UNITS}
-    rows, _ = triad_plan.simulate_dwells(rng, indicate, planned, spec, sizes)
+    rows, _ = triad_plan.simulate_dwells(rng, indicate, planned, sizes)
     count = len(spots)
     dwells = triad_dwells.DwellSet(
         np.column_stack([rows[f"accel_{axis}_g"] for axis in "xyz"]),

@@ -11,6 +11,7 @@ from calibkit.instruments.accelerometer import forms, shared_errors
 from calibkit.instruments.accelerometer.coefficient_files import Correction
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.errors import DwellErrors
+from calibkit.instruments.accelerometer.findings import remark_on_dwells
 from calibkit.instruments.accelerometer.fit import fit_triad
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.numeric import attitude
@@ -188,7 +189,7 @@ def test_a_triad_set_up_wrong_in_its_fixture_is_within_u_where_its_size_is_state
     size = {"group": "fixture", "effect": "set-up", "value": off, "unit": "deg", "dof": 100.0}
     tables = {"k": {"enabled": False}} if robust else PLAIN.model_dump(by_alias=True)
     spec = recipe(**(tables | {"errors": {"component": [size]}}))
-    assert shared_errors.remark_on_set_up(spec) == ()
+    assert not any("set-up" in remark for remark in remark_on_dwells(dwells(0), spec))
     covered = []
     for seed in range(16 if robust else 40):
         fitted = fit_triad(dwells(seed, set_up=off), spec)
@@ -201,16 +202,17 @@ def test_a_triad_set_up_wrong_in_its_fixture_is_within_u_where_its_size_is_state
 
 def test_a_set_up_of_which_nothing_is_known_is_flagged():
     """No dwell tells it from axes that are turned together; from lengths it does not matter."""
-    (flag,) = shared_errors.remark_on_set_up(PLAIN)
+    flag = remark_on_dwells(dwells(0), PLAIN)[-1]
     assert 'group = "fixture", effect = "set-up"' in flag
-    assert shared_errors.remark_on_set_up(recipe(**LENGTHS)) == ()
+    for remark in remark_on_dwells(dwells(0), recipe(**LENGTHS)):
+        assert "set-up" not in remark
 
 
 def test_errors_up_to_the_noise_of_a_dwell_reject_no_run():
     """Zeros of 20 µg, faces 0.001° off, 20 µg/g² of second order: no criterion fails."""
     for seed in range(15):
         fitted = fit_triad(dwells(seed, zero=20e-6, index=0.001, second=20e-6), PLAIN)
-        assert not fitted.triad.unexplained
+        assert not fitted.unexplained
 
 
 def test_a_face_that_is_set_up_wrong_every_time_is_no_outlier():
@@ -355,9 +357,10 @@ def test_a_drift_is_not_added_to_dwells_without_time():
 def test_temperatures_that_follow_time_are_flagged():
     """Rising from soak to soak, with and without a clock; a return to the first is not."""
     for timed, word in ((True, "temperature follows time"), (False, "no time_s is logged")):
-        (flag,) = shared_errors.remark_on_order(drifting(1, timed=timed, back=False))
+        (flag, _) = remark_on_dwells(drifting(1, timed=timed, back=False), PLAIN)
         assert word in flag
-    assert shared_errors.remark_on_order(drifting(1, timed=True, back=True)) == ()
+    (flag,) = remark_on_dwells(drifting(1, timed=True, back=True), PLAIN)
+    assert "set-up" in flag
 
 
 def test_a_stated_error_that_the_logs_cannot_have_is_refused():

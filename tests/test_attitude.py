@@ -2,14 +2,12 @@
 
 import json
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
 from calibkit.errors import FitError
-from calibkit.instruments.accelerometer import triad
 from calibkit.instruments.accelerometer.errors import AttitudeErrors, uncertainty_of_attitude
 from calibkit.numeric import attitude, earth
 from triad_dwells import recipe
@@ -34,8 +32,7 @@ def test_gravity_vector_is_the_product_of_passive_rotations(inclination, toolfac
     """R_z(φ) R_y(θ) (0, 0, 1) in the NED convention, and the tool's rotation is that product."""
     product = passive("z", toolface) @ passive("y", inclination)
     one, two = np.array([inclination]), np.array([toolface])
-    stood = SimpleNamespace(inclination=one, toolface=two)
-    np.testing.assert_allclose(triad._tool_rotation(stood)[0], product, atol=1e-15)
+    np.testing.assert_allclose(attitude.tool_rotation(one, two)[0], product, atol=1e-15)
     np.testing.assert_allclose(
         attitude.gravity_vector(one, two)[0], product @ [0.0, 0.0, 1.0], atol=1e-15
     )

@@ -43,6 +43,16 @@ def gravity_vector(inclination_deg: Array, toolface_deg: Array) -> Array:
     )
 
 
+def tool_rotation(inclination_deg: Array, toolface_deg: Array) -> Array:
+    """Passive rotations R_z(φ) R_y(θ) [n, 3, 3] from the table's base to the tool; their last
+    column is the gravity vector [g].
+    """
+    theta, phi = np.radians(inclination_deg), np.radians(toolface_deg)
+    ct, st, cp, sp = np.cos(theta), np.sin(theta), np.cos(phi), np.sin(phi)
+    rows = [[ct * cp, sp, -st * cp], [-ct * sp, cp, st * sp], [st, np.zeros_like(st), ct]]
+    return np.moveaxis(np.array(rows), -1, 0)
+
+
 def inclination(vector: Array) -> Array:
     """Inclination DEV [n] in [0, 180] [°] of gravity vectors [n, 3] of any length: atan2(√(G_x² +
     G_y²), G_z).

@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibkit.arrays import Array
-from calibkit.coefficients import Component, Condition, Figure, Model, Record, StageResult
+from calibkit.coefficients import Condition, Figure, Model, Record, StageResult
+from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.errors import CoefficientError, FrameError
 from calibkit.forms import Form, within_ranges
 from calibkit.instruments.accelerometer import forms
 from calibkit.instruments.accelerometer.dwells import ATTITUDE, DwellSet
 from calibkit.instruments.accelerometer.fit import TriadFit, list_models
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
-from calibkit.instruments.accelerometer.triad import Triad
 from calibkit.numeric import chunks, gum
 from calibkit.numeric.dispersion import rms
 from calibkit.recipe import type_b
@@ -60,15 +60,6 @@ class Correction:
         """Noise of a component of a dwell [g], by the fit: residual rms of its models."""
         return rms([model.residual_rms for model in self.models])
 
-    @property
-    def noise_of_axes(self) -> Array:
-        """Noise of each component of a dwell [3, g]; the same in all where one was stated."""
-        if len(self.models) == 3:
-            return np.array([model.residual_rms for model in self.models])
-        (triad,) = self.models
-        noise = {p.name: p.value for p in triad.parameters}
-        return np.array([noise.get(f"noise_{a}", triad.residual_rms) for a in "xyz"])
-
     def __call__(self, indication: Array, temperature: Array) -> Array:
         """Corrected components [n, 3, g] of indications [n, 3, g]; temperatures [n, °C] are clamped
         to the range of the calibration.
@@ -82,21 +73,34 @@ class Correction:
 
         Raises FrameError where an error grows with time and the log tells none.
         """
-        indication = unseen.indication
+        indication, time = unseen.indication, unseen.time
         at, _ = within_ranges(self.models[0], forms.inputs(indication, unseen.temperature))
         shared, own = [], np.zeros_like(indication)
-        own += self.noise_of_axes**2
         of_axes = [np.eye(3)] if len(self.models) == 1 else [*np.eye(3)[:, :, None]]
         for model, axes in zip(self.models, of_axes, strict=True):  # [3, a] of those it corrects
+            corrects = axes.sum(axis=1)
+            # noise is that of each axis, where the fit has told them apart
+            noise = {p.name: p.value for p in model.parameters}
+            own += corrects * [noise.get(f"noise_{a}", model.residual_rms) ** 2 for a in "xyz"]
             slopes = self.form.gradient(model, at) @ gum.square_root(np.array(model.covariance))
             slopes = slopes.reshape(len(indication), axes.shape[1], -1)
             shared.append(np.einsum("ia,nak->nik", axes, slopes))
             if self.form.further is not None:
-                own += axes.sum(axis=1) * self.form.further(model, at)[:, None] ** 2
+                own += corrects * self.form.further(model, at)[:, None] ** 2
             for part in model.components:
-                size = part.value * _growth(part, unseen)
+                # by one unit: in proportion to the indication, to the time, or the same in all
+                growth = indication if part.unit == "1" else np.ones_like(indication)
+                if part.unit.endswith("/h"):
+                    if not np.isfinite(time).all():
+                        raise FrameError(
+                            f"{unseen.place[0]}: no time_s, expected one: the {part.effect} of the"
+                            f" {part.group}, {part.value:.3g} {part.unit}, grows with time",
+                            hint="log time_s",
+                        )
+                    growth = np.tile((time - time.mean())[:, None] / SECONDS_PER_HOUR, 3)
+                size = part.value * growth
                 if part.group == "attitude":  # which a log seldom repeats
-                    own += axes.sum(axis=1) * size**2
+                    own += corrects * size**2
                 else:
                     shared.append(size[:, :, None] * axes)
         return np.concatenate(shared, axis=2), own
@@ -143,23 +147,6 @@ class Correction:
         return (
             chunks.count(temperature, lambda part: (part < low) | (part > high)) / temperature.size
         )
-
-
-def _growth(component: Component, dwells: DwellSet) -> Array:
-    """Errors [n, 3] of dwells by one unit of a component: in proportion to the indication, to the
-    time about its mean [h], or the same in all.
-    """
-    if component.unit == "1":
-        return dwells.indication
-    if not component.unit.endswith("/h"):
-        return np.ones_like(dwells.indication)
-    if not np.isfinite(dwells.time).all():
-        raise FrameError(
-            f"{dwells.place[0]}: no time_s, expected one: the {component.effect} of the"
-            f" {component.group}, {component.value:.3g} {component.unit}, grows with time",
-            hint="log time_s",
-        )
-    return np.tile((dwells.time - dwells.time.mean())[:, None] / 3600.0, 3)
 
 
 def find_stage(compensation: str) -> str:
@@ -221,31 +208,29 @@ def list_results(
 def find_sensitivities(
     fitted: TriadFit, dwells: DwellSet, spec: AccelerometerRecipe
 ) -> tuple[Sensitivity, ...]:
-    """Sensitivities of the coefficients of a fit to `dwells`."""
+    """Sensitivities of the coefficients of a fit to `dwells`, by fits to dwells that are shifted by
+    an error of the thermometer, of the table's angles and, where it divides what is logged, of
+    local gravity.
+    """
     errors = [*of_thermometer(forms.TEMPERATURE, *dwells.valid[forms.TEMPERATURE])]
     if spec.reference.kind == "attitude":
-        names = ("inclination_deg", "toolface_deg")
-        errors += [InputError(name, "offset", ANGLE_STEP_DEG) for name in names]
+        errors += [InputError(name, "offset", ANGLE_STEP_DEG) for name in ATTITUDE]
     gravity = spec.site.local_gravity()
-    if gravity is not None and any(
-        name in spec.columns and spec.columns[name].unit == "m/s^2" for name in forms.COMPONENTS
-    ):
+    units = [spec.columns[name].unit for name in forms.COMPONENTS if name in spec.columns]
+    if gravity is not None and "m/s^2" in units:
         errors.append(InputError("gravity_mps2", "offset", GRAVITY_STEP * gravity))
-
-    def shift(error: InputError) -> DwellSet:
+    shifted = []
+    for error in errors:
         field = FIELDS[error.input]
         values = getattr(dwells, field)
-        if error.input == "gravity_mps2":  # what is logged in m/s² is divided by it
-            assert gravity is not None  # noqa: S101 (no such error otherwise)
-            return replace(dwells, indication=values / (1.0 + error.step / gravity))
-        return replace(dwells, **{field: error.shift(values)})
-
-    def models(shifted: DwellSet, triad: Triad) -> tuple[StageResult, ...]:
-        k, _, q, affine = list_models(shifted, spec, triad)
-        moved = replace(fitted, k=k, q=q, affine=affine, intervals=())
-        return list_results(moved, shifted, gravity, ())
-
-    shifted = [shift(error) for error in errors]
+        # a larger gravity makes what is logged in m/s² a smaller multiple of it
+        is_gravity = error.input == "gravity_mps2"
+        moved = values / (1.0 + GRAVITY_STEP) if is_gravity else error.shift(values)
+        shifted.append(replace(dwells, **{field: moved}))
+    refits = {}
     triads = fitted.triad.shifted(dwells, shifted)
-    results = dict(zip(errors, map(models, shifted, triads), strict=True))
-    return differentiate(errors, models(dwells, fitted.triad), results.__getitem__)
+    for error, moved, triad in zip(errors, shifted, triads, strict=True):
+        k, q, affine = list_models(moved, spec, triad)
+        refit = replace(fitted, k=k, q=q, affine=affine, intervals=())
+        refits[error] = list_results(refit, moved, gravity, ())
+    return differentiate(errors, list_results(fitted, dwells, gravity, ()), refits.__getitem__)

@@ -11,8 +11,8 @@ import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.errors import FitError
-from calibkit.instruments.accelerometer.equation import AXES, Term, Terms
-from calibkit.numeric.least_squares import fold, polynomial
+from calibkit.instruments.accelerometer.equation import AXES, Terms
+from calibkit.numeric.least_squares import polynomial
 
 TEMPERATURE_STEP_DEGC = 1.0
 """Temperatures closer than this [°C] count as one level."""
@@ -54,15 +54,30 @@ def require_determined(
         )
     levels, level = distinct_temperatures(temperature)
     middle, half = polynomial.middle_and_half(levels)
-    half = half or 1.0
-    t = (level - middle) / half
+    t = (level - middle) / (half or 1.0)
     faults = []
     for axis, letter in enumerate(AXES):
-        ranked = sorted(terms.of_axis(axis), key=lambda k: _importance(terms.listed[k]))
-        dependent = _find_dependent([terms.listed[k] for k in ranked], reference, t)
-        undetermined = sorted(names[ranked[place]] for place in dependent)
+        # Of columns that depend on each other the later ones are called undetermined: low powers
+        # stand first, then the axis itself, its zero, the other axes in turn, and products.
+        ranked = []
+        for place in terms.of_axis(axis):
+            term = terms.listed[place]
+            turn = (term.factors[0] - axis) % 3 if term.kind == "c" else 0
+            ranked.append((term.power, "kzcn".index(term.kind), turn, place))
+        places = [place for *_, place in sorted(ranked)]
+        # derivatives of the axis of a triad without an error, but for their signs
+        listed = [terms.listed[place] for place in places]
+        columns = [np.prod(reference[:, q.factors], axis=1) * t**q.power for q in listed]
+        design = np.asarray(np.linalg.qr(np.column_stack(columns), mode="r"))
+        kept, undetermined = np.zeros((len(design), 0)), []
+        for place, column in zip(places, design.T, strict=True):
+            wider = np.column_stack([kept, column])
+            if _rank(wider) < wider.shape[1]:
+                undetermined.append(names[place])
+            else:
+                kept = wider
         if undetermined:
-            faults.append(f"accel_{letter}: {', '.join(undetermined)}")
+            faults.append(f"accel_{letter}: {', '.join(sorted(undetermined))}")
     if not faults:
         return
     shown = (
@@ -79,20 +94,6 @@ def require_determined(
         " need 4)",
         hint=f"add dwells {add} (calibkit plan --have finds the cheapest), or {lower}",
     )
-
-
-def _importance(term: Term) -> tuple[int, int, int]:
-    """Order of the coefficients of an axis, of which the later ones are called undetermined: low
-    powers first, then the axis itself, its zero, the other axes in turn, and products.
-    """
-    turn = (term.factors[0] - term.axis) % 3 if term.kind == "c" else 0
-    return term.power, "kzcn".index(term.kind), turn
-
-
-def _design(listed: Sequence[Term], reference: Array, t: Array) -> Array:
-    """Derivatives [n, p] of an axis of a triad without an error, but for their signs."""
-    columns = [np.prod(reference[:, term.factors], axis=1) * t**term.power for term in listed]
-    return np.column_stack(columns)
 
 
 def distinct_temperatures(temperature: Array) -> tuple[Array, Array]:
@@ -121,20 +122,6 @@ def affine_rank(reference: Array) -> int:
     plane.
     """
     return _rank(np.column_stack([np.ones(len(reference)), reference]))
-
-
-def _find_dependent(listed: Sequence[Term], reference: Array, t: Array) -> list[int]:
-    """Places of the terms of an axis whose columns depend linearly on those before them."""
-    design = fold.triangle(lambda rows: _design(listed, reference[rows], t[rows]), len(t))
-    dependent: list[int] = []
-    kept = np.zeros((design.shape[0], 0))
-    for place, column in enumerate(design.T):
-        wider = np.column_stack([kept, column])
-        if _rank(wider) < wider.shape[1]:
-            dependent.append(place)
-        else:
-            kept = wider
-    return dependent
 
 
 def _rank(design: Array) -> int:

@@ -16,9 +16,9 @@ from calibkit.instruments.accelerometer import (
     coefficient_files,
     dwells as triad_dwells,
     errors,
+    findings,
     forms,
     plausibility,
-    shared_errors,
 )
 from calibkit.instruments.accelerometer.coefficient_files import Correction
 from calibkit.instruments.accelerometer.figures import TriadReport
@@ -94,9 +94,9 @@ def fit(
     components = list_components("Errors that dwells share", [fitted.affine or fitted.k[0]])
     shown = [components] if components.rows else []
     shown += [compared, *([errors.tabulate_uncertainty(uncertainty)] if uncertainty else [])]
-    doubts = (*shared_errors.remark_on_order(dwells), *shared_errors.remark_on_set_up(spec))
-    flags = dict.fromkeys((*dwells.flags, *doubts, *fitted.flags))
-    judged = (*corrected.judge_errors(spec), *fitted.triad.unexplained)
+    remarks = findings.remark_on_dwells(dwells, spec)
+    flags = dict.fromkeys((*dwells.flags, *remarks, *fitted.flags))
+    judged = (*corrected.judge_errors(spec), *fitted.unexplained)
     overview = errors.summarize_errors(raw, corrected, CORRECTIONS[stage], compared, out)
     left_out = LeftOut("positions", len(suspects), len(dwells.place), "outlier")
     return Fitted(

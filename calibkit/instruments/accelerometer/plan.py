@@ -11,7 +11,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from calibkit.arrays import Array, Integers
-from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.errors import UsageError
 from calibkit.fit.complex_step import derivative
 from calibkit.fit.shared import Residual, Shared
@@ -115,8 +114,7 @@ class TriadBench(TourBench):
         along = np.broadcast_to(np.eye(3), (len(gravity), 3, 3))
         if self.lengths:
             along = gravity[:, None]
-        where = shared_errors.find_circumstances(dwells, gravity, self.spec)
-        listed = shared_errors.state_errors(where, along, self.spec)
+        listed = shared_errors.state_errors(dwells, gravity, along, self.spec)
         return [one for one in listed if one.size is not None or not self.lengths]
 
     def residual(self, dwells: DwellSet) -> Residual:
@@ -159,18 +157,18 @@ class TriadBench(TourBench):
         middle_half = (low + high) / 2.0, max(high - low, 1.0) / 2.0
         if self.k:
             of_axis = np.asarray(published.to_degrees(*middle_half), dtype=np.float64)
-            to_raw, named = np.zeros((len(fit.parameters),) * 2), []
-            blocks = published.blocks_of(self.k)
-            for model, part, block in zip(forms.K_MODELS, self.k, blocks, strict=True):
-                places = list(part.fitted)
-                to_raw[block, block] = of_axis[np.ix_(places, places)]
-                named += [(model, k_factor.NAMES[n], forms.K_UNITS[n]) for n in places]
+            to_raw = np.kron(np.eye(3), of_axis)
+            numbered = list(zip(k_factor.NAMES, forms.K_UNITS, strict=True))
+            named = [(model, *words) for model in forms.K_MODELS for words in numbered]
+            fitted = [number in part.fitted for part in self.k for number in range(10)]
         else:
             to_raw = np.asarray(self.terms.in_degrees(*middle_half), dtype=np.float64)
             named = [("triad", term.name, term.unit) for term in self.terms.listed]
+            fitted = [True] * len(named)
         u = fit.of(lambda p: to_raw @ p).u.tolist()
-        for words, size in zip(named, u, strict=True):
-            yield Coefficient(*words, size)
+        for words, size, stated in zip(named, u, fitted, strict=True):
+            if stated:
+                yield Coefficient(*words, size)
 
     def noise_of(self, dwell_s: float) -> float:
         """Noise [g] of the mean of a dwell, of a position by hand without both ends."""
@@ -412,7 +410,7 @@ def simulate_plan(
     actions = schedule.recorded("dwell")
     dwells = planned_dwells(actions, assumed.noise_of(actions[0].duration_s))
     indicate = partial(simulated.indications, sensors)
-    measured, drawn = simulate_dwells(rng, indicate, dwells, spec, sizes)
+    measured, drawn = simulate_dwells(rng, indicate, dwells, sizes)
     time = np.array([one.start_s + one.duration_s / 2.0 for one in actions])
     columns = {"time_s": time, **measured}
     for axis in simulated.AXES:
@@ -430,7 +428,6 @@ def simulate_dwells(
     rng: np.random.Generator,
     indicate: Callable[[Array, Array], Array],
     dwells: DwellSet,
-    spec: AccelerometerRecipe,
     sizes: Mapping[tuple[str, str], float],
 ) -> tuple[dict[str, Array], dict[str, Any]]:
     """Columns of dwells of a triad that indicates gravity [n, 3] [g] at temperatures [n] [°C], and
@@ -441,10 +438,9 @@ def simulate_dwells(
     """
     shape = dwells.indication.shape
     of_gravity, of_sensors = np.zeros(shape), np.zeros(shape)
-    drawn, hours = {}, dwells.time / SECONDS_PER_HOUR
+    drawn, axes = {}, np.broadcast_to(np.eye(3), (*shape, 3))
     # a zero drifts, whether a fit of one soak can tell or not
-    where = replace(shared_errors.find_circumstances(dwells, dwells.indication, spec), hours=hours)
-    for error in shared_errors.list_errors(where, np.broadcast_to(np.eye(3), (*shape, 3))):
+    for error in shared_errors.list_errors(dwells, dwells.indication, axes, timed=True):
         size = rng.normal(0.0, 1.0, (error.levels, error.width))
         size *= sizes.get((error.group, error.effect), 0.0)
         turned = of_gravity if error.unit == "rad" else of_sensors
@@ -452,7 +448,8 @@ def simulate_dwells(
         drawn[f"{error.effect} of the {error.group}"] = size.tolist()
     seen = dwells.indication + of_gravity
     seen /= np.linalg.norm(seen, axis=1)[:, None]
-    case = dwells.temperature + rng.normal(0.0, CHAMBER_DEGC, len(where.soak))[where.soak]
+    soak = shared_errors.number_soaks(dwells.temperature, dwells.log)
+    case = dwells.temperature + rng.normal(0.0, CHAMBER_DEGC, soak.size)[soak]
     indicated = indicate(seen, case) + of_sensors + rng.normal(0.0, dwells.noise)
     return {
         "temp_case_degc": case + rng.normal(0.0, THERMOMETER_DEGC, case.size),

@@ -10,7 +10,6 @@ triad at one temperature.
 """
 
 from collections.abc import Sequence
-from itertools import pairwise
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from calibkit.coefficients import Model, Parameter
 from calibkit.forms import components_of
 from calibkit.instruments.accelerometer import determination, forms
 from calibkit.instruments.accelerometer.dwells import DwellSet
-from calibkit.instruments.accelerometer.equation import Term, Terms
+from calibkit.instruments.accelerometer.equation import Terms
 from calibkit.instruments.accelerometer.numeric import k_factor, q_factor
 from calibkit.instruments.accelerometer.recipe import KAxisSpec
 from calibkit.instruments.accelerometer.triad import Triad
@@ -38,16 +37,13 @@ def require_k(chosen: Sequence[KAxisSpec], reference: Array, temperature: Array)
         (x.zero_order, y.zero_order, z.zero_order),
         (x.cross - 1, y.cross - 1, z.cross - 1),
     )
-    names = [k_factor.NAMES[_number(term)] for term in terms.listed]
+    numbers = []
+    for term in terms.listed:
+        cross = 8 + k_factor.CROSS[term.axis].index(term.factors[0]) if term.kind == "c" else 0
+        numbers.append(cross or term.power + (4 if term.kind == "z" else 0))
+    names = [k_factor.NAMES[number] for number in numbers]
     lower = "lower scale_order and zero_order, or set cross to false"
     determination.require_determined(terms, names, reference, temperature, lower=lower)
-
-
-def _number(term: Term) -> int:
-    """Number of the K that is a term of the equation."""
-    if term.kind == "c":
-        return 8 + k_factor.CROSS[term.axis].index(term.factors[0])
-    return term.power + (4 if term.kind == "z" else 0)
 
 
 def fit_k(dwells: DwellSet, chosen: Sequence[KAxisSpec], triad: Triad) -> tuple[Model, ...]:
@@ -62,63 +58,59 @@ def fit_k(dwells: DwellSet, chosen: Sequence[KAxisSpec], triad: Triad) -> tuple[
     by_form = form @ fit.parameters
     to_raw = to_degrees(triad.middle, triad.half)
     models = []
-    for axis, (part, block) in enumerate(zip(chosen, blocks_of(chosen), strict=True)):
-        places, kept = list(part.fitted), used[:, axis]
-        square = np.ix_(places, places)
-        mapped, covariance, dof = np.zeros(10), np.zeros((10, 10)), np.full(10, float(fit.dof))
-        mapped[places] = fit.parameters[block]
-        covariance[square] = fit.total_covariance[block, block]
+    for axis, (name, orders) in enumerate(zip(forms.K_MODELS, chosen, strict=True)):
+        block = slice(10 * axis, 10 * axis + 10)
+        mapped, of_mapped = fit.parameters[block], fit.total_covariance[block, block]
         # in extended precision, because K3 and K7 lose digits in double
-        raw, raw_covariance = polynomial.in_raw_powers(mapped, covariance, to_raw)
-        in_degrees = np.zeros((len(places), len(fit.parameters)))
-        in_degrees[:, block] = to_raw[square]
-        dof[places] = fit.dof_along(in_degrees)
+        raw, covariance = polynomial.in_raw_powers(mapped, of_mapped, to_raw)
+        in_degrees = np.zeros((10, 30))
+        in_degrees[:, block] = to_raw
+        kept = used[:, axis]
         left = (dwells.reference - by_form)[kept, axis]
         lack_of_fit = rms((by_form - by_triad)[kept, axis])
         scaled = zip(k_factor.NAMES, mapped.tolist(), strict=True)
-        models.append(
-            forms.K.write(
-                forms.K_MODELS[axis],
-                list(zip(k_factor.NAMES, raw.tolist(), forms.K_UNITS, strict=True)),
-                raw_covariance,
-                dof=fit.dof,
-                residual_rms=float(np.sqrt(left @ left / max(len(left) - len(places), 1))),
-                residual_unit="g",
-                valid=dwells.valid,
-                parameters=(
-                    Parameter("middle", triad.middle, "degC"),
-                    Parameter("half", triad.half, "degC"),
-                    *(Parameter(f"scaled_{name}", value, "1") for name, value in scaled),
-                    Parameter("lack_of_fit", lack_of_fit, "g"),
-                ),
-                effective_dof=dof,
-                components=components_of(triad.fit.shared),
-            )
+        model = forms.K.write(
+            name,
+            list(zip(k_factor.NAMES, raw.tolist(), forms.K_UNITS, strict=True)),
+            covariance,
+            dof=fit.dof,
+            residual_rms=float(np.sqrt(left @ left / max(len(left) - len(orders.fitted), 1))),
+            residual_unit="g",
+            valid=dwells.valid,
+            parameters=(
+                Parameter("middle", triad.middle, "degC"),
+                Parameter("half", triad.half, "degC"),
+                *(Parameter(f"scaled_{name}", value, "1") for name, value in scaled),
+                Parameter("lack_of_fit", lack_of_fit, "g"),
+            ),
+            effective_dof=fit.dof_along(in_degrees),
+            components=components_of(triad.fit.shared),
         )
+        models.append(model)
     return tuple(models)
 
 
-def blocks_of(chosen: Sequence[KAxisSpec]) -> list[slice]:
-    """Places of the fitted K of each axis among those of all."""
-    ends = np.cumsum([0, *(len(part.fitted) for part in chosen)])
-    return [slice(a, b) for a, b in pairwise(ends.tolist())]
-
-
 def corrections(chosen: Sequence[KAxisSpec], indication: Array, t: Array) -> Array:
-    """Design [n, 3, k] of corrected components by the fitted K of all axes, for temperatures t [n]
-    in the unit that K is meant for.
+    """Design [n, 3, 30] of corrected components by K0 … K9 of x, y and z, 0 of those that are not
+    fitted, for temperatures t [n] in the unit that K is meant for.
     """
-    blocks = blocks_of(chosen)
-    design = np.zeros((len(t), 3, blocks[-1].stop))
-    for axis, (part, block) in enumerate(zip(chosen, blocks, strict=True)):
-        design[:, axis, block] = k_factor.columns(indication, t, axis, part.fitted)
+    design = np.zeros((len(t), 3, 30))
+    for axis, orders in enumerate(chosen):
+        fitted = list(orders.fitted)
+        columns = k_factor.columns(indication, t, axis, fitted)
+        design[:, axis, [10 * axis + number for number in fitted]] = columns
     return design
 
 
 def pseudo_inverse(design: Array, root: Array) -> Array:
-    """P [k, n · 3] of rows of a design [n, 3, k] with weights root² [n, 3]."""
-    rows = design.reshape(-1, design.shape[2])
-    return np.asarray(np.linalg.pinv(rows * root.reshape(-1, 1)) * root.ravel())
+    """P [30, n · 3] of rows of a design [n, 3, 30] with weights root² [n, 3]; 0 for a K that is not
+    fitted.
+    """
+    rows = design.reshape(-1, design.shape[2]) * root.reshape(-1, 1)
+    fitted = np.any(rows != 0.0, axis=0)
+    P = np.zeros(rows.T.shape)
+    P[fitted] = np.linalg.pinv(rows[:, fitted]) * root.ravel()
+    return P
 
 
 def to_degrees(middle: float, half: float) -> np.ndarray:

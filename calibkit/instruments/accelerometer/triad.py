@@ -6,8 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers, Mask
-from calibkit.coefficients import Criterion
+from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.fit.complex_step import Numbers, derivative, length
 from calibkit.fit.shared import Prior, Residual, Shared
@@ -17,6 +16,7 @@ from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.equation import Terms
 from calibkit.instruments.accelerometer.numeric import magnitude
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
+from calibkit.numeric import attitude
 from calibkit.numeric.least_squares import polynomial, robust
 
 Loss = Literal["least_squares", "robust"]
@@ -39,8 +39,6 @@ class Triad:
     """[n, 3], corrected less reference, or [n, 1] of the lengths [g]."""
     suspects: tuple[int, ...]
     """Dwells that were left out, worst first."""
-    unexplained: tuple[Criterion, ...]
-    """Residuals that differ from group to group by more than U."""
     bounds: tuple[Shared, ...]
     """Errors that are in U below a bound."""
     flags: tuple[str, ...]
@@ -49,6 +47,10 @@ class Triad:
     def to_degrees(self) -> Array:
         """Matrix [p, p] from the parameters to those in powers of °C."""
         return np.asarray(self.terms.in_degrees(self.middle, self.half), dtype=np.float64)
+
+    def mapped(self, temperature: Array | float) -> Array:
+        """Temperatures [°C], any number of them, in the unit of the parameters."""
+        return np.asarray((temperature - self.middle) / self.half)
 
     def shifted(self, dwells: DwellSet, shifted: Sequence[DwellSet]) -> "list[Triad]":
         """The triads as they would be with the dwells shifted by errors of inputs, the weights
@@ -64,10 +66,6 @@ class Triad:
             for change in sensitivities(residual, moved, self.fit)
         ]
 
-    def mapped(self, temperature: Array | float) -> Array:
-        """Temperatures [°C], any number of them, in the unit of the parameters."""
-        return np.asarray((temperature - self.middle) / self.half)
-
     @property
     def residual_rms(self) -> float:
         """Root of the sum of squares of the residuals used over the degrees of freedom [g]; shared
@@ -79,13 +77,12 @@ class Triad:
     @property
     def noise(self) -> Array:
         """Standard deviation of the noise of a dwell [m] along each axis, or of its length [g]."""
-        per_dwell = self.residuals.shape[1]
-        variance = np.mean(self.fit.noise.reshape(-1, per_dwell) ** 2, axis=0)
-        return np.asarray(np.sqrt(variance))
+        variance = self.fit.noise.reshape(self.residuals.shape) ** 2
+        return np.asarray(np.sqrt(np.mean(variance, axis=0)))
 
 
 def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, loss: Loss) -> Triad:
-    """Fit the equation to gravity vectors, of dwells that determine its terms (`require_terms`), or
+    """Fit the equation to gravity vectors, of dwells that determine its terms (`choose_terms`), or
     to the length of gravity.
 
     Raises FitError for lengths that do not determine them: says why and what to add.
@@ -96,36 +93,52 @@ def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, lo
     half = half or 1.0
     t = (dwells.temperature - middle) / half
     residual = residual_of(dwells, terms, t, lengths=lengths)
-    noise = relative_noise(dwells, lengths=lengths)
+    noise, used = relative_noise(dwells, lengths=lengths), np.ones(len(t) * per_dwell, dtype=bool)
+
+    # 1. Least squares; where outliers are to be left out, a robust start: each component is fitted
+    # by the parameters of its own axis, as the others hardly move it, while angles of table and
+    # fixture stay. Where most of a soak or an attitude stand apart, it has an error of its own.
     priors: tuple[Prior, ...] = ()
     if lengths:
         start, priors = _start_of_lengths(dwells, terms)
     else:
-        start = _start_of_vectors(dwells, terms)
+        # a straight line of each axis by its own indication, from which cross-axis terms follow
+        scale, zero = np.zeros((2, 3))
+        for axis, (G, g) in enumerate(zip(dwells.indication.T, dwells.reference.T, strict=True)):
+            if np.ptp(G) < 0.1 * np.max(np.abs(G)):  # one value alone has a slope and no zero
+                scale[axis] = G @ g / (G @ G)
+            else:
+                scale[axis], zero[axis] = np.polyfit(G, g, 1)
+        start = terms.of_constants(scale, -zero)
     values = solve(residual, start, priors=priors, noise=noise, names=terms.names).parameters
-    used = np.ones(noise.size, dtype=np.bool_)
     if loss == "robust":
-        of_axes = [terms.of_axis(axis) for axis in range(3)]
-        if lengths:  # what they do not see of angles is known by the prior alone
-            of_axes = [terms.of_kind("k", "z", *(() if priors else ("c", "n")))]
         levels = [shared_errors.number_soaks(dwells.temperature, dwells.log)]
-        if not lengths:
+        if lengths:  # what they do not see of angles is known by the prior alone
+            of_components = [terms.of_kind("k", "z", *(() if priors else ("c", "n")))]
+        else:
+            of_components = [terms.of_axis(axis) for axis in range(3)]
             levels.append(shared_errors.number_attitudes(dwells.reference))
-        used = _find_outliers(residual, values, of_axes, noise, levels)
+        left = residual(values).ravel() / noise
+        jacobian = derivative(lambda p: residual(p).ravel(), values) / noise[:, None]
+        for component, places in enumerate(of_components):
+            rows = slice(component, None, per_dwell)
+            good = robust.linear(jacobian[rows, places], -left[rows]).row_weights > 0.0
+            used[rows] = np.any([good, *(stand_out_together(good, one) for one in levels)], axis=0)
         values = solve(
             residual, values, priors=priors, noise=noise, used=used, names=terms.names
         ).parameters
-    # errors of a dwell act on its gravity vector, of which a length is the part along gravity
+
+    # 2. The fit with the errors that dwells share. Errors of a dwell act on its gravity vector, of
+    # which a length is the part along gravity.
     directions, gravity = np.broadcast_to(np.eye(3), (len(t), 3, 3)), dwells.reference
     if lengths:
         gravity = terms.corrected(values, dwells.indication, t)
         directions = (gravity / length(gravity)[:, None])[:, None, :]
-    where = shared_errors.find_circumstances(dwells, gravity, spec)
-    shared = shared_errors.state_errors(where, directions, spec)
+    offered = shared_errors.state_errors(dwells, gravity, directions, spec)
     fit = solve(
         residual,
         values,
-        shared_errors.separable(shared, derivative(lambda p: residual(p).ravel(), values)),
+        shared_errors.separable(offered, derivative(lambda p: residual(p).ravel(), values)),
         priors=priors,
         channel=np.tile(np.arange(per_dwell), len(t)),
         noise=noise,
@@ -133,72 +146,37 @@ def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, lo
         leave_out=loss == "robust",
         names=terms.names,
     )
+
+    # 3. Errors that are in U alone.
     jacobian = derivative(lambda p: residual(p).ravel(), fit.parameters)
-    scale = (directions * gravity[:, None, :]).reshape(-1, 3)
-    bounds, flags = shared_errors.possible_drift(fit, shared, jacobian)
-    bounds += shared_errors.lacking_terms(fit, shared, jacobian, scale, per_dwell)
+    by_scale = (directions * gravity[:, None, :]).reshape(-1, 3)
+    bounds, flags = shared_errors.bounded_errors(fit, offered, jacobian, by_scale, per_dwell)
     if not fit.converged:
         flags += ("the fit did not come to rest: look at the residuals before you rely on it",)
     residuals = fit.residual.reshape(-1, per_dwell)
     out = np.flatnonzero(~fit.used.reshape(-1, per_dwell).all(axis=1))
     worst_first = np.argsort(-np.max(np.abs(residuals[out]), axis=1), kind="stable")
-    return Triad(
-        terms,
-        fit.bounded_by(bounds),
-        middle,
-        half,
-        residuals,
-        tuple(out[worst_first].tolist()),
-        shared_errors.judge_unexplained(where, fit, jacobian, per_dwell),
-        tuple(bounds),
-        flags,
-    )
-
-
-def _find_outliers(
-    residual: Residual,
-    start: Array,
-    of_axes: Sequence[list[int]],
-    noise: Array,
-    levels: Sequence[Integers],
-) -> Mask:
-    """Which residuals [n · m] are no outliers to begin with: each of the m components is fitted by
-    the parameters of its own axis, as the others hardly move it; angles of table and fixture stay
-    where the fit by least squares, `start`, has them.
-
-    Where most of a level [n] stand apart, a soak or an attitude has an error of its own.
-    """
-    left = residual(start).ravel() / noise
-    jacobian = derivative(lambda p: residual(p).ravel(), start) / noise[:, None]
-    used = np.ones(len(left), dtype=np.bool_)
-    for component, places in enumerate(of_axes):
-        rows = slice(component, None, len(of_axes))
-        fit = robust.linear(jacobian[rows, places], -left[rows])
-        good = fit.row_weights > 0.0
-        used[rows] = good
-        for level in levels:
-            used[rows] |= stand_out_together(good, level)
-    return used
+    suspects = tuple(out[worst_first].tolist())
+    return Triad(terms, fit.bounded_by(bounds), middle, half, residuals, suspects, bounds, flags)
 
 
 def residual_of(dwells: DwellSet, terms: Terms, t: Array, *, lengths: bool) -> Residual:
     """Residual against gravity vectors, or against the length of gravity."""
-    indication = dwells.indication
-    if lengths:
-        return lambda p: length(terms.corrected(p, indication, t)) - 1.0
-    reference = dwells.reference
     tilt, fixture = terms.of_kind("tilt"), terms.of_kind("fixture")
-    tool_rotation = _tool_rotation(dwells) if tilt else None
+    indication, reference = dwells.indication, dwells.reference
+    tool_rotation = attitude.tool_rotation(dwells.inclination, dwells.toolface) if tilt else None
 
-    def of_vectors(p: Numbers) -> Numbers:
+    def residual(p: Numbers) -> Numbers:
         corrected = terms.corrected(p, indication, t)
+        if lengths:
+            return length(corrected) - 1.0
         if fixture:
             corrected = corrected @ equation.rotation(p[fixture]).T
         if tool_rotation is not None:
             return corrected - equation.tilted_gravity(tool_rotation, p[tilt])
         return corrected - reference
 
-    return of_vectors
+    return residual
 
 
 def relative_noise(dwells: DwellSet, *, lengths: bool) -> Array:
@@ -208,19 +186,6 @@ def relative_noise(dwells: DwellSet, *, lengths: bool) -> Array:
     if lengths:
         return np.asarray(np.sqrt(np.mean(dwells.noise**2, axis=1)))
     return dwells.noise.ravel()
-
-
-def _start_of_vectors(dwells: DwellSet, terms: Terms) -> Array:
-    """Parameters [p] from which the fit to gravity vectors starts: a straight line of each axis by
-    its own indication; cross-axis terms follow from there in two steps.
-    """
-    scale, zero = np.zeros((2, 3))
-    for axis, (G, g) in enumerate(zip(dwells.indication.T, dwells.reference.T, strict=True)):
-        if np.ptp(G) < 0.1 * np.max(np.abs(G)):  # one value alone has a slope and no zero
-            scale[axis] = G @ g / (G @ G)
-        else:
-            scale[axis], zero[axis] = np.polyfit(G, g, 1)
-    return terms.of_constants(scale, -zero)
 
 
 def _start_of_lengths(dwells: DwellSet, terms: Terms) -> tuple[Array, tuple[Prior, ...]]:
@@ -243,29 +208,10 @@ def _start_of_lengths(dwells: DwellSet, terms: Terms) -> tuple[Array, tuple[Prio
         )
     start = terms.of_constants(1.0 / sphere[:3], sphere[3:6] / sphere[:3])
     cross = terms.of_kind("c")
-    priors: tuple[Prior, ...] = ()
     # an angle moves lengths by the product of two components of their directions, of which squares
     # and components leave nothing at six faces
     product = direction * np.roll(direction, 1, axis=1)
     left = shared_errors.beside(np.hstack([direction**2, direction]), product)
-    if cross and np.sqrt(np.mean(left**2, axis=0)).min() <= shared_errors.SEEN:
-        block = slice(cross[0], cross[-1] + 1)
-        priors = (Prior(name="angles", block=block, size=LARGEST_ANGLE),)
-    return start, priors
-
-
-def require_terms(terms: Terms, dwells: DwellSet) -> None:
-    """Raise FitError where the dwells do not determine a term of an axis."""
-    lower = "lower scale_order, cross_order and bias_order, or leave out higher-order terms"
-    reference, temperature = dwells.reference, dwells.temperature
-    determination.require_determined(terms, terms.names, reference, temperature, lower=lower)
-
-
-def _tool_rotation(dwells: DwellSet) -> Array:
-    """Passive rotations R_z(φ) R_y(θ) [n, 3, 3] from the table's base to the tool; their last
-    column is the gravity vector [g].
-    """
-    theta, phi = np.radians(dwells.inclination), np.radians(dwells.toolface)
-    ct, st, cp, sp = np.cos(theta), np.sin(theta), np.cos(phi), np.sin(phi)
-    rows = ((ct * cp, sp, -st * cp), (-ct * sp, cp, st * sp), (st, np.zeros_like(st), ct))
-    return np.stack([np.stack(np.broadcast_arrays(*row), axis=-1) for row in rows], axis=-2)
+    if not cross or np.sqrt(np.mean(left**2, axis=0)).min() > shared_errors.SEEN:
+        return start, ()
+    return start, (Prior(name="angles", block=slice(cross[0], cross[-1] + 1), size=LARGEST_ANGLE),)

@@ -1,22 +1,23 @@
-"""s(T) of each gyro ↔ inclinometer_scale.json."""
+"""s(T) of each gyro ↔ inclinometer_scale.json, and how it moves with errors of the inputs."""
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.coefficients import Condition, Figure, Record, StageResult
 from calibkit.errors import CoefficientError
+from calibkit.instruments.inclinometer import mounting, published
 from calibkit.instruments.inclinometer.errors import AngleErrors, rms
-from calibkit.instruments.inclinometer.forms import (
-    FILE,
-    ScaleFit,
-    ScaleModel,
-)
+from calibkit.instruments.inclinometer.forms import FILE, TEMPERATURE, ScaleFit, ScaleModel
 from calibkit.instruments.inclinometer.published import Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.root_choice import root_slopes
+from calibkit.instruments.inclinometer.rows import Rows
 from calibkit.instruments.inclinometer.solve import WRONG, SolvedStations
-from calibkit.instruments.inclinometer.stations import Stations
+from calibkit.instruments.inclinometer.stations import Stations, solve_components
+from calibkit.sensitivities import ROUNDING, InputError, Sensitivity, of_thermometer
 
 FEW = 5
 """Degrees of freedom below which an estimated noise or scatter is flagged as uncertain."""
@@ -28,79 +29,61 @@ SIGNIFICANT, LEAST_DEG = 4.0, 0.03
 """Least offset of the latitude that is reported, in standard uncertainties and in degrees."""
 FEWEST = 5
 """Fewest stations, beyond the number of coefficients of s(T), for an estimate of the latitude."""
+LATITUDE_STEP_DEG, INDEX_STEP_DEG, SHARE = 1e-3, 1e-3, 1e-5
 
 
 def make_result(
     fits: Mapping[Sensor, ScaleFit],
     stations: Stations,
     seen: SolvedStations,
+    found: AngleErrors,
     notes: Iterable[str],
     spec: InclinometerRecipe,
-    gravity_mps2: float | None,
 ) -> StageResult:
-    """Coefficient file of a fit."""
-    site = [
-        Condition("latitude", spec.site.latitude_deg, "deg", spec.site.latitude_uncertainty_deg)
-    ]
-    if gravity_mps2 is not None:
-        site.append(Condition("local_gravity", gravity_mps2, "m/s^2"))
-    return StageResult(
-        "inclinometer_scale",
-        tuple(scale.write(axis) for axis, scale in fits.items()),
-        _figures(fits, stations, seen, spec),
-        (*notes, *_flag_fits(fits), *flag_stations(stations, seen)),
-        tuple(site),
-    )
-
-
-def _figures(
-    fits: Mapping[Sensor, ScaleFit],
-    stations: Stations,
-    seen: SolvedStations,
-    spec: InclinometerRecipe,
-) -> tuple[Figure, ...]:
-    """Scale factors at the reference temperature, number of stations used, and azimuth errors
-    before and after correction.
+    """Coefficient file of a fit: s(T), scale factors at the reference temperature, numbers of roots
+    and stations used, azimuth errors before and after correction; flags of noises and scatters
+    that are estimated from too few degrees of freedom.
     """
-    figures = []
+    figures, few, of_fits = [], [], []
     for axis, scale in fits.items():
-        at, valid = spec.reference_temp_degc, scale.model.valid
+        at, valid, noise = spec.reference_temp_degc, scale.model.valid, scale.model.noise
         prior = scale.model.prior(np.array([at if valid is None else np.clip(at, *valid)]))
         figures += [
             Figure(f"s_{axis}", float(prior.s[0]), "1", float(prior.standard_uncertainty[0])),
             Figure(f"roots_used_{axis}", float(scale.used.sum()), "1", 0.0),
         ]
-    refused, found = int(seen.refused.sum()), AngleErrors.compare(stations, seen)
+        if noise.dof < FEW:
+            few.append(
+                f"{axis}: the noise of a reading is known from {noise.dof} degrees of freedom:"
+                " state stations.gyro_noise_dph and stations.accel_noise_g"
+            )
+        if scale.dof < FEW:
+            few.append(
+                f"{axis}: s(T) has {scale.dof} degrees of freedom: its scatter is hardly known"
+            )
+        of_fits += [type(flag)(f"{axis}: {flag}") for flag in scale.flags]
+    refused = int(seen.refused.sum())
     figures += [
         Figure("stations_used", float(seen.refused.size - refused), "1", 0.0),
         Figure("stations_refused", float(refused), "1", 0.0),
     ]
-    for when, errors in (("before", found.before), ("after", found.after)):
-        if found.known.any():
-            value = rms(errors[found.known])
-            u = float(value * np.sqrt(1.0 / (2.0 * found.known.sum())))
+    known = found.known
+    if known.any():
+        for when, errors in (("before", found.before), ("after", found.after)):
+            value = rms(errors[known])
+            u = float(value * np.sqrt(1.0 / (2.0 * known.sum())))
             figures.append(Figure(f"azimuth_rms_{when}", value, "deg", u))
-    return tuple(figures)
-
-
-def _flag_fits(fits: Mapping[Sensor, ScaleFit]) -> list[str]:
-    """Flags of noises and scatters that are estimated from too few degrees of freedom, and flags
-    and remarks of the fits, with the axis of the gyro.
-    """
-    flags = []
-    for axis, scale in fits.items():
-        if scale.model.noise.dof < FEW:
-            flags.append(
-                f"{axis}: the noise of a reading is known from {scale.model.noise.dof} degrees of"
-                " freedom: state stations.gyro_noise_dph and stations.accel_noise_g"
-            )
-        if scale.dof < FEW:
-            flags.append(
-                f"{axis}: s(T) has {scale.dof} degrees of freedom: its scatter is hardly known"
-            )
-    for axis, scale in fits.items():
-        flags += [type(flag)(f"{axis}: {flag}") for flag in scale.flags]
-    return flags
+    place, gravity = spec.site, spec.site.local_gravity()
+    site = [Condition("latitude", place.latitude_deg, "deg", place.latitude_uncertainty_deg)]
+    if gravity is not None:
+        site.append(Condition("local_gravity", gravity, "m/s^2"))
+    return StageResult(
+        "inclinometer_scale",
+        tuple(scale.write(axis) for axis, scale in fits.items()),
+        tuple(figures),
+        (*notes, *few, *of_fits, *flag_stations(stations, seen)),
+        tuple(site),
+    )
 
 
 def flag_latitude(
@@ -195,3 +178,75 @@ def read_models(
     if FILE not in records:
         raise CoefficientError(f"the run holds no {FILE}", hint="it is not a run of inclinometer")
     return {axis: ScaleModel.read(records[FILE].model(axis)) for axis in spec.axes}
+
+
+def find_sensitivities(
+    fits: Mapping[Sensor, ScaleFit], rows: Rows, spec: InclinometerRecipe
+) -> tuple[Sensitivity, ...]:
+    """How s(T) of every gyro moves with errors of the latitude, the thermometer, the gyros and the
+    index of the positions: the roots of shifted stations, by differences on both sides, with the
+    weights of the fit.
+    """
+    errors = [
+        InputError("latitude_deg", "offset", LATITUDE_STEP_DEG),
+        InputError("position_deg", "offset", INDEX_STEP_DEG),
+        *(InputError(f"gyro_{axis}_dph", "scale", SHARE) for axis in spec.axes),
+    ]
+    known = rows.temperature[np.isfinite(rows.temperature)]
+    if known.size:
+        errors += of_thermometer(TEMPERATURE, float(known.min()), float(known.max()))
+    sensitivities = []
+    for error in errors:
+        up = _coefficients_moved(fits, rows, spec, error)
+        down = _coefficients_moved(fits, rows, spec, replace(error, step=-error.step))
+        derivatives: dict[str, float] = {}
+        for axis, fit in fits.items():
+            change = up[axis] - down[axis]
+            at, model = spec.reference_temp_degc, fit.model
+            powers = np.clip(at, *(model.valid or (at, at))) ** np.arange(change.size)
+            values = {f"{axis}.s{k}": float(part) for k, part in enumerate(change)}
+            values[f"s_{axis}"] = float(powers @ change)
+            least = ROUNDING * np.append(np.abs(model.coefficients), abs(model.coefficients[0]))
+            for (name, value), rounding in zip(values.items(), least, strict=True):
+                if abs(value) > rounding:
+                    derivatives[f"inclinometer_scale.{name}"] = value / (2.0 * error.step)
+        sensitivities.append(Sensitivity(error.input, error.kind, derivatives))
+    return tuple(sensitivities)
+
+
+def _coefficients_moved(
+    fits: Mapping[Sensor, ScaleFit], rows: Rows, spec: InclinometerRecipe, error: InputError
+) -> dict[Sensor, Array]:
+    """Changes of the coefficients by an error of the latitude, the positions, a gyro or the
+    thermometer.
+    """
+    if error.input == "latitude_deg":
+        site = spec.site.model_copy(update={"latitude_deg": error.shift(spec.site.latitude_deg)})
+        spec = spec.model_copy(update={"site": site})
+    elif error.input == "position_deg":
+        rows = replace(rows, position=error.shift(rows.position))
+    elif error.input == TEMPERATURE:
+        rows = replace(rows, temperature=error.shift(rows.temperature))
+    else:
+        gyro = dict(rows.gyro)
+        for axis in spec.axes:
+            if error.input == f"gyro_{axis}_dph":
+                gyro[axis] = error.shift(gyro[axis])
+        rows = replace(rows, gyro=gyro)
+    shifted = solve_components(rows, spec)
+    changes = {}
+    for axis, fit in fits.items():
+        parts = shifted.components[axis]
+        attitude = published.attitude(parts.accel_x, parts.accel_y)
+        roots = published.scale_roots(parts.gyro_x, parts.gyro_y, attitude, spec.site.latitude_deg)
+        # of both roots the one that was fitted
+        before = np.ones(fit.used.size)
+        before[fit.used] = fit.model.coefficients[0] if fit.over is None else fit.over.roots.s
+        plus = np.abs(roots.plus - before) <= np.abs(roots.minus - before)
+        s = np.where(plus, roots.plus, roots.minus)
+        if fit.over is None:
+            changes[axis] = s[fit.used] - before[fit.used]
+            continue
+        by_turn, _ = mounting.slopes_of_roots(parts, spec.site.latitude_deg, plus)
+        changes[axis] = fit.over.shifted(s, by_turn, np.nan_to_num(shifted.temperature))
+    return changes

@@ -20,8 +20,6 @@ from calibkit.numeric.dwells import average_rows
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    import pandas as pd
-
     from calibkit.arrays import Array, Integers
     from calibkit.frame import Log
     from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
@@ -90,7 +88,10 @@ def find_dwells(log: Log, spec: InclinometerRecipe) -> DwellLog:
     `station`, dwells that follow each other in four different positions are one. Raises FrameError
     where the stations follow neither from a column nor from the dwells.
     """
+    import pandas as pd
+
     frame = log.frame
+    position = values(frame, "position_deg")
     start, stop = _find_runs(log)
     standing = (stop - start)[stop - start >= FEWEST].sum()
     if "time_s" not in frame.columns or 2 * standing <= len(frame):
@@ -100,22 +101,57 @@ def find_dwells(log: Log, spec: InclinometerRecipe) -> DwellLog:
     if "station" not in frame.columns and spec.stations.method != "four_differences":
         # such a station may have any number of positions, so the start of the next one is unknown
         require(log.file, frame.columns, ("station",))
-    there = np.isfinite(chunks.take_rows(values(frame, "position_deg"), start))
-    start, stop = _settled_runs(values(frame, "time_s"), start[there], stop[there], spec)
-    if not start.size:
+
+    # 1. Runs that last long enough, without the settling time at both ends.
+    there = np.isfinite(chunks.take_rows(position, start))
+    start, stop = start[there], stop[there]
+    time, settle_s, kept = values(frame, "time_s"), spec.stations.settle_s, []
+    lasts_s = chunks.take_rows(time, stop - 1) - chunks.take_rows(time, start)
+    lasting = lasts_s >= spec.stations.dwell_s
+    for a, b in zip(start[lasting].tolist(), stop[lasting].tolist(), strict=True):
+        of_run = time[a:b]
+        first = a + int(np.searchsorted(of_run, of_run[0] + settle_s, side="left"))
+        last = a + int(np.searchsorted(of_run, of_run[-1] - settle_s, side="right"))
+        if last - first >= FEWEST:
+            kept.append((first, last))
+        chunks.release(time)
+    if not kept:
         raise FrameError(
             f"{log.file}: the tool stands in no position for {spec.stations.dwell_s:g} s",
             hint="state stations.dwell_s and stations.settle_s as the log was taken",
         )
-    means, errors = _average_dwells(log, start, stop)
-    if "station" in means.columns:
-        return DwellLog(replace(log, frame=means), start, stop, (), continuous=True)
-    reduced = replace(
-        log, frame=means.assign(station=_number_stations(values(means, "position_deg")))
-    )
-    return DwellLog(
-        reduced, start, stop, tuple(_find_open_stations(reduced, errors, spec)), continuous=True
-    )
+    start, stop = np.array(kept, dtype=np.int64).T
+
+    # 2. The mean of every column over each dwell, circular for angles, and its standard error.
+    names = [name for name in frame.columns if pd.api.types.is_numeric_dtype(frame[name])]
+    logged = [values(frame, name) for name in names]
+    turning = np.array([name in DIRECTIONS for name in names])
+    averages = []
+    for first, end in kept:
+        of_dwell = np.column_stack([column[first:end] for column in logged])
+        # departures from the dwell's first row, wrapped: 359.98° and 0.01° are neighbours
+        turns = of_dwell[:, turning]
+        of_dwell[:, turning] = turns[0] + attitude.wrapped(turns - turns[0])
+        averages.append(average_rows(of_dwell))
+        chunks.release(*logged)
+    means, errors = np.moveaxis(np.array(averages), 1, 0)
+    dwells = pd.DataFrame(means, columns=names, index=frame.index[start])
+    if "station" in names:
+        return DwellLog(replace(log, frame=dwells), start, stop, (), continuous=True)
+
+    # 3. Stations, from 1: a new one begins where a position repeats or after four positions.
+    station, seen = 1, set[int]()
+    numbers = []
+    for position_deg in values(dwells, "position_deg").tolist():
+        quarter = round(position_deg / 90.0) % 4
+        if quarter in seen or len(seen) == len(published.POSITIONS_DEG):
+            station, seen = station + 1, set()
+        seen.add(quarter)
+        numbers.append(float(station))
+    reduced = replace(log, frame=dwells.assign(station=numbers))
+    of_means = dict(zip(names, errors.T, strict=True))
+    findings = tuple(_find_open_stations(reduced, of_means, spec))
+    return DwellLog(reduced, start, stop, findings, continuous=True)
 
 
 def _find_runs(log: Log) -> tuple[Integers, Integers]:
@@ -136,62 +172,6 @@ def _find_runs(log: Log) -> tuple[Integers, Integers]:
         edges.append(np.flatnonzero(moved) + a + 1)
     bounds = np.concatenate([*edges, [position.size]])
     return bounds[:-1], bounds[1:]
-
-
-def _settled_runs(
-    time: Array, start: Integers, stop: Integers, spec: InclinometerRecipe
-) -> tuple[Integers, Integers]:
-    """Rows of the runs that last long enough, without the settling time at both ends."""
-    settle_s, kept = spec.stations.settle_s, []
-    lasts = chunks.take_rows(time, stop - 1) - chunks.take_rows(time, start)
-    lasting = lasts >= spec.stations.dwell_s
-    for a, b in zip(start[lasting].tolist(), stop[lasting].tolist(), strict=True):
-        own = time[a:b]
-        first = a + int(np.searchsorted(own, own[0] + settle_s, side="left"))
-        last = a + int(np.searchsorted(own, own[-1] - settle_s, side="right"))
-        if last - first >= FEWEST:
-            kept.append((first, last))
-        chunks.release(time)
-    both = np.array(kept, dtype=np.int64).reshape(-1, 2)
-    return both[:, 0], both[:, 1]
-
-
-def _average_dwells(
-    log: Log, start: Integers, stop: Integers
-) -> tuple[pd.DataFrame, dict[str, Array]]:
-    """Mean of every column over each dwell (circular for angles), with the index of the dwell's
-    first row, and the standard errors of the means by column.
-    """
-    import pandas as pd
-
-    names = [name for name in log.frame.columns if pd.api.types.is_numeric_dtype(log.frame[name])]
-    logged = [values(log.frame, name) for name in names]
-    turning = np.array([name in DIRECTIONS for name in names])
-    means, errors = [], []
-    for first, end in zip(start.tolist(), stop.tolist(), strict=True):
-        rows = np.column_stack([column[first:end] for column in logged])
-        # departures from the dwell's first row, wrapped: 359.98° and 0.01° are neighbours
-        rows[:, turning] = rows[0, turning] + attitude.wrapped(rows[:, turning] - rows[0, turning])
-        mean, error = average_rows(rows)
-        means.append(mean)
-        errors.append(error)
-        chunks.release(*logged)
-    frame = pd.DataFrame(np.array(means), columns=names, index=log.frame.index[start])
-    return frame, dict(zip(names, np.array(errors).T, strict=True))
-
-
-def _number_stations(position: Array) -> Array:
-    """Station number [d] of each dwell, from 1: a new station begins where a position repeats or
-    after four positions.
-    """
-    station, seen = 1, set[int]()
-    numbers = np.empty(position.size)
-    for k, quarter in enumerate((np.round(position / 90.0).astype(np.int64) % 4).tolist()):
-        if quarter in seen or len(seen) == len(published.POSITIONS_DEG):
-            station, seen = station + 1, set()
-        seen.add(quarter)
-        numbers[k] = station
-    return numbers
 
 
 def _find_open_stations(

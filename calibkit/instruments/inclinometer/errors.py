@@ -1,6 +1,9 @@
-"""Angle errors of solved stations before and after, and the acceptance limits on them."""
+"""Errors of solved stations: against the reference before and after correction, what a recipe
+accepts of them, and how tables, the first screen of a fit and a validation.json state them.
+"""
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -8,16 +11,35 @@ import numpy as np
 from calibkit.arrays import Array, Mask
 from calibkit.coefficients import Criterion, at_most, over_u
 from calibkit.fit.unseen import unseen
+from calibkit.frame import Log
+from calibkit.instruments.inclinometer.forms import ScaleFit
+from calibkit.instruments.inclinometer.published import Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.solve import SolvedStations
 from calibkit.instruments.inclinometer.stations import Stations
 from calibkit.numeric import dispersion
 from calibkit.numeric.attitude import wrapped
+from calibkit.report.overview import KeyValue, Overview
+from calibkit.report.summary import Summary, number
+from calibkit.report.table import Table, number_or_none
 
 TURNED = 5.0
 """Standard uncertainties above which unseen azimuths are turned together; 260 simulated tools had
 at most 3.4.
 """
+SHOWN = 40
+"""Stations listed on the console; report.txt lists all."""
+COVERAGE = 2.0
+"""Coverage factor of the stated uncertainty U (GUM 6.3.3)."""
+TITLE = "Stations before (s = 1) and after"
+COMPUTED = 1e-9
+"""Standard uncertainty of a root of s below which the readings are taken for computed, not measured
+ones: they close exactly (r₀ − r₉₀ + r₁₈₀ − r₂₇₀ = 0), and U by such a noise would be 0.
+"""
+UNTESTED = (
+    "the [acceptance] limits of angles were not tested: the logs have no azimuth_deg to test them"
+    " on"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,3 +144,159 @@ def largest(values: Array) -> float:
     """Largest magnitude of the finite values, NaN where there is none."""
     finite = np.abs(values[np.isfinite(values)])
     return float(finite.max()) if finite.size else float("nan")
+
+
+def tabulate_stations(stations: Stations, seen: SolvedStations, found: AngleErrors) -> Table:
+    """Table of the azimuth before and after correction, a row for each station."""
+
+    def fixed(values: Array, decimals: int = 3) -> list[str]:
+        return [f"{v:.{decimals}f}" if np.isfinite(v) else "-" for v in values.tolist()]
+
+    U = [f"{COVERAGE * u:#.2g}" for u in found.standard_uncertainty.tolist()]
+    columns = {
+        "station": stations.names,
+        "incl. [°]": fixed(seen.combined.inclination_deg),
+        "toolface [°]": fixed(seen.combined.toolface_deg),
+        "azimuth s=1 [°]": fixed(seen.combined.uncorrected_deg),
+        "azimuth [°]": fixed(seen.combined.azimuth_deg),
+        "U (k = 2) [°]": np.where(seen.refused, "refused", U).tolist(),
+        **{f"s {axis}": fixed(pair.s, 6) for axis, pair in seen.solutions.items()},
+    }
+    if found.known.any():
+        columns |= {"error s=1 [°]": fixed(found.before), "error [°]": fixed(found.after)}
+    return Table(TITLE, tuple(columns), tuple(zip(*columns.values(), strict=True)))
+
+
+def tabulate_errors(found: AngleErrors, title: str) -> Table:
+    """Table of the errors over all stations, before and after correction; s does not affect
+    inclination and toolface.
+    """
+    known = found.known
+    rows = [("azimuth", found.before[known], found.after[known])]
+    rows += [
+        (name, values[np.isfinite(values)], values[np.isfinite(values)])
+        for name, values in (("inclination", found.inclination), ("toolface", found.toolface))
+        if np.isfinite(values).any()
+    ]
+    cells = tuple(
+        (
+            name,
+            str(after.size),
+            *(number(v, 3) for v in (rms(before), rms(after), largest(before), largest(after))),
+        )
+        for name, before, after in rows
+    )
+    heads = ("", "stations", "rms, s = 1 [°]", "rms [°]", "largest, s = 1 [°]", "largest [°]")
+    return Table(title, heads, cells)
+
+
+def summarize(
+    fits: Mapping[Sensor, ScaleFit],
+    stations: Stations,
+    seen: SolvedStations,
+    found: AngleErrors,
+    flags: tuple[str, ...],
+    spec: InclinometerRecipe,
+    results: Sequence[Table],
+) -> Summary:
+    """Summary of a fit, as the console shows it, with the tables of its results at the end."""
+    table, count = tabulate_stations(stations, seen, found), len(stations.names)
+    if count > SHOWN:
+        title = f"{TITLE} (the first {SHOWN} of {count}, all in report.txt)"
+        table = replace(table, title=title, rows=table.rows[:SHOWN])
+    fitted_to = []
+    for axis, scale in fits.items():
+        valid = scale.model.valid
+        degc = "-" if valid is None else f"{valid[0]:.1f} to {valid[1]:.1f}"
+        used = f"{int(scale.used.sum())} of {scale.used.size}"
+        fitted_to.append((axis, f"{scale.model.scatter:.1e}", degc, used))
+    heads = ("gyro", "scatter", "valid [°C]", "roots used")
+    tables = [Table("Roots of the in-situ scale factor s(T)", heads, tuple(fitted_to)), table]
+    if found.known.any():
+        title = "Errors against the reference, each station by the s(T) of the others"
+        tables.append(tabulate_errors(found, title))
+    tables += results
+    criteria, limits = found.criteria(spec), spec.acceptance
+    stated = any(limit is not None for name, limit in limits if name.endswith("_deg"))
+    untested = stated and not criteria
+    for axis, scale in fits.items():
+        u = seen.solutions[axis].s_root_uncertainty[scale.used]
+        if limits.max_residual_over_noise is not None and u.min() > COMPUTED:
+            of_model = scale.model.prior(np.nan_to_num(stations.temperature)).s
+            left = (seen.solutions[axis].s_root - of_model)[scale.used]
+            name = f"gyro {axis}: residual over noise"
+            criteria += (at_most(name, rms(left / u), limits.max_residual_over_noise, "1"),)
+    conclusion = ""
+    if untested and criteria:
+        flags = (*flags, UNTESTED)
+    elif untested:
+        conclusion = f"No verdict: {UNTESTED}"
+
+    # first screen: U of the azimuths, what s changes, errors where the azimuths are known
+    solved, facts = ~seen.refused, list[str]()
+    U = COVERAGE * found.standard_uncertainty[solved]
+    if not U.size:
+        first = Overview("No station has a result.", (), (), table)
+        return Summary(spec.title, tuple(tables), flags, criteria, conclusion, first)
+    shift = wrapped(seen.combined.azimuth_deg - seen.combined.uncorrected_deg)[solved]
+    values = [
+        KeyValue("median U (k = 2) of the azimuth", float(np.median(U)), "°"),
+        KeyValue("largest U (k = 2) of the azimuth", float(U.max()), "°"),
+        KeyValue("largest change of the azimuth by the correction", largest(shift), "°"),
+    ]
+    sentence = (
+        f"Azimuth of {U.size} of {count} stations: U (k = 2) {U.min():.2g}° to {U.max():.2g}°,"
+        f" median {np.median(U):.2g}°; the in-situ scale factor changes it by up to"
+        f" {largest(shift):.2g}°."
+    )
+    if found.known.any():
+        before, after = rms(found.before[found.known]), rms(found.after[found.known])
+        facts.append(
+            f"Azimuth error against the reference (rms): {before:.3g}° before, {after:.3g}° after,"
+            " each station by the s(T) of the others."
+        )
+        values.insert(0, KeyValue("azimuth error (rms), after", after, "°"))
+    first = Overview(sentence, tuple(facts), tuple(values), table)
+    return Summary(spec.title, tuple(tables), flags, criteria, conclusion, first)
+
+
+def list_validation(
+    log: Log, stations: Stations, seen: SolvedStations, found: AngleErrors
+) -> dict[str, object]:
+    """JSON object of one validated log."""
+    angles = {
+        f"{name}_{figure}_deg": number_or_none(value)
+        for name, values in (("inclination", found.inclination), ("toolface", found.toolface))
+        for figure, value in (("rms", rms(values)), ("max", largest(values)))
+    }
+    azimuth = {
+        when: {
+            "azimuth_rms_deg": number_or_none(rms(values[found.known])),
+            "azimuth_max_deg": number_or_none(largest(values[found.known])),
+            **angles,
+        }
+        for when, values in (("before", found.before), ("after", found.after))
+    }
+    return {
+        "name": log.file,
+        "sha256": log.sha256,
+        "rows": log.rows,
+        "stations_used": int((~seen.refused).sum()),
+        "stations_refused": int(seen.refused.sum()),
+        **azimuth,
+        "worse_than_uncorrected_over_u": number_or_none(
+            float(found.excess.max()) if found.excess.size else float("nan")
+        ),
+        "stations": [
+            {
+                "station": name,
+                "azimuth_error_before_deg": number_or_none(float(found.before[k])),
+                "azimuth_error_after_deg": number_or_none(float(found.after[k])),
+                "azimuth_standard_uncertainty_deg": number_or_none(
+                    float(found.standard_uncertainty[k])
+                ),
+                "refused": seen.combined.status[k],
+            }
+            for k, name in enumerate(stations.names)
+        ],
+    }

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calibkit.instruments.inclinometer import published
-from calibkit.instruments.inclinometer.errors import AngleErrors
+from calibkit.instruments.inclinometer.errors import tabulate_stations
 from calibkit.numeric.attitude import wrapped
 from calibkit.report.documents import Drawn
 from calibkit.report.figures import ALERT, DENOISED, GOOD, MUTED, RAW, page
@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 
     from calibkit.arrays import Array
     from calibkit.instruments import Fitted
+    from calibkit.instruments.inclinometer.errors import AngleErrors
     from calibkit.instruments.inclinometer.forms import ScaleFit
     from calibkit.instruments.inclinometer.published import Sensor
     from calibkit.instruments.inclinometer.solve import SolvedStations
     from calibkit.instruments.inclinometer.stations import Stations
-    from calibkit.report.table import Table
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,9 +37,8 @@ class SeekingReport:
     fits: Mapping[Sensor, ScaleFit]
     stations: Stations
     seen: SolvedStations
+    errors: AngleErrors
     latitude_deg: float
-    table: Table
-    """Of all stations."""
 
     @property
     def c(self) -> Array:
@@ -53,7 +52,7 @@ class SeekingReport:
         """Columns of a tidy table, one row per station: azimuth less the reference azimuth, NaN
         where there is none, over C.
         """
-        errors = AngleErrors.compare(self.stations, self.seen)
+        errors = self.errors
         return {
             "station": list(self.stations.names),
             "c": self.c,
@@ -101,7 +100,7 @@ def _draw_azimuth(title: str, report: SeekingReport) -> Figure:
     reference azimuth, the azimuth shift that s causes.
     """
     figure, axes = page(2, 1, title=f"{title}: azimuth against C = cos α cos θ + sin α sin θ cos ψ")
-    errors, combined = AngleErrors.compare(report.stations, report.seen), report.seen.combined
+    errors, combined = report.errors, report.seen.combined
     C, bars = report.c, 2.0 * errors.standard_uncertainty
     if np.isfinite(errors.after).any():
         axes[0].plot(C, errors.before, "o", ms=4, color=RAW, label="s = 1")
@@ -127,8 +126,9 @@ def _draw_azimuth(title: str, report: SeekingReport) -> Figure:
 def draw(title: str, fitted: Fitted[SeekingReport]) -> Drawn:
     """Figures of a fit, and its summary with the table of all stations."""
     first, _, *others = fitted.summary.tables
-    whole = replace(fitted.summary, tables=(first, fitted.drawing.table, *others))
     report = fitted.drawing
+    table = tabulate_stations(report.stations, report.seen, report.errors)
+    whole = replace(fitted.summary, tables=(first, table, *others))
     count = len(report.fits)
     scales, axes = page(
         count, 1, title=f"{title}: in-situ scale factor s", height=1.0 + 3.4 * count

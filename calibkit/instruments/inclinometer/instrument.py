@@ -21,10 +21,8 @@ from calibkit.instruments.inclinometer import (
     errors,
     figures,
     rows as inclinometer_rows,
-    sensitivities,
     solve,
     stations as inclinometer_stations,
-    tables,
 )
 from calibkit.instruments.inclinometer.forms import SCALE, TEMPERATURE
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
@@ -96,24 +94,21 @@ def fit(
     notes = [f"{log.file}: {note}" for log in logs for note in log.notes]
     notes += [str(finding) for finding in found if finding.flagged]
     notes += coefficient_files.flag_latitude(fits, stations, seen, spec)
-    result = coefficient_files.make_result(
-        fits, stations, seen, notes, spec, spec.site.local_gravity()
-    )
-    influences = sensitivities.find(fits, rows, spec.on_site())
+    angles = errors.AngleErrors.compare(stations, seen)
+    result = coefficient_files.make_result(fits, stations, seen, angles, notes, spec)
+    influences = coefficient_files.find_sensitivities(fits, rows, spec.on_site())
     results = tabulate_fit([result], spec, influences, certificate.blocks)
+    left_out = []
+    for axis, status in stations.status.items():
+        if count := sum(map(bool, status)):
+            left_out.append(LeftOut("stations", count, len(status), "unsolved", axis))
     return Fitted(
         (result,),
         tuple(Input.of(log) for log in logs),
-        tables.summarize(fits, stations, seen, result.flags, spec, results),
-        figures.SeekingReport(
-            fits, stations, seen, spec.site.latitude_deg, tables.tabulate_stations(stations, seen)
-        ),
+        errors.summarize(fits, stations, seen, angles, result.flags, spec, results),
+        figures.SeekingReport(fits, stations, seen, angles, spec.site.latitude_deg),
         sensitivities=influences,
-        left_out=tuple(
-            LeftOut("stations", count, len(status), "unsolved", axis)
-            for axis, status in stations.status.items()
-            if (count := sum(map(bool, status)))
-        ),
+        left_out=tuple(left_out),
     )
 
 
@@ -207,8 +202,8 @@ def validate(
                 f"{file}: no station has both a reference azimuth and a result",
                 hint="add a column azimuth_deg, or map one under [columns.azimuth_deg]",
             )
-        entries.append(tables.list_validation(file, log.sha256, log.rows, stations, seen, angles))
-        shown.append(tables.tabulate_errors(angles, f"{file}: errors against the reference"))
+        entries.append(errors.list_validation(log, stations, seen, angles))
+        shown.append(errors.tabulate_errors(angles, f"{file}: errors against the reference"))
         flags += [f"{file}: {note}" for note in log.notes] + list(found)
         before, after = (errors.rms(e[angles.known]) for e in (angles.before, angles.after))
         if after > before:

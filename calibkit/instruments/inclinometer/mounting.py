@@ -33,8 +33,9 @@ def shared_errors(
     """Errors that stations of which s is known share, by group: the turn of the gyro, unless the
     recipe leaves it out, with the derivatives of the roots by it [1/°], and the scale of a log.
     """
-    by_root = turn_slopes(found.root >= 0, stations, spec, axis)
-    tool, loading = np.zeros(by_root.size, dtype=np.int64), by_root[:, None]
+    parts = stations.components[axis]
+    by_turn, _ = slopes_of_roots(parts, spec.site.latitude_deg, found.root >= 0)
+    tool, loading = np.zeros(by_turn.size, dtype=np.int64), by_turn[:, None]
     offered = [Shared(group=MOUNTING, effect="gyro turn", level=tool, loading=loading, unit="deg")]
     if stations.log.max() > 0:
         offered.append(scale_of_logs(stations.log))
@@ -105,12 +106,6 @@ class Mounted:
         return cls(
             np.fmax.reduce(by_turn), own + index + (largest * turn_deg) ** 2, np.asarray(stated)
         )
-
-
-def turn_slopes(plus: Mask, stations: Stations, spec: InclinometerRecipe, axis: Sensor) -> Array:
-    """Derivatives [n] of roots by a turn of the gyro [1/°]."""
-    parts = stations.components[axis]
-    return np.asarray(slopes_of_roots(parts, spec.site.latitude_deg, plus)[0])
 
 
 def slopes_of_roots(parts: Components, latitude_deg: float, plus: Mask) -> Array:

@@ -1,0 +1,185 @@
+"""What is wrong, or doubtful, about the dwells of a triad and the fit to them: remarks, flags, and
+criteria that fail whatever the recipe accepts.
+"""
+
+import numpy as np
+
+from calibkit.coefficients import Criterion, at_most
+from calibkit.fit.complex_step import Numbers, derivative
+from calibkit.frame import Remark
+from calibkit.instruments.accelerometer.dwells import DwellSet
+from calibkit.instruments.accelerometer.equation import AXES
+from calibkit.instruments.accelerometer.numeric import q_factor
+from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
+from calibkit.instruments.accelerometer.shared_errors import (
+    SET_UP,
+    ZERO,
+    number_attitudes,
+    number_soaks,
+    tells_time,
+)
+from calibkit.instruments.accelerometer.triad import Triad, residual_of
+from calibkit.numeric import lack_of_fit
+from calibkit.recipe.shared_errors import warn_of_few_levels
+
+POOR_Q, POOR_SHARE = np.radians(0.25), 5e-3
+"""95 % half-widths that are flagged as too wide: of a Q [rad]; of a relative scale factor, or of a
+zero relative to gravity.
+"""
+ILL_CONDITIONED = 20.0
+"""Condition number above which the attitudes determine some combination of parameters poorly; the
+six-position tumble has 1.7.
+"""
+OUTSTANDING = 6.0
+"""Error of an attitude or a soak, over the median of all, above which it is flagged; the largest of
+50 normal ones is 3 times the median.
+"""
+FEW_DOF = 5
+"""Degrees of freedom below which the residuals are too few to judge the uncertainty."""
+
+
+def remark_on_dwells(dwells: DwellSet, spec: AccelerometerRecipe) -> tuple[str, ...]:
+    """Remarks on what no fit can tell: the set-up in the fixture, and a drift of the zero where
+    temperatures only rise or only fall from soak to soak.
+    """
+    remarks = []
+    soak = number_soaks(dwells.temperature, dwells.log)
+    level = np.bincount(soak, dwells.temperature) / np.bincount(soak)
+    steps = np.sign(np.diff(level))
+    if steps.size >= 2 and abs(steps.sum()) == steps.size:
+        cure = "return to the first temperature at the end"
+        if tells_time(dwells):
+            remark = (
+                "temperature follows time: U of what follows temperature holds any drift of the"
+                f" zero that the dwells of a soak allow; {cure}, or state the drift of the session"
+                " in [[errors.component]]"
+            )
+        else:
+            remark = (
+                "temperature follows the order of the rows and no time_s is logged: a zero that"
+                " drifts would be taken for one that follows temperature; log time_s, and"
+                f" {cure}"
+            )
+        remarks.append(Remark(remark))
+    stated = [(one.group, one.effect) for one in spec.errors.component]
+    angles = [one for one in spec.type_b if one.quantity in {"inclination_deg", "toolface_deg"}]
+    # no dwell tells a set-up from axes that are turned together
+    known = spec.affine.fixture or angles or SET_UP in stated
+    if not known and spec.reference.kind == "attitude":
+        group, effect = SET_UP
+        remark = (
+            "an error in setting up the triad in its fixture turns every corrected vector, and the"
+            f' uncertainties leave it out: state its size in [[errors.component]] group = "{group}"'
+            f', effect = "{effect}", or in [[type_b]] of inclination_deg and toolface_deg'
+        )
+        remarks.append(Remark(remark))
+    return tuple(remarks)
+
+
+def flag_fit(triad: Triad, dwells: DwellSet) -> tuple[str, ...]:
+    """Flags on suspect dwells and on shared errors: those of too few levels, an attitude that is
+    set up wrong the same way every time, a soak whose zero has moved.
+    """
+    taken = {ZERO: 1 + max(term.power for term in triad.terms.listed if term.kind == "z")}
+    flags = [*triad.flags, *warn_of_few_levels(triad.fit.shared, taken)]
+    for k in triad.suspects:
+        off = np.abs(triad.residuals[k]).max()
+        flags.append(f"triad: suspect dwell {dwells.place[k]}, {off:.3g} g off, left out")
+    for shared in triad.fit.shared:
+        size = np.linalg.norm(shared.errors, axis=1)
+        if shared.error.optional or size.max(initial=0.0) <= OUTSTANDING * np.median(size):
+            continue
+        worst = int(np.argmax(size))
+        rows = np.flatnonzero(shared.error.level == worst) // triad.residuals.shape[1]
+        where = f"{dwells.temperature[rows].mean():.3g} °C"
+        if shared.error.group == "attitude":
+            angles = dwells.inclination[rows[0]], dwells.toolface[rows[0]]
+            where = "inclination {:.6g}°, toolface {:.6g}°".format(*angles)
+        flags.append(
+            f"triad: the {shared.error.name} of {where} is {size[worst]:.2g} {shared.error.unit},"
+            f" of most others {np.median(size):.2g} {shared.error.unit}: no outliers, its"
+            f" {np.unique(rows).size} dwells are kept in the fit"
+        )
+    return tuple(flags)
+
+
+def flag_lengths(triad: Triad, dwells: DwellSet, temperature: float) -> tuple[str, ...]:
+    """Flags of a fit to the length of gravity: poorly determined parameters, poorly spread
+    attitudes and unchecked dwells.
+    """
+    t, terms, fit = triad.mapped(temperature), triad.terms, triad.fit
+
+    def results(p: Numbers) -> Numbers:
+        scale, zero = terms.scale_and_zero(p, np.array([t]))
+        return np.concatenate([scale[0], zero[0], terms.small_angles(p, float(t))])
+
+    width = fit.of(results).expanded
+    flags: list[str] = []
+    if fit.dof < FEW_DOF:
+        flags.append(
+            f"{len(triad.residuals)} dwells for {len(terms.listed)} parameters leave {fit.dof}"
+            " degrees of freedom: the residuals cannot vouch for these numbers"
+        )
+    # scale factors, zeros and angles as lengths at the attitudes see them: the fit's own columns
+    # have the prior of the angles, and depend on the size of the zeros
+    of_dwells = triad.mapped(dwells.temperature)
+    down = terms.corrected(fit.parameters, dwells.indication, of_dwells)
+    design = np.column_stack([down**2, down, down * np.roll(down, 1, axis=1)])
+    condition = float(np.linalg.cond(design / np.linalg.norm(design, axis=0)))
+    if condition > ILL_CONDITIONED:
+        flags.append(
+            f"ill-conditioned: condition number {condition:.3g}, six faces have 1.7; add other"
+            " attitudes"
+        )
+    for name, w in zip(q_factor.NAMES, width[6:], strict=True):
+        if w > POOR_Q:
+            flags.append(f"{name} is known to ±{np.degrees(w):.2g}° only (95 %)")
+    names = [f"{kind}_{axis}" for kind in "kz" for axis in AXES]
+    for name, w in zip(names, width[:6], strict=True):
+        if w > POOR_SHARE:
+            whole = "itself" if name[0] == "k" else "gravity"
+            flags.append(f"{name} is known to ±{100.0 * w:.2g} % of {whole} only (95 %)")
+    # change of a fitted residual by its own reference: near 1, no other dwell checks it
+    jacobian = derivative(residual_of(dwells, terms, of_dwells, lengths=True), fit.parameters)
+    alone = np.flatnonzero(np.einsum("np,pn->n", jacobian, fit.gain) > 0.99)
+    if alone.size:
+        flags.append(
+            f"no other dwell checks dwell {', '.join(str(i) for i in alone)} (leverage above 0.99)"
+        )
+    return tuple(f"magnitude: {flag}" for flag in flags)
+
+
+def judge_unexplained(triad: Triad, dwells: DwellSet) -> tuple[Criterion, ...]:
+    """Failed criteria for residuals that differ from soak to soak or from attitude to attitude by
+    more than U of a corrected component, with shared errors taken out, whatever limits the recipe
+    sets.
+    """
+    from scipy.special import stdtrit
+
+    fit, terms, per_dwell = triad.fit, triad.terms, triad.residuals.shape[1]
+    t, gravity = triad.mapped(dwells.temperature), dwells.reference
+    if per_dwell == 1:
+        gravity = terms.corrected(fit.parameters, dwells.indication, t)
+    soak = number_soaks(dwells.temperature, dwells.log)
+    groups = {
+        "soak": soak,
+        "attitude": number_attitudes(gravity),
+        "quarter of the soaks": np.minimum(4 * soak // (soak.max() + 1), 3),
+    }
+    labels = {}
+    for name, level in groups.items():
+        each = per_dwell * level[:, None] + np.arange(per_dwell)
+        labels[name] = np.where(fit.used, each.ravel(), -1)
+    residual = residual_of(dwells, terms, t, lengths=per_dwell == 1)
+    jacobian = derivative(lambda p: residual(p).ravel(), fit.parameters)
+    u = np.sqrt(np.einsum("np,pq,nq->n", jacobian, fit.covariance, jacobian))
+    k = float(stdtrit(float(np.median(fit.of(lambda p: p).dof)), 0.975))
+    expanded = k * float(np.sqrt(np.mean(u**2)))
+    failed = []
+    for apart in lack_of_fit.find(-fit.noise_residual, labels):
+        if abs(apart.size) > expanded:
+            group, component = divmod(apart.level, per_dwell)
+            where = f"along {AXES[component]}" if per_dwell == 3 else "of the length"
+            name = f"unexplained residual, {apart.group} {1 + group}, {where}"
+            failed.append(at_most(name, abs(apart.size), expanded, "g"))
+    return tuple(failed)
