@@ -15,8 +15,8 @@ from calibkit.errors import FitError
 from calibkit.instruments import silent
 from calibkit.instruments.inclinometer import (
     instrument,
-    rows as inclinometer_rows,
     simulate as simulator,
+    stations as inclinometer_stations,
 )
 from calibkit.simulate.campaign import _csv_text
 from conftest import AUTHORITIES, ROOT
@@ -419,13 +419,13 @@ def test_the_last_digit_of_a_log_is_found_in_its_own_unit():
     """
     source = recipe.find("inclinometer")
     data = np.array([8.25, -3.5, np.nan, 12.0])
-    assert inclinometer_rows._resolution(
+    assert inclinometer_stations._resolution(
         data, "gyro_x_dph", instruments.parse_recipe(source)
     ) == pytest.approx(0.01)
     mapped = source.text + '[columns]\ngyro_x_dph = { from = "wx", unit = "deg/s" }\n'
     spec = instruments.parse_recipe(recipe.Source("mapped", mapped))
     data = 3600.0 * np.array([0.0023, -0.0011, 0.004])
-    assert inclinometer_rows._resolution(data, "gyro_x_dph", spec) == pytest.approx(0.36)
+    assert inclinometer_stations._resolution(data, "gyro_x_dph", spec) == pytest.approx(0.36)
 
 
 def spoilt(rows, how):

@@ -215,9 +215,9 @@ def test_what_cannot_be_fitted_at_all_is_refused():
     columns = log_of((0.0, 120.0, 240.0))
     found = fit(columns)
     auto = SimpleNamespace(accel_noise_g="auto", gyro_noise_dph="auto")
-    shown, _ = noise.judge_closures(found.squares, found.dofs, (0.0, 0.0))
+    spec = SimpleNamespace(stations=auto)
     with pytest.raises(FitError, match="no station tells the noise"):
-        shown.decide(noise.NO_NOISE, (0.0, 0.0), SimpleNamespace(stations=auto), "x")
+        noise.decide_noise(found.squares, found.dofs, noise.NO_NOISE, (0.0, 0.0), spec, "x")
     with pytest.raises(FitError, match="none of 1 stations"):
         fit(log_of((0.0, 90.0)))
     with pytest.raises(FitError, match="without times"):

@@ -14,9 +14,8 @@ from calibkit.instruments.inclinometer.forms import FILE, TEMPERATURE, ScaleFit,
 from calibkit.instruments.inclinometer.published import Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.root_choice import root_slopes
-from calibkit.instruments.inclinometer.rows import Rows
 from calibkit.instruments.inclinometer.solve import WRONG, SolvedStations
-from calibkit.instruments.inclinometer.stations import Stations, solve_components
+from calibkit.instruments.inclinometer.stations import Rows, Stations, solve_components
 from calibkit.sensitivities import ROUNDING, InputError, Sensitivity, of_thermometer
 
 FEW = 5

@@ -5,7 +5,7 @@ stood in a position.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +13,6 @@ import numpy as np
 from calibkit.errors import FrameError
 from calibkit.frame import Finding, Held, require, values
 from calibkit.instruments.inclinometer import published
-from calibkit.instruments.inclinometer.rows import SENSORS
 from calibkit.numeric import attitude, chunks
 from calibkit.numeric.dwells import average_rows
 
@@ -29,9 +28,9 @@ FEWEST = 3
 """Fewest rows of a dwell: the standard error of its mean is estimated from them."""
 DIRECTIONS = ("position_deg", "toolface_deg", "azimuth_deg")
 """Columns of angles that wrap at 360° and are averaged on the circle."""
-CLOSURE = {"accel": (0.01, "g"), "gyro": (1.0, "deg/h")}
-"""Closure of the four positions of a station that bias drift and position errors of a tool may
-cause.
+CLOSURE = {"accel": 0.01, "gyro": 1.0}
+"""Closure [g], [°/h] of the four positions of a station that a drifting bias and position errors of
+a tool may cause.
 """
 CERTAIN = 10.0
 """Closure, in standard errors, from which it is attributed to a moved tool and not to noise."""
@@ -91,7 +90,6 @@ def find_dwells(log: Log, spec: InclinometerRecipe) -> DwellLog:
     import pandas as pd
 
     frame = log.frame
-    position = values(frame, "position_deg")
     start, stop = _find_runs(log)
     standing = (stop - start)[stop - start >= FEWEST].sum()
     if "time_s" not in frame.columns or 2 * standing <= len(frame):
@@ -102,32 +100,15 @@ def find_dwells(log: Log, spec: InclinometerRecipe) -> DwellLog:
         # such a station may have any number of positions, so the start of the next one is unknown
         require(log.file, frame.columns, ("station",))
 
-    # 1. Runs that last long enough, without the settling time at both ends.
-    there = np.isfinite(chunks.take_rows(position, start))
-    start, stop = start[there], stop[there]
-    time, settle_s, kept = values(frame, "time_s"), spec.stations.settle_s, []
-    lasts_s = chunks.take_rows(time, stop - 1) - chunks.take_rows(time, start)
-    lasting = lasts_s >= spec.stations.dwell_s
-    for a, b in zip(start[lasting].tolist(), stop[lasting].tolist(), strict=True):
-        of_run = time[a:b]
-        first = a + int(np.searchsorted(of_run, of_run[0] + settle_s, side="left"))
-        last = a + int(np.searchsorted(of_run, of_run[-1] - settle_s, side="right"))
-        if last - first >= FEWEST:
-            kept.append((first, last))
-        chunks.release(time)
-    if not kept:
-        raise FrameError(
-            f"{log.file}: the tool stands in no position for {spec.stations.dwell_s:g} s",
-            hint="state stations.dwell_s and stations.settle_s as the log was taken",
-        )
-    start, stop = np.array(kept, dtype=np.int64).T
+    stands = _find_stands(log, start, stop, spec)
+    start, stop = np.array(stands, dtype=np.int64).T
 
-    # 2. The mean of every column over each dwell, circular for angles, and its standard error.
+    # The mean of every column over each dwell, circular for angles, and its standard error.
     names = [name for name in frame.columns if pd.api.types.is_numeric_dtype(frame[name])]
     logged = [values(frame, name) for name in names]
     turning = np.array([name in DIRECTIONS for name in names])
     averages = []
-    for first, end in kept:
+    for first, end in stands:
         of_dwell = np.column_stack([column[first:end] for column in logged])
         # departures from the dwell's first row, wrapped: 359.98° and 0.01° are neighbours
         turns = of_dwell[:, turning]
@@ -139,7 +120,7 @@ def find_dwells(log: Log, spec: InclinometerRecipe) -> DwellLog:
     if "station" in names:
         return DwellLog(replace(log, frame=dwells), start, stop, (), continuous=True)
 
-    # 3. Stations, from 1: a new one begins where a position repeats or after four positions.
+    # Stations, from 1: a new one begins where a position repeats or after four positions.
     station, seen = 1, set[int]()
     numbers = []
     for position_deg in values(dwells, "position_deg").tolist():
@@ -149,9 +130,8 @@ def find_dwells(log: Log, spec: InclinometerRecipe) -> DwellLog:
         seen.add(quarter)
         numbers.append(float(station))
     reduced = replace(log, frame=dwells.assign(station=numbers))
-    of_means = dict(zip(names, errors.T, strict=True))
-    findings = tuple(_find_open_stations(reduced, of_means, spec))
-    return DwellLog(reduced, start, stop, findings, continuous=True)
+    found = _find_open_stations(reduced, dict(zip(names, errors.T, strict=True)), spec)
+    return DwellLog(reduced, start, stop, tuple(found), continuous=True)
 
 
 def _find_runs(log: Log) -> tuple[Integers, Integers]:
@@ -174,37 +154,57 @@ def _find_runs(log: Log) -> tuple[Integers, Integers]:
     return bounds[:-1], bounds[1:]
 
 
+def _find_stands(
+    log: Log, start: Integers, stop: Integers, spec: InclinometerRecipe
+) -> list[tuple[int, int]]:
+    """First row and end row of the runs in a position that last long enough, without the settling
+    time at both ends; raises FrameError where there is none.
+    """
+    there = np.isfinite(chunks.take_rows(values(log.frame, "position_deg"), start))
+    start, stop = start[there], stop[there]
+    time, settle_s, kept = values(log.frame, "time_s"), spec.stations.settle_s, []
+    lasts_s = chunks.take_rows(time, stop - 1) - chunks.take_rows(time, start)
+    lasting = lasts_s >= spec.stations.dwell_s
+    for a, b in zip(start[lasting].tolist(), stop[lasting].tolist(), strict=True):
+        of_run = time[a:b]
+        first = a + int(np.searchsorted(of_run, of_run[0] + settle_s, side="left"))
+        last = a + int(np.searchsorted(of_run, of_run[-1] - settle_s, side="right"))
+        if last - first >= FEWEST:
+            kept.append((first, last))
+        chunks.release(time)
+    if not kept:
+        raise FrameError(
+            f"{log.file}: the tool stands in no position for {spec.stations.dwell_s:g} s",
+            hint="state stations.dwell_s and stations.settle_s as the log was taken",
+        )
+    return kept
+
+
 def _find_open_stations(
     log: Log, errors: Mapping[str, Array], spec: InclinometerRecipe
 ) -> list[Finding]:
     """Findings on stations, identified by their positions alone, whose four readings do not close:
     the tool was moved between them.
 
-    r₀ − r₉₀ + r₁₈₀ − r₂₇₀ of one attitude holds neither signal nor bias.
+    r₀ − r₉₀ + r₁₈₀ − r₂₇₀ of one attitude holds neither signal nor bias; `errors` are the standard
+    errors of the readings by column.
     """
     station, position = values(log.frame, "station"), values(log.frame, "position_deg")
-    names = [(kind, f"{kind}_{axis}_{suffix}") for axis in spec.axes for kind, suffix in SENSORS]
-    stations, four = published.arrange(
-        station, position, np.column_stack([values(log.frame, name) for _, name in names])
-    )
-    _, known = published.arrange(
-        station, position, np.column_stack([errors[name] for _, name in names])
-    )
-    closures = 2.0 * published.closures(np.moveaxis(four, 1, -1))
-    certain = CERTAIN * np.sqrt(np.sum(known**2, axis=1))
     found = []
-    for column, (kind, name) in enumerate(names):
-        limit, unit = CLOSURE[kind]
-        for k in np.flatnonzero(
-            np.abs(closures[:, column]) > np.maximum(limit, certain[:, column])
-        ).tolist():
+    for axis, (kind, word, unit) in product(spec.axes, published.SENSORS):
+        name = f"{kind}_{axis}_{word}"
+        both = np.column_stack([values(log.frame, name), errors[name]])
+        stations, four = published.arrange(station, position, both)
+        closure = 2.0 * published.closures(four[:, :, 0])
+        certain = CERTAIN * np.sqrt(np.sum(four[:, :, 1] ** 2, axis=1))
+        for k in np.flatnonzero(np.abs(closure) > np.maximum(CLOSURE[kind], certain)).tolist():
             rows = np.flatnonzero(station == stations[k])
             row = int(rows[0])
             found.append(
                 Finding(
                     f"{log.place(row)}: station {stations[k]:g}: {name}",
-                    f"r₀ − r₉₀ + r₁₈₀ − r₂₇₀ = {closures[k, column]:.3g} {unit}",
-                    f"at most {limit:g} {unit} of one attitude",
+                    f"r₀ − r₉₀ + r₁₈₀ − r₂₇₀ = {closure[k]:.3g} {unit}",
+                    f"at most {CLOSURE[kind]:g} {unit} of one attitude",
                     "the tool was moved between these dwells: give a column station, or leave"
                     f" these out: {log.advise_exclude(rows)}",
                     name="closure",

@@ -20,7 +20,7 @@ from calibkit.instruments.inclinometer import (
     dwells,
     errors,
     figures,
-    rows as inclinometer_rows,
+    published,
     solve,
     stations as inclinometer_stations,
 )
@@ -53,7 +53,7 @@ PROPOSED = (
         "toolface_deg",
         "azimuth_deg",
     ),
-    *(f"{kind}_{axis}_{unit}" for axis in "xy" for kind, unit in (("accel", "g"), ("gyro", "dph"))),
+    *(f"{kind}_{axis}_{word}" for axis in "xy" for kind, word, _ in published.SENSORS),
 )
 """Columns that a proposed recipe maps where the logs have them."""
 faults = inclinometer_stations.examine
@@ -63,17 +63,13 @@ def read(spec: InclinometerRecipe, data: Path, file: str, reader: Reader = inges
     """One log in canonical columns; m/s² become g by the site's gravity."""
     columns = [
         "position_deg",
-        *(
-            f"{kind}_{axis}_{unit}"
-            for kind, unit in inclinometer_rows.SENSORS
-            for axis in spec.axes
-        ),
+        *(f"{kind}_{axis}_{unit}" for kind, unit, _ in published.SENSORS for axis in spec.axes),
     ]
     if spec.stations.gyro_ramp:
         columns.append("time_s")
     if spec.root.choice == "heading":
         columns.append("azimuth_deg")
-    known = ("station", "time_s", TEMPERATURE, *inclinometer_rows.REFERENCE)
+    known = ("station", "time_s", TEMPERATURE, *inclinometer_stations.REFERENCE)
     optional = tuple(name for name in known if name not in columns)
     return reader(spec.on_site(), data / file, file, tuple(columns), optional)
 
@@ -88,7 +84,7 @@ def fit(
         )
     )
     admitted, found = inclinometer_stations.admit_logs(logs, spec)
-    rows = inclinometer_rows.Rows.gather(admitted, spec.on_site())
+    rows = inclinometer_stations.Rows.gather(admitted, spec.on_site())
     stations = inclinometer_stations.solve_components(rows, spec)
     fits, seen = solve.fit_scale(stations, spec)
     notes = [f"{log.file}: {note}" for log in logs for note in log.notes]
@@ -117,7 +113,7 @@ def _seek(
 ) -> tuple[inclinometer_stations.Stations, solve.SolvedStations, tuple[str, ...]]:
     """Stations of a log with one row per position, solved with a run's s(T), and their flags."""
     models = coefficient_files.read_models(records, spec)
-    rows = inclinometer_rows.Rows.gather([log], spec.on_site())
+    rows = inclinometer_stations.Rows.gather([log], spec.on_site())
     stations = inclinometer_stations.solve_components(
         rows, spec, {axis: model.noise for axis, model in models.items()}
     )

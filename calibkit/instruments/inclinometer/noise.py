@@ -8,7 +8,7 @@ import numpy as np
 
 from calibkit.arrays import Array, Integers, Mask
 from calibkit.errors import FitError
-from calibkit.instruments.inclinometer.published import Sensor
+from calibkit.instruments.inclinometer.published import SENSORS, Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.numeric import gum
 
@@ -25,8 +25,6 @@ degree of freedom.
 With eight stations of one degree of freedom 0.08 % of campaigns have such a closure by chance,
 with twelve 0.02 %, because the median of a few stations is uncertain itself.
 """
-KINDS = (("accel", "g", "g"), ("gyro", "dph", "deg/h"))
-"""Sensors of a pair: name, last word of their column, unit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,38 +36,6 @@ class Noise:
     accel_g: float
     gyro_dph: float
     dof: int
-
-    def decide(
-        self,
-        before: "Noise",
-        last_digit: tuple[float, float],
-        spec: InclinometerRecipe,
-        axis: Sensor,
-    ) -> "Noise":
-        """Noise stated by the recipe, otherwise estimated from the readings and pooled with a
-        calibration's; never below the last digit's.
-
-        Raises FitError where it is unknown.
-        """
-        stated = spec.stations.accel_noise_g, spec.stations.gyro_noise_dph
-        shown, calibrated = (self.accel_g, self.gyro_dph), (before.accel_g, before.gyro_dph)
-        decided = []
-        for k, (kind, unit, _) in enumerate(KINDS):
-            given = stated[k]
-            if given != "auto":
-                decided.append(given)
-                continue
-            if self.dof + before.dof == 0:
-                raise FitError(
-                    f"{kind}_{axis}_{unit}: no station tells the noise of a reading",
-                    hint=(
-                        f"give stations.{kind}_noise_{unit} in the recipe, or stations with more"
-                        " positions"
-                    ),
-                )
-            pooled = _pool_noise(shown[k], self.dof, calibrated[k], before.dof)
-            decided.append(max(pooled, last_digit[k] / float(np.sqrt(12.0))))
-        return Noise(decided[0], decided[1], self.dof + before.dof)
 
     def widen(self, spec: InclinometerRecipe) -> "Noise":
         """Noise for propagation: a noise estimated from few degrees of freedom is raised by
@@ -87,45 +53,61 @@ NO_NOISE = Noise(0.0, 0.0, 0)
 """Noise before any reading: zero, from no degrees of freedom."""
 
 
-def least_noise(
-    before: Noise, last_digit: tuple[float, float], spec: InclinometerRecipe
-) -> tuple[float, float]:
-    """Lower limits of the noise of accelerometer [g] and gyro [°/h]: the largest of the recipe's,
-    the calibration's and the last digit's.
-    """
-    stated = spec.stations.accel_noise_g, spec.stations.gyro_noise_dph
-    accel, gyro = (
-        max(digit / float(np.sqrt(12.0)), calibrated, 0.0 if given == "auto" else given)
-        for given, calibrated, digit in zip(
-            stated, (before.accel_g, before.gyro_dph), last_digit, strict=True
-        )
-    )
-    return accel, gyro
-
-
-def judge_closures(
-    squares: Array, dofs: Integers, least: tuple[float, float]
+def decide_noise(
+    squares: Array,
+    dofs: Integers,
+    before: Noise,
+    last_digit: tuple[float, float],
+    spec: InclinometerRecipe,
+    axis: Sensor,
 ) -> tuple[Noise, tuple[str, ...]]:
-    """Noise estimated from the stations that close, and for each station [n] the reason why it is
+    """Noise of one reading of accelerometer and gyro, and for each station [n] the reason why it is
     refused, or an empty string.
 
     `squares` and `dofs` [n, 2] are the sums of squares by which stations fail to close, of
     accelerometer and gyro, and their degrees of freedom. A station that fails by far more than the
-    others holds an outlier, and its noise is not that of the others.
+    others holds an outlier, and its noise is not that of the others. The noise is that which the
+    recipe states, otherwise the one of the stations that close, pooled with a calibration's
+    `before`; never below the last digit's. Raises FitError where it is unknown.
     """
+    stated = spec.stations.accel_noise_g, spec.stations.gyro_noise_dph
+    calibrated = before.accel_g, before.gyro_dph
+    of_digit = [digit / float(np.sqrt(12.0)) for digit in last_digit]
     reasons = [""] * len(squares)
-    for column, (kind, _, unit) in enumerate(KINDS):
-        square, dof = squares[:, column], dofs[:, column]
-        variance = max(usual_square(square, dof), least[column] ** 2)
-        for k in np.flatnonzero(find_outliers(square, dof, variance)).tolist():
-            size = float(np.sqrt(square[k] / dof[k]))
+    for k, (kind, _, unit) in enumerate(SENSORS):
+        square, dof, given = squares[:, k], dofs[:, k], stated[k]
+        least = max(of_digit[k], calibrated[k], 0.0 if given == "auto" else given)
+        variance = max(usual_square(square, dof), least**2)
+        for row in np.flatnonzero(find_outliers(square, dof, variance)).tolist():
+            size = float(np.sqrt(square[row] / dof[row]))
             times = f"{size / np.sqrt(variance):.0f} times the noise of the others"
-            reasons[k] = (
-                reasons[k] or f"an outlier: the {kind} does not close by {size:.2g} {unit}, {times}"
-            )
+            outlier = f"an outlier: the {kind} does not close by {size:.2g} {unit}, {times}"
+            reasons[row] = reasons[row] or outlier
     kept = np.array([not reason for reason in reasons])
-    accel, gyro = (estimate_noise(squares[kept, k], dofs[kept, k]) for k in range(2))
-    return Noise(accel, gyro, int(dofs[kept, 1].sum())), tuple(reasons)
+    shown_dof = int(dofs[kept, 1].sum())
+    sizes = []
+    for k, (kind, unit, _) in enumerate(SENSORS):
+        given = stated[k]
+        if given != "auto":
+            sizes.append(given)
+            continue
+        if shown_dof + before.dof == 0:
+            raise FitError(
+                f"{kind}_{axis}_{unit}: no station tells the noise of a reading",
+                hint=f"give stations.{kind}_noise_{unit} in the recipe, or stations with more"
+                " positions",
+            )
+        shown, known = estimate_noise(squares[kept, k], dofs[kept, k]), calibrated[k]
+        weighted = shown_dof * shown**2 + before.dof * known**2
+        pooled = float(np.sqrt(weighted / (shown_dof + before.dof)))
+        if shown_dof and before.dof and known > 0.0:
+            from scipy.special import fdtr, fdtrc
+
+            ratio = (shown / known) ** 2
+            tails = fdtr(shown_dof, before.dof, ratio), fdtrc(shown_dof, before.dof, ratio)
+            pooled = shown if min(tails) < CONTRADICTED else pooled
+        sizes.append(max(pooled, of_digit[k]))
+    return Noise(sizes[0], sizes[1], shown_dof + before.dof), tuple(reasons)
 
 
 def usual_square(squares: Array, dof: Integers) -> float:
@@ -164,16 +146,3 @@ def estimate_noise(squares: Array, dof: Integers) -> float:
     """
     total = int(dof.sum())
     return float(np.sqrt(squares.sum() / total)) if total else 0.0
-
-
-def _pool_noise(own: float, own_dof: int, known: float, known_dof: int) -> float:
-    """Noise pooled by degrees of freedom; the readings' own noise alone where the known noise
-    contradicts it.
-    """
-    if own_dof and known_dof and known > 0.0:
-        from scipy.special import fdtr, fdtrc
-
-        ratio = (own / known) ** 2
-        if min(fdtr(own_dof, known_dof, ratio), fdtrc(own_dof, known_dof, ratio)) < CONTRADICTED:
-            return own
-    return float(np.sqrt((own_dof * own**2 + known_dof * known**2) / (own_dof + known_dof)))

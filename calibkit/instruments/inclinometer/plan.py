@@ -19,7 +19,6 @@ from calibkit.instruments.inclinometer.forms import FILE
 from calibkit.instruments.inclinometer.published import Components
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.root_choice import estimate_roots
-from calibkit.instruments.inclinometer.rows import Rows
 from calibkit.instruments.inclinometer.scale_fit import Roots
 from calibkit.numeric import earth
 from calibkit.planning.exchange import Pool
@@ -227,7 +226,7 @@ def prepare_plan(spec: InclinometerRecipe, task: Task) -> StationBench:
     if not task.have:
         return bench
     admitted, _ = stations.admit_logs(list(task.have), spec)
-    seen = stations.solve_components(Rows.gather(admitted, spec.on_site()), spec)
+    seen = stations.solve_components(stations.Rows.gather(admitted, spec.on_site()), spec)
     if not np.isfinite(seen.temperature).all():
         raise FitError(
             f"{task.have[0].file}: no case temperature, expected one to plan what is missing",

@@ -18,6 +18,8 @@ from calibkit.fit.complex_step import Numbers, arctan2
 
 Sensor = Literal["x", "y"]
 """Axis of a sensor pair: at 90° the x sensor lies where y was, the y sensor where −x was."""
+SENSORS = (("accel", "g", "g"), ("gyro", "dph", "deg/h"))
+"""Sensors of a pair: name, last word of their column, unit."""
 POSITIONS_DEG = (0.0, 90.0, 180.0, 270.0)
 POSITION_TOLERANCE_DEG = 0.1
 """Largest departure of a position from its nominal angle [°] with which the four differences are

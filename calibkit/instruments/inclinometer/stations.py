@@ -1,10 +1,12 @@
-"""Logs of a four-position inclinometer → stations: components across the tool, their noise, and why
-a station is refused.
+"""Logs of a four-position inclinometer → rows, numbered by station → stations: components across
+the tool, their noise, and why a station is refused.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 from functools import partial
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,24 +17,95 @@ from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.errors import FitError
 from calibkit.fit.complex_step import Numbers, derivative
 from calibkit.frame import Examined, Finding, Log, refuse, values
-from calibkit.instruments.inclinometer import (
-    dwells as inclinometer_dwells,
-    noise as inclinometer_noise,
-    published,
-)
+from calibkit.ingest.column_values import unmap_values
+from calibkit.instruments.inclinometer import dwells as inclinometer_dwells, published
 from calibkit.instruments.inclinometer.dwells import DwellLog
 from calibkit.instruments.inclinometer.forms import TEMPERATURE
-from calibkit.instruments.inclinometer.noise import Noise
-from calibkit.instruments.inclinometer.published import Components, Sensor
+from calibkit.instruments.inclinometer.noise import NO_NOISE, Noise, decide_noise
+from calibkit.instruments.inclinometer.published import SENSORS, Components, Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
-from calibkit.instruments.inclinometer.rows import REFERENCE, SENSORS, Rows
 from calibkit.numeric import attitude, chunks
+from calibkit.numeric.attitude import gravity_positive
 from calibkit.numeric.least_squares.fit import undetermined
 
-PLAUSIBLE = {"accel": (1.5, "g"), "gyro": (1000.0, "deg/h")}
-"""Largest indication of a tool at rest, bias included; a larger one shows a wrong unit."""
+PLAUSIBLE = {"accel": 1.5, "gyro": 1000.0}
+"""Largest indication [g], [°/h] of a tool at rest, bias included; a larger one has a wrong unit."""
 COEFFICIENTS = ("x", "y", "bias", "ramp")
 """Of a sensor in a station that is fitted by least squares."""
+REFERENCE = ("inclination_deg", "toolface_deg", "azimuth_deg")
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """Rows of all logs: station index [r] of each row, counted from 0 over all logs, and its
+    readings.
+
+    `accel` [g, positive along gravity] and `gyro` [°/h] are by axis; `resolution` is the last digit
+    of (accel, gyro).
+    """
+
+    station: Integers
+    names: tuple[str, ...]
+    log: Integers
+    """[n], number of the log of each station."""
+    position: Array
+    accel: Mapping[Sensor, Array]
+    gyro: Mapping[Sensor, Array]
+    resolution: Mapping[Sensor, tuple[float, float]]
+    time: Array
+    """[r] [s]; NaN where any log has none."""
+    temperature: Array
+    reference: Array
+    """[r, 3] of inclination, toolface, azimuth [°]; NaN where a log has none."""
+
+    @classmethod
+    def gather(cls, logs: Sequence[Log], spec: InclinometerRecipe) -> Self:
+        """Rows of all logs, their stations counted from 0 in the order in which they appear."""
+        import pandas as pd
+
+        station: list[Integers] = []
+        names: list[str] = []
+        numbers: list[int] = []
+        for number, log in enumerate(logs):
+            places, own = pd.factorize(values(log.frame, "station"))
+            station.append(places + len(names))
+            numbers += [number] * own.size
+            prefix = f"{log.name}:" if len(logs) > 1 else ""
+            names += [f"{prefix}{name:g}" for name in own.tolist()]
+        columns = [f"{kind}_{axis}_{word}" for kind, word, _ in SENSORS for axis in spec.axes]
+        columns += ["position_deg", TEMPERATURE, *REFERENCE]
+        # NaN for the rows of a log without a column
+        frame = pd.concat([log.frame for log in logs], ignore_index=True).reindex(columns=columns)
+        accel = {axis: values(frame, f"accel_{axis}_g") for axis in spec.axes}
+        gyro = {axis: values(frame, f"gyro_{axis}_dph") for axis in spec.axes}
+        convention = spec.reference.convention
+        # each log starts one hour after the end of the one before
+        times, start_s = [], 0.0
+        for log in logs:
+            if "time_s" not in log.frame.columns:
+                times = [np.full(len(frame), np.nan)]
+                break
+            time = values(log.frame, "time_s")
+            times.append(time - time[0] + start_s)
+            start_s = float(times[-1][-1]) + SECONDS_PER_HOUR
+        return cls(
+            station=np.concatenate(station),
+            names=tuple(names),
+            log=np.array(numbers),
+            position=values(frame, "position_deg"),
+            accel={axis: gravity_positive(column, convention) for axis, column in accel.items()},
+            gyro=gyro,
+            resolution={
+                axis: (
+                    _resolution(accel[axis], f"accel_{axis}_g", spec),
+                    _resolution(gyro[axis], f"gyro_{axis}_dph", spec),
+                )
+                for axis in spec.axes
+            },
+            time=np.concatenate(times),
+            temperature=values(frame, TEMPERATURE),
+            reference=frame[[*REFERENCE]].to_numpy(dtype=np.float64),
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +159,22 @@ def _examine_dwells(log: Log, spec: InclinometerRecipe) -> tuple[DwellLog | None
     dwelt = inclinometer_dwells.find_dwells(log, spec)
     found += dwelt.findings
     if spec.stations.method == "four_differences":
-        found += _find_position_faults(dwelt.log)
+        station, position = (values(dwelt.log.frame, name) for name in ("station", "position_deg"))
+        for name in dict.fromkeys(station.tolist()):
+            rows = np.flatnonzero(station == name)
+            fault = _position_fault(position[rows])
+            if fault is not None:
+                line = dwelt.log.line(int(rows[fault[0]]))
+                found.append(
+                    Finding(
+                        f"{log.file}:{line}: station {name:g}",
+                        fault[1],
+                        "one row at each of 0°, 90°, 180°, 270°",
+                        "repair or remove the station, or set stations.method = 'least_squares'",
+                        name="positions",
+                        line=line,
+                    )
+                )
     if not any(finding.refused for finding in found):
         gyros = [f"gyro_{axis}_dph" for axis in spec.axes]
         found += [
@@ -109,8 +197,8 @@ def find_unusable(log: Log, spec: InclinometerRecipe) -> list[Finding]:
     if TEMPERATURE in log.frame.columns:
         found += check.find_implausible_temperatures(log, [TEMPERATURE])
     for axis in spec.axes:
-        for kind, suffix in SENSORS:
-            column, (limit, unit) = f"{kind}_{axis}_{suffix}", PLAUSIBLE[kind]
+        for kind, suffix, unit in SENSORS:
+            column, limit = f"{kind}_{axis}_{suffix}", PLAUSIBLE[kind]
             data = values(log.frame, column)
 
             def beyond(part: Array, limit: float = limit) -> Mask:
@@ -125,30 +213,6 @@ def find_unusable(log: Log, spec: InclinometerRecipe) -> list[Finding]:
                 found.append(
                     check.finding_at_row(log, row, column, what, expected, advice, "range")
                 )
-    return found
-
-
-def _find_position_faults(log: Log) -> list[Finding]:
-    """Findings on stations with a repeated or missing position, or none of the nominal four."""
-    station, position = values(log.frame, "station"), values(log.frame, "position_deg")
-    names, first = np.unique(station, return_index=True)
-    found = []
-    for name in names[np.argsort(first)]:
-        rows = np.flatnonzero(station == name)
-        fault = _position_fault(position[rows])
-        if fault is not None:
-            at, what = fault
-            line = log.line(int(rows[at]))
-            found.append(
-                Finding(
-                    f"{log.file}:{line}: station {name:g}",
-                    what,
-                    "one row at each of 0°, 90°, 180°, 270°",
-                    "repair or remove the station, or set stations.method = 'least_squares'",
-                    name="positions",
-                    line=line,
-                )
-            )
     return found
 
 
@@ -199,11 +263,10 @@ def solve_components(
             gyro_ramp=spec.stations.gyro_ramp,
             faults=faults,
         )
-        before = inclinometer_noise.NO_NOISE if known is None else known[axis]
-        last_digit = rows.resolution[axis]
-        least = inclinometer_noise.least_noise(before, last_digit, spec)
-        shown, outliers = inclinometer_noise.judge_closures(fits.squares, fits.dofs, least)
-        noises[axis] = shown.decide(before, last_digit, spec, axis)
+        before = NO_NOISE if known is None else known[axis]
+        noises[axis], outliers = decide_noise(
+            fits.squares, fits.dofs, before, rows.resolution[axis], spec, axis
+        )
         components[axis] = fits.components(noises[axis].widen(spec), outliers)
         status[axis] = tuple(
             text or reason for text, reason in zip(outliers, fits.status, strict=True)
@@ -382,3 +445,17 @@ def _mean_direction_by_station(column: Array, station: Integers, count: int) -> 
     first[station[finite][::-1]] = column[finite][::-1]
     # mean departure from the first value: exactly zero where all values are equal
     return first + _mean_by_station(attitude.wrapped(column - first[station]), station, count)
+
+
+def _resolution(data: Array, column: str, spec: InclinometerRecipe) -> float:
+    """Size of the last digit [unit of the column] with which a log's values are written."""
+    known = data[np.isfinite(data)]
+    step = 1.0
+    if column in spec.columns:
+        ends = unmap_values(np.array([0.0, 1.0]), spec.columns[column], column, spec)
+        step, known = (
+            1.0 / abs(float(ends[1] - ends[0])),
+            unmap_values(known, spec.columns[column], column, spec),
+        )
+    last = [int(Decimal(f"{value:.12g}").as_tuple().exponent) for value in known.tolist()]
+    return step * 10.0 ** min(last, default=-12)
