@@ -9,7 +9,7 @@ import pytest
 
 from calibkit.instruments.accelerometer import simulate
 from calibkit.instruments.accelerometer.equation import Terms
-from calibkit.instruments.accelerometer.errors import AttitudeErrors, uncertainty_of_attitude
+from calibkit.instruments.accelerometer.errors import AttitudeErrors, attitude_slopes
 from calibkit.instruments.accelerometer.fit import fit_triad
 from calibkit.instruments.accelerometer.numeric import k_factor
 from calibkit.instruments.accelerometer.triad import solve_triad
@@ -185,7 +185,9 @@ def test_stated_attitude_uncertainty_covers_the_errors_of_a_withheld_campaign():
     slopes = terms.slopes(p, indicated[~even], t)
     covariance = slopes @ fitted.fit.total_covariance @ np.swapaxes(slopes, 1, 2)
     covariance = covariance + np.diag(fitted.noise**2)
-    u_inclination, u_toolface_sin = uncertainty_of_attitude(corrected, covariance)
+    by_vector = attitude_slopes(corrected)
+    variances = np.einsum("kni,nij,knj->kn", by_vector, covariance, by_vector)
+    u_inclination, u_toolface_sin = np.degrees(np.sqrt(variances))
     found = AttitudeErrors.compare(corrected, inclination[~even], toolface[~even])
     inside = np.isfinite(found.toolface_deg)
     u_toolface = u_toolface_sin / np.sin(np.radians(inclination[~even]))

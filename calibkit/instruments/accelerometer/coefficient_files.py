@@ -14,7 +14,9 @@ from calibkit.errors import CoefficientError, FrameError
 from calibkit.forms import Form, within_ranges
 from calibkit.instruments.accelerometer import forms
 from calibkit.instruments.accelerometer.dwells import ATTITUDE, DwellSet
+from calibkit.instruments.accelerometer.equation import AXES
 from calibkit.instruments.accelerometer.fit import TriadFit, list_models
+from calibkit.instruments.accelerometer.numeric import q_factor
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.numeric import chunks, gum
 from calibkit.numeric.dispersion import rms
@@ -188,16 +190,16 @@ def list_results(
         of_k = (*flags, *fitted.k_not_fitted)
         results.append(StageResult("accel_k", fitted.k, (), of_k, conditions))
     if fitted.q is not None and fitted.affine is not None:
-        at = forms.inputs(np.eye(3), np.full(3, fitted.q.value("temperature")))
-        # the exact matrix, lower triangular, turns the unit vectors of the axes into its columns
-        matrix = forms.Q.evaluate(fitted.q, at).T
-        u = forms.Q.standard_uncertainty(fitted.q, at).T
-        exact = (
-            Figure(f"Q_exact_{'xyz'[i]}{'xyz'[j]}", float(matrix[i, j]), "1", float(u[i, j]))
-            for i in range(3)
-            for j in range(i + 1)
+        t, terms = float(fitted.triad.mapped(fitted.q.value("temperature"))), fitted.triad.terms
+        exact = fitted.triad.fit.of(
+            lambda p: q_factor.exact_matrix(q_factor.axes_from_angles(terms.small_angles(p, t)))
         )
-        figures = (*exact, *fitted.intervals)
+        exact_figures = [
+            Figure(f"Q_exact_{row}{column}", float(exact.value[i, j]), "1", float(exact.u[i, j]))
+            for i, row in enumerate(AXES)
+            for j, column in enumerate(AXES[: i + 1])
+        ]
+        figures = (*exact_figures, *fitted.intervals)
         results += [
             StageResult("accel_q", (fitted.q,), figures, flags, conditions),
             StageResult("accel_affine", (fitted.affine,), attitude_figures, flags, conditions),
@@ -231,6 +233,6 @@ def find_sensitivities(
     triads = fitted.triad.shifted(dwells, shifted)
     for error, moved, triad in zip(errors, shifted, triads, strict=True):
         k, q, affine = list_models(moved, spec, triad)
-        refit = replace(fitted, k=k, q=q, affine=affine, intervals=())
+        refit = replace(fitted, triad=triad, k=k, q=q, affine=affine, intervals=())
         refits[error] = list_results(refit, moved, gravity, ())
     return differentiate(errors, list_results(fitted, dwells, gravity, ()), refits.__getitem__)

@@ -74,14 +74,6 @@ class DwellSet:
         )
 
 
-def needed_columns(spec: AccelerometerRecipe) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Columns that the recipe needs, and optional columns that it uses where a log has them."""
-    series = ("time_s",) if spec.dwells.mode == "series" else ()
-    if spec.reference.kind == "attitude":
-        return (*series, TEMPERATURE, *ATTITUDE, *COMPONENTS), () if series else ("time_s",)
-    return (*series, *COMPONENTS), (TEMPERATURE, *ATTITUDE, *(() if series else ("time_s",)))
-
-
 def find_faults(log: Log, spec: AccelerometerRecipe) -> list[Finding]:
     """Faults of a log; a log with a refused fault is not fitted."""
     columns = log.frame.columns
@@ -126,20 +118,15 @@ def collect_dwells(logs: Sequence[Log], spec: AccelerometerRecipe) -> DwellSet:
     )
 
 
-def read_indication(log: Log, spec: AccelerometerRecipe) -> Array:
-    """Indications [n, 3, g] of a log, positive along gravity whatever the log's convention."""
-    return _stack_columns(log, [values(log.frame, column) for column in COMPONENTS], spec)
-
-
-def _stack_columns(log: Log, columns: Sequence[Array], spec: AccelerometerRecipe) -> Array:
-    """Columns stacked into an array [n, c], in the log's own storage (memory or mapped file); the
-    sign of the first three, the indications, is made positive along gravity.
+def read_indication(log: Log, spec: AccelerometerRecipe, *beside: Array) -> Array:
+    """Indications [n, 3, g] of a log, positive along gravity whatever the log's convention, and
+    columns beside them [n, c], in the log's own storage: memory or a mapped file.
     """
+    columns = [*(values(log.frame, component) for component in COMPONENTS), *beside]
     made = log.allocate(len(log.frame) * len(columns)).reshape(-1, len(columns))
     for a, b in chunks.ranges_along(made, *columns):
-        beside = np.column_stack([column[a:b] for column in columns])
-        made[a:b, :3] = attitude.gravity_positive(beside[:, :3], spec.reference.convention)
-        made[a:b, 3:] = beside[:, 3:]
+        made[a:b] = np.column_stack([column[a:b] for column in columns])
+        made[a:b, :3] = attitude.gravity_positive(made[a:b, :3], spec.reference.convention)
     return made
 
 
@@ -175,8 +162,7 @@ def read_dwells(log: Log, spec: AccelerometerRecipe) -> tuple[DwellSet, Integers
         )
         return dwells, np.column_stack([rows, rows + 1])
     time = values(log.frame, "time_s")
-    components = [values(log.frame, column) for column in COMPONENTS]
-    columns = _stack_columns(log, [*components, temperature], spec)
+    columns = read_indication(log, spec, temperature)
     intervals = _find_dwell_rows(log, columns[:, :3], time, log.steps.usual, spec)
     if spec.dwells.piece_s is not None:
         piece = max(2, round(spec.dwells.piece_s / log.steps.usual))

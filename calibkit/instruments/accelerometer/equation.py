@@ -43,6 +43,10 @@ def per_degree(unit: str, power: int) -> str:
 class Term:
     """One parameter of the equation."""
 
+    name: str
+    """In coefficient files: k_x0, z_y3, c_xy, d_xy, n_x_xx, tilt_north_rad."""
+    unit: str
+    """In powers of °C."""
     symbol: str
     """k_x, z_y, c_xy, n_x_xx, tilt_north_rad: what its powers of temperature have in common."""
     kind: Literal["k", "z", "c", "n", "tilt", "fixture", "m", "b"]
@@ -53,21 +57,6 @@ class Term:
     """Axes of the values that the term multiplies: indications in (1), compensated ones in (2)."""
     power: int = 0
     """Power of temperature."""
-
-    @property
-    def name(self) -> str:
-        """Name in coefficient files: k_x0, z_y3, c_xy, d_xy, n_x_xx, tilt_north_rad."""
-        if self.kind in ("k", "z", "m", "b"):
-            return f"{self.symbol}{self.power}"
-        return self.symbol.replace("c_", "d_", 1) if self.power else self.symbol
-
-    @property
-    def unit(self) -> str:
-        """Unit in powers of °C."""
-        if self.kind in ("tilt", "fixture"):
-            return "rad"
-        of_order = {"k": "1", "z": "g", "c": "1", "n": "1/g2" if len(self.factors) == 3 else "1/g"}
-        return per_degree(of_order[self.kind], self.power)
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,26 +81,31 @@ class Terms:
         """Parameters up to orders of temperature; `triangular` keeps the frame on the x axis, as
         fixture angles and lengths need it.
         """
-        listed = [
-            Term(f"k_{AXES[i]}", "k", i, (i,), n) for i in range(3) for n in range(scale[i] + 1)
-        ]
-        listed += [
-            Term(f"z_{AXES[i]}", "z", i, (), n) for i in range(3) for n in range(zero[i] + 1)
-        ]
-        for i in range(3):
-            others = [j for j in range(3) if (j < i if triangular else j != i)]
-            listed += [
-                Term(f"c_{AXES[i]}{AXES[j]}", "c", i, (j,), n)
-                for j in others
-                for n in range(cross[i] + 1)
-            ]
+        listed: list[Term] = []
+        for i, axis in enumerate(AXES):
+            for n in range(scale[i] + 1):
+                unit = per_degree("1", n)
+                listed.append(Term(f"k_{axis}{n}", unit, f"k_{axis}", "k", i, (i,), n))
+        for i, axis in enumerate(AXES):
+            for n in range(zero[i] + 1):
+                unit = per_degree("g", n)
+                listed.append(Term(f"z_{axis}{n}", unit, f"z_{axis}", "z", i, (), n))
+        for i, j in product(range(3), repeat=2):
+            if j < i or (j > i and not triangular):
+                axes = AXES[i] + AXES[j]
+                for n, letter in enumerate("cd"[: cross[i] + 1]):
+                    unit = per_degree("1", n)
+                    listed.append(Term(f"{letter}_{axes}", unit, f"c_{axes}", "c", i, (j,), n))
         for i in range(3):
             products = [(i, i), *((i, j) for j in range(3) if j != i)] if second_order else []
             for factors in [*products, *([(i, i, i)] if third_order else [])]:
-                symbol = f"n_{AXES[i]}_{''.join(AXES[j] for j in factors)}"
-                listed.append(Term(symbol, "n", i, factors))
-        listed += [Term(name, "tilt", i) for i, name in enumerate(TILT if tilt else ())]
-        listed += [Term(name, "fixture", i) for i, name in enumerate(FIXTURE if fixture else ())]
+                name = f"n_{AXES[i]}_{''.join(AXES[j] for j in factors)}"
+                unit = "1/g" if len(factors) == 2 else "1/g2"
+                listed.append(Term(name, unit, name, "n", i, factors))
+        for i, name in enumerate(TILT if tilt else ()):
+            listed.append(Term(name, "rad", name, "tilt", i))
+        for i, name in enumerate(FIXTURE if fixture else ()):
+            listed.append(Term(name, "rad", name, "fixture", i))
         return cls(tuple(listed))
 
     @classmethod
@@ -240,10 +234,13 @@ _BY_NAME = {
             fixture=True,
         ).listed,
         *(
-            Term(f"m_{AXES[i]}{AXES[j]}", "m", i, (j,), n)
+            Term(f"m_{AXES[i]}{AXES[j]}{n}", "", f"m_{AXES[i]}{AXES[j]}", "m", i, (j,), n)
             for i, j, n in product(range(3), range(3), range(10))
         ),
-        *(Term(f"b_{AXES[i]}", "b", i, (), n) for i, n in product(range(3), range(10))),
+        *(
+            Term(f"b_{AXES[i]}{n}", "", f"b_{AXES[i]}", "b", i, (), n)
+            for i, n in product(range(3), range(10))
+        ),
     )
 }
 """Name → parameter, for every one that a coefficient file can hold."""

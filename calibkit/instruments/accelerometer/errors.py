@@ -9,13 +9,13 @@ from typing import Self
 import numpy as np
 
 from calibkit.arrays import Array
-from calibkit.coefficients import Criterion, Figure, Model, at_most, over_u
+from calibkit.coefficients import Criterion, Figure, at_most, over_u
 from calibkit.fit.unseen import unseen
-from calibkit.instruments.accelerometer import forms
 from calibkit.instruments.accelerometer.coefficient_files import Correction
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.instruments.accelerometer.shared_errors import angle_slopes
+from calibkit.instruments.accelerometer.triad import Triad
 from calibkit.numeric import attitude
 from calibkit.numeric.dispersion import rms
 from calibkit.recipe.type_b import TypeB
@@ -82,23 +82,23 @@ class DwellErrors:
     def judge_errors(self, spec: AccelerometerRecipe) -> tuple[Criterion, ...]:
         """Criteria of the recipe's acceptance limits on the corrected dwells."""
         limits, residual = spec.acceptance, self.residual_rms_g
-        over_noise = residual / self.noise_g if self.noise_g > 0.0 else 0.0
-        stated = [
-            ("residual rms", residual, limits.max_residual_rms_g, "g"),
-            ("residual over noise", over_noise, limits.max_residual_over_noise, "1"),
-        ]
+        tested: list[tuple[str, float, float | None, str]] = []
         if self.angles is not None:
             tilt = self.angles.figures["inclination_max_deg"]
             scaled = self.angles.figures["toolface_sin_max_deg"]
             times_sine = "largest toolface error times sin(inclination)"
-            stated = [
+            tested += [
                 ("largest inclination error", tilt, limits.max_inclination_error_deg, "deg"),
                 (times_sine, scaled, limits.max_toolface_error_sin_deg, "deg"),
-                *stated,
             ]
+        over_noise = residual / self.noise_g if self.noise_g > 0.0 else 0.0
+        tested += [
+            ("residual rms", residual, limits.max_residual_rms_g, "g"),
+            ("residual over noise", over_noise, limits.max_residual_over_noise, "1"),
+        ]
         return tuple(
             at_most(name, value, limit, unit)
-            for name, value, limit, unit in stated
+            for name, value, limit, unit in tested
             if limit is not None
         )
 
@@ -143,40 +143,37 @@ class DwellErrors:
 
 
 def propagate_uncertainty(
-    affine: Model, dwells: DwellSet, toolface_range_deg: tuple[float, float]
+    triad: Triad, dwells: DwellSet, toolface_range_deg: tuple[float, float]
 ) -> tuple[Figure, ...]:
-    """Largest standard uncertainties (type A) of inclination and toolface over the dwells,
-    propagated from the covariance of the coefficients and the residual of an affine model.
+    """Largest standard uncertainties (type A) of inclination and toolface over the dwells, by the
+    coefficients and the residual of a triad.
 
     The toolface uncertainty is multiplied by sin(inclination) and limited to the inclination range.
     """
-    at = forms.inputs(dwells.indication, dwells.temperature)
-    vector, slopes = forms.TRIAD.evaluate(affine, at), forms.TRIAD.gradient(affine, at)
-    covariance = slopes @ np.array(affine.covariance) @ np.swapaxes(slopes, 1, 2)
-    covariance += affine.residual_rms**2 * np.eye(3)
-    u_inclination, u_toolface_sin = uncertainty_of_attitude(vector, covariance)
-    figures = [
-        Figure("inclination_standard_uncertainty_max", float(u_inclination.max()), "deg", 0.0)
-    ]
+    t, terms, indication = triad.mapped(dwells.temperature), triad.terms, dwells.indication
+    vector = terms.corrected(triad.fit.parameters, indication, t)
+    slopes = attitude_slopes(vector)
+    by_coefficients = triad.fit.of(
+        lambda p: np.sum(slopes * terms.corrected(p, indication, t), axis=2)
+    ).u
+    by_residual = triad.residual_rms * np.linalg.norm(slopes, axis=2)
+    u_inclination, u_toolface_sin = np.degrees(np.hypot(by_coefficients, by_residual))
     tilt = attitude.inclination(vector)
     inside = (tilt >= toolface_range_deg[0]) & (tilt <= toolface_range_deg[1])
-    if inside.any():
-        largest = float(u_toolface_sin[inside].max())
-        figures.append(Figure("toolface_sin_standard_uncertainty_max", largest, "deg", 0.0))
-    return tuple(figures)
-
-
-def uncertainty_of_attitude(vector: Array, covariance: Array) -> tuple[Array, Array]:
-    """Standard uncertainties [n], [n] [°] of inclination and of toolface times sin(inclination),
-    from the covariance [n, 3, 3] of vectors [n, 3] to first order (GUM 5.2.2).
-    """
-    length = np.linalg.norm(vector, axis=1)
-    angles = np.radians([attitude.inclination(vector), attitude.toolface(vector)])
-    u_inclination, u_toolface_sin = (
-        np.degrees(np.sqrt(np.einsum("ni,nij,nj->n", along, covariance, along)) / length)
-        for along in angle_slopes(*angles)
+    named = (("inclination", u_inclination), ("toolface_sin", u_toolface_sin[inside]))
+    return tuple(
+        Figure(f"{name}_standard_uncertainty_max", float(u.max()), "deg", 0.0)
+        for name, u in named
+        if u.size
     )
-    return u_inclination, u_toolface_sin
+
+
+def attitude_slopes(vector: Array) -> Array:
+    """Derivatives [2, n, 3] [rad] by gravity vectors [n, 3] of inclination, and of toolface times
+    sin(inclination), which has one at the poles too.
+    """
+    angles = np.radians([attitude.inclination(vector), attitude.toolface(vector)])
+    return np.asarray(np.stack(angle_slopes(*angles)) / np.linalg.norm(vector, axis=1)[:, None])
 
 
 def _largest(values: Array) -> float:
@@ -207,12 +204,6 @@ def tabulate_errors(
             pairs = ", ".join(shown[:2]), ", ".join(shown[2:4])
             rows.append((name, 1e6 * of_dwells.residual_rms_g, *pairs, shown[4]))
     return Table(title, heads, tuple(rows))
-
-
-def tabulate_uncertainty(figures: Sequence[Figure]) -> Table:
-    """Table of the largest uncertainties of one corrected dwell."""
-    rows = tuple((figure.name, number(figure.value, 2), figure.unit) for figure in figures)
-    return Table("Uncertainty of one corrected dwell (type A)", ("", "largest", "unit"), rows)
 
 
 def list_errors(errors: DwellErrors, spec: AccelerometerRecipe) -> dict[str, object]:

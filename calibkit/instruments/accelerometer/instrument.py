@@ -27,7 +27,8 @@ from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.left_out import LeftOut
 from calibkit.numeric import attitude, chunks
 from calibkit.report.run import list_components
-from calibkit.report.summary import Summary
+from calibkit.report.summary import Summary, number
+from calibkit.report.table import Table
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -39,7 +40,6 @@ if TYPE_CHECKING:
     from calibkit.ingest.logs import Reader
     from calibkit.ingest.write_back import Applied
     from calibkit.instruments import Progress
-    from calibkit.report.table import Table
 
 CORRECTIONS = {"accel_k": "K-factor", "accel_affine": "affine"}
 """Stage → name of its correction in the table of errors."""
@@ -56,8 +56,14 @@ faults = plausibility.examine
 
 def read(spec: AccelerometerRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
     """One log in canonical columns; m/s² become g by the site's gravity."""
-    columns, optional = triad_dwells.needed_columns(spec)
-    return reader(spec.on_site(), data / file, file, columns, optional)
+    angles: tuple[str, ...] = (forms.TEMPERATURE, *triad_dwells.ATTITUDE)
+    needed: tuple[str, ...] = (*angles, *forms.COMPONENTS)
+    optional: tuple[str, ...] = ("time_s",)
+    if spec.reference.kind == "magnitude":
+        needed, optional = forms.COMPONENTS, (*angles, "time_s")
+    if spec.dwells.mode == "series":
+        needed, optional = ("time_s", *needed), optional[:-1]
+    return reader(spec.on_site(), data / file, file, needed, optional)
 
 
 def fit(
@@ -73,7 +79,7 @@ def fit(
     counted = dwells.without(suspects) if suspects else dwells
     uncertainty: tuple[Figure, ...] = ()
     if fitted.affine is not None:
-        uncertainty = errors.propagate_uncertainty(fitted.affine, counted, spec.toolface_range_deg)
+        uncertainty = errors.propagate_uncertainty(fitted.triad, counted, spec.toolface_range_deg)
     results = coefficient_files.list_results(fitted, dwells, spec.site.local_gravity(), uncertainty)
     influences = coefficient_files.find_sensitivities(fitted, dwells, spec)
     # what follows is shown, and changes no number
@@ -93,7 +99,11 @@ def fit(
     )
     components = list_components("Errors that dwells share", [fitted.affine or fitted.k[0]])
     shown = [components] if components.rows else []
-    shown += [compared, *([errors.tabulate_uncertainty(uncertainty)] if uncertainty else [])]
+    shown.append(compared)
+    if uncertainty:
+        rows = tuple((one.name, number(one.value, 2), one.unit) for one in uncertainty)
+        title = "Uncertainty of one corrected dwell (type A)"
+        shown.append(Table(title, ("", "largest", "unit"), rows))
     remarks = findings.remark_on_dwells(dwells, spec)
     flags = dict.fromkeys((*dwells.flags, *remarks, *fitted.flags))
     judged = (*corrected.judge_errors(spec), *fitted.unexplained)

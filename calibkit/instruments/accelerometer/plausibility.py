@@ -202,14 +202,14 @@ def _predict_lengths(dwells: DwellSet) -> tuple[Array, float]:
     usual = float(np.median(length))
     near = np.flatnonzero(np.abs(np.log(length / usual)) < np.log(TWICE))
     some = indication[near[:: 1 + near.size // ENOUGH]]
-    centre, radius = np.zeros(3), usual
     try:
+        # |v|² = 2 v·c + r² − |c|², linear in centre and radius
         design = np.column_stack([2.0 * some, np.ones(len(some))])
-        sphere = robust.linear(design, np.sum(some**2, axis=1)).coefficients
-        centre, radius = sphere[:3], float(np.sqrt(sphere[3] + sphere[:3] @ sphere[:3]))
+        *centre, rest = robust.linear(design, np.sum(some**2, axis=1)).coefficients
+        radius = float(np.sqrt(rest + np.sum(np.square(centre))))
         scatter = mad_sigma(np.linalg.norm(some - centre, axis=1) - radius)
     except FitError:
-        scatter = usual / TWICE / FAR
+        centre, radius, scatter = [0.0, 0.0, 0.0], usual, usual / TWICE / FAR
     away = indication - centre
     return centre + radius * away / np.linalg.norm(away, axis=1)[:, None], scatter
 
