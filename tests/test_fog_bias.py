@@ -85,7 +85,7 @@ def test_the_part_of_the_earth_changes_with_latitude_as_differences_say(
     ahead, behind = (
         earth.along_axis(latitude + step, elevation, azimuth) for step in (0.005, -0.005)
     )
-    found = earth.along_axis_by_latitude(latitude, elevation, azimuth)
+    found, *_ = earth.along_axis_slopes(latitude, elevation, azimuth)
     assert float(found) == pytest.approx(float(ahead - behind) / 0.01, abs=1e-8)
 
 

@@ -324,7 +324,7 @@ def test_the_earths_rate_has_the_components_of_the_latitude():
         (90.0, 15.041067),
     ):
         assert float(earth.vertical_rate(latitude)) == pytest.approx(value, abs=1e-9)
-        whole = np.hypot(earth.vertical_rate(latitude), earth._horizontal_rate(latitude))
+        whole = np.linalg.norm(earth.north_east_down(latitude))
         assert float(whole) == pytest.approx(15.041067, abs=1e-12)
     # WGS 84, NIMA TR8350.2, table 3.1
     assert np.degrees(7.292115e-5) * 3600.0 == pytest.approx(EARTH_RATE_DPH, rel=2e-8)

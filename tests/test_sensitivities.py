@@ -228,7 +228,7 @@ def test_the_axis_of_a_gyro_moves_its_bias_by_the_earths_rate():
         (-50.0, -60.0, 200.0),
         (0.0, 0.0, 0.0),
     ):
-        slopes = earth.along_axis_by_attitude(latitude, elevation, azimuth)
+        slopes = earth.along_axis_slopes(latitude, elevation, azimuth)[1:]
         for slope, (el, az) in zip(slopes, ((1e-4, 0.0), (0.0, 1e-4)), strict=True):
             up, down = (
                 float(earth.along_axis(latitude, elevation + way * el, azimuth + way * az))

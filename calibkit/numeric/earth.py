@@ -26,55 +26,33 @@ def vertical_rate(latitude_deg: ArrayLike) -> Array:
     return np.asarray(EARTH_RATE_DPH * np.sin(np.radians(latitude_deg)), dtype=np.float64)
 
 
-def _horizontal_rate(latitude_deg: ArrayLike) -> Array:
-    """Component of the earth's rate about the horizontal that points north [°/h]: ω_e cos α."""
-    return np.asarray(EARTH_RATE_DPH * np.cos(np.radians(latitude_deg)), dtype=np.float64)
-
-
 def north_east_down(latitude_deg: ArrayLike) -> Array:
     """Earth's rate [..., 3] [°/h] in the axes north, east, down: ω_e (cos α, 0, −sin α)."""
-    north, up = _horizontal_rate(latitude_deg), vertical_rate(latitude_deg)
-    return np.stack((north, np.zeros_like(north), -up), axis=-1)
+    alpha = np.radians(latitude_deg)
+    directions = np.stack((np.cos(alpha), np.zeros_like(alpha), -np.sin(alpha)), axis=-1)
+    return np.asarray(EARTH_RATE_DPH * directions, dtype=np.float64)
 
 
-def along_axis(
-    latitude_deg: ArrayLike, elevation_deg: ArrayLike, azimuth_deg: ArrayLike = 0.0
-) -> Array:
+def along_axis(latitude_deg: ArrayLike, elevation_deg: ArrayLike, azimuth_deg: ArrayLike) -> Array:
     """Earth's rate [°/h] along an axis at an elevation above the horizontal and an azimuth from
     north [°].
 
     ω_e (sin α sin el + cos α cos el cos az): vertical_rate for an axis that points up.
     """
-    el, az = np.radians(elevation_deg), np.radians(azimuth_deg)
-    along = vertical_rate(latitude_deg) * np.sin(el) + _horizontal_rate(latitude_deg) * np.cos(
-        el
-    ) * np.cos(az)
-    return np.asarray(along, dtype=np.float64)
+    alpha, el, az = (np.radians(angle) for angle in (latitude_deg, elevation_deg, azimuth_deg))
+    along = np.sin(alpha) * np.sin(el) + np.cos(alpha) * np.cos(el) * np.cos(az)
+    return np.asarray(EARTH_RATE_DPH * along, dtype=np.float64)
 
 
-def along_axis_by_latitude(
-    latitude_deg: ArrayLike, elevation_deg: ArrayLike, azimuth_deg: ArrayLike = 0.0
-) -> Array:
-    """Derivative of `along_axis` by latitude [°/h/°]: ω_e (cos α sin el − sin α cos el cos az)
-    π/180.
-    """
-    el, az = np.radians(elevation_deg), np.radians(azimuth_deg)
-    north, up = _horizontal_rate(latitude_deg), vertical_rate(latitude_deg)
-    return np.asarray(
-        np.radians(north * np.sin(el) - up * np.cos(el) * np.cos(az)), dtype=np.float64
+def along_axis_slopes(latitude_deg: float, elevation_deg: float, azimuth_deg: float) -> Array:
+    """Derivatives [3] of `along_axis` by latitude, elevation and azimuth [°/h/°]."""
+    alpha, el, az = np.radians([latitude_deg, elevation_deg, azimuth_deg])
+    slopes = (
+        np.cos(alpha) * np.sin(el) - np.sin(alpha) * np.cos(el) * np.cos(az),
+        np.sin(alpha) * np.cos(el) - np.cos(alpha) * np.sin(el) * np.cos(az),
+        -np.cos(alpha) * np.cos(el) * np.sin(az),
     )
-
-
-def along_axis_by_attitude(
-    latitude_deg: float, elevation_deg: float, azimuth_deg: float = 0.0
-) -> tuple[float, float]:
-    """Derivatives of `along_axis` by elevation and by azimuth of the axis [°/h/°]: ω_e (sin α cos
-    el − cos α sin el cos az) π/180 and −ω_e cos α cos el sin az π/180.
-    """
-    el, az = np.radians(elevation_deg), np.radians(azimuth_deg)
-    north, up = _horizontal_rate(latitude_deg), vertical_rate(latitude_deg)
-    by_elevation = np.radians(up * np.cos(el) - north * np.sin(el) * np.cos(az))
-    return float(by_elevation), float(np.radians(-north * np.cos(el) * np.sin(az)))
+    return np.radians(EARTH_RATE_DPH * np.array(slopes))
 
 
 def local_gravity(latitude_deg: float, height_m: float = 0.0) -> float:

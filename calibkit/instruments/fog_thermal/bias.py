@@ -148,7 +148,7 @@ def _earth_rate(recipe: FogThermalRecipe) -> tuple[float | None, float]:
     if axis is None or latitude is None:
         return None, 0.0
     where = latitude, axis.elevation_deg, axis.azimuth_deg or 0.0
-    return float(earth.along_axis(*where)), float(earth.along_axis_by_latitude(*where))
+    return float(earth.along_axis(*where)), float(earth.along_axis_slopes(*where)[0])
 
 
 def _at_rest(
@@ -279,7 +279,7 @@ def _uncertainty(rest: _Rest, recipe: FogThermalRecipe) -> list[dict[str, Any]]:
     }
     if (axis := recipe.input_axis) is not None:
         held = axis.elevation_deg, axis.azimuth_deg or 0.0
-        slopes = earth.along_axis_by_attitude(recipe.site.latitude_deg, *held)
+        slopes = earth.along_axis_slopes(recipe.site.latitude_deg, *held)[1:].tolist()
         names = ("input_axis_elevation_deg", "input_axis_azimuth_deg")
         known |= {n: (at, -slope) for n, at, slope in zip(names, held, slopes, strict=True)}
     parts = type_b.terms_of(recipe.type_b, RESULT, rest.bias_dph, known).components

@@ -103,7 +103,7 @@ def _list_bias(stated: Stated, record: Record, levels: OnLevels) -> ListTable:
         latitude, elevation = where["latitude"], where["input_axis_elevation"]
         azimuth = where.get("input_axis_azimuth", 0.0)
         axis = latitude, elevation, azimuth
-        by_elevation, by_azimuth = earth.along_axis_by_attitude(*axis)
+        by_latitude, by_elevation, by_azimuth = earth.along_axis_slopes(*axis).tolist()
         rest = levels.rate(at)
         without = Quantity(
             *(BIAS, record.stage, ""),
@@ -113,7 +113,7 @@ def _list_bias(stated: Stated, record: Record, levels: OnLevels) -> ListTable:
                 rest,
                 value=figures[BIAS].value,
                 influences={
-                    "latitude_deg": (latitude, -float(earth.along_axis_by_latitude(*axis))),
+                    "latitude_deg": (latitude, -by_latitude),
                     "input_axis_elevation_deg": (elevation, -by_elevation),
                     "input_axis_azimuth_deg": (azimuth, -by_azimuth),
                 },
