@@ -1,6 +1,9 @@
 """Model forms of a bias that depends on temperature, its rate and lagged temperatures, and their
 conversion to and from coefficient files.
 
+    level    bias = Σ_k c_k x_k(T, Ṫ, G, Ġ), the nine TERMS of `numeric.thermal.terms`
+    lagged   the same of a coil: τ_o Ṫ_o = T − T_o, τ_i Ṫ_i = T_o − T_i, G = T_o − T_i
+
 A lagged model is evaluated in two ways. Its form gives the bias on a steady ramp after the lags
 have settled, for certificates. Along a log, `numeric.thermal.evaluate` solves the lags from sample
 to sample with the model that `read_terms` returns.

@@ -1,5 +1,9 @@
 """Model forms of the thermal drift, and their conversion to and from coefficient files.
 
+    fog-drift-gradient/1, fog-drift-rate/1   increment per interval, Σ_j a_j G^j (`published`)
+    fog-drift-level/1, fog-drift-lagged/1    rate as a sum of nine terms (`thermal_forms`)
+    fog-drift-bank/1                         rate through a bank of lags (`numeric.bank`)
+
 A lagged model or a bank is evaluated in two ways. Its form gives the drift on a steady ramp after
 the lags have settled, for certificates. Along a log, for `apply`, `numeric.evaluate` solves the
 lags from sample to sample with the model that `read_thermal` returns.

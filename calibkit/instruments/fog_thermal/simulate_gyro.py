@@ -1,9 +1,13 @@
 """Simulated fibre-optic gyro: heat flow through case and coil, and the bias as a function of the
 coil temperatures.
 
-The bias is the sum of a polynomial of the coil's mean temperature, the Shupe effect (Shupe 1980,
-Applied Optics 19:654) of the coil's temperature rate and of the rate of the gradient across it, and
-a hysteresis of play operators. Every fitted model only approximates this.
+    ω_drift = Σ_k p_k (T − 25)^k + (1 + c (T − 25)) (s_r T' + s_g (T_o' − T_i')) + hysteresis(T)
+    T = (1 − f) T_o + f T_i
+
+T_o and T_i are the coil's outer and inner layers, which follow case and air by the heat balance of
+three nodes (`_flows`); p is the bias in equilibrium, s_r and s_g the Shupe effect (Shupe 1980,
+Applied Optics 19:654) of the temperature rate and of the gradient's rate, the hysteresis a sum of
+play operators. Every fitted model only approximates this.
 """
 
 import math

@@ -1,5 +1,7 @@
-"""Records of sensors at rest → Allan deviation, noise terms, wavelet deviation and bias stability,
-and gyro_noise.json.
+"""Records of sensors at rest → Allan deviation, noise terms, wavelet deviation and bias stability.
+
+A log becomes records (`read_records`: one sensor on an even grid, NaN where samples are missing), a
+record its estimates (`estimate_noise`), and these the figures of gyro_noise.json (`list_figures`).
 """
 
 from collections.abc import Callable, Iterator, Sequence

@@ -1,4 +1,9 @@
-"""Growth of a bank of lags by further terms, one after the other."""
+"""Growth of a bank of lags by further terms, one after the other.
+
+A term is asked for by the evidence of all logs, ln p(y | with) − ln p(y | without), and kept where
+left-out ramps do not speak against it. One that is not kept is stated with its probability
+1/(1 + p(without)/p(with)), and the change of the drift that it would make.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace

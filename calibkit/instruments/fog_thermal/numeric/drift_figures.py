@@ -1,5 +1,10 @@
-"""Figures that say how well a drift model does: drift rms of logs, noise and drift in it, and the
-gain for a true rate.
+"""Figures that say how well a drift model does.
+
+    drift rms       standard deviation of the means of an output over groups of intervals
+    noise and left  rms² = noise² + left², left² the mean product of neighbouring means
+    rate gain       change of the compensated output over a constant rate added to the indication
+
+Flicker noise counts as drift: a log cannot tell the two apart.
 """
 
 from collections.abc import Callable, Sequence
