@@ -1,6 +1,6 @@
 """Noise type of an Allan variance and its equivalent degrees of freedom.
 
-    r = δ/(1 − δ), α = −2 δ      r the lag-1 autocorrelation of means of noise f^α (Riley & Greenhall)
+    r = δ/(1 − δ), α = −2 δ      lag-1 autocorrelation r of means of noise f^α (Riley & Greenhall)
     1/ν = Σ ρ_ij²/n²             ρ the correlations of all n pairs (Greenhall & Riley 2003)
     σ √(ν/χ²_{ν, p})             limits of a deviation (NIST SP 1065)
 
